@@ -1,8 +1,10 @@
 """Prose linter of the house: `python .ci/prose.py [PATHS]` prints `file:line: rule: sentence`.
 
-It reads docstrings and comments of Python files, and the text of Markdown pages. Code blocks,
-tables, headings and generated parts of pages are skipped. It fails if a folder holds more findings
-than `ALLOWED`. `--all` prints the allowed findings too, `--count` the number of each folder.
+It reads docstrings, comments and printed strings of Python files, and the text of Markdown pages.
+Printed are arguments of an exception that is raised, `help=`, and the constants `PRINTED`. Code
+blocks, tables, headings and generated parts of pages are skipped. It fails if a folder holds
+more findings than `ALLOWED`. `--all` prints the allowed findings too, `--count` the number of each
+folder.
 """
 
 from __future__ import annotations
@@ -18,6 +20,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PLACES = ("jaxcontact", "docs", "README.md", "CONTRIBUTING.md")
+
+PRINTED = ("SUMMARY", "DESCRIPTION", "EPILOG", "_EPILOG")
+"""Names of constants that the command line prints."""
 
 LONGEST = 30
 """Words of a sentence; in a list after a colon, words of a member."""
@@ -38,6 +43,7 @@ ALLOWED = {
     "jaxcontact/_calibration/choice": 1,
     "jaxcontact/_calibration/design": 1,
     "jaxcontact/_calibration/problems": 1,
+    "jaxcontact/_cli/commands": 2,
     "jaxcontact/_fit": 2,
     "jaxcontact/_fit/posterior": 1,
     "jaxcontact/_fit/uncertainty": 2,
@@ -78,6 +84,12 @@ def texts_of(path: Path) -> Iterator[tuple[int, str]]:
         match node:
             case ast.Expr(value=ast.Constant(value=str(text))):
                 yield node.lineno, text
+            case ast.Raise(exc=ast.Call(args=printed)):
+                yield from _strings(*printed)
+            case ast.keyword(arg="help", value=printed):
+                yield from _strings(printed)
+            case ast.Assign(targets=[ast.Name(id=name)], value=printed) if name in PRINTED:
+                yield from _strings(printed)
     blocks: dict[int, list[str]] = {}
     last, first = -1, 0
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
@@ -87,6 +99,17 @@ def texts_of(path: Path) -> Iterator[tuple[int, str]]:
             blocks.setdefault(first, []).append(token.string.lstrip("# "))
             last = line
     yield from ((line, "\n".join(block)) for line, block in blocks.items())
+
+
+def _strings(*printed: ast.expr) -> Iterator[tuple[int, str]]:
+    """Yield the strings among expressions; a formatted value is one word."""
+    for node in printed:
+        match node:
+            case ast.Constant(value=str(text)):
+                yield node.lineno, text
+            case ast.JoinedStr(values=parts):
+                words = (getattr(part, "value", "") for part in parts)
+                yield node.lineno, "".join(w if isinstance(w, str) else "name" for w in words)
 
 
 def findings(path: Path) -> Iterator[str]:

@@ -74,7 +74,7 @@ def test_one_impact(path, hit):
     again = jc.plot.impact(path, ax=axes)
     assert list(again) == list(axes)
     assert [text.get_text() for text in loop.get_legend().get_texts()] == ["Hu-Guo"]
-    with pytest.raises(ValueError, match="is an `Impact`, which has no course: give `trajectory"):
+    with pytest.raises(ValueError, match="is an `Impact`, which has no time history: give"):
         jc.plot.impact(hit)
     with pytest.raises(ValueError, match="`ax` must be 3 axes of matplotlib, one for each picture"):
         jc.plot.impact(path, ax=axes[:2])

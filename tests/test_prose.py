@@ -62,15 +62,18 @@ def test_a_planted_sentence_is_found(prose, tmp_path, capsys, rule):
     texts = {
         "docstring.py": f'def f():\n    """Return a law.\n\n    It pulls. {sentence}\n    """\n',
         "comment.py": f"n = 1\n# It pulls.\n\n\n# {sentence}\n",
+        "raised.py": f'raise ValueError(f"Argument {{n}}. {sentence}")\n',
+        "help.py": f'EPILOG = """It pulls.\n\n{sentence}\n"""\nadd("--n", help="{sentence}")\n',
         "page.md": f"# A page\n\nIt pulls.\n\n- An item. {sentence}\n",
     }
     for name, text in texts.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     assert prose.main([str(tmp_path)]) == 1
     lines = capsys.readouterr().out.splitlines()
-    for name, line in (("comment.py", 5), ("docstring.py", 4), ("page.md", 5)):
+    planted = ("comment.py", 5), ("docstring.py", 4), ("help.py", 3), ("help.py", 5), ("page.md", 5)
+    for name, line in (*planted, ("raised.py", 1)):
         assert f"{tmp_path / name}:{line}: {rule}: {sentence}" in lines
-    assert lines[-1] == f"{tmp_path}: 3 findings, 0 allowed"
+    assert lines[-1] == f"{tmp_path}: 6 findings, 0 allowed"
 
 
 def test_clean_text_passes(prose, tmp_path, capsys):

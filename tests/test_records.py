@@ -70,7 +70,7 @@ def test_a_file_is_read_as_it_was_saved():
     assert recording.layout.name == "force" and len(recording) == 4
     said = "; ".join(recording.notes)
     assert 'time = "abs time (ms)" / 1000' in said and 'force = "Fz [kN]" * 1000' in said
-    assert "turned" in said and "decimal commas" in said
+    assert "sign reversed" in said and "decimal commas" in said
     reading = impacts_of(recording)[0].reading
     assert reading.max() == pytest.approx(max(pieces()[0][1]), abs=2.5)
 
@@ -80,7 +80,7 @@ def test_a_rate_stands_for_the_times():
     by_time = impacts_of(jc.read_recording(time=time, force=force))[0]
     by_rate = impacts_of(jc.read_recording(force=force, rate=RATE))[0]
     np.testing.assert_allclose(by_rate.time, by_time.time, rtol=1e-12)
-    with pytest.raises(jc.RecordingError, match="gives the times already; leave `rate` out"):
+    with pytest.raises(jc.RecordingError, match="already gives the times; omit `rate`"):
         jc.read_recording(time=time, force=force, rate=RATE)
     with pytest.raises(ValueError, match="is it in kHz"):
         jc.read_recording(force=force, rate=50)
@@ -107,14 +107,14 @@ def test_what_cannot_be_used_is_refused():
     noise = np.random.default_rng(3).normal(size=time.size)
     columns: dict
     for columns, said in (
-        ({"time": time, "force": noise}, "no impact was found: no contact stands out of the noise"),
+        ({"time": time, "force": noise}, "no impact was found: nothing exceeds the noise"),
         ({"time": time, "force": 0 * time}, "is 0 everywhere"),
         ({"time": time[::25], "force": force[::25]}, "only 5 readings of the contact; .*faster"),
         ({"time": time[:20], "force": force[:20]}, "20 readings, too few"),
         ({"time": 1e3 * time, "force": force}, r"is it in ms\? write the unit"),
         ({"time": np.round(time, 4), "force": force}, "too few digits.*`rate`"),
         ({"time": np.delete(time, slice(99, 300)), "force": force[201:]}, "s after the reading"),
-        ({"time": time, "ax [g]": force, "ay [g]": force}, 'say which .*"acceleration=2"'),
+        ({"time": time, "ax [g]": force, "ay [g]": force}, 'choose one .*"acceleration=2"'),
         ({"time": time, "Fx": force, "Fy": force}, "force.*is missing"),
         ({"time": time, "force": [*force[:-1], "x"]}, "row 10000.*'x' is not a number"),
         ({"time": time, "force": [*force[:-1], None]}, "row 10000.*is empty"),
@@ -203,10 +203,10 @@ def test_each_impact_and_the_law_come_back():
 def test_the_report_tells_of_the_impacts(tmp_path):
     found = calibrated()
     text = found.report()
-    assert "Impacts    each by itself" in text and "agrees with the n = 1.5" in text
-    assert "deliver a constant e of 0." in text
+    assert "Impacts    one by one" in text and "agrees with the n = 1.5" in text
+    assert "delivers a constant e of 0." in text
     section = str(impacts(found.summary))
-    assert "The impacts, each by itself" in section and section.count("<tr>") == 1 + len(SPEEDS)
+    assert "Impacts one by one" in section and section.count("<tr>") == 1 + len(SPEEDS)
     found.save(tmp_path / "plate.json")
     loaded = jc.load_calibration(tmp_path / "plate.json")
     assert loaded.impacts == found.summary.impacts
@@ -222,7 +222,7 @@ def test_one_impact_gives_e_and_the_stiffness():
     truth = pieces()[0][2] / SPEEDS[0]
     assert e.standard_error is not None
     assert abs(e.value - truth) < FEW_ERRORS * e.standard_error < 0.05
-    assert "1 impact does not tell laws apart" in found.report()
+    assert "1 impact cannot distinguish laws" in found.report()
     # The e of the impact, with the error of its readings.
     (one,) = found.impacts
     assert f"  {one.restitution.value:.4f} ± {one.restitution.error:.4f}" in repr(found)

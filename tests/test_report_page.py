@@ -85,7 +85,7 @@ def test_the_verdict_comes_first_and_everything_is_said(page, calibrated):
         "For your simulator",
         "The laws compared",
         summary.choice.verdict,
-        "What was done to the data",
+        "Data processing",
         "Gravity",
         "jaxcontact",
     ]

@@ -157,9 +157,9 @@ def test_what_holds_no_bounces_is_refused_with_what_was_found():
         with pytest.raises(jc.RecordingError, match=words):
             jc.read_recording(file_of(samples, rate))
 
-    refused(np.zeros(60 * rate), "60 s of sound .* in which nothing stands out")
+    refused(np.zeros(60 * rate), "60 s of sound .* without a sound above the background")
     refused(noise, "no bounce was found")
-    refused(knock, r"with 1 sound that stand.* \(at 1\.0.* s\), but no series of at least 4")
+    refused(knock, r"with 1 sound above .* \(at 1\.0.* s\), but no series of at least 4")
     refused(noise[:800], "is 0.1 s long, too short for bounces; record a ball")
     refused(np.zeros(0), "is 0 s long, too short")
     bad = noise.copy()
@@ -177,7 +177,7 @@ def test_what_holds_no_bounces_is_refused_with_what_was_found():
 def test_words_that_begin_like_a_sound_are_a_table():
     for text in ("ID3;interval\n1;0.4\n2;0.3\n", "FORMAT,interval\na,0.4\nb,0.3\n"):
         assert len(jc.read_recording(io.BytesIO(text.encode()))) == 2
-    with pytest.raises(jc.RecordingError, match="is a sound, in which no such columns"):
+    with pytest.raises(jc.RecordingError, match="is a sound, which has no such columns"):
         read_columns(io.BytesIO(as_wave(truth())), ["time", "force"], needed=["time"])
 
 

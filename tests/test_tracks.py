@@ -76,7 +76,7 @@ def test_impacts_scale_and_tilt_are_found_in_the_files_of_trackers(kind):
     assert np.all(np.abs(np.log(pairs.restitution / known.ratio)) < FEW_ERRORS * sigma)
     if kind == "heights":
         assert camera.tilt is None
-        assert "without x a rolled camera is not noticed" in " ".join(recording(kind).notes)
+        assert "without x a rolled camera cannot be detected" in " ".join(recording(kind).notes)
     else:
         tilt = math.degrees(camera.tilt), math.degrees(camera.tilt_error)
         assert abs(tilt[0] - known.tilt) < FEW_ERRORS * tilt[1] < 1
@@ -102,7 +102,7 @@ def test_how_lengths_and_times_may_be_written():
         return found
 
     in_cm = same({"t [ms]": 1e3 * time, "y [cm]": 100 * height})
-    assert "heights fall with 9." in in_cm.notes[-2]
+    assert "the ball falls with 9." in in_cm.notes[-2]
     in_px = same({"time": time, "y / px": 300 * height})
     assert "a pixel is 3." in in_px.notes[-2]
     counted = np.round(time * RATE)
@@ -136,8 +136,8 @@ def test_what_is_no_track_is_refused_with_a_guess():
         ({"frame": count, "y": height}, "counts frames; give the frames per second as `rate`"),
         ({"t": count, "y": height}, "are these frames.* then give the frames per second"),
         ({"y": height}, "time: is missing; .* number the frames in a column `frame`"),
-        ({"t": np.tile(time, 2), "y": np.tile(height, 2)}, "two places at .* column `particle`"),
-        ({"t": time, "y": 0 * height}, "no bounce, or fewer than 4 frames to a flight"),
+        ({"t": np.tile(time, 2), "y": np.tile(height, 2)}, "two positions at .* column `particle`"),
+        ({"t": time, "y": 0 * height}, "no bounce, or fewer than 4 frames in a flight"),
         ({"t": time[::12], "y": height[::12]}, "fewer than 4 frames|at least 4 frames"),
         ({"t": time[:4], "h": [1, 0.6, 0.4, 0.2]}, r'4 frames, too few .*"height_m=\.\.\."'),
         ({"t": time, "y [m]": 100 * height}, "falls with .* are lengths in another unit"),
@@ -196,7 +196,7 @@ def test_one_impact_does_not_tell_a_floor_that_rises():
     found = jc.read_recording(time=time, y=height)
     (drop,) = found.tracks[0].drops
     assert drop.impact.size == 1 and drop.rise[1] < 1e-4
-    assert "one impact alone does not tell e from a floor that rises" in " ".join(found.notes)
+    assert "with one impact e cannot be separated from a floor that rises" in " ".join(found.notes)
 
 
 def test_swings_and_catches_are_no_bounces():

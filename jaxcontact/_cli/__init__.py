@@ -38,12 +38,12 @@ exit codes: 0 done; 1 done, but something did not converge; 2 bad input, and not
 
 Results go to stdout, as text or with --json as JSON; progress and errors go to stderr.
 
-Compiled programs are kept for the next command in the user's cache folder; {VARIABLE}
-names another one, and switches it off where it is empty, as --no-cache does.
+Compiled programs are kept in the user's cache folder for the next command. {VARIABLE}
+sets another folder; an empty value switches the cache off, as --no-cache does.
 
 completion: `jaxcontact --completion bash` (or zsh) prints a script for your shell to source.
 
-`jaxcontact COMMAND --help` tells everything about a command.
+`jaxcontact COMMAND --help` describes a command.
 """
 
 
@@ -80,18 +80,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> Parser:
-    words = "Contact laws: what they deliver, impacts, scenes, and parameters from measurements."
+    words = (
+        "Contact laws: delivered restitution, impacts, scenes, and parameters from measurements."
+    )
     parser = Parser("jaxcontact", description=words, epilog=_EPILOG)
-    parser.add_argument("--version", action=Version, nargs=0, help="print the version, and end")
+    parser.add_argument("--version", action=Version, nargs=0, help="print the version and exit")
     parser.add_argument(
-        "--completion", action=Completion, choices=SHELLS, help="print a completion script, and end"
+        "--completion", action=Completion, choices=SHELLS, help="print a completion script and exit"
     )
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
     for name, command in _COMMANDS.items():
         texts = {"description": command.DESCRIPTION, "epilog": command.EPILOG}
         own = commands.add_parser(name, help=command.SUMMARY, **texts)
         command.add_options(own)
-        general = own.add_argument_group("of every command")
+        general = own.add_argument_group("options of every command")
         general.add_argument(
             "--json", action="store_true", help="print the result as JSON instead of text"
         )

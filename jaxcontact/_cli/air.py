@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def add_air_options(parser: argparse.ArgumentParser, *, mass: str | None = None) -> None:
     """Add `--gravity` and the drag options; `--mass` with these words, if it is not yet defined."""
     air = parser.add_argument_group(
-        "drag of the air", "quadratic drag, taken out of the flights if all three are given"
+        "air drag", "quadratic drag; corrected in the flights if all three are given"
     )
     parser.add_argument(
         "--gravity", metavar="M/S2", type=positive, help="gravity in m/s² (default: 9.81)"

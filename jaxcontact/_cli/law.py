@@ -41,7 +41,7 @@ def add_law_and_contact(
         type=functools.partial(assignment, read=number, form=value),
         action="append",
         default=[],
-        help=f"another parameter of the law, in SI units ({example}, say); may be repeated",
+        help=f"another parameter of the law, in SI units (such as {example}); may be repeated",
     )
     for name, metavar, words in (
         ("mass", "KG", "effective mass in kg"),
@@ -59,7 +59,7 @@ def add_law_and_contact(
         "--exponent",
         metavar="N",
         type=positive,
-        help="n of K δⁿ (default: the law's own, 1.5 where it has none)",
+        help="n of K δⁿ (default: the law's own, or 1.5)",
     )
 
 
@@ -78,7 +78,7 @@ def parameters_asked(arguments: argparse.Namespace) -> dict[str, Any]:
         raise InputError("--param: a parameter is given twice")
     if arguments.e is not None:
         if "e" in given:
-            raise InputError("--param: e is given by --e already")
+            raise InputError("--param: e is already given by --e")
         given["e"] = arguments.e
     wanted = parameters_of(arguments.law)
     for name in given:

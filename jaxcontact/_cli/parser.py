@@ -53,7 +53,7 @@ class Parser(argparse.ArgumentParser):
             choices = [choice.strip(" '") for choice in found[2].split(",")]
             guess = meant(found[1], choices)
             message += f"; did you mean {guess}?" if guess else ""
-        self.exit(2, f"error: {message}\n`{self.prog} --help` tells all options\n")
+        self.exit(2, f"error: {message}\n`{self.prog} --help` lists all options\n")
 
     def _options(self) -> list[str]:
         return [name for action in self._actions for name in action.option_strings]

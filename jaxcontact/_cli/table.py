@@ -13,11 +13,11 @@ def add_table_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--columns",
         metavar="NAME=COLUMN,...",
-        help="which column holds what, by number or heading: speed=2,e=5; a unit may stand in the "
-        "name: 'speed [mm/s]=2'",
+        help="columns by number or heading: speed=2,e=5; a unit may follow the name: "
+        "'speed [mm/s]=2'",
     )
     parser.add_argument(
-        "--decimal", choices=(".", ","), help="decimal mark, where the file leaves it open"
+        "--decimal", choices=(".", ","), help="decimal mark, if the file is ambiguous"
     )
 
 

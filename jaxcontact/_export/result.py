@@ -73,8 +73,8 @@ class Export(Draft):
         within = require_number("within", within, POSITIVE)
         if self.scheme is None:
             raise ValueError(
-                f"Argument `engine` must be one whose steps are known, but is {self.engine!r}: its "
-                "user chooses how it steps, or it was not found out."
+                f"Argument `engine` must have known time steps, but is {self.engine!r}: its "
+                "steps are the user's choice, or undocumented."
             )
         if np.ndim(self.velocity) > 0:
             raise ValueError(

@@ -78,9 +78,9 @@ class AbstractLaw(eqx.Module):
             cls.tension = cast(bool, field)
         elif stated is None and cls.tension is None and not _is_abstract(cls):
             raise TypeError(
-                f"Law `{cls.__name__}` must set `tension` in the class: False (a negative force "
-                "counts as zero, and the contact ends at zero force) or True (the force may "
-                "pull, and the contact ends at zero indentation)."
+                f"Law `{cls.__name__}` must set `tension` in the class. False: a negative force "
+                "counts as zero, and the contact ends at zero force. True: the force may pull, "
+                "and the contact ends at zero indentation."
             )
 
     @property

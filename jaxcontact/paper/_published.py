@@ -20,8 +20,9 @@ class Published(NamedTuple):
     differs: str = ""
 
 
-_REGRESSION = "the paper does not give the spacing of its points; the value lies in the band over "
-"samplings"
+_REGRESSION = (
+    "the paper does not give the spacing of its points; the value lies in the band over samplings"
+)
 
 PUBLISHED = (
     Published(

@@ -348,7 +348,7 @@ def test_what_is_no_recording_is_refused():
 def test_stages_are_reported_to_a_function(capsys):
     stages = []
     calibrated(recording(lambda v: 0.88, 1), law="constant_damping", progress=stages.append)
-    assert stages[0].startswith("looking for spurious and missed triggers in 220 pairs")
+    assert stages[0].startswith("searching 220 pairs for spurious and missed triggers")
     assert "fitting constant c" in stages
     assert capsys.readouterr().err == ""
 

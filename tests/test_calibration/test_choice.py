@@ -226,16 +226,18 @@ def test_what_would_settle_it_is_said_where_the_choice_is_open(choices):
     found = choices["constant e"]
     said = found.next_measurement
     assert "do not distinguish it from c as a power of v" in found.verdict
-    assert said.startswith("to tell constant e from c as a power of v, measure e at")
+    assert said.startswith(
+        "to distinguish constant e from c as a power of v, measure e equally often at"
+    )
     curve = np.log(found.curve("c as a power of v", [SPEED.min(), SPEED.max()])[0])
     power = found.fits["c as a power of v"]
     scatter = np.sqrt(power.noise) / np.max(power.problem.factor)
     count = int(np.ceil(40 * (scatter / (np.ptp(curve) / 2)) ** 2))
     about = f"{float(f'{count:.2g}'):g}"
-    assert f"at {SPEED.min():.3g} and {SPEED.max():.3g} m/s, equally often: about {about} " in said
+    assert f"at {SPEED.min():.3g} and {SPEED.max():.3g} m/s: about {about} " in said
     assert repr(found).endswith(f"{said[1:]}.")
     # A power close to zero would require an impractical number of readings.
-    assert "which the scatter of single readings hides" in choices["constant c"].next_measurement
+    assert "is hidden by the scatter of single readings" in choices["constant c"].next_measurement
 
 
 def test_nothing_is_said_where_the_choice_is_clear():
@@ -244,4 +246,4 @@ def test_nothing_is_said_where_the_choice_is_clear():
     assert clear.best == "c as a power of v"
     assert clear.next_measurement == "" and "do not distinguish" not in clear.verdict
     one_speed = jc.choose_law(np.full(8, 2.0), 0.8 + SCATTER[:8], CONTACT)
-    assert "measure e at other speeds than 2 m/s" in one_speed.next_measurement
+    assert "measure e at speeds other than 2 m/s" in one_speed.next_measurement

@@ -24,7 +24,7 @@ def plastic():
 
 def test_a_law_of_which_the_data_leave_no_doubt(plastic):
     assert plastic.best == "elastic-plastic" and plastic.sure
-    assert "This is sure: every other law is excluded (p < 0.01 each)." in plastic.verdict
+    assert "The choice is sure: every other law is excluded (p < 0.01 each)." in plastic.verdict
     law = plastic.law()
     assert isinstance(law, jc.ThorntonPlastic)
     assert law.yield_speed == pytest.approx(0.1, rel=0.1)
@@ -81,7 +81,7 @@ def test_three_trials_of_two_points_leave_it_open():
     six = slice(None, 24, 4)
     e = (PLASTIC * (1 + 0.1 * SCATTER))[six]
     found = jc.choose_law(SPEED[six], e, CONTACT, groups=[0, 1, 2, 0, 1, 2])
-    assert not found.sure and "whether it describes the data cannot be told" in found.verdict
+    assert not found.sure and "the fit could not be tested" in found.verdict
 
 
 def test_laws_that_were_not_fitted_are_not_excluded():

@@ -32,7 +32,7 @@ def test_one_trial_says_what_it_cannot_tell():
     found = jc.fit_bounces(jc.ExactRestitution(e=0.5), CONTACT, times[:-1], times[1:])
     low, high = found.interval()["law.e"]
     assert found.converged and low < 0.9 < high
-    assert "one trial does not tell how much trials differ" in str(found)
+    assert "standard errors exclude differences between trials" in str(found)
     # A user's statement about the errors is used.
     known = jc.fit_bounces(
         jc.ExactRestitution(e=0.5), CONTACT, times[:-1], times[1:], sigma=np.full(12, 0.01)

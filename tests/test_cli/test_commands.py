@@ -54,7 +54,7 @@ def test_every_command_has_the_same_options_and_says_its_exit_codes(name, capsys
     with pytest.raises(SystemExit):
         main([name, "--help"])
     told = capsys.readouterr().out
-    assert "of every command" in told and "exit codes: 0 done" in told
+    assert "options of every command" in told and "exit codes: 0 done" in told
     assert all(option in told for option in ("--json", "--quiet", "--no-cache"))
     # One name per concept.
     kinds = {"--law": "NAME", "--mass": "KG", "--stiffness": "K", "--e": "E", "--ball": "NAME"}
@@ -78,7 +78,7 @@ SAID = {
 def test_what_is_not_understood_is_told_with_a_suggestion(arguments, capsys):
     told = refused(capsys, *arguments)
     assert told.startswith("error: ") and SAID[arguments] in told
-    assert "--help` tells all options" in told
+    assert "--help` lists all options" in told
 
 
 LAW = ("--law", "hu_guo", "--e", "0.7", "--mass", "1", "--stiffness", "1e6", "--quiet")
@@ -96,7 +96,7 @@ WRONG = {
     ("sweep", *LAW, *SWEEP): "--field: 'forc' is not one of",
     ("design", *LAW, "--speeds", "1:2:3", "--noise", "E=0.1"): "--noise E: the quantities are e,",
     ("design", *LAW, "--speeds", "1:2:3", "--noise", "e=0.1", "--readings", "0"): "--readings must",
-    ("fit", "impacts", "{file}"): "--law is needed: the law where the fit starts",
+    ("fit", "impacts", "{file}"): "--law is needed, as the law from which the fit starts",
     ("fit", "impacts", "{file}", "--law", "hu_guo"): "--mass and --stiffness are needed",
     ("fit", "record", "{file}"): "column time: is missing; the columns time are needed",
     (

@@ -45,7 +45,7 @@ def test_tables_and_pictures(tmp_path, capsys, monkeypatch):
     )
     shown = capsys.readouterr()
     assert "completed" in shown.out and "ball - floor" in shown.out
-    assert "compiling and following the scene" in shown.err
+    assert "compiling and running the scene" in shown.err
     names = ["impacts.csv", "run.csv", "run.png"]
     assert sorted(path.name for path in (tmp_path / "results").iterdir()) == names
     assert all(f"results/{name}" in shown.out for name in names) and "film.gif" in shown.out

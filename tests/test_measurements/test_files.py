@@ -204,8 +204,8 @@ def test_commas_that_may_be_two_things(tmp_path):
 REFUSED = {
     "0.8\n0.6\n0.45\n": r"row 1: one column without a header may hold heights of successive "
     r"flights in m \(then e is about 0.87\) or intervals between impacts in s "
-    r'\(then e is about 0.75\); say which with `columns="height=1"` or `columns="interval=1"`',
-    "1,0.9\n2,0.8\n": r"row 1: has no header, and 2 columns; say what they hold, as in",
+    r'\(then e is about 0.75\); choose with `columns="height=1"` or `columns="interval=1"`',
+    "1,0.9\n2,0.8\n": r"row 1: has 2 columns and no header; name them, as in",
     "0,8\n0,6\n": r"row 1: '0,8' may be one number, 0.8, or two, 0 and 8; say which with",
     "v;e\n1,5;0.9\n": r"row 2: '0.9' has a decimal point, and '1,5' in row 2 a decimal comma",
     "v;e\n1,500;9,001\n": r"row 2: '1,500' may be 1.500 or 1500; say which with `decimal=",
@@ -219,12 +219,12 @@ REFUSED = {
     "v in,v out\n.9,1.8\n": r"column v out: balls leave 2 times as fast as they came .*exchanged",
     "dt\n420\n360\n": r"row 2, column dt: .* are they in ms\? then divide by 1000, or write",
     "v,e\n1,90\n2,85\n": r"row 2, column e: .* in percent\? then divide by 100, or write .*'e \[%",
-    "v,speed,e\n1,1,0.9\n": r"row 1, column speed: may be velocity, and so may column v; say which",
-    "v [knots],e\n1,0.9\n": r"row 1, column v \[knots\]: 'knots' is no unit of velocity that is",
-    "v,e\n1 m/s,0.9\n": r"row 2, column v: '1 m/s' is not a number; leave the unit out and",
+    "v,speed,e\n1,1,0.9\n": r"row 1, column speed: may be velocity, as may column v; choose one",
+    "v [knots],e\n1,0.9\n": r"row 1, column v \[knots\]: 'knots' is an unknown unit for velocity",
+    "v,e\n1 m/s,0.9\n": r"row 2, column v: '1 m/s' is not a number; write the unit in",
     "bounce,interval\n1,.4\n2,.3\n1,.4\n": r"row 4, column bounce: .*; name the trials in a column",
     "h\n.3\n.5\n.8\n": r"row 2, column h: balls rise to 1.63 times the height before",
-    "v;e\n1;90%\n": r"row 2, column e: '90%' is not a number; leave the unit out and write it in",
+    "v;e\n1;90%\n": r"row 2, column e: '90%' is not a number; write the unit in",
     "t,h\n0,1\n.1,.9\n": r"column h: is a track of 2 frames, too few .*; if these are heights of "
     r'successive flights, say so with `columns="height_m=\.\.\."`',
     "intervalls\n.4\n": r"no known column; .*; did you mean 'interval_s'\?",
@@ -344,7 +344,7 @@ def test_a_pause_parts_drops_and_a_gap_makes_no_interval():
         *(("1", k) for k in (1, 2, 5)),
         *(("1, 2", k) for k in (11, 12, 13, 14)),
     ]
-    with pytest.raises(jc.RecordingError, match=r"0.4 s does not come after 0.5 s; if these are"):
+    with pytest.raises(jc.RecordingError, match=r"0.4 s is not later than 0.5 s; if these are"):
         jc.read_recording(bounce_time_s=[0.5, 0.4])
 
 
@@ -445,7 +445,9 @@ def test_the_time_to_rest_contains_the_fall(e):
     pairs = make_pairs(jc.read_recording(drop_height_m=height, rest_time_s=total), Flight())
     off = np.log(pairs.restitution / e) / -power - np.log(pairs.velocity)
     np.testing.assert_allclose(off, 0, atol=3e-3)
-    with pytest.raises(jc.RecordingError, match=r"0.4 s is not longer than the fall of 1 m"):
+    with pytest.raises(
+        jc.RecordingError, match=r"0.4 s does not exceed the time of a fall from 1 m"
+    ):
         jc.read_recording(drop_height_m=[1.0], rest_time_s=[0.4])
 
 
@@ -471,7 +473,7 @@ def test_a_row_of_units_is_no_heading(case):
 
 
 def test_units_alone_are_no_header():
-    with pytest.raises(jc.RecordingError, match="row 2: has no header, and 2 columns; say what"):
+    with pytest.raises(jc.RecordingError, match="row 2: has 2 columns and no header; name"):
         jc.read_recording(io.StringIO("m/s;-\n1;0,9\n2;0,8\n"))
     told = jc.read_recording(io.StringIO("mm/s;-\n1000;0,9\n2000;0,8\n"), columns="v=1,e=2")
     assert [r.velocity for r in told.records] == [1, 2]

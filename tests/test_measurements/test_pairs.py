@@ -104,9 +104,9 @@ INTERVALS = "ball,drop_height_m,trial,bounce,interval_s\n"
         (
             INTERVALS + "a,1,1,1,.4\na,1,1,2,.3\na,1,1,3,.2\n",
             "f.csv, row 4, column interval_s: 2 usable pairs of successive intervals of a, but at "
-            "least 4 are needed (one parameter of the law, two of the noise, one to judge the fit "
-            "by); two intervals make a pair where ball, drop height and trial are equal and "
-            "`bounce` counts on by one; add rows",
+            "least 4 are needed (one parameter of the law, two of the noise, one to test the "
+            "fit); two intervals make a pair if ball, drop height and trial agree and "
+            "`bounce` is consecutive; add rows",
         ),
         (
             INTERVALS + "a,1,1,1,.4\na,1,1,3,.3\n",
@@ -131,7 +131,7 @@ def test_too_few_pairs_are_refused(text, message):
 def test_pairs_that_were_left_out_are_counted():
     pairs = pairs_of(opened("velocity,restitution\n1,.9\n2,.8\n3,.7\n4,.6\n"))
     pairs.needs_enough()
-    with pytest.raises(RecordingError, match=r"2 usable pairs .*; 2 more lie off the trend"):
+    with pytest.raises(RecordingError, match=r"2 usable pairs .*; 2 more are off the trend"):
         pairs.where(pairs.velocity < 3).needs_enough(marked=2)
 
 

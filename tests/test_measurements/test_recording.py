@@ -144,7 +144,7 @@ def test_a_missing_column_is_named_if_it_is_needed(layout, column):
     assert "layout" not in error.problem and column in error.problem
     assert all(name in error.problem for name in LAYOUTS[layout].lacking(columns))
     assert str(error) == str(fault(read, text)).replace("f.csv, row 1", "the dict")
-    assert "if a column holds it, say which" in error.problem
+    assert "if a column holds it, name it" in error.problem
     named = f"is missing; the layout {layout!r} needs the columns "
     named += ", ".join(LAYOUTS[layout].measured)
     asked = fault(jc.read_recording, columns, layout=layout)
@@ -213,10 +213,11 @@ FAULTS = {
     "": "f.csv, row 1: is empty",
     "a,b\n1,2\n": "f.csv, row 1, column a: no known column; one of these sets is needed: interv",
     "velocity,restitution\n": "f.csv, row 1, column restitution: holds a header but no measurement",
-    "velocity,velocity\n1,2\n": "f.csv, row 1, column velocity: is there twice",
+    "velocity,velocity\n1,2\n": "f.csv, row 1, column velocity: appears twice",
     TABLE + "3.0\n": "f.csv, row 4, column restitution: is empty",
     TABLE + "3.0,0.8,7\n": "f.csv, row 4, column restitution: has 3 fields where the header has 2",
-    INTERVALS + "a,1,1,2,0.3\n": "f.csv, row 4, column bounce: bounce 2 of this trial is in row 3",
+    INTERVALS
+    + "a,1,1,2,0.3\n": "f.csv, row 4, column bounce: bounce 2 of this trial is already in row",
     INTERVALS + "a,1,1,x,0.3\n": "f.csv, row 4, column bounce: 'x' is not a whole number",
     INTERVALS + "a,1,1,1.5,0.3\n": "f.csv, row 4, column bounce: '1.5' is not a whole number",
     INTERVALS + "a,1,1,-1,0.3\n": "f.csv, row 4, column bounce: must not be negative, but is -1",
@@ -235,7 +236,7 @@ BAD_COLUMNS = [
     ({"velocity": [ROW], "restitution": ROW}, "velocity: must be one-dimensional, but has the"),
     ({"velocity": 1.0, "restitution": 0.9}, "velocity: must be one-dimensional, but has the"),
     ({"velocity": [], "restitution": []}, "restitution: holds columns but no measurement"),
-    ({"interval_s": ROW, "bounce": [1, 1]}, "bounce: bounce 1 of this trial is in row 1 already"),
+    ({"interval_s": ROW, "bounce": [1, 1]}, "bounce: bounce 1 of this trial is already in row 1"),
     (
         {"drop_height_m": ROW},
         "rebound_height_m: is missing; beside drop_height_m a column rebound_height_m or ",
@@ -259,7 +260,7 @@ def test_a_frame_may_have_other_columns():
     frame = pd.DataFrame({"velocity": ROW, "restitution": [0.5, 0.6], 3: [object(), [1]]})
     assert len(jc.read_recording(frame)) == 2
     twice = pd.concat([frame, frame], axis=1)
-    assert "the data frame, column velocity: is there twice" in str(fault(jc.read_recording, twice))
+    assert "the data frame, column velocity: appears twice" in str(fault(jc.read_recording, twice))
     assert "the data frame: no known column" in str(fault(jc.read_recording, pd.DataFrame()))
 
 

@@ -40,8 +40,9 @@ def what_settles(
     right, other = sorted((best, rivals[0]), key=lambda name: -len(fits[name].names))
     low, high = ends
     if not high > low:
-        return f"to distinguish {best} from {rivals[0]}, measure e at speeds other than {low:.3g} "
-        "m/s"
+        return (
+            f"to distinguish {best} from {rivals[0]}, measure e at speeds other than {low:.3g} m/s"
+        )
     speeds = np.geomspace(low, high, _PLACES)
     distance, share = _least_distance(fits[right], fits[other], speeds)
     # The noise of e, which is the first column.
@@ -49,7 +50,7 @@ def what_settles(
     between = f"to distinguish {best} from {rivals[0]}"
     count = math.inf if distance == 0 else math.ceil(_WANTED * (noise / distance) ** 2)
     if count > _MANY:
-        most = "nothing" if distance == 0 else f"{100 * distance:.1g} % of e at most"
+        most = f"{100 * distance:.1g} % of e at most"
         return (
             f"{between}, measure e at speeds outside {low:.3g} to {high:.3g} m/s: inside, the "
             f"difference of {most} is hidden by the scatter of single readings"

@@ -29,18 +29,18 @@ REPORT = "calibration.md"
 SUMMARY = "fit laws to a recording of bounces"
 
 DESCRIPTION = """\
-Turns a recording of bounces into pairs (approach speed, e), finds spurious and missed triggers by
-a robust rule, fits a constant e and speed-dependent laws (constant damping, damping as a power of
-the speed, Kuwabara-Kono, elastic-plastic spheres, 1 - b v^p), compares them, and writes
-calibration.png and calibration.json. Without FILE it uses the bounce intervals of a small rubber
-ball that ship with the package.
+Fit laws to a recording of bounces. The command converts it to pairs (approach speed, e), and
+finds spurious and missed triggers by a robust rule. It compares a constant e with speed-dependent
+laws: constant damping, damping as a power of the speed, Kuwabara-Kono, elastic-plastic spheres,
+1 - b v^p. It writes calibration.png and calibration.json. The default FILE is the shipped one:
+bounce intervals of a small rubber ball.
 """
 
 EPILOG = """\
-It prints e with its 95 % interval at the slowest and the fastest measured speed (and at those of
---at), the law, the data, and what to measure next. The interval is that of the mean e at a speed,
-if the law is right. --details prints all tables. Of one to three pairs it prints the e of each and
-their mean; a law takes four.
+The output is e with its 95 % interval at the slowest and the fastest measured speed (and at --at),
+the law, the data, and the next measurement. The interval is for the mean e at a speed, given the
+law. --details prints all tables. For one to three pairs the output is the e of each and their
+mean; a law needs four.
 
 FILE is a table: text (CSV and its relatives, decimal commas too), a spreadsheet or parquet. It has
 one of these sets of columns, with headings by any usual name ("v", "COR", "speed (mm/s)"):
@@ -56,44 +56,44 @@ one of these sets of columns, with headings by any usual name ("v", "COR", "spee
   velocity, restitution [ball, sigma]                  approach speed in m/s and e
   velocity, rebound_velocity [ball]                    speeds in m/s before and after an impact
   height_m [ball, trial, bounce]                       heights of successive flights
-  y, time | frame [x, ball | particle, trial]          places of a ball in a video (a track), in m,
+  y, time | frame [x, ball | particle, trial]          positions of a ball in a video (track), in m,
                                                        pixels or any unit, counted up or down
-  time, force | acceleration | indentation            what an instrument reads over time, with one
-                                                       or several impacts in it
+  time, force | acceleration | indentation             readings of an instrument over time, with one
+                                                       or several impacts
   time, sound                                          samples of a sound
-Those in brackets may be left out; other columns are ignored. A unit that is written in a heading is
-converted, and the report says so. `sigma` holds standard deviations of e or of the intervals, which
-are taken as they are; others are named as not used. Rows in messages are lines of the file; the
-header is row 1.
+Columns in brackets are optional; other columns are ignored. A unit in a heading is converted, and
+the report notes it. `sigma` holds standard deviations of e or of the intervals. Columns of other
+standard deviations are listed as not used. Rows in messages are lines of the file; the header is
+row 1.
 
-FILE may be a sound, too: WAV, and FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`. Bounces
-are found in it by their shrinking intervals and like sounds, each drop a trial, and timed to some
-microseconds, with errors that enter the fit; doubtful sounds are listed and not used. sound.png
-shows which they are.
+FILE may also be a sound: WAV, and FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`. Bounces
+are found by their shrinking intervals and similar sounds. Each drop is a trial. Times of
+bounces have errors of some microseconds, which enter the fit. Doubtful sounds are listed and not
+used; sound.png shows them.
 
-In a track from video (Tracker, OpenCV, trackpy) parabolas are fitted between the impacts, whose
-times follow between frames, and with them e. A column of frame numbers needs --rate, in frames per
+In a track from video (Tracker, OpenCV, trackpy) parabolas are fitted between the impacts. They give
+the times of impacts between frames, and e. A column of frame numbers needs --rate, in frames per
 second. The scale of the camera follows from g, its tilt with x. track.png shows the parabolas.
 
 In a record of a force plate, a load cell or an accelerometer (unit written: m/s² or g) impacts are
-cut apart and fitted one by one with their time of touch and zero: with --mass each gives speed, e,
-contact time, peak force and K, and all of them the law. --rate stands for a column of time,
---exponent for the n of the force, 3/2 by default. record.png shows what was cut, and the fits.
+fitted one by one with their time of touch and zero level. With --mass each gives speed, e, contact
+time, peak force and K; together they give the law. --rate replaces a column of time. --exponent is
+the n of the force, 3/2 by default. record.png shows the impacts and the fits.
 
 e from two intervals of a trial with successive bounces: e = T2/T1 at approach speed g T1/2, or with
 drag by its flight times; from heights: e = sqrt(h1/h0) at sqrt(2 g h0), or with drag. A pair is
-marked only for lying far off the trend of all pairs; e above 1 is no reason. Marked pairs are
-listed with their rows and left out; the result with them is shown as well.
+marked only if it is far from the trend of all pairs, even for e above 1. Marked pairs are listed
+with their rows and left out; the result with them is shown as well.
 
 --law NAME: `constant_damping`, `power_damping`, `kuwabara_kono`, `thornton_plastic`,
 `power_restitution`, `bridges`, `linear_dashpot` or `step_damping` is compared with a constant e; a
 law with parameter e (see `jaxcontact laws`) delivers the constant e and is compared with all of
-them but the last three, which few recordings tell from the others. With --law all, the default, the
-exact constant e is compared with the same. Every law with parameter e delivers a constant one; the
-e to set in each of them is listed.
+them but the last three, which few recordings distinguish from the others. --law all, the default,
+does this for the exact constant e. Every law with parameter e delivers a constant e; the report
+lists the e to set in each.
 
-e(v) alone determines only c/K of constant damping and only A (K/m)^(2/5) of Kuwabara-Kono. With
---stiffness c follows, with --mass and --stiffness A does.
+e(v) alone determines only c/K of constant damping and only A (K/m)^(2/5) of Kuwabara-Kono.
+--stiffness determines c; --mass and --stiffness determine A.
 
 `jaxcontact.load_calibration("calibration.json").law` is the fitted law.
 
@@ -102,14 +102,16 @@ exit codes: 0 done; 1 a fit did not converge (everything is written); 2 bad inpu
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", nargs="?", metavar="FILE", help="recording (default: the shipped)")
+    parser.add_argument(
+        "file", nargs="?", metavar="FILE", help="recording (default: the shipped one)"
+    )
     parser.add_argument(
         "--law", metavar="NAME", default="all", help="law to fit (default: all, of six kinds)"
     )
     parser.add_argument(
         "--ball",
         metavar="NAME",
-        help="ball to use where the file holds several (default for the shipped file: blue)",
+        help="ball to use if the file holds several (default for the shipped file: blue)",
     )
     add_table_options(parser)
     parser.add_argument(
@@ -119,7 +121,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"folder for {FIGURE} and {NUMBERS}, made if missing (default: the current one)",
     )
     add_air_options(parser, mass="mass of the ball in kg (also used for A, and for records)")
-    follow = "Hertz stiffness in N/m^(3/2); reports the c, and with --mass the A, that follow"
+    follow = "Hertz stiffness in N/m^(3/2); determines c, and with --mass also A"
     for name, metavar, words in (
         ("--stiffness", "K", follow),
         ("--rate", "HZ", "readings of a record, or frames of a video, per second"),
@@ -131,7 +133,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         nargs="?",
         const="",
-        help="also write a report: .html, one page with pictures and what to type into simulators, "
+        help="also write a report: .html, one page with pictures and settings for simulators, "
         f".md, .txt or .json; without FILE {REPORT} beside the figure",
     )
     parser.add_argument(
@@ -140,7 +142,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=positive,
         action="append",
         default=[],
-        help="also say e at this approach speed in m/s; may be repeated",
+        help="also print e at this approach speed in m/s; may be repeated",
     )
     parser.add_argument(
         "--details",
@@ -243,4 +245,4 @@ def _drag(arguments: argparse.Namespace) -> Drag | None:
         used.append("--mass")  # needed for A
     if arguments.report:
         used.append("--radius")  # needed for simulators
-    return drag_asked(arguments, used=used, hint=" (or --stiffness, for A)")
+    return drag_asked(arguments, used=used, hint=" (or --stiffness, to determine A)")

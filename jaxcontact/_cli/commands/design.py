@@ -15,11 +15,11 @@ from ..range import span
 if TYPE_CHECKING:
     import numpy as np
 
-SUMMARY = "what to measure next"
+SUMMARY = "plan the next measurements"
 
 DESCRIPTION = """\
-The readings that determine the parameters of a law and a contact best, or that tell two laws apart:
-of which quantity, at which of the closing speeds one could use, and how often.
+Plan the readings that best determine the parameters of a law and a contact, or that distinguish two
+laws. The plan lists quantities, closing speeds among those available, and numbers of readings.
 """
 
 EPILOG = """\
@@ -30,8 +30,8 @@ example: jaxcontact design --law hu_guo --e 0.7 --mass 0.05 --stiffness 1e6 \\
 their size. Only quantities with a noise are read. The law and the contact are your best guess.
 
 With --against, λ is the least Σ ((difference of the laws)/noise)² over the parameters of the other
-law: 40 tells the laws apart. 0 says that the other law can give the same readings, whatever their
-number: read another quantity, or hold what is known.
+law. λ = 40 distinguishes the laws. λ = 0 means that the other law can give the same readings: read
+another quantity, or hold a known number.
 
 exit codes: 0 done; 2 bad input.
 """
@@ -47,7 +47,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="RANGE",
         type=span,
         required=True,
-        help="closing speeds in m/s that can be used: FROM:TO:COUNT or FROM:TO:COUNT:log",
+        help="available closing speeds in m/s: FROM:TO:COUNT or FROM:TO:COUNT:log",
     )
     parser.add_argument(
         "--noise",
@@ -58,7 +58,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"of {', '.join(_QUANTITIES)}; may be repeated",
     )
     parser.add_argument(
-        "--readings", metavar="N", type=int, default=8, help="how many readings (default: 8)"
+        "--readings", metavar="N", type=int, default=8, help="number of readings (default: 8)"
     )
     parser.add_argument(
         "--goal",
@@ -66,14 +66,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default="all",
         help='a parameter ("law.e", "contact.stiffness"), or all of them (default)',
     )
-    parser.add_argument(
-        "--against", metavar="LAW", help="a law that the readings shall tell from --law, instead"
-    )
+    parser.add_argument("--against", metavar="LAW", help="a law to distinguish from --law, instead")
     parser.add_argument(
         "--hold",
         metavar="NAME",
         action="append",
-        help="a number that is known, besides the mass; may be repeated",
+        help="a known number, besides the mass; may be repeated",
     )
 
 

@@ -12,11 +12,11 @@ from ..files import output_path
 from ..options import InputError
 from ..printing import print_json
 
-SUMMARY = "drag e, n and damping, and see what each law makes of it"
+SUMMARY = "interactive page: e, n and damping of each law"
 
 DESCRIPTION = """\
-A page for the browser: choose laws, drag e, n and damping; the loop of force and indentation, the
-restitution delivered and the peak force follow. One file, which needs no network.
+Write an interactive page for the browser. Sliders set e, n and damping; it shows the loop of
+force and indentation, the delivered restitution and the peak force. It is one file for offline use.
 """
 
 EPILOG = """\
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     elif (folder := users_folder()) is not None:
         file = folder / "explore.html"
     else:
-        raise InputError("--out is needed: no cached files are kept")
+        raise InputError("--out is needed, as no cached files are kept")
     write_all({file: page().encode()})
     opened = not arguments.no_open and webbrowser.open(file.resolve().as_uri())
     if arguments.json:

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from ..._contact import Contact
     from ..._export import Export
 
-SUMMARY = "what to type into another simulator"
+SUMMARY = "settings for another simulator"
 
 DESCRIPTION = """\
-The parameters with which another simulator delivers the restitution of a law, as lines to paste,
-with the range of closing speeds over which they hold and the error beyond.
+Print settings with which another simulator delivers the restitution of a law, as lines to paste.
+The output includes the range of closing speeds over which they hold, and the error outside it.
 """
 
 EPILOG = """\
@@ -28,19 +28,19 @@ examples:
   jaxcontact export --law hu_guo --e 0.7 --mass 1 --stiffness 1e6 --velocity 2 --engine drake
   jaxcontact export --from calibration.json --mass 0.05 --stiffness 1e6 --engine mujoco
 
---velocity FROM:TO:COUNT asks for the one set of parameters whose largest error of e over these
-speeds is least. With --from the measured range is taken if no velocity is given; mass and stiffness
-are those of the calibration, which must know them, unless they are given here.
+--velocity FROM:TO:COUNT gives the parameters that minimise the largest error of e over these
+speeds. With --from, the default is the measured range. Mass and stiffness then come from the
+calibration; give them here if it was made without them.
 
 Engines and their options: bullet, mercurydpm, mujoco, newton; adams (--option length=mm,
 --option d=1e-5); chrono and yade (--radius, --option poisson_ratio=0.3);
 drake (--option discrete_contact_approximation=sap); exudyn (--option impact_model=1);
 lammps (--radius, --option damping=viscoelastic, or mass_velocity with hooke); simbody (--radius).
-For isaac, physx and genesis the command says what is known of their contacts.
+For isaac, physx and genesis the command describes their contacts.
 
---time-step 0.002 says what e becomes at a robot's step, which does not resolve most contacts, by
-where in a step the ball touches, and how long a contact must last to keep e within --within: of
-drake, lammps, mercurydpm, mujoco and newton, whose steps are known.
+--time-step 0.002 prints the range of e at this step, over the phase of the step at touch, and the
+shortest contact that keeps e within --within. Steps of robot simulators do not resolve most
+contacts. It is available for drake, lammps, mercurydpm, mujoco and newton.
 
 exit codes: 0 done; 2 bad input, or a restitution that the engine's law cannot deliver.
 """
@@ -70,14 +70,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="another option of the engine; may be repeated",
     )
     parser.add_argument(
-        "--time-step", metavar="S", type=positive, help="say what e becomes at steps of S seconds"
+        "--time-step", metavar="S", type=positive, help="also print e at steps of S seconds"
     )
     parser.add_argument(
         "--within",
         metavar="E",
         type=positive,
         default=0.01,
-        help="error of e up to which the parameters are said to hold (default: 0.01)",
+        help="error of e up to which the parameters hold (default: 0.01)",
     )
 
 
@@ -102,7 +102,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         options["radius"] = arguments.radius
     try:
         found = export(law, contact, arguments.velocity, engine=arguments.engine, **options)
-        progress("looking over which speeds it holds")
+        progress("searching the speeds over which it holds")
         holds = found.holds(arguments.within)
         at_step = None
         if arguments.time_step is not None:
@@ -176,7 +176,9 @@ def _text(found: Export) -> str:
         words = f"{found.time_step:.3g} s or less, for an error of e of {found.expected_error:.1%}"
         rows.append(("time step", words))
     else:
-        rows.append(("time step", "not known: the engine was not run here, its formula is used"))
+        rows.append(
+            ("time step", "unknown: the export uses the formula of the engine, which was not run")
+        )
     lines = [
         f"{found.engine}: {found.model}",
         "",

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 SUMMARY = "parameters from a file of columns"
 
 DESCRIPTION = """\
-Fits one ready-made problem to the columns of a file, and prints the parameters with standard
-errors, whether the model describes the data, and what they do not determine.
+Fit one ready-made problem to the columns of a file. Print the parameters with standard errors,
+whether the model describes the data, and what the data do not determine.
 """
 
 EPILOG = """\
@@ -36,19 +36,16 @@ PROBLEM, the columns that it reads, and what it fits:
   record       time, and force or indentation             a law and a contact, from one impact
   bounces      as `jaxcontact calibrate`                  a law, from intervals or heights
 
-Headings may be any usual name, with a unit that is then converted ("t_c / ms", "peak force (kN)");
---columns says what is what where that is not understood. Of impacts with e alone the rows that
-`jaxcontact calibrate` marks are left out, and errors are the same part of each e unless their
-standard deviations are known: the verdict is that of `calibrate`.
+Headings may be any usual name; units in them are converted ("t_c / ms", "peak force (kN)").
+--columns assigns other headings. For impacts with e alone, the fit agrees with `jaxcontact
+calibrate`: rows that it marks are left out, and without standard deviations the errors are the same
+fraction of each e.
 
---law, its parameters, --mass and --stiffness are where the fit starts. The mass stays as it is
-given; --hold NAME holds other numbers, by their names in what is printed: contact.stiffness, law.c
-(or just stiffness, c), or velocity.
+The fit starts from --law, its parameters, --mass and --stiffness. The mass is held. --hold NAME
+holds another number by its printed name: contact.stiffness, law.c (or stiffness, c), or velocity.
 
---gravity and the drag of the air are for bounces; with --mass, --radius and --drag-coefficient the
-flights are those of a ball in air.
-
-Without --e a law with that parameter starts at 0.7.
+--gravity and air drag apply to bounces. --mass, --radius and --drag-coefficient together correct
+the flights for drag. Without --e a law with that parameter starts at 0.7.
 
 example: jaxcontact fit impacts table.csv --law hu_guo --mass 0.05 --stiffness 1e6
 
@@ -111,7 +108,7 @@ def _record(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
 
     law, exponent = _law(arguments)
     if arguments.velocity is None:
-        raise InputError("--velocity is needed: the closing speed where the fit starts")
+        raise InputError("--velocity is needed, as the closing speed at which the fit starts")
     sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
     contact = contact_asked(arguments, exponent)
     columns = {name: values for name, values in data.items() if name != "time"}
@@ -171,7 +168,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--robust",
         action="store_true",
-        help="Huber's loss: outliers, wrong triggers say, count less",
+        help="Huber's loss: outliers such as wrong triggers count less",
     )
     parser.add_argument("--ball", metavar="NAME", help="ball to use where the file holds several")
     parser.add_argument(
@@ -223,7 +220,7 @@ def _read(
     if problem.one_of and not any(name in read.values for name in problem.one_of):
         raise InputError(
             f"{arguments.file}: one of the columns {', '.join(problem.one_of)} is needed; if a "
-            f'column holds it, say which, as in --columns "{problem.one_of[0]}=2"'
+            f'column holds it, name it, as in --columns "{problem.one_of[0]}=2"'
         )
     values, notes = read.values, read.notes
     lone = [name for name in ("e", "duration", "max_force") if name in values] == ["e"]
@@ -285,7 +282,9 @@ def _law(arguments: argparse.Namespace) -> tuple[AbstractLaw, float]:
     from ..._laws import get_law, list_laws, parameters_of
 
     if arguments.law is None:
-        raise InputError("--law is needed: the law where the fit starts; see `jaxcontact laws`")
+        raise InputError(
+            "--law is needed, as the law from which the fit starts; see `jaxcontact laws`"
+        )
     known = arguments.law in list_laws()
     if known and arguments.e is None and "e" in parameters_of(arguments.law):
         arguments.e = None if "e" in dict(arguments.param) else _START

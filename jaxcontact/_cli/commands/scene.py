@@ -34,8 +34,8 @@ _ENERGY = 2.4
 SUMMARY = "many bodies from impact to impact, from a file"
 
 DESCRIPTION = """\
-Follows the spheres of a scene from impact to impact, among each other and with walls that stand or
-move, and prints the run and its impacts. A soft scene (one without `instantaneous = true`) may take
+Follow the spheres of a scene from impact to impact, with each other and with fixed or moving walls,
+and print the run and its impacts. A soft scene (one without `instantaneous = true`) may take
 a minute to compile.
 """
 
@@ -60,7 +60,7 @@ FILE is TOML, in SI units:
   normal = [0.0, 1.0]
 
 The keys are the arguments of `jaxcontact.Scene`, `simulate`, `Sphere`, `Plane`, `Box` and
-`random_spheres`; `jaxcontact.read_scene` says the rest, and the examples show most of it:
+`random_spheres`; `jaxcontact.read_scene` documents the format, and the examples show most of it:
 
   jaxcontact scene --example table --show > my.toml
   jaxcontact scene my.toml --out results --plot run.png
@@ -83,11 +83,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     words = "draw the paths, and the energy below them; .png, .pdf or .svg"
     parser.add_argument("--plot", metavar="FILE", help=words)
-    parser.add_argument("--animate", metavar="FILE", help="draw a moving picture; .gif")
+    parser.add_argument("--animate", metavar="FILE", help="draw an animation; .gif")
     parser.add_argument(
         "--axes",
         metavar="XZ",
-        help="which two axes to draw, xy or xz, say (default in three dimensions: xz)",
+        help="two axes to draw, such as xy or xz (default in three dimensions: xz)",
     )
 
 
@@ -113,7 +113,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         print(pathlib.Path(arguments.file).read_text() if text is None else text, end="")
         return 0
     axes = _axes(arguments.axes, scene.dimensions)
-    progress("compiling and following the scene")
+    progress("compiling and running the scene")
     try:
         done = simulate(scene, **how, progress=False if arguments.quiet else None)
     except ValueError as error:

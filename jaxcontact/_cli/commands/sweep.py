@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 SUMMARY = "impacts over ranges of parameters, as a table and a map"
 
 DESCRIPTION = """\
-Impacts over the grid of one or more ranges. Every number may be a range FROM:TO:COUNT, with evenly
-spaced values, or FROM:TO:COUNT:log, spaced by a factor. Writes all fields of the impacts, and draws
+Solve impacts over the grid of one or more ranges. Numbers may be ranges FROM:TO:COUNT, with evenly
+spaced values, or FROM:TO:COUNT:log, spaced by a factor. Write all fields of the impacts, and draw
 one of them: lines over one range, a map over two.
 """
 
 EPILOG = """\
 example: jaxcontact sweep --law hu_guo --e 0.05:1:96 --velocity 0.01:10:200:log --out result.nc
 
-A .nc file is NetCDF (version 3), with units; it takes `pip install 'jaxcontact[data]'`. A .csv file
+A .nc file is NetCDF (version 3), with units; it needs `pip install 'jaxcontact[data]'`. A .csv file
 has one row for each impact. A parameter that leaves its range flags its impacts as INVALID_INPUT.
 
 exit codes: 0 done; 1 some impacts could not be solved to accuracy, or have numbers too large for

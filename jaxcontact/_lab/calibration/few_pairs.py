@@ -96,7 +96,6 @@ def only_constant(
     count = int(use.sum())
     level = float(np.log(constant.value))
     words = pairs.words
-    pairs_said = f"{counted(count, words)} {'does' if count == 1 else 'do'}"
     line = Line(level, 0.0, None) if count == 1 else line_of(found, np.asarray(data["x"]))
     return LawChoice(
         count=count,
@@ -108,7 +107,7 @@ def only_constant(
         ),
         best=kind.name if found.converged else None,
         sure=False,
-        verdict=f"Use {kind.name}: {law.said}. {pairs_said} not tell laws apart.",
+        verdict=f"Use {kind.name}: {law.said}. {counted(count, words)} cannot distinguish laws.",
         laws=(law,),
         line=line,
         free=Curve((level,), float(v.min()), float(v.max()), None),

@@ -64,9 +64,8 @@ def data_words(s: SummaryData, layout: Layout) -> list[tuple[str, str]]:
     words.append(("Pairs", data_sentence(s)))
     words.append(("", f"from {counted(len(r.trials), layout.cluster_words)}"))
     if r.unpaired:
-        one = r.unpaired == 1
-        verbs = "has no successor and makes" if one else "have no successor and make"
-        words.append(("", f"{counted(r.unpaired, ('reading', 'readings'))} {verbs} no pair"))
+        unused = counted(r.unpaired, ("reading", "readings"))
+        words.append(("", f"{unused} without a successor not used"))
     words.append(("Air drag", drag_sentence(s, layout)))
     if s.scatter is not None:
         words.append(("Scatter", _scatter(s, s.scatter, layout)))

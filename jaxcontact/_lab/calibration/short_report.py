@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 import textwrap
+from collections.abc import Callable
 
 from ..._text.table import text_table, with_error, wrapped
 from ..._text.words import counted, span
@@ -81,29 +82,24 @@ def headlines(s: SummaryData) -> list[str]:
     if not s.at:
         kept = [pair.restitution for pair in s.pairs if not pair.marked]
         return [
-            f"No law could be fitted: e of {counted(len(kept), ('pair', 'pairs'))} is "
-            f"{span(kept)}, {statistics.median(kept):.3g} in the middle"
+            f"e = {statistics.median(kept):.3g}, the median of "
+            f"{counted(len(kept), ('pair', 'pairs'))} from {span(kept)}; no law could be fitted"
         ]
     slow, fast, *asked = s.at
     wrong = s.chosen is not None and s.chosen.adequate is False
-    said = _where(slow, fast)
-    if s.only_mean:
-        said = _mean(s, slow)
-    elif wrong:
+    shown = _number if wrong else _with_interval
+    said = _mean(s, slow) if s.only_mean else _where(slow, fast, shown)
+    if wrong and not s.only_mean:
         said += " (no 95 % interval: the law does not describe the data)"
-    elif slow.velocity == fast.velocity or _level(slow, fast):
-        said += _bracket(_interval(slow))
-    elif intervals := [_interval(slow), _interval(fast)]:
-        said += _bracket(", ".join(intervals) if all(intervals) else "")
     lines = [said]
     for point in asked:
-        about = [] if wrong or not _interval(point) else [f"95 %: {_interval(point)}"]
+        about = []
         if not point.measured:
             about.append("extrapolated: no pair is so " + _beyond(point, slow))
         if _spread(point) > 0:
             about.append(f"laws that are not ruled out: {_range(point.least, point.most)}")
         end = f" ({'; '.join(about)})" if about else ""
-        lines.append(f"e = {_number(point)} at {point.velocity:.4g} m/s{end}")
+        lines.append(f"e = {shown(point)} at {point.velocity:.4g} m/s{end}")
     return [*lines, *meaning(s)]
 
 
@@ -112,24 +108,18 @@ def _mean(s: SummaryData, law: AtSpeed) -> str:
     kept = [pair for pair in s.pairs if not pair.marked]
     speeds = span([pair.velocity for pair in kept], "m/s")
     if len(kept) > 1:
-        return f"e = {_number(law)}, the mean of {len(kept)} pairs at {speeds}" + _bracket(
-            _interval(law)
-        )
-    e = _number(law) if _interval(law) else f"{kept[0].restitution:.4g}"
-    return f"e = {e} at {speeds}, from one pair{_bracket(_interval(law))}"
+        return f"e = {_with_interval(law)}, the mean of {len(kept)} pairs at {speeds}"
+    e = _with_interval(law) if _interval(law) else f"{kept[0].restitution:.4g}"
+    return f"e = {e} at {speeds}, from one pair"
 
 
-def _where(slow: AtSpeed, fast: AtSpeed) -> str:
+def _where(slow: AtSpeed, fast: AtSpeed, shown: Callable[[AtSpeed], str]) -> str:
+    first = f"e = {shown(slow)} at {slow.velocity:.3g}"
     if slow.velocity == fast.velocity:
-        return f"e = {_number(slow)} at {slow.velocity:.3g} m/s"
+        return f"{first} m/s"
     if _level(slow, fast):
-        return (
-            f"e = {_number(slow)} at all speeds from {slow.velocity:.3g} to {fast.velocity:.3g} m/s"
-        )
-    return (
-        f"e = {_number(slow)} at {slow.velocity:.3g} m/s to {_number(fast)} at "
-        f"{fast.velocity:.3g} m/s"
-    )
+        return f"{first} to {fast.velocity:.3g} m/s"
+    return f"{first} m/s, {shown(fast)} at {fast.velocity:.3g} m/s"
 
 
 def _level(slow: AtSpeed, fast: AtSpeed) -> bool:
@@ -139,10 +129,6 @@ def _level(slow: AtSpeed, fast: AtSpeed) -> bool:
 
 def _beyond(point: AtSpeed, slow: AtSpeed) -> str:
     return "slow" if point.velocity < slow.velocity else "fast"
-
-
-def _bracket(interval: str) -> str:
-    return f" (95 %: {interval})" if interval else ""
 
 
 def _half(point: AtSpeed) -> float | None:
@@ -155,6 +141,16 @@ def _number(point: AtSpeed) -> str:
     return (
         f"{point.restitution:.3g}" if not half else with_error(point.restitution, half).split()[0]
     )
+
+
+def _with_interval(point: AtSpeed) -> str:
+    """Return e with its 95 % interval, if known."""
+    interval = _interval(point)
+    if not interval:
+        return _number(point)
+    if interval.startswith("±"):
+        return f"{_number(point)} {interval} (95 %)"
+    return f"{_number(point)} (95 %: {interval})"
 
 
 def _interval(point: AtSpeed) -> str:
@@ -235,7 +231,6 @@ def law_sentence(s: SummaryData) -> str:
     said = [f"{law.kind}, {law.said}" + (" (± standard error)" if "±" in law.said else "")]
     if s.only_mean:
         count = counted(choice.count, LAYOUTS[s.recording.layout].pair_words)
-        verb = "does" if choice.count == 1 else "do"
         said.append(f"A trend of e with speed cannot be tested with {count}")
         return ". ".join(said) + "."
     if choice.best is not None and choice.best != law.kind:
@@ -283,8 +278,7 @@ def data_sentence(s: SummaryData) -> str:
     marked = sum(pair.marked for pair in s.pairs)
     out = ""
     if marked:
-        verb = "lies" if marked == 1 else "lie"
-        out = f"; {marked} {verb} far off the trend and {'is' if marked == 1 else 'are'} left out"
+        out = f"; {marked} far off the trend left out"
     return (
         f"{counted(len(s.pairs), ('pair', 'pairs'))} of approach speed and e, from "
         f"{layout.made_of}, {span([pair.velocity for pair in s.pairs], 'm/s')}{out}"

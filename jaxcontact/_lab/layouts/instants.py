@@ -90,8 +90,8 @@ class Instants(Intervals):
                 if seconds <= 0:
                     row.refuse(
                         "bounce_time_s",
-                        f"{end:g} s does not come after {start:g} s; if these are the intervals "
-                        'between bounces, say so with `columns="interval=..."`',
+                        f"{end:g} s is not later than {start:g} s; if these are the intervals "
+                        'between bounces, give `columns="interval=..."`',
                     )
                 if seconds > _PAUSE * last:
                     drop, last = drop + 1, math.inf

@@ -402,7 +402,7 @@ def _without_headings(sheet: Sheet) -> RecordingError:
     row = lines[0][0] if lines else None
     if len(sheet.names) != 1:
         problem = (
-            f"has no header, and {len(sheet.names)} columns; say what they hold, as in "
+            f"has {len(sheet.names)} columns and no header; name them, as in "
             '`columns="speed=1,e=2"` or `columns="drop height=1,rebound height=2"`'
         )
         return RecordingError(problem, sheet.source, row)
@@ -418,7 +418,7 @@ def _without_headings(sheet: Sheet) -> RecordingError:
     )
     problem = (
         f"one column without a header may hold heights of successive flights in m{readings[0]} or "
-        f"intervals between impacts in s{readings[1]}; say which with "
+        f"intervals between impacts in s{readings[1]}; choose with "
         '`columns="height=1"` or `columns="interval=1"`'
     )
     return RecordingError(problem, sheet.source, row)

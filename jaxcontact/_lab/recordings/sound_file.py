@@ -9,6 +9,7 @@ import pathlib
 from typing import TYPE_CHECKING, Any
 
 from ..._parameter import require_path
+from ..._text.words import counted
 from ..layouts.intervals import Interval, Timing
 from ..sound import Sound, SoundError, is_sound
 from ..tables.fault import RecordingError
@@ -105,9 +106,9 @@ def _nothing(sound: Sound) -> str:
         )
     count = len(sound.others)
     first = ", ".join(f"{one.time:.3f}" for one in sound.others[:_SHOWN])
-    sounds = "1 sound that stands" if count == 1 else f"{count} sounds that stand"
+    sounds = counted(count, ("sound", "sounds"))
     return (
-        f"{what} with {sounds} out (at {first}{', ...' if count > _SHOWN else ''} s), but no "
-        "series of at least 4 bounces, whose intervals shrink by similar factors; let the ball "
-        "bounce at least six times undisturbed, or give the intervals as a table"
+        f"{what} with {sounds} above the background (at {first}{', ...' if count > _SHOWN else ''} "
+        "s), but no series of at least 4 bounces with intervals that shrink by similar factors; "
+        "let the ball bounce at least six times undisturbed, or give the intervals as a table"
     )

@@ -96,7 +96,7 @@ def read_columns(
             guess = next(filter(None, guesses), "")
             problem = (
                 f"is missing; the columns {', '.join(needed)} are needed; if a column holds it, "
-                f'say which, as in `columns="{name}=1"`{guess}'
+                f'name it, as in `columns="{name}=1"`{guess}'
             )
             raise sheet.fault(problem, name)
     rows = found.rows(sheet)

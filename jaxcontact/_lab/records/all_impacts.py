@@ -144,9 +144,9 @@ def require_mass(recording: Recording, mass: float | None, stiffness: float | No
         )
     if mass is None:
         raise ValueError(
-            f"Argument `mass` is needed for a record of {recording.layout.name}: speeds, e and K "
-            "follow from it only with the mass of the body in kg (the effective mass if both "
-            f"bodies move).{_weight(recording)}"
+            f"Argument `mass` is needed for a record of {recording.layout.name}. Speeds, e and K "
+            "follow from it only with the mass in kg (the effective mass if both bodies move)."
+            f"{_weight(recording)}"
         )
 
 
