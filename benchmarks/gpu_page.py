@@ -141,7 +141,8 @@ def ratio(row: Row, rows: list[Row]) -> float | None:
 
 def times_cpu(row: Row, rows: list[Row]) -> str:
     times = ratio(row, rows)
-    return "" if times is None else f" ({times:.2g} times the CPU)"
+    # Two digits, never as a power of ten.
+    return "" if times is None else f" ({float(format(times, '.2g')):.3g} times the CPU)"
 
 
 def count(x: float) -> str:

@@ -165,7 +165,12 @@ def _crossing(at: _Search) -> Number:
     way = part * (3 - 2 * part) * size + left * fall * (left / early - part / late)
     guess = at.begin + part * way
     # Where the slope changes much, the cubic may approach a wrong moment from one side.
-    inside = (guess > at.begin) & (guess < at.end) & ~flat & (jax.lax.rem(at.count, jnp.full_like(at.count, 3)) < 2)
+    inside = (
+        (guess > at.begin)
+        & (guess < at.end)
+        & ~flat
+        & (jax.lax.rem(at.count, jnp.full_like(at.count, 3)) < 2)
+    )
     return jnp.where(inside, guess, at.begin + size / 2)
 
 

@@ -28,6 +28,9 @@ BY_SCIPY = 1e-8
 # At rtol 1e-11, relative to the slope or 1e-3: measured 3.6e-7 where de/dΓ is small, else 1e-9.
 SLOPE = 1e-6
 
+# Of a duration: measured 3e-12.
+FLAT = 1e-9
+
 
 LANES = 12
 """As many as the oracle has for one exponent."""
@@ -249,3 +252,30 @@ def test_a_weak_pull_ends_a_creeping_contact_where_its_force_vanishes():
     np.testing.assert_allclose(
         hit.duration, [1.962981954914, 0.49105459638, 9.999939290341e-05], rtol=PROMISE
     )
+
+
+def test_an_end_where_the_force_hardly_falls():
+    """A weak dashpot lets go of pushed bodies close to x = 0, where the force x³ + c x v is flat.
+
+    The search for that moment stood still beside it, and the duration was off by 1e-7.
+    """
+    zeta, push = 2.264928876230053e-06, 92.11293589467944
+    c = zeta * np.sqrt(8)
+
+    def rate(_, state):
+        x, v = state
+        return v, push - x**3 - c * x * v
+
+    def held(_, state):
+        return state[0] ** 2 + c * state[1]
+
+    held.terminal, held.direction = True, -1
+    # Past touch, where the force is zero as well.
+    start = (1e-6, np.sqrt(1 + 2 * push * 1e-6))
+    path = solve_ivp(rate, (0, 2), start, "DOP853", events=held, rtol=3e-14, atol=1e-15)
+    before = 1e-6 * 2 / (1 + start[1])
+    hit = pushed(
+        lambda z: given_ratio(z, "clamped"), np.array([zeta]), jc.Contact(1.0, 1.0, 3.0), 1.0, push
+    )
+    assert (hit.status == jc.Status.SEPARATED).all()
+    np.testing.assert_allclose(hit.duration, path.t_events[0] + before, rtol=FLAT)

@@ -246,7 +246,7 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     converged = was_followed(motion, arrived, end, balance, how)
     settled = motion.settled(end)
     if motion.push is not None:
-        # A contact with too little energy to separate stays, regardless of its solve after the turn.
+        # A contact with too little energy to separate stays, regardless of its way out.
         rtol, _ = how.tolerances(turn.w.dtype)
         sound = balance_of(motion, turn, max_indentation).error <= _IMBALANCE * rtol
         held = followed.arrived[0] & sound & (motion.held(turn) | motion.held(end))
