@@ -101,7 +101,7 @@ def test_some_names_and_one_that_has_no_error(fitted, drawn):
         jc.plot.corner(open_, names=["e"])
     with pytest.raises(ValueError, match="no parameter has one"):
         jc.plot.corner(dataclasses.replace(fitted, covariance=covariance * np.nan))
-    with pytest.raises(ValueError, match=r"must be a fit that converged, but is none: no step"):
+    with pytest.raises(ValueError, match=r"must be a fit that converged, but it did not: no step"):
         jc.plot.corner(dataclasses.replace(fitted, converged=False))
     with pytest.raises(ValueError, match="`ax` must be 3 x 3 axes of matplotlib"):
         jc.plot.corner(fitted, ax=pyplot.figure().subplots(2, 2))

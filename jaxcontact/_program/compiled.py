@@ -99,7 +99,9 @@ def quick_options() -> dict[str, Any] | None:
         "xla_cpu_parallel_codegen_split_count": 1,
         "xla_disable_hlo_passes": "while-loop-invariant-code-motion,while-loop-constant-sinking",
     }
-    return {**(soon_options() or {}), **(_known(options) or {})} or None
+    # A JAX that lacks the option of `soon_options` may have these.
+    soon = soon_options()
+    return _known(options) if soon is None else soon | options
 
 
 def _known(options: dict[str, Any]) -> dict[str, Any] | None:

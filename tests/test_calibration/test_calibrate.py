@@ -167,7 +167,7 @@ def test_the_fitted_law_delivers_the_fitted_curve(law, known):
     hit = jc.impact(result.law, result.contact, v)
     np.testing.assert_allclose(hit.restitution, result.choice.curve(kind, v)[0], rtol=SOLVED)
     assert result.contact.mass == known.get("mass", 1.0)
-    assert ("not given" in repr(result)) == (not known)
+    assert ("not given" in " ".join(repr(result).split())) == (not known)
     assert set(result.standard_errors) <= set(vars(result.law))
     assert all(error > 0 for error in result.standard_errors.values())
 

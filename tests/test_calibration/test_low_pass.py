@@ -163,7 +163,7 @@ def test_a_record_behind_a_filter(monkeypatch):
         at = [found.names.index(name) for name in own]
         pulls.append((found.values[at] - [*own.values()]) / found.errors[at])
     assert np.abs(pulls).max() < 3.5 and np.sqrt(np.mean(np.square(pulls))) < 1.7
-    assert "readings of force come in steps of 60, 2." in found.notes[-1]
+    assert "readings of force are rounded to steps of 60, 2." in found.notes[-1]
 
 
 @pytest.mark.slow(reason="a fit to a record of 2500 readings")

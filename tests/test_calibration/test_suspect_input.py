@@ -56,7 +56,7 @@ def test_a_transform_that_the_problem_brings_itself():
         jc.fit_impacts(law, CONTACT, SPEED, e=E, transforms={"contact.mass": jc.Free()})
     with pytest.raises(ValueError, match="must be a dict of transforms by name"):
         jc.fit_impacts(law, CONTACT, SPEED, e=E, transforms=jc.Free())
-    with pytest.raises(ValueError, match="Argument `transforms` must be None: each law"):
+    with pytest.raises(ValueError, match="Argument `transforms` must be None, since each law"):
         jc.choose_law(SPEED, E, CONTACT, transforms={"e": jc.Free()})
 
 

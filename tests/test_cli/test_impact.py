@@ -74,7 +74,7 @@ BAD = {
     "wrong parameter": ("--law=hu_guo --e=.5 --param=c=1", "has no parameter c; its parameters: e"),
     "e not wanted": ("--law=damped --e=.5", "has no parameter e; its parameters: alpha"),
     "twice": ("--law=damped --param=alpha=1 --param=alpha=2", "given twice"),
-    "e twice": ("--law=hu_guo --e=.5 --param=e=.6", "given by --e already"),
+    "e twice": ("--law=hu_guo --e=.5 --param=e=.6", "already given by --e"),
     "range": ("--law=hu_guo --e=1.5", "`e` must be in"),
     "exponent": ("--law=tsuji --e=.5 --exponent=1", "tsuji is made for 1.5"),
     "slow": ("--law=hu_guo --e=.5 --velocity=1e-12", "`velocity` must be in [1e-09, inf)"),

@@ -165,7 +165,7 @@ def test_a_prior_pins_what_the_data_leave_open():
     data = 6 * X[1:]
     found = jc.fit(product, data, {"K": 1.0, "m": 3.0}, x=X[1:], transforms=positive, sigma=0.01)
     with pytest.raises(
-        ValueError, match=r"must decide a change of ln K - ln m, as the data do not"
+        ValueError, match=r"must determine a change of ln K - ln m, since the data do not"
     ):
         jc.posterior(found)
     result = jc.posterior(found, prior={"m": (20.0, 0.5)})
@@ -206,15 +206,18 @@ def test_what_has_no_posterior_is_refused(known, unknown):
         "did not converge has no posterior": (known, {"converged": False}),
         "`groups` of correlated": (known, {"groups": pairs}),
         "`sigma` of `fit` must be .* degrees of freedom": (unknown, {"dof": 0}),
-        "data that are met exactly": (unknown, {"residuals": 0 * unknown.residuals}),
-        "must decide slope, which is at its bound": (known, {"at_bound": ("slope",)}),
+        "`sigma` of `fit` must be given for a posterior of an exact fit": (
+            unknown,
+            {"residuals": 0 * unknown.residuals},
+        ),
+        "must determine slope .at its bound.": (known, {"at_bound": ("slope",)}),
     }
     for match, (fit, change) in refused.items():
         with pytest.raises(ValueError, match=match):
             jc.posterior(dataclasses.replace(fit, **change))
     # A prior determines one of two parameters.
     both = dataclasses.replace(known, at_bound=("offset", "slope"))
-    with pytest.raises(ValueError, match="must decide offset, which is at its bound"):
+    with pytest.raises(ValueError, match="must determine offset .at its bound."):
         jc.posterior(both, prior={"slope": (1e8, 1e7)})
     with pytest.raises(ValueError, match=r"must name fitted numbers, offset, slope, but .* 'c'"):
         jc.posterior(known, prior={"c": (1.0, 1.0)})

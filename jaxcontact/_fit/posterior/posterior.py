@@ -285,9 +285,9 @@ def _refuse_open(fit: FitData, curvature: np.ndarray, prior: Any) -> None:
     change /= change[np.argmax(np.abs(change))]
     parts = {name: float(x) for name, x in zip(names, change, strict=True) if abs(x) > _SHOWN}
     bound = next((name for name in parts if name in fit.at_bound), None)
-    what = f"{bound}, which is at its bound" if bound else f"a change of {Direction(parts, labels)}"
+    what = f"{bound} (at its bound)" if bound else f"a change of {Direction(parts, labels)}"
     raise ValueError(
-        f"Argument `prior` must determine {what}, which the data do not: give mean and standard "
+        f"Argument `prior` must determine {what}, since the data do not: give mean and standard "
         f"deviation of {' or '.join(parts)}. It is {rendered(prior)}."
     )
 
