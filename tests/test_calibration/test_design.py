@@ -112,7 +112,7 @@ def test_a_law_that_contains_the_other_is_not_told_apart():
     assert found.noncentrality == 0
     with pytest.raises(ValueError, match="No number of readings separates the laws"):
         found.readings_for()
-    assert "read duration or max_force as well" in repr(found)
+    assert "read duration or max_force as well" in found.meaning
 
 
 @pytest.mark.parametrize(
