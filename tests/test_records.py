@@ -12,7 +12,7 @@ from benchmarks.record_truths import draw, impact
 from benchmarks.records import found_in, one_of, read, summary
 from jaxcontact._cli import main
 from jaxcontact._lab.layouts.instrument import Impact
-from jaxcontact._lab.report.sections import impacts
+from jaxcontact._lab.report_page.sections import impacts
 from jaxcontact._lab.signals.trace import Trace, noise_of
 
 MASS, STIFFNESS, DAMPING = 0.05, 2e6, 0.15

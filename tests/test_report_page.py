@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._lab.report.html import Html, element, table
+from jaxcontact._lab.report_page.html import Html, element, table
 from tests.test_measurements.simulate import recording
 
 EVIL = "ball<script>alert(1)</script>"
@@ -104,7 +104,7 @@ def test_the_verdict_comes_first_and_everything_is_said(page, calibrated):
 
 
 def test_parameters_for_simulators(calibrated, monkeypatch):
-    from jaxcontact._lab.report import simulators as _simulators
+    from jaxcontact._lab.report_page import simulators as _simulators
 
     monkeypatch.setattr(_simulators, "engines", lambda: ["exudyn", "simbody", "yade"])
     law, contact = jc.ExactRestitution(e=0.88), jc.Contact(mass=0.03, stiffness=1e5)

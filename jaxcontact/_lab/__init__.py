@@ -18,7 +18,7 @@ if _TYPE_CHECKING:
     from .recordings import read_recording as read_recording
     from .records.fit_record import fit_record as fit_record
     from .records.low_pass import LowPass as LowPass
-    from .report import report as report
+    from .report_page import report as report
 
 _HOME = {
     "Calibration": "calibration.calibrate",
@@ -30,7 +30,7 @@ _HOME = {
     "fit_record": "records.fit_record",
     "load_calibration": "calibration.file",
     "read_recording": "recordings",
-    "report": "report",
+    "report": "report_page",
 }
 
 

@@ -208,7 +208,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         picture = drawn(lambda f: record(result, ax=f.subplots(2)), (8.0, 7.0), out / RECORD)
         files[out / RECORD] = picture
     if page is not None:
-        from ..._lab.report import content_of
+        from ..._lab.report_page import content_of
 
         picture = pathlib.Path(os.path.relpath(out / FIGURE, page.parent)).as_posix()
         files[page] = content_of(result, page, arguments.radius, progress, picture)
@@ -227,7 +227,7 @@ def _page(name: str | None, out: pathlib.Path) -> pathlib.Path | None:
         return None
     if not name:
         return out / REPORT
-    from ..._lab.report import PDF, SUFFIXES
+    from ..._lab.report_page import PDF, SUFFIXES
 
     if pathlib.Path(name).suffix.lower() == ".pdf":
         raise InputError(f"--report {name}: {PDF.format(pathlib.Path(name).stem)}")
