@@ -71,6 +71,13 @@ def test_an_event_solve_finds_the_same(name):
     np.testing.assert_allclose(event[1], exact[1], rtol=10 * STEPPED)
 
 
+def test_a_weakly_damped_contact_pulls_just_before_its_end():
+    """Its last step ends at x = 0 up to rounding, on either side."""
+    weak = jnp.array([1e-6, 1e-4, 1e-3])
+    exact, event = (least("kuwabara_kono", weak, method) for method in ("exact", "event"))
+    np.testing.assert_allclose(event, exact, rtol=STEPPED)
+
+
 def test_a_linear_dashpot_lets_go_with_all_its_force():
     """-2ζ e at n = 1 for ζ < 1/2, where the force jumps to zero."""
     for e in (0.99, 0.3):

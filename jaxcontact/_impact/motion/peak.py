@@ -67,7 +67,8 @@ def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""], sign:
     rate = motion.rate(state, compressing)
     force, change = jax.jvp(lambda s: sign * motion.force(s, compressing), (state,), (rate,))
     pushing = (state.w > 0) & (force > 0)
-    alone = jnp.where(force == 0, rate.w, change)
+    # Rounding may put the end of a contact below w = 0.
+    alone = jnp.where((force == 0) | (state.w < 0), rate.w, change)
     slope = jnp.where(pushing, state.w * change, alone)
     speed = jnp.abs(rate.w) * jnp.where(pushing, force, 1)
     return ratio(slope, jnp.abs(slope) + speed)
