@@ -228,7 +228,7 @@ def measure_group(group: str, quick: bool, clock: Clock, result: Result) -> None
         try:
             clock.check()
             one.begin(pool)
-        except Exception as error:
+        except Exception as error:  # a row that fails is recorded, and the others go on
             broken[number] = failed(error)
     waiting = [one.compiling for one in every if one.compiling is not None]
     late = concurrent.futures.wait(waiting, max(clock.left(), 0)).not_done
@@ -240,7 +240,7 @@ def measure_group(group: str, quick: bool, clock: Clock, result: Result) -> None
                 clock.check()
                 answer = one.measure()
                 one.row |= judged(one, answer, answers)
-        except Exception as error:
+        except Exception as error:  # likewise: out of memory, or late
             broken[number] = failed(error)
         # The largest inputs take a gigabyte.
         one.given, one.call, one.compiling = (), None, None
@@ -277,7 +277,7 @@ def first_calls(quick: bool, clock: Clock, result: Result) -> None:
                 XLA_PYTHON_CLIENT_PREALLOCATE="false",
             )
             return row | {"first_s": short(spent)}
-        except Exception as error:
+        except Exception as error:  # likewise: whatever the process says
             return row | failed(error)
 
     with concurrent.futures.ThreadPoolExecutor(min(AT_ONCE, os.cpu_count() or 1)) as pool:

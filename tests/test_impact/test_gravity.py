@@ -28,8 +28,8 @@ BY_SCIPY = 1e-8
 # At rtol 1e-11, relative to the slope or 1e-3: measured 3.6e-7 where de/dΓ is small, else 1e-9.
 SLOPE = 1e-6
 
-# Of a duration: measured 3e-12.
-FLAT = 1e-9
+# Of a duration: measured 7e-13.
+FLAT = 1e-11
 
 
 LANES = 12
