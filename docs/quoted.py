@@ -7,6 +7,7 @@ of them into the README and the pages; a test compares.
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 import re
 import sys
@@ -132,12 +133,21 @@ def _times() -> dict[str, str]:
 
 
 def _lanes() -> dict[str, str]:
-    """Return the lanes of the stability map per precision; none is wrong without a flag."""
-    jobs = {name: _result(name) for name in ("stability", "stability_seed")}
-    every = [job for result in jobs.values() for job in result.values()]
+    """Return lanes of the stability map and those flagged without need; none may be wrong."""
+    results = {name: _result(f"stability{name}") for name in ("", "_seed", "_laws")}
+    every = [job for jobs in results.values() for job in jobs.values()]
     assert not any(job["counts"]["wrong without a flag"] for job in every)
-    lanes = sum(job["lanes"] for name, job in jobs["stability"].items() if name.endswith("float64"))
-    return {"stability_lanes": f"{lanes / 1e6:.1f} million"}
+    found = {"law_lanes": f"{sum(job['lanes'] for job in results['_laws'].values()):,}"}
+    for seed, precision in itertools.product(("", "_seed"), ("float64", "float32")):
+        asked = [job for name, job in results[seed].items() if name.endswith(precision)]
+        lanes = sum(job["lanes"] for job in asked)
+        needless = sum(job["counts"]["flagged without need"] for job in asked)
+        name = f"{'double' if precision == 'float64' else 'single'}{seed}"
+        found[f"needless_{name}"] = f"{needless:,}"
+        if not seed:
+            found[f"needless_{name}_share"] = f"{100 * needless / lanes:.3f}"
+            found |= {"stability_lanes": f"{lanes / 1e6:.1f} million", "lanes_of_map": f"{lanes:,}"}
+    return found
 
 
 def written(text: str, known: dict[str, str]) -> str:

@@ -164,3 +164,4 @@ def test_the_code_that_answered_does_not_change_with_words_about_it():
     source = '"""Of it."""\n\ndef f(x):\n    """Twice."""\n    # Why.\n    return 2 * x\n'
     same = "def f(x):\n\n    return (2*x)  # Because.\n"
     assert without_words(source) == without_words(same) != without_words(same.replace("2", "3"))
+    assert without_words("a = None") != without_words("a = ''") != without_words("a = 0")

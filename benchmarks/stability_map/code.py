@@ -6,6 +6,7 @@ import ast
 import functools
 import hashlib
 from pathlib import Path
+from typing import Any
 
 PACKAGE = Path(__file__).resolve().parents[2] / "jaxcontact"
 # Everything that an impact depends on; rooms above impacts do not affect the map.
@@ -33,7 +34,20 @@ def without_words(source: str) -> str:
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
             node.body = [one for one in node.body if not _is_text(one)] or [ast.Pass()]
-    return ast.unparse(tree)
+    return repr(_plain(tree))
+
+
+def _plain(node: Any) -> Any:
+    """A tree as nested tuples of what is set, the same in every version of Python.
+
+    `ast.unparse` quotes f-strings by the version that runs it.
+    """
+    if isinstance(node, list):
+        return tuple(map(_plain, node))
+    if not isinstance(node, ast.AST):
+        return node
+    fields = ((name, _plain(part)) for name, part in ast.iter_fields(node))
+    return (type(node).__name__, *(field for field in fields if field[1] not in (None, ())))
 
 
 def _is_text(node: ast.stmt) -> bool:
