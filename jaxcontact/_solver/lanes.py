@@ -21,11 +21,13 @@ MANY = 1000
 class ByLanes(eqx.Module, Generic[Out]):
     """The same function in two forms: `few`, which compiles quickly, or `many`, for large batches.
     `vmap` alone does not give a function the number of lanes. Differentiable in forward mode to any
-    order, like both forms.
+    order, like both forms. `batched(lanes, along, *arguments)`: a better batch of `few` than that
+    of `vmap`, for values; `along` flags the arrays that differ along their first axis.
     """
 
     few: Callable[..., Out]
     many: Callable[..., Out]
+    batched: Callable[..., Out] | None = None
 
     def __call__(self, *arguments: Any) -> Out:
         numbers, rest = eqx.partition(arguments, eqx.is_inexact_array)
@@ -34,50 +36,74 @@ class ByLanes(eqx.Module, Generic[Out]):
         def of(function: Callable[..., Out]) -> Callable[..., Out]:
             return lambda numbers, rest: function(*eqx.combine(numbers, rest, fixed))
 
-        return _Choice(of(self.few), of(self.many), lanes=1, vary=_any)(numbers, rest)
+        def batch(lanes: int, along: tuple, numbers: Any, rest: Any) -> Out:
+            assert self.batched is not None
+            return self.batched(lanes, eqx.combine(*along), *eqx.combine(numbers, rest, fixed))
+
+        few, many = of(self.few), of(self.many)
+        return _Choice(few, many, 1, _any, batch if self.batched else None)(numbers, rest)
 
 
 @dataclasses.dataclass(frozen=True)
 class _Choice:
     """The choice of `few(numbers, rest)` or `many`, within `lanes` so far. `vary` maps flags of the
     arguments that differ along an axis to those of the outcomes. A derivative is taken of both
-    functions, not of their batched forms.
+    functions, not of their batched forms. `batch`: see `ByLanes.batched`.
     """
 
     few: Callable[..., Any]
     many: Callable[..., Any]
     lanes: int
     vary: Callable[[Any, Any], Any]
+    batch: Callable[..., Any] | None = None
 
     def __call__(self, numbers: Any, rest: Any) -> Any:
-        batched = jax.custom_batching.custom_vmap(self.few)
-        batched.def_vmap(self._in_a_batch)
         leaves, structure = jax.tree.flatten(numbers)
+        others, shape = jax.tree.flatten(rest)
+
+        # JAX differentiates this again only if no argument has an empty branch.
+        @jax.custom_batching.custom_vmap
+        def batched(leaves: list, others: list) -> Any:
+            return self.few(structure.unflatten(leaves), shape.unflatten(others))
+
+        @batched.def_vmap
+        def in_a_batch(size: int, along: list, leaves: list, others: list) -> Any:
+            trees = structure.unflatten, shape.unflatten
+            flags, given = (
+                tuple(tree(part) for tree, part in zip(trees, parts, strict=True))
+                for parts in (along, (leaves, others))
+            )
+            return self._in_a_batch(size, flags, *given)
 
         @jax.custom_jvp
-        def call(leaves: Any, rest: Any) -> Any:
-            return batched(jax.tree.unflatten(structure, leaves), rest)
+        def call(leaves: list, others: list) -> Any:
+            return batched(leaves, others)
 
-        call.defjvp(functools.partial(self._with_slopes, structure), symbolic_zeros=True)
-        return call(leaves, rest)
+        @functools.partial(call.defjvp, symbolic_zeros=True)
+        def with_slopes(given: Any, tangents: Any) -> Any:
+            (leaves, others), (changes, _) = given, tangents
+            return self._with_slopes(structure, leaves, shape.unflatten(others), changes)
+
+        return call(leaves, others)
 
     def _in_a_batch(self, size: int, along: Any, *given: Any) -> Any:
         vary = self.vary(*along)
         axes, out_axes = (
-            jax.tree.map(lambda flag: 0 if flag else None, flags) for flags in (tuple(along), vary)
+            jax.tree.map(lambda flag: 0 if flag else None, flags) for flags in (along, vary)
         )
         few, many = (
             jax.vmap(form, in_axes=axes, out_axes=out_axes, axis_size=size)
             for form in (self.few, self.many)
         )
+        if self.batch is not None:
+            few = functools.partial(self.batch, size, along)
         lanes = self.lanes * size if any(jax.tree.leaves(along)) else self.lanes
         if lanes < MANY:
             many = _Choice(few, many, lanes, self.vary)
         out = many(*given)
         return out, jax.tree.broadcast(vary, out)
 
-    def _with_slopes(self, structure: Any, given: Any, tangents: Any) -> Any:
-        (leaves, rest), (changes, _) = given, tangents
+    def _with_slopes(self, structure: Any, leaves: list, rest: Any, changes: list) -> Any:
         moves = [not isinstance(change, SymbolicZero) for change in changes]
 
         def split(leaves: list) -> tuple[list, list]:
