@@ -195,7 +195,7 @@ def scaled(curve: Curve, middle: float) -> Curve:
 def distance(table: Table, truth: Truth) -> float:
     """λ of the best law that does not contain the truth."""
     clean = jc.choose_law(
-        table.velocity, table.clean, CONTACT, sigma=table.sigma, mark_outliers=False
+        CONTACT, table.velocity, table.clean, sigma=table.sigma, mark_outliers=False
     )
     own = {truth.kind, *truth.within}
     return min(2 * fit.loss for kind, fit in clean.fits.items() if kind not in own)
@@ -212,7 +212,7 @@ def judged(table: Table, truth: Truth) -> dict[str, Any]:
     """What the choice is sure of, whether that is wrong, and whether the table is clear."""
     clear, wrong, kind = False, False, None
     try:
-        choice = jc.choose_law(table.velocity, table.e, CONTACT, groups=table.trials)
+        choice = jc.choose_law(CONTACT, table.velocity, table.e, groups=table.trials)
         kind = choice.best if choice.sure else None
     except jc.RecordingError:
         # A steep curve through few points: the outlier rule left fewer than four.
@@ -261,7 +261,7 @@ def right_and_left(name: str, what: tuple[str, int, str, str], tables: int) -> t
     for i in range(tables):
         table = drawn(name, what, i)
         try:
-            choice = jc.choose_law(table.velocity, table.e, CONTACT, groups=table.trials)
+            choice = jc.choose_law(CONTACT, table.velocity, table.e, groups=table.trials)
         except jc.RecordingError:
             continue
         if choice.sure and choice.best == truth.kind:

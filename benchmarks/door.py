@@ -107,8 +107,8 @@ FIRST = {
     ),
     "first choose_law on 25 points": (
         4.0,
-        "jc.choose_law(np.linspace(.5, 5, 25), .8 - .05 * np.linspace(.5, 5, 25)"
-        " + .003 * np.sin(40 * np.arange(25)), contact).best",
+        "jc.choose_law(contact, np.linspace(.5, 5, 25), .8 - .05 * np.linspace(.5, 5, 25)"
+        " + .003 * np.sin(40 * np.arange(25))).best",
     ),
 }
 COMMANDS = {

@@ -44,7 +44,7 @@ def spread(name: str, draws: int) -> dict:
     """Expected standard errors, and what simulated fits show."""
     law, noise, goal = PLANS[name]
     fixed = ("mass", "reference") if isinstance(law, jc.PowerDamping) else ("mass",)
-    how = {"noise": noise, "candidates": SPEEDS, "n": 8, "goal": goal, "fixed": fixed}
+    how = {"sigma": noise, "candidates": SPEEDS, "readings": 8, "goal": goal, "fixed": fixed}
     plan = jc.design(law, CONTACT, **how)
     with jax.enable_x64(True):
         hit = jc.impact(law, CONTACT, plan.velocity)

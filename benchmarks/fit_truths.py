@@ -116,7 +116,7 @@ def record_fit(
     sigma = {f"sigma_{c}": size[c] for c in columns} if known else {}
     law, contact = jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7)
     with jax.enable_x64(True):
-        return jc.fit_record(TIME, law, contact, 1.2, **table, **sigma)
+        return jc.fit_record(law, contact, TIME, 1.2, **table, **sigma)
 
 
 ORDER, DENSE, BEFORE = 2, 16, 40
@@ -155,7 +155,7 @@ def filtered_fit(random: np.random.Generator, fitted: bool) -> jc.Fit:
     law, contact = jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7)
     low_pass = jc.LowPass(0.8 * CUTOFF if fitted else CUTOFF, ORDER)
     with jax.enable_x64(True):
-        return jc.fit_record(TIME, law, contact, 1.2, **table, low_pass_force=low_pass, fixed=fixed)
+        return jc.fit_record(law, contact, TIME, 1.2, **table, low_pass_force=low_pass, fixed=fixed)
 
 
 GRAVITY = 9.80665

@@ -80,7 +80,7 @@ def our_beta(data: np.ndarray) -> float:
 
 
 def our_damping(data: np.ndarray) -> float:
-    return float(jc.fit_damping(SPEED, data, CONTACT).params["c"])
+    return float(jc.fit_damping(CONTACT, SPEED, data).params["c"])
 
 
 def compare(name: str, ours: Callable, theirs: Callable, data: np.ndarray, true: float) -> dict:

@@ -98,8 +98,8 @@ CALLS = {
     "bounce with weight in contact": (
         "jc.bounce(law, contact, 1., bounces=20, gravity_in_contact=True)"
     ),
-    "fit_damping": "jc.fit_damping(speeds, np.linspace(.9, .7, 20), contact)",
-    "fit_record": "jc.fit_record(time_s, jc.ConstantDamping(c=1e7), contact, 4.2, force=force)",
+    "fit_damping": "jc.fit_damping(contact, speeds, np.linspace(.9, .7, 20))",
+    "fit_record": "jc.fit_record(jc.ConstantDamping(c=1e7), contact, time_s, 4.2, force=force)",
     "scene of 3 discs and a plane, instantaneous": (
         "jc.simulate(scene(three), 1., instantaneous=True, progress=False)"
     ),

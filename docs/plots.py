@@ -175,7 +175,7 @@ SECTIONS = (
         """\
         pairs = cal.pairs.where(~cal.outliers.flagged)
         data = {"velocity": pairs.velocity, "e": pairs.restitution}
-        found = jc.fit_damping(**data, contact=contact, form="power")
+        found = jc.fit_damping(contact, **data, form="power")
         ax = jc.plot.fit(found)
         """,
     ),
@@ -187,7 +187,7 @@ SECTIONS = (
         rng, time = np.random.default_rng(0), np.asarray(path.time)
         force = path.force + rng.normal(0, 300, time.size)
         depth = path.indentation + rng.normal(0, 1e-6, time.size)
-        record = jc.fit_record(time, *ball, 4.2, force=force, indentation=depth)
+        record = jc.fit_record(*ball, time, 4.2, force=force, indentation=depth)
         ax = jc.plot.fit(record)
         """,
     ),

@@ -1,20 +1,26 @@
-"""An extension of griffe that reads classes of results for the reference without running code.
+"""An extension of griffe that reads results and keywords for the reference without running code.
 
 The public class takes its docstring from a plain data class (`__doc__ = Data.__doc__`), and its
-methods from functions (`interval = interval`).
+methods from functions (`interval = interval`). A ready-made fit takes keywords of `fit`
+(`@takes(FitKeywords)`).
 """
+
+import ast
 
 import griffe
 
 
 class Results(griffe.Extension):
-    """The extension: sets the docstring of such a class and the function of such a method."""
+    """The extension: sets docstrings, functions of methods, and keywords in signatures."""
 
     def on_package(self, *, pkg, loader, **unused):
         for module in _modules(pkg):
             for cls in module.classes.values():
                 if not cls.is_alias:
                     _complete(cls, loader.modules_collection)
+            for function in module.functions.values():
+                if not function.is_alias:
+                    _show_keywords(function, loader.modules_collection)
 
 
 def _modules(module):
@@ -31,3 +37,20 @@ def _complete(cls, known):
             cls.docstring = known[cls.resolve(value.removesuffix(".__doc__"))].docstring
         elif value == name and name in cls.module.members:
             cls.set_member(name, griffe.Alias(name, cls.module.resolve(name), parent=cls))
+
+
+def _show_keywords(function, known):
+    for decorator in function.decorators:
+        call = ast.parse(str(decorator.value), mode="eval").body
+        if not isinstance(call, ast.Call) or ast.unparse(call.func) != "takes":
+            continue
+        passed = known["jaxcontact._fit.fit.fit"].parameters
+        changed = {one.arg: ast.unparse(one.value) for one in call.keywords}
+        del function.parameters["how"]
+        for name in known[f"jaxcontact._fit.keywords.{ast.unparse(call.args[0])}"].attributes:
+            shown = griffe.Parameter(
+                name,
+                kind=griffe.ParameterKind.keyword_only,
+                default=changed.get(name, passed[name].default),
+            )
+            function.parameters.add(shown)

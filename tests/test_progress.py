@@ -1,13 +1,16 @@
 """The progress bar: silent for a second, on stderr only, and the user's own function."""
 
 import contextlib
+import inspect
 import io
 import sys
+import time
 
 import pytest
 
+import jaxcontact as jc
 from jaxcontact._text import progress as _progress
-from jaxcontact._text.progress import Stages, in_notebook, progress_of
+from jaxcontact._text.progress import Stages, in_notebook, progress_of, stages_of
 
 
 class Terminal(io.StringIO):
@@ -106,3 +109,31 @@ def test_stages():
         Stages()("drawing")
         Stages(quiet=True)("writing")
     assert err.getvalue() == "[  0.0 s] drawing ...\n"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "seconds", "stream", "shown"),
+    [
+        (None, 0.9, Terminal(), False),
+        (None, 1.1, Terminal(), True),
+        (None, 1.1, io.StringIO(), False),
+        (True, 0.0, io.StringIO(), True),
+        (False, 1.1, Terminal(), False),
+    ],
+)
+def test_stages_are_shown_after_a_second(monkeypatch, wanted, seconds, stream, shown):
+    with contextlib.redirect_stderr(stream):
+        stages = stages_of(wanted)
+        monkeypatch.setattr(stages, "_start", time.monotonic() - seconds)
+        stages("fitting")
+    assert bool(stream.getvalue()) == shown
+
+
+def test_stages_that_are_no_stages():
+    with pytest.raises(ValueError, match="must be True, False, None or a function of a text"):
+        stages_of("yes")  # pyright: ignore[reportArgumentType]
+
+
+def test_one_default():
+    takers = jc.simulate, jc.sweep, jc.calibrate, jc.report, jc.fit, jc.choose_law, jc.fit_damping
+    assert {inspect.signature(f).parameters["progress"].default for f in takers} == {None}

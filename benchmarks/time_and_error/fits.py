@@ -30,7 +30,7 @@ _LAW = PROBLEMS["hunt_crossley"].acceleration
 
 def ours_of_table(task: Table, speeds: np.ndarray) -> Solve:
     e, contact = task.data(speeds), jc.Contact(mass=MASS, stiffness=STIFFNESS)
-    return lambda setting: float(jc.fit_damping(speeds, e, contact).params["c"])
+    return lambda setting: float(jc.fit_damping(contact, speeds, e).params["c"])
 
 
 def ours_of_record(task: Record, times: np.ndarray) -> Solve:
@@ -40,7 +40,7 @@ def ours_of_record(task: Record, times: np.ndarray) -> Solve:
 
     def run(setting: float) -> Found:
         fixed = ("mass", "velocity")
-        found = jc.fit_record(times, law, contact, SPEED, force=force, fixed=fixed).params
+        found = jc.fit_record(law, contact, times, SPEED, force=force, fixed=fixed).params
         numbers = found.law.c, found.contact.stiffness, found.start_time
         return Found(*map(float, numbers))
 

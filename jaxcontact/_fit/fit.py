@@ -63,7 +63,7 @@ def fit(
     patience: int = PATIENCE,
     rtol: float = 1e-8,
     reverse: bool = False,
-    progress: bool | Callable[[int, float], None] = False,
+    progress: bool | Callable[[int, float], None] | None = None,
 ) -> Fit:
     """Fit the parameters of a prediction to data, by least squares or Huber's loss.
 
@@ -97,7 +97,7 @@ def fit(
     logit, and `spread` times a number without bounds (from zero: times the change that moves the
     prediction by the size of the data). `max_steps`: by default 500, 10000 for optax. `reverse`:
     compute the Jacobian in reverse mode, for predictions without a forward mode. `progress`: True
-    shows step and loss on stderr, a function is called with them.
+    shows step and loss on stderr, a function is called with them. None, like False, shows nothing.
 
     `converged` does not depend on the optimizer. The remaining Gauss-Newton step must be below
     `rtol` of each parameter (of its logarithm, of its logit). If the search ended by itself, a step
@@ -294,7 +294,8 @@ def _result(
 @contextlib.contextmanager
 def _listener_of(progress: Any, most: int) -> Iterator[Callable[[Any, Any], Any] | None]:
     """Yield the function to call with each step and its loss; None without progress."""
-    if as_flag(progress) is False:
+    # Reports from inside a search compile another program: None asks for none.
+    if progress is None or as_flag(progress) is False:
         yield None
     elif callable(progress):
         yield lambda step, loss: progress(int(step), float(loss))

@@ -39,11 +39,7 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
         listener: Any = wanted
         yield lambda done, total=None, note="", /: listener(done, total)
         return
-    from .._parameter import as_flag
-
-    shows = as_flag(wanted)
-    watched = sys.stderr.isatty() or in_notebook()
-    if not (watched if shows is None else shows):
+    if not _is_shown(wanted):
         yield lambda done, total=None, note="", /: None
         return
     bar = _bar_type()(
@@ -52,7 +48,7 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
         unit_scale=True,
         file=sys.stderr,
         delay=_PATIENCE,
-        mininterval=_TERMINAL if watched else _FILE,
+        mininterval=_TERMINAL if (watched := _is_shown(None)) else _FILE,
         # Without a minimum of steps, a note alone is shown too.
         miniters=0,
         dynamic_ncols=watched,
@@ -67,16 +63,23 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
         yield tell
 
 
-def require_progress(wanted: bool | Listener | None) -> None:
-    """Raise ValueError for values that `progress_of` does not accept."""
+def require_progress(wanted: Any, arguments: str = "two numbers") -> None:
+    """Raise ValueError for values that `progress_of` or `stages_of` does not accept."""
     # Imported here, so that --help of the command line does not wait for JAX.
     from .._parameter import as_flag, rendered
 
     if not callable(wanted) and wanted is not None and as_flag(wanted) is None:
         raise ValueError(
-            "Argument `progress` must be True, False, None or a function of two numbers, "
+            f"Argument `progress` must be True, False, None or a function of {arguments}, "
             f"but is {rendered(wanted)}."
         )
+
+
+def _is_shown(wanted: Any) -> bool:
+    """Return whether to write on stderr; for None, if that is a terminal or a notebook."""
+    from .._parameter import as_flag
+
+    return sys.stderr.isatty() or in_notebook() if wanted is None else bool(as_flag(wanted))
 
 
 def _bar_type() -> Any:
@@ -95,33 +98,30 @@ def in_notebook() -> bool:
     return get is not None and getattr(get(), "kernel", None) is not None
 
 
-def stages_of(wanted: bool | Callable[[str], None]) -> Callable[[str], None]:
-    """Return the function to call with each stage: the user's, or `Stages` for True and False.
+def stages_of(wanted: bool | Callable[[str], None] | None) -> Callable[[str], None]:
+    """Return the function to call with each stage: the user's, or `Stages`.
 
-    Raises ValueError for other values.
+    None writes as `progress_of` does: after a second, if stderr is a terminal or this is a
+    notebook. Raises ValueError for other values.
     """
+    require_progress(wanted, "a text")
     if callable(wanted):
         return wanted
-    from .._parameter import as_flag, rendered
-
-    shows = as_flag(wanted)
-    if shows is None:
-        raise ValueError(
-            "Argument `progress` must be True, False or a function of a text, but is "
-            f"{rendered(wanted)}."
-        )
-    return Stages(quiet=not shows)
+    return Stages(quiet=not _is_shown(wanted), patience=_PATIENCE if wanted is None else 0.0)
 
 
 class Stages:
-    """Writes each stage of a command on stderr: "[  1.2 s] drawing ...", or nothing if `quiet`."""
+    """Writes each stage of a command on stderr: "[  1.2 s] drawing ...", or nothing if `quiet`.
 
-    def __init__(self, *, quiet: bool = False):
-        self._quiet = quiet
+    Stages that begin before `patience` seconds are not written.
+    """
+
+    def __init__(self, *, quiet: bool = False, patience: float = 0.0):
+        self._quiet, self._patience = quiet, patience
         self._start = time.monotonic()
 
     def __call__(self, stage: str) -> None:
         """Announce a stage that may take more than a second."""
-        if not self._quiet:
-            seconds = time.monotonic() - self._start
+        seconds = time.monotonic() - self._start
+        if not self._quiet and seconds >= self._patience:
             print(f"[{seconds:5.1f} s] {stage} ...", file=sys.stderr, flush=True)

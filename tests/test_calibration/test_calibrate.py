@@ -140,7 +140,7 @@ def test_the_choice_from_the_table_is_the_calibration():
     e = np.array([law(value)(x) for x in v]) * np.exp(0.01 * rng.standard_normal(30))
     e[7] *= 0.6
     whole = jc.calibrate(jc.read_recording(velocity=v, restitution=e), stiffness=1e6)
-    choice = jc.choose_law(v, e, jc.Contact(0.03, 1e6))
+    choice = jc.choose_law(jc.Contact(0.03, 1e6), v, e)
     assert whole.outliers.flagged.sum() == choice.marked.sum() == 1
     assert choice.verdict == whole.choice.verdict
     assert choice.best == whole.choice.best == "constant c"
@@ -367,7 +367,7 @@ def test_standard_deviations_of_a_file_are_taken_as_they_are():
     np.testing.assert_allclose(fit.params["e"], mean, atol=0.02 * np.sum(sigma**-2) ** -0.5)
     square = np.sum((e - mean) ** 2 / sigma**2)
     np.testing.assert_allclose(fit.adequacy.chi2_p, chi2.sf(square, 15), rtol=0.02)
-    told = jc.choose_law(v, e, jc.Contact(1.0, 1.0), law="constant_damping", sigma=sigma)
+    told = jc.choose_law(jc.Contact(1.0, 1.0), v, e, law="constant_damping", sigma=sigma)
     np.testing.assert_allclose(told.fits["constant e"].params["e"], fit.params["e"], rtol=SAME)
     np.testing.assert_allclose(told.candidates[0].aicc, found.choice.candidates[0].aicc, rtol=1e-6)
     assert "the standard deviations in the file" in found.report()

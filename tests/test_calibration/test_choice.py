@@ -34,7 +34,7 @@ def truth(kind):
 
 @pytest.fixture(scope="module")
 def choices():
-    return {kind: jc.choose_law(SPEED, truth(kind) + SCATTER, CONTACT) for kind in KINDS}
+    return {kind: jc.choose_law(CONTACT, SPEED, truth(kind) + SCATTER) for kind in KINDS}
 
 
 @pytest.mark.parametrize(
@@ -91,8 +91,8 @@ def test_known_noise_and_weights():
     e = truth("constant e") + SCATTER
     sigma = np.where(SPEED > 2, NOISE, 3 * NOISE)
     kinds = {"law": "constant_damping"}
-    known = jc.choose_law(SPEED, e, CONTACT, sigma=sigma, **kinds)
-    relative = jc.choose_law(SPEED, e, CONTACT, weights=sigma**-2, **kinds)
+    known = jc.choose_law(CONTACT, SPEED, e, sigma=sigma, **kinds)
+    relative = jc.choose_law(CONTACT, SPEED, e, weights=sigma**-2, **kinds)
     # σ of ln e is σ/e; a known σ remains that of e, whose trend is 0.88 to a few parts in a
     # thousand.
     by_reading = np.exp(np.average(np.log(e), weights=(e / sigma) ** 2))
@@ -109,13 +109,15 @@ def test_known_noise_and_weights():
 def test_an_outlier_is_marked_and_left_out(choices):
     e = truth("constant c") + SCATTER
     e[11] = 0.2
-    found = jc.choose_law(SPEED, e, CONTACT)
+    found = jc.choose_law(CONTACT, SPEED, e)
     assert np.flatnonzero(found.marked).tolist() == [11] and found.count == POINTS - 1
     assert "1 of 120 points are outliers" in repr(found)
     clean = choices["constant c"].fits["constant c"]
     error = clean.standard_errors["c"]
     assert abs(found.law().c - clean.params["c"]) < error
-    kept = jc.choose_law(SPEED, e, CONTACT, mark_outliers=False)
+    stages = []
+    kept = jc.choose_law(CONTACT, SPEED, e, mark_outliers=False, progress=stages.append)
+    assert stages[0] == "fitting constant e" and len(stages) == len(kept.fits)
     assert kept.count == POINTS and abs(kept.law("constant c").c - clean.params["c"]) > error
 
 
@@ -123,8 +125,8 @@ def test_trials_enter_errors_and_verdict():
     e = truth("constant e") + np.repeat(SCATTER[::10], 10)
     trials = np.repeat(np.arange(12), 10)
     kinds = {"law": "constant_damping"}
-    single = jc.choose_law(SPEED, e, CONTACT, **kinds).fits["constant e"].standard_errors["e"]
-    found = jc.choose_law(SPEED, e, CONTACT, groups=trials, **kinds)
+    single = jc.choose_law(CONTACT, SPEED, e, **kinds).fits["constant e"].standard_errors["e"]
+    found = jc.choose_law(CONTACT, SPEED, e, groups=trials, **kinds)
     error = found.fits["constant e"].standard_errors["e"]
     # Ten points of a trial share their error and count as one.
     assert error == pytest.approx(single * np.sqrt(10), rel=0.15)
@@ -143,14 +145,14 @@ def test_it_prints_the_equivalent_e_of_all_laws_where_a_constant_e_is_used(choic
 
 
 def test_kuwabara_and_kono_only_at_their_exponent():
-    found = jc.choose_law(SPEED, truth("constant e") + SCATTER, jc.Contact(0.03, 1e6, 2.0))
+    found = jc.choose_law(jc.Contact(0.03, 1e6, 2.0), SPEED, truth("constant e") + SCATTER)
     assert set(found.fits) == {"constant e", "constant c", "c as a power of v", "1 - b v^p"}
 
 
 def test_single_precision_is_no_hindrance(choices):
     e = truth("constant c") + SCATTER
     with jax.enable_x64(False):
-        found = jc.choose_law(SPEED, e, CONTACT)
+        found = jc.choose_law(CONTACT, SPEED, e)
     same = choices["constant c"].candidates
     for ours, theirs in zip(found.candidates, same, strict=True):
         assert ours.name == theirs.name
@@ -160,7 +162,7 @@ def test_single_precision_is_no_hindrance(choices):
 
 def test_bad_columns_are_named():
     with pytest.raises(ValueError, match=r"`e` must be in .* but is nan at point 1"):
-        jc.choose_law([1.0, 2.0, 3.0], [0.9, np.nan, 0.8], CONTACT)
+        jc.choose_law(CONTACT, [1.0, 2.0, 3.0], [0.9, np.nan, 0.8])
 
 
 def test_the_picture_has_the_data_and_a_curve_for_each_kind(choices):
@@ -242,8 +244,8 @@ def test_what_would_settle_it_is_said_where_the_choice_is_open(choices):
 
 def test_nothing_is_said_where_the_choice_is_clear():
     law = jc.PowerDamping(c=4e5, power=-0.6, reference=2.0)
-    clear = jc.choose_law(SPEED, np.asarray(jc.restitution(law, CONTACT, SPEED)) + SCATTER, CONTACT)
+    clear = jc.choose_law(CONTACT, SPEED, np.asarray(jc.restitution(law, CONTACT, SPEED)) + SCATTER)
     assert clear.best == "c as a power of v"
     assert clear.next_measurement == "" and "do not distinguish" not in clear.verdict
-    one_speed = jc.choose_law(np.full(8, 2.0), 0.8 + SCATTER[:8], CONTACT)
+    one_speed = jc.choose_law(CONTACT, np.full(8, 2.0), 0.8 + SCATTER[:8])
     assert "measure e at speeds other than 2 m/s" in one_speed.next_measurement

@@ -10,13 +10,13 @@ import jaxcontact as jc
 
 LAW = jc.ConstantDamping(c=2e7)
 CONTACT = jc.Contact(mass=0.1, stiffness=1e8)
-NOISE = {"e": 0.01, "duration": 0.02}
+SIGMA = {"e": 0.01, "duration": 0.02}
 SPEEDS = np.geomspace(0.05, 5, 6)
 KNOWN = ("mass", "stiffness")
 
 
 def planned(**how):
-    return jc.design(LAW, CONTACT, **{"noise": NOISE, "candidates": SPEEDS, "n": 4} | how)
+    return jc.design(LAW, CONTACT, **{"sigma": SIGMA, "candidates": SPEEDS, "readings": 4} | how)
 
 
 def slopes_by_differences():
@@ -73,7 +73,7 @@ SIMULATED = 0.15
 
 @pytest.mark.slow(reason="a study of many fits")
 def test_simulated_fits_scatter_as_expected():
-    found = planned(n=8)
+    found = planned(readings=8)
     random = np.random.default_rng(2)
     with jax.enable_x64(True):
         hit = jc.impact(LAW, CONTACT, found.velocity)
@@ -94,7 +94,8 @@ def test_simulated_fits_scatter_as_expected():
 def test_two_laws_are_told_apart_where_they_differ_most():
     """Of a constant e: no reading is worse for it than those of the plan (equivalence)."""
     speeds = np.geomspace(0.05, 5, 25)
-    found = planned(goal=jc.ExactRestitution(e=0.8), noise={"e": 0.01}, candidates=speeds, n=10)
+    constant = jc.ExactRestitution(e=0.8)
+    found = planned(goal=constant, sigma={"e": 0.01}, candidates=speeds, readings=10)
     with jax.enable_x64(True):
         e = np.asarray(jc.restitution(LAW, CONTACT, speeds))
     # A constant lies halfway between the ends, and both are measured equally often.
@@ -108,7 +109,7 @@ def test_two_laws_are_told_apart_where_they_differ_most():
 
 def test_a_law_that_contains_the_other_is_not_told_apart():
     power = jc.PowerDamping(c=1e7, power=0.2, reference=1.0)
-    found = planned(goal=power, noise={"e": 0.01}, fixed=(*KNOWN, "reference"))
+    found = planned(goal=power, sigma={"e": 0.01}, fixed=(*KNOWN, "reference"))
     assert found.noncentrality == 0
     with pytest.raises(ValueError, match="No number of readings separates the laws"):
         found.readings_for()
@@ -118,10 +119,10 @@ def test_a_law_that_contains_the_other_is_not_told_apart():
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        ({"noise": {"e": 0.01}}, "{'e': 0.01} does not determine law.c, contact.stiffness"),
-        ({"n": 1}, r"`n` must be at least the number of parameters, 2 \(law.c, contact.stiff"),
-        ({"noise": {"speed": 0.1}}, "to some of e, duration, max_force, but is"),
-        ({"noise": {"e": -1.0}}, r'`noise\["e"\]` must be a number in'),
+        ({"sigma": {"e": 0.01}}, "{'e': 0.01} does not determine law.c, contact.stiffness"),
+        ({"readings": 1}, r"must be at least the number of parameters, 2 \(law.c, contact.stiff"),
+        ({"sigma": {"speed": 0.1}}, "to some of e, duration, max_force, but is"),
+        ({"sigma": {"e": -1.0}}, r'`sigma\["e"\]` must be a number in'),
         ({"goal": "c"}, "`goal` must be one of 'all', 'law.c', 'contact.stiffness'"),
         ({"candidates": [1.0, -1.0]}, "`candidates` must be in .* but is -1 at point 1"),
         ({"goal": jc.ExactRestitution(e=0.8), "fixed": ("speed",)}, "but holds 'speed'"),

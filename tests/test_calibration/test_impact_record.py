@@ -37,7 +37,7 @@ def clean():
 
 def start():
     """Twenty to fifty per cent off."""
-    return jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7), 1.2
+    return jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7), TIME, 1.2
 
 
 CLEAN = 1e-5
@@ -46,7 +46,7 @@ CLEAN = 1e-5
 
 def test_a_clean_record(clean):
     force, depth = clean
-    found = jc.fit_record(TIME, *start(), force=force, indentation=depth)
+    found = jc.fit_record(*start(), force=force, indentation=depth)
     assert found.converged, found.reason
     assert set(found.names) == set(TRUE)
     for name, value in zip(found.names, found.values, strict=True):
@@ -60,7 +60,6 @@ def test_noisy_records_hold_the_truth(clean):
         force = clean[0] + NOISE_FORCE * random.normal(size=TIME.size)
         depth = clean[1] + NOISE_DEPTH * random.normal(size=TIME.size)
         found = jc.fit_record(
-            TIME,
             *start(),
             force=force,
             indentation=depth,
@@ -77,7 +76,7 @@ def test_noisy_records_hold_the_truth(clean):
 
 
 def test_a_force_alone_needs_the_speed(clean):
-    found = jc.fit_record(TIME, *start()[:2], SPEED, force=clean[0], fixed=("mass", "velocity"))
+    found = jc.fit_record(*start()[:3], SPEED, force=clean[0], fixed=("mass", "velocity"))
     assert found.converged
     stiffness = float(found.params.contact.stiffness)
     assert stiffness == pytest.approx(STIFFNESS, rel=1e-4)
@@ -97,31 +96,31 @@ def test_a_force_alone_needs_the_speed(clean):
 )
 def test_bad_records_are_named(columns, message):
     with pytest.raises(ValueError, match=message):
-        jc.fit_record(TIME, *start(), **columns)
+        jc.fit_record(*start(), **columns)
 
 
 @pytest.mark.parametrize("far", [1e-6, 1e6])
 def test_a_stiffness_far_off_is_no_start(clean, far):
     columns = {"force": clean[0], "indentation": clean[1]}
-    near = jc.fit_record(TIME, *start(), **columns)
-    law, contact, speed = start()
+    near = jc.fit_record(*start(), **columns)
+    law, contact, _, speed = start()
     # The damping that would correspond to this stiffness, and the actual one.
     for c in (3e6, 3e6 * far):
         contact = jc.Contact(mass=MASS, stiffness=4e7 * far)
-        found = jc.fit_record(TIME, jc.ConstantDamping(c=c), contact, speed, **columns)
+        found = jc.fit_record(jc.ConstantDamping(c=c), contact, TIME, speed, **columns)
         assert found.converged, found.reason
         np.testing.assert_allclose(found.values, near.values, rtol=CLEAN, atol=1e-9)
     law = jc.HuGuo(e=0.5)
-    found = jc.fit_record(TIME, law, contact, SPEED, fixed=("mass", "velocity"), **columns)
+    found = jc.fit_record(law, contact, TIME, SPEED, fixed=("mass", "velocity"), **columns)
     # Another law with almost the same damping.
     assert found.converged and found.params.contact.stiffness == pytest.approx(STIFFNESS, rel=0.05)
 
 
 def test_a_contact_beside_that_of_the_record_is_no_fit(clean):
-    law, _, speed = start()
+    law, _, _, speed = start()
     contact = jc.Contact(mass=MASS, stiffness=4e13)
     held = ("mass", "velocity", "stiffness")
-    found = jc.fit_record(TIME, law, contact, speed, force=clean[0], fixed=held)
+    found = jc.fit_record(law, contact, TIME, speed, force=clean[0], fixed=held)
     assert not found.converged
     assert "misses that of the record" in found.reason
     assert np.isnan(found.covariance).all()
@@ -131,7 +130,7 @@ def test_a_force_that_is_cut_counts_as_at_least_that(clean):
     """At 70 % of its maximum K is held; taken as it is read, it is wrong by many errors."""
     random, limit = np.random.default_rng(3), 0.7 * clean[0].max()
     force = np.minimum(clean[0] + NOISE_FORCE * random.normal(size=TIME.size), limit)
-    found = jc.fit_record(TIME, *start(), force=force)
+    found = jc.fit_record(*start(), force=force)
     assert found.converged, found.reason
     cut = int(np.sum(force == limit))
     said = f"{cut} of 150 readings of force are at a limit of the instrument"
@@ -175,7 +174,7 @@ def test_noise_does_not_make_a_peak_a_limit():
 def test_an_indentation_that_ends_at_the_lower_limit(clean):
     depth = clean[1] + NOISE_DEPTH * np.random.default_rng(5).normal(size=TIME.size)
     low = -2e-4
-    found = jc.fit_record(TIME, *start(), indentation=np.maximum(depth, low))
+    found = jc.fit_record(*start(), indentation=np.maximum(depth, low))
     assert found.converged, found.reason
     off = (found.values - [TRUE[name] for name in found.names]) / found.errors
     assert np.abs(off).max() < 3.5 and "readings of indentation are at a limit" in str(found)

@@ -101,12 +101,12 @@ def test_what_is_no_filter():
         jc.LowPass(-1.0)
     time, law, contact = np.linspace(0, 1, 5), jc.Hertz(), jc.Contact(1.0, 1e6)
     with pytest.raises(ValueError, match="`low_pass_force` must be None without `force`"):
-        jc.fit_record(time, law, contact, 1.0, indentation=time, low_pass_force=jc.LowPass(100.0))
+        jc.fit_record(law, contact, time, 1.0, indentation=time, low_pass_force=jc.LowPass(100.0))
     with pytest.raises(ValueError, match="`low_pass_force` must be a `LowPass` or None"):
-        jc.fit_record(time, law, contact, 1.0, force=time, low_pass_force=100.0)
+        jc.fit_record(law, contact, time, 1.0, force=time, low_pass_force=100.0)
     long = np.linspace(0, 1, 4500)
     with pytest.raises(ValueError, match=r"at most 2000 readings .* give every 3rd"):
-        jc.fit_record(long, law, contact, 1.0, force=long, low_pass_force=jc.LowPass(100.0))
+        jc.fit_record(law, contact, long, 1.0, force=long, low_pass_force=jc.LowPass(100.0))
 
 
 def test_the_noise_of_steps():
@@ -174,7 +174,7 @@ def test_a_long_record_in_steps_is_not_too_sure():
     step, random = truths.NOISE["force"] * clean.max(), np.random.default_rng(3)
     read = step * np.round((clean + step / 5 * random.normal(size=time.size)) / step - 0.3)
     law, contact = jc.ConstantDamping(c=3e6), jc.Contact(mass=truths.MASS, stiffness=4e7)
-    found = jc.fit_record(time, law, contact, 1.2, force=read + 0.3 * step)
+    found = jc.fit_record(law, contact, time, 1.2, force=read + 0.3 * step)
     own = {"law.c": truths.DAMPING, "contact.stiffness": truths.STIFFNESS}
     own |= {"velocity": truths.SPEED, "start_time": truths.TOUCH, "force_offset": truths.FORCE_ZERO}
     pulls = (found.values - [own[name] for name in found.names]) / found.errors

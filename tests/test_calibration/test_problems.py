@@ -42,7 +42,7 @@ def falling():
 @pytest.mark.slow("phase", "Event(rtol=1e-10)", reason="the fit once more by another method")
 @pytest.mark.parametrize("method", SAME, ids=str)
 def test_a_constant_c_comes_back(falling, method):
-    found = jc.fit_damping(SPEED, falling, CONTACT, method=method)
+    found = jc.fit_damping(CONTACT, SPEED, falling, method=method)
     assert found.converged, found.reason
     assert found.params["c"] == pytest.approx(2e7, rel=SAME[method])
     # The start comes from the data and is near: one step leaves 3e-7.
@@ -51,7 +51,7 @@ def test_a_constant_c_comes_back(falling, method):
 
 
 def test_a_constant_e_is_a_power_of_minus_one():
-    found = jc.fit_damping(SPEED, np.full(60, 0.8), CONTACT, form="power")
+    found = jc.fit_damping(CONTACT, SPEED, np.full(60, 0.8), form="power")
     assert found.params["power"] == pytest.approx(-1, abs=1e-10)
     middle = np.sqrt(SPEED[0] * SPEED[-1])
     alpha = found.params["c"] * middle / 1.4e8
@@ -229,12 +229,12 @@ def test_numbers_are_held_by_the_names_that_are_printed():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: jc.fit_damping([1.0, -1.0], [0.5, 0.5], CONTACT), "`velocity` must be in"),
-        (lambda: jc.fit_damping([1.0, 2.0], [0.5, 1.5], CONTACT), "is 1.5 at point 1"),
-        (lambda: jc.fit_damping([1.0], [0.5, 0.5], CONTACT), "one number for each of the 1"),
-        (lambda: jc.fit_damping([[1.0]], [0.5], CONTACT), "shape"),
-        (lambda: jc.fit_damping([1.0], [0.5], CONTACT, form="cubic"), "`form` must be one of"),
-        (lambda: jc.fit_damping([1.0], [np.nan], CONTACT), "`e` must be in"),
+        (lambda: jc.fit_damping(CONTACT, [1.0, -1.0], [0.5, 0.5]), "`velocity` must be in"),
+        (lambda: jc.fit_damping(CONTACT, [1.0, 2.0], [0.5, 1.5]), "is 1.5 at point 1"),
+        (lambda: jc.fit_damping(CONTACT, [1.0], [0.5, 0.5]), "one number for each of the 1"),
+        (lambda: jc.fit_damping(CONTACT, [[1.0]], [0.5]), "shape"),
+        (lambda: jc.fit_damping(CONTACT, [1.0], [0.5], form="cubic"), "`form` must be one of"),
+        (lambda: jc.fit_damping(CONTACT, [1.0], [np.nan]), "`e` must be in"),
         (lambda: jc.fit_energy_loss([0.5, 0.9], degree=-1), "`degree` must be"),
         (lambda: jc.learn_law([0.5, 0.9], form="tree"), "`form` must be one of"),
         (lambda: jc.learn_law([0.5, 0.9], form=3), "or a shape, but is 3"),

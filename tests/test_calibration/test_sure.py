@@ -19,7 +19,7 @@ PLASTIC = np.asarray(jc.ThorntonPlastic(yield_speed=0.1).restitution_at(SPEED))
 
 @pytest.fixture(scope="module")
 def plastic():
-    return jc.choose_law(SPEED, PLASTIC * (1 + SCATTER), CONTACT)
+    return jc.choose_law(CONTACT, SPEED, PLASTIC * (1 + SCATTER))
 
 
 def test_a_law_of_which_the_data_leave_no_doubt(plastic):
@@ -39,7 +39,7 @@ def test_a_law_of_which_the_data_leave_no_doubt(plastic):
 
 
 def test_a_known_noise_makes_it_a_chi_square():
-    found = jc.choose_law(SPEED, PLASTIC * (1 + SCATTER), CONTACT, sigma=0.01 * PLASTIC)
+    found = jc.choose_law(CONTACT, SPEED, PLASTIC * (1 + SCATTER), sigma=0.01 * PLASTIC)
     own, other = (found.fits[kind] for kind in ("elastic-plastic", "1 - b v^p"))
     gain = 2 * (other.loss - own.loss)
     assert excess_p(own, other, 2) == pytest.approx(stats.chi2.sf(gain, 2))
@@ -49,7 +49,7 @@ def test_a_known_noise_makes_it_a_chi_square():
 
 def test_what_keeps_it_open_is_said():
     """Near e = 1 all laws whose loss is a power of the speed are the same."""
-    noisy = jc.choose_law(SPEED, 1 - 0.05 * SPEED**0.2 + 0.5 * SCATTER, CONTACT)
+    noisy = jc.choose_law(CONTACT, SPEED, 1 - 0.05 * SPEED**0.2 + 0.5 * SCATTER)
     assert not noisy.sure
     kinds = {kind.name: kind for kind in noisy.kinds}
     standing = standing_of(noisy.fits, noisy.kinds, noisy.best)
@@ -62,7 +62,7 @@ def test_what_keeps_it_open_is_said():
 
 def test_an_inadequate_law_is_never_sure():
     wave = 0.8 + 0.05 * np.sin(4 * np.log(SPEED))
-    wavy = jc.choose_law(SPEED, wave + 0.1 * SCATTER, CONTACT)
+    wavy = jc.choose_law(CONTACT, SPEED, wave + 0.1 * SCATTER)
     assert not wavy.sure and "does not describe the data" in wavy.verdict
     assert "a better law is possible" in wavy.yardstick
     np.testing.assert_allclose(wavy.free(SPEED), wave, atol=0.01)
@@ -73,14 +73,14 @@ def test_trials_may_be_shifted(plastic, trials):
     """Few of them are asked about what is left beside a shift of each, many by their signs."""
     trial = np.arange(SPEED.size) % trials
     shift = 0.003 * np.random.default_rng(4).normal(size=trials)[trial]
-    found = jc.choose_law(SPEED, PLASTIC * (1 + 0.3 * SCATTER + shift), CONTACT, groups=trial)
+    found = jc.choose_law(CONTACT, SPEED, PLASTIC * (1 + 0.3 * SCATTER + shift), groups=trial)
     assert found.sure and found.best == plastic.best
 
 
 def test_three_trials_of_two_points_leave_it_open():
     six = slice(None, 24, 4)
     e = (PLASTIC * (1 + 0.1 * SCATTER))[six]
-    found = jc.choose_law(SPEED[six], e, CONTACT, groups=[0, 1, 2, 0, 1, 2])
+    found = jc.choose_law(CONTACT, SPEED[six], e, groups=[0, 1, 2, 0, 1, 2])
     assert not found.sure and "the fit could not be tested" in found.verdict
 
 
@@ -88,7 +88,7 @@ def test_laws_that_were_not_fitted_are_not_excluded():
     """Four points are too few for two parameters."""
     v = np.array([0.3, 0.8, 2.0, 5.0])
     e = np.asarray(jc.restitution(jc.ConstantDamping(c=1e6), CONTACT, v))
-    found = jc.choose_law(v, e * np.array([1.001, 0.999, 1.0, 1.001]), CONTACT)
+    found = jc.choose_law(CONTACT, v, e * np.array([1.001, 0.999, 1.0, 1.001]))
     assert len(found.fits) == 4 and not found.sure
 
 
@@ -105,7 +105,7 @@ def test_contact_times_and_forces_take_part():
     )
     force = np.where(SPEED > 1, force, np.nan)
     found = jc.choose_law(
-        SPEED, e, start, law="constant_damping", duration=duration, max_force=force
+        start, SPEED, e, law="constant_damping", duration=duration, max_force=force
     )
     fit, contact = found.fits["constant c"], found.contact_of()
     assert found.best == "constant c" and found.sure and found.count == SPEED.size
@@ -131,7 +131,7 @@ def test_contact_times_and_forces_take_part():
 )
 def test_columns_that_do_not_go_together_are_refused(given, words):
     with pytest.raises(ValueError, match=words):
-        jc.choose_law(SPEED, PLASTIC, CONTACT, **given)
+        jc.choose_law(CONTACT, SPEED, PLASTIC, **given)
 
 
 @pytest.mark.slow(reason="a study of 16 tables by its benchmark")

@@ -94,8 +94,8 @@ WRONG = {
     ("export", "--engine", "drake", *LAW[:4], "--velocity", "2"): "--mass and --stiffness are",
     ("paper", "fig7"): "Did you mean 'fig",
     ("sweep", *LAW, *SWEEP): "--field: 'forc' is not one of",
-    ("design", *LAW, "--speeds", "1:2:3", "--noise", "E=0.1"): "--noise E: the quantities are e,",
-    ("design", *LAW, "--speeds", "1:2:3", "--noise", "e=0.1", "--readings", "0"): "--readings must",
+    ("design", *LAW, "--speeds", "1:2:3", "--sigma", "E=0.1"): "--sigma E: the quantities are e,",
+    ("design", *LAW, "--speeds", "1:2:3", "--sigma", "e=0.1", "--readings", "0"): "--readings must",
     ("fit", "impacts", "{file}"): "--law is needed, as the law from which the fit starts",
     ("fit", "impacts", "{file}", "--law", "hu_guo"): "--mass and --stiffness are needed",
     ("fit", "record", "{file}"): "column time: is missing; the columns time are needed",
@@ -138,7 +138,7 @@ def test_fit_of_a_file_as_it_was_saved(tmp_path, capsys):
     arguments = ["fit", "damping", str(file), "--mass", "1", "--stiffness", "1e6"]
     told = asked(capsys, *arguments)
     contact = jc.Contact(1.0, 1e6)
-    wanted = jc.fit_damping(V, E, contact)
+    wanted = jc.fit_damping(contact, V, E)
     assert told["parameters"] == pytest.approx({"c": wanted.values[0]}, rel=1e-12)
     assert told["standard_errors"] == pytest.approx({"c": wanted.errors[0]}, rel=1e-9)
     assert told["read_as"][0] == 'velocity = "v (mm/s)" / 1000'
@@ -187,7 +187,7 @@ def test_fit_of_a_track_by_its_frames(tmp_path, capsys):
 
 def test_design(capsys):
     arguments = ("--law", "exact", "--e", "0.8", "--mass", "1", "--stiffness", "1e6")
-    speeds = ("--speeds", "0.5:3:6", "--noise", "e=0.01", "--hold", "stiffness", "--readings", "4")
+    speeds = ("--speeds", "0.5:3:6", "--sigma", "e=0.01", "--hold", "stiffness", "--readings", "4")
     told = asked(capsys, "design", *arguments, *speeds)
     assert told["quantity"] == ["e"] * 4
     assert told["standard_errors"]["law.e"] == pytest.approx(0.005, rel=1e-6)

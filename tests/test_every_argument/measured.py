@@ -43,7 +43,9 @@ RECORD = [*[0.0] * 30, *(k * (30 - k) for k in range(30)), *[0.0] * 30]
 LIST_OF_NUMBERS = frozenset({"tuple", "list of text", "shape (1,)", "jax shape (1,)", "Series"})
 """Text may be a number there, as it is in a file."""
 AT = frozenset({"shape (1,)", "jax shape (1,)", "shape (0,)", "empty list"})
-HOW = {"velocity": V, "e": OUT, "contact": CONTACT}
+HOW = {"contact": CONTACT, "velocity": V, "e": OUT}
+CLASSES = frozenset({"class", "law class"})
+"""They are functions, which are called with a stage here."""
 RECORDED = {"velocity": V, "restitution": OUT}
 
 
@@ -67,9 +69,9 @@ def cases() -> dict[str, Case]:
             jc.fit_damping,
             HOW,
             {
+                "contact": CONTACTS,
                 "velocity": COLUMN,
                 "e": COLUMN,
-                "contact": CONTACTS,
                 "form": NOTHING,
                 "method": METHODS,
                 "sigma": POSITIVE | NONE,
@@ -127,13 +129,13 @@ def cases() -> dict[str, Case]:
         ),
         "design": Case(
             jc.design,
-            {"law": LAW, "contact": CONTACT, "noise": DESIGNED, "candidates": V},
+            {"law": LAW, "contact": CONTACT, "sigma": DESIGNED, "candidates": V},
             {
                 "law": LAWS,
                 "contact": CONTACTS,
-                "noise": NOTHING,
+                "sigma": NOTHING,
                 "candidates": NUMBERS_3 - {"range"} | {"shape (1,)", "jax shape (1,)"},
-                "n": COUNT,
+                "readings": COUNT,
                 "goal": {"law"},
                 "fixed": EMPTY,
                 "method": METHODS,
@@ -161,11 +163,11 @@ def cases() -> dict[str, Case]:
         ),
         "fit_record": Case(
             jc.fit_record,
-            {"time": V, "law": LAW, "contact": CONTACT, "velocity": 1.0, "force": OUT},
+            {"law": LAW, "contact": CONTACT, "time": V, "velocity": 1.0, "force": OUT},
             {
-                "time": COLUMN,
                 "law": LAWS,
                 "contact": CONTACTS,
+                "time": COLUMN,
                 "velocity": POSITIVE,
                 "force": NOTHING,
                 "indentation": NONE,
@@ -177,7 +179,7 @@ def cases() -> dict[str, Case]:
         ),
         "fit_record, indentation": Case(
             jc.fit_record,
-            {"time": V, "law": LAW, "contact": CONTACT, "velocity": 1.0, "indentation": OUT},
+            {"law": LAW, "contact": CONTACT, "time": V, "velocity": 1.0, "indentation": OUT},
             {"sigma_indentation": POSITIVE | NONE, "low_pass_indentation": NONE},
         ),
         "LowPass": Case(jc.LowPass, {"cutoff": 100.0}, {"cutoff": POSITIVES, "order": COUNT}),
@@ -196,9 +198,9 @@ def cases() -> dict[str, Case]:
             jc.choose_law,
             HOW,
             {
+                "contact": CONTACTS,
                 "velocity": COLUMN,
                 "e": COLUMN,
-                "contact": CONTACTS,
                 "law": NOTHING,
                 "sigma": POSITIVE | NONE,
                 "weights": POSITIVE | NONE,
@@ -209,6 +211,12 @@ def cases() -> dict[str, Case]:
                 "sigma_duration": NONE,
                 "sigma_max_force": NONE,
             },
+        ),
+        "choose_law, stages": Case(
+            jc.choose_law,
+            HOW,
+            {"progress": FLAG | NONE | {"function"}},
+            untested=CLASSES,
         ),
         "choose_law, contact times": Case(
             jc.choose_law,
@@ -240,10 +248,9 @@ def cases() -> dict[str, Case]:
                 "exponent": NONE,
                 "gravity": POSITIVE,
                 "at": NUMBERS_3 - {"range"} | POSITIVE | AT,
-                "progress": FLAG | {"function"},
+                "progress": FLAG | NONE | {"function"},
             },
-            # Classes are functions, which are called with a string here.
-            untested=frozenset({"class", "law class"}),
+            untested=CLASSES,
         ),
         "Calibration.save": Case(
             jc.Calibration(*[None] * 5, summary=blank(jc.CalibrationSummary)).save,

@@ -166,7 +166,7 @@ def cases() -> dict[str, Case]:
                 "calibration": NOTHING,
                 "file": NOTHING,
                 "radius": POSITIVE | NONE,
-                "progress": PROGRESS,
+                "progress": PROGRESS | NONE,
             },
         ),
         "plot.fit": Case(

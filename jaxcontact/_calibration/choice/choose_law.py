@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, Unpack
 
 import jax
 import jax.numpy as jnp
@@ -13,9 +14,11 @@ from jaxtyping import ArrayLike
 
 from ..._contact import Contact, require_contact
 from ..._fit import Fit, Positive, compared, fit, groups_of, undecided
+from ..._fit.keywords import SearchKeywords, takes
 from ..._flight import Floats
-from ..._parameter import POSITIVE, as_weights, rendered, require_flag
+from ..._parameter import POSITIVE, as_weights, require_flag
 from ..._program import side_by_side
+from ..._text.progress import stages_of
 from ..pairs.columns import column, for_each
 from ..pairs.noise import RELATIVE_FLOOR, Noise, estimate_noise, scatter_beside
 from ..pairs.outliers import Outliers, find_outliers
@@ -33,10 +36,11 @@ _BANDS = 4
 """Bands of speed that are left out in turn; each holds at least one pair."""
 
 
+@takes(SearchKeywords)
 def choose_law(
+    contact: Contact,
     velocity: ArrayLike,
     e: ArrayLike,
-    contact: Contact,
     *,
     law: str = "all",
     duration: ArrayLike | None = None,
@@ -47,7 +51,8 @@ def choose_law(
     weights: ArrayLike | None = None,
     groups: ArrayLike | None = None,
     mark_outliers: bool = True,
-    **how: Any,
+    progress: bool | Callable[[str], None] | None = None,
+    **how: Unpack[SearchKeywords],
 ) -> LawChoice:
     """Fit every kind of law to restitution over closing speed, and choose one.
 
@@ -69,17 +74,17 @@ def choose_law(
     computed from the force of each law. For 1 - b v^p, a v^-p and a constant e, that is the
     Hunt-Crossley member that delivers the same e; for Thornton's spheres it is his force.
 
-    Arguments: closing speeds `velocity` in m/s and restitutions `e` in (0, 1.2] (noise may raise a
-    measured one above 1), both (points,). Mass and stiffness of the `contact` are taken as known
-    (e(v) determines only c/K and A (K/m)^(2/5)). `law`: "all" or the name of one law, as in
+    Arguments: mass and stiffness of the `contact` are taken as known (e(v) determines only c/K and
+    A (K/m)^(2/5)). Closing speeds `velocity` in m/s and restitutions `e` in (0, 1.2] (noise may
+    raise a measured one above 1), both (points,). `law`: "all" or the name of one law, as in
     `calibrate`. `duration` in s and `max_force` in N (points,), NaN if not measured.
 
     `sigma`: standard deviations of e; with it, `sigma_duration` and `sigma_max_force` relative to
     their column. `weights`: relative weights of e instead (by default, the scatter about a trend).
     `groups` (points,): the trial of each point, by default one for each. With at least 8 trials,
     standard errors and the comparison allow for correlation within a trial. `mark_outliers`:
-    whether points more than 6 robust standard deviations off the trend are left out. Other keywords
-    go to `fit` (`optimizer`, `starts`, ...), for all kinds.
+    whether points more than 6 robust standard deviations off the trend are left out. `progress` as
+    in `calibrate`. Other keywords go to `fit` (`optimizer`, `starts`, ...), for all kinds.
 
     The held-out error leaves out four bands of speed in turn; `compare_fits(choice.fits,
     groups=...)` leaves out other groups. The choice is `sure` of a law under three conditions.
@@ -96,11 +101,6 @@ def choose_law(
     require_contact(contact)
     kinds = kinds_of(law, contact.exponent)
     mark_outliers = require_flag("mark_outliers", mark_outliers)
-    if how.get("transforms") is not None:
-        raise ValueError(
-            "Argument `transforms` must be None, since each law has its own, but is "
-            f"{rendered(how['transforms'])}."
-        )
     v = column(velocity, "velocity", POSITIVE)
     measured = column(e, "e", MEASURED_RESTITUTION, ("velocity", v))
     own = None if sigma is None else for_each(sigma, "sigma", len(v))
@@ -121,11 +121,13 @@ def choose_law(
         sigma,
         weights,
     )
+    options: dict[str, Any] = {**how}
     if own is not None:
-        how["sigma"] = relative**-0.5 if known is not None else own / measured
+        options["sigma"] = relative**-0.5 if known is not None else own / measured
     elif weights is not None:
         relative = for_each(as_weights(weights), "weights", len(v), zero=True) * measured**2
-    return choose(pairs, ~marked, relative, kinds, contact, others=others, group=word, **how)
+    table = pairs, ~marked, relative, kinds, contact
+    return choose(*table, others=others, group=word, progress=stages_of(progress), **options)
 
 
 class Weighed(NamedTuple):
@@ -179,7 +181,7 @@ def choose(
     correlation: Floats | None = None,
     known: frozenset[str] = frozenset({"mass", "stiffness"}),
     group: str = "trial",
-    progress: Any = None,
+    progress: Callable[[str], None],
     **how: Any,
 ) -> LawChoice:
     """Choose among `kinds` on the pairs where `use` (n,) is True, with relative `weights` (n,).
@@ -216,8 +218,7 @@ def choose(
     jobs: list[Any] = [functools.partial(fitted, kind) for kind in kinds]
     outcomes: Any = side_by_side([*jobs, delivered_by_laws])
     for kind in kinds:
-        if progress is not None:
-            progress(f"fitting {kind.name}")
+        progress(f"fitting {kind.name}")
         found.append(next(outcomes))
     grid = next(outcomes)
     fits = {kind.name: one for kind, (one, _) in zip(kinds, found, strict=True)}

@@ -39,7 +39,7 @@ class Design:
     `standard_errors` are those of the parameters after these readings, and `even` those after as
     many readings spread evenly over the candidates. For two laws these are None, and
     `noncentrality` is the least λ = Σ ((difference of the laws)/σ)² over the parameters of the
-    second. `noise` names the quantities that could be read.
+    second. `readable` names the quantities that could be read.
     """
 
     velocity: np.ndarray
@@ -47,7 +47,7 @@ class Design:
     standard_errors: dict[str, float] | None = None
     even: dict[str, float] | None = None
     noncentrality: float | None = None
-    noise: tuple[str, ...] = QUANTITIES
+    readable: tuple[str, ...] = QUANTITIES
 
     def readings_for(self, noncentrality: float = 40.0) -> int:
         """Return how many readings like these separate the laws.
@@ -74,8 +74,8 @@ class Design:
             return "λ is unknown: the fit of the other law to this plan did not converge"
         if self.noncentrality > 0:
             return f"{self.readings_for()} such readings distinguish the laws (λ = 40)"
-        left = " or ".join(name for name in QUANTITIES if name not in self.noise)
-        more = f"read {left} as well (give its noise), or " if left else ""
+        left = " or ".join(name for name in QUANTITIES if name not in self.readable)
+        more = f"read {left} as well (give its sigma), or " if left else ""
         return (
             "the second law gives the same readings with other parameters. To distinguish the "
             f"laws, {more}hold a known number of the contact (its stiffness). Laws K δⁿ (1 + α "
@@ -106,27 +106,27 @@ def design(
     law: AbstractLaw,
     contact: Contact,
     *,
-    noise: Mapping[str, float],
+    sigma: Mapping[str, float],
     candidates: ArrayLike,
-    n: int = 8,
+    readings: int = 8,
     goal: str | AbstractLaw = ALL,
     fixed: tuple[str, ...] = ("mass",),
     method: str | AbstractMethod = "auto",
 ) -> Design:
-    """Design the n readings that best determine the parameters of a law and a contact.
+    """Design the readings that best determine the parameters of a law and a contact.
 
     A reading of a quantity y at a closing speed v has the sensitivity x = (dy/dp)/σ to the
-    parameters, and n of them leave the covariance (Σ x xᵀ)⁻¹. The design minimises its determinant
+    parameters, and several leave the covariance (Σ x xᵀ)⁻¹. The design minimises its determinant
     (D-optimal), or one element of its diagonal. With a second law as `goal` it maximises λ = min Σ
     ((y - y₂)/σ)² over the parameters of the second law (T-optimal), to separate the laws.
 
     Arguments: `law` and `contact`, the best known values: the plan is optimal there, and good near
-    it. `noise`: the standard deviation of a reading, by quantity: "e", and "duration" and
+    it. `sigma`: the standard deviation of a reading, by quantity: "e", and "duration" and
     "max_force" relative to their size; only the quantities in it are read. `candidates` (m,):
-    possible closing speeds in m/s. `n` readings, each of one quantity at one speed, which may
-    repeat. `goal`: "all" parameters, the name of one ("law.c", "contact.stiffness"), or the other
-    law. `fixed`: names of known numbers, as in `fit_impacts`; e alone determines neither K nor m.
-    `method` as in `impact`.
+    possible closing speeds in m/s. `readings`: their number; each is of one quantity at one speed,
+    and may repeat. `goal`: "all" parameters, the name of one ("law.c", "contact.stiffness"), or the
+    other law. `fixed`: names of known numbers, as in `fit_impacts`; e alone determines neither K
+    nor m. `method` as in `impact`.
 
     Returns a `Design`. Computes in double precision regardless of the JAX setting. Raises
     ValueError for arguments out of range, candidates that do not determine the parameters, fewer
@@ -137,54 +137,54 @@ def design(
     """
     require_law(law)
     require_contact(contact)
-    sigma = _noise(noise)
+    errors = _sigma(sigma)
     speeds = column(candidates, "candidates", POSITIVE)
-    count = require_count("n", n, 1)
+    count = require_count("readings", readings, 1)
     with jax.enable_x64(True):
-        model, start = Outcome(method, tuple(sigma)), ImpactModel(law, contact)
+        model, start = Outcome(method, tuple(errors)), ImpactModel(law, contact)
         space, theta = space_of(start, _transforms(start, fixed, goal))
-    slopes, readings = readings_of(model, space, theta, speeds)
-    if not (np.isfinite(slopes).all() and np.isfinite(readings).all()):
+    slopes, expected = readings_of(model, space, theta, speeds)
+    if not (np.isfinite(slopes).all() and np.isfinite(expected).all()):
         raise ValueError("Argument `candidates` must be speeds whose impacts can be solved.")
-    quantity, velocity = np.repeat(list(sigma), speeds.size), np.tile(speeds, len(sigma))
-    size = np.repeat(list(sigma.values()), speeds.size)
+    quantity, velocity = np.repeat(list(errors), speeds.size), np.tile(speeds, len(errors))
+    size = np.repeat(list(errors.values()), speeds.size)
     if isinstance(goal, AbstractLaw):
         other = ImpactModel(goal, contact)
-        problem = model, other, speeds, readings, size
+        problem = model, other, speeds, expected, size
         transforms = _transforms(other, fixed, None)
         share = telling_apart(*problem, transforms)
         counts = shared_out(np.where(share > _RARE * share.max(), share, 0), count)
         rows = np.repeat(np.arange(size.size), counts)
         distance = distance_of(*problem, counts, transforms)
-        told = {"noncentrality": distance, "noise": tuple(sigma)}
+        told = {"noncentrality": distance, "readable": tuple(errors)}
         return Design(velocity[rows], tuple(quantity[rows].tolist()), **told)
     choices = [ALL, *space.names]
     require_choice("goal", goal, choices)
     scaled = slopes / size[:, None]
-    _check(scaled, space, count, noise)
+    _check(scaled, space, count, sigma)
     criterion = by_volume if goal == ALL else by_parameter(space.names.index(goal))
     rows = best_rows(scaled, count, criterion)
     even = np.linspace(0, size.size - 1, max(count, size.size)).round().astype(int)
     with jax.enable_x64(True):
         stretch = space.stretch(np.asarray(space.values(jnp.asarray(theta))))
-    errors = _errors(scaled[rows], len(rows), count) * stretch
+    of_best = _errors(scaled[rows], len(rows), count) * stretch
     of_even = _errors(scaled[even], len(even), count) * stretch
     return Design(
         velocity[rows],
         tuple(quantity[rows].tolist()),
-        dict(zip(space.names, errors.tolist(), strict=True)),
+        dict(zip(space.names, of_best.tolist(), strict=True)),
         dict(zip(space.names, of_even.tolist(), strict=True)),
     )
 
 
-def _noise(given: Any) -> dict[str, float]:
+def _sigma(given: Any) -> dict[str, float]:
     if not isinstance(given, Mapping) or not given or not set(given) <= set(QUANTITIES):
         raise ValueError(
-            f"Argument `noise` must give standard deviations to some of {', '.join(QUANTITIES)}, "
+            f"Argument `sigma` must give standard deviations to some of {', '.join(QUANTITIES)}, "
             f"but is {rendered(given)}."
         )
     there = [name for name in QUANTITIES if name in given]
-    return {name: require_number(f'noise["{name}"]', given[name], POSITIVE) for name in there}
+    return {name: require_number(f'sigma["{name}"]', given[name], POSITIVE) for name in there}
 
 
 def _transforms(
@@ -202,11 +202,11 @@ def _transforms(
     return transforms_of(model, own if all_known else tuple(names))
 
 
-def _check(scaled: np.ndarray, space: Space, count: int, noise: Any) -> None:
+def _check(scaled: np.ndarray, space: Space, count: int, sigma: Any) -> None:
     k = scaled.shape[1]
     if count < k:
         raise ValueError(
-            f"Argument `n` must be at least the number of parameters, {k} "
+            f"Argument `readings` must be at least the number of parameters, {k} "
             f"({', '.join(space.names)}), but is {count}."
         )
     length = np.linalg.norm(scaled, axis=0)
@@ -218,8 +218,8 @@ def _check(scaled: np.ndarray, space: Space, count: int, noise: Any) -> None:
     if lost.any():
         names = ", ".join(name for name, one in zip(space.names, lost, strict=True) if one)
         raise ValueError(
-            "Argument `noise` must give quantities that determine all parameters at the "
-            f"`candidates`, but {rendered(noise)} does not determine {names}; read another "
+            "Argument `sigma` must give quantities that determine all parameters at the "
+            f"`candidates`, but {rendered(sigma)} does not determine {names}; read another "
             "quantity, or hold a known number with `fixed`."
         )
 

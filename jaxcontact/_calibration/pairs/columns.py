@@ -119,7 +119,7 @@ def measured(
     return {"data": data, "weights": _fill_gaps(data, weights, 0.0)}
 
 
-def with_transforms(own: Mapping[str, Any], how: dict[str, Any]) -> dict[str, Any]:
+def with_transforms(own: Mapping[str, Any], how: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments of `fit` with the transforms of a ready-made problem.
 
     Raises ValueError unless the user's `transforms` are a dict by name, or if they name one of the
@@ -137,7 +137,7 @@ def with_transforms(own: Mapping[str, Any], how: dict[str, Any]) -> dict[str, An
             "Argument `transforms` must not name what this problem transforms or fixes itself, "
             f"{', '.join(own)}, but names {', '.join(twice)}."
         )
-    return how | {"transforms": {**own, **(given or {})}}
+    return {**how, "transforms": {**own, **(given or {})}}
 
 
 def _fill_gaps(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import equinox as eqx
 import jax
@@ -13,6 +13,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact, require_contact
 from ..._fit import Fit, Huber, Positive, fit
+from ..._fit.keywords import FitKeywords, takes
 from ..._flight import (
     STANDARD_GRAVITY,
     Drag,
@@ -103,6 +104,7 @@ class NextFlight(eqx.Module):
         return jnp.log(kind.second(launch, g, b))
 
 
+@takes(FitKeywords)
 def fit_bounces(
     law: AbstractLaw,
     contact: Contact,
@@ -114,7 +116,7 @@ def fit_bounces(
     drag: Drag | None = None,
     fixed: tuple[str, ...] = ("mass", "stiffness", "drag_coefficient"),
     method: str | AbstractMethod = "auto",
-    **how: Any,
+    **how: Unpack[FitKeywords],
 ) -> Fit:
     """Fit a law, and air drag, to successive flights of a ball on a heavy, level floor.
 
@@ -177,18 +179,18 @@ def fit_bounces(
             transforms["drag_coefficient"] = Positive()
         model = NextFlight(jnp.asarray(flight.gravity), slowing, kind, method)
     transforms |= transforms_of(start, fixed)
-    how = with_transforms(transforms, how)
+    given = with_transforms(transforms, how)
 
     def fitted(**other: Any) -> Fit:
-        return fit(model, np.log(after), start, x=before, **(how | other))
+        return fit(model, np.log(after), start, x=before, **(given | other))
 
-    if isinstance(how.get("loss"), Huber):
+    if isinstance(given.get("loss"), Huber):
         velocity = flight.evaluate(_KINDS[kind].landing, before)[0]
         launch = flight.evaluate(_KINDS[kind].launch, after)[0]
         readings = Readings(before, after, velocity, launch / velocity)
-        found = without_wrong_pairs(fitted, how, readings)
+        found = without_wrong_pairs(fitted, given, readings)
     else:
         found = fitted()
-    if any(how.get(name) is not None for name in _OWN_ERRORS):
+    if any(given.get(name) is not None for name in _OWN_ERRORS):
         return found
     return with_shared_errors(fitted, found, before, after, _KINDS[kind].shared)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Unpack
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact, require_contact
 from ..._fit import Fit, Positive, fit
+from ..._fit.keywords import FitKeywords, takes
 from ..._impact import AbstractMethod, method_of, restitution
 from ..._laws import ConstantDamping, PowerDamping
 from ..._parameter import POSITIVE, require_choice
@@ -38,30 +39,31 @@ class DeliveredByDamping(eqx.Module):
         return restitution(law, self.contact, velocity, method=self.method)
 
 
+@takes(FitKeywords)
 def fit_damping(
+    contact: Contact,
     velocity: ArrayLike,
     e: ArrayLike,
-    contact: Contact,
     *,
     form: str = "constant",
     method: str | AbstractMethod = "auto",
-    **how: Any,
+    **how: Unpack[FitKeywords],
 ) -> Fit:
     """Fit the hysteresis damping factor c with which a contact delivers e(v0): F = K δⁿ + c δⁿ δ'.
 
-    Arguments: closing speeds `velocity` in m/s and restitutions `e` in (0, 1.2] (noise may raise a
-    measured one above 1), both (points,); the contact. `form`: "constant", one c in N s/m^(n+1), or
-    "power", c(v0) = c (v0/v_r)^power with v_r the geometric mean of the speeds. `method` as in
-    `impact`. Other keywords go to `fit` (`sigma`, `loss`, ...). With a constant c, e falls with
-    speed, since α = c v0/K. A power of -1 is a constant α, and so a constant e.
+    Arguments: the `contact`; closing speeds `velocity` in m/s and restitutions `e` in (0, 1.2]
+    (noise may raise a measured one above 1), both (points,). `form`: "constant", one c in N
+    s/m^(n+1), or "power", c(v0) = c (v0/v_r)^power with v_r the geometric mean of the speeds.
+    `method` as in `impact`. Other keywords go to `fit` (`sigma`, `loss`, ...). With a constant c, e
+    falls with speed, since α = c v0/K. A power of -1 is a constant α, and so a constant e.
 
     Returns a `Fit` whose params are a dict with "c" (and "power"), and whose `predict(v)` is e(v).
     Raises ValueError for columns that do not match or are out of range.
 
     Source: Hunt & Crossley (1975), doi 10.1115/1.3423596.
     """
-    require_choice("form", form, ("constant", "power"))
     require_contact(contact)
+    require_choice("form", form, ("constant", "power"))
     v = column(velocity, "velocity", POSITIVE)
     measured = column(e, "e", MEASURED_RESTITUTION, ("velocity", v))
     # Near the middle of the data Hu and Guo's relation gives a close enough α.

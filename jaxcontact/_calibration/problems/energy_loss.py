@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar, Unpack
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,11 +13,12 @@ from jaxtyping import Array, ArrayLike, Float
 from ..._contact import Contact, require_contact
 from ..._elementary import chebyshev
 from ..._fit import Fit, Positive, fit
+from ..._fit.keywords import FitKeywords, takes
 from ..._impact import AbstractMethod, method_of, restitution
 from ..._laws import EnergyLoss
 from ..._parameter import require_count
 from ..._text.units import Shown
-from ..pairs.columns import ASKED_AND_DELIVERED, asked_and_delivered
+from ..pairs.columns import ASKED_AND_DELIVERED, asked_and_delivered, with_transforms
 
 
 class DeliveredByEnergyLoss(eqx.Module):
@@ -43,6 +44,7 @@ class DeliveredByEnergyLoss(eqx.Module):
         return jnp.exp(chebyshev(params["log_beta"], t))
 
 
+@takes(FitKeywords)
 def fit_energy_loss(
     e_in: ArrayLike,
     e_out: ArrayLike | None = None,
@@ -50,7 +52,7 @@ def fit_energy_loss(
     degree: int | None = None,
     contact: Contact | None = None,
     method: str | AbstractMethod = "auto",
-    **how: Any,
+    **how: Unpack[FitKeywords],
 ) -> Fit:
     """Fit the power β with which the energy-loss family, given e_in, delivers e_out.
 
@@ -71,7 +73,8 @@ def fit_energy_loss(
     contact = Contact(mass=1.0, stiffness=1.0) if contact is None else require_contact(contact)
     model = DeliveredByEnergyLoss(contact, jnp.asarray(float(asked.min())), method)
     if degree is None:
-        return fit(model, wanted, {"beta": 2.5}, x=asked, transforms=Positive(), **how)
+        given = with_transforms({"beta": Positive()}, how)
+        return fit(model, wanted, {"beta": 2.5}, x=asked, **given)
     degree = require_count("degree", degree, 0)
     start = {"log_beta": np.array([np.log(2.5), *np.zeros(degree)])}
     return fit(model, wanted, start, x=asked, **how)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Unpack
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,6 +13,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import EXPONENT, Contact, require_contact
 from ..._fit import AbstractTransform, Between, Fit, Fixed, fit, names_in
+from ..._fit.keywords import ColumnKeywords, takes
 from ..._impact import AbstractMethod, impact, method_of
 from ..._laws import AbstractLaw, require_law
 from ..._parameter import POSITIVE, did_you_mean, rendered
@@ -53,6 +54,7 @@ class Outcome(eqx.Module):
         return {field: outcome[field]() for field in self.fields}
 
 
+@takes(ColumnKeywords)
 def fit_impacts(
     law: AbstractLaw,
     contact: Contact,
@@ -66,7 +68,7 @@ def fit_impacts(
     sigma_max_force: ArrayLike | None = None,
     fixed: tuple[str, ...] = ("mass",),
     method: str | AbstractMethod = "auto",
-    **how: Any,
+    **how: Unpack[ColumnKeywords],
 ) -> Fit:
     """Fit a law and a contact to restitutions, contact times and peak forces over closing speed.
 
@@ -95,9 +97,9 @@ def fit_impacts(
     for name in table["data"].keys() - {"e"}:
         table["data"][name] = np.log(table["data"][name])
     start = ImpactModel(law, contact)
-    how = with_transforms(transforms_of(start, fixed), how)
+    given = with_transforms(transforms_of(start, fixed), how)
     model = Outcome(method, tuple(table["data"]))
-    return fit(model, start=start, x=v, **(table | how))
+    return fit(model, start=start, x=v, **(table | given))
 
 
 def holds(owner: Any, name: Any) -> bool:

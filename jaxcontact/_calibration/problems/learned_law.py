@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar, Unpack
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,6 +11,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact, require_contact
 from ..._fit import Fit, fit
+from ..._fit.keywords import FitKeywords, takes
 from ..._impact import AbstractMethod, method_of, restitution
 from ..._parameter import rendered
 from ..._text.units import Shown
@@ -30,6 +31,7 @@ class DeliveredByShape(eqx.Module):
         return restitution(shape.law(asked), self.contact, velocity, method=self.method)
 
 
+@takes(FitKeywords)
 def learn_law(
     e_in: ArrayLike,
     e_out: ArrayLike | None = None,
@@ -37,7 +39,7 @@ def learn_law(
     form: str | AbstractShape = "rational",
     contact: Contact | None = None,
     method: str | AbstractMethod = "auto",
-    **how: Any,
+    **how: Unpack[FitKeywords],
 ) -> Fit:
     """Learn a law α(e) = g(e) (1-e)/e that delivers e_out for the parameter e_in.
 

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import argparse
 import functools
-from typing import TYPE_CHECKING, Any
+import re
+from typing import Any
 
 from ..._text.progress import Stages
 from ..law import add_law_and_contact, contact_asked, exponent_asked, parameters_asked
 from ..options import InputError, assignment, number, positive
 from ..printing import print_json
 from ..range import span
-
-if TYPE_CHECKING:
-    import numpy as np
 
 SUMMARY = "plan the next measurements"
 
@@ -24,12 +22,12 @@ laws. The plan lists quantities, closing speeds among those available, and numbe
 
 EPILOG = """\
 example: jaxcontact design --law hu_guo --e 0.7 --mass 0.05 --stiffness 1e6 \\
-             --speeds 0.2:4:20:log --noise e=0.01 --noise duration=0.02 --readings 12
+             --speeds 0.2:4:20:log --sigma e=0.01 --sigma duration=0.02 --readings 12
 
---noise is the standard deviation of one reading: of e itself, of duration and max_force relative to
-their size. Only quantities with a noise are read. The law and the contact are your best guess.
+--sigma is the standard deviation of one reading: of e itself, of duration and max_force relative to
+their size. Only quantities with a sigma are read. The law and the contact are your best guess.
 
-With --against, λ is the least Σ ((difference of the laws)/noise)² over the parameters of the other
+With --against, λ is the least Σ ((difference of the laws)/sigma)² over the parameters of the other
 law. λ = 40 distinguishes the laws. λ = 0 means that the other law can give the same readings: read
 another quantity, or hold a known number.
 
@@ -50,7 +48,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="available closing speeds in m/s: FROM:TO:COUNT or FROM:TO:COUNT:log",
     )
     parser.add_argument(
-        "--noise",
+        "--sigma",
         metavar="QUANTITY=NUMBER",
         type=functools.partial(assignment, read=positive, form="NUMBER"),
         action="append",
@@ -78,17 +76,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Design the readings and print them. Raises InputError."""
     progress("compiling and planning")
+    import numpy as np
+
     from ..._calibration import design
     from ..._laws import constant_laws, get_law
     from ..._parameter import did_you_mean
 
     given = parameters_asked(arguments)
     contact = contact_asked(arguments, exponent_asked(arguments))
-    noise = dict(arguments.noise)
-    for name in noise:
+    sigma = dict(arguments.sigma)
+    for name in sigma:
         if name not in _QUANTITIES:
             raise InputError(
-                f"--noise {name}: the quantities are {', '.join(_QUANTITIES)}."
+                f"--sigma {name}: the quantities are {', '.join(_QUANTITIES)}."
                 f"{did_you_mean(name, _QUANTITIES)}"
             )
     goal: Any = arguments.goal
@@ -104,9 +104,9 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         plan = design(
             get_law(arguments.law, **given),
             contact,
-            noise=noise,
-            candidates=_column(arguments.speeds),
-            n=arguments.readings,
+            sigma=sigma,
+            candidates=np.atleast_1d(arguments.speeds),
+            readings=arguments.readings,
             goal=goal,
             fixed=fixed,
         )
@@ -128,19 +128,6 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     return 0
 
 
-def _column(speeds: float | np.ndarray) -> np.ndarray:
-    import numpy as np
-
-    return np.atleast_1d(speeds)
-
-
 def _in_options(text: str) -> str:
-    for name, option in (
-        ("candidates", "--speeds"),
-        ("n", "--readings"),
-        ("goal", "--goal"),
-        ("fixed", "--hold"),
-        ("noise", "--noise"),
-    ):
-        text = text.replace(f"Argument `{name}`", option)
-    return text
+    text = text.replace("`candidates`", "`speeds`").replace("`fixed`", "`hold`")
+    return re.sub(r"(Argument )?`(speeds|readings|goal|hold|sigma)`", r"--\2", text)

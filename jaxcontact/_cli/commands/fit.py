@@ -94,7 +94,7 @@ def _damping(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     how: dict[str, Any] = {"sigma": sigma["e"]} if sigma else {}
     how |= _robust(arguments)
     contact = contact_asked(arguments, arguments.exponent or 1.5)
-    return fit_damping(data["velocity"], data["e"], contact, **how)
+    return fit_damping(contact, data["velocity"], data["e"], **how)
 
 
 def _energy_loss(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
@@ -113,7 +113,7 @@ def _record(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     contact = contact_asked(arguments, exponent)
     columns = {name: values for name, values in data.items() if name != "time"}
     how = _fixed(arguments) | _robust(arguments)
-    return fit_record(data["time"], law, contact, arguments.velocity, **columns, **sigmas, **how)
+    return fit_record(law, contact, data["time"], arguments.velocity, **columns, **sigmas, **how)
 
 
 def _bounces(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:

@@ -132,7 +132,7 @@ def calibrate(
     exponent: float | None = None,
     gravity: float = STANDARD_GRAVITY,
     at: ArrayLike | Sequence[float] = (),
-    progress: bool | Callable[[str], None] = False,
+    progress: bool | Callable[[str], None] | None = None,
 ) -> Calibration:
     """Fit a constant e and speed-dependent laws to a recording of bounces, and compare them.
 
@@ -147,8 +147,9 @@ def calibrate(
     delivers the constant e. `drag` corrects the flights for air drag. `mass` in kg and `stiffness`
     in N/m^(3/2) of the contact determine c and A. `exponent` n is that of the force in a record, by
     default 3/2 (spheres). `gravity` is in m/s². `at`: closing speeds in m/s at which e is reported,
-    besides the slowest and the fastest measured one. `progress`: True to show the stages on stderr,
-    or a function that is called with each.
+    besides the slowest and the fastest measured one. `progress`: None shows the stages on stderr
+    after a second, in a terminal or notebook. True always shows them, False never. A function is
+    called with each.
 
     Impacts in a record of force, acceleration or indentation are fitted one by one, with time of
     touch and zero level: F = K δ^n (1 + α δ'/v₀). With the `mass` this gives speed, e and K of each

@@ -69,9 +69,7 @@ def only_constant(
     `known`.
     """
     v, e = pairs.velocity[use], pairs.restitution[use]
-    how: dict[str, object] = {"groups": None}
-    if known:
-        how["sigma"] = weights**-0.5
+    how = {"groups": None} | ({"sigma": weights**-0.5} if known else {})
     data = padded_data(pairs, use, weights, others, correlation, how)
     reference = float(np.exp(np.mean(np.log(v))))
     typical = min(max(float(np.median(e)), 0.05), 0.999)

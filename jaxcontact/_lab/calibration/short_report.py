@@ -200,10 +200,6 @@ def scatter_said(scatter: float) -> str:
     return f"{100 * scatter:.2g} %"
 
 
-def _capital(words: str) -> str:
-    return words[:1].upper() + words[1:]
-
-
 def bounce_rows(s: SummaryData) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return header and rows of a table of each bounce, if there are few pairs."""
     if not s.few or len(s.pairs) > _FEW_ROWS:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Unpack
 
 import equinox as eqx
 import jax
@@ -16,6 +16,7 @@ from ..._calibration.pairs.columns import column, for_each, measured, with_trans
 from ..._calibration.problems.impacts import transforms_of
 from ..._contact import Contact, require_contact
 from ..._fit import Fit, fit
+from ..._fit.keywords import ColumnKeywords, takes
 from ..._impact import trajectory
 from ..._laws import AbstractLaw, force_of, require_law
 from ..._parameter import POSITIVE, REAL, parameter, require_kind, require_number
@@ -113,10 +114,11 @@ def _between(
     return a + t * (p + t * (c + t * d)), (p + t * (2 * c + 3 * t * d)) / width
 
 
+@takes(ColumnKeywords, noise=None)
 def fit_record(
-    time: ArrayLike,
     law: AbstractLaw,
     contact: Contact,
+    time: ArrayLike,
     velocity: float,
     *,
     force: ArrayLike | None = None,
@@ -127,14 +129,14 @@ def fit_record(
     low_pass_indentation: LowPass | None = None,
     start_time: float | None = None,
     fixed: tuple[str, ...] = ("mass",),
-    **how: Any,
+    **how: Unpack[ColumnKeywords],
 ) -> Fit:
     """Fit a law and a contact to a sampled, noisy record of one impact: F(t), δ(t), or both.
 
-    Arguments: `time` in s. `law`, `contact` and closing `velocity` in m/s are the start of the fit.
+    Arguments: `law`, `contact` and closing `velocity` in m/s are the start of the fit. `time` in s.
     The columns are `force` in N and `indentation` in m, at least one, all (samples,). Give a
     standard deviation for each column or for none; without them the fit estimates the noise of each
-    column.
+    column (`noise` is "by column" by default).
 
     The time of touch and the zero errors of the instruments are fitted too. `start_time` in s is
     the initial guess, by default the first reading above 5 % of the largest. An initial stiffness
@@ -170,8 +172,7 @@ def fit_record(
     for name, readings in table["data"].items():
         if np.ptp(readings) == 0:
             raise ValueError(f"Argument `{name}` must vary, but is {readings[0]:g} everywhere.")
-    if how.get("weights") is not None:
-        given = how.pop("weights")
+    if (given := how.pop("weights", None)) is not None:
         table = {
             "data": table["data"],
             "weights": {
@@ -193,9 +194,9 @@ def fit_record(
     start = RecordModel(law, contact, *numbers, *offsets, *filters.values())
     transforms = transforms_of(start, fixed)
     start = near(start, moments, reading, transforms)
-    how = with_transforms(transforms, how)
-    if "sigma" not in table:
-        how = {"noise": "by column"} | how
+    options = with_transforms(transforms, how)
+    if options.get("noise") is None:
+        options["noise"] = "common" if "sigma" in table else "by column"
     # The zero before and after a contact is not a limit of a force.
     limits = {
         name: limits_of(readings, two_sided=name == "indentation")
@@ -207,7 +208,7 @@ def fit_record(
     instruments = Recorded(low, high)
 
     def fitted(start: RecordModel, **other: Any) -> Fit:
-        return fit(instruments, start=start, x=moments, **(table | how | other))
+        return fit(instruments, start=start, x=moments, **(table | options | other))
 
     # Readings behind a filter get a correlation later: starting with one keeps a single program.
     one = {"correlation": np.eye(moments.size * len(table["data"]))}

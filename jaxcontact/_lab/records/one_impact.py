@@ -209,7 +209,7 @@ def _fit_of(time: np.ndarray, reading: np.ndarray, column: str, start: _Start) -
     weight = np.where(np.arange(_LENGTH) < count, float(np.abs(reading).max()) ** -2.0, 0.0)
     columns: Any = {column: filled}
     return fit_record(
-        *(time, start.law, start.contact, start.velocity),
+        *(start.law, start.contact, time, start.velocity),
         **columns,
         start_time=start.time,
         weights={column: weight},

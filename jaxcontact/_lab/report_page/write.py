@@ -27,7 +27,7 @@ def report(
     file: str | os.PathLike[str],
     *,
     radius: float | None = None,
-    progress: bool | Callable[[str], None] = False,
+    progress: bool | Callable[[str], None] | None = None,
 ) -> None:
     """Write a calibration report to one file; its extension selects the format.
 
@@ -37,8 +37,8 @@ def report(
     `calibration.report()`, `.md` the same as Markdown, and `.json` what `calibration.save` writes.
 
     Arguments: `calibration`, the result of `calibrate`. `file` is written completely or not at all.
-    `radius` of the ball in m, by default that of the drag, for simulators that need it. `progress`:
-    True to show the stages on stderr, or a function that is called with each.
+    `radius` of the ball in m, by default that of the drag, for simulators that need it. `progress`
+    as in `calibrate`.
 
     The settings for simulators need mass and stiffness in the calibration; the page says so if they
     are missing. Raises ValueError for another extension and arguments out of range, OSError if

@@ -1,0 +1,59 @@
+"""The keywords of `fit` that ready-made fits pass on."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any, TypedDict, TypeVar
+
+from .._parameter import refuses_unknown
+from .fit import fit
+from .problem.loss import Huber
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class SearchKeywords(TypedDict, total=False):
+    """Those of the loss and of the search."""
+
+    loss: str | Huber
+    noise: str
+    optimizer: Any
+    starts: int
+    spread: float
+    seed: int
+    max_steps: int | None
+    patience: int
+    rtol: float
+    reverse: bool
+
+
+class ColumnKeywords(SearchKeywords, total=False):
+    """Those of a fit whose columns have their own standard deviations."""
+
+    weights: Any
+    groups: Any
+    correlation: Any
+    transforms: Any
+    progress: bool | Callable[[int, float], None] | None
+
+
+class FitKeywords(ColumnKeywords, total=False):
+    """All but x."""
+
+    sigma: Any
+
+
+def takes(keywords: type, **defaults: Any) -> Callable[[Function], Function]:
+    """Show `keywords` of `fit` in a signature, for its last argument, and refuse unknown ones."""
+    passed = inspect.signature(fit).parameters
+    added = [passed[name] for name in keywords.__annotations__]
+    added = [one.replace(default=defaults.get(one.name, one.default)) for one in added]
+
+    def shown(function: Any) -> Any:
+        signature = inspect.signature(function)
+        *own, _ = signature.parameters.values()
+        function.__signature__ = signature.replace(parameters=[*own, *added])
+        return refuses_unknown(function)
+
+    return shown
