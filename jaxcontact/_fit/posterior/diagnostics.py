@@ -22,9 +22,10 @@ def r_hat_and_effective(draws: Float[np.ndarray, "chains draws"]) -> tuple[float
     """
     if draws.shape[1] < _FEWEST or not np.isfinite(draws).all() or np.ptp(draws) == 0:
         return np.nan, np.nan
-    from arviz_stats.base import array_stats
+    from arviz_stats.base.array import array_stats
 
     with np.errstate(divide="ignore", invalid="ignore"):  # chains that do not move
         bulk = array_stats.ess(draws, method="bulk")
         tail = array_stats.ess(draws, method="tail", prob=_TAILS)
-        return float(array_stats.rhat(draws)), float(np.minimum(bulk, tail))
+        r_hat = np.asarray(array_stats.rhat(draws))
+        return float(r_hat), float(np.minimum(bulk, tail))
