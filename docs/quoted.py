@@ -35,7 +35,8 @@ def pages() -> list[Path]:
 
 def numbers() -> dict[str, str]:
     """Return every number by name, as it is written."""
-    return {"laws": _laws(), **_choice(), **_coverage(), **_fits(), **_times(), **_lanes()}
+    parts = _choice(), _coverage(), _fits(), _instruments(), _times(), _lanes()
+    return {"laws": _laws()} | {name: text for part in parts for name, text in part.items()}
 
 
 def _result(name: str) -> Any:
@@ -86,6 +87,27 @@ def _fits() -> dict[str, str]:
     return {"held_draws": f"{found['draws']:,}"} | {
         name: f"{100 * shares[parameter]:.1f}" for parameter, name in short.items()
     }
+
+
+def _instruments() -> dict[str, str]:
+    """Return the size and the outcome of the studies of simulated recordings."""
+    keys = {
+        "sound": ("recordings", "in interval", "half interval of e, relative, median"),
+        "tracks": (
+            "tracks",
+            "constant e in its interval",
+            "half interval of the constant e, relative, median",
+        ),
+        "records": ("records", "e of all", "half interval of e, median"),
+    }
+    found = {}
+    for name, (draws, held, width) in keys.items():
+        row = _result(name)["all"]
+        found[f"{name}_draws"] = f"{row[draws]:,}"
+        found[f"{name}_found"] = _percent(row["found"])
+        found[f"{name}_held"] = _percent(row[held])
+        found[f"{name}_width"] = f"{100 * row[width]:.2g} %"
+    return found
 
 
 @functools.cache

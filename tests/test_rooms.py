@@ -49,6 +49,7 @@ ALLOWED: dict[str, tuple[set[str] | None, set[str] | None]] = {
     "soundfile": ({"_lab"}, set()),
     "optax": ({"_fit"}, set()),
     "blackjax": ({"_fit"}, set()),
+    "arviz_stats": ({"_fit"}, set()),
     "xarray": (None, set()),
     "zarr": (None, set()),
     "tqdm": ({"_text"}, set()),

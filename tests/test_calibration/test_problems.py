@@ -117,12 +117,7 @@ FINE = np.linspace(0.05, 1, 1777)
 LEARNED = {"rational": 1e-8, "spline": 1e-8}
 
 
-# If a pole and a zero cancel, degree 6 has a stationary point with the loss of degree 5. Rounding,
-# which differs between machines, decides whether the search ends there.
-TWO_MINIMA = pytest.mark.xfail(strict=False, reason="a pole and a zero may cancel: 4e-7 is left")
-
-
-@pytest.mark.parametrize("form", [pytest.param("rational", marks=TWO_MINIMA), "spline"])
+@pytest.mark.parametrize("form", LEARNED)
 def test_a_law_is_learned(form):
     points = np.linspace(0.05, 1, 400)
     found = jc.learn_law(points, form=form)

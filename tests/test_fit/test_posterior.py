@@ -229,8 +229,9 @@ def test_what_has_no_posterior_is_refused(known, unknown):
         jc.posterior(known, prior=lambda p: jnp.ones(2))
 
 
-def test_without_blackjax_it_says_what_to_install(known, monkeypatch):
-    monkeypatch.setitem(sys.modules, "blackjax", None)
+@pytest.mark.parametrize("module", ["blackjax", "arviz_stats"])
+def test_without_the_extra_it_says_what_to_install(known, monkeypatch, module):
+    monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ImportError, match=r"pip install 'jaxcontact\[posterior\]'"):
         jc.posterior(known)
 

@@ -27,7 +27,7 @@ from ..search.laplace import Direction
 from ..search.minimum import SINGULAR
 from ..uncertainty.adequacy import adequacy_of
 from .density import Density
-from .diagnostics import effective, r_hat
+from .diagnostics import r_hat_and_effective
 from .mode import Mode, find_mode, root_of
 from .nuts import Draws, draw
 from .prior import centre_of, prior_of
@@ -170,11 +170,11 @@ def posterior(
     and a prior by name; a new function does. Chains advance together, each draw as slow as that of
     the slowest.
 
-    Returns a `Posterior`; check its `converged` first. Raises ImportError without blackjax, which
-    comes with `pip install 'jaxcontact[posterior]'`. Raises ValueError for a fit that did not
-    converge; for correlated points (`groups`, or coarse steps), which this likelihood takes as
-    independent; for unknown noise without degrees of freedom; and if data and prior leave a
-    direction open, or a parameter at its bound.
+    Returns a `Posterior`; check its `converged` first. Raises ImportError without blackjax and
+    arviz-stats, which come with `pip install 'jaxcontact[posterior]'`. Raises ValueError for a fit
+    that did not converge; for correlated points (`groups`, or coarse steps), which this likelihood
+    takes as independent; for unknown noise without degrees of freedom; and if data and prior leave
+    a direction open, or a parameter at its bound.
 
     Source: Hoffman & Gelman (2014), JMLR 15:1593; Huber (1964), doi 10.1214/aoms/1177703732.
     """
@@ -190,7 +190,7 @@ def posterior(
         known = prior_of(prior, fit.problem.space)
         if prior is None:
             _refuse_open(fit, np.zeros((len(fit.names),) * 2), prior)
-        _require_blackjax()
+        _require_extra()
         density = Density(fit.problem, known, not fit.absolute)
         mode = _mode_of(fit, density) if prior is None else _mode_with_prior(fit, density, prior)
         drawn = draw(density, mode, chains, warmup, samples, seed)
@@ -227,9 +227,10 @@ def _check(fit: FitData) -> None:
         )
 
 
-def _require_blackjax() -> None:
-    if importlib.util.find_spec("blackjax") is None:
-        raise ImportError("`posterior` needs blackjax: pip install 'jaxcontact[posterior]'.")
+def _require_extra() -> None:
+    for module, name in (("blackjax", "blackjax"), ("arviz_stats", "arviz-stats")):
+        if importlib.util.find_spec(module) is None:
+            raise ImportError(f"`posterior` needs {name}: pip install 'jaxcontact[posterior]'.")
 
 
 def _start(fit: FitData, density: Density) -> np.ndarray:
@@ -300,8 +301,8 @@ def _result(fit: FitData, density: Density, mode: Mode, drawn: Draws) -> Posteri
         while name in samples:
             name += "_"
         samples[name] = np.exp(drawn.phi[..., k])
-    ratio = {name: r_hat(x) for name, x in samples.items()}
-    count = {name: effective(x) for name, x in samples.items()}
+    checked = {name: r_hat_and_effective(x) for name, x in samples.items()}
+    ratio, count = ({name: pair[i] for name, pair in checked.items()} for i in (0, 1))
     lost = _open_bounds(density, mode, drawn)
     mixed = [n for n in samples if not ratio[n] < LARGEST_R_HAT]
     few = [n for n in samples if not count[n] >= FEWEST_EFFECTIVE]
