@@ -49,6 +49,12 @@ def last(v):
     run = jc.simulate(scene([[0., .3], [.5, .3]], v), .6, max_impacts=16)
     return run.position[-1, 0, 0]
 
+def shaken():
+    ball = jc.Sphere(radius=.1, mass=.5, position=[0., .3])
+    motion = jc.Vibration(amplitude=1e-3, frequency=20.)
+    table = jc.Plane(point=[0., 0.], normal=[0., 1.], motion=motion)
+    return jc.Scene([ball, table], law=jc.HuGuo(e=.8), stiffness=1e7, gravity=[0., -9.81])
+
 three = [[-.6, .3], [.1, .2], [.62, .1]]
 """
 )
@@ -104,6 +110,7 @@ CALLS = {
         "jc.simulate(scene(three), 1., instantaneous=True, progress=False)"
     ),
     "scene of 3 discs and a plane, soft": "jc.simulate(scene(three), 1., progress=False)",
+    "scene with a moving wall": "jc.simulate(shaken(), .5, instantaneous=True, progress=False)",
     "soft scene of 2 discs and a plane: gradient": "jax.grad(last)(1.)",
 }
 PLAIN = {
@@ -140,6 +147,7 @@ BUDGETS = {
     "fit_record": Budget(8_500, 12),
     "scene of 3 discs and a plane, instantaneous": Budget(3_300, 6),
     "scene of 3 discs and a plane, soft": Budget(12_000, 6),
+    "scene with a moving wall": Budget(4_000, 6),
     "soft scene of 2 discs and a plane: gradient": Budget(32_000, 20),
 }
 MARGIN = 1.05

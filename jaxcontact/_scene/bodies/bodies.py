@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..._contact import Material
 from ..._parameter import POSITIVE, refuses_unknown, rendered, require_flag, require_kind
 from .entry import one_number, vector
-from .motion import AbstractMotion, Along, begun, checked, in_space, later
+from .motion import AbstractMotion, Along, begun, checked, in_space, later, placed, untraced
 
 
 class Wall(NamedTuple):
@@ -40,8 +40,8 @@ class Wall(NamedTuple):
         speed, amplitude, rate, phase = (float(number) for number in self.motion[:4])
         offset += speed * time + amplitude * (np.sin(rate * time + phase) - np.sin(phase))
         if self.motion.own is not None:
-            places = jax.vmap(self.motion.own.place)
-            offset += np.asarray(places(jnp.asarray(time)) - places(jnp.zeros(1)))
+            places = np.asarray(placed(self.motion.own, np.concatenate([[0.0], time])))
+            offset += places[1:] - places[0]
         return offset
 
 
@@ -215,7 +215,7 @@ class Plane(AbstractBody):
         self.motion = checked(motion, self.dimensions)
 
     def walls(self) -> list[Wall]:
-        normal, point = _untraced(self.normal), _untraced(self.point)
+        normal, point = untraced(self.normal), untraced(self.point)
         known = isinstance(normal, np.ndarray)
         unit = normal / (np if known else jnp).linalg.norm(normal)
         return [_wall(-1, unit, (unit * point).sum(), self.motion)]
@@ -265,7 +265,7 @@ class Box(AbstractBody):
     def walls(self) -> list[Wall]:
         made = []
         for axis in range(self.dimensions):
-            for side, ends in enumerate((_untraced(self.low), _untraced(self.high))):
+            for side, ends in enumerate((untraced(self.low), untraced(self.high))):
                 if isinstance(ends, np.ndarray) and np.isinf(ends[axis]):
                     continue
                 at = ends[axis]
@@ -337,11 +337,6 @@ def _require_as_many(name: str, given: Any, found: Array, other: str, known: Arr
             f"Argument `{name}` must have as many numbers as `{other}`, which has "
             f"{known.shape[0]}, but is {rendered(given)}."
         )
-
-
-def _untraced(numbers: Array) -> Any:
-    """Return concrete numbers as NumPy arrays, which need no compilation, and others unchanged."""
-    return numbers if isinstance(numbers, Tracer) else np.asarray(numbers)
 
 
 def _wall(face: int, normal: Any, offset: Array, motion: AbstractMotion | None) -> Wall:

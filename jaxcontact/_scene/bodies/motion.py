@@ -11,9 +11,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._parameter import POSITIVE, REAL, is_plain, rendered, require_kind
+from ..._program import quick
 from .entry import one_number, vector
 
 
@@ -74,6 +76,15 @@ class Along(NamedTuple):
     own: Own | None = None
 
 
+placed = quick(jax.vmap(Own.place, in_axes=(None, 0)))
+"""Displacements of a user's function at several times, as one program."""
+
+
+def untraced(numbers: Array) -> Any:
+    """Return concrete numbers as NumPy arrays, which need no compilation, and others unchanged."""
+    return numbers if isinstance(numbers, Tracer) else np.asarray(numbers)
+
+
 def still() -> Along:
     """Return a motion at rest."""
     zero = np.zeros(())
@@ -97,7 +108,7 @@ class AbstractMotion(eqx.Module):
         """True if the motion is accelerated."""
 
     @abc.abstractmethod
-    def start(self, normal: Array | None) -> Array:
+    def start(self, normal: Array | None) -> Any:
         """Return the displacement in m at time zero."""
 
     @abc.abstractmethod
@@ -129,12 +140,12 @@ class Steady(AbstractMotion):
     def vibrates(self) -> bool:
         return False
 
-    def start(self, normal: Array | None) -> Array:
-        return jnp.zeros(() if normal is not None else self.velocity.shape, self.velocity.dtype)
+    def start(self, normal: Array | None) -> Any:
+        return np.zeros(() if normal is not None else self.velocity.shape, self.velocity.dtype)
 
     def along(self, normal: Array | None) -> Along:
-        speed = self.velocity if normal is None else jnp.sum(normal * self.velocity)
-        return still()._replace(speed=speed)
+        speed = untraced(self.velocity)
+        return still()._replace(speed=speed if normal is None else (normal * speed).sum())
 
     def after(self, time: Array) -> tuple[Array, Steady]:
         return self.velocity * time, self
@@ -176,17 +187,16 @@ class Vibration(AbstractMotion):
     def vibrates(self) -> bool:
         return True
 
-    def _along(self, normal: Array | None) -> Array:
-        if normal is None or not self.amplitude.ndim:
-            return self.amplitude
-        return jnp.sum(normal * self.amplitude)
-
     def start(self, normal: Array | None) -> Array:
-        return self._along(normal) * jnp.sin(self.phase)
+        motion = self.along(normal)
+        sine = jnp.sin if isinstance(motion.phase, Tracer) else np.sin
+        return motion.amplitude * sine(motion.phase)
 
     def along(self, normal: Array | None) -> Along:
-        rate = 2 * np.pi * self.frequency
-        return Along(np.zeros(()), self._along(normal), rate, self.phase)
+        amplitude, frequency, phase = map(untraced, (self.amplitude, self.frequency, self.phase))
+        if normal is not None and amplitude.ndim:
+            amplitude = (normal * amplitude).sum()
+        return Along(np.zeros(()), amplitude, 2 * np.pi * frequency, phase)
 
     def after(self, time: Array) -> tuple[None, Vibration]:
         phase = self.phase + 2 * np.pi * self.frequency * time

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -84,19 +85,17 @@ def require_clear_of_each_other(bodies: Sequence[AbstractBody], duration: Array)
     rates = [float(wall.motion.rate) for _, wall in walls if wall.motion is not None]
     count = min(1024 + int(64 * max(rates) * length / (2 * np.pi)), _MOST_TIMES)
     times = np.linspace(0, length, count)
-    places = [wall.offset_at(times) for _, wall in walls]
-    for i, (a, one) in enumerate(walls):
-        for j, (b, other) in enumerate(walls[:i]):
-            if a == b or np.sum(np.asarray(one.normal) * np.asarray(other.normal)) > -1 + 1e-9:
-                continue
-            between = -(places[i] + places[j])
-            if np.min(between) <= 0 < between[0]:
-                k = int(np.argmax(between <= 0))
-                when = np.interp(0, between[k : k - 2 : -1], times[k : k - 2 : -1])
-                raise ValueError(
-                    f"Argument `motion` must keep walls apart, but {words(bodies, b)} and "
-                    f"{words(bodies, a)} meet at {when:.6g} s."
-                )
+    for (b, other), (a, one) in itertools.combinations(walls, 2):
+        if a == b or np.sum(np.asarray(one.normal) * np.asarray(other.normal)) > -1 + 1e-9:
+            continue
+        between = -(one.offset_at(times) + other.offset_at(times))
+        if np.min(between) <= 0 < between[0]:
+            k = int(np.argmax(between <= 0))
+            when = np.interp(0, between[k : k - 2 : -1], times[k : k - 2 : -1])
+            raise ValueError(
+                f"Argument `motion` must keep walls apart, but {words(bodies, b)} and "
+                f"{words(bodies, a)} meet at {when:.6g} s."
+            )
 
 
 def minimum_image(

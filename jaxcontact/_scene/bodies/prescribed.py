@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..._parameter import POSITIVE, as_parameter, is_plain, rendered, require_function
 from .entry import one_number
-from .motion import AbstractMotion, Along, Own, still
+from .motion import AbstractMotion, Along, Own, placed, still, untraced
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,14 +97,14 @@ class Prescribed(AbstractMotion):
         return True
 
     def _own(self, normal: Array | None) -> Own:
-        one = jnp.ones((), self._began.dtype)
+        one: Any = np.ones((), self._began.dtype)
         arrays, rest = eqx.partition(self.args, eqx.is_array)
         leaves, structure = jax.tree.flatten(rest)
         told = _Told(self.displacement, tuple(leaves), structure)
         return Own(told, arrays, self._began, normal, self.max_acceleration, one, one)
 
-    def start(self, normal: Array | None) -> Array:
-        return self._own(normal).place(jnp.zeros_like(self._began))
+    def start(self, normal: Array | None) -> Any:
+        return untraced(placed(self._own(normal), np.zeros(1, self._began.dtype)))[0]
 
     def along(self, normal: Array | None) -> Along:
         return still()._replace(own=self._own(normal))

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ..arrays.rows import rows_of
 from .equations import Modes, PerPair
 
 LONG_AGO = -1e30
@@ -44,13 +46,15 @@ def chosen(
     last touch, 0 at a touch.
     """
     unloads = modes.closed & (closing < 0) & (depth > 0)
-    left = jnp.where(unloads, depth / jnp.where(unloads, -closing, 1), jnp.inf)
+    height, pace = jax.lax.stop_gradient((depth, closing))
+    left = jnp.where(unloads, height / jnp.where(unloads, -pace, 1), jnp.inf)
     next_one = jnp.argmin(left)
-    touch = (age < 1e9) & (age < left[next_one])
+    soonest, deep = rows_of((left, depth), next_one)
+    touch = (age < 1e9) & (age < soonest)
     pairs = jnp.arange(depth.shape[0])
     leaving = (pairs == next_one) & unloads & ~touch
     opens = jnp.any(leaving)
-    root = jnp.sqrt(jnp.where(opens, depth[next_one], 1))
+    root = jnp.sqrt(jnp.where(opens, deep, 1))
     root = jnp.where(jnp.any(leaving & before.leaving), w, root)
     old = touch & ~before.touch & (age > 0)
     since = jnp.where(age > 0, jnp.where(old, jnp.sqrt(jnp.where(old, age, 1)), w), 0)

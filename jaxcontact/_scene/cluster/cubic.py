@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 Lanes = Float[Array, " lanes"]
 
-_ITERATIONS = 5
+_ITERATIONS = 4
 
 
 def to_root(size: Float[Array, ""], left: Lanes, falls: Lanes, right: Lanes, fall: Lanes) -> Lanes:

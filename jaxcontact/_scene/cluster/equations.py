@@ -13,15 +13,14 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._contact import Contact
-from ..._elementary import contraction, small_product
+from ..._elementary import small_product
 from ..._laws import AbstractLaw, force_of
 from ..arrays.rows import rows_of
+from ..arrays.stored_energy import stored_in
 from ..bodies.motion import Own
 from ..bodies.side import side
 
@@ -59,6 +58,20 @@ class Pairs(NamedTuple):
         apart = rows_of(position, self.first) - rows_of(position, self.second)
         return apart if self.away is None else apart - self.away
 
+    def gaps(
+        self, apart: Float[Array, "pairs dim"], relative: Float[Array, "pairs dim"]
+    ) -> tuple[PerPair, PerPair]:
+        """Return the gaps in m, and the rates at which they open. `apart` is as from `between`, and
+        `relative` is its rate.
+        """
+        between = jnp.where(self.flat[:, None] | ~self.used[:, None], 1, apart)
+        length = side(self.distance) * _norm(between)
+        height = jnp.sum(apart * self.normal, axis=1)
+        rises = jnp.sum(relative * self.normal, axis=1)
+        along = jnp.sum(between * relative, axis=1) / length
+        gap = jnp.where(self.flat, height, length) - self.distance
+        return gap, jnp.where(self.flat, rises, along)
+
 
 class Drive(NamedTuple):
     """The accelerations -a sin(ω t + φ) of prescribed bodies, with t from the start.
@@ -83,7 +96,7 @@ class ClusterState(NamedTuple):
     negative if open. The solve continues from it, since differences of positions have fewer digits.
     `closed`: whether the pair is in contact. `rising`: whether its v0 still follows δ'; `latched`
     is that v0 in m/s. `since` and `force_until` in s are the last touch and the last time with a
-    force. `max_force`, `max_indentation` and the energy `lost` are those since that touch.
+    force. `max_force` and the energy `lost` are those since that touch.
     """
 
     time: Float[Array, ""]
@@ -96,7 +109,6 @@ class ClusterState(NamedTuple):
     since: PerPair
     force_until: PerPair
     max_force: PerPair
-    max_indentation: PerPair
     lost: PerPair
 
 
@@ -210,12 +222,10 @@ class Touching(eqx.Module):
         return jnp.where(modes.closed & self.pairs.used, force, 0)
 
     def stored(self, depth: PerPair, modes: Modes) -> PerPair:
-        """Return ∫ F(δ, 0) dδ of the closed pairs, by a Gauss rule in √δ."""
-        nodes, weights = np.polynomial.legendre.leggauss(16)
-        u = jnp.asarray((1 + nodes) / 2, depth.dtype)
-        depth = jnp.maximum(depth, 0)
-        at = jax.vmap(lambda u: u * self.force(u * u * depth, jnp.zeros_like(depth), modes))(u)
-        return depth * contraction(jnp.asarray(weights, depth.dtype), at)
+        """Return ∫ F(δ, 0) dδ of the closed pairs."""
+        units, speed = self.units, jnp.maximum(modes.latched, _SLOWEST)
+        depth = jnp.where(modes.closed & self.pairs.used, units.length * depth, 0)
+        return stored_in(self.law, self.contact, depth, units.speed * speed) / units.energy
 
     def accelerations(
         self, geometry: Geometry, force: PerPair, time: Float[Array, ""]

@@ -34,6 +34,10 @@ class Parts(NamedTuple):
         taken = [lost] if self.damped else []
         return jnp.concatenate([moved.ravel(), velocity.ravel(), *taken, jnp.stack(rest)])
 
+    def with_w(self, y: Array, w: Float[Array, ""]) -> Float[Array, " numbers"]:
+        """Return the state with another w."""
+        return jnp.concatenate([y[:W], w[None]])
+
     def moved(self, y: Array) -> PerBody:
         return y[: self.bodies * self.dim].reshape(self.bodies, self.dim)
 
@@ -74,9 +78,9 @@ class Field:
         """Return d/ds of a state."""
         velocity, at = self.parts.velocity(y), self.geometry(y, clock)
         acceleration, lost, work = self.system.motion(at, velocity, modes, y[TIME])
-        one = jnp.ones((), y.dtype)
-        per_time = self.parts.packed(velocity, acceleration, lost, [work, one, one])
-        return (2 * y[W] * per_time).at[W].set(clock.rate(at.rate))
+        pace = 2 * y[W]
+        rest = [pace * work, pace, clock.rate(at.rate)]
+        return self.parts.packed(pace * velocity, pace * acceleration, pace * lost, rest)
 
     def look(self, y: Array, modes: Modes, clock: Clock) -> Look:
         """Return the quantities of one state."""

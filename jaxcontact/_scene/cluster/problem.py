@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..arrays.rows import rows_of
 from .equations import ClusterState, Drive, Pairs, PerBody, Units
 
 APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST, PAUSED = range(6)
@@ -60,7 +61,6 @@ class ClusterEnd(NamedTuple):
     work: Float[Array, ""]
     status: Int[Array, ""]
     steps: Int[Array, ""]
-    events: Int[Array, ""]
     error_estimate: Float[Array, ""]
     error: Float[Array, ""]
 
@@ -69,11 +69,12 @@ def units_of(problem: Problem) -> Units:
     """Return units in which lengths and speeds of the softest pair are about one. They have no
     derivative.
     """
+    problem = jax.lax.stop_gradient(problem)
     contact, state, pairs = problem.contact, problem.state, problem.pairs
     used, n = pairs.used, contact.exponent
     mass = 1 / jnp.max(problem.inverse_mass)
-    relative = state.velocity[pairs.first] - state.velocity[pairs.second]
-    motion = jnp.max(jnp.where(used, jnp.sum(jnp.square(relative), axis=1), 0))
+    first, second = (rows_of(state.velocity, k) for k in (pairs.first, pairs.second))
+    motion = jnp.max(jnp.where(used, jnp.sum(jnp.square(first - second), axis=1), 0))
     depth = jnp.where(used & state.closed, jnp.maximum(state.indentation, 0), 0)
     stored = jnp.max(contact.stiffness * depth ** (n + 1)) / mass
     pull = jnp.sqrt(jnp.max(jnp.sum(jnp.square(problem.acceleration), axis=1)))
@@ -84,7 +85,7 @@ def units_of(problem: Problem) -> Units:
     logarithm = jnp.log(mass) + 2 * jnp.log(speed) - jnp.log(contact.stiffness)
     length = jnp.min(jnp.where(used, jnp.exp(logarithm / (n + 1)), jnp.inf))
     length = jnp.where(jnp.isfinite(length), length, 1)
-    return jax.tree.map(jax.lax.stop_gradient, Units(length, speed, mass))
+    return Units(length, speed, mass)
 
 
 def scaled(drive: Drive | None, units: Units) -> Drive | None:

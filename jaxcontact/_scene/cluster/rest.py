@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -33,7 +34,8 @@ def rest_of(
     at_rest = jnp.all(still | ~(closed & system.pairs.used))
     # The weight may be tiny relative to contact accelerations. A body moved by it is not asleep.
     speed, pace = moving
-    weight = jnp.sqrt(jnp.max(jnp.sum(jnp.square(system.acceleration), axis=1)))
+    pull = jax.lax.stop_gradient(system.acceleration)
+    weight = jnp.sqrt(jnp.max(jnp.sum(jnp.square(pull), axis=1)))
     weight = jnp.where(weight > 0, jnp.minimum(weight, 1), 1)
     stands = jnp.abs(speed) + jnp.abs(pace) / weight < _STILL * tolerance
     # A cluster with a moving fixed sphere is not asleep, either.

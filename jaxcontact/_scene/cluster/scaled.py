@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from ..._contact import Contact
 from ..._impact.lanes import with_sensitivity
 from ..._laws import AbstractLaw
-from ..bodies.side import side
+from ..arrays.rows import rows_of
 from .equations import ClusterState, Drive, Pairs, PerBody
 from .problem import ClusterEnd, Problem, Rules
 from .solve import solve_cluster
@@ -93,29 +93,22 @@ def touched(
     """Return a cluster at time 0, with some pairs just touching (δ = 0) and the others open. v0
     rises for pairs that touch without closing yet.
     """
-    apart = pairs.between(position)
-    relative = velocity[pairs.first] - velocity[pairs.second]
-    curved = (pairs.used & ~pairs.flat)[:, None]
-    between = jnp.where(curved, apart, 1)
-    length = side(pairs.distance) * jnp.sqrt(jnp.sum(jnp.square(between), axis=1))
-    flat = pairs.flat[:, None]
-    normal = jnp.where(flat, pairs.normal, between / length[:, None])
-    rate = -jnp.sum(normal * relative, axis=1)
-    near = jnp.where(pairs.flat, jnp.sum(normal * apart, axis=1), length)
-    closed = closed & pairs.used
-    zero = jnp.zeros_like(rate)
+    relative = rows_of(velocity, pairs.first) - rows_of(velocity, pairs.second)
+    gap, opening = pairs.gaps(pairs.between(position), relative)
+    closed, rate, zero = closed & pairs.used, -opening, jnp.zeros_like(gap)
+    # The depth of a pair that just touches is rounding, but has a derivative.
+    depth = jnp.where(closed, jax.lax.stop_gradient(gap) - gap, jnp.minimum(-gap, 0))
     latched = jnp.maximum(rate, 0.0 if isinstance(v0, str) else v0)
     return ClusterState(
         time=jnp.zeros((), position.dtype),
         position=position,
         velocity=velocity,
-        indentation=jnp.where(closed | ~pairs.used, 0, pairs.distance - near),
+        indentation=jnp.where(pairs.used, depth, 0),
         closed=closed,
         rising=closed & (rate <= 0) & (v0 == "peak"),
         latched=jnp.where(closed, latched, 0),
         since=zero,
         force_until=zero,
         max_force=zero,
-        max_indentation=zero,
         lost=zero,
     )

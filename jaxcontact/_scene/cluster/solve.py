@@ -6,10 +6,13 @@ an event is repeated up to the root of the cubic through its ends, until it ends
 
 Events are a touch or opening of a pair, and the end of the time. They also include the closing
 speed of a pair: if it stops rising, v0 is latched; if it exceeds the latched v0, v0 rises again.
+
+The stages and the step control are those of `_solver`. docs/rooms.md says why the loop is not.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import jax
@@ -18,7 +21,7 @@ from jaxtyping import Array, Bool
 
 from .clock import LONG_AGO, Clock, chosen
 from .equations import ClusterState, Modes
-from .field import TIME, WORK, Look, W, field_of
+from .field import TIME, WORK, Look, field_of
 from .problem import APART, NOT_CONVERGED, PAUSED, TIME_IS_UP, ClusterEnd, Problem, Rules, units_of
 from .rest import ASLEEP
 from .step import Carry, Solve, advance
@@ -30,7 +33,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
     """Solve a cluster from its state to its end."""
     free = (problem.inverse_mass > 0)[:, None]
     velocity = problem.state.velocity
-    frame = _stop(jnp.sum(jnp.where(free, velocity, 0), axis=0, keepdims=True))
+    frame = jnp.sum(jnp.where(free, _stop(velocity), 0), axis=0, keepdims=True)
     frame = frame / jnp.sum(free, dtype=velocity.dtype)
     units = units_of(problem)
     solve = Solve(problem, field_of(problem, rules, units), units, frame)
@@ -70,7 +73,7 @@ def _first(solve: Solve) -> Carry:
     nothing = ~jnp.any(modes.closed)
     over = jnp.where(nothing, APART, jnp.where(field.until <= 0, TIME_IS_UP, -1))
     return Carry(
-        y=y.at[W].set(w),
+        y=field.parts.with_w(y, w),
         modes=modes,
         clock=clock,
         touched=touched,
@@ -85,11 +88,9 @@ def _first(solve: Solve) -> Carry:
         since=state.since,
         force_until=state.force_until,
         max_force=state.max_force,
-        max_indentation=state.max_indentation,
         dropped=zero,
         error=zero,
         steps=jnp.zeros((), jnp.int32),
-        events=jnp.zeros((), jnp.int32),
         status=over.astype(jnp.int32),
     )
 
@@ -112,7 +113,6 @@ def _state_at(solve: Solve, end: Carry) -> tuple[ClusterState, Array]:
         since=end.since,
         force_until=end.force_until,
         max_force=end.max_force,
-        max_indentation=end.max_indentation,
         lost=units.energy * parts.lost(end.y),
     )
     asleep = end.status == ASLEEP
@@ -135,17 +135,18 @@ def _judged(
     """Return the end with its work and its error estimate, which determines convergence."""
     problem, units, tolerance = solve.problem, solve.units, solve.problem.tolerance
     # The energies at both ends; those of finished contacts are not in the state.
-    ends = ((c.y, c.modes) for c in (first, end))
+    field = dataclasses.replace(solve.field, system=_stop(solve.field.system))
+    begun, last = _stop((first, end))
+    ends = ((c.y, c.modes) for c in (begun, last))
     both = jax.tree.map(lambda *ends: jnp.stack(ends), *ends)
-    before, now = jax.vmap(solve.field.energy)(*_stop(both))
-    missing = jnp.abs(now - before - end.dropped - end.y[WORK])
-    error = jnp.maximum(end.error, missing / jnp.maximum(before, jnp.abs(end.y[WORK])))
-    good = jnp.all(jnp.isfinite(end.y)) & (error <= 1e5 * tolerance)
+    before, now = jax.vmap(field.energy)(*both)
+    missing = jnp.abs(now - before - last.dropped - last.y[WORK])
+    error = jnp.maximum(last.error, missing / jnp.maximum(before, jnp.abs(last.y[WORK])))
+    good = jnp.all(jnp.isfinite(last.y)) & (error <= 1e5 * tolerance)
     status = jnp.where(good, status, NOT_CONVERGED)
     # The work differs in the frame of the cluster, by the frame velocity times the momentum change.
     free = (problem.inverse_mass > 0)[:, None]
     mass = jnp.where(free, 1 / jnp.where(free, problem.inverse_mass[:, None], 1), 0)
     gain = jnp.sum(mass * solve.frame * (done.velocity - problem.state.velocity))
     work = units.energy * end.y[WORK] + gain
-    error = _stop(error)
-    return ClusterEnd(done, work, status, end.steps, end.events, error, error * units.speed)
+    return ClusterEnd(done, work, status, end.steps, error, error * units.speed)

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._solver.runge_kutta import step_and_slope
-from ..pair_impact.step import factor
+from ..arrays.rows import rows_of
+from ..pair_impact.step import factor, onward
 from .clock import Clock, chosen
 from .cubic import ceiling, highest, to_root
 from .equations import Modes, PerBody, PerPair, Units
@@ -73,11 +74,9 @@ class Carry(NamedTuple):
     since: PerPair
     force_until: PerPair
     max_force: PerPair
-    max_indentation: PerPair
     dropped: Float[Array, ""]
     error: Float[Array, ""]
     steps: Int[Array, ""]
-    events: Int[Array, ""]
     status: Int[Array, ""]
 
 
@@ -95,7 +94,6 @@ class _Tried(NamedTuple):
     now: Look
     slope: Look
     passing: Array
-    peak: PerPair
     grazed: Array
 
 
@@ -135,16 +133,16 @@ def advance(solve: Solve, c: Carry) -> Carry:
     found = _found(solve, c, tried)
     changed = _changed(solve, c, tried, found)
     modes, touches, opens, happens = changed.modes, changed.touches, changed.opens, found.happens
-    there, age = changed.now, changed.y[TIME] - changed.touched
-    free_clock, w = chosen(c.clock, changed.y[W], modes, there.depth, there.rate, age)
-    onward = _onward(solve, c, tried, found, changed, free_clock, w)
+    now, age = changed.now, changed.y[TIME] - changed.touched
+    clock, w = chosen(c.clock, changed.y[W], modes, now.depth, now.rate, age)
+    onwards = _onward(solve, c, tried, found, changed, clock, w)
     time = solve.problem.state.time + solve.units.time * changed.y[TIME]
     records = _records(solve, c, tried, changed, time)
 
-    y, now_w = onward["y"], tried.y[W]
+    y, toward, now = _stop((onwards["y"], tried.toward, now))
     speed = field.parts.velocity(y) + solve.frame / solve.units.speed
-    pace = field.parts.velocity(tried.toward) / (2 * now_w)
-    along, moving = (changed.now.rate, changed.now.second), (speed, pace)
+    pace = field.parts.velocity(toward) / (2 * _stop(tried.y[W]))
+    along, moving = (now.rate, now.second), (speed, pace)
     tolerance = solve.problem.tolerance
     resting = rest_of(field.system, modes.closed, along, moving, tolerance)
     still = found.taken & ~found.event & ~solve.problem.to_the_end
@@ -155,7 +153,7 @@ def advance(solve: Solve, c: Carry) -> Carry:
     status = jnp.where(happens[-1], TIME_IS_UP, status)
 
     new = records | {
-        "y": y,
+        "y": onwards["y"],
         "modes": modes,
         "touched": changed.touched,
         "look": changed.now,
@@ -167,13 +165,12 @@ def advance(solve: Solve, c: Carry) -> Carry:
         name: jax.tree.map(lambda a, b: jnp.where(found.taken, a, b), value, getattr(c, name))
         for name, value in new.items()
     }
-    steps = {name: value for name, value in onward.items() if name != "y"}
+    steps = {name: value for name, value in onwards.items() if name != "y"}
     return c._replace(
         **kept,
         **steps,
         error=c.error + jnp.where(found.taken, tried.error * tolerance, 0),
         steps=c.steps + 1,
-        events=c.events + jnp.where(found.event, 1, 0),
     )
 
 
@@ -182,25 +179,28 @@ def _tried(solve: Solve, c: Carry) -> _Tried:
     field, modes, clock = solve.field, c.modes, c.clock
     tolerance, finest = solve.problem.tolerance, solve.finest
     y, error, outset, toward = step_and_slope(lambda y: field.rate(y, modes, clock), c.y, c.size)
-    error = _stop(jnp.max(jnp.abs(error) / (tolerance + 20 * finest * jnp.abs(y))))
+    error = jnp.max(jnp.abs(_stop(error)) / (tolerance + 20 * finest * jnp.abs(_stop(y))))
     now, slope = field.looked(y, modes, clock, toward)
+    # No choice of a step has a derivative.
+    before, after = _stop((c.look, now))
     # A pair may touch and open again within a step, unless a bound on its depth excludes it. In a
     # long step past a close approach the cubic through the ends is much too low.
     passing, used = y[TIME] - c.y[TIME], field.system.pairs.used
-    peak, inside = ceiling(passing, c.look.depth, c.look.rate, now.depth, now.rate)
+    lasts = _stop(passing)
+    peak, inside = ceiling(lasts, before.depth, before.rate, after.depth, after.rate)
     hidden = ~modes.closed & inside & (peak > 0)
     # It may also open and touch again. If a step ends in between, the rate at its end does not show
     # that.
-    out, parts = highest(passing, -c.look.depth, -c.look.rate, -now.depth, -now.rate)
+    out, parts = highest(lasts, -before.depth, -before.rate, -after.depth, -after.rate)
     hidden = hidden | (modes.closed & ~clock.leaving & parts & (out > 16 * finest))
     grazed = jnp.any(used & hidden)
     if field.rules.peak:
         # A closing speed that exceeds its peak and falls again may be hidden, too.
-        faster, _ = highest(passing, c.look.rate, c.look.second, now.rate, now.second)
-        hidden = modes.closed & ~modes.rising & (now.second < 0)
+        faster, _ = highest(lasts, before.rate, before.second, after.rate, after.second)
+        hidden = modes.closed & ~modes.rising & (after.second < 0)
         grazed = grazed | jnp.any(used & hidden & (faster > modes.latched + finest**_TOGETHER))
     fine = (error <= 1) & (~grazed | (c.size < 1e-6))
-    return _Tried(y, error, fine, outset, toward, now, slope, passing, peak, grazed)
+    return _Tried(y, error, fine, outset, toward, now, slope, passing, grazed)
 
 
 def _found(solve: Solve, c: Carry, tried: _Tried) -> _Found:
@@ -211,16 +211,18 @@ def _found(solve: Solve, c: Carry, tried: _Tried) -> _Found:
     together, near = finest**_TOGETHER, finest**_NEAR
     gaps = field.gaps(modes, clock, tried.now, y[W], modes.latched, until - y[TIME])
     fall = field.gaps(modes, clock, tried.slope, toward[W], 0, -toward[TIME])
-    before = field.gaps(modes, clock, c.look, c.y[W], modes.latched, until - c.y[TIME])
-    earlier = jax.tree.map(lambda x: 2 * c.y[W] * x, c.slope)
-    fell = field.gaps(modes, clock, earlier, outset[W], 0, -outset[TIME])
+    last, begun, ended = _stop((c, outset, toward))
+    left = _stop(until) - last.y[TIME]
+    before = field.gaps(modes, clock, last.look, last.y[W], last.modes.latched, left)
+    earlier = jax.tree.map(lambda x: 2 * last.y[W] * x, last.slope)
+    fell = field.gaps(modes, clock, earlier, begun[W], 0, -begun[TIME])
     crossed = field.passed(modes, tried.now, gaps)
-    left = _stop(to_root(c.size, before, fell, gaps, fall))
+    left = to_root(c.size, before, fell, *_stop((gaps, fall)))
     seeking, anything = jnp.any(c.sought), jnp.any(crossed)
     sought = crossed | c.sought
     left = jnp.where(sought, left, jnp.inf)
     first = jnp.argmin(left)
-    next_one = left[first]
+    next_one = rows_of(left, first)
     whole = jnp.where(seeking, c.whole, c.size)
     small = jnp.abs(next_one) <= near * whole
     # If a gap falls slowly, its rounding hides the exact time; this is the attainable accuracy.
@@ -232,13 +234,15 @@ def _found(solve: Solve, c: Carry, tried: _Tried) -> _Found:
     happens = event & jnp.where(small, sought & (left <= next_one + together * whole), at_once)
     # The root depends on everything that the gap depends on.
     moved = jnp.where(small, next_one, 0)
-    at_root, steep = gaps[first] + moved * fall[first], _stop(fall[first])
+    gap, steep = rows_of((gaps, fall), first)
+    at_root, steep = gap + moved * steep, _stop(steep)
     varies = event & small & (steep < 0)
     moved = moved - (at_root - _stop(at_root)) / jnp.where(varies, steep, -jnp.inf)
-    mean = (y - c.y) / c.size
-    bends = (2 * toward + outset - 3 * mean) / c.size
-    bends = _stop(bends + moved * (toward + outset - 2 * mean) / jnp.square(c.size))
-    y = y + jnp.where(event, moved, 0) * (toward + jnp.where(event, moved, 0) * bends)
+    mean = (_stop(y) - last.y) / c.size
+    bends = (2 * ended + begun - 3 * mean) / c.size
+    bends = bends + _stop(moved) * (ended + begun - 2 * mean) / jnp.square(c.size)
+    moved = jnp.where(event, moved, 0)
+    y = y + moved * (toward + moved * bends)
     return _Found(y, event, taken, happens, sought, seeking, anything, next_one, whole)
 
 
@@ -268,51 +272,39 @@ def _changed(solve: Solve, c: Carry, tried: _Tried, found: _Found) -> _Changed:
 
 
 def _onward(
-    solve: Solve,
-    c: Carry,
-    tried: _Tried,
-    found: _Found,
-    changed: _Changed,
-    free_clock: Clock,
-    w: Float[Array, ""],
+    solve: Solve, c: Carry, tried: _Tried, found: _Found, changed: _Changed, clock: Clock, w: Array
 ) -> dict[str, Any]:
     """Return the next step, and its clock."""
     error, fine, event, begin = tried.error, tried.fine, found.event, solve.begin
     next_one, anything, seeking = found.next_one, found.anything, found.seeking
     any_touch, opens = jnp.any(changed.touches), jnp.any(changed.opens)
-    target = _stop(c.size + next_one)
-    inside = (target > 0.01 * c.size) & (target < c.size)
-    back = jnp.where(inside, target, c.size / 2)
     # If steps have become harder, the next one is expected to be harder again.
     trend = c.size / c.last_size * ((c.last_error + 1e-6) / (error + 1e-6)) ** (1 / 8)
     grown = c.size * factor(error) * jnp.where(fine, jnp.clip(trend, 0.7, 1.0), 1)
     grown = jnp.where(tried.grazed, c.size / 2, grown)
-    free = jnp.where(fine & (seeking | anything), c.free, grown)
-    ahead = jnp.where(seeking & jnp.isfinite(next_one) & (next_one > 0), _stop(next_one), free)
-    size = jnp.where(anything, back, jnp.minimum(ahead, free))
-    size = jnp.where(event, jnp.where(any_touch, begin, free), size)
+    size, free = onward(c.size, c.free, grown, next_one, fine, anything, seeking)
     free = jnp.where(event & any_touch, begin, free)
-    size = jnp.where(fine, size, free)
+    size = jnp.where(event, free, size)
     keep = fine & ~event & (anything | (seeking & (next_one > 0) & jnp.isfinite(next_one)))
     # The clock changes, unless a step continues to an event.
     anew = found.taken & ~keep
-    scale = jnp.where(anew & (w > 0), _stop(changed.y[W] / w), 1)
+    there, closing, now_w = _stop((w, changed.now.rate, changed.y[W]))
+    scale = jnp.where(anew & (there > 0), now_w / there, 1)
     opened = event & opens & ~any_touch
-    first_one = _stop(begin / jnp.where(opened, 2 * w, 1))
-    closing = changed.now.rate
-    opens_in = _stop(w / jnp.max(jnp.where(free_clock.leaving, -closing, 0)))
-    most = jnp.where(anew & jnp.any(free_clock.leaving), 1.1 * opens_in, jnp.inf)
+    first_one = begin / jnp.where(opened, 2 * there, 1)
+    opens_in = there / jnp.max(jnp.where(clock.leaving, -closing, 0))
+    most = jnp.where(anew & jnp.any(clock.leaving), 1.1 * opens_in, jnp.inf)
     size, free = jnp.minimum(jnp.where(opened, first_one, size * scale), most), free * scale
     free = jnp.where(opened, first_one, free)
     last_size = jnp.where(anew, jnp.where(event, size, c.size * scale), c.last_size)
     return {
-        "y": jnp.where(anew, changed.y.at[W].set(w), changed.y),
-        "clock": jax.tree.map(lambda a, b: jnp.where(anew, a, b), free_clock, c.clock),
-        "size": _stop(size),
-        "free": _stop(free),
-        "last_size": _stop(last_size),
+        "y": jnp.where(anew, solve.field.parts.with_w(changed.y, w), changed.y),
+        "clock": jax.tree.map(lambda a, b: jnp.where(anew, a, b), clock, c.clock),
+        "size": size,
+        "free": free,
+        "last_size": last_size,
         "last_error": jnp.where(anew, jnp.where(event, 1, error), c.last_error),
-        "whole": _stop(jnp.where(keep, found.whole, 0)),
+        "whole": jnp.where(keep, found.whole, 0),
         "sought": keep & found.sought,
     }
 
@@ -330,7 +322,6 @@ def _records(
     per_time = jax.tree.map(lambda a, b: jnp.where(safe, a, b), per_time, at_opening)
     strongest = highest(passing, c.look.force, c.slope.force, now.force, per_time.force)[0]
     strongest = jnp.where(modes.closed, units.force * strongest, 0)
-    deepest = jnp.where(modes.closed, units.length * jnp.maximum(tried.peak, now.depth), 0)
     fresh = jnp.where(touches, 0, 1).astype(zero.dtype)
     acts = modes.closed & (c.look.force != 0)
     # A force that vanishes in a closed pair ends about where its slope predicts.
@@ -342,5 +333,4 @@ def _records(
         "slope": per_time,
         "force_until": jnp.where(acts, until_then, jnp.where(touches, time, c.force_until)),
         "max_force": fresh * jnp.maximum(c.max_force, strongest),
-        "max_indentation": fresh * jnp.maximum(c.max_indentation, deepest),
     }

@@ -18,8 +18,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..arrays.arrays import Layout, Numbers
 from ..arrays.flight import Flying, where_each
+from ..arrays.rows import rows_of, with_rows
 from ..cluster.equations import ClusterState
-from ..engine.cluster_slots import index_of, places, put, rearranged
+from ..engine.cluster_slots import index_of, places, rearranged
 from ..engine.log import Facts, Figures, Log, Together
 from ..engine.state import Rules
 from ..pair_impact.instantaneous import Outcome
@@ -158,20 +159,16 @@ def _chained(
         first, second = facts.choice.first, jnp.minimum(facts.choice.second, layout.spheres - 1)
         is_sphere = facts.choice.second < layout.spheres
         who = jnp.stack([first, jnp.where(is_sphere, second, first)])
-        before = jax.tree.map(lambda all: all[who], carry.spheres)
+        before = rows_of(carry.spheres, who)
         outcome, before = jax.tree.map(
             lambda x: jnp.where(counts, x, jnp.zeros_like(x)), (ways.hit(row, before), before)
         )
 
-        def put(all: Array, new: Array) -> Array:
-            old = all[who]
-            keep = jnp.stack([counts, counts & is_sphere])
-            new = jnp.where(keep.reshape((2,) + (1,) * (old.ndim - 1)), new, old)
-            return all.at[who[1]].set(new[1]).at[first].set(new[0])
-
-        moved = carry._replace(spheres=jax.tree.map(put, carry.spheres, outcome.after))
+        rows = jnp.stack([counts, counts & is_sphere])
+        rows = jnp.where(rows, who, layout.spheres + jnp.arange(2))
+        moved = with_rows(carry.spheres, rows, outcome.after)
         together = jax.tree.map(jnp.zeros_like, known.coupled)
-        return moved, Figures(before, outcome, together)
+        return carry._replace(spheres=moved), Figures(before, outcome, together)
 
     def together(carry: _Carry, row: _Row) -> tuple[_Carry, Figures]:
         assert ways.call is not None and carry.coupled is not None
@@ -182,17 +179,10 @@ def _chained(
         who, index = jnp.minimum(seats.who, layout.spheres - 1), index_of(layout, seats)
         # In the slots of this call; before it they may have held other bodies.
         before = rearranged(carry.coupled, called.decided.change, members)
-        spheres, held = jax.tree.map(lambda x: x[who], (carry.spheres, carry.held))
+        spheres, held = rows_of((carry.spheres, carry.held), who)
         began, end, work, place = ways.call(row, Entering(spheres, held, before))
 
-        def settled(old: Array, new: Array) -> Array:
-            return put(old, index, new)
-
-        moved = Flying(
-            settled(carry.spheres.position, place),
-            settled(carry.spheres.velocity, end.velocity[:members]),
-            settled(carry.spheres.time, jnp.broadcast_to(end.time, (members,))),
-        )
+        after = Flying(place, end.velocity[:members], jnp.broadcast_to(end.time, (members,)))
         first, second = places(layout, members)
         on_wall = (at.end.closed > 0.5) & (second >= members) & called.rest
         latched = jnp.zeros_like(held).at[first].add(jnp.where(on_wall, end.latched, 0))
@@ -201,7 +191,8 @@ def _chained(
             outcome=nothing.outcome._replace(time=began.time),
             coupled=Together(spheres, held, began, end, work, jnp.zeros_like(work)),
         )
-        return _Carry(moved, end, settled(carry.held, latched)), figures
+        moved, held = with_rows((carry.spheres, carry.held), index, (after, latched))
+        return _Carry(moved, end, held), figures
 
     def nothing(carry: _Carry, row: _Row) -> tuple[_Carry, Figures]:
         return carry, jax.tree.map(jnp.zeros_like, row.known)

@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..arrays.arrays import Layout, Numbers
 from ..arrays.flight import Flying
+from ..arrays.rows import rows_of
 from ..cluster.equations import ClusterState
 from ..cluster.scaled import MOST_STEPS
 from ..engine.cluster_slots import Seats, in_place, index_of
@@ -245,7 +246,7 @@ def matrices(
             return None
 
         def one(k: Array, counts: Array) -> Array:
-            known, facts = jax.tree.map(lambda x: x[k], log)
+            known, facts = rows_of(log, k)
             return in_branch(counts, lambda: of(known, facts, counts, is_call))
 
         return jax.lax.map(lambda given: one(*given), kept)

@@ -13,7 +13,7 @@ from ..cluster.problem import APART, AT_REST, PAUSED, TIME_IS_UP
 from ..cluster.problem import NOT_CONVERGED as FAILED
 from ..pair_impact.instantaneous import Choice, Outcome
 from .cluster_members import company_of, pace_of
-from .cluster_slots import change_of, index_of, places, put
+from .cluster_slots import change_of, index_of, places
 from .coupled import Call, as_numbers, call, masses, meets, touching, work_of_walls
 from .event_queue import out_of_date
 from .log import Called, Facts, Figures, Together
@@ -111,9 +111,6 @@ def called(
     failed = (status == FAILED) | ~jnp.isfinite(after.time)
     latched = jnp.zeros(members, numbers.dtype).at[first].max(jnp.where(on_wall, after.latched, 0))
 
-    def settled(old: Array, new: Array) -> Array:
-        return put(old, index, new)
-
     idle = jnp.where(after.time > state.now, 0, state.idle + 1)
     stop = jnp.where(over, OVER, jnp.where(idle > PATIENCE * count, ACCUMULATED, RUNNING))
     stop = jnp.where(company.crowded, CROWDED, stop)
@@ -124,24 +121,28 @@ def called(
     motion = [jnp.sum(jnp.square(x.velocity[:members]), axis=-1) for x in (began, after)]
     missing = jnp.sum(mass * (motion[0] - motion[1])) / 2 + jnp.maximum(done.work, 0)
     reserve = jnp.maximum(jnp.where(coupling.starts, 0, coupling.reserve) + missing, 0)
-    state = state._replace(
-        position=settled(state.position, position),
-        velocity=settled(state.velocity, after.velocity[:members]),
-        time=settled(state.time, jnp.broadcast_to(after.time, (members,))),
-        support=settled(state.support, jnp.where(rest, resting, -1)),
-        held=settled(state.held, jnp.where(rest, latched, 0)),
-        count=settled(state.count, counts + 1),
-        owed=settled(state.owed, jnp.zeros(members, numbers.dtype)),
-        now=jnp.maximum(state.now, began.time),
-        idle=idle,
-        status=stop,
-        coupling=Coupling(~ends, no, no, coupling.choice, seats, coupling.pace, reserve, after),
-    )
     # During the solve nothing else happens to the spheres in it.
-    ended = out_of_date(jnp.broadcast_to(after.time, (members,)))
-    known = rows_of(events, who)
-    found = jax.tree.map(lambda new, old: jnp.where(ends, new, old), ended, known)
-    state = state._replace(events=jax.tree.map(settled, events, found))
+    time, known = jnp.broadcast_to(after.time, (members,)), rows_of(events, who)
+    state = (
+        state._replace(events=events)
+        .written(
+            index,
+            position=position,
+            velocity=after.velocity[:members],
+            time=time,
+            support=jnp.where(rest, resting, -1),
+            held=jnp.where(rest, latched, 0),
+            count=counts + 1,
+            owed=jnp.zeros(members, numbers.dtype),
+            events=jax.tree.map(lambda a, b: jnp.where(ends, a, b), out_of_date(time), known),
+        )
+        ._replace(
+            now=jnp.maximum(state.now, began.time),
+            idle=idle,
+            status=stop,
+            coupling=Coupling(~ends, no, no, coupling.choice, seats, coupling.pace, reserve, after),
+        )
+    )
     zero = jnp.zeros((), numbers.dtype)
     two = jnp.zeros((2, layout.dimensions), numbers.dtype)
     nobody = Flying(two, two, jnp.zeros(2, numbers.dtype))

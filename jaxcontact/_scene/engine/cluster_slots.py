@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..arrays.arrays import Layout, Numbers
-from ..arrays.rows import rows_of, with_rows
+from ..arrays.rows import rows_of
 from ..cluster.equations import ClusterState, Pairs
 
 
@@ -74,11 +74,6 @@ def index_of(layout: Layout, seats: Seats) -> Int[Array, " M"]:
     """
     members = seats.who.shape[0]
     return jnp.where(seats.present, seats.who, layout.spheres + jnp.arange(members))
-
-
-def put(all: Array, index: Int[Array, " M"], new: Array) -> Array:
-    """Write the contents of the slots to their spheres."""
-    return with_rows(all, index, new)
 
 
 def bodies_of(

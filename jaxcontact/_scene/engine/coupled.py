@@ -13,16 +13,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..arrays.arrays import Layout, Numbers, known_contact_of, law_of, nearest_image
 from ..arrays.flight import Flying, accelerations, at_once
-from ..arrays.rows import rows_of
+from ..arrays.rows import rows_of, with_rows
 from ..arrays.stored_energy import stored_in
 from ..bodies.motion import Own
 from ..bodies.overlap import ROUNDINGS
-from ..bodies.side import side
 from ..cluster.equations import ClusterState, Drive, Pairs
 from ..cluster.problem import TIME_IS_UP, ClusterEnd
 from ..cluster.scaled import MOST_STEPS, cluster, touched
 from ..pair_impact.instantaneous import Choice, meeting_of, two_that_meet
-from .cluster_slots import Change, Seats, bodies_of, in_line, pairs_of, places, put, rearranged
+from .cluster_slots import Change, Seats, bodies_of, in_line, pairs_of, places, rearranged
 
 MOST = 8
 """The default capacity of a coupled solve in spheres."""
@@ -91,7 +90,7 @@ def touching(
     position, velocity = placed(layout, numbers, seats, there, time)
     apart = _imaged(layout, numbers, pairs, position).between(position)
     rate = velocity[first] - velocity[second]
-    gap, opening = _gap(pairs, apart, rate)
+    gap, opening = pairs.gaps(apart, rate)
     eps = jnp.finfo(numbers.dtype).eps
     present = seats.present[:, None]
     scale = jnp.max(jnp.abs(jnp.where(present, there.position, 0))) + jnp.max(numbers.radius)
@@ -108,17 +107,6 @@ def _imaged(layout: Layout, numbers: Numbers, pairs: Pairs, position: Array) -> 
         return pairs
     shift = nearest_image(layout, numbers, pairs.between(position))[1]
     return pairs._replace(away=jnp.where(pairs.flat[:, None], 0, shift * numbers.period[None]))
-
-
-def _gap(pairs: Pairs, apart: Array, rate: Array) -> tuple[Array, Array]:
-    """Return the gaps of pairs, and the rates at which they open."""
-    flat = pairs.flat
-    between = jnp.where(flat[:, None] | ~pairs.used[:, None], 1, apart)
-    length = side(pairs.distance) * jnp.sqrt(jnp.sum(jnp.square(between), axis=-1))
-    height = jnp.sum(apart * pairs.normal, axis=-1)
-    gap = jnp.where(flat, height, length) - pairs.distance
-    along = jnp.sum(between * rate, axis=-1) / length
-    return gap, jnp.where(flat, jnp.sum(rate * pairs.normal, axis=-1), along)
 
 
 def call(
@@ -169,15 +157,11 @@ def call(
     height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
     sunk = pairs.distance - height + jnp.concatenate([none, numbers.walls_at(time).offset])[second]
     # The start time belongs to one pair. Other pairs that touch then, or join later, do not touch
-    # at a time of their own. Their depth, which is rounding, carries the derivative.
-    apart = pairs.between(position)
-    depth = -_gap(pairs, apart, jnp.zeros_like(apart))[0]
-    depth = depth - jax.lax.stop_gradient(depth)
-    outside = jnp.where(start.closed, depth, jnp.minimum(start.indentation, 0))
+    # at a time of their own. Their depth carries the derivative.
     since = jnp.zeros_like(start.since) + time
     start = start._replace(
         time=time,
-        indentation=jnp.where(rests, sunk, outside),
+        indentation=jnp.where(rests, sunk, start.indentation),
         latched=jnp.where(rests, rows_of(held, first), start.latched),
         rising=start.rising & ~rests,
         since=since,
@@ -254,10 +238,12 @@ def _drive(layout: Layout, numbers: Numbers, seats: Seats, time: Array) -> Drive
         nowhere = slots + jnp.arange(len(layout.shaken))
         slot = jnp.where(jnp.any(sits, axis=1), jnp.argmax(sits, axis=1), nowhere)
         push = spheres.amplitude * jnp.square(spheres.rate)[:, None]
-        strength = put(strength, slot, push)
-        rate = put(rate, slot, spheres.rate)
-        phase = put(phase, slot, spheres.rate * time + spheres.phase)
-        moves, shakes = (put(flags, slot, jnp.ones(slot.shape, bool)) for flags in (moves, shakes))
+        yes = jnp.ones(slot.shape, bool)
+        strength, rate, phase, moves, shakes = with_rows(
+            (strength, rate, phase, moves, shakes),
+            slot,
+            (push, spheres.rate, spheres.rate * time + spheres.phase, yes, yes),
+        )
         own += [(one, slot[k]) for k, one in enumerate(spheres.own) if one is not None]
     return Drive(
         strength=strength,
@@ -308,7 +294,7 @@ def blank_state(layout: Layout, members: int, dtype: Any) -> ClusterState:
     vector, each = jnp.zeros((slots, layout.dimensions), dtype), jnp.zeros(pairs, dtype)
     flags = jnp.zeros(pairs, bool)
     return ClusterState(
-        jnp.zeros((), dtype), vector, vector, each, flags, flags, each, each, each, each, each, each
+        jnp.zeros((), dtype), vector, vector, each, flags, flags, each, each, each, each, each
     )
 
 

@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..arrays.arrays import Layout, Numbers, nearest_image
 from ..arrays.flight import Flying, at_once, where_each
-from ..arrays.rows import rows_of, with_row, with_rows
+from ..arrays.rows import rows_of, with_row
 from ..contact_times.cells import Grid
 from ..pair_impact.instantaneous import Choice, Outcome, hit
 from ..pair_impact.soft import soft
@@ -220,23 +220,17 @@ def _event(
     there = happens & jnp.stack([happens, is_sphere])
     rows = jnp.where(there, who, count + jnp.arange(2))
     # Their events are out of date, so that the following search finds them first.
-    before = (state.position, state.velocity, state.time, state.support, state.count, state.owed)
-    owed, events = jnp.broadcast_to(outcome.energy_loss, (2,)), out_of_date(jnp.stack([now, now]))
-    after = (*outcome.after, met.support, met.count, owed)
-    (position, velocity, time, support, counts, owed), events = with_rows(
-        (before, state.events), rows, (after, events)
-    )
-    state = state._replace(
-        position=position,
-        velocity=velocity,
-        time=time,
-        support=support,
-        count=counts,
-        events=events,
+    state = state.written(
+        rows,
+        **outcome.after._asdict(),
+        support=met.support,
+        count=met.count,
+        owed=jnp.broadcast_to(outcome.energy_loss, (2,)),
+        events=out_of_date(jnp.stack([now, now])),
+    )._replace(
         now=jnp.where(fresh, now, state.now),
         idle=jnp.where(happens, met.idle, state.idle),
         status=jnp.where(happens, met.status, state.status),
-        owed=owed,
     )
     if rules.soft and state.coupling is None:
         state = state._replace(status=jnp.where(starts, CROWDED, state.status))

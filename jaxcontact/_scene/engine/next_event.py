@@ -10,12 +10,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..arrays.arrays import Layout, Numbers, nearest_image
 from ..arrays.flight import Flying, at_once
-from ..arrays.rows import rows_of
+from ..arrays.rows import rows_of, with_rows
 from ..bodies.overlap import ROUNDINGS
 from ..contact_times.cells import everywhere, leaving, neighbours
 from ..contact_times.closed_form import curved_time, image_horizon, sphere_time, wall_time
 from ..contact_times.shaking import shaking_sphere_time, shaking_wall_time
-from .cluster_slots import index_of, put
+from .cluster_slots import index_of
 from .state import Coupling, Events, State
 
 NOISE = 16
@@ -264,7 +264,7 @@ def among_others(
 def seated(layout: Layout, coupling: Coupling) -> Bool[Array, " N"]:
     """Return which spheres are in the coupled solve."""
     nobody = jnp.zeros(layout.spheres, bool)
-    return put(nobody, index_of(layout, coupling.seats), coupling.seats.present)
+    return with_rows(nobody, index_of(layout, coupling.seats), coupling.seats.present)
 
 
 def flown(

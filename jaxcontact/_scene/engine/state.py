@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 from jaxtyping import Array, Bool, Float, Int
 
+from ..arrays.rows import with_rows
 from ..cluster.equations import ClusterState
 from ..contact_times.cells import Cells
 from ..pair_impact.instantaneous import Choice
@@ -77,3 +78,8 @@ class State(NamedTuple):
     owed: Float[Array, " N"]
     coupling: Coupling | None
     cells: Cells | None
+
+    def written(self, rows: Int[Array, " M"], **columns: Any) -> State:
+        """Return the state with some rows of its columns replaced, as by `with_rows`."""
+        old = {name: getattr(self, name) for name in columns}
+        return self._replace(**with_rows(old, rows, columns))

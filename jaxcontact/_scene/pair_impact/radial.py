@@ -25,7 +25,8 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+import numpy as np
+from jaxtyping import Array, Bool, Int
 
 from ..._forms import AbstractForm
 from ..._impact.motion.motion import Motion
@@ -33,9 +34,7 @@ from ..._impact.motion.motion import State as Moving
 from ..._parameter import Specialised
 from ..._solver.runge_kutta import step_and_slope
 from ..._varying import varying
-from .step import State, factor
-
-Number = Float[Array, ""]
+from .step import Number, State, factor, onward
 
 # The phases of a contact: until the force peak, until the turn, until the force ends, and until the
 # bodies are back at the distance of touch without a force.
@@ -92,7 +91,7 @@ class Radial(eqx.Module):
 
     def still(self, y: State) -> State:
         """Return the state with zero velocity."""
-        return y.at[_U].set(self.motion.still(_radial_state(y)).u)
+        return jnp.where(np.arange(5) == _U, self.motion.still(_radial_state(y)).u, y)
 
     def indentation(self, y: State) -> Number:
         """Return x at a state."""
@@ -205,6 +204,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     problem = problem.ready()
     dtype, tolerance = problem.push.dtype, problem.tolerance
     stop = jax.lax.stop_gradient
+    frozen = stop(problem)
     on_event = float(jnp.finfo(dtype).eps) ** _ON_EVENT
 
     def unfinished(c: _Carry) -> Bool[Array, ""]:
@@ -217,7 +217,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
             return problem.rate(y, phase)
 
         y, error, _, slope = step_and_slope(rate, c.y, c.size)
-        error = stop(jnp.max(jnp.abs(error) / (1 + jnp.abs(y))) / tolerance)
+        error = jnp.max(jnp.abs(stop(error)) / (1 + jnp.abs(stop(y)))) / tolerance
         fine = error <= 1
         gap, fall = jax.jvp(lambda y: problem.gap(y, phase), (y,), (slope,))
         flat = fall == 0
@@ -225,7 +225,8 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         seeking = c.whole > 0
         crossed = gap < 0
         whole = jnp.where(seeking, c.whole, c.size)
-        small = jnp.abs(left) <= on_event * whole
+        ahead = stop(left)
+        small = jnp.abs(ahead) <= on_event * whole
         # On the event, from either side. A step of zero length cannot get closer.
         event = fine & (((crossed | seeking) & small & ~flat) | (crossed & (c.size < 1e-13)))
         taken = fine & (event | ~crossed)
@@ -234,29 +235,26 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         turned = event & (phase == _CLOSES)
         y = jnp.where(turned, problem.still(y), y)
         # Next: shorter if the error requires it, to the event if one was passed, else longer.
-        target = stop(c.size + left)
-        inside = (target > 0.01 * c.size) & (target < c.size)
-        back = jnp.where(inside, target, c.size / 2)
-        onwards = jnp.where((left > 0) & seeking, stop(left), c.free)
-        free = jnp.where(fine & (seeking | crossed), c.free, c.size * factor(error))
-        onwards = jnp.minimum(onwards, free)
-        size = jnp.where(fine, jnp.where(event, free, jnp.where(crossed, back, onwards)), free)
+        grown = c.size * factor(error)
+        size, free = onward(c.size, c.free, grown, ahead, fine, crossed, seeking)
+        size = jnp.where(event, free, jnp.minimum(size, c.free))
         whole = jnp.where(fine & (crossed | seeking) & ~event, whole, 0)
 
         leaves = event & (phase == _OPENS)
         apart = y[_W] <= 1e-9
         done = (leaves & apart) | (event & (phase == _COASTS))
         peak, deepest = event & (phase == _RISES), turned
-        inwards = (phase >= _OPENS) & taken & ~event & (problem.velocity(y) > 0)
-        slow = (phase >= _OPENS) | (jnp.abs(problem.velocity(y)) < _CREEPS)
+        velocity = frozen.velocity(stop(y))
+        inwards = (phase >= _OPENS) & taken & ~event & (velocity > 0)
+        slow = (phase >= _OPENS) | (jnp.abs(velocity) < _CREEPS)
         slow = slow | (creeping & (phase == _CLOSES))
-        settled = problem.pressed & taken & ((slow & problem.held(y)) | inwards)
+        settled = frozen.pressed & taken & ((slow & frozen.held(stop(y))) | inwards)
         return _Carry(
             y=jnp.where(taken, y, c.y),
             phase=jnp.where(event & ~done, phase + 1, phase),
-            size=stop(size),
-            free=stop(free),
-            whole=stop(whole),
+            size=size,
+            free=free,
+            whole=whole,
             max_force=jnp.where(peak, problem.force(y, phase), c.max_force),
             max_indentation=jnp.where(deepest, problem.indentation(y), c.max_indentation),
             duration=jnp.where(leaves, y[_T], c.duration),
@@ -271,10 +269,10 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     zero = jnp.zeros_like(start[_T])
     skipped = problem.skip > 0
     # A strong outward pull ends a contact early, at x of the order of its inverse.
-    early = jnp.sqrt(1 + jnp.abs(problem.push) + jnp.abs(problem.swirl))
-    begin = stop(jnp.asarray(0.1, dtype) / early)
+    early = jnp.sqrt(1 + jnp.abs(frozen.push) + jnp.abs(frozen.swirl))
+    begin = jnp.asarray(0.1, dtype) / early
     # The force of an overdamped linear contact is largest at touch.
-    falls = problem.gap(start, jnp.asarray(_RISES)) < 0
+    falls = frozen.gap(stop(start), jnp.asarray(_RISES)) < 0
     first = _Carry(
         y=start,
         phase=jnp.where(falls, _CLOSES, _RISES).astype(jnp.int32),
@@ -291,8 +289,9 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     )
     end = jax.lax.while_loop(unfinished, advance, varying(start[_T], first))
     # A push may add more energy than the bodies had.
-    largest = 1 + (jnp.abs(problem.push) + jnp.abs(problem.swirl)) * problem.indentation(end.y)
-    imbalance = jnp.abs(stop((problem.energy(end.y) - problem.energy(start)) / largest))
+    last = stop(end.y)
+    largest = 1 + (jnp.abs(frozen.push) + jnp.abs(frozen.swirl)) * frozen.indentation(last)
+    imbalance = jnp.abs((frozen.energy(last) - frozen.energy(stop(start))) / largest)
     e = -problem.velocity(end.y)
     # The error of ½e² as an error of e.
     doubt = jnp.minimum(imbalance / jnp.maximum(stop(e), 1e-6), jnp.sqrt(2 * imbalance))

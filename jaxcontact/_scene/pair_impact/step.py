@@ -1,16 +1,32 @@
-"""Step size control of the adaptive solves of scenes."""
+"""Step size control of the adaptive solves of scenes, with the constants of `_solver`."""
 
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
+
+from ..._solver.march import _SAFETY, _SHRINKS
 
 State = Float[Array, " numbers"]
-_ORDER = 8
-"""The order of the Runge-Kutta method."""
+Number = Float[Array, ""]
+Flag = Bool[Array, ""]
 
 
-def factor(error: Float[Array, ""]) -> Float[Array, ""]:
+def factor(error: Number) -> Number:
     """Return the factor for the next step size; `error` is in units of the allowed error."""
     safe = jnp.where(jnp.isfinite(error), jnp.maximum(error, 1e-12), 1e12)
-    return jnp.clip(0.9 * safe ** (-1 / _ORDER), 0.2, 5.0)
+    return jnp.clip(_SAFETY / jnp.sqrt(jnp.sqrt(jnp.sqrt(safe))), _SHRINKS, 5.0)
+
+
+def onward(
+    size: Number, free: Number, grown: Number, left: Number, fine: Flag, passed: Flag, sought: Flag
+) -> tuple[Number, Number]:
+    """Return the next step, and the size that the error alone allows, `free` and `grown` before and
+    after this step. A step that `passed` an event is repeated up to it, which is `left` from its
+    end, or halved. The step after it ends on the event that is still `sought`.
+    """
+    target = size + left
+    back = jnp.where((target > 0.01 * size) & (target < size), target, size / 2)
+    free = jnp.where(fine & (sought | passed), free, grown)
+    ahead = jnp.where(sought & (left > 0), jnp.minimum(left, free), free)
+    return jnp.where(fine, jnp.where(passed, back, ahead), free), free

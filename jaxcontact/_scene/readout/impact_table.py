@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..arrays.arrays import Layout, Numbers
-from ..bodies.side import side
 from ..course import Course
-from ..engine.cluster_slots import bodies_of, places
+from ..engine.cluster_slots import Seats, bodies_of, pairs_of, places
 from ..engine.log import Called, Together
 from ..result import Ending, Impacts, Way, flagged
 
@@ -145,23 +144,18 @@ def _coupled(course: Course) -> Impacts:
     # At the end of the run a contact may still be in progress.
     last = (jnp.arange(rows) == course.known.written - 1) & ~called.ends
     lasts = (end.closed > 0.5) & last[:, None]
-    apart = end.position[:, first] - end.position[:, second]
-    rate = end.velocity[:, first] - end.velocity[:, second]
-    flat = second >= members
-    radius = jnp.concatenate([numbers.radius, jnp.zeros(layout.walls, numbers.dtype)])
-    square = jnp.sum(jnp.square(apart), axis=-1)
-    length = jnp.sqrt(jnp.where(square > 0, square, 1))
-    length = side(radius[one] + radius[other]) * length
-    none = jnp.zeros((members, layout.dimensions), numbers.dtype)
-    normal = jnp.concatenate([none, numbers.normal])[second]
-    along = jnp.where(flat[None, :, None], normal[None], apart / length[..., None])
-    parting = jnp.sum(along * rate, axis=-1)
+
+    def opening(seats: Seats, position: Array, velocity: Array) -> Array:
+        pairs = pairs_of(layout, numbers, members, seats)
+        return pairs.gaps(position[first] - position[second], velocity[first] - velocity[second])[1]
+
+    parting = jax.vmap(opening)(seats, end.position, end.velocity)
     closing = jnp.where(end.latched > 0, end.latched, 1)
     e = jnp.where(rests, 0, parting / closing)
     duration = jnp.where(rests, jnp.inf, end.force_until - end.since)
     e, duration = (jnp.where(lasts, jnp.nan, x) for x in (e, duration))
     shape = opened.shape
-    nothing = jnp.zeros(shape, apart.dtype)
+    nothing = jnp.zeros(shape, numbers.dtype)
     columns = Impacts(
         end.since,
         one,

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from ..arrays.arrays import Layout, Numbers, known_contact_of, law_of
 from ..arrays.flight import Flying
-from ..arrays.rows import rows_of
+from ..arrays.rows import rows_of, with_rows
 from ..arrays.stored_energy import stored_in
 from ..engine.cluster_slots import (
     Seats,
@@ -19,7 +19,6 @@ from ..engine.cluster_slots import (
     in_line,
     index_of,
     joining,
-    put,
     unchanged,
 )
 from ..engine.coupled import Call, as_flags, blank_state, call, meets, stored_energy
@@ -75,7 +74,7 @@ def in_contacts(
 
     def pair(row: Array, until: Array, who: Array) -> tuple[tuple, Array]:
         """Return the isolated impact of a row as a call, and whether `who` is its first body."""
-        choice, before = jax.tree.map(lambda x: x[row], (log.facts.choice, log.figures.before))
+        choice, before = rows_of((log.facts.choice, log.figures.before), row)
         seats = _seats_of_two(layout, numbers, members, choice, before)
         is_first, is_second = seats.who == choice.first, seats.who == choice.second
 
@@ -94,8 +93,7 @@ def in_contacts(
 
     def going_on(row: Array, until: Array) -> tuple[tuple, Array]:
         """Return the call of a row up to a time, and whether it lasts until then."""
-        rows = (together, log.facts.call, log.facts.choice)
-        known, facts, choice = jax.tree.map(lambda x: x[row], rows)
+        known, facts, choice = rows_of((together, log.facts.call, log.facts.choice), row)
         assert known is not None and facts is not None
         change = unchanged(layout, members)
         decided = facts.decided._replace(starts=~yes, choice=choice, change=change, until=until)
@@ -124,12 +122,9 @@ def in_contacts(
             index = index_of(layout, seats)
             velocity = state.velocity[:members]
             place = state.position[:members] + seats.shift * numbers.period[None] + velocity * late
-            return (
-                put(nobody, index, seats.present),
-                put(away, index, place),
-                put(away, index, velocity),
-                stored_energy(layout, numbers, members, seats, state),
-            )
+            blank, rows = (nobody, away, away), (seats.present, place, velocity)
+            stored = stored_energy(layout, numbers, members, seats, state)
+            return *with_rows(blank, index, rows), stored
 
         return jax.lax.cond(active, solved, lambda: (nobody, away, away, nothing))
 
