@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
 Out = TypeVar("Out")
@@ -95,13 +96,31 @@ class _Choice:
             jax.vmap(form, in_axes=axes, out_axes=out_axes, axis_size=size)
             for form in (self.few, self.many)
         )
-        if self.batch is not None:
+        batch, lanes = None, self.lanes * size if any(jax.tree.leaves(along)) else self.lanes
+        if self.batch is not None and all(jax.tree.leaves(vary)):
             few = functools.partial(self.batch, size, along)
-        lanes = self.lanes * size if any(jax.tree.leaves(along)) else self.lanes
+        elif self.batch is not None:
+            # Only directions of a derivative differ. Lanes may still follow.
+            batch = functools.partial(self._lanes_of_directions, size, along, out_axes)
         if lanes < MANY:
-            many = _Choice(few, many, lanes, self.vary)
+            many = _Choice(few, many, lanes, self.vary, batch)
         out = many(*given)
         return out, jax.tree.broadcast(vary, out)
+
+    def _lanes_of_directions(
+        self, size: int, inner: Any, out_axes: Any, lanes: int, along: tuple, *given: Any
+    ) -> Any:
+        """Return the batch over `lanes` of what is batched over directions already."""
+        assert self.batch is not None
+
+        def axis(direction: bool, lane: bool) -> int | None:
+            return (1 if lane else 0) if direction else None
+
+        axes = jax.tree.map(axis, inner, along)
+        # Lanes come first in all outcomes.
+        out_axes = jax.tree.map(lambda axis: axis + 1, out_axes)
+        batch = functools.partial(self.batch, lanes, along)
+        return jax.vmap(batch, in_axes=axes, out_axes=out_axes, axis_size=size)(*given)
 
     def _with_slopes(self, structure: Any, leaves: list, rest: Any, changes: list) -> Any:
         moves = [not isinstance(change, SymbolicZero) for change in changes]
@@ -127,8 +146,26 @@ class _Choice:
             either = list(map(operator.or_, values, changes))
             return tuple(self.vary(whole(list(moving), still), rest) for moving in (values, either))
 
+        def batch(lanes: int, along: tuple, numbers: Any, rest: Any) -> Any:
+            # The lanes of a value and of its change are the same.
+            (values, changes), rest_flags = along
+            either = tuple(map(operator.or_, values, changes))
+
+            def spread(part: tuple, flags: tuple) -> tuple:
+                return tuple(
+                    jnp.broadcast_to(x, (lanes, *x.shape)) if wanted and not flag else x
+                    for x, flag, wanted in zip(part, flags, either, strict=True)
+                )
+
+            still_flags, others = rest_flags
+            flags = whole(list(either), still_flags), others
+            form = functools.partial(self.batch, lanes, flags)
+            return pushed(form)((spread(numbers[0], values), spread(numbers[1], changes)), rest)
+
         moving, still = split(leaves)
-        slopes = _Choice(pushed(self.few), pushed(self.many), self.lanes, vary)
+        slopes = _Choice(
+            pushed(self.few), pushed(self.many), self.lanes, vary, batch if self.batch else None
+        )
         return slopes((tuple(moving), tuple(split(list(changes))[0])), (still, rest))
 
 
