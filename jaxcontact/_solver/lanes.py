@@ -17,6 +17,8 @@ Out = TypeVar("Out")
 
 # From this number of lanes on, faster execution outweighs the longer compilation.
 MANY = 1000
+# From this number of lanes on, a batch has a layout of its own (`ByLanes.batched`).
+SEVERAL = 8
 
 
 class ByLanes(eqx.Module, Generic[Out]):
@@ -97,24 +99,24 @@ class _Choice:
             for form in (self.few, self.many)
         )
         batch, lanes = None, self.lanes * size if any(jax.tree.leaves(along)) else self.lanes
-        if self.batch is not None and all(jax.tree.leaves(vary)):
+        # Where only directions of a derivative differ, lanes may still follow.
+        if self.batch is not None and size >= SEVERAL and all(jax.tree.leaves(vary)):
             few = functools.partial(self.batch, size, along)
         elif self.batch is not None:
-            # Only directions of a derivative differ. Lanes may still follow.
-            batch = functools.partial(self._lanes_of_directions, size, along, out_axes)
+            batch = functools.partial(self._lanes_around, size, along, out_axes)
         if lanes < MANY:
             many = _Choice(few, many, lanes, self.vary, batch)
         out = many(*given)
         return out, jax.tree.broadcast(vary, out)
 
-    def _lanes_of_directions(
+    def _lanes_around(
         self, size: int, inner: Any, out_axes: Any, lanes: int, along: tuple, *given: Any
     ) -> Any:
-        """Return the batch over `lanes` of what is batched over directions already."""
+        """Return the batch over `lanes` of what is a batch of `size` already, by `inner` flags."""
         assert self.batch is not None
 
-        def axis(direction: bool, lane: bool) -> int | None:
-            return (1 if lane else 0) if direction else None
+        def axis(within: bool, lane: bool) -> int | None:
+            return (1 if lane else 0) if within else None
 
         axes = jax.tree.map(axis, inner, along)
         # Lanes come first in all outcomes.

@@ -1,5 +1,6 @@
 """The event-terminated solve itself: fields with closed forms, and its two forms of a step."""
 
+import itertools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -95,37 +96,43 @@ def test_what_opens_again_within_a_step_has_ended_it():
 
 
 def test_a_batch_ends_as_each_lane_alone_does():
-    """The motion, its start, or both may differ by lane, also below another `vmap`."""
+    """The motion, its start, or both may differ by lane, also within another `vmap`."""
 
     def end(omega, x):
         moment, arrived = solved(Swing(omega, False), Place(x, jnp.zeros(())))
         return jnp.where(arrived, jnp.stack([moment.tau, moment.state.v]), jnp.nan)
 
-    alone = jax.jit(end)
-    omega, start = jnp.linspace(0.7, 2.3, 5), jnp.linspace(0.5, 3.0, 5)
-    every = np.array([[alone(w, x) for x in start] for w in omega])
-    both = np.array([alone(w, x) for w, x in zip(omega, start, strict=True)])
+    def with_slopes(omega, x):
+        return end(omega, x), jax.jacfwd(end, (0, 1))(omega, x)
+
+    def over_starts(omega, start):
+        return jax.vmap(with_slopes, (None, 0))(omega, start)
+
+    omega, start = jnp.linspace(0.7, 2.3, 9), jnp.linspace(0.5, 3.0, 9)
+    alone = jax.jit(with_slopes)
+    rows = [[alone(w, x) for x in start] for w in omega]
+    every = jax.tree.map(lambda *cells: np.reshape(cells, (9, 9, 2)), *itertools.chain(*rows))
 
     @jax.jit
     def batches(omega, start):
-        of_starts = jax.vmap(end, (None, 0))
-        rows = jax.vmap(end, (0, None))(omega, start[0])
         return (
-            rows,
-            of_starts(omega[0], start),
-            jax.vmap(end)(omega, start),
-            (jax.vmap(of_starts, (0, None))(omega, start)),
+            jax.vmap(with_slopes, (0, None))(omega, start[0]),
+            over_starts(omega[0], start),
+            jax.vmap(with_slopes)(omega, start),
+            jax.vmap(over_starts, (0, None))(omega[:3], start),
+            jax.vmap(over_starts, (0, None))(omega, start[:3]),
         )
 
-    for found, expected in zip(
-        batches(omega, start), (every[:, 0], every[0], both, every), strict=True
-    ):
-        np.testing.assert_allclose(found, expected, 1e-14)
+    both = np.arange(9), np.arange(9)
+    parts = np.s_[:, 0], np.s_[0], both, np.s_[:3], np.s_[:, :3]
+    for part, found in zip(parts, batches(omega, start), strict=True):
+        for batch, cells in zip(*map(jax.tree.leaves, (found, every)), strict=True):
+            np.testing.assert_allclose(batch, cells[part], 1e-13, 1e-13)
 
 
 def test_reverse_then_forward():
     """`jax.hessian`, as the closed form has it. Measured: 3e-9."""
-    e = jnp.asarray([0.3, 0.8])
+    e = jnp.linspace(0.3, 0.8, 8)
 
     def duration(e, method):
         return jc.impact(jc.HuGuo(e=e), jc.Contact(1.0, 1e5), 1.0, method=method).duration
