@@ -26,7 +26,8 @@ from ..pairs.pairs import Pairs, pairs_of
 from ..pairs.plausible import MEASURED_RESTITUTION
 from .certainty import rivals_of, sure_of, sure_sentence
 from .equivalent_e import asked_of, delivered_by_laws
-from .kinds import AbstractKind, LogRestitution, is_identifiable, kinds_of, padded
+from .kind import AbstractKind, LogRestitution, is_identifiable, padded
+from .kinds import kinds_of
 from .law_choice import LawChoice, LawFit
 from .next_measurement import what_settles
 from .outcomes import NONE, Columns, LogOutcomes, columns_of

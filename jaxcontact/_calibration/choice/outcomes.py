@@ -14,7 +14,7 @@ from ..._parameter import POSITIVE, rendered
 from ..._text.units import Shown
 from ..pairs.columns import Column, column, for_each
 from ..pairs.noise import RELATIVE_FLOOR
-from .kinds import AbstractKind, Params
+from .kind import AbstractKind, Params
 
 _TREND = 2
 """Degree of the trend of ln(contact time) or ln(force) over ln v, for the scatter."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..._calibration.choice.choose_law import law_fit, padded_data
 from ..._calibration.choice.equivalent_e import asked_of, delivered_by_laws
-from ..._calibration.choice.kinds import AbstractKind, LogRestitution
+from ..._calibration.choice.kind import AbstractKind, LogRestitution
 from ..._calibration.choice.law_choice import LawChoice
 from ..._calibration.choice.outcomes import Columns, LogOutcomes
 from ..._calibration.choice.trend import Curve, Line, line_of
