@@ -91,10 +91,14 @@ class AbstractKind(abc.ABC):
     def restitution(
         self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
     ) -> Float[Array, " n"]:
-        """Return e at closing speeds `velocity` in m/s; by default from the law's α alone."""
-        alpha = self.law_of(params, reference).damping_factor(contact, velocity)
+        """Return e at closing speeds `velocity` in m/s."""
+        e = self.curve(self.law_of(params, reference), contact, velocity)
+        return jnp.broadcast_to(e, velocity.shape)
+
+    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
+        """Return e of a law of this kind at speeds (n,) or all speeds; here from its α alone."""
         # Without contact and speed `restitution` is one formula, which compiles in half the time.
-        return jnp.broadcast_to(restitution(Damped(alpha=alpha)), velocity.shape)
+        return restitution(Damped(alpha=law.damping_factor(contact, velocity)))
 
     def moved(self, params: Params, contact: Contact, other: Contact) -> Params:
         """Return the parameters that give the same e(v) in another contact."""
@@ -102,11 +106,9 @@ class AbstractKind(abc.ABC):
         scaled = {name: one.scale for name, one in self.parameters.items() if one.needs}
         return {**params, **{name: params[name] * scale(*ratios) for name, scale in scaled.items()}}
 
-    def outcome(
-        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
-    ) -> Any:
-        """Return `duration` and `max_force` of impacts of the law."""
-        return impact(self.law_of(params, reference), contact, velocity)
+    def outcome(self, law: Any, contact: Contact, velocity: Array) -> Any:
+        """Return `duration` and `max_force` of impacts of a law of this kind."""
+        return impact(law, contact, velocity)
 
     def estimates(
         self, fit: FitData, contact: Contact, known: frozenset[str], speed: float

@@ -10,7 +10,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from ..._contact import Contact
 from ..._fit import Between, Free, Positive
@@ -18,7 +18,7 @@ from ..._impact import restitution
 from ..._laws import AbstractLaw, constant_laws, describe
 from ..._parameter import did_you_mean, rendered
 from .clamped import clamped_restitution
-from .kind import AbstractKind, Combination, Params
+from .kind import AbstractKind, Combination
 from .plastic import plastic_impact
 
 _LEAST_E = 1e-6
@@ -55,14 +55,10 @@ class ConstantE(AbstractKind):
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         return {"e": e}
 
-    def restitution(
-        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
-    ) -> Float[Array, " n"]:
+    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
         """Return the delivered e, the same at every speed."""
         # The exact law delivers its parameter by definition, so nothing is compiled.
-        exact = self.law == "exact"
-        e = params["e"] if exact else restitution(self.law_of(params, reference))
-        return jnp.broadcast_to(e, velocity.shape)
+        return law.e if self.law == "exact" else restitution(law)
 
     def at_speed(self, speed: float) -> str:
         return "" if self.law == "exact" else "e delivered"
@@ -115,21 +111,15 @@ class Viscoelastic(AbstractKind):
         strength = min((1 - e) / 1.73, 0.4) / reference**0.2
         return {"A": strength * _depth(float(contact.mass), float(contact.stiffness))}
 
-    def restitution(
-        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
-    ) -> Float[Array, " n"]:
+    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
         """Return e by the series of the law's form."""
-        e = restitution(self.law_of(params, reference), contact, velocity)
-        return jnp.broadcast_to(e, velocity.shape)
+        return restitution(law, contact, velocity)
 
 
 class AbstractFormula(AbstractKind):
     """A kind whose law gives e(v) itself, at any mass and stiffness."""
 
-    def restitution(
-        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
-    ) -> Float[Array, " n"]:
-        law: Any = self.law_of(params, reference)
+    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
         return law.restitution_at(velocity)
 
 
@@ -148,11 +138,9 @@ class Plastic(AbstractFormula):
         ratio = e**4 * (1 - 0.6 * (1 - e) ** 0.3)
         return {"yield_speed": ratio * reference}
 
-    def outcome(
-        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
-    ) -> Any:
+    def outcome(self, law: Any, contact: Contact, velocity: Array) -> Any:
         """Return the outcome of plastic spheres; the law's own force delivers only their e."""
-        return plastic_impact(params["yield_speed"], contact, velocity)
+        return plastic_impact(law.yield_speed, contact, velocity)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -169,11 +157,9 @@ class PowerOfLoss(AbstractFormula):
         """Return a constant e."""
         return {"loss": 1 - e, "power": 0.0}
 
-    def restitution(
-        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
-    ) -> Float[Array, " n"]:
+    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
         """Return the curve, kept above 0, where its logarithm is defined."""
-        return jnp.maximum(super().restitution(params, contact, reference, velocity), _LEAST_E)
+        return jnp.maximum(super().curve(law, contact, velocity), _LEAST_E)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -212,10 +198,8 @@ class Dashpot(AbstractKind):
         scale = _dashpot(contact.mass, contact.stiffness)
         return {"c": -math.log(e) / 1.6 * reference**0.2 * scale}
 
-    def restitution(
-        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
-    ) -> Float[Array, " n"]:
-        return clamped_restitution(self.law_of(params, reference), contact, velocity)
+    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
+        return clamped_restitution(law, contact, velocity)
 
 
 @dataclasses.dataclass(frozen=True)
