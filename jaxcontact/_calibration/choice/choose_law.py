@@ -195,8 +195,6 @@ def choose(
     """
     v = pairs.velocity[use]
     middle = float(np.median(v))
-    typical = min(max(float(np.median(pairs.restitution[use])), 0.05), 0.999)
-    reference = float(np.exp(np.mean(np.log(v))))
     # AICc is finite for n > k + 1 readings; unknown noise takes one more.
     readings = len(v) + sum(int(np.isfinite(one[use]).sum()) for one in others.sigma.values())
     free = readings - (1 if "sigma" in how else 2) - bool(others)
@@ -204,14 +202,7 @@ def choose(
     data = padded_data(pairs, use, weights, others, correlation, how)
 
     def fitted(kind: AbstractKind) -> tuple[Fit, LawFit]:
-        start, transforms = kind.start(typical, contact, reference), dict(kind.transforms)
-        with jax.enable_x64(True):
-            model: Any = LogRestitution(kind, contact, jnp.asarray(reference))
-            if others:
-                model = LogOutcomes(kind, contact, jnp.asarray(reference), tuple(others.values))
-                start["stiffness"] = float(contact.stiffness)
-                transforms["stiffness"] = Positive()
-        found = fit(model, start=start, transforms=transforms, **data)
+        found = fit_kind(kind, pairs, use, contact, others, data)
         return found, law_fit(kind, found, pairs, use, contact, known, middle)
 
     found: list[tuple[Fit, LawFit]] = []
@@ -262,7 +253,7 @@ def choose(
         fits=fits,
         kinds=kinds,
         contact=contact,
-        reference=reference,
+        reference=reference_of(v),
         marked=~use,
     )
 
@@ -271,6 +262,32 @@ def _errors_by(found: Fit) -> str:
     if found.by_group:
         return "group"
     return "point" if found.problem.whitener is None else "readings"
+
+
+def fit_kind(
+    kind: AbstractKind,
+    pairs: Pairs,
+    use: np.ndarray,
+    contact: Contact,
+    others: Columns,
+    data: dict[str, Any],
+) -> Fit:
+    """Fit a kind of law to `padded_data` of the pairs in `use`; with `others`, K too."""
+    typical = min(max(float(np.median(pairs.restitution[use])), 0.05), 0.999)
+    reference = reference_of(pairs.velocity[use])
+    start, transforms = kind.start(typical, contact, reference), kind.transforms
+    with jax.enable_x64(True):
+        model: Any = LogRestitution(kind, contact, jnp.asarray(reference))
+        if others:
+            model = LogOutcomes(kind, contact, jnp.asarray(reference), tuple(others.values))
+            start["stiffness"] = float(contact.stiffness)
+            transforms["stiffness"] = Positive()
+    return fit(model, start=start, transforms=transforms, **data)
+
+
+def reference_of(velocity: Floats) -> float:
+    """Return the speed in m/s to which the c of a power law belongs."""
+    return float(np.exp(np.mean(np.log(velocity))))
 
 
 def padded_data(

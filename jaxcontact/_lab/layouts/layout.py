@@ -103,13 +103,13 @@ class Layout(abc.ABC, Generic[R]):
     columns: ClassVar[tuple[str, ...]]
     measured: ClassVar[tuple[str, ...]]
     meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType({})
-    reading_error: ClassVar[ReadingError | None]
-    uses_flight: ClassVar[bool]
+    reading_error: ClassVar[ReadingError | None] = None
+    uses_flight: ClassVar[bool] = False
     made_of: ClassVar[str]
     pair_words: ClassVar[Words]
-    cluster_words: ClassVar[Words]
-    pair_rule: ClassVar[str]
-    errors_words: ClassVar[str]
+    cluster_words: ClassVar[Words] = ("row", "rows")
+    pair_rule: ClassVar[str] = "each row is a pair"
+    errors_words: ClassVar[str] = "by row (sandwich), valid if the scatter differs between rows"
     fitted: ClassVar[bool] = False
     instead: ClassVar[Mapping[str, str]] = MappingProxyType({})
     known_errors: ClassVar[Words] = (

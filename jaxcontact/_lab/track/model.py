@@ -55,7 +55,7 @@ def lagging(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
     return value, by_x * 2 / whole, 2 * value / whole - by_x * (1 + x) / whole
 
 
-class _Place:
+class _Offset:
     """The position of a parameter, `after` places behind the number of flights."""
 
     def __init__(self, after: int):
@@ -84,7 +84,7 @@ class Model:
     shape: Shape | None = None
     beta: float = 0.0
 
-    contact, power, floor, fall, air, rise, growth, tilt = map(_Place, range(1, 9))
+    contact, power, floor, fall, air, rise, growth, tilt = map(_Offset, range(1, 9))
 
     @property
     def size(self) -> int:
