@@ -194,7 +194,6 @@ def choose(
     leaving pairs out (outliers, bands of speed) changes only weights.
     """
     v = pairs.velocity[use]
-    middle = float(np.median(v))
     # AICc is finite for n > k + 1 readings; unknown noise takes one more.
     readings = len(v) + sum(int(np.isfinite(one[use]).sum()) for one in others.sigma.values())
     free = readings - (1 if "sigma" in how else 2) - bool(others)
@@ -203,7 +202,7 @@ def choose(
 
     def fitted(kind: AbstractKind) -> tuple[Fit, LawFit]:
         found = fit_kind(kind, pairs, use, contact, others, data)
-        return found, law_fit(kind, found, pairs, use, contact, known, middle)
+        return found, law_fit(kind, found, pairs, use, contact, known)
 
     found: list[tuple[Fit, LawFit]] = []
     # The restitution delivered by laws of constant e is compiled in parallel with the fits.
@@ -355,14 +354,13 @@ def law_fit(
     use: np.ndarray,
     contact: Contact,
     known: frozenset[str],
-    middle: float,
 ) -> LawFit:
     measured = pairs.restitution[use]
     at_pairs = measured * np.exp(found.residuals[: len(use)][use])
     return LawFit(
         kind=kind.name,
         law=kind.law,
-        estimates=kind.estimates(found, contact, known, middle),
+        estimates=kind.estimates(found, contact, known, float(np.median(pairs.velocity[use]))),
         errors_by=_errors_by(found),
         identifiable=found.converged and is_identifiable(found),
         unidentified=kind.unidentified,

@@ -18,8 +18,8 @@ from jaxtyping import Array, Float
 
 from ..._contact import Contact
 from ..._fit import AbstractTransform, FitData
-from ..._impact import impact, restitution
-from ..._laws import AbstractLaw, Damped, get_law, parameters_of
+from ..._impact import impact
+from ..._laws import AbstractLaw, get_law, parameters_of
 from ..._text.units import Shown
 from .estimate import Estimate
 
@@ -96,9 +96,8 @@ class AbstractKind(abc.ABC):
         return jnp.broadcast_to(e, velocity.shape)
 
     def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
-        """Return e of a law of this kind at speeds (n,) or all speeds; here from its α alone."""
-        # Without contact and speed `restitution` is one formula, which compiles in half the time.
-        return restitution(Damped(alpha=law.damping_factor(contact, velocity)))
+        """Return e of a law of this kind at speeds (n,), or at all; here as the law gives it."""
+        return law.restitution_at(velocity)
 
     def moved(self, params: Params, contact: Contact, other: Contact) -> Params:
         """Return the parameters that give the same e(v) in another contact."""

@@ -23,19 +23,6 @@ _LEAST = math.exp(-2)
 _POISSON = Range(low=-1.0, high=0.5, low_open=True, inside=0.3)
 
 
-def _without_tension(wanted: Wanted, engine: str) -> tuple[AntypovElliott, float]:
-    """Return the law of Antypov and Elliott without tension that delivers e, and its own e."""
-    clamped = KelvinVoigt(e=jnp.asarray(wanted.restitution), tension=False)
-    zeta = float(clamped.damping_ratio())
-    if not zeta < 1:
-        raise ValueError(
-            f"Argument `law` must deliver a restitution above {_LEAST:.4f} for engine {engine!r}, "
-            f"but delivers {wanted.restitution:g}; try 'drake', 'exudyn' or 'lammps'."
-        )
-    asked = math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2))
-    return AntypovElliott(e=jnp.asarray(asked), tension=False), asked
-
-
 class AbstractSpheres(Engine):
     """A Hertz contact of K = (4/3) √R E*, damped by a restitution, clamped instead of pulling.
 
@@ -52,7 +39,17 @@ class AbstractSpheres(Engine):
     def draft(self, wanted: Wanted, *, radius: float, poisson_ratio: float = 0.3) -> Draft:
         radius = require_number("radius", radius, POSITIVE)
         poisson = require_number("poisson_ratio", poisson_ratio, _POISSON)
-        law, asked = _without_tension(wanted, self.name)
+        clamped = KelvinVoigt(e=jnp.asarray(wanted.restitution), tension=False)
+        zeta = float(clamped.damping_ratio())
+        if not zeta < 1:
+            raise ValueError(
+                f"Argument `law` must deliver a restitution above {_LEAST:.4f} for engine "
+                f"{self.name!r}, but delivers {wanted.restitution:g}; try 'drake', 'exudyn' or "
+                "'lammps'."
+            )
+        # The law of Antypov and Elliott that delivers e without tension, and its own e.
+        asked = math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2))
+        law = AntypovElliott(e=jnp.asarray(asked), tension=False)
         stiffness = matched_stiffness(wanted, 1.5, law)
         # Two equal bodies have E* = E/(2(1-ν²)).
         young = 2 * (1 - poisson**2) * 0.75 * stiffness / math.sqrt(radius)

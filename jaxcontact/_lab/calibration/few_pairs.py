@@ -71,7 +71,7 @@ def only_constant(
     data = padded_data(pairs, use, weights, others, correlation, how)
     found = fit_kind(kind, pairs, use, contact, others, data)
     given = frozenset({"mass", "stiffness"} if others else ())
-    law = law_fit(kind, found, pairs, use, contact, given, float(np.median(v)))
+    law = law_fit(kind, found, pairs, use, contact, given)
     if not known and len(v) == 1:
         lacking = [dataclasses.replace(one, lacking=_UNKNOWN) for one in law.estimates]
         law = dataclasses.replace(law, estimates=tuple(lacking))
