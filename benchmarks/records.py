@@ -124,7 +124,7 @@ def one_law(truth: Truth, found: Fitted) -> dict:
     if not fit.converged or not np.isfinite(fit.covariance).all():
         return {"converged": False}
     quantile = SURE if few else float(stdtrit(fit.dof, 0.975))
-    name = kind.identified(found.contact)[0][0]
+    name = next(iter(kind.parameters))
     value, error = (float(one[name]) for one in (fit.params, fit.standard_errors))
     k, error_k = (float(one["stiffness"]) for one in (fit.params, fit.standard_errors))
     # For c the contact that defines its units is given.

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 
 class InputError(ValueError):
     """Invalid input of the user; the message is shown to the user."""
+
+
+@contextlib.contextmanager
+def input_errors(said: Callable[[str], str] = str) -> Iterator[None]:
+    """Make each ValueError of a block one of the input, with its text as `said` here."""
+    try:
+        yield
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(said(str(error))) from error
 
 
 def positive(text: str) -> float:

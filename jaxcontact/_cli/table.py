@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 import re
 
-from .options import InputError
-
 
 def add_table_options(parser: argparse.ArgumentParser) -> None:
     """Add `--columns` and `--decimal`."""
@@ -21,9 +19,8 @@ def add_table_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def input_error(error: ValueError) -> InputError:
+def in_options(text: str) -> str:
     """Return the error of a reader, with options in place of arguments."""
-    text = re.sub(r'`(columns|decimal)="([^"]*)"`', r'--\1 "\2"', str(error))
+    text = re.sub(r'`(columns|decimal)="([^"]*)"`', r'--\1 "\2"', text)
     text = re.sub(r"Argument `(columns|decimal|layout|ball|rate)`", r"--\1", text)
-    text = text.replace("`rate`", "--rate")
-    return InputError(text.replace("`ball=`", "--ball"))
+    return text.replace("`rate`", "--rate").replace("`ball=`", "--ball")

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration.choice.kinds import ConstantC, LogRestitution, kinds_of
+from jaxcontact._calibration.choice.kind import LogRestitution
+from jaxcontact._calibration.choice.kinds import ConstantC, kinds_of
 from jaxcontact._calibration.choice.plastic import plastic_impact
 from tests.test_calibration import oracle
 
@@ -107,7 +108,7 @@ def test_a_stiffness_moves_the_law_and_leaves_its_curve():
     hard, speeds = jc.Contact(1.0, 7.0), jnp.asarray([0.2, 1.0, 3.0])
     for kind in KINDS.values():
         start = kind.start(0.7, UNIT, 1.5)
-        law = kind.law_of(kind.moved(start, UNIT, hard), hard, 1.5)
+        law = kind.law_of(kind.moved(start, UNIT, hard), 1.5)
         if kind.law != "kuwabara_kono":  # its own combination is tested below
             np.testing.assert_allclose(
                 jc.restitution(law, hard, speeds),
@@ -158,7 +159,7 @@ def test_the_curve_of_a_dashpot_is_that_of_its_law(law):
     """In any contact, by the combinations on which it depends; with the slope of its formula."""
     (_, kind), params = kinds_of(law, 1.5), DASHPOTS[law]
     hard, speeds = jc.Contact(0.3, 7e4), jnp.geomspace(0.05, 5.0, 20)
-    made = kind.law_of(kind.moved(params, UNIT, hard), hard, 1.5)
+    made = kind.law_of(kind.moved(params, UNIT, hard), 1.5)
     e = kind.restitution(params, UNIT, 1.5, speeds)
     np.testing.assert_allclose(e, jc.restitution(made, hard, speeds), rtol=STEPPED)
     np.testing.assert_allclose(e, kind.restitution(vars(made), hard, 1.5, speeds), rtol=1e-12)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import fdtrc, gammaincc
 
 from ..._fit import Fit, FitData, has_trials
-from .kinds import AbstractKind
+from .kind import AbstractKind
 
 EXCLUDED = 0.01
 """p below which a law is excluded; a right law is excluded by a wrong one at most this often."""

@@ -26,7 +26,8 @@ from ..pairs.pairs import Pairs, pairs_of
 from ..pairs.plausible import MEASURED_RESTITUTION
 from .certainty import rivals_of, sure_of, sure_sentence
 from .equivalent_e import asked_of, delivered_by_laws
-from .kinds import AbstractKind, LogRestitution, is_identifiable, kinds_of, padded
+from .kind import AbstractKind, LogRestitution, is_identifiable, padded
+from .kinds import kinds_of
 from .law_choice import LawChoice, LawFit
 from .next_measurement import what_settles
 from .outcomes import NONE, Columns, LogOutcomes, columns_of
@@ -193,9 +194,6 @@ def choose(
     leaving pairs out (outliers, bands of speed) changes only weights.
     """
     v = pairs.velocity[use]
-    middle = float(np.median(v))
-    typical = min(max(float(np.median(pairs.restitution[use])), 0.05), 0.999)
-    reference = float(np.exp(np.mean(np.log(v))))
     # AICc is finite for n > k + 1 readings; unknown noise takes one more.
     readings = len(v) + sum(int(np.isfinite(one[use]).sum()) for one in others.sigma.values())
     free = readings - (1 if "sigma" in how else 2) - bool(others)
@@ -203,15 +201,8 @@ def choose(
     data = padded_data(pairs, use, weights, others, correlation, how)
 
     def fitted(kind: AbstractKind) -> tuple[Fit, LawFit]:
-        start, transforms = kind.start(typical, contact, reference), dict(kind.transforms)
-        with jax.enable_x64(True):
-            model: Any = LogRestitution(kind, contact, jnp.asarray(reference))
-            if others:
-                model = LogOutcomes(kind, contact, jnp.asarray(reference), tuple(others.values))
-                start["stiffness"] = float(contact.stiffness)
-                transforms["stiffness"] = Positive()
-        found = fit(model, start=start, transforms=transforms, **data)
-        return found, law_fit(kind, found, pairs, use, contact, known, middle)
+        found = fit_kind(kind, pairs, use, contact, others, data)
+        return found, law_fit(kind, found, pairs, use, contact, known)
 
     found: list[tuple[Fit, LawFit]] = []
     # The restitution delivered by laws of constant e is compiled in parallel with the fits.
@@ -261,7 +252,7 @@ def choose(
         fits=fits,
         kinds=kinds,
         contact=contact,
-        reference=reference,
+        reference=reference_of(v),
         marked=~use,
     )
 
@@ -270,6 +261,32 @@ def _errors_by(found: Fit) -> str:
     if found.by_group:
         return "group"
     return "point" if found.problem.whitener is None else "readings"
+
+
+def fit_kind(
+    kind: AbstractKind,
+    pairs: Pairs,
+    use: np.ndarray,
+    contact: Contact,
+    others: Columns,
+    data: dict[str, Any],
+) -> Fit:
+    """Fit a kind of law to `padded_data` of the pairs in `use`; with `others`, K too."""
+    typical = min(max(float(np.median(pairs.restitution[use])), 0.05), 0.999)
+    reference = reference_of(pairs.velocity[use])
+    start, transforms = kind.start(typical, contact, reference), kind.transforms
+    with jax.enable_x64(True):
+        model: Any = LogRestitution(kind, contact, jnp.asarray(reference))
+        if others:
+            model = LogOutcomes(kind, contact, jnp.asarray(reference), tuple(others.values))
+            start["stiffness"] = float(contact.stiffness)
+            transforms["stiffness"] = Positive()
+    return fit(model, start=start, transforms=transforms, **data)
+
+
+def reference_of(velocity: Floats) -> float:
+    """Return the speed in m/s to which the c of a power law belongs."""
+    return float(np.exp(np.mean(np.log(velocity))))
 
 
 def padded_data(
@@ -337,14 +354,13 @@ def law_fit(
     use: np.ndarray,
     contact: Contact,
     known: frozenset[str],
-    middle: float,
 ) -> LawFit:
     measured = pairs.restitution[use]
     at_pairs = measured * np.exp(found.residuals[: len(use)][use])
     return LawFit(
         kind=kind.name,
         law=kind.law,
-        estimates=kind.estimates(found, contact, known, middle),
+        estimates=kind.estimates(found, contact, known, float(np.median(pairs.velocity[use]))),
         errors_by=_errors_by(found),
         identifiable=found.converged and is_identifiable(found),
         unidentified=kind.unidentified,

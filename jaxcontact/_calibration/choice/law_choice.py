@@ -19,7 +19,7 @@ from ..._text.words import counted
 from ..pairs.columns import column
 from .equivalent_e import Asked
 from .estimate import Estimate
-from .kinds import AbstractKind, delivered
+from .kind import AbstractKind, delivered
 from .outcomes import with_stiffness
 from .trend import Curve, Line
 
@@ -171,7 +171,7 @@ class LawChoice(ChoiceData):
         with jax.enable_x64(True):
             contact = with_stiffness(self.contact, found.params)
             params = of.moved(found.params, self.contact, contact)
-            return of.law_of(params, contact, jnp.asarray(self.reference))
+            return of.law_of(params, jnp.asarray(self.reference))
 
     def contact_of(self, kind: str | None = None) -> Contact:
         """Return the contact of a kind, by default of the best one.

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ..._fit import Fit, scatter
 from ..design.optimal_rows import shared_out
-from .kinds import padded
+from .kind import padded
 
 _PLACES = 40
 """Candidate speeds of the measurement."""

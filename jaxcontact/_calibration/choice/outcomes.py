@@ -14,7 +14,7 @@ from ..._parameter import POSITIVE, rendered
 from ..._text.units import Shown
 from ..pairs.columns import Column, column, for_each
 from ..pairs.noise import RELATIVE_FLOOR
-from .kinds import AbstractKind, Params
+from .kind import AbstractKind, Params
 
 _TREND = 2
 """Degree of the trend of ln(contact time) or ln(force) over ln v, for the scatter."""
@@ -111,8 +111,8 @@ class LogOutcomes(eqx.Module):
     def __call__(self, params: Params, velocity: Float[Array, " n"]) -> tuple[Array, ...]:
         e = self.kind.restitution(params, self.contact, self.reference, velocity)
         contact = with_stiffness(self.contact, params)
-        moved = self.kind.moved(params, self.contact, contact)
-        hit = self.kind.outcome(moved, contact, self.reference, velocity)
+        law = self.kind.law_of(self.kind.moved(params, self.contact, contact), self.reference)
+        hit = self.kind.outcome(law, contact, velocity)
         return jnp.log(e), *(jnp.log(getattr(hit, name)) for name in self.fields)
 
 

@@ -13,8 +13,8 @@ from ..._text.progress import Stages
 from ..._text.table import wrapped
 from ..air import add_air_options, drag_asked, gravity_asked
 from ..files import output_path
-from ..options import InputError, positive
-from ..table import add_table_options, input_error
+from ..options import InputError, input_errors, positive
+from ..table import add_table_options, in_options
 
 if TYPE_CHECKING:
     from ..._flight import Drag
@@ -163,7 +163,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     page = _page(arguments.report, out)
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out} is not a folder")
-    try:
+    with input_errors(in_options):
         recording = read_recording(
             arguments.file,
             ball=arguments.ball,
@@ -171,8 +171,6 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             decimal=arguments.decimal,
             rate=arguments.rate,
         )
-    except ValueError as error:
-        raise input_error(error) from error
     drag = None if recording.layout.fitted else _drag(arguments)
     try:
         result = calibrate(
@@ -187,7 +185,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             progress=progress,
         )
     except RecordingError as error:
-        raise input_error(error) from error
+        raise InputError(in_options(str(error))) from error
     except ValueError as error:
         # The parser has checked the numbers. The remaining errors are a law that cannot be fitted
         # to e(v), and missing numbers of a record.

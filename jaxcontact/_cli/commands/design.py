@@ -9,7 +9,7 @@ from typing import Any
 
 from ..._text.progress import Stages
 from ..law import add_law_and_contact, contact_asked, exponent_asked, parameters_asked
-from ..options import InputError, assignment, number, positive
+from ..options import InputError, assignment, input_errors, number, positive
 from ..printing import print_json
 from ..range import span
 
@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             )
         goal = get_law(arguments.against, e=given.get("e", 0.7))
     fixed = ("mass", *(arguments.hold or ()))
-    try:
+    with input_errors(_in_options):
         plan = design(
             get_law(arguments.law, **given),
             contact,
@@ -110,8 +110,6 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             goal=goal,
             fixed=fixed,
         )
-    except ValueError as error:
-        raise InputError(_in_options(str(error))) from error
     if arguments.json:
         print_json(
             {

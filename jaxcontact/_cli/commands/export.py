@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..._text.progress import Stages
 from ..law import add_law_and_contact, contact_asked, exponent_asked, parameters_asked
-from ..options import InputError, assignment, number, positive
+from ..options import InputError, assignment, input_errors, number, positive
 from ..printing import print_json
 from ..range import span
 
@@ -100,15 +100,13 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     options = dict(arguments.option)
     if arguments.radius is not None:
         options["radius"] = arguments.radius
-    try:
+    with input_errors(_in_options):
         found = export(law, contact, arguments.velocity, engine=arguments.engine, **options)
         progress("searching the speeds over which it holds")
         holds = found.holds(arguments.within)
         at_step = None
         if arguments.time_step is not None:
             at_step = found.at_time_step(arguments.time_step, arguments.within)
-    except ValueError as error:
-        raise InputError(_in_options(str(error))) from error
     if arguments.json:
         stepped = {} if at_step is None else {"at_time_step": vars(at_step)}
         print_json(_dict(found, holds) | stepped)
@@ -132,10 +130,8 @@ def _law_and_contact(arguments: argparse.Namespace) -> tuple[Any, Contact | None
     if arguments.law is None:
         from ..._lab.calibration.file import load_calibration
 
-        try:
+        with input_errors():
             known = load_calibration(arguments.calibration)
-        except ValueError as error:
-            raise InputError(str(error)) from error
         given = [name for name in ("mass", "stiffness") if getattr(arguments, name) is not None]
         if not given:
             return known, None
@@ -148,10 +144,8 @@ def _law_and_contact(arguments: argparse.Namespace) -> tuple[Any, Contact | None
     if arguments.velocity is None:
         raise InputError("--velocity is needed: e of the engine may depend on it")
     contact = contact_asked(arguments, exponent_asked(arguments))
-    try:
+    with input_errors():
         return get_law(arguments.law, **given), contact
-    except ValueError as error:
-        raise InputError(str(error)) from error
 
 
 def _in_options(text: str) -> str:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 from ..._text.progress import Stages
 from ..air import add_air_options, drag_asked, gravity_asked
 from ..law import add_law_and_contact, contact_asked, exponent_asked, parameters_asked
-from ..options import InputError, assignment, number, positive
+from ..options import InputError, assignment, input_errors, number, positive
 from ..printing import print_json
-from ..table import add_table_options, input_error
+from ..table import add_table_options, in_options
 
 if TYPE_CHECKING:
     from ..._fit import Fit
@@ -188,12 +188,8 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
                 raise InputError(f"--{name.replace('_', '-')} is for bounces only")
     source, data, notes = _read(arguments, problem)
     progress("compiling and fitting")
-    try:
+    with input_errors(lambda text: f"{source}: {text}"):
         found = problem.fit(arguments, data)
-    except InputError:
-        raise
-    except ValueError as error:
-        raise InputError(f"{source}: {error}") from error
     if arguments.json:
         print_json(_dict(arguments, source, found, notes))
     else:
@@ -210,13 +206,11 @@ def _read(
     from ..._lab.recordings import FROM_FILE, read_columns
 
     how = {"columns": arguments.columns, "decimal": arguments.decimal}
-    try:
+    with input_errors(in_options):
         if not problem.columns:
             return _read_bounces(arguments, how)
         how["ball"] = arguments.ball
         read = read_columns(arguments.file, problem.columns, needed=problem.needed, **how)
-    except ValueError as error:
-        raise input_error(error) from error
     if problem.one_of and not any(name in read.values for name in problem.one_of):
         raise InputError(
             f"{arguments.file}: one of the columns {', '.join(problem.one_of)} is needed; if a "
@@ -290,10 +284,8 @@ def _law(arguments: argparse.Namespace) -> tuple[AbstractLaw, float]:
         arguments.e = None if "e" in dict(arguments.param) else _START
     given = parameters_asked(arguments)
     exponent = exponent_asked(arguments)
-    try:
+    with input_errors():
         return get_law(arguments.law, **given), exponent
-    except ValueError as error:
-        raise InputError(str(error)) from error
 
 
 def _sigmas(arguments: argparse.Namespace, data: Mapping[str, Any]) -> dict[str, float]:

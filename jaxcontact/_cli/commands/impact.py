@@ -14,7 +14,7 @@ from ..._text.table import text_table
 from ..._text.units import meaning, quantity
 from ..files import output_path
 from ..law import add_law_and_contact, exponent_asked, parameters_asked
-from ..options import InputError, number, positive
+from ..options import InputError, input_errors, number, positive
 from ..printing import print_json
 
 if TYPE_CHECKING:
@@ -55,12 +55,10 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
 
     given = parameters_asked(arguments)
     exponent = exponent_asked(arguments)
-    try:
+    with input_errors():
         law = get_law(arguments.law, **given)
         contact = Contact(arguments.mass, arguments.stiffness, exponent)
         hit = impact(law, contact, arguments.velocity)
-    except ValueError as error:
-        raise InputError(str(error)) from error
     status = Status(int(hit.status))
     if status == Status.INVALID_INPUT:
         raise InputError("a parameter is out of its range")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, BinaryIO
 from ..._text.files import FIGURES, write_all
 from ..._text.progress import Stages
 from ..files import output_path
-from ..options import InputError
+from ..options import InputError, input_errors
 from ..printing import print_json
 
 if TYPE_CHECKING:
@@ -104,20 +104,16 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         raise InputError(f"--out {out} is not a folder")
     plot = output_path("--plot", arguments.plot, FIGURES) if arguments.plot else None
     film = output_path("--animate", arguments.animate, MOVING) if arguments.animate else None
-    try:
+    with input_errors(lambda text: text.replace("Argument `example`", "--example")):
         scene, how = read_scene(arguments.file, example=arguments.example)
-    except ValueError as error:
-        raise InputError(str(error).replace("Argument `example`", "--example")) from error
     if arguments.show:
         text = examples().get(arguments.example)
         print(pathlib.Path(arguments.file).read_text() if text is None else text, end="")
         return 0
     axes = _axes(arguments.axes, scene.dimensions)
     progress("compiling and running the scene")
-    try:
+    with input_errors(lambda text: f"{arguments.file or arguments.example}: {text}"):
         done = simulate(scene, **how, progress=False if arguments.quiet else None)
-    except ValueError as error:
-        raise InputError(f"{arguments.file or arguments.example}: {error}") from error
     files: dict[pathlib.Path, bytes | Callable[[BinaryIO], object]] = {}
     if arguments.out is not None:
         files |= {out / RUN: done.to_csv, out / IMPACTS: done.impacts.to_csv}

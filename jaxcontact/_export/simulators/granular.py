@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import jax.numpy as jnp
 
@@ -20,29 +21,53 @@ _LEAST = math.exp(-2)
 """
 
 _POISSON = Range(low=-1.0, high=0.5, low_open=True, inside=0.3)
-_ANTYPOV = "Antypov & Elliott 2011, doi 10.1209/0295-5075/94/50004"
 
 
-def _without_tension(wanted: Wanted, engine: str) -> tuple[AntypovElliott, float]:
-    """Return the law of Antypov and Elliott without tension that delivers e, and its own e."""
-    clamped = KelvinVoigt(e=jnp.asarray(wanted.restitution), tension=False)
-    zeta = float(clamped.damping_ratio())
-    if not zeta < 1:
-        raise ValueError(
-            f"Argument `law` must deliver a restitution above {_LEAST:.4f} for engine {engine!r}, "
-            f"but delivers {wanted.restitution:g}; try 'drake', 'exudyn' or 'lammps'."
+class AbstractSpheres(Engine):
+    """A Hertz contact of K = (4/3) √R E*, damped by a restitution, clamped instead of pulling.
+
+    `parameters` are the engine's names of Young's modulus, Poisson's ratio and the restitution, and
+    `snippet` is a format of these three. `model`, `limit` and `source` are those of `Draft`.
+    """
+
+    model: ClassVar[str]
+    parameters: ClassVar[tuple[str, str, str]]
+    snippet: ClassVar[str]
+    limit: ClassVar[str]
+    source: ClassVar[str]
+
+    def draft(self, wanted: Wanted, *, radius: float, poisson_ratio: float = 0.3) -> Draft:
+        radius = require_number("radius", radius, POSITIVE)
+        poisson = require_number("poisson_ratio", poisson_ratio, _POISSON)
+        clamped = KelvinVoigt(e=jnp.asarray(wanted.restitution), tension=False)
+        zeta = float(clamped.damping_ratio())
+        if not zeta < 1:
+            raise ValueError(
+                f"Argument `law` must deliver a restitution above {_LEAST:.4f} for engine "
+                f"{self.name!r}, but delivers {wanted.restitution:g}; try 'drake', 'exudyn' or "
+                "'lammps'."
+            )
+        # The law of Antypov and Elliott that delivers e without tension, and its own e.
+        asked = math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2))
+        law = AntypovElliott(e=jnp.asarray(asked), tension=False)
+        stiffness = matched_stiffness(wanted, 1.5, law)
+        # Two equal bodies have E* = E/(2(1-ν²)).
+        young = 2 * (1 - poisson**2) * 0.75 * stiffness / math.sqrt(radius)
+        numbers = young, poisson, asked
+        return Draft(
+            model=self.model,
+            law=law,
+            contact=Contact(wanted.mass, stiffness, 1.5),
+            parameters=dict(zip(self.parameters, numbers, strict=True)),
+            units=dict(zip(self.parameters, ("Pa", "", ""), strict=True)),
+            snippet=self.snippet.format(*numbers),
+            limit=self.limit,
+            source=f"{self.source}; Antypov & Elliott 2011, doi 10.1209/0295-5075/94/50004",
         )
-    asked = math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2))
-    return AntypovElliott(e=jnp.asarray(asked), tension=False), asked
-
-
-def _young(stiffness: float, radius: float, poisson: float) -> float:
-    """Return Young's modulus of two equal bodies for K = (4/3) √R E*, E* = E/(2(1-ν²))."""
-    return 2 * (1 - poisson**2) * 0.75 * stiffness / math.sqrt(radius)
 
 
 @register_engine
-class Yade(Engine):
+class Yade(AbstractSpheres):
     """YADE's Hertz contact: K = (4/3) √R E*, and damping by `en`, clamped instead of pulling.
 
     F = K δ^(3/2) + √5 ζ √(Km) δ^(1/4) δ' with ζ = -ln en/√(π² + ln² en). This is the law of Antypov
@@ -50,68 +75,41 @@ class Yade(Engine):
     """
 
     name = "yade"
-
-    def draft(self, wanted: Wanted, *, radius: float, poisson_ratio: float = 0.3) -> Draft:
-        radius = require_number("radius", radius, POSITIVE)
-        poisson = require_number("poisson_ratio", poisson_ratio, _POISSON)
-        law, asked = _without_tension(wanted, self.name)
-        stiffness = matched_stiffness(wanted, 1.5, law)
-        young = _young(stiffness, radius, poisson)
-        return Draft(
-            model="Law2_ScGeom_MindlinPhys_Mindlin",
-            law=law,
-            contact=Contact(wanted.mass, stiffness, 1.5),
-            parameters={"young": young, "poisson": poisson, "en": asked},
-            units={"young": "Pa", "poisson": "", "en": ""},
-            snippet=(
-                f"FrictMat(young={young:.12g}, poisson={poisson:.12g}, frictionAngle=0)\n"
-                f"Ip2_FrictMat_FrictMat_MindlinPhys(en={asked:.12g}, es={asked:.12g})\n"
-                "Law2_ScGeom_MindlinPhys_Mindlin()"
-            ),
-            limit=(
-                "for both materials. `radius` is YADE's effective one, R1 R2/(R1+R2), and half "
-                "of the sphere's against a wall or facet; the mass is the effective one. e does "
-                "not depend on speed; 0.136 at least. Not run: YADE is not a Python package."
-            ),
-            source=f"pkg/dem/HertzMindlin.cpp of gitlab.com/yade-dev/trunk; {_ANTYPOV}",
-        )
+    model = "Law2_ScGeom_MindlinPhys_Mindlin"
+    parameters = ("young", "poisson", "en")
+    snippet = (
+        "FrictMat(young={0:.12g}, poisson={1:.12g}, frictionAngle=0)\n"
+        "Ip2_FrictMat_FrictMat_MindlinPhys(en={2:.12g}, es={2:.12g})\n"
+        "Law2_ScGeom_MindlinPhys_Mindlin()"
+    )
+    limit = (
+        "for both materials. `radius` is YADE's effective one, R1 R2/(R1+R2), and half of the "
+        "sphere's against a wall or facet; the mass is the effective one. e does not depend on "
+        "speed; 0.136 at least. Not run: YADE is not a Python package."
+    )
+    source = "pkg/dem/HertzMindlin.cpp of gitlab.com/yade-dev/trunk"
 
 
 @register_engine
-class Chrono(Engine):
+class Chrono(AbstractSpheres):
     """Chrono's smooth contact (SMC) of Hertz: as in YADE, with the restitution of the material."""
 
     name = "chrono"
-
-    def draft(self, wanted: Wanted, *, radius: float, poisson_ratio: float = 0.3) -> Draft:
-        radius = require_number("radius", radius, POSITIVE)
-        poisson = require_number("poisson_ratio", poisson_ratio, _POISSON)
-        law, asked = _without_tension(wanted, self.name)
-        stiffness = matched_stiffness(wanted, 1.5, law)
-        young = _young(stiffness, radius, poisson)
-        return Draft(
-            model="ChSystemSMC, ContactForceModel Hertz",
-            law=law,
-            contact=Contact(wanted.mass, stiffness, 1.5),
-            parameters={"young_modulus": young, "poisson_ratio": poisson, "restitution": asked},
-            units={"young_modulus": "Pa", "poisson_ratio": "", "restitution": ""},
-            snippet=(
-                "material = chrono.ChContactMaterialSMC()\n"
-                f"material.SetYoungModulus({young:.12g})\n"
-                f"material.SetPoissonRatio({poisson:.12g})\n"
-                f"material.SetRestitution({asked:.12g})\n"
-                "system.SetContactForceModel(chrono.ChSystemSMC.Hertz)"
-            ),
-            limit=(
-                "for both materials, used by their properties and without adhesion. The "
-                "effective mass counts a fixed body with its own mass: make that a thousand "
-                "times the ball's. e does not depend on speed; 0.136 at least. Not run: Chrono "
-                "comes from conda, not as a wheel."
-            ),
-            source=(
-                f"ChContactSMC.h and ChSystemSMC.cpp of github.com/projectchrono/chrono; {_ANTYPOV}"
-            ),
-        )
+    model = "ChSystemSMC, ContactForceModel Hertz"
+    parameters = ("young_modulus", "poisson_ratio", "restitution")
+    snippet = (
+        "material = chrono.ChContactMaterialSMC()\n"
+        "material.SetYoungModulus({:.12g})\n"
+        "material.SetPoissonRatio({:.12g})\n"
+        "material.SetRestitution({:.12g})\n"
+        "system.SetContactForceModel(chrono.ChSystemSMC.Hertz)"
+    )
+    limit = (
+        "for both materials, used by their properties and without adhesion. The effective mass "
+        "counts a fixed body with its own mass: make that a thousand times the ball's. e does not "
+        "depend on speed; 0.136 at least. Not run: Chrono comes from conda, not as a wheel."
+    )
+    source = "ChContactSMC.h and ChSystemSMC.cpp of github.com/projectchrono/chrono"
 
 
 @register_engine

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..._calibration.choice.kinds import padded
+from ..._calibration.choice.kind import padded
 from ..._fit import Fit
 
 

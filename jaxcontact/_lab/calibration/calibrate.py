@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from ..._calibration.choice.choose_law import choose, weights_of
-from ..._calibration.choice.kinds import AbstractKind, kinds_of
+from ..._calibration.choice.kind import AbstractKind
+from ..._calibration.choice.kinds import kinds_of
 from ..._calibration.choice.law_choice import LawChoice
 from ..._calibration.choice.outcomes import NONE, Columns
 from ..._calibration.pairs.columns import column

@@ -5,21 +5,19 @@ from __future__ import annotations
 import dataclasses
 import math
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from ..._calibration.choice.choose_law import law_fit, padded_data
+from ..._calibration.choice.choose_law import fit_kind, law_fit, padded_data, reference_of
 from ..._calibration.choice.equivalent_e import asked_of, delivered_by_laws
-from ..._calibration.choice.kinds import AbstractKind, LogRestitution
+from ..._calibration.choice.kind import AbstractKind
 from ..._calibration.choice.law_choice import LawChoice
-from ..._calibration.choice.outcomes import Columns, LogOutcomes
+from ..._calibration.choice.outcomes import Columns
 from ..._calibration.choice.trend import Curve, Line, line_of
 from ..._calibration.pairs.noise import RELATIVE_FLOOR, Noise
 from ..._calibration.pairs.outliers import Outliers, Trend
 from ..._calibration.pairs.pairs import LEAST_PAIRS, Pairs
 from ..._contact import Contact
-from ..._fit import Candidate, Positive, fit
+from ..._fit import Candidate
 from ..._flight import Floats
 from ..._text.words import counted
 
@@ -68,22 +66,12 @@ def only_constant(
     Arguments as for `choose`. `weights` are inverse variances of ln e; they are relative unless
     `known`.
     """
-    v, e = pairs.velocity[use], pairs.restitution[use]
+    v = pairs.velocity[use]
     how = {"groups": None} | ({"sigma": weights**-0.5} if known else {})
     data = padded_data(pairs, use, weights, others, correlation, how)
-    reference = float(np.exp(np.mean(np.log(v))))
-    typical = min(max(float(np.median(e)), 0.05), 0.999)
-    with jax.enable_x64(True):
-        model = LogRestitution(kind, contact, jnp.asarray(reference))
-        if others:
-            model = LogOutcomes(kind, contact, jnp.asarray(reference), tuple(others.values))
-    start, transforms = kind.start(typical, contact, reference), dict(kind.transforms)
-    if others:
-        start["stiffness"] = float(contact.stiffness)
-        transforms["stiffness"] = Positive()
-    found = fit(model, start=start, transforms=transforms, **data)
+    found = fit_kind(kind, pairs, use, contact, others, data)
     given = frozenset({"mass", "stiffness"} if others else ())
-    law = law_fit(kind, found, pairs, use, contact, given, float(np.median(v)))
+    law = law_fit(kind, found, pairs, use, contact, given)
     if not known and len(v) == 1:
         lacking = [dataclasses.replace(one, lacking=_UNKNOWN) for one in law.estimates]
         law = dataclasses.replace(law, estimates=tuple(lacking))
@@ -115,6 +103,6 @@ def only_constant(
         fits={kind.name: found},
         kinds=(kind,),
         contact=contact,
-        reference=reference,
+        reference=reference_of(v),
         marked=~use,
     )

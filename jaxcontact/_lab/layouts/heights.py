@@ -50,7 +50,6 @@ class Heights(Layout[Rebound]):
     made_of = "drop and rebound heights"
     pair_words = ("pair of heights", "pairs of heights")
     cluster_words = ("drop height", "drop heights")
-    pair_rule = "each row is a pair"
     errors_words = "by drop height (cluster-robust sandwich): drops from one height share its error"
 
     def read(self, rows: Sequence[Row]) -> list[Rebound]:
@@ -136,13 +135,8 @@ class Table(Layout[Point]):
     meanings = MappingProxyType(
         {"ball": LABELS["ball"], "velocity": VELOCITY, "restitution": E, "sigma": SIGMA_E}
     )
-    reading_error = None
-    uses_flight = False
     made_of = "rows of speed and restitution"
     pair_words = ("pair of speed and restitution", "pairs of speed and restitution")
-    cluster_words = ("row", "rows")
-    pair_rule = "each row is a pair"
-    errors_words = "by row (sandwich), valid if the scatter differs between rows"
 
     def read(self, rows: Sequence[Row]) -> list[Point]:
         there = [name for name in (*self.measured, "sigma") if rows and name in rows[0].values]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 
@@ -60,13 +61,11 @@ class Impact(Record):
 class Records(Layout[Impact]):
     """Readings of an instrument over time while bodies collide.
 
-    Impacts are separated, and each is fitted with its time of touch and zero level. `quantity` is
-    the measured quantity.
+    Impacts are separated, and each is fitted with its time of touch and zero level. A subclass
+    gives the measured `quantity`, its `headings` and `unit`, and `must_say` as in `Meaning`.
     """
 
-    quantity: str
-    reading_error = None
-    uses_flight = False
+    quantity: ClassVar[str]
     fitted = True
     instead = MappingProxyType({"time": "; or give `rate`, the readings per second"})
     pair_words = ("impact", "impacts")
@@ -78,9 +77,12 @@ class Records(Layout[Impact]):
         "from the noise of the readings of each impact, and the scatter between impacts",
     )
 
-    @property
-    def made_of(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return f"impacts in a record of {self.quantity}"
+    def __init_subclass__(cls, quantity: str, headings: str, unit: str, must_say: str = ""):
+        cls.name = cls.quantity = quantity
+        cls.columns = cls.measured = ("time", quantity)
+        meaning = Meaning(words(headings), unit, must_say=must_say)
+        cls.meanings = MappingProxyType({"time": CLOCK, quantity: meaning})
+        cls.made_of = f"impacts in a record of {quantity}"
 
     def at_rate(self, rate: float | None) -> Records:
         return self  # its times already include the rate
@@ -157,51 +159,36 @@ class Records(Layout[Impact]):
         )
 
 
-def _meanings(quantity: str, said: str, unit: str, must_say: str = "") -> Mapping[str, Meaning]:
-    return MappingProxyType(
-        {"time": CLOCK, quantity: Meaning(words(said), unit, must_say=must_say)}
-    )
-
-
-class Forces(Records):
+class Forces(
+    Records,
+    quantity="force",
+    headings="force, f, fz, f z, normal force, vertical force, contact force, force z, fn, f n, "
+    "fy up, vgrf, grf, ground reaction force, load, load cell",
+    unit="N",
+):
     """A force over time, as read by a force plate or a load cell."""
 
-    name = quantity = "force"
-    columns = measured = ("time", "force")
-    meanings = _meanings(
-        "force",
-        "force, f, fz, f z, normal force, vertical force, contact force, force z, fn, f n, fy up, "
-        "vgrf, grf, ground reaction force, load, load cell",
-        "N",
-    )
 
-
-class Accelerations(Records):
+class Accelerations(
+    Records,
+    quantity="acceleration",
+    headings="acceleration, accel, acc, a, ax, ay, az, a x, a y, a z, acceleration x, "
+    "acceleration y, acceleration z, linear acceleration x, linear acceleration y, "
+    "linear acceleration z, deceleration",
+    unit="m/s^2",
+    must_say="m/s² or g",
+):
     """The acceleration of the body over time, as read by an accelerometer on it."""
 
-    name = quantity = "acceleration"
-    columns = measured = ("time", "acceleration")
-    meanings = _meanings(
-        "acceleration",
-        "acceleration, accel, acc, a, ax, ay, az, a x, a y, a z, acceleration x, acceleration y, "
-        "acceleration z, linear acceleration x, linear acceleration y, linear acceleration z, "
-        "deceleration",
-        "m/s^2",
-        must_say="m/s² or g",
-    )
 
-
-class Indentations(Records):
+class Indentations(
+    Records,
+    quantity="indentation",
+    headings="indentation, penetration, deformation, compression, displacement, deflection, "
+    "approach, δ, delta",
+    unit="m",
+):
     """The indentation of one impact over time; its zero is approximately at touch."""
-
-    name = quantity = "indentation"
-    columns = measured = ("time", "indentation")
-    meanings = _meanings(
-        "indentation",
-        "indentation, penetration, deformation, compression, displacement, deflection, approach, "
-        "δ, delta",
-        "m",
-    )
 
     def cut(self, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
         """Return the trace and the one contact around the largest indentation."""

@@ -24,7 +24,7 @@ from ..tables.deviation import FROM_FILE, deviation_of
 from ..tables.heading import Meaning, words
 from ..tables.match import Match
 from ..tables.sheet import Row, Sheet
-from .layout import DROP_HEIGHT, LABELS, Flights, Layout, Paired, ReadingError, Record, bounces_of
+from .layout import DROP_HEIGHT, LABELS, Layout, Paired, ReadingError, Record, adjacent, bounces_of
 
 _TOLERANCE = 0.06
 _LATE_TOLERANCE = 0.25  # fraction of the deviation that a late trigger would explain
@@ -102,6 +102,7 @@ class Intervals(Layout[Interval]):
     )
     reading_error = ReadingError("s", "ms", 1e3, "each trigger time")
     uses_flight = True
+    flight = ("intervals", "seconds")
     made_of = "successive bounce intervals"
     pair_words = ("pair of successive intervals", "pairs of successive intervals")
     cluster_words = ("trial", "trials")
@@ -177,12 +178,7 @@ class Intervals(Layout[Interval]):
         return (FROM_FILE,) if records and records[0].sigma is not None else ()
 
     def pair(self, records: Sequence[Interval], flight: Flight) -> Paired[Interval]:
-        at = {(record.group, record.bounce): record for record in records}
-        couples = [
-            (first, at[after])
-            for first in records
-            if (after := (first.group, first.bounce + 1)) in at
-        ]
+        couples = adjacent(records, lambda one: (one.group, one.bounce))
         t1, t2 = np.array([[one.seconds for one in couple] for couple in couples]).reshape(-1, 2).T
         landing, restitution, p, q = ratios_of(t1, t2, flight)
         # Three trigger times n₁, n₂, n₃ make two intervals. With independent errors of the
@@ -204,9 +200,6 @@ class Intervals(Layout[Interval]):
             reading=math.sqrt(square),
             absolute=bool(couples) and couples[0][0].sigma is not None,
         )
-
-    def flights(self, records: Sequence[tuple[Interval, ...]]) -> Flights:
-        return Flights("intervals", *([one[k].seconds for one in records] for k in (0, 1)))
 
     def guess(
         self, records: Sequence[tuple[Interval, ...]], flagged: np.ndarray, e: float

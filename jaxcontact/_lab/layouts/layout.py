@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import collections
 import dataclasses
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
@@ -96,21 +96,23 @@ class Layout(abc.ABC, Generic[R]):
     account for. `known_errors`, the same, short and in full, for known reading errors.
 
     `instead`, what to do if a column is missing, by column. `fitted`, whether speed and e follow
-    from a fit of each record, which needs the mass, and not from `pair`.
+    from a fit of each record, which needs the mass, and not from `pair`. `flight`, the kind in
+    `Flights` and the attribute of a record, if a pair is two records of successive flights.
     """
 
     name: ClassVar[str]
     columns: ClassVar[tuple[str, ...]]
     measured: ClassVar[tuple[str, ...]]
     meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType({})
-    reading_error: ClassVar[ReadingError | None]
-    uses_flight: ClassVar[bool]
+    reading_error: ClassVar[ReadingError | None] = None
+    uses_flight: ClassVar[bool] = False
     made_of: ClassVar[str]
     pair_words: ClassVar[Words]
-    cluster_words: ClassVar[Words]
-    pair_rule: ClassVar[str]
-    errors_words: ClassVar[str]
+    cluster_words: ClassVar[Words] = ("row", "rows")
+    pair_rule: ClassVar[str] = "each row is a pair"
+    errors_words: ClassVar[str] = "by row (sandwich), valid if the scatter differs between rows"
     fitted: ClassVar[bool] = False
+    flight: ClassVar[tuple[str, str] | None] = None
     instead: ClassVar[Mapping[str, str]] = MappingProxyType({})
     known_errors: ClassVar[Words] = (
         "errors of times known, scatter fitted",
@@ -139,7 +141,10 @@ class Layout(abc.ABC, Generic[R]):
 
         `records` are those of all pairs.
         """
-        return None
+        if self.flight is None:
+            return None
+        kind, name = self.flight
+        return Flights(kind, *([getattr(one[k], name) for one in records] for k in (0, 1)))
 
     def guess(
         self, records: Sequence[tuple[R, ...]], flagged: np.ndarray, e: float
@@ -194,6 +199,12 @@ def bounces_of(rows: Sequence[Row], groups: Sequence[Hashable]) -> list[int]:
             row.refuse("bounce", told)
         bounces.append(bounce)
     return bounces
+
+
+def adjacent(records: Sequence[R], place: Callable[[R], tuple[Hashable, int]]) -> list[tuple[R, R]]:
+    """Return records with their next ones; `place` returns the group and the number in it."""
+    at = {place(one): one for one in records}
+    return [(one, at[group, k + 1]) for (group, k), one in at.items() if (group, k + 1) in at]
 
 
 LAYOUTS: dict[str, Layout[Any]] = {}

@@ -13,7 +13,7 @@ from ..._flight import Flight, speed_after_drop, speed_to_reach
 from ..._text.words import span
 from ..tables.heading import Meaning, words
 from ..tables.sheet import Row
-from .layout import LABELS, Flights, Layout, Paired, ReadingError, Record, bounces_of
+from .layout import LABELS, Layout, Paired, ReadingError, Record, adjacent, bounces_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,6 +44,7 @@ class Peaks(Layout[Peak]):
     )
     reading_error = ReadingError("m", "mm", 1e3, "each height")
     uses_flight = True
+    flight = ("heights", "height")
     made_of = "heights of successive flights"
     pair_words = ("pair of successive heights", "pairs of successive heights")
     cluster_words = ("trial", "trials")
@@ -79,9 +80,6 @@ class Peaks(Layout[Peak]):
             "heights": span([record.height for record in records], "m"),
         }
 
-    def flights(self, records: Sequence[tuple[Peak, ...]]) -> Flights:
-        return Flights("heights", *([one[k].height for one in records] for k in (0, 1)))
-
     def pair(self, records: Sequence[Peak], flight: Flight) -> Paired[Peak]:
         couples = _couples(records)
         before, after = (
@@ -114,9 +112,4 @@ def _chains(records: Sequence[Peak]) -> list[np.ndarray]:
 
 
 def _couples(records: Sequence[Peak]) -> list[tuple[Peak, Peak]]:
-    at = {(one.ball, one.trial, one.bounce): one for one in records}
-    return [
-        (one, after)
-        for one in records
-        if (after := at.get((one.ball, one.trial, one.bounce + 1))) is not None
-    ]
+    return adjacent(records, lambda one: ((one.ball, one.trial), one.bounce))

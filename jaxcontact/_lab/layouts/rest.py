@@ -70,7 +70,6 @@ class Stops(Layout[Stop]):
     made_of = "drop heights and total times to rest"
     pair_words = ("drop until rest", "drops until rest")
     cluster_words = ("drop height", "drop heights")
-    pair_rule = "each row is a pair"
     errors_words = "by drop height (cluster-robust sandwich): drops from one height share its error"
 
     def read(self, rows: Sequence[Row]) -> list[Stop]:

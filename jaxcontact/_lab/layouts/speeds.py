@@ -46,12 +46,8 @@ class Speeds(Layout[Collision]):
         }
     )
     reading_error = ReadingError("m/s", "mm/s", 1e3, "each speed")
-    uses_flight = False
     made_of = "speeds before and after impacts"
     pair_words = ("pair of speeds", "pairs of speeds")
-    cluster_words = ("row", "rows")
-    pair_rule = "each row is a pair"
-    errors_words = "by row (sandwich), valid if the scatter differs between rows"
 
     def read(self, rows: Sequence[Row]) -> list[Collision]:
         records = [Collision(*row.place, *map(row.positive, self.measured)) for row in rows]

@@ -18,7 +18,7 @@ from ..tables.heading import Meaning, words
 from ..tables.sheet import Row
 from ..track import Drop, Frames, Track
 from .intervals import ratios_of
-from .layout import LABELS, Flights, Layout, Paired, ReadingError, Record
+from .layout import LABELS, Layout, Paired, ReadingError, Record
 from .track_frames import clock_of, frames_of
 from .track_words import camera_notes, shown_e, skipped_notes, wrong_lengths
 
@@ -84,6 +84,7 @@ class Tracks(Layout[Flown]):
     )
     reading_error = ReadingError("s", "ms", 1e3, "each flight time")
     uses_flight = True
+    flight = ("intervals", "seconds")
     instead = MappingProxyType(
         {"time": "; or number the frames in a column `frame`, and give their `rate` per second"}
     )
@@ -180,9 +181,6 @@ class Tracks(Layout[Flown]):
             covariance=covariance,
             reading=math.sqrt(square),
         )
-
-    def flights(self, records: Sequence[tuple[Flown, ...]]) -> Flights:
-        return Flights("intervals", *([one[k].seconds for one in records] for k in (0, 1)))
 
 
 def counts_frames(headings: Iterable[str]) -> bool:

@@ -55,6 +55,16 @@ def lagging(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
     return value, by_x * 2 / whole, 2 * value / whole - by_x * (1 + x) / whole
 
 
+class _Offset:
+    """The position of a parameter, `after` places behind the number of flights."""
+
+    def __init__(self, after: int):
+        self.after = after
+
+    def __get__(self, model: Model, owner: type[Model]) -> int:
+        return model.flights + self.after
+
+
 @dataclasses.dataclass(frozen=True)
 class Model:
     """Positions of the parameters of `flights` flights in a vector.
@@ -74,37 +84,7 @@ class Model:
     shape: Shape | None = None
     beta: float = 0.0
 
-    @property
-    def contact(self) -> int:
-        return self.flights + 1
-
-    @property
-    def power(self) -> int:
-        return self.flights + 2
-
-    @property
-    def floor(self) -> int:
-        return self.flights + 3
-
-    @property
-    def fall(self) -> int:
-        return self.flights + 4
-
-    @property
-    def air(self) -> int:
-        return self.flights + 5
-
-    @property
-    def rise(self) -> int:
-        return self.flights + 6
-
-    @property
-    def growth(self) -> int:
-        return self.flights + 7
-
-    @property
-    def tilt(self) -> int:
-        return self.flights + 8
+    contact, power, floor, fall, air, rise, growth, tilt = map(_Offset, range(1, 9))
 
     @property
     def size(self) -> int:

@@ -95,13 +95,6 @@ def _together(bodies: Sequence[AbstractBody], which: Sequence[int]) -> AbstractB
     return jax.tree.map(stacked, *(bodies[k] for k in which))
 
 
-def numbers_of(
-    scene: Scene, layout: Layout, *, contacts: bool, soft: bool = False
-) -> tuple[Numbers, Bool[Array, ""]]:
-    """Return the numbers of a scene and whether they are valid; see `gathered`."""
-    return gathered(given_in(scene), layout, contacts, soft)
-
-
 def gathered(
     given: Parts, layout: Layout, contacts: bool, soft: bool
 ) -> tuple[Numbers, Bool[Array, ""]]:
