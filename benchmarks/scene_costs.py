@@ -16,7 +16,7 @@ import numpy as np
 
 import jaxcontact as jc
 from jaxcontact._scene.arrays.arrays import layout_of
-from jaxcontact._scene.arrays.from_scene import numbers_of
+from jaxcontact._scene.arrays.from_scene import gathered, given_in
 from jaxcontact._scene.contact_times.grid import grid_of
 from jaxcontact._scene.engine.log import Log, blank_log
 from jaxcontact._scene.engine.loop import advance, begun
@@ -75,7 +75,7 @@ def impact_cost(count: int, impacts: int) -> dict:
     """
     scene = hard_box(count)
     layout = layout_of(scene)
-    numbers, _ = numbers_of(scene, layout, contacts=False)
+    numbers, _ = gathered(given_in(scene), layout, contacts=False, soft=False)
     rules = Rules(False, "peak", 0)
     end, tolerance = jnp.asarray(1e6), jnp.asarray(1e-9)
     state = eqx.filter_jit(begun)(layout, numbers, rules, grid_of(layout, numbers))

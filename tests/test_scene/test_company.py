@@ -13,7 +13,7 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._scene.arrays.arrays import layout_of
 from jaxcontact._scene.arrays.flight import Flying
-from jaxcontact._scene.arrays.from_scene import numbers_of
+from jaxcontact._scene.arrays.from_scene import gathered, given_in
 from jaxcontact._scene.engine.cluster_members import company_of
 from jaxcontact._scene.engine.coupled import touching
 from jaxcontact._scene.engine.log import blank_calls, blank_choice
@@ -134,7 +134,7 @@ def test_in_a_small_cell_each_pair_has_its_own_images():
     discs = [jc.Sphere(radius, 1.0, x, v) for radius, x, v in given]
     scene = jc.Scene(discs, jc.Hertz(), stiffness=1e3, periodic=[0.8, 0.8])
     layout = layout_of(scene)
-    numbers = numbers_of(scene, layout, contacts=True)[0]
+    numbers = gathered(given_in(scene), layout, contacts=True, soft=False)[0]
     blank = blank_calls(layout, 3, numbers.dtype)[1].decided
     nowhere = jnp.full(3, -1)
 
