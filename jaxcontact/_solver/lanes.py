@@ -150,6 +150,7 @@ class _Choice:
 
         def batch(lanes: int, along: tuple, numbers: Any, rest: Any) -> Any:
             # The lanes of a value and of its change are the same.
+            assert self.batch is not None
             (values, changes), rest_flags = along
             either = tuple(map(operator.or_, values, changes))
 
