@@ -25,7 +25,7 @@ class ByLanes(eqx.Module, Generic[Out]):
     """The same function in two forms: `few`, which compiles quickly, or `many`, for large batches.
     `vmap` alone does not give a function the number of lanes. Differentiable in forward mode to any
     order, like both forms. `batched(lanes, along, *arguments)`: a better batch of `few` than that
-    of `vmap`, for values; `along` flags the arrays that differ along their first axis.
+    of `vmap`; `along` flags the arrays that differ along their first axis.
     """
 
     few: Callable[..., Out]
