@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
+from .._elementary import product_in_place
 from .._varying import varying
 from .lanes import ByLanes
 from .runge_kutta import step_in_loop, step_written_out
@@ -148,7 +149,9 @@ class Packed(NamedTuple, Generic[State]):
                 record = jnp.broadcast_to(record[None], (lanes, record.size))
             # Each lane has a step of its own, so the steps scale the slopes.
             one = jnp.ones((), record.dtype)
-            after, error = step_in_loop(lambda record: sizes * each(arrays, record), record.T, one)
+            after, error = step_in_loop(
+                lambda record: sizes * each(arrays, record), record.T, one, product_in_place
+            )
             return after.T, error.T
 
         def many(field: Any, record: Record, size: Number) -> tuple[Record, Record]:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._elementary import small_product
+from .._elementary import Product, small_product
 from .._varying import varying
 
 State = TypeVar("State")
@@ -48,9 +48,12 @@ def step(rate: Callable[[State], State], state: State, size: Array) -> State:
     return step_in_loop(rate, state, size)[0]
 
 
-def step_in_loop(rate: Callable[[State], State], state: State, size: Array) -> tuple[State, State]:
+def step_in_loop(
+    rate: Callable[[State], State], state: State, size: Array, product: Product = small_product
+) -> tuple[State, State]:
     """Return the state one step of `size` later, and its difference from the order-7 method. The
-    stages are a loop, which compiles `rate` once instead of thirteen times.
+    stages are a loop, which compiles `rate` once instead of thirteen times. `product`: the one of
+    weights and slopes.
     """
     rule = tableau()
     stages = len(rule.nodes)
@@ -60,7 +63,7 @@ def step_in_loop(rate: Callable[[State], State], state: State, size: Array) -> t
 
     def changed(weights: np.ndarray | Array, slopes: State) -> State:
         return jax.tree.map(
-            lambda slope: size * small_product(jnp.asarray(weights, slope.dtype), slope), slopes
+            lambda slope: size * product(jnp.asarray(weights, slope.dtype), slope), slopes
         )
 
     def moved(weights: np.ndarray | Array, slopes: State) -> State:
