@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._program import quick
+from .._text.failure import NumericalError
 from .problem.problem import Problem, evaluated, flattened, place_like
 from .search.laplace import Direction
 
@@ -73,6 +74,18 @@ class FitData:
     notes: tuple[str, ...] = ()
     shared: SharedErrors | None = dataclasses.field(default=None, repr=False)
     wider: np.ndarray | None = dataclasses.field(default=None, repr=False)
+
+    @property
+    def ok(self) -> bool:
+        """`converged`, by its name in other results."""
+        return self.converged
+
+    def checked(self, throw: bool, call: str) -> Self:
+        """Return this fit; raise NumericalError if it did not converge, and if `throw`."""
+        if throw and not self.converged:
+            why = f"{self.reason}. Try another `start`, or more `max_steps`."
+            raise NumericalError(f"`{call}` failed: {why} `throw=False` returns it flagged.")
+        return self
 
     @property
     def errors(self) -> np.ndarray:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Callable
 from typing import Any, TypedDict, TypeVar
 
-from .._parameter import refuses_unknown
+from .._parameter import refuses_unknown, require_flag
 from .fit import fit
 from .problem.loss import Huber
 
@@ -36,6 +37,7 @@ class ColumnKeywords(SearchKeywords, total=False):
     correlation: Any
     transforms: Any
     progress: bool | Callable[[int, float], None] | None
+    throw: bool
 
 
 class FitKeywords(ColumnKeywords, total=False):
@@ -53,7 +55,15 @@ def takes(keywords: type, **defaults: Any) -> Callable[[Function], Function]:
     def shown(function: Any) -> Any:
         signature = inspect.signature(function)
         *own, _ = signature.parameters.values()
-        function.__signature__ = signature.replace(parameters=[*own, *added])
-        return refuses_unknown(function)
+
+        @functools.wraps(function)
+        def checked(*given: Any, throw: bool = True, **how: Any) -> Any:
+            # The finished fit is checked, whose verdict may be another than that of `fit`.
+            throw = require_flag("throw", throw)
+            return function(*given, **how).checked(throw, function.__name__)
+
+        passes_on = checked if "throw" in keywords.__annotations__ else function
+        passes_on.__signature__ = signature.replace(parameters=[*own, *added])
+        return refuses_unknown(passes_on)
 
     return shown

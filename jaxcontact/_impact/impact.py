@@ -23,6 +23,7 @@ from .._parameter import (
     is_valid,
     refuses_unknown,
     require_broadcast,
+    require_flag,
     sanitised,
 )
 from .._program import program, soon_compiled
@@ -40,6 +41,7 @@ def impact(
     *,
     method: str | AbstractMethod = "auto",
     external_force: ArrayLike | None = None,
+    throw: bool = True,
 ) -> Impact:
     """Solve an impact of two bodies: m δ'' = -F(δ, δ') + external force, δ(0) = 0, δ'(0) = v0.
 
@@ -62,15 +64,18 @@ def impact(
     `Impact.method` names the method used. For derivatives of event solves use
     `jc.Event(rtol=1e-11)`.
 
-    Returns an `Impact` in the broadcast shape. Failed lanes are flagged in `.status`, and their
-    numbers are NaN; other lanes are unaffected. Raises ValueError for a Python scalar out of range,
-    an exponent that the law does not support, or a method that does not apply.
+    Returns an `Impact` in the broadcast shape. An impact fails if it ends as NOT_CONVERGED or
+    INVALID_INPUT; SETTLED and GAINED are results. A single failed impact raises `NumericalError`
+    unless `throw` is False. In arrays and under tracing failed lanes are NaN and flagged in
+    `.status` and `.ok`; other lanes are unaffected. Raises ValueError for a Python scalar out of
+    range, an exponent that the law does not support, or a method that does not apply.
 
     Source: the energy integral of Hunt & Crossley (1975), doi 10.1115/1.3423596, and the references
     of the laws.
     """
     problem = problem_of(law, contact, velocity, external_force)
-    return _impact(problem, method_of(method))
+    throw = require_flag("throw", throw)
+    return _impact(problem, method_of(method)).checked(throw, "impact")
 
 
 def _impact(problem: Problem, method: AbstractMethod) -> Impact:

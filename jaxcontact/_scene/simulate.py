@@ -62,6 +62,7 @@ def simulate(
     max_impacts: int | None = None,
     max_cluster: int | None = None,
     progress: bool | Listener | None = None,
+    throw: bool = True,
 ) -> Run:
     """Simulate a scene from impact to impact, with closed-form flights and impact times.
 
@@ -98,8 +99,10 @@ def simulate(
     flagged.
 
     Returns a `Run`, differentiable in forward and reverse mode with respect to every number of the
-    scene. The derivative is that of the order of impacts that occurred (`Run.margin`). Failed lanes
-    are flagged in `status` and NaN. Raises ValueError for arguments out of range.
+    scene. The derivative is that of the order of impacts that occurred (`Run.margin`). A run fails
+    with each `Ending` but COMPLETED. A single failed run raises `NumericalError` unless `throw` is
+    False. In batches and under tracing failed runs are NaN after `reached`, and flagged in `status`
+    and `ok`. Raises ValueError for arguments out of range.
 
     Source: event-driven simulation with one stored event a body, Lubachevsky (1991),
     doi 10.1016/0021-9991(91)90222-7.
@@ -107,7 +110,7 @@ def simulate(
     scene = require_kind("scene", scene, Scene, "a `Scene`")
     length = one_number(duration, "duration", POSITIVE)
     tolerance = require_number("rtol", rtol, FRACTION)
-    soft = not require_flag("instantaneous", instantaneous)
+    soft, throw = not require_flag("instantaneous", instantaneous), require_flag("throw", throw)
     rule = _v0(v0)
     room_for = MOST if max_cluster is None else require_count("max_cluster", max_cluster, 2)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
@@ -158,10 +161,7 @@ def simulate(
         for k, body in enumerate(scene.bodies)
     )
     return Run(
-        time=told.now.time,
-        position=told.now.position,
-        velocity=told.now.velocity,
-        energy=told.now.energy,
+        **told.now._asdict(),
         impacts=dataclasses.replace(told.impacts, names=names),
         status=told.status,
         reached=told.reached,
@@ -170,7 +170,7 @@ def simulate(
         scene=scene,
         _nearest=told.nearest,
         _course=course,
-    )
+    ).checked(throw, "simulate")
 
 
 def _places_of(scene: Scene, otherwise: int) -> int:

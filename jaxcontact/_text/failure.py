@@ -1,0 +1,69 @@
+"""Results that may have failed: their status in words, and the error of a single one."""
+
+from __future__ import annotations
+
+import enum
+from typing import Any, ClassVar, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool
+
+
+class NumericalError(RuntimeError):
+    """A single call failed numerically. With `throw=False` it returns the flagged result."""
+
+
+class WordedEnum(enum.IntEnum):
+    """Values of a status, each with its words."""
+
+    words: str
+
+    def __new__(cls, value: int, words: str) -> Self:
+        member = int.__new__(cls, value)
+        member._value_, member.words = value, words
+        return member
+
+    @classmethod
+    def names_of(cls, status: Any) -> str:
+        """Return the names of values, with counts if there are several lanes."""
+        if isinstance(status, Tracer) or not eqx.is_array(status):
+            return str(status)
+        kinds, counts = np.unique(np.asarray(status), return_counts=True)
+        names = [cls(int(kind)).name.lower() for kind in kinds]
+        if np.ndim(status) == 0:
+            return names[0]
+        return ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))
+
+
+class Flagged:
+    """A result with a `status` of each lane, which is its last entry along `_axes` axes."""
+
+    status: Any
+    _failures: ClassVar[tuple[WordedEnum, ...]]
+    _axes: ClassVar[int] = 0
+
+    @property
+    def ok(self) -> Bool[Array, "..."]:
+        """Where the numbers are results, lane by lane."""
+        last = self.status[..., -1] if self._axes else self.status
+        return jnp.isin(last, np.array(self._failures, last.dtype), invert=True)
+
+    def checked(self, throw: bool, call: str) -> Self:
+        """Return this finished result; if `throw`, raise NumericalError for a single failed one.
+
+        A batch flags its lanes. So does a traced call: a leaf of its result is a tracer.
+        """
+        status = self.status
+        if not throw or isinstance(status, Tracer) or status.ndim > self._axes:
+            return self
+        last = np.asarray(status).flat[-1]
+        # Most calls succeed, and a search of all leaves takes as long as a small solve.
+        if last in self._failures and not any(isinstance(x, Tracer) for x in jax.tree.leaves(self)):
+            kind = next(kind for kind in self._failures if kind == last)
+            why = f"{kind.name}. {kind.words}"
+            raise NumericalError(f"`{call}` failed: {why} `throw=False` returns it flagged.")
+        return self
