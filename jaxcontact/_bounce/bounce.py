@@ -37,6 +37,7 @@ from .._parameter import (
     sanitised,
 )
 from .._program import FEW, quick, traced
+from .._text.failure import checked
 from .result import TOUCHES, Bounce
 from .touches import Left, Run, Touches, alike, begin, one_by_one
 
@@ -95,11 +96,10 @@ def bounce(
     `bounces` the run has exactly that many. If a ball is not at rest by then, `at_rest` is False,
     and `rest_time` and its derivative are NaN.
 
-    Returns a `Bounce`. A ball fails at a touch that is NOT_CONVERGED, INVALID_INPUT or GAINED. Rest
-    does not fail, nor a ball that would bounce on. A single failed ball raises `NumericalError`
-    unless `throw` is False. In arrays and under tracing a failed lane is NaN from that touch on and
-    flagged in `.status` and `.ok`. Raises ValueError for a Python scalar out of range. Source:
-    elementary ballistics, and `impact`.
+    Returns a `Bounce`. A ball fails at a touch that is NOT_CONVERGED, INVALID_INPUT or GAINED, not
+    by rest or the end of its `bounces`. A single one raises `NumericalError` unless `throw` is
+    False. Lanes of arrays and traced calls are NaN from there on, flagged in `.status` and `.ok`.
+    Raises ValueError for a Python scalar out of range. Source: elementary ballistics, and `impact`.
     """
     require_law(law)
     require_contact(contact)
@@ -117,7 +117,7 @@ def bounce(
     )
     given = _Given(law, contact, height, gravity, rest_velocity, gravity_in_contact, v0 == "peak")
     run = _to_rest(given, how) if bounces is None else _bounce(given, bounces, how)
-    return run.checked(throw, "bounce")
+    return checked(run, throw, "bounce")
 
 
 def _to_rest(given: _Given, how: AbstractMethod) -> Bounce:

@@ -62,7 +62,6 @@ class Bounce(Flagged, eqx.Module):
     return_time: Float[Array, "..."]
     at_rest: Bool[Array, "..."]
     margin: Float[Array, "..."]
-    # A bad status lasts to the end of its run.
     _failures, _axes = (Status.NOT_CONVERGED, Status.INVALID_INPUT, Status.GAINED), 1
 
     def height_at(self, time: ArrayLike) -> Float[Array, "..."]:

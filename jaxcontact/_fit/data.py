@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Bool, Float
 
 from .._program import quick
-from .._text.failure import NumericalError
+from .._text.failure import Flagged
 from .problem.problem import Problem, evaluated, flattened, place_like
 from .search.laplace import Direction
 
@@ -27,7 +27,7 @@ class SharedErrors(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class FitData:
+class FitData(Flagged):
     """The best parameters, their uncertainty, and the validity of the fit.
 
     `params` has the structure of the start; `names` and `values` (k,) list its fitted numbers.
@@ -76,16 +76,13 @@ class FitData:
     wider: np.ndarray | None = dataclasses.field(default=None, repr=False)
 
     @property
-    def ok(self) -> bool:
+    def ok(self) -> Bool[Array, ""]:
         """`converged`, by its name in other results."""
-        return self.converged
+        return jnp.asarray(self.converged)
 
-    def checked(self, throw: bool, call: str) -> Self:
-        """Return this fit; raise NumericalError if it did not converge, and if `throw`."""
-        if throw and not self.converged:
-            why = f"{self.reason}. Try another `start`, or more `max_steps`."
-            raise NumericalError(f"`{call}` failed: {why} `throw=False` returns it flagged.")
-        return self
+    def _why(self) -> str | None:
+        what = f"NOT CONVERGED, {self.reason}. Try another `start`, or more `max_steps`."
+        return None if self.converged else what
 
     @property
     def errors(self) -> np.ndarray:

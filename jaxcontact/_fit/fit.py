@@ -21,6 +21,7 @@ from .._parameter import (
     require_function,
     require_number,
 )
+from .._text.failure import checked
 from .._text.progress import progress_of
 from .checks import listed
 from .problem.loss import Huber
@@ -161,7 +162,7 @@ def fit(
                 problem, found, columns_of(problem, noise), lambda p, at: find(p, at, options)
             )
         result = _result(problem, found, theta, target, ends, names, options, settled)
-    return result.checked(throw, "fit")
+    return checked(result, throw, "fit")
 
 
 def _first_guess(

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any, TypedDict, TypeVar
 
 from .._parameter import refuses_unknown, require_flag
+from .._text.failure import checked
 from .fit import fit
 from .problem.loss import Huber
 
@@ -57,12 +58,11 @@ def takes(keywords: type, **defaults: Any) -> Callable[[Function], Function]:
         *own, _ = signature.parameters.values()
 
         @functools.wraps(function)
-        def checked(*given: Any, throw: bool = True, **how: Any) -> Any:
-            # The finished fit is checked, whose verdict may be another than that of `fit`.
+        def flagging(*given: Any, throw: bool = True, **how: Any) -> Any:
             throw = require_flag("throw", throw)
-            return function(*given, **how).checked(throw, function.__name__)
+            return checked(function(*given, **how), throw, function.__name__)
 
-        passes_on = checked if "throw" in keywords.__annotations__ else function
+        passes_on = flagging if "throw" in keywords.__annotations__ else function
         passes_on.__signature__ = signature.replace(parameters=[*own, *added])
         return refuses_unknown(passes_on)
 

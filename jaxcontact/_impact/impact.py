@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact, require_contact
@@ -26,7 +25,8 @@ from .._parameter import (
     require_flag,
     sanitised,
 )
-from .._program import program, soon_compiled
+from .._program import program, soon_compiled, traced
+from .._text.failure import checked
 from .front_door import SPEED, Lanes, Problem, lanes_of, problem_of, uniform
 from .methods.by_name import method_of
 from .methods.method import AbstractMethod
@@ -75,7 +75,7 @@ def impact(
     """
     problem = problem_of(law, contact, velocity, external_force)
     throw = require_flag("throw", throw)
-    return _impact(problem, method_of(method)).checked(throw, "impact")
+    return checked(_impact(problem, method_of(method)), throw, "impact")
 
 
 def _impact(problem: Problem, method: AbstractMethod) -> Impact:
@@ -85,7 +85,7 @@ def _impact(problem: Problem, method: AbstractMethod) -> Impact:
     differentiation one program is used, since the second of two would differentiate by all outputs
     of the first.
     """
-    if any(isinstance(number, Tracer) for number in jax.tree.leaves(problem)):
+    if traced(problem):
         return _at_once(problem, method)
     if method.has_formula and problem.external_force is None:
         found = _by_formula(problem, method)

@@ -25,6 +25,7 @@ from .._parameter import (
     require_number,
 )
 from .._program import derived, quick
+from .._text.failure import checked
 from .._text.progress import Listener, progress_of, require_progress
 from .arrays.arrays import Layout, Numbers, first_overlap, layout_of
 from .arrays.from_scene import Parts, gathered, given_in, replaced
@@ -99,10 +100,10 @@ def simulate(
     flagged.
 
     Returns a `Run`, differentiable in forward and reverse mode with respect to every number of the
-    scene. The derivative is that of the order of impacts that occurred (`Run.margin`). A run fails
-    with each `Ending` but COMPLETED. A single failed run raises `NumericalError` unless `throw` is
-    False. In batches and under tracing failed runs are NaN after `reached`, and flagged in `status`
-    and `ok`. Raises ValueError for arguments out of range.
+    scene. The derivative is that of the order of impacts that occurred (`Run.margin`). Each
+    `Ending` but COMPLETED is a failure: it raises `NumericalError` unless `throw` is False. Batches
+    and traced runs are flagged in `status` and `ok`, and NaN after `reached`. Raises ValueError for
+    arguments out of range.
 
     Source: event-driven simulation with one stored event a body, Lubachevsky (1991),
     doi 10.1016/0021-9991(91)90222-7.
@@ -149,8 +150,7 @@ def simulate(
             return from_python(rules, given, start, rows, tell, grows)
 
     def at_once(given: Given) -> Known:
-        grid = None if soft else grid_of(*given[:2])
-        return all_at_once(rules, given, grid, room * calls)
+        return all_at_once(rules, given, None if soft else grid_of(*given[:2]), room * calls)
 
     given = (layout, numbers, valid, last, within)
     ended, numbers, known = followed(rules, given, piecewise, at_once)
@@ -160,7 +160,7 @@ def simulate(
         body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
         for k, body in enumerate(scene.bodies)
     )
-    return Run(
+    run = Run(
         **told.now._asdict(),
         impacts=dataclasses.replace(told.impacts, names=names),
         status=told.status,
@@ -170,7 +170,8 @@ def simulate(
         scene=scene,
         _nearest=told.nearest,
         _course=course,
-    ).checked(throw, "simulate")
+    )
+    return checked(run, throw, "simulate")
 
 
 def _places_of(scene: Scene, otherwise: int) -> int:

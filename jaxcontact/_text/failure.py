@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeVar
 
 import equinox as eqx
 import jax
@@ -11,6 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool
+
+Result = TypeVar("Result", bound="Flagged")
 
 
 class NumericalError(RuntimeError):
@@ -40,7 +42,10 @@ class WordedEnum(enum.IntEnum):
 
 
 class Flagged:
-    """A result with a `status` of each lane, which is its last entry along `_axes` axes."""
+    """A result with a `status` of each lane, which is its last entry along `_axes` axes.
+
+    Batches and traced calls flag lanes. In the latter a leaf is a tracer.
+    """
 
     status: Any
     _failures: ClassVar[tuple[WordedEnum, ...]]
@@ -52,18 +57,23 @@ class Flagged:
         last = self.status[..., -1] if self._axes else self.status
         return jnp.isin(last, np.array(self._failures, last.dtype), invert=True)
 
-    def checked(self, throw: bool, call: str) -> Self:
-        """Return this finished result; if `throw`, raise NumericalError for a single failed one.
-
-        A batch flags its lanes. So does a traced call: a leaf of its result is a tracer.
-        """
+    def _why(self) -> str | None:
+        """Return why a single finished result failed; None for any other."""
         status = self.status
-        if not throw or isinstance(status, Tracer) or status.ndim > self._axes:
-            return self
-        last = np.asarray(status).flat[-1]
+        if isinstance(status, Tracer) or status.ndim > self._axes:
+            return None
+        last = int(np.asarray(status).flat[-1])
         # Most calls succeed, and a search of all leaves takes as long as a small solve.
-        if last in self._failures and not any(isinstance(x, Tracer) for x in jax.tree.leaves(self)):
-            kind = next(kind for kind in self._failures if kind == last)
-            why = f"{kind.name}. {kind.words}"
-            raise NumericalError(f"`{call}` failed: {why} `throw=False` returns it flagged.")
-        return self
+        if last not in self._failures or any(isinstance(x, Tracer) for x in jax.tree.leaves(self)):
+            return None
+        kind = self._failures[self._failures.index(last)]
+        return f"{kind.name}. {kind.words}"
+
+
+def checked(result: Result, throw: bool, call: str) -> Result:
+    """Return a finished result; if `throw`, raise NumericalError for a single failed one."""
+    # Equinox would take as long to bind a method as to solve an impact.
+    why = type(result)._why(result) if throw else None
+    if why is None:
+        return result
+    raise NumericalError(f"`{call}` failed: {why} `throw=False` returns it flagged.")
