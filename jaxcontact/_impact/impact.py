@@ -64,11 +64,10 @@ def impact(
     `Impact.method` names the method used. For derivatives of event solves use
     `jc.Event(rtol=1e-11)`.
 
-    Returns an `Impact` in the broadcast shape. An impact fails if it ends as NOT_CONVERGED or
-    INVALID_INPUT; SETTLED and GAINED are results. A single failed impact raises `NumericalError`
-    unless `throw` is False. In arrays and under tracing failed lanes are NaN and flagged in
-    `.status` and `.ok`; other lanes are unaffected. Raises ValueError for a Python scalar out of
-    range, an exponent that the law does not support, or a method that does not apply.
+    Returns an `Impact` in the broadcast shape. A single one that is NOT_CONVERGED or INVALID_INPUT
+    (not SETTLED or GAINED) raises `NumericalError` unless `throw` is False. In arrays and traced
+    calls such lanes are NaN, flagged in `.status` and `.ok`, and others unaffected. ValueError: for
+    a Python scalar out of range, an exponent the law does not support, a method that cannot apply.
 
     Source: the energy integral of Hunt & Crossley (1975), doi 10.1115/1.3423596, and the references
     of the laws.

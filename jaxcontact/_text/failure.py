@@ -42,10 +42,7 @@ class WordedEnum(enum.IntEnum):
 
 
 class Flagged:
-    """A result with a `status` of each lane, which is its last entry along `_axes` axes.
-
-    Batches and traced calls flag lanes. In the latter a leaf is a tracer.
-    """
+    """A result with a `status` of each lane, which is its last entry along `_axes` axes."""
 
     status: Any
     _failures: ClassVar[tuple[WordedEnum, ...]]
@@ -59,10 +56,9 @@ class Flagged:
 
     def _why(self) -> str | None:
         """Return why a single finished result failed; None for any other."""
-        status = self.status
-        if isinstance(status, Tracer) or status.ndim > self._axes:
+        if isinstance(self.status, Tracer) or self.status.ndim > self._axes:
             return None
-        last = int(np.asarray(status).flat[-1])
+        last = int(np.asarray(self.status).flat[-1])
         # Most calls succeed, and a search of all leaves takes as long as a small solve.
         if last not in self._failures or any(isinstance(x, Tracer) for x in jax.tree.leaves(self)):
             return None
@@ -73,7 +69,6 @@ class Flagged:
 def checked(result: Result, throw: bool, call: str) -> Result:
     """Return a finished result; if `throw`, raise NumericalError for a single failed one."""
     # Equinox would take as long to bind a method as to solve an impact.
-    why = type(result)._why(result) if throw else None
-    if why is None:
-        return result
-    raise NumericalError(f"`{call}` failed: {why} `throw=False` returns it flagged.")
+    if throw and (why := type(result)._why(result)):
+        raise NumericalError(f"`{call}` failed: {why} `throw=False` returns it flagged.")
+    return result
