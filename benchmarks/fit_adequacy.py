@@ -84,7 +84,7 @@ MODELS: dict[str, tuple[Callable, dict[str, float]]] = {
 
 def found(model: str, x: np.ndarray, y: np.ndarray, **how: Any) -> jc.Fit:
     predict, start = MODELS[model]
-    return jc.fit(predict, y, start, x=x, **how)
+    return jc.fit(predict, y, start, x=x, throw=False, **how)
 
 
 def truth(model: str, x: np.ndarray) -> np.ndarray:

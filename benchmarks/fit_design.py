@@ -58,7 +58,7 @@ def spread(name: str, draws: int) -> dict:
             read = clean + off if one == "e" else clean * np.exp(off)
             if (quantity == one).any():
                 columns |= {one: np.where(quantity == one, read, np.nan), f"sigma_{one}": sigma}
-        found = jc.fit_impacts(law, CONTACT, plan.velocity, fixed=fixed, **columns)
+        found = jc.fit_impacts(law, CONTACT, plan.velocity, fixed=fixed, throw=False, **columns)
         if found.converged:
             values.append(found.values)
     seen = dict(zip(plan.standard_errors, np.std(values, axis=0).tolist(), strict=True))

@@ -116,7 +116,7 @@ def record_fit(
     sigma = {f"sigma_{c}": size[c] for c in columns} if known else {}
     law, contact = jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7)
     with jax.enable_x64(True):
-        return jc.fit_record(law, contact, TIME, 1.2, **table, **sigma)
+        return jc.fit_record(law, contact, TIME, 1.2, **table, **sigma, throw=False)
 
 
 ORDER, DENSE, BEFORE = 2, 16, 40
@@ -155,7 +155,8 @@ def filtered_fit(random: np.random.Generator, fitted: bool) -> jc.Fit:
     law, contact = jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7)
     low_pass = jc.LowPass(0.8 * CUTOFF if fitted else CUTOFF, ORDER)
     with jax.enable_x64(True):
-        return jc.fit_record(law, contact, TIME, 1.2, **table, low_pass_force=low_pass, fixed=fixed)
+        how = {"low_pass_force": low_pass, "fixed": fixed, "throw": False}
+        return jc.fit_record(law, contact, TIME, 1.2, **table, **how)
 
 
 GRAVITY = 9.80665
@@ -212,7 +213,7 @@ def bounces_fit(random: np.random.Generator, ball: str, wrong: float) -> dict[st
     second = np.concatenate([t[1:] for t in flights])
     trial = np.repeat(np.arange(TRIALS), [len(t) - 1 for t in flights])
     found = jc.fit_bounces(
-        start, CONTACT, first, second, gravity=GRAVITY, loss=jc.Huber(), groups=trial
+        start, CONTACT, first, second, gravity=GRAVITY, loss=jc.Huber(), groups=trial, throw=False
     )
     if not found.converged:
         return {name: None, "no better grid point": None}
@@ -256,7 +257,7 @@ def trials_fit(
         first.append(np.diff(times)[:-1])
         second.append(np.diff(times)[1:])
     columns = np.concatenate(first), np.concatenate(second)
-    found = jc.fit_bounces(start, CONTACT, *columns, gravity=GRAVITY)
+    found = jc.fit_bounces(start, CONTACT, *columns, gravity=GRAVITY, throw=False)
     if not found.converged:
         return {name: None}
     low, high = found.interval()[name]
@@ -292,6 +293,7 @@ def drops_fit(random: np.random.Generator, off: float) -> dict[str, bool | None]
         gravity=GRAVITY,
         drag=PINGPONG,
         fixed=("mass", "stiffness"),
+        throw=False,
     )
     if not found.converged:
         return dict.fromkeys(truth)

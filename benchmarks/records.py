@@ -118,9 +118,8 @@ def one_law(truth: Truth, found: Fitted) -> dict:
     with jax.enable_x64(True):
         model = LogOutcomes(kind, found.contact, jnp.asarray(reference), ("max_force",))
     start["stiffness"] = float(found.contact.stiffness)
-    fit = jc.fit(
-        model, start=start, transforms={**kind.transforms, "stiffness": jc.Positive()}, **data
-    )
+    transforms = {**kind.transforms, "stiffness": jc.Positive()}
+    fit = jc.fit(model, start=start, transforms=transforms, throw=False, **data)
     if not fit.converged or not np.isfinite(fit.covariance).all():
         return {"converged": False}
     quantile = SURE if few else float(stdtrit(fit.dof, 0.975))

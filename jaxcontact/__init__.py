@@ -116,6 +116,7 @@ if _TYPE_CHECKING:
     from ._scene import simulate as simulate
     from ._sweep import Sweep as Sweep
     from ._sweep import sweep as sweep
+    from ._text.failure import NumericalError as NumericalError
 
 __version__ = "0.1.0"
 
@@ -151,6 +152,7 @@ _ROOMS = {
         "Vibration Way random_spheres read_scene simulate"
     ),
     "_sweep": "Sweep sweep",
+    "_text.failure": "NumericalError",
 }
 """Public names by room."""
 _HOME = {name: room for room, names in _ROOMS.items() for name in names.split()}

@@ -76,7 +76,7 @@ def _soft(name: str, title: str, made: Line, **more: Callable[[float], Any]) -> 
         return run.velocity[-1].ravel()
 
     def plain(rtol: float) -> np.ndarray:
-        run = jc.simulate(scene_of(made), made.duration, rtol=rtol, **how)
+        run = jc.simulate(scene_of(made), made.duration, rtol=rtol, throw=False, **how)
         return np.asarray(run.velocity[-1]).ravel()
 
     return Scene(

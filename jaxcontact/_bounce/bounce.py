@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, ArrayLike
 
 from .. import _flight as flight
@@ -37,7 +36,8 @@ from .._parameter import (
     require_flag,
     sanitised,
 )
-from .._program import FEW, quick
+from .._program import FEW, quick, traced
+from .._text.failure import checked
 from .result import TOUCHES, Bounce
 from .touches import Left, Run, Touches, alike, begin, one_by_one
 
@@ -64,6 +64,7 @@ def bounce(
     rest_velocity: ArrayLike | None = None,
     v0: str = "peak",
     method: str | AbstractMethod = "auto",
+    throw: bool = True,
 ) -> Bounce:
     """Drop a ball and follow its touches: v_1 = √(2gh), v_(k+1) = e(v_k) v_k, h_k = v_(k+1)²/(2g).
 
@@ -95,14 +96,17 @@ def bounce(
     `bounces` the run has exactly that many. If a ball is not at rest by then, `at_rest` is False,
     and `rest_time` and its derivative are NaN.
 
-    Returns a `Bounce`; a bad lane is NaN and flagged. Raises ValueError for a Python scalar out of
-    range. Source: elementary ballistics, and `impact`.
+    Returns a `Bounce`. A ball fails at a touch that is NOT_CONVERGED, INVALID_INPUT or GAINED, not
+    by rest or the end of its `bounces`. A single one raises `NumericalError` unless `throw` is
+    False. Lanes of arrays and traced calls are NaN from there on, flagged in `.status` and `.ok`.
+    Raises ValueError for a Python scalar out of range. Source: elementary ballistics, and `impact`.
     """
     require_law(law)
     require_contact(contact)
     bounces = None if bounces is None else require_count("bounces", bounces, 1)
     require_choice("v0", v0, ("peak", "touch"))
     gravity_in_contact = require_flag("gravity_in_contact", gravity_in_contact)
+    throw = require_flag("throw", throw)
     height = as_parameter(height, "height", POSITIVE)
     gravity = as_parameter(gravity, "gravity", POSITIVE)
     if rest_velocity is not None:
@@ -112,11 +116,8 @@ def bounce(
         law=law, contact=contact, height=height, gravity=gravity, rest_velocity=rest_velocity
     )
     given = _Given(law, contact, height, gravity, rest_velocity, gravity_in_contact, v0 == "peak")
-    return _to_rest(given, how) if bounces is None else _bounce(given, bounces, how)
-
-
-def _traced(tree: Any) -> bool:
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
+    run = _to_rest(given, how) if bounces is None else _bounce(given, bounces, how)
+    return checked(run, throw, "bounce")
 
 
 def _to_rest(given: _Given, how: AbstractMethod) -> Bounce:
@@ -124,10 +125,10 @@ def _to_rest(given: _Given, how: AbstractMethod) -> Bounce:
 
     Traced numbers, and a caller that compiles, get `ROOM` touches.
     """
-    if _traced(given):
+    if traced(given):
         return _bounce(given, ROOM, how)
     run, first = _begun(given, how)
-    if _traced(run):
+    if traced(run):
         return _bounce(given, ROOM, how)
     if first is not None:
         count = _needed(np.asarray(first.impact.restitution), run)

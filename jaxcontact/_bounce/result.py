@@ -10,8 +10,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._flight import duration, height_after
 from .._impact import Status
-from .._impact.result import status_words
 from .._parameter import as_parameter, require_broadcast, shown
+from .._text.failure import Flagged
 from .._text.units import quantity
 
 TOUCHES = (
@@ -21,7 +21,7 @@ TOUCHES = (
 """Fields of a `Bounce` with one number per touch."""
 
 
-class Bounce(eqx.Module):
+class Bounce(Flagged, eqx.Module):
     """The touches of a bouncing ball, in order: shape (..., touches).
 
     `time` in s is the start of touch k, counted from the release. `duration` in s lasts until the
@@ -33,13 +33,13 @@ class Bounce(eqx.Module):
     At its touch of status SETTLED the ball comes to rest: it does not leave, restitution and height
     are 0, and both times are infinite. Later touches repeat it with zero speed.
 
-    The other fields have one number per run, shape (...). `at_rest` is True if the ball came to
-    rest within the listed touches. `rest_time` in s is the start of its last touch; it and its
-    derivative are NaN if the ball is not at rest. `margin` in m/s is the smallest change of an
-    impact speed that adds or removes a touch. `rest_time` jumps there, so its derivative is valid
-    within the margin only. `rest_velocity` in m/s is the speed below which a touch counts as rest.
-    `rest_indentation` δ = (m g/K)^(1/n) in m is the static indentation, NaN for a law whose force
-    at rest is not K δⁿ.
+    The other fields have one number per run, shape (...). `ok` is False with a touch that is
+    NOT_CONVERGED, INVALID_INPUT or GAINED. `at_rest` is True if the ball came to rest within the
+    listed touches. `rest_time` in s is the start of its last touch; it and its derivative are NaN
+    if the ball is not at rest. `margin` in m/s is the smallest change of an impact speed that adds
+    or removes a touch. `rest_time` jumps there, so its derivative is valid within the margin only.
+    `rest_velocity` in m/s is the speed below which a touch counts as rest. `rest_indentation` δ =
+    (m g/K)^(1/n) in m is the static indentation, NaN for a law whose force at rest is not K δⁿ.
 
     `remaining_flight` in s is 2 e v/(g (1-e)), the sum of the infinitely many flights after the
     last listed touch if no threshold ended them. It excludes the contacts between them, whose times
@@ -62,6 +62,7 @@ class Bounce(eqx.Module):
     return_time: Float[Array, "..."]
     at_rest: Bool[Array, "..."]
     margin: Float[Array, "..."]
+    _failures, _axes = (Status.NOT_CONVERGED, Status.INVALID_INPUT, Status.GAINED), 1
 
     def height_at(self, time: ArrayLike) -> Float[Array, "..."]:
         """Return the height of the ball's lowest point above the ground at any time, in m.
@@ -137,7 +138,7 @@ class Bounce(eqx.Module):
                 words.append(f"{head}{what} {count} {word}")
         bad = last[~at_rest & ~flying]
         if bad.size:
-            words.append(status_words(bad if many else bad[0]))
+            words.append(Status.names_of(bad if many else bad[0]))
         return ", ".join(words)
 
 

@@ -93,14 +93,14 @@ def export(
         else:
             speeds, targets = None, None
             middle = float(np.asarray(closing))
-        hit = solved(impact(law, contact, middle))
+        hit = solved(impact(law, contact, middle, throw=False))
         numbers = hit.restitution, hit.duration, contact.mass, contact.stiffness, contact.exponent
         wanted = Wanted(*map(float, numbers), velocity=middle, law=law)
         if speeds is None or targets is None:
             draft = simulator.draft(wanted, **given)
         else:
             draft = compromise(lambda one: simulator.draft(one, **given), wanted, speeds, targets)
-        hit = solved(impact(draft.law, draft.contact, middle))
+        hit = solved(impact(draft.law, draft.contact, middle, throw=False))
         if speeds is not None:
             delivered = np.asarray(impact(draft.law, draft.contact, speeds).restitution)
     if speeds is None:

@@ -66,7 +66,7 @@ def matched_stiffness(wanted: Wanted, exponent: float, scaled_law: AbstractLaw) 
     """
     if wanted.exponent == exponent:
         return wanted.stiffness
-    unit = solved(impact(scaled_law, Contact(1.0, 1.0, exponent), 1.0))
+    unit = solved(impact(scaled_law, Contact(1.0, 1.0, exponent), 1.0, throw=False))
     tau = float(unit.duration)
     speed = wanted.velocity ** (1 - exponent)
     return wanted.mass * speed * (tau / wanted.duration) ** (exponent + 1)

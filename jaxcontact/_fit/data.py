@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Bool, Float
 
 from .._program import quick
+from .._text.failure import Flagged
 from .problem.problem import Problem, evaluated, flattened, place_like
 from .search.laplace import Direction
 
@@ -26,7 +27,7 @@ class SharedErrors(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class FitData:
+class FitData(Flagged):
     """The best parameters, their uncertainty, and the validity of the fit.
 
     `params` has the structure of the start; `names` and `values` (k,) list its fitted numbers.
@@ -73,6 +74,15 @@ class FitData:
     notes: tuple[str, ...] = ()
     shared: SharedErrors | None = dataclasses.field(default=None, repr=False)
     wider: np.ndarray | None = dataclasses.field(default=None, repr=False)
+
+    @property
+    def ok(self) -> Bool[Array, ""]:
+        """`converged`, by its name in other results."""
+        return jnp.asarray(self.converged)
+
+    def _why(self) -> str | None:
+        what = f"NOT CONVERGED, {self.reason}. Try another `start`, or more `max_steps`."
+        return None if self.converged else what
 
     @property
     def errors(self) -> np.ndarray:

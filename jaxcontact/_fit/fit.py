@@ -21,6 +21,7 @@ from .._parameter import (
     require_function,
     require_number,
 )
+from .._text.failure import checked
 from .._text.progress import progress_of
 from .checks import listed
 from .problem.loss import Huber
@@ -64,6 +65,7 @@ def fit(
     rtol: float = 1e-8,
     reverse: bool = False,
     progress: bool | Callable[[int, float], None] | None = None,
+    throw: bool = True,
 ) -> Fit:
     """Fit the parameters of a prediction to data, by least squares or Huber's loss.
 
@@ -105,10 +107,10 @@ def fit(
     the JAX setting, and does not work under `jit`. The same `predict` (and optax optimiser) over
     data of the same shapes does not compile again; a new lambda is another function and does.
 
-    Returns a `Fit`. Raises ValueError for data that are not finite where they count (the points are
-    named); for fewer data than named numbers to fit; for a start outside its bounds, without a
-    finite prediction or with a number that the prediction does not use; and for arguments that do
-    not match.
+    Returns a `Fit`. One that did not converge raises `NumericalError` unless `throw` is False; a
+    number at its bound or left open is no failure. Raises ValueError for data that are not finite
+    where they count; for fewer data than named numbers to fit; for a start outside its bounds, with
+    no finite prediction or with a number that is not used; and for arguments that do not match.
 
     Source: Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963), doi 10.1137/0111030; in a
     trust region: Moré (1978), doi 10.1007/BFb0067700.
@@ -119,13 +121,12 @@ def fit(
         raise ValueError("Argument `noise` must be 'common' with `sigma`, but is 'by column'.")
     starts, seed = require_count("starts", starts, 1), require_count("seed", seed, 0)
     spread = require_number("spread", spread, POSITIVE)
-    patience = require_count("patience", patience, 1)
     rtol = require_number("rtol", rtol, POSITIVE)
-    reverse = require_flag("reverse", reverse)
+    patience = require_count("patience", patience, 1)
+    reverse, throw = require_flag("reverse", reverse), require_flag("throw", throw)
     by_gradient = None if isinstance(optimizer, str) else optimizer
     most = MOST_STEPS if by_gradient is None else _MOST_GRADIENT_STEPS
-    if max_steps is not None:
-        most = require_count("max_steps", max_steps, 1)
+    most = most if max_steps is None else require_count("max_steps", max_steps, 1)
     with (
         _listener_of(progress, most) as tell,
         jax.enable_x64(True),
@@ -157,11 +158,11 @@ def fit(
         found = _set_to_bound(problem, found, theta, options)
         settled = True
         if sigma is None and (isinstance(loss, Huber) or noise == BY_COLUMN):
-            columns = columns_of(problem, noise)
             problem, found, settled = with_noise(
-                problem, found, columns, lambda p, at: find(p, at, options)
+                problem, found, columns_of(problem, noise), lambda p, at: find(p, at, options)
             )
-        return _result(problem, found, theta, target, ends, names, options, settled)
+        result = _result(problem, found, theta, target, ends, names, options, settled)
+    return checked(result, throw, "fit")
 
 
 def _first_guess(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Callable
 from typing import Any, TypedDict, TypeVar
 
-from .._parameter import refuses_unknown
+from .._parameter import refuses_unknown, require_flag
+from .._text.failure import checked
 from .fit import fit
 from .problem.loss import Huber
 
@@ -36,6 +38,7 @@ class ColumnKeywords(SearchKeywords, total=False):
     correlation: Any
     transforms: Any
     progress: bool | Callable[[int, float], None] | None
+    throw: bool
 
 
 class FitKeywords(ColumnKeywords, total=False):
@@ -53,7 +56,14 @@ def takes(keywords: type, **defaults: Any) -> Callable[[Function], Function]:
     def shown(function: Any) -> Any:
         signature = inspect.signature(function)
         *own, _ = signature.parameters.values()
-        function.__signature__ = signature.replace(parameters=[*own, *added])
-        return refuses_unknown(function)
+
+        @functools.wraps(function)
+        def flagging(*given: Any, throw: bool = True, **how: Any) -> Any:
+            throw = require_flag("throw", throw)
+            return checked(function(*given, **how), throw, function.__name__)
+
+        passes_on = flagging if "throw" in keywords.__annotations__ else function
+        passes_on.__signature__ = signature.replace(parameters=[*own, *added])
+        return refuses_unknown(passes_on)
 
     return shown

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact, require_contact
@@ -23,9 +22,11 @@ from .._parameter import (
     is_valid,
     refuses_unknown,
     require_broadcast,
+    require_flag,
     sanitised,
 )
-from .._program import program, soon_compiled
+from .._program import program, soon_compiled, traced
+from .._text.failure import checked
 from .front_door import SPEED, Lanes, Problem, lanes_of, problem_of, uniform
 from .methods.by_name import method_of
 from .methods.method import AbstractMethod
@@ -40,6 +41,7 @@ def impact(
     *,
     method: str | AbstractMethod = "auto",
     external_force: ArrayLike | None = None,
+    throw: bool = True,
 ) -> Impact:
     """Solve an impact of two bodies: m δ'' = -F(δ, δ') + external force, δ(0) = 0, δ'(0) = v0.
 
@@ -62,15 +64,17 @@ def impact(
     `Impact.method` names the method used. For derivatives of event solves use
     `jc.Event(rtol=1e-11)`.
 
-    Returns an `Impact` in the broadcast shape. Failed lanes are flagged in `.status`, and their
-    numbers are NaN; other lanes are unaffected. Raises ValueError for a Python scalar out of range,
-    an exponent that the law does not support, or a method that does not apply.
+    Returns an `Impact` in the broadcast shape. A single one that is NOT_CONVERGED or INVALID_INPUT
+    (not SETTLED or GAINED) raises `NumericalError` unless `throw` is False. In arrays and traced
+    calls such lanes are NaN, flagged in `.status` and `.ok`, and others unaffected. ValueError: for
+    a Python scalar out of range, an exponent the law does not support, a method that cannot apply.
 
     Source: the energy integral of Hunt & Crossley (1975), doi 10.1115/1.3423596, and the references
     of the laws.
     """
     problem = problem_of(law, contact, velocity, external_force)
-    return _impact(problem, method_of(method))
+    throw = require_flag("throw", throw)
+    return checked(_impact(problem, method_of(method)), throw, "impact")
 
 
 def _impact(problem: Problem, method: AbstractMethod) -> Impact:
@@ -80,7 +84,7 @@ def _impact(problem: Problem, method: AbstractMethod) -> Impact:
     differentiation one program is used, since the second of two would differentiate by all outputs
     of the first.
     """
-    if any(isinstance(number, Tracer) for number in jax.tree.leaves(problem)):
+    if traced(problem):
         return _at_once(problem, method)
     if method.has_formula and problem.external_force is None:
         found = _by_formula(problem, method)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import enum
-
 import equinox as eqx
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from .._parameter import shown
+from .._text.failure import Flagged, WordedEnum
 from .._text.units import quantity
 
 NUMBERS = (
@@ -19,23 +18,17 @@ NUMBERS = (
 """The physical quantities of an `Impact`, in order."""
 
 
-class Status(enum.IntEnum):
-    """The values of `Impact.status`: the outcomes of an impact."""
+class Status(WordedEnum):
+    """The outcomes of an impact. NOT_CONVERGED and INVALID_INPUT are failures, with NaN."""
 
-    SEPARATED = 0
-    """The bodies separated."""
-    SETTLED = 1
-    """The bodies stay in contact: restitution and rebound are zero, the duration is infinite."""
-    NOT_CONVERGED = 2
-    """The solve did not converge; the numbers are NaN. Try another method, or more `steps`."""
-    INVALID_INPUT = 3
-    """A parameter of this lane is out of range; its numbers are NaN."""
-    GAINED = 4
-    """The bodies separated faster than they met, e > 1, without an external force. The law adds
-    energy. The numbers are those of the law as written. Check the sign of its damping."""
+    SEPARATED = 0, "The bodies separated."
+    SETTLED = 1, "They stay in contact: e and rebound are zero, the duration is infinite."
+    NOT_CONVERGED = 2, "The solve did not converge. Try another method, or more steps."
+    INVALID_INPUT = 3, "A parameter is out of its range."
+    GAINED = 4, "e > 1 without a push: the law adds energy. Check the sign of its damping."
 
 
-class Impact(eqx.Module):
+class Impact(Flagged, eqx.Module):
     """The summary of an impact; every array has the broadcast shape of law, contact and speed.
 
     - `restitution`: e = -v(+)/v(-), dimensionless.
@@ -45,7 +38,7 @@ class Impact(eqx.Module):
     - `energy_loss`: in J.
     - `min_force`: in N, the least force, negative if the contact pulls. None for laws that cannot
       pull.
-    - `status`: see `Status`.
+    - `status`: see `Status`. `ok`: where it is not failed.
     - `error_estimate`: the larger one of the estimated relative errors of restitution and duration.
       None for methods without an estimate.
     - `steps`: the number of accepted steps. None for closed forms.
@@ -64,12 +57,13 @@ class Impact(eqx.Module):
     steps: Int[Array, "..."] | None
     method: str = eqx.field(static=True)
     min_force: Float[Array, "..."] | None = None
+    _failures = Status.NOT_CONVERGED, Status.INVALID_INPUT
 
     def __repr__(self) -> str:
         texts = {name: quantity(name, _show(getattr(self, name))) for name in NUMBERS}
         if self.min_force is not None:
             texts["min_force"] = quantity("min_force", _show(self.min_force))
-        texts["status"] = status_words(self.status)
+        texts["status"] = Status.names_of(self.status)
         lines = (f"  {name:<17}{text}" for name, text in texts.items())
         return "\n".join([f"Impact by method {self.method!r}", *lines])
 
@@ -82,14 +76,3 @@ def _show(value: Array) -> str:
     if good.size == 0:
         return f"shape {array.shape}, none finite"
     return f"shape {array.shape}, from {good.min():.6g} to {good.max():.6g}"
-
-
-def status_words(value: Array | np.ndarray) -> str:
-    """Return the names of `Status` values, with counts if there are several lanes."""
-    if isinstance(value, Tracer) or not eqx.is_array(value):
-        return str(value)
-    kinds, counts = np.unique(np.asarray(value), return_counts=True)
-    names = [Status(int(kind)).name.lower() for kind in kinds]
-    if np.ndim(value) == 0:
-        return names[0]
-    return ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))

@@ -13,28 +13,21 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from .._program import traced as traced
+from .._text.failure import WordedEnum
 from .._text.table import text_table
 from .readout.columns import write_csv
 
 
-class Ending(enum.IntEnum):
-    """The values of `Run.status`: the endings of a run."""
+class Ending(WordedEnum):
+    """The endings of a run. All but COMPLETED are failures, with NaN after `Run.reached`."""
 
-    COMPLETED = 0
-    """The run reached its duration."""
-    TOO_MANY_IMPACTS = 1
-    """More impacts than the capacity: all values are NaN. Pass a larger `max_impacts`."""
-    ACCUMULATED = 2
-    """Impacts accumulated without a known series: later values are NaN."""
-    INVALID_INPUT = 3
-    """A number of the scene is out of range, or bodies overlap at the start: all values are NaN."""
-    NOT_CONVERGED = 4
-    """An impact did not converge to its tolerance: later values are NaN."""
-    CROWDED = 5
-    """More spheres than `max_cluster` came together, or in an unsupported way (docs/scenes_how.md).
-    Spheres in contact at rest count. Later values are NaN. Pass a larger `max_cluster`."""
-    WALL_TOO_ABRUPT = 6
-    """A wall, a fixed sphere or a shell exceeds its `max_acceleration`: later values are NaN."""
+    COMPLETED = 0, "The run reached its duration."
+    TOO_MANY_IMPACTS = 1, "Pass a larger `max_impacts`."
+    ACCUMULATED = 2, "Impacts accumulated without a known series. Use impacts with a duration."
+    INVALID_INPUT = 3, "A number of the scene is out of range, or bodies overlap at the start."
+    NOT_CONVERGED = 4, "An impact did not converge to its tolerance. Try another `rtol`."
+    CROWDED = 5, "Too many spheres touch, or in an unsupported way. Pass a larger `max_cluster`."
+    WALL_TOO_ABRUPT = 6, "A wall, a fixed sphere or a shell exceeds its `max_acceleration`."
 
 
 class Way(enum.IntEnum):
@@ -174,17 +167,6 @@ class Moment(NamedTuple):
     position: Float[Array, "T N D"]
     velocity: Float[Array, "T N D"]
     energy: Float[Array, " T"]
-
-
-def ending_words(status: Any) -> str:
-    """Return the name of an ending, or several names with their counts."""
-    if isinstance(status, Tracer) or not eqx.is_array(status):
-        return str(status)
-    kinds, counts = np.unique(np.asarray(status), return_counts=True)
-    names = [Ending(int(kind)).name.lower().replace("_", " ") for kind in kinds]
-    if jnp.ndim(status) == 0:
-        return names[0]
-    return ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))
 
 
 def flagged(value: Array, good: Array) -> Array:

@@ -13,6 +13,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
 from .._program import derived
+from .._text.failure import Flagged
 from .bodies.bodies import AbstractBody
 from .bodies.scene import Scene
 from .course import Course
@@ -21,14 +22,14 @@ from .readout.dataset import dataset
 from .readout.final_scene import end_of
 from .readout.margin import Margin
 from .readout.states import moment_at
-from .result import Impacts, Moment, ending_words, traced
+from .result import Ending, Impacts, Moment, traced
 from .resume import Start
 
 if TYPE_CHECKING:
     import xarray
 
 
-class Run(eqx.Module):
+class Run(Flagged, eqx.Module):
     """The motion of a scene, as `simulate` returns it.
 
     N is the number of spheres, in the order given, including fixed ones.
@@ -37,7 +38,7 @@ class Run(eqx.Module):
     - `position` (T, N, D), `velocity` (T, N, D): in m and m/s.
     - `energy` (T,): in J, the sum of kinetic energy, gravitational energy and energy stored in
       contacts.
-    - `impacts`, `margin`, `status`: see `Impacts`, `Margin` and `Ending`.
+    - `impacts`, `margin`, `status`: see `Impacts`, `Margin` and `Ending`. `ok`: if COMPLETED.
     - `reached`: the time in s up to which the values hold.
     - `wall_work`: the work in J of moving walls, fixed spheres and shells on the others. The final
       energy equals the initial energy plus `wall_work` less the impact losses.
@@ -58,6 +59,7 @@ class Run(eqx.Module):
     scene: Scene
     _nearest: tuple[Float[Array, ""], Float[Array, ""]]
     _course: Course
+    _failures = tuple(Ending)[1:]
 
     def at(self, time: ArrayLike) -> Moment:
         """Return the states at any times between 0 and the duration.
@@ -153,7 +155,7 @@ class Run(eqx.Module):
             "spheres": f"{steps[-2]} in {steps[-1]}D",
             "impacts": str(len(self.impacts)),
             "margin": f"{shown(self.margin.time)} s, {shown(self.margin.closing_speed)} m/s",
-            "status": ending_words(self.status),
+            "status": Ending.names_of(self.status).replace("_", " "),
         }
         return "Run\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
 

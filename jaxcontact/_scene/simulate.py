@@ -25,6 +25,7 @@ from .._parameter import (
     require_number,
 )
 from .._program import derived, quick
+from .._text.failure import checked
 from .._text.progress import Listener, progress_of, require_progress
 from .arrays.arrays import Layout, Numbers, first_overlap, layout_of
 from .arrays.from_scene import Parts, gathered, given_in, replaced
@@ -62,6 +63,7 @@ def simulate(
     max_impacts: int | None = None,
     max_cluster: int | None = None,
     progress: bool | Listener | None = None,
+    throw: bool = True,
 ) -> Run:
     """Simulate a scene from impact to impact, with closed-form flights and impact times.
 
@@ -98,8 +100,10 @@ def simulate(
     flagged.
 
     Returns a `Run`, differentiable in forward and reverse mode with respect to every number of the
-    scene. The derivative is that of the order of impacts that occurred (`Run.margin`). Failed lanes
-    are flagged in `status` and NaN. Raises ValueError for arguments out of range.
+    scene. The derivative is that of the order of impacts that occurred (`Run.margin`). Each
+    `Ending` but COMPLETED is a failure: it raises `NumericalError` unless `throw` is False. Batches
+    and traced runs are flagged in `status` and `ok`, and NaN after `reached`. Raises ValueError for
+    arguments out of range.
 
     Source: event-driven simulation with one stored event a body, Lubachevsky (1991),
     doi 10.1016/0021-9991(91)90222-7.
@@ -107,7 +111,7 @@ def simulate(
     scene = require_kind("scene", scene, Scene, "a `Scene`")
     length = one_number(duration, "duration", POSITIVE)
     tolerance = require_number("rtol", rtol, FRACTION)
-    soft = not require_flag("instantaneous", instantaneous)
+    soft, throw = not require_flag("instantaneous", instantaneous), require_flag("throw", throw)
     rule = _v0(v0)
     room_for = MOST if max_cluster is None else require_count("max_cluster", max_cluster, 2)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
@@ -146,8 +150,7 @@ def simulate(
             return from_python(rules, given, start, rows, tell, grows)
 
     def at_once(given: Given) -> Known:
-        grid = None if soft else grid_of(*given[:2])
-        return all_at_once(rules, given, grid, room * calls)
+        return all_at_once(rules, given, None if soft else grid_of(*given[:2]), room * calls)
 
     given = (layout, numbers, valid, last, within)
     ended, numbers, known = followed(rules, given, piecewise, at_once)
@@ -157,11 +160,8 @@ def simulate(
         body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
         for k, body in enumerate(scene.bodies)
     )
-    return Run(
-        time=told.now.time,
-        position=told.now.position,
-        velocity=told.now.velocity,
-        energy=told.now.energy,
+    run = Run(
+        **told.now._asdict(),
         impacts=dataclasses.replace(told.impacts, names=names),
         status=told.status,
         reached=told.reached,
@@ -171,6 +171,7 @@ def simulate(
         _nearest=told.nearest,
         _course=course,
     )
+    return checked(run, throw, "simulate")
 
 
 def _places_of(scene: Scene, otherwise: int) -> int:

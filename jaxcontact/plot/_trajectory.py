@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._impact import Impact, Trajectory
-from .._impact.result import status_words
+from .._impact import Impact, Status, Trajectory
 from .._parameter import require_choice, require_kind
 from ._drawing.axes import axes_of
 from ._drawing.labels import put_label
@@ -59,6 +58,6 @@ def require_one_path(path: object) -> Trajectory:
     if not np.isfinite(np.asarray(one.time)).all():
         raise ValueError(
             "Argument `path` must have values to draw, but they are NaN: its status is "
-            f"{status_words(one.status)}."
+            f"{Status.names_of(one.status)}."
         )
     return one

@@ -81,6 +81,7 @@ def cases() -> dict[str, Case]:
                 "patience": COUNT,
                 "rtol": POSITIVE,
                 "reverse": SWITCH,
+                "throw": SWITCH,
                 "progress": PROGRESS | NONE,
             },
         ),

@@ -221,7 +221,7 @@ def cases() -> dict[str, Case]:
         "impact": Case(
             jc.impact,
             IMPACT,
-            IMPACT_LEGAL | {"method": METHODS, "external_force": REALS | NONE},
+            IMPACT_LEGAL | {"method": METHODS, "external_force": REALS | NONE, "throw": SWITCH},
         ),
         "restitution": Case(
             jc.restitution,
@@ -248,6 +248,7 @@ def cases() -> dict[str, Case]:
                 "gravity": POSITIVES,
                 "bounces": COUNT | NONE,
                 "gravity_in_contact": SWITCH,
+                "throw": SWITCH,
                 "rest_velocity": POSITIVES | NONE,
                 "v0": NOTHING,
                 "method": METHODS,

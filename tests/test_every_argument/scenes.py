@@ -116,6 +116,7 @@ def cases() -> dict[str, Case]:
                 "times": ONE | NONE | {"tuple", "range"},
                 "rtol": INSIDE,
                 "instantaneous": FLAG,
+                "throw": FLAG,
                 "v0": POSITIVE,
                 "max_impacts": COUNT | NONE,
                 "max_cluster": COUNT | NONE,

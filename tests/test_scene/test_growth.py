@@ -25,10 +25,8 @@ def between_pins(offset, duration, room=16):
     far = RADII + FLIGHT / 2
     pins = [jc.Sphere(0.9, None, [x, 0.0], fixed=True) for x in (-far, far)]
     ball = jc.Sphere(0.1, 1.0, [offset, 0.0], [1.0, 0.0])
-    run = jc.simulate(
-        jc.Scene([ball, *pins], jc.Hertz()), duration, instantaneous=True, max_impacts=room
-    )
-    return run
+    how = {"instantaneous": True, "max_impacts": room, "throw": False}
+    return jc.simulate(jc.Scene([ball, *pins], jc.Hertz()), duration, **how)
 
 
 def of_a_billiard(hits, duration):

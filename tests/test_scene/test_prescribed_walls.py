@@ -101,8 +101,9 @@ def test_a_wall_that_exceeds_its_acceleration_is_flagged():
 
     law = jc.ExactRestitution(e=0.8)
     motion = jc.Prescribed(cubic, 1.2, 1.0)
+    how = {"instantaneous": True, "throw": False}
     times = np.array([0.0, 0.1, 0.19, 0.3])
-    run = jc.simulate(over(motion, 0.5, law), 0.4, times=times, instantaneous=True)
+    run = jc.simulate(over(motion, 0.5, law), 0.4, times=times, **how)
     assert run.status == jc.Ending.WALL_TOO_ABRUPT
     assert 0.2 <= run.reached < 0.2 + 2 * 0.4 / 4096
     np.testing.assert_allclose(
@@ -118,7 +119,7 @@ def test_a_wall_that_exceeds_its_acceleration_is_flagged():
         return -1e-3 * jax.nn.sigmoid((t - 0.1234567) / width)
 
     # The sampled times are 1e-4 s apart.
-    run = jc.simulate(over(jc.Prescribed(kick, 1e3, 1e-7), 0.5, law), 0.4, instantaneous=True)
+    run = jc.simulate(over(jc.Prescribed(kick, 1e3, 1e-7), 0.5, law), 0.4, **how)
     assert run.status == jc.Ending.WALL_TOO_ABRUPT
     assert abs(run.reached - 0.1234567) < 0.4 / 4096
 

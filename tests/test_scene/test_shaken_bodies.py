@@ -151,7 +151,7 @@ def test_a_sphere_that_exceeds_its_acceleration_is_flagged():
         motion = jc.Prescribed(diagonal, bound)
         sphere = jc.Sphere(0.1, None, [1.0, 0.0], fixed=True, motion=motion)
         scene = jc.Scene([jc.Sphere(0.1, 1.0, [0.0, 0.0]), sphere], jc.ExactRestitution(e=0.5))
-        return jc.simulate(scene, 0.1, instantaneous=True)
+        return jc.simulate(scene, 0.1, instantaneous=True, throw=False)
 
     along = 1e-3 * RATE**2
     assert run(1.42 * along).status == jc.Ending.COMPLETED

@@ -281,7 +281,7 @@ def fit_kind(
             model = LogOutcomes(kind, contact, jnp.asarray(reference), tuple(others.values))
             start["stiffness"] = float(contact.stiffness)
             transforms["stiffness"] = Positive()
-    return fit(model, start=start, transforms=transforms, **data)
+    return fit(model, start=start, transforms=transforms, throw=False, **data)
 
 
 def reference_of(velocity: Floats) -> float:

@@ -44,7 +44,7 @@ def telling_apart(
     fields = model.fields
     data = dict(zip(fields, readings.reshape(len(fields), -1), strict=True))
     sigma = dict(zip(fields, size.reshape(len(fields), -1), strict=True))
-    found = fit(model, data, other, x=speeds, sigma=sigma, transforms=transforms)
+    found = fit(model, data, other, x=speeds, sigma=sigma, transforms=transforms, throw=False)
     if not found.converged:
         raise ValueError(
             "Argument `goal` must be a law that can be fitted to the other, but its fit did not "
@@ -101,7 +101,7 @@ def distance_of(
     fields = model.fields
     data = dict(zip(fields, readings.reshape(len(fields), -1), strict=True))
     weights = dict(zip(fields, (counts / size**2).reshape(len(fields), -1), strict=True))
-    found = fit(model, data, other, x=speeds, weights=weights, transforms=transforms)
+    found = fit(model, data, other, x=speeds, weights=weights, transforms=transforms, throw=False)
     distance = 2 * found.loss if found.converged else math.nan
     return 0.0 if distance < counts.sum() * _SAME**2 else distance
 

@@ -71,14 +71,8 @@ def fit_velocity_profile(
         share = column(as_weights(weights), "weights", NOT_NEGATIVE, ("indentation", depth))
     _check_compression(depth, speed)
     u, v = depth / depth[-1], speed / speed[0]
-    found = fit(
-        Profile(squares),
-        v**2 if squares else v,
-        {"beta": guess},
-        x=u,
-        weights=share,
-        transforms=Positive(),
-    )
+    profile, wanted, first = Profile(squares), v**2 if squares else v, {"beta": guess}
+    found = fit(profile, wanted, first, x=u, weights=share, transforms=Positive(), throw=False)
     reason = found.reason
     converged = found.converged and not (found.at_bound or found.unidentified)
     if found.converged and not converged:

@@ -307,7 +307,7 @@ def _fixed(arguments: argparse.Namespace) -> dict[str, Any]:
 def _robust(arguments: argparse.Namespace) -> dict[str, Any]:
     from ..._fit import Huber
 
-    return {"loss": Huber()} if arguments.robust else {}
+    return {"throw": False} | ({"loss": Huber()} if arguments.robust else {})
 
 
 def _dict(

@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     with input_errors():
         law = get_law(arguments.law, **given)
         contact = Contact(arguments.mass, arguments.stiffness, exponent)
-        hit = impact(law, contact, arguments.velocity)
+        hit = impact(law, contact, arguments.velocity, throw=False)
     status = Status(int(hit.status))
     if status == Status.INVALID_INPUT:
         raise InputError("a parameter is out of its range")

@@ -113,7 +113,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     axes = _axes(arguments.axes, scene.dimensions)
     progress("compiling and running the scene")
     with input_errors(lambda text: f"{arguments.file or arguments.example}: {text}"):
-        done = simulate(scene, **how, progress=False if arguments.quiet else None)
+        done = simulate(scene, **how, progress=False if arguments.quiet else None, throw=False)
     files: dict[pathlib.Path, bytes | Callable[[BinaryIO], object]] = {}
     if arguments.out is not None:
         files |= {out / RUN: done.to_csv, out / IMPACTS: done.impacts.to_csv}

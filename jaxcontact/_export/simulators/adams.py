@@ -80,7 +80,8 @@ def _delivering(wanted: Wanted, contact: Contact, depth: float, usual: float) ->
     """Return the c_max in N s/m with which the contact delivers the wanted e, or ValueError."""
 
     def logarithm(c_max: float) -> float:
-        hit = impact(StepDamping(c_max=jnp.asarray(c_max), d=jnp.asarray(depth)), contact, speed)
+        law = StepDamping(c_max=jnp.asarray(c_max), d=jnp.asarray(depth))
+        hit = impact(law, contact, speed, throw=False)
         e = float(hit.restitution)
         if int(hit.status) != Status.SEPARATED or not e > 0:
             return -math.inf

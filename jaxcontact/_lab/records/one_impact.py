@@ -207,10 +207,5 @@ def _fit_of(time: np.ndarray, reading: np.ndarray, column: str, start: _Start) -
     filled = np.zeros(_LENGTH)
     filled[:count] = reading
     weight = np.where(np.arange(_LENGTH) < count, float(np.abs(reading).max()) ** -2.0, 0.0)
-    columns: Any = {column: filled}
-    return fit_record(
-        *(start.law, start.contact, time, start.velocity),
-        **columns,
-        start_time=start.time,
-        weights={column: weight},
-    )
+    how: Any = {column: filled, "start_time": start.time, "weights": {column: weight}}
+    return fit_record(start.law, start.contact, time, start.velocity, throw=False, **how)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..bodies.scene import Scene
-from ..result import Impacts, Moment, Way, ending_words
+from ..result import Ending, Impacts, Moment, Way
 
 if TYPE_CHECKING:
     import xarray
@@ -80,7 +80,7 @@ def dataset(
         {name: (*given, _attributes(name)) for name, given in group.items()}
         for group in (arrays, coordinates)
     )
-    attributes: dict[str, Any] = {"status": ending_words(status)}
+    attributes: dict[str, Any] = {"status": Ending.names_of(status).replace("_", " ")}
     attributes |= {"reached": float(reached), "wall_work": float(wall_work)}
     return xarray.Dataset(arrays, coordinates, attributes)
 

@@ -11,7 +11,7 @@ from ..._parameter import concrete, rendered, require_kind
 from ..._scene import Run, Shell, Sphere
 from ..._scene.bodies.bodies import AbstractBody
 from ..._scene.bodies.overlap import minimum_image
-from ..._scene.result import ending_words
+from ..._scene.result import Ending
 
 _LEAST = 512
 """Smallest number of times at which a run is evaluated for a plot, including its impacts."""
@@ -36,7 +36,7 @@ def require_one_run(run: Any) -> Run:
     if not float(run.reached) > 0:
         raise ValueError(
             "Argument `run` must have values to draw, but all are NaN: its status is "
-            f"{ending_words(run.status)!r}."
+            f"{Ending.names_of(run.status).replace('_', ' ')!r}."
         )
     return run
 
