@@ -23,7 +23,7 @@ EXEMPT = {
     r"Sphere\.moved_to\(.*\)|Shell\.centre_at\(.*\)": "called by the library",
     r"(Sphere|Plane|Box|Shell)\.after\(.*\)": "called by the library",
     r"(choose_law|learn_law|fit_[a-z_]+)\((weights|groups|correlation|transforms|sigma|loss|noise|"
-    r"optimizer|starts|spread|seed|max_steps|patience|rtol|reverse|progress|throw)\)": "as in `fit`",
+    r"optimizer|starts|spread|seed|max_steps|patience|rtol|reverse|progress|throw)\)": "see `fit`",
     r"cache\(folder\)": "a setting of the process, in tests/test_cli/test_cache.py",
     r"Prescribed\(args\)": "whatever the function takes",
     r"LowPass\.(read|correlation)\(.*\)": "called by the library",
