@@ -60,9 +60,9 @@ def takes(keywords: type, **defaults: Any) -> Callable[[Function], Function]:
         @functools.wraps(function)
         def flagging(*given: Any, throw: bool = True, **how: Any) -> Any:
             throw = require_flag("throw", throw)
-            return checked(function(*given, **how), throw, function.__name__)
+            return checked(function(*given, **how, throw=False), throw, function.__name__)
 
-        passes_on = flagging if "throw" in keywords.__annotations__ else function
+        passes_on: Any = flagging if "throw" in keywords.__annotations__ else function
         passes_on.__signature__ = signature.replace(parameters=[*own, *added])
         return refuses_unknown(passes_on)
 

@@ -16,14 +16,14 @@ EXEMPT = {
     ),
     r"RecordingError\(.*\)": "an error, raised by the library",
     r"paper\.(Number|Published|Reproduction)\(.*\)": "a result, made by the library",
-    r"(Status|Ending|Way)\(.*\)": "an enumeration of Python",
+    r"(Status|Ending|Way)(\.names_of)?\(.*\)": "an enumeration of Python",
     # Called by the library, with arguments that are checked before
     r"Abstract(Law|HuntCrossley|Form|Method|Shape)(\..*)?\(.*\)": "an interface to fill in",
     r"Sweep\.(coordinates|taken)\(.*\)": "called by the library",
     r"Sphere\.moved_to\(.*\)|Shell\.centre_at\(.*\)": "called by the library",
     r"(Sphere|Plane|Box|Shell)\.after\(.*\)": "called by the library",
     r"(choose_law|learn_law|fit_[a-z_]+)\((weights|groups|correlation|transforms|sigma|loss|noise|"
-    r"optimizer|starts|spread|seed|max_steps|patience|rtol|reverse|progress)\)": "goes to `fit`",
+    r"optimizer|starts|spread|seed|max_steps|patience|rtol|reverse|progress|throw)\)": "see `fit`",
     r"cache\(folder\)": "a setting of the process, in tests/test_cli/test_cache.py",
     r"Prescribed\(args\)": "whatever the function takes",
     r"LowPass\.(read|correlation)\(.*\)": "called by the library",

@@ -128,6 +128,9 @@ def public():
 
 
 def arguments(name, function):
+    # Python has no signature of an exception without an initialiser.
+    if function is jc.NumericalError:
+        return set()
     parameters = list(inspect.signature(function).parameters.values())
     if inspect.isfunction(function) and "." in name.removeprefix("plot.").removeprefix("paper."):
         parameters = parameters[1:]

@@ -182,7 +182,7 @@ def fit_bounces(
     given = with_transforms(transforms, how)
 
     def fitted(**other: Any) -> Fit:
-        return fit(model, np.log(after), start, x=before, throw=False, **(given | other))
+        return fit(model, np.log(after), start, x=before, **(given | other))
 
     if isinstance(given.get("loss"), Huber):
         velocity = flight.evaluate(_KINDS[kind].landing, before)[0]

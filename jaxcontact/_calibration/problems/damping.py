@@ -73,4 +73,4 @@ def fit_damping(
     if form == "power":
         start["power"] = 0.0
     model = DeliveredByDamping(contact, jnp.asarray(middle), method)
-    return fit(model, measured, start, x=v, throw=False, **with_transforms({"c": Positive()}, how))
+    return fit(model, measured, start, x=v, **with_transforms({"c": Positive()}, how))

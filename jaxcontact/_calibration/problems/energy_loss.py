@@ -74,7 +74,7 @@ def fit_energy_loss(
     model = DeliveredByEnergyLoss(contact, jnp.asarray(float(asked.min())), method)
     if degree is None:
         given = with_transforms({"beta": Positive()}, how)
-        return fit(model, wanted, {"beta": 2.5}, x=asked, throw=False, **given)
+        return fit(model, wanted, {"beta": 2.5}, x=asked, **given)
     degree = require_count("degree", degree, 0)
     start = {"log_beta": np.array([np.log(2.5), *np.zeros(degree)])}
-    return fit(model, wanted, start, x=asked, throw=False, **how)
+    return fit(model, wanted, start, x=asked, **how)

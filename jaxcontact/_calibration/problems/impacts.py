@@ -99,7 +99,7 @@ def fit_impacts(
     start = ImpactModel(law, contact)
     given = with_transforms(transforms_of(start, fixed), how)
     model = Outcome(method, tuple(table["data"]))
-    return fit(model, start=start, x=v, throw=False, **(table | given))
+    return fit(model, start=start, x=v, **(table | given))
 
 
 def holds(owner: Any, name: Any) -> bool:

@@ -76,7 +76,7 @@ def learn_law(
         form = SHAPES[form](float(asked.min()))
     if isinstance(form, Rational):
         form = _rational_start(form, asked, wanted)
-    return fit(DeliveredByShape(contact, method), wanted, form, x=asked, throw=False, **how)
+    return fit(DeliveredByShape(contact, method), wanted, form, x=asked, **how)
 
 
 def _rational_start(shape: Rational, asked: Column, wanted: Column) -> Rational:

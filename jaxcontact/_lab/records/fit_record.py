@@ -208,7 +208,7 @@ def fit_record(
     instruments = Recorded(low, high)
 
     def fitted(start: RecordModel, **other: Any) -> Fit:
-        return fit(instruments, start=start, x=moments, throw=False, **(table | options | other))
+        return fit(instruments, start=start, x=moments, **(table | options | other))
 
     # Readings behind a filter get a correlation later: starting with one keeps a single program.
     one = {"correlation": np.eye(moments.size * len(table["data"]))}
