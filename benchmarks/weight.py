@@ -2,9 +2,9 @@
 
 The weight of a call is the number of HLO instructions of all its programs before optimisation, and
 the number of programs. For one set of versions it is the same on every machine. Each row is a fresh
-process that has imported the package, optimises nothing and stores no program. `--seconds` runs it again with a user's
-settings, for its CPU time. Solves of one impact by plain diffrax serve as comparison. `--only`
-selects the rows whose name contains a text, `--out` also writes JSON.
+process that has imported the package, optimises nothing and stores no program. `--seconds` runs it
+again with a user's settings, for its CPU time. Solves of one impact by plain diffrax serve as
+comparison. `--only` selects the rows whose name contains a text, `--out` also writes JSON.
 """
 
 from __future__ import annotations
