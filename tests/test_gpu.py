@@ -68,6 +68,7 @@ def test_a_gpu_is_given_no_option_of_a_cpu(monkeypatch):
 
 
 def test_an_option_that_this_jax_lacks_leaves_the_others(monkeypatch):
+    monkeypatch.setattr(jax, "default_backend", lambda: "cpu")
     assert compiled._known({"xla_no_such_option": True}) is None
     # As from JAX 0.11 on, which has one way to emit loops.
     monkeypatch.setattr(compiled, "soon_options", lambda: None)

@@ -169,6 +169,16 @@ def test_a_way_out_whose_force_is_below_the_smallest_number():
 PUSHED = 1e-6
 
 
+def test_an_end_that_no_step_shows_is_flagged():
+    # e is 6e-58 by the oracle of the stability map. The bodies creep to a distance far below the
+    # tolerance, where a step passed the end by chance: e was 3e-26, and the duration half of it.
+    n = jnp.full(8, 1.0115324, jnp.float32)
+    contact = jc.Contact(jnp.float32(1), jnp.float32(1), n)
+    law = jc.KuwabaraKono(A=jnp.float32(3.9692243))
+    hit = jc.impact(law, contact, jnp.float32(1), method="event")
+    assert (hit.status == jc.Status.NOT_CONVERGED).all() and not hit.ok.any()
+
+
 @pytest.mark.parametrize("n", [1.0, jnp.float32(1.0)], ids=["a number", "traced"])
 def test_the_turn_under_a_strong_push(n):
     """Before their turn the bodies are up to a thousand times as fast as at touch."""

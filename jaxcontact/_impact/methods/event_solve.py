@@ -99,7 +99,8 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> 
     def see(watch: Watch, last: Record, now: Record) -> Watch:
         return watch.seen(way, packed, last, now)
 
-    given = way, packed, _tolerance(motion, how, dtype), begun, see, solve.keep
+    tolerance = _tolerance(motion, how, dtype)
+    given = way, packed, tolerance, begun, see, solve.keep
     if how.solver is None and how.adjoint is None:
         last = march(*given)
     else:
@@ -120,9 +121,11 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> 
         last = chosen(dipped, dip, last)
     end, smooth = land(way, packed, last)
     watch = see(watch, last.before, end)
+    # A creeping contact may come so close to its end that a step does not show whether it ends.
+    clear = compressing | (packed.state(last.before).w > tolerance.atol)
     return Leg(
         end=packed.state(end),
-        arrived=jnp.any(last.closed) & smooth & moved,
+        arrived=jnp.any(last.closed) & smooth & moved & clear,
         steps=last.steps,
         nearest=watch.nearest,
         least=watch.least,
