@@ -173,7 +173,7 @@ SECTIONS = (
         "The result of `fit` or any `fit_*`: data, prediction, the band of the true curve and that "
         "of new readings.",
         """\
-        pairs = cal.pairs.where(~cal.outliers.flagged)
+        pairs = cal.recorded_pairs.where(~cal.outliers.flagged)
         data = {"velocity": pairs.velocity, "e": pairs.restitution}
         found = jc.fit_damping(contact, **data, form="power")
         ax = jc.plot.fit(found)

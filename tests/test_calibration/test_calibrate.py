@@ -114,7 +114,7 @@ def test_scipy_finds_the_same_fit(kind):
     e = np.array([law(value)(x) for x in v]) * np.exp(0.01 * rng.standard_normal(14))
     result = jc.calibrate(jc.read_recording(velocity=v, restitution=e))
     fit = result.choice.law_fit(kind)
-    sigma = result.noise.sigma(result.pairs.reading_factor)
+    sigma = result.noise.sigma(result.recorded_pairs.reading_factor)
 
     def residual(log_value):
         model = np.array([law(np.exp(log_value[0]))(x) for x in v])
@@ -174,7 +174,7 @@ def test_the_fitted_law_delivers_the_fitted_curve(law, known):
 
 def test_the_constant_fit_of_the_shipped_ball_is_the_weighted_mean():
     result = jc.calibrate(jc.read_recording(), law="constant_damping")
-    kept = result.pairs.where(~result.outliers.flagged)
+    kept = result.recorded_pairs.where(~result.outliers.flagged)
     sigma = result.noise.sigma(kept.reading_factor)
     mean = np.exp(np.average(np.log(kept.restitution), weights=sigma**-2))
     estimate = result.choice.laws[0].estimates[0]

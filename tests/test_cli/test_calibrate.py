@@ -240,7 +240,7 @@ def judged(folder, capsys, text):
     told = jc.calibrate(jc.read_recording(path), law="constant_damping")
     assert main(["fit", "impacts", str(path), *FIT, "--json"]) == 0
     fitted = json.loads(capsys.readouterr().out)
-    marked = [row for pair in told.summary.pairs if pair.marked for row in pair.rows]
+    marked = [row for pair in told.pairs if pair.marked for row in pair.rows]
     assert ", ".join(map(str, marked)) in "; ".join(fitted["read_as"])
     constant = told.choice.laws[0]
     # For a wrong law, errors of e and of ln e weight rows differently.

@@ -157,11 +157,6 @@ class LawChoice(ChoiceData):
     reference: float
     marked: np.ndarray
 
-    @property
-    def data(self) -> ChoiceData:
-        """The plain data alone."""
-        return ChoiceData(**{f.name: getattr(self, f.name) for f in dataclasses.fields(ChoiceData)})
-
     def law(self, kind: str | None = None) -> AbstractLaw:
         """Return the fitted law of a kind, by default of the best one, for its `contact_of`.
 

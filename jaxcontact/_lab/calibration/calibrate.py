@@ -4,41 +4,36 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.metadata
-import os
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike
 
-from ..._calibration.choice.choose_law import choose, weights_of
+from ..._calibration.choice.choose_law import choose
 from ..._calibration.choice.kind import AbstractKind
 from ..._calibration.choice.kinds import kinds_of
 from ..._calibration.choice.law_choice import LawChoice
-from ..._calibration.choice.outcomes import NONE, Columns
+from ..._calibration.choice.table import Table, errors_of
 from ..._calibration.pairs.columns import column
-from ..._calibration.pairs.noise import Noise
 from ..._calibration.pairs.outliers import THRESHOLD, Outliers, find_outliers
 from ..._calibration.pairs.pairs import LEAST_PAIRS
 from ..._contact import Contact
-from ..._flight import STANDARD_GRAVITY, Drag, Flight, Floats
+from ..._flight import STANDARD_GRAVITY, Drag, Flight
 from ..._laws import AbstractLaw, parameters_of
 from ..._parameter import POSITIVE, as_numbers, require_kind, require_number
 from ..._text.progress import stages_of
 from ..recordings import RecordedPairs, Recording, make_pairs
 from ..records.all_impacts import (
-    Fitted,
+    errors_of_impacts,
     exponent_of,
     fitted_impacts,
     require_mass,
     summaries,
-    weighed,
 )
 from ..records.one_impact import ImpactFit
 from .at_speed import at_speeds
-from .few_pairs import known_errors, none_marked, only_constant
-from .file import save, to_json
+from .few_pairs import errors_of_few, none_marked, only_constant
 from .summary import CalibrationSummary
 from .summary_data import PairSummary, RecordingSummary, SpeedBand
 
@@ -46,81 +41,22 @@ _SPEED_BANDS = 5
 _PACKAGES = ("jaxcontact", "jax", "optimistix", "numpy")
 
 
-@dataclasses.dataclass(frozen=True)
-class Calibration:
+@dataclasses.dataclass(frozen=True, repr=False, kw_only=True)
+class Calibration(CalibrationSummary):
     """Result of `calibrate`; prints its verdict, and `report()` gives the full text.
 
-    `pairs` are the pairs (speed, e) of the recording. `outliers` marks pairs by the robust rule,
-    and `noise` is the scatter of the others. `choice` holds the laws fitted without the marked
-    pairs, `with_marked` those fitted with them. `summary` is all of it as plain data, which `save`
-    writes. `impacts` are the fits of the impacts in an instrument record.
+    It has the plain data of a `CalibrationSummary`, which `save` writes. In addition:
+    `recorded_pairs`, the pairs (speed, e) of the recording as arrays; `outliers`, which marks pairs
+    by the robust rule; and `impact_fits`, those of the impacts in an instrument record. `choice`
+    holds the laws fitted without the marked pairs, `with_marked` those fitted with them, and both
+    hold their fits.
     """
 
-    pairs: RecordedPairs
-    outliers: Outliers
-    noise: Noise
     choice: LawChoice
     with_marked: LawChoice
-    summary: CalibrationSummary
-    impacts: tuple[ImpactFit, ...] = ()
-
-    @property
-    def law(self) -> AbstractLaw | None:
-        """The law asked for, or the best one, with its fitted parameters; None if no fit converged.
-
-        `impact(law, contact, v)` gives the fitted e.
-        """
-        return self.summary.law
-
-    @property
-    def contact(self) -> Contact:
-        """The contact of `law`; mass or stiffness is 1 if it was not given or fitted."""
-        return self.summary.contact
-
-    @property
-    def standard_errors(self) -> dict[str, float | None]:
-        """Standard errors of the law's parameters; None for those that are not identifiable."""
-        return self.summary.standard_errors
-
-    @property
-    def converged(self) -> bool:
-        """True if every fit converged."""
-        return self.summary.converged
-
-    def table(self) -> str:
-        """Return the kinds of laws with their parameters and criteria as text; lower is better."""
-        return self.choice.table()
-
-    def report(self) -> str:
-        """Return the full report, verdict first.
-
-        It has what `print` shows, then data, marked pairs, fits, their comparison, and open
-        questions.
-        """
-        return self.summary.report()
-
-    def __export__(
-        self, contact: Contact | None
-    ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
-        """Return law, contact and closing speeds in m/s over the measured range, for `export`.
-
-        Raises ValueError if no fit converged, or if mass or stiffness is unknown.
-        """
-        return self.summary.__export__(contact)
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write `summary` to a JSON file, completely or not at all; `load_calibration` reads it.
-
-        Raises OSError if writing fails.
-        """
-        save(self.summary, path)
-
-    def to_json(self) -> str:
-        """Return the text that `save` writes."""
-        return to_json(self.summary)
-
-    def __repr__(self) -> str:
-        return repr(self.summary)
+    recorded_pairs: RecordedPairs
+    outliers: Outliers
+    impact_fits: tuple[ImpactFit, ...] = ()
 
 
 def calibrate(
@@ -191,15 +127,18 @@ def calibrate(
             outliers = find_outliers(pairs)
         keep = ~outliers.flagged
         kept_pairs = pairs.where(keep)
-        errors = _errors_of(pairs, outliers, keep, impacts)
-
-        def choose_from(use: np.ndarray) -> LawChoice:
-            return _choose_from(
-                pairs, use, errors, kinds, contact, frozenset(given), impacts is not None, tell
-            )
-
-        choice = choose_from(keep)
-        with_marked = choice if keep.all() else choose_from(np.ones_like(keep))
+        options = {}
+        if impacts is None:
+            errors = errors_of(pairs, outliers, keep)
+        else:  # impacts of one record are independent: their errors are those of their readings
+            errors, options = errors_of_impacts(impacts, keep), {"groups": None}
+        table = Table(pairs, keep, errors, contact, frozenset(given), options)
+        how = kinds, impacts is not None, pairs.layout.cluster_words[0], tell
+        choice = _choose_from(table, *how)
+        with_marked = choice
+        if not keep.all():
+            every = dataclasses.replace(table, use=np.ones_like(keep))
+            with_marked = _choose_from(every, *how)
     asked = {kind.law: kind.name for kind in kinds}
     kind = choice.best if law == "all" else asked[law]
     if kind not in choice.fits:
@@ -213,8 +152,8 @@ def calibrate(
         at_ends = at_speeds(choice.fits[kind], others_open, kept_pairs.velocity, asked_at)
     scatter = None
     if keep.sum() >= LEAST_PAIRS:
-        scatter = float(np.median(errors.weights[keep] ** -0.5))
-    summary = CalibrationSummary(
+        scatter = float(np.median(errors.sigma[keep]))
+    return Calibration(
         law=fitted_law,
         contact=contact,
         given=given,
@@ -227,75 +166,38 @@ def calibrate(
         threshold=THRESHOLD,
         trend=outliers.trend.kind,
         pairs=_pairs(pairs, outliers),
-        choice=choice.data,
-        with_marked=with_marked.data,
+        choice=choice,
+        with_marked=with_marked,
         by_speed=_by_speed(kept_pairs, choice),
         impacts=() if impacts is None else summaries(impacts),
         at=at_ends,
         scatter=scatter,
         versions={name: _version(name) for name in _PACKAGES},
+        recorded_pairs=pairs,
+        outliers=outliers,
+        impact_fits=() if impacts is None else impacts.fits,
     )
-    fits = () if impacts is None else impacts.fits
-    return Calibration(pairs, outliers, errors.noise, choice, with_marked, summary, fits)
-
-
-class _PairErrors(NamedTuple):
-    """Noise, weights (n,) and correlation of the pairs, with columns measured beside them.
-
-    `options` are further arguments of the fits.
-    """
-
-    noise: Noise
-    weights: Floats
-    correlation: Floats | None
-    others: Columns
-    options: dict[str, Any]
-
-
-def _errors_of(
-    pairs: RecordedPairs, outliers: Outliers, keep: np.ndarray, impacts: Fitted | None
-) -> _PairErrors:
-    """Return the errors of all pairs, estimated from those to `keep`."""
-    if impacts is not None:
-        # Impacts of one record are independent: their errors are those of their readings.
-        return _PairErrors(*weighed(impacts, keep), {"groups": None})
-    noise, weights, correlation = weights_of(pairs, outliers, keep)
-    options = {"sigma": weights**-0.5} if pairs.absolute else {}
-    return _PairErrors(noise, weights, correlation, NONE, options)
 
 
 def _choose_from(
-    pairs: RecordedPairs,
-    use: np.ndarray,
-    errors: _PairErrors,
+    table: Table,
     kinds: tuple[AbstractKind, ...],
-    contact: Contact,
-    given: frozenset[str],
     from_forces: bool,
+    group: str,
     tell: Callable[[str], None],
 ) -> LawChoice:
-    """Return the choice among `kinds` for the pairs in `use`; of too few pairs, a constant e."""
-    _, weights, correlation, others, options = errors
-    few = use.sum() < LEAST_PAIRS
-    if few and (not from_forces or use.sum() == 1):
-        own = (weights, correlation) if from_forces else known_errors(pairs, use)
-        size, shared = (weights, None) if own is None else own
-        of = pairs, use, size, shared, others, kinds[0], contact
-        return only_constant(*of, known=own is not None)
-    known = {"sigma": weights**-0.5} if few else {}
-    return choose(
-        pairs,
-        use,
-        weights,
-        kinds,
-        contact,
-        others=others,
-        correlation=correlation,
-        known=given,
-        group=pairs.layout.cluster_words[0],
-        progress=tell,
-        **(known | options),
-    )
+    """Return the choice among `kinds` for a table; of too few pairs, a constant e."""
+    errors, count = table.errors, int(table.use.sum())
+    if count >= LEAST_PAIRS:
+        return choose(table, kinds, group=group, progress=tell)
+    errors = errors._replace(absolute=True)
+    if from_forces and count > 1:
+        return choose(dataclasses.replace(table, errors=errors), kinds, group=group, progress=tell)
+    known = table.known
+    if not from_forces:
+        errors, known = errors_of_few(table.pairs, table.use, errors), frozenset()
+    few = dataclasses.replace(table, errors=errors, known=known, options={"groups": None})
+    return only_constant(few, kinds[0])
 
 
 def _law_of(choice: LawChoice, kind: str | None) -> AbstractLaw | None:
