@@ -31,7 +31,8 @@ from .result import Fit
 from .search.laplace import infer
 from .search.levenberg_marquardt import MOST_STEPS, PATIENCE, Options
 from .search.minimum import Found, find, find_all, in_numpy, start_scale, with_step
-from .search.noise import BY_COLUMN, COMMON, columns_of, refuse_between, with_noise
+from .search.noise import BY_COLUMN, COMMON, ColumnErrors, columns_of, refuse_between
+from .search.refit import refit
 from .search.unused import refuse_unused
 from .search.verdict import at_bound_of, creeping, falling, verdict
 
@@ -157,10 +158,9 @@ def fit(
         found = _set_to_bound(problem, found, theta, options)
         settled = True
         if sigma is None and (isinstance(loss, Huber) or noise == BY_COLUMN):
-            columns = columns_of(problem, noise)
-            problem, found, settled = with_noise(
-                problem, found, columns, lambda p, at: find(p, at, options)
-            )
+            errors = ColumnErrors(problem, columns_of(problem, noise))
+            found = refit(errors, found, lambda last, new: find(new, last.theta, options))
+            problem, settled = errors.problem, errors.settled
         return _result(problem, found, theta, target, ends, names, options, settled)
 
 

@@ -15,15 +15,15 @@ from jaxtyping import Array, ArrayLike, Float
 from ..._calibration.pairs.columns import column, for_each, measured, with_transforms
 from ..._calibration.problems.impacts import transforms_of
 from ..._contact import Contact, require_contact
-from ..._fit import Fit, fit
+from ..._fit import Fit, fit, refit
 from ..._fit.keywords import ColumnKeywords, takes
 from ..._impact import trajectory
 from ..._laws import AbstractLaw, force_of, require_law
 from ..._parameter import POSITIVE, REAL, parameter, require_kind, require_number
 from ..._text.units import Shown
-from .instrument_errors import require_filterable, with_noise_of_instruments
+from .instrument_errors import InstrumentErrors, require_filterable
 from .low_pass import Course, LowPass
-from .saturation import left_out, limits_of, met_limits, said
+from .saturation import BeyondLimits, limits_of
 from .start import near, touch_in, without_a_contact_elsewhere
 
 _SAMPLES = 128
@@ -207,17 +207,18 @@ def fit_record(
         high = {name: jnp.asarray(one.high) for name, one in limits.items()}
     instruments = Recorded(low, high)
 
-    def fitted(start: RecordModel, **other: Any) -> Fit:
-        return fit(instruments, start=start, x=moments, **(table | options | other))
-
     # Readings behind a filter get a correlation later: starting with one keeps a single program.
-    one = {"correlation": np.eye(moments.size * len(table["data"]))}
-    found = fitted(start, **(one if any(filters.values()) else {}))
-    if found.converged and any(one.at_limit.any() for one in limits.values()):
-        met = met_limits(found, limits)
-        rest = {name: values for name, values in table.items() if name != "data"}
-        table |= {name: left_out(values, met, name) for name, values in rest.items()}
-        found = fitted(found.params)
-        found = dataclasses.replace(found, notes=(*found.notes, *said(limits)))
-    found = with_noise_of_instruments(fitted, found, table, moments, limits)
+    size = moments.size * len(table["data"])
+    errors: dict[str, Any] = {"correlation": np.eye(size)} if any(filters.values()) else {}
+
+    def fitted(start: RecordModel) -> Fit:
+        return fit(instruments, start=start, x=moments, **(table | options | errors))
+
+    def again(last: Fit, estimated: dict[str, Any]) -> Fit:
+        errors.update(estimated)
+        return dataclasses.replace(fitted(last.params), notes=last.notes)
+
+    sizes = {name: values for name, values in table.items() if name != "data"}
+    found = refit(BeyondLimits(limits, sizes), fitted(start), again)
+    found = refit(InstrumentErrors(table | errors, moments, limits), found, again)
     return without_a_contact_elsewhere(found, table["data"])
