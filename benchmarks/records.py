@@ -27,7 +27,7 @@ import jaxcontact as jc
 from benchmarks.record_truths import GRAVITY, Truth, draw
 from benchmarks.study import command
 from jaxcontact._calibration.choice.kinds import ConstantC, ConstantE
-from jaxcontact._calibration.choice.table import Table
+from jaxcontact._calibration.choice.table import ChoiceTable
 from jaxcontact._calibration.pairs.pairs import LEAST_PAIRS
 from jaxcontact._flight import Flight
 from jaxcontact._lab.records.all_impacts import Fitted, errors_of_impacts, fitted_impacts
@@ -109,7 +109,7 @@ def one_law(truth: Truth, found: Fitted) -> dict:
     keep = np.ones(len(found.fits), bool)
     few = len(keep) < LEAST_PAIRS
     errors = errors_of_impacts(found, keep)._replace(absolute=few)
-    fit = Table(found.pairs, keep, errors, found.contact, options={"groups": None}).fit(kind)
+    fit = ChoiceTable(found.pairs, keep, errors, found.contact, options={"groups": None}).fit(kind)
     if not fit.converged or not np.isfinite(fit.covariance).all():
         return {"converged": False}
     quantile = SURE if few else float(stdtrit(fit.dof, 0.975))

@@ -174,7 +174,7 @@ def test_noise_is_that_of_the_quiet_parts():
 def calibrated() -> jc.Calibration:
     time, force = plate()
     recording = jc.read_recording(time=time, force=force + 7)
-    return jc.calibrate(recording, mass=MASS, law="constant_damping")
+    return jc.calibrate(recording, mass=MASS, laws="constant_damping")
 
 
 @pytest.mark.slow(reason="a fit to each impact of a record, 22 s of CPU")
@@ -227,7 +227,7 @@ def test_one_impact_gives_e_and_the_stiffness():
     (one,) = found.impact_fits
     assert f"  {one.restitution.value:.4f} ± {one.restitution.error:.4f}" in repr(found)
     with pytest.raises(ValueError, match=r"`law` must be one of"):
-        jc.calibrate(jc.read_recording(time=time, force=force), mass=MASS, law="nobody")
+        jc.calibrate(jc.read_recording(time=time, force=force), mass=MASS, laws="nobody")
 
 
 @pytest.mark.slow(reason="a fit to a record of the indentation, 34 s of CPU")
@@ -242,7 +242,7 @@ def test_an_indentation_tells_speed_and_stiffness():
     path = np.where(inside, np.interp(time, t, depth), flown)
     path += 5e-3 * depth.max() * np.random.default_rng(6).normal(size=time.size)
     recording = jc.read_recording({"t (ms)": 1e3 * time, "deformation (mm)": 1e3 * path})
-    (one,) = jc.calibrate(recording, mass=MASS, law="exact").impact_fits
+    (one,) = jc.calibrate(recording, mass=MASS, laws="exact").impact_fits
     for outcome, truth in (
         (one.velocity, SPEEDS[0]),
         (one.restitution, after / SPEEDS[0]),

@@ -53,7 +53,7 @@ def calibrated(tmp_path_factory):
     lines[40] = ",".join([*middle, repr(2 * float(last)), note])
     file = tmp_path_factory.mktemp("evil") / "<script>.csv"
     file.write_text("\n".join(lines) + "\n")
-    return jc.calibrate(jc.read_recording(file), law="constant_damping")
+    return jc.calibrate(jc.read_recording(file), laws="constant_damping")
 
 
 @pytest.fixture(scope="module")

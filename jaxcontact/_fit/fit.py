@@ -284,10 +284,10 @@ def _result(
         data=np.where(used, target.y, np.nan),
         groups=groups,
         problem=problem,
-        theta=found.theta,
-        jacobian=np.where(at_bound | ~np.isfinite(found.jacobian), 0, found.jacobian),
-        absolute=target.absolute,
-        rtol=float(options.rtol),
+        _theta=found.theta,
+        _jacobian=np.where(at_bound | ~np.isfinite(found.jacobian), 0, found.jacobian),
+        _absolute=target.absolute,
+        _rtol=float(options.rtol),
     )
 
 

@@ -16,7 +16,7 @@ E = 0.9 - 0.03 * np.log(V) + 0.004 * np.random.default_rng(3).standard_normal(14
 @pytest.fixture(scope="module")
 def calibration():
     table = jc.read_recording(velocity=V, restitution=E)
-    return jc.calibrate(table, law="kuwabara_kono", mass=1 / 3, stiffness=1e7 / 3)
+    return jc.calibrate(table, laws="kuwabara_kono", mass=1 / 3, stiffness=1e7 / 3)
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def test_a_recording_with_trials_and_outliers_comes_back(tmp_path):
     import io
 
     text = recording(lambda v: 0.88, 5).replace(",3,5,", ",3,50,", 1)
-    result = jc.calibrate(jc.read_recording(io.StringIO(text)), law="constant_damping")
+    result = jc.calibrate(jc.read_recording(io.StringIO(text)), laws="constant_damping")
     result.save(tmp_path / "a.json")
     loaded = jc.load_calibration(tmp_path / "a.json")
     assert loaded.pairs == result.pairs and loaded.by_speed == result.by_speed

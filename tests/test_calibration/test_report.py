@@ -74,7 +74,7 @@ def test_there_is_one_scatter_and_its_parts_are_named(blue):
 def test_drag_that_was_taken_out_and_numbers_that_were_given_are_said():
     ping = jc.read_recording(ball="pingpong")
     given = {"mass": 0.0027, "stiffness": 1e6}
-    result = jc.calibrate(ping, law="constant_damping", drag=DRAG, **given)
+    result = jc.calibrate(ping, laws="constant_damping", drag=DRAG, **given)
     text = " ".join(result.report().split())
     assert "not given" not in text and "--stiffness determines" not in text
     assert "corrected in the flights: quadratic, terminal speed 8.37 m/s" in text
@@ -84,8 +84,8 @@ def test_drag_that_was_taken_out_and_numbers_that_were_given_are_said():
 def test_a_trend_with_the_drag_left_in_comes_with_a_warning():
     caution = "air drag is not corrected and may cause"
     ping = jc.read_recording(ball="pingpong")
-    raw = jc.calibrate(ping, law="constant_damping")
-    clear = jc.calibrate(ping, law="constant_damping", drag=DRAG)
+    raw = jc.calibrate(ping, laws="constant_damping")
+    clear = jc.calibrate(ping, laws="constant_damping", drag=DRAG)
     assert caution in " ".join(raw.report().split())
     assert caution not in " ".join(clear.report().split())
 
@@ -115,7 +115,7 @@ SPEEDS = np.arange(1.0, 13)
     ],
 )
 def test_how_the_standard_errors_were_found_is_said(columns, words):
-    result = jc.calibrate(jc.read_recording(columns), law="constant_damping")
+    result = jc.calibrate(jc.read_recording(columns), laws="constant_damping")
     assert words in " ".join(result.report().split())
 
 

@@ -167,7 +167,7 @@ def test_a_bad_file_is_named_and_nothing_is_written(case, tmp_path, capsys):
 BAD_OPTIONS = {
     "no such file": (["none.csv"], "none.csv: cannot be read"),
     "no such ball": (["--ball", "golf"], "has no ball 'golf'; it holds pingpong, blue, tennis"),
-    "no such law": (["--law", "nonsense"], "--law: Argument `law` must be one of"),
+    "no such law": (["--law", "nonsense"], "--law must be one of"),
     "half a drag": (["--radius", "0.02"], "also give --mass and --drag-coefficient"),
     "mass alone": (["--mass", "0.1"], "or --stiffness, to determine A"),
     "report": (
@@ -237,7 +237,7 @@ def judged(folder, capsys, text):
     """Whether a constant e describes a table, by `calibrate` and `fit impacts`; the notes."""
     path = folder / "table.csv"
     path.write_text(text)
-    told = jc.calibrate(jc.read_recording(path), law="constant_damping")
+    told = jc.calibrate(jc.read_recording(path), laws="constant_damping")
     assert main(["fit", "impacts", str(path), *FIT, "--json"]) == 0
     fitted = json.loads(capsys.readouterr().out)
     marked = [row for pair in told.pairs if pair.marked for row in pair.rows]

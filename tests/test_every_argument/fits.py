@@ -127,7 +127,7 @@ def cases() -> dict[str, Case]:
             {"fit": fitted},
             {
                 "fit": NOTHING,
-                "samples": COUNT,
+                "draws": COUNT,
                 "chains": COUNT,
                 "warmup": COUNT,
                 "prior": NONE | {"dict", "function"},

@@ -27,7 +27,7 @@ from .kinds import kinds_of
 from .law_choice import LawChoice, LawFit
 from .next_measurement import what_settles
 from .outcomes import columns_of
-from .table import Table, errors_of
+from .table import ChoiceTable, errors_of
 from .trend import curve_of, line_of
 
 
@@ -37,7 +37,7 @@ def choose_law(
     velocity: ArrayLike,
     e: ArrayLike,
     *,
-    law: str = "all",
+    laws: str = "all",
     duration: ArrayLike | None = None,
     max_force: ArrayLike | None = None,
     sigma: ArrayLike | None = None,
@@ -59,7 +59,7 @@ def choose_law(
     - 1 - b v^p;
     - for n = 3/2, Kuwabara and Kono's law, and Thornton's law of elastic-plastic spheres.
 
-    Three more are compared with a constant e if `law` names them. "bridges" is min(1, a v^-p),
+    Three more are compared with a constant e if `laws` names them. "bridges" is min(1, a v^-p),
     which few tables separate from the curve of plastic spheres. "linear_dashpot" and "step_damping"
     need n = 3/2.
 
@@ -71,7 +71,7 @@ def choose_law(
 
     Arguments: mass and stiffness of the `contact` are taken as known (e(v) determines only c/K and
     A (K/m)^(2/5)). Closing speeds `velocity` in m/s and restitutions `e` in (0, 1.2] (noise may
-    raise a measured one above 1), both (points,). `law`: "all" or the name of one law, as in
+    raise a measured one above 1), both (points,). `laws`: "all" or the name of one law, as in
     `calibrate`. `duration` in s and `max_force` in N (points,), NaN if not measured.
 
     `sigma`: standard deviations of e; with it, `sigma_duration` and `sigma_max_force` relative to
@@ -94,7 +94,7 @@ def choose_law(
     Source: Burnham & Anderson (2002), doi 10.1007/b97636.
     """
     require_contact(contact)
-    kinds = kinds_of(law, contact.exponent)
+    kinds = kinds_of(laws, contact.exponent)
     mark_outliers = require_flag("mark_outliers", mark_outliers)
     v = column(velocity, "velocity", POSITIVE)
     measured = column(e, "e", MEASURED_RESTITUTION, ("velocity", v))
@@ -123,12 +123,12 @@ def choose_law(
         sigma,
         weights,
     )
-    table = Table(pairs, ~marked, errors._replace(others=others), contact, options=how)
+    table = ChoiceTable(pairs, ~marked, errors._replace(others=others), contact, options=how)
     return choose(table, kinds, group=word, progress=stages_of(progress))
 
 
 def choose(
-    table: Table,
+    table: ChoiceTable,
     kinds: tuple[AbstractKind, ...],
     *,
     group: str = "trial",
@@ -170,7 +170,7 @@ def choose(
         next_measurement=what_settles(fits, best, rivals, (float(v.min()), float(v.max()))),
         rivals=rivals_of(fits, kinds, best, standing),
         fits=fits,
-        kinds=kinds,
+        _kinds=kinds,
         contact=table.contact,
         reference=table.reference,
         marked=~table.use,
@@ -178,7 +178,7 @@ def choose(
 
 
 def _fits_of(
-    table: Table, kinds: tuple[AbstractKind, ...], progress: Callable[[str], None]
+    table: ChoiceTable, kinds: tuple[AbstractKind, ...], progress: Callable[[str], None]
 ) -> tuple[dict[str, Fit], tuple[LawFit, ...], Grid]:
     """Fit all kinds; return the fits, the same in words, and the e of laws of constant e."""
 

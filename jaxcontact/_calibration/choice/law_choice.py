@@ -102,6 +102,10 @@ class ChoiceData:
         require_choice("kind", kind, [law.kind for law in self.laws])
         return next(law for law in self.laws if law.kind == kind)
 
+    def kind_of(self, laws: str) -> str | None:
+        """Return the kind of the law that was asked for, or the best one."""
+        return {one.law: one.kind for one in self.laws}.get(laws, self.best)
+
     @property
     def constant(self) -> Estimate:
         """The constant e of the first law, which has constant e."""
@@ -152,7 +156,7 @@ class LawChoice(ChoiceData):
     """
 
     fits: Mapping[str, Fit]
-    kinds: tuple[AbstractKind, ...]
+    _kinds: tuple[AbstractKind, ...]
     contact: Contact
     reference: float
     marked: np.ndarray
@@ -185,7 +189,7 @@ class LawChoice(ChoiceData):
         found = self.fits[chosen]
         if not found.converged:
             raise ValueError(f"The fit of {chosen} did not converge: {found.reason}.")
-        return next(k for k in self.kinds if k.name == chosen), found
+        return next(k for k in self._kinds if k.name == chosen), found
 
     def curve(self, kind: str, speeds: ArrayLike) -> tuple[Floats, Floats]:
         """Return e of a kind at closing speeds (n,) in m/s, and its standard error.

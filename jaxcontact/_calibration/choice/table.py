@@ -70,7 +70,7 @@ def errors_of(pairs: Pairs, outliers: Outliers, keep: NDArray[np.bool_]) -> Pair
 
 
 @dataclasses.dataclass(frozen=True)
-class Table:
+class ChoiceTable:
     """Pairs to choose a law from: those in `use` (n,), with the errors of all, and the contact.
 
     `known` names the numbers of the contact that were given, and `options` are those of `fit`.

@@ -95,7 +95,7 @@ class ReadingErrors(AbstractErrors[Fit, dict[str, Any]]):
             found,
             notes=(*found.notes, shared.words.format(*both), *shared.notes),
             covariance=found.covariance * wider,
-            wider=np.full(len(found.names), wider),
+            _wider=np.full(len(found.names), wider),
         )
 
 

@@ -14,13 +14,13 @@ from ..._calibration.choice.choose_law import choose
 from ..._calibration.choice.kind import AbstractKind
 from ..._calibration.choice.kinds import kinds_of
 from ..._calibration.choice.law_choice import LawChoice
-from ..._calibration.choice.table import Table, errors_of
+from ..._calibration.choice.table import ChoiceTable, errors_of
 from ..._calibration.pairs.columns import column
 from ..._calibration.pairs.outliers import THRESHOLD, Outliers, find_outliers
 from ..._calibration.pairs.pairs import LEAST_PAIRS
 from ..._contact import Contact
 from ..._flight import STANDARD_GRAVITY, Drag, Flight
-from ..._laws import AbstractLaw, parameters_of
+from ..._laws import parameters_of
 from ..._parameter import POSITIVE, as_numbers, require_kind, require_number
 from ..._text.progress import stages_of
 from ..recordings import RecordedPairs, Recording, make_pairs
@@ -33,7 +33,7 @@ from ..records.all_impacts import (
 )
 from ..records.one_impact import ImpactFit
 from .at_speed import at_speeds
-from .few_pairs import errors_of_few, none_marked, only_constant
+from .few_pairs import none_marked, only_constant, with_known_errors
 from .summary import CalibrationSummary
 from .summary_data import PairSummary, RecordingSummary, SpeedBand
 
@@ -62,7 +62,7 @@ class Calibration(CalibrationSummary):
 def calibrate(
     recording: Recording,
     *,
-    law: str = "all",
+    laws: str = "all",
     drag: Drag | None = None,
     mass: float | None = None,
     stiffness: float | None = None,
@@ -79,7 +79,7 @@ def calibrate(
     of that interval or height. Both are estimated from the pairs, and their common scale is fitted.
     Standard errors and comparisons allow for correlation within a trial.
 
-    Arguments: `recording`, see `read_recording`. `law`: "all"; or the name of a speed-dependent
+    Arguments: `recording`, see `read_recording`. `laws`: "all"; or the name of a speed-dependent
     law, which is compared with a constant e; or the name of a law with parameter e, which then
     delivers the constant e. `drag` corrects the flights for air drag. `mass` in kg and `stiffness`
     in N/m^(3/2) of the contact determine c and A. `exponent` n is that of the force in a record, by
@@ -102,7 +102,7 @@ def calibrate(
     require_kind("recording", recording, Recording, "a `Recording` (see `read_recording`)")
     n = exponent_of(recording, exponent)
     asked_at = column(np.atleast_1d(as_numbers(at, "at")), "at", POSITIVE, least=0).tolist()
-    kinds = kinds_of(law, n)
+    kinds = kinds_of(laws, n)
     numbers = {"mass": mass, "stiffness": stiffness}
     given = tuple(name for name, value in numbers.items() if value is not None)
     for name in given:
@@ -110,8 +110,7 @@ def calibrate(
     flight = Flight(gravity, drag)
     tell = stages_of(progress)
     with jax.enable_x64(True):
-        given_numbers = [1.0 if value is None else value for value in numbers.values()]
-        contact = Contact(*given_numbers, exponent=n)
+        contact = Contact(*(1.0 if x is None else x for x in numbers.values()), exponent=n)
         impacts = None
         if recording.layout.fitted:
             require_mass(recording, numbers["mass"], numbers["stiffness"])
@@ -120,45 +119,33 @@ def calibrate(
         else:
             pairs = make_pairs(recording, flight)
             pairs.needs_enough(least=1)
-        if len(pairs) < LEAST_PAIRS:
-            outliers = none_marked(pairs)
-        else:
-            tell(f"searching {len(pairs)} pairs for spurious and missed triggers")
-            outliers = find_outliers(pairs)
+        outliers = _outliers_in(pairs, tell)
         keep = ~outliers.flagged
-        kept_pairs = pairs.where(keep)
-        options = {}
         if impacts is None:
-            errors = errors_of(pairs, outliers, keep)
+            errors, options = errors_of(pairs, outliers, keep), {}
         else:  # impacts of one record are independent: their errors are those of their readings
             errors, options = errors_of_impacts(impacts, keep), {"groups": None}
-        table = Table(pairs, keep, errors, contact, frozenset(given), options)
-        how = kinds, impacts is not None, pairs.layout.cluster_words[0], tell
-        choice = _choose_from(table, *how)
-        with_marked = choice
+        table = ChoiceTable(pairs, keep, errors, contact, frozenset(given), options)
+        choice = with_marked = _choose_from(table, kinds, tell)
         if not keep.all():
             every = dataclasses.replace(table, use=np.ones_like(keep))
-            with_marked = _choose_from(every, *how)
-    asked = {kind.law: kind.name for kind in kinds}
-    kind = choice.best if law == "all" else asked[law]
-    if kind not in choice.fits:
-        kind = choice.best
-    fitted_law = _law_of(choice, kind)
-    if impacts is not None and fitted_law is not None:
-        contact = choice.contact_of(kind)
-    at_ends = ()
-    if fitted_law is not None and kind is not None:
+            with_marked = _choose_from(every, kinds, tell)
+    kept_pairs = pairs.where(keep)
+    kind = choice.kind_of(laws)
+    law, standard_errors, at_ends = None, {}, ()
+    if kind is not None and choice.fits[kind].converged:
+        law, contact = choice.law(kind), choice.contact_of(kind)
+        standard_errors = _errors(choice, kind)
         others_open = [choice.fits[name] for name in choice.rivals]
         at_ends = at_speeds(choice.fits[kind], others_open, kept_pairs.velocity, asked_at)
-    scatter = None
-    if keep.sum() >= LEAST_PAIRS:
-        scatter = float(np.median(errors.sigma[keep]))
+    scatter = float(np.median(errors.sigma[keep])) if keep.sum() >= LEAST_PAIRS else None
+    fits = () if impacts is None else impacts.fits
     return Calibration(
-        law=fitted_law,
+        law=law,
         contact=contact,
         given=given,
-        standard_errors=_errors(choice, kind, fitted_law),
-        requested=law,
+        standard_errors=standard_errors,
+        requested=laws,
         recording=_recording(recording, pairs, () if impacts is None else impacts.notes),
         gravity=flight.gravity,
         drag=drag,
@@ -169,52 +156,42 @@ def calibrate(
         choice=choice,
         with_marked=with_marked,
         by_speed=_by_speed(kept_pairs, choice),
-        impacts=() if impacts is None else summaries(impacts),
+        impacts=summaries(fits),
         at=at_ends,
         scatter=scatter,
         versions={name: _version(name) for name in _PACKAGES},
         recorded_pairs=pairs,
         outliers=outliers,
-        impact_fits=() if impacts is None else impacts.fits,
+        impact_fits=fits,
     )
 
 
+def _outliers_in(pairs: RecordedPairs, tell: Callable[[str], None]) -> Outliers:
+    if len(pairs) < LEAST_PAIRS:
+        return none_marked(pairs)
+    tell(f"searching {len(pairs)} pairs for spurious and missed triggers")
+    return find_outliers(pairs)
+
+
 def _choose_from(
-    table: Table,
-    kinds: tuple[AbstractKind, ...],
-    from_forces: bool,
-    group: str,
-    tell: Callable[[str], None],
+    table: ChoiceTable, kinds: tuple[AbstractKind, ...], tell: Callable[[str], None]
 ) -> LawChoice:
     """Return the choice among `kinds` for a table; of too few pairs, a constant e."""
-    errors, count = table.errors, int(table.use.sum())
-    if count >= LEAST_PAIRS:
-        return choose(table, kinds, group=group, progress=tell)
-    errors = errors._replace(absolute=True)
-    if from_forces and count > 1:
-        return choose(dataclasses.replace(table, errors=errors), kinds, group=group, progress=tell)
-    known = table.known
-    if not from_forces:
-        errors, known = errors_of_few(table.pairs, table.use, errors), frozenset()
-    few = dataclasses.replace(table, errors=errors, known=known, options={"groups": None})
-    return only_constant(few, kinds[0])
+    forces, count = bool(table.errors.others), int(table.use.sum())
+    if count < LEAST_PAIRS:
+        # Few impacts have the errors of their readings.
+        table = dataclasses.replace(table, errors=table.errors._replace(absolute=True))
+    if count < LEAST_PAIRS and (not forces or count == 1):
+        return only_constant(table if forces else with_known_errors(table), kinds[0])
+    group = table.pairs.layout.cluster_words[0]
+    return choose(table, kinds, group=group, progress=tell)
 
 
-def _law_of(choice: LawChoice, kind: str | None) -> AbstractLaw | None:
-    if kind is None or not choice.fits[kind].converged:
-        return None
-    return choice.law(kind)
-
-
-def _errors(
-    choice: LawChoice, kind: str | None, law: AbstractLaw | None
-) -> dict[str, float | None]:
-    if kind is None or law is None:
-        return {}
-    errors = choice.fits[kind].standard_errors
-    identifiable = choice.law_fit(kind).identifiable
-    name = choice.law_fit(kind).law
-    return {p: errors[p] if identifiable else None for p in parameters_of(name) if p in errors}
+def _errors(choice: LawChoice, kind: str) -> dict[str, float | None]:
+    """Return the standard errors of the parameters of a law, None if not identifiable."""
+    errors, fitted = choice.fits[kind].standard_errors, choice.law_fit(kind)
+    names = [name for name in parameters_of(fitted.law) if name in errors]
+    return {name: errors[name] if fitted.identifiable else None for name in names}
 
 
 def _recording(

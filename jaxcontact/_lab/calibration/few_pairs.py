@@ -10,7 +10,7 @@ import numpy as np
 from ..._calibration.choice.equivalent_e import asked_of, delivered_by_laws
 from ..._calibration.choice.kind import AbstractKind
 from ..._calibration.choice.law_choice import LawChoice
-from ..._calibration.choice.table import PairErrors, Table
+from ..._calibration.choice.table import ChoiceTable
 from ..._calibration.choice.trend import Curve, Line, line_of
 from ..._calibration.pairs.noise import RELATIVE_FLOOR, Noise
 from ..._calibration.pairs.outliers import Outliers, Trend
@@ -29,25 +29,27 @@ def none_marked(pairs: Pairs) -> Outliers:
     return Outliers(nothing > 0, nothing, {}, Trend("constant", level, 0.0), noise)
 
 
-def errors_of_few(pairs: Pairs, use: np.ndarray, errors: PairErrors) -> PairErrors:
-    """Return known errors of readings for the mean of the few pairs in `use`.
+def with_known_errors(table: ChoiceTable) -> ChoiceTable:
+    """Return a table of few pairs with the known errors of their readings, for a mean e.
 
-    The errors stay relative, of independent pairs, if readings have no known errors or the pairs
-    differ by more than theirs.
+    The errors stay relative, of independent pairs, if readings have no known errors or the pairs in
+    use differ by more than theirs.
     """
-    whole, relative = pairs.covariance, errors._replace(correlation=None, absolute=False)
-    if whole is None:
-        return relative
-    size = np.sqrt(np.diag(whole))
-    own, y = whole[np.ix_(use, use)], np.log(pairs.restitution[use])
-    inverse = np.linalg.pinv(own)
-    left = y - (inverse @ y).sum() / inverse.sum()
-    if left @ inverse @ left > len(y) - 1 + 1e-9:
-        return relative
-    return errors._replace(sigma=size, correlation=whole / np.outer(size, size), absolute=True)
+    pairs, use, whole = table.pairs, table.use, table.pairs.covariance
+    errors = table.errors._replace(correlation=None, absolute=False)
+    if whole is not None:
+        size = np.sqrt(np.diag(whole))
+        own, y = whole[np.ix_(use, use)], np.log(pairs.restitution[use])
+        inverse = np.linalg.pinv(own)
+        left = y - (inverse @ y).sum() / inverse.sum()
+        if left @ inverse @ left <= len(y) - 1 + 1e-9:
+            correlation = whole / np.outer(size, size)
+            errors = errors._replace(sigma=size, correlation=correlation, absolute=True)
+    known = frozenset[str]()
+    return dataclasses.replace(table, errors=errors, known=known, options={"groups": None})
 
 
-def only_constant(table: Table, kind: AbstractKind) -> LawChoice:
+def only_constant(table: ChoiceTable, kind: AbstractKind) -> LawChoice:
     """Fit a constant e, the mean of the few pairs of a table; with forces, the stiffness too."""
     pairs, v, known = table.pairs, table.velocity, table.errors.absolute
     found = table.fit(kind)
@@ -80,7 +82,7 @@ def only_constant(table: Table, kind: AbstractKind) -> LawChoice:
         next_measurement=f"a choice among laws needs at least {LEAST_PAIRS} {words[1]}, over the "
         f"range of speeds in your simulation; {pairs.rule}",
         fits={kind.name: found},
-        kinds=(kind,),
+        _kinds=(kind,),
         contact=table.contact,
         reference=table.reference,
         marked=~table.use,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -101,7 +101,7 @@ def errors_of_impacts(found: Fitted, keep: np.ndarray) -> PairErrors:
     return PairErrors(noise, size[0], correlation=whole, others=columns)
 
 
-def summaries(found: Fitted) -> tuple[ImpactSummary, ...]:
+def summaries(fits: Iterable[ImpactFit]) -> tuple[ImpactSummary, ...]:
     """Return the impacts as plain data."""
     return tuple(
         ImpactSummary(
@@ -112,7 +112,7 @@ def summaries(found: Fitted) -> tuple[ImpactSummary, ...]:
             **{name: getattr(one, name).value for name in _NUMBERS},
             **{f"{name}_error": getattr(one, name).error for name in _NUMBERS},
         )
-        for one in found.fits
+        for one in fits
     )
 
 
