@@ -226,7 +226,7 @@ def test_one_impact_gives_e_and_the_stiffness():
     # The e of the impact, with the error of its readings.
     (one,) = found.impact_fits
     assert f"  {one.restitution.value:.4f} ± {one.restitution.error:.4f}" in repr(found)
-    with pytest.raises(ValueError, match=r"`law` must be one of"):
+    with pytest.raises(ValueError, match=r"`laws` must be one of"):
         jc.calibrate(jc.read_recording(time=time, force=force), mass=MASS, laws="nobody")
 
 

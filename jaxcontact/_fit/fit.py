@@ -167,12 +167,15 @@ def fit(
 def _first_guess(
     problem: Problem, theta: np.ndarray, options: Options, starts: int, spread: float, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the search starts, and the losses at the ends of all searches so far."""
+    """Return where the search starts, the best end of many starts, and the losses at their ends."""
     if starts == 1:
         return theta, np.zeros(0)
     away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
-    away *= start_scale(problem, theta)
-    return _best_start(problem, np.stack([theta, *(theta + away)]), options)
+    lanes = np.stack([theta, *(theta + away * start_scale(problem, theta))])
+    found = find_all(problem, lanes, options._replace(tell=None))
+    ends = np.where(np.isfinite(found.loss), found.loss, np.inf)
+    best = int(np.argmin(ends))
+    return found.theta[best] if np.isfinite(ends[best]) else lanes[0], ends
 
 
 def _check(loss: Any, optimizer: Any) -> None:
@@ -204,16 +207,6 @@ def _refuse_too_many(space: Space, target: Target) -> None:
             f"to fit ({len(free)}: {listed(free)}), but holds {points}. Add points, or keep "
             "numbers with `transforms={name: jc.Fixed()}`."
         )
-
-
-def _best_start(
-    problem: Problem, lanes: np.ndarray, options: Options
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best end of many starts, and the loss at which each start ended."""
-    found = find_all(problem, lanes, options._replace(tell=None))
-    ends = np.where(np.isfinite(found.loss), found.loss, np.inf)
-    best = int(np.argmin(ends))
-    return found.theta[best] if np.isfinite(ends[best]) else lanes[0], ends
 
 
 def _check_start(problem: Problem, theta: np.ndarray, found: Found) -> None:

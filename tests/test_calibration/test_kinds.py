@@ -199,8 +199,8 @@ def test_kinds_to_compare():
     assert laws("hu_guo", 1.5) == ["hu_guo", *everything]
     assert laws("bridges", 2.0) == ["exact", "bridges"]
     for bad in ("linear_dashpot", "step_damping"):
-        with pytest.raises(ValueError, match=f"`law` must be one of all, exact.*{bad}"):
+        with pytest.raises(ValueError, match=f"`laws` must be one of all, exact.*{bad}"):
             kinds_of(bad, 1.0)
     for bad in ("nonsense", "damped"):
-        with pytest.raises(ValueError, match=f"`law` must be one of all, exact.*{bad}"):
+        with pytest.raises(ValueError, match=f"`laws` must be one of all, exact.*{bad}"):
             kinds_of(bad, 1.5)

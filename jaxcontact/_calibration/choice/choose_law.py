@@ -123,18 +123,15 @@ def choose_law(
         sigma,
         weights,
     )
-    table = ChoiceTable(pairs, ~marked, errors._replace(others=others), contact, options=how)
-    return choose(table, kinds, group=word, progress=stages_of(progress))
+    errors = errors._replace(others=others)
+    table = ChoiceTable(pairs, ~marked, errors, contact, options=how, group=word)
+    return choose(table, kinds, stages_of(progress))
 
 
 def choose(
-    table: ChoiceTable,
-    kinds: tuple[AbstractKind, ...],
-    *,
-    group: str = "trial",
-    progress: Callable[[str], None],
+    table: ChoiceTable, kinds: tuple[AbstractKind, ...], progress: Callable[[str], None]
 ) -> LawChoice:
-    """Choose among `kinds` on the pairs of a table; `group` is the word for a trial."""
+    """Choose among `kinds` on the pairs of a table."""
     every, kinds = kinds, tuple(filter(table.determines, kinds))
     fits, laws, grid = _fits_of(table, kinds, progress)
     first, x = fits[kinds[0].name], np.asarray(table.data["x"])
@@ -146,7 +143,7 @@ def choose(
         table.bands(first),
         parameters=said.__getitem__,
         left_out="speeds",
-        group=group,
+        group=table.group,
         among=None if standing is None else {standing.kind, *standing.containing},
     )
     best = comparison.best

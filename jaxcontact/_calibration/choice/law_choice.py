@@ -102,10 +102,6 @@ class ChoiceData:
         require_choice("kind", kind, [law.kind for law in self.laws])
         return next(law for law in self.laws if law.kind == kind)
 
-    def kind_of(self, laws: str) -> str | None:
-        """Return the kind of the law that was asked for, or the best one."""
-        return {one.law: one.kind for one in self.laws}.get(laws, self.best)
-
     @property
     def constant(self) -> Estimate:
         """The constant e of the first law, which has constant e."""
@@ -142,6 +138,11 @@ class ChoiceData:
     def table(self) -> str:
         """Return the kinds of laws with their parameters and criteria; lower is better."""
         return "\n".join(table(self.candidates, lambda kind: self.law_fit(kind).said))
+
+
+def kind_asked(choice: ChoiceData, laws: str) -> str | None:
+    """Return the kind of the law that was asked for; the best one if there was none."""
+    return {one.law: one.kind for one in choice.laws}.get(laws, choice.best)
 
 
 @dataclasses.dataclass(frozen=True, repr=False)

@@ -73,9 +73,10 @@ def errors_of(pairs: Pairs, outliers: Outliers, keep: NDArray[np.bool_]) -> Pair
 class ChoiceTable:
     """Pairs to choose a law from: those in `use` (n,), with the errors of all, and the contact.
 
-    `known` names the numbers of the contact that were given, and `options` are those of `fit`.
-    Pairs without weight pad the data to a few lengths, and leaving pairs out (outliers, bands of
-    speed) changes only weights. Each kind of law has one compiled search.
+    `known` names the numbers of the contact that were given. `options` are those of `fit`, and
+    `group` is the word for a trial. Pairs without weight pad the data to a few lengths. Leaving
+    pairs out (outliers, bands of speed) changes only weights, so each kind of law has one compiled
+    search.
     """
 
     pairs: Pairs
@@ -84,6 +85,7 @@ class ChoiceTable:
     contact: Contact
     known: frozenset[str] = frozenset({"mass", "stiffness"})
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    group: str = "trial"
 
     @property
     def velocity(self) -> Floats:

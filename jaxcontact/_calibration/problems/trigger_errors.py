@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..._fit import AbstractErrors, Fit
-from .shared_errors import shared_noise, widening
+from .shared_noise import shared_noise, widening
 
 Column = Float[np.ndarray, " n"]
 

@@ -13,7 +13,7 @@ from jaxtyping import ArrayLike
 from ..._calibration.choice.choose_law import choose
 from ..._calibration.choice.kind import AbstractKind
 from ..._calibration.choice.kinds import kinds_of
-from ..._calibration.choice.law_choice import LawChoice
+from ..._calibration.choice.law_choice import LawChoice, kind_asked
 from ..._calibration.choice.table import ChoiceTable, errors_of
 from ..._calibration.pairs.columns import column
 from ..._calibration.pairs.outliers import THRESHOLD, Outliers, find_outliers
@@ -125,13 +125,14 @@ def calibrate(
             errors, options = errors_of(pairs, outliers, keep), {}
         else:  # impacts of one record are independent: their errors are those of their readings
             errors, options = errors_of_impacts(impacts, keep), {"groups": None}
-        table = ChoiceTable(pairs, keep, errors, contact, frozenset(given), options)
+        word = pairs.layout.cluster_words[0]
+        table = ChoiceTable(pairs, keep, errors, contact, frozenset(given), options, word)
         choice = with_marked = _choose_from(table, kinds, tell)
         if not keep.all():
             every = dataclasses.replace(table, use=np.ones_like(keep))
             with_marked = _choose_from(every, kinds, tell)
     kept_pairs = pairs.where(keep)
-    kind = choice.kind_of(laws)
+    kind = kind_asked(choice, laws)
     law, standard_errors, at_ends = None, {}, ()
     if kind is not None and choice.fits[kind].converged:
         law, contact = choice.law(kind), choice.contact_of(kind)
@@ -183,8 +184,7 @@ def _choose_from(
         table = dataclasses.replace(table, errors=table.errors._replace(absolute=True))
     if count < LEAST_PAIRS and (not forces or count == 1):
         return only_constant(table if forces else with_known_errors(table), kinds[0])
-    group = table.pairs.layout.cluster_words[0]
-    return choose(table, kinds, group=group, progress=tell)
+    return choose(table, kinds, tell)
 
 
 def _errors(choice: LawChoice, kind: str) -> dict[str, float | None]:

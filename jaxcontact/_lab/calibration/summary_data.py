@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from ..._calibration.choice.law_choice import ChoiceData, LawFit
+from ..._calibration.choice.law_choice import ChoiceData, LawFit, kind_asked
 from ..._calibration.pairs.noise import Noise
 from ..._calibration.pairs.pairs import LEAST_PAIRS
 from ..._contact import Contact
@@ -126,7 +126,7 @@ class SummaryData:
     @property
     def chosen(self) -> LawFit | None:
         """The fit of the law asked for, or of the best one; None if it did not converge."""
-        kind = self.choice.kind_of(self.requested)
+        kind = kind_asked(self.choice, self.requested)
         return None if kind is None or self.law is None else self.choice.law_fit(kind)
 
     @property
