@@ -216,10 +216,10 @@ def test_a_folder_that_cannot_be_written_is_an_error(good, tmp_path, capsys):
 
 
 def test_a_fit_that_does_not_converge_is_said(good, tmp_path, capsys, monkeypatch):
-    from jaxcontact._calibration.choice import choose_law as _choose
+    from jaxcontact._calibration.choice import table
 
-    impatient = functools.partial(_choose.fit, max_steps=2)
-    monkeypatch.setattr(_choose, "fit", impatient)
+    impatient = functools.partial(table.fit, max_steps=2)
+    monkeypatch.setattr(table, "fit", impatient)
     options = ["--law", "constant_damping", "--out", str(tmp_path), "--quiet", "--details"]
     assert main(["calibrate", str(good), *options]) == 1
     printed = capsys.readouterr().out
