@@ -111,8 +111,8 @@ def beyond(found: jc.Fit, truth: dict[str, float]) -> dict[str, bool | None]:
     """Whether the ends of intervals lie beyond the truth, which needs no search for them."""
     rows = np.diag([truth.get(name, np.nan) for name in found.names])
     rows[rows == 0] = np.nan
-    deviation, _ = held_at(found, rows, np.tile(found.theta, (len(rows), 1)))
-    held = deviation <= quantile_of(found.absolute, found.dof, 0.95)
+    deviation, _ = held_at(found, rows, np.tile(found._theta, (len(rows), 1)))
+    held = deviation <= quantile_of(found._absolute, found.dof, 0.95)
     return {name: bool(held[found.names.index(name)]) for name in truth}
 
 

@@ -17,7 +17,6 @@ import time
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.special import stdtrit
 
@@ -27,12 +26,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import jaxcontact as jc
 from benchmarks.record_truths import GRAVITY, Truth, draw
 from benchmarks.study import command
-from jaxcontact._calibration.choice.choose_law import padded_data
 from jaxcontact._calibration.choice.kinds import ConstantC, ConstantE
-from jaxcontact._calibration.choice.outcomes import LogOutcomes
+from jaxcontact._calibration.choice.table import ChoiceTable
 from jaxcontact._calibration.pairs.pairs import LEAST_PAIRS
 from jaxcontact._flight import Flight
-from jaxcontact._lab.records.all_impacts import Fitted, fitted_impacts, weighed
+from jaxcontact._lab.records.all_impacts import Fitted, errors_of_impacts, fitted_impacts
 
 SEED = 31
 DRAWS = 380
@@ -109,17 +107,9 @@ def one_law(truth: Truth, found: Fitted) -> dict:
     """
     kind = ConstantE() if truth.kind == "constant e" else ConstantC()
     keep = np.ones(len(found.fits), bool)
-    _, weights, correlation, others = weighed(found, keep)
     few = len(keep) < LEAST_PAIRS
-    how = {"groups": None} | ({"sigma": weights**-0.5} if few else {})
-    data = padded_data(found.pairs, keep, weights, others, correlation, how)
-    reference = float(np.exp(np.mean(np.log(found.pairs.velocity))))
-    start = kind.start(float(np.median(found.pairs.restitution)), found.contact, reference)
-    with jax.enable_x64(True):
-        model = LogOutcomes(kind, found.contact, jnp.asarray(reference), ("max_force",))
-    start["stiffness"] = float(found.contact.stiffness)
-    transforms = {**kind.transforms, "stiffness": jc.Positive()}
-    fit = jc.fit(model, start=start, transforms=transforms, throw=False, **data)
+    errors = errors_of_impacts(found, keep)._replace(absolute=few)
+    fit = ChoiceTable(found.pairs, keep, errors, found.contact, options={"groups": None}).fit(kind)
     if not fit.converged or not np.isfinite(fit.covariance).all():
         return {"converged": False}
     quantile = SURE if few else float(stdtrit(fit.dof, 0.975))

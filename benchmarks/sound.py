@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import jaxcontact as jc
 from benchmarks.sound_truths import Truth, as_wave, draw
 from benchmarks.study import command
-from jaxcontact._calibration.choice.choose_law import weights_of
+from jaxcontact._calibration.choice.table import errors_of
 from jaxcontact._calibration.pairs.outliers import find_outliers
 from jaxcontact._calibration.pairs.pairs import LEAST_PAIRS
 from jaxcontact._flight import Flight
@@ -56,9 +56,9 @@ def constant_e(
     keep = ~outliers.flagged
     if keep.sum() < LEAST_PAIRS:
         return None
-    _, weights, correlation = weights_of(pairs, outliers, keep)
-    size = weights**-0.5
-    whole = (correlation * np.outer(size, size))[np.ix_(keep, keep)]
+    errors = errors_of(pairs, outliers, keep)
+    size = errors.sigma
+    whole = (errors.correlation * np.outer(size, size))[np.ix_(keep, keep)]
     y, n = np.log(pairs.restitution[keep]), int(keep.sum())
     factor = np.linalg.cholesky(whole)
     one, z = np.linalg.solve(factor, np.ones(n)), np.linalg.solve(factor, y)

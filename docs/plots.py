@@ -145,7 +145,7 @@ SECTIONS = (
             hit = jc.trajectory(jc.HuGuo(e=0.7), contact, speed)
             force += np.interp(time - start, hit.time, hit.force, left=0, right=0)
         recording = jc.read_recording(time=time, force=force)
-        ax = jc.plot.record(jc.calibrate(recording, mass=0.05, law="exact"))
+        ax = jc.plot.record(jc.calibrate(recording, mass=0.05, laws="exact"))
         """,
     ),
     Section(
@@ -173,9 +173,9 @@ SECTIONS = (
         "The result of `fit` or any `fit_*`: data, prediction, the band of the true curve and that "
         "of new readings.",
         """\
-        pairs = cal.pairs.where(~cal.outliers.flagged)
+        pairs = cal.recorded_pairs.where(~cal.outliers.flagged)
         data = {"velocity": pairs.velocity, "e": pairs.restitution}
-        found = jc.fit_damping(contact, **data, form="power")
+        found = jc.fit_damping(contact, **data, power=True)
         ax = jc.plot.fit(found)
         """,
     ),
@@ -212,7 +212,7 @@ SECTIONS = (
         "Parameters in pairs",
         "The normal approximation of a fit (dashed) over the draws of its posterior.",
         """\
-        posterior = jc.posterior(found, samples=1000)
+        posterior = jc.posterior(found, draws=1000)
         ax = jc.plot.corner(posterior, names=found.names)
         jc.plot.corner(found, ax=ax)
         """,

@@ -69,7 +69,7 @@ def test_a_drop_is_found_and_its_e_lies_in_the_interval(tmp_path):
     assert np.ptp(off) < STEP
     assert recording.layout.name == "intervals"
     assert "1 drop of" in recording.notes[1]
-    calibrated = jc.calibrate(recording, law="constant_damping")
+    calibrated = jc.calibrate(recording, laws="constant_damping")
     fit = calibrated.choice.fits["constant e"]
     low, high = next(iter(fit.interval().values()))
     assert low < truth().e < high

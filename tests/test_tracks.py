@@ -209,7 +209,7 @@ def test_swings_and_catches_are_no_bounces():
 
 @functools.cache
 def calibrated() -> jc.Calibration:
-    return jc.calibrate(recording(), law="constant_damping")
+    return jc.calibrate(recording(), laws="constant_damping")
 
 
 def test_the_interval_of_a_calibration_holds_e(tmp_path):

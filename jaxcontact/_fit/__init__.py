@@ -29,6 +29,8 @@ from .search.laplace import LEAST_GROUPS as LEAST_GROUPS
 from .search.laplace import Direction as Direction
 from .search.laplace import basis_of as basis_of
 from .search.laplace import sandwich as sandwich
+from .search.refit import AbstractErrors as AbstractErrors
+from .search.refit import refit as refit
 from .search.verdict import AT_BOUND as AT_BOUND
 from .shared_errors import with_shared as with_shared
 from .uncertainty.bootstrap import Bootstrap as Bootstrap

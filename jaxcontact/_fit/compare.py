@@ -162,7 +162,7 @@ def criteria(fit: FitData) -> tuple[int, float, float]:
     factor = np.asarray(fit.problem.factor)
     factor = factor[factor > 0]
     k = len(factor) - fit.dof
-    return k, *criteria_of(fit.loss, k, factor, fit.absolute)
+    return k, *criteria_of(fit.loss, k, factor, fit._absolute)
 
 
 def criteria_of(
@@ -221,7 +221,7 @@ def _check(fits: Mapping[str, Fit]) -> None:
                 "Argument `fits` must hold fits with the same `correlation`, but that of "
                 f"{name!r} differs."
             )
-        robust = fit.problem.threshold is not None and not fit.absolute
+        robust = fit.problem.threshold is not None and not fit._absolute
         pairs = (fit.problem.y, first.y), (fit.problem.factor, first.factor)
         if robust or not all(np.array_equal(*pair) for pair in pairs):
             why = "a scale of its own" if robust else "other data or weights"
@@ -276,7 +276,7 @@ def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
             factor = np.linalg.solve(whitener, np.eye(len(whitener)))
             rest = whitener_of(factor @ factor.T, weights > 0)
             fewer = eqx.tree_at(lambda p: p.whitener, fewer, jnp.asarray(rest))
-        found = find(fewer, fit.theta, Options(jnp.asarray(fit.rtol)))
+        found = find(fewer, fit._theta, Options(jnp.asarray(fit._rtol)))
         if not np.all(found.still):
             return None
         z = whole.standardised(found.prediction, np)

@@ -42,10 +42,7 @@ class FitData(Flagged):
     errors. `starts` (lanes,) are the losses at which other starts ended.
 
     `adequate`: whether the model describes the data, None if undecided, and `adequacy`, the tests
-    of it. `notes`: further results of a ready-made problem, in words. `shared`: the errors of z of
-    the points with weight if they share errors that the weights ignore, otherwise None. `wider`
-    (k,): the factor by which squared standard errors exceed those from the curvature of the loss,
-    because of shared errors or poorly known noise; None if they do not.
+    of it. `notes`: further results of a ready-made problem, in words.
     """
 
     params: Any
@@ -67,13 +64,18 @@ class FitData(Flagged):
     by_group: bool
     groups: np.ndarray | None = dataclasses.field(repr=False)
     problem: Problem = dataclasses.field(repr=False)
-    theta: np.ndarray = dataclasses.field(repr=False)
-    jacobian: np.ndarray = dataclasses.field(repr=False)
-    absolute: bool = dataclasses.field(repr=False)
-    rtol: float = dataclasses.field(repr=False)
+    _theta: np.ndarray = dataclasses.field(repr=False)
+    _jacobian: np.ndarray = dataclasses.field(repr=False)
+    _absolute: bool = dataclasses.field(repr=False)
+    _rtol: float = dataclasses.field(repr=False)
     notes: tuple[str, ...] = ()
-    shared: SharedErrors | None = dataclasses.field(default=None, repr=False)
-    wider: np.ndarray | None = dataclasses.field(default=None, repr=False)
+    _shared: SharedErrors | None = dataclasses.field(default=None, repr=False)
+    """Errors of z of the points with weight, if they share errors that the weights ignore."""
+    _wider: np.ndarray | None = dataclasses.field(default=None, repr=False)
+    """The factor (k,) by which squared standard errors exceed those from the curvature of the loss.
+
+    It is not None for shared errors and for poorly known noise.
+    """
 
     @property
     def ok(self) -> Bool[Array, ""]:

@@ -32,7 +32,8 @@ from .result import Fit
 from .search.laplace import infer
 from .search.levenberg_marquardt import MOST_STEPS, PATIENCE, Options
 from .search.minimum import Found, find, find_all, in_numpy, start_scale, with_step
-from .search.noise import BY_COLUMN, COMMON, columns_of, refuse_between, with_noise
+from .search.noise import BY_COLUMN, COMMON, ColumnErrors, columns_of, refuse_between
+from .search.refit import refit
 from .search.unused import refuse_unused
 from .search.verdict import at_bound_of, creeping, falling, verdict
 
@@ -158,9 +159,9 @@ def fit(
         found = _set_to_bound(problem, found, theta, options)
         settled = True
         if sigma is None and (isinstance(loss, Huber) or noise == BY_COLUMN):
-            problem, found, settled = with_noise(
-                problem, found, columns_of(problem, noise), lambda p, at: find(p, at, options)
-            )
+            errors = ColumnErrors(problem, columns_of(problem, noise))
+            found = refit(errors, found, lambda last, new: find(new, last.theta, options))
+            problem, settled = errors.problem, errors.settled
         result = _result(problem, found, theta, target, ends, names, options, settled)
     return checked(result, throw, "fit")
 
@@ -168,12 +169,15 @@ def fit(
 def _first_guess(
     problem: Problem, theta: np.ndarray, options: Options, starts: int, spread: float, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the search starts, and the losses at the ends of all searches so far."""
+    """Return where the search starts, the best end of many starts, and the losses at their ends."""
     if starts == 1:
         return theta, np.zeros(0)
     away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
-    away *= start_scale(problem, theta)
-    return _best_start(problem, np.stack([theta, *(theta + away)]), options)
+    lanes = np.stack([theta, *(theta + away * start_scale(problem, theta))])
+    found = find_all(problem, lanes, options._replace(tell=None))
+    ends = np.where(np.isfinite(found.loss), found.loss, np.inf)
+    best = int(np.argmin(ends))
+    return found.theta[best] if np.isfinite(ends[best]) else lanes[0], ends
 
 
 def _check(loss: Any, optimizer: Any) -> None:
@@ -205,16 +209,6 @@ def _refuse_too_many(space: Space, target: Target) -> None:
             f"to fit ({len(free)}: {listed(free)}), but holds {points}. Add points, or keep "
             "numbers with `transforms={name: jc.Fixed()}`."
         )
-
-
-def _best_start(
-    problem: Problem, lanes: np.ndarray, options: Options
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best end of many starts, and the loss at which each start ended."""
-    found = find_all(problem, lanes, options._replace(tell=None))
-    ends = np.where(np.isfinite(found.loss), found.loss, np.inf)
-    best = int(np.argmin(ends))
-    return found.theta[best] if np.isfinite(ends[best]) else lanes[0], ends
 
 
 def _check_start(problem: Problem, theta: np.ndarray, found: Found) -> None:
@@ -285,10 +279,10 @@ def _result(
         data=np.where(used, target.y, np.nan),
         groups=groups,
         problem=problem,
-        theta=found.theta,
-        jacobian=np.where(at_bound | ~np.isfinite(found.jacobian), 0, found.jacobian),
-        absolute=target.absolute,
-        rtol=float(options.rtol),
+        _theta=found.theta,
+        _jacobian=np.where(at_bound | ~np.isfinite(found.jacobian), 0, found.jacobian),
+        _absolute=target.absolute,
+        _rtol=float(options.rtol),
     )
 
 

@@ -67,7 +67,7 @@ class Fit(FitData):
         error = self.standard_errors[name]
         if not np.isnan(error):
             return f"  ± {error:.2g}" + (", were the model right" if self.adequate is False else "")
-        if self.dof < 1 and not self.absolute:
+        if self.dof < 1 and not self._absolute:
             return "  without a standard error: no degree of freedom is left"
         return "  not identifiable"
 

@@ -23,7 +23,7 @@ def with_shared(fit: _F, shared: SharedErrors) -> _F:
 
     Cov θ = H V Hᵀ, with H the pseudoinverse of J = dz/dθ. Intervals widen as the errors do.
     """
-    jacobian = fit.jacobian[np.asarray(fit.problem.factor) > 0]
+    jacobian = fit._jacobian[np.asarray(fit.problem.factor) > 0]
     length = np.linalg.norm(jacobian, axis=0)
     moves = (length > 0) & ~np.isin(fit.names, fit.at_bound)
     inverse = np.zeros((len(length), len(jacobian)))
@@ -37,4 +37,4 @@ def with_shared(fit: _F, shared: SharedErrors) -> _F:
     with np.errstate(invalid="ignore", divide="ignore"):
         wider = np.diag(covariance) / np.diag(fit.covariance)
     wider = np.where(np.isfinite(wider), wider, 1.0)
-    return dataclasses.replace(fit, covariance=covariance, shared=shared, wider=wider)
+    return dataclasses.replace(fit, covariance=covariance, _shared=shared, _wider=wider)

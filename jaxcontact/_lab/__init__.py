@@ -11,8 +11,8 @@ from typing import Any as _Any
 if _TYPE_CHECKING:
     from .calibration.calibrate import Calibration as Calibration
     from .calibration.calibrate import calibrate as calibrate
-    from .calibration.file import load_calibration as load_calibration
     from .calibration.summary import CalibrationSummary as CalibrationSummary
+    from .calibration.summary import load_calibration as load_calibration
     from .recordings import Recording as Recording
     from .recordings import RecordingError as RecordingError
     from .recordings import read_recording as read_recording
@@ -28,7 +28,7 @@ _HOME = {
     "RecordingError": "recordings",
     "calibrate": "calibration.calibrate",
     "fit_record": "records.fit_record",
-    "load_calibration": "calibration.file",
+    "load_calibration": "calibration.summary",
     "read_recording": "recordings",
     "report": "report_page",
 }

@@ -346,7 +346,7 @@ CALIBRATED = 5e-4
 def test_it_agrees_with_the_calibration(measured):
     ball = jc.Drag(BALL.mass, BALL.radius, float(measured.params.drag_coefficient))
     # Only one law for comparison, because compiling all of them takes most of the time.
-    result = jc.calibrate(read_recording(ball="pingpong"), law="constant_damping", drag=ball)
+    result = jc.calibrate(read_recording(ball="pingpong"), laws="constant_damping", drag=ball)
     estimate = result.choice.law_fit("constant e").estimates[0]
     assert estimate.name == "e"
     assert float(measured.params.law.e) == pytest.approx(estimate.value, abs=CALIBRATED)

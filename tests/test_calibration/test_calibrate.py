@@ -88,7 +88,7 @@ def test_standard_errors_are_the_spread_of_estimates():
     for seed in range(40):
         text = recording(lambda v: 0.88, 100 + seed)
         # Jitter alone makes successive ratios of a trial strongly correlated.
-        law = calibrated(text, law="kuwabara_kono").choice.laws[0]
+        law = calibrated(text, laws="kuwabara_kono").choice.laws[0]
         estimate = law.estimates[0]
         pulls.append((estimate.value - 0.88) / estimate.standard_error)
         alarms += law.adequate is False
@@ -101,7 +101,7 @@ def test_standard_errors_are_the_spread_of_estimates():
 def test_weak_dependence_is_not_decided():
     # Few pairs in a narrow range of speed, which both laws describe equally well.
     text = recording(lambda v: 0.88, 4, trials=3, bounces=4, scatter=0.02)
-    choice = calibrated(text, law="kuwabara_kono").choice
+    choice = calibrated(text, laws="kuwabara_kono").choice
     assert choice.best == "constant e"
     assert "The data do not distinguish it from Kuwabara-Kono" in choice.verdict
 
@@ -114,7 +114,7 @@ def test_scipy_finds_the_same_fit(kind):
     e = np.array([law(value)(x) for x in v]) * np.exp(0.01 * rng.standard_normal(14))
     result = jc.calibrate(jc.read_recording(velocity=v, restitution=e))
     fit = result.choice.law_fit(kind)
-    sigma = result.noise.sigma(result.pairs.reading_factor)
+    sigma = result.noise.sigma(result.recorded_pairs.reading_factor)
 
     def residual(log_value):
         model = np.array([law(np.exp(log_value[0]))(x) for x in v])
@@ -161,7 +161,7 @@ SOLVED = 1e-8
 )
 @pytest.mark.parametrize("known", [{}, {"mass": 0.2, "stiffness": 1e8}], ids=["unit", "given"])
 def test_the_fitted_law_delivers_the_fitted_curve(law, known):
-    result = calibrated(recording(lambda v: 0.88 - 0.02 * np.log(v), 3), law=law, **known)
+    result = calibrated(recording(lambda v: 0.88 - 0.02 * np.log(v), 3), laws=law, **known)
     kind = next(fit.kind for fit in result.choice.laws if fit.law == law)
     v = np.array([0.7, 1.5, 2.9])
     hit = jc.impact(result.law, result.contact, v)
@@ -173,8 +173,8 @@ def test_the_fitted_law_delivers_the_fitted_curve(law, known):
 
 
 def test_the_constant_fit_of_the_shipped_ball_is_the_weighted_mean():
-    result = jc.calibrate(jc.read_recording(), law="constant_damping")
-    kept = result.pairs.where(~result.outliers.flagged)
+    result = jc.calibrate(jc.read_recording(), laws="constant_damping")
+    kept = result.recorded_pairs.where(~result.outliers.flagged)
     sigma = result.noise.sigma(kept.reading_factor)
     mean = np.exp(np.average(np.log(kept.restitution), weights=sigma**-2))
     estimate = result.choice.laws[0].estimates[0]
@@ -188,8 +188,8 @@ def test_the_constant_fit_of_the_shipped_ball_is_the_weighted_mean():
 def test_table_tennis_is_constant_once_the_drag_is_out():
     drag = jc.Drag(mass=0.0027, radius=0.02, coefficient=0.5)
     ball = jc.read_recording(ball="pingpong")
-    raw = jc.calibrate(ball, law="kuwabara_kono").choice
-    clear = jc.calibrate(ball, law="kuwabara_kono", drag=drag).choice
+    raw = jc.calibrate(ball, laws="kuwabara_kono").choice
+    clear = jc.calibrate(ball, laws="kuwabara_kono", drag=drag).choice
     assert abs(clear.laws[0].estimates[0].value - 0.955) < 0.002
     assert gap(clear, "Kuwabara-Kono") > 50
     # Without correction for drag the speed-dependent law wins, for the wrong reason.
@@ -199,7 +199,7 @@ def test_table_tennis_is_constant_once_the_drag_is_out():
 
 
 def test_the_line_is_the_weighted_least_squares_line():
-    choice = jc.calibrate(jc.read_recording(), law="constant_damping").choice
+    choice = jc.calibrate(jc.read_recording(), laws="constant_damping").choice
     fit = next(iter(choice.fits.values()))
     used = np.isfinite(fit.data)
     v, y = np.asarray(fit.problem.x)[used], fit.data[used]
@@ -217,7 +217,7 @@ def test_the_line_is_the_weighted_least_squares_line():
 
 
 def test_the_free_curve_is_the_polynomial_of_least_aicc():
-    choice = jc.calibrate(jc.read_recording(), law="constant_damping").choice
+    choice = jc.calibrate(jc.read_recording(), laws="constant_damping").choice
     fit = next(iter(choice.fits.values()))
     used = np.isfinite(fit.data)
     x, y = np.log(np.asarray(fit.problem.x)[used]), fit.data[used]
@@ -236,7 +236,7 @@ def test_the_free_curve_is_the_polynomial_of_least_aicc():
 
 
 def test_marked_pairs_matter_and_both_results_are_kept():
-    result = jc.calibrate(jc.read_recording(), law="constant_damping")
+    result = jc.calibrate(jc.read_recording(), laws="constant_damping")
     without, everything = result.choice.laws[0], result.with_marked.laws[0]
     assert result.with_marked.count - result.choice.count == result.outliers.flagged.sum() == 23
     assert everything.reduced_chi2 > 30 * without.reduced_chi2
@@ -267,7 +267,7 @@ def test_numbers_that_follow_from_mass_and_stiffness():
 def test_a_law_that_does_not_deliver_its_e():
     text = recording(lambda v: 0.7, 2, bounces=6)
     exact = calibrated(text).choice.laws[0].estimates[0]
-    result = calibrated(text, law="hunt_crossley")
+    result = calibrated(text, laws="hunt_crossley")
     asked, delivered = result.choice.laws[0].estimates
     np.testing.assert_allclose(delivered.value, exact.value, rtol=1e-6)
     np.testing.assert_allclose(delivered.standard_error, exact.standard_error, rtol=1e-5)
@@ -282,7 +282,7 @@ def test_what_a_law_cannot_reach_is_not_identifiable():
     rng = np.random.default_rng(0)
     e = 0.3 + 0.01 * rng.standard_normal(12)
     table = jc.read_recording(velocity=np.arange(1.0, 13), restitution=e)
-    result = jc.calibrate(table, law="hunt_crossley")
+    result = jc.calibrate(table, laws="hunt_crossley")
     fit = result.choice.laws[0]
     assert not fit.identifiable
     assert fit.estimates[0].standard_error is None
@@ -319,14 +319,14 @@ def test_four_pairs_are_too_few_for_two_parameters():
 
 def test_data_without_noise_are_fitted_exactly():
     text = recording(lambda v: 0.9, 1, jitter=0.0, scatter=0.0)
-    result = calibrated(text, law="kuwabara_kono")
+    result = calibrated(text, laws="kuwabara_kono")
     np.testing.assert_allclose(result.choice.laws[0].estimates[0].value, 0.9, rtol=1e-9)
     assert not result.outliers.flagged.any()
 
 
 def test_the_precision_of_the_user_is_left_alone():
     with jax.enable_x64(False):
-        result = calibrated(recording(lambda v: 0.88, 1), law="constant_damping")
+        result = calibrated(recording(lambda v: 0.88, 1), laws="constant_damping")
         assert jnp.ones(()).dtype == jnp.float32
         hit = jc.impact(result.law, result.contact, 1.0)
         np.testing.assert_allclose(hit.restitution, 0.88, rtol=0.1)
@@ -341,13 +341,13 @@ def test_bad_numbers_raise(name):
 def test_what_is_no_recording_is_refused():
     with pytest.raises(ValueError, match=r"`recording` must be a `Recording`.*'ball.csv'"):
         jc.calibrate("ball.csv")
-    with pytest.raises(ValueError, match=r"`law` must be one of all, exact, .* but is 'nonsense'"):
-        calibrated(recording(lambda v: 0.88, 1), law="nonsense")
+    with pytest.raises(ValueError, match=r"`laws` must be one of all, exact, .* but is 'nonsense'"):
+        calibrated(recording(lambda v: 0.88, 1), laws="nonsense")
 
 
 def test_stages_are_reported_to_a_function(capsys):
     stages = []
-    calibrated(recording(lambda v: 0.88, 1), law="constant_damping", progress=stages.append)
+    calibrated(recording(lambda v: 0.88, 1), laws="constant_damping", progress=stages.append)
     assert stages[0].startswith("searching 220 pairs for spurious and missed triggers")
     assert "fitting constant c" in stages
     assert capsys.readouterr().err == ""
@@ -360,20 +360,20 @@ def test_standard_deviations_of_a_file_are_taken_as_they_are():
     sigma = np.where(np.arange(16) % 2, 0.004, 0.02)
     e = np.round(0.8 + sigma * random.normal(size=16), 6)
     rows = "".join(f"{a},{b},{c}\n" for a, b, c in zip(v, e, sigma, strict=True))
-    found = calibrated("v,e,std\n" + rows, law="constant_damping")
+    found = calibrated("v,e,std\n" + rows, laws="constant_damping")
     mean = np.sum(e / sigma**2) / np.sum(sigma**-2)
     fit = found.choice.fits["constant e"]
     # ln e instead of e, with σ/√(e e₀), moves it by a hundredth of its error.
     np.testing.assert_allclose(fit.params["e"], mean, atol=0.02 * np.sum(sigma**-2) ** -0.5)
     square = np.sum((e - mean) ** 2 / sigma**2)
     np.testing.assert_allclose(fit.adequacy.chi2_p, chi2.sf(square, 15), rtol=0.02)
-    told = jc.choose_law(jc.Contact(1.0, 1.0), v, e, law="constant_damping", sigma=sigma)
+    told = jc.choose_law(jc.Contact(1.0, 1.0), v, e, laws="constant_damping", sigma=sigma)
     np.testing.assert_allclose(told.fits["constant e"].params["e"], fit.params["e"], rtol=SAME)
     np.testing.assert_allclose(told.candidates[0].aicc, found.choice.candidates[0].aicc, rtol=1e-6)
     assert "the standard deviations in the file" in found.report()
     # With a tenth of the noise the errors are too small: no law describes the rows, by χ² alone.
     rows = "".join(f"{a},{b},{c / 10}\n" for a, b, c in zip(v, e, sigma, strict=True))
-    small = calibrated("v,e,std\n" + rows, law="constant_damping").choice.fits["constant e"]
+    small = calibrated("v,e,std\n" + rows, laws="constant_damping").choice.fits["constant e"]
     assert small.adequacy.chi2_p < 1e-6 and not small.adequate
 
 
@@ -390,7 +390,7 @@ def test_standard_deviations_of_intervals_are_shared_by_pairs():
     slope[np.arange(6), np.arange(6)] = -1 / seconds[:-1]
     slope[np.arange(6), np.arange(6) + 1] = 1 / expected
     np.testing.assert_allclose(pairs.covariance, slope @ np.diag(sigma**2) @ slope.T, rtol=1e-12)
-    fit = jc.calibrate(recording, law="constant_damping").choice.fits["constant e"]
+    fit = jc.calibrate(recording, laws="constant_damping").choice.fits["constant e"]
     inverse = np.linalg.inv(pairs.covariance)
     y = np.log(pairs.restitution)
     mean, error = inverse.sum(axis=0) @ y / inverse.sum(), inverse.sum() ** -0.5

@@ -16,7 +16,7 @@ E = 0.9 - 0.03 * np.log(V) + 0.004 * np.random.default_rng(3).standard_normal(14
 @pytest.fixture(scope="module")
 def calibration():
     table = jc.read_recording(velocity=V, restitution=E)
-    return jc.calibrate(table, law="kuwabara_kono", mass=1 / 3, stiffness=1e7 / 3)
+    return jc.calibrate(table, laws="kuwabara_kono", mass=1 / 3, stiffness=1e7 / 3)
 
 
 @pytest.fixture
@@ -26,6 +26,15 @@ def saved(calibration, tmp_path):
     return path
 
 
+def assert_equal(loaded, made):
+    """A choice comes back without its fits."""
+    if dataclasses.is_dataclass(loaded):
+        for field in dataclasses.fields(loaded):
+            assert getattr(loaded, field.name) == getattr(made, field.name)
+    else:
+        assert loaded == made
+
+
 def test_every_number_comes_back_to_the_last_bit(calibration, saved):
     loaded = jc.load_calibration(saved)
     assert isinstance(loaded.law, jc.KuwabaraKono) and loaded.law.tension
@@ -33,7 +42,7 @@ def test_every_number_comes_back_to_the_last_bit(calibration, saved):
     assert loaded.contact.mass == 1 / 3 and loaded.contact.stiffness == 1e7 / 3
     for field in dataclasses.fields(loaded):
         if field.name not in ("law", "contact"):
-            assert getattr(loaded, field.name) == getattr(calibration.summary, field.name)
+            assert_equal(getattr(loaded, field.name), getattr(calibration, field.name))
     again = saved.with_name("again.json")
     calibration.save(again)
     assert again.read_bytes() == saved.read_bytes()
@@ -49,11 +58,11 @@ def test_a_recording_with_trials_and_outliers_comes_back(tmp_path):
     import io
 
     text = recording(lambda v: 0.88, 5).replace(",3,5,", ",3,50,", 1)
-    result = jc.calibrate(jc.read_recording(io.StringIO(text)), law="constant_damping")
+    result = jc.calibrate(jc.read_recording(io.StringIO(text)), laws="constant_damping")
     result.save(tmp_path / "a.json")
     loaded = jc.load_calibration(tmp_path / "a.json")
-    assert loaded.pairs == result.summary.pairs and loaded.by_speed == result.summary.by_speed
-    assert loaded.with_marked == result.summary.with_marked
+    assert loaded.pairs == result.pairs and loaded.by_speed == result.by_speed
+    assert_equal(loaded.with_marked, result.with_marked)
 
 
 def change(data, path, value):

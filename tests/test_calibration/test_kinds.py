@@ -146,7 +146,7 @@ DASHPOTS = {"linear_dashpot": {"c": 0.06}, "step_damping": {"c_max": 0.06, "d": 
 def test_a_restitution_that_falls_as_a_power_is_found():
     """The two numbers of e = min(1, a v^-p), with the elastic part; it contains a constant e."""
     v = np.geomspace(0.02, 5.0, 30)
-    found = jc.choose_law(UNIT, v, np.minimum(1, 0.6 * v**-0.2), law="bridges")
+    found = jc.choose_law(UNIT, v, np.minimum(1, 0.6 * v**-0.2), laws="bridges")
     law = found.law("a v^-p")
     assert law.restitution_at(1.0) == pytest.approx(0.6, rel=1e-6)
     assert law.power == pytest.approx(0.2, rel=1e-6)
@@ -199,8 +199,8 @@ def test_kinds_to_compare():
     assert laws("hu_guo", 1.5) == ["hu_guo", *everything]
     assert laws("bridges", 2.0) == ["exact", "bridges"]
     for bad in ("linear_dashpot", "step_damping"):
-        with pytest.raises(ValueError, match=f"`law` must be one of all, exact.*{bad}"):
+        with pytest.raises(ValueError, match=f"`laws` must be one of all, exact.*{bad}"):
             kinds_of(bad, 1.0)
     for bad in ("nonsense", "damped"):
-        with pytest.raises(ValueError, match=f"`law` must be one of all, exact.*{bad}"):
+        with pytest.raises(ValueError, match=f"`laws` must be one of all, exact.*{bad}"):
             kinds_of(bad, 1.5)

@@ -178,5 +178,5 @@ def test_a_long_record_in_steps_is_not_too_sure():
     own = {"law.c": truths.DAMPING, "contact.stiffness": truths.STIFFNESS}
     own |= {"velocity": truths.SPEED, "start_time": truths.TOUCH, "force_offset": truths.FORCE_ZERO}
     pulls = (found.values - [own[name] for name in found.names]) / found.errors
-    assert found.converged and np.abs(pulls).max() < 3 and found.wider.max() > 50
+    assert found.converged and np.abs(pulls).max() < 3 and found._wider.max() > 50
     assert not any("limit" in note for note in found.notes)

@@ -51,7 +51,7 @@ def test_a_constant_c_comes_back(falling, method):
 
 
 def test_a_constant_e_is_a_power_of_minus_one():
-    found = jc.fit_damping(CONTACT, SPEED, np.full(60, 0.8), form="power")
+    found = jc.fit_damping(CONTACT, SPEED, np.full(60, 0.8), power=True)
     assert found.params["power"] == pytest.approx(-1, abs=1e-10)
     middle = np.sqrt(SPEED[0] * SPEED[-1])
     alpha = found.params["c"] * middle / 1.4e8
@@ -92,8 +92,8 @@ def test_beta_is_the_same_by_another_method():
 def test_a_learned_law_is_the_same_by_other_methods(method):
     asked = np.linspace(0.3, 1, 30)
     one = jc.Contact(mass=1.0, stiffness=1.0)
-    found = jc.learn_law(asked, form=jc.Rational(1), contact=one, method=method)
-    exact = jc.learn_law(asked, form=jc.Rational(1))
+    found = jc.learn_law(asked, shape=jc.Rational(1), contact=one, method=method)
+    exact = jc.learn_law(asked, shape=jc.Rational(1))
     assert found.converged and exact.converged
     assert np.allclose(
         found.params.law(asked).damping_factor(),
@@ -120,7 +120,7 @@ LEARNED = {"rational": 1e-8, "spline": 1e-8}
 @pytest.mark.parametrize("form", LEARNED)
 def test_a_law_is_learned(form):
     points = np.linspace(0.05, 1, 400)
-    found = jc.learn_law(points, form=form)
+    found = jc.learn_law(points, shape=form)
     assert found.converged
     off = np.abs(jc.restitution(found.params.law(FINE)) - FINE)
     assert off.max() < LEARNED[form]
@@ -130,13 +130,13 @@ def test_a_law_is_learned(form):
 def test_a_network_learns_it_roughly():
     # It has too many parameters for one minimum; only the delivered curve counts.
     points = np.linspace(0.05, 1, 150)
-    found = jc.learn_law(points, form=jc.Network(width=5), max_steps=60)
+    found = jc.learn_law(points, shape=jc.Network(width=5), max_steps=60)
     assert np.abs(jc.restitution(found.params.law(FINE)) - FINE).max() < 1e-4
 
 
 def test_a_law_is_learned_from_any_curve():
     target = np.asarray(jc.restitution(jc.LankaraniNikravesh(e=np.linspace(0.3, 1, 100))))
-    found = jc.learn_law(np.linspace(0.3, 1, 100), target, form=jc.Rational(3))
+    found = jc.learn_law(np.linspace(0.3, 1, 100), target, shape=jc.Rational(3))
     e = np.linspace(0.31, 0.99, 50)
     assert np.allclose(found.params.law(e).damping_factor(), 0.75 * (1 - e**2), rtol=1e-6)
 
@@ -228,11 +228,11 @@ def test_numbers_are_held_by_the_names_that_are_printed():
         (lambda: jc.fit_damping(CONTACT, [1.0, 2.0], [0.5, 1.5]), "is 1.5 at point 1"),
         (lambda: jc.fit_damping(CONTACT, [1.0], [0.5, 0.5]), "one number for each of the 1"),
         (lambda: jc.fit_damping(CONTACT, [[1.0]], [0.5]), "shape"),
-        (lambda: jc.fit_damping(CONTACT, [1.0], [0.5], form="cubic"), "`form` must be one of"),
+        (lambda: jc.fit_damping(CONTACT, [1.0], [0.5], power="cubic"), "`power` must be"),
         (lambda: jc.fit_damping(CONTACT, [1.0], [np.nan]), "`e` must be in"),
         (lambda: jc.fit_energy_loss([0.5, 0.9], degree=-1), "`degree` must be"),
-        (lambda: jc.learn_law([0.5, 0.9], form="tree"), "`form` must be one of"),
-        (lambda: jc.learn_law([0.5, 0.9], form=3), "or a shape, but is 3"),
+        (lambda: jc.learn_law([0.5, 0.9], shape="tree"), "`shape` must be one of"),
+        (lambda: jc.learn_law([0.5, 0.9], shape=3), "or a shape, but is 3"),
         (
             lambda: jc.Spline(intervals=1),
             "`intervals` must be a whole number of at least 4",

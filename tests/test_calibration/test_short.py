@@ -285,7 +285,7 @@ def test_two_pairs_give_e_of_each_and_their_mean(two):
     log_e = np.log([0.85, 0.83])
     mean, error = np.exp(log_e.mean()), log_e.std(ddof=1) / np.sqrt(2)
     half = mean * np.sinh(stats.t.ppf(0.975, 1) * error)
-    (at,) = two.summary.at[2:]
+    (at,) = two.at[2:]
     assert at.restitution == pytest.approx(mean, rel=1e-7)
     assert (at.high - at.low) / 2 == pytest.approx(half, rel=1e-5)
     lines = repr(two).splitlines()
@@ -310,7 +310,7 @@ def test_few_pairs_are_saved_drawn_and_ready_for_export(two, tmp_path):
     two.save(tmp_path / "two.json")
     loaded = jc.load_calibration(tmp_path / "two.json")
     assert repr(loaded) == repr(two) and loaded.report() == two.report()
-    assert loaded.at == two.summary.at
+    assert loaded.at == two.at
     jc.plot.calibration(two)
     pyplot.close("all")
     law, contact, speeds = loaded.__export__(jc.Contact(0.1, 1e5))
@@ -322,7 +322,7 @@ def test_one_pair_has_no_error_and_equal_ones_none_that_they_tell():
     one = jc.calibrate(jc.read_recording(velocity=[2.0], restitution=[1.05]))
     assert repr(one).splitlines()[2] == "e = 1.05 at 2 m/s, from one pair"
     assert "e is above 1 in a pair" in repr(one)
-    assert one.summary.at[0].low is None
+    assert one.at[0].low is None
     same = jc.calibrate(jc.read_recording(velocity=[2.0, 3.0], restitution=[0.8, 0.8]))
     assert "95 %" not in repr(same)
 
@@ -349,7 +349,7 @@ def test_known_errors_of_readings_give_that_of_few_pairs(monkeypatch, e, relativ
 
     monkeypatch.setattr(_calibrate, "make_pairs", with_errors)
     few = jc.calibrate(jc.read_recording(velocity=[2.0, 2.5][:n], restitution=e))
-    assert few.summary.pairs[0].error == pytest.approx(0.02 * 0.8)
+    assert few.pairs[0].error == pytest.approx(0.02 * 0.8)
     assert few.standard_errors["e"] == pytest.approx(relative * float(few.law.e), rel=1e-4)
     if n == 1:
         assert repr(few).splitlines()[2] == "e = 0.800 ± 0.031 (95 %) at 2 m/s, from one pair"
@@ -359,7 +359,7 @@ def test_known_errors_of_readings_give_that_of_few_pairs(monkeypatch, e, relativ
 
 def test_a_law_of_the_speed_is_not_fitted_to_few_pairs():
     recording = jc.read_recording(velocity=[2.0, 3.0], restitution=[0.85, 0.83])
-    found = jc.calibrate(recording, law="constant_damping")
-    assert isinstance(found.law, jc.ExactRestitution) and found.summary.requested != "all"
+    found = jc.calibrate(recording, laws="constant_damping")
+    assert isinstance(found.law, jc.ExactRestitution) and found.requested != "all"
     with pytest.raises(ValueError, match="Argument `at` must be"):
         jc.calibrate(recording, at=-1.0)

@@ -51,8 +51,8 @@ def test_what_keeps_it_open_is_said():
     """Near e = 1 all laws whose loss is a power of the speed are the same."""
     noisy = jc.choose_law(CONTACT, SPEED, 1 - 0.05 * SPEED**0.2 + 0.5 * SCATTER)
     assert not noisy.sure
-    kinds = {kind.name: kind for kind in noisy.kinds}
-    standing = standing_of(noisy.fits, noisy.kinds, noisy.best)
+    kinds = {kind.name: kind for kind in noisy._kinds}
+    standing = standing_of(noisy.fits, noisy._kinds, noisy.best)
     assert set(standing.rivals) >= {"Kuwabara-Kono", "1 - b v^p"} - {noisy.best}
     assert all(name in noisy.verdict for name in standing.rivals)
     assert standing.containing == {
@@ -105,7 +105,7 @@ def test_contact_times_and_forces_take_part():
     )
     force = np.where(SPEED > 1, force, np.nan)
     found = jc.choose_law(
-        start, SPEED, e, law="constant_damping", duration=duration, max_force=force
+        start, SPEED, e, laws="constant_damping", duration=duration, max_force=force
     )
     fit, contact = found.fits["constant c"], found.contact_of()
     assert found.best == "constant c" and found.sure and found.count == SPEED.size

@@ -47,7 +47,7 @@ def test_milliseconds():
 
 
 def test_a_transform_that_the_problem_brings_itself():
-    damping = jc.fit_damping(CONTACT, SPEED, E, form="power", transforms={"power": jc.Fixed()})
+    damping = jc.fit_damping(CONTACT, SPEED, E, power=True, transforms={"power": jc.Fixed()})
     assert damping.names == ("c",)
     with pytest.raises(ValueError, match=r"must not name what this problem .* but names c"):
         jc.fit_damping(CONTACT, SPEED, E, transforms={"c": jc.Free()})

@@ -167,7 +167,7 @@ def test_a_bad_file_is_named_and_nothing_is_written(case, tmp_path, capsys):
 BAD_OPTIONS = {
     "no such file": (["none.csv"], "none.csv: cannot be read"),
     "no such ball": (["--ball", "golf"], "has no ball 'golf'; it holds pingpong, blue, tennis"),
-    "no such law": (["--law", "nonsense"], "--law: Argument `law` must be one of"),
+    "no such law": (["--law", "nonsense"], "--law must be one of"),
     "half a drag": (["--radius", "0.02"], "also give --mass and --drag-coefficient"),
     "mass alone": (["--mass", "0.1"], "or --stiffness, to determine A"),
     "report": (
@@ -216,10 +216,10 @@ def test_a_folder_that_cannot_be_written_is_an_error(good, tmp_path, capsys):
 
 
 def test_a_fit_that_does_not_converge_is_said(good, tmp_path, capsys, monkeypatch):
-    from jaxcontact._calibration.choice import choose_law as _choose
+    from jaxcontact._calibration.choice import table
 
-    impatient = functools.partial(_choose.fit, max_steps=2)
-    monkeypatch.setattr(_choose, "fit", impatient)
+    impatient = functools.partial(table.fit, max_steps=2)
+    monkeypatch.setattr(table, "fit", impatient)
     options = ["--law", "constant_damping", "--out", str(tmp_path), "--quiet", "--details"]
     assert main(["calibrate", str(good), *options]) == 1
     printed = capsys.readouterr().out
@@ -237,10 +237,10 @@ def judged(folder, capsys, text):
     """Whether a constant e describes a table, by `calibrate` and `fit impacts`; the notes."""
     path = folder / "table.csv"
     path.write_text(text)
-    told = jc.calibrate(jc.read_recording(path), law="constant_damping")
+    told = jc.calibrate(jc.read_recording(path), laws="constant_damping")
     assert main(["fit", "impacts", str(path), *FIT, "--json"]) == 0
     fitted = json.loads(capsys.readouterr().out)
-    marked = [row for pair in told.summary.pairs if pair.marked for row in pair.rows]
+    marked = [row for pair in told.pairs if pair.marked for row in pair.rows]
     assert ", ".join(map(str, marked)) in "; ".join(fitted["read_as"])
     constant = told.choice.laws[0]
     # For a wrong law, errors of e and of ln e weight rows differently.

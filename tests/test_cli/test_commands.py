@@ -202,7 +202,9 @@ def test_export_of_a_law_and_of_a_calibration(tmp_path, capsys):
     law = jc.ConstantDamping(c=1e5)
     e = np.asarray(jc.impact(law, jc.Contact(1.0, 1e6), np.array(V)).restitution)
     noise = 0.002 * np.array([1, -1, 1, -1])
-    cal = jc.calibrate(jc.read_recording(velocity=V, restitution=e + noise), law="constant_damping")
+    cal = jc.calibrate(
+        jc.read_recording(velocity=V, restitution=e + noise), laws="constant_damping"
+    )
     file = str(tmp_path / "cal.json")
     cal.save(file)
     assert main(["export", "--from", file, "--engine", "drake", "--quiet"]) == 2

@@ -128,7 +128,7 @@ def cases() -> dict[str, Case]:
             {"fit": fitted},
             {
                 "fit": NOTHING,
-                "samples": COUNT,
+                "draws": COUNT,
                 "chains": COUNT,
                 "warmup": COUNT,
                 "prior": NONE | {"dict", "function"},

@@ -54,7 +54,7 @@ def _choice():
     there = {
         "fits": {"constant e": a_fit()},
         "laws": (),
-        "kinds": (types.SimpleNamespace(name="constant e", law_of=reached, moved=reached),),
+        "_kinds": (types.SimpleNamespace(name="constant e", law_of=reached, moved=reached),),
         "best": "constant e",
         "contact": CONTACT,
         "reference": 1.0,
@@ -72,7 +72,7 @@ def cases() -> dict[str, Case]:
                 "contact": CONTACTS,
                 "velocity": COLUMN,
                 "e": COLUMN,
-                "form": NOTHING,
+                "power": SWITCH,
                 "method": METHODS,
                 "sigma": POSITIVE | NONE,
             },
@@ -94,7 +94,7 @@ def cases() -> dict[str, Case]:
             {
                 "e_in": NUMBERS_3 & {"Series"} | {"shape (1,)", "jax shape (1,)"},
                 "e_out": NONE,
-                "form": NOTHING,
+                "shape": NOTHING,
                 "contact": CONTACTS | NONE,
                 "method": METHODS,
             },
@@ -201,7 +201,7 @@ def cases() -> dict[str, Case]:
                 "contact": CONTACTS,
                 "velocity": COLUMN,
                 "e": COLUMN,
-                "law": NOTHING,
+                "laws": NOTHING,
                 "sigma": POSITIVE | NONE,
                 "weights": POSITIVE | NONE,
                 "groups": NONE,
@@ -241,7 +241,7 @@ def cases() -> dict[str, Case]:
             {"recording": MEASURED},
             {
                 "recording": NOTHING,
-                "law": NOTHING,
+                "laws": NOTHING,
                 "drag": NONE,
                 "mass": POSITIVE | NONE,
                 "stiffness": POSITIVE | NONE,
@@ -253,7 +253,7 @@ def cases() -> dict[str, Case]:
             untested=CLASSES,
         ),
         "Calibration.save": Case(
-            jc.Calibration(*[None] * 5, summary=blank(jc.CalibrationSummary)).save,
+            blank(jc.Calibration).save,
             {},
             {"path": TEXT - {"empty text"}},
         ),

@@ -83,7 +83,7 @@ def test_a_line_with_known_noise_has_a_normal_posterior(known, normal):
 
 
 def test_unknown_noise_gives_students_t(unknown):
-    result = jc.posterior(unknown, samples=4000)
+    result = jc.posterior(unknown, draws=4000)
     assert result.converged and unknown.dof == 5
     assert result.names == ("offset", "slope", "noise")
     for i, name in enumerate(unknown.names):
@@ -152,11 +152,11 @@ def test_the_search_for_the_mode_ends_where_scipys_does():
 
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         prior = prior_of({"e": (0.9, 0.01), "c": (0.0, 0.01)}, found.problem.space)
-        mode = find_mode(Density(found.problem, prior, False), found.theta)
-    wanted = optimize.minimize(fall, found.theta, tol=1e-10)
+        mode = find_mode(Density(found.problem, prior, False), found._theta)
+    wanted = optimize.minimize(fall, found._theta, tol=1e-10)
     # A step that gains less than 1e-6 counts as zero: √2e-6 of a width.
     assert np.abs(np.linalg.solve(mode.root, mode.centre - wanted.x)).max() < 2e-3
-    assert np.abs(found.theta[0] - wanted.x[0]) > 2
+    assert np.abs(found._theta[0] - wanted.x[0]) > 2
 
 
 def test_a_prior_pins_what_the_data_leave_open():
@@ -252,7 +252,7 @@ def test_a_posterior_that_is_none_is_told():
 def test_modes_between_which_chains_seldom_go_are_told(known):
     """p² has two signs, with a barrier of 5 between them."""
     found = jc.fit(lambda p: p**2 * jnp.ones(1), [1.0], 1.5, sigma=1 / np.sqrt(10))
-    result = jc.posterior(found, samples=500)
+    result = jc.posterior(found, draws=500)
     assert not result.converged and "chains differ in parameter" in result.reason
 
 
@@ -266,7 +266,7 @@ def test_one_compilation_for_all_data(unknown, known, normal):
     other = jc.fit(line, Y[::-1] + 1e6, START, x=X + 1, sigma=2e7)
     jax.monitoring.register_event_duration_secs_listener(listen)
     try:
-        again = jc.posterior(other, samples=700, warmup=333, seed=4)
+        again = jc.posterior(other, draws=700, warmup=333, seed=4)
         assert again.converged and not compiled
     finally:
         jax.monitoring.unregister_event_duration_listener(listen)

@@ -41,7 +41,7 @@ def test_standard_errors_are_the_scatter():
         alarms += found.adequate is False
     # A standard deviation of 400 draws is accurate to 3.5 %.
     np.testing.assert_allclose(np.std(values, axis=0) / found.errors, 1, atol=0.12)
-    assert (found.wider > 1.5).any()
+    assert (found._wider > 1.5).any()
     assert alarms < ALARMS
 
 
@@ -70,4 +70,4 @@ def test_nothing_changes_where_nothing_is_shared():
     plain = jc.fit(line, read(np.random.default_rng(4)), {"a": 3.0, "b": 0.5}, x=X)
     same = with_shared(plain, SharedErrors(np.full(60, plain.noise), np.zeros((60, 0))))
     np.testing.assert_allclose(same.errors, plain.errors, rtol=1e-9)
-    np.testing.assert_allclose(same.wider, 1, rtol=1e-9)
+    np.testing.assert_allclose(same._wider, 1, rtol=1e-9)

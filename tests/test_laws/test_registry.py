@@ -220,4 +220,4 @@ def test_what_is_misspelt_is_told_with_a_suggestion():
     with pytest.raises(TypeError, match=r"power_damping has no parameter 'powr'; .*'power'\?"):
         jc.get_law("power_damping", c=1.0, powr=1.0, reference=1.0)
     with pytest.raises(ValueError, match=r"but is 'kuwabara'\. Did you mean 'kuwabara_kono'\?"):
-        jc.calibrate(jc.read_recording(), law="kuwabara")
+        jc.calibrate(jc.read_recording(), laws="kuwabara")

@@ -87,7 +87,7 @@ def excess_p(better: FitData, worse: FitData, numbers: int) -> float:
         return 1.0
     if better.loss == 0:
         return 0.0
-    if better.absolute:
+    if better._absolute:
         p = float(gammaincc(numbers / 2, gain / 2))
     else:
         p = float(fdtrc(numbers, better.dof, gain / numbers / (2 * better.loss / better.dof)))

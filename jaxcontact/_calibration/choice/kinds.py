@@ -232,11 +232,11 @@ both were compared, no choice of either would be sure. The curves of dashpots ha
 """
 
 
-def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
+def kinds_of(laws: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
     """Return the kinds to compare: a constant e first, then one or all speed-dependent kinds.
 
-    `law` "all" compares the exact constant e with all of them, except those on request. The name of
-    a speed-dependent law, including those on request, compares it with the exact constant e. The
+    `laws` "all" compares the exact constant e with all of them, except those on request. The name
+    of a speed-dependent law, including those on request, compares it with the exact constant e. The
     name of a law with parameter e makes that law deliver the constant e. Kinds that are unknown for
     the exponent are left out. Raises ValueError for any other name.
     """
@@ -244,17 +244,17 @@ def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
     asked = tuple(kind for kind in ON_REQUEST if kind.serves(exponent))
     by_law = {kind.law: kind for kind in (*others, *asked)}
     choices = ["all", *constant_laws(), *by_law]
-    if not isinstance(law, str) or law not in choices:
+    if not isinstance(laws, str) or laws not in choices:
         raise ValueError(
-            f"Argument `law` must be one of {', '.join(choices)}, but is {rendered(law)}."
-            f"{did_you_mean(law, choices)}"
+            f"Argument `laws` must be one of {', '.join(choices)}, but is {rendered(laws)}."
+            f"{did_you_mean(laws, choices)}"
         )
-    if law == "all":
+    if laws == "all":
         return (ConstantE(), *others)
-    if law in by_law:
-        return (ConstantE(), by_law[law])
-    name = "constant e" if law == "exact" else f"constant e ({law})"
-    return (ConstantE(law, name), *others)
+    if laws in by_law:
+        return (ConstantE(), by_law[laws])
+    name = "constant e" if laws == "exact" else f"constant e ({laws})"
+    return (ConstantE(laws, name), *others)
 
 
 def kind_of_law(law: AbstractLaw) -> AbstractKind:

@@ -140,6 +140,11 @@ class ChoiceData:
         return "\n".join(table(self.candidates, lambda kind: self.law_fit(kind).said))
 
 
+def kind_asked(choice: ChoiceData, laws: str) -> str | None:
+    """Return the kind of the law that was asked for; the best one if there was none."""
+    return {one.law: one.kind for one in choice.laws}.get(laws, choice.best)
+
+
 @dataclasses.dataclass(frozen=True, repr=False)
 class LawChoice(ChoiceData):
     """All kinds of laws on one table of e(v): how well each describes it, and its parameters.
@@ -152,15 +157,10 @@ class LawChoice(ChoiceData):
     """
 
     fits: Mapping[str, Fit]
-    kinds: tuple[AbstractKind, ...]
+    _kinds: tuple[AbstractKind, ...]
     contact: Contact
     reference: float
     marked: np.ndarray
-
-    @property
-    def data(self) -> ChoiceData:
-        """The plain data alone."""
-        return ChoiceData(**{f.name: getattr(self, f.name) for f in dataclasses.fields(ChoiceData)})
 
     def law(self, kind: str | None = None) -> AbstractLaw:
         """Return the fitted law of a kind, by default of the best one, for its `contact_of`.
@@ -190,7 +190,7 @@ class LawChoice(ChoiceData):
         found = self.fits[chosen]
         if not found.converged:
             raise ValueError(f"The fit of {chosen} did not converge: {found.reason}.")
-        return next(k for k in self.kinds if k.name == chosen), found
+        return next(k for k in self._kinds if k.name == chosen), found
 
     def curve(self, kind: str, speeds: ArrayLike) -> tuple[Floats, Floats]:
         """Return e of a kind at closing speeds (n,) in m/s, and its standard error.

@@ -96,7 +96,7 @@ def _data_of(fit: FitData, n: int) -> _Data:
     # Other columns are uncorrelated. The first column's part is the corner, because the factor is
     # lower triangular.
     own = None if whitener is None else np.asarray(whitener)[:n, :n]
-    return _Data(fit.data[:n], np.asarray(fit.problem.factor)[:n], groups, fit.absolute, own)
+    return _Data(fit.data[:n], np.asarray(fit.problem.factor)[:n], groups, fit._absolute, own)
 
 
 def line_of(fit: FitData, velocity: Floats) -> Line:
@@ -119,7 +119,7 @@ def curve_of(fit: FitData, velocity: Floats) -> Curve:
     best: Curve | None = None
     for k in range(1, columns.shape[1] + 1):
         found = data.fitted(columns[:, :k])
-        aicc, _ = criteria_of(found.loss, k, data.factor[data.factor > 0], fit.absolute)
+        aicc, _ = criteria_of(found.loss, k, data.factor[data.factor > 0], fit._absolute)
         if best is None or (math.isfinite(aicc) and aicc < (best.aicc or math.inf)):
             shown = aicc if math.isfinite(aicc) else None
             best = Curve(tuple(map(float, found.coefficients)), *ends, shown)

@@ -50,7 +50,7 @@ def telling_apart(
             "Argument `goal` must be a law that can be fitted to the other, but its fit did not "
             f"converge: {found.reason}."
         )
-    space, theta, reach = found.problem.space, found.theta, _REACH
+    space, theta, reach = found.problem.space, found._theta, _REACH
     slopes, off = _differences(model, space, theta, speeds, readings, size)
     share = np.full(len(off), 1 / len(off))
     for _ in range(_ROUNDS):

@@ -95,13 +95,18 @@ def measured(
         name: column(values, name, allowed, beside, gaps=gaps)
         for name, (values, _, allowed) in there.items()
     }
-    sigmas = {
-        name: for_each(sigma, f"sigma_{name}", len(beside[1]))
-        for name, (_, sigma, _) in there.items()
-        if sigma is not None
-    }
-    for name, (_, sigma, _) in given.items():
-        if sigma is not None and name not in there:
+    sigmas = _sigmas_of({name: sigma for name, (_, sigma, _) in given.items()}, data)
+    if sigmas:
+        return {"data": data, "sigma": _fill_gaps(data, sigmas, np.inf)}
+    weights = {name: weight(values) for name, values in data.items()}
+    return {"data": data, "weights": _fill_gaps(data, weights, 0.0)}
+
+
+def _sigmas_of(given: Mapping[str, Any], data: Mapping[str, Column]) -> dict[str, Column]:
+    """Return the standard deviations of all columns, or none."""
+    sigmas = {name: sigma for name, sigma in given.items() if sigma is not None}
+    for name, sigma in sigmas.items():
+        if name not in data:
             raise ValueError(
                 f"Argument `sigma_{name}` must be None without `{name}`, but is {rendered(sigma)}."
             )
@@ -113,10 +118,7 @@ def measured(
             f"Arguments {both} must be given for {every} or for none, but `sigma_{missing}` "
             "is None."
         )
-    if sigmas:
-        return {"data": data, "sigma": _fill_gaps(data, sigmas, np.inf)}
-    weights = {name: weight(values) for name, values in data.items()}
-    return {"data": data, "weights": _fill_gaps(data, weights, 0.0)}
+    return {n: for_each(sigma, f"sigma_{n}", data[n].size) for n, sigma in sigmas.items()}
 
 
 def with_transforms(own: Mapping[str, Any], how: Mapping[str, Any]) -> dict[str, Any]:

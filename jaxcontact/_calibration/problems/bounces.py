@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Unpack
 
@@ -12,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact, require_contact
-from ..._fit import Fit, Huber, Positive, fit
+from ..._fit import Fit, Huber, Positive, fit, refit
 from ..._fit.keywords import FitKeywords, takes
 from ..._flight import (
     STANDARD_GRAVITY,
@@ -32,8 +33,8 @@ from ..._text.units import Shown
 from ..pairs.columns import column, with_transforms
 from ..pairs.plausible import not_shrinking, too_long
 from .impacts import transforms_of
-from .trigger_errors import Shared, by_height, by_triggers, with_shared_errors
-from .wrong_pairs import Readings, without_wrong_pairs
+from .trigger_errors import ReadingErrors, Shared, by_height, by_triggers
+from .wrong_pairs import Readings, WrongPairs
 
 
 def _landing_after(time: Any, gravity: Any, b: Any) -> Any:
@@ -181,16 +182,19 @@ def fit_bounces(
     transforms |= transforms_of(start, fixed)
     given = with_transforms(transforms, how)
 
-    def fitted(**other: Any) -> Fit:
-        return fit(model, np.log(after), start, x=before, **(given | other))
+    def fitted(**errors: Any) -> Fit:
+        return fit(model, np.log(after), start, x=before, **(given | errors))
+
+    def again(last: Fit, errors: dict[str, Any]) -> Fit:
+        return dataclasses.replace(fitted(**errors), notes=last.notes)
 
     if isinstance(given.get("loss"), Huber):
         velocity = flight.evaluate(_KINDS[kind].landing, before)[0]
         launch = flight.evaluate(_KINDS[kind].launch, after)[0]
-        readings = Readings(before, after, velocity, launch / velocity)
-        found = without_wrong_pairs(fitted, given, readings)
+        wrong = WrongPairs(Readings(before, after, velocity, launch / velocity), given)
+        found = refit(wrong, fitted(**wrong.weights()), again)
     else:
         found = fitted()
     if any(given.get(name) is not None for name in _OWN_ERRORS):
         return found
-    return with_shared_errors(fitted, found, before, after, _KINDS[kind].shared)
+    return refit(ReadingErrors(before, after, _KINDS[kind].shared), found, again)

@@ -48,7 +48,7 @@ def learn_law(
     e_in: ArrayLike,
     e_out: ArrayLike | None = None,
     *,
-    form: str | AbstractShape = "rational",
+    shape: str | AbstractShape = "rational",
     contact: Contact | None = None,
     method: str | AbstractMethod = "auto",
     **how: Unpack[FitKeywords],
@@ -56,7 +56,7 @@ def learn_law(
     """Learn a law α(e) = g(e) (1-e)/e that delivers e_out for the parameter e_in.
 
     Arguments: `e_in` in (0, 1] and `e_out` in (0, 1.2] (noise may raise a measured one above 1),
-    both (points,); `e_out` is `e_in` by default. `form` of g: "rational", "spline", "network", or
+    both (points,); `e_out` is `e_in` by default. `shape` of g: "rational", "spline", "network", or
     your own shape as the start. A rational one starts from a linear fit if that is nearer.
     `contact`, if the method needs one. `method` as in `impact`. Other keywords go to `fit`.
 
@@ -67,16 +67,16 @@ def learn_law(
     asked, wanted = asked_and_delivered(e_in, e_out)
     if contact is not None:
         require_contact(contact)
-    if not isinstance(form, AbstractShape):
-        if not isinstance(form, str) or form not in SHAPES:
+    if not isinstance(shape, AbstractShape):
+        if not isinstance(shape, str) or shape not in SHAPES:
             raise ValueError(
-                f"Argument `form` must be one of {', '.join(map(repr, SHAPES))} or a shape, but is "
-                f"{rendered(form)}."
+                f"Argument `shape` must be one of {', '.join(map(repr, SHAPES))} or a shape, but "
+                f"is {rendered(shape)}."
             )
-        form = SHAPES[form](float(asked.min()))
-    if isinstance(form, Rational):
-        form = _rational_start(form, asked, wanted)
-    return fit(DeliveredByShape(contact, method), wanted, form, x=asked, **how)
+        shape = SHAPES[shape](float(asked.min()))
+    if isinstance(shape, Rational):
+        shape = _rational_start(shape, asked, wanted)
+    return fit(DeliveredByShape(contact, method), wanted, shape, x=asked, **how)
 
 
 def _rational_start(shape: Rational, asked: Column, wanted: Column) -> Rational:

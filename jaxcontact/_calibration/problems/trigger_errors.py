@@ -15,13 +15,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from ..._fit import Fit
-from .shared_errors import shared_noise, widening
+from ..._fit import AbstractErrors, Fit
+from .shared_noise import shared_noise, widening
 
 Column = Float[np.ndarray, " n"]
 
@@ -31,7 +31,6 @@ _FEWEST, _FREE = 6, 4
 _MOST = 2000
 """Largest number of pairs with a correlation matrix. More pairs have many trials: use `groups`."""
 
-_ROUNDS = 6
 _SAME = 0.01
 """Largest change of the share of shared errors at convergence."""
 
@@ -48,53 +47,56 @@ class Shared(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def with_shared_errors(
-    fitted: Callable[..., Fit],
-    found: Fit,
-    first: Column,
-    second: Column,
-    shared_by: Callable[[Column, Column, Column], Shared],
-) -> Fit:
-    """Refit with the correlation of pairs that share errors, in turns until it settles.
+class ReadingErrors(AbstractErrors[Fit, dict[str, Any]]):
+    """Errors of `first` and `second` readings that pairs share, and the scatter of the bounces.
 
     `shared_by` returns the shared errors from the readings and the second readings that the fit
-    expects. Returns the same fit if no two pairs share an error, or if there are too few or too
-    many pairs.
+    expects. Nothing is estimated if no two pairs share an error, or from too few or too many pairs.
     """
-    used = np.asarray(found.problem.factor) > 0
-    if not _FEWEST <= np.count_nonzero(used) <= _MOST:
-        return found
-    share, shared = math.inf, shared_by(first, second, second)
-    for _ in range(_ROUNDS):
-        if shared.shape is None or not found.converged or found.dof < _FREE:
-            return found
+
+    rounds = 6
+
+    def __init__(
+        self, first: Column, second: Column, shared_by: Callable[[Column, Column, Column], Shared]
+    ):
+        self.first, self.second, self.shared_by = first, second, shared_by
+        self._shared, self._noise, self._settled = Shared(None, ""), None, False
+
+    def estimate(self, found: Fit) -> dict[str, Any] | None:
+        """Return the weights and the correlation of the pairs."""
+        used = np.asarray(found.problem.factor) > 0
+        enough = _FEWEST <= np.count_nonzero(used) <= _MOST and found.dof >= _FREE
+        if self._settled or not enough or not found.converged:
+            return None
         expected = np.where(used, np.exp(np.asarray(found.predict())), np.nan)
-        shared = shared_by(first, second, expected)
-        assert shared.shape is not None  # for the type checker
-        noise = shared_noise(found, used, shared.shape)
-        weights = np.where(used, 1 / noise.variance, 0)
-        notes, found = found.notes, fitted(weights=weights, correlation=noise.correlation)
-        found = dataclasses.replace(found, notes=notes)
-        if abs(noise.share - share) < _SAME:
-            break
-        share = noise.share
-    if not found.converged or shared.shape is None:
-        return found
-    wider = widening(found, used, shared.shape)
-    # A robust fit has included its estimated scale in its weights.
-    factor = np.asarray(found.problem.factor)[used]
-    size = found.noise * float(np.median(factor**-2.0 / noise.variance[used]))
-    both = (
-        1e3 * math.sqrt(size * noise.share / noise.unit),
-        100 * math.sqrt(size * (1 - noise.share)),
-    )
-    notes = (*found.notes, shared.words.format(*both), *shared.notes)
-    return dataclasses.replace(
-        found,
-        notes=notes,
-        covariance=found.covariance * wider,
-        wider=np.full(len(found.names), wider),
-    )
+        self._shared = self.shared_by(self.first, self.second, expected)
+        if self._shared.shape is None:
+            return None
+        last, noise = self._noise, shared_noise(found, used, self._shared.shape)
+        self._settled = last is not None and abs(noise.share - last.share) < _SAME
+        self._noise = noise
+        return {"weights": np.where(used, 1 / noise.variance, 0), "correlation": noise.correlation}
+
+    def finish(self, found: Fit) -> Fit:
+        """Return the fit with wider standard errors, and both sizes of errors in its notes."""
+        noise, shared = self._noise, self._shared
+        if noise is None or shared.shape is None or not found.converged:
+            return found
+        used = np.asarray(found.problem.factor) > 0
+        wider = widening(found, used, shared.shape)
+        # A robust fit has included its estimated scale in its weights.
+        factor = np.asarray(found.problem.factor)[used]
+        size = found.noise * float(np.median(factor**-2.0 / noise.variance[used]))
+        both = (
+            1e3 * math.sqrt(size * noise.share / noise.unit),
+            100 * math.sqrt(size * (1 - noise.share)),
+        )
+        return dataclasses.replace(
+            found,
+            notes=(*found.notes, shared.words.format(*both), *shared.notes),
+            covariance=found.covariance * wider,
+            _wider=np.full(len(found.names), wider),
+        )
 
 
 def by_triggers(first: Column, second: Column, expected: Column) -> Shared:

@@ -1,15 +1,14 @@
-"""A robust fit of bounces, without pairs corrupted by a spurious or missed trigger."""
+"""Pairs of bounces corrupted by a spurious or missed trigger, which a robust fit leaves out."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..._fit import Fit
+from ..._fit import AbstractErrors, Fit
 from ..pairs.columns import for_each
 from ..pairs.noise import estimate_noise
 from ..pairs.outliers import THRESHOLD, mark
@@ -22,8 +21,6 @@ _MOST_WRONG = 0.4
 A wrong trigger corrupts two or three pairs, and medians are robust up to half.
 """
 
-_ROUNDS = 10
-
 
 class Readings(NamedTuple):
     """Two successive readings, and the speed and the restitution between them (n,)."""
@@ -34,30 +31,45 @@ class Readings(NamedTuple):
     restitution: Column
 
 
-def without_wrong_pairs(fitted: Callable[..., Fit], how: dict[str, Any], readings: Readings) -> Fit:
-    """Fit the pairs that lie within `THRESHOLD` robust standard deviations of the fit.
+class WrongPairs(AbstractErrors[Fit, dict[str, Any]]):
+    """Pairs off the fit by more than `THRESHOLD` robust standard deviations, which are left out.
 
     A wrong trigger is not scatter: however small its weight, it biases the fit. The first fit
     leaves out what lies off a trend without a law, so that it starts near its end. The next ones
-    leave out what lies off the previous fit, until the pairs stay the same.
+    leave out what lies off the previous fit, until the pairs stay the same. `options` are those of
+    `fit`.
     """
-    first, second, velocity, e = readings
-    # Use the expected reading: a short reading would widen its own tolerance.
-    usual = first * np.median(second / first)
-    factor = first**-2.0 + usual**-2.0
-    keep = ~mark(velocity, e, factor).flagged
-    seen: set[bytes] = set()
-    while True:
-        seen.add(keep.tobytes())
-        found = fitted(**_without_weight(keep, how))
-        if not found.converged or len(seen) > _ROUNDS:
-            break
-        residual = np.asarray(found.predict()) - np.log(second)
-        noise = estimate_noise(residual[keep], factor[keep], robust=True)
-        keep = np.abs(residual) <= THRESHOLD * noise.sigma(factor)
-        if keep.tobytes() in seen:
-            break
-    return _note_wrong_pairs(found, int(np.count_nonzero(~keep)), keep.size)
+
+    rounds = 10
+
+    def __init__(self, readings: Readings, options: dict[str, Any]):
+        first, second, velocity, e = readings
+        # Use the expected reading: a short reading would widen its own tolerance.
+        usual = first * np.median(second / first)
+        self._second, self._factor = np.log(second), first**-2.0 + usual**-2.0
+        self._keep = ~mark(velocity, e, self._factor).flagged
+        self._seen, self._options = {self._keep.tobytes()}, options
+
+    def weights(self) -> dict[str, Any]:
+        """Return the arguments of `fit` with zero weight for the pairs left out."""
+        return _without_weight(self._keep, self._options)
+
+    def estimate(self, found: Fit) -> dict[str, Any] | None:
+        """Return the weights without the pairs off this fit."""
+        if not found.converged:
+            return None
+        residual = np.asarray(found.predict()) - self._second
+        keep = self._keep
+        noise = estimate_noise(residual[keep], self._factor[keep], robust=True)
+        self._keep = np.abs(residual) <= THRESHOLD * noise.sigma(self._factor)
+        if self._keep.tobytes() in self._seen:
+            return None
+        self._seen.add(self._keep.tobytes())
+        return self.weights()
+
+    def finish(self, found: Fit) -> Fit:
+        """Return the fit with the number of pairs left out; not converged if they are too many."""
+        return _note_wrong_pairs(found, int(np.count_nonzero(~self._keep)), self._keep.size)
 
 
 def _without_weight(keep: Bool[np.ndarray, " n"], how: dict[str, Any]) -> dict[str, Any]:

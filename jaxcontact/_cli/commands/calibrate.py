@@ -175,7 +175,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     try:
         result = calibrate(
             recording,
-            law=arguments.law,
+            laws=arguments.law,
             drag=drag,
             mass=arguments.mass,
             stiffness=arguments.stiffness,
@@ -189,7 +189,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     except ValueError as error:
         # The parser has checked the numbers. The remaining errors are a law that cannot be fitted
         # to e(v), and missing numbers of a record.
-        option = re.match(r"Argument `(mass|stiffness|exponent)`", str(error))
+        option = re.match(r"Argument `(mass|stiffness|exponent|law)s?`", str(error))
         if option:
             raise InputError(str(error).replace(option[0], f"--{option[1]}", 1)) from error
         raise InputError(f"--law: {error}") from error

@@ -128,7 +128,7 @@ def _law_and_contact(arguments: argparse.Namespace) -> tuple[Any, Contact | None
     if (arguments.calibration is None) == (arguments.law is None):
         raise InputError("give either --law, with its parameters, or --from FILE")
     if arguments.law is None:
-        from ..._lab.calibration.file import load_calibration
+        from ..._lab.calibration.summary import load_calibration
 
         with input_errors():
             known = load_calibration(arguments.calibration)

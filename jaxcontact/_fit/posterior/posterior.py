@@ -139,7 +139,7 @@ class Posterior:
 def posterior(
     fit: FitData,
     *,
-    samples: int = 2000,
+    draws: int = 2000,
     chains: int = 4,
     warmup: int = 500,
     prior: Mapping[str, tuple[float, float]] | Callable[[Any], Any] | None = None,
@@ -153,7 +153,7 @@ def posterior(
     threshold. That is a definite distribution, while the fit's standard errors assume none; σ is
     then relative to the scale that the fit used.
 
-    Arguments: the fit; `samples`, the kept draws of each chain, and `warmup`, the discarded ones
+    Arguments: the fit; `draws`, the kept draws of each chain, and `warmup`, the discarded ones
     before them; `chains`, at least 2; `seed`. `prior`: None is flat in the fit's free coordinates
     θ: in ln c for a `Positive` c, in logit e for an e `Between` bounds, and in the others
     themselves. A dict {"e": (0.7, 0.05)} of means and standard deviations gives these parameters
@@ -166,7 +166,7 @@ def posterior(
     reaches stays unknown.
 
     Computes in double precision regardless of the JAX setting, and does not work under `jit`. The
-    same `predict` over data of the same shapes does not compile again, whatever `samples`, `warmup`
+    same `predict` over data of the same shapes does not compile again, whatever `draws`, `warmup`
     and a prior by name; a new function does. Chains advance together, each draw as slow as that of
     the slowest.
 
@@ -179,7 +179,7 @@ def posterior(
     Source: Hoffman & Gelman (2014), JMLR 15:1593; Huber (1964), doi 10.1214/aoms/1177703732.
     """
     require_kind("fit", fit, FitData, "a `Fit`")
-    samples, chains = require_count("samples", samples, 1), require_count("chains", chains, 2)
+    draws, chains = require_count("draws", draws, 1), require_count("chains", chains, 2)
     warmup, seed = require_count("warmup", warmup, 1), require_count("seed", seed, 0)
     _check(fit)
     with (
@@ -191,9 +191,9 @@ def posterior(
         if prior is None:
             _refuse_open(fit, np.zeros((len(fit.names),) * 2), prior)
         _require_extra()
-        density = Density(fit.problem, known, not fit.absolute)
+        density = Density(fit.problem, known, not fit._absolute)
         mode = _mode_of(fit, density) if prior is None else _mode_with_prior(fit, density, prior)
-        drawn = draw(density, mode, chains, warmup, samples, seed)
+        drawn = draw(density, mode, chains, warmup, draws, seed)
         return _result(fit, density, mode, drawn)
 
 
@@ -206,13 +206,13 @@ def _check(fit: FitData) -> None:
             "Argument `fit` must have independent points for a posterior, but has `groups` of "
             "correlated ones, which would make it too narrow; its standard errors allow for them."
         )
-    if fit.shared is not None:
+    if fit._shared is not None:
         raise ValueError(
             "Argument `fit` must have independent points for a posterior, but its readings share "
             "errors of rounding, for which it would be too narrow; its standard errors allow for "
             "them."
         )
-    if fit.absolute:
+    if fit._absolute:
         return
     if fit.dof < 1:
         raise ValueError(
@@ -236,21 +236,21 @@ def _require_extra() -> None:
 def _start(fit: FitData, density: Density) -> np.ndarray:
     """Return the best parameters, and the most probable noise there."""
     if not density.free:
-        return fit.theta
+        return fit._theta
     threshold = density.problem.threshold
     pull = np.clip(fit.z, *((-np.inf, np.inf) if threshold is None else (-threshold, threshold)))
-    return np.append(fit.theta, np.log(np.mean(pull * fit.z)) / 2)
+    return np.append(fit._theta, np.log(np.mean(pull * fit.z)) / 2)
 
 
 def _mode_of(fit: FitData, density: Density) -> Mode:
     """Return the mode with a flat prior: the end of the fit, and its Jacobian."""
     centre = _start(fit, density)
-    k = len(fit.theta)
+    k = len(fit._theta)
     scale = np.exp(centre[k]) if density.free else 1.0
     used = np.asarray(fit.problem.factor) > 0
     threshold = np.inf if fit.problem.threshold is None else float(fit.problem.threshold)
     information = np.zeros((len(centre),) * 2)
-    inside = fit.jacobian[used][np.abs(fit.z) <= threshold * scale] / scale
+    inside = fit._jacobian[used][np.abs(fit.z) <= threshold * scale] / scale
     information[:k, :k] = inside.T @ inside
     if density.free:
         information[k, k] = 2 * used.sum()
@@ -303,20 +303,7 @@ def _result(fit: FitData, density: Density, mode: Mode, drawn: Draws) -> Posteri
         samples[name] = np.exp(drawn.phi[..., k])
     checked = {name: r_hat_and_effective(x) for name, x in samples.items()}
     ratio, count = ({name: pair[i] for name, pair in checked.items()} for i in (0, 1))
-    lost = _open_bounds(density, mode, drawn)
-    mixed = [n for n in samples if not ratio[n] < LARGEST_R_HAT]
-    few = [n for n in samples if not count[n] >= FEWEST_EFFECTIVE]
-    faults = []
-    if lost:
-        faults.append(f"the data do not exclude the bound of {listed(lost)}: give a `prior`")
-    if mixed:
-        worst = float(np.max([ratio[n] for n in mixed]))
-        faults.append(f"chains differ in {listed(mixed)}, R-hat up to {_ratio(worst)}")
-    if drawn.divergences:
-        faults.append(f"{drawn.divergences} of {drawn.phi[..., 0].size} draws diverged")
-    if few:
-        least = float(np.min([count[n] for n in few]))
-        faults.append(f"{least:.0f} effective samples of {listed(few)}, of {FEWEST_EFFECTIVE}")
+    faults = _faults(ratio, count, drawn, _open_bounds(density, mode, drawn))
     fine = f"R-hat up to {_ratio(max(ratio.values()))}, {min(count.values()):.0f} effective samples"
     return Posterior(
         samples=samples,
@@ -328,6 +315,26 @@ def _result(fit: FitData, density: Density, mode: Mode, drawn: Draws) -> Posteri
         reason="; ".join(faults) or fine,
         fit=fit,
     )
+
+
+def _faults(
+    ratio: dict[str, float], count: dict[str, float], drawn: Draws, lost: list[str]
+) -> list[str]:
+    """Return why the draws are not reliable; `lost` are the parameters with an open bound."""
+    mixed = [name for name in ratio if not ratio[name] < LARGEST_R_HAT]
+    few = [name for name in count if not count[name] >= FEWEST_EFFECTIVE]
+    faults = []
+    if lost:
+        faults.append(f"the data do not exclude the bound of {listed(lost)}: give a `prior`")
+    if mixed:
+        worst = float(np.max([ratio[n] for n in mixed]))
+        faults.append(f"chains differ in {listed(mixed)}, R-hat up to {_ratio(worst)}")
+    if drawn.divergences:
+        faults.append(f"{drawn.divergences} of {drawn.phi[..., 0].size} draws diverged")
+    if few:
+        least = float(np.min([count[n] for n in few]))
+        faults.append(f"{least:.0f} effective samples of {listed(few)}, of {FEWEST_EFFECTIVE}")
+    return faults
 
 
 def _open_bounds(density: Density, mode: Mode, drawn: Draws) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -95,7 +95,8 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
             f"Argument `start` must be a tree of numbers, but is {rendered(start)}."
         ) from error
     chosen = _leaf_transforms(start, transforms)
-    names, units, coordinates, shapes, others, ends, theta = [], [], [], [], [], [], []
+    numbers: list[_Number] = []
+    shapes, others = [], []
     for (path, leaf), given in zip(paths, chosen, strict=True):
         if not _is_end(given):
             raise ValueError(
@@ -107,24 +108,15 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
             shapes.append(None)
             others.append(jnp.asarray(float(leaf)) if type(leaf) is float else leaf)
             continue
-        array = as_numbers(leaf, "start")
+        array, unit = as_numbers(leaf, "start"), _unit_of(start, path)
         shapes.append(array.shape)
-        for index in np.ndindex(array.shape):
-            name = _name_of(path) + (f"[{', '.join(map(str, index))}]" if index else "")
-            value, bounds = float(array[index]), transform.bounds
-            allowed = Range(*bounds, low_open=True, high_open=True)
-            if not allowed.holds(value):
-                raise ValueError(
-                    f"Argument `start` must have {name or 'its number'} in {allowed}, where it can "
-                    f"move, but it is {value!r}."
-                )
-            names.append(name or "parameter")
-            units.append(_unit_of(start, path))
-            coordinates.append(transform.coordinate)
-            ends.append(bounds)
-            theta.append(transform.coordinate.to_free(value, *bounds))
-    if not names:
+        numbers += [
+            _number(path, index, unit, float(array[index]), transform)
+            for index in np.ndindex(array.shape)
+        ]
+    if not numbers:
         raise ValueError(f"Argument `start` must hold a number to fit, but is {rendered(start)}.")
+    names, units, coordinates, ends, theta = zip(*numbers, strict=True)
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ValueError(
@@ -133,9 +125,40 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
         )
     # Assembled in NumPy: each JAX operation outside a compiled function is a program.
     low, high = (jnp.asarray(end) for end in np.asarray(ends, float).T)
-    keys = tuple(coordinates), tuple(shapes), tuple(names), tuple(units)
     held = jnp.asarray(np.full(len(names), np.nan))
+    keys = coordinates, tuple(shapes), names, units
     return Space(low, high, held, others, structure, *keys), np.array(theta)
+
+
+class _Number(NamedTuple):
+    """A number to fit: name, unit, coordinate, bounds, and its free coordinate at the start."""
+
+    name: str
+    unit: str
+    coordinate: Coordinate
+    bounds: tuple[float, float]
+    theta: float
+
+
+def _number(
+    path: tuple[Any, ...],
+    index: tuple[int, ...],
+    unit: str,
+    value: float,
+    transform: AbstractTransform,
+) -> _Number:
+    """Return the number at an index of a leaf; raise ValueError if it is outside its bounds."""
+    name = _name_of(path) + (f"[{', '.join(map(str, index))}]" if index else "")
+    bounds, coordinate = transform.bounds, transform.coordinate
+    allowed = Range(*bounds, low_open=True, high_open=True)
+    if not allowed.holds(value):
+        raise ValueError(
+            f"Argument `start` must have {name or 'its number'} in {allowed}, where it can move, "
+            f"but it is {value!r}."
+        )
+    return _Number(
+        name or "parameter", unit, coordinate, bounds, coordinate.to_free(value, *bounds)
+    )
 
 
 def names_in(tree: Any) -> list[str]:

@@ -65,58 +65,66 @@ def infer(
     1986, doi 10.1093/biomet/73.1.13). Directions in which JᵀJ is singular come from a singular
     value decomposition of the scaled columns. A parameter at its bound is held.
     """
-    space, k = problem.space, len(at_bound)
     finite = np.isfinite(found.jacobian).all()
     jacobian = found.jacobian if finite else np.zeros_like(found.jacobian)
-    length = np.linalg.norm(jacobian, axis=0)
-    flat = ~at_bound & (length == 0)
-    directions = [_direction({int(i): 1.0}, space) for i in np.flatnonzero(flat)]
-    lost = at_bound | flat
-    order = np.flatnonzero(~lost)
-    inverse = np.zeros((k, k))
-    rank = 0
-    if len(order):
-        scaled = jacobian[:, order] / length[order]
-        # With fewer points than parameters, rows of zeros make every open direction appear.
-        spare = np.zeros((max(len(order) - len(scaled), 0), len(order)))
-        _, s, vt = np.linalg.svd(np.concatenate([scaled, spare]), full_matrices=False)
-        good = s > SINGULAR * s.max()
-        rank = int(good.sum())
-        for row in vt[~good]:
-            change = row / length[order]
-            share = np.abs(row) > _PART * np.abs(row).max()
-            change = change / np.abs(change).max() * np.sign(change[np.argmax(share)])
-            parts = {int(order[i]): float(change[i]) for i in np.flatnonzero(share)}
-            directions.append(_direction(parts, space))
-            lost[order[share]] = True
-        basis = vt[good] / s[good, None] / length[order]
-        inverse[np.ix_(order, order)] = basis.T @ basis
+    inverse, rank, directions, lost = _invert(jacobian, at_bound, problem.space)
     used = np.asarray(problem.factor) > 0
     dof = int(used.sum()) - rank
     # Squares are Huber's loss without a threshold: ψ = z, ψ' = 1.
     threshold = np.inf if problem.threshold is None else float(problem.threshold)
     z = found.z[used]
     pull, inside = np.clip(z, -threshold, threshold), np.mean(np.abs(z) <= threshold)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        bread = inverse / inside
     noise = np.nan
     if absolute and problem.threshold is None:
         noise = 1.0
     elif dof > 0 and inside > 0:
         noise = float(np.sum(pull**2) / dof / inside**2)
     number = np.zeros(len(z), int) if groups is None else groups[used]
-    count = len(np.unique(number))
-    by_group = count >= LEAST_GROUPS
+    by_group = len(np.unique(number)) >= LEAST_GROUPS
     if by_group:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bread = inverse / inside
         scatter = sandwich(bread, jacobian[used] * pull[:, None], number)
     else:
         scatter = noise * inverse
-    stretch = space.stretch(found.values)
+    stretch = problem.space.stretch(found.values)
     covariance = scatter * np.outer(stretch, stretch)
     covariance[lost] = np.nan
     covariance[:, lost] = np.nan
-    ran = tuple(name for name, there in zip(space.names, at_bound, strict=True) if there)
-    return Inference(covariance, tuple(directions), ran, dof, noise, by_group)
+    ran = tuple(np.array(problem.space.names, object)[at_bound])
+    return Inference(covariance, directions, ran, dof, noise, by_group)
+
+
+def _invert(
+    jacobian: Float[np.ndarray, "n k"], held: np.ndarray, space: Space
+) -> tuple[Float[np.ndarray, "k k"], int, tuple[Direction, ...], np.ndarray]:
+    """Return (JᵀJ)⁻¹ without singular directions and held parameters, and the rank.
+
+    Also return the singular directions, and which parameters (k,) are held or take part in one.
+    """
+    k = len(held)
+    length = np.linalg.norm(jacobian, axis=0)
+    flat = ~held & (length == 0)
+    directions = [_direction({int(i): 1.0}, space) for i in np.flatnonzero(flat)]
+    lost, inverse = held | flat, np.zeros((k, k))
+    order = np.flatnonzero(~lost)
+    if not len(order):
+        return inverse, 0, tuple(directions), lost
+    scaled = jacobian[:, order] / length[order]
+    # With fewer points than parameters, rows of zeros make every open direction appear.
+    spare = np.zeros((max(len(order) - len(scaled), 0), len(order)))
+    _, s, vt = np.linalg.svd(np.concatenate([scaled, spare]), full_matrices=False)
+    good = s > SINGULAR * s.max()
+    for row in vt[~good]:
+        change = row / length[order]
+        share = np.abs(row) > _PART * np.abs(row).max()
+        change = change / np.abs(change).max() * np.sign(change[np.argmax(share)])
+        parts = {int(order[i]): float(change[i]) for i in np.flatnonzero(share)}
+        directions.append(_direction(parts, space))
+        lost[order[share]] = True
+    basis = vt[good] / s[good, None] / length[order]
+    inverse[np.ix_(order, order)] = basis.T @ basis
+    return inverse, int(good.sum()), tuple(directions), lost
 
 
 def sandwich(

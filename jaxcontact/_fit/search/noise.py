@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,10 +9,10 @@ from jaxtyping import Float, Int
 from ..problem.problem import Problem
 from .laplace import basis_of
 from .minimum import Found
+from .refit import AbstractErrors
 
 COMMON, BY_COLUMN = "common", "by column"
 
-_ROUNDS = 30
 _SAME = 1e-3
 """Relative change of the noise at convergence."""
 
@@ -42,35 +40,39 @@ def refuse_between(
         )
 
 
-def with_noise(
-    problem: Problem,
-    found: Found,
-    columns: Int[np.ndarray, " n"],
-    search: Callable[[Problem, np.ndarray], Found],
-) -> tuple[Problem, Found, bool]:
-    """Iterate the fit and the noise of its columns; return whether they have settled.
+class ColumnErrors(AbstractErrors[Found, Problem]):
+    """The noise of each column, estimated with the fit; `settled` if it no longer changes.
 
     For squares: σ_c² = Σ_c r²/(n_c - Σ_c h), with h the leverage of each point in the fit with
     these σ. There the restricted likelihood is largest (Patterson & Thompson 1971, doi
     10.1093/biomet/58.3.545). For Huber's loss: the median of |residuals|.
     """
-    relative = np.asarray(problem.factor)
-    used = relative > 0
-    count = int(columns.max()) + 1
-    least = np.array([_scatter(problem, used & (columns == c)) for c in range(count)]) * _LEAST
-    scale = np.ones(count)
-    for turn in range(_ROUNDS):
-        seen = scale * _sizes(problem, found, columns, used)
-        new = np.maximum(seen, least)
-        # If no column shows noise, the weights cannot improve.
-        if not (seen > least).any() or (turn and np.all(np.abs(new - scale) <= _SAME * new)):
-            return problem, found, True
-        scale = np.where(new > 0, new, scale)
-        problem = eqx.tree_at(lambda p: p.factor, problem, relative / scale[columns])
-        found = search(problem, found.theta)
+
+    rounds = 30
+
+    def __init__(self, problem: Problem, columns: Int[np.ndarray, " n"]):
+        self.problem, self.columns, self.settled = problem, columns, False
+        self._relative = np.asarray(problem.factor)
+        used, count = self._relative > 0, int(columns.max()) + 1
+        scatter = [_scatter(problem, used & (columns == c)) for c in range(count)]
+        self._least, self._scale = np.array(scatter) * _LEAST, None
+
+    def estimate(self, found: Found) -> Problem | None:
+        """Return the problem with the weights of the new noise."""
         if not np.isfinite(found.loss):
-            break
-    return problem, found, False
+            return None
+        last = np.ones(self._least.size) if self._scale is None else self._scale
+        seen = last * _sizes(self.problem, found, self.columns, self._relative > 0)
+        new = np.maximum(seen, self._least)
+        same = self._scale is not None and np.all(np.abs(new - last) <= _SAME * new)
+        # If no column shows noise, the weights cannot improve.
+        self.settled = bool(same or not (seen > self._least).any())
+        if self.settled:
+            return None
+        self._scale = np.where(new > 0, new, last)
+        factor = self._relative / self._scale[self.columns]
+        self.problem = eqx.tree_at(lambda p: p.factor, self.problem, factor)
+        return self.problem
 
 
 def _sizes(

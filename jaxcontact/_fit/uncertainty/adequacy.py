@@ -114,7 +114,7 @@ def adequacy_of(fit: FitData) -> Adequacy:
     if _is_exact(fit, z):
         reason = "the residuals are below one part in a million"
         return dataclasses.replace(unknown, adequate=True, reason=reason)
-    model, left, trial = basis_of(fit.jacobian[used]), z, _trials(fit, used)
+    model, left, trial = basis_of(fit._jacobian[used]), z, _trials(fit, used)
     many = trial if trial is not None and trial.max() + 1 >= LEAST_GROUPS else None
     told = many is not None or problem.threshold is None
     if trial is not None and many is None and told:
@@ -128,7 +128,7 @@ def adequacy_of(fit: FitData) -> Adequacy:
     statistics = Statistics(columns, model, factor[used])
     ratio, chi2_p = None, None
     if problem.threshold is None:
-        ratio, chi2_p = _scatter(fit, z, statistics, alone=trial is None and fit.shared is None)
+        ratio, chi2_p = _scatter(fit, z, statistics, alone=trial is None and fit._shared is None)
     structure_p = None
     if trial is None and problem.threshold is not None:
         trial = many = np.arange(len(z))
@@ -137,7 +137,7 @@ def adequacy_of(fit: FitData) -> Adequacy:
         noise = _noise(left, columns, fit) if many is None else _signs(z, many, model)
         structure_p = chance(statistics, left, model, noise)
     # Scale-free statistics are independent of χ² (Basu); those of repeated points are not.
-    independent = [structure_p, chi2_p if fit.absolute or structure_p is None else None]
+    independent = [structure_p, chi2_p if fit._absolute or structure_p is None else None]
     p = _combine([one for one in independent if one is not None])
     if p is None:
         reason = _lacking(fit.dof, in_trials=trial is not None)
@@ -152,7 +152,7 @@ def _scatter(
 
     Only points that are `alone`, without correlation, have a known distribution.
     """
-    if fit.absolute:
+    if fit._absolute:
         ratio = float(z @ z) / fit.dof
         return ratio, _above_chi2(fit.dof, ratio * fit.dof) if alone else None
     if not (statistics.repeated and alone):
@@ -243,13 +243,13 @@ def _noise(
     noise of a column to others, where it is smooth.
     """
     random, size = np.random.default_rng(0), np.ones_like(z)
-    if fit.shared is not None:
-        size, root = np.sqrt(fit.shared.own), fit.shared.root
+    if fit._shared is not None:
+        size, root = np.sqrt(fit._shared.own), fit._shared.root
         return lambda draws: (
             size * random.normal(size=(draws, len(z)))
             + random.normal(size=(draws, root.shape[1])) @ root.T
         )
-    if not fit.absolute and len(columns) > 1:
+    if not fit._absolute and len(columns) > 1:
         for column in columns:
             steps = np.diff(z[column.order])
             size[column.order] = np.sqrt(np.mean(steps**2) / 2) if steps.size else 1

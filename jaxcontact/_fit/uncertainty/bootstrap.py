@@ -69,17 +69,17 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
         )
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         noise = jax.random.normal(jax.random.key(seed), (draws, fit.data.size))
-        if fit.shared is None:
+        if fit._shared is None:
             noise = noise * np.sqrt(fit.noise)
         else:
-            size, root = fit.shared
+            size, root = fit._shared
             # A new key: the same one would draw the same numbers again.
             key = jax.random.fold_in(jax.random.key(seed), 1)
             shared = jax.random.normal(key, (draws, root.shape[1])) @ root.T
             used = np.flatnonzero(fit.problem.factor)
             noise = noise.at[:, used].set(noise[:, used] * np.sqrt(size)[None, :] + shared)
-        options = Options(jnp.asarray(fit.rtol), max_steps=_STEPS)
-        found = _refits(fit.problem, jnp.asarray(fit.theta), noise, options)
+        options = Options(jnp.asarray(fit._rtol), max_steps=_STEPS)
+        found = _refits(fit.problem, jnp.asarray(fit._theta), noise, options)
         good = jnp.all(found.still, axis=1) & jnp.isfinite(found.loss)
     return Bootstrap(fit.names, np.asarray(found.values), np.asarray(good))
 

@@ -54,7 +54,7 @@ def interval(fit: FitData, level: float = 0.95) -> dict[str, tuple[float, float]
     known = np.isfinite(error) & np.isfinite(quantile)
     ends = bounds.copy()
     if fit.by_group:
-        theta = fit.theta + np.array([[-1.0], [1.0]]) * np.where(known, quantile * error, 0)
+        theta = fit._theta + np.array([[-1.0], [1.0]]) * np.where(known, quantile * error, 0)
         ends = np.where(known, _values(fit, theta), bounds)
     else:
         at_bound = np.array([name in fit.at_bound for name in fit.names])
@@ -133,7 +133,7 @@ def _quantile(fit: FitData, level: float) -> float:
     if fit.by_group and fit.groups is not None:
         used = np.asarray(fit.problem.factor) > 0
         return quantile_of(False, len(np.unique(fit.groups[used])) - 1, level)
-    return quantile_of(fit.absolute, fit.dof, level)
+    return quantile_of(fit._absolute, fit.dof, level)
 
 
 def _values(fit: FitData, theta: np.ndarray) -> np.ndarray:
@@ -145,7 +145,7 @@ def _values(fit: FitData, theta: np.ndarray) -> np.ndarray:
 def _outwards(fit: FitData, i: int, sign: int) -> bool:
     """Return whether this side of a parameter at its bound lies outside the bound."""
     space = fit.problem.space
-    above = space.bounded_above[i] and fit.theta[i] > 0
+    above = space.bounded_above[i] and fit._theta[i] > 0
     return (sign > 0) == above
 
 
@@ -170,7 +170,7 @@ def _rays(fit: FitData, lanes: np.ndarray, error: np.ndarray, quantile: float) -
     at, side = lanes[:, 0], lanes[:, 1].astype(float)
     known = np.isfinite(error[at])
     # From its bound, which is far out, a parameter first returns to the middle.
-    stride = np.where(known, quantile * np.where(known, error[at], 1), np.abs(fit.theta[at]))
+    stride = np.where(known, quantile * np.where(known, error[at], 1), np.abs(fit._theta[at]))
     limit = np.where(space.has_unit[at], np.maximum(_FAR, 2 * stride), _FREE_FAR * stride)
     limit = np.where(known, limit, 2 * stride)
     stretch = space.stretch(fit.values)
@@ -190,7 +190,7 @@ def _ends(fit: FitData, lanes: np.ndarray, error: np.ndarray, quantile: float) -
     outside, outer = np.full(ray.at.size, np.inf), np.full(ray.at.size, np.nan)
     probe, end, done = ray.stride, outer, np.zeros(ray.at.size, bool)
     for _ in range(_ROUNDS):
-        theta = fit.theta + ray.drift * (ray.side * probe)[:, None]
+        theta = fit._theta + ray.drift * (ray.side * probe)[:, None]
         held = np.full_like(theta, np.nan)
         held[rows] = _values(fit, theta)[rows]
         deviation, _ = held_at(fit, held, theta)

@@ -123,9 +123,9 @@ def profile(
             )
     rows = np.full((at.size, fit.values.size), np.nan)
     rows[:, place] = at
-    deviation, loss = held_at(fit, rows, np.tile(fit.theta, (at.size, 1)))
+    deviation, loss = held_at(fit, rows, np.tile(fit._theta, (at.size, 1)))
     deviation *= np.sign(at - best)
-    return Profile(name, best, at, loss, deviation, fit.dof, fit.absolute)
+    return Profile(name, best, at, loss, deviation, fit.dof, fit._absolute)
 
 
 def held_at(
@@ -149,16 +149,16 @@ def held_at(
     unit, threshold = fit.noise, fit.problem.threshold
     if threshold is not None:
         unit *= float(np.mean(np.abs(fit.z) <= float(threshold)))
-    if fit.wider is not None:
+    if fit._wider is not None:
         # A lane holds the one parameter that it profiles.
-        unit = unit * fit.wider[np.argmax(~np.isnan(held), axis=1)]
+        unit = unit * fit._wider[np.argmax(~np.isnan(held), axis=1)]
     with np.errstate(invalid="ignore"):
         return np.sqrt(2 * np.maximum(loss - fit.loss, 0) / unit), loss
 
 
 def _refit(fit: FitData, held: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, ...]:
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        options = Options(jnp.asarray(fit.rtol), max_steps=_STEPS)
+        options = Options(jnp.asarray(fit._rtol), max_steps=_STEPS)
         found = _held(fit.problem, jnp.asarray(held), jnp.asarray(starts), options)
     return tuple(map(np.asarray, found))
 

@@ -17,9 +17,9 @@ class FormatError(ValueError):
     """A file whose content does not match the format; the message names the field."""
 
 
-def dumps(value: Any, version: int) -> str:
-    """Return a dataclass as JSON text; raise ValueError for a non-finite number."""
-    whole = {"format_version": version, **_encode(value, type(value), "")}
+def dumps(value: Any, cls: type[Any], version: int) -> str:
+    """Return the fields of a dataclass as JSON text; raise ValueError for a non-finite number."""
+    whole = {"format_version": version, **_encode(value, cls, "")}
     return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 

@@ -4,41 +4,36 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.metadata
-import os
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike
 
-from ..._calibration.choice.choose_law import choose, weights_of
+from ..._calibration.choice.choose_law import choose
 from ..._calibration.choice.kind import AbstractKind
 from ..._calibration.choice.kinds import kinds_of
-from ..._calibration.choice.law_choice import LawChoice
-from ..._calibration.choice.outcomes import NONE, Columns
+from ..._calibration.choice.law_choice import LawChoice, kind_asked
+from ..._calibration.choice.table import ChoiceTable, errors_of
 from ..._calibration.pairs.columns import column
-from ..._calibration.pairs.noise import Noise
 from ..._calibration.pairs.outliers import THRESHOLD, Outliers, find_outliers
 from ..._calibration.pairs.pairs import LEAST_PAIRS
 from ..._contact import Contact
-from ..._flight import STANDARD_GRAVITY, Drag, Flight, Floats
-from ..._laws import AbstractLaw, parameters_of
+from ..._flight import STANDARD_GRAVITY, Drag, Flight
+from ..._laws import parameters_of
 from ..._parameter import POSITIVE, as_numbers, require_kind, require_number
 from ..._text.progress import stages_of
 from ..recordings import RecordedPairs, Recording, make_pairs
 from ..records.all_impacts import (
-    Fitted,
+    errors_of_impacts,
     exponent_of,
     fitted_impacts,
     require_mass,
     summaries,
-    weighed,
 )
 from ..records.one_impact import ImpactFit
 from .at_speed import at_speeds
-from .few_pairs import known_errors, none_marked, only_constant
-from .file import save, to_json
+from .few_pairs import none_marked, only_constant, with_known_errors
 from .summary import CalibrationSummary
 from .summary_data import PairSummary, RecordingSummary, SpeedBand
 
@@ -46,87 +41,28 @@ _SPEED_BANDS = 5
 _PACKAGES = ("jaxcontact", "jax", "optimistix", "numpy")
 
 
-@dataclasses.dataclass(frozen=True)
-class Calibration:
+@dataclasses.dataclass(frozen=True, repr=False, kw_only=True)
+class Calibration(CalibrationSummary):
     """Result of `calibrate`; prints its verdict, and `report()` gives the full text.
 
-    `pairs` are the pairs (speed, e) of the recording. `outliers` marks pairs by the robust rule,
-    and `noise` is the scatter of the others. `choice` holds the laws fitted without the marked
-    pairs, `with_marked` those fitted with them. `summary` is all of it as plain data, which `save`
-    writes. `impacts` are the fits of the impacts in an instrument record.
+    It has the plain data of a `CalibrationSummary`, which `save` writes. In addition:
+    `recorded_pairs`, the pairs (speed, e) of the recording as arrays; `outliers`, which marks pairs
+    by the robust rule; and `impact_fits`, those of the impacts in an instrument record. `choice`
+    holds the laws fitted without the marked pairs, `with_marked` those fitted with them, and both
+    hold their fits.
     """
 
-    pairs: RecordedPairs
-    outliers: Outliers
-    noise: Noise
     choice: LawChoice
     with_marked: LawChoice
-    summary: CalibrationSummary
-    impacts: tuple[ImpactFit, ...] = ()
-
-    @property
-    def law(self) -> AbstractLaw | None:
-        """The law asked for, or the best one, with its fitted parameters; None if no fit converged.
-
-        `impact(law, contact, v)` gives the fitted e.
-        """
-        return self.summary.law
-
-    @property
-    def contact(self) -> Contact:
-        """The contact of `law`; mass or stiffness is 1 if it was not given or fitted."""
-        return self.summary.contact
-
-    @property
-    def standard_errors(self) -> dict[str, float | None]:
-        """Standard errors of the law's parameters; None for those that are not identifiable."""
-        return self.summary.standard_errors
-
-    @property
-    def converged(self) -> bool:
-        """True if every fit converged."""
-        return self.summary.converged
-
-    def table(self) -> str:
-        """Return the kinds of laws with their parameters and criteria as text; lower is better."""
-        return self.choice.table()
-
-    def report(self) -> str:
-        """Return the full report, verdict first.
-
-        It has what `print` shows, then data, marked pairs, fits, their comparison, and open
-        questions.
-        """
-        return self.summary.report()
-
-    def __export__(
-        self, contact: Contact | None
-    ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
-        """Return law, contact and closing speeds in m/s over the measured range, for `export`.
-
-        Raises ValueError if no fit converged, or if mass or stiffness is unknown.
-        """
-        return self.summary.__export__(contact)
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write `summary` to a JSON file, completely or not at all; `load_calibration` reads it.
-
-        Raises OSError if writing fails.
-        """
-        save(self.summary, path)
-
-    def to_json(self) -> str:
-        """Return the text that `save` writes."""
-        return to_json(self.summary)
-
-    def __repr__(self) -> str:
-        return repr(self.summary)
+    recorded_pairs: RecordedPairs
+    outliers: Outliers
+    impact_fits: tuple[ImpactFit, ...] = ()
 
 
 def calibrate(
     recording: Recording,
     *,
-    law: str = "all",
+    laws: str = "all",
     drag: Drag | None = None,
     mass: float | None = None,
     stiffness: float | None = None,
@@ -143,7 +79,7 @@ def calibrate(
     of that interval or height. Both are estimated from the pairs, and their common scale is fitted.
     Standard errors and comparisons allow for correlation within a trial.
 
-    Arguments: `recording`, see `read_recording`. `law`: "all"; or the name of a speed-dependent
+    Arguments: `recording`, see `read_recording`. `laws`: "all"; or the name of a speed-dependent
     law, which is compared with a constant e; or the name of a law with parameter e, which then
     delivers the constant e. `drag` corrects the flights for air drag. `mass` in kg and `stiffness`
     in N/m^(3/2) of the contact determine c and A. `exponent` n is that of the force in a record, by
@@ -166,7 +102,7 @@ def calibrate(
     require_kind("recording", recording, Recording, "a `Recording` (see `read_recording`)")
     n = exponent_of(recording, exponent)
     asked_at = column(np.atleast_1d(as_numbers(at, "at")), "at", POSITIVE, least=0).tolist()
-    kinds = kinds_of(law, n)
+    kinds = kinds_of(laws, n)
     numbers = {"mass": mass, "stiffness": stiffness}
     given = tuple(name for name, value in numbers.items() if value is not None)
     for name in given:
@@ -174,8 +110,7 @@ def calibrate(
     flight = Flight(gravity, drag)
     tell = stages_of(progress)
     with jax.enable_x64(True):
-        given_numbers = [1.0 if value is None else value for value in numbers.values()]
-        contact = Contact(*given_numbers, exponent=n)
+        contact = Contact(*(1.0 if x is None else x for x in numbers.values()), exponent=n)
         impacts = None
         if recording.layout.fitted:
             require_mass(recording, numbers["mass"], numbers["stiffness"])
@@ -184,42 +119,34 @@ def calibrate(
         else:
             pairs = make_pairs(recording, flight)
             pairs.needs_enough(least=1)
-        if len(pairs) < LEAST_PAIRS:
-            outliers = none_marked(pairs)
-        else:
-            tell(f"searching {len(pairs)} pairs for spurious and missed triggers")
-            outliers = find_outliers(pairs)
+        outliers = _outliers_in(pairs, tell)
         keep = ~outliers.flagged
-        kept_pairs = pairs.where(keep)
-        errors = _errors_of(pairs, outliers, keep, impacts)
-
-        def choose_from(use: np.ndarray) -> LawChoice:
-            return _choose_from(
-                pairs, use, errors, kinds, contact, frozenset(given), impacts is not None, tell
-            )
-
-        choice = choose_from(keep)
-        with_marked = choice if keep.all() else choose_from(np.ones_like(keep))
-    asked = {kind.law: kind.name for kind in kinds}
-    kind = choice.best if law == "all" else asked[law]
-    if kind not in choice.fits:
-        kind = choice.best
-    fitted_law = _law_of(choice, kind)
-    if impacts is not None and fitted_law is not None:
-        contact = choice.contact_of(kind)
-    at_ends = ()
-    if fitted_law is not None and kind is not None:
+        if impacts is None:
+            errors, options = errors_of(pairs, outliers, keep), {}
+        else:  # impacts of one record are independent: their errors are those of their readings
+            errors, options = errors_of_impacts(impacts, keep), {"groups": None}
+        word = pairs.layout.cluster_words[0]
+        table = ChoiceTable(pairs, keep, errors, contact, frozenset(given), options, word)
+        choice = with_marked = _choose_from(table, kinds, tell)
+        if not keep.all():
+            every = dataclasses.replace(table, use=np.ones_like(keep))
+            with_marked = _choose_from(every, kinds, tell)
+    kept_pairs = pairs.where(keep)
+    kind = kind_asked(choice, laws)
+    law, standard_errors, at_ends = None, {}, ()
+    if kind is not None and choice.fits[kind].converged:
+        law, contact = choice.law(kind), choice.contact_of(kind)
+        standard_errors = _errors(choice, kind)
         others_open = [choice.fits[name] for name in choice.rivals]
         at_ends = at_speeds(choice.fits[kind], others_open, kept_pairs.velocity, asked_at)
-    scatter = None
-    if keep.sum() >= LEAST_PAIRS:
-        scatter = float(np.median(errors.weights[keep] ** -0.5))
-    summary = CalibrationSummary(
-        law=fitted_law,
+    scatter = float(np.median(errors.sigma[keep])) if keep.sum() >= LEAST_PAIRS else None
+    fits = () if impacts is None else impacts.fits
+    return Calibration(
+        law=law,
         contact=contact,
         given=given,
-        standard_errors=_errors(choice, kind, fitted_law),
-        requested=law,
+        standard_errors=standard_errors,
+        requested=laws,
         recording=_recording(recording, pairs, () if impacts is None else impacts.notes),
         gravity=flight.gravity,
         drag=drag,
@@ -227,92 +154,44 @@ def calibrate(
         threshold=THRESHOLD,
         trend=outliers.trend.kind,
         pairs=_pairs(pairs, outliers),
-        choice=choice.data,
-        with_marked=with_marked.data,
+        choice=choice,
+        with_marked=with_marked,
         by_speed=_by_speed(kept_pairs, choice),
-        impacts=() if impacts is None else summaries(impacts),
+        impacts=summaries(fits),
         at=at_ends,
         scatter=scatter,
         versions={name: _version(name) for name in _PACKAGES},
+        recorded_pairs=pairs,
+        outliers=outliers,
+        impact_fits=fits,
     )
-    fits = () if impacts is None else impacts.fits
-    return Calibration(pairs, outliers, errors.noise, choice, with_marked, summary, fits)
 
 
-class _PairErrors(NamedTuple):
-    """Noise, weights (n,) and correlation of the pairs, with columns measured beside them.
-
-    `options` are further arguments of the fits.
-    """
-
-    noise: Noise
-    weights: Floats
-    correlation: Floats | None
-    others: Columns
-    options: dict[str, Any]
-
-
-def _errors_of(
-    pairs: RecordedPairs, outliers: Outliers, keep: np.ndarray, impacts: Fitted | None
-) -> _PairErrors:
-    """Return the errors of all pairs, estimated from those to `keep`."""
-    if impacts is not None:
-        # Impacts of one record are independent: their errors are those of their readings.
-        return _PairErrors(*weighed(impacts, keep), {"groups": None})
-    noise, weights, correlation = weights_of(pairs, outliers, keep)
-    options = {"sigma": weights**-0.5} if pairs.absolute else {}
-    return _PairErrors(noise, weights, correlation, NONE, options)
+def _outliers_in(pairs: RecordedPairs, tell: Callable[[str], None]) -> Outliers:
+    if len(pairs) < LEAST_PAIRS:
+        return none_marked(pairs)
+    tell(f"searching {len(pairs)} pairs for spurious and missed triggers")
+    return find_outliers(pairs)
 
 
 def _choose_from(
-    pairs: RecordedPairs,
-    use: np.ndarray,
-    errors: _PairErrors,
-    kinds: tuple[AbstractKind, ...],
-    contact: Contact,
-    given: frozenset[str],
-    from_forces: bool,
-    tell: Callable[[str], None],
+    table: ChoiceTable, kinds: tuple[AbstractKind, ...], tell: Callable[[str], None]
 ) -> LawChoice:
-    """Return the choice among `kinds` for the pairs in `use`; of too few pairs, a constant e."""
-    _, weights, correlation, others, options = errors
-    few = use.sum() < LEAST_PAIRS
-    if few and (not from_forces or use.sum() == 1):
-        own = (weights, correlation) if from_forces else known_errors(pairs, use)
-        size, shared = (weights, None) if own is None else own
-        of = pairs, use, size, shared, others, kinds[0], contact
-        return only_constant(*of, known=own is not None)
-    known = {"sigma": weights**-0.5} if few else {}
-    return choose(
-        pairs,
-        use,
-        weights,
-        kinds,
-        contact,
-        others=others,
-        correlation=correlation,
-        known=given,
-        group=pairs.layout.cluster_words[0],
-        progress=tell,
-        **(known | options),
-    )
+    """Return the choice among `kinds` for a table; of too few pairs, a constant e."""
+    forces, count = bool(table.errors.others), int(table.use.sum())
+    if count < LEAST_PAIRS:
+        # Few impacts have the errors of their readings.
+        table = dataclasses.replace(table, errors=table.errors._replace(absolute=True))
+    if count < LEAST_PAIRS and (not forces or count == 1):
+        return only_constant(table if forces else with_known_errors(table), kinds[0])
+    return choose(table, kinds, tell)
 
 
-def _law_of(choice: LawChoice, kind: str | None) -> AbstractLaw | None:
-    if kind is None or not choice.fits[kind].converged:
-        return None
-    return choice.law(kind)
-
-
-def _errors(
-    choice: LawChoice, kind: str | None, law: AbstractLaw | None
-) -> dict[str, float | None]:
-    if kind is None or law is None:
-        return {}
-    errors = choice.fits[kind].standard_errors
-    identifiable = choice.law_fit(kind).identifiable
-    name = choice.law_fit(kind).law
-    return {p: errors[p] if identifiable else None for p in parameters_of(name) if p in errors}
+def _errors(choice: LawChoice, kind: str) -> dict[str, float | None]:
+    """Return the standard errors of the parameters of a law, None if not identifiable."""
+    errors, fitted = choice.fits[kind].standard_errors, choice.law_fit(kind)
+    names = [name for name in parameters_of(fitted.law) if name in errors]
+    return {name: errors[name] if fitted.identifiable else None for name in names}
 
 
 def _recording(

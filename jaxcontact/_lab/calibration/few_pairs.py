@@ -7,18 +7,15 @@ import math
 
 import numpy as np
 
-from ..._calibration.choice.choose_law import fit_kind, law_fit, padded_data, reference_of
 from ..._calibration.choice.equivalent_e import asked_of, delivered_by_laws
 from ..._calibration.choice.kind import AbstractKind
 from ..._calibration.choice.law_choice import LawChoice
-from ..._calibration.choice.outcomes import Columns
+from ..._calibration.choice.table import ChoiceTable
 from ..._calibration.choice.trend import Curve, Line, line_of
 from ..._calibration.pairs.noise import RELATIVE_FLOOR, Noise
 from ..._calibration.pairs.outliers import Outliers, Trend
 from ..._calibration.pairs.pairs import LEAST_PAIRS, Pairs
-from ..._contact import Contact
 from ..._fit import Candidate
-from ..._flight import Floats
 from ..._text.words import counted
 
 _UNKNOWN = "the error of a single pair is unknown"
@@ -32,59 +29,43 @@ def none_marked(pairs: Pairs) -> Outliers:
     return Outliers(nothing > 0, nothing, {}, Trend("constant", level, 0.0), noise)
 
 
-def known_errors(pairs: Pairs, use: np.ndarray) -> tuple[Floats, Floats] | None:
-    """Return inverse variances (n,) of ln e and correlation (n, n) from known errors of readings.
+def with_known_errors(table: ChoiceTable) -> ChoiceTable:
+    """Return a table of few pairs with the known errors of their readings, for a mean e.
 
-    Returns None if the errors are unknown, or if the pairs in `use` differ by more than their
-    errors.
+    The errors stay relative, of independent pairs, if readings have no known errors or the pairs in
+    use differ by more than theirs.
     """
-    whole = pairs.covariance
-    if whole is None:
-        return None
-    size = np.sqrt(np.diag(whole))
-    own, y = whole[np.ix_(use, use)], np.log(pairs.restitution[use])
-    inverse = np.linalg.pinv(own)
-    left = y - (inverse @ y).sum() / inverse.sum()
-    if left @ inverse @ left > len(y) - 1 + 1e-9:
-        return None
-    return size**-2, whole / np.outer(size, size)
+    pairs, use, whole = table.pairs, table.use, table.pairs.covariance
+    errors = table.errors._replace(correlation=None, absolute=False)
+    if whole is not None:
+        size = np.sqrt(np.diag(whole))
+        own, y = whole[np.ix_(use, use)], np.log(pairs.restitution[use])
+        inverse = np.linalg.pinv(own)
+        left = y - (inverse @ y).sum() / inverse.sum()
+        if left @ inverse @ left <= len(y) - 1 + 1e-9:
+            correlation = whole / np.outer(size, size)
+            errors = errors._replace(sigma=size, correlation=correlation, absolute=True)
+    known = frozenset[str]()
+    return dataclasses.replace(table, errors=errors, known=known, options={"groups": None})
 
 
-def only_constant(
-    pairs: Pairs,
-    use: np.ndarray,
-    weights: Floats,
-    correlation: Floats | None,
-    others: Columns,
-    kind: AbstractKind,
-    contact: Contact,
-    *,
-    known: bool,
-) -> LawChoice:
-    """Fit a constant e, the mean of the few pairs in `use`; with `others`, the stiffness too.
-
-    Arguments as for `choose`. `weights` are inverse variances of ln e; they are relative unless
-    `known`.
-    """
-    v = pairs.velocity[use]
-    how = {"groups": None} | ({"sigma": weights**-0.5} if known else {})
-    data = padded_data(pairs, use, weights, others, correlation, how)
-    found = fit_kind(kind, pairs, use, contact, others, data)
-    given = frozenset({"mass", "stiffness"} if others else ())
-    law = law_fit(kind, found, pairs, use, contact, given)
+def only_constant(table: ChoiceTable, kind: AbstractKind) -> LawChoice:
+    """Fit a constant e, the mean of the few pairs of a table; with forces, the stiffness too."""
+    pairs, v, known = table.pairs, table.velocity, table.errors.absolute
+    found = table.fit(kind)
+    law = table.law_fit(kind, found)
     if not known and len(v) == 1:
         lacking = [dataclasses.replace(one, lacking=_UNKNOWN) for one in law.estimates]
         law = dataclasses.replace(law, estimates=tuple(lacking))
     k = len(found.names)
-    bic = 2 * found.loss + k * math.log((1 + len(others.values)) * len(v))
+    bic = 2 * found.loss + k * math.log((1 + len(table.errors.others.values)) * len(v))
     constant = law.estimates[0]
     told = found.adequacy
-    count = int(use.sum())
     level = float(np.log(constant.value))
     words = pairs.words
-    line = Line(level, 0.0, None) if count == 1 else line_of(found, np.asarray(data["x"]))
+    line = Line(level, 0.0, None) if len(v) == 1 else line_of(found, np.asarray(table.data["x"]))
     return LawChoice(
-        count=count,
+        count=len(v),
         candidates=(
             Candidate(
                 *(kind.name, k, found.loss, 2 * found.loss + 2 * k, bic, None, None),
@@ -93,7 +74,7 @@ def only_constant(
         ),
         best=kind.name if found.converged else None,
         sure=False,
-        verdict=f"Use {kind.name}: {law.said}. {counted(count, words)} cannot distinguish laws.",
+        verdict=f"Use {kind.name}: {law.said}. {counted(len(v), words)} cannot distinguish laws.",
         laws=(law,),
         line=line,
         free=Curve((level,), float(v.min()), float(v.max()), None),
@@ -101,8 +82,8 @@ def only_constant(
         next_measurement=f"a choice among laws needs at least {LEAST_PAIRS} {words[1]}, over the "
         f"range of speeds in your simulation; {pairs.rule}",
         fits={kind.name: found},
-        kinds=(kind,),
-        contact=contact,
-        reference=reference_of(v),
-        marked=~use,
+        _kinds=(kind,),
+        contact=table.contact,
+        reference=table.reference,
+        marked=~table.use,
     )

@@ -135,14 +135,13 @@ def impact_rows(s: SummaryData) -> tuple[Row, list[Row]]:
 
 
 def _impacts(s: SummaryData) -> list[str]:
-    header, rows = impact_rows(s)
-    if not rows:
-        return []
-    return [
-        "Impacts    one by one, ± standard error; K of F = K δ^n (1 + α δ'/v0), n = "
-        f"{float(s.contact.exponent):g}",
-        *text_table(rows, header=header, align=">>>>>>>>", indent=2),
-    ]
+    title = "Impacts    one by one, ± standard error; K of F = K δ^n (1 + α δ'/v0), n = "
+    return _titled([f"{title}{float(s.contact.exponent):g}"], *impact_rows(s), ">>>>>>>>")
+
+
+def _titled(title: list[str], header: Row, rows: list[Row], align: str = "") -> list[str]:
+    """Return a table below its title; nothing without rows."""
+    return [*title, *text_table(rows, header=header, align=align, indent=2)] if rows else []
 
 
 def marking_rule(s: SummaryData) -> str:
@@ -180,14 +179,10 @@ def _marked(s: SummaryData) -> list[str]:
     header, rows = marked_rows(s)
     if not rows:
         return wrapped("Marked", none_marked_sentence(s))
-    return [
-        *wrapped(
-            "Marked",
-            f"{len(rows)} of {len(s.pairs)} pairs {'is' if len(rows) == 1 else 'are'} "
-            f"{marking_rule(s)}: left out of the fits (results with them: below)",
-        ),
-        *text_table(rows, header=header, align="<>>><", indent=2),
-    ]
+    verb = "is" if len(rows) == 1 else "are"
+    text = f"{len(rows)} of {len(s.pairs)} pairs {verb} {marking_rule(s)}: left out of the fits"
+    title = wrapped("Marked", f"{text} (results with them: below)")
+    return _titled(title, header, rows, "<>>><")
 
 
 def errors_sentence(s: SummaryData, layout: Layout) -> str:
@@ -244,12 +239,8 @@ def speed_rows(s: SummaryData) -> tuple[Row, list[Row]]:
 
 def _by_speed(s: SummaryData) -> list[str]:
     header, rows = speed_rows(s)
-    if not rows:
-        return []
-    return [
-        "By speed   medians of the kept pairs, and the fits there",
-        *text_table(rows, header=header, align=">" * len(header), indent=2),
-    ]
+    title = ["By speed   medians of the kept pairs, and the fits there"]
+    return _titled(title, header, rows, ">" * len(header))
 
 
 def _choice(s: SummaryData) -> list[str]:
@@ -314,13 +305,9 @@ def side_by_side_rows(s: SummaryData) -> tuple[Row, list[Row]]:
 def _side_by_side(s: SummaryData) -> list[str]:
     if not any(pair.marked for pair in s.pairs):
         return []
-    header, rows = side_by_side_rows(s)
     bad = [law.kind for law in s.with_marked.laws if not law.converged]
-    return [
-        "With and without the marked pairs",
-        *text_table(rows, header=header, indent=2),
-        *([f"  NOT converged with the marked pairs: {', '.join(bad)}"] if bad else []),
-    ]
+    last = [f"  NOT converged with the marked pairs: {', '.join(bad)}"] if bad else []
+    return _titled(["With and without the marked pairs"], *side_by_side_rows(s)) + last
 
 
 def open_questions(s: SummaryData) -> list[str]:

@@ -1,18 +1,26 @@
-"""The summary of a calibration: plain data with report and export."""
+"""The summary of a calibration: plain data with report, export and file."""
 
 from __future__ import annotations
 
 import dataclasses
+import os
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
 from ..._calibration.choice.kinds import kind_of_law, law_in
 from ..._contact import Contact
 from ..._laws import AbstractLaw
+from ..._parameter import require_path
+from ..._text.files import read_whole, write_all
+from .as_json import FormatError, dumps, loads
 from .full_report import report
 from .short_report import short
 from .summary_data import SummaryData
+
+VERSION = 5
+"""Version of the file format; raised when a field is added, removed or changes its meaning."""
 
 _SPEEDS = 17
 """Number of closing speeds of an export, over the measured range."""
@@ -22,9 +30,28 @@ _SPEEDS = 17
 class CalibrationSummary(SummaryData):
     __doc__ = SummaryData.__doc__
 
+    def table(self) -> str:
+        """Return the kinds of laws with their parameters and criteria as text; lower is better."""
+        return self.choice.table()
+
     def report(self) -> str:
-        """Return the full report, verdict first."""
+        """Return the full report, verdict first.
+
+        It has what `print` shows, then data, marked pairs, fits, their comparison, and open
+        questions.
+        """
         return report(self)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the plain data as JSON, completely or not at all; `load_calibration` reads it.
+
+        Raises OSError if writing fails, and ValueError for a number that is not finite.
+        """
+        write_all({require_path("path", path): self.to_json().encode()})
+
+    def to_json(self) -> str:
+        """Return the text that `save` writes."""
+        return dumps(self, CalibrationSummary, VERSION)
 
     def __export__(
         self, contact: Contact | None
@@ -52,3 +79,19 @@ class CalibrationSummary(SummaryData):
 
     def __repr__(self) -> str:
         return short(self)
+
+
+def load_calibration(path: str | os.PathLike[str]) -> CalibrationSummary:
+    """Load the calibration that `Calibration.save` wrote, every number to its last bit.
+
+    Returns a `CalibrationSummary` as plain data: `.law`, `.contact`, `.standard_errors`, `.choice`
+    and all other results. Raises ValueError, which names file and field, for an unknown format
+    version, an unknown or missing field, an unknown law, and a number that is missing or not
+    finite. Raises ValueError for an invalid path, and OSError for a file that cannot be read.
+    """
+    file = require_path("path", path)
+    try:
+        with jax.enable_x64(True):
+            return loads(read_whole(file).decode("utf-8"), CalibrationSummary, VERSION)
+    except (FormatError, UnicodeDecodeError) as error:
+        raise ValueError(f"{file}: {error}") from error

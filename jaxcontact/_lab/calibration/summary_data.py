@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from ..._calibration.choice.law_choice import ChoiceData, LawFit
+from ..._calibration.choice.law_choice import ChoiceData, LawFit, kind_asked
 from ..._calibration.pairs.noise import Noise
 from ..._calibration.pairs.pairs import LEAST_PAIRS
 from ..._contact import Contact
@@ -89,7 +89,7 @@ class SummaryData:
     `law` has the fitted parameters (None if no fit converged). With `contact`, `impact(law,
     contact, v)` gives the fitted e. `given` names the contact numbers that were given ("mass",
     "stiffness"); the others are 1. `standard_errors` are those of the law's parameters, None if not
-    identifiable. `requested` is the argument `law`, `gravity` is in m/s², and `drag` is None if it
+    identifiable. `requested` is the argument `laws`, `gravity` is in m/s², and `drag` is None if it
     was not removed. `noise` is the scatter of ln e. `threshold` and `trend` are those of the
     outlier rule. `pairs` holds all pairs. `choice` compares the laws without the marked pairs,
     `with_marked` with them. `by_speed` holds medians, `versions` the packages, and `impacts` the
@@ -126,8 +126,7 @@ class SummaryData:
     @property
     def chosen(self) -> LawFit | None:
         """The fit of the law asked for, or of the best one; None if it did not converge."""
-        by_law = {one.law: one.kind for one in self.choice.laws}
-        kind = by_law.get(self.requested, self.choice.best)
+        kind = kind_asked(self.choice, self.requested)
         return None if kind is None or self.law is None else self.choice.law_fit(kind)
 
     @property

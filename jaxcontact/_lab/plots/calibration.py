@@ -29,7 +29,7 @@ def calibration(result: Calibration, *, ax: Axes | None = None) -> Axes:
     """
     require_kind("result", result, Calibration, "a `Calibration` (see `calibrate`)")
     ax = axes_of(ax, figsize=(7.0, 4.6))
-    pairs, flagged = result.pairs, result.outliers.flagged
+    pairs, flagged = result.recorded_pairs, result.outliers.flagged
     v, e = pairs.velocity, pairs.restitution
     low, high = float(e[~flagged].min()), float(e[~flagged].max())
     room = _ROOM * max(high - low, 0.02)

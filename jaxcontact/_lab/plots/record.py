@@ -34,7 +34,7 @@ def record(recording: Recording | Calibration, *, ax: Any = None) -> Any:
     calibration. Returns the axes, new ones if `ax` is None. Raises ValueError for other recordings,
     and for invalid axes.
     """
-    fits = recording.impacts if isinstance(recording, Calibration) else ()
+    fits = recording.impact_fits if isinstance(recording, Calibration) else ()
     impacts: list[Impact] = []
     if isinstance(recording, Calibration):
         impacts = [one.impact for one in fits]

@@ -33,7 +33,7 @@ def track(recording: Recording | Calibration, *, ax: Axes | None = None) -> Axes
     """
     tracks: tuple[Track, ...] = ()
     if isinstance(recording, Calibration):
-        tracks = tracks_of(one for pair in recording.pairs.records for one in pair)
+        tracks = tracks_of(one for pair in recording.recorded_pairs.records for one in pair)
     elif isinstance(recording, Recording):
         tracks = recording.tracks
     ax = axes_of(ax, figsize=(8.0, 4.0))

@@ -156,13 +156,28 @@ def read_recording(
         _check_sound(layout, ball, {**told, **({} if decimal is None else {"decimal": 1})}, rate)
         sound, intervals, words = heard(*found)
         return Recording(found[0], LAYOUTS["intervals"], "", tuple(intervals), tuple(words), sound)
+    if ball is None and source is None and not values:
+        ball = _SHIPPED_BALL
+    rate = None if rate is None else require_number("rate", rate, POSITIVE)
+    return _recording_of(source, values, layout, ball, told, decimal, rate)
+
+
+def _recording_of(
+    source: Any,
+    values: Mapping[str, Any],
+    layout: str | None,
+    ball: str | None,
+    told: Told,
+    decimal: str | None,
+    rate: float | None,
+) -> Recording:
+    """Read the recording of a ball from the columns of a file, a data frame, or arrays."""
     meanings = {
         one.name: {name: one.meaning(name) for name in one.columns} for one in LAYOUTS.values()
     }
     every = {name: meaning for one in meanings.values() for name, meaning in one.items()}
     _refuse_unknown_columns(values, told, meanings, every)
     sheet = sheet_of(source, values, _headings_of(every), decimal)
-    rate = None if rate is None else require_number("rate", rate, POSITIVE)
     if rate is not None and not counts_frames([*sheet.names, *told]):
         sheet = with_clock(sheet, rate)
     sheet = _with_trials(sheet, every, told)
@@ -177,8 +192,6 @@ def read_recording(
         check_usual(rows, meanings[meant.name])
     if meant.fitted:  # a long search, so units are checked first
         records = meant.read(rows)
-    if ball is None and source is None and not values:
-        ball = _SHIPPED_BALL
     ball = _chosen_ball(ball, records, sheet)
     mine = tuple(record for record in records if record.ball == ball)
     unused = unused_notes(sheet.names, found.places)

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from ..._calibration.choice.outcomes import Columns
+from ..._calibration.choice.table import PairErrors
 from ..._calibration.pairs.noise import Noise, scatter_beside
 from ..._calibration.pairs.pairs import LEAST_PAIRS
 from ..._contact import EXPONENT, Contact
-from ..._flight import STANDARD_GRAVITY, Flight, Floats
+from ..._flight import STANDARD_GRAVITY, Flight
 from ..._parameter import rendered, require_number
 from ..calibration.summary_data import ImpactSummary
 from ..recordings import Impact, RecordedPairs, Recording, RecordingError
@@ -76,17 +77,8 @@ def fitted_impacts(
     return Fitted(pairs, tuple(good), force, covariance, contact, tuple(notes))
 
 
-class WeighedImpacts(NamedTuple):
-    """`Weighed` with the largest forces as an additional column; the correlation is (2n, 2n)."""
-
-    noise: Noise
-    weights: Floats
-    correlation: Float[np.ndarray, "m m"]
-    others: Columns
-
-
-def weighed(found: Fitted, keep: np.ndarray) -> WeighedImpacts:
-    """Return the noise of ln e and of ln(force) about trends of the impacts `keep`.
+def errors_of_impacts(found: Fitted, keep: np.ndarray) -> PairErrors:
+    """Return the errors of ln e and ln(force) about trends of the impacts `keep`.
 
     Each may scatter from impact to impact about a power of the speed, in addition to the reading
     errors.
@@ -105,10 +97,11 @@ def weighed(found: Fitted, keep: np.ndarray) -> WeighedImpacts:
     whole, rows = np.eye(2 * n), np.arange(n)
     whole[rows, n + rows] = whole[n + rows, rows] = found.covariance[:, 0, 1] / size.prod(axis=0)
     columns = Columns({"max_force": values[1]}, {"max_force": size[1]})
-    return WeighedImpacts(Noise(scatter[0], found.pairs.reading), size[0] ** -2, whole, columns)
+    noise = Noise(scatter[0], found.pairs.reading)
+    return PairErrors(noise, size[0], correlation=whole, others=columns)
 
 
-def summaries(found: Fitted) -> tuple[ImpactSummary, ...]:
+def summaries(fits: Iterable[ImpactFit]) -> tuple[ImpactSummary, ...]:
     """Return the impacts as plain data."""
     return tuple(
         ImpactSummary(
@@ -119,7 +112,7 @@ def summaries(found: Fitted) -> tuple[ImpactSummary, ...]:
             **{name: getattr(one, name).value for name in _NUMBERS},
             **{f"{name}_error": getattr(one, name).error for name in _NUMBERS},
         )
-        for one in found.fits
+        for one in fits
     )
 
 

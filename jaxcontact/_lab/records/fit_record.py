@@ -15,15 +15,15 @@ from jaxtyping import Array, ArrayLike, Float
 from ..._calibration.pairs.columns import column, for_each, measured, with_transforms
 from ..._calibration.problems.impacts import transforms_of
 from ..._contact import Contact, require_contact
-from ..._fit import Fit, fit
+from ..._fit import Fit, fit, refit
 from ..._fit.keywords import ColumnKeywords, takes
 from ..._impact import trajectory
 from ..._laws import AbstractLaw, force_of, require_law
 from ..._parameter import POSITIVE, REAL, parameter, require_kind, require_number
 from ..._text.units import Shown
-from .instrument_errors import require_filterable, with_noise_of_instruments
+from .instrument_errors import InstrumentErrors, require_filterable
 from .low_pass import Course, LowPass
-from .saturation import left_out, limits_of, met_limits, said
+from .saturation import BeyondLimits, limits_of
 from .start import near, touch_in, without_a_contact_elsewhere
 
 _SAMPLES = 128
@@ -168,27 +168,12 @@ def fit_record(
         "force": (force, sigma_force, REAL),
         "indentation": (indentation, sigma_indentation, REAL),
     }
-    table = measured(columns, ("time", moments), weight=lambda c: np.abs(c).max() ** -2.0)
-    for name, readings in table["data"].items():
-        if np.ptp(readings) == 0:
-            raise ValueError(f"Argument `{name}` must vary, but is {readings[0]:g} everywhere.")
-    if (given := how.pop("weights", None)) is not None:
-        table = {
-            "data": table["data"],
-            "weights": {
-                name: for_each(given[name], "weights", moments.size, zero=True)
-                for name in table["data"]
-            },
-        }
+    table = _table_of(columns, moments, how.pop("weights", None))
     reading = next(iter(table["data"].values()))
     filters = {"force": low_pass_force, "indentation": low_pass_indentation}
-    for name, one in filters.items():
-        if one is not None:
-            require_kind(f"low_pass_{name}", one, LowPass, "a `LowPass` or None")
-            require_filterable(name, table["data"].get(name))
-    if start_time is None:
-        start_time = touch_in(moments, reading)
-    start_time = require_number("start_time", start_time)
+    _check_filters(filters, table["data"])
+    guess = touch_in(moments, reading) if start_time is None else start_time
+    start_time = require_number("start_time", guess)
     numbers: Any = velocity, start_time
     offsets = (jnp.zeros(()) if name in table["data"] else None for name in columns)
     start = RecordModel(law, contact, *numbers, *offsets, *filters.values())
@@ -203,21 +188,43 @@ def fit_record(
         for name, readings in table["data"].items()
     }
     with jax.enable_x64(True):
-        low = {name: jnp.asarray(one.low) for name, one in limits.items()}
-        high = {name: jnp.asarray(one.high) for name, one in limits.items()}
-    instruments = Recorded(low, high)
-
-    def fitted(start: RecordModel, **other: Any) -> Fit:
-        return fit(instruments, start=start, x=moments, **(table | options | other))
-
+        instruments = Recorded(
+            *({name: jnp.asarray(one[k]) for name, one in limits.items()} for k in range(2))
+        )
     # Readings behind a filter get a correlation later: starting with one keeps a single program.
-    one = {"correlation": np.eye(moments.size * len(table["data"]))}
-    found = fitted(start, **(one if any(filters.values()) else {}))
-    if found.converged and any(one.at_limit.any() for one in limits.values()):
-        met = met_limits(found, limits)
-        rest = {name: values for name, values in table.items() if name != "data"}
-        table |= {name: left_out(values, met, name) for name, values in rest.items()}
-        found = fitted(found.params)
-        found = dataclasses.replace(found, notes=(*found.notes, *said(limits)))
-    found = with_noise_of_instruments(fitted, found, table, moments, limits)
+    size = moments.size * len(table["data"])
+    errors: dict[str, Any] = {"correlation": np.eye(size)} if any(filters.values()) else {}
+
+    def fitted(start: RecordModel) -> Fit:
+        return fit(instruments, start=start, x=moments, **(table | options | errors))
+
+    def again(last: Fit, estimated: dict[str, Any]) -> Fit:
+        errors.update(estimated)
+        return dataclasses.replace(fitted(last.params), notes=last.notes)
+
+    sizes = {name: values for name, values in table.items() if name != "data"}
+    found = refit(BeyondLimits(limits, sizes), fitted(start), again)
+    found = refit(InstrumentErrors(table | errors, moments, limits), found, again)
     return without_a_contact_elsewhere(found, table["data"])
+
+
+def _table_of(
+    columns: Mapping[str, Any], time: Float[np.ndarray, " n"], weights: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """Return the readings as arguments of `fit`, with given `weights` by column if there are."""
+    table = measured(columns, ("time", time), weight=lambda c: np.abs(c).max() ** -2.0)
+    for name, readings in table["data"].items():
+        if np.ptp(readings) == 0:
+            raise ValueError(f"Argument `{name}` must vary, but is {readings[0]:g} everywhere.")
+    if weights is None:
+        return table
+    own = {n: for_each(weights[n], "weights", time.size, zero=True) for n in table["data"]}
+    return {"data": table["data"], "weights": own}
+
+
+def _check_filters(filters: Mapping[str, Any], data: Mapping[str, Any]) -> None:
+    """Raise ValueError for an invalid filter, and for one of a column that is not there."""
+    for name, one in filters.items():
+        if one is not None:
+            require_kind(f"low_pass_{name}", one, LowPass, "a `LowPass` or None")
+            require_filterable(name, data.get(name))

@@ -19,14 +19,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..._calibration.problems.shared_errors import shared_noise, slope_of
-from ..._fit import Fit, SharedErrors, basis_of, with_shared
+from ..._calibration.problems.shared_noise import shared_noise, slope_of
+from ..._fit import AbstractErrors, Fit, SharedErrors, basis_of, with_shared
 from .low_pass import LowPass
 from .saturation import Limits
 
@@ -51,7 +51,6 @@ _TERMS = 12
 _MOST = 2000
 """Largest number of readings with a correlation matrix."""
 
-_ROUNDS = 6
 _SAME = 1e-2
 """Largest change of all correlations at convergence."""
 
@@ -149,48 +148,56 @@ def rounding_of_white_noise(sigma: Column, expected: Column, step: float) -> Sha
     return SharedErrors(sigma**2 + step**2 / 12 - np.sum(root**2, axis=1), root)
 
 
-def with_noise_of_instruments(
-    fitted: Callable[..., Fit],
-    found: Fit,
-    table: Mapping[str, Mapping[str, Any]],
-    time: Column,
-    limits: Mapping[str, Limits],
-) -> Fit:
-    """Refit with the correlated noise of filters and steps, in turns until it settles.
+class InstrumentErrors(AbstractErrors[Fit, dict[str, Any]]):
+    """The correlated noise of filters and steps; nothing without filter and noticeable step.
 
-    Returns the same fit if there is no filter and no step above a third of the scatter.
+    `table` holds the readings by column, and their standard deviations if these are known.
     """
-    columns = [
-        _Column(
-            name,
-            slice(i * time.size, (i + 1) * time.size),
-            step_of(readings[~limits[name].at_limit]),
-            table["sigma"][name] if "sigma" in table else None,
-        )
-        for i, (name, readings) in enumerate(table["data"].items())
-    ]
-    notes, last = found.notes, np.zeros(0)
-    noises: list[_Noise | None] = []
-    for _ in range(_ROUNDS):
+
+    rounds = 6
+
+    def __init__(
+        self,
+        table: Mapping[str, Mapping[str, Any]],
+        time: Column,
+        limits: Mapping[str, Limits],
+    ):
+        self._columns = [
+            _Column(
+                name,
+                slice(i * time.size, (i + 1) * time.size),
+                step_of(readings[~limits[name].at_limit]),
+                table["sigma"][name] if "sigma" in table else None,
+            )
+            for i, (name, readings) in enumerate(table["data"].items())
+        ]
+        self._time, self._last = time, np.zeros(0)
+        self._noises: dict[str, _Noise] = {}
+
+    def estimate(self, found: Fit) -> dict[str, Any] | None:
+        """Return the standard deviations and the correlation of the readings."""
+        if not found.converged:
+            return None
+        noises = {one.name: _noise_of(found, one, self._time) for one in self._columns}
+        self._noises = {name: noise for name, noise in noises.items() if noise is not None}
+        errors, numbers = _errors(self._columns, self._noises)
+        last, self._last = self._last, numbers
+        same = last.size > 0 and np.max(np.abs(numbers - last)) < _SAME
+        return None if same or not errors else errors
+
+    def finish(self, found: Fit) -> Fit:
+        """Return the fit with the errors that rounding shares, and notes on steps."""
         if not found.converged:
             return found
-        noises = [_noise_of(found, column, time) for column in columns]
-        given, state = _errors(columns, noises)
-        if not given or (last.size and np.max(np.abs(state - last)) < _SAME):
-            break
-        last = state
-        found = fitted(found.params, **given)
-    if not found.converged:
-        return found
-    if any(noise and noise.whole is not None for noise in noises):
-        found = with_shared(found, _errors_of_z(found, columns, noises))
-    said = [
-        f"readings of {one.name} are rounded to steps of {one.step:.3g}, {part:.2g} of their "
-        "scatter: their noise includes the rounding"
-        for one in columns
-        if (part := one.step / _scatter(found, one)) > _NOTICED
-    ]
-    return dataclasses.replace(found, notes=(*notes, *said))
+        if any(noise.whole is not None for noise in self._noises.values()):
+            found = with_shared(found, _errors_of_z(found, self._columns, self._noises))
+        said = [
+            f"readings of {one.name} are rounded to steps of {one.step:.3g}, {part:.2g} of their "
+            "scatter: their noise includes the rounding"
+            for one in self._columns
+            if (part := one.step / _scatter(found, one)) > _NOTICED
+        ]
+        return dataclasses.replace(found, notes=(*found.notes, *said))
 
 
 def _scatter(found: Fit, column: _Column) -> float:
@@ -290,39 +297,38 @@ def _log_likelihood(errors: SharedErrors, seen: Float[np.ndarray, "n k+1"]) -> f
 
 
 def _errors(
-    columns: list[_Column], noises: list[_Noise | None]
+    columns: list[_Column], noises: Mapping[str, _Noise]
 ) -> tuple[dict[str, Any], Float[np.ndarray, " numbers"]]:
     """Return the arguments of `fit` for the noise of columns, and all their numbers.
 
     The arguments are empty if the noise is as given.
     """
-    given: dict[str, Any] = {}
-    if any(noise and noise.correlation is not None for noise in noises):
-        given["correlation"] = np.eye(columns[-1].rows.stop)
-    sigmas = {column.name: column.sigma for column in columns}
-    for column, noise in zip(columns, noises, strict=True):
-        if noise is None:
-            continue
-        if noise.correlation is not None:
-            given["correlation"][column.rows, column.rows] = noise.correlation
-        if column.sigma is not None:
-            sigmas[column.name] = np.where(np.isfinite(column.sigma), noise.size, np.inf)
-    known = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
-    if len(known) == len(sigmas) and any(noises):
-        given["sigma"] = sigmas
-    sizes = [np.log(one[np.isfinite(one)]) for one in known.values()]
-    return given, np.concatenate([given.get("correlation", np.zeros(0)).ravel(), *sizes])
+    errors: dict[str, Any] = {}
+    filtered = [
+        one for one in columns if one.name in noises and noises[one.name].correlation is not None
+    ]
+    if filtered:
+        errors["correlation"] = np.eye(columns[-1].rows.stop)
+    for one in filtered:
+        errors["correlation"][one.rows, one.rows] = noises[one.name].correlation
+    sigmas = {one.name: one.sigma for one in columns if one.sigma is not None}
+    for name in sigmas.keys() & noises.keys():
+        sigmas[name] = np.where(np.isfinite(sigmas[name]), noises[name].size, np.inf)
+    if sigmas and noises:
+        errors["sigma"] = sigmas
+    sizes = [np.log(one[np.isfinite(one)]) for one in sigmas.values()]
+    return errors, np.concatenate([errors.get("correlation", np.zeros(0)).ravel(), *sizes])
 
 
-def _errors_of_z(found: Fit, columns: list[_Column], noises: list[_Noise | None]) -> SharedErrors:
+def _errors_of_z(found: Fit, columns: list[_Column], noises: Mapping[str, _Noise]) -> SharedErrors:
     """Return the errors of standardised residuals with weight, including shared rounding."""
     factor, whitener = np.asarray(found.problem.factor), found.problem.whitener
     used, own = factor > 0, np.full(factor.size, found.noise)
     roots = [np.zeros((factor.size, 0))]
-    for column, noise in zip(columns, noises, strict=True):
-        if noise is None or noise.whole is None:
+    for column in columns:
+        rows, noise = column.rows, noises.get(column.name)
+        if noise is None or (whole := noise.whole) is None:
             continue
-        rows, whole = column.rows, noise.whole
         root = np.zeros((factor.size, whole.root.shape[1]))
         root[rows] = whole.root * factor[rows, None]
         if getattr(found.params, f"low_pass_{column.name}") is not None:

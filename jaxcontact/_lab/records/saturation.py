@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..._fit import Fit
+from ..._fit import AbstractErrors, Fit
+
+Column = Float[np.ndarray, " n"]
 
 _RUN = 3
 """Least number of equal readings in a row for a plateau."""
@@ -66,30 +69,39 @@ def _plateau(y: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     return np.zeros_like(at_top)
 
 
-def met_limits(found: Fit, limits: Mapping[str, Limits]) -> dict[str, Bool[np.ndarray, " n"]]:
-    """Return masks of readings at a limit that the fit puts beyond it (no residual)."""
-    predicted = found.predict()
-    return {
-        name: one.at_limit & ((predicted[name] <= one.low) | (predicted[name] >= one.high))
-        for name, one in limits.items()
-    }
+class BeyondLimits(AbstractErrors[Fit, dict[str, Any]]):
+    """Readings at a limit that the fit puts beyond it, which are left out: they have no residual.
 
+    `sizes` are the "sigma" or the "weights" of the columns.
+    """
 
-def left_out(
-    given: Mapping[str, Float[np.ndarray, " n"]],
-    met: Mapping[str, Bool[np.ndarray, " n"]],
-    kind: str,
-) -> dict[str, Float[np.ndarray, " n"]]:
-    """Return the "sigma" or "weights" of columns with readings beyond a limit left out."""
-    nothing = np.inf if kind == "sigma" else 0.0
-    return {name: np.where(met[name], nothing, values) for name, values in given.items()}
+    rounds = 1
 
+    def __init__(self, limits: Mapping[str, Limits], sizes: Mapping[str, Mapping[str, Column]]):
+        self._limits, self._sizes, self._met = limits, sizes, False
 
-def said(limits: Mapping[str, Limits]) -> list[str]:
-    """Return notes on the limits."""
-    return [
-        f"{np.count_nonzero(one.at_limit)} of {one.at_limit.size} readings of {name} are at a "
-        "limit of the instrument and count as at or beyond it"
-        for name, one in limits.items()
-        if one.at_limit.any()
-    ]
+    def estimate(self, found: Fit) -> dict[str, Any] | None:
+        """Return the sizes, with no weight for the readings beyond a limit."""
+        self._met = found.converged and any(one.at_limit.any() for one in self._limits.values())
+        if not self._met:
+            return None
+        expected = found.predict()
+        beyond = {
+            name: one.at_limit & ((expected[name] <= one.low) | (expected[name] >= one.high))
+            for name, one in self._limits.items()
+        }
+        nothing = {"sigma": np.inf, "weights": 0.0}
+        return {
+            kind: {name: np.where(beyond[name], nothing[kind], own) for name, own in sizes.items()}
+            for kind, sizes in self._sizes.items()
+        }
+
+    def finish(self, found: Fit) -> Fit:
+        """Return the fit with notes on the limits."""
+        said = [
+            f"{np.count_nonzero(one.at_limit)} of {one.at_limit.size} readings of {name} are at a "
+            "limit of the instrument and count as at or beyond it"
+            for name, one in self._limits.items()
+            if self._met and one.at_limit.any()
+        ]
+        return dataclasses.replace(found, notes=(*found.notes, *said))

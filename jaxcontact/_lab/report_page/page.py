@@ -67,7 +67,7 @@ $body
 
 def page_of(calibration: Calibration, radius: float | None, tell: Callable[[str], None]) -> str:
     """Return the page of a calibration."""
-    s = calibration.summary
+    s = calibration
     tell("drawing")
     drawings = pictures(calibration)
     head = title(s)

@@ -43,7 +43,7 @@ def pictures(calibration: Calibration) -> Html:
                 "The record, its impacts and their fits",
             )
         )
-    if tracks_of(one for pair in calibration.pairs.records for one in pair):
+    if tracks_of(one for pair in calibration.recorded_pairs.records for one in pair):
         from ...plot import track
 
         parts.append(

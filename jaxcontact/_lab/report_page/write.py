@@ -76,7 +76,7 @@ def content_of(
         head, _, rest = calibration.report().partition("\n\n")
         title = " ".join(head.split())
         return f"# {title}\n\n```text\n{rest.rstrip()}\n```\n\n{shown}".rstrip().encode() + b"\n"
-    drag = calibration.summary.drag
+    drag = calibration.drag
     if radius is None and drag is not None:
         radius = float(drag.radius)
     return page_of(calibration, radius, tell).encode()

@@ -89,10 +89,7 @@ def grid_of(rows: list[Line], known: Known, notes: Sequence[str] = ()) -> Grid:
     width = max((len(cells) for _, cells in rows), default=0)
     number, names, first, below = None, [""] * width, 0, rows
     if at is not None:
-        number, cells = rows[at]
-        names = ["" if cell is None else str(cell).strip() for cell in cells]
-        while names and not names[-1]:
-            names.pop()
+        number, names = rows[at][0], _texts(rows[at][1])
         first, below = at, rows[at + 1 :]
     if below and _are_units(below[0][1]):
         names, below = _with_units(names, below[0][1]), below[1:]
@@ -102,24 +99,29 @@ def grid_of(rows: list[Line], known: Known, notes: Sequence[str] = ()) -> Grid:
     if at is None:
         return Grid(names, None, below, tuple(notes))
     notes = [*notes, *_left_out_notes(rows[:first], "above the headings")]
-    heading = _texts(rows[at][1])
-    start = rows[at][1][:1]
-    repeats = [
-        k for k, (_, cells) in enumerate(below) if cells[:1] == start and _texts(cells) == heading
-    ]
+    below, repeats = _without_repeats(below, rows[at][1])
     if repeats:
-        # A row of units may follow each of them.
-        gone = {*repeats, *(k + 1 for k in repeats if _are_units(_cells(below, k + 1)))}
-        numbers = tuple(below[k][0] for k in repeats)
-        below = [row for k, row in enumerate(below) if k not in gone]
-        shown = ", ".join(map(str, numbers[:6])) + ", ..." * (len(numbers) > 6)
-        notes.append(f"headings repeated in row{'s' * (len(numbers) > 1)} {shown} left out")
-        repeats = numbers
+        shown = ", ".join(map(str, repeats[:6])) + ", ..." * (len(repeats) > 6)
+        notes.append(f"headings repeated in row{'s' * (len(repeats) > 1)} {shown} left out")
     end = len(below)
     while end > 1 and _is_summary(below[end - 1][1], len(names)):
         end -= 1
     notes += _left_out_notes(below[end:], "below the measurements")
-    return Grid(names, number, below[:end], tuple(notes), tuple(repeats))
+    return Grid(names, number, below[:end], tuple(notes), repeats)
+
+
+def _without_repeats(
+    below: list[Line], heading: Sequence[Any]
+) -> tuple[list[Line], tuple[int, ...]]:
+    """Return the rows that do not repeat the heading, and the numbers of those that do."""
+    texts, start = _texts(heading), heading[:1]
+    repeats = [
+        k for k, (_, cells) in enumerate(below) if cells[:1] == start and _texts(cells) == texts
+    ]
+    # A row of units may follow each of them.
+    gone = {*repeats, *(k + 1 for k in repeats if _are_units(_cells(below, k + 1)))}
+    rest = [row for k, row in enumerate(below) if k not in gone]
+    return rest, tuple(below[k][0] for k in repeats)
 
 
 def _left_out_notes(rows: Sequence[Line], where: str) -> list[str]:

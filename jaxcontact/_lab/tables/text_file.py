@@ -12,6 +12,7 @@ import io
 import itertools
 import re
 from collections import Counter
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from .fault import RecordingError
@@ -80,18 +81,7 @@ def text_grid(text: str, source: str, known: Known, decimal: str | None = None) 
     if not any(line.strip(" \t\r\n,;|") for line in data):
         raise RecordingError("is empty; a header with the column names is needed", source, 1)
     allowed = [named[1]] if named else [s for s in _SEPARATORS if s != "," or decimal != ","]
-    # The beginning of a long file decides.
-    readings = [_reading(data[:_ENOUGH], separator, source, known) for separator in allowed]
-    best = max(readings, key=lambda one: one.score)
-    if len(data) > _ENOUGH and best.score[1] > 0:
-        rows, error = _split(data, best.separator, source)
-        best = best._replace(rows=rows, error=error)
-    if best.score[1] == 0:
-        # There is one column with every separator.
-        rows = [(k, [line.strip().strip('"')]) for k, line in enumerate(data, 1) if line.strip()]
-        best = _Reading("", rows, (0, 0.0))
-    elif best.error:
-        raise best.error
+    best = _best_reading(data, allowed, source, known)
     if best.separator == ",":
         _one_number_or_two(best.rows, source, known, decimal)
     above = [(k + 1, lines[k]) for k in comments if best.rows and k + 1 < best.rows[0][0]]
@@ -104,6 +94,25 @@ def text_grid(text: str, source: str, known: Known, decimal: str | None = None) 
         names, rows = found
         return Grid(names, None, rows, (*notes, "labels of an audio editor"))
     return grid_of(rows, known, notes)
+
+
+def _best_reading(
+    data: list[str], separators: Sequence[str], source: str, known: Known
+) -> _Reading:
+    """Return the reading by the most fitting separator; raise its error if it has one."""
+    # The beginning of a long file decides.
+    readings = [_reading(data[:_ENOUGH], separator, source, known) for separator in separators]
+    best = max(readings, key=lambda one: one.score)
+    if best.score[1] == 0:
+        # There is one column with every separator.
+        rows = [(k, [line.strip().strip('"')]) for k, line in enumerate(data, 1) if line.strip()]
+        return _Reading("", rows, (0, 0.0))
+    if len(data) > _ENOUGH:
+        rows, error = _split(data, best.separator, source)
+        best = best._replace(rows=rows, error=error)
+    if best.error:
+        raise best.error
+    return best
 
 
 def _labels(rows: list[Line]) -> tuple[list[str], list[Line]] | None:

@@ -128,7 +128,7 @@ def widening(found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, 
 def slope_of(found: Fit) -> Float[np.ndarray, "n k"]:
     """Return the derivative of the residuals themselves, neither weighted nor whitened."""
     factor, whitener = np.asarray(found.problem.factor), found.problem.whitener
-    slope = found.jacobian
+    slope = found._jacobian
     if whitener is not None:
         slope = np.linalg.solve(np.asarray(whitener), slope)
     return slope / np.where(factor > 0, factor, 1)[:, None]
