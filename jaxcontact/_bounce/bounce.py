@@ -39,7 +39,7 @@ from .._parameter import (
 )
 from .._program import FEW, quick
 from .result import TOUCHES, Bounce
-from .touches import Left, Run, Touches, alike, begin, one_by_one
+from .touches import BounceRun, Left, Touches, alike, begin, one_by_one
 
 _REST = Range(low=VELOCITY_THRESHOLD, inside=1.0)
 # Under the weight, the force of a law may differ from the weight by rounding.
@@ -130,7 +130,7 @@ def _to_rest(given: _Given, how: AbstractMethod) -> Bounce:
     if _traced(run):
         return _bounce(given, ROOM, how)
     if first is not None:
-        count = _needed(np.asarray(first.impact.restitution), run)
+        count = _count_needed(np.asarray(first.impact.restitution), run)
         return _trimmed(_constant(given.contact, run, first, count))
     left, parts = begin(run), []
     while True:
@@ -143,7 +143,7 @@ def _to_rest(given: _Given, how: AbstractMethod) -> Bounce:
     return _trimmed(_assembled(touches, run, None))
 
 
-def _needed(e: np.ndarray, run: Run) -> int:
+def _count_needed(e: np.ndarray, run: BounceRun) -> int:
     """Return the number of touches of the balls with constant e that rest within `_MOST`."""
     with np.errstate(all="ignore"):
         touches = np.log(np.asarray(run.rest) / np.asarray(run.speed)) / np.log(e)
@@ -151,7 +151,7 @@ def _needed(e: np.ndarray, run: Run) -> int:
     return ROOM * math.ceil((least + 3) / ROOM)
 
 
-def _falls(speed: Array, left: Left, run: Run, listed: int) -> bool:
+def _falls(speed: Array, left: Left, run: BounceRun, listed: int) -> bool:
     """Return whether a ball still bounces and may come to rest within `_MOST` touches.
 
     The number of missing touches is extrapolated from the last `ROOM` ones.
@@ -193,7 +193,7 @@ class _Given(NamedTuple):
     peak: bool
 
 
-def _start(given: _Given, method: AbstractMethod) -> tuple[Run, Landing | None]:
+def _start(given: _Given, method: AbstractMethod) -> tuple[BounceRun, Landing | None]:
     """Return the shared data of the touches, and the first touch if it determines all others."""
     run = _run(given)
     if given.felt or not restitution_is_constant(given.law, given.contact):
@@ -205,7 +205,7 @@ _begun = quick(_start, FEW)
 
 
 @functools.partial(quick, most=FEW)
-def _constant(contact: Contact, run: Run, first: Landing, count: int) -> Bounce:
+def _constant(contact: Contact, run: BounceRun, first: Landing, count: int) -> Bounce:
     n = _exponent(contact)
     power = (1 - n) / (1 + n)
     power = power if isinstance(power, float) else jnp.expand_dims(power, -1)
@@ -215,7 +215,7 @@ def _constant(contact: Contact, run: Run, first: Landing, count: int) -> Bounce:
 
 @functools.partial(quick, most=FEW)
 def _more(
-    given: _Given, run: Run, left: Left, method: AbstractMethod, count: int = ROOM
+    given: _Given, run: BounceRun, left: Left, method: AbstractMethod, count: int = ROOM
 ) -> tuple[Left, Touches]:
     return one_by_one(given.law, given.contact, run, left, method, given.peak, count)
 
@@ -234,7 +234,7 @@ def _exponent(contact: Contact) -> float | Array:
     return n if isinstance(n, float) else jnp.where(EXPONENT.holds(n), n, EXPONENT.inside)
 
 
-def _run(given: _Given) -> Run:
+def _run(given: _Given) -> BounceRun:
     law, contact, height, gravity, rest, gravity_in_contact, _ = given
     valid = POSITIVE.holds(height) & POSITIVE.holds(gravity)
     height, gravity = jnp.where(valid, height, 1), jnp.where(valid, gravity, 1)
@@ -261,7 +261,7 @@ def _run(given: _Given) -> Run:
         rest = jnp.where(_REST.holds(rest), rest, _REST.inside)
     held = law.force(static, jnp.zeros_like(static), contact, jnp.ones_like(static))
     static = jnp.where(jnp.abs(held - weight) <= _STATIC * weight, static, jnp.nan)
-    return Run(
+    return BounceRun(
         height=height,
         gravity=gravity,
         speed=speed,
@@ -289,7 +289,7 @@ def _known_jvp(values: tuple[Array, Array], tangents: tuple[Array, Any]) -> tupl
     return _known(value, good), change * huge * huge + change * minus * huge
 
 
-def _margin(touches: Touches, run: Run, leaves: Array, settled: Array) -> Array:
+def _margin(touches: Touches, run: BounceRun, leaves: Array, settled: Array) -> Array:
     """Return the smallest change of a speed, in m/s, that adds or removes a touch."""
     rest = run.rest[..., None]
     rebound = jnp.abs(touches.restitution * touches.speed - rest)
@@ -299,7 +299,7 @@ def _margin(touches: Touches, run: Run, leaves: Array, settled: Array) -> Array:
 
 
 @functools.partial(quick, most=FEW)
-def _assembled(touches: Touches, run: Run, constant_e: Array | None) -> Bounce:
+def _assembled(touches: Touches, run: BounceRun, constant_e: Array | None) -> Bounce:
     """Return the record of a run; `constant_e` is the restitution if it is independent of speed."""
     status = jnp.where(run.valid[..., None], touches.status, int(Status.INVALID_INPUT))
     leaves = status == int(Status.SEPARATED)

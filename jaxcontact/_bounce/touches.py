@@ -16,7 +16,7 @@ from .._laws import AbstractLaw
 _SEPARATED, _SETTLED = int(Status.SEPARATED), int(Status.SETTLED)
 
 
-class Run(eqx.Module):
+class BounceRun(eqx.Module):
     """Data shared by the touches of a run, in one shape and precision, with invalid numbers
     replaced.
 
@@ -57,12 +57,12 @@ class Left(NamedTuple):
     status: Array
 
 
-def begin(run: Run) -> Left:
+def begin(run: BounceRun) -> Left:
     """Return the state before the first touch."""
     return Left(run.speed, jnp.full(run.speed.shape, _SEPARATED, jnp.int32))
 
 
-def alike(first: Landing, run: Run, power: float | Array, count: int) -> Touches:
+def alike(first: Landing, run: BounceRun, power: float | Array, count: int) -> Touches:
     """Compute all touches from the first one, for a law whose e does not depend on the speed.
 
     In scaled units they are the same impact: v_k = e^k v_0, and times scale as v^power.
@@ -98,7 +98,7 @@ def alike(first: Landing, run: Run, power: float | Array, count: int) -> Touches
 def one_by_one(
     law: AbstractLaw,
     contact: Contact,
-    run: Run,
+    run: BounceRun,
     left: Left,
     method: AbstractMethod,
     peak: bool,
@@ -153,7 +153,7 @@ def one_by_one(
     return left, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), touches)
 
 
-def _risen(run: Run, speed: Array, depth: Array, leaves: Array) -> tuple[Array, Array, Array]:
+def _risen(run: BounceRun, speed: Array, depth: Array, leaves: Array) -> tuple[Array, Array, Array]:
     """Return the speed at δ = 0 after a rise from a depth, its time, and whether δ = 0 is reached.
 
     Without weight in contact, gravity acts above δ = 0 only.

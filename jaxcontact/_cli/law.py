@@ -56,10 +56,7 @@ def add_law_and_contact(
             f"--{name}", metavar=metavar, type=size, required=must, help=words + default
         )
     parser.add_argument(
-        "--exponent",
-        metavar="N",
-        type=positive,
-        help="n of K δⁿ (default: the law's own, or 1.5)",
+        "--exponent", metavar="N", type=positive, help="n of K δⁿ (default: the law's own, or 1.5)"
     )
 
 

@@ -33,7 +33,7 @@ class Engine(abc.ABC):
         law cannot deliver.
         """
 
-    def checked(self, options: Mapping[str, Any]) -> dict[str, Any]:
+    def check_options(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return the given options without those that are None.
 
         Raises ValueError for an unknown option or a missing required one.

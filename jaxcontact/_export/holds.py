@@ -53,7 +53,7 @@ class SpeedRange:
                 f"{self.velocity[k]:.3g}",
                 f"{self.target[k]:.4f}",
                 f"{self.delivered[k]:.4f}",
-                signed(self.error[k]),
+                signed_text(self.error[k]),
             )
             for k in shown
         ]
@@ -66,7 +66,7 @@ class SpeedRange:
         )
 
 
-def signed(error: float) -> str:
+def signed_text(error: float) -> str:
     """Return an error of e as text with its sign; zero is always +0.0000."""
     return f"{round(float(error), 4) + 0.0:+.4f}"
 

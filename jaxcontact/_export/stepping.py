@@ -40,7 +40,7 @@ class Scheme(enum.Enum):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Stepped:
+class TimeStepRestitution:
     """The restitution of an engine at a time step.
 
     `time_step` in s; `low` and `high` are the smallest and the largest e over all positions of the
@@ -76,7 +76,7 @@ class Stepped:
         return "\n".join(lines)
 
 
-def stepped(
+def restitution_in_steps(
     law: AbstractLaw,
     contact: Contact,
     velocity: float,
@@ -86,7 +86,7 @@ def stepped(
     scheme: Scheme,
     time_step: float,
     within: float,
-) -> Stepped:
+) -> TimeStepRestitution:
     """Compute the e of a law in the steps of an engine, and the contact duration that preserves it.
 
     A softer contact with the same law, in its own units, has proportionally shorter steps. e
@@ -112,7 +112,7 @@ def stepped(
             middle = math.sqrt(bad * good)
             bad, good = (bad, middle) if keeps(middle) else (middle, good)
     needed = good * time_step if count < _MOST else math.nan
-    return Stepped(
+    return TimeStepRestitution(
         time_step=time_step,
         low=low,
         high=high,

@@ -86,7 +86,7 @@ def read_scene(
         raise ValueError(f"{source} must be a text in UTF-8, but is not: {error}.") from error
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{source} must be TOML, but is not: {error}.") from error
-    return _read(_Place(source, "at the top"), content)
+    return _scene_of(_Place(source, "at the top"), content)
 
 
 class _Place(NamedTuple):
@@ -116,7 +116,7 @@ class _Place(NamedTuple):
             raise self.error(f"{what} must be a table, but is {rendered(value)}.")
         return value
 
-    def made(self, function: Callable[..., Any], given: Mapping[str, Any]) -> Any:
+    def call(self, function: Callable[..., Any], given: Mapping[str, Any]) -> Any:
         """Call a function with the entries of a table; errors and missing keys name the table."""
         arguments = inspect.signature(function).parameters
         for name in given:
@@ -130,7 +130,7 @@ class _Place(NamedTuple):
             raise self.error(str(error)) from error
 
 
-def _read(top: _Place, content: dict[str, Any]) -> tuple[Scene, dict[str, Any]]:
+def _scene_of(top: _Place, content: dict[str, Any]) -> tuple[Scene, dict[str, Any]]:
     kinds = {cls.__name__.lower(): cls for cls in AbstractBody.__subclasses__()}
     for_scene = [n for n in inspect.signature(Scene).parameters if n != "bodies"]
     # Progress output is not part of a file.
@@ -139,25 +139,25 @@ def _read(top: _Place, content: dict[str, Any]) -> tuple[Scene, dict[str, Any]]:
     for name in content:
         top.require_known("a key or table", name, [*for_run, *for_scene, *tables])
     materials = {
-        name: top.inside(f"[material.{name}]").made(Material, _table_of(top, name, table))
+        name: top.inside(f"[material.{name}]").call(Material, _table_of(top, name, table))
         for name, table in top.require_table("'material'", content.get("material", {})).items()
     }
     bodies: list[AbstractBody] = []
     for kind, listed in content.items():
         if kind in kinds or kind == random_spheres.__name__:
             for place, table in _tables(top, kind, listed):
-                given = _filled(place, table, materials)
+                given = _resolve(place, table, materials)
                 if kind in kinds:
-                    bodies.append(place.made(kinds[kind], given))
+                    bodies.append(place.call(kinds[kind], given))
                 else:
-                    bodies.extend(place.made(random_spheres, given))
+                    bodies.extend(place.call(random_spheres, given))
     scene_given = {name: content[name] for name in for_scene if name in content}
     if "periodic" in scene_given:
         scene_given["periodic"] = _periodic(top, scene_given["periodic"])
     scene_given |= _by_pair(top, content, scene_given)
     if "law" not in scene_given:
         raise top.error("the key 'law' must be given, but is missing.")
-    scene = top.made(Scene, {"bodies": bodies, **scene_given})
+    scene = top.call(Scene, {"bodies": bodies, **scene_given})
     return scene, _run_given(top, {name: content[name] for name in for_run if name in content})
 
 
@@ -172,7 +172,7 @@ def _tables(top: _Place, kind: str, listed: Any) -> Iterable[tuple[_Place, dict[
     return [(top.inside(f"[[{kind}]] number {k}"), one) for k, one in enumerate(listed, 1)]
 
 
-def _filled(
+def _resolve(
     place: _Place, table: Mapping[str, Any], materials: Mapping[str, Material]
 ) -> dict[str, Any]:
     """Return the table of a body with its named material and motion resolved."""
@@ -192,7 +192,7 @@ def _motion(place: _Place, value: Any) -> AbstractMotion:
     table = dict(place.require_table("'motion'", value))
     kind = table.pop("kind", None)
     place.require_known("'kind' of the motion", kind, kinds)
-    return place.inside(f"{place.table}, motion").made(kinds[kind], table)
+    return place.inside(f"{place.table}, motion").call(kinds[kind], table)
 
 
 def _law(place: _Place, value: Any) -> AbstractLaw:

@@ -187,7 +187,7 @@ def ending_words(status: Any) -> str:
     return ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))
 
 
-def flagged(value: Array, good: Array) -> Array:
+def nan_unless(value: Array, good: Array) -> Array:
     """Return `value` where `good` along its leading axes, else NaN."""
     shape = good.shape + (1,) * (value.ndim - good.ndim)
     return jnp.where(good.reshape(shape), value, jnp.nan)

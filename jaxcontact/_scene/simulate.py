@@ -26,22 +26,22 @@ from .._parameter import (
 )
 from .._program import derived, quick
 from .._text.progress import Listener, progress_of, require_progress
-from .arrays.arrays import Layout, Numbers, first_overlap, layout_of
-from .arrays.from_scene import Parts, gathered, given_in, replaced
+from .arrays.arrays import Numbers, SceneLayout, first_overlap, layout_of
+from .arrays.from_scene import SceneInputs, inputs_of, ones_unless, scene_numbers
 from .bodies.entry import one_number
 from .bodies.overlap import require_clear_of_each_other
 from .bodies.scene import Scene
 from .contact_times.grid import grid_of
-from .course import Course
-from .derivative.followed import Given, followed
+from .derivative.differentiable_run import RunInputs, differentiable_run
 from .engine.coupled import MOST
-from .engine.log import Known
-from .engine.loop import begun
+from .engine.log import LoopOutcome
+from .engine.loop import initial_state
 from .engine.pieces import all_at_once, from_python
-from .engine.state import Rules, State
-from .readout.reading import read
+from .engine.state import Rules, RunState
+from .readout.reading import read_run
 from .result import traced
 from .run import Run
+from .run_record import RunRecord
 
 ROOM = 256
 """The number of impacts that a traced run can hold."""
@@ -120,18 +120,18 @@ def simulate(
     require_clear_of_each_other(scene.bodies, length)
     rules = Rules(soft, rule, min(room_for, layout.spheres) if soft else 0)
     plain = not traced((scene, length, asked))
-    start: State | None = None
+    start: RunState | None = None
     if plain:
-        *numbers_of_it, start = _started(given_in(scene), layout, rules, length, asked)
+        *numbers_of_it, start = _prepare(inputs_of(scene), layout, rules, length, asked)
     else:
-        began: list[State] = []
+        began: list[RunState] = []
 
         def seen(*given: Any) -> tuple[tuple[Any, ...], None]:
-            *known, state = _seen(*given)
+            *known, state = _prepare_traced(*given)
             began[:] = [state]
             return tuple(known), None
 
-        numbers_of_it = derived(_unseen, scene, layout, rules, length, asked, decide=seen)
+        numbers_of_it = derived(_traced_numbers, scene, layout, rules, length, asked, decide=seen)
         start = began[0] if began else None
     numbers, valid, length, asked, last = numbers_of_it
     within = jax.device_put(np.asarray(tolerance, numbers.dtype))
@@ -140,19 +140,19 @@ def simulate(
     calls = _CALLS if rules.members and not plain else 1
     room = ROOM if most is None else most
 
-    def piecewise(given: Given) -> tuple[Rules, Known]:
+    def piecewise(given: RunInputs) -> tuple[Rules, LoopOutcome]:
         rows = None if most is None else most * calls
         with progress_of(progress, "impacts", "simulate") as tell:
             return from_python(rules, given, start, rows, tell, grows)
 
-    def at_once(given: Given) -> Known:
+    def at_once(given: RunInputs) -> LoopOutcome:
         grid = None if soft else grid_of(*given[:2])
         return all_at_once(rules, given, grid, room * calls)
 
     given = (layout, numbers, valid, last, within)
-    ended, numbers, known = followed(rules, given, piecewise, at_once)
-    course = Course(layout, numbers, ended, within, known, last, length)
-    told = read(course, asked, room)
+    ended, numbers, known = differentiable_run(rules, given, piecewise, at_once)
+    record = RunRecord(layout, numbers, ended, within, known, last, length)
+    told = read_run(record, asked, room)
     names = tuple(
         body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
         for k, body in enumerate(scene.bodies)
@@ -169,7 +169,7 @@ def simulate(
         duration=length,
         scene=scene,
         _nearest=told.nearest,
-        _course=course,
+        _record=record,
     )
 
 
@@ -236,30 +236,36 @@ def _times(given: Any, duration: Array) -> Array:
 
 
 @quick
-def _started(given: Parts, layout: Layout, rules: Rules, *times: Array) -> tuple[Any, ...]:
+def _prepare(
+    given: SceneInputs, layout: SceneLayout, rules: Rules, *times: Array
+) -> tuple[Any, ...]:
     """Return the values of `_numbers` and the state at the start."""
     known = _numbers(given, layout, rules, *times)
-    return *known, begun(layout, known[0], rules)
+    return *known, initial_state(layout, known[0], rules)
 
 
 @quick
-def _seen(scene: Scene, layout: Layout, rules: Rules, *times: Array) -> tuple[Any, ...]:
+def _prepare_traced(
+    scene: Scene, layout: SceneLayout, rules: Rules, *times: Array
+) -> tuple[Any, ...]:
     """Return the values of `_started` for a scene under differentiation."""
-    known = _unseen(None, scene, layout, rules, *times)
-    return *known, begun(layout, known[0], rules)
+    known = _traced_numbers(None, scene, layout, rules, *times)
+    return *known, initial_state(layout, known[0], rules)
 
 
 @quick
-def _unseen(choice: None, scene: Scene, layout: Layout, *given: Any) -> tuple[Any, ...]:
+def _traced_numbers(
+    choice: None, scene: Scene, layout: SceneLayout, *given: Any
+) -> tuple[Any, ...]:
     """Return the values of `_numbers` for a scene with unchecked values, which may overlap."""
-    numbers, valid, length, *rest = _numbers(given_in(scene), layout, *given)
+    numbers, valid, length, *rest = _numbers(inputs_of(scene), layout, *given)
     valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
     valid = valid & POSITIVE.holds(length)
-    return replaced(numbers, valid), valid, length, *rest
+    return ones_unless(numbers, valid), valid, length, *rest
 
 
 def _numbers(
-    given: Parts, layout: Layout, rules: Rules, length: Array, asked: Array
+    given: SceneInputs, layout: SceneLayout, rules: Rules, length: Array, asked: Array
 ) -> tuple[Numbers, Array, Array, Array, Array]:
     """Return the numbers of a scene and their validity, the duration, the times and the last time.
 
@@ -267,8 +273,8 @@ def _numbers(
     if a motion exceeds its bound.
     """
     contacts = rules.soft or not all(layout.constant)
-    numbers, valid = gathered(given, layout, contacts, rules.soft)
-    numbers = replaced(numbers, valid)
+    numbers, valid = scene_numbers(given, layout, contacts, rules.soft)
+    numbers = ones_unless(numbers, valid)
     length, asked = length.astype(numbers.dtype), asked.astype(numbers.dtype)
     last = length
     for movers in (numbers.motion, numbers.shaking):

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from .._impact import Status
-from .column import Column, within
-from .table import Table
+from .column import SweepColumn, within
+from .table import SweepTable
 
 _ROWS = 1 << 14
 """Rows that are converted to text at once."""
@@ -23,11 +23,11 @@ Lanes = Sequence[np.ndarray]
 """The index of some lanes along each dimension."""
 
 
-def rows_of(table: Table) -> Iterator[str]:
+def rows_of(table: SweepTable) -> Iterator[str]:
     """Yield the header of the table, then its rows."""
     along = table.dims_of_axes()
     columns = [
-        (name, Column((table.dims.index(along[name]),), values))
+        (name, SweepColumn((table.dims.index(along[name]),), values))
         for name, values in table.axes.items()
     ]
     columns += (table.columns() | {"status": table.status_column}).items()
@@ -50,7 +50,7 @@ def rows_of(table: Table) -> Iterator[str]:
 class _Cells:
     """The texts of one column."""
 
-    def __init__(self, name: str, column: Column, shape: Sequence[int]):
+    def __init__(self, name: str, column: SweepColumn, shape: Sequence[int]):
         self.status, self.column = name == "status", column
         self.otherwise = self._made(np.asarray(column.otherwise)) if column.masks else np.array("")
         repeated = _REPEATED * math.prod(column.stored.shape) <= math.prod(shape)
@@ -84,11 +84,11 @@ class _Cells:
         return np.array(texts, object).reshape(values.shape)
 
 
-def _place(column: Column, lanes: Lanes) -> tuple[np.ndarray, ...]:
+def _place(column: SweepColumn, lanes: Lanes) -> tuple[np.ndarray, ...]:
     return tuple(lanes[d] for d in column.dims)
 
 
-def _read(column: Column, lanes: Lanes) -> np.ndarray:
+def _read(column: SweepColumn, lanes: Lanes) -> np.ndarray:
     """Return the stored numbers in some lanes; from disk, read only the part that holds them."""
     if not column.dims:
         return column.values

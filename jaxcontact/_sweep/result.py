@@ -13,7 +13,7 @@ from .._parameter import require_choice, require_number, require_path
 from .._text.table import wrapped
 from .._text.units import quantity
 from .export import dataset, write_csv
-from .table import Table
+from .table import SweepTable
 
 if TYPE_CHECKING:
     import xarray
@@ -24,7 +24,7 @@ _ROUNDINGS = 4
 """Rounding tolerance: a number from linspace may differ in the last bits from a typed one."""
 
 
-class Sweep(Table):
+class Sweep(SweepTable):
     """The result of `sweep`: every field of the function's output over the grid of the axes.
 
     A field is read as an attribute, `table.restitution`, or as `table["restitution"]`. An output

@@ -41,7 +41,7 @@ class Stored:
 
 
 @dataclass(frozen=True, eq=False)
-class Coordinate:
+class StoredCoordinate:
     """Numbers along one dimension, written once."""
 
     dim: str
@@ -78,7 +78,7 @@ class BlockStore:
         )
         return found if found is not None and _checksum(found) == checksum else None
 
-    def finished(self, number: int) -> bool:
+    def is_finished(self, number: int) -> bool:
         """Read a block and return whether it is complete."""
         return self.read(number) is not None
 
@@ -98,7 +98,7 @@ def open_store(
     signature: Mapping[str, Any],
     arrays: Mapping[str, Stored],
     blocks: Sequence[Mapping[str, Place]],
-    coordinates: Mapping[str, Coordinate],
+    coordinates: Mapping[str, StoredCoordinate],
 ) -> BlockStore:
     """Open the store at `path`, created if missing; `blocks` lists the part filled by each block.
 
@@ -118,10 +118,13 @@ def open_store(
             "Argument `store` must be a new path or the store of this same sweep, but "
             f"{path} differs in {found}. Choose another path, or delete it."
         )
-    wanted = {name: _described(form) for name, form in arrays.items()}
-    wanted |= {name: _described_coordinate(c) for name, c in coordinates.items()}
-    wanted[_CHECKSUMS] = _described(Stored(("",), (len(blocks),), (1,), np.dtype("uint64")))
-    there = {name: _readable(lambda n=name: _found(group, n, n in coordinates)) for name in wanted}
+    wanted = {name: _describe(form) for name, form in arrays.items()}
+    wanted |= {name: _describe_coordinate(c) for name, c in coordinates.items()}
+    wanted[_CHECKSUMS] = _describe(Stored(("",), (len(blocks),), (1,), np.dtype("uint64")))
+    there = {
+        name: _readable(lambda n=name: _describe_stored(group, n, n in coordinates))
+        for name in wanted
+    }
     if lacks := [name for name, found in there.items() if found is None]:
         raise ValueError(
             f"Argument `store` must be a whole store, but {path} lacks {lacks[0]!r}, or it cannot "
@@ -147,7 +150,7 @@ def local_folder(path: Any) -> Path:
     return folder
 
 
-def _described(form: Stored) -> dict[str, Any]:
+def _describe(form: Stored) -> dict[str, Any]:
     """Return the properties that determine how the bytes of an array are read."""
     return {
         "dims": [dim or None for dim in form.dims],
@@ -158,10 +161,10 @@ def _described(form: Stored) -> dict[str, Any]:
     }
 
 
-def _described_coordinate(given: Coordinate) -> dict[str, Any]:
+def _describe_coordinate(given: StoredCoordinate) -> dict[str, Any]:
     shape = given.values.shape
     form = Stored((given.dim,), shape, shape, given.values.dtype, given.attributes)
-    return _described(form) | {"checksum": _checksum({"": given.values})}
+    return _describe(form) | {"checksum": _checksum({"": given.values})}
 
 
 def _readable(read: Callable[[], Read]) -> Read | None:
@@ -174,12 +177,12 @@ def _readable(read: Callable[[], Read]) -> Read | None:
         return None
 
 
-def _found(group: zarr.Group, name: str, coordinate: bool) -> dict[str, Any]:
+def _describe_stored(group: zarr.Group, name: str, coordinate: bool) -> dict[str, Any]:
     """Return the same properties of an existing array."""
     array: Any = group[name]
     names: Any = array.metadata.dimension_names or [None] * len(array.shape)
     form = Stored(names, array.shape, array.chunks, array.dtype, dict(array.attrs))
-    found = _described(form)
+    found = _describe(form)
     if coordinate:
         found["checksum"] = _checksum({"": np.asarray(array[...])})
     return json.loads(json.dumps(found))
@@ -207,7 +210,7 @@ def _create(
     signature: Mapping[str, Any],
     arrays: Mapping[str, Stored],
     count: int,
-    coordinates: Mapping[str, Coordinate],
+    coordinates: Mapping[str, StoredCoordinate],
 ) -> None:
     """Create an empty store beside `path` and move it there as a whole.
 

@@ -80,7 +80,7 @@ def animate(
     away = images(run, shown)
     if len(shown) == 1:
         away = _on_paper(away, shown)
-    circles, tails = _drawn(ax, run, len(away))
+    circles, tails = _draw(ax, run, len(away))
     title = ax.set_title(" ", loc="left", fontsize="medium")
     now = _on_paper(frames.position, shown)
     before = [line_of(run, path, row) for row in range(now.shape[1])]
@@ -103,7 +103,7 @@ def animate(
     return Animation(figure, draw, frames=len(frames.time), interval=1000 / fps)
 
 
-def _drawn(ax: Axes, run: Run, images: int) -> tuple[list[list[Circle]], list[Line2D]]:
+def _draw(ax: Axes, run: Run, images: int) -> tuple[list[list[Circle]], list[Line2D]]:
     """Create the circles of each sphere, one per image, and its tail."""
     circles, tails = [], []
     for colour, radius in zip(colours(run), radii(run), strict=True):

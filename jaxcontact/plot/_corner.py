@@ -100,7 +100,7 @@ def corner(
     standard error, and a wrong number of axes.
     """
     level = require_number("level", level, FRACTION)
-    shown = _shown(result, names)
+    shown = _drawable(result, names)
     k = len(shown.names)
     grid = _grid(ax, k)
     for (row, column), axes in np.ndenumerate(grid):
@@ -122,7 +122,7 @@ def corner(
     return grid
 
 
-def _shown(result: Any, names: Any) -> _Normal | _Drawn:
+def _drawable(result: Any, names: Any) -> _Normal | _Drawn:
     """Return the drawable form of a result; ValueError if nothing can be drawn."""
     if isinstance(result, Posterior):
         chosen = _names(names, result.names, result.names)

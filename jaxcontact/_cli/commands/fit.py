@@ -186,7 +186,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         for name in ("rate", "gravity", "radius", "drag_coefficient", "air_density"):
             if getattr(arguments, name) is not None:
                 raise InputError(f"--{name.replace('_', '-')} is for bounces only")
-    source, data, notes = _read(arguments, problem)
+    source, data, notes = _read_data(arguments, problem)
     progress("compiling and fitting")
     with input_errors(lambda text: f"{source}: {text}"):
         found = problem.fit(arguments, data)
@@ -200,7 +200,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     return 0 if found.converged else 1
 
 
-def _read(
+def _read_data(
     arguments: argparse.Namespace, problem: _Problem
 ) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
     from ..._lab.recordings import FROM_FILE, read_columns

@@ -138,11 +138,11 @@ def _figure(
 ) -> bytes:
     from ..._impact import trajectory
     from ...plot import impact as draw
-    from ...plot._drawing.save import drawn
+    from ...plot._drawing.save import render
 
     path = trajectory(law, contact, arguments.velocity, samples=_SAMPLES)
     asked = "" if arguments.e is None else f", e = {arguments.e:g}"
     label = f"{arguments.law}{asked}, {arguments.velocity:g} m/s"
-    return drawn(
+    return render(
         lambda figure: draw(path, hit, ax=figure.subplots(1, 3), label=label), (10.0, 3.4), file
     )

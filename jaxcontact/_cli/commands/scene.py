@@ -77,9 +77,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--show", action="store_true", help="print the file instead of running it")
     parser.add_argument(
-        "--out",
-        metavar="DIR",
-        help=f"write {RUN} and {IMPACTS} into this folder, made if missing",
+        "--out", metavar="DIR", help=f"write {RUN} and {IMPACTS} into this folder, made if missing"
     )
     words = "draw the paths, and the energy below them; .png, .pdf or .svg"
     parser.add_argument("--plot", metavar="FILE", help=words)
@@ -159,7 +157,7 @@ def _axes(given: str | None, dimensions: int) -> tuple[int, ...] | None:
 def _picture(done: Run, axes: tuple[int, ...] | None, file: pathlib.Path) -> bytes:
     """Draw the paths, and the energy below them, in separate axes."""
     from ...plot import energy, scene
-    from ...plot._drawing.save import drawn
+    from ...plot._drawing.save import render
 
     def fill(figure: Figure) -> None:
         # The height of the paths is known only after drawing.
@@ -170,7 +168,7 @@ def _picture(done: Run, axes: tuple[int, ...] | None, file: pathlib.Path) -> byt
         figure.set_size_inches(_WIDTH, tall + _ENERGY)
         upper.get_gridspec().set_height_ratios((tall, _ENERGY))
 
-    return drawn(fill, (_WIDTH, 4.4 + _ENERGY), file)
+    return render(fill, (_WIDTH, 4.4 + _ENERGY), file)
 
 
 def _moving(done: Run, axes: tuple[int, ...] | None) -> bytes:

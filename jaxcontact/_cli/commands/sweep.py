@@ -89,12 +89,12 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         contents[out] = table.to_csv
     if plot is not None:
         from ...plot import sweep as draw
-        from ...plot._drawing.save import drawn
+        from ...plot._drawing.save import render
 
         def fill(figure: Figure) -> None:
             draw(table, field=arguments.field, ax=figure.subplots())
 
-        contents[plot] = drawn(fill, (6.4, 4.4), plot)
+        contents[plot] = render(fill, (6.4, 4.4), plot)
     write_all(contents)
     beyond = _beyond(table)
     if arguments.json:

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .arrays import Layout, Numbers
+from .arrays import Numbers, SceneLayout
 from .rows import rows_of
 
 Lane = Float[Array, "..."]
@@ -32,7 +32,7 @@ def where_each(counts: Bool[Array, " M"], one: Flying, other: Flying) -> Flying:
 
 
 def accelerations(
-    layout: Layout, numbers: Numbers, who: Int[Array, " M"], support: Int[Array, " M"]
+    layout: SceneLayout, numbers: Numbers, who: Int[Array, " M"], support: Int[Array, " M"]
 ) -> Float[Array, "M D"]:
     """Return gravity of the free spheres, less the normal part for those that rest on walls."""
     if not layout.gravity:
@@ -44,7 +44,7 @@ def accelerations(
 
 
 def at_once(
-    layout: Layout,
+    layout: SceneLayout,
     numbers: Numbers,
     who: Int[Array, " M"],
     flying: Flying,

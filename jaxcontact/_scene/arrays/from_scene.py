@@ -12,14 +12,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Bool
+from jaxtyping import Array
 
 from ..._impact import restitution
 from ..._parameter import POSITIVE, Specialised, is_valid, sanitised
 from ..bodies.bodies import AbstractBody, Shell, Sphere
 from ..bodies.motion import Along, still
 from ..bodies.scene import Scene
-from .arrays import Layout, Numbers
+from ..scalars import Flag
+from .arrays import Numbers, SceneLayout
 from .movers import Movers
 
 
@@ -38,7 +39,7 @@ class Alike(eqx.Module):
         return jax.tree.map(lambda x: jnp.asarray(x)[None], of(self.body))
 
 
-class Parts(eqx.Module):
+class SceneInputs(eqx.Module):
     """The inputs of a scene's numbers, with leaves of one precision."""
 
     bodies: tuple[Alike, ...]
@@ -55,14 +56,14 @@ class Parts(eqx.Module):
         return next(x.dtype for x in jax.tree.leaves(self.bodies) if eqx.is_inexact_array(x))
 
 
-def given_in(scene: Scene) -> Parts:
+def inputs_of(scene: Scene) -> SceneInputs:
     """Return the stacked bodies of a scene and its other inputs."""
     dtype = _precision(scene)
     alike: dict[Any, list[int]] = {}
     for k, body in enumerate(scene.bodies):
         moves = getattr(body, "motion", None) is not None
         alike.setdefault(k if moves else jax.tree.structure(body), []).append(k)
-    given = Parts(
+    given = SceneInputs(
         bodies=tuple(
             Alike(_together(scene.bodies, which), tuple(which)) for which in alike.values()
         ),
@@ -95,9 +96,9 @@ def _together(bodies: Sequence[AbstractBody], which: Sequence[int]) -> AbstractB
     return jax.tree.map(stacked, *(bodies[k] for k in which))
 
 
-def gathered(
-    given: Parts, layout: Layout, contacts: bool, soft: bool
-) -> tuple[Numbers, Bool[Array, ""]]:
+def scene_numbers(
+    given: SceneInputs, layout: SceneLayout, contacts: bool, soft: bool
+) -> tuple[Numbers, Flag]:
     """Return the numbers of a scene, and whether they are valid.
 
     Invalid law parameters are replaced by valid ones. `contacts`: whether every pair needs a
@@ -190,7 +191,7 @@ def _in_order(groups: Sequence[Alike], order: Sequence[int], parts: Sequence[Any
     return jax.tree.map(joined, *parts)
 
 
-def _walls_in(given: Parts, layout: Layout) -> tuple[Array, Array, list[Along | None]]:
+def _walls_in(given: SceneInputs, layout: SceneLayout) -> tuple[Array, Array, list[Along | None]]:
     """Return the normals and offsets of all walls, and their motions."""
     rows: dict[tuple[int, int], tuple[Array, Array, Along | None]] = {}
     for alike in given.bodies:
@@ -223,7 +224,7 @@ def _velocity(body: Sphere | Shell) -> Any:
     return jnp.zeros_like(body.place) if own is None else own
 
 
-def replaced(numbers: Numbers, valid: Bool[Array, ""]) -> Numbers:
+def ones_unless(numbers: Numbers, valid: Flag) -> Numbers:
     """Return the numbers, all replaced by 1 if the scene is not valid."""
     return jax.tree.map(lambda x: jnp.where(valid, x, jnp.ones_like(x)), numbers)
 
@@ -239,7 +240,7 @@ def _row(values: Sequence[Any], dtype: Any) -> Array:
     return jnp.stack([jnp.asarray(value, dtype) for value in values])
 
 
-def _sound_laws(laws: Sequence[Any], dtype: Any) -> tuple[Bool[Array, ""], tuple[Any, ...]]:
+def _sound_laws(laws: Sequence[Any], dtype: Any) -> tuple[Flag, tuple[Any, ...]]:
     valid = jnp.asarray(True)
     for law in laws:
         valid = valid & is_valid(law)
@@ -273,7 +274,7 @@ def _movers(given: Sequence[Along | None], dtype: Any) -> Movers | None:
     )
 
 
-def _compliance(given: Parts, layout: Layout, needed: bool) -> Array | None:
+def _compliance(given: SceneInputs, layout: SceneLayout, needed: bool) -> Array | None:
     if given.stiffness is not None:
         return None
     for alike in given.bodies:

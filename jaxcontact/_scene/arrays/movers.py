@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..bodies.motion import Own
+from ..bodies.motion import UserMotion
+from ..scalars import Number
 
 Lane = Float[Array, "..."]
 
@@ -32,7 +33,7 @@ class Movers(eqx.Module):
     amplitude: Float[Array, "..."]
     rate: Float[Array, "..."]
     phase: Float[Array, "..."]
-    own: tuple[Own | None, ...]
+    own: tuple[UserMotion | None, ...]
 
     def in_rows(self) -> Movers:
         """Return the motions with a leading axis for the bodies that meet them."""
@@ -51,7 +52,7 @@ class Movers(eqx.Module):
         """Return the lengths of vectors, or the magnitudes of numbers."""
         return jnp.sqrt(jnp.sum(jnp.square(lane), axis=-1)) if self._in_space else jnp.abs(lane)
 
-    def _with_own(self, lane: Lane, time: Lane, of: Callable[[Own, Array], Array]) -> Lane:
+    def _with_own(self, lane: Lane, time: Lane, of: Callable[[UserMotion, Array], Array]) -> Lane:
         """Return a quantity with the contribution of the users' functions added."""
         if all(own is None for own in self.own):
             return lane
@@ -76,12 +77,12 @@ class Movers(eqx.Module):
     def velocity(self, time: Lane) -> Lane:
         """Return the velocity in m/s."""
         turned = self._per_axis(self.rate * jnp.cos(self.rate * time + self.phase))
-        return self._with_own(self.speed + self.amplitude * turned, time, Own.velocity)
+        return self._with_own(self.speed + self.amplitude * turned, time, UserMotion.velocity)
 
     def acceleration(self, time: Lane) -> Lane:
         """Return the acceleration in m/s²."""
         turned = self._per_axis(jnp.square(self.rate) * jnp.sin(self.rate * time + self.phase))
-        return self._with_own(-self.amplitude * turned, time, Own.acceleration)
+        return self._with_own(-self.amplitude * turned, time, UserMotion.acceleration)
 
     def _swung(self, now: Lane, time: Lane) -> Lane:
         phase = self.rate * now + self.phase
@@ -123,7 +124,7 @@ class Movers(eqx.Module):
         if all(own is None for own in self.own):
             return fixed
         none = jnp.zeros_like(self.amplitude)
-        own = self._size(self._with_own(none, now, Own.velocity))
+        own = self._size(self._with_own(none, now, UserMotion.velocity))
         return own + (fixed + self.bounds * lasting)
 
     @property
@@ -137,7 +138,7 @@ class Movers(eqx.Module):
         """A mask of the accelerated bodies."""
         return (self.rate > 0) | (self._where_own(1.0) > 0)
 
-    def kept_until(self, end: Float[Array, ""]) -> Float[Array, ""]:
+    def kept_until(self, end: Number) -> Number:
         """Return the first time up to `end` at which a user's function exceeds its bound. The time
         is infinite if there is none. Both the acceleration and its effect on speed and place over
         an interval are checked.

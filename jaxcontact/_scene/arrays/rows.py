@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
+from ..scalars import Index
+
 Tree = TypeVar("Tree")
 _Mode = jax.lax.GatherScatterMode
 
@@ -55,7 +57,7 @@ def _indices(who: Array | np.ndarray) -> Array:
     return jnp.asarray(who, np.int32)[..., None]
 
 
-def with_row(arrays: Tree, which: Int[Array, ""], row: Any) -> Tree:
+def with_row(arrays: Tree, which: Index, row: Any) -> Tree:
     """Return the arrays with one existing row replaced."""
 
     def put(all: Array, one: Array) -> Array:

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from ..._contact import Material
 from ..._parameter import POSITIVE, refuses_unknown, rendered, require_flag, require_kind
+from ..scalars import Number
 from .entry import one_number, vector
-from .motion import AbstractMotion, Along, begun, checked, in_space, later, placed, untraced
+from .motion import AbstractMotion, Along, as_numpy, in_space, later, origin, require_motion, shifts
 
 
 class Wall(NamedTuple):
@@ -40,7 +41,7 @@ class Wall(NamedTuple):
         speed, amplitude, rate, phase = (float(number) for number in self.motion[:4])
         offset += speed * time + amplitude * (np.sin(rate * time + phase) - np.sin(phase))
         if self.motion.own is not None:
-            places = np.asarray(placed(self.motion.own, np.concatenate([[0.0], time])))
+            places = np.asarray(shifts(self.motion.own, np.concatenate([[0.0], time])))
             offset += places[1:] - places[0]
         return offset
 
@@ -96,8 +97,8 @@ class Sphere(AbstractBody):
     known.
     """
 
-    radius: Float[Array, ""]
-    mass: Float[Array, ""] | None
+    radius: Number
+    mass: Number | None
     position: Float[Array, " D"]
     velocity: Float[Array, " D"] | None
     material: Material | None
@@ -153,7 +154,7 @@ class Sphere(AbstractBody):
     @property
     def place(self) -> Array:
         """The centre at time zero."""
-        return begun(self.position, self.motion)
+        return origin(self.position, self.motion)
 
     def moved_to(self, position: Array, velocity: Array) -> Sphere:
         """Return the same sphere at another place, with another velocity unless it is fixed."""
@@ -166,7 +167,7 @@ class Sphere(AbstractBody):
             is_leaf=lambda leaf: leaf is None,
         )
 
-    def inertia(self) -> Float[Array, ""] | None:
+    def inertia(self) -> Number | None:
         """Return the mass in kg; None for a fixed sphere."""
         if self.fixed:
             return None
@@ -212,10 +213,10 @@ class Plane(AbstractBody):
         _require_as_many("normal", normal, self.normal, "point", self.point)
         if not isinstance(self.normal, Tracer) and not np.any(np.asarray(self.normal)):
             raise ValueError(f"Argument `normal` must not be zero, but is {rendered(normal)}.")
-        self.motion = checked(motion, self.dimensions)
+        self.motion = require_motion(motion, self.dimensions)
 
     def walls(self) -> list[Wall]:
-        normal, point = untraced(self.normal), untraced(self.point)
+        normal, point = as_numpy(self.normal), as_numpy(self.point)
         known = isinstance(normal, np.ndarray)
         unit = normal / (np if known else jnp).linalg.norm(normal)
         return [_wall(-1, unit, (unit * point).sum(), self.motion)]
@@ -265,7 +266,7 @@ class Box(AbstractBody):
     def walls(self) -> list[Wall]:
         made = []
         for axis in range(self.dimensions):
-            for side, ends in enumerate((untraced(self.low), untraced(self.high))):
+            for side, ends in enumerate((as_numpy(self.low), as_numpy(self.high))):
                 if isinstance(ends, np.ndarray) and np.isinf(ends[axis]):
                     continue
                 at = ends[axis]
@@ -289,7 +290,7 @@ class Shell(AbstractBody):
     """
 
     centre: Float[Array, " D"]
-    radius: Float[Array, ""]
+    radius: Number
     material: Material | None
     motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
@@ -314,13 +315,13 @@ class Shell(AbstractBody):
     @property
     def place(self) -> Array:
         """The centre at time zero."""
-        return begun(self.centre, self.motion)
+        return origin(self.centre, self.motion)
 
     def centre_at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the centre (T, D) in m at given times in s; needs concrete numbers."""
         if self.motion is None:
             return np.broadcast_to(np.asarray(self.centre, float), (*time.shape, self.dimensions))
-        places = jax.vmap(lambda t: begun(*later(self.centre, self.motion, t)))
+        places = jax.vmap(lambda t: origin(*later(self.centre, self.motion, t)))
         return np.asarray(places(jnp.asarray(time)), float)
 
 

@@ -10,11 +10,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike
 
 from ..._parameter import POSITIVE, as_parameter, is_plain, rendered, require_function
+from ..scalars import Number
 from .entry import one_number
-from .motion import AbstractMotion, Along, Own, placed, still, untraced
+from .motion import AbstractMotion, Along, UserMotion, as_numpy, shifts, still
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,15 +48,12 @@ class Prescribed(AbstractMotion):
     """
 
     args: Any
-    max_acceleration: Float[Array, ""]
-    _began: Float[Array, ""]
+    max_acceleration: Number
+    _began: Number
     displacement: Callable[[Any, Any], Any] = eqx.field(static=True)
 
     def __init__(
-        self,
-        displacement: Callable[[Any, Any], Any],
-        max_acceleration: ArrayLike,
-        args: Any = None,
+        self, displacement: Callable[[Any, Any], Any], max_acceleration: ArrayLike, args: Any = None
     ):
         self.displacement = require_function("displacement", displacement)
         self.max_acceleration = one_number(max_acceleration, "max_acceleration", POSITIVE)
@@ -96,15 +94,15 @@ class Prescribed(AbstractMotion):
     def vibrates(self) -> bool:
         return True
 
-    def _own(self, normal: Array | None) -> Own:
+    def _own(self, normal: Array | None) -> UserMotion:
         one: Any = np.ones((), self._began.dtype)
         arrays, rest = eqx.partition(self.args, eqx.is_array)
         leaves, structure = jax.tree.flatten(rest)
         told = _Told(self.displacement, tuple(leaves), structure)
-        return Own(told, arrays, self._began, normal, self.max_acceleration, one, one)
+        return UserMotion(told, arrays, self._began, normal, self.max_acceleration, one, one)
 
     def start(self, normal: Array | None) -> Any:
-        return untraced(placed(self._own(normal), np.zeros(1, self._began.dtype)))[0]
+        return as_numpy(shifts(self._own(normal), np.zeros(1, self._began.dtype)))[0]
 
     def along(self, normal: Array | None) -> Along:
         return still()._replace(own=self._own(normal))

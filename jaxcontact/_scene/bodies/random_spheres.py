@@ -155,7 +155,7 @@ def _places(
             f"largest is {np.max(radii):g}."
         )
     reach = radii * (1 + _CLEARANCE)
-    places = _added(random, size, reach, around)
+    places = _add_spheres(random, size, reach, around)
     if len(places) == len(radii):
         return places
     rows = _cells(size, float(np.max(reach)), len(radii))
@@ -171,7 +171,7 @@ def _places(
     )
 
 
-def _added(
+def _add_spheres(
     random: np.random.Generator, size: Places, reach: Places, around: NDArray[np.bool_]
 ) -> Places:
     """Place spheres by random sequential addition, the largest first, until one finds no place."""

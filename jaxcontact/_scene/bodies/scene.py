@@ -15,6 +15,7 @@ from ..._contact import EXPONENT
 from ..._laws import AbstractLaw
 from ..._parameter import POSITIVE, Specialised, is_plain, refuses_unknown, rendered, require_kind
 from ..resume import Start
+from ..scalars import Number
 from .bodies import AbstractBody, Shell, Sphere, words
 from .by_pair import PairTable, kinds_of, pair_table
 from .entry import one_number, vector
@@ -43,7 +44,7 @@ class Scene(eqx.Module):
     law: PairTable
     stiffness: PairTable | None
     gravity: Float[Array, " D"] | None
-    periodic: tuple[Float[Array, ""] | None, ...]
+    periodic: tuple[Number | None, ...]
     _start: Start | None
     _exponent: Specialised
     _kinds: tuple[int, ...] = eqx.field(static=True)
@@ -84,7 +85,7 @@ class Scene(eqx.Module):
         require_apart(self.bodies, self.periodic)
 
     @property
-    def exponent(self) -> float | Float[Array, ""]:
+    def exponent(self) -> float | Number:
         """The exponent n of every contact: a float if it was given as a Python number."""
         return self._exponent.value
 

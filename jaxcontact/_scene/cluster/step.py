@@ -7,16 +7,17 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from ..._solver.runge_kutta import step_and_slope
 from ..arrays.rows import rows_of
 from ..pair_impact.step import factor, onward
-from .clock import Clock, chosen
+from ..scalars import Index, Number
+from .clock import ClusterClock, choose_clock
 from .cubic import ceiling, highest, to_root
 from .equations import Modes, PerBody, PerPair, Units
-from .field import TIME, WORK, Field, Look, W
-from .problem import APART, CHANGED, TIME_IS_UP, Problem
+from .field import TIME, WORK, ClusterField, Look, W
+from .problem import APART, CHANGED, TIME_IS_UP, ClusterProblem
 from .rest import rest_of
 
 _TOGETHER = 0.65
@@ -32,13 +33,13 @@ _stop = jax.lax.stop_gradient
 
 
 @dataclasses.dataclass(frozen=True)
-class Solve:
+class ClusterSolve:
     """The constants of a solve: its `field` in the frame of the cluster, and its units. `frame` is
     the velocity of the cluster.
     """
 
-    problem: Problem
-    field: Field
+    problem: ClusterProblem
+    field: ClusterField
     units: Units
     frame: PerBody
 
@@ -48,7 +49,7 @@ class Solve:
         return float(jnp.finfo(self.frame.dtype).eps)
 
     @property
-    def begin(self) -> Float[Array, ""]:
+    def begin(self) -> Number:
         """The first step after a touch."""
         return _BEGIN * jnp.minimum((self.problem.tolerance / _BEGIN_FOR) ** (1 / 8), 1.5)
 
@@ -61,26 +62,26 @@ class Carry(NamedTuple):
 
     y: Float[Array, " numbers"]
     modes: Modes
-    clock: Clock
-    touched: Float[Array, ""]
-    size: Float[Array, ""]
-    free: Float[Array, ""]
-    last_size: Float[Array, ""]
-    last_error: Float[Array, ""]
-    whole: Float[Array, ""]
+    clock: ClusterClock
+    touched: Number
+    size: Number
+    free: Number
+    last_size: Number
+    last_error: Number
+    whole: Number
     sought: Bool[Array, " events"]
     look: Look
     slope: Look
     since: PerPair
     force_until: PerPair
     max_force: PerPair
-    dropped: Float[Array, ""]
-    error: Float[Array, ""]
-    steps: Int[Array, ""]
-    status: Int[Array, ""]
+    dropped: Number
+    error: Number
+    steps: Index
+    status: Index
 
 
-class _Tried(NamedTuple):
+class _Trial(NamedTuple):
     """A trial step. `y` is its end, and `error` is in units of the allowed error; `fine` if
     accepted. `outset` and `toward` are the slopes at its ends. `now` holds the quantities at its
     end, and `slope` their slopes.
@@ -97,7 +98,7 @@ class _Tried(NamedTuple):
     grazed: Array
 
 
-class _Found(NamedTuple):
+class _StepEvents(NamedTuple):
     """The events of a step. `event`: whether it ends on one. `taken`: whether it is accepted.
     `happens` marks the events on which it ends. `next_one` is the distance to the first of the
     `sought` events.
@@ -126,15 +127,15 @@ class _Changed(NamedTuple):
     dropped: Array
 
 
-def advance(solve: Solve, c: Carry) -> Carry:
+def advance(solve: ClusterSolve, c: Carry) -> Carry:
     """Take one step, or retry with a shorter one."""
     field = solve.field
-    tried = _tried(solve, c)
-    found = _found(solve, c, tried)
-    changed = _changed(solve, c, tried, found)
+    tried = _try_step(solve, c)
+    found = _find_events(solve, c, tried)
+    changed = _apply_events(solve, c, tried, found)
     modes, touches, opens, happens = changed.modes, changed.touches, changed.opens, found.happens
     now, age = changed.now, changed.y[TIME] - changed.touched
-    clock, w = chosen(c.clock, changed.y[W], modes, now.depth, now.rate, age)
+    clock, w = choose_clock(c.clock, changed.y[W], modes, now.depth, now.rate, age)
     onwards = _onward(solve, c, tried, found, changed, clock, w)
     time = solve.problem.state.time + solve.units.time * changed.y[TIME]
     records = _records(solve, c, tried, changed, time)
@@ -174,13 +175,13 @@ def advance(solve: Solve, c: Carry) -> Carry:
     )
 
 
-def _tried(solve: Solve, c: Carry) -> _Tried:
+def _try_step(solve: ClusterSolve, c: Carry) -> _Trial:
     """Try a step; return its error, its end, and whether an event may be hidden in it."""
     field, modes, clock = solve.field, c.modes, c.clock
     tolerance, finest = solve.problem.tolerance, solve.finest
     y, error, outset, toward = step_and_slope(lambda y: field.rate(y, modes, clock), c.y, c.size)
     error = jnp.max(jnp.abs(_stop(error)) / (tolerance + 20 * finest * jnp.abs(_stop(y))))
-    now, slope = field.looked(y, modes, clock, toward)
+    now, slope = field.look_along(y, modes, clock, toward)
     # No choice of a step has a derivative.
     before, after = _stop((c.look, now))
     # A pair may touch and open again within a step, unless a bound on its depth excludes it. In a
@@ -200,10 +201,10 @@ def _tried(solve: Solve, c: Carry) -> _Tried:
         hidden = modes.closed & ~modes.rising & (after.second < 0)
         grazed = grazed | jnp.any(used & hidden & (faster > modes.latched + finest**_TOGETHER))
     fine = (error <= 1) & (~grazed | (c.size < 1e-6))
-    return _Tried(y, error, fine, outset, toward, now, slope, passing, grazed)
+    return _Trial(y, error, fine, outset, toward, now, slope, passing, grazed)
 
 
-def _found(solve: Solve, c: Carry, tried: _Tried) -> _Found:
+def _find_events(solve: ClusterSolve, c: Carry, tried: _Trial) -> _StepEvents:
     """Find the first event of a step, and move the state to it if it is near."""
     field, modes, clock = solve.field, c.modes, c.clock
     y, toward, outset, fine = tried.y, tried.toward, tried.outset, tried.fine
@@ -216,7 +217,7 @@ def _found(solve: Solve, c: Carry, tried: _Tried) -> _Found:
     before = field.gaps(modes, clock, last.look, last.y[W], last.modes.latched, left)
     earlier = jax.tree.map(lambda x: 2 * last.y[W] * x, last.slope)
     fell = field.gaps(modes, clock, earlier, begun[W], 0, -begun[TIME])
-    crossed = field.passed(modes, tried.now, gaps)
+    crossed = field.has_passed(modes, tried.now, gaps)
     left = to_root(c.size, before, fell, *_stop((gaps, fall)))
     seeking, anything = jnp.any(c.sought), jnp.any(crossed)
     sought = crossed | c.sought
@@ -243,10 +244,10 @@ def _found(solve: Solve, c: Carry, tried: _Tried) -> _Found:
     bends = bends + _stop(moved) * (ended + begun - 2 * mean) / jnp.square(c.size)
     moved = jnp.where(event, moved, 0)
     y = y + moved * (toward + moved * bends)
-    return _Found(y, event, taken, happens, sought, seeking, anything, next_one, whole)
+    return _StepEvents(y, event, taken, happens, sought, seeking, anything, next_one, whole)
 
 
-def _changed(solve: Solve, c: Carry, tried: _Tried, found: _Found) -> _Changed:
+def _apply_events(solve: ClusterSolve, c: Carry, tried: _Trial, found: _StepEvents) -> _Changed:
     """Apply all events on which the step ends."""
     field, modes, y, happens = solve.field, c.modes, found.y, found.happens
     parts = field.parts
@@ -267,12 +268,18 @@ def _changed(solve: Solve, c: Carry, tried: _Tried, found: _Found) -> _Changed:
     lost = jnp.where(touches, 0, parts.lost(y))
     dropped = c.dropped - jnp.sum(parts.lost(y) - lost)
     touched = jnp.where(jnp.any(touches), y[TIME], c.touched)
-    y = parts.packed(parts.moved(y), parts.velocity(y), lost, [y[WORK], y[TIME], y[W]])
+    y = parts.pack(parts.moved(y), parts.velocity(y), lost, [y[WORK], y[TIME], y[W]])
     return _Changed(y, Modes(closed, rising, latched), touches, opens, now, touched, dropped)
 
 
 def _onward(
-    solve: Solve, c: Carry, tried: _Tried, found: _Found, changed: _Changed, clock: Clock, w: Array
+    solve: ClusterSolve,
+    c: Carry,
+    tried: _Trial,
+    found: _StepEvents,
+    changed: _Changed,
+    clock: ClusterClock,
+    w: Array,
 ) -> dict[str, Any]:
     """Return the next step, and its clock."""
     error, fine, event, begin = tried.error, tried.fine, found.event, solve.begin
@@ -310,7 +317,7 @@ def _onward(
 
 
 def _records(
-    solve: Solve, c: Carry, tried: _Tried, changed: _Changed, time: Float[Array, ""]
+    solve: ClusterSolve, c: Carry, tried: _Trial, changed: _Changed, time: Number
 ) -> dict[str, Any]:
     """Return the records of every pair; slopes in time are special where w vanishes."""
     units, modes, now, passing = solve.units, c.modes, changed.now, tried.passing

@@ -54,7 +54,7 @@ class _Gap(NamedTuple):
         return jnp.maximum(jnp.minimum(safe, self.lasts), self.least)
 
 
-def _marched(
+def _march(
     gap: Callable[[Lane], _Gap],
     step: Callable[[Lane], Lane],
     curve: Lane,
@@ -142,7 +142,7 @@ def shaking_wall_time(
         return jnp.where(mean > 0, jnp.maximum(safe, outside), safe)
 
     curve, wanted = acceleration - motion.acceleration(now), wanted & motion.accelerated
-    return _marched(there, step, curve, noise, rounding, _finest(motion, now), horizon, wanted)
+    return _march(there, step, curve, noise, rounding, _finest(motion, now), horizon, wanted)
 
 
 def shaking_sphere_time(
@@ -190,7 +190,7 @@ def shaking_sphere_time(
     # For the gap of squares in a shell.
     times = jnp.where(sign > 0, 1, 2 * length)
     given = (times * curve, times * noise, times * rounding)
-    return _marched(there, step, *given, _finest(motion, now), horizon, wanted)
+    return _march(there, step, *given, _finest(motion, now), horizon, wanted)
 
 
 def _gap(apart: Lane, rate: Lane, distance: Lane, bend: Lane) -> _Gap:

@@ -4,28 +4,28 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
 
-from ..arrays.arrays import Layout, Numbers, nearest_image
+from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import Flying, at_once
 from ..bodies.side import side
-from ..pair_impact.instantaneous import Choice, Outcome
-from .state import Rules, State
+from ..pair_impact.instantaneous import Choice, ImpactOutcome
+from ..scalars import Flag, Number
+from .state import Rules, RunState
 
 REACH = 4.0
 """The safety factor on the distance of a third body from an isolated impact."""
 
 
-def isolated(
-    layout: Layout,
+def is_isolated(
+    layout: SceneLayout,
     numbers: Numbers,
     rules: Rules,
-    state: State,
+    state: RunState,
     choice: Choice,
-    outcome: Outcome,
-    now: Float[Array, ""],
-    tolerance: Float[Array, ""],
-) -> Bool[Array, ""]:
+    outcome: ImpactOutcome,
+    now: Number,
+    tolerance: Number,
+) -> Flag:
     """Return whether two bodies meet alone, under forces that the pair solution covers.
 
     Speeds are bounded by the total energy. During the impact no body may cover a quarter of its
@@ -67,7 +67,7 @@ def isolated(
         assert motion is not None
         change = motion.strongest[jnp.clip(choice.second - count, 0)] * last
         alone = alone & ~(is_wall & (10 * change > tolerance * outcome.closing))
-    if layout.spheres > layout.visible and rules.v0 == "peak" and _damped(numbers):
+    if layout.spheres > layout.visible and rules.v0 == "peak" and _has_damping(numbers):
         # The closing speed of a body along the inside of a shell rises at first. The pair solution
         # uses v0 at touch.
         distance = numbers.radius[choice.first] + numbers.radius[second]
@@ -107,5 +107,5 @@ def isolated(
     return alone & jnp.all(choice.support < 0)
 
 
-def _damped(numbers: Numbers) -> bool:
+def _has_damping(numbers: Numbers) -> bool:
     return any(law.damped for law in numbers.laws)

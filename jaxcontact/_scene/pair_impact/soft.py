@@ -6,14 +6,15 @@ import functools
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from ..._impact import Status
-from ..arrays.arrays import Layout, Numbers, known_contact_of, laws_of, least_speed
+from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, laws_of, least_speed
 from ..arrays.flight import Flying, accelerations
 from ..arrays.rows import rows_of
 from ..result import Way
-from .instantaneous import Choice, Outcome, driven_work, meeting_of
+from ..scalars import Flag, Number
+from .instantaneous import Choice, ImpactOutcome, driven_work, meeting_of
 from .oblique import oblique
 
 _HEAD_ON = 1e-8
@@ -23,14 +24,14 @@ Lane = Float[Array, "..."]
 
 
 def soft(
-    layout: Layout,
+    layout: SceneLayout,
     numbers: Numbers,
     before: Flying,
     choice: Choice,
-    rtol: Float[Array, ""],
-    needed: Bool[Array, ""],
+    rtol: Number,
+    needed: Flag,
     by_formula: bool = False,
-) -> Outcome:
+) -> ImpactOutcome:
     """Solve an impact with finite duration, exact for a central force; `oblique` does the solve.
 
     The line of centres turns by ψ while the centre of mass moves on. Let n be the unit vector along
@@ -112,7 +113,7 @@ def soft(
     velocity = jnp.stack([jnp.where(is_wall, off_wall, fast), slow])
     until = meeting.time + passed
     impulse = contact.mass * (parting + closing + pressing * passed)
-    return Outcome(
+    return ImpactOutcome(
         after=Flying(position, velocity, jnp.broadcast_to(until, (2,))),
         time=meeting.time,
         closing=closing,

@@ -6,25 +6,17 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from ..arrays.arrays import Layout, Numbers, known_contact_of, law_of
+from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, law_of
 from ..arrays.flight import Flying
 from ..arrays.rows import rows_of, with_rows
-from ..arrays.stored_energy import stored_in
-from ..engine.cluster_slots import (
-    Seats,
-    empty_seats,
-    everyone,
-    in_line,
-    index_of,
-    joining,
-    unchanged,
-)
-from ..engine.coupled import Call, as_flags, blank_state, call, meets, stored_energy
-from ..engine.log import Log, last_call
-from ..engine.state import Rules
+from ..arrays.stored_energy import stored_energy
+from ..engine.cluster_slots import Slots, all_fit, empty_slots, in_line, index_of, joins, no_change
+from ..engine.coupled import Call, as_flags, blank_state, call, contact_energy, meets
+from ..engine.log import last_call
 from ..pair_impact.instantaneous import Choice
+from ..run_record import RunRecord
 
 
 class States(NamedTuple):
@@ -50,15 +42,7 @@ class Entries(NamedTuple):
 
 
 def in_contacts(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    log: Log,
-    times: Float[Array, " T"],
-    tolerance: Float[Array, ""],
-    found: Entries,
-    here: States,
-    written: Int[Array, ""],
+    record: RunRecord, times: Float[Array, " T"], found: Entries, here: States
 ) -> States:
     """Return the states, including spheres in isolated impacts and in coupled solves.
 
@@ -66,9 +50,8 @@ def in_contacts(
     isolated impacts, each assigned to its first body. One more lane holds the solve in progress, if
     the run has any.
     """
-    count = layout.spheres
-    members = rules.members or min(2, count)
-    together = log.figures.coupled
+    layout, numbers, log, count = record.layout, record.numbers, record.log, record.layout.spheres
+    members, together = record.rules.members or min(2, count), log.figures.coupled
     nobody, yes = jnp.zeros(count, bool), jnp.asarray(True)
     away, nothing = jnp.zeros((count, layout.dimensions), numbers.dtype), jnp.zeros_like(times[0])
 
@@ -83,7 +66,7 @@ def in_contacts(
             one, other = is_first.reshape(shape), is_second.reshape(shape)
             return jnp.where(one, pair[:1], jnp.where(other, pair[1:], jnp.zeros_like(pair[:1])))
 
-        change = joining(layout, members, seats.present)
+        change = joins(layout, members, seats.present)
         closed = meets(layout, members, seats, choice)
         decided = Call(yes, choice, seats, change, closed, until, ~yes)
         spheres = jax.tree.map(seated, before)
@@ -95,7 +78,7 @@ def in_contacts(
         """Return the call of a row up to a time, and whether it lasts until then."""
         known, facts, choice = rows_of((together, log.facts.call, log.facts.choice), row)
         assert known is not None and facts is not None
-        change = unchanged(layout, members)
+        change = no_change(layout, members)
         decided = facts.decided._replace(starts=~yes, choice=choice, change=change, until=until)
         inside = (until < known.end.time) | ~facts.ends
         began = as_flags(known.began)
@@ -116,14 +99,14 @@ def in_contacts(
             seats = decided.seats
             state = call(
                 layout, numbers, members, spheres, support, held, before, decided.where(active),
-                tolerance, rules.v0,
+                record.tolerance, record.rules.v0,
             )[1].state  # fmt: skip
             late = time - state.time
             index = index_of(layout, seats)
             velocity = state.velocity[:members]
             place = state.position[:members] + seats.shift * numbers.period[None] + velocity * late
             blank, rows = (nobody, away, away), (seats.present, place, velocity)
-            stored = stored_energy(layout, numbers, members, seats, state)
+            stored = contact_energy(layout, numbers, members, seats, state)
             return *with_rows(blank, index, rows), stored
 
         return jax.lax.cond(active, solved, lambda: (nobody, away, away, nothing))
@@ -136,7 +119,7 @@ def in_contacts(
         # The last lane holds no isolated impact.
         lanes, blank = count + 1, jnp.zeros((total, 1), int)
         columns = tuple(jnp.concatenate([x, blank.astype(x.dtype)], axis=1) for x in columns)
-        called = last_call(log, written, times)
+        called = last_call(log, record.known.written, times)
         until, ends = rows_of((together.end.time, log.facts.call.ends), called[0])
         some = some | jnp.any(called[1] & ((times < until) | ~ends))
     given = (
@@ -163,41 +146,31 @@ def in_contacts(
     there = States(merged(here.position, place), merged(here.velocity, speed), jnp.sum(stored, 1))
     if together is None:
         return there
-    rest = at_rest(layout, numbers, found, here, times, jnp.any(who, axis=1))
+    rest = at_rest(record, found, here, times, jnp.any(who, axis=1))
     return there._replace(stored=there.stored + rest)
 
 
-def stored_at_ends(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    log: Log,
-    times: Float[Array, " T"],
-    written: Int[Array, ""],
-) -> Float[Array, " T"]:
+def energy_at_ends(record: RunRecord, times: Float[Array, " T"]) -> Float[Array, " T"]:
     """Return the energy stored in contacts in progress, at times when one of their calls ended."""
-    rows, lasts = last_call(log, written, times)
+    layout, numbers, log = record.layout, record.numbers, record.log
+    rows, lasts = last_call(log, record.known.written, times)
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
 
     def one(given: tuple[Array, Array, Array]) -> Array:
         time, row, last = given
         end, seats, ends = rows_of((together.end, called.decided.seats, called.ends), row)
-        stored = stored_energy(layout, numbers, rules.members, seats, as_flags(end))
+        stored = contact_energy(layout, numbers, record.rules.members, seats, as_flags(end))
         return jnp.where(last & ~ends & (time == end.time), stored, 0)
 
     return jax.lax.map(one, (times, rows, lasts))
 
 
 def at_rest(
-    layout: Layout,
-    numbers: Numbers,
-    found: Entries,
-    here: States,
-    times: Float[Array, " T"],
-    elsewhere: Array,
+    record: RunRecord, found: Entries, here: States, times: Float[Array, " T"], elsewhere: Array
 ) -> Float[Array, " T"]:
     """Return the energy (T,) of spheres at rest on walls, except those `elsewhere` (T, N)."""
+    layout, numbers = record.layout, record.numbers
     if not layout.walls:
         return jnp.zeros(found.row.shape[0], numbers.dtype)
 
@@ -207,7 +180,7 @@ def at_rest(
         contact = known_contact_of(layout, numbers, i, layout.spheres + wall)
         law = law_of(layout, numbers, i, layout.spheres + wall)
         depth = jnp.where(support >= 0, numbers.radius[i] - height, 0)
-        return stored_in(law, contact, depth, jnp.ones_like(depth))
+        return stored_energy(law, contact, depth, jnp.ones_like(depth))
 
     rests = jnp.where(elsewhere, -1, found.support)
     everyone = jnp.arange(layout.spheres)
@@ -218,11 +191,11 @@ def at_rest(
 
 
 def _seats_of_two(
-    layout: Layout, numbers: Numbers, members: int, choice: Choice, before: Flying
-) -> Seats:
+    layout: SceneLayout, numbers: Numbers, members: int, choice: Choice, before: Flying
+) -> Slots:
     """Return the places of the bodies of an isolated impact; the second may be a wall."""
-    blank = empty_seats(layout, numbers, members)
-    if everyone(layout, members):
+    blank = empty_slots(layout, numbers, members)
+    if all_fit(layout, members):
         present = (blank.who == choice.first) | (blank.who == choice.second)
         return blank._replace(present=present)
     count = layout.spheres
@@ -237,4 +210,4 @@ def _seats_of_two(
     rest = members - 2
     who = jnp.concatenate([two, jnp.full(max(rest, 0), count)])[:members]
     shift = jnp.concatenate([shift, jnp.zeros((max(rest, 0), layout.dimensions), numbers.dtype)])
-    return Seats(who, who < count, shift[:members])
+    return Slots(who, who < count, shift[:members])

@@ -11,29 +11,29 @@ from jaxtyping import Array
 from ..._program import quick
 from ..arrays.arrays import known_contact_of, law_of
 from ..arrays.flight import Flying, accelerations
-from ..arrays.stored_energy import stored_in
+from ..arrays.stored_energy import stored_energy
 from ..bodies.side import side
-from ..course import Course
 from ..pair_impact.instantaneous import meeting_of, two_that_meet
 from ..result import Moment
-from .states import looked_up
+from ..run_record import RunRecord
+from .states import last_impacts
 
 
 @quick
-def booked(course: Course, ends: Moment) -> Course:
+def clip_to_run(record: RunRecord, ends: Moment) -> RunRecord:
     """Return a run with the energy loss and wall work of its impacts limited to the run.
 
     Impacts that cross the start lose the part before it. Impacts that cross the end count up to it;
     the states there are `ends`. At a time τ after touch a pair has lost E(0) + W - E(τ) - ∫ F dδ. E
     is kinetic energy plus weight, and W = V·(m Δv - m g τ) is the work of a body that moves at V.
     """
-    layout, numbers, log = course.layout, course.numbers, course.log
-    found = looked_up(course, ends.time)
+    layout, numbers, log = record.layout, record.numbers, record.log
+    found = last_impacts(record, ends.time)
     rows, everyone = log.facts.tied.shape[0], jnp.arange(layout.visible)
     row, began = found.row[:, : layout.visible], found.began[:, : layout.visible]
     is_first = log.facts.choice.first[jnp.maximum(row, 0)] == everyone[None]
     inside = (row >= 0) & is_first & (ends.time[:, None] < began)
-    inside = inside & (ends.time <= course.ending()[1])[:, None]
+    inside = inside & (ends.time <= record.ending()[1])[:, None]
 
     def one(k: Array, on: Array, time: Array, position: Array, velocity: Array) -> Array:
         choice, before = jax.tree.map(
@@ -75,7 +75,7 @@ def booked(course: Course, ends: Moment) -> Course:
             depth = jnp.where(is_wall, numbers.radius[choice.first] - height, depth)
         contact = known_contact_of(layout, numbers, choice.first, choice.second)
         law = law_of(layout, numbers, choice.first, choice.second)
-        stored = stored_in(law, contact, jnp.where(on, depth, 0), meeting.closing)
+        stored = stored_energy(law, contact, jnp.where(on, depth, 0), meeting.closing)
         lost = energy(touch) + work - energy(here) - stored
         return jnp.where(on, jnp.stack([lost, work]), 0)
 
@@ -87,4 +87,4 @@ def booked(course: Course, ends: Moment) -> Course:
     part = whole.at[place[1]].set(done[1], mode="drop").at[place[0]].add(-done[0], mode="drop")
     outcome = outcome._replace(energy_loss=part[:, 0], wall_work=part[:, 1])
     log = log._replace(figures=log.figures._replace(outcome=outcome))
-    return dataclasses.replace(course, known=course.known._replace(log=log))
+    return dataclasses.replace(record, known=record.known._replace(log=log))

@@ -30,7 +30,7 @@ class Input:
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class SweepGrid:
     """The named dimensions of a sweep, and the inputs along them."""
 
     dims: tuple[str, ...]
@@ -49,17 +49,17 @@ class Grid:
         """All properties of the inputs that a compiled function depends on."""
         return tuple((i.name, i.dim, i.values.dtype) for i in self.inputs)
 
-    def part(self, place: Sequence[slice]) -> Grid:
+    def part(self, place: Sequence[slice]) -> SweepGrid:
         """Return the grid at some indices of each dimension."""
         inputs = tuple(
             i if i.dim is None else replace(i, values=i.values[place[i.dim]]) for i in self.inputs
         )
         return replace(self, shape=tuple(s.stop - s.start for s in place), inputs=inputs)
 
-    def taken(self, dim: int, index: int) -> Grid:
+    def take(self, dim: int, index: int) -> SweepGrid:
         """Return the grid at one index of a dimension, without that dimension."""
 
-        def moved(given: Input) -> Input:
+        def move(given: Input) -> Input:
             if given.dim is None or given.dim < dim:
                 return given
             if given.dim == dim:
@@ -68,9 +68,9 @@ class Grid:
 
         dims = self.dims[:dim] + self.dims[dim + 1 :]
         shape = self.shape[:dim] + self.shape[dim + 1 :]
-        return Grid(dims, shape, tuple(map(moved, self.inputs)), self.static)
+        return SweepGrid(dims, shape, tuple(map(move, self.inputs)), self.static)
 
-    def taken_by(self, function: Callable[..., Any]) -> Grid:
+    def restrict_to(self, function: Callable[..., Any]) -> SweepGrid:
         """Return the grid with those arguments that `function` takes."""
         takes = _takes(function)
         inputs = tuple(i for i in self.inputs if takes is None or i.name in takes)
@@ -78,7 +78,7 @@ class Grid:
         return replace(self, inputs=inputs, static=static)
 
 
-def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> Grid:
+def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> SweepGrid:
     """Return the grid of `axes`, after the dimension of the `samples` if there are any."""
     lengths: dict[str, int] = {}
     inputs: list[Input] = []
@@ -106,7 +106,7 @@ def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> Grid:
             )
         inputs.append(Input(name, _one_dimensional(values, name), len(lengths)))
         lengths[name] = len(values)
-    return Grid(tuple(lengths), tuple(lengths.values()), tuple(inputs), tuple(static))
+    return SweepGrid(tuple(lengths), tuple(lengths.values()), tuple(inputs), tuple(static))
 
 
 def _is_object(given: Any) -> bool:
@@ -167,7 +167,7 @@ def _takes(function: Callable[..., Any]) -> list[str] | None:
     return [p.name for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
 
 
-def check_call(function: Callable[..., Any], grid: Grid) -> None:
+def check_call(function: Callable[..., Any], grid: SweepGrid) -> None:
     """Raise ValueError if `function` cannot be called with the inputs as keywords."""
     require_function("fn", function)
     given = [i.name for i in grid.inputs] + [name for name, _ in grid.static]

@@ -35,7 +35,7 @@ class Dependence:
     otherwise: Any = None
 
 
-class Reading:
+class ProgramFacts:
     """The facts of a program; an assumption is propagated through the steps that it changes."""
 
     def __init__(self, program: Program, inputs: Sequence[Dims]):
@@ -75,7 +75,7 @@ class Reading:
             return self._constants[where]
         return changed[where] if where in changed else self.facts[where]
 
-    def given(self, slots: Iterable[int], value: bool = True) -> dict[int, Fact]:
+    def assume(self, slots: Iterable[int], value: bool = True) -> dict[int, Fact]:
         """Return the facts that change if the flags `slots` have the given value."""
         changed: dict[int, Fact] = dict.fromkeys(slots, Known(np.bool_(value)))
         assumed = set(changed)
@@ -96,7 +96,7 @@ class Reading:
 
     def outputs(self, slots: Iterable[int] = (), value: bool = True) -> list[Fact]:
         """Return the facts about the outputs if the flags `slots` have the given value."""
-        changed = self.given(slots, value)
+        changed = self.assume(slots, value)
         return [self._fact(where, changed) for where in self.program.outputs]
 
     def _constant(self, slot: int, fact: Known) -> Constant:
@@ -105,17 +105,17 @@ class Reading:
         # The same object for the same constant, so that equal steps compare equal.
         return self._made.setdefault((kind.shape, kind.dtype, value.tobytes()), Constant(value))
 
-    def specialised(self, conditions: Iterable[int], output: Place) -> tuple[list[Step], Place]:
+    def specialise(self, conditions: Iterable[int], output: Place) -> tuple[list[Step], Place]:
         """Return the steps and the `output` of the program with all `conditions` true.
 
         A selection that the conditions decide is replaced by the chosen case, so that the other
         case is not computed.
         """
-        changed = self.given(conditions)
+        changed = self.assume(conditions)
         instead: dict[int, Place] = {}
         steps = []
 
-        def resolved(where: Place) -> Place:
+        def resolve(where: Place) -> Place:
             if isinstance(where, Constant):
                 return where
             fact = self._fact(where, changed)
@@ -124,7 +124,7 @@ class Reading:
             return instead.get(where, where)
 
         for step in self.program.steps:
-            reads = tuple(resolved(where) for where in step.reads)
+            reads = tuple(resolve(where) for where in step.reads)
             if step.primitive.name == "select_n":
                 which = self._fact(step.reads[0], changed)
                 if isinstance(which, Known):
@@ -138,10 +138,10 @@ class Reading:
                 ]
                 continue
             steps.append(Step(step.primitive, step.params, reads, step.writes))
-        return steps, resolved(output)
+        return steps, resolve(output)
 
 
-def dependences(reading: Reading) -> list[Dependence]:
+def dependences(reading: ProgramFacts) -> list[Dependence]:
     """Return the fewest proven dimensions of every output, and their conditions."""
 
     @functools.cache
@@ -169,7 +169,7 @@ def dependences(reading: Reading) -> list[Dependence]:
     return found
 
 
-def range_checks(reading: Reading) -> list[int]:
+def range_checks(reading: ProgramFacts) -> list[int]:
     """Return flags that compare an input with a number, and without which every output is NaN."""
     program = reading.program
     bare = set(range(program.inputs))

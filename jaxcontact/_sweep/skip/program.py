@@ -110,7 +110,7 @@ def _primitives(steps: Iterable[Step | core.JaxprEqn]) -> Iterator[str]:
                 yield from _primitives(part.eqns)
 
 
-def needed(steps: Sequence[Step], outputs: Iterable[Place]) -> tuple[set[int], set[int]]:
+def steps_needed(steps: Sequence[Step], outputs: Iterable[Place]) -> tuple[set[int], set[int]]:
     """Return the numbers of the steps that `outputs` need, and the input slots that they need."""
     wanted = {out for out in outputs if isinstance(out, int)}
     numbers = set()
@@ -122,7 +122,7 @@ def needed(steps: Sequence[Step], outputs: Iterable[Place]) -> tuple[set[int], s
     return numbers, wanted
 
 
-class Shared:
+class SharedSteps:
     """Steps of several versions of a program, in which equal steps of two versions are shared."""
 
     def __init__(self, inputs: int):

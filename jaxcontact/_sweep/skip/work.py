@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
-from .dependence import Dependence, Reading, dependences, range_checks
+from .dependence import Dependence, ProgramFacts, dependences, range_checks
 from .facts import Dims
-from .program import Place, Program, Shared, Step, needed, run
+from .program import Place, Program, SharedSteps, Step, run, steps_needed
 
 Compiled = Callable[..., list[jax.Array]]
 
@@ -121,8 +121,8 @@ _Parts = list[tuple[Array, Place]]
 class _Analyst:
     def __init__(self, program: Program, along: Sequence[int | None], rank: int):
         self.program, self.along, self.all = program, along, frozenset(range(rank))
-        self.reading = Reading(program, [frozenset(() if d is None else (d,)) for d in along])
-        self.shared = Shared(program.inputs)
+        self.reading = ProgramFacts(program, [frozenset(() if d is None else (d,)) for d in along])
+        self.shared = SharedSteps(program.inputs)
 
     def analysis(self, names: Sequence[str]) -> Analysis:
         program = self.program
@@ -172,7 +172,7 @@ class _Analyst:
         return map(self._group, together.values())
 
     def _part(self, key: str, where: Place, leaf: Dependence) -> tuple[Array, Place]:
-        version = self.reading.specialised(leaf.conditions, where)
+        version = self.reading.specialise(leaf.conditions, where)
         return self._array(key, leaf.dims, where), self.shared.add(*version)
 
     def _array(self, key: str, dims: Dims, where: Place) -> Array:
@@ -183,7 +183,7 @@ class _Analyst:
         return Array(key, tuple(sorted(dims)), kind)
 
     def _needed(self, parts: _Parts) -> tuple[set[int], set[int]]:
-        return needed(self.shared.steps, [where for _, where in parts])
+        return steps_needed(self.shared.steps, [where for _, where in parts])
 
     def _alike(self, some: _Parts, others: _Parts) -> bool:
         """Return whether `others` need at least half of the work of `some` anyway."""

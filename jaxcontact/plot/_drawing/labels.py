@@ -35,11 +35,11 @@ def put_label(axis: Axis, name: str, words: str | None = None) -> None:
     """
     power = _power(axis, units.meaning(name)[1])
     if power:
-        axis.set_major_formatter(_divided(power))
+        axis.set_major_formatter(_divide_by(power))
     axis.set_label_text(units.label(name, words, prefix=_PREFIXES.get(power, "")))
 
 
-def _divided(power: int) -> Formatter:
+def _divide_by(power: int) -> Formatter:
     """Return a formatter of numbers divided by 10^power, all with the same decimal places."""
     from matplotlib.ticker import Formatter
 

@@ -17,7 +17,7 @@ _LEAST = 512
 """Smallest number of times at which a run is evaluated for a plot, including its impacts."""
 
 
-class Path(NamedTuple):
+class RunPath(NamedTuple):
     """A run at some times: (T,) in s, (T, N, D) in m and (T,) in J."""
 
     time: np.ndarray
@@ -41,7 +41,7 @@ def require_one_run(run: Any) -> Run:
     return run
 
 
-def path_of(run: Run) -> Path:
+def path_of(run: Run) -> RunPath:
     """Return a run at evenly spaced times, at its impacts, and at their ends."""
     impacts, reached = run.impacts.to_dict(), float(run.reached)
     ends = impacts["time"] + impacts["duration"]
@@ -53,10 +53,10 @@ def path_of(run: Run) -> Path:
     return states(run, np.sort(np.concatenate([even, kinks])))
 
 
-def states(run: Run, times: np.ndarray) -> Path:
+def states(run: Run, times: np.ndarray) -> RunPath:
     """Return a run at some times; in periodic space each sphere by its image in the first cell."""
     now = run.at(times)
-    return Path(times, in_cell(run, np.asarray(now.position)), np.asarray(now.energy))
+    return RunPath(times, in_cell(run, np.asarray(now.position)), np.asarray(now.energy))
 
 
 def in_cell(run: Run, position: np.ndarray) -> np.ndarray:
@@ -66,7 +66,7 @@ def in_cell(run: Run, position: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(lengths), position % finite, position)
 
 
-def line_of(run: Run, path: Path, row: int) -> tuple[np.ndarray, np.ndarray]:
+def line_of(run: Run, path: RunPath, row: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the path of a sphere, (S,) in s and (S, D) in m.
 
     At the border of the periodic cell the path continues outside, is interrupted by NaN, and enters

@@ -67,7 +67,9 @@ def _figure_of(given: Any) -> Figure:
     return figure
 
 
-def drawn(draw: Callable[[Figure], object], size: tuple[float, float], file: pathlib.Path) -> bytes:
+def render(
+    draw: Callable[[Figure], object], size: tuple[float, float], file: pathlib.Path
+) -> bytes:
     """Return a figure of the `size` in inches, filled by `draw`, in the format of the file name."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

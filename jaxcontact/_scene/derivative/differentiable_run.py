@@ -15,101 +15,101 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from ..._program import Found, Map, derived, outside, quick, traced
-from ..arrays.arrays import Layout, Numbers
-from ..engine.log import Figures, Known
+from ..arrays.arrays import Numbers, SceneLayout
+from ..engine.log import LogNumbers, LoopOutcome
 from ..engine.state import Rules
 from ..result import Way
-from .replay import chained, pushed
+from .replay import chain_matrices, push_tangents
 from .slopes import Kept, Matrices, matrices
 
-Given = tuple[Layout, Numbers, Array, Array, Array]
+RunInputs = tuple[SceneLayout, Numbers, Array, Array, Array]
 """The scene, its numbers, their validity, the end time, and the tolerance."""
 
 
-def followed(
+def differentiable_run(
     rules: Rules,
-    given: Given,
-    from_python: Callable[[Given], tuple[Rules, Known]],
-    at_once: Callable[[Given], Known],
-) -> tuple[Rules, Numbers, Known]:
+    given: RunInputs,
+    from_python: Callable[[RunInputs], tuple[Rules, LoopOutcome]],
+    at_once: Callable[[RunInputs], LoopOutcome],
+) -> tuple[Rules, Numbers, LoopOutcome]:
     """Return the final rules of a run, the numbers of its scene, and its outcome. The numbers are
     those given. They are returned with the log, so that cotangents of both are added within the
     program that transposes the rows.
     """
     beneath = traced(given)
 
-    def find(is_traced: bool, given: Given) -> Found:
+    def find(is_traced: bool, given: RunInputs) -> Found:
         arrays = eqx.filter(given[1], eqx.is_array)
         if is_traced:
             return Found((arrays, at_once(given)), None)
-        rules, course = from_python(given)
+        rules, outcome = from_python(given)
         if beneath:
-            course = _shortened(course)
-        way = np.asarray(course.log.figures.outcome.way)[: int(course.written)]
-        return Found((arrays, course), (rules, not np.any(way == Way.RADIAL)))
+            outcome = _shorten(outcome)
+        way = np.asarray(outcome.log.figures.outcome.way)[: int(outcome.written)]
+        return Found((arrays, outcome), (rules, not np.any(way == Way.RADIAL)))
 
-    def slopes(given: Given, found: Found) -> Callable[[Any], Any]:
+    def slopes(given: RunInputs, found: Found) -> Callable[[Any], Any]:
         rules, by_formula = found.choice
         layout, numbers, _, _, tolerance = given
-        _, course = found.value
-        if traced(course.written):
+        _, outcome = found.value
+        if traced(outcome.written):
             # A `vmap` over tangents alone, between two derivatives, turns everything into tracers.
             return lambda along: along_with(given, found, along)
-        hits, calls, slot = _kinds(course)
-        parts = (layout, rules, numbers, course.log, hits, calls, slot, tolerance)
-        known = numbers, course, derived(_matrices, by_formula, *parts)
+        hits, calls, slot = _kinds(outcome)
+        parts = (layout, rules, numbers, outcome.log, hits, calls, slot, tolerance)
+        known = numbers, outcome, derived(_matrices, by_formula, *parts)
         data, static = eqx.partition(known, eqx.is_array)
         leaves, structure = jax.tree.flatten(static)
         map = Map(_chain, (layout, rules, tuple(leaves), structure))
 
-        def move(along: Given) -> tuple[Numbers, Known]:
-            still: Known = jax.tree.map(lambda _: None, course)
-            like = eqx.filter(numbers, eqx.is_inexact_array), course.log.figures
+        def move(along: RunInputs) -> tuple[Numbers, LoopOutcome]:
+            still: LoopOutcome = jax.tree.map(lambda _: None, outcome)
+            like = eqx.filter(numbers, eqx.is_inexact_array), outcome.log.figures
             moved, figures = map(data, along[1], like)
             return moved, still._replace(log=still.log._replace(figures=figures))
 
         return move
 
-    def along_with(given: Given, found: Found, along: Given) -> tuple[Numbers, Known]:
+    def along_with(given: RunInputs, found: Found, along: RunInputs) -> tuple[Numbers, LoopOutcome]:
         layout, numbers, _, _, tolerance = given
-        _, course = found.value
+        _, outcome = found.value
         ended = rules if found.choice is None else found.choice[0]
-        still: Known = jax.tree.map(lambda _: None, course)
-        told = (course.log, course.written, tolerance)
+        still: LoopOutcome = jax.tree.map(lambda _: None, outcome)
+        told = (outcome.log, outcome.written, tolerance)
         moved = _whole(along[1], numbers)
         figures = _pushed(layout, ended, numbers, *told, moved)
         return moved, still._replace(log=still.log._replace(figures=figures))
 
     found = outside(find, slopes, along_with, given)
-    arrays, course = found.value
+    arrays, outcome = found.value
     numbers = eqx.combine(arrays, given[1])
-    return rules if found.choice is None else found.choice[0], numbers, course
+    return rules if found.choice is None else found.choice[0], numbers, outcome
 
 
-_pushed = eqx.filter_jit(pushed)
+_pushed = eqx.filter_jit(push_tangents)
 
 
-def _shortened(course: Known) -> Known:
+def _shorten(outcome: LoopOutcome) -> LoopOutcome:
     """Return the outcome of a short run with fewer blank rows; a derivative visits all rows."""
-    if int(course.written) > _FEW_ROWS:
-        return course
-    log = jax.tree.map(lambda x: np.asarray(x)[:_FEW_ROWS], course.log)
-    return course._replace(log=jax.device_put(log))
+    if int(outcome.written) > _FEW_ROWS:
+        return outcome
+    log = jax.tree.map(lambda x: np.asarray(x)[:_FEW_ROWS], outcome.log)
+    return outcome._replace(log=jax.device_put(log))
 
 
 _FEW_ROWS = 32
 """The number of rows with which short runs share the programs of their derivatives."""
 
 
-def _kinds(course: Known) -> tuple[Kept | None, Kept | None, Int[Array, " K"]]:
+def _kinds(outcome: LoopOutcome) -> tuple[Kept | None, Kept | None, Int[Array, " K"]]:
     """Return the rows of each kind, and the place of each row among its kind."""
-    facts = course.log.facts
-    rows, written = facts.tied.shape[0], int(course.written)
+    facts = outcome.log.facts
+    rows, written = facts.tied.shape[0], int(outcome.written)
     is_call = np.zeros(rows, bool) if facts.call is None else np.asarray(facts.call.is_call)
     is_call, number = is_call[:written], np.arange(written)
     slot = np.zeros(rows, int)
 
-    def kept(which: np.ndarray) -> Kept | None:
+    def keep(which: np.ndarray) -> Kept | None:
         found = number[which]
         slot[found] = np.arange(found.size)
         if found.size == 0:
@@ -119,7 +119,7 @@ def _kinds(course: Known) -> tuple[Kept | None, Kept | None, Int[Array, " K"]]:
         row[: found.size] = found
         return Kept(jax.device_put(row), jax.device_put(np.arange(room) < found.size))
 
-    hits, calls = kept(~is_call), kept(is_call)
+    hits, calls = keep(~is_call), keep(is_call)
     return hits, calls, jax.device_put(slot)
 
 
@@ -128,11 +128,13 @@ def _matrices(choice: None, by_formula: bool, *given: Any) -> Matrices:
     return matrices(*given, by_formula=by_formula)
 
 
-def _chain(static: Any, known: Any, along: Numbers) -> tuple[Numbers, Figures]:
+def _chain(static: Any, known: Any, along: Numbers) -> tuple[Numbers, LogNumbers]:
     layout, rules, leaves, structure = static
-    numbers, course, matrices = eqx.combine(known, jax.tree.unflatten(structure, leaves))
+    numbers, outcome, matrices = eqx.combine(known, jax.tree.unflatten(structure, leaves))
     along = _whole(along, numbers)
-    return along, chained(layout, rules, numbers, course.log, course.written, matrices, along)
+    return along, chain_matrices(
+        layout, rules, numbers, outcome.log, outcome.written, matrices, along
+    )
 
 
 def _whole(along: Numbers, numbers: Numbers) -> Numbers:

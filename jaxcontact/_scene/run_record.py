@@ -5,26 +5,27 @@ from __future__ import annotations
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
-from .arrays.arrays import Layout, Numbers
-from .engine.log import Known, Log
+from .arrays.arrays import Numbers, SceneLayout
+from .engine.log import Log, LoopOutcome
 from .engine.state import CROWDED, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules
 from .result import Ending
+from .scalars import Index, Number
 
 
-class Course(eqx.Module):
+class RunRecord(eqx.Module):
     """The scene, the rules and the `tolerance` of a run, and its outcome `known`. The run ended at
     `last`; its requested duration is `length`.
     """
 
-    layout: Layout
+    layout: SceneLayout
     numbers: Numbers
     rules: Rules
-    tolerance: Float[Array, ""]
-    known: Known
-    last: Float[Array, ""]
-    length: Float[Array, ""]
+    tolerance: Number
+    known: LoopOutcome
+    last: Number
+    length: Number
 
     @property
     def log(self) -> Log:
@@ -47,7 +48,7 @@ class Course(eqx.Module):
         """The start and end times of the run."""
         return jnp.stack([jnp.zeros_like(self.length), self.length])
 
-    def ending(self) -> tuple[Int[Array, ""], Float[Array, ""]]:
+    def ending(self) -> tuple[Index, Number]:
         """Return the `Ending` of the run and the time up to which its values hold."""
         # A run may end while bodies are in contact.
         searched, valid = self.known.status, self.known.valid
