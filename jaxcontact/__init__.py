@@ -133,10 +133,10 @@ def __getattr__(name: str) -> _Any:
         return _import_module(f".{name}", __name__)
     if name not in _HOME:
         raise AttributeError(f"module 'jaxcontact' has no attribute {name!r}")
-    found = getattr(_import_module(f".{_HOME[name]}", __name__), name)
+    value = getattr(_import_module(f".{_HOME[name]}", __name__), name)
     # Later accesses find the name in the module.
-    globals()[name] = found
-    return found
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

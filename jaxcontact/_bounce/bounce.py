@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, ArrayLike
 
 from .. import _flight as flight
@@ -37,7 +36,7 @@ from .._parameter import (
     require_flag,
     sanitised,
 )
-from .._program import FEW, quick
+from .._program import FEW, quick, traced
 from .result import TOUCHES, Bounce
 from .touches import BounceRun, Left, Touches, alike, begin, one_by_one
 
@@ -111,31 +110,27 @@ def bounce(
     require_broadcast(
         law=law, contact=contact, height=height, gravity=gravity, rest_velocity=rest_velocity
     )
-    given = _Given(law, contact, height, gravity, rest_velocity, gravity_in_contact, v0 == "peak")
-    return _to_rest(given, how) if bounces is None else _bounce(given, bounces, how)
+    drop = _Drop(law, contact, height, gravity, rest_velocity, gravity_in_contact, v0 == "peak")
+    return _to_rest(drop, how) if bounces is None else _bounce(drop, bounces, how)
 
 
-def _traced(tree: Any) -> bool:
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
-
-
-def _to_rest(given: _Given, how: AbstractMethod) -> Bounce:
+def _to_rest(drop: _Drop, how: AbstractMethod) -> Bounce:
     """Follow every ball to rest if it comes to rest within `_MOST` touches.
 
     Traced numbers, and a caller that compiles, get `ROOM` touches.
     """
-    if _traced(given):
-        return _bounce(given, ROOM, how)
-    run, first = _begun(given, how)
-    if _traced(run):
-        return _bounce(given, ROOM, how)
+    if traced(drop):
+        return _bounce(drop, ROOM, how)
+    run, first = _begun(drop, how)
+    if traced(run):
+        return _bounce(drop, ROOM, how)
     if first is not None:
         count = _count_needed(np.asarray(first.impact.restitution), run)
-        return _trimmed(_constant(given.contact, run, first, count))
+        return _trimmed(_constant(drop.contact, run, first, count))
     left, parts = begin(run), []
     while True:
         speed = left.speed
-        left, touches = _more(given, run, left, how)
+        left, touches = _more(drop, run, left, how)
         parts.append(touches)
         if not _falls(speed, left, run, len(parts) * ROOM):
             break
@@ -177,7 +172,7 @@ def _trimmed(run: Bounce) -> Bounce:
     return dataclasses.replace(run, **listed)
 
 
-class _Given(NamedTuple):
+class _Drop(NamedTuple):
     """A ball and its ground, as given.
 
     `felt` is True if gravity acts in contact, `peak` if damping refers to the largest closing speed
@@ -193,12 +188,12 @@ class _Given(NamedTuple):
     peak: bool
 
 
-def _start(given: _Given, method: AbstractMethod) -> tuple[BounceRun, Landing | None]:
+def _start(drop: _Drop, method: AbstractMethod) -> tuple[BounceRun, Landing | None]:
     """Return the shared data of the touches, and the first touch if it determines all others."""
-    run = _run(given)
-    if given.felt or not restitution_is_constant(given.law, given.contact):
+    run = _run(drop)
+    if drop.felt or not restitution_is_constant(drop.law, drop.contact):
         return run, None
-    return run, landing(problem_of(given.law, given.contact, run.speed), method)
+    return run, landing(problem_of(drop.law, drop.contact, run.speed), method)
 
 
 _begun = quick(_start, FEW)
@@ -215,17 +210,17 @@ def _constant(contact: Contact, run: BounceRun, first: Landing, count: int) -> B
 
 @functools.partial(quick, most=FEW)
 def _more(
-    given: _Given, run: BounceRun, left: Left, method: AbstractMethod, count: int = ROOM
+    drop: _Drop, run: BounceRun, left: Left, method: AbstractMethod, count: int = ROOM
 ) -> tuple[Left, Touches]:
-    return one_by_one(given.law, given.contact, run, left, method, given.peak, count)
+    return one_by_one(drop.law, drop.contact, run, left, method, drop.peak, count)
 
 
 @functools.partial(quick, most=FEW)
-def _bounce(given: _Given, count: int, method: AbstractMethod) -> Bounce:
-    run, first = _start(given, method)
+def _bounce(drop: _Drop, count: int, method: AbstractMethod) -> Bounce:
+    run, first = _start(drop, method)
     if first is not None:
-        return _constant(given.contact, run, first, count)
-    _, touches = _more(given, run, begin(run), method, count)
+        return _constant(drop.contact, run, first, count)
+    _, touches = _more(drop, run, begin(run), method, count)
     return _assembled(touches, run, None)
 
 
@@ -234,8 +229,8 @@ def _exponent(contact: Contact) -> float | Array:
     return n if isinstance(n, float) else jnp.where(EXPONENT.holds(n), n, EXPONENT.inside)
 
 
-def _run(given: _Given) -> BounceRun:
-    law, contact, height, gravity, rest, gravity_in_contact, _ = given
+def _run(drop: _Drop) -> BounceRun:
+    law, contact, height, gravity, rest, gravity_in_contact, _ = drop
     valid = POSITIVE.holds(height) & POSITIVE.holds(gravity)
     height, gravity = jnp.where(valid, height, 1), jnp.where(valid, gravity, 1)
     speed = flight.speed_after_drop(height, gravity, None)
@@ -274,27 +269,27 @@ def _run(given: _Given) -> BounceRun:
 
 
 @jax.custom_jvp
-def _known(value: Array, good: Array) -> Array:
+def _known(value: Array, mask: Array) -> Array:
     """Return `value` and its derivative, with NaN in lanes that are not good."""
-    return jnp.where(good, value, jnp.nan)
+    return jnp.where(mask, value, jnp.nan)
 
 
 @_known.defjvp
 def _known_jvp(values: tuple[Array, Array], tangents: tuple[Array, Any]) -> tuple[Array, Array]:
-    (value, good), (change, _) = values, tangents
+    (value, mask), (change, _) = values, tangents
     # inf - inf is NaN, but zero stays zero. A zero cotangent must not turn into NaN, which would
     # spoil the numbers that a lane shares with its neighbours.
-    huge = jnp.where(good, 1, jnp.finfo(value.dtype).max)
-    minus = jnp.where(good, 0, -huge)
-    return _known(value, good), change * huge * huge + change * minus * huge
+    huge = jnp.where(mask, 1, jnp.finfo(value.dtype).max)
+    minus = jnp.where(mask, 0, -huge)
+    return _known(value, mask), change * huge * huge + change * minus * huge
 
 
 def _margin(touches: Touches, run: BounceRun, leaves: Array, settled: Array) -> Array:
     """Return the smallest change of a speed, in m/s, that adds or removes a touch."""
     rest = run.rest[..., None]
     rebound = jnp.abs(touches.restitution * touches.speed - rest)
-    found = settled & (touches.lack > 0)
-    distance = jnp.where(leaves, rebound, jnp.where(found, touches.lack, jnp.inf))
+    with_lack = settled & (touches.lack > 0)
+    distance = jnp.where(leaves, rebound, jnp.where(with_lack, touches.lack, jnp.inf))
     return jnp.minimum(jnp.min(distance, axis=-1), jnp.abs(run.speed - run.rest))
 
 
@@ -324,14 +319,14 @@ def _assembled(touches: Touches, run: BounceRun, constant_e: Array | None) -> Bo
     # Without a last touch, a time after all touches depends on the whole run.
     rest_time = jnp.take_along_axis(time, first_rest, axis=-1)[..., 0]
     rest_time = jnp.where(rests, rest_time, time[..., -1] + away[..., -1])
-    good = leaves | settled
-    at_rest = rests & jnp.all(good, axis=-1)
+    defined = leaves | settled
+    at_rest = rests & jnp.all(defined, axis=-1)
 
     def flagged(value: Array) -> Array:
-        return jnp.where(good, value, jnp.nan)
+        return jnp.where(defined, value, jnp.nan)
 
     def of_run(value: Array) -> Array:
-        return jnp.where(jnp.all(good, axis=-1), value, jnp.nan)
+        return jnp.where(jnp.all(defined, axis=-1), value, jnp.nan)
 
     return Bounce(
         time=flagged(time),

@@ -109,13 +109,13 @@ def one_by_one(
     If `peak`, damping refers to the largest closing speed since touch.
     """
 
-    def one(left: Left, _: None) -> tuple[Left, Touches]:
+    def step(left: Left, _: None) -> tuple[Left, Touches]:
         speed, state = left
         begun = state == _SEPARATED
         moving = begun & (speed >= run.rest)
         waits = jnp.where(begun, _SETTLED, state).astype(jnp.int32)
 
-        def solved() -> tuple[Left, Touches]:
+        def solve() -> tuple[Left, Touches]:
             # A lane that has ended repeats its first impact, whose outcome is finite.
             speed_here = jnp.where(moving, speed, run.speed)
             touch = landing(problem_of(law, contact, speed_here, run.weight), method, peak)
@@ -138,8 +138,8 @@ def one_by_one(
                 lack = jnp.where(missing, jnp.sqrt(square), 0)
             restitution = rebound / jnp.where(leaves, speed, 1)
             before = jnp.where(begun, speed, 0)
-            found = Touches(before, restitution, duration, return_time, status, lack)
-            return Left(rebound, status), found
+            touches = Touches(before, restitution, duration, return_time, status, lack)
+            return Left(rebound, status), touches
 
         def over() -> tuple[Left, Touches]:
             zero = jnp.zeros_like(speed)
@@ -147,9 +147,9 @@ def one_by_one(
             return Left(zero, waits), Touches(before, zero, zero, zero, waits, zero)
 
         # Most runs are over long before there is no room.
-        return jax.lax.cond(jnp.any(moving), solved, over)
+        return jax.lax.cond(jnp.any(moving), solve, over)
 
-    left, touches = jax.lax.scan(one, left, None, length=count)
+    left, touches = jax.lax.scan(step, left, None, length=count)
     return left, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), touches)
 
 

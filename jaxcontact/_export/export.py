@@ -79,7 +79,7 @@ def export(
     engine.
     """
     simulator = engine_of(engine)
-    given = simulator.check_options(options)
+    extra = simulator.check_options(options)
     with jax.enable_x64(True):
         law, contact, closing = _law_and_speeds(law, contact, velocity)
         if shape := problem_of(law, contact, 1.0).shape:
@@ -97,9 +97,9 @@ def export(
         numbers = hit.restitution, hit.duration, contact.mass, contact.stiffness, contact.exponent
         wanted = Wanted(*map(float, numbers), velocity=middle, law=law)
         if speeds is None or targets is None:
-            draft = simulator.draft(wanted, **given)
+            draft = simulator.draft(wanted, **extra)
         else:
-            draft = compromise(lambda one: simulator.draft(one, **given), wanted, speeds, targets)
+            draft = compromise(lambda aim: simulator.draft(aim, **extra), wanted, speeds, targets)
         hit = require_rebound(impact(draft.law, draft.contact, middle))
         if speeds is not None:
             delivered = np.asarray(impact(draft.law, draft.contact, speeds).restitution)

@@ -107,11 +107,11 @@ def restitution_in_steps(
         count = _FEWEST
         while count < _MOST and not (keeps(count) and keeps(1.3 * count)):
             count *= 2
-        bad, good = count / 2, count
+        bad, enough = count / 2, count
         for _ in range(_HALVINGS if count < _MOST else 0):
-            middle = math.sqrt(bad * good)
-            bad, good = (bad, middle) if keeps(middle) else (middle, good)
-    needed = good * time_step if count < _MOST else math.nan
+            middle = math.sqrt(bad * enough)
+            bad, enough = (bad, middle) if keeps(middle) else (middle, enough)
+    needed = enough * time_step if count < _MOST else math.nan
     return TimeStepRestitution(
         time_step=time_step,
         low=low,

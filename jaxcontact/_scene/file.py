@@ -77,9 +77,9 @@ def read_scene(
         path = require_path("file", file)
         source, raw = str(path), read_whole(path)
     else:
-        known = examples()
-        source = f"example {require_choice('example', example, known)!r}"
-        raw = known[example].encode()
+        texts = examples()
+        source = f"example {require_choice('example', example, texts)!r}"
+        raw = texts[example].encode()
     try:
         content = tomllib.loads(raw.decode())
     except UnicodeDecodeError as error:
@@ -101,14 +101,14 @@ class _Place(NamedTuple):
     def inside(self, table: str) -> _Place:
         return _Place(self.source, table)
 
-    def require_known(self, what: str, name: Any, known: Iterable[str]) -> None:
+    def require_known(self, what: str, name: Any, names: Iterable[str]) -> None:
         """Raise ValueError for an unknown name, with the likely one as a suggestion."""
-        known = list(known)
-        if name in known:
+        names = list(names)
+        if name in names:
             return
-        near, why = nearest(name, known), not_modelled(str(name))
+        near, why = nearest(name, names), not_modelled(str(name))
         hint = f": {why}." if why else f"; did you mean {near!r}?" if near else "."
-        allowed = ", ".join(known) or "none here"
+        allowed = ", ".join(names) or "none here"
         raise self.error(f"{what} must be one of {allowed}, but is {rendered(name)}{hint}")
 
     def require_table(self, what: str, value: Any) -> dict[str, Any]:
@@ -116,16 +116,16 @@ class _Place(NamedTuple):
             raise self.error(f"{what} must be a table, but is {rendered(value)}.")
         return value
 
-    def call(self, function: Callable[..., Any], given: Mapping[str, Any]) -> Any:
+    def call(self, function: Callable[..., Any], entries: Mapping[str, Any]) -> Any:
         """Call a function with the entries of a table; errors and missing keys name the table."""
         arguments = inspect.signature(function).parameters
-        for name in given:
+        for name in entries:
             self.require_known("a key", name, arguments)
         for name, argument in arguments.items():
-            if argument.default is argument.empty and name not in given:
+            if argument.default is argument.empty and name not in entries:
                 raise self.error(f"the key {name!r} must be given, but is missing.")
         try:
-            return function(**given)
+            return function(**entries)
         except ValueError as error:
             raise self.error(str(error)) from error
 
@@ -146,11 +146,11 @@ def _scene_of(top: _Place, content: dict[str, Any]) -> tuple[Scene, dict[str, An
     for kind, listed in content.items():
         if kind in kinds or kind == random_spheres.__name__:
             for place, table in _tables(top, kind, listed):
-                given = _resolve(place, table, materials)
+                entries = _resolve(place, table, materials)
                 if kind in kinds:
-                    bodies.append(place.call(kinds[kind], given))
+                    bodies.append(place.call(kinds[kind], entries))
                 else:
-                    bodies.extend(place.call(random_spheres, given))
+                    bodies.extend(place.call(random_spheres, entries))
     scene_given = {name: content[name] for name in for_scene if name in content}
     if "periodic" in scene_given:
         scene_given["periodic"] = _periodic(top, scene_given["periodic"])
@@ -158,7 +158,7 @@ def _scene_of(top: _Place, content: dict[str, Any]) -> tuple[Scene, dict[str, An
     if "law" not in scene_given:
         raise top.error("the key 'law' must be given, but is missing.")
     scene = top.call(Scene, {"bodies": bodies, **scene_given})
-    return scene, _run_given(top, {name: content[name] for name in for_run if name in content})
+    return scene, _run_arguments(top, {name: content[name] for name in for_run if name in content})
 
 
 def _table_of(top: _Place, name: str, value: Any) -> dict[str, Any]:
@@ -167,24 +167,24 @@ def _table_of(top: _Place, name: str, value: Any) -> dict[str, Any]:
 
 def _tables(top: _Place, kind: str, listed: Any) -> Iterable[tuple[_Place, dict[str, Any]]]:
     """Return the tables of one kind, each with its place in the file."""
-    if not isinstance(listed, list) or not all(isinstance(one, dict) for one in listed):
+    if not isinstance(listed, list) or not all(isinstance(table, dict) for table in listed):
         raise top.error(f"{kind!r} must be tables [[{kind}]], but is {rendered(listed)}.")
-    return [(top.inside(f"[[{kind}]] number {k}"), one) for k, one in enumerate(listed, 1)]
+    return [(top.inside(f"[[{kind}]] number {k}"), table) for k, table in enumerate(listed, 1)]
 
 
 def _resolve(
     place: _Place, table: Mapping[str, Any], materials: Mapping[str, Material]
 ) -> dict[str, Any]:
     """Return the table of a body with its named material and motion resolved."""
-    given = dict(table)
-    if "material" in given:
-        place.require_known("'material'", given["material"], materials)
-        given["material"] = materials[given["material"]]
-    if "motion" in given:
-        given["motion"] = _motion(place, given["motion"])
-    if "periodic" in given:
-        given["periodic"] = _periodic(place, given["periodic"])
-    return given
+    entries = dict(table)
+    if "material" in entries:
+        place.require_known("'material'", entries["material"], materials)
+        entries["material"] = materials[entries["material"]]
+    if "motion" in entries:
+        entries["motion"] = _motion(place, entries["motion"])
+    if "periodic" in entries:
+        entries["periodic"] = _periodic(place, entries["periodic"])
+    return entries
 
 
 def _motion(place: _Place, value: Any) -> AbstractMotion:
@@ -211,13 +211,13 @@ def _law(place: _Place, value: Any) -> AbstractLaw:
         raise place.error(str(error)) from error
 
 
-def _by_pair(top: _Place, content: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def _by_pair(top: _Place, content: Mapping[str, Any], entries: Mapping[str, Any]) -> dict[str, Any]:
     """Return the law and the stiffness of a scene: one for all, or by pair with a default."""
-    found: dict[str, Any] = {}
-    if "law" in given:
-        found["law"] = _law(top.inside("[law]"), given["law"])
-    if "stiffness" in given:
-        found["stiffness"] = given["stiffness"]
+    arguments: dict[str, Any] = {}
+    if "law" in entries:
+        arguments["law"] = _law(top.inside("[law]"), entries["law"])
+    if "stiffness" in entries:
+        arguments["stiffness"] = entries["stiffness"]
     tables: dict[str, dict[Any, Any]] = {"law": {}, "stiffness": {}}
     for place, table in _tables(top, "pair", content.get("pair", [])):
         for name in table:
@@ -236,26 +236,26 @@ def _by_pair(top: _Place, content: Mapping[str, Any], given: Mapping[str, Any]) 
                 tables[name][pair] = _law(place, value) if name == "law" else value
     for name, table in tables.items():
         if table:
-            found[name] = table | ({DEFAULT: found[name]} if name in found else {})
-    return found
+            arguments[name] = table | ({DEFAULT: arguments[name]} if name in arguments else {})
+    return arguments
 
 
 def _periodic(place: _Place, value: Any) -> list[Any]:
     """Return the lengths, with None where the file has false, since TOML has no None."""
     if not isinstance(value, list):
         raise place.error(f"'periodic' must be {_PERIODIC}, but is {rendered(value)}.")
-    return [None if one is False else one for one in value]
+    return [None if length is False else length for length in value]
 
 
-def _run_given(top: _Place, given: dict[str, Any]) -> dict[str, Any]:
+def _run_arguments(top: _Place, entries: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of `simulate`, with explicit times."""
-    if "duration" not in given:
+    if "duration" not in entries:
         raise top.error("the key 'duration' must be given, but is missing.")
     try:
-        duration = require_number("duration", given["duration"], POSITIVE)
-        times = given.get("times", TIMES)
+        duration = require_number("duration", entries["duration"], POSITIVE)
+        times = entries.get("times", TIMES)
         if not isinstance(times, list):
             times = np.linspace(0, duration, require_count("times", times, 2))
     except ValueError as error:
         raise top.error(str(error)) from error
-    return given | {"duration": duration, "times": times}
+    return entries | {"duration": duration, "times": times}

@@ -67,14 +67,14 @@ class Run(eqx.Module):
         after it. Values are NaN outside the run, and beyond the time that a flagged run reached.
         Raises ValueError for non-numbers and for more than one axis.
         """
-        asked = as_parameter(time, "time")
-        if asked.ndim > 1:
+        times = as_parameter(time, "time")
+        if times.ndim > 1:
             raise ValueError(
                 f"Argument `time` must be a number or a list of numbers, but is {rendered(time)}."
             )
-        if traced(asked):
-            return moment_at(self._record, asked.reshape(-1))
-        return moment_at(self._record, jax.device_put(np.asarray(asked).reshape(-1)))
+        if traced(times):
+            return moment_at(self._record, times.reshape(-1))
+        return moment_at(self._record, jax.device_put(np.asarray(times).reshape(-1)))
 
     @property
     def margin(self) -> Margin:
@@ -91,8 +91,8 @@ class Run(eqx.Module):
         """
         start: Start | None = derived(final_start, self._record)
         end = self.at(self.duration)
-        known = end if traced(end) else jax.tree.map(np.asarray, end)
-        position, velocity = known.position[0], known.velocity[0]
+        state = end if traced(end) else jax.tree.map(np.asarray, end)
+        position, velocity = state.position[0], state.velocity[0]
         bodies = list(self.scene.bodies)
         for k, sphere in enumerate(self.scene.spheres):
             place = self._record.layout.body[k]

@@ -111,64 +111,64 @@ def simulate(
     rule = _v0(v0)
     room_for = MOST if max_cluster is None else require_count("max_cluster", max_cluster, 2)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
-    asked = _times(times, length)
+    at = _times(times, length)
     require_progress(progress)
     layout = layout_of(scene)
     if max_cluster is None:
         room_for = _places_of(scene, room_for)
-    scene = _going_on(scene, soft, min(room_for, layout.spheres))
+    scene = _usable_start(scene, soft, min(room_for, layout.spheres))
     require_clear_of_each_other(scene.bodies, length)
     rules = Rules(soft, rule, min(room_for, layout.spheres) if soft else 0)
-    plain = not traced((scene, length, asked))
+    plain = not traced((scene, length, at))
     start: RunState | None = None
     if plain:
-        *numbers_of_it, start = _prepare(inputs_of(scene), layout, rules, length, asked)
+        *numbers_of_it, start = _prepare(inputs_of(scene), layout, rules, length, at)
     else:
         began: list[RunState] = []
 
-        def seen(*given: Any) -> tuple[tuple[Any, ...], None]:
-            *known, state = _prepare_traced(*given)
+        def prepare(*arguments: Any) -> tuple[tuple[Any, ...], None]:
+            *numbers_seen, state = _prepare_traced(*arguments)
             began[:] = [state]
-            return tuple(known), None
+            return tuple(numbers_seen), None
 
-        numbers_of_it = derived(_traced_numbers, scene, layout, rules, length, asked, decide=seen)
+        numbers_of_it = derived(_traced_numbers, scene, layout, rules, length, at, decide=prepare)
         start = began[0] if began else None
-    numbers, valid, length, asked, last = numbers_of_it
+    numbers, valid, length, at, last = numbers_of_it
     within = jax.device_put(np.asarray(tolerance, numbers.dtype))
     grows = max_cluster is None and _places_of(scene, 0) == 0
     # A call of the coupled solve ends when any pair touches or opens.
     calls = _CALLS if rules.members and not plain else 1
     room = ROOM if most is None else most
 
-    def piecewise(given: RunInputs) -> tuple[Rules, LoopOutcome]:
+    def piecewise(inputs: RunInputs) -> tuple[Rules, LoopOutcome]:
         rows = None if most is None else most * calls
         with progress_of(progress, "impacts", "simulate") as tell:
-            return from_python(rules, given, start, rows, tell, grows)
+            return from_python(rules, inputs, start, rows, tell, grows)
 
-    def at_once(given: RunInputs) -> LoopOutcome:
-        grid = None if soft else grid_of(*given[:2])
-        return all_at_once(rules, given, grid, room * calls)
+    def at_once(inputs: RunInputs) -> LoopOutcome:
+        grid = None if soft else grid_of(*inputs[:2])
+        return all_at_once(rules, inputs, grid, room * calls)
 
-    given = (layout, numbers, valid, last, within)
-    ended, numbers, known = differentiable_run(rules, given, piecewise, at_once)
-    record = RunRecord(layout, numbers, ended, within, known, last, length)
-    told = read_run(record, asked, room)
+    inputs = (layout, numbers, valid, last, within)
+    ended, numbers, outcome = differentiable_run(rules, inputs, piecewise, at_once)
+    record = RunRecord(layout, numbers, ended, within, outcome, last, length)
+    contents = read_run(record, at, room)
     names = tuple(
         body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
         for k, body in enumerate(scene.bodies)
     )
     return Run(
-        time=told.now.time,
-        position=told.now.position,
-        velocity=told.now.velocity,
-        energy=told.now.energy,
-        impacts=dataclasses.replace(told.impacts, names=names),
-        status=told.status,
-        reached=told.reached,
-        wall_work=told.work,
+        time=contents.now.time,
+        position=contents.now.position,
+        velocity=contents.now.velocity,
+        energy=contents.now.energy,
+        impacts=dataclasses.replace(contents.impacts, names=names),
+        status=contents.status,
+        reached=contents.reached,
+        wall_work=contents.work,
         duration=length,
         scene=scene,
-        _nearest=told.nearest,
+        _nearest=contents.nearest,
         _record=record,
     )
 
@@ -179,7 +179,7 @@ def _places_of(scene: Scene, otherwise: int) -> int:
     return otherwise if contacts is None else contacts.who.shape[0]
 
 
-def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
+def _usable_start(scene: Scene, soft: bool, members: int) -> Scene:
     """Return the scene with its start state removed where that is not used."""
     start = scene._start
     if start is None or start.soft == soft:
@@ -202,46 +202,46 @@ def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
     return eqx.tree_at(lambda scene: scene._start, scene, None)
 
 
-def _v0(given: Any) -> str | float:
+def _v0(value: Any) -> str | float:
     """Return the rule for v0: "peak", "touch" or a lower bound in m/s.
 
     Raises ValueError for anything else.
     """
-    if isinstance(given, str):
-        return require_choice("v0", given, ("peak", "touch"))
-    return require_number("v0", given, POSITIVE)
+    if isinstance(value, str):
+        return require_choice("v0", value, ("peak", "touch"))
+    return require_number("v0", value, POSITIVE)
 
 
-def _times(given: Any, duration: Array) -> Array:
+def _times(value: Any, duration: Array) -> Array:
     """Return the output times; raises ValueError unless they ascend within the duration."""
-    if given is None:
+    if value is None:
         if isinstance(duration, Tracer):
             return jnp.stack([jnp.zeros_like(duration), duration])
         end = np.asarray(duration)
         return jax.device_put(np.stack([np.zeros_like(end), end]))
-    times = as_parameter(given, "times")
+    times = as_parameter(value, "times")
     if times.ndim != 1 or times.shape[0] == 0:
-        raise ValueError(f"Argument `times` must be a list of numbers, but is {rendered(given)}.")
+        raise ValueError(f"Argument `times` must be a list of numbers, but is {rendered(value)}.")
     if isinstance(times, Tracer):
         return times
     plain = np.asarray(times)
     if not (np.all(np.isfinite(plain)) and np.all(np.diff(plain) > 0)):
-        raise ValueError(f"Argument `times` must ascend, but is {rendered(given)}.")
+        raise ValueError(f"Argument `times` must ascend, but is {rendered(value)}.")
     late = not isinstance(duration, Tracer) and plain[-1] > float(duration)
     if plain[0] < 0 or late:
         raise ValueError(
-            f"Argument `times` must lie between 0 and the duration, but is {rendered(given)}."
+            f"Argument `times` must lie between 0 and the duration, but is {rendered(value)}."
         )
     return times
 
 
 @quick
 def _prepare(
-    given: SceneInputs, layout: SceneLayout, rules: Rules, *times: Array
+    inputs: SceneInputs, layout: SceneLayout, rules: Rules, *times: Array
 ) -> tuple[Any, ...]:
     """Return the values of `_numbers` and the state at the start."""
-    known = _numbers(given, layout, rules, *times)
-    return *known, initial_state(layout, known[0], rules)
+    prepared = _numbers(inputs, layout, rules, *times)
+    return *prepared, initial_state(layout, prepared[0], rules)
 
 
 @quick
@@ -249,23 +249,23 @@ def _prepare_traced(
     scene: Scene, layout: SceneLayout, rules: Rules, *times: Array
 ) -> tuple[Any, ...]:
     """Return the values of `_started` for a scene under differentiation."""
-    known = _traced_numbers(None, scene, layout, rules, *times)
-    return *known, initial_state(layout, known[0], rules)
+    prepared = _traced_numbers(None, scene, layout, rules, *times)
+    return *prepared, initial_state(layout, prepared[0], rules)
 
 
 @quick
 def _traced_numbers(
-    choice: None, scene: Scene, layout: SceneLayout, *given: Any
+    choice: None, scene: Scene, layout: SceneLayout, *arguments: Any
 ) -> tuple[Any, ...]:
     """Return the values of `_numbers` for a scene with unchecked values, which may overlap."""
-    numbers, valid, length, *rest = _numbers(inputs_of(scene), layout, *given)
+    numbers, valid, length, *rest = _numbers(inputs_of(scene), layout, *arguments)
     valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
     valid = valid & POSITIVE.holds(length)
     return ones_unless(numbers, valid), valid, length, *rest
 
 
 def _numbers(
-    given: SceneInputs, layout: SceneLayout, rules: Rules, length: Array, asked: Array
+    inputs: SceneInputs, layout: SceneLayout, rules: Rules, length: Array, times: Array
 ) -> tuple[Numbers, Array, Array, Array, Array]:
     """Return the numbers of a scene and their validity, the duration, the times and the last time.
 
@@ -273,11 +273,11 @@ def _numbers(
     if a motion exceeds its bound.
     """
     contacts = rules.soft or not all(layout.constant)
-    numbers, valid = scene_numbers(given, layout, contacts, rules.soft)
+    numbers, valid = scene_numbers(inputs, layout, contacts, rules.soft)
     numbers = ones_unless(numbers, valid)
-    length, asked = length.astype(numbers.dtype), asked.astype(numbers.dtype)
+    length, times = length.astype(numbers.dtype), times.astype(numbers.dtype)
     last = length
     for movers in (numbers.motion, numbers.shaking):
         if movers is not None:
             last = jnp.minimum(last, movers.kept_until(length))
-    return numbers, valid, length, asked, last
+    return numbers, valid, length, times, last

@@ -41,20 +41,20 @@ class SweepColumn:
     def array(self, shape: Sequence[int]) -> np.ndarray:
         """Return the array over dimensions of given lengths, as a read-only view if possible."""
         dims = range(len(shape))
-        whole = np.broadcast_to(within(self.values, self.dims, dims), (*shape, *self.own_shape))
+        full = np.broadcast_to(within(self.values, self.dims, dims), (*shape, *self.own_shape))
         if self.masks:
-            whole = self._apply_masks(whole, dims, self.masks)
-            whole.flags.writeable = False
-        return whole
+            full = self._apply_masks(full, dims, self.masks)
+            full.flags.writeable = False
+        return full
 
     def _apply_masks(
         self, array: np.ndarray, dims: Sequence[int], masks: Sequence[SweepColumn]
     ) -> np.ndarray:
         """Return a copy of `array` over `dims`, with `otherwise` where a mask is false."""
-        result, good = array.copy(), np.ones(array.shape[: len(dims)], bool)
+        result, keep = array.copy(), np.ones(array.shape[: len(dims)], bool)
         for mask in masks:
-            good &= within(mask.values, mask.dims, dims)
-        result[~good] = self.otherwise
+            keep &= within(mask.values, mask.dims, dims)
+        result[~keep] = self.otherwise
         return result
 
     def simplify(self) -> SweepColumn:
@@ -86,14 +86,14 @@ class SweepColumn:
             return dict(zip(kinds.tolist(), numbers.tolist(), strict=True))
         lanes = math.prod(shape)
         free = lanes // math.prod(shape[d] for d in used)
-        good = free * math.prod(int(np.count_nonzero(mask.values)) for mask in self.masks)
+        kept = free * math.prod(int(np.count_nonzero(mask.values)) for mask in self.masks)
         kinds, numbers = np.unique(self.values, return_counts=True)
-        found = {k: good * n for k, n in zip(kinds.tolist(), numbers.tolist(), strict=True)}
-        bad = (lanes - good * math.prod(shape[d] for d in self.dims)) * math.prod(self.own_shape)
+        counts = {k: kept * n for k, n in zip(kinds.tolist(), numbers.tolist(), strict=True)}
+        bad = (lanes - kept * math.prod(shape[d] for d in self.dims)) * math.prod(self.own_shape)
         if bad:
             kind = np.asarray(self.otherwise).item()
-            found[kind] = found.get(kind, 0) + bad
-        return {kind: number for kind, number in found.items() if number}
+            counts[kind] = counts.get(kind, 0) + bad
+        return {kind: number for kind, number in counts.items() if number}
 
 
 def within(array: np.ndarray, dims: Sequence[int], among: Sequence[int]) -> np.ndarray:

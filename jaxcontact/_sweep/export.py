@@ -31,8 +31,8 @@ def dataset(sweep: SweepTable) -> xarray.Dataset:
         ) from error
     arrays = {}
     for name, column in (sweep.columns() | {"status": sweep.status_column}).items():
-        own = [f"{name}_{k}" for k in range(len(column.own_shape))]
-        arrays[name] = ([*sweep.dims, *own], column.array(sweep.shape), attributes_of(name))
+        own_dims = [f"{name}_{k}" for k in range(len(column.own_shape))]
+        arrays[name] = ([*sweep.dims, *own_dims], column.array(sweep.shape), attributes_of(name))
     along = sweep.dims_of_axes()
     coordinates: dict[str, Any] = {
         name: ([along[name]], values, attributes_of(name)) for name, values in sweep.axes.items()

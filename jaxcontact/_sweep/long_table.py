@@ -59,18 +59,18 @@ class _Cells:
     def texts(self, lanes: Lanes, count: int) -> Iterator[list[str]]:
         """Return the texts in some lanes, one list for each of the column's numbers per lane."""
         if self.ready is not None:
-            found = self.ready[_place(self.column, lanes)]
+            texts = self.ready[_place(self.column, lanes)]
         else:
-            found = self._made(_read(self.column, lanes))
-        found = np.broadcast_to(found, (count, *self.column.own_shape))
-        good = np.ones(count, bool)
+            texts = self._made(_read(self.column, lanes))
+        texts = np.broadcast_to(texts, (count, *self.column.own_shape))
+        keep = np.ones(count, bool)
         for mask in self.column.masks:
-            good &= _read(mask, lanes)
-        if not good.all():
-            good = within(good, (0,), range(found.ndim))
-            found = np.where(good, found, self.otherwise)
-        found = found.reshape(count, -1)
-        return (found[:, k].tolist() for k in range(found.shape[1]))
+            keep &= _read(mask, lanes)
+        if not keep.all():
+            keep = within(keep, (0,), range(texts.ndim))
+            texts = np.where(keep, texts, self.otherwise)
+        texts = texts.reshape(count, -1)
+        return (texts[:, k].tolist() for k in range(texts.shape[1]))
 
     def _made(self, values: np.ndarray) -> np.ndarray:
         """Convert each number to the shortest text that restores it in its own precision."""

@@ -59,7 +59,7 @@ class Sweep(SweepTable):
         """
         if method is not None:
             require_choice("method", method, METHODS)
-        found = self
+        table = self
         for name, number in where.items():
             if name not in self.dims:
                 raise ValueError(
@@ -67,8 +67,8 @@ class Sweep(SweepTable):
                     f"{', '.join(self.dims) or 'none'}."
                 )
             number = require_number(name, number)
-            found = found.taken(name, _place(self.coordinates(name), name, number, method))
-        return found
+            table = table.taken(name, _place(self.coordinates(name), name, number, method))
+        return table
 
     def to_xarray(self) -> xarray.Dataset:
         """Return the sweep as an `xarray.Dataset`, with units and its origin as attributes.
@@ -99,8 +99,8 @@ class Sweep(SweepTable):
         for name, column in self.columns().items():
             dims = {d for part in (column, *column.masks) for d in part.dims}
             over = ", ".join(self.dims[d] for d in sorted(dims))
-            own = f" {column.own_shape}" if column.own_shape else ""
-            fields.append(f"{name}({over}){own}")
+            shape = f" {column.own_shape}" if column.own_shape else ""
+            fields.append(f"{name}({over}){shape}")
         lines += _entry("fields", ", ".join(fields) or "none")
         counts = ", ".join(f"{n:,} {_status(code)}" for code, n in self.status_counts().items())
         lines += _entry("status", counts)

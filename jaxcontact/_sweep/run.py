@@ -58,8 +58,8 @@ def _results(
     forms = [[part.form for part in block.parts] for block in group]
     forms += [[]] * (workers.processes - len(group))
     everyone = workers.exchange(list(mine.values()), forms)
-    for block, found in zip(group, everyone, strict=False):
-        yield block, dict(zip([part.array.key for part in block.parts], found, strict=True))
+    for block, results in zip(group, everyone, strict=False):
+        yield block, dict(zip([part.array.key for part in block.parts], results, strict=True))
 
 
 def work_off(
@@ -194,9 +194,9 @@ def _form(part: Part, grid: SweepGrid, leaf: Dependence | None) -> Stored:
     if leaf is not None and leaf.conditions:
         # For readers of the store itself.
         attributes["valid_where"] = " ".join(map(flag_key, leaf.conditions))
-    own = tuple(f"{key.split('/')[-1]}_{k}" for k in range(len(array.kind.shape)))
+    own_dims = tuple(f"{key.split('/')[-1]}_{k}" for k in range(len(array.kind.shape)))
     return Stored(
-        dims=tuple(grid.dims[d] for d in array.dims) + own,
+        dims=tuple(grid.dims[d] for d in array.dims) + own_dims,
         shape=shape_of(array.dims, grid) + array.kind.shape,
         # A chunk has a length, even for an array without elements.
         chunk=tuple(max(length, 1) for length in part.form.shape),

@@ -224,12 +224,12 @@ def _reduce(
             "Argument `reduce` must be a pair (start, fold) with a function, "
             f"but is {rendered(reduce)}."
         )
-    whole, function = (plan.whole,), _name_of(fn)
+    groups, function = (plan.whole,), _name_of(fn)
     done = 0
     try:
-        for block, arrays in compute(blocks_of(whole, grid, most), workers):
+        for block, arrays in compute(blocks_of(groups, grid, most), workers):
             part = Results(arrays, (), 1.0)
-            value = fold(value, _table(plan, whole, grid.part(block.place), part, function))
+            value = fold(value, _table(plan, groups, grid.part(block.place), part, function))
             done += block.lanes
             tell(done, grid.size)
     except KeyboardInterrupt:

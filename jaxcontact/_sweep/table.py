@@ -93,9 +93,9 @@ class SweepTable:
     @functools.cached_property
     def status_column(self) -> SweepColumn:
         """The status, as compactly as it is stored."""
-        given = self._columns.get("status")
-        if given is not None:
-            return self._mark_interrupted(given) if self._computed else given
+        status = self._columns.get("status")
+        if status is not None:
+            return self._mark_interrupted(status) if self._computed else status
         floats = [c for c in self._columns.values() if np.issubdtype(c.stored.dtype, np.inexact)]
         checks = tuple(mask for mask in self._checks if not mask.values.all())
         masks = [mask for c in floats for mask in c.masks if not any(map(mask.same, checks))]
@@ -104,17 +104,17 @@ class SweepTable:
         lost = np.zeros(tuple(self.shape[d] for d in dims), bool)
         for column in floats:
             nan = np.isnan(column.values)
-            own = tuple(range(len(column.dims), nan.ndim))
-            lost |= within(np.asarray(nan.any(own)), column.dims, dims)
+            own_axes = tuple(range(len(column.dims), nan.ndim))
+            lost |= within(np.asarray(nan.any(own_axes)), column.dims, dims)
         for mask in masks:
             lost |= ~within(mask.values, mask.dims, dims)
         codes = np.where(lost, int(Status.NOT_CONVERGED), int(Status.SEPARATED)).astype(np.int32)
         return SweepColumn(dims, codes, checks, int(Status.INVALID_INPUT)).simplify()
 
-    def _mark_interrupted(self, given: SweepColumn) -> SweepColumn:
+    def _mark_interrupted(self, column: SweepColumn) -> SweepColumn:
         """Return the status from the function, adjusted in lanes that lack any other result."""
         dims = tuple(range(len(self.shape)))
-        status = np.array(given.array(self.shape))
+        status = np.array(column.array(self.shape))
         for flags in self._computed:
             lost = ~np.broadcast_to(within(flags.values, flags.dims, dims), self.shape)
             status[lost & (status != Status.INVALID_INPUT)] = Status.NOT_CONVERGED

@@ -90,8 +90,8 @@ def animate(
     def draw(k: int) -> list[Artist]:
         time = frames.time[k]
         since = time - _TAIL * frames.time[-1]
-        for row, (own, line) in enumerate(zip(circles, tails, strict=True)):
-            for circle, shift in zip(own, away, strict=True):
+        for row, (images_of_sphere, line) in enumerate(zip(circles, tails, strict=True)):
+            for circle, shift in zip(images_of_sphere, away, strict=True):
                 circle.set_center(tuple(now[k, row] + shift))
             times, places = before[row]
             line.set_data(*places[(times >= since) & (times <= time)].T)
@@ -108,8 +108,8 @@ def _draw(ax: Axes, run: Run, images: int) -> tuple[list[list[Circle]], list[Lin
     circles, tails = [], []
     for colour, radius in zip(colours(run), radii(run), strict=True):
         look = {"facecolor": colour, "edgecolor": colour, "alpha": 0.8, "zorder": 3}
-        own = [Circle((0.0, 0.0), radius, **look) for _ in range(images)]
-        circles.append([ax.add_patch(circle) for circle in own])
+        shapes = [Circle((0.0, 0.0), radius, **look) for _ in range(images)]
+        circles.append([ax.add_patch(circle) for circle in shapes])
         tails += ax.plot([], [], color=colour, ls="-", lw=1.2, alpha=0.5, zorder=2)
     return circles, tails
 

@@ -143,15 +143,15 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     return 0 if int(done.status) == Ending.COMPLETED else 1
 
 
-def _axes(given: str | None, dimensions: int) -> tuple[int, ...] | None:
+def _axes(text: str | None, dimensions: int) -> tuple[int, ...] | None:
     """Return the numbers of two axes, None for all; raise InputError for other letters."""
     names = "xyz"[:dimensions]
-    if given is None:
+    if text is None:
         return (0, 2) if dimensions == 3 else None
-    if dimensions == 1 or len(given) != 2 or given[0] == given[1] or not set(given) <= set(names):
+    if dimensions == 1 or len(text) != 2 or text[0] == text[1] or not set(text) <= set(names):
         allowed = {1: "left out, in one dimension", 2: "xy or yx", 3: "two letters of xyz"}
-        raise InputError(f"--axes must be {allowed[dimensions]}, but is {given}")
-    return tuple(names.index(letter) for letter in given)
+        raise InputError(f"--axes must be {allowed[dimensions]}, but is {text}")
+    return tuple(names.index(letter) for letter in text)
 
 
 def _picture(done: Run, axes: tuple[int, ...] | None, file: pathlib.Path) -> bytes:

@@ -214,12 +214,12 @@ def contact_of(layout: SceneLayout, numbers: Numbers, i: Array, j: Array) -> Con
         return Contact(mass, stiffness, numbers.exponent.value)
     if numbers.compliance is None:
         return None
-    one = jnp.ones((), numbers.dtype)
+    unit = jnp.ones((), numbers.dtype)
     curvature = jnp.concatenate([1 / numbers.radius, jnp.zeros(layout.walls, numbers.dtype)])
     # A rigid plane under a sphere with the radius and the compliance of the pair.
     (soft, bent), (softer, more) = (rows_of((numbers.compliance, curvature), k) for k in (i, j))
-    pair = Material(one / (soft + softer), 0 * one)
-    return Contact.sphere_plane(one / (bent + more), pair, mass=mass)
+    pair = Material(unit / (soft + softer), 0 * unit)
+    return Contact.sphere_plane(unit / (bent + more), pair, mass=mass)
 
 
 def known_contact_of(layout: SceneLayout, numbers: Numbers, i: Array, j: Array) -> Contact:

@@ -24,10 +24,10 @@ class Flying(NamedTuple):
     time: Lane
 
 
-def where_each(counts: Bool[Array, " M"], one: Flying, other: Flying) -> Flying:
-    """Return `one` for each body that `counts`, else `other`."""
+def where_each(counts: Bool[Array, " M"], first: Flying, second: Flying) -> Flying:
+    """Return `first` for each body that `counts`, else `second`."""
     return jax.tree.map(
-        lambda a, b: jnp.where(counts.reshape(-1, *(1,) * (a.ndim - 1)), a, b), one, other
+        lambda a, b: jnp.where(counts.reshape(-1, *(1,) * (a.ndim - 1)), a, b), first, second
     )
 
 

@@ -21,8 +21,8 @@ def stored_energy(law: AbstractLaw, contact: Contact, depth: Number, speed: Numb
     depth = jnp.maximum(depth, 0)
     still = jnp.zeros_like(depth)
 
-    def one(node: Number) -> Number:
+    def integrand(node: Number) -> Number:
         return node * law.force(depth * jnp.square(node), still, contact, speed)
 
-    forces = jax.vmap(one)(jnp.asarray((1 + nodes) / 2, depth.dtype))
+    forces = jax.vmap(integrand)(jnp.asarray((1 + nodes) / 2, depth.dtype))
     return depth * contraction(jnp.asarray(weights, depth.dtype), forces)

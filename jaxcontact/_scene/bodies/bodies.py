@@ -120,8 +120,7 @@ class Sphere(AbstractBody):
         fixed: bool = False,
         motion: AbstractMotion | None = None,
     ):
-        self.name = _name(name)
-        self.material = _material(material)
+        self.name, self.material = _name(name), _material(material)
         self.fixed = require_flag("fixed", fixed)
         self.radius = one_number(radius, "radius", POSITIVE)
         if position is None:
@@ -139,11 +138,11 @@ class Sphere(AbstractBody):
                 f"it is hit, but is {rendered(motion)}."
             )
         if self.fixed:
-            for other, given in (("mass", mass), ("velocity", velocity)):
-                if given is not None:
+            for other, value in (("mass", mass), ("velocity", velocity)):
+                if value is not None:
                     raise ValueError(
                         f"Argument `{other}` must be None for a sphere with `fixed=True`, whose "
-                        f"mass is infinite and which does not move, but is {rendered(given)}."
+                        f"mass is infinite and which does not move, but is {rendered(value)}."
                     )
         elif mass is None and (material is None or material.density is None):
             raise ValueError(
@@ -206,8 +205,7 @@ class Plane(AbstractBody):
         *,
         motion: AbstractMotion | None = None,
     ):
-        self.name = _name(name)
-        self.material = _material(material)
+        self.name, self.material = _name(name), _material(material)
         self.point = vector(point, "point")
         self.normal = vector(normal, "normal")
         _require_as_many("normal", normal, self.normal, "point", self.point)
@@ -217,8 +215,8 @@ class Plane(AbstractBody):
 
     def walls(self) -> list[Wall]:
         normal, point = as_numpy(self.normal), as_numpy(self.point)
-        known = isinstance(normal, np.ndarray)
-        unit = normal / (np if known else jnp).linalg.norm(normal)
+        concrete = isinstance(normal, np.ndarray)
+        unit = normal / (np if concrete else jnp).linalg.norm(normal)
         return [_wall(-1, unit, (unit * point).sum(), self.motion)]
 
 
@@ -251,13 +249,12 @@ class Box(AbstractBody):
         *,
         motion: AbstractMotion | None = None,
     ):
-        self.name = _name(name)
-        self.material = _material(material)
+        self.name, self.material = _name(name), _material(material)
         self.low = vector(low, "low", finite=False)
         self.high = vector(high, "high", finite=False)
         _require_as_many("high", high, self.high, "low", self.low)
-        known = not isinstance(self.low, Tracer) and not isinstance(self.high, Tracer)
-        if known and not np.all(np.asarray(self.low) < np.asarray(self.high)):
+        concrete = not isinstance(self.low, Tracer) and not isinstance(self.high, Tracer)
+        if concrete and not np.all(np.asarray(self.low) < np.asarray(self.high)):
             raise ValueError(
                 f"Argument `high` must be above `low` = {rendered(low)}, but is {rendered(high)}."
             )
@@ -306,8 +303,7 @@ class Shell(AbstractBody):
         *,
         motion: AbstractMotion | None = None,
     ):
-        self.name = _name(name)
-        self.material = _material(material)
+        self.name, self.material = _name(name), _material(material)
         self.centre = vector(centre, "centre")
         self.radius = one_number(radius, "radius", POSITIVE)
         self.motion = in_space(motion, self.dimensions, "shell")
@@ -332,11 +328,11 @@ def words(bodies: Sequence[AbstractBody], k: int) -> str:
     return f"{type(body).__name__}{name} (number {k})"
 
 
-def _require_as_many(name: str, given: Any, found: Array, other: str, known: Array) -> None:
-    if found.shape != known.shape:
+def _require_as_many(name: str, value: Any, numbers: Array, other: str, like: Array) -> None:
+    if numbers.shape != like.shape:
         raise ValueError(
             f"Argument `{name}` must have as many numbers as `{other}`, which has "
-            f"{known.shape[0]}, but is {rendered(given)}."
+            f"{like.shape[0]}, but is {rendered(value)}."
         )
 
 

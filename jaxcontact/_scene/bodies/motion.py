@@ -57,11 +57,11 @@ class UserMotion(eqx.Module):
 
     def later(self, time: Array) -> UserMotion:
         """Return the motion with a later time zero."""
-        return eqx.tree_at(lambda own: own.began, self, self.began + self.tick * time)
+        return eqx.tree_at(lambda motion: motion.began, self, self.began + self.tick * time)
 
     def scaled(self, length: Array, tick: Array) -> UserMotion:
         """Return the motion in other units; it must be in m and s."""
-        return eqx.tree_at(lambda own: (own.length, own.tick), self, (length, tick))
+        return eqx.tree_at(lambda motion: (motion.length, motion.tick), self, (length, tick))
 
 
 class Along(NamedTuple):

@@ -60,8 +60,8 @@ class Prescribed(AbstractMotion):
 
         def read(leaf: Any) -> Any:
             is_number: bool = is_plain(leaf) or isinstance(leaf, np.ndarray | np.generic)
-            given: Any = leaf
-            return as_parameter(given, "args") if is_number else leaf
+            number: Any = leaf
+            return as_parameter(number, "args") if is_number else leaf
 
         self.args = jax.tree.map(read, args)
         self._began = jnp.zeros_like(self.max_acceleration)
@@ -81,9 +81,9 @@ class Prescribed(AbstractMotion):
 
     def _shape(self) -> tuple[int, ...] | None:
         """Return the shape of a displacement; None unless it is a floating-point array."""
-        found = jax.eval_shape(lambda t: self.displacement(t, self.args), self._began)
-        known = isinstance(found, jax.ShapeDtypeStruct)
-        return found.shape if known and jnp.issubdtype(found.dtype, jnp.floating) else None
+        shape = jax.eval_shape(lambda t: self.displacement(t, self.args), self._began)
+        is_array = isinstance(shape, jax.ShapeDtypeStruct)
+        return shape.shape if is_array and jnp.issubdtype(shape.dtype, jnp.floating) else None
 
     @property
     def dimensions(self) -> int | None:
@@ -95,11 +95,11 @@ class Prescribed(AbstractMotion):
         return True
 
     def _own(self, normal: Array | None) -> UserMotion:
-        one: Any = np.ones((), self._began.dtype)
+        unit: Any = np.ones((), self._began.dtype)
         arrays, rest = eqx.partition(self.args, eqx.is_array)
         leaves, structure = jax.tree.flatten(rest)
-        told = _Told(self.displacement, tuple(leaves), structure)
-        return UserMotion(told, arrays, self._began, normal, self.max_acceleration, one, one)
+        function = _Told(self.displacement, tuple(leaves), structure)
+        return UserMotion(function, arrays, self._began, normal, self.max_acceleration, unit, unit)
 
     def start(self, normal: Array | None) -> Any:
         return as_numpy(shifts(self._own(normal), np.zeros(1, self._began.dtype)))[0]

@@ -30,9 +30,9 @@ class ClusterClock(NamedTuple):
 
     def rate(self, closing: PerPair) -> Number:
         """Return dw/ds."""
-        one = jnp.ones((), closing.dtype)
+        unit = jnp.ones((), closing.dtype)
         opens = jnp.sum(jnp.where(self.leaving, closing, 0))
-        return jnp.where(self.touch, one, opens)
+        return jnp.where(self.touch, unit, opens)
 
 
 def choose_clock(

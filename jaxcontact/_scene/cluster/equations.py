@@ -218,8 +218,8 @@ class Touching(eqx.Module):
         depth = jnp.maximum(depth, 0)
         if not self.law.damped:
             rate = jnp.zeros_like(rate)
-        given = (units.length * depth, units.speed * rate, self.contact, units.speed * speed)
-        force = force_of(self.law, *given) / units.force
+        arguments = (units.length * depth, units.speed * rate, self.contact, units.speed * speed)
+        force = force_of(self.law, *arguments) / units.force
         return jnp.where(modes.closed & self.pairs.used, force, 0)
 
     def stored(self, depth: PerPair, modes: Modes) -> PerPair:
@@ -237,8 +237,8 @@ class Touching(eqx.Module):
         if self.drive is not None:
             swing = jnp.sin(self.drive.rate * time + self.drive.phase)
             acceleration = acceleration - swing[:, None] * self.drive.strength
-            for own, body in self.drive.own:
-                acceleration = acceleration.at[body].add(own.push(time), mode="drop")
+            for user, body in self.drive.own:
+                acceleration = acceleration.at[body].add(user.push(time), mode="drop")
         return acceleration, pushed
 
     def on_planes(self, closed: Bool[Array, " pairs"]) -> Flag:

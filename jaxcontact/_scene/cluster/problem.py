@@ -92,9 +92,9 @@ def units_of(problem: ClusterProblem) -> Units:
 def scale_drive(drive: Drive | None, units: Units) -> Drive | None:
     if drive is None:
         return None
-    own = ((one.scaled(units.length, units.time), body) for one, body in drive.own)
+    users = ((user.scaled(units.length, units.time), body) for user, body in drive.own)
     return drive._replace(
         strength=drive.strength / (units.speed / units.time),
         rate=drive.rate * units.time,
-        own=tuple(own),
+        own=tuple(users),
     )

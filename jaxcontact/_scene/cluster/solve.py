@@ -154,8 +154,8 @@ def _assess(
     before, now = jax.vmap(field.energy)(*both)
     missing = jnp.abs(now - before - last.dropped - last.y[WORK])
     error = jnp.maximum(last.error, missing / jnp.maximum(before, jnp.abs(last.y[WORK])))
-    good = jnp.all(jnp.isfinite(last.y)) & (error <= 1e5 * tolerance)
-    status = jnp.where(good, status, NOT_CONVERGED)
+    sound = jnp.all(jnp.isfinite(last.y)) & (error <= 1e5 * tolerance)
+    status = jnp.where(sound, status, NOT_CONVERGED)
     # The work differs in the frame of the cluster, by the frame velocity times the momentum change.
     free = (problem.inverse_mass > 0)[:, None]
     mass = jnp.where(free, 1 / jnp.where(free, problem.inverse_mass[:, None], 1), 0)

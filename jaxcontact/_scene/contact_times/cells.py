@@ -207,11 +207,11 @@ def neighbours(
     dtype, dimensions = cells.cell.dtype, layout.dimensions
     around = cells.cell[who][:, None] + jnp.asarray(steps, dtype)[None]
     row = row_of(cells.lattice, layout, cells.grid, around.reshape(-1, dimensions))
-    found = cells.table[row].reshape(who.shape[0], -1)
-    more = jnp.asarray(everywhere(layout), found.dtype)[None]
+    spheres = cells.table[row].reshape(who.shape[0], -1)
+    more = jnp.asarray(everywhere(layout), spheres.dtype)[None]
     more = jnp.broadcast_to(more, (who.shape[0], more.shape[1]))
-    found = jnp.concatenate([found, more], axis=1)
-    return jnp.maximum(found, 0), found >= 0
+    spheres = jnp.concatenate([spheres, more], axis=1)
+    return jnp.maximum(spheres, 0), spheres >= 0
 
 
 def leaving(

@@ -83,8 +83,8 @@ def _rows_of(lattice: Lattice, layout: SceneLayout, grid: CellGrid, position: Ar
 
 def _worth(layout: SceneLayout, grid: CellGrid) -> CellGrid | None:
     """Return the grid, unless neighbours are nearly all spheres."""
-    found = 3 ** sum(grid.axes) * grid.capacity
-    return grid if 2 * found <= layout.visible else None
+    visited = 3 ** sum(grid.axes) * grid.capacity
+    return grid if 2 * visited <= layout.visible else None
 
 
 def _power_of_two(number: float | Array) -> int:

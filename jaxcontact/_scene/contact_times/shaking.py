@@ -92,11 +92,11 @@ def _march(
         away = waits & (there.slope > noise) & (there.room > rounding)
         met = waits & (there.room < deep)
         begins = met & (stride <= least)
-        found = ~waits & (there.slope < 0) & ((there.room <= 0) | (by <= least))
+        arrived = ~waits & (there.slope < 0) & ((there.room <= 0) | (by <= least))
         # After a graze that rounding made a touch, the first steps would have zero length.
-        flies = jnp.where(on & ~found, t + jnp.maximum(by, least), t)
+        flies = jnp.where(on & ~arrived, t + jnp.maximum(by, least), t)
         t = jnp.where(waits, jnp.where(met & ~begins, t, at), flies)
-        on = on & ~found & ~begins & (t <= horizon)
+        on = on & ~arrived & ~begins & (t <= horizon)
         return t, on, waits & ~away, jnp.where(met, stride / 2, stride)
 
     stride = jnp.broadcast_to(horizon / CHECKED, noise.shape)
@@ -189,8 +189,8 @@ def shaking_sphere_time(
     curve, noise = sign * (drawn + across) / length, noise + jnp.zeros_like(distance)
     # For the gap of squares in a shell.
     times = jnp.where(sign > 0, 1, 2 * length)
-    given = (times * curve, times * noise, times * rounding)
-    return _march(there, step, *given, _finest(motion, now), horizon, wanted)
+    scaled = (times * curve, times * noise, times * rounding)
+    return _march(there, step, *scaled, _finest(motion, now), horizon, wanted)
 
 
 def _gap(apart: Lane, rate: Lane, distance: Lane, bend: Lane) -> _Gap:

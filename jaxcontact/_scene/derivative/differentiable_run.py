@@ -28,7 +28,7 @@ RunInputs = tuple[SceneLayout, Numbers, Array, Array, Array]
 
 def differentiable_run(
     rules: Rules,
-    given: RunInputs,
+    inputs: RunInputs,
     from_python: Callable[[RunInputs], tuple[Rules, LoopOutcome]],
     at_once: Callable[[RunInputs], LoopOutcome],
 ) -> tuple[Rules, Numbers, LoopOutcome]:
@@ -36,29 +36,29 @@ def differentiable_run(
     those given. They are returned with the log, so that cotangents of both are added within the
     program that transposes the rows.
     """
-    beneath = traced(given)
+    beneath = traced(inputs)
 
-    def find(is_traced: bool, given: RunInputs) -> Found:
-        arrays = eqx.filter(given[1], eqx.is_array)
+    def find(is_traced: bool, inputs: RunInputs) -> Found:
+        arrays = eqx.filter(inputs[1], eqx.is_array)
         if is_traced:
-            return Found((arrays, at_once(given)), None)
-        rules, outcome = from_python(given)
+            return Found((arrays, at_once(inputs)), None)
+        rules, outcome = from_python(inputs)
         if beneath:
             outcome = _shorten(outcome)
         way = np.asarray(outcome.log.figures.outcome.way)[: int(outcome.written)]
         return Found((arrays, outcome), (rules, not np.any(way == Way.RADIAL)))
 
-    def slopes(given: RunInputs, found: Found) -> Callable[[Any], Any]:
+    def slopes(scene: RunInputs, found: Found) -> Callable[[Any], Any]:
         rules, by_formula = found.choice
-        layout, numbers, _, _, tolerance = given
+        layout, numbers, _, _, tolerance = scene
         _, outcome = found.value
         if traced(outcome.written):
             # A `vmap` over tangents alone, between two derivatives, turns everything into tracers.
-            return lambda along: along_with(given, found, along)
+            return lambda along: along_with(scene, found, along)
         hits, calls, slot = _kinds(outcome)
         parts = (layout, rules, numbers, outcome.log, hits, calls, slot, tolerance)
-        known = numbers, outcome, derived(_matrices, by_formula, *parts)
-        data, static = eqx.partition(known, eqx.is_array)
+        traced_parts = numbers, outcome, derived(_matrices, by_formula, *parts)
+        data, static = eqx.partition(traced_parts, eqx.is_array)
         leaves, structure = jax.tree.flatten(static)
         map = Map(_chain, (layout, rules, tuple(leaves), structure))
 
@@ -70,19 +70,19 @@ def differentiable_run(
 
         return move
 
-    def along_with(given: RunInputs, found: Found, along: RunInputs) -> tuple[Numbers, LoopOutcome]:
-        layout, numbers, _, _, tolerance = given
+    def along_with(scene: RunInputs, found: Found, along: RunInputs) -> tuple[Numbers, LoopOutcome]:
+        layout, numbers, _, _, tolerance = scene
         _, outcome = found.value
         ended = rules if found.choice is None else found.choice[0]
         still: LoopOutcome = jax.tree.map(lambda _: None, outcome)
-        told = (outcome.log, outcome.written, tolerance)
+        rows = (outcome.log, outcome.written, tolerance)
         moved = _whole(along[1], numbers)
-        figures = _pushed(layout, ended, numbers, *told, moved)
+        figures = _pushed(layout, ended, numbers, *rows, moved)
         return moved, still._replace(log=still.log._replace(figures=figures))
 
-    found = outside(find, slopes, along_with, given)
+    found = outside(find, slopes, along_with, inputs)
     arrays, outcome = found.value
-    numbers = eqx.combine(arrays, given[1])
+    numbers = eqx.combine(arrays, inputs[1])
     return rules if found.choice is None else found.choice[0], numbers, outcome
 
 
@@ -110,27 +110,27 @@ def _kinds(outcome: LoopOutcome) -> tuple[Kept | None, Kept | None, Int[Array, "
     slot = np.zeros(rows, int)
 
     def keep(which: np.ndarray) -> Kept | None:
-        found = number[which]
-        slot[found] = np.arange(found.size)
-        if found.size == 0:
+        rows_of_kind = number[which]
+        slot[rows_of_kind] = np.arange(rows_of_kind.size)
+        if rows_of_kind.size == 0:
             return None
-        room = max(8, 1 << int(found.size - 1).bit_length())
+        room = max(8, 1 << int(rows_of_kind.size - 1).bit_length())
         row = np.zeros(room, int)
-        row[: found.size] = found
-        return Kept(jax.device_put(row), jax.device_put(np.arange(room) < found.size))
+        row[: rows_of_kind.size] = rows_of_kind
+        return Kept(jax.device_put(row), jax.device_put(np.arange(room) < rows_of_kind.size))
 
     hits, calls = keep(~is_call), keep(is_call)
     return hits, calls, jax.device_put(slot)
 
 
 @quick
-def _matrices(choice: None, by_formula: bool, *given: Any) -> Matrices:
-    return matrices(*given, by_formula=by_formula)
+def _matrices(choice: None, by_formula: bool, *inputs: Any) -> Matrices:
+    return matrices(*inputs, by_formula=by_formula)
 
 
-def _chain(static: Any, known: Any, along: Numbers) -> tuple[Numbers, LogNumbers]:
+def _chain(static: Any, data: Any, along: Numbers) -> tuple[Numbers, LogNumbers]:
     layout, rules, leaves, structure = static
-    numbers, outcome, matrices = eqx.combine(known, jax.tree.unflatten(structure, leaves))
+    numbers, outcome, matrices = eqx.combine(data, jax.tree.unflatten(structure, leaves))
     along = _whole(along, numbers)
     return along, chain_matrices(
         layout, rules, numbers, outcome.log, outcome.written, matrices, along

@@ -44,20 +44,20 @@ def differentiable(record: RunRecord) -> RunRecord:
     @figures.defjvp
     def rule(primals: tuple, tangents: tuple) -> tuple[LogNumbers, LogNumbers]:
         leaves, others, log, written, tolerance = primals
-        known = figures(*primals)
+        values = figures(*primals)
         numbers = eqx.combine(leaves, others, rest)
-        log = log._replace(figures=known)
-        return known, push_tangents(layout, rules, numbers, log, written, tolerance, tangents[0])
+        log = log._replace(figures=values)
+        return values, push_tangents(layout, rules, numbers, log, written, tolerance, tangents[0])
 
-    written, tolerance = record.known.written, record.tolerance
+    written, tolerance = record.outcome.written, record.tolerance
     log = record.log._replace(figures=figures(leaves, others, record.log, written, tolerance))
-    return dataclasses.replace(record, known=record.known._replace(log=log))
+    return dataclasses.replace(record, outcome=record.outcome._replace(log=log))
 
 
 class _Row(NamedTuple):
     """A row of the log; whether it `counts`, and the `slot` of its matrix."""
 
-    known: LogNumbers
+    values: LogNumbers
     facts: LogDecisions
     counts: Flag
     slot: Index
@@ -94,12 +94,12 @@ def push_tangents(
         return jax.jvp(of, (leaves, place), (along, before))[1]
 
     def coupled(row: _Row, entering: Entering) -> Done:
-        solve, given = row_call(layout, rules, *row[:3], tolerance)
+        solve, place = row_call(layout, rules, *row[:3], tolerance)
 
         def of(leaves: Any, entering: Entering) -> Done:
             return solve(eqx.combine(leaves, rest), entering)
 
-        return jax.jvp(of, (leaves, given), (along, entering))[1]
+        return jax.jvp(of, (leaves, place), (along, entering))[1]
 
     ways = _Ways(hit, None if log.facts.call is None else coupled)
     slot = jnp.arange(log.facts.tied.shape[0])
@@ -120,15 +120,15 @@ def chain_matrices(
 
     def hit(row: _Row, before: Flying) -> ImpactOutcome:
         assert hits is not None
-        given = flat((row_numbers(layout, along, two_of(layout, row.facts)), before))
-        return unflat(hits[row.slot] @ given, row.known.outcome)
+        start = flat((row_numbers(layout, along, two_of(layout, row.facts)), before))
+        return unflat(hits[row.slot] @ start, row.values.outcome)
 
     def coupled(row: _Row, entering: Entering) -> Done:
-        called, at = row.facts.call, row.known.coupled
+        called, at = row.facts.call, row.values.coupled
         assert calls is not None and called is not None and at is not None
-        given = flat((row_numbers(layout, along, index_of(layout, called.decided.seats)), entering))
+        start = flat((row_numbers(layout, along, index_of(layout, called.decided.seats)), entering))
         like = Done(at.began, at.end, at.work, entering.spheres.position)
-        return unflat(calls[row.slot] @ given, like)
+        return unflat(calls[row.slot] @ start, like)
 
     ways = _Ways(None if hits is None else hit, None if calls is None else coupled)
     return _chain(layout, rules, numbers, log, written, along, ways, matrices.slot)
@@ -154,7 +154,7 @@ def _chain(
 ) -> LogNumbers:
     def impact(carry: _Tangents, row: _Row) -> tuple[_Tangents, LogNumbers]:
         assert ways.hit is not None
-        known, facts, counts, _ = row
+        values, facts, counts, _ = row
         first, second = facts.choice.first, jnp.minimum(facts.choice.second, layout.spheres - 1)
         is_sphere = facts.choice.second < layout.spheres
         who = jnp.stack([first, jnp.where(is_sphere, second, first)])
@@ -166,13 +166,13 @@ def _chain(
         rows = jnp.stack([counts, counts & is_sphere])
         rows = jnp.where(rows, who, layout.spheres + jnp.arange(2))
         moved = with_rows(carry.spheres, rows, outcome.after)
-        together = jax.tree.map(jnp.zeros_like, known.coupled)
+        together = jax.tree.map(jnp.zeros_like, values.coupled)
         return carry._replace(spheres=moved), LogNumbers(before, outcome, together)
 
     def together(carry: _Tangents, row: _Row) -> tuple[_Tangents, LogNumbers]:
         assert ways.call is not None and carry.coupled is not None
-        known, members = row.known, rules.members
-        called, at = row.facts.call, known.coupled
+        values, members = row.values, rules.members
+        called, at = row.facts.call, values.coupled
         assert called is not None and at is not None
         seats = called.decided.seats
         who, index = jnp.minimum(seats.who, layout.spheres - 1), index_of(layout, seats)
@@ -185,7 +185,7 @@ def _chain(
         first, second = slot_pairs(layout, members)
         on_wall = (at.end.closed > 0.5) & (second >= members) & called.rest
         latched = jnp.zeros_like(held).at[first].add(jnp.where(on_wall, end.latched, 0))
-        nothing = jax.tree.map(jnp.zeros_like, known)
+        nothing = jax.tree.map(jnp.zeros_like, values)
         figures = nothing._replace(
             outcome=nothing.outcome._replace(time=began.time),
             coupled=ClusterNumbers(spheres, held, began, end, work, jnp.zeros_like(work)),
@@ -194,9 +194,9 @@ def _chain(
         return _Tangents(moved, end, held), figures
 
     def nothing(carry: _Tangents, row: _Row) -> tuple[_Tangents, LogNumbers]:
-        return carry, jax.tree.map(jnp.zeros_like, row.known)
+        return carry, jax.tree.map(jnp.zeros_like, row.values)
 
-    def one(carry: _Tangents, row: _Row) -> tuple[_Tangents, LogNumbers]:
+    def pass_row(carry: _Tangents, row: _Row) -> tuple[_Tangents, LogNumbers]:
         other = nothing if ways.hit is None else impact
         if ways.call is None:
             return other(carry, row)
@@ -206,7 +206,7 @@ def _chain(
         return jax.lax.cond(is_call, lambda: together(carry, this), lambda: other(carry, that))
 
     rows = _Row(*log, jnp.arange(log.facts.tied.shape[0]) < written, slot)
-    return jax.lax.scan(one, _initial_tangents(layout, numbers, log, along), rows)[1]
+    return jax.lax.scan(pass_row, _initial_tangents(layout, numbers, log, along), rows)[1]
 
 
 def _initial_tangents(layout: SceneLayout, numbers: Numbers, log: Log, along: Numbers) -> _Tangents:

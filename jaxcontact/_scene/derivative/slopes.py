@@ -50,7 +50,7 @@ class Entering(NamedTuple):
 def row_hit(
     layout: SceneLayout,
     rules: Rules,
-    known: LogNumbers,
+    values: LogNumbers,
     facts: LogDecisions,
     counts: Flag,
     tolerance: Number,
@@ -60,7 +60,7 @@ def row_hit(
     use two approaching bodies.
     """
     place = two_that_meet(layout, facts.choice.time)
-    before = jax.tree.map(lambda a, b: jnp.where(counts, a, b), known.before, place)
+    before = jax.tree.map(lambda a, b: jnp.where(counts, a, b), values.before, place)
 
     def strike(numbers: Numbers, before: Flying) -> ImpactOutcome:
         if rules.soft:
@@ -73,13 +73,13 @@ def row_hit(
 def row_call(
     layout: SceneLayout,
     rules: Rules,
-    known: LogNumbers,
+    values: LogNumbers,
     facts: LogDecisions,
     counts: Flag,
     tolerance: Number,
 ) -> tuple[Callable[[Numbers, Entering], Done], Entering]:
     """Return the call of a row as a function, and its input."""
-    row, at, members = facts.call, known.coupled, rules.members
+    row, at, members = facts.call, values.coupled, rules.members
     assert row is not None and at is not None
     # The time of rest, and that of the last step, depend on rounding. This solve would stop at
     # another time, so it runs to the known one.
@@ -223,21 +223,21 @@ def matrices(
 ) -> Matrices:
     """Return the matrices of all rows, each with respect to its own inputs."""
 
-    def of(known: LogNumbers, facts: LogDecisions, counts: Array, is_call: bool) -> Array:
-        given: Any
+    def of(values: LogNumbers, facts: LogDecisions, counts: Array, is_call: bool) -> Array:
+        entry: Any
         if is_call:
-            row, given = row_call(layout, rules, known, facts, counts, tolerance)
+            row, entry = row_call(layout, rules, values, facts, counts, tolerance)
             assert facts.call is not None
             who = index_of(layout, facts.call.decided.seats)
         else:
-            row, given = row_hit(layout, rules, known, facts, counts, tolerance, by_formula)
+            row, entry = row_hit(layout, rules, values, facts, counts, tolerance, by_formula)
             who = two_of(layout, facts)
-        start, unravel = ravel_pytree(_without_flags((row_numbers(layout, numbers, who), given)))
+        start, unravel = ravel_pytree(_without_flags((row_numbers(layout, numbers, who), entry)))
 
         def outcome(vector: Array) -> Array:
             mine, entering = unravel(vector)
             if is_call:
-                flags = given.before
+                flags = entry.before
                 before = entering.before._replace(closed=flags.closed, rising=flags.rising)
                 entering = entering._replace(before=before)
             return flat(row(with_own(layout, numbers, who, mine), entering))
@@ -248,10 +248,10 @@ def matrices(
         if kept is None:
             return None
 
-        def one(k: Array, counts: Array) -> Array:
-            known, facts = rows_of(log, k)
-            return in_branch(counts, lambda: of(known, facts, counts, is_call))
+        def matrix_of_row(k: Array, counts: Array) -> Array:
+            values, facts = rows_of(log, k)
+            return in_branch(counts, lambda: of(values, facts, counts, is_call))
 
-        return jax.lax.map(lambda given: one(*given), kept)
+        return jax.lax.map(lambda rows: matrix_of_row(*rows), kept)
 
     return Matrices(each(hits, False), each(calls, True), slot)

@@ -122,7 +122,7 @@ def step_cluster(
     missing = jnp.sum(mass * (motion[0] - motion[1])) / 2 + jnp.maximum(done.work, 0)
     reserve = jnp.maximum(jnp.where(coupling.starts, 0, coupling.reserve) + missing, 0)
     # During the solve nothing else happens to the spheres in it.
-    time, known = jnp.broadcast_to(after.time, (members,)), rows_of(events, who)
+    time, later = jnp.broadcast_to(after.time, (members,)), rows_of(events, who)
     state = (
         state._replace(events=events)
         .replace_rows(
@@ -134,7 +134,7 @@ def step_cluster(
             held=jnp.where(rest, latched, 0),
             count=counts + 1,
             owed=jnp.zeros(members, numbers.dtype),
-            events=jax.tree.map(lambda a, b: jnp.where(ends, a, b), stale_events(time), known),
+            events=jax.tree.map(lambda a, b: jnp.where(ends, a, b), stale_events(time), later),
         )
         ._replace(
             now=jnp.maximum(state.now, began.time),

@@ -148,10 +148,10 @@ def select_members(
 def _core(layout: SceneLayout, coupling: Coupling) -> Bool[Array, " N"]:
     """Return which spheres are in contact."""
     count, members = layout.spheres, coupling.seats.who.shape[0]
-    one, other = bodies_of(layout, members, coupling.seats.who)
+    first, second = bodies_of(layout, members, coupling.seats.who)
     closed = coupling.state.closed & ~coupling.starts
     core = jnp.zeros(count, bool)
-    for body in (one, other):
+    for body in (first, second):
         core = core.at[jnp.where(closed, body, count)].set(True, mode="drop")
     choice = coupling.choice
     for body in (choice.first, choice.second):

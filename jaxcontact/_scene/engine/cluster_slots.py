@@ -39,8 +39,8 @@ def all_fit(layout: SceneLayout, members: int) -> bool:
 
 def slot_pairs(layout: SceneLayout, members: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the first and second slot of every pair that can meet, (P,) each; walls come last."""
-    own = all_fit(layout, members) and not in_line(layout)
-    fixed = layout.fixed if own else (False,) * members
+    by_sphere = all_fit(layout, members) and not in_line(layout)
+    fixed = layout.fixed if by_sphere else (False,) * members
     pairs = [
         (i, j)
         for i in range(members)

@@ -189,8 +189,8 @@ def call(
     pull = jnp.concatenate([pull, jnp.zeros((layout.walls, layout.dimensions), numbers.dtype)])
     one, other = bodies_of(layout, members, seats.who)
     # Unused slots get the numbers of a used pair.
-    some = jnp.argmax(pairs.used)
-    one, other = (jnp.where(pairs.used, body, rows_of(body, some)) for body in (one, other))
+    used_pair = jnp.argmax(pairs.used)
+    one, other = (jnp.where(pairs.used, body, rows_of(body, used_pair)) for body in (one, other))
     contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(one, other)
     law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(one, other)
     end = cluster(
@@ -207,10 +207,10 @@ def _touch(layout: SceneLayout, numbers: Numbers, spheres: Flying, decided: Call
     """Return the time of the touch that starts a solve."""
     seats, choice = decided.seats, decided.choice
     assert choice is not None
-    one = jnp.argmax(seats.who == choice.first)
+    first = jnp.argmax(seats.who == choice.first)
     # A wall has no slot. The first body replaces it, as another body may be ahead in time.
-    other = jnp.argmax(seats.who == choice.second)
-    two = jnp.stack([one, jnp.where(choice.second < layout.spheres, other, one)])
+    second = jnp.argmax(seats.who == choice.second)
+    two = jnp.stack([first, jnp.where(choice.second < layout.spheres, second, first)])
     nobody = two_that_meet(layout, choice.time)
     struck = jax.tree.map(lambda x, y: jnp.where(decided.starts, x[two], y), spheres, nobody)
     met = choice._replace(second=jnp.where(decided.starts, choice.second, choice.first))
@@ -227,13 +227,13 @@ def _drive(layout: SceneLayout, numbers: Numbers, seats: Slots, time: Array) -> 
     rate, phase = jnp.zeros(slots, numbers.dtype), jnp.zeros(slots, numbers.dtype)
     moves = jnp.asarray((False,) * members + layout.moving)
     shakes = jnp.asarray((False,) * members + layout.vibrating)
-    own: list[tuple[UserMotion, Any]] = []
+    users: list[tuple[UserMotion, Any]] = []
     if walls is not None:
         push = walls.amplitude * jnp.square(walls.rate)
         strength = strength.at[members:].set(push[:, None] * numbers.normal)
         rate = rate.at[members:].set(walls.rate)
         phase = phase.at[members:].set(walls.rate * time + walls.phase)
-        own += [(one, members + w) for w, one in enumerate(walls.own) if one is not None]
+        users += [(user, members + w) for w, user in enumerate(walls.own) if user is not None]
     if spheres is not None:
         # The slot of each shaken sphere, beyond all slots if it is absent.
         named = jnp.asarray(layout.shaken)
@@ -247,14 +247,14 @@ def _drive(layout: SceneLayout, numbers: Numbers, seats: Slots, time: Array) -> 
             slot,
             (push, spheres.rate, spheres.rate * time + spheres.phase, yes, yes),
         )
-        own += [(one, slot[k]) for k, one in enumerate(spheres.own) if one is not None]
+        users += [(user, slot[k]) for k, user in enumerate(spheres.own) if user is not None]
     return Drive(
         strength=strength,
         rate=rate,
         phase=phase,
         moves=moves,
         shakes=shakes,
-        own=tuple((one.later(time), at) for one, at in own),
+        own=tuple((user.later(time), at) for user, at in users),
     )
 
 
@@ -306,10 +306,10 @@ def contact_energy(
 ) -> Number:
     """Return the elastic energy of all contacts, Σ ∫ F(δ, 0) dδ."""
 
-    def one(i: Array, j: Array, depth: Array, closed: Array, speed: Array) -> Array:
+    def energy(i: Array, j: Array, depth: Array, closed: Array, speed: Array) -> Array:
         contact = known_contact_of(layout, numbers, i, j)
         law = law_of(layout, numbers, i, j)
         return stored_energy(law, contact, jnp.where(closed, depth, 0), speed)
 
-    given = (state.indentation, state.closed, state.latched)
-    return jnp.sum(jax.vmap(one)(*bodies_of(layout, members, seats.who), *given))
+    columns = (state.indentation, state.closed, state.latched)
+    return jnp.sum(jax.vmap(energy)(*bodies_of(layout, members, seats.who), *columns))

@@ -65,11 +65,11 @@ def next_event(
     speed = jnp.where(together, events.speed, -jnp.inf)
     everyone = jnp.arange(layout.spheres)
     i = jnp.min(jnp.where(speed == jnp.max(speed), everyone, layout.spheres - 1))
-    own, partner, met = rows_of((events.time, events.partner, events.count), i)
+    time, partner, met = rows_of((events.time, events.partner, events.count), i)
     is_sphere = (partner >= 0) & (partner < layout.spheres)
-    known = rows_of(count, jnp.clip(partner, 0, layout.spheres - 1)) == met
-    fresh = (partner >= layout.spheres) | (is_sphere & known)
-    return Due(least, own, i, partner, fresh)
+    is_current = rows_of(count, jnp.clip(partner, 0, layout.spheres - 1)) == met
+    fresh = (partner >= layout.spheres) | (is_sphere & is_current)
+    return Due(least, time, i, partner, fresh)
 
 
 def update_events(
@@ -106,8 +106,8 @@ def update_events(
         who = rows = i[None]
         if layout.spheres > _FEW:
             who, rows = _both(layout, events, i, now)
-        found = in_branch(wanted, lambda: find_next_events(layout, numbers, here, who, now, end))
-        events = with_rows(events, rows, found)
+        new = in_branch(wanted, lambda: find_next_events(layout, numbers, here, who, now, end))
+        events = with_rows(events, rows, new)
         return events, cells, next_event(layout, numbers, events, state.count)
 
     first = next_event(layout, numbers, state.events, state.count)

@@ -77,23 +77,23 @@ def is_isolated(
         steady = (distance > 0) | (10 * gain <= tolerance * outcome.closing)
         alone = alone & (is_wall | steady)
     # A fixed body transmits nothing.
-    for one, counts in ((choice.first, jnp.asarray(True)), (second, ~is_wall & moves[second])):
-        apart = nearest_image(layout, numbers, position[one][None] - position)[0]
-        distance = numbers.radius[one] + numbers.radius
+    for body, counts in ((choice.first, jnp.asarray(True)), (second, ~is_wall & moves[second])):
+        apart = nearest_image(layout, numbers, position[body][None] - position)[0]
+        distance = numbers.radius[body] + numbers.radius
         gap = side(distance) * jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1)) - distance
         partner = (everyone == choice.first) | ((everyone == second) & ~is_wall)
-        far = gap > REACH * (fastest[one] + fastest) * last
-        far = far | partner | ~(moves[one] | moves)
+        far = gap > REACH * (fastest[body] + fastest) * last
+        far = far | partner | ~(moves[body] | moves)
         alone = alone & (jnp.all(far) | ~counts)
         if layout.walls:
-            height = jnp.sum(position[one][None] * numbers.normal, axis=-1)
-            reach = fastest[one] * last
+            height = jnp.sum(position[body][None] * numbers.normal, axis=-1)
+            reach = fastest[body] * last
             if motion is not None:
                 reach = reach + motion.fastest(now, last) * last
             height = height - numbers.walls_at(now).offset
-            room = height - numbers.radius[one] > REACH * reach
+            room = height - numbers.radius[body] > REACH * reach
             partner = jnp.arange(layout.walls) == choice.second - count
-            alone = alone & (jnp.all(room | partner) | ~counts | ~moves[one])
+            alone = alone & (jnp.all(room | partner) | ~counts | ~moves[body])
     if layout.gravity:
         who = jnp.stack([choice.first, second])
         bend = pull[who[0]] - pull[who[1]]

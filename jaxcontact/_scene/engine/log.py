@@ -92,7 +92,7 @@ def blank_log(rows: int, layout: SceneLayout, dtype: Any, members: int) -> Log:
     """Return a blank log with some rows, and with room for calls if there are `members`."""
     dimensions = layout.dimensions
     vector = jnp.zeros((rows, 2, dimensions), dtype)
-    pair, one = jnp.zeros((rows, 2), dtype), jnp.zeros(rows, dtype)
+    pair, each = jnp.zeros((rows, 2), dtype), jnp.zeros(rows, dtype)
     flying = Flying(vector, vector, pair)
 
     def repeat(row: Any) -> Any:
@@ -102,8 +102,8 @@ def blank_log(rows: int, layout: SceneLayout, dtype: Any, members: int) -> Log:
     together = called = None
     if members:
         together, called = repeat(blank_calls(layout, members, dtype))
-    facts = LogDecisions(choice, jnp.zeros((rows, 2), int) - 1, jnp.zeros(rows, bool), one, called)
-    outcome = ImpactOutcome(flying, *[one] * (len(ImpactOutcome._fields) - 1))
+    facts = LogDecisions(choice, jnp.zeros((rows, 2), int) - 1, jnp.zeros(rows, bool), each, called)
+    outcome = ImpactOutcome(flying, *[each] * (len(ImpactOutcome._fields) - 1))
     return Log(LogNumbers(flying, outcome, together), facts)
 
 
@@ -123,11 +123,11 @@ def blank_calls(
     state, no = as_numbers(blank_state(layout, members, dtype)), jnp.asarray(False)
     none = jnp.zeros((), dtype)
     pairs = jnp.zeros(slot_pairs(layout, members)[0].shape, bool)
-    whole = jnp.zeros(members, int)
-    seats, change = Slots(whole, whole > 0, vector), no_change(layout, members)
+    integers = jnp.zeros(members, int)
+    seats, change = Slots(integers, integers > 0, vector), no_change(layout, members)
     decided = Call(no, None, seats, change, pairs, none, no)
     together = ClusterNumbers(Flying(vector, vector, each), each, state, state, none, none)
-    return together, ClusterDecisions(no, whole - 1, decided, no, no, no)
+    return together, ClusterDecisions(no, integers - 1, decided, no, no, no)
 
 
 def last_call(

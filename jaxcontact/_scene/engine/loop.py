@@ -43,19 +43,19 @@ def initial_state(
     layout: SceneLayout, numbers: Numbers, rules: Rules, grid: CellGrid | None = None
 ) -> RunState:
     """Return the start: all spheres at time zero, all events out of date, with initial contacts."""
-    count, given = layout.spheres, numbers.start
+    count, start = layout.spheres, numbers.start
     zero = jnp.zeros(count, numbers.dtype)
-    whole = jnp.zeros(count, int)
+    integers = jnp.zeros(count, int)
     now = jnp.zeros((), numbers.dtype)
     state = RunState(
-        numbers.position, numbers.velocity, zero, whole - 1, whole, stale_events(zero),
+        numbers.position, numbers.velocity, zero, integers - 1, integers, stale_events(zero),
         now, jnp.zeros((), int), jnp.zeros((), int), zero, zero, None, None,
     )  # fmt: skip
-    if given is not None:
-        state = state._replace(support=given.support, held=given.held)
-    if given is None or given.underway is None:
+    if start is not None:
+        state = state._replace(support=start.support, held=start.held)
+    if start is None or start.underway is None:
         return _first_events(layout, numbers, rules, state, grid)
-    return _resume_impacts(layout, numbers, rules, state, grid, given.underway)
+    return _resume_impacts(layout, numbers, rules, state, grid, start.underway)
 
 
 def _resume_impacts(
@@ -146,14 +146,14 @@ def advance(
     def step(carry: tuple[RunState, Due, Log, Array]) -> tuple[RunState, Due, Log, Array]:
         state, due, log, written = carry
         # In a batch a finished run only waits.
-        given, needed = (layout, numbers, rules, state), unfinished(carry)
+        setting, needed = (layout, numbers, rules, state), unfinished(carry)
         if state.coupling is None:
-            state, figures, facts, fresh = _event(*given, due, end, tolerance, needed)
+            state, figures, facts, fresh = _event(*setting, due, end, tolerance, needed)
         else:
             state, figures, facts, fresh = jax.lax.cond(
                 cluster_is_next(state),
-                lambda: step_cluster(*given, end, tolerance, needed),
-                lambda: _event(*given, due, end, tolerance, needed),
+                lambda: step_cluster(*setting, end, tolerance, needed),
+                lambda: _event(*setting, due, end, tolerance, needed),
             )
         log = with_row(log, written, Log(figures, facts))
         until = end
@@ -217,8 +217,8 @@ def _event(
     is_sphere = partner < count
     # A wall has no row; the first body replaces it.
     who = jnp.stack([i, jnp.where(is_sphere, jnp.maximum(partner, 0), i)])
-    given = (layout, numbers, rules, state, due, who, now, tolerance, fresh & needed)
-    met = in_branch(fresh, lambda: _solve_due(*given))
+    arguments = (layout, numbers, rules, state, due, who, now, tolerance, fresh & needed)
+    met = in_branch(fresh, lambda: _solve_due(*arguments))
     choice, outcome = met.choice, met.outcome
     happens = fresh & met.alone
     starts = fresh & ~met.alone
@@ -264,8 +264,8 @@ def _solve_due(
     """Compute the impact that is due; unless `needed`, its solve takes no step."""
     partner = due.partner
     spheres = Flying(state.position, state.velocity, state.time)
-    known = (spheres, state.support, state.count, state.events)
-    before, support, met, events = rows_of(known, who)
+    columns = (spheres, state.support, state.count, state.events)
+    before, support, met, events = rows_of(columns, who)
     choice = _choice(layout, numbers, who, partner, before, support, now)
     if rules.soft:
         outcome = soft(layout, numbers, before, choice, tolerance, needed)
@@ -281,8 +281,8 @@ def _solve_due(
         support, crowded = _supports(layout, numbers, choice, outcome)
 
     # An event of the partner that is not an impact does not compete.
-    own = (events.partner[1] == who[0]) | (events.partner[1] < 0)
-    competing = jnp.where(own, events.second[1], events.time[1])
+    with_first = (events.partner[1] == who[0]) | (events.partner[1] < 0)
+    competing = jnp.where(with_first, events.second[1], events.time[1])
     is_sphere = partner < layout.spheres
     rival = jnp.minimum(events.second[0], jnp.where(is_sphere, competing, jnp.inf)) - now
     since = jnp.where(met > 0, now - before.time, jnp.inf)

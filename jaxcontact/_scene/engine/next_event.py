@@ -107,8 +107,8 @@ def find_next_events(
     columns = [_Columns(times, closing, jnp.broadcast_to(names, size))]
     those = _Those(who, position, velocity, pull, now, end)
     if layout.shaken:
-        found, bound = _of_shaken(layout, numbers, those)
-        columns.append(found)
+        shaken, bound = _of_shaken(layout, numbers, those)
+        columns.append(shaken)
         horizon = jnp.minimum(horizon, bound)
     if layout.walls:
         columns.append(_of_walls(layout, numbers, state, those))
@@ -129,15 +129,15 @@ def find_next_events(
     time = jnp.min(jnp.where(chosen, times, jnp.inf), axis=-1)
     second = jnp.min(jnp.where(chosen, jnp.inf, times), axis=-1)
     met = jnp.where(best < count, rows_of(state.count, jnp.minimum(best, count - 1)), 0)
-    found = Events(now + time, best, met, speed, now + second)
+    event = Events(now + time, best, met, speed, now + second)
     if state.cells is not None or any(layout.periodic):
         early = jnp.minimum(horizon, leaves)
         sooner, reason = early < time, jnp.where(leaves <= horizon, LEAVES, AGAIN)
-        before = Events(now + early, reason, met, jnp.full_like(speed, jnp.inf), found.time)
-        found = jax.tree.map(lambda a, b: jnp.where(sooner, a, b), before, found)
+        before = Events(now + early, reason, met, jnp.full_like(speed, jnp.inf), event.time)
+        event = jax.tree.map(lambda a, b: jnp.where(sooner, a, b), before, event)
     if state.coupling is not None:
-        found = without_cluster(layout, numbers, state.coupling, found, now)
-    return found
+        event = without_cluster(layout, numbers, state.coupling, event, now)
+    return event
 
 
 class _Columns(NamedTuple):
@@ -183,9 +183,9 @@ def _of_walls(layout: SceneLayout, numbers: Numbers, state: RunState, those: _Th
         noise = jnp.broadcast_to(noise, gap.shape)
         size = jnp.max(jnp.abs(position), axis=-1)[:, None] + radius
         rounding = ROUNDINGS * eps * (size + jnp.zeros_like(gap))
-        given = (noise, rounding, motion, now, left)
-        found = shaking_wall_time(gap, fall, weight, *given, free & shaking)
-        wall = jnp.where(shaking, found, wall)
+        limits = (noise, rounding, motion, now, left)
+        shaken = shaking_wall_time(gap, fall, weight, *limits, free & shaking)
+        wall = jnp.where(shaking, shaken, wall)
     wall = jnp.where(free, wall, jnp.inf)
     reached = jnp.where(jnp.isfinite(wall), wall, 0)
     rises = fall + weight * reached

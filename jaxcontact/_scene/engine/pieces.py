@@ -39,11 +39,11 @@ _RUN: dict[Any, int] = {}
 
 
 @eqx.filter_jit
-def all_at_once(rules: Rules, given: RunInputs, grid: CellGrid | None, room: int) -> LoopOutcome:
+def all_at_once(rules: Rules, inputs: RunInputs, grid: CellGrid | None, room: int) -> LoopOutcome:
     """Run the whole event loop as one program with room for so many impacts. If a cell is full, the
     run continues without cells.
     """
-    layout, numbers, valid, end, tolerance = given
+    layout, numbers, valid, end, tolerance = inputs
     numbers, end = jax.tree.map(
         lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, (numbers, end)
     )
@@ -62,7 +62,7 @@ def all_at_once(rules: Rules, given: RunInputs, grid: CellGrid | None, room: int
 
 def from_python(
     rules: Rules,
-    given: RunInputs,
+    inputs: RunInputs,
     start: RunState | None,
     most: int | None,
     tell: Tell,
@@ -71,24 +71,24 @@ def from_python(
     """Run the event loop from Python; return the final rules and the outcome. It writes at `most`
     so many rows. If it `grows`, the capacity of coupled solves is increased as needed.
     """
-    layout, numbers = given[:2]
+    layout, numbers = inputs[:2]
     state = _begun(layout, numbers, rules) if start is None else start
-    ended, known = _piece_by_piece(rules, given, state, most, tell)
+    ended, outcome = _piece_by_piece(rules, inputs, state, most, tell)
     room = min(_MOST_GROWN, layout.spheres)
-    while grows and int(known.status) == CROWDED and ended.members < room:
+    while grows and int(outcome.status) == CROWDED and ended.members < room:
         more = Rules(rules.soft, rules.v0, min(2 * ended.members, layout.spheres))
-        ended, known = _piece_by_piece(more, given, state, most, tell)
-    return ended, known
+        ended, outcome = _piece_by_piece(more, inputs, state, most, tell)
+    return ended, outcome
 
 
 def _piece_by_piece(
-    wanted: Rules, given: RunInputs, state: RunState, most: int | None, tell: Tell
+    wanted: Rules, inputs: RunInputs, state: RunState, most: int | None, tell: Tell
 ) -> tuple[Rules, LoopOutcome]:
     """Run one program repeatedly until all impacts are found. With many spheres or periodic axes
     most scenes need no coupled solve. The program is then one without, until a coupled solve is
     needed.
     """
-    layout, numbers, valid, end, tolerance = given
+    layout, numbers, valid, end, tolerance = inputs
     rules = wanted
     within = numbers.start is not None and numbers.start.leans
     if not all_fit(layout, rules.members) and not within:
@@ -121,7 +121,7 @@ def _piece_by_piece(
 
 
 def _piece(
-    layout: SceneLayout, numbers: Numbers, rules: Rules, state: RunState, *given: Array
+    layout: SceneLayout, numbers: Numbers, rules: Rules, state: RunState, *limits: Array
 ) -> tuple[RunState, Log, Array, Array]:
     """Run a piece, by the quickly compiled program at first. Once pieces of its kind have run long
     enough, a faster program is compiled.
@@ -129,8 +129,8 @@ def _piece(
     kind = jax.tree.structure((layout, numbers, rules, state)), numbers.dtype
     done = _RUN.get(kind, 0)
     if done * (1 + rules.members) > _PATIENCE:
-        return _swiftly(layout, numbers, rules, state, *given)
-    piece = _quickly(layout, numbers, rules, state, *given)
+        return _swiftly(layout, numbers, rules, state, *limits)
+    piece = _quickly(layout, numbers, rules, state, *limits)
     _RUN[kind] = done + int(piece[2])
     return piece
 

@@ -96,15 +96,15 @@ def oblique(
     # A scene has no lower limit on speeds, as its units are arbitrary.
     lanes = lanes_of(problem, speeds=POSITIVE)
     scale, dtype = lanes.scale, problem.velocity.dtype
-    given = (jnp.asarray(value, dtype) for value in (tangential_speed, distance, pull))
-    across, distance, pull = given
+    lengths = (jnp.asarray(value, dtype) for value in (tangential_speed, distance, pull))
+    across, distance, pull = lengths
     rtol = jax.lax.stop_gradient(jnp.asarray(rtol, dtype))
-    good = lanes.valid & jnp.isfinite(across) & (distance != 0) & jnp.isfinite(pull)
-    across, pull = jnp.where(good, across, 0), jnp.where(good, pull, 0)
-    distance = jnp.where(good, distance, 1)
+    sound = lanes.valid & jnp.isfinite(across) & (distance != 0) & jnp.isfinite(pull)
+    across, pull = jnp.where(sound, across, 0), jnp.where(sound, pull, 0)
+    distance = jnp.where(sound, distance, 1)
     ratio = scale.length / distance
-    good = good & (jnp.abs(ratio) < 0.5)
-    ratio = jnp.where(good, ratio, 0)
+    sound = sound & (jnp.abs(ratio) < 0.5)
+    ratio = jnp.where(sound, ratio, 0)
     swirl = jnp.square(across / scale.speed) * ratio
     push = pull / scale.force
     # The constants of a law without parameters have a precision of their own.
@@ -124,8 +124,8 @@ def oblique(
     settled = converged & out.settled
     status = jnp.where(settled, int(Status.SETTLED), int(Status.SEPARATED))
     status = jnp.where(converged, status, int(Status.NOT_CONVERGED))
-    status = jnp.where(good, status, int(Status.INVALID_INPUT))
-    usable = good & converged
+    status = jnp.where(sound, status, int(Status.INVALID_INPUT))
+    usable = sound & converged
 
     def result(value: Number, unit: Number, if_settled: float | None = None) -> Number:
         kept = usable & jnp.isfinite(value)
@@ -135,9 +135,9 @@ def oblique(
         other = jnp.asarray(jnp.nan if if_settled is None else if_settled, dtype)
         return jnp.where(kept, product, jnp.where(usable & settled, other, jnp.nan))
 
-    one = jnp.ones_like(scale.speed)
+    unit = jnp.ones_like(scale.speed)
     return ObliqueRebound(
-        restitution=result(out.restitution, one, 0.0),
+        restitution=result(out.restitution, unit, 0.0),
         turn=result(out.theta, across / scale.speed * ratio, 0.0),
         elapsed=result(out.elapsed, scale.time, jnp.inf),
         duration=result(out.duration, scale.time, jnp.inf),

@@ -62,7 +62,7 @@ def soft(
     contact = known_contact_of(layout, numbers, choice.first, choice.second)
     # A force that presses a body to a wall acts in the contact; its part along the wall does not.
     pressing = jnp.where(is_wall, -jnp.sum(normal * pull[0]), 0)
-    given = (
+    pair = (
         contact,
         closing,
         sideways,
@@ -79,9 +79,9 @@ def soft(
         )
         for number, law in enumerate(laws)
     ]  # fmt: skip
-    rebound = solves[0](*given) if len(laws) == 1 else jax.lax.switch(kind, solves, *given)
-    good = rebound.status == int(Status.SEPARATED)
-    clean = jax.tree.map(lambda x: jnp.where(good, x, jnp.zeros_like(x)), rebound)
+    rebound = solves[0](*pair) if len(laws) == 1 else jax.lax.switch(kind, solves, *pair)
+    separated = rebound.status == int(Status.SEPARATED)
+    clean = jax.tree.map(lambda x: jnp.where(separated, x, jnp.zeros_like(x)), rebound)
     cosine, turning = jnp.cos(clean.turn), jnp.sin(clean.turn) / sideways
     along = cosine * normal + turning * across
     beside = cosine * across - turning * square * normal

@@ -29,10 +29,10 @@ def final_start(choice: None, record: RunRecord) -> Start:
         return start
     row = jnp.max(jnp.where(calls, jnp.arange(calls.shape[0]), -1))
     place = jnp.maximum(row, 0)
-    one, decided, met = jax.tree.map(
+    last_call, decided, met = jax.tree.map(
         lambda x: x[place], (figures.coupled, facts.call.decided, facts.choice)
     )
-    state, seats, zero = as_flags(one.end), decided.seats, jnp.zeros_like(one.end.lost)
+    state, seats, zero = as_flags(last_call.end), decided.seats, jnp.zeros_like(last_call.end.lost)
     closing = jnp.max(jnp.where(state.closed, state.latched, 0))
     contacts = Contacts(
         active=(row >= 0) & ~facts.call.ends[place],
@@ -77,12 +77,12 @@ def resume_cluster(coupling: Coupling, start: Start | None) -> Coupling:
     """Return the coupling at the start of a run, with the contacts in progress."""
     if start is None or start.contacts is None:
         return coupling
-    known = start.contacts
+    contacts = start.contacts
     begun = coupling._replace(
-        active=known.active,
-        seats=Slots(known.who, known.present, known.shift),
-        pace=known.pace,
-        reserve=known.reserve,
-        state=known.state,
+        active=contacts.active,
+        seats=Slots(contacts.who, contacts.present, contacts.shift),
+        pace=contacts.pace,
+        reserve=contacts.reserve,
+        state=contacts.state,
     )
-    return jax.tree.map(lambda a, b: jnp.where(known.active, a, b), begun, coupling)
+    return jax.tree.map(lambda a, b: jnp.where(contacts.active, a, b), begun, coupling)

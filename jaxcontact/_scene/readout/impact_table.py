@@ -27,32 +27,32 @@ def table_of(
     `Margin`. The third is the number of impacts. Without `rows` there is one row for every row of
     the log and every pair of a coupled solve.
     """
-    found, layout = _isolated_impacts(record), record.layout
+    table, layout = _isolated_impacts(record), record.layout
     if record.calls is not None:
-        found = jax.tree.map(
-            lambda *parts: jnp.concatenate(parts), found, _coupled_contacts(record)
+        table = jax.tree.map(
+            lambda *parts: jnp.concatenate(parts), table, _coupled_contacts(record)
         )
-    total = jnp.sum(found.valid)
-    order = jnp.argsort(jnp.where(found.valid, found.time, jnp.inf), stable=True)[:rows]
-    found = jax.tree.map(lambda x: x[order], found)
+    total = jnp.sum(table.valid)
+    order = jnp.argsort(jnp.where(table.valid, table.time, jnp.inf), stable=True)[:rows]
+    table = jax.tree.map(lambda x: x[order], table)
     bad = status == int(Ending.INVALID_INPUT)
-    valid = found.valid & ~bad
-    good = valid & (status != int(Ending.TOO_MANY_IMPACTS))
+    valid = table.valid & ~bad
+    usable = valid & (status != int(Ending.TOO_MANY_IMPACTS))
     body, face = jnp.asarray(layout.body), jnp.asarray(layout.face)
-    named = body[found.first], body[found.second], face[found.second]
-    found = eqx.tree_at(lambda rows: (rows.first, rows.second, rows.face), found, named)
+    named = body[table.first], body[table.second], face[table.second]
+    table = eqx.tree_at(lambda rows: (rows.first, rows.second, rows.face), table, named)
 
     def flag(column: Array) -> Array:
         if column.dtype == bool:
             return column & valid
         if jnp.issubdtype(column.dtype, jnp.floating):
-            return nan_unless(column, good)
+            return nan_unless(column, usable)
         return jnp.where(valid, column, -1)
 
     rival = jnp.where(record.counts, record.log.facts.rival, jnp.inf)
     nearest = jnp.min(rival, initial=jnp.inf)
-    slowest = jnp.min(jnp.where(good, found.closing_speed, jnp.inf), initial=jnp.inf)
-    impacts = jax.tree.map(flag, found)
+    slowest = jnp.min(jnp.where(usable, table.closing_speed, jnp.inf), initial=jnp.inf)
+    impacts = jax.tree.map(flag, table)
     return impacts, (nearest, slowest), total
 
 
@@ -124,17 +124,17 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
     seats = called.decided.seats
     rows, members = seats.who.shape
     first, second = slot_pairs(layout, members)
-    one, other = bodies_of(layout, members, seats.who)
+    body, other = bodies_of(layout, members, seats.who)
     # A fixed sphere comes second.
-    turned = (other < layout.spheres) & (numbers.inverse_mass[one] == 0)
-    one, other = jnp.where(turned, other, one), jnp.where(turned, one, other)
+    turned = (other < layout.spheres) & (numbers.inverse_mass[body] == 0)
+    body, other = jnp.where(turned, other, body), jnp.where(turned, body, other)
     counts = is_call[:, None]
     began, end = together.began, together.end
     since = _began_in(together, is_call)
     opened = (began.closed > 0.5) & ~(end.closed > 0.5)
     rests = (end.closed > 0.5) & called.rest[:, None]
     # At the end of the run a contact may still be in progress.
-    last = (jnp.arange(rows) == record.known.written - 1) & ~called.ends
+    last = (jnp.arange(rows) == record.outcome.written - 1) & ~called.ends
     lasts = (end.closed > 0.5) & last[:, None]
 
     def opening(seats: Slots, position: Array, velocity: Array) -> Array:
@@ -150,7 +150,7 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
     nothing = jnp.zeros(shape, numbers.dtype)
     columns = Impacts(
         end.since,
-        one,
+        body,
         other,
         other,
         end.latched,

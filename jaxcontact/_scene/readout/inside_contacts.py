@@ -42,7 +42,7 @@ class Entries(NamedTuple):
 
 
 def in_contacts(
-    record: RunRecord, times: Float[Array, " T"], found: Entries, here: States
+    record: RunRecord, times: Float[Array, " T"], last: Entries, here: States
 ) -> States:
     """Return the states, including spheres in isolated impacts and in coupled solves.
 
@@ -61,7 +61,7 @@ def in_contacts(
         seats = _seats_of_two(layout, numbers, members, choice, before)
         is_first, is_second = seats.who == choice.first, seats.who == choice.second
 
-        def seated(pair: Array) -> Array:
+        def seat(pair: Array) -> Array:
             shape = (members,) + (1,) * (pair.ndim - 1)
             one, other = is_first.reshape(shape), is_second.reshape(shape)
             return jnp.where(one, pair[:1], jnp.where(other, pair[1:], jnp.zeros_like(pair[:1])))
@@ -69,27 +69,27 @@ def in_contacts(
         change = joins(layout, members, seats.present)
         closed = meets(layout, members, seats, choice)
         decided = Call(yes, choice, seats, change, closed, until, ~yes)
-        spheres = jax.tree.map(seated, before)
+        spheres = jax.tree.map(seat, before)
         blank = blank_state(layout, members, numbers.dtype)
         none, held = jnp.full(members, -1), jnp.zeros(members, numbers.dtype)
         return (spheres, none, held, blank, decided), who == choice.first
 
-    def going_on(row: Array, until: Array) -> tuple[tuple, Array]:
+    def resume(row: Array, until: Array) -> tuple[tuple, Array]:
         """Return the call of a row up to a time, and whether it lasts until then."""
-        known, facts, choice = rows_of((together, log.facts.call, log.facts.choice), row)
-        assert known is not None and facts is not None
+        run, facts, choice = rows_of((together, log.facts.call, log.facts.choice), row)
+        assert run is not None and facts is not None
         change = no_change(layout, members)
         decided = facts.decided._replace(starts=~yes, choice=choice, change=change, until=until)
-        inside = (until < known.end.time) | ~facts.ends
-        began = as_flags(known.began)
-        return (known.spheres, facts.support, known.held, began, decided), inside
+        inside = (until < run.end.time) | ~facts.ends
+        began = as_flags(run.began)
+        return (run.spheres, facts.support, run.held, began, decided), inside
 
-    def lane(given: tuple[Array, ...]) -> tuple[Array, Array, Array, Array]:
-        time, who, row, inside, *last = given
+    def lane(columns: tuple[Array, ...]) -> tuple[Array, Array, Array, Array]:
+        time, who, row, inside, *last = columns
         chosen, active = pair(row, time, who)
         active = active & inside
         if last:
-            coupled, goes_on = going_on(last[0], time)
+            coupled, goes_on = resume(last[0], time)
             is_call = who == count
             chosen = jax.tree.map(lambda a, b: jnp.where(is_call, a, b), coupled, chosen)
             active = jnp.where(is_call, last[1] & goes_on, active)
@@ -112,16 +112,16 @@ def in_contacts(
         return jax.lax.cond(active, solved, lambda: (nobody, away, away, nothing))
 
     total = times.shape[0]
-    inside = (times[:, None] < found.began) & (found.row >= 0)
-    columns = (jnp.maximum(found.row, 0), inside)
-    lanes, called, some = count, (), jnp.any(inside)
+    inside = (times[:, None] < last.began) & (last.row >= 0)
+    columns = (jnp.maximum(last.row, 0), inside)
+    lanes, called, any_inside = count, (), jnp.any(inside)
     if together is not None and log.facts.call is not None:
         # The last lane holds no isolated impact.
         lanes, blank = count + 1, jnp.zeros((total, 1), int)
         columns = tuple(jnp.concatenate([x, blank.astype(x.dtype)], axis=1) for x in columns)
-        called = last_call(log, record.known.written, times)
+        called = last_call(log, record.outcome.written, times)
         until, ends = rows_of((together.end.time, log.facts.call.ends), called[0])
-        some = some | jnp.any(called[1] & ((times < until) | ~ends))
+        any_inside = any_inside | jnp.any(called[1] & ((times < until) | ~ends))
     given = (
         jnp.repeat(times, lanes),
         jnp.tile(jnp.arange(lanes), total),
@@ -129,7 +129,7 @@ def in_contacts(
         *(jnp.repeat(one, lanes) for one in called),
     )
     solved = jax.lax.cond(
-        some,
+        any_inside,
         lambda: jax.lax.map(lane, given),
         lambda: jax.tree.map(
             lambda x: jnp.zeros((total * lanes, *x.shape), x.dtype), (nobody, away, away, nothing)
@@ -139,42 +139,42 @@ def in_contacts(
         lambda x: x.reshape(total, lanes, *x.shape[1:]), solved
     )
 
-    def merged(old: Array, new: Array) -> Array:
-        known = who[..., None]
-        return jnp.where(jnp.any(known, axis=1), jnp.sum(jnp.where(known, new, 0), axis=1), old)
+    def merge(old: Array, new: Array) -> Array:
+        holds = who[..., None]
+        return jnp.where(jnp.any(holds, axis=1), jnp.sum(jnp.where(holds, new, 0), axis=1), old)
 
-    there = States(merged(here.position, place), merged(here.velocity, speed), jnp.sum(stored, 1))
+    there = States(merge(here.position, place), merge(here.velocity, speed), jnp.sum(stored, 1))
     if together is None:
         return there
-    rest = at_rest(record, found, here, times, jnp.any(who, axis=1))
+    rest = at_rest(record, last, here, times, jnp.any(who, axis=1))
     return there._replace(stored=there.stored + rest)
 
 
 def energy_at_ends(record: RunRecord, times: Float[Array, " T"]) -> Float[Array, " T"]:
     """Return the energy stored in contacts in progress, at times when one of their calls ended."""
     layout, numbers, log = record.layout, record.numbers, record.log
-    rows, lasts = last_call(log, record.known.written, times)
+    rows, lasts = last_call(log, record.outcome.written, times)
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
 
-    def one(given: tuple[Array, Array, Array]) -> Array:
-        time, row, last = given
+    def energy(lane: tuple[Array, Array, Array]) -> Array:
+        time, row, last = lane
         end, seats, ends = rows_of((together.end, called.decided.seats, called.ends), row)
         stored = contact_energy(layout, numbers, record.rules.members, seats, as_flags(end))
         return jnp.where(last & ~ends & (time == end.time), stored, 0)
 
-    return jax.lax.map(one, (times, rows, lasts))
+    return jax.lax.map(energy, (times, rows, lasts))
 
 
 def at_rest(
-    record: RunRecord, found: Entries, here: States, times: Float[Array, " T"], elsewhere: Array
+    record: RunRecord, last: Entries, here: States, times: Float[Array, " T"], elsewhere: Array
 ) -> Float[Array, " T"]:
     """Return the energy (T,) of spheres at rest on walls, except those `elsewhere` (T, N)."""
     layout, numbers = record.layout, record.numbers
     if not layout.walls:
-        return jnp.zeros(found.row.shape[0], numbers.dtype)
+        return jnp.zeros(last.row.shape[0], numbers.dtype)
 
-    def one(i: Array, support: Array, place: Array, time: Array) -> Array:
+    def energy(i: Array, support: Array, place: Array, time: Array) -> Array:
         wall = jnp.maximum(support, 0)
         height = jnp.sum(place * numbers.normal[wall]) - numbers.walls_at(time, wall).offset
         contact = known_contact_of(layout, numbers, i, layout.spheres + wall)
@@ -182,9 +182,9 @@ def at_rest(
         depth = jnp.where(support >= 0, numbers.radius[i] - height, 0)
         return stored_energy(law, contact, depth, jnp.ones_like(depth))
 
-    rests = jnp.where(elsewhere, -1, found.support)
+    rests = jnp.where(elsewhere, -1, last.support)
     everyone = jnp.arange(layout.spheres)
-    each = jax.vmap(jax.vmap(one, in_axes=(0, 0, 0, None)), in_axes=(None, 0, 0, 0))(
+    each = jax.vmap(jax.vmap(energy, in_axes=(0, 0, 0, None)), in_axes=(None, 0, 0, 0))(
         everyone, rests, here.position, times
     )
     return jnp.sum(each, axis=1)

@@ -77,7 +77,7 @@ def _growth(record: RunRecord) -> Array:
         figures, facts = record.log
         log = Log(figures._replace(coupled=None), facts._replace(call=None))
         rules = Rules(record.rules.soft, record.rules.v0, 0)
-        record = dataclasses.replace(record, rules=rules, known=record.known._replace(log=log))
+        record = dataclasses.replace(record, rules=rules, outcome=record.outcome._replace(log=log))
     return _each(_largest if not inside else _largest_inside, record)
 
 

@@ -32,18 +32,18 @@ class RunContents(NamedTuple):
     work: Number
 
 
-def read_run(record: RunRecord, asked: Float[Array, " T"], rows: int | None) -> RunContents:
+def read_run(record: RunRecord, times: Float[Array, " T"], rows: int | None) -> RunContents:
     """Return the results, with the table of impacts padded to so many `rows`. With concrete numbers
     the table has no blank rows. Motion inside contacts is compiled only if one of the times needs
     it.
     """
-    reading = derived(_by_choice, record, asked, rows, decide=_from_log)
+    reading = derived(_by_choice, record, times, rows, decide=_from_log)
     if traced(reading.total):
         return reading
     total = int(reading.total)
     if not traced(reading.impacts):
-        whole = jax.tree.map(lambda x: np.asarray(x)[:total], reading.impacts)
-        return reading._replace(impacts=jax.device_put(whole))
+        table = jax.tree.map(lambda x: np.asarray(x)[:total], reading.impacts)
+        return reading._replace(impacts=jax.device_put(table))
     return reading._replace(impacts=_first(reading.impacts, total))
 
 
@@ -53,35 +53,35 @@ def _first(impacts: Impacts, total: int) -> Impacts:
 
 
 def _from_log(
-    record: RunRecord, asked: Array, rows: int | None
+    record: RunRecord, times: Array, rows: int | None
 ) -> tuple[RunContents, tuple[bool, bool]]:
     """Return the results from Python, with two flags for `_by_choice`. They say whether a requested
     time, and whether an end of the run, is inside a contact.
     """
-    count, length = asked.shape[0], np.asarray(record.length)
+    count, length = times.shape[0], np.asarray(record.length)
     ends = np.stack([np.zeros_like(length), length])
-    every, inside = moment_in_log_as_numpy(record, np.concatenate([np.asarray(asked), ends]))
+    every, inside = moment_in_log_as_numpy(record, np.concatenate([np.asarray(times), ends]))
     inside, cut = bool(np.any(inside[:count])), bool(np.any(inside[count:]))
-    now = moment_as_numpy(record, asked) if inside else jax.tree.map(lambda x: x[:count], every)
+    now = moment_as_numpy(record, times) if inside else jax.tree.map(lambda x: x[:count], every)
     if cut:
         record = clip_to_run(record, jax.device_put(moment_as_numpy(record, ends)))
     return _without_states(record)._replace(now=jax.device_put(now)), (inside, cut)
 
 
 def _by_choice(
-    choice: tuple[bool, bool] | None, record: RunRecord, asked: Array, rows: int | None
+    choice: tuple[bool, bool] | None, record: RunRecord, times: Array, rows: int | None
 ) -> RunContents:
     """Return the results from one program with the parts chosen, or with all parts."""
     if choice is not None:
         inside, cut = choice
-        now = moment(record, asked) if inside else moment_in_log(record, asked)[0]
+        now = moment(record, times) if inside else moment_in_log(record, times)[0]
         return _contents(
             clip_to_run(record, moment_at(record, record.ends)) if cut else record, now, None
         )
     if not record.rules.soft:
-        return _contents(record, moment_at(record, asked), rows)
+        return _contents(record, moment_at(record, times), rows)
     # One program for all times.
-    every, count = moment_at(record, jnp.concatenate([asked, record.ends])), asked.shape[0]
+    every, count = moment_at(record, jnp.concatenate([times, record.ends])), times.shape[0]
     now, there = (
         jax.tree.map(lambda x, k=k: x[k], every) for k in (slice(count), slice(count, None))
     )

@@ -51,12 +51,12 @@ def moment_as_numpy(record: RunRecord, times: ArrayLike) -> Moment:
 def _by_room(
     read: Callable[[RunRecord, Array], Any], record: RunRecord, times: ArrayLike, least: int
 ) -> Any:
-    given = np.asarray(times, record.numbers.dtype)
-    count = given.shape[0]
-    padded = np.zeros(max(least, 1 << (count - 1).bit_length()), given.dtype)
-    padded[:count] = given
-    found = read(record, jax.device_put(padded))
-    return jax.tree.map(lambda x: np.asarray(x)[:count], found)
+    numbers = np.asarray(times, record.numbers.dtype)
+    count = numbers.shape[0]
+    padded = np.zeros(max(least, 1 << (count - 1).bit_length()), numbers.dtype)
+    padded[:count] = numbers
+    result = read(record, jax.device_put(padded))
+    return jax.tree.map(lambda x: np.asarray(x)[:count], result)
 
 
 def _moment_at(inside: bool | None, record: RunRecord, times: Array) -> Moment:
@@ -84,9 +84,9 @@ def _moment(record: RunRecord, times: Array, states: States) -> Moment:
     position, velocity, stored = states
     energy = _energy_of(record, position, velocity) + stored
     position, velocity = (x[:, : record.layout.visible] for x in (position, velocity))
-    good = (times >= 0) & (times <= record.ending()[1])
+    valid = (times >= 0) & (times <= record.ending()[1])
     return Moment(
-        times, nan_unless(position, good), nan_unless(velocity, good), nan_unless(energy, good)
+        times, nan_unless(position, valid), nan_unless(velocity, valid), nan_unless(energy, valid)
     )
 
 
@@ -97,36 +97,36 @@ def states_at(record: RunRecord, times: Float[Array, " T"]) -> States:
     """
     if not record.rules.soft:
         return states_in_log(record, times)[0]
-    found = last_impacts(record, times)
-    here = _in_flight(record, times, found)
-    return _with_prescribed(record, times, in_contacts(record, times, found, here))
+    last = last_impacts(record, times)
+    here = _in_flight(record, times, last)
+    return _with_prescribed(record, times, in_contacts(record, times, last, here))
 
 
 def states_in_log(record: RunRecord, times: Float[Array, " T"]) -> tuple[States, Bool[Array, " T"]]:
     """Return the states outside of contacts, and which of the times are inside one. At the end time
     of a coupled call the state is in the log.
     """
-    found = last_impacts(record, times)
-    here = _in_flight(record, times, found)
+    last = last_impacts(record, times)
+    here = _in_flight(record, times, last)
     if not record.rules.soft:
         return here, times < -jnp.inf
-    inside = _inside(record, times, found)
+    inside = _inside(record, times, last)
     if not record.rules.members:
         return here, inside
-    resting = at_rest(record, found, here, times, jnp.zeros(found.support.shape, bool))
+    resting = at_rest(record, last, here, times, jnp.zeros(last.support.shape, bool))
     return here._replace(stored=energy_at_ends(record, times) + resting), inside
 
 
-def _in_flight(record: RunRecord, times: Float[Array, " T"], found: Entries) -> States:
+def _in_flight(record: RunRecord, times: Float[Array, " T"], last: Entries) -> States:
     """Return the states of spheres in flight or at rest."""
     layout, numbers = record.layout, record.numbers
     count, dimensions = layout.spheres, layout.dimensions
     who = jnp.tile(jnp.arange(count), times.shape[0])
-    pull = accelerations(layout, numbers, who, found.support.reshape(-1))
-    since = (times[:, None] - found.began)[..., None]
+    pull = accelerations(layout, numbers, who, last.support.reshape(-1))
+    since = (times[:, None] - last.began)[..., None]
     pull = pull.reshape(times.shape[0], count, dimensions)
-    velocity = found.velocity + pull * since
-    position = found.position + (found.velocity + velocity) / 2 * since
+    velocity = last.velocity + pull * since
+    position = last.position + (last.velocity + velocity) / 2 * since
     return _with_prescribed(record, times, States(position, velocity, jnp.zeros_like(times)))
 
 
@@ -152,7 +152,7 @@ def _inside(record: RunRecord, times: Float[Array, " T"], found: Entries) -> Boo
     inside, log = jnp.any((times[:, None] < found.began) & (found.row >= 0), axis=1), record.log
     if log.facts.call is None or log.figures.coupled is None:
         return inside
-    row, last = last_call(log, record.known.written, times)
+    row, last = last_call(log, record.outcome.written, times)
     return inside | (last & (times < rows_of(log.figures.coupled.end.time, row)))
 
 
@@ -162,7 +162,7 @@ def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
     count, rows = layout.spheres, log.facts.tied.shape[0]
     figures, facts = log
     number = jnp.arange(1, rows + 1)
-    blank = number > record.known.written
+    blank = number > record.outcome.written
     is_call = jnp.zeros(rows, bool) if facts.call is None else facts.call.is_call
     first = jnp.where(blank | is_call, count, facts.choice.first)
     second = jnp.where(blank | is_call, count, jnp.minimum(facts.choice.second, count))
@@ -198,8 +198,8 @@ def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
         happened, times, side="left" if record.rules.soft else "right"
     ).astype(int)
     wanted = jnp.arange(count)[None] * (rows + 1) + passed[:, None]
-    found = jnp.searchsorted(keys[order], wanted.reshape(-1), side="right") - 1
-    entry = order[found].reshape(wanted.shape)
+    rank = jnp.searchsorted(keys[order], wanted.reshape(-1), side="right") - 1
+    entry = order[rank].reshape(wanted.shape)
     return Entries(
         *(jnp.concatenate(column)[entry] for column in (place, speed, began, support, pairs, held))
     )

@@ -28,14 +28,14 @@ def clip_to_run(record: RunRecord, ends: Moment) -> RunRecord:
     is kinetic energy plus weight, and W = V·(m Δv - m g τ) is the work of a body that moves at V.
     """
     layout, numbers, log = record.layout, record.numbers, record.log
-    found = last_impacts(record, ends.time)
+    last = last_impacts(record, ends.time)
     rows, everyone = log.facts.tied.shape[0], jnp.arange(layout.visible)
-    row, began = found.row[:, : layout.visible], found.began[:, : layout.visible]
+    row, began = last.row[:, : layout.visible], last.began[:, : layout.visible]
     is_first = log.facts.choice.first[jnp.maximum(row, 0)] == everyone[None]
     inside = (row >= 0) & is_first & (ends.time[:, None] < began)
     inside = inside & (ends.time <= record.ending()[1])[:, None]
 
-    def one(k: Array, on: Array, time: Array, position: Array, velocity: Array) -> Array:
+    def loss_and_work(k: Array, on: Array, time: Array, position: Array, velocity: Array) -> Array:
         choice, before = jax.tree.map(
             lambda x: x[jnp.maximum(k, 0)], (log.facts.choice, log.figures.before)
         )
@@ -79,12 +79,12 @@ def clip_to_run(record: RunRecord, ends: Moment) -> RunRecord:
         lost = energy(touch) + work - energy(here) - stored
         return jnp.where(on, jnp.stack([lost, work]), 0)
 
-    each = jax.vmap(jax.vmap(one, in_axes=(0, 0, None, None, None)))
+    each = jax.vmap(jax.vmap(loss_and_work, in_axes=(0, 0, None, None, None)))
     done = each(row, inside, ends.time, ends.position, ends.velocity)
     place = jnp.where(inside, row, rows)
     outcome = log.figures.outcome
-    whole = jnp.stack([outcome.energy_loss, outcome.wall_work], axis=1)
-    part = whole.at[place[1]].set(done[1], mode="drop").at[place[0]].add(-done[0], mode="drop")
+    full = jnp.stack([outcome.energy_loss, outcome.wall_work], axis=1)
+    part = full.at[place[1]].set(done[1], mode="drop").at[place[0]].add(-done[0], mode="drop")
     outcome = outcome._replace(energy_loss=part[:, 0], wall_work=part[:, 1])
     log = log._replace(figures=log.figures._replace(outcome=outcome))
-    return dataclasses.replace(record, known=record.known._replace(log=log))
+    return dataclasses.replace(record, outcome=record.outcome._replace(log=log))

@@ -19,8 +19,8 @@ def work_of(record: RunRecord, status: Index, reached: Number) -> Number:
         work = work + jnp.sum(jnp.where(counts, figures.coupled.work, 0))
     if record.layout.gravity and any(record.layout.moving):
         work = work + _work_at_rest(record, reached)
-    known = (status != int(Ending.INVALID_INPUT)) & (status != int(Ending.TOO_MANY_IMPACTS))
-    return nan_unless(work, known)
+    complete = (status != int(Ending.INVALID_INPUT)) & (status != int(Ending.TOO_MANY_IMPACTS))
+    return nan_unless(work, complete)
 
 
 def _work_at_rest(record: RunRecord, reached: Number) -> Number:

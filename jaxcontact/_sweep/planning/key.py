@@ -145,9 +145,9 @@ class _Reader:
     def _function(self, function: types.FunctionType) -> Iterator[Hashable]:
         code, places = function.__code__, function.__globals__
         # Not `__module__`, which a library's decorator copies from the inner function.
-        own = not _is_installed(places.get("__name__"))
+        is_users = not _is_installed(places.get("__name__"))
         state = function.__defaults__, function.__kwdefaults__, function.__closure__, vars(function)
-        if not own:
+        if not is_users:
             yield _Same(code)
             # A library function created for a user's function holds it in its closure.
             yield from self._all(state if "<locals>" in code.co_qualname else (), _NO_NAMES)
@@ -229,10 +229,10 @@ def _names_in(code: types.CodeType) -> _Named:
             attributes.add(step.argval)
     for inner in code.co_consts:
         if isinstance(inner, types.CodeType):
-            found = _names_in(inner)
-            variables |= found.variables
-            imports |= found.imports
-            attributes |= found.attributes
+            inner_names = _names_in(inner)
+            variables |= inner_names.variables
+            imports |= inner_names.imports
+            attributes |= inner_names.attributes
     return _Named(frozenset(variables), frozenset(imports), frozenset(attributes))
 
 

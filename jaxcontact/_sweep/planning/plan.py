@@ -57,16 +57,16 @@ def plan_of(function: Callable[..., Any], grid: SweepGrid) -> Plan:
 def _plan(request: _Request) -> Plan:
     names, along, dtypes = zip(*request.kinds, strict=True) if request.kinds else ((), (), ())
     fields: list[OutputField] = []
-    found: list[str] = []
+    names_found: list[str] = []
 
     def flat(*values: jax.Array) -> list[jax.Array]:
-        given = dict(zip(names, values, strict=True)) | dict(request.static)
-        fields[:], arrays = fields_of(call(request.function, given))
-        found[:] = arrays
+        arguments = dict(zip(names, values, strict=True)) | dict(request.static)
+        fields[:], arrays = fields_of(call(request.function, arguments))
+        names_found[:] = arrays
         return [jnp.asarray(array) for array in arrays.values()]
 
     program = program_of(flat, [jax.ShapeDtypeStruct((), dtype) for dtype in dtypes])
-    analysis = analysis_of(program, found, along, request.rank)
+    analysis = analysis_of(program, names_found, along, request.rank)
     return Plan(**vars(analysis), fields=tuple(fields))
 
 
@@ -79,10 +79,10 @@ def fields_of(output: Any) -> tuple[list[OutputField], dict[str, Any]]:
     arrays: dict[str, Any] = {}
     for name, value in _named_fields(output):
         paths, structure = jax.tree_util.tree_flatten_with_path(value)
-        found = {name + jax.tree_util.keystr(path): leaf for path, leaf in paths}
-        if found and all(isinstance(leaf, _NUMBER) for leaf in found.values()):
-            fields.append(OutputField(name, tuple(found), structure))
-            arrays |= found
+        leaves = {name + jax.tree_util.keystr(path): leaf for path, leaf in paths}
+        if leaves and all(isinstance(leaf, _NUMBER) for leaf in leaves.values()):
+            fields.append(OutputField(name, tuple(leaves), structure))
+            arrays |= leaves
         else:
             fields.append(OutputField(name, constant=value))
     return fields, arrays

@@ -145,28 +145,28 @@ def dependences(reading: ProgramFacts) -> list[Dependence]:
     """Return the fewest proven dimensions of every output, and their conditions."""
 
     @functools.cache
-    def left(conditions: frozenset[int]) -> list[Dims]:
+    def dims_left(conditions: frozenset[int]) -> list[Dims]:
         return list(map(dims_of, reading.outputs(conditions)))
 
-    everything = left(frozenset())
+    everything = dims_left(frozenset())
     flags = {slot: dims for slot in _flags(reading.program) if (dims := reading.dims(slot))}
     # The best case has all flags true. Only flags that lead to it are analysed.
-    best = left(frozenset(flags))
+    best = dims_left(frozenset(flags))
     better = [i for i, dims in enumerate(best) if dims < everything[i]]
     worth = [slot for slot in flags if any(not flags[slot] <= best[i] for i in better)]
     refuted = {slot: reading.outputs([slot], False) for slot in worth}
-    found = [Dependence(dims) for dims in everything]
+    results = [Dependence(dims) for dims in everything]
     for i in better:
         conditions, otherwise = _common({slot: ends[i] for slot, ends in refuted.items()})
-        dims = left(frozenset(conditions))[i]
+        dims = dims_left(frozenset(conditions))[i]
         # Prefer few and cheap conditions: remove those without effect, the widest first.
         for slot in sorted(conditions, key=lambda slot: -len(flags[slot])):
             fewer = [other for other in conditions if other != slot]
-            if left(frozenset(fewer))[i] == dims:
+            if dims_left(frozenset(fewer))[i] == dims:
                 conditions = fewer
         if dims < everything[i]:
-            found[i] = Dependence(dims, tuple(conditions), otherwise)
-    return found
+            results[i] = Dependence(dims, tuple(conditions), otherwise)
+    return results
 
 
 def range_checks(reading: ProgramFacts) -> list[int]:
@@ -209,10 +209,10 @@ def _flags(program: Program) -> list[int]:
 
 def _common(ends: Mapping[int, Fact]) -> tuple[list[int], Any]:
     """Return the flags that lead to the most common known number, and that number."""
-    known = {slot: fact for slot, fact in ends.items() if isinstance(fact, Known)}
-    if not known:
+    constants = {slot: fact for slot, fact in ends.items() if isinstance(fact, Known)}
+    if not constants:
         return [], None
-    counts = Counter(str(fact.value) for fact in known.values())
+    counts = Counter(str(fact.value) for fact in constants.values())
     commonest = counts.most_common(1)[0][0]
-    slots = [slot for slot, fact in known.items() if str(fact.value) == commonest]
-    return slots, known[slots[0]].value
+    slots = [slot for slot, fact in constants.items() if str(fact.value) == commonest]
+    return slots, constants[slots[0]].value

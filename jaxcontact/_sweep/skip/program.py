@@ -87,9 +87,9 @@ def program_of(function: Callable[..., Any], inputs: Sequence[jax.ShapeDtypeStru
             where.update(zip(eqn.outvars, writes, strict=True))
         return tuple(map(read, jaxpr.outvars))
 
-    given = slots(closed.jaxpr.invars)
-    outputs = add(closed.jaxpr, closed.consts, given)
-    return Program(tuple(steps), tuple(shapes), len(given), outputs, not closed.jaxpr.effects)
+    input_slots = slots(closed.jaxpr.invars)
+    outputs = add(closed.jaxpr, closed.consts, input_slots)
+    return Program(tuple(steps), tuple(shapes), len(input_slots), outputs, not closed.jaxpr.effects)
 
 
 def _body(eqn: core.JaxprEqn) -> tuple[core.Jaxpr, Sequence[Any]] | None:

@@ -129,7 +129,7 @@ class _Analyst:
         checks = tuple(range_checks(self.reading)) if program.pure else ()
         places = dict(zip(names, program.outputs, strict=True))
         places |= {flag_key(slot): slot for slot in checks}
-        whole = Group(
+        group = Group(
             tuple(self._array(key, self.all, where) for key, where in places.items()),
             dict(enumerate(self.along)),
             program.steps,
@@ -138,13 +138,13 @@ class _Analyst:
         if not program.pure:
             # A side effect must happen for every lane, so nothing is skipped.
             leaves = dict.fromkeys(names, Dependence(self.all))
-            return Analysis(program, leaves, checks, (whole,), whole)
-        found = dependences(self.reading)
-        leaves = dict(zip(names, found, strict=True))
-        flags = {slot for leaf in found for slot in leaf.conditions} | set(checks)
+            return Analysis(program, leaves, checks, (group,), group)
+        outputs = dependences(self.reading)
+        leaves = dict(zip(names, outputs, strict=True))
+        flags = {slot for leaf in outputs for slot in leaf.conditions} | set(checks)
         # Flags first, so that an interrupted sweep has them.
         groups = (*self._flags(sorted(flags)), *self._leaves(leaves))
-        return Analysis(program, leaves, checks, groups, whole)
+        return Analysis(program, leaves, checks, groups, group)
 
     def _flags(self, flags: Sequence[int]) -> Iterator[Group]:
         """Group flags of one dimension together, others with those of the same dimensions."""
@@ -185,9 +185,9 @@ class _Analyst:
     def _needed(self, parts: _Parts) -> tuple[set[int], set[int]]:
         return steps_needed(self.shared.steps, [where for _, where in parts])
 
-    def _alike(self, some: _Parts, others: _Parts) -> bool:
-        """Return whether `others` need at least half of the work of `some` anyway."""
-        mine, theirs = self._needed(some)[0], self._needed(others)[0]
+    def _alike(self, first: _Parts, second: _Parts) -> bool:
+        """Return whether `second` need at least half of the work of `first` anyway."""
+        mine, theirs = self._needed(first)[0], self._needed(second)[0]
         return 2 * len(mine & theirs) >= len(mine)
 
     def _group(self, parts: _Parts) -> Group:

@@ -101,11 +101,11 @@ def _words(name: str, origin: float, power: int) -> str:
     last = name.split(".")[-1]
     unit = units.meaning(last)[1]
     ten = f"10{str(power).translate(_SUPERSCRIPTS)}" if power else ""
-    whole = f"{ten} {unit}".strip()
+    scaled = f"{ten} {unit}".strip()
     text = f"{name} - {origin:.9g}" if origin else name
-    if origin and whole:
+    if origin and scaled:
         text = f"({text})"
-    if not whole:
+    if not scaled:
         return text
     # A long name and its unit do not fit beside a panel.
-    return f"{text}\n/ ({whole})" if " " in whole or "/" in whole else f"{text}\n/ {whole}"
+    return f"{text}\n/ ({scaled})" if " " in scaled or "/" in scaled else f"{text}\n/ {scaled}"

@@ -139,18 +139,18 @@ def _normal(body: AbstractBody, face: int, place: np.ndarray, time: float) -> np
     return np.asarray(normal)
 
 
-def axes_shown(given: Any, dimensions: int) -> tuple[int, ...]:
+def axes_shown(value: Any, dimensions: int) -> tuple[int, ...]:
     """Return the axes of a plot: all, or two that are named; ValueError for anything else."""
-    if given is None and dimensions < 3:
+    if value is None and dimensions < 3:
         return tuple(range(dimensions))
-    named = given if isinstance(given, list | tuple) else ()
-    numbers = tuple(concrete(one) for one in named)
-    sound = all(isinstance(one, int) and 0 <= one < dimensions for one in numbers)
+    named = value if isinstance(value, list | tuple) else ()
+    numbers = tuple(concrete(number) for number in named)
+    sound = all(isinstance(number, int) and 0 <= number < dimensions for number in numbers)
     if dimensions == 1 or len(numbers) != 2 or not sound or numbers[0] == numbers[1]:
         allowed = {
             1: "None for a run in one dimension",
             2: "two different numbers of 0 and 1, or None, for a run in two dimensions",
             3: "two different numbers of 0, 1 and 2, such as (0, 2), for a run in three dimensions",
         }[dimensions]
-        raise ValueError(f"Argument `axes` must be {allowed}, but is {rendered(given)}.")
+        raise ValueError(f"Argument `axes` must be {allowed}, but is {rendered(value)}.")
     return numbers  # pyright: ignore[reportReturnType]

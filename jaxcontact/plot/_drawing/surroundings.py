@@ -90,16 +90,16 @@ class Edge(NamedTuple):
 
 def edges(run: Run, time: np.ndarray) -> list[Edge]:
     """Return all walls that are flat in a plot, at some times (T,)."""
-    found = []
+    segments = []
     for body in run.scene.bodies:
         if isinstance(body, Shell) and run.scene.dimensions == 1:
             # In one dimension a shell is two walls.
             for sign in (1.0, -1.0):
                 offset = sign * body.centre_at(time)[:, 0] - float(body.radius)
-                found.append(Edge(np.array([sign]), offset))
+                segments.append(Edge(np.array([sign]), offset))
         for wall in body.walls():
-            found.append(Edge(np.asarray(wall.normal, float), wall.offset_at(time)))
-    return found
+            segments.append(Edge(np.asarray(wall.normal, float), wall.offset_at(time)))
+    return segments
 
 
 def fine_times(run: Run) -> np.ndarray:
