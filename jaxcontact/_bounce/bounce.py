@@ -121,12 +121,12 @@ def _to_rest(drop: _Drop, how: AbstractMethod) -> Bounce:
     """
     if traced(drop):
         return _bounce(drop, ROOM, how)
-    run, first = _begun(drop, how)
+    run, first = _start_compiled(drop, how)
     if traced(run):
         return _bounce(drop, ROOM, how)
     if first is not None:
         count = _count_needed(np.asarray(first.impact.restitution), run)
-        return _trimmed(_constant(drop.contact, run, first, count))
+        return _trim(_constant(drop.contact, run, first, count))
     left, parts = begin(run), []
     while True:
         speed = left.speed
@@ -135,7 +135,7 @@ def _to_rest(drop: _Drop, how: AbstractMethod) -> Bounce:
         if not _falls(speed, left, run, len(parts) * ROOM):
             break
     touches = jax.tree.map(lambda *part: jnp.concatenate(part, axis=-1), *parts)
-    return _trimmed(_assembled(touches, run, None))
+    return _trim(_assemble(touches, run, None))
 
 
 def _count_needed(e: np.ndarray, run: BounceRun) -> int:
@@ -161,7 +161,7 @@ def _falls(speed: Array, left: Left, run: BounceRun, listed: int) -> bool:
     return bool(np.any(flying & (now < before) & (ROOM * blocks + listed < _MOST)))
 
 
-def _trimmed(run: Bounce) -> Bounce:
+def _trim(run: Bounce) -> Bounce:
     """Return a run without touches at which all balls rest already, and `ROOM` for endless ones."""
     status = np.asarray(run.status)
     settled = np.any(status == int(Status.SETTLED), axis=-1)
@@ -196,7 +196,7 @@ def _start(drop: _Drop, method: AbstractMethod) -> tuple[BounceRun, Landing | No
     return run, landing(problem_of(drop.law, drop.contact, run.speed), method)
 
 
-_begun = quick(_start, FEW)
+_start_compiled = quick(_start, FEW)
 
 
 @functools.partial(quick, most=FEW)
@@ -205,7 +205,7 @@ def _constant(contact: Contact, run: BounceRun, first: Landing, count: int) -> B
     power = (1 - n) / (1 + n)
     power = power if isinstance(power, float) else jnp.expand_dims(power, -1)
     e = jnp.where(first.impact.status == int(Status.SEPARATED), first.impact.restitution, 0)
-    return _assembled(alike(first, run, power, count), run, e)
+    return _assemble(alike(first, run, power, count), run, e)
 
 
 @functools.partial(quick, most=FEW)
@@ -221,7 +221,7 @@ def _bounce(drop: _Drop, count: int, method: AbstractMethod) -> Bounce:
     if first is not None:
         return _constant(drop.contact, run, first, count)
     _, touches = _more(drop, run, begin(run), method, count)
-    return _assembled(touches, run, None)
+    return _assemble(touches, run, None)
 
 
 def _exponent(contact: Contact) -> float | Array:
@@ -269,19 +269,21 @@ def _run(drop: _Drop) -> BounceRun:
 
 
 @jax.custom_jvp
-def _known(value: Array, mask: Array) -> Array:
+def _nan_unless(value: Array, mask: Array) -> Array:
     """Return `value` and its derivative, with NaN in lanes that are not good."""
     return jnp.where(mask, value, jnp.nan)
 
 
-@_known.defjvp
-def _known_jvp(values: tuple[Array, Array], tangents: tuple[Array, Any]) -> tuple[Array, Array]:
+@_nan_unless.defjvp
+def _nan_unless_jvp(
+    values: tuple[Array, Array], tangents: tuple[Array, Any]
+) -> tuple[Array, Array]:
     (value, mask), (change, _) = values, tangents
     # inf - inf is NaN, but zero stays zero. A zero cotangent must not turn into NaN, which would
     # spoil the numbers that a lane shares with its neighbours.
     huge = jnp.where(mask, 1, jnp.finfo(value.dtype).max)
     minus = jnp.where(mask, 0, -huge)
-    return _known(value, mask), change * huge * huge + change * minus * huge
+    return _nan_unless(value, mask), change * huge * huge + change * minus * huge
 
 
 def _margin(touches: Touches, run: BounceRun, leaves: Array, settled: Array) -> Array:
@@ -294,7 +296,7 @@ def _margin(touches: Touches, run: BounceRun, leaves: Array, settled: Array) -> 
 
 
 @functools.partial(quick, most=FEW)
-def _assembled(touches: Touches, run: BounceRun, constant_e: Array | None) -> Bounce:
+def _assemble(touches: Touches, run: BounceRun, constant_e: Array | None) -> Bounce:
     """Return the record of a run; `constant_e` is the restitution if it is independent of speed."""
     status = jnp.where(run.valid[..., None], touches.status, int(Status.INVALID_INPUT))
     leaves = status == int(Status.SEPARATED)
@@ -322,22 +324,22 @@ def _assembled(touches: Touches, run: BounceRun, constant_e: Array | None) -> Bo
     defined = leaves | settled
     at_rest = rests & jnp.all(defined, axis=-1)
 
-    def flagged(value: Array) -> Array:
+    def of_touches(value: Array) -> Array:
         return jnp.where(defined, value, jnp.nan)
 
     def of_run(value: Array) -> Array:
         return jnp.where(jnp.all(defined, axis=-1), value, jnp.nan)
 
     return Bounce(
-        time=flagged(time),
-        duration=flagged(jnp.where(leaves, touches.duration, jnp.inf)),
-        return_time=flagged(jnp.where(leaves, touches.return_time, jnp.inf)),
-        impact_velocity=flagged(touches.speed),
-        restitution=flagged(touches.restitution),
-        height=flagged(flight.height_reached(rebound, gravity, None)),
+        time=of_touches(time),
+        duration=of_touches(jnp.where(leaves, touches.duration, jnp.inf)),
+        return_time=of_touches(jnp.where(leaves, touches.return_time, jnp.inf)),
+        impact_velocity=of_touches(touches.speed),
+        restitution=of_touches(touches.restitution),
+        height=of_touches(flight.height_reached(rebound, gravity, None)),
         status=status,
         at_rest=at_rest,
-        rest_time=_known(rest_time, at_rest),
+        rest_time=_nan_unless(rest_time, at_rest),
         margin=of_run(_margin(touches, run, leaves, settled)),
         rest_velocity=of_run(run.rest),
         rest_indentation=of_run(run.static),

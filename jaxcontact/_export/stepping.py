@@ -137,12 +137,12 @@ def _rebounds(
     force = functools.partial(law.force, contact=contact, impact_velocity=velocity)
     step = jnp.asarray(step)
 
-    def accelerated(depth: Array, speed: Array) -> Array:
+    def accelerate(depth: Array, speed: Array) -> Array:
         if scheme is Scheme.SEMI_IMPLICIT:
             return speed - step * force(depth, speed) / mass
         slowest = speed - step * jnp.maximum(force(depth + step * speed, speed), 0) / mass
 
-        def halved(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+        def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
             low, high = ends
             middle = (low + high) / 2
             later = jnp.maximum(depth + step * middle, 0)
@@ -150,7 +150,7 @@ def _rebounds(
             above = middle - speed + step * force(later, middle) / mass > 0
             return jnp.where(above, low, middle), jnp.where(above, middle, high)
 
-        low, high = jax.lax.fori_loop(0, _NEWTON, halved, (slowest, speed))
+        low, high = jax.lax.fori_loop(0, _NEWTON, halve, (slowest, speed))
         return (low + high) / 2
 
     def touching(state: tuple[Array, Array, Array]) -> Array:
@@ -160,7 +160,7 @@ def _rebounds(
     def on(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         number, depth, speed = state
         inside = depth > 0
-        after = jnp.where(inside, accelerated(jnp.where(inside, depth, 0), speed), speed)
+        after = jnp.where(inside, accelerate(jnp.where(inside, depth, 0), speed), speed)
         return number + 1, jnp.where(inside, depth + step * after, depth), after
 
     def going(state: tuple[Array, Array, Array]) -> Array:

@@ -95,7 +95,7 @@ def in_contacts(
             active = jnp.where(is_call, last[1] & goes_on, active)
         spheres, support, held, before, decided = chosen
 
-        def solved() -> tuple[Array, Array, Array, Array]:
+        def solve() -> tuple[Array, Array, Array, Array]:
             seats = decided.seats
             state = call(
                 layout, numbers, members, spheres, support, held, before, decided.where(active),
@@ -109,7 +109,7 @@ def in_contacts(
             stored = contact_energy(layout, numbers, members, seats, state)
             return *with_rows(blank, index, rows), stored
 
-        return jax.lax.cond(active, solved, lambda: (nobody, away, away, nothing))
+        return jax.lax.cond(active, solve, lambda: (nobody, away, away, nothing))
 
     total = times.shape[0]
     inside = (times[:, None] < last.began) & (last.row >= 0)

@@ -134,18 +134,18 @@ class SharedSteps:
         """Add one version; return its output as a slot of the shared steps."""
         where: dict[int, int] = {}
 
-        def shared(place: Place) -> Place:
+        def share(place: Place) -> Place:
             return place if isinstance(place, Constant) else where.get(place, place)
 
         for step in steps:
-            reads = tuple(map(shared, step.reads))
+            reads = tuple(map(share, step.reads))
             # The slots that a step writes identify it within its program.
             key = step.writes, reads
             if key not in self._seen:
                 self._seen[key] = tuple(next(self._slots) for _ in step.writes)
                 self.steps.append(Step(step.primitive, step.params, reads, self._seen[key]))
             where.update(zip(step.writes, self._seen[key], strict=True))
-        return shared(output)
+        return share(output)
 
 
 def run(steps: Sequence[Step], outputs: Sequence[Place], inputs: dict[int, jax.Array]) -> list[Any]:
