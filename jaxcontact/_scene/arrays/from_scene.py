@@ -266,7 +266,7 @@ def _movers(along: Sequence[Along | None], dtype: Any) -> Movers | None:
     motions = [still() if motion is None else motion for motion in along]
     *columns, users = zip(*motions, strict=True)
     users = jax.tree.map(lambda x: x.astype(dtype) if eqx.is_inexact_array(x) else x, users)
-    return Movers(*(_row(column, dtype) for column in columns), users)
+    return Movers(*(_row(column, dtype) for column in columns), own=users)
 
 
 def _compliance(inputs: SceneInputs, layout: SceneLayout, needed: bool) -> Array | None:
