@@ -248,7 +248,7 @@ def _prepare(
 def _prepare_traced(
     scene: Scene, layout: SceneLayout, rules: Rules, *times: Array
 ) -> tuple[Any, ...]:
-    """Return the values of `_started` for a scene under differentiation."""
+    """Return the values of `_prepare` for a scene under differentiation."""
     prepared = _traced_numbers(None, scene, layout, rules, *times)
     return *prepared, initial_state(layout, prepared[0], rules)
 
