@@ -16,11 +16,11 @@ import numpy as np
 
 import jaxcontact as jc
 from jaxcontact._scene.arrays.arrays import layout_of
-from jaxcontact._scene.arrays.from_scene import gathered, given_in
+from jaxcontact._scene.arrays.from_scene import inputs_of, scene_numbers
 from jaxcontact._scene.contact_times.grid import grid_of
 from jaxcontact._scene.engine.log import Log, blank_log
-from jaxcontact._scene.engine.loop import advance, begun
-from jaxcontact._scene.engine.state import Rules, State
+from jaxcontact._scene.engine.loop import advance, initial_state
+from jaxcontact._scene.engine.state import Rules, RunState
 
 
 def best(function: Callable, repeats: int = 5) -> tuple[float, float, np.ndarray]:
@@ -49,7 +49,7 @@ def hard_box(count: int) -> jc.Scene:
     return jc.Scene([*spheres, box], jc.ExactRestitution(e=1.0))
 
 
-def empty(state: State, log: Log, rows: int) -> tuple[State, Log]:
+def empty(state: RunState, log: Log, rows: int) -> tuple[RunState, Log]:
     """A loop that writes two rows of a state and one of a log, and decides nothing."""
 
     def step(k, carry):
@@ -75,10 +75,10 @@ def impact_cost(count: int, impacts: int) -> dict:
     """
     scene = hard_box(count)
     layout = layout_of(scene)
-    numbers, _ = gathered(given_in(scene), layout, contacts=False, soft=False)
+    numbers, _ = scene_numbers(inputs_of(scene), layout, contacts=False, soft=False)
     rules = Rules(False, "peak", 0)
     end, tolerance = jnp.asarray(1e6), jnp.asarray(1e-9)
-    state = eqx.filter_jit(begun)(layout, numbers, rules, grid_of(layout, numbers))
+    state = eqx.filter_jit(initial_state)(layout, numbers, rules, grid_of(layout, numbers))
     jitted = eqx.filter_jit(advance)
     nothing = jax.jit(empty, static_argnums=2)
 

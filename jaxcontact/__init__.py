@@ -7,24 +7,9 @@ from typing import Any as _Any
 if _TYPE_CHECKING:
     # For readers and type checkers. Each name is loaded on first use together with its room, so a
     # program that solves one impact does not import scenes and fits.
-    from ._bounce import Bounce as Bounce
-    from ._bounce import bounce as bounce
+    from ._bounce import *  # noqa: F403
     from ._cache import cache as cache
-    from ._calibration import AbstractShape as AbstractShape
-    from ._calibration import Design as Design
-    from ._calibration import LawChoice as LawChoice
-    from ._calibration import Network as Network
-    from ._calibration import Rational as Rational
-    from ._calibration import Spline as Spline
-    from ._calibration import VelocityProfile as VelocityProfile
-    from ._calibration import choose_law as choose_law
-    from ._calibration import design as design
-    from ._calibration import fit_bounces as fit_bounces
-    from ._calibration import fit_damping as fit_damping
-    from ._calibration import fit_energy_loss as fit_energy_loss
-    from ._calibration import fit_impacts as fit_impacts
-    from ._calibration import fit_velocity_profile as fit_velocity_profile
-    from ._calibration import learn_law as learn_law
+    from ._calibration import *  # noqa: F403
     from ._contact import Contact as Contact
     from ._contact import Material as Material
     from ._elementary import power as power
@@ -97,25 +82,8 @@ if _TYPE_CHECKING:
     from ._laws import get_law as get_law
     from ._laws import list_laws as list_laws
     from ._laws import register_law as register_law
-    from ._scene import Box as Box
-    from ._scene import Ending as Ending
-    from ._scene import Impacts as Impacts
-    from ._scene import Margin as Margin
-    from ._scene import Moment as Moment
-    from ._scene import Plane as Plane
-    from ._scene import Prescribed as Prescribed
-    from ._scene import Run as Run
-    from ._scene import Scene as Scene
-    from ._scene import Shell as Shell
-    from ._scene import Sphere as Sphere
-    from ._scene import Steady as Steady
-    from ._scene import Vibration as Vibration
-    from ._scene import Way as Way
-    from ._scene import random_spheres as random_spheres
-    from ._scene import read_scene as read_scene
-    from ._scene import simulate as simulate
-    from ._sweep import Sweep as Sweep
-    from ._sweep import sweep as sweep
+    from ._scene import *  # noqa: F403
+    from ._sweep import *  # noqa: F403
     from ._text.failure import NumericalError as NumericalError
 
 __version__ = "0.1.0"
@@ -167,10 +135,10 @@ def __getattr__(name: str) -> _Any:
         return _import_module(f".{name}", __name__)
     if name not in _HOME:
         raise AttributeError(f"module 'jaxcontact' has no attribute {name!r}")
-    found = getattr(_import_module(f".{_HOME[name]}", __name__), name)
+    value = getattr(_import_module(f".{_HOME[name]}", __name__), name)
     # Later accesses find the name in the module.
-    globals()[name] = found
-    return found
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

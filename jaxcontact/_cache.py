@@ -30,14 +30,14 @@ def cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
     import jax
     from jax.experimental.compilation_cache import compilation_cache
 
-    own = getattr(jax.config, _STORE)
+    current = getattr(jax.config, _STORE)
     if folder is None:
-        if own is not None:
-            return Path(own)
+        if current is not None:
+            return Path(current)
         folder = users_folder()
         if folder is None:
             return None
-    programs = _made(folder)
+    programs = _programs_in(folder)
     jax.config.update(_STORE, str(programs))
     # Many small programs are compiled, whose total compile time matters.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.02)
@@ -48,17 +48,17 @@ def cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
 
 def users_folder() -> Path | None:
     """Return the folder for the user's cached files; None if nothing is to be kept."""
-    given = os.environ.get(VARIABLE)
-    if given == "":
+    chosen = os.environ.get(VARIABLE)
+    if chosen == "":
         return None
-    if given is not None:
-        return Path(given)
+    if chosen is not None:
+        return Path(chosen)
     import platformdirs
 
     return platformdirs.user_cache_path("jaxcontact")
 
 
-def _made(parent: str | os.PathLike[str]) -> Path:
+def _programs_in(parent: str | os.PathLike[str]) -> Path:
     """Return the folder in `parent` for this processor and this JAX."""
     try:
         folder = Path(parent) / f"programs-{version('jaxlib')}-{_processor()}"

@@ -118,13 +118,13 @@ def duration(launch: Lane, gravity: Lane, b: Rate) -> Lane:
     u.
     """
     vacuum = 2 * launch / gravity
-    return vacuum if b is None else vacuum * _shortened(b * jnp.square(launch))
+    return vacuum if b is None else vacuum * _duration_factor(b * jnp.square(launch))
 
 
 def launch_speed(time: Lane, gravity: Lane, b: Rate) -> Lane:
     """Return the launch speed of a flight that lasts `time`: the inverse of `duration`."""
     vacuum = gravity * time / 2
-    return vacuum if b is None else vacuum * _quickened(b * jnp.square(vacuum))
+    return vacuum if b is None else vacuum * _launch_factor(b * jnp.square(vacuum))
 
 
 def landing_speed(launch: Lane, gravity: Lane, b: Rate) -> Lane:
@@ -176,7 +176,7 @@ def height_after(time: Lane, launch: Lane, gravity: Lane, b: Rate) -> Lane:
     angle = b * jnp.square(gravity * up)
     half = gravity * up / 2 * jnp.square(sinc_root(angle / 4))
     rise = up * (launch * sinc_root(angle) - half)
-    fall = gravity * jnp.square(down) / 2 * _slowed_fall(b * jnp.square(gravity * down))
+    fall = gravity * jnp.square(down) / 2 * _fall_factor(b * jnp.square(gravity * down))
     return rise * log1p_over(b * gravity * rise) - fall
 
 
@@ -187,13 +187,13 @@ def _over_root(inverse: Callable[[Lane], Lane], series: Sequence[float], z: Lane
     return jnp.where(near, horner(series, jnp.where(near, z, 0)), inverse(s) / s)
 
 
-def _shortened(z: Lane) -> Lane:
+def _duration_factor(z: Lane) -> Lane:
     """Return the flight duration over that in vacuum, at z = b u²: (atan √z + asinh √z)/(2√z)."""
     up = _over_root(jnp.arctan, _ATAN_SERIES, z)
     return (up + _over_root(jnp.arcsinh, _ASINH_SERIES, z)) / 2
 
 
-def _slowed_fall(z: Lane) -> Lane:
+def _fall_factor(z: Lane) -> Lane:
     """Return the distance of a fall over that in vacuum, 2 ln(cosh √z)/z, at z = b (g t)²."""
     near = z < 1
     z_near = jnp.where(near, z, 0)
@@ -204,19 +204,19 @@ def _slowed_fall(z: Lane) -> Lane:
     return jnp.where(near, square * log1p_over(z_near * square), far)
 
 
-def _quickened_guess(q: Lane) -> Lane:
+def _launch_factor_guess(q: Lane) -> Lane:
     # With √b u = sinh y the time is y + atan(sinh y), whose slope is between 1 and 2. Newton steps
     # from below therefore never overshoot, for any drag; three steps leave an error of 2e-10.
-    some = q > 0
-    p = jnp.sqrt(jnp.where(some, q, 1))
+    positive = q > 0
+    p = jnp.sqrt(jnp.where(positive, q, 1))
     y = p
     for _ in range(3):
         s = jnp.sinh(y)
         y = y - (y + jnp.arctan(s) - 2 * p) / (1 + 1 / jnp.cosh(y))
-    return jnp.where(some, jnp.sinh(y) / p, 1)
+    return jnp.where(positive, jnp.sinh(y) / p, 1)
 
 
-_quickened = implicit_root(
-    lambda x, q: x * _shortened(q * jnp.square(x)) - 1, _quickened_guess, iterations=1
+_launch_factor = implicit_root(
+    lambda x, q: x * _duration_factor(q * jnp.square(x)) - 1, _launch_factor_guess, iterations=1
 )
 """Launch speed over that in vacuum, at q = b (g T/2)²."""

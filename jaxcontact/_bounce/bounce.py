@@ -39,7 +39,7 @@ from .._parameter import (
 from .._program import FEW, quick, traced
 from .._text.failure import checked
 from .result import TOUCHES, Bounce
-from .touches import Left, Run, Touches, alike, begin, one_by_one
+from .touches import BounceRun, Left, Touches, alike, begin, one_by_one
 
 _REST = Range(low=VELOCITY_THRESHOLD, inside=1.0)
 # Under the weight, the force of a law may differ from the weight by rounding.
@@ -115,36 +115,36 @@ def bounce(
     require_broadcast(
         law=law, contact=contact, height=height, gravity=gravity, rest_velocity=rest_velocity
     )
-    given = _Given(law, contact, height, gravity, rest_velocity, gravity_in_contact, v0 == "peak")
-    run = _to_rest(given, how) if bounces is None else _bounce(given, bounces, how)
+    drop = _Drop(law, contact, height, gravity, rest_velocity, gravity_in_contact, v0 == "peak")
+    run = _to_rest(drop, how) if bounces is None else _bounce(drop, bounces, how)
     return checked(run, throw, "bounce")
 
 
-def _to_rest(given: _Given, how: AbstractMethod) -> Bounce:
+def _to_rest(drop: _Drop, how: AbstractMethod) -> Bounce:
     """Follow every ball to rest if it comes to rest within `_MOST` touches.
 
     Traced numbers, and a caller that compiles, get `ROOM` touches.
     """
-    if traced(given):
-        return _bounce(given, ROOM, how)
-    run, first = _begun(given, how)
+    if traced(drop):
+        return _bounce(drop, ROOM, how)
+    run, first = _start_compiled(drop, how)
     if traced(run):
-        return _bounce(given, ROOM, how)
+        return _bounce(drop, ROOM, how)
     if first is not None:
-        count = _needed(np.asarray(first.impact.restitution), run)
-        return _trimmed(_constant(given.contact, run, first, count))
+        count = _count_needed(np.asarray(first.impact.restitution), run)
+        return _trim(_constant(drop.contact, run, first, count))
     left, parts = begin(run), []
     while True:
         speed = left.speed
-        left, touches = _more(given, run, left, how)
+        left, touches = _more(drop, run, left, how)
         parts.append(touches)
         if not _falls(speed, left, run, len(parts) * ROOM):
             break
     touches = jax.tree.map(lambda *part: jnp.concatenate(part, axis=-1), *parts)
-    return _trimmed(_assembled(touches, run, None))
+    return _trim(_assemble(touches, run, None))
 
 
-def _needed(e: np.ndarray, run: Run) -> int:
+def _count_needed(e: np.ndarray, run: BounceRun) -> int:
     """Return the number of touches of the balls with constant e that rest within `_MOST`."""
     with np.errstate(all="ignore"):
         touches = np.log(np.asarray(run.rest) / np.asarray(run.speed)) / np.log(e)
@@ -152,7 +152,7 @@ def _needed(e: np.ndarray, run: Run) -> int:
     return ROOM * math.ceil((least + 3) / ROOM)
 
 
-def _falls(speed: Array, left: Left, run: Run, listed: int) -> bool:
+def _falls(speed: Array, left: Left, run: BounceRun, listed: int) -> bool:
     """Return whether a ball still bounces and may come to rest within `_MOST` touches.
 
     The number of missing touches is extrapolated from the last `ROOM` ones.
@@ -167,7 +167,7 @@ def _falls(speed: Array, left: Left, run: Run, listed: int) -> bool:
     return bool(np.any(flying & (now < before) & (ROOM * blocks + listed < _MOST)))
 
 
-def _trimmed(run: Bounce) -> Bounce:
+def _trim(run: Bounce) -> Bounce:
     """Return a run without touches at which all balls rest already, and `ROOM` for endless ones."""
     status = np.asarray(run.status)
     settled = np.any(status == int(Status.SETTLED), axis=-1)
@@ -178,7 +178,7 @@ def _trimmed(run: Bounce) -> Bounce:
     return dataclasses.replace(run, **listed)
 
 
-class _Given(NamedTuple):
+class _Drop(NamedTuple):
     """A ball and its ground, as given.
 
     `felt` is True if gravity acts in contact, `peak` if damping refers to the largest closing speed
@@ -194,40 +194,40 @@ class _Given(NamedTuple):
     peak: bool
 
 
-def _start(given: _Given, method: AbstractMethod) -> tuple[Run, Landing | None]:
+def _start(drop: _Drop, method: AbstractMethod) -> tuple[BounceRun, Landing | None]:
     """Return the shared data of the touches, and the first touch if it determines all others."""
-    run = _run(given)
-    if given.felt or not restitution_is_constant(given.law, given.contact):
+    run = _run(drop)
+    if drop.felt or not restitution_is_constant(drop.law, drop.contact):
         return run, None
-    return run, landing(problem_of(given.law, given.contact, run.speed), method)
+    return run, landing(problem_of(drop.law, drop.contact, run.speed), method)
 
 
-_begun = quick(_start, FEW)
+_start_compiled = quick(_start, FEW)
 
 
 @functools.partial(quick, most=FEW)
-def _constant(contact: Contact, run: Run, first: Landing, count: int) -> Bounce:
+def _constant(contact: Contact, run: BounceRun, first: Landing, count: int) -> Bounce:
     n = _exponent(contact)
     power = (1 - n) / (1 + n)
     power = power if isinstance(power, float) else jnp.expand_dims(power, -1)
     e = jnp.where(first.impact.status == int(Status.SEPARATED), first.impact.restitution, 0)
-    return _assembled(alike(first, run, power, count), run, e)
+    return _assemble(alike(first, run, power, count), run, e)
 
 
 @functools.partial(quick, most=FEW)
 def _more(
-    given: _Given, run: Run, left: Left, method: AbstractMethod, count: int = ROOM
+    drop: _Drop, run: BounceRun, left: Left, method: AbstractMethod, count: int = ROOM
 ) -> tuple[Left, Touches]:
-    return one_by_one(given.law, given.contact, run, left, method, given.peak, count)
+    return one_by_one(drop.law, drop.contact, run, left, method, drop.peak, count)
 
 
 @functools.partial(quick, most=FEW)
-def _bounce(given: _Given, count: int, method: AbstractMethod) -> Bounce:
-    run, first = _start(given, method)
+def _bounce(drop: _Drop, count: int, method: AbstractMethod) -> Bounce:
+    run, first = _start(drop, method)
     if first is not None:
-        return _constant(given.contact, run, first, count)
-    _, touches = _more(given, run, begin(run), method, count)
-    return _assembled(touches, run, None)
+        return _constant(drop.contact, run, first, count)
+    _, touches = _more(drop, run, begin(run), method, count)
+    return _assemble(touches, run, None)
 
 
 def _exponent(contact: Contact) -> float | Array:
@@ -235,8 +235,8 @@ def _exponent(contact: Contact) -> float | Array:
     return n if isinstance(n, float) else jnp.where(EXPONENT.holds(n), n, EXPONENT.inside)
 
 
-def _run(given: _Given) -> Run:
-    law, contact, height, gravity, rest, gravity_in_contact, _ = given
+def _run(drop: _Drop) -> BounceRun:
+    law, contact, height, gravity, rest, gravity_in_contact, _ = drop
     valid = POSITIVE.holds(height) & POSITIVE.holds(gravity)
     height, gravity = jnp.where(valid, height, 1), jnp.where(valid, gravity, 1)
     speed = flight.speed_after_drop(height, gravity, None)
@@ -262,7 +262,7 @@ def _run(given: _Given) -> Run:
         rest = jnp.where(_REST.holds(rest), rest, _REST.inside)
     held = law.force(static, jnp.zeros_like(static), contact, jnp.ones_like(static))
     static = jnp.where(jnp.abs(held - weight) <= _STATIC * weight, static, jnp.nan)
-    return Run(
+    return BounceRun(
         height=height,
         gravity=gravity,
         speed=speed,
@@ -275,32 +275,34 @@ def _run(given: _Given) -> Run:
 
 
 @jax.custom_jvp
-def _known(value: Array, good: Array) -> Array:
+def _nan_unless(value: Array, mask: Array) -> Array:
     """Return `value` and its derivative, with NaN in lanes that are not good."""
-    return jnp.where(good, value, jnp.nan)
+    return jnp.where(mask, value, jnp.nan)
 
 
-@_known.defjvp
-def _known_jvp(values: tuple[Array, Array], tangents: tuple[Array, Any]) -> tuple[Array, Array]:
-    (value, good), (change, _) = values, tangents
+@_nan_unless.defjvp
+def _nan_unless_jvp(
+    values: tuple[Array, Array], tangents: tuple[Array, Any]
+) -> tuple[Array, Array]:
+    (value, mask), (change, _) = values, tangents
     # inf - inf is NaN, but zero stays zero. A zero cotangent must not turn into NaN, which would
     # spoil the numbers that a lane shares with its neighbours.
-    huge = jnp.where(good, 1, jnp.finfo(value.dtype).max)
-    minus = jnp.where(good, 0, -huge)
-    return _known(value, good), change * huge * huge + change * minus * huge
+    huge = jnp.where(mask, 1, jnp.finfo(value.dtype).max)
+    minus = jnp.where(mask, 0, -huge)
+    return _nan_unless(value, mask), change * huge * huge + change * minus * huge
 
 
-def _margin(touches: Touches, run: Run, leaves: Array, settled: Array) -> Array:
+def _margin(touches: Touches, run: BounceRun, leaves: Array, settled: Array) -> Array:
     """Return the smallest change of a speed, in m/s, that adds or removes a touch."""
     rest = run.rest[..., None]
     rebound = jnp.abs(touches.restitution * touches.speed - rest)
-    found = settled & (touches.lack > 0)
-    distance = jnp.where(leaves, rebound, jnp.where(found, touches.lack, jnp.inf))
+    with_lack = settled & (touches.lack > 0)
+    distance = jnp.where(leaves, rebound, jnp.where(with_lack, touches.lack, jnp.inf))
     return jnp.minimum(jnp.min(distance, axis=-1), jnp.abs(run.speed - run.rest))
 
 
 @functools.partial(quick, most=FEW)
-def _assembled(touches: Touches, run: Run, constant_e: Array | None) -> Bounce:
+def _assemble(touches: Touches, run: BounceRun, constant_e: Array | None) -> Bounce:
     """Return the record of a run; `constant_e` is the restitution if it is independent of speed."""
     status = jnp.where(run.valid[..., None], touches.status, int(Status.INVALID_INPUT))
     leaves = status == int(Status.SEPARATED)
@@ -325,25 +327,25 @@ def _assembled(touches: Touches, run: Run, constant_e: Array | None) -> Bounce:
     # Without a last touch, a time after all touches depends on the whole run.
     rest_time = jnp.take_along_axis(time, first_rest, axis=-1)[..., 0]
     rest_time = jnp.where(rests, rest_time, time[..., -1] + away[..., -1])
-    good = leaves | settled
-    at_rest = rests & jnp.all(good, axis=-1)
+    defined = leaves | settled
+    at_rest = rests & jnp.all(defined, axis=-1)
 
-    def flagged(value: Array) -> Array:
-        return jnp.where(good, value, jnp.nan)
+    def of_touches(value: Array) -> Array:
+        return jnp.where(defined, value, jnp.nan)
 
     def of_run(value: Array) -> Array:
-        return jnp.where(jnp.all(good, axis=-1), value, jnp.nan)
+        return jnp.where(jnp.all(defined, axis=-1), value, jnp.nan)
 
     return Bounce(
-        time=flagged(time),
-        duration=flagged(jnp.where(leaves, touches.duration, jnp.inf)),
-        return_time=flagged(jnp.where(leaves, touches.return_time, jnp.inf)),
-        impact_velocity=flagged(touches.speed),
-        restitution=flagged(touches.restitution),
-        height=flagged(flight.height_reached(rebound, gravity, None)),
+        time=of_touches(time),
+        duration=of_touches(jnp.where(leaves, touches.duration, jnp.inf)),
+        return_time=of_touches(jnp.where(leaves, touches.return_time, jnp.inf)),
+        impact_velocity=of_touches(touches.speed),
+        restitution=of_touches(touches.restitution),
+        height=of_touches(flight.height_reached(rebound, gravity, None)),
         status=status,
         at_rest=at_rest,
-        rest_time=_known(rest_time, at_rest),
+        rest_time=_nan_unless(rest_time, at_rest),
         margin=of_run(_margin(touches, run, leaves, settled)),
         rest_velocity=of_run(run.rest),
         rest_indentation=of_run(run.static),

@@ -16,7 +16,7 @@ from .._laws import AbstractLaw
 _SEPARATED, _SETTLED = int(Status.SEPARATED), int(Status.SETTLED)
 
 
-class Run(eqx.Module):
+class BounceRun(eqx.Module):
     """Data shared by the touches of a run, in one shape and precision, with invalid numbers
     replaced.
 
@@ -57,12 +57,12 @@ class Left(NamedTuple):
     status: Array
 
 
-def begin(run: Run) -> Left:
+def begin(run: BounceRun) -> Left:
     """Return the state before the first touch."""
     return Left(run.speed, jnp.full(run.speed.shape, _SEPARATED, jnp.int32))
 
 
-def alike(first: Landing, run: Run, power: float | Array, count: int) -> Touches:
+def alike(first: Landing, run: BounceRun, power: float | Array, count: int) -> Touches:
     """Compute all touches from the first one, for a law whose e does not depend on the speed.
 
     In scaled units they are the same impact: v_k = e^k v_0, and times scale as v^power.
@@ -98,7 +98,7 @@ def alike(first: Landing, run: Run, power: float | Array, count: int) -> Touches
 def one_by_one(
     law: AbstractLaw,
     contact: Contact,
-    run: Run,
+    run: BounceRun,
     left: Left,
     method: AbstractMethod,
     peak: bool,
@@ -109,13 +109,13 @@ def one_by_one(
     If `peak`, damping refers to the largest closing speed since touch.
     """
 
-    def one(left: Left, _: None) -> tuple[Left, Touches]:
+    def step(left: Left, _: None) -> tuple[Left, Touches]:
         speed, state = left
         begun = state == _SEPARATED
         moving = begun & (speed >= run.rest)
         waits = jnp.where(begun, _SETTLED, state).astype(jnp.int32)
 
-        def solved() -> tuple[Left, Touches]:
+        def solve() -> tuple[Left, Touches]:
             # A lane that has ended repeats its first impact, whose outcome is finite.
             speed_here = jnp.where(moving, speed, run.speed)
             touch = landing(problem_of(law, contact, speed_here, run.weight), method, peak)
@@ -138,8 +138,8 @@ def one_by_one(
                 lack = jnp.where(missing, jnp.sqrt(square), 0)
             restitution = rebound / jnp.where(leaves, speed, 1)
             before = jnp.where(begun, speed, 0)
-            found = Touches(before, restitution, duration, return_time, status, lack)
-            return Left(rebound, status), found
+            touches = Touches(before, restitution, duration, return_time, status, lack)
+            return Left(rebound, status), touches
 
         def over() -> tuple[Left, Touches]:
             zero = jnp.zeros_like(speed)
@@ -147,13 +147,13 @@ def one_by_one(
             return Left(zero, waits), Touches(before, zero, zero, zero, waits, zero)
 
         # Most runs are over long before there is no room.
-        return jax.lax.cond(jnp.any(moving), solved, over)
+        return jax.lax.cond(jnp.any(moving), solve, over)
 
-    left, touches = jax.lax.scan(one, left, None, length=count)
+    left, touches = jax.lax.scan(step, left, None, length=count)
     return left, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), touches)
 
 
-def _risen(run: Run, speed: Array, depth: Array, leaves: Array) -> tuple[Array, Array, Array]:
+def _risen(run: BounceRun, speed: Array, depth: Array, leaves: Array) -> tuple[Array, Array, Array]:
     """Return the speed at δ = 0 after a rise from a depth, its time, and whether δ = 0 is reached.
 
     Without weight in contact, gravity acts above δ = 0 only.

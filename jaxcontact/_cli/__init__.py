@@ -91,9 +91,9 @@ def _parser() -> Parser:
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
     for name, command in _COMMANDS.items():
         texts = {"description": command.DESCRIPTION, "epilog": command.EPILOG}
-        own = commands.add_parser(name, help=command.SUMMARY, **texts)
-        command.add_options(own)
-        general = own.add_argument_group("options of every command")
+        parser_of_command = commands.add_parser(name, help=command.SUMMARY, **texts)
+        command.add_options(parser_of_command)
+        general = parser_of_command.add_argument_group("options of every command")
         general.add_argument(
             "--json", action="store_true", help="print the result as JSON instead of text"
         )
@@ -101,5 +101,5 @@ def _parser() -> Parser:
         general.add_argument(
             "--no-cache", action="store_true", help="keep no compiled programs for the next command"
         )
-        own.set_defaults(run=command.run)
+        parser_of_command.set_defaults(run=command.run)
     return parser

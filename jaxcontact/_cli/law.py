@@ -56,14 +56,11 @@ def add_law_and_contact(
             f"--{name}", metavar=metavar, type=size, required=must, help=words + default
         )
     parser.add_argument(
-        "--exponent",
-        metavar="N",
-        type=positive,
-        help="n of K δⁿ (default: the law's own, or 1.5)",
+        "--exponent", metavar="N", type=positive, help="n of K δⁿ (default: the law's own, or 1.5)"
     )
 
 
-def parameters_asked(arguments: argparse.Namespace) -> dict[str, Any]:
+def law_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the law's parameters, from `--e` and `--param`; raise InputError unless complete."""
     from .._laws import list_laws, parameters_of
     from .._parameter import did_you_mean
@@ -73,26 +70,26 @@ def parameters_asked(arguments: argparse.Namespace) -> dict[str, Any]:
             f"--law: {arguments.law!r} is not a law; the laws are {', '.join(list_laws())}."
             f"{did_you_mean(arguments.law, list_laws())}"
         )
-    given = dict(arguments.param)
-    if len(given) < len(arguments.param):
+    parameters = dict(arguments.param)
+    if len(parameters) < len(arguments.param):
         raise InputError("--param: a parameter is given twice")
     if arguments.e is not None:
-        if "e" in given:
+        if "e" in parameters:
             raise InputError("--param: e is already given by --e")
-        given["e"] = arguments.e
+        parameters["e"] = arguments.e
     wanted = parameters_of(arguments.law)
-    for name in given:
+    for name in parameters:
         if name not in wanted:
             takes = ", ".join(wanted) or "none"
             raise InputError(
                 f"{arguments.law} has no parameter {name}; its parameters: {takes}."
                 f"{did_you_mean(name, wanted)}"
             )
-    missing = [name for name in wanted if name not in given]
+    missing = [name for name in wanted if name not in parameters]
     if missing:
         how = ", ".join("--e E" if name == "e" else f"--param {name}=NUMBER" for name in missing)
         raise InputError(f"{arguments.law} also needs {how}")
-    return given
+    return parameters
 
 
 def contact_asked(arguments: argparse.Namespace, exponent: float) -> Contact:

@@ -29,29 +29,29 @@ class Parser(argparse.ArgumentParser):
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:
         """Parse as argparse does, but report an unknown option from its subcommand."""
-        found, unknown = self.parse_known_args(args, namespace)
+        parsed, unknown = self.parse_known_args(args, namespace)
         if unknown:
-            own = self._commands().get(getattr(found, "command", None), self)
-            own.error(own.unknown(unknown))
-        return found
+            command = self._commands().get(getattr(parsed, "command", None), self)
+            command.error(command.unknown(unknown))
+        return parsed
 
     def unknown(self, arguments: Sequence[str]) -> str:
         """Return the message for unknown arguments."""
-        known = self._options()
-        guesses = [meant(argument.partition("=")[0], known) for argument in arguments]
-        guess = next((f"; did you mean {one}?" for one in guesses if one), "")
+        options = self._options()
+        guesses = [closest(argument.partition("=")[0], options) for argument in arguments]
+        guess = next((f"; did you mean {name}?" for name in guesses if name), "")
         return f"unknown: {' '.join(arguments)}{guess}"
 
     def error(self, message: str) -> NoReturn:
         """Print the message, with a suggestion for a misspelt word; exit with 2."""
-        options = [given for given in self._given if given.startswith("--")]
-        odd = [given for given in options if given.partition("=")[0] not in self._options()]
+        options = [word for word in self._given if word.startswith("--")]
+        odd = [word for word in options if word.partition("=")[0] not in self._options()]
         # A misspelt option explains why another one is missing, so it is reported first.
         if odd and "required" in message:
             message = self.unknown(odd)
-        if found := _CHOICE.search(message):
-            choices = [choice.strip(" '") for choice in found[2].split(",")]
-            guess = meant(found[1], choices)
+        if match := _CHOICE.search(message):
+            choices = [choice.strip(" '") for choice in match[2].split(",")]
+            guess = closest(match[1], choices)
             message += f"; did you mean {guess}?" if guess else ""
         self.exit(2, f"error: {message}\n`{self.prog} --help` lists all options\n")
 
@@ -59,17 +59,17 @@ class Parser(argparse.ArgumentParser):
         return [name for action in self._actions for name in action.option_strings]
 
     def _commands(self) -> dict[Any, Parser]:
-        found: dict[Any, Parser] = {}
+        commands: dict[Any, Parser] = {}
         for action in self._actions:
             if isinstance(action, argparse._SubParsersAction):
-                found |= action.choices
-        return found
+                commands |= action.choices
+        return commands
 
 
-def meant(given: str, known: Iterable[str]) -> str | None:
+def closest(word: str, words: Iterable[str]) -> str | None:
     """Return the known word closest to a misspelt one, or None."""
-    found = difflib.get_close_matches(given, list(known), n=1)
-    return found[0] if found else None
+    matches = difflib.get_close_matches(word, list(words), n=1)
+    return matches[0] if matches else None
 
 
 class Version(argparse.Action):
@@ -94,8 +94,8 @@ class Completion(argparse.Action):
         from .._laws import list_laws
 
         names = {"law": list_laws(), "engine": engines()}
-        for own in parser._commands().values():
-            for action in own._actions:
+        for command in parser._commands().values():
+            for action in command._actions:
                 if action.metavar == "FILE":
                     action.complete = shtab.FILE
                 elif action.metavar == "DIR":

@@ -15,9 +15,9 @@ def print_json(result: Any) -> None:
 def plain(value: Any) -> Any:
     """Convert arrays to lists, numbers to Python's, and non-finite ones to None."""
     if isinstance(value, dict):
-        return {str(name): plain(one) for name, one in value.items()}
+        return {str(name): plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(one) for one in value]
+        return [plain(item) for item in value]
     if value is None or isinstance(value, str | bool | int):
         return value
     if isinstance(value, float):

@@ -33,27 +33,27 @@ class Engine(abc.ABC):
         law cannot deliver.
         """
 
-    def checked(self, options: Mapping[str, Any]) -> dict[str, Any]:
+    def check_options(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return the given options without those that are None.
 
         Raises ValueError for an unknown option or a missing required one.
         """
         parameters = inspect.signature(self.draft).parameters.values()
         takes = {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY}
-        given = {name: value for name, value in options.items() if value is not None}
-        for name in given:
+        chosen = {name: value for name, value in options.items() if value is not None}
+        for name in chosen:
             if name not in takes:
                 raise ValueError(
                     f"Argument `{name}` must be an option of engine {self.name!r}, which takes "
-                    f"{', '.join(f'`{known}`' for known in takes) or 'none'}."
+                    f"{', '.join(f'`{name}`' for name in takes) or 'none'}."
                     f"{did_you_mean(name, takes)}"
                 )
         for name, default in takes.items():
-            if default is inspect.Parameter.empty and name not in given:
+            if default is inspect.Parameter.empty and name not in chosen:
                 raise ValueError(
                     f"Argument `{name}` is needed for engine {self.name!r}, but is None."
                 )
-        return given
+        return chosen
 
 
 def register_engine(kind: type[Kind]) -> type[Kind]:

@@ -16,7 +16,7 @@ from .._parameter import as_numbers
 from .compromise import compromise
 from .engine import engine_of
 from .result import Export
-from .wanted import Wanted, solved
+from .wanted import Wanted, require_rebound
 
 # The event solve is accurate to 1e-8 in e; the other solves are closed forms.
 _AGREEMENT = 1e-6
@@ -79,9 +79,9 @@ def export(
     engine.
     """
     simulator = engine_of(engine)
-    given = simulator.checked(options)
+    extra = simulator.check_options(options)
     with jax.enable_x64(True):
-        law, contact, closing = _known(law, contact, velocity)
+        law, contact, closing = _law_and_speeds(law, contact, velocity)
         if shape := problem_of(law, contact, 1.0).shape:
             raise ValueError(
                 "Arguments `law` and `contact` must be scalars, but have the shape "
@@ -93,14 +93,14 @@ def export(
         else:
             speeds, targets = None, None
             middle = float(np.asarray(closing))
-        hit = solved(impact(law, contact, middle, throw=False))
+        hit = require_rebound(impact(law, contact, middle, throw=False))
         numbers = hit.restitution, hit.duration, contact.mass, contact.stiffness, contact.exponent
         wanted = Wanted(*map(float, numbers), velocity=middle, law=law)
         if speeds is None or targets is None:
-            draft = simulator.draft(wanted, **given)
+            draft = simulator.draft(wanted, **extra)
         else:
-            draft = compromise(lambda one: simulator.draft(one, **given), wanted, speeds, targets)
-        hit = solved(impact(draft.law, draft.contact, middle, throw=False))
+            draft = compromise(lambda aim: simulator.draft(aim, **extra), wanted, speeds, targets)
+        hit = require_rebound(impact(draft.law, draft.contact, middle, throw=False))
         if speeds is not None:
             delivered = np.asarray(impact(draft.law, draft.contact, speeds).restitution)
     if speeds is None:
@@ -117,12 +117,11 @@ def export(
         target=wanted.restitution if targets is None else targets,
         delivered=delivered,
         duration=float(hit.duration),
-        wanted_law=law,
-        wanted_contact=contact,
+        _wanted=(law, contact),
     )
 
 
-def _known(law: Any, contact: Any, velocity: Any) -> tuple[AbstractLaw, Contact, Any]:
+def _law_and_speeds(law: Any, contact: Any, velocity: Any) -> tuple[AbstractLaw, Contact, Any]:
     """Return the law, the contact and the speeds, from a calibration if one is given."""
     if hasattr(law, "__export__"):
         law, contact, measured = law.__export__(contact)

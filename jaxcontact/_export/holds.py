@@ -53,7 +53,7 @@ class SpeedRange:
                 f"{self.velocity[k]:.3g}",
                 f"{self.target[k]:.4f}",
                 f"{self.delivered[k]:.4f}",
-                signed(self.error[k]),
+                signed_text(self.error[k]),
             )
             for k in shown
         ]
@@ -66,7 +66,7 @@ class SpeedRange:
         )
 
 
-def signed(error: float) -> str:
+def signed_text(error: float) -> str:
     """Return an error of e as text with its sign; zero is always +0.0000."""
     return f"{round(float(error), 4) + 0.0:+.4f}"
 
@@ -84,15 +84,15 @@ def speed_range(
     grid = middle * np.logspace(-_DECADES, _DECADES, 2 * _DECADES * _EACH + 1)
     with jax.enable_x64(True):
         target, delivered = (
-            np.asarray(impact(one, at, grid).restitution) for one, at in ((law, contact), made)
+            np.asarray(impact(model, at, grid).restitution) for model, at in ((law, contact), made)
         )
     # NaN counts as outside.
-    good = np.abs(delivered - target) <= within
+    close = np.abs(delivered - target) <= within
     at = int(np.argmin(np.abs(np.log(grid / middle))))
-    if not good[at]:
+    if not close[at]:
         return SpeedRange(math.nan, math.nan, within, grid, target, delivered)
-    first = at - int(np.argmin(good[at::-1])) if not good[: at + 1].all() else -1
-    last = at + int(np.argmin(good[at:])) if not good[at:].all() else len(grid)
+    first = at - int(np.argmin(close[at::-1])) if not close[: at + 1].all() else -1
+    last = at + int(np.argmin(close[at:])) if not close[at:].all() else len(grid)
     difference = np.abs(delivered - target) - within
     return SpeedRange(
         0.0 if first < 0 else _crossing(grid, difference, first, first + 1),
@@ -105,10 +105,10 @@ def speed_range(
 
 
 def _crossing(
-    grid: Float[np.ndarray, " m"], difference: Float[np.ndarray, " m"], bad: int, good: int
+    grid: Float[np.ndarray, " m"], difference: Float[np.ndarray, " m"], bad: int, inside: int
 ) -> float:
     """Return the zero of a difference between two speeds, by linear interpolation in ln v."""
     if not np.isfinite(difference[bad]):
-        return float(grid[good])
-    share = difference[good] / (difference[good] - difference[bad])
-    return float(grid[good] * (grid[bad] / grid[good]) ** share)
+        return float(grid[inside])
+    share = difference[inside] / (difference[inside] - difference[bad])
+    return float(grid[inside] * (grid[bad] / grid[inside]) ** share)

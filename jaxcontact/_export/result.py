@@ -12,8 +12,8 @@ from .._laws import AbstractLaw
 from .._parameter import POSITIVE, require_number
 from .._text.table import text_table
 from .._text.units import quantity
-from .holds import SpeedRange, signed, speed_range
-from .stepping import Stepped, stepped
+from .holds import SpeedRange, signed_text, speed_range
+from .stepping import TimeStepRestitution, restitution_in_steps
 from .wanted import Draft
 
 
@@ -27,11 +27,11 @@ class Export(Draft):
     of the engine's law with these parameters, both by `impact`. They are equal at one speed, and as
     close as one set of parameters allows at several.
 
-    `wanted_law` and `wanted_contact` are the exported ones. `law` and `contact` are the engine's
-    law as solved: `impact(law, contact, velocity)` gives all other results. `duration` in s is that
-    of this contact. `time_step` in s is a step at which the engine itself was measured, `steps` of
-    them per contact. Its error there was within `expected_error` (relative, of the restitution, for
-    e of 0.12 and more). These three are None if the engine was not run.
+    `law` and `contact` are the engine's law as solved: `impact(law, contact, velocity)` gives all
+    other results. `duration` in s is that of this contact. `time_step` in s is a step at which the
+    engine itself was measured, `steps` of them per contact. Its error there was within
+    `expected_error` (relative, of the restitution, for e of 0.12 and more). These three are None if
+    the engine was not run.
 
     `scheme` is the engine's time stepping, or None if unknown; `at_time_step` returns e at another
     step. `limit` states in words where the parameters do not hold, `source` the reference of the
@@ -43,8 +43,7 @@ class Export(Draft):
     target: float | Float[np.ndarray, " n"]
     delivered: float | Float[np.ndarray, " n"]
     duration: float
-    wanted_law: AbstractLaw
-    wanted_contact: Contact
+    _wanted: tuple[AbstractLaw, Contact]
 
     @property
     def error(self) -> float | Float[np.ndarray, " n"]:
@@ -59,15 +58,16 @@ class Export(Draft):
         """
         made = self.law, self.contact
         speeds = np.atleast_1d(self.velocity)
-        return speed_range(self.wanted_law, self.wanted_contact, made, speeds, within)
+        return speed_range(*self._wanted, made, speeds, within)
 
-    def at_time_step(self, time_step: float, within: float = 0.01) -> Stepped:
+    def at_time_step(self, time_step: float, within: float = 0.01) -> TimeStepRestitution:
         """Return the engine's e at a time step in s that is not short compared with the contact.
 
-        The engine's scheme is run for all positions of the touch within a step. Returns a `Stepped`
-        with the smallest and the largest e. It also gives the contact duration, reached with a
-        softer contact or shorter steps, at which e stays `within` the target. Raises ValueError for
-        several speeds, numbers that are not positive, and an engine with unknown scheme.
+        The engine's scheme is run for all positions of the touch within a step. Returns a
+        `TimeStepRestitution` with the smallest and the largest e. It also gives the contact
+        duration, reached with a softer contact or shorter steps, at which e stays `within` the
+        target. Raises ValueError for several speeds, numbers that are not positive, and an engine
+        with unknown scheme.
         """
         time_step = require_number("time_step", time_step, POSITIVE)
         within = require_number("within", within, POSITIVE)
@@ -81,7 +81,7 @@ class Export(Draft):
                 "Argument `velocity` must be one speed for a time step, but there are "
                 f"{np.size(self.velocity)}."
             )
-        return stepped(
+        return restitution_in_steps(
             self.law,
             self.contact,
             float(self.velocity),
@@ -123,7 +123,7 @@ class Export(Draft):
             return []
         columns = (np.atleast_1d(x) for x in (self.velocity, self.target, self.delivered))
         rows = [
-            (f"{v:.4g}", f"{wanted:.4f}", f"{e:.4f}", signed(e - wanted))
+            (f"{v:.4g}", f"{wanted:.4f}", f"{e:.4f}", signed_text(e - wanted))
             for v, wanted, e in zip(*columns, strict=True)
         ]
         head = ("v (m/s)", "wanted e", "engine's e", "error")

@@ -40,7 +40,7 @@ class Scheme(enum.Enum):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Stepped:
+class TimeStepRestitution:
     """The restitution of an engine at a time step.
 
     `time_step` in s; `low` and `high` are the smallest and the largest e over all positions of the
@@ -76,7 +76,7 @@ class Stepped:
         return "\n".join(lines)
 
 
-def stepped(
+def restitution_in_steps(
     law: AbstractLaw,
     contact: Contact,
     velocity: float,
@@ -86,7 +86,7 @@ def stepped(
     scheme: Scheme,
     time_step: float,
     within: float,
-) -> Stepped:
+) -> TimeStepRestitution:
     """Compute the e of a law in the steps of an engine, and the contact duration that preserves it.
 
     A softer contact with the same law, in its own units, has proportionally shorter steps. e
@@ -107,12 +107,12 @@ def stepped(
         count = _FEWEST
         while count < _MOST and not (keeps(count) and keeps(1.3 * count)):
             count *= 2
-        bad, good = count / 2, count
+        bad, enough = count / 2, count
         for _ in range(_HALVINGS if count < _MOST else 0):
-            middle = math.sqrt(bad * good)
-            bad, good = (bad, middle) if keeps(middle) else (middle, good)
-    needed = good * time_step if count < _MOST else math.nan
-    return Stepped(
+            middle = math.sqrt(bad * enough)
+            bad, enough = (bad, middle) if keeps(middle) else (middle, enough)
+    needed = enough * time_step if count < _MOST else math.nan
+    return TimeStepRestitution(
         time_step=time_step,
         low=low,
         high=high,
@@ -137,12 +137,12 @@ def _rebounds(
     force = functools.partial(law.force, contact=contact, impact_velocity=velocity)
     step = jnp.asarray(step)
 
-    def accelerated(depth: Array, speed: Array) -> Array:
+    def accelerate(depth: Array, speed: Array) -> Array:
         if scheme is Scheme.SEMI_IMPLICIT:
             return speed - step * force(depth, speed) / mass
         slowest = speed - step * jnp.maximum(force(depth + step * speed, speed), 0) / mass
 
-        def halved(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+        def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
             low, high = ends
             middle = (low + high) / 2
             later = jnp.maximum(depth + step * middle, 0)
@@ -150,7 +150,7 @@ def _rebounds(
             above = middle - speed + step * force(later, middle) / mass > 0
             return jnp.where(above, low, middle), jnp.where(above, middle, high)
 
-        low, high = jax.lax.fori_loop(0, _NEWTON, halved, (slowest, speed))
+        low, high = jax.lax.fori_loop(0, _NEWTON, halve, (slowest, speed))
         return (low + high) / 2
 
     def touching(state: tuple[Array, Array, Array]) -> Array:
@@ -160,7 +160,7 @@ def _rebounds(
     def on(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         number, depth, speed = state
         inside = depth > 0
-        after = jnp.where(inside, accelerated(jnp.where(inside, depth, 0), speed), speed)
+        after = jnp.where(inside, accelerate(jnp.where(inside, depth, 0), speed), speed)
         return number + 1, jnp.where(inside, depth + step * after, depth), after
 
     def going(state: tuple[Array, Array, Array]) -> Array:

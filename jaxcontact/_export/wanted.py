@@ -46,7 +46,7 @@ class Draft:
     """Time stepping of the engine; None if its user chooses it, or if it is unknown."""
 
 
-def solved(hit: Impact) -> Impact:
+def require_rebound(hit: Impact) -> Impact:
     """Return `hit` if it is one impact that ended in separation; ValueError otherwise."""
     status = Status(int(hit.status))
     if status is not Status.SEPARATED or not float(hit.restitution) > 0:
@@ -66,7 +66,7 @@ def matched_stiffness(wanted: Wanted, exponent: float, scaled_law: AbstractLaw) 
     """
     if wanted.exponent == exponent:
         return wanted.stiffness
-    unit = solved(impact(scaled_law, Contact(1.0, 1.0, exponent), 1.0, throw=False))
+    unit = require_rebound(impact(scaled_law, Contact(1.0, 1.0, exponent), 1.0, throw=False))
     tau = float(unit.duration)
     speed = wanted.velocity ** (1 - exponent)
     return wanted.mass * speed * (tau / wanted.duration) ** (exponent + 1)

@@ -77,16 +77,16 @@ def read_scene(
         path = require_path("file", file)
         source, raw = str(path), read_whole(path)
     else:
-        known = examples()
-        source = f"example {require_choice('example', example, known)!r}"
-        raw = known[example].encode()
+        texts = examples()
+        source = f"example {require_choice('example', example, texts)!r}"
+        raw = texts[example].encode()
     try:
         content = tomllib.loads(raw.decode())
     except UnicodeDecodeError as error:
         raise ValueError(f"{source} must be a text in UTF-8, but is not: {error}.") from error
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{source} must be TOML, but is not: {error}.") from error
-    return _read(_Place(source, "at the top"), content)
+    return _scene_of(_Place(source, "at the top"), content)
 
 
 class _Place(NamedTuple):
@@ -101,14 +101,14 @@ class _Place(NamedTuple):
     def inside(self, table: str) -> _Place:
         return _Place(self.source, table)
 
-    def require_known(self, what: str, name: Any, known: Iterable[str]) -> None:
+    def require_known(self, what: str, name: Any, names: Iterable[str]) -> None:
         """Raise ValueError for an unknown name, with the likely one as a suggestion."""
-        known = list(known)
-        if name in known:
+        names = list(names)
+        if name in names:
             return
-        near, why = nearest(name, known), not_modelled(str(name))
+        near, why = nearest(name, names), not_modelled(str(name))
         hint = f": {why}." if why else f"; did you mean {near!r}?" if near else "."
-        allowed = ", ".join(known) or "none here"
+        allowed = ", ".join(names) or "none here"
         raise self.error(f"{what} must be one of {allowed}, but is {rendered(name)}{hint}")
 
     def require_table(self, what: str, value: Any) -> dict[str, Any]:
@@ -116,21 +116,21 @@ class _Place(NamedTuple):
             raise self.error(f"{what} must be a table, but is {rendered(value)}.")
         return value
 
-    def made(self, function: Callable[..., Any], given: Mapping[str, Any]) -> Any:
+    def call(self, function: Callable[..., Any], entries: Mapping[str, Any]) -> Any:
         """Call a function with the entries of a table; errors and missing keys name the table."""
         arguments = inspect.signature(function).parameters
-        for name in given:
+        for name in entries:
             self.require_known("a key", name, arguments)
         for name, argument in arguments.items():
-            if argument.default is argument.empty and name not in given:
+            if argument.default is argument.empty and name not in entries:
                 raise self.error(f"the key {name!r} must be given, but is missing.")
         try:
-            return function(**given)
+            return function(**entries)
         except ValueError as error:
             raise self.error(str(error)) from error
 
 
-def _read(top: _Place, content: dict[str, Any]) -> tuple[Scene, dict[str, Any]]:
+def _scene_of(top: _Place, content: dict[str, Any]) -> tuple[Scene, dict[str, Any]]:
     kinds = {cls.__name__.lower(): cls for cls in AbstractBody.__subclasses__()}
     for_scene = [n for n in inspect.signature(Scene).parameters if n != "bodies"]
     # Progress output is not part of a file.
@@ -139,26 +139,26 @@ def _read(top: _Place, content: dict[str, Any]) -> tuple[Scene, dict[str, Any]]:
     for name in content:
         top.require_known("a key or table", name, [*for_run, *for_scene, *tables])
     materials = {
-        name: top.inside(f"[material.{name}]").made(Material, _table_of(top, name, table))
+        name: top.inside(f"[material.{name}]").call(Material, _table_of(top, name, table))
         for name, table in top.require_table("'material'", content.get("material", {})).items()
     }
     bodies: list[AbstractBody] = []
     for kind, listed in content.items():
         if kind in kinds or kind == random_spheres.__name__:
             for place, table in _tables(top, kind, listed):
-                given = _filled(place, table, materials)
+                entries = _resolve(place, table, materials)
                 if kind in kinds:
-                    bodies.append(place.made(kinds[kind], given))
+                    bodies.append(place.call(kinds[kind], entries))
                 else:
-                    bodies.extend(place.made(random_spheres, given))
+                    bodies.extend(place.call(random_spheres, entries))
     scene_given = {name: content[name] for name in for_scene if name in content}
     if "periodic" in scene_given:
         scene_given["periodic"] = _periodic(top, scene_given["periodic"])
     scene_given |= _by_pair(top, content, scene_given)
     if "law" not in scene_given:
         raise top.error("the key 'law' must be given, but is missing.")
-    scene = top.made(Scene, {"bodies": bodies, **scene_given})
-    return scene, _run_given(top, {name: content[name] for name in for_run if name in content})
+    scene = top.call(Scene, {"bodies": bodies, **scene_given})
+    return scene, _run_arguments(top, {name: content[name] for name in for_run if name in content})
 
 
 def _table_of(top: _Place, name: str, value: Any) -> dict[str, Any]:
@@ -167,24 +167,24 @@ def _table_of(top: _Place, name: str, value: Any) -> dict[str, Any]:
 
 def _tables(top: _Place, kind: str, listed: Any) -> Iterable[tuple[_Place, dict[str, Any]]]:
     """Return the tables of one kind, each with its place in the file."""
-    if not isinstance(listed, list) or not all(isinstance(one, dict) for one in listed):
+    if not isinstance(listed, list) or not all(isinstance(table, dict) for table in listed):
         raise top.error(f"{kind!r} must be tables [[{kind}]], but is {rendered(listed)}.")
-    return [(top.inside(f"[[{kind}]] number {k}"), one) for k, one in enumerate(listed, 1)]
+    return [(top.inside(f"[[{kind}]] number {k}"), table) for k, table in enumerate(listed, 1)]
 
 
-def _filled(
+def _resolve(
     place: _Place, table: Mapping[str, Any], materials: Mapping[str, Material]
 ) -> dict[str, Any]:
     """Return the table of a body with its named material and motion resolved."""
-    given = dict(table)
-    if "material" in given:
-        place.require_known("'material'", given["material"], materials)
-        given["material"] = materials[given["material"]]
-    if "motion" in given:
-        given["motion"] = _motion(place, given["motion"])
-    if "periodic" in given:
-        given["periodic"] = _periodic(place, given["periodic"])
-    return given
+    entries = dict(table)
+    if "material" in entries:
+        place.require_known("'material'", entries["material"], materials)
+        entries["material"] = materials[entries["material"]]
+    if "motion" in entries:
+        entries["motion"] = _motion(place, entries["motion"])
+    if "periodic" in entries:
+        entries["periodic"] = _periodic(place, entries["periodic"])
+    return entries
 
 
 def _motion(place: _Place, value: Any) -> AbstractMotion:
@@ -192,7 +192,7 @@ def _motion(place: _Place, value: Any) -> AbstractMotion:
     table = dict(place.require_table("'motion'", value))
     kind = table.pop("kind", None)
     place.require_known("'kind' of the motion", kind, kinds)
-    return place.inside(f"{place.table}, motion").made(kinds[kind], table)
+    return place.inside(f"{place.table}, motion").call(kinds[kind], table)
 
 
 def _law(place: _Place, value: Any) -> AbstractLaw:
@@ -211,13 +211,13 @@ def _law(place: _Place, value: Any) -> AbstractLaw:
         raise place.error(str(error)) from error
 
 
-def _by_pair(top: _Place, content: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def _by_pair(top: _Place, content: Mapping[str, Any], entries: Mapping[str, Any]) -> dict[str, Any]:
     """Return the law and the stiffness of a scene: one for all, or by pair with a default."""
-    found: dict[str, Any] = {}
-    if "law" in given:
-        found["law"] = _law(top.inside("[law]"), given["law"])
-    if "stiffness" in given:
-        found["stiffness"] = given["stiffness"]
+    arguments: dict[str, Any] = {}
+    if "law" in entries:
+        arguments["law"] = _law(top.inside("[law]"), entries["law"])
+    if "stiffness" in entries:
+        arguments["stiffness"] = entries["stiffness"]
     tables: dict[str, dict[Any, Any]] = {"law": {}, "stiffness": {}}
     for place, table in _tables(top, "pair", content.get("pair", [])):
         for name in table:
@@ -236,26 +236,26 @@ def _by_pair(top: _Place, content: Mapping[str, Any], given: Mapping[str, Any]) 
                 tables[name][pair] = _law(place, value) if name == "law" else value
     for name, table in tables.items():
         if table:
-            found[name] = table | ({DEFAULT: found[name]} if name in found else {})
-    return found
+            arguments[name] = table | ({DEFAULT: arguments[name]} if name in arguments else {})
+    return arguments
 
 
 def _periodic(place: _Place, value: Any) -> list[Any]:
     """Return the lengths, with None where the file has false, since TOML has no None."""
     if not isinstance(value, list):
         raise place.error(f"'periodic' must be {_PERIODIC}, but is {rendered(value)}.")
-    return [None if one is False else one for one in value]
+    return [None if length is False else length for length in value]
 
 
-def _run_given(top: _Place, given: dict[str, Any]) -> dict[str, Any]:
+def _run_arguments(top: _Place, entries: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of `simulate`, with explicit times."""
-    if "duration" not in given:
+    if "duration" not in entries:
         raise top.error("the key 'duration' must be given, but is missing.")
     try:
-        duration = require_number("duration", given["duration"], POSITIVE)
-        times = given.get("times", TIMES)
+        duration = require_number("duration", entries["duration"], POSITIVE)
+        times = entries.get("times", TIMES)
         if not isinstance(times, list):
             times = np.linspace(0, duration, require_count("times", times, 2))
     except ValueError as error:
         raise top.error(str(error)) from error
-    return given | {"duration": duration, "times": times}
+    return entries | {"duration": duration, "times": times}

@@ -107,12 +107,12 @@ class Impacts(eqx.Module):
         """Return the columns of `to_dict` with the names of bodies, and `way` by name."""
         columns, names = self.to_dict(), np.array(self.names)
         ways = np.array([way.name for way in Way])
-        told = {}
+        words = {}
         for name, column in columns.items():
-            told[name] = ways[column] if name == "way" else column
+            words[name] = ways[column] if name == "way" else column
             if name in ("first", "second"):
-                told[f"{name}_name"] = names[column]
-        return told
+                words[f"{name}_name"] = names[column]
+        return words
 
     def to_dataframe(self) -> Any:
         """Return the valid rows as a pandas data frame, with the names of bodies and ways. Raises
@@ -169,7 +169,7 @@ class Moment(NamedTuple):
     energy: Float[Array, " T"]
 
 
-def flagged(value: Array, good: Array) -> Array:
-    """Return `value` where `good` along its leading axes, else NaN."""
-    shape = good.shape + (1,) * (value.ndim - good.ndim)
-    return jnp.where(good.reshape(shape), value, jnp.nan)
+def nan_unless(value: Array, valid: Array) -> Array:
+    """Return `value` where `valid` along its leading axes, else NaN."""
+    shape = valid.shape + (1,) * (value.ndim - valid.ndim)
+    return jnp.where(valid.reshape(shape), value, jnp.nan)

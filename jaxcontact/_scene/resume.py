@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .cluster.equations import ClusterState
+from .scalars import Flag, Number
 
 
 class Contacts(NamedTuple):
@@ -17,12 +18,12 @@ class Contacts(NamedTuple):
     fields are as in `Coupling`.
     """
 
-    active: Bool[Array, ""]
+    active: Flag
     who: Int[Array, " M"]
     present: Bool[Array, " M"]
     shift: Float[Array, "M D"]
-    pace: Float[Array, ""]
-    reserve: Float[Array, ""]
+    pace: Number
+    reserve: Number
     state: ClusterState
 
 

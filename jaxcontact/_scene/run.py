@@ -9,21 +9,22 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, ArrayLike, Float
 
 from .._parameter import as_parameter, rendered, shown
 from .._program import derived
 from .._text.failure import Flagged
 from .bodies.bodies import AbstractBody
 from .bodies.scene import Scene
-from .course import Course
 from .readout.columns import write_csv
 from .readout.dataset import dataset
-from .readout.final_scene import end_of
+from .readout.final_scene import final_start
 from .readout.margin import Margin
 from .readout.states import moment_at
 from .result import Ending, Impacts, Moment, traced
 from .resume import Start
+from .run_record import RunRecord
+from .scalars import Index, Number
 
 if TYPE_CHECKING:
     import xarray
@@ -52,13 +53,13 @@ class Run(Flagged, eqx.Module):
     velocity: Float[Array, "T N D"]
     energy: Float[Array, " T"]
     impacts: Impacts
-    status: Int[Array, ""]
-    reached: Float[Array, ""]
-    wall_work: Float[Array, ""]
-    duration: Float[Array, ""]
+    status: Index
+    reached: Number
+    wall_work: Number
+    duration: Number
     scene: Scene
-    _nearest: tuple[Float[Array, ""], Float[Array, ""]]
-    _course: Course
+    _nearest: tuple[Number, Number]
+    _record: RunRecord
     _failures = tuple(Ending)[1:]
 
     def at(self, time: ArrayLike) -> Moment:
@@ -68,19 +69,19 @@ class Run(Flagged, eqx.Module):
         after it. Values are NaN outside the run, and beyond the time that a flagged run reached.
         Raises ValueError for non-numbers and for more than one axis.
         """
-        asked = as_parameter(time, "time")
-        if asked.ndim > 1:
+        times = as_parameter(time, "time")
+        if times.ndim > 1:
             raise ValueError(
                 f"Argument `time` must be a number or a list of numbers, but is {rendered(time)}."
             )
-        if traced(asked):
-            return moment_at(self._course, asked.reshape(-1))
-        return moment_at(self._course, jax.device_put(np.asarray(asked).reshape(-1)))
+        if traced(times):
+            return moment_at(self._record, times.reshape(-1))
+        return moment_at(self._record, jax.device_put(np.asarray(times).reshape(-1)))
 
     @property
     def margin(self) -> Margin:
         """Measures of how far a derivative can be trusted."""
-        return Margin(*self._nearest, self._course)
+        return Margin(*self._nearest, self._record)
 
     @property
     def final(self) -> Scene:
@@ -90,13 +91,13 @@ class Run(Flagged, eqx.Module):
         scene lists those contacts with a touch time before zero, and with the energy lost from now
         on. An isolated impact is solved again from its touch.
         """
-        start: Start | None = derived(end_of, self._course)
+        start: Start | None = derived(final_start, self._record)
         end = self.at(self.duration)
-        known = end if traced(end) else jax.tree.map(np.asarray, end)
-        position, velocity = known.position[0], known.velocity[0]
+        state = end if traced(end) else jax.tree.map(np.asarray, end)
+        position, velocity = state.position[0], state.velocity[0]
         bodies = list(self.scene.bodies)
         for k, sphere in enumerate(self.scene.spheres):
-            place = self._course.layout.body[k]
+            place = self._record.layout.body[k]
             if sphere.motion is None:
                 bodies[place] = sphere.moved_to(*jax.device_put((position[k], velocity[k])))
         bodies = [_later(body, self.duration) for body in bodies]
@@ -122,7 +123,7 @@ class Run(Flagged, eqx.Module):
             self.scene,
             Moment(self.time, self.position, self.velocity, self.energy),
             self.impacts,
-            bodies=self._course.layout.body[: self._course.layout.visible],
+            bodies=self._record.layout.body[: self._record.layout.visible],
             status=self.status,
             reached=self.reached,
             wall_work=self.wall_work,

@@ -27,22 +27,22 @@ from .._parameter import (
 from .._program import derived, quick
 from .._text.failure import checked
 from .._text.progress import Listener, progress_of, require_progress
-from .arrays.arrays import Layout, Numbers, first_overlap, layout_of
-from .arrays.from_scene import Parts, gathered, given_in, replaced
+from .arrays.arrays import Numbers, SceneLayout, first_overlap, layout_of
+from .arrays.from_scene import SceneInputs, inputs_of, ones_unless, scene_numbers
 from .bodies.entry import one_number
 from .bodies.overlap import require_clear_of_each_other
 from .bodies.scene import Scene
 from .contact_times.grid import grid_of
-from .course import Course
-from .derivative.followed import Given, followed
+from .derivative.differentiable_run import RunInputs, differentiable_run
 from .engine.coupled import MOST
-from .engine.log import Known
-from .engine.loop import begun
+from .engine.log import LoopOutcome
+from .engine.loop import initial_state
 from .engine.pieces import all_at_once, from_python
-from .engine.state import Rules, State
-from .readout.reading import read
+from .engine.state import Rules, RunState
+from .readout.reading import read_run
 from .result import traced
 from .run import Run
+from .run_record import RunRecord
 
 ROOM = 256
 """The number of impacts that a traced run can hold."""
@@ -115,61 +115,61 @@ def simulate(
     rule = _v0(v0)
     room_for = MOST if max_cluster is None else require_count("max_cluster", max_cluster, 2)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
-    asked = _times(times, length)
+    at = _times(times, length)
     require_progress(progress)
     layout = layout_of(scene)
     if max_cluster is None:
         room_for = _places_of(scene, room_for)
-    scene = _going_on(scene, soft, min(room_for, layout.spheres))
+    scene = _usable_start(scene, soft, min(room_for, layout.spheres))
     require_clear_of_each_other(scene.bodies, length)
     rules = Rules(soft, rule, min(room_for, layout.spheres) if soft else 0)
-    plain = not traced((scene, length, asked))
-    start: State | None = None
+    plain = not traced((scene, length, at))
+    start: RunState | None = None
     if plain:
-        *numbers_of_it, start = _started(given_in(scene), layout, rules, length, asked)
+        *numbers_of_it, start = _prepare(inputs_of(scene), layout, rules, length, at)
     else:
-        began: list[State] = []
+        began: list[RunState] = []
 
-        def seen(*given: Any) -> tuple[tuple[Any, ...], None]:
-            *known, state = _seen(*given)
+        def prepare(*arguments: Any) -> tuple[tuple[Any, ...], None]:
+            *numbers_seen, state = _prepare_traced(*arguments)
             began[:] = [state]
-            return tuple(known), None
+            return tuple(numbers_seen), None
 
-        numbers_of_it = derived(_unseen, scene, layout, rules, length, asked, decide=seen)
+        numbers_of_it = derived(_traced_numbers, scene, layout, rules, length, at, decide=prepare)
         start = began[0] if began else None
-    numbers, valid, length, asked, last = numbers_of_it
+    numbers, valid, length, at, last = numbers_of_it
     within = jax.device_put(np.asarray(tolerance, numbers.dtype))
     grows = max_cluster is None and _places_of(scene, 0) == 0
     # A call of the coupled solve ends when any pair touches or opens.
     calls = _CALLS if rules.members and not plain else 1
     room = ROOM if most is None else most
 
-    def piecewise(given: Given) -> tuple[Rules, Known]:
+    def piecewise(inputs: RunInputs) -> tuple[Rules, LoopOutcome]:
         rows = None if most is None else most * calls
         with progress_of(progress, "impacts", "simulate") as tell:
-            return from_python(rules, given, start, rows, tell, grows)
+            return from_python(rules, inputs, start, rows, tell, grows)
 
-    def at_once(given: Given) -> Known:
-        return all_at_once(rules, given, None if soft else grid_of(*given[:2]), room * calls)
+    def at_once(inputs: RunInputs) -> LoopOutcome:
+        return all_at_once(rules, inputs, None if soft else grid_of(*inputs[:2]), room * calls)
 
-    given = (layout, numbers, valid, last, within)
-    ended, numbers, known = followed(rules, given, piecewise, at_once)
-    course = Course(layout, numbers, ended, within, known, last, length)
-    told = read(course, asked, room)
+    inputs = (layout, numbers, valid, last, within)
+    ended, numbers, outcome = differentiable_run(rules, inputs, piecewise, at_once)
+    record = RunRecord(layout, numbers, ended, within, outcome, last, length)
+    contents = read_run(record, at, room)
     names = tuple(
         body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
         for k, body in enumerate(scene.bodies)
     )
     run = Run(
-        **told.now._asdict(),
-        impacts=dataclasses.replace(told.impacts, names=names),
-        status=told.status,
-        reached=told.reached,
-        wall_work=told.work,
+        **contents.now._asdict(),
+        impacts=dataclasses.replace(contents.impacts, names=names),
+        status=contents.status,
+        reached=contents.reached,
+        wall_work=contents.work,
         duration=length,
         scene=scene,
-        _nearest=told.nearest,
-        _course=course,
+        _nearest=contents.nearest,
+        _record=record,
     )
     return checked(run, throw, "simulate")
 
@@ -180,7 +180,7 @@ def _places_of(scene: Scene, otherwise: int) -> int:
     return otherwise if contacts is None else contacts.who.shape[0]
 
 
-def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
+def _usable_start(scene: Scene, soft: bool, members: int) -> Scene:
     """Return the scene with its start state removed where that is not used."""
     start = scene._start
     if start is None or start.soft == soft:
@@ -203,64 +203,70 @@ def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
     return eqx.tree_at(lambda scene: scene._start, scene, None)
 
 
-def _v0(given: Any) -> str | float:
+def _v0(value: Any) -> str | float:
     """Return the rule for v0: "peak", "touch" or a lower bound in m/s.
 
     Raises ValueError for anything else.
     """
-    if isinstance(given, str):
-        return require_choice("v0", given, ("peak", "touch"))
-    return require_number("v0", given, POSITIVE)
+    if isinstance(value, str):
+        return require_choice("v0", value, ("peak", "touch"))
+    return require_number("v0", value, POSITIVE)
 
 
-def _times(given: Any, duration: Array) -> Array:
+def _times(value: Any, duration: Array) -> Array:
     """Return the output times; raises ValueError unless they ascend within the duration."""
-    if given is None:
+    if value is None:
         if isinstance(duration, Tracer):
             return jnp.stack([jnp.zeros_like(duration), duration])
         end = np.asarray(duration)
         return jax.device_put(np.stack([np.zeros_like(end), end]))
-    times = as_parameter(given, "times")
+    times = as_parameter(value, "times")
     if times.ndim != 1 or times.shape[0] == 0:
-        raise ValueError(f"Argument `times` must be a list of numbers, but is {rendered(given)}.")
+        raise ValueError(f"Argument `times` must be a list of numbers, but is {rendered(value)}.")
     if isinstance(times, Tracer):
         return times
     plain = np.asarray(times)
     if not (np.all(np.isfinite(plain)) and np.all(np.diff(plain) > 0)):
-        raise ValueError(f"Argument `times` must ascend, but is {rendered(given)}.")
+        raise ValueError(f"Argument `times` must ascend, but is {rendered(value)}.")
     late = not isinstance(duration, Tracer) and plain[-1] > float(duration)
     if plain[0] < 0 or late:
         raise ValueError(
-            f"Argument `times` must lie between 0 and the duration, but is {rendered(given)}."
+            f"Argument `times` must lie between 0 and the duration, but is {rendered(value)}."
         )
     return times
 
 
 @quick
-def _started(given: Parts, layout: Layout, rules: Rules, *times: Array) -> tuple[Any, ...]:
+def _prepare(
+    inputs: SceneInputs, layout: SceneLayout, rules: Rules, *times: Array
+) -> tuple[Any, ...]:
     """Return the values of `_numbers` and the state at the start."""
-    known = _numbers(given, layout, rules, *times)
-    return *known, begun(layout, known[0], rules)
+    prepared = _numbers(inputs, layout, rules, *times)
+    return *prepared, initial_state(layout, prepared[0], rules)
 
 
 @quick
-def _seen(scene: Scene, layout: Layout, rules: Rules, *times: Array) -> tuple[Any, ...]:
-    """Return the values of `_started` for a scene under differentiation."""
-    known = _unseen(None, scene, layout, rules, *times)
-    return *known, begun(layout, known[0], rules)
+def _prepare_traced(
+    scene: Scene, layout: SceneLayout, rules: Rules, *times: Array
+) -> tuple[Any, ...]:
+    """Return the values of `_prepare` for a scene under differentiation."""
+    prepared = _traced_numbers(None, scene, layout, rules, *times)
+    return *prepared, initial_state(layout, prepared[0], rules)
 
 
 @quick
-def _unseen(choice: None, scene: Scene, layout: Layout, *given: Any) -> tuple[Any, ...]:
+def _traced_numbers(
+    choice: None, scene: Scene, layout: SceneLayout, *arguments: Any
+) -> tuple[Any, ...]:
     """Return the values of `_numbers` for a scene with unchecked values, which may overlap."""
-    numbers, valid, length, *rest = _numbers(given_in(scene), layout, *given)
+    numbers, valid, length, *rest = _numbers(inputs_of(scene), layout, *arguments)
     valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
     valid = valid & POSITIVE.holds(length)
-    return replaced(numbers, valid), valid, length, *rest
+    return ones_unless(numbers, valid), valid, length, *rest
 
 
 def _numbers(
-    given: Parts, layout: Layout, rules: Rules, length: Array, asked: Array
+    inputs: SceneInputs, layout: SceneLayout, rules: Rules, length: Array, times: Array
 ) -> tuple[Numbers, Array, Array, Array, Array]:
     """Return the numbers of a scene and their validity, the duration, the times and the last time.
 
@@ -268,11 +274,11 @@ def _numbers(
     if a motion exceeds its bound.
     """
     contacts = rules.soft or not all(layout.constant)
-    numbers, valid = gathered(given, layout, contacts, rules.soft)
-    numbers = replaced(numbers, valid)
-    length, asked = length.astype(numbers.dtype), asked.astype(numbers.dtype)
+    numbers, valid = scene_numbers(inputs, layout, contacts, rules.soft)
+    numbers = ones_unless(numbers, valid)
+    length, times = length.astype(numbers.dtype), times.astype(numbers.dtype)
     last = length
     for movers in (numbers.motion, numbers.shaking):
         if movers is not None:
             last = jnp.minimum(last, movers.kept_until(length))
-    return numbers, valid, length, asked, last
+    return numbers, valid, length, times, last

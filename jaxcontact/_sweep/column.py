@@ -11,7 +11,7 @@ import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class Column:
+class SweepColumn:
     """An array over the dimensions of a sweep: `values` if all masks are true, else `otherwise`.
 
     `stored` has one axis for each of `dims`, in ascending order, followed by the axes of one lane's
@@ -21,7 +21,7 @@ class Column:
 
     dims: tuple[int, ...]
     stored: Any
-    masks: tuple[Column, ...] = ()
+    masks: tuple[SweepColumn, ...] = ()
     otherwise: Any = None
 
     @property
@@ -34,46 +34,48 @@ class Column:
         """The shape of one lane's value."""
         return self.stored.shape[len(self.dims) :]
 
-    def same(self, other: Column) -> bool:
+    def same(self, other: SweepColumn) -> bool:
         """Return whether another column stores the same numbers over the same dimensions."""
         return self.dims == other.dims and np.array_equal(self.values, other.values)
 
     def array(self, shape: Sequence[int]) -> np.ndarray:
         """Return the array over dimensions of given lengths, as a read-only view if possible."""
         dims = range(len(shape))
-        whole = np.broadcast_to(within(self.values, self.dims, dims), (*shape, *self.own_shape))
+        full = np.broadcast_to(within(self.values, self.dims, dims), (*shape, *self.own_shape))
         if self.masks:
-            whole = self._masked(whole, dims, self.masks)
-            whole.flags.writeable = False
-        return whole
+            full = self._apply_masks(full, dims, self.masks)
+            full.flags.writeable = False
+        return full
 
-    def _masked(
-        self, array: np.ndarray, dims: Sequence[int], masks: Sequence[Column]
+    def _apply_masks(
+        self, array: np.ndarray, dims: Sequence[int], masks: Sequence[SweepColumn]
     ) -> np.ndarray:
         """Return a copy of `array` over `dims`, with `otherwise` where a mask is false."""
-        result, good = array.copy(), np.ones(array.shape[: len(dims)], bool)
+        result, keep = array.copy(), np.ones(array.shape[: len(dims)], bool)
         for mask in masks:
-            good &= within(mask.values, mask.dims, dims)
-        result[~good] = self.otherwise
+            keep &= within(mask.values, mask.dims, dims)
+        result[~keep] = self.otherwise
         return result
 
-    def settled(self) -> Column:
+    def simplify(self) -> SweepColumn:
         """Return the column without redundant masks, and with masks over its dimensions applied."""
         masks = [mask for mask in self.masks if not mask.values.all()]
         inside = [mask for mask in masks if set(mask.dims) <= set(self.dims)]
         if not inside:
             return replace(self, masks=tuple(masks))
         outside = tuple(mask for mask in masks if mask not in inside)
-        return replace(self, stored=self._masked(self.values, self.dims, inside), masks=outside)
+        return replace(
+            self, stored=self._apply_masks(self.values, self.dims, inside), masks=outside
+        )
 
-    def taken(self, dim: int, index: int) -> Column:
+    def take(self, dim: int, index: int) -> SweepColumn:
         """Return the column at one index of a dimension, without that dimension."""
-        masks = tuple(mask.taken(dim, index) for mask in self.masks)
+        masks = tuple(mask.take(dim, index) for mask in self.masks)
         values = self.values
         if dim in self.dims:
             values = np.asarray(values.take(index, axis=self.dims.index(dim)))
         dims = tuple(d - (d > dim) for d in self.dims if d != dim)
-        return Column(dims, values, masks, self.otherwise).settled()
+        return SweepColumn(dims, values, masks, self.otherwise).simplify()
 
     def counts(self, shape: Sequence[int]) -> dict[Any, int]:
         """Count each value; the whole array is expanded only if parts share dimensions."""
@@ -84,14 +86,14 @@ class Column:
             return dict(zip(kinds.tolist(), numbers.tolist(), strict=True))
         lanes = math.prod(shape)
         free = lanes // math.prod(shape[d] for d in used)
-        good = free * math.prod(int(np.count_nonzero(mask.values)) for mask in self.masks)
+        kept = free * math.prod(int(np.count_nonzero(mask.values)) for mask in self.masks)
         kinds, numbers = np.unique(self.values, return_counts=True)
-        found = {k: good * n for k, n in zip(kinds.tolist(), numbers.tolist(), strict=True)}
-        bad = (lanes - good * math.prod(shape[d] for d in self.dims)) * math.prod(self.own_shape)
+        counts = {k: kept * n for k, n in zip(kinds.tolist(), numbers.tolist(), strict=True)}
+        bad = (lanes - kept * math.prod(shape[d] for d in self.dims)) * math.prod(self.own_shape)
         if bad:
             kind = np.asarray(self.otherwise).item()
-            found[kind] = found.get(kind, 0) + bad
-        return {kind: number for kind, number in found.items() if number}
+            counts[kind] = counts.get(kind, 0) + bad
+        return {kind: number for kind, number in counts.items() if number}
 
 
 def within(array: np.ndarray, dims: Sequence[int], among: Sequence[int]) -> np.ndarray:

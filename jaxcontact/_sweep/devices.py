@@ -33,13 +33,13 @@ class Workers:
         """Number of blocks to start before the first is read, so that every device has work."""
         return max(len(self.devices), 1)
 
-    def placed(self, turn: int, arguments: Sequence[np.ndarray]) -> Sequence[Any]:
+    def place(self, turn: int, arguments: Sequence[np.ndarray]) -> Sequence[Any]:
         """Return the arguments of this process's block number `turn`, on the next device."""
         if not self.devices:
             return arguments
         return jax.device_put(arguments, self.devices[turn % len(self.devices)])
 
-    def exchanged(
+    def exchange(
         self, mine: Sequence[np.ndarray], forms: Sequence[Sequence[jax.ShapeDtypeStruct]]
     ) -> list[list[np.ndarray]]:
         """Return the arrays of every process, bit for bit; `forms` describes each one's arrays."""
@@ -53,7 +53,7 @@ class Workers:
         sent = b"".join(np.ascontiguousarray(array).tobytes() for array in mine)
         buffer[: len(sent)] = np.frombuffer(sent, np.uint8)
         rows = np.asarray(multihost_utils.process_allgather(buffer))
-        return [_unpacked(row, form) for row, form in zip(rows, forms, strict=True)]
+        return [_unpack(row, form) for row, form in zip(rows, forms, strict=True)]
 
     def meet(self, where: str) -> None:
         """Wait for all processes."""
@@ -83,6 +83,6 @@ def _bytes(form: jax.ShapeDtypeStruct) -> int:
     return math.prod(form.shape) * form.dtype.itemsize
 
 
-def _unpacked(row: np.ndarray, forms: Sequence[jax.ShapeDtypeStruct]) -> list[np.ndarray]:
+def _unpack(row: np.ndarray, forms: Sequence[jax.ShapeDtypeStruct]) -> list[np.ndarray]:
     parts = np.split(row, list(itertools.accumulate(map(_bytes, forms))))
     return [p.view(f.dtype).reshape(f.shape) for p, f in zip(parts, forms, strict=False)]

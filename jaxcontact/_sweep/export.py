@@ -15,13 +15,13 @@ from .._impact import Status
 from .._text.files import write_all
 from .._text.units import meaning
 from .long_table import rows_of
-from .table import Table
+from .table import SweepTable
 
 if TYPE_CHECKING:
     import xarray
 
 
-def dataset(sweep: Table) -> xarray.Dataset:
+def dataset(sweep: SweepTable) -> xarray.Dataset:
     """Return the sweep as an `xarray.Dataset`. Raises ImportError without xarray."""
     try:
         import xarray
@@ -31,8 +31,8 @@ def dataset(sweep: Table) -> xarray.Dataset:
         ) from error
     arrays = {}
     for name, column in (sweep.columns() | {"status": sweep.status_column}).items():
-        own = [f"{name}_{k}" for k in range(len(column.own_shape))]
-        arrays[name] = ([*sweep.dims, *own], column.array(sweep.shape), attributes_of(name))
+        own_dims = [f"{name}_{k}" for k in range(len(column.own_shape))]
+        arrays[name] = ([*sweep.dims, *own_dims], column.array(sweep.shape), attributes_of(name))
     along = sweep.dims_of_axes()
     coordinates: dict[str, Any] = {
         name: ([along[name]], values, attributes_of(name)) for name, values in sweep.axes.items()
@@ -73,7 +73,7 @@ def attributes_of(name: str) -> dict[str, Any]:
     return {"long_name": words, "units": unit or "1"} if unit or words != name else {}
 
 
-def write_csv(sweep: Table, file: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
+def write_csv(sweep: SweepTable, file: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
     """Write a long table, one row per lane; a named file is written completely or not at all."""
     if isinstance(file, str | os.PathLike):
         write_all({Path(file): functools.partial(write_csv, sweep)})

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from .._impact import Status
-from .column import Column, within
-from .table import Table
+from .column import SweepColumn, within
+from .table import SweepTable
 
 _ROWS = 1 << 14
 """Rows that are converted to text at once."""
@@ -23,11 +23,11 @@ Lanes = Sequence[np.ndarray]
 """The index of some lanes along each dimension."""
 
 
-def rows_of(table: Table) -> Iterator[str]:
+def rows_of(table: SweepTable) -> Iterator[str]:
     """Yield the header of the table, then its rows."""
     along = table.dims_of_axes()
     columns = [
-        (name, Column((table.dims.index(along[name]),), values))
+        (name, SweepColumn((table.dims.index(along[name]),), values))
         for name, values in table.axes.items()
     ]
     columns += (table.columns() | {"status": table.status_column}).items()
@@ -50,7 +50,7 @@ def rows_of(table: Table) -> Iterator[str]:
 class _Cells:
     """The texts of one column."""
 
-    def __init__(self, name: str, column: Column, shape: Sequence[int]):
+    def __init__(self, name: str, column: SweepColumn, shape: Sequence[int]):
         self.status, self.column = name == "status", column
         self.otherwise = self._made(np.asarray(column.otherwise)) if column.masks else np.array("")
         repeated = _REPEATED * math.prod(column.stored.shape) <= math.prod(shape)
@@ -59,18 +59,18 @@ class _Cells:
     def texts(self, lanes: Lanes, count: int) -> Iterator[list[str]]:
         """Return the texts in some lanes, one list for each of the column's numbers per lane."""
         if self.ready is not None:
-            found = self.ready[_place(self.column, lanes)]
+            texts = self.ready[_place(self.column, lanes)]
         else:
-            found = self._made(_read(self.column, lanes))
-        found = np.broadcast_to(found, (count, *self.column.own_shape))
-        good = np.ones(count, bool)
+            texts = self._made(_read(self.column, lanes))
+        texts = np.broadcast_to(texts, (count, *self.column.own_shape))
+        keep = np.ones(count, bool)
         for mask in self.column.masks:
-            good &= _read(mask, lanes)
-        if not good.all():
-            good = within(good, (0,), range(found.ndim))
-            found = np.where(good, found, self.otherwise)
-        found = found.reshape(count, -1)
-        return (found[:, k].tolist() for k in range(found.shape[1]))
+            keep &= _read(mask, lanes)
+        if not keep.all():
+            keep = within(keep, (0,), range(texts.ndim))
+            texts = np.where(keep, texts, self.otherwise)
+        texts = texts.reshape(count, -1)
+        return (texts[:, k].tolist() for k in range(texts.shape[1]))
 
     def _made(self, values: np.ndarray) -> np.ndarray:
         """Convert each number to the shortest text that restores it in its own precision."""
@@ -84,11 +84,11 @@ class _Cells:
         return np.array(texts, object).reshape(values.shape)
 
 
-def _place(column: Column, lanes: Lanes) -> tuple[np.ndarray, ...]:
+def _place(column: SweepColumn, lanes: Lanes) -> tuple[np.ndarray, ...]:
     return tuple(lanes[d] for d in column.dims)
 
 
-def _read(column: Column, lanes: Lanes) -> np.ndarray:
+def _read(column: SweepColumn, lanes: Lanes) -> np.ndarray:
     """Return the stored numbers in some lanes; from disk, read only the part that holds them."""
     if not column.dims:
         return column.values

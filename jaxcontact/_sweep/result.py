@@ -13,7 +13,7 @@ from .._parameter import require_choice, require_number, require_path
 from .._text.table import wrapped
 from .._text.units import quantity
 from .export import dataset, write_csv
-from .table import Table
+from .table import SweepTable
 
 if TYPE_CHECKING:
     import xarray
@@ -24,7 +24,7 @@ _ROUNDINGS = 4
 """Rounding tolerance: a number from linspace may differ in the last bits from a typed one."""
 
 
-class Sweep(Table):
+class Sweep(SweepTable):
     """The result of `sweep`: every field of the function's output over the grid of the axes.
 
     A field is read as an attribute, `table.restitution`, or as `table["restitution"]`. An output
@@ -59,7 +59,7 @@ class Sweep(Table):
         """
         if method is not None:
             require_choice("method", method, METHODS)
-        found = self
+        table = self
         for name, number in where.items():
             if name not in self.dims:
                 raise ValueError(
@@ -67,8 +67,8 @@ class Sweep(Table):
                     f"{', '.join(self.dims) or 'none'}."
                 )
             number = require_number(name, number)
-            found = found.taken(name, _place(self.coordinates(name), name, number, method))
-        return found
+            table = table.taken(name, _place(self.coordinates(name), name, number, method))
+        return table
 
     def to_xarray(self) -> xarray.Dataset:
         """Return the sweep as an `xarray.Dataset`, with units and its origin as attributes.
@@ -99,8 +99,8 @@ class Sweep(Table):
         for name, column in self.columns().items():
             dims = {d for part in (column, *column.masks) for d in part.dims}
             over = ", ".join(self.dims[d] for d in sorted(dims))
-            own = f" {column.own_shape}" if column.own_shape else ""
-            fields.append(f"{name}({over}){own}")
+            shape = f" {column.own_shape}" if column.own_shape else ""
+            fields.append(f"{name}({over}){shape}")
         lines += _entry("fields", ", ".join(fields) or "none")
         counts = ", ".join(f"{n:,} {_status(code)}" for code, n in self.status_counts().items())
         lines += _entry("status", counts)

@@ -15,13 +15,13 @@ import numpy as np
 
 from .._impact import Status
 from .._text.progress import Tell
-from .column import Column
+from .column import SweepColumn
 from .devices import Workers
 from .export import attributes_of
-from .planning.axes import Grid
+from .planning.axes import SweepGrid
 from .planning.blocks import Arrays, Block, Part, shape_of
 from .skip import Dependence, flag_key, is_flag
-from .store import Coordinate, Stored, open_store
+from .store import Stored, StoredCoordinate, open_store
 
 
 def compute(
@@ -39,7 +39,7 @@ def compute(
         started = ()
         if workers.process < len(group):
             block = group[workers.process]
-            started = block.call(*workers.placed(turn, block.arguments()))
+            started = block.call(*workers.place(turn, block.arguments()))
         if group:
             waiting.append((group, started))
         while waiting and (not group or len(waiting) > workers.ahead):
@@ -57,9 +57,9 @@ def _results(
         return
     forms = [[part.form for part in block.parts] for block in group]
     forms += [[]] * (workers.processes - len(group))
-    everyone = workers.exchanged(list(mine.values()), forms)
-    for block, found in zip(group, everyone, strict=False):
-        yield block, dict(zip([part.array.key for part in block.parts], found, strict=True))
+    everyone = workers.exchange(list(mine.values()), forms)
+    for block, results in zip(group, everyone, strict=False):
+        yield block, dict(zip([part.array.key for part in block.parts], results, strict=True))
 
 
 def work_off(
@@ -101,7 +101,7 @@ class Results:
 
     arrays: Mapping[str, Any]
     """By key; lanes omitted after an interrupt are NaN, zero, or NOT_CONVERGED."""
-    computed: tuple[Column, ...]
+    computed: tuple[SweepColumn, ...]
     """Flags that are false where an array was omitted; empty after a complete run."""
     done: float
     """The fraction of all lanes that was computed."""
@@ -109,7 +109,7 @@ class Results:
     """The fraction of all lanes that was in the store before."""
 
 
-def collect(blocks: Sequence[Block], grid: Grid, workers: Workers, tell: Tell) -> Results:
+def collect(blocks: Sequence[Block], grid: SweepGrid, workers: Workers, tell: Tell) -> Results:
     """Compute all blocks."""
     arrays = {
         array.key: np.empty(shape_of(array.dims, grid) + array.kind.shape, array.kind.dtype)
@@ -121,18 +121,18 @@ def collect(blocks: Sequence[Block], grid: Grid, workers: Workers, tell: Tell) -
             arrays[part.array.key][part.place] = results[part.array.key]
 
     left, done = work_off(blocks, blocks, workers, tell, keep)
-    return _filled(arrays, left, grid, done)
+    return _fill(arrays, left, grid, done)
 
 
-def _filled(arrays: Arrays, left: Iterable[Block], grid: Grid, done: float) -> Results:
+def _fill(arrays: Arrays, left: Iterable[Block], grid: SweepGrid, done: float) -> Results:
     """Return the results, with the places of the blocks that are `left` filled."""
-    flags: dict[str, Column] = {}
+    flags: dict[str, SweepColumn] = {}
     for part in (part for block in left for part in block.parts):
         dims, key = part.array.dims, part.array.key
         unknown = jnp.nan if jnp.issubdtype(part.array.kind.dtype, jnp.inexact) else 0
         arrays[key][part.place] = int(Status.NOT_CONVERGED) if key == "status" else unknown
         if key not in flags:
-            flags[key] = Column(dims, np.ones(shape_of(dims, grid), bool))
+            flags[key] = SweepColumn(dims, np.ones(shape_of(dims, grid), bool))
         flags[key].stored[part.place] = False
     return Results(arrays, tuple(flags.values()), done)
 
@@ -142,7 +142,7 @@ def collect_stored(
     signature: Mapping[str, Any],
     leaves: Mapping[str, Dependence],
     blocks: Sequence[Block],
-    grid: Grid,
+    grid: SweepGrid,
     workers: Workers,
     tell: Tell,
 ) -> Results:
@@ -160,12 +160,12 @@ def collect_stored(
         {key: _form(part, grid, leaves.get(key)) for key, part in first.items()},
         [{part.array.key: _place(part) for part in block.parts} for block in blocks],
         {
-            i.name: Coordinate(grid.dims[i.dim], i.values, attributes_of(i.name))
+            i.name: StoredCoordinate(grid.dims[i.dim], i.values, attributes_of(i.name))
             for i in grid.inputs
             if i.dim is not None
         },
     )
-    missing = [block for block in blocks if not store.finished(block.number)]
+    missing = [block for block in blocks if not store.is_finished(block.number)]
     # All processes list the missing blocks before one of them writes.
     workers.meet("store opened")
 
@@ -177,7 +177,7 @@ def collect_stored(
     left, done = work_off(missing, blocks, workers, tell, keep, exchange=False, note=note)
     if left:
         arrays = {key: np.asarray(array[...]) for key, array in store.arrays.items()}
-        return replace(_filled(arrays, left, grid, done), resumed=resumed)
+        return replace(_fill(arrays, left, grid, done), resumed=resumed)
     workers.meet("store complete")
     if lacking := store.lacking():
         raise ValueError(
@@ -188,15 +188,15 @@ def collect_stored(
     return Results(arrays, (), done, resumed)
 
 
-def _form(part: Part, grid: Grid, leaf: Dependence | None) -> Stored:
+def _form(part: Part, grid: SweepGrid, leaf: Dependence | None) -> Stored:
     array, key = part.array, part.array.key
     attributes = attributes_of(key)
     if leaf is not None and leaf.conditions:
         # For readers of the store itself.
         attributes["valid_where"] = " ".join(map(flag_key, leaf.conditions))
-    own = tuple(f"{key.split('/')[-1]}_{k}" for k in range(len(array.kind.shape)))
+    own_dims = tuple(f"{key.split('/')[-1]}_{k}" for k in range(len(array.kind.shape)))
     return Stored(
-        dims=tuple(grid.dims[d] for d in array.dims) + own,
+        dims=tuple(grid.dims[d] for d in array.dims) + own_dims,
         shape=shape_of(array.dims, grid) + array.kind.shape,
         # A chunk has a length, even for an array without elements.
         chunk=tuple(max(length, 1) for length in part.form.shape),

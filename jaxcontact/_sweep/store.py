@@ -41,12 +41,18 @@ class Stored:
 
 
 @dataclass(frozen=True, eq=False)
-class Coordinate:
+class StoredCoordinate:
     """Numbers along one dimension, written once."""
 
     dim: str
     values: np.ndarray
     attributes: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def form(self) -> Stored:
+        """The format of the array; all of it is one chunk."""
+        shape = self.values.shape
+        return Stored((self.dim,), shape, shape, self.values.dtype, self.attributes)
 
 
 class BlockStore:
@@ -70,15 +76,15 @@ class BlockStore:
         checksum = _readable(lambda: int(self._checksums[number]))
         if not checksum:
             return None
-        found = _readable(
+        arrays = _readable(
             lambda: {
                 name: np.asarray(self.arrays[name][place])
                 for name, place in self._blocks[number].items()
             }
         )
-        return found if found is not None and _checksum(found) == checksum else None
+        return arrays if arrays is not None and _checksum(arrays) == checksum else None
 
-    def finished(self, number: int) -> bool:
+    def is_finished(self, number: int) -> bool:
         """Read a block and return whether it is complete."""
         return self.read(number) is not None
 
@@ -98,7 +104,7 @@ def open_store(
     signature: Mapping[str, Any],
     arrays: Mapping[str, Stored],
     blocks: Sequence[Mapping[str, Place]],
-    coordinates: Mapping[str, Coordinate],
+    coordinates: Mapping[str, StoredCoordinate],
 ) -> BlockStore:
     """Open the store at `path`, created if missing; `blocks` lists the part filled by each block.
 
@@ -113,23 +119,26 @@ def open_store(
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         _create(path, signature, arrays, len(blocks), coordinates)
     group = _existing(path)
-    if found := ", ".join(_differences(group.attrs[_SIGNATURE], signature)):
+    if odd := ", ".join(_differences(group.attrs[_SIGNATURE], signature)):
         raise ValueError(
             "Argument `store` must be a new path or the store of this same sweep, but "
-            f"{path} differs in {found}. Choose another path, or delete it."
+            f"{path} differs in {odd}. Choose another path, or delete it."
         )
-    wanted = {name: _described(form) for name, form in arrays.items()}
-    wanted |= {name: _described_coordinate(c) for name, c in coordinates.items()}
-    wanted[_CHECKSUMS] = _described(Stored(("",), (len(blocks),), (1,), np.dtype("uint64")))
-    there = {name: _readable(lambda n=name: _found(group, n, n in coordinates)) for name in wanted}
+    wanted = {name: _describe(form) for name, form in arrays.items()}
+    wanted |= {name: _describe_coordinate(c) for name, c in coordinates.items()}
+    wanted[_CHECKSUMS] = _describe(Stored(("",), (len(blocks),), (1,), np.dtype("uint64")))
+    there = {
+        name: _readable(lambda n=name: _describe_stored(group, n, n in coordinates))
+        for name in wanted
+    }
     if lacks := [name for name, found in there.items() if found is None]:
         raise ValueError(
             f"Argument `store` must be a whole store, but {path} lacks {lacks[0]!r}, or it cannot "
             "be read. Delete the store."
         )
-    if found := ", ".join(_differences(there, json.loads(json.dumps(wanted)))):
+    if odd := ", ".join(_differences(there, json.loads(json.dumps(wanted)))):
         raise ValueError(
-            f"Argument `store` must be a store as it was written, but {path} was altered: {found}. "
+            f"Argument `store` must be a store as it was written, but {path} was altered: {odd}. "
             "Delete it."
         )
     return BlockStore(group, blocks)
@@ -147,7 +156,7 @@ def local_folder(path: Any) -> Path:
     return folder
 
 
-def _described(form: Stored) -> dict[str, Any]:
+def _describe(form: Stored) -> dict[str, Any]:
     """Return the properties that determine how the bytes of an array are read."""
     return {
         "dims": [dim or None for dim in form.dims],
@@ -158,10 +167,8 @@ def _described(form: Stored) -> dict[str, Any]:
     }
 
 
-def _described_coordinate(given: Coordinate) -> dict[str, Any]:
-    shape = given.values.shape
-    form = Stored((given.dim,), shape, shape, given.values.dtype, given.attributes)
-    return _described(form) | {"checksum": _checksum({"": given.values})}
+def _describe_coordinate(coordinate: StoredCoordinate) -> dict[str, Any]:
+    return _describe(coordinate.form) | {"checksum": _checksum({"": coordinate.values})}
 
 
 def _readable(read: Callable[[], Read]) -> Read | None:
@@ -174,15 +181,15 @@ def _readable(read: Callable[[], Read]) -> Read | None:
         return None
 
 
-def _found(group: zarr.Group, name: str, coordinate: bool) -> dict[str, Any]:
+def _describe_stored(group: zarr.Group, name: str, coordinate: bool) -> dict[str, Any]:
     """Return the same properties of an existing array."""
     array: Any = group[name]
     names: Any = array.metadata.dimension_names or [None] * len(array.shape)
     form = Stored(names, array.shape, array.chunks, array.dtype, dict(array.attrs))
-    found = _described(form)
+    description = _describe(form)
     if coordinate:
-        found["checksum"] = _checksum({"": np.asarray(array[...])})
-    return json.loads(json.dumps(found))
+        description["checksum"] = _checksum({"": np.asarray(array[...])})
+    return json.loads(json.dumps(description))
 
 
 def _zarr() -> Any:
@@ -207,7 +214,7 @@ def _create(
     signature: Mapping[str, Any],
     arrays: Mapping[str, Stored],
     count: int,
-    coordinates: Mapping[str, Coordinate],
+    coordinates: Mapping[str, StoredCoordinate],
 ) -> None:
     """Create an empty store beside `path` and move it there as a whole.
 
@@ -222,7 +229,8 @@ def _create(
         others = " ".join(name for name, c in coordinates.items() if name != c.dim)
         attributes = {_SIGNATURE: signature, **({"coordinates": others} if others else {})}
         group = zarr.create_group(new, zarr_format=3, attributes=attributes)
-        for name, form in arrays.items():
+        forms = dict(arrays) | {name: coordinate.form for name, coordinate in coordinates.items()}
+        for name, form in forms.items():
             group.create_array(
                 name,
                 shape=form.shape,
@@ -232,16 +240,9 @@ def _create(
                 dimension_names=form.dims,
                 attributes=dict(form.attributes),
             )
-        for name, given in coordinates.items():
-            array = group.create_array(
-                name,
-                shape=given.values.shape,
-                chunks=given.values.shape,
-                dtype=given.values.dtype,
-                dimension_names=(given.dim,),
-                attributes=dict(given.attributes),
-            )
-            array[:] = given.values
+        for name, coordinate in coordinates.items():
+            array: Any = group[name]
+            array[:] = coordinate.values
         # In its own group, so that it is not read as a result.
         group.create_array(_CHECKSUMS, shape=(count,), chunks=(1,), dtype="uint64", fill_value=0)
         os.rename(new, path)

@@ -14,9 +14,9 @@ from jaxtyping import ArrayLike
 
 from .._parameter import rendered, require_count, require_function
 from .._text.progress import Listener, Tell, progress_of
-from .column import Column, within
+from .column import SweepColumn, within
 from .devices import Workers, workers_of
-from .planning.axes import Grid, check_call, grid_of
+from .planning.axes import SweepGrid, check_call, grid_of
 from .planning.blocks import Order, blocks_of, shape_of
 from .planning.plan import VALUE, Plan, plan_of
 from .planning.signature import signature_of
@@ -24,7 +24,7 @@ from .result import Sweep
 from .run import Results, collect, collect_stored, compute
 from .skip import Group, flag_key
 from .store import local_folder
-from .table import Field
+from .table import OutputField
 
 _LANES = 1 << 14
 """Lanes per call on a CPU, whose intermediate results fit its caches. Measured on two cores:
@@ -121,7 +121,7 @@ def sweep(
     most = batch_size or _lanes_at_once(plan)
     with progress_of(progress if workers.process == 0 else False, "lanes", "sweep") as tell:
         if reduce is not None:
-            table = _reduced(fn, plan, grid, most, workers, reduce, tell)
+            table = _reduce(fn, plan, grid, most, workers, reduce, tell)
         else:
             order = None if cost is None else _order_by(cost, grid, most, workers)
             blocks = list(blocks_of(plan.groups, grid, most, order))
@@ -157,21 +157,17 @@ def _name_of(function: Callable[..., Any]) -> str:
 
 
 def _table(
-    plan: Plan,
-    groups: tuple[Group, ...],
-    grid: Grid,
-    results: Results,
-    function: str,
+    plan: Plan, groups: tuple[Group, ...], grid: SweepGrid, results: Results, function: str
 ) -> Sweep:
     """Return the table of the results of some groups of a plan."""
     arrays = results.arrays
     dims = {array.key: array.dims for group in groups for array in group.arrays}
 
-    def masks(slots: Iterable[int]) -> tuple[Column, ...]:
-        return tuple(Column(dims[key], arrays[key]) for key in map(flag_key, slots))
+    def masks(slots: Iterable[int]) -> tuple[SweepColumn, ...]:
+        return tuple(SweepColumn(dims[key], arrays[key]) for key in map(flag_key, slots))
 
     columns = {
-        name: Column(
+        name: SweepColumn(
             dims[name],
             arrays[name],
             () if groups == (plan.whole,) else masks(leaf.conditions),
@@ -188,9 +184,9 @@ def _table(
     )
 
 
-def _order_by(cost: Callable[..., Any], grid: Grid, most: int, workers: Workers) -> Order:
+def _order_by(cost: Callable[..., Any], grid: SweepGrid, most: int, workers: Workers) -> Order:
     """Return the lanes of a group from the most to the least expensive, as predicted by `cost`."""
-    taken = grid.taken_by(cost)
+    taken = grid.restrict_to(cost)
     check_call(cost, taken)
     plan = plan_of(cost, taken)
     if len(plan.leaves) != 1 or plan.whole.arrays[0].kind.shape != ():
@@ -209,10 +205,10 @@ def _order_by(cost: Callable[..., Any], grid: Grid, most: int, workers: Workers)
     return order
 
 
-def _reduced(
+def _reduce(
     fn: Callable[..., Any],
     plan: Plan,
-    grid: Grid,
+    grid: SweepGrid,
     most: int,
     workers: Workers,
     reduce: tuple[Any, Fold],
@@ -228,16 +224,16 @@ def _reduced(
             "Argument `reduce` must be a pair (start, fold) with a function, "
             f"but is {rendered(reduce)}."
         )
-    whole, function = (plan.whole,), _name_of(fn)
+    groups, function = (plan.whole,), _name_of(fn)
     done = 0
     try:
-        for block, arrays in compute(blocks_of(whole, grid, most), workers):
+        for block, arrays in compute(blocks_of(groups, grid, most), workers):
             part = Results(arrays, (), 1.0)
-            value = fold(value, _table(plan, whole, grid.part(block.place), part, function))
+            value = fold(value, _table(plan, groups, grid.part(block.place), part, function))
             done += block.lanes
             tell(done, grid.size)
     except KeyboardInterrupt:
         if not done or workers.processes > 1:
             raise
-    field = Field(VALUE, constant=value)
+    field = OutputField(VALUE, constant=value)
     return Sweep(grid, [field], {}, done=done / grid.size, function=function)

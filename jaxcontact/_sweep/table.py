@@ -11,12 +11,12 @@ import jax
 import numpy as np
 
 from .._impact import Status
-from .column import Column, within
-from .planning.axes import Grid
+from .column import SweepColumn, within
+from .planning.axes import SweepGrid
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
+class OutputField:
     """One field of an output: the names of its arrays, or a constant without arrays."""
 
     name: str
@@ -27,7 +27,7 @@ class Field:
     constant: Any = None
 
 
-class Table:
+class SweepTable:
     """All fields over a grid, each array stored over the dimensions that it depends on.
 
     The attributes are those of `Sweep`, and `function`, the name of the swept function. `done` is
@@ -37,11 +37,11 @@ class Table:
 
     def __init__(
         self,
-        grid: Grid,
-        fields: Sequence[Field],
-        columns: Mapping[str, Column],
-        checks: Sequence[Column] = (),
-        computed: Sequence[Column] = (),
+        grid: SweepGrid,
+        fields: Sequence[OutputField],
+        columns: Mapping[str, SweepColumn],
+        checks: Sequence[SweepColumn] = (),
+        computed: Sequence[SweepColumn] = (),
         *,
         done: float = 1.0,
         resumed: float = 0.0,
@@ -60,7 +60,7 @@ class Table:
         self.complete: bool = done == 1
         self._grid = grid
         self._fields = {field.name: field for field in fields}
-        self._columns = {name: column.settled() for name, column in columns.items()}
+        self._columns = {name: column.simplify() for name, column in columns.items()}
         self._checks, self._computed = checks, computed
         self._made: dict[str, Any] = {}
 
@@ -86,16 +86,16 @@ class Table:
             self._made[name] = made
         return self._made[name]
 
-    def columns(self) -> dict[str, Column]:
+    def columns(self) -> dict[str, SweepColumn]:
         """Return every array by its name, as compactly as it is stored."""
         return self._columns
 
     @functools.cached_property
-    def status_column(self) -> Column:
+    def status_column(self) -> SweepColumn:
         """The status, as compactly as it is stored."""
-        given = self._columns.get("status")
-        if given is not None:
-            return self._interrupted(given) if self._computed else given
+        status = self._columns.get("status")
+        if status is not None:
+            return self._mark_interrupted(status) if self._computed else status
         floats = [c for c in self._columns.values() if np.issubdtype(c.stored.dtype, np.inexact)]
         checks = tuple(mask for mask in self._checks if not mask.values.all())
         masks = [mask for c in floats for mask in c.masks if not any(map(mask.same, checks))]
@@ -104,21 +104,21 @@ class Table:
         lost = np.zeros(tuple(self.shape[d] for d in dims), bool)
         for column in floats:
             nan = np.isnan(column.values)
-            own = tuple(range(len(column.dims), nan.ndim))
-            lost |= within(np.asarray(nan.any(own)), column.dims, dims)
+            own_axes = tuple(range(len(column.dims), nan.ndim))
+            lost |= within(np.asarray(nan.any(own_axes)), column.dims, dims)
         for mask in masks:
             lost |= ~within(mask.values, mask.dims, dims)
         codes = np.where(lost, int(Status.NOT_CONVERGED), int(Status.SEPARATED)).astype(np.int32)
-        return Column(dims, codes, checks, int(Status.INVALID_INPUT)).settled()
+        return SweepColumn(dims, codes, checks, int(Status.INVALID_INPUT)).simplify()
 
-    def _interrupted(self, given: Column) -> Column:
+    def _mark_interrupted(self, column: SweepColumn) -> SweepColumn:
         """Return the status from the function, adjusted in lanes that lack any other result."""
         dims = tuple(range(len(self.shape)))
-        status = np.array(given.array(self.shape))
+        status = np.array(column.array(self.shape))
         for flags in self._computed:
             lost = ~np.broadcast_to(within(flags.values, flags.dims, dims), self.shape)
             status[lost & (status != Status.INVALID_INPUT)] = Status.NOT_CONVERGED
-        return Column(dims, status)
+        return SweepColumn(dims, status)
 
     def status_counts(self) -> dict[int, int]:
         """Count the lanes by outcome, the values of `Status`."""
@@ -136,11 +136,11 @@ class Table:
         """Return the table at one index of a dimension, without that dimension."""
         dim = self.dims.index(name)
         return type(self)(
-            self._grid.taken(dim, place),
+            self._grid.take(dim, place),
             tuple(self._fields.values()),
-            {name: column.taken(dim, place) for name, column in self._columns.items()},
-            [mask.taken(dim, place) for mask in self._checks],
-            [flags.taken(dim, place) for flags in self._computed],
+            {name: column.take(dim, place) for name, column in self._columns.items()},
+            [mask.take(dim, place) for mask in self._checks],
+            [flags.take(dim, place) for flags in self._computed],
             done=self.done,
             resumed=self.resumed,
             function=self.function,

@@ -66,8 +66,8 @@ def label(name: str, words: str | None = None, *, prefix: str = "") -> str:
 
     `words` replace those of the table; `prefix` is that of the unit, "m" for milli.
     """
-    known, unit = meaning(name)
-    words = known if words is None else words
+    quantity_words, unit = meaning(name)
+    words = quantity_words if words is None else words
     if not unit:
         return words
     return f"{words} / ({prefix}{unit})" if "/" in unit else f"{words} / {prefix}{unit}"
@@ -173,7 +173,7 @@ def written_unit(text: str) -> Unit | None:
     """Return the unit of a text such as "mm/s" or "[ms]"; None if it is unknown."""
     plain = text.strip().strip("[](){}").strip()
     word = plain.replace(" ", "")
-    found = _BY_WORD.get(word) or _ANY_CASE.get(word.casefold())
-    if found is None and _CLOCK.fullmatch(word.casefold()):
-        found = "s", 1.0, 1.0  # such cells are read in seconds
-    return None if found is None else Unit(plain, *found)
+    entry = _BY_WORD.get(word) or _ANY_CASE.get(word.casefold())
+    if entry is None and _CLOCK.fullmatch(word.casefold()):
+        entry = "s", 1.0, 1.0  # such cells are read in seconds
+    return None if entry is None else Unit(plain, *entry)

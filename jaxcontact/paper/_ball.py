@@ -8,7 +8,7 @@ import numpy as np
 from .._contact import Contact
 from .._laws import Damped, get_law
 from ._figures.style import FOUR_LAWS, RESTITUTIONS
-from ._impacts import Impacts, cached, solve
+from ._impacts import SolvedImpacts, cache_by_precision, solve
 from ._reproduction import Table, long_table
 
 MASS, RADIUS, HEIGHT, GRAVITY, STIFFNESS = 1.0, 0.1, 1.0, 9.8, 1.4e8
@@ -23,8 +23,8 @@ SPEED = float(np.sqrt(2 * GRAVITY * DROP))
 SAMPLES = 200
 
 
-@cached
-def impacts() -> Impacts:
+@cache_by_precision
+def impacts() -> SolvedImpacts:
     """Solve the twenty impacts, shape (4, 5) for laws and restitutions, without gravity as in the
     paper.
 

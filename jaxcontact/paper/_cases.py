@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from .._contact import Contact
 from .._laws import ConstantDamping
-from ._impacts import Impacts, cached, solve
+from ._impacts import SolvedImpacts, cache_by_precision, solve
 
 
 class Case(NamedTuple):
@@ -35,8 +35,8 @@ SAMPLES = 801
 """Samples of each impact: cubics through them give δ' to 7e-9 of v0, worst next to touch."""
 
 
-@cached
-def impacts() -> Impacts:
+@cache_by_precision
+def impacts() -> SolvedImpacts:
     """Solve the two cases in JAX's precision, with the outcome in closed form."""
     law = ConstantDamping(c=jnp.asarray([case.c for case in CASES]))
     speed = jnp.asarray([case.velocity for case in CASES])

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from ._cases import MASS
-from ._impacts import Impacts
+from ._impacts import SolvedImpacts
 
 Sampling = Literal["indentation", "time", "velocity squared"]
 
@@ -46,7 +46,7 @@ class Compression(NamedTuple):
         return np.interp(equal, scale, self.indentation)
 
 
-def compression(impacts: Impacts, case: int) -> Compression:
+def compression(impacts: SolvedImpacts, case: int) -> Compression:
     """Return the compression of one case: the samples before the turn, and the turn."""
     deepest = float(impacts.max_indentation[case])
     moment = float(impacts.compression_time[case])

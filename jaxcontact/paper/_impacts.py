@@ -15,7 +15,7 @@ from .._impact import impact, trajectory
 from .._laws import AbstractHuntCrossley
 
 
-class Impacts(NamedTuple):
+class SolvedImpacts(NamedTuple):
     """A batch of impacts in SI units, from touch to separation.
 
     Paths (..., samples): `time`, `indentation`, `velocity` and `force`. The other fields (...) are
@@ -37,7 +37,7 @@ class Impacts(NamedTuple):
     energy_loss: np.ndarray
 
 
-def cached(make: Callable[[], Impacts]) -> Callable[[], Impacts]:
+def cache_by_precision(make: Callable[[], SolvedImpacts]) -> Callable[[], SolvedImpacts]:
     """Return `make` as a function that runs once for each precision of JAX."""
     once = functools.cache(lambda precision: make())
     return functools.wraps(make)(lambda: once(jnp.result_type(float)))
@@ -45,12 +45,12 @@ def cached(make: Callable[[], Impacts]) -> Callable[[], Impacts]:
 
 def solve(
     law: AbstractHuntCrossley, contact: Contact, velocity: ArrayLike, samples: int
-) -> Impacts:
+) -> SolvedImpacts:
     """Solve the impacts of a batch of laws or speeds, with `samples` points each."""
     path = trajectory(law, contact, velocity, samples=samples)
     hit = impact(law, contact, velocity)
     turn = law.force(hit.max_indentation, 0.0, contact, velocity)
     moments = [path.time, path.indentation, path.velocity, path.force]
     moments += [law.damping_factor(contact, velocity), turn]
-    outcome = [getattr(hit, name) for name in Impacts._fields[len(moments) :]]
-    return Impacts(*map(np.asarray, moments + outcome))
+    outcome = [getattr(hit, name) for name in SolvedImpacts._fields[len(moments) :]]
+    return SolvedImpacts(*map(np.asarray, moments + outcome))

@@ -80,7 +80,7 @@ def animate(
     away = images(run, shown)
     if len(shown) == 1:
         away = _on_paper(away, shown)
-    circles, tails = _drawn(ax, run, len(away))
+    circles, tails = _draw(ax, run, len(away))
     title = ax.set_title(" ", loc="left", fontsize="medium")
     now = _on_paper(frames.position, shown)
     before = [line_of(run, path, row) for row in range(now.shape[1])]
@@ -90,8 +90,8 @@ def animate(
     def draw(k: int) -> list[Artist]:
         time = frames.time[k]
         since = time - _TAIL * frames.time[-1]
-        for row, (own, line) in enumerate(zip(circles, tails, strict=True)):
-            for circle, shift in zip(own, away, strict=True):
+        for row, (images_of_sphere, line) in enumerate(zip(circles, tails, strict=True)):
+            for circle, shift in zip(images_of_sphere, away, strict=True):
                 circle.set_center(tuple(now[k, row] + shift))
             times, places = before[row]
             line.set_data(*places[(times >= since) & (times <= time)].T)
@@ -103,13 +103,13 @@ def animate(
     return Animation(figure, draw, frames=len(frames.time), interval=1000 / fps)
 
 
-def _drawn(ax: Axes, run: Run, images: int) -> tuple[list[list[Circle]], list[Line2D]]:
+def _draw(ax: Axes, run: Run, images: int) -> tuple[list[list[Circle]], list[Line2D]]:
     """Create the circles of each sphere, one per image, and its tail."""
     circles, tails = [], []
     for colour, radius in zip(colours(run), radii(run), strict=True):
         look = {"facecolor": colour, "edgecolor": colour, "alpha": 0.8, "zorder": 3}
-        own = [Circle((0.0, 0.0), radius, **look) for _ in range(images)]
-        circles.append([ax.add_patch(circle) for circle in own])
+        shapes = [Circle((0.0, 0.0), radius, **look) for _ in range(images)]
+        circles.append([ax.add_patch(circle) for circle in shapes])
         tails += ax.plot([], [], color=colour, ls="-", lw=1.2, alpha=0.5, zorder=2)
     return circles, tails
 

@@ -31,10 +31,10 @@ def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
     """
     require_kind("result", result, LawChoice, "a `LawChoice` (see `choose_law`)")
     ax = axes_of(ax, figsize=(7.0, 4.6))
-    some = next(iter(result.fits.values()))
-    x = np.asarray(some.problem.x)
+    any_fit = next(iter(result.fits.values()))
+    x = np.asarray(any_fit.problem.x)
     # ln e comes before contact times and forces.
-    log_e = some.data[: len(x)]
+    log_e = any_fit.data[: len(x)]
     used = np.isfinite(log_e)
     v = x[used]
     draw_points(ax, v, np.exp(log_e[used]), "data")

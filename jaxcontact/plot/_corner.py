@@ -72,9 +72,9 @@ class _Drawn(NamedTuple):
 
     def pair(self, ax: Any, i: int, j: int, level: float) -> None:
         x, y = self.draws[i], self.draws[j]
-        some = slice(None, None, max(1, x.size // _MOST_POINTS))
+        every = slice(None, None, max(1, x.size // _MOST_POINTS))
         dots = {"ms": 1.5, "alpha": 0.25, "mew": 0, "rasterized": True, "zorder": 1}
-        ax.plot(x[some], y[some], ".", color=_DRAWN, **dots)
+        ax.plot(x[every], y[every], ".", color=_DRAWN, **dots)
         if min(np.ptp(x), np.ptp(y)) > 0:
             *place, edge = _region(np.stack([x, y]), level)
             ax.contour(*place, levels=[edge], colors=_DRAWN, linewidths=1.5)
@@ -100,7 +100,7 @@ def corner(
     standard error, and a wrong number of axes.
     """
     level = require_number("level", level, FRACTION)
-    shown = _shown(result, names)
+    shown = _drawable(result, names)
     k = len(shown.names)
     grid = _grid(ax, k)
     for (row, column), axes in np.ndenumerate(grid):
@@ -122,7 +122,7 @@ def corner(
     return grid
 
 
-def _shown(result: Any, names: Any) -> _Normal | _Drawn:
+def _drawable(result: Any, names: Any) -> _Normal | _Drawn:
     """Return the drawable form of a result; ValueError if nothing can be drawn."""
     if isinstance(result, Posterior):
         chosen = _names(names, result.names, result.names)
@@ -151,31 +151,31 @@ def _shown(result: Any, names: Any) -> _Normal | _Drawn:
     return _Normal(chosen, result.values[place], result.covariance[np.ix_(place, place)])
 
 
-def _names(given: Any, known: tuple[str, ...], usual: tuple[str, ...]) -> tuple[str, ...]:
-    if given is None:
+def _names(value: Any, all_names: tuple[str, ...], usual: tuple[str, ...]) -> tuple[str, ...]:
+    if value is None:
         return usual
-    if not isinstance(given, list | tuple) or not given:
+    if not isinstance(value, list | tuple) or not value:
         raise ValueError(
             f"Argument `names` must be a list of names of parameters or None, but is "
-            f"{rendered(given)}."
+            f"{rendered(value)}."
         )
-    return tuple(require_choice("names", name, known) for name in given)
+    return tuple(require_choice("names", name, all_names) for name in value)
 
 
-def _grid(given: Any, k: int) -> np.ndarray:
+def _grid(value: Any, k: int) -> np.ndarray:
     """Return the given axes (k, k), or new ones."""
-    if given is None:
+    if value is None:
         from matplotlib import pyplot
 
         side = _PANEL * k + 0.6
         figure = {"figsize": (side, side), "layout": "constrained"}
         return pyplot.subplots(k, k, squeeze=False, **figure)[1]
-    grid = as_array(given, object)
+    grid = as_array(value, object)
     if grid is None or grid.size != k * k:
         raise ValueError(
-            f"Argument `ax` must be {k} x {k} axes of matplotlib or None, but is {rendered(given)}."
+            f"Argument `ax` must be {k} x {k} axes of matplotlib or None, but is {rendered(value)}."
         )
-    return np.array([axes_of(one) for one in grid.ravel()]).reshape(k, k)
+    return np.array([axes_of(ax) for ax in grid.ravel()]).reshape(k, k)
 
 
 def _region(draws: Float[np.ndarray, "2 n"], level: float) -> tuple[Any, Any, Any, float]:
@@ -195,9 +195,9 @@ def _region(draws: Float[np.ndarray, "2 n"], level: float) -> tuple[Any, Any, An
     box = [(v.min() - 0.1 * np.ptp(v), v.max() + 0.1 * np.ptp(v)) for v in along]
     count, *ends = np.histogram2d(along[0], along[1], _BINS, box)
     count = gaussian_filter(count, _SMOOTH)
-    bins = [(v - one[0]) / (one[1] - one[0]) - 0.5 for v, one in zip(along, ends, strict=True)]
+    bins = [(v - e[0]) / (e[1] - e[0]) - 0.5 for v, e in zip(along, ends, strict=True)]
     edge = np.quantile(map_coordinates(count, bins, order=1), 1 - level)
-    middles = np.meshgrid(*((one[1:] + one[:-1]) / 2 for one in ends), indexing="ij")
+    middles = np.meshgrid(*((e[1:] + e[:-1]) / 2 for e in ends), indexing="ij")
     x, y = np.tensordot(turn, np.stack(middles), 1) * size[:, None, None] + centre[:, None, None]
     return x, y, count, float(edge)
 

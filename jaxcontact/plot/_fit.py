@@ -49,14 +49,14 @@ def fit(
     """
     result = fit_of(result)
     level = require_number("level", level, FRACTION)
-    given = result.problem.x
-    size, shapes = np.size(given), result.problem.shapes
-    if given is None or np.ndim(given) != 1 or any(shape != (size,) for shape in shapes):
+    x_data = result.problem.x
+    size, shapes = np.size(x_data), result.problem.shapes
+    if x_data is None or np.ndim(x_data) != 1 or any(shape != (size,) for shape in shapes):
         raise ValueError(
             "Argument `result` must be a fit over a one-dimensional `x`, one number for each "
             "point of the data, but has no such `x`."
         )
-    place = np.asarray(given)
+    place = np.asarray(x_data)
     used = np.reshape(np.asarray(result.problem.factor) > 0, (len(shapes), size))
     there = place[used.any(axis=0)]
     wide = bool(np.all(there > 0)) and there.max() > 100 * there.min()
@@ -76,15 +76,15 @@ def fit(
         bands = [np.reshape(band(x, level=level), (2, *shape)) for band in of]
     style = {"label": "fit" if result.converged else "not converged", "zorder": 3} | line
     rows = zip(all_axes, shown_of(result), result.data.reshape(shape[0], -1), used, strict=True)
-    for column, (axes, (over, own), y, good) in enumerate(rows):
+    for column, (axes, (over, own), y, finite) in enumerate(rows):
         back = np.exp if own.logarithm else np.asarray
-        axes.plot(place[good], back(y[good]), ".", label="data", zorder=2, **_DOTS)
+        axes.plot(place[finite], back(y[finite]), ".", label="data", zorder=2, **_DOTS)
         (drawn,) = axes.plot(x, back(curves.reshape(shape)[column]), **style)
         for band, (what, alpha) in zip(bands, _BANDS, strict=False):
             shade = {"color": drawn.get_color(), "alpha": alpha, "lw": 0}
             words = f"{what}, {100 * level:g} %"
             axes.fill_between(x, *back(band[:, column]), label=words, **shade)
-        _scales(axes, wide, back(y[good]) if own.logarithm else None)
+        _scales(axes, wide, back(y[finite]) if own.logarithm else None)
         put_label(axes.xaxis, over.name, over.words)
         put_label(axes.yaxis, own.name, own.words)
     legend_above(all_axes[0])
@@ -109,10 +109,10 @@ def fit_of(result: object) -> Fit:
 
 def shown_of(result: Fit) -> list[tuple[Shown, Shown]]:
     """Return how each column of the data and its x are labelled."""
-    known = getattr(result.problem.predict, "shown", {})
+    labels = getattr(result.problem.predict, "shown", {})
     with jax.enable_x64(True):
         shape = jax.eval_shape(lambda: result.predict())
     paths = jax.tree_util.tree_leaves_with_path(shape)
     names = [jax.tree_util.keystr(path, simple=True) for path, _ in paths]
-    over = known.get("x", Shown("", "x"))
-    return [(over, known.get(name, Shown("", name or "y"))) for name in names]
+    over = labels.get("x", Shown("", "x"))
+    return [(over, labels.get(name, Shown("", name or "y"))) for name in names]

@@ -41,8 +41,8 @@ def impact(
                 f"{hit.restitution.shape}."
             )
     loop, force, speed = axes = axes_for(ax, 3, "picture")
-    for one, (x, y) in zip(axes, _PICTURES, strict=True):
-        trajectory(path, x=x, y=y, ax=one, label=label)
+    for picture, (x, y) in zip(axes, _PICTURES, strict=True):
+        trajectory(path, x=x, y=y, ax=picture, label=label)
     colour = loop.lines[-1].get_color()
     loop.fill(path.indentation, path.force, color=colour, alpha=0.12, lw=0)
     speed.axhline(0, color=GUIDE, lw=0.8, zorder=1)
@@ -51,10 +51,10 @@ def impact(
         up = [(loop, hit.max_indentation)]
         up += [(one, at) for one in (force, speed) for at in (hit.compression_time, hit.duration)]
         for line, where in (("axhline", across), ("axvline", up)):
-            for one, at in where:
+            for picture, at in where:
                 # A contact that settles has an infinite duration.
                 if np.isfinite(at):
-                    getattr(one, line)(float(at), color=colour, ls=":", lw=0.9, zorder=1)
+                    getattr(picture, line)(float(at), color=colour, ls=":", lw=0.9, zorder=1)
         lost = quantity("energy_loss", f"{float(hit.energy_loss):.3g}")
         words = f"$e$ = {float(hit.restitution):.3f}, {lost} lost"
         speed.set_title(words, loc="left", fontsize="small")

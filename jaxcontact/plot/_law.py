@@ -65,39 +65,39 @@ def law(
         )
     if velocity is not None:
         velocity = require_number("velocity", velocity, POSITIVE)
-    given = None if ax is None else axes_for(ax, 3, "picture")
+    pictures = None if ax is None else axes_for(ax, 3, "picture")
     with jax.enable_x64(True):
         delivered = float(restitution(law, contact, velocity))
-        asked = "e" in ranges(law) and restitution_is_constant(law, contact)
-        places, laws, speeds = _range(law, asked, velocity)
+        has_e = "e" in ranges(law) and restitution_is_constant(law, contact)
+        places, laws, speeds = _range(law, has_e, velocity)
         curve = np.broadcast_to(restitution(laws, contact, speeds), places.shape)
         damping = _damping(laws, contact, speeds)
-        own = _damping(law, contact, velocity)
+        factors = _damping(law, contact, velocity)
         path = _path(law, contact, velocity)
-    loop, e_axes, alpha_axes = axes = given or axes_for(None, 3, "picture")
+    loop, e_axes, alpha_axes = axes = pictures or axes_for(None, 3, "picture")
     (line,) = loop.plot(*_loop(path, contact), label=repr(law) if label is None else label)
     style = {"color": line.get_color(), "ls": line.get_linestyle()}
-    here = float(law.e) if asked else velocity  # pyright: ignore[reportAttributeAccessIssue]
+    here = float(law.e) if has_e else velocity  # pyright: ignore[reportAttributeAccessIssue]
     e_axes.plot(places, curve, **style)
-    if asked:
+    if has_e:
         e_axes.axline((0, 0), slope=1, color=GUIDE, lw=0.8, zorder=1)
-    if damping is not None and own is not None:
-        good = damping > 0
-        alpha_axes.plot(places[good], damping[good], **style)
-        if good.any():
+    if damping is not None and factors is not None:
+        positive = damping > 0
+        alpha_axes.plot(places[positive], damping[positive], **style)
+        if positive.any():
             alpha_axes.set_yscale("log")
-    for one, height in ((e_axes, delivered), (alpha_axes, own)):
-        if here is not None and height is not None and (height > 0 or one is e_axes):
-            one.plot(here, height, "o", color=line.get_color(), ms=5, zorder=3)
-    _words(axes, contact, asked)
+    for axes_at, height in ((e_axes, delivered), (alpha_axes, factors)):
+        if here is not None and height is not None and (height > 0 or axes_at is e_axes):
+            axes_at.plot(here, height, "o", color=line.get_color(), ms=5, zorder=3)
+    _words(axes, contact, has_e)
     return np.array(axes)
 
 
 def _range(
-    law: AbstractLaw, asked: bool, velocity: float | None
+    law: AbstractLaw, has_e: bool, velocity: float | None
 ) -> tuple[np.ndarray, AbstractLaw, Any]:
     """Return the abscissa of the second and third plot, with the laws and the speeds there."""
-    if asked:
+    if has_e:
         e = np.linspace(_LEAST_E, 1.0, _FINE)
         return e, dataclasses.replace(law, e=e), velocity
     middle = 1.0 if velocity is None else velocity
@@ -108,10 +108,10 @@ def _range(
 def _damping(law: AbstractLaw, contact: Contact | None, velocity: Any) -> Any:
     """Return the damping factor; None for a law of another form."""
     try:
-        found = np.asarray(law.damping_factor(contact, velocity))
+        factor = np.asarray(law.damping_factor(contact, velocity))
     except ValueError:
         return None
-    return np.broadcast_to(found, np.shape(velocity)) if found.ndim == 0 else found
+    return np.broadcast_to(factor, np.shape(velocity)) if factor.ndim == 0 else factor
 
 
 def _path(law: AbstractLaw, contact: Contact | None, velocity: float | None) -> Any:
@@ -131,19 +131,19 @@ def _loop(path: Any, contact: Contact | None) -> tuple[np.ndarray, np.ndarray]:
     return (x, y) if contact is not None else (x / x.max(), y / y.max())
 
 
-def _words(axes: list[Axes], contact: Contact | None, asked: bool) -> None:
+def _words(axes: list[Axes], contact: Contact | None, has_e: bool) -> None:
     loop, e_axes, alpha_axes = axes
     if contact is None:
         loop.set(xlabel="indentation / largest", ylabel="force / largest")
     else:
         put_label(loop.xaxis, "indentation")
         put_label(loop.yaxis, "force")
-    for one in (e_axes, alpha_axes):
-        if asked:
-            one.set(xlabel="restitution asked for", xlim=(0, 1.02))
+    for picture in (e_axes, alpha_axes):
+        if has_e:
+            picture.set(xlabel="restitution asked for", xlim=(0, 1.02))
         else:
-            one.set_xscale("log")
-            one.set_xlabel(words_of("velocity"))
+            picture.set_xscale("log")
+            picture.set_xlabel(words_of("velocity"))
     e_axes.set(ylabel="restitution delivered", ylim=(0, 1.02))
     alpha_axes.set_ylabel(words_of("alpha"))
     if not alpha_axes.has_data():

@@ -33,15 +33,15 @@ def profile(
     """
     require_kind("result", result, FitData, "a `Fit`")
     level = require_number("level", level, FRACTION)
-    known = [name for name, error in result.standard_errors.items() if math.isfinite(error)]
-    if not known:
+    fitted = [name for name, error in result.standard_errors.items() if math.isfinite(error)]
+    if not fitted:
         raise ValueError(
             "Argument `result` must have a parameter with a standard error, but has none."
         )
-    chosen = known if names is None else [names] if isinstance(names, str) else names
-    if not isinstance(chosen, list | tuple) or not chosen or not all(x in known for x in chosen):
+    chosen = fitted if names is None else [names] if isinstance(names, str) else names
+    if not isinstance(chosen, list | tuple) or not chosen or not all(x in fitted for x in chosen):
         raise ValueError(
-            f"Argument `names` must be some of {', '.join(known)}, but is {rendered(names)}."
+            f"Argument `names` must be some of {', '.join(fitted)}, but is {rendered(names)}."
         )
     all_axes = axes_for(ax, len(chosen), "parameter")
     intervals = result.interval(level)

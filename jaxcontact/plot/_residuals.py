@@ -53,8 +53,8 @@ def residuals(result: Fit | VelocityProfile, *, ax: Any = None) -> Any:
         quantiles = ndtri((np.arange(there.size) + 0.5) / there.size)
         axes[-1].plot(quantiles, there, label=words, **dots)
     _guides(axes)
-    for one, words in zip(axes[::-1], ("normal quantile", "order"), strict=False):
-        one.set_xlabel(words)
+    for picture, words in zip(axes[::-1], ("normal quantile", "order"), strict=False):
+        picture.set_xlabel(words)
     if over_x:
         wide = np.asarray(x)[np.any(np.reshape(used, (len(sizes), -1)), axis=0)]
         if wide.min() > 0 and wide.max() > 100 * wide.min():
@@ -68,8 +68,8 @@ def residuals(result: Fit | VelocityProfile, *, ax: Any = None) -> Any:
 
 def _guides(axes: list[Any]) -> None:
     guide = {"color": GUIDE, "lw": 1, "zorder": 1}
-    for one in axes[:-1]:
-        one.axhline(0, **guide)
+    for picture in axes[:-1]:
+        picture.axhline(0, **guide)
         for side in (-1, 1):
-            one.axhline(side * ndtri(0.975), ls="--", **guide)
+            picture.axhline(side * ndtri(0.975), ls="--", **guide)
     axes[-1].axline((0, 0), slope=1, **guide)

@@ -12,7 +12,7 @@ from .._scene import Run
 from ._drawing.axes import axes_of
 from ._drawing.labels import put_label
 from ._drawing.path import (
-    Path,
+    RunPath,
     axes_shown,
     images,
     line_of,
@@ -87,7 +87,7 @@ def frame_axes(ax: Axes, shown: tuple[int, ...], low: np.ndarray, high: np.ndarr
         put_label(ax.yaxis, "position", f"${NAMES[shown[1]]}$")
 
 
-def _draw_world_lines(ax: Axes, run: Run, path: Path) -> None:
+def _draw_world_lines(ax: Axes, run: Run, path: RunPath) -> None:
     names = labels(run)
     looks = zip(colours(run), lines(run), radii(run), strict=True)
     for k, (colour, dashes, radius) in enumerate(looks):
@@ -101,7 +101,7 @@ def _draw_world_lines(ax: Axes, run: Run, path: Path) -> None:
     _mark(ax, when, where[:, 0])
 
 
-def _draw_paths(ax: Axes, run: Run, path: Path, shown: tuple[int, ...]) -> None:
+def _draw_paths(ax: Axes, run: Run, path: RunPath, shown: tuple[int, ...]) -> None:
     from matplotlib.patches import Circle
 
     names = labels(run)

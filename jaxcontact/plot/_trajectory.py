@@ -50,14 +50,14 @@ def require_one_path(path: object) -> Trajectory:
             "Argument `path` must be a `Trajectory`, but is an `Impact`, which has no time "
             "history: give `trajectory(law, contact, velocity)`, and to `plot.impact` both."
         )
-    one = require_kind("path", path, Trajectory, "a `Trajectory`")
-    if one.time.ndim != 1:
+    chosen = require_kind("path", path, Trajectory, "a `Trajectory`")
+    if chosen.time.ndim != 1:
         raise ValueError(
-            f"Argument `path` must be a single trajectory, but has the shape {one.time.shape}."
+            f"Argument `path` must be a single trajectory, but has the shape {chosen.time.shape}."
         )
-    if not np.isfinite(np.asarray(one.time)).all():
+    if not np.isfinite(np.asarray(chosen.time)).all():
         raise ValueError(
             "Argument `path` must have values to draw, but they are NaN: its status is "
-            f"{Status.names_of(one.status)}."
+            f"{Status.names_of(chosen.status)}."
         )
-    return one
+    return chosen

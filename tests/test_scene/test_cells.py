@@ -9,7 +9,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._scene.arrays.arrays import layout_of
-from jaxcontact._scene.arrays.from_scene import gathered, given_in
+from jaxcontact._scene.arrays.from_scene import inputs_of, scene_numbers
 from jaxcontact._scene.contact_times.grid import grid_of
 from jaxcontact._scene.engine import pieces as _pieces
 
@@ -178,7 +178,7 @@ def test_cells_miss_nothing(monkeypatch, kind):
     space, calls = SPACES[kind](), grown(monkeypatch)
     scene = space.scene()
     layout = layout_of(scene)
-    numbers, _ = gathered(given_in(scene), layout, contacts=False, soft=False)
+    numbers, _ = scene_numbers(inputs_of(scene), layout, contacts=False, soft=False)
     assert grid_of(layout, numbers) is not None
     times = np.linspace(0, space.duration, 41)
     run = jc.simulate(scene, space.duration, instantaneous=True, times=times)

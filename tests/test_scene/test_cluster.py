@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._scene.cluster.equations import Pairs
+from jaxcontact._scene.cluster.equations import ClusterPairs
 from jaxcontact._scene.cluster.problem import APART, AT_REST, CHANGED, TIME_IS_UP
-from jaxcontact._scene.cluster.scaled import cluster, touched
+from jaxcontact._scene.cluster.scaled import cluster, cluster_at_touch
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.test_impact.support import both_jacobians
 
@@ -109,7 +109,7 @@ def numbers(balls, walls, gravity, bodies=BODIES, slots=SLOTS, dim=DIM):
         gap = (apart @ normal[k] if j >= n else np.linalg.norm(apart)) - distance[k]
         closed[k] = abs(gap) < 1e-12
         mass[k] = 1 / (inverse[i] + inverse[j])
-    pairs = Pairs(*ends, distance, normal, flat, used)
+    pairs = ClusterPairs(*ends, distance, normal, flat, used)
     return jax.tree.map(
         jnp.asarray, (pairs, inverse, acceleration, position, velocity, closed, mass)
     )
@@ -117,7 +117,7 @@ def numbers(balls, walls, gravity, bodies=BODIES, slots=SLOTS, dim=DIM):
 
 def follow(case, alpha, until, rtol, v0="peak", **options):
     pairs, inverse, acceleration, position, velocity, closed, mass = case
-    start = touched(pairs, position, velocity, closed, v0=v0)
+    start = cluster_at_touch(pairs, position, velocity, closed, v0=v0)
     law, contact = jc.Damped(alpha=alpha), jc.Contact(mass, K)
     return cluster(
         law, contact, pairs, inverse, acceleration, start, until, rtol=rtol, v0=v0, **options
@@ -241,7 +241,7 @@ def clamped_three(start):
 def test_a_solve_goes_on_from_where_it_stopped():
     pairs, *_, position, velocity, closed, _ = numbers(LINE, [], None, 3, 3, 1)
     # The last pair is initially open.
-    start = touched(pairs, position.at[2].add(1e-3), velocity, closed.at[2].set(False))
+    start = cluster_at_touch(pairs, position.at[2].add(1e-3), velocity, closed.at[2].set(False))
     states, statuses = [start], []
     while not statuses or statuses[-1] == CHANGED:
         end = clamped_three(states[-1])
@@ -309,7 +309,7 @@ def outcome(numbers_):
     )
     inverse, velocity = inverse.at[0].set(1 / mass), velocity.at[0].set(numbers_[3:])
     reduced = 1 / (inverse[pairs.first] + inverse[pairs.second])
-    start = touched(pairs, position, velocity, closed)
+    start = cluster_at_touch(pairs, position, velocity, closed)
     law, contact = jc.Damped(alpha=alpha), jc.Contact(reduced, stiffness)
     end = cluster(law, contact, pairs, inverse, acceleration, start, FOR_EVER, rtol=1e-10)
     state = end.state

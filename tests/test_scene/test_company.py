@@ -13,8 +13,8 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._scene.arrays.arrays import layout_of
 from jaxcontact._scene.arrays.flight import Flying
-from jaxcontact._scene.arrays.from_scene import gathered, given_in
-from jaxcontact._scene.engine.cluster_members import company_of
+from jaxcontact._scene.arrays.from_scene import inputs_of, scene_numbers
+from jaxcontact._scene.engine.cluster_members import select_members
 from jaxcontact._scene.engine.coupled import touching
 from jaxcontact._scene.engine.log import blank_calls, blank_choice
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
@@ -134,7 +134,7 @@ def test_in_a_small_cell_each_pair_has_its_own_images():
     discs = [jc.Sphere(radius, 1.0, x, v) for radius, x, v in given]
     scene = jc.Scene(discs, jc.Hertz(), stiffness=1e3, periodic=[0.8, 0.8])
     layout = layout_of(scene)
-    numbers = gathered(given_in(scene), layout, contacts=True, soft=False)[0]
+    numbers = scene_numbers(inputs_of(scene), layout, contacts=True, soft=False)[0]
     blank = blank_calls(layout, 3, numbers.dtype)[1].decided
     nowhere = jnp.full(3, -1)
 
@@ -151,7 +151,7 @@ def test_in_a_small_cell_each_pair_has_its_own_images():
             state=SimpleNamespace(closed=blank.closed),
         )
         state = SimpleNamespace(**spheres._asdict(), support=nowhere, coupling=coupling)
-        company = company_of(layout, numbers, 3, state, now)
+        company = select_members(layout, numbers, 3, state, now)
         seated = Flying(*(x[company.seats.who] for x in spheres))
         return company, touching(layout, numbers, 3, company.seats, seated, nowhere, now)
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jaxcontact as jc
-from jaxcontact._sweep.planning.blocks import blocks_of, cut, padded
+from jaxcontact._sweep.planning.blocks import blocks_of, divide, pad
 
 SAME = 2e-15
 """Blocks of another length are vectorised otherwise: measured 4e-16."""
@@ -37,7 +37,7 @@ def at_once():
 
 @given(shape=st.lists(st.integers(1, 30), min_size=0, max_size=4), most=st.integers(1, 300))
 def test_every_lane_is_in_one_block(shape, most):
-    made = cut(shape, most)
+    made = divide(shape, most)
     assert math.prod(made.block) <= most
     count = np.zeros(shape, int)
     for place in made.blocks:
@@ -47,14 +47,14 @@ def test_every_lane_is_in_one_block(shape, most):
 
 
 def test_long_axes_have_blocks_of_one_shape():
-    assert cut((10**7,), 65536).block == cut((10**7 + 1,), 65536).block == (65536,)
+    assert divide((10**7,), 65536).block == divide((10**7 + 1,), 65536).block == (65536,)
     # A small number of blocks is made nearly equal, with little padding.
-    assert cut((101,), 100).block == (51,)
-    assert cut((41, 1000), 40_000).block == (21, 1000)
+    assert divide((101,), 100).block == (51,)
+    assert divide((41, 1000), 40_000).block == (21, 1000)
 
 
 def test_padding_repeats_the_last():
-    np.testing.assert_array_equal(padded(np.arange(5), slice(3, 5), 4), [3, 4, 4, 4])
+    np.testing.assert_array_equal(pad(np.arange(5), slice(3, 5), 4), [3, 4, 4, 4])
 
 
 @pytest.mark.parametrize("most", [1003, 1002, 64, 7])

@@ -31,6 +31,6 @@ def test_arguments_are_put_where_the_block_is_computed():
     device = jax.devices()[0]
     workers = workers_of(Mesh(np.array([device]), ("lanes",)))
     assert workers.devices == (device,)
-    (placed,) = workers.placed(5, [np.arange(3.0)])
+    (placed,) = workers.place(5, [np.arange(3.0)])
     assert placed.committed
     assert placed.devices() == {device}

@@ -109,7 +109,7 @@ def test_arrays_of_all_kinds_are_packed_as_they_are(monkeypatch):
     monkeypatch.setattr(multihost_utils, "process_allgather", lambda x: np.stack([x, x]))
     mine = [np.array([True, False, True]), np.array([[-0.0, np.nan]]), np.array(7, np.int32)]
     forms = [jax.ShapeDtypeStruct(array.shape, array.dtype) for array in mine]
-    both = Workers(processes=2).exchanged(mine, [forms, forms[:2]])
+    both = Workers(processes=2).exchange(mine, [forms, forms[:2]])
     assert [len(arrays) for arrays in both] == [3, 2]
     for arrays in both:
         for array, other in zip(arrays, mine, strict=False):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._sweep.store import Coordinate, Stored, open_store
+from jaxcontact._sweep.store import Stored, StoredCoordinate, open_store
 
 pytest.importorskip("zarr")
 
@@ -23,9 +23,9 @@ ARRAYS = {
 PLACES = [(slice(a, min(a + 4, 10)), slice(b, min(b + 5, 7))) for a in (0, 4, 8) for b in (0, 5)]
 BLOCKS = [{"duration": place, "status": place} for place in PLACES] + [{"flag": ()}]
 COORDINATES = {
-    "e": Coordinate("e", np.linspace(0.1, 1, 10)),
-    "v": Coordinate("v", np.arange(7.0), {"units": "m/s"}),
-    "mass": Coordinate("v", np.arange(7.0), {"units": "kg"}),
+    "e": StoredCoordinate("e", np.linspace(0.1, 1, 10)),
+    "v": StoredCoordinate("v", np.arange(7.0), {"units": "m/s"}),
+    "mass": StoredCoordinate("v", np.arange(7.0), {"units": "kg"}),
 }
 
 RNG = np.random.default_rng(0)
@@ -60,7 +60,7 @@ def same(a, b):
 
 
 def finished(store):
-    return [number for number in range(len(BLOCKS)) if store.finished(number)]
+    return [number for number in range(len(BLOCKS)) if store.is_finished(number)]
 
 
 def test_blocks_come_back_bit_for_bit(tmp_path):

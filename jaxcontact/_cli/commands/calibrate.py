@@ -157,7 +157,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     from ..._lab.calibration.calibrate import calibrate
     from ..._lab.recordings import RecordingError, read_recording
     from ...plot import calibration, record, sound, track
-    from ...plot._drawing.save import drawn
+    from ...plot._drawing.save import render
 
     out = pathlib.Path(arguments.out)
     page = _page(arguments.report, out)
@@ -194,16 +194,16 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             raise InputError(str(error).replace(option[0], f"--{option[1]}", 1)) from error
         raise InputError(f"--law: {error}") from error
     progress("drawing and writing")
-    figure = drawn(lambda f: calibration(result, ax=f.add_subplot()), (7.0, 4.6), out / FIGURE)
+    figure = render(lambda f: calibration(result, ax=f.add_subplot()), (7.0, 4.6), out / FIGURE)
     files = {out / FIGURE: figure, out / NUMBERS: result.to_json().encode()}
     if recording.sound is not None:
-        picture = drawn(lambda f: sound(recording, ax=f.add_subplot()), (8.0, 4.0), out / SOUND)
+        picture = render(lambda f: sound(recording, ax=f.add_subplot()), (8.0, 4.0), out / SOUND)
         files[out / SOUND] = picture
     if recording.tracks:
-        picture = drawn(lambda f: track(recording, ax=f.add_subplot()), (8.0, 4.0), out / TRACK)
+        picture = render(lambda f: track(recording, ax=f.add_subplot()), (8.0, 4.0), out / TRACK)
         files[out / TRACK] = picture
     if result.impacts:
-        picture = drawn(lambda f: record(result, ax=f.subplots(2)), (8.0, 7.0), out / RECORD)
+        picture = render(lambda f: record(result, ax=f.subplots(2)), (8.0, 7.0), out / RECORD)
         files[out / RECORD] = picture
     if page is not None:
         from ..._lab.report_page import content_of

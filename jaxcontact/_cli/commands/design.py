@@ -8,7 +8,7 @@ import re
 from typing import Any
 
 from ..._text.progress import Stages
-from ..law import add_law_and_contact, contact_asked, exponent_asked, parameters_asked
+from ..law import add_law_and_contact, contact_asked, exponent_asked, law_parameters
 from ..options import InputError, assignment, input_errors, number, positive
 from ..printing import print_json
 from ..range import span
@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     from ..._laws import constant_laws, get_law
     from ..._parameter import did_you_mean
 
-    given = parameters_asked(arguments)
+    parameters = law_parameters(arguments)
     contact = contact_asked(arguments, exponent_asked(arguments))
     sigma = dict(arguments.sigma)
     for name in sigma:
@@ -98,11 +98,11 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
                 f"--against: must be a law with one parameter e ({', '.join(constant_laws())})."
                 f"{did_you_mean(arguments.against, constant_laws())}"
             )
-        goal = get_law(arguments.against, e=given.get("e", 0.7))
+        goal = get_law(arguments.against, e=parameters.get("e", 0.7))
     fixed = ("mass", *(arguments.hold or ()))
     with input_errors(_in_options):
         plan = design(
-            get_law(arguments.law, **given),
+            get_law(arguments.law, **parameters),
             contact,
             sigma=sigma,
             candidates=np.atleast_1d(arguments.speeds),

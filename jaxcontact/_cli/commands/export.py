@@ -7,7 +7,7 @@ import functools
 from typing import TYPE_CHECKING, Any
 
 from ..._text.progress import Stages
-from ..law import add_law_and_contact, contact_asked, exponent_asked, parameters_asked
+from ..law import add_law_and_contact, contact_asked, exponent_asked, law_parameters
 from ..options import InputError, assignment, input_errors, number, positive
 from ..printing import print_json
 from ..range import span
@@ -101,23 +101,23 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     if arguments.radius is not None:
         options["radius"] = arguments.radius
     with input_errors(_in_options):
-        found = export(law, contact, arguments.velocity, engine=arguments.engine, **options)
+        result = export(law, contact, arguments.velocity, engine=arguments.engine, **options)
         progress("searching the speeds over which it holds")
-        holds = found.holds(arguments.within)
+        holds = result.holds(arguments.within)
         at_step = None
         if arguments.time_step is not None:
-            at_step = found.at_time_step(arguments.time_step, arguments.within)
+            at_step = result.at_time_step(arguments.time_step, arguments.within)
     if arguments.json:
         stepped = {} if at_step is None else {"at_time_step": vars(at_step)}
-        print_json(_dict(found, holds) | stepped)
+        print_json(_dict(result, holds) | stepped)
     else:
-        print(_text(found))
+        print(_text(result))
         print(holds)
         print()
         if at_step is not None:
             print(at_step)
             print()
-        for head, text in (("Limit", found.limit), ("Source", found.source)):
+        for head, text in (("Limit", result.limit), ("Source", result.source)):
             print("\n".join(wrapped(head, text, indent=9)))
     return 0
 
@@ -131,21 +131,21 @@ def _law_and_contact(arguments: argparse.Namespace) -> tuple[Any, Contact | None
         from ..._lab.calibration.summary import load_calibration
 
         with input_errors():
-            known = load_calibration(arguments.calibration)
-        given = [name for name in ("mass", "stiffness") if getattr(arguments, name) is not None]
-        if not given:
-            return known, None
+            calibration = load_calibration(arguments.calibration)
+        options = [name for name in ("mass", "stiffness") if getattr(arguments, name) is not None]
+        if not options:
+            return calibration, None
         # Numbers not given here come from the calibration; otherwise they are required.
         for name in ("mass", "stiffness"):
-            if getattr(arguments, name) is None and name in known.given:
-                setattr(arguments, name, float(getattr(known.contact, name)))
-        return known, contact_asked(arguments, arguments.exponent or 1.5)
-    given = parameters_asked(arguments)
+            if getattr(arguments, name) is None and name in calibration.given:
+                setattr(arguments, name, float(getattr(calibration.contact, name)))
+        return calibration, contact_asked(arguments, arguments.exponent or 1.5)
+    options = law_parameters(arguments)
     if arguments.velocity is None:
         raise InputError("--velocity is needed: e of the engine may depend on it")
     contact = contact_asked(arguments, exponent_asked(arguments))
     with input_errors():
-        return get_law(arguments.law, **given), contact
+        return get_law(arguments.law, **options), contact
 
 
 def _in_options(text: str) -> str:
@@ -160,45 +160,46 @@ def _in_options(text: str) -> str:
     return re.sub(r"`(\w+)`", r"--option \1", text) if "engine" in text else text
 
 
-def _text(found: Export) -> str:
+def _text(result: Export) -> str:
     from ..._text.table import text_table
     from ..._text.units import quantity
 
-    rows = [(name, f"{x:.9g} {found.units[name]}") for name, x in found.parameters.items()]
-    rows.append(("duration of contact", quantity("duration", f"{found.duration:.4g}")))
-    if found.time_step is not None and found.expected_error is not None:
-        words = f"{found.time_step:.3g} s or less, for an error of e of {found.expected_error:.1%}"
+    rows = [(name, f"{x:.9g} {result.units[name]}") for name, x in result.parameters.items()]
+    rows.append(("duration of contact", quantity("duration", f"{result.duration:.4g}")))
+    if result.time_step is not None and result.expected_error is not None:
+        error = f"for an error of e of {result.expected_error:.1%}"
+        words = f"{result.time_step:.3g} s or less, {error}"
         rows.append(("time step", words))
     else:
         rows.append(
             ("time step", "unknown: the export uses the formula of the engine, which was not run")
         )
     lines = [
-        f"{found.engine}: {found.model}",
+        f"{result.engine}: {result.model}",
         "",
-        *found.snippet.splitlines(),
+        *result.snippet.splitlines(),
         "",
         *text_table(rows, indent=2),
-        *found.by_speed(),
+        *result.by_speed(),
         "",
     ]
     return "\n".join(lines)
 
 
-def _dict(found: Export, holds: Any) -> dict[str, Any]:
+def _dict(result: Export, holds: Any) -> dict[str, Any]:
     return {
-        "engine": found.engine,
-        "model": found.model,
-        "snippet": found.snippet,
-        "parameters": dict(found.parameters),
-        "units": dict(found.units),
-        "velocity": found.velocity,
-        "target": found.target,
-        "delivered": found.delivered,
-        "error": found.error,
-        "duration": found.duration,
-        "time_step": found.time_step,
-        "expected_error": found.expected_error,
+        "engine": result.engine,
+        "model": result.model,
+        "snippet": result.snippet,
+        "parameters": dict(result.parameters),
+        "units": dict(result.units),
+        "velocity": result.velocity,
+        "target": result.target,
+        "delivered": result.delivered,
+        "error": result.error,
+        "duration": result.duration,
+        "time_step": result.time_step,
+        "expected_error": result.expected_error,
         "holds": {
             "within": holds.within,
             "from": holds.low,
@@ -207,6 +208,6 @@ def _dict(found: Export, holds: Any) -> dict[str, Any]:
             "target": holds.target,
             "delivered": holds.delivered,
         },
-        "limit": found.limit,
-        "source": found.source,
+        "limit": result.limit,
+        "source": result.source,
     }

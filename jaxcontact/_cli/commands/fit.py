@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..._text.progress import Stages
 from ..air import add_air_options, drag_asked, gravity_asked
-from ..law import add_law_and_contact, contact_asked, exponent_asked, parameters_asked
+from ..law import add_law_and_contact, contact_asked, exponent_asked, law_parameters
 from ..options import InputError, assignment, input_errors, number, positive
 from ..printing import print_json
 from ..table import add_table_options, in_options
@@ -74,11 +74,11 @@ def _impacts(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
 
     law, exponent = _law(arguments)
     data = dict(data)
-    own = data.pop("sigma", None)
+    sigma = data.pop("sigma", None)
     sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
     how = _fixed(arguments) | _robust(arguments)
-    if own is not None and not sigmas:
-        sigmas = {"sigma_e": own}
+    if sigma is not None and not sigmas:
+        sigmas = {"sigma_e": sigma}
     if not sigmas and data.keys() == {"velocity", "e"}:
         # Errors are the same fraction of each e, as in `calibrate`, to third order in ln e.
         product = data["e"] * marked_in(data["velocity"], data["e"])[1]
@@ -186,21 +186,21 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         for name in ("rate", "gravity", "radius", "drag_coefficient", "air_density"):
             if getattr(arguments, name) is not None:
                 raise InputError(f"--{name.replace('_', '-')} is for bounces only")
-    source, data, notes = _read(arguments, problem)
+    source, data, notes = _read_data(arguments, problem)
     progress("compiling and fitting")
     with input_errors(lambda text: f"{source}: {text}"):
-        found = problem.fit(arguments, data)
+        result = problem.fit(arguments, data)
     if arguments.json:
-        print_json(_dict(arguments, source, found, notes))
+        print_json(_dict(arguments, source, result, notes))
     else:
         print(f"{arguments.problem} of {source}")
         if notes:
             print(f"  read as: {'; '.join(notes)}")
-        print(found.summary())
-    return 0 if found.converged else 1
+        print(result.summary())
+    return 0 if result.converged else 1
 
 
-def _read(
+def _read_data(
     arguments: argparse.Namespace, problem: _Problem
 ) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
     from ..._lab.recordings import FROM_FILE, read_columns
@@ -219,7 +219,7 @@ def _read(
     values, notes = read.values, read.notes
     lone = [name for name in ("e", "duration", "max_force") if name in values] == ["e"]
     if arguments.problem == "impacts" and "sigma" in values and not lone:
-        values = {name: one for name, one in values.items() if name != "sigma"}
+        values = {name: column for name, column in values.items() if name != "sigma"}
         notes = (
             *(note for note in notes if note != FROM_FILE),
             "the standard deviations are not used, since not all columns have them",
@@ -241,9 +241,9 @@ def _without_marked(read: Columns) -> tuple[Mapping[str, Any], tuple[str, ...]]:
     if not marked.any():
         return read.values, read.notes
     numbers = [str(row) for row, off in zip(read.rows, marked, strict=True) if off]
-    told = f"e off the trend and left out, as in `calibrate`: row {', '.join(numbers)}"
+    note = f"e off the trend and left out, as in `calibrate`: row {', '.join(numbers)}"
     e = np.where(marked, np.nan, read.values["e"])
-    return {**read.values, "e": e}, (*read.notes, told)
+    return {**read.values, "e": e}, (*read.notes, note)
 
 
 def _read_bounces(
@@ -279,25 +279,25 @@ def _law(arguments: argparse.Namespace) -> tuple[AbstractLaw, float]:
         raise InputError(
             "--law is needed, as the law from which the fit starts; see `jaxcontact laws`"
         )
-    known = arguments.law in list_laws()
-    if known and arguments.e is None and "e" in parameters_of(arguments.law):
+    registered = arguments.law in list_laws()
+    if registered and arguments.e is None and "e" in parameters_of(arguments.law):
         arguments.e = None if "e" in dict(arguments.param) else _START
-    given = parameters_asked(arguments)
+    parameters = law_parameters(arguments)
     exponent = exponent_asked(arguments)
     with input_errors():
-        return get_law(arguments.law, **given), exponent
+        return get_law(arguments.law, **parameters), exponent
 
 
 def _sigmas(arguments: argparse.Namespace, data: Mapping[str, Any]) -> dict[str, float]:
     from ..._parameter import did_you_mean
 
-    given = dict(arguments.sigma)
-    for name in given:
+    sigmas = dict(arguments.sigma)
+    for name in sigmas:
         if name not in data:
             raise InputError(
                 f"--sigma {name}: the columns are {', '.join(data)}.{did_you_mean(name, data)}"
             )
-    return given
+    return sigmas
 
 
 def _fixed(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -311,20 +311,20 @@ def _robust(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _dict(
-    arguments: argparse.Namespace, source: str, found: Fit, notes: tuple[str, ...]
+    arguments: argparse.Namespace, source: str, result: Fit, notes: tuple[str, ...]
 ) -> dict[str, Any]:
     return {
         "problem": arguments.problem,
         "source": source,
         "read_as": notes,
-        "converged": found.converged,
-        "reason": found.reason,
-        "parameters": dict(zip(found.names, found.values.tolist(), strict=True)),
-        "units": dict(zip(found.names, found.problem.space.units, strict=True)),
-        "standard_errors": dict(found.standard_errors),
-        "adequate": found.adequate if found.converged else None,
-        "unidentified": [str(direction) for direction in found.unidentified],
-        "at_bound": found.at_bound,
-        "degrees_of_freedom": found.dof,
-        "notes": found.notes,
+        "converged": result.converged,
+        "reason": result.reason,
+        "parameters": dict(zip(result.names, result.values.tolist(), strict=True)),
+        "units": dict(zip(result.names, result.problem.space.units, strict=True)),
+        "standard_errors": dict(result.standard_errors),
+        "adequate": result.adequate if result.converged else None,
+        "unidentified": [str(direction) for direction in result.unidentified],
+        "at_bound": result.at_bound,
+        "degrees_of_freedom": result.dof,
+        "notes": result.notes,
     }

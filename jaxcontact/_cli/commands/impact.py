@@ -13,7 +13,7 @@ from ..._text.progress import Stages
 from ..._text.table import text_table
 from ..._text.units import meaning, quantity
 from ..files import output_path
-from ..law import add_law_and_contact, exponent_asked, parameters_asked
+from ..law import add_law_and_contact, exponent_asked, law_parameters
 from ..options import InputError, input_errors, number, positive
 from ..printing import print_json
 
@@ -53,10 +53,10 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     from ..._impact import Status, impact
     from ..._laws import get_law
 
-    given = parameters_asked(arguments)
+    parameters = law_parameters(arguments)
     exponent = exponent_asked(arguments)
     with input_errors():
-        law = get_law(arguments.law, **given)
+        law = get_law(arguments.law, **parameters)
         contact = Contact(arguments.mass, arguments.stiffness, exponent)
         hit = impact(law, contact, arguments.velocity, throw=False)
     status = Status(int(hit.status))
@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         else:
             write_all({plot: picture})
     if arguments.json:
-        print_json(_dict(arguments, given, exponent, hit, status))
+        print_json(_dict(arguments, parameters, exponent, hit, status))
     else:
         print(_text(arguments, hit, status))
     return 0 if complete else 1
@@ -108,7 +108,7 @@ def _text(arguments: argparse.Namespace, hit: Impact, status: Status) -> str:
 
 def _dict(
     arguments: argparse.Namespace,
-    given: dict[str, Any],
+    parameters: dict[str, Any],
     exponent: float,
     hit: Impact,
     status: Status,
@@ -117,7 +117,7 @@ def _dict(
     numbers = _numbers(hit)
     return {
         "law": arguments.law,
-        "parameters": given,
+        "parameters": parameters,
         "contact": {**contact, "exponent": exponent},
         "velocity": arguments.velocity,
         **numbers,
@@ -138,11 +138,11 @@ def _figure(
 ) -> bytes:
     from ..._impact import trajectory
     from ...plot import impact as draw
-    from ...plot._drawing.save import drawn
+    from ...plot._drawing.save import render
 
     path = trajectory(law, contact, arguments.velocity, samples=_SAMPLES)
-    asked = "" if arguments.e is None else f", e = {arguments.e:g}"
-    label = f"{arguments.law}{asked}, {arguments.velocity:g} m/s"
-    return drawn(
+    ending = "" if arguments.e is None else f", e = {arguments.e:g}"
+    label = f"{arguments.law}{ending}, {arguments.velocity:g} m/s"
+    return render(
         lambda figure: draw(path, hit, ax=figure.subplots(1, 3), label=label), (10.0, 3.4), file
     )

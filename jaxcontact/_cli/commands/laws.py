@@ -76,6 +76,6 @@ def _text(rows: list[dict[str, Any]]) -> str:
     for row in rows:
         delivered = row["delivers"] or {}
         numbers = [delivered.get(f"{e:g}") for e in ASKED]
-        told = ("-" if e is None else f"{e:.4f}" for e in numbers)
-        cells.append((row["law"], row["formula"], *told, row["source"]))
+        shown = ("-" if e is None else f"{e:.4f}" for e in numbers)
+        cells.append((row["law"], row["formula"], *shown, row["source"]))
     return "\n".join(text_table(cells, header=header, rule=True))

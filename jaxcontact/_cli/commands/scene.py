@@ -77,9 +77,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--show", action="store_true", help="print the file instead of running it")
     parser.add_argument(
-        "--out",
-        metavar="DIR",
-        help=f"write {RUN} and {IMPACTS} into this folder, made if missing",
+        "--out", metavar="DIR", help=f"write {RUN} and {IMPACTS} into this folder, made if missing"
     )
     words = "draw the paths, and the energy below them; .png, .pdf or .svg"
     parser.add_argument("--plot", metavar="FILE", help=words)
@@ -145,21 +143,21 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     return 0 if int(done.status) == Ending.COMPLETED else 1
 
 
-def _axes(given: str | None, dimensions: int) -> tuple[int, ...] | None:
+def _axes(text: str | None, dimensions: int) -> tuple[int, ...] | None:
     """Return the numbers of two axes, None for all; raise InputError for other letters."""
     names = "xyz"[:dimensions]
-    if given is None:
+    if text is None:
         return (0, 2) if dimensions == 3 else None
-    if dimensions == 1 or len(given) != 2 or given[0] == given[1] or not set(given) <= set(names):
+    if dimensions == 1 or len(text) != 2 or text[0] == text[1] or not set(text) <= set(names):
         allowed = {1: "left out, in one dimension", 2: "xy or yx", 3: "two letters of xyz"}
-        raise InputError(f"--axes must be {allowed[dimensions]}, but is {given}")
-    return tuple(names.index(letter) for letter in given)
+        raise InputError(f"--axes must be {allowed[dimensions]}, but is {text}")
+    return tuple(names.index(letter) for letter in text)
 
 
 def _picture(done: Run, axes: tuple[int, ...] | None, file: pathlib.Path) -> bytes:
     """Draw the paths, and the energy below them, in separate axes."""
     from ...plot import energy, scene
-    from ...plot._drawing.save import drawn
+    from ...plot._drawing.save import render
 
     def fill(figure: Figure) -> None:
         # The height of the paths is known only after drawing.
@@ -170,7 +168,7 @@ def _picture(done: Run, axes: tuple[int, ...] | None, file: pathlib.Path) -> byt
         figure.set_size_inches(_WIDTH, tall + _ENERGY)
         upper.get_gridspec().set_height_ratios((tall, _ENERGY))
 
-    return drawn(fill, (_WIDTH, 4.4 + _ENERGY), file)
+    return render(fill, (_WIDTH, 4.4 + _ENERGY), file)
 
 
 def _moving(done: Run, axes: tuple[int, ...] | None) -> bytes:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from ..._text.files import FIGURES, write_all
 from ..._text.progress import Stages
 from ..files import output_path
-from ..law import add_law_and_contact, exponent_asked, parameters_asked
+from ..law import add_law_and_contact, exponent_asked, law_parameters
 from ..options import InputError
 from ..printing import print_json
 from ..range import span
@@ -69,18 +69,18 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         raise InputError(
             f"--out {out}: NetCDF needs xarray (pip install 'jaxcontact[data]'); .csv does not"
         )
-    given: dict[str, Any] = parameters_asked(arguments) | {
+    parameters: dict[str, Any] = law_parameters(arguments) | {
         name: default if getattr(arguments, name) is None else getattr(arguments, name)
         for name, default in _CONTACT.items()
     }
-    plot = _plot(arguments, given)
-    function = _function(arguments, given)
+    plot = _plot(arguments, parameters)
+    function = _function(arguments, parameters)
     from ..._impact import Status
     from ..._sweep import sweep
 
-    lanes = math.prod(np.size(values) for values in given.values())
+    lanes = math.prod(np.size(values) for values in parameters.values())
     progress(f"compiling and solving {lanes:,} impacts")
-    table = sweep(function, progress=False if arguments.quiet else None, **given)
+    table = sweep(function, progress=False if arguments.quiet else None, **parameters)
     progress("writing")
     contents: dict[pathlib.Path, bytes | Callable[[BinaryIO], object]] = {}
     if out.suffix.lower() == ".nc":
@@ -89,12 +89,12 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         contents[out] = table.to_csv
     if plot is not None:
         from ...plot import sweep as draw
-        from ...plot._drawing.save import drawn
+        from ...plot._drawing.save import render
 
         def fill(figure: Figure) -> None:
             draw(table, field=arguments.field, ax=figure.subplots())
 
-        contents[plot] = drawn(fill, (6.4, 4.4), plot)
+        contents[plot] = render(fill, (6.4, 4.4), plot)
     write_all(contents)
     beyond = _beyond(table)
     if arguments.json:
@@ -128,7 +128,7 @@ def _beyond(table: Sweep) -> int:
     return int(np.count_nonzero(lost & (table.status == Status.SEPARATED)))
 
 
-def _plot(arguments: argparse.Namespace, given: dict[str, Any]) -> pathlib.Path | None:
+def _plot(arguments: argparse.Namespace, parameters: dict[str, Any]) -> pathlib.Path | None:
     import numpy as np
 
     from ..._impact.result import NUMBERS
@@ -142,13 +142,13 @@ def _plot(arguments: argparse.Namespace, given: dict[str, Any]) -> pathlib.Path 
             f"--field: {arguments.field!r} is not one of {', '.join(NUMBERS)}."
             f"{did_you_mean(arguments.field, NUMBERS)}"
         )
-    ranges = sum(isinstance(values, np.ndarray) for values in given.values())
+    ranges = sum(isinstance(values, np.ndarray) for values in parameters.values())
     if ranges not in (1, 2):
         raise InputError(f"--plot {plot}: takes one or two ranges, but there are {ranges}")
     return plot
 
 
-def _function(arguments: argparse.Namespace, given: dict[str, Any]) -> Callable[..., Impact]:
+def _function(arguments: argparse.Namespace, parameters: dict[str, Any]) -> Callable[..., Impact]:
     """Return a function of one impact; raise InputError if a single number is out of range."""
     from ..._contact import Contact
     from ..._impact import impact
@@ -156,7 +156,7 @@ def _function(arguments: argparse.Namespace, given: dict[str, Any]) -> Callable[
     from ..._laws import get_law, parameters_of
     from ..._parameter import POSITIVE
 
-    names = [name for name in given if name not in _CONTACT]
+    names = [name for name in parameters if name not in _CONTACT]
     exponent = exponent_asked(arguments)
 
     def impact_of(**numbers: Any) -> Impact:
@@ -170,7 +170,7 @@ def _function(arguments: argparse.Namespace, given: dict[str, Any]) -> Callable[
         **dict.fromkeys(("mass", "stiffness"), POSITIVE),
         "velocity": SPEED,
     }
-    for name, value in given.items():
+    for name, value in parameters.items():
         if isinstance(value, float) and not allowed[name].holds(value):
             raise InputError(f"{name} must be in {allowed[name]}, but is {value:g}")
     return impact_of

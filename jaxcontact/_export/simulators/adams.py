@@ -100,5 +100,5 @@ def _delivering(wanted: Wanted, contact: Contact, depth: float, usual: float) ->
             f"Argument `d` must let IMPACT deliver the restitution {wanted.restitution:.6g}, but "
             f"is {depth:g} m, for which no c_max was found; reduce it."
         )
-    found = root_scalar(logarithm, bracket=(low, high), xtol=1e-13 * high, rtol=1e-13)
-    return float(found.root)
+    root = root_scalar(logarithm, bracket=(low, high), xtol=1e-13 * high, rtol=1e-13)
+    return float(root.root)

@@ -48,12 +48,12 @@ class AbstractSpheres(Engine):
                 "'lammps'."
             )
         # The law of Antypov and Elliott that delivers e without tension, and its own e.
-        asked = math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2))
-        law = AntypovElliott(e=jnp.asarray(asked), tension=False)
+        nominal = math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2))
+        law = AntypovElliott(e=jnp.asarray(nominal), tension=False)
         stiffness = matched_stiffness(wanted, 1.5, law)
         # Two equal bodies have E* = E/(2(1-ν²)).
         young = 2 * (1 - poisson**2) * 0.75 * stiffness / math.sqrt(radius)
-        numbers = young, poisson, asked
+        numbers = young, poisson, nominal
         return Draft(
             model=self.model,
             law=law,

@@ -20,13 +20,7 @@ from ..._laws import (
     KuwabaraKono,
     Tsuji,
 )
-from ..._parameter import (
-    POSITIVE,
-    RESTITUTION_FROM_ZERO,
-    parameter,
-    require_choice,
-    require_number,
-)
+from ..._parameter import POSITIVE, RESTITUTION_FROM_ZERO, parameter, require_choice, require_number
 from ..engine import Engine, register_engine
 from ..stepping import Scheme
 from ..wanted import Draft, Wanted, matched_stiffness

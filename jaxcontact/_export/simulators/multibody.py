@@ -196,18 +196,18 @@ class Exudyn(Engine):
         impact_model = int(impact_model)
         alpha = float(exact_damping_factor(wanted.restitution))
         kind, inverse, source = _MODELS[impact_model]
-        asked = inverse(alpha)
-        if not asked > 0:
+        nominal = inverse(alpha)
+        if not nominal > 0:
             raise ValueError(
                 "Argument `impact_model` must be 2 here, but is 1, which delivers at least "
                 f"0.48774: {wanted.restitution:g} is wanted."
             )
         return Draft(
             model=f"ObjectContactSphereSphere, impactModel {impact_model}",
-            law=kind(e=jnp.asarray(asked)),
+            law=kind(e=jnp.asarray(nominal)),
             contact=Contact(wanted.mass, wanted.stiffness, wanted.exponent),
             parameters={
-                "restitutionCoefficient": asked,
+                "restitutionCoefficient": nominal,
                 "contactStiffness": wanted.stiffness,
                 "contactStiffnessExponent": wanted.exponent,
             },
@@ -219,7 +219,7 @@ class Exudyn(Engine):
             snippet=(
                 f"contactStiffness={wanted.stiffness:.12g}, "
                 f"contactStiffnessExponent={wanted.exponent:.12g}, contactDamping=0, "
-                f"restitutionCoefficient={asked:.12g}, impactModel={impact_model}"
+                f"restitutionCoefficient={nominal:.12g}, impactModel={impact_model}"
             ),
             steps=50,
             expected_error=0.002,

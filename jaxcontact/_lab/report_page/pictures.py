@@ -69,6 +69,6 @@ def _one(draw: Callable[[Any], object]) -> bytes:
 
 
 def _drawn(draw: Callable[[Figure], object], height: float) -> bytes:
-    from ...plot._drawing.save import drawn
+    from ...plot._drawing.save import render
 
-    return drawn(draw, (_WIDTH, height), _SVG)
+    return render(draw, (_WIDTH, height), _SVG)

@@ -23,13 +23,14 @@ from ..bodies.overlap import ROUNDINGS
 from ..bodies.scene import Scene
 from ..bodies.side import side
 from ..resume import Start
+from ..scalars import Index, Number
 from .movers import Movers
 from .rows import rows_of
 
 Lane = Float[Array, "..."]
 
 
-class Layout(eqx.Module):
+class SceneLayout(eqx.Module):
     """The static part of a scene: N spheres, W walls, and their kinds.
 
     The engine numbers the spheres first, in order, then shells as fixed spheres of negative radius,
@@ -118,7 +119,7 @@ class Numbers(eqx.Module):
         """The precision of all numbers."""
         return self.position.dtype
 
-    def walls_at(self, time: Lane, which: Int[Array, ""] | None = None) -> Walls:
+    def walls_at(self, time: Lane, which: Index | None = None) -> Walls:
         """Return the walls at a time, or one of them."""
         offset = self.offset if which is None else rows_of(self.offset, which)
         if self.motion is None:
@@ -129,7 +130,7 @@ class Numbers(eqx.Module):
         return Walls(offset + shift, velocity)
 
     def shaken_at(
-        self, layout: Layout, time: Float[Array, ""]
+        self, layout: SceneLayout, time: Number
     ) -> tuple[Float[Array, "K D"], Float[Array, "K D"]]:
         """Return the positions and velocities of the accelerated fixed spheres at a time."""
         assert self.shaking is not None
@@ -137,7 +138,7 @@ class Numbers(eqx.Module):
         return start + self.shaking.shift(time), self.shaking.velocity(time)
 
     def bent_at(
-        self, layout: Layout, who: Int[Array, ""], now: Float[Array, ""], time: Float[Array, ""]
+        self, layout: SceneLayout, who: Index, now: Number, time: Number
     ) -> tuple[Float[Array, " D"], Float[Array, " D"]]:
         """Return a sphere's deviation from uniform motion between `now` and `time` later. The
         second value is the change of its velocity. Both are zero unless the sphere is `shaken`.
@@ -151,7 +152,7 @@ class Numbers(eqx.Module):
         return rows_of((bent, turned), row)
 
 
-def layout_of(scene: Scene) -> Layout:
+def layout_of(scene: Scene) -> SceneLayout:
     """Return the static part of a scene."""
     spheres = [k for k, body in enumerate(scene.bodies) if isinstance(body, Sphere)]
     shells = [k for k, body in enumerate(scene.bodies) if isinstance(body, Shell)]
@@ -160,7 +161,7 @@ def layout_of(scene: Scene) -> Layout:
     order = [*spheres, *(k for k, _ in walls)]
     motions = [body.motion for body in curved(scene)]
     table = scene.stiffness
-    return Layout(
+    return SceneLayout(
         spheres=len(spheres),
         visible=visible,
         walls=len(walls),
@@ -201,7 +202,7 @@ def _is_constant_by_kind(structure: Any, kinds: tuple[Any, ...]) -> bool:
     return restitution_is_constant(law, None)
 
 
-def contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Contact | None:
+def contact_of(layout: SceneLayout, numbers: Numbers, i: Array, j: Array) -> Contact | None:
     """Return the contact of bodies i and j; None if no stiffness is known."""
     inverse = rows_of(numbers.inverse_mass, i) + rows_of(numbers.inverse_mass, j)
     # Two fixed bodies never meet, so any mass serves.
@@ -213,15 +214,15 @@ def contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Contact 
         return Contact(mass, stiffness, numbers.exponent.value)
     if numbers.compliance is None:
         return None
-    one = jnp.ones((), numbers.dtype)
+    unit = jnp.ones((), numbers.dtype)
     curvature = jnp.concatenate([1 / numbers.radius, jnp.zeros(layout.walls, numbers.dtype)])
     # A rigid plane under a sphere with the radius and the compliance of the pair.
     (soft, bent), (softer, more) = (rows_of((numbers.compliance, curvature), k) for k in (i, j))
-    pair = Material(one / (soft + softer), 0 * one)
-    return Contact.sphere_plane(one / (bent + more), pair, mass=mass)
+    pair = Material(unit / (soft + softer), 0 * unit)
+    return Contact.sphere_plane(unit / (bent + more), pair, mass=mass)
 
 
-def known_contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Contact:
+def known_contact_of(layout: SceneLayout, numbers: Numbers, i: Array, j: Array) -> Contact:
     """Return the contact of bodies i and j in a scene with known stiffness."""
     contact = contact_of(layout, numbers, i, j)
     assert contact is not None
@@ -229,21 +230,21 @@ def known_contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Co
 
 
 def laws_of(
-    layout: Layout, numbers: Numbers, i: Array, j: Array
-) -> tuple[Sequence[AbstractLaw], Int[Array, ""]]:
+    layout: SceneLayout, numbers: Numbers, i: Array, j: Array
+) -> tuple[Sequence[AbstractLaw], Index]:
     """Return a law of every kind, and the kind of the law of bodies i and j."""
     if len(numbers.laws) == 1:
         return numbers.laws, jnp.asarray(0)
     return one_of_each(numbers.laws, layout.chosen(layout.laws, i, j))
 
 
-def law_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> AbstractLaw:
+def law_of(layout: SceneLayout, numbers: Numbers, i: Array, j: Array) -> AbstractLaw:
     """Return the law of bodies i and j, selected through its force."""
     laws, kind = laws_of(layout, numbers, i, j)
     return laws[0] if len(laws) == 1 else MixedLaw(tuple(laws), kind.astype(numbers.dtype))
 
 
-def least_speed(numbers: Numbers) -> Float[Array, ""]:
+def least_speed(numbers: Numbers) -> Number:
     """Return one rounding error of the scene's speeds in m/s, from the start and from weight."""
     radius = jnp.max(jnp.abs(numbers.radius))
     pull = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity))) * radius
@@ -253,8 +254,8 @@ def least_speed(numbers: Numbers) -> Float[Array, ""]:
 
 
 def restitution_of(
-    layout: Layout, numbers: Numbers, i: Array, j: Array, closing: Lane
-) -> Float[Array, ""]:
+    layout: SceneLayout, numbers: Numbers, i: Array, j: Array, closing: Lane
+) -> Number:
     """Return the restitution e of bodies i and j at a closing speed."""
     which = layout.chosen(layout.laws, i, j) if layout.laws else None
     if all(layout.constant):
@@ -272,7 +273,7 @@ def restitution_of(
     return jax.lax.switch(which, [of(k) for k in range(len(numbers.laws))], speed)
 
 
-def first_overlap(layout: Layout, numbers: Numbers) -> Float[Array, ""]:
+def first_overlap(layout: SceneLayout, numbers: Numbers) -> Number:
     """Return the deepest overlap of two bodies beyond rounding, in m; 0 if there is none. It is
     also 0 if the scene continues a run.
     """
@@ -282,7 +283,7 @@ def first_overlap(layout: Layout, numbers: Numbers) -> Float[Array, ""]:
     scale = jnp.max(jnp.abs(numbers.position)) + 2 * jnp.max(numbers.radius)
     moves = numbers.inverse_mass[: layout.spheres] > 0
 
-    def row(i: Int[Array, ""]) -> Array:
+    def row(i: Index) -> Array:
         apart = nearest_image(layout, numbers, numbers.position[i][None] - numbers.position)[0]
         distance = numbers.radius[i] + numbers.radius
         gap = side(distance) * jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1)) - distance
@@ -298,7 +299,7 @@ def first_overlap(layout: Layout, numbers: Numbers) -> Float[Array, ""]:
 
 
 def nearest_image(
-    layout: Layout, numbers: Numbers, apart: Float[Array, "N D"]
+    layout: SceneLayout, numbers: Numbers, apart: Float[Array, "N D"]
 ) -> tuple[Float[Array, "N D"], Float[Array, "N D"]]:
     """Return distances to the nearest periodic image, and the number of periods subtracted."""
     if not any(layout.periodic):

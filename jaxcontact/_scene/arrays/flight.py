@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .arrays import Layout, Numbers
+from .arrays import Numbers, SceneLayout
 from .rows import rows_of
 
 Lane = Float[Array, "..."]
@@ -24,15 +24,15 @@ class Flying(NamedTuple):
     time: Lane
 
 
-def where_each(counts: Bool[Array, " M"], one: Flying, other: Flying) -> Flying:
-    """Return `one` for each body that `counts`, else `other`."""
+def where_each(counts: Bool[Array, " M"], first: Flying, second: Flying) -> Flying:
+    """Return `first` for each body that `counts`, else `second`."""
     return jax.tree.map(
-        lambda a, b: jnp.where(counts.reshape(-1, *(1,) * (a.ndim - 1)), a, b), one, other
+        lambda a, b: jnp.where(counts.reshape(-1, *(1,) * (a.ndim - 1)), a, b), first, second
     )
 
 
 def accelerations(
-    layout: Layout, numbers: Numbers, who: Int[Array, " M"], support: Int[Array, " M"]
+    layout: SceneLayout, numbers: Numbers, who: Int[Array, " M"], support: Int[Array, " M"]
 ) -> Float[Array, "M D"]:
     """Return gravity of the free spheres, less the normal part for those that rest on walls."""
     if not layout.gravity:
@@ -44,7 +44,7 @@ def accelerations(
 
 
 def at_once(
-    layout: Layout,
+    layout: SceneLayout,
     numbers: Numbers,
     who: Int[Array, " M"],
     flying: Flying,

@@ -12,14 +12,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Bool
+from jaxtyping import Array
 
 from ..._impact import restitution
 from ..._parameter import POSITIVE, Specialised, is_valid, sanitised
 from ..bodies.bodies import AbstractBody, Shell, Sphere
 from ..bodies.motion import Along, still
 from ..bodies.scene import Scene
-from .arrays import Layout, Numbers
+from ..scalars import Flag
+from .arrays import Numbers, SceneLayout
 from .movers import Movers
 
 
@@ -38,7 +39,7 @@ class Alike(eqx.Module):
         return jax.tree.map(lambda x: jnp.asarray(x)[None], of(self.body))
 
 
-class Parts(eqx.Module):
+class SceneInputs(eqx.Module):
     """The inputs of a scene's numbers, with leaves of one precision."""
 
     bodies: tuple[Alike, ...]
@@ -55,14 +56,14 @@ class Parts(eqx.Module):
         return next(x.dtype for x in jax.tree.leaves(self.bodies) if eqx.is_inexact_array(x))
 
 
-def given_in(scene: Scene) -> Parts:
+def inputs_of(scene: Scene) -> SceneInputs:
     """Return the stacked bodies of a scene and its other inputs."""
     dtype = _precision(scene)
     alike: dict[Any, list[int]] = {}
     for k, body in enumerate(scene.bodies):
         moves = getattr(body, "motion", None) is not None
         alike.setdefault(k if moves else jax.tree.structure(body), []).append(k)
-    given = Parts(
+    inputs = SceneInputs(
         bodies=tuple(
             Alike(_together(scene.bodies, which), tuple(which)) for which in alike.values()
         ),
@@ -74,38 +75,38 @@ def given_in(scene: Scene) -> Parts:
         start=scene._start,
     )
 
-    def converted(leaf: Any) -> Any:
+    def convert(leaf: Any) -> Any:
         if isinstance(leaf, float) or eqx.is_inexact_array(leaf):
             return leaf.astype(dtype) if isinstance(leaf, Tracer) else np.asarray(leaf, dtype)
         return leaf
 
-    return jax.tree.map(converted, given)
+    return jax.tree.map(convert, inputs)
 
 
 def _together(bodies: Sequence[AbstractBody], which: Sequence[int]) -> AbstractBody:
     if len(which) == 1:
         return bodies[which[0]]
 
-    def stacked(*values: Any) -> Any:
+    def stack(*values: Any) -> Any:
         # NumPy stacks thousands of bodies at almost no cost, unless something is traced.
         if any(isinstance(value, Tracer) for value in values):
             return jnp.stack(values)
         return np.stack([np.asarray(value) for value in values])
 
-    return jax.tree.map(stacked, *(bodies[k] for k in which))
+    return jax.tree.map(stack, *(bodies[k] for k in which))
 
 
-def gathered(
-    given: Parts, layout: Layout, contacts: bool, soft: bool
-) -> tuple[Numbers, Bool[Array, ""]]:
+def scene_numbers(
+    parts: SceneInputs, layout: SceneLayout, contacts: bool, soft: bool
+) -> tuple[Numbers, Flag]:
     """Return the numbers of a scene, and whether they are valid.
 
     Invalid law parameters are replaced by valid ones. `contacts`: whether every pair needs a
     stiffness. `soft`: whether impacts take time, so that restitutions are not needed. Raises
     ValueError if a stiffness is needed and none is known.
     """
-    dtype, dimensions, count = given.dtype, layout.dimensions, layout.spheres
-    curved = [alike for alike in given.bodies if isinstance(alike.body, Sphere | Shell)]
+    dtype, dimensions, count = parts.dtype, layout.dimensions, layout.spheres
+    curved = [alike for alike in parts.bodies if isinstance(alike.body, Sphere | Shell)]
 
     def of_spheres(of: Callable[[Any], Any]) -> Any:
         return _in_order(curved, layout.body[:count], [alike.each(of) for alike in curved])
@@ -124,19 +125,19 @@ def gathered(
     position, velocity, radius, mass = of_spheres(numbers_in)
     free = np.concatenate([~np.array(layout.fixed), np.zeros(layout.walls, bool)])
     heavy = jnp.concatenate([mass, jnp.ones(layout.walls, dtype)])
-    normal, offset, moving = _walls_in(given, layout)
+    normal, offset, moving = _walls_in(parts, layout)
     shaken = {layout.body[k] for k in layout.shaken}
     shaking = [
         _along(cast(Sphere, alike.body), dimensions) for alike in curved if alike.which[0] in shaken
     ]
-    valid, laws = _sound_laws(given.laws, dtype)
+    valid, laws = _sound_laws(parts.laws, dtype)
     constant = [
         jnp.asarray(restitution(law), dtype) if alike and not soft else jnp.zeros((), dtype)
         for law, alike in zip(laws, layout.constant, strict=True)
     ]
-    gravity = jnp.zeros(dimensions, dtype) if given.gravity is None else jnp.asarray(given.gravity)
+    gravity = jnp.zeros(dimensions, dtype) if parts.gravity is None else jnp.asarray(parts.gravity)
     held = jnp.sum(gravity[None] * normal, axis=-1, keepdims=True)
-    period = _row([np.ones(()) if p is None else p for p in given.periodic], dtype)
+    period = _row([np.ones(()) if p is None else p for p in parts.periodic], dtype)
     numbers = Numbers(
         position=position,
         velocity=velocity,
@@ -151,10 +152,10 @@ def gathered(
         period=period,
         restitution=jnp.stack(constant),
         laws=laws,
-        stiffness=None if given.stiffness is None else _row(given.stiffness, dtype),
-        compliance=_compliance(given, layout, contacts),
-        exponent=given.exponent,
-        start=given.start,
+        stiffness=None if parts.stiffness is None else _row(parts.stiffness, dtype),
+        compliance=_compliance(parts, layout, contacts),
+        exponent=parts.exponent,
+        start=parts.start,
     )
     finite = [position, velocity, radius, mass, gravity, period, normal, offset]
     rising = [mass, radius[: layout.visible], -radius[layout.visible :]]
@@ -167,7 +168,7 @@ def gathered(
         valid = valid & jnp.all(POSITIVE.holds(numbers.stiffness))
     if numbers.compliance is not None:
         valid = valid & jnp.all(numbers.compliance >= 0)
-    for k, length in enumerate(given.periodic):
+    for k, length in enumerate(parts.periodic):
         if length is not None:
             valid = valid & (period[k] > 4 * jnp.max(radius))
     return numbers, valid
@@ -179,51 +180,51 @@ def _flat(arrays: Sequence[Array]) -> Array:
 
 def _in_order(groups: Sequence[Alike], order: Sequence[int], parts: Sequence[Any]) -> Any:
     """Return the rows of groups of bodies in the `order` of the scene's bodies."""
-    known = {k: row for row, k in enumerate(k for alike in groups for k in alike.which)}
-    rows = np.array([known[k] for k in order], int)
-    plain = np.array_equal(rows, np.arange(len(known)))
+    row_of = {k: row for row, k in enumerate(k for alike in groups for k in alike.which)}
+    rows = np.array([row_of[k] for k in order], int)
+    plain = np.array_equal(rows, np.arange(len(row_of)))
 
-    def joined(*columns: Array) -> Array:
-        whole = jnp.concatenate(columns)
-        return whole if plain else whole[rows]
+    def join(*columns: Array) -> Array:
+        rows_by_kind = jnp.concatenate(columns)
+        return rows_by_kind if plain else rows_by_kind[rows]
 
-    return jax.tree.map(joined, *parts)
+    return jax.tree.map(join, *parts)
 
 
-def _walls_in(given: Parts, layout: Layout) -> tuple[Array, Array, list[Along | None]]:
+def _walls_in(inputs: SceneInputs, layout: SceneLayout) -> tuple[Array, Array, list[Along | None]]:
     """Return the normals and offsets of all walls, and their motions."""
     rows: dict[tuple[int, int], tuple[Array, Array, Along | None]] = {}
-    for alike in given.bodies:
-        known: list[tuple[int, Along | None]] = []
+    for alike in inputs.bodies:
+        faces: list[tuple[int, Along | None]] = []
 
-        def flat(body: AbstractBody, known: list = known) -> list[tuple[Array, Array]]:
+        def flat(body: AbstractBody, faces: list = faces) -> list[tuple[Array, Array]]:
             walls = body.walls()
-            known[:] = [(wall.face, wall.motion) for wall in walls]
+            faces[:] = [(wall.face, wall.motion) for wall in walls]
             return [(wall.normal, wall.offset) for wall in walls]
 
         walls = alike.each(flat)
         for place, k in enumerate(alike.which):
-            for (face, motion), (normal, offset) in zip(known, walls, strict=True):
+            for (face, motion), (normal, offset) in zip(faces, walls, strict=True):
                 rows[k, face] = normal[place], offset[place], motion
     # Under a trace a box cannot see which of its sides are open; the layout can.
     names = zip(layout.body[layout.spheres :], layout.face[layout.spheres :], strict=True)
-    found = [rows[name] for name in names]
-    if not found:
-        none = jnp.zeros((0,), given.dtype)
+    planes = [rows[name] for name in names]
+    if not planes:
+        none = jnp.zeros((0,), inputs.dtype)
         return none.reshape(0, layout.dimensions), none, []
-    normals, offsets, moving = zip(*found, strict=True)
-    return _row(normals, given.dtype), _row(offsets, given.dtype), list(moving)
+    normals, offsets, moving = zip(*planes, strict=True)
+    return _row(normals, inputs.dtype), _row(offsets, inputs.dtype), list(moving)
 
 
 def _velocity(body: Sphere | Shell) -> Any:
     # The velocity of an accelerated body depends on time and is computed later.
     if body.motion is not None and not body.motion.vibrates:
         return body.motion.along(None).speed
-    own = body.velocity if isinstance(body, Sphere) else None
-    return jnp.zeros_like(body.place) if own is None else own
+    velocity = body.velocity if isinstance(body, Sphere) else None
+    return jnp.zeros_like(body.place) if velocity is None else velocity
 
 
-def replaced(numbers: Numbers, valid: Bool[Array, ""]) -> Numbers:
+def ones_unless(numbers: Numbers, valid: Flag) -> Numbers:
     """Return the numbers, all replaced by 1 if the scene is not valid."""
     return jax.tree.map(lambda x: jnp.where(valid, x, jnp.ones_like(x)), numbers)
 
@@ -239,7 +240,7 @@ def _row(values: Sequence[Any], dtype: Any) -> Array:
     return jnp.stack([jnp.asarray(value, dtype) for value in values])
 
 
-def _sound_laws(laws: Sequence[Any], dtype: Any) -> tuple[Bool[Array, ""], tuple[Any, ...]]:
+def _sound_laws(laws: Sequence[Any], dtype: Any) -> tuple[Flag, tuple[Any, ...]]:
     valid = jnp.asarray(True)
     for law in laws:
         valid = valid & is_valid(law)
@@ -259,24 +260,19 @@ def _along(body: Sphere | Shell, dimensions: int) -> Along:
     return motion._replace(speed=speed, amplitude=amplitude)
 
 
-def _movers(given: Sequence[Along | None], dtype: Any) -> Movers | None:
-    if all(motion is None for motion in given):
+def _movers(along: Sequence[Along | None], dtype: Any) -> Movers | None:
+    if all(motion is None for motion in along):
         return None
-    motions = [still() if motion is None else motion for motion in given]
-    own = tuple(motion.own for motion in motions)
-    return Movers(
-        speed=_row([motion.speed for motion in motions], dtype),
-        amplitude=_row([motion.amplitude for motion in motions], dtype),
-        rate=_row([motion.rate for motion in motions], dtype),
-        phase=_row([motion.phase for motion in motions], dtype),
-        own=jax.tree.map(lambda x: x.astype(dtype) if eqx.is_inexact_array(x) else x, own),
-    )
+    motions = [still() if motion is None else motion for motion in along]
+    *columns, users = zip(*motions, strict=True)
+    users = jax.tree.map(lambda x: x.astype(dtype) if eqx.is_inexact_array(x) else x, users)
+    return Movers(*(_row(column, dtype) for column in columns), own=users)
 
 
-def _compliance(given: Parts, layout: Layout, needed: bool) -> Array | None:
-    if given.stiffness is not None:
+def _compliance(inputs: SceneInputs, layout: SceneLayout, needed: bool) -> Array | None:
+    if inputs.stiffness is not None:
         return None
-    for alike in given.bodies:
+    for alike in inputs.bodies:
         if isinstance(alike.body, Sphere) and alike.body.material is None:
             if needed:
                 raise ValueError(
@@ -286,6 +282,6 @@ def _compliance(given: Parts, layout: Layout, needed: bool) -> Array | None:
             return None
 
     def of(body: AbstractBody) -> Any:
-        return jnp.zeros((), given.dtype) if body.material is None else body.material.compliance
+        return jnp.zeros((), inputs.dtype) if body.material is None else body.material.compliance
 
-    return _in_order(given.bodies, layout.body, [alike.each(of) for alike in given.bodies])
+    return _in_order(inputs.bodies, layout.body, [alike.each(of) for alike in inputs.bodies])

@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..bodies.motion import Own
+from ..bodies.motion import UserMotion
+from ..scalars import Number
 
 Lane = Float[Array, "..."]
 
@@ -32,7 +33,7 @@ class Movers(eqx.Module):
     amplitude: Float[Array, "..."]
     rate: Float[Array, "..."]
     phase: Float[Array, "..."]
-    own: tuple[Own | None, ...]
+    own: tuple[UserMotion | None, ...]
 
     def in_rows(self) -> Movers:
         """Return the motions with a leading axis for the bodies that meet them."""
@@ -51,9 +52,9 @@ class Movers(eqx.Module):
         """Return the lengths of vectors, or the magnitudes of numbers."""
         return jnp.sqrt(jnp.sum(jnp.square(lane), axis=-1)) if self._in_space else jnp.abs(lane)
 
-    def _with_own(self, lane: Lane, time: Lane, of: Callable[[Own, Array], Array]) -> Lane:
+    def _with_own(self, lane: Lane, time: Lane, of: Callable[[UserMotion, Array], Array]) -> Lane:
         """Return a quantity with the contribution of the users' functions added."""
-        if all(own is None for own in self.own):
+        if all(user is None for user in self.own):
             return lane
         shape = jnp.broadcast_shapes(jnp.shape(time), self.rate.shape)
         times = jnp.broadcast_to(time, shape)
@@ -62,9 +63,9 @@ class Movers(eqx.Module):
         signature = "()->(d)" if self._in_space else "()->()"
         columns = [
             none
-            if own is None
-            else jnp.vectorize(lambda t, own=own: of(own, t), signature=signature)(times[..., w])
-            for w, own in enumerate(self.own)
+            if user is None
+            else jnp.vectorize(lambda t, user=user: of(user, t), signature=signature)(times[..., w])
+            for w, user in enumerate(self.own)
         ]
         return lane + jnp.stack(columns, axis=len(shape) - 1).astype(lane.dtype)
 
@@ -76,18 +77,18 @@ class Movers(eqx.Module):
     def velocity(self, time: Lane) -> Lane:
         """Return the velocity in m/s."""
         turned = self._per_axis(self.rate * jnp.cos(self.rate * time + self.phase))
-        return self._with_own(self.speed + self.amplitude * turned, time, Own.velocity)
+        return self._with_own(self.speed + self.amplitude * turned, time, UserMotion.velocity)
 
     def acceleration(self, time: Lane) -> Lane:
         """Return the acceleration in m/s²."""
         turned = self._per_axis(jnp.square(self.rate) * jnp.sin(self.rate * time + self.phase))
-        return self._with_own(-self.amplitude * turned, time, Own.acceleration)
+        return self._with_own(-self.amplitude * turned, time, UserMotion.acceleration)
 
     def _swung(self, now: Lane, time: Lane) -> Lane:
         phase = self.rate * now + self.phase
         swing = jnp.sin(self.rate * time + phase) - jnp.sin(phase)
         high = self.amplitude * self._per_axis(swing)
-        return self._with_own(high, now + time, lambda own, t: own.place(t) - own.place(now))
+        return self._with_own(high, now + time, lambda user, t: user.place(t) - user.place(now))
 
     def swing(self, now: Lane, time: Lane) -> tuple[Lane, Lane]:
         """Return the unsteady part: displacement from `now` to `time` later, and its rate."""
@@ -106,7 +107,7 @@ class Movers(eqx.Module):
 
     def _where_own(self, value: Any) -> Lane:
         """Return `value` for bodies that move by a user's function, and 0 for the others."""
-        rows = [0.0 if own is None else value for own in self.own]
+        rows = [0.0 if user is None else value for user in self.own]
         column = jnp.stack([jnp.asarray(x, self.rate.dtype) for x in rows])
         return column.reshape(self.rate.shape)
 
@@ -114,7 +115,7 @@ class Movers(eqx.Module):
     def bounds(self) -> Lane:
         """The acceleration bounds of the users' functions; 0 for other bodies."""
         zero = jnp.zeros((), self.rate.dtype)
-        column = jnp.stack([zero if own is None else own.bound for own in self.own])
+        column = jnp.stack([zero if user is None else user.bound for user in self.own])
         return column.reshape(self.rate.shape)
 
     def fastest(self, now: Lane, lasting: Lane) -> Lane:
@@ -123,21 +124,21 @@ class Movers(eqx.Module):
         if all(own is None for own in self.own):
             return fixed
         none = jnp.zeros_like(self.amplitude)
-        own = self._size(self._with_own(none, now, Own.velocity))
-        return own + (fixed + self.bounds * lasting)
+        user = self._size(self._with_own(none, now, UserMotion.velocity))
+        return user + (fixed + self.bounds * lasting)
 
     @property
     def strongest(self) -> Lane:
         """A bound on the acceleration, in m/s²."""
         fixed = self._size(self.amplitude) * jnp.square(self.rate)
-        return fixed if all(own is None for own in self.own) else fixed + self.bounds
+        return fixed if all(user is None for user in self.own) else fixed + self.bounds
 
     @property
     def accelerated(self) -> Lane:
         """A mask of the accelerated bodies."""
         return (self.rate > 0) | (self._where_own(1.0) > 0)
 
-    def kept_until(self, end: Float[Array, ""]) -> Float[Array, ""]:
+    def kept_until(self, end: Number) -> Number:
         """Return the first time up to `end` at which a user's function exceeds its bound. The time
         is infinite if there is none. Both the acceleration and its effect on speed and place over
         an interval are checked.
@@ -146,18 +147,18 @@ class Movers(eqx.Module):
         step = end / CHECKED
         finest = _ROUNDINGS * jnp.finfo(end.dtype).eps
         kept = jnp.full_like(end, jnp.inf)
-        for own in self.own:
-            if own is None:
+        for user in self.own:
+            if user is None:
                 continue
             place, velocity, acceleration = (
-                jax.vmap(of)(times) for of in (own.place, own.velocity, own.acceleration)
+                jax.vmap(of)(times) for of in (user.place, user.velocity, user.acceleration)
             )
             speed = jnp.max(self._size(velocity))
             high = jnp.max(self._size(place)) + speed * end
-            gained = self._size(jnp.diff(velocity, axis=0)) - own.bound * step
+            gained = self._size(jnp.diff(velocity, axis=0)) - user.bound * step
             moved = self._size(jnp.diff(place, axis=0) - velocity[:-1] * step)
-            moved = moved - own.bound * step**2 / 2
-            wrong = ~(self._size(acceleration) <= own.bound * (1 + finest))
+            moved = moved - user.bound * step**2 / 2
+            wrong = ~(self._size(acceleration) <= user.bound * (1 + finest))
             between = (gained > finest * speed) | (moved > finest * high)
             wrong = wrong | jnp.concatenate([between, jnp.zeros(1, bool)])
             kept = jnp.minimum(kept, jnp.min(jnp.where(wrong, times, jnp.inf)))

@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
+from ..scalars import Index
+
 Tree = TypeVar("Tree")
 _Mode = jax.lax.GatherScatterMode
 
@@ -24,14 +26,14 @@ def rows_of(arrays: Tree, who: Array | np.ndarray) -> Tree:
         )
     place = _indices(who)
 
-    def some(all: Array) -> Array:
+    def take(all: Array) -> Array:
         inner = tuple(range(who.ndim, who.ndim + all.ndim - 1))
         numbers = jax.lax.GatherDimensionNumbers(inner, (0,), (0,))
         return jax.lax.gather(
             all, place, numbers, (1, *all.shape[1:]), mode=_Mode.PROMISE_IN_BOUNDS
         )
 
-    return jax.tree.map(some, arrays)
+    return jax.tree.map(take, arrays)
 
 
 def with_rows(arrays: Tree, who: Int[Array, " M"], rows: Any) -> Tree:
@@ -40,9 +42,9 @@ def with_rows(arrays: Tree, who: Int[Array, " M"], rows: Any) -> Tree:
     """
     place = _indices(who)
 
-    def put(all: Array, some: Array) -> Array:
+    def put(all: Array, new_rows: Array) -> Array:
         numbers = jax.lax.ScatterDimensionNumbers(tuple(range(1, all.ndim)), (0,), (0,))
-        new = some.astype(all.dtype)
+        new = new_rows.astype(all.dtype)
         return jax.lax.scatter(
             all, place, new, numbers, unique_indices=True, mode=_Mode.FILL_OR_DROP
         )
@@ -55,12 +57,12 @@ def _indices(who: Array | np.ndarray) -> Array:
     return jnp.asarray(who, np.int32)[..., None]
 
 
-def with_row(arrays: Tree, which: Int[Array, ""], row: Any) -> Tree:
+def with_row(arrays: Tree, which: Index, row: Any) -> Tree:
     """Return the arrays with one existing row replaced."""
 
-    def put(all: Array, one: Array) -> Array:
+    def put(all: Array, new_row: Array) -> Array:
         start = (which, *(0,) * (all.ndim - 1))
-        one = one.astype(all.dtype)[None]
-        return jax.lax.dynamic_update_slice(all, one, start, allow_negative_indices=False)
+        new_row = new_row.astype(all.dtype)[None]
+        return jax.lax.dynamic_update_slice(all, new_row, start, allow_negative_indices=False)
 
     return jax.tree.map(put, arrays, row)

@@ -5,16 +5,14 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from ..._contact import Contact
 from ..._elementary import contraction
 from ..._laws import AbstractLaw
+from ..scalars import Number
 
-Lane = Float[Array, ""]
 
-
-def stored_in(law: AbstractLaw, contact: Contact, depth: Lane, speed: Lane) -> Lane:
+def stored_energy(law: AbstractLaw, contact: Contact, depth: Number, speed: Number) -> Number:
     """Return ∫ F(δ, 0) dδ from 0 to `depth` in J; `speed` is the v0 of the law. The energy of an
     open contact is 0. Gauss's rule is applied in u = √(δ/depth), in which forces with powers of δ^½
     are polynomials.
@@ -23,8 +21,8 @@ def stored_in(law: AbstractLaw, contact: Contact, depth: Lane, speed: Lane) -> L
     depth = jnp.maximum(depth, 0)
     still = jnp.zeros_like(depth)
 
-    def one(node: Lane) -> Lane:
+    def integrand(node: Number) -> Number:
         return node * law.force(depth * jnp.square(node), still, contact, speed)
 
-    forces = jax.vmap(one)(jnp.asarray((1 + nodes) / 2, depth.dtype))
+    forces = jax.vmap(integrand)(jnp.asarray((1 + nodes) / 2, depth.dtype))
     return depth * contraction(jnp.asarray(weights, depth.dtype), forces)

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from ..._contact import Material
 from ..._parameter import POSITIVE, refuses_unknown, rendered, require_flag, require_kind
+from ..scalars import Number
 from .entry import one_number, vector
-from .motion import AbstractMotion, Along, begun, checked, in_space, later, placed, untraced
+from .motion import AbstractMotion, Along, as_numpy, in_space, later, origin, require_motion, shifts
 
 
 class Wall(NamedTuple):
@@ -40,7 +41,7 @@ class Wall(NamedTuple):
         speed, amplitude, rate, phase = (float(number) for number in self.motion[:4])
         offset += speed * time + amplitude * (np.sin(rate * time + phase) - np.sin(phase))
         if self.motion.own is not None:
-            places = np.asarray(placed(self.motion.own, np.concatenate([[0.0], time])))
+            places = np.asarray(shifts(self.motion.own, np.concatenate([[0.0], time])))
             offset += places[1:] - places[0]
         return offset
 
@@ -96,8 +97,8 @@ class Sphere(AbstractBody):
     known.
     """
 
-    radius: Float[Array, ""]
-    mass: Float[Array, ""] | None
+    radius: Number
+    mass: Number | None
     position: Float[Array, " D"]
     velocity: Float[Array, " D"] | None
     material: Material | None
@@ -119,8 +120,7 @@ class Sphere(AbstractBody):
         fixed: bool = False,
         motion: AbstractMotion | None = None,
     ):
-        self.name = _name(name)
-        self.material = _material(material)
+        self.name, self.material = _name(name), _material(material)
         self.fixed = require_flag("fixed", fixed)
         self.radius = one_number(radius, "radius", POSITIVE)
         if position is None:
@@ -138,11 +138,11 @@ class Sphere(AbstractBody):
                 f"it is hit, but is {rendered(motion)}."
             )
         if self.fixed:
-            for other, given in (("mass", mass), ("velocity", velocity)):
-                if given is not None:
+            for other, value in (("mass", mass), ("velocity", velocity)):
+                if value is not None:
                     raise ValueError(
                         f"Argument `{other}` must be None for a sphere with `fixed=True`, whose "
-                        f"mass is infinite and which does not move, but is {rendered(given)}."
+                        f"mass is infinite and which does not move, but is {rendered(value)}."
                     )
         elif mass is None and (material is None or material.density is None):
             raise ValueError(
@@ -153,7 +153,7 @@ class Sphere(AbstractBody):
     @property
     def place(self) -> Array:
         """The centre at time zero."""
-        return begun(self.position, self.motion)
+        return origin(self.position, self.motion)
 
     def moved_to(self, position: Array, velocity: Array) -> Sphere:
         """Return the same sphere at another place, with another velocity unless it is fixed."""
@@ -166,7 +166,7 @@ class Sphere(AbstractBody):
             is_leaf=lambda leaf: leaf is None,
         )
 
-    def inertia(self) -> Float[Array, ""] | None:
+    def inertia(self) -> Number | None:
         """Return the mass in kg; None for a fixed sphere."""
         if self.fixed:
             return None
@@ -205,19 +205,18 @@ class Plane(AbstractBody):
         *,
         motion: AbstractMotion | None = None,
     ):
-        self.name = _name(name)
-        self.material = _material(material)
+        self.name, self.material = _name(name), _material(material)
         self.point = vector(point, "point")
         self.normal = vector(normal, "normal")
         _require_as_many("normal", normal, self.normal, "point", self.point)
         if not isinstance(self.normal, Tracer) and not np.any(np.asarray(self.normal)):
             raise ValueError(f"Argument `normal` must not be zero, but is {rendered(normal)}.")
-        self.motion = checked(motion, self.dimensions)
+        self.motion = require_motion(motion, self.dimensions)
 
     def walls(self) -> list[Wall]:
-        normal, point = untraced(self.normal), untraced(self.point)
-        known = isinstance(normal, np.ndarray)
-        unit = normal / (np if known else jnp).linalg.norm(normal)
+        normal, point = as_numpy(self.normal), as_numpy(self.point)
+        concrete = isinstance(normal, np.ndarray)
+        unit = normal / (np if concrete else jnp).linalg.norm(normal)
         return [_wall(-1, unit, (unit * point).sum(), self.motion)]
 
 
@@ -250,13 +249,12 @@ class Box(AbstractBody):
         *,
         motion: AbstractMotion | None = None,
     ):
-        self.name = _name(name)
-        self.material = _material(material)
+        self.name, self.material = _name(name), _material(material)
         self.low = vector(low, "low", finite=False)
         self.high = vector(high, "high", finite=False)
         _require_as_many("high", high, self.high, "low", self.low)
-        known = not isinstance(self.low, Tracer) and not isinstance(self.high, Tracer)
-        if known and not np.all(np.asarray(self.low) < np.asarray(self.high)):
+        concrete = not isinstance(self.low, Tracer) and not isinstance(self.high, Tracer)
+        if concrete and not np.all(np.asarray(self.low) < np.asarray(self.high)):
             raise ValueError(
                 f"Argument `high` must be above `low` = {rendered(low)}, but is {rendered(high)}."
             )
@@ -265,7 +263,7 @@ class Box(AbstractBody):
     def walls(self) -> list[Wall]:
         made = []
         for axis in range(self.dimensions):
-            for side, ends in enumerate((untraced(self.low), untraced(self.high))):
+            for side, ends in enumerate((as_numpy(self.low), as_numpy(self.high))):
                 if isinstance(ends, np.ndarray) and np.isinf(ends[axis]):
                     continue
                 at = ends[axis]
@@ -289,7 +287,7 @@ class Shell(AbstractBody):
     """
 
     centre: Float[Array, " D"]
-    radius: Float[Array, ""]
+    radius: Number
     material: Material | None
     motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
@@ -305,8 +303,7 @@ class Shell(AbstractBody):
         *,
         motion: AbstractMotion | None = None,
     ):
-        self.name = _name(name)
-        self.material = _material(material)
+        self.name, self.material = _name(name), _material(material)
         self.centre = vector(centre, "centre")
         self.radius = one_number(radius, "radius", POSITIVE)
         self.motion = in_space(motion, self.dimensions, "shell")
@@ -314,13 +311,13 @@ class Shell(AbstractBody):
     @property
     def place(self) -> Array:
         """The centre at time zero."""
-        return begun(self.centre, self.motion)
+        return origin(self.centre, self.motion)
 
     def centre_at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the centre (T, D) in m at given times in s; needs concrete numbers."""
         if self.motion is None:
             return np.broadcast_to(np.asarray(self.centre, float), (*time.shape, self.dimensions))
-        places = jax.vmap(lambda t: begun(*later(self.centre, self.motion, t)))
+        places = jax.vmap(lambda t: origin(*later(self.centre, self.motion, t)))
         return np.asarray(places(jnp.asarray(time)), float)
 
 
@@ -331,11 +328,11 @@ def words(bodies: Sequence[AbstractBody], k: int) -> str:
     return f"{type(body).__name__}{name} (number {k})"
 
 
-def _require_as_many(name: str, given: Any, found: Array, other: str, known: Array) -> None:
-    if found.shape != known.shape:
+def _require_as_many(name: str, value: Any, numbers: Array, other: str, like: Array) -> None:
+    if numbers.shape != like.shape:
         raise ValueError(
             f"Argument `{name}` must have as many numbers as `{other}`, which has "
-            f"{known.shape[0]}, but is {rendered(given)}."
+            f"{like.shape[0]}, but is {rendered(value)}."
         )
 
 

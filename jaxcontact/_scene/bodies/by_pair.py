@@ -52,33 +52,19 @@ def pair_table(
         return PairTable((value,), tuple((0,) * count for _ in range(count)))
     if not given:
         raise ValueError(f"Argument `{argument}` must have an entry, but is {rendered(given)}.")
-    values, default = [], -1
-    found = [[-1] * count for _ in range(count)]
-    for key, entry in given.items():
+    values = [check(argument, entry) for entry in given.values()]
+    default, rows = -1, [[-1] * count for _ in range(count)]
+    for place, key in enumerate(given):
         if isinstance(key, str) and key == DEFAULT:
-            default = len(values)
-            values.append(check(argument, entry))
+            default = place
             continue
-        if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(k, str) for k in key)):
-            raise ValueError(
-                f"Argument `{argument}` must have pairs of names, such as ('ball', 'table'), or "
-                f"'default' as its keys, but has {rendered(key)}."
-            )
-        for name in key:
-            if name not in kinds:
-                known = ", ".join(repr(kind) for kind in kinds if kind is not None) or "none"
-                raise ValueError(
-                    f"Argument `{argument}` must name bodies of the scene ({known}), but names "
-                    f"{name!r}."
-                )
-        a, b = (kinds.index(name) for name in key)
-        if found[a][b] >= 0:
+        a, b = _kinds_named(argument, key, kinds)
+        if rows[a][b] >= 0:
             raise ValueError(
                 f"Argument `{argument}` must name a pair once, but names {key} in both orders."
             )
-        found[a][b] = found[b][a] = len(values)
-        values.append(check(argument, entry))
-    table = tuple(tuple(default if k < 0 else k for k in row) for row in found)
+        rows[a][b] = rows[b][a] = place
+    table = tuple(tuple(default if k < 0 else k for k in row) for row in rows)
     for a, b in meeting:
         if table[a][b] < 0:
             first, second = (
@@ -89,3 +75,20 @@ def pair_table(
                 f"meet, or a 'default', but is {rendered(given)}."
             )
     return PairTable(tuple(values), table)
+
+
+def _kinds_named(argument: str, key: Any, kinds: Sequence[str | None]) -> tuple[int, int]:
+    """Return the kinds of a pair of names; raises ValueError for anything else."""
+    if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(k, str) for k in key)):
+        raise ValueError(
+            f"Argument `{argument}` must have pairs of names, such as ('ball', 'table'), or "
+            f"'default' as its keys, but has {rendered(key)}."
+        )
+    for name in key:
+        if name not in kinds:
+            listed = ", ".join(repr(kind) for kind in kinds if kind is not None) or "none"
+            raise ValueError(
+                f"Argument `{argument}` must name bodies of the scene ({listed}), but names "
+                f"{name!r}."
+            )
+    return kinds.index(key[0]), kinds.index(key[1])

@@ -33,16 +33,16 @@ def vector(value: Any, name: str, *, finite: bool = True) -> Array:
     must be finite, or only not NaN if `finite` is False.
     """
     # NumPy cannot read a list of traced numbers.
-    if isinstance(value, list | tuple) and any(isinstance(one, jax.Array) for one in value):
-        parts = [as_parameter(one, name) for one in value]
+    if isinstance(value, list | tuple) and any(isinstance(part, jax.Array) for part in value):
+        parts = [as_parameter(part, name) for part in value]
         if any(part.shape != () for part in parts):
             raise ValueError(
                 f"Argument `{name}` must be one to three numbers, but is {rendered(value)}."
             )
         numbers = _stacked(*parts)
     else:
-        given: Any = value
-        numbers = as_parameter(given, name)
+        entry: Any = value
+        numbers = as_parameter(entry, name)
     if numbers.ndim != 1 or not 1 <= numbers.shape[0] <= 3:
         raise ValueError(
             f"Argument `{name}` must be one to three numbers, but is {rendered(value)}."

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact
 from ..._laws import AbstractLaw, force_of
+from ..scalars import Index
 
 
 class MixedLaw(AbstractLaw):
@@ -41,9 +42,7 @@ class MixedLaw(AbstractLaw):
         return first
 
 
-def one_of_each(
-    laws: Sequence[AbstractLaw], which: Int[Array, ""]
-) -> tuple[list[AbstractLaw], Int[Array, ""]]:
+def one_of_each(laws: Sequence[AbstractLaw], which: Index) -> tuple[list[AbstractLaw], Index]:
     """Return a law of every kind, and the kind of law number `which`. The entry of that kind is the
     law itself. The other entries are arbitrary laws of their kinds, with valid numbers.
     """

@@ -16,10 +16,11 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..._parameter import POSITIVE, REAL, is_plain, rendered, require_kind
 from ..._program import quick
+from ..scalars import Number
 from .entry import one_number, vector
 
 
-class Own(eqx.Module):
+class UserMotion(eqx.Module):
     """A user's displacement function in units of `length` m and `tick` s.
 
     It is d(began + tick t)/length, or n·d/length along the `normal` of a wall. `bound` limits |d''|
@@ -54,13 +55,13 @@ class Own(eqx.Module):
         along = self.acceleration(time)
         return along if self.normal is None else along * self.normal
 
-    def later(self, time: Array) -> Own:
+    def later(self, time: Array) -> UserMotion:
         """Return the motion with a later time zero."""
-        return eqx.tree_at(lambda own: own.began, self, self.began + self.tick * time)
+        return eqx.tree_at(lambda motion: motion.began, self, self.began + self.tick * time)
 
-    def scaled(self, length: Array, tick: Array) -> Own:
+    def scaled(self, length: Array, tick: Array) -> UserMotion:
         """Return the motion in other units; it must be in m and s."""
-        return eqx.tree_at(lambda own: (own.length, own.tick), self, (length, tick))
+        return eqx.tree_at(lambda motion: (motion.length, motion.tick), self, (length, tick))
 
 
 class Along(NamedTuple):
@@ -73,14 +74,14 @@ class Along(NamedTuple):
     amplitude: Any
     rate: Any
     phase: Any
-    own: Own | None = None
+    own: UserMotion | None = None
 
 
-placed = quick(jax.vmap(Own.place, in_axes=(None, 0)))
+shifts = quick(jax.vmap(UserMotion.place, in_axes=(None, 0)))
 """Displacements of a user's function at several times, as one program."""
 
 
-def untraced(numbers: Array) -> Any:
+def as_numpy(numbers: Array) -> Any:
     """Return concrete numbers as NumPy arrays, which need no compilation, and others unchanged."""
     return numbers if isinstance(numbers, Tracer) else np.asarray(numbers)
 
@@ -144,7 +145,7 @@ class Steady(AbstractMotion):
         return np.zeros(() if normal is not None else self.velocity.shape, self.velocity.dtype)
 
     def along(self, normal: Array | None) -> Along:
-        speed = untraced(self.velocity)
+        speed = as_numpy(self.velocity)
         return still()._replace(speed=speed if normal is None else (normal * speed).sum())
 
     def after(self, time: Array) -> tuple[Array, Steady]:
@@ -163,9 +164,9 @@ class Vibration(AbstractMotion):
     ValueError for values out of range or not finite.
     """
 
-    amplitude: Float[Array, " D"] | Float[Array, ""]
-    frequency: Float[Array, ""]
-    phase: Float[Array, ""]
+    amplitude: Float[Array, " D"] | Number
+    frequency: Number
+    phase: Number
 
     def __init__(
         self,
@@ -193,7 +194,7 @@ class Vibration(AbstractMotion):
         return motion.amplitude * sine(motion.phase)
 
     def along(self, normal: Array | None) -> Along:
-        amplitude, frequency, phase = map(untraced, (self.amplitude, self.frequency, self.phase))
+        amplitude, frequency, phase = map(as_numpy, (self.amplitude, self.frequency, self.phase))
         if normal is not None and amplitude.ndim:
             amplitude = (normal * amplitude).sum()
         return Along(np.zeros(()), amplitude, 2 * np.pi * frequency, phase)
@@ -203,7 +204,7 @@ class Vibration(AbstractMotion):
         return None, eqx.tree_at(lambda motion: motion.phase, self, phase)
 
 
-def checked(value: Any, dimensions: int) -> AbstractMotion | None:
+def require_motion(value: Any, dimensions: int) -> AbstractMotion | None:
     """Return the motion of a body in so many dimensions; raises ValueError if it does not fit."""
     if value is None:
         return None
@@ -220,7 +221,7 @@ def checked(value: Any, dimensions: int) -> AbstractMotion | None:
 
 def in_space(value: Any, dimensions: int, body: str) -> AbstractMotion | None:
     """Return the motion of a body without a normal; raises ValueError for a scalar motion."""
-    motion = checked(value, dimensions)
+    motion = require_motion(value, dimensions)
     if motion is not None and motion.dimensions is None:
         raise ValueError(
             f"Argument `motion` of a {body} must have a list of numbers as its amplitude or its "
@@ -229,7 +230,7 @@ def in_space(value: Any, dimensions: int, body: str) -> AbstractMotion | None:
     return motion
 
 
-def begun(place: Array, motion: AbstractMotion | None) -> Array:
+def origin(place: Array, motion: AbstractMotion | None) -> Array:
     """Return the position at time zero of a body that moves in space."""
     return place + motion.start(None) if motion is not None and motion.vibrates else place
 

@@ -25,18 +25,18 @@ def require_apart(bodies: Sequence[AbstractBody], periodic: Sequence[Array | Non
     """Raise ValueError for the first pair that overlaps by more than rounding. Fixed bodies may
     overlap each other. Nothing is compared if any value is traced.
     """
-    found = [(k, body) for k, body in enumerate(bodies) if isinstance(body, Sphere)]
-    spheres = [k for k, _ in found]
-    parts = [(sphere.place, sphere.radius) for _, sphere in found]
-    walls = [(k, *wall[1:3]) for k, body in enumerate(bodies) for wall in body.walls()]
+    numbered = [(k, body) for k, body in enumerate(bodies) if isinstance(body, Sphere)]
+    spheres = [k for k, _ in numbered]
+    parts = [(sphere.place, sphere.radius) for _, sphere in numbered]
+    walls = [(k, *w[1:3]) for k, body in enumerate(bodies) for w in body.walls()]
     shells = [(k, b.place, b.radius) for k, b in enumerate(bodies) if isinstance(b, Shell)]
-    given = [*(x for part in parts for x in part), *(x for one in walls + shells for x in one[1:])]
-    if any(isinstance(x, Tracer) for x in (*given, *periodic)):
+    values = [*(x for part in parts for x in part), *(x for w in walls + shells for x in w[1:])]
+    if any(isinstance(x, Tracer) for x in (*values, *periodic)):
         return
     position = np.stack([np.asarray(x, float) for x, _ in parts])
     radius = np.array([float(r) for _, r in parts])
-    moves = np.array([not sphere.fixed for _, sphere in found])
-    digits = min(np.finfo(np.asarray(x).dtype).precision for x in given)
+    moves = np.array([not sphere.fixed for _, sphere in numbered])
+    digits = min(np.finfo(np.asarray(x).dtype).precision for x in values)
     rounding = ROUNDINGS * 10.0**-digits
     for i in range(len(spheres)):
         apart = minimum_image(position[i] - position[i + 1 :], periodic)
@@ -85,10 +85,10 @@ def require_clear_of_each_other(bodies: Sequence[AbstractBody], duration: Array)
     rates = [float(wall.motion.rate) for _, wall in walls if wall.motion is not None]
     count = min(1024 + int(64 * max(rates) * length / (2 * np.pi)), _MOST_TIMES)
     times = np.linspace(0, length, count)
-    for (b, other), (a, one) in itertools.combinations(walls, 2):
-        if a == b or np.sum(np.asarray(one.normal) * np.asarray(other.normal)) > -1 + 1e-9:
+    for (b, second), (a, first) in itertools.combinations(walls, 2):
+        if a == b or np.sum(np.asarray(first.normal) * np.asarray(second.normal)) > -1 + 1e-9:
             continue
-        between = -(one.offset_at(times) + other.offset_at(times))
+        between = -(first.offset_at(times) + second.offset_at(times))
         if np.min(between) <= 0 < between[0]:
             k = int(np.argmax(between <= 0))
             when = np.interp(0, between[k : k - 2 : -1], times[k : k - 2 : -1])

@@ -10,11 +10,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike
 
 from ..._parameter import POSITIVE, as_parameter, is_plain, rendered, require_function
+from ..scalars import Number
 from .entry import one_number
-from .motion import AbstractMotion, Along, Own, placed, still, untraced
+from .motion import AbstractMotion, Along, UserMotion, as_numpy, shifts, still
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,23 +48,20 @@ class Prescribed(AbstractMotion):
     """
 
     args: Any
-    max_acceleration: Float[Array, ""]
-    _began: Float[Array, ""]
+    max_acceleration: Number
+    _began: Number
     displacement: Callable[[Any, Any], Any] = eqx.field(static=True)
 
     def __init__(
-        self,
-        displacement: Callable[[Any, Any], Any],
-        max_acceleration: ArrayLike,
-        args: Any = None,
+        self, displacement: Callable[[Any, Any], Any], max_acceleration: ArrayLike, args: Any = None
     ):
         self.displacement = require_function("displacement", displacement)
         self.max_acceleration = one_number(max_acceleration, "max_acceleration", POSITIVE)
 
         def read(leaf: Any) -> Any:
             is_number: bool = is_plain(leaf) or isinstance(leaf, np.ndarray | np.generic)
-            given: Any = leaf
-            return as_parameter(given, "args") if is_number else leaf
+            number: Any = leaf
+            return as_parameter(number, "args") if is_number else leaf
 
         self.args = jax.tree.map(read, args)
         self._began = jnp.zeros_like(self.max_acceleration)
@@ -83,9 +81,9 @@ class Prescribed(AbstractMotion):
 
     def _shape(self) -> tuple[int, ...] | None:
         """Return the shape of a displacement; None unless it is a floating-point array."""
-        found = jax.eval_shape(lambda t: self.displacement(t, self.args), self._began)
-        known = isinstance(found, jax.ShapeDtypeStruct)
-        return found.shape if known and jnp.issubdtype(found.dtype, jnp.floating) else None
+        shape = jax.eval_shape(lambda t: self.displacement(t, self.args), self._began)
+        is_array = isinstance(shape, jax.ShapeDtypeStruct)
+        return shape.shape if is_array and jnp.issubdtype(shape.dtype, jnp.floating) else None
 
     @property
     def dimensions(self) -> int | None:
@@ -96,15 +94,15 @@ class Prescribed(AbstractMotion):
     def vibrates(self) -> bool:
         return True
 
-    def _own(self, normal: Array | None) -> Own:
-        one: Any = np.ones((), self._began.dtype)
+    def _own(self, normal: Array | None) -> UserMotion:
+        unit: Any = np.ones((), self._began.dtype)
         arrays, rest = eqx.partition(self.args, eqx.is_array)
         leaves, structure = jax.tree.flatten(rest)
-        told = _Told(self.displacement, tuple(leaves), structure)
-        return Own(told, arrays, self._began, normal, self.max_acceleration, one, one)
+        function = _Told(self.displacement, tuple(leaves), structure)
+        return UserMotion(function, arrays, self._began, normal, self.max_acceleration, unit, unit)
 
     def start(self, normal: Array | None) -> Any:
-        return untraced(placed(self._own(normal), np.zeros(1, self._began.dtype)))[0]
+        return as_numpy(shifts(self._own(normal), np.zeros(1, self._began.dtype)))[0]
 
     def along(self, normal: Array | None) -> Along:
         return still()._replace(own=self._own(normal))

@@ -112,13 +112,13 @@ def random_spheres(
     ]
 
 
-def _one_for_each(name: str, given: ArrayLike, count: int) -> Places:
+def _one_for_each(name: str, value: ArrayLike, count: int) -> Places:
     """Return positive numbers (count,) from one for all or one for each."""
-    numbers = as_numbers(given, name)
+    numbers = as_numbers(value, name)
     if numbers.shape not in ((), (count,)) or not np.all(POSITIVE.holds(numbers)):
         raise ValueError(
             f"Argument `{name}` must be a number in {POSITIVE}, or {count} of them, one for each "
-            f"sphere, but is {rendered(given)}."
+            f"sphere, but is {rendered(value)}."
         )
     return np.broadcast_to(numbers, (count,))
 
@@ -135,8 +135,8 @@ def _around(periodic: Sequence[float | None] | None, size: Places) -> NDArray[np
     for axis, length in enumerate(periodic):
         if length is None:
             continue
-        known = require_number("periodic", length, POSITIVE)
-        if not math.isclose(known, size[axis]):
+        period = require_number("periodic", length, POSITIVE)
+        if not math.isclose(period, size[axis]):
             raise ValueError(
                 f"Argument `periodic` must be None or the length of the box, {size[axis]:g} along "
                 f"axis {axis}, but is {rendered(periodic)}."
@@ -155,7 +155,7 @@ def _places(
             f"largest is {np.max(radii):g}."
         )
     reach = radii * (1 + _CLEARANCE)
-    places = _added(random, size, reach, around)
+    places = _add_spheres(random, size, reach, around)
     if len(places) == len(radii):
         return places
     rows = _cells(size, float(np.max(reach)), len(radii))
@@ -163,15 +163,15 @@ def _places(
         return _in_cells(random, size, reach, rows)
     solid = {1: 2 * radii, 2: math.pi * radii**2, 3: 4 / 3 * math.pi * radii**3}[len(size)]
     largest = np.sort(solid)[::-1]
-    filled, asked = (np.sum(part) / np.prod(size) for part in (largest[: len(places)], largest))
+    filled, wanted = (np.sum(part) / np.prod(size) for part in (largest[: len(places)], largest))
     raise ValueError(
         f"Argument `count` must be one that fits into the box, but is {len(radii)}: they would "
-        f"fill {asked:.3g} of it; at random {len(places)} found a place ({filled:.3g}), and "
+        f"fill {wanted:.3g} of it; at random {len(places)} found a place ({filled:.3g}), and "
         f"there are not so many cells wider than {2 * np.max(radii):g} m."
     )
 
 
-def _added(
+def _add_spheres(
     random: np.random.Generator, size: Places, reach: Places, around: NDArray[np.bool_]
 ) -> Places:
     """Place spheres by random sequential addition, the largest first, until one finds no place."""
@@ -180,7 +180,7 @@ def _added(
     side, dimensions = size / number, len(size)
     order = np.argsort(-reach, kind="stable")
     cells: dict[tuple[int, ...], list[int]] = {}
-    places, found = np.zeros((len(reach), dimensions)), 0
+    places, count = np.zeros((len(reach), dimensions)), 0
     for k in order:
         margin = np.where(around, 0.0, reach[k])
         for place in margin + random.random((_TRIES, dimensions)) * (size - 2 * margin):
@@ -191,10 +191,10 @@ def _added(
             if np.all(np.sum(apart**2, axis=1) >= (reach[near] + reach[k]) ** 2):
                 places[k] = place
                 cells.setdefault(here, []).append(int(k))
-                found += 1
+                count += 1
                 break
         else:
-            return places[order[:found]]
+            return places[order[:count]]
     return places
 
 

@@ -15,6 +15,7 @@ from ..._contact import EXPONENT
 from ..._laws import AbstractLaw
 from ..._parameter import POSITIVE, Specialised, is_plain, refuses_unknown, rendered, require_kind
 from ..resume import Start
+from ..scalars import Number
 from .bodies import AbstractBody, Shell, Sphere, words
 from .by_pair import PairTable, kinds_of, pair_table
 from .entry import one_number, vector
@@ -43,7 +44,7 @@ class Scene(eqx.Module):
     law: PairTable
     stiffness: PairTable | None
     gravity: Float[Array, " D"] | None
-    periodic: tuple[Float[Array, ""] | None, ...]
+    periodic: tuple[Number | None, ...]
     _start: Start | None
     _exponent: Specialised
     _kinds: tuple[int, ...] = eqx.field(static=True)
@@ -84,7 +85,7 @@ class Scene(eqx.Module):
         require_apart(self.bodies, self.periodic)
 
     @property
-    def exponent(self) -> float | Float[Array, ""]:
+    def exponent(self) -> float | Number:
         """The exponent n of every contact: a float if it was given as a Python number."""
         return self._exponent.value
 
@@ -108,31 +109,31 @@ class Scene(eqx.Module):
         return f"Scene({bodies}; {self.dimensions}D; {laws})"
 
 
-def _bodies(given: Any) -> tuple[AbstractBody, ...]:
-    if not isinstance(given, list | tuple) or not given:
+def _bodies(value: Any) -> tuple[AbstractBody, ...]:
+    if not isinstance(value, list | tuple) or not value:
         raise ValueError(
             "Argument `bodies` must be a list of `Sphere`, `Plane`, `Box` and `Shell`, but is "
-            f"{rendered(given)}."
+            f"{rendered(value)}."
         )
-    for k, body in enumerate(given):
+    for k, body in enumerate(value):
         if not isinstance(body, AbstractBody):
             raise ValueError(
                 "Argument `bodies` must be a list of `Sphere`, `Plane`, `Box` and `Shell`, but "
                 f"number {k} of it is {rendered(body)}."
             )
-    dimensions = [body.dimensions for body in given]
+    dimensions = [body.dimensions for body in value]
     for k, count in enumerate(dimensions):
         if count != dimensions[0]:
             raise ValueError(
-                f"Argument `bodies` must be in one space, but {words(given, k)} has {count} "
-                f"dimensions and {words(given, 0)} has {dimensions[0]}."
+                f"Argument `bodies` must be in one space, but {words(value, k)} has {count} "
+                f"dimensions and {words(value, 0)} has {dimensions[0]}."
             )
-    if not any(isinstance(body, Sphere) and not body.fixed for body in given):
+    if not any(isinstance(body, Sphere) and not body.fixed for body in value):
         raise ValueError(
             "Argument `bodies` must hold a sphere that is not fixed, but nothing in it moves: "
-            f"{rendered([type(body).__name__ for body in given])}."
+            f"{rendered([type(body).__name__ for body in value])}."
         )
-    return tuple(given)
+    return tuple(value)
 
 
 def _meeting(bodies: Sequence[AbstractBody], kinds: Sequence[int]) -> list[tuple[int, int]]:
@@ -166,31 +167,31 @@ def _stiffness(argument: str, value: Any) -> Array:
     return one_number(value, argument, POSITIVE)
 
 
-def _exponent(given: Any) -> Specialised:
-    value = one_number(given, "exponent", EXPONENT)
-    return Specialised(float(given)) if is_plain(given) else Specialised(None, value)
+def _exponent(entry: Any) -> Specialised:
+    value = one_number(entry, "exponent", EXPONENT)
+    return Specialised(float(entry)) if is_plain(entry) else Specialised(None, value)
 
 
-def _same_dimensions(name: str, given: Any, count: int, dimensions: int) -> None:
+def _same_dimensions(name: str, value: Any, count: int, dimensions: int) -> None:
     if count != dimensions:
         raise ValueError(
             f"Argument `{name}` must have {dimensions} numbers, as the bodies have, but is "
-            f"{rendered(given)}."
+            f"{rendered(value)}."
         )
 
 
 def _periodic(
-    given: Any, bodies: Sequence[AbstractBody], dimensions: int
+    value: Any, bodies: Sequence[AbstractBody], dimensions: int
 ) -> tuple[Array | None, ...]:
-    if given is None:
+    if value is None:
         return (None,) * dimensions
-    if not isinstance(given, list | tuple):
+    if not isinstance(value, list | tuple):
         raise ValueError(
             "Argument `periodic` must be a list with a length or None for each axis, but is "
-            f"{rendered(given)}."
+            f"{rendered(value)}."
         )
-    _same_dimensions("periodic", given, len(given), dimensions)
-    lengths = tuple(None if one is None else one_number(one, "periodic", POSITIVE) for one in given)
+    _same_dimensions("periodic", value, len(value), dimensions)
+    lengths = tuple(None if x is None else one_number(x, "periodic", POSITIVE) for x in value)
     spheres = [body for body in bodies if isinstance(body, Sphere)]
     for axis, length in enumerate(lengths):
         if length is None:
@@ -199,19 +200,19 @@ def _periodic(
             if isinstance(body, Shell):
                 raise ValueError(
                     f"Argument `periodic` must be None beside {words(bodies, k)}, but is "
-                    f"{rendered(given)}."
+                    f"{rendered(value)}."
                 )
             for wall in body.walls():
                 along = wall.normal[axis]
                 if not isinstance(along, Tracer) and float(along) != 0:
                     raise ValueError(
                         f"Argument `periodic` must be None for axis {axis}, along which "
-                        f"{words(bodies, k)} ends the space, but is {rendered(given)}."
+                        f"{words(bodies, k)} ends the space, but is {rendered(value)}."
                     )
-        known = [float(s.radius) for s in spheres if not isinstance(s.radius, Tracer)]
-        if known and not isinstance(length, Tracer) and not float(length) > 4 * max(known):
+        radii = [float(s.radius) for s in spheres if not isinstance(s.radius, Tracer)]
+        if radii and not isinstance(length, Tracer) and not float(length) > 4 * max(radii):
             raise ValueError(
-                f"Argument `periodic` must be longer than four radii ({4 * max(known):g}), so "
-                f"that a pair meets by one image at a time, but is {rendered(given)}."
+                f"Argument `periodic` must be longer than four radii ({4 * max(radii):g}), so "
+                f"that a pair meets by one image at a time, but is {rendered(value)}."
             )
     return lengths

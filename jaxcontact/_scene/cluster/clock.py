@@ -12,36 +12,32 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
 from ..arrays.rows import rows_of
+from ..scalars import Flag, Number
 from .equations import Modes, PerPair
 
 LONG_AGO = -1e30
 """The time of the last touch if there was none."""
 
 
-class Clock(NamedTuple):
+class ClusterClock(NamedTuple):
     """The choice of w: after the last touch if `touch`, or of the one pair that is `leaving`."""
 
-    touch: Bool[Array, ""]
+    touch: Flag
     leaving: Bool[Array, " pairs"]
 
-    def rate(self, closing: PerPair) -> Float[Array, ""]:
+    def rate(self, closing: PerPair) -> Number:
         """Return dw/ds."""
-        one = jnp.ones((), closing.dtype)
+        unit = jnp.ones((), closing.dtype)
         opens = jnp.sum(jnp.where(self.leaving, closing, 0))
-        return jnp.where(self.touch, one, opens)
+        return jnp.where(self.touch, unit, opens)
 
 
-def chosen(
-    before: Clock,
-    w: Float[Array, ""],
-    modes: Modes,
-    depth: PerPair,
-    closing: PerPair,
-    age: Float[Array, ""],
-) -> tuple[Clock, Float[Array, ""]]:
+def choose_clock(
+    before: ClusterClock, w: Number, modes: Modes, depth: PerPair, closing: PerPair, age: Number
+) -> tuple[ClusterClock, Number]:
     """Return the clock of the branch point nearest in time, with its w. `age` is the time since the
     last touch, 0 at a touch.
     """
@@ -59,4 +55,4 @@ def chosen(
     old = touch & ~before.touch & (age > 0)
     since = jnp.where(age > 0, jnp.where(old, jnp.sqrt(jnp.where(old, age, 1)), w), 0)
     half = jnp.full_like(w, 0.5)
-    return Clock(touch, leaving), jnp.where(touch, since, jnp.where(opens, root, half))
+    return ClusterClock(touch, leaving), jnp.where(touch, since, jnp.where(opens, root, half))

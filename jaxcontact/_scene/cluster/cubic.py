@@ -5,12 +5,14 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..scalars import Number
+
 Lanes = Float[Array, " lanes"]
 
 _ITERATIONS = 4
 
 
-def to_root(size: Float[Array, ""], left: Lanes, falls: Lanes, right: Lanes, fall: Lanes) -> Lanes:
+def to_root(size: Number, left: Lanes, falls: Lanes, right: Lanes, fall: Lanes) -> Lanes:
     """Return the offset from the right end at which the cubic falls to zero. It is negative for a
     root within the step, and infinite if the cubic does not fall. `falls` and `fall` are the slopes
     at the left and the right.
@@ -32,7 +34,7 @@ def to_root(size: Float[Array, ""], left: Lanes, falls: Lanes, right: Lanes, fal
 
 
 def highest(
-    size: Float[Array, ""], left: Lanes, rises: Lanes, right: Lanes, falls: Lanes
+    size: Number, left: Lanes, rises: Lanes, right: Lanes, falls: Lanes
 ) -> tuple[Lanes, Array]:
     """Return the maximum between the ends, and whether it lies inside."""
     a, b, d = rises * size, falls * size, right - left
@@ -46,7 +48,7 @@ def highest(
 
 
 def ceiling(
-    size: Float[Array, ""], left: Lanes, rises: Lanes, right: Lanes, falls: Lanes
+    size: Number, left: Lanes, rises: Lanes, right: Lanes, falls: Lanes
 ) -> tuple[Lanes, Array]:
     """Return the height at which the end tangents intersect, and whether it is above both ends. A
     function with negative curvature throughout, such as the indentation of two bodies in flight,

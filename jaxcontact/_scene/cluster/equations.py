@@ -20,9 +20,10 @@ from ..._contact import Contact
 from ..._elementary import small_product
 from ..._laws import AbstractLaw, force_of
 from ..arrays.rows import rows_of
-from ..arrays.stored_energy import stored_in
-from ..bodies.motion import Own
+from ..arrays.stored_energy import stored_energy
+from ..bodies.motion import UserMotion
 from ..bodies.side import side
+from ..scalars import Flag, Index, Number
 
 _SLOWEST = 1e-9
 """The least v0 in units of speed; v0 = 0 would have no damping."""
@@ -31,7 +32,7 @@ PerPair = Float[Array, " pairs"]
 PerBody = Float[Array, "bodies dim"]
 
 
-class Pairs(NamedTuple):
+class ClusterPairs(NamedTuple):
     """The bodies of a cluster that can touch, in P slots.
 
     - `first`, `second`: their slots. A plane is a second body without inverse mass, at any of its
@@ -86,7 +87,7 @@ class Drive(NamedTuple):
     phase: Float[Array, " bodies"]
     moves: Bool[Array, " bodies"]
     shakes: Bool[Array, " bodies"]
-    own: tuple[tuple[Own, Int[Array, ""] | int], ...]
+    own: tuple[tuple[UserMotion, Index | int], ...]
 
 
 class ClusterState(NamedTuple):
@@ -99,7 +100,7 @@ class ClusterState(NamedTuple):
     force. `max_force` and the energy `lost` are those since that touch.
     """
 
-    time: Float[Array, ""]
+    time: Number
     position: PerBody
     velocity: PerBody
     indentation: PerPair
@@ -115,22 +116,22 @@ class ClusterState(NamedTuple):
 class Units(NamedTuple):
     """The units of length in m, speed in m/s and mass in kg, and derived ones."""
 
-    length: Float[Array, ""]
-    speed: Float[Array, ""]
-    mass: Float[Array, ""]
+    length: Number
+    speed: Number
+    mass: Number
 
     @property
-    def time(self) -> Float[Array, ""]:
+    def time(self) -> Number:
         """The unit of time in s."""
         return self.length / self.speed
 
     @property
-    def force(self) -> Float[Array, ""]:
+    def force(self) -> Number:
         """The unit of force in N."""
         return self.mass * self.speed * (self.speed / self.length)
 
     @property
-    def energy(self) -> Float[Array, ""]:
+    def energy(self) -> Number:
         """The unit of energy in J."""
         return self.mass * self.speed * self.speed
 
@@ -152,7 +153,7 @@ class Geometry(NamedTuple):
     swirl: PerPair
 
 
-def incidence_of(pairs: Pairs, bodies: int, dtype: Any) -> Float[Array, "pairs bodies"]:
+def incidence_of(pairs: ClusterPairs, bodies: int, dtype: Any) -> Float[Array, "pairs bodies"]:
     """Return 1 at the first body of a pair, -1 at the second."""
     numbered = jnp.arange(bodies)[None]
     first, second = pairs.first[:, None] == numbered, pairs.second[:, None] == numbered
@@ -169,7 +170,7 @@ class Touching(eqx.Module):
     law: AbstractLaw
     contact: Contact
     units: Units
-    pairs: Pairs
+    pairs: ClusterPairs
     apart: Float[Array, "pairs dim"]
     depth: PerPair
     inverse_mass: Float[Array, " bodies"]
@@ -217,18 +218,18 @@ class Touching(eqx.Module):
         depth = jnp.maximum(depth, 0)
         if not self.law.damped:
             rate = jnp.zeros_like(rate)
-        given = (units.length * depth, units.speed * rate, self.contact, units.speed * speed)
-        force = force_of(self.law, *given) / units.force
+        arguments = (units.length * depth, units.speed * rate, self.contact, units.speed * speed)
+        force = force_of(self.law, *arguments) / units.force
         return jnp.where(modes.closed & self.pairs.used, force, 0)
 
     def stored(self, depth: PerPair, modes: Modes) -> PerPair:
         """Return ∫ F(δ, 0) dδ of the closed pairs."""
         units, speed = self.units, jnp.maximum(modes.latched, _SLOWEST)
         depth = jnp.where(modes.closed & self.pairs.used, units.length * depth, 0)
-        return stored_in(self.law, self.contact, depth, units.speed * speed) / units.energy
+        return stored_energy(self.law, self.contact, depth, units.speed * speed) / units.energy
 
     def accelerations(
-        self, geometry: Geometry, force: PerPair, time: Float[Array, ""]
+        self, geometry: Geometry, force: PerPair, time: Number
     ) -> tuple[PerBody, PerBody]:
         """Return the accelerations of the bodies, and the sums of the contact forces on them."""
         pushed = small_product(self.incidence.T, force[:, None] * geometry.normal)
@@ -236,11 +237,11 @@ class Touching(eqx.Module):
         if self.drive is not None:
             swing = jnp.sin(self.drive.rate * time + self.drive.phase)
             acceleration = acceleration - swing[:, None] * self.drive.strength
-            for own, body in self.drive.own:
-                acceleration = acceleration.at[body].add(own.push(time), mode="drop")
+            for user, body in self.drive.own:
+                acceleration = acceleration.at[body].add(user.push(time), mode="drop")
         return acceleration, pushed
 
-    def on_planes(self, closed: Bool[Array, " pairs"]) -> Bool[Array, ""]:
+    def on_planes(self, closed: Bool[Array, " pairs"]) -> Flag:
         """Return whether each body in contact touches one plane and nothing else."""
         bodies = jnp.arange(self.inverse_mass.shape[0])
         closed = closed & self.pairs.used
@@ -253,8 +254,8 @@ class Touching(eqx.Module):
         return -jnp.sum(geometry.normal * relative, axis=1) - geometry.swirl
 
     def motion(
-        self, at: Geometry, velocity: PerBody, modes: Modes, time: Float[Array, ""]
-    ) -> tuple[PerBody, PerPair, Float[Array, ""]]:
+        self, at: Geometry, velocity: PerBody, modes: Modes, time: Number
+    ) -> tuple[PerBody, PerPair, Number]:
         """Return the accelerations, the damping power of each pair, and the power supplied. Weight
         and prescribed bodies supply that power.
         """
@@ -269,7 +270,7 @@ class Touching(eqx.Module):
         work = jnp.sum(jnp.where(free, weight, -pushed) * velocity)
         return acceleration, lost, work
 
-    def kinetic(self, velocity: PerBody) -> Float[Array, ""]:
+    def kinetic(self, velocity: PerBody) -> Number:
         """Return ½ Σ m v² of the free bodies."""
         free = self.inverse_mass > 0
         mass = jnp.where(free, 1 / jnp.where(free, self.inverse_mass, 1), 0)

@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from ..arrays.rows import rows_of
-from .equations import ClusterState, Drive, Pairs, PerBody, Units
+from ..scalars import Flag, Index, Number
+from .equations import ClusterPairs, ClusterState, Drive, PerBody, Units
 
 APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST, PAUSED = range(6)
 """The values of `ClusterEnd.status`. APART: all pairs are open. TIME_IS_UP: `until` was reached.
@@ -19,25 +20,25 @@ NOT_CONVERGED: the numbers cannot be trusted. CHANGED: a pair touched or opened,
 the step limit was reached, for example by a ball sliding in a shell; another call continues."""
 
 
-class Problem(NamedTuple):
+class ClusterProblem(NamedTuple):
     """A cluster with its start, in SI units; differentiable with respect to every float.
     `to_the_end`: whether the solve continues at rest.
     """
 
     law: Any
     contact: Any
-    pairs: Pairs
+    pairs: ClusterPairs
     inverse_mass: Float[Array, " bodies"]
     acceleration: PerBody
     state: ClusterState
-    until: Float[Array, ""]
-    tolerance: Float[Array, ""]
-    floor: Float[Array, ""]
+    until: Number
+    tolerance: Number
+    floor: Number
     drive: Drive | None
-    to_the_end: Bool[Array, ""]
+    to_the_end: Flag
 
 
-class Rules(NamedTuple):
+class ClusterRules(NamedTuple):
     """The static rules of a coupled solve. `peak`: whether v0 follows its peak. `until_change` and
     `max_steps` determine its end. `in_line`: whether all bodies are walls and spheres outside of
     each other in one dimension.
@@ -58,14 +59,14 @@ class ClusterEnd(NamedTuple):
     """
 
     state: ClusterState
-    work: Float[Array, ""]
-    status: Int[Array, ""]
-    steps: Int[Array, ""]
-    error_estimate: Float[Array, ""]
-    error: Float[Array, ""]
+    work: Number
+    status: Index
+    steps: Index
+    error_estimate: Number
+    error: Number
 
 
-def units_of(problem: Problem) -> Units:
+def units_of(problem: ClusterProblem) -> Units:
     """Return units in which lengths and speeds of the softest pair are about one. They have no
     derivative.
     """
@@ -88,12 +89,12 @@ def units_of(problem: Problem) -> Units:
     return Units(length, speed, mass)
 
 
-def scaled(drive: Drive | None, units: Units) -> Drive | None:
+def scale_drive(drive: Drive | None, units: Units) -> Drive | None:
     if drive is None:
         return None
-    own = ((one.scaled(units.length, units.time), body) for one, body in drive.own)
+    users = ((user.scaled(units.length, units.time), body) for user, body in drive.own)
     return drive._replace(
         strength=drive.strength / (units.speed / units.time),
         rate=drive.rate * units.time,
-        own=tuple(own),
+        own=tuple(users),
     )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool
 
+from ..scalars import Index, Number
 from .equations import PerBody, PerPair, Touching
 from .problem import AT_REST, PAUSED
 
@@ -21,8 +22,8 @@ def rest_of(
     closed: Bool[Array, " pairs"],
     along: tuple[PerPair, PerPair],
     moving: tuple[PerBody, PerBody],
-    tolerance: Float[Array, ""],
-) -> Int[Array, ""]:
+    tolerance: Number,
+) -> Index:
     """Return the kind of rest: AT_REST, ASLEEP or -1.
 
     AT_REST: each body in contact touches one plane, and δ' and δ'' of the pairs, `along`, vanish.

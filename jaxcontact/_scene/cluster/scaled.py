@@ -13,8 +13,9 @@ from ..._contact import Contact
 from ..._impact.lanes import with_sensitivity
 from ..._laws import AbstractLaw
 from ..arrays.rows import rows_of
-from .equations import ClusterState, Drive, Pairs, PerBody
-from .problem import ClusterEnd, Problem, Rules
+from ..scalars import Flag, Number
+from .equations import ClusterPairs, ClusterState, Drive, PerBody
+from .problem import ClusterEnd, ClusterProblem, ClusterRules
 from .solve import solve_cluster
 
 MOST_STEPS = 4096
@@ -23,18 +24,18 @@ MOST_STEPS = 4096
 def cluster(
     law: AbstractLaw,
     contact: Contact,
-    pairs: Pairs,
+    pairs: ClusterPairs,
     inverse_mass: Float[Array, " bodies"],
     acceleration: PerBody,
     state: ClusterState,
-    until: Float[Array, ""],
+    until: Number,
     *,
-    rtol: float | Float[Array, ""],
+    rtol: float | Number,
     v0: str | float = "peak",
     until_change: bool = False,
     drive: Drive | None = None,
     in_line: bool = False,
-    to_the_end: Bool[Array, ""] | bool = False,
+    to_the_end: Flag | bool = False,
     max_steps: int = MOST_STEPS,
 ) -> ClusterEnd:
     """Follow a cluster of touching bodies until all its pairs are open, or until a time in s.
@@ -65,7 +66,7 @@ def cluster(
     law, contact = jax.tree.map(per_pair, (law, contact))
     finest = 20 * float(jnp.finfo(dtype).eps)
     tolerance = jnp.maximum(jnp.asarray(rtol, dtype) / 100, finest)
-    problem = Problem(
+    problem = ClusterProblem(
         law=law,
         contact=contact,
         pairs=pairs,
@@ -78,12 +79,12 @@ def cluster(
         drive=drive,
         to_the_end=jnp.asarray(to_the_end),
     )
-    rules = Rules(v0 == "peak", until_change, max_steps, in_line)
+    rules = ClusterRules(v0 == "peak", until_change, max_steps, in_line)
     return with_sensitivity(eqx.Partial(solve_cluster, rules=rules))(problem)
 
 
-def touched(
-    pairs: Pairs,
+def cluster_at_touch(
+    pairs: ClusterPairs,
     position: PerBody,
     velocity: PerBody,
     closed: Bool[Array, " pairs"],

@@ -17,37 +17,47 @@ import functools
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array
 
-from .clock import LONG_AGO, Clock, chosen
+from ..scalars import Flag
+from .clock import LONG_AGO, ClusterClock, choose_clock
 from .equations import ClusterState, Modes
 from .field import TIME, WORK, Look, field_of
-from .problem import APART, NOT_CONVERGED, PAUSED, TIME_IS_UP, ClusterEnd, Problem, Rules, units_of
+from .problem import (
+    APART,
+    NOT_CONVERGED,
+    PAUSED,
+    TIME_IS_UP,
+    ClusterEnd,
+    ClusterProblem,
+    ClusterRules,
+    units_of,
+)
 from .rest import ASLEEP
-from .step import Carry, Solve, advance
+from .step import Carry, ClusterSolve, advance
 
 _stop = jax.lax.stop_gradient
 
 
-def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
+def solve_cluster(problem: ClusterProblem, rules: ClusterRules) -> ClusterEnd:
     """Solve a cluster from its state to its end."""
     free = (problem.inverse_mass > 0)[:, None]
     velocity = problem.state.velocity
     frame = jnp.sum(jnp.where(free, _stop(velocity), 0), axis=0, keepdims=True)
     frame = frame / jnp.sum(free, dtype=velocity.dtype)
     units = units_of(problem)
-    solve = Solve(problem, field_of(problem, rules, units), units, frame)
+    solve = ClusterSolve(problem, field_of(problem, rules, units), units, frame)
     first = _first(solve)
 
-    def unfinished(c: Carry) -> Bool[Array, ""]:
+    def unfinished(c: Carry) -> Flag:
         return (c.status < 0) & (c.steps < rules.max_steps)
 
     end = jax.lax.while_loop(unfinished, functools.partial(advance, solve), first)
     done, status = _state_at(solve, end)
-    return _judged(solve, first, end, done, status)
+    return _assess(solve, first, end, done, status)
 
 
-def _first(solve: Solve) -> Carry:
+def _first(solve: ClusterSolve) -> Carry:
     """Return the initial state of the loop."""
     problem, field, units, finest = solve.problem, solve.field, solve.units, solve.finest
     state, pairs, begin = problem.state, problem.pairs, solve.begin
@@ -55,10 +65,10 @@ def _first(solve: Solve) -> Carry:
     zero, none = jnp.zeros((), dtype), jnp.zeros_like(state.lost)
     velocity = (state.velocity - solve.frame) / units.speed
     lost = state.lost / units.energy
-    y = field.parts.packed(jnp.zeros_like(velocity), velocity, lost, [zero, zero, zero])
+    y = field.parts.pack(jnp.zeros_like(velocity), velocity, lost, [zero, zero, zero])
     modes = Modes(state.closed & pairs.used, state.rising, state.latched / units.speed)
     nobody = jnp.zeros_like(modes.closed)
-    here = field.look(y, modes, Clock(jnp.asarray(True), nobody))
+    here = field.look(y, modes, ClusterClock(jnp.asarray(True), nobody))
     if field.rules.peak:
         # v0 follows a closing speed that is the largest so far and increases.
         largest = modes.closed & (here.rate >= modes.latched - 16 * finest)
@@ -68,7 +78,9 @@ def _first(solve: Solve) -> Carry:
     just = jnp.abs(state.since - state.time) <= 8 * finest * jnp.abs(state.time)
     just = jnp.any(modes.closed & just)
     touched = jnp.where(just, zero, jnp.asarray(LONG_AGO, dtype))
-    clock, w = chosen(Clock(just, nobody), zero, modes, here.depth, here.rate, zero - touched)
+    clock, w = choose_clock(
+        ClusterClock(just, nobody), zero, modes, here.depth, here.rate, zero - touched
+    )
     size = _stop(jnp.where(just, begin, begin / jnp.where(just, 1, 2 * w)))
     nothing = ~jnp.any(modes.closed)
     over = jnp.where(nothing, APART, jnp.where(field.until <= 0, TIME_IS_UP, -1))
@@ -95,7 +107,7 @@ def _first(solve: Solve) -> Carry:
     )
 
 
-def _state_at(solve: Solve, end: Carry) -> tuple[ClusterState, Array]:
+def _state_at(solve: ClusterSolve, end: Carry) -> tuple[ClusterState, Array]:
     """Return the final state of a solve in SI units, and its status."""
     problem, units, parts, frame = solve.problem, solve.units, solve.field.parts, solve.frame
     state, free = problem.state, (problem.inverse_mass > 0)[:, None]
@@ -129,8 +141,8 @@ def _state_at(solve: Solve, end: Carry) -> tuple[ClusterState, Array]:
     return done, jnp.where(end.status < 0, unfinished_status, status)
 
 
-def _judged(
-    solve: Solve, first: Carry, end: Carry, done: ClusterState, status: Array
+def _assess(
+    solve: ClusterSolve, first: Carry, end: Carry, done: ClusterState, status: Array
 ) -> ClusterEnd:
     """Return the end with its work and its error estimate, which determines convergence."""
     problem, units, tolerance = solve.problem, solve.units, solve.problem.tolerance
@@ -142,8 +154,8 @@ def _judged(
     before, now = jax.vmap(field.energy)(*both)
     missing = jnp.abs(now - before - last.dropped - last.y[WORK])
     error = jnp.maximum(last.error, missing / jnp.maximum(before, jnp.abs(last.y[WORK])))
-    good = jnp.all(jnp.isfinite(last.y)) & (error <= 1e5 * tolerance)
-    status = jnp.where(good, status, NOT_CONVERGED)
+    sound = jnp.all(jnp.isfinite(last.y)) & (error <= 1e5 * tolerance)
+    status = jnp.where(sound, status, NOT_CONVERGED)
     # The work differs in the frame of the cluster, by the frame velocity times the momentum change.
     free = (problem.inverse_mass > 0)[:, None]
     mass = jnp.where(free, 1 / jnp.where(free, problem.inverse_mass[:, None], 1), 0)

@@ -7,16 +7,17 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from ..._solver.runge_kutta import step_and_slope
 from ..arrays.rows import rows_of
 from ..pair_impact.step import factor, onward
-from .clock import Clock, chosen
+from ..scalars import Index, Number
+from .clock import ClusterClock, choose_clock
 from .cubic import ceiling, highest, to_root
 from .equations import Modes, PerBody, PerPair, Units
-from .field import TIME, WORK, Field, Look, W
-from .problem import APART, CHANGED, TIME_IS_UP, Problem
+from .field import TIME, WORK, ClusterField, Look, W
+from .problem import APART, CHANGED, TIME_IS_UP, ClusterProblem
 from .rest import rest_of
 
 _TOGETHER = 0.65
@@ -32,13 +33,13 @@ _stop = jax.lax.stop_gradient
 
 
 @dataclasses.dataclass(frozen=True)
-class Solve:
+class ClusterSolve:
     """The constants of a solve: its `field` in the frame of the cluster, and its units. `frame` is
     the velocity of the cluster.
     """
 
-    problem: Problem
-    field: Field
+    problem: ClusterProblem
+    field: ClusterField
     units: Units
     frame: PerBody
 
@@ -48,7 +49,7 @@ class Solve:
         return float(jnp.finfo(self.frame.dtype).eps)
 
     @property
-    def begin(self) -> Float[Array, ""]:
+    def begin(self) -> Number:
         """The first step after a touch."""
         return _BEGIN * jnp.minimum((self.problem.tolerance / _BEGIN_FOR) ** (1 / 8), 1.5)
 
@@ -61,26 +62,26 @@ class Carry(NamedTuple):
 
     y: Float[Array, " numbers"]
     modes: Modes
-    clock: Clock
-    touched: Float[Array, ""]
-    size: Float[Array, ""]
-    free: Float[Array, ""]
-    last_size: Float[Array, ""]
-    last_error: Float[Array, ""]
-    whole: Float[Array, ""]
+    clock: ClusterClock
+    touched: Number
+    size: Number
+    free: Number
+    last_size: Number
+    last_error: Number
+    whole: Number
     sought: Bool[Array, " events"]
     look: Look
     slope: Look
     since: PerPair
     force_until: PerPair
     max_force: PerPair
-    dropped: Float[Array, ""]
-    error: Float[Array, ""]
-    steps: Int[Array, ""]
-    status: Int[Array, ""]
+    dropped: Number
+    error: Number
+    steps: Index
+    status: Index
 
 
-class _Tried(NamedTuple):
+class _Attempt(NamedTuple):
     """A trial step. `y` is its end, and `error` is in units of the allowed error; `fine` if
     accepted. `outset` and `toward` are the slopes at its ends. `now` holds the quantities at its
     end, and `slope` their slopes.
@@ -97,7 +98,7 @@ class _Tried(NamedTuple):
     grazed: Array
 
 
-class _Found(NamedTuple):
+class _StepEvents(NamedTuple):
     """The events of a step. `event`: whether it ends on one. `taken`: whether it is accepted.
     `happens` marks the events on which it ends. `next_one` is the distance to the first of the
     `sought` events.
@@ -126,26 +127,26 @@ class _Changed(NamedTuple):
     dropped: Array
 
 
-def advance(solve: Solve, c: Carry) -> Carry:
+def advance(solve: ClusterSolve, c: Carry) -> Carry:
     """Take one step, or retry with a shorter one."""
     field = solve.field
-    tried = _tried(solve, c)
-    found = _found(solve, c, tried)
-    changed = _changed(solve, c, tried, found)
-    modes, touches, opens, happens = changed.modes, changed.touches, changed.opens, found.happens
+    trial = _try_step(solve, c)
+    events = _find_events(solve, c, trial)
+    changed = _apply_events(solve, c, trial, events)
+    modes, touches, opens, happens = changed.modes, changed.touches, changed.opens, events.happens
     now, age = changed.now, changed.y[TIME] - changed.touched
-    clock, w = chosen(c.clock, changed.y[W], modes, now.depth, now.rate, age)
-    onwards = _onward(solve, c, tried, found, changed, clock, w)
+    clock, w = choose_clock(c.clock, changed.y[W], modes, now.depth, now.rate, age)
+    onwards = _onward(solve, c, trial, events, changed, clock, w)
     time = solve.problem.state.time + solve.units.time * changed.y[TIME]
-    records = _records(solve, c, tried, changed, time)
+    records = _records(solve, c, trial, changed, time)
 
-    y, toward, now = _stop((onwards["y"], tried.toward, now))
+    y, toward, now = _stop((onwards["y"], trial.toward, now))
     speed = field.parts.velocity(y) + solve.frame / solve.units.speed
-    pace = field.parts.velocity(toward) / (2 * _stop(tried.y[W]))
+    pace = field.parts.velocity(toward) / (2 * _stop(trial.y[W]))
     along, moving = (now.rate, now.second), (speed, pace)
     tolerance = solve.problem.tolerance
     resting = rest_of(field.system, modes.closed, along, moving, tolerance)
-    still = found.taken & ~found.event & ~solve.problem.to_the_end
+    still = events.taken & ~events.event & ~solve.problem.to_the_end
     status = jnp.where(still, resting, -1)
     ended = jnp.any(touches | opens) & field.rules.until_change
     status = jnp.where(ended, CHANGED, status)
@@ -162,25 +163,25 @@ def advance(solve: Solve, c: Carry) -> Carry:
         "status": status.astype(jnp.int32),
     }
     kept = {
-        name: jax.tree.map(lambda a, b: jnp.where(found.taken, a, b), value, getattr(c, name))
+        name: jax.tree.map(lambda a, b: jnp.where(events.taken, a, b), value, getattr(c, name))
         for name, value in new.items()
     }
     steps = {name: value for name, value in onwards.items() if name != "y"}
     return c._replace(
         **kept,
         **steps,
-        error=c.error + jnp.where(found.taken, tried.error * tolerance, 0),
+        error=c.error + jnp.where(events.taken, trial.error * tolerance, 0),
         steps=c.steps + 1,
     )
 
 
-def _tried(solve: Solve, c: Carry) -> _Tried:
+def _try_step(solve: ClusterSolve, c: Carry) -> _Attempt:
     """Try a step; return its error, its end, and whether an event may be hidden in it."""
     field, modes, clock = solve.field, c.modes, c.clock
     tolerance, finest = solve.problem.tolerance, solve.finest
     y, error, outset, toward = step_and_slope(lambda y: field.rate(y, modes, clock), c.y, c.size)
     error = jnp.max(jnp.abs(_stop(error)) / (tolerance + 20 * finest * jnp.abs(_stop(y))))
-    now, slope = field.looked(y, modes, clock, toward)
+    now, slope = field.look_along(y, modes, clock, toward)
     # No choice of a step has a derivative.
     before, after = _stop((c.look, now))
     # A pair may touch and open again within a step, unless a bound on its depth excludes it. In a
@@ -200,23 +201,23 @@ def _tried(solve: Solve, c: Carry) -> _Tried:
         hidden = modes.closed & ~modes.rising & (after.second < 0)
         grazed = grazed | jnp.any(used & hidden & (faster > modes.latched + finest**_TOGETHER))
     fine = (error <= 1) & (~grazed | (c.size < 1e-6))
-    return _Tried(y, error, fine, outset, toward, now, slope, passing, grazed)
+    return _Attempt(y, error, fine, outset, toward, now, slope, passing, grazed)
 
 
-def _found(solve: Solve, c: Carry, tried: _Tried) -> _Found:
+def _find_events(solve: ClusterSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     """Find the first event of a step, and move the state to it if it is near."""
     field, modes, clock = solve.field, c.modes, c.clock
-    y, toward, outset, fine = tried.y, tried.toward, tried.outset, tried.fine
+    y, toward, outset, fine = trial.y, trial.toward, trial.outset, trial.fine
     finest, until = solve.finest, field.until
     together, near = finest**_TOGETHER, finest**_NEAR
-    gaps = field.gaps(modes, clock, tried.now, y[W], modes.latched, until - y[TIME])
-    fall = field.gaps(modes, clock, tried.slope, toward[W], 0, -toward[TIME])
+    gaps = field.gaps(modes, clock, trial.now, y[W], modes.latched, until - y[TIME])
+    fall = field.gaps(modes, clock, trial.slope, toward[W], 0, -toward[TIME])
     last, begun, ended = _stop((c, outset, toward))
     left = _stop(until) - last.y[TIME]
     before = field.gaps(modes, clock, last.look, last.y[W], last.modes.latched, left)
     earlier = jax.tree.map(lambda x: 2 * last.y[W] * x, last.slope)
     fell = field.gaps(modes, clock, earlier, begun[W], 0, -begun[TIME])
-    crossed = field.passed(modes, tried.now, gaps)
+    crossed = field.has_passed(modes, trial.now, gaps)
     left = to_root(c.size, before, fell, *_stop((gaps, fall)))
     seeking, anything = jnp.any(c.sought), jnp.any(crossed)
     sought = crossed | c.sought
@@ -226,11 +227,11 @@ def _found(solve: Solve, c: Carry, tried: _Tried) -> _Found:
     whole = jnp.where(seeking, c.whole, c.size)
     small = jnp.abs(next_one) <= near * whole
     # If a gap falls slowly, its rounding hides the exact time; this is the attainable accuracy.
-    known = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * finest)
-    stuck = jnp.any(known) | (anything & (c.size < finest))
+    on_event = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * finest)
+    stuck = jnp.any(on_event) | (anything & (c.size < finest))
     event = fine & (small | stuck)
     taken = fine & (event | ~anything)
-    at_once = jnp.where(jnp.any(known), known, crossed)
+    at_once = jnp.where(jnp.any(on_event), on_event, crossed)
     happens = event & jnp.where(small, sought & (left <= next_one + together * whole), at_once)
     # The root depends on everything that the gap depends on.
     moved = jnp.where(small, next_one, 0)
@@ -243,17 +244,17 @@ def _found(solve: Solve, c: Carry, tried: _Tried) -> _Found:
     bends = bends + _stop(moved) * (ended + begun - 2 * mean) / jnp.square(c.size)
     moved = jnp.where(event, moved, 0)
     y = y + moved * (toward + moved * bends)
-    return _Found(y, event, taken, happens, sought, seeking, anything, next_one, whole)
+    return _StepEvents(y, event, taken, happens, sought, seeking, anything, next_one, whole)
 
 
-def _changed(solve: Solve, c: Carry, tried: _Tried, found: _Found) -> _Changed:
+def _apply_events(solve: ClusterSolve, c: Carry, trial: _Attempt, events: _StepEvents) -> _Changed:
     """Apply all events on which the step ends."""
-    field, modes, y, happens = solve.field, c.modes, found.y, found.happens
+    field, modes, y, happens = solve.field, c.modes, events.y, events.happens
     parts = field.parts
     meets = happens[: parts.pairs]
     # At the event the depth is that from which the clock continues.
     there = field.geometry(y, c.clock)
-    now, closing = tried.now._replace(depth=there.depth, rate=there.rate), there.rate
+    now, closing = trial.now._replace(depth=there.depth, rate=there.rate), there.rate
     touches, opens = meets & ~modes.closed, meets & modes.closed
     closed = (modes.closed | touches) & ~opens
     speed = jnp.maximum(closing, 0)
@@ -267,27 +268,33 @@ def _changed(solve: Solve, c: Carry, tried: _Tried, found: _Found) -> _Changed:
     lost = jnp.where(touches, 0, parts.lost(y))
     dropped = c.dropped - jnp.sum(parts.lost(y) - lost)
     touched = jnp.where(jnp.any(touches), y[TIME], c.touched)
-    y = parts.packed(parts.moved(y), parts.velocity(y), lost, [y[WORK], y[TIME], y[W]])
+    y = parts.pack(parts.moved(y), parts.velocity(y), lost, [y[WORK], y[TIME], y[W]])
     return _Changed(y, Modes(closed, rising, latched), touches, opens, now, touched, dropped)
 
 
 def _onward(
-    solve: Solve, c: Carry, tried: _Tried, found: _Found, changed: _Changed, clock: Clock, w: Array
+    solve: ClusterSolve,
+    c: Carry,
+    trial: _Attempt,
+    events: _StepEvents,
+    changed: _Changed,
+    clock: ClusterClock,
+    w: Array,
 ) -> dict[str, Any]:
     """Return the next step, and its clock."""
-    error, fine, event, begin = tried.error, tried.fine, found.event, solve.begin
-    next_one, anything, seeking = found.next_one, found.anything, found.seeking
+    error, fine, event, begin = trial.error, trial.fine, events.event, solve.begin
+    next_one, anything, seeking = events.next_one, events.anything, events.seeking
     any_touch, opens = jnp.any(changed.touches), jnp.any(changed.opens)
     # If steps have become harder, the next one is expected to be harder again.
     trend = c.size / c.last_size * ((c.last_error + 1e-6) / (error + 1e-6)) ** (1 / 8)
     grown = c.size * factor(error) * jnp.where(fine, jnp.clip(trend, 0.7, 1.0), 1)
-    grown = jnp.where(tried.grazed, c.size / 2, grown)
+    grown = jnp.where(trial.grazed, c.size / 2, grown)
     size, free = onward(c.size, c.free, grown, next_one, fine, anything, seeking)
     free = jnp.where(event & any_touch, begin, free)
     size = jnp.where(event, free, size)
     keep = fine & ~event & (anything | (seeking & (next_one > 0) & jnp.isfinite(next_one)))
     # The clock changes, unless a step continues to an event.
-    anew = found.taken & ~keep
+    anew = events.taken & ~keep
     there, closing, now_w = _stop((w, changed.now.rate, changed.y[W]))
     scale = jnp.where(anew & (there > 0), now_w / there, 1)
     opened = event & opens & ~any_touch
@@ -304,13 +311,13 @@ def _onward(
         "free": free,
         "last_size": last_size,
         "last_error": jnp.where(anew, jnp.where(event, 1, error), c.last_error),
-        "whole": jnp.where(keep, found.whole, 0),
-        "sought": keep & found.sought,
+        "whole": jnp.where(keep, events.whole, 0),
+        "sought": keep & events.sought,
     }
 
 
 def _records(
-    solve: Solve, c: Carry, tried: _Tried, changed: _Changed, time: Float[Array, ""]
+    solve: ClusterSolve, c: Carry, tried: _Attempt, changed: _Changed, time: Number
 ) -> dict[str, Any]:
     """Return the records of every pair; slopes in time are special where w vanishes."""
     units, modes, now, passing = solve.units, c.modes, changed.now, tried.passing

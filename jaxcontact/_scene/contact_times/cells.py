@@ -21,7 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..arrays.arrays import Layout, Numbers
+from ..arrays.arrays import Numbers, SceneLayout
+from ..scalars import Flag, Index
 from .closed_form import wall_time
 
 SKIN = 1 / 16
@@ -35,7 +36,7 @@ AROUND = 5
 than one nearest image."""
 
 
-class Grid(eqx.Module):
+class CellGrid(eqx.Module):
     """The static part of cells. `axes` marks the axes along which space is divided. `cells` is the
     largest number of cells, `capacity` that of spheres in each, and `filling` the average number of
     spheres in each.
@@ -55,8 +56,8 @@ class Lattice(eqx.Module):
     low: Float[Array, " D"]
     width: Float[Array, " D"]
     number: Float[Array, " D"]
-    needed: Int[Array, ""]
-    fits: Bool[Array, ""]
+    needed: Index
+    fits: Flag
 
 
 class Cells(eqx.Module):
@@ -65,15 +66,15 @@ class Cells(eqx.Module):
     whether a cell had no room; then neither is valid.
     """
 
-    grid: Grid
+    grid: CellGrid
     lattice: Lattice
     cell: Float[Array, "N D"]
     table: Int[Array, "cells capacity"]
-    full: Bool[Array, ""]
+    full: Flag
 
 
 def lattice_of(
-    layout: Layout, numbers: Numbers, grid: Grid, position: Float[Array, "N D"]
+    layout: SceneLayout, numbers: Numbers, grid: CellGrid, position: Float[Array, "N D"]
 ) -> Lattice:
     """Return cells around the spheres, as wide as the filling of the grid requires."""
     position = position[: layout.visible]
@@ -99,7 +100,7 @@ def lattice_of(
 
 
 def cells_of(
-    lattice: Lattice, layout: Layout, position: Float[Array, "M D"]
+    lattice: Lattice, layout: SceneLayout, position: Float[Array, "M D"]
 ) -> Float[Array, "M D"]:
     """Return the cells of positions along each axis; 0 along an undivided axis."""
     cell = jnp.floor((position - lattice.low[None]) / lattice.width[None])
@@ -109,7 +110,7 @@ def cells_of(
 
 
 def row_of(
-    lattice: Lattice, layout: Layout, grid: Grid, cell: Float[Array, "M D"]
+    lattice: Lattice, layout: SceneLayout, grid: CellGrid, cell: Float[Array, "M D"]
 ) -> Int[Array, " M"]:
     """Return the row of the table that belongs to a cell. A divided axis that is not periodic has a
     border of cells that are always empty.
@@ -126,7 +127,9 @@ def row_of(
     return row
 
 
-def placed(layout: Layout, numbers: Numbers, grid: Grid, position: Float[Array, "N D"]) -> Cells:
+def fill_cells(
+    layout: SceneLayout, numbers: Numbers, grid: CellGrid, position: Float[Array, "N D"]
+) -> Cells:
     """Return all spheres in their cells; shells are in none."""
     count = layout.visible
     lattice = lattice_of(layout, numbers, grid, position)
@@ -149,12 +152,12 @@ class Shift(NamedTuple):
     cell: Float[Array, " D"]
     row: Int[Array, "2"]
     place: Int[Array, "2"]
-    entry: Int[Array, ""]
-    full: Bool[Array, ""]
+    entry: Index
+    full: Flag
 
 
 def shift_of(
-    layout: Layout, cells: Cells, i: Int[Array, ""], position: Float[Array, "1 D"], leaves: Array
+    layout: SceneLayout, cells: Cells, i: Index, position: Float[Array, "1 D"], leaves: Array
 ) -> Shift:
     """Return the move of sphere i to its current cell. If it leaves and is in the same cell, cells
     are useless: their skin is less than a rounding error.
@@ -171,13 +174,13 @@ def shift_of(
     return Shift(cell[0], row, jnp.stack([old, new]), entry, ~room | (leaves & stays))
 
 
-def staying(cells: Cells, i: Int[Array, ""]) -> Shift:
+def staying(cells: Cells, i: Index) -> Shift:
     """Return a move of sphere i to where it is; it writes to a row that does not exist."""
     nowhere, place = jnp.full(2, cells.grid.cells), jnp.zeros(2, int)
     return Shift(cells.cell[i], nowhere, place, i, jnp.zeros_like(cells.full))
 
 
-def shifted(cells: Cells, i: Int[Array, ""], shift: Shift) -> Cells:
+def move_sphere(cells: Cells, i: Index, shift: Shift) -> Cells:
     """Return the cells after the move of sphere i."""
     (old, new), (out, into) = shift.row, shift.place
     table = cells.table.at[old, out].set(-1).at[new, into].set(shift.entry)
@@ -185,7 +188,7 @@ def shifted(cells: Cells, i: Int[Array, ""], shift: Shift) -> Cells:
     return Cells(cells.grid, cells.lattice, cell, table, cells.full | shift.full)
 
 
-def everywhere(layout: Layout) -> tuple[int, ...]:
+def everywhere(layout: SceneLayout) -> tuple[int, ...]:
     """Return the bodies that can be met from any cell: shells, and steadily moving fixed spheres.
     The latter do not search, so that spheres in the cells that they enter would not find them.
     """
@@ -194,7 +197,7 @@ def everywhere(layout: Layout) -> tuple[int, ...]:
 
 
 def neighbours(
-    layout: Layout, cells: Cells, who: Int[Array, " M"]
+    layout: SceneLayout, cells: Cells, who: Int[Array, " M"]
 ) -> tuple[Int[Array, "M C"], Bool[Array, "M C"]]:
     """Return the spheres of the cells around some spheres, and a mask of the valid entries. The
     bodies met `everywhere` come last.
@@ -204,15 +207,15 @@ def neighbours(
     dtype, dimensions = cells.cell.dtype, layout.dimensions
     around = cells.cell[who][:, None] + jnp.asarray(steps, dtype)[None]
     row = row_of(cells.lattice, layout, cells.grid, around.reshape(-1, dimensions))
-    found = cells.table[row].reshape(who.shape[0], -1)
-    more = jnp.asarray(everywhere(layout), found.dtype)[None]
+    spheres = cells.table[row].reshape(who.shape[0], -1)
+    more = jnp.asarray(everywhere(layout), spheres.dtype)[None]
     more = jnp.broadcast_to(more, (who.shape[0], more.shape[1]))
-    found = jnp.concatenate([found, more], axis=1)
-    return jnp.maximum(found, 0), found >= 0
+    spheres = jnp.concatenate([spheres, more], axis=1)
+    return jnp.maximum(spheres, 0), spheres >= 0
 
 
 def leaving(
-    layout: Layout,
+    layout: SceneLayout,
     cells: Cells,
     who: Int[Array, " M"],
     position: Float[Array, "M D"],

@@ -106,18 +106,18 @@ def curved_time(
     # 12 c4 τ² + 6 c3 τ + 2 c2 = 0, by the root that does not cancel.
     root = jnp.sqrt(jnp.maximum(jnp.square(6 * c3) - 96 * c4 * c2, 0))
     q = -(6 * c3 + jnp.where(c3 >= 0, root, -root)) / 2
-    one = q / jnp.where(c4 != 0, 12 * c4, 1)
+    first = q / jnp.where(c4 != 0, 12 * c4, 1)
     other = 2 * c2 / jnp.where(q != 0, q, 1)
-    lower = jnp.clip(jnp.minimum(one, other), zero, end)
-    upper = jnp.clip(jnp.maximum(one, other), zero, end)
+    lower = jnp.clip(jnp.minimum(first, other), zero, end)
+    upper = jnp.clip(jnp.maximum(first, other), zero, end)
     # All intervals are searched together, so that the search is in the program once.
     bends = jnp.stack([zero, lower, upper, end])
     turns = _crossing(jax.vmap(slope), bends[:-1], bends[1:])
     ends = jnp.concatenate([zero[None], turns, end[None]])
     heights = jax.vmap(value)(ends)
     falls = (heights[:-1] > 0) & (heights[1:] <= 0)
-    found = _crossing(jax.vmap(value), ends[:-1], ends[1:])
-    time = jnp.min(jnp.where(falls, found, jnp.inf), axis=0)
+    roots = _crossing(jax.vmap(value), ends[:-1], ends[1:])
+    time = jnp.min(jnp.where(falls, roots, jnp.inf), axis=0)
     starts = touching & ((c1 < 0) | ((c1 == 0) & (c2 < 0)))
     return jnp.where(starts, 0, time)
 
@@ -133,8 +133,8 @@ def _crossing(function: Callable[[Lane], Lane], low: Lane, high: Lane) -> Lane:
         left = (function(middle) > 0) == below
         return jnp.where(left, middle, low), jnp.where(left, high, middle)
 
-    found = jax.lax.fori_loop(0, jnp.finfo(low.dtype).nmant + 12, halve, (low, high))[1]
-    return jnp.where(changes, found, high)
+    root = jax.lax.fori_loop(0, jnp.finfo(low.dtype).nmant + 12, halve, (low, high))[1]
+    return jnp.where(changes, root, high)
 
 
 def image_horizon(

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Array
 
 from ..._program import quick
-from ..arrays.arrays import Layout, Numbers
+from ..arrays.arrays import Numbers, SceneLayout
 from ..result import traced
-from .cells import AROUND, SKIN, Grid, Lattice, cells_of, lattice_of, row_of
+from .cells import AROUND, SKIN, CellGrid, Lattice, cells_of, lattice_of, row_of
 
 MANY = 256
 """The least number of spheres for cells. Measured: with so few in a three-dimensional box cells
@@ -27,8 +27,11 @@ _BLOCK = 4
 
 
 def grid_of(
-    layout: Layout, numbers: Numbers, position: Array | None = None, full: Grid | None = None
-) -> Grid | None:
+    layout: SceneLayout,
+    numbers: Numbers,
+    position: Array | None = None,
+    full: CellGrid | None = None,
+) -> CellGrid | None:
     """Return cells for spheres at their positions, by default those at the start.
 
     Returns None if there are few spheres, or if cells as wide as the largest of them need would
@@ -43,10 +46,10 @@ def grid_of(
     if traced((numbers.radius, numbers.period, position)):
         filling = FILLING[dimensions]
         cells = _power_of_two(2**dimensions * count / filling)
-        return _worth(layout, Grid(cut, cells, _blocks(4 * filling + 4), filling))
+        return _worth(layout, CellGrid(cut, cells, _blocks(4 * filling + 4), filling))
     least = np.where(layout.periodic, AROUND, 3)
     while any(cut):
-        grid = Grid(cut, 2**30, 0, FILLING[sum(cut)])
+        grid = CellGrid(cut, 2**30, 0, FILLING[sum(cut)])
         lattice = _lattice_of(layout, numbers, grid, position)
         enough = np.asarray(lattice.number) >= least
         if np.all(enough | ~np.array(cut)):
@@ -67,21 +70,21 @@ def grid_of(
     if full is not None and full.axes == cut:
         # No smaller than before, so that the programs can be reused.
         cells, capacity = max(cells, full.cells), max(capacity, full.capacity)
-    return _worth(layout, Grid(cut, cells, capacity, FILLING[sum(cut)]))
+    return _worth(layout, CellGrid(cut, cells, capacity, FILLING[sum(cut)]))
 
 
 _lattice_of = quick(lattice_of)
 
 
 @quick
-def _rows_of(lattice: Lattice, layout: Layout, grid: Grid, position: Array) -> Array:
+def _rows_of(lattice: Lattice, layout: SceneLayout, grid: CellGrid, position: Array) -> Array:
     return row_of(lattice, layout, grid, cells_of(lattice, layout, position))
 
 
-def _worth(layout: Layout, grid: Grid) -> Grid | None:
+def _worth(layout: SceneLayout, grid: CellGrid) -> CellGrid | None:
     """Return the grid, unless neighbours are nearly all spheres."""
-    found = 3 ** sum(grid.axes) * grid.capacity
-    return grid if 2 * found <= layout.visible else None
+    visited = 3 ** sum(grid.axes) * grid.capacity
+    return grid if 2 * visited <= layout.visible else None
 
 
 def _power_of_two(number: float | Array) -> int:

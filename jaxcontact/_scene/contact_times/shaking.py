@@ -54,7 +54,7 @@ class _Gap(NamedTuple):
         return jnp.maximum(jnp.minimum(safe, self.lasts), self.least)
 
 
-def _marched(
+def _march(
     gap: Callable[[Lane], _Gap],
     step: Callable[[Lane], Lane],
     curve: Lane,
@@ -92,11 +92,11 @@ def _marched(
         away = waits & (there.slope > noise) & (there.room > rounding)
         met = waits & (there.room < deep)
         begins = met & (stride <= least)
-        found = ~waits & (there.slope < 0) & ((there.room <= 0) | (by <= least))
+        arrived = ~waits & (there.slope < 0) & ((there.room <= 0) | (by <= least))
         # After a graze that rounding made a touch, the first steps would have zero length.
-        flies = jnp.where(on & ~found, t + jnp.maximum(by, least), t)
+        flies = jnp.where(on & ~arrived, t + jnp.maximum(by, least), t)
         t = jnp.where(waits, jnp.where(met & ~begins, t, at), flies)
-        on = on & ~found & ~begins & (t <= horizon)
+        on = on & ~arrived & ~begins & (t <= horizon)
         return t, on, waits & ~away, jnp.where(met, stride / 2, stride)
 
     stride = jnp.broadcast_to(horizon / CHECKED, noise.shape)
@@ -142,7 +142,7 @@ def shaking_wall_time(
         return jnp.where(mean > 0, jnp.maximum(safe, outside), safe)
 
     curve, wanted = acceleration - motion.acceleration(now), wanted & motion.accelerated
-    return _marched(there, step, curve, noise, rounding, _finest(motion, now), horizon, wanted)
+    return _march(there, step, curve, noise, rounding, _finest(motion, now), horizon, wanted)
 
 
 def shaking_sphere_time(
@@ -189,8 +189,8 @@ def shaking_sphere_time(
     curve, noise = sign * (drawn + across) / length, noise + jnp.zeros_like(distance)
     # For the gap of squares in a shell.
     times = jnp.where(sign > 0, 1, 2 * length)
-    given = (times * curve, times * noise, times * rounding)
-    return _marched(there, step, *given, _finest(motion, now), horizon, wanted)
+    scaled = (times * curve, times * noise, times * rounding)
+    return _march(there, step, *scaled, _finest(motion, now), horizon, wanted)
 
 
 def _gap(apart: Lane, rate: Lane, distance: Lane, bend: Lane) -> _Gap:

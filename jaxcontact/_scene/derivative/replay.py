@@ -8,60 +8,59 @@ states and therefore does not drift from them, even in a chaotic scene.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Int
 
-from ..arrays.arrays import Layout, Numbers
+from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying, where_each
 from ..arrays.rows import rows_of, with_rows
 from ..cluster.equations import ClusterState
-from ..engine.cluster_slots import index_of, places, rearranged
-from ..engine.log import Facts, Figures, Log, Together
+from ..engine.cluster_slots import index_of, rearrange, slot_pairs
+from ..engine.log import ClusterNumbers, Log, LogDecisions, LogNumbers
 from ..engine.state import Rules
-from ..pair_impact.instantaneous import Outcome
-from .slopes import Done, Entering, Matrices, called, flat, own, seated, struck, two_of, unflat
+from ..pair_impact.instantaneous import ImpactOutcome
+from ..run_record import RunRecord
+from ..scalars import Flag, Index, Number
+from .slopes import Done, Entering, Matrices, flat, row_call, row_hit, row_numbers, two_of, unflat
 
 
-def differentiable(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    log: Log,
-    written: Int[Array, ""],
-    tolerance: Float[Array, ""],
-) -> Log:
-    """Return the log with the derivatives of its figures with respect to `numbers`."""
-    leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
+def differentiable(record: RunRecord) -> RunRecord:
+    """Return a run whose figures in the log have derivatives with respect to its numbers."""
+    layout, rules = record.layout, record.rules
+    leaves, rest = eqx.partition(record.numbers, eqx.is_inexact_array)
     # Traced arrays that are not floats are arguments of the rule.
     others, rest = eqx.partition(rest, eqx.is_array)
 
     @jax.custom_jvp
-    def figures(leaves: Any, others: Any, log: Log, written: Array, tolerance: Array) -> Figures:
+    def figures(leaves: Any, others: Any, log: Log, written: Array, tolerance: Array) -> LogNumbers:
         return log.figures
 
     @figures.defjvp
-    def rule(primals: tuple, tangents: tuple) -> tuple[Figures, Figures]:
+    def rule(primals: tuple, tangents: tuple) -> tuple[LogNumbers, LogNumbers]:
         leaves, others, log, written, tolerance = primals
-        known = figures(*primals)
+        values = figures(*primals)
         numbers = eqx.combine(leaves, others, rest)
-        log = log._replace(figures=known)
-        return known, pushed(layout, rules, numbers, log, written, tolerance, tangents[0])
+        log = log._replace(figures=values)
+        return values, push_tangents(layout, rules, numbers, log, written, tolerance, tangents[0])
 
-    return log._replace(figures=figures(leaves, others, log, written, tolerance))
+    written, tolerance = record.outcome.written, record.tolerance
+    log = record.log._replace(figures=figures(leaves, others, record.log, written, tolerance))
+    return dataclasses.replace(record, outcome=record.outcome._replace(log=log))
 
 
 class _Row(NamedTuple):
     """A row of the log; whether it `counts`, and the `slot` of its matrix."""
 
-    known: Figures
-    facts: Facts
-    counts: Bool[Array, ""]
-    slot: Int[Array, ""]
+    values: LogNumbers
+    facts: LogDecisions
+    counts: Flag
+    slot: Index
 
 
 class _Ways(NamedTuple):
@@ -70,72 +69,72 @@ class _Ways(NamedTuple):
     its output.
     """
 
-    hit: Callable[[_Row, Flying], Outcome] | None
+    hit: Callable[[_Row, Flying], ImpactOutcome] | None
     call: Callable[[_Row, Entering], Done] | None
 
 
-def pushed(
-    layout: Layout,
+def push_tangents(
+    layout: SceneLayout,
     rules: Rules,
     numbers: Numbers,
     log: Log,
-    written: Int[Array, ""],
-    tolerance: Float[Array, ""],
+    written: Index,
+    tolerance: Number,
     along: Numbers,
-) -> Figures:
+) -> LogNumbers:
     """Return the tangents of the figures; each row is solved again for its own."""
     leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
 
-    def hit(row: _Row, before: Flying) -> Outcome:
-        strike, place = struck(layout, rules, *row[:3], tolerance)
+    def hit(row: _Row, before: Flying) -> ImpactOutcome:
+        strike, place = row_hit(layout, rules, *row[:3], tolerance)
 
-        def of(leaves: Any, before: Flying) -> Outcome:
+        def of(leaves: Any, before: Flying) -> ImpactOutcome:
             return strike(eqx.combine(leaves, rest), before)
 
         return jax.jvp(of, (leaves, place), (along, before))[1]
 
     def coupled(row: _Row, entering: Entering) -> Done:
-        solve, given = called(layout, rules, *row[:3], tolerance)
+        solve, place = row_call(layout, rules, *row[:3], tolerance)
 
         def of(leaves: Any, entering: Entering) -> Done:
             return solve(eqx.combine(leaves, rest), entering)
 
-        return jax.jvp(of, (leaves, given), (along, entering))[1]
+        return jax.jvp(of, (leaves, place), (along, entering))[1]
 
     ways = _Ways(hit, None if log.facts.call is None else coupled)
     slot = jnp.arange(log.facts.tied.shape[0])
-    return _chained(layout, rules, numbers, log, written, along, ways, slot)
+    return _chain(layout, rules, numbers, log, written, along, ways, slot)
 
 
-def chained(
-    layout: Layout,
+def chain_matrices(
+    layout: SceneLayout,
     rules: Rules,
     numbers: Numbers,
     log: Log,
-    written: Int[Array, ""],
+    written: Index,
     matrices: Matrices,
     along: Numbers,
-) -> Figures:
+) -> LogNumbers:
     """Return the tangents of the figures by the matrices of the rows."""
     hits, calls = matrices.hits, matrices.calls
 
-    def hit(row: _Row, before: Flying) -> Outcome:
+    def hit(row: _Row, before: Flying) -> ImpactOutcome:
         assert hits is not None
-        given = flat((own(layout, along, two_of(layout, row.facts)), before))
-        return unflat(hits[row.slot] @ given, row.known.outcome)
+        start = flat((row_numbers(layout, along, two_of(layout, row.facts)), before))
+        return unflat(hits[row.slot] @ start, row.values.outcome)
 
     def coupled(row: _Row, entering: Entering) -> Done:
-        called, at = row.facts.call, row.known.coupled
+        called, at = row.facts.call, row.values.coupled
         assert calls is not None and called is not None and at is not None
-        given = flat((own(layout, along, seated(layout, called.decided.seats)), entering))
+        start = flat((row_numbers(layout, along, index_of(layout, called.decided.seats)), entering))
         like = Done(at.began, at.end, at.work, entering.spheres.position)
-        return unflat(calls[row.slot] @ given, like)
+        return unflat(calls[row.slot] @ start, like)
 
     ways = _Ways(None if hits is None else hit, None if calls is None else coupled)
-    return _chained(layout, rules, numbers, log, written, along, ways, matrices.slot)
+    return _chain(layout, rules, numbers, log, written, along, ways, matrices.slot)
 
 
-class _Carry(NamedTuple):
+class _Tangents(NamedTuple):
     """Tangents of the spheres, and of the coupled solve in progress."""
 
     spheres: Flying
@@ -143,19 +142,19 @@ class _Carry(NamedTuple):
     held: Array
 
 
-def _chained(
-    layout: Layout,
+def _chain(
+    layout: SceneLayout,
     rules: Rules,
     numbers: Numbers,
     log: Log,
-    written: Int[Array, ""],
+    written: Index,
     along: Numbers,
     ways: _Ways,
     slot: Int[Array, " K"],
-) -> Figures:
-    def impact(carry: _Carry, row: _Row) -> tuple[_Carry, Figures]:
+) -> LogNumbers:
+    def impact(carry: _Tangents, row: _Row) -> tuple[_Tangents, LogNumbers]:
         assert ways.hit is not None
-        known, facts, counts, _ = row
+        values, facts, counts, _ = row
         first, second = facts.choice.first, jnp.minimum(facts.choice.second, layout.spheres - 1)
         is_sphere = facts.choice.second < layout.spheres
         who = jnp.stack([first, jnp.where(is_sphere, second, first)])
@@ -167,37 +166,37 @@ def _chained(
         rows = jnp.stack([counts, counts & is_sphere])
         rows = jnp.where(rows, who, layout.spheres + jnp.arange(2))
         moved = with_rows(carry.spheres, rows, outcome.after)
-        together = jax.tree.map(jnp.zeros_like, known.coupled)
-        return carry._replace(spheres=moved), Figures(before, outcome, together)
+        together = jax.tree.map(jnp.zeros_like, values.coupled)
+        return carry._replace(spheres=moved), LogNumbers(before, outcome, together)
 
-    def together(carry: _Carry, row: _Row) -> tuple[_Carry, Figures]:
+    def together(carry: _Tangents, row: _Row) -> tuple[_Tangents, LogNumbers]:
         assert ways.call is not None and carry.coupled is not None
-        known, members = row.known, rules.members
-        called, at = row.facts.call, known.coupled
+        values, members = row.values, rules.members
+        called, at = row.facts.call, values.coupled
         assert called is not None and at is not None
         seats = called.decided.seats
         who, index = jnp.minimum(seats.who, layout.spheres - 1), index_of(layout, seats)
         # In the slots of this call; before it they may have held other bodies.
-        before = rearranged(carry.coupled, called.decided.change, members)
+        before = rearrange(carry.coupled, called.decided.change, members)
         spheres, held = rows_of((carry.spheres, carry.held), who)
         began, end, work, place = ways.call(row, Entering(spheres, held, before))
 
         after = Flying(place, end.velocity[:members], jnp.broadcast_to(end.time, (members,)))
-        first, second = places(layout, members)
+        first, second = slot_pairs(layout, members)
         on_wall = (at.end.closed > 0.5) & (second >= members) & called.rest
         latched = jnp.zeros_like(held).at[first].add(jnp.where(on_wall, end.latched, 0))
-        nothing = jax.tree.map(jnp.zeros_like, known)
+        nothing = jax.tree.map(jnp.zeros_like, values)
         figures = nothing._replace(
             outcome=nothing.outcome._replace(time=began.time),
-            coupled=Together(spheres, held, began, end, work, jnp.zeros_like(work)),
+            coupled=ClusterNumbers(spheres, held, began, end, work, jnp.zeros_like(work)),
         )
         moved, held = with_rows((carry.spheres, carry.held), index, (after, latched))
-        return _Carry(moved, end, held), figures
+        return _Tangents(moved, end, held), figures
 
-    def nothing(carry: _Carry, row: _Row) -> tuple[_Carry, Figures]:
-        return carry, jax.tree.map(jnp.zeros_like, row.known)
+    def nothing(carry: _Tangents, row: _Row) -> tuple[_Tangents, LogNumbers]:
+        return carry, jax.tree.map(jnp.zeros_like, row.values)
 
-    def one(carry: _Carry, row: _Row) -> tuple[_Carry, Figures]:
+    def pass_row(carry: _Tangents, row: _Row) -> tuple[_Tangents, LogNumbers]:
         other = nothing if ways.hit is None else impact
         if ways.call is None:
             return other(carry, row)
@@ -207,10 +206,10 @@ def _chained(
         return jax.lax.cond(is_call, lambda: together(carry, this), lambda: other(carry, that))
 
     rows = _Row(*log, jnp.arange(log.facts.tied.shape[0]) < written, slot)
-    return jax.lax.scan(one, _begun(layout, numbers, log, along), rows)[1]
+    return jax.lax.scan(pass_row, _initial_tangents(layout, numbers, log, along), rows)[1]
 
 
-def _begun(layout: Layout, numbers: Numbers, log: Log, along: Numbers) -> _Carry:
+def _initial_tangents(layout: SceneLayout, numbers: Numbers, log: Log, along: Numbers) -> _Tangents:
     """Return the tangents at the start of a run."""
     held = jnp.zeros(layout.spheres, along.position.dtype)
     start = Flying(along.position, along.velocity, held)
@@ -227,4 +226,4 @@ def _begun(layout: Layout, numbers: Numbers, log: Log, along: Numbers) -> _Carry
             began = along.start.contacts.state._asdict()
             # Flags have no derivative.
             coupled = coupled._replace(**{k: x for k, x in began.items() if x is not None})
-    return _Carry(start, coupled, held)
+    return _Tangents(start, coupled, held)

@@ -15,18 +15,19 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from ..arrays.arrays import Layout, Numbers
+from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying
 from ..arrays.rows import rows_of
 from ..cluster.equations import ClusterState
 from ..cluster.scaled import MOST_STEPS
-from ..engine.cluster_slots import Seats, in_place, index_of
+from ..engine.cluster_slots import in_place, index_of
 from ..engine.coupled import as_flags, as_numbers, call, work_of_walls
 from ..engine.event_queue import in_branch
-from ..engine.log import Facts, Figures, Log
+from ..engine.log import Log, LogDecisions, LogNumbers
 from ..engine.state import Rules
-from ..pair_impact.instantaneous import Outcome, hit, two_that_meet
+from ..pair_impact.instantaneous import ImpactOutcome, hit, two_that_meet
 from ..pair_impact.soft import soft
+from ..scalars import Flag, Number
 
 
 class Done(NamedTuple):
@@ -46,22 +47,22 @@ class Entering(NamedTuple):
     before: ClusterState
 
 
-def struck(
-    layout: Layout,
+def row_hit(
+    layout: SceneLayout,
     rules: Rules,
-    known: Figures,
-    facts: Facts,
-    counts: Bool[Array, ""],
-    tolerance: Float[Array, ""],
+    values: LogNumbers,
+    facts: LogDecisions,
+    counts: Flag,
+    tolerance: Number,
     by_formula: bool = False,
-) -> tuple[Callable[[Numbers, Flying], Outcome], Flying]:
+) -> tuple[Callable[[Numbers, Flying], ImpactOutcome], Flying]:
     """Return the impact of a row as a function, and the bodies before it. Rows without an impact
     use two approaching bodies.
     """
     place = two_that_meet(layout, facts.choice.time)
-    before = jax.tree.map(lambda a, b: jnp.where(counts, a, b), known.before, place)
+    before = jax.tree.map(lambda a, b: jnp.where(counts, a, b), values.before, place)
 
-    def strike(numbers: Numbers, before: Flying) -> Outcome:
+    def strike(numbers: Numbers, before: Flying) -> ImpactOutcome:
         if rules.soft:
             return soft(layout, numbers, before, facts.choice, tolerance, counts, by_formula)
         return hit(layout, numbers, before, facts.choice)
@@ -69,16 +70,16 @@ def struck(
     return strike, before
 
 
-def called(
-    layout: Layout,
+def row_call(
+    layout: SceneLayout,
     rules: Rules,
-    known: Figures,
-    facts: Facts,
-    counts: Bool[Array, ""],
-    tolerance: Float[Array, ""],
+    values: LogNumbers,
+    facts: LogDecisions,
+    counts: Flag,
+    tolerance: Number,
 ) -> tuple[Callable[[Numbers, Entering], Done], Entering]:
     """Return the call of a row as a function, and its input."""
-    row, at, members = facts.call, known.coupled, rules.members
+    row, at, members = facts.call, values.coupled, rules.members
     assert row is not None and at is not None
     # The time of rest, and that of the last step, depend on rounding. This solve would stop at
     # another time, so it runs to the known one.
@@ -103,13 +104,13 @@ def called(
     return solve, Entering(at.spheres, at.held, at.began)
 
 
-def two_of(layout: Layout, facts: Facts) -> Int[Array, "2"]:
+def two_of(layout: SceneLayout, facts: LogDecisions) -> Int[Array, "2"]:
     """Return the spheres of an impact, N for a wall."""
     second = facts.choice.second
     return jnp.stack([facts.choice.first, jnp.minimum(second, layout.spheres)])
 
 
-class Own(NamedTuple):
+class RowNumbers(NamedTuple):
     """The numbers of a scene on which a row depends. These are the numbers of its spheres, and
     shared ones: walls, gravity, laws. The positions of shaken fixed spheres are also shared.
     """
@@ -122,7 +123,7 @@ class Own(NamedTuple):
     rest: Numbers
 
 
-def own(layout: Layout, numbers: Numbers, who: Int[Array, " M"]) -> Own:
+def row_numbers(layout: SceneLayout, numbers: Numbers, who: Int[Array, " M"]) -> RowNumbers:
     """Return the numbers of some spheres; zeros for empty slots."""
 
     def at(all: Array) -> Array:
@@ -132,7 +133,7 @@ def own(layout: Layout, numbers: Numbers, who: Int[Array, " M"]) -> Own:
     if layout.shaken:
         shaken = numbers.position[jnp.asarray(layout.shaken)]
     spheres = layout.spheres
-    return Own(
+    return RowNumbers(
         at(numbers.radius),
         at(numbers.inverse_mass[:spheres]),
         None if compliance is None else at(compliance[:spheres]),
@@ -146,7 +147,9 @@ def own(layout: Layout, numbers: Numbers, who: Int[Array, " M"]) -> Own:
     )  # fmt: skip
 
 
-def with_own(layout: Layout, numbers: Numbers, who: Int[Array, " M"], own: Own) -> Numbers:
+def with_own(
+    layout: SceneLayout, numbers: Numbers, who: Int[Array, " M"], own: RowNumbers
+) -> Numbers:
     """Return the numbers of a scene with those of a row inserted."""
 
     def put(all: Array, new: Array) -> Array:
@@ -208,33 +211,33 @@ class Kept(NamedTuple):
 
 
 def matrices(
-    layout: Layout,
+    layout: SceneLayout,
     rules: Rules,
     numbers: Numbers,
     log: Log,
     hits: Kept | None,
     calls: Kept | None,
     slot: Int[Array, " K"],
-    tolerance: Float[Array, ""],
+    tolerance: Number,
     by_formula: bool,
 ) -> Matrices:
     """Return the matrices of all rows, each with respect to its own inputs."""
 
-    def of(known: Figures, facts: Facts, counts: Array, is_call: bool) -> Array:
-        given: Any
+    def of(values: LogNumbers, facts: LogDecisions, counts: Array, is_call: bool) -> Array:
+        entry: Any
         if is_call:
-            row, given = called(layout, rules, known, facts, counts, tolerance)
+            row, entry = row_call(layout, rules, values, facts, counts, tolerance)
             assert facts.call is not None
-            who = seated(layout, facts.call.decided.seats)
+            who = index_of(layout, facts.call.decided.seats)
         else:
-            row, given = struck(layout, rules, known, facts, counts, tolerance, by_formula)
+            row, entry = row_hit(layout, rules, values, facts, counts, tolerance, by_formula)
             who = two_of(layout, facts)
-        start, unravel = ravel_pytree(_without_flags((own(layout, numbers, who), given)))
+        start, unravel = ravel_pytree(_without_flags((row_numbers(layout, numbers, who), entry)))
 
         def outcome(vector: Array) -> Array:
             mine, entering = unravel(vector)
             if is_call:
-                flags = given.before
+                flags = entry.before
                 before = entering.before._replace(closed=flags.closed, rising=flags.rising)
                 entering = entering._replace(before=before)
             return flat(row(with_own(layout, numbers, who, mine), entering))
@@ -245,15 +248,10 @@ def matrices(
         if kept is None:
             return None
 
-        def one(k: Array, counts: Array) -> Array:
-            known, facts = rows_of(log, k)
-            return in_branch(counts, lambda: of(known, facts, counts, is_call))
+        def matrix_of_row(k: Array, counts: Array) -> Array:
+            values, facts = rows_of(log, k)
+            return in_branch(counts, lambda: of(values, facts, counts, is_call))
 
-        return jax.lax.map(lambda given: one(*given), kept)
+        return jax.lax.map(lambda rows: matrix_of_row(*rows), kept)
 
     return Matrices(each(hits, False), each(calls, True), slot)
-
-
-def seated(layout: Layout, seats: Seats) -> Int[Array, " M"]:
-    """Return the sphere in each slot of a call, or a number from N on for empty slots."""
-    return index_of(layout, seats)

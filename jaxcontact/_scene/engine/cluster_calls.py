@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
 
-from ..arrays.arrays import Layout, Numbers
+from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying, at_once
 from ..arrays.rows import rows_of
 from ..cluster.problem import APART, AT_REST, PAUSED, TIME_IS_UP
 from ..cluster.problem import NOT_CONVERGED as FAILED
-from ..pair_impact.instantaneous import Choice, Outcome
-from .cluster_members import company_of, pace_of
-from .cluster_slots import change_of, index_of, places
+from ..pair_impact.instantaneous import Choice, ImpactOutcome
+from ..scalars import Flag, Number
+from .cluster_members import pace_of, select_members
+from .cluster_slots import index_of, member_change, slot_pairs
 from .coupled import Call, as_numbers, call, masses, meets, touching, work_of_walls
-from .event_queue import out_of_date
-from .log import Called, Facts, Figures, Together
-from .next_event import OUT_OF_DATE, among_others, seated, simultaneous
+from .event_queue import stale_events
+from .log import ClusterDecisions, ClusterNumbers, LogDecisions, LogNumbers
+from .next_event import OUT_OF_DATE, in_cluster, simultaneous, without_cluster
 from .state import (
     ACCUMULATED,
     CROWDED,
@@ -27,17 +27,17 @@ from .state import (
     RUNNING,
     Coupling,
     Rules,
-    State,
+    RunState,
 )
 
 
-def begins(
-    layout: Layout,
+def start_cluster(
+    layout: SceneLayout,
     numbers: Numbers,
     before: Coupling,
-    starts: Bool[Array, ""],
+    starts: Flag,
     choice: Choice,
-    closing: Float[Array, ""],
+    closing: Number,
 ) -> Coupling:
     """Return the coupling after a touch that is not isolated, if it `starts` or joins a solve."""
     pace = pace_of(layout, numbers, choice, closing)
@@ -48,7 +48,7 @@ def begins(
     return jax.tree.map(lambda a, b: jnp.where(starts, a, b), after, before)
 
 
-def calls_first(state: State) -> Bool[Array, ""]:
+def cluster_is_next(state: RunState) -> Flag:
     """Return whether the next call of the active solve precedes all events of other spheres. A
     known touch is part of that call.
     """
@@ -58,22 +58,22 @@ def calls_first(state: State) -> Bool[Array, ""]:
     return coupling.active & (coupling.touches | sooner)
 
 
-def called(
-    layout: Layout,
+def step_cluster(
+    layout: SceneLayout,
     numbers: Numbers,
     rules: Rules,
-    state: State,
-    end: Float[Array, ""],
-    tolerance: Float[Array, ""],
-    needed: Bool[Array, ""],
-) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
+    state: RunState,
+    end: Number,
+    tolerance: Number,
+    needed: Flag,
+) -> tuple[RunState, LogNumbers, LogDecisions, Flag]:
     """Make one call of the coupled solve, until a pair touches or opens or other events are due."""
     count, members, coupling = layout.spheres, rules.members, state.coupling
     assert coupling is not None
     now = jnp.where(coupling.starts, coupling.choice.time, coupling.state.time)
-    company = company_of(layout, numbers, members, state, now)
+    company = select_members(layout, numbers, members, state, now)
     seats = company.seats
-    change = change_of(layout, members, coupling.seats, seats, coupling.starts)
+    change = member_change(layout, members, coupling.seats, seats, coupling.starts)
     who, index = jnp.minimum(seats.who, count - 1), index_of(layout, seats)
     spheres = rows_of(Flying(state.position, state.velocity, state.time), who)
     support, held, counts = rows_of((state.support, state.held, state.count), who)
@@ -83,9 +83,9 @@ def called(
 
     # A sphere that leaves is searched before anything else.
     going_on = coupling._replace(seats=seats)
-    inside = seated(layout, going_on)
-    leaves = seated(layout, coupling) & ~inside & ~coupling.starts
-    events = among_others(layout, numbers, going_on, state.events, now)
+    inside = in_cluster(layout, going_on)
+    leaves = in_cluster(layout, coupling) & ~inside & ~coupling.starts
+    events = without_cluster(layout, numbers, going_on, state.events, now)
     expected = jnp.where(inside, jnp.inf, jnp.where(leaves, now, events.time))
     events = events._replace(time=expected, partner=jnp.where(leaves, OUT_OF_DATE, events.partner))
     waiting = jnp.where(state.time > now + simultaneous(numbers, now), state.time, jnp.inf)
@@ -96,11 +96,11 @@ def called(
     decided = Call(coupling.starts, coupling.choice, seats, change, closed, until, no)
     began, done = call(
         layout, numbers, members, spheres, support, held, coupling.state,
-        decided.where(needed & calls_first(state)), tolerance, rules.v0, derived=False,
+        decided.where(needed & cluster_is_next(state)), tolerance, rules.v0, derived=False,
     )  # fmt: skip
     after, status = done.state, done.status
     apart, rest = status == APART, status == AT_REST
-    first, second = places(layout, members)
+    first, second = slot_pairs(layout, members)
     flat = second >= members
     # At rest each sphere in contact is held by one wall.
     on_wall = after.closed & flat
@@ -122,10 +122,10 @@ def called(
     missing = jnp.sum(mass * (motion[0] - motion[1])) / 2 + jnp.maximum(done.work, 0)
     reserve = jnp.maximum(jnp.where(coupling.starts, 0, coupling.reserve) + missing, 0)
     # During the solve nothing else happens to the spheres in it.
-    time, known = jnp.broadcast_to(after.time, (members,)), rows_of(events, who)
+    time, later = jnp.broadcast_to(after.time, (members,)), rows_of(events, who)
     state = (
         state._replace(events=events)
-        .written(
+        .replace_rows(
             index,
             position=position,
             velocity=after.velocity[:members],
@@ -134,7 +134,7 @@ def called(
             held=jnp.where(rest, latched, 0),
             count=counts + 1,
             owed=jnp.zeros(members, numbers.dtype),
-            events=jax.tree.map(lambda a, b: jnp.where(ends, a, b), out_of_date(time), known),
+            events=jax.tree.map(lambda a, b: jnp.where(ends, a, b), stale_events(time), later),
         )
         ._replace(
             now=jnp.maximum(state.now, began.time),
@@ -146,11 +146,11 @@ def called(
     zero = jnp.zeros((), numbers.dtype)
     two = jnp.zeros((2, layout.dimensions), numbers.dtype)
     nobody = Flying(two, two, jnp.zeros(2, numbers.dtype))
-    outcome = Outcome(nobody, began.time, *[zero] * (len(Outcome._fields) - 2))
+    outcome = ImpactOutcome(nobody, began.time, *[zero] * (len(ImpactOutcome._fields) - 2))
     work = work_of_walls(layout, numbers, seats, began, done)
-    together = Together(spheres, held, as_numbers(began), as_numbers(after), work, done.error)
+    together = ClusterNumbers(spheres, held, as_numbers(began), as_numbers(after), work, done.error)
     blank, decided = jnp.full(2, -1), decided._replace(choice=None)
-    called = Called(jnp.asarray(True), support, decided, ends, rest, status == PAUSED)
-    figures = Figures(nobody, outcome, together)
-    facts = Facts(coupling.choice, blank, no, jnp.full_like(zero, jnp.inf), called)
+    called = ClusterDecisions(jnp.asarray(True), support, decided, ends, rest, status == PAUSED)
+    figures = LogNumbers(nobody, outcome, together)
+    facts = LogDecisions(coupling.choice, blank, no, jnp.full_like(zero, jnp.inf), called)
     return state, figures, facts, ~company.crowded

@@ -13,35 +13,34 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
-from ..arrays.arrays import Layout, Numbers, known_contact_of, least_speed, nearest_image
+from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, least_speed, nearest_image
 from ..arrays.flight import Flying, at_once
 from ..bodies.side import side
 from ..pair_impact.instantaneous import Choice
-from .cluster_slots import Seats, bodies_of, everyone, in_line, own_places
+from ..scalars import Flag, Index, Number
+from .cluster_slots import Slots, all_fit, bodies_of, identity_slots, in_line
 from .next_event import simultaneous
-from .state import Coupling, State
+from .state import Coupling, RunState
 
 _CALLS = 64
 """The number of calls into which the first third of an impact may be divided. It matters if there
 is no place for all spheres within reach in that time."""
 
 
-class Company(NamedTuple):
+class ClusterMembers(NamedTuple):
     """The `seats` of a call, and its limits. The call may last for `alone` s before other spheres
     must be considered. `crowded`: whether there are too few places, or an image of a member is
     within reach.
     """
 
-    seats: Seats
-    alone: Float[Array, ""]
-    crowded: Bool[Array, ""]
+    seats: Slots
+    alone: Number
+    crowded: Flag
 
 
-def pace_of(
-    layout: Layout, numbers: Numbers, choice: Choice, closing: Float[Array, ""]
-) -> Float[Array, ""]:
+def pace_of(layout: SceneLayout, numbers: Numbers, choice: Choice, closing: Number) -> Number:
     """Return about a third of an impact's duration: X/v with X = (μ v²/K)^(1/(n+1)), in s."""
     contact = known_contact_of(layout, numbers, choice.first, choice.second)
     n = contact.exponent
@@ -49,18 +48,18 @@ def pace_of(
     return (contact.mass / contact.stiffness / speed ** (n - 1)) ** (1 / (n + 1))
 
 
-def company_of(
-    layout: Layout, numbers: Numbers, members: int, state: State, now: Float[Array, ""]
-) -> Company:
+def select_members(
+    layout: SceneLayout, numbers: Numbers, members: int, state: RunState, now: Number
+) -> ClusterMembers:
     """Return the members of the next call of the coupled solve."""
     coupling, count = state.coupling, layout.spheres
     assert coupling is not None
     ready = state.time <= now + simultaneous(numbers, now)
     shift = jnp.zeros((members, layout.dimensions), numbers.dtype)
-    if everyone(layout, members):
-        who = own_places(layout, numbers)
+    if all_fit(layout, members):
+        who = identity_slots(layout, numbers)
         no = jnp.asarray(False)
-        return Company(Seats(who, ready[who], shift), jnp.full_like(now, jnp.inf), no)
+        return ClusterMembers(Slots(who, ready[who], shift), jnp.full_like(now, jnp.inf), no)
     spheres = Flying(state.position, state.velocity, state.time)
     there = at_once(layout, numbers, jnp.arange(count), spheres, state.support, now)[0]
     core = _core(layout, coupling)
@@ -134,7 +133,7 @@ def company_of(
     who, after, filled = jax.lax.fori_loop(0, members - 1, one_more, start)
     alone = jnp.min(arrivals(who, after, filled))
     crowded = (jnp.sum(core) > members) | (alone <= coupling.pace / _CALLS)
-    seats, wide = _seated(layout, numbers, there, coupling, who, filled)
+    seats, wide = _assign_slots(layout, numbers, there, coupling, who, filled)
     if any(layout.periodic):
         # Only the nearest image of a pair, at half a period or less, may touch. No other image
         # comes as near before two bodies have covered the rest of that half.
@@ -143,16 +142,16 @@ def company_of(
         room = half - 2 * jnp.max(jnp.where(seats.present, jnp.abs(radius), 0))
         speed = jnp.max(fastest(who, filled))
         alone = jnp.minimum(alone, room / 2 / jnp.where(speed > 0, speed, 1))
-    return Company(seats, alone, crowded | wide)
+    return ClusterMembers(seats, alone, crowded | wide)
 
 
-def _core(layout: Layout, coupling: Coupling) -> Bool[Array, " N"]:
+def _core(layout: SceneLayout, coupling: Coupling) -> Bool[Array, " N"]:
     """Return which spheres are in contact."""
     count, members = layout.spheres, coupling.seats.who.shape[0]
-    one, other = bodies_of(layout, members, coupling.seats.who)
+    first, second = bodies_of(layout, members, coupling.seats.who)
     closed = coupling.state.closed & ~coupling.starts
     core = jnp.zeros(count, bool)
-    for body in (one, other):
+    for body in (first, second):
         core = core.at[jnp.where(closed, body, count)].set(True, mode="drop")
     choice = coupling.choice
     for body in (choice.first, choice.second):
@@ -160,14 +159,14 @@ def _core(layout: Layout, coupling: Coupling) -> Bool[Array, " N"]:
     return core
 
 
-def _seated(
-    layout: Layout,
+def _assign_slots(
+    layout: SceneLayout,
     numbers: Numbers,
     there: Flying,
     coupling: Coupling,
     who: Int[Array, " M"],
-    filled: Int[Array, ""],
-) -> tuple[Seats, Bool[Array, ""]]:
+    filled: Index,
+) -> tuple[Slots, Flag]:
     """Return the places of the members, in neighbouring images; in a line by their order. The flag
     is True if those in a line span more than half a period: the last might then meet the first.
     """
@@ -196,4 +195,4 @@ def _seated(
             wide = high - low + reach > numbers.period[0] / 2
         order = jnp.argsort(jnp.where(present, place, jnp.inf))
         who, present, shift = who[order], present[order], shift[order]
-    return Seats(jnp.where(present, who, count), present, shift), wide
+    return Slots(jnp.where(present, who, count), present, shift), wide

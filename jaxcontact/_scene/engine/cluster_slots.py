@@ -11,12 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..arrays.arrays import Layout, Numbers
+from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.rows import rows_of
-from ..cluster.equations import ClusterState, Pairs
+from ..cluster.equations import ClusterPairs, ClusterState
+from ..scalars import Flag
 
 
-class Seats(NamedTuple):
+class Slots(NamedTuple):
     """The assignment of slots. `who` (M,) holds the spheres, of which those `present` are in the
     solve. `shift` (M, D) is the number of periods between each sphere and its solved image.
     """
@@ -26,20 +27,20 @@ class Seats(NamedTuple):
     shift: Float[Array, "M D"]
 
 
-def in_line(layout: Layout) -> bool:
+def in_line(layout: SceneLayout) -> bool:
     """Return whether spheres keep their order, so that only neighbours meet."""
     return layout.dimensions == 1 and layout.visible == layout.spheres and not layout.driven
 
 
-def everyone(layout: Layout, members: int) -> bool:
+def all_fit(layout: SceneLayout, members: int) -> bool:
     """Return whether every sphere has a slot of its own."""
     return members == layout.spheres and not any(layout.periodic)
 
 
-def places(layout: Layout, members: int) -> tuple[np.ndarray, np.ndarray]:
+def slot_pairs(layout: SceneLayout, members: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the first and second slot of every pair that can meet, (P,) each; walls come last."""
-    own = everyone(layout, members) and not in_line(layout)
-    fixed = layout.fixed if own else (False,) * members
+    by_sphere = all_fit(layout, members) and not in_line(layout)
+    fixed = layout.fixed if by_sphere else (False,) * members
     pairs = [
         (i, j)
         for i in range(members)
@@ -53,22 +54,22 @@ def places(layout: Layout, members: int) -> tuple[np.ndarray, np.ndarray]:
     return first, second
 
 
-def own_places(layout: Layout, numbers: Numbers) -> Int[Array, " N"]:
+def identity_slots(layout: SceneLayout, numbers: Numbers) -> Int[Array, " N"]:
     """Return the sphere of each slot if all spheres have one; in a line, by their order."""
     if in_line(layout):
         return jnp.argsort(numbers.position[:, 0])
     return jnp.arange(layout.spheres)
 
 
-def empty_seats(layout: Layout, numbers: Numbers, members: int) -> Seats:
+def empty_slots(layout: SceneLayout, numbers: Numbers, members: int) -> Slots:
     """Return seats with no sphere present."""
     who = jnp.full(members, layout.spheres)
-    if everyone(layout, members):
-        who = own_places(layout, numbers)
-    return Seats(who, who < 0, jnp.zeros((members, layout.dimensions), numbers.dtype))
+    if all_fit(layout, members):
+        who = identity_slots(layout, numbers)
+    return Slots(who, who < 0, jnp.zeros((members, layout.dimensions), numbers.dtype))
 
 
-def index_of(layout: Layout, seats: Seats) -> Int[Array, " M"]:
+def index_of(layout: SceneLayout, seats: Slots) -> Int[Array, " M"]:
     """Return the sphere in each slot, or a unique number from N on for empty slots. Each number
     occurs once, so that it can index a write.
     """
@@ -77,31 +78,31 @@ def index_of(layout: Layout, seats: Seats) -> Int[Array, " M"]:
 
 
 def bodies_of(
-    layout: Layout, members: int, who: Int[Array, "*K M"]
+    layout: SceneLayout, members: int, who: Int[Array, "*K M"]
 ) -> tuple[Int[Array, "*K P"], Int[Array, "*K P"]]:
     """Return the first and second body of every pair, numbered as in the engine."""
-    first, second = places(layout, members)
+    first, second = slot_pairs(layout, members)
     walls = jnp.broadcast_to(
         layout.spheres + jnp.arange(layout.walls), (*who.shape[:-1], layout.walls)
     )
     all_of_them = jnp.concatenate([jnp.minimum(who, layout.spheres - 1), walls], axis=-1)
 
-    def named(which: np.ndarray) -> Array:
+    def body_at(which: np.ndarray) -> Array:
         return all_of_them.at[..., which].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
-    return named(first), named(second)
+    return body_at(first), body_at(second)
 
 
-def pairs_of(layout: Layout, numbers: Numbers, members: int, seats: Seats) -> Pairs:
+def pairs_of(layout: SceneLayout, numbers: Numbers, members: int, seats: Slots) -> ClusterPairs:
     """Return the pairs; those with an absent body are not used."""
-    first, second = places(layout, members)
+    first, second = slot_pairs(layout, members)
     one, other = bodies_of(layout, members, seats.who)
     flat = second >= members
     radius = jnp.concatenate([numbers.radius, jnp.zeros(layout.walls, numbers.dtype)])
     none = jnp.zeros((members, layout.dimensions), numbers.dtype)
     inside = jnp.concatenate([seats.present, jnp.ones(layout.walls, bool)])
     moves = numbers.inverse_mass > 0
-    return Pairs(
+    return ClusterPairs(
         first=jnp.asarray(first),
         second=jnp.asarray(second),
         distance=rows_of(radius, one) + rows_of(radius, other),
@@ -113,7 +114,7 @@ def pairs_of(layout: Layout, numbers: Numbers, members: int, seats: Seats) -> Pa
     )
 
 
-class Change(NamedTuple):
+class MemberChange(NamedTuple):
     """The change of members between two calls. `joined` (M,) marks slots with a new body, and
     `fresh` (P,) marks new pairs. `source` (M,) and `pair_source` (P,) are the previous slots of
     bodies and pairs that stay; None if none moves.
@@ -125,14 +126,14 @@ class Change(NamedTuple):
     pair_source: Int[Array, " P"] | None
 
 
-def change_of(
-    layout: Layout, members: int, old: Seats, new: Seats, starts: Bool[Array, ""]
-) -> Change:
+def member_change(
+    layout: SceneLayout, members: int, old: Slots, new: Slots, starts: Flag
+) -> MemberChange:
     """Return the change between two calls; at a start all bodies join."""
-    first, second = places(layout, members)
-    if everyone(layout, members):
+    first, second = slot_pairs(layout, members)
+    if all_fit(layout, members):
         joined = new.present & (starts | ~old.present)
-        return joining(layout, members, joined)
+        return joins(layout, members, joined)
     same = (new.who[:, None] == old.who[None]) & new.present[:, None] & old.present[None]
     stays = jnp.any(same, axis=1) & ~starts
     one, other = bodies_of(layout, members, new.who)
@@ -144,30 +145,32 @@ def change_of(
     pair = (straight | turned) & (before[first] & before[second])[None]
     pair = pair & (now[first] & now[second])[:, None]
     fresh = starts | ~jnp.any(pair, axis=1)
-    return Change(new.present & ~stays, fresh, jnp.argmax(same, axis=1), jnp.argmax(pair, axis=1))
+    return MemberChange(
+        new.present & ~stays, fresh, jnp.argmax(same, axis=1), jnp.argmax(pair, axis=1)
+    )
 
 
-def joining(layout: Layout, members: int, joined: Bool[Array, " M"]) -> Change:
+def joins(layout: SceneLayout, members: int, joined: Bool[Array, " M"]) -> MemberChange:
     """Return the change in which some bodies join and the others keep their slots."""
-    first, second = places(layout, members)
+    first, second = slot_pairs(layout, members)
     walls = jnp.concatenate([joined, jnp.zeros(layout.walls, bool)])
     fresh = walls[first] | walls[second]
-    if everyone(layout, members):
-        return Change(joined, fresh, None, None)
-    return Change(joined, fresh, jnp.arange(members), jnp.arange(first.shape[0]))
+    if all_fit(layout, members):
+        return MemberChange(joined, fresh, None, None)
+    return MemberChange(joined, fresh, jnp.arange(members), jnp.arange(first.shape[0]))
 
 
-def unchanged(layout: Layout, members: int) -> Change:
+def no_change(layout: SceneLayout, members: int) -> MemberChange:
     """Return the change in which all bodies stay."""
-    return joining(layout, members, jnp.zeros(members, bool))
+    return joins(layout, members, jnp.zeros(members, bool))
 
 
-def in_place(change: Change) -> Change:
+def in_place(change: MemberChange) -> MemberChange:
     """Return the change for a state that is already in the slots of this call."""
     return change._replace(source=None, pair_source=None)
 
 
-def rearranged(state: ClusterState, change: Change, members: int) -> ClusterState:
+def rearrange(state: ClusterState, change: MemberChange, members: int) -> ClusterState:
     """Return a state with its bodies and pairs in the slots of the next call."""
     if change.source is None:
         return state

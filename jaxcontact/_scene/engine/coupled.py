@@ -11,17 +11,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..arrays.arrays import Layout, Numbers, known_contact_of, law_of, nearest_image
+from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, law_of, nearest_image
 from ..arrays.flight import Flying, accelerations, at_once
 from ..arrays.rows import rows_of, with_rows
-from ..arrays.stored_energy import stored_in
-from ..bodies.motion import Own
+from ..arrays.stored_energy import stored_energy
+from ..bodies.motion import UserMotion
 from ..bodies.overlap import ROUNDINGS
-from ..cluster.equations import ClusterState, Drive, Pairs
+from ..cluster.equations import ClusterPairs, ClusterState, Drive
 from ..cluster.problem import TIME_IS_UP, ClusterEnd
-from ..cluster.scaled import MOST_STEPS, cluster, touched
+from ..cluster.scaled import MOST_STEPS, cluster, cluster_at_touch
 from ..pair_impact.instantaneous import Choice, meeting_of, two_that_meet
-from .cluster_slots import Change, Seats, bodies_of, in_line, pairs_of, places, rearranged
+from ..scalars import Flag, Number
+from .cluster_slots import MemberChange, Slots, bodies_of, in_line, pairs_of, rearrange, slot_pairs
 
 MOST = 8
 """The default capacity of a coupled solve in spheres."""
@@ -36,22 +37,22 @@ class Call(NamedTuple):
     rest. In a log the choice is that of the row.
     """
 
-    starts: Bool[Array, ""]
+    starts: Flag
     choice: Choice | None
-    seats: Seats
-    change: Change
+    seats: Slots
+    change: MemberChange
     closed: Bool[Array, " P"]
-    until: Float[Array, ""]
-    to_the_end: Bool[Array, ""]
+    until: Number
+    to_the_end: Flag
 
-    def where(self, needed: Bool[Array, ""]) -> Call:
+    def where(self, needed: Flag) -> Call:
         """Return the call, without members unless `needed`; other lanes of a batch may need one."""
         seats = self.seats._replace(present=self.seats.present & needed)
         return self._replace(seats=seats)
 
 
-def placed(
-    layout: Layout, numbers: Numbers, seats: Seats, spheres: Flying, time: Array
+def slot_states(
+    layout: SceneLayout, numbers: Numbers, seats: Slots, spheres: Flying, time: Array
 ) -> tuple[Array, Array]:
     """Return positions and velocities of all slots; a wall is at the foot of its normal."""
     walls = numbers.walls_at(time)
@@ -61,34 +62,34 @@ def placed(
     return position, jnp.concatenate([spheres.velocity, driven])
 
 
-def meets(layout: Layout, members: int, seats: Seats, choice: Choice) -> Bool[Array, " P"]:
+def meets(layout: SceneLayout, members: int, seats: Slots, choice: Choice) -> Bool[Array, " P"]:
     """Return the pair of an impact."""
     one, other = bodies_of(layout, members, seats.who)
     straight = (choice.first == one) & (choice.second == other)
     return straight | ((choice.first == other) & (choice.second == one))
 
 
-def _resting(layout: Layout, members: int, support: Int[Array, " M"]) -> Bool[Array, " P"]:
+def _resting(layout: SceneLayout, members: int, support: Int[Array, " M"]) -> Bool[Array, " P"]:
     """Return the pairs of a sphere and the wall on which it rests."""
-    first, second = places(layout, members)
+    first, second = slot_pairs(layout, members)
     on_it = (support[first] == second - members) & (support[first] >= 0)
     return on_it & jnp.asarray(second >= members)
 
 
 def touching(
-    layout: Layout,
+    layout: SceneLayout,
     numbers: Numbers,
     members: int,
-    seats: Seats,
+    seats: Slots,
     there: Flying,
     support: Int[Array, " M"],
-    time: Float[Array, ""],
+    time: Number,
 ) -> Bool[Array, " P"]:
     """Return the pairs that touch within rounding and do not separate, or are at rest on a wall."""
-    first, second = places(layout, members)
+    first, second = slot_pairs(layout, members)
     pairs = pairs_of(layout, numbers, members, seats)
-    position, velocity = placed(layout, numbers, seats, there, time)
-    apart = _imaged(layout, numbers, pairs, position).between(position)
+    position, velocity = slot_states(layout, numbers, seats, there, time)
+    apart = _nearest_images(layout, numbers, pairs, position).between(position)
     rate = velocity[first] - velocity[second]
     gap, opening = pairs.gaps(apart, rate)
     eps = jnp.finfo(numbers.dtype).eps
@@ -101,7 +102,9 @@ def touching(
     return pairs.used & (touches | _resting(layout, members, support))
 
 
-def _imaged(layout: Layout, numbers: Numbers, pairs: Pairs, position: Array) -> Pairs:
+def _nearest_images(
+    layout: SceneLayout, numbers: Numbers, pairs: ClusterPairs, position: Array
+) -> ClusterPairs:
     """Return the pairs with the nearest images of their bodies."""
     if not any(layout.periodic):
         return pairs
@@ -110,7 +113,7 @@ def _imaged(layout: Layout, numbers: Numbers, pairs: Pairs, position: Array) -> 
 
 
 def call(
-    layout: Layout,
+    layout: SceneLayout,
     numbers: Numbers,
     members: int,
     spheres: Flying,
@@ -118,7 +121,7 @@ def call(
     held: Float[Array, " M"],
     before: ClusterState,
     decided: Call,
-    rtol: Float[Array, ""],
+    rtol: Number,
     v0: Any,
     max_steps: int = MOST_STEPS,
     derived: bool = True,
@@ -132,7 +135,7 @@ def call(
     seats, change = decided.seats, decided.change
     who = jnp.minimum(seats.who, layout.spheres - 1)
     pairs = pairs_of(layout, numbers, members, seats)
-    first, second = places(layout, members)
+    first, second = slot_pairs(layout, members)
 
     # The time of the touch that starts it, or of the end of the last call.
     assert decided.choice is not None
@@ -140,18 +143,18 @@ def call(
     if derived:
         touch = _touch(layout, numbers, spheres, decided)
     time = jnp.where(decided.starts, touch, before.time)
-    before = rearranged(before, change, members)
+    before = rearrange(before, change, members)
 
     # New bodies come from their flight formulas; their pairs are fresh.
     there = at_once(layout, numbers, who, spheres, support, time)[0]
     joined = jnp.concatenate([change.joined, jnp.zeros(layout.walls, bool)])
     came = (joined | decided.starts)[:, None]
-    position, velocity = placed(layout, numbers, seats, there, time)
+    position, velocity = slot_states(layout, numbers, seats, there, time)
     position = jnp.where(came, position, before.position)
     velocity = jnp.where(came, velocity, before.velocity)
     fresh = decided.starts | change.fresh
-    pairs = _imaged(layout, numbers, pairs, position)
-    start = touched(pairs, position, velocity, decided.closed & fresh, v0=v0)
+    pairs = _nearest_images(layout, numbers, pairs, position)
+    start = cluster_at_touch(pairs, position, velocity, decided.closed & fresh, v0=v0)
     rests = _resting(layout, members, support)
     none = jnp.zeros(members, numbers.dtype)
     height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
@@ -186,8 +189,8 @@ def call(
     pull = jnp.concatenate([pull, jnp.zeros((layout.walls, layout.dimensions), numbers.dtype)])
     one, other = bodies_of(layout, members, seats.who)
     # Unused slots get the numbers of a used pair.
-    some = jnp.argmax(pairs.used)
-    one, other = (jnp.where(pairs.used, body, rows_of(body, some)) for body in (one, other))
+    used_pair = jnp.argmax(pairs.used)
+    one, other = (jnp.where(pairs.used, body, rows_of(body, used_pair)) for body in (one, other))
     contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(one, other)
     law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(one, other)
     end = cluster(
@@ -200,21 +203,21 @@ def call(
     return begin, end._replace(state=end.state._replace(time=over))
 
 
-def _touch(layout: Layout, numbers: Numbers, spheres: Flying, decided: Call) -> Float[Array, ""]:
+def _touch(layout: SceneLayout, numbers: Numbers, spheres: Flying, decided: Call) -> Number:
     """Return the time of the touch that starts a solve."""
     seats, choice = decided.seats, decided.choice
     assert choice is not None
-    one = jnp.argmax(seats.who == choice.first)
+    first = jnp.argmax(seats.who == choice.first)
     # A wall has no slot. The first body replaces it, as another body may be ahead in time.
-    other = jnp.argmax(seats.who == choice.second)
-    two = jnp.stack([one, jnp.where(choice.second < layout.spheres, other, one)])
+    second = jnp.argmax(seats.who == choice.second)
+    two = jnp.stack([first, jnp.where(choice.second < layout.spheres, second, first)])
     nobody = two_that_meet(layout, choice.time)
     struck = jax.tree.map(lambda x, y: jnp.where(decided.starts, x[two], y), spheres, nobody)
     met = choice._replace(second=jnp.where(decided.starts, choice.second, choice.first))
     return meeting_of(layout, numbers, struck, met).time
 
 
-def _drive(layout: Layout, numbers: Numbers, seats: Seats, time: Array) -> Drive | None:
+def _drive(layout: SceneLayout, numbers: Numbers, seats: Slots, time: Array) -> Drive | None:
     """Return the drive of the slots from a time on; None without moving walls or shaken spheres."""
     walls, spheres = numbers.motion, numbers.shaking
     if walls is None and spheres is None:
@@ -224,13 +227,13 @@ def _drive(layout: Layout, numbers: Numbers, seats: Seats, time: Array) -> Drive
     rate, phase = jnp.zeros(slots, numbers.dtype), jnp.zeros(slots, numbers.dtype)
     moves = jnp.asarray((False,) * members + layout.moving)
     shakes = jnp.asarray((False,) * members + layout.vibrating)
-    own: list[tuple[Own, Any]] = []
+    users: list[tuple[UserMotion, Any]] = []
     if walls is not None:
         push = walls.amplitude * jnp.square(walls.rate)
         strength = strength.at[members:].set(push[:, None] * numbers.normal)
         rate = rate.at[members:].set(walls.rate)
         phase = phase.at[members:].set(walls.rate * time + walls.phase)
-        own += [(one, members + w) for w, one in enumerate(walls.own) if one is not None]
+        users += [(user, members + w) for w, user in enumerate(walls.own) if user is not None]
     if spheres is not None:
         # The slot of each shaken sphere, beyond all slots if it is absent.
         named = jnp.asarray(layout.shaken)
@@ -244,18 +247,18 @@ def _drive(layout: Layout, numbers: Numbers, seats: Seats, time: Array) -> Drive
             slot,
             (push, spheres.rate, spheres.rate * time + spheres.phase, yes, yes),
         )
-        own += [(one, slot[k]) for k, one in enumerate(spheres.own) if one is not None]
+        users += [(user, slot[k]) for k, user in enumerate(spheres.own) if user is not None]
     return Drive(
         strength=strength,
         rate=rate,
         phase=phase,
         moves=moves,
         shakes=shakes,
-        own=tuple((one.later(time), at) for one, at in own),
+        own=tuple((user.later(time), at) for user, at in users),
     )
 
 
-def masses(layout: Layout, numbers: Numbers, seats: Seats) -> Float[Array, " M"]:
+def masses(layout: SceneLayout, numbers: Numbers, seats: Slots) -> Float[Array, " M"]:
     """Return the masses of the spheres present; 0 for fixed ones."""
     inverse = rows_of(numbers.inverse_mass, jnp.minimum(seats.who, layout.spheres - 1))
     free = seats.present & (inverse > 0)
@@ -263,8 +266,8 @@ def masses(layout: Layout, numbers: Numbers, seats: Seats) -> Float[Array, " M"]
 
 
 def work_of_walls(
-    layout: Layout, numbers: Numbers, seats: Seats, began: ClusterState, end: ClusterEnd
-) -> Float[Array, ""]:
+    layout: SceneLayout, numbers: Numbers, seats: Slots, began: ClusterState, end: ClusterEnd
+) -> Number:
     """Return the work of moving walls and fixed spheres in one call, in J. It is all work except
     that of gravity.
     """
@@ -288,9 +291,9 @@ def as_flags(state: ClusterState) -> ClusterState:
     return state._replace(closed=state.closed > 0.5, rising=state.rising > 0.5)
 
 
-def blank_state(layout: Layout, members: int, dtype: Any) -> ClusterState:
+def blank_state(layout: SceneLayout, members: int, dtype: Any) -> ClusterState:
     """Return a state of zeros, with all pairs open."""
-    slots, pairs = members + layout.walls, places(layout, members)[0].shape[0]
+    slots, pairs = members + layout.walls, slot_pairs(layout, members)[0].shape[0]
     vector, each = jnp.zeros((slots, layout.dimensions), dtype), jnp.zeros(pairs, dtype)
     flags = jnp.zeros(pairs, bool)
     return ClusterState(
@@ -298,15 +301,15 @@ def blank_state(layout: Layout, members: int, dtype: Any) -> ClusterState:
     )
 
 
-def stored_energy(
-    layout: Layout, numbers: Numbers, members: int, seats: Seats, state: ClusterState
-) -> Float[Array, ""]:
+def contact_energy(
+    layout: SceneLayout, numbers: Numbers, members: int, seats: Slots, state: ClusterState
+) -> Number:
     """Return the elastic energy of all contacts, Σ ∫ F(δ, 0) dδ."""
 
-    def one(i: Array, j: Array, depth: Array, closed: Array, speed: Array) -> Array:
+    def energy(i: Array, j: Array, depth: Array, closed: Array, speed: Array) -> Array:
         contact = known_contact_of(layout, numbers, i, j)
         law = law_of(layout, numbers, i, j)
-        return stored_in(law, contact, jnp.where(closed, depth, 0), speed)
+        return stored_energy(law, contact, jnp.where(closed, depth, 0), speed)
 
-    given = (state.indentation, state.closed, state.latched)
-    return jnp.sum(jax.vmap(one)(*bodies_of(layout, members, seats.who), *given))
+    columns = (state.indentation, state.closed, state.latched)
+    return jnp.sum(jax.vmap(energy)(*bodies_of(layout, members, seats.who), *columns))

@@ -7,36 +7,37 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
-from ..arrays.arrays import Layout, Numbers
+from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.rows import rows_of, with_rows
-from ..contact_times.cells import Cells, Grid, Shift, placed, shift_of, shifted, staying
-from .next_event import LEAVES, OUT_OF_DATE, flown, searched, simultaneous
-from .state import Events, State
+from ..contact_times.cells import CellGrid, Cells, Shift, fill_cells, move_sphere, shift_of, staying
+from ..scalars import Flag, Index, Number
+from .next_event import LEAVES, OUT_OF_DATE, find_next_events, flight_at, simultaneous
+from .state import Events, RunState
 
 
-def expecting(
-    layout: Layout,
+def reset_events(
+    layout: SceneLayout,
     numbers: Numbers,
-    state: State,
-    now: Float[Array, ""],
-    grid: Grid | None,
-    needed: Bool[Array, ""] | None = None,
-) -> State:
+    state: RunState,
+    now: Number,
+    grid: CellGrid | None,
+    needed: Flag | None = None,
+) -> RunState:
     """Return the state with new cells, or none, and all events out of date. Unless `needed`, the
     events are kept.
     """
     cells = None
     if grid is not None:
-        cells = placed(layout, numbers, grid, flown(layout, numbers, state, None, now)[0])
-    events = out_of_date(jnp.broadcast_to(now, (layout.spheres,)))
+        cells = fill_cells(layout, numbers, grid, flight_at(layout, numbers, state, None, now)[0])
+    events = stale_events(jnp.broadcast_to(now, (layout.spheres,)))
     if needed is not None:
         events = jax.tree.map(lambda a, b: jnp.where(needed, a, b), events, state.events)
     return state._replace(cells=cells, events=events)
 
 
-def out_of_date(time: Float[Array, " M"]) -> Events:
+def stale_events(time: Float[Array, " M"]) -> Events:
     """Return events marked out of date, to be searched at given times."""
     far, none = jnp.full_like(time, jnp.inf), jnp.full(time.shape, OUT_OF_DATE)
     return Events(time, none, jnp.zeros_like(none), far, far)
@@ -47,14 +48,16 @@ class Due(NamedTuple):
     all times; `time` is that of the event, which may differ by rounding.
     """
 
-    least: Float[Array, ""]
-    time: Float[Array, ""]
-    first: Int[Array, ""]
-    partner: Int[Array, ""]
-    fresh: Bool[Array, ""]
+    least: Number
+    time: Number
+    first: Index
+    partner: Index
+    fresh: Flag
 
 
-def next_event(layout: Layout, numbers: Numbers, events: Events, count: Int[Array, " N"]) -> Due:
+def next_event(
+    layout: SceneLayout, numbers: Numbers, events: Events, count: Int[Array, " N"]
+) -> Due:
     """Return the event of least time; of simultaneous ones that with the largest closing speed."""
     least = jnp.min(events.time)
     together = events.time <= least + simultaneous(numbers, least)
@@ -62,20 +65,16 @@ def next_event(layout: Layout, numbers: Numbers, events: Events, count: Int[Arra
     speed = jnp.where(together, events.speed, -jnp.inf)
     everyone = jnp.arange(layout.spheres)
     i = jnp.min(jnp.where(speed == jnp.max(speed), everyone, layout.spheres - 1))
-    own, partner, met = rows_of((events.time, events.partner, events.count), i)
+    time, partner, met = rows_of((events.time, events.partner, events.count), i)
     is_sphere = (partner >= 0) & (partner < layout.spheres)
-    known = rows_of(count, jnp.clip(partner, 0, layout.spheres - 1)) == met
-    fresh = (partner >= layout.spheres) | (is_sphere & known)
-    return Due(least, own, i, partner, fresh)
+    is_current = rows_of(count, jnp.clip(partner, 0, layout.spheres - 1)) == met
+    fresh = (partner >= layout.spheres) | (is_sphere & is_current)
+    return Due(least, time, i, partner, fresh)
 
 
-def up_to_date(
-    layout: Layout,
-    numbers: Numbers,
-    state: State,
-    until: Float[Array, ""],
-    end: Float[Array, ""],
-) -> tuple[State, Due]:
+def update_events(
+    layout: SceneLayout, numbers: Numbers, state: RunState, until: Number, end: Number
+) -> tuple[RunState, Due]:
     """Search stale spheres again until the next event is an impact or is later than `until`. Events
     are searched only here. Two spheres are searched at a time, since both bodies of an impact are
     out of date; in small scenes one at a time.
@@ -86,9 +85,7 @@ def up_to_date(
         stale = ~due.fresh & (due.least <= until)
         return stale if cells is None else stale & ~cells.full
 
-    def again(
-        carry: tuple[Events, Cells | None, Due],
-    ) -> tuple[Events, Cells | None, Due]:
+    def again(carry: tuple[Events, Cells | None, Due]) -> tuple[Events, Cells | None, Due]:
         events, cells, due = carry
         here = state._replace(events=events, cells=cells)
         i, now = due.first, jnp.maximum(due.time, state.now)
@@ -100,17 +97,17 @@ def up_to_date(
                 return staying(cells, i)
 
             def shift(cells: Cells = cells) -> Shift:
-                place = flown(layout, numbers, here, i[None], now)[0]
+                place = flight_at(layout, numbers, here, i[None], now)[0]
                 return shift_of(layout, cells, i, place, due.partner == LEAVES)
 
             # After an impact a sphere is where it was.
-            cells = shifted(cells, i, jax.lax.cond(due.partner == OUT_OF_DATE, stay, shift))
+            cells = move_sphere(cells, i, jax.lax.cond(due.partner == OUT_OF_DATE, stay, shift))
             here = here._replace(cells=cells)
         who = rows = i[None]
         if layout.spheres > _FEW:
             who, rows = _both(layout, events, i, now)
-        found = in_branch(wanted, lambda: searched(layout, numbers, here, who, now, end))
-        events = with_rows(events, rows, found)
+        new = in_branch(wanted, lambda: find_next_events(layout, numbers, here, who, now, end))
+        events = with_rows(events, rows, new)
         return events, cells, next_event(layout, numbers, events, state.count)
 
     first = next_event(layout, numbers, state.events, state.count)
@@ -124,7 +121,7 @@ counts, and all runs wait for the one with most to search."""
 
 
 def _both(
-    layout: Layout, events: Events, i: Int[Array, ""], now: Float[Array, ""]
+    layout: SceneLayout, events: Events, i: Index, now: Number
 ) -> tuple[Int[Array, "2"], Int[Array, "2"]]:
     """Return a sphere and another one that is out of date at the same time, and their rows. If
     there is no other one, its row does not exist.
@@ -136,7 +133,7 @@ def _both(
     return jnp.stack([i, jnp.where(there, other, i)]), jnp.stack([i, other])
 
 
-def in_branch(wanted: Bool[Array, ""], of: Callable[[], Any]) -> Any:
+def in_branch(wanted: Flag, of: Callable[[], Any]) -> Any:
     """Return the result of a function if it is wanted, else zeros; it is traced once."""
     kinds: list[Any] = []
 

@@ -4,28 +4,28 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
 
-from ..arrays.arrays import Layout, Numbers, nearest_image
+from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import Flying, at_once
 from ..bodies.side import side
-from ..pair_impact.instantaneous import Choice, Outcome
-from .state import Rules, State
+from ..pair_impact.instantaneous import Choice, ImpactOutcome
+from ..scalars import Flag, Number
+from .state import Rules, RunState
 
 REACH = 4.0
 """The safety factor on the distance of a third body from an isolated impact."""
 
 
-def isolated(
-    layout: Layout,
+def is_isolated(
+    layout: SceneLayout,
     numbers: Numbers,
     rules: Rules,
-    state: State,
+    state: RunState,
     choice: Choice,
-    outcome: Outcome,
-    now: Float[Array, ""],
-    tolerance: Float[Array, ""],
-) -> Bool[Array, ""]:
+    outcome: ImpactOutcome,
+    now: Number,
+    tolerance: Number,
+) -> Flag:
     """Return whether two bodies meet alone, under forces that the pair solution covers.
 
     Speeds are bounded by the total energy. During the impact no body may cover a quarter of its
@@ -67,7 +67,7 @@ def isolated(
         assert motion is not None
         change = motion.strongest[jnp.clip(choice.second - count, 0)] * last
         alone = alone & ~(is_wall & (10 * change > tolerance * outcome.closing))
-    if layout.spheres > layout.visible and rules.v0 == "peak" and _damped(numbers):
+    if layout.spheres > layout.visible and rules.v0 == "peak" and _has_damping(numbers):
         # The closing speed of a body along the inside of a shell rises at first. The pair solution
         # uses v0 at touch.
         distance = numbers.radius[choice.first] + numbers.radius[second]
@@ -77,23 +77,23 @@ def isolated(
         steady = (distance > 0) | (10 * gain <= tolerance * outcome.closing)
         alone = alone & (is_wall | steady)
     # A fixed body transmits nothing.
-    for one, counts in ((choice.first, jnp.asarray(True)), (second, ~is_wall & moves[second])):
-        apart = nearest_image(layout, numbers, position[one][None] - position)[0]
-        distance = numbers.radius[one] + numbers.radius
+    for body, counts in ((choice.first, jnp.asarray(True)), (second, ~is_wall & moves[second])):
+        apart = nearest_image(layout, numbers, position[body][None] - position)[0]
+        distance = numbers.radius[body] + numbers.radius
         gap = side(distance) * jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1)) - distance
         partner = (everyone == choice.first) | ((everyone == second) & ~is_wall)
-        far = gap > REACH * (fastest[one] + fastest) * last
-        far = far | partner | ~(moves[one] | moves)
+        far = gap > REACH * (fastest[body] + fastest) * last
+        far = far | partner | ~(moves[body] | moves)
         alone = alone & (jnp.all(far) | ~counts)
         if layout.walls:
-            height = jnp.sum(position[one][None] * numbers.normal, axis=-1)
-            reach = fastest[one] * last
+            height = jnp.sum(position[body][None] * numbers.normal, axis=-1)
+            reach = fastest[body] * last
             if motion is not None:
                 reach = reach + motion.fastest(now, last) * last
             height = height - numbers.walls_at(now).offset
-            room = height - numbers.radius[one] > REACH * reach
+            room = height - numbers.radius[body] > REACH * reach
             partner = jnp.arange(layout.walls) == choice.second - count
-            alone = alone & (jnp.all(room | partner) | ~counts | ~moves[one])
+            alone = alone & (jnp.all(room | partner) | ~counts | ~moves[body])
     if layout.gravity:
         who = jnp.stack([choice.first, second])
         bend = pull[who[0]] - pull[who[1]]
@@ -107,5 +107,5 @@ def isolated(
     return alone & jnp.all(choice.support < 0)
 
 
-def _damped(numbers: Numbers) -> bool:
+def _has_damping(numbers: Numbers) -> bool:
     return any(law.damped for law in numbers.laws)

@@ -8,15 +8,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..arrays.arrays import Layout
+from ..arrays.arrays import SceneLayout
 from ..arrays.flight import Flying
 from ..cluster.equations import ClusterState
-from ..pair_impact.instantaneous import Choice, Outcome
-from .cluster_slots import Seats, places, unchanged
+from ..pair_impact.instantaneous import Choice, ImpactOutcome
+from ..scalars import Flag, Index, Number
+from .cluster_slots import Slots, no_change, slot_pairs
 from .coupled import Call, as_numbers, blank_state
 
 
-class Together(NamedTuple):
+class ClusterNumbers(NamedTuple):
     """The numbers of a call of the coupled solve. `spheres` are its members before it, with the v0
     `held` by those at rest. `began` and `end` are its first and last states, with flags as numbers.
     `work` is that of moving walls in J, and `error` the estimated error in m/s.
@@ -30,7 +31,7 @@ class Together(NamedTuple):
     error: Any
 
 
-class Called(NamedTuple):
+class ClusterDecisions(NamedTuple):
     """The discrete choices of a call.
 
     `is_call`: whether the row is a call. `support` holds the walls on which its spheres rested
@@ -46,15 +47,15 @@ class Called(NamedTuple):
     paused: Any
 
 
-class Figures(NamedTuple):
+class LogNumbers(NamedTuple):
     """The numbers of the rows, which have derivatives."""
 
     before: Flying
-    outcome: Outcome
-    coupled: Together | None
+    outcome: ImpactOutcome
+    coupled: ClusterNumbers | None
 
 
-class Facts(NamedTuple):
+class LogDecisions(NamedTuple):
     """The discrete choices of the rows: the bodies, their supports afterwards, and the call.
     `tied`: whether another impact competed with this one at the same time. `rival` in s is the time
     to the next competing event of either body, or since its last event.
@@ -64,71 +65,73 @@ class Facts(NamedTuple):
     support: Int[Array, "K 2"]
     tied: Any
     rival: Float[Array, " K"]
-    call: Called | None
+    call: ClusterDecisions | None
 
 
 class Log(NamedTuple):
     """The rows of a run; unwritten ones are blank."""
 
-    figures: Figures
-    facts: Facts
+    figures: LogNumbers
+    facts: LogDecisions
 
 
-class Known(NamedTuple):
+class LoopOutcome(NamedTuple):
     """The outcome of an event loop: its `log` with `written` rows. `status` and `now` are those at
     its end. `more`: whether events are left. `valid`: whether the scene was valid.
     """
 
     log: Log
-    written: Int[Array, ""]
-    status: Int[Array, ""]
-    now: Float[Array, ""]
-    more: Bool[Array, ""]
-    valid: Bool[Array, ""]
+    written: Index
+    status: Index
+    now: Number
+    more: Flag
+    valid: Flag
 
 
-def blank_log(rows: int, layout: Layout, dtype: Any, members: int) -> Log:
+def blank_log(rows: int, layout: SceneLayout, dtype: Any, members: int) -> Log:
     """Return a blank log with some rows, and with room for calls if there are `members`."""
     dimensions = layout.dimensions
     vector = jnp.zeros((rows, 2, dimensions), dtype)
-    pair, one = jnp.zeros((rows, 2), dtype), jnp.zeros(rows, dtype)
+    pair, each = jnp.zeros((rows, 2), dtype), jnp.zeros(rows, dtype)
     flying = Flying(vector, vector, pair)
 
-    def repeated(row: Any) -> Any:
+    def repeat(row: Any) -> Any:
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (rows, *jnp.shape(x))), row)
 
-    choice = repeated(blank_choice(layout, dtype))
+    choice = repeat(blank_choice(layout, dtype))
     together = called = None
     if members:
-        together, called = repeated(blank_calls(layout, members, dtype))
-    facts = Facts(choice, jnp.zeros((rows, 2), int) - 1, jnp.zeros(rows, bool), one, called)
-    outcome = Outcome(flying, *[one] * (len(Outcome._fields) - 1))
-    return Log(Figures(flying, outcome, together), facts)
+        together, called = repeat(blank_calls(layout, members, dtype))
+    facts = LogDecisions(choice, jnp.zeros((rows, 2), int) - 1, jnp.zeros(rows, bool), each, called)
+    outcome = ImpactOutcome(flying, *[each] * (len(ImpactOutcome._fields) - 1))
+    return Log(LogNumbers(flying, outcome, together), facts)
 
 
-def blank_choice(layout: Layout, dtype: Any) -> Choice:
+def blank_choice(layout: SceneLayout, dtype: Any) -> Choice:
     """Return a placeholder choice."""
     zero, no = jnp.asarray(0), jnp.asarray(False)
     image, time = jnp.zeros(layout.dimensions, dtype), jnp.zeros((), dtype)
     return Choice(zero, zero, jnp.full(2, -1), image, time, no)
 
 
-def blank_calls(layout: Layout, members: int, dtype: Any) -> tuple[Together, Called]:
+def blank_calls(
+    layout: SceneLayout, members: int, dtype: Any
+) -> tuple[ClusterNumbers, ClusterDecisions]:
     """Return one row without a call."""
     dimensions = layout.dimensions
     vector, each = jnp.zeros((members, dimensions), dtype), jnp.zeros(members, dtype)
     state, no = as_numbers(blank_state(layout, members, dtype)), jnp.asarray(False)
     none = jnp.zeros((), dtype)
-    pairs = jnp.zeros(places(layout, members)[0].shape, bool)
-    whole = jnp.zeros(members, int)
-    seats, change = Seats(whole, whole > 0, vector), unchanged(layout, members)
+    pairs = jnp.zeros(slot_pairs(layout, members)[0].shape, bool)
+    integers = jnp.zeros(members, int)
+    seats, change = Slots(integers, integers > 0, vector), no_change(layout, members)
     decided = Call(no, None, seats, change, pairs, none, no)
-    together = Together(Flying(vector, vector, each), each, state, state, none, none)
-    return together, Called(no, whole - 1, decided, no, no, no)
+    together = ClusterNumbers(Flying(vector, vector, each), each, state, state, none, none)
+    return together, ClusterDecisions(no, integers - 1, decided, no, no, no)
 
 
 def last_call(
-    log: Log, written: Int[Array, ""], times: Float[Array, " T"]
+    log: Log, written: Index, times: Float[Array, " T"]
 ) -> tuple[Int[Array, " T"], Bool[Array, " T"]]:
     """Return the last call that began before each time, and whether there is one."""
     called, together = log.facts.call, log.figures.coupled

@@ -14,55 +14,58 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Int
 
-from ..arrays.arrays import Layout, Numbers, nearest_image
+from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import Flying, at_once, where_each
 from ..arrays.rows import rows_of, with_row
-from ..contact_times.cells import Grid
-from ..pair_impact.instantaneous import Choice, Outcome, hit
+from ..contact_times.cells import CellGrid
+from ..pair_impact.instantaneous import Choice, ImpactOutcome, hit
 from ..pair_impact.soft import soft
-from ..readout.final_scene import going_on
+from ..readout.final_scene import resume_cluster
 from ..resume import Underway
-from .cluster_calls import begins, called, calls_first
-from .cluster_slots import empty_seats
+from ..scalars import Flag, Index, Number
+from .cluster_calls import cluster_is_next, start_cluster, step_cluster
+from .cluster_slots import empty_slots
 from .coupled import blank_state
-from .event_queue import Due, expecting, in_branch, out_of_date, up_to_date
-from .isolation import isolated
-from .log import Facts, Figures, Log, blank_calls, blank_choice
-from .next_event import AGAIN, NOISE, seated, simultaneous
-from .state import ACCUMULATED, CROWDED, PATIENCE, RUNNING, TWO_SUPPORTS, Coupling, Rules, State
+from .event_queue import Due, in_branch, reset_events, stale_events, update_events
+from .isolation import is_isolated
+from .log import Log, LogDecisions, LogNumbers, blank_calls, blank_choice
+from .next_event import AGAIN, NOISE, in_cluster, simultaneous
+from .state import ACCUMULATED, CROWDED, PATIENCE, RUNNING, TWO_SUPPORTS, Coupling, Rules, RunState
 
 SLOW = 2.0**14
 """The limit of closing speeds for accumulation, in rounding errors of the largest speed.
 Simultaneous impacts below it have accumulated."""
 
 
-def begun(layout: Layout, numbers: Numbers, rules: Rules, grid: Grid | None = None) -> State:
+def initial_state(
+    layout: SceneLayout, numbers: Numbers, rules: Rules, grid: CellGrid | None = None
+) -> RunState:
     """Return the start: all spheres at time zero, all events out of date, with initial contacts."""
-    count, given = layout.spheres, numbers.start
+    count, start = layout.spheres, numbers.start
     zero = jnp.zeros(count, numbers.dtype)
-    whole = jnp.zeros(count, int)
+    integers = jnp.zeros(count, int)
     now = jnp.zeros((), numbers.dtype)
-    state = State(
-        numbers.position, numbers.velocity, zero, whole - 1, whole, out_of_date(zero),
+    state = RunState(
+        numbers.position, numbers.velocity, zero, integers - 1, integers, stale_events(zero),
         now, jnp.zeros((), int), jnp.zeros((), int), zero, zero, None, None,
     )  # fmt: skip
-    if given is not None:
-        state = state._replace(support=given.support, held=given.held)
-    if given is None or given.underway is None:
-        return _expecting(layout, numbers, rules, state, grid)
-    return _amid(layout, numbers, rules, state, grid, given.underway)
+    if start is not None:
+        state = state._replace(support=start.support, held=start.held)
+    if start is None or start.underway is None:
+        return _first_events(layout, numbers, rules, state, grid)
+    return _resume_impacts(layout, numbers, rules, state, grid, start.underway)
 
 
-def _amid(
-    layout: Layout,
+def _resume_impacts(
+    layout: SceneLayout,
     numbers: Numbers,
     rules: Rules,
-    state: State,
-    grid: Grid | None,
+    state: RunState,
+    grid: CellGrid | None,
     underway: Underway,
-) -> State:
+) -> RunState:
     """Return a start within isolated impacts. Their touch, before time zero, is the next event of
     the bodies in them.
     """
@@ -70,7 +73,7 @@ def _amid(
     led = Flying(underway.position, underway.velocity, underway.time)
     spheres = where_each(on, led, spheres)
     state = state._replace(position=spheres.position, velocity=spheres.velocity, time=spheres.time)
-    state = _expecting(layout, numbers, rules, state, grid)
+    state = _first_events(layout, numbers, rules, state, grid)
     events = state.events
     events = events._replace(
         time=jnp.where(on, underway.touch, events.time),
@@ -80,31 +83,33 @@ def _amid(
     return state._replace(events=events, now=jnp.minimum(jnp.min(underway.touch), 0))
 
 
-def _expecting(
-    layout: Layout, numbers: Numbers, rules: Rules, state: State, grid: Grid | None
-) -> State:
+def _first_events(
+    layout: SceneLayout, numbers: Numbers, rules: Rules, state: RunState, grid: CellGrid | None
+) -> RunState:
     """Return the start with its initial contacts and its cells."""
     start = jnp.zeros((), numbers.dtype)
     if not rules.members:
-        return expecting(layout, numbers, state, start, grid)
-    state = with_places(layout, numbers, rules.members, state)
+        return reset_events(layout, numbers, state, start, grid)
+    state = with_empty_slots(layout, numbers, rules.members, state)
     assert state.coupling is not None
-    coupling = going_on(state.coupling, numbers.start)
+    coupling = resume_cluster(state.coupling, numbers.start)
     # The search precedes the first call.
     start = jnp.where(coupling.active, jnp.minimum(coupling.state.time, start), start)
-    state = expecting(layout, numbers, state._replace(coupling=coupling), start, grid)
+    state = reset_events(layout, numbers, state._replace(coupling=coupling), start, grid)
     # During a solve nothing else happens to the spheres in it.
-    inside = coupling.active & seated(layout, coupling)
+    inside = coupling.active & in_cluster(layout, coupling)
     waits = state.events._replace(time=jnp.where(inside, jnp.inf, state.events.time))
     return state._replace(events=waits)
 
 
-def with_places(layout: Layout, numbers: Numbers, members: int, state: State) -> State:
+def with_empty_slots(
+    layout: SceneLayout, numbers: Numbers, members: int, state: RunState
+) -> RunState:
     """Return the state with empty slots for a coupled solve. A run without slots that stopped
     because it needed one can continue.
     """
     no, zero = jnp.asarray(False), jnp.zeros((), numbers.dtype)
-    nobody, seats = blank_choice(layout, numbers.dtype), empty_seats(layout, numbers, members)
+    nobody, seats = blank_choice(layout, numbers.dtype), empty_slots(layout, numbers, members)
     coupling = Coupling(
         no, no, no, nobody, seats, zero, zero,
         blank_state(layout, members, numbers.dtype),
@@ -112,43 +117,43 @@ def with_places(layout: Layout, numbers: Numbers, members: int, state: State) ->
     return state._replace(coupling=coupling, status=jnp.full_like(state.status, RUNNING))
 
 
-def goes_on(state: State, end: Float[Array, ""]) -> Bool[Array, ""]:
+def has_events_left(state: RunState, end: Number) -> Flag:
     """Return whether events are left up to `end`, once all events up to there are searched."""
     more = jnp.min(state.events.time) <= end
     return more if state.coupling is None else more | state.coupling.active
 
 
 def advance(
-    layout: Layout,
+    layout: SceneLayout,
     numbers: Numbers,
     rules: Rules,
-    state: State,
+    state: RunState,
     log: Log,
-    end: Float[Array, ""],
-    tolerance: Float[Array, ""],
-    written: Int[Array, ""] | None = None,
-) -> tuple[State, Log, Int[Array, ""]]:
+    end: Number,
+    tolerance: Number,
+    written: Index | None = None,
+) -> tuple[RunState, Log, Index]:
     """Process impacts up to `end` (inclusive), or until a log or cell is full or the run stuck.
     Rows are appended to the `written` ones. Returns the state, the log and the new number of rows.
     """
     rows = log.facts.tied.shape[0]
 
-    def unfinished(carry: tuple[State, Due, Log, Array]) -> Array:
+    def unfinished(carry: tuple[RunState, Due, Log, Array]) -> Array:
         state, _, _, written = carry
-        more = goes_on(state, end) & (written < rows) & (state.status == RUNNING)
+        more = has_events_left(state, end) & (written < rows) & (state.status == RUNNING)
         return more if state.cells is None else more & ~state.cells.full
 
-    def step(carry: tuple[State, Due, Log, Array]) -> tuple[State, Due, Log, Array]:
+    def step(carry: tuple[RunState, Due, Log, Array]) -> tuple[RunState, Due, Log, Array]:
         state, due, log, written = carry
         # In a batch a finished run only waits.
-        given, needed = (layout, numbers, rules, state), unfinished(carry)
+        setting, needed = (layout, numbers, rules, state), unfinished(carry)
         if state.coupling is None:
-            state, figures, facts, fresh = _event(*given, due, end, tolerance, needed)
+            state, figures, facts, fresh = _event(*setting, due, end, tolerance, needed)
         else:
             state, figures, facts, fresh = jax.lax.cond(
-                calls_first(state),
-                lambda: called(*given, end, tolerance, needed),
-                lambda: _event(*given, due, end, tolerance, needed),
+                cluster_is_next(state),
+                lambda: step_cluster(*setting, end, tolerance, needed),
+                lambda: _event(*setting, due, end, tolerance, needed),
             )
         log = with_row(log, written, Log(figures, facts))
         until = end
@@ -156,8 +161,8 @@ def advance(
             # After this time the coupled solve comes first.
             active, later = state.coupling.active, jnp.minimum(state.coupling.state.time, end)
             until = jnp.where(active, later, end)
-            until = jnp.where(calls_first(state), -jnp.inf, until)
-        state, due = up_to_date(layout, numbers, state, until, end)
+            until = jnp.where(cluster_is_next(state), -jnp.inf, until)
+        state, due = update_events(layout, numbers, state, until, end)
         return state, due, log, written + fresh.astype(written.dtype)
 
     start = jnp.zeros((), int) if written is None else written
@@ -168,33 +173,33 @@ def advance(
     return state, log, written
 
 
-class _Met(NamedTuple):
+class _SolvedImpact(NamedTuple):
     """The effect of an impact, before it is written. It holds the two bodies `before` and after it,
     the choices, the supports, and the status. `alone`: whether the impact is isolated.
     """
 
     before: Flying
     choice: Choice
-    outcome: Outcome
+    outcome: ImpactOutcome
     support: Int[Array, "2"]
     count: Int[Array, "2"]
-    rival: Float[Array, ""]
-    tied: Bool[Array, ""]
-    idle: Int[Array, ""]
-    status: Int[Array, ""]
-    alone: Bool[Array, ""]
+    rival: Number
+    tied: Flag
+    idle: Index
+    status: Index
+    alone: Flag
 
 
 def _event(
-    layout: Layout,
+    layout: SceneLayout,
     numbers: Numbers,
     rules: Rules,
-    state: State,
+    state: RunState,
     due: Due,
-    end: Float[Array, ""],
-    tolerance: Float[Array, ""],
-    needed: Bool[Array, ""],
-) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
+    end: Number,
+    tolerance: Number,
+    needed: Flag,
+) -> tuple[RunState, LogNumbers, LogDecisions, Flag]:
     """Process the impact that is due; the last value is True if there is one. `needed`: whether the
     lane needs it. The arrays of all spheres are read in a branch before they are written; otherwise
     they would be copied.
@@ -203,7 +208,7 @@ def _event(
     if state.coupling is not None:
         coupling = state.coupling
         until = jnp.where(coupling.active, jnp.minimum(coupling.state.time, end), end)
-        needed = needed & ~calls_first(state)
+        needed = needed & ~cluster_is_next(state)
     count, i, partner = layout.spheres, due.first, due.partner
     fresh = due.fresh & (due.least <= until)
     if state.cells is not None:
@@ -212,21 +217,21 @@ def _event(
     is_sphere = partner < count
     # A wall has no row; the first body replaces it.
     who = jnp.stack([i, jnp.where(is_sphere, jnp.maximum(partner, 0), i)])
-    given = (layout, numbers, rules, state, due, who, now, tolerance, fresh & needed)
-    met = in_branch(fresh, lambda: _met(*given))
+    arguments = (layout, numbers, rules, state, due, who, now, tolerance, fresh & needed)
+    met = in_branch(fresh, lambda: _solve_due(*arguments))
     choice, outcome = met.choice, met.outcome
     happens = fresh & met.alone
     starts = fresh & ~met.alone
     there = happens & jnp.stack([happens, is_sphere])
     rows = jnp.where(there, who, count + jnp.arange(2))
     # Their events are out of date, so that the following search finds them first.
-    state = state.written(
+    state = state.replace_rows(
         rows,
         **outcome.after._asdict(),
         support=met.support,
         count=met.count,
         owed=jnp.broadcast_to(outcome.energy_loss, (2,)),
-        events=out_of_date(jnp.stack([now, now])),
+        events=stale_events(jnp.stack([now, now])),
     )._replace(
         now=jnp.where(fresh, now, state.now),
         idle=jnp.where(happens, met.idle, state.idle),
@@ -236,35 +241,35 @@ def _event(
         state = state._replace(status=jnp.where(starts, CROWDED, state.status))
     elif state.coupling is not None:
         met_then = choice._replace(time=outcome.time)
-        coupling = begins(layout, numbers, state.coupling, starts, met_then, outcome.closing)
+        coupling = start_cluster(layout, numbers, state.coupling, starts, met_then, outcome.closing)
         state = state._replace(coupling=coupling)
     together = no_call = None
     if state.coupling is not None:
         together, no_call = blank_calls(layout, rules.members, numbers.dtype)
-    figures = Figures(met.before, outcome, together)
-    return state, figures, Facts(choice, met.support, met.tied, met.rival, no_call), happens
+    figures = LogNumbers(met.before, outcome, together)
+    return state, figures, LogDecisions(choice, met.support, met.tied, met.rival, no_call), happens
 
 
-def _met(
-    layout: Layout,
+def _solve_due(
+    layout: SceneLayout,
     numbers: Numbers,
     rules: Rules,
-    state: State,
+    state: RunState,
     due: Due,
     who: Int[Array, "2"],
-    now: Float[Array, ""],
-    tolerance: Float[Array, ""],
-    needed: Bool[Array, ""],
-) -> _Met:
+    now: Number,
+    tolerance: Number,
+    needed: Flag,
+) -> _SolvedImpact:
     """Compute the impact that is due; unless `needed`, its solve takes no step."""
     partner = due.partner
     spheres = Flying(state.position, state.velocity, state.time)
-    known = (spheres, state.support, state.count, state.events)
-    before, support, met, events = rows_of(known, who)
+    columns = (spheres, state.support, state.count, state.events)
+    before, support, met, events = rows_of(columns, who)
     choice = _choice(layout, numbers, who, partner, before, support, now)
     if rules.soft:
         outcome = soft(layout, numbers, before, choice, tolerance, needed)
-        alone = isolated(layout, numbers, rules, state, choice, outcome, now, tolerance)
+        alone = is_isolated(layout, numbers, rules, state, choice, outcome, now, tolerance)
         if numbers.start is not None:
             # Impacts that began before the run are known to be isolated.
             alone = alone | ((now < 0) & (outcome.status == 0))
@@ -276,8 +281,8 @@ def _met(
         support, crowded = _supports(layout, numbers, choice, outcome)
 
     # An event of the partner that is not an impact does not compete.
-    own = (events.partner[1] == who[0]) | (events.partner[1] < 0)
-    competing = jnp.where(own, events.second[1], events.time[1])
+    with_first = (events.partner[1] == who[0]) | (events.partner[1] < 0)
+    competing = jnp.where(with_first, events.second[1], events.time[1])
     is_sphere = partner < layout.spheres
     rival = jnp.minimum(events.second[0], jnp.where(is_sphere, competing, jnp.inf)) - now
     since = jnp.where(met > 0, now - before.time, jnp.inf)
@@ -296,17 +301,19 @@ def _met(
         stuck = stuck | (tied & slow & ~choice.tail)
     stuck = jnp.where(stuck, ACCUMULATED, RUNNING)
     status = jnp.where(crowded, TWO_SUPPORTS, stuck)
-    return _Met(before, choice, outcome, support, met + 1, rival, tied, idle, status, alone)
+    return _SolvedImpact(
+        before, choice, outcome, support, met + 1, rival, tied, idle, status, alone
+    )
 
 
 def _choice(
-    layout: Layout,
+    layout: SceneLayout,
     numbers: Numbers,
     who: Int[Array, "2"],
-    partner: Int[Array, ""],
+    partner: Index,
     before: Flying,
     support: Int[Array, "2"],
-    now: Float[Array, ""],
+    now: Number,
 ) -> Choice:
     """Return the discrete choices about an impact: its bodies and their image."""
     image = jnp.zeros(layout.dimensions, numbers.dtype)
@@ -318,8 +325,8 @@ def _choice(
 
 
 def _tail(
-    layout: Layout, numbers: Numbers, choice: Choice, before: Flying, tolerance: Float[Array, ""]
-) -> Bool[Array, ""]:
+    layout: SceneLayout, numbers: Numbers, choice: Choice, before: Flying, tolerance: Number
+) -> Flag:
     """Return whether a ball comes to rest on a wall. If gravity presses it to a wall and e < 1 is
     constant, it bounces infinitely often in a finite time. Once the next bounce is lower than
     `tolerance` radii, that time is summed.
@@ -347,8 +354,8 @@ def _tail(
 
 
 def _supports(
-    layout: Layout, numbers: Numbers, choice: Choice, outcome: Outcome
-) -> tuple[Int[Array, "2"], Bool[Array, ""]]:
+    layout: SceneLayout, numbers: Numbers, choice: Choice, outcome: ImpactOutcome
+) -> tuple[Int[Array, "2"], Flag]:
     """Return the walls that support the two bodies after the impact, and whether one needs two."""
     support = choice.support
     if not (layout.settles or numbers.start is not None):

@@ -8,15 +8,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..arrays.arrays import Layout, Numbers, nearest_image
+from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import Flying, at_once
 from ..arrays.rows import rows_of, with_rows
 from ..bodies.overlap import ROUNDINGS
 from ..contact_times.cells import everywhere, leaving, neighbours
 from ..contact_times.closed_form import curved_time, image_horizon, sphere_time, wall_time
 from ..contact_times.shaking import shaking_sphere_time, shaking_wall_time
+from ..scalars import Number
 from .cluster_slots import index_of
-from .state import Coupling, Events, State
+from .state import Coupling, Events, RunState
 
 NOISE = 16
 """The rounding errors of a speed below which touching bodies neither close nor separate."""
@@ -28,19 +29,19 @@ AGAIN, LEAVES, OUT_OF_DATE = -1, -2, -3
 """Markers in place of a partner: search again, leave the cell, or path changed since the search."""
 
 
-def simultaneous(numbers: Numbers, time: Float[Array, ""]) -> Float[Array, ""]:
+def simultaneous(numbers: Numbers, time: Number) -> Number:
     """Return the largest difference between two times that are equal up to rounding."""
     finite = jnp.where(jnp.isfinite(time), jnp.abs(time), 0)
     return TIED * jnp.finfo(numbers.dtype).eps * finite
 
 
-def searched(
-    layout: Layout,
+def find_next_events(
+    layout: SceneLayout,
     numbers: Numbers,
-    state: State,
+    state: RunState,
     who: Int[Array, " M"],
-    now: Float[Array, ""],
-    end: Float[Array, ""],
+    now: Number,
+    end: Number,
 ) -> Events:
     """Search the next events of some spheres among all bodies, or those of nearby cells."""
     count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
@@ -50,8 +51,8 @@ def searched(
         others, valid = neighbours(layout, state.cells, who)
         names = others
     size = (who.shape[0], names.shape[1])
-    position, velocity, pull = flown(layout, numbers, state, who, now)
-    across = flown(layout, numbers, state, None if others is None else others.reshape(-1), now)
+    position, velocity, pull = flight_at(layout, numbers, state, who, now)
+    across = flight_at(layout, numbers, state, None if others is None else others.reshape(-1), now)
     speeds, all_speeds = (jnp.sqrt(jnp.sum(jnp.square(x), axis=-1)) for x in (velocity, across[1]))
 
     def relative(mine: Array, theirs: Array) -> Array:
@@ -106,8 +107,8 @@ def searched(
     columns = [_Columns(times, closing, jnp.broadcast_to(names, size))]
     those = _Those(who, position, velocity, pull, now, end)
     if layout.shaken:
-        found, bound = _of_shaken(layout, numbers, those)
-        columns.append(found)
+        shaken, bound = _of_shaken(layout, numbers, those)
+        columns.append(shaken)
         horizon = jnp.minimum(horizon, bound)
     if layout.walls:
         columns.append(_of_walls(layout, numbers, state, those))
@@ -128,15 +129,15 @@ def searched(
     time = jnp.min(jnp.where(chosen, times, jnp.inf), axis=-1)
     second = jnp.min(jnp.where(chosen, jnp.inf, times), axis=-1)
     met = jnp.where(best < count, rows_of(state.count, jnp.minimum(best, count - 1)), 0)
-    found = Events(now + time, best, met, speed, now + second)
+    event = Events(now + time, best, met, speed, now + second)
     if state.cells is not None or any(layout.periodic):
         early = jnp.minimum(horizon, leaves)
         sooner, reason = early < time, jnp.where(leaves <= horizon, LEAVES, AGAIN)
-        before = Events(now + early, reason, met, jnp.full_like(speed, jnp.inf), found.time)
-        found = jax.tree.map(lambda a, b: jnp.where(sooner, a, b), before, found)
+        before = Events(now + early, reason, met, jnp.full_like(speed, jnp.inf), event.time)
+        event = jax.tree.map(lambda a, b: jnp.where(sooner, a, b), before, event)
     if state.coupling is not None:
-        found = among_others(layout, numbers, state.coupling, found, now)
-    return found
+        event = without_cluster(layout, numbers, state.coupling, event, now)
+    return event
 
 
 class _Columns(NamedTuple):
@@ -154,11 +155,11 @@ class _Those(NamedTuple):
     position: Float[Array, "M D"]
     velocity: Float[Array, "M D"]
     pull: Float[Array, "M D"]
-    now: Float[Array, ""]
-    end: Float[Array, ""]
+    now: Number
+    end: Number
 
 
-def _of_walls(layout: Layout, numbers: Numbers, state: State, those: _Those) -> _Columns:
+def _of_walls(layout: SceneLayout, numbers: Numbers, state: RunState, those: _Those) -> _Columns:
     """Return the contacts of spheres with walls on which they do not rest."""
     who, position, velocity, pull, now, end = those
     count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
@@ -182,9 +183,9 @@ def _of_walls(layout: Layout, numbers: Numbers, state: State, those: _Those) -> 
         noise = jnp.broadcast_to(noise, gap.shape)
         size = jnp.max(jnp.abs(position), axis=-1)[:, None] + radius
         rounding = ROUNDINGS * eps * (size + jnp.zeros_like(gap))
-        given = (noise, rounding, motion, now, left)
-        found = shaking_wall_time(gap, fall, weight, *given, free & shaking)
-        wall = jnp.where(shaking, found, wall)
+        limits = (noise, rounding, motion, now, left)
+        shaken = shaking_wall_time(gap, fall, weight, *limits, free & shaking)
+        wall = jnp.where(shaking, shaken, wall)
     wall = jnp.where(free, wall, jnp.inf)
     reached = jnp.where(jnp.isfinite(wall), wall, 0)
     rises = fall + weight * reached
@@ -197,7 +198,7 @@ def _of_walls(layout: Layout, numbers: Numbers, state: State, those: _Those) -> 
 
 
 def _of_shaken(
-    layout: Layout, numbers: Numbers, those: _Those
+    layout: SceneLayout, numbers: Numbers, those: _Those
 ) -> tuple[_Columns, Float[Array, " M"]]:
     """Return the contacts of spheres with shaken fixed ones, and a time limit for other images.
     Before that time no other image of these is met.
@@ -240,8 +241,8 @@ def _moves(numbers: Numbers, who: Int[Array, " M"]) -> Bool[Array, " M"]:
     return rows_of(numbers.inverse_mass, who) > 0
 
 
-def among_others(
-    layout: Layout, numbers: Numbers, coupling: Coupling, events: Events, now: Float[Array, ""]
+def without_cluster(
+    layout: SceneLayout, numbers: Numbers, coupling: Coupling, events: Events, now: Number
 ) -> Events:
     """Return events without those that involve moving spheres of the coupled solve. Those spheres
     leave their flight paths. The others search again at the time of their second best event. A
@@ -261,18 +262,18 @@ def among_others(
     )
 
 
-def seated(layout: Layout, coupling: Coupling) -> Bool[Array, " N"]:
+def in_cluster(layout: SceneLayout, coupling: Coupling) -> Bool[Array, " N"]:
     """Return which spheres are in the coupled solve."""
     nobody = jnp.zeros(layout.spheres, bool)
     return with_rows(nobody, index_of(layout, coupling.seats), coupling.seats.present)
 
 
-def flown(
-    layout: Layout,
+def flight_at(
+    layout: SceneLayout,
     numbers: Numbers,
-    state: State,
+    state: RunState,
     who: Int[Array, " M"] | None,
-    now: Float[Array, ""],
+    now: Number,
 ) -> tuple[Float[Array, "M D"], Float[Array, "M D"], Float[Array, "M D"]]:
     """Return current positions, velocities and accelerations of some spheres, or of all."""
     flying = Flying(_of(state.position, who), _of(state.velocity, who), _of(state.time, who))

@@ -13,16 +13,16 @@ from jaxtyping import Array
 
 from ..._program import quick
 from ..._text.progress import Tell
-from ..arrays.arrays import Layout, Numbers
-from ..contact_times.cells import Grid
+from ..arrays.arrays import Numbers, SceneLayout
+from ..contact_times.cells import CellGrid
 from ..contact_times.grid import grid_of
-from ..derivative.followed import Given
-from .cluster_slots import everyone
-from .event_queue import expecting
-from .log import Known, Log, blank_log
-from .loop import advance, begun, goes_on, with_places
-from .next_event import flown
-from .state import CROWDED, RUNNING, Rules, State
+from ..derivative.differentiable_run import RunInputs
+from .cluster_slots import all_fit
+from .event_queue import reset_events
+from .log import Log, LoopOutcome, blank_log
+from .loop import advance, has_events_left, initial_state, with_empty_slots
+from .next_event import flight_at
+from .state import CROWDED, RUNNING, Rules, RunState
 
 _MOST_GROWN = 32
 """The largest capacity to which a coupled solve grows automatically."""
@@ -39,54 +39,59 @@ _RUN: dict[Any, int] = {}
 
 
 @eqx.filter_jit
-def all_at_once(rules: Rules, given: Given, grid: Grid | None, room: int) -> Known:
+def all_at_once(rules: Rules, inputs: RunInputs, grid: CellGrid | None, room: int) -> LoopOutcome:
     """Run the whole event loop as one program with room for so many impacts. If a cell is full, the
     run continues without cells.
     """
-    layout, numbers, valid, end, tolerance = given
+    layout, numbers, valid, end, tolerance = inputs
     numbers, end = jax.tree.map(
         lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, (numbers, end)
     )
     last = jnp.where(valid, end, -1)
-    state = begun(layout, numbers, rules, grid)
+    state = initial_state(layout, numbers, rules, grid)
     log = blank_log(room, layout, numbers.dtype, rules.members)
     state, log, written = advance(layout, numbers, rules, state, log, last, tolerance)
     if state.cells is not None:
         full = state.cells.full & valid
         now = jnp.maximum(jnp.min(state.events.time), state.now)
-        state = expecting(layout, numbers, state, now, None, full)
+        state = reset_events(layout, numbers, state, now, None, full)
         state, log, written = advance(layout, numbers, rules, state, log, last, tolerance, written)
-    more = goes_on(state, last)
-    return Known(log, written, state.status, state.now, more, valid)
+    more = has_events_left(state, last)
+    return LoopOutcome(log, written, state.status, state.now, more, valid)
 
 
 def from_python(
-    rules: Rules, given: Given, start: State | None, most: int | None, tell: Tell, grows: bool
-) -> tuple[Rules, Known]:
+    rules: Rules,
+    inputs: RunInputs,
+    start: RunState | None,
+    most: int | None,
+    tell: Tell,
+    grows: bool,
+) -> tuple[Rules, LoopOutcome]:
     """Run the event loop from Python; return the final rules and the outcome. It writes at `most`
     so many rows. If it `grows`, the capacity of coupled solves is increased as needed.
     """
-    layout, numbers = given[:2]
+    layout, numbers = inputs[:2]
     state = _begun(layout, numbers, rules) if start is None else start
-    ended, known = _piece_by_piece(rules, given, state, most, tell)
+    ended, outcome = _piece_by_piece(rules, inputs, state, most, tell)
     room = min(_MOST_GROWN, layout.spheres)
-    while grows and int(known.status) == CROWDED and ended.members < room:
+    while grows and int(outcome.status) == CROWDED and ended.members < room:
         more = Rules(rules.soft, rules.v0, min(2 * ended.members, layout.spheres))
-        ended, known = _piece_by_piece(more, given, state, most, tell)
-    return ended, known
+        ended, outcome = _piece_by_piece(more, inputs, state, most, tell)
+    return ended, outcome
 
 
 def _piece_by_piece(
-    wanted: Rules, given: Given, state: State, most: int | None, tell: Tell
-) -> tuple[Rules, Known]:
+    wanted: Rules, inputs: RunInputs, state: RunState, most: int | None, tell: Tell
+) -> tuple[Rules, LoopOutcome]:
     """Run one program repeatedly until all impacts are found. With many spheres or periodic axes
     most scenes need no coupled solve. The program is then one without, until a coupled solve is
     needed.
     """
-    layout, numbers, valid, end, tolerance = given
+    layout, numbers, valid, end, tolerance = inputs
     rules = wanted
     within = numbers.start is not None and numbers.start.leans
-    if not everyone(layout, rules.members) and not within:
+    if not all_fit(layout, rules.members) and not within:
         rules = Rules(rules.soft, rules.v0, 0)
     places = 0 if state.coupling is None else state.coupling.seats.who.shape[0]
     if not rules.members:
@@ -112,50 +117,50 @@ def _piece_by_piece(
             state = _with_places(layout, numbers, rules.members, state)
     log = pieces[0][0] if len(pieces) == 1 else _one_log(layout, numbers, rules, pieces)
     written, ahead = jax.device_put((np.asarray(total), np.asarray(more)))
-    return rules, Known(log, written, state.status, state.now, ahead, valid)
+    return rules, LoopOutcome(log, written, state.status, state.now, ahead, valid)
 
 
 def _piece(
-    layout: Layout, numbers: Numbers, rules: Rules, state: State, *given: Array
-) -> tuple[State, Log, Array, Array]:
+    layout: SceneLayout, numbers: Numbers, rules: Rules, state: RunState, *limits: Array
+) -> tuple[RunState, Log, Array, Array]:
     """Run a piece, by the quickly compiled program at first. Once pieces of its kind have run long
     enough, a faster program is compiled.
     """
     kind = jax.tree.structure((layout, numbers, rules, state)), numbers.dtype
     done = _RUN.get(kind, 0)
     if done * (1 + rules.members) > _PATIENCE:
-        return _swiftly(layout, numbers, rules, state, *given)
-    piece = _quickly(layout, numbers, rules, state, *given)
+        return _swiftly(layout, numbers, rules, state, *limits)
+    piece = _quickly(layout, numbers, rules, state, *limits)
     _RUN[kind] = done + int(piece[2])
     return piece
 
 
 def _onward(
-    layout: Layout,
+    layout: SceneLayout,
     numbers: Numbers,
     rules: Rules,
-    state: State,
+    state: RunState,
     valid: Array,
     end: Array,
     tolerance: Array,
-) -> tuple[State, Log, Array, Array]:
+) -> tuple[RunState, Log, Array, Array]:
     """Return a piece with its own log, the number of its rows, and whether events are left."""
     end = jnp.where(valid, end, -1)
     log = blank_log(_PIECE, layout, numbers.dtype, rules.members)
     state, log, written = advance(layout, numbers, rules, state, log, end, tolerance)
-    return state, log, written, goes_on(state, end)
+    return state, log, written, has_events_left(state, end)
 
 
 _quickly, _swiftly = quick(_onward), eqx.filter_jit(_onward)
-_begun = quick(begun)
-_expecting = quick(expecting)
-_with_places = quick(with_places)
+_begun = quick(initial_state)
+_expecting = quick(reset_events)
+_with_places = quick(with_empty_slots)
 _blank = quick(blank_log)
 
 
 def _with_room(
-    layout: Layout, numbers: Numbers, state: State, before: float
-) -> tuple[State, float]:
+    layout: SceneLayout, numbers: Numbers, state: RunState, before: float
+) -> tuple[RunState, float]:
     """Return the run with new cells after one was full, and the time at which that was. If they
     were also full at the time `before`, cells are useless and omitted.
     """
@@ -167,14 +172,14 @@ def _with_room(
 
 
 @quick
-def _here(layout: Layout, numbers: Numbers, state: State) -> tuple[Array, Array]:
+def _here(layout: SceneLayout, numbers: Numbers, state: RunState) -> tuple[Array, Array]:
     """Return the time of the next event, and the positions of all spheres then."""
     now = jnp.maximum(jnp.min(state.events.time), state.now)
-    return now, flown(layout, numbers, state, None, now)[0]
+    return now, flight_at(layout, numbers, state, None, now)[0]
 
 
 def _one_log(
-    layout: Layout, numbers: Numbers, rules: Rules, pieces: Sequence[tuple[Log, int]]
+    layout: SceneLayout, numbers: Numbers, rules: Rules, pieces: Sequence[tuple[Log, int]]
 ) -> Log:
     """Return the log of several pieces, with blank rows at its end. Pieces from before the first
     coupled solve get blank rows for calls.
@@ -184,15 +189,15 @@ def _one_log(
     room = 1 << max(total - 1, 0).bit_length()
     blank = _blank(1, layout, numbers.dtype, rules.members)
 
-    def repeated(tree: Any, rows: int) -> Any:
+    def repeat(tree: Any, rows: int) -> Any:
         return jax.tree.map(lambda x: np.repeat(np.asarray(x), rows, axis=0), tree)
 
-    def cut(log: Log, rows: int) -> Log:
+    def head(log: Log, rows: int) -> Log:
         figures, facts = jax.tree.map(lambda x: np.asarray(x)[:rows], log)
         if facts.call is None:
-            together, called = repeated((blank.figures.coupled, blank.facts.call), rows)
+            together, called = repeat((blank.figures.coupled, blank.facts.call), rows)
             figures, facts = figures._replace(coupled=together), facts._replace(call=called)
         return Log(figures, facts)
 
-    parts = [*(cut(*piece) for piece in pieces), repeated(blank, room - total)]
+    parts = [*(head(*piece) for piece in pieces), repeat(blank, room - total)]
     return jax.device_put(jax.tree.map(lambda *x: np.concatenate(x), *parts))

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from ..arrays.rows import with_rows
 from ..cluster.equations import ClusterState
 from ..contact_times.cells import Cells
 from ..pair_impact.instantaneous import Choice
-from .cluster_slots import Seats
+from ..scalars import Flag, Index, Number
+from .cluster_slots import Slots
 
 PATIENCE = 64
 """The number of impacts for each body without progress in time after which a run stops."""
@@ -39,13 +40,13 @@ class Coupling(NamedTuple):
     in contacts.
     """
 
-    active: Bool[Array, ""]
-    starts: Bool[Array, ""]
-    touches: Bool[Array, ""]
+    active: Flag
+    starts: Flag
+    touches: Flag
     choice: Choice
-    seats: Seats
-    pace: Float[Array, ""]
-    reserve: Float[Array, ""]
+    seats: Slots
+    pace: Number
+    reserve: Number
     state: ClusterState
 
 
@@ -62,7 +63,7 @@ class Events(NamedTuple):
     second: Float[Array, " N"]
 
 
-class State(NamedTuple):
+class RunState(NamedTuple):
     """The spheres, each at its own time, their events, and their cells, if any."""
 
     position: Float[Array, "N D"]
@@ -71,15 +72,15 @@ class State(NamedTuple):
     support: Int[Array, " N"]
     count: Int[Array, " N"]
     events: Events
-    now: Float[Array, ""]
-    idle: Int[Array, ""]
-    status: Int[Array, ""]
+    now: Number
+    idle: Index
+    status: Index
     held: Float[Array, " N"]
     owed: Float[Array, " N"]
     coupling: Coupling | None
     cells: Cells | None
 
-    def written(self, rows: Int[Array, " M"], **columns: Any) -> State:
+    def replace_rows(self, rows: Int[Array, " M"], **columns: Any) -> RunState:
         """Return the state with some rows of its columns replaced, as by `with_rows`."""
         old = {name: getattr(self, name) for name in columns}
         return self._replace(**with_rows(old, rows, columns))

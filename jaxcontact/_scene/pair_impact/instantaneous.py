@@ -10,13 +10,14 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
-from ..arrays.arrays import Layout, Numbers, restitution_of
+from ..arrays.arrays import Numbers, SceneLayout, restitution_of
 from ..arrays.flight import Flying, at_once
 from ..arrays.rows import rows_of
 from ..bodies.side import side
 from ..result import Way
+from ..scalars import Flag, Index, Number
 
 Lane = Float[Array, "..."]
 
@@ -29,15 +30,15 @@ class Choice(NamedTuple):
     that of the touch in s. `tail`: whether the series of following bounces is summed.
     """
 
-    first: Int[Array, ""]
-    second: Int[Array, ""]
+    first: Index
+    second: Index
     support: Int[Array, "2"]
     image: Float[Array, " D"]
-    time: Float[Array, ""]
-    tail: Bool[Array, ""]
+    time: Number
+    tail: Flag
 
 
-class Outcome(NamedTuple):
+class ImpactOutcome(NamedTuple):
     """The outcome of an impact: the two bodies after it, each at its own time, and its numbers.
     `wall_work` in J is the work of a moving wall or fixed sphere on the body. `way` and `status` (a
     `Status`) are whole numbers.
@@ -57,7 +58,7 @@ class Outcome(NamedTuple):
     status: Lane
 
 
-def two_that_meet(layout: Layout, time: Lane) -> Flying:
+def two_that_meet(layout: SceneLayout, time: Lane) -> Flying:
     """Return two approaching bodies, with finite derivatives, for rows without an impact."""
     ones = jnp.ones((1, layout.dimensions), time.dtype)
     away = jnp.concatenate([ones, -ones])
@@ -95,7 +96,7 @@ def _delay(relative: Callable[[Lane], tuple[Lane, Lane]], distance: Lane) -> Lan
     return delay
 
 
-def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Meeting:
+def meeting_of(layout: SceneLayout, numbers: Numbers, before: Flying, choice: Choice) -> Meeting:
     """Return the touch of two bodies, with the derivatives of its time and normal."""
     count = layout.spheres
     second = jnp.minimum(choice.second, count - 1)
@@ -146,7 +147,7 @@ def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice)
     return Meeting(met, normal, closing, time, driven)
 
 
-def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Outcome:
+def hit(layout: SceneLayout, numbers: Numbers, before: Flying, choice: Choice) -> ImpactOutcome:
     """Return an instantaneous impact with the law's e at its closing speed, along the normal.
 
     v1 += (1+e) μ u/m1 n, v2 -= (1+e) μ u/m2 n. Here u > 0 is the closing speed, μ = m1 m2/(m1+m2),
@@ -164,7 +165,7 @@ def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Out
     sign = jnp.asarray([1.0, -1.0], numbers.dtype)
     velocity = meeting.flying.velocity + (sign * inverse)[:, None] * push[None]
     way = jnp.where(choice.tail, int(Way.SERIES), int(Way.INSTANTANEOUS))
-    return Outcome(
+    return ImpactOutcome(
         after=Flying(meeting.flying.position, velocity, meeting.flying.time),
         time=meeting.time,
         closing=closing,
@@ -182,7 +183,7 @@ def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Out
 
 
 def driven_work(
-    layout: Layout, numbers: Numbers, choice: Choice, meeting: Meeting, after: Lane
+    layout: SceneLayout, numbers: Numbers, choice: Choice, meeting: Meeting, after: Lane
 ) -> Lane:
     """Return the work m (v' - v)·V of a fixed sphere that moves at V, in J."""
     if not layout.driven:
@@ -193,7 +194,7 @@ def driven_work(
     return jnp.where(drives, jnp.sum(gained * meeting.flying.velocity[1]), 0)
 
 
-def _tail(layout: Layout, numbers: Numbers, choice: Choice, e: Lane, closing: Lane) -> Lane:
+def _tail(layout: SceneLayout, numbers: Numbers, choice: Choice, e: Lane, closing: Lane) -> Lane:
     """Return the duration of the summed bounces, 2 e u/(g (1-e)); 0 without such a series."""
     if not layout.settles:
         return jnp.zeros_like(closing)

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
 
 from ..._contact import Contact
 from ..._forms import AbstractForm, Change, ScaledImpact
@@ -16,13 +15,14 @@ from ..._impact.front_door import lanes_of, problem_of, uniform
 from ..._impact.lanes import with_sensitivity
 from ..._laws import AbstractLaw
 from ..._parameter import POSITIVE, Specialised
-from .radial import Number, Radial, RadialOutcome, solve_radial
+from ..scalars import Flag, Index, Number
+from .radial import Radial, RadialOutcome, solve_radial
 
 CLOSED_FORM, CORRECTED, RADIAL = range(3)
-"""The values of `Rebound.way`: the solution methods of an impact."""
+"""The values of `ObliqueRebound.way`: the solution methods of an impact."""
 
 
-class Rebound(NamedTuple):
+class ObliqueRebound(NamedTuple):
     """The outcome of one impact of two bodies, in SI units.
 
     - `restitution`: e' = outgoing over incoming normal speed, when the indentation is zero again.
@@ -46,8 +46,8 @@ class Rebound(NamedTuple):
     max_indentation: Number
     energy_loss: Number
     error_estimate: Number
-    way: Int[Array, ""]
-    status: Int[Array, ""]
+    way: Index
+    status: Index
 
 
 def _goal(rtol: Number, share: float) -> Number:
@@ -66,10 +66,10 @@ def oblique(
     pull: Number,
     *,
     rtol: float | Number,
-    needed: bool | Bool[Array, ""] = True,
+    needed: bool | Flag = True,
     free: bool = False,
     by_formula: bool = False,
-) -> Rebound:
+) -> ObliqueRebound:
     """Solve one isolated impact of two bodies: rebound speed, duration, and turn.
 
     All arguments are scalars of one lane; batch with `vmap`.
@@ -90,21 +90,21 @@ def oblique(
     The closed form is used if turning and pull change less than rtol/10. Otherwise a correction
     formula is used, if the form has one whose remainder is that small. Otherwise the radial problem
     is solved. The law's v0 is the speed at touch. Differentiable in both modes: the solve carries
-    its sensitivities. Nothing is raised; see `Rebound.status`.
+    its sensitivities. Nothing is raised; see `ObliqueRebound.status`.
     """
     problem = uniform(problem_of(law, contact, normal_speed))
     # A scene has no lower limit on speeds, as its units are arbitrary.
     lanes = lanes_of(problem, speeds=POSITIVE)
     scale, dtype = lanes.scale, problem.velocity.dtype
-    given = (jnp.asarray(value, dtype) for value in (tangential_speed, distance, pull))
-    across, distance, pull = given
+    lengths = (jnp.asarray(value, dtype) for value in (tangential_speed, distance, pull))
+    across, distance, pull = lengths
     rtol = jax.lax.stop_gradient(jnp.asarray(rtol, dtype))
-    good = lanes.valid & jnp.isfinite(across) & (distance != 0) & jnp.isfinite(pull)
-    across, pull = jnp.where(good, across, 0), jnp.where(good, pull, 0)
-    distance = jnp.where(good, distance, 1)
+    sound = lanes.valid & jnp.isfinite(across) & (distance != 0) & jnp.isfinite(pull)
+    across, pull = jnp.where(sound, across, 0), jnp.where(sound, pull, 0)
+    distance = jnp.where(sound, distance, 1)
     ratio = scale.length / distance
-    good = good & (jnp.abs(ratio) < 0.5)
-    ratio = jnp.where(good, ratio, 0)
+    sound = sound & (jnp.abs(ratio) < 0.5)
+    ratio = jnp.where(sound, ratio, 0)
     swirl = jnp.square(across / scale.speed) * ratio
     push = pull / scale.force
     # The constants of a law without parameters have a precision of their own.
@@ -117,13 +117,15 @@ def oblique(
         no_error, way = jnp.zeros_like(swirl), jnp.full(swirl.shape, CLOSED_FORM)
         out = _free(closed, _back(form, lanes.exponent, closed), no_error)
     else:
-        out, way = _solved(numbers, closed, across / scale.speed, rtol, needed, by_formula)
+        out, way = _cheapest_solution(
+            numbers, closed, across / scale.speed, rtol, needed, by_formula
+        )
     converged = out.done
     settled = converged & out.settled
     status = jnp.where(settled, int(Status.SETTLED), int(Status.SEPARATED))
     status = jnp.where(converged, status, int(Status.NOT_CONVERGED))
-    status = jnp.where(good, status, int(Status.INVALID_INPUT))
-    usable = good & converged
+    status = jnp.where(sound, status, int(Status.INVALID_INPUT))
+    usable = sound & converged
 
     def result(value: Number, unit: Number, if_settled: float | None = None) -> Number:
         kept = usable & jnp.isfinite(value)
@@ -133,9 +135,9 @@ def oblique(
         other = jnp.asarray(jnp.nan if if_settled is None else if_settled, dtype)
         return jnp.where(kept, product, jnp.where(usable & settled, other, jnp.nan))
 
-    one = jnp.ones_like(scale.speed)
-    return Rebound(
-        restitution=result(out.restitution, one, 0.0),
+    unit = jnp.ones_like(scale.speed)
+    return ObliqueRebound(
+        restitution=result(out.restitution, unit, 0.0),
         turn=result(out.theta, across / scale.speed * ratio, 0.0),
         elapsed=result(out.elapsed, scale.time, jnp.inf),
         duration=result(out.duration, scale.time, jnp.inf),
@@ -148,14 +150,14 @@ def oblique(
     )
 
 
-def _solved(
+def _cheapest_solution(
     numbers: tuple[AbstractForm, Specialised, Number, Number, Number],
     closed: ScaledImpact | None,
     sliding: Number,
     rtol: Number,
-    needed: bool | Bool[Array, ""],
+    needed: bool | Flag,
     by_formula: bool,
-) -> tuple[RadialOutcome, Int[Array, ""]]:
+) -> tuple[RadialOutcome, Index]:
     """Return the outcome of the cheapest accurate way, and that way; `sliding` is v_t/v_n."""
     form, exponent, push, swirl, ratio = numbers
     way, formula, goal = jnp.full(swirl.shape, RADIAL), None, _goal(rtol, 0.1)
@@ -166,7 +168,7 @@ def _solved(
         formula, unbent = _free(closed, back, bent), bent < goal
         pushed = form.weakly_pushed(exponent.value, push, swirl, ratio, closed.restitution)
         if pushed is not None:
-            formula = _corrected(formula, *pushed, ratio, sliding)
+            formula = _correct(formula, *pushed, ratio, sliding)
             way = jnp.where(formula.error < goal, CORRECTED, way)
             formula = formula._replace(error=jnp.minimum(bent, formula.error))
         way = jnp.where(unbent, CLOSED_FORM, way)
@@ -216,7 +218,7 @@ def _free(closed: ScaledImpact, back: Number, error: Number) -> RadialOutcome:
     )
 
 
-def _corrected(
+def _correct(
     free: RadialOutcome, change: Change, doubt: Change, ratio: Number, sliding: Number
 ) -> RadialOutcome:
     """Return the free impact with the correction for a weak push and turning. The error of

@@ -26,7 +26,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
 
 from ..._forms import AbstractForm
 from ..._impact.motion.motion import Motion
@@ -34,7 +33,8 @@ from ..._impact.motion.motion import State as Moving
 from ..._parameter import Specialised
 from ..._solver.runge_kutta import step_and_slope
 from ..._varying import varying
-from .step import Number, State, factor, onward
+from ..scalars import Flag, Index, Number
+from .step import State, factor, onward
 
 # The phases of a contact: until the force peak, until the turn, until the force ends, and until the
 # bodies are back at the distance of touch without a force.
@@ -102,7 +102,7 @@ class Radial(eqx.Module):
         touch = self.motion.start()
         return jnp.stack([touch.w, touch.u, touch.t, touch.t, touch.t])
 
-    def rate(self, y: State, phase: Int[Array, ""]) -> State:
+    def rate(self, y: State, phase: Index) -> State:
         """Return d(w, u, t, θ, loss)/dτ; without a force in the last phase."""
         w, k, n, compressing = y[_W], self._order, self._n, phase < _OPENS
         motion, state, velocity = self.motion, _radial_state(y), self.velocity(y)
@@ -117,11 +117,11 @@ class Radial(eqx.Module):
         change = change + jnp.where(coasts, motion.pull(state, compressing), 0)
         return jnp.stack([straight.w, change, straight.t, straight.t / apart**2, loss])
 
-    def force(self, y: State, phase: Int[Array, ""]) -> Number:
+    def force(self, y: State, phase: Index) -> Number:
         """Return the scaled force at a state."""
         return self.motion.force(_radial_state(y), phase < _OPENS)
 
-    def gap(self, y: State, phase: Int[Array, ""]) -> Number:
+    def gap(self, y: State, phase: Index) -> Number:
         """Return the gap that falls through zero at the end of a phase."""
         rise = jax.jvp(lambda y: self.force(y, phase), (y,), (self.rate(y, phase),))[1]
         apart = y[_W]
@@ -139,17 +139,17 @@ class Radial(eqx.Module):
         stored = self.form.stored(jnp.maximum(y[_W], 0), self._n)
         return jnp.square(self.velocity(y)) / 2 + stored + y[_LOSS] + potential
 
-    def held(self, y: State) -> Bool[Array, ""]:
+    def held(self, y: State) -> Flag:
         """Return whether too little energy is left to separate against the push."""
         left = self.energy(y) - y[_LOSS]
         return self.pressed & (left < -1e-12)
 
     @property
-    def pressed(self) -> Bool[Array, ""]:
+    def pressed(self) -> Flag:
         """True if push and swirl together press the bodies together."""
         return self.push - self.swirl > 0
 
-    def rest(self) -> tuple[Number, Bool[Array, ""]]:
+    def rest(self) -> tuple[Number, Flag]:
         """Return the static indentation under the push, and whether bodies creep to it; 0 if
         unknown. Near rest y'' + c x^(n-p) y' + n x^(n-1) y = 0. The bodies creep to it, or
         oscillate about it.
@@ -173,13 +173,13 @@ class RadialOutcome(NamedTuple):
     max_indentation: Number
     energy_loss: Number
     error: Number
-    done: Bool[Array, ""]
-    settled: Bool[Array, ""]
+    done: Flag
+    settled: Flag
 
 
-class _Carry(NamedTuple):
+class _RadialCarry(NamedTuple):
     y: State
-    phase: Int[Array, ""]
+    phase: Index
     size: Number
     """The size of the next step to try; `free` is the size that the error alone allows."""
     free: Number
@@ -189,9 +189,9 @@ class _Carry(NamedTuple):
     max_indentation: Number
     duration: Number
     error: Number
-    steps: Int[Array, ""]
-    done: Bool[Array, ""]
-    settled: Bool[Array, ""]
+    steps: Index
+    done: Flag
+    settled: Flag
 
 
 def solve_radial(problem: Radial) -> RadialOutcome:
@@ -207,10 +207,10 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     frozen = stop(problem)
     on_event = float(jnp.finfo(dtype).eps) ** _ON_EVENT
 
-    def unfinished(c: _Carry) -> Bool[Array, ""]:
+    def unfinished(c: _RadialCarry) -> Flag:
         return ~c.done & (c.steps < _MOST_STEPS)
 
-    def advance(c: _Carry) -> _Carry:
+    def advance(c: _RadialCarry) -> _RadialCarry:
         phase = c.phase
 
         def rate(y: State) -> State:
@@ -249,7 +249,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         slow = (phase >= _OPENS) | (jnp.abs(velocity) < _CREEPS)
         slow = slow | (creeping & (phase == _CLOSES))
         settled = frozen.pressed & taken & ((slow & frozen.held(stop(y))) | inwards)
-        return _Carry(
+        return _RadialCarry(
             y=jnp.where(taken, y, c.y),
             phase=jnp.where(event & ~done, phase + 1, phase),
             size=size,
@@ -273,7 +273,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     begin = jnp.asarray(0.1, dtype) / early
     # The force of an overdamped linear contact is largest at touch.
     falls = frozen.gap(stop(start), jnp.asarray(_RISES)) < 0
-    first = _Carry(
+    first = _RadialCarry(
         y=start,
         phase=jnp.where(falls, _CLOSES, _RISES).astype(jnp.int32),
         size=begin,

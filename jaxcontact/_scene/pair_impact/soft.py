@@ -6,14 +6,15 @@ import functools
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from ..._impact import Status
-from ..arrays.arrays import Layout, Numbers, known_contact_of, laws_of, least_speed
+from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, laws_of, least_speed
 from ..arrays.flight import Flying, accelerations
 from ..arrays.rows import rows_of
 from ..result import Way
-from .instantaneous import Choice, Outcome, driven_work, meeting_of
+from ..scalars import Flag, Number
+from .instantaneous import Choice, ImpactOutcome, driven_work, meeting_of
 from .oblique import oblique
 
 _HEAD_ON = 1e-8
@@ -23,14 +24,14 @@ Lane = Float[Array, "..."]
 
 
 def soft(
-    layout: Layout,
+    layout: SceneLayout,
     numbers: Numbers,
     before: Flying,
     choice: Choice,
-    rtol: Float[Array, ""],
-    needed: Bool[Array, ""],
+    rtol: Number,
+    needed: Flag,
     by_formula: bool = False,
-) -> Outcome:
+) -> ImpactOutcome:
     """Solve an impact with finite duration, exact for a central force; `oblique` does the solve.
 
     The line of centres turns by ψ while the centre of mass moves on. Let n be the unit vector along
@@ -61,7 +62,7 @@ def soft(
     contact = known_contact_of(layout, numbers, choice.first, choice.second)
     # A force that presses a body to a wall acts in the contact; its part along the wall does not.
     pressing = jnp.where(is_wall, -jnp.sum(normal * pull[0]), 0)
-    given = (
+    pair = (
         contact,
         closing,
         sideways,
@@ -78,9 +79,9 @@ def soft(
         )
         for number, law in enumerate(laws)
     ]  # fmt: skip
-    rebound = solves[0](*given) if len(laws) == 1 else jax.lax.switch(kind, solves, *given)
-    good = rebound.status == int(Status.SEPARATED)
-    clean = jax.tree.map(lambda x: jnp.where(good, x, jnp.zeros_like(x)), rebound)
+    rebound = solves[0](*pair) if len(laws) == 1 else jax.lax.switch(kind, solves, *pair)
+    separated = rebound.status == int(Status.SEPARATED)
+    clean = jax.tree.map(lambda x: jnp.where(separated, x, jnp.zeros_like(x)), rebound)
     cosine, turning = jnp.cos(clean.turn), jnp.sin(clean.turn) / sideways
     along = cosine * normal + turning * across
     beside = cosine * across - turning * square * normal
@@ -112,7 +113,7 @@ def soft(
     velocity = jnp.stack([jnp.where(is_wall, off_wall, fast), slow])
     until = meeting.time + passed
     impulse = contact.mass * (parting + closing + pressing * passed)
-    return Outcome(
+    return ImpactOutcome(
         after=Flying(position, velocity, jnp.broadcast_to(until, (2,))),
         time=meeting.time,
         closing=closing,

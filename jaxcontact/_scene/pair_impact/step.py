@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from ..._solver.march import _SAFETY, _SHRINKS
+from ..scalars import Flag, Number
 
 State = Float[Array, " numbers"]
-Number = Float[Array, ""]
-Flag = Bool[Array, ""]
 
 
 def factor(error: Number) -> Number:

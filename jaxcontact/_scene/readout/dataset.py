@@ -77,7 +77,7 @@ def dataset(
         "impact_time": (("impact",), columns["time"]),
     }
     arrays, coordinates = (
-        {name: (*given, _attributes(name)) for name, given in group.items()}
+        {name: (*column, _attributes(name)) for name, column in group.items()}
         for group in (arrays, coordinates)
     )
     attributes: dict[str, Any] = {"status": Ending.names_of(status).replace("_", " ")}

@@ -6,33 +6,33 @@ import jax
 import jax.numpy as jnp
 
 from ..._program import quick
-from ..course import Course
 from ..engine.cluster_members import pace_of
-from ..engine.cluster_slots import Seats
-from ..engine.coupled import as_flags, stored_energy
+from ..engine.cluster_slots import Slots
+from ..engine.coupled import as_flags, contact_energy
 from ..engine.state import Coupling
 from ..resume import Contacts, Start, Underway
+from ..run_record import RunRecord
 from .inside_contacts import Entries
-from .states import looked_up
+from .states import last_impacts
 
 
 @quick
-def end_of(choice: None, course: Course) -> Start:
+def final_start(choice: None, record: RunRecord) -> Start:
     """Return the final state of a run as the start state of another one."""
-    layout, numbers, rules, time = course.layout, course.numbers, course.rules, course.length
-    figures, facts = course.log
-    last = jax.tree.map(lambda x: x[0], looked_up(course, time[None]))
-    underway = _underway(course, last) if rules.soft else None
+    layout, numbers, rules, time = record.layout, record.numbers, record.rules, record.length
+    figures, facts = record.log
+    last = jax.tree.map(lambda x: x[0], last_impacts(record, time[None]))
+    underway = _underway(record, last) if rules.soft else None
     start = Start(last.support, last.held, None, underway, rules.soft)
-    calls = course.calls
+    calls = record.calls
     if calls is None or facts.call is None or figures.coupled is None:
         return start
     row = jnp.max(jnp.where(calls, jnp.arange(calls.shape[0]), -1))
     place = jnp.maximum(row, 0)
-    one, decided, met = jax.tree.map(
+    last_call, decided, met = jax.tree.map(
         lambda x: x[place], (figures.coupled, facts.call.decided, facts.choice)
     )
-    state, seats, zero = as_flags(one.end), decided.seats, jnp.zeros_like(one.end.lost)
+    state, seats, zero = as_flags(last_call.end), decided.seats, jnp.zeros_like(last_call.end.lost)
     closing = jnp.max(jnp.where(state.closed, state.latched, 0))
     contacts = Contacts(
         active=(row >= 0) & ~facts.call.ends[place],
@@ -40,7 +40,7 @@ def end_of(choice: None, course: Course) -> Start:
         present=seats.present,
         shift=seats.shift,
         pace=pace_of(layout, numbers, met, closing),
-        reserve=stored_energy(layout, numbers, rules.members, seats, state),
+        reserve=contact_energy(layout, numbers, rules.members, seats, state),
         # The energy lost so far belongs to the finished run.
         state=state._replace(
             time=state.time - time,
@@ -52,11 +52,11 @@ def end_of(choice: None, course: Course) -> Start:
     return Start(last.support, last.held, contacts, underway, rules.soft)
 
 
-def _underway(course: Course, last: Entries) -> Underway:
+def _underway(record: RunRecord, last: Entries) -> Underway:
     """Return the isolated impacts in progress at the end, with the states before them. Another run
     solves these impacts again from their touch.
     """
-    layout, log, time = course.layout, course.log, course.length
+    layout, log, time = record.layout, record.log, record.length
     inside = (last.row >= 0) & (last.began > time)
     row = jnp.maximum(last.row, 0)
     choice, before = jax.tree.map(lambda x: x[row], (log.facts.choice, log.figures.before))
@@ -73,16 +73,16 @@ def _underway(course: Course, last: Entries) -> Underway:
     )
 
 
-def going_on(coupling: Coupling, start: Start | None) -> Coupling:
+def resume_cluster(coupling: Coupling, start: Start | None) -> Coupling:
     """Return the coupling at the start of a run, with the contacts in progress."""
     if start is None or start.contacts is None:
         return coupling
-    known = start.contacts
+    contacts = start.contacts
     begun = coupling._replace(
-        active=known.active,
-        seats=Seats(known.who, known.present, known.shift),
-        pace=known.pace,
-        reserve=known.reserve,
-        state=known.state,
+        active=contacts.active,
+        seats=Slots(contacts.who, contacts.present, contacts.shift),
+        pace=contacts.pace,
+        reserve=contacts.reserve,
+        state=contacts.state,
     )
-    return jax.tree.map(lambda a, b: jnp.where(known.active, a, b), begun, coupling)
+    return jax.tree.map(lambda a, b: jnp.where(contacts.active, a, b), begun, coupling)

@@ -10,50 +10,53 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..arrays.arrays import Layout, Numbers
-from ..course import Course
-from ..engine.cluster_slots import Seats, bodies_of, pairs_of, places
-from ..engine.log import Called, Together
-from ..result import Ending, Impacts, Way, flagged
+from ..arrays.arrays import Numbers, SceneLayout
+from ..engine.cluster_slots import Slots, bodies_of, pairs_of, slot_pairs
+from ..engine.log import ClusterDecisions, ClusterNumbers
+from ..result import Ending, Impacts, Way, nan_unless
+from ..run_record import RunRecord
+from ..scalars import Index
 
 
 def table_of(
-    course: Course, status: Int[Array, ""], rows: int | None
-) -> tuple[Impacts, tuple[Array, Array], Int[Array, ""]]:
+    record: RunRecord, status: Index, rows: int | None
+) -> tuple[Impacts, tuple[Array, Array], Index]:
     """Return the impacts in order of time, without names, padded to `rows`.
 
     The second value holds the smallest time between rivals and the smallest closing speed, see
     `Margin`. The third is the number of impacts. Without `rows` there is one row for every row of
     the log and every pair of a coupled solve.
     """
-    found, layout = _isolated(course), course.layout
-    if course.calls is not None:
-        found = jax.tree.map(lambda *parts: jnp.concatenate(parts), found, _coupled(course))
-    total = jnp.sum(found.valid)
-    order = jnp.argsort(jnp.where(found.valid, found.time, jnp.inf), stable=True)[:rows]
-    found = jax.tree.map(lambda x: x[order], found)
+    table, layout = _isolated_impacts(record), record.layout
+    if record.calls is not None:
+        table = jax.tree.map(
+            lambda *parts: jnp.concatenate(parts), table, _coupled_contacts(record)
+        )
+    total = jnp.sum(table.valid)
+    order = jnp.argsort(jnp.where(table.valid, table.time, jnp.inf), stable=True)[:rows]
+    table = jax.tree.map(lambda x: x[order], table)
     bad = status == int(Ending.INVALID_INPUT)
-    valid = found.valid & ~bad
-    good = valid & (status != int(Ending.TOO_MANY_IMPACTS))
+    valid = table.valid & ~bad
+    usable = valid & (status != int(Ending.TOO_MANY_IMPACTS))
     body, face = jnp.asarray(layout.body), jnp.asarray(layout.face)
-    named = body[found.first], body[found.second], face[found.second]
-    found = eqx.tree_at(lambda rows: (rows.first, rows.second, rows.face), found, named)
+    named = body[table.first], body[table.second], face[table.second]
+    table = eqx.tree_at(lambda rows: (rows.first, rows.second, rows.face), table, named)
 
-    def told(column: Array) -> Array:
+    def flag(column: Array) -> Array:
         if column.dtype == bool:
             return column & valid
         if jnp.issubdtype(column.dtype, jnp.floating):
-            return flagged(column, good)
+            return nan_unless(column, usable)
         return jnp.where(valid, column, -1)
 
-    rival = jnp.where(course.counts, course.log.facts.rival, jnp.inf)
+    rival = jnp.where(record.counts, record.log.facts.rival, jnp.inf)
     nearest = jnp.min(rival, initial=jnp.inf)
-    slowest = jnp.min(jnp.where(good, found.closing_speed, jnp.inf), initial=jnp.inf)
-    impacts = jax.tree.map(told, found)
+    slowest = jnp.min(jnp.where(usable, table.closing_speed, jnp.inf), initial=jnp.inf)
+    impacts = jax.tree.map(flag, table)
     return impacts, (nearest, slowest), total
 
 
-def _began_in(together: Together, counts: Bool[Array, " K"]) -> Int[Array, "K P"]:
+def _began_in(together: ClusterNumbers, counts: Bool[Array, " K"]) -> Int[Array, "K P"]:
     """Return the row of the call in which a contact began: the first one at that time."""
     began = jnp.where(counts, together.began.time, -jnp.inf)
     row = jnp.searchsorted(jax.lax.cummax(began), together.end.since)
@@ -61,7 +64,7 @@ def _began_in(together: Together, counts: Bool[Array, " K"]) -> Int[Array, "K P"
 
 
 def _doubt(
-    together: Together, counts: Bool[Array, " K"], since: Int[Array, "K P"]
+    together: ClusterNumbers, counts: Bool[Array, " K"], since: Int[Array, "K P"]
 ) -> Float[Array, "K P"]:
     """Return the summed errors of all calls of a contact, from touch to end, in m/s."""
     error = jnp.where(counts, jax.lax.stop_gradient(together.error), 0)
@@ -69,11 +72,11 @@ def _doubt(
     return (before + error)[:, None] - before[since]
 
 
-def _rested(
-    layout: Layout,
+def _was_at_rest(
+    layout: SceneLayout,
     numbers: Numbers,
-    called: Called,
-    together: Together,
+    called: ClusterDecisions,
+    together: ClusterNumbers,
     since: Int[Array, "K P"],
 ) -> Bool[Array, "K P"]:
     """Return whether a sphere already rested on the wall before the contact, and was not hit.
@@ -84,7 +87,7 @@ def _rested(
     """
     seats, lost = called.decided.seats, jax.lax.stop_gradient(together.end.lost)
     members = seats.who.shape[1]
-    first, second = places(layout, members)
+    first, second = slot_pairs(layout, members)
     at_walls = np.flatnonzero(second >= members)
     sphere, wall = seats.who[:, first[at_walls]], second[at_walls] - members
     then = since[:, at_walls]
@@ -100,52 +103,41 @@ def _rested(
     return jnp.zeros(lost.shape, bool).at[:, at_walls].set(idle)
 
 
-def _isolated(course: Course) -> Impacts:
+def _isolated_impacts(record: RunRecord) -> Impacts:
     """Return the impacts outside of coupled solves, with the engine's numbers of bodies."""
-    outcome, facts, valid = course.log.figures.outcome, course.log.facts, course.counts
-    if course.calls is not None:
-        valid = valid & ~course.calls
+    outcome, facts, valid = record.log.figures.outcome, record.log.facts, record.counts
+    if record.calls is not None:
+        valid = valid & ~record.calls
+    choice, way = facts.choice, outcome.way.astype(int)
     return Impacts(
-        outcome.time,
-        facts.choice.first,
-        facts.choice.second,
-        facts.choice.second,
-        outcome.closing,
-        outcome.restitution,
-        outcome.duration,
-        outcome.max_force,
-        outcome.energy_loss,
-        outcome.turn,
-        outcome.way.astype(int),
-        outcome.error,
-        facts.tied,
-        valid,
-        (),
-    )
+        outcome.time, choice.first, choice.second, choice.second, outcome.closing,
+        outcome.restitution, outcome.duration, outcome.max_force, outcome.energy_loss,
+        outcome.turn, way, outcome.error, facts.tied, valid, (),
+    )  # fmt: skip
 
 
-def _coupled(course: Course) -> Impacts:
+def _coupled_contacts(record: RunRecord) -> Impacts:
     """Return the contacts that ended or came to rest in coupled solves, without lasting rest."""
-    layout, numbers, is_call = course.layout, course.numbers, course.calls
-    called, together = course.log.facts.call, course.log.figures.coupled
+    layout, numbers, is_call = record.layout, record.numbers, record.calls
+    called, together = record.log.facts.call, record.log.figures.coupled
     assert called is not None and together is not None and is_call is not None
     seats = called.decided.seats
     rows, members = seats.who.shape
-    first, second = places(layout, members)
-    one, other = bodies_of(layout, members, seats.who)
+    first, second = slot_pairs(layout, members)
+    body, other = bodies_of(layout, members, seats.who)
     # A fixed sphere comes second.
-    turned = (other < layout.spheres) & (numbers.inverse_mass[one] == 0)
-    one, other = jnp.where(turned, other, one), jnp.where(turned, one, other)
+    turned = (other < layout.spheres) & (numbers.inverse_mass[body] == 0)
+    body, other = jnp.where(turned, other, body), jnp.where(turned, body, other)
     counts = is_call[:, None]
     began, end = together.began, together.end
     since = _began_in(together, is_call)
     opened = (began.closed > 0.5) & ~(end.closed > 0.5)
     rests = (end.closed > 0.5) & called.rest[:, None]
     # At the end of the run a contact may still be in progress.
-    last = (jnp.arange(rows) == course.known.written - 1) & ~called.ends
+    last = (jnp.arange(rows) == record.outcome.written - 1) & ~called.ends
     lasts = (end.closed > 0.5) & last[:, None]
 
-    def opening(seats: Seats, position: Array, velocity: Array) -> Array:
+    def opening(seats: Slots, position: Array, velocity: Array) -> Array:
         pairs = pairs_of(layout, numbers, members, seats)
         return pairs.gaps(position[first] - position[second], velocity[first] - velocity[second])[1]
 
@@ -158,7 +150,7 @@ def _coupled(course: Course) -> Impacts:
     nothing = jnp.zeros(shape, numbers.dtype)
     columns = Impacts(
         end.since,
-        one,
+        body,
         other,
         other,
         end.latched,
@@ -170,7 +162,8 @@ def _coupled(course: Course) -> Impacts:
         jnp.full(shape, int(Way.COUPLED)),
         _doubt(together, is_call, since) / closing,
         jnp.zeros(shape, bool),
-        counts & (opened | ((rests | lasts) & ~_rested(layout, numbers, called, together, since))),
+        counts
+        & (opened | ((rests | lasts) & ~_was_at_rest(layout, numbers, called, together, since))),
         (),
     )
     return jax.tree.map(lambda x: x.reshape(-1), columns)

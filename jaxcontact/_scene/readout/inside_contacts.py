@@ -6,25 +6,17 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from ..arrays.arrays import Layout, Numbers, known_contact_of, law_of
+from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, law_of
 from ..arrays.flight import Flying
 from ..arrays.rows import rows_of, with_rows
-from ..arrays.stored_energy import stored_in
-from ..engine.cluster_slots import (
-    Seats,
-    empty_seats,
-    everyone,
-    in_line,
-    index_of,
-    joining,
-    unchanged,
-)
-from ..engine.coupled import Call, as_flags, blank_state, call, meets, stored_energy
-from ..engine.log import Log, last_call
-from ..engine.state import Rules
+from ..arrays.stored_energy import stored_energy
+from ..engine.cluster_slots import Slots, all_fit, empty_slots, in_line, index_of, joins, no_change
+from ..engine.coupled import Call, as_flags, blank_state, call, contact_energy, meets
+from ..engine.log import last_call
 from ..pair_impact.instantaneous import Choice
+from ..run_record import RunRecord
 
 
 class States(NamedTuple):
@@ -50,15 +42,7 @@ class Entries(NamedTuple):
 
 
 def in_contacts(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    log: Log,
-    times: Float[Array, " T"],
-    tolerance: Float[Array, ""],
-    found: Entries,
-    here: States,
-    written: Int[Array, ""],
+    record: RunRecord, times: Float[Array, " T"], last: Entries, here: States
 ) -> States:
     """Return the states, including spheres in isolated impacts and in coupled solves.
 
@@ -66,9 +50,8 @@ def in_contacts(
     isolated impacts, each assigned to its first body. One more lane holds the solve in progress, if
     the run has any.
     """
-    count = layout.spheres
-    members = rules.members or min(2, count)
-    together = log.figures.coupled
+    layout, numbers, log, count = record.layout, record.numbers, record.log, record.layout.spheres
+    members, together = record.rules.members or min(2, count), log.figures.coupled
     nobody, yes = jnp.zeros(count, bool), jnp.asarray(True)
     away, nothing = jnp.zeros((count, layout.dimensions), numbers.dtype), jnp.zeros_like(times[0])
 
@@ -78,67 +61,67 @@ def in_contacts(
         seats = _seats_of_two(layout, numbers, members, choice, before)
         is_first, is_second = seats.who == choice.first, seats.who == choice.second
 
-        def seated(pair: Array) -> Array:
+        def seat(pair: Array) -> Array:
             shape = (members,) + (1,) * (pair.ndim - 1)
             one, other = is_first.reshape(shape), is_second.reshape(shape)
             return jnp.where(one, pair[:1], jnp.where(other, pair[1:], jnp.zeros_like(pair[:1])))
 
-        change = joining(layout, members, seats.present)
+        change = joins(layout, members, seats.present)
         closed = meets(layout, members, seats, choice)
         decided = Call(yes, choice, seats, change, closed, until, ~yes)
-        spheres = jax.tree.map(seated, before)
+        spheres = jax.tree.map(seat, before)
         blank = blank_state(layout, members, numbers.dtype)
         none, held = jnp.full(members, -1), jnp.zeros(members, numbers.dtype)
         return (spheres, none, held, blank, decided), who == choice.first
 
-    def going_on(row: Array, until: Array) -> tuple[tuple, Array]:
+    def resume(row: Array, until: Array) -> tuple[tuple, Array]:
         """Return the call of a row up to a time, and whether it lasts until then."""
-        known, facts, choice = rows_of((together, log.facts.call, log.facts.choice), row)
-        assert known is not None and facts is not None
-        change = unchanged(layout, members)
+        run, facts, choice = rows_of((together, log.facts.call, log.facts.choice), row)
+        assert run is not None and facts is not None
+        change = no_change(layout, members)
         decided = facts.decided._replace(starts=~yes, choice=choice, change=change, until=until)
-        inside = (until < known.end.time) | ~facts.ends
-        began = as_flags(known.began)
-        return (known.spheres, facts.support, known.held, began, decided), inside
+        inside = (until < run.end.time) | ~facts.ends
+        began = as_flags(run.began)
+        return (run.spheres, facts.support, run.held, began, decided), inside
 
-    def lane(given: tuple[Array, ...]) -> tuple[Array, Array, Array, Array]:
-        time, who, row, inside, *last = given
+    def lane(columns: tuple[Array, ...]) -> tuple[Array, Array, Array, Array]:
+        time, who, row, inside, *last = columns
         chosen, active = pair(row, time, who)
         active = active & inside
         if last:
-            coupled, goes_on = going_on(last[0], time)
+            coupled, goes_on = resume(last[0], time)
             is_call = who == count
             chosen = jax.tree.map(lambda a, b: jnp.where(is_call, a, b), coupled, chosen)
             active = jnp.where(is_call, last[1] & goes_on, active)
         spheres, support, held, before, decided = chosen
 
-        def solved() -> tuple[Array, Array, Array, Array]:
+        def solve() -> tuple[Array, Array, Array, Array]:
             seats = decided.seats
             state = call(
                 layout, numbers, members, spheres, support, held, before, decided.where(active),
-                tolerance, rules.v0,
+                record.tolerance, record.rules.v0,
             )[1].state  # fmt: skip
             late = time - state.time
             index = index_of(layout, seats)
             velocity = state.velocity[:members]
             place = state.position[:members] + seats.shift * numbers.period[None] + velocity * late
             blank, rows = (nobody, away, away), (seats.present, place, velocity)
-            stored = stored_energy(layout, numbers, members, seats, state)
+            stored = contact_energy(layout, numbers, members, seats, state)
             return *with_rows(blank, index, rows), stored
 
-        return jax.lax.cond(active, solved, lambda: (nobody, away, away, nothing))
+        return jax.lax.cond(active, solve, lambda: (nobody, away, away, nothing))
 
     total = times.shape[0]
-    inside = (times[:, None] < found.began) & (found.row >= 0)
-    columns = (jnp.maximum(found.row, 0), inside)
-    lanes, called, some = count, (), jnp.any(inside)
+    inside = (times[:, None] < last.began) & (last.row >= 0)
+    columns = (jnp.maximum(last.row, 0), inside)
+    lanes, called, any_inside = count, (), jnp.any(inside)
     if together is not None and log.facts.call is not None:
         # The last lane holds no isolated impact.
         lanes, blank = count + 1, jnp.zeros((total, 1), int)
         columns = tuple(jnp.concatenate([x, blank.astype(x.dtype)], axis=1) for x in columns)
-        called = last_call(log, written, times)
+        called = last_call(log, record.outcome.written, times)
         until, ends = rows_of((together.end.time, log.facts.call.ends), called[0])
-        some = some | jnp.any(called[1] & ((times < until) | ~ends))
+        any_inside = any_inside | jnp.any(called[1] & ((times < until) | ~ends))
     given = (
         jnp.repeat(times, lanes),
         jnp.tile(jnp.arange(lanes), total),
@@ -146,7 +129,7 @@ def in_contacts(
         *(jnp.repeat(one, lanes) for one in called),
     )
     solved = jax.lax.cond(
-        some,
+        any_inside,
         lambda: jax.lax.map(lane, given),
         lambda: jax.tree.map(
             lambda x: jnp.zeros((total * lanes, *x.shape), x.dtype), (nobody, away, away, nothing)
@@ -156,73 +139,63 @@ def in_contacts(
         lambda x: x.reshape(total, lanes, *x.shape[1:]), solved
     )
 
-    def merged(old: Array, new: Array) -> Array:
-        known = who[..., None]
-        return jnp.where(jnp.any(known, axis=1), jnp.sum(jnp.where(known, new, 0), axis=1), old)
+    def merge(old: Array, new: Array) -> Array:
+        holds = who[..., None]
+        return jnp.where(jnp.any(holds, axis=1), jnp.sum(jnp.where(holds, new, 0), axis=1), old)
 
-    there = States(merged(here.position, place), merged(here.velocity, speed), jnp.sum(stored, 1))
+    there = States(merge(here.position, place), merge(here.velocity, speed), jnp.sum(stored, 1))
     if together is None:
         return there
-    rest = at_rest(layout, numbers, found, here, times, jnp.any(who, axis=1))
+    rest = at_rest(record, last, here, times, jnp.any(who, axis=1))
     return there._replace(stored=there.stored + rest)
 
 
-def stored_at_ends(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    log: Log,
-    times: Float[Array, " T"],
-    written: Int[Array, ""],
-) -> Float[Array, " T"]:
+def energy_at_ends(record: RunRecord, times: Float[Array, " T"]) -> Float[Array, " T"]:
     """Return the energy stored in contacts in progress, at times when one of their calls ended."""
-    rows, lasts = last_call(log, written, times)
+    layout, numbers, log = record.layout, record.numbers, record.log
+    rows, lasts = last_call(log, record.outcome.written, times)
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
 
-    def one(given: tuple[Array, Array, Array]) -> Array:
-        time, row, last = given
+    def energy(lane: tuple[Array, Array, Array]) -> Array:
+        time, row, last = lane
         end, seats, ends = rows_of((together.end, called.decided.seats, called.ends), row)
-        stored = stored_energy(layout, numbers, rules.members, seats, as_flags(end))
+        stored = contact_energy(layout, numbers, record.rules.members, seats, as_flags(end))
         return jnp.where(last & ~ends & (time == end.time), stored, 0)
 
-    return jax.lax.map(one, (times, rows, lasts))
+    return jax.lax.map(energy, (times, rows, lasts))
 
 
 def at_rest(
-    layout: Layout,
-    numbers: Numbers,
-    found: Entries,
-    here: States,
-    times: Float[Array, " T"],
-    elsewhere: Array,
+    record: RunRecord, last: Entries, here: States, times: Float[Array, " T"], elsewhere: Array
 ) -> Float[Array, " T"]:
     """Return the energy (T,) of spheres at rest on walls, except those `elsewhere` (T, N)."""
+    layout, numbers = record.layout, record.numbers
     if not layout.walls:
-        return jnp.zeros(found.row.shape[0], numbers.dtype)
+        return jnp.zeros(last.row.shape[0], numbers.dtype)
 
-    def one(i: Array, support: Array, place: Array, time: Array) -> Array:
+    def energy(i: Array, support: Array, place: Array, time: Array) -> Array:
         wall = jnp.maximum(support, 0)
         height = jnp.sum(place * numbers.normal[wall]) - numbers.walls_at(time, wall).offset
         contact = known_contact_of(layout, numbers, i, layout.spheres + wall)
         law = law_of(layout, numbers, i, layout.spheres + wall)
         depth = jnp.where(support >= 0, numbers.radius[i] - height, 0)
-        return stored_in(law, contact, depth, jnp.ones_like(depth))
+        return stored_energy(law, contact, depth, jnp.ones_like(depth))
 
-    rests = jnp.where(elsewhere, -1, found.support)
+    rests = jnp.where(elsewhere, -1, last.support)
     everyone = jnp.arange(layout.spheres)
-    each = jax.vmap(jax.vmap(one, in_axes=(0, 0, 0, None)), in_axes=(None, 0, 0, 0))(
+    each = jax.vmap(jax.vmap(energy, in_axes=(0, 0, 0, None)), in_axes=(None, 0, 0, 0))(
         everyone, rests, here.position, times
     )
     return jnp.sum(each, axis=1)
 
 
 def _seats_of_two(
-    layout: Layout, numbers: Numbers, members: int, choice: Choice, before: Flying
-) -> Seats:
+    layout: SceneLayout, numbers: Numbers, members: int, choice: Choice, before: Flying
+) -> Slots:
     """Return the places of the bodies of an isolated impact; the second may be a wall."""
-    blank = empty_seats(layout, numbers, members)
-    if everyone(layout, members):
+    blank = empty_slots(layout, numbers, members)
+    if all_fit(layout, members):
         present = (blank.who == choice.first) | (blank.who == choice.second)
         return blank._replace(present=present)
     count = layout.spheres
@@ -237,4 +210,4 @@ def _seats_of_two(
     rest = members - 2
     who = jnp.concatenate([two, jnp.full(max(rest, 0), count)])[:members]
     shift = jnp.concatenate([shift, jnp.zeros((max(rest, 0), layout.dimensions), numbers.dtype)])
-    return Seats(who, who < count, shift[:members])
+    return Slots(who, who < count, shift[:members])

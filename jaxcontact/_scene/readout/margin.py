@@ -9,15 +9,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from ..._parameter import shown
 from ..._program import quick
-from ..course import Course
 from ..derivative.replay import differentiable
 from ..engine.log import Log
 from ..engine.state import Rules
-from ..result import Ending, flagged, traced
+from ..result import Ending, nan_unless, traced
+from ..run_record import RunRecord
+from ..scalars import Number
 from .states import any_inside, states_at, states_in_log
 
 _MOST = 24
@@ -37,12 +38,12 @@ class Margin(eqx.Module):
     there was no impact.
     """
 
-    time: Float[Array, ""]
-    closing_speed: Float[Array, ""]
-    _course: Course
+    time: Number
+    closing_speed: Number
+    _record: RunRecord
 
     @property
-    def growth(self) -> Float[Array, ""]:
+    def growth(self) -> Number:
         """The largest factor by which the run amplifies a small change of its start.
 
         It is the largest singular value of the derivative of z(T) with respect to z(0), z = (x, T
@@ -59,57 +60,57 @@ class Margin(eqx.Module):
 
         Source: Golub & Kahan (1965), doi 10.1137/0702016.
         """
-        return _growth(self._course)
+        return _growth(self._record)
 
     def __repr__(self) -> str:
         return f"Margin(time={shown(self.time)} s, closing_speed={shown(self.closing_speed)} m/s)"
 
 
-def _growth(course: Course) -> Array:
+def _growth(record: RunRecord) -> Array:
     """Return the growth of a run, or of each run of a batch."""
-    coupled, inside = course.rules.members > 0, course.rules.soft
-    if not traced(course):
+    coupled, inside = record.rules.members > 0, record.rules.soft
+    if not traced(record):
         # Only the parts that occurred are compiled.
-        coupled = course.log.facts.call is not None and bool(jnp.any(_each(_any_calls, course)))
-        inside = inside and bool(jnp.any(_each(_ends_inside, course)))
+        coupled = record.log.facts.call is not None and bool(jnp.any(_each(_any_calls, record)))
+        inside = inside and bool(jnp.any(_each(_ends_inside, record)))
     if not coupled:
-        figures, facts = course.log
+        figures, facts = record.log
         log = Log(figures._replace(coupled=None), facts._replace(call=None))
-        rules = Rules(course.rules.soft, course.rules.v0, 0)
-        course = dataclasses.replace(course, rules=rules, known=course.known._replace(log=log))
-    return _each(_largest if not inside else _largest_inside, course)
+        rules = Rules(record.rules.soft, record.rules.v0, 0)
+        record = dataclasses.replace(record, rules=rules, outcome=record.outcome._replace(log=log))
+    return _each(_largest if not inside else _largest_inside, record)
 
 
 @quick
-def _each(function: Callable[[Course], Array], course: Course) -> Array:
-    for _ in range(course.length.ndim):
+def _each(function: Callable[[RunRecord], Array], record: RunRecord) -> Array:
+    for _ in range(record.length.ndim):
         function = eqx.filter_vmap(function)
-    return function(course)
+    return function(record)
 
 
-def _any_calls(course: Course) -> Array:
-    assert course.calls is not None
-    return jnp.any(course.calls)
+def _any_calls(record: RunRecord) -> Array:
+    assert record.calls is not None
+    return jnp.any(record.calls)
 
 
-def _ends_inside(course: Course) -> Array:
+def _ends_inside(record: RunRecord) -> Array:
     """Return whether bodies are in contact at the end."""
-    return any_inside(course, course.length[None])
+    return any_inside(record, record.length[None])
 
 
-def _largest_inside(course: Course) -> Array:
+def _largest_inside(record: RunRecord) -> Array:
     """Return `_largest` for a run in which bodies may be in contact at the end."""
-    return _largest(course, inside=True)
+    return _largest(record, inside=True)
 
 
-def _largest(course: Course, inside: bool = False) -> Array:
+def _largest(record: RunRecord, inside: bool = False) -> Array:
     """Return the largest singular value by Golub-Kahan bidiagonalisation."""
-    course = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, course)
-    layout, numbers, rules = course.layout, course.numbers, course.rules
-    end, completed = course.length, course.ending()[0] == int(Ending.COMPLETED)
+    record = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, record)
+    layout, numbers = record.layout, record.numbers
+    end, completed = record.length, record.ending()[0] == int(Ending.COMPLETED)
     free = np.array([k for k in range(layout.visible) if not layout.fixed[k]], int)
     if free.size == 0:
-        return flagged(jnp.ones_like(end), completed)
+        return nan_unless(jnp.ones_like(end), completed)
 
     amid = None if numbers.start is None else numbers.start.underway
 
@@ -126,11 +127,7 @@ def _largest(course: Course, inside: bool = False) -> Array:
                 velocity=amid.velocity.at[free].set(start[1] / end),
             )
             there = eqx.tree_at(lambda numbers: numbers.start.underway, there, led)
-        log = differentiable(
-            layout, there, rules, course.log, course.known.written, course.tolerance
-        )
-        known = course.known._replace(log=log)
-        varied = dataclasses.replace(course, numbers=there, known=known)
+        varied = differentiable(dataclasses.replace(record, numbers=there))
         at = end[None]
         states = states_at(varied, at) if inside else states_in_log(varied, at)[0]
         return jnp.stack([states.position[0, free], states.velocity[0, free] * end])
@@ -176,4 +173,4 @@ def _largest(course: Course, inside: bool = False) -> Array:
     growth = jnp.linalg.svd(small, compute_uv=False)[0]
     # The derivative may overflow.
     growth = jnp.where(jnp.isfinite(growth), growth, jnp.inf)
-    return flagged(growth, completed)
+    return nan_unless(growth, completed)

@@ -8,41 +8,42 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ..._program import derived, quick
-from ..course import Course
 from ..result import Impacts, Moment, traced
+from ..run_record import RunRecord
+from ..scalars import Index, Number
 from .impact_table import table_of
-from .states import moment, moment_at, moment_in_log, told, told_in_log
-from .straddling import booked
+from .states import moment, moment_as_numpy, moment_at, moment_in_log, moment_in_log_as_numpy
+from .straddling import clip_to_run
 from .wall_work import work_of
 
 
-class Reading(NamedTuple):
+class RunContents(NamedTuple):
     """The contents of a `Run`; `total` is the number of impacts."""
 
-    status: Int[Array, ""]
-    reached: Float[Array, ""]
+    status: Index
+    reached: Number
     now: Moment
     impacts: Impacts
     nearest: tuple[Array, Array]
-    total: Int[Array, ""]
-    work: Float[Array, ""]
+    total: Index
+    work: Number
 
 
-def read(course: Course, asked: Float[Array, " T"], rows: int | None) -> Reading:
+def read_run(record: RunRecord, times: Float[Array, " T"], rows: int | None) -> RunContents:
     """Return the results, with the table of impacts padded to so many `rows`. With concrete numbers
     the table has no blank rows. Motion inside contacts is compiled only if one of the times needs
     it.
     """
-    reading = derived(_by_choice, course, asked, rows, decide=_from_log)
+    reading = derived(_by_choice, record, times, rows, decide=_from_log)
     if traced(reading.total):
         return reading
     total = int(reading.total)
     if not traced(reading.impacts):
-        whole = jax.tree.map(lambda x: np.asarray(x)[:total], reading.impacts)
-        return reading._replace(impacts=jax.device_put(whole))
+        table = jax.tree.map(lambda x: np.asarray(x)[:total], reading.impacts)
+        return reading._replace(impacts=jax.device_put(table))
     return reading._replace(impacts=_first(reading.impacts, total))
 
 
@@ -51,45 +52,51 @@ def _first(impacts: Impacts, total: int) -> Impacts:
     return jax.tree.map(lambda column: column[:total], impacts)
 
 
-def _from_log(course: Course, asked: Array, rows: int | None) -> tuple[Reading, tuple[bool, bool]]:
+def _from_log(
+    record: RunRecord, times: Array, rows: int | None
+) -> tuple[RunContents, tuple[bool, bool]]:
     """Return the results from Python, with two flags for `_by_choice`. They say whether a requested
     time, and whether an end of the run, is inside a contact.
     """
-    count, length = asked.shape[0], np.asarray(course.length)
+    count, length = times.shape[0], np.asarray(record.length)
     ends = np.stack([np.zeros_like(length), length])
-    every, inside = told_in_log(course, np.concatenate([np.asarray(asked), ends]))
+    every, inside = moment_in_log_as_numpy(record, np.concatenate([np.asarray(times), ends]))
     inside, cut = bool(np.any(inside[:count])), bool(np.any(inside[count:]))
-    now = told(course, asked) if inside else jax.tree.map(lambda x: x[:count], every)
+    now = moment_as_numpy(record, times) if inside else jax.tree.map(lambda x: x[:count], every)
     if cut:
-        course = booked(course, jax.device_put(told(course, ends)))
-    return _tabled(course)._replace(now=jax.device_put(now)), (inside, cut)
+        record = clip_to_run(record, jax.device_put(moment_as_numpy(record, ends)))
+    return _without_states(record)._replace(now=jax.device_put(now)), (inside, cut)
 
 
 def _by_choice(
-    choice: tuple[bool, bool] | None, course: Course, asked: Array, rows: int | None
-) -> Reading:
+    choice: tuple[bool, bool] | None, record: RunRecord, times: Array, rows: int | None
+) -> RunContents:
     """Return the results from one program with the parts chosen, or with all parts."""
     if choice is not None:
         inside, cut = choice
-        now = moment(course, asked) if inside else moment_in_log(course, asked)[0]
-        return _told(booked(course, moment_at(course, course.ends)) if cut else course, now, None)
-    if not course.rules.soft:
-        return _told(course, moment_at(course, asked), rows)
+        now = moment(record, times) if inside else moment_in_log(record, times)[0]
+        return _contents(
+            clip_to_run(record, moment_at(record, record.ends)) if cut else record, now, None
+        )
+    if not record.rules.soft:
+        return _contents(record, moment_at(record, times), rows)
     # One program for all times.
-    every, count = moment_at(course, jnp.concatenate([asked, course.ends])), asked.shape[0]
+    every, count = moment_at(record, jnp.concatenate([times, record.ends])), times.shape[0]
     now, there = (
         jax.tree.map(lambda x, k=k: x[k], every) for k in (slice(count), slice(count, None))
     )
-    return _told(booked(course, there), now, rows)
+    return _contents(clip_to_run(record, there), now, rows)
 
 
-def _told(course: Course, now: Any, rows: int | None) -> Reading:
-    status, reached = course.ending()
-    impacts, nearest, total = table_of(course, status, rows)
-    return Reading(status, reached, now, impacts, nearest, total, work_of(course, status, reached))
+def _contents(record: RunRecord, now: Any, rows: int | None) -> RunContents:
+    status, reached = record.ending()
+    impacts, nearest, total = table_of(record, status, rows)
+    return RunContents(
+        status, reached, now, impacts, nearest, total, work_of(record, status, reached)
+    )
 
 
 @quick
-def _tabled(course: Course) -> Reading:
+def _without_states(record: RunRecord) -> RunContents:
     """Return everything but the states."""
-    return _told(course, None, None)
+    return _contents(record, None, None)

@@ -11,133 +11,128 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from ..._program import derived, quick
-from ..arrays.arrays import Layout, Numbers
+from ..arrays.arrays import SceneLayout
 from ..arrays.flight import accelerations
 from ..arrays.rows import rows_of
-from ..course import Course
-from ..engine.cluster_slots import places
+from ..engine.cluster_slots import slot_pairs
 from ..engine.log import Log, last_call
-from ..result import Moment, flagged
-from .inside_contacts import Entries, States, at_rest, in_contacts, stored_at_ends
+from ..result import Moment, nan_unless
+from ..run_record import RunRecord
+from ..scalars import Flag
+from .inside_contacts import Entries, States, at_rest, energy_at_ends, in_contacts
 
 _LEAST, _FEW = 512, 128
 """The least number of times in a program, and the largest number of spheres for which it applies.
 With it a run, its plots and its animations share one program."""
 
 
-def moment_at(course: Course, times: Float[Array, " T"]) -> Moment:
+def moment_at(record: RunRecord, times: Float[Array, " T"]) -> Moment:
     """Return the states at given times; motion inside contacts is compiled only if needed."""
-    return derived(_moment_at, course, times, decide=_moment_by_choice)
+    return derived(_moment_at, record, times, decide=_moment_by_choice)
 
 
-def _moment_by_choice(course: Course, times: Array) -> tuple[Moment, bool]:
-    now, inside = told_in_log(course, times)
+def _moment_by_choice(record: RunRecord, times: Array) -> tuple[Moment, bool]:
+    now, inside = moment_in_log_as_numpy(record, times)
     cut = bool(np.any(inside))
-    return jax.device_put(told(course, times) if cut else now), cut
+    return jax.device_put(moment_as_numpy(record, times) if cut else now), cut
 
 
-def told_in_log(course: Course, times: ArrayLike) -> tuple[Moment, np.ndarray]:
+def moment_in_log_as_numpy(record: RunRecord, times: ArrayLike) -> tuple[Moment, np.ndarray]:
     """Return `moment_in_log` as NumPy arrays, with one program for all small numbers of times."""
-    least = _LEAST if course.layout.spheres <= _FEW else 1
-    return _by_room(moment_in_log, course, times, least)
+    least = _LEAST if record.layout.spheres <= _FEW else 1
+    return _by_room(moment_in_log, record, times, least)
 
 
-def told(course: Course, times: ArrayLike) -> Moment:
+def moment_as_numpy(record: RunRecord, times: ArrayLike) -> Moment:
     """Return `moment` as NumPy arrays."""
-    return _by_room(moment, course, times, 1)
+    return _by_room(moment, record, times, 1)
 
 
 def _by_room(
-    read: Callable[[Course, Array], Any], course: Course, times: ArrayLike, least: int
+    read: Callable[[RunRecord, Array], Any], record: RunRecord, times: ArrayLike, least: int
 ) -> Any:
-    given = np.asarray(times, course.numbers.dtype)
-    count = given.shape[0]
-    padded = np.zeros(max(least, 1 << (count - 1).bit_length()), given.dtype)
-    padded[:count] = given
-    found = read(course, jax.device_put(padded))
-    return jax.tree.map(lambda x: np.asarray(x)[:count], found)
+    numbers = np.asarray(times, record.numbers.dtype)
+    count = numbers.shape[0]
+    padded = np.zeros(max(least, 1 << (count - 1).bit_length()), numbers.dtype)
+    padded[:count] = numbers
+    result = read(record, jax.device_put(padded))
+    return jax.tree.map(lambda x: np.asarray(x)[:count], result)
 
 
-def _moment_at(inside: bool | None, course: Course, times: Array) -> Moment:
-    if course.rules.soft if inside is None else inside:
-        return moment(course, times)
-    return moment_in_log(course, times)[0]
+def _moment_at(inside: bool | None, record: RunRecord, times: Array) -> Moment:
+    if record.rules.soft if inside is None else inside:
+        return moment(record, times)
+    return moment_in_log(record, times)[0]
 
 
 @quick
-def moment_in_log(course: Course, times: Float[Array, " T"]) -> tuple[Moment, Bool[Array, " T"]]:
+def moment_in_log(record: RunRecord, times: Float[Array, " T"]) -> tuple[Moment, Bool[Array, " T"]]:
     """Return the states outside of contacts, and which of the times are inside one."""
-    times = times.astype(course.numbers.dtype)
-    states, inside = states_in_log(course, times)
-    return _moment(course, times, states), inside
+    times = times.astype(record.numbers.dtype)
+    states, inside = states_in_log(record, times)
+    return _moment(record, times, states), inside
 
 
 @quick
-def moment(course: Course, times: Float[Array, " T"]) -> Moment:
+def moment(record: RunRecord, times: Float[Array, " T"]) -> Moment:
     """Return the states at any times, including inside contacts."""
-    times = times.astype(course.numbers.dtype)
-    return _moment(course, times, states_at(course, times))
+    times = times.astype(record.numbers.dtype)
+    return _moment(record, times, states_at(record, times))
 
 
-def _moment(course: Course, times: Array, states: States) -> Moment:
+def _moment(record: RunRecord, times: Array, states: States) -> Moment:
     position, velocity, stored = states
-    energy = _energy_of(course.layout, course.numbers, position, velocity) + stored
-    position, velocity = (x[:, : course.layout.visible] for x in (position, velocity))
-    good = (times >= 0) & (times <= course.ending()[1])
-    return Moment(times, flagged(position, good), flagged(velocity, good), flagged(energy, good))
+    energy = _energy_of(record, position, velocity) + stored
+    position, velocity = (x[:, : record.layout.visible] for x in (position, velocity))
+    valid = (times >= 0) & (times <= record.ending()[1])
+    return Moment(
+        times, nan_unless(position, valid), nan_unless(velocity, valid), nan_unless(energy, valid)
+    )
 
 
-def states_at(course: Course, times: Float[Array, " T"]) -> States:
+def states_at(record: RunRecord, times: Float[Array, " T"]) -> States:
     """Return the states at given times; at an instantaneous impact those after it. The last impact
     of each sphere is found by binary search in a list sorted by sphere and time. This avoids an
     array of times, spheres and impacts. Inside a contact the motion is solved from the touch.
     """
-    layout, numbers, rules = course.layout, course.numbers, course.rules
-    if not rules.soft:
-        return states_in_log(course, times)[0]
-    found = looked_up(course, times)
-    here = _in_flight(layout, numbers, times, found)
-    given = (layout, numbers, rules, course.log, times, course.tolerance, found, here)
-    there = in_contacts(*given, course.known.written)
-    return _prescribed(layout, numbers, times, there)
+    if not record.rules.soft:
+        return states_in_log(record, times)[0]
+    last = last_impacts(record, times)
+    here = _in_flight(record, times, last)
+    return _with_prescribed(record, times, in_contacts(record, times, last, here))
 
 
-def states_in_log(course: Course, times: Float[Array, " T"]) -> tuple[States, Bool[Array, " T"]]:
+def states_in_log(record: RunRecord, times: Float[Array, " T"]) -> tuple[States, Bool[Array, " T"]]:
     """Return the states outside of contacts, and which of the times are inside one. At the end time
     of a coupled call the state is in the log.
     """
-    layout, numbers, rules = course.layout, course.numbers, course.rules
-    found = looked_up(course, times)
-    here = _in_flight(layout, numbers, times, found)
-    if not rules.soft:
+    last = last_impacts(record, times)
+    here = _in_flight(record, times, last)
+    if not record.rules.soft:
         return here, times < -jnp.inf
-    inside = _inside(course, times, found)
-    if not rules.members:
+    inside = _inside(record, times, last)
+    if not record.rules.members:
         return here, inside
-    stored = stored_at_ends(layout, numbers, rules, course.log, times, course.known.written)
-    nobody = jnp.zeros(found.support.shape, bool)
-    stored = stored + at_rest(layout, numbers, found, here, times, nobody)
-    return here._replace(stored=stored), inside
+    resting = at_rest(record, last, here, times, jnp.zeros(last.support.shape, bool))
+    return here._replace(stored=energy_at_ends(record, times) + resting), inside
 
 
-def _in_flight(
-    layout: Layout, numbers: Numbers, times: Float[Array, " T"], found: Entries
-) -> States:
+def _in_flight(record: RunRecord, times: Float[Array, " T"], last: Entries) -> States:
     """Return the states of spheres in flight or at rest."""
+    layout, numbers = record.layout, record.numbers
     count, dimensions = layout.spheres, layout.dimensions
     who = jnp.tile(jnp.arange(count), times.shape[0])
-    pull = accelerations(layout, numbers, who, found.support.reshape(-1))
-    since = (times[:, None] - found.began)[..., None]
+    pull = accelerations(layout, numbers, who, last.support.reshape(-1))
+    since = (times[:, None] - last.began)[..., None]
     pull = pull.reshape(times.shape[0], count, dimensions)
-    velocity = found.velocity + pull * since
-    position = found.position + (found.velocity + velocity) / 2 * since
-    return _prescribed(layout, numbers, times, States(position, velocity, jnp.zeros_like(times)))
+    velocity = last.velocity + pull * since
+    position = last.position + (last.velocity + velocity) / 2 * since
+    return _with_prescribed(record, times, States(position, velocity, jnp.zeros_like(times)))
 
 
-def _prescribed(
-    layout: Layout, numbers: Numbers, times: Float[Array, " T"], states: States
-) -> States:
+def _with_prescribed(record: RunRecord, times: Float[Array, " T"], states: States) -> States:
     """Return the states, with accelerated fixed spheres placed by their motion."""
+    layout, numbers = record.layout, record.numbers
     if not layout.shaken:
         return states
     place, rate = jax.vmap(lambda time: numbers.shaken_at(layout, time))(times)
@@ -148,26 +143,26 @@ def _prescribed(
     )
 
 
-def any_inside(course: Course, times: Float[Array, " T"]) -> Bool[Array, ""]:
+def any_inside(record: RunRecord, times: Float[Array, " T"]) -> Flag:
     """Return whether any of the times lies inside a contact of finite duration."""
-    return jnp.any(_inside(course, times, looked_up(course, times)))
+    return jnp.any(_inside(record, times, last_impacts(record, times)))
 
 
-def _inside(course: Course, times: Float[Array, " T"], found: Entries) -> Bool[Array, " T"]:
-    inside, log = jnp.any((times[:, None] < found.began) & (found.row >= 0), axis=1), course.log
+def _inside(record: RunRecord, times: Float[Array, " T"], found: Entries) -> Bool[Array, " T"]:
+    inside, log = jnp.any((times[:, None] < found.began) & (found.row >= 0), axis=1), record.log
     if log.facts.call is None or log.figures.coupled is None:
         return inside
-    row, last = last_call(log, course.known.written, times)
+    row, last = last_call(log, record.outcome.written, times)
     return inside | (last & (times < rows_of(log.figures.coupled.end.time, row)))
 
 
-def looked_up(course: Course, times: Float[Array, " T"]) -> Entries:
+def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
     """Return the last events of all spheres; a soft impact counts only after its touch."""
-    layout, numbers, log = course.layout, course.numbers, course.log
+    layout, numbers, log = record.layout, record.numbers, record.log
     count, rows = layout.spheres, log.facts.tied.shape[0]
     figures, facts = log
     number = jnp.arange(1, rows + 1)
-    blank = number > course.known.written
+    blank = number > record.outcome.written
     is_call = jnp.zeros(rows, bool) if facts.call is None else facts.call.is_call
     first = jnp.where(blank | is_call, count, facts.choice.first)
     second = jnp.where(blank | is_call, count, jnp.minimum(facts.choice.second, count))
@@ -200,22 +195,22 @@ def looked_up(course: Course, times: Float[Array, " T"]) -> Entries:
     order = jnp.argsort(keys)
     happened = jnp.where(blank, jnp.inf, figures.outcome.time)
     passed = jnp.searchsorted(
-        happened, times, side="left" if course.rules.soft else "right"
+        happened, times, side="left" if record.rules.soft else "right"
     ).astype(int)
     wanted = jnp.arange(count)[None] * (rows + 1) + passed[:, None]
-    found = jnp.searchsorted(keys[order], wanted.reshape(-1), side="right") - 1
-    entry = order[found].reshape(wanted.shape)
+    rank = jnp.searchsorted(keys[order], wanted.reshape(-1), side="right") - 1
+    entry = order[rank].reshape(wanted.shape)
     return Entries(
         *(jnp.concatenate(column)[entry] for column in (place, speed, began, support, pairs, held))
     )
 
 
-def _resting(layout: Layout, log: Log) -> tuple[Int[Array, "K M"], Float[Array, "K M"]]:
+def _resting(layout: SceneLayout, log: Log) -> tuple[Int[Array, "K M"], Float[Array, "K M"]]:
     """Return the walls that spheres rest on after a call, or -1, and the v0 held."""
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
     rows, members = called.decided.seats.who.shape
-    first, second = places(layout, members)
+    first, second = slot_pairs(layout, members)
     wall = second - members
     closed = (together.end.closed > 0.5) & called.rest[:, None] & jnp.asarray(wall >= 0)[None]
     none, end = jnp.full((rows, members), -1), together.end
@@ -225,13 +220,11 @@ def _resting(layout: Layout, log: Log) -> tuple[Int[Array, "K M"], Float[Array, 
 
 
 def _energy_of(
-    layout: Layout,
-    numbers: Numbers,
-    position: Float[Array, "T N D"],
-    velocity: Float[Array, "T N D"],
+    record: RunRecord, position: Float[Array, "T N D"], velocity: Float[Array, "T N D"]
 ) -> Float[Array, " T"]:
     """Return kinetic energy plus weight of all free spheres, ½ m v² - m g·x, in J."""
-    inverse = numbers.inverse_mass[: layout.spheres]
+    numbers = record.numbers
+    inverse = numbers.inverse_mass[: record.layout.spheres]
     free = inverse > 0
     mass = jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)
     kinetic = jnp.sum(jnp.square(velocity), axis=-1) / 2

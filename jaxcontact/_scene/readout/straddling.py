@@ -11,31 +11,31 @@ from jaxtyping import Array
 from ..._program import quick
 from ..arrays.arrays import known_contact_of, law_of
 from ..arrays.flight import Flying, accelerations
-from ..arrays.stored_energy import stored_in
+from ..arrays.stored_energy import stored_energy
 from ..bodies.side import side
-from ..course import Course
 from ..pair_impact.instantaneous import meeting_of, two_that_meet
 from ..result import Moment
-from .states import looked_up
+from ..run_record import RunRecord
+from .states import last_impacts
 
 
 @quick
-def booked(course: Course, ends: Moment) -> Course:
+def clip_to_run(record: RunRecord, ends: Moment) -> RunRecord:
     """Return a run with the energy loss and wall work of its impacts limited to the run.
 
     Impacts that cross the start lose the part before it. Impacts that cross the end count up to it;
     the states there are `ends`. At a time τ after touch a pair has lost E(0) + W - E(τ) - ∫ F dδ. E
     is kinetic energy plus weight, and W = V·(m Δv - m g τ) is the work of a body that moves at V.
     """
-    layout, numbers, log = course.layout, course.numbers, course.log
-    found = looked_up(course, ends.time)
+    layout, numbers, log = record.layout, record.numbers, record.log
+    last = last_impacts(record, ends.time)
     rows, everyone = log.facts.tied.shape[0], jnp.arange(layout.visible)
-    row, began = found.row[:, : layout.visible], found.began[:, : layout.visible]
+    row, began = last.row[:, : layout.visible], last.began[:, : layout.visible]
     is_first = log.facts.choice.first[jnp.maximum(row, 0)] == everyone[None]
     inside = (row >= 0) & is_first & (ends.time[:, None] < began)
-    inside = inside & (ends.time <= course.ending()[1])[:, None]
+    inside = inside & (ends.time <= record.ending()[1])[:, None]
 
-    def one(k: Array, on: Array, time: Array, position: Array, velocity: Array) -> Array:
+    def loss_and_work(k: Array, on: Array, time: Array, position: Array, velocity: Array) -> Array:
         choice, before = jax.tree.map(
             lambda x: x[jnp.maximum(k, 0)], (log.facts.choice, log.figures.before)
         )
@@ -75,16 +75,16 @@ def booked(course: Course, ends: Moment) -> Course:
             depth = jnp.where(is_wall, numbers.radius[choice.first] - height, depth)
         contact = known_contact_of(layout, numbers, choice.first, choice.second)
         law = law_of(layout, numbers, choice.first, choice.second)
-        stored = stored_in(law, contact, jnp.where(on, depth, 0), meeting.closing)
+        stored = stored_energy(law, contact, jnp.where(on, depth, 0), meeting.closing)
         lost = energy(touch) + work - energy(here) - stored
         return jnp.where(on, jnp.stack([lost, work]), 0)
 
-    each = jax.vmap(jax.vmap(one, in_axes=(0, 0, None, None, None)))
+    each = jax.vmap(jax.vmap(loss_and_work, in_axes=(0, 0, None, None, None)))
     done = each(row, inside, ends.time, ends.position, ends.velocity)
     place = jnp.where(inside, row, rows)
     outcome = log.figures.outcome
-    whole = jnp.stack([outcome.energy_loss, outcome.wall_work], axis=1)
-    part = whole.at[place[1]].set(done[1], mode="drop").at[place[0]].add(-done[0], mode="drop")
+    full = jnp.stack([outcome.energy_loss, outcome.wall_work], axis=1)
+    part = full.at[place[1]].set(done[1], mode="drop").at[place[0]].add(-done[0], mode="drop")
     outcome = outcome._replace(energy_loss=part[:, 0], wall_work=part[:, 1])
     log = log._replace(figures=log.figures._replace(outcome=outcome))
-    return dataclasses.replace(course, known=course.known._replace(log=log))
+    return dataclasses.replace(record, outcome=record.outcome._replace(log=log))

@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array
 
-from ..course import Course
-from ..result import Ending, flagged
-from .states import looked_up
+from ..result import Ending, nan_unless
+from ..run_record import RunRecord
+from ..scalars import Index, Number
+from .states import last_impacts
 
 
-def work_of(course: Course, status: Int[Array, ""], reached: Float[Array, ""]) -> Float[Array, ""]:
+def work_of(record: RunRecord, status: Index, reached: Number) -> Number:
     """Return the work of moving walls in a run in J; NaN if the impacts are not all known."""
-    figures, counts = course.log.figures, course.counts
+    figures, counts = record.log.figures, record.counts
     work = jnp.sum(jnp.where(counts, figures.outcome.wall_work, 0))
     if figures.coupled is not None:
         work = work + jnp.sum(jnp.where(counts, figures.coupled.work, 0))
-    if course.layout.gravity and any(course.layout.moving):
-        work = work + _carried(course, reached)
-    known = (status != int(Ending.INVALID_INPUT)) & (status != int(Ending.TOO_MANY_IMPACTS))
-    return flagged(work, known)
+    if record.layout.gravity and any(record.layout.moving):
+        work = work + _work_at_rest(record, reached)
+    complete = (status != int(Ending.INVALID_INPUT)) & (status != int(Ending.TOO_MANY_IMPACTS))
+    return nan_unless(work, complete)
 
 
-def _carried(course: Course, reached: Float[Array, ""]) -> Float[Array, ""]:
+def _work_at_rest(record: RunRecord, reached: Number) -> Number:
     """Return the work on spheres at rest on walls: the power -m (g·n) w times the duration."""
-    layout, numbers, (figures, facts) = course.layout, course.numbers, course.log
+    layout, numbers, (figures, facts) = record.layout, record.numbers, record.log
     assert numbers.motion is not None
     inverse = numbers.inverse_mass[: layout.spheres]
     free = inverse > 0
@@ -36,7 +37,7 @@ def _carried(course: Course, reached: Float[Array, ""]) -> Float[Array, ""]:
         lifts = power[jnp.maximum(support, 0)] * mass[jnp.minimum(who, layout.spheres - 1)]
         return jnp.sum(jnp.where(counts & (support >= 0), lifts * time, 0))
 
-    rows = course.counts[:, None]
+    rows = record.counts[:, None]
     who = jnp.stack([facts.choice.first, facts.choice.second], axis=1)
     passed = figures.outcome.time[:, None] - figures.before.time
     # A wall has no row of its own.
@@ -51,6 +52,6 @@ def _carried(course: Course, reached: Float[Array, ""]) -> Float[Array, ""]:
         before = together.began.time[:, None] - together.spheres.time
         total = total + of(seats.who, called.support, before, joins)
     total = total + of(who, facts.choice.support, passed, impacts)
-    last = looked_up(course, reached[None])
+    last = last_impacts(record, reached[None])
     everyone = jnp.arange(layout.spheres)[None]
     return total + of(everyone, last.support, reached - last.began, jnp.asarray(True))

@@ -30,7 +30,7 @@ class Input:
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class SweepGrid:
     """The named dimensions of a sweep, and the inputs along them."""
 
     dims: tuple[str, ...]
@@ -49,28 +49,28 @@ class Grid:
         """All properties of the inputs that a compiled function depends on."""
         return tuple((i.name, i.dim, i.values.dtype) for i in self.inputs)
 
-    def part(self, place: Sequence[slice]) -> Grid:
+    def part(self, place: Sequence[slice]) -> SweepGrid:
         """Return the grid at some indices of each dimension."""
         inputs = tuple(
             i if i.dim is None else replace(i, values=i.values[place[i.dim]]) for i in self.inputs
         )
         return replace(self, shape=tuple(s.stop - s.start for s in place), inputs=inputs)
 
-    def taken(self, dim: int, index: int) -> Grid:
+    def take(self, dim: int, index: int) -> SweepGrid:
         """Return the grid at one index of a dimension, without that dimension."""
 
-        def moved(given: Input) -> Input:
-            if given.dim is None or given.dim < dim:
-                return given
-            if given.dim == dim:
-                return replace(given, values=given.values[index], dim=None)
-            return replace(given, dim=given.dim - 1)
+        def move(axis: Input) -> Input:
+            if axis.dim is None or axis.dim < dim:
+                return axis
+            if axis.dim == dim:
+                return replace(axis, values=axis.values[index], dim=None)
+            return replace(axis, dim=axis.dim - 1)
 
         dims = self.dims[:dim] + self.dims[dim + 1 :]
         shape = self.shape[:dim] + self.shape[dim + 1 :]
-        return Grid(dims, shape, tuple(map(moved, self.inputs)), self.static)
+        return SweepGrid(dims, shape, tuple(map(move, self.inputs)), self.static)
 
-    def taken_by(self, function: Callable[..., Any]) -> Grid:
+    def restrict_to(self, function: Callable[..., Any]) -> SweepGrid:
         """Return the grid with those arguments that `function` takes."""
         takes = _takes(function)
         inputs = tuple(i for i in self.inputs if takes is None or i.name in takes)
@@ -78,7 +78,7 @@ class Grid:
         return replace(self, inputs=inputs, static=static)
 
 
-def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> Grid:
+def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> SweepGrid:
     """Return the grid of `axes`, after the dimension of the `samples` if there are any."""
     lengths: dict[str, int] = {}
     inputs: list[Input] = []
@@ -92,11 +92,11 @@ def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> Grid:
             )
         lengths[SAMPLE] = len(next(iter(columns.values())))
         inputs += [Input(name, values, 0) for name, values in columns.items()]
-    for name, given in axes.items():
-        if given is None or isinstance(given, str | bool | int) or _is_object(given):
-            static.append((name, given))
+    for name, value in axes.items():
+        if value is None or isinstance(value, str | bool | int) or _is_object(value):
+            static.append((name, value))
             continue
-        values = _numbers(given, name)
+        values = _numbers(value, name)
         if values.ndim == 0:
             inputs.append(Input(name, values, None))
             continue
@@ -106,14 +106,14 @@ def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> Grid:
             )
         inputs.append(Input(name, _one_dimensional(values, name), len(lengths)))
         lengths[name] = len(values)
-    return Grid(tuple(lengths), tuple(lengths.values()), tuple(inputs), tuple(static))
+    return SweepGrid(tuple(lengths), tuple(lengths.values()), tuple(inputs), tuple(static))
 
 
-def _is_object(given: Any) -> bool:
+def _is_object(value: Any) -> bool:
     """Return whether an argument is a function, a law or another object, not a number or array."""
-    if isinstance(given, numbers.Number | Sequence) or hasattr(given, "__array__"):
+    if isinstance(value, numbers.Number | Sequence) or hasattr(value, "__array__"):
         return False
-    return callable(given) or dataclasses.is_dataclass(given) or isinstance(given, Hashable)
+    return callable(value) or dataclasses.is_dataclass(value) or isinstance(value, Hashable)
 
 
 def _samples(samples: Mapping[str, Any]) -> dict[str, np.ndarray]:
@@ -145,8 +145,8 @@ def _one_dimensional(values: np.ndarray, name: str) -> np.ndarray:
     return values
 
 
-def _numbers(given: Any, name: str) -> np.ndarray:
-    plain = flags if (flags := flag_array(given)) is not None else real_array(given, name)
+def _numbers(value: Any, name: str) -> np.ndarray:
+    plain = flags if (flags := flag_array(value)) is not None else real_array(value, name)
     # In JAX's precision, so that the reported axes are the swept ones.
     return plain.astype(jax.dtypes.canonicalize_dtype(plain.dtype))
 
@@ -167,12 +167,12 @@ def _takes(function: Callable[..., Any]) -> list[str] | None:
     return [p.name for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
 
 
-def check_call(function: Callable[..., Any], grid: Grid) -> None:
+def check_call(function: Callable[..., Any], grid: SweepGrid) -> None:
     """Raise ValueError if `function` cannot be called with the inputs as keywords."""
     require_function("fn", function)
-    given = [i.name for i in grid.inputs] + [name for name, _ in grid.static]
+    names = [i.name for i in grid.inputs] + [name for name, _ in grid.static]
     takes = _takes(function)
-    for name in given:
+    for name in names:
         if takes is not None and name not in takes:
             raise ValueError(
                 f"Argument `{name}` must be an argument of `fn` that can be given by keyword, "
@@ -180,18 +180,18 @@ def check_call(function: Callable[..., Any], grid: Grid) -> None:
             )
     for p in _parameters(function):
         optional = p.default is not p.empty or p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
-        if not optional and p.name not in given:
+        if not optional and p.name not in names:
             raise ValueError(
                 f"Argument `{p.name}` of `fn` must be given, as an axis, a sample or a number, "
-                f"but there are only: {', '.join(given) or 'none'}."
+                f"but there are only: {', '.join(names) or 'none'}."
             )
 
 
-def call(function: Callable[..., Any], given: Mapping[str, Any]) -> Any:
+def call(function: Callable[..., Any], arguments: Mapping[str, Any]) -> Any:
     """Call `function` with named arguments."""
     try:
-        bound = inspect.signature(function).bind(**given)
+        bound = inspect.signature(function).bind(**arguments)
     except (TypeError, ValueError):
-        return function(**given)
+        return function(**arguments)
     # Positional where possible: jax.grad differentiates positional arguments only.
     return function(*bound.args, **bound.kwargs)

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 from ..skip import Array, Group
-from .axes import Grid
+from .axes import SweepGrid
 
 Arrays = dict[str, np.ndarray]
 Order = Callable[[Group], np.ndarray]
@@ -21,7 +21,7 @@ Order = Callable[[Group], np.ndarray]
 
 
 @dataclass(frozen=True)
-class Cut:
+class Blocks:
     """A grid of lanes, divided into blocks that are compiled for one shape.
 
     Leading dimensions are divided first. In C order a block is then one contiguous piece of the
@@ -44,7 +44,7 @@ class Cut:
 _FEW = 8
 
 
-def cut(shape: Sequence[int], most: int) -> Cut:
+def divide(shape: Sequence[int], most: int) -> Blocks:
     """Divide a grid into blocks of at most `most` lanes."""
     block = []
     left = max(most, 1)
@@ -58,10 +58,10 @@ def cut(shape: Sequence[int], most: int) -> Cut:
             step = math.ceil(length / pieces)
         block.append(step)
         left = left // step if pieces == 1 else 1
-    return Cut(tuple(shape), tuple(reversed(block)))
+    return Blocks(tuple(shape), tuple(reversed(block)))
 
 
-def padded(values: np.ndarray, piece: slice, length: int) -> np.ndarray:
+def pad(values: np.ndarray, piece: slice, length: int) -> np.ndarray:
     """Return `values[piece]`, padded to `length` with its last element."""
     part = values[piece]
     if len(part) == length:
@@ -111,33 +111,33 @@ class Block:
         }
 
 
-def shape_of(dims: Sequence[int], grid: Grid) -> tuple[int, ...]:
+def shape_of(dims: Sequence[int], grid: SweepGrid) -> tuple[int, ...]:
     """Return the lengths of some dimensions."""
     return tuple(grid.shape[d] for d in dims)
 
 
 def blocks_of(
-    groups: Sequence[Group], grid: Grid, most: int, order: Order | None = None
+    groups: Sequence[Group], grid: SweepGrid, most: int, order: Order | None = None
 ) -> Iterator[Block]:
     """Yield all blocks of all groups, each of at most `most` lanes."""
     numbers = itertools.count()
     for group in groups:
         many = math.prod(shape_of(group.dims, grid)) > most and not group.flags
         if order is not None and many:
-            yield from _ordered(group, grid, most, order(group), numbers)
+            yield from _blocks_in_order(group, grid, most, order(group), numbers)
         else:
             yield from _in_place(group, grid, most, numbers)
 
 
-def _in_place(group: Group, grid: Grid, most: int, numbers: Iterator[int]) -> Iterator[Block]:
+def _in_place(group: Group, grid: SweepGrid, most: int, numbers: Iterator[int]) -> Iterator[Block]:
     shape = shape_of(group.dims, grid)
     # Arrays along separate dimensions need no division: none has the size of the product.
-    made = cut(shape, math.prod(shape) if group.apart else most)
+    made = divide(shape, math.prod(shape) if group.apart else most)
     inputs = [grid.inputs[i] for i in group.inputs]
 
     def arguments(place: tuple[slice, ...]) -> list[np.ndarray]:
         pieces = dict(zip(group.dims, zip(place, made.block, strict=True), strict=True))
-        return [i.values if i.dim is None else padded(i.values, *pieces[i.dim]) for i in inputs]
+        return [i.values if i.dim is None else pad(i.values, *pieces[i.dim]) for i in inputs]
 
     for place in made.blocks:
         along = dict(zip(group.dims, place, strict=True))
@@ -155,10 +155,10 @@ def _in_place(group: Group, grid: Grid, most: int, numbers: Iterator[int]) -> It
         yield Block(next(numbers), group.grid, functools.partial(arguments, place), parts, place)
 
 
-def _ordered(
-    group: Group, grid: Grid, most: int, order: np.ndarray, numbers: Iterator[int]
+def _blocks_in_order(
+    group: Group, grid: SweepGrid, most: int, order: np.ndarray, numbers: Iterator[int]
 ) -> Iterator[Block]:
-    made = cut((len(order),), most)
+    made = divide((len(order),), most)
     shape = shape_of(group.dims, grid)
     inputs = [grid.inputs[i] for i in group.inputs]
 
@@ -166,7 +166,7 @@ def _ordered(
         return dict(zip(group.dims, np.unravel_index(lanes, shape), strict=True))
 
     def arguments(piece: slice) -> list[np.ndarray]:
-        at = places(padded(order, piece, made.block[0]))
+        at = places(pad(order, piece, made.block[0]))
         return [i.values if i.dim is None else i.values[at[i.dim]] for i in inputs]
 
     for (piece,) in made.blocks:

@@ -145,14 +145,14 @@ class _Reader:
     def _function(self, function: types.FunctionType) -> Iterator[Hashable]:
         code, places = function.__code__, function.__globals__
         # Not `__module__`, which a library's decorator copies from the inner function.
-        own = not _installed(places.get("__name__"))
+        is_users = not _is_installed(places.get("__name__"))
         state = function.__defaults__, function.__kwdefaults__, function.__closure__, vars(function)
-        if not own:
+        if not is_users:
             yield _Same(code)
             # A library function created for a user's function holds it in its closure.
             yield from self._all(state if "<locals>" in code.co_qualname else (), _NO_NAMES)
             return
-        named = _named(code)
+        named = _names_in(code)
         yield from self._code(code)
         yield from self._all(state, named.attributes)
         for name in sorted(named.variables & places.keys()):
@@ -174,7 +174,7 @@ class _Reader:
 
     def _module(self, module: types.ModuleType, names: frozenset[str]) -> Iterator[Hashable]:
         yield _Same(module)
-        if not _installed(module.__name__):
+        if not _is_installed(module.__name__):
             for name in sorted(names & vars(module).keys()):
                 yield name
                 yield self.key(vars(module)[name], names)
@@ -182,7 +182,7 @@ class _Reader:
     def _class(self, kind: type) -> Iterator[Hashable]:
         yield _Same(kind)
         for base in kind.__mro__:
-            if not _installed(base.__module__):
+            if not _is_installed(base.__module__):
                 for name, member in vars(base).items():
                     if name not in _BESIDE and not isinstance(member, _SLOTS):
                         yield name
@@ -218,7 +218,7 @@ class _Named:
 
 
 @functools.lru_cache(1024)
-def _named(code: types.CodeType) -> _Named:
+def _names_in(code: types.CodeType) -> _Named:
     variables, imports, attributes = set(), set(), set()
     for step in dis.get_instructions(code):
         if step.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
@@ -229,15 +229,15 @@ def _named(code: types.CodeType) -> _Named:
             attributes.add(step.argval)
     for inner in code.co_consts:
         if isinstance(inner, types.CodeType):
-            found = _named(inner)
-            variables |= found.variables
-            imports |= found.imports
-            attributes |= found.attributes
+            inner_names = _names_in(inner)
+            variables |= inner_names.variables
+            imports |= inner_names.imports
+            attributes |= inner_names.attributes
     return _Named(frozenset(variables), frozenset(imports), frozenset(attributes))
 
 
 @functools.lru_cache(4096)
-def _installed(module: Any) -> bool:
+def _is_installed(module: Any) -> bool:
     """Return whether a module belongs to Python, to this package or to an installed library."""
     root = str(module).partition(".")[0]
     if root == __name__.partition(".")[0] or root in sys.stdlib_module_names:

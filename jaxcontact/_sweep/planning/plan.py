@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..skip import Analysis, analysis_of, program_of
-from ..table import Field
-from .axes import Grid, call
+from ..table import OutputField
+from .axes import SweepGrid, call
 from .key import NoKey, key_of
 
 VALUE = "value"
@@ -28,7 +28,7 @@ _NUMBER = jax.Array | np.ndarray | np.generic | float | int | bool
 class Plan(Analysis):
     """The computation of a sweep, and the fields that result from it."""
 
-    fields: tuple[Field, ...]
+    fields: tuple[OutputField, ...]
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class _Request:
     static: tuple[tuple[str, Any], ...] = dataclasses.field(compare=False)
 
 
-def plan_of(function: Callable[..., Any], grid: Grid) -> Plan:
+def plan_of(function: Callable[..., Any], grid: SweepGrid) -> Plan:
     """Return the plan of a function over a grid, cached with all of its compiled functions."""
     try:
         # JAX's settings affect the trace too: precision, kind of random numbers.
@@ -56,39 +56,39 @@ def plan_of(function: Callable[..., Any], grid: Grid) -> Plan:
 @functools.lru_cache(_REMEMBERED)
 def _plan(request: _Request) -> Plan:
     names, along, dtypes = zip(*request.kinds, strict=True) if request.kinds else ((), (), ())
-    fields: list[Field] = []
-    found: list[str] = []
+    fields: list[OutputField] = []
+    names_found: list[str] = []
 
     def flat(*values: jax.Array) -> list[jax.Array]:
-        given = dict(zip(names, values, strict=True)) | dict(request.static)
-        fields[:], arrays = fields_of(call(request.function, given))
-        found[:] = arrays
+        arguments = dict(zip(names, values, strict=True)) | dict(request.static)
+        fields[:], arrays = fields_of(call(request.function, arguments))
+        names_found[:] = arrays
         return [jnp.asarray(array) for array in arrays.values()]
 
     program = program_of(flat, [jax.ShapeDtypeStruct((), dtype) for dtype in dtypes])
-    analysis = analysis_of(program, found, along, request.rank)
+    analysis = analysis_of(program, names_found, along, request.rank)
     return Plan(**vars(analysis), fields=tuple(fields))
 
 
-def fields_of(output: Any) -> tuple[list[Field], dict[str, Any]]:
+def fields_of(output: Any) -> tuple[list[OutputField], dict[str, Any]]:
     """Return the fields of one lane's output, and its arrays by name.
 
     Fields without arrays (None, static values) are kept unchanged.
     """
-    fields: list[Field] = []
+    fields: list[OutputField] = []
     arrays: dict[str, Any] = {}
-    for name, value in _named(output):
+    for name, value in _named_fields(output):
         paths, structure = jax.tree_util.tree_flatten_with_path(value)
-        found = {name + jax.tree_util.keystr(path): leaf for path, leaf in paths}
-        if found and all(isinstance(leaf, _NUMBER) for leaf in found.values()):
-            fields.append(Field(name, tuple(found), structure))
-            arrays |= found
+        leaves = {name + jax.tree_util.keystr(path): leaf for path, leaf in paths}
+        if leaves and all(isinstance(leaf, _NUMBER) for leaf in leaves.values()):
+            fields.append(OutputField(name, tuple(leaves), structure))
+            arrays |= leaves
         else:
-            fields.append(Field(name, constant=value))
+            fields.append(OutputField(name, constant=value))
     return fields, arrays
 
 
-def _named(output: Any) -> Iterator[tuple[str, Any]]:
+def _named_fields(output: Any) -> Iterator[tuple[str, Any]]:
     if isinstance(output, Mapping):
         yield from ((str(name), value) for name, value in output.items())
     elif isinstance(output, tuple) and hasattr(output, "_asdict"):

@@ -14,14 +14,14 @@ import numpy as np
 
 from ..export import version
 from ..skip import Constant, Place, Program
-from .axes import Grid
+from .axes import SweepGrid
 from .plan import Plan
 
 # Removed from every text: addresses of objects differ between processes.
 _ADDRESS = re.compile(r" at 0x[0-9a-f]+|0x[0-9a-f]{6,}")
 
 
-def signature_of(plan: Plan, function: str, grid: Grid, most: int) -> dict[str, Any]:
+def signature_of(plan: Plan, function: str, grid: SweepGrid, most: int) -> dict[str, Any]:
     """Return the traced function with its constants, the axes, and the versions."""
     return {
         "function": function,

@@ -35,7 +35,7 @@ class Dependence:
     otherwise: Any = None
 
 
-class Reading:
+class ProgramFacts:
     """The facts of a program; an assumption is propagated through the steps that it changes."""
 
     def __init__(self, program: Program, inputs: Sequence[Dims]):
@@ -75,7 +75,7 @@ class Reading:
             return self._constants[where]
         return changed[where] if where in changed else self.facts[where]
 
-    def given(self, slots: Iterable[int], value: bool = True) -> dict[int, Fact]:
+    def assume(self, slots: Iterable[int], value: bool = True) -> dict[int, Fact]:
         """Return the facts that change if the flags `slots` have the given value."""
         changed: dict[int, Fact] = dict.fromkeys(slots, Known(np.bool_(value)))
         assumed = set(changed)
@@ -96,7 +96,7 @@ class Reading:
 
     def outputs(self, slots: Iterable[int] = (), value: bool = True) -> list[Fact]:
         """Return the facts about the outputs if the flags `slots` have the given value."""
-        changed = self.given(slots, value)
+        changed = self.assume(slots, value)
         return [self._fact(where, changed) for where in self.program.outputs]
 
     def _constant(self, slot: int, fact: Known) -> Constant:
@@ -105,17 +105,17 @@ class Reading:
         # The same object for the same constant, so that equal steps compare equal.
         return self._made.setdefault((kind.shape, kind.dtype, value.tobytes()), Constant(value))
 
-    def specialised(self, conditions: Iterable[int], output: Place) -> tuple[list[Step], Place]:
+    def specialise(self, conditions: Iterable[int], output: Place) -> tuple[list[Step], Place]:
         """Return the steps and the `output` of the program with all `conditions` true.
 
         A selection that the conditions decide is replaced by the chosen case, so that the other
         case is not computed.
         """
-        changed = self.given(conditions)
+        changed = self.assume(conditions)
         instead: dict[int, Place] = {}
         steps = []
 
-        def resolved(where: Place) -> Place:
+        def resolve(where: Place) -> Place:
             if isinstance(where, Constant):
                 return where
             fact = self._fact(where, changed)
@@ -124,7 +124,7 @@ class Reading:
             return instead.get(where, where)
 
         for step in self.program.steps:
-            reads = tuple(resolved(where) for where in step.reads)
+            reads = tuple(resolve(where) for where in step.reads)
             if step.primitive.name == "select_n":
                 which = self._fact(step.reads[0], changed)
                 if isinstance(which, Known):
@@ -138,38 +138,38 @@ class Reading:
                 ]
                 continue
             steps.append(Step(step.primitive, step.params, reads, step.writes))
-        return steps, resolved(output)
+        return steps, resolve(output)
 
 
-def dependences(reading: Reading) -> list[Dependence]:
+def dependences(reading: ProgramFacts) -> list[Dependence]:
     """Return the fewest proven dimensions of every output, and their conditions."""
 
     @functools.cache
-    def left(conditions: frozenset[int]) -> list[Dims]:
+    def dims_left(conditions: frozenset[int]) -> list[Dims]:
         return list(map(dims_of, reading.outputs(conditions)))
 
-    everything = left(frozenset())
+    everything = dims_left(frozenset())
     flags = {slot: dims for slot in _flags(reading.program) if (dims := reading.dims(slot))}
     # The best case has all flags true. Only flags that lead to it are analysed.
-    best = left(frozenset(flags))
+    best = dims_left(frozenset(flags))
     better = [i for i, dims in enumerate(best) if dims < everything[i]]
     worth = [slot for slot in flags if any(not flags[slot] <= best[i] for i in better)]
     refuted = {slot: reading.outputs([slot], False) for slot in worth}
-    found = [Dependence(dims) for dims in everything]
+    results = [Dependence(dims) for dims in everything]
     for i in better:
         conditions, otherwise = _common({slot: ends[i] for slot, ends in refuted.items()})
-        dims = left(frozenset(conditions))[i]
+        dims = dims_left(frozenset(conditions))[i]
         # Prefer few and cheap conditions: remove those without effect, the widest first.
         for slot in sorted(conditions, key=lambda slot: -len(flags[slot])):
             fewer = [other for other in conditions if other != slot]
-            if left(frozenset(fewer))[i] == dims:
+            if dims_left(frozenset(fewer))[i] == dims:
                 conditions = fewer
         if dims < everything[i]:
-            found[i] = Dependence(dims, tuple(conditions), otherwise)
-    return found
+            results[i] = Dependence(dims, tuple(conditions), otherwise)
+    return results
 
 
-def range_checks(reading: Reading) -> list[int]:
+def range_checks(reading: ProgramFacts) -> list[int]:
     """Return flags that compare an input with a number, and without which every output is NaN."""
     program = reading.program
     bare = set(range(program.inputs))
@@ -209,10 +209,10 @@ def _flags(program: Program) -> list[int]:
 
 def _common(ends: Mapping[int, Fact]) -> tuple[list[int], Any]:
     """Return the flags that lead to the most common known number, and that number."""
-    known = {slot: fact for slot, fact in ends.items() if isinstance(fact, Known)}
-    if not known:
+    constants = {slot: fact for slot, fact in ends.items() if isinstance(fact, Known)}
+    if not constants:
         return [], None
-    counts = Counter(str(fact.value) for fact in known.values())
+    counts = Counter(str(fact.value) for fact in constants.values())
     commonest = counts.most_common(1)[0][0]
-    slots = [slot for slot, fact in known.items() if str(fact.value) == commonest]
-    return slots, known[slots[0]].value
+    slots = [slot for slot, fact in constants.items() if str(fact.value) == commonest]
+    return slots, constants[slots[0]].value

@@ -38,10 +38,10 @@ def dims_of(*facts: Fact) -> Dims:
     return frozenset(d for fact in facts if not isinstance(fact, Known) for d in fact)
 
 
-def _same(some: Any, others: Any) -> Any:
-    signs = some.dtype.kind != "f" or others.dtype.kind != "f"
-    same = signs or np.signbit(some) == np.signbit(others)
-    return ((some == others) & same) | ((some != some) & (others != others))
+def _same(first: Any, second: Any) -> Any:
+    signs = first.dtype.kind != "f" or second.dtype.kind != "f"
+    same = signs or np.signbit(first) == np.signbit(second)
+    return ((first == second) & same) | ((first != first) & (second != second))
 
 
 _RESHAPES = {"reshape", "squeeze", "broadcast_in_dim", "transpose", "copy", "slice", "rev"}
@@ -78,23 +78,23 @@ def after(step: Step, reads: list[Fact]) -> list[Fact]:
         return reads
     if name == "select_n" and (chosen := _chosen(*reads)) is not None:
         return [chosen]
-    known = [fact for fact in reads if isinstance(fact, Known)]
+    constants = [fact for fact in reads if isinstance(fact, Known)]
     if name in ("and", "or"):
         decisive = np.bool_(name == "or")
-        if any(fact.value.dtype == bool and fact.value == decisive for fact in known):
+        if any(fact.value.dtype == bool and fact.value == decisive for fact in constants):
             return [Known(decisive)]
-    if name in _PASS_NAN and any(fact.value != fact.value for fact in known):
-        return [Known(known[0].value.dtype.type("nan"))]
-    if known and name in _RESHAPES:
+    if name in _PASS_NAN and any(fact.value != fact.value for fact in constants):
+        return [Known(constants[0].value.dtype.type("nan"))]
+    if constants and name in _RESHAPES:
         return reads
-    if known and name == "convert_element_type":
-        value, dtype = known[0].value, np.dtype(step.params["new_dtype"])
+    if constants and name == "convert_element_type":
+        value, dtype = constants[0].value, np.dtype(step.params["new_dtype"])
         # A fraction or a NaN converted to a whole number depends on the machine.
         if dtype.kind == "f" or (dtype.kind in "biu" and value.dtype.kind in "biu"):
             with np.errstate(over="ignore"):
                 return [Known(value.astype(dtype))]
-    if len(known) == len(reads) and name in _FOLDED:
-        operands = [fact.value for fact in known]
+    if len(constants) == len(reads) and name in _FOLDED:
+        operands = [fact.value for fact in constants]
         with np.errstate(all="ignore"):
             value = _FOLDED[name](*operands)
         if _machines_agree(name, [*operands, value]):

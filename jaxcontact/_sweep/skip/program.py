@@ -87,9 +87,9 @@ def program_of(function: Callable[..., Any], inputs: Sequence[jax.ShapeDtypeStru
             where.update(zip(eqn.outvars, writes, strict=True))
         return tuple(map(read, jaxpr.outvars))
 
-    given = slots(closed.jaxpr.invars)
-    outputs = add(closed.jaxpr, closed.consts, given)
-    return Program(tuple(steps), tuple(shapes), len(given), outputs, not closed.jaxpr.effects)
+    input_slots = slots(closed.jaxpr.invars)
+    outputs = add(closed.jaxpr, closed.consts, input_slots)
+    return Program(tuple(steps), tuple(shapes), len(input_slots), outputs, not closed.jaxpr.effects)
 
 
 def _body(eqn: core.JaxprEqn) -> tuple[core.Jaxpr, Sequence[Any]] | None:
@@ -110,7 +110,7 @@ def _primitives(steps: Iterable[Step | core.JaxprEqn]) -> Iterator[str]:
                 yield from _primitives(part.eqns)
 
 
-def needed(steps: Sequence[Step], outputs: Iterable[Place]) -> tuple[set[int], set[int]]:
+def steps_needed(steps: Sequence[Step], outputs: Iterable[Place]) -> tuple[set[int], set[int]]:
     """Return the numbers of the steps that `outputs` need, and the input slots that they need."""
     wanted = {out for out in outputs if isinstance(out, int)}
     numbers = set()
@@ -122,7 +122,7 @@ def needed(steps: Sequence[Step], outputs: Iterable[Place]) -> tuple[set[int], s
     return numbers, wanted
 
 
-class Shared:
+class SharedSteps:
     """Steps of several versions of a program, in which equal steps of two versions are shared."""
 
     def __init__(self, inputs: int):
@@ -134,18 +134,18 @@ class Shared:
         """Add one version; return its output as a slot of the shared steps."""
         where: dict[int, int] = {}
 
-        def shared(place: Place) -> Place:
+        def share(place: Place) -> Place:
             return place if isinstance(place, Constant) else where.get(place, place)
 
         for step in steps:
-            reads = tuple(map(shared, step.reads))
+            reads = tuple(map(share, step.reads))
             # The slots that a step writes identify it within its program.
             key = step.writes, reads
             if key not in self._seen:
                 self._seen[key] = tuple(next(self._slots) for _ in step.writes)
                 self.steps.append(Step(step.primitive, step.params, reads, self._seen[key]))
             where.update(zip(step.writes, self._seen[key], strict=True))
-        return shared(output)
+        return share(output)
 
 
 def run(steps: Sequence[Step], outputs: Sequence[Place], inputs: dict[int, jax.Array]) -> list[Any]:

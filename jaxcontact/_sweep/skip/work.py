@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
-from .dependence import Dependence, Reading, dependences, range_checks
+from .dependence import Dependence, ProgramFacts, dependences, range_checks
 from .facts import Dims
-from .program import Place, Program, Shared, Step, needed, run
+from .program import Place, Program, SharedSteps, Step, run, steps_needed
 
 Compiled = Callable[..., list[jax.Array]]
 
@@ -121,15 +121,15 @@ _Parts = list[tuple[Array, Place]]
 class _Analyst:
     def __init__(self, program: Program, along: Sequence[int | None], rank: int):
         self.program, self.along, self.all = program, along, frozenset(range(rank))
-        self.reading = Reading(program, [frozenset(() if d is None else (d,)) for d in along])
-        self.shared = Shared(program.inputs)
+        self.reading = ProgramFacts(program, [frozenset(() if d is None else (d,)) for d in along])
+        self.shared = SharedSteps(program.inputs)
 
     def analysis(self, names: Sequence[str]) -> Analysis:
         program = self.program
         checks = tuple(range_checks(self.reading)) if program.pure else ()
         places = dict(zip(names, program.outputs, strict=True))
         places |= {flag_key(slot): slot for slot in checks}
-        whole = Group(
+        group = Group(
             tuple(self._array(key, self.all, where) for key, where in places.items()),
             dict(enumerate(self.along)),
             program.steps,
@@ -138,13 +138,13 @@ class _Analyst:
         if not program.pure:
             # A side effect must happen for every lane, so nothing is skipped.
             leaves = dict.fromkeys(names, Dependence(self.all))
-            return Analysis(program, leaves, checks, (whole,), whole)
-        found = dependences(self.reading)
-        leaves = dict(zip(names, found, strict=True))
-        flags = {slot for leaf in found for slot in leaf.conditions} | set(checks)
+            return Analysis(program, leaves, checks, (group,), group)
+        outputs = dependences(self.reading)
+        leaves = dict(zip(names, outputs, strict=True))
+        flags = {slot for leaf in outputs for slot in leaf.conditions} | set(checks)
         # Flags first, so that an interrupted sweep has them.
         groups = (*self._flags(sorted(flags)), *self._leaves(leaves))
-        return Analysis(program, leaves, checks, groups, whole)
+        return Analysis(program, leaves, checks, groups, group)
 
     def _flags(self, flags: Sequence[int]) -> Iterator[Group]:
         """Group flags of one dimension together, others with those of the same dimensions."""
@@ -172,7 +172,7 @@ class _Analyst:
         return map(self._group, together.values())
 
     def _part(self, key: str, where: Place, leaf: Dependence) -> tuple[Array, Place]:
-        version = self.reading.specialised(leaf.conditions, where)
+        version = self.reading.specialise(leaf.conditions, where)
         return self._array(key, leaf.dims, where), self.shared.add(*version)
 
     def _array(self, key: str, dims: Dims, where: Place) -> Array:
@@ -183,11 +183,11 @@ class _Analyst:
         return Array(key, tuple(sorted(dims)), kind)
 
     def _needed(self, parts: _Parts) -> tuple[set[int], set[int]]:
-        return needed(self.shared.steps, [where for _, where in parts])
+        return steps_needed(self.shared.steps, [where for _, where in parts])
 
-    def _alike(self, some: _Parts, others: _Parts) -> bool:
-        """Return whether `others` need at least half of the work of `some` anyway."""
-        mine, theirs = self._needed(some)[0], self._needed(others)[0]
+    def _alike(self, first: _Parts, second: _Parts) -> bool:
+        """Return whether `second` need at least half of the work of `first` anyway."""
+        mine, theirs = self._needed(first)[0], self._needed(second)[0]
         return 2 * len(mine & theirs) >= len(mine)
 
     def _group(self, parts: _Parts) -> Group:

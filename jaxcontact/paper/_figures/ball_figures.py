@@ -6,7 +6,7 @@ import numpy as np
 
 from ..._text.units import label
 from .._ball import ball_table, impacts
-from .._impacts import Impacts
+from .._impacts import SolvedImpacts
 from .._reproduction import Reproduction, long_table
 from .style import FOUR_LAWS, RESTITUTIONS, SHADES, VELOCITY, legend_above, sheet
 
@@ -36,7 +36,9 @@ def fig10() -> Reproduction:
     return _panels(solved, x, y, _DEFORMATION, label("force", prefix="k"))
 
 
-def _panels(solved: Impacts, x: np.ndarray, y: np.ndarray, across: str, up: str) -> Reproduction:
+def _panels(
+    solved: SolvedImpacts, x: np.ndarray, y: np.ndarray, across: str, up: str
+) -> Reproduction:
     figure, axes = sheet(2, 2, height=4.1, sharex=True, sharey=True)
     for i, (law, ax) in enumerate(zip(FOUR_LAWS, axes, strict=True)):
         for j, e in enumerate(RESTITUTIONS):

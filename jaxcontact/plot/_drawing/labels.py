@@ -35,11 +35,11 @@ def put_label(axis: Axis, name: str, words: str | None = None) -> None:
     """
     power = _power(axis, units.meaning(name)[1])
     if power:
-        axis.set_major_formatter(_divided(power))
+        axis.set_major_formatter(_divide_by(power))
     axis.set_label_text(units.label(name, words, prefix=_PREFIXES.get(power, "")))
 
 
-def _divided(power: int) -> Formatter:
+def _divide_by(power: int) -> Formatter:
     """Return a formatter of numbers divided by 10^power, all with the same decimal places."""
     from matplotlib.ticker import Formatter
 
@@ -101,11 +101,11 @@ def _words(name: str, origin: float, power: int) -> str:
     last = name.split(".")[-1]
     unit = units.meaning(last)[1]
     ten = f"10{str(power).translate(_SUPERSCRIPTS)}" if power else ""
-    whole = f"{ten} {unit}".strip()
+    scaled = f"{ten} {unit}".strip()
     text = f"{name} - {origin:.9g}" if origin else name
-    if origin and whole:
+    if origin and scaled:
         text = f"({text})"
-    if not whole:
+    if not scaled:
         return text
     # A long name and its unit do not fit beside a panel.
-    return f"{text}\n/ ({whole})" if " " in whole or "/" in whole else f"{text}\n/ {whole}"
+    return f"{text}\n/ ({scaled})" if " " in scaled or "/" in scaled else f"{text}\n/ {scaled}"

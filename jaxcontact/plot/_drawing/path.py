@@ -17,7 +17,7 @@ _LEAST = 512
 """Smallest number of times at which a run is evaluated for a plot, including its impacts."""
 
 
-class Path(NamedTuple):
+class RunPath(NamedTuple):
     """A run at some times: (T,) in s, (T, N, D) in m and (T,) in J."""
 
     time: np.ndarray
@@ -41,7 +41,7 @@ def require_one_run(run: Any) -> Run:
     return run
 
 
-def path_of(run: Run) -> Path:
+def path_of(run: Run) -> RunPath:
     """Return a run at evenly spaced times, at its impacts, and at their ends."""
     impacts, reached = run.impacts.to_dict(), float(run.reached)
     ends = impacts["time"] + impacts["duration"]
@@ -53,10 +53,10 @@ def path_of(run: Run) -> Path:
     return states(run, np.sort(np.concatenate([even, kinks])))
 
 
-def states(run: Run, times: np.ndarray) -> Path:
+def states(run: Run, times: np.ndarray) -> RunPath:
     """Return a run at some times; in periodic space each sphere by its image in the first cell."""
     now = run.at(times)
-    return Path(times, in_cell(run, np.asarray(now.position)), np.asarray(now.energy))
+    return RunPath(times, in_cell(run, np.asarray(now.position)), np.asarray(now.energy))
 
 
 def in_cell(run: Run, position: np.ndarray) -> np.ndarray:
@@ -66,7 +66,7 @@ def in_cell(run: Run, position: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(lengths), position % finite, position)
 
 
-def line_of(run: Run, path: Path, row: int) -> tuple[np.ndarray, np.ndarray]:
+def line_of(run: Run, path: RunPath, row: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the path of a sphere, (S,) in s and (S, D) in m.
 
     At the border of the periodic cell the path continues outside, is interrupted by NaN, and enters
@@ -139,18 +139,18 @@ def _normal(body: AbstractBody, face: int, place: np.ndarray, time: float) -> np
     return np.asarray(normal)
 
 
-def axes_shown(given: Any, dimensions: int) -> tuple[int, ...]:
+def axes_shown(value: Any, dimensions: int) -> tuple[int, ...]:
     """Return the axes of a plot: all, or two that are named; ValueError for anything else."""
-    if given is None and dimensions < 3:
+    if value is None and dimensions < 3:
         return tuple(range(dimensions))
-    named = given if isinstance(given, list | tuple) else ()
-    numbers = tuple(concrete(one) for one in named)
-    sound = all(isinstance(one, int) and 0 <= one < dimensions for one in numbers)
+    named = value if isinstance(value, list | tuple) else ()
+    numbers = tuple(concrete(number) for number in named)
+    sound = all(isinstance(number, int) and 0 <= number < dimensions for number in numbers)
     if dimensions == 1 or len(numbers) != 2 or not sound or numbers[0] == numbers[1]:
         allowed = {
             1: "None for a run in one dimension",
             2: "two different numbers of 0 and 1, or None, for a run in two dimensions",
             3: "two different numbers of 0, 1 and 2, such as (0, 2), for a run in three dimensions",
         }[dimensions]
-        raise ValueError(f"Argument `axes` must be {allowed}, but is {rendered(given)}.")
+        raise ValueError(f"Argument `axes` must be {allowed}, but is {rendered(value)}.")
     return numbers  # pyright: ignore[reportReturnType]

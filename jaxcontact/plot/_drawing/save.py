@@ -55,19 +55,21 @@ def save(ax: Any, file: str | os.PathLike[str], *, dpi: float = 200.0) -> None:
     write_all({path: image_of(_figure_of(ax), path.suffix[1:].lower(), dpi=dpi)})
 
 
-def _figure_of(given: Any) -> Figure:
+def _figure_of(value: Any) -> Figure:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    array = as_array(given, object) if isinstance(given, np.ndarray | list | tuple) else None
-    first = array.flat[0] if array is not None and array.size else given
+    array = as_array(value, object) if isinstance(value, np.ndarray | list | tuple) else None
+    first = array.flat[0] if array is not None and array.size else value
     figure = first.get_figure(root=True) if isinstance(first, Axes) else None
     if not isinstance(figure, Figure):
-        raise ValueError(f"Argument `ax` must be axes of a figure, but is {rendered(given)}.")
+        raise ValueError(f"Argument `ax` must be axes of a figure, but is {rendered(value)}.")
     return figure
 
 
-def drawn(draw: Callable[[Figure], object], size: tuple[float, float], file: pathlib.Path) -> bytes:
+def render(
+    draw: Callable[[Figure], object], size: tuple[float, float], file: pathlib.Path
+) -> bytes:
     """Return a figure of the `size` in inches, filled by `draw`, in the format of the file name."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -90,16 +90,16 @@ class Edge(NamedTuple):
 
 def edges(run: Run, time: np.ndarray) -> list[Edge]:
     """Return all walls that are flat in a plot, at some times (T,)."""
-    found = []
+    segments = []
     for body in run.scene.bodies:
         if isinstance(body, Shell) and run.scene.dimensions == 1:
             # In one dimension a shell is two walls.
             for sign in (1.0, -1.0):
                 offset = sign * body.centre_at(time)[:, 0] - float(body.radius)
-                found.append(Edge(np.array([sign]), offset))
+                segments.append(Edge(np.array([sign]), offset))
         for wall in body.walls():
-            found.append(Edge(np.asarray(wall.normal, float), wall.offset_at(time)))
-    return found
+            segments.append(Edge(np.asarray(wall.normal, float), wall.offset_at(time)))
+    return segments
 
 
 def fine_times(run: Run) -> np.ndarray:
@@ -130,7 +130,7 @@ def shape_of(
     along = np.array([-seen[1], seen[0]]) * np.hypot(right - left, top - bottom)
     middle = corners.mean(axis=0)
     foot = middle + (offset - seen @ middle) * seen
-    return np.array([foot - along, foot + along]), _clipped(corners, seen, offset)
+    return np.array([foot - along, foot + along]), _clip(corners, seen, offset)
 
 
 def draw_walls(ax: Axes, run: Run, shown: tuple[int, ...]) -> None:
@@ -150,7 +150,7 @@ def draw_walls(ax: Axes, run: Run, shown: tuple[int, ...]) -> None:
 
 
 def _solid(corners: np.ndarray, colour: str, zorder: float) -> Polygon:
-    return Polygon(_closed(corners), facecolor=colour, lw=0, zorder=zorder)
+    return Polygon(_close(corners), facecolor=colour, lw=0, zorder=zorder)
 
 
 def draw_shells(
@@ -188,7 +188,7 @@ def draw_shells(
     def move(k: int) -> list[Artist]:
         for circles, solid, line in moving:
             line.set_data(*circles[k].T)
-            solid.set_xy(_closed(around(circles[k])))
+            solid.set_xy(_close(around(circles[k])))
         return [artist for _, *pair in moving for artist in pair]
 
     return move
@@ -215,18 +215,18 @@ def moving_walls(
             shape = shape_of(ax, edge.normal, edge.offset[k], shown)
             assert shape is not None  # visible at the start
             line.set_data(*shape[0].T)
-            solid.set_xy(_closed(shape[1]))
+            solid.set_xy(_close(shape[1]))
         return [artist for _, *pair in drawn for artist in pair] + move_shells(k)
 
     return move
 
 
-def _closed(corners: np.ndarray) -> np.ndarray:
+def _close(corners: np.ndarray) -> np.ndarray:
     """Return corners for a polygon, which requires at least one even if none is visible."""
     return corners if len(corners) else np.full((1, 2), np.nan)
 
 
-def _clipped(polygon: np.ndarray, normal: np.ndarray, offset: float) -> np.ndarray:
+def _clip(polygon: np.ndarray, normal: np.ndarray, offset: float) -> np.ndarray:
     """Return the part (K, 2) of a convex polygon that lies behind a wall."""
     kept = []
     for here, after in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):

@@ -5,36 +5,37 @@ from __future__ import annotations
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
-from .arrays.arrays import Layout, Numbers
-from .engine.log import Known, Log
+from .arrays.arrays import Numbers, SceneLayout
+from .engine.log import Log, LoopOutcome
 from .engine.state import CROWDED, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules
 from .result import Ending
+from .scalars import Index, Number
 
 
-class Course(eqx.Module):
-    """The scene, the rules and the `tolerance` of a run, and its outcome `known`. The run ended at
+class RunRecord(eqx.Module):
+    """The scene, the rules and the `tolerance` of a run, and its `outcome`. The run ended at
     `last`; its requested duration is `length`.
     """
 
-    layout: Layout
+    layout: SceneLayout
     numbers: Numbers
     rules: Rules
-    tolerance: Float[Array, ""]
-    known: Known
-    last: Float[Array, ""]
-    length: Float[Array, ""]
+    tolerance: Number
+    outcome: LoopOutcome
+    last: Number
+    length: Number
 
     @property
     def log(self) -> Log:
         """The log of the run."""
-        return self.known.log
+        return self.outcome.log
 
     @property
     def counts(self) -> Bool[Array, " K"]:
         """A mask of the log rows that are written."""
-        return jnp.arange(self.log.facts.tied.shape[0]) < self.known.written
+        return jnp.arange(self.log.facts.tied.shape[0]) < self.outcome.written
 
     @property
     def calls(self) -> Bool[Array, " K"] | None:
@@ -47,19 +48,19 @@ class Course(eqx.Module):
         """The start and end times of the run."""
         return jnp.stack([jnp.zeros_like(self.length), self.length])
 
-    def ending(self) -> tuple[Int[Array, ""], Float[Array, ""]]:
+    def ending(self) -> tuple[Index, Number]:
         """Return the `Ending` of the run and the time up to which its values hold."""
         # A run may end while bodies are in contact.
-        searched, valid = self.known.status, self.known.valid
+        searched, valid = self.outcome.status, self.outcome.valid
         stuck = (searched != RUNNING) & (searched != OVER)
-        more = self.known.more & (searched != OVER)
+        more = self.outcome.more & (searched != OVER)
         status = jnp.where(stuck, int(Ending.ACCUMULATED), int(Ending.COMPLETED))
         crowded = (searched == CROWDED) | (searched == TWO_SUPPORTS)
         status = jnp.where(crowded, int(Ending.CROWDED), status)
         status = jnp.where(searched == NOT_CONVERGED, int(Ending.NOT_CONVERGED), status)
         status = jnp.where(~stuck & more, int(Ending.TOO_MANY_IMPACTS), status)
         status = jnp.where(valid, status, int(Ending.INVALID_INPUT))
-        reached = jnp.where(stuck, self.known.now, jnp.where(more | ~valid, -1, self.last))
+        reached = jnp.where(stuck, self.outcome.now, jnp.where(more | ~valid, -1, self.last))
         abrupt = (self.last < self.length) & (status == int(Ending.COMPLETED))
         status = jnp.where(abrupt, int(Ending.WALL_TOO_ABRUPT), status)
         return status, jax.lax.stop_gradient(reached)
