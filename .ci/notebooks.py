@@ -16,13 +16,15 @@ def outputs(notebook: nbformat.NotebookNode) -> list[nbformat.NotebookNode]:
 
 
 def complaint(path: Path) -> str | None:
-    """What is wrong with a notebook, as committed or when executed."""
+    """Return the fault of a notebook, as committed or when executed; None if there is none."""
     notebook = nbformat.read(path, as_version=4)
     committed = outputs(notebook)
     if not committed:
         return "is committed without outputs"
     if any(x.output_type == "error" for x in committed):
         return "is committed with an error"
+    if any(x.get("name") == "stderr" for x in committed):
+        return "is committed with a progress bar or a warning on stderr"
     client = NotebookClient(
         notebook,
         timeout=CELL_TIMEOUT,
@@ -33,7 +35,7 @@ def complaint(path: Path) -> str | None:
         client.execute()
     except CellExecutionError as error:
         return f"fails:\n{error}"
-    # A cell may be marked to go on after an exception; none is meant to have one.
+    # A cell may be marked to continue after an exception; no cell should raise one.
     if any(x.output_type == "error" for x in outputs(notebook)):
         return "shows an error"
     return None

@@ -1,9 +1,12 @@
 """Waiting times of users without any computation: `python benchmarks/door.py`.
 
-Imports, warm calls, first calls and commands run each in their own process, without a store of
-compiled programs; commands run a second time with one. Calls are compared with a trivial compiled
-function of three numbers. Seconds belong to the machine that is printed with them. `--out` also
-writes JSON, `--only` selects the rows whose name contains a text.
+Each row runs in processes of its own, without a store of compiled programs. Two rows have a store
+that an earlier process has filled: a calibration, and a soft scene after `jc.cache()`. Warm calls
+are compared with a trivial compiled function of three numbers, the soft scene with `import jax`.
+Its parts (tracing, lowering, loading) are printed below the row. First calls and the second process
+are CPU seconds, since other work on the machine hardly changes these. Seconds belong to the machine
+that is printed with them. `--out` also writes JSON, `--only` selects the rows whose name contains a
+text.
 """
 
 from __future__ import annotations
@@ -12,13 +15,16 @@ import argparse
 import json
 import os
 import platform
+import resource
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+
+from weight import CALLS as WEIGHED
+from weight import OURS
 
 REPEATS = 3
 
@@ -41,6 +47,11 @@ def best(call, count=300):
     return min(times)
 
 def seconds(call):
+    start = time.process_time()
+    jax.block_until_ready(call())
+    return time.process_time() - start
+
+def waited(call):
     start = time.perf_counter()
     jax.block_until_ready(call())
     return time.perf_counter() - start
@@ -60,10 +71,10 @@ jax.block_until_ready(trivial(1., 2., 3.))
 IMPORT = (
     START
     + """
-start = time.perf_counter()
+start = time.process_time()
 import jaxcontact as jc
 jc.HuGuo, jc.Contact, jc.impact, jc.fit
-print(time.perf_counter() - start)
+print(time.process_time() - start)
 """
 )
 
@@ -77,6 +88,29 @@ bare = jax.jit(jax.vmap(one))
 print({again})
 """
 )
+
+# The parts in percent of the call, then the call in units of `import jax`.
+SECOND = f"""
+import time
+start = time.process_time()
+import jax
+unit = time.process_time() - start
+{OURS}
+import diffrax
+jc.Scene, jc.Sphere, jc.Plane, jc.Vibration, jc.simulate
+parts = {{"trace": 0., "mlir": 0., "backend": 0.}}
+
+def count(event, seconds, **_):
+    for part in parts:
+        parts[part] += seconds if part in event else 0.
+
+jax.monitoring.register_event_duration_secs_listener(count)
+jc.cache()
+start = time.process_time(), time.perf_counter()
+jax.block_until_ready({WEIGHED["scene of 3 discs and a plane, soft"]}.position)
+spent, wall = time.process_time() - start[0], time.perf_counter() - start[1]
+print(*(f"{{100 * part / wall:.0f}}" for part in parts.values()), spent / unit)
+"""
 
 # The row, its limit, its unit, and the program that prints it.
 CALLS = {
@@ -124,24 +158,43 @@ AGAIN = 2.5
 
 
 def environment(**more: str) -> dict[str, str]:
-    """That of this process, without a store of programs."""
+    """Return that of this process, without a store of programs."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("JAX_", "JAXCONTACT_"))}
     return {**kept, "JAXCONTACT_CACHE": "", **more}
 
 
-def printed(program: str) -> float:
-    """The number that a program prints, the least of a few processes."""
+def printed_by(program: str, **variables: str) -> list[str]:
+    """Return the words that a program prints."""
     command = [sys.executable, "-c", program]
-    runs = (
-        subprocess.run(command, env=environment(), capture_output=True, text=True, check=True)
-        for _ in range(REPEATS)
+    run = subprocess.run(
+        command, env=environment(**variables), capture_output=True, text=True, check=True
     )
-    return min(float(run.stdout.split()[-1]) for run in runs)
+    return run.stdout.split()
+
+
+def printed(program: str) -> float:
+    """Return the number that a program prints, the least of a few processes."""
+    return min(float(printed_by(program)[-1]) for _ in range(REPEATS))
+
+
+def second_process() -> float:
+    """Return the time of a soft scene whose programs are stored, in units of `import jax`."""
+    with tempfile.TemporaryDirectory() as store:
+        runs = [printed_by(SECOND, JAXCONTACT_CACHE=store) for _ in range(1 + REPEATS)]
+    trace, lower, load, spent = min(runs[1:], key=lambda run: float(run[-1]))
+    print(f"  tracing {trace} %, lowering {lower} %, loading {load} % of")
+    return float(spent)
+
+
+def child_seconds() -> float:
+    """Return the CPU seconds of all processes that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def command_time(arguments: list[str], **variables: str) -> float:
-    """Seconds of a command, with its interpreter."""
-    start = time.perf_counter()
+    """Return the CPU seconds of a command, with its interpreter."""
+    start = child_seconds()
     with tempfile.TemporaryDirectory() as folder:
         words = [word.format(out=folder) for word in arguments]
         done = subprocess.run(
@@ -151,17 +204,17 @@ def command_time(arguments: list[str], **variables: str) -> float:
         )
     if done.returncode not in (0, 1):
         raise RuntimeError(f"{words}: {done.stderr.decode()}")
-    return time.perf_counter() - start
+    return child_seconds() - start
 
 
 def rows() -> Iterator[tuple[str, Callable[[], float], float, str]]:
-    """Name, measurement, what is wanted, unit."""
+    """Yield name, measurement, limit and unit."""
     yield "import of what an impact needs, beyond jax", lambda: printed(IMPORT), 0.35, "s"
     for name, (wanted, unit, call) in CALLS.items():
         program = f"{READY}\nunit = best(lambda: trivial(1., 2., 3.))\nprint({call} / unit)"
         yield name, lambda program=program: printed(program), wanted, unit
     sweep = "min({}) - best(lambda: bare(v), 20)"
-    same = "[seconds(lambda: jc.sweep(one, v=v)) for _ in range(6)]"
+    same = "[waited(lambda: jc.sweep(one, v=v)) for _ in range(6)]"
     typed = same.replace("one,", "lambda v: jc.impact(law, contact, v).duration,")
     for name, times, wanted in (
         ("a sweep of 1000, the same function", same, 0.002),
@@ -180,10 +233,11 @@ def rows() -> Iterator[tuple[str, Callable[[], float], float, str]]:
             "s",
         )
     yield "jaxcontact calibrate, the second time", calibrate_again, AGAIN, "s"
+    yield "second process: soft scene, in import jax", second_process, 2, "x"
 
 
 def calibrate_again() -> float:
-    """Seconds of a calibration whose programs an earlier one has left."""
+    """Return the time of a calibration whose programs are stored."""
     words = COMMANDS["jaxcontact calibrate"][1]
     with tempfile.TemporaryDirectory() as store:
         times = [command_time(words, JAXCONTACT_CACHE=store) for _ in range(1 + REPEATS)]
