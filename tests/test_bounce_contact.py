@@ -76,6 +76,8 @@ def assert_same(law, n, make, balls=BALLS, v0="peak"):
             unit=unit,
             tension=law.tension,
             peak=v0 == "peak",
+            # A constant c damps less at lower speeds: its light ball bounces 262 times.
+            most=300,
         )
         count = len(rows)
         longest = max(longest, count + 1)

@@ -209,7 +209,7 @@ def test_export_of_a_law_and_of_a_calibration(tmp_path, capsys):
     cal.save(file)
     assert main(["export", "--from", file, "--engine", "drake", "--quiet"]) == 2
     assert (
-        "error: the calibration does not know --mass and --stiffness. It leaves"
+        "error: the calibration was made without --mass and --stiffness and does not determine"
         in capsys.readouterr().err
     )
     more = ("--mass", "2", "--stiffness", "3e6")
