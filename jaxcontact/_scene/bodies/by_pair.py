@@ -52,7 +52,6 @@ def pair_table(
         return PairTable((value,), tuple((0,) * count for _ in range(count)))
     if not given:
         raise ValueError(f"Argument `{argument}` must have an entry, but is {rendered(given)}.")
-    values = [check(argument, entry) for entry in given.values()]
     default, rows = -1, [[-1] * count for _ in range(count)]
     for place, key in enumerate(given):
         if isinstance(key, str) and key == DEFAULT:
@@ -64,6 +63,7 @@ def pair_table(
                 f"Argument `{argument}` must name a pair once, but names {key} in both orders."
             )
         rows[a][b] = rows[b][a] = place
+    values = [check(argument, entry) for entry in given.values()]
     table = tuple(tuple(default if k < 0 else k for k in row) for row in rows)
     for a, b in meeting:
         if table[a][b] < 0:
