@@ -52,7 +52,8 @@ def export(
 
     The stiffness is the contact's if the engine has the same exponent. Otherwise it is chosen to
     match the duration of contact, at the one speed or at the geometric mean of the smallest and the
-    largest.
+    largest. The time step is that of the engine's measured steps per contact (`Export.time_step`);
+    `Export.at_time_step` serves another one.
 
     Arguments: scalars `law` and `contact`, and the closing `velocity` in m/s, one or several (n,).
     The law may be a calibration (`Calibration`, or the result of `load_calibration`). Its contact,

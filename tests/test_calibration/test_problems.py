@@ -130,7 +130,7 @@ def test_a_law_is_learned(form):
 def test_a_network_learns_it_roughly():
     # It has too many parameters for one minimum; only the delivered curve counts.
     points = np.linspace(0.05, 1, 150)
-    found = jc.learn_law(points, shape=jc.Network(width=5), max_steps=60)
+    found = jc.learn_law(points, shape=jc.Network(width=5), max_steps=60, throw=False)
     assert np.abs(jc.restitution(found.params.law(FINE)) - FINE).max() < 1e-4
 
 

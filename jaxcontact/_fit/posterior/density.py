@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..._program import quick
 from ..problem.loss import shortened
 from ..problem.problem import Problem
 from .prior import Prior, curvature
@@ -70,7 +71,7 @@ class Density(eqx.Module):
         return value + gradient @ (phi - fixed)
 
 
-@eqx.filter_jit
+@quick
 def height(density: Density, phi: Float[Array, " m"]) -> tuple[Height, Float[Array, "k k"]]:
     """Return the height of a density, and the curvature of its prior."""
     space = density.problem.space

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..._program import quick
 from .density import Density
 from .mode import Mode
 
@@ -126,7 +127,7 @@ def _draw_batches(
     return now, Draws(q, phi, values, int(counts[0]), int(counts[1]))
 
 
-@eqx.filter_jit
+@quick
 def _starting_states(density: Density, frame: Frame, key: Array, chains: int) -> Any:
     """Return states of chains around the mode, nearer if the density is too low farther out."""
     import blackjax

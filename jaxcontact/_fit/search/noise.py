@@ -1,4 +1,4 @@
-"""Unknown noise, common to all points or of each column of the data, estimated by the fit."""
+"""Unknown noise of each column, and of robust fits. Common noise of squares follows in `infer`."""
 
 from __future__ import annotations
 

@@ -21,6 +21,7 @@ from ..._parameter import (
     require_count,
     require_number,
 )
+from ..._program import quick
 from ..data import FitData
 from ..problem.problem import Problem
 from ..search.levenberg_marquardt import Options
@@ -163,7 +164,7 @@ def _refit(fit: FitData, held: np.ndarray, starts: np.ndarray) -> tuple[np.ndarr
     return tuple(map(np.asarray, found))
 
 
-@eqx.filter_jit
+@quick
 def _held(
     problem: Problem,
     held: Float[Array, "lanes k"],

@@ -26,7 +26,7 @@ def is_isolated(
     now: Number,
     tolerance: Number,
 ) -> Flag:
-    """Return whether two bodies meet alone, under forces that the pair solution covers.
+    """Return whether two bodies of a soft scene meet alone, under forces of the pair solution.
 
     Speeds are bounded by the total energy. During the impact no body may cover a quarter of its
     distance. The velocity of a shaking body may change by at most a tenth of `tolerance`. So may
