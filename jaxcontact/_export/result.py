@@ -12,8 +12,8 @@ from .._laws import AbstractLaw
 from .._parameter import POSITIVE, require_number
 from .._text.table import text_table
 from .._text.units import quantity
+from .at_time_step import TimeStepRestitution, restitution_in_steps
 from .holds import SpeedRange, signed_text, speed_range
-from .stepping import TimeStepRestitution, restitution_in_steps
 from .wanted import Draft
 
 

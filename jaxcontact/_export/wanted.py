@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from .._contact import Contact
 from .._impact import Impact, Status, impact
 from .._laws import AbstractLaw
-from .stepping import Scheme
+from .at_time_step import Scheme
 
 
 @dataclasses.dataclass(frozen=True)

@@ -25,10 +25,10 @@ from .problem.transforms import Fixed as Fixed
 from .problem.transforms import Free as Free
 from .problem.transforms import Positive as Positive
 from .result import Fit as Fit
-from .search.laplace import LEAST_GROUPS as LEAST_GROUPS
-from .search.laplace import Direction as Direction
-from .search.laplace import basis_of as basis_of
-from .search.laplace import sandwich as sandwich
+from .search.inference import LEAST_GROUPS as LEAST_GROUPS
+from .search.inference import Direction as Direction
+from .search.inference import basis_of as basis_of
+from .search.inference import sandwich as sandwich
 from .search.refit import AbstractErrors as AbstractErrors
 from .search.refit import refit as refit
 from .search.verdict import AT_BOUND as AT_BOUND

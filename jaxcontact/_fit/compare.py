@@ -18,7 +18,7 @@ from .._text.table import text_table
 from .data import FitData
 from .problem.target import groups_of, whitener_of
 from .result import Fit
-from .search.laplace import LEAST_GROUPS
+from .search.inference import LEAST_GROUPS
 from .search.levenberg_marquardt import Options
 from .search.minimum import find, in_numpy
 from .uncertainty.adequacy import shown

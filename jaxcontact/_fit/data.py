@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from .._program import quick
 from .._text.failure import Flagged
 from .problem.problem import Problem, evaluated, flattened, place_like
-from .search.laplace import Direction
+from .search.inference import Direction
 
 
 class SharedErrors(NamedTuple):

@@ -29,7 +29,7 @@ from .problem.problem import Problem, place_of, shapes_of
 from .problem.space import Space, space_of
 from .problem.target import Target, groups_of, target_of, whitener_of
 from .result import Fit
-from .search.laplace import infer
+from .search.inference import infer
 from .search.levenberg_marquardt import MOST_STEPS, PATIENCE, Options
 from .search.minimum import Found, find, find_all, in_numpy, start_scale, with_step
 from .search.noise import BY_COLUMN, COMMON, ColumnErrors, columns_of, refuse_between

@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxcontact as jc
-from jaxcontact._export.stepping import Scheme
+from jaxcontact._export.at_time_step import Scheme
 from jaxcontact._lab.sound import Envelope, Sound
 from tests.test_every_argument.case import (
     CONTACTS,

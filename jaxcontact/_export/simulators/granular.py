@@ -10,8 +10,8 @@ import jax.numpy as jnp
 from ..._contact import Contact
 from ..._laws import AntypovElliott, KelvinVoigt
 from ..._parameter import POSITIVE, Range, require_number
+from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
-from ..stepping import Scheme
 from ..wanted import Draft, Wanted, matched_stiffness
 from .spring import SpringAndDashpot
 

@@ -21,8 +21,8 @@ from ..._laws import (
     Tsuji,
 )
 from ..._parameter import POSITIVE, RESTITUTION_FROM_ZERO, parameter, require_choice, require_number
+from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
-from ..stepping import Scheme
 from ..wanted import Draft, Wanted, matched_stiffness
 from .spring import SpringAndDashpot
 

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 
 from ..._contact import Contact
 from ..._laws import KelvinVoigt
+from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
-from ..stepping import Scheme
 from ..wanted import Draft, Wanted, matched_stiffness
 from .spring import SpringAndDashpot
 

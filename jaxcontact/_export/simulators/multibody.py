@@ -27,8 +27,8 @@ from ..._parameter import (
     require_choice,
     require_number,
 )
+from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
-from ..stepping import Scheme
 from ..wanted import Draft, Wanted, matched_stiffness
 from .spring import SpringAndDashpot
 

@@ -23,7 +23,7 @@ from ..._parameter import (
 from ..._text.table import text_table
 from ..checks import listed
 from ..data import FitData
-from ..search.laplace import Direction
+from ..search.inference import Direction
 from ..search.minimum import SINGULAR
 from ..uncertainty.adequacy import adequacy_of
 from .density import Density

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..problem.problem import Problem
-from .laplace import basis_of
+from .inference import basis_of
 from .minimum import Found
 from .refit import AbstractErrors
 

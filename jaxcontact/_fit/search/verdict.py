@@ -7,7 +7,7 @@ import numpy as np
 
 from ..problem.problem import Problem
 from ..problem.space import Space
-from .laplace import Direction
+from .inference import Direction
 from .minimum import Found, losses, start_scale
 
 AT_BOUND = "at the bound"

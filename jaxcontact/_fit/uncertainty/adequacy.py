@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..data import FitData
-from ..search.laplace import LEAST_GROUPS, basis_of
+from ..search.inference import LEAST_GROUPS, basis_of
 from .residual_order import DRAWS, Column, Statistics, chance, share_left
 
 LEVEL = 0.05
