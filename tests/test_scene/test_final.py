@@ -12,8 +12,11 @@ STEP, DIFFERENCES = 1e-4, 1e-6
 """Of central differences, relative: measured 1e-8."""
 
 AT_REST = 1e-8
-"""Of places, speeds and work, beside statics; a solve whose end in time has a derivative of its own
-is 1e-4 off."""
+"""Of places, speeds and work, beside statics."""
+
+SLOPES_AT_REST = 1e-7
+"""Of their derivatives: measured 2e-8. A solve whose end in time has a derivative of its own is
+1e-4 off."""
 
 GOES_ON = 1e-10
 """Of a run in two parts, relative."""
@@ -84,15 +87,14 @@ def test_a_run_goes_on_from_contacts_with_their_derivatives():
     value, found = both(parts[2][0], moves, duration)
     np.testing.assert_allclose(value[1], SPEED, atol=AT_REST)
     sinks = 2 / 3 * (9.81 / 1e6) ** (2 / 3)
-    # The direction is itself a central difference.
-    np.testing.assert_allclose(found[0], SPEED * (UNTIL + duration) + sinks, rtol=DIFFERENCES)
-    np.testing.assert_allclose(found[1], SPEED, rtol=AT_REST)
+    np.testing.assert_allclose(found[0], SPEED * (UNTIL + duration) + sinks, rtol=SLOPES_AT_REST)
+    np.testing.assert_allclose(found[1], SPEED, rtol=SLOPES_AT_REST)
     start = [_end_of_first(1 + sign * STEP) for sign in (1, -1, 0)]
     slope = (start[0] - start[1]) / (2 * STEP)
     # Speed times the transferred momentum and the weight, and their variations.
     gives = SPEED * (SPEED - start[2] + 9.81 * duration)
     np.testing.assert_allclose(value[2], gives, rtol=AT_REST)
-    np.testing.assert_allclose(found[2], gives + SPEED * (SPEED - slope), rtol=1e-7)
+    np.testing.assert_allclose(found[2], gives + SPEED * (SPEED - slope), rtol=SLOPES_AT_REST)
 
 
 def _end_of_first(scale):
