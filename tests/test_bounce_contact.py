@@ -156,9 +156,14 @@ CASES = list(every_law())
 )
 @pytest.mark.parametrize(("law", "n", "make"), CASES, ids=map(words, CASES))
 def test_every_law(law, n, make):
-    # With damping that falls with the speed a light ball bounces 319 times, and a heavy one creeps.
-    few = isinstance(law, jc.PowerDamping)
-    assert_same(law, n, make, {"between": BALLS["between"]} if few else BALLS)
+    # With damping that falls with the speed a heavy ball creeps, too slowly for the oracle. A light
+    # one bounces 319 times with a power of the speed.
+    balls = dict(BALLS)
+    if isinstance(law, jc.PowerDamping):
+        del balls["light"]
+    if isinstance(law, jc.PowerDamping | jc.ConstantDamping):
+        del balls["heavy"]
+    assert_same(law, n, make, balls)
 
 
 def test_damping_that_refers_to_the_touch():
