@@ -20,6 +20,7 @@ from jaxcontact._elementary import (
     log_remainder,
     log_remainder_over,
     power,
+    product_in_place,
     psi,
     sinc_root,
     speed_of,
@@ -364,3 +365,21 @@ def test_a_traced_exponent_is_the_concrete_one(p):
     traced = jax.jit(jax.vmap(jax.value_and_grad(power), (0, None)))(x, jnp.array(p))
     for one, other in zip(concrete, traced, strict=True):
         np.testing.assert_allclose(other, one, rtol=1e-15)
+
+
+def test_a_product_in_place_is_a_contraction_in_every_batch():
+    """Of values and slopes, over directions and lanes, with either of the two arrays in common."""
+    random = np.random.default_rng(0)
+    weights = jnp.asarray(random.normal(size=4))
+    slopes = jnp.asarray(random.normal(size=(3, 2, 4, 5)))
+    both = jax.vmap(jax.vmap(lambda b: product_in_place(weights, b)))
+    expected = np.einsum("s,abst->abt", weights, slopes)
+    np.testing.assert_allclose(both(slopes), expected, rtol=VALUE, atol=VALUE)
+    value, change = jax.jvp(both, (slopes,), (slopes**2,))
+    np.testing.assert_allclose(value, expected, rtol=VALUE, atol=VALUE)
+    squares = np.einsum("s,abst->abt", weights, slopes**2)
+    np.testing.assert_allclose(change, squares, rtol=VALUE, atol=VALUE)
+    by_weights = jax.vmap(lambda a: product_in_place(a, slopes[0, 0]))(slopes[0, :, :, 0])
+    np.testing.assert_allclose(
+        by_weights, slopes[0, :, :, 0] @ slopes[0, 0], rtol=VALUE, atol=VALUE
+    )
