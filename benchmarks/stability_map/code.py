@@ -18,23 +18,28 @@ ROOMS = (
 
 @functools.cache
 def fingerprint() -> str:
-    """Ten digits that change with the code that computes impacts, but not with words about it."""
-    digest = hashlib.sha256()
+    """Ten digits that change with the code that computes impacts, but neither with words about it
+    nor with the file that a definition stands in.
+    """
+    found = []
     for room in ROOMS:
         place = PACKAGE / room
-        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
-            name = path.relative_to(PACKAGE).as_posix()
-            digest.update(f"{name}\n{without_words(path.read_text())}\n".encode())
-    return digest.hexdigest()[:10]
+        for path in place.rglob("*.py") if place.is_dir() else [place]:
+            statements = _without_texts(ast.parse(path.read_text())).body
+            found += [repr(_plain(each)) for each in statements if not _is_import(each)]
+    return hashlib.sha256("\n".join(sorted(found)).encode()).hexdigest()[:10]
 
 
 def without_words(source: str) -> str:
     """The code without comments, docstrings and the way it is set."""
-    tree = ast.parse(source)
+    return repr(_plain(_without_texts(ast.parse(source))))
+
+
+def _without_texts(tree: ast.Module) -> ast.Module:
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
-            node.body = [one for one in node.body if not _is_text(one)] or [ast.Pass()]
-    return repr(_plain(tree))
+            node.body = [each for each in node.body if not _is_text(each)] or [ast.Pass()]
+    return tree
 
 
 def _plain(node: Any) -> Any:
@@ -55,3 +60,10 @@ def _is_text(node: ast.stmt) -> bool:
     if not isinstance(node, ast.Expr) or not isinstance(node.value, ast.Constant):
         return False
     return isinstance(node.value.value, str)
+
+
+def _is_import(node: ast.stmt) -> bool:
+    """Test for an import, a list of public names, or a file of words only."""
+    if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+        return node.targets[0].id == "__all__"
+    return isinstance(node, ast.Import | ast.ImportFrom | ast.Pass)
