@@ -13,7 +13,6 @@ if _TYPE_CHECKING:
     from ._calibration import *  # noqa: F403 (all of them public)
     from ._contact import Contact as Contact
     from ._contact import Material as Material
-    from ._elementary import power as power
     from ._export import Export as Export
     from ._export import export as export
     from ._fit import Between as Between
@@ -30,6 +29,7 @@ if _TYPE_CHECKING:
     from ._forms import AbstractForm as AbstractForm
     from ._forms import ScaledImpact as ScaledImpact
     from ._forms import exact_damping_factor as exact_damping_factor
+    from ._functions import power as power
     from ._impact import AbstractMethod as AbstractMethod
     from ._impact import Event as Event
     from ._impact import Exact as Exact

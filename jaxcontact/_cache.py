@@ -67,7 +67,7 @@ def _programs_in(parent: str | os.PathLike[str]) -> Path:
     except (OSError, TypeError, ValueError):
         writable = False
     if not writable:
-        from ._parameter import rendered
+        from ._entry import rendered
 
         raise ValueError(
             f"Argument `folder` must be a folder that can be written to, but is {rendered(parent)}."

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from ._parameter import (
+from ._entry import (
     POSITIVE,
     Range,
     Specialised,

@@ -19,9 +19,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
-from ._elementary import horner, kappa, log1p_over, sinc_root
-from ._implicit import implicit_root
-from ._parameter import POSITIVE, require_kind, require_number
+from ._entry import POSITIVE, require_kind, require_number
+from ._functions import horner, implicit_root, kappa, log1p_over, sinc_root
 
 STANDARD_GRAVITY = 9.81
 AIR_DENSITY = 1.204

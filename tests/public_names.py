@@ -1,6 +1,6 @@
 """The public names and their arguments, as lines of a file: `python -m tests.public_names`.
 
-Run it with a release, and commit the file. tests/test_public_names.py compares the package with it,
+Run it with a release, and commit the file. tests/test_house/test_public_names.py compares the package with it,
 so that no public name or argument changes unannounced.
 """
 

@@ -11,8 +11,8 @@ from typing import Any
 PACKAGE = Path(__file__).resolve().parents[2] / "jaxcontact"
 # Everything that an impact depends on; rooms above impacts do not affect the map.
 ROOMS = (
-    *("_parameter.py", "_varying.py", "_elementary.py", "_implicit.py", "_contact.py"),
-    *("_program", "_solver", "_forms", "_laws", "_impact"),
+    *("_entry", "_functions", "_program", "_contact.py"),
+    *("_solver", "_forms", "_laws", "_impact"),
 )
 
 

@@ -14,6 +14,17 @@ from jaxtyping import Array, ArrayLike
 
 from .. import _flight as flight
 from .._contact import EXPONENT, Contact, require_contact
+from .._entry import (
+    POSITIVE,
+    Range,
+    as_parameter,
+    refuses_unknown,
+    require_broadcast,
+    require_choice,
+    require_count,
+    require_flag,
+    sanitised,
+)
 from .._impact import (
     AbstractMethod,
     Landing,
@@ -25,17 +36,6 @@ from .._impact import (
     uniform,
 )
 from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_law
-from .._parameter import (
-    POSITIVE,
-    Range,
-    as_parameter,
-    refuses_unknown,
-    require_broadcast,
-    require_choice,
-    require_count,
-    require_flag,
-    sanitised,
-)
 from .._program import FEW, quick, traced
 from .._text.failure import checked
 from .result import TOUCHES, Bounce

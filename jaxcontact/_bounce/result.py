@@ -8,9 +8,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
+from .._entry import as_parameter, require_broadcast, shown
 from .._flight import duration, height_after
 from .._impact import Status
-from .._parameter import as_parameter, require_broadcast, shown
 from .._text.failure import Flagged
 from .._text.units import quantity
 

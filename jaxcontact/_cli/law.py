@@ -62,8 +62,8 @@ def add_law_and_contact(
 
 def law_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the law's parameters, from `--e` and `--param`; raise InputError unless complete."""
+    from .._entry import did_you_mean
     from .._laws import list_laws, parameters_of
-    from .._parameter import did_you_mean
 
     if arguments.law not in list_laws():
         raise InputError(

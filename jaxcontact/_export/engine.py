@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, ClassVar, TypeVar
 
-from .._parameter import did_you_mean, require_choice
+from .._entry import did_you_mean, require_choice
 from .wanted import Draft, Wanted
 
 _ENGINES: dict[str, Engine] = {}

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from .._contact import Contact
+from .._entry import as_numbers
 from .._impact import Status, impact, problem_of
 from .._laws import AbstractLaw
-from .._parameter import as_numbers
 from .compromise import compromise
 from .engine import engine_of
 from .result import Export

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from .._contact import Contact
+from .._entry import POSITIVE, require_number
 from .._impact import impact
 from .._laws import AbstractLaw
-from .._parameter import POSITIVE, require_number
 from .._text.table import text_table
 
 _DECADES, _EACH = 2, 20

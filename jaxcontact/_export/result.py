@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from .._contact import Contact
+from .._entry import POSITIVE, require_number
 from .._laws import AbstractLaw
-from .._parameter import POSITIVE, require_number
 from .._text.table import text_table
 from .._text.units import quantity
 from .at_time_step import TimeStepRestitution, restitution_in_steps

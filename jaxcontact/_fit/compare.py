@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from .._parameter import rendered, require_count
+from .._entry import rendered, require_count
 from .._text.table import text_table
 from .data import FitData
 from .problem.target import groups_of, whitener_of

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._parameter import (
+from .._entry import (
     POSITIVE,
     as_flag,
     rendered,

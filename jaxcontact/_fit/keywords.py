@@ -7,7 +7,7 @@ import inspect
 from collections.abc import Callable
 from typing import Any, TypedDict, TypeVar
 
-from .._parameter import refuses_unknown, require_flag
+from .._entry import refuses_unknown, require_flag
 from .._text.failure import checked
 from .fit import fit
 from .problem.loss import Huber

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._elementary import contraction, power
+from .._functions import contraction, power
 from .scale import Change, ScaledImpact
 
 Lane = Float[Array, "..."]

@@ -7,7 +7,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from .._elementary import power
+from .._functions import power
 from .base import AbstractForm, Exponent, Flag, Lane, sound_damping
 
 

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
-from .._parameter import as_parameter
+from .._entry import as_parameter
 from .base import AbstractForm, Exponent, Flag, Lane
 from .scale import ContactLike, Scale
 

@@ -20,7 +20,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
-from .._elementary import (
+from .._entry import RESTITUTION, as_parameter
+from .._functions import (
+    expanded_root,
+    implicit_root,
     kappa,
     kappa_and_psi,
     log1p_over,
@@ -30,8 +33,6 @@ from .._elementary import (
     psi,
     speed_of,
 )
-from .._implicit import expanded_root, implicit_root
-from .._parameter import RESTITUTION, as_parameter
 from .base import AbstractForm, Exponent, Flag, Lane, Momentum, signed_power, sound_damping
 from .quadrature import integrate, to_power
 from .scale import Change, ContactLike, Scale, ScaledImpact

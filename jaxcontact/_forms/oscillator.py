@@ -14,7 +14,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jax.scipy.special import betaln
 
-from .._elementary import arc_over_sine, power, sinc_root
+from .._functions import arc_over_sine, power, sinc_root
 from .base import AbstractForm, Exponent, Flag, Lane, sound_damping
 from .quadrature import integrate, n_is_one, to_power
 from .scale import ScaledImpact

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .._elementary import chebyshev_by_piece, power
+from .._functions import chebyshev_by_piece, power
 from .base import AbstractForm, Exponent, Flag, Lane, sound_damping
 from .scale import ScaledImpact
 

@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._elementary import chebyshev_polynomials, small_product
+from .._functions import chebyshev_polynomials, small_product
 from .base import Lane
 from .scale import Change
 from .weak_push_table import MOST_DAMPING, ORDER, table_of

@@ -11,9 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._contact import EXPONENT, Contact, require_contact
-from .._forms import AbstractForm, HuntCrossleyForm, Scale, SpeedDependentForm, scale_of
-from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_law
-from .._parameter import (
+from .._entry import (
     Range,
     Specialised,
     as_number,
@@ -22,6 +20,8 @@ from .._parameter import (
     require_broadcast,
     sanitised,
 )
+from .._forms import AbstractForm, HuntCrossleyForm, Scale, SpeedDependentForm, scale_of
+from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_law
 from .motion.motion import Motion
 
 SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)

@@ -13,9 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact, require_contact
-from .._forms import ScaledImpact, scale_of
-from .._laws import AbstractLaw, require_law
-from .._parameter import (
+from .._entry import (
     POSITIVE,
     Range,
     as_number,
@@ -25,6 +23,8 @@ from .._parameter import (
     require_flag,
     sanitised,
 )
+from .._forms import ScaledImpact, scale_of
+from .._laws import AbstractLaw, require_law
 from .._program import program, soon_compiled, traced
 from .._text.failure import checked
 from .front_door import SPEED, Lanes, Problem, lanes_of, problem_of, uniform

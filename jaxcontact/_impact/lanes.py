@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
-from .._elementary import contraction
+from .._functions import contraction
 
 In = TypeVar("In")
 Out = TypeVar("Out")

@@ -7,7 +7,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from .._parameter import shown
+from .._entry import shown
 from .._text.failure import Flagged, WordedEnum
 from .._text.units import quantity
 

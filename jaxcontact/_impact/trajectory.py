@@ -11,9 +11,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._contact import Contact
-from .._implicit import bracketed_root, ratio
+from .._entry import require_count
+from .._functions import bracketed_root, ratio
 from .._laws import AbstractLaw
-from .._parameter import require_count
 from .._program import program
 from .front_door import Problem, lanes_of, problem_of
 from .methods.by_name import stepping_method

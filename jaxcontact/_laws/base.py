@@ -12,8 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._forms import AbstractForm, GeneralForm, Scale
-from .._parameter import (
+from .._entry import (
     as_parameter,
     rendered,
     require_broadcast,
@@ -21,6 +20,7 @@ from .._parameter import (
     require_kind,
     shown,
 )
+from .._forms import AbstractForm, GeneralForm, Scale
 
 if TYPE_CHECKING:
     from .._contact import Contact

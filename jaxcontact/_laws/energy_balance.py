@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from jaxtyping import Array, ArrayLike, Float
 
-from .._elementary import half_gamma_ratio
+from .._entry import POSITIVE, RESTITUTION, parameter
 from .._forms import exact_damping_factor
-from .._parameter import POSITIVE, RESTITUTION, parameter
+from .._functions import half_gamma_ratio
 from .base import contact_for
 from .hunt_crossley import AbstractHuntCrossley
 from .registry import register_law

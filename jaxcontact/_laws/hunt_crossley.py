@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._elementary import power
+from .._entry import NOT_NEGATIVE, parameter
 from .._forms import HuntCrossleyForm
-from .._parameter import NOT_NEGATIVE, parameter
+from .._functions import power
 from .base import AbstractLaw, contact_for, force_arguments, speed_for
 from .registry import register_law
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._elementary import power
+from .._entry import NOT_NEGATIVE, POSITIVE, parameter
 from .._forms import AbstractForm, DashpotForm, OscillatorForm
-from .._parameter import NOT_NEGATIVE, POSITIVE, parameter
+from .._functions import power
 from .base import AbstractLaw, force_arguments, needed
 from .registry import register_law
 

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._elementary import arc_over_sine, horner, power
+from .._entry import RESTITUTION, RESTITUTION_FROM_ZERO, parameter
 from .._forms import OscillatorForm
-from .._implicit import implicit_root
-from .._parameter import RESTITUTION, RESTITUTION_FROM_ZERO, parameter
+from .._functions import arc_over_sine, horner, implicit_root, power
 from .base import AbstractLaw, force_arguments
 from .registry import register_law
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._parameter import NOT_NEGATIVE, POSITIVE, REAL, parameter
+from .._entry import NOT_NEGATIVE, POSITIVE, REAL, parameter
 from .base import contact_for, speed_for
 from .hunt_crossley import AbstractHuntCrossley
 from .registry import register_law

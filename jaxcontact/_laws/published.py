@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._parameter import RESTITUTION, RESTITUTION_FROM_ZERO, parameter
+from .._entry import RESTITUTION, RESTITUTION_FROM_ZERO, parameter
 from .hunt_crossley import AbstractHuntCrossley
 from .registry import register_law
 

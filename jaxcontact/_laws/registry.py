@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from .._parameter import Range, did_you_mean, ranges, rendered, require_kind
+from .._entry import Range, did_you_mean, ranges, rendered, require_kind
 from .base import AbstractLaw
 
 _Law = TypeVar("_Law", bound=type[AbstractLaw])

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from .._entry import NOT_NEGATIVE, POSITIVE, REAL, as_parameter, parameter
 from .._forms import exact_damping_factor
-from .._parameter import NOT_NEGATIVE, POSITIVE, REAL, as_parameter, parameter
 from .base import speed_for
 from .hunt_crossley import AbstractHuntCrossley
 from .registry import register_law

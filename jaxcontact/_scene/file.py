@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._contact import Material
-from .._laws import AbstractLaw, get_law, list_laws, parameters_of
-from .._parameter import (
+from .._entry import (
     POSITIVE,
     nearest,
     not_modelled,
@@ -23,6 +22,7 @@ from .._parameter import (
     require_number,
     require_path,
 )
+from .._laws import AbstractLaw, get_law, list_laws, parameters_of
 from .._text.files import read_whole
 from .bodies.bodies import AbstractBody
 from .bodies.by_pair import DEFAULT

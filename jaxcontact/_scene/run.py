@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._parameter import as_parameter, rendered, shown
+from .._entry import as_parameter, rendered, shown
 from .._program import derived
 from .._text.failure import Flagged
 from .bodies.bodies import AbstractBody

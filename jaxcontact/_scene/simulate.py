@@ -12,7 +12,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike
 
-from .._parameter import (
+from .._entry import (
     FRACTION,
     POSITIVE,
     as_parameter,

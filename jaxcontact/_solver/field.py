@@ -12,8 +12,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
-from .._elementary import product_in_place
-from .._varying import varying
+from .._functions import product_in_place, varying
 from .lanes import ByLanes
 from .runge_kutta import step_in_loop, step_written_out
 

@@ -11,8 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from .._implicit import ratio
-from .._varying import varying
+from .._functions import ratio, varying
 from .field import Field, Flags, Moment, Number, Packed, Record, chosen, in_time
 from .march import Marched
 

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from .._varying import varying
+from .._functions import varying
 from .field import Field, Flags, Number, Packed, Record, chosen, in_time
 
 Seen = TypeVar("Seen")

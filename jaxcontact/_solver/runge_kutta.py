@@ -12,8 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._elementary import Product, small_product
-from .._varying import varying
+from .._functions import Product, small_product, varying
 
 State = TypeVar("State")
 Computed = TypeVar("Computed")

@@ -16,7 +16,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .._parameter import rendered
+from .._entry import rendered
 
 
 @dataclass(frozen=True)

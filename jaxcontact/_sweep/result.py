@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Self, TextIO
 
 import numpy as np
 
+from .._entry import require_choice, require_number, require_path
 from .._impact import Status
-from .._parameter import require_choice, require_number, require_path
 from .._text.table import wrapped
 from .._text.units import quantity
 from .export import dataset, write_csv

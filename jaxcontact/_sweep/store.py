@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from .._parameter import require_path
+from .._entry import require_path
 
 if TYPE_CHECKING:
     import zarr

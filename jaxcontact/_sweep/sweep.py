@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._parameter import rendered, require_count, require_function
+from .._entry import rendered, require_count, require_function
 from .._text.progress import Listener, Tell, progress_of
 from .column import SweepColumn, within
 from .devices import Workers, workers_of

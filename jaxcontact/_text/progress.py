@@ -66,7 +66,7 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
 def require_progress(wanted: Any, arguments: str = "two numbers") -> None:
     """Raise ValueError for values that `progress_of` or `stages_of` does not accept."""
     # Imported here, so that --help of the command line does not wait for JAX.
-    from .._parameter import as_flag, rendered
+    from .._entry import as_flag, rendered
 
     if not callable(wanted) and wanted is not None and as_flag(wanted) is None:
         raise ValueError(
@@ -77,7 +77,7 @@ def require_progress(wanted: Any, arguments: str = "two numbers") -> None:
 
 def _is_shown(wanted: Any) -> bool:
     """Return whether to write on stderr; for None, if that is a terminal or a notebook."""
-    from .._parameter import as_flag
+    from .._entry import as_flag
 
     return sys.stderr.isatty() or in_notebook() if wanted is None else bool(as_flag(wanted))
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 
 from .._contact import Contact, Material
+from .._entry import rendered
 from .._laws import get_law
-from .._parameter import rendered
 from .._text.table import markdown_table
 from . import _ball, _cases
 from ._figures.fig4 import fig4

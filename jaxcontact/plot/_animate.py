@@ -11,7 +11,7 @@ from matplotlib import pyplot
 from matplotlib.animation import FuncAnimation
 from matplotlib.patches import Circle
 
-from .._parameter import POSITIVE, require_count, require_number
+from .._entry import POSITIVE, require_count, require_number
 from .._scene import Run
 from ._drawing.axes import axes_of
 from ._drawing.path import axes_shown, images, line_of, path_of, radii, require_one_run, states

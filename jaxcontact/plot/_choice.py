@@ -9,7 +9,7 @@ import numpy as np
 
 from .._calibration import LawChoice
 from .._calibration.choice.law_choice import ChoiceData
-from .._parameter import require_kind
+from .._entry import require_kind
 from ._drawing.axes import axes_of
 from ._drawing.labels import put_label
 from ._drawing.style import CURVES, DATA, GUIDE, legend_above

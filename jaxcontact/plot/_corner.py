@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtri
 
+from .._entry import FRACTION, as_array, rendered, require_choice, require_number
 from .._fit import Fit, FitData, Posterior
-from .._parameter import FRACTION, as_array, rendered, require_choice, require_number
 from ._drawing.axes import axes_of
 from ._drawing.labels import put_few_ticks
 from ._drawing.style import BLUE, ORANGE

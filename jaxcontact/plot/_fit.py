@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from .._calibration import VelocityProfile
+from .._entry import FRACTION, as_numbers, rendered, require_kind, require_number
 from .._fit import Fit, FitData
-from .._parameter import FRACTION, as_numbers, rendered, require_kind, require_number
 from .._text.units import Shown
 from ._drawing.axes import axes_for
 from ._drawing.labels import put_label

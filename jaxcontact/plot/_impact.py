@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from .._entry import require_kind
 from .._impact import Impact, Trajectory
-from .._parameter import require_kind
 from .._text.units import quantity
 from ._drawing.axes import axes_for
 from ._drawing.style import GUIDE, legend_above

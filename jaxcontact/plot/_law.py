@@ -9,9 +9,9 @@ import jax
 import numpy as np
 
 from .._contact import Contact, require_contact
+from .._entry import POSITIVE, ranges, require_kind, require_number
 from .._impact import restitution, restitution_is_constant, trajectory
 from .._laws import AbstractLaw, require_law
-from .._parameter import POSITIVE, ranges, require_kind, require_number
 from .._text.units import label as words_of
 from ._drawing.axes import axes_for
 from ._drawing.labels import put_label

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from .._entry import FRACTION, rendered, require_kind, require_number
 from .._fit import Fit, FitData
-from .._parameter import FRACTION, rendered, require_kind, require_number
 from ._drawing.axes import axes_for
 from ._drawing.labels import put_few_ticks
 from ._drawing.style import BLACK, BLUE, GUIDE

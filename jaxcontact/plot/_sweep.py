@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._parameter import rendered, require_kind
+from .._entry import rendered, require_kind
 from .._sweep import Sweep
 from .._sweep.planning.axes import SAMPLE
 from .._text.units import label

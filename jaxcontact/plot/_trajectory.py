@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._entry import require_choice, require_kind
 from .._impact import Impact, Status, Trajectory
-from .._parameter import require_choice, require_kind
 from ._drawing.axes import axes_of
 from ._drawing.labels import put_label
 

@@ -13,7 +13,7 @@ import jaxcontact as jc
 from jaxcontact._flight import Flight
 from jaxcontact._lab.recordings import make_pairs
 from tests.test_calibration import oracle
-from tests.test_measurements.simulate import recording
+from tests.test_lab.simulate import recording
 
 PULL = 3.5
 """Standard errors between estimate and truth: 1 in 2000 by chance; the seeds are fixed."""

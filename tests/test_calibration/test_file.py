@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from tests.test_measurements.simulate import recording
+from tests.test_lab.simulate import recording
 
 V = np.geomspace(0.5, 4.0, 14)
 E = 0.9 - 0.03 * np.log(V) + 0.004 * np.random.default_rng(3).standard_normal(14)

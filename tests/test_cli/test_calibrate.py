@@ -11,7 +11,7 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._cli import main
 from jaxcontact._cli.commands.calibrate import FIGURE, NUMBERS, REPORT
-from tests.test_measurements.simulate import recording
+from tests.test_lab.simulate import recording
 
 HEADER = "ball,drop_height_m,trial,bounce,interval_s\n"
 GOOD = recording(lambda v: 0.88, 1)

@@ -38,7 +38,7 @@ from tests.test_every_argument.kinds import (
 
 def constructed(law):
     """The cases of a law's own parameters."""
-    from jaxcontact._parameter import ranges
+    from jaxcontact._entry import ranges
 
     good = {name: allowed.inside for name, allowed in ranges(law).items()}
     legal = {

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from ..._contact import Contact, require_contact
+from ..._entry import POSITIVE, as_weights, require_flag
 from ..._fit import Fit, compared, groups_of, undecided
 from ..._fit.keywords import SearchKeywords, takes
-from ..._parameter import POSITIVE, as_weights, require_flag
 from ..._program import side_by_side
 from ..._text.progress import stages_of
 from ..pairs.columns import column, for_each

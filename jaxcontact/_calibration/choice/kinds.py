@@ -13,10 +13,10 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..._contact import Contact
+from ..._entry import did_you_mean, rendered
 from ..._fit import Between, Free, Positive
 from ..._impact import restitution
 from ..._laws import AbstractLaw, Damped, constant_laws, describe
-from ..._parameter import did_you_mean, rendered
 from .clamped import clamped_restitution
 from .kind import AbstractKind, Combination
 from .plastic import plastic_impact

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from ..._contact import Contact
+from ..._entry import POSITIVE, require_choice
 from ..._fit import CLEAR_AICC, Candidate, Fit, table
 from ..._flight import Floats
 from ..._laws import AbstractLaw
-from ..._parameter import POSITIVE, require_choice
 from ..._text.words import counted
 from ..pairs.columns import column
 from .equivalent_e import Asked

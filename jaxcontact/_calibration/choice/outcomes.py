@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact
-from ..._parameter import POSITIVE, rendered
+from ..._entry import POSITIVE, rendered
 from ..._text.units import Shown
 from ..pairs.columns import Column, column, for_each
 from ..pairs.noise import RELATIVE_FLOOR

@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from ..._contact import Contact, require_contact
+from ..._entry import POSITIVE, rendered, require_choice, require_count, require_number
 from ..._fit import AbstractTransform, Space, space_of
 from ..._impact import AbstractMethod
 from ..._laws import AbstractLaw, require_law
-from ..._parameter import POSITIVE, rendered, require_choice, require_count, require_number
 from ..._text.table import text_table, wrapped
 from ..pairs.columns import column
 from ..problems.impacts import ImpactModel, Outcome, full_name, transforms_of

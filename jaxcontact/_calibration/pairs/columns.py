@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from ..._parameter import RESTITUTION, Range, as_numbers, rendered
+from ..._entry import RESTITUTION, Range, as_numbers, rendered
 from ..._text.units import Shown
 from .plausible import MEASURED_RESTITUTION, in_percent
 

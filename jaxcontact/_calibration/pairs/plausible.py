@@ -8,8 +8,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..._entry import Range
 from ..._flight import STANDARD_GRAVITY, Floats
-from ..._parameter import Range
 
 MEASURED_RESTITUTION = Range(low=0.0, high=1.2, low_open=True, inside=0.5)
 """Range of a measured e, which noise may raise above 1."""

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact, require_contact
+from ..._entry import POSITIVE, require_choice
 from ..._fit import Fit, Huber, Positive, fit, refit
 from ..._fit.keywords import FitKeywords, takes
 from ..._flight import (
@@ -28,7 +29,6 @@ from ..._flight import (
 )
 from ..._impact import AbstractMethod, method_of, restitution
 from ..._laws import AbstractLaw, require_law
-from ..._parameter import POSITIVE, require_choice
 from ..._text.units import Shown
 from ..pairs.columns import column, with_transforms
 from ..pairs.plausible import not_shrinking, too_long

@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact, require_contact
+from ..._entry import POSITIVE, require_flag
 from ..._fit import Fit, Positive, fit
 from ..._fit.keywords import FitKeywords, takes
 from ..._impact import AbstractMethod, method_of, restitution
 from ..._laws import ConstantDamping, PowerDamping
-from ..._parameter import POSITIVE, require_flag
 from ..._text.units import Shown
 from ..pairs.columns import column, with_transforms
 from ..pairs.plausible import MEASURED_RESTITUTION

@@ -11,12 +11,12 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact, require_contact
-from ..._elementary import chebyshev
+from ..._entry import require_count
 from ..._fit import Fit, Positive, fit
 from ..._fit.keywords import FitKeywords, takes
+from ..._functions import chebyshev
 from ..._impact import AbstractMethod, method_of, restitution
 from ..._laws import EnergyLoss
-from ..._parameter import require_count
 from ..._text.units import Shown
 from ..pairs.columns import ASKED_AND_DELIVERED, asked_and_delivered, with_transforms
 

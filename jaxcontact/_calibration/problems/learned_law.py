@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact, require_contact
+from ..._entry import rendered
 from ..._fit import Fit, fit
 from ..._fit.keywords import FitKeywords, takes
 from ..._forms import exact_damping_factor
 from ..._impact import AbstractMethod, method_of, restitution
-from ..._parameter import rendered
 from ..._text.units import Shown
 from ..pairs.columns import ASKED_AND_DELIVERED, Column, asked_and_delivered
 from .shapes import SHAPES, AbstractShape, Rational

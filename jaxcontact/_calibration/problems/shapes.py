@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ..._elementary import chebyshev
+from ..._entry import RESTITUTION, Range, as_parameter, require_count, require_number
+from ..._functions import chebyshev
 from ..._laws import Damped
-from ..._parameter import RESTITUTION, Range, as_parameter, require_count, require_number
 
 _SHORTEST_SPLINE = 4
 _BELOW_ONE = Range(low=0.0, high=1.0, high_open=True, inside=0.5)

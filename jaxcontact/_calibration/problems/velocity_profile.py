@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from ..._entry import NOT_NEGATIVE, POSITIVE, as_weights, require_flag, require_number
 from ..._fit import Fit, Positive, fit
-from ..._parameter import NOT_NEGATIVE, POSITIVE, as_weights, require_flag, require_number
 from ..._text.units import Shown
 from ..pairs.columns import column
 

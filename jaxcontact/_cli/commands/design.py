@@ -79,8 +79,8 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     import numpy as np
 
     from ..._calibration import design
+    from ..._entry import did_you_mean
     from ..._laws import constant_laws, get_law
-    from ..._parameter import did_you_mean
 
     parameters = law_parameters(arguments)
     contact = contact_asked(arguments, exponent_asked(arguments))

@@ -289,7 +289,7 @@ def _law(arguments: argparse.Namespace) -> tuple[AbstractLaw, float]:
 
 
 def _sigmas(arguments: argparse.Namespace, data: Mapping[str, Any]) -> dict[str, float]:
-    from ..._parameter import did_you_mean
+    from ..._entry import did_you_mean
 
     sigmas = dict(arguments.sigma)
     for name in sigmas:

@@ -42,7 +42,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Make the requested figures and write them. Raises InputError, OSError."""
     from ... import paper
-    from ..._parameter import did_you_mean
+    from ..._entry import did_you_mean
 
     names = arguments.figures or list(paper.FIGURES)
     for name in names:

@@ -131,8 +131,8 @@ def _beyond(table: Sweep) -> int:
 def _plot(arguments: argparse.Namespace, parameters: dict[str, Any]) -> pathlib.Path | None:
     import numpy as np
 
+    from ..._entry import did_you_mean
     from ..._impact.result import NUMBERS
-    from ..._parameter import did_you_mean
 
     if arguments.plot is None:
         return None
@@ -151,10 +151,10 @@ def _plot(arguments: argparse.Namespace, parameters: dict[str, Any]) -> pathlib.
 def _function(arguments: argparse.Namespace, parameters: dict[str, Any]) -> Callable[..., Impact]:
     """Return a function of one impact; raise InputError if a single number is out of range."""
     from ..._contact import Contact
+    from ..._entry import POSITIVE
     from ..._impact import impact
     from ..._impact.front_door import SPEED
     from ..._laws import get_law, parameters_of
-    from ..._parameter import POSITIVE
 
     names = [name for name in parameters if name not in _CONTACT]
     exponent = exponent_asked(arguments)

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 from scipy.optimize import root_scalar
 
 from ..._contact import Contact
+from ..._entry import POSITIVE, require_choice, require_number
 from ..._impact import Status, impact
 from ..._laws import StepDamping
-from ..._parameter import POSITIVE, require_choice, require_number
 from ..engine import Engine, register_engine
 from ..wanted import Draft, Wanted
 

@@ -8,8 +8,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from ..._contact import Contact
+from ..._entry import POSITIVE, Range, require_number
 from ..._laws import AntypovElliott, KelvinVoigt
-from ..._parameter import POSITIVE, Range, require_number
 from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
 from ..wanted import Draft, Wanted, matched_stiffness

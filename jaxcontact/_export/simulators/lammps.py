@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from scipy.optimize import root_scalar
 
 from ..._contact import Contact
+from ..._entry import POSITIVE, RESTITUTION_FROM_ZERO, parameter, require_choice, require_number
 from ..._impact import restitution
 from ..._laws import (
     AbstractLaw,
@@ -20,7 +21,6 @@ from ..._laws import (
     KuwabaraKono,
     Tsuji,
 )
-from ..._parameter import POSITIVE, RESTITUTION_FROM_ZERO, parameter, require_choice, require_number
 from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
 from ..wanted import Draft, Wanted, matched_stiffness

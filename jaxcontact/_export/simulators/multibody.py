@@ -8,6 +8,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._contact import Contact
+from ..._entry import (
+    POSITIVE,
+    RESTITUTION,
+    concrete,
+    parameter,
+    rendered,
+    require_choice,
+    require_number,
+)
 from ..._forms import exact_damping_factor
 from ..._laws import (
     AbstractHuntCrossley,
@@ -17,15 +26,6 @@ from ..._laws import (
     HuntCrossley,
     KelvinVoigt,
     MarhefkaOrin,
-)
-from ..._parameter import (
-    POSITIVE,
-    RESTITUTION,
-    concrete,
-    parameter,
-    rendered,
-    require_choice,
-    require_number,
 )
 from ..at_time_step import Scheme
 from ..engine import Engine, register_engine

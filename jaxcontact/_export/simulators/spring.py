@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._contact import Contact
+from ..._entry import NOT_NEGATIVE, parameter
 from ..._laws import AbstractOscillator
-from ..._parameter import NOT_NEGATIVE, parameter
 
 
 class SpringAndDashpot(AbstractOscillator):

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._parameter import (
+from ..._entry import (
     FRACTION,
     rendered,
     require_choice,

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..._parameter import POSITIVE, rendered, require_number
+from ..._entry import POSITIVE, rendered, require_number
 from ..problem.space import Space
 
 

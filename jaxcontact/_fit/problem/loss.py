@@ -8,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..._parameter import POSITIVE, require_number
+from ..._entry import POSITIVE, require_number
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._parameter import as_parameter, real_array, rendered
+from ..._entry import as_parameter, real_array, rendered
 from .loss import shortened
 from .space import Space
 

@@ -14,7 +14,7 @@ import numpy as np
 from jax.tree_util import DictKey, FlattenedIndexKey, GetAttrKey, SequenceKey
 from jaxtyping import Array, Float
 
-from ..._parameter import Range, as_numbers, rendered
+from ..._entry import Range, as_numbers, rendered
 from ..._text.units import meaning
 from ..checks import listed
 from .transforms import AbstractTransform, Coordinate, Fixed, Free, of_range

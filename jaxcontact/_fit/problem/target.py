@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ..._parameter import as_array, as_numbers, as_weights, concrete, rendered
+from ..._entry import as_array, as_numbers, as_weights, concrete, rendered
 from ..checks import listed
 
 _ROUNDED = 1e-9

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ..._parameter import Range, require_number
+from ..._entry import Range, require_number
 
 
 class Coordinate(NamedTuple):

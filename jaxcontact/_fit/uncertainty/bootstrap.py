@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._parameter import FRACTION, require_count, require_number
+from ..._entry import FRACTION, require_count, require_number
 from ..data import FitData
 from ..problem.problem import Problem
 from ..search.levenberg_marquardt import Options

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._parameter import FRACTION, POSITIVE, as_numbers, rendered, require_number
+from ..._entry import FRACTION, POSITIVE, as_numbers, rendered, require_number
 from ..data import FitData
 from .profile import held_at, quantile_of
 

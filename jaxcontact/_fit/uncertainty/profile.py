@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from ..._parameter import (
+from ..._entry import (
     FRACTION,
     POSITIVE,
     as_numbers,

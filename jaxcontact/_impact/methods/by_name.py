@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from ..._entry import rendered
 from ..._forms import AbstractForm, Lane, ScaledImpact
-from ..._parameter import rendered
 from ..front_door import Lanes
 from .event import Event
 from .method import AbstractMethod

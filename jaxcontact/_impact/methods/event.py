@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._entry import require_kind
 from ..._forms import AbstractForm, ScaledImpact
-from ..._parameter import require_kind
 from ..._solver.lanes import MANY
 from ..front_door import Lanes
 from ..lanes import over_lanes, with_sensitivity

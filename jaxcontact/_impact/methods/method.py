@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
+from ..._entry import FRACTION, require_count, require_number
 from ..._forms import AbstractForm, Lane, ScaledImpact
-from ..._parameter import FRACTION, require_count, require_number
 from ..front_door import Lanes
 
 

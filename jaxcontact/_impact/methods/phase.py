@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from ..._forms import AbstractForm, Flag, ScaledImpact
+from ..._functions import varying
 from ..._solver import Moment
 from ..._solver.runge_kutta import step_with_error, tableau
-from ..._varying import varying
 from ..front_door import Lanes
 from ..lanes import over_lanes, with_sensitivity
 from ..motion.balance import balance_of

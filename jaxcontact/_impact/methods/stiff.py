@@ -20,10 +20,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial import legendre
 
-from ..._elementary import contraction
 from ..._forms import Flag, signed_power
-from ..._implicit import bracketed_root, ratio, with_implicit_derivative
-from ..._varying import varying
+from ..._functions import bracketed_root, contraction, ratio, varying, with_implicit_derivative
 from ..motion.motion import Motion, Number, State
 
 _STAGES = 7

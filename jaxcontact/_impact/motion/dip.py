@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..._implicit import bracketed_root
+from ..._functions import bracketed_root
 from ..._solver import Packed, Record, chosen, in_time
 from .motion import Motion, Number, State
 from .way import Way

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from ..._elementary import power
+from ..._functions import power
 from .balance import balance_of
 from .motion import Motion, Number, State
 

@@ -9,8 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from ..._elementary import power
-from ..._implicit import bracketed_root
+from ..._functions import bracketed_root, power
 from .motion import Motion, Number, State
 
 # The number of moments at which the force is sampled, the last but one at 1e-6 of the depth. A

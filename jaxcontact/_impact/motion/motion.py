@@ -18,9 +18,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..._elementary import power
+from ..._entry import Specialised
 from ..._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
-from ..._parameter import Specialised
+from ..._functions import power
 from ..._solver.runge_kutta import step
 
 Number = Float[Array, ""]

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from ..._implicit import bracketed_root, ratio
+from ..._functions import bracketed_root, ratio
 from ..._solver import Moment, Packed, Record, chosen, in_time
 from .motion import Motion, Number, State
 from .watch import Nearest

@@ -14,8 +14,8 @@ from typing import NamedTuple, cast
 import jax
 import jax.numpy as jnp
 
-from ..._elementary import power
 from ..._forms import HuntCrossleyForm
+from ..._functions import power
 from ..._solver.runge_kutta import step
 from .motion import Motion, Number, State
 

@@ -19,9 +19,9 @@ from ..._calibration.pairs.columns import column
 from ..._calibration.pairs.outliers import THRESHOLD, Outliers, find_outliers
 from ..._calibration.pairs.pairs import LEAST_PAIRS
 from ..._contact import Contact
+from ..._entry import POSITIVE, as_numbers, require_kind, require_number
 from ..._flight import STANDARD_GRAVITY, Drag, Flight
 from ..._laws import parameters_of
-from ..._parameter import POSITIVE, as_numbers, require_kind, require_number
 from ..._text.progress import stages_of
 from ..recordings import RecordedPairs, Recording, make_pairs
 from ..records.all_impacts import (

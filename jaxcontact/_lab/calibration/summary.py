@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from ..._calibration.choice.kinds import kind_of_law, law_in
 from ..._contact import Contact
+from ..._entry import require_path
 from ..._laws import AbstractLaw
-from ..._parameter import require_path
 from ..._text.files import read_whole, write_all
 from .as_json import FormatError, dumps, loads
 from .full_report import report

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..._parameter import require_kind
+from ..._entry import require_kind
 from ...plot._choice import curves_of, draw_points
 from ...plot._drawing.axes import axes_of
 from ...plot._drawing.labels import put_label

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..._parameter import rendered
+from ..._entry import rendered
 from ...plot._drawing.axes import axes_for, axes_of
 from ..calibration.calibrate import Calibration
 from ..recordings import Impact, Recording

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..._parameter import rendered, require_kind
+from ..._entry import rendered, require_kind
 from ...plot._drawing.axes import axes_of
 from ..recordings import Recording
 

@@ -14,7 +14,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from ..._parameter import POSITIVE, did_you_mean, rendered, require_choice, require_number
+from ..._entry import POSITIVE, did_you_mean, rendered, require_choice, require_number
 from ..layouts.layout import LABELS, LAYOUTS, Layout, Record
 from ..layouts.track import counts_frames, tracks_of
 from ..signals.clock import with_clock

@@ -8,7 +8,7 @@ import os
 import pathlib
 from typing import TYPE_CHECKING, Any
 
-from ..._parameter import require_path
+from ..._entry import require_path
 from ..._text.words import counted
 from ..layouts.intervals import Interval, Timing
 from ..sound import Sound, SoundError, is_sound

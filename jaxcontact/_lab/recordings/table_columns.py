@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ..._entry import require_choice
 from ..._flight import Floats
-from ..._parameter import require_choice
 from ..layouts.heights import SIGMA_E, VELOCITY, E
 from ..layouts.instrument import Forces
 from ..layouts.layout import LABELS

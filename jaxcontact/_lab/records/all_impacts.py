@@ -15,8 +15,8 @@ from ..._calibration.choice.table import PairErrors
 from ..._calibration.pairs.noise import Noise, scatter_beside
 from ..._calibration.pairs.pairs import LEAST_PAIRS
 from ..._contact import EXPONENT, Contact
+from ..._entry import rendered, require_number
 from ..._flight import STANDARD_GRAVITY, Flight
-from ..._parameter import rendered, require_number
 from ..calibration.summary_data import ImpactSummary
 from ..recordings import Impact, RecordedPairs, Recording, RecordingError
 from .one_impact import ImpactFit, fitted_impact, with_free_exponent

@@ -15,11 +15,11 @@ from jaxtyping import Array, ArrayLike, Float
 from ..._calibration.pairs.columns import column, for_each, measured, with_transforms
 from ..._calibration.problems.impacts import transforms_of
 from ..._contact import Contact, require_contact
+from ..._entry import POSITIVE, REAL, parameter, require_kind, require_number
 from ..._fit import Fit, fit, refit
 from ..._fit.keywords import ColumnKeywords, takes
 from ..._impact import trajectory
 from ..._laws import AbstractLaw, force_of, require_law
-from ..._parameter import POSITIVE, REAL, parameter, require_kind, require_number
 from ..._text.units import Shown
 from .instrument_errors import InstrumentErrors, require_filterable
 from .low_pass import Course, LowPass

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._parameter import POSITIVE, parameter, require_count
+from ..._entry import POSITIVE, parameter, require_count
 
 _HIGHEST = 8
 """Highest order; beyond it the poles lie too close for sums over modes."""

@@ -6,7 +6,7 @@ import os
 import pathlib
 from collections.abc import Callable
 
-from ..._parameter import POSITIVE, rendered, require_kind, require_number, require_path
+from ..._entry import POSITIVE, rendered, require_kind, require_number, require_path
 from ..._text.files import write_all
 from ..._text.progress import stages_of
 from ..calibration.calibrate import Calibration

@@ -9,7 +9,7 @@ import re
 import unicodedata
 from collections.abc import Mapping
 
-from ..._parameter import nearest
+from ..._entry import nearest
 from ..._text.units import Unit, written_unit
 
 

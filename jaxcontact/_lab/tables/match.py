@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..._parameter import rendered
+from ..._entry import rendered
 from .deviation import is_bare
 from .heading import Heading, Meaning, suggestion
 from .sheet import Row, Sheet

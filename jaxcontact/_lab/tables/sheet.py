@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ..._parameter import as_array, rendered, require_path
+from ..._entry import as_array, rendered, require_path
 from ..._text.files import read_whole
 from ..._text.units import written_unit
 from ..sound import is_sound

@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..._contact import Contact, Material
+from ..._entry import Specialised
 from ..._impact import restitution_at_any_speed, restitution_is_constant
 from ..._laws import AbstractLaw
-from ..._parameter import Specialised
 from ..bodies.bodies import Shell, Sphere
 from ..bodies.mixed_law import MixedLaw, one_of_each
 from ..bodies.overlap import ROUNDINGS

@@ -14,8 +14,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
+from ..._entry import POSITIVE, Specialised, is_valid, sanitised
 from ..._impact import restitution
-from ..._parameter import POSITIVE, Specialised, is_valid, sanitised
 from ..bodies.bodies import AbstractBody, Shell, Sphere
 from ..bodies.motion import Along, still
 from ..bodies.scene import Scene

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._contact import Contact
-from ..._elementary import contraction
+from ..._functions import contraction
 from ..._laws import AbstractLaw
 from ..scalars import Number
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import equinox as eqx
 
-from ..._parameter import rendered
+from ..._entry import rendered
 
 DEFAULT = "default"
 """The key of the entry for all pairs that are not named."""

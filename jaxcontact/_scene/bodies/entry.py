@@ -10,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from ..._parameter import Range, as_parameter, rendered
+from ..._entry import Range, as_parameter, rendered
 
 _stacked = jax.jit(lambda *parts: jnp.stack(parts))
 """One small program instead of one for each number."""

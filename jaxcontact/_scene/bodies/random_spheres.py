@@ -11,7 +11,7 @@ from jaxtyping import ArrayLike
 from numpy.typing import NDArray
 
 from ..._contact import Material
-from ..._parameter import (
+from ..._entry import (
     POSITIVE,
     as_numbers,
     refuses_unknown,

@@ -12,8 +12,8 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import EXPONENT
+from ..._entry import POSITIVE, Specialised, is_plain, refuses_unknown, rendered, require_kind
 from ..._laws import AbstractLaw
-from ..._parameter import POSITIVE, Specialised, is_plain, refuses_unknown, rendered, require_kind
 from ..resume import Start
 from ..scalars import Number
 from .bodies import AbstractBody, Shell, Sphere, words

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._contact import Contact
-from ..._elementary import small_product
+from ..._functions import small_product
 from ..._laws import AbstractLaw, force_of
 from ..arrays.rows import rows_of
 from ..arrays.stored_energy import stored_energy

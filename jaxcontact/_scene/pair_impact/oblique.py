@@ -9,12 +9,12 @@ import jax
 import jax.numpy as jnp
 
 from ..._contact import Contact
+from ..._entry import POSITIVE, Specialised
 from ..._forms import AbstractForm, Change, ScaledImpact
 from ..._impact import Status
 from ..._impact.front_door import lanes_of, problem_of, uniform
 from ..._impact.lanes import with_sensitivity
 from ..._laws import AbstractLaw
-from ..._parameter import POSITIVE, Specialised
 from ..scalars import Flag, Index, Number
 from .radial import Radial, RadialOutcome, solve_radial
 

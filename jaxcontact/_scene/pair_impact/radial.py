@@ -27,12 +27,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._entry import Specialised
 from ..._forms import AbstractForm
+from ..._functions import varying
 from ..._impact.motion.motion import Motion
 from ..._impact.motion.motion import State as Moving
-from ..._parameter import Specialised
 from ..._solver.runge_kutta import step_and_slope
-from ..._varying import varying
 from ..scalars import Flag, Index, Number
 from .step import State, factor, onward
 

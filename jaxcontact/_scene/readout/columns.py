@@ -11,7 +11,7 @@ from typing import Any, BinaryIO, TextIO, cast
 
 import numpy as np
 
-from ..._parameter import require_path
+from ..._entry import require_path
 from ..._text.files import write_all
 
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._parameter import shown
+from ..._entry import shown
 from ..._program import quick
 from ..derivative.replay import differentiable
 from ..engine.log import Log

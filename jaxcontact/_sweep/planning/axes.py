@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..._parameter import flag_array, real_array, rendered, require_function
+from ..._entry import flag_array, real_array, rendered, require_function
 
 SAMPLE = "sample"
 """Name of the dimension of aligned samples."""

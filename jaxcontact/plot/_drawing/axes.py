@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..._parameter import rendered, require_kind
+from ..._entry import rendered, require_kind
 from .style import use_curves
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..._parameter import concrete, rendered, require_kind
+from ..._entry import concrete, rendered, require_kind
 from ..._scene import Run, Shell, Sphere
 from ..._scene.bodies.bodies import AbstractBody
 from ..._scene.bodies.overlap import minimum_image

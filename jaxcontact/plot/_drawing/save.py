@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..._parameter import Range, as_array, rendered, require_number, require_path
+from ..._entry import Range, as_array, rendered, require_number, require_path
 from ..._text.files import FIGURES, write_all
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-PLACE = Path(__file__).parents[1] / ".ci" / "prose.py"
+PLACE = Path(__file__).parents[2] / ".ci" / "prose.py"
 LONG = "The law " + "and the contact " * 10 + "meet."
 
 PLANTED = {

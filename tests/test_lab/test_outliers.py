@@ -7,8 +7,8 @@ from jaxcontact._calibration.pairs.noise import Noise, estimate_noise
 from jaxcontact._calibration.pairs.outliers import THRESHOLD, find_outliers, mark
 from jaxcontact._flight import Drag, Flight
 from jaxcontact._lab.recordings import make_pairs, read_recording
-from tests.test_measurements.simulate import as_csv, recording, trial
-from tests.test_measurements.sources import opened
+from tests.test_lab.simulate import as_csv, recording, trial
+from tests.test_lab.sources import opened
 
 SEEDS = range(12)
 

@@ -19,12 +19,12 @@ import pytest
 from jaxcontact import AbstractForm, AbstractLaw
 
 PACKAGE = "jaxcontact"
-ROOT = Path(__file__).parents[1] / PACKAGE
+ROOT = Path(__file__).parents[2] / PACKAGE
 
 # From the ground up. A room may import rooms on lower floors, and on its own floor only itself.
 FLOORS = [
-    {"_parameter", "_varying"},
-    {"_cache", "_elementary", "_implicit", "_program", "_text", "data"},
+    {"_entry"},
+    {"_cache", "_functions", "_program", "_text", "data"},
     {"_flight", "_fit", "_solver"},
     {"_forms"},
     {"_laws"},
@@ -270,7 +270,7 @@ GOOD = {
     "_laws/_base.py": """
         from typing import TYPE_CHECKING
         import jax
-        from .._parameter import parameter
+        from .._entry import parameter
         from ._registry import register
         if TYPE_CHECKING:
             from .._contact import Contact

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._varying import varying
+from .varying import varying
 
 Lane = Float[Array, "..."]
 

@@ -9,7 +9,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._lab.report_page.html import Html, element, table
-from tests.test_measurements.simulate import recording
+from tests.test_lab.simulate import recording
 
 EVIL = "ball<script>alert(1)</script>"
 

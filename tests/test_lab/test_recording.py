@@ -13,7 +13,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._lab.recordings import LAYOUTS
-from tests.test_measurements.sources import SOURCES, columns_of, opened, read
+from tests.test_lab.sources import SOURCES, columns_of, opened, read
 
 INTERVALS = "ball,drop_height_m,trial,bounce,interval_s\na,1,1,1,0.4\na,1,1,2,0.36\n"
 HEIGHTS = "ball,drop_height_m,trial,rebound_height_m\na,0.5,1,0.4\na,0.5,2,0.41\n"
@@ -121,7 +121,7 @@ def test_the_layout_may_be_named():
 CASES = [
     (name, column)
     for name, layout in LAYOUTS.items()
-    # Covered by tests/test_records.py, tests/test_tracks.py, tests/test_sound.py and test_files.py.
+    # Covered by test_records.py, test_tracks.py, test_sound.py and test_files.py.
     if not layout.fitted and name not in ("track", "sound", "instants")
     for column in layout.columns
 ]

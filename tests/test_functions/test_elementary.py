@@ -9,8 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxcontact as jc
-from jaxcontact._elementary import (
+from jaxcontact._forms import rebound_exponent, restitution_of
+from jaxcontact._functions import (
     arc_over_sine,
+    bracketed_root,
     chebyshev,
     chebyshev_by_piece,
     chebyshev_polynomials,
@@ -25,8 +27,6 @@ from jaxcontact._elementary import (
     sinc_root,
     speed_of,
 )
-from jaxcontact._forms import rebound_exponent, restitution_of
-from jaxcontact._implicit import bracketed_root
 
 # Functions that cancel at their removable points, for arguments down to 1e-300, and differences of
 # them. 600 digits are lost, twice 60 by the step, and many remain.

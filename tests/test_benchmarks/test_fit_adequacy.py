@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.fit_adequacy import main, printed
 
-PAGE = Path(__file__).parents[1] / "docs" / "trust.md"
+PAGE = Path(__file__).parents[2] / "docs" / "trust.md"
 
 
 @pytest.fixture(scope="module")

@@ -431,7 +431,7 @@ def test_the_time_to_rest_contains_the_fall(e):
     """Against flights added one by one, in vacuum and in air."""
     from jaxcontact._flight import Drag, Flight
     from jaxcontact._lab.recordings import make_pairs
-    from tests.test_measurements.simulate import time_to_rest
+    from tests.test_lab.simulate import time_to_rest
 
     height = np.array([0.3, 1.0, 2.0])
     for drag in (None, Drag(0.0027, 0.02, 0.5)):

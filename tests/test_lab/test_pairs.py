@@ -8,7 +8,7 @@ import pytest
 from jaxcontact._flight import Drag, Flight, landing_speed, launch_speed
 from jaxcontact._lab.recordings import RecordingError, make_pairs, read_recording
 from jaxcontact._text.words import counted
-from tests.test_measurements.sources import opened
+from tests.test_lab.sources import opened
 
 TABLE_TENNIS = Drag(mass=0.0027, radius=0.02, coefficient=0.5)
 

@@ -14,7 +14,7 @@ import jaxcontact as jc
 from jaxcontact.plot._drawing.labels import put_label
 from jaxcontact.plot._drawing.style import BODIES, CURVES, DATA, LEFT_OUT, use_curves
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 
 DEUTERANOPIA = np.array(
     [

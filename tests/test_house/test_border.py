@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-PACKAGE = Path(__file__).parents[1] / "jaxcontact"
+PACKAGE = Path(__file__).parents[2] / "jaxcontact"
 
 _ASKED = """
 import importlib, pkgutil

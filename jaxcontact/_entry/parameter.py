@@ -1,0 +1,85 @@
+"""Differentiable numbers with a range, as fields of a module."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from .numbers import as_parameter
+from .ranges import REAL, Range
+
+
+class Specialised(eqx.Module):
+    """A number that is either static, which specialises the compiled code, or a leaf."""
+
+    static: float | None = eqx.field(static=True)
+    traced: Array | None = None
+
+    @property
+    def value(self) -> float | Array:
+        """The number: a float if static, an array otherwise."""
+        if self.static is not None:
+            return self.static
+        assert self.traced is not None
+        return self.traced
+
+
+@functools.lru_cache(maxsize=64)
+def specialised(number: float) -> Specialised:
+    """Return a static number from a cache, which is faster than creating it again."""
+    return Specialised(number)
+
+
+def parameter(name: str, allowed: Range = REAL, unit: str | None = None) -> Any:
+    """Declare a field of an equinox module for a differentiable number with a known range.
+
+    Without a `unit` the name's unit in `_text.units` applies.
+    """
+    return eqx.field(
+        converter=functools.partial(as_parameter, name=name, allowed=allowed),
+        metadata={"allowed": allowed, "unit": unit},
+    )
+
+
+def ranges(module: eqx.Module | type[eqx.Module]) -> dict[str, Range]:
+    """Return the range of every field of `module` that was declared with `parameter`."""
+    return {
+        field.name: field.metadata["allowed"]
+        for field in dataclasses.fields(module)
+        if "allowed" in field.metadata
+    }
+
+
+def is_valid(module: eqx.Module) -> Bool[Array, "..."]:
+    """Return whether all declared parameters of `module` lie in their ranges, lane by lane."""
+    valid = jnp.asarray(True)
+    for value, allowed in _given(module).values():
+        valid = valid & allowed.holds(value)
+    return valid
+
+
+def sanitised(module: Any) -> Any:
+    """Return `module` with every out-of-range number replaced by one in the range.
+
+    The bad lanes are flagged elsewhere. The replacement keeps their infinities out of the
+    arithmetic, so a derivative of the good lanes never contains 0 times inf.
+    """
+    given = _given(module)
+    if not given:
+        return module
+    clean = [
+        jnp.where(allowed.holds(value), value, jnp.asarray(allowed.inside, value.dtype))
+        for value, allowed in given.values()
+    ]
+    return eqx.tree_at(lambda m: [getattr(m, name) for name in given], module, clean)
+
+
+def _given(module: eqx.Module) -> dict[str, tuple[Array, Range]]:
+    """Return the declared parameters that are not None, with their ranges."""
+    found = {name: (getattr(module, name), allowed) for name, allowed in ranges(module).items()}
+    return {name: pair for name, pair in found.items() if pair[0] is not None}
