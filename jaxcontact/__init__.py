@@ -97,7 +97,7 @@ _ROOMS = {
         "fit_bounces fit_damping fit_energy_loss fit_impacts fit_velocity_profile learn_law"
     ),
     "_contact": "Contact Material",
-    "_elementary": "power",
+    "_functions": "power",
     "_export": "Export export",
     "_fit": "Between Fit Fixed Free Huber Positive Posterior compare_fits fit posterior",
     "_flight": "Drag",
@@ -117,8 +117,8 @@ _ROOMS = {
         "StepDamping Thornton ThorntonPlastic Tsuji ZhiyingQishao get_law list_laws register_law"
     ),
     "_scene": (
-        "Box Ending Impacts Margin Moment Plane Prescribed Run Scene Shell Sphere Steady "
-        "Vibration Way random_spheres read_scene simulate"
+        "Box Ending Impacts Margin Plane Prescribed Run Scene Shell SolvedBy Sphere States Steady "
+        "Vibration random_spheres read_scene simulate"
     ),
     "_sweep": "Sweep sweep",
     "_text.failure": "NumericalError",

@@ -1,7 +1,7 @@
 """The public names and their arguments, as lines of a file: `python -m tests.public_names`.
 
-Run it with a release, and commit the file. tests/test_house/test_public_names.py compares the package with it,
-so that no public name or argument changes unannounced.
+Run it with a release, and commit the file. tests/test_house/test_public_names.py compares the
+package with it, so that no public name or argument changes unannounced.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from .data import FitData
 from .problem.target import groups_of, whitener_of
 from .result import Fit
 from .search.inference import LEAST_GROUPS
-from .search.levenberg_marquardt import Options
+from .search.levenberg_marquardt import SearchOptions
 from .search.minimum import find, in_numpy
 from .uncertainty.adequacy import shown
 
@@ -276,7 +276,7 @@ def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
             factor = np.linalg.solve(whitener, np.eye(len(whitener)))
             rest = whitener_of(factor @ factor.T, weights > 0)
             fewer = eqx.tree_at(lambda p: p.whitener, fewer, jnp.asarray(rest))
-        found = find(fewer, fit._theta, Options(jnp.asarray(fit._rtol)))
+        found = find(fewer, fit._theta, SearchOptions(jnp.asarray(fit._rtol)))
         if not np.all(found.still):
             return None
         z = whole.standardised(found.prediction, np)

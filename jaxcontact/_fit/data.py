@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._program import quick
 from .._text.failure import Flagged
-from .problem.problem import Problem, evaluated, flattened, place_like
+from .problem.problem import FitProblem, evaluated, flattened, place_like
 from .search.inference import Direction
 
 
@@ -63,7 +63,7 @@ class FitData(Flagged):
     data: np.ndarray
     by_group: bool
     groups: np.ndarray | None = dataclasses.field(repr=False)
-    problem: Problem = dataclasses.field(repr=False)
+    problem: FitProblem = dataclasses.field(repr=False)
     _theta: np.ndarray = dataclasses.field(repr=False)
     _jacobian: np.ndarray = dataclasses.field(repr=False)
     _absolute: bool = dataclasses.field(repr=False)
@@ -142,7 +142,7 @@ class FitData(Flagged):
 
 
 @quick
-def _linearised(problem: Problem, values: jax.Array, x: Any) -> tuple[jax.Array, jax.Array]:
+def _linearised(problem: FitProblem, values: jax.Array, x: Any) -> tuple[jax.Array, jax.Array]:
     def at(values: jax.Array) -> tuple[jax.Array, jax.Array]:
         curve = flattened(evaluated(problem.predict, problem.space.tree_of(values), x))
         return curve, curve

@@ -25,13 +25,13 @@ from .._text.failure import checked
 from .._text.progress import progress_of
 from .checks import listed
 from .problem.loss import Huber
-from .problem.problem import Problem, place_of, shapes_of
+from .problem.problem import FitProblem, place_of, shapes_of
 from .problem.space import Space, space_of
 from .problem.target import Target, groups_of, target_of, whitener_of
 from .result import Fit
 from .search.inference import infer
-from .search.levenberg_marquardt import MOST_STEPS, PATIENCE, Options
-from .search.minimum import Found, find, find_all, in_numpy, start_scale, with_step
+from .search.levenberg_marquardt import MOST_STEPS, PATIENCE, SearchOptions
+from .search.minimum import SearchEnd, find, find_all, in_numpy, start_scale, with_step
 from .search.noise import BY_COLUMN, COMMON, ColumnErrors, columns_of, refuse_between
 from .search.refit import refit
 from .search.unused import refuse_unused
@@ -138,7 +138,7 @@ def fit(
         whitener = whitener_of(correlation, target.factor > 0)
         space, theta = space_of(start, transforms)
         _refuse_too_many(space, target)
-        problem = Problem(
+        problem = FitProblem(
             predict,
             space,
             place_of(x),
@@ -151,7 +151,7 @@ def fit(
         )
         if noise == BY_COLUMN:
             refuse_between(columns_of(problem, noise), whitener)
-        options = Options(jnp.asarray(rtol), by_gradient, most, patience, tell)
+        options = SearchOptions(jnp.asarray(rtol), by_gradient, most, patience, tell)
         rough, ends = _first_guess(problem, theta, options, starts, spread, seed)
         found = find(problem, rough, options)
         _check_start(problem, theta, found)
@@ -167,7 +167,12 @@ def fit(
 
 
 def _first_guess(
-    problem: Problem, theta: np.ndarray, options: Options, starts: int, spread: float, seed: int
+    problem: FitProblem,
+    theta: np.ndarray,
+    options: SearchOptions,
+    starts: int,
+    spread: float,
+    seed: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return where the search starts, the best end of many starts, and the losses at their ends."""
     if starts == 1:
@@ -211,7 +216,7 @@ def _refuse_too_many(space: Space, target: Target) -> None:
         )
 
 
-def _check_start(problem: Problem, theta: np.ndarray, found: Found) -> None:
+def _check_start(problem: FitProblem, theta: np.ndarray, found: SearchEnd) -> None:
     """Raise ValueError if the prediction is not finite at the start."""
     if np.isfinite(found.history[0]):
         return
@@ -224,7 +229,9 @@ def _check_start(problem: Problem, theta: np.ndarray, found: Found) -> None:
         )
 
 
-def _set_to_bound(problem: Problem, found: Found, start: np.ndarray, options: Options) -> Found:
+def _set_to_bound(
+    problem: FitProblem, found: SearchEnd, start: np.ndarray, options: SearchOptions
+) -> SearchEnd:
     """Set a parameter that creeps to a bound there, if that is no worse."""
     space = problem.space
     out = creeping(space, found.step)
@@ -236,13 +243,13 @@ def _set_to_bound(problem: Problem, found: Found, start: np.ndarray, options: Op
 
 
 def _result(
-    problem: Problem,
-    found: Found,
+    problem: FitProblem,
+    found: SearchEnd,
     start: np.ndarray,
     target: Target,
     ends: np.ndarray,
     groups: np.ndarray | None,
-    options: Options,
+    options: SearchOptions,
     settled: bool,
 ) -> Fit:
     space = problem.space

@@ -28,7 +28,7 @@ from .._laws import AbstractLaw, require_law
 from .._program import program, soon_compiled, traced
 from .._text.failure import checked
 from .front_door import SPEED, Lanes, Problem, lanes_of, problem_of, uniform
-from .methods.by_name import method_of
+from .methods.auto import method_of
 from .methods.method import AbstractMethod
 from .result import Impact, Status
 

@@ -16,7 +16,7 @@ from .._functions import bracketed_root, ratio
 from .._laws import AbstractLaw
 from .._program import program
 from .front_door import Problem, lanes_of, problem_of
-from .methods.by_name import stepping_method
+from .methods.auto import stepping_method
 from .methods.event import Event
 from .methods.method import AbstractMethod
 from .motion.balance import balance_of

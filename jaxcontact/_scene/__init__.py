@@ -13,7 +13,7 @@ from .file import read_scene as read_scene
 from .readout.margin import Margin as Margin
 from .result import Ending as Ending
 from .result import Impacts as Impacts
-from .result import Moment as Moment
-from .result import Way as Way
+from .result import SolvedBy as SolvedBy
+from .result import States as States
 from .run import Run as Run
 from .simulate import simulate as simulate

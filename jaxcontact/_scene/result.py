@@ -30,8 +30,8 @@ class Ending(WordedEnum):
     WALL_TOO_ABRUPT = 6, "A wall, a fixed sphere or a shell exceeds its `max_acceleration`."
 
 
-class Way(enum.IntEnum):
-    """The values of `Impacts.way`: the solution methods of an impact."""
+class SolvedBy(enum.IntEnum):
+    """The values of `Impacts.solved_by`: the solution methods of an impact."""
 
     INSTANTANEOUS = 0
     """Without duration, with the law's restitution at the closing speed."""
@@ -58,7 +58,7 @@ class Impacts(eqx.Module):
     - `duration`: in s. For a series of bounces, up to its end.
     - `max_force`: in N, infinite for an instantaneous impact.
     - `energy_loss`: in J, within the run.
-    - `turn`, `way`: the turn of the line of centres in rad, and the solution method, see `Way`.
+    - `turn`: the turn of the line of centres in rad. `solved_by`: the method, see `SolvedBy`.
     - `error_estimate`: relative to the closing speed. In a coupled solve it includes all its
       contacts.
     - `tied`: True if one of the bodies had another impact at the same time, so that their order was
@@ -80,7 +80,7 @@ class Impacts(eqx.Module):
     max_force: Float[Array, " K"]
     energy_loss: Float[Array, " K"]
     turn: Float[Array, " K"]
-    way: Int[Array, " K"]
+    solved_by: Int[Array, " K"]
     error_estimate: Float[Array, " K"]
     tied: Bool[Array, " K"]
     valid: Bool[Array, " K"]
@@ -104,12 +104,12 @@ class Impacts(eqx.Module):
         return columns
 
     def _in_words(self) -> dict[str, np.ndarray]:
-        """Return the columns of `to_dict` with the names of bodies, and `way` by name."""
+        """Return the columns of `to_dict` with the names of bodies, and `solved_by` by name."""
         columns, names = self.to_dict(), np.array(self.names)
-        ways = np.array([way.name for way in Way])
+        ways = np.array([way.name for way in SolvedBy])
         words = {}
         for name, column in columns.items():
-            words[name] = ways[column] if name == "way" else column
+            words[name] = ways[column] if name == "solved_by" else column
             if name in ("first", "second"):
                 words[f"{name}_name"] = names[column]
         return words
@@ -151,7 +151,7 @@ class Impacts(eqx.Module):
                     f"{columns['duration'][k]:.6g}",
                     f"{columns['max_force'][k]:.6g}",
                     f"{columns['energy_loss'][k]:.6g}",
-                    Way(int(columns["way"][k])).name.lower().replace("_", " ") + tied,
+                    SolvedBy(int(columns["solved_by"][k])).name.lower().replace("_", " ") + tied,
                 ]
             )
         if count > 12:
@@ -160,7 +160,7 @@ class Impacts(eqx.Module):
         return "\n".join([f"{count} impact{'s' * (count != 1)}", *lines])
 
 
-class Moment(NamedTuple):
+class States(NamedTuple):
     """States at given times: `time` (T,), `position` and `velocity` (T, N, D), `energy` (T,)."""
 
     time: Float[Array, " T"]

@@ -20,8 +20,8 @@ from .readout.columns import write_csv
 from .readout.dataset import dataset
 from .readout.final_scene import final_start
 from .readout.margin import Margin
-from .readout.states import moment_at
-from .result import Ending, Impacts, Moment, traced
+from .readout.states import states_at
+from .result import Ending, Impacts, States, traced
 from .resume import Start
 from .run_record import RunRecord
 from .scalars import Index, Number
@@ -62,7 +62,7 @@ class Run(Flagged, eqx.Module):
     _record: RunRecord
     _failures = tuple(Ending)[1:]
 
-    def at(self, time: ArrayLike) -> Moment:
+    def at(self, time: ArrayLike) -> States:
         """Return the states at any times between 0 and the duration.
 
         `time` in s is a number or an array (T,). At an instantaneous impact the values are those
@@ -75,8 +75,8 @@ class Run(Flagged, eqx.Module):
                 f"Argument `time` must be a number or a list of numbers, but is {rendered(time)}."
             )
         if traced(times):
-            return moment_at(self._record, times.reshape(-1))
-        return moment_at(self._record, jax.device_put(np.asarray(times).reshape(-1)))
+            return states_at(self._record, times.reshape(-1))
+        return states_at(self._record, jax.device_put(np.asarray(times).reshape(-1)))
 
     @property
     def margin(self) -> Margin:
@@ -121,7 +121,7 @@ class Run(Flagged, eqx.Module):
         """
         return dataset(
             self.scene,
-            Moment(self.time, self.position, self.velocity, self.energy),
+            States(self.time, self.position, self.velocity, self.energy),
             self.impacts,
             bodies=self._record.layout.body[: self._record.layout.visible],
             status=self.status,

@@ -13,7 +13,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from .._functions import product_in_place, varying
-from .lanes import ByLanes
+from .few_or_many import ByLanes
 from .runge_kutta import step_in_loop, step_written_out
 
 Number = Float[Array, ""]

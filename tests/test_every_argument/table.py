@@ -11,7 +11,7 @@ def cases() -> dict[str, Case]:
 EXEMPT = {
     # Results, which the library makes
     r"(Bounce|Calibration|CalibrationSummary|Design|Export|Fit|Impact|Impacts|LawChoice|Margin|"
-    r"Moment|Posterior|Recording|Run|ScaledImpact|Sweep|Trajectory|VelocityProfile)\(.*\)": (
+    r"Posterior|Recording|Run|ScaledImpact|States|Sweep|Trajectory|VelocityProfile)\(.*\)": (
         "a result, made by the library"
     ),
     r"RecordingError\(.*\)": "an error, raised by the library",

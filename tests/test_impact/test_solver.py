@@ -12,7 +12,7 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._solver import Packed, Tolerance, land, march
 from jaxcontact._solver.by_diffrax import march_by_diffrax
-from jaxcontact._solver.lanes import ByLanes
+from jaxcontact._solver.few_or_many import ByLanes
 
 # A step of order 8 at an rtol of 1e-12, up to the end: measured 3e-12.
 CLOSE = 1e-11

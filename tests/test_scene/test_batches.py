@@ -30,7 +30,7 @@ def collision(offset, gap, mass):
         for k, (x, v) in enumerate(zip(places, speeds, strict=True))
     ]
     end = jc.simulate(jc.Scene(balls, jc.Hertz(), stiffness=1e6), 0.8, max_impacts=5)
-    return end.velocity[-1], end.impacts.way, end.status
+    return end.velocity[-1], end.impacts.solved_by, end.status
 
 
 @pytest.fixture
@@ -63,24 +63,24 @@ def test_only_lanes_that_need_a_solve_cause_steps(steps):
         return dict(steps), velocity, ways[:, 0].tolist()
 
     free, v, ways = count(HEAD_ON, HEAD_ON, HEAD_ON)
-    assert ways == [jc.Way.CLOSED_FORM] * 3
+    assert ways == [jc.SolvedBy.CLOSED_FORM] * 3
     assert free == {"radial": 0, "coupled": 0}
     np.testing.assert_allclose(v[0, :, 0], [-1 / 3, 2 / 3, 0.0], atol=1e-14)
     # Beside lanes without an impact and without a scene.
     beside, w, ways = count(PAST, HEAD_ON, WRONG)
-    assert ways == [-1, jc.Way.CLOSED_FORM, -1] and beside == free
+    assert ways == [-1, jc.SolvedBy.CLOSED_FORM, -1] and beside == free
     np.testing.assert_array_equal(w[0, :, 0], [1.0, 0.0, 0.0])
     np.testing.assert_array_equal(w[1], v[0])
     assert np.all(np.isnan(w[2]))
     radial, w, ways = count(OBLIQUE, OBLIQUE, OBLIQUE)
-    assert ways == [jc.Way.RADIAL] * 3
+    assert ways == [jc.SolvedBy.RADIAL] * 3
     assert 20 < radial["radial"] < 200 and radial["coupled"] == 0
     coupled, u, ways = count(TOGETHER, TOGETHER, TOGETHER)
-    assert ways == [jc.Way.COUPLED] * 3
+    assert ways == [jc.SolvedBy.COUPLED] * 3
     assert 20 < coupled["coupled"] < 1000 and coupled["radial"] == 0
     # All of them in one batch: each solve takes as many steps as if all lanes needed it.
     mixed, x, ways = count(HEAD_ON, OBLIQUE, TOGETHER)
-    assert ways == [jc.Way.CLOSED_FORM, jc.Way.RADIAL, jc.Way.COUPLED]
+    assert ways == [jc.SolvedBy.CLOSED_FORM, jc.SolvedBy.RADIAL, jc.SolvedBy.COUPLED]
     assert mixed == {"radial": radial["radial"], "coupled": coupled["coupled"]}
     np.testing.assert_allclose(x, [v[0], w[0], u[0]], rtol=0, atol=1e-13)
 
@@ -91,7 +91,11 @@ def test_single_precision():
     found, ways, status = jax.jit(jax.vmap(collision))(*lanes.astype(np.float32).T)
     assert found.dtype == jnp.float32 and np.all(status == jc.Ending.COMPLETED)
     # A formula is used if its error is below rounding.
-    assert ways[:, 0].tolist() == [jc.Way.CLOSED_FORM, jc.Way.CORRECTED, jc.Way.COUPLED]
+    assert ways[:, 0].tolist() == [
+        jc.SolvedBy.CLOSED_FORM,
+        jc.SolvedBy.CORRECTED,
+        jc.SolvedBy.COUPLED,
+    ]
     for velocity, (offset, gap, _) in zip(found, lanes, strict=True):
         places = [[0.0, 0.5], [0.5, 0.5 + offset], [0.7001 + gap, 0.5 + offset]]
         speeds = [[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]]

@@ -47,7 +47,7 @@ def agrees(balls, near, stiffness, times, speed):
     touched = [touch.begin for touch in exact.touches]
     np.testing.assert_allclose(np.sort(hits["time"]), np.sort(touched), atol=10 * RTOL * times[-1])
     # The estimate exists and is close.
-    coupled = hits["error_estimate"][hits["way"] == jc.Way.COUPLED]
+    coupled = hits["error_estimate"][hits["solved_by"] == jc.SolvedBy.COUPLED]
     assert len(coupled) and np.all((coupled > 0) & (coupled < 10 * RTOL))
     return found
 
@@ -88,7 +88,7 @@ def test_two_press_a_disc_that_shakes_one_after_the_other():
     found = jc.simulate(scene, 0.4, v0="touch", max_cluster=3)
     assert found.status == jc.Ending.COMPLETED
     hits = found.impacts.to_dict()
-    assert list(hits["first"]) == [1, 0] and np.all(hits["way"] == jc.Way.COUPLED)
+    assert list(hits["first"]) == [1, 0] and np.all(hits["solved_by"] == jc.SolvedBy.COUPLED)
     assert hits["time"][1] < hits["time"][0] + hits["duration"][0]
     mover = sine([0.0, 0.0], amplitude, frequency, 0.0, 0.15)
     for k, start in enumerate(starts[:2]):
@@ -119,7 +119,7 @@ def test_three_meet_across_the_edges_of_a_small_cell():
     found = jc.simulate(scene, 0.7, rtol=RTOL)
     assert found.status == jc.Ending.COMPLETED
     assert len(found.impacts) == len(exact.touches) >= 3
-    assert jc.Way.COUPLED in np.asarray(found.impacts.way)
+    assert jc.SolvedBy.COUPLED in np.asarray(found.impacts.solved_by)
     # A change of the start grows about seven thousandfold.
     assert np.abs(found.velocity[-1] - exact.velocity).max() <= 100 * RTOL
     away = found.position[-1] - exact.position

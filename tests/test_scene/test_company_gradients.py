@@ -68,7 +68,7 @@ def agrees(given, groups, ways, order=2.0):
     one, other = weight @ forward, sum(a @ b for a, b in zip(along, reverse, strict=True))
     assert abs(one - other) <= 1e-9 * np.abs(forward).max() * np.abs(weight).sum()
     hits = impacts.to_dict()
-    assert sorted(hits["way"]) == ways
+    assert sorted(hits["solved_by"]) == ways
     touched = []
     for who in groups:
         rows = np.array(who + [9 + k for k in who])
@@ -90,7 +90,7 @@ def agrees(given, groups, ways, order=2.0):
 
 @pytest.mark.slow(reason="derivatives of coupled solves")
 def test_values_and_derivatives():
-    ways = [jc.Way.CLOSED_FORM, jc.Way.COUPLED, jc.Way.COUPLED]
+    ways = [jc.SolvedBy.CLOSED_FORM, jc.SolvedBy.COUPLED, jc.SolvedBy.COUPLED]
     touched = agrees((PLACES, SPEEDS, RADII), ([0, 1, 2], [3, 4]), ways)
     assert max(touched) < 0.03
 
@@ -102,7 +102,7 @@ def test_a_tie():
     places[[3, 4, 5]] = [1.0, 1.25, 1.5]
     speeds[[3, 5]] = [1.0, -1.0]
     # If one starts a time h before the other, the force δ^1.5 adds h^2.5 to the end states.
-    agrees((places, speeds, RADII), ([3, 4, 5],), [jc.Way.COUPLED] * 2, order=1.5)
+    agrees((places, speeds, RADII), ([3, 4, 5],), [jc.SolvedBy.COUPLED] * 2, order=1.5)
 
 
 @pytest.mark.slow(reason="derivatives of coupled solves")

@@ -31,20 +31,20 @@ def _seen_from(velocity, gravity):
 @pytest.mark.parametrize(
     ("gravity", "instantaneous", "way"),
     [
-        ([0.0, -2.0], True, jc.Way.INSTANTANEOUS),
-        ([0.0, -2.0], False, jc.Way.COUPLED),
-        (None, False, jc.Way.RADIAL),
+        ([0.0, -2.0], True, jc.SolvedBy.INSTANTANEOUS),
+        ([0.0, -2.0], False, jc.SolvedBy.COUPLED),
+        (None, False, jc.SolvedBy.RADIAL),
     ],
 )
 def test_impacts_on_driven_bodies_do_not_know_the_frame(gravity, instantaneous, way):
     velocity, duration = np.array([-0.3, 0.1]), 3.5
     # In the bowl the largest closing speed is a coupled solve.
-    how = {"instantaneous": instantaneous, "v0": "touch" if way == jc.Way.RADIAL else "peak"}
+    how = {"instantaneous": instantaneous, "v0": "touch" if way == jc.SolvedBy.RADIAL else "peak"}
     given = {"duration": duration, **how}
     still = jc.simulate(_seen_from(0 * velocity, gravity), **given)
     run = jc.simulate(_seen_from(velocity, gravity), **given)
     assert len(run.impacts) == len(still.impacts) >= 2
-    assert np.all(run.impacts.way == way)
+    assert np.all(run.impacts.solved_by == way)
     shift = velocity[None] * duration
     np.testing.assert_allclose(run.position[-1], still.position[-1] + shift, atol=FRAME)
     np.testing.assert_allclose(run.velocity[-1, 0], still.velocity[-1, 0] + velocity, atol=FRAME)

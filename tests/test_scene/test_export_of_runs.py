@@ -43,7 +43,7 @@ def test_a_run_as_a_dataset(run, tmp_path):
     assert list(data.mass.values) == [np.inf, 2.0] and list(data.radius.values) == [0.2, 0.1]
     np.testing.assert_array_equal(data.impact_time, run.impacts.time)
     assert [str(data.body_name[k].values) for k in data.second] == ["floor, wooden"] * 2
-    assert data.way.attrs["flag_meanings"].split()[int(data.way[0])] == "instantaneous"
+    assert data.solved_by.attrs["flag_meanings"].split()[int(data.solved_by[0])] == "instantaneous"
     assert data.attrs == {"status": "completed", "reached": 1.0, "wall_work": 0.0}
     data.to_netcdf(tmp_path / "run.nc", engine="scipy")
     with xarray.open_dataset(tmp_path / "run.nc", engine="scipy") as back:
@@ -71,7 +71,7 @@ def test_impacts_as_a_data_frame(run):
     pandas = pytest.importorskip("pandas")
     frame = run.impacts.to_dataframe()
     assert list(frame["first_name"]) == ["ball"] * 2 and list(frame["first"]) == [2, 2]
-    assert list(frame["way"]) == ["INSTANTANEOUS"] * 2
+    assert list(frame["solved_by"]) == ["INSTANTANEOUS"] * 2
     np.testing.assert_array_equal(frame["closing_speed"], run.impacts.closing_speed)
     text = io.StringIO()
     run.impacts.to_csv(text)

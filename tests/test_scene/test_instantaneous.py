@@ -41,7 +41,10 @@ def test_a_bouncing_ball_after_44_impacts():
 def test_the_bounces_come_to_an_end_and_the_ball_rests():
     run = go(dropped(), 9.0, times=[0.0, 8.7, 9.0])
     last = run.impacts.to_dict()
-    assert last["way"][-1] == jc.Way.SERIES and np.sum(last["way"] == jc.Way.SERIES) == 1
+    assert (
+        last["solved_by"][-1] == jc.SolvedBy.SERIES
+        and np.sum(last["solved_by"] == jc.SolvedBy.SERIES) == 1
+    )
     assert abs(last["time"][-1] + last["duration"][-1] - 8.578949178728887) < EXACT * 9
     np.testing.assert_allclose(run.position[1:, 0, 1], 0.01, rtol=1e-14)
     assert np.max(np.abs(run.velocity[1:])) < 1e-15
@@ -57,7 +60,7 @@ def test_a_resting_ball_slides_and_can_be_hit():
     ]
     run = go(jc.Scene([*balls, FLOOR], jc.ExactRestitution(e=0.5), gravity=[0.0, -10.0]), 0.7)
     hits = run.impacts.to_dict()
-    assert (hits["first"][0], hits["second"][0], hits["way"][0]) == (0, 2, jc.Way.SERIES)
+    assert (hits["first"][0], hits["second"][0], hits["solved_by"][0]) == (0, 2, jc.SolvedBy.SERIES)
     # It falls 2 - 0.1 - sqrt(0.2² - 0.05²).
     time = np.sqrt(2 * (1.9 - np.sqrt(0.04 - 0.0025)) / 10)
     np.testing.assert_allclose(hits["time"][1], time, rtol=1e-13)

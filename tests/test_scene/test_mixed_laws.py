@@ -85,7 +85,7 @@ def test_runs_end_where_newtons_equations_do(name):
     found = simulated(place, speed, duration)
     assert found.status == jc.Ending.COMPLETED
     coupled = name == "together"
-    assert np.any(found.impacts.way == jc.Way.COUPLED) == coupled
+    assert np.any(found.impacts.solved_by == jc.SolvedBy.COUPLED) == coupled
     assert len(found.impacts) == (5 if coupled else 3)
     np.testing.assert_allclose(found.velocity[-1], exact.velocity, atol=10 * RTOL)
     np.testing.assert_allclose(found.position[-1], exact.position, atol=10 * RTOL * duration)

@@ -149,11 +149,11 @@ def _goes_on(speed, velocity, gravity, *, e=0.7, duration=0.02, instantaneous=Fa
 @pytest.mark.slow("gravity0-5", reason="two soft scenes")
 @pytest.mark.parametrize(
     ("gravity", "way"),
-    [([0.0, -GRAVITY], jc.Way.COUPLED), ([GRAVITY, 0.0], jc.Way.CLOSED_FORM)],
+    [([0.0, -GRAVITY], jc.SolvedBy.COUPLED), ([GRAVITY, 0.0], jc.SolvedBy.CLOSED_FORM)],
 )
 def test_soft_impacts_do_not_know_the_frame(gravity, way):
     still, moving = _goes_on(0.0, -1.0, gravity), _goes_on(0.37, -1.0, gravity)
-    assert moving.impacts.way[0] == way
+    assert moving.impacts.solved_by[0] == way
     shift = np.array([0.0, 0.37 * 0.02])
     np.testing.assert_allclose(moving.position[-1, 0], still.position[-1, 0] + shift, atol=FRAME)
     np.testing.assert_allclose(

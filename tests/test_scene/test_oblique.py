@@ -89,7 +89,7 @@ def test_velocities_duration_and_loss_are_those_of_newtons_equations(rtol):
     assert set(np.asarray(hit.status)) == {int(Status.SEPARATED)}
     alpha, turned, _ = CASES.T
     by_formula = (alpha <= 5) & (turned < (0.01 if rtol == 1e-6 else 1e-3))
-    np.testing.assert_array_equal(hit.way, np.where(by_formula, CORRECTED, RADIAL))
+    np.testing.assert_array_equal(hit.solved_by, np.where(by_formula, CORRECTED, RADIAL))
     for k, (_, _, across) in enumerate(CASES):
         exact, speed = reference()[k], max(1.0, across)
         found = velocities(float(hit.restitution[k]), float(hit.turn[k]), 1.0, across)
@@ -124,7 +124,7 @@ def test_the_formula_is_nearer_than_it_says():
         jax.tree.map(lambda *x: np.concatenate(x), *(solved(chunk, rtol) for chunk in chunks))
         for rtol in (0.1, 1e-13)
     )
-    kept = (near.way != RADIAL) & (exact.way == RADIAL)
+    kept = (near.solved_by != RADIAL) & (exact.solved_by == RADIAL)
     assert np.sum(kept) > 0.6 * count and np.all(exact.status[kept] == int(Status.SEPARATED))
 
     def off(name):
@@ -151,7 +151,7 @@ def test_a_weak_push_to_forty_digits():
     one = np.ones_like(alpha)
     rows = np.stack([alpha, one, one, one, 0 * one, np.inf * one, push], axis=1)
     hit = solved(jnp.asarray(rows), 1e-6)
-    assert np.all(hit.way == CORRECTED)
+    assert np.all(hit.solved_by == CORRECTED)
     fields = {"restitution": "e", "elapsed": "duration"}
     fields |= {name: name for name in ("max_force", "max_indentation", "energy_loss")}
     for k, (a, gamma) in enumerate(zip(alpha, push, strict=True)):
@@ -175,7 +175,7 @@ def test_head_on_and_slightly_oblique_impacts_are_the_closed_form():
     row = lanes()[2]
     some = jnp.stack([row.at[4].set(v) for v in (0.0, 1e-5, 1e-2)])
     hit = solved(some, 1e-9)
-    assert list(np.asarray(hit.way)) == [CLOSED_FORM, CLOSED_FORM, CORRECTED]
+    assert list(np.asarray(hit.solved_by)) == [CLOSED_FORM, CLOSED_FORM, CORRECTED]
     free = jc.impact(jc.Damped(alpha=row[0]), jc.Contact(row[2], row[1]), 1.0)
     for name in ("restitution", "duration", "max_force", "max_indentation", "energy_loss"):
         np.testing.assert_allclose(getattr(hit, name)[0], getattr(free, name), rtol=1e-14)
@@ -213,7 +213,7 @@ def test_a_clamped_law_lasts_longer_than_its_force():
     both = jax.jit(jax.vmap(solve))(jnp.array([1.0, 0.0]))
     head_on = jax.tree.map(lambda x: x[None], jax.jit(lambda v: solve(v, free=True))(jnp.zeros(())))
     hit = jax.tree.map(lambda *x: np.concatenate(x), both, head_on)
-    np.testing.assert_array_equal(hit.way, [RADIAL, CLOSED_FORM, CLOSED_FORM])
+    np.testing.assert_array_equal(hit.solved_by, [RADIAL, CLOSED_FORM, CLOSED_FORM])
     for lane, across in enumerate([1.0, 0.0, 0.0]):
         balls = [
             Ball([0.0, 0.0], [0.0, 0.0], 0.5, MASSES[0]),
@@ -288,7 +288,7 @@ def test_derivatives_are_those_of_the_reference_in_both_modes():
 
 def test_derivatives_of_the_formula_are_those_of_the_radial_equation():
     points, forward, _ = both_jacobians()
-    ways = [solved(jnp.asarray(points[3:7]), rtol).way for rtol in (1e-11, 1e-6)]
+    ways = [solved(jnp.asarray(points[3:7]), rtol).solved_by for rtol in (1e-11, 1e-6)]
     np.testing.assert_array_equal(ways, [[RADIAL] * 4, [CORRECTED] * 4])
     # Changes relative to each number's own size, and pushes of a hundredth of the contact force.
     size = np.abs(points[3:7])

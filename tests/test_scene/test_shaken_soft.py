@@ -38,7 +38,7 @@ def test_a_soft_ball_between_a_shell_that_shakes_and_a_disc_in_a_circle():
     run = jc.simulate(scene, DURATION, times=times, v0="touch")
     assert run.status == jc.Ending.COMPLETED
     assert len(run.impacts) >= 2 and {0, 2} == set(np.asarray(run.impacts.second).tolist())
-    assert np.all(run.impacts.way == jc.Way.COUPLED)
+    assert np.all(run.impacts.solved_by == jc.SolvedBy.COUPLED)
     assert run.impacts.time[0] < times[1] < run.impacts.time[0] + run.impacts.duration[0]
     movers = [
         circling([0.0, 0.0], 0.05, CIRCLE, 0.25),

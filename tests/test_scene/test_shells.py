@@ -133,7 +133,9 @@ def _newton(position, velocity, gravity, duration, stiffness=STIFFNESS, v0="touc
 
 
 @pytest.mark.slow(reason="soft scenes with a shell")
-@pytest.mark.parametrize(("gravity", "way"), [(0.0, jc.Way.RADIAL), (9.81, jc.Way.COUPLED)])
+@pytest.mark.parametrize(
+    ("gravity", "way"), [(0.0, jc.SolvedBy.RADIAL), (9.81, jc.SolvedBy.COUPLED)]
+)
 def test_soft_impacts_in_a_shell(gravity, way):
     position, velocity, duration = [0.3, 0.1], [1.5, 1.2], 0.8
     scene = jc.Scene(
@@ -144,7 +146,7 @@ def test_soft_impacts_in_a_shell(gravity, way):
     )
     run = jc.simulate(scene, duration, v0="touch")
     assert len(run.impacts) >= 1
-    assert run.impacts.way[0] == way
+    assert run.impacts.solved_by[0] == way
     end = _newton(position, velocity, gravity, duration)
     fastest = np.max(run.impacts.closing_speed)
     np.testing.assert_allclose(run.velocity[-1, 0], end[2:], atol=SOFT * fastest)
@@ -153,7 +155,7 @@ def test_soft_impacts_in_a_shell(gravity, way):
     assert abs(run.energy[0] - lost - run.energy[-1]) < 100 * 1e-9 * run.energy[0]
     inside = run.at(run.impacts.time[0] + run.impacts.duration[0] / 2)
     assert np.linalg.norm(inside.position[0, 0]) > LARGE - SMALL
-    if way == jc.Way.RADIAL:
+    if way == jc.SolvedBy.RADIAL:
         # Pressed to the shell, the line of centres rotates backwards as seen from the ball.
         assert run.impacts.turn[0] < 0
 
@@ -167,7 +169,9 @@ def test_what_passes_along_a_shell_closes_faster_at_first():
             [ball, jc.Shell([0.0, 0.0], LARGE)], jc.Damped(alpha=ALPHA), stiffness=stiffness
         )
         run = jc.simulate(scene, duration)
-        assert run.status == jc.Ending.COMPLETED and list(run.impacts.way) == [jc.Way.COUPLED]
+        assert run.status == jc.Ending.COMPLETED and list(run.impacts.solved_by) == [
+            jc.SolvedBy.COUPLED
+        ]
         end = _newton(position, velocity, 0.0, duration, stiffness, "peak")
         np.testing.assert_allclose(run.position[-1, 0], end[:2], atol=PEAK)
         np.testing.assert_allclose(run.velocity[-1, 0], end[2:], atol=PEAK)

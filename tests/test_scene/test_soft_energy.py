@@ -44,7 +44,7 @@ def test_a_ball_rests_slides_and_wakes(whole):
     run = whole
     assert run.status == jc.Ending.COMPLETED
     hits = run.impacts.to_dict()
-    assert np.all(hits["way"] == jc.Way.COUPLED)
+    assert np.all(hits["solved_by"] == jc.SolvedBy.COUPLED)
     assert hits["duration"][0] == np.inf and hits["restitution"][0] == 0
     sunk = (9.81 / 1e6) ** (2 / 3)
     np.testing.assert_allclose(run.position[1:7, 0, 1], 0.1 - sunk, atol=1e-6 * sunk)
@@ -142,8 +142,8 @@ def a_gas(stiffness, turned=False, mirrored=False):
 def test_a_gas_of_soft_elastic_balls_keeps_its_energy():
     run = jc.simulate(a_gas(1e9), 100.0)
     assert len(run.impacts) > 1000
-    ways = {jc.Way.CLOSED_FORM, jc.Way.CORRECTED, jc.Way.RADIAL, jc.Way.COUPLED}
-    assert set(run.impacts.way.tolist()) == ways
+    ways = {jc.SolvedBy.CLOSED_FORM, jc.SolvedBy.CORRECTED, jc.SolvedBy.RADIAL, jc.SolvedBy.COUPLED}
+    assert set(run.impacts.solved_by.tolist()) == ways
     assert abs(run.energy[-1] / run.energy[0] - 1) < GAS
 
 
@@ -153,8 +153,8 @@ def test_two_orders_and_a_mirror_of_the_same_scene_agree():
     run, turned, mirrored = (
         jc.simulate(a_gas(3e6, **how), 2.0) for how in ({}, {"turned": True}, {"mirrored": True})
     )
-    ways = {jc.Way.CLOSED_FORM, jc.Way.RADIAL, jc.Way.COUPLED}
-    assert set(run.impacts.way[:20].tolist()) == ways
+    ways = {jc.SolvedBy.CLOSED_FORM, jc.SolvedBy.RADIAL, jc.SolvedBy.COUPLED}
+    assert set(run.impacts.solved_by[:20].tolist()) == ways
     for other, order, sign in ((turned, -1, 1.0), (mirrored, 1, -1.0)):
         np.testing.assert_allclose(other.impacts.time[:20], run.impacts.time[:20], atol=1e-10)
         speed = np.asarray(other.impacts.closing_speed[:20])

@@ -29,7 +29,7 @@ def test_spheres_of_glass_and_of_aluminium():
     ]
     run = followed(balls, 0.1)
     hits = run.impacts.to_dict()
-    assert hits["way"].tolist() == [jc.Way.CLOSED_FORM] * 2
+    assert hits["solved_by"].tolist() == [jc.SolvedBy.CLOSED_FORM] * 2
     np.testing.assert_allclose(hits["max_force"], [10696.889, 11369.858], rtol=5e-8)
     np.testing.assert_allclose(hits["duration"], [4.03394557e-5, 7.31656641e-4], rtol=5e-9)
     np.testing.assert_allclose(run.velocity[-1, :3, 0], [-10.0, 10.0, 0.2], rtol=1e-12)
@@ -46,7 +46,7 @@ def test_the_hertz_chain():
     run = followed(balls, 0.01)
     speeds = [-0.0710850, -0.0302738, -0.0144636, 0.1270450, 0.9887774]
     np.testing.assert_allclose(run.velocity[-1, :, 0], speeds, atol=1e-7)
-    assert np.all(run.impacts.way == jc.Way.COUPLED)
+    assert np.all(run.impacts.solved_by == jc.SolvedBy.COUPLED)
     # The lost energy is that of the errors alone.
     np.testing.assert_allclose(run.energy[-1], run.energy[0], rtol=1e-8)
 

@@ -24,7 +24,7 @@ _HALF = 0.4 * _BETA
 """Duration of Hertz's compression in units of δ_max/v."""
 
 
-class Plastic(NamedTuple):
+class PlasticImpact(NamedTuple):
     """Contact time in s, largest force in N."""
 
     duration: Float[Array, "..."]
@@ -33,17 +33,19 @@ class Plastic(NamedTuple):
 
 def plastic_impact(
     yield_speed: Float[Array, ""], contact: Contact, velocity: Float[Array, " n"]
-) -> Plastic:
+) -> PlasticImpact:
     """Return the impacts at closing speeds (n,) in m/s of a contact with n = 3/2."""
     yields = velocity > yield_speed
     # Each branch gets numbers of its own side, so that derivatives stay finite. Speeds are
     # positive, so no root is taken of zero.
     slow = jnp.where(yields, yield_speed, velocity)
     deepest = _indentation(slow, contact)
-    elastic = Plastic(2 * _HALF * deepest / slow, contact.stiffness * deepest * jnp.sqrt(deepest))
+    elastic = PlasticImpact(
+        2 * _HALF * deepest / slow, contact.stiffness * deepest * jnp.sqrt(deepest)
+    )
     fast = jnp.where(yields, velocity, 2 * yield_speed)
     beyond = _beyond(yield_speed, contact, fast)
-    return Plastic(*(jnp.where(yields, *both) for both in zip(beyond, elastic, strict=True)))
+    return PlasticImpact(*(jnp.where(yields, *both) for both in zip(beyond, elastic, strict=True)))
 
 
 def _indentation(velocity: Float[Array, "..."], contact: Contact) -> Float[Array, "..."]:
@@ -53,7 +55,7 @@ def _indentation(velocity: Float[Array, "..."], contact: Contact) -> Float[Array
 
 def _beyond(
     yield_speed: Float[Array, ""], contact: Contact, velocity: Float[Array, " n"]
-) -> Plastic:
+) -> PlasticImpact:
     """Return impacts faster than the yield speed; δ = x δ_y."""
     ratio = yield_speed / velocity
     square = 1 / jnp.square(ratio)
@@ -70,4 +72,4 @@ def _beyond(
     frequency = jnp.sqrt(1.5 * contact.stiffness * jnp.sqrt(depth) / contact.mass)
     at_yield = jnp.sqrt(jnp.square(velocity) - jnp.square(yield_speed))
     to_turn = jnp.arctan(at_yield * frequency * contact.mass / force) / frequency
-    return Plastic(to_yield + to_turn + _HALF * recovered / rebound, largest)
+    return PlasticImpact(to_yield + to_turn + _HALF * recovered / rebound, largest)

@@ -71,7 +71,7 @@ def fit_velocity_profile(
         share = column(as_weights(weights), "weights", NOT_NEGATIVE, ("indentation", depth))
     _check_compression(depth, speed)
     u, v = depth / depth[-1], speed / speed[0]
-    profile, wanted, first = Profile(squares), v**2 if squares else v, {"beta": guess}
+    profile, wanted, first = SpeedProfile(squares), v**2 if squares else v, {"beta": guess}
     found = fit(profile, wanted, first, x=u, weights=share, transforms=Positive(), throw=False)
     reason = found.reason
     converged = found.converged and not (found.at_bound or found.unidentified)
@@ -83,7 +83,7 @@ def fit_velocity_profile(
     return VelocityProfile(beta, residual, converged, found.steps, reason, found)
 
 
-class Profile(eqx.Module):
+class SpeedProfile(eqx.Module):
     """δ'/v0, or its square, over δ/δ_m."""
 
     squared: bool = eqx.field(static=True)

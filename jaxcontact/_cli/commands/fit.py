@@ -17,7 +17,7 @@ from ..table import add_table_options, in_options
 
 if TYPE_CHECKING:
     from ..._fit import Fit
-    from ..._lab.recordings import Columns
+    from ..._lab.recordings import TableColumns
     from ..._laws import AbstractLaw
 
 SUMMARY = "parameters from a file of columns"
@@ -230,7 +230,7 @@ def _read_data(
     return read.source, values, notes
 
 
-def _without_marked(read: Columns) -> tuple[Mapping[str, Any], tuple[str, ...]]:
+def _without_marked(read: TableColumns) -> tuple[Mapping[str, Any], tuple[str, ...]]:
     """Return the columns without the rows that `calibrate` marks, and the notes."""
     import numpy as np
 

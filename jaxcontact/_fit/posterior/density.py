@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from ..._program import quick
 from ..problem.loss import shortened
-from ..problem.problem import Problem
+from ..problem.problem import FitProblem
 from .prior import Prior, curvature
 
 
@@ -30,7 +30,7 @@ class Density(eqx.Module):
     `free`, with a prior flat in ln σ; otherwise φ = θ and σ = 1.
     """
 
-    problem: Problem
+    problem: FitProblem
     prior: Prior
     free: bool = eqx.field(static=True)
 

@@ -24,7 +24,7 @@ class Point(NamedTuple):
     prediction: Float[Array, " n"]
 
 
-class Problem(eqx.Module):
+class FitProblem(eqx.Module):
     """A fit problem: the prediction, the space of its parameters, the data.
 
     Numbers are leaves, so that new ones do not recompile. The prediction is compared by identity,

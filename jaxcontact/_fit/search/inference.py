@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..problem.problem import Problem
+from ..problem.problem import FitProblem
 from ..problem.space import Space
-from .minimum import SINGULAR, Found
+from .minimum import SINGULAR, SearchEnd
 
 _PART = 1e-3
 """Relative component in an open direction above which a parameter is not identifiable.
@@ -54,7 +54,11 @@ class Inference(NamedTuple):
 
 
 def infer(
-    problem: Problem, found: Found, at_bound: np.ndarray, absolute: bool, groups: np.ndarray | None
+    problem: FitProblem,
+    found: SearchEnd,
+    at_bound: np.ndarray,
+    absolute: bool,
+    groups: np.ndarray | None,
 ) -> Inference:
     """Return Laplace's approximation Cov θ = s² (JᵀJ)⁻¹, converted to the parameters by dx/dθ.
 

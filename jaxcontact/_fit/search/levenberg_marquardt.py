@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..problem.problem import Point, Problem
+from ..problem.problem import FitProblem, Point
 from .trust_region import least_squares
 
 MOST_STEPS = 500
@@ -22,7 +22,7 @@ _LEVEL = 1e-12
 """Least relative decrease of the loss that a gradient method counts as gain."""
 
 
-class Options(NamedTuple):
+class SearchOptions(NamedTuple):
     """Search options: an optax `optimizer`, or None for Levenberg-Marquardt.
 
     `rtol` decides convergence; it is an array, so that another value does not recompile. `tell` is
@@ -53,21 +53,23 @@ class Path(NamedTuple):
     stopped: Bool[Array, ""]
 
 
-def search(problem: Problem, start: Float[Array, " k"], options: Options) -> tuple[Path, Point]:
+def search(
+    problem: FitProblem, start: Float[Array, " k"], options: SearchOptions
+) -> tuple[Path, Point]:
     """Minimise from `start` until the loss no longer falls, or for `max_steps`; return the end."""
     method = _levenberg_marquardt if options.optimizer is None else _gradient_descent
     return method(problem, start, options)
 
 
 def _levenberg_marquardt(
-    problem: Problem, start: Float[Array, " k"], options: Options
+    problem: FitProblem, start: Float[Array, " k"], options: SearchOptions
 ) -> tuple[Path, Point]:
     here, history, step, ended = least_squares(problem, start, options.max_steps, options.report)
     return Path(here.theta, history, step, ended), here.point
 
 
 def _gradient_descent(
-    problem: Problem, start: Float[Array, " k"], options: Options
+    problem: FitProblem, start: Float[Array, " k"], options: SearchOptions
 ) -> tuple[Path, Point]:
     import optax
 

@@ -12,8 +12,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._program import quick, soon_compiled
 from ..problem.loss import shortened, shortened_slope
-from ..problem.problem import Problem
-from .levenberg_marquardt import Options, search
+from ..problem.problem import FitProblem
+from .levenberg_marquardt import SearchOptions, search
 from .trust_region import scale_of
 
 SINGULAR = 1e-7
@@ -36,7 +36,7 @@ Numbers = Any
 """Arrays: of JAX while a search is compiled, of NumPy when its end is assessed."""
 
 
-class Found(NamedTuple):
+class SearchEnd(NamedTuple):
     """The end of a search: its `Path`, and the numbers at its last point.
 
     `z` are the standardised residuals, `jacobian` is dz/dθ, `values` are the parameters, and
@@ -62,18 +62,20 @@ class Found(NamedTuple):
         return abs(self.step) <= self.allowed
 
 
-def found_from(problem: Problem, start: Float[Array, " k"], options: Options) -> Found:
+def found_from(problem: FitProblem, start: Float[Array, " k"], options: SearchOptions) -> SearchEnd:
     """Search from `start`, and compute the distance of its end from a minimum."""
     return _assess(problem, _run_search(problem, start, options), options.rtol, jnp)
 
 
-def _run_search(problem: Problem, start: Float[Array, " k"], options: Options) -> Found:
+def _run_search(
+    problem: FitProblem, start: Float[Array, " k"], options: SearchOptions
+) -> SearchEnd:
     path, end = search(problem, start, options)
     values = problem.space.values(path.theta)
-    return Found(*path, path.theta[0], end.z, end.jacobian, values, end.prediction)
+    return SearchEnd(*path, path.theta[0], end.z, end.jacobian, values, end.prediction)
 
 
-def _assess(problem: Problem, found: Found, rtol: Float[Numbers, ""], xp: Any) -> Found:
+def _assess(problem: FitProblem, found: SearchEnd, rtol: Float[Numbers, ""], xp: Any) -> SearchEnd:
     loss = xp.sum(xp.square(shortened(found.z, problem.threshold, xp))) / 2
     return with_step(problem, found._replace(loss=loss), found.jacobian, rtol, xp)
 
@@ -87,7 +89,7 @@ _soon_compiled = soon_compiled(_run_search)
 _compiled_all = eqx.filter_jit(eqx.filter_vmap(_run_search, in_axes=(None, 0, None)))
 
 
-def find(problem: Problem, start: Float[np.ndarray, " k"], options: Options) -> Found:
+def find(problem: FitProblem, start: Float[np.ndarray, " k"], options: SearchOptions) -> SearchEnd:
     """Compile and run `found_from`; its end is assessed in NumPy, which is little work.
 
     A search over few points, or of a prediction with `is_formula`, runs so quickly that it is also
@@ -102,7 +104,9 @@ def find(problem: Problem, start: Float[np.ndarray, " k"], options: Options) -> 
         return _assess(in_numpy(problem), found, np.asarray(options.rtol), np)
 
 
-def find_all(problem: Problem, starts: Float[np.ndarray, "lanes k"], options: Options) -> Found:
+def find_all(
+    problem: FitProblem, starts: Float[np.ndarray, "lanes k"], options: SearchOptions
+) -> SearchEnd:
     """Return the ends of searches from many starts at once, with only their loss assessed."""
     found = in_numpy(_compiled_all(problem, jnp.asarray(starts), options))
     with np.errstate(all="ignore"):
@@ -116,11 +120,11 @@ def in_numpy(tree: Any) -> Any:
 
 
 @quick
-def _natural(problem: Problem, theta: Float[Array, " k"]) -> Float[Array, " k"]:
+def _natural(problem: FitProblem, theta: Float[Array, " k"]) -> Float[Array, " k"]:
     return scale_of(problem, problem.at(theta))
 
 
-def start_scale(problem: Problem, theta: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+def start_scale(problem: FitProblem, theta: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     """Return a large change of each free coordinate at the start, whatever its unit."""
     scale = np.where(problem.space.has_unit, 1.0, np.abs(theta))
     if (scale == 0).any():
@@ -129,18 +133,18 @@ def start_scale(problem: Problem, theta: Float[np.ndarray, " k"]) -> Float[np.nd
 
 
 @eqx.filter_jit
-def losses(problem: Problem, thetas: Float[Array, "lanes k"]) -> Float[Array, " lanes"]:
+def losses(problem: FitProblem, thetas: Float[Array, "lanes k"]) -> Float[Array, " lanes"]:
     """Return the loss at many points."""
     return jax.vmap(problem.loss)(thetas)
 
 
 def with_step(
-    problem: Problem,
-    found: Found,
+    problem: FitProblem,
+    found: SearchEnd,
     jacobian: Float[Numbers, "n k"],
     rtol: Float[Numbers, ""],
     xp: Any,
-) -> Found:
+) -> SearchEnd:
     """Return `found` with its remaining step by a Jacobian; zero columns hold coordinates.
 
     `xp` is JAX while it is compiled, otherwise NumPy.

@@ -6,9 +6,9 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..problem.problem import Problem
+from ..problem.problem import FitProblem
 from .inference import basis_of
-from .minimum import Found
+from .minimum import SearchEnd
 from .refit import AbstractErrors
 
 COMMON, BY_COLUMN = "common", "by column"
@@ -22,7 +22,7 @@ _LEAST = 1e-6
 """Least noise of a column relative to its scatter, which limits the weight of exact data."""
 
 
-def columns_of(problem: Problem, noise: str) -> Int[np.ndarray, " n"]:
+def columns_of(problem: FitProblem, noise: str) -> Int[np.ndarray, " n"]:
     """Return the number of the column of each point; zeros for common noise."""
     sizes = [int(np.prod(shape)) for shape in problem.shapes]
     numbers = np.arange(len(sizes)) * (noise == BY_COLUMN)
@@ -40,7 +40,7 @@ def refuse_between(
         )
 
 
-class ColumnErrors(AbstractErrors[Found, Problem]):
+class ColumnErrors(AbstractErrors[SearchEnd, FitProblem]):
     """The noise of each column, estimated with the fit; `settled` if it no longer changes.
 
     For squares: σ_c² = Σ_c r²/(n_c - Σ_c h), with h the leverage of each point in the fit with
@@ -50,14 +50,14 @@ class ColumnErrors(AbstractErrors[Found, Problem]):
 
     rounds = 30
 
-    def __init__(self, problem: Problem, columns: Int[np.ndarray, " n"]):
+    def __init__(self, problem: FitProblem, columns: Int[np.ndarray, " n"]):
         self.problem, self.columns, self.settled = problem, columns, False
         self._relative = np.asarray(problem.factor)
         used, count = self._relative > 0, int(columns.max()) + 1
         scatter = [_scatter(problem, used & (columns == c)) for c in range(count)]
         self._least, self._scale = np.array(scatter) * _LEAST, None
 
-    def estimate(self, found: Found) -> Problem | None:
+    def estimate(self, found: SearchEnd) -> FitProblem | None:
         """Return the problem with the weights of the new noise."""
         if not np.isfinite(found.loss):
             return None
@@ -76,7 +76,7 @@ class ColumnErrors(AbstractErrors[Found, Problem]):
 
 
 def _sizes(
-    problem: Problem, found: Found, columns: np.ndarray, used: np.ndarray
+    problem: FitProblem, found: SearchEnd, columns: np.ndarray, used: np.ndarray
 ) -> Float[np.ndarray, " columns"]:
     """Return the noise of each column in units of what the fit assumed."""
     count = int(columns.max()) + 1
@@ -91,6 +91,6 @@ def _sizes(
     return np.sqrt(np.where(free > _SAME, squares / np.maximum(free, _SAME), 0))
 
 
-def _scatter(problem: Problem, rows: np.ndarray) -> float:
+def _scatter(problem: FitProblem, rows: np.ndarray) -> float:
     """Return the scatter of the data of a column, in units of what the fit assumed."""
     return float(np.std(np.asarray(problem.y * problem.factor)[rows])) if rows.any() else 0.0

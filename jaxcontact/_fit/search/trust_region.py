@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..problem.loss import shortened, shortened_slope
-from ..problem.problem import Point, Problem
+from ..problem.problem import FitProblem, Point
 
 _TOLERANCE = 1e-13
 """Step relative to its coordinate, and relative fall of the loss, at convergence."""
@@ -77,11 +77,11 @@ class _Trial(NamedTuple):
 
 
 # Shapes are computed before the search: a compiled function is traced once for both.
-_point = eqx.filter_jit(Problem.at)
+_point = eqx.filter_jit(FitProblem.at)
 
 
 def least_squares(
-    problem: Problem,
+    problem: FitProblem,
     start: Float[Array, " k"],
     max_steps: int,
     report: Callable[[Array, Array], None],
@@ -145,14 +145,14 @@ def least_squares(
     return here, history, step, ended
 
 
-def _at(problem: Problem, theta: Float[Array, " k"], scale: Float[Array, " k"]) -> Here:
+def _at(problem: FitProblem, theta: Float[Array, " k"], scale: Float[Array, " k"]) -> Here:
     point = _point(problem, theta)
     slope = shortened_slope(point.z, point.jacobian, problem.threshold)
     longest = jnp.maximum(scale, jnp.linalg.norm(slope, axis=0))
     return Here(theta, point, shortened(point.z, problem.threshold), slope, longest)
 
 
-def _initial(problem: Problem, here: Here) -> tuple[Here, Float[Array, ""]]:
+def _initial(problem: FitProblem, here: Here) -> tuple[Here, Float[Array, ""]]:
     """Return the start of a search, and a first radius: each coordinate may change by its size.
 
     A logarithm or logit with little effect at the start must not run away. A change by 1 therefore
@@ -165,11 +165,11 @@ def _initial(problem: Problem, here: Here) -> tuple[Here, Float[Array, ""]]:
     return here._replace(scale=scale), jnp.linalg.norm(scale * size)
 
 
-def _sizes(problem: Problem, here: Here) -> Float[Array, " k"]:
+def _sizes(problem: FitProblem, here: Here) -> Float[Array, " k"]:
     return jnp.where(problem.space.has_unit, 1, jnp.abs(here.theta))
 
 
-def scale_of(problem: Problem, point: Point) -> Float[Array, " k"]:
+def scale_of(problem: FitProblem, point: Point) -> Float[Array, " k"]:
     """Return the change of each free coordinate that moves the prediction by the size of the data.
 
     Logarithms and logits have their own unit, which is 1.
@@ -180,18 +180,18 @@ def scale_of(problem: Problem, point: Point) -> Float[Array, " k"]:
     return jnp.where(problem.space.has_unit, 1, change)
 
 
-def _unit(problem: Problem, point: Point) -> Float[Array, ""]:
+def _unit(problem: FitProblem, point: Point) -> Float[Array, ""]:
     data = _size(problem, problem.y * problem.factor)
     return _positive(jnp.where(data > 0, data, _size(problem, point.z)))
 
 
-def _blur(problem: Problem, here: Here) -> Float[Array, ""]:
+def _blur(problem: FitProblem, here: Here) -> Float[Array, ""]:
     """Return the rounding of all residuals together."""
     terms = jnp.abs(problem.y) + jnp.abs(here.point.prediction)
     return _EPS * _size(problem, problem.factor * terms)
 
 
-def _size(problem: Problem, values: Float[Array, " n"]) -> Float[Array, ""]:
+def _size(problem: FitProblem, values: Float[Array, " n"]) -> Float[Array, ""]:
     return jnp.linalg.norm(jnp.where(problem.factor > 0, values, 0))
 
 

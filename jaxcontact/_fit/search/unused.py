@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..checks import listed
-from ..problem.problem import Problem, evaluated
-from .minimum import Found
+from ..problem.problem import FitProblem, evaluated
+from .minimum import SearchEnd
 
 
-def refuse_unused(problem: Problem, found: Found) -> None:
+def refuse_unused(problem: FitProblem, found: SearchEnd) -> None:
     """Raise ValueError for numbers of the start that do not enter the prediction.
 
     A number whose derivative alone vanishes is not identifiable, which is not a mistake.

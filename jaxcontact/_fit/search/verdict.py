@@ -5,10 +5,10 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from ..problem.problem import Problem
+from ..problem.problem import FitProblem
 from ..problem.space import Space
 from .inference import Direction
-from .minimum import Found, losses, start_scale
+from .minimum import SearchEnd, losses, start_scale
 
 AT_BOUND = "at the bound"
 """Ending of the reason if parameters ran to a bound."""
@@ -35,7 +35,7 @@ _ROUNDING = 16 * float(np.finfo(float).eps)
 """Rounding of a residual, relative to the terms of its difference."""
 
 
-def at_bound_of(space: Space, found: Found, start: np.ndarray, used: np.ndarray) -> np.ndarray:
+def at_bound_of(space: Space, found: SearchEnd, start: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Return which parameters have run to an end of their interval.
 
     A wide interval may hold a well-determined value near its end, so nearness alone is not enough.
@@ -63,7 +63,7 @@ def creeping(space: Space, step: np.ndarray) -> np.ndarray:
 
 
 def falling(
-    problem: Problem, found: Found, start: np.ndarray, directions: tuple[Direction, ...]
+    problem: FitProblem, found: SearchEnd, start: np.ndarray, directions: tuple[Direction, ...]
 ) -> Direction | None:
     """Return a flat direction along which the loss still falls, so the end is not a minimum."""
     if not directions:
@@ -85,7 +85,7 @@ def falling(
     return directions[int(np.argmax(falls))] if falls.any() else None
 
 
-def verdict(found: Found, at_bound: np.ndarray, space: Space, most: int) -> tuple[bool, str]:
+def verdict(found: SearchEnd, at_bound: np.ndarray, space: Space, most: int) -> tuple[bool, str]:
     """Return whether the search converged, and the reason in words."""
     if not (np.isfinite(found.loss) and np.isfinite(found.jacobian).all()):
         return False, "the prediction is not finite there"

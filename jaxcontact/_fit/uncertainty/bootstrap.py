@@ -12,9 +12,9 @@ from jaxtyping import Array, Float
 
 from ..._entry import FRACTION, require_count, require_number
 from ..data import FitData
-from ..problem.problem import Problem
-from ..search.levenberg_marquardt import Options
-from ..search.minimum import Found, found_from
+from ..problem.problem import FitProblem
+from ..search.levenberg_marquardt import SearchOptions
+from ..search.minimum import SearchEnd, found_from
 
 _STEPS = 100
 
@@ -78,7 +78,7 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
             shared = jax.random.normal(key, (draws, root.shape[1])) @ root.T
             used = np.flatnonzero(fit.problem.factor)
             noise = noise.at[:, used].set(noise[:, used] * np.sqrt(size)[None, :] + shared)
-        options = Options(jnp.asarray(fit._rtol), max_steps=_STEPS)
+        options = SearchOptions(jnp.asarray(fit._rtol), max_steps=_STEPS)
         found = _refits(fit.problem, jnp.asarray(fit._theta), noise, options)
         good = jnp.all(found.still, axis=1) & jnp.isfinite(found.loss)
     return Bootstrap(fit.names, np.asarray(found.values), np.asarray(good))
@@ -86,12 +86,15 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
 
 @eqx.filter_jit
 def _refits(
-    problem: Problem, theta: Float[Array, " k"], noise: Float[Array, "draws n"], options: Options
-) -> Found:
+    problem: FitProblem,
+    theta: Float[Array, " k"],
+    noise: Float[Array, "draws n"],
+    options: SearchOptions,
+) -> SearchEnd:
     used = problem.factor > 0
     clean = problem.prediction(theta)
 
-    def one(noise: Float[Array, " n"]) -> Found:
+    def one(noise: Float[Array, " n"]) -> SearchEnd:
         if problem.whitener is not None:
             noise = jax.scipy.linalg.solve_triangular(problem.whitener, noise, lower=True)
         y = clean + jnp.where(used, noise / jnp.where(used, problem.factor, 1), 0)

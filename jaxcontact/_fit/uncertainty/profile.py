@@ -23,8 +23,8 @@ from ..._entry import (
 )
 from ..._program import quick
 from ..data import FitData
-from ..problem.problem import Problem
-from ..search.levenberg_marquardt import Options
+from ..problem.problem import FitProblem
+from ..search.levenberg_marquardt import SearchOptions
 from ..search.minimum import found_from
 from ..search.verdict import creeping
 
@@ -159,17 +159,17 @@ def held_at(
 
 def _refit(fit: FitData, held: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, ...]:
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        options = Options(jnp.asarray(fit._rtol), max_steps=_STEPS)
+        options = SearchOptions(jnp.asarray(fit._rtol), max_steps=_STEPS)
         found = _held(fit.problem, jnp.asarray(held), jnp.asarray(starts), options)
     return tuple(map(np.asarray, found))
 
 
 @quick
 def _held(
-    problem: Problem,
+    problem: FitProblem,
     held: Float[Array, "lanes k"],
     starts: Float[Array, "lanes k"],
-    options: Options,
+    options: SearchOptions,
 ) -> tuple[Float[Array, " lanes"], Bool[Array, " lanes"], Float[Array, "lanes k"]]:
     """Return the losses, which of them have converged, and the remaining steps."""
 

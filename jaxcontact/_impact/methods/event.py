@@ -14,9 +14,9 @@ import numpy as np
 
 from ..._entry import require_kind
 from ..._forms import AbstractForm, ScaledImpact
-from ..._solver.lanes import MANY
+from ..._solver.few_or_many import MANY
+from ..derivatives import over_lanes, with_sensitivity
 from ..front_door import Lanes
-from ..lanes import over_lanes, with_sensitivity
 from ..motion.motion import Motion
 from .method import AbstractMethod, count_field, tolerance_field
 

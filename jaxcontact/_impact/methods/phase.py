@@ -19,8 +19,8 @@ from ..._forms import AbstractForm, Flag, ScaledImpact
 from ..._functions import varying
 from ..._solver import Moment
 from ..._solver.runge_kutta import step_with_error, tableau
+from ..derivatives import over_lanes, with_sensitivity
 from ..front_door import Lanes
-from ..lanes import over_lanes, with_sensitivity
 from ..motion.balance import balance_of
 from ..motion.motion import Motion, Number, State
 from ..motion.peak import largest_force

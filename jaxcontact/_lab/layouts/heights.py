@@ -113,7 +113,7 @@ E = Meaning(
 
 
 @dataclasses.dataclass(frozen=True)
-class Point(Record):
+class MeasuredRestitution(Record):
     """A restitution measured at a known approach speed in m/s, and its standard deviation."""
 
     velocity: float
@@ -126,7 +126,7 @@ SIGMA_E = deviation_of(
 )
 
 
-class Table(Layout[Point]):
+class RestitutionTable(Layout[MeasuredRestitution]):
     """Rows of approach speed and restitution, used unchanged; a column `ball` is optional."""
 
     name = "table"
@@ -138,9 +138,9 @@ class Table(Layout[Point]):
     made_of = "rows of speed and restitution"
     pair_words = ("pair of speed and restitution", "pairs of speed and restitution")
 
-    def read(self, rows: Sequence[Row]) -> list[Point]:
+    def read(self, rows: Sequence[Row]) -> list[MeasuredRestitution]:
         there = [name for name in (*self.measured, "sigma") if rows and name in rows[0].values]
-        points = [Point(*row.place, *map(row.positive, there)) for row in rows]
+        points = [MeasuredRestitution(*row.place, *map(row.positive, there)) for row in rows]
         e = np.array([point.restitution for point in points])
         if (high := e > MEASURED_RESTITUTION.high).any():
             i = int(np.argmax(high))
@@ -152,16 +152,18 @@ class Table(Layout[Point]):
             rows[i].refuse("restitution", f"{e[i]:g} is above 1.2, the largest plausible e{guess}")
         return points
 
-    def facts(self, records: Sequence[Point]) -> Mapping[str, str]:
+    def facts(self, records: Sequence[MeasuredRestitution]) -> Mapping[str, str]:
         return {
             "speeds": span([record.velocity for record in records], "m/s"),
             "restitutions": span([record.restitution for record in records]),
         }
 
-    def notes(self, records: Sequence[Point]) -> tuple[str, ...]:
+    def notes(self, records: Sequence[MeasuredRestitution]) -> tuple[str, ...]:
         return (FROM_FILE,) if records and records[0].sigma is not None else ()
 
-    def pair(self, records: Sequence[Point], flight: Flight) -> Paired[Point]:
+    def pair(
+        self, records: Sequence[MeasuredRestitution], flight: Flight
+    ) -> Paired[MeasuredRestitution]:
         velocity, restitution = np.array([(one.velocity, one.restitution) for one in records]).T
         sigma = np.array([one.sigma for one in records if one.sigma is not None])
         return Paired(

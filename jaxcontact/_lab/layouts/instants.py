@@ -28,7 +28,7 @@ _BOUNCE = re.compile(r"\W*(bounce|impact|hit|touch|contact|click|knock|new point
 
 
 @dataclasses.dataclass(frozen=True)
-class Between(Interval):
+class NotedInterval(Interval):
     """The time between two bounces, and a note on the `others`, which are not bounces."""
 
     others: str
@@ -98,14 +98,16 @@ class Instants(Intervals):
                     continue
                 if two == one + 1:
                     name = trial if drop == 1 else f"{trial}, {drop}"
-                    records.append(Between(ball, row.number, height, name, one, seconds, others))
+                    records.append(
+                        NotedInterval(ball, row.number, height, name, one, seconds, others)
+                    )
                 last = seconds
         if rows:
             self.check(rows, records, "bounce_time_s")
         return records
 
     def notes(self, records: Sequence[Interval]) -> tuple[str, ...]:
-        told = {one.others for one in records if isinstance(one, Between) and one.others}
+        told = {one.others for one in records if isinstance(one, NotedInterval) and one.others}
         paused = len({one.trial for one in records if ", " in one.trial})
         return (
             *told,

@@ -24,7 +24,7 @@ _FEWEST = 3 * LEAST_READINGS
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Impact(Record):
+class RecordedImpact(Record):
     """One impact in a record: its `number`, from 1, and the `trace` that holds it.
 
     `touch`, `end` (both approximate) and the window [start, stop) are in numbers of readings.
@@ -58,7 +58,7 @@ class Impact(Record):
         return (self.end - self.touch) * self.trace.step
 
 
-class Records(Layout[Impact]):
+class Records(Layout[RecordedImpact]):
     """Readings of an instrument over time while bodies collide.
 
     Impacts are separated, and each is fitted with its time of touch and zero level. A subclass
@@ -87,7 +87,7 @@ class Records(Layout[Impact]):
     def at_rate(self, rate: float | None) -> Records:
         return self  # its times already include the rate
 
-    def read(self, rows: Sequence[Row]) -> list[Impact]:
+    def read(self, rows: Sequence[Row]) -> list[RecordedImpact]:
         clock, value = column_of(rows, "time"), column_of(rows, self.quantity)
         time, notes = even(rows, clock)
         if time.size < _FEWEST:
@@ -100,7 +100,7 @@ class Records(Layout[Impact]):
         if not cuts:
             self._refuse(rows, trace)
         return [
-            Impact("", rows[round(one.touch)].number, k, trace, *one[:2], *one[3:])
+            RecordedImpact("", rows[round(one.touch)].number, k, trace, *one[:2], *one[3:])
             for k, one in enumerate(cuts, 1)
         ]
 
@@ -125,7 +125,7 @@ class Records(Layout[Impact]):
                 )
         rows[0].refuse(self.quantity, problem)
 
-    def facts(self, records: Sequence[Impact]) -> Mapping[str, str]:
+    def facts(self, records: Sequence[RecordedImpact]) -> Mapping[str, str]:
         trace, durations = records[0].trace, [1e3 * one.duration for one in records]
         return {
             "rows": str(trace.time.size),
@@ -134,7 +134,7 @@ class Records(Layout[Impact]):
             "largest": shown(self.quantity, max(float(r.reading.max()) for r in records)),
         }
 
-    def notes(self, records: Sequence[Impact]) -> tuple[str, ...]:
+    def notes(self, records: Sequence[RecordedImpact]) -> tuple[str, ...]:
         trace = records[0].trace
         per = span([one.duration / trace.step for one in records], "readings each")
         times = ", ".join(f"{one.time[0]:.4g}" for one in records[:_SHOWN])
@@ -152,7 +152,7 @@ class Records(Layout[Impact]):
             notes.append(f"doubtful and not used: {len(trace.doubtful)} ({told}{more})")
         return tuple(notes)
 
-    def pair(self, records: Sequence[Impact], flight: Flight) -> Paired[Impact]:
+    def pair(self, records: Sequence[RecordedImpact], flight: Flight) -> Paired[RecordedImpact]:
         raise RecordingError(
             "holds records of impacts, whose e needs a fit; use `calibrate(recording, mass=...)`",
             "the recording",

@@ -9,7 +9,7 @@ import numpy as np
 from ..._entry import rendered
 from ...plot._drawing.axes import axes_for, axes_of
 from ..calibration.calibrate import Calibration
-from ..recordings import Impact, Recording
+from ..recordings import RecordedImpact, Recording
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +35,7 @@ def record(recording: Recording | Calibration, *, ax: Any = None) -> Any:
     and for invalid axes.
     """
     fits = recording.impact_fits if isinstance(recording, Calibration) else ()
-    impacts: list[Impact] = []
+    impacts: list[RecordedImpact] = []
     if isinstance(recording, Calibration):
         impacts = [one.impact for one in fits]
     elif isinstance(recording, Recording) and recording.layout.fitted:
@@ -57,7 +57,7 @@ def record(recording: Recording | Calibration, *, ax: Any = None) -> Any:
     return np.array([above, below])
 
 
-def _whole(ax: Axes, impacts: list[Impact]) -> Axes:
+def _whole(ax: Axes, impacts: list[RecordedImpact]) -> Axes:
     trace = impacts[0].trace
     width = max(-(-trace.time.size // (_POINTS // 2)), 1)
     at = np.arange(0, trace.time.size, width)

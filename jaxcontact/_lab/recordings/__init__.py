@@ -1,9 +1,9 @@
 """Recordings of bouncing balls: reading them, and pairs of speed and restitution."""
 
-from ..layouts.heights import Heights, Table
+from ..layouts.heights import Heights, RestitutionTable
 from ..layouts.instants import Instants
 from ..layouts.instrument import Accelerations, Forces, Indentations
-from ..layouts.instrument import Impact as Impact
+from ..layouts.instrument import RecordedImpact as RecordedImpact
 from ..layouts.intervals import Intervals
 from ..layouts.layout import LAYOUTS as LAYOUTS
 from ..layouts.layout import Layout as Layout
@@ -21,11 +21,11 @@ from .recording import Recording as Recording
 from .recording import read_recording as read_recording
 from .samples import Samples
 from .table_columns import COLUMNS as COLUMNS
-from .table_columns import Columns as Columns
+from .table_columns import TableColumns as TableColumns
 from .table_columns import read_columns as read_columns
 
 for _layout_class in (
-    *(Intervals, Heights, Stops, Table, Speeds),
+    *(Intervals, Heights, Stops, RestitutionTable, Speeds),
     # With forces, y is a position on the plate; with positions, accelerations are derived.
     *(Forces, Tracks, Peaks, Accelerations, Indentations, Samples),
     # Beside any quantity measured over time, times are not bounces.

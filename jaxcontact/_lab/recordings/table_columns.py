@@ -47,7 +47,7 @@ COLUMNS: Mapping[str, Meaning] = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Columns:
+class TableColumns:
     """Columns in SI units by name, all of shape (n,); NaN for empty cells.
 
     `source` is their origin, `notes` say how they were read, and `rows` (n,) are their rows in it.
@@ -67,7 +67,7 @@ def read_columns(
     columns: Any = None,
     decimal: str | None = None,
     ball: str | None = None,
-) -> Columns:
+) -> TableColumns:
     """Read those of the columns `names` (of `COLUMNS`) that a table has; `needed` ones must exist.
 
     `source`, `columns`, `decimal` and `ball` as in `read_recording`. Raises RecordingError and
@@ -110,7 +110,7 @@ def read_columns(
     unused = unused_notes(sheet.names, found.places)
     own = [FROM_FILE] * ("sigma" in found.places)
     notes = (*found.notes(), *sheet.notes, *own, *unused)
-    return Columns(sheet.source, values, notes, tuple(row.number for row in rows))
+    return TableColumns(sheet.source, values, notes, tuple(row.number for row in rows))
 
 
 def _of_ball(sheet: Sheet, rows: list[Row], ball: str | None) -> list[Row]:

@@ -18,7 +18,7 @@ from ..._contact import EXPONENT, Contact
 from ..._entry import rendered, require_number
 from ..._flight import STANDARD_GRAVITY, Flight
 from ..calibration.summary_data import ImpactSummary
-from ..recordings import Impact, RecordedPairs, Recording, RecordingError
+from ..recordings import RecordedImpact, RecordedPairs, Recording, RecordingError
 from .one_impact import ImpactFit, fitted_impact, with_free_exponent
 
 _AT_REST = 10
@@ -54,7 +54,7 @@ def fitted_impacts(
     """
     good: list[ImpactFit] = []
     bad: list[str] = []
-    records: list[Impact] = list(recording.records)  # pyright: ignore[reportAssignmentType]
+    records: list[RecordedImpact] = list(recording.records)  # pyright: ignore[reportAssignmentType]
     for one in records:
         tell(f"fitting impact {one.number} of {len(records)}")
         made = fitted_impact(one, contact)
@@ -145,7 +145,7 @@ def require_mass(recording: Recording, mass: float | None, stiffness: float | No
 
 def _weight(recording: Recording) -> str:
     """Return a note on the weight of a body resting on the force plate at the end, or ""."""
-    impacts: list[Impact] = list(recording.records)  # pyright: ignore[reportAssignmentType]
+    impacts: list[RecordedImpact] = list(recording.records)  # pyright: ignore[reportAssignmentType]
     first, trace = impacts[0], impacts[0].trace
     if trace.quantity != "force":
         return ""

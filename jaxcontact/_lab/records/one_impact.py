@@ -17,7 +17,7 @@ from ..._contact import Contact
 from ..._fit import Fit
 from ..._impact import impact
 from ..._laws import Damped
-from ..recordings import Impact
+from ..recordings import RecordedImpact
 from .fit_record import fit_record
 from .saturation import limits_of
 
@@ -34,7 +34,7 @@ _WRONG = 0.01
 OUTCOMES = "restitution", "duration", "max_force"
 
 
-class Outcome(NamedTuple):
+class FittedNumber(NamedTuple):
     """A number of one impact and its standard error."""
 
     value: float
@@ -51,15 +51,15 @@ class ImpactFit:
     force, at the fitted speed.
     """
 
-    impact: Impact
+    impact: RecordedImpact
     fit: Fit
     time: Float[np.ndarray, " n"]
     reading: Float[np.ndarray, " n"]
-    velocity: Outcome
-    restitution: Outcome
-    duration: Outcome
-    max_force: Outcome
-    stiffness: Outcome
+    velocity: FittedNumber
+    restitution: FittedNumber
+    duration: FittedNumber
+    max_force: FittedNumber
+    stiffness: FittedNumber
     covariance: Float[np.ndarray, "2 2"]
 
     @property
@@ -74,7 +74,7 @@ class ImpactFit:
         return float(self.fit.params.start_time)
 
 
-def fitted_impact(one: Impact, contact: Contact) -> ImpactFit | str:
+def fitted_impact(one: RecordedImpact, contact: Contact) -> ImpactFit | str:
     """Fit an impact with mass and exponent of `contact`; return the reason on failure."""
     time, reading = _shorten(one)
     mass = float(contact.mass)
@@ -95,7 +95,7 @@ def fitted_impact(one: Impact, contact: Contact) -> ImpactFit | str:
     logs, slope = np.asarray(logs), np.asarray(slope)
     errors = np.sqrt(np.diag(slope @ covariance @ slope.T))
     numbers = [
-        Outcome(float(math.exp(a)), float(math.exp(a) * s))
+        FittedNumber(float(math.exp(a)), float(math.exp(a) * s))
         for a, s in zip(logs, errors, strict=True)
     ]
     if numbers[0].value > MEASURED_RESTITUTION.high:
@@ -112,11 +112,11 @@ def fitted_impact(one: Impact, contact: Contact) -> ImpactFit | str:
         found,
         time,
         reading / scale,
-        velocity=Outcome(float(point[2]), float(error[2])),
+        velocity=FittedNumber(float(point[2]), float(error[2])),
         restitution=numbers[0],
         duration=numbers[1],
         max_force=numbers[2],
-        stiffness=Outcome(float(point[1]), float(error[1])),
+        stiffness=FittedNumber(float(point[1]), float(error[1])),
         covariance=ahead @ covariance @ ahead.T,
     )
 
@@ -135,7 +135,7 @@ def _outcomes(
     return logs(point), jax.jacfwd(logs)(point)
 
 
-def _shorten(one: Impact) -> tuple[np.ndarray, np.ndarray]:
+def _shorten(one: RecordedImpact) -> tuple[np.ndarray, np.ndarray]:
     """Return the window of an impact, averaged down if it is longer than a fit takes."""
     time, reading = one.time, one.reading
     width = math.ceil(time.size / _LENGTH)
@@ -149,7 +149,7 @@ def _shorten(one: Impact) -> tuple[np.ndarray, np.ndarray]:
     return tuple(means)  # pyright: ignore[reportReturnType]
 
 
-def _column(one: Impact, mass: float) -> tuple[str, float]:
+def _column(one: RecordedImpact, mass: float) -> tuple[str, float]:
     """Return the argument of `fit_record` for the quantity, and the factor for the readings."""
     quantity = one.trace.quantity
     column = "indentation" if quantity == "indentation" else "force"
@@ -163,7 +163,7 @@ class _Start(NamedTuple):
     time: float
 
 
-def _start(one: Impact, time: np.ndarray, reading: np.ndarray, contact: Contact) -> _Start:
+def _start(one: RecordedImpact, time: np.ndarray, reading: np.ndarray, contact: Contact) -> _Start:
     """Return the start of a fit from the impulse and its centre.
 
     It uses m v₀ T = ∫ F (T - t) dt and e = t̄/(T - t̄).

@@ -5,7 +5,7 @@
 
 from .audio import SoundError as SoundError
 from .audio import is_sound as is_sound
-from .heard import Bounce as Bounce
 from .heard import Envelope as Envelope
+from .heard import HeardBounce as HeardBounce
 from .heard import Other as Other
 from .heard import Sound as Sound

@@ -20,7 +20,7 @@ class Envelope(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Bounce:
+class HeardBounce:
     """One impact: its `number` in the drop, from 1, and its `time` with standard `error` in s.
 
     `level` is its level over the noise in dB.
@@ -56,6 +56,6 @@ class Sound:
     words: str
     seconds: float
     channel: int
-    drops: tuple[tuple[Bounce, ...], ...]
+    drops: tuple[tuple[HeardBounce, ...], ...]
     others: tuple[Other, ...]
     envelope: Envelope

@@ -9,7 +9,7 @@ import numpy as np
 
 from .audio import Audio, SoundError, open_sound
 from .background import Whitener, whiteners
-from .heard import Bounce, Other, Sound
+from .heard import HeardBounce, Other, Sound
 from .rises import Rises, envelopes, rises_of
 from .series import LEAST_BOUNCES, SHORTEST, Series, best_series
 from .timing import CLEAR, Shape, Timed, find, timed
@@ -80,7 +80,7 @@ def listen(source: pathlib.Path | bytes | Audio) -> Sound:
 
 def _drops(
     audio: Audio, filters: Whitener, rises: Rises
-) -> tuple[tuple[tuple[Bounce, ...], ...], tuple[Other, ...]]:
+) -> tuple[tuple[tuple[HeardBounce, ...], ...], tuple[Other, ...]]:
     """Find the clearest drop first, then others, and return them in order of time."""
     left, drops, others, spans = rises, [], [], []
     tries = _TRIES
@@ -113,7 +113,7 @@ def _drops(
 
 def _drop(
     filters: Whitener, rises: Rises, series: Series
-) -> tuple[tuple[Bounce, ...], list[Other]]:
+) -> tuple[tuple[HeardBounce, ...], list[Other]]:
     """Return the bounces of a series at refined times, adding weaker ones at expected times."""
     place = list(series.place)
     near = [float(t) for t in rises.time[place]]
@@ -156,7 +156,7 @@ def _drop(
             doubtful.append(Other(one.time, _level(one), why, doubtful=True))
     first = min(good, default=1)
     drop = tuple(
-        Bounce(number - first + 1, one.time, one.error, _level(one))
+        HeardBounce(number - first + 1, one.time, one.error, _level(one))
         for number, one in sorted(good.items())
     )
     return drop, doubtful

@@ -46,14 +46,14 @@ class _Part(NamedTuple):
     share: float
 
 
-class Found(NamedTuple):
+class FoundDrops(NamedTuple):
     """Guesses of the drops, and the times of lowest points that belong to none of them."""
 
     guesses: list[Guess]
     others: list[float]
 
 
-def find(time: Floats, height: Floats) -> Found:
+def find(time: Floats, height: Floats) -> FoundDrops:
     """Find the drops in a track whose heights (n,) increase upwards."""
     noise = noise_of(height)
     good = _without_spikes(time, height, noise)
@@ -67,14 +67,14 @@ def find(time: Floats, height: Floats) -> Found:
         if fall is None:
             fall = _fall_of_one(time, height, good, lows, noise)
         if fall is None:
-            return Found([], [float(time[k]) for k in lows])
+            return FoundDrops([], [float(time[k]) for k in lows])
         # A point that a ball passes without turning is not an impact.
         bad = [k for k in lows if not _turns(time, height, good, lows, k, fall)]
         if not bad:
             break
         lows = [k for k in lows if k not in bad]
         if not lows:
-            return Found([], [])
+            return FoundDrops([], [])
     guesses, taken = [], set()
     inner = parts[1:-1]
     usual = float(np.median([p.noise for p in inner if _fits(p, fall)] or [noise]))
@@ -83,7 +83,7 @@ def find(time: Floats, height: Floats) -> Found:
         if made is not None:
             guesses.append(made)
             taken.update(run)
-    return Found(guesses, [float(time[k]) for k in lows if k not in taken])
+    return FoundDrops(guesses, [float(time[k]) for k in lows if k not in taken])
 
 
 def noise_of(height: Floats) -> float:

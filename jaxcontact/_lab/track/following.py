@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from .finding import Found, find, noise_of
+from .finding import FoundDrops, find, noise_of
 from .fitting import LEAST_FRAMES, fit_drop
 from .seen import Drop, Frames, Skipped, Track
 
@@ -43,7 +43,7 @@ def _count(track: Track) -> int:
     return sum(int(drop.used.sum()) for drop in track.drops)
 
 
-def _fit_drops(frames: Frames, found: Found) -> Track:
+def _fit_drops(frames: Frames, found: FoundDrops) -> Track:
     drops: list[Drop] = []
     skipped = [Skipped(time, "no flights on both sides") for time in found.others]
     for guess in found.guesses:

@@ -180,7 +180,7 @@ class Model:
         return vector[at] + (vector[at + 1] - vector[at]) * part, slope
 
 
-class _Way(NamedTuple):
+class _FlightFraction(NamedTuple):
     """The fraction of its flight that a ball has completed along the floor, and the derivatives."""
 
     value: Floats
@@ -190,9 +190,9 @@ class _Way(NamedTuple):
     by_beta: Floats
 
 
-def _way(time: Floats, start: Floats, end: Floats, beta: float) -> _Way:
+def _way(time: Floats, start: Floats, end: Floats, beta: float) -> _FlightFraction:
     since, whole = time - start, end - start
     more, by_since, by_whole = lagging(since, whole)
     by_time = 1 / whole + beta * by_since
     by_end = -since / whole**2 + beta * by_whole
-    return _Way(since / whole + beta * more, by_time, -by_time - by_end, by_end, more)
+    return _FlightFraction(since / whole + beta * more, by_time, -by_time - by_end, by_end, more)

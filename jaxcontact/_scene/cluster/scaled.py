@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..._contact import Contact
-from ..._impact.lanes import with_sensitivity
+from ..._impact.derivatives import with_sensitivity
 from ..._laws import AbstractLaw
 from ..arrays.rows import rows_of
 from ..scalars import Flag, Number

@@ -18,7 +18,7 @@ from ..._program import Found, Map, derived, outside, quick, traced
 from ..arrays.arrays import Numbers, SceneLayout
 from ..engine.log import LogNumbers, LoopOutcome
 from ..engine.state import Rules
-from ..result import Way
+from ..result import SolvedBy
 from .replay import chain_matrices, push_tangents
 from .slopes import Kept, Matrices, matrices
 
@@ -45,8 +45,8 @@ def differentiable_run(
         rules, outcome = from_python(inputs)
         if beneath:
             outcome = _shorten(outcome)
-        way = np.asarray(outcome.log.figures.outcome.way)[: int(outcome.written)]
-        return Found((arrays, outcome), (rules, not np.any(way == Way.RADIAL)))
+        way = np.asarray(outcome.log.figures.outcome.solved_by)[: int(outcome.written)]
+        return Found((arrays, outcome), (rules, not np.any(way == SolvedBy.RADIAL)))
 
     def slopes(scene: RunInputs, found: Found) -> Callable[[Any], Any]:
         rules, by_formula = found.choice

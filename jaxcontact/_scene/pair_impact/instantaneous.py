@@ -16,7 +16,7 @@ from ..arrays.arrays import Numbers, SceneLayout, restitution_of
 from ..arrays.flight import Flying, at_once
 from ..arrays.rows import rows_of
 from ..bodies.side import side
-from ..result import Way
+from ..result import SolvedBy
 from ..scalars import Flag, Index, Number
 
 Lane = Float[Array, "..."]
@@ -40,8 +40,8 @@ class Choice(NamedTuple):
 
 class ImpactOutcome(NamedTuple):
     """The outcome of an impact: the two bodies after it, each at its own time, and its numbers.
-    `wall_work` in J is the work of a moving wall or fixed sphere on the body. `way` and `status` (a
-    `Status`) are whole numbers.
+    `wall_work` in J is the work of a moving wall or fixed sphere on the body. `solved_by` and
+    `status` (a `Status`) are whole numbers.
     """
 
     after: Flying
@@ -54,7 +54,7 @@ class ImpactOutcome(NamedTuple):
     turn: Lane
     error: Lane
     wall_work: Lane
-    way: Lane
+    solved_by: Lane
     status: Lane
 
 
@@ -164,7 +164,7 @@ def hit(layout: SceneLayout, numbers: Numbers, before: Flying, choice: Choice) -
     push = impulse * meeting.normal
     sign = jnp.asarray([1.0, -1.0], numbers.dtype)
     velocity = meeting.flying.velocity + (sign * inverse)[:, None] * push[None]
-    way = jnp.where(choice.tail, int(Way.SERIES), int(Way.INSTANTANEOUS))
+    way = jnp.where(choice.tail, int(SolvedBy.SERIES), int(SolvedBy.INSTANTANEOUS))
     return ImpactOutcome(
         after=Flying(meeting.flying.position, velocity, meeting.flying.time),
         time=meeting.time,
@@ -177,7 +177,7 @@ def hit(layout: SceneLayout, numbers: Numbers, before: Flying, choice: Choice) -
         error=jnp.zeros_like(closing),
         wall_work=impulse * meeting.driven
         + driven_work(layout, numbers, choice, meeting, velocity),
-        way=way.astype(closing.dtype),
+        solved_by=way.astype(closing.dtype),
         status=jnp.zeros_like(closing),
     )
 

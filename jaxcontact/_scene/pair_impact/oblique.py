@@ -12,14 +12,14 @@ from ..._contact import Contact
 from ..._entry import POSITIVE, Specialised
 from ..._forms import AbstractForm, Change, ScaledImpact
 from ..._impact import Status
+from ..._impact.derivatives import with_sensitivity
 from ..._impact.front_door import lanes_of, problem_of, uniform
-from ..._impact.lanes import with_sensitivity
 from ..._laws import AbstractLaw
 from ..scalars import Flag, Index, Number
 from .radial import Radial, RadialOutcome, solve_radial
 
 CLOSED_FORM, CORRECTED, RADIAL = range(3)
-"""The values of `ObliqueRebound.way`: the solution methods of an impact."""
+"""The values of `ObliqueRebound.solved_by`: the solution methods of an impact."""
 
 
 class ObliqueRebound(NamedTuple):
@@ -31,7 +31,7 @@ class ObliqueRebound(NamedTuple):
     - `duration`: in s until the force ends; it differs from `elapsed` only for clamped laws.
     - `max_force` in N, `max_indentation` in m, `energy_loss` in J.
     - `error_estimate`: of the velocities, relative to the normal speed.
-    - `way`: CLOSED_FORM, CORRECTED or RADIAL.
+    - `solved_by`: CLOSED_FORM, CORRECTED or RADIAL.
     - `status`: a `jaxcontact._impact.Status`.
 
     Numbers are NaN unless the status is SEPARATED or SETTLED. A settled contact has e' = 0 and
@@ -46,7 +46,7 @@ class ObliqueRebound(NamedTuple):
     max_indentation: Number
     energy_loss: Number
     error_estimate: Number
-    way: Index
+    solved_by: Index
     status: Index
 
 
@@ -145,7 +145,7 @@ def oblique(
         max_indentation=result(out.max_indentation, scale.length),
         energy_loss=result(out.energy_loss, scale.energy),
         error_estimate=jnp.where(usable, out.error, jnp.nan),
-        way=way,
+        solved_by=way,
         status=status,
     )
 

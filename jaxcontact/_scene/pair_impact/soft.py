@@ -12,7 +12,7 @@ from ..._impact import Status
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, laws_of, least_speed
 from ..arrays.flight import Flying, accelerations
 from ..arrays.rows import rows_of
-from ..result import Way
+from ..result import SolvedBy
 from ..scalars import Flag, Number
 from .instantaneous import Choice, ImpactOutcome, driven_work, meeting_of
 from .oblique import oblique
@@ -125,6 +125,6 @@ def soft(
         error=clean.error_estimate,
         wall_work=impulse * meeting.driven
         + driven_work(layout, numbers, choice, meeting, velocity),
-        way=(int(Way.CLOSED_FORM) + rebound.way).astype(closing.dtype),
+        solved_by=(int(SolvedBy.CLOSED_FORM) + rebound.solved_by).astype(closing.dtype),
         status=rebound.status.astype(closing.dtype),
     )

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..bodies.scene import Scene
-from ..result import Ending, Impacts, Moment, Way
+from ..result import Ending, Impacts, SolvedBy, States
 
 if TYPE_CHECKING:
     import xarray
@@ -40,7 +40,7 @@ _MEANING = {
 
 def dataset(
     scene: Scene,
-    states: Moment,
+    states: States,
     impacts: Impacts,
     *,
     bodies: tuple[int, ...],
@@ -87,11 +87,11 @@ def dataset(
 
 def _attributes(name: str) -> dict[str, Any]:
     """Return the attributes of a quantity: long name and unit, or the names of its flags."""
-    if name == "way":
+    if name == "solved_by":
         return {
             "long_name": "how the impact was solved",
-            "flag_values": [int(way) for way in Way],
-            "flag_meanings": " ".join(way.name.lower() for way in Way),
+            "flag_values": [int(way) for way in SolvedBy],
+            "flag_meanings": " ".join(way.name.lower() for way in SolvedBy),
         }
     words, unit = _MEANING.get(name, ("", ""))
     return ({"long_name": words} if words else {}) | ({"units": unit} if unit else {})

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..arrays.arrays import Numbers, SceneLayout
 from ..engine.cluster_slots import Slots, bodies_of, pairs_of, slot_pairs
 from ..engine.log import ClusterDecisions, ClusterNumbers
-from ..result import Ending, Impacts, Way, nan_unless
+from ..result import Ending, Impacts, SolvedBy, nan_unless
 from ..run_record import RunRecord
 from ..scalars import Index
 
@@ -108,7 +108,7 @@ def _isolated_impacts(record: RunRecord) -> Impacts:
     outcome, facts, valid = record.log.figures.outcome, record.log.facts, record.counts
     if record.calls is not None:
         valid = valid & ~record.calls
-    choice, way = facts.choice, outcome.way.astype(int)
+    choice, way = facts.choice, outcome.solved_by.astype(int)
     return Impacts(
         outcome.time, choice.first, choice.second, choice.second, outcome.closing,
         outcome.restitution, outcome.duration, outcome.max_force, outcome.energy_loss,
@@ -159,7 +159,7 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
         end.max_force,
         end.lost,
         nothing,
-        jnp.full(shape, int(Way.COUPLED)),
+        jnp.full(shape, int(SolvedBy.COUPLED)),
         _doubt(together, is_call, since) / closing,
         jnp.zeros(shape, bool),
         counts

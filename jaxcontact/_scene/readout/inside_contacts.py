@@ -19,7 +19,7 @@ from ..pair_impact.instantaneous import Choice
 from ..run_record import RunRecord
 
 
-class States(NamedTuple):
+class Kinematics(NamedTuple):
     """Positions and velocities (T, N, D), and the elastic energy `stored` in contacts (T,)."""
 
     position: Float[Array, "T N D"]
@@ -42,8 +42,8 @@ class Entries(NamedTuple):
 
 
 def in_contacts(
-    record: RunRecord, times: Float[Array, " T"], last: Entries, here: States
-) -> States:
+    record: RunRecord, times: Float[Array, " T"], last: Entries, here: Kinematics
+) -> Kinematics:
     """Return the states, including spheres in isolated impacts and in coupled solves.
 
     All are calls of the coupled solve, so that it is compiled once. Each time has N lanes for the
@@ -143,7 +143,7 @@ def in_contacts(
         holds = who[..., None]
         return jnp.where(jnp.any(holds, axis=1), jnp.sum(jnp.where(holds, new, 0), axis=1), old)
 
-    there = States(merge(here.position, place), merge(here.velocity, speed), jnp.sum(stored, 1))
+    there = Kinematics(merge(here.position, place), merge(here.velocity, speed), jnp.sum(stored, 1))
     if together is None:
         return there
     rest = at_rest(record, last, here, times, jnp.any(who, axis=1))
@@ -167,7 +167,7 @@ def energy_at_ends(record: RunRecord, times: Float[Array, " T"]) -> Float[Array,
 
 
 def at_rest(
-    record: RunRecord, last: Entries, here: States, times: Float[Array, " T"], elsewhere: Array
+    record: RunRecord, last: Entries, here: Kinematics, times: Float[Array, " T"], elsewhere: Array
 ) -> Float[Array, " T"]:
     """Return the energy (T,) of spheres at rest on walls, except those `elsewhere` (T, N)."""
     layout, numbers = record.layout, record.numbers

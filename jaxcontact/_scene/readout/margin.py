@@ -19,7 +19,7 @@ from ..engine.state import Rules
 from ..result import Ending, nan_unless, traced
 from ..run_record import RunRecord
 from ..scalars import Number
-from .states import any_inside, states_at, states_in_log
+from .states import any_inside, kinematics_at, kinematics_in_log
 
 _MOST = 24
 """The largest number of directions in the bidiagonalisation."""
@@ -129,7 +129,7 @@ def _largest(record: RunRecord, inside: bool = False) -> Array:
             there = eqx.tree_at(lambda numbers: numbers.start.underway, there, led)
         varied = differentiable(dataclasses.replace(record, numbers=there))
         at = end[None]
-        states = states_at(varied, at) if inside else states_in_log(varied, at)[0]
+        states = kinematics_at(varied, at) if inside else kinematics_in_log(varied, at)[0]
         return jnp.stack([states.position[0, free], states.velocity[0, free] * end])
 
     place, speed = numbers.position, numbers.velocity

@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..._program import derived, quick
-from ..result import Impacts, Moment, traced
+from ..result import Impacts, States, traced
 from ..run_record import RunRecord
 from ..scalars import Index, Number
 from .impact_table import table_of
-from .states import moment, moment_as_numpy, moment_at, moment_in_log, moment_in_log_as_numpy
+from .states import states_as_numpy, states_at, states_in_log, states_in_log_as_numpy, states_of
 from .straddling import clip_to_run
 from .wall_work import work_of
 
@@ -25,7 +25,7 @@ class RunContents(NamedTuple):
 
     status: Index
     reached: Number
-    now: Moment
+    now: States
     impacts: Impacts
     nearest: tuple[Array, Array]
     total: Index
@@ -60,11 +60,11 @@ def _from_log(
     """
     count, length = times.shape[0], np.asarray(record.length)
     ends = np.stack([np.zeros_like(length), length])
-    every, inside = moment_in_log_as_numpy(record, np.concatenate([np.asarray(times), ends]))
+    every, inside = states_in_log_as_numpy(record, np.concatenate([np.asarray(times), ends]))
     inside, cut = bool(np.any(inside[:count])), bool(np.any(inside[count:]))
-    now = moment_as_numpy(record, times) if inside else jax.tree.map(lambda x: x[:count], every)
+    now = states_as_numpy(record, times) if inside else jax.tree.map(lambda x: x[:count], every)
     if cut:
-        record = clip_to_run(record, jax.device_put(moment_as_numpy(record, ends)))
+        record = clip_to_run(record, jax.device_put(states_as_numpy(record, ends)))
     return _without_states(record)._replace(now=jax.device_put(now)), (inside, cut)
 
 
@@ -74,14 +74,14 @@ def _by_choice(
     """Return the results from one program with the parts chosen, or with all parts."""
     if choice is not None:
         inside, cut = choice
-        now = moment(record, times) if inside else moment_in_log(record, times)[0]
+        now = states_of(record, times) if inside else states_in_log(record, times)[0]
         return _contents(
-            clip_to_run(record, moment_at(record, record.ends)) if cut else record, now, None
+            clip_to_run(record, states_at(record, record.ends)) if cut else record, now, None
         )
     if not record.rules.soft:
-        return _contents(record, moment_at(record, times), rows)
+        return _contents(record, states_at(record, times), rows)
     # One program for all times.
-    every, count = moment_at(record, jnp.concatenate([times, record.ends])), times.shape[0]
+    every, count = states_at(record, jnp.concatenate([times, record.ends])), times.shape[0]
     now, there = (
         jax.tree.map(lambda x, k=k: x[k], every) for k in (slice(count), slice(count, None))
     )

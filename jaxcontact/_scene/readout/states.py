@@ -16,36 +16,36 @@ from ..arrays.flight import accelerations
 from ..arrays.rows import rows_of
 from ..engine.cluster_slots import slot_pairs
 from ..engine.log import Log, last_call
-from ..result import Moment, nan_unless
+from ..result import States, nan_unless
 from ..run_record import RunRecord
 from ..scalars import Flag
-from .inside_contacts import Entries, States, at_rest, energy_at_ends, in_contacts
+from .inside_contacts import Entries, Kinematics, at_rest, energy_at_ends, in_contacts
 
 _LEAST, _FEW = 512, 128
 """The least number of times in a program, and the largest number of spheres for which it applies.
 With it a run, its plots and its animations share one program."""
 
 
-def moment_at(record: RunRecord, times: Float[Array, " T"]) -> Moment:
+def states_at(record: RunRecord, times: Float[Array, " T"]) -> States:
     """Return the states at given times; motion inside contacts is compiled only if needed."""
-    return derived(_moment_at, record, times, decide=_moment_by_choice)
+    return derived(_states_at, record, times, decide=_states_by_choice)
 
 
-def _moment_by_choice(record: RunRecord, times: Array) -> tuple[Moment, bool]:
-    now, inside = moment_in_log_as_numpy(record, times)
+def _states_by_choice(record: RunRecord, times: Array) -> tuple[States, bool]:
+    now, inside = states_in_log_as_numpy(record, times)
     cut = bool(np.any(inside))
-    return jax.device_put(moment_as_numpy(record, times) if cut else now), cut
+    return jax.device_put(states_as_numpy(record, times) if cut else now), cut
 
 
-def moment_in_log_as_numpy(record: RunRecord, times: ArrayLike) -> tuple[Moment, np.ndarray]:
-    """Return `moment_in_log` as NumPy arrays, with one program for all small numbers of times."""
+def states_in_log_as_numpy(record: RunRecord, times: ArrayLike) -> tuple[States, np.ndarray]:
+    """Return `states_in_log` as NumPy arrays, with one program for all small numbers of times."""
     least = _LEAST if record.layout.spheres <= _FEW else 1
-    return _by_room(moment_in_log, record, times, least)
+    return _by_room(states_in_log, record, times, least)
 
 
-def moment_as_numpy(record: RunRecord, times: ArrayLike) -> Moment:
-    """Return `moment` as NumPy arrays."""
-    return _by_room(moment, record, times, 1)
+def states_as_numpy(record: RunRecord, times: ArrayLike) -> States:
+    """Return `states_of` as NumPy arrays."""
+    return _by_room(states_of, record, times, 1)
 
 
 def _by_room(
@@ -59,50 +59,52 @@ def _by_room(
     return jax.tree.map(lambda x: np.asarray(x)[:count], result)
 
 
-def _moment_at(inside: bool | None, record: RunRecord, times: Array) -> Moment:
+def _states_at(inside: bool | None, record: RunRecord, times: Array) -> States:
     if record.rules.soft if inside is None else inside:
-        return moment(record, times)
-    return moment_in_log(record, times)[0]
+        return states_of(record, times)
+    return states_in_log(record, times)[0]
 
 
 @quick
-def moment_in_log(record: RunRecord, times: Float[Array, " T"]) -> tuple[Moment, Bool[Array, " T"]]:
+def states_in_log(record: RunRecord, times: Float[Array, " T"]) -> tuple[States, Bool[Array, " T"]]:
     """Return the states outside of contacts, and which of the times are inside one."""
     times = times.astype(record.numbers.dtype)
-    states, inside = states_in_log(record, times)
-    return _moment(record, times, states), inside
+    states, inside = kinematics_in_log(record, times)
+    return _states(record, times, states), inside
 
 
 @quick
-def moment(record: RunRecord, times: Float[Array, " T"]) -> Moment:
+def states_of(record: RunRecord, times: Float[Array, " T"]) -> States:
     """Return the states at any times, including inside contacts."""
     times = times.astype(record.numbers.dtype)
-    return _moment(record, times, states_at(record, times))
+    return _states(record, times, kinematics_at(record, times))
 
 
-def _moment(record: RunRecord, times: Array, states: States) -> Moment:
+def _states(record: RunRecord, times: Array, states: Kinematics) -> States:
     position, velocity, stored = states
     energy = _energy_of(record, position, velocity) + stored
     position, velocity = (x[:, : record.layout.visible] for x in (position, velocity))
     valid = (times >= 0) & (times <= record.ending()[1])
-    return Moment(
+    return States(
         times, nan_unless(position, valid), nan_unless(velocity, valid), nan_unless(energy, valid)
     )
 
 
-def states_at(record: RunRecord, times: Float[Array, " T"]) -> States:
+def kinematics_at(record: RunRecord, times: Float[Array, " T"]) -> Kinematics:
     """Return the states at given times; at an instantaneous impact those after it. The last impact
     of each sphere is found by binary search in a list sorted by sphere and time. This avoids an
     array of times, spheres and impacts. Inside a contact the motion is solved from the touch.
     """
     if not record.rules.soft:
-        return states_in_log(record, times)[0]
+        return kinematics_in_log(record, times)[0]
     last = last_impacts(record, times)
     here = _in_flight(record, times, last)
     return _with_prescribed(record, times, in_contacts(record, times, last, here))
 
 
-def states_in_log(record: RunRecord, times: Float[Array, " T"]) -> tuple[States, Bool[Array, " T"]]:
+def kinematics_in_log(
+    record: RunRecord, times: Float[Array, " T"]
+) -> tuple[Kinematics, Bool[Array, " T"]]:
     """Return the states outside of contacts, and which of the times are inside one. At the end time
     of a coupled call the state is in the log.
     """
@@ -117,7 +119,7 @@ def states_in_log(record: RunRecord, times: Float[Array, " T"]) -> tuple[States,
     return here._replace(stored=energy_at_ends(record, times) + resting), inside
 
 
-def _in_flight(record: RunRecord, times: Float[Array, " T"], last: Entries) -> States:
+def _in_flight(record: RunRecord, times: Float[Array, " T"], last: Entries) -> Kinematics:
     """Return the states of spheres in flight or at rest."""
     layout, numbers = record.layout, record.numbers
     count, dimensions = layout.spheres, layout.dimensions
@@ -127,10 +129,12 @@ def _in_flight(record: RunRecord, times: Float[Array, " T"], last: Entries) -> S
     pull = pull.reshape(times.shape[0], count, dimensions)
     velocity = last.velocity + pull * since
     position = last.position + (last.velocity + velocity) / 2 * since
-    return _with_prescribed(record, times, States(position, velocity, jnp.zeros_like(times)))
+    return _with_prescribed(record, times, Kinematics(position, velocity, jnp.zeros_like(times)))
 
 
-def _with_prescribed(record: RunRecord, times: Float[Array, " T"], states: States) -> States:
+def _with_prescribed(
+    record: RunRecord, times: Float[Array, " T"], states: Kinematics
+) -> Kinematics:
     """Return the states, with accelerated fixed spheres placed by their motion."""
     layout, numbers = record.layout, record.numbers
     if not layout.shaken:

@@ -14,13 +14,13 @@ from ..arrays.flight import Flying, accelerations
 from ..arrays.stored_energy import stored_energy
 from ..bodies.side import side
 from ..pair_impact.instantaneous import meeting_of, two_that_meet
-from ..result import Moment
+from ..result import States
 from ..run_record import RunRecord
 from .states import last_impacts
 
 
 @quick
-def clip_to_run(record: RunRecord, ends: Moment) -> RunRecord:
+def clip_to_run(record: RunRecord, ends: States) -> RunRecord:
     """Return a run with the energy loss and wall work of its impacts limited to the run.
 
     Impacts that cross the start lose the part before it. Impacts that cross the end count up to it;
