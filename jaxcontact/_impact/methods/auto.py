@@ -1,0 +1,58 @@
+"""The choice of a method, and the methods by name."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from ..._entry import rendered
+from ..._forms import AbstractForm, ScaledImpact
+from ..front_door import Lanes
+from .event import Event
+from .exact import Exact
+from .method import AbstractMethod
+from .phase import Phase
+
+
+class Auto(AbstractMethod):
+    """The cheapest correct method: the closed form if there is one, else an event solve."""
+
+    name: ClassVar[str] = "auto"
+    has_formula: ClassVar[bool] = True
+
+    def chosen(self, form: AbstractForm, pushed: bool) -> AbstractMethod:
+        return Exact() if form.closed_form and not pushed else Event()
+
+    def solve(self, lanes: Lanes) -> ScaledImpact:
+        return self.chosen(lanes.form, lanes.push is not None).solve(lanes)
+
+
+NAMED: dict[str, AbstractMethod] = {m.name: m for m in (Auto(), Exact(), Phase(), Event())}
+
+
+def method_of(method: str | AbstractMethod) -> AbstractMethod:
+    """Return the method object that `method` names or is; raises ValueError for anything else."""
+    if isinstance(method, AbstractMethod):
+        return method
+    if isinstance(method, str) and method in NAMED:
+        return NAMED[method]
+    names = ", ".join(map(repr, NAMED))
+    raise ValueError(
+        f"Argument `method` must be one of {names} or a method object such as "
+        f"`jaxcontact.Event(rtol=1e-11)`, but is {rendered(method)}."
+    )
+
+
+def stepping_method(method: str | AbstractMethod) -> Event:
+    """Return the event method with the options of `method`.
+
+    Raises ValueError for methods that do not compute a path.
+    """
+    how = method_of(method)
+    if isinstance(how, Auto):
+        return Event()
+    if not isinstance(how, Event):
+        raise ValueError(
+            "Argument `method` must be 'event', 'auto' or a `jaxcontact.Event` for a trajectory, "
+            f"but is {rendered(method)}: only an event solve follows the motion in time."
+        )
+    return how
