@@ -51,7 +51,8 @@ class ByLanes(eqx.Module, Generic[Out]):
 class _Choice:
     """The choice of `few(numbers, rest)` or `many`, within `lanes` so far. `vary` maps flags of the
     arguments that differ along an axis to those of the outcomes. A derivative is taken of both
-    functions, not of their batched forms. `batch`: see `ByLanes.batched`.
+    functions, not of their batched forms. `batch`: see `ByLanes.batched`. `slopes`: a derivative,
+    which has `few` in any batch if that has a batch of its own.
     """
 
     few: Callable[..., Any]
@@ -59,6 +60,7 @@ class _Choice:
     lanes: int
     vary: Callable[[Any, Any], Any]
     batch: Callable[..., Any] | None = None
+    slopes: bool = False
 
     def __call__(self, numbers: Any, rest: Any) -> Any:
         leaves, structure = jax.tree.flatten(numbers)
@@ -104,8 +106,8 @@ class _Choice:
             few = functools.partial(self.batch, size, along)
         elif self.batch is not None:
             batch = functools.partial(self._lanes_around, size, along, out_axes)
-        if lanes < MANY:
-            many = _Choice(few, many, lanes, self.vary, batch)
+        if lanes < MANY or self.slopes:
+            many = _Choice(few, many, lanes, self.vary, batch, self.slopes)
         out = many(*given)
         return out, jax.tree.broadcast(vary, out)
 
@@ -166,9 +168,10 @@ class _Choice:
             return pushed(form)((spread(numbers[0], values), spread(numbers[1], changes)), rest)
 
         moving, still = split(leaves)
-        slopes = _Choice(
-            pushed(self.few), pushed(self.many), self.lanes, vary, batch if self.batch else None
-        )
+        # The slopes of written-out stages may take a thousand times as long to compile and run.
+        own = self.batch is not None
+        few, many = pushed(self.few), pushed(self.many)
+        slopes = _Choice(few, many, self.lanes, vary, batch if own else None, own)
         return slopes((tuple(moving), tuple(split(list(changes))[0])), (still, rest))
 
 
