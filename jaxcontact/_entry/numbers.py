@@ -11,7 +11,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike
 
-from .ranges import REAL, Range
+from .interval import REAL, Range
 from .words import rendered
 
 _MOST_BITS = 63

@@ -10,8 +10,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from .interval import REAL, Range
 from .numbers import as_parameter
-from .ranges import REAL, Range
 
 
 class Specialised(eqx.Module):
