@@ -16,7 +16,7 @@ EXEMPT = {
     ),
     r"RecordingError\(.*\)": "an error, raised by the library",
     r"paper\.(Number|Published|Reproduction)\(.*\)": "a result, made by the library",
-    r"(Status|Ending|Way)(\.names_of)?\(.*\)": "an enumeration of Python",
+    r"(Status|Ending|SolvedBy)(\.names_of)?\(.*\)": "an enumeration of Python",
     # Called by the library, with arguments that are checked before
     r"Abstract(Law|HuntCrossley|Form|Method|Shape)(\..*)?\(.*\)": "an interface to fill in",
     r"Sweep\.(coordinates|taken)\(.*\)": "called by the library",

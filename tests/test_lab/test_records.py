@@ -11,7 +11,7 @@ import jaxcontact as jc
 from benchmarks.record_truths import draw, impact
 from benchmarks.records import found_in, one_of, read, summary
 from jaxcontact._cli import main
-from jaxcontact._lab.layouts.instrument import Impact
+from jaxcontact._lab.layouts.instrument import RecordedImpact
 from jaxcontact._lab.report_page.sections import impacts
 from jaxcontact._lab.signals.trace import Trace, noise_of
 
@@ -38,8 +38,8 @@ def plate(count: int = 4, *, noise: float = 0.5, seed: int = 0, long: float = 0.
     return time, force
 
 
-def impacts_of(recording: jc.Recording) -> list[Impact]:
-    assert all(isinstance(one, Impact) for one in recording.records)
+def impacts_of(recording: jc.Recording) -> list[RecordedImpact]:
+    assert all(isinstance(one, RecordedImpact) for one in recording.records)
     return list(recording.records)  # pyright: ignore[reportReturnType]
 
 
