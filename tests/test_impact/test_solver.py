@@ -175,7 +175,7 @@ def test_many_lanes_are_computed_by_another_form():
 
 
 def test_derivatives_of_many_lanes_are_no_other_program():
-    """Written-out stages with three directions took a minute a call, and as long to compile."""
+    """Written-out stages with three directions took a minute a call."""
 
     def outcome(e, stiffness, n):
         hit = jc.impact(jc.HuGuo(e), jc.Contact(0.01, stiffness, n), 1.0, method="event")
