@@ -9,7 +9,7 @@ import jaxcontact as jc
 from jaxcontact._calibration.choice.estimate import Estimate
 from jaxcontact._calibration.choice.law_choice import ChoiceData, LawFit
 from jaxcontact._calibration.choice.trend import Curve, Line
-from jaxcontact._calibration.pairs.noise import Noise
+from jaxcontact._calibration.pairs.reading_noise import Noise
 from jaxcontact._fit import Candidate
 from jaxcontact._fit.compare import _verdict
 from jaxcontact._lab.calibration.at_speed import AtSpeed

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxcontact._calibration.pairs.noise import Noise, estimate_noise
 from jaxcontact._calibration.pairs.outliers import THRESHOLD, find_outliers, mark
+from jaxcontact._calibration.pairs.reading_noise import Noise, estimate_noise
 from jaxcontact._flight import Drag, Flight
 from jaxcontact._lab.recordings import make_pairs, read_recording
 from tests.test_lab.simulate import as_csv, recording, trial

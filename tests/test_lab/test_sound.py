@@ -12,7 +12,7 @@ import pytest
 import jaxcontact as jc
 from benchmarks.sound import constant_e, one_of, summary
 from benchmarks.sound_truths import Truth, as_wave, draw
-from jaxcontact._calibration.pairs.noise import scatter_beside
+from jaxcontact._calibration.pairs.reading_noise import scatter_beside
 from jaxcontact._cli import main
 from jaxcontact._cli.commands.calibrate import SOUND
 from jaxcontact._lab.recordings import read_columns

@@ -13,7 +13,7 @@ from ..._contact import Contact
 from ..._entry import POSITIVE, rendered
 from ..._text.units import Shown
 from ..pairs.columns import Column, column, for_each
-from ..pairs.noise import RELATIVE_FLOOR
+from ..pairs.reading_noise import RELATIVE_FLOOR
 from .kind import AbstractKind, Params
 
 _TREND = 2

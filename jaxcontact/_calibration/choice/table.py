@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from ..._contact import Contact
 from ..._fit import Fit, Positive, fit
 from ..._flight import Floats
-from ..pairs.noise import RELATIVE_FLOOR, Noise, estimate_noise, scatter_beside
 from ..pairs.outliers import Outliers
 from ..pairs.pairs import Pairs
+from ..pairs.reading_noise import RELATIVE_FLOOR, Noise, estimate_noise, scatter_beside
 from .kind import AbstractKind, LogRestitution, is_identifiable, padded
 from .law_choice import LawFit
 from .outcomes import NONE, Columns, LogOutcomes

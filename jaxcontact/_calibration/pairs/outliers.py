@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._flight import Floats
-from .noise import RELATIVE_FLOOR, Noise, estimate_noise, mad_sigma
 from .pairs import LEAST_PAIRS, Pairs, pairs_of
+from .reading_noise import RELATIVE_FLOOR, Noise, estimate_noise, mad_sigma
 
 THRESHOLD = 6.0
 """Robust standard deviations beyond which pairs are marked.

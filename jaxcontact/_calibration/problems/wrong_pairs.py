@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float
 
 from ..._fit import AbstractErrors, Fit
 from ..pairs.columns import for_each
-from ..pairs.noise import estimate_noise
 from ..pairs.outliers import THRESHOLD, mark
+from ..pairs.reading_noise import estimate_noise
 
 Column = Float[np.ndarray, " n"]
 

@@ -1,4 +1,6 @@
-"""Uncertainty of the best parameters, and combinations that are not identifiable."""
+"""Uncertainty of the best parameters, the noise common to all points, and combinations that are not
+identifiable.
+"""
 
 from __future__ import annotations
 

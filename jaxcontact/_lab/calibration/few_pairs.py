@@ -12,9 +12,9 @@ from ..._calibration.choice.kind import AbstractKind
 from ..._calibration.choice.law_choice import LawChoice
 from ..._calibration.choice.table import ChoiceTable
 from ..._calibration.choice.trend import Curve, Line, line_of
-from ..._calibration.pairs.noise import RELATIVE_FLOOR, Noise
 from ..._calibration.pairs.outliers import Outliers, Trend
 from ..._calibration.pairs.pairs import LEAST_PAIRS, Pairs
+from ..._calibration.pairs.reading_noise import RELATIVE_FLOOR, Noise
 from ..._fit import Candidate
 from ..._text.words import counted
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 from ..._calibration.choice.law_choice import ChoiceData, LawFit, kind_asked
-from ..._calibration.pairs.noise import Noise
 from ..._calibration.pairs.pairs import LEAST_PAIRS
+from ..._calibration.pairs.reading_noise import Noise
 from ..._contact import Contact
 from ..._flight import Drag
 from ..._laws import AbstractLaw

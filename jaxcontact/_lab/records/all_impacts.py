@@ -12,8 +12,8 @@ from jaxtyping import Float
 
 from ..._calibration.choice.outcomes import Columns
 from ..._calibration.choice.table import PairErrors
-from ..._calibration.pairs.noise import Noise, scatter_beside
 from ..._calibration.pairs.pairs import LEAST_PAIRS
+from ..._calibration.pairs.reading_noise import Noise, scatter_beside
 from ..._contact import EXPONENT, Contact
 from ..._entry import rendered, require_number
 from ..._flight import STANDARD_GRAVITY, Flight

@@ -1,4 +1,8 @@
-"""The test whether an impact involves only two bodies, so that the pair's solution applies."""
+"""The test whether an impact involves only two bodies, so that the pair's solution applies.
+
+The loop asks it for impacts with a duration. Instantaneous impacts, and those that began before the
+run, are isolated.
+"""
 
 from __future__ import annotations
 

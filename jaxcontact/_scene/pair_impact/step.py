@@ -1,4 +1,4 @@
-"""Step size control of the adaptive solves of scenes, with the constants of `_solver`."""
+"""Step size control and the search for events in the adaptive solves of scenes."""
 
 from __future__ import annotations
 
