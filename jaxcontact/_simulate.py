@@ -160,7 +160,7 @@ def simulate(
         position=_given("position", position),
         velocity=_given("velocity", velocity),
         args=args,
-        times=times_of(times, length),
+        times=None if times is None else times_of(times, length),
         tolerance=require_number("rtol", rtol, FRACTION),
         v0=require_v0(v0),
         breakpoints=breakpoints,

@@ -23,8 +23,13 @@ class EndOfStep(NamedTuple):
     second: PerContact
 
 
+def quintic(lasts: Number, left: EndOfStep, right: EndOfStep) -> Quintic:
+    """Return the quintics of all contacts over a step of the duration `lasts`."""
+    return Quintic(lasts, *(EndOfStep(*(x[None] for x in end)) for end in (left, right)))
+
+
 class Quintic(NamedTuple):
-    """The quintics of all contacts over a step of the duration `lasts`."""
+    """Quintics over a step, from its ends (1, contacts); see `quintic`."""
 
     lasts: Number
     left: EndOfStep
@@ -50,7 +55,7 @@ class Quintic(NamedTuple):
         return jnp.square(u * v) * (v * at_left + u * at_right) / 2
 
     def value(self, u: Array) -> Array:
-        """Return the values at the part u of the step, which broadcasts against the contacts."""
+        """Return the values at the parts u (points, 1) of the step."""
         return self.cubic(u) + self.more(u)
 
     def value_and_rate(self, u: Array) -> tuple[Array, Array]:

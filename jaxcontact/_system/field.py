@@ -6,6 +6,7 @@ import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -13,7 +14,7 @@ from .._contact import Contact
 from .._coupled.clock import ContactClock
 from .._coupled.field import TIME, AbstractCoupledField, Look, LoopRules, W
 from .._coupled.modes import SLOWEST, Flags, Modes, PerContact
-from .._coupled.quintic import EndOfStep, Quintic, parts_of_step, vertex
+from .._coupled.quintic import EndOfStep, parts_of_step, quintic, vertex
 from .._coupled.scalars import Number
 from .._coupled.stored_energy import stored_energy
 from .._laws import force_of
@@ -130,7 +131,7 @@ class SystemField(AbstractCoupledField):
         # up to there is tried next, so that the step ends where the doubt is largest.
         sign = jnp.where(modes.closed, -1, 1).astype(after.depth.dtype)
         left, right = (EndOfStep(*(sign * x for x in look[:3])) for look in (before, after))
-        curve, u = Quintic(lasts, left, right), parts_of_step(after.depth.dtype)
+        curve, u = quintic(lasts, left, right), parts_of_step(after.depth.dtype)
         inside = curve.value(u)
         doubtful = inside + _DOUBT * jnp.abs(curve.more(u))
         top = jnp.argmax(doubtful, axis=0)
@@ -150,16 +151,16 @@ class SystemField(AbstractCoupledField):
     ) -> PerContact:
         # Forces are those of the law along the quintics of the indentations.
         looks = start[0], end[0]
-        curve = Quintic(lasts, *(EndOfStep(x.depth, x.rate, x.second) for x in looks))
-        u = parts_of_step(lasts.dtype)
-        force = self.force(*curve.value_and_rate(u), modes)
+        curve = quintic(lasts, *(EndOfStep(*look[:3]) for look in looks))
+        inside = curve.value_and_rate(parts_of_step(lasts.dtype))
+        force = jax.vmap(lambda depth, rate: self.force(depth, rate, modes))(*inside)
         ends = (jnp.where(modes.closed, look.force, 0)[None] for look in looks)
         force = jnp.concatenate([next(ends), force, next(ends)])
         return _summit(force)
 
     def deepest(self, lasts: Number, before: Look, after: Look) -> PerContact:
         """Return the largest indentation of each contact within a step."""
-        curve = Quintic(lasts, *(EndOfStep(x.depth, x.rate, x.second) for x in (before, after)))
+        curve = quintic(lasts, *(EndOfStep(*look[:3]) for look in (before, after)))
         inside = curve.value(parts_of_step(lasts.dtype))
         return _summit(jnp.concatenate([before.depth[None], inside, after.depth[None]]))
 

@@ -15,8 +15,8 @@ class RegularizedCoulomb(eqx.Module):
 
     Arguments: the coefficient `mu` μ ≥ 0, and the speed `v_d` > 0 in m/s, each a number or one for
     each gap. Both are leaves. The force acts against the slip. Below v_d a contact creeps, so that
-    nothing sticks. Raises ValueError for a Python scalar out of range. Source: Rooney & Deravi
-    (1982), doi 10.1016/0094-114X(82)90052-9.
+    nothing sticks. Raises ValueError for a Python scalar out of range. Source: Pennestrì
+    et al. (2016), doi 10.1007/s11071-015-2485-3.
     """
 
     mu: Float[Array, "..."] = parameter("mu", NOT_NEGATIVE)

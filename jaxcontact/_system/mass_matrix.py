@@ -25,5 +25,5 @@ def solve_mass(mass: Float[Array, "n n"], right: Float[Array, "n ..."]) -> Float
     unit = jnp.eye(n, dtype=rows.dtype)
     for k in range(n):
         pivot = rows[k] / rows[k, k]
-        rows = rows - (rows[:, k] - unit[k])[:, None] * pivot
+        rows = rows - (rows[:, k] - unit[k])[:, None] * pivot[None]
     return rows[:, n:].reshape(right.shape)

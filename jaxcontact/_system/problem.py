@@ -98,7 +98,7 @@ def scales_of(problem: SystemProblem) -> Scales:
     if mechanics.system.rate is None:
         return Scales(units, units.time * speeds, speeds)
     paces = jax.jacfwd(lambda v: mechanics.rate(*at[:2], v))(at[2])
-    positions = units.time * jnp.sum(jnp.abs(paces) * speeds, axis=1)
+    positions = units.time * jnp.sum(jnp.abs(paces) * speeds[None], axis=1)
     return Scales(units, jnp.where(positions > 0, positions, units.time), speeds)
 
 

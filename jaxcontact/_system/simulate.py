@@ -39,7 +39,7 @@ class _Readout(NamedTuple):
     reached: Number
     between: Number
     slowest: Number
-    final: SystemStates
+    ends: SystemStates
 
 
 def simulate_system(
@@ -49,7 +49,7 @@ def simulate_system(
     position: Any,
     velocity: Any,
     args: Any,
-    times: Array,
+    times: Array | None,
     tolerance: float,
     v0: str | float,
     breakpoints: Any,
@@ -86,8 +86,11 @@ def simulate_system(
         kept = int(np.sum(np.asarray(readout.contacts.valid)))
         trimmed = jax.tree.map(lambda x: np.asarray(x)[:kept], readout.contacts)
         readout = readout._replace(contacts=jax.device_put(trimmed))
+    states = readout.ends
+    if times is not None:
+        states = read_states(problem, end.log, readout.reached, peak, times)
     run = SystemRun(
-        states=read_states(problem, end.log, readout.reached, peak, times),
+        states=states,
         contacts=readout.contacts,
         status=readout.status,
         reached=readout.reached,
@@ -95,7 +98,7 @@ def simulate_system(
         error_estimate=end.error,
         duration=length,
         margin=SystemMargin(readout.between, readout.slowest, problem, end.log, peak),
-        final=readout.final,
+        final=jax.tree.map(lambda x: x[-1], readout.ends),
     )
     return checked(run, throw, "simulate")
 
@@ -203,6 +206,8 @@ def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, rows: int) -> _Re
     apart = jnp.diff(times, append=jnp.inf)
     between = jnp.min(jnp.where(jnp.isfinite(apart), apart, jnp.inf), initial=jnp.inf)
     slowest = jnp.min(jnp.where(blank["valid"], blank["closing_speed"], jnp.inf), initial=jnp.inf)
-    final = reading_of(problem, end.state)
-    final = jax.tree.map(lambda x: jnp.where(valid, x, jnp.nan), final)
-    return _Readout(SystemContacts(**blank), status, reached, between, slowest, final)
+    both = jax.tree.map(lambda *x: jnp.stack(x), problem.state, end.state)
+    ends = jax.vmap(lambda state: reading_of(problem, state))(both)
+    good = jnp.stack([valid, valid & over])
+    ends = jax.tree.map(lambda x: nan_unless(x, good), ends)
+    return _Readout(SystemContacts(**blank), status, reached, between, slowest, ends)

@@ -102,7 +102,7 @@ def _solve_to_stop(
         until=(stop - state.time) / units.time,
         used=jnp.ones_like(state.closed),
         start=state.time,
-        last=jnp.nextafter(stop, jnp.full_like(stop, -jnp.inf)),
+        last=_just_before(stop),
     )
     solve = _SystemSolve(
         field=field,
@@ -122,6 +122,12 @@ def _solve_to_stop(
 
     end = jax.lax.while_loop(unfinished, lambda loop: _advance(solve, loop), loop)
     return _assess(solve, begun, first, end)
+
+
+def _just_before(stop: Number) -> Number:
+    """Return the last time before a stop, which moves with it."""
+    fixed = _stop(stop)
+    return jnp.nextafter(fixed, jnp.full_like(fixed, -jnp.inf)) + (stop - fixed)
 
 
 def _start(solve: _SystemSolve, state: SystemState) -> CoupledStart:

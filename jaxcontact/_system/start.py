@@ -50,7 +50,7 @@ def start_of(
     motion = mechanics.motion(time, q, v, opening, nothing)
     second = -mechanics.second(time, q, v, motion.acceleration)
     gradient = jax.jacfwd(lambda q: mechanics.system.gap(time, q, mechanics.args))(q)
-    lengths = jnp.sum(jnp.abs(gradient * q), axis=1) + jnp.abs(opening.gap)
+    lengths = jnp.sum(jnp.abs(gradient * q[None]), axis=1) + jnp.abs(opening.gap)
     near = jnp.abs(opening.gap) <= _ROUNDING * jnp.finfo(q.dtype).eps * lengths
     closing = -opening.rate
     begins = near & ((closing > 0) | ((closing == 0) & (second > 0)))
@@ -76,7 +76,8 @@ def start_of(
         step=jnp.zeros_like(time),
     )
     scale = jnp.sqrt(jnp.abs(jnp.diagonal(mass)))
-    scaled = mass / jnp.where(scale > 0, scale, 1) / jnp.where(scale > 0, scale, 1)[:, None]
+    scale = jnp.where(scale > 0, scale, 1)
+    scaled = mass / scale[None] / scale[:, None]
     finest = jnp.finfo(q.dtype).eps * mass.shape[0]
     skew = jnp.max(jnp.abs(scaled - scaled.T))
     least = jnp.min(jnp.linalg.eigvalsh((scaled + scaled.T) / 2))

@@ -62,8 +62,8 @@ def impact_damper(
 
     `masses` of box and mass are in kg, the `clearance` d in m, `spring` k in N/m, `damping` c in N
     s/m. `shaking` holds A in m and ω in rad/s. `law` is `HuGuo(e=0.7)` by default, `stiffness` is
-    in N/m^1.5. Raises ValueError for numbers out of range. Source: Masri & Caughey (1966), doi
-    10.1115/1.3625110.
+    in N/m^1.5. Raises ValueError for numbers out of range. Source: Masri & Caughey
+    (1966), Journal of Applied Mechanics 33, 586.
     """
     numbers = {
         "masses": positive("masses", masses, (2,)),

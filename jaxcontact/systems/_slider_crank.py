@@ -94,7 +94,7 @@ def slider_crank(
     radius of the `bearing` in m. `law` is `HuGuo(e=0.9)` by default. `stiffness` in N/m^1.5 is that
     of steel with radii of 10 and 9.5 mm; another clearance has another. The start is stretched and
     concentric, at the speeds of the ideal joint. Raises ValueError for numbers out of range.
-    Source: Flores et al. (2006), doi 10.1016/j.mechmachtheory.2005.10.002.
+    Source: Tian, Flores & Lankarani (2018), doi 10.1016/j.mechmachtheory.2017.12.002.
     """
     numbers = {
         "lengths": positive("lengths", lengths, (2,)),
