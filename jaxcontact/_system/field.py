@@ -135,13 +135,14 @@ class SystemField(AbstractCoupledField):
         inside = curve.value(u)
         doubtful = inside + _DOUBT * jnp.abs(curve.more(u))
         top = jnp.argmax(doubtful, axis=0)
-        early, late = _turn(left, lasts), _turn(right, lasts)
+        early, late = _turn(left, lasts, 1), _turn(right, lasts, -1)
         peaks = jnp.stack([jnp.max(doubtful, axis=0), early.value, late.value])
         parts = jnp.stack([u[top, 0], early.part, 1 + late.part])
         highest = jnp.argmax(peaks, axis=0)
         # A gap that only closes is met at the end of the step.
-        turns = (right.rate < 0) | (jnp.max(inside, axis=0) > right.value)
-        hidden = turns & (jnp.max(peaks, axis=0) > 16 * finest) & (right.value < 0) & ~leaving
+        turned = right.rate < 0
+        turns = turned | ((jnp.max(inside, axis=0) > right.value) & (right.value < 0))
+        hidden = turns & (jnp.max(peaks, axis=0) > 16 * finest) & ~leaving
         part = jnp.take_along_axis(parts, highest[None], axis=0)[0]
         shorter = jnp.min(jnp.where(hidden, part, 1))
         return hidden, jnp.clip(shorter, _LEAST_PART, 0.9)
@@ -186,13 +187,13 @@ class _Turn(NamedTuple):
     value: Array
 
 
-def _turn(end: EndOfStep, lasts: Number) -> _Turn:
-    """Return the maximum that the two derivatives at an end predict; the value is that of the end
-    where it lies farther than an eighth of the step away.
+def _turn(end: EndOfStep, lasts: Number, inwards: int) -> _Turn:
+    """Return the maximum that the two derivatives at an end predict, later for `inwards` = 1 and
+    earlier for -1. The value is that of the end if it lies farther than an eighth of the step away.
     """
     bends = end.second < 0
     away = jnp.where(bends, -end.rate / jnp.where(bends, end.second, -1), jnp.inf)
-    near = bends & (jnp.abs(away) < lasts / 8)
+    near = bends & (inwards * away > 0) & (jnp.abs(away) < lasts / 8)
     part = jnp.where(near, away / lasts, 0)
     return _Turn(part, end.value + end.rate * part * lasts / 2)
 
