@@ -3,6 +3,7 @@
 import functools
 
 import jax.numpy as jnp
+import matplotlib.pyplot as plt
 
 import jaxcontact as jc
 from tests.test_every_argument.case import COUNT, LAWS, NOTHING, UNSOLVED, Blank, Case
@@ -55,16 +56,26 @@ def lagrangian(t, q, v, args):
     return jnp.sum(v**2) / 2
 
 
+class Solved(jc.SystemRun):
+    """A run whose states at other times are those it has."""
+
+    def at(self, time):
+        return self.states
+
+
 @functools.cache
 def a_run():
-    """A run without numbers, which takes no solve."""
+    """A run of zeros, which takes no solve."""
     one, two = jnp.zeros(1), jnp.zeros((1, 1))
     states = jc.SystemStates(one, two, two, two, two, two, one, one)
     contacts = jc.SystemContacts(*[one] * 8, valid=one == 0)
-    nothing = jnp.zeros(())
-    return jc.SystemRun(
-        states, contacts, nothing, nothing, nothing, nothing, nothing, nothing, states
-    )
+    end = jnp.ones(())
+    return Solved(states, contacts, end, end, end, end, end, end, states)
+
+
+def _drawn(draw, **given):
+    """A picture of a run that is made when it is needed."""
+    return draw(**(given if "run" in given else given | {"run": a_run()}))
 
 
 @functools.cache
@@ -114,6 +125,18 @@ def cases() -> dict[str, Case]:
         "SystemRun.to_csv": Case(
             lambda path: a_run().to_csv(path), {}, {"path": TEXT - {"empty text"}}
         ),
+        **{
+            f"plot.{draw.__name__}": Case(
+                functools.partial(_drawn, draw),
+                {"ax": plt.figure().add_subplot()},
+                {"run": NOTHING, "ax": NONE} | more,
+            )
+            for draw, more in (
+                (jc.plot.gaps, {}),
+                (jc.plot.forces, {}),
+                (jc.plot.phase, {"coordinate": frozenset({"zero"})}),
+            )
+        },
         "SystemContacts.to_csv": Case(
             lambda path: a_run().contacts.to_csv(path), {}, {"path": TEXT - {"empty text"}}
         ),
