@@ -9,8 +9,8 @@ from .log import SystemLog
 from .problem import SystemState
 
 
-def contacts_of(log: SystemLog, end: SystemState, rows: int) -> dict[str, Array]:
-    """Return the columns of the contacts in order of their touches, padded to `rows`. A contact in
+def contacts_of(log: SystemLog, end: SystemState, rows: int | None) -> dict[str, Array]:
+    """Return the columns of the contacts in order of their touches, cut to `rows`. A contact in
     progress at the end has no restitution and no duration yet.
     """
     gaps = jnp.arange(end.closed.shape[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,6 +18,7 @@ from .._laws import force_of
 from .log import SystemLog
 from .problem import SystemProblem, SystemState
 from .solve import SystemEnd, SystemRules, solve_system
+from .start import start_of
 
 
 class SystemStates(NamedTuple):
@@ -46,6 +47,25 @@ def solved(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
     """Return the end of a solve, differentiable in both modes."""
     numbers, static = eqx.partition(problem, eqx.is_array)
     return with_sensitivity(eqx.Partial(_solve, static=static, rules=rules))(numbers)
+
+
+def solved_from_start(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
+    """Return the end of a run from its position and velocity alone, of which the rest of the state
+    follows: fewer numbers vary.
+    """
+    numbers, static = eqx.partition(eqx.tree_at(lambda p: p.state, problem, None), eqx.is_array)
+    state = problem.state
+    start = (state.time, state.position, state.velocity)
+    solve = eqx.Partial(_solve_from_start, static=static, rules=rules)
+    return with_sensitivity(solve)((numbers, start))
+
+
+def _solve_from_start(given: Any, static: SystemProblem, rules: SystemRules) -> SystemEnd:
+    numbers, start = given
+    problem = eqx.combine(numbers, static)
+    state, _ = start_of(problem.mechanics, *start, problem.floor, rules.peak)
+    whole = eqx.tree_at(lambda p: p.state, problem, state, is_leaf=lambda leaf: leaf is None)
+    return solve_system(whole, rules)
 
 
 def _solve(numbers: SystemProblem, static: SystemProblem, rules: SystemRules) -> SystemEnd:

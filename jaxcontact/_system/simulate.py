@@ -21,7 +21,7 @@ from .contacts import contacts_of
 from .log import SystemLog
 from .mechanics import Mechanics, Vector
 from .problem import SystemProblem, SystemState
-from .reading import SystemStates, reading_of, solved
+from .reading import SystemStates, reading_of, solved, solved_from_start
 from .result import SystemContacts, SystemMargin, SystemRun, read_states
 from .solve import SystemEnd, SystemRules
 from .start import start_of
@@ -58,11 +58,13 @@ def simulate_system(
 ) -> SystemRun:
     """Simulate a mechanism; see `simulate`."""
     q, v = (_vector(name, x) for name, x in (("position", position), ("velocity", velocity)))
-    dtype = jnp.result_type(q, v, length)
+    dtype = jnp.result_type(q, v)
     args = jax.tree.map(lambda leaf: as_parameter(leaf, "args") if is_plain(leaf) else leaf, args)
     system, args, q, v, length, times = _cast(dtype, (system, args, q, v, length, times))
     gaps = require_shapes(Mechanics(system, args), q, v)
-    system = eqx.tree_at(lambda s: s.law, system, _for_each(gaps, system.law))
+    numbers_of = (system.law, system.stiffness, system._exponent)
+    spread = _for_each(gaps, numbers_of)
+    system = eqx.tree_at(lambda s: (s.law, s.stiffness, s._exponent), system, spread)
     mechanics = Mechanics(system, args)
     peak, floor = v0 == "peak", np.asarray(0.0 if isinstance(v0, str) else v0, dtype)
     stops = _stops(breakpoints, length, dtype)
@@ -78,10 +80,11 @@ def simulate_system(
         valid = checks.valid(jnp.asarray(has_v0)) & (length > 0)
     problem = SystemProblem(mechanics, state, stops, numbers[1], numbers[0])
     room = ROOM if most is None else most
-    rules = SystemRules(peak, 2 * min(room, ROOM) if plain else 2 * room)
-    end = _pieces(problem, rules, most) if plain else _solved(problem, rules)
-    count = min(room * gaps, end.log.rows) if not plain else end.log.rows
-    readout = _read(problem, end, valid, count)
+    # One row more than contacts need shows whether there is another contact.
+    rules = SystemRules(peak, 2 * (min(room, ROOM) if plain else room) + 1)
+    end = _pieces(problem, rules, most) if plain else _from_start(problem, rules)
+    capacity = None if plain and most is None else room
+    readout = _read(problem, end, valid, capacity)
     if plain:
         kept = int(np.sum(np.asarray(readout.contacts.valid)))
         trimmed = jax.tree.map(lambda x: np.asarray(x)[:kept], readout.contacts)
@@ -116,18 +119,18 @@ def _cast(dtype: Any, tree: Any) -> Any:
     return jax.tree.map(lambda x: x.astype(dtype) if eqx.is_inexact_array(x) else x, tree)
 
 
-def _for_each(gaps: int, law: Any) -> Any:
-    """Return a law with one number for each gap."""
+def _for_each(gaps: int, numbers: Any) -> Any:
+    """Return law, stiffness and exponent with one number for each gap."""
 
     def spread(leaf: Array) -> Array:
         if leaf.ndim > 1 or leaf.shape not in ((), (1,), (gaps,)):
             raise ValueError(
-                f"The numbers of `law` must be one or one for each of {gaps} gaps, but have the "
-                f"shape {leaf.shape}."
+                f"Law, stiffness and exponent must hold one number, or one for each of {gaps} "
+                f"gaps, but hold an array of the shape {leaf.shape}."
             )
         return jnp.broadcast_to(leaf, (gaps,))
 
-    return jax.tree.map(spread, law)
+    return jax.tree.map(spread, numbers)
 
 
 def _stops(breakpoints: Any, length: Array, dtype: Any) -> Array:
@@ -158,6 +161,7 @@ def _begin(
 
 
 _solved = eqx.filter_jit(solved)
+_from_start = eqx.filter_jit(solved_from_start)
 
 
 def _pieces(problem: SystemProblem, rules: SystemRules, most: int | None) -> SystemEnd:
@@ -167,7 +171,9 @@ def _pieces(problem: SystemProblem, rules: SystemRules, most: int | None) -> Sys
     while True:
         pieces.append(_solved(rest, rules))
         end = pieces[-1]
-        if int(end.status) != PAUSED or (most is not None and len(pieces) * rules.rows >= 2 * most):
+        if int(end.status) != PAUSED or (
+            most is not None and len(pieces) * (rules.rows - 1) >= 2 * most
+        ):
             break
         rest = eqx.tree_at(lambda p: p.state, rest, end.state)
     if len(pieces) == 1:
@@ -188,26 +194,38 @@ def _pieces(problem: SystemProblem, rules: SystemRules, most: int | None) -> Sys
 
 
 @quick
-def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, rows: int) -> _Readout:
+def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None) -> _Readout:
     """Return the table of contacts, the ending, and the distances of the margin."""
-    over, full = end.status == TIME_IS_UP, end.status == PAUSED
+    total = jnp.sum(end.log.touches)
+    full = end.status == PAUSED
+    if room is not None:
+        full = full | (total > room)
+    over = (end.status == TIME_IS_UP) & ~full
     status = jnp.where(over, int(Ending.COMPLETED), int(Ending.NOT_CONVERGED))
     status = jnp.where(full, int(Ending.TOO_MANY_IMPACTS), status)
     status = jnp.where(valid, status, int(Ending.INVALID_INPUT))
     reached = jnp.where(over, problem.stops[-1], end.state.time)
     reached = jax.lax.stop_gradient(jnp.where(valid, reached, -1))
-    table = contacts_of(end.log, end.state, rows)
+    table = contacts_of(end.log, end.state, room)
     table["valid"] = table["valid"] & valid
     blank = {
         name: nan_unless(column, table["valid"]) if column.dtype.kind == "f" else column
         for name, column in table.items()
     }
-    times = end.log.times
-    apart = jnp.diff(times, append=jnp.inf)
-    between = jnp.min(jnp.where(jnp.isfinite(apart), apart, jnp.inf), initial=jnp.inf)
+    between = _between(end.log)
     slowest = jnp.min(jnp.where(blank["valid"], blank["closing_speed"], jnp.inf), initial=jnp.inf)
     both = jax.tree.map(lambda *x: jnp.stack(x), problem.state, end.state)
     ends = jax.vmap(lambda state: reading_of(problem, state))(both)
     good = jnp.stack([valid, valid & over])
     ends = jax.tree.map(lambda x: nan_unless(x, good), ends)
     return _Readout(SystemContacts(**blank), status, reached, between, slowest, ends)
+
+
+def _between(log: SystemLog) -> Number:
+    """Return the least time between events of different gaps."""
+    changes = log.touches | log.opens
+    written = jnp.arange(log.rows) < log.count
+    together = jnp.any(written & (jnp.sum(changes, axis=1) > 1))
+    other = jnp.any(changes[1:] != changes[:-1], axis=1) & written[1:]
+    apart = jnp.where(other, log.states.time[1:] - log.states.time[:-1], jnp.inf)
+    return jnp.where(together, 0, jnp.min(apart, initial=jnp.inf))
