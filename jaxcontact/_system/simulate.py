@@ -196,7 +196,7 @@ def _pieces(problem: SystemProblem, rules: SystemRules, most: int | None) -> Sys
 @quick
 def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None) -> _Readout:
     """Return the table of contacts, the ending, and the distances of the margin."""
-    total = jnp.sum(end.log.touches)
+    total = jnp.sum(end.log.touches) + jnp.sum(problem.state.closed)
     full = end.status == PAUSED
     if room is not None:
         full = full | (total > room)
