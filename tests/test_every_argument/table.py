@@ -30,6 +30,7 @@ EXEMPT = {
     r"(Prescribed|simulate)\(args\)": "whatever the functions take",
     r"LowPass\.(read|correlation)\(.*\)": "called by the library",
     r"RegularizedCoulomb\.force\(.*\)": "called by the library",
+    r"systems\.from_mjx\(.*\)": "needs MJX, which the tests of engines have",
     r"(Steady|Vibration|Prescribed)\.(start|along|after)\(.*\)": "called by the library",
     r".*\.(form|chosen|solve|error|over|tolerances|damping_ratio)\(.*\)": "called by the library",
     r"(Exact|Event|Phase)\.restitution\(.*\)": "called by the library",

@@ -54,6 +54,7 @@ ALLOWED: dict[str, tuple[set[str] | None, set[str] | None]] = {
     "xarray": (None, set()),
     "zarr": (None, set()),
     "tqdm": ({"_text"}, set()),
+    "mujoco": ({"systems"}, set()),
     "tests": (set(), set()),
     "benchmarks": (set(), set()),
 }
