@@ -32,6 +32,11 @@ def require_shapes(mechanics: Mechanics, q: Array, v: Array) -> int:
                 f"Function `{name}` must return the shape {expected}, but returns {got}."
             )
 
+    if system.rate is None and q.shape != v.shape:
+        raise ValueError(
+            f"Argument `velocity` must have the shape of `position`, {q.shape}, unless the system "
+            f"has a `rate`, but has {v.shape}."
+        )
     n = v.shape[0]
     require("mass", shape("mass", t, q), (n, n))
     require("force", shape("force", t, q, v), (n,))
@@ -44,11 +49,6 @@ def require_shapes(mechanics: Mechanics, q: Array, v: Array) -> int:
         require("slip", shape("slip", t, q, v), gaps, (*gaps, 2))
     if system.rate is not None:
         require("rate", shape("rate", t, q, v), q.shape)
-    elif q.shape != v.shape:
-        raise ValueError(
-            f"Argument `velocity` must have the shape of `position`, {q.shape}, unless the system "
-            f"has a `rate`, but has {v.shape}."
-        )
     return gaps[0]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Any, BinaryIO, TextIO
+from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,9 +18,13 @@ from .._scene.readout.columns import write_csv
 from .._scene.result import Ending
 from .._text.failure import Flagged
 from .._text.table import text_table
+from .dataset import dataset
 from .log import SystemLog
 from .problem import SystemProblem
 from .reading import SystemStates, growth_of, states_at
+
+if TYPE_CHECKING:
+    import xarray
 
 
 class SystemContacts(eqx.Module):
@@ -173,6 +177,17 @@ class SystemRun(Flagged, eqx.Module):
         margin = self.margin
         times = jnp.reshape(times, -1).astype(self.reached.dtype)
         return read_states(margin._problem, margin._log, self.reached, margin._peak, times)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the states and contacts of a single run as an `xarray.Dataset` with units.
+
+        `position` has the axes (time, coordinate), `velocity` (time, speed), the numbers of gaps
+        (time, gap_number), and `energy` and `work` (time). The columns of `contacts` begin with
+        `contact_`. Raises ImportError without xarray, which `pip install 'jaxcontact[data]'`
+        installs. Raises ValueError for a batch of runs.
+        """
+        status = Ending.names_of(self.status).replace("_", " ")
+        return dataset(self.states, self.contacts.to_dict(), status, self.reached)
 
     def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
         """Write a CSV table with a row for each time.

@@ -135,8 +135,8 @@ def _for_each(gaps: int, numbers: Any) -> Any:
 
 def _stops(breakpoints: Any, length: Array, dtype: Any) -> Array:
     """Return the times at which the force may jump within the run, and its end."""
-    points = np.zeros(0) if np.ndim(breakpoints) == 1 and len(breakpoints) == 0 else breakpoints
-    points = as_parameter(points, "breakpoints")
+    none = isinstance(breakpoints, tuple | list) and len(breakpoints) == 0
+    points = as_parameter(np.zeros(0) if none else breakpoints, "breakpoints")
     if points.ndim != 1:
         raise ValueError(
             f"Argument `breakpoints` must be a list of times, but is {rendered(breakpoints)}."
