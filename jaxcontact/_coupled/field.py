@@ -48,12 +48,14 @@ class LoopRules(NamedTuple):
 
 class AbstractCoupledField(abc.ABC):
     """The equations of contacts in units of the solve, for its state as a vector, up to the time
-    `until`. `used` is False for blank contacts.
+    `until`. `used` is False for blank contacts. `resolution`: of indentations, relative to the
+    rounding error of 1.
     """
 
     rules: LoopRules
     until: Number
     used: Flags
+    resolution: Number | float = 1.0
 
     @abc.abstractmethod
     def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:

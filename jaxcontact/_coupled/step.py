@@ -234,7 +234,7 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     whole = jnp.where(seeking, c.whole, c.size)
     small = jnp.abs(next_one) <= near * whole
     # If a gap falls slowly, its rounding hides the exact time; this is the attainable accuracy.
-    on_event = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * finest)
+    on_event = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * finest * field.resolution)
     stuck = jnp.any(on_event) | (anything & (c.size < finest))
     event = fine & (small | stuck)
     taken = fine & (event | ~anything)
@@ -345,8 +345,8 @@ def _records(
     # A force that vanishes in a closed contact ends about where its slope predicts.
     vanishes = acts & (now.force == 0) & ~changed.opens & (c.slope.force < 0)
     lasted = -c.look.force / jnp.where(vanishes, c.slope.force, -1)
-    lasted = jnp.where(vanishes, jnp.minimum(lasted, passing), passing)
-    until_then = start + units.time * (c.y[TIME] + lasted)
+    lasted = c.y[TIME] + jnp.minimum(lasted, passing)
+    until_then = jnp.where(vanishes, start + units.time * lasted, time)
     return {
         "slope": per_time,
         "force_until": jnp.where(acts, until_then, jnp.where(touches, time, c.force_until)),

@@ -43,6 +43,7 @@ class SystemField(AbstractCoupledField):
     used: Flags
     start: Number
     last: Number
+    resolution: Number | float = 1.0
 
     def pack(self, q: Vector, v: Vector, lost: PerContact, rest: list) -> Float[Array, " numbers"]:
         """Return the state vector of scaled numbers; `rest` holds the work, the time and w."""
@@ -131,6 +132,8 @@ class SystemField(AbstractCoupledField):
         # up to there is tried next, so that the step ends where the doubt is largest.
         sign = jnp.where(modes.closed, -1, 1).astype(after.depth.dtype)
         left, right = (EndOfStep(*(sign * x for x in look[:3])) for look in (before, after))
+        # Just after an event its gap is zero up to rounding, on either side.
+        left = left._replace(value=jnp.minimum(left.value, 0))
         curve, u = quintic(lasts, left, right), parts_of_step(after.depth.dtype)
         inside = curve.value(u)
         doubtful = inside + _DOUBT * jnp.abs(curve.more(u))
@@ -142,7 +145,7 @@ class SystemField(AbstractCoupledField):
         # A gap that only closes is met at the end of the step.
         turned = right.rate < 0
         turns = turned | ((jnp.max(inside, axis=0) > right.value) & (right.value < 0))
-        hidden = turns & (jnp.max(peaks, axis=0) > 16 * finest) & ~leaving
+        hidden = turns & (jnp.max(peaks, axis=0) > 16 * finest * self.resolution) & ~leaving
         part = jnp.take_along_axis(parts, highest[None], axis=0)[0]
         shorter = jnp.min(jnp.where(hidden, part, 1))
         return hidden, jnp.clip(shorter, _LEAST_PART, 0.9)
@@ -151,7 +154,7 @@ class SystemField(AbstractCoupledField):
         self, lasts: Number, start: tuple[Look, Look], end: tuple[Look, Look], modes: Modes
     ) -> PerContact:
         # Forces are those of the law along the quintics of the indentations.
-        looks = start[0], end[0]
+        looks, lasts = (start[0], end[0]), jnp.where(lasts > 0, lasts, 1)
         curve = quintic(lasts, *(EndOfStep(*look[:3]) for look in looks))
         inside = curve.value_and_rate(parts_of_step(lasts.dtype))
         force = jax.vmap(lambda depth, rate: self.force(depth, rate, modes))(*inside)

@@ -65,11 +65,14 @@ class SystemProblem(eqx.Module):
 
 
 class Scales(NamedTuple):
-    """The units of a solve: of contacts, of the coordinates q and of the speeds v."""
+    """The units of a solve: of contacts, of the coordinates q and of the speeds v. `resolution`:
+    the largest of the lengths from which gaps are computed, in units of length.
+    """
 
     contact: Units
     position: Vector
     velocity: Vector
+    resolution: Number
 
 
 def scales_of(problem: SystemProblem) -> Scales:
@@ -83,33 +86,50 @@ def scales_of(problem: SystemProblem) -> Scales:
     opening = mechanics.opening(*at)
     force = jnp.zeros_like(opening.gap)
     acceleration, _ = mechanics.motion(*at, opening, force)
-    pull = unit * jnp.max(jnp.abs(mechanics.second(*at, acceleration)))
+    second = jnp.abs(mechanics.second(*at, acceleration))
+    pull = unit * jnp.max(second)
     tiny = math.sqrt(jnp.finfo(unit.dtype).tiny)
     weight = pull * (jnp.maximum(pull, tiny) / jnp.min(stiffness)) ** (1 / n)
     depth = jnp.where(state.closed, jnp.maximum(-opening.gap, 0), 0)
     stored = jnp.sum(stiffness * depth ** (n + 1))
-    moving = jnp.square(jnp.max(jnp.abs(opening.rate)))
+    # A body that starts at rest falls through its gap.
+    moving = jnp.max(jnp.square(opening.rate) + 2 * second * jnp.abs(opening.gap))
     energy = 2 * mechanics.kinetic(*at) + stored + jnp.max(weight)
     speed = jnp.sqrt(energy / unit + moving + tiny)
     logarithm = jnp.log(unit) + 2 * jnp.log(speed) - jnp.log(stiffness)
     units = Units(jnp.min(jnp.exp(logarithm / (n + 1))), speed, unit)
+    resolution = jnp.maximum(_lengths(mechanics, state) / units.length, 1)
     inertia = jnp.diagonal(mechanics.mass(state.time, state.position))
     speeds = speed * jnp.sqrt(unit / jnp.where(inertia > 0, inertia, unit))
     if mechanics.system.rate is None:
-        return Scales(units, units.time * speeds, speeds)
+        return Scales(units, units.time * speeds, speeds, resolution)
     paces = jax.jacfwd(lambda v: mechanics.rate(*at[:2], v))(at[2])
     positions = units.time * jnp.sum(jnp.abs(paces) * speeds[None], axis=1)
-    return Scales(units, jnp.where(positions > 0, positions, units.time), speeds)
+    return Scales(units, jnp.where(positions > 0, positions, units.time), speeds, resolution)
 
 
 def _typical_mass(mechanics: Mechanics, state: SystemState) -> Number:
-    """Return the least effective mass of all gaps. A gap may be stationary where it starts, as in
-    the middle of a bearing, so that a place nearby counts as well.
+    """Return the least effective mass of all gaps."""
+    t, v = state.time, state.velocity
+    masses = (mechanics.effective_mass(t, place, v) for place in _places(state.position))
+    return jnp.min(jnp.minimum(*masses))
+
+
+def _lengths(mechanics: Mechanics, state: SystemState) -> Number:
+    """Return the largest of the lengths that are added to a gap."""
+
+    def at(q: Vector) -> Number:
+        gap = mechanics.system.gap(state.time, q, mechanics.args)
+        gradient = jax.jacfwd(lambda q: mechanics.system.gap(state.time, q, mechanics.args))(q)
+        return jnp.max(jnp.sum(jnp.abs(gradient * q[None]), axis=1) + jnp.abs(gap))
+
+    return jnp.maximum(*map(at, _places(state.position)))
+
+
+def _places(q: Vector) -> tuple[Vector, Vector]:
+    """Return a position and another one nearby, as a gap may be stationary where it starts: in the
+    middle of a bearing.
     """
-    t, q, v = state.time, state.position, state.velocity
     finest = math.sqrt(jnp.finfo(q.dtype).eps)
     steps = finest * jnp.maximum(jnp.abs(q), finest) * (1 + jnp.arange(q.shape[0], dtype=q.dtype))
-    masses = jnp.minimum(
-        mechanics.effective_mass(t, q, v), mechanics.effective_mass(t, q + steps, v)
-    )
-    return jnp.min(masses)
+    return q, q + steps
