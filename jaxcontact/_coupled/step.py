@@ -341,7 +341,9 @@ def _records(
     strongest = solve.field.strongest(passing, (c.look, c.slope), (now, per_time), modes)
     strongest = jnp.where(modes.closed, units.force * strongest, 0)
     fresh = jnp.where(touches, 0, 1).astype(zero.dtype)
-    acts = modes.closed & (c.look.force != 0)
+    # A contact about to end may have no force within rounding, but lasts until it ends.
+    lasts = (c.look.depth <= 0) & (c.force_until >= start + units.time * c.y[TIME])
+    acts = modes.closed & ((c.look.force != 0) | lasts)
     # A force that vanishes in a closed contact ends about where its slope predicts.
     vanishes = acts & (now.force == 0) & ~changed.opens & (c.slope.force < 0)
     lasted = -c.look.force / jnp.where(vanishes, c.slope.force, -1)

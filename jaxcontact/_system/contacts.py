@@ -14,7 +14,7 @@ def contacts_of(log: SystemLog, end: SystemState, rows: int | None) -> dict[str,
     progress at the end has no restitution and no duration yet.
     """
     gaps = jnp.arange(end.closed.shape[0])
-    written = (jnp.arange(log.rows) < log.count)[:, None]
+    written = log.written[:, None]
 
     def both(of_log: Array, of_end: Array) -> Array:
         return jnp.concatenate([of_log.ravel(), of_end.ravel()])
@@ -25,12 +25,13 @@ def contacts_of(log: SystemLog, end: SystemState, rows: int | None) -> dict[str,
     valid = both(log.opens & written, end.closed)
     ended = both(log.opens & written, jnp.zeros_like(end.closed))
     touch, speed = column("since"), column("touch_speed")
-    restitution = -column("closing") / jnp.where(speed > 0, speed, jnp.nan)
+    moves = ended & (speed > 0)
+    restitution = -column("closing") / jnp.where(moves, speed, 1)
     columns = {
         "gap": both(jnp.broadcast_to(gaps, log.opens.shape), gaps),
         "time": touch,
         "closing_speed": speed,
-        "restitution": jnp.where(ended, restitution, jnp.nan),
+        "restitution": jnp.where(moves, restitution, jnp.nan),
         "duration": jnp.where(ended, column("force_until") - touch, jnp.nan),
         "max_force": column("max_force"),
         "max_depth": column("max_depth"),

@@ -137,10 +137,11 @@ class SystemField(AbstractCoupledField):
         curve, u = quintic(lasts, left, right), parts_of_step(after.depth.dtype)
         inside = curve.value(u)
         doubtful = inside + _DOUBT * jnp.abs(curve.more(u))
-        top = jnp.argmax(doubtful, axis=0)
+        samples = jnp.concatenate([left.value[None], doubtful, right.value[None]])
+        summit = _summit(samples)
         early, late = _turn(left, lasts, 1), _turn(right, lasts, -1)
-        peaks = jnp.stack([jnp.max(doubtful, axis=0), early.value, late.value])
-        parts = jnp.stack([u[top, 0], early.part, 1 + late.part])
+        peaks = jnp.stack([summit.value, early.value, late.value])
+        parts = jnp.stack([summit.part, early.part, 1 + late.part])
         highest = jnp.argmax(peaks, axis=0)
         # A gap that only closes is met at the end of the step.
         turned = right.rate < 0
@@ -160,13 +161,13 @@ class SystemField(AbstractCoupledField):
         force = jax.vmap(lambda depth, rate: self.force(depth, rate, modes))(*inside)
         ends = (jnp.where(modes.closed, look.force, 0)[None] for look in looks)
         force = jnp.concatenate([next(ends), force, next(ends)])
-        return _summit(force)
+        return _summit(force).value
 
     def deepest(self, lasts: Number, before: Look, after: Look) -> PerContact:
         """Return the largest indentation of each contact within a step."""
         curve = quintic(lasts, *(EndOfStep(*look[:3]) for look in (before, after)))
         inside = curve.value(parts_of_step(lasts.dtype))
-        return _summit(jnp.concatenate([before.depth[None], inside, after.depth[None]]))
+        return _summit(jnp.concatenate([before.depth[None], inside, after.depth[None]])).value
 
     def stored(self, y: Array, modes: Modes) -> PerContact:
         """Return the elastic energy of every contact in units of the solve."""
@@ -184,7 +185,7 @@ class SystemField(AbstractCoupledField):
 
 
 class _Turn(NamedTuple):
-    """A maximum near an end of a step: the part of the step from that end to it, and its value."""
+    """A maximum: the part of the step from one of its ends to it, and its value."""
 
     part: Array
     value: Array
@@ -201,9 +202,12 @@ def _turn(end: EndOfStep, lasts: Number, inwards: int) -> _Turn:
     return _Turn(part, end.value + end.rate * part * lasts / 2)
 
 
-def _summit(samples: Float[Array, "points contacts"]) -> PerContact:
-    """Return the maxima of equally spaced samples, by parabolas."""
-    rows = jnp.pad(samples, ((1, 1), (0, 0)), mode="edge")
-    top = jnp.argmax(samples, axis=0)
-    below, at, above = jnp.take_along_axis(rows, top[None] + jnp.arange(3)[:, None], axis=0)
-    return at + vertex(below, at, above) * (above - below) / 4
+def _summit(samples: Float[Array, "points contacts"]) -> _Turn:
+    """Return the maxima of equally spaced samples from end to end of a step, by parabolas."""
+    count = samples.shape[0]
+    top = jnp.clip(jnp.argmax(samples, axis=0), 1, count - 2)
+    rows = top[None] + jnp.arange(-1, 2)[:, None]
+    below, at, above = jnp.take_along_axis(samples, rows, axis=0)
+    offset = vertex(below, at, above)
+    value = jnp.maximum(at + offset * (above - below) / 4, jnp.maximum(below, above))
+    return _Turn((top.astype(offset.dtype) + offset) / (count - 1), value)

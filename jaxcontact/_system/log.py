@@ -27,10 +27,13 @@ class SystemLog(NamedTuple):
         return self.touches.shape[0]
 
     @property
+    def written(self) -> Bool[Array, " R"]:
+        return jnp.arange(self.rows, dtype=self.count.dtype) < self.count
+
+    @property
     def times(self) -> Float[Array, " R"]:
         """The times of the rows in s, infinite for blank ones."""
-        written = jnp.arange(self.rows) < self.count
-        return jnp.where(written, self.states.time, jnp.inf)
+        return jnp.where(self.written, self.states.time, jnp.inf)
 
 
 def empty_log(state: SystemState, rows: int) -> SystemLog:

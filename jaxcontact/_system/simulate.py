@@ -224,7 +224,7 @@ def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None)
 def _between(log: SystemLog) -> Number:
     """Return the least time between events of different gaps."""
     changes = log.touches | log.opens
-    written = jnp.arange(log.rows) < log.count
+    written = log.written
     together = jnp.any(written & (jnp.sum(changes, axis=1) > 1))
     other = jnp.any(changes[1:] != changes[:-1], axis=1) & written[1:]
     apart = jnp.where(other, log.states.time[1:] - log.states.time[:-1], jnp.inf)

@@ -77,6 +77,6 @@ def _path(run: SystemRun) -> SystemStates:
         )
     end, table = float(run.reached), run.contacts.to_dict()
     lasts = np.where(np.isfinite(table["duration"]), table["duration"], end - table["time"])
-    inside = table["time"][:, None] + lasts[:, None] * np.linspace(0, 1, _OF_CONTACT)
+    inside = table["time"][:, None] + lasts[:, None] * np.linspace(0, 1, _OF_CONTACT)[None]
     times = np.unique(np.concatenate([np.linspace(0, end, _OVER_ALL), inside.ravel()]))
     return run.at(times[(times >= 0) & (times <= end)])

@@ -13,9 +13,7 @@ EXEMPT = {
     # Results, which the library makes
     r"(Bounce|Calibration|CalibrationSummary|Design|Export|Fit|Impact|Impacts|LawChoice|Margin|"
     r"Posterior|Recording|Run|ScaledImpact|States|Sweep|SystemContacts|SystemMargin|SystemRun|"
-    r"SystemStates|Trajectory|VelocityProfile)\(.*\)": (
-        "a result, made by the library"
-    ),
+    r"SystemStates|Trajectory|VelocityProfile)\(.*\)": ("a result, made by the library"),
     r"RecordingError\(.*\)": "an error, raised by the library",
     r"paper\.(Number|Published|Reproduction)\(.*\)": "a result, made by the library",
     r"(Status|Ending|SolvedBy)(\.names_of)?\(.*\)": "an enumeration of Python",

@@ -55,7 +55,7 @@ def restarted(mass, force, gap, stiffness, state, duration, rtol=1e-11):
 
 def assert_same_touches(run, touches, time, speed):
     table = run.contacts.to_dict()
-    assert len(touches) == len(table["time"]) >= 4
+    assert len(touches) == len(table["time"]) >= 2
     np.testing.assert_array_equal(table["gap"], [k for k, _, _ in touches])
     np.testing.assert_allclose(table["time"], [t for _, t, _ in touches], rtol=time)
     np.testing.assert_allclose(table["closing_speed"], [s for _, _, s in touches], rtol=speed)
@@ -63,7 +63,7 @@ def assert_same_touches(run, touches, time, speed):
 
 def test_impact_damper_is_that_of_scipy():
     system, start = jc.systems.impact_damper(shaking=(2e-3, 31.6))
-    run = jc.simulate(system, 1.2, **start, rtol=1e-11, v0="touch")
+    run = jc.simulate(system, 0.8, **start, rtol=1e-11, v0="touch")
 
     def gap(t, q):
         values = np.array([0.005 + q[1] - q[0], 0.005 + q[0] - q[1]])
@@ -74,7 +74,7 @@ def test_impact_damper_is_that_of_scipy():
         return np.array([-1000 * (q[0] - base) - 0.5 * (v[0] - pace), 0])
 
     start = (np.zeros(2), np.zeros(2))
-    touches = restarted(lambda t, q: np.diag([1.0, 0.1]), force, gap, 1e7, start, 1.2)
+    touches = restarted(lambda t, q: np.diag([1.0, 0.1]), force, gap, 1e7, start, 0.8)
     assert_same_touches(run, touches, time=1e-8, speed=1e-7)
 
 

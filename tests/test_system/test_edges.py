@@ -25,12 +25,15 @@ def height(t, q, args):
     return q
 
 
+WEIGHT = 0.05
+"""The weight changes e of a soft contact by a few hundredths."""
+
 BALL = jc.System(unit, weight, height, law=LAW, stiffness=1e6)
 
 
-def fall(**how):
+def fall(duration=0.1, **how):
     how = {"position": [0.0], "velocity": [-1.0]} | how
-    return jc.simulate(BALL, 0.1, **how)
+    return jc.simulate(BALL, duration, **how)
 
 
 def test_touching_at_the_start_is_a_touch_at_once():
@@ -38,7 +41,7 @@ def test_touching_at_the_start_is_a_touch_at_once():
     table = run.contacts.to_dict()
     assert table["time"][0] == 0 and table["closing_speed"][0] == 1
     alone = jc.impact(LAW, jc.Contact(1.0, 1e6), 1.0)
-    assert table["restitution"][0] == pytest.approx(float(alone.restitution), rel=1e-2)
+    assert table["restitution"][0] == pytest.approx(float(alone.restitution), rel=WEIGHT)
 
 
 def test_touching_and_leaving_at_the_start_is_no_contact():
@@ -50,7 +53,7 @@ def test_touching_and_leaving_at_the_start_is_no_contact():
 def test_pressed_at_the_start_needs_a_v0():
     with pytest.raises(ValueError, match=r"Gap 0 is -0.001 m at the start"):
         fall(position=[-1e-3], velocity=[0.0], v0="touch")
-    run = fall(position=[-1e-3], velocity=[0.0], v0=0.5)
+    run = fall(0.015, position=[-1e-3], velocity=[0.0], v0=0.5)
     # Unloading from rest: ½ v² gains the elastic energy less losses.
     assert 0 < float(run.final.velocity[0]) < np.sqrt(2 * 1e6 * 1e-3**2.5 / 2.5)
 
@@ -78,7 +81,7 @@ def test_contact_for_all_time_comes_to_rest():
         ({"mass": lambda t, q, args: jnp.ones(1)}, r"`mass` must return the shape \(1, 1\)"),
         ({"gap": lambda t, q, args: q * jnp.nan}, "gap 0 is nan"),
         ({"gap": lambda t, q, args: jnp.sqrt(q - q)}, "gradient of `gap` must be finite.*gap 0"),
-        ({"gap": lambda t, q, args: q[0]}, r"`gap` must return the shape \(m,\)"),
+        ({"gap": lambda t, q, args: q[0]}, r"`gap` must return an array of the shape \(m,\)"),
         ({"force": lambda t, q, v, args: v * jnp.nan}, "`force` must be finite"),
         ({"stiffness": -1.0}, "stiffness"),
         ({"law": 3}, "law"),
