@@ -56,7 +56,14 @@ def shaken():
     table = jc.Plane(point=[0., 0.], normal=[0., 1.], motion=motion)
     return jc.Scene([ball, table], law=jc.HuGuo(e=.8), stiffness=1e7, gravity=[0., -9.81])
 
+def swung(g):
+    system, start = jc.systems.double_pendulum(gravity=g)
+    run = jc.simulate(system, 2., **start, max_impacts=8)
+    return run.final.velocity[0]
+
 three = [[-.6, .3], [.1, .2], [.62, .1]]
+pendulum, hanging = jc.systems.double_pendulum()
+crank, stretched = jc.systems.slider_crank()
 """
 )
 
@@ -113,6 +120,9 @@ CALLS = {
     "scene of 3 discs and a plane, soft": "jc.simulate(scene(three), 1., progress=False)",
     "scene with a moving wall": "jc.simulate(shaken(), .5, instantaneous=True, progress=False)",
     "soft scene of 2 discs and a plane: gradient": "jax.grad(last)(1.)",
+    "double pendulum beside a wall": "jc.simulate(pendulum, 2., **hanging)",
+    "slider-crank with clearance": "jc.simulate(crank, 1e-3, **stretched)",
+    "double pendulum: gradient": "jax.grad(swung)(9.81)",
 }
 PLAIN = {
     "plain diffrax, Dopri8": "value(.5)",
@@ -150,6 +160,9 @@ BUDGETS = {
     "scene of 3 discs and a plane, soft": Budget(12_000, 6),
     "scene with a moving wall": Budget(4_000, 6),
     "soft scene of 2 discs and a plane: gradient": Budget(32_000, 20),
+    "double pendulum beside a wall": Budget(6_000, 4),
+    "slider-crank with clearance": Budget(6_000, 4),
+    "double pendulum: gradient": Budget(12_000, 8),
 }
 MARGIN = 1.05
 """Of a budget, for what a change elsewhere adds."""

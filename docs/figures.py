@@ -3,6 +3,7 @@
 import io
 import sys
 from pathlib import Path
+from typing import Any
 
 import jax
 
@@ -88,6 +89,48 @@ def bowl() -> None:
     print(run.impacts)
 
 
+def pendulum() -> None:
+    """Draw a double pendulum beside a wall: the paths of its masses, and its gaps."""
+    system, start = jc.systems.double_pendulum()
+    run = jc.simulate(system, 2.5, **start, times=np.linspace(0, 2.5, 800))
+    across = jnp.cumsum(jnp.sin(run.position), axis=1)
+    height = -jnp.cumsum(jnp.cos(run.position), axis=1)
+    figure, (left, right) = pyplot.subplots(1, 2, figsize=(8.4, 3.8), layout="constrained")
+    left.axvline(-0.3, color="black", linewidth=2)
+    for k, colour in enumerate(COLOURS[3:]):
+        left.plot(across[:, k], height[:, k], color=colour, label=f"mass {k + 1}")
+    left.plot([0, *across[0]], [0, *height[0]], color="grey", marker="o", linewidth=1)
+    left.set(xlabel="x / m", ylabel="y / m", aspect="equal")
+    left.legend(frameon=False, fontsize="small")
+    jc.plot.gaps(run, ax=right)
+    _save(figure, "systems_pendulum.png", left, right)
+
+
+def crank() -> None:
+    """Draw the path of a journal in its bearing during a turn of the crank, and the force."""
+    clearance = 0.5
+    system, start = jc.systems.slider_crank(1e-3 * clearance)
+    turn = 2 * np.pi / 523.5987755982989
+    times = np.linspace(0, turn, 4000)
+    run = jc.simulate(system, turn, **start, times=times)
+    journal = 1e3 * jax.vmap(system.gap.journal)(run.time, run.position)
+    figure, (left, right) = pyplot.subplots(1, 2, figsize=(8.4, 3.8), layout="constrained")
+    angle = np.linspace(0, 2 * np.pi, 200)
+    bearing = clearance * np.cos(angle), clearance * np.sin(angle)
+    left.plot(*bearing, color="black", linestyle="--", linewidth=1)
+    left.plot(journal[:, 0], journal[:, 1], color=COLOURS[3], linewidth=1)
+    left.set(xlabel="x / mm", ylabel="y / mm", aspect="equal")
+    jc.plot.forces(run, ax=right)
+    _save(figure, "systems_crank.png", left, right)
+    print(run)
+
+
+def _save(figure: Any, name: str, *panels: Any) -> None:
+    for axes in panels:
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(HERE / name, dpi=130, metadata={"Software": None})
+
+
 def sound() -> None:
     """Draw a simulated recording with hum, reverberation and noise, and the bounces found."""
     truth = draw(np.random.default_rng([0, 8]))
@@ -100,6 +143,8 @@ def sound() -> None:
 
 if __name__ == "__main__":
     bowl()
+    crank()
     delivered()
     hu_guo()
+    pendulum()
     sound()

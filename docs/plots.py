@@ -248,6 +248,32 @@ SECTIONS = (
         """,
     ),
     Section(
+        "gaps",
+        "The gaps of a mechanism",
+        "A double pendulum beside a wall. A gap is negative in contact.",
+        """\
+        pendulum, start = jc.systems.double_pendulum()
+        swing = jc.simulate(pendulum, 2.5, **start)
+        ax = jc.plot.gaps(swing)
+        """,
+    ),
+    Section(
+        "forces",
+        "Its contact forces",
+        "Each contact has points of its own, so that its peak is shown however short it is.",
+        """\
+        ax = jc.plot.forces(swing)
+        """,
+    ),
+    Section(
+        "phase",
+        "Its phase portrait",
+        "Speed over position of one coordinate. A contact is a jump of the speed.",
+        """\
+        ax = jc.plot.phase(swing, coordinate=1)
+        """,
+    ),
+    Section(
         "animate",
         "A moving picture",
         'Notebooks show it with buttons; `film.save("run.gif", writer="pillow")` writes it.',

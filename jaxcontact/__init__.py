@@ -84,7 +84,14 @@ if _TYPE_CHECKING:
     from ._laws import list_laws as list_laws
     from ._laws import register_law as register_law
     from ._scene import *  # noqa: F403 (all of them public)
+    from ._simulate import simulate as simulate
     from ._sweep import *  # noqa: F403 (all of them public)
+    from ._system import RegularizedCoulomb as RegularizedCoulomb
+    from ._system import System as System
+    from ._system import SystemContacts as SystemContacts
+    from ._system import SystemMargin as SystemMargin
+    from ._system import SystemRun as SystemRun
+    from ._system import SystemStates as SystemStates
     from ._text.failure import NumericalError as NumericalError
 
 __version__ = "0.1.0"
@@ -118,14 +125,16 @@ _ROOMS = {
     ),
     "_scene": (
         "Box Ending Impacts Margin Plane Prescribed Run Scene Shell SolvedBy Sphere States Steady "
-        "Vibration random_spheres read_scene simulate"
+        "Vibration random_spheres read_scene"
     ),
+    "_simulate": "simulate",
     "_sweep": "Sweep sweep",
+    "_system": ("RegularizedCoulomb System SystemContacts SystemMargin SystemRun SystemStates"),
     "_text.failure": "NumericalError",
 }
 """Public names by room."""
 _HOME = {name: room for room, names in _ROOMS.items() for name in names.split()}
-_MODULES = ("paper", "plot")
+_MODULES = ("paper", "plot", "systems")
 
 # Derived, so that each name is listed once.
 __all__ = [*sorted(_HOME), *_MODULES]  # pyright: ignore[reportUnsupportedDunderAll]

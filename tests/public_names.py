@@ -10,10 +10,10 @@ import inspect
 from pathlib import Path
 
 import jaxcontact as jc
-from jaxcontact import paper, plot
+from jaxcontact import paper, plot, systems
 
 FILE = Path(__file__).with_suffix(".txt")
-SPACES = {"jaxcontact": jc, "jaxcontact.paper": paper, "jaxcontact.plot": plot}
+SPACES = {module.__name__: module for module in (jc, paper, plot, systems)}
 
 
 def names() -> dict[str, list[str]]:

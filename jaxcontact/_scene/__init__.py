@@ -16,4 +16,3 @@ from .result import Impacts as Impacts
 from .result import SolvedBy as SolvedBy
 from .result import States as States
 from .run import Run as Run
-from .simulate import simulate as simulate

@@ -29,7 +29,7 @@ from .bodies.by_pair import DEFAULT
 from .bodies.motion import AbstractMotion, Steady, Vibration
 from .bodies.random_spheres import random_spheres
 from .bodies.scene import Scene
-from .simulate import simulate
+from .simulate import simulate_scene
 
 TIMES = 201
 """The number of output times if a file gives none."""
@@ -134,7 +134,9 @@ def _scene_of(top: _Place, content: dict[str, Any]) -> tuple[Scene, dict[str, An
     kinds = {cls.__name__.lower(): cls for cls in AbstractBody.__subclasses__()}
     for_scene = [n for n in inspect.signature(Scene).parameters if n != "bodies"]
     # Progress output is not part of a file.
-    for_run = [n for n in inspect.signature(simulate).parameters if n not in ("scene", "progress")]
+    for_run = [
+        n for n in inspect.signature(simulate_scene).parameters if n not in ("scene", "progress")
+    ]
     tables = [*kinds, random_spheres.__name__, "pair", "material"]
     for name in content:
         top.require_known("a key or table", name, [*for_run, *for_scene, *tables])

@@ -8,8 +8,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .._coupled.scalars import Flag, Number
 from .cluster.equations import ClusterState
-from .scalars import Flag, Number
 
 
 class Contacts(NamedTuple):

@@ -11,6 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._coupled.scalars import Index, Number
 from .._entry import as_parameter, rendered, shown
 from .._program import derived
 from .._text.failure import Flagged
@@ -24,7 +25,6 @@ from .readout.states import states_at
 from .result import Ending, Impacts, States, traced
 from .resume import Start
 from .run_record import RunRecord
-from .scalars import Index, Number
 
 if TYPE_CHECKING:
     import xarray

@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._coupled.scalars import Index, Number
 from .arrays.arrays import Numbers, SceneLayout
 from .engine.log import Log, LoopOutcome
 from .engine.state import CROWDED, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules
 from .result import Ending
-from .scalars import Index, Number
 
 
 class RunRecord(eqx.Module):

@@ -1,4 +1,4 @@
-"""The public function `simulate`."""
+"""The simulation of a scene."""
 
 from __future__ import annotations
 
@@ -16,12 +16,10 @@ from .._entry import (
     FRACTION,
     POSITIVE,
     as_parameter,
-    refuses_unknown,
     rendered,
     require_choice,
     require_count,
     require_flag,
-    require_kind,
     require_number,
 )
 from .._program import derived, quick
@@ -51,71 +49,27 @@ _CALLS = 4
 """The number of log rows for each impact, as a coupled solve may need several."""
 
 
-@refuses_unknown
-def simulate(
+def simulate_scene(
     scene: Scene,
     duration: ArrayLike,
     *,
-    times: ArrayLike | None = None,
-    rtol: float = 1e-9,
-    instantaneous: bool = False,
-    v0: str | float = "peak",
-    max_impacts: int | None = None,
-    max_cluster: int | None = None,
-    progress: bool | Listener | None = None,
-    throw: bool = True,
+    times: ArrayLike | None,
+    rtol: float,
+    instantaneous: bool,
+    v0: str | float,
+    max_impacts: int | None,
+    max_cluster: int | None,
+    progress: bool | Listener | None,
+    throw: bool,
 ) -> Run:
-    """Simulate a scene from impact to impact, with closed-form flights and impact times.
-
-    - `scene`: the `Scene`.
-    - `duration`: in s.
-    - `times` (T,): output times in s, ascending and within the duration. Default: start and end.
-    - `rtol`: the tolerance of each impact, for velocities relative to the closing speed.
-    - `instantaneous`: if True, impacts take no time.
-    - `v0`: the speed that the damping of a law refers to. "peak" is the largest closing speed since
-      touch, which is the speed at touch in a free impact. "touch" is the speed at touch. A number
-      in m/s is a lower bound on the speed at touch.
-    - `max_impacts`: the capacity for impacts. From Python the default grows as needed, also for
-      derivatives. Under `jit` and `vmap` it is fixed (default 256), and `impacts` are padded to it.
-      A run that exceeds it is flagged and NaN.
-    - `max_cluster`: the capacity of a coupled solve in spheres, at least 2. The default is 8; from
-      Python a run that needs more is then repeated with 16 and 32.
-    - `progress`: for runs from Python. None shows the number of impacts on stderr after a second,
-      in a terminal or notebook. True always shows it, False never. A function is called with that
-      number and None, as the total is unknown.
-
-    An isolated impact has the duration that its law gives it, and the line of centres turns
-    meanwhile. Head-on impacts have a closed form. Oblique ones use the radial equation with the
-    angular momentum.
-
-    All other impacts use a coupled solve: a third body nearby, gravity along a wall's normal, a
-    contact that comes to rest. It holds the spheres in contact and those that they may reach soon.
-    A run that needs more than `max_cluster` is flagged (`Ending.CROWDED`).
-
-    With `instantaneous=True` each impact uses the law's restitution at its closing speed.
-    Simultaneous impacts are processed pair by pair, the largest closing speed first, and marked as
-    tied. A ball may bounce on a wall under gravity with a constant e < 1. Once the next bounce
-    would be lower than `rtol` radii, the time of the infinite series is summed. The ball then rests
-    on the wall and slides along it. If impacts accumulate in any other way, the run stops and is
-    flagged.
-
-    Returns a `Run`, differentiable in forward and reverse mode with respect to every number of the
-    scene. The derivative is that of the order of impacts that occurred (`Run.margin`). Each
-    `Ending` but COMPLETED is a failure: it raises `NumericalError` unless `throw` is False. Batches
-    and traced runs are flagged in `status` and `ok`, and NaN after `reached`. Raises ValueError for
-    arguments out of range.
-
-    Source: event-driven simulation with one stored event a body, Lubachevsky (1991),
-    doi 10.1016/0021-9991(91)90222-7.
-    """
-    scene = require_kind("scene", scene, Scene, "a `Scene`")
+    """Simulate a scene; see `simulate`."""
     length = one_number(duration, "duration", POSITIVE)
     tolerance = require_number("rtol", rtol, FRACTION)
     soft, throw = not require_flag("instantaneous", instantaneous), require_flag("throw", throw)
-    rule = _v0(v0)
+    rule = require_v0(v0)
     room_for = MOST if max_cluster is None else require_count("max_cluster", max_cluster, 2)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
-    at = _times(times, length)
+    at = times_of(times, length)
     require_progress(progress)
     layout = layout_of(scene)
     if max_cluster is None:
@@ -203,7 +157,7 @@ def _usable_start(scene: Scene, soft: bool, members: int) -> Scene:
     return eqx.tree_at(lambda scene: scene._start, scene, None)
 
 
-def _v0(value: Any) -> str | float:
+def require_v0(value: Any) -> str | float:
     """Return the rule for v0: "peak", "touch" or a lower bound in m/s.
 
     Raises ValueError for anything else.
@@ -213,7 +167,7 @@ def _v0(value: Any) -> str | float:
     return require_number("v0", value, POSITIVE)
 
 
-def _times(value: Any, duration: Array) -> Array:
+def times_of(value: Any, duration: Array) -> Array:
     """Return the output times; raises ValueError unless they ascend within the duration."""
     if value is None:
         if isinstance(duration, Tracer):

@@ -12,6 +12,9 @@ from ._energy import energy as energy
 from ._fit import fit as fit
 from ._impact import impact as impact
 from ._law import law as law
+from ._mechanism import forces as forces
+from ._mechanism import gaps as gaps
+from ._mechanism import phase as phase
 from ._profile import profile as profile
 from ._residuals import residuals as residuals
 from ._scene import scene as scene

@@ -34,10 +34,14 @@ def plots() -> set[str]:
     return {f"plot.{name}" for name in dir(jc.plot) if not name.startswith("_")}
 
 
+def ready_made() -> set[str]:
+    return {f"systems.{name}" for name in dir(jc.systems) if not name.startswith("_")}
+
+
 def test_every_public_name_is_on_one_page():
     found = entries()
     assert {name for name in found if len(found[name]) > 1} == set()
-    assert {*jc.__all__, *plots()} == set(found)
+    assert {*jc.__all__, *plots(), *ready_made()} == set(found)
 
 
 def test_every_public_name_has_an_example():
@@ -45,7 +49,7 @@ def test_every_public_name_has_an_example():
     # One page of pictures has one of each.
     lacking = [
         name
-        for name in jc.__all__
+        for name in (*jc.__all__, *ready_made())
         if not re.search(rf"\b{name}\b", found[name][0]) and name not in IN_FULL
     ]
     assert lacking == []

@@ -109,9 +109,9 @@ def cases() -> dict[str, Case]:
         ),
         "simulate": Case(
             jc.simulate,
-            {"scene": scene, "duration": 10.0},
+            {"model": scene, "duration": 10.0},
             {
-                "scene": NOTHING,
+                "model": NOTHING,
                 "duration": POSITIVE,
                 "times": ONE | NONE | {"tuple", "range"},
                 "rtol": INSIDE,

@@ -1,19 +1,19 @@
 """Every public callable with its cases, and the exempt ones."""
 
-from tests.test_every_argument import fits, measured, physics, results, scenes
+from tests.test_every_argument import fits, measured, physics, results, scenes, systems
 from tests.test_every_argument.case import Case
 
 
 def cases() -> dict[str, Case]:
-    return physics.cases() | fits.cases() | measured.cases() | results.cases() | scenes.cases()
+    first = physics.cases() | fits.cases() | measured.cases() | results.cases()
+    return first | scenes.cases() | systems.cases()
 
 
 EXEMPT = {
     # Results, which the library makes
     r"(Bounce|Calibration|CalibrationSummary|Design|Export|Fit|Impact|Impacts|LawChoice|Margin|"
-    r"Posterior|Recording|Run|ScaledImpact|States|Sweep|Trajectory|VelocityProfile)\(.*\)": (
-        "a result, made by the library"
-    ),
+    r"Posterior|Recording|Run|ScaledImpact|States|Sweep|SystemContacts|SystemMargin|SystemRun|"
+    r"SystemStates|Trajectory|VelocityProfile)\(.*\)": ("a result, made by the library"),
     r"RecordingError\(.*\)": "an error, raised by the library",
     r"paper\.(Number|Published|Reproduction)\(.*\)": "a result, made by the library",
     r"(Status|Ending|SolvedBy)(\.names_of)?\(.*\)": "an enumeration of Python",
@@ -25,8 +25,10 @@ EXEMPT = {
     r"(choose_law|learn_law|fit_[a-z_]+)\((weights|groups|correlation|transforms|sigma|loss|noise|"
     r"optimizer|starts|spread|seed|max_steps|patience|rtol|reverse|progress|throw)\)": "see `fit`",
     r"cache\(folder\)": "a setting of the process, in tests/test_cli/test_cache.py",
-    r"Prescribed\(args\)": "whatever the function takes",
+    r"(Prescribed|simulate)\(args\)": "whatever the functions take",
     r"LowPass\.(read|correlation)\(.*\)": "called by the library",
+    r"RegularizedCoulomb\.force\(.*\)": "called by the library",
+    r"systems\.from_mjx\(.*\)": "needs MJX, which the tests of engines have",
     r"(Steady|Vibration|Prescribed)\.(start|along|after)\(.*\)": "called by the library",
     r".*\.(form|chosen|solve|error|over|tolerances|damping_ratio)\(.*\)": "called by the library",
     r"(Exact|Event|Phase)\.restitution\(.*\)": "called by the library",

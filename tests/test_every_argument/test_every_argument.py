@@ -35,6 +35,7 @@ def nothing_is_compiled(monkeypatch, tmp_path):
         ("_fit.uncertainty.profile", "_held"),
         ("_fit.posterior.posterior", "find_mode"),
         ("_fit.posterior.posterior", "draw"),
+        ("_system.simulate", "_begin"),
     ]:
         monkeypatch.setattr(importlib.import_module(f"jaxcontact.{module}"), name, reached)
     with (
@@ -111,7 +112,7 @@ def test_every_kind_of_value(label):
 
 def public():
     """Every public callable with its name: functions, constructors and methods."""
-    for where in (jc, jc.plot, jc.paper):
+    for where in (jc, jc.plot, jc.paper, jc.systems):
         prefix = "" if where is jc else where.__name__.removeprefix("jaxcontact.") + "."
         for name in dir(where):
             # Names of the package are loaded on first use.
@@ -128,11 +129,11 @@ def public():
 
 
 def arguments(name, function):
-    # Python has no signature of an exception without an initialiser.
-    if function is jc.NumericalError:
+    # Python has no signature of an exception without an initialiser, or of a typed dictionary.
+    if function in (jc.NumericalError, jc.systems.Start):
         return set()
     parameters = list(inspect.signature(function).parameters.values())
-    if inspect.isfunction(function) and "." in name.removeprefix("plot.").removeprefix("paper."):
+    if inspect.isfunction(function) and "." in re.sub(r"^(plot|paper|systems)\.", "", name):
         parameters = parameters[1:]
     kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     return {p.name for p in parameters if p.kind not in kinds}

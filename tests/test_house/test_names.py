@@ -17,7 +17,8 @@ import sys, jaxcontact as jc, jaxcontact._cli
 assert not {"jax", "numpy", "matplotlib"} & set(sys.modules), "--help would wait"
 loaded = lambda: {name.split(".")[1] for name in sys.modules if name.startswith("jaxcontact.")}
 jc.HuGuo, jc.Contact, jc.impact, jc.fit
-assert not loaded() & {"_scene", "_sweep", "_calibration", "_export", "_bounce", "plot"}, loaded()
+late = {"_scene", "_system", "_sweep", "_calibration", "_export", "_bounce", "plot", "systems"}
+assert not loaded() & late, loaded()
 assert not {"scipy.stats", "scipy.optimize", "scipy.interpolate", "optax"} & set(sys.modules)
 names = {}
 exec("from jaxcontact import *", names)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._scene.cluster import step as _cluster_step
+from jaxcontact._coupled import step as _coupled_step
 from jaxcontact._scene.pair_impact import radial as _radial
 from tests.oracle.scene_oracle import Ball, Spring, run
 
@@ -37,7 +37,7 @@ def collision(offset, gap, mass):
 def steps(monkeypatch):
     """The steps of both solves that are made while a program runs, by their names."""
     made = {}
-    for name, module in (("radial", _radial), ("coupled", _cluster_step)):
+    for name, module in (("radial", _radial), ("coupled", _coupled_step)):
 
         def counted(*given, name=name, step=module.step_and_slope):
             jax.debug.callback(lambda: made.update({name: made[name] + 1}))

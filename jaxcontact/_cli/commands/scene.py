@@ -92,8 +92,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Run the scene, print it, and write the requested files. Raises InputError, OSError."""
     progress("reading the scene")
-    from ..._scene import Ending, read_scene, simulate
+    from ..._scene import Ending, read_scene
     from ..._scene.file import examples
+    from ..._simulate import simulate
 
     if (arguments.file is None) == (arguments.example is None):
         raise InputError(f"give either a FILE or --example {', '.join(examples())}")

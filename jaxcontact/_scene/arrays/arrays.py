@@ -14,6 +14,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..._contact import Contact, Material
+from ..._coupled.rows import rows_of
+from ..._coupled.scalars import Index, Number
 from ..._entry import Specialised
 from ..._impact import restitution_at_any_speed, restitution_is_constant
 from ..._laws import AbstractLaw
@@ -23,9 +25,7 @@ from ..bodies.overlap import ROUNDINGS
 from ..bodies.scene import Scene
 from ..bodies.side import side
 from ..resume import Start
-from ..scalars import Index, Number
 from .movers import Movers
-from .rows import rows_of
 
 Lane = Float[Array, "..."]
 

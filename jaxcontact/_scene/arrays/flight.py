@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.rows import rows_of
 from .arrays import Numbers, SceneLayout
-from .rows import rows_of
 
 Lane = Float[Array, "..."]
 

@@ -14,12 +14,12 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
+from ..._coupled.scalars import Flag
 from ..._entry import POSITIVE, Specialised, is_valid, sanitised
 from ..._impact import restitution
 from ..bodies.bodies import AbstractBody, Shell, Sphere
 from ..bodies.motion import Along, still
 from ..bodies.scene import Scene
-from ..scalars import Flag
 from .arrays import Numbers, SceneLayout
 from .movers import Movers
 

@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..._coupled.scalars import Number
 from ..bodies.motion import UserMotion
-from ..scalars import Number
 
 Lane = Float[Array, "..."]
 

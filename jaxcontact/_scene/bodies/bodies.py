@@ -14,8 +14,8 @@ from jaxtyping import Array, ArrayLike, Float
 from numpy.typing import NDArray
 
 from ..._contact import Material
+from ..._coupled.scalars import Number
 from ..._entry import POSITIVE, refuses_unknown, rendered, require_flag, require_kind
-from ..scalars import Number
 from .entry import one_number, vector
 from .motion import AbstractMotion, Along, as_numpy, in_space, later, origin, require_motion, shifts
 

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact
+from ..._coupled.scalars import Index
 from ..._laws import AbstractLaw, force_of
-from ..scalars import Index
 
 
 class MixedLaw(AbstractLaw):

@@ -14,9 +14,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
+from ..._coupled.scalars import Number
 from ..._entry import POSITIVE, REAL, is_plain, rendered, require_kind
 from ..._program import quick
-from ..scalars import Number
 from .entry import one_number, vector
 
 

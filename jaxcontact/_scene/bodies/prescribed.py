@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from ..._coupled.scalars import Number
 from ..._entry import POSITIVE, as_parameter, is_plain, rendered, require_function
-from ..scalars import Number
 from .entry import one_number
 from .motion import AbstractMotion, Along, UserMotion, as_numpy, shifts, still
 

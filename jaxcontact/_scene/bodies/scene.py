@@ -12,10 +12,10 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import EXPONENT
+from ..._coupled.scalars import Number
 from ..._entry import POSITIVE, Specialised, is_plain, refuses_unknown, rendered, require_kind
 from ..._laws import AbstractLaw
 from ..resume import Start
-from ..scalars import Number
 from .bodies import AbstractBody, Shell, Sphere, words
 from .by_pair import PairTable, kinds_of, pair_table
 from .entry import one_number, vector

@@ -17,16 +17,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._contact import Contact
+from ..._coupled.modes import SLOWEST, Modes, Units
+from ..._coupled.rows import rows_of
+from ..._coupled.scalars import Flag, Index, Number
+from ..._coupled.stored_energy import stored_energy
 from ..._functions import small_product
 from ..._laws import AbstractLaw, force_of
-from ..arrays.rows import rows_of
-from ..arrays.stored_energy import stored_energy
 from ..bodies.motion import UserMotion
 from ..bodies.side import side
-from ..scalars import Flag, Index, Number
-
-_SLOWEST = 1e-9
-"""The least v0 in units of speed; v0 = 0 would have no damping."""
 
 PerPair = Float[Array, " pairs"]
 PerBody = Float[Array, "bodies dim"]
@@ -113,37 +111,6 @@ class ClusterState(NamedTuple):
     lost: PerPair
 
 
-class Units(NamedTuple):
-    """The units of length in m, speed in m/s and mass in kg, and derived ones."""
-
-    length: Number
-    speed: Number
-    mass: Number
-
-    @property
-    def time(self) -> Number:
-        """The unit of time in s."""
-        return self.length / self.speed
-
-    @property
-    def force(self) -> Number:
-        """The unit of force in N."""
-        return self.mass * self.speed * (self.speed / self.length)
-
-    @property
-    def energy(self) -> Number:
-        """The unit of energy in J."""
-        return self.mass * self.speed * self.speed
-
-
-class Modes(NamedTuple):
-    """The modes between two events: the closed pairs, and the source of their v0."""
-
-    closed: Bool[Array, " pairs"]
-    rising: Bool[Array, " pairs"]
-    latched: PerPair
-
-
 class Geometry(NamedTuple):
     """The geometry of pairs: indentation, its rate, unit normals, and the turning part of δ''."""
 
@@ -214,7 +181,7 @@ class Touching(eqx.Module):
         """Return the forces of the closed pairs."""
         units = self.units
         speed = jnp.where(modes.rising, jnp.maximum(rate, 0), modes.latched)
-        speed = jnp.maximum(speed, _SLOWEST)
+        speed = jnp.maximum(speed, SLOWEST)
         depth = jnp.maximum(depth, 0)
         if not self.law.damped:
             rate = jnp.zeros_like(rate)
@@ -224,7 +191,7 @@ class Touching(eqx.Module):
 
     def stored(self, depth: PerPair, modes: Modes) -> PerPair:
         """Return ∫ F(δ, 0) dδ of the closed pairs."""
-        units, speed = self.units, jnp.maximum(modes.latched, _SLOWEST)
+        units, speed = self.units, jnp.maximum(modes.latched, SLOWEST)
         depth = jnp.where(modes.closed & self.pairs.used, units.length * depth, 0)
         return stored_energy(self.law, self.contact, depth, units.speed * speed) / units.energy
 

@@ -1,23 +1,20 @@
-"""The motion of a cluster between two events as a field in its clock's variable, with event gaps.
-The gaps fall through zero at events. A state is one vector.
-"""
+"""The equations of a cluster as a field of coupled contacts. A state is one vector."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
-from ..scalars import Number
-from .clock import ClusterClock
-from .equations import Geometry, Modes, PerBody, PerPair, Touching, Units, incidence_of
-from .problem import ClusterProblem, ClusterRules, scale_drive
-
-WORK, TIME, W = -3, -2, -1
-"""The indices of work, time and w in the vector of a state."""
+from ..._coupled.clock import ContactClock
+from ..._coupled.field import TIME, AbstractCoupledField, Look, LoopRules, W
+from ..._coupled.modes import Flags, Modes, Units
+from ..._coupled.scalars import Index, Number
+from .equations import Geometry, PerBody, PerPair, Touching, incidence_of
+from .problem import ClusterProblem, scale_drive
+from .rest import rest_of
 
 
 class VectorLayout(NamedTuple):
@@ -35,10 +32,6 @@ class VectorLayout(NamedTuple):
         taken = [lost] if self.damped else []
         return jnp.concatenate([moved.ravel(), velocity.ravel(), *taken, jnp.stack(rest)])
 
-    def with_w(self, y: Array, w: Number) -> Float[Array, " numbers"]:
-        """Return the state with another w."""
-        return jnp.concatenate([y[:W], w[None]])
-
     def moved(self, y: Array) -> PerBody:
         return y[: self.bodies * self.dim].reshape(self.bodies, self.dim)
 
@@ -52,30 +45,26 @@ class VectorLayout(NamedTuple):
         return y[2 * self.bodies * self.dim : -3]
 
 
-class Look(NamedTuple):
-    """The quantities needed at the end of a step, or their slopes in s."""
-
-    depth: PerPair
-    rate: PerPair
-    second: PerPair
-    force: PerPair
-
-
 @dataclasses.dataclass(frozen=True)
-class ClusterField:
-    """The equations of a cluster for its state as a vector, up to the time `until`."""
+class ClusterField(AbstractCoupledField):
+    """The equations of a cluster for its state as a vector, up to the time `until`. The velocities
+    of the state are relative to its `frame`; `tolerance` is that of a step.
+    """
 
     system: Touching
     parts: VectorLayout
-    rules: ClusterRules
+    rules: LoopRules
     until: Number
+    used: Flags
+    frame: PerBody
+    tolerance: Number
 
-    def geometry(self, y: Array, clock: ClusterClock) -> Geometry:
+    def geometry(self, y: Array, clock: ContactClock) -> Geometry:
         """Return the geometry of all pairs; the leaving pair has the depth of the clock."""
         at = self.system.geometry(self.parts.moved(y), self.parts.velocity(y))
         return at._replace(depth=jnp.where(clock.leaving, jnp.square(y[W]), at.depth))
 
-    def rate(self, y: Array, modes: Modes, clock: ClusterClock) -> Array:
+    def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:
         """Return d/ds of a state."""
         velocity, at = self.parts.velocity(y), self.geometry(y, clock)
         acceleration, lost, work = self.system.motion(at, velocity, modes, y[TIME])
@@ -83,50 +72,31 @@ class ClusterField:
         rest = [pace * work, pace, clock.rate(at.rate)]
         return self.parts.pack(pace * velocity, pace * acceleration, pace * lost, rest)
 
-    def look(self, y: Array, modes: Modes, clock: ClusterClock) -> Look:
+    def look(self, y: Array, modes: Modes, clock: ContactClock) -> Look:
         """Return the quantities of one state."""
         at = self.geometry(y, clock)
         force = self.system.force(at.depth, at.rate, modes)
         acceleration, _ = self.system.accelerations(at, force, y[TIME])
         return Look(at.depth, at.rate, self.system.second(at, acceleration), force)
 
-    def look_along(
-        self, y: Array, modes: Modes, clock: ClusterClock, toward: Array
-    ) -> tuple[Look, Look]:
-        """Return the quantities of one state, and their slopes along `toward`."""
-        if self.rules.peak:
-            return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
-        # No event needs the slope of δ''.
-        now, pace = self.look(y, modes, clock), 2 * y[W]
-        slopes = (pace * now.rate, pace * now.second)
-        force = self.force_slope(modes, (now.depth, now.rate), slopes)
-        return now, Look(*slopes, jnp.zeros_like(force), force)
+    def approach(self, y: Array, clock: ContactClock) -> tuple[PerPair, PerPair]:
+        at = self.geometry(y, clock)
+        return at.depth, at.rate
 
-    def force_slope(
-        self, modes: Modes, at: tuple[PerPair, PerPair], along: tuple[PerPair, PerPair]
-    ) -> PerPair:
-        """Return the slope of the forces if depths and their rates change `along`."""
-        return jax.jvp(lambda d, r: self.system.force(d, r, modes), at, along)[1]
+    def force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
+        return self.system.force(depth, rate, modes)
 
-    def gaps(
-        self, modes: Modes, clock: ClusterClock, at: Look, w: Array, latched: Any, left: Array
-    ) -> Any:
-        """Return the gaps that fall through zero at events, or their slopes if slopes are given."""
-        meets = jnp.where(clock.leaving, w, jnp.where(modes.closed, at.depth, -at.depth))
-        if not self.rules.peak:
-            return jnp.concatenate([meets, left[None]])
-        latches = jnp.where(modes.rising, at.second, latched - at.rate)
-        return jnp.concatenate([meets, latches, left[None]])
+    def lost(self, y: Array) -> PerPair:
+        return self.parts.lost(y)
 
-    def has_passed(self, modes: Modes, at: Look, gaps: Array) -> Bool[Array, " events"]:
-        """Return which gaps are negative because of an event, not because of rounding."""
-        used = self.system.pairs.used
-        inwards = jnp.where(modes.closed, at.rate < 0, at.rate > 0)
-        meets, last = used & inwards, jnp.ones(1, bool)
-        if not self.rules.peak:
-            return (gaps < 0) & jnp.concatenate([meets, last])
-        latches = used & modes.closed & (modes.rising | (at.second > 0))
-        return (gaps < 0) & jnp.concatenate([meets, latches, last])
+    def with_lost(self, y: Array, lost: PerPair) -> Array:
+        moved, velocity = self.parts.moved(y), self.parts.velocity(y)
+        return self.parts.pack(moved, velocity, lost, [y[k] for k in (-3, -2, -1)])
+
+    def resting(self, y: Array, toward: Array, pace: Number, now: Look, modes: Modes) -> Index:
+        moving = self.parts.velocity(y) + self.frame, self.parts.velocity(toward) / pace
+        along = now.rate, now.second
+        return rest_of(self.system, modes.closed, along, moving, self.tolerance)
 
     def energy(self, y: Array, modes: Modes) -> Number:
         """Return the energy of bodies and contacts, plus the losses."""
@@ -136,8 +106,10 @@ class ClusterField:
         return self.system.kinetic(velocity) + stored + jnp.sum(self.parts.lost(y))
 
 
-def field_of(problem: ClusterProblem, rules: ClusterRules, units: Units) -> ClusterField:
-    """Return the field of a problem in its units."""
+def field_of(
+    problem: ClusterProblem, rules: LoopRules, units: Units, frame: PerBody, in_line: bool
+) -> ClusterField:
+    """Return the field of a problem in its units; `frame` is in m/s."""
     state, pairs, (bodies, dim) = problem.state, problem.pairs, problem.state.position.shape
     free = (problem.inverse_mass > 0)[:, None]
     system = Touching(
@@ -151,7 +123,14 @@ def field_of(problem: ClusterProblem, rules: ClusterRules, units: Units) -> Clus
         acceleration=jnp.where(free, problem.acceleration, 0) / (units.speed / units.time),
         drive=scale_drive(problem.drive, units),
         incidence=incidence_of(pairs, bodies, state.position.dtype),
-        in_line=rules.in_line,
+        in_line=in_line,
     )
-    parts = VectorLayout(bodies, dim, pairs.used.shape[0], problem.law.damped)
-    return ClusterField(system, parts, rules, (problem.until - state.time) / units.time)
+    return ClusterField(
+        system=system,
+        parts=VectorLayout(bodies, dim, pairs.used.shape[0], problem.law.damped),
+        rules=rules,
+        until=(problem.until - state.time) / units.time,
+        used=pairs.used,
+        frame=frame / units.speed,
+        tolerance=problem.tolerance,
+    )

@@ -9,15 +9,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..arrays.rows import rows_of
-from ..scalars import Flag, Index, Number
-from .equations import ClusterPairs, ClusterState, Drive, PerBody, Units
-
-APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST, PAUSED = range(6)
-"""The values of `ClusterEnd.status`. APART: all pairs are open. TIME_IS_UP: `until` was reached.
-NOT_CONVERGED: the numbers cannot be trusted. CHANGED: a pair touched or opened, with
-`until_change`. AT_REST: each touching body rests on one plane with zero normal velocity. PAUSED:
-the step limit was reached, for example by a ball sliding in a shell; another call continues."""
+from ..._coupled.modes import Units
+from ..._coupled.rows import rows_of
+from ..._coupled.scalars import Flag, Index, Number
+from .equations import ClusterPairs, ClusterState, Drive, PerBody
 
 
 class ClusterProblem(NamedTuple):
@@ -36,18 +31,6 @@ class ClusterProblem(NamedTuple):
     floor: Number
     drive: Drive | None
     to_the_end: Flag
-
-
-class ClusterRules(NamedTuple):
-    """The static rules of a coupled solve. `peak`: whether v0 follows its peak. `until_change` and
-    `max_steps` determine its end. `in_line`: whether all bodies are walls and spheres outside of
-    each other in one dimension.
-    """
-
-    peak: bool
-    until_change: bool
-    max_steps: int
-    in_line: bool
 
 
 class ClusterEnd(NamedTuple):

@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from ..scalars import Index, Number
+from ..._coupled.modes import AT_REST, PAUSED
+from ..._coupled.scalars import Index, Number
 from .equations import PerBody, PerPair, Touching
-from .problem import AT_REST, PAUSED
 
 ASLEEP = PAUSED + 1
 """All bodies are at rest, however they support each other, until the time is up."""

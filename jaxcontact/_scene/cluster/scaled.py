@@ -10,12 +10,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..._contact import Contact
+from ..._coupled.field import LoopRules
+from ..._coupled.rows import rows_of
+from ..._coupled.scalars import Flag, Number
 from ..._impact.derivatives import with_sensitivity
 from ..._laws import AbstractLaw
-from ..arrays.rows import rows_of
-from ..scalars import Flag, Number
 from .equations import ClusterPairs, ClusterState, Drive, PerBody
-from .problem import ClusterEnd, ClusterProblem, ClusterRules
+from .problem import ClusterEnd, ClusterProblem
 from .solve import solve_cluster
 
 MOST_STEPS = 4096
@@ -79,8 +80,8 @@ def cluster(
         drive=drive,
         to_the_end=jnp.asarray(to_the_end),
     )
-    rules = ClusterRules(v0 == "peak", until_change, max_steps, in_line)
-    return with_sensitivity(eqx.Partial(solve_cluster, rules=rules))(problem)
+    rules = LoopRules(v0 == "peak", until_change, max_steps)
+    return with_sensitivity(eqx.Partial(solve_cluster, rules=rules, in_line=in_line))(problem)
 
 
 def cluster_at_touch(

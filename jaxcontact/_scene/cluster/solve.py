@@ -1,113 +1,72 @@
-"""The coupled solve of several touching bodies, from event to event.
-
-Between two events the motion of `equations` is smooth except for powers of δ at touch and opening.
-The variable of `clock` makes them smooth, and steps of order 8 are taken in it. A step that passes
-an event is repeated up to the root of the cubic through its ends, until it ends there.
-
-Events are a touch or opening of a pair, and the end of the time. They also include the closing
-speed of a pair: if it stops rising, v0 is latched; if it exceeds the latched v0, v0 rises again.
-
-The stages and the step control are those of `_solver`. docs/rooms.md says why the loop is not.
-"""
+"""The coupled solve of several touching bodies: its start, the loop, and its end."""
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..scalars import Flag
-from .clock import LONG_AGO, ClusterClock, choose_clock
-from .equations import ClusterState, Modes
-from .field import TIME, WORK, Look, field_of
-from .problem import (
-    APART,
-    NOT_CONVERGED,
-    PAUSED,
-    TIME_IS_UP,
-    ClusterEnd,
-    ClusterProblem,
-    ClusterRules,
-    units_of,
-)
+from ..._coupled.field import TIME, WORK, LoopRules
+from ..._coupled.loop import CoupledStart, first_carry, run_to_end, status_of
+from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Modes
+from ..._coupled.step import Carry, CoupledSolve
+from .equations import ClusterState, PerBody
+from .field import ClusterField, field_of
+from .problem import ClusterEnd, ClusterProblem, units_of
 from .rest import ASLEEP
-from .step import Carry, ClusterSolve, advance
 
 _stop = jax.lax.stop_gradient
 
 
-def solve_cluster(problem: ClusterProblem, rules: ClusterRules) -> ClusterEnd:
-    """Solve a cluster from its state to its end."""
+@dataclasses.dataclass(frozen=True)
+class _ClusterSolve(CoupledSolve):
+    """The solve of a problem. `frame` is the velocity of the cluster in m/s."""
+
+    field: ClusterField
+    problem: ClusterProblem
+    frame: PerBody
+
+
+def solve_cluster(problem: ClusterProblem, rules: LoopRules, in_line: bool) -> ClusterEnd:
+    """Solve a cluster from its state to its end. `in_line`: see `Touching`."""
     free = (problem.inverse_mass > 0)[:, None]
     velocity = problem.state.velocity
     frame = jnp.sum(jnp.where(free, _stop(velocity), 0), axis=0, keepdims=True)
     frame = frame / jnp.sum(free, dtype=velocity.dtype)
     units = units_of(problem)
-    solve = ClusterSolve(problem, field_of(problem, rules, units), units, frame)
-    first = _first(solve)
+    solve = _ClusterSolve(
+        field=field_of(problem, rules, units, frame, in_line),
+        units=units,
+        tolerance=problem.tolerance,
+        floor=problem.floor,
+        start=problem.state.time,
+        to_the_end=problem.to_the_end,
+        problem=problem,
+        frame=frame,
+    )
+    first = first_carry(solve, _start(solve))
+    end = run_to_end(solve, first)
+    return _assess(solve, first, end, *_state_at(solve, end))
 
-    def unfinished(c: Carry) -> Flag:
-        return (c.status < 0) & (c.steps < rules.max_steps)
 
-    end = jax.lax.while_loop(unfinished, functools.partial(advance, solve), first)
-    done, status = _state_at(solve, end)
-    return _assess(solve, first, end, done, status)
-
-
-def _first(solve: ClusterSolve) -> Carry:
-    """Return the initial state of the loop."""
-    problem, field, units, finest = solve.problem, solve.field, solve.units, solve.finest
-    state, pairs, begin = problem.state, problem.pairs, solve.begin
-    dtype = state.position.dtype
-    zero, none = jnp.zeros((), dtype), jnp.zeros_like(state.lost)
+def _start(solve: _ClusterSolve) -> CoupledStart:
+    """Return the start of the loop."""
+    state, units = solve.problem.state, solve.units
+    zero = jnp.zeros((), state.position.dtype)
     velocity = (state.velocity - solve.frame) / units.speed
     lost = state.lost / units.energy
-    y = field.parts.pack(jnp.zeros_like(velocity), velocity, lost, [zero, zero, zero])
-    modes = Modes(state.closed & pairs.used, state.rising, state.latched / units.speed)
-    nobody = jnp.zeros_like(modes.closed)
-    here = field.look(y, modes, ClusterClock(jnp.asarray(True), nobody))
-    if field.rules.peak:
-        # v0 follows a closing speed that is the largest so far and increases.
-        largest = modes.closed & (here.rate >= modes.latched - 16 * finest)
-        modes = modes._replace(rising=modes.rising | (largest & (here.second > 0)))
-    force = field.force_slope(modes, (here.depth, here.rate), (here.rate, here.second))
-    # True if a pair touches just now, up to rounding.
-    just = jnp.abs(state.since - state.time) <= 8 * finest * jnp.abs(state.time)
-    just = jnp.any(modes.closed & just)
-    touched = jnp.where(just, zero, jnp.asarray(LONG_AGO, dtype))
-    clock, w = choose_clock(
-        ClusterClock(just, nobody), zero, modes, here.depth, here.rate, zero - touched
-    )
-    size = _stop(jnp.where(just, begin, begin / jnp.where(just, 1, 2 * w)))
-    nothing = ~jnp.any(modes.closed)
-    over = jnp.where(nothing, APART, jnp.where(field.until <= 0, TIME_IS_UP, -1))
-    return Carry(
-        y=field.parts.with_w(y, w),
-        modes=modes,
-        clock=clock,
-        touched=touched,
-        size=size,
-        free=size,
-        last_size=size,
-        last_error=zero + 1,
-        whole=zero,
-        sought=jnp.zeros((2 if field.rules.peak else 1) * field.parts.pairs + 1, bool),
-        look=here,
-        slope=Look(here.rate, here.second, none, force),
+    return CoupledStart(
+        y=solve.field.parts.pack(jnp.zeros_like(velocity), velocity, lost, [zero, zero, zero]),
+        modes=Modes(state.closed & solve.field.used, state.rising, state.latched / units.speed),
         since=state.since,
         force_until=state.force_until,
         max_force=state.max_force,
-        dropped=zero,
-        error=zero,
-        steps=jnp.zeros((), jnp.int32),
-        status=over.astype(jnp.int32),
     )
 
 
-def _state_at(solve: ClusterSolve, end: Carry) -> tuple[ClusterState, Array]:
+def _state_at(solve: _ClusterSolve, end: Carry) -> tuple[ClusterState, Array]:
     """Return the final state of a solve in SI units, and its status."""
     problem, units, parts, frame = solve.problem, solve.units, solve.field.parts, solve.frame
     state, free = problem.state, (problem.inverse_mass > 0)[:, None]
@@ -135,14 +94,11 @@ def _state_at(solve: ClusterSolve, end: Carry) -> tuple[ClusterState, Array]:
         time=jnp.where(asleep, problem.until, done.time),
         velocity=jnp.where(asleep & free, 0, velocity),
     )
-    status = jnp.where(asleep, TIME_IS_UP, end.status)
-    # A solve that got farther than a contact's own time made progress.
-    unfinished_status = jnp.where(end.y[TIME] > 1, PAUSED, NOT_CONVERGED)
-    return done, jnp.where(end.status < 0, unfinished_status, status)
+    return done, jnp.where(asleep, TIME_IS_UP, status_of(end))
 
 
 def _assess(
-    solve: ClusterSolve, first: Carry, end: Carry, done: ClusterState, status: Array
+    solve: _ClusterSolve, first: Carry, end: Carry, done: ClusterState, status: Array
 ) -> ClusterEnd:
     """Return the end with its work and its error estimate, which determines convergence."""
     problem, units, tolerance = solve.problem, solve.units, solve.problem.tolerance

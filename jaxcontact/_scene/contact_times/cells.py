@@ -21,8 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.scalars import Flag, Index
 from ..arrays.arrays import Numbers, SceneLayout
-from ..scalars import Flag, Index
 from .closed_form import wall_time
 
 SKIN = 1 / 16

@@ -17,16 +17,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from ..._coupled.rows import rows_of, with_rows
+from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying, where_each
-from ..arrays.rows import rows_of, with_rows
 from ..cluster.equations import ClusterState
 from ..engine.cluster_slots import index_of, rearrange, slot_pairs
 from ..engine.log import ClusterNumbers, Log, LogDecisions, LogNumbers
 from ..engine.state import Rules
 from ..pair_impact.instantaneous import ImpactOutcome
 from ..run_record import RunRecord
-from ..scalars import Flag, Index, Number
 from .slopes import Done, Entering, Matrices, flat, row_call, row_hit, row_numbers, two_of, unflat
 
 

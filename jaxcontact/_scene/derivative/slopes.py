@@ -15,9 +15,10 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.rows import rows_of
+from ..._coupled.scalars import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying
-from ..arrays.rows import rows_of
 from ..cluster.equations import ClusterState
 from ..cluster.scaled import MOST_STEPS
 from ..engine.cluster_slots import in_place, index_of
@@ -27,7 +28,6 @@ from ..engine.log import Log, LogDecisions, LogNumbers
 from ..engine.state import Rules
 from ..pair_impact.instantaneous import ImpactOutcome, hit, two_that_meet
 from ..pair_impact.soft import soft
-from ..scalars import Flag, Number
 
 
 class Done(NamedTuple):

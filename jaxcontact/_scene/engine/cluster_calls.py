@@ -5,13 +5,13 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
+from ..._coupled.modes import APART, AT_REST, PAUSED, TIME_IS_UP
+from ..._coupled.modes import NOT_CONVERGED as FAILED
+from ..._coupled.rows import rows_of
+from ..._coupled.scalars import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying, at_once
-from ..arrays.rows import rows_of
-from ..cluster.problem import APART, AT_REST, PAUSED, TIME_IS_UP
-from ..cluster.problem import NOT_CONVERGED as FAILED
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
-from ..scalars import Flag, Number
 from .cluster_members import pace_of, select_members
 from .cluster_slots import index_of, member_change, slot_pairs
 from .coupled import Call, as_numbers, call, masses, meets, touching, work_of_walls

@@ -15,11 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
+from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, least_speed, nearest_image
 from ..arrays.flight import Flying, at_once
 from ..bodies.side import side
 from ..pair_impact.instantaneous import Choice
-from ..scalars import Flag, Index, Number
 from .cluster_slots import Slots, all_fit, bodies_of, identity_slots, in_line
 from .next_event import simultaneous
 from .state import Coupling, RunState

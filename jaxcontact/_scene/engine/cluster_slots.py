@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.rows import rows_of
+from ..._coupled.scalars import Flag
 from ..arrays.arrays import Numbers, SceneLayout
-from ..arrays.rows import rows_of
 from ..cluster.equations import ClusterPairs, ClusterState
-from ..scalars import Flag
 
 
 class Slots(NamedTuple):

@@ -11,17 +11,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.modes import TIME_IS_UP
+from ..._coupled.rows import rows_of, with_rows
+from ..._coupled.scalars import Flag, Number
+from ..._coupled.stored_energy import stored_energy
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, law_of, nearest_image
 from ..arrays.flight import Flying, accelerations, at_once
-from ..arrays.rows import rows_of, with_rows
-from ..arrays.stored_energy import stored_energy
 from ..bodies.motion import UserMotion
 from ..bodies.overlap import ROUNDINGS
 from ..cluster.equations import ClusterPairs, ClusterState, Drive
-from ..cluster.problem import TIME_IS_UP, ClusterEnd
+from ..cluster.problem import ClusterEnd
 from ..cluster.scaled import MOST_STEPS, cluster, cluster_at_touch
 from ..pair_impact.instantaneous import Choice, meeting_of, two_that_meet
-from ..scalars import Flag, Number
 from .cluster_slots import MemberChange, Slots, bodies_of, in_line, pairs_of, rearrange, slot_pairs
 
 MOST = 8

@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ..._coupled.rows import rows_of, with_rows
+from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import Numbers, SceneLayout
-from ..arrays.rows import rows_of, with_rows
 from ..contact_times.cells import CellGrid, Cells, Shift, fill_cells, move_sphere, shift_of, staying
-from ..scalars import Flag, Index, Number
 from .next_event import LEAVES, OUT_OF_DATE, find_next_events, flight_at, simultaneous
 from .state import Events, RunState
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
+from ..._coupled.scalars import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import Flying, at_once
 from ..bodies.side import side
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
-from ..scalars import Flag, Number
 from .state import Rules, RunState
 
 REACH = 4.0

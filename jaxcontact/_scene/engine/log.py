@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import SceneLayout
 from ..arrays.flight import Flying
 from ..cluster.equations import ClusterState
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
-from ..scalars import Flag, Index, Number
 from .cluster_slots import Slots, no_change, slot_pairs
 from .coupled import Call, as_numbers, blank_state
 

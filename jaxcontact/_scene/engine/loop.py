@@ -16,15 +16,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from ..._coupled.rows import rows_of, with_row
+from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import Flying, at_once, where_each
-from ..arrays.rows import rows_of, with_row
 from ..contact_times.cells import CellGrid
 from ..pair_impact.instantaneous import Choice, ImpactOutcome, hit
 from ..pair_impact.soft import soft
 from ..readout.final_scene import resume_cluster
 from ..resume import Underway
-from ..scalars import Flag, Index, Number
 from .cluster_calls import cluster_is_next, start_cluster, step_cluster
 from .cluster_slots import empty_slots
 from .coupled import blank_state

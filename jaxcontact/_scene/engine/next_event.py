@@ -8,14 +8,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.rows import rows_of, with_rows
+from ..._coupled.scalars import Number
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import Flying, at_once
-from ..arrays.rows import rows_of, with_rows
 from ..bodies.overlap import ROUNDINGS
 from ..contact_times.cells import everywhere, leaving, neighbours
 from ..contact_times.closed_form import curved_time, image_horizon, sphere_time, wall_time
 from ..contact_times.shaking import shaking_sphere_time, shaking_wall_time
-from ..scalars import Number
 from .cluster_slots import index_of
 from .state import Coupling, Events, RunState
 

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import equinox as eqx
 from jaxtyping import Array, Float, Int
 
-from ..arrays.rows import with_rows
+from ..._coupled.rows import with_rows
+from ..._coupled.scalars import Flag, Index, Number
 from ..cluster.equations import ClusterState
 from ..contact_times.cells import Cells
 from ..pair_impact.instantaneous import Choice
-from ..scalars import Flag, Index, Number
 from .cluster_slots import Slots
 
 PATIENCE = 64

@@ -12,12 +12,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ..._coupled.rows import rows_of
+from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import Numbers, SceneLayout, restitution_of
 from ..arrays.flight import Flying, at_once
-from ..arrays.rows import rows_of
 from ..bodies.side import side
 from ..result import SolvedBy
-from ..scalars import Flag, Index, Number
 
 Lane = Float[Array, "..."]
 

@@ -9,13 +9,13 @@ import jax
 import jax.numpy as jnp
 
 from ..._contact import Contact
+from ..._coupled.scalars import Flag, Index, Number
 from ..._entry import POSITIVE, Specialised
 from ..._forms import AbstractForm, Change, ScaledImpact
 from ..._impact import Status
 from ..._impact.derivatives import with_sensitivity
 from ..._impact.front_door import lanes_of, problem_of, uniform
 from ..._laws import AbstractLaw
-from ..scalars import Flag, Index, Number
 from .radial import Radial, RadialOutcome, solve_radial
 
 CLOSED_FORM, CORRECTED, RADIAL = range(3)

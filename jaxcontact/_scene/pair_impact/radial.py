@@ -27,14 +27,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._coupled.control import State, factor, onward
+from ..._coupled.scalars import Flag, Index, Number
 from ..._entry import Specialised
 from ..._forms import AbstractForm
 from ..._functions import varying
 from ..._impact.motion.motion import Motion
 from ..._impact.motion.motion import State as Moving
 from ..._solver.runge_kutta import step_and_slope
-from ..scalars import Flag, Index, Number
-from .step import State, factor, onward
 
 # The phases of a contact: until the force peak, until the turn, until the force ends, and until the
 # bodies are back at the distance of touch without a force.

@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..._coupled.rows import rows_of
+from ..._coupled.scalars import Flag, Number
 from ..._impact import Status
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, laws_of, least_speed
 from ..arrays.flight import Flying, accelerations
-from ..arrays.rows import rows_of
 from ..result import SolvedBy
-from ..scalars import Flag, Number
 from .instantaneous import Choice, ImpactOutcome, driven_work, meeting_of
 from .oblique import oblique
 

@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.scalars import Index
 from ..arrays.arrays import Numbers, SceneLayout
 from ..engine.cluster_slots import Slots, bodies_of, pairs_of, slot_pairs
 from ..engine.log import ClusterDecisions, ClusterNumbers
 from ..result import Ending, Impacts, SolvedBy, nan_unless
 from ..run_record import RunRecord
-from ..scalars import Index
 
 
 def table_of(

@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..._coupled.rows import rows_of, with_rows
+from ..._coupled.stored_energy import stored_energy
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, law_of
 from ..arrays.flight import Flying
-from ..arrays.rows import rows_of, with_rows
-from ..arrays.stored_energy import stored_energy
 from ..engine.cluster_slots import Slots, all_fit, empty_slots, in_line, index_of, joins, no_change
 from ..engine.coupled import Call, as_flags, blank_state, call, contact_energy, meets
 from ..engine.log import last_call

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from ..._coupled.scalars import Number
 from ..._entry import shown
 from ..._program import quick
 from ..derivative.replay import differentiable
@@ -18,7 +19,6 @@ from ..engine.log import Log
 from ..engine.state import Rules
 from ..result import Ending, nan_unless, traced
 from ..run_record import RunRecord
-from ..scalars import Number
 from .states import any_inside, kinematics_at, kinematics_in_log
 
 _MOST = 24

@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..._coupled.scalars import Index, Number
 from ..._program import derived, quick
 from ..result import Impacts, States, traced
 from ..run_record import RunRecord
-from ..scalars import Index, Number
 from .impact_table import table_of
 from .states import states_as_numpy, states_at, states_in_log, states_in_log_as_numpy, states_of
 from .straddling import clip_to_run

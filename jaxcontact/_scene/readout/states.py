@@ -10,15 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
+from ..._coupled.rows import rows_of
+from ..._coupled.scalars import Flag
 from ..._program import derived, quick
 from ..arrays.arrays import SceneLayout
 from ..arrays.flight import accelerations
-from ..arrays.rows import rows_of
 from ..engine.cluster_slots import slot_pairs
 from ..engine.log import Log, last_call
 from ..result import States, nan_unless
 from ..run_record import RunRecord
-from ..scalars import Flag
 from .inside_contacts import Entries, Kinematics, at_rest, energy_at_ends, in_contacts
 
 _LEAST, _FEW = 512, 128

@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from ..._coupled.stored_energy import stored_energy
 from ..._program import quick
 from ..arrays.arrays import known_contact_of, law_of
 from ..arrays.flight import Flying, accelerations
-from ..arrays.stored_energy import stored_energy
 from ..bodies.side import side
 from ..pair_impact.instantaneous import meeting_of, two_that_meet
 from ..result import States

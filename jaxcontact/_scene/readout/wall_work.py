@@ -5,9 +5,9 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from ..._coupled.scalars import Index, Number
 from ..result import Ending, nan_unless
 from ..run_record import RunRecord
-from ..scalars import Index, Number
 from .states import last_impacts
 
 

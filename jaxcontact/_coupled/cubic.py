@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..scalars import Number
+from .scalars import Number
 
 Lanes = Float[Array, " lanes"]
 

@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._contact import Contact
-from ..._functions import contraction
-from ..._laws import AbstractLaw
-from ..scalars import Number
+from .._contact import Contact
+from .._functions import contraction
+from .._laws import AbstractLaw
+from .scalars import Number
 
 
 def stored_energy(law: AbstractLaw, contact: Contact, depth: Number, speed: Number) -> Number:

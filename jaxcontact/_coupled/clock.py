@@ -1,9 +1,9 @@
 """The clock of a coupled solve: a variable in which motion is smooth near touch and opening.
 
-A force δ^n has a branch point in time where a pair touches and where it opens. High-order steps
-would have to shrink towards it. With dt = 2 w ds the powers of δ are smooth in s, for two choices
-of w. After a touch w = s, so that t = s². Before an opening w = √δ of the pair that opens first, so
-that dw/ds = δ'. The pair opens at w = 0, which is a simple root. Far from both w = ½.
+A force δ^n has a branch point in time where a contact begins and where it ends. High-order
+steps would have to shrink towards it. With dt = 2 w ds the powers of δ are smooth in s, for two
+choices of w. After a touch w = s, so that t = s². Before an opening w = √δ of the contact that ends
+first, so that dw/ds = δ'. It ends at w = 0, which is a simple root. Far from both w = ½.
 """
 
 from __future__ import annotations
@@ -12,23 +12,22 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
 
-from ..arrays.rows import rows_of
-from ..scalars import Flag, Number
-from .equations import Modes, PerPair
+from .modes import Flags, Modes, PerContact
+from .rows import rows_of
+from .scalars import Flag, Number
 
 LONG_AGO = -1e30
 """The time of the last touch if there was none."""
 
 
-class ClusterClock(NamedTuple):
-    """The choice of w: after the last touch if `touch`, or of the one pair that is `leaving`."""
+class ContactClock(NamedTuple):
+    """The choice of w: after the last touch if `touch`, or of the one contact that is `leaving`."""
 
     touch: Flag
-    leaving: Bool[Array, " pairs"]
+    leaving: Flags
 
-    def rate(self, closing: PerPair) -> Number:
+    def rate(self, closing: PerContact) -> Number:
         """Return dw/ds."""
         unit = jnp.ones((), closing.dtype)
         opens = jnp.sum(jnp.where(self.leaving, closing, 0))
@@ -36,8 +35,13 @@ class ClusterClock(NamedTuple):
 
 
 def choose_clock(
-    before: ClusterClock, w: Number, modes: Modes, depth: PerPair, closing: PerPair, age: Number
-) -> tuple[ClusterClock, Number]:
+    before: ContactClock,
+    w: Number,
+    modes: Modes,
+    depth: PerContact,
+    closing: PerContact,
+    age: Number,
+) -> tuple[ContactClock, Number]:
     """Return the clock of the branch point nearest in time, with its w. `age` is the time since the
     last touch, 0 at a touch.
     """
@@ -47,12 +51,12 @@ def choose_clock(
     next_one = jnp.argmin(left)
     soonest, deep = rows_of((left, depth), next_one)
     touch = (age < 1e9) & (age < soonest)
-    pairs = jnp.arange(depth.shape[0])
-    leaving = (pairs == next_one) & unloads & ~touch
+    contacts = jnp.arange(depth.shape[0])
+    leaving = (contacts == next_one) & unloads & ~touch
     opens = jnp.any(leaving)
     root = jnp.sqrt(jnp.where(opens, deep, 1))
     root = jnp.where(jnp.any(leaving & before.leaving), w, root)
     old = touch & ~before.touch & (age > 0)
     since = jnp.where(age > 0, jnp.where(old, jnp.sqrt(jnp.where(old, age, 1)), w), 0)
     half = jnp.full_like(w, 0.5)
-    return ClusterClock(touch, leaving), jnp.where(touch, since, jnp.where(opens, root, half))
+    return ContactClock(touch, leaving), jnp.where(touch, since, jnp.where(opens, root, half))

@@ -9,21 +9,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..._solver.runge_kutta import step_and_slope
-from ..arrays.rows import rows_of
-from ..pair_impact.step import factor, onward
-from ..scalars import Index, Number
-from .clock import ClusterClock, choose_clock
-from .cubic import ceiling, highest, to_root
-from .equations import Modes, PerBody, PerPair, Units
-from .field import TIME, WORK, ClusterField, Look, W
-from .problem import APART, CHANGED, TIME_IS_UP, ClusterProblem
-from .rest import rest_of
+from .._solver.runge_kutta import step_and_slope
+from .clock import ContactClock, choose_clock
+from .control import factor, onward
+from .cubic import highest, to_root
+from .field import TIME, TOGETHER, AbstractCoupledField, Look, W
+from .modes import APART, CHANGED, TIME_IS_UP, Flags, Modes, PerContact, Units
+from .rows import rows_of
+from .scalars import Flag, Index, Number
 
-_TOGETHER = 0.65
 _NEAR = 0.4
-"""Powers of rounding, both relative to the step. The first is the distance between simultaneous
-events. The second is the distance from a state to an event that the cubic of the step bridges."""
+"""A power of rounding, relative to the step: the distance to an event that its cubic bridges."""
 
 _BEGIN = 0.35
 _BEGIN_FOR = 1e-8
@@ -33,25 +29,28 @@ _stop = jax.lax.stop_gradient
 
 
 @dataclasses.dataclass(frozen=True)
-class ClusterSolve:
-    """The constants of a solve: its `field` in the frame of the cluster, and its units. `frame` is
-    the velocity of the cluster.
+class CoupledSolve:
+    """The constants of a solve: its `field` and units, the tolerance of a step, the least v0 at
+    touch in m/s (`floor`), and the time in s at which it starts. `to_the_end`: whether it continues
+    at rest.
     """
 
-    problem: ClusterProblem
-    field: ClusterField
+    field: AbstractCoupledField
     units: Units
-    frame: PerBody
+    tolerance: Number
+    floor: Number
+    start: Number
+    to_the_end: Flag
 
     @property
     def finest(self) -> float:
         """The rounding error of 1."""
-        return float(jnp.finfo(self.frame.dtype).eps)
+        return float(jnp.finfo(self.start.dtype).eps)
 
     @property
     def begin(self) -> Number:
         """The first step after a touch."""
-        return _BEGIN * jnp.minimum((self.problem.tolerance / _BEGIN_FOR) ** (1 / 8), 1.5)
+        return _BEGIN * jnp.minimum((self.tolerance / _BEGIN_FOR) ** (1 / 8), 1.5)
 
 
 class Carry(NamedTuple):
@@ -62,7 +61,7 @@ class Carry(NamedTuple):
 
     y: Float[Array, " numbers"]
     modes: Modes
-    clock: ClusterClock
+    clock: ContactClock
     touched: Number
     size: Number
     free: Number
@@ -72,9 +71,9 @@ class Carry(NamedTuple):
     sought: Bool[Array, " events"]
     look: Look
     slope: Look
-    since: PerPair
-    force_until: PerPair
-    max_force: PerPair
+    since: PerContact
+    force_until: PerContact
+    max_force: PerContact
     dropped: Number
     error: Number
     steps: Index
@@ -84,7 +83,8 @@ class Carry(NamedTuple):
 class _Attempt(NamedTuple):
     """A trial step. `y` is its end, and `error` is in units of the allowed error; `fine` if
     accepted. `outset` and `toward` are the slopes at its ends. `now` holds the quantities at its
-    end, and `slope` their slopes.
+    end, and `slope` their slopes. If `grazed`, an event may be hidden in the step, and the
+    `shorter` part of it is tried next.
     """
 
     y: Array
@@ -96,6 +96,7 @@ class _Attempt(NamedTuple):
     slope: Look
     passing: Array
     grazed: Array
+    shorter: Array
 
 
 class _StepEvents(NamedTuple):
@@ -116,18 +117,30 @@ class _StepEvents(NamedTuple):
 
 
 class _Changed(NamedTuple):
-    """The state and the modes after the events of a step, and which pairs touch and open."""
+    """The state and the modes after the events of a step, and which contacts begin and end."""
 
     y: Array
     modes: Modes
-    touches: Bool[Array, " pairs"]
-    opens: Bool[Array, " pairs"]
+    touches: Flags
+    opens: Flags
     now: Look
     touched: Array
     dropped: Array
 
 
-def advance(solve: ClusterSolve, c: Carry) -> Carry:
+def with_w(y: Array, w: Number) -> Float[Array, " numbers"]:
+    """Return the state with another w."""
+    return jnp.concatenate([y[:W], w[None]])
+
+
+class Changes(NamedTuple):
+    """The contacts that begin and end with a step."""
+
+    touches: Flags
+    opens: Flags
+
+
+def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
     """Take one step, or retry with a shorter one."""
     field = solve.field
     trial = _try_step(solve, c)
@@ -137,20 +150,18 @@ def advance(solve: ClusterSolve, c: Carry) -> Carry:
     now, age = changed.now, changed.y[TIME] - changed.touched
     clock, w = choose_clock(c.clock, changed.y[W], modes, now.depth, now.rate, age)
     onwards = _onward(solve, c, trial, events, changed, clock, w)
-    time = solve.problem.state.time + solve.units.time * changed.y[TIME]
+    time = solve.start + solve.units.time * changed.y[TIME]
     records = _records(solve, c, trial, changed, time)
 
-    y, toward, now = _stop((onwards["y"], trial.toward, now))
-    speed = field.parts.velocity(y) + solve.frame / solve.units.speed
-    pace = field.parts.velocity(toward) / (2 * _stop(trial.y[W]))
-    along, moving = (now.rate, now.second), (speed, pace)
-    tolerance = solve.problem.tolerance
-    resting = rest_of(field.system, modes.closed, along, moving, tolerance)
-    still = events.taken & ~events.event & ~solve.problem.to_the_end
+    resting = field.resting(
+        _stop(onwards["y"]), _stop(trial.toward), 2 * _stop(trial.y[W]), _stop(now), modes
+    )
+    still = events.taken & ~events.event & ~solve.to_the_end
     status = jnp.where(still, resting, -1)
     ended = jnp.any(touches | opens) & field.rules.until_change
     status = jnp.where(ended, CHANGED, status)
-    status = jnp.where(~jnp.any(modes.closed & field.system.pairs.used), APART, status)
+    if not field.rules.flies:
+        status = jnp.where(~jnp.any(modes.closed & field.used), APART, status)
     status = jnp.where(happens[-1], TIME_IS_UP, status)
 
     new = records | {
@@ -167,49 +178,45 @@ def advance(solve: ClusterSolve, c: Carry) -> Carry:
         for name, value in new.items()
     }
     steps = {name: value for name, value in onwards.items() if name != "y"}
-    return c._replace(
+    changes = Changes(events.taken & touches, events.taken & opens)
+    carry = c._replace(
         **kept,
         **steps,
-        error=c.error + jnp.where(events.taken, trial.error * tolerance, 0),
+        error=c.error + jnp.where(events.taken, trial.error * solve.tolerance, 0),
         steps=c.steps + 1,
     )
+    return carry, changes
 
 
-def _try_step(solve: ClusterSolve, c: Carry) -> _Attempt:
+def _try_step(solve: CoupledSolve, c: Carry) -> _Attempt:
     """Try a step; return its error, its end, and whether an event may be hidden in it."""
     field, modes, clock = solve.field, c.modes, c.clock
-    tolerance, finest = solve.problem.tolerance, solve.finest
+    finest = solve.finest
     y, error, outset, toward = step_and_slope(lambda y: field.rate(y, modes, clock), c.y, c.size)
-    error = jnp.max(jnp.abs(_stop(error)) / (tolerance + 20 * finest * jnp.abs(_stop(y))))
+    allowed = field.allowed(*_stop((c.y, y)), solve.tolerance, finest)
+    error = jnp.max(jnp.abs(_stop(error)) / allowed)
     now, slope = field.look_along(y, modes, clock, toward)
     # No choice of a step has a derivative.
     before, after = _stop((c.look, now))
-    # A pair may touch and open again within a step, unless a bound on its depth excludes it. In a
-    # long step past a close approach the cubic through the ends is much too low.
-    passing, used = y[TIME] - c.y[TIME], field.system.pairs.used
+    passing, used = y[TIME] - c.y[TIME], field.used
     lasts = _stop(passing)
-    peak, inside = ceiling(lasts, before.depth, before.rate, after.depth, after.rate)
-    hidden = ~modes.closed & inside & (peak > 0)
-    # It may also open and touch again. If a step ends in between, the rate at its end does not show
-    # that.
-    out, parts = highest(lasts, -before.depth, -before.rate, -after.depth, -after.rate)
-    hidden = hidden | (modes.closed & ~clock.leaving & parts & (out > 16 * finest))
+    hidden, shorter = field.hidden(lasts, before, after, modes, clock.leaving, finest)
     grazed = jnp.any(used & hidden)
     if field.rules.peak:
         # A closing speed that exceeds its peak and falls again may be hidden, too.
         faster, _ = highest(lasts, before.rate, before.second, after.rate, after.second)
         hidden = modes.closed & ~modes.rising & (after.second < 0)
-        grazed = grazed | jnp.any(used & hidden & (faster > modes.latched + finest**_TOGETHER))
+        grazed = grazed | jnp.any(used & hidden & (faster > modes.latched + finest**TOGETHER))
     fine = (error <= 1) & (~grazed | (c.size < 1e-6))
-    return _Attempt(y, error, fine, outset, toward, now, slope, passing, grazed)
+    return _Attempt(y, error, fine, outset, toward, now, slope, passing, grazed, shorter)
 
 
-def _find_events(solve: ClusterSolve, c: Carry, trial: _Attempt) -> _StepEvents:
+def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     """Find the first event of a step, and move the state to it if it is near."""
     field, modes, clock = solve.field, c.modes, c.clock
     y, toward, outset, fine = trial.y, trial.toward, trial.outset, trial.fine
     finest, until = solve.finest, field.until
-    together, near = finest**_TOGETHER, finest**_NEAR
+    together, near = finest**TOGETHER, finest**_NEAR
     gaps = field.gaps(modes, clock, trial.now, y[W], modes.latched, until - y[TIME])
     fall = field.gaps(modes, clock, trial.slope, toward[W], 0, -toward[TIME])
     last, begun, ended = _stop((c, outset, toward))
@@ -227,7 +234,7 @@ def _find_events(solve: ClusterSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     whole = jnp.where(seeking, c.whole, c.size)
     small = jnp.abs(next_one) <= near * whole
     # If a gap falls slowly, its rounding hides the exact time; this is the attainable accuracy.
-    on_event = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * finest)
+    on_event = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * finest * field.resolution)
     stuck = jnp.any(on_event) | (anything & (c.size < finest))
     event = fine & (small | stuck)
     taken = fine & (event | ~anything)
@@ -247,38 +254,42 @@ def _find_events(solve: ClusterSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     return _StepEvents(y, event, taken, happens, sought, seeking, anything, next_one, whole)
 
 
-def _apply_events(solve: ClusterSolve, c: Carry, trial: _Attempt, events: _StepEvents) -> _Changed:
+def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepEvents) -> _Changed:
     """Apply all events on which the step ends."""
     field, modes, y, happens = solve.field, c.modes, events.y, events.happens
-    parts = field.parts
-    meets = happens[: parts.pairs]
+    contacts = modes.closed.shape[0]
+    meets = happens[:contacts]
     # At the event the depth is that from which the clock continues.
-    there = field.geometry(y, c.clock)
-    now, closing = trial.now._replace(depth=there.depth, rate=there.rate), there.rate
+    depth, closing = field.approach(y, c.clock)
+    now = trial.now._replace(depth=depth, rate=closing)
     touches, opens = meets & ~modes.closed, meets & modes.closed
     closed = (modes.closed | touches) & ~opens
     speed = jnp.maximum(closing, 0)
-    at_touch = jnp.maximum(speed, solve.problem.floor / solve.units.speed)
+    at_touch = jnp.maximum(speed, solve.floor / solve.units.speed)
     latched, rising = jnp.where(touches, at_touch, modes.latched), modes.rising & ~opens
     if field.rules.peak:
-        latches = happens[parts.pairs : -1]
+        latches = happens[contacts:-1]
         latched = jnp.where(latches, speed, latched)
         rising = jnp.where(latches, ~modes.rising, rising)
         rising = jnp.where(touches, now.second > 0, rising)
-    lost = jnp.where(touches, 0, parts.lost(y))
-    dropped = c.dropped - jnp.sum(parts.lost(y) - lost)
+    before = field.lost(y)
+    lost = jnp.where(touches, 0, before)
+    dropped = c.dropped - jnp.sum(before - lost)
     touched = jnp.where(jnp.any(touches), y[TIME], c.touched)
-    y = parts.pack(parts.moved(y), parts.velocity(y), lost, [y[WORK], y[TIME], y[W]])
-    return _Changed(y, Modes(closed, rising, latched), touches, opens, now, touched, dropped)
+    y = field.with_lost(y, lost)
+    modes = field.at_touch(
+        y, touches, modes._replace(closed=closed, rising=rising, latched=latched)
+    )
+    return _Changed(y, modes, touches, opens, now, touched, dropped)
 
 
 def _onward(
-    solve: ClusterSolve,
+    solve: CoupledSolve,
     c: Carry,
     trial: _Attempt,
     events: _StepEvents,
     changed: _Changed,
-    clock: ClusterClock,
+    clock: ContactClock,
     w: Array,
 ) -> dict[str, Any]:
     """Return the next step, and its clock."""
@@ -288,7 +299,7 @@ def _onward(
     # If steps have become harder, the next one is expected to be harder again.
     trend = c.size / c.last_size * ((c.last_error + 1e-6) / (error + 1e-6)) ** (1 / 8)
     grown = c.size * factor(error) * jnp.where(fine, jnp.clip(trend, 0.7, 1.0), 1)
-    grown = jnp.where(trial.grazed, c.size / 2, grown)
+    grown = jnp.where(trial.grazed, c.size * trial.shorter, grown)
     size, free = onward(c.size, c.free, grown, next_one, fine, anything, seeking)
     free = jnp.where(event & any_touch, begin, free)
     size = jnp.where(event, free, size)
@@ -305,7 +316,7 @@ def _onward(
     free = jnp.where(opened, first_one, free)
     last_size = jnp.where(anew, jnp.where(event, size, c.size * scale), c.last_size)
     return {
-        "y": jnp.where(anew, solve.field.parts.with_w(changed.y, w), changed.y),
+        "y": jnp.where(anew, with_w(changed.y, w), changed.y),
         "clock": jax.tree.map(lambda a, b: jnp.where(anew, a, b), clock, c.clock),
         "size": size,
         "free": free,
@@ -317,25 +328,27 @@ def _onward(
 
 
 def _records(
-    solve: ClusterSolve, c: Carry, tried: _Attempt, changed: _Changed, time: Number
+    solve: CoupledSolve, c: Carry, tried: _Attempt, changed: _Changed, time: Number
 ) -> dict[str, Any]:
-    """Return the records of every pair; slopes in time are special where w vanishes."""
+    """Return the records of every contact; slopes in time are special where w vanishes."""
     units, modes, now, passing = solve.units, c.modes, changed.now, tried.passing
-    start, touches = solve.problem.state.time, changed.touches
+    start, touches = solve.start, changed.touches
     now_w, zero = tried.y[W], jnp.zeros_like(now.rate)
     safe = jnp.abs(now_w) > solve.finest**_NEAR
     per_time = jax.tree.map(lambda x: x / jnp.where(safe, 2 * now_w, 1), tried.slope)
     at_opening = Look(now.rate, now.second, zero, zero)
     per_time = jax.tree.map(lambda a, b: jnp.where(safe, a, b), per_time, at_opening)
-    strongest = highest(passing, c.look.force, c.slope.force, now.force, per_time.force)[0]
+    strongest = solve.field.strongest(passing, (c.look, c.slope), (now, per_time), modes)
     strongest = jnp.where(modes.closed, units.force * strongest, 0)
     fresh = jnp.where(touches, 0, 1).astype(zero.dtype)
-    acts = modes.closed & (c.look.force != 0)
-    # A force that vanishes in a closed pair ends about where its slope predicts.
+    # A contact about to end may have no force within rounding, but lasts until it ends.
+    lasts = (c.look.depth <= 0) & (c.force_until >= start + units.time * c.y[TIME])
+    acts = modes.closed & ((c.look.force != 0) | lasts)
+    # A force that vanishes in a closed contact ends about where its slope predicts.
     vanishes = acts & (now.force == 0) & ~changed.opens & (c.slope.force < 0)
     lasted = -c.look.force / jnp.where(vanishes, c.slope.force, -1)
-    lasted = jnp.where(vanishes, jnp.minimum(lasted, passing), passing)
-    until_then = start + units.time * (c.y[TIME] + lasted)
+    lasted = c.y[TIME] + jnp.minimum(lasted, passing)
+    until_then = jnp.where(vanishes, start + units.time * lasted, time)
     return {
         "slope": per_time,
         "force_until": jnp.where(acts, until_then, jnp.where(touches, time, c.force_until)),

@@ -1,0 +1,162 @@
+"""The motion between two events as a field in its clock's variable, with event gaps.
+
+A state is one vector, which ends with the work, the time and w. Gaps fall through zero at events.
+"""
+
+from __future__ import annotations
+
+import abc
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from .clock import ContactClock
+from .cubic import ceiling, highest
+from .modes import Flags, Modes, PerContact
+from .scalars import Index, Number
+
+WORK, TIME, W = -3, -2, -1
+"""The indices of work, time and w in the vector of a state."""
+
+TOGETHER = 0.65
+"""A power of rounding: the distance between simultaneous events, relative to the step."""
+
+
+class Look(NamedTuple):
+    """The indentations at the end of a step, their first and second rates, and the forces; or the
+    slopes of all four in s.
+    """
+
+    depth: PerContact
+    rate: PerContact
+    second: PerContact
+    force: PerContact
+
+
+class LoopRules(NamedTuple):
+    """The static rules of a coupled solve. `peak`: whether v0 follows its peak. `until_change` and
+    `max_steps` determine its end. `flies`: whether it goes on without contacts.
+    """
+
+    peak: bool
+    until_change: bool
+    max_steps: int
+    flies: bool = False
+
+
+class AbstractCoupledField(abc.ABC):
+    """The equations of contacts in units of the solve, for its state as a vector, up to the time
+    `until`. `used` is False for blank contacts. `resolution`: of indentations, relative to the
+    rounding error of 1.
+    """
+
+    rules: LoopRules
+    until: Number
+    used: Flags
+    resolution: Number | float = 1.0
+
+    @abc.abstractmethod
+    def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:
+        """Return d/ds of a state."""
+
+    @abc.abstractmethod
+    def look(self, y: Array, modes: Modes, clock: ContactClock) -> Look:
+        """Return the quantities of one state."""
+
+    @abc.abstractmethod
+    def approach(self, y: Array, clock: ContactClock) -> tuple[PerContact, PerContact]:
+        """Return indentations and their rates. The leaving contact has the depth of the clock."""
+
+    @abc.abstractmethod
+    def force(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
+        """Return the forces of the closed contacts."""
+
+    @abc.abstractmethod
+    def lost(self, y: Array) -> PerContact:
+        """Return the energy that each contact has lost since it began."""
+
+    @abc.abstractmethod
+    def with_lost(self, y: Array, lost: PerContact) -> Array:
+        """Return the state with other losses."""
+
+    def resting(self, y: Array, toward: Array, pace: Number, now: Look, modes: Modes) -> Index:
+        """Return the status of a state at rest, -1 for any other. `toward` is the slope of the
+        state in s, and `pace` that of time.
+        """
+        del y, toward, pace, now, modes
+        return jnp.asarray(-1, jnp.int32)
+
+    def allowed(self, before: Array, after: Array, tolerance: Number, finest: float) -> Array:
+        """Return the allowed error of each number of the state in a step."""
+        del before
+        return tolerance + 20 * finest * jnp.abs(after)
+
+    def at_touch(self, y: Array, touches: Flags, modes: Modes) -> Modes:
+        """Return the modes with all that contacts keep from their touch."""
+        del y, touches
+        return modes
+
+    def hidden(
+        self, lasts: Number, before: Look, after: Look, modes: Modes, leaving: Flags, finest: float
+    ) -> tuple[Flags, Number]:
+        """Return which contacts may begin, or end and begin again, within a step that `lasts`; and
+        the part of the step to try instead.
+
+        This test is for gaps that curve upwards in flight, as those of spheres do. In a long step
+        past a close approach the cubic through the ends is much too low, so the tangents decide.
+        """
+        peak, inside = ceiling(lasts, before.depth, before.rate, after.depth, after.rate)
+        begins = ~modes.closed & inside & (peak > 0)
+        # If a step ends between an opening and a touch, the rate at its end does not show that.
+        out, parts = highest(lasts, -before.depth, -before.rate, -after.depth, -after.rate)
+        again = modes.closed & ~leaving & parts & (out > 16 * finest)
+        return begins | again, jnp.full_like(lasts, 0.5)
+
+    def strongest(
+        self, lasts: Number, start: tuple[Look, Look], end: tuple[Look, Look], modes: Modes
+    ) -> PerContact:
+        """Return the largest force of each contact within a step, from the quantities at its ends
+        and their slopes in time.
+        """
+        del modes
+        (before, rising), (after, falling) = start, end
+        return highest(lasts, before.force, rising.force, after.force, falling.force)[0]
+
+    def look_along(
+        self, y: Array, modes: Modes, clock: ContactClock, toward: Array
+    ) -> tuple[Look, Look]:
+        """Return the quantities of one state, and their slopes along `toward`."""
+        if self.rules.peak:
+            return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
+        # No event needs the slope of δ''.
+        now, pace = self.look(y, modes, clock), 2 * y[W]
+        slopes = (pace * now.rate, pace * now.second)
+        force = self.force_slope(modes, (now.depth, now.rate), slopes)
+        return now, Look(*slopes, jnp.zeros_like(force), force)
+
+    def force_slope(
+        self, modes: Modes, at: tuple[PerContact, PerContact], along: tuple[PerContact, PerContact]
+    ) -> PerContact:
+        """Return the slope of the forces if depths and their rates change `along`."""
+        return jax.jvp(lambda d, r: self.force(d, r, modes), at, along)[1]
+
+    def gaps(
+        self, modes: Modes, clock: ContactClock, at: Look, w: Array, latched: Any, left: Array
+    ) -> Any:
+        """Return the gaps that fall through zero at events, or their slopes if slopes are given."""
+        meets = jnp.where(clock.leaving, w, jnp.where(modes.closed, at.depth, -at.depth))
+        if not self.rules.peak:
+            return jnp.concatenate([meets, left[None]])
+        latches = jnp.where(modes.rising, at.second, latched - at.rate)
+        return jnp.concatenate([meets, latches, left[None]])
+
+    def has_passed(self, modes: Modes, at: Look, gaps: Array) -> Bool[Array, " events"]:
+        """Return which gaps are negative because of an event, not because of rounding."""
+        inwards = jnp.where(modes.closed, at.rate < 0, at.rate > 0)
+        meets, last = self.used & inwards, jnp.ones(1, bool)
+        if not self.rules.peak:
+            return (gaps < 0) & jnp.concatenate([meets, last])
+        latches = self.used & modes.closed & (modes.rising | (at.second > 0))
+        return (gaps < 0) & jnp.concatenate([meets, latches, last])

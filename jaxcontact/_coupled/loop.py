@@ -1,0 +1,103 @@
+"""The coupled solve of contacts that last together, from event to event.
+
+Between two events the motion is smooth except for powers of δ at touch and opening. The variable of
+`clock` makes them smooth, and steps of order 8 are taken in it. A step that passes an event is
+repeated up to the root of the cubic through its ends, until it ends there.
+
+Events are a touch or an opening, and the end of the time. They also include the closing speed of a
+contact: if it stops rising, v0 is latched; if it exceeds the latched v0, v0 rises again.
+
+The stages and the step control are those of `_solver`. docs/rooms.md says why the loop is not.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from .clock import LONG_AGO, ContactClock, choose_clock
+from .field import TIME, Look
+from .modes import APART, NOT_CONVERGED, PAUSED, TIME_IS_UP, Modes, PerContact
+from .scalars import Flag, Index, Number
+from .step import Carry, CoupledSolve, advance, with_w
+
+_stop = jax.lax.stop_gradient
+
+
+class CoupledStart(NamedTuple):
+    """The start of a solve: its vector, whose last three numbers are zero, and the modes, both in
+    its units; then the last touch and the last time with a force in s, and the largest force since
+    that touch. `step`: the first step in units of time, if no contact begins just now.
+    """
+
+    y: Array
+    modes: Modes
+    since: PerContact
+    force_until: PerContact
+    max_force: PerContact
+    step: Number | None = None
+
+
+def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
+    """Return the initial state of the loop."""
+    field, modes, finest, begin = solve.field, start.modes, solve.finest, solve.begin
+    zero = jnp.zeros((), start.y.dtype)
+    nobody, none = jnp.zeros_like(modes.closed), jnp.zeros_like(modes.latched)
+    here = field.look(start.y, modes, ContactClock(jnp.asarray(True), nobody))
+    if field.rules.peak:
+        # v0 follows a closing speed that is the largest so far and increases.
+        largest = modes.closed & (here.rate >= modes.latched - 16 * finest)
+        modes = modes._replace(rising=modes.rising | (largest & (here.second > 0)))
+    force = field.force_slope(modes, (here.depth, here.rate), (here.rate, here.second))
+    # True if a contact begins just now, up to rounding.
+    just = jnp.abs(start.since - solve.start) <= 8 * finest * jnp.abs(solve.start)
+    just = jnp.any(modes.closed & just)
+    touched = jnp.where(just, zero, jnp.asarray(LONG_AGO, zero.dtype))
+    clock, w = choose_clock(
+        ContactClock(just, nobody), zero, modes, here.depth, here.rate, zero - touched
+    )
+    first = begin if start.step is None else start.step
+    size = _stop(jnp.where(just, begin, first / jnp.where(just, 1, 2 * w)))
+    over = jnp.where(field.until <= 0, TIME_IS_UP, -1)
+    if not field.rules.flies:
+        over = jnp.where(jnp.any(modes.closed), over, APART)
+    return Carry(
+        y=with_w(start.y, w),
+        modes=modes,
+        clock=clock,
+        touched=touched,
+        size=size,
+        free=size,
+        last_size=size,
+        last_error=zero + 1,
+        whole=zero,
+        sought=jnp.zeros((2 if field.rules.peak else 1) * none.shape[0] + 1, bool),
+        look=here,
+        slope=Look(here.rate, here.second, none, force),
+        since=start.since,
+        force_until=start.force_until,
+        max_force=start.max_force,
+        dropped=zero,
+        error=zero,
+        steps=jnp.zeros((), jnp.int32),
+        status=over.astype(jnp.int32),
+    )
+
+
+def run_to_end(solve: CoupledSolve, first: Carry) -> Carry:
+    """Return the last state of the loop."""
+
+    def unfinished(c: Carry) -> Flag:
+        return (c.status < 0) & (c.steps < solve.field.rules.max_steps)
+
+    return jax.lax.while_loop(unfinished, lambda c: advance(solve, c)[0], first)
+
+
+def status_of(end: Carry) -> Index:
+    """Return how the loop ended."""
+    # A solve that got farther than a contact's own time made progress.
+    unfinished = jnp.where(end.y[TIME] > 1, PAUSED, NOT_CONVERGED)
+    return jnp.where(end.status < 0, unfinished, end.status)

@@ -1,0 +1,55 @@
+"""Units of a coupled solve, the modes of its contacts, and how it ends."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from jaxtyping import Array, Bool, Float
+
+from .scalars import Number
+
+PerContact = Float[Array, " contacts"]
+Flags = Bool[Array, " contacts"]
+
+APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST, PAUSED = range(6)
+"""How a solve ends. APART: all contacts are open. TIME_IS_UP: `until` was reached. NOT_CONVERGED:
+the numbers cannot be trusted. CHANGED: a contact began or ended, with `until_change`. AT_REST: each
+touching body rests on one plane with zero normal velocity. PAUSED: the step limit was reached, for
+example by a ball sliding in a shell; another call continues."""
+
+SLOWEST = 1e-9
+"""The least v0 in units of speed; v0 = 0 would have no damping."""
+
+
+class Units(NamedTuple):
+    """The units of length in m, speed in m/s and mass in kg, and derived ones."""
+
+    length: Number
+    speed: Number
+    mass: Number
+
+    @property
+    def time(self) -> Number:
+        """The unit of time in s."""
+        return self.length / self.speed
+
+    @property
+    def force(self) -> Number:
+        """The unit of force in N."""
+        return self.mass * self.speed * (self.speed / self.length)
+
+    @property
+    def energy(self) -> Number:
+        """The unit of energy in J."""
+        return self.mass * self.speed * self.speed
+
+
+class Modes(NamedTuple):
+    """The modes between two events: the closed contacts, the source of their v0, and the effective
+    masses that they began with, if these depend on the motion.
+    """
+
+    closed: Flags
+    rising: Flags
+    latched: PerContact
+    mass: PerContact | None = None

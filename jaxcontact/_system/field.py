@@ -1,0 +1,213 @@
+"""The equations of a mechanism as a field of coupled contacts, in its units."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._contact import Contact
+from .._coupled.clock import ContactClock
+from .._coupled.field import TIME, AbstractCoupledField, Look, LoopRules, W
+from .._coupled.modes import SLOWEST, Flags, Modes, PerContact
+from .._coupled.quintic import EndOfStep, parts_of_step, quintic, vertex
+from .._coupled.scalars import Number
+from .._coupled.stored_energy import stored_energy
+from .._laws import force_of
+from .mechanics import Mechanics, Opening, Vector
+from .problem import Scales
+
+_DOUBT = 0.25
+"""The part of the difference between quintic and cubic that the quintic is trusted to."""
+
+_LEAST_PART = 1e-6
+"""The shortest part of a step that is tried in place of it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SystemField(AbstractCoupledField):
+    """The equations of a mechanism. A state holds q and v, the losses of all gaps, then the work,
+    the time and w. `start` in s is the time at which the solve starts. Users' functions receive no
+    time later than `last`, at which they may jump.
+    """
+
+    mechanics: Mechanics
+    contact: Contact
+    scales: Scales
+    rules: LoopRules
+    until: Number
+    used: Flags
+    start: Number
+    last: Number
+    resolution: Number | float = 1.0
+
+    def pack(self, q: Vector, v: Vector, lost: PerContact, rest: list) -> Float[Array, " numbers"]:
+        """Return the state vector of scaled numbers; `rest` holds the work, the time and w."""
+        return jnp.concatenate([q, v, lost, jnp.stack(rest)])
+
+    def moment(self, y: Array) -> tuple[Number, Vector, Vector]:
+        """Return time, position and velocity in SI units."""
+        nq, nv = self.scales.position.shape[0], self.scales.velocity.shape[0]
+        time = jnp.minimum(self.start + self.scales.contact.time * y[TIME], self.last)
+        return time, self.scales.position * y[:nq], self.scales.velocity * y[nq : nq + nv]
+
+    def lost(self, y: Array) -> PerContact:
+        return y[-3 - self.used.shape[0] : -3]
+
+    def with_lost(self, y: Array, lost: PerContact) -> Array:
+        return jnp.concatenate([y[: -3 - self.used.shape[0]], lost, y[-3:]])
+
+    def _along(self, opening: Opening, y: Array, clock: ContactClock) -> tuple[Array, Array]:
+        """Return indentations and their rates in units of the solve."""
+        units = self.scales.contact
+        depth = jnp.where(clock.leaving, jnp.square(y[W]), -opening.gap / units.length)
+        return depth, -opening.rate / units.speed
+
+    def approach(self, y: Array, clock: ContactClock) -> tuple[PerContact, PerContact]:
+        gap, rate = self.mechanics.gaps(*self.moment(y))
+        return self._along(Opening(gap, rate, lambda _: ()), y, clock)
+
+    def force(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
+        units, law = self.scales.contact, self.mechanics.system.law
+        speed = jnp.where(modes.rising, jnp.maximum(rate, 0), modes.latched)
+        speed = jnp.maximum(speed, SLOWEST)
+        if not law.damped:
+            rate = jnp.zeros_like(rate)
+        contact = eqx.tree_at(lambda c: c.mass, self.contact, modes.mass)
+        arguments = (units.length * jnp.maximum(depth, 0), units.speed * rate, contact)
+        force = force_of(law, *arguments, units.speed * speed) / units.force
+        return jnp.where(modes.closed, force, 0)
+
+    def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:
+        at, units, pace = self.moment(y), self.scales.contact, 2 * y[W]
+        opening = self.mechanics.opening(*at)
+        depth, rate = self._along(opening, y, clock)
+        force = self.force(depth, rate, modes)
+        still = self.force(depth, jnp.zeros_like(rate), modes)
+        motion = self.mechanics.motion(*at, opening, units.force * force)
+        q = self.mechanics.rate(*at) / self.scales.position
+        v = motion.acceleration / self.scales.velocity
+        lost, rest = (force - still) * rate, motion.power / units.energy
+        moving = units.time * jnp.concatenate([q, v])
+        supplied = [units.time * rest, jnp.ones_like(rest)]
+        slopes = jnp.concatenate([moving, lost, jnp.stack(supplied)])
+        return jnp.concatenate([pace * slopes, clock.rate(rate)[None]])
+
+    def look(self, y: Array, modes: Modes, clock: ContactClock) -> Look:
+        at, units = self.moment(y), self.scales.contact
+        opening = self.mechanics.opening(*at)
+        depth, rate = self._along(opening, y, clock)
+        force = self.force(depth, rate, modes)
+        motion = self.mechanics.motion(*at, opening, units.force * force)
+        second = self.mechanics.second(*at, motion.acceleration)
+        return Look(depth, rate, -second * (units.time / units.speed), force)
+
+    def allowed(self, before: Array, after: Array, tolerance: Number, finest: float) -> Array:
+        # Speeds count relative to the larger of the energies at the start of the solve and now,
+        # positions relative to what the bodies travel within the step.
+        nq, nv = self.scales.position.shape[0], self.scales.velocity.shape[0]
+        kinetic = (jnp.sum(jnp.square(y[nq : nq + nv])) for y in (before, after))
+        energy = jnp.maximum(jnp.maximum(*kinetic), 1)
+        speed, lasts = jnp.sqrt(energy), jnp.maximum(after[TIME] - before[TIME], 1)
+        parts = [speed * lasts, speed, energy, energy, lasts, jnp.ones_like(speed)]
+        counts = [nq, nv, self.used.shape[0], 1, 1, 1]
+        scale = jnp.concatenate([jnp.full(k, part) for k, part in zip(counts, parts, strict=True)])
+        # Positions are sums of many small changes, whose errors are those of the changes.
+        rounding = jnp.concatenate([jnp.ones(nq), jnp.full(after.shape[0] - nq, 20.0)])
+        return tolerance * scale + rounding.astype(scale.dtype) * finest * jnp.abs(after)
+
+    def at_touch(self, y: Array, touches: Flags, modes: Modes) -> Modes:
+        assert modes.mass is not None
+        mass = self.mechanics.effective_mass(*self.moment(y))
+        return modes._replace(mass=jnp.where(touches, mass, modes.mass))
+
+    def hidden(
+        self, lasts: Number, before: Look, after: Look, modes: Modes, leaving: Flags, finest: float
+    ) -> tuple[Flags, Number]:
+        # A gap may turn anywhere within a step. The quintic through the ends shows where. The part
+        # up to there is tried next, so that the step ends where the doubt is largest.
+        sign = jnp.where(modes.closed, -1, 1).astype(after.depth.dtype)
+        left, right = (EndOfStep(*(sign * x for x in look[:3])) for look in (before, after))
+        # Just after an event its gap is zero up to rounding, on either side.
+        left = left._replace(value=jnp.minimum(left.value, 0))
+        curve, u = quintic(lasts, left, right), parts_of_step(after.depth.dtype)
+        inside = curve.value(u)
+        doubtful = inside + _DOUBT * jnp.abs(curve.more(u))
+        samples = jnp.concatenate([left.value[None], doubtful, right.value[None]])
+        summit = _summit(samples)
+        early, late = _turn(left, lasts, 1), _turn(right, lasts, -1)
+        peaks = jnp.stack([summit.value, early.value, late.value])
+        parts = jnp.stack([summit.part, early.part, 1 + late.part])
+        highest = jnp.argmax(peaks, axis=0)
+        # A gap that only closes is met at the end of the step.
+        turned = right.rate < 0
+        turns = turned | ((jnp.max(inside, axis=0) > right.value) & (right.value < 0))
+        hidden = turns & (jnp.max(peaks, axis=0) > 16 * finest * self.resolution) & ~leaving
+        part = jnp.take_along_axis(parts, highest[None], axis=0)[0]
+        shorter = jnp.min(jnp.where(hidden, part, 1))
+        return hidden, jnp.clip(shorter, _LEAST_PART, 0.9)
+
+    def strongest(
+        self, lasts: Number, start: tuple[Look, Look], end: tuple[Look, Look], modes: Modes
+    ) -> PerContact:
+        # Forces are those of the law along the quintics of the indentations.
+        looks, lasts = (start[0], end[0]), jnp.where(lasts > 0, lasts, 1)
+        curve = quintic(lasts, *(EndOfStep(*look[:3]) for look in looks))
+        inside = curve.value_and_rate(parts_of_step(lasts.dtype))
+        force = jax.vmap(lambda depth, rate: self.force(depth, rate, modes))(*inside)
+        ends = (jnp.where(modes.closed, look.force, 0)[None] for look in looks)
+        force = jnp.concatenate([next(ends), force, next(ends)])
+        return _summit(force).value
+
+    def deepest(self, lasts: Number, before: Look, after: Look) -> PerContact:
+        """Return the largest indentation of each contact within a step."""
+        curve = quintic(lasts, *(EndOfStep(*look[:3]) for look in (before, after)))
+        inside = curve.value(parts_of_step(lasts.dtype))
+        return _summit(jnp.concatenate([before.depth[None], inside, after.depth[None]])).value
+
+    def stored(self, y: Array, modes: Modes) -> PerContact:
+        """Return the elastic energy of every contact in units of the solve."""
+        units, law = self.scales.contact, self.mechanics.system.law
+        gap, _ = self.mechanics.gaps(*self.moment(y))
+        depth = jnp.where(modes.closed, -gap, 0)
+        contact = eqx.tree_at(lambda c: c.mass, self.contact, modes.mass)
+        speed = units.speed * jnp.maximum(modes.latched, SLOWEST)
+        return stored_energy(law, contact, depth, speed) / units.energy
+
+    def energy(self, y: Array, modes: Modes) -> Number:
+        """Return kinetic and stored energy with the losses of the present contacts."""
+        kinetic = self.mechanics.kinetic(*self.moment(y)) / self.scales.contact.energy
+        return kinetic + jnp.sum(self.stored(y, modes)) + jnp.sum(self.lost(y))
+
+
+class _Turn(NamedTuple):
+    """A maximum: the part of the step from one of its ends to it, and its value."""
+
+    part: Array
+    value: Array
+
+
+def _turn(end: EndOfStep, lasts: Number, inwards: int) -> _Turn:
+    """Return the maximum that the two derivatives at an end predict, later for `inwards` = 1 and
+    earlier for -1. The value is that of the end if it lies farther than an eighth of the step away.
+    """
+    bends = end.second < 0
+    away = jnp.where(bends, -end.rate / jnp.where(bends, end.second, -1), jnp.inf)
+    near = bends & (inwards * away > 0) & (jnp.abs(away) < lasts / 8)
+    part = jnp.where(near, away / lasts, 0)
+    return _Turn(part, end.value + end.rate * part * lasts / 2)
+
+
+def _summit(samples: Float[Array, "points contacts"]) -> _Turn:
+    """Return the maxima of equally spaced samples from end to end of a step, by parabolas."""
+    count = samples.shape[0]
+    top = jnp.clip(jnp.argmax(samples, axis=0), 1, count - 2)
+    rows = top[None] + jnp.arange(-1, 2)[:, None]
+    below, at, above = jnp.take_along_axis(samples, rows, axis=0)
+    offset = vertex(below, at, above)
+    value = jnp.maximum(at + offset * (above - below) / 4, jnp.maximum(below, above))
+    return _Turn((top.astype(offset.dtype) + offset) / (count - 1), value)

@@ -1,0 +1,146 @@
+"""States at any times, each solved from the last event before it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._coupled.modes import SLOWEST, TIME_IS_UP
+from .._coupled.rows import rows_of
+from .._coupled.scalars import Number
+from .._coupled.stored_energy import stored_energy
+from .._impact.derivatives import with_sensitivity
+from .._laws import force_of
+from .log import SystemLog
+from .problem import SystemProblem, SystemState
+from .solve import SystemEnd, SystemRules, solve_system
+from .start import start_of
+
+
+class SystemStates(NamedTuple):
+    """States at given times (T,).
+
+    - `time`: in s.
+    - `position` (T, nq), `velocity` (T, nv): q and v.
+    - `gap`, `closing_speed`, `force` (T, m): in m, m/s and N.
+    - `energy`: in J. It is v·∂L/∂v - L of a Lagrangian, else the kinetic energy, with the energy
+      stored in contacts.
+    - `work`: in J since the start, of all forces but normal contact forces. Kinetic and stored
+      energy change by `work` less the losses of contacts.
+    """
+
+    time: Float[Array, " T"]
+    position: Float[Array, "T nq"]
+    velocity: Float[Array, "T nv"]
+    gap: Float[Array, "T m"]
+    closing_speed: Float[Array, "T m"]
+    force: Float[Array, "T m"]
+    energy: Float[Array, " T"]
+    work: Float[Array, " T"]
+
+
+def solved(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
+    """Return the end of a solve, differentiable in both modes."""
+    numbers, static = eqx.partition(problem, eqx.is_array)
+    return with_sensitivity(eqx.Partial(_solve, static=static, rules=rules))(numbers)
+
+
+def solved_from_start(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
+    """Return the end of a run from its position and velocity alone, of which the rest of the state
+    follows: fewer numbers vary.
+    """
+    numbers, static = eqx.partition(eqx.tree_at(lambda p: p.state, problem, None), eqx.is_array)
+    state = problem.state
+    start = (state.time, state.position, state.velocity)
+    solve = eqx.Partial(_solve_from_start, static=static, rules=rules)
+    return with_sensitivity(solve)((numbers, start))
+
+
+def _solve_from_start(given: Any, static: SystemProblem, rules: SystemRules) -> SystemEnd:
+    numbers, start = given
+    problem = eqx.combine(numbers, static)
+    state, _ = start_of(problem.mechanics, *start, problem.floor, rules.peak)
+    whole = eqx.tree_at(lambda p: p.state, problem, state, is_leaf=lambda leaf: leaf is None)
+    return solve_system(whole, rules)
+
+
+def _solve(numbers: SystemProblem, static: SystemProblem, rules: SystemRules) -> SystemEnd:
+    return solve_system(eqx.combine(numbers, static), rules)
+
+
+def states_at(
+    problem: SystemProblem, log: SystemLog, reached: Number, peak: bool, times: Float[Array, " T"]
+) -> SystemStates:
+    """Return the states at `times`; NaN outside the run, and after `reached`."""
+
+    def at(time: Number) -> SystemStates:
+        before = jax.tree.map(
+            lambda first, rows: jnp.concatenate([first[None], rows]), problem.state, log.states
+        )
+        row = jnp.searchsorted(log.times, time, side="right").astype(jnp.int32)
+        state: SystemState = rows_of(before, row)
+        stops = jnp.minimum(problem.stops, time)
+        there = eqx.tree_at(lambda p: (p.state, p.stops), problem, (state, stops))
+        # No event is expected before that time; one by rounding ends the solve.
+        end = solved(there, SystemRules(peak, 1))
+        fine = (end.status == TIME_IS_UP) | (end.log.count > 0)
+        fine = fine & (time >= problem.state.time) & (time <= reached)
+        return jax.tree.map(lambda x: jnp.where(fine, x, jnp.nan), reading_of(problem, end.state))
+
+    states = jax.vmap(at)(times)
+    return states._replace(time=times)
+
+
+def reading_of(problem: SystemProblem, state: SystemState) -> SystemStates:
+    """Return the public quantities of one state."""
+    mechanics = problem.mechanics
+    system, at = mechanics.system, (state.time, state.position, state.velocity)
+    gap, opening = mechanics.gaps(*at)
+    contact = eqx.tree_at(lambda c: c.mass, problem.contact, state.mass)
+    depth = jnp.where(state.closed, jnp.maximum(-gap, 0), 0)
+    rising = jnp.where(state.rising, jnp.maximum(-opening, 0), state.latched)
+    speed = jnp.maximum(rising, SLOWEST * jnp.finfo(gap.dtype).eps)
+    force = jnp.where(state.closed, force_of(system.law, depth, -opening, contact, speed), 0)
+    stored = jnp.sum(stored_energy(system.law, contact, depth, speed))
+    energy = system._energy
+    moving = mechanics.kinetic(*at) if energy is None else energy(*at, mechanics.args)
+    return SystemStates(
+        time=state.time,
+        position=state.position,
+        velocity=state.velocity,
+        gap=gap,
+        closing_speed=-opening,
+        force=force,
+        energy=moving + stored,
+        work=state.work,
+    )
+
+
+def growth_of(problem: SystemProblem, peak: bool, rows: int) -> Number:
+    """Return the largest factor by which the run amplifies a small change of its start."""
+    problem = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, problem)
+    mechanics, state = problem.mechanics, problem.state
+    lasts = problem.stops[-1] - state.time
+    inertia = jnp.diagonal(mechanics.mass(state.time, state.position))
+    if state.position.shape == state.velocity.shape:
+        place, pace = jnp.sqrt(inertia), jnp.sqrt(inertia) * lasts
+    else:
+        place, pace = jnp.ones_like(state.position), jnp.sqrt(inertia) * lasts
+    scale = jnp.concatenate([place, pace])
+    count = state.position.shape[0]
+
+    def outcome(start: Array) -> Array:
+        start = start / scale
+        there = state._replace(position=start[:count], velocity=start[count:])
+        end = solved(eqx.tree_at(lambda p: p.state, problem, there), SystemRules(peak, rows)).state
+        return scale * jnp.concatenate([end.position, end.velocity])
+
+    start = scale * jnp.concatenate([state.position, state.velocity])
+    slopes = jax.jacfwd(outcome)(start)
+    fine = jnp.all(jnp.isfinite(slopes))
+    largest = jnp.linalg.svd(jnp.where(fine, slopes, 0), compute_uv=False)[0]
+    return jnp.where(fine, largest, jnp.inf)

@@ -1,0 +1,227 @@
+"""The result of a simulated mechanism."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+from .._coupled.scalars import Index, Number
+from .._entry import as_parameter, rendered, shown
+from .._program import quick
+from .._scene.readout.columns import write_csv
+from .._scene.result import Ending
+from .._text.failure import Flagged
+from .._text.table import text_table
+from .dataset import dataset
+from .log import SystemLog
+from .problem import SystemProblem
+from .reading import SystemStates, growth_of, states_at
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class SystemContacts(eqx.Module):
+    """The contacts of a run in the order of their touches, one for each row of the arrays (K,).
+
+    - `gap`: its number among the gaps.
+    - `time`: of touch, in s.
+    - `closing_speed`: at touch, in m/s.
+    - `restitution`: the opening speed at the end over the closing speed at touch.
+    - `duration`: in s, up to the last force.
+    - `max_force`: in N. `max_depth`: the largest indentation in m.
+    - `energy_loss`: in J.
+    - `valid`: False in blank rows.
+
+    A contact in progress at the end of the run has NaN for restitution and duration.
+    """
+
+    gap: Int[Array, " K"]
+    time: Float[Array, " K"]
+    closing_speed: Float[Array, " K"]
+    restitution: Float[Array, " K"]
+    duration: Float[Array, " K"]
+    max_force: Float[Array, " K"]
+    max_depth: Float[Array, " K"]
+    energy_loss: Float[Array, " K"]
+    valid: Bool[Array, " K"]
+
+    def __len__(self) -> int:
+        return self.time.shape[-1]
+
+    def to_dict(self) -> dict[str, np.ndarray]:
+        """Return the columns of the valid rows as NumPy arrays by name. Raises ValueError for a
+        batch of runs.
+        """
+        keep = np.asarray(self.valid)
+        if keep.ndim != 1:
+            raise ValueError(
+                "The contacts must be those of one run, but are a batch of the shape "
+                f"{keep.shape[:-1]}; `jax.tree.map(lambda x: x[0], run)` takes the first run."
+            )
+        columns = {name: np.asarray(column)[keep] for name, column in vars(self).items()}
+        del columns["valid"]
+        return columns
+
+    def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
+        """Write the valid rows as CSV. `path` is an open file or a file name. A named file appears
+        whole or not at all. Raises ValueError for a batch of runs.
+        """
+        write_csv(self.to_dict(), path)
+
+    def __repr__(self) -> str:
+        if isinstance(self.time, Tracer) or not eqx.is_array(self.time) or self.time.ndim != 1:
+            return f"SystemContacts({eqx.tree_pformat(self.time)})"
+        columns = self.to_dict()
+        count = len(columns["time"])
+        header = ["touch/s", "gap", "closing/(m/s)", "e", "duration/s", "force/N", "lost/J"]
+        names = ("closing_speed", "restitution", "duration", "max_force", "energy_loss")
+        rows = [
+            [f"{columns['time'][k]:.9g}", str(columns["gap"][k])]
+            + [f"{columns[name][k]:.6g}" for name in names]
+            for k in [*range(min(count, 12)), *([-1] if count > 12 else [])]
+        ]
+        if count > 12:
+            rows.insert(-1, ["..."])
+        lines = text_table(rows, header=header, indent=2, rule=True)
+        return "\n".join([f"{count} contact{'s' * (count != 1)}", *lines])
+
+
+class SystemMargin(eqx.Module):
+    """The distance of a run from another sequence of events, and its sensitivity; scalars.
+
+    - `time`: in s, the smallest time between two touches or ends of contacts of different gaps.
+    - `closing_speed`: in m/s, the smallest one at a touch. A grazing touch has no derivative.
+    - `growth`: the largest factor by which the run amplifies a small change of its start.
+
+    A derivative holds for the sequence of events that occurred.
+    """
+
+    time: Number
+    closing_speed: Number
+    _problem: SystemProblem
+    _log: SystemLog
+    _peak: bool = eqx.field(static=True)
+
+    @property
+    def growth(self) -> Number:
+        """The largest singular value of the derivative of z(T) by z(0), z = (√M q, T √M v).
+
+        M is the diagonal of the mass matrix at the start and T the duration; q without weights if
+        it has more numbers than v. It is infinite where the derivative is not finite. Rounding is
+        amplified alike: a run of growth G has lost log10 G digits. A program of its own is compiled
+        on access.
+        """
+        return _growth(self._problem, self._peak, self._log.rows)
+
+
+class SystemRun(Flagged, eqx.Module):
+    """The motion of a mechanism, as `simulate` returns it.
+
+    - `states`: `SystemStates` at the times asked for, the start and the end by default.
+    - `contacts`, `margin`, `status`: see `SystemContacts`, `SystemMargin` and `Ending`. `ok`: if
+      COMPLETED.
+    - `reached`: the time in s up to which the values hold.
+    - `steps`: the number of steps. `error_estimate`: their summed errors relative to the speeds, or
+      the imbalance of the energy if that is larger.
+
+    `at(times)` returns the states at any times. `final` holds time, position and velocity at the
+    end.
+    """
+
+    states: SystemStates
+    contacts: SystemContacts
+    status: Index
+    reached: Number
+    steps: Index
+    error_estimate: Number
+    duration: Number
+    margin: SystemMargin
+    final: SystemStates
+    _failures = tuple(Ending)[1:]
+
+    @property
+    def time(self) -> Float[Array, " T"]:
+        return self.states.time
+
+    @property
+    def position(self) -> Float[Array, "T nq"]:
+        return self.states.position
+
+    @property
+    def velocity(self) -> Float[Array, "T nv"]:
+        return self.states.velocity
+
+    @property
+    def energy(self) -> Float[Array, " T"]:
+        return self.states.energy
+
+    def at(self, time: ArrayLike) -> SystemStates:
+        """Return the states at any times between 0 and the duration.
+
+        `time` in s is a number or an array (T,). Values are NaN outside the run, and beyond the
+        time that a flagged run reached. Raises ValueError for non-numbers and for more than one
+        axis.
+        """
+        times = as_parameter(time, "time")
+        if times.ndim > 1:
+            raise ValueError(
+                f"Argument `time` must be a number or a list of numbers, but is {rendered(time)}."
+            )
+        margin = self.margin
+        times = jnp.reshape(times, -1).astype(self.reached.dtype)
+        return read_states(margin._problem, margin._log, self.reached, margin._peak, times)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the states and contacts of a single run as an `xarray.Dataset` with units.
+
+        `position` has the axes (time, coordinate), `velocity` (time, speed), the numbers of gaps
+        (time, gap_number), and `energy` and `work` (time). The columns of `contacts` begin with
+        `contact_`. Raises ImportError without xarray, which `pip install 'jaxcontact[data]'`
+        installs. Raises ValueError for a batch of runs.
+        """
+        status = Ending.names_of(self.status).replace("_", " ")
+        return dataset(self.states, self.contacts.to_dict(), status, self.reached)
+
+    def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
+        """Write a CSV table with a row for each time.
+
+        The columns are `time` in s, `energy` and `work` in J, then `position[k]`, `velocity[k]`,
+        `gap[k]` in m, `closing_speed[k]` in m/s and `force[k]` in N. `path` is an open file or a
+        file name. A named file appears whole or not at all. Raises ValueError for a batch of runs.
+        `contacts.to_csv` writes the contacts.
+        """
+        if self.time.ndim != 1:
+            raise ValueError(
+                f"The run must be a single one, but is a batch of the shape {self.time.shape[:-1]}."
+            )
+        columns = {name: np.asarray(getattr(self.states, name)) for name in _SINGLE}
+        for name in _SEVERAL:
+            values = np.asarray(getattr(self.states, name))
+            columns |= {f"{name}[{k}]": values[:, k] for k in range(values.shape[1])}
+        write_csv(columns, path)
+
+    def __repr__(self) -> str:
+        lines = {
+            "duration": f"{shown(self.duration)} s",
+            "time": f"{self.time.shape[-1]} times",
+            "numbers": f"{self.position.shape[-1]} positions, {self.velocity.shape[-1]} speeds",
+            "contacts": str(len(self.contacts)),
+            "error": f"{shown(self.error_estimate)} in {shown(self.steps)} steps",
+            "margin": f"{shown(self.margin.time)} s, {shown(self.margin.closing_speed)} m/s",
+            "status": Ending.names_of(self.status).replace("_", " "),
+        }
+        return "SystemRun\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
+
+
+_SINGLE = ("time", "energy", "work")
+_SEVERAL = ("position", "velocity", "gap", "closing_speed", "force")
+
+_growth: Any = quick(growth_of)
+read_states: Any = eqx.filter_jit(states_at)

@@ -1,0 +1,231 @@
+"""The simulation of a mechanism."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._coupled.modes import PAUSED, TIME_IS_UP
+from .._coupled.scalars import Flag, Index, Number
+from .._entry import as_parameter, is_plain, rendered
+from .._program import quick, traced
+from .._scene.result import Ending, nan_unless
+from .._text.failure import checked
+from .checks import require_shapes, require_start
+from .contacts import contacts_of
+from .log import SystemLog
+from .mechanics import Mechanics, Vector
+from .problem import SystemProblem, SystemState
+from .reading import SystemStates, reading_of, solved, solved_from_start
+from .result import SystemContacts, SystemMargin, SystemRun, read_states
+from .solve import SystemEnd, SystemRules
+from .start import start_of
+from .system import System
+
+ROOM = 64
+"""The number of contacts that a traced run can hold, and a piece of any other."""
+
+
+class _Readout(NamedTuple):
+    """All numbers of a run but the states at given times."""
+
+    contacts: SystemContacts
+    status: Index
+    reached: Number
+    between: Number
+    slowest: Number
+    ends: SystemStates
+
+
+def simulate_system(
+    system: System,
+    length: Array,
+    *,
+    position: Any,
+    velocity: Any,
+    args: Any,
+    times: Array | None,
+    tolerance: float,
+    v0: str | float,
+    breakpoints: Any,
+    most: int | None,
+    throw: bool,
+) -> SystemRun:
+    """Simulate a mechanism; see `simulate`."""
+    q, v = (_vector(name, x) for name, x in (("position", position), ("velocity", velocity)))
+    dtype = jnp.result_type(q, v)
+    args = jax.tree.map(lambda leaf: as_parameter(leaf, "args") if is_plain(leaf) else leaf, args)
+    system, args, q, v, length, times = _cast(dtype, (system, args, q, v, length, times))
+    gaps = require_shapes(Mechanics(system, args), q, v)
+    numbers_of = (system.law, system.stiffness, system._exponent)
+    spread = _for_each(gaps, numbers_of)
+    system = eqx.tree_at(lambda s: (s.law, s.stiffness, s._exponent), system, spread)
+    mechanics = Mechanics(system, args)
+    peak, floor = v0 == "peak", np.asarray(0.0 if isinstance(v0, str) else v0, dtype)
+    stops = _stops(breakpoints, length, dtype)
+    within = np.asarray(max(tolerance / 100, 20 * float(jnp.finfo(dtype).eps)), dtype)
+    numbers = jax.device_put((floor, within))
+    plain = not traced((mechanics, q, v, length, stops))
+    state, checks = _begin(mechanics, q, v, numbers[0], peak)
+    has_v0 = v0 != "touch"
+    if plain:
+        require_start(checks, has_v0)
+        valid = jnp.asarray(True)
+    else:
+        valid = checks.valid(jnp.asarray(has_v0)) & (length > 0)
+    problem = SystemProblem(mechanics, state, stops, numbers[1], numbers[0])
+    room = ROOM if most is None else most
+    # One row more than contacts need shows whether there is another contact.
+    rules = SystemRules(peak, 2 * (min(room, ROOM) if plain else room) + 1)
+    end = _pieces(problem, rules, most) if plain else _from_start(problem, rules)
+    capacity = None if plain and most is None else room
+    readout = _read(problem, end, valid, capacity)
+    if plain:
+        kept = int(np.sum(np.asarray(readout.contacts.valid)))
+        trimmed = jax.tree.map(lambda x: np.asarray(x)[:kept], readout.contacts)
+        readout = readout._replace(contacts=jax.device_put(trimmed))
+    states = readout.ends
+    if times is not None:
+        states = read_states(problem, end.log, readout.reached, peak, times)
+    run = SystemRun(
+        states=states,
+        contacts=readout.contacts,
+        status=readout.status,
+        reached=readout.reached,
+        steps=end.steps,
+        error_estimate=end.error,
+        duration=length,
+        margin=SystemMargin(readout.between, readout.slowest, problem, end.log, peak),
+        final=jax.tree.map(lambda x: x[-1], readout.ends),
+    )
+    return checked(run, throw, "simulate")
+
+
+def _vector(name: str, value: Any) -> Array:
+    """Return a vector of numbers; raise ValueError otherwise."""
+    vector = as_parameter(value, name)
+    if vector.ndim != 1 or vector.shape[0] == 0:
+        raise ValueError(f"Argument `{name}` must be a list of numbers, but is {rendered(value)}.")
+    return vector
+
+
+def _cast(dtype: Any, tree: Any) -> Any:
+    """Return a tree whose floats have one precision."""
+    return jax.tree.map(lambda x: x.astype(dtype) if eqx.is_inexact_array(x) else x, tree)
+
+
+def _for_each(gaps: int, numbers: Any) -> Any:
+    """Return law, stiffness and exponent with one number for each gap."""
+
+    def spread(leaf: Array) -> Array:
+        if leaf.ndim > 1 or leaf.shape not in ((), (1,), (gaps,)):
+            raise ValueError(
+                f"Law, stiffness and exponent must hold one number, or one for each of {gaps} "
+                f"gaps, but hold an array of the shape {leaf.shape}."
+            )
+        return jnp.broadcast_to(leaf, (gaps,))
+
+    return jax.tree.map(spread, numbers)
+
+
+def _stops(breakpoints: Any, length: Array, dtype: Any) -> Array:
+    """Return the times at which the force may jump within the run, and its end."""
+    none = isinstance(breakpoints, tuple | list) and len(breakpoints) == 0
+    points = as_parameter(np.zeros(0) if none else breakpoints, "breakpoints")
+    if points.ndim != 1:
+        raise ValueError(
+            f"Argument `breakpoints` must be a list of times, but is {rendered(breakpoints)}."
+        )
+    if traced((points, length)):
+        inside = jnp.clip(points.astype(dtype), 0, length)
+        return jnp.concatenate([jnp.sort(inside), length[None]])
+    inside, end = np.asarray(points, dtype), np.asarray(length, dtype)
+    if not (np.all(np.isfinite(inside)) and np.all(inside >= 0)):
+        raise ValueError(
+            f"Argument `breakpoints` must be at least 0, but is {rendered(breakpoints)}."
+        )
+    inside = np.unique(inside[(inside > 0) & (inside < end)])
+    return jax.device_put(np.append(inside, end))
+
+
+@quick
+def _begin(
+    mechanics: Mechanics, q: Vector, v: Vector, floor: Number, peak: bool
+) -> tuple[SystemState, Any]:
+    return start_of(mechanics, jnp.zeros((), q.dtype), q, v, floor, peak)
+
+
+_solved = eqx.filter_jit(solved)
+_from_start = eqx.filter_jit(solved_from_start)
+
+
+def _pieces(problem: SystemProblem, rules: SystemRules, most: int | None) -> SystemEnd:
+    """Return the end of a run from Python, whose log grows by pieces."""
+    pieces: list[SystemEnd] = []
+    rest = problem
+    while True:
+        pieces.append(_solved(rest, rules))
+        end = pieces[-1]
+        if int(end.status) != PAUSED or (
+            most is not None and len(pieces) * (rules.rows - 1) >= 2 * most
+        ):
+            break
+        rest = eqx.tree_at(lambda p: p.state, rest, end.state)
+    if len(pieces) == 1:
+        return end
+
+    def joined(*parts: Array) -> np.ndarray:
+        return np.concatenate([np.asarray(part) for part in parts])
+
+    logs = [piece.log for piece in pieces]
+    count = sum(int(log.count) for log in logs)
+    states, touches, opens = jax.tree.map(
+        joined, *((log.states, log.touches, log.opens) for log in logs)
+    )
+    log = SystemLog(states, touches, opens, np.asarray(count, np.int32))
+    steps = np.asarray(sum(int(piece.steps) for piece in pieces), np.int32)
+    error = np.asarray(sum(float(piece.error) for piece in pieces), end.error.dtype)
+    return jax.device_put(end._replace(log=log, steps=steps, error=error))
+
+
+@quick
+def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None) -> _Readout:
+    """Return the table of contacts, the ending, and the distances of the margin."""
+    total = jnp.sum(end.log.touches) + jnp.sum(problem.state.closed)
+    full = end.status == PAUSED
+    if room is not None:
+        full = full | (total > room)
+    over = (end.status == TIME_IS_UP) & ~full
+    status = jnp.where(over, int(Ending.COMPLETED), int(Ending.NOT_CONVERGED))
+    status = jnp.where(full, int(Ending.TOO_MANY_IMPACTS), status)
+    status = jnp.where(valid, status, int(Ending.INVALID_INPUT))
+    reached = jnp.where(over, problem.stops[-1], end.state.time)
+    reached = jax.lax.stop_gradient(jnp.where(valid, reached, -1))
+    table = contacts_of(end.log, end.state, room)
+    table["valid"] = table["valid"] & valid
+    blank = {
+        name: nan_unless(column, table["valid"]) if column.dtype.kind == "f" else column
+        for name, column in table.items()
+    }
+    between = _between(end.log)
+    slowest = jnp.min(jnp.where(blank["valid"], blank["closing_speed"], jnp.inf), initial=jnp.inf)
+    both = jax.tree.map(lambda *x: jnp.stack(x), problem.state, end.state)
+    ends = jax.vmap(lambda state: reading_of(problem, state))(both)
+    good = jnp.stack([valid, valid & over])
+    ends = jax.tree.map(lambda x: nan_unless(x, good), ends)
+    return _Readout(SystemContacts(**blank), status, reached, between, slowest, ends)
+
+
+def _between(log: SystemLog) -> Number:
+    """Return the least time between events of different gaps."""
+    changes = log.touches | log.opens
+    written = log.written
+    together = jnp.any(written & (jnp.sum(changes, axis=1) > 1))
+    other = jnp.any(changes[1:] != changes[:-1], axis=1) & written[1:]
+    apart = jnp.where(other, log.states.time[1:] - log.states.time[:-1], jnp.inf)
+    return jnp.where(together, 0, jnp.min(apart, initial=jnp.inf))

@@ -1,0 +1,209 @@
+"""The solve of a mechanism from its state to the end of the run, with its log."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from .._coupled.field import TIME, WORK, LoopRules
+from .._coupled.loop import CoupledStart, first_carry
+from .._coupled.modes import NOT_CONVERGED, PAUSED, TIME_IS_UP, Modes, PerContact
+from .._coupled.scalars import Flag, Index, Number
+from .._coupled.step import Carry, CoupledSolve, advance
+from .field import SystemField
+from .log import SystemLog, empty_log, with_event
+from .problem import Scales, SystemProblem, SystemState, scales_of
+
+MOST_STEPS = 10**7
+"""The limit of steps, which no run should reach."""
+
+_stop = jax.lax.stop_gradient
+
+
+class SystemRules(NamedTuple):
+    """The static rules of a solve. `peak`: whether v0 follows its peak. `rows`: those of its log,
+    after which it pauses.
+    """
+
+    peak: bool
+    rows: int
+
+
+class SystemEnd(NamedTuple):
+    """The state at the end, the log, the status, the number of steps, and the error estimate: the
+    summed step errors relative to the speeds, or the energy imbalance if that is larger.
+    """
+
+    state: SystemState
+    log: SystemLog
+    status: Index
+    steps: Index
+    error: Number
+
+
+class _Loop(NamedTuple):
+    """The state of the loop: that of the coupled solve, and what the log keeps of each contact."""
+
+    carry: Carry
+    touch_speed: PerContact
+    max_depth: PerContact
+    log: SystemLog
+
+
+@dataclasses.dataclass(frozen=True)
+class _SystemSolve(CoupledSolve):
+    """The solve up to one stop. `supplied` is the work in J before its start."""
+
+    field: SystemField
+    supplied: Number
+
+
+def solve_system(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
+    """Solve a mechanism from its state to the last of its stops, or until the log is full."""
+    scales = scales_of(problem)
+    zero = jnp.zeros((), jnp.int32)
+    running = jnp.asarray(-1, jnp.int32)
+    nothing = jnp.zeros_like(problem.tolerance)
+    first = SystemEnd(problem.state, empty_log(problem.state, rules.rows), running, zero, nothing)
+    stops = problem.stops
+    if stops.shape[0] == 1:
+        return _solve_to_stop(problem, scales, rules, first, stops[0])
+
+    def unfinished(end: SystemEnd) -> Flag:
+        return end.status < 0
+
+    def to_next(end: SystemEnd) -> SystemEnd:
+        index = jnp.sum(stops <= end.state.time)
+        stop = stops[jnp.minimum(index, stops.shape[0] - 1)]
+        end = _solve_to_stop(problem, scales, rules, end, stop)
+        # A stop is met exactly, so that the next one is another.
+        met = end.status == TIME_IS_UP
+        time = jnp.where(met, stop, end.state.time)
+        more = met & (index + 1 < stops.shape[0])
+        status = jnp.where(more, running, end.status)
+        return end._replace(state=end.state._replace(time=time), status=status)
+
+    return jax.lax.while_loop(unfinished, to_next, first)
+
+
+def _solve_to_stop(
+    problem: SystemProblem, scales: Scales, rules: SystemRules, begun: SystemEnd, stop: Number
+) -> SystemEnd:
+    """Go on from `begun` to a stop."""
+    state, units = begun.state, scales.contact
+    field = SystemField(
+        mechanics=problem.mechanics,
+        contact=problem.contact,
+        scales=scales,
+        rules=LoopRules(rules.peak, False, MOST_STEPS, flies=True),
+        until=(stop - state.time) / units.time,
+        used=jnp.ones_like(state.closed),
+        start=state.time,
+        last=_just_before(stop),
+        resolution=scales.resolution,
+    )
+    solve = _SystemSolve(
+        field=field,
+        units=units,
+        tolerance=problem.tolerance,
+        floor=problem.floor,
+        start=state.time,
+        to_the_end=jnp.asarray(True),
+        supplied=state.work,
+    )
+    first = first_carry(solve, _start(solve, state))
+    loop = _Loop(first, state.touch_speed, state.max_depth, begun.log)
+
+    def unfinished(loop: _Loop) -> Flag:
+        c = loop.carry
+        return (c.status < 0) & (c.steps < MOST_STEPS) & (loop.log.count < rules.rows)
+
+    end = jax.lax.while_loop(unfinished, lambda loop: _advance(solve, loop), loop)
+    return _assess(solve, begun, first, end)
+
+
+def _just_before(stop: Number) -> Number:
+    """Return the last time before a stop, which moves with it."""
+    fixed = _stop(stop)
+    return jnp.nextafter(fixed, jnp.full_like(fixed, -jnp.inf)) + (stop - fixed)
+
+
+def _start(solve: _SystemSolve, state: SystemState) -> CoupledStart:
+    """Return the start of the loop."""
+    scales, units = solve.field.scales, solve.units
+    zero = jnp.zeros((), state.position.dtype)
+    q, v = state.position / scales.position, state.velocity / scales.velocity
+    latched, mass = state.latched / units.speed, state.mass
+    return CoupledStart(
+        y=solve.field.pack(q, v, state.lost / units.energy, [zero, zero, zero]),
+        modes=Modes(state.closed, state.rising, latched, mass),
+        since=state.since,
+        force_until=state.force_until,
+        max_force=state.max_force,
+        step=jnp.where(state.step > 0, state.step / units.time, solve.begin),
+    )
+
+
+def _advance(solve: _SystemSolve, loop: _Loop) -> _Loop:
+    """Take one step and log its events."""
+    before, units = loop.carry, solve.units
+    after, changes = advance(solve, before)
+    moved = after.y[TIME] > before.y[TIME]
+    lasts = jnp.where(moved, after.y[TIME] - before.y[TIME], 1)
+    deepest = units.length * solve.field.deepest(lasts, before.look, after.look)
+    deepest = jnp.where(moved & before.modes.closed, deepest, 0)
+    max_depth = jnp.where(changes.touches, 0, jnp.maximum(loop.max_depth, deepest))
+    closing = units.speed * after.look.rate
+    touch_speed = jnp.where(changes.touches, closing, loop.touch_speed)
+    # Steps below the resolution of time make no progress.
+    resolution = solve.finest * jnp.maximum(1, jnp.abs(after.y[TIME]))
+    stuck = (after.status < 0) & ~(after.size > resolution / 1024)
+    status = jnp.where(stuck, NOT_CONVERGED, after.status)
+    after = after._replace(status=status.astype(jnp.int32))
+    loop = _Loop(after, touch_speed, max_depth, loop.log)
+    return loop._replace(log=with_event(loop.log, state_of(solve, loop), *changes))
+
+
+def state_of(solve: _SystemSolve, loop: _Loop) -> SystemState:
+    """Return the state of the loop in SI units."""
+    c, units, scales = loop.carry, solve.units, solve.field.scales
+    nq, nv = scales.position.shape[0], scales.velocity.shape[0]
+    return SystemState(
+        time=solve.start + units.time * c.y[TIME],
+        position=scales.position * c.y[:nq],
+        velocity=scales.velocity * c.y[nq : nq + nv],
+        closing=units.speed * c.look.rate,
+        closed=c.modes.closed,
+        rising=c.modes.rising,
+        latched=units.speed * c.modes.latched,
+        mass=c.modes.mass,
+        since=c.since,
+        touch_speed=loop.touch_speed,
+        force_until=c.force_until,
+        max_force=c.max_force,
+        max_depth=loop.max_depth,
+        lost=units.energy * solve.field.lost(c.y),
+        work=solve.supplied + units.energy * c.y[WORK],
+        step=_stop(units.time * c.size * 2 * c.y[-1]),
+    )
+
+
+def _assess(solve: _SystemSolve, begun: SystemEnd, first: Carry, end: _Loop) -> SystemEnd:
+    """Return the end with its error estimate, which determines convergence."""
+    a, b = _stop((first, end.carry))
+    field = dataclasses.replace(
+        solve.field, mechanics=_stop(solve.field.mechanics), contact=_stop(solve.field.contact)
+    )
+    both = jax.tree.map(lambda *x: jnp.stack(x), (a.y, a.modes), (b.y, b.modes))
+    before, now = jax.vmap(field.energy)(*both)
+    missing = jnp.abs(now - before - b.dropped - b.y[WORK])
+    turnover = jnp.maximum(jnp.maximum(before, now), jnp.abs(b.y[WORK]))
+    imbalance = missing / jnp.maximum(turnover, 1)
+    error = jnp.maximum(b.error, imbalance) + begun.error
+    sound = jnp.all(jnp.isfinite(b.y)) & (imbalance <= 1e5 * solve.tolerance)
+    status = jnp.where(b.status < 0, PAUSED, b.status)
+    status = jnp.where(sound, status, NOT_CONVERGED).astype(jnp.int32)
+    return SystemEnd(state_of(solve, end), end.log, status, begun.steps + b.steps, error)

@@ -1,0 +1,107 @@
+"""The state of a mechanism at its start, and the checks of its equations there."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._coupled.scalars import Flag, Number
+from .mechanics import Mechanics, Vector
+from .problem import SystemState
+
+_ROUNDING = 64
+"""A gap of less than this many rounding errors of the lengths in it is closed."""
+
+
+class StartChecks(NamedTuple):
+    """What holds at the start: numbers are finite, M is symmetric and positive definite, forces,
+    gaps and their gradients are finite. `pressed` gaps are negative.
+    `quadratic`: so is the Lagrangian in v, if there is one.
+    """
+
+    finite: Flag
+    symmetric: Flag
+    definite: Flag
+    force: Flag
+    quadratic: Flag
+    gaps: Float[Array, " m"]
+    gradients: Bool[Array, " m"]
+    pressed: Bool[Array, " m"]
+
+    def valid(self, latched: Flag) -> Flag:
+        """Return whether all holds; pressed gaps need a v0 that is `latched` from elsewhere."""
+        parts = [self.finite, self.symmetric, self.definite, self.force, self.quadratic]
+        parts += [jnp.all(jnp.isfinite(self.gaps)), jnp.all(self.gradients)]
+        return jnp.all(jnp.stack([*parts, latched | ~jnp.any(self.pressed)]))
+
+
+def start_of(
+    mechanics: Mechanics, time: Number, q: Vector, v: Vector, floor: Number, peak: bool
+) -> tuple[SystemState, StartChecks]:
+    """Return the state at the start and its checks. A gap that is closed there begins its contact
+    now if it closes, else with the next event; a negative gap is in contact.
+    """
+    opening = mechanics.opening(time, q, v)
+    jacobian, mass = mechanics.jacobian(opening), mechanics.mass(time, q)
+    nothing = jnp.zeros_like(opening.gap)
+    motion = mechanics.motion(time, q, v, opening, nothing)
+    second = -mechanics.second(time, q, v, motion.acceleration)
+    gradient = jax.jacfwd(lambda q: mechanics.system.gap(time, q, mechanics.args))(q)
+    lengths = jnp.sum(jnp.abs(gradient * q[None]), axis=1) + jnp.abs(opening.gap)
+    near = jnp.abs(opening.gap) <= _ROUNDING * jnp.finfo(q.dtype).eps * lengths
+    closing = -opening.rate
+    begins = near & ((closing > 0) | ((closing == 0) & (second > 0)))
+    pressed = ~near & (opening.gap < 0)
+    closed = begins | pressed
+    speed = jnp.maximum(jnp.where(closed, closing, 0), 0)
+    state = SystemState(
+        time=time,
+        position=q,
+        velocity=v,
+        closing=closing,
+        closed=closed,
+        rising=closed & (closing <= 0) & peak,
+        latched=jnp.where(closed, jnp.maximum(speed, floor), 0),
+        mass=mechanics.effective_mass(time, q, v),
+        since=jnp.full_like(nothing, time),
+        touch_speed=speed,
+        force_until=jnp.full_like(nothing, time),
+        max_force=nothing,
+        max_depth=nothing,
+        lost=nothing,
+        work=jnp.zeros_like(time),
+        step=jnp.zeros_like(time),
+    )
+    scale = jnp.sqrt(jnp.abs(jnp.diagonal(mass)))
+    scale = jnp.where(scale > 0, scale, 1)
+    scaled = mass / scale[None] / scale[:, None]
+    finest = jnp.finfo(q.dtype).eps * mass.shape[0]
+    skew = jnp.max(jnp.abs(scaled - scaled.T))
+    least = jnp.min(jnp.linalg.eigvalsh((scaled + scaled.T) / 2))
+    checks = StartChecks(
+        finite=jnp.all(jnp.isfinite(q)) & jnp.all(jnp.isfinite(v)) & jnp.isfinite(time),
+        symmetric=skew <= 1e3 * finest,
+        definite=(least > 8 * finest) & jnp.all(jnp.isfinite(mass)),
+        force=jnp.all(jnp.isfinite(motion.acceleration)),
+        quadratic=_is_quadratic(mechanics, time, q, v),
+        gaps=opening.gap,
+        gradients=jnp.all(jnp.isfinite(jacobian), axis=1) & jnp.isfinite(opening.rate),
+        pressed=pressed,
+    )
+    return state, jax.lax.stop_gradient(checks)
+
+
+def _is_quadratic(mechanics: Mechanics, time: Number, q: Vector, v: Vector) -> Flag:
+    """Test whether momenta are linear in v; they are without a Lagrangian."""
+    energy = mechanics.system._energy
+    if energy is None:
+        return jnp.asarray(True)
+    momentum = jax.grad(lambda v: energy.lagrangian(time, q, v, mechanics.args))
+    speeds = 1 + jnp.abs(v)
+    expected = mechanics.mass(time, q) @ speeds
+    got = momentum(speeds) - momentum(jnp.zeros_like(v))
+    allowed = jnp.sqrt(jnp.finfo(q.dtype).eps) * (jnp.max(jnp.abs(expected)) + jnp.abs(got))
+    return jnp.all(jnp.abs(got - expected) <= allowed)

@@ -1,0 +1,160 @@
+"""A mechanism: its equations of motion and the gaps of its contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+from jaxtyping import Array, ArrayLike, Float
+
+from .._contact import EXPONENT
+from .._entry import (
+    POSITIVE,
+    Specialised,
+    as_number,
+    as_parameter,
+    is_plain,
+    parameter,
+    refuses_unknown,
+    require_function,
+    require_kind,
+    shown,
+    specialised,
+)
+from .._laws import AbstractLaw, require_law
+from .friction import RegularizedCoulomb
+from .lagrangian import LagrangianEnergy, LagrangianForce, LagrangianMass
+
+
+class PlainFunction(eqx.Module):
+    """A function without numbers of its own, which is a static part of a program."""
+
+    function: Callable[..., Any] = eqx.field(static=True)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.function(*arguments)
+
+
+def _function(name: str, value: Any) -> eqx.Module:
+    """Return a user's function as a module; its numbers are leaves if it is a module already."""
+    if not isinstance(value, eqx.Module):
+        return PlainFunction(require_function(name, value))
+    require_function(name, value)
+    return jax.tree.map(lambda leaf: as_parameter(leaf, name) if is_plain(leaf) else leaf, value)
+
+
+class System(eqx.Module):
+    """A mechanism with contacts: M(t, q) v' = Q(t, q, v) + Σ F_k ∇g_k, with gaps g_k(t, q).
+
+    - `mass(t, q, args)`: the matrix M (n, n), symmetric and positive definite.
+    - `force(t, q, v, args)`: all generalised forces (n,) but those of contacts, with Coriolis
+      terms.
+    - `gap(t, q, args)`: the distances (m,) in m, negative in contact.
+    - `law`, `stiffness` in N/mⁿ, `exponent` n in [1, 3]: the contact law, with one number for all
+      gaps or one for each. A plain number for n is static.
+    - `friction`: a `RegularizedCoulomb`, or None.
+    - `slip(t, q, v, args)`: the tangential speeds in m/s, affine in v; (m,) in the plane, (m, 2) in
+      space. Friction needs it.
+    - `rate(t, q, v, args)`: q', where q has more numbers than v, as with quaternions. Default: v.
+
+    The contact Jacobian, the generalised contact force and the effective mass 1/(J M⁻¹ Jᵀ) follow
+    from `gap` by automatic differentiation. The closing speed is -dg/dt with ∂g/∂t, so that walls
+    may move. Functions are static. Numbers to differentiate belong in `args`, or are leaves of
+    functions that are `equinox.Module`s. Raises ValueError for arguments of the wrong kind and for
+    Python scalars out of range.
+    """
+
+    mass: Callable[..., Array]
+    force: Callable[..., Array]
+    gap: Callable[..., Array]
+    law: AbstractLaw
+    stiffness: Float[Array, "..."] = parameter("stiffness", POSITIVE)
+    _exponent: Specialised = eqx.field(default=Specialised(1.5))
+    friction: RegularizedCoulomb | None = None
+    slip: Callable[..., Array] | None = None
+    rate: Callable[..., Array] | None = None
+    _energy: LagrangianEnergy | None = None
+
+    @refuses_unknown
+    def __init__(
+        self,
+        mass: Callable[..., Array],
+        force: Callable[..., Array],
+        gap: Callable[..., Array],
+        *,
+        law: AbstractLaw,
+        stiffness: ArrayLike,
+        exponent: ArrayLike = 1.5,
+        friction: RegularizedCoulomb | None = None,
+        slip: Callable[..., Array] | None = None,
+        rate: Callable[..., Array] | None = None,
+    ):
+        self.mass, self.force = _function("mass", mass), _function("force", force)
+        self.gap, self.law = _function("gap", gap), require_law(law)
+        self.stiffness = as_parameter(stiffness, "stiffness", POSITIVE)
+        as_number(exponent, "exponent", EXPONENT)
+        if is_plain(exponent):
+            self._exponent = specialised(float(exponent))
+        else:
+            self._exponent = Specialised(None, as_parameter(exponent, "exponent", EXPONENT))
+        if friction is not None:
+            require_kind("friction", friction, RegularizedCoulomb, "a `RegularizedCoulomb`")
+        if (friction is None) != (slip is None):
+            missing, given = ("slip", "friction") if slip is None else ("friction", "slip")
+            raise ValueError(f"Argument `{missing}` must be given with `{given}`, but is None.")
+        self.friction = friction
+        self.slip = None if slip is None else _function("slip", slip)
+        self.rate = None if rate is None else _function("rate", rate)
+        self._energy = None
+
+    @classmethod
+    @refuses_unknown
+    def from_lagrangian(
+        cls,
+        lagrangian: Callable[..., Array],
+        gap: Callable[..., Array],
+        forces: Callable[..., Array] | None = None,
+        *,
+        law: AbstractLaw,
+        stiffness: ArrayLike,
+        exponent: ArrayLike = 1.5,
+        friction: RegularizedCoulomb | None = None,
+        slip: Callable[..., Array] | None = None,
+    ) -> System:
+        """Build a mechanism from its Lagrangian: d/dt ∂L/∂v - ∂L/∂q = Q + Σ F_k ∇g_k.
+
+        - `lagrangian(t, q, v, args)`: L in J, quadratic in v.
+        - `forces(t, q, v, args)`: generalised forces Q (n,) that L lacks; None without.
+
+        The other arguments are those of `System`. Here v = q'. The mass matrix is ∂²L/∂v², which
+        `simulate` requires to be positive definite. The energy of a run is v·∂L/∂v - L plus that
+        stored in contacts. Raises ValueError as `System` does.
+        """
+        of = _function("lagrangian", lagrangian)
+        others = None if forces is None else _function("forces", forces)
+        system = cls(
+            LagrangianMass(of),
+            LagrangianForce(of, others),
+            gap,
+            law=law,
+            stiffness=stiffness,
+            exponent=exponent,
+            friction=friction,
+            slip=slip,
+        )
+        return eqx.tree_at(
+            lambda s: s._energy, system, LagrangianEnergy(of), is_leaf=lambda leaf: leaf is None
+        )
+
+    @property
+    def exponent(self) -> float | Float[Array, "..."]:
+        """The exponent n: a float if it was given as a Python number, an array otherwise."""
+        return self._exponent.value
+
+    def __repr__(self) -> str:
+        return (
+            f"System(law={type(self.law).__name__}, stiffness={shown(self.stiffness)}, "
+            f"exponent={shown(self.exponent)}, friction={self.friction!r})"
+        )

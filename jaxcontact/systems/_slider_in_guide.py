@@ -1,0 +1,111 @@
+"""A slider-crank whose slider has clearance in its guide."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from .._entry import refuses_unknown
+from .._laws import AbstractLaw, ExactRestitution
+from .._system import RegularizedCoulomb, System
+from ._numbers import positive, real, vector
+from ._start import Start
+
+
+class Guided(eqx.Module):
+    """The numbers of a slider-crank with a free crank, and of the slider in its guide."""
+
+    lengths: Float[Array, "2"]
+    masses: Float[Array, "3"]
+    inertias: Float[Array, "3"]
+    half_sizes: Float[Array, "2"]
+    clearance: Float[Array, ""]
+    gravity: Float[Array, ""]
+
+    def corners(self, q: Array) -> tuple[Array, Array]:
+        """Return the levers (4,) in m of the corners in x and y from the middle of the slider."""
+        along = self.half_sizes[0] * jnp.asarray([-1.0, 1.0, -1.0, 1.0], q.dtype)
+        across = self.half_sizes[1] * jnp.asarray([1.0, 1.0, -1.0, -1.0], q.dtype)
+        cos, sin = jnp.cos(q[2]), jnp.sin(q[2])
+        return along * cos - across * sin, along * sin + across * cos
+
+
+class GuidedMass(Guided):
+    def __call__(self, t: Array, q: Array, args: Any) -> Array:
+        (l1, l2), (m1, m2, m3), (j1, j2, j3) = self.lengths, self.masses, self.inertias
+        both = (m2 / 2 + m3) * l1 * l2 * jnp.cos(q[0] - q[1])
+        crank = j1 + (m1 / 4 + m2 + m3) * l1**2
+        rod = j2 + (m2 / 4 + m3) * l2**2
+        zero = jnp.zeros_like(both)
+        return vector(crank, both, zero, both, rod, zero, zero, zero, j3).reshape(3, 3)
+
+
+class GuidedForce(Guided):
+    def __call__(self, t: Array, q: Array, v: Array, args: Any) -> Array:
+        (l1, l2), (m1, m2, m3) = self.lengths, self.masses
+        turn = (m2 / 2 + m3) * l1 * l2 * jnp.sin(q[0] - q[1])
+        crank = -turn * v[1] ** 2 - (m1 / 2 + m2 + m3) * self.gravity * l1 * jnp.cos(q[0])
+        rod = turn * v[0] ** 2 - (m2 / 2 + m3) * self.gravity * l2 * jnp.cos(q[1])
+        return vector(crank, rod, jnp.zeros_like(rod))
+
+
+class GuidedGap(Guided):
+    def __call__(self, t: Array, q: Array, args: Any) -> Array:
+        height = jnp.sum(self.lengths * jnp.sin(q[:2])) + self.corners(q)[1]
+        side = jnp.asarray([1.0, 1.0, -1.0, -1.0], q.dtype)
+        return self.half_sizes[1] + self.clearance - side * height
+
+
+class GuidedSlip(Guided):
+    def __call__(self, t: Array, q: Array, v: Array, args: Any) -> Array:
+        return -jnp.sum(self.lengths * v[:2] * jnp.sin(q[:2])) - v[2] * self.corners(q)[1]
+
+
+@refuses_unknown
+def slider_in_guide(
+    clearance: ArrayLike = 1e-3,
+    *,
+    lengths: ArrayLike = (0.153, 0.306),
+    masses: ArrayLike = (0.038, 0.038, 0.076),
+    inertias: ArrayLike = (7.4e-5, 5.9e-4, 2.7e-6),
+    half_sizes: ArrayLike = (0.05, 0.025),
+    gravity: ArrayLike = 9.81,
+    speeds: ArrayLike = (150.0, -75.0, 0.0),
+    law: AbstractLaw | None = None,
+    stiffness: ArrayLike = 1e8,
+    friction: RegularizedCoulomb | None = None,
+) -> tuple[System, Start]:
+    """Return a slider-crank whose slider touches its guide with four corners, and its start.
+
+    The coordinates q are the angles of crank, rod and slider in rad, and the crank is free. The
+    gaps are those of the corners upper left, upper right, lower left and lower right.
+
+    `clearance` is in m on each side, `lengths` of crank and rod in m, `masses` and `inertias` of
+    crank, rod and slider in kg and kg m² about their middles, `half_sizes` of the slider in m,
+    along and across, and `gravity` in m/s². The start is stretched, at the `speeds` of the three
+    angles in rad/s. `law` is `ExactRestitution(e=0.4)` by default, `stiffness` in N/m^1.5. Raises
+    ValueError for numbers out of range. Source: Flores, Leine & Glocker (2010), doi
+    10.1007/s11044-009-9178-y.
+    """
+    numbers = {
+        "lengths": positive("lengths", lengths, (2,)),
+        "masses": positive("masses", masses, (3,)),
+        "inertias": positive("inertias", inertias, (3,)),
+        "half_sizes": positive("half_sizes", half_sizes, (2,)),
+        "clearance": positive("clearance", clearance),
+        "gravity": real("gravity", gravity),
+    }
+    turning = real("speeds", speeds, (3,))
+    system = System(
+        GuidedMass(**numbers),
+        GuidedForce(**numbers),
+        GuidedGap(**numbers),
+        law=ExactRestitution(e=0.4) if law is None else law,
+        stiffness=stiffness,
+        friction=friction,
+        slip=None if friction is None else GuidedSlip(**numbers),
+    )
+    return system, Start(position=jnp.zeros_like(turning), velocity=turning)

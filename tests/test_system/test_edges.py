@@ -1,0 +1,184 @@
+"""Starts, ends, wrong input, batches and precisions of mechanisms."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+
+LAW = jc.HuGuo(e=0.7)
+
+
+def unit(t, q, args):
+    return jnp.eye(q.shape[0], dtype=q.dtype)
+
+
+def weight(t, q, v, args):
+    return jnp.full_like(v, -9.81)
+
+
+def height(t, q, args):
+    return q
+
+
+WEIGHT = 0.05
+"""The weight changes e of a soft contact by a few hundredths."""
+
+BALL = jc.System(unit, weight, height, law=LAW, stiffness=1e6)
+
+
+def fall(duration=0.1, **how):
+    how = {"position": [0.0], "velocity": [-1.0]} | how
+    return jc.simulate(BALL, duration, **how)
+
+
+def test_touching_at_the_start_is_a_touch_at_once():
+    run = fall()
+    table = run.contacts.to_dict()
+    assert table["time"][0] == 0 and table["closing_speed"][0] == 1
+    alone = jc.impact(LAW, jc.Contact(1.0, 1e6), 1.0)
+    assert table["restitution"][0] == pytest.approx(float(alone.restitution), rel=WEIGHT)
+
+
+def test_touching_and_leaving_at_the_start_is_no_contact():
+    run = fall(velocity=[1.0])
+    assert len(run.contacts) == 0
+    np.testing.assert_allclose(run.final.position[0], 0.1 - 9.81 * 0.01 / 2, rtol=1e-12)
+
+
+def test_pressed_at_the_start_needs_a_v0():
+    with pytest.raises(ValueError, match=r"Gap 0 is -0.001 m at the start"):
+        fall(position=[-1e-3], velocity=[0.0], v0="touch")
+    run = fall(0.015, position=[-1e-3], velocity=[0.0], v0=0.5)
+    # Unloading from rest: ½ v² gains the elastic energy less losses.
+    assert 0 < float(run.final.velocity[0]) < np.sqrt(2 * 1e6 * 1e-3**2.5 / 2.5)
+
+
+def test_gap_that_never_closes_is_flight():
+    run = fall(position=[1.0], velocity=[0.0])
+    assert len(run.contacts) == 0 and run.ok
+    assert run.margin.closing_speed == jnp.inf
+    np.testing.assert_allclose(run.final.velocity[0], -0.981, rtol=1e-12)
+
+
+def test_contact_for_all_time_comes_to_rest():
+    """A ball that bounces down: contacts follow each other until it stays at its static depth."""
+    run = jc.simulate(BALL, 3.0, position=[0.01], velocity=[0.0])
+    table = run.contacts.to_dict()
+    assert np.isnan(table["duration"][-1]) and np.all(np.isfinite(table["duration"][:-1]))
+    np.testing.assert_allclose(-run.final.position[0], (9.81 / 1e6) ** (2 / 3), rtol=1e-4)
+    assert float(run.error_estimate) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mass": lambda t, q, args: jnp.zeros((1, 1))}, "positive definite"),
+        ({"mass": lambda t, q, args: jnp.ones(1)}, r"`mass` must return the shape \(1, 1\)"),
+        ({"gap": lambda t, q, args: q * jnp.nan}, "gap 0 is nan"),
+        ({"gap": lambda t, q, args: jnp.sqrt(q - q)}, "gradient of `gap` must be finite.*gap 0"),
+        ({"gap": lambda t, q, args: q[0]}, r"`gap` must return an array of the shape \(m,\)"),
+        ({"force": lambda t, q, v, args: v * jnp.nan}, "`force` must be finite"),
+        ({"stiffness": -1.0}, "stiffness"),
+        ({"law": 3}, "law"),
+        ({"friction": jc.RegularizedCoulomb(0.1, 0.1)}, "`slip` must be given"),
+    ],
+)
+def test_wrong_systems_are_named(change, message):
+    parts = {"mass": unit, "force": weight, "gap": height, "law": LAW, "stiffness": 1e6} | change
+    with pytest.raises(ValueError, match=message):
+        jc.simulate(jc.System(**parts), 0.1, position=[0.1], velocity=[0.0])
+
+
+def test_lagrangian_must_be_quadratic():
+    system = jc.System.from_lagrangian(
+        lambda t, q, v, args: jnp.sum(v**2 + v**4), height, law=LAW, stiffness=1e6
+    )
+    with pytest.raises(ValueError, match="quadratic"):
+        jc.simulate(system, 0.1, position=[0.1], velocity=[1.0])
+
+
+def test_arguments_of_scenes_are_refused():
+    with pytest.raises(ValueError, match="`instantaneous` must be left out for a `System`"):
+        fall(instantaneous=True)
+    scene = jc.Scene([jc.Sphere(0.1, 1.0, position=[0.0])], law=LAW, stiffness=1e6)
+    with pytest.raises(ValueError, match="`position` must be left out for a `Scene`"):
+        jc.simulate(scene, 1.0, position=[1.0])
+
+
+def test_bad_lane_leaves_its_neighbours_alone():
+    def ends(position):
+        run = jc.simulate(BALL, 0.3, position=position[None], velocity=[0.0], throw=False)
+        return run.status, run.final.position[0], run.contacts.closing_speed[0]
+
+    places = jnp.array([0.1, jnp.nan, 0.2])
+    status, end, speed = jax.vmap(ends)(places)
+    np.testing.assert_array_equal(status == jc.Ending.COMPLETED, [True, False, True])
+    assert np.isnan(end[1]) and np.isnan(speed[1])
+    for k in (0, 2):
+        run = jc.simulate(BALL, 0.3, position=[float(places[k])], velocity=[0.0])
+        np.testing.assert_allclose(end[k], run.final.position[0], rtol=1e-9)
+        np.testing.assert_allclose(speed[k], run.contacts.closing_speed[0], rtol=1e-9)
+
+
+def test_capacity_is_flagged():
+    run = jc.simulate(BALL, 1.5, position=[0.1], velocity=[0.0], max_impacts=2, throw=False)
+    assert run.status == jc.Ending.TOO_MANY_IMPACTS
+    with pytest.raises(jc.NumericalError, match="max_impacts"):
+        jc.simulate(BALL, 1.5, position=[0.1], velocity=[0.0], max_impacts=2)
+
+
+def test_breakpoints_are_where_force_jumps():
+    """A thrust that stops at 0.05 s, below the resolution of no step."""
+
+    def thrust(t, q, v, args):
+        return jnp.where(t < 0.05, 100.0, 0.0) + jnp.zeros_like(v)
+
+    system = jc.System(unit, thrust, lambda t, q, args: 10 - q, law=LAW, stiffness=1e6)
+    how = {"position": [0.0], "velocity": [0.0]}
+    run = jc.simulate(system, 0.1, **how, breakpoints=[0.05])
+    np.testing.assert_allclose(run.final.velocity[0], 5.0, rtol=1e-13)
+    without = jc.simulate(system, 0.1, **how)
+    assert int(run.steps) < int(without.steps)
+
+
+def quaternion_rate(t, q, v, args):
+    """Return q' = ½ q ⊗ (0, v), with angular velocities v in the body."""
+    w, x, y, z = q
+    matrix = jnp.stack([-x, -y, -z, w, -z, y, z, w, -x, -y, x, w]).reshape(4, 3)
+    return matrix @ v / 2
+
+
+def test_positions_may_be_quaternions():
+    """A body that turns about one axis until its arm of 1 m touches a floor."""
+    system = jc.System(
+        lambda t, q, args: jnp.diag(jnp.array([1.0, 2.0, 3.0])),
+        lambda t, q, v, args: jnp.zeros(3),
+        lambda t, q, args: (0.5 + 2 * (q[1] * q[3] - q[0] * q[2]))[None],
+        law=jc.Hertz(),
+        stiffness=1e6,
+        rate=quaternion_rate,
+    )
+    run = jc.simulate(
+        system, 1.0, position=[1.0, 0.0, 0.0, 0.0], velocity=[0.0, 1.0, 0.0], rtol=1e-11
+    )
+    table = run.contacts.to_dict()
+    # The arm is at sin(angle) = ½ when it touches.
+    np.testing.assert_allclose(table["time"][0], np.pi / 6, rtol=1e-10)
+    np.testing.assert_allclose(table["restitution"][0], 1, rtol=1e-8)
+    np.testing.assert_allclose(jnp.sum(run.final.position**2), 1, rtol=1e-9)
+
+
+def test_single_precision():
+    single = jax.tree.map(lambda x: x.astype(jnp.float32) if eqx.is_inexact_array(x) else x, BALL)
+    how = {"position": np.float32([0.1]), "velocity": np.float32([0.0])}
+    run = jc.simulate(single, np.float32(0.3), **how, rtol=1e-4)
+    assert run.final.position.dtype == jnp.float32
+    double = jc.simulate(BALL, 0.3, position=[0.1], velocity=[0.0])
+    np.testing.assert_allclose(
+        run.contacts.to_dict()["time"], double.contacts.to_dict()["time"], rtol=1e-4
+    )
