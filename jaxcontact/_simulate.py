@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, overload
 
 from jaxtyping import ArrayLike
@@ -52,7 +53,7 @@ def simulate(
     times: ArrayLike | None = None,
     rtol: float = 1e-9,
     v0: str | float = "peak",
-    breakpoints: ArrayLike = (),
+    breakpoints: ArrayLike | Sequence[float] = (),
     max_impacts: int | None = None,
     throw: bool = True,
 ) -> SystemRun: ...
@@ -74,7 +75,7 @@ def simulate(
     position: ArrayLike | None = None,
     velocity: ArrayLike | None = None,
     args: Any = None,
-    breakpoints: ArrayLike = (),
+    breakpoints: ArrayLike | Sequence[float] = (),
 ) -> Run | SystemRun:
     """Simulate a scene from impact to impact, with closed-form flights and impact times.
 

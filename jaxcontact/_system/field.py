@@ -18,7 +18,7 @@ from .._coupled.quintic import EndOfStep, parts_of_step, quintic, vertex
 from .._coupled.scalars import Number
 from .._coupled.stored_energy import stored_energy
 from .._laws import force_of
-from .mechanics import Mechanics, Opening, Vector
+from .mechanics import Mechanics, Vector
 from .problem import Scales
 
 _DOUBT = 0.25
@@ -61,15 +61,17 @@ class SystemField(AbstractCoupledField):
     def with_lost(self, y: Array, lost: PerContact) -> Array:
         return jnp.concatenate([y[: -3 - self.used.shape[0]], lost, y[-3:]])
 
-    def _along(self, opening: Opening, y: Array, clock: ContactClock) -> tuple[Array, Array]:
+    def _along(
+        self, gap: PerContact, opening: PerContact, y: Array, clock: ContactClock
+    ) -> tuple[PerContact, PerContact]:
         """Return indentations and their rates in units of the solve."""
         units = self.scales.contact
-        depth = jnp.where(clock.leaving, jnp.square(y[W]), -opening.gap / units.length)
-        return depth, -opening.rate / units.speed
+        depth = jnp.where(clock.leaving, jnp.square(y[W]), -gap / units.length)
+        return depth, -opening / units.speed
 
     def approach(self, y: Array, clock: ContactClock) -> tuple[PerContact, PerContact]:
         gap, rate = self.mechanics.gaps(*self.moment(y))
-        return self._along(Opening(gap, rate, lambda _: ()), y, clock)
+        return self._along(gap, rate, y, clock)
 
     def force(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
         units, law = self.scales.contact, self.mechanics.system.law
@@ -85,7 +87,7 @@ class SystemField(AbstractCoupledField):
     def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:
         at, units, pace = self.moment(y), self.scales.contact, 2 * y[W]
         opening = self.mechanics.opening(*at)
-        depth, rate = self._along(opening, y, clock)
+        depth, rate = self._along(opening.gap, opening.rate, y, clock)
         force = self.force(depth, rate, modes)
         still = self.force(depth, jnp.zeros_like(rate), modes)
         motion = self.mechanics.motion(*at, opening, units.force * force)
@@ -100,7 +102,7 @@ class SystemField(AbstractCoupledField):
     def look(self, y: Array, modes: Modes, clock: ContactClock) -> Look:
         at, units = self.moment(y), self.scales.contact
         opening = self.mechanics.opening(*at)
-        depth, rate = self._along(opening, y, clock)
+        depth, rate = self._along(opening.gap, opening.rate, y, clock)
         force = self.force(depth, rate, modes)
         motion = self.mechanics.motion(*at, opening, units.force * force)
         second = self.mechanics.second(*at, motion.acceleration)

@@ -18,7 +18,7 @@ from .system import System
 Vector = Float[Array, " n"]
 
 
-class Motion(NamedTuple):
+class SystemMotion(NamedTuple):
     """The accelerations v', and the power in W of all forces but normal contact forces. It includes
     that of moving surfaces, and ½ v·M' v.
     """
@@ -69,7 +69,7 @@ class Mechanics(eqx.Module):
 
     def motion(
         self, t: Number, q: Vector, v: Vector, opening: Opening, force: PerContact
-    ) -> Motion:
+    ) -> SystemMotion:
         """Return the motion under contact forces in N."""
 
         def mass_at(t: Number, q: Vector) -> Array:
@@ -85,7 +85,7 @@ class Mechanics(eqx.Module):
         # The power that contacts give to moving surfaces, F·∂g/∂t.
         surfaces = jnp.sum(force * opening.rate) - jnp.sum(pull * v)
         power = jnp.sum(others * v) + jnp.sum(v * (changes @ v)) / 2 - surfaces
-        return Motion(acceleration, power)
+        return SystemMotion(acceleration, power)
 
     def friction(self, t: Number, q: Vector, v: Vector, force: PerContact) -> Vector:
         """Return the generalised friction forces."""

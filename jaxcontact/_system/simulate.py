@@ -17,12 +17,12 @@ from .._program import quick, traced
 from .._scene.result import Ending, nan_unless
 from .._text.failure import checked
 from .checks import require_shapes, require_start
-from .contacts import contacts_of
 from .log import SystemLog
 from .mechanics import Mechanics, Vector
 from .problem import SystemProblem, SystemState
-from .reading import SystemStates, reading_of, solved, solved_from_start
-from .result import SystemContacts, SystemMargin, SystemRun, read_states
+from .readout.contacts import contacts_of
+from .readout.reading import SystemStates, reading_of, solved, solved_from_start
+from .readout.result import SystemContacts, SystemMargin, SystemRun, read_states
 from .solve import SystemEnd, SystemRules
 from .start import start_of
 from .system import System
@@ -136,7 +136,8 @@ def _for_each(gaps: int, numbers: Any) -> Any:
 def _stops(breakpoints: Any, length: Array, dtype: Any) -> Array:
     """Return the times at which the force may jump within the run, and its end."""
     none = isinstance(breakpoints, tuple | list) and len(breakpoints) == 0
-    points = as_parameter(np.zeros(0) if none else breakpoints, "breakpoints")
+    given: Any = np.zeros(0) if none else breakpoints
+    points = as_parameter(given, "breakpoints")
     if points.ndim != 1:
         raise ValueError(
             f"Argument `breakpoints` must be a list of times, but is {rendered(breakpoints)}."
@@ -187,7 +188,7 @@ def _pieces(problem: SystemProblem, rules: SystemRules, most: int | None) -> Sys
     states, touches, opens = jax.tree.map(
         joined, *((log.states, log.touches, log.opens) for log in logs)
     )
-    log = SystemLog(states, touches, opens, np.asarray(count, np.int32))
+    log = SystemLog(states, touches, opens, jnp.asarray(count, jnp.int32))
     steps = np.asarray(sum(int(piece.steps) for piece in pieces), np.int32)
     error = np.asarray(sum(float(piece.error) for piece in pieces), end.error.dtype)
     return jax.device_put(end._replace(log=log, steps=steps, error=error))

@@ -33,8 +33,8 @@ class SystemRules(NamedTuple):
 
 
 class SystemEnd(NamedTuple):
-    """The state at the end, the log, the status, the number of steps, and the error estimate: the
-    summed step errors relative to the speeds, or the energy imbalance if that is larger.
+    """The state at the end, the log, the status, the number of steps, and the error estimate. That
+    is the sum of step errors relative to the speeds, or the energy imbalance if that is larger.
     """
 
     state: SystemState
@@ -171,6 +171,7 @@ def state_of(solve: _SystemSolve, loop: _Loop) -> SystemState:
     """Return the state of the loop in SI units."""
     c, units, scales = loop.carry, solve.units, solve.field.scales
     nq, nv = scales.position.shape[0], scales.velocity.shape[0]
+    assert c.modes.mass is not None
     return SystemState(
         time=solve.start + units.time * c.y[TIME],
         position=scales.position * c.y[:nq],

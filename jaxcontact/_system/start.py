@@ -17,7 +17,7 @@ _ROUNDING = 64
 
 
 class StartChecks(NamedTuple):
-    """What holds at the start: numbers are finite, M is symmetric and positive definite, forces,
+    """Checks at the start: numbers are finite, M is symmetric and positive definite, and forces,
     gaps and their gradients are finite. `pressed` gaps are negative.
     `quadratic`: so is the Lagrangian in v, if there is one.
     """

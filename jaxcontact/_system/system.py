@@ -37,7 +37,7 @@ class PlainFunction(eqx.Module):
         return self.function(*arguments)
 
 
-def _function(name: str, value: Any) -> eqx.Module:
+def _function(name: str, value: Any) -> Any:
     """Return a user's function as a module; its numbers are leaves if it is a module already."""
     if not isinstance(value, eqx.Module):
         return PlainFunction(require_function(name, value))

@@ -6,4 +6,4 @@ from ._from_mjx import from_mjx as from_mjx
 from ._impact_damper import impact_damper as impact_damper
 from ._slider_crank import slider_crank as slider_crank
 from ._slider_in_guide import slider_in_guide as slider_in_guide
-from ._start import Start as Start
+from ._start import SystemStart as SystemStart

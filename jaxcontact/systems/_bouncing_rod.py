@@ -12,7 +12,7 @@ from .._entry import refuses_unknown
 from .._laws import AbstractLaw, HuGuo
 from .._system import RegularizedCoulomb, System
 from ._numbers import positive, real, vector
-from ._start import Start
+from ._start import SystemStart
 
 
 class Rod(eqx.Module):
@@ -62,7 +62,7 @@ def bouncing_rod(
     law: AbstractLaw | None = None,
     stiffness: ArrayLike = 1e7,
     friction: RegularizedCoulomb | None = None,
-) -> tuple[System, Start]:
+) -> tuple[System, SystemStart]:
     """Return a uniform rod with spheres at its ends above a plane, and its start at rest.
 
     M = diag(m, m, m l²/12), with the coordinates q = (x, y, angle) in m and rad. The gaps are y ± l
@@ -85,9 +85,9 @@ def bouncing_rod(
         RodMass(**numbers),
         RodForce(**numbers),
         RodGap(**numbers),
-        law=HuGuo(e=0.7) if law is None else law,
+        law=HuGuo(e=jnp.asarray(0.7)) if law is None else law,
         stiffness=stiffness,
         friction=friction,
         slip=None if friction is None else RodSlip(**numbers),
     )
-    return system, Start(position=start, velocity=jnp.zeros_like(start))
+    return system, SystemStart(position=start, velocity=jnp.zeros_like(start))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -12,7 +13,7 @@ from .._entry import refuses_unknown
 from .._laws import AbstractLaw, HuGuo
 from .._system import System
 from ._numbers import positive, real, vector
-from ._start import Start
+from ._start import SystemStart
 
 
 class Pendulum(eqx.Module):
@@ -46,15 +47,15 @@ class PendulumGap(Pendulum):
 
 @refuses_unknown
 def double_pendulum(
-    masses: ArrayLike = (1.0, 1.0),
-    lengths: ArrayLike = (1.0, 1.0),
+    masses: ArrayLike | Sequence[float] = (1.0, 1.0),
+    lengths: ArrayLike | Sequence[float] = (1.0, 1.0),
     *,
     gravity: ArrayLike = 9.81,
     wall: ArrayLike = -0.3,
-    angles: ArrayLike = (1.0, 1.5),
+    angles: ArrayLike | Sequence[float] = (1.0, 1.5),
     law: AbstractLaw | None = None,
     stiffness: ArrayLike = 1e7,
-) -> tuple[System, Start]:
+) -> tuple[System, SystemStart]:
     """Return two point masses on rods beside a wall, which both may touch, and their start at rest.
 
     M = [[(m1 + m2) l1², m2 l1 l2 cos(q1 - q2)], [same, m2 l2²]] in kg m², with the angles q in rad
@@ -77,7 +78,7 @@ def double_pendulum(
         PendulumMass(**numbers),
         PendulumForce(**numbers),
         PendulumGap(**numbers),
-        law=HuGuo(e=0.7) if law is None else law,
+        law=HuGuo(e=jnp.asarray(0.7)) if law is None else law,
         stiffness=stiffness,
     )
-    return system, Start(position=start, velocity=jnp.zeros_like(start))
+    return system, SystemStart(position=start, velocity=jnp.zeros_like(start))

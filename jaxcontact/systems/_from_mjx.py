@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike
 from .._entry import refuses_unknown, rendered, require_function
 from .._laws import AbstractLaw
 from .._system import RegularizedCoulomb, System
-from ._start import Start
+from ._start import SystemStart
 
 _FREE, _BALL = 0, 1
 """MuJoCo's numbers of joint types whose positions hold a quaternion."""
@@ -29,7 +29,7 @@ def from_mjx(
     exponent: ArrayLike = 1.5,
     friction: RegularizedCoulomb | None = None,
     slip: Callable[..., Array] | None = None,
-) -> tuple[System, Start]:
+) -> tuple[System, SystemStart]:
     """Return the motion of a MuJoCo model with contacts of this package, and its start.
 
     M(q) v' = passive forces - bias(q, v) + Σ F_k ∇g_k, with MJX's mass matrix and bias. MuJoCo's
@@ -45,8 +45,8 @@ def from_mjx(
     anything but a model. Source: mujoco.readthedocs.io/en/stable/mjx.html.
     """
     try:
-        import mujoco
-        from mujoco import mjx
+        import mujoco  # pyright: ignore[reportMissingImports]
+        from mujoco import mjx  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise ImportError("from_mjx needs MJX, which `pip install mujoco-mjx` installs") from error
     if not isinstance(model, mujoco.MjModel):
@@ -103,7 +103,7 @@ def from_mjx(
         rate=rate,
     )
     start = jnp.asarray(model.qpos0)
-    return system, Start(position=start, velocity=jnp.zeros(model.nv, start.dtype))
+    return system, SystemStart(position=start, velocity=jnp.zeros(model.nv, start.dtype))
 
 
 def _rate_of(kinds: np.ndarray) -> Callable[..., Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -12,7 +13,7 @@ from .._entry import refuses_unknown
 from .._laws import AbstractLaw, HuGuo
 from .._system import System
 from ._numbers import positive, real, vector
-from ._start import Start
+from ._start import SystemStart
 
 
 class Damper(eqx.Module):
@@ -45,15 +46,15 @@ class DamperGap(Damper):
 
 @refuses_unknown
 def impact_damper(
-    masses: ArrayLike = (1.0, 0.1),
+    masses: ArrayLike | Sequence[float] = (1.0, 0.1),
     clearance: ArrayLike = 0.01,
     *,
     spring: ArrayLike = 1000.0,
     damping: ArrayLike = 0.5,
-    shaking: ArrayLike = (1e-3, 31.6),
+    shaking: ArrayLike | Sequence[float] = (1e-3, 31.6),
     law: AbstractLaw | None = None,
     stiffness: ArrayLike = 1e7,
-) -> tuple[System, Start]:
+) -> tuple[System, SystemStart]:
     """Return a box on a spring whose base is shaken, with a free mass in it, and its start at rest.
 
     M1 x'' = -k (x - b) - c (x' - b') + contacts and m2 z'' = -contacts, with b = A sin(ω t). The
@@ -76,8 +77,8 @@ def impact_damper(
         DamperMass(**numbers),
         DamperForce(**numbers),
         DamperGap(**numbers),
-        law=HuGuo(e=0.7) if law is None else law,
+        law=HuGuo(e=jnp.asarray(0.7)) if law is None else law,
         stiffness=stiffness,
     )
     zero = jnp.zeros_like(numbers["masses"])
-    return system, Start(position=zero, velocity=zero)
+    return system, SystemStart(position=zero, velocity=zero)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -12,7 +13,7 @@ from .._entry import refuses_unknown
 from .._laws import AbstractLaw, HuGuo
 from .._system import RegularizedCoulomb, System
 from ._numbers import positive, real, vector
-from ._start import Start
+from ._start import SystemStart
 
 
 class Crank(eqx.Module):
@@ -74,24 +75,25 @@ class CrankSlip(Crank):
 def slider_crank(
     clearance: ArrayLike = 0.5e-3,
     *,
-    lengths: ArrayLike = (0.05, 0.12),
-    masses: ArrayLike = (0.21, 0.14),
+    lengths: ArrayLike | Sequence[float] = (0.05, 0.12),
+    masses: ArrayLike | Sequence[float] = (0.21, 0.14),
     inertia: ArrayLike = 2.5e-4,
     speed: ArrayLike = 523.5987755982989,
     bearing: ArrayLike = 10e-3,
     law: AbstractLaw | None = None,
     stiffness: ArrayLike = 6.6101984e10,
     friction: RegularizedCoulomb | None = None,
-) -> tuple[System, Start]:
+) -> tuple[System, SystemStart]:
     """Return a slider-crank with a dry revolute joint between rod and slider, and its start.
 
     The coordinates q are the angle of the rod in rad and the place of the slider in m. The gap is c
     - |r| with the vector r from the centre of the bearing, which is part of the rod, to that of the
     journal, which is part of the slider. The crank turns at a constant speed. There is no gravity.
 
-    `clearance` c is in m, `lengths` of crank and rod in m, `masses` of rod and slider in kg,
-    `inertia` of the rod about its middle in kg m², `speed` in rad/s (5000 rpm by default), and the
-    radius of the `bearing` in m. `law` is `HuGuo(e=0.9)` by default. `stiffness` in N/m^1.5 is that
+    `clearance` c is in m, `lengths` of crank and rod in m, `masses` of rod and slider in kg.
+    `inertia` is that of the rod about its middle in kg m², `speed` that of the crank in rad/s,
+    5000 rpm by default. The radius of the `bearing` is in m. `law` is `HuGuo(e=0.9)` by
+    default. `stiffness` in N/m^1.5 is that
     of steel with radii of 10 and 9.5 mm; another clearance has another. The start is stretched and
     concentric, at the speeds of the ideal joint. Raises ValueError for numbers out of range.
     Source: Tian, Flores & Lankarani (2018), doi 10.1016/j.mechmachtheory.2017.12.002.
@@ -109,13 +111,13 @@ def slider_crank(
         CrankMass(**numbers),
         CrankForce(**numbers),
         CrankGap(**numbers),
-        law=HuGuo(e=0.9) if law is None else law,
+        law=HuGuo(e=jnp.asarray(0.9)) if law is None else law,
         stiffness=stiffness,
         friction=friction,
         slip=None if friction is None else CrankSlip(**numbers),
     )
     zero = jnp.zeros_like(crank)
-    start = Start(
+    start = SystemStart(
         position=vector(zero, crank + rod), velocity=vector(-numbers["speed"] * crank / rod, zero)
     )
     return system, start

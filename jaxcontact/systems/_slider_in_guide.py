@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -12,7 +13,7 @@ from .._entry import refuses_unknown
 from .._laws import AbstractLaw, ExactRestitution
 from .._system import RegularizedCoulomb, System
 from ._numbers import positive, real, vector
-from ._start import Start
+from ._start import SystemStart
 
 
 class Guided(eqx.Module):
@@ -68,24 +69,25 @@ class GuidedSlip(Guided):
 def slider_in_guide(
     clearance: ArrayLike = 1e-3,
     *,
-    lengths: ArrayLike = (0.153, 0.306),
-    masses: ArrayLike = (0.038, 0.038, 0.076),
-    inertias: ArrayLike = (7.4e-5, 5.9e-4, 2.7e-6),
-    half_sizes: ArrayLike = (0.05, 0.025),
+    lengths: ArrayLike | Sequence[float] = (0.153, 0.306),
+    masses: ArrayLike | Sequence[float] = (0.038, 0.038, 0.076),
+    inertias: ArrayLike | Sequence[float] = (7.4e-5, 5.9e-4, 2.7e-6),
+    half_sizes: ArrayLike | Sequence[float] = (0.05, 0.025),
     gravity: ArrayLike = 9.81,
-    speeds: ArrayLike = (150.0, -75.0, 0.0),
+    speeds: ArrayLike | Sequence[float] = (150.0, -75.0, 0.0),
     law: AbstractLaw | None = None,
     stiffness: ArrayLike = 1e8,
     friction: RegularizedCoulomb | None = None,
-) -> tuple[System, Start]:
+) -> tuple[System, SystemStart]:
     """Return a slider-crank whose slider touches its guide with four corners, and its start.
 
     The coordinates q are the angles of crank, rod and slider in rad, and the crank is free. The
     gaps are those of the corners upper left, upper right, lower left and lower right.
 
-    `clearance` is in m on each side, `lengths` of crank and rod in m, `masses` and `inertias` of
-    crank, rod and slider in kg and kg m² about their middles, `half_sizes` of the slider in m,
-    along and across, and `gravity` in m/s². The start is stretched, at the `speeds` of the three
+    `clearance` is in m on each side, `lengths` of crank and rod in m. `masses` in kg and
+    `inertias` in kg m² about their middles are those of crank, rod and slider. `half_sizes` of
+    the slider in m are along and across, `gravity` in m/s². The start is stretched, at the
+    `speeds` of the three
     angles in rad/s. `law` is `ExactRestitution(e=0.4)` by default, `stiffness` in N/m^1.5. Raises
     ValueError for numbers out of range. Source: Flores, Leine & Glocker (2010), doi
     10.1007/s11044-009-9178-y.
@@ -103,9 +105,9 @@ def slider_in_guide(
         GuidedMass(**numbers),
         GuidedForce(**numbers),
         GuidedGap(**numbers),
-        law=ExactRestitution(e=0.4) if law is None else law,
+        law=ExactRestitution(e=jnp.asarray(0.4)) if law is None else law,
         stiffness=stiffness,
         friction=friction,
         slip=None if friction is None else GuidedSlip(**numbers),
     )
-    return system, Start(position=jnp.zeros_like(turning), velocity=turning)
+    return system, SystemStart(position=jnp.zeros_like(turning), velocity=turning)

@@ -7,7 +7,7 @@ from typing import TypedDict
 from jaxtyping import Array, Float
 
 
-class Start(TypedDict):
+class SystemStart(TypedDict):
     """The start of a mechanism, as `simulate` takes it: `simulate(system, duration, **start)`."""
 
     position: Float[Array, " n"]

@@ -130,7 +130,7 @@ def public():
 
 def arguments(name, function):
     # Python has no signature of an exception without an initialiser, or of a typed dictionary.
-    if function in (jc.NumericalError, jc.systems.Start):
+    if function in (jc.NumericalError, jc.systems.SystemStart):
         return set()
     parameters = list(inspect.signature(function).parameters.values())
     if inspect.isfunction(function) and "." in re.sub(r"^(plot|paper|systems)\.", "", name):

@@ -1,9 +1,8 @@
-"""Digits of mechanisms against those computed with another method: 8th-order solves restarted at
-events, at a tolerance of 1e-13.
+"""Digits of mechanisms against those of another method: 8th-order solves restarted at events.
 
-Digits that SciPy's DOP853 does not confirm are left out or corrected: the last digits of the times in
-C after the first touch, which are 7e-12 ms off, one digit of the last speed in D, and one of the last
-end in B.
+Digits that SciPy's DOP853 does not confirm are left out or corrected. In C the last digits of the
+times after the first touch are 7e-12 ms off. In D a digit of the last speed is another,
+and in B one of the last end.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .log import SystemLog
-from .problem import SystemState
+from ..log import SystemLog
+from ..problem import SystemState
 
 
 def contacts_of(log: SystemLog, end: SystemState, rows: int | None) -> dict[str, Array]:

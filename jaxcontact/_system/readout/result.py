@@ -11,16 +11,16 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from .._coupled.scalars import Index, Number
-from .._entry import as_parameter, rendered, shown
-from .._program import quick
-from .._scene.readout.columns import write_csv
-from .._scene.result import Ending
-from .._text.failure import Flagged
-from .._text.table import text_table
+from ..._coupled.scalars import Index, Number
+from ..._entry import as_parameter, rendered, shown
+from ..._program import quick
+from ..._scene.readout.columns import write_csv
+from ..._scene.result import Ending
+from ..._text.failure import Flagged
+from ..._text.table import text_table
+from ..log import SystemLog
+from ..problem import SystemProblem
 from .dataset import dataset
-from .log import SystemLog
-from .problem import SystemProblem
 from .reading import SystemStates, growth_of, states_at
 
 if TYPE_CHECKING:

@@ -9,16 +9,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._coupled.modes import SLOWEST, TIME_IS_UP
-from .._coupled.rows import rows_of
-from .._coupled.scalars import Number
-from .._coupled.stored_energy import stored_energy
-from .._impact.derivatives import with_sensitivity
-from .._laws import force_of
-from .log import SystemLog
-from .problem import SystemProblem, SystemState
-from .solve import SystemEnd, SystemRules, solve_system
-from .start import start_of
+from ..._coupled.modes import SLOWEST, TIME_IS_UP
+from ..._coupled.rows import rows_of
+from ..._coupled.scalars import Number
+from ..._coupled.stored_energy import stored_energy
+from ..._impact.derivatives import with_sensitivity
+from ..._laws import force_of
+from ..log import SystemLog
+from ..problem import SystemProblem, SystemState
+from ..solve import SystemEnd, SystemRules, solve_system
+from ..start import start_of
 
 
 class SystemStates(NamedTuple):
@@ -63,7 +63,8 @@ def solved_from_start(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
 def _solve_from_start(given: Any, static: SystemProblem, rules: SystemRules) -> SystemEnd:
     numbers, start = given
     problem = eqx.combine(numbers, static)
-    state, _ = start_of(problem.mechanics, *start, problem.floor, rules.peak)
+    time, q, v = start
+    state, _ = start_of(problem.mechanics, time, q, v, problem.floor, rules.peak)
     whole = eqx.tree_at(lambda p: p.state, problem, state, is_leaf=lambda leaf: leaf is None)
     return solve_system(whole, rules)
 

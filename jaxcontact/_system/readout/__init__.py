@@ -1,0 +1,1 @@
+"""Readout of a finished run of a mechanism: contacts, states, files."""
