@@ -111,7 +111,7 @@ def crank() -> None:
     clearance = 0.5
     system, start = jc.systems.slider_crank(1e-3 * clearance)
     turn = 2 * np.pi / 523.5987755982989
-    times = np.linspace(0, turn, 4000)
+    times = np.linspace(0, turn, 1500)
     run = jc.simulate(system, turn, **start, times=times)
     journal = 1e3 * jax.vmap(system.gap.journal)(run.time, run.position)
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(8.4, 3.8), layout="constrained")
