@@ -113,7 +113,7 @@ def crank() -> None:
     turn = 2 * np.pi / 523.5987755982989
     times = np.linspace(0, turn, 1500)
     run = jc.simulate(system, turn, **start, times=times)
-    journal = 1e3 * jax.vmap(system.gap.journal)(run.time, run.position)
+    journal = 1e3 * jnp.stack(jax.vmap(system.gap.journal)(run.time, run.position), axis=1)
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(8.4, 3.8), layout="constrained")
     angle = np.linspace(0, 2 * np.pi, 200)
     bearing = clearance * np.cos(angle), clearance * np.sin(angle)

@@ -24,7 +24,7 @@ from .readout.contacts import contacts_of
 from .readout.reading import SystemStates, reading_of, solved, solved_from_start
 from .readout.result import SystemContacts, SystemMargin, SystemRun, read_states
 from .solve import SystemEnd, SystemRules
-from .start import start_of
+from .start import StartChecks, start_of
 from .system import System
 
 ROOM = 64
@@ -40,6 +40,7 @@ class _Readout(NamedTuple):
     between: Number
     slowest: Number
     ends: SystemStates
+    final: SystemStates
 
 
 def simulate_system(
@@ -71,13 +72,10 @@ def simulate_system(
     within = np.asarray(max(tolerance / 100, 20 * float(jnp.finfo(dtype).eps)), dtype)
     numbers = jax.device_put((floor, within))
     plain = not traced((mechanics, q, v, length, stops))
-    state, checks = _begin(mechanics, q, v, numbers[0], peak)
     has_v0 = v0 != "touch"
+    state, checks, valid = _begin(mechanics, q, v, numbers[0], length, peak, has_v0)
     if plain:
         require_start(checks, has_v0)
-        valid = jnp.asarray(True)
-    else:
-        valid = checks.valid(jnp.asarray(has_v0)) & (length > 0)
     problem = SystemProblem(mechanics, state, stops, numbers[1], numbers[0])
     room = ROOM if most is None else most
     # One row more than contacts need shows whether there is another contact.
@@ -101,7 +99,7 @@ def simulate_system(
         error_estimate=end.error,
         duration=length,
         margin=SystemMargin(readout.between, readout.slowest, problem, end.log, peak),
-        final=jax.tree.map(lambda x: x[-1], readout.ends),
+        final=readout.final,
     )
     return checked(run, throw, "simulate")
 
@@ -122,13 +120,15 @@ def _cast(dtype: Any, tree: Any) -> Any:
 def _for_each(gaps: int, numbers: Any) -> Any:
     """Return law, stiffness and exponent with one number for each gap."""
 
-    def spread(leaf: Array) -> Array:
+    def spread(leaf: Any) -> Array:
         if leaf.ndim > 1 or leaf.shape not in ((), (1,), (gaps,)):
             raise ValueError(
                 f"Law, stiffness and exponent must hold one number, or one for each of {gaps} "
                 f"gaps, but hold an array of the shape {leaf.shape}."
             )
-        return jnp.broadcast_to(leaf, (gaps,))
+        if traced(leaf):
+            return jnp.broadcast_to(leaf, (gaps,))
+        return jax.device_put(np.broadcast_to(np.asarray(leaf), (gaps,)))
 
     return jax.tree.map(spread, numbers)
 
@@ -156,9 +156,16 @@ def _stops(breakpoints: Any, length: Array, dtype: Any) -> Array:
 
 @quick
 def _begin(
-    mechanics: Mechanics, q: Vector, v: Vector, floor: Number, peak: bool
-) -> tuple[SystemState, Any]:
-    return start_of(mechanics, jnp.zeros((), q.dtype), q, v, floor, peak)
+    mechanics: Mechanics,
+    q: Vector,
+    v: Vector,
+    floor: Number,
+    length: Number,
+    peak: bool,
+    has_v0: bool,
+) -> tuple[SystemState, StartChecks, Flag]:
+    state, checks = start_of(mechanics, jnp.zeros((), q.dtype), q, v, floor, peak)
+    return state, checks, checks.valid(has_v0) & (length > 0)
 
 
 _solved = eqx.filter_jit(solved)
@@ -219,7 +226,8 @@ def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None)
     ends = jax.vmap(lambda state: reading_of(problem, state))(both)
     good = jnp.stack([valid, valid & over])
     ends = jax.tree.map(lambda x: nan_unless(x, good), ends)
-    return _Readout(SystemContacts(**blank), status, reached, between, slowest, ends)
+    final = jax.tree.map(lambda x: x[-1], ends)
+    return _Readout(SystemContacts(**blank), status, reached, between, slowest, ends, final)
 
 
 def _between(log: SystemLog) -> Number:

@@ -31,7 +31,7 @@ class StartChecks(NamedTuple):
     gradients: Bool[Array, " m"]
     pressed: Bool[Array, " m"]
 
-    def valid(self, latched: Flag) -> Flag:
+    def valid(self, latched: bool) -> Flag:
         """Return whether all holds; pressed gaps need a v0 that is `latched` from elsewhere."""
         parts = [self.finite, self.symmetric, self.definite, self.force, self.quadratic]
         parts += [jnp.all(jnp.isfinite(self.gaps)), jnp.all(self.gradients)]

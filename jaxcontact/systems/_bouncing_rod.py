@@ -11,7 +11,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._entry import refuses_unknown
 from .._laws import AbstractLaw, HuGuo
 from .._system import RegularizedCoulomb, System
-from ._numbers import positive, real, vector
+from ._numbers import diagonal, positive, real, start, vector
 from ._start import SystemStart
 
 
@@ -31,7 +31,7 @@ class Rod(eqx.Module):
 
 class RodMass(Rod):
     def __call__(self, t: Array, q: Array, args: Any) -> Array:
-        return jnp.diag(vector(self.mass, self.mass, self.mass * self.length**2 / 12))
+        return diagonal(self.mass, self.mass, self.mass * self.length**2 / 12)
 
 
 class RodForce(Rod):
@@ -80,7 +80,7 @@ def bouncing_rod(
         "radius": positive("radius", radius),
         "gravity": real("gravity", gravity),
     }
-    start = vector(0.0, real("height", height), real("angle", angle))
+    place = [0.0, real("height", height), real("angle", angle)]
     system = System(
         RodMass(**numbers),
         RodForce(**numbers),
@@ -90,4 +90,4 @@ def bouncing_rod(
         friction=friction,
         slip=None if friction is None else RodSlip(**numbers),
     )
-    return system, SystemStart(position=start, velocity=jnp.zeros_like(start))
+    return system, start(place, [0.0, 0.0, 0.0])

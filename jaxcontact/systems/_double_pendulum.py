@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._entry import refuses_unknown
 from .._laws import AbstractLaw, HuGuo
 from .._system import System
-from ._numbers import positive, real, vector
+from ._numbers import positive, real, start, vector
 from ._start import SystemStart
 
 
@@ -73,7 +73,7 @@ def double_pendulum(
         "gravity": real("gravity", gravity),
         "wall": real("wall", wall),
     }
-    start = real("angles", angles, (2,))
+    both = real("angles", angles, (2,))
     system = System(
         PendulumMass(**numbers),
         PendulumForce(**numbers),
@@ -81,4 +81,4 @@ def double_pendulum(
         law=HuGuo(e=jnp.asarray(0.7)) if law is None else law,
         stiffness=stiffness,
     )
-    return system, SystemStart(position=start, velocity=jnp.zeros_like(start))
+    return system, start(both, [0.0, 0.0])

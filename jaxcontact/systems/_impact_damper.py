@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._entry import refuses_unknown
 from .._laws import AbstractLaw, HuGuo
 from .._system import System
-from ._numbers import positive, real, vector
+from ._numbers import diagonal, positive, real, start, vector
 from ._start import SystemStart
 
 
@@ -28,7 +28,7 @@ class Damper(eqx.Module):
 
 class DamperMass(Damper):
     def __call__(self, t: Array, q: Array, args: Any) -> Array:
-        return jnp.diag(self.masses)
+        return diagonal(*self.masses)
 
 
 class DamperForce(Damper):
@@ -80,5 +80,4 @@ def impact_damper(
         law=HuGuo(e=jnp.asarray(0.7)) if law is None else law,
         stiffness=stiffness,
     )
-    zero = jnp.zeros_like(numbers["masses"])
-    return system, SystemStart(position=zero, velocity=zero)
+    return system, start([0.0, 0.0], [0.0, 0.0])

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from .._entry import POSITIVE, REAL, Range, as_parameter, rendered
+from .._program import traced
+from ._start import SystemStart
 
 
 def positive(name: str, value: Any, shape: tuple[int, ...] = ()) -> Array:
@@ -26,6 +30,25 @@ def _of_shape(name: str, value: Any, shape: tuple[int, ...], allowed: Range) -> 
         many = "one number" if shape == () else f"{shape[0]} numbers"
         raise ValueError(f"Argument `{name}` must be {many}, but is {rendered(value)}.")
     return numbers
+
+
+def start(position: Any, velocity: Any) -> SystemStart:
+    """Return a start from two lists of numbers, or arrays."""
+    return SystemStart(position=_column(position), velocity=_column(velocity))
+
+
+def _column(numbers: Any) -> Array:
+    """Return numbers as an array. Concrete ones use NumPy, which needs no compilation."""
+    if traced(numbers):
+        return vector(*numbers)
+    return jax.device_put(np.asarray(numbers))
+
+
+def diagonal(*numbers: Array) -> Array:
+    """Return a diagonal matrix."""
+    n, zero = len(numbers), jnp.zeros_like(numbers[0])
+    entries = [numbers[k] if k == j else zero for k in range(n) for j in range(n)]
+    return jnp.stack(entries).reshape(n, n)
 
 
 def vector(*numbers: Any) -> Array:

@@ -7,12 +7,14 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import refuses_unknown
 from .._laws import AbstractLaw, HuGuo
+from .._program import traced
 from .._system import RegularizedCoulomb, System
-from ._numbers import positive, real, vector
+from ._numbers import diagonal, positive, real, start, vector
 from ._start import SystemStart
 
 
@@ -26,18 +28,17 @@ class Crank(eqx.Module):
     bearing: Float[Array, ""]
     clearance: Float[Array, ""]
 
-    def journal(self, t: Array, q: Array) -> Array:
-        """Return the vector in m from the centre of the bearing to that of the journal."""
-        turn = self.speed * t
-        crank = self.lengths[0] * vector(jnp.cos(turn), jnp.sin(turn))
-        rod = self.lengths[1] * vector(jnp.cos(q[0]), jnp.sin(q[0]))
-        return vector(q[1], jnp.zeros_like(q[1])) - crank - rod
+    def journal(self, t: Array, q: Array) -> tuple[Array, Array]:
+        """Return x and y in m from the centre of the bearing to that of the journal."""
+        (crank, rod), (angle, place), turn = self.lengths, q, self.speed * t
+        x = place - crank * jnp.cos(turn) - rod * jnp.cos(angle)
+        return x, -crank * jnp.sin(turn) - rod * jnp.sin(angle)
 
 
 class CrankMass(Crank):
     def __call__(self, t: Array, q: Array, args: Any) -> Array:
         rod = self.inertia + self.masses[0] * self.lengths[1] ** 2 / 4
-        return jnp.diag(vector(rod, self.masses[1]))
+        return diagonal(rod, self.masses[1])
 
 
 class CrankForce(Crank):
@@ -50,7 +51,8 @@ class CrankForce(Crank):
 
 class CrankGap(Crank):
     def __call__(self, t: Array, q: Array, args: Any) -> Array:
-        square = jnp.sum(jnp.square(self.journal(t, q)))
+        x, y = self.journal(t, q)
+        square = jnp.square(x) + jnp.square(y)
         # The distance has no gradient in the middle, where nothing touches.
         away = square > 0
         distance = jnp.where(away, jnp.sqrt(jnp.where(away, square, 1)), 0)
@@ -59,7 +61,7 @@ class CrankGap(Crank):
 
 class CrankSlip(Crank):
     def __call__(self, t: Array, q: Array, v: Array, args: Any) -> Array:
-        between = self.journal(t, q)
+        between = vector(*self.journal(t, q))
         square = jnp.sum(jnp.square(between))
         away = square > 0
         along = between / jnp.sqrt(jnp.where(away, square, 1))
@@ -106,7 +108,6 @@ def slider_crank(
         "bearing": positive("bearing", bearing),
         "clearance": positive("clearance", clearance),
     }
-    crank, rod = numbers["lengths"]
     system = System(
         CrankMass(**numbers),
         CrankForce(**numbers),
@@ -116,8 +117,13 @@ def slider_crank(
         friction=friction,
         slip=None if friction is None else CrankSlip(**numbers),
     )
-    zero = jnp.zeros_like(crank)
-    start = SystemStart(
-        position=vector(zero, crank + rod), velocity=vector(-numbers["speed"] * crank / rod, zero)
-    )
-    return system, start
+    stretched, turning = _stretched(numbers["lengths"], numbers["speed"])
+    return system, start([0.0, stretched], [turning, 0.0])
+
+
+def _stretched(lengths: Any, speed: Any) -> tuple[Any, Any]:
+    """Return the place of the slider and the speed of the rod where the crank is at 0."""
+    if not traced((lengths, speed)):
+        # Concrete numbers need no compilation.
+        lengths, speed = np.asarray(lengths), np.asarray(speed)
+    return lengths[0] + lengths[1], -speed * lengths[0] / lengths[1]

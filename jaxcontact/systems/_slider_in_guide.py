@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._entry import refuses_unknown
 from .._laws import AbstractLaw, ExactRestitution
 from .._system import RegularizedCoulomb, System
-from ._numbers import positive, real, vector
+from ._numbers import positive, real, start, vector
 from ._start import SystemStart
 
 
@@ -110,4 +110,4 @@ def slider_in_guide(
         friction=friction,
         slip=None if friction is None else GuidedSlip(**numbers),
     )
-    return system, SystemStart(position=jnp.zeros_like(turning), velocity=turning)
+    return system, start([0.0, 0.0, 0.0], turning)

@@ -131,10 +131,10 @@ def test_lagrangian_gives_the_same_motion(pendulum):
 def test_energy_of_a_lagrangian_is_complete(pendulum):
     """The total energy falls by the losses of contacts alone."""
     table, energy = pendulum.contacts.to_dict(), np.asarray(pendulum.energy)
-    over = table["time"] + table["duration"]
-    during = (pendulum.time[:, None] > table["time"]) & (pendulum.time[:, None] < over)
-    assert not np.any(during)
-    lost = np.sum(np.where(pendulum.time[:, None] > over, table["energy_loss"], 0), axis=1)
+    touch, over = table["time"][None], (table["time"] + table["duration"])[None]
+    time = np.asarray(pendulum.time)[:, None]
+    assert not np.any((time > touch) & (time < over))
+    lost = np.sum(np.where(time > over, table["energy_loss"][None], 0), axis=1)
     np.testing.assert_allclose(energy + lost, energy[0], atol=1e-8 * 40)
 
 
