@@ -103,7 +103,7 @@ FAULTS = {
         lambda: scene(ball(), periodic=3),
         "`periodic` must be a list with a length or None",
     ),
-    "scene": (lambda: jc.simulate(3, 1.0), "`scene` must be a `Scene`, but is 3"),
+    "scene": (lambda: jc.simulate(3, 1.0), "`model` must be a `Scene` or a `System`, but is 3"),
     "duration": (lambda: run(0.0), "`duration` must be in (0, inf), but is 0.0"),
     "times": (lambda: run(times=[0.5, 0.1]), "`times` must ascend, but is [0.5, 0.1]"),
     "late times": (lambda: run(times=[0.5, 1.1]), "`times` must lie between 0 and the duration"),
