@@ -84,9 +84,11 @@ def run(page: Path) -> Iterator[tuple[Block, str]]:
 def digits(text: str) -> str:
     """Return the text with numbers at six digits, since the last ones depend on the compiler.
 
-    So does the number of steps of a search that ends by rounding.
+    So do the number of steps of a search that ends by rounding, and all but the power of ten of an
+    error near rounding.
     """
     text = re.sub(r"in \d+ steps", "in a few steps", text)
+    text = re.sub(r"(error +)\d(\.\d+)?e", r"\1e", text)
     text = re.sub(r"-?\d+\.\d+(e[-+]?\d+)?", lambda found: f"{float(found[0]):.6g}", text)
     return "\n".join(line.rstrip() for line in text.splitlines())
 

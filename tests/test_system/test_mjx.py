@@ -31,6 +31,9 @@ MODEL = """
 AGREE = 1e-8
 """Of contacts by both: the masses of the model have a radius of inertia of 1e-6 m."""
 
+FORCES = 2e-7
+"""Of the largest forces, read between steps: 3.5e-8 from those of a solve with rtol=1e-13."""
+
 
 def test_double_pendulum_of_mujoco():
     mujoco = pytest.importorskip("mujoco")
@@ -46,5 +49,6 @@ def test_double_pendulum_of_mujoco():
     expected = jc.simulate(ours, 2.5, **by_hand, v0="touch", rtol=1e-11)
     got, table = run.contacts.to_dict(), expected.contacts.to_dict()
     np.testing.assert_array_equal(got["gap"], table["gap"])
-    for name in ("time", "closing_speed", "restitution", "max_force"):
+    for name in ("time", "closing_speed", "restitution"):
         np.testing.assert_allclose(got[name], table[name], rtol=AGREE, err_msg=name)
+    np.testing.assert_allclose(got["max_force"], table["max_force"], rtol=FORCES)
