@@ -10,7 +10,7 @@ from scipy.special import ellipk
 import jaxcontact as jc
 
 SHALLOW = 1e-9
-"""The least depth in m that must be seen, as the issue of a user asks for."""
+"""The least depth in m that must be seen."""
 
 
 def unit(t, q, args):
