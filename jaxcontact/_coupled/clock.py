@@ -50,7 +50,8 @@ def choose_clock(
     left = jnp.where(unloads, height / jnp.where(unloads, -pace, 1), jnp.inf)
     next_one = jnp.argmin(left)
     soonest, deep = rows_of((left, depth), next_one)
-    touch = (age < 1e9) & (age < soonest)
+    # Once all have opened, the motion is smooth in time.
+    touch = jnp.any(modes.closed) & (age < 1e9) & (age < soonest)
     contacts = jnp.arange(depth.shape[0])
     leaving = (contacts == next_one) & unloads & ~touch
     opens = jnp.any(leaving)

@@ -74,6 +74,7 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
         last_size=size,
         last_error=zero + 1,
         whole=zero,
+        cruise=begin,
         sought=jnp.zeros((2 if field.rules.peak else 1) * none.shape[0] + 1, bool),
         look=here,
         slope=Look(here.rate, here.second, none, force),

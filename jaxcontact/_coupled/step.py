@@ -56,7 +56,7 @@ class CoupledSolve:
 class Carry(NamedTuple):
     """The state of the loop. `y` is the state vector, and `size` the next step. `free` is the size
     that the error alone allows. `whole` is the step in which an event was first seen, 0 if none is
-    being sought.
+    being sought. `cruise` is the last step without contacts in units of time.
     """
 
     y: Float[Array, " numbers"]
@@ -68,6 +68,7 @@ class Carry(NamedTuple):
     last_size: Number
     last_error: Number
     whole: Number
+    cruise: Number
     sought: Bool[Array, " events"]
     look: Look
     slope: Look
@@ -143,6 +144,8 @@ class Changes(NamedTuple):
 def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
     """Take one step, or retry with a shorter one."""
     field = solve.field
+    if field.rules.flies:
+        c = c._replace(size=_within(solve, c))
     trial = _try_step(solve, c)
     events = _find_events(solve, c, trial)
     changed = _apply_events(solve, c, trial, events)
@@ -186,6 +189,19 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
         steps=c.steps + 1,
     )
     return carry, changes
+
+
+def _within(solve: CoupledSolve, c: Carry) -> Number:
+    """Return the size of a step that ends at the end of the solve at the latest. Forces may jump
+    there, and a step across it would be tried in vain.
+    """
+    y, closing = _stop((c.y, c.look.rate))
+    left, w = _stop(solve.field.until) - y[TIME], y[W]
+    # With dt = 2 w ds and a constant dw/ds, w² grows by dw/ds times dt.
+    there = jnp.sqrt(jnp.maximum(jnp.square(w) + c.clock.rate(closing) * left, 0))
+    # The end is passed by rounding, so that it is met.
+    least = 4 * solve.finest * jnp.maximum(1, jnp.abs(y[TIME]))
+    return jnp.minimum(c.size, (left + least) / (w + there))
 
 
 def _try_step(solve: CoupledSolve, c: Carry) -> _Attempt:
@@ -293,7 +309,8 @@ def _onward(
     w: Array,
 ) -> dict[str, Any]:
     """Return the next step, and its clock."""
-    error, fine, event, begin = trial.error, trial.fine, events.event, solve.begin
+    field, error, fine, event = solve.field, trial.error, trial.fine, events.event
+    begin = solve.begin
     next_one, anything, seeking = events.next_one, events.anything, events.seeking
     any_touch, opens = jnp.any(changed.touches), jnp.any(changed.opens)
     # If steps have become harder, the next one is expected to be harder again.
@@ -310,6 +327,12 @@ def _onward(
     scale = jnp.where(anew & (there > 0), now_w / there, 1)
     opened = event & opens & ~any_touch
     first_one = begin / jnp.where(opened, 2 * there, 1)
+    cruise = c.cruise
+    if field.rules.flies:
+        # After the last contact the motion goes on as before the first.
+        closed = jnp.any(changed.modes.closed)
+        first_one = jnp.where(closed, first_one, cruise)
+        cruise = jnp.where(events.taken & ~event & ~closed, free, cruise)
     opens_in = there / jnp.max(jnp.where(clock.leaving, -closing, 0))
     most = jnp.where(anew & jnp.any(clock.leaving), 1.1 * opens_in, jnp.inf)
     size, free = jnp.minimum(jnp.where(opened, first_one, size * scale), most), free * scale
@@ -323,6 +346,7 @@ def _onward(
         "last_size": last_size,
         "last_error": jnp.where(anew, jnp.where(event, 1, error), c.last_error),
         "whole": jnp.where(keep, events.whole, 0),
+        "cruise": cruise,
         "sought": keep & events.sought,
     }
 

@@ -3,6 +3,7 @@
 import functools
 
 import matplotlib.pyplot as plt
+from matplotlib.animation import FuncAnimation
 
 import jaxcontact as jc
 from tests.test_every_argument.case import (
@@ -47,7 +48,11 @@ def a_run():
 
 def _drawn(draw, **given):
     """A picture of a run that is made when it is needed, not while tests are collected."""
-    return draw(**(given if "run" in given else given | {"run": a_run()}))
+    drawn = draw(**(given if "run" in given else given | {"run": a_run()}))
+    # Matplotlib warns of an animation without any frame, once it is gone.
+    if isinstance(drawn, FuncAnimation):
+        drawn.figure.canvas.draw()
+    return drawn
 
 
 @functools.cache

@@ -1,4 +1,4 @@
-"""States at any times, each solved from the last event before it."""
+"""States at any times, each solved from the last event or the last time before it."""
 
 from __future__ import annotations
 
@@ -77,22 +77,28 @@ def states_at(
     problem: SystemProblem, log: SystemLog, reached: Number, peak: bool, times: Float[Array, " T"]
 ) -> SystemStates:
     """Return the states at `times`; NaN outside the run, and after `reached`."""
+    before = jax.tree.map(
+        lambda first, rows: jnp.concatenate([first[None], rows]), problem.state, log.states
+    )
 
-    def at(time: Number) -> SystemStates:
-        before = jax.tree.map(
-            lambda first, rows: jnp.concatenate([first[None], rows]), problem.state, log.states
-        )
+    def at(last: SystemState, time: Number) -> tuple[SystemState, SystemStates]:
         row = jnp.searchsorted(log.times, time, side="right").astype(jnp.int32)
-        state: SystemState = rows_of(before, row)
+        event: SystemState = rows_of(before, row)
+        state = jax.tree.map(lambda x, y: jnp.where(last.time > event.time, x, y), last, event)
         stops = jnp.minimum(problem.stops, time)
         there = eqx.tree_at(lambda p: (p.state, p.stops), problem, (state, stops))
         # No event is expected before that time; one by rounding ends the solve.
         end = solved(there, SystemRules(peak, 1))
-        fine = (end.status == TIME_IS_UP) | (end.log.count > 0)
-        fine = fine & (time >= problem.state.time) & (time <= reached)
-        return jax.tree.map(lambda x: jnp.where(fine, x, jnp.nan), reading_of(problem, end.state))
+        good = (end.status == TIME_IS_UP) | (end.log.count > 0)
+        good = good & (time >= problem.state.time) & (time <= reached)
+        last = jax.tree.map(lambda x, y: jnp.where(good, x, y), end.state, last)
+        read = reading_of(problem, end.state)
+        return last, jax.tree.map(lambda x: jnp.where(good, x, jnp.nan), read)
 
-    states = jax.vmap(at)(times)
+    # From time to time, so that each piece of the motion is solved once.
+    order = jnp.argsort(times)
+    _, states = jax.lax.scan(at, problem.state, times[order])
+    states = jax.tree.map(lambda x: x[jnp.argsort(order)], states)
     return states._replace(time=times)
 
 
