@@ -71,8 +71,8 @@ def parts_of_step(dtype: np.dtype) -> Float[Array, "points 1"]:
 
 def vertex(before: Array, at: Array, after: Array) -> Array:
     """Return the offset, in sample spacings, of the vertex of the parabola through three samples.
-    It is 0 where they have no maximum.
+    It is 0 where they have no maximum between them.
     """
-    bend = 2 * at - before - after
-    peak = (at >= before) & (at >= after) & (bend > 0)
-    return jnp.where(peak, (after - before) / jnp.where(peak, 2 * bend, 1), 0)
+    bend, rise = 2 * at - before - after, after - before
+    peak = (bend > 0) & (jnp.abs(rise) <= 2 * bend)
+    return jnp.where(peak, rise / jnp.where(peak, 2 * bend, 1), 0)

@@ -52,7 +52,9 @@ class SystemField(AbstractCoupledField):
     def moment(self, y: Array) -> tuple[Number, Vector, Vector]:
         """Return time, position and velocity in SI units."""
         nq, nv = self.scales.position.shape[0], self.scales.velocity.shape[0]
-        time = jnp.minimum(self.start + self.scales.contact.time * y[TIME], self.last)
+        time = self.start + self.scales.contact.time * y[TIME]
+        # Time stands still beyond the end, but its derivative is needed up to there.
+        time = jnp.where(time > self.last, self.last + (time - jax.lax.stop_gradient(time)), time)
         return time, self.scales.position * y[:nq], self.scales.velocity * y[nq : nq + nv]
 
     def lost(self, y: Array) -> PerContact:

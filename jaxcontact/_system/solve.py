@@ -126,9 +126,8 @@ def _solve_to_stop(
 
 
 def _just_before(stop: Number) -> Number:
-    """Return the last time before a stop, which moves with it."""
-    fixed = _stop(stop)
-    return jnp.nextafter(fixed, jnp.full_like(fixed, -jnp.inf)) + (stop - fixed)
+    """Return the last time before a stop."""
+    return _stop(jnp.nextafter(_stop(stop), jnp.full_like(stop, -jnp.inf)))
 
 
 def _start(solve: _SystemSolve, state: SystemState) -> CoupledStart:
