@@ -193,9 +193,7 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
 
 
 def _within(solve: CoupledSolve, c: Carry) -> Number:
-    """Return the size of a step that ends at the end of the solve at the latest. Forces may jump
-    there, and a step across it would be tried in vain.
-    """
+    """Return the size of a step that does not pass the end, where forces may jump."""
     y, closing = _stop((c.y, c.look.rate))
     left, w = _stop(solve.field.until) - y[TIME], y[W]
     # With dt = 2 w ds and a constant dw/ds, w² grows by dw/ds times dt.
@@ -261,7 +259,7 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     moved = jnp.where(small, next_one, 0)
     gap, steep = rows_of((gaps, fall), first)
     at_root, steep = gap + moved * steep, _stop(steep)
-    # That of time is sharp, however small the step is.
+    # The end of time is a sharp event, however small the step is.
     varies = event & (small | (first == gaps.shape[0] - 1)) & (steep < 0)
     moved = moved - (at_root - _stop(at_root)) / jnp.where(varies, steep, -jnp.inf)
     mean = (_stop(y) - last.y) / c.size
