@@ -259,13 +259,13 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     moved = jnp.where(small, next_one, 0)
     gap, steep = rows_of((gaps, fall), first)
     at_root, steep = gap + moved * steep, _stop(steep)
-    # The end of time is a sharp event, however small the step is.
+    # The end of the run is a sharp event, however small the step is.
     varies = event & (small | (first == gaps.shape[0] - 1)) & (steep < 0)
     moved = moved - (at_root - _stop(at_root)) / jnp.where(varies, steep, -jnp.inf)
     mean = (_stop(y) - last.y) / c.size
     bends = (2 * ended + begun - 3 * mean) / c.size
     bends = bends + _stop(moved) * (ended + begun - 2 * mean) / jnp.square(c.size)
-    # Those of a step near rounding are noise.
+    # In a step near rounding they are noise.
     bends = jnp.where(c.size > math.sqrt(finest), bends, 0)
     moved = jnp.where(event, moved, 0)
     y = y + moved * (toward + moved * bends)

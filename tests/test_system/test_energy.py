@@ -10,7 +10,7 @@ import jaxcontact as jc
 RTOL = 1e-9
 
 CLOSES = 10 * RTOL
-"""Of the imbalance over the energy: .04 to 1.5 rtol in runs of 104 to 601 contacts."""
+"""Of the imbalance over the energy: .02 to 1.5 rtol in runs of 104 to 601 contacts."""
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""Mechanisms and what a user would write for them instead."""
