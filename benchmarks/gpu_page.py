@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 Row = dict[str, Any]
+MECHANISMS = "slider-crank, 1.6 ms", "double pendulum, 2.5 s"
 
 HEAD = """# On a GPU
 
@@ -27,7 +28,8 @@ XLA_PYTHON_CLIENT_PREALLOCATE=false python benchmarks/gpu.py --limit 280
   the CPU kept busy.
 - **Errors** are relative. Free impacts are compared with the closed form in every lane and with 40
   digits in 17 lanes, pushed ones with 40 digits in 17 lanes. Gradients are compared with those of
-  the closed form, oblique pairs with SciPy. Scenes show the largest difference from the CPU.
+  the closed form, oblique pairs with SciPy. Scenes and mechanisms show the
+  largest difference from the CPU.
 - **Tolerances**: event solves in float64 and plain diffrax use the coarsest power of ten that keeps
   1e-9 on a CPU, gradients 1e-9. In float32 an event solve uses its default, 1e-5.
 - **Compile times** are of programs that compile side by side. First calls run in fresh processes,
@@ -72,7 +74,7 @@ def about(machine: Row) -> str:
 
 
 def findings(rows: list[Row], machine: Row) -> Iterable[str]:
-    """Three sentences, each from numbers that were measured."""
+    """Sentences, each from numbers that were measured."""
     best = {
         row["what"]: row
         for row in sorted(done(rows, platform="gpu", precision="float64"), key=lambda r: r["rate"])
@@ -80,7 +82,12 @@ def findings(rows: list[Row], machine: Row) -> Iterable[str]:
     if not best:
         yield "**This result has no rows of a GPU**: it is the short form, on a CPU.\n"
         return
-    said = [of_impacts(best, rows), of_scenes(best, rows), of_first_calls(rows)]
+    said = [
+        of_impacts(best, rows),
+        of_runs("Scenes of three discs and a plane", ("instantaneous", "soft"), best, rows),
+        of_runs("Mechanisms", MECHANISMS, best, rows),
+        of_first_calls(rows),
+    ]
     yield from (f"- {sentence}\n" for sentence in said if sentence)
     if failures := sum("failed" in row for row in rows):
         yield f"- {failures} of {len(rows)} rows failed or did not start; they state why.\n"
@@ -96,13 +103,13 @@ def of_impacts(best: dict[str, Row], rows: list[Row]) -> str:
     return f"Impacts in float64: {'; '.join(told)}." if told else ""
 
 
-def of_scenes(best: dict[str, Row], rows: list[Row]) -> str:
+def of_runs(title: str, names: tuple[str, ...], best: dict[str, Row], rows: list[Row]) -> str:
     told = [
         f"{what} {count(row['rate'])} a second{times_cpu(row, rows)}"
-        for what in ("instantaneous", "soft")
+        for what in names
         if (row := best.get(what))
     ]
-    return f"Scenes of three discs and a plane: {'; '.join(told)}." if told else ""
+    return f"{title}: {'; '.join(told)}." if told else ""
 
 
 def of_first_calls(rows: list[Row]) -> str:

@@ -214,6 +214,23 @@ def by_scene(instantaneous: bool) -> Callable[[int, str, str], Job]:
     return make
 
 
+def by_mechanism(
+    name: str, duration: float, number: str, least: float, most: float
+) -> Callable[[int, str, str], Job]:
+    """A ready-made mechanism, with another value of one of its numbers in each lane."""
+
+    def one(value: jax.Array) -> tuple[jax.Array, ...]:
+        system, start = getattr(jc.systems, name)(**{number: value})
+        run = jc.simulate(system, duration, **start, v0="touch", max_impacts=16)
+        return run.position[-1], run.velocity[-1], run.status
+
+    def make(size: int, precision: str, _: str) -> Job:
+        drawn = np.random.default_rng(SEED).uniform(least, most, size)
+        return jax.vmap(one), (drawn.astype(precision),)
+
+    return make
+
+
 def by_pair(slowness: float) -> Callable[[int, str, str], Job]:
     """Two spheres that pass each other, each pair with its own speed."""
     pair = oblique(slowness)
@@ -269,6 +286,12 @@ TASKS = (
          unit="scenes", quick=2),
     Task("scenes", "soft", by_scene(False), None, (1, 100, 1_000, 10_000), 100, unit="scenes",
          quick=2),
+    Task("mechanisms", "slider-crank, 1.6 ms",
+         by_mechanism("slider_crank", 1.6e-3, "clearance", 0.4e-3, 0.6e-3), None,
+         (1, 100, 1_000, 10_000), 100, unit="runs", quick=2),
+    Task("mechanisms", "double pendulum, 2.5 s",
+         by_mechanism("double_pendulum", 2.5, "wall", -0.32, -0.28), None,
+         (1, 100, 1_000, 10_000), 100, unit="runs", quick=2),
     Task("oblique pairs", "slightly oblique", by_pair(4e-3), of_pair(4e-3), (TENS[5],), 1_000,
          quick=4),
     Task("oblique pairs", "oblique", by_pair(0.1), of_pair(0.1), (TENS[5],), 1_000, quick=4),

@@ -9,10 +9,13 @@ from __future__ import annotations
 import functools
 import itertools
 import json
+import math
 import re
 import sys
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 ROOT = Path(__file__).parents[1]
 # Also works when run as a file.
@@ -35,7 +38,7 @@ def pages() -> list[Path]:
 
 def numbers() -> dict[str, str]:
     """Return every number by name, as it is written."""
-    parts = _choice(), _coverage(), _fits(), _instruments(), _times(), _lanes()
+    parts = _choice(), _coverage(), _fits(), _instruments(), _times(), _mechanisms(), _lanes()
     return {"laws": _laws()} | {name: text for part in parts for name, text in part.items()}
 
 
@@ -151,6 +154,37 @@ def _times() -> dict[str, str]:
         for p in (*closed, *events)
     ]
     found["numba_times_alone"] = _span(alone)
+    return found
+
+
+def _mechanisms() -> dict[str, str]:
+    """Return run times for an error of 1e-9 relative to ours within jit, and those of batches."""
+    known = _result("systems")
+
+    def cost(problem: str, method: str) -> float:
+        rows = [r for r in known["rows"] if (r["problem"], r["method"]) == (problem, method)]
+        points = sorted((math.log(r["error"]), math.log(r["ms"])) for r in rows if "error" in r)
+        assert points[0][0] <= math.log(1e-9), (problem, method)
+        return math.exp(np.interp(math.log(1e-9), *np.transpose(points)))
+
+    peers = {"numba": "numba, by hand", "diffrax": "diffrax Dopri8, restarted"}
+    peers |= {"scipy": "SciPy DOP853, restarted", "no_jit": "jaxcontact"}
+    problems = {"pendulum": "double pendulum", "crank": "slider-crank"}
+    found = {
+        f"{short}_{peer}": f"{cost(problem, method) / cost(problem, 'jaxcontact, in jit'):.2g}"
+        for short, problem in problems.items()
+        for peer, method in peers.items()
+    }
+    batch, prices = known["lanes"], known["prices"]
+    found["crank_lanes"] = f"{batch['alone'] / batch['lane']:.2g}"
+    for mode in ("forward", "reverse"):
+        found[f"mechanism_{mode}"] = _span([row[mode] for row in prices])
+    gpu = _result("gpu")
+    rows = [r for r in gpu["rows"] if r["group"] == "mechanisms" and r["platform"] == "gpu"]
+    found["card"] = gpu["machine"]["card"]
+    for short, problem in problems.items():
+        rates = [r["rate"] for r in rows if r["what"].startswith(problem)]
+        found[f"{short}_gpu"] = f"{float(f'{max(rates):.2g}'):,.0f}"
     return found
 
 
