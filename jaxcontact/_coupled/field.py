@@ -48,14 +48,12 @@ class LoopRules(NamedTuple):
 
 class AbstractCoupledField(abc.ABC):
     """The equations of contacts in units of the solve, for its state as a vector, up to the time
-    `until`. `used` is False for blank contacts. `resolution`: of indentations, relative to the
-    rounding error of 1.
+    `until`. `used` is False for blank contacts.
     """
 
     rules: LoopRules
     until: Number
     used: Flags
-    resolution: Number | float = 1.0
 
     @abc.abstractmethod
     def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:
@@ -93,16 +91,21 @@ class AbstractCoupledField(abc.ABC):
         del before
         return tolerance + 20 * finest * jnp.abs(after)
 
+    def noise(self, y: Array, finest: float) -> Number | float:
+        """Return the rounding error of indentations in a state; `finest` is that of 1."""
+        del y
+        return finest
+
     def at_touch(self, y: Array, touches: Flags, modes: Modes) -> Modes:
         """Return the modes with all that contacts keep from their touch."""
         del y, touches
         return modes
 
     def hidden(
-        self, lasts: Number, before: Look, after: Look, modes: Modes, leaving: Flags, finest: float
+        self, lasts: Number, before: Look, after: Look, modes: Modes, leaving: Flags, noise: Any
     ) -> tuple[Flags, Number]:
         """Return which contacts may begin, or end and begin again, within a step that `lasts`; and
-        the part of the step to try instead.
+        the part of the step to try instead. `noise` is the rounding error of indentations.
 
         This test is for gaps that curve upwards in flight, as those of spheres do. In a long step
         past a close approach the cubic through the ends is much too low, so the tangents decide.
@@ -111,7 +114,7 @@ class AbstractCoupledField(abc.ABC):
         begins = ~modes.closed & inside & (peak > 0)
         # If a step ends between an opening and a touch, the rate at its end does not show that.
         out, parts = highest(lasts, -before.depth, -before.rate, -after.depth, -after.rate)
-        again = modes.closed & ~leaving & parts & (out > 16 * finest)
+        again = modes.closed & ~leaving & parts & (out > 16 * noise)
         return begins | again, jnp.full_like(lasts, 0.5)
 
     def strongest(

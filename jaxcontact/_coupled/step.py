@@ -215,7 +215,7 @@ def _try_step(solve: CoupledSolve, c: Carry) -> _Attempt:
     before, after = _stop((c.look, now))
     passing, used = y[TIME] - c.y[TIME], field.used
     lasts = _stop(passing)
-    hidden, shorter = field.hidden(lasts, before, after, modes, clock.leaving, finest)
+    hidden, shorter = field.hidden(lasts, before, after, modes, clock.leaving, field.noise(y, finest))
     grazed = jnp.any(used & hidden)
     if field.rules.peak:
         # A closing speed that exceeds its peak and falls again may be hidden, too.
@@ -249,7 +249,7 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     whole = jnp.where(seeking, c.whole, c.size)
     small = jnp.abs(next_one) <= near * whole
     # If a gap falls slowly, its rounding hides the exact time; this is the attainable accuracy.
-    on_event = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * finest * field.resolution)
+    on_event = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * field.noise(y, finest))
     stuck = jnp.any(on_event) | (anything & (c.size < finest))
     event = fine & (small | stuck)
     taken = fine & (event | ~anything)
@@ -280,6 +280,10 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
     # At the event the depth is that from which the clock continues.
     depth, closing = field.approach(y, c.clock)
     now = trial.now._replace(depth=depth, rate=closing)
+    # Gaps that are zero within rounding close and open together. Else the next step decides by noise.
+    zero = jnp.abs(depth) <= 16 * field.noise(y, solve.finest)
+    goes_on = jnp.where(modes.closed, closing < 0, closing > 0)
+    meets = meets | (jnp.any(meets) & field.used & zero & goes_on)
     touches, opens = meets & ~modes.closed, meets & modes.closed
     closed = (modes.closed | touches) & ~opens
     speed = jnp.maximum(closing, 0)

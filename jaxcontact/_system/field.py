@@ -43,7 +43,6 @@ class SystemField(AbstractCoupledField):
     used: Flags
     start: Number
     last: Number
-    resolution: Number | float = 1.0
 
     def pack(self, q: Vector, v: Vector, lost: PerContact, rest: list) -> Float[Array, " numbers"]:
         """Return the state vector of scaled numbers; `rest` holds the work, the time and w."""
@@ -124,13 +123,19 @@ class SystemField(AbstractCoupledField):
         rounding = jnp.concatenate([jnp.ones(nq), jnp.full(after.shape[0] - nq, 20.0)])
         return tolerance * scale + rounding.astype(scale.dtype) * finest * jnp.abs(after)
 
+    def noise(self, y: Array, finest: float) -> Number:
+        # Gaps are differences of lengths, which grow with the positions.
+        scales = self.scales
+        lengths = jnp.abs(y[: scales.reach.shape[0]]) @ scales.reach
+        return jax.lax.stop_gradient(finest * (scales.gap + lengths))
+
     def at_touch(self, y: Array, touches: Flags, modes: Modes) -> Modes:
         assert modes.mass is not None
         mass = self.mechanics.effective_mass(*self.moment(y))
         return modes._replace(mass=jnp.where(touches, mass, modes.mass))
 
     def hidden(
-        self, lasts: Number, before: Look, after: Look, modes: Modes, leaving: Flags, finest: float
+        self, lasts: Number, before: Look, after: Look, modes: Modes, leaving: Flags, noise: Number
     ) -> tuple[Flags, Number]:
         # A gap may turn anywhere within a step. The quintic through the ends shows where. The part
         # up to there is tried next, so that the step ends where the doubt is largest.
@@ -150,7 +155,7 @@ class SystemField(AbstractCoupledField):
         # A gap that only closes is met at the end of the step.
         turned = right.rate < 0
         turns = turned | ((jnp.max(inside, axis=0) > right.value) & (right.value < 0))
-        hidden = turns & (jnp.max(peaks, axis=0) > 16 * finest * self.resolution) & ~leaving
+        hidden = turns & (jnp.max(peaks, axis=0) > 16 * noise) & ~leaving
         part = jnp.take_along_axis(parts, highest[None], axis=0)[0]
         shorter = jnp.min(jnp.where(hidden, part, 1))
         return hidden, jnp.clip(shorter, _LEAST_PART, 0.9)

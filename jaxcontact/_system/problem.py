@@ -65,14 +65,15 @@ class SystemProblem(eqx.Module):
 
 
 class Scales(NamedTuple):
-    """The units of a solve: of contacts, of the coordinates q and of the speeds v. `resolution`:
-    the largest of the lengths from which gaps are computed, in units of length.
+    """The units of a solve: of contacts, of the coordinates q and of the speeds v. Then the largest
+    gap at the start, and the largest change of a gap by each coordinate, in these units.
     """
 
     contact: Units
     position: Vector
     velocity: Vector
-    resolution: Number
+    gap: Number
+    reach: Vector
 
 
 def scales_of(problem: SystemProblem) -> Scales:
@@ -98,14 +99,16 @@ def scales_of(problem: SystemProblem) -> Scales:
     speed = jnp.sqrt(energy / unit + moving + tiny)
     logarithm = jnp.log(unit) + 2 * jnp.log(speed) - jnp.log(stiffness)
     units = Units(jnp.min(jnp.exp(logarithm / (n + 1))), speed, unit)
-    resolution = jnp.maximum(_lengths(mechanics, state) / units.length, 1)
     inertia = jnp.diagonal(mechanics.mass(state.time, state.position))
     speeds = speed * jnp.sqrt(unit / jnp.where(inertia > 0, inertia, unit))
     if mechanics.system.rate is None:
-        return Scales(units, units.time * speeds, speeds, resolution)
-    paces = jax.jacfwd(lambda v: mechanics.rate(*at[:2], v))(at[2])
-    positions = units.time * jnp.sum(jnp.abs(paces) * speeds[None], axis=1)
-    return Scales(units, jnp.where(positions > 0, positions, units.time), speeds, resolution)
+        positions = units.time * speeds
+    else:
+        paces = jax.jacfwd(lambda v: mechanics.rate(*at[:2], v))(at[2])
+        positions = units.time * jnp.sum(jnp.abs(paces) * speeds[None], axis=1)
+        positions = jnp.where(positions > 0, positions, units.time)
+    gap = jnp.maximum(jnp.max(jnp.abs(opening.gap)) / units.length, 1)
+    return Scales(units, positions, speeds, gap, _reach(mechanics, state) * positions / units.length)
 
 
 def _typical_mass(mechanics: Mechanics, state: SystemState) -> Number:
@@ -115,13 +118,12 @@ def _typical_mass(mechanics: Mechanics, state: SystemState) -> Number:
     return jnp.min(jnp.minimum(*masses))
 
 
-def _lengths(mechanics: Mechanics, state: SystemState) -> Number:
-    """Return the largest of the lengths that are added to a gap."""
+def _reach(mechanics: Mechanics, state: SystemState) -> Vector:
+    """Return the largest derivative of a gap by each coordinate."""
 
-    def at(q: Vector) -> Number:
-        gap = mechanics.system.gap(state.time, q, mechanics.args)
+    def at(q: Vector) -> Vector:
         gradient = jax.jacfwd(lambda q: mechanics.system.gap(state.time, q, mechanics.args))(q)
-        return jnp.max(jnp.sum(jnp.abs(gradient * q[None]), axis=1) + jnp.abs(gap))
+        return jnp.max(jnp.abs(gradient), axis=0)
 
     return jnp.maximum(*map(at, _places(state.position)))
 

@@ -103,7 +103,6 @@ def _solve_to_stop(
         used=jnp.ones_like(state.closed),
         start=state.time,
         last=_just_before(stop),
-        resolution=scales.resolution,
     )
     solve = _SystemSolve(
         field=field,
