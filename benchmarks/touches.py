@@ -10,7 +10,9 @@ invented, and the smallest closing speed of a touch that was seen. `--pendula` s
 from __future__ import annotations
 
 import argparse
+import functools
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,6 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
@@ -77,8 +78,9 @@ class Reference:
         return np.where(inside, least, np.minimum(x[:-1], x[1:]))
 
 
-def touches(angles: np.ndarray, walls: np.ndarray, rtol: float) -> tuple[np.ndarray, ...]:
-    """Return for each pendulum whether our run has a contact, its time and its closing speed."""
+@functools.cache
+def first_touch(rtol: float) -> Callable[..., Any]:
+    """Return whether a pendulum has a contact in our run, its time and its closing speed."""
 
     def first(both: jax.Array, wall: jax.Array) -> tuple[jax.Array, ...]:
         system, start = jc.systems.double_pendulum(wall=wall, angles=both)
@@ -86,8 +88,7 @@ def touches(angles: np.ndarray, walls: np.ndarray, rtol: float) -> tuple[np.ndar
         table = jc.simulate(system, DURATION, **start, **how).contacts
         return table.valid[0], table.time[0], table.closing_speed[0]
 
-    found = jax.jit(jax.vmap(first))(jnp.asarray(angles), jnp.asarray(walls))
-    return tuple(np.asarray(x) for x in found)
+    return jax.jit(jax.vmap(first))
 
 
 def batch(random: np.random.Generator, size: int) -> list[dict[str, Any]]:
@@ -106,7 +107,9 @@ def batch(random: np.random.Generator, size: int) -> list[dict[str, Any]]:
     first = beyond.argmax(axis=0)
     rows = []
     for rtol in TOLERANCES:
-        seen, time, speed = touches(angles[swings], walls[swings], rtol)
+        # All batches have one size, so that they share a program.
+        found = first_touch(rtol)(angles, np.where(swings, walls, -9.0))
+        seen, time, speed = (np.asarray(x)[swings] for x in found)
         due = depth[swings] > 0
         late = np.abs(time - known.times[first[swings]] - STEP / 2) > STEP
         missed = due & (~seen | late)
@@ -133,7 +136,8 @@ def main(words: list[str] | None = None) -> None:
     found = [batch(random, BATCH) for _ in range(max(arguments.pendula // BATCH, 1))]
     rows = []
     for of_rtol in zip(*found, strict=True):
-        row = {name: sum(x[name] for x in of_rtol) for name in ("touched", "missed", "free", "invented")}
+        counts = ("touched", "missed", "free", "invented")
+        row = {name: sum(x[name] for x in of_rtol) for name in counts}
         row["deepest_missed_m"] = max(x["deepest_missed"] for x in of_rtol)
         row["slowest_seen_m_per_s"] = min(x["slowest"] for x in of_rtol)
         rows.append({"rtol": of_rtol[0]["rtol"]} | row)

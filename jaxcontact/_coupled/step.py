@@ -215,7 +215,9 @@ def _try_step(solve: CoupledSolve, c: Carry) -> _Attempt:
     before, after = _stop((c.look, now))
     passing, used = y[TIME] - c.y[TIME], field.used
     lasts = _stop(passing)
-    hidden, shorter = field.hidden(lasts, before, after, modes, clock.leaving, field.noise(y, finest))
+    hidden, shorter = field.hidden(
+        lasts, before, after, modes, clock.leaving, field.noise(y, finest)
+    )
     grazed = jnp.any(used & hidden)
     if field.rules.peak:
         # A closing speed that exceeds its peak and falls again may be hidden, too.
@@ -280,7 +282,7 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
     # At the event the depth is that from which the clock continues.
     depth, closing = field.approach(y, c.clock)
     now = trial.now._replace(depth=depth, rate=closing)
-    # Gaps that are zero within rounding close and open together. Else the next step decides by noise.
+    # Gaps that are zero within rounding close and open together; noise would decide otherwise.
     zero = jnp.abs(depth) <= 16 * field.noise(y, solve.finest)
     goes_on = jnp.where(modes.closed, closing < 0, closing > 0)
     meets = meets | (jnp.any(meets) & field.used & zero & goes_on)

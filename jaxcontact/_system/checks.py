@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,14 +13,34 @@ from jaxtyping import Array
 
 from .mechanics import Mechanics
 from .start import StartChecks
+from .system import System
 
 
 def require_shapes(mechanics: Mechanics, q: Array, v: Array) -> int:
     """Return the number of gaps; raise ValueError for a function with a wrong outcome."""
-    system, t = mechanics.system, jnp.zeros((), q.dtype)
+    arrays, others = eqx.partition((mechanics, q, v), eqx.is_array)
+    shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), arrays)
+    flat = map(jax.tree.flatten, (shapes, others))
+    key = tuple((tuple(leaves), structure) for leaves, structure in flat)
+    try:
+        hash(key)
+    except TypeError:
+        return _gaps_of.__wrapped__(key)
+    return _gaps_of(key)
 
-    def shape(name: str, *at: Array) -> tuple[int, ...]:
-        out: Any = jax.eval_shape(getattr(system, name), *at, mechanics.args)
+
+@functools.lru_cache(maxsize=16)
+def _gaps_of(key: tuple[tuple[tuple, Any], ...]) -> int:
+    """Check functions by tracing, once for each system and each shape of its numbers."""
+    trees = (jax.tree.unflatten(structure, leaves) for leaves, structure in key)
+    mechanics, q, v = eqx.combine(*trees)
+    system, t = mechanics.system, jax.ShapeDtypeStruct((), q.dtype)
+
+    def shape(name: str, *at: Any) -> tuple[int, ...]:
+        def outcome(system: System, *at: Any) -> Any:
+            return getattr(system, name)(*at)
+
+        out: Any = eqx.filter_eval_shape(outcome, system, *at, mechanics.args)
         if not hasattr(out, "shape") or not jnp.issubdtype(out.dtype, jnp.floating):
             raise ValueError(
                 f"Function `{name}` must return an array of floats, but returns {out}."

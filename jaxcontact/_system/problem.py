@@ -108,7 +108,9 @@ def scales_of(problem: SystemProblem) -> Scales:
         positions = units.time * jnp.sum(jnp.abs(paces) * speeds[None], axis=1)
         positions = jnp.where(positions > 0, positions, units.time)
     gap = jnp.maximum(jnp.max(jnp.abs(opening.gap)) / units.length, 1)
-    return Scales(units, positions, speeds, gap, _reach(mechanics, state) * positions / units.length)
+    return Scales(
+        units, positions, speeds, gap, _reach(mechanics, state) * positions / units.length
+    )
 
 
 def _typical_mass(mechanics: Mechanics, state: SystemState) -> Number:

@@ -114,7 +114,12 @@ def _vector(name: str, value: Any) -> Array:
 
 def _cast(dtype: Any, tree: Any) -> Any:
     """Return a tree whose floats have one precision."""
-    return jax.tree.map(lambda x: x.astype(dtype) if eqx.is_inexact_array(x) else x, tree)
+
+    def cast(leaf: Any) -> Any:
+        other = eqx.is_inexact_array(leaf) and leaf.dtype != dtype
+        return leaf.astype(dtype) if other else leaf
+
+    return jax.tree.map(cast, tree)
 
 
 def _for_each(gaps: int, numbers: Any) -> Any:
