@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import functools
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -91,8 +91,10 @@ def first_touch(rtol: float) -> Callable[..., Any]:
     return jax.jit(jax.vmap(first))
 
 
-def batch(random: np.random.Generator, size: int) -> list[dict[str, Any]]:
-    """Return the outcome at every tolerance for `size` pendula."""
+def batch(
+    random: np.random.Generator, size: int, tolerances: Sequence[float] = TOLERANCES
+) -> list[dict[str, Any]]:
+    """Return the outcome at each tolerance for `size` pendula."""
     angles = random.uniform(-0.25, 2.5, (size, 2))
     known = Reference(angles)
     turns = known.turns()
@@ -106,7 +108,7 @@ def batch(random: np.random.Generator, size: int) -> list[dict[str, Any]]:
     beyond = (turns < walls).any(axis=1)
     first = beyond.argmax(axis=0)
     rows = []
-    for rtol in TOLERANCES:
+    for rtol in tolerances:
         # All batches have one size, so that they share a program.
         found = first_touch(rtol)(angles, np.where(swings, walls, -9.0))
         seen, time, speed = (np.asarray(x)[swings] for x in found)

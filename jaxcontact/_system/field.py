@@ -144,13 +144,16 @@ class SystemField(AbstractCoupledField):
         # Just after an event its gap is zero up to rounding, on either side.
         left = left._replace(value=jnp.minimum(left.value, 0))
         curve, u = quintic(lasts, left, right), parts_of_step(after.depth.dtype)
+
+        def doubtful(u: Array) -> Array:
+            return curve.value(u) + _DOUBT * jnp.abs(curve.more(u))
+
         inside = curve.value(u)
-        doubtful = inside + _DOUBT * jnp.abs(curve.more(u))
-        samples = jnp.concatenate([left.value[None], doubtful, right.value[None]])
-        summit = _summit(samples)
+        summit = _summit(jnp.concatenate([left.value[None], doubtful(u), right.value[None]]))
         early, late = _turn(left, lasts, 1), _turn(right, lasts, -1)
-        peaks = jnp.stack([summit.value, early.value, late.value])
-        parts = jnp.stack([summit.part, early.part, 1 + late.part])
+        parts = jnp.stack([summit.part, early, 1 + late])
+        # Their places are better known than their values.
+        peaks = doubtful(parts)
         highest = jnp.argmax(peaks, axis=0)
         # A gap that only closes is met at the end of the step.
         turned = right.rate < 0
@@ -193,25 +196,24 @@ class SystemField(AbstractCoupledField):
         return kinetic + jnp.sum(self.stored(y, modes)) + jnp.sum(self.lost(y))
 
 
-class _Turn(NamedTuple):
-    """A maximum: the part of the step from one of its ends to it, and its value."""
+class _Summit(NamedTuple):
+    """A maximum: the part of the step from its start to it, and its value."""
 
     part: Array
     value: Array
 
 
-def _turn(end: EndOfStep, lasts: Number, inwards: int) -> _Turn:
-    """Return the maximum that the two derivatives at an end predict, later for `inwards` = 1 and
-    earlier for -1. The value is that of the end if it lies farther than an eighth of the step away.
+def _turn(end: EndOfStep, lasts: Number, inwards: int) -> PerContact:
+    """Return the part of the step from an end to the maximum that its two derivatives predict,
+    later for `inwards` = 1 and earlier for -1. It is 0 if that is farther than an eighth.
     """
     bends = end.second < 0
     away = jnp.where(bends, -end.rate / jnp.where(bends, end.second, -1), jnp.inf)
     near = bends & (inwards * away > 0) & (jnp.abs(away) < lasts / 8)
-    part = jnp.where(near, away / lasts, 0)
-    return _Turn(part, end.value + end.rate * part * lasts / 2)
+    return jnp.where(near, away / lasts, 0)
 
 
-def _summit(samples: Float[Array, "points contacts"]) -> _Turn:
+def _summit(samples: Float[Array, "points contacts"]) -> _Summit:
     """Return the maxima of equally spaced samples from end to end of a step, by parabolas."""
     count = samples.shape[0]
     top = jnp.clip(jnp.argmax(samples, axis=0), 1, count - 2)
@@ -219,4 +221,4 @@ def _summit(samples: Float[Array, "points contacts"]) -> _Turn:
     below, at, above = jnp.take_along_axis(samples, rows, axis=0)
     offset = vertex(below, at, above)
     value = jnp.maximum(at + offset * (above - below) / 4, jnp.maximum(below, above))
-    return _Turn((top.astype(offset.dtype) + offset) / (count - 1), value)
+    return _Summit((top.astype(offset.dtype) + offset) / (count - 1), value)
