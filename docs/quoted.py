@@ -158,7 +158,9 @@ def _times() -> dict[str, str]:
 
 
 def _mechanisms() -> dict[str, str]:
-    """Return run times for an error of 1e-9 relative to ours within jit, and those of batches."""
+    """Return run times for an error of 1e-9 relative to ours within jit, those of batches, and
+    missed touches.
+    """
     known = _result("systems")
 
     def cost(problem: str, method: str) -> float:
@@ -179,6 +181,12 @@ def _mechanisms() -> dict[str, str]:
     found["crank_lanes"] = f"{batch['alone'] / batch['lane']:.2g}"
     for mode in ("forward", "reverse"):
         found[f"mechanism_{mode}"] = _span([row[mode] for row in prices])
+    coarse, default, _ = _result("touches")
+    found["touches"] = f"{default['touched']:,}"
+    found["touches_missed"], found["touches_invented"] = map(
+        str, (default["missed"], default["invented"])
+    )
+    found["touches_missed_coarse"] = str(coarse["missed"])
     gpu = _result("gpu")
     rows = [r for r in gpu["rows"] if r["group"] == "mechanisms" and r["platform"] == "gpu"]
     found["card"] = gpu["machine"]["card"]
@@ -189,11 +197,24 @@ def _mechanisms() -> dict[str, str]:
 
 
 def _lanes() -> dict[str, str]:
-    """Return lanes of the stability map and those flagged without need; none may be wrong."""
+    """Return lanes of the stability map, those flagged without need, and those that are wrong, of
+    which float64 and the laws by their own classes may have none.
+    """
     results = {name: _result(f"stability{name}") for name in ("", "_seed", "_laws")}
-    every = [job for jobs in results.values() for job in jobs.values()]
-    assert not any(job["counts"]["wrong without a flag"] for job in every)
-    found = {"law_lanes": f"{sum(job['lanes'] for job in results['_laws'].values()):,}"}
+    wrong = "wrong without a flag"
+    missed = [
+        (name, job)
+        for jobs in results.values()
+        for name, job in jobs.items()
+        if job["counts"][wrong]
+    ]
+    assert all(name.endswith("float32") for name, _ in missed)
+    most = max(lane["times allowed"] for _, job in missed for lane in job["worst"][wrong])
+    found = {
+        "wrong_single": str(sum(job["counts"][wrong] for _, job in missed)),
+        "wrong_single_most": number(most),
+    }
+    found |= {"law_lanes": f"{sum(job['lanes'] for job in results['_laws'].values()):,}"}
     for seed, precision in itertools.product(("", "_seed"), ("float64", "float32")):
         asked = [job for name, job in results[seed].items() if name.endswith(precision)]
         lanes = sum(job["lanes"] for job in asked)
