@@ -212,7 +212,7 @@ def _lanes() -> dict[str, str]:
     most = max(lane["times allowed"] for _, job in missed for lane in job["worst"][wrong])
     found = {
         "wrong_single": str(sum(job["counts"][wrong] for _, job in missed)),
-        "wrong_single_most": number(most),
+        "wrong_single_most": f"{most:.2f}",
     }
     found |= {"law_lanes": f"{sum(job['lanes'] for job in results['_laws'].values()):,}"}
     for seed, precision in itertools.product(("", "_seed"), ("float64", "float32")):
