@@ -87,8 +87,8 @@ def require_start(checks: StartChecks, has_v0: bool) -> None:
         raise ValueError(
             "Function `mass` must return a positive definite matrix at the start, but does not."
         )
-    for k, (gap, fine, pressed) in enumerate(
-        zip(found.gaps, found.gradients, found.pressed, strict=True)
+    for k, (gap, fine, pressed, idle) in enumerate(
+        zip(found.gaps, found.gradients, found.pressed, found.idle, strict=True)
     ):
         if not np.isfinite(gap):
             raise ValueError(f"Function `gap` must be finite, but gap {k} is {gap} at the start.")
@@ -101,6 +101,9 @@ def require_start(checks: StartChecks, has_v0: bool) -> None:
                 f"Gap {k} is {gap} m at the start, in contact for some time, so that the speed at "
                 'its touch is unknown; pass v0="peak" or a number.'
             )
+        if idle:
+            why = "does not close, so that its closing speed has no peak; pass `v0` as a number."
+            raise ValueError(f"Gap {k} is {gap} m at the start and {why}")
     if not found.force:
         raise ValueError("Function `force` must be finite, but is not at the start.")
     if not found.quadratic:

@@ -17,7 +17,7 @@ from .field import SystemField
 from .log import SystemLog, empty_log, with_event
 from .problem import Scales, SystemProblem, SystemState, scales_of
 
-MOST_STEPS = 10**7
+MOST_STEPS = 10**6
 """The limit of steps, which no run should reach."""
 
 _stop = jax.lax.stop_gradient

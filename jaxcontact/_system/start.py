@@ -18,8 +18,8 @@ _ROUNDING = 64
 
 class StartChecks(NamedTuple):
     """Checks at the start: numbers are finite, M is symmetric and positive definite, and forces,
-    gaps and their gradients are finite. `pressed` gaps are negative.
-    `quadratic`: so is the Lagrangian in v, if there is one.
+    gaps and their gradients are finite. `pressed` gaps are negative; `idle` ones neither close nor
+    are about to, and wait for a peak. `quadratic`: so is the Lagrangian in v, if there is one.
     """
 
     finite: Flag
@@ -30,11 +30,12 @@ class StartChecks(NamedTuple):
     gaps: Float[Array, " m"]
     gradients: Bool[Array, " m"]
     pressed: Bool[Array, " m"]
+    idle: Bool[Array, " m"]
 
     def valid(self, latched: bool) -> Flag:
         """Return whether all holds; pressed gaps need a v0 that is `latched` from elsewhere."""
         parts = [self.finite, self.symmetric, self.definite, self.force, self.quadratic]
-        parts += [jnp.all(jnp.isfinite(self.gaps)), jnp.all(self.gradients)]
+        parts += [jnp.all(jnp.isfinite(self.gaps)), jnp.all(self.gradients), ~jnp.any(self.idle)]
         return jnp.all(jnp.stack([*parts, latched | ~jnp.any(self.pressed)]))
 
 
@@ -46,8 +47,9 @@ def start_of(
     """
     opening = mechanics.opening(time, q, v)
     jacobian, mass = mechanics.jacobian(opening), mechanics.mass(time, q)
-    nothing = jnp.zeros_like(opening.gap)
-    motion = mechanics.motion(time, q, v, opening, nothing)
+    nothing, system = jnp.zeros_like(opening.gap), mechanics.system
+    elastic = system.stiffness * jnp.maximum(-opening.gap, 0) ** system.exponent
+    motion = mechanics.motion(time, q, v, opening, elastic)
     second = -mechanics.second(time, q, v, motion.acceleration)
     gradient = jax.jacfwd(lambda q: mechanics.system.gap(time, q, mechanics.args))(q)
     lengths = jnp.sum(jnp.abs(gradient * q[None]), axis=1) + jnp.abs(opening.gap)
@@ -57,6 +59,10 @@ def start_of(
     pressed = ~near & (opening.gap < 0)
     closed = begins | pressed
     speed = jnp.maximum(jnp.where(closed, closing, 0), 0)
+    mass_of_gaps = mechanics.effective_mass(time, q, v)
+    # At rest in static contact, both forces cancel but for rounding.
+    still = jnp.sqrt(jnp.finfo(q.dtype).eps) * elastic / mass_of_gaps
+    idle = pressed & peak & (closing <= 0) & (second <= still)
     state = SystemState(
         time=time,
         position=q,
@@ -65,7 +71,7 @@ def start_of(
         closed=closed,
         rising=closed & (closing <= 0) & peak,
         latched=jnp.where(closed, jnp.maximum(speed, floor), 0),
-        mass=mechanics.effective_mass(time, q, v),
+        mass=mass_of_gaps,
         since=jnp.full_like(nothing, time),
         touch_speed=speed,
         force_until=jnp.full_like(nothing, time),
@@ -90,6 +96,7 @@ def start_of(
         gaps=opening.gap,
         gradients=jnp.all(jnp.isfinite(jacobian), axis=1) & jnp.isfinite(opening.rate),
         pressed=pressed,
+        idle=idle,
     )
     return state, jax.lax.stop_gradient(checks)
 

@@ -58,6 +58,15 @@ def test_pressed_at_the_start_needs_a_v0():
     assert 0 < float(run.final.velocity[0]) < np.sqrt(2 * 1e6 * 1e-3**2.5 / 2.5)
 
 
+@pytest.mark.parametrize("part", [1.0, 3.0], ids=["static", "released"])
+def test_pressed_and_at_rest_needs_a_number(part):
+    """Without a closing speed there is no peak; a number is the speed of the damping."""
+    start = {"position": [-part * (9.81 / 1e6) ** (2 / 3)], "velocity": [0.0]}
+    with pytest.raises(ValueError, match=r"Gap 0 .* does not close.*`v0` as a number"):
+        fall(**start)
+    assert fall(**start, v0=0.1).ok
+
+
 def test_gap_that_never_closes_is_flight():
     run = fall(position=[1.0], velocity=[0.0])
     assert len(run.contacts) == 0 and run.ok
