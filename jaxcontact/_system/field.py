@@ -145,15 +145,16 @@ class SystemField(AbstractCoupledField):
         left = left._replace(value=jnp.minimum(left.value, 0))
         curve, u = quintic(lasts, left, right), parts_of_step(after.depth.dtype)
 
-        def doubtful(u: Array) -> Array:
-            return curve.value(u) + _DOUBT * jnp.abs(curve.more(u))
+        def doubt(u: Array) -> Array:
+            return _DOUBT * jnp.abs(curve.more(u))
 
         inside = curve.value(u)
-        summit = _summit(jnp.concatenate([left.value[None], doubtful(u), right.value[None]]))
+        samples = inside + doubt(u)
+        summit = _summit(jnp.concatenate([left.value[None], samples, right.value[None]]))
         early, late = _turn(left, lasts, 1), _turn(right, lasts, -1)
         parts = jnp.stack([summit.part, early, 1 + late])
         # Their places are better known than their values.
-        peaks = doubtful(parts)
+        peaks = curve.value(parts) + doubt(parts)
         highest = jnp.argmax(peaks, axis=0)
         # A gap that only closes is met at the end of the step.
         turned = right.rate < 0
