@@ -29,6 +29,12 @@ if _TYPE_CHECKING:
     from ._forms import AbstractForm as AbstractForm
     from ._forms import ScaledImpact as ScaledImpact
     from ._forms import exact_damping_factor as exact_damping_factor
+    from ._friction import AbstractFriction as AbstractFriction
+    from ._friction import MawBarberFawcett as MawBarberFawcett
+    from ._friction import RegularizedCoulomb as RegularizedCoulomb
+    from ._friction import RigidCoulomb as RigidCoulomb
+    from ._friction import SpringSlider as SpringSlider
+    from ._friction import WaltonFriction as WaltonFriction
     from ._functions import power as power
     from ._impact import AbstractMethod as AbstractMethod
     from ._impact import Event as Event
@@ -86,7 +92,6 @@ if _TYPE_CHECKING:
     from ._scene import *  # noqa: F403 (all of them public)
     from ._simulate import simulate as simulate
     from ._sweep import *  # noqa: F403 (all of them public)
-    from ._system import RegularizedCoulomb as RegularizedCoulomb
     from ._system import System as System
     from ._system import SystemContacts as SystemContacts
     from ._system import SystemMargin as SystemMargin
@@ -104,6 +109,10 @@ _ROOMS = {
         "fit_bounces fit_damping fit_energy_loss fit_impacts fit_velocity_profile learn_law"
     ),
     "_contact": "Contact Material",
+    "_friction": (
+        "AbstractFriction MawBarberFawcett RegularizedCoulomb RigidCoulomb SpringSlider "
+        "WaltonFriction"
+    ),
     "_functions": "power",
     "_export": "Export export",
     "_fit": "Between Fit Fixed Free Huber Positive Posterior compare_fits fit posterior",
@@ -129,7 +138,7 @@ _ROOMS = {
     ),
     "_simulate": "simulate",
     "_sweep": "Sweep sweep",
-    "_system": ("RegularizedCoulomb System SystemContacts SystemMargin SystemRun SystemStates"),
+    "_system": ("System SystemContacts SystemMargin SystemRun SystemStates"),
     "_text.failure": "NumericalError",
 }
 """Public names by room."""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from typing import cast
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -15,6 +18,7 @@ from ._entry import (
     as_number,
     as_parameter,
     is_plain,
+    optional_parameter,
     parameter,
     refuses_unknown,
     rendered,
@@ -55,6 +59,12 @@ class Material(eqx.Module):
         """h = (1-ν²)/E in 1/Pa, the material's contribution to the Hertz stiffness."""
         return (1 - jnp.square(self.poisson_ratio)) / self.youngs_modulus
 
+    @property
+    def shear_compliance(self) -> Float[Array, "..."]:
+        """(2-ν)/G in 1/Pa with G = E/(2(1+ν)), the contribution to the tangential stiffness."""
+        nu = self.poisson_ratio
+        return 2 * (2 - nu) * (1 + nu) / self.youngs_modulus
+
     def sphere_mass(self, radius: ArrayLike) -> Float[Array, "..."]:
         """Return the mass (4/3)π R³ ρ in kg of a solid sphere; ValueError without a density."""
         if self.density is None:
@@ -76,33 +86,51 @@ def _require_material(name: str, value: object) -> None:
     require_kind(name, value, Material, "a `Material`")
 
 
-def _hertz_stiffness(
+@jax.jit
+def _hertz(
     sphere: Material, other: Material | None, radius: Float[Array, "..."]
-) -> Float[Array, "..."]:
-    compliance = sphere.compliance + (0.0 if other is None else other.compliance)
-    return 4 / 3 * jnp.sqrt(radius) / compliance
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Return the Hertz stiffness, and 4G*/E*: the tangential stiffness over the normal one."""
+    pair = [sphere] if other is None else [sphere, other]
+    compliance = functools.reduce(operator.add, (body.compliance for body in pair))
+    shear = functools.reduce(operator.add, (body.shear_compliance for body in pair))
+    return 4 / 3 * jnp.sqrt(radius) / compliance, 4 * compliance / shear
 
 
 class Contact(eqx.Module):
     """One contact: the effective mass and the elastic force K δⁿ.
 
-    Arguments: `mass` m > 0 in kg, the effective mass m1 m2/(m1+m2); `stiffness` K > 0 in N/mⁿ;
-    `exponent` n in [1, 3]. All broadcast. Mass and stiffness are leaves. A plain number for n is
-    static and specialises the compiled code, so another number triggers a new compilation. An array
-    makes n a leaf, which can be differentiated and batched at some cost in speed. Raises ValueError
-    for a Python scalar out of range. For Hertz contacts use `sphere_sphere`, `sphere_plane` and
-    `sphere_socket`.
+    - `mass`: m > 0 in kg, the effective mass m1 m2/(m1+m2).
+    - `stiffness`: K > 0 in N/mⁿ.
+    - `exponent`: n in [1, 3]. A plain number is static and specialises the compiled code, so that
+      another number triggers a new compilation. An array makes n a leaf, which can be
+      differentiated and batched at some cost in speed.
+    - `tangential_ratio`: κ > 0, the tangential stiffness over the normal one, for friction with a
+      spring; None if unknown. Contacts of materials have κ = 4G*/E*.
+
+    All broadcast; mass, stiffness and κ are leaves. Raises ValueError for a Python scalar out of
+    range. For Hertz contacts use `sphere_sphere`, `sphere_plane` and `sphere_socket`.
     """
 
     mass: Float[Array, "..."] = parameter("mass", POSITIVE)
     stiffness: Float[Array, "..."] = parameter("stiffness", POSITIVE)
     # `__init__` always sets it. The default is required because the fields before have one.
     _exponent: Specialised = eqx.field(default=Specialised(1.5))
+    tangential_ratio: Float[Array, "..."] | None = optional_parameter(POSITIVE, "-")
 
     @refuses_unknown
-    def __init__(self, mass: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike = 1.5):
+    def __init__(
+        self,
+        mass: ArrayLike,
+        stiffness: ArrayLike,
+        exponent: ArrayLike = 1.5,
+        tangential_ratio: ArrayLike | None = None,
+    ):
         # Both fields have converters.
         self.mass, self.stiffness = cast(Array, mass), cast(Array, stiffness)
+        if tangential_ratio is not None:
+            tangential_ratio = as_parameter(tangential_ratio, "tangential_ratio", POSITIVE)
+        self.tangential_ratio = tangential_ratio
         as_number(exponent, "exponent", EXPONENT)
         if is_plain(exponent):
             self._exponent = specialised(float(exponent))
@@ -114,6 +142,13 @@ class Contact(eqx.Module):
             f"Contact(mass={shown(self.mass)}, stiffness={shown(self.stiffness)}, "
             f"exponent={shown(self.exponent)})"
         )
+
+    @property
+    def normal(self) -> Contact:
+        """The contact without its tangential ratio, which no normal impact needs."""
+        if self.tangential_ratio is None:
+            return self
+        return eqx.tree_at(lambda contact: contact.tangential_ratio, self, None)
 
     @property
     def exponent(self) -> float | Float[Array, "..."]:
@@ -143,11 +178,11 @@ class Contact(eqx.Module):
         _require_material("sphere", sphere)
         _require_material("other", other)
         require_broadcast(radius=first, other_radius=second, sphere=sphere, other=other)
-        stiffness = _hertz_stiffness(sphere, other, first / (first + second) * second)
+        stiffness, ratio = _hertz(sphere, other, first / (first + second) * second)
         if mass is None:
             first_mass, second_mass = sphere.sphere_mass(first), other.sphere_mass(second)
             mass = first_mass / (first_mass + second_mass) * second_mass
-        return cls(mass, stiffness)
+        return cls(mass, stiffness, tangential_ratio=ratio)
 
     @classmethod
     def sphere_plane(
@@ -172,7 +207,8 @@ class Contact(eqx.Module):
         radius = as_parameter(radius, "radius", POSITIVE)
         require_broadcast(radius=radius, sphere=sphere, plane=plane)
         mass = sphere.sphere_mass(radius) if mass is None else mass
-        return cls(mass, _hertz_stiffness(sphere, plane, radius))
+        stiffness, ratio = _hertz(sphere, plane, radius)
+        return cls(mass, stiffness, tangential_ratio=ratio)
 
     @classmethod
     def sphere_socket(
@@ -209,4 +245,5 @@ class Contact(eqx.Module):
         clearance = jnp.where(wider, outer - inner, 1)
         effective = jnp.where(wider, inner / clearance * outer, jnp.nan)
         mass = sphere.sphere_mass(inner) if mass is None else mass
-        return cls(mass, _hertz_stiffness(sphere, socket, effective))
+        stiffness, ratio = _hertz(sphere, socket, effective)
+        return cls(mass, stiffness, tangential_ratio=ratio)

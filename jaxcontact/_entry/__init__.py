@@ -17,6 +17,7 @@ from .interval import RESTITUTION_FROM_ZERO as RESTITUTION_FROM_ZERO
 from .interval import Range as Range
 from .module_fields import Specialised as Specialised
 from .module_fields import is_valid as is_valid
+from .module_fields import optional_parameter as optional_parameter
 from .module_fields import parameter as parameter
 from .module_fields import ranges as ranges
 from .module_fields import sanitised as sanitised

@@ -46,6 +46,11 @@ def parameter(name: str, allowed: Range = REAL, unit: str | None = None) -> Any:
     )
 
 
+def optional_parameter(allowed: Range, unit: str | None = None) -> Any:
+    """Declare a field as `parameter` does, which may be None and is converted on entry."""
+    return eqx.field(default=None, metadata={"allowed": allowed, "unit": unit})
+
+
 def ranges(module: eqx.Module | type[eqx.Module]) -> dict[str, Range]:
     """Return the range of every field of `module` that was declared with `parameter`."""
     return {

@@ -68,7 +68,7 @@ def problem_of(
         )
     speed = as_number(velocity, "velocity", SPEED)
     require_broadcast(law=law, contact=contact, velocity=speed, external_force=push)
-    return Problem(law, contact, speed, push)
+    return Problem(law, contact.normal, speed, push)
 
 
 def uniform(tree: Any) -> Any:

@@ -1,6 +1,5 @@
 """Contacts in any motion: mechanisms from their own equations."""
 
-from .friction import RegularizedCoulomb as RegularizedCoulomb
 from .readout.result import SystemContacts as SystemContacts
 from .readout.result import SystemMargin as SystemMargin
 from .readout.result import SystemRun as SystemRun

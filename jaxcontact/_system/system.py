@@ -23,8 +23,8 @@ from .._entry import (
     shown,
     specialised,
 )
+from .._friction import RegularizedCoulomb
 from .._laws import AbstractLaw, require_law
-from .friction import RegularizedCoulomb
 from .lagrangian import LagrangianEnergy, LagrangianForce, LagrangianMass
 
 

@@ -11,8 +11,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from .._entry import refuses_unknown, rendered, require_function
+from .._friction import RegularizedCoulomb
 from .._laws import AbstractLaw
-from .._system import RegularizedCoulomb, System
+from .._system import System
 from ._start import SystemStart
 
 _FREE, _BALL = 0, 1

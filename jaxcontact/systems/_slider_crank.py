@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import refuses_unknown
+from .._friction import RegularizedCoulomb
 from .._laws import AbstractLaw, HuGuo
 from .._program import traced
-from .._system import RegularizedCoulomb, System
+from .._system import System
 from ._numbers import diagonal, positive, real, start, vector
 from ._start import SystemStart
 

@@ -10,8 +10,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import refuses_unknown
+from .._friction import RegularizedCoulomb
 from .._laws import AbstractLaw, ExactRestitution
-from .._system import RegularizedCoulomb, System
+from .._system import System
 from ._numbers import positive, real, start, vector
 from ._start import SystemStart
 

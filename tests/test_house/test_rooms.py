@@ -27,7 +27,7 @@ FLOORS = [
     {"_cache", "_functions", "_program", "_text", "data"},
     {"_flight", "_fit", "_solver"},
     {"_forms"},
-    {"_laws"},
+    {"_laws", "_friction"},
     {"_contact"},
     {"_impact", "_coupled"},
     {"_bounce", "_scene", "_sweep", "_export"},

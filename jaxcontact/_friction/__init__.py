@@ -1,0 +1,8 @@
+"""Friction laws of contacts, and the tangential part of an impact in scaled units."""
+
+from .base import AbstractFriction as AbstractFriction
+from .coulomb import RigidCoulomb as RigidCoulomb
+from .coulomb import WaltonFriction as WaltonFriction
+from .maw_barber_fawcett import MawBarberFawcett as MawBarberFawcett
+from .regularized import RegularizedCoulomb as RegularizedCoulomb
+from .spring_slider import SpringSlider as SpringSlider

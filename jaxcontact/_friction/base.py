@@ -1,0 +1,89 @@
+"""The interface of a friction law: the tangential part of an impact in scaled units.
+
+The units are those of the normal motion: v0 of speed, m v0²/X of force. With u the slip speed of
+the contact point, `u' = -λ f`, λ = m/m_t = 1 + m (R1²/I1 + R2²/I2). The normal force has the
+impulse 1 + e.
+"""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._entry import require_kind, shown
+
+Lane = Float[Array, "..."]
+Exponent = float | Float[Array, "..."]
+
+
+class Tangential(NamedTuple):
+    """The tangential problem of an impact, scaled.
+
+    `slip` is the initial |u|/v0, `mobility` λ, `restitution` e, `alpha` the α of the normal force
+    xⁿ (1 + α x') (None for other forces), `exponent` n, `ratio` the tangential stiffness ratio κ of
+    the contact (None if unknown), and `speed` v0 in m/s.
+    """
+
+    slip: Lane
+    mobility: Lane
+    restitution: Lane
+    alpha: Lane | None
+    exponent: Exponent
+    ratio: Lane | None
+    speed: Lane
+
+    def after_sliding(self, mu: Lane) -> Lane:
+        """Return the slip after sliding throughout, u0 - λ μ (1 + e), for every normal law."""
+        return self.slip - self.mobility * mu * (1 + self.restitution)
+
+
+class Outcome(NamedTuple):
+    """The slip after an impact, and its phases.
+
+    - `slip`: u'/v0, negative if the contact point has reversed.
+    - `slid`: whether it slid throughout.
+    - `stop`, `start`: the normal velocities v, from 1 at touch to -e, at which the first sliding
+      ends and the last one begins; None if the law does not say.
+    - `margin`: |u0/u_jump - 1|, how near the outcome or its slope is to a jump; None without jumps.
+    - `converged`: False where the solve failed.
+    """
+
+    slip: Lane
+    slid: Bool[Array, "..."]
+    stop: Lane | None = None
+    start: Lane | None = None
+    margin: Lane | None = None
+    converged: Bool[Array, "..."] = jnp.asarray(True)
+
+
+class AbstractFriction(eqx.Module):
+    """A friction law: what the tangential speed of a contact becomes in an impact.
+
+    A subclass has the friction coefficient `mu` and the method `rebound`.
+    """
+
+    mu: eqx.AbstractVar[Float[Array, "..."]]
+
+    @abc.abstractmethod
+    def rebound(self, problem: Tangential) -> Outcome:
+        """Return the outcome; ValueError if the law has no solution for this normal force."""
+
+    def __repr__(self) -> str:
+        texts = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        numbers = (
+            f"{name}={value!r}" if isinstance(value, str) else f"{name}={shown(value)}"
+            for name, value in texts.items()
+            if value is not None
+        )
+        return f"{type(self).__name__}({', '.join(numbers)})"
+
+
+def require_friction(value: Any) -> AbstractFriction:
+    """Return `value` if it is a friction law; raise ValueError otherwise."""
+    allowed = "a friction law, such as `MawBarberFawcett`"
+    return require_kind("friction", value, AbstractFriction, allowed)

@@ -1,0 +1,74 @@
+"""Friction laws without a tangential spring."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from .._entry import NOT_NEGATIVE, Range, as_parameter, parameter, refuses_unknown
+from .._functions import ratio
+from .base import AbstractFriction, Lane, Outcome, Tangential
+
+TANGENTIAL_RESTITUTION = Range(low=-1.0, high=1.0, inside=0.0)
+
+
+def margin_of(slip: Lane, jump: Lane) -> Lane:
+    """Return |u0/u_jump - 1|, infinite without friction."""
+    return jnp.where(jump > 0, jnp.abs(ratio(slip, jump) - 1), jnp.inf)
+
+
+class RigidCoulomb(AbstractFriction):
+    """Coulomb friction of bodies that are rigid in the tangential direction.
+
+    u' = max(0, u0 - λ μ (1+e) v0): the contact point slides until it sticks, for every normal law.
+    The slope of the outcome jumps at u0 = λ μ (1+e) v0. Arguments: the coefficient `mu` μ ≥ 0, a
+    leaf. Raises ValueError for a Python scalar out of range. Source: Keller (1986), Impact with
+    friction, doi 10.1115/1.3171712.
+    """
+
+    mu: Float[Array, "..."] = parameter("mu", NOT_NEGATIVE)
+
+    @refuses_unknown
+    def __init__(self, mu: ArrayLike):
+        self.mu = as_parameter(mu, "mu", NOT_NEGATIVE)
+
+    def rebound(self, problem: Tangential) -> Outcome:
+        left, e = problem.after_sliding(self.mu), problem.restitution
+        grip = problem.mobility * self.mu
+        stop = jnp.maximum(1 - ratio(problem.slip, grip), -e)
+        return Outcome(
+            slip=jnp.maximum(left, 0),
+            slid=left > 0,
+            stop=jnp.where(left > 0, -e, stop),
+            start=-e,
+            margin=margin_of(problem.slip, grip * (1 + e)),
+        )
+
+
+class WaltonFriction(AbstractFriction):
+    """Walton's friction: u' = -β u0 with β = min(β0, λ μ (1+e) v0/u0 - 1).
+
+    The contact point slides throughout, or it rebounds with the tangential restitution β0. The
+    slope of the outcome jumps between the two. Arguments: the coefficient `mu` μ ≥ 0, and `beta0`
+    β0 in [-1, 1]; leaves. Raises ValueError for a Python scalar out of range. Source: Walton, in
+    Roco (ed.), Particulate two-phase flow (1993), ch. 25; measured by Foerster et al. (1994), doi
+    10.1063/1.868282.
+    """
+
+    mu: Float[Array, "..."] = parameter("mu", NOT_NEGATIVE)
+    beta0: Float[Array, "..."] = parameter("beta0", TANGENTIAL_RESTITUTION, "-")
+
+    @refuses_unknown
+    def __init__(self, mu: ArrayLike, beta0: ArrayLike):
+        self.mu = as_parameter(mu, "mu", NOT_NEGATIVE)
+        self.beta0 = as_parameter(beta0, "beta0", TANGENTIAL_RESTITUTION)
+
+    def rebound(self, problem: Tangential) -> Outcome:
+        left, back = problem.after_sliding(self.mu), -self.beta0 * problem.slip
+        most = problem.mobility * self.mu * (1 + problem.restitution)
+        reach = 1 + self.beta0
+        return Outcome(
+            slip=jnp.maximum(left, back),
+            slid=left > back,
+            margin=jnp.where(reach > 0, margin_of(problem.slip * reach, most), jnp.inf),
+        )

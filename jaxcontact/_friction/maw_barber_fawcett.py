@@ -1,0 +1,46 @@
+"""Spheres whose surfaces stick and slip in parts."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from .._entry import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    as_parameter,
+    optional_parameter,
+    parameter,
+    refuses_unknown,
+)
+from .base import AbstractFriction, Outcome, Tangential
+from .scaled import scaled_curve
+
+
+class MawBarberFawcett(AbstractFriction):
+    """The friction of elastic spheres, parts of whose contact stick while others slip.
+
+    u' = (μ/κ) ψ2(ψ1, χ, α) with ψ1 = κ u0/(μ v0), χ = λκ/2, by a table: the error of ψ2 is below
+    1e-8 for α = 0 and 1e-6 down to e = .5. Valid for Hertz contacts (n = 3/2) with a force K δⁿ (1
+    + α δ'/v0). For α > 0 the limit of friction within the contact is a choice of modelling.
+
+    Arguments: the coefficient `mu` μ ≥ 0; `ratio` κ > 0, the tangential stiffness over the normal
+    one, None for that of the contact's materials, 4G*/E*. Leaves. Raises ValueError for a Python
+    scalar out of range. Source: Maw, Barber & Fawcett (1976), doi 10.1016/0043-1648(76)90201-5.
+    """
+
+    mu: Float[Array, "..."] = parameter("mu", NOT_NEGATIVE)
+    ratio: Float[Array, "..."] | None = optional_parameter(POSITIVE, "-")
+
+    @refuses_unknown
+    def __init__(self, mu: ArrayLike, ratio: ArrayLike | None = None):
+        self.mu = as_parameter(mu, "mu", NOT_NEGATIVE)
+        self.ratio = None if ratio is None else as_parameter(ratio, "ratio", POSITIVE)
+
+    def rebound(self, problem: Tangential) -> Outcome:
+        from .tangential_rebound import full_sliding, mbf_curve
+
+        scaled = scaled_curve(self, problem)
+        slid = scaled.psi >= full_sliding(scaled.chi, scaled.alpha)
+        part = scaled.slip(mbf_curve(scaled.psi, scaled.chi, scaled.alpha))
+        return Outcome(slip=jnp.where(slid, problem.after_sliding(self.mu), part), slid=slid)
