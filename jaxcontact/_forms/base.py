@@ -83,6 +83,15 @@ class AbstractForm(eqx.Module):
         """
         return None
 
+    @property
+    def hysteresis_factor(self) -> Lane | None:
+        """The α if the free force is xⁿ (1 + α v) for every v; None for other forces."""
+        return None
+
+    def time_at(self, v: Lane, n: Exponent) -> Lane | None:
+        """Return the time from touch to the velocity v of a free impact; None without a formula."""
+        return None
+
     def solve(self, n: Exponent) -> ScaledImpact | None:
         """Return the free impact in closed form, in the broadcast shape of the form's numbers and
         n.

@@ -57,6 +57,15 @@ class HuntCrossleyForm(AbstractForm):
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
         return power(x, n) * (1 + self.alpha * v)
 
+    @property
+    def hysteresis_factor(self) -> Lane:
+        return self.alpha
+
+    def time_at(self, v: Lane, n: Exponent) -> Lane:
+        """Return the time from touch to the velocity v in [-e, 1], by quadrature."""
+        alpha, v = jnp.broadcast_arrays(self.alpha, v)
+        return _time_at(alpha, v, n)
+
     def sound(self) -> tuple[HuntCrossleyForm, Flag]:
         alpha, good = sound_damping(self.alpha)
         return eqx.tree_at(lambda form: form.alpha, self, alpha), good
@@ -251,17 +260,39 @@ def _half_time(a: Lane, length: Lane, n: Exponent, unroll: int) -> Lane:
 
     def integrand(node: Lane) -> Lane:
         distance = start + span * node
-        z = a * distance
-        inner = length - distance
-        speed = inner * kappa(a * inner)
-        kappa_z, psi_z = kappa_and_psi(z)
-        slowness = to_power(speed * kappa_z + distance * psi_z, -p) - creep
+        slowness = _slowness(distance, a, length, p) - creep
         # The rule expects the singularity at the start of its span; here it may lie farther out.
         return slowness * to_power(span * node / distance, p)
 
     integral = integrate(integrand, p, a, unroll) * span ** (1 - p)
     creep_integral = creep * length ** (1 - p) * (n + 1)
     return (integral + creep_integral) * (n + 1) ** -p
+
+
+def _slowness(distance: Lane, a: Lane, length: Lane, p: Exponent) -> Lane:
+    """Return (H/D)^-p at the distance D from the outer end of a half."""
+    inner = length - distance
+    speed = inner * kappa(a * inner)
+    kappa_z, psi_z = kappa_and_psi(a * distance)
+    return to_power(speed * kappa_z + distance * psi_z, -p)
+
+
+def _time_at(alpha: Lane, v: Lane, n: Exponent) -> Lane:
+    rho, p = rebound_exponent(alpha), n / (n + 1)
+    closing, touch = v >= 0, log1p_over(alpha)
+    # The part of the half from its outer end to v: from touch, or to separation.
+    y = v * log1p_over(alpha * jnp.where(closing, v, jnp.maximum(v, -_restitution_at(rho, alpha))))
+    a, length = jnp.where(closing, alpha, -alpha), jnp.where(closing, touch, rho)
+    part = jnp.maximum(length - jnp.abs(y), 0)
+    inside = jnp.where(part > 0, part, length)
+
+    def integrand(node: Lane) -> Lane:
+        return _slowness(inside * node, a, length, p)
+
+    outer = integrate(integrand, p, a, 1) * inside ** (1 - p) * (n + 1) ** -p
+    outer = jnp.where(part > 0, outer, 0)
+    way_in, way_out, _ = lanewise(_course, alpha, n)
+    return jnp.where(closing, outer, way_in + way_out - outer)
 
 
 def _peak_expansion(v: Lane, alpha: Lane, n: Lane) -> tuple[Lane, Lane, Lane, Lane]:

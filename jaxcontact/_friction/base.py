@@ -12,7 +12,6 @@ import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._entry import require_kind, shown
@@ -50,7 +49,7 @@ class Outcome(NamedTuple):
     - `stop`, `start`: the normal velocities v, from 1 at touch to -e, at which the first sliding
       ends and the last one begins; None if the law does not say.
     - `margin`: |u0/u_jump - 1|, how near the outcome or its slope is to a jump; None without jumps.
-    - `converged`: False where the solve failed.
+    - `converged`: False where the solve failed; None if the law is a formula.
     """
 
     slip: Lane
@@ -58,7 +57,7 @@ class Outcome(NamedTuple):
     stop: Lane | None = None
     start: Lane | None = None
     margin: Lane | None = None
-    converged: Bool[Array, "..."] = jnp.asarray(True)
+    converged: Bool[Array, "..."] | None = None
 
 
 class AbstractFriction(eqx.Module):

@@ -14,6 +14,10 @@ from .methods.event import Event as Event
 from .methods.exact import Exact as Exact
 from .methods.method import AbstractMethod as AbstractMethod
 from .methods.phase import Phase as Phase
+from .oblique.bodies import RoundBodies as RoundBodies
+from .oblique.oblique_impact import oblique_impact as oblique_impact
+from .oblique.result import ObliqueImpact as ObliqueImpact
+from .oblique.result import Slip as Slip
 from .result import Impact as Impact
 from .result import Status as Status
 from .trajectory import Energy as Energy

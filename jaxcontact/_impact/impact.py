@@ -112,7 +112,7 @@ def landing(problem: Problem, method: AbstractMethod, peak: bool = False) -> Lan
     lanes = lanes_of(problem, peak)
     chosen = method.chosen(lanes.form, lanes.push is not None)
     scaled = chosen.solve(lanes)
-    hit = _summary(lanes, chosen, scaled)
+    hit = summary(lanes, chosen, scaled)
     depth = scaled.end_indentation
     if depth is None:
         depth = lanes.form.end_indentation(lanes.n, scaled.restitution)
@@ -139,14 +139,14 @@ def landing(problem: Problem, method: AbstractMethod, peak: bool = False) -> Lan
 def _at_once(problem: Problem, method: AbstractMethod) -> Impact:
     lanes = lanes_of(problem)
     chosen = method.chosen(lanes.form, lanes.push is not None)
-    return _summary(lanes, chosen, chosen.solve(lanes))
+    return summary(lanes, chosen, chosen.solve(lanes))
 
 
 @program
 def _by_formula(problem: Problem, method: AbstractMethod) -> Impact | None:
     lanes = lanes_of(problem)
     chosen = method.chosen(lanes.form, lanes.push is not None)
-    return _summary(lanes, chosen, chosen.solve(lanes)) if chosen.has_formula else None
+    return summary(lanes, chosen, chosen.solve(lanes)) if chosen.has_formula else None
 
 
 _lanes = program(lanes_of)
@@ -155,10 +155,10 @@ _lanes = program(lanes_of)
 @program
 def _solved(lanes: Lanes, method: AbstractMethod) -> Impact:
     chosen = method.chosen(lanes.form, lanes.push is not None)
-    return _summary(lanes, chosen, chosen.solve(lanes))
+    return summary(lanes, chosen, chosen.solve(lanes))
 
 
-def _summary(lanes: Lanes, method: AbstractMethod, scaled: ScaledImpact) -> Impact:
+def summary(lanes: Lanes, method: AbstractMethod, scaled: ScaledImpact) -> Impact:
     scale, fill = lanes.scale, functools.partial(jnp.broadcast_to, shape=lanes.shape)
     # A force that is not finite shows in these two. Unused outputs must stay dead code. A settled
     # contact has neither value, regardless of its solve.

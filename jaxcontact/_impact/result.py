@@ -60,15 +60,16 @@ class Impact(Flagged, eqx.Module):
     _failures = Status.NOT_CONVERGED, Status.INVALID_INPUT
 
     def __repr__(self) -> str:
-        texts = {name: quantity(name, _show(getattr(self, name))) for name in NUMBERS}
+        texts = {name: quantity(name, show(getattr(self, name))) for name in NUMBERS}
         if self.min_force is not None:
-            texts["min_force"] = quantity("min_force", _show(self.min_force))
+            texts["min_force"] = quantity("min_force", show(self.min_force))
         texts["status"] = Status.names_of(self.status)
         lines = (f"  {name:<17}{text}" for name, text in texts.items())
         return "\n".join([f"Impact by method {self.method!r}", *lines])
 
 
-def _show(value: Array) -> str:
+def show(value: Array) -> str:
+    """Return a number in words, or the shape of an array and its range."""
     if isinstance(value, Tracer) or not eqx.is_array(value) or value.ndim == 0:
         return shown(value)
     array = np.asarray(value)

@@ -1,0 +1,1 @@
+"""Oblique impacts: the tangential motion beside the normal one."""

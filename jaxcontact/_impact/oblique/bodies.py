@@ -1,0 +1,145 @@
+"""The bodies of an oblique impact: their radii and inertias."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.core import Tracer
+from jaxtyping import Array, ArrayLike, Float
+
+from ..._entry import (
+    POSITIVE,
+    as_parameter,
+    concrete,
+    optional_parameter,
+    parameter,
+    refuses_unknown,
+    require_choice,
+    require_kind,
+    shown,
+)
+
+INERTIA = {"sphere": 2 / 5, "shell": 2 / 3, "disc": 1 / 2}
+"""I/(m R²) by shape."""
+
+_MASSES_AGREE = 1e-4
+
+
+class RoundBodies(eqx.Module):
+    """The radii and inertias of two round bodies, or of one against a wall.
+
+    - `radius`, `other_radius`: R1, R2 > 0 in m; None for the second is a wall that does not turn.
+    - `mass`, `other_mass`: in kg. Against a wall the mass is that of the contact by default. Two
+      bodies need both for their inertia.
+    - `inertia`, `other_inertia`: I about the axis of spin in kg m²; by default that of the `shape`,
+      2/5 m R² for a "sphere", 2/3 for a "shell", 1/2 for a "disc".
+
+    Numbers are leaves. Raises ValueError for a Python scalar out of range.
+    """
+
+    radius: Float[Array, "..."] = parameter("radius", POSITIVE)
+    other_radius: Float[Array, "..."] | None = optional_parameter(POSITIVE, "m")
+    mass: Float[Array, "..."] | None = optional_parameter(POSITIVE, "kg")
+    other_mass: Float[Array, "..."] | None = optional_parameter(POSITIVE, "kg")
+    inertia: Float[Array, "..."] | None = optional_parameter(POSITIVE, "kg m^2")
+    other_inertia: Float[Array, "..."] | None = optional_parameter(POSITIVE, "kg m^2")
+    shape: Literal["sphere", "shell", "disc"] = eqx.field(static=True, default="sphere")
+
+    @refuses_unknown
+    def __init__(
+        self,
+        radius: ArrayLike,
+        other_radius: ArrayLike | None = None,
+        *,
+        mass: ArrayLike | None = None,
+        other_mass: ArrayLike | None = None,
+        inertia: ArrayLike | None = None,
+        other_inertia: ArrayLike | None = None,
+        shape: Literal["sphere", "shell", "disc"] = "sphere",
+    ):
+        self.radius = as_parameter(radius, "radius", POSITIVE)
+        self.other_radius = _given("other_radius", other_radius)
+        self.mass, self.other_mass = _given("mass", mass), _given("other_mass", other_mass)
+        self.inertia = _given("inertia", inertia)
+        self.other_inertia = _given("other_inertia", other_inertia)
+        require_choice("shape", shape, INERTIA)
+        self.shape = shape
+        if other_radius is None and not (other_mass is None and other_inertia is None):
+            raise ValueError(
+                "Argument `other_radius` must be given with `other_mass` or `other_inertia`, "
+                "but is None, which is a wall."
+            )
+
+    def arms(self, contact_mass: Float[Array, "..."]) -> list[Float[Array, "..."]]:
+        """Return R/I in 1/(kg m) of each body that turns, the angular velocity of unit impulse."""
+        first = contact_mass if self.other_radius is None and self.mass is None else self.mass
+        arms = [self.radius / self._inertia("", self.radius, self.inertia, first)]
+        if self.other_radius is not None:
+            inertia = self._inertia(
+                "other_", self.other_radius, self.other_inertia, self.other_mass
+            )
+            arms.append(self.other_radius / inertia)
+        return arms
+
+    def _inertia(
+        self, which: str, radius: Array, inertia: Array | None, mass: Array | None
+    ) -> Float[Array, "..."]:
+        if inertia is not None:
+            return inertia
+        if mass is None:
+            raise ValueError(
+                f"Argument `{which}mass` or `{which}inertia` of the bodies must be given for two "
+                "bodies, but both are None."
+            )
+        return INERTIA[self.shape] * mass * jnp.square(radius)
+
+    def require_mass(self, contact_mass: Float[Array, "..."]) -> None:
+        """Raise ValueError if two known masses do not make up the mass of the contact."""
+        masses = [concrete(m) for m in (self.mass, self.other_mass, contact_mass) if m is not None]
+        if None in masses or isinstance(contact_mass, Tracer):
+            return
+        if self.other_radius is None:
+            effective = masses[0]
+        elif len(masses) == 3:
+            effective = 1 / (1 / masses[0] + 1 / masses[1])  # pyright: ignore[reportOptionalOperand]
+        else:
+            return
+        if abs(effective / masses[-1] - 1) > _MASSES_AGREE:  # pyright: ignore[reportOptionalOperand]
+            raise ValueError(
+                f"Argument `bodies` must have the effective mass of the contact, "
+                f"{masses[-1]:g} kg, but has {effective:g} kg."
+            )
+
+    def __repr__(self) -> str:
+        names = ("radius", "other_radius", "mass", "other_mass", "inertia", "other_inertia")
+        given = {name: getattr(self, name) for name in names}
+        numbers = [f"{name}={shown(x)}" for name, x in given.items() if x is not None]
+        return f"RoundBodies({', '.join([*numbers, f'shape={self.shape!r}'])})"
+
+
+def require_bodies(value: Any) -> RoundBodies | str:
+    """Return bodies, or the name of a shape; "sphere" for None. ValueError for anything else."""
+    if value is None:
+        return "sphere"
+    if isinstance(value, str):
+        return require_choice("bodies", value, INERTIA)
+    allowed = f"a `RoundBodies`, {', '.join(map(repr, INERTIA))} or None"
+    return require_kind("bodies", value, RoundBodies, allowed)
+
+
+def mobility_of(
+    bodies: RoundBodies | str, mass: Float[Array, "..."]
+) -> tuple[Float[Array, "..."] | float, list[Float[Array, "..."]]]:
+    """Return λ = 1 + m (R1²/I1 + R2²/I2), and R/I of each body whose radius is known."""
+    if isinstance(bodies, str):
+        return 1 + 1 / INERTIA[bodies], []
+    arms = bodies.arms(mass)
+    radii = [bodies.radius] if len(arms) == 1 else [bodies.radius, bodies.other_radius]
+    mobility = 1 + mass * sum(r * arm for r, arm in zip(radii, arms, strict=True))
+    return mobility, arms
+
+
+def _given(name: str, value: ArrayLike | None) -> Float[Array, "..."] | None:
+    return None if value is None else as_parameter(value, name, POSITIVE)
