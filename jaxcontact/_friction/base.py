@@ -12,6 +12,7 @@ import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._entry import require_kind, shown
@@ -60,6 +61,22 @@ class Outcome(NamedTuple):
     converged: Bool[Array, "..."] | None = None
 
 
+class Spring(NamedTuple):
+    """The scaled numbers of a tangential spring: ψ1 = κ u0/(μ v0), χ = λκ/2, and μ/κ, the unit of
+    slip. Without friction, where `free`, ψ1 counts as 0 and the slip stays that of `given`.
+    """
+
+    psi: Lane
+    chi: Lane
+    unit: Lane
+    free: Bool[Array, "..."]
+    given: Lane
+
+    def slip(self, psi: Lane) -> Lane:
+        """Return the slip u'/v0 of a ψ2."""
+        return jnp.where(self.free, self.given, self.unit * psi)
+
+
 class AbstractFriction(eqx.Module):
     """A friction law: what the tangential speed of a contact becomes in an impact.
 
@@ -67,6 +84,15 @@ class AbstractFriction(eqx.Module):
     """
 
     mu: eqx.AbstractVar[Float[Array, "..."]]
+
+    def has_formula(self, problem: Tangential) -> bool:
+        """Return whether `rebound` applies; otherwise the motion is followed by an event solve."""
+        return True
+
+    @property
+    def held(self) -> str | None:
+        """How one spring holds its force, a form of `SpringSlider`; None for other laws."""
+        return None
 
     @abc.abstractmethod
     def rebound(self, problem: Tangential) -> Outcome:

@@ -14,7 +14,7 @@ from .._entry import (
     refuses_unknown,
 )
 from .base import AbstractFriction, Outcome, Tangential
-from .scaled import scaled_curve
+from .scaled import hertzian, spring_of
 
 
 class MawBarberFawcett(AbstractFriction):
@@ -40,7 +40,12 @@ class MawBarberFawcett(AbstractFriction):
     def rebound(self, problem: Tangential) -> Outcome:
         from .tangential_rebound import full_sliding, mbf_curve
 
-        scaled = scaled_curve(self, problem)
-        slid = scaled.psi >= full_sliding(scaled.chi, scaled.alpha)
-        part = scaled.slip(mbf_curve(scaled.psi, scaled.chi, scaled.alpha))
+        scaled, alpha = spring_of(self, problem), problem.alpha
+        if alpha is None or not hertzian(problem):
+            raise ValueError(
+                "Argument `friction` must not be a `MawBarberFawcett` for a normal force other "
+                "than K δ^1.5 (1 + α δ'/v0), for which its table is; `SpringSlider` takes any."
+            )
+        slid = scaled.psi >= full_sliding(scaled.chi, alpha)
+        part = scaled.slip(mbf_curve(scaled.psi, scaled.chi, alpha))
         return Outcome(slip=jnp.where(slid, problem.after_sliding(self.mu), part), slid=slid)

@@ -18,7 +18,7 @@ from .._entry import (
     require_choice,
 )
 from .base import AbstractFriction, Outcome, Tangential
-from .scaled import scaled_curve
+from .scaled import hertzian, spring_of
 
 FORMS = ("force", "displacement", "rescaled")
 
@@ -55,11 +55,19 @@ class SpringSlider(AbstractFriction):
         require_choice("form", form, FORMS)
         self.form = form
 
+    def has_formula(self, problem: Tangential) -> bool:
+        return hertzian(problem)
+
+    @property
+    def held(self) -> str:
+        return self.form
+
     def rebound(self, problem: Tangential) -> Outcome:
         from .slider_phases import slider_phases
 
-        scaled = scaled_curve(self, problem)
-        found = slider_phases(scaled.psi, scaled.chi, scaled.alpha, self.form)
+        scaled = spring_of(self, problem)
+        assert problem.alpha is not None
+        found = slider_phases(scaled.psi, scaled.chi, problem.alpha, self.form)
         e = problem.restitution
         return Outcome(
             slip=scaled.slip(found.psi2),

@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
-from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._entry import (
@@ -97,19 +96,14 @@ class RoundBodies(eqx.Module):
 
     def require_mass(self, contact_mass: Float[Array, "..."]) -> None:
         """Raise ValueError if two known masses do not make up the mass of the contact."""
-        masses = [concrete(m) for m in (self.mass, self.other_mass, contact_mass) if m is not None]
-        if None in masses or isinstance(contact_mass, Tracer):
+        first, second, effective = map(concrete, (self.mass, self.other_mass, contact_mass))
+        if effective is None or first is None or (self.other_radius is not None and second is None):
             return
-        if self.other_radius is None:
-            effective = masses[0]
-        elif len(masses) == 3:
-            effective = 1 / (1 / masses[0] + 1 / masses[1])  # pyright: ignore[reportOptionalOperand]
-        else:
-            return
-        if abs(effective / masses[-1] - 1) > _MASSES_AGREE:  # pyright: ignore[reportOptionalOperand]
+        own = first if second is None else first / (first + second) * second
+        if abs(own / effective - 1) > _MASSES_AGREE:
             raise ValueError(
-                f"Argument `bodies` must have the effective mass of the contact, "
-                f"{masses[-1]:g} kg, but has {effective:g} kg."
+                f"Argument `bodies` must have the effective mass of the contact, {effective:g} kg, "
+                f"but has {own:g} kg."
             )
 
     def __repr__(self) -> str:

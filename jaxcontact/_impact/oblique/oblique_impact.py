@@ -22,12 +22,15 @@ from ..._entry import (
 )
 from ..._friction import AbstractFriction
 from ..._friction.base import Outcome, Tangential, require_friction
+from ..._friction.scaled import spring_of
 from ..._laws import AbstractLaw
 from ..._program import program
 from ..._text.failure import checked
 from ..front_door import Lanes, Problem, lanes_of, problem_of, uniform
 from ..impact import summary
-from ..methods.auto import Auto
+from ..methods.auto import method_of
+from ..methods.event import Event
+from ..methods.method import AbstractMethod
 from ..result import Status
 from .bodies import RoundBodies, mobility_of, require_bodies
 from .result import ObliqueImpact, Slip
@@ -41,7 +44,7 @@ class _Given(NamedTuple):
     problem: Problem
     friction: AbstractFriction
     bodies: RoundBodies | None
-    ratio: float | Float[Array, "..."] | None
+    ratio: Float[Array, "..."] | None
     velocity: float | Float[Array, "..."]
     spin: tuple[float | Float[Array, "..."], float | Float[Array, "..."]]
 
@@ -56,6 +59,7 @@ def oblique_impact(
     friction: AbstractFriction,
     bodies: RoundBodies | str | None = None,
     spin: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
+    method: str | AbstractMethod = "auto",
     throw: bool = True,
 ) -> ObliqueImpact:
     """Solve an oblique impact of two round bodies: δ'' as in `impact`, and u' = -λ f/m.
@@ -70,6 +74,9 @@ def oblique_impact(
     - `bodies`: a `RoundBodies`; or "sphere", "shell" or "disc" without radii; None for spheres.
     - `spin`: ω1 and ω2 in rad/s about the axis normal to the plane of motion; other than zero they
       need radii.
+    - `method`: as for `impact`. "auto" takes formulas, tables and phases; "event", or a `jc.Event`
+      with options, also follows a `SpringSlider`, which "auto" does for other forces than K δ^1.5
+      (1 + α δ'/v0). The other laws have formulas for every force, or none.
 
     All numbers broadcast. The normal is that at touch, which holds as far as the bodies move little
     beside their radii during the contact. Spin about the normal is kept.
@@ -99,7 +106,8 @@ def oblique_impact(
     )
     given = _Given(problem, friction, round_bodies, ratio, slip, turning)
     throw = require_flag("throw", throw)
-    return checked(_oblique(given, None if round_bodies else shape), throw, "oblique_impact")
+    how = method_of(method)
+    return checked(_oblique(given, None if round_bodies else shape, how), throw, "oblique_impact")
 
 
 def _spins(spin: Any, bodies: RoundBodies | None) -> tuple[Any, Any]:
@@ -116,11 +124,11 @@ def _spins(spin: Any, bodies: RoundBodies | None) -> tuple[Any, Any]:
 
 
 @program
-def _oblique(given: _Given, shape: str | None) -> ObliqueImpact:
+def _oblique(given: _Given, shape: str | None, method: AbstractMethod) -> ObliqueImpact:
     whole = np.broadcast_shapes(*map(np.shape, jax.tree.leaves(given)))
     given = uniform(given)
     lanes = dataclasses.replace(lanes_of(given.problem), shape=whole)
-    how = Auto().chosen(lanes.form, pushed=False)
+    how = method.chosen(lanes.form, pushed=False)
     normal = summary(lanes, how, how.solve(lanes))
     valid = is_valid(given.friction) & TANGENTIAL.holds(given.velocity)
     for one in given.spin:
@@ -150,7 +158,17 @@ def _oblique(given: _Given, shape: str | None) -> ObliqueImpact:
         ratio=given.ratio,
         speed=lanes.scale.speed,
     )
-    found = sanitised(given.friction).rebound(problem)
+    friction = sanitised(given.friction)
+    held = friction.held
+    followed = isinstance(method, Event) or not friction.has_formula(problem)
+    if held is not None and followed:
+        # Imported here, because formulas need no steps.
+        from .follow import follow
+
+        spring = spring_of(friction, problem)
+        found = follow(lanes, spring, held, method if isinstance(method, Event) else Event(), e)
+    else:
+        found = friction.rebound(problem)
     status = jnp.where(valid, normal.status, int(Status.INVALID_INPUT))
     if found.converged is not None:
         failed = (status == int(Status.SEPARATED)) & ~found.converged
@@ -159,7 +177,8 @@ def _oblique(given: _Given, shape: str | None) -> ObliqueImpact:
     lost = (status == int(Status.SEPARATED)) & ~jnp.isfinite(found.slip)
     status = jnp.where(lost, int(Status.INVALID_INPUT), status)
     good = (status != int(Status.INVALID_INPUT)) & (status != int(Status.NOT_CONVERGED))
-    readout = _Readout(lanes, mass, problem, found, sign, good, whole)
+    how = "event" if held and followed else "formula" if found.converged is None else "phase"
+    readout = _Readout(lanes, mass, problem, found, sign, good, whole, how)
     return readout.impact(normal, velocity, spins, arms, status)
 
 
@@ -173,6 +192,7 @@ class _Readout(NamedTuple):
     sign: Float[Array, "..."]
     good: Bool[Array, "..."]
     shape: tuple[int, ...]
+    method: str
 
     def result(self, value: Float[Array, "..."]) -> Float[Array, "..."]:
         """Return numbers in the shape of the problem, NaN in failed lanes."""
@@ -208,7 +228,7 @@ class _Readout(NamedTuple):
             margin=None if self.found.margin is None else self.result(self.found.margin),
             normal=normal,
             status=jnp.broadcast_to(status, self.shape),
-            method="formula" if self.found.converged is None else "phase",
+            method=self.method,
         )
 
     def phases(self, normal: Any) -> list[Array | None]:
@@ -217,6 +237,6 @@ class _Readout(NamedTuple):
         if stop is None or start is None or form.hysteresis_factor is None:
             return [None, None, None]
         moments = [form.time_at(jnp.asarray(v), self.lanes.n) for v in (stop, start)]
-        first, last = (self.lanes.scale.time * moment for moment in moments)
+        first, last = (self.lanes.scale.time * moment for moment in moments if moment is not None)
         lasts = (first, last - first, normal.duration - last)
         return [self.result(jnp.maximum(duration, 0)) for duration in lasts]
