@@ -41,6 +41,7 @@ if _TYPE_CHECKING:
     from ._impact import Exact as Exact
     from ._impact import Impact as Impact
     from ._impact import ObliqueImpact as ObliqueImpact
+    from ._impact import ObliqueTrajectory as ObliqueTrajectory
     from ._impact import Phase as Phase
     from ._impact import RoundBodies as RoundBodies
     from ._impact import Slip as Slip
@@ -48,6 +49,7 @@ if _TYPE_CHECKING:
     from ._impact import Trajectory as Trajectory
     from ._impact import impact as impact
     from ._impact import oblique_impact as oblique_impact
+    from ._impact import oblique_trajectory as oblique_trajectory
     from ._impact import restitution as restitution
     from ._impact import trajectory as trajectory
     from ._lab import Calibration as Calibration
@@ -123,8 +125,8 @@ _ROOMS = {
     "_flight": "Drag",
     "_forms": "AbstractForm ScaledImpact exact_damping_factor",
     "_impact": (
-        "AbstractMethod Event Exact Impact ObliqueImpact Phase RoundBodies Slip Status Trajectory "
-        "impact oblique_impact restitution trajectory"
+        "AbstractMethod Event Exact Impact ObliqueImpact ObliqueTrajectory Phase RoundBodies Slip "
+        "Status Trajectory impact oblique_impact oblique_trajectory restitution trajectory"
     ),
     "_lab": (
         "Calibration CalibrationSummary LowPass Recording RecordingError calibrate fit_record "

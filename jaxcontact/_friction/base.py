@@ -77,6 +77,15 @@ class Spring(NamedTuple):
         return jnp.where(self.free, self.given, self.unit * psi)
 
 
+class Path(NamedTuple):
+    """The normal motion at many equal steps of time, in scaled units, the moments along axis 0."""
+
+    time: Lane
+    indentation: Lane
+    velocity: Lane
+    force: Lane
+
+
 class AbstractFriction(eqx.Module):
     """A friction law: what the tangential speed of a contact becomes in an impact.
 
@@ -92,6 +101,15 @@ class AbstractFriction(eqx.Module):
     @property
     def held(self) -> str | None:
         """How one spring holds its force, a form of `SpringSlider`; None for other laws."""
+        return None
+
+    @property
+    def substeps(self) -> int:
+        """The number of steps of a `Path` between two samples that are shown."""
+        return 1
+
+    def along(self, problem: Tangential, path: Path) -> tuple[Lane, Lane] | None:
+        """Return slip and friction along a normal motion; None if the law has no force in time."""
         return None
 
     @abc.abstractmethod

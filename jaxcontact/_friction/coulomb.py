@@ -7,7 +7,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, Range, as_parameter, parameter, refuses_unknown
 from .._functions import ratio
-from .base import AbstractFriction, Lane, Outcome, Tangential
+from .base import AbstractFriction, Lane, Outcome, Path, Tangential
 
 TANGENTIAL_RESTITUTION = Range(low=-1.0, high=1.0, inside=0.0)
 
@@ -43,6 +43,10 @@ class RigidCoulomb(AbstractFriction):
             start=-e,
             margin=margin_of(problem.slip, grip * (1 + e)),
         )
+
+    def along(self, problem: Tangential, path: Path) -> tuple[Lane, Lane]:
+        left = problem.slip - problem.mobility * self.mu * (1 - path.velocity)
+        return jnp.maximum(left, 0), jnp.where(left > 0, self.mu * path.force, 0)
 
 
 class WaltonFriction(AbstractFriction):

@@ -13,7 +13,8 @@ from .._entry import (
     parameter,
     refuses_unknown,
 )
-from .base import AbstractFriction, Outcome, Tangential
+from .base import AbstractFriction, Lane, Outcome, Path, Tangential
+from .return_mapping import springs_along
 from .scaled import hertzian, spring_of
 
 
@@ -36,6 +37,14 @@ class MawBarberFawcett(AbstractFriction):
     def __init__(self, mu: ArrayLike, ratio: ArrayLike | None = None):
         self.mu = as_parameter(mu, "mu", NOT_NEGATIVE)
         self.ratio = None if ratio is None else as_parameter(ratio, "ratio", POSITIVE)
+
+    @property
+    def substeps(self) -> int:
+        return 16
+
+    def along(self, problem: Tangential, path: Path) -> tuple[Lane, Lane]:
+        slip, force = springs_along(spring_of(self, problem), path)
+        return slip, self.mu * force
 
     def rebound(self, problem: Tangential) -> Outcome:
         from .tangential_rebound import full_sliding, mbf_curve

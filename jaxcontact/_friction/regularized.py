@@ -7,7 +7,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, POSITIVE, as_parameter, parameter, refuses_unknown
 from .._functions import ratio
-from .base import AbstractFriction, Outcome, Tangential
+from .base import AbstractFriction, Lane, Outcome, Path, Tangential
 
 
 class RegularizedCoulomb(AbstractFriction):
@@ -41,13 +41,18 @@ class RegularizedCoulomb(AbstractFriction):
         return -strength.reshape(strength.shape + (1,) * (slip.ndim - 1)) * slip
 
     def rebound(self, problem: Tangential) -> Outcome:
+        e = problem.restitution
+        slip = self._after(problem, 1 + e)
+        return Outcome(slip=slip, slid=slip >= 0, stop=-e, start=-e)
+
+    def along(self, problem: Tangential, path: Path) -> tuple[Lane, Lane]:
+        slip = self._after(problem, 1 - path.velocity)
+        return slip, self.mu * path.force * jnp.minimum(slip * problem.speed / self.v_d, 1)
+
+    def _after(self, problem: Tangential, impulse: Lane) -> Lane:
+        """Return the slip after a normal impulse: to the ramp, then down as an exponential."""
         grip, ramp = problem.mobility * self.mu, self.v_d / problem.speed
-        left, e = problem.after_sliding(self.mu), problem.restitution
-        # The normal impulse that takes the slip to the ramp, and the rest of it.
-        until = ratio(jnp.maximum(problem.slip - ramp, 0), grip)
-        rest = jnp.maximum(1 + e - until, 0)
+        left = problem.slip - grip * impulse
+        rest = jnp.maximum(impulse - ratio(jnp.maximum(problem.slip - ramp, 0), grip), 0)
         slow = jnp.minimum(problem.slip, ramp) * jnp.exp(-grip * rest / ramp)
-        fast = left > ramp
-        return Outcome(
-            slip=jnp.where(fast, left, slow), slid=jnp.ones_like(fast), stop=-e, start=-e
-        )
+        return jnp.where(left > ramp, left, slow)

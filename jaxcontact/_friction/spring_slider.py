@@ -17,7 +17,8 @@ from .._entry import (
     refuses_unknown,
     require_choice,
 )
-from .base import AbstractFriction, Outcome, Tangential
+from .base import AbstractFriction, Lane, Outcome, Path, Tangential
+from .return_mapping import slider_along
 from .scaled import hertzian, spring_of
 
 FORMS = ("force", "displacement", "rescaled")
@@ -61,6 +62,14 @@ class SpringSlider(AbstractFriction):
     @property
     def held(self) -> str:
         return self.form
+
+    @property
+    def substeps(self) -> int:
+        return 16
+
+    def along(self, problem: Tangential, path: Path) -> tuple[Lane, Lane]:
+        slip, force = slider_along(spring_of(self, problem), problem.exponent, self.form, path)
+        return slip, self.mu * force
 
     def rebound(self, problem: Tangential) -> Outcome:
         from .slider_phases import slider_phases

@@ -16,6 +16,8 @@ from .methods.method import AbstractMethod as AbstractMethod
 from .methods.phase import Phase as Phase
 from .oblique.bodies import RoundBodies as RoundBodies
 from .oblique.oblique_impact import oblique_impact as oblique_impact
+from .oblique.oblique_trajectory import ObliqueTrajectory as ObliqueTrajectory
+from .oblique.oblique_trajectory import oblique_trajectory as oblique_trajectory
 from .oblique.result import ObliqueImpact as ObliqueImpact
 from .oblique.result import Slip as Slip
 from .result import Impact as Impact

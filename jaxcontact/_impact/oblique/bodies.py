@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from typing import Any, Literal
 
 import equinox as eqx
@@ -71,6 +73,16 @@ class RoundBodies(eqx.Module):
                 "but is None, which is a wall."
             )
 
+    @property
+    def radii(self) -> list[Float[Array, "..."]]:
+        """R1, and R2 of a second body that turns."""
+        return [self.radius] if self.other_radius is None else [self.radius, self.other_radius]
+
+    def mobility(self, contact_mass: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Return λ = 1 + m (R1²/I1 + R2²/I2), the velocity of the contact point of unit impulse."""
+        pairs = zip(self.radii, self.arms(contact_mass), strict=True)
+        return 1 + contact_mass * functools.reduce(operator.add, (r * arm for r, arm in pairs))
+
     def arms(self, contact_mass: Float[Array, "..."]) -> list[Float[Array, "..."]]:
         """Return R/I in 1/(kg m) of each body that turns, the angular velocity of unit impulse."""
         first = contact_mass if self.other_radius is None and self.mass is None else self.mass
@@ -113,26 +125,31 @@ class RoundBodies(eqx.Module):
         return f"RoundBodies({', '.join([*numbers, f'shape={self.shape!r}'])})"
 
 
-def require_bodies(value: Any) -> RoundBodies | str:
-    """Return bodies, or the name of a shape; "sphere" for None. ValueError for anything else."""
-    if value is None:
-        return "sphere"
-    if isinstance(value, str):
-        return require_choice("bodies", value, INERTIA)
+class Shape(eqx.Module):
+    """Two round bodies of one shape, of unknown radii."""
+
+    name: str = eqx.field(static=True)
+
+    @property
+    def radii(self) -> list[Float[Array, "..."]]:
+        """The radii that are known: none."""
+        return []
+
+    def arms(self, contact_mass: Float[Array, "..."]) -> list[Float[Array, "..."]]:
+        """Return R/I of the bodies whose radii are known: none."""
+        return []
+
+    def mobility(self, contact_mass: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Return λ = 1 + m R²/I, the same for two bodies as for one against a wall."""
+        return jnp.full_like(contact_mass, 1 + 1 / INERTIA[self.name])
+
+
+def require_bodies(value: Any) -> RoundBodies | Shape:
+    """Return bodies from an argument; spheres for None. ValueError for anything else."""
+    if value is None or isinstance(value, str):
+        return Shape(require_choice("bodies", value or "sphere", INERTIA))
     allowed = f"a `RoundBodies`, {', '.join(map(repr, INERTIA))} or None"
     return require_kind("bodies", value, RoundBodies, allowed)
-
-
-def mobility_of(
-    bodies: RoundBodies | str, mass: Float[Array, "..."]
-) -> tuple[Float[Array, "..."] | float, list[Float[Array, "..."]]]:
-    """Return λ = 1 + m (R1²/I1 + R2²/I2), and R/I of each body whose radius is known."""
-    if isinstance(bodies, str):
-        return 1 + 1 / INERTIA[bodies], []
-    arms = bodies.arms(mass)
-    radii = [bodies.radius] if len(arms) == 1 else [bodies.radius, bodies.other_radius]
-    mobility = 1 + mass * sum(r * arm for r, arm in zip(radii, arms, strict=True))
-    return mobility, arms
 
 
 def _given(name: str, value: ArrayLike | None) -> Float[Array, "..."] | None:
