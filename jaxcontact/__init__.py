@@ -35,6 +35,7 @@ if _TYPE_CHECKING:
     from ._friction import RigidCoulomb as RigidCoulomb
     from ._friction import SpringSlider as SpringSlider
     from ._friction import WaltonFriction as WaltonFriction
+    from ._friction import tangential_rebound as tangential_rebound
     from ._functions import power as power
     from ._impact import AbstractMethod as AbstractMethod
     from ._impact import Event as Event
@@ -117,7 +118,7 @@ _ROOMS = {
     "_contact": "Contact Material",
     "_friction": (
         "AbstractFriction MawBarberFawcett RegularizedCoulomb RigidCoulomb SpringSlider "
-        "WaltonFriction"
+        "WaltonFriction tangential_rebound"
     ),
     "_functions": "power",
     "_export": "Export export",

@@ -88,8 +88,10 @@ class AbstractForm(eqx.Module):
         """The α if the free force is xⁿ (1 + α v) for every v; None for other forces."""
         return None
 
-    def time_at(self, v: Lane, n: Exponent) -> Lane | None:
-        """Return the time from touch to the velocity v of a free impact; None without a formula."""
+    def time_at(self, v: Lane, n: Exponent, duration: Lane) -> Lane | None:
+        """Return the time from touch to the velocity v of a free impact of a known duration; None
+        without a formula.
+        """
         return None
 
     def solve(self, n: Exponent) -> ScaledImpact | None:

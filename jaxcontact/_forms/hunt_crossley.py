@@ -61,10 +61,9 @@ class HuntCrossleyForm(AbstractForm):
     def hysteresis_factor(self) -> Lane:
         return self.alpha
 
-    def time_at(self, v: Lane, n: Exponent) -> Lane:
+    def time_at(self, v: Lane, n: Exponent, duration: Lane) -> Lane:
         """Return the time from touch to the velocity v in [-e, 1], by quadrature."""
-        alpha, v = jnp.broadcast_arrays(self.alpha, v)
-        return _time_at(alpha, v, n)
+        return _time_at(*jnp.broadcast_arrays(self.alpha, v, duration), n)
 
     def sound(self) -> tuple[HuntCrossleyForm, Flag]:
         alpha, good = sound_damping(self.alpha)
@@ -277,7 +276,7 @@ def _slowness(distance: Lane, a: Lane, length: Lane, p: Exponent) -> Lane:
     return to_power(speed * kappa_z + distance * psi_z, -p)
 
 
-def _time_at(alpha: Lane, v: Lane, n: Exponent) -> Lane:
+def _time_at(alpha: Lane, v: Lane, duration: Lane, n: Exponent) -> Lane:
     rho, p = rebound_exponent(alpha), n / (n + 1)
     closing, touch = v >= 0, log1p_over(alpha)
     # The part of the half from its outer end to v: from touch, or to separation.
@@ -291,8 +290,7 @@ def _time_at(alpha: Lane, v: Lane, n: Exponent) -> Lane:
 
     outer = integrate(integrand, p, a, 1) * inside ** (1 - p) * (n + 1) ** -p
     outer = jnp.where(part > 0, outer, 0)
-    way_in, way_out, _ = lanewise(_course, alpha, n)
-    return jnp.where(closing, outer, way_in + way_out - outer)
+    return jnp.where(closing, outer, duration - outer)
 
 
 def _peak_expansion(v: Lane, alpha: Lane, n: Lane) -> tuple[Lane, Lane, Lane, Lane]:

@@ -6,3 +6,4 @@ from .coulomb import WaltonFriction as WaltonFriction
 from .maw_barber_fawcett import MawBarberFawcett as MawBarberFawcett
 from .regularized import RegularizedCoulomb as RegularizedCoulomb
 from .spring_slider import SpringSlider as SpringSlider
+from .tangential_rebound import tangential_rebound as tangential_rebound

@@ -61,7 +61,7 @@ class Outcome(NamedTuple):
     converged: Bool[Array, "..."] | None = None
 
 
-class Spring(NamedTuple):
+class ScaledSpring(NamedTuple):
     """The scaled numbers of a tangential spring: ψ1 = κ u0/(μ v0), χ = λκ/2, and μ/κ, the unit of
     slip. Without friction, where `free`, ψ1 counts as 0 and the slip stays that of `given`.
     """

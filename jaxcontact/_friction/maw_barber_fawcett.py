@@ -14,6 +14,7 @@ from .._entry import (
     refuses_unknown,
 )
 from .base import AbstractFriction, Lane, Outcome, Path, Tangential
+from .mbf_curve import full_sliding, in_table, mbf_curve
 from .return_mapping import springs_along
 from .scaled import hertzian, spring_of
 
@@ -47,14 +48,15 @@ class MawBarberFawcett(AbstractFriction):
         return slip, self.mu * force
 
     def rebound(self, problem: Tangential) -> Outcome:
-        from .tangential_rebound import full_sliding, mbf_curve
-
         scaled, alpha = spring_of(self, problem), problem.alpha
         if alpha is None or not hertzian(problem):
             raise ValueError(
                 "Argument `friction` must not be a `MawBarberFawcett` for a normal force other "
                 "than K δ^1.5 (1 + α δ'/v0), for which its table is; `SpringSlider` takes any."
             )
-        slid = scaled.psi >= full_sliding(scaled.chi, alpha)
-        part = scaled.slip(mbf_curve(scaled.psi, scaled.chi, alpha))
+        slid = scaled.free | (scaled.psi >= full_sliding(scaled.chi, alpha))
+        inside = in_table(scaled.chi, alpha)
+        # Full sliding is a formula for every χ and α; the table has a range.
+        known = (jnp.where(inside, x, y) for x, y in ((scaled.chi, 1.2), (alpha, 0.0)))
+        part = jnp.where(inside, scaled.slip(mbf_curve(scaled.psi, *known)), jnp.nan)
         return Outcome(slip=jnp.where(slid, problem.after_sliding(self.mu), part), slid=slid)

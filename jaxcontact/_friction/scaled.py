@@ -6,7 +6,7 @@ from typing import Protocol
 
 import jax.numpy as jnp
 
-from .base import Lane, Spring, Tangential
+from .base import Lane, ScaledSpring, Tangential
 
 
 class HasSpring(Protocol):
@@ -23,7 +23,7 @@ class HasSpring(Protocol):
         ...
 
 
-def spring_of(law: HasSpring, problem: Tangential) -> Spring:
+def spring_of(law: HasSpring, problem: Tangential) -> ScaledSpring:
     """Return the scaled numbers. Raises ValueError without a stiffness ratio."""
     name = type(law).__name__
     kappa = problem.ratio if law.ratio is None else law.ratio
@@ -35,7 +35,7 @@ def spring_of(law: HasSpring, problem: Tangential) -> Spring:
     free = law.mu <= 0
     mu = jnp.where(free, 1, law.mu)
     psi = jnp.where(free, 0, kappa * problem.slip / mu)
-    return Spring(psi, problem.mobility * kappa / 2, mu / kappa, free, problem.slip)
+    return ScaledSpring(psi, problem.mobility * kappa / 2, mu / kappa, free, problem.slip)
 
 
 def hertzian(problem: Tangential) -> bool:

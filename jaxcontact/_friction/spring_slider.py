@@ -20,6 +20,7 @@ from .._entry import (
 from .base import AbstractFriction, Lane, Outcome, Path, Tangential
 from .return_mapping import slider_along
 from .scaled import hertzian, spring_of
+from .slider_phases import slider_phases
 
 FORMS = ("force", "displacement", "rescaled")
 
@@ -72,16 +73,14 @@ class SpringSlider(AbstractFriction):
         return slip, self.mu * force
 
     def rebound(self, problem: Tangential) -> Outcome:
-        from .slider_phases import slider_phases
-
         scaled = spring_of(self, problem)
         assert problem.alpha is not None
         found = slider_phases(scaled.psi, scaled.chi, problem.alpha, self.form)
-        e = problem.restitution
+        slid, e = scaled.free | (found.stop <= -problem.restitution), problem.restitution
         return Outcome(
             slip=scaled.slip(found.psi2),
-            slid=found.stop <= -e,
-            stop=found.stop,
-            start=jnp.maximum(found.slip, -e),
+            slid=slid,
+            stop=jnp.where(slid, -e, found.stop),
+            start=jnp.where(slid, -e, found.slip),
             converged=found.converged,
         )

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._forms import AbstractForm
 from ..._forms.base import Exponent
-from ..._friction.base import Outcome, Spring
+from ..._friction.base import Outcome, ScaledSpring
 from ..._solver import Packed, Tolerance, land, march
 from ..derivatives import over_lanes, with_sensitivity
 from ..front_door import Lanes
@@ -129,7 +129,7 @@ class _Course(NamedTuple):
     start: Number
 
 
-def follow(lanes: Lanes, spring: Spring, held: str, how: Event, e: Array) -> Outcome:
+def follow(lanes: Lanes, spring: ScaledSpring, held: str, how: Event, e: Array) -> Outcome:
     """Return the outcome of a spring and slider beside the normal motion of any form."""
     numbers = _Numbers(lanes.form, lanes.exponent, spring.psi, spring.chi)
     course = over_lanes(with_sensitivity(eqx.Partial(_course, held=held, how=how)), numbers)

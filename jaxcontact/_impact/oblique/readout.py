@@ -82,7 +82,11 @@ class Readout(NamedTuple):
         stop, start, form = self.found.stop, self.found.start, self.lanes.form
         if stop is None or start is None or form.hysteresis_factor is None:
             return [None, None, None]
-        moments = [form.time_at(jnp.asarray(v), self.lanes.n) for v in (stop, start)]
-        first, last = (self.lanes.scale.time * moment for moment in moments if moment is not None)
+        speeds = jnp.stack(jnp.broadcast_arrays(stop, start))
+        unit = self.lanes.scale.time
+        # One quadrature for both moments.
+        moments = form.time_at(speeds, self.lanes.n, self.normal.duration / unit)
+        assert moments is not None
+        first, last = unit * moments[0], unit * moments[1]
         lasts = (first, last - first, self.normal.duration - last)
         return [self.result(jnp.maximum(duration, 0)) for duration in lasts]

@@ -1,0 +1,292 @@
+"""Oblique impacts: published digits, conservation, edges, and derivatives."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jaxcontact as jc
+
+ROUNDING = 1e-13
+"""Relative; formulas of a few operations."""
+
+PRINTED = 2e-8
+"""The digits of the published rows of Chung & Ooi's test 4, whose first is not 0."""
+
+ALUMINA = jc.Material(youngs_modulus=380e9, poisson_ratio=0.23, density=4000.0)
+RADIUS, MU = 2.5e-3, 0.092
+ON_PLANE = jc.Contact.sphere_plane(RADIUS, ALUMINA)
+BALL = jc.RoundBodies(RADIUS)
+LAW = jc.ExactRestitution(e=0.98)
+
+
+@jax.jit
+def at_angle(degrees, friction):
+    """Test 4 of Chung & Ooi (2011): v_t'/v_t and the spin."""
+    angle = jnp.radians(degrees)
+    normal, along = 3.9 * jnp.cos(angle), 3.9 * jnp.sin(angle)
+    hit = jc.oblique_impact(LAW, ON_PLANE, normal, along, friction=friction, bodies=BALL)
+    return hit.tangential_velocity / along, hit.spin[0]
+
+
+def test_the_published_row_at_sixty_degrees():
+    # Every law slides throughout there.
+    for friction in (jc.RigidCoulomb(MU), jc.WaltonFriction(MU, 0.4), jc.MawBarberFawcett(MU)):
+        ratio, spin = at_angle(60.0, friction)
+        assert ratio == pytest.approx(0.89482987, rel=PRINTED)
+        assert spin == pytest.approx(-355.21200, rel=PRINTED)
+
+
+@pytest.mark.parametrize(
+    ("friction", "ratio", "spin"),
+    [
+        (jc.SpringSlider(MU, form="displacement"), 0.69797188, -204.54187),
+        (jc.SpringSlider(MU, form="force"), 0.71353918, -193.99926),
+    ],
+)
+def test_the_published_row_at_ten_degrees(friction, ratio, spin):
+    found = at_angle(10.0, friction)
+    assert found[0] == pytest.approx(ratio, rel=PRINTED)
+    assert found[1] == pytest.approx(spin, rel=PRINTED)
+
+
+def test_the_row_of_springs_at_ten_degrees():
+    ratio, spin = at_angle(10.0, jc.MawBarberFawcett(MU))
+    # The published digits are those of e = 1 to 1e-3: six digits are printed.
+    assert ratio == pytest.approx(0.638147, abs=1e-6)
+    assert spin == pytest.approx(-245.0567, abs=1e-3)
+
+
+def test_like_solid_spheres_have_the_textbook_numbers():
+    steel = jc.Material(207e9, 0.3, 7800.0)
+    contact = jc.Contact.sphere_sphere(0.01, 0.02, steel, steel)
+    # Johnson (1985), section 7.3: 2 (1-ν)/(2-ν).
+    assert contact.tangential_ratio == pytest.approx(2 * 0.7 / 1.7, rel=1e-6)
+    masses = [steel.sphere_mass(r) for r in (0.01, 0.02)]
+    pair = jc.RoundBodies(0.01, 0.02, mass=masses[0], other_mass=masses[1])
+    assert pair.mobility(contact.mass) == pytest.approx(3.5, rel=1e-6)
+    for shape, mobility in {"sphere": 3.5, "shell": 2.5, "disc": 3.0}.items():
+        assert jc.RoundBodies(0.01, shape=shape).mobility(jnp.asarray(2.0)) == pytest.approx(
+            mobility, rel=1e-6
+        )
+
+
+def laws_of_friction():
+    return {
+        "rigid": jc.RigidCoulomb(0.2),
+        "walton": jc.WaltonFriction(0.2, 0.4),
+        "ramp": jc.RegularizedCoulomb(0.2, 0.05),
+        "table": jc.MawBarberFawcett(0.2, 0.8),
+        "slider": jc.SpringSlider(0.2, 0.8),
+    }
+
+
+@jax.jit
+def pair_impacts(numbers, friction):
+    """Free impacts of pairs; momenta and energies before and after."""
+
+    def one(n):
+        r1, r2, m1, m2, v, vt, w1, w2 = n
+        mass = m1 * m2 / (m1 + m2)
+        contact = jc.Contact(mass=mass, stiffness=1e9, exponent=1.5)
+        bodies = jc.RoundBodies(r1, r2, mass=m1, other_mass=m2)
+        hit = jc.oblique_impact(
+            jc.ExactRestitution(e=0.8),
+            contact,
+            v,
+            vt,
+            friction=friction,
+            bodies=bodies,
+            spin=(w1, w2),
+        )
+        inertias = 0.4 * m1 * r1**2, 0.4 * m2 * r2**2
+
+        def spin_momentum(vt, w1, w2):
+            # About the centre of mass; each body is its radius from the contact point.
+            return inertias[0] * w1 + inertias[1] * w2 - mass * (r1 + r2) * vt
+
+        def kinetic(vt, w1, w2):
+            return (mass * vt**2 + inertias[0] * w1**2 + inertias[1] * w2**2) / 2
+
+        before, after = (vt, w1, w2), (hit.tangential_velocity, *hit.spin)
+        return (
+            jnp.stack([spin_momentum(*before), spin_momentum(*after)]),
+            jnp.stack([kinetic(*before), kinetic(*after) + hit.sliding_loss]),
+            hit.sliding_loss,
+            hit.slip_velocity - (hit.tangential_velocity + r1 * hit.spin[0] + r2 * hit.spin[1]),
+            hit.ok,
+        )
+
+    return jax.vmap(one)(numbers)
+
+
+@pytest.mark.parametrize("name", laws_of_friction())
+def test_free_pairs_keep_angular_momentum_and_energy(name):
+    draw = np.random.default_rng(3)
+    numbers = np.column_stack(
+        [
+            draw.uniform(0.5, 2, (1000, 4)),
+            draw.uniform(0.2, 3, 1000),
+            draw.normal(0, 2, (1000, 3)),
+        ]
+    )
+    momenta, energies, loss, gap, ok = pair_impacts(numbers, laws_of_friction()[name])
+    assert ok.all()
+    size = 10 * np.abs(numbers).max() ** 3
+    assert np.abs(momenta[:, 1] - momenta[:, 0]).max() < ROUNDING * size
+    assert np.abs(energies[:, 1] - energies[:, 0]).max() < ROUNDING * size
+    assert np.abs(gap).max() < ROUNDING * size
+    if name != "slider":  # the "force" form may create energy, as its page says
+        assert loss.min() > -ROUNDING * size
+
+
+def test_outcomes_are_odd_in_the_slip():
+    for friction in laws_of_friction().values():
+        there, back = (
+            jc.oblique_impact(LAW, ON_PLANE, 2.0, s * jnp.array([0.1, 0.7]), friction=friction)
+            for s in (1, -1)
+        )
+        assert jnp.array_equal(there.tangential_velocity, -back.tangential_velocity)
+        assert jnp.array_equal(there.slip, back.slip)
+
+
+def test_without_friction_nothing_happens_to_the_slip():
+    for friction in (
+        jc.RigidCoulomb(0.0),
+        jc.WaltonFriction(0.0, 0.4),
+        jc.RegularizedCoulomb(0.0, 0.1),
+        jc.MawBarberFawcett(0.0),
+        jc.SpringSlider(0.0),
+    ):
+        hit = jc.oblique_impact(LAW, ON_PLANE, 2.0, 1.0, friction=friction)
+        assert hit.tangential_velocity == 1.0 and hit.ok
+
+
+def test_the_ramp_equals_an_integration():
+    friction, alpha = jc.RegularizedCoulomb(0.3, 0.2), 0.4
+    contact = jc.Contact(mass=1.0, stiffness=1.0, exponent=1.5)
+    speeds = np.array([0.05, 0.4, 1.5, 4.0])
+    hit = jc.oblique_impact(jc.Damped(alpha=alpha), contact, 1.0, speeds, friction=friction)
+    for slip, found in zip(speeds, hit.slip_velocity, strict=True):
+
+        def rate(t, y):
+            force = max(y[0], 0) ** 1.5 * (1 + alpha * y[1])
+            return [y[1], -force, -3.5 * 0.3 * force * min(y[2] / 0.2, 1)]
+
+        def leaves(t, y):
+            return y[0] + 1e-14 * (t < 1)
+
+        leaves.terminal, leaves.direction = True, -1
+        end = solve_ivp(rate, (0, 9), [0, 1, slip], events=leaves, rtol=1e-11, atol=1e-12)
+        # The kink of the ramp costs the integration some digits.
+        assert found == pytest.approx(end.y[2, -1], abs=1e-8)
+
+
+def test_the_margin_tells_where_the_slope_jumps():
+    mu, e, v = 0.2, jc.restitution(LAW), 2.0
+    jump = 3.5 * mu * (1 + e) * v
+    rigid = jc.oblique_impact(LAW, ON_PLANE, v, 0.9 * jump, friction=jc.RigidCoulomb(mu))
+    assert rigid.margin == pytest.approx(0.1, rel=1e-6)
+    slid = jc.oblique_impact(LAW, ON_PLANE, v, 1.1 * jump, friction=jc.RigidCoulomb(mu))
+    assert (rigid.slip, slid.slip) == (jc.Slip.STUCK, jc.Slip.SLID)
+    walton = jc.WaltonFriction(mu, 0.25)
+    back = jc.oblique_impact(LAW, ON_PLANE, v, jump / 1.25 * 0.9, friction=walton)
+    assert back.margin == pytest.approx(0.1, rel=1e-6) and back.slip == jc.Slip.REVERSED
+    assert jc.oblique_impact(LAW, ON_PLANE, v, 1.0, friction=jc.MawBarberFawcett(mu)).margin is None
+
+
+def test_phases_last_as_long_as_the_contact():
+    slips = jnp.array([0.1, 0.5, 1.0, 3.0])
+    for friction in (jc.RigidCoulomb(0.2), jc.SpringSlider(0.2, 0.8)):
+        hit = jc.oblique_impact(LAW, ON_PLANE, 1.0, slips, friction=friction)
+        total = hit.sliding_time + hit.sticking_time + hit.final_sliding_time
+        assert np.array(total) == pytest.approx(np.array(hit.normal.duration), rel=1e-9)
+    assert hit.sliding_time[-1] == pytest.approx(hit.normal.duration[-1], rel=1e-9)
+
+
+def test_a_bad_lane_leaves_its_neighbours_alone():
+    slips = jnp.array([1.0, jnp.nan, 1.0, jnp.inf])
+    for friction in laws_of_friction().values():
+        hit = jc.oblique_impact(LAW, ON_PLANE, jnp.array([2.0, 2, -1, 2]), slips, friction=friction)
+        assert hit.ok.tolist() == [True, False, False, False]
+        alone = jc.oblique_impact(LAW, ON_PLANE, 2.0, 1.0, friction=friction)
+        assert hit.tangential_velocity[0] == pytest.approx(alone.tangential_velocity, rel=1e-12)
+        assert jnp.isnan(hit.tangential_velocity[1:]).all()
+
+
+@pytest.mark.parametrize("name", laws_of_friction())
+def test_derivatives_agree_with_differences(name):
+    friction = laws_of_friction()[name]
+
+    def outcome(numbers):
+        v, slip, mu, spin, mass = numbers
+        law = jc.ExactRestitution(e=0.8)
+        moved = jax.tree.map(lambda leaf: leaf * mu / 0.2, friction)
+        contact = jc.Contact(mass=mass, stiffness=1e9, exponent=1.5)
+        hit = jc.oblique_impact(
+            law, contact, v, slip, friction=moved, bodies=jc.RoundBodies(0.01), spin=(spin, 0.0)
+        )
+        return jnp.stack([hit.tangential_velocity, hit.spin[0] / 100])
+
+    solve, at = jax.jit(outcome), jnp.array([2.0, 0.6, 0.2, 3.0, 0.1])
+    forward = jax.jit(jax.jacfwd(outcome))(at)
+    reverse = jax.jit(jax.jacrev(outcome))(at)
+    assert np.array(forward) == pytest.approx(np.array(reverse), rel=1e-9, abs=1e-12)
+    steps = 1e-5 * jnp.diag(at)
+    by_differences = jnp.stack([(solve(at + h) - solve(at - h)) / (2 * h.sum()) for h in steps], 1)
+    # Central differences of this step are good to 1e-8 of curvature and rounding.
+    assert np.array(forward) == pytest.approx(np.array(by_differences), rel=1e-6, abs=1e-6)
+
+
+def test_float32_is_close_to_float64():
+    for friction in laws_of_friction().values():
+        double = jc.oblique_impact(LAW, ON_PLANE, 2.0, jnp.array([0.3, 1.0]), friction=friction)
+        single = jax.tree.map(lambda x: x.astype(jnp.float32), (LAW, ON_PLANE, friction))
+        hit = jc.oblique_impact(
+            single[0],
+            single[1],
+            jnp.float32(2),
+            jnp.array([0.3, 1.0], jnp.float32),
+            friction=single[2],
+        )
+        assert hit.tangential_velocity.dtype == jnp.float32
+        # Some rounding of float32, amplified by the factors of the curve.
+        found, wanted = map(np.array, (hit.tangential_velocity, double.tangential_velocity))
+        assert found == pytest.approx(wanted, rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"spin": (1.0, 0.0)}, "`spin` must be 0 for ω1 without `bodies`"),
+        ({"spin": (0.0, 1.0), "bodies": BALL}, "`spin` must be 0 for ω2 without `other_radius`"),
+        ({"spin": 1.0}, "`spin` must be two numbers"),
+        ({"friction": 0.3}, "`friction` must be a friction law"),
+        ({"bodies": "cube"}, "`bodies` must be one of"),
+        ({"bodies": jc.RoundBodies(0.01, mass=1.0)}, "must have the effective mass"),
+        ({"bodies": jc.RoundBodies(0.01, 0.01)}, "`mass` or `inertia`"),
+        ({"contact": jc.Contact(1.0, 1e9), "friction": jc.SpringSlider(0.1)}, "`ratio`"),
+        ({"law": jc.Tsuji(e=0.8), "friction": jc.MawBarberFawcett(0.1, 0.8)}, "its table|table is"),
+        ({"tangential_velocity": float("nan")}, "`tangential_velocity`"),
+    ],
+)
+def test_bad_input_is_named(change, message):
+    given = {"law": LAW, "contact": ON_PLANE, "velocity": 1.0, "tangential_velocity": 1.0}
+    given |= {"friction": jc.RigidCoulomb(0.1)} | change
+    with pytest.raises(ValueError, match=message):
+        jc.oblique_impact(**given)
+
+
+def test_numbers_out_of_range_are_named():
+    for make in (
+        lambda: jc.RigidCoulomb(-0.1),
+        lambda: jc.WaltonFriction(0.1, 1.5),
+        lambda: jc.SpringSlider(0.1, 0.0),
+        lambda: jc.SpringSlider(0.1, form="spring"),
+        lambda: jc.MawBarberFawcett(0.1, -1.0),
+        lambda: jc.RoundBodies(0.01, other_mass=1.0),
+        lambda: jc.RoundBodies(0.0),
+    ):
+        with pytest.raises(ValueError, match="Argument"):
+            make()
