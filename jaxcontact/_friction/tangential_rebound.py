@@ -30,7 +30,8 @@ def tangential_rebound(psi1: ArrayLike, chi: ArrayLike, alpha: ArrayLike = 0.0) 
     derivatives are continuous.
 
     Valid for Hertz contact with Hunt-Crossley damping, and a constant direction of slip.
-    Interpolated from a table: see the tests for its errors. Raises ValueError for a Python scalar
+    Interpolated from a table. At random places its error is 1e-7 in the median and 6e-6 at most for
+    χ < 1.65; it is largest where ψ vanishes at the turn. Raises ValueError for a Python scalar
     out of range and for shapes that do not broadcast. Source: doi 10.1016/0043-1648(76)90201-5.
     """
     psi1 = as_parameter(psi1, "psi1")

@@ -108,6 +108,7 @@ def cases() -> dict[str, Case]:
                 "mass": POSITIVES,
                 "stiffness": POSITIVES,
                 "exponent": ARRAYS | JAX_SCALARS | {"one and a half"},
+                "tangential_ratio": POSITIVES | NONE,
             },
         ),
         "Contact.sphere_sphere": Case(

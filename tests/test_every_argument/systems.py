@@ -95,11 +95,6 @@ def cases() -> dict[str, Case]:
             {"lagrangian": lagrangian, "gap": gap} | rough,
             CONTACT | {"lagrangian": CALLABLE, "gap": CALLABLE, "forces": CALLABLE | NONE},
         ),
-        "RegularizedCoulomb": Case(
-            jc.RegularizedCoulomb,
-            {"mu": 0.1, "v_d": 0.01},
-            {"mu": POSITIVES | {"zero"}, "v_d": POSITIVES},
-        ),
         "simulate, a mechanism": Case(
             jc.simulate,
             {"model": system, "duration": 10.0, "position": [0.0] * 3, "velocity": [0.0] * 3},

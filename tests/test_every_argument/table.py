@@ -1,24 +1,27 @@
 """Every public callable with its cases, and the exempt ones."""
 
-from tests.test_every_argument import fits, measured, physics, results, scenes, systems
+from tests.test_every_argument import fits, friction, measured, physics, results, scenes, systems
 from tests.test_every_argument.case import Case
 
 
 def cases() -> dict[str, Case]:
     first = physics.cases() | fits.cases() | measured.cases() | results.cases()
-    return first | scenes.cases() | systems.cases()
+    return first | scenes.cases() | systems.cases() | friction.cases()
 
 
 EXEMPT = {
     # Results, which the library makes
     r"(Bounce|Calibration|CalibrationSummary|Design|Export|Fit|Impact|Impacts|LawChoice|Margin|"
+    r"ObliqueImpact|ObliqueTrajectory|"
     r"Posterior|Recording|Run|ScaledImpact|States|Sweep|SystemContacts|SystemMargin|SystemRun|"
     r"SystemStates|Trajectory|VelocityProfile)\(.*\)": ("a result, made by the library"),
     r"RecordingError\(.*\)": "an error, raised by the library",
     r"paper\.(Number|Published|Reproduction)\(.*\)": "a result, made by the library",
-    r"(Status|Ending|SolvedBy)(\.names_of)?\(.*\)": "an enumeration of Python",
+    r"(Status|Ending|Slip|SolvedBy)(\.names_of)?\(.*\)": "an enumeration of Python",
     # Called by the library, with arguments that are checked before
-    r"Abstract(Law|HuntCrossley|Form|Method|Shape)(\..*)?\(.*\)": "an interface to fill in",
+    r"Abstract(Law|HuntCrossley|Form|Friction|Method|Shape)(\..*)?\(.*\)": (
+        "an interface to fill in"
+    ),
     r"Sweep\.(coordinates|taken)\(.*\)": "called by the library",
     r"Sphere\.moved_to\(.*\)|Shell\.centre_at\(.*\)": "called by the library",
     r"(Sphere|Plane|Box|Shell)\.after\(.*\)": "called by the library",
@@ -28,6 +31,8 @@ EXEMPT = {
     r"(Prescribed|simulate)\(args\)": "whatever the functions take",
     r"LowPass\.(read|correlation)\(.*\)": "called by the library",
     r"RegularizedCoulomb\.force\(.*\)": "called by the library",
+    r".*\.(rebound|along|has_formula)\(.*\)": "called by the library",
+    r"RoundBodies\.(arms|mobility|require_mass)\(.*\)": "called by the library",
     r"systems\.from_mjx\(.*\)": "needs MJX, which the tests of engines have",
     r"(Steady|Vibration|Prescribed)\.(start|along|after)\(.*\)": "called by the library",
     r".*\.(form|chosen|solve|error|over|tolerances|damping_ratio)\(.*\)": "called by the library",
