@@ -22,8 +22,8 @@ from .scaled import hertzian, spring_of
 class MawBarberFawcett(AbstractFriction):
     """The friction of elastic spheres, parts of whose contact stick while others slip.
 
-    u' = (μ/κ) ψ2(ψ1, χ, α) with ψ1 = κ u0/(μ v0), χ = λκ/2, by a table: the error of ψ2 is mostly below
-    1e-8 for α = 0 and 1e-6 down to e = .5. Valid for Hertz contacts (n = 3/2) with a force K δⁿ (1
+    u' = (μ/κ) ψ2(ψ1, χ, α) with ψ1 = κ u0/(μ v0), χ = λκ/2, by a table: see `tangential_rebound`
+    for its errors and its range. Valid for Hertz contacts (n = 3/2) with a force K δⁿ (1
     + α δ'/v0). For α > 0 the limit of friction within the contact is a choice of modelling.
 
     Arguments: the coefficient `mu` μ ≥ 0; `ratio` κ > 0, the tangential stiffness over the normal

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcontact._forms import exact_damping_factor, restitution_of
 from jaxcontact import tangential_rebound
+from jaxcontact._forms import exact_damping_factor, restitution_of
 from jaxcontact._friction.mbf_curve import ALPHA, CHI, full_sliding, mbf_curve, onset
 
 from .springs import rebound
