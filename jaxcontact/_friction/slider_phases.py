@@ -6,6 +6,7 @@ phases alternate until the bodies separate.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -63,7 +64,7 @@ def slider_phases(psi1: ArrayLike, chi: ArrayLike, alpha: ArrayLike, form: str) 
     return outcome._replace(converged=outcome.converged > 0)
 
 
-def _differentiable(form: Form):
+def _differentiable(form: Form) -> Callable[[Lane, Lane, Lane], SliderPhases]:
     """Return the solve with a derivative that is linear in the tangents, so that it transposes."""
 
     def of_lanes(psi1: Lane, chi: Lane, alpha: Lane) -> SliderPhases:
@@ -107,14 +108,16 @@ def _solve(psi1: Lane, chi: Lane, alpha: Lane, form: Form) -> SliderPhases:
         ends = course.done | lasts
         state = _at_stop(sliding, jnp.where(ends, 0, v), chi, normal, form)
         stuck = _stick_in_groups(state, ends, chi, alpha, form)
-        sign = jnp.where(stuck.state.z < 0, -1, 1).astype(v.dtype)
-        onward = Sliding(stuck.state.psi, stuck.state.v, sign)
+        z = stop_gradient(stuck.state.z)
+        onward = Sliding(stuck.state.psi, stuck.state.v, jnp.where(z < 0, -1, 1).astype(z.dtype))
+        # A spring without force is at its limit only at separation, and does not slide any more.
+        parted = jnp.abs(z) <= 8 * jnp.finfo(z.dtype).eps
         slid = Sliding(sliding.psi_at(-normal.e, chi), -normal.e, sliding.sign)
         new = _Course(
             sliding=choose(lasts, slid, onward),
             stop=jnp.where(count > 0, course.stop, jnp.where(lasts, last, v)),
             slip=stop_gradient(jnp.where(lasts, sliding.start, onward.start)),
-            done=lasts | ~stuck.done,
+            done=lasts | ~stuck.done | parted,
             good=lasts | stuck.done,
         )
         return choose(course.done, course, new), count + 1
@@ -151,8 +154,9 @@ def _stick_in_groups(state: State, still: Flag, chi: Lane, alpha: Lane, form: Fo
 
     def follow(index: jax.Array, out: Stuck) -> Stuck:
         rows = jax.lax.dynamic_slice(order, (index * _GROUP,), (_GROUP,))
-        given = jax.tree.map(lambda x: x[rows], (state, still, chi, alpha))
-        return jax.tree.map(lambda x, new: x.at[rows].set(new), out, stick(*given, form))
+        group = jax.tree.map(lambda x: x[rows], state)
+        followed = stick(group, still[rows], chi[rows], alpha[rows], form)
+        return jax.tree.map(lambda x, new: x.at[rows].set(new), out, followed)
 
     zero = jnp.zeros_like(alpha)
     out = Stuck(state, zero, zero, still)

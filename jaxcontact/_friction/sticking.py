@@ -127,7 +127,7 @@ def _judged(before: State, after: State, stuck: Stuck, spring: Spring, alpha: La
     # A spring that has just stopped sliding is at its limit, with slope zero, up to rounding.
     over = (end > 1e3 * eps * jnp.abs(limit)) | (after.w < 0)
     searching = stuck.trials > 0
-    arrived = searching & (jnp.abs(end) <= eps**0.5 * jnp.abs(limit) + 4 * eps)
+    arrived = searching & (jnp.abs(end) <= eps**0.6 * jnp.abs(limit) + 4 * eps)
     top = cubic.top()
     # The cubic is right to about 1e-5.
     peaks = (cubic.at(top) > -1e-2 * limit) & (top > 1e-3) & (top < 0.99) & ~over & ~searching
