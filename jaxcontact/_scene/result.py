@@ -28,6 +28,7 @@ class Ending(WordedEnum):
     NOT_CONVERGED = 4, "An impact did not converge to its tolerance. Try another `rtol`."
     CROWDED = 5, "Too many spheres touch, or in an unsupported way. Pass a larger `max_cluster`."
     WALL_TOO_ABRUPT = 6, "A wall, a fixed sphere or a shell exceeds its `max_acceleration`."
+    FRICTION_NOT_MODELLED = 7, "Friction acts where no formula is known. See the limits of scenes."
 
 
 class SolvedBy(enum.IntEnum):
@@ -64,6 +65,8 @@ class Impacts(eqx.Module):
     - `tied`: True if one of the bodies had another impact at the same time, so that their order was
       chosen.
     - `valid`: False in blank rows.
+    - `slip`, `slip_after`: with friction, the sliding speed of the contact point before and after
+      in m/s; the second is negative if the point has reversed. None without friction.
 
     A contact that comes to rest has e = 0 and an infinite duration. A coupled contact still in
     progress at the end of the run has NaN for both. An impact may begin before the run (`time` < 0)
@@ -85,6 +88,8 @@ class Impacts(eqx.Module):
     tied: Bool[Array, " K"]
     valid: Bool[Array, " K"]
     names: tuple[str, ...] = eqx.field(static=True)
+    slip: Float[Array, " K"] | None = None
+    slip_after: Float[Array, " K"] | None = None
 
     def __len__(self) -> int:
         return self.time.shape[-1]
@@ -99,7 +104,8 @@ class Impacts(eqx.Module):
                 "The impacts must be those of one run, but are a batch of the shape "
                 f"{keep.shape[:-1]}; `jax.tree.map(lambda x: x[0], run)` takes the first run."
             )
-        columns = {k: np.asarray(v)[keep] for k, v in vars(self).items() if k != "names"}
+        given = {k: v for k, v in vars(self).items() if k != "names" and v is not None}
+        columns = {k: np.asarray(v)[keep] for k, v in given.items()}
         del columns["valid"]
         return columns
 
@@ -161,12 +167,16 @@ class Impacts(eqx.Module):
 
 
 class States(NamedTuple):
-    """States at given times: `time` (T,), `position` and `velocity` (T, N, D), `energy` (T,)."""
+    """States at given times: `time` (T,), `position` and `velocity` (T, N, D), `energy` (T,).
+
+    With friction `spin` is (T, N) in two dimensions and (T, N, 3) in three; None without.
+    """
 
     time: Float[Array, " T"]
     position: Float[Array, "T N D"]
     velocity: Float[Array, "T N D"]
     energy: Float[Array, " T"]
+    spin: Float[Array, "T N ..."] | None = None
 
 
 def nan_unless(value: Array, valid: Array) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._coupled.scalars import Flag, Number
+from .arrays.turning import Turning
 from .cluster.equations import ClusterState
 
 
@@ -30,7 +31,7 @@ class Contacts(NamedTuple):
 class Underway(NamedTuple):
     """The isolated impacts in progress at time zero. `partner` is the other body of each sphere's
     impact, or -1. `touch` < 0 is the time of touch in s. `position` and `velocity` are the values
-    after the sphere's previous event, at `time`.
+    after the sphere's previous event, at `time`. `turning` is None without friction.
     """
 
     partner: Int[Array, " N"]
@@ -38,6 +39,7 @@ class Underway(NamedTuple):
     position: Float[Array, "N D"]
     velocity: Float[Array, "N D"]
     time: Float[Array, " N"]
+    turning: Turning | None = None
 
     @property
     def counts(self) -> Bool[Array, " N"]:

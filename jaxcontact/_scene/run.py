@@ -39,6 +39,7 @@ class Run(Flagged, eqx.Module):
     - `position` (T, N, D), `velocity` (T, N, D): in m and m/s.
     - `energy` (T,): in J, the sum of kinetic energy, gravitational energy and energy stored in
       contacts.
+    - `spin`: in rad/s, (T, N) in two dimensions and (T, N, 3) in three; None without friction.
     - `impacts`, `margin`, `status`: see `Impacts`, `Margin` and `Ending`. `ok`: if COMPLETED.
     - `reached`: the time in s up to which the values hold.
     - `wall_work`: the work in J of moving walls, fixed spheres and shells on the others. The final
@@ -60,6 +61,7 @@ class Run(Flagged, eqx.Module):
     scene: Scene
     _nearest: tuple[Number, Number]
     _record: RunRecord
+    spin: Float[Array, "T N ..."] | None = None
     _failures = tuple(Ending)[1:]
 
     def at(self, time: ArrayLike) -> States:
@@ -95,11 +97,14 @@ class Run(Flagged, eqx.Module):
         end = self.at(self.duration)
         state = end if traced(end) else jax.tree.map(np.asarray, end)
         position, velocity = state.position[0], state.velocity[0]
+        spin = None if state.spin is None else state.spin[0]
         bodies = list(self.scene.bodies)
         for k, sphere in enumerate(self.scene.spheres):
             place = self._record.layout.body[k]
             if sphere.motion is None:
-                bodies[place] = sphere.moved_to(*jax.device_put((position[k], velocity[k])))
+                turned = None if spin is None else spin[k]
+                state_of_it = jax.device_put((position[k], velocity[k], turned))
+                bodies[place] = sphere.moved_to(*state_of_it)
         bodies = [_later(body, self.duration) for body in bodies]
         if start is not None and not traced(self.status):
             start = start.as_needed()
@@ -121,7 +126,7 @@ class Run(Flagged, eqx.Module):
         """
         return dataset(
             self.scene,
-            States(self.time, self.position, self.velocity, self.energy),
+            States(self.time, self.position, self.velocity, self.energy, self.spin),
             self.impacts,
             bodies=self._record.layout.body[: self._record.layout.visible],
             status=self.status,
@@ -133,7 +138,8 @@ class Run(Flagged, eqx.Module):
         """Write a CSV table with a row for each time.
 
         The columns are `time` in s, `energy` in J, then `position[k,d]` in m and `velocity[k,d]` in
-        m/s of sphere k along axis d. `path` is an open file or a file name. A named file appears
+        m/s of sphere k along axis d. With friction `spin[k]`, in three dimensions `spin[k,d]`, in
+        rad/s follows. `path` is an open file or a file name. A named file appears
         whole or not at all. Raises ValueError for a batch of runs. `impacts.to_csv` writes the
         impacts.
         """
@@ -142,10 +148,12 @@ class Run(Flagged, eqx.Module):
                 f"The run must be a single one, but is a batch of the shape {self.time.shape[:-1]}."
             )
         columns = {"time": np.asarray(self.time), "energy": np.asarray(self.energy)}
-        for name in ("position", "velocity"):
-            values = np.asarray(getattr(self, name))
-            for k, d in np.ndindex(*values.shape[1:]):
-                columns[f"{name}[{k},{d}]"] = values[:, k, d]
+        for name in ("position", "velocity", "spin"):
+            values = getattr(self, name)
+            if values is not None:
+                values = np.asarray(values)
+                for place in np.ndindex(*values.shape[1:]):
+                    columns[f"{name}[{','.join(map(str, place))}]"] = values[:, *place]
         write_csv(columns, path)
 
     def __repr__(self) -> str:

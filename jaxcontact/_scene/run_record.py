@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 from .._coupled.scalars import Index, Number
 from .arrays.arrays import Numbers, SceneLayout
 from .engine.log import Log, LoopOutcome
-from .engine.state import CROWDED, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules
+from .engine.state import CROWDED, FRICTION, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules
 from .result import Ending
 
 
@@ -58,6 +58,8 @@ class RunRecord(eqx.Module):
         crowded = (searched == CROWDED) | (searched == TWO_SUPPORTS)
         status = jnp.where(crowded, int(Ending.CROWDED), status)
         status = jnp.where(searched == NOT_CONVERGED, int(Ending.NOT_CONVERGED), status)
+        if self.layout.frictions is not None:
+            status = jnp.where(searched == FRICTION, int(Ending.FRICTION_NOT_MODELLED), status)
         status = jnp.where(~stuck & more, int(Ending.TOO_MANY_IMPACTS), status)
         status = jnp.where(valid, status, int(Ending.INVALID_INPUT))
         reached = jnp.where(stuck, self.outcome.now, jnp.where(more | ~valid, -1, self.last))

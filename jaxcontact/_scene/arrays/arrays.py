@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..._contact import Contact, Material
+from ..._contact import Contact
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Index, Number
 from ..._entry import Specialised
@@ -26,6 +26,7 @@ from ..bodies.scene import Scene
 from ..bodies.side import side
 from ..resume import Start
 from .movers import Movers
+from .turning import Rotation
 
 Lane = Float[Array, "..."]
 
@@ -40,7 +41,8 @@ class SceneLayout(eqx.Module):
     `laws` and `stiffnesses` are tables by kind, or () if one law or stiffness serves all.
     `constant` marks laws whose restitution is independent of speed. `moving` marks walls in motion,
     and `vibrating` those that are accelerated. `driven` lists the fixed spheres in motion, and
-    `shaken` those that are accelerated.
+    `shaken` those that are accelerated. `frictions` is the table of friction laws by kind, () if
+    one serves all, and None without friction.
     """
 
     spheres: int = eqx.field(static=True)
@@ -60,6 +62,7 @@ class SceneLayout(eqx.Module):
     vibrating: tuple[bool, ...] = eqx.field(static=True)
     driven: tuple[int, ...] = eqx.field(static=True)
     shaken: tuple[int, ...] = eqx.field(static=True)
+    frictions: tuple[tuple[int, ...], ...] | None = eqx.field(static=True, default=None)
 
     @property
     def settles(self) -> bool:
@@ -93,7 +96,7 @@ class Numbers(eqx.Module):
     `offset` is that of the walls at time zero. `motion` is that of the walls, None if all are at
     rest. `shaking` is the motion of accelerated fixed spheres, None if there are none. `pull` is
     the acceleration in flight, followed by that of a sphere at rest on each wall. `start` holds
-    rest and contacts at time zero, None if there are none.
+    rest and contacts at time zero, None if there are none. `rotation` is None without friction.
     """
 
     position: Float[Array, "N D"]
@@ -113,6 +116,7 @@ class Numbers(eqx.Module):
     compliance: Float[Array, " B"] | None
     exponent: Specialised
     start: Start | None
+    rotation: Rotation | None = None
 
     @property
     def dtype(self) -> Any:
@@ -179,7 +183,14 @@ def layout_of(scene: Scene) -> SceneLayout:
         vibrating=tuple(wall.vibrates for _, wall in walls),
         driven=tuple(k for k, motion in enumerate(motions) if motion is not None),
         shaken=tuple(k for k, m in enumerate(motions) if m is not None and m.vibrates),
+        frictions=_frictions_of(scene),
     )
+
+
+def _frictions_of(scene: Scene) -> tuple[tuple[int, ...], ...] | None:
+    if scene.friction is None:
+        return None
+    return () if scene.friction.alike else scene.friction.table
 
 
 def curved(scene: Scene) -> list[Sphere | Shell]:
@@ -214,12 +225,10 @@ def contact_of(layout: SceneLayout, numbers: Numbers, i: Array, j: Array) -> Con
         return Contact(mass, stiffness, numbers.exponent.value)
     if numbers.compliance is None:
         return None
-    unit = jnp.ones((), numbers.dtype)
     curvature = jnp.concatenate([1 / numbers.radius, jnp.zeros(layout.walls, numbers.dtype)])
-    # A rigid plane under a sphere with the radius and the compliance of the pair.
+    # Hertz's stiffness, from the curvature and the compliance of the pair.
     (soft, bent), (softer, more) = (rows_of((numbers.compliance, curvature), k) for k in (i, j))
-    pair = Material(unit / (soft + softer), 0 * unit)
-    return Contact.sphere_plane(unit / (bent + more), pair, mass=mass)
+    return Contact(mass, 4 / 3 / (jnp.sqrt(bent + more) * (soft + softer)))
 
 
 def known_contact_of(layout: SceneLayout, numbers: Numbers, i: Array, j: Array) -> Contact:

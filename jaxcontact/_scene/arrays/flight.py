@@ -10,18 +10,20 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.rows import rows_of
 from .arrays import Numbers, SceneLayout
+from .turning import Turning
 
 Lane = Float[Array, "..."]
 
 
 class Flying(NamedTuple):
     """Bodies in flight, each at its own `time` (M,): `position` and `velocity` (M, D). In an impact
-    with a wall, the second row repeats the first.
+    with a wall, the second row repeats the first. `turning` is None without friction.
     """
 
     position: Lane
     velocity: Lane
     time: Lane
+    turning: Turning | None = None
 
 
 def where_each(counts: Bool[Array, " M"], first: Flying, second: Flying) -> Flying:
@@ -51,11 +53,15 @@ def at_once(
     support: Int[Array, " M"],
     time: Lane,
 ) -> tuple[Flying, Float[Array, "M D"]]:
-    """Return spheres in flight at one time, and their accelerations by gravity. Accelerated fixed
-    spheres are placed by their motion, regardless of `flying`.
+    """Return spheres in flight at one time, and their accelerations by gravity, and by friction on
+    the walls on which they rest. Accelerated fixed spheres are placed by their motion, regardless
+    of `flying`.
     """
-    pull = accelerations(layout, numbers, who, support)
+    pull, turning = accelerations(layout, numbers, who, support), flying.turning
     passed = (time - flying.time)[:, None]
+    if turning is not None:
+        pull = pull + turning.drag
+        turning = turning._replace(spin=turning.spin + turning.twist * passed)
     velocity = flying.velocity + pull * passed
     position = flying.position + (flying.velocity + velocity) / 2 * passed
     if layout.shaken:
@@ -65,4 +71,4 @@ def at_once(
         shakes = (row < len(layout.shaken))[:, None]
         position = jnp.where(shakes, place[row], position)
         velocity = jnp.where(shakes, rate[row], velocity)
-    return Flying(position, velocity, jnp.broadcast_to(time, flying.time.shape)), pull
+    return Flying(position, velocity, jnp.broadcast_to(time, flying.time.shape), turning), pull

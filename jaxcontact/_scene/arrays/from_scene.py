@@ -4,6 +4,7 @@ one small program serves a few bodies or thousands.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
@@ -22,6 +23,7 @@ from ..bodies.motion import Along, still
 from ..bodies.scene import Scene
 from .arrays import Numbers, SceneLayout
 from .movers import Movers
+from .turning import Rotation, spin_axes
 
 
 class Alike(eqx.Module):
@@ -49,6 +51,7 @@ class SceneInputs(eqx.Module):
     stiffness: tuple[Array, ...] | None
     exponent: Specialised
     start: Any
+    frictions: tuple[Any, ...] | None
 
     @property
     def dtype(self) -> Any:
@@ -73,6 +76,7 @@ def inputs_of(scene: Scene) -> SceneInputs:
         stiffness=None if scene.stiffness is None else scene.stiffness.values,
         exponent=scene._exponent,
         start=scene._start,
+        frictions=None if scene.friction is None else scene.friction.values,
     )
 
     def convert(leaf: Any) -> Any:
@@ -114,7 +118,7 @@ def scene_numbers(
     def numbers_in(body: Sphere | Shell) -> tuple[Any, ...]:
         if isinstance(body, Shell):
             return body.place, _velocity(body), -body.radius, jnp.ones((), dtype)
-        mass = None if body.fixed else body.inertia()
+        mass = None if body.fixed else body.known_mass()
         return (
             body.place,
             _velocity(body),
@@ -157,6 +161,10 @@ def scene_numbers(
         exponent=parts.exponent,
         start=parts.start,
     )
+    if parts.frictions is not None:
+        sound, frictions = _sound_laws(parts.frictions, dtype)
+        rotation, more = _rotation(parts, layout, numbers, frictions)
+        numbers, valid = dataclasses.replace(numbers, rotation=rotation), valid & sound & more
     finite = [position, velocity, radius, mass, gravity, period, normal, offset]
     rising = [mass, radius[: layout.visible], -radius[layout.visible :]]
     for movers in (numbers.motion, numbers.shaking):
@@ -172,6 +180,63 @@ def scene_numbers(
         if length is not None:
             valid = valid & (period[k] > 4 * jnp.max(radius))
     return numbers, valid
+
+
+def _rotation(
+    parts: SceneInputs, layout: SceneLayout, numbers: Numbers, frictions: tuple[Any, ...]
+) -> tuple[Rotation, Flag]:
+    """Return the numbers that only friction needs, and whether they are valid."""
+    dtype, axes = parts.dtype, spin_axes(layout.dimensions)
+    curved = [alike for alike in parts.bodies if isinstance(alike.body, Sphere | Shell)]
+
+    def of(body: Sphere | Shell) -> tuple[Array, Array, Array]:
+        spin, inertia = (None, None) if isinstance(body, Shell) else (body.spin, body.inertia)
+        return (
+            jnp.zeros(axes, dtype) if spin is None else jnp.asarray(spin).reshape(axes),
+            jnp.ones((), dtype) if inertia is None else jnp.asarray(inertia),
+            jnp.asarray(inertia is not None),
+        )
+
+    count = layout.spheres
+    columns = [alike.each(of) for alike in curved]
+    spin, given, is_given = _in_order(curved, layout.body[:count], columns)
+    solid = 2.5 * numbers.inverse_mass[:count] / jnp.square(numbers.radius)
+    turns = jnp.where(is_given, 1 / given, solid)
+    shear = None
+    if numbers.compliance is not None:
+
+        def shear_of(body: AbstractBody) -> Any:
+            material = body.material
+            return jnp.zeros((), dtype) if material is None else material.shear_compliance
+
+        shear = _in_order(parts.bodies, layout.body, [x.each(shear_of) for x in parts.bodies])
+    rotation = Rotation(
+        spin=spin,
+        inverse_inertia=jnp.concatenate([turns, jnp.zeros(layout.walls, dtype)]),
+        shear_compliance=shear,
+        drift=_drift(parts, layout),
+        laws=frictions,
+    )
+    return rotation, jnp.all(jnp.isfinite(spin)) & jnp.all(POSITIVE.holds(given))
+
+
+def _drift(parts: SceneInputs, layout: SceneLayout) -> Movers | None:
+    """Return the motions of the walls in space. A plane that vibrates by one number moves along its
+    normal only.
+    """
+    motions: dict[int, Along | None] = {}
+    for alike in parts.bodies:
+        motion = alike.body.motion
+        for k in alike.which:
+            in_space = motion is not None and motion.dimensions is not None
+            motions[k] = _along(cast(Any, alike.body), layout.dimensions) if in_space else None
+    along = [motions[k] for k in layout.body[layout.spheres :]]
+    if all(motion is None for motion in along):
+        return None
+    rest = still()._replace(
+        speed=np.zeros(layout.dimensions), amplitude=np.zeros(layout.dimensions)
+    )
+    return _movers([rest if motion is None else motion for motion in along], parts.dtype)
 
 
 def _flat(arrays: Sequence[Array]) -> Array:

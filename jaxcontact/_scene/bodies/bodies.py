@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..._contact import Material
 from ..._coupled.scalars import Number
 from ..._entry import POSITIVE, refuses_unknown, rendered, require_flag, require_kind
-from .entry import one_number, vector
+from .entry import one_number, spin_in, vector
 from .motion import AbstractMotion, Along, as_numpy, in_space, later, origin, require_motion, shifts
 
 
@@ -92,6 +92,10 @@ class Sphere(AbstractBody):
     - `fixed`: if True the mass is infinite. A mass or a velocity is then an error.
     - `motion`: of a fixed sphere, unaffected by impacts. A `Steady`, or a `Vibration` or
       `Prescribed` of vectors, which displaces it from its `position`.
+    - `spin`: ω in rad/s, only in a scene with friction: a number in two dimensions, positive from
+      the first axis to the second, and a vector in three. Zero by default.
+    - `inertia`: the moment of inertia I > 0 about the centre in kg m², for friction. By default
+      that of a solid sphere, 2/5 m R², in two dimensions as well; a disc has ½ m R².
 
     Numbers are leaves. Raises ValueError for values out of range or not finite, and if no mass is
     known.
@@ -101,6 +105,8 @@ class Sphere(AbstractBody):
     mass: Number | None
     position: Float[Array, " D"]
     velocity: Float[Array, " D"] | None
+    spin: Float[Array, "..."] | None
+    inertia: Number | None
     material: Material | None
     motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
@@ -119,6 +125,8 @@ class Sphere(AbstractBody):
         *,
         fixed: bool = False,
         motion: AbstractMotion | None = None,
+        spin: ArrayLike | Sequence[ArrayLike] | None = None,
+        inertia: ArrayLike | None = None,
     ):
         self.name, self.material = _name(name), _material(material)
         self.fixed = require_flag("fixed", fixed)
@@ -131,6 +139,8 @@ class Sphere(AbstractBody):
             self.velocity = vector(velocity, "velocity")
             _require_as_many("velocity", velocity, self.velocity, "position", self.position)
         self.mass = None if mass is None else one_number(mass, "mass", POSITIVE)
+        self.spin = None if spin is None else spin_in(spin, self.dimensions)
+        self.inertia = None if inertia is None else one_number(inertia, "inertia", POSITIVE)
         self.motion = in_space(motion, self.dimensions, "fixed sphere")
         if self.motion is not None and not self.fixed:
             raise ValueError(
@@ -138,11 +148,12 @@ class Sphere(AbstractBody):
                 f"it is hit, but is {rendered(motion)}."
             )
         if self.fixed:
-            for other, value in (("mass", mass), ("velocity", velocity)):
+            given = {"mass": mass, "velocity": velocity, "spin": spin, "inertia": inertia}
+            for other, value in given.items():
                 if value is not None:
                     raise ValueError(
                         f"Argument `{other}` must be None for a sphere with `fixed=True`, whose "
-                        f"mass is infinite and which does not move, but is {rendered(value)}."
+                        f"mass is infinite and which does not move or turn, but is {rendered(value)}."
                     )
         elif mass is None and (material is None or material.density is None):
             raise ValueError(
@@ -155,18 +166,20 @@ class Sphere(AbstractBody):
         """The centre at time zero."""
         return origin(self.position, self.motion)
 
-    def moved_to(self, position: Array, velocity: Array) -> Sphere:
-        """Return the same sphere at another place, with another velocity unless it is fixed."""
+    def moved_to(self, position: Array, velocity: Array, spin: Array | None = None) -> Sphere:
+        """Return the same sphere at another place, with another velocity and spin unless it is
+        fixed.
+        """
         if self.fixed:
             return eqx.tree_at(lambda body: body.position, self, position)
         return eqx.tree_at(
-            lambda body: (body.position, body.velocity),
+            lambda body: (body.position, body.velocity, body.spin),
             self,
-            (position, velocity),
+            (position, velocity, spin),
             is_leaf=lambda leaf: leaf is None,
         )
 
-    def inertia(self) -> Number | None:
+    def known_mass(self) -> Number | None:
         """Return the mass in kg; None for a fixed sphere."""
         if self.fixed:
             return None

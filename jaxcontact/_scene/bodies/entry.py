@@ -10,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from ..._entry import Range, as_parameter, rendered
+from ..._entry import REAL, Range, as_parameter, rendered
 
 _stacked = jax.jit(lambda *parts: jnp.stack(parts))
 """One small program instead of one for each number."""
@@ -53,3 +53,22 @@ def vector(value: Any, name: str, *, finite: bool = True) -> Array:
             allowed = "finite numbers" if finite else REAL_OR_INFINITE
             raise ValueError(f"Argument `{name}` must be {allowed}, but is {rendered(value)}.")
     return numbers
+
+
+def spin_in(value: Any, dimensions: int) -> Array:
+    """Return the spin of a sphere: () in two dimensions, (3,) in three; raises ValueError for
+    anything else.
+    """
+    if dimensions == 1:
+        raise ValueError(
+            "Argument `spin` must be None for a sphere in one dimension, which cannot turn, but "
+            f"is {rendered(value)}."
+        )
+    if dimensions == 2:
+        return one_number(value, "spin", REAL)
+    spin = vector(value, "spin")
+    if spin.shape != (3,):
+        raise ValueError(
+            f"Argument `spin` must be three numbers in three dimensions, but is {rendered(value)}."
+        )
+    return spin

@@ -14,6 +14,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ..._contact import EXPONENT
 from ..._coupled.scalars import Number
 from ..._entry import POSITIVE, Specialised, is_plain, refuses_unknown, rendered, require_kind
+from ..._friction import AbstractFriction
 from ..._laws import AbstractLaw
 from ..resume import Start
 from .bodies import AbstractBody, Shell, Sphere, words
@@ -23,7 +24,7 @@ from .overlap import require_apart
 
 
 class Scene(eqx.Module):
-    """Frictionless bodies and their interactions.
+    """Bodies and their interactions.
 
     - `bodies`: a list of `Sphere`, `Plane`, `Box` and `Shell`, in one, two or three dimensions.
     - `law`: a contact law for all pairs, or a mapping by pair, `{("ball", "table"): law, "default":
@@ -34,10 +35,13 @@ class Scene(eqx.Module):
     - `gravity`: in m/s², a vector.
     - `periodic`: the length in m of each periodic axis, None for the others. It must exceed four
       radii of every sphere, so that a pair meets through one image at a time.
+    - `friction`: a friction law for all pairs, or by pair as `law`; None for no friction and no
+      rotation. It needs two or three dimensions.
 
     Every number is a leaf. Raises ValueError for bodies that overlap at the start by more than
-    rounding, for different dimensions, and if nothing moves. Pairs that can meet without a law or a
-    stiffness also raise it. Traced values are not compared; `simulate` flags bad ones.
+    rounding, for different dimensions, and if nothing moves. Pairs that can meet without a law, a
+    stiffness or a friction law also raise it, and so does a spin or a moment of inertia without
+    friction. Traced values are not compared; `simulate` flags bad ones.
     """
 
     bodies: tuple[AbstractBody, ...]
@@ -45,6 +49,7 @@ class Scene(eqx.Module):
     stiffness: PairTable | None
     gravity: Float[Array, " D"] | None
     periodic: tuple[Number | None, ...]
+    friction: PairTable | None
     _start: Start | None
     _exponent: Specialised
     _kinds: tuple[int, ...] = eqx.field(static=True)
@@ -59,6 +64,7 @@ class Scene(eqx.Module):
         exponent: ArrayLike = 1.5,
         gravity: ArrayLike | Sequence[ArrayLike] | None = None,
         periodic: Sequence[ArrayLike | None] | None = None,
+        friction: AbstractFriction | Mapping[Any, AbstractFriction] | None = None,
     ):
         self.bodies = _bodies(bodies)
         dimensions = self.bodies[0].dimensions
@@ -74,6 +80,10 @@ class Scene(eqx.Module):
                 "Argument `exponent` must be 1.5 where the stiffness follows from materials "
                 f"(Hertz), but is {rendered(exponent)}."
             )
+        self.friction = None
+        if friction is not None:
+            self.friction = pair_table("friction", friction, _friction, kinds, meeting)
+        _require_friction_to_turn(self.bodies, friction)
         self.gravity = None
         if gravity is not None:
             self.gravity = vector(gravity, "gravity")
@@ -106,7 +116,12 @@ class Scene(eqx.Module):
             counts[kind] = counts.get(kind, 0) + 1
         bodies = ", ".join(f"{count} {kind}" for kind, count in counts.items())
         laws = ", ".join(dict.fromkeys(type(law).__name__ for law in self.law.values))
-        return f"Scene({bodies}; {self.dimensions}D; {laws})"
+        rubs = (
+            ""
+            if self.friction is None
+            else "; " + ", ".join(dict.fromkeys(type(law).__name__ for law in self.friction.values))
+        )
+        return f"Scene({bodies}; {self.dimensions}D; {laws}{rubs})"
 
 
 def _bodies(value: Any) -> tuple[AbstractBody, ...]:
@@ -161,6 +176,38 @@ def _law(argument: str, value: Any) -> AbstractLaw:
                 f"Argument `{argument}` must hold one number of each kind, but is {rendered(law)}."
             )
     return law
+
+
+def _friction(argument: str, value: Any) -> AbstractFriction:
+    law = require_kind(
+        argument, value, AbstractFriction, "a friction law, such as `RigidCoulomb`, or a mapping"
+    )
+    for leaf in jax.tree.leaves(law):
+        if eqx.is_array(leaf) and leaf.shape != ():
+            raise ValueError(
+                f"Argument `{argument}` must hold one number of each kind, but is {rendered(law)}."
+            )
+    return law
+
+
+def _require_friction_to_turn(bodies: Sequence[AbstractBody], friction: Any) -> None:
+    """Raise ValueError for spins without friction, and for friction in one dimension."""
+    if friction is not None and bodies[0].dimensions == 1:
+        raise ValueError(
+            "Argument `friction` must be None in one dimension, where nothing slides, but is "
+            f"{rendered(friction)}."
+        )
+    if friction is not None:
+        return
+    for k, body in enumerate(bodies):
+        for name in ("spin", "inertia"):
+            value = getattr(body, name, None)
+            if value is not None:
+                raise ValueError(
+                    f"Argument `friction` must be given where {words(bodies, k)} has a `{name}`, "
+                    "as nothing turns without friction, but is None; `RigidCoulomb(mu=0.0)` keeps "
+                    "the spins."
+                )
 
 
 def _stiffness(argument: str, value: Any) -> Array:

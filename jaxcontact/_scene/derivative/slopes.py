@@ -19,6 +19,7 @@ from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying
+from ..arrays.turning import Rotation
 from ..cluster.equations import ClusterState
 from ..cluster.scaled import MOST_STEPS
 from ..engine.cluster_slots import in_place, index_of
@@ -26,7 +27,8 @@ from ..engine.coupled import as_flags, as_numbers, call, work_of_walls
 from ..engine.event_queue import in_branch
 from ..engine.log import Log, LogDecisions, LogNumbers
 from ..engine.state import Rules
-from ..pair_impact.instantaneous import ImpactOutcome, hit, two_that_meet
+from ..pair_impact.instantaneous import ImpactOutcome, two_that_meet
+from ..pair_impact.rolling import hit_or_roll, with_friction_at_rest
 from ..pair_impact.soft import soft
 
 
@@ -65,7 +67,11 @@ def row_hit(
     def strike(numbers: Numbers, before: Flying) -> ImpactOutcome:
         if rules.soft:
             return soft(layout, numbers, before, facts.choice, tolerance, counts, by_formula)
-        return hit(layout, numbers, before, facts.choice)
+        outcome = hit_or_roll(layout, numbers, before, facts.choice)
+        if layout.frictions is None:
+            return outcome
+        choice = facts.choice
+        return with_friction_at_rest(layout, numbers, choice, outcome, facts.support)[0]
 
     return strike, before
 
@@ -112,7 +118,8 @@ def two_of(layout: SceneLayout, facts: LogDecisions) -> Int[Array, "2"]:
 
 class RowNumbers(NamedTuple):
     """The numbers of a scene on which a row depends. These are the numbers of its spheres, and
-    shared ones: walls, gravity, laws. The positions of shaken fixed spheres are also shared.
+    shared ones: walls, gravity, laws. The positions of shaken fixed spheres are also shared. The
+    numbers of rotation are None without friction.
     """
 
     radius: Float[Array, " M"]
@@ -120,6 +127,8 @@ class RowNumbers(NamedTuple):
     compliance: Float[Array, " M"] | None
     of_walls: Float[Array, " W"] | None
     shaken: Float[Array, "K D"] | None
+    inverse_inertia: Float[Array, " M"] | None
+    shear: tuple[Float[Array, " M"], Float[Array, " W"]] | None
     rest: Numbers
 
 
@@ -132,19 +141,30 @@ def row_numbers(layout: SceneLayout, numbers: Numbers, who: Int[Array, " M"]) ->
     compliance, shaken = numbers.compliance, None
     if layout.shaken:
         shaken = numbers.position[jnp.asarray(layout.shaken)]
-    spheres = layout.spheres
+    spheres, rotation = layout.spheres, numbers.rotation
+    shear = None if rotation is None else rotation.shear_compliance
     return RowNumbers(
         at(numbers.radius),
         at(numbers.inverse_mass[:spheres]),
         None if compliance is None else at(compliance[:spheres]),
         None if compliance is None else compliance[spheres:],
         shaken,
+        None if rotation is None else at(rotation.inverse_inertia[:spheres]),
+        None if shear is None else (at(shear[:spheres]), shear[spheres:]),
         dataclasses.replace(
             eqx.filter(numbers, eqx.is_inexact_array),
             position=None, velocity=None, radius=None, inverse_mass=None, compliance=None,
-            start=None,
+            start=None, rotation=_shared(rotation),
         ),
     )  # fmt: skip
+
+
+def _shared(rotation: Rotation | None) -> Rotation | None:
+    """Return the numbers of friction that belong to no sphere."""
+    if rotation is None:
+        return None
+    floats = eqx.filter(rotation, eqx.is_inexact_array)
+    return dataclasses.replace(floats, spin=None, inverse_inertia=None, shear_compliance=None)
 
 
 def with_own(
@@ -162,12 +182,20 @@ def with_own(
     inverse = jnp.concatenate([put(inverse[:spheres], own.inverse_mass), inverse[spheres:]])
     if compliance is not None and own.compliance is not None and own.of_walls is not None:
         compliance = jnp.concatenate([put(compliance[:spheres], own.compliance), own.of_walls])
+    rotation = numbers.rotation
+    if rotation is not None and own.inverse_inertia is not None:
+        turns, shear = rotation.inverse_inertia, rotation.shear_compliance
+        turns = jnp.concatenate([put(turns[:spheres], own.inverse_inertia), turns[spheres:]])
+        if shear is not None and own.shear is not None:
+            shear = jnp.concatenate([put(shear[:spheres], own.shear[0]), own.shear[1]])
+        rotation = dataclasses.replace(rotation, inverse_inertia=turns, shear_compliance=shear)
     kept = dataclasses.replace(
         numbers,
         position=position,
         radius=put(numbers.radius, own.radius),
         inverse_mass=inverse,
         compliance=compliance,
+        rotation=rotation,
     )
     return eqx.combine(own.rest, kept)
 

@@ -75,7 +75,7 @@ def step_cluster(
     seats = company.seats
     change = member_change(layout, members, coupling.seats, seats, coupling.starts)
     who, index = jnp.minimum(seats.who, count - 1), index_of(layout, seats)
-    spheres = rows_of(Flying(state.position, state.velocity, state.time), who)
+    spheres = rows_of(state.flying, who)
     support, held, counts = rows_of((state.support, state.held, state.count), who)
     there = at_once(layout, numbers, who, spheres, support, now)[0]
     closed = touching(layout, numbers, members, seats, there, support, now)
@@ -146,7 +146,7 @@ def step_cluster(
     zero = jnp.zeros((), numbers.dtype)
     two = jnp.zeros((2, layout.dimensions), numbers.dtype)
     nobody = Flying(two, two, jnp.zeros(2, numbers.dtype))
-    outcome = ImpactOutcome(nobody, began.time, *[zero] * (len(ImpactOutcome._fields) - 2))
+    outcome = ImpactOutcome(nobody, began.time, *[zero] * (len(ImpactOutcome._fields) - 3))
     work = work_of_walls(layout, numbers, seats, began, done)
     together = ClusterNumbers(spheres, held, as_numbers(began), as_numbers(after), work, done.error)
     blank, decided = jnp.full(2, -1), decided._replace(choice=None)

@@ -60,8 +60,7 @@ def select_members(
         who = identity_slots(layout, numbers)
         no = jnp.asarray(False)
         return ClusterMembers(Slots(who, ready[who], shift), jnp.full_like(now, jnp.inf), no)
-    spheres = Flying(state.position, state.velocity, state.time)
-    there = at_once(layout, numbers, jnp.arange(count), spheres, state.support, now)[0]
+    there = at_once(layout, numbers, jnp.arange(count), state.flying, state.support, now)[0]
     core = _core(layout, coupling)
     moves = numbers.inverse_mass[:count] > 0
     mass = jnp.where(moves, 1 / jnp.where(moves, numbers.inverse_mass[:count], 1), 0)

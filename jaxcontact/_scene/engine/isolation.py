@@ -11,7 +11,7 @@ import numpy as np
 
 from ..._coupled.scalars import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
-from ..arrays.flight import Flying, at_once
+from ..arrays.flight import at_once
 from ..bodies.side import side
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
 from .state import Rules, RunState
@@ -40,12 +40,13 @@ def is_isolated(
     inverse = numbers.inverse_mass[:count]
     moves = inverse > 0
     everyone = jnp.arange(count)
-    flying = Flying(state.position, state.velocity, state.time)
-    there, pull = at_once(layout, numbers, everyone, flying, state.support, now)
+    there, pull = at_once(layout, numbers, everyone, state.flying, state.support, now)
     position, velocity = there.position, there.velocity
     mass = jnp.where(moves, 1 / jnp.where(moves, inverse, 1), 0)
     energy = jnp.sum(mass * jnp.sum(jnp.square(velocity), axis=-1)) / 2
     energy = energy + jnp.sum(jnp.where(state.time > now, state.owed, 0))
+    if numbers.rotation is not None and state.turning is not None:
+        energy = energy + jnp.sum(numbers.rotation.energy(state.turning.spin))
     if state.coupling is not None:
         energy = energy + jnp.where(state.coupling.active, state.coupling.reserve, 0)
     last = jnp.max(outcome.after.time) - now

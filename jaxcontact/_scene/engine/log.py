@@ -11,7 +11,9 @@ from jaxtyping import Array, Bool, Float, Int
 from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import SceneLayout
 from ..arrays.flight import Flying
+from ..arrays.turning import Turning, spin_axes
 from ..cluster.equations import ClusterState
+from ..pair_impact.friction import Sliding
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
 from .cluster_slots import Slots, no_change, slot_pairs
 from .coupled import Call, as_numbers, blank_state
@@ -93,7 +95,11 @@ def blank_log(rows: int, layout: SceneLayout, dtype: Any, members: int) -> Log:
     dimensions = layout.dimensions
     vector = jnp.zeros((rows, 2, dimensions), dtype)
     pair, each = jnp.zeros((rows, 2), dtype), jnp.zeros(rows, dtype)
-    flying = Flying(vector, vector, pair)
+    turning = sliding = None
+    if layout.frictions is not None:
+        spin, sliding = jnp.zeros((rows, 2, spin_axes(dimensions)), dtype), Sliding(each, each)
+        turning = Turning(spin, vector, spin, pair)
+    flying = Flying(vector, vector, pair, turning)
 
     def repeat(row: Any) -> Any:
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (rows, *jnp.shape(x))), row)
@@ -103,7 +109,7 @@ def blank_log(rows: int, layout: SceneLayout, dtype: Any, members: int) -> Log:
     if members:
         together, called = repeat(blank_calls(layout, members, dtype))
     facts = LogDecisions(choice, jnp.zeros((rows, 2), int) - 1, jnp.zeros(rows, bool), each, called)
-    outcome = ImpactOutcome(flying, *[each] * (len(ImpactOutcome._fields) - 1))
+    outcome = ImpactOutcome(flying, *[each] * (len(ImpactOutcome._fields) - 2), sliding)
     return Log(LogNumbers(flying, outcome, together), facts)
 
 

@@ -21,7 +21,13 @@ from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import Flying, at_once, where_each
 from ..contact_times.cells import CellGrid
-from ..pair_impact.instantaneous import Choice, ImpactOutcome, hit
+from ..pair_impact.instantaneous import Choice, ImpactOutcome
+from ..pair_impact.rolling import (
+    begins_to_roll,
+    hit_or_roll,
+    turning_at_start,
+    with_friction_at_rest,
+)
 from ..pair_impact.soft import soft
 from ..readout.final_scene import resume_cluster
 from ..resume import Underway
@@ -32,7 +38,17 @@ from .event_queue import Due, in_branch, reset_events, stale_events, update_even
 from .isolation import is_isolated
 from .log import Log, LogDecisions, LogNumbers, blank_calls, blank_choice
 from .next_event import AGAIN, NOISE, in_cluster, simultaneous
-from .state import ACCUMULATED, CROWDED, PATIENCE, RUNNING, TWO_SUPPORTS, Coupling, Rules, RunState
+from .state import (
+    ACCUMULATED,
+    CROWDED,
+    FRICTION,
+    PATIENCE,
+    RUNNING,
+    TWO_SUPPORTS,
+    Coupling,
+    Rules,
+    RunState,
+)
 
 SLOW = 2.0**14
 """The limit of closing speeds for accumulation, in rounding errors of the largest speed.
@@ -50,6 +66,7 @@ def initial_state(
     state = RunState(
         numbers.position, numbers.velocity, zero, integers - 1, integers, stale_events(zero),
         now, jnp.zeros((), int), jnp.zeros((), int), zero, zero, None, None,
+        turning_at_start(layout, numbers),
     )  # fmt: skip
     if start is not None:
         state = state._replace(support=start.support, held=start.held)
@@ -69,10 +86,10 @@ def _resume_impacts(
     """Return a start within isolated impacts. Their touch, before time zero, is the next event of
     the bodies in them.
     """
-    on, spheres = underway.counts, Flying(state.position, state.velocity, state.time)
-    led = Flying(underway.position, underway.velocity, underway.time)
-    spheres = where_each(on, led, spheres)
-    state = state._replace(position=spheres.position, velocity=spheres.velocity, time=spheres.time)
+    on = underway.counts
+    led = Flying(underway.position, underway.velocity, underway.time, underway.turning)
+    spheres = where_each(on, led, state.flying)
+    state = state._replace(**spheres._asdict())
     state = _first_events(layout, numbers, rules, state, grid)
     events = state.events
     events = events._replace(
@@ -238,7 +255,8 @@ def _event(
         status=jnp.where(happens, met.status, state.status),
     )
     if rules.soft and state.coupling is None:
-        state = state._replace(status=jnp.where(starts, CROWDED, state.status))
+        ends = CROWDED if layout.frictions is None else FRICTION
+        state = state._replace(status=jnp.where(starts, ends, state.status))
     elif state.coupling is not None:
         met_then = choice._replace(time=outcome.time)
         coupling = start_cluster(layout, numbers, state.coupling, starts, met_then, outcome.closing)
@@ -263,12 +281,12 @@ def _solve_due(
 ) -> _SolvedImpact:
     """Compute the impact that is due; unless `needed`, its solve takes no step."""
     partner = due.partner
-    spheres = Flying(state.position, state.velocity, state.time)
-    columns = (spheres, state.support, state.count, state.events)
+    columns = (state.flying, state.support, state.count, state.events)
     before, support, met, events = rows_of(columns, who)
     choice = _choice(layout, numbers, who, partner, before, support, now)
     if rules.soft:
         outcome = soft(layout, numbers, before, choice, tolerance, needed)
+        curves = jnp.asarray(False)
         alone = is_isolated(layout, numbers, rules, state, choice, outcome, now, tolerance)
         if numbers.start is not None:
             # Impacts that began before the run are known to be isolated.
@@ -276,9 +294,11 @@ def _solve_due(
         crowded = jnp.asarray(False)
     else:
         choice = choice._replace(tail=_tail(layout, numbers, choice, before, tolerance))
-        outcome = hit(layout, numbers, before, choice)
+        outcome = hit_or_roll(layout, numbers, before, choice)
         alone = jnp.asarray(True)
         support, crowded = _supports(layout, numbers, choice, outcome)
+        if layout.frictions is not None:
+            outcome, curves = with_friction_at_rest(layout, numbers, choice, outcome, support)
 
     # An event of the partner that is not an impact does not compete.
     with_first = (events.partner[1] == who[0]) | (events.partner[1] < 0)
@@ -301,6 +321,8 @@ def _solve_due(
         stuck = stuck | (tied & slow & ~choice.tail)
     stuck = jnp.where(stuck, ACCUMULATED, RUNNING)
     status = jnp.where(crowded, TWO_SUPPORTS, stuck)
+    if layout.frictions is not None:
+        status = jnp.where(curves, FRICTION, status)
     return _SolvedImpact(
         before, choice, outcome, support, met + 1, rival, tied, idle, status, alone
     )
@@ -349,6 +371,8 @@ def _tail(
     if any(layout.vibrating):
         # On a shaking wall the bounces do not form a series.
         rests = rests & ~rows_of(jnp.asarray(layout.vibrating), wall)
+    if layout.frictions is not None:
+        rests = rests & ~begins_to_roll(layout, choice)
     low = jnp.square(e * closing) <= 2 * weight * tolerance * rows_of(numbers.radius, choice.first)
     return rests & (e < 1) & low
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..._coupled.rows import rows_of, with_rows
 from ..._coupled.scalars import Number
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
-from ..arrays.flight import Flying, at_once
+from ..arrays.flight import at_once
 from ..bodies.overlap import ROUNDINGS
 from ..contact_times.cells import everywhere, leaving, neighbours
 from ..contact_times.closed_form import curved_time, image_horizon, sphere_time, wall_time
@@ -187,6 +187,10 @@ def _of_walls(layout: SceneLayout, numbers: Numbers, state: RunState, those: _Th
         shaken = shaking_wall_time(gap, fall, weight, *limits, free & shaking)
         wall = jnp.where(shaking, shaken, wall)
     wall = jnp.where(free, wall, jnp.inf)
+    if state.turning is not None:
+        # A ball meets the wall on which it rests when it stops sliding.
+        left = jnp.maximum(rows_of(state.turning.until, who) - now, 0)[:, None]
+        wall = jnp.where(free, wall, left)
     reached = jnp.where(jnp.isfinite(wall), wall, 0)
     rises = fall + weight * reached
     if any(layout.vibrating):
@@ -276,7 +280,7 @@ def flight_at(
     now: Number,
 ) -> tuple[Float[Array, "M D"], Float[Array, "M D"], Float[Array, "M D"]]:
     """Return current positions, velocities and accelerations of some spheres, or of all."""
-    flying = Flying(_of(state.position, who), _of(state.velocity, who), _of(state.time, who))
+    flying = jax.tree.map(lambda all: _of(all, who), state.flying)
     named = jnp.arange(layout.spheres) if who is None else who
     there, pull = at_once(layout, numbers, named, flying, _of(state.support, who), now)
     return there.position, there.velocity, pull

@@ -9,6 +9,8 @@ from jaxtyping import Array, Float, Int
 
 from ..._coupled.rows import with_rows
 from ..._coupled.scalars import Flag, Index, Number
+from ..arrays.flight import Flying
+from ..arrays.turning import Turning
 from ..cluster.equations import ClusterState
 from ..contact_times.cells import Cells
 from ..pair_impact.instantaneous import Choice
@@ -17,8 +19,9 @@ from .cluster_slots import Slots
 PATIENCE = 64
 """The number of impacts for each body without progress in time after which a run stops."""
 
-RUNNING, ACCUMULATED, TWO_SUPPORTS, CROWDED, NOT_CONVERGED, OVER = range(6)
-"""The status of an event loop; OVER: bodies are in contact at the end."""
+RUNNING, ACCUMULATED, TWO_SUPPORTS, CROWDED, NOT_CONVERGED, OVER, FRICTION = range(7)
+"""The status of an event loop. OVER: bodies are in contact at the end. FRICTION: no formula is known
+for it."""
 
 
 class Rules(eqx.Module):
@@ -64,7 +67,9 @@ class Events(NamedTuple):
 
 
 class RunState(NamedTuple):
-    """The spheres, each at its own time, their events, and their cells, if any."""
+    """The spheres, each at its own time, their events, and their cells, if any. `turning` is None
+    without friction.
+    """
 
     position: Float[Array, "N D"]
     velocity: Float[Array, "N D"]
@@ -79,6 +84,12 @@ class RunState(NamedTuple):
     owed: Float[Array, " N"]
     coupling: Coupling | None
     cells: Cells | None
+    turning: Turning | None = None
+
+    @property
+    def flying(self) -> Flying:
+        """The spheres, each at its own time."""
+        return Flying(self.position, self.velocity, self.time, self.turning)
 
     def replace_rows(self, rows: Int[Array, " M"], **columns: Any) -> RunState:
         """Return the state with some rows of its columns replaced, as by `with_rows`."""

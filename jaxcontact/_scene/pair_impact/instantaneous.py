@@ -14,10 +14,13 @@ from jaxtyping import Array, Float, Int
 
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Index, Number
+from ..._impact import Status
 from ..arrays.arrays import Numbers, SceneLayout, restitution_of
 from ..arrays.flight import Flying, at_once
+from ..arrays.turning import free_turning, spin_axes
 from ..bodies.side import side
 from ..result import SolvedBy
+from .friction import Sliding, arms_of, friction_impulse, wall_drift
 
 Lane = Float[Array, "..."]
 
@@ -41,7 +44,7 @@ class Choice(NamedTuple):
 class ImpactOutcome(NamedTuple):
     """The outcome of an impact: the two bodies after it, each at its own time, and its numbers.
     `wall_work` in J is the work of a moving wall or fixed sphere on the body. `solved_by` and
-    `status` (a `Status`) are whole numbers.
+    `status` (a `Status`) are whole numbers. `sliding` is None without friction.
     """
 
     after: Flying
@@ -56,13 +59,18 @@ class ImpactOutcome(NamedTuple):
     wall_work: Lane
     solved_by: Lane
     status: Lane
+    sliding: Sliding | None = None
 
 
 def two_that_meet(layout: SceneLayout, time: Lane) -> Flying:
     """Return two approaching bodies, with finite derivatives, for rows without an impact."""
     ones = jnp.ones((1, layout.dimensions), time.dtype)
     away = jnp.concatenate([ones, -ones])
-    return Flying(away, -away, jnp.stack([time, time]))
+    turning = None
+    if layout.frictions is not None:
+        spin = jnp.zeros((2, spin_axes(layout.dimensions)), time.dtype)
+        turning = free_turning(spin, layout.dimensions)
+    return Flying(away, -away, jnp.stack([time, time]), turning)
 
 
 class Meeting(NamedTuple):
@@ -165,8 +173,8 @@ def hit(layout: SceneLayout, numbers: Numbers, before: Flying, choice: Choice) -
     sign = jnp.asarray([1.0, -1.0], numbers.dtype)
     velocity = meeting.flying.velocity + (sign * inverse)[:, None] * push[None]
     way = jnp.where(choice.tail, int(SolvedBy.SERIES), int(SolvedBy.INSTANTANEOUS))
-    return ImpactOutcome(
-        after=Flying(meeting.flying.position, velocity, meeting.flying.time),
+    outcome = ImpactOutcome(
+        after=meeting.flying._replace(velocity=velocity),
         time=meeting.time,
         closing=closing,
         restitution=lowered,
@@ -180,6 +188,49 @@ def hit(layout: SceneLayout, numbers: Numbers, before: Flying, choice: Choice) -
         solved_by=way.astype(closing.dtype),
         status=jnp.zeros_like(closing),
     )
+    if meeting.flying.turning is None:
+        return outcome
+    return _with_friction(layout, numbers, choice, meeting, outcome)
+
+
+def _with_friction(
+    layout: SceneLayout, numbers: Numbers, choice: Choice, meeting: Meeting, outcome: ImpactOutcome
+) -> ImpactOutcome:
+    """Return an instantaneous impact with the impulse of friction added."""
+    after, turning, normal = outcome.after, meeting.flying.turning, meeting.normal
+    assert turning is not None
+    arms = arms_of(layout, numbers, choice.first, choice.second)
+    carried = second_velocity(layout, numbers, choice, meeting)
+    slip = arms.slip(normal, meeting.flying.velocity[0] - carried, turning.spin)
+    numbers_of_it = outcome.closing, outcome.restitution
+    impulse, sliding, converged = friction_impulse(
+        layout, numbers, choice.first, choice.second, arms, slip, *numbers_of_it
+    )
+    moved, turned = arms.kick(normal, impulse)
+    driven = jnp.where(arms.inverse_mass[1] > 0, 0, jnp.sum(impulse * carried))
+    status = jnp.where(converged, int(Status.SEPARATED), int(Status.NOT_CONVERGED))
+    return outcome._replace(
+        after=after._replace(
+            velocity=after.velocity + moved,
+            turning=turning._replace(spin=turning.spin + turned),
+        ),
+        energy_loss=outcome.energy_loss + arms.lost(slip, impulse),
+        wall_work=outcome.wall_work + driven,
+        sliding=sliding,
+        status=status.astype(outcome.status.dtype),
+    )
+
+
+def second_velocity(
+    layout: SceneLayout, numbers: Numbers, choice: Choice, meeting: Meeting
+) -> Lane:
+    """Return the velocity (D,) of the second body, sphere or wall, at the touch."""
+    if not layout.walls:
+        return meeting.flying.velocity[1]
+    wall = jnp.clip(choice.second - layout.spheres, 0)
+    drift = wall_drift(numbers, wall, meeting.time, meeting.normal)
+    moving = meeting.driven * meeting.normal + drift
+    return jnp.where(choice.second >= layout.spheres, moving, meeting.flying.velocity[1])
 
 
 def driven_work(

@@ -14,7 +14,8 @@ from ..._impact import Status
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, laws_of, least_speed
 from ..arrays.flight import Flying, accelerations
 from ..result import SolvedBy
-from .instantaneous import Choice, ImpactOutcome, driven_work, meeting_of
+from .half_impulses import HalfImpulses, Turned
+from .instantaneous import Choice, ImpactOutcome, driven_work, meeting_of, second_velocity
 from .oblique import oblique
 
 _HEAD_ON = 1e-8
@@ -33,6 +34,7 @@ def soft(
     by_formula: bool = False,
 ) -> ImpactOutcome:
     """Solve an impact with finite duration, exact for a central force; `oblique` does the solve.
+    Friction acts in two halves, see `HalfImpulses`.
 
     The line of centres turns by ψ while the centre of mass moves on. Let n be the unit vector along
     the line and s that along the sliding velocity at touch. The bodies separate at distance d along
@@ -49,8 +51,13 @@ def soft(
     flying, normal = meeting.flying, meeting.normal
     pull = accelerations(layout, numbers, who, choice.support)
     steady = jnp.where(is_wall, meeting.driven * normal, flying.velocity[1])
-    relative = flying.velocity[0] - steady
     closing = jnp.maximum(meeting.closing, least_speed(numbers))
+    halves = None
+    if flying.turning is not None:
+        steady = second_velocity(layout, numbers, choice, meeting)
+        halves = HalfImpulses.of(layout, numbers, choice, meeting, steady)
+        flying = halves.at_touch(flying)
+    relative = flying.velocity[0] - steady
     across = relative + meeting.closing * normal
     square = jnp.sum(jnp.square(across))
     # A head-on impact is the limit of oblique ones. Turn and sliding are proportional, and all else
@@ -113,8 +120,9 @@ def soft(
     velocity = jnp.stack([jnp.where(is_wall, off_wall, fast), slow])
     until = meeting.time + passed
     impulse = contact.mass * (parting + closing + pressing * passed)
-    return ImpactOutcome(
-        after=Flying(position, velocity, jnp.broadcast_to(until, (2,))),
+    after = Flying(position, velocity, jnp.broadcast_to(until, (2,)), flying.turning)
+    outcome = ImpactOutcome(
+        after=after,
         time=meeting.time,
         closing=closing,
         restitution=clean.restitution,
@@ -128,3 +136,18 @@ def soft(
         solved_by=(int(SolvedBy.CLOSED_FORM) + rebound.solved_by).astype(closing.dtype),
         status=rebound.status.astype(closing.dtype),
     )
+    if halves is None:
+        return outcome
+    squared = jnp.where(straight, 0, 1) / jnp.where(straight, 1, square)
+    turned = Turned(
+        normal=normal,
+        across=across,
+        after=along,
+        beside=beside,
+        per_square=squared,
+        curvature=jnp.where(is_wall, 0, 1 / distance),
+        elapsed=passed,
+        normal_impulse=1 + clean.restitution + pressing * passed / closing,
+        level=jnp.where(is_wall, jnp.sum(jnp.abs(level)), 0),
+    )
+    return halves.at_separation(outcome, turned)

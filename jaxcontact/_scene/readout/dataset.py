@@ -17,6 +17,9 @@ _MEANING = {
     "time": ("time", "s"),
     "position": ("position of the centre", "m"),
     "velocity": ("velocity", "m/s"),
+    "spin": ("spin", "rad/s"),
+    "slip": ("sliding speed before", "m/s"),
+    "slip_after": ("sliding speed after, negative after a reversal", "m/s"),
     "energy": ("energy: kinetic, weight, stored in contacts", "J"),
     "radius": ("radius", "m"),
     "mass": ("mass, infinite where fixed", "kg"),
@@ -65,7 +68,10 @@ def dataset(
         "body_name": (("body",), list(impacts.names)),
     }
     arrays |= {name: (("impact",), column) for name, column in columns.items() if name != "time"}
-    masses = [sphere.inertia() for sphere in scene.spheres]
+    if states.spin is not None:
+        axes = ("time", "sphere", "axis")[: states.spin.ndim]
+        arrays["spin"] = (axes, np.asarray(states.spin))
+    masses = [sphere.known_mass() for sphere in scene.spheres]
     coordinates: dict[str, Any] = {
         "time": (("time",), np.asarray(states.time)),
         "sphere": (("sphere",), list(bodies)),

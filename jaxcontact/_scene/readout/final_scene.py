@@ -70,6 +70,7 @@ def _underway(record: RunRecord, last: Entries) -> Underway:
         position=mine.position,
         velocity=mine.velocity,
         time=jnp.where(inside, mine.time - time, 0),
+        turning=mine.turning,
     )
 
 

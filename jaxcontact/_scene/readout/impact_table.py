@@ -14,6 +14,7 @@ from ..._coupled.scalars import Index
 from ..arrays.arrays import Numbers, SceneLayout
 from ..engine.cluster_slots import Slots, bodies_of, pairs_of, slot_pairs
 from ..engine.log import ClusterDecisions, ClusterNumbers
+from ..pair_impact.rolling import begins_to_roll
 from ..result import Ending, Impacts, SolvedBy, nan_unless
 from ..run_record import RunRecord
 
@@ -108,11 +109,15 @@ def _isolated_impacts(record: RunRecord) -> Impacts:
     outcome, facts, valid = record.log.figures.outcome, record.log.facts, record.counts
     if record.calls is not None:
         valid = valid & ~record.calls
+    if record.layout.frictions is not None:
+        # The end of sliding on a wall is not an impact.
+        rolls = begins_to_roll(record.layout, facts.choice)
+        valid = valid & ~rolls
     choice, way = facts.choice, outcome.solved_by.astype(int)
     return Impacts(
         outcome.time, choice.first, choice.second, choice.second, outcome.closing,
         outcome.restitution, outcome.duration, outcome.max_force, outcome.energy_loss,
-        outcome.turn, way, outcome.error, facts.tied, valid, (),
+        outcome.turn, way, outcome.error, facts.tied, valid, (), *(outcome.sliding or (None, None)),
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from ..._coupled.rows import rows_of, with_rows
 from ..._coupled.stored_energy import stored_energy
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, law_of
 from ..arrays.flight import Flying
+from ..arrays.turning import Turning
 from ..engine.cluster_slots import Slots, all_fit, empty_slots, in_line, index_of, joins, no_change
 from ..engine.coupled import Call, as_flags, blank_state, call, contact_energy, meets
 from ..engine.log import last_call
@@ -20,11 +21,14 @@ from ..run_record import RunRecord
 
 
 class Kinematics(NamedTuple):
-    """Positions and velocities (T, N, D), and the elastic energy `stored` in contacts (T,)."""
+    """Positions and velocities (T, N, D), and the elastic energy `stored` in contacts (T,). `spin`
+    (T, N, S) is None without friction.
+    """
 
     position: Float[Array, "T N D"]
     velocity: Float[Array, "T N D"]
     stored: Float[Array, " T"]
+    spin: Float[Array, "T N S"] | None = None
 
 
 class Entries(NamedTuple):
@@ -39,6 +43,7 @@ class Entries(NamedTuple):
     support: Array
     row: Array
     held: Array
+    turning: Turning | None = None
 
 
 def in_contacts(

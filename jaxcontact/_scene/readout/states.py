@@ -17,6 +17,7 @@ from ..arrays.arrays import SceneLayout
 from ..arrays.flight import accelerations
 from ..engine.cluster_slots import slot_pairs
 from ..engine.log import Log, last_call
+from ..pair_impact.rolling import turning_at_start
 from ..result import States, nan_unless
 from ..run_record import RunRecord
 from .inside_contacts import Entries, Kinematics, at_rest, energy_at_ends, in_contacts
@@ -81,13 +82,16 @@ def states_of(record: RunRecord, times: Float[Array, " T"]) -> States:
 
 
 def _states(record: RunRecord, times: Array, states: Kinematics) -> States:
-    position, velocity, stored = states
+    position, velocity, stored, spin = states
     energy = _energy_of(record, position, velocity) + stored
-    position, velocity = (x[:, : record.layout.visible] for x in (position, velocity))
     valid = (times >= 0) & (times <= record.ending()[1])
-    return States(
-        times, nan_unless(position, valid), nan_unless(velocity, valid), nan_unless(energy, valid)
-    )
+    if spin is not None and record.numbers.rotation is not None:
+        energy = energy + jnp.sum(record.numbers.rotation.energy(spin), axis=-1)
+        spin = nan_unless(spin[:, : record.layout.visible], valid)
+        spin = spin[..., 0] if record.layout.dimensions == 2 else spin
+    position, velocity = (x[:, : record.layout.visible] for x in (position, velocity))
+    position, velocity, energy = (nan_unless(x, valid) for x in (position, velocity, energy))
+    return States(times, position, velocity, energy, spin)
 
 
 def kinematics_at(record: RunRecord, times: Float[Array, " T"]) -> Kinematics:
@@ -99,7 +103,16 @@ def kinematics_at(record: RunRecord, times: Float[Array, " T"]) -> Kinematics:
         return kinematics_in_log(record, times)[0]
     last = last_impacts(record, times)
     here = _in_flight(record, times, last)
+    if record.layout.frictions is not None:
+        # The motion within a contact with friction is not solved.
+        inside = (times[:, None] < last.began) & (last.row >= 0)
+        return jax.tree.map(lambda x: nan_unless(x, _along_axes(~inside, x)), here)
     return _with_prescribed(record, times, in_contacts(record, times, last, here))
+
+
+def _along_axes(each: Bool[Array, "T N"], value: Array) -> Array:
+    """Return flags for the leading axes of a value: for each sphere, or for all of them."""
+    return each if value.ndim > 1 else jnp.all(each, axis=1)
 
 
 def kinematics_in_log(
@@ -124,12 +137,16 @@ def _in_flight(record: RunRecord, times: Float[Array, " T"], last: Entries) -> K
     layout, numbers = record.layout, record.numbers
     count, dimensions = layout.spheres, layout.dimensions
     who = jnp.tile(jnp.arange(count), times.shape[0])
-    pull = accelerations(layout, numbers, who, last.support.reshape(-1))
+    pull, spin = accelerations(layout, numbers, who, last.support.reshape(-1)), None
     since = (times[:, None] - last.began)[..., None]
     pull = pull.reshape(times.shape[0], count, dimensions)
+    if last.turning is not None:
+        pull = pull + last.turning.drag
+        spin = last.turning.spin + last.turning.twist * since
     velocity = last.velocity + pull * since
     position = last.position + (last.velocity + velocity) / 2 * since
-    return _with_prescribed(record, times, Kinematics(position, velocity, jnp.zeros_like(times)))
+    states = Kinematics(position, velocity, jnp.zeros_like(times), spin)
+    return _with_prescribed(record, times, states)
 
 
 def _with_prescribed(
@@ -204,8 +221,13 @@ def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
     wanted = jnp.arange(count)[None] * (rows + 1) + passed[:, None]
     rank = jnp.searchsorted(keys[order], wanted.reshape(-1), side="right") - 1
     entry = order[rank].reshape(wanted.shape)
+    turning = turning_at_start(layout, numbers)
+    if turning is not None:
+        parts = (turning, *(jax.tree.map(lambda x, k=k: x[:, k], after.turning) for k in (0, 1)))
+        turning = jax.tree.map(lambda *column: jnp.concatenate(column)[entry], *parts)
     return Entries(
-        *(jnp.concatenate(column)[entry] for column in (place, speed, began, support, pairs, held))
+        *(jnp.concatenate(column)[entry] for column in (place, speed, began, support, pairs, held)),
+        turning,
     )
 
 

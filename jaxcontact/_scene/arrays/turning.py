@@ -1,0 +1,82 @@
+"""Rotation of bodies: products with spins, and the numbers that only friction needs.
+
+A spin is one number in two dimensions, (1,), and a vector in three, (3,). With the unit normal n
+from the second body to the first and the radii R1 and R2 (negative for a shell) the contact point
+slides at u = v1 - v2 - (R1 ω1 + R2 ω2) × n. R1 + R2 is the distance of the centres at touch, so that
+an impulse J at the contact point keeps the angular momentum: Δω_i = -R_i n × J / I_i.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .movers import Movers
+
+Lane = Float[Array, "..."]
+
+
+class Turning(NamedTuple):
+    """The rotation of bodies, and their friction on the walls on which they rest.
+
+    `spin` (M, S) is in rad/s at the time of the state. `drag` (M, D) in m/s² and `twist` (M, S) in
+    rad/s² are the accelerations by friction. A body slides `until` (M,) that time in s; infinite
+    for one that does not.
+    """
+
+    spin: Lane
+    drag: Lane
+    twist: Lane
+    until: Lane
+
+
+class Rotation(eqx.Module):
+    """The numbers of a scene that only friction needs.
+
+    `spin` (N, S) is in rad/s. `inverse_inertia` (B,) is 0 for bodies that do not turn.
+    `shear_compliance` (B,) of the materials is None if not known. `drift` is the motion of the
+    walls in space, None if all are at rest.
+    """
+
+    spin: Float[Array, "N S"]
+    inverse_inertia: Float[Array, " B"]
+    shear_compliance: Float[Array, " B"] | None
+    drift: Movers | None
+    laws: tuple[Any, ...]
+
+    def energy(self, spin: Float[Array, "... N S"]) -> Float[Array, "... N"]:
+        """Return ½ I ω² of the spheres in J."""
+        inverse = self.inverse_inertia[: spin.shape[-2]]
+        turns = inverse > 0
+        inertia = jnp.where(turns, 1 / jnp.where(turns, inverse, 1), 0)
+        axes = (1,) * (spin.ndim - 2)
+        return jnp.sum(jnp.square(spin), axis=-1) * inertia.reshape(*axes, -1) / 2
+
+
+def free_turning(spin: Lane, dimensions: int) -> Turning:
+    """Return spins (M, S) of bodies in flight."""
+    count = spin.shape[0]
+    none = jnp.zeros((count, dimensions), spin.dtype)
+    return Turning(spin, none, jnp.zeros_like(spin), jnp.full(count, jnp.inf, spin.dtype))
+
+
+def spin_axes(dimensions: int) -> int:
+    """Return the number of components of a spin."""
+    return 1 if dimensions == 2 else 3
+
+
+def cross(one: Lane, other: Lane) -> Lane:
+    """Return the product of two vectors (..., D) as a spin (..., S)."""
+    if one.shape[-1] == 3:
+        return jnp.cross(one, other)
+    return (one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])[..., None]
+
+
+def swept(spin: Lane, arm: Lane) -> Lane:
+    """Return the velocity ω × r (..., D) of a spin (..., S) at an arm (..., D)."""
+    if arm.shape[-1] == 3:
+        return jnp.cross(spin, arm)
+    return spin * jnp.stack([-arm[..., 1], arm[..., 0]], axis=-1)

@@ -1,0 +1,169 @@
+"""The friction of an impact: the tangential impulse of a friction law, and its effect on both bodies.
+
+The normal is that of the touch. With the effective mass m, 1/m_t = 1/m + R1²/I1 + R2²/I2 and the
+slip velocity u of the contact point, the impulse is J = m_t (u' - u), where u' = u |u'|/|u| follows
+from the law. The friction takes the energy m_t (u² - u'²)/2. See `arrays/turning.py` for the signs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..._coupled.rows import rows_of
+from ..._coupled.scalars import Flag, Index, Number
+from ..._friction import AbstractFriction
+from ..._friction.base import Outcome, Tangential
+from ..arrays.arrays import Numbers, SceneLayout, contact_of, laws_of, least_speed
+from ..arrays.turning import cross, swept
+from ..bodies.mixed_law import one_of_each
+
+Lane = Float[Array, "..."]
+
+_AT_REST = 1e-8
+"""The slip, relative to the closing speed, below which it only gives the direction's derivative."""
+
+
+class Sliding(NamedTuple):
+    """The slip speeds before and after an impact in m/s; the second is negative after a reversal."""
+
+    before: Number
+    after: Number
+
+
+class Arms(NamedTuple):
+    """The numbers of two bodies at a contact: `radius` and 1/I (2,), 1/m (2,) and 1/m_t."""
+
+    radius: Float[Array, "2"]
+    inverse_inertia: Float[Array, "2"]
+    inverse_mass: Float[Array, "2"]
+    tangential: Number
+
+    def slip(self, normal: Lane, relative: Lane, spin: Lane) -> Lane:
+        """Return the slip velocity (D,) of the contact point, from v1 - v2 and the spins (2, S)."""
+        turned = swept(jnp.sum(self.radius[:, None] * spin, axis=0), normal)
+        return relative - jnp.sum(relative * normal) * normal - turned
+
+    def kick(self, normal: Lane, impulse: Lane) -> tuple[Lane, Lane]:
+        """Return the changes of the velocities (2, D) and spins (2, S) by an impulse (D,)."""
+        signs = jnp.asarray([1.0, -1.0], impulse.dtype)
+        turn = cross(normal, impulse)
+        share = -self.radius * self.inverse_inertia
+        return (signs * self.inverse_mass)[:, None] * impulse[None], share[:, None] * turn[None]
+
+    def lost(self, slip: Lane, impulse: Lane) -> Number:
+        """Return the energy that an impulse takes at a slip before it, in J."""
+        return -jnp.sum(impulse * (slip + self.tangential * impulse / 2))
+
+
+def arms_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Arms:
+    """Return the numbers of bodies i and j; a wall has none."""
+    assert numbers.rotation is not None
+    two = jnp.stack([i, j])
+    flat = jnp.zeros(layout.walls, numbers.dtype)
+    radius = rows_of(jnp.concatenate([numbers.radius, flat]), two)
+    turns, inverse = rows_of((numbers.rotation.inverse_inertia, numbers.inverse_mass), two)
+    return Arms(radius, turns, inverse, jnp.sum(inverse) + jnp.sum(jnp.square(radius) * turns))
+
+
+def friction_impulse(
+    layout: SceneLayout,
+    numbers: Numbers,
+    i: Index,
+    j: Index,
+    arms: Arms,
+    slip: Lane,
+    closing: Number,
+    restitution: Number,
+) -> tuple[Lane, Sliding, Flag]:
+    """Return the impulse (D,) on body i in N s, the slip speeds, and whether the law converged."""
+    # A closing speed of zero has no impulse.
+    speed = jnp.maximum(closing, least_speed(numbers))
+    square, least = jnp.sum(jnp.square(slip)), jax.lax.stop_gradient(_AT_REST * speed)
+    slow = square <= jnp.square(least)
+    size = jnp.where(slow, least, jnp.sqrt(jnp.where(slow, 1, square)))
+    inverse = jnp.sum(arms.inverse_mass)
+    problem = Tangential(
+        slip=size / speed,
+        mobility=arms.tangential / jnp.where(inverse > 0, inverse, 1),
+        restitution=restitution,
+        alpha=_damping_of(layout, numbers, i, j, speed),
+        exponent=numbers.exponent.value,
+        ratio=_ratio_of(numbers, i, j),
+        speed=speed,
+    )
+    laws, kind = _frictions_of(layout, numbers, i, j)
+
+    def of(law: AbstractFriction) -> Callable[[Tangential], tuple[Number, Flag]]:
+        def rebound(problem: Tangential) -> tuple[Number, Flag]:
+            outcome: Outcome = law.rebound(problem)
+            return outcome.slip, jnp.asarray(outcome.converged)
+
+        return rebound
+
+    rebounds = [of(law) for law in laws]
+    left, converged = (
+        rebounds[0](problem) if len(laws) == 1 else jax.lax.switch(kind, rebounds, problem)
+    )
+    kept = left * speed / size
+    # No impulse without a normal one.
+    impulse = (kept - 1) * slip / jnp.where(arms.tangential > 0, arms.tangential, 1)
+    impulse = impulse * (closing / speed)
+    before = jnp.where(slow, 0, size)
+    return impulse, Sliding(before, kept * before), converged
+
+
+def _frictions_of(
+    layout: SceneLayout, numbers: Numbers, i: Index, j: Index
+) -> tuple[list[AbstractFriction], Index]:
+    """Return a friction law of every kind, and the kind of that of bodies i and j."""
+    assert numbers.rotation is not None and layout.frictions is not None
+    laws = numbers.rotation.laws
+    if len(laws) == 1:
+        return list(laws), jnp.asarray(0)
+    return one_of_each(laws, layout.chosen(layout.frictions, i, j))
+
+
+def coefficient_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Number:
+    """Return the friction coefficient μ of bodies i and j."""
+    assert numbers.rotation is not None and layout.frictions is not None
+    each = jnp.stack([law.mu for law in numbers.rotation.laws])
+    if not layout.frictions:
+        return each[0]
+    return rows_of(each, layout.chosen(layout.frictions, i, j))
+
+
+def _damping_of(
+    layout: SceneLayout, numbers: Numbers, i: Index, j: Index, speed: Number
+) -> Number | None:
+    """Return the α of the normal force; None if a law of the scene has none."""
+    laws, kind = laws_of(layout, numbers, i, j)
+    contact = contact_of(layout, numbers, i, j)
+    try:
+        each = [jnp.asarray(law.damping_factor(contact, speed), speed.dtype) for law in laws]
+    except ValueError:
+        return None
+    return each[0] if len(each) == 1 else rows_of(jnp.stack(each), kind)
+
+
+def _ratio_of(numbers: Numbers, i: Index, j: Index) -> Number | None:
+    """Return 4G*/E* of the materials; None if they are not known."""
+    shear = None if numbers.rotation is None else numbers.rotation.shear_compliance
+    if shear is None or numbers.compliance is None:
+        return None
+    (soft, sheared), (softer, more) = (rows_of((numbers.compliance, shear), k) for k in (i, j))
+    both = sheared + more
+    return 4 * (soft + softer) / jnp.where(both > 0, both, 1)
+
+
+def wall_drift(numbers: Numbers, wall: Index, time: Number, normal: Lane) -> Lane:
+    """Return the velocity (D,) of a wall along itself, in m/s."""
+    drift = None if numbers.rotation is None else numbers.rotation.drift
+    if drift is None:
+        return jnp.zeros_like(normal)
+    velocity = rows_of(drift.velocity(time), wall)
+    return velocity - jnp.sum(velocity * normal) * normal

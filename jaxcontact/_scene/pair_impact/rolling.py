@@ -1,0 +1,158 @@
+"""Balls at rest on walls: sliding and rolling by formulas.
+
+On a wall with the unit normal n that moves at w along itself the contact point slides at
+u = v - w - R ω × n. Gravity has the part g_n into the wall and g_t along it. A friction a = F/m on
+the centre gives ω' = -R m/I n × a and u' = g_t + λ a with λ = 1 + m R²/I. A ball that slides has
+a = -μ g_n u/|u|, one that rolls a = -g_t/λ, as long as |g_t| <= λ μ g_n. Without slope and without
+spin it begins to roll after 2 v0/(7 μ g), at ω = 5 v0/(7 R). The formulas hold for sliding along a
+straight line: on a level wall, in the plane, or down a slope.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..._coupled.rows import rows_of
+from ..._coupled.scalars import Flag
+from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.flight import Flying, at_once
+from ..arrays.turning import Turning, cross, free_turning, swept
+from .friction import coefficient_of, wall_drift
+from .instantaneous import Choice, ImpactOutcome, hit
+
+_ROUNDINGS = 64
+"""The rounding errors of a speed below which a ball rolls."""
+
+
+def begins_to_roll(layout: SceneLayout, choice: Choice) -> Flag:
+    """Return whether an event is the end of sliding on the wall on which the first body rests."""
+    on = choice.support[..., 0]
+    return (on >= 0) & (choice.second - layout.spheres == on)
+
+
+def hit_or_roll(
+    layout: SceneLayout, numbers: Numbers, before: Flying, choice: Choice
+) -> ImpactOutcome:
+    """Return an instantaneous impact, or the end of sliding of the first body, which has no
+    impulse.
+    """
+    outcome, turning = hit(layout, numbers, before, choice), before.turning
+    if turning is None:
+        return outcome
+    rolls = begins_to_roll(layout, choice)
+    until = jnp.where(rolls, turning.until[0], choice.time)
+    who = jnp.stack([choice.first, choice.first])
+    after = at_once(layout, numbers, who, before, choice.support, until)[0]
+    nothing = jax.tree.map(jnp.zeros_like, outcome)
+    event = nothing._replace(after=after, time=until)
+    return jax.tree.map(lambda a, b: jnp.where(rolls, a, b), event, outcome)
+
+
+def with_friction_at_rest(
+    layout: SceneLayout,
+    numbers: Numbers,
+    choice: Choice,
+    outcome: ImpactOutcome,
+    support: Int[Array, "2"],
+) -> tuple[ImpactOutcome, Flag]:
+    """Return an event after which the bodies rub on the walls on which they rest, and whether no
+    formula holds for that.
+    """
+    second = jnp.minimum(choice.second, layout.spheres - 1)
+    who = jnp.stack([choice.first, second])
+    rolls = jnp.stack([begins_to_roll(layout, choice), jnp.asarray(False)])
+    turning, bent = _on_walls(layout, numbers, who, support, outcome.after, rolls)
+    # A wall has no row of its own.
+    bent = bent & jnp.stack([jnp.asarray(True), choice.second < layout.spheres])
+    return outcome._replace(after=outcome.after._replace(turning=turning)), jnp.any(bent)
+
+
+def turning_at_start(layout: SceneLayout, numbers: Numbers) -> Turning | None:
+    """Return the rotation of all spheres at time zero; None without friction."""
+    if numbers.rotation is None:
+        return None
+    turning = free_turning(numbers.rotation.spin, layout.dimensions)
+    if numbers.start is None:
+        return turning
+    count = layout.spheres
+    flying = Flying(numbers.position, numbers.velocity, jnp.zeros(count, numbers.dtype), turning)
+    rolls = jnp.zeros(count, bool)
+    return _on_walls(layout, numbers, jnp.arange(count), numbers.start.support, flying, rolls)[0]
+
+
+def _on_walls(
+    layout: SceneLayout,
+    numbers: Numbers,
+    who: Int[Array, " M"],
+    support: Int[Array, " M"],
+    flying: Flying,
+    rolls: Bool[Array, " M"],
+) -> tuple[Turning, Bool[Array, " M"]]:
+    """Return the rotation of bodies with their friction at rest, and which of them slide along a
+    curve. `rolls` marks bodies that have just stopped sliding.
+    """
+    assert flying.turning is not None and numbers.rotation is not None
+    turning = flying.turning
+    if not (layout.walls and layout.gravity):
+        return _released(turning), jnp.zeros(who.shape, bool)
+    on = jnp.maximum(support, 0)
+    normal, slope = rows_of(numbers.normal, on), rows_of(numbers.pull, on + 1)
+    drift = jax.vmap(lambda wall, time, n: wall_drift(numbers, wall, time, n))(
+        on, flying.time, normal
+    )
+    mu = jax.vmap(lambda i, wall: coefficient_of(layout, numbers, i, layout.spheres + wall))(
+        who, on
+    )
+    radius, turns = rows_of((numbers.radius, numbers.rotation.inverse_inertia), who)
+    inverse = rows_of(numbers.inverse_mass, who)
+    lever = radius * turns / jnp.where(inverse > 0, inverse, 1)
+    mobility = (1 + radius * lever)[:, None]
+    grip = mu * jnp.maximum(-jnp.sum(normal * numbers.gravity[None], axis=-1), 0)
+
+    level = flying.velocity - jnp.sum(flying.velocity * normal, axis=-1, keepdims=True) * normal
+    slip = level - drift - radius[:, None] * swept(turning.spin, normal)
+    speed, along = _length_and_direction(slip)
+    steep, down = _length_and_direction(slope)
+    fast = jnp.sqrt(jnp.sum(jnp.square(level - drift), axis=-1)) + jnp.abs(radius) * jnp.sqrt(
+        jnp.sum(jnp.square(turning.spin), axis=-1)
+    )
+    eps = jnp.finfo(numbers.dtype).eps
+    still = rolls | (speed <= _ROUNDINGS * eps * fast)
+    holds = steep <= mobility[:, 0] * grip
+    rolling = -slope / mobility
+    sliding = -grip[:, None] * jnp.where(still[:, None], down, along)
+    drag = jnp.where((still & holds)[:, None], rolling, sliding)
+    change = jnp.sum((slope + mobility * drag) * along, axis=-1)
+    stops = ~still & (change < 0)
+    left = speed / jnp.where(stops, -change, 1)
+    until = jnp.where(stops, flying.time + left, jnp.inf)
+    aside = slope - jnp.sum(slope * along, axis=-1, keepdims=True) * along
+    weight = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity)))
+    curves = jnp.max(jnp.abs(aside), axis=-1) > _ROUNDINGS * eps * weight
+    rests = support >= 0
+
+    def kept(value: Float[Array, "M ..."]) -> Float[Array, "M ..."]:
+        return jnp.where(rests.reshape(-1, *(1,) * (value.ndim - 1)), value, 0)
+
+    turned = -lever[:, None] * cross(normal, drag)
+    until = jnp.where(rests, until, jnp.inf)
+    return (
+        Turning(turning.spin, kept(drag), kept(turned), until),
+        rests & ~still & curves & (grip > 0),
+    )
+
+
+def _length_and_direction(vectors: Float[Array, "M D"]) -> tuple[Array, Array]:
+    """Return the lengths, and unit vectors; both are zero for vectors of zero length."""
+    square = jnp.sum(jnp.square(vectors), axis=-1)
+    none = square == 0
+    length = jnp.where(none, 0, jnp.sqrt(jnp.where(none, 1, square)))
+    return length, vectors / jnp.where(none, 1, length)[:, None]
+
+
+def _released(turning: Turning) -> Turning:
+    """Return the rotation of bodies in flight."""
+    drag, twist = jnp.zeros_like(turning.drag), jnp.zeros_like(turning.twist)
+    return Turning(turning.spin, drag, twist, jnp.full_like(turning.until, jnp.inf))
