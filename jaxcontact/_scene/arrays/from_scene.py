@@ -233,9 +233,8 @@ def _drift(parts: SceneInputs, layout: SceneLayout) -> Movers | None:
     along = [motions[k] for k in layout.body[layout.spheres :]]
     if all(motion is None for motion in along):
         return None
-    rest = still()._replace(
-        speed=np.zeros(layout.dimensions), amplitude=np.zeros(layout.dimensions)
-    )
+    none = np.zeros(layout.dimensions)
+    rest = still()._replace(speed=none, amplitude=none)
     return _movers([rest if motion is None else motion for motion in along], parts.dtype)
 
 

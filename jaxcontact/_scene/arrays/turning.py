@@ -2,8 +2,8 @@
 
 A spin is one number in two dimensions, (1,), and a vector in three, (3,). With the unit normal n
 from the second body to the first and the radii R1 and R2 (negative for a shell) the contact point
-slides at u = v1 - v2 - (R1 ω1 + R2 ω2) × n. R1 + R2 is the distance of the centres at touch, so that
-an impulse J at the contact point keeps the angular momentum: Δω_i = -R_i n × J / I_i.
+slides at u = v1 - v2 - (R1 ω1 + R2 ω2) × n. R1 + R2 is the distance of the centres at touch, so
+that an impulse J at the contact point keeps the angular momentum: Δω_i = -R_i n × J / I_i.
 """
 
 from __future__ import annotations

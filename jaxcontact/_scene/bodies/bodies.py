@@ -153,7 +153,8 @@ class Sphere(AbstractBody):
                 if value is not None:
                     raise ValueError(
                         f"Argument `{other}` must be None for a sphere with `fixed=True`, whose "
-                        f"mass is infinite and which does not move or turn, but is {rendered(value)}."
+                        "mass is infinite and which does not move or turn, but is "
+                        f"{rendered(value)}."
                     )
         elif mass is None and (material is None or material.density is None):
             raise ValueError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +12,10 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact
 from ..._coupled.scalars import Index
+from ..._friction import AbstractFriction
 from ..._laws import AbstractLaw, force_of
+
+Law = TypeVar("Law", AbstractLaw, AbstractFriction)
 
 
 class MixedLaw(AbstractLaw):
@@ -42,7 +46,7 @@ class MixedLaw(AbstractLaw):
         return first
 
 
-def one_of_each(laws: Sequence[AbstractLaw], which: Index) -> tuple[list[AbstractLaw], Index]:
+def one_of_each(laws: Sequence[Law], which: Index) -> tuple[list[Law], Index]:
     """Return a law of every kind, and the kind of law number `which`. The entry of that kind is the
     law itself. The other entries are arbitrary laws of their kinds, with valid numbers.
     """

@@ -105,9 +105,10 @@ def is_isolated(
         if layout.walls:
             face = numbers.normal[jnp.clip(choice.second - count, 0)]
             # Gravity along a wall has no effect. For gravity normal to it the pair solution uses v0
-            # at touch.
+            # at touch. So does every impact with friction.
             weight = jnp.sum(face * pull[who[0]])
-            bend = jnp.where(is_wall, face * (0 if rules.v0 == "touch" else weight), bend)
+            at_touch = rules.v0 == "touch" or layout.frictions is not None
+            bend = jnp.where(is_wall, face * (0 if at_touch else weight), bend)
         alone = alone & jnp.all(bend == 0)
     return alone & jnp.all(choice.support < 0)
 

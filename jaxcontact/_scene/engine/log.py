@@ -109,7 +109,9 @@ def blank_log(rows: int, layout: SceneLayout, dtype: Any, members: int) -> Log:
     if members:
         together, called = repeat(blank_calls(layout, members, dtype))
     facts = LogDecisions(choice, jnp.zeros((rows, 2), int) - 1, jnp.zeros(rows, bool), each, called)
-    outcome = ImpactOutcome(flying, *[each] * (len(ImpactOutcome._fields) - 2), sliding)
+    columns: dict[str, Any] = dict.fromkeys(ImpactOutcome._fields, each)
+    columns |= {"after": flying, "sliding": sliding}
+    outcome = ImpactOutcome(**columns)
     return Log(LogNumbers(flying, outcome, together), facts)
 
 

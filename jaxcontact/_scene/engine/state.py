@@ -20,8 +20,8 @@ PATIENCE = 64
 """The number of impacts for each body without progress in time after which a run stops."""
 
 RUNNING, ACCUMULATED, TWO_SUPPORTS, CROWDED, NOT_CONVERGED, OVER, FRICTION = range(7)
-"""The status of an event loop. OVER: bodies are in contact at the end. FRICTION: no formula is known
-for it."""
+"""The status of an event loop. OVER: bodies are in contact at the end. FRICTION: it acts where
+no formula is known."""
 
 
 class Rules(eqx.Module):

@@ -1,4 +1,4 @@
-"""The friction of an impact: the tangential impulse of a friction law, and its effect on both bodies.
+"""The friction of an impact: the tangential impulse of a law, and its effect on both bodies.
 
 The normal is that of the touch. With the effective mass m, 1/m_t = 1/m + R1²/I1 + R2²/I2 and the
 slip velocity u of the contact point, the impulse is J = m_t (u' - u), where u' = u |u'|/|u| follows
@@ -29,7 +29,7 @@ _AT_REST = 1e-8
 
 
 class Sliding(NamedTuple):
-    """The slip speeds before and after an impact in m/s; the second is negative after a reversal."""
+    """The slip speeds before and after an impact in m/s; `after` is negative after a reversal."""
 
     before: Number
     after: Number

@@ -118,13 +118,13 @@ class HalfImpulses(NamedTuple):
         return jnp.where(is_wall, self.carried, after.velocity[1])
 
     def _doubt(self, outcome: ImpactOutcome, turned: Turned, whole: Lane) -> Number:
-        """Return the error of the frozen normal relative to the closing speed: the velocities, times
-        half of the angle by which friction changes the turn; and the sliding speed that gravity
-        adds along a wall.
+        """Return the error of the frozen normal relative to the closing speed. It is the speed,
+        times the angle by which friction changes the turn, and the sliding speed that gravity adds
+        along a wall.
         """
         inverse = jnp.sum(self.arms.inverse_mass)
         changed = jnp.sqrt(jnp.sum(jnp.square(whole))) * inverse
-        angle = changed * turned.elapsed * jnp.abs(turned.curvature) / 2
+        angle = changed * turned.elapsed * jnp.abs(turned.curvature)
         speed = jnp.hypot(outcome.closing, jnp.sqrt(jnp.sum(jnp.square(turned.across))))
         return (angle * speed + turned.level * turned.elapsed) / outcome.closing
 

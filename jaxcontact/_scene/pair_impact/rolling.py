@@ -102,9 +102,8 @@ def _on_walls(
     drift = jax.vmap(lambda wall, time, n: wall_drift(numbers, wall, time, n))(
         on, flying.time, normal
     )
-    mu = jax.vmap(lambda i, wall: coefficient_of(layout, numbers, i, layout.spheres + wall))(
-        who, on
-    )
+    walls = layout.spheres + on
+    mu = jax.vmap(lambda i, wall: coefficient_of(layout, numbers, i, wall))(who, walls)
     radius, turns = rows_of((numbers.radius, numbers.rotation.inverse_inertia), who)
     inverse = rows_of(numbers.inverse_mass, who)
     lever = radius * turns / jnp.where(inverse > 0, inverse, 1)

@@ -54,9 +54,10 @@ def soft(
     closing = jnp.maximum(meeting.closing, least_speed(numbers))
     halves = None
     if flying.turning is not None:
-        steady = second_velocity(layout, numbers, choice, meeting)
-        halves = HalfImpulses.of(layout, numbers, choice, meeting, steady)
+        carried = second_velocity(layout, numbers, choice, meeting)
+        halves = HalfImpulses.of(layout, numbers, choice, meeting, carried)
         flying = halves.at_touch(flying)
+        steady = jnp.where(is_wall, carried, flying.velocity[1])
     relative = flying.velocity[0] - steady
     across = relative + meeting.closing * normal
     square = jnp.sum(jnp.square(across))

@@ -225,10 +225,9 @@ def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
     if turning is not None:
         parts = (turning, *(jax.tree.map(lambda x, k=k: x[:, k], after.turning) for k in (0, 1)))
         turning = jax.tree.map(lambda *column: jnp.concatenate(column)[entry], *parts)
-    return Entries(
-        *(jnp.concatenate(column)[entry] for column in (place, speed, began, support, pairs, held)),
-        turning,
-    )
+    columns = (place, speed, began, support, pairs, held)
+    here = (jnp.concatenate(column)[entry] for column in columns)
+    return Entries(*here)._replace(turning=turning)
 
 
 def _resting(layout: SceneLayout, log: Log) -> tuple[Int[Array, "K M"], Float[Array, "K M"]]:

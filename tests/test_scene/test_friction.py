@@ -1,0 +1,351 @@
+"""Scenes with friction: impacts, angular momentum, energy, symmetry, sliding and rolling."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+
+ROUNDING = 2e-14
+"""Momentum, angular momentum and energy of an instantaneous impact, relative: measured 3e-15."""
+
+FORMULA = 1e-12
+"""Times, speeds and spins beside formulas and event-driven integrations: measured 2e-14."""
+
+G = 9.8
+LAWS = {
+    "rigid": jc.RigidCoulomb(mu=0.25),
+    "walton": jc.WaltonFriction(mu=0.25, beta0=0.5),
+    "regularized": jc.RegularizedCoulomb(mu=0.25, v_d=0.05),
+}
+
+
+def go(scene, duration, **options):
+    return jc.simulate(scene, duration, instantaneous=True, **options)
+
+
+def pair(numbers, friction, law=None):
+    """Two spheres in space that may meet, of 22 numbers."""
+    spheres = [
+        jc.Sphere(radius=r, mass=m, position=x, velocity=v, spin=w)
+        for r, m, x, v, w in zip(*numbers, strict=True)
+    ]
+    law = jc.ExactRestitution(e=0.7) if law is None else law
+    return jc.Scene(spheres, law, friction=friction, stiffness=1e8)
+
+
+def random_pairs(count):
+    """Spheres that meet within a second: one is aimed at a point of the other."""
+    random = np.random.default_rng(7)
+    radius = random.uniform(0.05, 0.15, (count, 2))
+    mass, spin = random.uniform(0.2, 2, (count, 2)), random.normal(size=(count, 2, 3)) * 20
+    place = random.normal(size=(count, 2, 3)) * 0.1
+    away = random.normal(size=(count, 3))
+    place[:, 1] = place[:, 0] + away / np.linalg.norm(away, axis=1, keepdims=True)
+    aim = place[:, 0] + random.uniform(-0.5, 0.5, (count, 3)) * radius.sum(1, keepdims=True)
+    velocity = np.zeros((count, 2, 3))
+    velocity[:, 1] = 2 * (aim - place[:, 1])
+    velocity += random.normal(size=(count, 1, 3))
+    return radius, mass, place, velocity, spin
+
+
+def angular(radius, mass, position, velocity, spin):
+    inertia = 0.4 * mass * radius**2
+    orbital = mass[..., None] * np.cross(position, velocity)
+    return np.sum(orbital + inertia[..., None] * spin, axis=-2)
+
+
+@pytest.mark.parametrize("name", list(LAWS))
+def test_a_thousand_pairs_keep_their_angular_momentum(name):
+    numbers = random_pairs(1000)
+
+    @jax.jit
+    @jax.vmap
+    def run_of(numbers):
+        run = go(pair(numbers, LAWS[name]), 1.0, max_impacts=2)
+        lost = jnp.sum(jnp.where(run.impacts.valid, run.impacts.energy_loss, 0))
+        return run.position, run.velocity, run.spin, run.energy, lost, run.impacts.valid[0]
+
+    out = run_of(tuple(map(jnp.asarray, numbers)))
+    position, velocity, spin, energy, lost, met = map(np.asarray, out)
+    radius, mass = numbers[:2]
+    assert np.sum(met) > 900
+    before, after = (
+        angular(radius, mass, *(x[:, k] for x in (position, velocity, spin))) for k in (0, 1)
+    )
+    parts = mass[..., None] * np.abs(np.cross(position[:, 0], velocity[:, 0]))
+    size = np.max(parts, axis=(1, 2)) + np.max(np.abs(before), axis=1)
+    assert np.max(np.abs(after - before) / size[:, None]) < ROUNDING
+    momentum = np.sum(mass[..., None, None] * (velocity[:, 1] - velocity[:, 0])[..., None], axis=1)
+    assert np.max(np.abs(momentum)) < ROUNDING * 10
+    balance = energy[:, 0] - energy[:, 1] - lost
+    assert np.max(np.abs(balance) / energy[:, 0]) < ROUNDING
+    # Friction never creates energy.
+    assert np.all(lost > 0)
+
+
+def test_spin_about_the_normal_is_kept():
+    """Equal spheres that meet head-on with opposite spins about the line of centres."""
+    numbers = (
+        [0.1, 0.1], [1.0, 1.0], [[0.0, 0, 0], [1.0, 0, 0]], [[1.0, 0, 0], [-1.0, 0, 0]],
+        [[5.0, 0, 0], [-5.0, 0, 0]],
+    )  # fmt: skip
+    run = go(pair(numbers, LAWS["rigid"]), 1.0)
+    assert len(run.impacts) == 1
+    np.testing.assert_array_equal(run.spin[-1], numbers[-1])
+
+
+def oblique(v, w, mirrored=1.0, turned=0.0):
+    """A ball that hits a wall at (1, ...), mirrored or turned as a whole."""
+    c, s = np.cos(turned), np.sin(turned)
+    turn = np.array([[c, -s], [s, c]]) @ np.diag([1.0, mirrored])
+    ball = jc.Sphere(0.1, 1.0, turn @ [0.0, 0.5], turn @ v, spin=mirrored * w)
+    wall = jc.Plane([0.0, 0.0], turn @ [0.0, 1.0])
+    return jc.Scene([ball, wall], jc.ExactRestitution(e=0.8), friction=LAWS["walton"]), turn
+
+
+def test_mirrored_and_turned_scenes():
+    scene, _ = oblique([1.0, -2.0], 7.0)
+    plain = go(scene, 1.0)
+    for mirrored, turned in ((-1.0, 0.0), (1.0, 0.9), (-1.0, 2.0)):
+        scene, turn = oblique([1.0, -2.0], 7.0, mirrored, turned)
+        run = go(scene, 1.0)
+        np.testing.assert_allclose(run.velocity[-1], plain.velocity[-1] @ turn.T, atol=FORMULA)
+        np.testing.assert_allclose(run.spin[-1], mirrored * plain.spin[-1], atol=10 * FORMULA)
+
+
+def rigid(v, w, normal, closing, mu, e, beta, radius=0.1, lever=2.5):
+    """Walton's rebound of a ball in the plane, written out: v in m/s, w in rad/s."""
+    tangent = np.array([-normal[1], normal[0]])
+    # The contact point is at -R n from the centre.
+    slip = v @ tangent - radius * w
+    mobility = 1 + lever
+    size = abs(slip)
+    after = max(size - mobility * mu * (1 + e) * closing, -beta * size)
+    change = np.sign(slip) * (after - size) / mobility
+    v = v + (1 + e) * closing * normal + change * tangent
+    return v, w - lever * change / radius
+
+
+def test_a_superball_comes_back():
+    """Thrown under a table it returns, by three bounces: floor, table, floor."""
+    mu, e, beta, top, v0 = 0.9, 0.98, 0.95, 1.2, np.array([2.0, -6.0])
+    ball = jc.Sphere(0.1, 0.3, [0.0, 1.0], v0)
+    walls = [jc.Plane([0.0, 0.0], [0.0, 1.0]), jc.Plane([0.0, top], [0.0, -1.0])]
+    scene = jc.Scene(
+        [ball, *walls], jc.ExactRestitution(e=e), gravity=[0.0, -G],
+        friction=jc.WaltonFriction(mu=mu, beta0=beta),
+    )  # fmt: skip
+    run = go(scene, 0.6)
+    x, v, w, t = np.array([0.0, 1.0]), v0, 0.0, 0.0
+    times = []
+    while True:
+        down = [(v[1] + np.sqrt(v[1] ** 2 + 2 * G * (x[1] - 0.1))) / G]
+        rise = v[1] ** 2 - 2 * G * (top - 0.1 - x[1])
+        up = [(v[1] - np.sqrt(rise)) / G] if rise > 0 and v[1] > 0 else []
+        dt = min(s for s in [*down, *up] if s > 1e-9)
+        normal = np.array([0.0, 1.0 if dt not in up else -1.0])
+        if t + dt > 0.6:
+            break
+        x, v, t = x + v * dt - [0, G * dt**2 / 2], v - [0, G * dt], t + dt
+        v, w = rigid(v, w, normal, -v @ normal, mu, e, beta)
+        times.append(t)
+    dt = 0.6 - t
+    x, v = x + v * dt - [0, G * dt**2 / 2], v - [0, G * dt]
+    assert len(times) == len(run.impacts) == 3 and v[0] < 0
+    np.testing.assert_allclose(run.impacts.time, times, rtol=FORMULA)
+    np.testing.assert_allclose(run.position[-1, 0], x, atol=FORMULA)
+    np.testing.assert_allclose(run.velocity[-1, 0], v, atol=10 * FORMULA)
+    np.testing.assert_allclose(run.spin[-1, 0], w, rtol=10 * FORMULA)
+
+
+def test_a_ball_that_spins_down_a_shell():
+    """Bounces inside a circle under gravity, beside flights whose ends are roots of a quartic."""
+    mu, e, beta, r, inner = 0.4, 0.8, 0.3, 0.1, 0.9
+    ball = jc.Sphere(r, 0.5, [-0.6, 0.3], spin=60.0)
+    scene = jc.Scene(
+        [ball, jc.Shell([0.0, 0.0], inner + r)], jc.ExactRestitution(e=e), gravity=[0.0, -G],
+        friction=jc.WaltonFriction(mu=mu, beta0=beta),
+    )  # fmt: skip
+    run = go(scene, 1.0)
+    x, v, w, t, g = np.array([-0.6, 0.3]), np.zeros(2), 60.0, 0.0, np.array([0.0, -G])
+    times = []
+    while True:
+        quartic = [g @ g / 4, v @ g, v @ v + x @ g, 2 * x @ v, x @ x - inner**2]
+        roots = np.roots(quartic)
+        real = roots[np.abs(roots.imag) < 1e-9].real
+        dt = min(real[real > 1e-7])
+        for _ in range(3):
+            dt -= np.polyval(quartic, dt) / np.polyval(np.polyder(quartic), dt)
+        if t + dt > 1.0:
+            break
+        x, v, t = x + v * dt + g * dt**2 / 2, v + g * dt, t + dt
+        normal = -x / inner
+        v, w = rigid(v, w, normal, -v @ normal, mu, e, beta)
+        times.append(t)
+    dt = 1.0 - t
+    assert len(times) == len(run.impacts) >= 3
+    # Each bounce doubles an error or so.
+    np.testing.assert_allclose(run.impacts.time, times, rtol=100 * FORMULA)
+    np.testing.assert_allclose(run.velocity[-1, 0], v + g * dt, atol=1000 * FORMULA)
+    np.testing.assert_allclose(run.spin[-1, 0], w, rtol=1000 * FORMULA)
+
+
+def on_a_table(v0, w0, mu=0.3, slope=0.0, dimensions=2):
+    gravity = G * np.array([np.sin(slope), -np.cos(slope)])
+    ball = jc.Sphere(0.1, 0.5, [0.0, 0.1], [v0, 0.0], spin=w0)
+    table = jc.Plane([0.0, 0.0], [0.0, 1.0])
+    return jc.Scene(
+        [ball, table], jc.ExactRestitution(e=0.5), gravity=gravity,
+        friction=jc.RigidCoulomb(mu=mu),
+    )  # fmt: skip
+
+
+def test_a_ball_slides_and_then_rolls():
+    """From 2 v0/(7 μ g) on it rolls at ω = 5 v0/(7 R)."""
+    v0, mu, radius = 2.0, 0.3, 0.1
+    begins = 2 * v0 / (7 * mu * G)
+    times = np.array([0.0, 0.5 * begins, begins * (1 - 1e-9), begins * (1 + 1e-9), 1.0, 2.0])
+    run = go(on_a_table(v0, 0.0), 2.0, times=times)
+    speed = np.where(times < begins, v0 - mu * G * times, 5 / 7 * v0)
+    spin = np.where(times < begins, -2.5 * mu * G * times / radius, -5 / 7 * v0 / radius)
+    np.testing.assert_allclose(run.velocity[:, 0, 0], speed, atol=FORMULA)
+    np.testing.assert_allclose(run.spin[:, 0], spin, atol=10 * FORMULA)
+    place = v0 * begins - mu * G * begins**2 / 2 + 5 / 7 * v0 * (2 - begins)
+    assert abs(run.position[-1, 0, 0] - place) < FORMULA
+    assert len(run.impacts) == 1  # the touch at time zero; rolling is not an impact
+    assert run.status == jc.Ending.COMPLETED
+
+
+def test_slopes_and_backspin():
+    """A rolling ball goes down with 5/7 of the pull, one on a steep slope slides; backspin turns
+    a ball round."""
+    mild, steep = 0.2, 1.0
+    run = go(on_a_table(0.0, 0.0, slope=mild), 1.0)
+    pull = G * np.sin(mild)
+    np.testing.assert_allclose(run.velocity[-1, 0, 0], 5 / 7 * pull, rtol=FORMULA)
+    np.testing.assert_allclose(run.spin[-1, 0], -5 / 7 * pull / 0.1, rtol=FORMULA)
+    run = go(on_a_table(0.0, 0.0, slope=steep), 1.0)
+    grip = 0.3 * G * np.cos(steep)
+    np.testing.assert_allclose(run.velocity[-1, 0, 0], G * np.sin(steep) - grip, rtol=FORMULA)
+    np.testing.assert_allclose(run.spin[-1, 0], -2.5 * grip / 0.1, rtol=FORMULA)
+    run = go(on_a_table(1.0, 80.0), 2.0)
+    np.testing.assert_allclose(run.velocity[-1, 0, 0], (5 - 2 * 8) / 7, rtol=FORMULA)
+
+
+def test_a_belt_carries_a_ball():
+    """A wall that moves along itself: at rest, rolling relative to it, and its work."""
+    ball = jc.Sphere(0.1, 0.5, [0.0, 0.1])
+    belt = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady([1.4, 0.0]))
+    scene = jc.Scene(
+        [ball, belt], jc.ExactRestitution(e=0.5), gravity=[0.0, -G], friction=jc.RigidCoulomb(0.3)
+    )
+    run = go(scene, 1.0)
+    np.testing.assert_allclose(run.velocity[-1, 0], [0.4, 0.0], atol=FORMULA)
+    np.testing.assert_allclose(run.spin[-1, 0], (1.4 - 0.4) / 0.1, rtol=FORMULA)
+
+
+def test_a_moving_wall_gives_sliding_speed_and_does_work():
+    ball = jc.Sphere(0.1, 0.5, [0.0, 0.5], [0.0, -2.0])
+    wall = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady([3.0, 0.5]))
+    scene = jc.Scene([ball, wall], jc.ExactRestitution(e=0.6), friction=jc.RigidCoulomb(0.1))
+    run = go(scene, 0.5)
+    closing, lost = 2.5, np.sum(run.impacts.energy_loss)
+    np.testing.assert_allclose(run.velocity[-1, 0, 0], 0.1 * 1.6 * closing, rtol=FORMULA)
+    change = run.energy[-1] - run.energy[0]
+    np.testing.assert_allclose(change, run.wall_work - lost, atol=FORMULA)
+
+
+def test_periodic_cells():
+    """A pair that meets across the border of a cell, beside the same pair inside."""
+
+    def scene(shift):
+        balls = [
+            jc.Sphere(0.1, 0.5, [(x + shift) % 2.0, y], v, spin=w)
+            for x, y, v, w in ((0.5, 0.5, [1.0, 0.2], 4.0), (1.1, 0.6, [-1.0, 0.0], -9.0))
+        ]
+        law, friction = jc.ExactRestitution(e=0.7), LAWS["rigid"]
+        return jc.Scene(balls, law, friction=friction, periodic=[2.0, None])
+
+    inside, across = (go(scene(shift), 0.5) for shift in (0.0, 1.2))
+    assert len(across.impacts) == 1
+    np.testing.assert_allclose(across.velocity[-1], inside.velocity[-1], atol=FORMULA)
+    np.testing.assert_allclose(across.spin[-1], inside.spin[-1], atol=10 * FORMULA)
+
+
+def test_a_cue_ball_with_follow():
+    """It stops at the object ball, slides by its spin and rolls after it; both without friction
+    between the balls."""
+    mu, v0, radius = 0.2, 2.0, 0.03
+    balls = [
+        jc.Sphere(
+            radius,
+            0.17,
+            [0.0, radius, 0.0],
+            [v0, 0.0, 0.0],
+            spin=[0.0, 0.0, -v0 / radius],
+            name="cue",
+        ),
+        jc.Sphere(radius, 0.17, [0.5, radius, 0.0], name="object"),
+    ]
+    table = jc.Plane([0.0, 0.0, 0.0], [0.0, 1.0, 0.0], name="table")
+    scene = jc.Scene(
+        [*balls, table],
+        {("cue", "object"): jc.ExactRestitution(e=0.9), "default": jc.ExactRestitution(e=0.5)},
+        gravity=[0.0, -G, 0.0],
+        friction={("cue", "object"): jc.RigidCoulomb(0.0), "default": jc.RigidCoulomb(mu)},
+    )
+    run = go(scene, 2.0, times=[0.0, 0.3, 2.0])
+    after = v0 * np.array([0.05, 0.95])
+    rolls = 5 / 7 * after + 2 / 7 * np.array([v0, 0.0])
+    np.testing.assert_allclose(run.velocity[-1, :, 0], rolls, rtol=10 * FORMULA)
+    np.testing.assert_allclose(run.spin[-1, :, 2], -rolls / radius, rtol=10 * FORMULA)
+    assert np.max(np.abs(run.velocity[-1, :, 1:])) < FORMULA
+
+
+def test_friction_by_pair_of_two_classes():
+    scene, _ = oblique([1.0, -2.0], 7.0)
+    alone = go(scene, 1.0)
+    other = jc.Sphere(0.1, 1.0, [50.0, 50.0], name="other")
+    ball = jc.Sphere(0.1, 1.0, [0.0, 0.5], [1.0, -2.0], spin=7.0, name="ball")
+    wall = jc.Plane([0.0, 0.0], [0.0, 1.0], name="wall")
+    friction = {("ball", "wall"): LAWS["walton"], "default": LAWS["rigid"]}
+    run = go(jc.Scene([ball, other, wall], jc.ExactRestitution(e=0.8), friction=friction), 1.0)
+    np.testing.assert_allclose(run.velocity[-1, 0], alone.velocity[-1, 0], atol=FORMULA)
+    np.testing.assert_allclose(run.spin[-1, 0], alone.spin[-1, 0], atol=10 * FORMULA)
+
+
+def test_a_run_continues_from_its_end():
+    """Spins and sliding go on; the moment at which rolling begins is the same."""
+    whole = go(on_a_table(2.0, 0.0), 1.0)
+    first = go(on_a_table(2.0, 0.0), 0.05)
+    second = go(first.final, 0.95)
+    np.testing.assert_allclose(second.velocity[-1], whole.velocity[-1], rtol=FORMULA)
+    np.testing.assert_allclose(second.spin[-1], whole.spin[-1], rtol=FORMULA)
+
+
+def test_files_have_the_spins(tmp_path):
+    run = go(on_a_table(2.0, 0.0), 0.3)
+    run.to_csv(tmp_path / "run.csv")
+    assert (tmp_path / "run.csv").read_text().splitlines()[0].endswith("spin[0]")
+    run.impacts.to_csv(tmp_path / "impacts.csv")
+    assert "slip_after" in (tmp_path / "impacts.csv").read_text().splitlines()[0]
+
+
+def test_what_is_refused():
+    ball, wall = jc.Sphere(0.1, 1.0, [0.0, 0.5], spin=1.0), jc.Plane([0.0, 0.0], [0.0, 1.0])
+    with pytest.raises(ValueError, match=r"friction.*Sphere.*`spin`.*RigidCoulomb\(mu=0"):
+        jc.Scene([ball, wall], jc.Hertz(), stiffness=1e7)
+    with pytest.raises(ValueError, match="friction.*one dimension"):
+        jc.Scene([jc.Sphere(0.1, 1.0, [1.0])], jc.Hertz(), friction=LAWS["rigid"], stiffness=1.0)
+    with pytest.raises(ValueError, match="spin.*three numbers"):
+        jc.Sphere(0.1, 1.0, [0.0, 0.0, 0.0], spin=[1.0, 2.0])
+    with pytest.raises(ValueError, match="spin.*one number"):
+        jc.Sphere(0.1, 1.0, [0.0, 0.0], spin=[1.0, 2.0])
+    with pytest.raises(ValueError, match="inertia"):
+        jc.Sphere(0.1, 1.0, [0.0, 0.0], inertia=0.0)
+    with pytest.raises(ValueError, match="spin.*fixed=True"):
+        jc.Sphere(0.1, position=[0.0, 0.0], fixed=True, spin=1.0)
+    with pytest.raises(ValueError, match="friction.*friction law"):
+        jc.Scene([ball, wall], jc.Hertz(), stiffness=1e7, friction=0.3)
