@@ -29,7 +29,8 @@ def rates(y, spheres, wall, v0):
     relative = v[0] - (0 if wall else v[1])
     force = STIFFNESS * max(distance - length, 0) ** 1.5
     force *= max(1 - ALPHA * (relative @ normal) / v0, 0)
-    arms = np.array([r, 0.0 if wall else s]) * length / distance
+    # On a wall the arm is the radius; between spheres both add up to the distance.
+    arms = np.array([r, 0.0]) if wall else np.array([r, s]) * length / distance
     tangent = np.array([-normal[1], normal[0]])
     slip = relative @ tangent - arms @ w
     rub = -MU * force * np.clip(slip / V_D, -1, 1)
@@ -65,7 +66,7 @@ def integrated(spheres, x, v, w, duration, wall):
                 return np.concatenate([y[4:8], np.zeros(6)])
 
         # The slope of friction jumps where sliding ends.
-        step = 2e-5 if inside else np.inf
+        step = 2e-5 if inside else 0.01
         out = solve_ivp(
             right, (t, duration), y, method="DOP853", rtol=1e-12, atol=1e-14, events=gap,
             max_step=step,
