@@ -218,10 +218,12 @@ def flat(tree: Any) -> Float[Array, " size"]:
 def unflat(vector: Float[Array, " size"], like: Any) -> Any:
     """Return the inverse of `flat`, with zeros for flags."""
     moved = ravel_pytree(_without_flags(like))[1](vector)
-    return jax.tree.map(
-        lambda x, y: jnp.zeros_like(y) if x is None else x,
-        moved, like, is_leaf=lambda x: x is None,
-    )  # fmt: skip
+
+    def number(moved: Array | None, like: Array | None) -> Array | None:
+        # None is a flag, or a number that the scene does not have.
+        return jnp.zeros_like(like) if moved is None and like is not None else moved
+
+    return jax.tree.map(number, moved, like, is_leaf=lambda x: x is None)
 
 
 def _without_flags(tree: Any) -> Any:

@@ -99,9 +99,17 @@ def friction_impulse(
     laws, kind = _frictions_of(layout, numbers, i, j)
 
     def of(law: AbstractFriction) -> Callable[[Tangential], tuple[Number, Flag]]:
+        if not law.has_formula(problem):
+            raise ValueError(
+                f"Argument `friction` of a scene must have a formula for its contacts, but a "
+                f"`{type(law).__name__}` has one for forces K δ^1.5 (1 + α δ'/v0) only; use a law "
+                "of the Hunt-Crossley family and the exponent 1.5, or `RigidCoulomb`."
+            )
+
         def rebound(problem: Tangential) -> tuple[Number, Flag]:
             outcome: Outcome = law.rebound(problem)
-            return outcome.slip, jnp.asarray(outcome.converged)
+            fine = True if outcome.converged is None else outcome.converged
+            return outcome.slip, jnp.asarray(fine)
 
         return rebound
 

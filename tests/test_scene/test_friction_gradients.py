@@ -1,0 +1,64 @@
+"""Derivatives of runs with friction: both modes, beside differences and formulas."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxcontact as jc
+from tests.test_scene.test_gradients import DIFFERENCES, both_modes, differences
+
+FORMULA = 1e-11
+"""Derivatives of the moment of rolling beside those of its formula, relative: measured 1e-14."""
+
+
+def rolling(numbers):
+    """The last position, velocity and spin of a ball that slides and then rolls."""
+    v0, w0, mu, radius, g = numbers
+    ball = jc.Sphere(radius, 0.5, jnp.stack([0.0 * v0, radius]), jnp.stack([v0, 0.0 * v0]), spin=w0)
+    scene = jc.Scene(
+        [ball, jc.Plane([0.0, 0.0], [0.0, 1.0])], jc.ExactRestitution(e=0.5),
+        gravity=jnp.stack([0.0 * g, -g]), friction=jc.RigidCoulomb(mu),
+    )  # fmt: skip
+    run = jc.simulate(scene, 1.5, instantaneous=True, max_impacts=4)
+    return jnp.stack([run.position[-1, 0, 0], run.velocity[-1, 0, 0], run.spin[-1, 0]])
+
+
+def formula(numbers):
+    v0, w0, mu, radius, g = numbers
+    slip = v0 + radius * w0
+    begins = 2 * slip / (7 * mu * g)
+    rolls = v0 - 2 / 7 * slip
+    place = v0 * begins - mu * g * begins**2 / 2 + rolls * (1.5 - begins)
+    return jnp.stack([place, rolls, -rolls / radius])
+
+
+def test_the_moment_of_rolling_has_a_derivative():
+    numbers = jnp.array([2.0, 3.0, 0.3, 0.1, 9.8])
+    exact = jax.jacfwd(formula)(numbers)
+    np.testing.assert_allclose(rolling(numbers), formula(numbers), rtol=1e-12)
+    for found in both_modes(rolling, numbers):
+        np.testing.assert_allclose(found, exact, atol=FORMULA * np.max(np.abs(exact)))
+
+
+def meeting(numbers):
+    """Two spheres in space that meet softly: the last velocities and spins."""
+    x, v, w, mu, v_d, inertia, e = numbers[0:3], numbers[3:6], numbers[6:9], *numbers[9:13]
+    balls = [
+        jc.Sphere(0.1, 0.5, x, v, spin=w, inertia=inertia),
+        jc.Sphere(0.12, 0.8, [0.5, 0.05, 0.0], [-0.5, 0.0, 0.1], spin=[3.0, 0.0, -8.0]),
+    ]
+    friction = jc.RegularizedCoulomb(mu, v_d)
+    scene = jc.Scene(balls, jc.HuGuo(e=e), friction=friction, stiffness=1e7)
+    run = jc.simulate(scene, 0.5, max_impacts=2, rtol=1e-9)
+    return jnp.concatenate([run.velocity[-1].ravel(), run.spin[-1].ravel() * 0.1])
+
+
+def test_a_soft_impact_in_space():
+    place, velocity, spin = [0.0, 0.0, 0.0], [2.0, 0.1, 0.0], [0.0, 10.0, -5.0]
+    numbers = jnp.array([*place, *velocity, *spin, 0.2, 0.5, 0.004, 0.7])
+    forward, reverse = both_modes(meeting, numbers)
+    assert np.all(np.isfinite(forward))
+    size = np.max(np.abs(forward))
+    np.testing.assert_allclose(forward, reverse, atol=1e-12 * size)
+    columns = differences(jax.jit(meeting), numbers, 2e-5)
+    np.testing.assert_allclose(forward, columns, atol=DIFFERENCES * size)
