@@ -22,6 +22,7 @@ from .._entry import (
     require_number,
     require_path,
 )
+from .._friction import AbstractFriction
 from .._laws import AbstractLaw, get_law, list_laws, parameters_of
 from .._text.files import read_whole
 from .bodies.bodies import AbstractBody
@@ -61,9 +62,10 @@ def read_scene(
     Tables `[[sphere]]`, `[[plane]]`, `[[box]]`, `[[shell]]` and `[[random_spheres]]` have the
     arguments of the Python objects. Bodies are numbered kind by kind, in the order in which the
     kinds appear. `law` is the name of a law without parameters, or a table with its `name` and
-    parameters. Each `[[pair]]` has two names as `bodies`, and a `law`, a `stiffness` or both. A
-    `material` is the name of a table `[material.NAME]`. A `motion` is a table with `kind =
-    "vibration"` or "steady" and its arguments.
+    parameters. Each `[[pair]]` has two names as `bodies`, and a `law`, a `stiffness`, a `friction`
+    or several of them. `friction` is a table with the `name` of a class, such as "RigidCoulomb",
+    and its arguments. A `material` is the name of a table `[material.NAME]`. A `motion` is a table
+    with `kind = "vibration"` or "steady" and its arguments.
 
     Raises ValueError for entries that are unknown, missing or out of range; the message names the
     file, the table and the key. Raises OSError for a file that cannot be read.
@@ -213,14 +215,27 @@ def _law(place: _Place, value: Any) -> AbstractLaw:
         raise place.error(str(error)) from error
 
 
+def _friction(place: _Place, value: Any) -> AbstractFriction:
+    kinds = {kind.__name__: kind for kind in AbstractFriction.__subclasses__()}
+    table = dict(place.require_table("'friction'", value))
+    name = str(table.pop("name", None))
+    place.require_known("'name' of the friction", name, kinds)
+    return place.call(kinds[name], table)
+
+
 def _by_pair(top: _Place, content: Mapping[str, Any], entries: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the law and the stiffness of a scene: one for all, or by pair with a default."""
+    """Return the law, the stiffness and the friction of a scene: one for all, or by pair with a
+    default.
+    """
     arguments: dict[str, Any] = {}
     if "law" in entries:
         arguments["law"] = _law(top.inside("[law]"), entries["law"])
     if "stiffness" in entries:
         arguments["stiffness"] = entries["stiffness"]
-    tables: dict[str, dict[Any, Any]] = {"law": {}, "stiffness": {}}
+    if "friction" in entries:
+        arguments["friction"] = _friction(top.inside("[friction]"), entries["friction"])
+    read = {"law": _law, "friction": _friction, "stiffness": lambda place, value: value}
+    tables: dict[str, dict[Any, Any]] = {name: {} for name in read}
     for place, table in _tables(top, "pair", content.get("pair", [])):
         for name in table:
             place.require_known("a key", name, ["bodies", *tables])
@@ -229,13 +244,14 @@ def _by_pair(top: _Place, content: Mapping[str, Any], entries: Mapping[str, Any]
         if len(pair) != 2 or not all(isinstance(name, str) for name in pair):
             raise place.error(f"'bodies' must be two names, but is {rendered(bodies)}.")
         if len(table) < 2:
-            raise place.error("a 'law' or a 'stiffness' must be given, but both are missing.")
+            raise place.error(
+                "a 'law', a 'stiffness' or a 'friction' must be given, but all are missing."
+            )
         for name in tables:
             if pair in tables[name] and name in table:
                 raise place.error(f"'bodies' must name a pair once, but is {rendered(bodies)}.")
             if name in table:
-                value = table[name]
-                tables[name][pair] = _law(place, value) if name == "law" else value
+                tables[name][pair] = read[name](place, table[name])
     for name, table in tables.items():
         if table:
             arguments[name] = table | ({DEFAULT: arguments[name]} if name in arguments else {})

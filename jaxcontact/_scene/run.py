@@ -43,7 +43,8 @@ class Run(Flagged, eqx.Module):
     - `impacts`, `margin`, `status`: see `Impacts`, `Margin` and `Ending`. `ok`: if COMPLETED.
     - `reached`: the time in s up to which the values hold.
     - `wall_work`: the work in J of moving walls, fixed spheres and shells on the others. The final
-      energy equals the initial energy plus `wall_work` less the impact losses.
+      energy equals the initial energy plus `wall_work` less the impact losses and, with friction,
+      less `sliding_loss`, the energy in J lost by sliding on walls at rest.
 
     `at(times)` returns the state at any times. `final` is the scene at the end, from which another
     run continues.
@@ -62,6 +63,7 @@ class Run(Flagged, eqx.Module):
     _nearest: tuple[Number, Number]
     _record: RunRecord
     spin: Float[Array, "T N ..."] | None = None
+    sliding_loss: Number | None = None
     _failures = tuple(Ending)[1:]
 
     def at(self, time: ArrayLike) -> States:

@@ -122,6 +122,7 @@ def simulate_scene(
         status=contents.status,
         reached=contents.reached,
         wall_work=contents.work,
+        sliding_loss=contents.sliding_loss,
         duration=length,
         scene=scene,
         _nearest=contents.nearest,

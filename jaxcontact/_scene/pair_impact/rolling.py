@@ -10,6 +10,8 @@ straight line: on a level wall, in the plane, or down a slope.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -82,6 +84,44 @@ def turning_at_start(layout: SceneLayout, numbers: Numbers) -> Turning | None:
     return _on_walls(layout, numbers, jnp.arange(count), numbers.start.support, flying, rolls)[0]
 
 
+class Footing(NamedTuple):
+    """Bodies on walls: the normal, the part of gravity along the wall, R m/I, and λ (M, 1). `slip`
+    is the slip velocity, and `fast` the sum of the speeds in it.
+    """
+
+    normal: Float[Array, "M D"]
+    slope: Float[Array, "M D"]
+    lever: Float[Array, "M 1"]
+    mobility: Float[Array, "M 1"]
+    slip: Float[Array, "M D"]
+    fast: Float[Array, " M"]
+
+    def twist(self, drag: Float[Array, "M D"]) -> Float[Array, "M S"]:
+        """Return ω' of a friction F/m."""
+        return -self.lever * cross(self.normal, drag)
+
+    def slip_rate(self, drag: Float[Array, "M D"]) -> Float[Array, "M D"]:
+        """Return u' of a friction F/m."""
+        return self.slope + self.mobility * drag
+
+
+def footing(
+    layout: SceneLayout, numbers: Numbers, who: Int[Array, " M"], on: Int[Array, " M"], at: Flying
+) -> Footing:
+    """Return bodies as they are `at` their own times on walls `on`."""
+    assert at.turning is not None and numbers.rotation is not None
+    normal, slope = rows_of(numbers.normal, on), rows_of(numbers.pull, on + 1)
+    drift = jax.vmap(lambda wall, time, n: wall_drift(numbers, wall, time, n))(on, at.time, normal)
+    radius, turns = rows_of((numbers.radius, numbers.rotation.inverse_inertia), who)
+    inverse, spin = rows_of(numbers.inverse_mass, who), at.turning.spin
+    lever = radius * turns / jnp.where(inverse > 0, inverse, 1)
+    level = at.velocity - jnp.sum(at.velocity * normal, axis=-1, keepdims=True) * normal - drift
+    turned = radius[:, None] * swept(spin, normal)
+    fast = jnp.sum(jnp.abs(level), axis=-1) + jnp.abs(radius) * jnp.sum(jnp.abs(spin), axis=-1)
+    mobility = 1 + radius * lever
+    return Footing(normal, slope, lever[:, None], mobility[:, None], level - turned, fast)
+
+
 def _on_walls(
     layout: SceneLayout,
     numbers: Numbers,
@@ -93,41 +133,28 @@ def _on_walls(
     """Return the rotation of bodies with their friction at rest, and which of them slide along a
     curve. `rolls` marks bodies that have just stopped sliding.
     """
-    assert flying.turning is not None and numbers.rotation is not None
+    assert flying.turning is not None
     turning = flying.turning
     if not (layout.walls and layout.gravity):
         return _released(turning), jnp.zeros(who.shape, bool)
     on = jnp.maximum(support, 0)
-    normal, slope = rows_of(numbers.normal, on), rows_of(numbers.pull, on + 1)
-    drift = jax.vmap(lambda wall, time, n: wall_drift(numbers, wall, time, n))(
-        on, flying.time, normal
-    )
+    foot = footing(layout, numbers, who, on, flying)
     walls = layout.spheres + on
     mu = jax.vmap(lambda i, wall: coefficient_of(layout, numbers, i, wall))(who, walls)
-    radius, turns = rows_of((numbers.radius, numbers.rotation.inverse_inertia), who)
-    inverse = rows_of(numbers.inverse_mass, who)
-    lever = radius * turns / jnp.where(inverse > 0, inverse, 1)
-    mobility = (1 + radius * lever)[:, None]
-    grip = mu * jnp.maximum(-jnp.sum(normal * numbers.gravity[None], axis=-1), 0)
-
-    level = flying.velocity - jnp.sum(flying.velocity * normal, axis=-1, keepdims=True) * normal
-    slip = level - drift - radius[:, None] * swept(turning.spin, normal)
-    speed, along = _length_and_direction(slip)
-    steep, down = _length_and_direction(slope)
-    fast = jnp.sqrt(jnp.sum(jnp.square(level - drift), axis=-1)) + jnp.abs(radius) * jnp.sqrt(
-        jnp.sum(jnp.square(turning.spin), axis=-1)
-    )
+    grip = mu * jnp.maximum(-jnp.sum(foot.normal * numbers.gravity[None], axis=-1), 0)
+    speed, along = _length_and_direction(foot.slip)
+    steep, down = _length_and_direction(foot.slope)
     eps = jnp.finfo(numbers.dtype).eps
-    still = rolls | (speed <= _ROUNDINGS * eps * fast)
-    holds = steep <= mobility[:, 0] * grip
-    rolling = -slope / mobility
+    still = rolls | (speed <= _ROUNDINGS * eps * foot.fast)
+    holds = steep <= foot.mobility[:, 0] * grip
+    rolling = -foot.slope / foot.mobility
     sliding = -grip[:, None] * jnp.where(still[:, None], down, along)
     drag = jnp.where((still & holds)[:, None], rolling, sliding)
-    change = jnp.sum((slope + mobility * drag) * along, axis=-1)
+    change = jnp.sum(foot.slip_rate(drag) * along, axis=-1)
     stops = ~still & (change < 0)
     left = speed / jnp.where(stops, -change, 1)
     until = jnp.where(stops, flying.time + left, jnp.inf)
-    aside = slope - jnp.sum(slope * along, axis=-1, keepdims=True) * along
+    aside = foot.slope - jnp.sum(foot.slope * along, axis=-1, keepdims=True) * along
     weight = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity)))
     curves = jnp.max(jnp.abs(aside), axis=-1) > _ROUNDINGS * eps * weight
     rests = support >= 0
@@ -135,10 +162,9 @@ def _on_walls(
     def kept(value: Float[Array, "M ..."]) -> Float[Array, "M ..."]:
         return jnp.where(rests.reshape(-1, *(1,) * (value.ndim - 1)), value, 0)
 
-    turned = -lever[:, None] * cross(normal, drag)
     until = jnp.where(rests, until, jnp.inf)
     return (
-        Turning(turning.spin, kept(drag), kept(turned), until),
+        Turning(turning.spin, kept(drag), kept(foot.twist(drag)), until),
         rests & ~still & curves & (grip > 0),
     )
 

@@ -14,6 +14,7 @@ from ..._coupled.scalars import Index, Number
 from ..._program import derived, quick
 from ..result import Impacts, States, traced
 from ..run_record import RunRecord
+from .friction_at_rest import friction_at_rest
 from .impact_table import table_of
 from .states import states_as_numpy, states_at, states_in_log, states_in_log_as_numpy, states_of
 from .straddling import clip_to_run
@@ -30,6 +31,7 @@ class RunContents(NamedTuple):
     nearest: tuple[Array, Array]
     total: Index
     work: Number
+    sliding_loss: Number | None
 
 
 def read_run(record: RunRecord, times: Float[Array, " T"], rows: int | None) -> RunContents:
@@ -91,9 +93,11 @@ def _by_choice(
 def _contents(record: RunRecord, now: Any, rows: int | None) -> RunContents:
     status, reached = record.ending()
     impacts, nearest, total = table_of(record, status, rows)
-    return RunContents(
-        status, reached, now, impacts, nearest, total, work_of(record, status, reached)
-    )
+    work, sliding_loss = work_of(record, status, reached), None
+    if record.layout.frictions is not None:
+        carried, lost = friction_at_rest(record, reached)
+        work, sliding_loss = work + carried, lost + 0 * work
+    return RunContents(status, reached, now, impacts, nearest, total, work, sliding_loss)
 
 
 @quick

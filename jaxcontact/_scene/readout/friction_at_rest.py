@@ -1,0 +1,66 @@
+"""The friction of spheres that rest on walls: the work of walls, and the energy lost by sliding.
+
+A friction a = F/m gives a sphere the power m a·(u + w). The wall, which moves at w along itself,
+does m a·w of it, and -m a·u is lost. The slip u changes at a constant rate until the next event.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from ..._coupled.rows import rows_of
+from ..._coupled.scalars import Number
+from ..arrays.flight import Flying
+from ..pair_impact.friction import wall_drift
+from ..pair_impact.rolling import footing
+from ..run_record import RunRecord
+from .states import last_impacts
+
+
+def friction_at_rest(record: RunRecord, reached: Number) -> tuple[Number, Number]:
+    """Return the work of walls by friction on spheres at rest on them, and the energy lost by
+    sliding on them, in J.
+    """
+    layout, (figures, facts) = record.layout, record.log
+    choice, before = facts.choice, figures.before
+    # A wall has no row of its own.
+    who = jnp.stack([choice.first, choice.second], axis=1)
+    counts = record.counts[:, None] & (who < layout.spheres)
+    lasted = figures.outcome.time[:, None] - before.time
+    parts = [(before, who, choice.support, lasted, counts)]
+    last, everyone = last_impacts(record, reached[None]), jnp.arange(layout.spheres)[None]
+    now = Flying(last.position, last.velocity, last.began, last.turning)
+    parts.append((now, everyone, last.support, reached - last.began, jnp.ones_like(everyone, bool)))
+    done = [_of(record, *_in_rows(part)) for part in parts]
+    work, loss = (sum(column) for column in zip(*done, strict=True))
+    return jnp.asarray(work), jnp.asarray(loss)
+
+
+def _in_rows(part: tuple) -> tuple:
+    """Return arrays with one axis for all spheres of all rows."""
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), part)
+
+
+def _of(
+    record: RunRecord,
+    flying: Flying,
+    who: Int[Array, " M"],
+    support: Int[Array, " M"],
+    lasted: Array,
+    counts: Bool[Array, " M"],
+) -> tuple[Number, Number]:
+    layout, numbers = record.layout, record.numbers
+    assert flying.turning is not None
+    sure = jnp.minimum(who, layout.spheres - 1)
+    inverse = rows_of(numbers.inverse_mass, sure)
+    rests = counts & (support >= 0) & (inverse > 0)
+    on = jnp.maximum(support, 0)
+    foot, drag = footing(layout, numbers, sure, on, flying), flying.turning.drag
+    drift = jax.vmap(lambda w, t, n: wall_drift(numbers, w, t, n))(on, flying.time, foot.normal)
+    lasted = jnp.where(rests, lasted, 0)[:, None]
+    force = drag / jnp.where(inverse > 0, inverse, 1)[:, None]
+    way = foot.slip * lasted + foot.slip_rate(drag) * jnp.square(lasted) / 2
+    work = jnp.where(rests[:, None], force * drift * lasted, 0)
+    return jnp.sum(work), jnp.sum(jnp.where(rests[:, None], -force * way, 0))
