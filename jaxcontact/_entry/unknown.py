@@ -14,8 +14,10 @@ Given = ParamSpec("Given")
 Returned = TypeVar("Returned")
 
 _NOT_MODELLED = {
-    r"frict|^mu(_|$)|tangen|rolling": "there is no friction (yet), forces act along the normal",
-    r"spin|rotat|angular|omega|orient|torque|inertia": "bodies do not rotate (yet)",
+    r"frict|^mu(_|$)|tangen|rolling": "friction is `friction=` of a `Scene`, a `System` "
+    "or `oblique_impact`, such as `RigidCoulomb(mu=0.3)`",
+    r"spin|rotat|angular|omega|orient|torque|inertia": "spheres of a scene with friction turn: "
+    "`Sphere(spin=..., inertia=...)`",
     r"drag|^air|wind|magnus|viscosity|fluid": "flights are in vacuum here (`calibrate` and "
     "`fit_bounces` have `drag`)",
     r"adhes|cohes|surface_energy|sticki": "bodies do not stick together (yet)",

@@ -101,12 +101,17 @@ def test_flags_are_weights():
     assert fits[0].params == pytest.approx(2.0, rel=1e-9)
 
 
+FRICTION = (
+    "friction is `friction=` of a `Scene`, a `System` or `oblique_impact`, such as "
+    "`RigidCoulomb(mu=0.3)`."
+)
+TURNS = "spheres of a scene with friction turn: `Sphere(spin=..., inertia=...)`."
 NOT_MODELLED = {
-    "friction": "there is no friction (yet), forces act along the normal.",
-    "mu": "there is no friction (yet), forces act along the normal.",
-    "rolling_friction": "there is no friction (yet), forces act along the normal.",
-    "spin": "bodies do not rotate (yet).",
-    "angular_velocity": "bodies do not rotate (yet).",
+    "friction_coefficient": FRICTION,
+    "mu": FRICTION,
+    "rolling_friction": FRICTION,
+    "angular_velocity": TURNS,
+    "omega": TURNS,
     "drag": "flights are in vacuum here (`calibrate` and `fit_bounces` have `drag`).",
     "cohesion": "bodies do not stick together (yet).",
     "restitution": "it belongs to a law, such as `ExactRestitution(e=0.8)`.",

@@ -124,12 +124,13 @@ FAULTS = {
         "radius = 0.1\nposition",
         "raduis = 0.1\nposition",
         "[[sphere]] number 1: a key must be one of radius, mass, position, velocity, material, "
-        "name, fixed, motion, but is 'raduis'; did you mean 'radius'?",
+        "name, fixed, motion, spin, inertia, but is 'raduis'; did you mean 'radius'?",
     ),
     "not modelled": (
         "radius = 0.1\nposition",
-        "radius = 0.1\nspin = 3.0\nposition",
-        "name, fixed, motion, but is 'spin': bodies do not rotate (yet).",
+        "radius = 0.1\nrolling = 3.0\nposition",
+        "inertia, but is 'rolling': friction is `friction=` of a `Scene`, a `System` or "
+        "`oblique_impact`, such as `RigidCoulomb(mu=0.3)`.",
     ),
     "missing": (
         "normal = [0.0, 1.0]",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
@@ -146,7 +148,9 @@ def step_cluster(
     zero = jnp.zeros((), numbers.dtype)
     two = jnp.zeros((2, layout.dimensions), numbers.dtype)
     nobody = Flying(two, two, jnp.zeros(2, numbers.dtype))
-    outcome = ImpactOutcome(nobody, began.time, *[zero] * (len(ImpactOutcome._fields) - 3))
+    columns: dict[str, Any] = dict.fromkeys(ImpactOutcome._fields, zero)
+    columns |= {"after": nobody, "time": began.time, "sliding": None}
+    outcome = ImpactOutcome(**columns)
     work = work_of_walls(layout, numbers, seats, began, done)
     together = ClusterNumbers(spheres, held, as_numbers(began), as_numbers(after), work, done.error)
     blank, decided = jnp.full(2, -1), decided._replace(choice=None)

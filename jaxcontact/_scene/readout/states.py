@@ -226,8 +226,8 @@ def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
         parts = (turning, *(jax.tree.map(lambda x, k=k: x[:, k], after.turning) for k in (0, 1)))
         turning = jax.tree.map(lambda *column: jnp.concatenate(column)[entry], *parts)
     columns = (place, speed, began, support, pairs, held)
-    here = (jnp.concatenate(column)[entry] for column in columns)
-    return Entries(*here)._replace(turning=turning)
+    there, fast, since, on, row, v0 = (jnp.concatenate(column)[entry] for column in columns)
+    return Entries(there, fast, since, on, row, v0, turning)
 
 
 def _resting(layout: SceneLayout, log: Log) -> tuple[Int[Array, "K M"], Float[Array, "K M"]]:
