@@ -24,6 +24,9 @@ def friction_at_rest(record: RunRecord, reached: Number) -> tuple[Number, Number
     sliding on them, in J.
     """
     layout, (figures, facts) = record.layout, record.log
+    if not layout.settles:
+        zero = jnp.zeros((), record.numbers.dtype)
+        return zero, zero
     choice, before = facts.choice, figures.before
     # A wall has no row of its own.
     who = jnp.stack([choice.first, choice.second], axis=1)
