@@ -241,7 +241,8 @@ def _unit_of(start: Any, path: tuple[Any, ...]) -> str:
     """Return the unit that a module declares for its field, or that of the name of a ranged one."""
     declared = _declaration(start, path)
     if declared.get("unit") is not None or "allowed" not in declared:
-        return declared.get("unit") or ""
+        # A number without a unit is printed bare.
+        return (declared.get("unit") or "").removeprefix("-")
     return meaning(path[-1].name)[1]
 
 

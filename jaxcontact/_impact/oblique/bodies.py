@@ -147,7 +147,7 @@ class Shape(eqx.Module):
 def require_bodies(value: Any) -> RoundBodies | Shape:
     """Return bodies from an argument; spheres for None. ValueError for anything else."""
     if value is None or isinstance(value, str):
-        return Shape(require_choice("bodies", value or "sphere", INERTIA))
+        return Shape(require_choice("bodies", "sphere" if value is None else value, INERTIA))
     allowed = f"a `RoundBodies`, {', '.join(map(repr, INERTIA))} or None"
     return require_kind("bodies", value, RoundBodies, allowed)
 
