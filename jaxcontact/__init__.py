@@ -55,10 +55,12 @@ if _TYPE_CHECKING:
     from ._impact import trajectory as trajectory
     from ._lab import Calibration as Calibration
     from ._lab import CalibrationSummary as CalibrationSummary
+    from ._lab import FrictionCalibration as FrictionCalibration
     from ._lab import LowPass as LowPass
     from ._lab import Recording as Recording
     from ._lab import RecordingError as RecordingError
     from ._lab import calibrate as calibrate
+    from ._lab import calibrate_friction as calibrate_friction
     from ._lab import fit_record as fit_record
     from ._lab import load_calibration as load_calibration
     from ._lab import read_recording as read_recording
@@ -112,8 +114,9 @@ _ROOMS = {
     "_bounce": "Bounce bounce",
     "_cache": "cache",
     "_calibration": (
-        "AbstractShape Design LawChoice Network Rational Spline VelocityProfile choose_law design "
-        "fit_bounces fit_damping fit_energy_loss fit_impacts fit_velocity_profile learn_law"
+        "AbstractShape Design FrictionChoice LawChoice Network Rational Spline VelocityProfile "
+        "choose_friction choose_law design fit_bounces fit_damping fit_energy_loss fit_impacts "
+        "fit_oblique fit_velocity_profile learn_law"
     ),
     "_contact": "Contact Material",
     "_friction": (
@@ -130,8 +133,8 @@ _ROOMS = {
         "Status Trajectory impact oblique_impact oblique_trajectory restitution trajectory"
     ),
     "_lab": (
-        "Calibration CalibrationSummary LowPass Recording RecordingError calibrate fit_record "
-        "load_calibration read_recording report"
+        "Calibration CalibrationSummary FrictionCalibration LowPass Recording RecordingError "
+        "calibrate calibrate_friction fit_record load_calibration read_recording report"
     ),
     "_laws": (
         "VELOCITY_THRESHOLD AbstractHuntCrossley AbstractLaw AntypovElliott Bridges "

@@ -4,6 +4,9 @@ from .choice.choose_law import choose_law as choose_law
 from .choice.law_choice import LawChoice as LawChoice
 from .design.design import Design as Design
 from .design.design import design as design
+from .oblique.choose_friction import choose_friction as choose_friction
+from .oblique.fit_oblique import fit_oblique as fit_oblique
+from .oblique.friction_choice import FrictionChoice as FrictionChoice
 from .problems.bounces import fit_bounces as fit_bounces
 from .problems.damping import fit_damping as fit_damping
 from .problems.energy_loss import fit_energy_loss as fit_energy_loss

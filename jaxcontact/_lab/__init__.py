@@ -13,6 +13,8 @@ if _TYPE_CHECKING:
     from .calibration.calibrate import calibrate as calibrate
     from .calibration.summary import CalibrationSummary as CalibrationSummary
     from .calibration.summary import load_calibration as load_calibration
+    from .oblique.calibrate_friction import FrictionCalibration as FrictionCalibration
+    from .oblique.calibrate_friction import calibrate_friction as calibrate_friction
     from .recordings import Recording as Recording
     from .recordings import RecordingError as RecordingError
     from .recordings import read_recording as read_recording
@@ -23,10 +25,12 @@ if _TYPE_CHECKING:
 _HOME = {
     "Calibration": "calibration.calibrate",
     "CalibrationSummary": "calibration.summary",
+    "FrictionCalibration": "oblique.calibrate_friction",
     "LowPass": "records.low_pass",
     "Recording": "recordings",
     "RecordingError": "recordings",
     "calibrate": "calibration.calibrate",
+    "calibrate_friction": "oblique.calibrate_friction",
     "fit_record": "records.fit_record",
     "load_calibration": "calibration.summary",
     "read_recording": "recordings",

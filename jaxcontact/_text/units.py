@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from typing import NamedTuple
 
@@ -147,6 +148,13 @@ _WRITTEN: dict[str, dict[str, tuple[float, float]]] = {
         "ft/s fps": (0.3048, 1),
         "in/s": (0.0254, 1),
         "mph": (0.44704, 1),
+    },
+    "rad": {"rad radian radians": (1, 1), "deg degree degrees °": (math.pi, 180)},
+    "rad/s": {
+        "rad/s rads-1 rad·s-1 rad·s⁻¹ rad.s-1 radians/s": (1, 1),
+        "deg/s °/s degrees/s": (math.pi, 180),
+        "rpm 1/min": (2 * math.pi, 60),
+        "rev/s rps": (2 * math.pi, 1),
     },
     "": {"- 1 none": (1, 1), "% percent pct": (1, 100)},
     "m/s^2": {

@@ -8,12 +8,15 @@ import pytest
 import jaxcontact as jc
 
 LAW, CONTACT, V, E = jc.HuGuo(e=0.8), jc.Contact(0.1, 1e6), np.linspace(1, 2, 6), np.full(6, 0.8)
+FRICTION = jc.RigidCoulomb(0.2)
 READY = (
-    *(jc.choose_law, jc.fit_bounces, jc.fit_damping, jc.fit_energy_loss),
-    *(jc.fit_impacts, jc.fit_record, jc.learn_law),
+    *(jc.choose_friction, jc.choose_law, jc.fit_bounces, jc.fit_damping, jc.fit_energy_loss),
+    *(jc.fit_impacts, jc.fit_oblique, jc.fit_record, jc.learn_law),
 )
 OF_FIT = inspect.signature(jc.fit).parameters
-OWN_SIGMA = {jc.choose_law, jc.fit_impacts, jc.fit_record}
+CHOICES = {jc.choose_law: set(), jc.choose_friction: {"groups", "weights"}}
+OWN_SIGMA = {*CHOICES, jc.fit_impacts, jc.fit_oblique, jc.fit_record}
+OWN_NOISE = {jc.choose_friction, jc.fit_oblique, jc.fit_record}
 LEFT = {"predict", "data", "start", "x"}
 
 
@@ -24,9 +27,10 @@ def test_signatures_show_what_fit_takes(function):
     missing = OF_FIT.keys() - shown.keys() - LEFT - ({"sigma"} if function in OWN_SIGMA else set())
     # A choice fits many laws: one that fails is flagged.
     of_one = {"correlation", "transforms", "throw"}
-    assert missing == (of_one if function is jc.choose_law else set())
+    assert missing == (of_one | CHOICES[function] if function in CHOICES else set())
     for name in OF_FIT.keys() & shown.keys() - LEFT:
-        wanted = None if (function, name) == (jc.fit_record, "noise") else OF_FIT[name].default
+        own = name == "noise" and function in OWN_NOISE
+        wanted = None if own else OF_FIT[name].default
         assert shown[name].default == wanted and shown[name].kind is inspect.Parameter.KEYWORD_ONLY
 
 
@@ -42,6 +46,8 @@ OLD_ORDERS = {
     "fit_damping": (lambda: jc.fit_damping(V, E, CONTACT), "contact"),
     "fit_record": (lambda: jc.fit_record(V, LAW, CONTACT, 1.0, force=E), "law"),
     "fit_impacts": (lambda: jc.fit_impacts(V, LAW, CONTACT, e=E), "law"),
+    "fit_oblique": (lambda: jc.fit_oblique(V, V, LAW, CONTACT, friction=FRICTION), "law"),
+    "choose_friction": (lambda: jc.choose_friction(CONTACT, LAW, V, V), "law"),
     "fit_bounces": (lambda: jc.fit_bounces(CONTACT, LAW, V, E), "law"),
     "design": (lambda: jc.design(CONTACT, LAW, sigma={"e": 0.1}, candidates=V), "law"),
     "fit_energy_loss": (lambda: jc.fit_energy_loss(CONTACT, V), "e_in"),

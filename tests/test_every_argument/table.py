@@ -1,17 +1,27 @@
 """Every public callable with its cases, and the exempt ones."""
 
-from tests.test_every_argument import fits, friction, measured, physics, results, scenes, systems
+from tests.test_every_argument import (
+    fits,
+    friction,
+    measured,
+    oblique_fits,
+    physics,
+    results,
+    scenes,
+    systems,
+)
 from tests.test_every_argument.case import Case
 
 
 def cases() -> dict[str, Case]:
     first = physics.cases() | fits.cases() | measured.cases() | results.cases()
-    return first | scenes.cases() | systems.cases() | friction.cases()
+    return first | scenes.cases() | systems.cases() | friction.cases() | oblique_fits.cases()
 
 
 EXEMPT = {
     # Results, which the library makes
-    r"(Bounce|Calibration|CalibrationSummary|Design|Export|Fit|Impact|Impacts|LawChoice|Margin|"
+    r"(Bounce|Calibration|CalibrationSummary|Design|Export|Fit|FrictionCalibration|FrictionChoice|"
+    r"Impact|Impacts|LawChoice|Margin|"
     r"ObliqueImpact|ObliqueTrajectory|"
     r"Posterior|Recording|Run|ScaledImpact|States|Sweep|SystemContacts|SystemMargin|SystemRun|"
     r"SystemStates|Trajectory|VelocityProfile)\(.*\)": ("a result, made by the library"),
@@ -25,7 +35,7 @@ EXEMPT = {
     r"Sweep\.(coordinates|taken)\(.*\)": "called by the library",
     r"Sphere\.moved_to\(.*\)|Shell\.centre_at\(.*\)": "called by the library",
     r"(Sphere|Plane|Box|Shell)\.after\(.*\)": "called by the library",
-    r"(choose_law|learn_law|fit_[a-z_]+)\((weights|groups|correlation|transforms|sigma|loss|noise|"
+    r"(choose_[a-z]+|learn_law|fit_[a-z_]+)\((weights|groups|correlation|transforms|sigma|loss|noise|"
     r"optimizer|starts|spread|seed|max_steps|patience|rtol|reverse|progress|throw)\)": "see `fit`",
     r"cache\(folder\)": "a setting of the process, in tests/test_cli/test_cache.py",
     r"(Prescribed|simulate)\(args\)": "whatever the functions take",

@@ -13,6 +13,8 @@ from ..._text.progress import Stages
 from ..._text.table import wrapped
 from ..air import add_air_options, drag_asked, gravity_asked
 from ..files import output_path
+from ..friction import NUMBERS as NUMBERS
+from ..friction import is_friction, run_friction
 from ..options import InputError, input_errors, positive
 from ..table import add_table_options, in_options
 
@@ -20,20 +22,20 @@ if TYPE_CHECKING:
     from ..._flight import Drag
 
 FIGURE = "calibration.png"
-NUMBERS = "calibration.json"
 SOUND = "sound.png"
 RECORD = "record.png"
 TRACK = "track.png"
 REPORT = "calibration.md"
 
-SUMMARY = "fit laws to a recording of bounces"
+SUMMARY = "fit laws to a recording of bounces or to oblique impacts"
 
 DESCRIPTION = """\
 Fit laws to a recording of bounces. The command converts it to pairs (approach speed, e), and
 finds spurious and missed triggers by a robust rule. It compares a constant e with speed-dependent
 laws: constant damping, damping as a power of the speed, Kuwabara-Kono, elastic-plastic spheres,
 1 - b v^p. It writes calibration.png and calibration.json. The default FILE is the shipped one:
-bounce intervals of a small rubber ball.
+bounce intervals of a small rubber ball. For a table of oblique impacts it fits friction laws
+instead, and writes calibration.json.
 """
 
 EPILOG = """\
@@ -61,6 +63,12 @@ one of these sets of columns, with headings by any usual name ("v", "COR", "spee
   time, force | acceleration | indentation             readings of an instrument over time, with one
                                                        or several impacts
   time, sound                                          samples of a sound
+  angle, speed | normal_velocity, tangential_velocity; and tangential_restitution |
+  tangential_rebound | rebound_angle | rebound_spin [e, ball]
+                                                       oblique impacts: the angle from the normal
+                                                       (deg or rad) and the speed, or both speeds
+                                                       in m/s; after them v_t'/v_t, v_t', the angle
+                                                       or the spin, in several columns or one
 Columns in brackets are optional; other columns are ignored. A unit in a heading is converted, and
 the report notes it. `sigma` holds standard deviations of e or of the intervals. Columns of other
 standard deviations are listed as not used. Rows in messages are lines of the file; the header is
@@ -84,6 +92,11 @@ e from two intervals of a trial with successive bounces: e = T2/T1 at approach s
 drag by its flight times; from heights: e = sqrt(h1/h0) at sqrt(2 g h0), or with drag. A pair is
 marked only if it is far from the trend of all pairs, even for e above 1. Marked pairs are listed
 with their rows and left out; the result with them is shown as well.
+
+From oblique impacts μ follows with its error, by the friction law that describes the table: rigid
+Coulomb, Walton, Maw-Barber-Fawcett, or one spring and slider. They need e, from a column or
+--restitution, and for spins --radius. --tangential-ratio 2(1-ν)/(2-ν), for like materials, holds
+the stiffness of the springs, which is fitted otherwise.
 
 --law NAME: `constant_damping`, `power_damping`, `kuwabara_kono`, `thornton_plastic`,
 `power_restitution`, `bridges`, `linear_dashpot` or `step_damping` is compared with a constant e; a
@@ -126,6 +139,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         ("--stiffness", "K", follow),
         ("--rate", "HZ", "readings of a record, or frames of a video, per second"),
         ("--exponent", "N", "exponent n of the force of a record (default: 1.5)"),
+        ("--restitution", "E", "e of oblique impacts, without a column of it"),
+        ("--tangential-ratio", "KAPPA", "tangential over normal stiffness, for oblique impacts"),
     ):
         parser.add_argument(name, metavar=metavar, type=positive, help=words)
     parser.add_argument(
@@ -154,6 +169,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Calibrate; return 0, or 1 if a fit did not converge. Raises InputError, OSError."""
     progress("reading the recording")
+    if is_friction(arguments):
+        return run_friction(arguments, progress)
     from ..._lab.calibration.calibrate import calibrate
     from ..._lab.recordings import RecordingError, read_recording
     from ...plot import calibration, record, sound, track

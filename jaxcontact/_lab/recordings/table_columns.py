@@ -19,6 +19,9 @@ from ..tables.heading import Meaning, suggestion, words
 from ..tables.match import as_told, check_usual, match, unknown_name
 from ..tables.sheet import Row, Sheet, sheet_of
 
+_NORMAL = words("normal velocity, normal speed, vn, v n, normal velocity before, v n before")
+"""Beside an angle, these are not the speed."""
+
 COLUMNS: Mapping[str, Meaning] = {
     "velocity": VELOCITY,
     "e": E,
@@ -41,6 +44,50 @@ COLUMNS: Mapping[str, Meaning] = {
     "force": Forces.meanings["force"],
     "indentation": Meaning(
         words("indentation, displacement, deformation, penetration, compression, depth, δ, x"), "m"
+    ),
+    "angle": Meaning(
+        words(
+            "angle, impact angle, angle of impact, incidence, angle of incidence, incidence angle, "
+            "incident angle, angle before, θ, theta"
+        ),
+        "rad",
+        must_say="deg or rad",
+    ),
+    "speed": dataclasses.replace(
+        VELOCITY, words=tuple(one for one in VELOCITY.words if one not in _NORMAL)
+    ),
+    "normal_velocity": Meaning(_NORMAL, "m/s"),
+    "tangential_velocity": Meaning(
+        words(
+            "tangential velocity, tangential speed, vt, v t, tangential velocity before, v t before"
+        ),
+        "m/s",
+    ),
+    "tangential_restitution": Meaning(
+        words(
+            "tangential restitution, tangential coefficient of restitution, tangential cor, "
+            "vt'/vt, v t'/v t, et, e t, tangential velocity ratio, tangential speed ratio"
+        ),
+        "",
+    ),
+    "tangential_rebound": Meaning(
+        words(
+            "tangential rebound, tangential velocity after, tangential speed after, vt', v t', "
+            "v t after, tangential rebound velocity, tangential rebound speed"
+        ),
+        "m/s",
+    ),
+    "rebound_angle": Meaning(
+        words("rebound angle, angle of rebound, angle after, reflection angle, θ', theta'"),
+        "rad",
+        must_say="deg or rad",
+    ),
+    "rebound_spin": Meaning(
+        words(
+            "rebound spin, spin, spin after, angular velocity, angular velocity after, "
+            "rotational velocity, rotational speed, ω, ω', omega, omega', rotation"
+        ),
+        "rad/s",
     ),
 }
 """Meanings of the columns of fits."""
@@ -101,8 +148,9 @@ def read_columns(
             raise sheet.fault(problem, name)
     rows = found.rows(sheet)
     if not rows:
-        raise sheet.fault("holds a header but no measurement", needed[0])
-    check_usual(rows, {name: meanings[name] for name in needed})
+        raise sheet.fault("holds a header but no measurement", next(iter(needed), None))
+    said = [name for name in found.places if meanings[name].must_say]
+    check_usual(rows, {name: meanings[name] for name in (*needed, *said)})
     if "ball" in found.places:
         rows = _of_ball(sheet, rows, ball)
     numbers = [name for name in found.places if name != "ball"]

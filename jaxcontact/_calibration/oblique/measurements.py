@@ -1,0 +1,128 @@
+"""Measured oblique impacts: the checks of their columns, and what a fit takes of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from jaxtyping import ArrayLike
+
+from ..._contact import Contact, require_contact
+from ..._entry import NOT_NEGATIVE, POSITIVE, REAL, Range, as_numbers, rendered
+from ..._impact import RoundBodies
+from ..._impact.oblique.bodies import Shape, require_bodies
+from ..._laws import AbstractLaw, require_law
+from ..pairs.columns import Column, column, measured
+from .model import ObliqueModel
+
+_ANGLE = Range(low=-np.pi / 2, high=np.pi / 2, inside=0.0)
+_RATIO = Range(low=-2.0, high=2.0, inside=0.5)
+"""Range of a measured v_t'/v_t: friction alone keeps it in [-1, 1]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurements:
+    """The `model` of the outcomes, the speeds `x`, and `table`, the data and weights of `fit`."""
+
+    model: ObliqueModel
+    x: dict[str, Column]
+    table: dict[str, Any]
+
+    @property
+    def factor(self) -> dict[str, Column]:
+        """The factor (n,) of each residual, by column; 0 for missing readings."""
+        if "sigma" in self.table:
+            return {name: 1 / sigma for name, sigma in self.table["sigma"].items()}
+        return {name: np.sqrt(weight) for name, weight in self.table["weights"].items()}
+
+    def reweighed(self, residuals: Column) -> Measurements:
+        """Return the measurements with the noise of each column from residuals of all points."""
+        parts = np.split(residuals, len(self.factor))
+        weights = {}
+        for name, off in zip(sorted(self.factor), parts, strict=True):
+            used, size = self.factor[name] > 0, _inverse_size(off)
+            weights[name] = np.where(used, size, 0.0)
+        return dataclasses.replace(self, table=self.table | {"weights": weights})
+
+
+def measurements(
+    law: AbstractLaw,
+    contact: Contact,
+    velocity: ArrayLike,
+    tangential_velocity: ArrayLike,
+    bodies: Any,
+    columns: dict[str, tuple[Any, Any]],
+) -> Measurements:
+    """Return checked measurements; `columns` holds values and standard deviations by name.
+
+    Without standard deviations the error of each column is taken as the same fraction of its size.
+    Raises ValueError that names the argument and the first bad point.
+    """
+    require_law(law)
+    require_contact(contact)
+    shapes = require_bodies(bodies)
+    if isinstance(shapes, RoundBodies):
+        shapes.require_mass(contact.mass)
+    v = column(velocity, "velocity", POSITIVE)
+    beside = "velocity", v
+    slip = column(tangential_velocity, "tangential_velocity", NOT_NEGATIVE, beside)
+    ranges = {"tangential_restitution": _RATIO, "rebound_angle": _ANGLE, "rebound_spin": REAL}
+    given = {name: (*columns[name], allowed) for name, allowed in ranges.items()}
+    _require_radians(given["rebound_angle"][0])
+    table = measured(given, beside, gaps=True, weight=_inverse_size)
+    data = table["data"]
+    _require_slip(data, slip)
+    if "rebound_spin" in data:
+        _require_spin(data["rebound_spin"], shapes, bodies)
+    model = ObliqueModel(law, contact, shapes, tuple(data))
+    return Measurements(model, {"velocity": v, "tangential_velocity": slip}, table)
+
+
+def _inverse_size(values: Column) -> float:
+    """Return the weight of a column, the inverse of its mean square."""
+    size = float(np.mean(np.square(values[np.isfinite(values)])))
+    return 1 / size if size > 0 else 1.0
+
+
+def _require_radians(angle: Any) -> None:
+    """Raise ValueError for angles of rebound that seem to be in degrees."""
+    if angle is None:
+        return
+    values = as_numbers(angle, "rebound_angle")
+    beyond = np.abs(values) > _ANGLE.high
+    if beyond.any():
+        i = int(np.argmax(beyond.ravel()))
+        raise ValueError(
+            f"Argument `rebound_angle` must be in {_ANGLE} rad, but is {values.ravel()[i]:g} at "
+            f"point {i}. Is it in degrees? Then use `np.radians`."
+        )
+
+
+def _require_slip(data: dict[str, Column], slip: Column) -> None:
+    """Raise ValueError for a ratio v_t'/v_t of a head-on impact."""
+    if "tangential_restitution" not in data:
+        return
+    without = (slip == 0) & np.isfinite(data["tangential_restitution"])
+    if without.any():
+        i = int(np.argmax(without))
+        raise ValueError(
+            "Argument `tangential_restitution` must be NaN where `tangential_velocity` is 0, but "
+            f"is {data['tangential_restitution'][i]:g} at point {i}."
+        )
+
+
+def _require_spin(spin: Column, shapes: RoundBodies | Shape, bodies: Any) -> None:
+    """Raise ValueError for a spin without a radius, and for one of the other sign."""
+    if not shapes.radii:
+        raise ValueError(
+            "Argument `bodies` must have a radius with `rebound_spin`, as in "
+            f"`bodies=jc.RoundBodies(radius=0.01)`, but is {rendered(bodies)}."
+        )
+    middle = float(np.nanmedian(spin))
+    if middle < 0:
+        raise ValueError(
+            "Argument `rebound_spin` must be positive in the sense of rolling, into which friction "
+            f"turns a body, but its median is {middle:g}. `oblique_impact` counts ω1 the other "
+            "way: then change the sign."
+        )

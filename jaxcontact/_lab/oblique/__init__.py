@@ -1,0 +1,1 @@
+"""Tables of oblique impacts, and the friction law that describes them."""
