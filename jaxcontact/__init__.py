@@ -104,6 +104,7 @@ if _TYPE_CHECKING:
     from ._system import System as System
     from ._system import SystemContacts as SystemContacts
     from ._system import SystemMargin as SystemMargin
+    from ._system import SystemPhases as SystemPhases
     from ._system import SystemRun as SystemRun
     from ._system import SystemStates as SystemStates
     from ._text.failure import NumericalError as NumericalError
@@ -149,7 +150,7 @@ _ROOMS = {
     ),
     "_simulate": "simulate",
     "_sweep": "Sweep sweep",
-    "_system": ("System SystemContacts SystemMargin SystemRun SystemStates"),
+    "_system": ("System SystemContacts SystemMargin SystemPhases SystemRun SystemStates"),
     "_text.failure": "NumericalError",
 }
 """Public names by room."""

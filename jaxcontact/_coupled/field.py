@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool
 from .clock import ContactClock
 from .cubic import ceiling, highest
 from .modes import Flags, Modes, PerContact
-from .scalars import Index, Number
+from .scalars import Flag, Index, Number
 
 WORK, TIME, W = -3, -2, -1
 """The indices of work, time and w in the vector of a state."""
@@ -24,26 +24,55 @@ TOGETHER = 0.65
 """A power of rounding: the distance between simultaneous events, relative to the step."""
 
 
+class Grip(NamedTuple):
+    """The distance of each contact from a change between stick and slip, its rate, which counts by
+    its sign, and the friction force. `hold` falls through zero where the contact changes.
+    """
+
+    hold: PerContact
+    rate: PerContact
+    friction: PerContact
+
+
 class Look(NamedTuple):
     """The indentations at the end of a step, their first and second rates, and the forces; or the
-    slopes of all four in s.
+    slopes of all four in s. `grip` is that of contacts that stick and slip.
     """
 
     depth: PerContact
     rate: PerContact
     second: PerContact
     force: PerContact
+    grip: Grip | None = None
+
+
+class Settled(NamedTuple):
+    """The state and the modes after changes between stick and slip, with the contacts that changed,
+    and whether friction forces of sticking contacts are not unique.
+    """
+
+    y: Array
+    modes: Modes
+    slides: Flags
+    redundant: Flag
 
 
 class LoopRules(NamedTuple):
     """The static rules of a coupled solve. `peak`: whether v0 follows its peak. `until_change` and
-    `max_steps` determine its end. `flies`: whether it goes on without contacts.
+    `max_steps` determine its end. `flies`: whether it goes on without contacts. `sticks`: whether
+    contacts stick and slip.
     """
 
     peak: bool
     until_change: bool
     max_steps: int
     flies: bool = False
+    sticks: bool = False
+
+    @property
+    def events(self) -> int:
+        """The number of events of each contact."""
+        return 1 + self.peak + self.sticks
 
 
 class AbstractCoupledField(abc.ABC):
@@ -101,6 +130,18 @@ class AbstractCoupledField(abc.ABC):
         del y, touches
         return modes
 
+    def settled(
+        self, y: Array, modes: Modes, touches: Flags, changes: Flags, friction: PerContact
+    ) -> Settled:
+        """Return the state after events. Contacts that `changes` marks stop sliding, or begin to
+        under the `friction` that held them. All others that stick are tested, too.
+        """
+        raise NotImplementedError
+
+    def afresh(self, y: Array, modes: Modes) -> tuple[Look, Look]:
+        """Return the quantities of a state after a change of its modes, and their rates in time."""
+        raise NotImplementedError
+
     def hidden(
         self, lasts: Number, before: Look, after: Look, modes: Modes, leaving: Flags, noise: Any
     ) -> tuple[Flags, Number]:
@@ -150,16 +191,25 @@ class AbstractCoupledField(abc.ABC):
     ) -> Any:
         """Return the gaps that fall through zero at events, or their slopes if slopes are given."""
         meets = jnp.where(clock.leaving, w, jnp.where(modes.closed, at.depth, -at.depth))
+        slips = [] if at.grip is None else [at.grip.hold]
         if not self.rules.peak:
-            return jnp.concatenate([meets, left[None]])
+            return jnp.concatenate([meets, *slips, left[None]])
         latches = jnp.where(modes.rising, at.second, latched - at.rate)
-        return jnp.concatenate([meets, latches, left[None]])
+        return jnp.concatenate([meets, latches, *slips, left[None]])
 
     def has_passed(self, modes: Modes, at: Look, gaps: Array) -> Bool[Array, " events"]:
         """Return which gaps are negative because of an event, not because of rounding."""
         inwards = jnp.where(modes.closed, at.rate < 0, at.rate > 0)
         meets, last = self.used & inwards, jnp.ones(1, bool)
+        slips = [] if at.grip is None else [self._slips(modes, at.grip)]
         if not self.rules.peak:
-            return (gaps < 0) & jnp.concatenate([meets, last])
+            return (gaps < 0) & jnp.concatenate([meets, *slips, last])
         latches = self.used & modes.closed & (modes.rising | (at.second > 0))
-        return (gaps < 0) & jnp.concatenate([meets, latches, last])
+        return (gaps < 0) & jnp.concatenate([meets, latches, *slips, last])
+
+    def _slips(self, modes: Modes, grip: Grip) -> Flags:
+        """Return which contacts may have changed between stick and slip."""
+        # Where a contact opens, friction and its limit vanish together, up to rounding.
+        limit = -(float(jnp.finfo(grip.hold.dtype).eps) ** TOGETHER)
+        falls = jnp.where(modes.slide == 0, grip.hold < limit, grip.rate < 0)
+        return self.used & modes.closed & falls

@@ -20,7 +20,7 @@ from jaxtyping import Array
 
 from .clock import LONG_AGO, ContactClock, choose_clock
 from .field import TIME, Look
-from .modes import APART, NOT_CONVERGED, PAUSED, TIME_IS_UP, Modes, PerContact
+from .modes import APART, NOT_CONVERGED, PAUSED, REDUNDANT, TIME_IS_UP, Modes, PerContact
 from .scalars import Flag, Index, Number
 from .step import Carry, CoupledSolve, advance, with_w
 
@@ -46,6 +46,9 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
     field, modes, finest, begin = solve.field, start.modes, solve.finest, solve.begin
     zero = jnp.zeros((), start.y.dtype)
     nobody, none = jnp.zeros_like(modes.closed), jnp.zeros_like(modes.latched)
+    redundant = None
+    if field.rules.sticks:
+        redundant = field.settled(start.y, modes, nobody, nobody, none).redundant
     here = field.look(start.y, modes, ContactClock(jnp.asarray(True), nobody))
     if field.rules.peak:
         # v0 follows a closing speed that is the largest so far and increases.
@@ -62,6 +65,10 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
     first = begin if start.step is None else start.step
     size = _stop(jnp.where(just, begin, first / jnp.where(just, 1, 2 * w)))
     over = jnp.where(field.until <= 0, TIME_IS_UP, -1)
+    slope = Look(here.rate, here.second, none, force)
+    if redundant is not None:
+        over = jnp.where(redundant, REDUNDANT, over)
+        slope = field.afresh(start.y, modes)[1]
     if not field.rules.flies:
         over = jnp.where(jnp.any(modes.closed), over, APART)
     return Carry(
@@ -75,9 +82,9 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
         last_error=zero + 1,
         whole=zero,
         cruise=begin,
-        sought=jnp.zeros((2 if field.rules.peak else 1) * none.shape[0] + 1, bool),
+        sought=jnp.zeros(field.rules.events * none.shape[0] + 1, bool),
         look=here,
-        slope=Look(here.rate, here.second, none, force),
+        slope=slope,
         since=start.since,
         force_until=start.force_until,
         max_force=start.max_force,

@@ -17,6 +17,10 @@ the numbers cannot be trusted. CHANGED: a contact began or ended, with `until_ch
 touching body rests on one plane with zero normal velocity. PAUSED: the step limit was reached, for
 example by a ball sliding in a shell; another call continues."""
 
+REDUNDANT = 7
+"""Another way in which a solve ends: friction forces of sticking contacts are not unique. Scenes
+have a 6 of their own."""
+
 SLOWEST = 1e-9
 """The least v0 in units of speed; v0 = 0 would have no damping."""
 
@@ -46,10 +50,12 @@ class Units(NamedTuple):
 
 class Modes(NamedTuple):
     """The modes between two events: the closed contacts, the source of their v0, and the effective
-    masses that they began with, if these depend on the motion.
+    masses that they began with, if these depend on the motion. `slide`: the signs of the slips, 0
+    for contacts that stick, if contacts stick and slip.
     """
 
     closed: Flags
     rising: Flags
     latched: PerContact
     mass: PerContact | None = None
+    slide: PerContact | None = None

@@ -14,8 +14,8 @@ from .._solver.runge_kutta import step_and_slope
 from .clock import ContactClock, choose_clock
 from .control import factor, onward
 from .cubic import highest, to_root
-from .field import TIME, TOGETHER, AbstractCoupledField, Look, W
-from .modes import APART, CHANGED, TIME_IS_UP, Flags, Modes, PerContact, Units
+from .field import TIME, TOGETHER, AbstractCoupledField, Grip, Look, W
+from .modes import APART, CHANGED, REDUNDANT, TIME_IS_UP, Flags, Modes, PerContact, Units
 from .rows import rows_of
 from .scalars import Flag, Index, Number
 
@@ -119,7 +119,10 @@ class _StepEvents(NamedTuple):
 
 
 class _Changed(NamedTuple):
-    """The state and the modes after the events of a step, and which contacts begin and end."""
+    """The state and the modes after the events of a step, and which contacts begin and end. Where
+    contacts stick and slip, `slides` marks those that change, after which `slope` holds the rates
+    of `now` in time.
+    """
 
     y: Array
     modes: Modes
@@ -128,6 +131,9 @@ class _Changed(NamedTuple):
     now: Look
     touched: Array
     dropped: Array
+    slides: Flags | None = None
+    slope: Look | None = None
+    redundant: Flag | None = None
 
 
 def with_w(y: Array, w: Number) -> Float[Array, " numbers"]:
@@ -136,10 +142,11 @@ def with_w(y: Array, w: Number) -> Float[Array, " numbers"]:
 
 
 class Changes(NamedTuple):
-    """The contacts that begin and end with a step."""
+    """The contacts that begin and end with a step, and those that begin to stick or to slip."""
 
     touches: Flags
     opens: Flags
+    slides: Flags | None = None
 
 
 def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
@@ -166,6 +173,8 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
     status = jnp.where(ended, CHANGED, status)
     if not field.rules.flies:
         status = jnp.where(~jnp.any(modes.closed & field.used), APART, status)
+    if changed.redundant is not None:
+        status = jnp.where(changed.redundant, REDUNDANT, status)
     status = jnp.where(happens[-1], TIME_IS_UP, status)
 
     new = records | {
@@ -182,7 +191,9 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
         for name, value in new.items()
     }
     steps = {name: value for name, value in onwards.items() if name != "y"}
-    changes = Changes(events.taken & touches, events.taken & opens)
+    slides = changed.slides
+    slides = None if slides is None else events.taken & slides
+    changes = Changes(events.taken & touches, events.taken & opens, slides)
     carry = c._replace(
         **kept,
         **steps,
@@ -224,8 +235,21 @@ def _try_step(solve: CoupledSolve, c: Carry) -> _Attempt:
         faster, _ = highest(lasts, before.rate, before.second, after.rate, after.second)
         hidden = modes.closed & ~modes.rising & (after.second < 0)
         grazed = grazed | jnp.any(used & hidden & (faster > modes.latched + finest**TOGETHER))
+    if field.rules.sticks:
+        grazed = grazed | jnp.any(used & modes.closed & _slips_within(c, now.grip, slope.grip))
     fine = (error <= 1) & (~grazed | (c.size < 1e-6))
     return _Attempt(y, error, fine, outset, toward, now, slope, passing, grazed, shorter)
+
+
+def _slips_within(c: Carry, now: Grip | None, slope: Grip | None) -> Flags:
+    """Return which contacts may change between stick and slip, and back, within a step. `now` is
+    the grip at its end, and `slope` the slopes in s.
+    """
+    assert now is not None and slope is not None
+    before, rising, after, falling = _stop((c.look.grip, c.slope.grip, now.hold, slope.hold))
+    outset = 2 * _stop(c.y[W]) * rising.hold
+    dip, inside = highest(_stop(c.size), -before.hold, -outset, -after, -falling)
+    return inside & (dip > float(jnp.finfo(after.dtype).eps) ** TOGETHER)
 
 
 def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
@@ -292,7 +316,7 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
     at_touch = jnp.maximum(speed, solve.floor / solve.units.speed)
     latched, rising = jnp.where(touches, at_touch, modes.latched), modes.rising & ~opens
     if field.rules.peak:
-        latches = happens[contacts:-1]
+        latches = happens[contacts : 2 * contacts]
         latched = jnp.where(latches, speed, latched)
         rising = jnp.where(latches, ~modes.rising, rising)
         rising = jnp.where(touches, now.second > 0, rising)
@@ -304,7 +328,39 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
     modes = field.at_touch(
         y, touches, modes._replace(closed=closed, rising=rising, latched=latched)
     )
-    return _Changed(y, modes, touches, opens, now, touched, dropped)
+    changed = _Changed(y, modes, touches, opens, now, touched, dropped)
+    if not field.rules.sticks:
+        return changed
+    return _change_grips(solve, changed, trial.now.grip, happens[-1 - contacts : -1])
+
+
+def _change_grips(
+    solve: CoupledSolve, changed: _Changed, grip: Grip | None, happens: Flags
+) -> _Changed:
+    """Apply the changes between stick and slip that an event brings."""
+    assert grip is not None
+    field, before, now = solve.field, changed.modes, changed.now
+    event = jnp.any(changed.touches | changed.opens | happens)
+    settled = field.settled(changed.y, before, changed.touches, happens, grip.friction)
+    y, modes, slides = jax.tree.map(
+        lambda new, old: jnp.where(event, new, old),
+        (settled.y, settled.modes, settled.slides),
+        (changed.y, before, jnp.zeros_like(happens)),
+    )
+    # Accelerations jump with friction. With them the closing speed may begin or cease to rise.
+    new, slope = field.afresh(y, modes)
+    jumps = jnp.any(slides) & ~settled.redundant
+    now = jax.tree.map(lambda a, b: jnp.where(jumps, a, b), new, now)
+    if field.rules.peak:
+        largest = modes.closed & (now.rate >= modes.latched - 16 * solve.finest)
+        rising = modes.rising | largest
+        rising = jnp.where(jumps, rising & (now.second > 0), modes.rising)
+        falls = modes.rising & ~rising
+        latched = jnp.where(falls, jnp.maximum(now.rate, 0), modes.latched)
+        modes = modes._replace(rising=rising, latched=latched)
+    return changed._replace(
+        y=y, modes=modes, now=now, slides=slides, slope=slope, redundant=settled.redundant
+    )
 
 
 def _onward(
@@ -368,7 +424,8 @@ def _records(
     now_w, zero = tried.y[W], jnp.zeros_like(now.rate)
     safe = jnp.abs(now_w) > solve.finest**_NEAR
     per_time = jax.tree.map(lambda x: x / jnp.where(safe, 2 * now_w, 1), tried.slope)
-    at_opening = Look(now.rate, now.second, zero, zero)
+    none = None if now.grip is None else Grip(zero, zero, zero)
+    at_opening = Look(now.rate, now.second, zero, zero, none)
     per_time = jax.tree.map(lambda a, b: jnp.where(safe, a, b), per_time, at_opening)
     strongest = solve.field.strongest(passing, (c.look, c.slope), (now, per_time), modes)
     strongest = jnp.where(modes.closed, units.force * strongest, 0)
@@ -381,6 +438,9 @@ def _records(
     lasted = -c.look.force / jnp.where(vanishes, c.slope.force, -1)
     lasted = c.y[TIME] + jnp.minimum(lasted, passing)
     until_then = jnp.where(vanishes, start + units.time * lasted, time)
+    if changed.slides is not None:
+        jumps = jnp.any(changed.slides)
+        per_time = jax.tree.map(lambda a, b: jnp.where(jumps, a, b), changed.slope, per_time)
     return {
         "slope": per_time,
         "force_until": jnp.where(acts, until_then, jnp.where(touches, time, c.force_until)),

@@ -28,6 +28,11 @@ class Ending(WordedEnum):
     NOT_CONVERGED = 4, "An impact did not converge to its tolerance. Try another `rtol`."
     CROWDED = 5, "Too many spheres touch, or in an unsupported way. Pass a larger `max_cluster`."
     WALL_TOO_ABRUPT = 6, "A wall, a fixed sphere or a shell exceeds its `max_acceleration`."
+    REDUNDANT_STICKING = (
+        7,
+        "Contacts that stick hold the same motion, so that their friction forces are not unique. "
+        "Remove a gap, or use `RegularizedCoulomb`.",
+    )
     FRICTION_NOT_MODELLED = (
         8,
         "Friction acts between three bodies, at rest on a soft contact or along a curve. Try "

@@ -2,6 +2,7 @@
 
 from .readout.result import SystemContacts as SystemContacts
 from .readout.result import SystemMargin as SystemMargin
+from .readout.result import SystemPhases as SystemPhases
 from .readout.result import SystemRun as SystemRun
 from .readout.result import SystemStates as SystemStates
 from .simulate import simulate_system as simulate_system

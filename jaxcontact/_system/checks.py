@@ -68,7 +68,13 @@ def _gaps_of(key: tuple[tuple[tuple, Any], ...]) -> int:
             f"Function `gap` must return an array of the shape (m,), but returns {gaps}."
         )
     if system.slip is not None:
-        require("slip", shape("slip", t, q, v), gaps, (*gaps, 2))
+        slip = shape("slip", t, q, v)
+        require("slip", slip, gaps, (*gaps, 2))
+        if system.sticks and slip != gaps:
+            raise ValueError(
+                f"Function `slip` must return the shape {gaps} with `RigidCoulomb`, but returns "
+                f"{slip}; in space use `RegularizedCoulomb`."
+            )
     if system.rate is not None:
         require("rate", shape("rate", t, q, v), q.shape)
     return gaps[0]

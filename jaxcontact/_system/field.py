@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import NamedTuple
 
 import equinox as eqx
@@ -12,7 +13,7 @@ from jaxtyping import Array, Float
 
 from .._contact import Contact
 from .._coupled.clock import ContactClock
-from .._coupled.field import TIME, AbstractCoupledField, Look, LoopRules, W
+from .._coupled.field import TIME, AbstractCoupledField, Grip, Look, LoopRules, Settled, W
 from .._coupled.modes import SLOWEST, Flags, Modes, PerContact
 from .._coupled.quintic import EndOfStep, parts_of_step, quintic, vertex
 from .._coupled.scalars import Number
@@ -20,6 +21,7 @@ from .._coupled.stored_energy import stored_energy
 from .._laws import force_of
 from .mechanics import Mechanics, Vector
 from .problem import Scales
+from .stick_slip import SLIDES_ON, Friction
 
 _DOUBT = 0.25
 """The part of the difference between quintic and cubic that the quintic is trusted to."""
@@ -91,7 +93,7 @@ class SystemField(AbstractCoupledField):
         depth, rate = self._along(opening.gap, opening.rate, y, clock)
         force = self.force(depth, rate, modes)
         still = self.force(depth, jnp.zeros_like(rate), modes)
-        motion = self.mechanics.motion(*at, opening, units.force * force)
+        motion = self.mechanics.motion(*at, opening, units.force * force, modes.slide)
         q = self.mechanics.rate(*at) / self.scales.position
         v = motion.acceleration / self.scales.velocity
         lost, rest = (force - still) * rate, motion.power / units.energy
@@ -105,9 +107,65 @@ class SystemField(AbstractCoupledField):
         opening = self.mechanics.opening(*at)
         depth, rate = self._along(opening.gap, opening.rate, y, clock)
         force = self.force(depth, rate, modes)
-        motion = self.mechanics.motion(*at, opening, units.force * force)
+        motion = self.mechanics.motion(*at, opening, units.force * force, modes.slide)
         second = self.mechanics.second(*at, motion.acceleration)
-        return Look(depth, rate, -second * (units.time / units.speed), force)
+        look = Look(depth, rate, -second * (units.time / units.speed), force)
+        if motion.friction is None:
+            return look
+        return look._replace(grip=self._grip(motion.friction, force, modes))
+
+    def _grip(self, friction: Friction, force: PerContact, modes: Modes) -> Grip:
+        """Return what is left of the limit of friction, or of the slip speed."""
+        units, slide, held = (
+            self.scales.contact,
+            modes.slide,
+            friction.force / self.scales.contact.force,
+        )
+        reserve = self.mechanics.limit(force) - jnp.abs(held)
+        sticks, slip = slide == 0, friction.slip / units.speed
+        rate = slide * friction.slip_rate * (units.time / units.speed)
+        return Grip(jnp.where(sticks, reserve, slide * slip), rate, held)
+
+    def look_along(
+        self, y: Array, modes: Modes, clock: ContactClock, toward: Array
+    ) -> tuple[Look, Look]:
+        if not self.rules.sticks:
+            return super().look_along(y, modes, clock, toward)
+        return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
+
+    def afresh(self, y: Array, modes: Modes) -> tuple[Look, Look]:
+        # With w = ½ the variable of the clock is time.
+        clock = ContactClock(jnp.asarray(True), jnp.zeros_like(modes.closed))
+        y = y.at[W].set(0.5)
+        toward = self.rate(y, modes, clock)
+        return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
+
+    def settled(
+        self, y: Array, modes: Modes, touches: Flags, changes: Flags, friction: PerContact
+    ) -> Settled:
+        at, units, mechanics = self.moment(y), self.scales.contact, self.mechanics
+        before = modes.slide
+        assert before is not None
+        sticks = before == 0
+        slide = jnp.where(changes, jnp.where(sticks, -jnp.sign(friction), 0), before)
+        slide = jnp.where(touches, mechanics.slide(*at), slide)
+        slide = jnp.where(modes.closed, slide, SLIDES_ON)
+        opening = mechanics.opening(*at)
+        force = self.force(-opening.gap / units.length, -opening.rate / units.speed, modes)
+        # At touch there is no force yet: a small one shows which part of it holds.
+        finest = jnp.finfo(y.dtype).eps
+        force = units.force * jnp.where(touches, jnp.maximum(force, math.sqrt(finest)), force)
+        slide, redundant = mechanics.settled(*at, opening, force, slide)
+        changed = modes.closed & (slide != before) | touches
+        return Settled(y, modes._replace(slide=slide), changed, redundant)
+
+    def painleve(self, y: Array, modes: Modes) -> Number:
+        """Return the least part of the contact force that opens a sliding contact; see
+        `Mechanics.painleve`.
+        """
+        assert modes.slide is not None
+        parts = self.mechanics.painleve(*self.moment(y), modes.slide)
+        return jnp.min(jnp.where(modes.closed, parts, jnp.inf))
 
     def allowed(self, before: Array, after: Array, tolerance: Number, finest: float) -> Array:
         # Speeds count relative to the larger of the energies at the start of the solve and now,

@@ -44,10 +44,14 @@ def empty_log(state: SystemState, rows: int) -> SystemLog:
 
 
 def with_event(
-    log: SystemLog, state: SystemState, touches: Bool[Array, " m"], opens: Bool[Array, " m"]
+    log: SystemLog,
+    state: SystemState,
+    touches: Bool[Array, " m"],
+    opens: Bool[Array, " m"],
+    slides: Bool[Array, " m"] | None = None,
 ) -> SystemLog:
-    """Return the log with a row if any contact begins or ends. The row after the last one is
-    overwritten in any case, which costs less than a choice.
+    """Return the log with a row if any contact begins or ends, or begins to stick or to slip. The
+    row after the last one is overwritten in any case, which costs less than a choice.
     """
 
     def put(rows: Array, row: Array) -> Array:
@@ -56,5 +60,5 @@ def with_event(
     states, began, ended = jax.tree.map(
         put, (log.states, log.touches, log.opens), (state, touches, opens)
     )
-    event = jnp.any(touches | opens)
+    event = jnp.any(touches | opens if slides is None else touches | opens | slides)
     return SystemLog(states, began, ended, log.count + event.astype(log.count.dtype))

@@ -11,20 +11,26 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._coupled.modes import PerContact
-from .._coupled.scalars import Number
+from .._coupled.scalars import Flag, Number
+from .._friction import RegularizedCoulomb
 from .mass_matrix import solve_mass
+from .stick_slip import Friction, hold, inverses
 from .system import System
 
 Vector = Float[Array, " n"]
 
+_ROUNDING = 64
+"""A slip speed of less than this many rounding errors of the speeds in it is zero."""
+
 
 class SystemMotion(NamedTuple):
     """The accelerations v', and the power in W of all forces but normal contact forces. It includes
-    that of moving surfaces, and ½ v·M' v.
+    that of moving surfaces, and ½ v·M' v. `friction` is that of contacts that stick and slip.
     """
 
     acceleration: Vector
     power: Number
+    friction: Friction | None = None
 
 
 class Opening(NamedTuple):
@@ -68,9 +74,17 @@ class Mechanics(eqx.Module):
         return jax.vmap(opening.pull)(jnp.eye(opening.gap.shape[0], dtype=opening.gap.dtype))[0]
 
     def motion(
-        self, t: Number, q: Vector, v: Vector, opening: Opening, force: PerContact
+        self,
+        t: Number,
+        q: Vector,
+        v: Vector,
+        opening: Opening,
+        force: PerContact,
+        slide: PerContact | None = None,
     ) -> SystemMotion:
-        """Return the motion under contact forces in N."""
+        """Return the motion under contact forces in N. `slide` holds the signs of the slip, 0 for
+        contacts that stick, if there is such friction.
+        """
 
         def mass_at(t: Number, q: Vector) -> Array:
             return self.mass(t, q)
@@ -78,21 +92,114 @@ class Mechanics(eqx.Module):
         along = jnp.ones_like(t), self.rate(t, q, v)
         mass, changes = jax.jvp(mass_at, (t, q), along)
         others = self.system.force(t, q, v, self.args)
-        if self.system.friction is not None:
-            others = others + self.friction(t, q, v, force)
+        if isinstance(self.system.friction, RegularizedCoulomb):
+            others = others + self.ramp(self.system.friction, t, q, v, force)
         (pull,) = opening.pull(force)
-        acceleration = solve_mass(mass, others + pull)
+        friction = None
+        if slide is None:
+            acceleration = solve_mass(mass, others + pull)
+        else:
+            jacobian = self.slips(t, q, v)[1]
+            limit = self.limit(force)
+            friction = self.stick_slip((t, q, v), mass, others + pull, jacobian, limit, slide)
+            others = others + friction.force @ jacobian
+            acceleration = friction.acceleration
         # The power that contacts give to moving surfaces, F·∂g/∂t.
         surfaces = jnp.sum(force * opening.rate) - jnp.sum(pull * v)
         power = jnp.sum(others * v) + jnp.sum(v * (changes @ v)) / 2 - surfaces
-        return SystemMotion(acceleration, power)
+        return SystemMotion(acceleration, power, friction)
 
-    def friction(self, t: Number, q: Vector, v: Vector, force: PerContact) -> Vector:
-        """Return the generalised friction forces."""
-        slip, friction = self.system.slip, self.system.friction
-        assert slip is not None and friction is not None
+    def ramp(
+        self, friction: RegularizedCoulomb, t: Number, q: Vector, v: Vector, force: PerContact
+    ) -> Vector:
+        """Return the generalised friction forces of a ramp."""
+        slip = self.system.slip
+        assert slip is not None
         speeds, pull = jax.vjp(lambda v: slip(t, q, v, self.args), v)
         return pull(friction.force(force, speeds))[0]
+
+    def limit(self, force: PerContact) -> PerContact:
+        """Return the largest friction forces μF in N."""
+        assert self.system.friction is not None
+        return self.system.friction.mu * force
+
+    def slips(self, t: Number, q: Vector, v: Vector) -> tuple[PerContact, Float[Array, "m n"]]:
+        """Return slip speeds, and their Jacobian by v."""
+        slip = self.system.slip
+        assert slip is not None
+        speeds, pull = jax.vjp(lambda v: slip(t, q, v, self.args), v)
+        return speeds, jax.vmap(pull)(jnp.eye(speeds.shape[0], dtype=speeds.dtype))[0]
+
+    def slide(self, t: Number, q: Vector, v: Vector) -> PerContact:
+        """Return the signs of slip speeds, 0 for those within rounding."""
+        slip, jacobian = self.slips(t, q, v)
+        noise = _ROUNDING * jnp.finfo(v.dtype).eps * (jnp.abs(jacobian) @ jnp.abs(v))
+        return jnp.where(jnp.abs(slip) > noise, jnp.sign(slip), 0)
+
+    def settled(
+        self,
+        t: Number,
+        q: Vector,
+        v: Vector,
+        opening: Opening,
+        force: PerContact,
+        slide: PerContact,
+    ) -> tuple[PerContact, Flag]:
+        """Return `slide` after contacts that cannot stick begin to slide, and whether friction
+        forces of those that stick are not unique.
+        """
+        limit, redundant = self.limit(force), jnp.asarray(False)
+        # A contact that slides changes the forces of those that stick.
+        for _ in range(min(slide.shape[0], 2)):
+            friction = self.motion(t, q, v, opening, force, slide).friction
+            assert friction is not None
+            slips = (slide == 0) & (jnp.abs(friction.force) > limit)
+            slide = jnp.where(slips, -jnp.sign(friction.force), slide)
+            redundant = friction.redundant
+        return slide, redundant
+
+    def stick_slip(
+        self,
+        at: tuple[Number, Vector, Vector],
+        mass: Array,
+        drive: Vector,
+        jacobian: Float[Array, "m n"],
+        limit: PerContact,
+        slide: PerContact,
+    ) -> Friction:
+        """Return friction and accelerations under the generalised forces `drive`.
+
+        Sliding contacts have the friction ∓μF. Those that stick have the forces with which their
+        slip speeds do not change.
+        """
+        slip, (t, q, v) = self.system.slip, at
+        assert slip is not None
+        sliding = -slide * limit
+        free, response = inverses(mass, drive + sliding @ jacobian, jacobian)
+        along = jnp.ones_like(t), self.rate(t, q, v), free
+        speeds, rates = jax.jvp(lambda t, q, v: slip(t, q, v, self.args), at, along)
+        matrix, sticks = jacobian @ response, slide == 0
+        held = hold(matrix, sticks, -rates)
+        rates = jnp.where(sticks, 0, rates + matrix @ held.force)
+        return Friction(
+            force=jnp.where(sticks, held.force, sliding),
+            acceleration=free + response @ held.force,
+            slip=speeds,
+            slip_rate=rates,
+            redundant=held.redundant,
+        )
+
+    def painleve(self, t: Number, q: Vector, v: Vector, slide: PerContact) -> PerContact:
+        """Return J_n M⁻¹ (J_n ∓ μ J_t)ᵀ over J_n M⁻¹ J_nᵀ of every gap, infinite if it sticks.
+
+        If it is not positive, the contact force presses a sliding contact together.
+        """
+        normal, tangent = self.jacobian(self.opening(t, q, v)), self.slips(t, q, v)[1]
+        across = solve_mass(self.mass(t, q), normal.T).T
+        compliance = jnp.sum(normal * across, axis=1)
+        friction = slide * self.limit(jnp.sum(tangent * across, axis=1))
+        acts = (slide != 0) & (compliance > 0)
+        return jnp.where(acts, 1 - friction / jnp.where(acts, compliance, 1), jnp.inf)
 
     def second(self, t: Number, q: Vector, v: Vector, acceleration: Vector) -> PerContact:
         """Return the second rates of the gaps."""

@@ -24,7 +24,8 @@ class SystemState(NamedTuple):
     effective mass at touch. `since` and `force_until` in s are the last touch and the last time
     with a force, `touch_speed` the closing speed at that touch. `max_force`, `max_depth` and the
     energy `lost` in J are those since then. `work` in J is that since the start of the run. `step`
-    in s is the length of the next step.
+    in s is the length of the next step. `slide` holds the signs of the slip, 0 for contacts that
+    stick, if contacts stick and slip.
     """
 
     time: Number
@@ -43,6 +44,7 @@ class SystemState(NamedTuple):
     lost: PerContact
     work: Number
     step: Number
+    slide: PerContact | None = None
 
 
 class SystemProblem(eqx.Module):
@@ -86,8 +88,8 @@ def scales_of(problem: SystemProblem) -> Scales:
     n, stiffness, unit = contact.exponent, contact.stiffness, _typical_mass(mechanics, state)
     opening = mechanics.opening(*at)
     force = jnp.zeros_like(opening.gap)
-    acceleration, _ = mechanics.motion(*at, opening, force)
-    second = jnp.abs(mechanics.second(*at, acceleration))
+    motion = mechanics.motion(*at, opening, force)
+    second = jnp.abs(mechanics.second(*at, motion.acceleration))
     pull = unit * jnp.max(second)
     tiny = math.sqrt(jnp.finfo(unit.dtype).tiny)
     weight = pull * (jnp.maximum(pull, tiny) / jnp.min(stiffness)) ** (1 / n)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._coupled.modes import PAUSED, TIME_IS_UP
+from .._coupled.modes import PAUSED, REDUNDANT, TIME_IS_UP
 from .._coupled.scalars import Flag, Index, Number
 from .._entry import as_parameter, is_plain, rendered
 from .._program import quick, traced
@@ -21,8 +21,9 @@ from .log import SystemLog
 from .mechanics import Mechanics, Vector
 from .problem import SystemProblem, SystemState
 from .readout.contacts import contacts_of
+from .readout.phases import phases_of
 from .readout.reading import SystemStates, reading_of, solved, solved_from_start
-from .readout.result import SystemContacts, SystemMargin, SystemRun, read_states
+from .readout.result import SystemContacts, SystemMargin, SystemPhases, SystemRun, read_states
 from .solve import SystemEnd, SystemRules
 from .start import StartChecks, start_of
 from .system import System
@@ -41,6 +42,7 @@ class _Readout(NamedTuple):
     slowest: Number
     ends: SystemStates
     final: SystemStates
+    phases: SystemPhases | None
 
 
 def simulate_system(
@@ -86,7 +88,9 @@ def simulate_system(
     if plain:
         kept = int(np.sum(np.asarray(readout.contacts.valid)))
         trimmed = jax.tree.map(lambda x: np.asarray(x)[:kept], readout.contacts)
-        readout = readout._replace(contacts=jax.device_put(trimmed))
+        readout = readout._replace(
+            contacts=jax.device_put(trimmed), phases=_trimmed(readout.phases)
+        )
     states = readout.ends
     if times is not None:
         states = read_states(problem, end.log, readout.reached, peak, times)
@@ -98,10 +102,19 @@ def simulate_system(
         steps=end.steps,
         error_estimate=end.error,
         duration=length,
-        margin=SystemMargin(readout.between, readout.slowest, problem, end.log, peak),
+        margin=SystemMargin(readout.between, readout.slowest, problem, end.log, peak, end.painleve),
         final=readout.final,
+        phases=readout.phases,
     )
     return checked(run, throw, "simulate")
+
+
+def _trimmed(phases: SystemPhases | None) -> SystemPhases | None:
+    """Return phases without blank rows."""
+    if phases is None:
+        return None
+    kept = int(np.sum(np.asarray(phases.valid)))
+    return jax.device_put(jax.tree.map(lambda x: np.asarray(x)[:kept], phases))
 
 
 def _vector(name: str, value: Any) -> Array:
@@ -203,7 +216,11 @@ def _pieces(problem: SystemProblem, rules: SystemRules, most: int | None) -> Sys
     log = SystemLog(states, touches, opens, jnp.asarray(count, jnp.int32))
     steps = np.asarray(sum(int(piece.steps) for piece in pieces), np.int32)
     error = np.asarray(sum(float(piece.error) for piece in pieces), end.error.dtype)
-    return jax.device_put(end._replace(log=log, steps=steps, error=error))
+    end = end._replace(log=log, steps=steps, error=error)
+    if end.painleve is not None:
+        least = min(float(piece.painleve) for piece in pieces if piece.painleve is not None)
+        end = end._replace(painleve=np.asarray(least, error.dtype))
+    return jax.device_put(end)
 
 
 @quick
@@ -216,6 +233,9 @@ def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None)
     over = (end.status == TIME_IS_UP) & ~full
     status = jnp.where(over, int(Ending.COMPLETED), int(Ending.NOT_CONVERGED))
     status = jnp.where(full, int(Ending.TOO_MANY_IMPACTS), status)
+    if problem.mechanics.system.sticks:
+        redundant = end.status == REDUNDANT
+        status = jnp.where(redundant, int(Ending.REDUNDANT_STICKING), status)
     status = jnp.where(valid, status, int(Ending.INVALID_INPUT))
     reached = jnp.where(over, problem.stops[-1], end.state.time)
     reached = jax.lax.stop_gradient(jnp.where(valid, reached, -1))
@@ -232,14 +252,23 @@ def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None)
     good = jnp.stack([valid, valid & over])
     ends = jax.tree.map(lambda x: nan_unless(x, good), ends)
     final = jax.tree.map(lambda x: x[-1], ends)
-    return _Readout(SystemContacts(**blank), status, reached, between, slowest, ends, final)
+    phases = None
+    if problem.mechanics.system.sticks:
+        phases = SystemPhases(**phases_of(end.log, problem.state))
+    contacts = SystemContacts(**blank)
+    return _Readout(contacts, status, reached, between, slowest, ends, final, phases)
 
 
 def _between(log: SystemLog) -> Number:
     """Return the least time between events of different gaps."""
     changes = log.touches | log.opens
-    written = log.written
+    written, times = log.written, log.states.time
+    if log.states.slide is not None:
+        # Rows of changes between stick and slip are no events of gaps.
+        events = written & jnp.any(changes, axis=1)
+        order = jnp.argsort(~events, stable=True)
+        changes, written, times = changes[order], events[order], times[order]
     together = jnp.any(written & (jnp.sum(changes, axis=1) > 1))
     other = jnp.any(changes[1:] != changes[:-1], axis=1) & written[1:]
-    apart = jnp.where(other, log.states.time[1:] - log.states.time[:-1], jnp.inf)
+    apart = jnp.where(other, times[1:] - times[:-1], jnp.inf)
     return jnp.where(together, 0, jnp.min(apart, initial=jnp.inf))

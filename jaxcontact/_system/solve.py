@@ -35,6 +35,7 @@ class SystemRules(NamedTuple):
 class SystemEnd(NamedTuple):
     """The state at the end, the log, the status, the number of steps, and the error estimate. That
     is the sum of step errors relative to the speeds, or the energy imbalance if that is larger.
+    `painleve`: see `SystemMargin`; None unless contacts stick and slip.
     """
 
     state: SystemState
@@ -42,6 +43,7 @@ class SystemEnd(NamedTuple):
     status: Index
     steps: Index
     error: Number
+    painleve: Number | None = None
 
 
 class _Loop(NamedTuple):
@@ -51,6 +53,7 @@ class _Loop(NamedTuple):
     touch_speed: PerContact
     max_depth: PerContact
     log: SystemLog
+    painleve: Number | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +70,9 @@ def solve_system(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
     zero = jnp.zeros((), jnp.int32)
     running = jnp.asarray(-1, jnp.int32)
     nothing = jnp.zeros_like(problem.tolerance)
-    first = SystemEnd(problem.state, empty_log(problem.state, rules.rows), running, zero, nothing)
+    painleve = nothing + jnp.inf if problem.mechanics.system.sticks else None
+    log = empty_log(problem.state, rules.rows)
+    first = SystemEnd(problem.state, log, running, zero, nothing, painleve)
     stops = problem.stops
     if stops.shape[0] == 1:
         return _solve_to_stop(problem, scales, rules, first, stops[0])
@@ -93,12 +98,12 @@ def _solve_to_stop(
     problem: SystemProblem, scales: Scales, rules: SystemRules, begun: SystemEnd, stop: Number
 ) -> SystemEnd:
     """Go on from `begun` to a stop."""
-    state, units = begun.state, scales.contact
+    state, units, mechanics = begun.state, scales.contact, problem.mechanics
     field = SystemField(
-        mechanics=problem.mechanics,
+        mechanics=mechanics,
         contact=problem.contact,
         scales=scales,
-        rules=LoopRules(rules.peak, False, MOST_STEPS, flies=True),
+        rules=LoopRules(rules.peak, False, MOST_STEPS, flies=True, sticks=mechanics.system.sticks),
         until=(stop - state.time) / units.time,
         used=jnp.ones_like(state.closed),
         start=state.time,
@@ -114,7 +119,7 @@ def _solve_to_stop(
         supplied=state.work,
     )
     first = first_carry(solve, _start(solve, state))
-    loop = _Loop(first, state.touch_speed, state.max_depth, begun.log)
+    loop = _Loop(first, state.touch_speed, state.max_depth, begun.log, begun.painleve)
 
     def unfinished(loop: _Loop) -> Flag:
         c = loop.carry
@@ -137,7 +142,7 @@ def _start(solve: _SystemSolve, state: SystemState) -> CoupledStart:
     latched, mass = state.latched / units.speed, state.mass
     return CoupledStart(
         y=solve.field.pack(q, v, state.lost / units.energy, [zero, zero, zero]),
-        modes=Modes(state.closed, state.rising, latched, mass),
+        modes=Modes(state.closed, state.rising, latched, mass, state.slide),
         since=state.since,
         force_until=state.force_until,
         max_force=state.max_force,
@@ -161,7 +166,10 @@ def _advance(solve: _SystemSolve, loop: _Loop) -> _Loop:
     stuck = (after.status < 0) & ~(after.size > resolution / 1024)
     status = jnp.where(stuck, NOT_CONVERGED, after.status)
     after = after._replace(status=status.astype(jnp.int32))
-    loop = _Loop(after, touch_speed, max_depth, loop.log)
+    painleve = loop.painleve
+    if painleve is not None:
+        painleve = jnp.minimum(painleve, solve.field.painleve(_stop(after.y), after.modes))
+    loop = _Loop(after, touch_speed, max_depth, loop.log, painleve)
     return loop._replace(log=with_event(loop.log, state_of(solve, loop), *changes))
 
 
@@ -187,6 +195,7 @@ def state_of(solve: _SystemSolve, loop: _Loop) -> SystemState:
         lost=units.energy * solve.field.lost(c.y),
         work=solve.supplied + units.energy * c.y[WORK],
         step=_stop(units.time * c.size * 2 * c.y[-1]),
+        slide=c.modes.slide,
     )
 
 
@@ -205,4 +214,5 @@ def _assess(solve: _SystemSolve, begun: SystemEnd, first: Carry, end: _Loop) -> 
     sound = jnp.all(jnp.isfinite(b.y)) & (imbalance <= 1e5 * solve.tolerance)
     status = jnp.where(b.status < 0, PAUSED, b.status)
     status = jnp.where(sound, status, NOT_CONVERGED).astype(jnp.int32)
-    return SystemEnd(state_of(solve, end), end.log, status, begun.steps + b.steps, error)
+    steps = begun.steps + b.steps
+    return SystemEnd(state_of(solve, end), end.log, status, steps, error, end.painleve)

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._contact import Contact
+from .._coupled.modes import PerContact
 from .._coupled.scalars import Flag, Number
-from .mechanics import Mechanics, Vector
+from .._laws import force_of
+from .mechanics import Mechanics, Opening, Vector
 from .problem import SystemState
+from .stick_slip import SLIDES_ON
 
 _ROUNDING = 64
 """A gap of less than this many rounding errors of the lengths in it is closed."""
@@ -49,11 +55,14 @@ def start_of(
     jacobian, mass = mechanics.jacobian(opening), mechanics.mass(time, q)
     nothing, system = jnp.zeros_like(opening.gap), mechanics.system
     elastic = system.stiffness * jnp.maximum(-opening.gap, 0) ** system.exponent
-    motion = mechanics.motion(time, q, v, opening, elastic)
-    second = -mechanics.second(time, q, v, motion.acceleration)
     gradient = jax.jacfwd(lambda q: mechanics.system.gap(time, q, mechanics.args))(q)
     lengths = jnp.sum(jnp.abs(gradient * q[None]), axis=1) + jnp.abs(opening.gap)
     near = jnp.abs(opening.gap) <= _ROUNDING * jnp.finfo(q.dtype).eps * lengths
+    slide = None
+    if system.sticks:
+        slide = jnp.where(near | (opening.gap < 0), mechanics.slide(time, q, v), SLIDES_ON)
+    motion = mechanics.motion(time, q, v, opening, elastic, slide)
+    second = -mechanics.second(time, q, v, motion.acceleration)
     closing = -opening.rate
     begins = near & ((closing > 0) | ((closing == 0) & (second > 0)))
     pressed = ~near & (opening.gap < 0)
@@ -81,6 +90,8 @@ def start_of(
         work=jnp.zeros_like(time),
         step=jnp.zeros_like(time),
     )
+    if slide is not None:
+        state = state._replace(slide=_settled(mechanics, state, opening, slide))
     scale = jnp.sqrt(jnp.abs(jnp.diagonal(mass)))
     scale = jnp.where(scale > 0, scale, 1)
     scaled = mass / scale[None] / scale[:, None]
@@ -99,6 +110,28 @@ def start_of(
         idle=idle,
     )
     return state, jax.lax.stop_gradient(checks)
+
+
+def _settled(
+    mechanics: Mechanics, state: SystemState, opening: Opening, slide: PerContact
+) -> PerContact:
+    """Return the signs of slip at the start, 0 for the contacts that stick."""
+    system, n = mechanics.system, mechanics.system.exponent
+    contact = Contact(state.mass, system.stiffness * jnp.ones_like(state.mass))
+    contact = eqx.tree_at(lambda c: c._exponent, contact, system._exponent)
+    tiny = jnp.finfo(opening.gap.dtype).tiny
+    speed = jnp.maximum(jnp.where(state.rising, state.closing, state.latched), tiny**0.25)
+    depth = jnp.maximum(-opening.gap, 0)
+    force = force_of(system.law, depth, state.closing, contact, speed)
+    # A contact that begins has no force yet: a small one shows which part of it holds.
+    peak = system.stiffness * (state.mass * jnp.square(speed) / system.stiffness) ** (n / (n + 1))
+    begins = state.closed & (depth <= 0)
+    finest = float(jnp.finfo(opening.gap.dtype).eps)
+    force = jnp.where(begins, jnp.maximum(force, math.sqrt(finest) * peak), force)
+    force = jnp.where(state.closed, force, 0)
+    slide = jnp.where(state.closed, slide, SLIDES_ON)
+    at = state.time, state.position, state.velocity
+    return mechanics.settled(*at, opening, force, slide)[0]
 
 
 def _is_quadratic(mechanics: Mechanics, time: Number, q: Vector, v: Vector) -> Flag:

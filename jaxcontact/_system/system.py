@@ -23,7 +23,7 @@ from .._entry import (
     shown,
     specialised,
 )
-from .._friction import RegularizedCoulomb
+from .._friction import AbstractFriction, RegularizedCoulomb, RigidCoulomb
 from .._laws import AbstractLaw, require_law
 from .lagrangian import LagrangianEnergy, LagrangianForce, LagrangianMass
 
@@ -45,6 +45,19 @@ def _function(name: str, value: Any) -> Any:
     return jax.tree.map(lambda leaf: as_parameter(leaf, name) if is_plain(leaf) else leaf, value)
 
 
+def _require_friction(friction: Any) -> None:
+    """Raise ValueError for a friction law that no mechanism can have."""
+    allowed = "a `RigidCoulomb` or a `RegularizedCoulomb`"
+    if isinstance(friction, AbstractFriction) and not isinstance(
+        friction, RigidCoulomb | RegularizedCoulomb
+    ):
+        raise ValueError(
+            f"Argument `friction` of a `System` must be {allowed}, but is a "
+            f"`{type(friction).__name__}`, which gives the outcome of an impact and no force."
+        )
+    require_kind("friction", friction, RigidCoulomb | RegularizedCoulomb, allowed)
+
+
 class System(eqx.Module):
     """A mechanism with contacts: M(t, q) v' = Q(t, q, v) + Σ F_k ∇g_k, with gaps g_k(t, q).
 
@@ -54,7 +67,8 @@ class System(eqx.Module):
     - `gap(t, q, args)`: the distances (m,) in m, negative in contact.
     - `law`, `stiffness` in N/mⁿ, `exponent` n in [1, 3]: the contact law, with one number for all
       gaps or one for each. A plain number for n is static.
-    - `friction`: a `RegularizedCoulomb`, or None.
+    - `friction`: a `RegularizedCoulomb`; in the plane a `RigidCoulomb`, whose contacts stick and
+      slip; or None. μ is one number, or one for each gap.
     - `slip(t, q, v, args)`: the tangential speeds in m/s, affine in v; (m,) in the plane, (m, 2) in
       space. Friction needs it.
     - `rate(t, q, v, args)`: q', where q has more numbers than v, as with quaternions. Default: v.
@@ -72,7 +86,7 @@ class System(eqx.Module):
     law: AbstractLaw
     stiffness: Float[Array, "..."] = parameter("stiffness", POSITIVE)
     _exponent: Specialised = eqx.field(default=Specialised(1.5))
-    friction: RegularizedCoulomb | None = None
+    friction: AbstractFriction | None = None
     slip: Callable[..., Array] | None = None
     rate: Callable[..., Array] | None = None
     _energy: LagrangianEnergy | None = None
@@ -87,7 +101,7 @@ class System(eqx.Module):
         law: AbstractLaw,
         stiffness: ArrayLike,
         exponent: ArrayLike = 1.5,
-        friction: RegularizedCoulomb | None = None,
+        friction: AbstractFriction | None = None,
         slip: Callable[..., Array] | None = None,
         rate: Callable[..., Array] | None = None,
     ):
@@ -100,7 +114,7 @@ class System(eqx.Module):
         else:
             self._exponent = Specialised(None, as_parameter(exponent, "exponent", EXPONENT))
         if friction is not None:
-            require_kind("friction", friction, RegularizedCoulomb, "a `RegularizedCoulomb`")
+            _require_friction(friction)
         if (friction is None) != (slip is None):
             missing, given = ("slip", "friction") if slip is None else ("friction", "slip")
             raise ValueError(f"Argument `{missing}` must be given with `{given}`, but is None.")
@@ -120,7 +134,7 @@ class System(eqx.Module):
         law: AbstractLaw,
         stiffness: ArrayLike,
         exponent: ArrayLike = 1.5,
-        friction: RegularizedCoulomb | None = None,
+        friction: AbstractFriction | None = None,
         slip: Callable[..., Array] | None = None,
     ) -> System:
         """Build a mechanism from its Lagrangian: d/dt ∂L/∂v - ∂L/∂q = Q + Σ F_k ∇g_k.
@@ -147,6 +161,11 @@ class System(eqx.Module):
         return eqx.tree_at(
             lambda s: s._energy, system, LagrangianEnergy(of), is_leaf=lambda leaf: leaf is None
         )
+
+    @property
+    def sticks(self) -> bool:
+        """Whether contacts stick and slip."""
+        return isinstance(self.friction, RigidCoulomb)
 
     @property
     def exponent(self) -> float | Float[Array, "..."]:

@@ -93,12 +93,48 @@ class SystemContacts(eqx.Module):
         return "\n".join([f"{count} contact{'s' * (count != 1)}", *lines])
 
 
+class SystemPhases(eqx.Module):
+    """The phases in which closed contacts stick or slide, one for each row of the arrays (P,).
+
+    - `gap`: its number among the gaps.
+    - `time`: of the start of the phase, in s. A phase lasts until the next one of this gap, or the
+      end of its contact.
+    - `direction`: 0 if the contact sticks, else the sign of its slip speed.
+    - `valid`: False in blank rows.
+    """
+
+    gap: Int[Array, " P"]
+    time: Float[Array, " P"]
+    direction: Int[Array, " P"]
+    valid: Bool[Array, " P"]
+
+    def __len__(self) -> int:
+        return self.time.shape[-1]
+
+    def __repr__(self) -> str:
+        if isinstance(self.time, Tracer) or not eqx.is_array(self.time) or self.time.ndim != 1:
+            return f"SystemPhases({eqx.tree_pformat(self.time)})"
+        keep = np.flatnonzero(np.asarray(self.valid))
+        words = {0: "sticks", 1: "slides forwards", -1: "slides backwards"}
+        rows = [
+            [f"{self.time[k]:.9g}", str(self.gap[k]), words[int(self.direction[k])]]
+            for k in [*keep[:12], *(keep[-1:] if len(keep) > 12 else [])]
+        ]
+        if len(keep) > 12:
+            rows.insert(-1, ["..."])
+        lines = text_table(rows, header=["start/s", "gap", "phase"], indent=2, rule=True)
+        return "\n".join([f"{len(keep)} phase{'s' * (len(keep) != 1)}", *lines])
+
+
 class SystemMargin(eqx.Module):
     """The distance of a run from another sequence of events, and its sensitivity; scalars.
 
     - `time`: in s, the smallest time between two touches or ends of contacts of different gaps.
     - `closing_speed`: in m/s, the smallest one at a touch. A grazing touch has no derivative.
     - `growth`: the largest factor by which the run amplifies a small change of its start.
+    - `painleve`: the least J_n M⁻¹ (J_n ∓ μ J_t)ᵀ over J_n M⁻¹ J_nᵀ of a sliding contact. Where it
+      is 0 or less the contact force presses the contact together. Rigid bodies then have no motion
+      or several (Painlevé); the run has that of soft contacts. None unless contacts stick and slip.
 
     A derivative holds for the sequence of events that occurred.
     """
@@ -108,6 +144,7 @@ class SystemMargin(eqx.Module):
     _problem: SystemProblem
     _log: SystemLog
     _peak: bool = eqx.field(static=True)
+    painleve: Number | None = None
 
     @property
     def growth(self) -> Number:
@@ -127,6 +164,7 @@ class SystemRun(Flagged, eqx.Module):
     - `states`: `SystemStates` at the times asked for, the start and the end by default.
     - `contacts`, `margin`, `status`: see `SystemContacts`, `SystemMargin` and `Ending`. `ok`: if
       COMPLETED.
+    - `phases`: the `SystemPhases` of contacts that stick and slip; None without such friction.
     - `reached`: the time in s up to which the values hold.
     - `steps`: the number of steps. `error_estimate`: their summed errors relative to the speeds, or
       the imbalance of the energy if that is larger.
@@ -144,6 +182,7 @@ class SystemRun(Flagged, eqx.Module):
     duration: Number
     margin: SystemMargin
     final: SystemStates
+    phases: SystemPhases | None = None
     _failures = tuple(Ending)[1:]
 
     @property
@@ -217,6 +256,10 @@ class SystemRun(Flagged, eqx.Module):
             "margin": f"{shown(self.margin.time)} s, {shown(self.margin.closing_speed)} m/s",
             "status": Ending.names_of(self.status).replace("_", " "),
         }
+        least = self.margin.painleve
+        plain = eqx.is_array(least) and not isinstance(least, Tracer)
+        if plain and np.any(np.asarray(least) <= 0):
+            lines["painleve"] = f"{shown(least)}, soft contacts decide"
         return "SystemRun\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
 
 
