@@ -116,11 +116,8 @@ class SystemField(AbstractCoupledField):
 
     def _grip(self, friction: Friction, force: PerContact, modes: Modes) -> Grip:
         """Return what is left of the limit of friction, or of the slip speed."""
-        units, slide, held = (
-            self.scales.contact,
-            modes.slide,
-            friction.force / self.scales.contact.force,
-        )
+        units, slide = self.scales.contact, modes.slide
+        held = friction.force / units.force
         reserve = self.mechanics.limit(force) - jnp.abs(held)
         sticks, slip = slide == 0, friction.slip / units.speed
         rate = slide * friction.slip_rate * (units.time / units.speed)
