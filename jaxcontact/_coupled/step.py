@@ -246,6 +246,7 @@ def _slips_within(c: Carry, now: Grip | None, slope: Grip | None) -> Flags:
     the grip at its end, and `slope` the slopes in s.
     """
     assert now is not None and slope is not None
+    assert c.look.grip is not None and c.slope.grip is not None
     before, rising, after, falling = _stop((c.look.grip, c.slope.grip, now.hold, slope.hold))
     outset = 2 * _stop(c.y[W]) * rising.hold
     dip, inside = highest(_stop(c.size), -before.hold, -outset, -after, -falling)

@@ -117,6 +117,7 @@ class SystemField(AbstractCoupledField):
     def _grip(self, friction: Friction, force: PerContact, modes: Modes) -> Grip:
         """Return what is left of the limit of friction, or of the slip speed."""
         units, slide = self.scales.contact, modes.slide
+        assert slide is not None
         held = friction.force / units.force
         reserve = self.mechanics.limit(force) - jnp.abs(held)
         sticks, slip = slide == 0, friction.slip / units.speed

@@ -48,14 +48,12 @@ def _function(name: str, value: Any) -> Any:
 def _require_friction(friction: Any) -> None:
     """Raise ValueError for a friction law that no mechanism can have."""
     allowed = "a `RigidCoulomb` or a `RegularizedCoulomb`"
-    if isinstance(friction, AbstractFriction) and not isinstance(
-        friction, RigidCoulomb | RegularizedCoulomb
-    ):
+    friction = require_kind("friction", friction, AbstractFriction, allowed)
+    if not isinstance(friction, RigidCoulomb | RegularizedCoulomb):
         raise ValueError(
             f"Argument `friction` of a `System` must be {allowed}, but is a "
             f"`{type(friction).__name__}`, which gives the outcome of an impact and no force."
         )
-    require_kind("friction", friction, RigidCoulomb | RegularizedCoulomb, allowed)
 
 
 class System(eqx.Module):

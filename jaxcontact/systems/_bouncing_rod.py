@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import refuses_unknown
-from .._friction import RegularizedCoulomb
+from .._friction import AbstractFriction
 from .._laws import AbstractLaw, HuGuo
 from .._system import System
 from ._numbers import diagonal, positive, real, start, vector
@@ -62,7 +62,7 @@ def bouncing_rod(
     angle: ArrayLike = 0.5,
     law: AbstractLaw | None = None,
     stiffness: ArrayLike = 1e7,
-    friction: RegularizedCoulomb | None = None,
+    friction: AbstractFriction | None = None,
 ) -> tuple[System, SystemStart]:
     """Return a uniform rod with spheres at its ends above a plane, and its start at rest.
 

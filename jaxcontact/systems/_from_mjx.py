@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from .._entry import refuses_unknown, rendered, require_function
-from .._friction import RegularizedCoulomb
+from .._friction import AbstractFriction
 from .._laws import AbstractLaw
 from .._system import System
 from ._start import SystemStart
@@ -28,7 +28,7 @@ def from_mjx(
     law: AbstractLaw,
     stiffness: ArrayLike,
     exponent: ArrayLike = 1.5,
-    friction: RegularizedCoulomb | None = None,
+    friction: AbstractFriction | None = None,
     slip: Callable[..., Array] | None = None,
 ) -> tuple[System, SystemStart]:
     """Return the motion of a MuJoCo model with contacts of this package, and its start.

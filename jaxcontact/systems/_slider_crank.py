@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import refuses_unknown
-from .._friction import RegularizedCoulomb
+from .._friction import AbstractFriction
 from .._laws import AbstractLaw, HuGuo
 from .._program import traced
 from .._system import System
@@ -85,7 +85,7 @@ def slider_crank(
     bearing: ArrayLike = 10e-3,
     law: AbstractLaw | None = None,
     stiffness: ArrayLike = 6.6101984e10,
-    friction: RegularizedCoulomb | None = None,
+    friction: AbstractFriction | None = None,
 ) -> tuple[System, SystemStart]:
     """Return a slider-crank with a dry revolute joint between rod and slider, and its start.
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import refuses_unknown
-from .._friction import RegularizedCoulomb
+from .._friction import AbstractFriction
 from .._laws import AbstractLaw, ExactRestitution
 from .._system import System
 from ._numbers import positive, real, start, vector
@@ -78,7 +78,7 @@ def slider_in_guide(
     speeds: ArrayLike | Sequence[float] = (150.0, -75.0, 0.0),
     law: AbstractLaw | None = None,
     stiffness: ArrayLike = 1e8,
-    friction: RegularizedCoulomb | None = None,
+    friction: AbstractFriction | None = None,
 ) -> tuple[System, SystemStart]:
     """Return a slider-crank whose slider touches its guide with four corners, and its start.
 

@@ -168,6 +168,14 @@ def cases() -> dict[str, Case]:
             | {"gravity": REAL, "height": REAL, "angle": REAL},
             staged=True,
         ),
+        "systems.shaken_incline": Case(
+            jc.systems.shaken_incline,
+            {"law": UNSOLVED},
+            made
+            | {"mass": POSITIVE, "shaking": NOTHING, "friction": NONE}
+            | {"tilt": REAL, "gravity": REAL},
+            staged=True,
+        ),
         "systems.impact_damper": Case(
             jc.systems.impact_damper,
             {"law": UNSOLVED},

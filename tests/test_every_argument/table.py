@@ -23,8 +23,8 @@ EXEMPT = {
     r"(Bounce|Calibration|CalibrationSummary|Design|Export|Fit|FrictionCalibration|FrictionChoice|"
     r"Impact|Impacts|LawChoice|Margin|"
     r"ObliqueImpact|ObliqueTrajectory|"
-    r"Posterior|Recording|Run|ScaledImpact|States|Sweep|SystemContacts|SystemMargin|SystemRun|"
-    r"SystemStates|Trajectory|VelocityProfile)\(.*\)": ("a result, made by the library"),
+    r"Posterior|Recording|Run|ScaledImpact|States|Sweep|SystemContacts|SystemMargin|SystemPhases|"
+    r"SystemRun|SystemStates|Trajectory|VelocityProfile)\(.*\)": ("a result, made by the library"),
     r"RecordingError\(.*\)": "an error, raised by the library",
     r"paper\.(Number|Published|Reproduction)\(.*\)": "a result, made by the library",
     r"(Status|Ending|Slip|SolvedBy)(\.names_of)?\(.*\)": "an enumeration of Python",
