@@ -31,7 +31,7 @@ class Ending(WordedEnum):
     REDUNDANT_STICKING = (
         7,
         "Contacts that stick hold the same motion, so that their friction forces are not unique. "
-        "Remove a gap, or use `RegularizedCoulomb`.",
+        "Remove a gap, or use `SpringSlider`.",
     )
     FRICTION_NOT_MODELLED = (
         8,

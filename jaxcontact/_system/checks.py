@@ -70,10 +70,10 @@ def _gaps_of(key: tuple[tuple[tuple, Any], ...]) -> int:
     if system.slip is not None:
         slip = shape("slip", t, q, v)
         require("slip", slip, gaps, (*gaps, 2))
-        if system.sticks and slip != gaps:
+        if system.rigid and slip != gaps:
             raise ValueError(
                 f"Function `slip` must return the shape {gaps} with `RigidCoulomb`, but returns "
-                f"{slip}; in space use `RegularizedCoulomb`."
+                f"{slip}; in space use `SpringSlider`."
             )
     if system.rate is not None:
         require("rate", shape("rate", t, q, v), q.shape)

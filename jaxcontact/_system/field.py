@@ -18,9 +18,11 @@ from .._coupled.modes import SLOWEST, Flags, Modes, PerContact
 from .._coupled.quintic import EndOfStep, parts_of_step, quintic, vertex
 from .._coupled.scalars import Number
 from .._coupled.stored_energy import stored_energy
+from .._friction import SpringSlider
 from .._laws import force_of
-from .mechanics import Mechanics, Vector
+from .mechanics import Mechanics, Opening, SystemMotion, Vector
 from .problem import Scales
+from .springs import SpringMotion, Vectors, friction_of, spring_motion, tangential_stiffness
 from .stick_slip import SLIDES_ON, Friction
 
 _DOUBT = 0.25
@@ -28,6 +30,9 @@ _DOUBT = 0.25
 
 _LEAST_PART = 1e-6
 """The shortest part of a step that is tried in place of it."""
+
+_SMALL = 1e-6
+"""The depth, in units of length, by which a contact with a tangential spring begins."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,9 +51,66 @@ class SystemField(AbstractCoupledField):
     start: Number
     last: Number
 
-    def pack(self, q: Vector, v: Vector, lost: PerContact, rest: list) -> Float[Array, " numbers"]:
+    def pack(
+        self, q: Vector, v: Vector, lost: PerContact, rest: list, springs: Array | None = None
+    ) -> Float[Array, " numbers"]:
         """Return the state vector of scaled numbers; `rest` holds the work, the time and w."""
-        return jnp.concatenate([q, v, lost, jnp.stack(rest)])
+        forces = [] if springs is None else [springs.reshape(-1)]
+        return jnp.concatenate([q, v, *forces, lost, jnp.stack(rest)])
+
+    def springs(self, y: Array) -> Vectors | None:
+        """Return the forces of tangential springs, if there are any."""
+        if not self.mechanics.system.springs:
+            return None
+        first = self.scales.position.shape[0] + self.scales.velocity.shape[0]
+        return y[first : -3 - self.used.shape[0]].reshape(self.used.shape[0], -1)
+
+    def _motion(
+        self,
+        y: Array,
+        at: tuple[Number, Vector, Vector],
+        opening: Opening,
+        force: PerContact,
+        modes: Modes,
+    ) -> SystemMotion:
+        """Return the motion in SI units."""
+        units, springs = self.scales.contact, self.springs(y)
+        normal = units.force * force
+        if springs is None:
+            return self.mechanics.motion(*at, opening, normal, modes.slide)
+        slip, slides = self._slip(at), modes.slide == 1
+        friction = friction_of(springs, slip, self.mechanics.limit(force), slides)
+        friction = jnp.where(modes.closed[:, None], units.force * friction, 0)
+        return self.mechanics.motion(*at, opening, normal, springs=friction)
+
+    def _slip(self, at: tuple[Number, Vector, Vector]) -> Vectors:
+        """Return slip speeds (m, d) in units of the solve."""
+        slip = self.mechanics.slip(*at) / self.scales.contact.speed
+        return slip.reshape(self.used.shape[0], -1)
+
+    def _spring_motion(
+        self,
+        springs: Vectors,
+        at: tuple[Number, Vector, Vector],
+        looks: tuple[PerContact, PerContact, PerContact],
+        force: PerContact,
+        modes: Modes,
+    ) -> SpringMotion:
+        """Return the motion of springs from depths, their rates and their second rates."""
+        units, (depth, rate, second) = self.scales.contact, looks
+        friction, mechanics = self.mechanics.system.friction, self.mechanics
+        assert isinstance(friction, SpringSlider) and friction.ratio is not None
+        stiffness = tangential_stiffness(friction.ratio, self.contact, units.length * depth)
+        stiffness = jnp.where(modes.closed, stiffness * (units.length / units.force), 0)
+        grows = mechanics.limit(self.force_slope(modes, (depth, rate), (rate, second)))
+        limit, slides = (mechanics.limit(force), grows), modes.slide == 1
+        return spring_motion(springs, self._slip(at), stiffness, limit, slides)
+
+    def _second(self, at: tuple[Number, Vector, Vector], motion: SystemMotion) -> PerContact:
+        """Return the second rates of depths in units of the solve."""
+        units = self.scales.contact
+        second = self.mechanics.second(*at, motion.acceleration)
+        return -second * (units.time / units.speed)
 
     def moment(self, y: Array) -> tuple[Number, Vector, Vector]:
         """Return time, position and velocity in SI units."""
@@ -93,23 +155,30 @@ class SystemField(AbstractCoupledField):
         depth, rate = self._along(opening.gap, opening.rate, y, clock)
         force = self.force(depth, rate, modes)
         still = self.force(depth, jnp.zeros_like(rate), modes)
-        motion = self.mechanics.motion(*at, opening, units.force * force, modes.slide)
+        motion = self._motion(y, at, opening, force, modes)
         q = self.mechanics.rate(*at) / self.scales.position
         v = motion.acceleration / self.scales.velocity
         lost, rest = (force - still) * rate, motion.power / units.energy
         moving = units.time * jnp.concatenate([q, v])
         supplied = [units.time * rest, jnp.ones_like(rest)]
-        slopes = jnp.concatenate([moving, lost, jnp.stack(supplied)])
+        springs, bends = self.springs(y), []
+        if springs is not None:
+            looks = depth, rate, self._second(at, motion)
+            bends = [self._spring_motion(springs, at, looks, force, modes).rate.reshape(-1)]
+        slopes = jnp.concatenate([moving, *bends, lost, jnp.stack(supplied)])
         return jnp.concatenate([pace * slopes, clock.rate(rate)[None]])
 
     def look(self, y: Array, modes: Modes, clock: ContactClock) -> Look:
-        at, units = self.moment(y), self.scales.contact
+        at = self.moment(y)
         opening = self.mechanics.opening(*at)
         depth, rate = self._along(opening.gap, opening.rate, y, clock)
         force = self.force(depth, rate, modes)
-        motion = self.mechanics.motion(*at, opening, units.force * force, modes.slide)
-        second = self.mechanics.second(*at, motion.acceleration)
-        look = Look(depth, rate, -second * (units.time / units.speed), force)
+        motion = self._motion(y, at, opening, force, modes)
+        look = Look(depth, rate, self._second(at, motion), force)
+        springs = self.springs(y)
+        if springs is not None:
+            hold = self._spring_motion(springs, at, look[:3], force, modes).hold
+            return look._replace(grip=Grip(hold, -jnp.ones_like(hold), hold))
         if motion.friction is None:
             return look
         return look._replace(grip=self._grip(motion.friction, force, modes))
@@ -142,8 +211,10 @@ class SystemField(AbstractCoupledField):
         self, y: Array, modes: Modes, touches: Flags, changes: Flags, friction: PerContact
     ) -> Settled:
         at, units, mechanics = self.moment(y), self.scales.contact, self.mechanics
-        before = modes.slide
+        before, springs = modes.slide, self.springs(y)
         assert before is not None
+        if springs is not None:
+            return self._settled_springs(y, modes, touches, changes, springs)
         sticks = before == 0
         slide = jnp.where(changes, jnp.where(sticks, -jnp.sign(friction), 0), before)
         slide = jnp.where(touches, mechanics.slide(*at), slide)
@@ -156,6 +227,35 @@ class SystemField(AbstractCoupledField):
         slide, redundant = mechanics.settled(*at, opening, force, slide)
         changed = modes.closed & (slide != before) | touches
         return Settled(y, modes._replace(slide=slide), changed, redundant)
+
+    def _settled_springs(
+        self, y: Array, modes: Modes, touches: Flags, changes: Flags, springs: Vectors
+    ) -> Settled:
+        """Return the state after events of contacts with tangential springs."""
+        at, units, before = self.moment(y), self.scales.contact, modes.slide
+        friction = self.mechanics.system.friction
+        assert before is not None and isinstance(friction, SpringSlider)
+        assert friction.ratio is not None
+        gap, opening = self.mechanics.gaps(*at)
+        depth, rate, slip = -gap / units.length, -opening / units.speed, self._slip(at)
+        limit = self.mechanics.limit(self.force(depth, rate, modes))
+        # A contact that comes to stick has the force at the limit.
+        stops = changes & (before == 1)
+        held = friction_of(springs, slip, limit, stops)
+        springs = jnp.where((stops & ~touches)[:, None], held, springs)
+        springs = jnp.where(touches[:, None], 0, springs)
+        # The force grows as δⁿ and the spring force as κ u δⁿ/δ', which decides at touch.
+        small = jnp.full_like(depth, _SMALL)
+        stiff = self.contact.stiffness * (units.length * small) ** self.contact.exponent
+        grows = self.mechanics.limit(units.force * self.force(small, rate, modes) / stiff)
+        pace = jnp.sqrt(jnp.sum(jnp.square(slip), axis=1))
+        slides = (friction.ratio * pace > grows * rate).astype(before.dtype)
+        slide = jnp.where(changes, jnp.where(before == 1, 0, 1), before)
+        slide = jnp.where(touches, slides, slide)
+        changed = modes.closed & (slide != before) | touches
+        nq = self.scales.position.shape[0] + self.scales.velocity.shape[0]
+        y = jnp.concatenate([y[:nq], springs.reshape(-1), y[nq + springs.size :]])
+        return Settled(y, modes._replace(slide=slide), changed, jnp.asarray(False))
 
     def painleve(self, y: Array, modes: Modes) -> Number:
         """Return the least part of the contact force that opens a sliding contact; see
@@ -172,8 +272,12 @@ class SystemField(AbstractCoupledField):
         kinetic = (jnp.sum(jnp.square(y[nq : nq + nv])) for y in (before, after))
         energy = jnp.maximum(jnp.maximum(*kinetic), 1)
         speed, lasts = jnp.sqrt(energy), jnp.maximum(after[TIME] - before[TIME], 1)
+        gaps = self.used.shape[0]
         parts = [speed * lasts, speed, energy, energy, lasts, jnp.ones_like(speed)]
-        counts = [nq, nv, self.used.shape[0], 1, 1, 1]
+        counts = [nq, nv, gaps, 1, 1, 1]
+        if self.mechanics.system.springs:
+            parts.insert(2, energy)
+            counts.insert(2, after.shape[0] - nq - nv - gaps - 3)
         scale = jnp.concatenate([jnp.full(k, part) for k, part in zip(counts, parts, strict=True)])
         # Positions are sums of many small changes, whose errors are those of the changes.
         rounding = jnp.concatenate([jnp.ones(nq), jnp.full(after.shape[0] - nq, 20.0)])

@@ -81,9 +81,11 @@ class Mechanics(eqx.Module):
         opening: Opening,
         force: PerContact,
         slide: PerContact | None = None,
+        springs: Array | None = None,
     ) -> SystemMotion:
         """Return the motion under contact forces in N. `slide` holds the signs of the slip, 0 for
-        contacts that stick, if there is such friction.
+        contacts that stick, if there is rigid friction. `springs` are the friction forces (m, d) in
+        N of springs.
         """
 
         def mass_at(t: Number, q: Vector) -> Array:
@@ -94,6 +96,9 @@ class Mechanics(eqx.Module):
         others = self.system.force(t, q, v, self.args)
         if isinstance(self.system.friction, RegularizedCoulomb):
             others = others + self.ramp(self.system.friction, t, q, v, force)
+        if springs is not None:
+            speeds, tangential = jax.vjp(lambda v: self.slip(t, q, v), v)
+            others = others + tangential(springs.reshape(speeds.shape))[0]
         (pull,) = opening.pull(force)
         friction = None
         if slide is None:
@@ -117,6 +122,11 @@ class Mechanics(eqx.Module):
         assert slip is not None
         speeds, pull = jax.vjp(lambda v: slip(t, q, v, self.args), v)
         return pull(friction.force(force, speeds))[0]
+
+    def slip(self, t: Number, q: Vector, v: Vector) -> Array:
+        """Return slip speeds (m,) or (m, 2)."""
+        assert self.system.slip is not None
+        return self.system.slip(t, q, v, self.args)
 
     def limit(self, force: PerContact) -> PerContact:
         """Return the largest friction forces μF in N."""

@@ -25,7 +25,7 @@ class SystemState(NamedTuple):
     with a force, `touch_speed` the closing speed at that touch. `max_force`, `max_depth` and the
     energy `lost` in J are those since then. `work` in J is that since the start of the run. `step`
     in s is the length of the next step. `slide` holds the signs of the slip, 0 for contacts that
-    stick, if contacts stick and slip.
+    stick, if contacts stick and slip. `spring` (m, d) in N are the forces of tangential springs.
     """
 
     time: Number
@@ -45,6 +45,7 @@ class SystemState(NamedTuple):
     work: Number
     step: Number
     slide: PerContact | None = None
+    spring: Array | None = None
 
 
 class SystemProblem(eqx.Module):

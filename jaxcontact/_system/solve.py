@@ -70,7 +70,7 @@ def solve_system(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
     zero = jnp.zeros((), jnp.int32)
     running = jnp.asarray(-1, jnp.int32)
     nothing = jnp.zeros_like(problem.tolerance)
-    painleve = nothing + jnp.inf if problem.mechanics.system.sticks else None
+    painleve = nothing + jnp.inf if problem.mechanics.system.rigid else None
     log = empty_log(problem.state, rules.rows)
     first = SystemEnd(problem.state, log, running, zero, nothing, painleve)
     stops = problem.stops
@@ -140,8 +140,9 @@ def _start(solve: _SystemSolve, state: SystemState) -> CoupledStart:
     zero = jnp.zeros((), state.position.dtype)
     q, v = state.position / scales.position, state.velocity / scales.velocity
     latched, mass = state.latched / units.speed, state.mass
+    springs = None if state.spring is None else state.spring / units.force
     return CoupledStart(
-        y=solve.field.pack(q, v, state.lost / units.energy, [zero, zero, zero]),
+        y=solve.field.pack(q, v, state.lost / units.energy, [zero, zero, zero], springs),
         modes=Modes(state.closed, state.rising, latched, mass, state.slide),
         since=state.since,
         force_until=state.force_until,
@@ -178,6 +179,7 @@ def state_of(solve: _SystemSolve, loop: _Loop) -> SystemState:
     c, units, scales = loop.carry, solve.units, solve.field.scales
     nq, nv = scales.position.shape[0], scales.velocity.shape[0]
     assert c.modes.mass is not None
+    springs = solve.field.springs(c.y)
     return SystemState(
         time=solve.start + units.time * c.y[TIME],
         position=scales.position * c.y[:nq],
@@ -196,6 +198,7 @@ def state_of(solve: _SystemSolve, loop: _Loop) -> SystemState:
         work=solve.supplied + units.energy * c.y[WORK],
         step=_stop(units.time * c.size * 2 * c.y[-1]),
         slide=c.modes.slide,
+        spring=None if springs is None else units.force * springs,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 from .._contact import Contact
 from .._coupled.modes import PerContact
 from .._coupled.scalars import Flag, Number
+from .._friction import SpringSlider
 from .._laws import force_of
 from .mechanics import Mechanics, Opening, Vector
 from .problem import SystemState
@@ -20,6 +21,9 @@ from .stick_slip import SLIDES_ON
 
 _ROUNDING = 64
 """A gap of less than this many rounding errors of the lengths in it is closed."""
+
+_SMALL = 1e-6
+"""The depth, in units of length, by which a contact with friction begins."""
 
 
 class StartChecks(NamedTuple):
@@ -59,7 +63,7 @@ def start_of(
     lengths = jnp.sum(jnp.abs(gradient * q[None]), axis=1) + jnp.abs(opening.gap)
     near = jnp.abs(opening.gap) <= _ROUNDING * jnp.finfo(q.dtype).eps * lengths
     slide = None
-    if system.sticks:
+    if system.rigid:
         slide = jnp.where(near | (opening.gap < 0), mechanics.slide(time, q, v), SLIDES_ON)
     motion = mechanics.motion(time, q, v, opening, elastic, slide)
     second = -mechanics.second(time, q, v, motion.acceleration)
@@ -90,7 +94,9 @@ def start_of(
         work=jnp.zeros_like(time),
         step=jnp.zeros_like(time),
     )
-    if slide is not None:
+    if system.springs:
+        state = _with_springs(mechanics, state, opening)
+    elif slide is not None:
         state = state._replace(slide=_settled(mechanics, state, opening, slide))
     scale = jnp.sqrt(jnp.abs(jnp.diagonal(mass)))
     scale = jnp.where(scale > 0, scale, 1)
@@ -112,26 +118,52 @@ def start_of(
     return state, jax.lax.stop_gradient(checks)
 
 
+class _Law(NamedTuple):
+    """The force of every contact at the start, and its unit of length in m."""
+
+    force: Callable[[PerContact], PerContact]
+    unit: PerContact
+
+
+def _law_at(mechanics: Mechanics, state: SystemState) -> _Law:
+    """Return the forces in N of depths in m, at the closing speeds of the start."""
+    system, n = mechanics.system, mechanics.system.exponent
+    contact = Contact(state.mass, system.stiffness * jnp.ones_like(state.mass))
+    contact = eqx.tree_at(lambda c: c._exponent, contact, system._exponent)
+    least = jnp.finfo(state.mass.dtype).tiny ** 0.25
+    speed = jnp.maximum(jnp.where(state.rising, state.closing, state.latched), least)
+    unit = (state.mass * jnp.square(speed) / system.stiffness) ** (1 / (n + 1))
+    return _Law(lambda depth: force_of(system.law, depth, state.closing, contact, speed), unit)
+
+
 def _settled(
     mechanics: Mechanics, state: SystemState, opening: Opening, slide: PerContact
 ) -> PerContact:
     """Return the signs of slip at the start, 0 for the contacts that stick."""
-    system, n = mechanics.system, mechanics.system.exponent
-    contact = Contact(state.mass, system.stiffness * jnp.ones_like(state.mass))
-    contact = eqx.tree_at(lambda c: c._exponent, contact, system._exponent)
-    tiny = jnp.finfo(opening.gap.dtype).tiny
-    speed = jnp.maximum(jnp.where(state.rising, state.closing, state.latched), tiny**0.25)
-    depth = jnp.maximum(-opening.gap, 0)
-    force = force_of(system.law, depth, state.closing, contact, speed)
+    law, depth = _law_at(mechanics, state), jnp.maximum(-opening.gap, 0)
     # A contact that begins has no force yet: a small one shows which part of it holds.
-    peak = system.stiffness * (state.mass * jnp.square(speed) / system.stiffness) ** (n / (n + 1))
     begins = state.closed & (depth <= 0)
-    finest = float(jnp.finfo(opening.gap.dtype).eps)
-    force = jnp.where(begins, jnp.maximum(force, math.sqrt(finest) * peak), force)
+    force = law.force(jnp.where(begins, _SMALL * law.unit, depth))
     force = jnp.where(state.closed, force, 0)
     slide = jnp.where(state.closed, slide, SLIDES_ON)
     at = state.time, state.position, state.velocity
     return mechanics.settled(*at, opening, force, slide)[0]
+
+
+def _with_springs(mechanics: Mechanics, state: SystemState, opening: Opening) -> SystemState:
+    """Return the state with tangential springs, and 1 for contacts that slip, 0 for others."""
+    friction, system, law = mechanics.system.friction, mechanics.system, _law_at(mechanics, state)
+    assert isinstance(friction, SpringSlider) and friction.ratio is not None
+    slip = mechanics.slip(state.time, state.position, state.velocity)
+    slip = slip.reshape(opening.gap.shape[0], -1)
+    # The force grows as δⁿ and the spring force as κ u δⁿ/δ', which decides at touch. The force of
+    # a spring in progress is not known; it begins without.
+    depth = _SMALL * law.unit
+    grows = mechanics.limit(law.force(depth) / (system.stiffness * depth**system.exponent))
+    pace = jnp.sqrt(jnp.sum(jnp.square(slip), axis=1))
+    begins = state.closed & (opening.gap >= 0)
+    slides = begins & (friction.ratio * pace > grows * state.closing)
+    return state._replace(slide=slides.astype(slip.dtype), spring=jnp.zeros_like(slip))
 
 
 def _is_quadratic(mechanics: Mechanics, time: Number, q: Vector, v: Vector) -> Flag:

@@ -23,7 +23,7 @@ from .._entry import (
     shown,
     specialised,
 )
-from .._friction import AbstractFriction, RegularizedCoulomb, RigidCoulomb
+from .._friction import AbstractFriction, RegularizedCoulomb, RigidCoulomb, SpringSlider
 from .._laws import AbstractLaw, require_law
 from .lagrangian import LagrangianEnergy, LagrangianForce, LagrangianMass
 
@@ -47,8 +47,20 @@ def _function(name: str, value: Any) -> Any:
 
 def _require_friction(friction: Any) -> None:
     """Raise ValueError for a friction law that no mechanism can have."""
-    allowed = "a `RigidCoulomb` or a `RegularizedCoulomb`"
+    allowed = "a `RigidCoulomb`, a `SpringSlider` or a `RegularizedCoulomb`"
     friction = require_kind("friction", friction, AbstractFriction, allowed)
+    if isinstance(friction, SpringSlider):
+        if friction.ratio is None:
+            raise ValueError(
+                "Argument `ratio` of the `SpringSlider` of a `System` must be given, as it has no "
+                "materials, but is None."
+            )
+        if friction.form != "force":
+            raise ValueError(
+                'Argument `form` of the `SpringSlider` of a `System` must be "force", but is '
+                f'"{friction.form}".'
+            )
+        return
     if not isinstance(friction, RigidCoulomb | RegularizedCoulomb):
         raise ValueError(
             f"Argument `friction` of a `System` must be {allowed}, but is a "
@@ -65,8 +77,9 @@ class System(eqx.Module):
     - `gap(t, q, args)`: the distances (m,) in m, negative in contact.
     - `law`, `stiffness` in N/mⁿ, `exponent` n in [1, 3]: the contact law, with one number for all
       gaps or one for each. A plain number for n is static.
-    - `friction`: a `RegularizedCoulomb`; in the plane a `RigidCoulomb`, whose contacts stick and
-      slip; or None. μ is one number, or one for each gap.
+    - `friction`: a `RegularizedCoulomb`; a `SpringSlider` with a `ratio`, of the form "force"; in
+      the plane a `RigidCoulomb`; or None. Contacts of the last two stick and slip. μ is one
+      number, or one for each gap.
     - `slip(t, q, v, args)`: the tangential speeds in m/s, affine in v; (m,) in the plane, (m, 2) in
       space. Friction needs it.
     - `rate(t, q, v, args)`: q', where q has more numbers than v, as with quaternions. Default: v.
@@ -163,7 +176,17 @@ class System(eqx.Module):
     @property
     def sticks(self) -> bool:
         """Whether contacts stick and slip."""
+        return self.rigid or self.springs
+
+    @property
+    def rigid(self) -> bool:
+        """Whether contacts that stick do not move at all."""
         return isinstance(self.friction, RigidCoulomb)
+
+    @property
+    def springs(self) -> bool:
+        """Whether contacts have tangential springs."""
+        return isinstance(self.friction, SpringSlider)
 
     @property
     def exponent(self) -> float | Float[Array, "..."]:

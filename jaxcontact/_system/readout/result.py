@@ -99,7 +99,7 @@ class SystemPhases(eqx.Module):
     - `gap`: its number among the gaps.
     - `time`: of the start of the phase, in s. A phase lasts until the next one of this gap, or the
       end of its contact.
-    - `direction`: 0 if the contact sticks, else the sign of its slip speed.
+    - `direction`: 0 if the contact sticks, else the sign of its slip speed; 1 with springs.
     - `valid`: False in blank rows.
     """
 
@@ -134,7 +134,7 @@ class SystemMargin(eqx.Module):
     - `growth`: the largest factor by which the run amplifies a small change of its start.
     - `painleve`: the least J_n M⁻¹ (J_n ∓ μ J_t)ᵀ over J_n M⁻¹ J_nᵀ of a sliding contact. Where it
       is 0 or less the contact force presses the contact together. Rigid bodies then have no motion
-      or several (Painlevé); the run has that of soft contacts. None unless contacts stick and slip.
+      or several (Painlevé); the run has that of soft contacts. None without `RigidCoulomb`.
 
     A derivative holds for the sequence of events that occurred.
     """

@@ -1,0 +1,67 @@
+"""Tangential springs and sliders of contacts: one force (m, d) each, in the units of a solve.
+
+In stick f' = -k u, with k = κ n K δ^(n-1). In slip |f| = μF, and f turns against the part of the
+slip across it: f' = -k (u - e e·u) + μF' e, with e = f/|f|.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._contact import Contact
+from .._coupled.modes import Flags, PerContact
+
+Vectors = Float[Array, "m d"]
+
+
+class SpringMotion(NamedTuple):
+    """The rates f' of spring forces, and `hold`: what is left of the limit in stick, and in slip
+    k times the speed of the slider against the force.
+    """
+
+    rate: Vectors
+    hold: PerContact
+
+
+def tangential_stiffness(ratio: Array, contact: Contact, depth: PerContact) -> PerContact:
+    """Return k = κ n K δ^(n-1) in N/m of depths in m."""
+    n, presses = contact.exponent, depth > 0
+    power = jnp.where(presses, depth, 1) ** (n - 1)
+    return ratio * n * contact.stiffness * jnp.where(presses, power, 0)
+
+
+def _length(vectors: Vectors) -> PerContact:
+    square = jnp.sum(jnp.square(vectors), axis=1)
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
+
+
+def directions(force: Vectors, slip: Vectors) -> Vectors:
+    """Return the unit vectors of spring forces; those against the slip where there is no force."""
+    strength, pace = _length(force), _length(slip)
+    along = force / jnp.where(strength > 0, strength, 1)[:, None]
+    against = -slip / jnp.where(pace > 0, pace, 1)[:, None]
+    return jnp.where((strength > 0)[:, None], along, against)
+
+
+def friction_of(force: Vectors, slip: Vectors, limit: PerContact, slides: Flags) -> Vectors:
+    """Return the friction: the spring force, or in slip that of the limit in its direction."""
+    return jnp.where(slides[:, None], limit[:, None] * directions(force, slip), force)
+
+
+def spring_motion(
+    force: Vectors,
+    slip: Vectors,
+    stiffness: PerContact,
+    limit: tuple[PerContact, PerContact],
+    slides: Flags,
+) -> SpringMotion:
+    """Return the motion of springs; `limit` holds μF and its rate."""
+    e = directions(force, slip)
+    along = jnp.sum(e * slip, axis=1)
+    stick = -stiffness[:, None] * slip
+    turning = stick + (stiffness * along + limit[1])[:, None] * e
+    hold = jnp.where(slides, -stiffness * along - limit[1], limit[0] - _length(force))
+    return SpringMotion(jnp.where(slides[:, None], turning, stick), hold)

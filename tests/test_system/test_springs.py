@@ -1,0 +1,174 @@
+"""Tangential springs and sliders in mechanisms: a table of impacts, and restarted SciPy."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jaxcontact as jc
+
+MU, STIFFNESS = 0.3, 1e7
+CHI = 49 / 34
+KAPPA = 2 * CHI / 3.5
+"""Of like spheres with ν = 0.3, whose slip has λ = 7/2."""
+
+TABLE = {
+    0.25: 0.201974558753141,
+    0.75: 0.408202256698953,
+    1.25: 0.24500755462582,
+    2.0: -0.480591960595263,
+    3.5: -1.33850106873717,
+    4.5: -1.20326025112982,
+}
+"""ψ2 of the elastic force form by ψ1, of 15 digits by mpmath."""
+
+CLOSE = 1e-9
+"""Of ψ2 at rtol 1e-10."""
+
+DIFFERENCES = 2e-6
+"""Central differences of a run at rtol 1e-11 are right to about this."""
+
+
+def sphere(t, q, args):
+    return jnp.diag(jnp.array([1.0, 1.0, 0.4]))
+
+
+def plane(t, q, args):
+    return q[1:2]
+
+
+def slip(t, q, v, args):
+    return (v[0] + v[2])[None]
+
+
+def free(t, q, v, args):
+    return jnp.zeros(3)
+
+
+def thrown(mu, kappa, speed, **how):
+    """Return a run of a sphere that hits a plane at 1 m/s with a slip speed."""
+    friction = jc.SpringSlider(mu, ratio=kappa)
+    system = jc.System(
+        sphere, free, plane, law=jc.Hertz(), stiffness=STIFFNESS, friction=friction, slip=slip
+    )
+    velocity = jnp.stack([jnp.asarray(x, float) for x in (speed, -1.0, 0.0)])
+    return jc.simulate(system, 0.02, position=[0.0, 1e-3, 0.0], velocity=velocity, **how)
+
+
+@pytest.mark.parametrize("psi", TABLE)
+def test_impacts_are_those_of_the_table(psi):
+    run = thrown(MU, KAPPA, psi * MU / KAPPA, rtol=1e-10)
+    after = float(run.final.velocity[0] + run.final.velocity[2])
+    np.testing.assert_allclose(after * KAPPA / MU, TABLE[psi], atol=CLOSE)
+    # Above ψ1 = 1 it slides first; every contact slides before it ends.
+    np.testing.assert_array_equal(run.phases.direction, [1, 0, 1] if psi > 1 else [0, 1])
+    gained, work = (float(x[-1] - x[0]) for x in (run.energy, run.states.work))
+    assert abs(gained - work) < 1e-9
+
+
+def test_slopes_are_differences():
+    def outcome(vector):
+        run = thrown(*vector, rtol=1e-11, max_impacts=8)
+        return jnp.concatenate([run.final.velocity, run.phases.time[:3] / 1e-3])
+
+    vector = jnp.array([MU, KAPPA, 1.5 * MU / KAPPA])
+    value = jax.jit(outcome)
+    forward = np.asarray(jax.jit(jax.jacfwd(outcome))(vector))
+    for k in range(len(vector)):
+        shift = np.zeros(3)
+        shift[k] = 2e-5 * float(vector[k])
+        high, low = (np.asarray(value(vector + sign * shift)) for sign in (1, -1))
+        slope = (high - low) / (2 * shift[k])
+        scale = np.max(np.abs(forward[:, k]))
+        np.testing.assert_allclose(forward[:, k], slope, atol=DIFFERENCES * scale)
+
+
+def restarted(start, pull, duration):
+    """Return phases (time, slides) of a point in space from its touch, and its velocity at the end
+    of the contact, by DOP853. In slip the state has the angle of the force.
+    """
+    t, y, slides = 0.0, np.concatenate([start, [0.0, 0.0]]), False
+    log = [(0.0, 0)]
+
+    def parts(y):
+        depth = max(-y[2], 0.0)
+        k = 1.5 * KAPPA * STIFFNESS * depth**0.5
+        return STIFFNESS * depth**1.5, -1.5 * STIFFNESS * depth**0.5 * y[5], k
+
+    def right(t, y):
+        force, _, k = parts(y)
+        if slides:
+            e = np.array([np.cos(y[6]), np.sin(y[6])])
+            turn = -k * (e[0] * y[4] - e[1] * y[3]) / (MU * force)
+            f, more = MU * force * e, [turn, 0.0]
+        else:
+            f, more = y[6:], -k * y[3:5]
+        return np.concatenate([y[3:6], f + pull, [force], more])
+
+    def changes(t, y):
+        force, grows, k = parts(y)
+        if slides:
+            return -k * (np.cos(y[6]) * y[3] + np.sin(y[6]) * y[4]) - MU * grows
+        return MU * force - np.hypot(*y[6:])
+
+    def ends(t, y):
+        return y[2] + 1e-14
+
+    changes.terminal = ends.terminal = True
+    changes.direction, ends.direction = -1, 1
+    while t < duration:
+        # Just after a change its function is zero.
+        ahead = solve_ivp(right, (t, t + 1e-7), y, "DOP853", rtol=1e-12, atol=1e-14)
+        end = solve_ivp(
+            right, (ahead.t[-1], duration), ahead.y[:, -1], "DOP853", rtol=1e-12, atol=1e-14,
+            events=[changes, ends], max_step=duration / 100,
+        )  # fmt: skip
+        t, y = end.t[-1], end.y[:, -1].copy()
+        if len(end.t_events[1]):
+            break
+        force = parts(y)[0]
+        y[6:] = (
+            MU * force * np.array([np.cos(y[6]), np.sin(y[6])])
+            if slides
+            else [np.arctan2(y[7], y[6]), 0.0]
+        )
+        slides = not slides
+        log.append((t, int(slides)))
+    return log, y[3:6]
+
+
+def test_slip_that_turns_in_space_is_that_of_scipy():
+    """A push across the slip turns it while the point slides."""
+    pull, velocity = np.array([-150.0, 400.0]), [0.25, 0.1, -1.0]
+    friction = jc.SpringSlider(MU, ratio=KAPPA)
+    system = jc.System(
+        lambda t, q, args: jnp.eye(3),
+        lambda t, q, v, args: jnp.array([*pull, 0.0]),
+        lambda t, q, args: q[2:],
+        law=jc.Hertz(),
+        stiffness=STIFFNESS,
+        friction=friction,
+        slip=lambda t, q, v, args: v[None, :2],
+    )
+    run = jc.simulate(system, 0.01, position=[0.0] * 3, velocity=velocity, rtol=1e-11)
+    log, end = restarted(np.array([0.0, 0.0, 0.0, *velocity]), pull, 0.01)
+    assert len(log) >= 2
+    np.testing.assert_array_equal(run.phases.direction, [slides for _, slides in log])
+    np.testing.assert_allclose(run.phases.time, [t for t, _ in log], atol=1e-9 * 0.01 * 100)
+    over = float(run.contacts.duration[0])
+    got = np.asarray(run.at(over).velocity[0])
+    np.testing.assert_allclose(got, end, atol=1e-7)
+
+
+def test_missing_numbers_are_named():
+    parts = {"law": jc.Hertz(), "stiffness": STIFFNESS, "slip": slip}
+    with pytest.raises(ValueError, match=r"`ratio` of the `SpringSlider`.*no materials"):
+        jc.System(sphere, free, plane, friction=jc.SpringSlider(MU), **parts)
+    friction = jc.SpringSlider(MU, KAPPA, form="rescaled")
+    with pytest.raises(
+        ValueError, match=r'`form` of the `SpringSlider`.*"force", but is "rescaled'
+    ):
+        jc.System(sphere, free, plane, friction=friction, **parts)
