@@ -367,3 +367,25 @@ def test_sliding_and_belts_close_the_energy_balance():
     assert run.impacts.solved_by[-1] == jc.SolvedBy.SERIES and run.sliding_loss > 0.1
     balance = run.energy[0] + run.wall_work - jnp.sum(run.impacts.energy_loss) - run.sliding_loss
     np.testing.assert_allclose(run.energy[-1], balance, rtol=ENERGY)
+
+
+@pytest.mark.parametrize(
+    ("friction", "ratio", "spin"),
+    [
+        (jc.MawBarberFawcett(mu=0.092), 0.638147, -245.0567),
+        (jc.SpringSlider(mu=0.092), 0.71353918, -193.99926),
+    ],
+    ids=["maw_barber_fawcett", "spring_slider"],
+)
+def test_laws_with_a_spring_take_their_stiffness_from_the_materials(friction, ratio, spin):
+    """Test 4 of Chung & Ooi (2011), doi 10.1007/s10035-011-0277-0, at 10 degrees: digits of
+    independent solves of the two models, as printed.
+    """
+    alumina = jc.Material(youngs_modulus=380e9, poisson_ratio=0.23, density=4000.0)
+    angle = np.radians(10.0)
+    velocity = [3.9 * np.sin(angle), -3.9 * np.cos(angle)]
+    ball = jc.Sphere(0.0025, position=[0.0, 0.01], velocity=velocity, material=alumina)
+    wall = jc.Plane([0.0, 0.0], [0.0, 1.0])
+    run = go(jc.Scene([ball, wall], jc.ExactRestitution(e=0.98), friction=friction), 0.01)
+    np.testing.assert_allclose(run.velocity[-1, 0, 0] / velocity[0], ratio, rtol=1e-6)
+    np.testing.assert_allclose(run.spin[-1, 0], spin, rtol=1e-6)
