@@ -13,7 +13,6 @@ from ..._friction import (
     AbstractFriction,
     MawBarberFawcett,
     RigidCoulomb,
-    SpringSlider,
     WaltonFriction,
 )
 from .measurements import Measurements
@@ -27,8 +26,8 @@ def candidates_of(
 ) -> tuple[dict[str, AbstractFriction], dict[str, str]]:
     """Return the friction laws to compare by name, and those that do not apply, with the reason.
 
-    Without `given` ones these are all laws with few numbers. Springs have the ratio of the contact,
-    which is fitted if it is unknown.
+    Without `given` ones these are rigid Coulomb, Walton and Maw-Barber-Fawcett. The last has the
+    ratio of the contact, which is fitted if it is unknown.
     """
     if given is not None:
         return _given(given), {}
@@ -37,10 +36,6 @@ def candidates_of(
         "rigid Coulomb": RigidCoulomb(_MU),
         "Walton": WaltonFriction(_MU, _BETA0),
         "Maw-Barber-Fawcett": MawBarberFawcett(_MU, ratio),
-        **{
-            f"spring and slider, {form}": SpringSlider(_MU, ratio, form)
-            for form in ("force", "displacement", "rescaled")
-        },
     }
     left_out = {name: why for name, law in laws.items() if (why := _refusal(law, there))}
     return {name: law for name, law in laws.items() if name not in left_out}, left_out

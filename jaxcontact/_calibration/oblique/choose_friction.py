@@ -49,10 +49,11 @@ def choose_friction(
 ) -> FrictionChoice:
     """Fit several friction laws to the rebounds of oblique impacts, and choose one.
 
-    Arguments: `friction`, the laws by name, or None for rigid Coulomb, Walton, Maw-Barber-Fawcett
-    and one spring and slider in its three forms; those without a formula for the contact are left
-    out. Springs have the tangential ratio of the contact; without one it is fitted. `progress` as
-    in `choose_law`. All others as in `fit_oblique`.
+    Arguments: `friction`, the laws by name, or None for rigid Coulomb, Walton and
+    Maw-Barber-Fawcett, whose tangential ratio is that of the contact; without one it is fitted. A
+    law without a formula for the contact is left out. Those of discrete element codes are compared
+    if they are named, as `{"force": jc.SpringSlider(0.2), ...}`; each takes long to compile.
+    `progress` as in `choose_law`. All others as in `fit_oblique`.
 
     Without standard deviations the noise of each column is that of the residuals of the law that
     fits best. The comparison is that of `compare_fits`. Its held-out error leaves out every fourth

@@ -94,9 +94,9 @@ marked only if it is far from the trend of all pairs, even for e above 1. Marked
 with their rows and left out; the result with them is shown as well.
 
 From oblique impacts μ follows with its error, by the friction law that describes the table: rigid
-Coulomb, Walton, Maw-Barber-Fawcett, or one spring and slider. They need e, from a column or
---restitution, and for spins --radius. --tangential-ratio 2(1-ν)/(2-ν), for like materials, holds
-the stiffness of the springs, which is fitted otherwise.
+Coulomb, Walton or Maw-Barber-Fawcett. They need e, from a column or --restitution, and for spins
+--radius. --tangential-ratio, 2(1-ν)/(2-ν) for like materials, holds κ of Maw-Barber-Fawcett, which
+is fitted otherwise.
 
 --law NAME: `constant_damping`, `power_damping`, `kuwabara_kono`, `thornton_plastic`,
 `power_restitution`, `bridges`, `linear_dashpot` or `step_damping` is compared with a constant e; a

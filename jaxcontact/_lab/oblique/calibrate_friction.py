@@ -98,7 +98,7 @@ def calibrate_friction(
 
     Arguments: `source`, `columns`, `decimal` and `ball` as in `read_recording`. `restitution`: e,
     if the table has no such column. `tangential_ratio`: κ, 2(1-ν)/(2-ν) for like materials; without
-    it κ of the laws with a spring is fitted. `radius` in m, needed for spins. `shape` of the body:
+    it κ is fitted. `radius` in m, needed for spins. `shape` of the body:
     "sphere", "shell" or "disc". `friction` and `progress` as in `choose_friction`.
 
     Returns a `FrictionCalibration`. Raises RecordingError for a table that cannot be read, and
