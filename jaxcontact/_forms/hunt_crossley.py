@@ -63,7 +63,8 @@ class HuntCrossleyForm(AbstractForm):
 
     def time_at(self, v: Lane, n: Exponent, duration: Lane) -> Lane:
         """Return the time from touch to the velocity v in [-e, 1], by quadrature."""
-        return _time_at(*jnp.broadcast_arrays(self.alpha, v, duration), n)
+        alpha, v, duration = jnp.broadcast_arrays(self.alpha, v, duration)
+        return _time_at(alpha, v, duration, n)
 
     def sound(self) -> tuple[HuntCrossleyForm, Flag]:
         alpha, good = sound_damping(self.alpha)

@@ -24,9 +24,10 @@ Exponent = float | Float[Array, "..."]
 class Tangential(NamedTuple):
     """The tangential problem of an impact, scaled.
 
-    `slip` is the initial |u|/v0, `mobility` λ, `restitution` e, `alpha` the α of the normal force
-    xⁿ (1 + α x') (None for other forces), `exponent` n, `ratio` the tangential stiffness ratio κ of
-    the contact (None if unknown), and `speed` v0 in m/s.
+    - `slip`: the initial |u|/v0. `speed`: v0 in m/s.
+    - `mobility`: λ. `restitution`: e.
+    - `alpha`: the α of the normal force xⁿ (1 + α x'), None for other forces; `exponent`: n.
+    - `ratio`: the tangential stiffness ratio κ of the contact, None if unknown.
     """
 
     slip: Lane
@@ -42,7 +43,7 @@ class Tangential(NamedTuple):
         return self.slip - self.mobility * mu * (1 + self.restitution)
 
 
-class Outcome(NamedTuple):
+class TangentialOutcome(NamedTuple):
     """The slip after an impact, and its phases.
 
     - `slip`: u'/v0, negative if the contact point has reversed.
@@ -77,7 +78,7 @@ class ScaledSpring(NamedTuple):
         return jnp.where(self.free, self.given, self.unit * psi)
 
 
-class Path(NamedTuple):
+class NormalPath(NamedTuple):
     """The normal motion at many equal steps of time, in scaled units, the moments along axis 0."""
 
     time: Lane
@@ -105,15 +106,15 @@ class AbstractFriction(eqx.Module):
 
     @property
     def substeps(self) -> int:
-        """The number of steps of a `Path` between two samples that are shown."""
+        """The number of steps of a `NormalPath` between two samples that are shown."""
         return 1
 
-    def along(self, problem: Tangential, path: Path) -> tuple[Lane, Lane] | None:
+    def along(self, problem: Tangential, path: NormalPath) -> tuple[Lane, Lane] | None:
         """Return slip and friction along a normal motion; None if the law has no force in time."""
         return None
 
     @abc.abstractmethod
-    def rebound(self, problem: Tangential) -> Outcome:
+    def rebound(self, problem: Tangential) -> TangentialOutcome:
         """Return the outcome; ValueError if the law has no solution for this normal force."""
 
     def __repr__(self) -> str:

@@ -7,7 +7,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, Range, as_parameter, parameter, refuses_unknown
 from .._functions import ratio
-from .base import AbstractFriction, Lane, Outcome, Path, Tangential
+from .base import AbstractFriction, Lane, NormalPath, Tangential, TangentialOutcome
 
 TANGENTIAL_RESTITUTION = Range(low=-1.0, high=1.0, inside=0.0)
 
@@ -32,11 +32,11 @@ class RigidCoulomb(AbstractFriction):
     def __init__(self, mu: ArrayLike):
         self.mu = as_parameter(mu, "mu", NOT_NEGATIVE)
 
-    def rebound(self, problem: Tangential) -> Outcome:
+    def rebound(self, problem: Tangential) -> TangentialOutcome:
         left, e = problem.after_sliding(self.mu), problem.restitution
         grip = problem.mobility * self.mu
         stop = jnp.maximum(1 - ratio(problem.slip, grip), -e)
-        return Outcome(
+        return TangentialOutcome(
             slip=jnp.maximum(left, 0),
             slid=left > 0,
             stop=jnp.where(left > 0, -e, stop),
@@ -44,7 +44,7 @@ class RigidCoulomb(AbstractFriction):
             margin=margin_of(problem.slip, grip * (1 + e)),
         )
 
-    def along(self, problem: Tangential, path: Path) -> tuple[Lane, Lane]:
+    def along(self, problem: Tangential, path: NormalPath) -> tuple[Lane, Lane]:
         left = problem.slip - problem.mobility * self.mu * (1 - path.velocity)
         return jnp.maximum(left, 0), jnp.where(left > 0, self.mu * path.force, 0)
 
@@ -67,11 +67,11 @@ class WaltonFriction(AbstractFriction):
         self.mu = as_parameter(mu, "mu", NOT_NEGATIVE)
         self.beta0 = as_parameter(beta0, "beta0", TANGENTIAL_RESTITUTION)
 
-    def rebound(self, problem: Tangential) -> Outcome:
+    def rebound(self, problem: Tangential) -> TangentialOutcome:
         left, back = problem.after_sliding(self.mu), -self.beta0 * problem.slip
         most = problem.mobility * self.mu * (1 + problem.restitution)
         reach = 1 + self.beta0
-        return Outcome(
+        return TangentialOutcome(
             slip=jnp.maximum(left, back),
             slid=left > back,
             margin=jnp.where(reach > 0, margin_of(problem.slip * reach, most), jnp.inf),

@@ -13,7 +13,7 @@ from .._entry import (
     parameter,
     refuses_unknown,
 )
-from .base import AbstractFriction, Lane, Outcome, Path, Tangential
+from .base import AbstractFriction, Lane, NormalPath, Tangential, TangentialOutcome
 from .mbf_curve import full_sliding, in_table, mbf_curve
 from .return_mapping import springs_along
 from .scaled import hertzian, spring_of
@@ -43,11 +43,11 @@ class MawBarberFawcett(AbstractFriction):
     def substeps(self) -> int:
         return 16
 
-    def along(self, problem: Tangential, path: Path) -> tuple[Lane, Lane]:
+    def along(self, problem: Tangential, path: NormalPath) -> tuple[Lane, Lane]:
         slip, force = springs_along(spring_of(self, problem), path)
         return slip, self.mu * force
 
-    def rebound(self, problem: Tangential) -> Outcome:
+    def rebound(self, problem: Tangential) -> TangentialOutcome:
         scaled, alpha = spring_of(self, problem), problem.alpha
         if alpha is None or not hertzian(problem):
             raise ValueError(
@@ -59,4 +59,6 @@ class MawBarberFawcett(AbstractFriction):
         # Full sliding is a formula for every χ and α; the table has a range.
         known = (jnp.where(inside, x, y) for x, y in ((scaled.chi, 1.2), (alpha, 0.0)))
         part = jnp.where(inside, scaled.slip(mbf_curve(scaled.psi, *known)), jnp.nan)
-        return Outcome(slip=jnp.where(slid, problem.after_sliding(self.mu), part), slid=slid)
+        return TangentialOutcome(
+            slip=jnp.where(slid, problem.after_sliding(self.mu), part), slid=slid
+        )

@@ -7,7 +7,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, POSITIVE, as_parameter, parameter, refuses_unknown
 from .._functions import ratio
-from .base import AbstractFriction, Lane, Outcome, Path, Tangential
+from .base import AbstractFriction, Lane, NormalPath, Tangential, TangentialOutcome
 
 
 class RegularizedCoulomb(AbstractFriction):
@@ -40,12 +40,12 @@ class RegularizedCoulomb(AbstractFriction):
         strength = self.mu * normal / pace
         return -strength.reshape(strength.shape + (1,) * (slip.ndim - 1)) * slip
 
-    def rebound(self, problem: Tangential) -> Outcome:
+    def rebound(self, problem: Tangential) -> TangentialOutcome:
         e = problem.restitution
         slip = self._after(problem, 1 + e)
-        return Outcome(slip=slip, slid=slip >= 0, stop=-e, start=-e)
+        return TangentialOutcome(slip=slip, slid=slip >= 0, stop=-e, start=-e)
 
-    def along(self, problem: Tangential, path: Path) -> tuple[Lane, Lane]:
+    def along(self, problem: Tangential, path: NormalPath) -> tuple[Lane, Lane]:
         slip = self._after(problem, 1 - path.velocity)
         return slip, self.mu * path.force * jnp.minimum(slip * problem.speed / self.v_d, 1)
 

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from .base import Exponent, Lane, Path, ScaledSpring
+from .base import Exponent, Lane, NormalPath, ScaledSpring
 
 _SPRINGS = 128
 """Springs of a row. The error of the slip falls with the square of their number."""
@@ -20,7 +20,9 @@ _SPRINGS = 128
 _ITERATIONS = 3
 
 
-def slider_along(spring: ScaledSpring, n: Exponent, form: str, path: Path) -> tuple[Lane, Lane]:
+def slider_along(
+    spring: ScaledSpring, n: Exponent, form: str, path: NormalPath
+) -> tuple[Lane, Lane]:
     """Return the slip, and the friction over μ, of one spring and slider along a normal motion."""
     depth = jnp.maximum(path.indentation, 0)
     stiffness = n * depth ** (n - 1)
@@ -44,7 +46,7 @@ def slider_along(spring: ScaledSpring, n: Exponent, form: str, path: Path) -> tu
     return _along(spring, path, jnp.zeros_like(spring.psi), rows, forces)
 
 
-def springs_along(spring: ScaledSpring, path: Path) -> tuple[Lane, Lane]:
+def springs_along(spring: ScaledSpring, path: NormalPath) -> tuple[Lane, Lane]:
     """Return the slip, and the friction over μ, of a row of springs, each with a limit.
 
     The spring at q touches at x = q² and has the limit x - q² in a Hertz contact, times (1 + αx')
@@ -73,7 +75,7 @@ def springs_along(spring: ScaledSpring, path: Path) -> tuple[Lane, Lane]:
 
 def _along(
     spring: ScaledSpring,
-    path: Path,
+    path: NormalPath,
     start: Lane,
     rows: Any,
     forces: Callable[[Lane, Lane, Any], tuple[Lane, Lane]],

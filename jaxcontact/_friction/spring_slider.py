@@ -17,10 +17,10 @@ from .._entry import (
     refuses_unknown,
     require_choice,
 )
-from .base import AbstractFriction, Lane, Outcome, Path, Tangential
+from .base import AbstractFriction, Lane, NormalPath, Tangential, TangentialOutcome
 from .return_mapping import slider_along
 from .scaled import hertzian, spring_of
-from .slider_phases import slider_phases
+from .slider.phases import slider_phases
 
 FORMS = ("force", "displacement", "rescaled")
 
@@ -68,16 +68,16 @@ class SpringSlider(AbstractFriction):
     def substeps(self) -> int:
         return 16
 
-    def along(self, problem: Tangential, path: Path) -> tuple[Lane, Lane]:
+    def along(self, problem: Tangential, path: NormalPath) -> tuple[Lane, Lane]:
         slip, force = slider_along(spring_of(self, problem), problem.exponent, self.form, path)
         return slip, self.mu * force
 
-    def rebound(self, problem: Tangential) -> Outcome:
+    def rebound(self, problem: Tangential) -> TangentialOutcome:
         scaled = spring_of(self, problem)
         assert problem.alpha is not None
         found = slider_phases(scaled.psi, scaled.chi, problem.alpha, self.form)
         slid, e = scaled.free | (found.stop <= -problem.restitution), problem.restitution
-        return Outcome(
+        return TangentialOutcome(
             slip=scaled.slip(found.psi2),
             slid=slid,
             stop=jnp.where(slid, -e, found.stop),

@@ -175,17 +175,17 @@ class System(eqx.Module):
 
     @property
     def sticks(self) -> bool:
-        """Whether contacts stick and slip."""
+        """True if contacts stick and slip."""
         return self.rigid or self.springs
 
     @property
     def rigid(self) -> bool:
-        """Whether contacts that stick do not move at all."""
+        """True if contacts that stick do not move at all."""
         return isinstance(self.friction, RigidCoulomb)
 
     @property
     def springs(self) -> bool:
-        """Whether contacts have tangential springs."""
+        """True if contacts have tangential springs."""
         return isinstance(self.friction, SpringSlider)
 
     @property

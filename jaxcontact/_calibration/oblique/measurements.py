@@ -11,7 +11,7 @@ from jaxtyping import ArrayLike
 from ..._contact import Contact, require_contact
 from ..._entry import NOT_NEGATIVE, POSITIVE, REAL, Range, as_numbers, rendered
 from ..._impact import RoundBodies
-from ..._impact.oblique.bodies import Shape, require_bodies
+from ..._impact.oblique.bodies import NamedShape, require_bodies
 from ..._laws import AbstractLaw, require_law
 from ..pairs.columns import Column, column, measured
 from .model import ObliqueModel
@@ -112,7 +112,7 @@ def _require_slip(data: dict[str, Column], slip: Column) -> None:
         )
 
 
-def _require_spin(spin: Column, shapes: RoundBodies | Shape, bodies: Any) -> None:
+def _require_spin(spin: Column, shapes: RoundBodies | NamedShape, bodies: Any) -> None:
     """Raise ValueError for a spin without a radius, and for one of the other sign."""
     if not shapes.radii:
         raise ValueError(

@@ -14,15 +14,15 @@ from ..._friction import AbstractFriction
 from ..._friction.base import Tangential
 from ..._impact import RoundBodies, oblique_impact, restitution
 from ..._impact.front_door import lanes_of, uniform
-from ..._impact.oblique.bodies import Shape
-from ..._impact.oblique.front_door import Given, Sliding, given_of, sliding_of
+from ..._impact.oblique.bodies import NamedShape
+from ..._impact.oblique.front_door import Given, SlidingStart, given_of, sliding_of
 from ..._laws import AbstractLaw
 from ..._text.units import Shown
 
 Column = Float[Array, "..."]
 
 
-class Rebound(NamedTuple):
+class MeasuredRebound(NamedTuple):
     """After an impact: v_t' and v_n' in m/s, -ω1 in rad/s (None without a radius), the tangential
     impulse over the normal one, and the distance to a jump (None without jumps).
     """
@@ -46,7 +46,7 @@ class ObliqueModel(eqx.Module):
 
     law: AbstractLaw
     contact: Contact
-    bodies: RoundBodies | Shape
+    bodies: RoundBodies | NamedShape
     fields: tuple[str, ...] = eqx.field(static=True)
     shown: ClassVar[Mapping[str, Shown]] = {
         name: Shown(name) for name in ("tangential_restitution", "rebound_angle", "rebound_spin")
@@ -64,7 +64,7 @@ class ObliqueModel(eqx.Module):
         }
         return {field: outcome[field]() for field in self.fields}
 
-    def rebound(self, friction: AbstractFriction, x: Mapping[str, Array]) -> Rebound:
+    def rebound(self, friction: AbstractFriction, x: Mapping[str, Array]) -> MeasuredRebound:
         """Return the rebounds of impacts at the speeds x, as `oblique_impact` does.
 
         A friction law with a formula needs nothing of the normal motion but e and α. The fit then
@@ -77,7 +77,7 @@ class ObliqueModel(eqx.Module):
             speeds, bodies = (self.law, self.contact, velocity, before), self._bodies
             hit = oblique_impact(*speeds, friction=friction, bodies=bodies, throw=False)
             spin = None if hit.spin is None else -hit.spin[0]
-            return Rebound(
+            return MeasuredRebound(
                 hit.tangential_velocity, velocity * e, spin, hit.impulse_ratio, hit.margin
             )
         found = given.friction.rebound(problem)
@@ -85,7 +85,7 @@ class ObliqueModel(eqx.Module):
         if found.converged is not None:
             slip = jnp.where(found.converged, slip, jnp.nan)
         lost = (problem.slip - slip) / problem.mobility
-        return Rebound(
+        return MeasuredRebound(
             tangential=before - velocity * lost,
             normal=velocity * e,
             spin=sliding.arms[0] * sliding.mass * velocity * lost if sliding.arms else None,
@@ -105,11 +105,11 @@ class ObliqueModel(eqx.Module):
 
     @property
     def _bodies(self) -> RoundBodies | str:
-        return self.bodies.name if isinstance(self.bodies, Shape) else self.bodies
+        return self.bodies.name if isinstance(self.bodies, NamedShape) else self.bodies
 
     def _problem(
         self, friction: AbstractFriction, x: Mapping[str, Array]
-    ) -> tuple[Given, Sliding, Tangential]:
+    ) -> tuple[Given, SlidingStart, Tangential]:
         speeds = self.law, self.contact, x["velocity"], x["tangential_velocity"]
         given = uniform(given_of(*speeds, friction, self._bodies, (0.0, 0.0)))
         e = restitution(self.law, self.contact, x["velocity"])

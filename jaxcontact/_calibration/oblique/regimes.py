@@ -37,7 +37,7 @@ class Regimes(NamedTuple):
 
     @property
     def at_jump(self) -> bool:
-        """Whether an impact is at a jump."""
+        """True if an impact is at a jump."""
         return self.margin is not None and self.margin < _AT_JUMP
 
     @property

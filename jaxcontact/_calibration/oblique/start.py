@@ -48,7 +48,7 @@ def lowest(friction: Friction, there: Measurements, fixed: frozenset[str]) -> Fr
     """Return the friction law whose numbers on a grid have the lowest loss.
 
     The loss of laws without a tangential spring has flat parts, where all impacts stick or all
-    slide, and several minima: a search by derivatives from any start may end in one of them. The
+    slide, and several minima. A search by derivatives from any start may end in one of them. The
     numbers of the given law are on the grid; `fixed` ones and arrays stay.
     """
     numbers = {

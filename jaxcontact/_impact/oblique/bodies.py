@@ -125,7 +125,7 @@ class RoundBodies(eqx.Module):
         return f"RoundBodies({', '.join([*numbers, f'shape={self.shape!r}'])})"
 
 
-class Shape(eqx.Module):
+class NamedShape(eqx.Module):
     """Two round bodies of one shape, of unknown radii."""
 
     name: str = eqx.field(static=True)
@@ -144,10 +144,10 @@ class Shape(eqx.Module):
         return jnp.full_like(contact_mass, 1 + 1 / INERTIA[self.name])
 
 
-def require_bodies(value: Any) -> RoundBodies | Shape:
+def require_bodies(value: Any) -> RoundBodies | NamedShape:
     """Return bodies from an argument; spheres for None. ValueError for anything else."""
     if value is None or isinstance(value, str):
-        return Shape(require_choice("bodies", "sphere" if value is None else value, INERTIA))
+        return NamedShape(require_choice("bodies", "sphere" if value is None else value, INERTIA))
     allowed = f"a `RoundBodies`, {', '.join(map(repr, INERTIA))} or None"
     return require_kind("bodies", value, RoundBodies, allowed)
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._forms import AbstractForm
 from ..._forms.base import Exponent
-from ..._friction.base import Outcome, ScaledSpring
+from ..._friction.base import ScaledSpring, TangentialOutcome
 from ..._solver import Packed, Tolerance, land, march
 from ..derivatives import over_lanes, with_sensitivity
 from ..front_door import Lanes
@@ -119,7 +119,7 @@ class _Phase(eqx.Module):
         return jnp.asarray(False)
 
 
-class _Course(NamedTuple):
+class _Followed(NamedTuple):
     state: _State
     sign: Number
     count: Int[Array, ""]
@@ -129,12 +129,14 @@ class _Course(NamedTuple):
     start: Number
 
 
-def follow(lanes: Lanes, spring: ScaledSpring, held: str, how: Event, e: Array) -> Outcome:
+def follow(
+    lanes: Lanes, spring: ScaledSpring, held: str, how: Event, e: Array
+) -> TangentialOutcome:
     """Return the outcome of a spring and slider beside the normal motion of any form."""
     numbers = _Numbers(lanes.form, lanes.exponent, spring.psi, spring.chi)
     course = over_lanes(with_sensitivity(eqx.Partial(_course, held=held, how=how)), numbers)
     slid = (course.count == 1) & (course.sign > 0)
-    return Outcome(
+    return TangentialOutcome(
         slip=spring.slip(course.state.psi),
         slid=slid | spring.free,
         stop=jnp.where(slid, -e, course.stop),
@@ -143,7 +145,7 @@ def follow(lanes: Lanes, spring: ScaledSpring, held: str, how: Event, e: Array) 
     )
 
 
-def _course(numbers: _Numbers, *, held: str, how: Event) -> _Course:
+def _course(numbers: _Numbers, *, held: str, how: Event) -> _Followed:
     zero = jnp.zeros_like(numbers.psi)
     rtol, atol = how.tolerances(zero.dtype)
     tolerance = Tolerance(jnp.asarray(_SAFETY * rtol, zero.dtype), _SAFETY * atol, how.max_steps)
@@ -157,14 +159,14 @@ def _course(numbers: _Numbers, *, held: str, how: Event) -> _Course:
     slides = eager * numbers.psi * _TOUCH**n > touch
     sign = jax.lax.stop_gradient(jnp.where(slides, zero + 1, zero))
     none = jnp.zeros((), int)
-    start = _Course(
+    start = _Followed(
         begin, sign, none, none > 0, none > 0, jnp.where(slides, zero, zero + 1), zero - 1
     )
 
-    def unfinished(course: _Course) -> Bool[Array, ""]:
+    def unfinished(course: _Followed) -> Bool[Array, ""]:
         return ~course.done & (course.count < _PHASES)
 
-    def advance(course: _Course) -> _Course:
+    def advance(course: _Followed) -> _Followed:
         phase = _Phase(numbers, course.sign, held)
         packed = Packed.of(course.state)
         last = march(phase, packed, tolerance, (), lambda seen, before, now: seen)
@@ -176,7 +178,7 @@ def _course(numbers: _Numbers, *, held: str, how: Event) -> _Course:
         spring = jnp.where(sliding, course.sign * most, state.spring)
         sign = jax.lax.stop_gradient(jnp.where(sliding, 0, jnp.where(spring < 0, -1.0, 1.0)))
         opened = sliding & (course.count == 0)
-        return _Course(
+        return _Followed(
             state=state._replace(spring=spring),
             sign=jnp.where(over, course.sign, sign.astype(spring.dtype)),
             count=course.count + 1,

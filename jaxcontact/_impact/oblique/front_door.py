@@ -15,7 +15,7 @@ from ..._friction import AbstractFriction
 from ..._friction.base import Tangential, require_friction
 from ..._laws import AbstractLaw
 from ..front_door import Lanes, Problem, problem_of
-from .bodies import RoundBodies, Shape, require_bodies
+from .bodies import NamedShape, RoundBodies, require_bodies
 
 TANGENTIAL = Range(inside=0.0)
 
@@ -25,7 +25,7 @@ class Given(NamedTuple):
 
     problem: Problem
     friction: AbstractFriction
-    bodies: RoundBodies | Shape
+    bodies: RoundBodies | NamedShape
     ratio: Float[Array, "..."] | None
     velocity: float | Float[Array, "..."]
     spin: tuple[float | Float[Array, "..."], float | Float[Array, "..."]]
@@ -77,7 +77,7 @@ def _spins(spin: Any, turning: int) -> tuple[Any, Any]:
     return first, second
 
 
-class Sliding(NamedTuple):
+class SlidingStart(NamedTuple):
     """The tangential motion at touch, in SI units, with valid numbers in place of invalid input.
 
     `slip` is that of the contact point, and `sign` its sign; `mobility` is λ, `arms` are R/I of the
@@ -106,7 +106,7 @@ class Sliding(NamedTuple):
         )
 
 
-def sliding_of(given: Given) -> Sliding:
+def sliding_of(given: Given) -> SlidingStart:
     """Return the tangential motion of numbers of one precision and rank."""
     numbers = (given.velocity, *given.spin)
     valid = is_valid(given.friction) & is_valid(given.bodies)
@@ -118,6 +118,6 @@ def sliding_of(given: Given) -> Sliding:
     for radius, spin in zip(bodies.radii, spins, strict=False):
         slip = slip + radius * spin
     sign = jnp.where(slip < 0, -1, 1).astype(slip.dtype)
-    return Sliding(
+    return SlidingStart(
         velocity, spins, slip, sign, bodies.mobility(mass), bodies.arms(mass), mass, valid
     )

@@ -59,9 +59,9 @@ def oblique_impact(
     beside their radii during the contact. Spin about the normal is kept.
 
     Returns an `ObliqueImpact`. Lanes fail as in `impact`. Raises ValueError for a Python scalar out
-    of range, a spin without radii, a spring without a stiffness ratio, and a friction law that has
-    no solution for the normal force. Source: Maw, Barber & Fawcett (1976), doi
-    10.1016/0043-1648(76)90201-5, and the references of the friction laws.
+    of range, a spin without radii and a spring without a stiffness ratio. It also raises it for a
+    friction law that has no solution for the normal force. Source: Maw, Barber & Fawcett (1976),
+    doi 10.1016/0043-1648(76)90201-5, and the references of the friction laws.
     """
     given = given_of(law, contact, velocity, tangential_velocity, friction, bodies, spin)
     throw = require_flag("throw", throw)

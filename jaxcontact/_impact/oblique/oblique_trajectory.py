@@ -9,7 +9,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from ..._contact import Contact
 from ..._entry import refuses_unknown, require_count, sanitised
 from ..._friction import AbstractFriction
-from ..._friction.base import Path
+from ..._friction.base import NormalPath
 from ..._laws import AbstractLaw
 from ..._program import program
 from ..front_door import lanes_of, uniform
@@ -56,7 +56,7 @@ def oblique_trajectory(
 
     The arguments are those of `oblique_impact`; `samples` and `method` are those of `trajectory`.
     Without a spring the slip is a formula of the normal motion. With one it is computed by steps of
-    a sixteenth of a sample, of second order: with 200 samples the slip differs from the outcome of
+    a sixteenth of a sample, of second order. With 200 samples the slip differs from the outcome of
     `oblique_impact` by up to 1e-5 of that at touch. A `MawBarberFawcett` is a row of springs.
 
     Returns an `ObliqueTrajectory`. Failed lanes are flagged in `.status`, and their numbers are
@@ -80,7 +80,7 @@ def _oblique_trajectory(both: tuple[Given, Trajectory]) -> ObliqueTrajectory:
     units = (scale.time, scale.length, scale.speed, scale.force)
     numbers = (normal.time, normal.indentation, normal.velocity, normal.force)
     # The normal motion may have fewer axes than the lanes.
-    path = Path(
+    path = NormalPath(
         *(
             jnp.moveaxis(jnp.broadcast_to(x, (*shape, x.shape[-1])), -1, 0) / unit
             for x, unit in zip(numbers, units, strict=True)

@@ -7,14 +7,16 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..._friction.base import Outcome, Tangential
+from ..._friction.base import Tangential, TangentialOutcome
 from ..front_door import Lanes
 from ..result import Impact, Status
-from .front_door import Sliding
+from .front_door import SlidingStart
 from .result import ObliqueImpact, Slip
 
 
-def status_of(normal: Impact, found: Outcome, valid: Bool[Array, "..."]) -> Int[Array, "..."]:
+def status_of(
+    normal: Impact, found: TangentialOutcome, valid: Bool[Array, "..."]
+) -> Int[Array, "..."]:
     """Return the status: that of the normal impact, unless the tangential motion failed."""
     status = jnp.where(valid, normal.status, int(Status.INVALID_INPUT))
     parted = status == int(Status.SEPARATED)
@@ -29,9 +31,9 @@ class Readout(NamedTuple):
     """A solved problem, to be written in SI units."""
 
     lanes: Lanes
-    sliding: Sliding
+    sliding: SlidingStart
     problem: Tangential
-    found: Outcome
+    found: TangentialOutcome
     normal: Impact
     status: Int[Array, "..."]
     good: Bool[Array, "..."]

@@ -39,7 +39,7 @@ class FrictionCalibration:
 
     @property
     def converged(self) -> bool:
-        """Whether every fit converged."""
+        """True if every fit converged."""
         return all(fit.converged for fit in self.choice.fits.values())
 
     def to_json(self) -> str:

@@ -13,7 +13,7 @@ from ..arrays.arrays import SceneLayout
 from ..arrays.flight import Flying
 from ..arrays.turning import Turning, spin_axes
 from ..cluster.equations import ClusterState
-from ..pair_impact.friction import Sliding
+from ..pair_impact.friction import SlipSpeeds
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
 from .cluster_slots import Slots, no_change, slot_pairs
 from .coupled import Call, as_numbers, blank_state
@@ -97,7 +97,7 @@ def blank_log(rows: int, layout: SceneLayout, dtype: Any, members: int) -> Log:
     pair, each = jnp.zeros((rows, 2), dtype), jnp.zeros(rows, dtype)
     turning = sliding = None
     if layout.frictions is not None:
-        spin, sliding = jnp.zeros((rows, 2, spin_axes(dimensions)), dtype), Sliding(each, each)
+        spin, sliding = jnp.zeros((rows, 2, spin_axes(dimensions)), dtype), SlipSpeeds(each, each)
         turning = Turning(spin, vector, spin, pair)
     flying = Flying(vector, vector, pair, turning)
 

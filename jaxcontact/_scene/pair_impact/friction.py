@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Index, Number
 from ..._friction import AbstractFriction
-from ..._friction.base import Outcome, Tangential
+from ..._friction.base import Tangential, TangentialOutcome
 from ..arrays.arrays import Numbers, SceneLayout, contact_of, laws_of, least_speed
 from ..arrays.turning import cross, swept
 from ..bodies.mixed_law import one_of_each
@@ -28,7 +28,7 @@ _AT_REST = 1e-8
 """The slip, relative to the closing speed, below which it only gives the direction's derivative."""
 
 
-class Sliding(NamedTuple):
+class SlipSpeeds(NamedTuple):
     """The slip speeds before and after an impact in m/s; `after` is negative after a reversal."""
 
     before: Number
@@ -79,7 +79,7 @@ def friction_impulse(
     slip: Lane,
     closing: Number,
     restitution: Number,
-) -> tuple[Lane, Sliding, Flag]:
+) -> tuple[Lane, SlipSpeeds, Flag]:
     """Return the impulse (D,) on body i in N s, the slip speeds, and whether the law converged."""
     # A closing speed of zero has no impulse.
     speed = jnp.maximum(closing, least_speed(numbers))
@@ -101,13 +101,13 @@ def friction_impulse(
     def of(law: AbstractFriction) -> Callable[[Tangential], tuple[Number, Flag]]:
         if not law.has_formula(problem):
             raise ValueError(
-                f"Argument `friction` of a scene must have a formula for its contacts, but a "
-                f"`{type(law).__name__}` has one for forces K δ^1.5 (1 + α δ'/v0) only; use a law "
+                "Argument `friction` of a scene must have a formula for its contacts, but a "
+                f"`{type(law).__name__}` has one for forces K δ^1.5 (1 + α δ'/v0) only. Use a law "
                 "of the Hunt-Crossley family and the exponent 1.5, or `RigidCoulomb`."
             )
 
         def rebound(problem: Tangential) -> tuple[Number, Flag]:
-            outcome: Outcome = law.rebound(problem)
+            outcome: TangentialOutcome = law.rebound(problem)
             fine = True if outcome.converged is None else outcome.converged
             return outcome.slip, jnp.asarray(fine)
 
@@ -122,7 +122,7 @@ def friction_impulse(
     impulse = (kept - 1) * slip / jnp.where(arms.tangential > 0, arms.tangential, 1)
     impulse = impulse * (closing / speed)
     before = jnp.where(slow, 0, size)
-    return impulse, Sliding(before, kept * before), converged
+    return impulse, SlipSpeeds(before, kept * before), converged
 
 
 def _frictions_of(

@@ -1,10 +1,12 @@
 """Friction in an isolated impact with a duration, in two halves.
 
 The impulse J of the friction law belongs to the normal of the touch. One part of it acts at the
-touch and the rest at the separation, about the normal there, so that the motion between the two has
-about the mean sliding speed, which turns the normal. Both act at the distance of touch, at which
-the arms add up to the distance of the centres. The angular momentum is therefore kept to rounding.
-On a plane the normal stays, and only the impulse matters.
+touch and the rest at the separation, about the normal there. The motion between the two then has
+about the mean sliding speed, which turns the normal.
+
+Both parts act at the distance of touch, at which the arms add up to that of the centres. The
+angular momentum is therefore kept to rounding. On a plane the normal stays, and only the impulse
+matters.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from ..arrays.flight import Flying, at_once
 from ..arrays.turning import free_turning, spin_axes
 from ..bodies.side import side
 from ..result import SolvedBy
-from .friction import Sliding, arms_of, friction_impulse, wall_drift
+from .friction import SlipSpeeds, arms_of, friction_impulse, wall_drift
 
 Lane = Float[Array, "..."]
 
@@ -59,7 +59,7 @@ class ImpactOutcome(NamedTuple):
     wall_work: Lane
     solved_by: Lane
     status: Lane
-    sliding: Sliding | None = None
+    sliding: SlipSpeeds | None = None
 
 
 def two_that_meet(layout: SceneLayout, time: Lane) -> Flying:

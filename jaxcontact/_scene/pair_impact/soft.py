@@ -15,7 +15,14 @@ from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, laws_of, lea
 from ..arrays.flight import Flying, accelerations
 from ..result import SolvedBy
 from .half_impulses import HalfImpulses, Turned
-from .instantaneous import Choice, ImpactOutcome, driven_work, meeting_of, second_velocity
+from .instantaneous import (
+    Choice,
+    ImpactOutcome,
+    Meeting,
+    driven_work,
+    meeting_of,
+    second_velocity,
+)
 from .oblique import oblique
 
 _HEAD_ON = 1e-8
@@ -48,16 +55,10 @@ def soft(
     is_wall = choice.second >= count
     second = jnp.minimum(choice.second, count - 1)
     who = jnp.stack([choice.first, second])
-    flying, normal = meeting.flying, meeting.normal
+    normal = meeting.normal
     pull = accelerations(layout, numbers, who, choice.support)
-    steady = jnp.where(is_wall, meeting.driven * normal, flying.velocity[1])
     closing = jnp.maximum(meeting.closing, least_speed(numbers))
-    halves = None
-    if flying.turning is not None:
-        carried = second_velocity(layout, numbers, choice, meeting)
-        halves = HalfImpulses.of(layout, numbers, choice, meeting, carried)
-        flying = halves.at_touch(flying)
-        steady = jnp.where(is_wall, carried, flying.velocity[1])
+    flying, steady, halves = _begun(layout, numbers, choice, meeting)
     relative = flying.velocity[0] - steady
     across = relative + meeting.closing * normal
     square = jnp.sum(jnp.square(across))
@@ -141,10 +142,7 @@ def soft(
         return outcome
     squared = jnp.where(straight, 0, 1) / jnp.where(straight, 1, square)
     turned = Turned(
-        normal=normal,
-        across=across,
-        after=along,
-        beside=beside,
+        *(normal, across, along, beside),
         per_square=squared,
         curvature=jnp.where(is_wall, 0, 1 / distance),
         elapsed=passed,
@@ -152,3 +150,19 @@ def soft(
         level=jnp.where(is_wall, jnp.sum(jnp.abs(level)), 0),
     )
     return halves.at_separation(outcome, turned)
+
+
+def _begun(
+    layout: SceneLayout, numbers: Numbers, choice: Choice, meeting: Meeting
+) -> tuple[Flying, Lane, HalfImpulses | None]:
+    """Return the bodies after the friction at touch, the velocity of the frame or of the second
+    body, and the first half of the friction, None without friction.
+    """
+    flying, is_wall = meeting.flying, choice.second >= layout.spheres
+    if flying.turning is None:
+        steady = jnp.where(is_wall, meeting.driven * meeting.normal, flying.velocity[1])
+        return flying, steady, None
+    carried = second_velocity(layout, numbers, choice, meeting)
+    halves = HalfImpulses.of(layout, numbers, choice, meeting, carried)
+    flying = halves.at_touch(flying)
+    return flying, jnp.where(is_wall, carried, flying.velocity[1]), halves

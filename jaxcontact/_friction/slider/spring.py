@@ -64,8 +64,8 @@ class Spring(NamedTuple):
         return -(2 + 2.5 * self.damping) / (2 + 5 * self.damping)
 
 
-class Form(NamedTuple):
-    """Whether the spring keeps its force in loading (v > 0) and in unloading."""
+class SpringForm(NamedTuple):
+    """A form of the spring: in loading (v > 0) and in unloading it keeps its force or not."""
 
     loading: bool
     unloading: bool
@@ -81,7 +81,7 @@ class Form(NamedTuple):
 
 
 FORMS = {
-    "force": Form(True, True),
-    "displacement": Form(False, False),
-    "rescaled": Form(True, False),
+    "force": SpringForm(True, True),
+    "displacement": SpringForm(False, False),
+    "rescaled": SpringForm(True, False),
 }

@@ -14,12 +14,12 @@ import jax.numpy as jnp
 from jax.lax import stop_gradient
 from jaxtyping import ArrayLike
 
-from .._forms import slopes_along
-from .sliding import Normal, Sliding
-from .spring import FORMS, Flag, Form, Lane
-from .sticking import State, Stuck, choose, loads, stick
+from ..._forms import slopes_along
+from .sliding import Normal, SlidingPhase
+from .spring import FORMS, Flag, Lane, SpringForm
+from .sticking import SpringState, Stuck, choose, loads, stick
 
-# A damped contact with α = 2 sticks twice in a tenth of the lanes; none in 12,000 stuck four times.
+# With α up to 2 a tenth of the lanes sticks twice; all of 60,000 ended within these.
 _MOST_PAIRS = 4
 # Lanes that stick are followed in groups of similar ones, whose steps stay in the fast memory.
 _GROUP = 128
@@ -64,7 +64,7 @@ def slider_phases(psi1: ArrayLike, chi: ArrayLike, alpha: ArrayLike, form: str) 
     return outcome._replace(converged=outcome.converged > 0)
 
 
-def _differentiable(form: Form) -> Callable[[Lane, Lane, Lane], SliderPhases]:
+def _differentiable(form: SpringForm) -> Callable[[Lane, Lane, Lane], SliderPhases]:
     """Return the solve with a derivative that is linear in the tangents, so that it transposes."""
 
     def of_lanes(psi1: Lane, chi: Lane, alpha: Lane) -> SliderPhases:
@@ -82,17 +82,17 @@ def _differentiable(form: Form) -> Callable[[Lane, Lane, Lane], SliderPhases]:
     return solve
 
 
-class _Course(NamedTuple):
+class _Between(NamedTuple):
     """Lanes between two phases: ψ, v, the sign of sliding, `stop` and `slip` so far, done, good."""
 
-    sliding: Sliding
+    sliding: SlidingPhase
     stop: Lane
     slip: Lane
     done: Flag
     good: Flag
 
 
-def _solve(psi1: Lane, chi: Lane, alpha: Lane, form: Form) -> SliderPhases:
+def _solve(psi1: Lane, chi: Lane, alpha: Lane, form: SpringForm) -> SliderPhases:
     """Return the outcome of lanes in one axis; `converged` as a number, which has a tangent.
 
     Where phases meet is not differentiated: there, both have the same rates.
@@ -101,7 +101,7 @@ def _solve(psi1: Lane, chi: Lane, alpha: Lane, form: Form) -> SliderPhases:
     fixed_chi, fixed_normal = stop_gradient((chi, normal))
     last = -fixed_normal.e
 
-    def pair(carry: tuple[_Course, jax.Array]) -> tuple[_Course, jax.Array]:
+    def pair(carry: tuple[_Between, jax.Array]) -> tuple[_Between, jax.Array]:
         course, count = carry
         sliding = course.sliding
         v, lasts = stop_gradient(sliding).end(fixed_chi, fixed_normal, form)
@@ -109,11 +109,13 @@ def _solve(psi1: Lane, chi: Lane, alpha: Lane, form: Form) -> SliderPhases:
         state = _at_stop(sliding, jnp.where(ends, 0, v), chi, normal, form)
         stuck = _stick_in_groups(state, ends, chi, alpha, form)
         z = stop_gradient(stuck.state.z)
-        onward = Sliding(stuck.state.psi, stuck.state.v, jnp.where(z < 0, -1, 1).astype(z.dtype))
+        onward = SlidingPhase(
+            stuck.state.psi, stuck.state.v, jnp.where(z < 0, -1, 1).astype(z.dtype)
+        )
         # A spring without force is at its limit only at separation, and does not slide any more.
         parted = jnp.abs(z) <= 8 * jnp.finfo(z.dtype).eps
-        slid = Sliding(sliding.psi_at(-normal.e, chi), -normal.e, sliding.sign)
-        new = _Course(
+        slid = SlidingPhase(sliding.psi_at(-normal.e, chi), -normal.e, sliding.sign)
+        new = _Between(
             sliding=choose(lasts, slid, onward),
             stop=jnp.where(count > 0, course.stop, jnp.where(lasts, last, v)),
             slip=stop_gradient(jnp.where(lasts, sliding.start, onward.start)),
@@ -123,7 +125,7 @@ def _solve(psi1: Lane, chi: Lane, alpha: Lane, form: Form) -> SliderPhases:
         return choose(course.done, course, new), count + 1
 
     one = jnp.ones_like(psi1)
-    touch = _Course(Sliding(psi1, one, one), one, one, one < 0, one > 0)
+    touch = _Between(SlidingPhase(psi1, one, one), one, one, one < 0, one > 0)
     course, _ = jax.lax.while_loop(
         lambda carry: jnp.any(~carry[0].done) & (carry[1] <= _MOST_PAIRS),
         pair,
@@ -133,16 +135,20 @@ def _solve(psi1: Lane, chi: Lane, alpha: Lane, form: Form) -> SliderPhases:
     return SliderPhases(course.sliding.psi, course.stop, course.slip, good)
 
 
-def _at_stop(sliding: Sliding, v: Lane, chi: Lane, normal: Normal, form: Form) -> State:
+def _at_stop(
+    sliding: SlidingPhase, v: Lane, chi: Lane, normal: Normal, form: SpringForm
+) -> SpringState:
     """Return the state of a contact whose sliding stops at v, with the spring at its limit."""
     stored = normal.stored(v)
     touching = stored <= 0
     w = jnp.where(touching, 0, jnp.where(touching, 1, stored) ** 0.2)
     z = sliding.sign * form.spring(loads(v)).limit(w, v, normal.alpha)
-    return State(w, v, sliding.psi_at(v, chi), z)
+    return SpringState(w, v, sliding.psi_at(v, chi), z)
 
 
-def _stick_in_groups(state: State, still: Flag, chi: Lane, alpha: Lane, form: Form) -> Stuck:
+def _stick_in_groups(
+    state: SpringState, still: Flag, chi: Lane, alpha: Lane, form: SpringForm
+) -> Stuck:
     """Return `stick` of all lanes, by groups that start at similar velocities.
 
     The lanes of a group take as many steps as its slowest one. Lanes that are `still` take none.

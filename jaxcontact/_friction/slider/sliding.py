@@ -7,9 +7,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from .._forms import restitution_of
-from .._functions import log_remainder
-from .spring import Flag, Form, Lane
+from ..._forms import restitution_of
+from ..._functions import log_remainder
+from .spring import Flag, Lane, SpringForm
 
 # Steps of order 3 from one side. The error of the outcome is of second order in that of the root.
 _ITERATIONS = 7
@@ -37,7 +37,7 @@ class Normal(NamedTuple):
         return 2.5 * delta * (v + delta * log_remainder(self.alpha * delta))
 
 
-class Sliding(NamedTuple):
+class SlidingPhase(NamedTuple):
     """A contact that slides from the velocity v = `start` on, in the direction s = `sign`."""
 
     psi: Lane
@@ -48,7 +48,7 @@ class Sliding(NamedTuple):
         """Return ψ = ψ_a - 2χ s (v_a - v)."""
         return self.psi - 2 * chi * self.sign * (self.start - v)
 
-    def end(self, chi: Lane, normal: Normal, form: Form) -> tuple[Lane, Flag]:
+    def end(self, chi: Lane, normal: Normal, form: SpringForm) -> tuple[Lane, Flag]:
         """Return the velocity at which the sliding ends, and whether it lasts to separation.
 
         It lasts while S(v) = s ψ(v) - T(v) ≥ 0. S'' = -T'' < 0 except for αv below the inflection

@@ -1,0 +1,1 @@
+"""One spring and slider, phase by phase."""
