@@ -19,6 +19,7 @@ from matplotlib import pyplot
 import jaxcontact as jc
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from benchmarks import oblique_rebounds as rebounds
 from benchmarks.sound_truths import as_wave, draw
 
 HERE = Path(__file__).parent
@@ -31,6 +32,16 @@ LAWS = (
     ("Hu-Guo", jc.HuGuo),
     ("Carvalho-Martins", jc.CarvalhoMartins),
 )
+
+FRICTION = {
+    "rigid": ("rigid Coulomb", {"color": COLOURS[0], "linestyle": "--"}),
+    "walton": ("Walton, β0 = 0.44", {"color": COLOURS[4], "linestyle": ":"}),
+    "displacement": ("spring, displacement", {"color": "#CC79A7", "linestyle": "-."}),
+    "force": ("spring, force", {"color": COLOURS[1], "linestyle": "-."}),
+    "rescaled": ("spring, rescaled", {"color": COLOURS[2], "linestyle": "--"}),
+    "mbf": ("Maw-Barber-Fawcett", {"color": COLOURS[3], "linewidth": 2}),
+}
+"""Names and looks of friction laws in pictures."""
 
 
 def delivered() -> None:
@@ -125,6 +136,61 @@ def crank() -> None:
     print(run)
 
 
+def friction_impact() -> None:
+    """Draw friction and slip of an oblique impact over time, by three friction laws."""
+    figure, axes = pyplot.subplots(2, 2, figsize=(8.4, 4.8), layout="constrained", sharex=True)
+    for (force, slip), degrees in zip(axes.T, (10, 20), strict=True):
+        angle = np.radians(degrees)
+        speeds = rebounds.SPEED * np.cos(angle), rebounds.SPEED * np.sin(angle)
+        for name in ("rigid", "force", "mbf"):
+            words, look = FRICTION[name]
+            how = {"friction": rebounds.LAWS[name], "samples": 3185 if name == "rigid" else 200}
+            path = jc.oblique_trajectory(jc.Hertz(), rebounds.CONTACT, *speeds, **how)
+            force.plot(1e6 * path.time, path.friction, label=words, **look)
+            slip.plot(1e6 * path.time, path.slip_velocity, **look)
+        most = rebounds.MU * path.force
+        force.fill_between(1e6 * path.time, -most, most, color="0.92", zorder=0)
+        slip.axhline(0, color="0.6", linewidth=0.8, zorder=0)
+        force.set_title(f"{degrees}° from the normal", fontsize="small")
+        slip.set_xlabel("time / µs")
+    axes[0, 0].set_ylabel("friction / N")
+    axes[1, 0].set_ylabel("slip velocity / (m/s)")
+    handles = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside upper center", ncol=3, frameon=False, fontsize="small")
+    _save(figure, "friction_impact.png", *axes.flat)
+
+
+def friction_laws() -> None:
+    """Draw ψ2 over ψ1 and v_t'/v_t over the angle by six friction laws, with measured points."""
+    seen, angle = rebounds.points(), np.linspace(0.05, 60, 600)
+    kappa = float(rebounds.CONTACT.tangential_ratio)
+
+    def psi(degrees: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        before = kappa * np.tan(np.radians(degrees)) / rebounds.MU
+        return before, before * (1 - 3.5 * (1 - ratio))
+
+    figure, (left, right) = pyplot.subplots(1, 2, figsize=(8.4, 3.8), layout="constrained")
+    for name, (words, look) in FRICTION.items():
+        ratio, _ = rebounds.rebound(rebounds.LAWS[name], angle)
+        left.plot(*psi(angle, np.asarray(ratio)), **look)
+        right.plot(angle, ratio, label=words, **look)
+    left.axhline(0, color="0.6", linewidth=0.8, zorder=0)
+    # Of a spin ω: u' = u0 - 7/5 R ω, as a sphere has λ = 7/2.
+    normal = rebounds.SPEED * np.cos(np.radians(seen.spin_angle))
+    before, _ = psi(seen.spin_angle, seen.spin)
+    after = before - kappa / rebounds.MU * 1.4 * rebounds.RADIUS * seen.spin / normal
+    dots = {"color": "black", "linestyle": "none", "markersize": 5, "zorder": 3}
+    left.plot(*psi(seen.ratio_angle, seen.ratio), marker="o", **dots)
+    left.plot(before, after, marker="s", fillstyle="none", label="measured, from the spin", **dots)
+    right.plot(seen.ratio_angle, seen.ratio, marker="o", label="measured", **dots)
+    left.set(xlabel="ψ1", ylabel="ψ2", xlim=(0, 8), ylim=(-2, 2))
+    right.set(xlabel="angle from the normal / degrees", ylim=(0.5, 1.02))
+    right.set_ylabel("v_t'/v_t", labelpad=8)
+    left.legend(frameon=False, fontsize="small", loc="upper left")
+    right.legend(frameon=False, fontsize="x-small", loc="lower right")
+    _save(figure, "friction_laws.png", left, right)
+
+
 def _save(figure: Any, name: str, *panels: Any) -> None:
     for axes in panels:
         axes.spines[["top", "right"]].set_visible(False)
@@ -145,6 +211,8 @@ if __name__ == "__main__":
     bowl()
     crank()
     delivered()
+    friction_impact()
+    friction_laws()
     hu_guo()
     pendulum()
     sound()

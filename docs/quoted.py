@@ -39,6 +39,7 @@ def pages() -> list[Path]:
 def numbers() -> dict[str, str]:
     """Return every number by name, as it is written."""
     parts = _choice(), _coverage(), _fits(), _instruments(), _times(), _mechanisms(), _lanes()
+    parts = *parts, _friction()
     return {"laws": _laws()} | {name: text for part in parts for name, text in part.items()}
 
 
@@ -224,6 +225,25 @@ def _lanes() -> dict[str, str]:
         if not seed:
             found[f"needless_{name}_share"] = f"{100 * needless / lanes:.3f}"
             found |= {"stability_lanes": f"{lanes / 1e6:.1f} million", "lanes_of_map": f"{lanes:,}"}
+    return found
+
+
+def _friction() -> dict[str, str]:
+    """Return the differences of friction laws from measured rebounds, and their run times."""
+    known = _result("oblique_rebounds")
+    back = known["returned"]["force"]
+    found = {
+        "returned_at_zero": f"{back['at_zero']:.4f}",
+        "returned_most": f"{back['largest']:.4f}",
+    }
+    times = {name: law["us"] for name, law in known["laws"].items()}
+    # The forms of one spring differ by less than their times scatter.
+    forms = [times.pop(name) for name in ("displacement", "force", "rescaled")]
+    for name, law in known["laws"].items():
+        found[f"rebounds_{name}"] = f"{law['rms']:.4f}"
+        found[f"spins_{name}"] = f"{law['rms_spin']:.0f}"
+    for name, microseconds in (times | {"spring": min(forms)}).items():
+        found[f"rebound_us_{name}"] = f"{microseconds:.1g}"
     return found
 
 
