@@ -17,6 +17,7 @@ import numpy as np
 from ..._entry import POSITIVE, did_you_mean, rendered, require_choice, require_number
 from ..layouts.layout import LABELS, LAYOUTS, Layout, Record
 from ..layouts.track import counts_frames, tracks_of
+from ..oblique.rebounds import is_oblique
 from ..signals.clock import with_clock
 from ..sound import Sound
 from ..tables.deviation import unused_notes
@@ -159,7 +160,13 @@ def read_recording(
     if ball is None and source is None and not values:
         ball = _SHIPPED_BALL
     rate = None if rate is None else require_number("rate", rate, POSITIVE)
-    return _recording_of(source, values, layout, ball, told, decimal, rate)
+    try:
+        return _recording_of(source, values, layout, ball, told, decimal, rate)
+    except RecordingError as error:
+        if layout is None and is_oblique(source, columns=columns, decimal=decimal):
+            hint = f"{error.problem} For oblique impacts use `calibrate_friction`."
+            raise RecordingError(hint, error.source, error.row, error.column) from error
+        raise
 
 
 def _recording_of(

@@ -252,6 +252,8 @@ def _from_columns(source: str, columns: Any, *, by_keyword: bool = False) -> She
     def lines(wanted: Sequence[int]) -> list[tuple[int, list[Any]]]:
         # As objects, numbers keep full precision and missing values stay unchanged.
         arrays = {names[k]: _values(columns[keys[k]], source, names[k]) for k in wanted}
+        if not arrays:
+            return []
         first = next(iter(arrays))
         for name, array in arrays.items():
             if array.ndim != 1:
