@@ -101,7 +101,7 @@ def test_a_result_prints_mu_first_and_writes_its_numbers():
 
 
 def test_a_recording_of_oblique_impacts_names_the_function_that_reads_it():
-    with pytest.raises(jc.RecordingError, match="For oblique impacts use `calibrate_friction`"):
+    with pytest.raises(jc.RecordingError, match="for oblique impacts use `calibrate_friction`"):
         jc.read_recording(SHIPPED)
     with pytest.raises(jc.RecordingError, match="no known column"):
         jc.read_recording({"a": [1, 2, 3]})

@@ -17,7 +17,6 @@ import numpy as np
 from ..._entry import POSITIVE, did_you_mean, rendered, require_choice, require_number
 from ..layouts.layout import LABELS, LAYOUTS, Layout, Record
 from ..layouts.track import counts_frames, tracks_of
-from ..oblique.rebounds import is_oblique
 from ..signals.clock import with_clock
 from ..sound import Sound
 from ..tables.deviation import unused_notes
@@ -160,13 +159,7 @@ def read_recording(
     if ball is None and source is None and not values:
         ball = _SHIPPED_BALL
     rate = None if rate is None else require_number("rate", rate, POSITIVE)
-    try:
-        return _recording_of(source, values, layout, ball, told, decimal, rate)
-    except RecordingError as error:
-        if layout is None and is_oblique(source, columns=columns, decimal=decimal):
-            hint = f"{error.problem} For oblique impacts use `calibrate_friction`."
-            raise RecordingError(hint, error.source, error.row, error.column) from error
-        raise
+    return _recording_of(source, values, layout, ball, told, decimal, rate)
 
 
 def _recording_of(
@@ -314,7 +307,7 @@ def _layout_of(
         raise sheet.fault(
             f"is missing; {_needed(meant, found, sheet, name is not None)}"
             f"{_how_to_say(sheet, column, made.places.values())}"
-            f"{meant.instead.get(column, '')}{guess}",
+            f"{meant.instead.get(column, '')}{guess}{_if_oblique(sheet)}",
             column,
         )
     return meant, made
@@ -375,7 +368,14 @@ def _without_known_columns(
     guess = next(filter(None, guesses), "")
     shown = (sheet.names[0] or "1") if sheet.names else None
     problem = f"no known column; one of these sets is needed: {choices}"
-    return sheet.fault(f"{problem}{_how_to_say(sheet)}{guess}", shown)
+    return sheet.fault(f"{problem}{_how_to_say(sheet)}{guess}{_if_oblique(sheet)}", shown)
+
+
+def _if_oblique(sheet: Sheet) -> str:
+    """Return a hint if headings are those of oblique impacts; "" otherwise."""
+    words = ("angle", "tangential", "v_t")
+    named = any(word in text.lower() for text in sheet.names for word in words)
+    return "; for oblique impacts use `calibrate_friction`" if named else ""
 
 
 def _needed(
