@@ -1,8 +1,10 @@
 """The stored curve of Maw, Barber and Fawcett: `python -m tests.maw_barber_fawcett_table` makes it.
 
-Rows of springs are integrated with numba over the angle of (w, v) (x = w²), with two numbers of
-springs, and extrapolated. The curves are then fitted piece by piece, see
-`jaxcontact/_friction/mbf_curve.py`. It takes some six minutes on one core.
+Without damping the curves are those of `elastic_rebound.py`. With damping, rows of springs are
+integrated with numba over the angle of (w, v) (x = w²), with two numbers of springs, and
+extrapolated. What weak damping changes is the difference of two such rows, so that their error
+vanishes with α. The curves are then fitted piece by piece, see
+`jaxcontact/_friction/mbf_curve.py`. It takes some three minutes on one core.
 """
 
 from __future__ import annotations
@@ -11,26 +13,36 @@ import json
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
 from scipy.optimize import brentq
 
-from jaxcontact._friction.mbf_curve import ALPHA, CHI, DEGREES, FILE, MIDDLE, ORDERS, onset
+from jaxcontact._friction.mbf_curve import (
+    ALPHA,
+    CHI,
+    CHI_DAMPED,
+    DEGREES,
+    FILE,
+    MIDDLE,
+    ORDERS,
+    TURNING,
+    onset,
+)
+
+from .elastic_rebound import forward_ends, rebounds
 
 PATH = Path(__file__).parents[1] / "jaxcontact" / "_friction" / FILE
 
-SPRINGS, SPRINGS_ELASTIC = 2000, 12000
-"""Errors are 2e-7 with damping and 2e-9 without."""
+SPRINGS = 2000
+"""The error is 2e-7."""
 
-IN_CHI, IN_SIGMA = 20, 18
-"""Chebyshev nodes in χ and in σ."""
+IN_CHI, IN_CHI_DAMPED, IN_SIGMA = 24, 16, 18
+"""Chebyshev nodes in χ without and with damping, and in σ."""
 
-IN_CHI_DAMPED = 14
-"""Polynomials in χ with damping."""
-
-LEAST = 3e-8
-"""Products of polynomials that change no ψ2 by more are left out."""
+LEAST = 5e-8
+"""With damping, products of polynomials that change no ψ2 by more are left out."""
 
 UNIT = 1e-10
 """Coefficients are stored as multiples of this."""
@@ -137,7 +149,8 @@ def restitution(alpha: float) -> float:
         return v / alpha - math.log1p(alpha * v) / alpha**2
 
     most = min(1, 1 / alpha) * (1 - 1e-12)
-    return brentq(lambda e: energy(-e) - energy(1), 1e-3, most, xtol=1e-15)
+    found: Any = brentq(lambda e: energy(-e) - energy(1), 1e-3, most, xtol=1e-15)
+    return float(found)
 
 
 def centre_slips(chi: float, alpha: float) -> float:
@@ -156,35 +169,89 @@ def polynomials(x: np.ndarray, count: int) -> np.ndarray:
     return np.cos(np.outer(np.arccos(np.clip(x, -1, 1)), np.arange(count)))
 
 
-def pieces(chi: float, alpha: float, centre: float, springs: int) -> np.ndarray:
+Function = Callable[[np.ndarray], np.ndarray]
+
+
+def fit(count: int, rebound_of: Function, psi_of: Function, base: Function, factor: Function):
+    """Return coefficients c, with ψ2 = base(ψ1) + factor(s) Σ c_k T_k(2s - 1), ψ1 = ψ1(s)."""
+    x = nodes(3 * count // 2)
+    s = (1 + x) / 2
+    psi = psi_of(s)
+    matrix = polynomials(x, count) * factor(s)[:, None]
+    return np.linalg.lstsq(matrix, rebound_of(psi) - base(psi), rcond=None)[0]
+
+
+def to_full(
+    rebound_of: Function, touch: float, full: float, at_touch: float, loss: float
+) -> list[np.ndarray]:
+    """Return the coefficients of the pieces from `touch` to `full`."""
+    middle = touch + MIDDLE * (full - touch)
+    return [
+        fit(
+            DEGREES[2],
+            rebound_of,
+            lambda s: touch + (middle - touch) * s**2,
+            lambda psi: at_touch + 0 * psi,
+            lambda s: s**2,
+        ),
+        fit(
+            DEGREES[3],
+            rebound_of,
+            lambda s: full - (full - middle) * s**2,
+            lambda psi: psi - loss,
+            lambda s: s**3,
+        ),
+    ]
+
+
+def between(count: int, rebound_of: Function, low: float, high: float) -> np.ndarray:
+    """Return the coefficients of ψ2/ψ1 between two ψ1."""
+
+    def psi_of(s: np.ndarray) -> np.ndarray:
+        return low + (high - low) * s
+
+    return fit(count, rebound_of, psi_of, lambda psi: 0 * psi, psi_of)
+
+
+def damped_pieces(chi: float, alpha: float, centre: float) -> np.ndarray:
     """Return the coefficients of the four pieces at one χ and α, one after the other."""
+
+    def rebound_of(psi: np.ndarray) -> np.ndarray:
+        return rebound(psi, chi, alpha, SPRINGS)
+
     touch, e = 1 + alpha, restitution(alpha)
     full = 2 * chi * (1 + e) - e * (1 - alpha * e)
-    middle = touch + MIDDLE * (full - touch)
-    found = [np.zeros(count) for count in DEGREES]
-
-    def fit(
-        piece: int,
-        psi_of: Callable[[np.ndarray], np.ndarray],
-        base_of: Callable[[np.ndarray], np.ndarray],
-        factor_of: Callable[[np.ndarray], np.ndarray],
-    ) -> float:
-        x = nodes(2 * DEGREES[piece])
-        psi, factor = psi_of((1 + x) / 2), factor_of((1 + x) / 2)
-        value = rebound(psi, chi, alpha, springs) - base_of(psi)
-        basis = polynomials(x, DEGREES[piece]) * factor[:, None]
-        found[piece] = np.linalg.lstsq(basis, value, rcond=None)[0]
-        return found[piece].sum()
-
-    base = centre * fit(0, lambda s: centre * s, lambda psi: 0 * psi, lambda s: centre * s)
+    first = between(DEGREES[0], rebound_of, 0.0, centre)
+    second, at_touch = np.zeros(DEGREES[1]), centre * first.sum()
     if centre < touch:
-        to_touch = touch - centre
-        base += fit(1, lambda s: centre + to_touch * s**2, lambda _: base, lambda s: s**2)
-    to_middle = middle - touch
-    fit(2, lambda s: touch + to_middle * s**2, lambda _: base, lambda s: s**2)
-    back = full - middle
-    fit(3, lambda s: full - back * s**2, lambda psi: psi - 2 * chi * (1 + e), lambda s: s**3)
-    return np.concatenate(found)
+        at_centre = at_touch
+        second = fit(
+            DEGREES[1],
+            rebound_of,
+            lambda s: centre + (touch - centre) * s**2,
+            lambda psi: at_centre + 0 * psi,
+            lambda s: s**2,
+        )
+        at_touch = at_centre + second.sum()
+    rest = to_full(rebound_of, touch, full, at_touch, 2 * chi * (1 + e))
+    return np.concatenate([first, second, *rest])
+
+
+def elastic_pieces(chi: float) -> np.ndarray:
+    """Return the coefficients of the four pieces without damping, and where the first one ends."""
+
+    def rebound_of(psi: np.ndarray) -> np.ndarray:
+        return rebounds(psi, chi)
+
+    split = forward_ends(chi) if chi > TURNING else 1.0
+    first = between(DEGREES[0], rebound_of, 0.0, split)
+    second = np.zeros(DEGREES[1])
+    if split < 1:
+        second = between(DEGREES[1], rebound_of, split, 1.0)
+    else:
+        second[0] = first.sum()
+    rest = to_full(rebound_of, 1.0, 4 * chi - 1, second.sum(), 4 * chi)
+    return np.concatenate([first, second, *rest, [split]])
 
 
 def in_chi(values: np.ndarray, count: int) -> np.ndarray:
@@ -202,30 +269,38 @@ def in_sigma(values: np.ndarray, count: int, power: int) -> np.ndarray:
     return flat.reshape(count, *values.shape[1:])
 
 
-def coefficients() -> list[np.ndarray]:
-    """Return arrays (χ, α, s) without damping, with weak and with strong damping.
+def chis_between(low: float, high: float, count: int) -> np.ndarray:
+    return low + (high - low) * (1 + nodes(count)) / 2
+
+
+def elastic_table() -> np.ndarray:
+    """Return coefficients (χ, s) below and above `TURNING`, one after the other."""
+    parts = []
+    for low, high in ((CHI[0], TURNING), (TURNING, CHI[1])):
+        curves = [elastic_pieces(chi) for chi in chis_between(low, high, IN_CHI)]
+        parts.append(in_chi(np.array(curves), ORDERS[0]))
+    return np.concatenate(parts)
+
+
+def damped_table() -> np.ndarray:
+    """Return coefficients (χ, α, s) of what weak damping adds, then of strong damping.
 
     The last number along s is (`touch` - `centre`)/σ².
     """
-    chis = CHI[0] + (CHI[1] - CHI[0]) * (1 + nodes(IN_CHI)) / 2
     sigmas = (1 + nodes(IN_SIGMA)) / 2
-    elastic = in_chi(np.array([pieces(c, 0.0, 1.0, SPRINGS_ELASTIC) for c in chis]), ORDERS[0])
-    smooth = polynomials(nodes(IN_CHI), ORDERS[0]) @ elastic
-    weak, strong = [], []
-    for k, chi in enumerate(chis):
+    curves = []
+    for chi in chis_between(*CHI_DAMPED, IN_CHI_DAMPED):
         start = onset(chi)
-        rows = np.array([pieces(chi, x * start, 1 + x * start, SPRINGS) for x in sigmas])
-        weak.append(in_sigma(rows - smooth[k], ORDERS[1], 1))
+        elastic = damped_pieces(chi, 0.0, 1.0)
+        rows = np.array([damped_pieces(chi, x * start, 1 + x * start) for x in sigmas])
+        weak = np.pad(in_sigma(rows - elastic, ORDERS[2], 1), [(0, 0), (0, 1)])
         alphas = start + (ALPHA - start) * sigmas
         slips = np.array([centre_slips(chi, a) for a in alphas])
-        rows = np.array([pieces(chi, a, c, SPRINGS) for a, c in zip(alphas, slips, strict=True)])
-        length = in_sigma((1 + alphas - slips)[:, None], ORDERS[2], 2)
-        strong.append(np.column_stack([in_sigma(rows, ORDERS[2], 0), length]))
-    return [
-        np.pad(elastic[:, None], [(0, 0), (0, 0), (0, 1)]),
-        np.pad(in_chi(np.array(weak), IN_CHI_DAMPED), [(0, 0), (0, 0), (0, 1)]),
-        in_chi(np.array(strong), IN_CHI_DAMPED),
-    ]
+        rows = np.array([damped_pieces(chi, a, c) for a, c in zip(alphas, slips, strict=True)])
+        length = in_sigma((1 + alphas - slips)[:, None], ORDERS[3], 2)
+        strong = np.column_stack([in_sigma(rows, ORDERS[3], 0), length])
+        curves.append(np.concatenate([weak, strong]))
+    return in_chi(np.array(curves), ORDERS[1])
 
 
 def largest_change(rows: np.ndarray) -> np.ndarray:
@@ -240,27 +315,21 @@ def largest_change(rows: np.ndarray) -> np.ndarray:
     return np.abs(np.concatenate([*changes, centre], axis=1)).max(axis=1)
 
 
-def contents(arrays: list[np.ndarray]) -> dict[str, object]:
+def contents() -> dict[str, object]:
     """Return the entries of the file: products of polynomials, and their coefficients."""
-    joined = np.zeros((ORDERS[0], 1 + sum(ORDERS[1:]), sum(DEGREES) + 1))
-    place = 0
-    for array in arrays:
-        joined[: len(array), place : place + array.shape[1]] = array
-        place += array.shape[1]
-    rows = joined.reshape(-1, joined.shape[-1])
+    elastic, damped = elastic_table(), damped_table()
+    rows = damped.reshape(-1, damped.shape[-1])
     kept = np.flatnonzero(largest_change(rows) > LEAST)
-    kept = np.union1d(kept, np.arange(0, len(rows), joined.shape[1]))
-    whole = np.round(rows[kept] / UNIT).astype(int)
-    # Fewer digits suffice with damping, where the springs leave 1e-7.
-    damped = kept % joined.shape[1] > 0
-    whole[damped] = np.round(whole[damped], -2)
+    # Fewer digits suffice with damping, where the springs leave 2e-7.
+    fewer = 100 * np.round(rows[kept] / UNIT / 100)
     return {
         "unit": UNIT,
-        "in_chi": (kept // joined.shape[1]).tolist(),
-        "in_alpha": (kept % joined.shape[1]).tolist(),
-        "numbers": whole.tolist(),
+        "elastic": np.round(elastic / UNIT).astype(int).tolist(),
+        "in_chi": (kept // damped.shape[1]).tolist(),
+        "in_alpha": (kept % damped.shape[1]).tolist(),
+        "damped": fewer.astype(int).tolist(),
     }
 
 
 if __name__ == "__main__":
-    PATH.write_text(json.dumps(contents(coefficients()), separators=(",", ":")) + "\n")
+    PATH.write_text(json.dumps(contents(), separators=(",", ":")) + "\n")

@@ -4,10 +4,13 @@ A row of springs stands for the contact. Spring q < √x carries t with t' = ψ 
 ≤ (x - q²)(1 + αx'), and ψ' = -3χ ∫ t dq. With x'' = -x^1.5 (1 + αx') this gives the friction of
 Coulomb while all springs slip.
 
-The curve has pieces in ψ1. Between them its second derivative jumps or is unbounded:
+The curve has pieces in ψ1, between which a higher derivative jumps or is unbounded:
 
+- up to `split` springs slip forward at the end, after they slipped backward; with χ ≤ `TURNING` or
+  strong damping this piece is like the next one, and that one empty,
 - up to `centre` no spring slips at the centre during compression,
 - up to `touch` = 1 + α springs stick when they touch,
+- up to `middle` all springs slide during a part of compression only, if α = 0,
 - up to `full` some spring sticks at some time,
 - beyond, ψ2 = ψ1 - 2χ(1+e).
 
@@ -31,20 +34,29 @@ from jaxtyping import Array, Bool, Float
 from .._forms import Lane, restitution_of
 from .._functions import chebyshev, contraction
 
-CHI = (1.0, 1.75)
-"""The table's range of χ. Solid spheres of like materials have 1.167 (ν = 1/2) to 1.75 (ν = 0)."""
+CHI = (0.8, 1.8)
+"""The table's range of χ without damping. Solid spheres of like materials have 1.167 (ν = 1/2) to
+1.75 (ν = 0)."""
+
+CHI_DAMPED = (1.0, 1.75)
+"""The table's range of χ with damping."""
+
+TURNING = 1.5
+"""χ above which some springs slip forward at the end, for small ψ1."""
 
 ALPHA = 1.433
 """Largest α of the table (e = 0.49995)."""
 
-MIDDLE = 0.4
-"""Where the piece from `touch` to `full` is divided. Both of its ends are singular."""
+MIDDLE = 0.5
+"""Where the piece from `touch` to `full` is divided. Without damping this is at 2χ, where the
+sliding from touch stops at the turn."""
 
-DEGREES = (24, 20, 20, 18)
-"""Coefficients in s of each piece."""
+DEGREES = (24, 20, 24, 18)
+"""Coefficients in s of each piece: without damping to `split`, `centre`, `middle` and `full`, with
+damping to `centre`, `touch`, `middle` and `full`."""
 
-ORDERS = (18, 10, 16)
-"""Polynomials in χ, and in α for weak and for strong damping."""
+ORDERS = (18, 14, 10, 16)
+"""Polynomials in χ without and with damping, and in α for weak and for strong damping."""
 
 FILE = "maw_barber_fawcett.json"
 """The table, written by `python -m tests.maw_barber_fawcett_table`."""
@@ -56,7 +68,8 @@ in the cache."""
 
 def in_table(chi: Lane, alpha: Lane) -> Bool[Array, "..."]:
     """Return whether the table holds χ and α."""
-    return (chi >= CHI[0]) & (chi <= CHI[1]) & (alpha >= 0) & (alpha <= ALPHA)
+    damped = (chi >= CHI_DAMPED[0]) & (chi <= CHI_DAMPED[1]) & (alpha >= 0) & (alpha <= ALPHA)
+    return damped | ((chi >= CHI[0]) & (chi <= CHI[1]) & (alpha == 0))
 
 
 def onset(chi: Any) -> Any:
@@ -85,17 +98,17 @@ _Flags = tuple[Bool[Array, "..."], ...]
 class _Curve(NamedTuple):
     """The pieces of ψ2(ψ1) at χ and α: where they end, ψ2 at their starts, and the loss of sliding.
 
-    `rows` holds the coefficients of one degree for the four pieces, (degrees, 4, ...).
+    `rows` holds the coefficients of one degree for the five pieces, (degrees, 5, ...).
     """
 
-    ends: tuple[Lane, Lane, Lane, Lane]
+    ends: tuple[Lane, Lane, Lane, Lane, Lane]
     starts: tuple[Lane, Lane]
     loss: Lane
-    rows: Float[Array, "degrees 4 ..."]
+    rows: Float[Array, "degrees 5 ..."]
 
 
 def mbf_curve(psi1: Lane, chi: Lane, alpha: Lane) -> Lane:
-    """Return ψ2 for ψ1 ≥ 0, χ in `CHI` and α in [0, `ALPHA`], of shapes that broadcast.
+    """Return ψ2 for ψ1 ≥ 0 and χ, α in the table, of shapes that broadcast.
 
     Arguments are not checked. A χ and an α of one number each are contracted once for all ψ1.
     """
@@ -124,20 +137,23 @@ def _of_shape(x: Lane, shape: tuple[int, ...], dtype: Any) -> Lane:
 
 
 def _rebound(psi: Lane, curve: _Curve) -> Lane:
-    centre, touch, middle, full = curve.ends
-    passed = (psi >= centre, psi >= touch, psi >= middle)
-    # A piece of length zero is never chosen.
-    to_touch = jnp.maximum(touch - centre, jnp.finfo(psi.dtype).tiny)
-    start = _chosen(passed, (0 * centre, centre, touch, full))
-    length = _chosen(passed, (centre, to_touch, middle - touch, middle - full))
+    split, centre, touch, middle, full = curve.ends
+    passed = (psi >= split, psi >= centre, psi >= touch, psi >= middle)
+    none, least = jnp.zeros_like(centre), jnp.finfo(psi.dtype).tiny
+    start = _chosen(passed, (none, split, centre, touch, full))
+    # Pieces of length zero are never chosen.
+    lengths = split, centre - split, touch - centre
+    positive = [jnp.maximum(length, least) for length in lengths]
+    length = _chosen(passed, (*positive, middle - touch, middle - full))
     part = jnp.clip((psi - start) / length, 0, 1)
     inside = part > 0
     # √part has no derivative at 0, where it is multiplied by part.
     root = jnp.where(inside, jnp.sqrt(jnp.where(inside, part, 1)), 0)
-    s = _chosen(passed, (part, root, root, root))
-    factor = _chosen(passed, (psi, part, part, part * root))
+    passed_centre = passed[1:]
+    s = _chosen(passed_centre, (part, root, root, root))
+    factor = _chosen(passed_centre, (psi, part, part, part * root))
     slid = psi - curve.loss
-    base = _chosen(passed, (jnp.zeros_like(psi), *curve.starts, slid))
+    base = _chosen(passed_centre, (jnp.zeros_like(psi), *curve.starts, slid))
     return jnp.where(psi >= full, slid, base + factor * _series(curve.rows, passed, 2 * s - 1))
 
 
@@ -179,42 +195,81 @@ def _derivative(count: int) -> np.ndarray:
 
 
 def _curve(chi: Lane, alpha: Lane) -> _Curve:
-    numbers = _contracted(chi, alpha)
-    rows = numbers[:-1].reshape(-1, 4, *chi.shape)
+    weak = alpha <= onset(chi)
+    elastic, turn = _without_damping(chi, weak)
+    damped, length = _with_damping(chi, alpha, weak)
     e = restitution_of(alpha)
     touch = 1 + alpha
     full = full_sliding(chi, alpha)
-    centre = touch - numbers[-1]
-    middle = touch + MIDDLE * (full - touch)
+    centre = touch - length
+    rows = jnp.stack(
+        [
+            elastic[:, 0] + _within(damped[:, 0], 0 * turn, turn),
+            elastic[:, 1] + _within(damped[:, 0], turn, 0 * turn + 1),
+            damped[:, 1],
+            elastic[:, 2] + damped[:, 2],
+            elastic[:, 3] + damped[:, 3],
+        ],
+        axis=1,
+    )
     at_end = rows.sum(axis=0)
-    at_centre = centre * at_end[0]
+    at_centre = centre * at_end[1]
     return _Curve(
-        ends=(centre, touch, middle, full),
-        starts=(at_centre, at_centre + at_end[1]),
+        ends=(turn * centre, centre, touch, touch + MIDDLE * (full - touch), full),
+        starts=(at_centre, at_centre + at_end[2]),
         loss=2 * chi * (1 + e),
         rows=rows,
     )
 
 
-def _contracted(chi: Lane, alpha: Lane) -> Float[Array, "numbers ..."]:
+def _without_damping(chi: Lane, weak: Lane) -> tuple[Float[Array, "degrees 4 ..."], Lane]:
+    """Return the rows without damping, 0 where damping is not weak, and `split` over `centre`."""
+    turns = chi > TURNING
+    low, high = jnp.where(turns, TURNING, CHI[0]), jnp.where(turns, CHI[1], TURNING)
+    place = (2 * chi - low - high) / (high - low)
+    flags = (weak & ~turns, weak & turns)
+    polynomials = jnp.concatenate(
+        [_polynomials(ORDERS[0], place, flag.astype(chi.dtype)) for flag in flags]
+    )
+    numbers = contraction(jnp.asarray(_table().elastic.T, chi.dtype), polynomials)
+    turn = jnp.where(weak & turns, jnp.clip(numbers[-1], 0, 1), 1)
+    return numbers[:-1].reshape(-1, 4, *chi.shape), turn
+
+
+def _with_damping(chi: Lane, alpha: Lane, weak: Lane) -> tuple[Float[Array, "degrees 4 ..."], Lane]:
+    """Return what weak damping adds to the rows, or the rows of strong damping, and a length.
+
+    It is that of the piece from `centre` to `touch`.
+    """
     table = _table()
     start = onset(chi)
-    weak = alpha <= start
     # Each lane is in one of two ranges of α; the coordinate of the other one is not used.
     little = jnp.where(weak, alpha / start, 1)
     much = jnp.where(weak, 0, (alpha - start) / (ALPHA - start))
     none = jnp.zeros_like(chi)
-    in_chi = _polynomials(ORDERS[0], (2 * chi - CHI[0] - CHI[1]) / (CHI[1] - CHI[0]), none + 1)
+    low, high = CHI_DAMPED
+    place = jnp.clip((2 * chi - low - high) / (high - low), -1, 1)
+    in_chi = _polynomials(ORDERS[1], place, none + 1)
     in_alpha = jnp.concatenate(
         [
-            jnp.where(weak, 1, none)[None],
-            _polynomials(ORDERS[1], 2 * little - 1, jnp.where(weak, little, 0)),
-            _polynomials(ORDERS[2], 2 * much - 1, jnp.where(weak, none, 1)),
+            _polynomials(ORDERS[2], 2 * little - 1, jnp.where(weak, little, 0)),
+            _polynomials(ORDERS[3], 2 * much - 1, jnp.where(weak, none, 1)),
         ]
     )
     products = in_chi[table.in_chi] * in_alpha[table.in_alpha]
-    numbers = contraction(jnp.asarray(table.numbers.T, chi.dtype), products)
-    return jnp.concatenate([numbers[:-1], numbers[-1:] * (much * much)[None]])
+    numbers = contraction(jnp.asarray(table.damped.T, chi.dtype), products)
+    return numbers[:-1].reshape(-1, 4, *chi.shape), numbers[-1] * much * much
+
+
+def _within(row: Lane, low: Lane, high: Lane) -> Lane:
+    """Return the coefficients, between places `low` and `high` of [0, 1], of a series on [0, 1]."""
+    count = len(row)
+    angles = (np.arange(count) + 0.5) * np.pi / count
+    nodes = jnp.asarray((1 + np.cos(angles)) / 2, row.dtype).reshape(-1, *(1,) * low.ndim)
+    values = chebyshev(row[:, None], 2 * (low[None] + (high - low)[None] * nodes) - 1)
+    transform = np.cos(np.outer(np.arange(count), angles)) * 2 / count
+    transform[0] /= 2
+    return contraction(jnp.asarray(transform, row.dtype), values)
 
 
 def _polynomials(count: int, x: Lane, factor: Lane) -> Float[Array, "count ..."]:
@@ -226,26 +281,33 @@ def _polynomials(count: int, x: Lane, factor: Lane) -> Float[Array, "count ..."]
 
 
 class _Table(NamedTuple):
-    """Coefficients by products of a polynomial in χ with one in α, and by degree in s and piece.
+    """Coefficients by degree in s and piece, the last along the second axis.
 
-    The last column holds (`touch` - `centre`)/σ². The functions of α are 1 without damping, σ T_j
-    for weak damping and T_j for strong damping, where σ from 0 to 1 is the place in the range.
+    `elastic` has a row for each polynomial in χ below and above `TURNING`; the last column holds
+    `split` over `centre`. `damped` has a row for each product of a polynomial in χ with one in α;
+    the last column holds (`touch` - `centre`)/σ². The functions of α are σ T_j for weak damping,
+    whose rows add to those without damping, and T_j for strong damping, where σ from 0 to 1 is the
+    place in the range.
     """
 
+    elastic: np.ndarray
     in_chi: np.ndarray
     in_alpha: np.ndarray
-    numbers: np.ndarray
+    damped: np.ndarray
 
 
 @functools.cache
 def _table() -> _Table:
     stored = json.loads(files("jaxcontact._friction").joinpath(FILE).read_text())
-    numbers = np.array(stored["numbers"], float) * stored["unit"]
-    *pieces, centre = np.split(numbers, np.cumsum(DEGREES), axis=1)
+    elastic, damped = (
+        _by_degree(np.array(stored[name], float) * stored["unit"]) for name in ("elastic", "damped")
+    )
+    return _Table(elastic, np.array(stored["in_chi"]), np.array(stored["in_alpha"]), damped)
+
+
+def _by_degree(numbers: np.ndarray) -> np.ndarray:
+    """Return columns that are ordered by degree, then by piece, with zeros in shorter pieces."""
+    *pieces, last = np.split(numbers, np.cumsum(DEGREES), axis=1)
     rows = [np.pad(piece, [(0, 0), (0, max(DEGREES) - piece.shape[1])]) for piece in pieces]
     columns = np.stack(rows, axis=-1).reshape(len(numbers), -1)
-    return _Table(
-        np.array(stored["in_chi"]),
-        np.array(stored["in_alpha"]),
-        np.concatenate([columns, centre], axis=1),
-    )
+    return np.concatenate([columns, last], axis=1)

@@ -11,8 +11,8 @@ import jaxcontact as jc
 ROUNDING = 1e-13
 """Relative; formulas of a few operations."""
 
-PRINTED = 2e-8
-"""The digits of the published rows of Chung & Ooi's test 4, whose first is not 0."""
+PRINTED = 3e-8
+"""Relative; half of the last digit printed for Chung & Ooi's test 4, whose spins have eight."""
 
 ALUMINA = jc.Material(youngs_modulus=380e9, poisson_ratio=0.23, density=4000.0)
 RADIUS, MU = 2.5e-3, 0.092
@@ -53,8 +53,8 @@ def test_the_published_row_at_ten_degrees(friction, ratio, spin):
 
 def test_the_row_of_springs_at_ten_degrees():
     ratio, spin = at_angle(10.0, jc.MawBarberFawcett(MU))
-    # The published digits are those of e = 1 to 1e-3: six digits are printed.
-    assert ratio == pytest.approx(0.638147, abs=1e-6)
+    # Six digits are printed, and the error of the table at this e is 2e-6.
+    assert ratio == pytest.approx(0.638147, abs=2e-6)
     assert spin == pytest.approx(-245.0567, abs=1e-3)
 
 

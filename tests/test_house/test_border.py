@@ -32,6 +32,6 @@ def test_without_the_laboratory_everything_else_imports(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == sorted(
-        "Calibration CalibrationSummary LowPass Recording RecordingError calibrate fit_record "
-        "load_calibration read_recording report".split()
+        "Calibration CalibrationSummary FrictionCalibration LowPass Recording RecordingError "
+        "calibrate calibrate_friction fit_record load_calibration read_recording report".split()
     )
