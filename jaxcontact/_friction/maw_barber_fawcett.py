@@ -24,8 +24,8 @@ class MawBarberFawcett(AbstractFriction):
 
     u' = (μ/κ) ψ2(ψ1, χ, α) with ψ1 = κ u0/(μ v0), χ = λκ/2, by the table of `tangential_rebound`,
     which tells its errors and range. Beyond the range only full sliding is known, and other lanes
-    are flagged. Valid for Hertz contacts (n = 3/2) with a force K δⁿ (1 + α δ'/v0). For α > 0 the limit of
-    friction within the contact is a choice of modelling.
+    are flagged. Valid for Hertz contacts (n = 3/2) with a force K δⁿ (1 + α δ'/v0). For α > 0 the
+    limit of friction within the contact is a choice of modelling.
 
     Arguments: the coefficient `mu` μ ≥ 0; `ratio` κ > 0, the tangential stiffness over the normal
     one, None for that of the contact's materials, 4G*/E*. Leaves. Raises ValueError for a Python

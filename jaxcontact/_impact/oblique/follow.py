@@ -19,6 +19,9 @@ from ..methods.event import Event
 
 Number = Float[Array, ""]
 
+_ROUNDING = 1e-3
+"""Relative, far above the error of a solve and far below that of a failed one."""
+
 _PHASES = 12
 """The most phases of slip and stick that are followed."""
 
@@ -106,11 +109,19 @@ class _Phase(eqx.Module):
         return self.normal_force(w, v) / jnp.where(lever > 0, lever, 1)
 
     def guards(self, state: _State) -> tuple[Number, ...]:
-        slope = self.rate(state)
+        slope, n = self.rate(state), self._n
         most, grows = jax.jvp(self.limit, (state.w, state.v), (slope.w, slope.v))
         pulled = self.sign * self.stick_rate(state, self.sign * most)
+        # Both rates vanish with w. Their quotient keeps this guard from closing at the end, where
+        # it would have no slope.
+        k = self.numbers.form.order(n)
+        inside = state.w > 0
+        unit = jnp.where(inside, state.w, 1) ** (
+            k - 1 if self.held == "displacement" else k * n - 1
+        )
+        goes_on = jnp.where(inside, (pulled - grows) / unit, 1)
         slips = most - jnp.abs(state.spring)
-        return state.w, jnp.where(self.sign != 0, pulled - grows, slips)
+        return state.w, jnp.where(self.sign != 0, goes_on, slips)
 
     def continued(self, inside: _State) -> _Phase:
         return self
@@ -141,8 +152,14 @@ def follow(
         slid=slid | spring.free,
         stop=jnp.where(slid, -e, course.stop),
         start=jnp.where(slid, -e, course.start),
-        converged=course.converged,
+        converged=course.converged & _possible(course, spring),
     )
+
+
+def _possible(course: _Followed, spring: ScaledSpring) -> Bool[Array, "..."]:
+    """Return whether the tangential impulse is at most μ times the normal one."""
+    most = 2 * spring.chi * (1 - course.state.v)
+    return jnp.abs(course.state.psi - spring.psi) <= (1 + _ROUNDING) * most
 
 
 def _course(numbers: _Numbers, *, held: str, how: Event) -> _Followed:

@@ -1,0 +1,74 @@
+"""Spring-sliders by event solves and along a trajectory, beside their phases."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+
+EVENT = 1e-9
+"""Of ψ2; the default tolerance. Measured: 1.5e-11 (force), 4e-10 (others)."""
+
+PATH = 1e-5
+"""Of the slip at touch, with 200 samples. Measured: 9e-6."""
+
+RATIO, DRAW = 0.8, np.random.default_rng(5)
+SLIPS = np.concatenate([[0.02, 0.3], DRAW.uniform(0, 7, 30)])
+CONTACT = jc.Contact(mass=1.0, stiffness=1.0, exponent=1.5)
+
+
+def hits(form, **how):
+    friction = jc.SpringSlider(1.0, RATIO, form)
+    return jc.oblique_impact(jc.Damped(alpha=0.3), CONTACT, 1.0, SLIPS, friction=friction, **how)
+
+
+@pytest.mark.parametrize("form", ["force", "rescaled"])
+def test_event_solves_agree_with_phases(form):
+    # Slips near full sliding end with both rates near zero, where an end may be missed.
+    event, phase = hits(form, method="event"), hits(form)
+    assert event.ok.all() and phase.ok.all()
+    error = RATIO * np.abs(np.array(event.slip_velocity - phase.slip_velocity))
+    assert error.max() < EVENT
+    assert np.array_equal(event.slip, phase.slip)
+
+
+@pytest.mark.parametrize("form", ["force", "displacement", "rescaled"])
+def test_a_trajectory_ends_at_the_outcome(form):
+    friction = jc.SpringSlider(1.0, RATIO, form)
+    path = jc.oblique_trajectory(jc.Damped(alpha=0.3), CONTACT, 1.0, SLIPS, friction=friction)
+    error = np.array(path.slip_velocity[:, -1] - hits(form).slip_velocity)
+    assert (np.abs(error) / np.maximum(SLIPS, 1)).max() < PATH
+    assert (np.abs(path.friction) <= path.force * (1 + 1e-12)).all()
+
+
+def test_a_row_of_springs_along_a_trajectory_ends_at_the_table():
+    friction = jc.MawBarberFawcett(1.0, RATIO)
+    given = jc.Damped(alpha=0.3), CONTACT, 1.0, SLIPS
+    path = jc.oblique_trajectory(*given, friction=friction)
+    hit = jc.oblique_impact(*given, friction=friction)
+    error = np.array(path.slip_velocity[:, -1] - hit.slip_velocity)
+    assert (np.abs(error) / np.maximum(SLIPS, 1)).max() < PATH
+
+
+def test_any_normal_law_is_followed():
+    # Beside a linear spring and dashpot: all forms are the same, and a strong friction sticks.
+    contact = jc.Contact(mass=1.0, stiffness=1.0, exponent=1.0)
+    law, friction = jc.KelvinVoigt(e=0.8), jc.SpringSlider(50.0, 0.5)
+    hit = jc.oblique_impact(law, contact, 1.0, 0.01, friction=friction)
+    assert hit.method == "event" and hit.ok
+    # u'' = -λ κ u from touch, until the contact ends.
+    wanted = 0.01 * jnp.cos(jnp.sqrt(3.5 * 0.5) * hit.normal.duration)
+    # The end slides for a moment, in which the force of friction is at most that of the contact.
+    assert hit.slip_velocity == pytest.approx(wanted, abs=1e-4)
+
+
+def test_slopes_of_event_solves_are_continuous_at_touch():
+    def after(slip):
+        friction = jc.SpringSlider(1.0, RATIO)
+        given = jc.Hertz(), CONTACT, 1.0, slip
+        return jc.oblique_impact(*given, friction=friction, method="event").slip_velocity
+
+    slope = jax.jit(jax.grad(after))
+    near = [slope((1 + shift) / RATIO) for shift in (-1e-7, 1e-7)]
+    assert near[0] == pytest.approx(near[1], abs=2e-3)
