@@ -27,7 +27,7 @@ def slider_along(
     depth = jnp.maximum(path.indentation, 0)
     stiffness = n * depth ** (n - 1)
     # The stiffness at the turn, from which on a "rescaled" force keeps its displacement.
-    falls = jnp.concatenate([jnp.zeros_like(depth[:1]), path.velocity[1:] < 0]).astype(depth.dtype)
+    falls = jnp.where(path.velocity < 0, 1, 0).astype(depth.dtype)
     scales = {"force": jnp.zeros_like(falls), "displacement": jnp.ones_like(falls)}
     scales = scales.get(form, falls)
     before = jnp.concatenate([stiffness[:1], stiffness[:-1]])
@@ -43,7 +43,7 @@ def slider_along(
         phi = jnp.clip(keeps * held + grows * moved, -most, most)
         return phi, phi
 
-    return _along(spring, path, jnp.zeros_like(spring.psi), rows, forces)
+    return _along(spring, path, jnp.zeros_like(path.force[0]), rows, forces)
 
 
 def springs_along(spring: ScaledSpring, path: NormalPath) -> tuple[Lane, Lane]:
@@ -55,21 +55,21 @@ def springs_along(spring: ScaledSpring, path: NormalPath) -> tuple[Lane, Lane]:
     depth = jnp.maximum(path.indentation, 0)
     width = jnp.sqrt(jnp.max(depth, axis=0))
     spots = (jnp.arange(_SPRINGS, dtype=depth.dtype) + 0.5) / _SPRINGS
-    squares = jnp.square(spots.reshape((-1,) + (1,) * width.ndim) * width)
+    squares = jnp.square(spots.reshape((-1,) + (1,) * width.ndim) * width[None])
     hertz = depth * jnp.sqrt(depth)
     damped = jnp.where(hertz > 0, path.force / jnp.where(hertz > 0, hertz, 1), 0)
 
     def forces(held: Lane, moved: Lane, row: Any) -> tuple[Lane, Lane]:
-        deep, grown, factor = row
+        deep, grown, factor = (number[None] for number in row)
         most = jnp.maximum(deep - squares, 0) * factor
         # A spring that touches within the step moves only in the rest of it.
         within = jnp.where(grown > 0, (deep - squares) / jnp.where(grown > 0, grown, 1), 1)
-        taus = jnp.clip(held + jnp.clip(within, 0, 1) * moved, -most, most)
+        taus = jnp.clip(held + jnp.clip(within, 0, 1) * moved[None], -most, most)
         # A spring out of contact has no force, so that it starts anew.
         return taus, 1.5 * width / _SPRINGS * jnp.sum(taus, axis=0)
 
     grown = depth - jnp.concatenate([depth[:1], depth[:-1]])
-    start = jnp.zeros_like(squares + spring.psi)
+    start = jnp.zeros_like(squares)
     return _along(spring, path, start, (depth, grown, damped), forces)
 
 
@@ -88,13 +88,13 @@ def _along(
         def improved(_: Any, now: tuple[Lane, Lane, Lane]) -> tuple[Lane, Lane, Lane]:
             after, *_ = now
             springs, force = forces(held, step * (psi + after) / 2, row)
-            return psi - spring.chi * step * (phi + force), springs, force
+            return psi - spring.chi[0] * step * (phi + force), springs, force
 
         now = jax.lax.fori_loop(0, _ITERATIONS, improved, (psi, held, phi))
         return now, (now[0], now[2])
 
-    psi = spring.psi + jnp.zeros_like(path.force[0])
-    first = (psi, start + jnp.zeros_like(psi), jnp.zeros_like(psi))
+    psi = jnp.broadcast_to(spring.psi[0], path.force[0].shape)
+    first = (psi, start, jnp.zeros_like(psi))
     later = jax.tree.map(lambda leaf: leaf[1:], rows)
     slips, frictions = jax.lax.scan(advance, first, later)[1]
     slips = jnp.concatenate([psi[None], slips])

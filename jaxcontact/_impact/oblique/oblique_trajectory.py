@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Int
 
@@ -57,7 +60,7 @@ def oblique_trajectory(
     The arguments are those of `oblique_impact`; `samples` and `method` are those of `trajectory`.
     Without a spring the slip is a formula of the normal motion. With one it is computed by steps of
     a sixteenth of a sample, of second order. With 200 samples the slip differs from the outcome of
-    `oblique_impact` by up to 1e-5 of that at touch. A `MawBarberFawcett` is a row of springs.
+    `oblique_impact` by up to 2e-5 of that at touch. A `MawBarberFawcett` is a row of springs.
 
     Returns an `ObliqueTrajectory`. Failed lanes are flagged in `.status`, and their numbers are
     NaN. Raises ValueError as `oblique_impact` does, and for a law without a force over time
@@ -82,11 +85,18 @@ def _oblique_trajectory(both: tuple[Given, Trajectory]) -> ObliqueTrajectory:
     # The normal motion may have fewer axes than the lanes.
     path = NormalPath(
         *(
-            jnp.moveaxis(jnp.broadcast_to(x, (*shape, x.shape[-1])), -1, 0) / unit
+            jnp.moveaxis(jnp.broadcast_to(x, (*shape, x.shape[-1])), -1, 0)
+            / jnp.broadcast_to(unit, shape)[None]
             for x, unit in zip(numbers, units, strict=True)
         )
     )
     problem = sliding.problem(lanes, -path.velocity[-1], given.ratio)
+
+    def beside_path(number: Any) -> Any:
+        array = eqx.is_array(number)
+        return jnp.broadcast_to(number, shape)[None] if array else number
+
+    problem, friction = jax.tree.map(beside_path, (problem, friction))
     found = friction.along(problem, path)
     if found is None:
         raise ValueError(
@@ -95,16 +105,19 @@ def _oblique_trajectory(both: tuple[Given, Trajectory]) -> ObliqueTrajectory:
         )
     slip, force = found
     change = (slip - problem.slip) / problem.mobility
+    sign, speed, force_unit, velocity = (
+        beside_path(x) for x in (sliding.sign, scale.speed, scale.force, sliding.velocity)
+    )
     step = friction.substeps
 
     def shown(value: Array) -> Array:
-        value = jnp.broadcast_to(jnp.where(sliding.valid, value, jnp.nan), path.time.shape)
+        value = jnp.where(beside_path(sliding.valid), value, jnp.nan)
         return jnp.moveaxis(value, 0, -1)[..., ::step]
 
     return ObliqueTrajectory(
-        *(shown(number * unit) for number, unit in zip(path, units, strict=True)),
-        slip_velocity=shown(sliding.sign * scale.speed * slip),
-        tangential_velocity=shown(sliding.velocity + sliding.sign * scale.speed * change),
-        friction=shown(sliding.sign * scale.force * force),
+        *(shown(number * beside_path(u)) for number, u in zip(path, units, strict=True)),
+        slip_velocity=shown(sign * speed * slip),
+        tangential_velocity=shown(velocity + sign * speed * change),
+        friction=shown(sign * force_unit * force),
         status=jnp.broadcast_to(normal.status, shape),
     )
