@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
+from ..oblique_impacts.page import section as oblique_section
 from .impacts import BATCHES
 from .pictures import draw
 from .reading import QUIET, Row, batches_of, cheapest, closest, number, problems_of, some, ways_of
@@ -51,6 +53,9 @@ def write(store: Store, docs: Path, name: str) -> None:
         else:
             parts.append(f"## {section.title}\n\nNot measured yet.\n")
     _shown_first(store, docs / f"{name}.png", titles)
+    beside = store.path.with_name("oblique.json")
+    if beside.exists():
+        parts.append("\n".join(oblique_section(json.loads(beside.read_text()))))
     (docs / f"{name}.md").write_text("\n".join(parts))
 
 

@@ -1,0 +1,1 @@
+"""Oblique impacts, and what a user would write or run for them instead."""
