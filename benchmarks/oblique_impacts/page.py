@@ -66,8 +66,8 @@ def verdict(rows: list[Row]) -> list[str]:
         best = min(springs, key=lambda row: row["error"])
         lines.append(
             f"- **MBF, one χ and α: {_both(table)}; with its derivative {_both(slope, 0.05)}**, "
-            f"error {table['error']:.0e} (target 1e-9: {_met(table['error'] <= 1e-9)}). numba takes "
-            f"{_times(near, table)} times as long for {near['error']:.0e} ({near['setting']}), and "
+            f"error {table['error']:.0e} (target 1e-9: {_met(table['error'] <= 1e-9)}). numba "
+            f"takes {_times(near, table)} times as long for {near['error']:.0e} ({near['setting']}), and "
             f"{_times(best, table)} times for {best['error']:.0e} ({best['setting']}), an error "
             "that the table does not reach."
         )
