@@ -13,9 +13,9 @@ spring of the form "force" (LAMMPS `mindlin/force`), which the package solves by
 
 - Errors are those of ψ2, absolute, the worst of the lanes that are not flagged; the last column has
   the share of lanes above 1e-9 or flagged. The truth of the springs is 2,048 and 4,096 of them with
-  Richardson's extrapolation, within 1e-9, on 48 lanes. That of spring-sliders is the code by hand
-  at its finest tolerance, on all lanes; a test compares it with 14 digits of a solve in extended
-  precision.
+  Richardson's extrapolation, within 1e-9, on 48 lanes. The truth of spring-sliders is the code by
+  hand at its finest tolerance, on all lanes. A test compares it with 14 digits of a solve in
+  extended precision.
 - LAMMPS is compared with the same spring and slider, so its error is that of its steps. MuJoCo has
   no tangential spring; it is compared with MBF's spheres of e = 0.9.
 - *numba, by hand* has formulas in slip, Taylor series of order 16 in stick, and roots of their
@@ -66,10 +66,10 @@ def verdict(rows: list[Row]) -> list[str]:
         best = min(springs, key=lambda row: row["error"])
         lines.append(
             f"- **MBF, one χ and α: {_both(table)}; with its derivative {_both(slope, 0.05)}**, "
-            f"error {table['error']:.0e} (target 1e-9: {_met(table['error'] <= 1e-9)}). numba "
-            f"takes {_times(near, table)} times as long for {near['error']:.0e} ({near['setting']}), and "
-            f"{_times(best, table)} times for {best['error']:.0e} ({best['setting']}), an error "
-            "that the table does not reach."
+            f"error {table['error']:.0e} (target 1e-9: {_met(table['error'] <= 1e-9)}).\n"
+            f"  numba takes {_times(near, table)} times as long for {near['error']:.0e} "
+            f"({near['setting']}).\n  It takes {_times(best, table)} times as long for "
+            f"{best['error']:.0e} ({best['setting']}), which the table does not reach."
         )
     if own:
         lines.append(f"- **MBF, χ and α of each lane: {_both(own, 3)}**, with its derivative.")

@@ -32,7 +32,7 @@ class Regimes(NamedTuple):
 
     @property
     def has_jumps(self) -> bool:
-        """Whether the slope of an outcome may jump."""
+        """True if the slope of an outcome may jump."""
         return self.margin is not None
 
     @property
