@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import jaxcontact as jc
+from tests.elastic_rebound import rebounds
 
 from . import by_diffrax, by_lammps, by_mujoco, by_scipy, ours, phases_by_numba, springs_by_numba
 from .measure import Method, side_by_side
@@ -20,29 +21,33 @@ BATCH = 100_000
 
 
 class Size(NamedTuple):
-    """Lanes of a batch, and of the slower methods, springs of the truth, balls of the engines."""
+    """Lanes of a batch, of the slower methods and of the finest springs; balls of the engines."""
 
     batch: int
     springs: int
     scipy: int
     diffrax: int
-    truth: int
-    known: int
+    finest: int
     balls: int
 
 
-WHOLE = Size(BATCH, 256, 20, 100, 2048, 48, 100)
-SMALL = Size(500, 4, 2, 2, 64, 4, 6)
+WHOLE = Size(BATCH, 256, 20, 100, 48, 100)
+SMALL = Size(500, 4, 2, 2, 4, 6)
 
 
 def mbf(size: Size) -> Rows:
     """The row of springs: the table beside springs in numba, for elastic spheres of one kind."""
     psi = elastic(size.batch)
-    count = min(size.known, size.springs)
-    exact = springs_by_numba.extrapolated(CHI, size.truth, 16 * size.truth)(psi[:count])
+    exact = rebounds(psi[: size.springs], CHI, 0.001)
 
     def wrong(answer: Any) -> dict[str, float]:
-        return errors(np.asarray(answer)[:count], exact)
+        found = np.asarray(answer)[: len(exact)]
+        return errors(found, exact[: len(found)])
+
+    def fronts(step: float) -> Method:
+        some = psi[: size.springs]
+        call = partial(rebounds, some, CHI, step)
+        return Method("numba, fronts of slip", f"steps of {step:g}", call, len(some), wrong)
 
     def springs(number: int, steps: int, twice: bool, lanes: int = size.springs) -> Method:
         build = springs_by_numba.extrapolated if twice else springs_by_numba.call_of
@@ -57,11 +62,17 @@ def mbf(size: Size) -> Rows:
             "jc.tangential_rebound with derivative", "", ours.mbf_slope(psi, CHI, 0.0),
             size.batch, lambda answer: wrong(answer[0]),
         ),
+        fronts(0.01),
+        fronts(0.0025),
         springs(64, 8, False),
         springs(256, 8, False),
     ]  # fmt: skip
     if size is WHOLE:
-        shared += [springs(512, 32, False), springs(256, 32, True), springs(1024, 16, True, count)]
+        shared += [
+            springs(512, 32, False),
+            springs(256, 32, True),
+            springs(1024, 16, True, size.finest),
+        ]
     lanes = spheres(size.batch)
     each = lanes.psi, lanes.chi, lanes.alpha
     own = [

@@ -12,14 +12,17 @@ springs of Maw, Barber and Fawcett, for which the package has a table. *Spring a
 spring of the form "force" (LAMMPS `mindlin/force`), which the package solves by phases.
 
 - Errors are those of ψ2, absolute, the worst of the lanes that are not flagged; the last column has
-  the share of lanes above 1e-9 or flagged. The truth of the springs is 2,048 and 4,096 of them with
-  Richardson's extrapolation, within 1e-9, on 48 lanes. The truth of spring-sliders is the code by
-  hand at its finest tolerance, on all lanes. A test compares it with 14 digits of a solve in
-  extended precision.
+  the share of lanes above 1e-9 or flagged. The truth of the springs follows the fronts of slip
+  (`tests/elastic_rebound.py`, which also made the table) with steps of 0.001. Independent of it,
+  4,096 springs with Richardson's extrapolation agree within 1.1e-9 on 48 lanes. χ is 49/34; over
+  1,000 lanes of ten other χ the table's worst error was 1.1e-9 in one lane. The truth of
+  spring-sliders is the code by hand at its finest tolerance, on all lanes. A test compares it with
+  14 digits of a solve in extended precision.
 - LAMMPS is compared with the same spring and slider, so its error is that of its steps. MuJoCo has
   no tangential spring; it is compared with MBF's spheres of e = 0.9.
 - *numba, by hand* has formulas in slip, Taylor series of order 16 in stick, and roots of their
-  polynomials for the events, on all cores. *numba, springs* has steps of second order.
+  polynomials for the events, on all cores. *numba, springs* has steps of second order, on
+  all cores. *numba, fronts of slip* has no springs to count, but needs an elastic impact.
 - Times are µs an impact over seven turns: the best by the clock, and the mean of the processor,
   summed over threads. Ratios are of processor time. By the clock, numba works on both cores; the
   phases of the package work on one most of the time.
@@ -62,14 +65,16 @@ def verdict(rows: list[Row]) -> list[str]:
     own = _row(rows, each, "jc.tangential_rebound with derivative")
     springs = [row for row in rows if row["case"] == shared and row["method"].startswith("numba")]
     if table and slope and springs:
-        near = min(springs, key=lambda row: abs(row["error"] / table["error"] - 1))
-        best = min(springs, key=lambda row: row["error"])
+        words = [
+            f"{_times(row, table)} times for {row['error']:.0e} "
+            f"({row['method'].removeprefix('numba, ')}, {row['setting']})"
+            for row in springs
+            if row["error"] < 1e-7 or row is springs[0]
+        ]
         lines.append(
             f"- **MBF, one χ and α: {_both(table)}; with its derivative {_both(slope, 0.05)}**, "
             f"error {table['error']:.0e} (target 1e-9: {_met(table['error'] <= 1e-9)}).\n"
-            f"  numba takes {_times(near, table)} times as long for {near['error']:.0e} "
-            f"({near['setting']}).\n  It takes {_times(best, table)} times as long for "
-            f"{best['error']:.0e} ({best['setting']}), which the table does not reach."
+            f"  numba takes longer than the table: {'; '.join(words)}."
         )
     if own:
         lines.append(f"- **MBF, χ and α of each lane: {_both(own, 3)}**, with its derivative.")
@@ -95,7 +100,7 @@ def verdict(rows: list[Row]) -> list[str]:
             f"- diffrax with the limit inside its right-hand side takes {_times(plain, whole)} "
             f"times as long as `jc.oblique_impact` ({plain['error']:.0e}), the package's "
             f'`method="event"` {_times(event, whole)} times ({event["error"]:.0e}, '
-            f"without the {event['failed']:.0%} of lanes that it flags as not converged)."
+            f"{event['failed']:.0%} of the lanes flagged)."
         )
     slid = [row for row in rows if row["case"] == "all lanes slide"]
     if slid:
