@@ -116,6 +116,8 @@ def mbf_curve(psi1: Lane, chi: Lane, alpha: Lane) -> Lane:
     shared = np.prod(shape, dtype=int) == 1
     whole = np.broadcast_shapes(np.shape(psi1), shape)
     dtype = jnp.result_type(psi1, chi, alpha)
+    if 0 in whole:
+        return jnp.zeros(whole, dtype)
     # A shape of ones would keep the contraction of one lane from being a constant of a loop.
     inner = () if shared else (1,) * (len(whole) - len(shape)) + shape
     chi, alpha = (_of_shape(x, inner, dtype) for x in (chi, alpha))

@@ -5,6 +5,7 @@ from tests.test_every_argument.case import CONTACTS, LAWS, METHODS, NOTHING, SWI
 from tests.test_every_argument.kinds import (
     ARRAYS,
     CONTACT,
+    JAX_SCALARS,
     NONE,
     POSITIVES,
     REALS,
@@ -71,7 +72,11 @@ def cases():
         "tangential_rebound": Case(
             jc.tangential_rebound,
             {"psi1": 1.0, "chi": 1.4},
-            {"psi1": REALS, "chi": ARRAYS | {"one and a half"}, "alpha": E | {"zero"}},
+            {
+                "psi1": REALS,
+                "chi": ARRAYS | JAX_SCALARS | {"one and a half"},
+                "alpha": E | {"zero"},
+            },
             staged=True,
         ),
         "oblique_impact": Case(jc.oblique_impact, OBLIQUE, OBLIQUE_LEGAL | {"throw": SWITCH}),

@@ -12,7 +12,7 @@ from jaxtyping import ArrayLike
 
 from ..._calibration import FrictionChoice, choose_friction
 from ..._contact import Contact
-from ..._entry import POSITIVE, RESTITUTION, as_parameter, require_number
+from ..._entry import POSITIVE, RESTITUTION, as_parameter, require_kind, require_number
 from ..._friction import AbstractFriction
 from ..._impact import RoundBodies
 from ..._laws import ExactRestitution
@@ -104,6 +104,8 @@ def calibrate_friction(
     Returns a `FrictionCalibration`. Raises RecordingError for a table that cannot be read, and
     ValueError for a missing e or radius and for numbers out of range.
     """
+    if ball is not None:
+        require_kind("ball", ball, str, "the name of a ball or None")
     table = read_rebounds(source, columns=columns, decimal=decimal, ball=ball)
     e = table.restitution if restitution is None else restitution
     if e is None:
