@@ -12,7 +12,7 @@ from tests.test_every_argument.case import (
     Case,
     V,
 )
-from tests.test_every_argument.kinds import CONTACT, FLAG, INSIDE, LAW, NONE, POSITIVE, TEXT
+from tests.test_every_argument.kinds import CONTACT, FLAG, INSIDE, LAW, NONE, POSITIVE, POSITIVES, TEXT
 
 FRICTION = jc.RigidCoulomb(0.2)
 TWO = {"one": FRICTION, "two": jc.WaltonFriction(0.2, 0.1)}
@@ -62,7 +62,7 @@ def cases() -> dict[str, Case]:
                 "source": NOTHING,
                 "restitution": INSIDE,
                 "tangential_ratio": POSITIVE | NONE,
-                "radius": POSITIVE,
+                "radius": POSITIVES,
                 "shape": NOTHING,
                 "friction": NONE,
                 "columns": NONE,
