@@ -12,7 +12,16 @@ from tests.test_every_argument.case import (
     Case,
     V,
 )
-from tests.test_every_argument.kinds import CONTACT, FLAG, INSIDE, LAW, NONE, POSITIVE, POSITIVES, TEXT
+from tests.test_every_argument.kinds import (
+    CONTACT,
+    FLAG,
+    INSIDE,
+    LAW,
+    NONE,
+    POSITIVE,
+    POSITIVES,
+    TEXT,
+)
 
 FRICTION = jc.RigidCoulomb(0.2)
 TWO = {"one": FRICTION, "two": jc.WaltonFriction(0.2, 0.1)}
@@ -61,7 +70,7 @@ def cases() -> dict[str, Case]:
             {
                 "source": NOTHING,
                 "restitution": INSIDE,
-                "tangential_ratio": POSITIVE | NONE,
+                "tangential_ratio": POSITIVES | NONE,
                 "radius": POSITIVES,
                 "shape": NOTHING,
                 "friction": NONE,
