@@ -31,7 +31,9 @@ def mbf_slope(psi: np.ndarray, chi: np.ndarray | float, alpha: np.ndarray | floa
     """ψ2 and its derivative by ψ1."""
 
     def both(p, *others):
-        of = lambda q: jc.tangential_rebound(q, *(others or (chi, alpha)))  # noqa: E731
+        def of(q):
+            return jc.tangential_rebound(q, *(others or (chi, alpha)))
+
         return jax.jvp(of, (p,), (jnp.ones_like(p),))
 
     return _ready(both, psi, *(() if np.ndim(chi) == 0 else (chi, alpha)))
@@ -46,7 +48,9 @@ def phases(lanes: Lanes, form: str) -> Call:
 
 def phases_slope(lanes: Lanes, form: str) -> Call:
     def both(psi, chi, alpha):
-        of = lambda p: slider_phases(p, chi, alpha, form).psi2  # noqa: E731
+        def of(p):
+            return slider_phases(p, chi, alpha, form).psi2
+
         return jax.jvp(of, (psi,), (jnp.ones_like(psi),))
 
     return _ready(both, lanes.psi, lanes.chi, lanes.alpha)

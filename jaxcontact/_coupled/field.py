@@ -136,10 +136,12 @@ class AbstractCoupledField(abc.ABC):
         """Return the state after events. Contacts that `changes` marks stop sliding, or begin to
         under the `friction` that held them. All others that stick are tested, too.
         """
+        # Called only for fields whose modes hold grips, which define it.
         raise NotImplementedError
 
     def afresh(self, y: Array, modes: Modes) -> tuple[Look, Look]:
         """Return the quantities of a state after a change of its modes, and their rates in time."""
+        # Called only for fields whose modes hold grips, which define it.
         raise NotImplementedError
 
     def hidden(

@@ -166,15 +166,19 @@ def _meeting(bodies: Sequence[AbstractBody], kinds: Sequence[int]) -> list[tuple
     ]
 
 
-def _law(argument: str, value: Any) -> AbstractLaw:
-    law = require_kind(
-        argument, value, AbstractLaw, "a contact law (see `list_laws`), or a mapping"
-    )
+def _require_single_numbers(argument: str, law: AbstractLaw | AbstractFriction) -> None:
     for leaf in jax.tree.leaves(law):
         if eqx.is_array(leaf) and leaf.shape != ():
             raise ValueError(
                 f"Argument `{argument}` must hold one number of each kind, but is {rendered(law)}."
             )
+
+
+def _law(argument: str, value: Any) -> AbstractLaw:
+    law = require_kind(
+        argument, value, AbstractLaw, "a contact law (see `list_laws`), or a mapping"
+    )
+    _require_single_numbers(argument, law)
     return law
 
 
@@ -182,11 +186,7 @@ def _friction(argument: str, value: Any) -> AbstractFriction:
     law = require_kind(
         argument, value, AbstractFriction, "a friction law, such as `RigidCoulomb`, or a mapping"
     )
-    for leaf in jax.tree.leaves(law):
-        if eqx.is_array(leaf) and leaf.shape != ():
-            raise ValueError(
-                f"Argument `{argument}` must hold one number of each kind, but is {rendered(law)}."
-            )
+    _require_single_numbers(argument, law)
     return law
 
 
