@@ -20,6 +20,9 @@ from .roots import expanded_root as expanded_root
 from .roots import implicit_root as implicit_root
 from .roots import ratio as ratio
 from .roots import with_implicit_derivative as with_implicit_derivative
+from .rotation import cross as cross
+from .rotation import spin_axes as spin_axes
+from .rotation import swept as swept
 from .series import chebyshev as chebyshev
 from .series import chebyshev_by_piece as chebyshev_by_piece
 from .series import chebyshev_polynomials as chebyshev_polynomials

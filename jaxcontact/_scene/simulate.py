@@ -76,9 +76,7 @@ def simulate_scene(
         room_for = _places_of(scene, room_for)
     scene = _usable_start(scene, soft, min(room_for, layout.spheres))
     require_clear_of_each_other(scene.bodies, length)
-    # Friction in coupled contacts is not modelled; a run that meets one ends there.
-    coupled = soft and layout.frictions is None
-    rules = Rules(soft, rule, min(room_for, layout.spheres) if coupled else 0)
+    rules = Rules(soft, rule, min(room_for, layout.spheres) if soft else 0)
     plain = not traced((scene, length, at))
     start: RunState | None = None
     if plain:

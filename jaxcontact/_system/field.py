@@ -17,12 +17,21 @@ from .._coupled.field import TIME, AbstractCoupledField, Grip, Look, LoopRules, 
 from .._coupled.modes import SLOWEST, Flags, Modes, PerContact
 from .._coupled.quintic import EndOfStep, parts_of_step, quintic, vertex
 from .._coupled.scalars import Number
+from .._coupled.springs import (
+    SMALL,
+    SpringMotion,
+    Vectors,
+    friction_of,
+    settled_springs,
+    slides_at_touch,
+    spring_motion,
+    tangential_stiffness,
+)
 from .._coupled.stored_energy import stored_energy
 from .._friction import SpringSlider
 from .._laws import force_of
 from .mechanics import Mechanics, Opening, SystemMotion, Vector
 from .problem import Scales
-from .springs import SpringMotion, Vectors, friction_of, spring_motion, tangential_stiffness
 from .stick_slip import SLIDES_ON, Friction
 
 _DOUBT = 0.25
@@ -30,9 +39,6 @@ _DOUBT = 0.25
 
 _LEAST_PART = 1e-6
 """The shortest part of a step that is tried in place of it."""
-
-_SMALL = 1e-6
-"""The depth, in units of length, by which a contact with a tangential spring begins."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -239,19 +245,11 @@ class SystemField(AbstractCoupledField):
         gap, opening = self.mechanics.gaps(*at)
         depth, rate, slip = -gap / units.length, -opening / units.speed, self._slip(at)
         limit = self.mechanics.limit(self.force(depth, rate, modes))
-        # A contact that comes to stick has the force at the limit.
-        stops = changes & (before == 1)
-        held = friction_of(springs, slip, limit, stops)
-        springs = jnp.where((stops & ~touches)[:, None], held, springs)
-        springs = jnp.where(touches[:, None], 0, springs)
-        # The force grows as δⁿ and the spring force as κ u δⁿ/δ', which decides at touch.
-        small = jnp.full_like(depth, _SMALL)
+        small = jnp.full_like(depth, SMALL)
         stiff = self.contact.stiffness * (units.length * small) ** self.contact.exponent
-        grows = self.mechanics.limit(units.force * self.force(small, rate, modes) / stiff)
-        pace = jnp.sqrt(jnp.sum(jnp.square(slip), axis=1))
-        slides = (friction.ratio * pace > grows * rate).astype(before.dtype)
-        slide = jnp.where(changes, jnp.where(before == 1, 0, 1), before)
-        slide = jnp.where(touches, slides, slide)
+        hardening = units.force * self.force(small, rate, modes) / stiff
+        slips = slides_at_touch(friction.ratio, slip, rate, friction.mu, hardening)
+        springs, slide = settled_springs(springs, slip, limit, before, (touches, changes, slips))
         changed = modes.closed & (slide != before) | touches
         nq = self.scales.position.shape[0] + self.scales.velocity.shape[0]
         y = jnp.concatenate([y[:nq], springs.reshape(-1), y[nq + springs.size :]])

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 from .._contact import Contact
 from .._coupled.modes import PerContact
 from .._coupled.scalars import Flag, Number
+from .._coupled.springs import SMALL, slides_at_touch
 from .._friction import SpringSlider
 from .._laws import force_of
 from .mechanics import Mechanics, Opening, Vector
@@ -21,9 +22,6 @@ from .stick_slip import SLIDES_ON
 
 _ROUNDING = 64
 """A gap of less than this many rounding errors of the lengths in it is closed."""
-
-_SMALL = 1e-6
-"""The depth, in units of length, by which a contact with friction begins."""
 
 
 class StartChecks(NamedTuple):
@@ -143,7 +141,7 @@ def _settled(
     law, depth = _law_at(mechanics, state), jnp.maximum(-opening.gap, 0)
     # A contact that begins has no force yet: a small one shows which part of it holds.
     begins = state.closed & (depth <= 0)
-    force = law.force(jnp.where(begins, _SMALL * law.unit, depth))
+    force = law.force(jnp.where(begins, SMALL * law.unit, depth))
     force = jnp.where(state.closed, force, 0)
     slide = jnp.where(state.closed, slide, SLIDES_ON)
     at = state.time, state.position, state.velocity
@@ -156,13 +154,11 @@ def _with_springs(mechanics: Mechanics, state: SystemState, opening: Opening) ->
     assert isinstance(friction, SpringSlider) and friction.ratio is not None
     slip = mechanics.slip(state.time, state.position, state.velocity)
     slip = slip.reshape(opening.gap.shape[0], -1)
-    # The force grows as δⁿ and the spring force as κ u δⁿ/δ', which decides at touch. The force of
-    # a spring in progress is not known; it begins without.
-    depth = _SMALL * law.unit
-    grows = mechanics.limit(law.force(depth) / (system.stiffness * depth**system.exponent))
-    pace = jnp.sqrt(jnp.sum(jnp.square(slip), axis=1))
-    begins = state.closed & (opening.gap >= 0)
-    slides = begins & (friction.ratio * pace > grows * state.closing)
+    # The force of a spring in progress is not known; it begins without.
+    depth = SMALL * law.unit
+    hardening = law.force(depth) / (system.stiffness * depth**system.exponent)
+    slips = slides_at_touch(friction.ratio, slip, state.closing, friction.mu, hardening)
+    slides = state.closed & (opening.gap >= 0) & slips
     return state._replace(slide=slides.astype(slip.dtype), spring=jnp.zeros_like(slip))
 
 

@@ -17,13 +17,14 @@ from jaxtyping import Array
 
 from ..._coupled.scalars import Flag
 from ..._entry import POSITIVE, Specialised, is_valid, sanitised
+from ..._functions import spin_axes
 from ..._impact import restitution
 from ..bodies.bodies import AbstractBody, Shell, Sphere
 from ..bodies.motion import Along, still
 from ..bodies.scene import Scene
 from .arrays import Numbers, SceneLayout
 from .movers import Movers
-from .turning import Rotation, spin_axes
+from .turning import Rotation
 
 
 class Alike(eqx.Module):

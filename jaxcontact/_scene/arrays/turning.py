@@ -1,4 +1,4 @@
-"""Rotation of bodies: products with spins, and the numbers that only friction needs.
+"""Rotation of bodies: spins, and the numbers that only friction needs.
 
 A spin is one number in two dimensions, (1,), and a vector in three, (3,). With the unit normal n
 from the second body to the first and the radii R1 and R2 (negative for a shell) the contact point
@@ -61,22 +61,3 @@ def free_turning(spin: Lane, dimensions: int) -> Turning:
     count = spin.shape[0]
     none = jnp.zeros((count, dimensions), spin.dtype)
     return Turning(spin, none, jnp.zeros_like(spin), jnp.full(count, jnp.inf, spin.dtype))
-
-
-def spin_axes(dimensions: int) -> int:
-    """Return the number of components of a spin."""
-    return 1 if dimensions == 2 else 3
-
-
-def cross(one: Lane, other: Lane) -> Lane:
-    """Return the product of two vectors (..., D) as a spin (..., S)."""
-    if one.shape[-1] == 3:
-        return jnp.cross(one, other)
-    return (one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])[..., None]
-
-
-def swept(spin: Lane, arm: Lane) -> Lane:
-    """Return the velocity ω × r (..., D) of a spin (..., S) at an arm (..., D)."""
-    if arm.shape[-1] == 3:
-        return jnp.cross(spin, arm)
-    return spin * jnp.stack([-arm[..., 1], arm[..., 0]], axis=-1)

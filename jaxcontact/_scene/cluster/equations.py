@@ -25,6 +25,7 @@ from ..._functions import small_product
 from ..._laws import AbstractLaw, force_of
 from ..bodies.motion import UserMotion
 from ..bodies.side import side
+from .friction import Rub, Rubbing, Spins, SpringPairs
 
 PerPair = Float[Array, " pairs"]
 PerBody = Float[Array, "bodies dim"]
@@ -95,7 +96,8 @@ class ClusterState(NamedTuple):
     negative if open. The solve continues from it, since differences of positions have fewer digits.
     `closed`: whether the pair is in contact. `rising`: whether its v0 still follows δ'; `latched`
     is that v0 in m/s. `since` and `force_until` in s are the last touch and the last time with a
-    force. `max_force` and the energy `lost` are those since that touch.
+    force. `max_force` and the energy `lost` are those since that touch. `rubbing` is None without
+    friction.
     """
 
     time: Number
@@ -109,15 +111,30 @@ class ClusterState(NamedTuple):
     force_until: PerPair
     max_force: PerPair
     lost: PerPair
+    rubbing: Rubbing | None = None
 
 
 class Geometry(NamedTuple):
-    """The geometry of pairs: indentation, its rate, unit normals, and the turning part of δ''."""
+    """The geometry of pairs: indentation, its rate, unit normals, and the turning part of δ''. With
+    friction also the velocities of the centres `across` the normals, and the rates n' of those.
+    """
 
     depth: PerPair
     rate: PerPair
     normal: Float[Array, "pairs dim"]
     swirl: PerPair
+    across: Float[Array, "pairs dim"] | None = None
+    turns: Float[Array, "pairs dim"] | None = None
+
+
+class Pushes(NamedTuple):
+    """The accelerations of the bodies, the sums of the contact forces on them, and their friction,
+    None without.
+    """
+
+    acceleration: PerBody
+    pushed: PerBody
+    rub: Rub | None
 
 
 def incidence_of(pairs: ClusterPairs, bodies: int, dtype: Any) -> Float[Array, "pairs bodies"]:
@@ -131,7 +148,7 @@ def incidence_of(pairs: ClusterPairs, bodies: int, dtype: Any) -> Float[Array, "
 class Touching(eqx.Module):
     """The equations of a cluster in its units. `apart` and `depth` belong to its start, `incidence`
     to its pairs. `in_line`: whether the bodies are spheres and walls in one dimension, without
-    shells.
+    shells. `friction` is None without it.
     """
 
     law: AbstractLaw
@@ -144,6 +161,7 @@ class Touching(eqx.Module):
     acceleration: PerBody
     drive: Drive | None
     incidence: Float[Array, "pairs bodies"]
+    friction: SpringPairs | None
     in_line: bool = eqx.field(static=True)
 
     def _between(self, vectors: PerBody) -> Float[Array, "pairs dim"]:
@@ -175,7 +193,10 @@ class Touching(eqx.Module):
         across = relative + rate[:, None] * normal
         swirl = jnp.where(pairs.flat, 0, jnp.sum(jnp.square(across), axis=1) / length)
         depth = self.depth - jnp.where(pairs.flat, flat, approached)
-        return Geometry(depth, rate, normal, swirl)
+        if self.friction is None:
+            return Geometry(depth, rate, normal, swirl)
+        turns = jnp.where(pairs.flat[:, None], 0, across / length[:, None])
+        return Geometry(depth, rate, normal, swirl, across, turns)
 
     def force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
         """Return the forces of the closed pairs."""
@@ -195,18 +216,31 @@ class Touching(eqx.Module):
         depth = jnp.where(modes.closed & self.pairs.used, units.length * depth, 0)
         return stored_energy(self.law, self.contact, depth, units.speed * speed) / units.energy
 
-    def accelerations(
-        self, geometry: Geometry, force: PerPair, time: Number
-    ) -> tuple[PerBody, PerBody]:
-        """Return the accelerations of the bodies, and the sums of the contact forces on them."""
-        pushed = small_product(self.incidence.T, force[:, None] * geometry.normal)
+    def pushes(
+        self,
+        geometry: Geometry,
+        force: PerPair,
+        time: Number,
+        modes: Modes,
+        turning: tuple[Spins, PerBody] | None,
+    ) -> Pushes:
+        """Return the forces on the bodies. `turning` holds spins and spring forces."""
+        forces, rub = force[:, None] * geometry.normal, None
+        if self.friction is not None and turning is not None:
+            spin, spring = turning
+            assert geometry.across is not None
+            along = geometry.normal, geometry.across
+            slip = self.friction.slip(geometry.depth, *along, spin, time)
+            rub = Rub(self.friction.force(spring, slip, force, modes), slip)
+            forces = forces + rub.force
+        pushed = small_product(self.incidence.T, forces)
         acceleration = self.acceleration + self.inverse_mass[:, None] * pushed
         if self.drive is not None:
             swing = jnp.sin(self.drive.rate * time + self.drive.phase)
             acceleration = acceleration - swing[:, None] * self.drive.strength
             for user, body in self.drive.own:
                 acceleration = acceleration.at[body].add(user.push(time), mode="drop")
-        return acceleration, pushed
+        return Pushes(acceleration, pushed, rub)
 
     def on_planes(self, closed: Bool[Array, " pairs"]) -> Flag:
         """Return whether each body in contact touches one plane and nothing else."""
@@ -221,21 +255,28 @@ class Touching(eqx.Module):
         return -jnp.sum(geometry.normal * relative, axis=1) - geometry.swirl
 
     def motion(
-        self, at: Geometry, velocity: PerBody, modes: Modes, time: Number
-    ) -> tuple[PerBody, PerPair, Number]:
-        """Return the accelerations, the damping power of each pair, and the power supplied. Weight
-        and prescribed bodies supply that power.
+        self,
+        at: Geometry,
+        velocity: PerBody,
+        modes: Modes,
+        time: Number,
+        turning: tuple[Spins, PerBody] | None,
+    ) -> tuple[Pushes, PerPair, PerPair, Number]:
+        """Return the forces on the bodies and of the pairs, the damping power of each pair, and the
+        power supplied. Weight and prescribed bodies supply that power.
         """
         force = self.force(at.depth, at.rate, modes)
         lost = jnp.zeros_like(force)
         if self.law.damped:
             still = self.force(at.depth, lost, modes)
             lost = (force - still) * at.rate
-        acceleration, pushed = self.accelerations(at, force, time)
+        pushes = self.pushes(at, force, time, modes, turning)
         free = (self.inverse_mass > 0)[:, None]
         weight = self.acceleration / jnp.where(free, self.inverse_mass[:, None], 1)
-        work = jnp.sum(jnp.where(free, weight, -pushed) * velocity)
-        return acceleration, lost, work
+        work = jnp.sum(jnp.where(free, weight, -pushes.pushed) * velocity)
+        if pushes.rub is not None and self.friction is not None:
+            work = work + jnp.sum(pushes.rub.force * self.friction.drift(time, at.normal))
+        return pushes, force, lost, work
 
     def kinetic(self, velocity: PerBody) -> Number:
         """Return ½ Σ m v² of the free bodies."""

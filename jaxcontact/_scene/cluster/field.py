@@ -5,32 +5,54 @@ from __future__ import annotations
 import dataclasses
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._coupled.clock import ContactClock
-from ..._coupled.field import TIME, AbstractCoupledField, Look, LoopRules, W
+from ..._coupled.field import TIME, WORK, AbstractCoupledField, Grip, Look, LoopRules, Settled, W
 from ..._coupled.modes import Flags, Modes, Units
 from ..._coupled.scalars import Index, Number
-from .equations import Geometry, PerBody, PerPair, Touching, incidence_of
+from ..._coupled.springs import SMALL, SpringMotion, settled_springs, slides_at_touch
+from .equations import Geometry, PerBody, PerPair, Pushes, Touching, incidence_of
+from .friction import Spins, spring_pairs
 from .problem import ClusterProblem, scale_drive
 from .rest import rest_of
 
 
+class Rubbed(NamedTuple):
+    """The part of a state that friction adds: spins, spring forces, and the energy it has taken."""
+
+    spin: Spins
+    spring: PerBody
+    taken: Number
+
+
 class VectorLayout(NamedTuple):
-    """The layout of a state vector; without damping it has no `lost` part."""
+    """The layout of a state vector. Without damping it has no `lost` part, and without `axes` of
+    spins none of friction.
+    """
 
     bodies: int
     dim: int
     pairs: int
     damped: bool
+    axes: int = 0
 
     def pack(
-        self, moved: PerBody, velocity: PerBody, lost: PerPair, rest: list[Number]
+        self,
+        moved: PerBody,
+        velocity: PerBody,
+        rubbed: Rubbed | None,
+        lost: PerPair,
+        rest: list[Number],
     ) -> Float[Array, " numbers"]:
         """Return the state vector; `rest` holds the work, the time and w."""
         taken = [lost] if self.damped else []
-        return jnp.concatenate([moved.ravel(), velocity.ravel(), *taken, jnp.stack(rest)])
+        turning = []
+        if rubbed is not None:
+            turning = [rubbed.spin.ravel(), rubbed.spring.ravel(), rubbed.taken[None]]
+        return jnp.concatenate([moved.ravel(), velocity.ravel(), *turning, *taken, jnp.stack(rest)])
 
     def moved(self, y: Array) -> PerBody:
         return y[: self.bodies * self.dim].reshape(self.bodies, self.dim)
@@ -39,10 +61,21 @@ class VectorLayout(NamedTuple):
         m = self.bodies * self.dim
         return y[m : 2 * m].reshape(self.bodies, self.dim)
 
+    def rubbed(self, y: Array) -> Rubbed | None:
+        if not self.axes:
+            return None
+        first = 2 * self.bodies * self.dim
+        spins, springs = self.bodies * self.axes, self.pairs * self.dim
+        spin, spring, taken = jnp.split(
+            y[first : first + spins + springs + 1], [spins, spins + springs]
+        )
+        spring = spring.reshape(self.pairs, self.dim)
+        return Rubbed(spin.reshape(self.bodies, self.axes), spring, taken[0])
+
     def lost(self, y: Array) -> PerPair:
         if not self.damped:
             return jnp.zeros(self.pairs, y.dtype)
-        return y[2 * self.bodies * self.dim : -3]
+        return y[-3 - self.pairs : -3]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,20 +97,90 @@ class ClusterField(AbstractCoupledField):
         at = self.system.geometry(self.parts.moved(y), self.parts.velocity(y))
         return at._replace(depth=jnp.where(clock.leaving, jnp.square(y[W]), at.depth))
 
+    def _turning(self, y: Array) -> tuple[Spins, PerBody] | None:
+        """Return spins and spring forces."""
+        rubbed = self.parts.rubbed(y)
+        return None if rubbed is None else rubbed[:2]
+
     def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:
         """Return d/ds of a state."""
         velocity, at = self.parts.velocity(y), self.geometry(y, clock)
-        acceleration, lost, work = self.system.motion(at, velocity, modes, y[TIME])
-        pace = 2 * y[W]
+        turning, system = self._turning(y), self.system
+        pushes, force, lost, work = system.motion(at, velocity, modes, y[TIME], turning)
+        pace, rubbed = 2 * y[W], None
         rest = [pace * work, pace, clock.rate(at.rate)]
-        return self.parts.pack(pace * velocity, pace * acceleration, pace * lost, rest)
+        if pushes.rub is not None and turning is not None:
+            rub, friction = pushes.rub, system.friction
+            assert friction is not None
+            twist = friction.twist(at.depth, at.normal, rub.force)
+            springs = self._spring_motion(at, turning[1], pushes, force, modes).rate
+            taken = -jnp.sum(rub.force * rub.slip)
+            rubbed = Rubbed(pace * twist, pace * springs, pace * taken)
+        moving = pace * velocity, pace * pushes.acceleration
+        return self.parts.pack(*moving, rubbed, pace * lost, rest)
+
+    def _spring_motion(
+        self, at: Geometry, spring: PerBody, pushes: Pushes, force: PerPair, modes: Modes
+    ) -> SpringMotion:
+        """Return the motion of springs, which turn with their planes."""
+        system, rub = self.system, pushes.rub
+        assert system.friction is not None and rub is not None and at.turns is not None
+        second = system.second(at, pushes.acceleration)
+        grows = self.force_slope(modes, (at.depth, at.rate), (at.rate, second))
+        limit = force, grows
+        motion = system.friction.motion(system.contact, spring, rub.slip, at.depth, limit, modes)
+        tilts = jnp.sum(at.turns * spring, axis=1, keepdims=True)
+        return motion._replace(rate=motion.rate - at.normal * tilts)
 
     def look(self, y: Array, modes: Modes, clock: ContactClock) -> Look:
         """Return the quantities of one state."""
-        at = self.geometry(y, clock)
+        at, turning = self.geometry(y, clock), self._turning(y)
         force = self.system.force(at.depth, at.rate, modes)
-        acceleration, _ = self.system.accelerations(at, force, y[TIME])
-        return Look(at.depth, at.rate, self.system.second(at, acceleration), force)
+        pushes = self.system.pushes(at, force, y[TIME], modes, turning)
+        look = Look(at.depth, at.rate, self.system.second(at, pushes.acceleration), force)
+        if turning is None:
+            return look
+        hold = self._spring_motion(at, turning[1], pushes, force, modes).hold
+        return look._replace(grip=Grip(hold, -jnp.ones_like(hold), hold))
+
+    def look_along(
+        self, y: Array, modes: Modes, clock: ContactClock, toward: Array
+    ) -> tuple[Look, Look]:
+        if not self.rules.sticks:
+            return super().look_along(y, modes, clock, toward)
+        return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
+
+    def afresh(self, y: Array, modes: Modes) -> tuple[Look, Look]:
+        # With w = ½ the variable of the clock is time.
+        clock = ContactClock(jnp.asarray(True), jnp.zeros_like(modes.closed))
+        y = y.at[W].set(0.5)
+        toward = self.rate(y, modes, clock)
+        return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
+
+    def settled(
+        self, y: Array, modes: Modes, touches: Flags, changes: Flags, friction: PerPair
+    ) -> Settled:
+        del friction
+        system, parts, before, rubbed = self.system, self.parts, modes.slide, self.parts.rubbed(y)
+        assert before is not None and rubbed is not None and system.friction is not None
+        at = system.geometry(parts.moved(y), parts.velocity(y))
+        assert at.across is not None
+        units, numbers, contact = system.units, system.friction.numbers, system.contact
+        slip = system.friction.slip(at.depth, at.normal, at.across, rubbed.spin, y[TIME])
+        limit = numbers.mu * self.force(at.depth, at.rate, modes)
+        small = jnp.full_like(at.depth, SMALL)
+        stiff = contact.stiffness * (units.length * small) ** contact.exponent
+        hardening = units.force * self.force(small, at.rate, modes) / stiff
+        slips = slides_at_touch(numbers.ratio, slip, at.rate, numbers.mu, hardening)
+        if numbers.ramp is not None:
+            slips = slips & (numbers.ramp <= 0)
+        events = touches, changes, slips
+        springs, slide = settled_springs(rubbed.spring, slip, limit, before, events)
+        changed = modes.closed & (slide != before) | touches
+        rubbed = rubbed._replace(spring=springs)
+        rest = [y[WORK], y[TIME], y[W]]
+        y = parts.pack(parts.moved(y), parts.velocity(y), rubbed, parts.lost(y), rest)
+        return Settled(y, modes._replace(slide=slide), changed, jnp.asarray(False))
 
     def approach(self, y: Array, clock: ContactClock) -> tuple[PerPair, PerPair]:
         at = self.geometry(y, clock)
@@ -91,10 +194,16 @@ class ClusterField(AbstractCoupledField):
 
     def with_lost(self, y: Array, lost: PerPair) -> Array:
         moved, velocity = self.parts.moved(y), self.parts.velocity(y)
-        return self.parts.pack(moved, velocity, lost, [y[k] for k in (-3, -2, -1)])
+        rest = [y[k] for k in (-3, -2, -1)]
+        return self.parts.pack(moved, velocity, self.parts.rubbed(y), lost, rest)
 
     def resting(self, y: Array, toward: Array, pace: Number, now: Look, modes: Modes) -> Index:
         moving = self.parts.velocity(y) + self.frame, self.parts.velocity(toward) / pace
+        turning, twist = self.parts.rubbed(y), self.parts.rubbed(toward)
+        if turning is not None and twist is not None:
+            turns = turning.spin, twist.spin / pace
+            both = zip(moving, turns, strict=True)
+            moving = tuple(jnp.concatenate(pair, axis=1) for pair in both)
         along = now.rate, now.second
         return rest_of(self.system, modes.closed, along, moving, self.tolerance)
 
@@ -102,8 +211,11 @@ class ClusterField(AbstractCoupledField):
         """Return the energy of bodies and contacts, plus the losses."""
         velocity = self.parts.velocity(y)
         depth = self.system.geometry(self.parts.moved(y), velocity).depth
-        stored = jnp.sum(self.system.stored(depth, modes))
-        return self.system.kinetic(velocity) + stored + jnp.sum(self.parts.lost(y))
+        energy = self.system.kinetic(velocity) + jnp.sum(self.system.stored(depth, modes))
+        rubbed, friction = self.parts.rubbed(y), self.system.friction
+        if rubbed is not None and friction is not None:
+            energy = energy + friction.energy(rubbed.spin) + rubbed.taken
+        return energy + jnp.sum(self.parts.lost(y))
 
 
 def field_of(
@@ -112,6 +224,12 @@ def field_of(
     """Return the field of a problem in its units; `frame` is in m/s."""
     state, pairs, (bodies, dim) = problem.state, problem.pairs, problem.state.position.shape
     free = (problem.inverse_mass > 0)[:, None]
+    incidence = incidence_of(pairs, bodies, state.position.dtype)
+    friction, axes = None, 0
+    if problem.friction is not None and state.rubbing is not None:
+        who = pairs.first, pairs.second, pairs.flat
+        friction = spring_pairs(problem.friction, units, state.time, who, incidence)
+        axes = state.rubbing.spin.shape[1]
     system = Touching(
         law=problem.law,
         contact=problem.contact,
@@ -122,12 +240,13 @@ def field_of(
         inverse_mass=problem.inverse_mass * units.mass,
         acceleration=jnp.where(free, problem.acceleration, 0) / (units.speed / units.time),
         drive=scale_drive(problem.drive, units),
-        incidence=incidence_of(pairs, bodies, state.position.dtype),
+        incidence=incidence,
+        friction=friction,
         in_line=in_line,
     )
     return ClusterField(
         system=system,
-        parts=VectorLayout(bodies, dim, pairs.used.shape[0], problem.law.damped),
+        parts=VectorLayout(bodies, dim, pairs.used.shape[0], problem.law.damped, axes),
         rules=rules,
         until=(problem.until - state.time) / units.time,
         used=pairs.used,

@@ -13,6 +13,7 @@ from ..._coupled.modes import Units
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Index, Number
 from .equations import ClusterPairs, ClusterState, Drive, PerBody
+from .friction import PairFriction
 
 
 class ClusterProblem(NamedTuple):
@@ -31,6 +32,7 @@ class ClusterProblem(NamedTuple):
     floor: Number
     drive: Drive | None
     to_the_end: Flag
+    friction: PairFriction | None = None
 
 
 class ClusterEnd(NamedTuple):
@@ -38,7 +40,8 @@ class ClusterEnd(NamedTuple):
 
     `error_estimate` is the larger of two errors: the summed step errors relative to the speeds, and
     the energy imbalance relative to the cluster's energy. `error` is the same in m/s. `work` in J
-    is that of gravity and prescribed bodies on the free ones.
+    is that of gravity and prescribed bodies on the free ones; `rubbed` in J is the energy taken by
+    friction, None without.
     """
 
     state: ClusterState
@@ -47,6 +50,7 @@ class ClusterEnd(NamedTuple):
     steps: Index
     error_estimate: Number
     error: Number
+    rubbed: Number | None = None
 
 
 def units_of(problem: ClusterProblem) -> Units:
@@ -59,6 +63,9 @@ def units_of(problem: ClusterProblem) -> Units:
     mass = 1 / jnp.max(problem.inverse_mass)
     first, second = (rows_of(state.velocity, k) for k in (pairs.first, pairs.second))
     motion = jnp.max(jnp.where(used, jnp.sum(jnp.square(first - second), axis=1), 0))
+    if problem.friction is not None and state.rubbing is not None:
+        surface = problem.friction.radius[:, None] * state.rubbing.spin
+        motion = jnp.maximum(motion, jnp.max(jnp.sum(jnp.square(surface), axis=1)))
     depth = jnp.where(used & state.closed, jnp.maximum(state.indentation, 0), 0)
     stored = jnp.max(contact.stiffness * depth ** (n + 1)) / mass
     pull = jnp.sqrt(jnp.max(jnp.sum(jnp.square(problem.acceleration), axis=1)))

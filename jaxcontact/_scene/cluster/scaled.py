@@ -16,6 +16,7 @@ from ..._coupled.scalars import Flag, Number
 from ..._impact.derivatives import with_sensitivity
 from ..._laws import AbstractLaw
 from .equations import ClusterPairs, ClusterState, Drive, PerBody
+from .friction import PairFriction
 from .problem import ClusterEnd, ClusterProblem
 from .solve import solve_cluster
 
@@ -36,6 +37,7 @@ def cluster(
     until_change: bool = False,
     drive: Drive | None = None,
     in_line: bool = False,
+    friction: PairFriction | None = None,
     to_the_end: Flag | bool = False,
     max_steps: int = MOST_STEPS,
 ) -> ClusterEnd:
@@ -53,6 +55,7 @@ def cluster(
     - `until_change`: if True, the solve also ends if a pair touches or opens.
     - `drive`: the accelerations of prescribed bodies; None if there are none.
     - `in_line`: if True, a shorter computation in one dimension without shells is used.
+    - `friction`: the numbers of friction, with a state that holds its springs; None without.
     - `to_the_end`: if True, the solve continues at rest.
 
     One lane; batch with `vmap`. Differentiable in both modes: the solve carries the sensitivities
@@ -79,8 +82,9 @@ def cluster(
         floor=jnp.asarray(0.0 if isinstance(v0, str) else v0, dtype),
         drive=drive,
         to_the_end=jnp.asarray(to_the_end),
+        friction=friction,
     )
-    rules = LoopRules(v0 == "peak", until_change, max_steps)
+    rules = LoopRules(v0 == "peak", until_change, max_steps, sticks=friction is not None)
     return with_sensitivity(eqx.Partial(solve_cluster, rules=rules, in_line=in_line))(problem)
 
 

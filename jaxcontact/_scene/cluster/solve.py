@@ -13,7 +13,8 @@ from ..._coupled.loop import CoupledStart, first_carry, run_to_end, status_of
 from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Modes
 from ..._coupled.step import Carry, CoupledSolve
 from .equations import ClusterState, PerBody
-from .field import ClusterField, field_of
+from .field import ClusterField, Rubbed, field_of
+from .friction import Rubbing
 from .problem import ClusterEnd, ClusterProblem, units_of
 from .rest import ASLEEP
 
@@ -56,10 +57,20 @@ def _start(solve: _ClusterSolve) -> CoupledStart:
     state, units = solve.problem.state, solve.units
     zero = jnp.zeros((), state.position.dtype)
     velocity = (state.velocity - solve.frame) / units.speed
-    lost = state.lost / units.energy
+    lost, parts = state.lost / units.energy, solve.field.parts
+    modes = Modes(state.closed & solve.field.used, state.rising, state.latched / units.speed)
+    rubbing, friction, rubbed = state.rubbing, solve.problem.friction, None
+    if rubbing is not None and friction is not None:
+        spin = friction.radius[:, None] * rubbing.spin / units.speed
+        rubbed = Rubbed(spin, rubbing.spring / units.force, zero)
+        modes = modes._replace(slide=rubbing.slides)
+    y = parts.pack(jnp.zeros_like(velocity), velocity, rubbed, lost, [zero, zero, zero])
+    if friction is not None:
+        nobody = jnp.zeros_like(modes.closed)
+        y, modes, *_ = solve.field.settled(y, modes, friction.begins, nobody, state.latched)
     return CoupledStart(
-        y=solve.field.parts.pack(jnp.zeros_like(velocity), velocity, lost, [zero, zero, zero]),
-        modes=Modes(state.closed & solve.field.used, state.rising, state.latched / units.speed),
+        y=y,
+        modes=modes,
         since=state.since,
         force_until=state.force_until,
         max_force=state.max_force,
@@ -85,6 +96,7 @@ def _state_at(solve: _ClusterSolve, end: Carry) -> tuple[ClusterState, Array]:
         force_until=end.force_until,
         max_force=end.max_force,
         lost=units.energy * parts.lost(end.y),
+        rubbing=_rubbing_at(solve, end),
     )
     asleep = end.status == ASLEEP
     # A body with constant velocity keeps it without rounding.
@@ -94,7 +106,20 @@ def _state_at(solve: _ClusterSolve, end: Carry) -> tuple[ClusterState, Array]:
         time=jnp.where(asleep, problem.until, done.time),
         velocity=jnp.where(asleep & free, 0, velocity),
     )
+    if done.rubbing is not None:
+        still = done.rubbing._replace(spin=jnp.where(asleep & free, 0, done.rubbing.spin))
+        done = done._replace(rubbing=still)
     return done, jnp.where(asleep, TIME_IS_UP, status_of(end))
+
+
+def _rubbing_at(solve: _ClusterSolve, end: Carry) -> Rubbing | None:
+    """Return the state of friction in SI units; None without it."""
+    units, rubbed = solve.units, solve.field.parts.rubbed(end.y)
+    friction, slides = solve.problem.friction, end.modes.slide
+    if rubbed is None or friction is None or slides is None:
+        return None
+    spin = units.speed * rubbed.spin / friction.radius[:, None]
+    return Rubbing(spin, units.force * rubbed.spring, slides)
 
 
 def _assess(
@@ -116,5 +141,6 @@ def _assess(
     free = (problem.inverse_mass > 0)[:, None]
     mass = jnp.where(free, 1 / jnp.where(free, problem.inverse_mass[:, None], 1), 0)
     gain = jnp.sum(mass * solve.frame * (done.velocity - problem.state.velocity))
-    work = units.energy * end.y[WORK] + gain
-    return ClusterEnd(done, work, status, end.steps, error, error * units.speed)
+    work, rubbed = units.energy * end.y[WORK] + gain, solve.field.parts.rubbed(end.y)
+    taken = None if rubbed is None else units.energy * rubbed.taken
+    return ClusterEnd(done, work, status, end.steps, error, error * units.speed, taken)

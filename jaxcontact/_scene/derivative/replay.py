@@ -129,7 +129,8 @@ def chain_matrices(
         called, at = row.facts.call, row.values.coupled
         assert calls is not None and called is not None and at is not None
         start = flat((row_numbers(layout, along, index_of(layout, called.decided.seats)), entering))
-        like = Done(at.began, at.end, at.work, entering.spheres.position)
+        place = entering.spheres.position
+        like = Done(at.began, at.end, at.work, place, at.turning, at.rubbed)
         return unflat(calls[row.slot] @ start, like)
 
     ways = _Ways(None if hits is None else hit, None if calls is None else coupled)
@@ -181,16 +182,20 @@ def _chain(
         # In the slots of this call; before it they may have held other bodies.
         before = rearrange(carry.coupled, called.decided.change, members)
         spheres, held = rows_of((carry.spheres, carry.held), who)
-        began, end, work, place = ways.call(row, Entering(spheres, held, before))
+        done = ways.call(row, Entering(spheres, held, before))
+        began, end, work = done.began, done.end, done.work
 
-        after = Flying(place, end.velocity[:members], jnp.broadcast_to(end.time, (members,)))
+        time, velocity = jnp.broadcast_to(end.time, (members,)), end.velocity[:members]
+        after = Flying(done.place, velocity, time, done.turning)
         first, second = slot_pairs(layout, members)
         on_wall = (at.end.closed > 0.5) & (second >= members) & called.rest
         latched = jnp.zeros_like(held).at[first].add(jnp.where(on_wall, end.latched, 0))
         nothing = jax.tree.map(jnp.zeros_like, values)
         figures = nothing._replace(
             outcome=nothing.outcome._replace(time=began.time),
-            coupled=ClusterNumbers(spheres, held, began, end, work, jnp.zeros_like(work)),
+            coupled=ClusterNumbers(
+                spheres, held, began, end, work, jnp.zeros_like(work), done.turning, done.rubbed
+            ),
         )
         moved, held = with_rows((carry.spheres, carry.held), index, (after, latched))
         return _Tangents(moved, end, held), figures

@@ -19,26 +19,31 @@ from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying
-from ..arrays.turning import Rotation
+from ..arrays.turning import Rotation, Turning
 from ..cluster.equations import ClusterState
 from ..cluster.scaled import MOST_STEPS
 from ..engine.cluster_slots import in_place, index_of
-from ..engine.coupled import as_flags, as_numbers, call, work_of_walls
+from ..engine.coupled import as_flags, as_numbers, call, walls_at_rest, work_of_walls
+from ..engine.coupled_friction import turning_after
 from ..engine.event_queue import in_branch
 from ..engine.log import Log, LogDecisions, LogNumbers
 from ..engine.state import Rules
-from ..pair_impact.instantaneous import ImpactOutcome, two_that_meet
-from ..pair_impact.rolling import hit_or_roll, with_friction_at_rest
+from ..pair_impact.instantaneous import ImpactOutcome, hit, two_that_meet
+from ..pair_impact.rolling import or_roll, with_friction_at_rest
 from ..pair_impact.soft import soft
 
 
 class Done(NamedTuple):
-    """The output of a call: first and last state, the work of moving walls, and positions."""
+    """The output of a call: first and last state, the work of moving walls, and positions. With
+    friction also the rotation after it, and the energy taken.
+    """
 
     began: ClusterState
     end: ClusterState
     work: Array
     place: Array
+    turning: Turning | None = None
+    rubbed: Array | None = None
 
 
 class Entering(NamedTuple):
@@ -61,16 +66,18 @@ def row_hit(
     """Return the impact of a row as a function, and the bodies before it. Rows without an impact
     use two approaching bodies.
     """
-    place = two_that_meet(layout, facts.choice.time)
+    choice = facts.choice
+    place = two_that_meet(layout, choice.time)
     before = jax.tree.map(lambda a, b: jnp.where(counts, a, b), values.before, place)
 
     def strike(numbers: Numbers, before: Flying) -> ImpactOutcome:
         if rules.soft:
-            return soft(layout, numbers, before, facts.choice, tolerance, counts, by_formula)
-        outcome = hit_or_roll(layout, numbers, before, facts.choice)
+            outcome = soft(layout, numbers, before, choice, tolerance, counts, by_formula)
+        else:
+            outcome = hit(layout, numbers, before, choice)
         if layout.frictions is None:
             return outcome
-        choice = facts.choice
+        outcome = or_roll(layout, numbers, before, choice, outcome)
         return with_friction_at_rest(layout, numbers, choice, outcome, facts.support)[0]
 
     return strike, before
@@ -105,7 +112,10 @@ def row_call(
         )  # fmt: skip
         work = work_of_walls(layout, numbers, decided.seats, began, done)
         place = done.state.position[:members] + decided.seats.shift * numbers.period[None]
-        return Done(as_numbers(began), as_numbers(done.state), work, place)
+        support = walls_at_rest(layout, members, (at.end.closed > 0.5) & row.rest)
+        turning = turning_after(layout, numbers, decided.seats, done.state, support)[0]
+        states = as_numbers(began), as_numbers(done.state)
+        return Done(*states, work, place, turning, done.rubbed)
 
     return solve, Entering(at.spheres, at.held, at.began)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 
@@ -12,17 +10,28 @@ from ..._coupled.modes import NOT_CONVERGED as FAILED
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout
-from ..arrays.flight import Flying, at_once
-from ..pair_impact.instantaneous import Choice, ImpactOutcome
+from ..arrays.flight import at_once
+from ..pair_impact.instantaneous import Choice
 from .cluster_members import pace_of, select_members
 from .cluster_slots import index_of, member_change, slot_pairs
-from .coupled import Call, as_numbers, call, masses, meets, touching, work_of_walls
+from .coupled import (
+    Call,
+    as_numbers,
+    call,
+    masses,
+    meets,
+    touching,
+    walls_at_rest,
+    work_of_walls,
+)
+from .coupled_friction import spin_energy_lost, turning_after
 from .event_queue import stale_events
-from .log import ClusterDecisions, ClusterNumbers, LogDecisions, LogNumbers
+from .log import ClusterDecisions, ClusterNumbers, LogDecisions, LogNumbers, no_impact
 from .next_event import OUT_OF_DATE, in_cluster, simultaneous, without_cluster
 from .state import (
     ACCUMULATED,
     CROWDED,
+    FRICTION,
     NOT_CONVERGED,
     OVER,
     PATIENCE,
@@ -106,8 +115,9 @@ def step_cluster(
     flat = second >= members
     # At rest each sphere in contact is held by one wall.
     on_wall = after.closed & flat
-    walls = jnp.where(on_wall, second - members, -1)
-    resting = jnp.full(members, -1).at[first].max(walls)
+    resting = walls_at_rest(layout, members, after.closed)
+    supported = jnp.where(rest, resting, -1)
+    turning, bent = turning_after(layout, numbers, seats, after, supported)
     ends = apart | rest
     over = (status == TIME_IS_UP) & ~sooner
     failed = (status == FAILED) | ~jnp.isfinite(after.time)
@@ -116,15 +126,18 @@ def step_cluster(
     idle = jnp.where(after.time > state.now, 0, state.idle + 1)
     stop = jnp.where(over, OVER, jnp.where(idle > PATIENCE * count, ACCUMULATED, RUNNING))
     stop = jnp.where(company.crowded, CROWDED, stop)
+    stop = jnp.where(rest & jnp.any(bent), FRICTION, stop)
     stop = jnp.where(failed, NOT_CONVERGED, stop)
     position = after.position[:members] + seats.shift * numbers.period[None]
     # A bound on the energy stored in contacts: the missing kinetic energy plus the work received.
     mass = masses(layout, numbers, seats)
     motion = [jnp.sum(jnp.square(x.velocity[:members]), axis=-1) for x in (began, after)]
     missing = jnp.sum(mass * (motion[0] - motion[1])) / 2 + jnp.maximum(done.work, 0)
+    missing = missing + spin_energy_lost(layout, numbers, seats, began, after)
     reserve = jnp.maximum(jnp.where(coupling.starts, 0, coupling.reserve) + missing, 0)
     # During the solve nothing else happens to the spheres in it.
     time, later = jnp.broadcast_to(after.time, (members,)), rows_of(events, who)
+    columns = {} if turning is None else {"turning": turning}
     state = (
         state._replace(events=events)
         .replace_rows(
@@ -132,11 +145,12 @@ def step_cluster(
             position=position,
             velocity=after.velocity[:members],
             time=time,
-            support=jnp.where(rest, resting, -1),
+            support=supported,
             held=jnp.where(rest, latched, 0),
             count=counts + 1,
             owed=jnp.zeros(members, numbers.dtype),
             events=jax.tree.map(lambda a, b: jnp.where(ends, a, b), stale_events(time), later),
+            **columns,
         )
         ._replace(
             now=jnp.maximum(state.now, began.time),
@@ -145,16 +159,13 @@ def step_cluster(
             coupling=Coupling(~ends, no, no, coupling.choice, seats, coupling.pace, reserve, after),
         )
     )
-    zero = jnp.zeros((), numbers.dtype)
-    two = jnp.zeros((2, layout.dimensions), numbers.dtype)
-    nobody = Flying(two, two, jnp.zeros(2, numbers.dtype))
-    columns: dict[str, Any] = dict.fromkeys(ImpactOutcome._fields, zero)
-    columns |= {"after": nobody, "time": began.time, "sliding": None}
-    outcome = ImpactOutcome(**columns)
+    none, zero = no_impact(layout, numbers.dtype), jnp.zeros((), numbers.dtype)
+    outcome = none._replace(time=began.time)
     work = work_of_walls(layout, numbers, seats, began, done)
-    together = ClusterNumbers(spheres, held, as_numbers(began), as_numbers(after), work, done.error)
+    states = as_numbers(began), as_numbers(after)
+    together = ClusterNumbers(spheres, held, *states, work, done.error, turning, done.rubbed)
     blank, decided = jnp.full(2, -1), decided._replace(choice=None)
     called = ClusterDecisions(jnp.asarray(True), support, decided, ends, rest, status == PAUSED)
-    figures = LogNumbers(nobody, outcome, together)
+    figures = LogNumbers(none.after, outcome, together)
     facts = LogDecisions(coupling.choice, blank, no, jnp.full_like(zero, jnp.inf), called)
     return state, figures, facts, ~company.crowded

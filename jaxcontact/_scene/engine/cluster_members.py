@@ -65,6 +65,8 @@ def select_members(
     moves = numbers.inverse_mass[:count] > 0
     mass = jnp.where(moves, 1 / jnp.where(moves, numbers.inverse_mass[:count], 1), 0)
     kinetic = mass * jnp.sum(jnp.square(there.velocity), axis=-1) / 2
+    if numbers.rotation is not None and there.turning is not None:
+        kinetic = kinetic + numbers.rotation.energy(there.turning.spin)
     flying = jnp.sqrt(jnp.sum(jnp.square(there.velocity), axis=-1))
     pull = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity)))
     more = jnp.where(moves, 2 * pull * coupling.pace, 0)

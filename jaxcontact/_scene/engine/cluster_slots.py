@@ -177,10 +177,13 @@ def rearrange(state: ClusterState, change: MemberChange, members: int) -> Cluste
     walls = jnp.arange(members, state.position.shape[0])
     slots = jnp.concatenate([change.source, walls])
     vectors = {"position": state.position[slots], "velocity": state.velocity[slots]}
-    kept = {"time": state.time, **vectors}
+    kept: dict[str, Any] = {"time": state.time, **vectors, "rubbing": None}
     pairs = {
         name: value[change.pair_source]
         for name, value in state._asdict().items()
         if name not in kept
     }
+    if state.rubbing is not None:
+        spin, *springs = state.rubbing
+        kept["rubbing"] = Rubbing(spin[slots], *(x[change.pair_source] for x in springs))
     return ClusterState(**kept, **pairs)

@@ -24,6 +24,7 @@ from ..cluster.problem import ClusterEnd
 from ..cluster.scaled import MOST_STEPS, cluster, cluster_at_touch
 from ..pair_impact.instantaneous import Choice, meeting_of, two_that_meet
 from .cluster_slots import MemberChange, Slots, bodies_of, in_line, pairs_of, rearrange, slot_pairs
+from .coupled_friction import blank_rubbing, fresh_rubbing, joined_rubbing, pair_friction
 
 MOST = 8
 """The default capacity of a coupled solve in spheres."""
@@ -68,6 +69,13 @@ def meets(layout: SceneLayout, members: int, seats: Slots, choice: Choice) -> Bo
     one, other = bodies_of(layout, members, seats.who)
     straight = (choice.first == one) & (choice.second == other)
     return straight | ((choice.first == other) & (choice.second == one))
+
+
+def walls_at_rest(layout: SceneLayout, members: int, closed: Bool[Array, " P"]) -> Int[Array, " M"]:
+    """Return the wall that each sphere touches by the `closed` pairs, -1 for none."""
+    first, second = slot_pairs(layout, members)
+    walls = jnp.where(closed & jnp.asarray(second >= members), second - members, -1)
+    return jnp.full(members, -1).at[first].max(walls)
 
 
 def _resting(layout: SceneLayout, members: int, support: Int[Array, " M"]) -> Bool[Array, " P"]:
@@ -165,6 +173,7 @@ def call(
     since = jnp.zeros_like(start.since) + time
     start = start._replace(
         time=time,
+        rubbing=fresh_rubbing(layout, numbers, seats, there, support, rests),
         indentation=jnp.where(rests, sunk, start.indentation),
         latched=jnp.where(rests, rows_of(held, first), start.latched),
         rising=start.rising & ~rests,
@@ -175,8 +184,9 @@ def call(
         **{
             name: jnp.where(fresh, getattr(start, name), getattr(before, name))
             for name in ClusterState._fields
-            if name not in ("time", "position", "velocity")
-        }
+            if name not in ("time", "position", "velocity", "rubbing")
+        },
+        rubbing=joined_rubbing(start.rubbing, before.rubbing, came, fresh),
     )
     if pairs.away is not None:
         # The nearest image of an open pair may differ from that in the last call.
@@ -198,6 +208,9 @@ def call(
         law, contact, pairs, inverse, pull, begin, decided.until,
         rtol=rtol, v0=v0, until_change=True, drive=_drive(layout, numbers, seats, begin.time),
         in_line=in_line(layout), to_the_end=decided.to_the_end, max_steps=max_steps,
+        friction=pair_friction(
+            layout, numbers, seats, (one, other), decided.closed & fresh & ~rests & pairs.used
+        ),
     )  # fmt: skip
     # The exact time, without rounding, so that no further call is needed.
     over = jnp.where(end.status == TIME_IS_UP, decided.until, end.state.time)
@@ -297,9 +310,11 @@ def blank_state(layout: SceneLayout, members: int, dtype: Any) -> ClusterState:
     slots, pairs = members + layout.walls, slot_pairs(layout, members)[0].shape[0]
     vector, each = jnp.zeros((slots, layout.dimensions), dtype), jnp.zeros(pairs, dtype)
     flags = jnp.zeros(pairs, bool)
+    rubbing = blank_rubbing(layout, slots, pairs, dtype)
     return ClusterState(
-        jnp.zeros((), dtype), vector, vector, each, flags, flags, each, each, each, each, each
-    )
+        jnp.zeros((), dtype), vector, vector, each, flags, flags, each, each, each, each, each,
+        rubbing,
+    )  # fmt: skip
 
 
 def contact_energy(

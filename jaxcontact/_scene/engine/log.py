@@ -9,9 +9,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.scalars import Flag, Index, Number
+from ..._functions import spin_axes
 from ..arrays.arrays import SceneLayout
 from ..arrays.flight import Flying
-from ..arrays.turning import Turning, spin_axes
+from ..arrays.turning import Turning
 from ..cluster.equations import ClusterState
 from ..pair_impact.friction import SlipSpeeds
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
@@ -22,7 +23,8 @@ from .coupled import Call, as_numbers, blank_state
 class ClusterNumbers(NamedTuple):
     """The numbers of a call of the coupled solve. `spheres` are its members before it, with the v0
     `held` by those at rest. `began` and `end` are its first and last states, with flags as numbers.
-    `work` is that of moving walls in J, and `error` the estimated error in m/s.
+    `work` is that of moving walls in J, and `error` the estimated error in m/s. With friction,
+    `turning` is the rotation of the members after it, and `rubbed` the energy taken in J.
     """
 
     spheres: Flying
@@ -31,6 +33,8 @@ class ClusterNumbers(NamedTuple):
     end: ClusterState
     work: Any
     error: Any
+    turning: Turning | None = None
+    rubbed: Any = None
 
 
 class ClusterDecisions(NamedTuple):
@@ -92,14 +96,7 @@ class LoopOutcome(NamedTuple):
 
 def blank_log(rows: int, layout: SceneLayout, dtype: Any, members: int) -> Log:
     """Return a blank log with some rows, and with room for calls if there are `members`."""
-    dimensions = layout.dimensions
-    vector = jnp.zeros((rows, 2, dimensions), dtype)
-    pair, each = jnp.zeros((rows, 2), dtype), jnp.zeros(rows, dtype)
-    turning = sliding = None
-    if layout.frictions is not None:
-        spin, sliding = jnp.zeros((rows, 2, spin_axes(dimensions)), dtype), SlipSpeeds(each, each)
-        turning = Turning(spin, vector, spin, pair)
-    flying = Flying(vector, vector, pair, turning)
+    each = jnp.zeros(rows, dtype)
 
     def repeat(row: Any) -> Any:
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (rows, *jnp.shape(x))), row)
@@ -109,10 +106,20 @@ def blank_log(rows: int, layout: SceneLayout, dtype: Any, members: int) -> Log:
     if members:
         together, called = repeat(blank_calls(layout, members, dtype))
     facts = LogDecisions(choice, jnp.zeros((rows, 2), int) - 1, jnp.zeros(rows, bool), each, called)
-    columns: dict[str, Any] = dict.fromkeys(ImpactOutcome._fields, each)
-    columns |= {"after": flying, "sliding": sliding}
-    outcome = ImpactOutcome(**columns)
-    return Log(LogNumbers(flying, outcome, together), facts)
+    outcome = repeat(no_impact(layout, dtype))
+    return Log(LogNumbers(outcome.after, outcome, together), facts)
+
+
+def no_impact(layout: SceneLayout, dtype: Any) -> ImpactOutcome:
+    """Return a placeholder outcome of zeros."""
+    vector, zero = jnp.zeros((2, layout.dimensions), dtype), jnp.zeros((), dtype)
+    turning = sliding = None
+    if layout.frictions is not None:
+        spin, sliding = jnp.zeros((2, spin_axes(layout.dimensions)), dtype), SlipSpeeds(zero, zero)
+        turning = Turning(spin, vector, spin, vector[:, 0])
+    columns: dict[str, Any] = dict.fromkeys(ImpactOutcome._fields, zero)
+    columns |= {"after": Flying(vector, vector, vector[:, 0], turning), "sliding": sliding}
+    return ImpactOutcome(**columns)
 
 
 def blank_choice(layout: SceneLayout, dtype: Any) -> Choice:
@@ -134,7 +141,12 @@ def blank_calls(
     integers = jnp.zeros(members, int)
     seats, change = Slots(integers, integers > 0, vector), no_change(layout, members)
     decided = Call(no, None, seats, change, pairs, none, no)
-    together = ClusterNumbers(Flying(vector, vector, each), each, state, state, none, none)
+    turning = rubbed = None
+    if layout.frictions is not None:
+        spin = jnp.zeros((members, spin_axes(dimensions)), dtype)
+        turning, rubbed = Turning(spin, vector, spin, each), none
+    spheres = Flying(vector, vector, each, turning)
+    together = ClusterNumbers(spheres, each, state, state, none, none, turning, rubbed)
     return together, ClusterDecisions(no, integers - 1, decided, no, no, no)
 
 

@@ -21,10 +21,10 @@ from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import Flying, at_once, where_each
 from ..contact_times.cells import CellGrid
-from ..pair_impact.instantaneous import Choice, ImpactOutcome
+from ..pair_impact.instantaneous import Choice, ImpactOutcome, hit
 from ..pair_impact.rolling import (
     begins_to_roll,
-    hit_or_roll,
+    or_roll,
     turning_at_start,
     with_friction_at_rest,
 )
@@ -255,8 +255,7 @@ def _event(
         status=jnp.where(happens, met.status, state.status),
     )
     if rules.soft and state.coupling is None:
-        ends = CROWDED if layout.frictions is None else FRICTION
-        state = state._replace(status=jnp.where(starts, ends, state.status))
+        state = state._replace(status=jnp.where(starts, CROWDED, state.status))
     elif state.coupling is not None:
         met_then = choice._replace(time=outcome.time)
         coupling = start_cluster(layout, numbers, state.coupling, starts, met_then, outcome.closing)
@@ -286,19 +285,23 @@ def _solve_due(
     choice = _choice(layout, numbers, who, partner, before, support, now)
     if rules.soft:
         outcome = soft(layout, numbers, before, choice, tolerance, needed)
-        curves = jnp.asarray(False)
         alone = is_isolated(layout, numbers, rules, state, choice, outcome, now, tolerance)
         if numbers.start is not None:
             # Impacts that began before the run are known to be isolated.
             alone = alone | ((now < 0) & (outcome.status == 0))
         crowded = jnp.asarray(False)
+        if layout.frictions is not None:
+            outcome = or_roll(layout, numbers, before, choice, outcome)
+            alone = alone | begins_to_roll(layout, choice)
     else:
         choice = choice._replace(tail=_tail(layout, numbers, choice, before, tolerance))
-        outcome = hit_or_roll(layout, numbers, before, choice)
+        outcome = hit(layout, numbers, before, choice)
+        outcome = or_roll(layout, numbers, before, choice, outcome)
         alone = jnp.asarray(True)
         support, crowded = _supports(layout, numbers, choice, outcome)
-        if layout.frictions is not None:
-            outcome, curves = with_friction_at_rest(layout, numbers, choice, outcome, support)
+    curves = jnp.asarray(False)
+    if layout.frictions is not None:
+        outcome, curves = with_friction_at_rest(layout, numbers, choice, outcome, support)
 
     # An event of the partner that is not an impact does not compete.
     with_first = (events.partner[1] == who[0]) | (events.partner[1] < 0)

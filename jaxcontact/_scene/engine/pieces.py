@@ -84,14 +84,15 @@ def from_python(
 def _piece_by_piece(
     wanted: Rules, inputs: RunInputs, state: RunState, most: int | None, tell: Tell
 ) -> tuple[Rules, LoopOutcome]:
-    """Run one program repeatedly until all impacts are found. With many spheres or periodic axes
-    most scenes need no coupled solve. The program is then one without, until a coupled solve is
-    needed.
+    """Run one program repeatedly until all impacts are found. With many spheres, periodic axes or
+    friction most scenes need no coupled solve. The program is then one without, until a coupled
+    solve is needed.
     """
     layout, numbers, valid, end, tolerance = inputs
     rules = wanted
     within = numbers.start is not None and numbers.start.leans
-    if not all_fit(layout, rules.members) and not within:
+    lean = not all_fit(layout, rules.members) or layout.frictions is not None
+    if lean and not within:
         rules = Rules(rules.soft, rules.v0, 0)
     places = 0 if state.coupling is None else state.coupling.seats.who.shape[0]
     if not rules.members:

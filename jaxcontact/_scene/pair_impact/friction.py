@@ -18,14 +18,18 @@ from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Index, Number
 from ..._friction import AbstractFriction
 from ..._friction.base import Tangential, TangentialOutcome
+from ..._functions import cross, swept
 from ..arrays.arrays import Numbers, SceneLayout, contact_of, laws_of, least_speed
-from ..arrays.turning import cross, swept
 from ..bodies.mixed_law import one_of_each
 
 Lane = Float[Array, "..."]
 
 _AT_REST = 1e-8
 """The slip, relative to the closing speed, below which it only gives the direction's derivative."""
+
+
+_USUAL_RATIO = 14 / 17
+"""4G*/E* of two bodies with Poisson's ratio 0.3."""
 
 
 class SlipSpeeds(NamedTuple):
@@ -140,6 +144,22 @@ def coefficient_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) ->
     """Return the friction coefficient μ of bodies i and j."""
     assert numbers.rotation is not None and layout.frictions is not None
     each = jnp.stack([law.mu for law in numbers.rotation.laws])
+    if not layout.frictions:
+        return each[0]
+    return rows_of(each, layout.chosen(layout.frictions, i, j))
+
+
+def spring_ratio_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Number:
+    """Return the ratio κ of the tangential spring of bodies i and j in a coupled contact.
+
+    Laws without a ratio have that of the materials, or of Poisson's ratio 0.3 if these are unknown.
+    """
+    assert numbers.rotation is not None and layout.frictions is not None
+    usual, known = jnp.asarray(_USUAL_RATIO, numbers.dtype), _ratio_of(numbers, i, j)
+    if known is not None:
+        usual = jnp.where(known > 0, known, usual)
+    own = [getattr(law, "ratio", None) for law in numbers.rotation.laws]
+    each = jnp.stack([usual if ratio is None else ratio for ratio in own])
     if not layout.frictions:
         return each[0]
     return rows_of(each, layout.chosen(layout.frictions, i, j))

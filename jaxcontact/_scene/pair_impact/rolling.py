@@ -18,11 +18,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag
+from ..._functions import cross, swept
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying, at_once
-from ..arrays.turning import Turning, cross, free_turning, swept
+from ..arrays.turning import Turning, free_turning
 from .friction import coefficient_of, wall_drift
-from .instantaneous import Choice, ImpactOutcome, hit
+from .instantaneous import Choice, ImpactOutcome
 
 _ROUNDINGS = 64
 """The rounding errors of a speed below which a ball rolls."""
@@ -34,13 +35,13 @@ def begins_to_roll(layout: SceneLayout, choice: Choice) -> Flag:
     return (on >= 0) & (choice.second - layout.spheres == on)
 
 
-def hit_or_roll(
-    layout: SceneLayout, numbers: Numbers, before: Flying, choice: Choice
+def or_roll(
+    layout: SceneLayout, numbers: Numbers, before: Flying, choice: Choice, outcome: ImpactOutcome
 ) -> ImpactOutcome:
-    """Return an instantaneous impact, or the end of sliding of the first body, which has no
+    """Return the outcome of an impact, or the end of sliding of the first body, which has no
     impulse.
     """
-    outcome, turning = hit(layout, numbers, before, choice), before.turning
+    turning = before.turning
     if turning is None:
         return outcome
     rolls = begins_to_roll(layout, choice)
@@ -65,7 +66,7 @@ def with_friction_at_rest(
     second = jnp.minimum(choice.second, layout.spheres - 1)
     who = jnp.stack([choice.first, second])
     rolls = jnp.stack([begins_to_roll(layout, choice), jnp.asarray(False)])
-    turning, bent = _on_walls(layout, numbers, who, support, outcome.after, rolls)
+    turning, bent = on_walls(layout, numbers, who, support, outcome.after, rolls)
     # A wall has no row of its own.
     bent = bent & jnp.stack([jnp.asarray(True), choice.second < layout.spheres])
     return outcome._replace(after=outcome.after._replace(turning=turning)), jnp.any(bent)
@@ -81,7 +82,7 @@ def turning_at_start(layout: SceneLayout, numbers: Numbers) -> Turning | None:
     count = layout.spheres
     flying = Flying(numbers.position, numbers.velocity, jnp.zeros(count, numbers.dtype), turning)
     rolls = jnp.zeros(count, bool)
-    return _on_walls(layout, numbers, jnp.arange(count), numbers.start.support, flying, rolls)[0]
+    return on_walls(layout, numbers, jnp.arange(count), numbers.start.support, flying, rolls)[0]
 
 
 class Footing(NamedTuple):
@@ -122,7 +123,13 @@ def footing(
     return Footing(normal, slope, lever[:, None], mobility[:, None], level - turned, fast)
 
 
-def _on_walls(
+def slips(foot: Footing) -> Bool[Array, " M"]:
+    """Return which bodies slide, beyond rounding."""
+    speed, _ = _length_and_direction(foot.slip)
+    return speed > _ROUNDINGS * float(jnp.finfo(speed.dtype).eps) * foot.fast
+
+
+def on_walls(
     layout: SceneLayout,
     numbers: Numbers,
     who: Int[Array, " M"],
@@ -145,7 +152,7 @@ def _on_walls(
     speed, along = _length_and_direction(foot.slip)
     steep, down = _length_and_direction(foot.slope)
     eps = jnp.finfo(numbers.dtype).eps
-    still = rolls | (speed <= _ROUNDINGS * eps * foot.fast)
+    still = rolls | ~slips(foot)
     holds = steep <= foot.mobility[:, 0] * grip
     rolling = -foot.slope / foot.mobility
     sliding = -grip[:, None] * jnp.where(still[:, None], down, along)

@@ -24,7 +24,7 @@ def friction_at_rest(record: RunRecord, reached: Number) -> tuple[Number, Number
     sliding on them, in J.
     """
     layout, (figures, facts) = record.layout, record.log
-    if not layout.settles:
+    if not layout.walls or not (layout.settles or record.rules.members):
         zero = jnp.zeros((), record.numbers.dtype)
         return zero, zero
     choice, before = facts.choice, figures.before
@@ -33,6 +33,16 @@ def friction_at_rest(record: RunRecord, reached: Number) -> tuple[Number, Number
     counts = record.counts[:, None] & (who < layout.spheres)
     lasted = figures.outcome.time[:, None] - before.time
     parts = [(before, who, choice.support, lasted, counts)]
+    together = figures.coupled
+    if facts.call is not None and together is not None:
+        # Members of a coupled solve, until they join it.
+        called = facts.call
+        came = called.decided.change.joined | called.decided.starts[:, None]
+        joins = record.counts[:, None] & called.is_call[:, None] & called.decided.seats.present
+        lasted = together.began.time[:, None] - together.spheres.time
+        who = called.decided.seats.who
+        parts.append((together.spheres, who, called.support, lasted, joins & came))
+        parts[0] = (*parts[0][:-1], counts & ~called.is_call[:, None])
     last, everyone = last_impacts(record, reached[None]), jnp.arange(layout.spheres)[None]
     now = Flying(last.position, last.velocity, last.began, last.turning)
     parts.append((now, everyone, last.support, reached - last.began, jnp.ones_like(everyone, bool)))

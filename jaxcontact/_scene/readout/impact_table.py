@@ -12,7 +12,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.scalars import Index
 from ..arrays.arrays import Numbers, SceneLayout
+from ..cluster.equations import ClusterState
 from ..engine.cluster_slots import Slots, bodies_of, pairs_of, slot_pairs
+from ..engine.coupled_friction import slip_velocities, speeds_of
 from ..engine.log import ClusterDecisions, ClusterNumbers
 from ..pair_impact.rolling import begins_to_roll
 from ..result import Ending, Impacts, SolvedBy, nan_unless
@@ -151,6 +153,17 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
     e = jnp.where(rests, 0, parting / closing)
     duration = jnp.where(rests, jnp.inf, end.force_until - end.since)
     e, duration = (jnp.where(lasts, jnp.nan, x) for x in (e, duration))
+    sliding = (None, None)
+    if layout.frictions is not None:
+
+        def sliding_at(seats: Slots, state: ClusterState) -> Array:
+            pairs = pairs_of(layout, numbers, members, seats)
+            return slip_velocities(layout, numbers, seats, pairs, state)
+
+        at_start, at_end = (jax.vmap(sliding_at)(seats, state) for state in (began, end))
+        # The call in which a contact began starts at its touch, with the same slots.
+        at_touch = at_start[since, jnp.arange(since.shape[1])[None]]
+        sliding = speeds_of(at_touch, at_end)
     shape = opened.shape
     nothing = jnp.zeros(shape, numbers.dtype)
     columns = Impacts(
@@ -170,5 +183,6 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
         counts
         & (opened | ((rests | lasts) & ~_was_at_rest(layout, numbers, called, together, since))),
         (),
+        *sliding,
     )
     return jax.tree.map(lambda x: x.reshape(-1), columns)

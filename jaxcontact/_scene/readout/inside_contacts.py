@@ -89,10 +89,13 @@ def in_contacts(
         began = as_flags(run.began)
         return (run.spheres, facts.support, run.held, began, decided), inside
 
-    def lane(columns: tuple[Array, ...]) -> tuple[Array, Array, Array, Array]:
+    unturned = None if here.spin is None else jnp.zeros_like(here.spin[0])
+    blank = nobody, away, away, unturned
+
+    def lane(columns: tuple[Array, ...]) -> tuple:
         time, who, row, inside, *last = columns
         chosen, active = pair(row, time, who)
-        active = active & inside
+        active = active & inside & (layout.frictions is None)
         if last:
             coupled, goes_on = resume(last[0], time)
             is_call = who == count
@@ -100,7 +103,7 @@ def in_contacts(
             active = jnp.where(is_call, last[1] & goes_on, active)
         spheres, support, held, before, decided = chosen
 
-        def solve() -> tuple[Array, Array, Array, Array]:
+        def solve() -> tuple:
             seats = decided.seats
             state = call(
                 layout, numbers, members, spheres, support, held, before, decided.where(active),
@@ -110,11 +113,12 @@ def in_contacts(
             index = index_of(layout, seats)
             velocity = state.velocity[:members]
             place = state.position[:members] + seats.shift * numbers.period[None] + velocity * late
-            blank, rows = (nobody, away, away), (seats.present, place, velocity)
+            spin = None if state.rubbing is None else state.rubbing.spin[:members]
+            rows = seats.present, place, velocity, spin
             stored = contact_energy(layout, numbers, members, seats, state)
             return *with_rows(blank, index, rows), stored
 
-        return jax.lax.cond(active, solve, lambda: (nobody, away, away, nothing))
+        return jax.lax.cond(active, solve, lambda: (*blank, nothing))
 
     total = times.shape[0]
     inside = (times[:, None] < last.began) & (last.row >= 0)
@@ -122,8 +126,8 @@ def in_contacts(
     lanes, called, any_inside = count, (), jnp.any(inside)
     if together is not None and log.facts.call is not None:
         # The last lane holds no isolated impact.
-        lanes, blank = count + 1, jnp.zeros((total, 1), int)
-        columns = tuple(jnp.concatenate([x, blank.astype(x.dtype)], axis=1) for x in columns)
+        lanes, none = count + 1, jnp.zeros((total, 1), int)
+        columns = tuple(jnp.concatenate([x, none.astype(x.dtype)], axis=1) for x in columns)
         called = last_call(log, record.outcome.written, times)
         until, ends = rows_of((together.end.time, log.facts.call.ends), called[0])
         any_inside = any_inside | jnp.any(called[1] & ((times < until) | ~ends))
@@ -137,10 +141,10 @@ def in_contacts(
         any_inside,
         lambda: jax.lax.map(lane, given),
         lambda: jax.tree.map(
-            lambda x: jnp.zeros((total * lanes, *x.shape), x.dtype), (nobody, away, away, nothing)
+            lambda x: jnp.zeros((total * lanes, *x.shape), x.dtype), (*blank, nothing)
         ),
     )
-    who, place, speed, stored = jax.tree.map(
+    who, place, speed, spin, stored = jax.tree.map(
         lambda x: x.reshape(total, lanes, *x.shape[1:]), solved
     )
 
@@ -148,7 +152,9 @@ def in_contacts(
         holds = who[..., None]
         return jnp.where(jnp.any(holds, axis=1), jnp.sum(jnp.where(holds, new, 0), axis=1), old)
 
-    there = Kinematics(merge(here.position, place), merge(here.velocity, speed), jnp.sum(stored, 1))
+    turned = None if here.spin is None else merge(here.spin, spin)
+    moved = merge(here.position, place), merge(here.velocity, speed)
+    there = Kinematics(*moved, jnp.sum(stored, 1), turned)
     if together is None:
         return there
     rest = at_rest(record, last, here, times, jnp.any(who, axis=1))

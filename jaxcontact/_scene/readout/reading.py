@@ -96,7 +96,10 @@ def _contents(record: RunRecord, now: Any, rows: int | None) -> RunContents:
     work, sliding_loss = work_of(record, status, reached), None
     if record.layout.frictions is not None:
         carried, lost = friction_at_rest(record, reached)
-        work, sliding_loss = work + carried, lost + 0 * work
+        coupled, taken = record.log.figures.coupled, jnp.zeros_like(lost)
+        if coupled is not None:
+            taken = jnp.sum(jnp.where(record.counts, coupled.rubbed, 0))
+        work, sliding_loss = work + carried, lost + taken + 0 * work
     return RunContents(status, reached, now, impacts, nearest, total, work, sliding_loss)
 
 

@@ -103,11 +103,14 @@ def kinematics_at(record: RunRecord, times: Float[Array, " T"]) -> Kinematics:
         return kinematics_in_log(record, times)[0]
     last = last_impacts(record, times)
     here = _in_flight(record, times, last)
-    if record.layout.frictions is not None:
-        # The motion within a contact with friction is not solved.
-        inside = (times[:, None] < last.began) & (last.row >= 0)
-        return jax.tree.map(lambda x: nan_unless(x, _along_axes(~inside, x)), here)
-    return _with_prescribed(record, times, in_contacts(record, times, last, here))
+    frictional = record.layout.frictions is not None
+    if not frictional or record.rules.members:
+        here = _with_prescribed(record, times, in_contacts(record, times, last, here))
+    if not frictional:
+        return here
+    # The motion within an isolated contact with friction is not solved.
+    inside = (times[:, None] < last.began) & (last.row >= 0)
+    return jax.tree.map(lambda x: nan_unless(x, _along_axes(~inside, x)), here)
 
 
 def _along_axes(each: Bool[Array, "T N"], value: Array) -> Array:
@@ -223,7 +226,11 @@ def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
     entry = order[rank].reshape(wanted.shape)
     turning = turning_at_start(layout, numbers)
     if turning is not None:
-        parts = (turning, *(jax.tree.map(lambda x, k=k: x[:, k], after.turning) for k in (0, 1)))
+        parts = [turning, *(jax.tree.map(lambda x, k=k: x[:, k], after.turning) for k in (0, 1))]
+        if figures.coupled is not None and figures.coupled.turning is not None:
+            called = figures.coupled.turning
+            slots = range(called.until.shape[1])
+            parts += [jax.tree.map(lambda x, k=k: x[:, k], called) for k in slots]
         turning = jax.tree.map(lambda *column: jnp.concatenate(column)[entry], *parts)
     columns = (place, speed, began, support, pairs, held)
     there, fast, since, on, row, v0 = (jnp.concatenate(column)[entry] for column in columns)

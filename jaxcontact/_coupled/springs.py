@@ -12,9 +12,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._contact import Contact
-from .._coupled.modes import Flags, PerContact
+from .modes import Flags, PerContact
 
 Vectors = Float[Array, "m d"]
+
+SMALL = 1e-6
+"""The depth, in units of length, by which a contact with a tangential spring begins."""
 
 
 class SpringMotion(NamedTuple):
@@ -65,3 +68,33 @@ def spring_motion(
     turning = stick + (stiffness * along + limit[1])[:, None] * e
     hold = jnp.where(slides, -stiffness * along - limit[1], limit[0] - _length(force))
     return SpringMotion(jnp.where(slides[:, None], turning, stick), hold)
+
+
+def slides_at_touch(
+    ratio: Array, slip: Vectors, closing: PerContact, mu: Array, hardening: PerContact
+) -> Flags:
+    """Return which contacts slip from their touch. `hardening` is F/(K δⁿ) at a small depth.
+
+    The force grows as δⁿ and the spring force as κ u δⁿ/δ'.
+    """
+    return ratio * _length(slip) > mu * hardening * closing
+
+
+def settled_springs(
+    force: Vectors,
+    slip: Vectors,
+    limit: PerContact,
+    slide: PerContact,
+    events: tuple[Flags, Flags, Flags],
+) -> tuple[Vectors, PerContact]:
+    """Return springs, and 1 for contacts that slip, 0 for others, after events: the contacts that
+    touch, those that change between stick and slip, and those that slip from their touch.
+    """
+    touches, changes, slips = events
+    # A contact that comes to stick has the force at the limit.
+    stops = changes & (slide == 1)
+    held = friction_of(force, slip, limit, stops)
+    force = jnp.where((stops & ~touches)[:, None], held, force)
+    force = jnp.where(touches[:, None], 0, force)
+    slide = jnp.where(changes, 1 - slide, slide)
+    return force, jnp.where(touches, slips.astype(slide.dtype), slide)
