@@ -2,7 +2,8 @@
 
 Everything is in SI units. An end of a step is a touch, an opening, or a change between stick and
 slip of one contact. The forces are F = K δ^1.5 (1 + α δ'/v0), v0 the closing speed at touch, and
-the friction of one tangential spring with k = 1.5 κ K δ^0.5, |f| ≤ μF.
+the friction of one tangential spring with k = 1.5 κ K δ^0.5, |f| ≤ μF. With a ramp v_d it is
+-μF min(|u|/v_d, 1) u/|u| instead.
 """
 
 import dataclasses
@@ -42,6 +43,7 @@ class RubbingSpheres:
     kappa: float
     planes: tuple = ()
     shell: float | None = None
+    ramp: float | None = None
 
     def __post_init__(self):
         count = len(self.radius)
@@ -95,6 +97,8 @@ class RubbingSpheres:
                 force, friction = self.force(depth, rate, v0[k]), f[k]
                 if modes[k] == SLIPS:
                     friction = self.mu * force * self.along(f[k], slip)
+                if self.ramp is not None:
+                    friction = -self.mu * force * slip / max(np.linalg.norm(slip), self.ramp)
             found.append((depth, normal, bend, rate, slip, force))
             i, other = pair
             total, arm = force * normal + friction, self.radius[i] - depth / 2
@@ -110,7 +114,7 @@ class RubbingSpheres:
         for k, (pair, (depth, normal, bend, rate, slip, force)) in enumerate(
             zip(self.pairs, found, strict=True)
         ):
-            if modes[k] == APART or depth <= 0:
+            if modes[k] == APART or depth <= 0 or self.ramp is not None:
                 continue
             stiff = 1.5 * self.kappa * self.stiffness * depth**0.5
             springs[k] = -stiff * slip
@@ -171,7 +175,7 @@ class RubbingSpheres:
             if modes[pair] == APART:
                 v0[pair], force[pair] = rate, 0
                 grip = self.mu * (1 + self.alpha) * rate
-                mode = SLIPS if 1 * self.kappa * np.linalg.norm(slip) > grip else STICKS
+                mode = SLIPS if self.kappa * np.linalg.norm(slip) > grip else STICKS
             if mode == APART:
                 force[pair] = 0
             y[springs] = force.ravel()
@@ -187,6 +191,8 @@ class RubbingSpheres:
 
         opens.terminal, opens.direction = True, 1 if mode == APART else -1
         tests.append((opens, k, APART if mode != APART else None))
+        if self.ramp is not None:
+            return tests
         if mode == STICKS:
 
             def slips(t, y):
