@@ -7,7 +7,7 @@ import jax
 import pytest
 
 from docs.run_code import DOCS, digits, pages, run
-from jaxcontact._cli import _parser
+from jaxcontact._cli import _parser, main
 from jaxcontact._laws import registry as _registry
 
 # Pages whose code is run elsewhere: one has its own test, one is run by the script of its plots.
@@ -24,6 +24,27 @@ def test_the_code_prints_what_the_page_shows(page, monkeypatch):
         for block, printed in run(page):
             if block.shown is not None:
                 assert digits(printed) == digits(block.shown), f"line {block.line}"
+
+
+TABLE = re.compile(
+    r"^```csv\n(?P<table>.*?)^```$\n\n"
+    r"^```bash\n(?P<command>jaxcontact [^\n]*)\n```$\n\n"
+    r"^```text\n(?P<shown>.*?)^```$",
+    re.DOTALL | re.MULTILINE,
+)
+
+
+@pytest.mark.slow(reason="fits three friction laws; tests/test_cli/test_friction.py is quicker")
+def test_the_command_prints_what_the_page_shows(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    found = list(TABLE.finditer((DOCS / "commands.md").read_text(encoding="utf-8")))
+    assert found
+    for one in found:
+        _, *arguments = shlex.split(one["command"])
+        (tmp_path / arguments[1]).write_text(one["table"], encoding="utf-8")
+        with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+            assert main(arguments) == 0
+        assert digits(capsys.readouterr().out) == digits(one["shown"])
 
 
 def commands():
