@@ -34,6 +34,8 @@ if _TYPE_CHECKING:
     from ._friction import RegularizedCoulomb as RegularizedCoulomb
     from ._friction import RigidCoulomb as RigidCoulomb
     from ._friction import SpringSlider as SpringSlider
+    from ._friction import Tangential as Tangential
+    from ._friction import TangentialOutcome as TangentialOutcome
     from ._friction import WaltonFriction as WaltonFriction
     from ._friction import tangential_rebound as tangential_rebound
     from ._functions import power as power
@@ -121,8 +123,8 @@ _ROOMS = {
     ),
     "_contact": "Contact Material",
     "_friction": (
-        "AbstractFriction MawBarberFawcett RegularizedCoulomb RigidCoulomb SpringSlider "
-        "WaltonFriction tangential_rebound"
+        "AbstractFriction MawBarberFawcett RegularizedCoulomb RigidCoulomb SpringSlider Tangential "
+        "TangentialOutcome WaltonFriction tangential_rebound"
     ),
     "_functions": "power",
     "_export": "Export export",

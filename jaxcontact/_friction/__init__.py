@@ -1,6 +1,8 @@
 """Friction laws of contacts, and the tangential part of an impact in scaled units."""
 
 from .base import AbstractFriction as AbstractFriction
+from .base import Tangential as Tangential
+from .base import TangentialOutcome as TangentialOutcome
 from .coulomb import RigidCoulomb as RigidCoulomb
 from .coulomb import WaltonFriction as WaltonFriction
 from .maw_barber_fawcett import MawBarberFawcett as MawBarberFawcett

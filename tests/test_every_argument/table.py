@@ -32,6 +32,7 @@ EXEMPT = {
     r"Abstract(Law|HuntCrossley|Form|Friction|Method|Shape)(\..*)?\(.*\)": (
         "an interface to fill in"
     ),
+    r"Tangential(Outcome)?(\..*)?\(.*\)": "what the library and a friction law exchange",
     r"Sweep\.(coordinates|taken)\(.*\)": "called by the library",
     r"Sphere\.moved_to\(.*\)|Shell\.centre_at\(.*\)": "called by the library",
     r"(Sphere|Plane|Box|Shell)\.after\(.*\)": "called by the library",
