@@ -111,7 +111,8 @@ class AbstractFriction(eqx.Module):
       call it. Raises ValueError if the law has no solution for the normal force;
     - `along(problem, path)`, which is optional: slip and friction over time in scaled units, for
       `oblique_trajectory`. The `path` has `time`, `indentation`, `velocity` (from 1 to -e) and
-      `force`, scaled, with the moments along axis 0.
+      `force`, scaled, with the moments along axis 0;
+    - `uncovered(problem)`, which is optional: why a single problem has no outcome, for errors.
     """
 
     mu: eqx.AbstractVar[Float[Array, "..."]]
@@ -132,6 +133,13 @@ class AbstractFriction(eqx.Module):
 
     def along(self, problem: Tangential, path: NormalPath) -> tuple[Lane, Lane] | None:
         """Return slip and friction along a normal motion; None if the law has no force in time."""
+        return None
+
+    def uncovered(self, problem: Tangential) -> str | None:
+        """Return why a single valid problem has no outcome, in words; None if it has one.
+
+        It is called with concrete numbers, after `rebound` has returned NaN.
+        """
         return None
 
     @abc.abstractmethod

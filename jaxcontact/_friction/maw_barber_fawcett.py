@@ -14,7 +14,7 @@ from .._entry import (
     refuses_unknown,
 )
 from .base import AbstractFriction, Lane, NormalPath, Tangential, TangentialOutcome
-from .mbf_curve import full_sliding, in_table, mbf_curve
+from .mbf_curve import ALPHA, CHI, CHI_DAMPED, full_sliding, in_table, mbf_curve
 from .return_mapping import springs_along
 from .scaled import hertzian, spring_of
 
@@ -43,6 +43,18 @@ class MawBarberFawcett(AbstractFriction):
     @property
     def substeps(self) -> int:
         return 16
+
+    def uncovered(self, problem: Tangential) -> str | None:
+        chi, alpha = spring_of(self, problem).chi, problem.alpha
+        if alpha is None or bool(in_table(chi, alpha)):
+            return None
+        (low, high), (damped_low, damped_high) = CHI, CHI_DAMPED
+        return (
+            f"The table of `{type(self).__name__}` does not cover χ = λκ/2 = {float(chi):.4g} with "
+            f"α = {float(alpha):.4g}. It covers χ from {low:g} to {high:g} for α = 0, and from "
+            f"{damped_low:g} to {damped_high:g} for α up to {ALPHA:g} (e ≥ 0.5). `SpringSlider` "
+            "takes any χ and α."
+        )
 
     def along(self, problem: Tangential, path: NormalPath) -> tuple[Lane, Lane]:
         slip, force = springs_along(spring_of(self, problem), path)

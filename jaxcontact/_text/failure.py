@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable
 from typing import Any, ClassVar, Self, TypeVar
 
 import equinox as eqx
@@ -66,9 +67,15 @@ class Flagged:
         return f"{kind.name}. {kind.words}"
 
 
-def checked(result: Result, throw: bool, call: str) -> Result:
-    """Return a finished result; if `throw`, raise NumericalError for a single failed one."""
+def checked(
+    result: Result, throw: bool, call: str, reason: Callable[[Result], str | None] | None = None
+) -> Result:
+    """Return a finished result; if `throw`, raise NumericalError for a single failed one.
+
+    `reason` is called for a failed one only, and says more than its status; None if it cannot.
+    """
     # Equinox would take as long to bind a method as to solve an impact.
     if throw and (why := type(result)._why(result)):
+        why = (None if reason is None else reason(result)) or why
         raise NumericalError(f"`{call}` failed: {why} `throw=False` returns it flagged.")
     return result

@@ -42,7 +42,7 @@ EXEMPT = {
     r"(Prescribed|simulate)\(args\)": "whatever the functions take",
     r"LowPass\.(read|correlation)\(.*\)": "called by the library",
     r"RegularizedCoulomb\.force\(.*\)": "called by the library",
-    r".*\.(rebound|along|has_formula)\(.*\)": "called by the library",
+    r".*\.(rebound|along|has_formula|uncovered)\(.*\)": "called by the library",
     r"RoundBodies\.(arms|mobility|require_mass)\(.*\)": "called by the library",
     r"systems\.from_mjx\(.*\)": "needs MJX, which the tests of engines have",
     r"(Steady|Vibration|Prescribed)\.(start|along|after)\(.*\)": "called by the library",

@@ -292,3 +292,36 @@ def test_numbers_out_of_range_are_named():
     ):
         with pytest.raises(ValueError, match="Argument"):
             make()
+
+
+@pytest.mark.parametrize(
+    ("ratio", "law", "chi", "alpha"),
+    [
+        # Between the ranges with and without damping, below both, and too strongly damped.
+        (1.02, jc.HuntCrossley(e=0.9), "1.785", "0.15"),
+        (0.4, jc.Hertz(), "0.7", "0"),
+        (0.8, jc.HuntCrossley(e=0.02), "1.4", "1.47"),
+    ],
+)
+def test_an_impact_outside_of_the_table_is_told_with_its_numbers(ratio, law, chi, alpha):
+    contact = jc.Contact(mass=0.05, stiffness=1e7, exponent=1.5)
+    friction = jc.MawBarberFawcett(0.2, ratio)
+    words = (
+        f"INVALID_INPUT. The table of `MawBarberFawcett` does not cover χ = λκ/2 = {chi} with "
+        f"α = {alpha}. It covers χ from 0.8 to 1.8 for α = 0, and from 1 to 1.75 for α up to 1.433"
+    )
+    with pytest.raises(jc.NumericalError) as error:
+        jc.oblique_impact(law, contact, 2.0, 0.5, friction=friction)
+    assert words in str(error.value) and "`SpringSlider`" in str(error.value)
+    flagged = jc.oblique_impact(law, contact, 2.0, 0.5, friction=friction, throw=False)
+    assert flagged.status == int(jc.Status.INVALID_INPUT)
+    # Full sliding is known for every χ, and a batch is flagged lane by lane.
+    both = jc.oblique_impact(law, contact, 2.0, jnp.array([0.5, 50.0]), friction=friction)
+    assert list(both.ok) == [False, True]
+
+
+def test_other_failures_keep_their_words():
+    contact = jc.Contact(mass=0.05, stiffness=1e7, exponent=1.5)
+    friction = jc.MawBarberFawcett(jnp.asarray(-1.0), 0.1)
+    with pytest.raises(jc.NumericalError, match="A parameter is out of its range"):
+        jc.oblique_impact(jc.Hertz(), contact, 2.0, 0.5, friction=friction)
