@@ -24,14 +24,12 @@ Exponent = float | Float[Array, "..."]
 class Tangential(NamedTuple):
     """The tangential problem u' = -λ f of an impact in scaled units, u the slip velocity.
 
-    Lengths are in units of X, speeds in units of v0, forces in units of m v0²/X. All fields are
-    numbers or arrays whose shapes broadcast, and have no unit but `speed`:
+    The fields are numbers or arrays whose shapes broadcast, and have no unit but `speed`:
 
     - `slip`: u0 ≥ 0, the slip speed at touch over v0.
     - `mobility`: λ = 1 + m (R1²/I1 + R2²/I2), 7/2 for solid spheres.
     - `restitution`: e of the normal motion, whose impulse is 1 + e.
-    - `alpha`: α of a normal force xⁿ (1 + α x'), None for other forces.
-    - `exponent`: n, a Python number if it is known before compilation.
+    - `alpha`, `exponent`: of a normal force xⁿ (1 + α x'); α is None for other forces.
     - `ratio`: κ, the tangential stiffness of the contact over the normal one; None if unknown.
     - `speed`: v0, the normal closing speed in m/s.
     """
@@ -45,10 +43,7 @@ class Tangential(NamedTuple):
     speed: Lane
 
     def after_sliding(self, mu: Lane) -> Lane:
-        """Return the slip after sliding throughout, u0 - λ μ (1 + e), for every normal law.
-
-        A negative value means that the contact point stops before the end.
-        """
+        """Return the slip after sliding throughout, u0 - λ μ (1 + e), for every normal law."""
         return self.slip - self.mobility * mu * (1 + self.restitution)
 
 
@@ -57,13 +52,11 @@ class TangentialOutcome(NamedTuple):
 
     The tangential impulse is (u0 - u')/λ. Arrays have the shape of the problem, and no unit:
 
-    - `slip`: u' over v0, negative if the contact point has reversed. Lanes that are NaN are flagged
-      as `Status.INVALID_INPUT`.
+    - `slip`: u' over v0, negative after a reversal, NaN without an outcome.
     - `slid`: True where the contact point slid throughout.
     - `stop`, `start`: the normal velocities over v0, from 1 at touch to -e, at which the first
       sliding ends and the last one begins; None if the law does not say.
-    - `margin`: |u0/u_jump - 1|, the distance to a jump of the outcome or of its slope; None without
-      jumps.
+    - `margin`: |u0/u_jump - 1|, how near the outcome or its slope is to a jump; None without jumps.
     - `converged`: False where the solve failed; None if the law is a formula.
     """
 
@@ -103,16 +96,12 @@ class NormalPath(NamedTuple):
 class AbstractFriction(eqx.Module):
     """A friction law: the slip u' of the contact point after an impact, from u0, λ and e.
 
-    A subclass has the friction coefficient `mu` μ, and its other numbers as fields; all are leaves.
-    It defines
+    A subclass has the coefficient `mu` μ and its other numbers as fields, and defines
 
-    - `rebound(problem)`: the `TangentialOutcome` of a `Tangential` problem, as JAX operations on
-      arrays that broadcast. `oblique_impact`, scenes with instantaneous or soft impacts, and fits
-      call it. Raises ValueError if the law has no solution for the normal force;
-    - `along(problem, path)`, which is optional: slip and friction over time in scaled units, for
-      `oblique_trajectory`. The `path` has `time`, `indentation`, `velocity` (from 1 to -e) and
-      `force`, scaled, with the moments along axis 0;
-    - `uncovered(problem)`, which is optional: why a single problem has no outcome, for errors.
+    - `rebound(problem)`: the `TangentialOutcome` of a `Tangential` problem of arrays, without `if`;
+    - optionally `along(problem, path)`: slip and friction over time, for `oblique_trajectory`. The
+      path has scaled `time`, `indentation`, `velocity` (1 to -e) and `force`, moments on axis 0;
+    - optionally `uncovered(problem)`: why a problem has no outcome, for the error.
     """
 
     mu: eqx.AbstractVar[Float[Array, "..."]]
@@ -136,10 +125,7 @@ class AbstractFriction(eqx.Module):
         return None
 
     def uncovered(self, problem: Tangential) -> str | None:
-        """Return why a single valid problem has no outcome, in words; None if it has one.
-
-        It is called with concrete numbers, after `rebound` has returned NaN.
-        """
+        """Return why a single concrete problem has no outcome, in words; None if it has one."""
         return None
 
     @abc.abstractmethod

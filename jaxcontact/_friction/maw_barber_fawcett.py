@@ -48,12 +48,11 @@ class MawBarberFawcett(AbstractFriction):
         chi, alpha = spring_of(self, problem).chi, problem.alpha
         if alpha is None or bool(in_table(chi, alpha)):
             return None
-        (low, high), (damped_low, damped_high) = CHI, CHI_DAMPED
         return (
             f"The table of `{type(self).__name__}` does not cover χ = λκ/2 = {float(chi):.4g} with "
-            f"α = {float(alpha):.4g}. It covers χ from {low:g} to {high:g} for α = 0, and from "
-            f"{damped_low:g} to {damped_high:g} for α up to {ALPHA:g} (e ≥ 0.5). `SpringSlider` "
-            "takes any χ and α."
+            f"α = {float(alpha):.4g}. It covers χ from {CHI[0]} to {CHI[1]} for α = 0, and from "
+            f"{CHI_DAMPED[0]:g} to {CHI_DAMPED[1]:g} for α up to {ALPHA:g} (e ≥ 0.5). "
+            "`SpringSlider` takes any χ and α."
         )
 
     def along(self, problem: Tangential, path: NormalPath) -> tuple[Lane, Lane]:

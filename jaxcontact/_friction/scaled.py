@@ -20,7 +20,6 @@ class HasSpring(Protocol):
     @property
     def ratio(self) -> Lane | None:
         """The stiffness ratio κ; None for that of the contact."""
-        ...
 
 
 def spring_of(law: HasSpring, problem: Tangential) -> ScaledSpring:

@@ -68,14 +68,11 @@ class Flagged:
 
 
 def checked(
-    result: Result, throw: bool, call: str, reason: Callable[[Result], str | None] | None = None
+    result: Result, throw: bool, call: str, reason: Callable[[], str | None] = lambda: None
 ) -> Result:
-    """Return a finished result; if `throw`, raise NumericalError for a single failed one.
-
-    `reason` is called for a failed one only, and says more than its status; None if it cannot.
-    """
+    """Return a result; if `throw`, raise NumericalError with the `reason` of a single failure."""
     # Equinox would take as long to bind a method as to solve an impact.
     if throw and (why := type(result)._why(result)):
-        why = (None if reason is None else reason(result)) or why
+        why = reason() or why
         raise NumericalError(f"`{call}` failed: {why} `throw=False` returns it flagged.")
     return result

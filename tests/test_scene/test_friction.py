@@ -389,3 +389,17 @@ def test_laws_with_a_spring_take_their_stiffness_from_the_materials(friction, ra
     run = go(jc.Scene([ball, wall], jc.ExactRestitution(e=0.98), friction=friction), 0.01)
     np.testing.assert_allclose(run.velocity[-1, 0, 0] / velocity[0], ratio, rtol=1e-6)
     np.testing.assert_allclose(run.spin[-1, 0], spin, rtol=1e-6)
+
+
+@pytest.mark.parametrize("instantaneous", [True, False], ids=["instantaneous", "soft"])
+def test_an_impact_outside_of_the_table_of_its_law_ends_the_run(instantaneous):
+    ball = jc.Sphere(0.1, 0.5, [0.0, 0.2], [0.3, -2.0])
+    wall = jc.Plane([0.0, 0.0], [0.0, 1.0])
+    friction = jc.MawBarberFawcett(0.2, 0.3)  # χ = 0.525
+    scene = jc.Scene([ball, wall], jc.HuGuo(e=0.7), friction=friction, stiffness=1e6)
+    with pytest.raises(jc.NumericalError, match=r"`MawBarberFawcett` for χ.*`SpringSlider`"):
+        jc.simulate(scene, 0.1, instantaneous=instantaneous)
+    run = jc.simulate(scene, 0.1, times=[0.04, 0.1], instantaneous=instantaneous, throw=False)
+    assert run.status == int(jc.Ending.FRICTION_NOT_MODELLED)
+    np.testing.assert_allclose(run.reached, 0.05, rtol=FORMULA)
+    assert bool(jnp.isfinite(run.velocity[0]).all()) and bool(jnp.isnan(run.velocity[1]).all())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
@@ -61,25 +60,24 @@ def oblique_impact(
 
     Returns an `ObliqueImpact`. Lanes fail as in `impact`. Raises ValueError for a Python scalar out
     of range, a spin without radii and a spring without a stiffness ratio. It also raises it for a
-    friction law that has no solution for the normal force. For a single impact outside of the table
-    of `MawBarberFawcett`, NumericalError names χ, α and the range. Source: Maw, Barber & Fawcett
-    (1976), doi 10.1016/0043-1648(76)90201-5, and the references of the friction laws.
+    friction law that has no solution for the normal force. Source: Maw, Barber & Fawcett (1976),
+    doi 10.1016/0043-1648(76)90201-5, and the references of the friction laws.
     """
     given = given_of(law, contact, velocity, tangential_velocity, friction, bodies, spin)
     throw = require_flag("throw", throw)
     result = _oblique(given, method_of(method))
-    return checked(result, throw, "oblique_impact", functools.partial(_uncovered, given))
+    return checked(result, throw, "oblique_impact", lambda: _uncovered(given, result))
 
 
 def _uncovered(given: Given, result: ObliqueImpact) -> str | None:
     """Return why a friction law has no outcome, in words; None if the failure is another one."""
-    given = uniform(given)
+    given, normal = uniform(given), result.normal
     sliding = sliding_of(given)
-    if not bool(sliding.valid) or int(result.normal.status) != Status.SEPARATED:
+    if not sliding.valid or normal.status != int(Status.SEPARATED):
         return None
-    lanes, e = lanes_of(given.problem), result.normal.restitution
-    why = given.friction.uncovered(sliding.problem(lanes, e, given.ratio))
-    return None if why is None else f"{Status(int(result.status)).name}. {why}"
+    lanes = lanes_of(given.problem)
+    why = given.friction.uncovered(sliding.problem(lanes, normal.restitution, given.ratio))
+    return why and f"{Status(int(result.status)).name}. {why}"
 
 
 @program

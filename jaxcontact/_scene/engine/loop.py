@@ -325,7 +325,7 @@ def _solve_due(
     stuck = jnp.where(stuck, ACCUMULATED, RUNNING)
     status = jnp.where(crowded, TWO_SUPPORTS, stuck)
     if layout.frictions is not None:
-        status = jnp.where(curves, FRICTION, status)
+        status = jnp.where(curves | (outcome.status != 0), FRICTION, status)
     return _SolvedImpact(
         before, choice, outcome, support, met + 1, rival, tied, idle, status, alone
     )

@@ -84,7 +84,7 @@ def friction_impulse(
     closing: Number,
     restitution: Number,
 ) -> tuple[Lane, SlipSpeeds, Flag]:
-    """Return the impulse (D,) on body i in N s, the slip speeds, and whether the law converged."""
+    """Return the impulse (D,) on body i in N s, the slip speeds, and whether the law has one."""
     # A closing speed of zero has no impulse.
     speed = jnp.maximum(closing, least_speed(numbers))
     square, least = jnp.sum(jnp.square(slip)), jax.lax.stop_gradient(_AT_REST * speed)
@@ -112,8 +112,8 @@ def friction_impulse(
 
         def rebound(problem: Tangential) -> tuple[Number, Flag]:
             outcome: TangentialOutcome = law.rebound(problem)
-            fine = True if outcome.converged is None else outcome.converged
-            return outcome.slip, jnp.asarray(fine)
+            fine = jnp.isfinite(outcome.slip)
+            return outcome.slip, fine if outcome.converged is None else fine & outcome.converged
 
         return rebound
 
