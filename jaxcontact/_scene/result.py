@@ -35,9 +35,9 @@ class Ending(WordedEnum):
     )
     FRICTION_NOT_MODELLED = (
         8,
-        "Friction acts between three bodies, at rest on a soft contact or along a curve: try "
-        "`instantaneous=True`. Or a law has no outcome, as `MawBarberFawcett` for χ = λκ/2 outside "
-        "of 1 to 1.75, or for e below 0.5: try `SpringSlider`.",
+        "A ball at rest on a slope slides across it, or a friction law has no outcome, as "
+        "`MawBarberFawcett` for χ = λκ/2 outside of 1 to 1.75, or for e below 0.5: try "
+        "`SpringSlider`.",
     )
 
 

@@ -111,7 +111,7 @@ class RubbingSpheres:
                 arm = self.radius[other] - depth / 2
                 twist[other] += moment(arm * normal, -friction) / self.inertia[other]
         springs = np.zeros_like(f)
-        for k, (pair, (depth, normal, bend, rate, slip, force)) in enumerate(
+        for k, (pair, (depth, normal, bend, rate, slip, _)) in enumerate(
             zip(self.pairs, found, strict=True)
         ):
             if modes[k] == APART or depth <= 0 or self.ramp is not None:
@@ -128,7 +128,7 @@ class RubbingSpheres:
     def grows(self, y, pair, push, depth, normal, rate, v0):
         """dF/dt."""
         i, other = pair
-        x, v, _, _ = self.split(y)
+        v = self.split(y)[1]
         second = push[i] - (0 if isinstance(other, tuple) else push[other])
         bend = self.geometry(y, pair)[2]
         relative = v[i] - (0 if isinstance(other, tuple) else v[other])
@@ -149,7 +149,7 @@ class RubbingSpheres:
 
     def run(self, x, v, w, duration, tolerance=1e-12):
         """Positions, velocities and spins at the end, and the number of events."""
-        count, dim = np.shape(x)
+        dim = np.shape(x)[1]
         y = np.concatenate(
             [np.ravel(x), np.ravel(v), np.ravel(w), np.zeros(len(self.pairs) * dim)]
         ).astype(float)
@@ -170,7 +170,7 @@ class RubbingSpheres:
             events += 1
             hit = next(k for k, times in enumerate(out.t_events) if len(times))
             _, pair, mode = tests[hit]
-            depth, normal, bend, rate, slip = self.geometry(y, self.pairs[pair])
+            rate, slip = self.geometry(y, self.pairs[pair])[3:]
             force = y[springs].reshape(-1, dim)
             if modes[pair] == APART:
                 v0[pair], force[pair] = rate, 0

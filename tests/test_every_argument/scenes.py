@@ -72,6 +72,8 @@ def cases() -> dict[str, Case]:
                 "material": MATERIALS,
                 "fixed": FLAG,
                 "motion": NONE,
+                "spin": THREE | NONE,
+                "inertia": POSITIVE | NONE,
             },
         ),
         "Plane": Case(
@@ -110,6 +112,7 @@ def cases() -> dict[str, Case]:
                 "exponent": frozenset({"one and a half"}),
                 "gravity": THREE | NONE,
                 "periodic": frozenset({"tuple"}) | NONE,
+                "friction": NONE,
             },
         ),
         "simulate": Case(

@@ -150,9 +150,10 @@ def test_in_a_small_cell_each_pair_has_its_own_images():
             reserve=now,
             state=SimpleNamespace(closed=blank.closed),
         )
-        state = SimpleNamespace(**spheres._asdict(), support=nowhere, coupling=coupling)
+        columns = spheres._asdict()
+        state = SimpleNamespace(**columns, flying=spheres, support=nowhere, coupling=coupling)
         company = select_members(layout, numbers, 3, state, now)
-        seated = Flying(*(x[company.seats.who] for x in spheres))
+        seated = jax.tree.map(lambda x: x[company.seats.who], spheres)
         return company, touching(layout, numbers, 3, company.seats, seated, nowhere, now)
 
     company, touches = met(place, velocity, 0.0)

@@ -1,6 +1,5 @@
 """Coupled contacts with friction: beside an integration by SciPy, their invariants, and rest."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -25,7 +24,8 @@ SPEED, SPIN = np.array([[2.0, 0.3], [0.0, 0.0], [0.0, 0.0]]), np.array([20.0, -5
 
 
 def spheres(radius, mass, place, speed, spin):
-    return [jc.Sphere(*one[:4], spin=one[4]) for one in zip(radius, mass, place, speed, spin)]
+    numbers = zip(radius, mass, place, speed, spin, strict=True)
+    return [jc.Sphere(r, m, x, v, spin=w) for r, m, x, v, w in numbers]
 
 
 def oracle(radius, mass, gravity, **more):

@@ -13,7 +13,7 @@ from ..._coupled.clock import ContactClock
 from ..._coupled.field import TIME, WORK, AbstractCoupledField, Grip, Look, LoopRules, Settled, W
 from ..._coupled.modes import Flags, Modes, Units
 from ..._coupled.scalars import Index, Number
-from ..._coupled.springs import SMALL, SpringMotion, settled_springs, slides_at_touch
+from ..._coupled.springs import SMALL, SpringMotion, settled_springs
 from .equations import Geometry, PerBody, PerPair, Pushes, Touching, incidence_of
 from .friction import Spins, spring_pairs
 from .problem import ClusterProblem, scale_drive
@@ -21,11 +21,11 @@ from .rest import rest_of
 
 
 class Rubbed(NamedTuple):
-    """The part of a state that friction adds: spins, spring forces, and the energy it has taken."""
+    """The part of a state that friction adds: spins, spring forces, and the energies taken."""
 
     spin: Spins
     spring: PerBody
-    taken: Number
+    taken: PerPair
 
 
 class VectorLayout(NamedTuple):
@@ -51,7 +51,7 @@ class VectorLayout(NamedTuple):
         taken = [lost] if self.damped else []
         turning = []
         if rubbed is not None:
-            turning = [rubbed.spin.ravel(), rubbed.spring.ravel(), rubbed.taken[None]]
+            turning = [rubbed.spin.ravel(), rubbed.spring.ravel(), rubbed.taken]
         return jnp.concatenate([moved.ravel(), velocity.ravel(), *turning, *taken, jnp.stack(rest)])
 
     def moved(self, y: Array) -> PerBody:
@@ -66,11 +66,10 @@ class VectorLayout(NamedTuple):
             return None
         first = 2 * self.bodies * self.dim
         spins, springs = self.bodies * self.axes, self.pairs * self.dim
-        spin, spring, taken = jnp.split(
-            y[first : first + spins + springs + 1], [spins, spins + springs]
-        )
+        part = y[first : first + spins + springs + self.pairs]
+        spin, spring, taken = jnp.split(part, [spins, spins + springs])
         spring = spring.reshape(self.pairs, self.dim)
-        return Rubbed(spin.reshape(self.bodies, self.axes), spring, taken[0])
+        return Rubbed(spin.reshape(self.bodies, self.axes), spring, taken)
 
     def lost(self, y: Array) -> PerPair:
         if not self.damped:
@@ -114,7 +113,7 @@ class ClusterField(AbstractCoupledField):
             assert friction is not None
             twist = friction.twist(at.depth, at.normal, rub.force)
             springs = self._spring_motion(at, turning[1], pushes, force, modes).rate
-            taken = -jnp.sum(rub.force * rub.slip)
+            taken = -jnp.sum(rub.force * rub.slip, axis=1)
             rubbed = Rubbed(pace * twist, pace * springs, pace * taken)
         moving = pace * velocity, pace * pushes.acceleration
         return self.parts.pack(*moving, rubbed, pace * lost, rest)
@@ -171,9 +170,7 @@ class ClusterField(AbstractCoupledField):
         small = jnp.full_like(at.depth, SMALL)
         stiff = contact.stiffness * (units.length * small) ** contact.exponent
         hardening = units.force * self.force(small, at.rate, modes) / stiff
-        slips = slides_at_touch(numbers.ratio, slip, at.rate, numbers.mu, hardening)
-        if numbers.ramp is not None:
-            slips = slips & (numbers.ramp <= 0)
+        slips = system.friction.slips_at_touch(slip, at.rate, hardening)
         events = touches, changes, slips
         springs, slide = settled_springs(rubbed.spring, slip, limit, before, events)
         changed = modes.closed & (slide != before) | touches
@@ -214,7 +211,7 @@ class ClusterField(AbstractCoupledField):
         energy = self.system.kinetic(velocity) + jnp.sum(self.system.stored(depth, modes))
         rubbed, friction = self.parts.rubbed(y), self.system.friction
         if rubbed is not None and friction is not None:
-            energy = energy + friction.energy(rubbed.spin) + rubbed.taken
+            energy = energy + friction.energy(rubbed.spin) + jnp.sum(rubbed.taken)
         return energy + jnp.sum(self.parts.lost(y))
 
 

@@ -28,6 +28,7 @@ from ..._coupled.springs import (
     SpringMotion,
     Vectors,
     friction_of,
+    slides_at_touch,
     spring_motion,
     tangential_stiffness,
 )
@@ -37,13 +38,14 @@ Spins = Float[Array, "bodies axes"]
 
 
 class Rubbing(NamedTuple):
-    """The state of friction in SI units: spins (M, S), the spring forces (P, D) on first bodies, and
-    1 for pairs that slip, 0 for others.
+    """The state of friction in SI units: spins (M, S), the spring forces (P, D) on the first of two
+    bodies, 1 for pairs that slip, 0 for others, and the energy taken since the touch.
     """
 
     spin: Spins
     spring: Vectors
     slides: PerContact
+    taken: PerContact
 
 
 class PairFriction(NamedTuple):
@@ -113,15 +115,24 @@ class SpringPairs(NamedTuple):
     def force(self, spring: Vectors, slip: Vectors, normal: PerContact, modes: Modes) -> Vectors:
         """Return the friction of the closed pairs with the `normal` forces."""
         assert modes.slide is not None
-        limit, ramp = self.numbers.mu * normal, self.numbers.ramp
-        force = friction_of(spring, slip, limit, modes.slide == 1)
+        limit, ramp, slides = self.numbers.mu * normal, self._ramp, modes.slide == 1
+        force = friction_of(spring, slip, limit, slides)
         if ramp is not None:
-            ramp = ramp / self.units.speed
-            # The larger square is not zero, so that the root has a derivative at rest.
-            square = jnp.maximum(jnp.sum(jnp.square(slip), axis=1), jnp.square(ramp))
-            pace = jnp.sqrt(jnp.where(ramp > 0, square, 1))
+            pace = jnp.where(slides, _pace(slip), jnp.where(ramp > 0, ramp, 1))
             force = jnp.where((ramp > 0)[:, None], -(limit / pace)[:, None] * slip, force)
         return jnp.where(modes.closed[:, None], force, 0)
+
+    @property
+    def _ramp(self) -> PerContact | None:
+        """The speeds v_d in units of the cluster."""
+        ramp = self.numbers.ramp
+        return None if ramp is None else ramp / self.units.speed
+
+    def slips_at_touch(self, slip: Vectors, closing: PerContact, hardening: PerContact) -> Flags:
+        """Return which pairs slip from their touch; see `slides_at_touch`."""
+        slips = slides_at_touch(self.numbers.ratio, slip, closing, self.numbers.mu, hardening)
+        ramp = self._ramp
+        return slips if ramp is None else jnp.where(ramp > 0, _pace(slip) > ramp, slips)
 
     def twist(self, depth: PerContact, normal: Vectors, force: Vectors) -> Spins:
         """Return the rates of the spins."""
@@ -147,17 +158,25 @@ class SpringPairs(NamedTuple):
         stiffness = jnp.where(modes.closed, stiffness * (units.length / units.force), 0)
         limits = (mu * limit[0], mu * limit[1])
         motion = spring_motion(spring, slip, stiffness, limits, modes.slide == 1)
-        if self.numbers.ramp is None:
+        ramp = self._ramp
+        if ramp is None:
             return motion
-        ramped = self.numbers.ramp > 0
-        rate = jnp.where(ramped[:, None], 0, motion.rate)
-        return SpringMotion(rate, jnp.where(ramped, 1, motion.hold))
+        # Beyond the ramp the pair slips; on it no spring acts.
+        beyond = _pace(slip) - ramp
+        hold = jnp.where(modes.slide == 1, beyond, -beyond)
+        rate = jnp.where((ramp > 0)[:, None], 0, motion.rate)
+        return SpringMotion(rate, jnp.where(ramp > 0, hold, motion.hold))
 
     def energy(self, spin: Spins) -> Number:
         """Return ½ Σ I ω²."""
         turns = self.turn > 0
         inertia = jnp.where(turns, 1 / jnp.where(turns, self.turn, 1), 0)
         return jnp.sum(inertia[:, None] * jnp.square(spin)) / 2
+
+
+def _pace(slip: Vectors) -> PerContact:
+    square = jnp.sum(jnp.square(slip), axis=1)
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
 
 
 def spring_pairs(

@@ -62,7 +62,9 @@ def _start(solve: _ClusterSolve) -> CoupledStart:
     rubbing, friction, rubbed = state.rubbing, solve.problem.friction, None
     if rubbing is not None and friction is not None:
         spin = friction.radius[:, None] * rubbing.spin / units.speed
-        rubbed = Rubbed(spin, rubbing.spring / units.force, zero)
+        # The last event may have been the touch of a pair.
+        taken = jnp.where(state.since < state.time, rubbing.taken, 0)
+        rubbed = Rubbed(spin, rubbing.spring / units.force, taken / units.energy)
         modes = modes._replace(slide=rubbing.slides)
     y = parts.pack(jnp.zeros_like(velocity), velocity, rubbed, lost, [zero, zero, zero])
     if friction is not None:
@@ -119,7 +121,7 @@ def _rubbing_at(solve: _ClusterSolve, end: Carry) -> Rubbing | None:
     if rubbed is None or friction is None or slides is None:
         return None
     spin = units.speed * rubbed.spin / friction.radius[:, None]
-    return Rubbing(spin, units.force * rubbed.spring, slides)
+    return Rubbing(spin, units.force * rubbed.spring, slides, units.energy * rubbed.taken)
 
 
 def _assess(
@@ -141,6 +143,8 @@ def _assess(
     free = (problem.inverse_mass > 0)[:, None]
     mass = jnp.where(free, 1 / jnp.where(free, problem.inverse_mass[:, None], 1), 0)
     gain = jnp.sum(mass * solve.frame * (done.velocity - problem.state.velocity))
-    work, rubbed = units.energy * end.y[WORK] + gain, solve.field.parts.rubbed(end.y)
-    taken = None if rubbed is None else units.energy * rubbed.taken
+    work, parts = units.energy * end.y[WORK] + gain, solve.field.parts
+    rubbed, start, taken = parts.rubbed(end.y), parts.rubbed(first.y), None
+    if rubbed is not None and start is not None:
+        taken = units.energy * jnp.sum(rubbed.taken - start.taken)
     return ClusterEnd(done, work, status, end.steps, error, error * units.speed, taken)

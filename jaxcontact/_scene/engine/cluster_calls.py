@@ -133,7 +133,8 @@ def step_cluster(
     mass = masses(layout, numbers, seats)
     motion = [jnp.sum(jnp.square(x.velocity[:members]), axis=-1) for x in (began, after)]
     missing = jnp.sum(mass * (motion[0] - motion[1])) / 2 + jnp.maximum(done.work, 0)
-    missing = missing + spin_energy_lost(layout, numbers, seats, began, after)
+    if layout.frictions is not None:
+        missing = missing + spin_energy_lost(layout, numbers, seats, began, after)
     reserve = jnp.maximum(jnp.where(coupling.starts, 0, coupling.reserve) + missing, 0)
     # During the solve nothing else happens to the spheres in it.
     time, later = jnp.broadcast_to(after.time, (members,)), rows_of(events, who)

@@ -85,14 +85,15 @@ def fresh_rubbing(
     still = jnp.zeros((layout.walls, spin_axes(layout.dimensions)), dtype)
     spin = jnp.concatenate([there.turning.spin, still])
     count = first.shape[0]
+    each = jnp.zeros(count, dtype)
     if not layout.walls:
-        return Rubbing(spin, jnp.zeros((count, layout.dimensions), dtype), jnp.zeros(count, dtype))
+        return Rubbing(spin, jnp.zeros((count, layout.dimensions), dtype), each, each)
     inverse = rows_of(numbers.inverse_mass, who)
     force = there.turning.drag / jnp.where(inverse > 0, inverse, 1)[:, None]
     moves = slips(footing(layout, numbers, who, jnp.maximum(support, 0), there))
     spring = jnp.where(rests[:, None], rows_of(force, first), 0)
     slides = rests & rows_of(moves, first)
-    return Rubbing(spin, spring, slides.astype(dtype))
+    return Rubbing(spin, spring, slides.astype(dtype), each)
 
 
 def joined_rubbing(
@@ -105,6 +106,7 @@ def joined_rubbing(
         jnp.where(came, fresh.spin, before.spin),
         jnp.where(new[:, None], fresh.spring, before.spring),
         jnp.where(new, fresh.slides, before.slides),
+        jnp.where(new, fresh.taken, before.taken),
     )
 
 
@@ -114,7 +116,8 @@ def blank_rubbing(layout: SceneLayout, slots: int, pairs: int, dtype: type) -> R
         return None
     spin = jnp.zeros((slots, spin_axes(layout.dimensions)), dtype)
     spring = jnp.zeros((pairs, layout.dimensions), dtype)
-    return Rubbing(spin, spring, jnp.zeros(pairs, dtype))
+    each = jnp.zeros(pairs, dtype)
+    return Rubbing(spin, spring, each, each)
 
 
 def turning_after(
@@ -142,10 +145,9 @@ def turning_after(
 
 def spin_energy_lost(
     layout: SceneLayout, numbers: Numbers, seats: Slots, began: ClusterState, end: ClusterState
-) -> Number | float:
+) -> Number:
     """Return the energy of rotation that the members lose in a call, in J."""
-    if began.rubbing is None or end.rubbing is None or numbers.rotation is None:
-        return 0.0
+    assert began.rubbing is not None and end.rubbing is not None and numbers.rotation is not None
     who, members = jnp.minimum(seats.who, layout.spheres - 1), seats.who.shape[0]
     turns = rows_of(numbers.rotation.inverse_inertia, who)
     counts = seats.present & (turns > 0)

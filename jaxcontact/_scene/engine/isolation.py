@@ -13,6 +13,7 @@ from ..._coupled.scalars import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import at_once
 from ..bodies.side import side
+from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
 from .state import Rules, RunState
 
@@ -105,9 +106,9 @@ def is_isolated(
         if layout.walls:
             face = numbers.normal[jnp.clip(choice.second - count, 0)]
             # Gravity along a wall has no effect. For gravity normal to it the pair solution uses v0
-            # at touch. So does every impact with friction.
+            # at touch. So does the formula of a friction law.
             weight = jnp.sum(face * pull[who[0]])
-            at_touch = rules.v0 == "touch" or layout.frictions is not None
+            at_touch = rules.v0 == "touch" or not is_followed(numbers)
             bend = jnp.where(is_wall, face * (0 if at_touch else weight), bend)
         alone = alone & jnp.all(bend == 0)
     return alone & jnp.all(choice.support < 0)

@@ -18,9 +18,11 @@ from jaxtyping import Array, Int
 
 from ..._coupled.rows import rows_of, with_row
 from ..._coupled.scalars import Flag, Index, Number
+from ..._impact import Status
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import Flying, at_once, where_each
 from ..contact_times.cells import CellGrid
+from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice, ImpactOutcome, hit
 from ..pair_impact.rolling import (
     begins_to_roll,
@@ -291,8 +293,12 @@ def _solve_due(
             alone = alone | ((now < 0) & (outcome.status == 0))
         crowded = jnp.asarray(False)
         if layout.frictions is not None:
+            # A law without an outcome ends the run.
             outcome = or_roll(layout, numbers, before, choice, outcome)
             alone = alone | begins_to_roll(layout, choice)
+            alone = alone | (outcome.status == int(Status.INVALID_INPUT))
+            if is_followed(numbers):
+                alone = alone & (outcome.error <= 2 * tolerance)
     else:
         choice = choice._replace(tail=_tail(layout, numbers, choice, before, tolerance))
         outcome = hit(layout, numbers, before, choice)

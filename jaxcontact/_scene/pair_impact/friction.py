@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Index, Number
-from ..._friction import AbstractFriction
+from ..._friction import AbstractFriction, RegularizedCoulomb
 from ..._friction.base import Tangential, TangentialOutcome
 from ..._functions import cross, swept
 from ..arrays.arrays import Numbers, SceneLayout, contact_of, laws_of, least_speed
@@ -147,6 +147,12 @@ def coefficient_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) ->
     if not layout.frictions:
         return each[0]
     return rows_of(each, layout.chosen(layout.frictions, i, j))
+
+
+def is_followed(numbers: Numbers) -> bool:
+    """Return whether all friction laws act alike in isolated and in coupled contacts."""
+    laws = () if numbers.rotation is None else numbers.rotation.laws
+    return all(law.held == "force" or type(law) is RegularizedCoulomb for law in laws)
 
 
 def spring_ratio_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Number:

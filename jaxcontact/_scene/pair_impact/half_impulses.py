@@ -111,7 +111,7 @@ class HalfImpulses(NamedTuple):
             wall_work=outcome.wall_work + driven,
             error=outcome.error + jax.lax.stop_gradient(self._doubt(outcome, turned, whole)),
             sliding=sliding,
-            status=jnp.where(bad, int(Status.NOT_CONVERGED), outcome.status),
+            status=jnp.where(bad, int(Status.INVALID_INPUT), outcome.status),
         )
 
     def _second(self, after: Flying) -> Lane:

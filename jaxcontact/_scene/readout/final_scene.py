@@ -47,6 +47,7 @@ def final_start(choice: None, record: RunRecord) -> Start:
             since=state.since - time,
             force_until=state.force_until - time,
             lost=zero,
+            rubbing=None if state.rubbing is None else state.rubbing._replace(taken=zero),
         ),
     )
     return Start(last.support, last.held, contacts, underway, rules.soft)

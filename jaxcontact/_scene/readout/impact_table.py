@@ -123,6 +123,15 @@ def _isolated_impacts(record: RunRecord) -> Impacts:
     )  # fmt: skip
 
 
+def taken_beside(record: RunRecord) -> Array:
+    """Return the energy in J that friction takes in coupled contacts that are not in the table."""
+    together = record.log.figures.coupled
+    assert together is not None and together.end.rubbing is not None
+    every, counted = _coupled_contacts(record), together.end.rubbing.taken.reshape(-1)
+    total = jnp.sum(jnp.where(record.counts, together.rubbed, 0))
+    return total - jnp.sum(jnp.where(every.valid, counted, 0))
+
+
 def _coupled_contacts(record: RunRecord) -> Impacts:
     """Return the contacts that ended or came to rest in coupled solves, without lasting rest."""
     layout, numbers, is_call = record.layout, record.numbers, record.calls
@@ -153,8 +162,9 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
     e = jnp.where(rests, 0, parting / closing)
     duration = jnp.where(rests, jnp.inf, end.force_until - end.since)
     e, duration = (jnp.where(lasts, jnp.nan, x) for x in (e, duration))
-    sliding = (None, None)
-    if layout.frictions is not None:
+    lost, sliding = end.lost, (None, None)
+    if end.rubbing is not None:
+        lost = lost + end.rubbing.taken
 
         def sliding_at(seats: Slots, state: ClusterState) -> Array:
             pairs = pairs_of(layout, numbers, members, seats)
@@ -175,7 +185,7 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
         e,
         duration,
         end.max_force,
-        end.lost,
+        lost,
         nothing,
         jnp.full(shape, int(SolvedBy.COUPLED)),
         _doubt(together, is_call, since) / closing,

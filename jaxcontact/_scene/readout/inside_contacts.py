@@ -16,6 +16,7 @@ from ..arrays.turning import Turning
 from ..engine.cluster_slots import Slots, all_fit, empty_slots, in_line, index_of, joins, no_change
 from ..engine.coupled import Call, as_flags, blank_state, call, contact_energy, meets
 from ..engine.log import last_call
+from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice
 from ..run_record import RunRecord
 
@@ -95,7 +96,7 @@ def in_contacts(
     def lane(columns: tuple[Array, ...]) -> tuple:
         time, who, row, inside, *last = columns
         chosen, active = pair(row, time, who)
-        active = active & inside & (layout.frictions is None)
+        active = active & inside & is_followed(numbers)
         if last:
             coupled, goes_on = resume(last[0], time)
             is_call = who == count

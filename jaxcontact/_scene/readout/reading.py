@@ -15,7 +15,7 @@ from ..._program import derived, quick
 from ..result import Impacts, States, traced
 from ..run_record import RunRecord
 from .friction_at_rest import friction_at_rest
-from .impact_table import table_of
+from .impact_table import table_of, taken_beside
 from .states import states_as_numpy, states_at, states_in_log, states_in_log_as_numpy, states_of
 from .straddling import clip_to_run
 from .wall_work import work_of
@@ -96,10 +96,9 @@ def _contents(record: RunRecord, now: Any, rows: int | None) -> RunContents:
     work, sliding_loss = work_of(record, status, reached), None
     if record.layout.frictions is not None:
         carried, lost = friction_at_rest(record, reached)
-        coupled, taken = record.log.figures.coupled, jnp.zeros_like(lost)
-        if coupled is not None:
-            taken = jnp.sum(jnp.where(record.counts, coupled.rubbed, 0))
-        work, sliding_loss = work + carried, lost + taken + 0 * work
+        if record.calls is not None:
+            lost = lost + taken_beside(record)
+        work, sliding_loss = work + carried, lost + 0 * work
     return RunContents(status, reached, now, impacts, nearest, total, work, sliding_loss)
 
 

@@ -17,6 +17,7 @@ from ..arrays.arrays import SceneLayout
 from ..arrays.flight import accelerations
 from ..engine.cluster_slots import slot_pairs
 from ..engine.log import Log, last_call
+from ..pair_impact.friction import is_followed
 from ..pair_impact.rolling import turning_at_start
 from ..result import States, nan_unless
 from ..run_record import RunRecord
@@ -103,12 +104,12 @@ def kinematics_at(record: RunRecord, times: Float[Array, " T"]) -> Kinematics:
         return kinematics_in_log(record, times)[0]
     last = last_impacts(record, times)
     here = _in_flight(record, times, last)
-    frictional = record.layout.frictions is not None
-    if not frictional or record.rules.members:
+    followed = is_followed(record.numbers)
+    if followed or record.rules.members:
         here = _with_prescribed(record, times, in_contacts(record, times, last, here))
-    if not frictional:
+    if followed:
         return here
-    # The motion within an isolated contact with friction is not solved.
+    # The motion within an isolated contact whose friction is a formula is not solved.
     inside = (times[:, None] < last.began) & (last.row >= 0)
     return jax.tree.map(lambda x: nan_unless(x, _along_axes(~inside, x)), here)
 
