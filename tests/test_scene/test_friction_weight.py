@@ -11,11 +11,14 @@ BEFORE = {
 }
 """Instructions and programs of first calls, counted before scenes had friction."""
 
+MORE = 1
+"""One comparison has come with the events of stick and slip, in the loop of soft contacts."""
+
 
 @pytest.mark.skipif(not counted_here(), reason="instructions are counted at other versions")
 def test_scenes_without_friction_are_as_light_as_before():
     with imported() as run:
         for name, (instructions, programs) in BEFORE.items():
             found = weight(PROGRAMS[name], run)
-            assert found["instructions"] <= instructions, (name, found)
+            assert found["instructions"] <= instructions + MORE, (name, found)
             assert found["programs"] <= programs, (name, found)

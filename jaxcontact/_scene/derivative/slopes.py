@@ -22,8 +22,8 @@ from ..arrays.flight import Flying
 from ..arrays.turning import Rotation, Turning
 from ..cluster.equations import ClusterState
 from ..cluster.scaled import MOST_STEPS
-from ..engine.cluster_slots import in_place, index_of
-from ..engine.coupled import as_flags, as_numbers, call, walls_at_rest, work_of_walls
+from ..engine.cluster_slots import in_place, index_of, slot_pairs
+from ..engine.coupled import as_flags, as_numbers, call, walls_under, work_of_walls
 from ..engine.coupled_friction import turning_after
 from ..engine.event_queue import in_branch
 from ..engine.log import Log, LogDecisions, LogNumbers
@@ -112,7 +112,8 @@ def row_call(
         )  # fmt: skip
         work = work_of_walls(layout, numbers, decided.seats, began, done)
         place = done.state.position[:members] + decided.seats.shift * numbers.period[None]
-        support = walls_at_rest(layout, members, (at.end.closed > 0.5) & row.rest)
+        on_wall = (at.end.closed > 0.5) & row.rest & (slot_pairs(layout, members)[1] >= members)
+        support = walls_under(layout, members, on_wall)
         turning = turning_after(layout, numbers, decided.seats, done.state, support)[0]
         states = as_numbers(began), as_numbers(done.state)
         return Done(*states, work, place, turning, done.rubbed)

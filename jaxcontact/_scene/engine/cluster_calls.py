@@ -21,7 +21,7 @@ from .coupled import (
     masses,
     meets,
     touching,
-    walls_at_rest,
+    walls_under,
     work_of_walls,
 )
 from .coupled_friction import spin_energy_lost, turning_after
@@ -115,7 +115,7 @@ def step_cluster(
     flat = second >= members
     # At rest each sphere in contact is held by one wall.
     on_wall = after.closed & flat
-    resting = walls_at_rest(layout, members, after.closed)
+    resting = walls_under(layout, members, on_wall)
     supported = jnp.where(rest, resting, -1)
     turning, bent = turning_after(layout, numbers, seats, after, supported)
     ends = apart | rest
@@ -126,7 +126,8 @@ def step_cluster(
     idle = jnp.where(after.time > state.now, 0, state.idle + 1)
     stop = jnp.where(over, OVER, jnp.where(idle > PATIENCE * count, ACCUMULATED, RUNNING))
     stop = jnp.where(company.crowded, CROWDED, stop)
-    stop = jnp.where(rest & jnp.any(bent), FRICTION, stop)
+    if turning is not None:
+        stop = jnp.where(rest & jnp.any(bent), FRICTION, stop)
     stop = jnp.where(failed, NOT_CONVERGED, stop)
     position = after.position[:members] + seats.shift * numbers.period[None]
     # A bound on the energy stored in contacts: the missing kinetic energy plus the work received.

@@ -71,10 +71,10 @@ def meets(layout: SceneLayout, members: int, seats: Slots, choice: Choice) -> Bo
     return straight | ((choice.first == other) & (choice.second == one))
 
 
-def walls_at_rest(layout: SceneLayout, members: int, closed: Bool[Array, " P"]) -> Int[Array, " M"]:
-    """Return the wall that each sphere touches by the `closed` pairs, -1 for none."""
+def walls_under(layout: SceneLayout, members: int, on_wall: Bool[Array, " P"]) -> Int[Array, " M"]:
+    """Return the wall of each sphere by its pairs `on_wall`, all with walls; -1 for none."""
     first, second = slot_pairs(layout, members)
-    walls = jnp.where(closed & jnp.asarray(second >= members), second - members, -1)
+    walls = jnp.where(on_wall, second - members, -1)
     return jnp.full(members, -1).at[first].max(walls)
 
 
