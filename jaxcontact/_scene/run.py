@@ -43,8 +43,9 @@ class Run(Flagged, eqx.Module):
     - `impacts`, `margin`, `status`: see `Impacts`, `Margin` and `Ending`. `ok`: if COMPLETED.
     - `reached`: the time in s up to which the values hold.
     - `wall_work`: the work in J of moving walls, fixed spheres and shells on the others. The final
-      energy equals the initial energy plus `wall_work` less the impact losses and, with friction,
-      less `sliding_loss`, the energy in J lost by sliding on walls at rest.
+      energy equals the initial energy plus `wall_work` less the impact losses and `sliding_loss`.
+    - `sliding_loss`: the energy in J lost by sliding outside of impacts, as on walls at rest. None
+      without friction.
 
     `at(times)` returns the state at any times. `final` is the scene at the end, from which another
     run continues.

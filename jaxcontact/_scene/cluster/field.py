@@ -199,8 +199,8 @@ class ClusterField(AbstractCoupledField):
         turning, twist = self.parts.rubbed(y), self.parts.rubbed(toward)
         if turning is not None and twist is not None:
             turns = turning.spin, twist.spin / pace
-            both = zip(moving, turns, strict=True)
-            moving = tuple(jnp.concatenate(pair, axis=1) for pair in both)
+            speeds, paces = zip(moving, turns, strict=True)
+            moving = jnp.concatenate(speeds, axis=1), jnp.concatenate(paces, axis=1)
         along = now.rate, now.second
         return rest_of(self.system, modes.closed, along, moving, self.tolerance)
 

@@ -5,7 +5,7 @@ leaves by a flag. Otherwise the bodies near a contact are gathered into the slot
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +15,7 @@ from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag
 from ..arrays.arrays import Numbers, SceneLayout
 from ..cluster.equations import ClusterPairs, ClusterState
+from ..cluster.friction import Rubbing
 
 
 class Slots(NamedTuple):

@@ -63,9 +63,10 @@ def _ramps(
     if not any(isinstance(law, RegularizedCoulomb) for law in laws):
         return None
     each = jnp.stack([law.v_d if isinstance(law, RegularizedCoulomb) else none for law in laws])
-    if not layout.frictions:
+    table = layout.frictions
+    if not table:
         return jnp.broadcast_to(each[0], one.shape)
-    return jax.vmap(lambda i, j: rows_of(each, layout.chosen(layout.frictions, i, j)))(one, other)
+    return jax.vmap(lambda i, j: rows_of(each, layout.chosen(table, i, j)))(one, other)
 
 
 def fresh_rubbing(
@@ -127,8 +128,8 @@ def turning_after(
     state: ClusterState,
     support: Int[Array, " M"],
 ) -> tuple[Turning | None, Bool[Array, " M"]]:
-    """Return the rotation of the members after a call, with friction where they rest on walls by
-    `support`; and which of them slide along a curve, for which there is no formula.
+    """Return the rotation of the members after a call, and which of them slide along a curve, for
+    which there is no formula. `support` are the walls on which they rest.
     """
     members = seats.who.shape[0]
     if state.rubbing is None:
@@ -152,8 +153,8 @@ def spin_energy_lost(
     turns = rows_of(numbers.rotation.inverse_inertia, who)
     counts = seats.present & (turns > 0)
     inertia = jnp.where(counts, 1 / jnp.where(counts, turns, 1), 0)
-    squares = (jnp.square(x.rubbing.spin[:members]) for x in (began, end))
-    before, after = (jnp.sum(square, axis=1) for square in squares)
+    spins = began.rubbing.spin[:members], end.rubbing.spin[:members]
+    before, after = (jnp.sum(jnp.square(spin), axis=1) for spin in spins)
     return jnp.sum(inertia * (before - after)) / 2
 
 

@@ -6,14 +6,15 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.scalars import Number
 from ..._coupled.stored_energy import stored_energy
 from ..._program import quick
-from ..arrays.arrays import known_contact_of, law_of
+from ..arrays.arrays import Numbers, known_contact_of, law_of
 from ..arrays.flight import Flying, accelerations
 from ..bodies.side import side
-from ..pair_impact.instantaneous import meeting_of, two_that_meet
+from ..pair_impact.instantaneous import meeting_of, second_velocity, two_that_meet
 from ..result import States
 from ..run_record import RunRecord
 from .states import last_impacts
@@ -35,7 +36,9 @@ def clip_to_run(record: RunRecord, ends: States) -> RunRecord:
     inside = (row >= 0) & is_first & (ends.time[:, None] < began)
     inside = inside & (ends.time <= record.ending()[1])[:, None]
 
-    def loss_and_work(k: Array, on: Array, time: Array, position: Array, velocity: Array) -> Array:
+    def loss_and_work(
+        k: Array, on: Array, time: Array, position: Array, velocity: Array, spin: Array | None
+    ) -> Array:
         choice, before = jax.tree.map(
             lambda x: x[jnp.maximum(k, 0)], (log.facts.choice, log.figures.before)
         )
@@ -59,7 +62,13 @@ def clip_to_run(record: RunRecord, ends: States) -> RunRecord:
             weight = jnp.sum(state.position * numbers.gravity[None], axis=-1)
             return jnp.sum(mass * (jnp.sum(jnp.square(state.velocity), axis=-1) / 2 - weight))
 
-        drives = jnp.where(is_wall, meeting.driven * meeting.normal, touch.velocity[1])
+        carried, lost_spin = meeting.driven * meeting.normal, 0.0
+        if numbers.rotation is not None and touch.turning is not None and spin is not None:
+            carried = second_velocity(layout, numbers, choice, meeting)
+            turned = spin.reshape(-1, touch.turning.spin.shape[-1])[seen]
+            lost_spin = _rotation(numbers, who, free, touch.turning.spin)
+            lost_spin = lost_spin - _rotation(numbers, who, free, turned)
+        drives = jnp.where(is_wall, carried, touch.velocity[1])
         drives = jnp.where(is_wall | ~free[1], drives, 0)
         pull = accelerations(layout, numbers, who[:1], choice.support[:1])[0]
         gained = mass[0] * (here.velocity[0] - touch.velocity[0] - pull * passed)
@@ -76,11 +85,11 @@ def clip_to_run(record: RunRecord, ends: States) -> RunRecord:
         contact = known_contact_of(layout, numbers, choice.first, choice.second)
         law = law_of(layout, numbers, choice.first, choice.second)
         stored = stored_energy(law, contact, jnp.where(on, depth, 0), meeting.closing)
-        lost = energy(touch) + work - energy(here) - stored
+        lost = energy(touch) + work - energy(here) - stored + lost_spin
         return jnp.where(on, jnp.stack([lost, work]), 0)
 
-    each = jax.vmap(jax.vmap(loss_and_work, in_axes=(0, 0, None, None, None)))
-    done = each(row, inside, ends.time, ends.position, ends.velocity)
+    each = jax.vmap(jax.vmap(loss_and_work, in_axes=(0, 0, None, None, None, None)))
+    done = each(row, inside, ends.time, ends.position, ends.velocity, ends.spin)
     place = jnp.where(inside, row, rows)
     outcome = log.figures.outcome
     full = jnp.stack([outcome.energy_loss, outcome.wall_work], axis=1)
@@ -88,3 +97,13 @@ def clip_to_run(record: RunRecord, ends: States) -> RunRecord:
     outcome = outcome._replace(energy_loss=part[:, 0], wall_work=part[:, 1])
     log = log._replace(figures=log.figures._replace(outcome=outcome))
     return dataclasses.replace(record, outcome=record.outcome._replace(log=log))
+
+
+def _rotation(
+    numbers: Numbers, who: Int[Array, "2"], free: Bool[Array, "2"], spin: Float[Array, "2 S"]
+) -> Number:
+    """Return ½ Σ I ω² of the free ones of two bodies, in J."""
+    assert numbers.rotation is not None
+    turns = jnp.where(free, numbers.rotation.inverse_inertia[who], 0)
+    inertia = jnp.where(turns > 0, 1 / jnp.where(turns > 0, turns, 1), 0)
+    return jnp.sum(inertia * jnp.sum(jnp.square(spin), axis=1)) / 2
