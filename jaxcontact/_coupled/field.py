@@ -141,8 +141,11 @@ class AbstractCoupledField(abc.ABC):
 
     def afresh(self, y: Array, modes: Modes) -> tuple[Look, Look]:
         """Return the quantities of a state after a change of its modes, and their rates in time."""
-        # Called only for fields whose modes hold grips, which define it.
-        raise NotImplementedError
+        # With w = ½ the variable of the clock is time.
+        clock = ContactClock(jnp.asarray(True), jnp.zeros_like(modes.closed))
+        y = y.at[W].set(0.5)
+        toward = self.rate(y, modes, clock)
+        return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
 
     def hidden(
         self, lasts: Number, before: Look, after: Look, modes: Modes, leaving: Flags, noise: Any
@@ -174,9 +177,9 @@ class AbstractCoupledField(abc.ABC):
         self, y: Array, modes: Modes, clock: ContactClock, toward: Array
     ) -> tuple[Look, Look]:
         """Return the quantities of one state, and their slopes along `toward`."""
-        if self.rules.peak:
+        if self.rules.peak or self.rules.sticks:
             return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
-        # No event needs the slope of δ''.
+        # No event needs the slope of δ'' or of a grip.
         now, pace = self.look(y, modes, clock), 2 * y[W]
         slopes = (pace * now.rate, pace * now.second)
         force = self.force_slope(modes, (now.depth, now.rate), slopes)

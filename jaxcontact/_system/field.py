@@ -199,20 +199,6 @@ class SystemField(AbstractCoupledField):
         rate = slide * friction.slip_rate * (units.time / units.speed)
         return Grip(jnp.where(sticks, reserve, slide * slip), rate, held)
 
-    def look_along(
-        self, y: Array, modes: Modes, clock: ContactClock, toward: Array
-    ) -> tuple[Look, Look]:
-        if not self.rules.sticks:
-            return super().look_along(y, modes, clock, toward)
-        return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
-
-    def afresh(self, y: Array, modes: Modes) -> tuple[Look, Look]:
-        # With w = ½ the variable of the clock is time.
-        clock = ContactClock(jnp.asarray(True), jnp.zeros_like(modes.closed))
-        y = y.at[W].set(0.5)
-        toward = self.rate(y, modes, clock)
-        return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
-
     def settled(
         self, y: Array, modes: Modes, touches: Flags, changes: Flags, friction: PerContact
     ) -> Settled:

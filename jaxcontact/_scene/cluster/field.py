@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -141,20 +140,6 @@ class ClusterField(AbstractCoupledField):
             return look
         hold = self._spring_motion(at, turning[1], pushes, force, modes).hold
         return look._replace(grip=Grip(hold, -jnp.ones_like(hold), hold))
-
-    def look_along(
-        self, y: Array, modes: Modes, clock: ContactClock, toward: Array
-    ) -> tuple[Look, Look]:
-        if not self.rules.sticks:
-            return super().look_along(y, modes, clock, toward)
-        return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
-
-    def afresh(self, y: Array, modes: Modes) -> tuple[Look, Look]:
-        # With w = ½ the variable of the clock is time.
-        clock = ContactClock(jnp.asarray(True), jnp.zeros_like(modes.closed))
-        y = y.at[W].set(0.5)
-        toward = self.rate(y, modes, clock)
-        return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
 
     def settled(
         self, y: Array, modes: Modes, touches: Flags, changes: Flags, friction: PerPair
