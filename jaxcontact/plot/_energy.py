@@ -23,7 +23,7 @@ def energy(run: Run, *, ax: Axes | None = None) -> Axes:
     dashed line starts at the same value and falls at the end of every impact by its loss. For a
     series of bounces and for a contact that comes to rest it falls at the touch. If both lines
     agree, the energy is accounted for. With moving walls the solid line includes the energy
-    supplied by them.
+    supplied by them. The loss by sliding on walls at rest is not in the dashed line.
 
     Arguments: a single run; the axes to draw on, new ones if None. Returns the axes. Raises
     ValueError for a batch of runs, a run without values, and for anything but a run.
