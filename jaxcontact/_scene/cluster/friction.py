@@ -118,7 +118,8 @@ class SpringPairs(NamedTuple):
         limit, ramp, slides = self.numbers.mu * normal, self._ramp, modes.slide == 1
         force = friction_of(spring, slip, limit, slides)
         if ramp is not None:
-            pace = jnp.where(slides, _pace(slip), jnp.where(ramp > 0, ramp, 1))
+            pace, on_ramp = _pace(slip), jnp.where(ramp > 0, ramp, 1)
+            pace = jnp.where(slides & (pace > 0), pace, on_ramp)
             force = jnp.where((ramp > 0)[:, None], -(limit / pace)[:, None] * slip, force)
         return jnp.where(modes.closed[:, None], force, 0)
 
