@@ -1,7 +1,8 @@
 """Tangential springs and sliders of contacts: one force (m, d) each, in the units of a solve.
 
 In stick f' = -k u, with k = κ n K δ^(n-1). In slip |f| = μF, and f turns against the part of the
-slip across it: f' = -k (u - e e·u) + μF' e, with e = f/|f|.
+slip across it: f' = -k (u - e e·u) + μF' e, with e = f/|f|. The rate at which e turns has a limit,
+a hundred times that at which the contact changes.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ Vectors = Float[Array, "m d"]
 
 SMALL = 1e-6
 """The depth, in units of length, by which a contact with a tangential spring begins."""
+
+_FASTEST = 100.0
+"""The rate at which the direction of friction turns, in units of that of the contact."""
 
 
 class SpringMotion(NamedTuple):
@@ -54,18 +58,28 @@ def friction_of(force: Vectors, slip: Vectors, limit: PerContact, slides: Flags)
     return jnp.where(slides[:, None], limit[:, None] * directions(force, slip), force)
 
 
+def changing(depth: PerContact, rate: PerContact) -> PerContact:
+    """Return δ + |δ'| in units of the solve."""
+    return jnp.maximum(depth, 0) + jnp.abs(rate)
+
+
 def spring_motion(
     force: Vectors,
     slip: Vectors,
     stiffness: PerContact,
     limit: tuple[PerContact, PerContact],
     slides: Flags,
+    reach: PerContact,
 ) -> SpringMotion:
-    """Return the motion of springs; `limit` holds μF and its rate."""
+    """Return the motion of springs; `limit` holds μF and its rate. `reach` is μ/(n κ) (δ + |δ'|) in
+    units of the solve, the slip speed at which a spring turns as fast as its contact changes.
+    """
     e = directions(force, slip)
     along = jnp.sum(e * slip, axis=1)
     stick = -stiffness[:, None] * slip
-    turning = stick + (stiffness * along + limit[1])[:, None] * e
+    pace, fastest = _length(slip), _FASTEST * reach
+    turns = stiffness * jnp.where(pace > fastest, fastest / jnp.where(pace > 0, pace, 1), 1)
+    turning = -turns[:, None] * (slip - along[:, None] * e) + limit[1][:, None] * e
     hold = jnp.where(slides, -stiffness * along - limit[1], limit[0] - _length(force))
     return SpringMotion(jnp.where(slides[:, None], turning, stick), hold)
 

@@ -21,6 +21,7 @@ from .._coupled.springs import (
     SMALL,
     SpringMotion,
     Vectors,
+    changing,
     friction_of,
     settled_springs,
     slides_at_touch,
@@ -110,7 +111,8 @@ class SystemField(AbstractCoupledField):
         stiffness = jnp.where(modes.closed, stiffness * (units.length / units.force), 0)
         grows = mechanics.limit(self.force_slope(modes, (depth, rate), (rate, second)))
         limit, slides = (mechanics.limit(force), grows), modes.slide == 1
-        return spring_motion(springs, self._slip(at), stiffness, limit, slides)
+        reach = friction.mu / (self.contact.exponent * friction.ratio) * changing(depth, rate)
+        return spring_motion(springs, self._slip(at), stiffness, limit, slides, reach)
 
     def _second(self, at: tuple[Number, Vector, Vector], motion: SystemMotion) -> PerContact:
         """Return the second rates of depths in units of the solve."""

@@ -125,8 +125,8 @@ class ClusterField(AbstractCoupledField):
         assert system.friction is not None and rub is not None and at.turns is not None
         second = system.second(at, pushes.acceleration)
         grows = self.force_slope(modes, (at.depth, at.rate), (at.rate, second))
-        limit = force, grows
-        motion = system.friction.motion(system.contact, spring, rub.slip, at.depth, limit, modes)
+        depth, limit = (at.depth, at.rate), (force, grows)
+        motion = system.friction.motion(system.contact, spring, rub.slip, depth, limit, modes)
         tilts = jnp.sum(at.turns * spring, axis=1, keepdims=True)
         return motion._replace(rate=motion.rate - at.normal * tilts)
 

@@ -27,6 +27,7 @@ from ..._coupled.scalars import Number
 from ..._coupled.springs import (
     SpringMotion,
     Vectors,
+    changing,
     friction_of,
     slides_at_touch,
     spring_motion,
@@ -148,17 +149,20 @@ class SpringPairs(NamedTuple):
         contact: Contact,
         spring: Vectors,
         slip: Vectors,
-        depth: PerContact,
+        depth: tuple[PerContact, PerContact],
         limit: tuple[PerContact, PerContact],
         modes: Modes,
     ) -> SpringMotion:
-        """Return the motion of springs in their planes; `limit` holds F and its rate."""
+        """Return the motion of springs in their planes; `depth` and `limit` hold δ and F, each with
+        its rate.
+        """
         assert modes.slide is not None
         units, mu = self.units, self.numbers.mu
-        stiffness = tangential_stiffness(self.numbers.ratio, contact, units.length * depth)
+        stiffness = tangential_stiffness(self.numbers.ratio, contact, units.length * depth[0])
         stiffness = jnp.where(modes.closed, stiffness * (units.length / units.force), 0)
         limits = (mu * limit[0], mu * limit[1])
-        motion = spring_motion(spring, slip, stiffness, limits, modes.slide == 1)
+        reach = mu / (contact.exponent * self.numbers.ratio) * changing(*depth)
+        motion = spring_motion(spring, slip, stiffness, limits, modes.slide == 1, reach)
         ramp = self._ramp
         if ramp is None:
             return motion
