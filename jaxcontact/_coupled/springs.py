@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -19,6 +20,9 @@ Vectors = Float[Array, "m d"]
 
 SMALL = 1e-6
 """The depth, in units of length, by which a contact with a tangential spring begins."""
+
+_FAST = 10.0
+"""The slip, relative to `reach`, from which the derivative of its direction is that of the slip."""
 
 _FASTEST = 100.0
 """The rate at which the direction of friction turns, in units of that of the contact."""
@@ -45,17 +49,27 @@ def _length(vectors: Vectors) -> PerContact:
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
 
 
-def directions(force: Vectors, slip: Vectors) -> Vectors:
-    """Return the unit vectors of spring forces; those against the slip where there is no force."""
+def directions(force: Vectors, slip: Vectors, reach: PerContact) -> Vectors:
+    """Return the unit vectors of spring forces; those against the slip where there is no force. See
+    `spring_motion` for `reach`.
+
+    In fast slip the derivative is that of the direction against the slip. That of the force decays
+    faster than the steps that the values need.
+    """
     strength, pace = _length(force), _length(slip)
     along = force / jnp.where(strength > 0, strength, 1)[:, None]
     against = -slip / jnp.where(pace > 0, pace, 1)[:, None]
-    return jnp.where((strength > 0)[:, None], along, against)
+    along = jnp.where((strength > 0)[:, None], along, against)
+    steered = against + jax.lax.stop_gradient(along - against)
+    return jnp.where((pace > _FAST * reach)[:, None], steered, along)
 
 
-def friction_of(force: Vectors, slip: Vectors, limit: PerContact, slides: Flags) -> Vectors:
+def friction_of(
+    force: Vectors, slip: Vectors, limit: PerContact, slides: Flags, reach: PerContact
+) -> Vectors:
     """Return the friction: the spring force, or in slip that of the limit in its direction."""
-    return jnp.where(slides[:, None], limit[:, None] * directions(force, slip), force)
+    steered = limit[:, None] * directions(force, slip, reach)
+    return jnp.where(slides[:, None], steered, force)
 
 
 def changing(depth: PerContact, rate: PerContact) -> PerContact:
@@ -74,7 +88,7 @@ def spring_motion(
     """Return the motion of springs; `limit` holds μF and its rate. `reach` is μ/(n κ) (δ + |δ'|) in
     units of the solve, the slip speed at which a spring turns as fast as its contact changes.
     """
-    e = directions(force, slip)
+    e = directions(force, slip, reach)
     along = jnp.sum(e * slip, axis=1)
     stick = -stiffness[:, None] * slip
     pace, fastest = _length(slip), _FASTEST * reach
@@ -100,6 +114,7 @@ def settled_springs(
     limit: PerContact,
     slide: PerContact,
     events: tuple[Flags, Flags, Flags],
+    reach: PerContact,
 ) -> tuple[Vectors, PerContact]:
     """Return springs, and 1 for contacts that slip, 0 for others, after events: the contacts that
     touch, those that change between stick and slip, and those that slip from their touch.
@@ -107,7 +122,7 @@ def settled_springs(
     touches, changes, slips = events
     # A contact that comes to stick has the force at the limit.
     stops = changes & (slide == 1)
-    held = friction_of(force, slip, limit, stops)
+    held = friction_of(force, slip, limit, stops, reach)
     force = jnp.where((stops & ~touches)[:, None], held, force)
     force = jnp.where(touches[:, None], 0, force)
     slide = jnp.where(changes, 1 - slide, slide)

@@ -86,7 +86,8 @@ class SystemField(AbstractCoupledField):
         if springs is None:
             return self.mechanics.motion(*at, opening, normal, modes.slide)
         slip, slides = self._slip(at), modes.slide == 1
-        friction = friction_of(springs, slip, self.mechanics.limit(force), slides)
+        reach = self._reach(-opening.gap / units.length, -opening.rate / units.speed)
+        friction = friction_of(springs, slip, self.mechanics.limit(force), slides, reach)
         friction = jnp.where(modes.closed[:, None], units.force * friction, 0)
         return self.mechanics.motion(*at, opening, normal, springs=friction)
 
@@ -111,8 +112,14 @@ class SystemField(AbstractCoupledField):
         stiffness = jnp.where(modes.closed, stiffness * (units.length / units.force), 0)
         grows = mechanics.limit(self.force_slope(modes, (depth, rate), (rate, second)))
         limit, slides = (mechanics.limit(force), grows), modes.slide == 1
-        reach = friction.mu / (self.contact.exponent * friction.ratio) * changing(depth, rate)
+        reach = self._reach(depth, rate)
         return spring_motion(springs, self._slip(at), stiffness, limit, slides, reach)
+
+    def _reach(self, depth: PerContact, rate: PerContact) -> PerContact:
+        """Return μ/(n κ) (δ + |δ'|); see `spring_motion`."""
+        friction = self.mechanics.system.friction
+        assert isinstance(friction, SpringSlider) and friction.ratio is not None
+        return friction.mu / (self.contact.exponent * friction.ratio) * changing(depth, rate)
 
     def _second(self, at: tuple[Number, Vector, Vector], motion: SystemMotion) -> PerContact:
         """Return the second rates of depths in units of the solve."""
@@ -237,7 +244,8 @@ class SystemField(AbstractCoupledField):
         stiff = self.contact.stiffness * (units.length * small) ** self.contact.exponent
         hardening = units.force * self.force(small, rate, modes) / stiff
         slips = slides_at_touch(friction.ratio, slip, rate, friction.mu, hardening)
-        springs, slide = settled_springs(springs, slip, limit, before, (touches, changes, slips))
+        events, reach = (touches, changes, slips), self._reach(depth, rate)
+        springs, slide = settled_springs(springs, slip, limit, before, events, reach)
         changed = modes.closed & (slide != before) | touches
         nq = self.scales.position.shape[0] + self.scales.velocity.shape[0]
         y = jnp.concatenate([y[:nq], springs.reshape(-1), y[nq + springs.size :]])

@@ -25,7 +25,7 @@ from ..._functions import small_product
 from ..._laws import AbstractLaw, force_of
 from ..bodies.motion import UserMotion
 from ..bodies.side import side
-from .friction import Rub, Rubbing, Spins, SpringPairs
+from .friction import Rub, Rubbing, Spins, SpringPairs, in_plane
 
 PerPair = Float[Array, " pairs"]
 PerBody = Float[Array, "bodies dim"]
@@ -231,7 +231,9 @@ class Touching(eqx.Module):
             assert geometry.across is not None
             along = geometry.normal, geometry.across
             slip = self.friction.slip(geometry.depth, *along, spin, time)
-            rub = Rub(self.friction.force(spring, slip, force, modes), slip)
+            reach = self.friction.reach(self.contact, geometry.depth, geometry.rate)
+            spring = in_plane(spring, geometry.normal)
+            rub = Rub(self.friction.force(spring, slip, force, modes, reach), slip)
             forces = forces + rub.force
         pushed = small_product(self.incidence.T, forces)
         acceleration = self.acceleration + self.inverse_mass[:, None] * pushed

@@ -14,7 +14,7 @@ from ..._coupled.modes import Flags, Modes, Units
 from ..._coupled.scalars import Index, Number
 from ..._coupled.springs import SMALL, SpringMotion, settled_springs
 from .equations import Geometry, PerBody, PerPair, Pushes, Touching, incidence_of
-from .friction import Spins, spring_pairs
+from .friction import Spins, in_plane, spring_pairs
 from .problem import ClusterProblem, scale_drive
 from .rest import rest_of
 
@@ -125,6 +125,7 @@ class ClusterField(AbstractCoupledField):
         assert system.friction is not None and rub is not None and at.turns is not None
         second = system.second(at, pushes.acceleration)
         grows = self.force_slope(modes, (at.depth, at.rate), (at.rate, second))
+        spring = in_plane(spring, at.normal)
         depth, limit = (at.depth, at.rate), (force, grows)
         motion = system.friction.motion(system.contact, spring, rub.slip, depth, limit, modes)
         tilts = jnp.sum(at.turns * spring, axis=1, keepdims=True)
@@ -157,7 +158,8 @@ class ClusterField(AbstractCoupledField):
         hardening = units.force * self.force(small, at.rate, modes) / stiff
         slips = system.friction.slips_at_touch(slip, at.rate, hardening)
         events = touches, changes, slips
-        springs, slide = settled_springs(rubbed.spring, slip, limit, before, events)
+        reach, spring = system.friction.reach(contact, at.depth, at.rate), rubbed.spring
+        springs, slide = settled_springs(spring, slip, limit, before, events, reach)
         changed = modes.closed & (slide != before) | touches
         rubbed = rubbed._replace(spring=springs)
         rest = [y[WORK], y[TIME], y[W]]

@@ -113,11 +113,22 @@ class SpringPairs(NamedTuple):
         swirl = arms[:, :1] * rows_of(spin, self.first) + arms[:, 1:] * rows_of(spin, self.second)
         return across - self.drift(time, normal) - swept(swirl, normal)
 
-    def force(self, spring: Vectors, slip: Vectors, normal: PerContact, modes: Modes) -> Vectors:
+    def reach(self, contact: Contact, depth: PerContact, rate: PerContact) -> PerContact:
+        """Return μ/(n κ) (δ + |δ'|); see `spring_motion`."""
+        return self.numbers.mu / (contact.exponent * self.numbers.ratio) * changing(depth, rate)
+
+    def force(
+        self,
+        spring: Vectors,
+        slip: Vectors,
+        normal: PerContact,
+        modes: Modes,
+        reach: PerContact,
+    ) -> Vectors:
         """Return the friction of the closed pairs with the `normal` forces."""
         assert modes.slide is not None
         limit, ramp, slides = self.numbers.mu * normal, self._ramp, modes.slide == 1
-        force = friction_of(spring, slip, limit, slides)
+        force = friction_of(spring, slip, limit, slides, reach)
         if ramp is not None:
             pace, on_ramp = _pace(slip), jnp.where(ramp > 0, ramp, 1)
             pace = jnp.where(slides & (pace > 0), pace, on_ramp)
@@ -161,7 +172,7 @@ class SpringPairs(NamedTuple):
         stiffness = tangential_stiffness(self.numbers.ratio, contact, units.length * depth[0])
         stiffness = jnp.where(modes.closed, stiffness * (units.length / units.force), 0)
         limits = (mu * limit[0], mu * limit[1])
-        reach = mu / (contact.exponent * self.numbers.ratio) * changing(*depth)
+        reach = self.reach(contact, *depth)
         motion = spring_motion(spring, slip, stiffness, limits, modes.slide == 1, reach)
         ramp = self._ramp
         if ramp is None:
@@ -177,6 +188,11 @@ class SpringPairs(NamedTuple):
         turns = self.turn > 0
         inertia = jnp.where(turns, 1 / jnp.where(turns, self.turn, 1), 0)
         return jnp.sum(inertia[:, None] * jnp.square(spin)) / 2
+
+
+def in_plane(vectors: Vectors, normal: Vectors) -> Vectors:
+    """Return the parts of vectors across the normals."""
+    return vectors - jnp.sum(vectors * normal, axis=1, keepdims=True) * normal
 
 
 def _pace(slip: Vectors) -> PerContact:
