@@ -53,8 +53,8 @@ def directions(force: Vectors, slip: Vectors, reach: PerContact) -> Vectors:
     """Return the unit vectors of spring forces; those against the slip where there is no force. See
     `spring_motion` for `reach`.
 
-    In fast slip the derivative is that of the direction against the slip. That of the force decays
-    faster than the steps that the values need.
+    In fast slip the derivative is that of the direction against the slip. The derivative of the
+    spring force would need shorter steps than its value.
     """
     strength, pace = _length(force), _length(slip)
     along = force / jnp.where(strength > 0, strength, 1)[:, None]
