@@ -44,7 +44,8 @@ def tangential_stiffness(ratio: Array, contact: Contact, depth: PerContact) -> P
     return ratio * n * contact.stiffness * jnp.where(presses, power, 0)
 
 
-def _length(vectors: Vectors) -> PerContact:
+def lengths(vectors: Vectors) -> PerContact:
+    """Return the lengths of vectors, with a derivative at zero."""
     square = jnp.sum(jnp.square(vectors), axis=1)
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
 
@@ -56,7 +57,7 @@ def directions(force: Vectors, slip: Vectors, reach: PerContact) -> Vectors:
     In fast slip the derivative is that of the direction against the slip. The derivative of the
     spring force would need shorter steps than its value.
     """
-    strength, pace = _length(force), _length(slip)
+    strength, pace = lengths(force), lengths(slip)
     along = force / jnp.where(strength > 0, strength, 1)[:, None]
     against = -slip / jnp.where(pace > 0, pace, 1)[:, None]
     along = jnp.where((strength > 0)[:, None], along, against)
@@ -91,10 +92,10 @@ def spring_motion(
     e = directions(force, slip, reach)
     along = jnp.sum(e * slip, axis=1)
     stick = -stiffness[:, None] * slip
-    pace, fastest = _length(slip), _FASTEST * reach
+    pace, fastest = lengths(slip), _FASTEST * reach
     turns = stiffness * jnp.where(pace > fastest, fastest / jnp.where(pace > 0, pace, 1), 1)
     turning = -turns[:, None] * (slip - along[:, None] * e) + limit[1][:, None] * e
-    hold = jnp.where(slides, -stiffness * along - limit[1], limit[0] - _length(force))
+    hold = jnp.where(slides, -stiffness * along - limit[1], limit[0] - lengths(force))
     return SpringMotion(jnp.where(slides[:, None], turning, stick), hold)
 
 
@@ -105,7 +106,7 @@ def slides_at_touch(
 
     The force grows as δⁿ and the spring force as κ u δⁿ/δ'.
     """
-    return ratio * _length(slip) > mu * hardening * closing
+    return ratio * lengths(slip) > mu * hardening * closing
 
 
 def settled_springs(

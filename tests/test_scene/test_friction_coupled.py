@@ -131,3 +131,39 @@ def test_a_ball_comes_to_rest_rolls_and_meets_another_one():
     assert run.position[3, 1, 0] > run.position[3, 0, 0] + 0.2
     assert 0 < run.velocity[3, 0, 0] < run.velocity[3, 1, 0]
     assert abs(balance(run)) < KEPT * run.energy[0]
+
+
+def test_without_friction_spins_are_kept():
+    """μ = 0 has no direction of friction, and small μ one that would turn without limit."""
+    for mu in (0.0, 1e-6):
+        friction = jc.SpringSlider(mu, ratio=KAPPA)
+        bodies = spheres(RADIUS, MASS, PLACE, SPEED, SPIN)
+        scene = jc.Scene(bodies, LAW, stiffness=STIFFNESS, friction=friction)
+        run = jc.simulate(scene, 0.25, v0="touch", rtol=1e-9)
+        if mu == 0:
+            # Only their units are changed and changed back.
+            np.testing.assert_allclose(run.spin[-1], SPIN, rtol=4e-16)
+            speed = run.velocity[-1]
+    assert 0 < np.max(np.abs(run.spin[-1] - SPIN)) < 1e-3
+    assert np.max(np.abs(run.velocity[-1] - speed)) < 1e-4
+
+
+def test_side_spin_far_faster_than_the_closing_speed():
+    """Friction in space keeps the direction of the slip, which is 500 times μ v0."""
+    up, drift = np.array([0.0, 0.0, 1.0]), np.array([0.5, -0.3, 0.0])
+    place, speed = np.array([[0.0, 0.0, 0.1005], [9.0, 0.0, 9.0]]), np.zeros((2, 3))
+    spin = np.array([[50.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    speed[0] = [5.0, 0.0, -0.1]
+    belt = jc.Plane(np.zeros(3), up, motion=jc.Steady(drift))
+    scene = jc.Scene(
+        [*spheres(RADIUS[:2], MASS[:2], place, speed, spin), belt], LAW, stiffness=STIFFNESS,
+        friction=jc.SpringSlider(0.1, ratio=KAPPA), gravity=[0.0, 0.0, -9.8],
+    )  # fmt: skip
+    run = jc.simulate(scene, 0.02, v0="touch", rtol=1e-9)
+    slip = speed[0] - drift - np.cross(RADIUS[0] * spin[0], up)
+    change = run.velocity[-1, 0] - speed[0]
+    along = change[:2] @ slip[:2] / np.linalg.norm(slip[:2])
+    assert along < -0.01
+    across = change[0] * slip[1] - change[1] * slip[0]
+    assert abs(across) < 1e-8 * np.linalg.norm(slip)
+    assert abs(balance(run)) < KEPT * run.energy[0]

@@ -91,3 +91,21 @@ def test_a_followed_impact_has_derivatives():
         ends = [np.asarray(rebounding(numbers + s * step * np.eye(5)[k])) for s in (-2, -1, 1, 2)]
         slope = weights @ (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * step)
         assert abs(found[k] - slope) < DIFFERENCES * max(1, np.abs(slope)), (k, found[k], slope)
+
+
+def test_a_lasting_slide_has_derivatives():
+    """A disc that is put on the floor slides throughout: dv'/dv is 1 and dv'/dμ is -∫F/m."""
+
+    def last(v, mu):
+        disc = jc.Sphere(0.1, 0.5, [0.0, 0.1], jnp.stack([v, 0 * v]))
+        scene = jc.Scene(
+            [disc, jc.Plane([0.0, 0.0], [0.0, 1.0])], jc.HuGuo(e=0.8), stiffness=1e6,
+            friction=jc.SpringSlider(mu, ratio=0.8), gravity=[0.0, -9.8],
+        )  # fmt: skip
+        return jc.simulate(scene, 0.03, rtol=1e-10).velocity[-1, 0]
+
+    v, mu = 3.0, 0.1
+    by_speed, by_friction = jax.grad(lambda v, mu: last(v, mu)[0], (0, 1))(v, mu)
+    ends = [np.asarray(last(v, mu + step)) for step in (-1e-4, 1e-4)]
+    assert abs(by_speed - 1) < DIFFERENCES
+    assert abs(by_friction - (ends[1] - ends[0])[0] / 2e-4) < DIFFERENCES

@@ -29,6 +29,7 @@ from ..._coupled.springs import (
     Vectors,
     changing,
     friction_of,
+    lengths,
     slides_at_touch,
     spring_motion,
     tangential_stiffness,
@@ -102,8 +103,7 @@ class SpringPairs(NamedTuple):
             return jnp.zeros_like(normal)
         now = self.start + self.units.time * time
         velocity = rows_of(self.numbers.drift.velocity(now), self.numbers.wall) / self.units.speed
-        along = velocity - jnp.sum(velocity * normal, axis=1, keepdims=True) * normal
-        return jnp.where(self.flat[:, None], along, 0)
+        return jnp.where(self.flat[:, None], in_plane(velocity, normal), 0)
 
     def slip(
         self, depth: PerContact, normal: Vectors, across: Vectors, spin: Spins, time: Number
@@ -130,7 +130,7 @@ class SpringPairs(NamedTuple):
         limit, ramp, slides = self.numbers.mu * normal, self._ramp, modes.slide == 1
         force = friction_of(spring, slip, limit, slides, reach)
         if ramp is not None:
-            pace, on_ramp = _pace(slip), jnp.where(ramp > 0, ramp, 1)
+            pace, on_ramp = lengths(slip), jnp.where(ramp > 0, ramp, 1)
             pace = jnp.where(slides & (pace > 0), pace, on_ramp)
             force = jnp.where((ramp > 0)[:, None], -(limit / pace)[:, None] * slip, force)
         return jnp.where(modes.closed[:, None], force, 0)
@@ -145,7 +145,7 @@ class SpringPairs(NamedTuple):
         """Return which pairs slip from their touch; see `slides_at_touch`."""
         slips = slides_at_touch(self.numbers.ratio, slip, closing, self.numbers.mu, hardening)
         ramp = self._ramp
-        return slips if ramp is None else jnp.where(ramp > 0, _pace(slip) > ramp, slips)
+        return slips if ramp is None else jnp.where(ramp > 0, lengths(slip) > ramp, slips)
 
     def twist(self, depth: PerContact, normal: Vectors, force: Vectors) -> Spins:
         """Return the rates of the spins."""
@@ -178,7 +178,7 @@ class SpringPairs(NamedTuple):
         if ramp is None:
             return motion
         # Beyond the ramp the pair slips; on it no spring acts.
-        beyond = _pace(slip) - ramp
+        beyond = lengths(slip) - ramp
         hold = jnp.where(modes.slide == 1, beyond, -beyond)
         rate = jnp.where((ramp > 0)[:, None], 0, motion.rate)
         return SpringMotion(rate, jnp.where(ramp > 0, hold, motion.hold))
@@ -193,11 +193,6 @@ class SpringPairs(NamedTuple):
 def in_plane(vectors: Vectors, normal: Vectors) -> Vectors:
     """Return the parts of vectors across the normals."""
     return vectors - jnp.sum(vectors * normal, axis=1, keepdims=True) * normal
-
-
-def _pace(slip: Vectors) -> PerContact:
-    square = jnp.sum(jnp.square(slip), axis=1)
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
 
 
 def spring_pairs(

@@ -5,6 +5,8 @@ A regularised law acts there by its ramp, every other one by its μ and one spri
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -78,23 +80,22 @@ def fresh_rubbing(
     rests: Flags,
 ) -> Rubbing | None:
     """Return spins, and the friction of spheres that rest on walls; other pairs have none yet."""
-    if there.turning is None:
-        return None
     members, dtype = seats.who.shape[0], numbers.dtype
     first, _ = slot_pairs(layout, members)
+    blank = blank_rubbing(layout, members + layout.walls, first.shape[0], dtype)
+    if there.turning is None or blank is None:
+        return None
     who = jnp.minimum(seats.who, layout.spheres - 1)
     still = jnp.zeros((layout.walls, spin_axes(layout.dimensions)), dtype)
     spin = jnp.concatenate([there.turning.spin, still])
-    count = first.shape[0]
-    each = jnp.zeros(count, dtype)
     if not layout.walls:
-        return Rubbing(spin, jnp.zeros((count, layout.dimensions), dtype), each, each)
+        return blank._replace(spin=spin)
     inverse = rows_of(numbers.inverse_mass, who)
     force = there.turning.drag / jnp.where(inverse > 0, inverse, 1)[:, None]
     moves = slips(footing(layout, numbers, who, jnp.maximum(support, 0), there))
     spring = jnp.where(rests[:, None], rows_of(force, first), 0)
     slides = rests & rows_of(moves, first)
-    return Rubbing(spin, spring, slides.astype(dtype), each)
+    return blank._replace(spin=spin, spring=spring, slides=slides.astype(dtype))
 
 
 def joined_rubbing(
@@ -111,7 +112,7 @@ def joined_rubbing(
     )
 
 
-def blank_rubbing(layout: SceneLayout, slots: int, pairs: int, dtype: type) -> Rubbing | None:
+def blank_rubbing(layout: SceneLayout, slots: int, pairs: int, dtype: Any) -> Rubbing | None:
     """Return no friction; None in a scene without."""
     if layout.frictions is None:
         return None
