@@ -148,22 +148,26 @@ def test_without_friction_spins_are_kept():
     assert np.max(np.abs(run.velocity[-1] - speed)) < 1e-4
 
 
+TURN = 2e-3
+"""The arm R - δ of the spin turns the slip by about δ/R = 5e-4."""
+
+
 def test_side_spin_far_faster_than_the_closing_speed():
-    """Friction in space keeps the direction of the slip, which is 500 times μ v0."""
+    """Friction in space keeps the direction of the slip, which is 10,000 times μ v0."""
     up, drift = np.array([0.0, 0.0, 1.0]), np.array([0.5, -0.3, 0.0])
-    place, speed = np.array([[0.0, 0.0, 0.1005], [9.0, 0.0, 9.0]]), np.zeros((2, 3))
+    place, speed = np.array([[0.0, 0.0, 0.10001], [9.0, 0.0, 9.0]]), np.zeros((2, 3))
     spin = np.array([[50.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    speed[0] = [5.0, 0.0, -0.1]
+    speed[0] = [5.0, 0.0, -0.03]
     belt = jc.Plane(np.zeros(3), up, motion=jc.Steady(drift))
     scene = jc.Scene(
         [*spheres(RADIUS[:2], MASS[:2], place, speed, spin), belt], LAW, stiffness=STIFFNESS,
-        friction=jc.SpringSlider(0.1, ratio=KAPPA), gravity=[0.0, 0.0, -9.8],
+        friction=jc.SpringSlider(0.02, ratio=KAPPA), gravity=[0.0, 0.0, -9.8],
     )  # fmt: skip
     run = jc.simulate(scene, 0.02, v0="touch", rtol=1e-9)
     slip = speed[0] - drift - np.cross(RADIUS[0] * spin[0], up)
     change = run.velocity[-1, 0] - speed[0]
     along = change[:2] @ slip[:2] / np.linalg.norm(slip[:2])
-    assert along < -0.01
+    assert along < -1e-3
     across = change[0] * slip[1] - change[1] * slip[0]
-    assert abs(across) < 1e-8 * np.linalg.norm(slip)
+    assert abs(across) < TURN * abs(along) * np.linalg.norm(slip)
     assert abs(balance(run)) < KEPT * run.energy[0]
