@@ -93,19 +93,62 @@ def test_a_followed_impact_has_derivatives():
         assert abs(found[k] - slope) < DIFFERENCES * max(1, np.abs(slope)), (k, found[k], slope)
 
 
+def put_down(v, mu, time):
+    """A disc that is put on the floor: its place, velocity and surface speed, and all losses."""
+    disc = jc.Sphere(0.1, 0.5, [0.0, 0.1], jnp.stack([v, 0 * v]))
+    scene = jc.Scene(
+        [disc, jc.Plane([0.0, 0.0], [0.0, 1.0])], jc.HuGuo(e=0.3), stiffness=1e6,
+        friction=jc.SpringSlider(mu, ratio=0.8), gravity=[0.0, -9.8],
+    )  # fmt: skip
+    run = jc.simulate(scene, time, rtol=1e-10)
+    lost = jnp.nansum(run.impacts.energy_loss) + run.sliding_loss
+    return jnp.stack([run.position[-1, 0, 0], run.velocity[-1, 0, 0], run.spin[-1, 0] * 0.1, lost])
+
+
+WEIGHTS = np.array([0.8, 1.0, -0.5, 0.7])
+
+
+def check_put_down(v, mu, time):
+    """Check the derivatives by v and μ beside differences, and return them."""
+    found = jax.grad(lambda v, mu: WEIGHTS @ put_down(v, mu, time), (0, 1))(v, mu)
+
+    def by(place):
+        def at(shift):
+            return WEIGHTS @ np.asarray(put_down(*place(shift), time))
+
+        return (at(-0.02) - 8 * at(-0.01) + 8 * at(0.01) - at(0.02)) / 0.12
+
+    slopes = by(lambda shift: (v + shift, mu)), by(lambda shift: (v, mu + shift))
+    np.testing.assert_allclose(found, slopes, atol=DIFFERENCES)
+    return found
+
+
 def test_a_lasting_slide_has_derivatives():
-    """A disc that is put on the floor slides throughout: dv'/dv is 1 and dv'/dμ is -∫F/m."""
+    """dv'/dv is 1, and the loss has the derivative μ g m t by v."""
+    time, mu, g, m = 0.03, 0.1, 9.8, 0.5
+    found, _ = check_put_down(3.0, mu, time)
+    # The normal force swings about the weight, and has not lost all of it.
+    assert abs(found - (0.8 * time + 1 + 0.7 * mu * g * m * time)) < 2e-3
 
-    def last(v, mu):
-        disc = jc.Sphere(0.1, 0.5, [0.0, 0.1], jnp.stack([v, 0 * v]))
+
+def test_a_ball_that_comes_to_rest_has_derivatives():
+    """Its spring swings at the moment that counts as rest, which has no derivative."""
+    check_put_down(1.0, 0.3, 0.6)
+
+
+def test_rolling_has_the_derivative_of_a_slip_that_is_stopped():
+    """A ball that just rolls has none of the slip by which its derivatives are taken."""
+
+    def rolled(v, w):
+        ball = jc.Sphere(0.1, 0.5, jnp.stack([0 * v, 0 * v + 0.1]), jnp.stack([v, 0 * v]), spin=w)
         scene = jc.Scene(
-            [disc, jc.Plane([0.0, 0.0], [0.0, 1.0])], jc.HuGuo(e=0.8), stiffness=1e6,
-            friction=jc.SpringSlider(mu, ratio=0.8), gravity=[0.0, -9.8],
+            [ball, jc.Plane([0.0, 0.0], [0.0, 1.0])], jc.ExactRestitution(e=0.5),
+            gravity=[0.0, -9.8], friction=jc.RigidCoulomb(0.3),
         )  # fmt: skip
-        return jc.simulate(scene, 0.03, rtol=1e-10).velocity[-1, 0]
+        run = jc.simulate(scene, 1.5, instantaneous=True, max_impacts=4)
+        return jnp.stack([run.position[-1, 0, 0], run.velocity[-1, 0, 0], run.spin[-1, 0]])
 
-    v, mu = 3.0, 0.1
-    by_speed, by_friction = jax.grad(lambda v, mu: last(v, mu)[0], (0, 1))(v, mu)
-    ends = [np.asarray(last(v, mu + step)) for step in (-1e-4, 1e-4)]
-    assert abs(by_speed - 1) < DIFFERENCES
-    assert abs(by_friction - (ends[1] - ends[0])[0] / 2e-4) < DIFFERENCES
+    exact = np.array([[7.5, -0.3], [5.0, -0.2], [-50.0, 2.0]]) / 7
+    for v in (0.0, 2.0):
+        found = jax.jacfwd(rolled, (0, 1))(v, -v / 0.1)
+        np.testing.assert_allclose(np.stack(found, axis=1), exact, rtol=FORMULA)

@@ -21,13 +21,12 @@ from ..._coupled.rows import rows_of, with_rows
 from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying, where_each
-from ..arrays.turning import Turning
 from ..cluster.equations import ClusterState
 from ..engine.cluster_slots import index_of, rearrange, slot_pairs
 from ..engine.log import ClusterNumbers, Log, LogDecisions, LogNumbers
 from ..engine.state import Rules
 from ..pair_impact.instantaneous import ImpactOutcome
-from ..pair_impact.rolling import turning_at_start
+from ..pair_impact.rolling import flying_at_start
 from ..run_record import RunRecord
 from .slopes import Done, Entering, Matrices, flat, row_call, row_hit, row_numbers, two_of, unflat
 
@@ -216,20 +215,20 @@ def _chain(
     return jax.lax.scan(pass_row, _initial_tangents(layout, numbers, log, along), rows)[1]
 
 
-def _initial_turning(layout: SceneLayout, numbers: Numbers, along: Numbers) -> Turning | None:
-    """Return the tangents of the spins and of friction at rest at the start of a run."""
+def _start_of_spheres(layout: SceneLayout, numbers: Numbers, along: Numbers) -> Flying:
+    """Return the tangents of all spheres at the start of a run."""
     leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
 
-    def of(leaves: Any) -> Turning | None:
-        return turning_at_start(layout, eqx.combine(leaves, rest))
+    def of(leaves: Any) -> Flying:
+        return flying_at_start(layout, eqx.combine(leaves, rest))
 
-    return None if numbers.rotation is None else jax.jvp(of, (leaves,), (along,))[1]
+    return jax.jvp(of, (leaves,), (along,))[1]
 
 
 def _initial_tangents(layout: SceneLayout, numbers: Numbers, log: Log, along: Numbers) -> _Tangents:
     """Return the tangents at the start of a run."""
     held = jnp.zeros(layout.spheres, along.position.dtype)
-    start = Flying(along.position, along.velocity, held, _initial_turning(layout, numbers, along))
+    start = _start_of_spheres(layout, numbers, along)
     coupled = None
     if log.figures.coupled is not None:
         coupled = jax.tree.map(lambda x: jnp.zeros_like(x[0]), log.figures.coupled.end)

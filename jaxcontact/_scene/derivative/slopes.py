@@ -24,9 +24,9 @@ from ..cluster.equations import ClusterState
 from ..cluster.scaled import MOST_STEPS
 from ..engine.cluster_slots import in_place, index_of, slot_pairs
 from ..engine.coupled import as_flags, as_numbers, call, walls_under, work_of_walls
-from ..engine.coupled_friction import turning_after
 from ..engine.event_queue import in_branch
 from ..engine.log import Log, LogDecisions, LogNumbers
+from ..engine.rest_on_walls import rest_on_walls
 from ..engine.state import Rules
 from ..pair_impact.instantaneous import ImpactOutcome, hit, two_that_meet
 from ..pair_impact.rolling import or_roll, with_friction_at_rest
@@ -110,11 +110,11 @@ def row_call(
             layout, numbers, members, spheres, row.support, held, as_flags(before),
             decided.where(counts), tolerance, rules.v0, max_steps=2 * MOST_STEPS,
         )  # fmt: skip
-        work = work_of_walls(layout, numbers, decided.seats, began, done)
-        place = done.state.position[:members] + decided.seats.shift * numbers.period[None]
         on_wall = (at.end.closed > 0.5) & row.rest & (slot_pairs(layout, members)[1] >= members)
         support = walls_under(layout, members, on_wall)
-        turning = turning_after(layout, numbers, decided.seats, done.state, support)[0]
+        done, turning, _ = rest_on_walls(layout, numbers, decided.seats, done, support)
+        work = work_of_walls(layout, numbers, decided.seats, began, done)
+        place = done.state.position[:members] + decided.seats.shift * numbers.period[None]
         states = as_numbers(began), as_numbers(done.state)
         return Done(*states, work, place, turning, done.rubbed)
 

@@ -13,21 +13,21 @@ from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import at_once
 from ..pair_impact.instantaneous import Choice
 from .cluster_members import pace_of, select_members
-from .cluster_slots import index_of, member_change, slot_pairs
+from .cluster_slots import index_of, masses, member_change, slot_pairs
 from .coupled import (
     Call,
     as_numbers,
     call,
-    masses,
     meets,
     touching,
     walls_under,
     work_of_walls,
 )
-from .coupled_friction import spin_energy_lost, turning_after
+from .coupled_friction import spin_energy_lost
 from .event_queue import stale_events
 from .log import ClusterDecisions, ClusterNumbers, LogDecisions, LogNumbers, no_impact
 from .next_event import OUT_OF_DATE, in_cluster, simultaneous, without_cluster
+from .rest_on_walls import rest_on_walls
 from .state import (
     ACCUMULATED,
     CROWDED,
@@ -109,15 +109,16 @@ def step_cluster(
         layout, numbers, members, spheres, support, held, coupling.state,
         decided.where(needed & cluster_is_next(state)), tolerance, rules.v0, derived=False,
     )  # fmt: skip
-    after, status = done.state, done.status
+    status = done.status
     apart, rest = status == APART, status == AT_REST
     first, second = slot_pairs(layout, members)
     flat = second >= members
     # At rest each sphere in contact is held by one wall.
-    on_wall = after.closed & flat
+    on_wall = done.state.closed & flat
     resting = walls_under(layout, members, on_wall)
     supported = jnp.where(rest, resting, -1)
-    turning, bent = turning_after(layout, numbers, seats, after, supported)
+    done, turning, bent = rest_on_walls(layout, numbers, seats, done, supported)
+    after = done.state
     ends = apart | rest
     over = (status == TIME_IS_UP) & ~sooner
     failed = (status == FAILED) | ~jnp.isfinite(after.time)

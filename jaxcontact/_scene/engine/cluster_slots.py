@@ -188,3 +188,18 @@ def rearrange(state: ClusterState, change: MemberChange, members: int) -> Cluste
         spin, *springs = state.rubbing
         kept["rubbing"] = Rubbing(spin[slots], *(x[change.pair_source] for x in springs))
     return ClusterState(**kept, **pairs)
+
+
+def masses(layout: SceneLayout, numbers: Numbers, seats: Slots) -> Float[Array, " M"]:
+    """Return the masses of the spheres present; 0 for fixed ones."""
+    inverse = rows_of(numbers.inverse_mass, jnp.minimum(seats.who, layout.spheres - 1))
+    free = seats.present & (inverse > 0)
+    return jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)
+
+
+def resting_pairs(
+    layout: SceneLayout, members: int, support: Int[Array, " M"]
+) -> Bool[Array, " P"]:
+    """Return the pairs of a sphere and the wall on which it rests."""
+    first, second = slot_pairs(layout, members)
+    return (support[first] == second - members) & (support[first] >= 0)

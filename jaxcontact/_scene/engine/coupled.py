@@ -23,7 +23,17 @@ from ..cluster.equations import ClusterPairs, ClusterState, Drive
 from ..cluster.problem import ClusterEnd
 from ..cluster.scaled import MOST_STEPS, cluster, cluster_at_touch
 from ..pair_impact.instantaneous import Choice, meeting_of, two_that_meet
-from .cluster_slots import MemberChange, Slots, bodies_of, in_line, pairs_of, rearrange, slot_pairs
+from .cluster_slots import (
+    MemberChange,
+    Slots,
+    bodies_of,
+    in_line,
+    masses,
+    pairs_of,
+    rearrange,
+    resting_pairs,
+    slot_pairs,
+)
 from .coupled_friction import blank_rubbing, fresh_rubbing, joined_rubbing, pair_friction
 
 MOST = 8
@@ -78,13 +88,6 @@ def walls_under(layout: SceneLayout, members: int, on_wall: Bool[Array, " P"]) -
     return jnp.full(members, -1).at[first].max(walls)
 
 
-def _resting(layout: SceneLayout, members: int, support: Int[Array, " M"]) -> Bool[Array, " P"]:
-    """Return the pairs of a sphere and the wall on which it rests."""
-    first, second = slot_pairs(layout, members)
-    on_it = (support[first] == second - members) & (support[first] >= 0)
-    return on_it & jnp.asarray(second >= members)
-
-
 def touching(
     layout: SceneLayout,
     numbers: Numbers,
@@ -108,7 +111,7 @@ def touching(
     if numbers.motion is not None:
         speed = jnp.maximum(speed, jnp.max(jnp.abs(velocity[members:])))
     touches = (gap <= ROUNDINGS * eps * scale) & (opening <= ROUNDINGS * eps * speed)
-    return pairs.used & (touches | _resting(layout, members, support))
+    return pairs.used & (touches | resting_pairs(layout, members, support))
 
 
 def _nearest_images(
@@ -164,7 +167,7 @@ def call(
     fresh = decided.starts | change.fresh
     pairs = _nearest_images(layout, numbers, pairs, position)
     start = cluster_at_touch(pairs, position, velocity, decided.closed & fresh, v0=v0)
-    rests = _resting(layout, members, support)
+    rests = resting_pairs(layout, members, support)
     none = jnp.zeros(members, numbers.dtype)
     height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
     sunk = pairs.distance - height + jnp.concatenate([none, numbers.walls_at(time).offset])[second]
@@ -270,13 +273,6 @@ def _drive(layout: SceneLayout, numbers: Numbers, seats: Slots, time: Array) -> 
         shakes=shakes,
         own=tuple((user.later(time), at) for user, at in users),
     )
-
-
-def masses(layout: SceneLayout, numbers: Numbers, seats: Slots) -> Float[Array, " M"]:
-    """Return the masses of the spheres present; 0 for fixed ones."""
-    inverse = rows_of(numbers.inverse_mass, jnp.minimum(seats.who, layout.spheres - 1))
-    free = seats.present & (inverse > 0)
-    return jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)
 
 
 def work_of_walls(

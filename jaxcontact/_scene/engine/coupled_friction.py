@@ -17,11 +17,10 @@ from ..._friction import RegularizedCoulomb
 from ..._functions import spin_axes
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying
-from ..arrays.turning import Turning
 from ..cluster.equations import ClusterPairs, ClusterState
 from ..cluster.friction import PairFriction, Rubbing
 from ..pair_impact.friction import SlipSpeeds, arms_of, coefficient_of, spring_ratio_of, wall_drift
-from ..pair_impact.rolling import footing, on_walls, slips
+from ..pair_impact.rolling import footing, slips
 from .cluster_slots import Slots, bodies_of, slot_pairs
 
 Flags = Bool[Array, " P"]
@@ -47,7 +46,7 @@ def pair_friction(
     return PairFriction(
         mu=jax.vmap(lambda i, j: coefficient_of(layout, numbers, i, j))(one, other),
         ratio=jax.vmap(lambda i, j: spring_ratio_of(layout, numbers, i, j))(one, other),
-        ramp=_ramps(layout, numbers, one, other),
+        ramp=ramps_of(layout, numbers, one, other),
         radius=jnp.concatenate([rows_of(numbers.radius, who), flat]),
         inverse_inertia=jnp.concatenate([turns, jnp.zeros_like(flat)]),
         begins=begins,
@@ -56,7 +55,7 @@ def pair_friction(
     )
 
 
-def _ramps(
+def ramps_of(
     layout: SceneLayout, numbers: Numbers, one: Int[Array, " P"], other: Int[Array, " P"]
 ) -> Float[Array, " P"] | None:
     """Return the speeds v_d of regularised laws, 0 for pairs of other laws."""
@@ -120,29 +119,6 @@ def blank_rubbing(layout: SceneLayout, slots: int, pairs: int, dtype: Any) -> Ru
     spring = jnp.zeros((pairs, layout.dimensions), dtype)
     each = jnp.zeros(pairs, dtype)
     return Rubbing(spin, spring, each, each)
-
-
-def turning_after(
-    layout: SceneLayout,
-    numbers: Numbers,
-    seats: Slots,
-    state: ClusterState,
-    support: Int[Array, " M"],
-) -> tuple[Turning | None, Bool[Array, " M"]]:
-    """Return the rotation of the members after a call, and which of them slide along a curve, for
-    which there is no formula. `support` are the walls on which they rest.
-    """
-    members = seats.who.shape[0]
-    if state.rubbing is None:
-        return None, jnp.zeros(members, bool)
-    spin, dimensions = state.rubbing.spin[:members], layout.dimensions
-    none = jnp.zeros((members, dimensions), numbers.dtype)
-    free = Turning(spin, none, jnp.zeros_like(spin), jnp.full(members, jnp.inf, numbers.dtype))
-    time = jnp.broadcast_to(state.time, (members,))
-    flying = Flying(state.position[:members], state.velocity[:members], time, free)
-    who = jnp.minimum(seats.who, layout.spheres - 1)
-    turning, bent = on_walls(layout, numbers, who, support, flying, jnp.zeros(members, bool))
-    return turning, bent & seats.present
 
 
 def spin_energy_lost(

@@ -26,8 +26,8 @@ from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice, ImpactOutcome, hit
 from ..pair_impact.rolling import (
     begins_to_roll,
+    flying_at_start,
     or_roll,
-    turning_at_start,
     with_friction_at_rest,
 )
 from ..pair_impact.soft import soft
@@ -62,13 +62,14 @@ def initial_state(
 ) -> RunState:
     """Return the start: all spheres at time zero, all events out of date, with initial contacts."""
     count, start = layout.spheres, numbers.start
-    zero = jnp.zeros(count, numbers.dtype)
+    spheres = flying_at_start(layout, numbers)
+    zero = spheres.time
     integers = jnp.zeros(count, int)
     now = jnp.zeros((), numbers.dtype)
     state = RunState(
-        numbers.position, numbers.velocity, zero, integers - 1, integers, stale_events(zero),
+        spheres.position, spheres.velocity, zero, integers - 1, integers, stale_events(zero),
         now, jnp.zeros((), int), jnp.zeros((), int), zero, zero, None, None,
-        turning_at_start(layout, numbers),
+        spheres.turning,
     )  # fmt: skip
     if start is not None:
         state = state._replace(support=start.support, held=start.held)

@@ -5,7 +5,8 @@ u = v - w - R ω × n. Gravity has the part g_n into the wall and g_t along it. 
 the centre gives ω' = -R m/I n × a and u' = g_t + λ a with λ = 1 + m R²/I. A ball that slides has
 a = -μ g_n u/|u|, one that rolls a = -g_t/λ, as long as |g_t| <= λ μ g_n. Without slope and without
 spin it begins to roll after 2 v0/(7 μ g), at ω = 5 v0/(7 R). The formulas hold for sliding along a
-straight line: on a level wall, in the plane, or down a slope.
+straight line: on a level wall, in the plane, or down a slope. R is the height of the centre, which
+a soft contact lowers.
 """
 
 from __future__ import annotations
@@ -66,28 +67,29 @@ def with_friction_at_rest(
     second = jnp.minimum(choice.second, layout.spheres - 1)
     who = jnp.stack([choice.first, second])
     rolls = jnp.stack([begins_to_roll(layout, choice), jnp.asarray(False)])
-    turning, bent = on_walls(layout, numbers, who, support, outcome.after, rolls)
+    after, bent = on_walls(layout, numbers, who, support, outcome.after, rolls)
     # A wall has no row of its own.
     bent = bent & jnp.stack([jnp.asarray(True), choice.second < layout.spheres])
-    return outcome._replace(after=outcome.after._replace(turning=turning)), jnp.any(bent)
+    return outcome._replace(after=after), jnp.any(bent)
 
 
-def turning_at_start(layout: SceneLayout, numbers: Numbers) -> Turning | None:
-    """Return the rotation of all spheres at time zero; None without friction."""
-    if numbers.rotation is None:
-        return None
-    turning = free_turning(numbers.rotation.spin, layout.dimensions)
-    if numbers.start is None:
-        return turning
-    count = layout.spheres
-    flying = Flying(numbers.position, numbers.velocity, jnp.zeros(count, numbers.dtype), turning)
+def flying_at_start(layout: SceneLayout, numbers: Numbers) -> Flying:
+    """Return all spheres at time zero."""
+    count, turning = layout.spheres, None
+    if numbers.rotation is not None:
+        turning = free_turning(numbers.rotation.spin, layout.dimensions)
+    zero = jnp.zeros(count, numbers.dtype)
+    flying = Flying(numbers.position, numbers.velocity, zero, turning)
+    if turning is None or numbers.start is None:
+        return flying
     rolls = jnp.zeros(count, bool)
     return on_walls(layout, numbers, jnp.arange(count), numbers.start.support, flying, rolls)[0]
 
 
 class Footing(NamedTuple):
     """Bodies on walls: the normal, the part of gravity along the wall, R m/I, and λ (M, 1). `slip`
-    is the slip velocity, and `fast` the sum of the speeds in it.
+    and `drift` are the slip velocity and that of the wall along itself. `fast` is the sum of the
+    speeds in the slip.
     """
 
     normal: Float[Array, "M D"]
@@ -95,6 +97,7 @@ class Footing(NamedTuple):
     lever: Float[Array, "M 1"]
     mobility: Float[Array, "M 1"]
     slip: Float[Array, "M D"]
+    drift: Float[Array, "M D"]
     fast: Float[Array, " M"]
 
     def twist(self, drag: Float[Array, "M D"]) -> Float[Array, "M S"]:
@@ -113,14 +116,16 @@ def footing(
     assert at.turning is not None and numbers.rotation is not None
     normal, slope = rows_of(numbers.normal, on), rows_of(numbers.pull, on + 1)
     drift = jax.vmap(lambda wall, time, n: wall_drift(numbers, wall, time, n))(on, at.time, normal)
-    radius, turns = rows_of((numbers.radius, numbers.rotation.inverse_inertia), who)
+    turns = rows_of(numbers.rotation.inverse_inertia, who)
     inverse, spin = rows_of(numbers.inverse_mass, who), at.turning.spin
-    lever = radius * turns / jnp.where(inverse > 0, inverse, 1)
+    offset = jax.vmap(lambda wall, time: numbers.walls_at(time, wall).offset)(on, at.time)
+    height = jnp.sum(at.position * normal, axis=-1) - offset
+    lever = height * turns / jnp.where(inverse > 0, inverse, 1)
     level = at.velocity - jnp.sum(at.velocity * normal, axis=-1, keepdims=True) * normal - drift
-    turned = radius[:, None] * swept(spin, normal)
-    fast = jnp.sum(jnp.abs(level), axis=-1) + jnp.abs(radius) * jnp.sum(jnp.abs(spin), axis=-1)
-    mobility = 1 + radius * lever
-    return Footing(normal, slope, lever[:, None], mobility[:, None], level - turned, fast)
+    turned = height[:, None] * swept(spin, normal)
+    fast = jnp.sum(jnp.abs(level), axis=-1) + jnp.abs(height) * jnp.sum(jnp.abs(spin), axis=-1)
+    mobility = 1 + height * lever
+    return Footing(normal, slope, lever[:, None], mobility[:, None], level - turned, drift, fast)
 
 
 def slips(foot: Footing) -> Bool[Array, " M"]:
@@ -136,14 +141,14 @@ def on_walls(
     support: Int[Array, " M"],
     flying: Flying,
     rolls: Bool[Array, " M"],
-) -> tuple[Turning, Bool[Array, " M"]]:
-    """Return the rotation of bodies with their friction at rest, and which of them slide along a
-    curve. `rolls` marks bodies that have just stopped sliding.
+) -> tuple[Flying, Bool[Array, " M"]]:
+    """Return bodies with their friction at rest, and which of them slide along a curve. `rolls`
+    marks bodies that do not slide, whatever slip is left.
     """
     assert flying.turning is not None
     turning = flying.turning
     if not (layout.walls and layout.gravity):
-        return _released(turning), jnp.zeros(who.shape, bool)
+        return flying._replace(turning=_released(turning)), jnp.zeros(who.shape, bool)
     on = jnp.maximum(support, 0)
     foot = footing(layout, numbers, who, on, flying)
     walls = layout.spheres + on
@@ -152,11 +157,14 @@ def on_walls(
     speed, along = _length_and_direction(foot.slip)
     steep, down = _length_and_direction(foot.slope)
     eps = jnp.finfo(numbers.dtype).eps
-    still = rolls | ~slips(foot)
+    still, rests = rolls | ~slips(foot), support >= 0
     holds = steep <= foot.mobility[:, 0] * grip
     rolling = -foot.slope / foot.mobility
     sliding = -grip[:, None] * jnp.where(still[:, None], down, along)
-    drag = jnp.where((still & holds)[:, None], rolling, sliding)
+    sticks = still & holds
+    drag = jnp.where(sticks[:, None], rolling, sliding)
+    # A slip that is left, or its tangent alone, is stopped by friction at once.
+    stop = jnp.where((sticks & rests)[:, None], -foot.slip / foot.mobility, 0)
     change = jnp.sum(foot.slip_rate(drag) * along, axis=-1)
     stops = ~still & (change < 0)
     left = speed / jnp.where(stops, -change, 1)
@@ -164,16 +172,15 @@ def on_walls(
     aside = foot.slope - jnp.sum(foot.slope * along, axis=-1, keepdims=True) * along
     weight = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity)))
     curves = jnp.max(jnp.abs(aside), axis=-1) > _ROUNDINGS * eps * weight
-    rests = support >= 0
 
     def kept(value: Float[Array, "M ..."]) -> Float[Array, "M ..."]:
         return jnp.where(rests.reshape(-1, *(1,) * (value.ndim - 1)), value, 0)
 
     until = jnp.where(rests, until, jnp.inf)
-    return (
-        Turning(turning.spin, kept(drag), kept(foot.twist(drag)), until),
-        rests & ~still & curves & (grip > 0),
-    )
+    spin = turning.spin + foot.twist(stop)
+    turning = Turning(spin, kept(drag), kept(foot.twist(drag)), until)
+    after = flying._replace(velocity=flying.velocity + stop, turning=turning)
+    return after, rests & ~still & curves & (grip > 0)
 
 
 def _length_and_direction(vectors: Float[Array, "M D"]) -> tuple[Array, Array]:

@@ -13,7 +13,6 @@ from jaxtyping import Array, Bool, Int
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Number
 from ..arrays.flight import Flying
-from ..pair_impact.friction import wall_drift
 from ..pair_impact.rolling import footing
 from ..run_record import RunRecord
 from .states import last_impacts
@@ -71,9 +70,8 @@ def _of(
     rests = counts & (support >= 0) & (inverse > 0)
     on = jnp.maximum(support, 0)
     foot, drag = footing(layout, numbers, sure, on, flying), flying.turning.drag
-    drift = jax.vmap(lambda w, t, n: wall_drift(numbers, w, t, n))(on, flying.time, foot.normal)
     lasted = jnp.where(rests, lasted, 0)[:, None]
     force = drag / jnp.where(inverse > 0, inverse, 1)[:, None]
     way = foot.slip * lasted + foot.slip_rate(drag) * jnp.square(lasted) / 2
-    work = jnp.where(rests[:, None], force * drift * lasted, 0)
+    work = jnp.where(rests[:, None], force * foot.drift * lasted, 0)
     return jnp.sum(work), jnp.sum(jnp.where(rests[:, None], -force * way, 0))

@@ -18,7 +18,7 @@ from ..arrays.flight import accelerations
 from ..engine.cluster_slots import slot_pairs
 from ..engine.log import Log, last_call
 from ..pair_impact.friction import is_followed
-from ..pair_impact.rolling import turning_at_start
+from ..pair_impact.rolling import flying_at_start
 from ..result import States, nan_unless
 from ..run_record import RunRecord
 from .inside_contacts import Entries, Kinematics, at_rest, energy_at_ends, in_contacts
@@ -191,15 +191,15 @@ def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
     is_call = jnp.zeros(rows, bool) if facts.call is None else facts.call.is_call
     first = jnp.where(blank | is_call, count, facts.choice.first)
     second = jnp.where(blank | is_call, count, jnp.minimum(facts.choice.second, count))
-    start, none = jnp.zeros(count, numbers.dtype), jnp.full(count, -1)
+    start, none = flying_at_start(layout, numbers), jnp.full(count, -1)
     after = figures.outcome.after
     bodies = [jnp.arange(count), first, second]
     numbered = [jnp.zeros(count, int), number, number]
-    place = [numbers.position, after.position[:, 0], after.position[:, 1]]
-    speed = [numbers.velocity, after.velocity[:, 0], after.velocity[:, 1]]
-    began = [start, after.time[:, 0], after.time[:, 1]]
+    place = [start.position, after.position[:, 0], after.position[:, 1]]
+    speed = [start.velocity, after.velocity[:, 0], after.velocity[:, 1]]
+    began = [start.time, after.time[:, 0], after.time[:, 1]]
     support = [none, facts.support[:, 0], facts.support[:, 1]]
-    held = [start] + [jnp.zeros(rows, numbers.dtype)] * 2
+    held = [start.time] + [jnp.zeros(rows, numbers.dtype)] * 2
     if numbers.start is not None:
         support[0], held[0] = numbers.start.support, numbers.start.held
     pairs = [none, number - 1, number - 1]
@@ -225,7 +225,7 @@ def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
     wanted = jnp.arange(count)[None] * (rows + 1) + passed[:, None]
     rank = jnp.searchsorted(keys[order], wanted.reshape(-1), side="right") - 1
     entry = order[rank].reshape(wanted.shape)
-    turning = turning_at_start(layout, numbers)
+    turning = start.turning
     if turning is not None:
         parts = [turning, *(jax.tree.map(lambda x, k=k: x[:, k], after.turning) for k in (0, 1))]
         if figures.coupled is not None and figures.coupled.turning is not None:

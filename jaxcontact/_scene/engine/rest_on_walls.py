@@ -1,0 +1,114 @@
+"""The change from a coupled solve with friction to the formulas of balls at rest on walls.
+
+The spring of a contact has no damping, so a ball at rest swings about its mean motion for ever.
+With the friction f, its mean f_m, the stiffness k and the mobility λ of the contact point,
+
+    u' = λ (f - f_m)/m,   f' = -k u.   The means are v - u/λ and x + (f - f_m)/(k λ).
+
+The formulas continue from them, so that nothing depends on the time at which the ball counts as at
+rest. The energy of the swing counts as lost in the contact.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..._coupled.springs import lengths, tangential_stiffness
+from ..arrays.arrays import Numbers, SceneLayout, known_contact_of
+from ..arrays.flight import Flying
+from ..arrays.turning import Turning, free_turning
+from ..cluster.equations import ClusterState
+from ..cluster.problem import ClusterEnd
+from ..pair_impact.friction import spring_ratio_of
+from ..pair_impact.rolling import footing, on_walls
+from .cluster_slots import Slots, masses, resting_pairs, slot_pairs
+from .coupled_friction import ramps_of
+
+
+def rest_on_walls(
+    layout: SceneLayout,
+    numbers: Numbers,
+    seats: Slots,
+    done: ClusterEnd,
+    support: Int[Array, " M"],
+) -> tuple[ClusterEnd, Turning | None, Bool[Array, " M"]]:
+    """Return the end of a call, the rotation of its members, and which of them slide along a curve,
+    for which there is no formula. `support` are the walls on which they rest, -1 for others.
+    """
+    state, members = done.state, seats.who.shape[0]
+    if state.rubbing is None or not layout.walls:
+        return done, None, jnp.zeros(members, bool)
+    who = jnp.minimum(seats.who, layout.spheres - 1)
+    position = state.position[:members] + seats.shift * numbers.period[None]
+    time = jnp.broadcast_to(state.time, (members,))
+    turning = free_turning(state.rubbing.spin[:members], layout.dimensions)
+    before = Flying(position, state.velocity[:members], time, turning)
+    foot = footing(layout, numbers, who, jnp.maximum(support, 0), before)
+    mass, mobility = masses(layout, numbers, seats)[:, None], foot.mobility
+    friction, slides, compliance = _springs(layout, numbers, seats, state, support)
+    slip = lengths(foot.slip)[:, None]
+    # No swing is faster; a body that slides faster does not swing.
+    pull = lengths(friction + mass * foot.slope / mobility)[:, None]
+    mean = mobility * jnp.square(pull) * compliance >= mass * jnp.square(slip)
+    swings = ~slides[:, None] | mean
+    after, bent = on_walls(layout, numbers, who, support, before, swings[:, 0])
+    assert after.turning is not None
+    # Of a swing that slips, the rest of the slip is added.
+    drag = mass * after.turning.drag
+    still_to_go = mass * slip / (2 * mobility * jnp.where(pull > 0, pull, 1)) * foot.slip
+    shift = (friction - drag) * compliance + jnp.where(slides[:, None], still_to_go, 0)
+    shift = jnp.where(swings, shift / mobility, 0)
+    impulse = mass * (after.velocity - before.velocity)
+    gained = jnp.sum(impulse * foot.slip / 2 + mobility * drag * shift, axis=1)
+
+    def with_members(all: Array, members_of: Array) -> Array:
+        return jnp.concatenate([members_of, all[members:]])
+
+    rubbing, first = state.rubbing, slot_pairs(layout, members)[0]
+    state = state._replace(
+        position=with_members(state.position, state.position[:members] + shift),
+        velocity=with_members(state.velocity, after.velocity),
+        rubbing=rubbing._replace(
+            spin=with_members(rubbing.spin, after.turning.spin),
+            taken=rubbing.taken
+            - jnp.where(resting_pairs(layout, members, support), gained[first], 0),
+        ),
+    )
+    done = done._replace(
+        state=state,
+        work=done.work + jnp.sum(impulse * foot.drift),
+        rubbed=None if done.rubbed is None else done.rubbed - jnp.sum(gained),
+    )
+    return done, after.turning, bent & seats.present
+
+
+def _springs(
+    layout: SceneLayout,
+    numbers: Numbers,
+    seats: Slots,
+    state: ClusterState,
+    support: Int[Array, " M"],
+) -> tuple[Float[Array, "M D"], Bool[Array, " M"], Float[Array, "M 1"]]:
+    """Return the friction of members on their walls, whether they slide, and 1/k; a contact without
+    a spring has none.
+    """
+    assert state.rubbing is not None
+    members = seats.who.shape[0]
+    first, second = slot_pairs(layout, members)
+    rests = resting_pairs(layout, members, support)
+    who = jnp.minimum(seats.who, layout.spheres - 1)[first]
+    body = layout.spheres + jnp.maximum(second - members, 0)
+    slides = jnp.zeros(members, bool).at[first].max(rests & (state.rubbing.slides == 1))
+    ramp = ramps_of(layout, numbers, who, body)
+    if ramp is not None:
+        rests = rests & (ramp == 0)
+    contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(who, body)
+    ratio = jax.vmap(lambda i, j: spring_ratio_of(layout, numbers, i, j))(who, body)
+    stiffness = tangential_stiffness(ratio, contact, jnp.where(rests, state.indentation, 0))
+    acts = rests & (stiffness > 0)
+    compliance = jnp.where(acts, 1 / jnp.where(acts, stiffness, 1), 0)
+    spring = jnp.where(rests[:, None], state.rubbing.spring, 0)
+    none = jnp.zeros((members, layout.dimensions), numbers.dtype)
+    return none.at[first].add(spring), slides, none[:, :1].at[first].add(compliance[:, None])
