@@ -23,7 +23,7 @@ from .readout.final_scene import final_start
 from .readout.margin import Margin
 from .readout.states import states_at
 from .result import Ending, Impacts, States, traced
-from .resume import Start
+from .resume import Start, Underway
 from .run_record import RunRecord
 
 if TYPE_CHECKING:
@@ -94,7 +94,8 @@ class Run(Flagged, eqx.Module):
 
         Resting spheres continue to rest, and contacts in progress continue. Another run of this
         scene lists those contacts with a touch time before zero, and with the energy lost from now
-        on. An isolated impact is solved again from its touch.
+        on. An isolated impact is solved again from its touch. Raises ValueError at a time within an
+        impact whose friction is a formula, which has no states inside.
         """
         start: Start | None = derived(final_start, self._record)
         end = self.at(self.duration)
@@ -111,6 +112,8 @@ class Run(Flagged, eqx.Module):
         bodies = [_later(body, self.duration) for body in bodies]
         if start is not None and not traced(self.status):
             start = start.as_needed()
+            if start is not None and start.underway is not None:
+                _check_known(start.underway, position, self.duration)
         return eqx.tree_at(
             lambda scene: (scene.bodies, scene._start),
             self.scene,
@@ -170,6 +173,19 @@ class Run(Flagged, eqx.Module):
             "status": Ending.names_of(self.status).replace("_", " "),
         }
         return "Run\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
+
+
+def _check_known(underway: Underway, position: Array | np.ndarray, time: Array) -> None:
+    """Raise ValueError if there are no states within the impacts at the end of a run."""
+    unknown = underway.counts & ~np.all(np.isfinite(position), axis=-1)
+    if np.any(unknown):
+        sphere = int(np.argmax(unknown))
+        touch = float(time) + float(underway.touch[sphere])
+        raise ValueError(
+            f"`run.final` needs states at the end, {shown(time)} s, but sphere {sphere} is in an "
+            f"impact that began at {touch:.6g} s, and its friction law has no states within "
+            'impacts. End the run at another time, or use `SpringSlider` of form "force".'
+        )
 
 
 def _later(body: AbstractBody, time: Array) -> AbstractBody:

@@ -126,8 +126,8 @@ def test_a_ball_comes_to_rest_rolls_and_meets_another_one():
     run = jc.simulate(scene, 3.0, times=[0.0, 0.9, 1.2, 3.0])
     speed, spin = run.velocity[:, :, 0], run.spin
     assert abs(speed[1, 0] - 5 / 7) < LEVER and speed[1, 1] == 0
-    # At rest they roll, until one meets the other and afterwards.
-    np.testing.assert_allclose(speed[1:] + 0.1 * spin[1:], 0, atol=1e-12)
+    # At rest they roll, until one meets the other and afterwards, at the height of their centres.
+    np.testing.assert_allclose(speed[1:] + run.position[1:, :, 1] * spin[1:], 0, atol=1e-12)
     assert run.position[3, 1, 0] > run.position[3, 0, 0] + 0.2
     assert 0 < run.velocity[3, 0, 0] < run.velocity[3, 1, 0]
     assert abs(balance(run)) < KEPT * run.energy[0]

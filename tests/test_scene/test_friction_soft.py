@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
@@ -134,6 +135,18 @@ def random_pairs(friction, count):
 def test_the_error_of_the_frozen_normal_is_estimated():
     errors, estimates, ways = random_pairs(Formula(MU, V_D), 12)
     assert np.all(errors < DOUBT * estimates) and np.all(ways != jc.SolvedBy.COUPLED)
+
+
+def test_no_run_continues_from_within_the_impact_of_a_formula():
+    """It has an outcome alone; its states within are unknown."""
+    balls = [jc.Sphere(0.1, 0.5, [0.3 * k, 0.0], [1.0 - 2 * k, 0.1], spin=3.0) for k in range(2)]
+    scene = jc.Scene(balls, jc.HuGuo(e=0.6), stiffness=STIFFNESS, friction=Formula(MU, V_D))
+    within = jc.simulate(scene, 0.05 + 1e-4, rtol=RTOL, v0="touch")
+    assert np.all(np.isnan(within.velocity[-1])) and within.reached == within.duration
+    with pytest.raises(ValueError, match=r"sphere 0 is in an impact that began at 0\.05 s"):
+        _ = within.final
+    later = jc.simulate(scene, 0.3, rtol=RTOL, v0="touch")
+    assert np.all(np.isfinite(later.velocity[-1])) and later.final.spheres[0].spin is not None
 
 
 def test_an_impact_beyond_the_frozen_normal_is_followed():

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.rows import rows_of
 from ..._coupled.springs import lengths, tangential_stiffness
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of
 from ..arrays.flight import Flying
@@ -38,14 +39,23 @@ def rest_on_walls(
     for which there is no formula. `support` are the walls on which they rest, -1 for others.
     """
     state, members = done.state, seats.who.shape[0]
-    if state.rubbing is None or not layout.walls:
-        return done, None, jnp.zeros(members, bool)
+    nobody = jnp.zeros(members, bool)
+    if state.rubbing is None:
+        return done, None, nobody
+    turning = free_turning(state.rubbing.spin[:members], layout.dimensions)
+    if not (layout.walls and layout.gravity):
+        return done, turning, nobody
     who = jnp.minimum(seats.who, layout.spheres - 1)
     position = state.position[:members] + seats.shift * numbers.period[None]
     time = jnp.broadcast_to(state.time, (members,))
-    turning = free_turning(state.rubbing.spin[:members], layout.dimensions)
+    rests, on = (support >= 0)[:, None], jnp.maximum(support, 0)
     before = Flying(position, state.velocity[:members], time, turning)
-    foot = footing(layout, numbers, who, jnp.maximum(support, 0), before)
+    foot = footing(layout, numbers, who, on, before)
+    # What is left of the approach ends, too.
+    walls = rows_of(numbers.walls_at(state.time).velocity, on)
+    closing = walls - jnp.sum(before.velocity * foot.normal, axis=1)
+    sinks = before.velocity + jnp.where(rests, closing[:, None] * foot.normal, 0)
+    before = before._replace(velocity=sinks)
     mass, mobility = masses(layout, numbers, seats)[:, None], foot.mobility
     friction, slides, compliance = _springs(layout, numbers, seats, state, support)
     slip = lengths(foot.slip)[:, None]

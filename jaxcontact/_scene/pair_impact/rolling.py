@@ -88,8 +88,8 @@ def flying_at_start(layout: SceneLayout, numbers: Numbers) -> Flying:
 
 class Footing(NamedTuple):
     """Bodies on walls: the normal, the part of gravity along the wall, R m/I, and λ (M, 1). `slip`
-    and `drift` are the slip velocity and that of the wall along itself. `fast` is the sum of the
-    speeds in the slip.
+    and `drift` are the slip velocity and that of the wall along itself. `fast` times the rounding
+    of 1 is that of the slip.
     """
 
     normal: Float[Array, "M D"]
@@ -123,7 +123,9 @@ def footing(
     lever = height * turns / jnp.where(inverse > 0, inverse, 1)
     level = at.velocity - jnp.sum(at.velocity * normal, axis=-1, keepdims=True) * normal - drift
     turned = height[:, None] * swept(spin, normal)
-    fast = jnp.sum(jnp.abs(level), axis=-1) + jnp.abs(height) * jnp.sum(jnp.abs(spin), axis=-1)
+    # Rounding of the height turns with the spin.
+    far = jnp.sum(jnp.abs(at.position), axis=-1) + jnp.abs(offset)
+    fast = jnp.sum(jnp.abs(level), axis=-1) + far * jnp.sum(jnp.abs(spin), axis=-1)
     mobility = 1 + height * lever
     return Footing(normal, slope, lever[:, None], mobility[:, None], level - turned, drift, fast)
 
