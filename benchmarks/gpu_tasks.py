@@ -15,9 +15,13 @@ import numpy as np
 import jaxcontact as jc
 from benchmarks import sweeps, weight
 from benchmarks.methods import ordinary
+from benchmarks.oblique_impacts.by_scipy import call_of as springs_by_scipy
+from benchmarks.oblique_impacts.problems import CHI, elastic, spheres
 from benchmarks.time_and_error import by_diffrax
 from benchmarks.time_and_error.line_scenes import by_scipy, oblique, scene_of
 from benchmarks.time_and_error.problems import PROBLEMS, SEED, Problem, function_of, worst
+from jaxcontact._friction.slider.phases import slider_phases
+from tests.elastic_rebound import rebounds
 
 DRAWN = 100_000
 """Different lanes of a batch; a larger one repeats them."""
@@ -28,6 +32,10 @@ SLOPES = 1e-9
 """The tolerance of event solves whose derivative is taken."""
 FINEST = 2.3e-14
 """The tolerance of SciPy's reference, the least that it takes."""
+STEP = 0.001
+"""Of the fronts of slip; see `tests/elastic_rebound.py`."""
+KNOWN = 17
+"""Lanes of friction whose truth is computed."""
 ROOM = 64
 """Impacts of a scene at most: measured 18 in the soft scene, fewer in the other."""
 
@@ -265,6 +273,40 @@ def of_pair(slowness: float) -> Callable[[int, str, Any], float]:
     return error
 
 
+def by_curve(size: int, precision: str, _: str) -> Job:
+    """ψ2 of Maw, Barber and Fawcett's table for spheres of one kind."""
+    psi = np.resize(elastic(min(size, DRAWN)), size).astype(precision)
+    return lambda psi: jc.tangential_rebound(psi, CHI, 0.0), (psi,)
+
+
+def of_curve(size: int, precision: str, answer: Any) -> float:
+    """The largest error of the first lanes beside springs whose slip is followed by its fronts."""
+    psi = elastic(min(size, DRAWN))[:KNOWN].astype(precision).astype(np.float64)
+    return float(np.max(np.abs(np.asarray(answer)[: len(psi)] - rebounds(psi, CHI, STEP))))
+
+
+def by_spring(size: int, precision: str, _: str) -> Job:
+    """ψ2 of a spring and slider, each lane with its own χ and e."""
+    lanes = spheres(min(size, DRAWN))
+    numbers = (np.resize(x, size).astype(precision) for x in (lanes.psi, lanes.chi, lanes.alpha))
+
+    def rebound(psi: jax.Array, chi: jax.Array, alpha: jax.Array) -> jax.Array:
+        return slider_phases(psi, chi, alpha, "force").psi2
+
+    return rebound, tuple(numbers)
+
+
+def of_spring(size: int, precision: str, answer: Any) -> float:
+    """The largest error of the first lanes beside SciPy with events."""
+    lanes = spheres(min(size, DRAWN)).first(KNOWN)
+    lanes = lanes._replace(
+        **{k: x.astype(precision).astype(float) for k, x in lanes._asdict().items()}
+    )
+    return float(
+        np.max(np.abs(np.asarray(answer)[: len(lanes.psi)] - springs_by_scipy(lanes, FINEST)()))
+    )
+
+
 BOTH = "float64", "float32"
 TENS = tuple(10**k for k in range(8))
 TASKS = (
@@ -292,6 +334,9 @@ TASKS = (
     Task("mechanisms", "double pendulum, 2.5 s",
          by_mechanism("double_pendulum", 2.5, "wall", -0.32, -0.28), None,
          (1, 100, 1_000, 10_000), 100, unit="runs", quick=2),
+    Task("friction", "table of Maw, Barber and Fawcett", by_curve, of_curve, TENS[3:8:2], TENS[5],
+         BOTH),
+    Task("friction", "spring and slider", by_spring, of_spring, TENS[3:7], TENS[5], BOTH),
     Task("oblique pairs", "slightly oblique", by_pair(4e-3), of_pair(4e-3), (TENS[5],), 1_000,
          quick=4),
     Task("oblique pairs", "oblique", by_pair(0.1), of_pair(0.1), (TENS[5],), 1_000, quick=4),

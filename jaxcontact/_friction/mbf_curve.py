@@ -304,7 +304,9 @@ def _table() -> _Table:
     elastic, damped = (
         _by_degree(np.array(stored[name], float) * stored["unit"]) for name in ("elastic", "damped")
     )
-    return _Table(elastic, np.array(stored["in_chi"]), np.array(stored["in_alpha"]), damped)
+    # Indices of 64 bits fail without x64 in a process that had it before.
+    places = (np.array(stored[name], np.int32) for name in ("in_chi", "in_alpha"))
+    return _Table(elastic, *places, damped)
 
 
 def _by_degree(numbers: np.ndarray) -> np.ndarray:

@@ -173,6 +173,10 @@ def test_float32():
     single = tangential_rebound(psi1.astype(np.float32), np.float32(1.3), np.float32(0.3))
     assert single.dtype == jnp.float32
     np.testing.assert_allclose(single, exact, atol=ROUNDING_32)
+    # A process may use both settings, as a calibration does.
+    with jax.enable_x64(False):
+        single = tangential_rebound(jnp.asarray(psi1), 1.3, 0.3)
+    np.testing.assert_allclose(single, exact, atol=ROUNDING_32)
 
 
 def test_lanes_out_of_range_are_nan():
