@@ -139,14 +139,6 @@ class AbstractCoupledField(abc.ABC):
         # Called only for fields whose modes hold grips, which define it.
         raise NotImplementedError
 
-    def afresh(self, y: Array, modes: Modes) -> tuple[Look, Look]:
-        """Return the quantities of a state after a change of its modes, and their rates in time."""
-        # With w = ½ the variable of the clock is time.
-        clock = ContactClock(jnp.asarray(True), jnp.zeros_like(modes.closed))
-        y = y.at[W].set(0.5)
-        toward = self.rate(y, modes, clock)
-        return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
-
     def hidden(
         self, lasts: Number, before: Look, after: Look, modes: Modes, leaving: Flags, noise: Any
     ) -> tuple[Flags, Number]:

@@ -18,11 +18,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from .carry import Carry, CoupledSolve
 from .clock import LONG_AGO, ContactClock, choose_clock
-from .field import TIME, Look
-from .modes import APART, NOT_CONVERGED, PAUSED, REDUNDANT, TIME_IS_UP, Modes, PerContact
+from .field import TIME, Grip, Look
+from .modes import APART, NOT_CONVERGED, PAUSED, TIME_IS_UP, Modes, PerContact
 from .scalars import Flag, Index, Number
-from .step import Carry, CoupledSolve, advance, with_w
+from .step import advance, with_w
 
 _stop = jax.lax.stop_gradient
 
@@ -46,15 +47,19 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
     field, modes, finest, begin = solve.field, start.modes, solve.finest, solve.begin
     zero = jnp.zeros((), start.y.dtype)
     nobody, none = jnp.zeros_like(modes.closed), jnp.zeros_like(modes.latched)
-    redundant = None
+    touching, renew = ContactClock(jnp.asarray(True), nobody), None
     if field.rules.sticks:
-        redundant = field.settled(start.y, modes, nobody, nobody, none).redundant
-    here = field.look(start.y, modes, ContactClock(jnp.asarray(True), nobody))
-    if field.rules.peak:
+        # The first step, of no length, finds the rest.
+        renew = jnp.asarray(True)
+        here = slope = Look(*field.approach(start.y, touching), none, none, Grip(none, none, none))
+    else:
+        here = field.look(start.y, modes, touching)
+        force = field.force_slope(modes, (here.depth, here.rate), (here.rate, here.second))
+        slope = Look(here.rate, here.second, none, force)
+    if field.rules.peak and renew is None:
         # v0 follows a closing speed that is the largest so far and increases.
         largest = modes.closed & (here.rate >= modes.latched - 16 * finest)
         modes = modes._replace(rising=modes.rising | (largest & (here.second > 0)))
-    force = field.force_slope(modes, (here.depth, here.rate), (here.rate, here.second))
     # True if a contact begins just now, up to rounding.
     just = jnp.abs(start.since - solve.start) <= 8 * finest * jnp.abs(solve.start)
     just = jnp.any(modes.closed & just)
@@ -65,10 +70,6 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
     first = begin if start.step is None else start.step
     size = _stop(jnp.where(just, begin, first / jnp.where(just, 1, 2 * w)))
     over = jnp.where(field.until <= 0, TIME_IS_UP, -1)
-    slope = Look(here.rate, here.second, none, force)
-    if redundant is not None:
-        over = jnp.where(redundant, REDUNDANT, over)
-        slope = field.afresh(start.y, modes)[1]
     if not field.rules.flies:
         over = jnp.where(jnp.any(modes.closed), over, APART)
     return Carry(
@@ -92,6 +93,7 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
         error=zero,
         steps=jnp.zeros((), jnp.int32),
         status=over.astype(jnp.int32),
+        renew=renew,
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any, NamedTuple
 
@@ -11,75 +10,20 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._solver.runge_kutta import step_and_slope
+from .carry import Carry, Changed, CoupledSolve
 from .clock import ContactClock, choose_clock
 from .control import factor, onward
 from .cubic import highest, to_root
-from .field import TIME, TOGETHER, AbstractCoupledField, Grip, Look, W
-from .modes import APART, CHANGED, REDUNDANT, TIME_IS_UP, Flags, Modes, PerContact, Units
+from .field import TIME, TOGETHER, Grip, Look, W
+from .grips import change_grips, renewed, slips_within
+from .modes import APART, CHANGED, REDUNDANT, TIME_IS_UP, Flags
 from .rows import rows_of
-from .scalars import Flag, Index, Number
+from .scalars import Number
 
 _NEAR = 0.4
 """A power of rounding, relative to the step: the distance to an event that its cubic bridges."""
 
-_BEGIN = 0.35
-_BEGIN_FOR = 1e-8
-"""The first step, in units of about the contact's duration, and the tolerance that it is for."""
-
 _stop = jax.lax.stop_gradient
-
-
-@dataclasses.dataclass(frozen=True)
-class CoupledSolve:
-    """The constants of a solve: its `field` and units, the tolerance of a step, the least v0 at
-    touch in m/s (`floor`), and the time in s at which it starts. `to_the_end`: whether it continues
-    at rest.
-    """
-
-    field: AbstractCoupledField
-    units: Units
-    tolerance: Number
-    floor: Number
-    start: Number
-    to_the_end: Flag
-
-    @property
-    def finest(self) -> float:
-        """The rounding error of 1."""
-        return float(jnp.finfo(self.start.dtype).eps)
-
-    @property
-    def begin(self) -> Number:
-        """The first step after a touch."""
-        return _BEGIN * jnp.minimum((self.tolerance / _BEGIN_FOR) ** (1 / 8), 1.5)
-
-
-class Carry(NamedTuple):
-    """The state of the loop. `y` is the state vector, and `size` the next step. `free` is the size
-    that the error alone allows. `whole` is the step in which an event was first seen, 0 if none is
-    being sought. `cruise` is the last step without contacts in units of time.
-    """
-
-    y: Float[Array, " numbers"]
-    modes: Modes
-    clock: ContactClock
-    touched: Number
-    size: Number
-    free: Number
-    last_size: Number
-    last_error: Number
-    whole: Number
-    cruise: Number
-    sought: Bool[Array, " events"]
-    look: Look
-    slope: Look
-    since: PerContact
-    force_until: PerContact
-    max_force: PerContact
-    dropped: Number
-    error: Number
-    steps: Index
-    status: Index
 
 
 class _Attempt(NamedTuple):
@@ -118,24 +62,6 @@ class _StepEvents(NamedTuple):
     whole: Array
 
 
-class _Changed(NamedTuple):
-    """The state and the modes after the events of a step, and which contacts begin and end. Where
-    contacts stick and slip, `slides` marks those that change, after which `slope` holds the rates
-    of `now` in time.
-    """
-
-    y: Array
-    modes: Modes
-    touches: Flags
-    opens: Flags
-    now: Look
-    touched: Array
-    dropped: Array
-    slides: Flags | None = None
-    slope: Look | None = None
-    redundant: Flag | None = None
-
-
 def with_w(y: Array, w: Number) -> Float[Array, " numbers"]:
     """Return the state with another w."""
     return jnp.concatenate([y[:W], w[None]])
@@ -154,7 +80,8 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
     field = solve.field
     if field.rules.flies:
         c = c._replace(size=_within(solve, c))
-    trial = _try_step(solve, c)
+    size = c.size if c.renew is None else jnp.where(c.renew, 0, c.size)
+    trial = _try_step(solve, c, size)
     events = _find_events(solve, c, trial)
     changed = _apply_events(solve, c, trial, events)
     modes, touches, opens, happens = changed.modes, changed.touches, changed.opens, events.happens
@@ -200,6 +127,11 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
         error=c.error + jnp.where(events.taken, trial.error * solve.tolerance, 0),
         steps=c.steps + 1,
     )
+    renew = c.renew
+    if renew is not None and changed.jumps is not None and changed.redundant is not None:
+        carry = carry._replace(renew=events.taken & changed.jumps & ~changed.redundant)
+        again = renewed(solve, c, trial.now, records["slope"], changed.redundant)
+        carry = jax.tree.map(lambda a, b: jnp.where(renew, a, b), again, carry)
     return carry, changes
 
 
@@ -214,11 +146,11 @@ def _within(solve: CoupledSolve, c: Carry) -> Number:
     return jnp.minimum(c.size, (left + least) / (w + there))
 
 
-def _try_step(solve: CoupledSolve, c: Carry) -> _Attempt:
+def _try_step(solve: CoupledSolve, c: Carry, size: Number) -> _Attempt:
     """Try a step; return its error, its end, and whether an event may be hidden in it."""
     field, modes, clock = solve.field, c.modes, c.clock
     finest = solve.finest
-    y, error, outset, toward = step_and_slope(lambda y: field.rate(y, modes, clock), c.y, c.size)
+    y, error, outset, toward = step_and_slope(lambda y: field.rate(y, modes, clock), c.y, size)
     allowed = field.allowed(*_stop((c.y, y)), solve.tolerance, finest)
     error = jnp.max(jnp.abs(_stop(error)) / allowed)
     now, slope = field.look_along(y, modes, clock, toward)
@@ -236,21 +168,9 @@ def _try_step(solve: CoupledSolve, c: Carry) -> _Attempt:
         hidden = modes.closed & ~modes.rising & (after.second < 0)
         grazed = grazed | jnp.any(used & hidden & (faster > modes.latched + finest**TOGETHER))
     if field.rules.sticks:
-        grazed = grazed | jnp.any(used & modes.closed & _slips_within(c, now.grip, slope.grip))
-    fine = (error <= 1) & (~grazed | (c.size < 1e-6))
+        grazed = grazed | jnp.any(used & modes.closed & slips_within(c, now.grip, slope.grip))
+    fine = (error <= 1) & (~grazed | (size < 1e-6))
     return _Attempt(y, error, fine, outset, toward, now, slope, passing, grazed, shorter)
-
-
-def _slips_within(c: Carry, now: Grip | None, slope: Grip | None) -> Flags:
-    """Return which contacts may change between stick and slip, and back, within a step. `now` is
-    the grip at its end, and `slope` the slopes in s.
-    """
-    assert now is not None and slope is not None
-    assert c.look.grip is not None and c.slope.grip is not None
-    before, rising, after, falling = _stop((c.look.grip, c.slope.grip, now.hold, slope.hold))
-    outset = 2 * _stop(c.y[W]) * rising.hold
-    dip, inside = highest(_stop(c.size), -before.hold, -outset, -after, -falling)
-    return inside & (dip > float(jnp.finfo(after.dtype).eps) ** TOGETHER)
 
 
 def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
@@ -267,6 +187,8 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     earlier = jax.tree.map(lambda x: 2 * last.y[W] * x, last.slope)
     fell = field.gaps(modes, clock, earlier, begun[W], 0, -begun[TIME])
     crossed = field.has_passed(modes, trial.now, gaps)
+    if c.renew is not None:
+        crossed = crossed & ~c.renew
     left = to_root(c.size, before, fell, *_stop((gaps, fall)))
     seeking, anything = jnp.any(c.sought), jnp.any(crossed)
     sought = crossed | c.sought
@@ -299,7 +221,7 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     return _StepEvents(y, event, taken, happens, sought, seeking, anything, next_one, whole)
 
 
-def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepEvents) -> _Changed:
+def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepEvents) -> Changed:
     """Apply all events on which the step ends."""
     field, modes, y, happens = solve.field, c.modes, events.y, events.happens
     contacts = modes.closed.shape[0]
@@ -329,39 +251,10 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
     modes = field.at_touch(
         y, touches, modes._replace(closed=closed, rising=rising, latched=latched)
     )
-    changed = _Changed(y, modes, touches, opens, now, touched, dropped)
+    changed = Changed(y, modes, touches, opens, now, touched, dropped)
     if not field.rules.sticks:
         return changed
-    return _change_grips(solve, changed, trial.now.grip, happens[-1 - contacts : -1])
-
-
-def _change_grips(
-    solve: CoupledSolve, changed: _Changed, grip: Grip | None, happens: Flags
-) -> _Changed:
-    """Apply the changes between stick and slip that an event brings."""
-    assert grip is not None
-    field, before, now = solve.field, changed.modes, changed.now
-    event = jnp.any(changed.touches | changed.opens | happens)
-    settled = field.settled(changed.y, before, changed.touches, happens, grip.friction)
-    y, modes, slides = jax.tree.map(
-        lambda new, old: jnp.where(event, new, old),
-        (settled.y, settled.modes, settled.slides),
-        (changed.y, before, jnp.zeros_like(happens)),
-    )
-    # Accelerations jump with friction. With them the closing speed may begin or cease to rise.
-    new, slope = field.afresh(y, modes)
-    jumps = jnp.any(slides) & ~settled.redundant
-    now = jax.tree.map(lambda a, b: jnp.where(jumps, a, b), new, now)
-    if field.rules.peak:
-        largest = modes.closed & (now.rate >= modes.latched - 16 * solve.finest)
-        rising = modes.rising | largest
-        rising = jnp.where(jumps, rising & (now.second > 0), modes.rising)
-        falls = modes.rising & ~rising
-        latched = jnp.where(falls, jnp.maximum(now.rate, 0), modes.latched)
-        modes = modes._replace(rising=rising, latched=latched)
-    return changed._replace(
-        y=y, modes=modes, now=now, slides=slides, slope=slope, redundant=settled.redundant
-    )
+    return change_grips(solve, changed, trial.now.grip, happens[-1 - contacts : -1])
 
 
 def _onward(
@@ -369,7 +262,7 @@ def _onward(
     c: Carry,
     trial: _Attempt,
     events: _StepEvents,
-    changed: _Changed,
+    changed: Changed,
     clock: ContactClock,
     w: Array,
 ) -> dict[str, Any]:
@@ -417,7 +310,7 @@ def _onward(
 
 
 def _records(
-    solve: CoupledSolve, c: Carry, tried: _Attempt, changed: _Changed, time: Number
+    solve: CoupledSolve, c: Carry, tried: _Attempt, changed: Changed, time: Number
 ) -> dict[str, Any]:
     """Return the records of every contact; slopes in time are special where w vanishes."""
     units, modes, now, passing = solve.units, c.modes, changed.now, tried.passing
@@ -439,9 +332,6 @@ def _records(
     lasted = -c.look.force / jnp.where(vanishes, c.slope.force, -1)
     lasted = c.y[TIME] + jnp.minimum(lasted, passing)
     until_then = jnp.where(vanishes, start + units.time * lasted, time)
-    if changed.slides is not None:
-        jumps = jnp.any(changed.slides)
-        per_time = jax.tree.map(lambda a, b: jnp.where(jumps, a, b), changed.slope, per_time)
     return {
         "slope": per_time,
         "force_until": jnp.where(acts, until_then, jnp.where(touches, time, c.force_until)),

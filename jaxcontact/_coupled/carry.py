@@ -1,0 +1,90 @@
+"""What a coupled solve keeps from step to step."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .clock import ContactClock
+from .field import AbstractCoupledField, Look
+from .modes import Flags, Modes, PerContact, Units
+from .scalars import Flag, Index, Number
+
+_BEGIN = 0.35
+_BEGIN_FOR = 1e-8
+"""The first step, in units of about the contact's duration, and the tolerance that it is for."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CoupledSolve:
+    """The constants of a solve: its `field` and units, the tolerance of a step, the least v0 at
+    touch in m/s (`floor`), and the time in s at which it starts. `to_the_end`: whether it continues
+    at rest.
+    """
+
+    field: AbstractCoupledField
+    units: Units
+    tolerance: Number
+    floor: Number
+    start: Number
+    to_the_end: Flag
+
+    @property
+    def finest(self) -> float:
+        """The rounding error of 1."""
+        return float(jnp.finfo(self.start.dtype).eps)
+
+    @property
+    def begin(self) -> Number:
+        """The first step after a touch."""
+        return _BEGIN * jnp.minimum((self.tolerance / _BEGIN_FOR) ** (1 / 8), 1.5)
+
+
+class Carry(NamedTuple):
+    """The state of the loop. `y` is the state vector, and `size` the next step. `free` is the size
+    that the error alone allows. `whole` is the step in which an event was first seen, 0 if none is
+    being sought. `cruise` is the last step without contacts in units of time. Where contacts stick
+    and slip, `renew` is True after a jump of their forces: then `look` and `slope` are out of date.
+    """
+
+    y: Float[Array, " numbers"]
+    modes: Modes
+    clock: ContactClock
+    touched: Number
+    size: Number
+    free: Number
+    last_size: Number
+    last_error: Number
+    whole: Number
+    cruise: Number
+    sought: Bool[Array, " events"]
+    look: Look
+    slope: Look
+    since: PerContact
+    force_until: PerContact
+    max_force: PerContact
+    dropped: Number
+    error: Number
+    steps: Index
+    status: Index
+    renew: Flag | None = None
+
+
+class Changed(NamedTuple):
+    """The state and the modes after the events of a step, and which contacts begin and end. Where
+    contacts stick and slip, `slides` marks those that change, and `jumps` is True if forces do.
+    """
+
+    y: Array
+    modes: Modes
+    touches: Flags
+    opens: Flags
+    now: Look
+    touched: Array
+    dropped: Array
+    slides: Flags | None = None
+    jumps: Flag | None = None
+    redundant: Flag | None = None
