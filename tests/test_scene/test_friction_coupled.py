@@ -133,6 +133,19 @@ def test_a_ball_comes_to_rest_rolls_and_meets_another_one():
     assert abs(balance(run)) < KEPT * run.energy[0]
 
 
+def test_a_wall_that_stands_does_no_work_on_a_ball_at_rest():
+    """A slope that could move, whose spring holds the ball below the middle of its swing."""
+    along, normal = np.array([np.cos(0.2), -np.sin(0.2)]), np.array([np.sin(0.2), np.cos(0.2)])
+    ball = jc.Sphere(0.1, 0.5, 0.102 * normal, along - 0.3 * normal)
+    slope = jc.Plane([0.0, 0.0], normal, motion=jc.Steady([0.0, 0.0]))
+    scene = jc.Scene(
+        [ball, slope], jc.HuGuo(e=0.5), stiffness=1e6, friction=jc.SpringSlider(0.3, ratio=KAPPA),
+        gravity=[0.0, -9.8],
+    )  # fmt: skip
+    run = jc.simulate(scene, 2.0, rtol=1e-9)
+    assert abs(run.wall_work) < KEPT and abs(balance(run)) < KEPT * run.energy[0]
+
+
 def test_without_friction_spins_are_kept():
     """μ = 0 has no direction of friction, and small μ one that would turn without limit."""
     for mu in (0.0, 1e-6):

@@ -6,7 +6,8 @@ With the friction f, its mean f_m, the stiffness k and the mobility λ of the co
     u' = λ (f - f_m)/m,   f' = -k u.   The means are v - u/λ and x + (f - f_m)/(k λ).
 
 The formulas continue from them, so that nothing depends on the time at which the ball counts as at
-rest. The energy of the swing counts as lost in the contact.
+rest. The energy of the swing counts as lost in the contact. A ball that still slides then is not
+shifted when it stops.
 """
 
 from __future__ import annotations
@@ -88,7 +89,8 @@ def rest_on_walls(
     )
     done = done._replace(
         state=state,
-        work=done.work + jnp.sum(impulse * foot.drift),
+        # No wall lifts the bodies by the shift.
+        work=done.work + jnp.sum(impulse * foot.drift + mass * foot.slope * shift),
         rubbed=None if done.rubbed is None else done.rubbed - jnp.sum(gained),
     )
     return done, after.turning, bent & seats.present
