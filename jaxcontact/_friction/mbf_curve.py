@@ -305,8 +305,8 @@ def _table() -> _Table:
         _by_degree(np.array(stored[name], float) * stored["unit"]) for name in ("elastic", "damped")
     )
     # Indices of 64 bits fail without x64 in a process that had it before.
-    places = (np.array(stored[name], np.int32) for name in ("in_chi", "in_alpha"))
-    return _Table(elastic, *places, damped)
+    in_chi, in_alpha = (np.array(stored[name], np.int32) for name in ("in_chi", "in_alpha"))
+    return _Table(elastic, in_chi, in_alpha, damped)
 
 
 def _by_degree(numbers: np.ndarray) -> np.ndarray:

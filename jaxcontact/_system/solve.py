@@ -8,12 +8,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from .._coupled.carry import Carry, CoupledSolve
 from .._coupled.field import TIME, WORK, LoopRules
-from .._coupled.loop import CoupledStart, first_carry
 from .._coupled.modes import NOT_CONVERGED, PAUSED, TIME_IS_UP, Modes, PerContact
 from .._coupled.scalars import Flag, Index, Number
-from .._coupled.step import advance
+from .._coupled.steps.carry import Carry, CoupledSolve
+from .._coupled.steps.loop import CoupledStart, first_carry
+from .._coupled.steps.step import advance
 from .field import SystemField
 from .log import SystemLog, empty_log, with_event
 from .problem import Scales, SystemProblem, SystemState, scales_of

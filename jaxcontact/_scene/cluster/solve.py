@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..._coupled.carry import Carry, CoupledSolve
 from ..._coupled.field import TIME, WORK, LoopRules
-from ..._coupled.loop import CoupledStart, first_carry, run_to_end, status_of
 from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Modes
+from ..._coupled.steps.carry import Carry, CoupledSolve
+from ..._coupled.steps.loop import CoupledStart, first_carry, run_to_end, status_of
 from .equations import ClusterState, PerBody
 from .field import ClusterField, Rubbed, field_of
 from .friction import Rubbing

@@ -52,7 +52,7 @@ def rest_on_walls(
     rests, on = (support >= 0)[:, None], jnp.maximum(support, 0)
     before = Flying(position, state.velocity[:members], time, turning)
     foot = footing(layout, numbers, who, on, before)
-    # What is left of the approach ends, too.
+    # The residual approach ends, too.
     walls = rows_of(numbers.walls_at(state.time).velocity, on)
     closing = walls - jnp.sum(before.velocity * foot.normal, axis=1)
     sinks = before.velocity + jnp.where(rests, closing[:, None] * foot.normal, 0)

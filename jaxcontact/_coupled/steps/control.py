@@ -5,8 +5,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._solver.march import _SAFETY, _SHRINKS
-from .scalars import Flag, Number
+from ..._solver.march import _SAFETY, _SHRINKS
+from ..scalars import Flag, Number
 
 State = Float[Array, " numbers"]
 

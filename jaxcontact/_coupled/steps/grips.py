@@ -9,11 +9,11 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
+from ..cubic import highest
+from ..field import TOGETHER, Grip, Look, W
+from ..modes import REDUNDANT, Flags
+from ..scalars import Flag
 from .carry import Carry, Changed, CoupledSolve
-from .cubic import highest
-from .field import TOGETHER, Grip, Look, W
-from .modes import REDUNDANT, Flags
-from .scalars import Flag
 
 _stop = jax.lax.stop_gradient
 

@@ -9,16 +9,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._solver.runge_kutta import step_and_slope
+from ..._solver.runge_kutta import step_and_slope
+from ..clock import ContactClock, choose_clock
+from ..cubic import highest, to_root
+from ..field import TIME, TOGETHER, Grip, Look, W
+from ..modes import APART, CHANGED, REDUNDANT, TIME_IS_UP, Flags
+from ..rows import rows_of
+from ..scalars import Number
 from .carry import Carry, Changed, CoupledSolve
-from .clock import ContactClock, choose_clock
 from .control import factor, onward
-from .cubic import highest, to_root
-from .field import TIME, TOGETHER, Grip, Look, W
 from .grips import change_grips, renewed, slips_within
-from .modes import APART, CHANGED, REDUNDANT, TIME_IS_UP, Flags
-from .rows import rows_of
-from .scalars import Number
 
 _NEAR = 0.4
 """A power of rounding, relative to the step: the distance to an event that its cubic bridges."""

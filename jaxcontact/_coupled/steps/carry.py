@@ -8,10 +8,10 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .clock import ContactClock
-from .field import AbstractCoupledField, Look
-from .modes import Flags, Modes, PerContact, Units
-from .scalars import Flag, Index, Number
+from ..clock import ContactClock
+from ..field import AbstractCoupledField, Look
+from ..modes import Flags, Modes, PerContact, Units
+from ..scalars import Flag, Index, Number
 
 _BEGIN = 0.35
 _BEGIN_FOR = 1e-8

@@ -1,0 +1,1 @@
+"""The steps of a coupled solve, from event to event."""
