@@ -77,7 +77,7 @@ def row_hit(
             outcome = hit(layout, numbers, before, choice)
         if layout.frictions is None:
             return outcome
-        outcome = or_roll(layout, numbers, before, choice, outcome)
+        outcome = or_roll(layout, numbers, before, choice, outcome, rules.soft)
         return with_friction_at_rest(layout, numbers, choice, outcome, facts.support)[0]
 
     return strike, before

@@ -13,13 +13,19 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Number
-from ..._friction import RegularizedCoulomb
 from ..._functions import spin_axes
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying
 from ..cluster.equations import ClusterPairs, ClusterState
 from ..cluster.friction import PairFriction, Rubbing
-from ..pair_impact.friction import SlipSpeeds, arms_of, coefficient_of, spring_ratio_of, wall_drift
+from ..pair_impact.friction import (
+    SlipSpeeds,
+    arms_of,
+    coefficient_of,
+    ramps_of,
+    spring_ratio_of,
+    wall_drift,
+)
 from ..pair_impact.rolling import footing, slips
 from .cluster_slots import Slots, bodies_of, slot_pairs
 
@@ -53,21 +59,6 @@ def pair_friction(
         drift=numbers.rotation.drift if layout.walls else None,
         wall=wall,
     )
-
-
-def ramps_of(
-    layout: SceneLayout, numbers: Numbers, one: Int[Array, " P"], other: Int[Array, " P"]
-) -> Float[Array, " P"] | None:
-    """Return the speeds v_d of regularised laws, 0 for pairs of other laws."""
-    assert numbers.rotation is not None and layout.frictions is not None
-    laws, none = numbers.rotation.laws, jnp.zeros((), numbers.dtype)
-    if not any(isinstance(law, RegularizedCoulomb) for law in laws):
-        return None
-    each = jnp.stack([law.v_d if isinstance(law, RegularizedCoulomb) else none for law in laws])
-    table = layout.frictions
-    if not table:
-        return jnp.broadcast_to(each[0], one.shape)
-    return jax.vmap(lambda i, j: rows_of(each, layout.chosen(table, i, j)))(one, other)
 
 
 def fresh_rubbing(

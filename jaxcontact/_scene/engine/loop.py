@@ -295,7 +295,7 @@ def _solve_due(
         crowded = jnp.asarray(False)
         if layout.frictions is not None:
             # A law without an outcome ends the run.
-            outcome = or_roll(layout, numbers, before, choice, outcome)
+            outcome = or_roll(layout, numbers, before, choice, outcome, soft=True)
             alone = alone | begins_to_roll(layout, choice)
             alone = alone | (outcome.status == int(Status.INVALID_INPUT))
             if is_followed(numbers):
@@ -303,7 +303,7 @@ def _solve_due(
     else:
         choice = choice._replace(tail=_tail(layout, numbers, choice, before, tolerance))
         outcome = hit(layout, numbers, before, choice)
-        outcome = or_roll(layout, numbers, before, choice, outcome)
+        outcome = or_roll(layout, numbers, before, choice, outcome, soft=False)
         alone = jnp.asarray(True)
         support, crowded = _supports(layout, numbers, choice, outcome)
     curves = jnp.asarray(False)

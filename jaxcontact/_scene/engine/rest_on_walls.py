@@ -6,27 +6,23 @@ With the friction f, its mean f_m, the stiffness k and the mobility λ of the co
     u' = λ (f - f_m)/m,   f' = -k u.   The means are v - u/λ and x + (f - f_m)/(k λ).
 
 The formulas continue from them, so that nothing depends on the time at which the ball counts as at
-rest. The energy of the swing counts as lost in the contact. A ball that still slides then is not
-shifted when it stops.
+rest. The energy of the swing counts as lost in the contact.
 """
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.rows import rows_of
-from ..._coupled.springs import lengths, tangential_stiffness
-from ..arrays.arrays import Numbers, SceneLayout, known_contact_of
+from ..._coupled.springs import lengths
+from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying
 from ..arrays.turning import Turning, free_turning
 from ..cluster.equations import ClusterState
 from ..cluster.problem import ClusterEnd
-from ..pair_impact.friction import spring_ratio_of
-from ..pair_impact.rolling import footing, on_walls
+from ..pair_impact.rolling import compliance_on, footing, on_walls
 from .cluster_slots import Slots, masses, resting_pairs, slot_pairs
-from .coupled_friction import ramps_of
 
 
 def rest_on_walls(
@@ -58,7 +54,8 @@ def rest_on_walls(
     sinks = before.velocity + jnp.where(rests, closing[:, None] * foot.normal, 0)
     before = before._replace(velocity=sinks)
     mass, mobility = masses(layout, numbers, seats)[:, None], foot.mobility
-    friction, slides, compliance = _springs(layout, numbers, seats, state, support)
+    friction, slides = _springs(layout, members, state, support)
+    compliance = compliance_on(layout, numbers, who, on, foot.height)
     slip = lengths(foot.slip)[:, None]
     # No swing is faster; a body that slides faster does not swing.
     pull = lengths(friction + mass * foot.slope / mobility)[:, None]
@@ -97,30 +94,12 @@ def rest_on_walls(
 
 
 def _springs(
-    layout: SceneLayout,
-    numbers: Numbers,
-    seats: Slots,
-    state: ClusterState,
-    support: Int[Array, " M"],
-) -> tuple[Float[Array, "M D"], Bool[Array, " M"], Float[Array, "M 1"]]:
-    """Return the friction of members on their walls, whether they slide, and 1/k; a contact without
-    a spring has none.
-    """
+    layout: SceneLayout, members: int, state: ClusterState, support: Int[Array, " M"]
+) -> tuple[Float[Array, "M D"], Bool[Array, " M"]]:
+    """Return the friction of members on their walls, and whether they slide."""
     assert state.rubbing is not None
-    members = seats.who.shape[0]
-    first, second = slot_pairs(layout, members)
-    rests = resting_pairs(layout, members, support)
-    who = jnp.minimum(seats.who, layout.spheres - 1)[first]
-    body = layout.spheres + jnp.maximum(second - members, 0)
+    rests, first = resting_pairs(layout, members, support), slot_pairs(layout, members)[0]
     slides = jnp.zeros(members, bool).at[first].max(rests & (state.rubbing.slides == 1))
-    ramp = ramps_of(layout, numbers, who, body)
-    if ramp is not None:
-        rests = rests & (ramp == 0)
-    contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(who, body)
-    ratio = jax.vmap(lambda i, j: spring_ratio_of(layout, numbers, i, j))(who, body)
-    stiffness = tangential_stiffness(ratio, contact, jnp.where(rests, state.indentation, 0))
-    acts = rests & (stiffness > 0)
-    compliance = jnp.where(acts, 1 / jnp.where(acts, stiffness, 1), 0)
-    spring = jnp.where(rests[:, None], state.rubbing.spring, 0)
-    none = jnp.zeros((members, layout.dimensions), numbers.dtype)
-    return none.at[first].add(spring), slides, none[:, :1].at[first].add(compliance[:, None])
+    springs = jnp.where(rests[:, None], state.rubbing.spring, 0)
+    none = jnp.zeros((members, layout.dimensions), springs.dtype)
+    return none.at[first].add(springs), slides

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Index, Number
@@ -192,6 +192,21 @@ def _ratio_of(numbers: Numbers, i: Index, j: Index) -> Number | None:
     (soft, sheared), (softer, more) = (rows_of((numbers.compliance, shear), k) for k in (i, j))
     both = sheared + more
     return 4 * (soft + softer) / jnp.where(both > 0, both, 1)
+
+
+def ramps_of(
+    layout: SceneLayout, numbers: Numbers, one: Int[Array, " P"], other: Int[Array, " P"]
+) -> Float[Array, " P"] | None:
+    """Return the speeds v_d of regularised laws, 0 for pairs of other laws."""
+    assert numbers.rotation is not None and layout.frictions is not None
+    laws, none = numbers.rotation.laws, jnp.zeros((), numbers.dtype)
+    if not any(isinstance(law, RegularizedCoulomb) for law in laws):
+        return None
+    each = jnp.stack([law.v_d if isinstance(law, RegularizedCoulomb) else none for law in laws])
+    table = layout.frictions
+    if not table:
+        return jnp.broadcast_to(each[0], one.shape)
+    return jax.vmap(lambda i, j: rows_of(each, layout.chosen(table, i, j)))(one, other)
 
 
 def wall_drift(numbers: Numbers, wall: Index, time: Number, normal: Lane) -> Lane:

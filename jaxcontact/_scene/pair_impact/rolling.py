@@ -6,7 +6,8 @@ the centre gives ω' = -R m/I n × a and u' = g_t + λ a with λ = 1 + m R²/I. 
 a = -μ g_n u/|u|, one that rolls a = -g_t/λ, as long as |g_t| <= λ μ g_n. Without slope and without
 spin it begins to roll after 2 v0/(7 μ g), at ω = 5 v0/(7 R). The formulas hold for sliding along a
 straight line: on a level wall, in the plane, or down a slope. R is the height of the centre, which
-a soft contact lowers.
+a soft contact lowers. The spring of a soft contact, which slides with a_s and rolls with a_r, gives
+way when sliding ends: the mean of the place moves by m (a_s - a_r)/(λ k).
 """
 
 from __future__ import annotations
@@ -19,11 +20,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag
+from ..._coupled.springs import tangential_stiffness
 from ..._functions import cross, swept
-from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.arrays import Numbers, SceneLayout, known_contact_of
 from ..arrays.flight import Flying, at_once
 from ..arrays.turning import Turning, free_turning
-from .friction import coefficient_of, wall_drift
+from .friction import coefficient_of, ramps_of, spring_ratio_of, wall_drift
 from .instantaneous import Choice, ImpactOutcome
 
 _ROUNDINGS = 64
@@ -37,7 +39,12 @@ def begins_to_roll(layout: SceneLayout, choice: Choice) -> Flag:
 
 
 def or_roll(
-    layout: SceneLayout, numbers: Numbers, before: Flying, choice: Choice, outcome: ImpactOutcome
+    layout: SceneLayout,
+    numbers: Numbers,
+    before: Flying,
+    choice: Choice,
+    outcome: ImpactOutcome,
+    soft: bool,
 ) -> ImpactOutcome:
     """Return the outcome of an impact, or the end of sliding of the first body, which has no
     impulse.
@@ -49,6 +56,9 @@ def or_roll(
     until = jnp.where(rolls, turning.until[0], choice.time)
     who = jnp.stack([choice.first, choice.first])
     after = at_once(layout, numbers, who, before, choice.support, until)[0]
+    if soft and layout.walls and layout.gravity:
+        way = give_way(layout, numbers, who, choice.support, before)
+        after = after._replace(position=after.position + way)
     nothing = jax.tree.map(jnp.zeros_like, outcome)
     event = nothing._replace(after=after, time=until)
     return jax.tree.map(lambda a, b: jnp.where(rolls, a, b), event, outcome)
@@ -87,12 +97,14 @@ def flying_at_start(layout: SceneLayout, numbers: Numbers) -> Flying:
 
 
 class Footing(NamedTuple):
-    """Bodies on walls: the normal, the part of gravity along the wall, R m/I, and λ (M, 1). `slip`
+    """Bodies on walls: the normal, the height of the centre, the part of gravity along the wall, R
+    m/I, and λ (M, 1). `slip`
     and `drift` are the slip velocity and that of the wall along itself. `fast` times the rounding
     of 1 is that of the slip.
     """
 
     normal: Float[Array, "M D"]
+    height: Float[Array, " M"]
     slope: Float[Array, "M D"]
     lever: Float[Array, "M 1"]
     mobility: Float[Array, "M 1"]
@@ -127,7 +139,9 @@ def footing(
     far = jnp.sum(jnp.abs(at.position), axis=-1) + jnp.abs(offset)
     fast = jnp.sum(jnp.abs(level), axis=-1) + far * jnp.sum(jnp.abs(spin), axis=-1)
     mobility = 1 + height * lever
-    return Footing(normal, slope, lever[:, None], mobility[:, None], level - turned, drift, fast)
+    return Footing(
+        normal, height, slope, lever[:, None], mobility[:, None], level - turned, drift, fast
+    )
 
 
 def slips(foot: Footing) -> Bool[Array, " M"]:
@@ -183,6 +197,43 @@ def on_walls(
     turning = Turning(spin, kept(drag), kept(foot.twist(drag)), until)
     after = flying._replace(velocity=flying.velocity + stop, turning=turning)
     return after, rests & ~still & curves & (grip > 0)
+
+
+def compliance_on(
+    layout: SceneLayout,
+    numbers: Numbers,
+    who: Int[Array, " M"],
+    on: Int[Array, " M"],
+    height: Float[Array, " M"],
+) -> Float[Array, "M 1"]:
+    """Return 1/k of the springs of bodies at rest on walls; 0 without a spring."""
+    wall = layout.spheres + on
+    depth, ramp = rows_of(numbers.radius, who) - height, ramps_of(layout, numbers, who, wall)
+    contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(who, wall)
+    ratio = jax.vmap(lambda i, j: spring_ratio_of(layout, numbers, i, j))(who, wall)
+    stiffness = tangential_stiffness(ratio, contact, depth)
+    if ramp is not None:
+        stiffness = jnp.where(ramp > 0, 0, stiffness)
+    acts = stiffness > 0
+    return jnp.where(acts, 1 / jnp.where(acts, stiffness, 1), 0)[:, None]
+
+
+def give_way(
+    layout: SceneLayout,
+    numbers: Numbers,
+    who: Int[Array, " M"],
+    support: Int[Array, " M"],
+    sliding: Flying,
+) -> Float[Array, "M D"]:
+    """Return the ways of soft bodies whose springs are released at the end of sliding."""
+    assert sliding.turning is not None
+    on = jnp.maximum(support, 0)
+    foot = footing(layout, numbers, who, on, sliding)
+    inverse = rows_of(numbers.inverse_mass, who)[:, None]
+    mass = jnp.where(inverse > 0, 1 / jnp.where(inverse > 0, inverse, 1), 0)
+    released = mass * (sliding.turning.drag + foot.slope / foot.mobility)
+    way = released * compliance_on(layout, numbers, who, on, foot.height) / foot.mobility
+    return jnp.where((support >= 0)[:, None], way, 0)
 
 
 def _length_and_direction(vectors: Float[Array, "M D"]) -> tuple[Array, Array]:

@@ -13,7 +13,8 @@ from jaxtyping import Array, Bool, Int
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Number
 from ..arrays.flight import Flying
-from ..pair_impact.rolling import footing
+from ..pair_impact.instantaneous import Choice
+from ..pair_impact.rolling import begins_to_roll, footing, give_way
 from ..run_record import RunRecord
 from .states import last_impacts
 
@@ -47,7 +48,21 @@ def friction_at_rest(record: RunRecord, reached: Number) -> tuple[Number, Number
     parts.append((now, everyone, last.support, reached - last.began, jnp.ones_like(everyone, bool)))
     done = [_of(record, *_in_rows(part)) for part in parts]
     work, loss = (sum(column) for column in zip(*done, strict=True))
+    if record.rules.soft and layout.gravity:
+        rolls = record.counts & begins_to_roll(layout, choice)
+        rolls = rolls if record.calls is None else rolls & ~record.calls
+        first = jax.tree.map(lambda x: x[:, 0], before)
+        loss = loss + jnp.sum(jnp.where(rolls, _fallen(record, first, choice), 0))
     return jnp.asarray(work), jnp.asarray(loss)
+
+
+def _fallen(record: RunRecord, sliding: Flying, choice: Choice) -> Array:
+    """Return the energies in J that soft balls lose as they give way at the end of sliding."""
+    layout, numbers, support = record.layout, record.numbers, choice.support[:, 0]
+    way = give_way(layout, numbers, choice.first, support, sliding)
+    inverse = rows_of(numbers.inverse_mass, choice.first)
+    slope = rows_of(numbers.pull, jnp.maximum(support, 0) + 1)
+    return jnp.sum(slope * way, axis=1) / jnp.where(inverse > 0, inverse, 1)
 
 
 def _in_rows(part: tuple) -> tuple:
