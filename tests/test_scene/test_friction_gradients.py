@@ -10,6 +10,13 @@ from tests.test_scene.test_gradients import DIFFERENCES, both_modes, differences
 FORMULA = 1e-11
 """Derivatives of the moment of rolling beside those of its formula, relative: measured 1e-14."""
 
+SETTLING = 2e-4
+"""What the swing of the normal force adds in 0.03 s to derivatives of order 1: measured 3e-5."""
+
+GIVES = 1e-6
+"""Places and speeds at rtol 1e-6 beside those at 1e-8, in m and m/s: measured 4e-8. A spring that
+did not give way would leave 1e-5 m."""
+
 
 def rolling(numbers):
     """The last position, velocity and spin of a ball that slides and then rolls."""
@@ -132,8 +139,7 @@ def test_a_lasting_slide_has_derivatives():
     """dv'/dv is 1, and the loss has the derivative μ g m t by v."""
     time, mu, g, m = 0.03, 0.1, 9.8, 0.5
     found, _ = check_put_down(3.0, mu, time)
-    # The normal force swings about the weight, and has not lost all of it.
-    assert abs(found - (0.8 * time + 1 + 0.7 * mu * g * m * time)) < 2e-3
+    assert abs(found - (0.8 * time + 1 + 0.7 * mu * g * m * time)) < SETTLING
 
 
 def test_a_ball_that_comes_to_rest_has_derivatives():
@@ -147,8 +153,7 @@ def test_the_moment_of_rest_does_not_matter():
     assert coarse.sliding_loss > 1e-3 and fine.sliding_loss < 1e-12
     for name in ("position", "velocity"):
         one, other = (getattr(run, name)[-1] for run in (coarse, fine))
-        # The spring gives way by 1e-5 m. At the coarser tolerance the run is off by 4e-8.
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(one, other, rtol=0, atol=GIVES)
 
 
 def test_rolling_has_the_derivative_of_a_slip_that_is_stopped():

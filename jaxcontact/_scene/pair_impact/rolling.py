@@ -98,9 +98,8 @@ def flying_at_start(layout: SceneLayout, numbers: Numbers) -> Flying:
 
 class Footing(NamedTuple):
     """Bodies on walls: the normal, the height of the centre, the part of gravity along the wall, R
-    m/I, and λ (M, 1). `slip`
-    and `drift` are the slip velocity and that of the wall along itself. `fast` times the rounding
-    of 1 is that of the slip.
+    m/I, and λ (M, 1). `slip` and `drift` are the slip velocity and that of the wall along itself.
+    `fast` times the rounding of 1 is that of the slip.
     """
 
     normal: Float[Array, "M D"]
