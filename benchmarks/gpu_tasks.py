@@ -21,7 +21,6 @@ from benchmarks.time_and_error import by_diffrax
 from benchmarks.time_and_error.line_scenes import by_scipy, oblique, scene_of
 from benchmarks.time_and_error.problems import PROBLEMS, SEED, Problem, function_of, worst
 from jaxcontact._friction.slider.phases import slider_phases
-from tests.elastic_rebound import rebounds
 
 DRAWN = 100_000
 """Different lanes of a batch; a larger one repeats them."""
@@ -281,6 +280,9 @@ def by_curve(size: int, precision: str, _: str) -> Job:
 
 def of_curve(size: int, precision: str, answer: Any) -> float:
     """The largest error of the first lanes beside springs whose slip is followed by its fronts."""
+    # Numba comes with [benchmarks]; what needs no fronts of slip runs without it.
+    from tests.elastic_rebound import rebounds
+
     psi = elastic(min(size, DRAWN))[:KNOWN].astype(precision).astype(np.float64)
     return float(np.max(np.abs(np.asarray(answer)[: len(psi)] - rebounds(psi, CHI, STEP))))
 
