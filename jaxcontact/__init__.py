@@ -70,6 +70,7 @@ if _TYPE_CHECKING:
     from ._laws import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
     from ._laws import AbstractHuntCrossley as AbstractHuntCrossley
     from ._laws import AbstractLaw as AbstractLaw
+    from ._laws import AbstractPlastic as AbstractPlastic
     from ._laws import AntypovElliott as AntypovElliott
     from ._laws import Bridges as Bridges
     from ._laws import CarvalhoMartins as CarvalhoMartins
@@ -96,6 +97,8 @@ if _TYPE_CHECKING:
     from ._laws import Thornton as Thornton
     from ._laws import ThorntonPlastic as ThorntonPlastic
     from ._laws import Tsuji as Tsuji
+    from ._laws import Viscoplastic as Viscoplastic
+    from ._laws import WaltonBraun as WaltonBraun
     from ._laws import ZhiyingQishao as ZhiyingQishao
     from ._laws import get_law as get_law
     from ._laws import list_laws as list_laws
@@ -140,11 +143,12 @@ _ROOMS = {
         "calibrate calibrate_friction fit_record load_calibration read_recording report"
     ),
     "_laws": (
-        "VELOCITY_THRESHOLD AbstractHuntCrossley AbstractLaw AntypovElliott Bridges "
+        "VELOCITY_THRESHOLD AbstractHuntCrossley AbstractLaw AbstractPlastic AntypovElliott Bridges "
         "CarvalhoMartins ConstantDamping Damped EnergyLoss ExactRestitution Flores Gonthier "
         "HerbertMcWhannell Hertz HuGuo HuntCrossley Jankowski KelvinVoigt KuwabaraKono "
         "LankaraniNikravesh LeeWang LinearDashpot MarhefkaOrin PowerDamping PowerRestitution "
-        "StepDamping Thornton ThorntonPlastic Tsuji ZhiyingQishao get_law list_laws register_law"
+        "StepDamping Thornton ThorntonPlastic Tsuji Viscoplastic WaltonBraun ZhiyingQishao get_law "
+        "list_laws register_law"
     ),
     "_scene": (
         "Box Ending Impacts Margin Plane Prescribed Run Scene Shell SolvedBy Sphere States Steady "

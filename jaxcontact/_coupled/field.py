@@ -60,7 +60,7 @@ class Settled(NamedTuple):
 class LoopRules(NamedTuple):
     """The static rules of a coupled solve. `peak`: whether v0 follows its peak. `until_change` and
     `max_steps` determine its end. `flies`: whether it goes on without contacts. `sticks`: whether
-    contacts stick and slip.
+    contacts stick and slip. `remembers`: whether forces depend on the largest indentation so far.
     """
 
     peak: bool
@@ -68,11 +68,12 @@ class LoopRules(NamedTuple):
     max_steps: int
     flies: bool = False
     sticks: bool = False
+    remembers: bool = False
 
     @property
     def events(self) -> int:
         """The number of events of each contact."""
-        return 1 + self.peak + self.sticks
+        return 1 + self.peak + self.remembers + self.sticks
 
 
 class AbstractCoupledField(abc.ABC):
@@ -107,6 +108,11 @@ class AbstractCoupledField(abc.ABC):
     @abc.abstractmethod
     def with_lost(self, y: Array, lost: PerContact) -> Array:
         """Return the state with other losses."""
+
+    def kept(self, deepest: PerContact, modes: Modes) -> PerContact:
+        """Return the energy that contacts with these largest indentations do not return."""
+        # Called only for fields whose forces depend on them, which define it.
+        raise NotImplementedError
 
     def resting(self, y: Array, toward: Array, pace: Number, now: Look, modes: Modes) -> Index:
         """Return the status of a state at rest, -1 for any other. `toward` is the slope of the
@@ -184,25 +190,30 @@ class AbstractCoupledField(abc.ABC):
         return jax.jvp(lambda d, r: self.force(d, r, modes), at, along)[1]
 
     def gaps(
-        self, modes: Modes, clock: ContactClock, at: Look, w: Array, latched: Any, left: Array
+        self, modes: Modes, clock: ContactClock, at: Look, w: Array, fixed: Any, left: Array
     ) -> Any:
-        """Return the gaps that fall through zero at events, or their slopes if slopes are given."""
-        meets = jnp.where(clock.leaving, w, jnp.where(modes.closed, at.depth, -at.depth))
+        """Return the gaps that fall through zero at events, or their slopes if slopes are given.
+        `fixed` holds the latched speeds and the largest indentations, which have no slopes.
+        """
+        latched, deepest = fixed
+        gaps = [jnp.where(clock.leaving, w, jnp.where(modes.closed, at.depth, -at.depth))]
+        if self.rules.peak:
+            gaps.append(jnp.where(modes.rising, at.second, latched - at.rate))
+        if self.rules.remembers:
+            gaps.append(jnp.where(modes.loads, at.rate, deepest - at.depth))
         slips = [] if at.grip is None else [at.grip.hold]
-        if not self.rules.peak:
-            return jnp.concatenate([meets, *slips, left[None]])
-        latches = jnp.where(modes.rising, at.second, latched - at.rate)
-        return jnp.concatenate([meets, latches, *slips, left[None]])
+        return jnp.concatenate([*gaps, *slips, left[None]])
 
     def has_passed(self, modes: Modes, at: Look, gaps: Array) -> Bool[Array, " events"]:
         """Return which gaps are negative because of an event, not because of rounding."""
         inwards = jnp.where(modes.closed, at.rate < 0, at.rate > 0)
-        meets, last = self.used & inwards, jnp.ones(1, bool)
+        passed, last = [self.used & inwards], jnp.ones(1, bool)
+        if self.rules.peak:
+            passed.append(self.used & modes.closed & (modes.rising | (at.second > 0)))
+        if self.rules.remembers:
+            passed.append(self.used & modes.closed & (modes.loads | (at.rate > 0)))
         slips = [] if at.grip is None else [self._slips(modes, at.grip)]
-        if not self.rules.peak:
-            return (gaps < 0) & jnp.concatenate([meets, *slips, last])
-        latches = self.used & modes.closed & (modes.rising | (at.second > 0))
-        return (gaps < 0) & jnp.concatenate([meets, latches, *slips, last])
+        return (gaps < 0) & jnp.concatenate([*passed, *slips, last])
 
     def _slips(self, modes: Modes, grip: Grip) -> Flags:
         """Return which contacts may have changed between stick and slip."""

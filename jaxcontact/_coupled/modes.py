@@ -51,7 +51,8 @@ class Units(NamedTuple):
 class Modes(NamedTuple):
     """The modes between two events: the closed contacts, the source of their v0, and the effective
     masses that they began with, if these depend on the motion. `slide`: the signs of the slips, 0
-    for contacts that stick, if contacts stick and slip.
+    for contacts that stick, if contacts stick and slip. `deepest`: the largest indentations of
+    contacts that unload, 0 for those that load, if forces depend on them.
     """
 
     closed: Flags
@@ -59,3 +60,10 @@ class Modes(NamedTuple):
     latched: PerContact
     mass: PerContact | None = None
     slide: PerContact | None = None
+    deepest: PerContact | None = None
+
+    @property
+    def loads(self) -> Flags:
+        """Return which contacts are at their largest indentation so far."""
+        assert self.deepest is not None
+        return self.deepest <= 0

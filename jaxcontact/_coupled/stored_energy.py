@@ -12,11 +12,23 @@ from .._laws import AbstractLaw
 from .scalars import Number
 
 
-def stored_energy(law: AbstractLaw, contact: Contact, depth: Number, speed: Number) -> Number:
+def stored_energy(
+    law: AbstractLaw,
+    contact: Contact,
+    depth: Number,
+    speed: Number,
+    deepest: Number | None = None,
+) -> Number:
     """Return ∫ F(δ, 0) dδ from 0 to `depth` in J; `speed` is the v0 of the law. The energy of an
     open contact is 0. Gauss's rule is applied in u = √(δ/depth), in which forces with powers of δ^½
-    are polynomials.
+    are polynomials. A law with a memory returns what unloading returns and, while it loads, what
+    it will have kept; `deepest` is the largest indentation of a contact that unloads, else 0.
     """
+    if law.remembers:
+        loads = jnp.asarray(True) if deepest is None else deepest <= 0
+        largest = depth if deepest is None else jnp.where(loads, depth, deepest)
+        returned, kept = law.energy(jnp.maximum(depth, 0), contact, largest, speed)
+        return returned + jnp.where(loads, kept, 0)
     nodes, weights = np.polynomial.legendre.leggauss(16)
     depth = jnp.maximum(depth, 0)
     still = jnp.zeros_like(depth)

@@ -14,6 +14,9 @@ from .hunt_crossley import exact_damping_factor as exact_damping_factor
 from .hunt_crossley import rebound_exponent as rebound_exponent
 from .hunt_crossley import restitution_of as restitution_of
 from .oscillator import OscillatorForm as OscillatorForm
+from .plastic import AbstractPlasticForm as AbstractPlasticForm
+from .plastic import BilinearForm as BilinearForm
+from .plastic import YieldingForm as YieldingForm
 from .scale import Change as Change
 from .scale import ContactLike as ContactLike
 from .scale import Scale as Scale

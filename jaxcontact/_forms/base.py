@@ -69,12 +69,27 @@ class AbstractForm(eqx.Module):
     creeps_free: ClassVar[bool] = False
     """True if a free contact may creep back for longer than explicit steps can follow."""
 
+    remembers: ClassVar[bool] = False
+    """True if the force depends on the largest indentation of the contact so far."""
+
     @abc.abstractmethod
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
         """Return f(x, v), not clamped, with correct value and derivative for x ≥ 0.
 
         `compressing` is True until the turn of the motion.
         """
+
+    def remembering(self, deepest: Lane) -> AbstractForm:
+        """Return the form after the turn at the indentation `deepest`, if it `remembers`."""
+        return self
+
+    def released_at(self) -> Lane | float:
+        """Return the x at which the elastic force vanishes on the way back."""
+        return 0.0
+
+    def kept(self, deepest: Lane) -> Lane:
+        """Return the work that the contact has kept after its turn: what it does not return."""
+        return jnp.zeros_like(deepest)
 
     def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent] | None:
         """Return the c and p of f = x^(n-p) (x^p + c v), 0 ≤ p ≤ n, or None for other forces.
@@ -239,7 +254,7 @@ class AbstractForm(eqx.Module):
         if damping is not None:
             outer = signed_power(w, (order or self.order(n)) * (n - damping[1] + 1) - 1)
             return outer * damping[0] * jnp.square(v)
-        still = self.pull(w, jnp.zeros_like(v), n, jnp.asarray(True))
+        still = self.pull(w, jnp.zeros_like(v), n, compressing)
         return (self.pull(w, v, n, compressing) - still) * v
 
     def stored(self, w: Lane, n: Exponent, order: int | None = None) -> Lane:

@@ -151,7 +151,7 @@ class SpeedDependentForm(HuntCrossleyForm):
         return self.law.damping_factor(self.contact, self.scale.speed * speed)
 
 
-def _rebound_expansion(rho: Lane, alpha: Lane, lost: Lane) -> tuple[Lane, Lane, Lane, Lane]:
+def rebound_expansion(rho: Lane, alpha: Lane, lost: Lane) -> tuple[Lane, Lane, Lane, Lane]:
     # Expansion of ρ² ψ(z) - L with z = -αρ. By the definition of ψ the derivatives are ρ κ(z), e^z
     # and -α e^z. Writing κ by ψ, or e^z by κ, would lose all digits at strong damping.
     z = -alpha * rho
@@ -174,20 +174,20 @@ def _rebound_guess(alpha: Lane, lost: Lane) -> Lane:
 
 
 # From a guess within 3 % one step leaves 1.2e-8, and the second reduces it to its fourth power.
-_rebound_root = expanded_root(_rebound_expansion, _rebound_guess, iterations=2)
+rebound_root = expanded_root(rebound_expansion, _rebound_guess, iterations=2)
 
 
 def rebound_exponent(alpha: Lane) -> Lane:
     """Return ρ(α) = -ln(1-αe)/α, the regularised rebound speed; ρ(0) = 1."""
-    return _rebound_root(alpha, log_remainder(alpha))
+    return rebound_root(alpha, log_remainder(alpha))
 
 
 def restitution_of(alpha: Lane) -> Lane:
     """Return the e that the damping factor α ≥ 0 delivers in a free impact, for every n."""
-    return _restitution_at(rebound_exponent(alpha), alpha)
+    return restitution_at(rebound_exponent(alpha), alpha)
 
 
-def _restitution_at(rho: Lane, alpha: Lane) -> Lane:
+def restitution_at(rho: Lane, alpha: Lane) -> Lane:
     return rho * kappa(-alpha * rho)
 
 
@@ -242,11 +242,11 @@ def _course(alpha: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lane, Lane]:
     # The same code runs for one half after the other. Both halves at once would shorten the vectors
     # over lanes.
     halves = jnp.stack([alpha, -alpha]), jnp.stack([log1p_over(alpha), rho])
-    way_in, way_out = jax.lax.map(lambda half: _half_time(half[0], half[1], n, unroll), halves)
-    return way_in, way_out, _restitution_at(rho, alpha)
+    way_in, way_out = jax.lax.map(lambda half: half_time(half[0], half[1], n, unroll), halves)
+    return way_in, way_out, restitution_at(rho, alpha)
 
 
-def _half_time(a: Lane, length: Lane, n: Exponent, unroll: int) -> Lane:
+def half_time(a: Lane, length: Lane, n: Exponent, unroll: int) -> Lane:
     """Return the time between touch and turn (a = α) or turn and separation (a = -α)."""
     p = n / (n + 1)
     # With strong damping, restitution is long and the integrand varies only within `layer` of the
@@ -260,16 +260,16 @@ def _half_time(a: Lane, length: Lane, n: Exponent, unroll: int) -> Lane:
 
     def integrand(node: Lane) -> Lane:
         distance = start + span * node
-        slowness = _slowness(distance, a, length, p) - creep
+        slower = slowness(distance, a, length, p) - creep
         # The rule expects the singularity at the start of its span; here it may lie farther out.
-        return slowness * to_power(span * node / distance, p)
+        return slower * to_power(span * node / distance, p)
 
     integral = integrate(integrand, p, a, unroll) * span ** (1 - p)
     creep_integral = creep * length ** (1 - p) * (n + 1)
     return (integral + creep_integral) * (n + 1) ** -p
 
 
-def _slowness(distance: Lane, a: Lane, length: Lane, p: Exponent) -> Lane:
+def slowness(distance: Lane, a: Lane, length: Lane, p: Exponent) -> Lane:
     """Return (H/D)^-p at the distance D from the outer end of a half."""
     inner = length - distance
     speed = inner * kappa(a * inner)
@@ -281,13 +281,13 @@ def _time_at(alpha: Lane, v: Lane, duration: Lane, n: Exponent) -> Lane:
     rho, p = rebound_exponent(alpha), n / (n + 1)
     closing, touch = v >= 0, log1p_over(alpha)
     # The part of the half from its outer end to v: from touch, or to separation.
-    y = v * log1p_over(alpha * jnp.where(closing, v, jnp.maximum(v, -_restitution_at(rho, alpha))))
+    y = v * log1p_over(alpha * jnp.where(closing, v, jnp.maximum(v, -restitution_at(rho, alpha))))
     a, length = jnp.where(closing, alpha, -alpha), jnp.where(closing, touch, rho)
     part = jnp.maximum(length - jnp.abs(y), 0)
     inside = jnp.where(part > 0, part, length)
 
     def integrand(node: Lane) -> Lane:
-        return _slowness(inside * node, a, length, p)
+        return slowness(inside * node, a, length, p)
 
     outer = integrate(integrand, p, a, 1) * inside ** (1 - p) * (n + 1) ** -p
     outer = jnp.where(part > 0, outer, 0)
@@ -297,13 +297,13 @@ def _time_at(alpha: Lane, v: Lane, duration: Lane, n: Exponent) -> Lane:
 def _peak_expansion(v: Lane, alpha: Lane, n: Lane) -> tuple[Lane, Lane, Lane, Lane]:
     # Expansion of (n+1) α H - n v, where dH/dv = -v/(1+αv).
     softness = 1 / (1 + alpha * v)
-    value = (n + 1) * alpha * _stored(v, alpha) - n * v
+    value = (n + 1) * alpha * stored_at(v, alpha) - n * v
     slope = -(n + 1) * alpha * v * softness - n
     second = -(n + 1) * alpha * jnp.square(softness)
     return value, slope, second, -2 * alpha * softness * second
 
 
-def _stored(v: Lane, alpha: Lane) -> Lane:
+def stored_at(v: Lane, alpha: Lane) -> Lane:
     """Return H = G(1) - G(v), the elastic energy stored when the speed has fallen to v ≥ 0."""
     delta = (1 - v) / (1 + alpha * v)
     return delta * (v + delta * log_remainder(alpha * delta))
@@ -314,10 +314,10 @@ def _peak_guess(alpha: Lane, n: Lane) -> Lane:
     return (n + 1) * alpha / (2 * n + (2 * n + 1) * alpha)
 
 
-_peak_velocity = expanded_root(_peak_expansion, _peak_guess, iterations=2)
+peak_velocity = expanded_root(_peak_expansion, _peak_guess, iterations=2)
 
 
 def _max_force(alpha: Lane, n: Exponent) -> Lane:
     """Return the largest force, at (n+1) α H = n v, which lies in compression for any α > 0."""
-    v = _peak_velocity(alpha, jnp.broadcast_to(jnp.asarray(n, alpha.dtype), alpha.shape))
-    return (1 + alpha * v) * ((n + 1) * _stored(v, alpha)) ** (n / (n + 1))
+    v = peak_velocity(alpha, jnp.broadcast_to(jnp.asarray(n, alpha.dtype), alpha.shape))
+    return (1 + alpha * v) * ((n + 1) * stored_at(v, alpha)) ** (n / (n + 1))

@@ -155,23 +155,31 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
     motion = motion.ready()
     legs = solve_legs(motion, Solve(how, many, keep=True)).leg
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
+    deepest = turn.w**motion.order
+    motion = motion.remembering(deepest)
     fractions = jnp.linspace(0, 1, samples, dtype=end.t.dtype)
 
-    def sample(fraction: Number) -> tuple[State, Number, Number]:
+    def sample(fraction: Number) -> tuple[State, Number, Number, Number]:
         moment = fraction * end.t
         on_way_in = moment <= turn.t
         path = jax.tree.map(lambda leaf: jnp.where(on_way_in, leaf[0], leaf[1]), legs.path)
         state = _state_at(motion, path, jax.lax.stop_gradient(moment), moment, on_way_in)
         # Touch and separation are known, so rounding must not put a sample outside the contact.
         inside = state._replace(w=jnp.maximum(state.w, 0))
-        return state, motion.force(state, on_way_in), motion.stored(inside)
+        force, loss = motion.force(state, on_way_in), motion.lost(state)
+        if not motion.form.remembers:
+            return state, force, motion.stored(inside), loss
+        # On the way in every indentation is the largest one so far.
+        x = inside.w**motion.order
+        now = motion.remembering(jnp.where(on_way_in, x, deepest))
+        return state, force, now.stored(inside), loss + jnp.where(on_way_in, now.form.kept(x), 0)
 
-    balance = balance_of(motion, end, turn.w**motion.order)
-    states, forces, elastic = jax.vmap(sample)(fractions)
+    balance = balance_of(motion, end, deepest)
+    states, forces, elastic, losses = jax.vmap(sample)(fractions)
     w = jnp.maximum(states.w, 0).at[0].set(0)
     converged = was_followed(motion, legs.arrived, end, balance, how)
     if motion.may_return:
-        on = onward(motion, end, turn.w**motion.order)
+        on = onward(motion, end, deepest)
         converged = converged & (motion.settled(end) | ~on.returns)
     return _Path(
         t=fractions * end.t,
@@ -179,7 +187,7 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
         v=jax.vmap(motion.velocity)(states),
         force=forces if motion.form.tension else jnp.maximum(forces, 0),
         elastic=elastic,
-        loss=jax.vmap(motion.lost)(states),
+        loss=losses,
         converged=converged,
         settled=motion.settled(end),
     )

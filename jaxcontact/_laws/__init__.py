@@ -19,6 +19,11 @@ from .oscillator import Jankowski as Jankowski
 from .oscillator import KelvinVoigt as KelvinVoigt
 from .oscillator import Thornton as Thornton
 from .oscillator import Tsuji as Tsuji
+from .plastic import AbstractPlastic as AbstractPlastic
+from .plastic import ThorntonPlastic as ThorntonPlastic
+from .plastic import Viscoplastic as Viscoplastic
+from .plastic import WaltonBraun as WaltonBraun
+from .plastic import plastic_restitution as plastic_restitution
 from .power_damping import PowerDamping as PowerDamping
 from .published import CarvalhoMartins as CarvalhoMartins
 from .published import Flores as Flores
@@ -38,6 +43,4 @@ from .registry import parameters_of as parameters_of
 from .registry import register_law as register_law
 from .restitution_of_speed import Bridges as Bridges
 from .restitution_of_speed import PowerRestitution as PowerRestitution
-from .restitution_of_speed import ThorntonPlastic as ThorntonPlastic
-from .restitution_of_speed import plastic_restitution as plastic_restitution
 from .viscoelastic import KuwabaraKono as KuwabaraKono

@@ -67,6 +67,10 @@ class AbstractLaw(eqx.Module):
     exponents: ClassVar[tuple[float, ...] | None] = None
     """Contact exponents n the law is made for; None if every exponent is allowed."""
 
+    remembers: ClassVar[bool] = False
+    """True if the force depends on the largest indentation of the contact so far; see
+    `AbstractPlastic`."""
+
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         stated = vars(cls).get("tension")
@@ -114,6 +118,20 @@ class AbstractLaw(eqx.Module):
         closing speed v0 in m/s at the moment of touch. All of them broadcast.
         """
 
+    def energy(
+        self,
+        indentation: ArrayLike,
+        contact: Contact,
+        largest: ArrayLike,
+        impact_velocity: ArrayLike,
+    ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        """Return the energy in J that unloading returns, and that which the contact has kept.
+
+        Arguments: δ in m, the contact, its largest indentation so far, and v0. Raises
+        NotImplementedError for laws without a memory.
+        """
+        raise NotImplementedError
+
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
     ) -> Float[Array, "..."]:
@@ -152,12 +170,18 @@ def force_of(
     velocity: ArrayLike,
     contact: Contact,
     impact_velocity: ArrayLike,
+    deepest: ArrayLike | None = None,
 ) -> Float[Array, "..."]:
     """Return the force of a law in N, with a pull counted as zero if the law has no tension.
 
-    The package's laws clamp their own force; a user's law need not.
+    The package's laws clamp their own force; a user's law need not. `deepest` is the largest
+    indentation in m of a contact that unloads, 0 for one that loads, for a law that `remembers`.
     """
-    force = law.force(indentation, velocity, contact, impact_velocity)
+    memory: dict[str, Any] = {}
+    if law.remembers and deepest is not None:
+        loads = jnp.asarray(deepest) <= 0
+        memory = {"largest": jnp.where(loads, indentation, deepest), "loading": loads}
+    force = law.force(indentation, velocity, contact, impact_velocity, **memory)
     return force if law.tension else jnp.where(force < 0, 0, force)
 
 

@@ -1,9 +1,8 @@
-"""Laws with a given e(v0), as measured or as derived from plastic flow."""
+"""Laws with a given e(v0), as measured."""
 
 from __future__ import annotations
 
 import abc
-import math
 from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
@@ -31,46 +30,6 @@ class AbstractRestitutionOfSpeed(AbstractHuntCrossley):
     ) -> Float[Array, "..."]:
         """Return the α that delivers e(v0); ValueError if `velocity` is missing."""
         return exact_damping_factor(self.restitution_at(speed_for(velocity, self)))
-
-
-@register_law(
-    "thornton_plastic",
-    formula="exact for e = √(6√3/5) √(1-r²/6) (r/(r+2√(6/5-r²/5)))^¼, r = v_y/v0",
-    source="Thornton 1997, doi 10.1115/1.2787319",
-    valid="spheres, elastic below v_y and perfectly plastic beyond; then e ~ v0^(-1/4)",
-)
-class ThorntonPlastic(AbstractRestitutionOfSpeed):
-    """Elastic-plastic spheres of Thornton: e = 1 up to the yield speed v_y, decreasing above.
-
-    Above v_y `e = √(6√3/5) √(1-r²/6) [r/(r + 2√(6/5-r²/5))]^(1/4)` with `r = v_y/v0`. It approaches
-    Johnson's 1.185 (v_y/v0)^(1/4). `yield_speed` v_y > 0 in m/s. Spheres of effective radius R,
-    modulus E and mass m whose contact yields at the pressure p have `v_y = 3.194 √(p⁵ R³/(E⁴ m))`.
-
-    Only e(v0) is Thornton's. The force is that member of the Hunt-Crossley family that delivers it,
-    so durations and largest forces are those of a damped contact, not of a plastic one. Raises
-    ValueError for a Python scalar out of range. Source: Thornton (1997), J. Appl. Mech. 64:383, doi
-    10.1115/1.2787319; Johnson (1985), Contact Mechanics, doi 10.1017/CBO9781139171731.
-    """
-
-    yield_speed: Float[Array, "..."] = parameter("yield_speed", POSITIVE, "m/s")
-
-    def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
-        return plastic_restitution(self.yield_speed, as_parameter(velocity, "velocity"))
-
-
-def plastic_restitution(
-    yield_speed: Float[Array, "..."], velocity: Float[Array, "..."]
-) -> Float[Array, "..."]:
-    """Return e of Thornton's spheres; NaN for a yield speed that is not positive."""
-    # The slope in r is zero at r = 1, so the two parts join smoothly.
-    plastic = velocity > yield_speed
-    r = jnp.where(plastic, yield_speed / jnp.where(plastic, velocity, 1), 1)
-    r = jnp.where(yield_speed > 0, r, jnp.nan)
-    root = jnp.sqrt((6 - jnp.square(r)) / 5)
-    e = math.sqrt(1.2 * math.sqrt(3)) * jnp.sqrt(1 - jnp.square(r) / 6)
-    e *= jnp.sqrt(jnp.sqrt(r / (r + 2 * root)))
-    # Clip a rounding error above 1.
-    return jnp.where(r == 1, 1, jnp.minimum(e, 1))
 
 
 @register_law(

@@ -161,7 +161,8 @@ class SystemField(AbstractCoupledField):
             rate = jnp.zeros_like(rate)
         contact = eqx.tree_at(lambda c: c.mass, self.contact, modes.mass)
         arguments = (units.length * jnp.maximum(depth, 0), units.speed * rate, contact)
-        force = force_of(law, *arguments, units.speed * speed) / units.force
+        deepest = None if modes.deepest is None else units.length * modes.deepest
+        force = force_of(law, *arguments, units.speed * speed, deepest) / units.force
         return jnp.where(modes.closed, force, 0)
 
     def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:
@@ -343,7 +344,15 @@ class SystemField(AbstractCoupledField):
         depth = jnp.where(modes.closed, -gap, 0)
         contact = eqx.tree_at(lambda c: c.mass, self.contact, modes.mass)
         speed = units.speed * jnp.maximum(modes.latched, SLOWEST)
-        return stored_energy(law, contact, depth, speed) / units.energy
+        deepest = None if modes.deepest is None else units.length * modes.deepest
+        return stored_energy(law, contact, depth, speed, deepest) / units.energy
+
+    def kept(self, deepest: PerContact, modes: Modes) -> PerContact:
+        units, speed = self.scales.contact, jnp.maximum(modes.latched, SLOWEST)
+        contact = eqx.tree_at(lambda c: c.mass, self.contact, modes.mass)
+        largest = units.length * jnp.maximum(deepest, 0)
+        energy = self.mechanics.system.law.energy(largest, contact, largest, units.speed * speed)
+        return energy[1] / units.energy
 
     def energy(self, y: Array, modes: Modes) -> Number:
         """Return kinetic and stored energy with the losses of the present contacts."""

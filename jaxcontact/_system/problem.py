@@ -26,6 +26,8 @@ class SystemState(NamedTuple):
     energy `lost` in J are those since then. `work` in J is that since the start of the run. `step`
     in s is the length of the next step. `slide` holds the signs of the slip, 0 for contacts that
     stick, if contacts stick and slip. `spring` (m, d) in N are the forces of tangential springs.
+    `deepest` in m is the largest indentation of a contact that unloads, 0 for one that loads; None
+    unless forces depend on it.
     """
 
     time: Number
@@ -46,6 +48,7 @@ class SystemState(NamedTuple):
     step: Number
     slide: PerContact | None = None
     spring: Array | None = None
+    deepest: PerContact | None = None
 
 
 class SystemProblem(eqx.Module):

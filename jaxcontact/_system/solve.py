@@ -104,7 +104,14 @@ def _solve_to_stop(
         mechanics=mechanics,
         contact=problem.contact,
         scales=scales,
-        rules=LoopRules(rules.peak, False, MOST_STEPS, flies=True, sticks=mechanics.system.sticks),
+        rules=LoopRules(
+            rules.peak,
+            False,
+            MOST_STEPS,
+            flies=True,
+            sticks=mechanics.system.sticks,
+            remembers=mechanics.system.law.remembers,
+        ),
         until=(stop - state.time) / units.time,
         used=jnp.ones_like(state.closed),
         start=state.time,
@@ -142,9 +149,10 @@ def _start(solve: _SystemSolve, state: SystemState) -> CoupledStart:
     q, v = state.position / scales.position, state.velocity / scales.velocity
     latched, mass = state.latched / units.speed, state.mass
     springs = None if state.spring is None else state.spring / units.force
+    deepest = None if state.deepest is None else state.deepest / units.length
     return CoupledStart(
         y=solve.field.pack(q, v, state.lost / units.energy, [zero, zero, zero], springs),
-        modes=Modes(state.closed, state.rising, latched, mass, state.slide),
+        modes=Modes(state.closed, state.rising, latched, mass, state.slide, deepest),
         since=state.since,
         force_until=state.force_until,
         max_force=state.max_force,
@@ -200,6 +208,7 @@ def state_of(solve: _SystemSolve, loop: _Loop) -> SystemState:
         step=_stop(units.time * c.size * 2 * c.y[-1]),
         slide=c.modes.slide,
         spring=None if springs is None else units.force * springs,
+        deepest=None if c.modes.deepest is None else units.length * c.modes.deepest,
     )
 
 

@@ -91,6 +91,7 @@ def start_of(
         lost=nothing,
         work=jnp.zeros_like(time),
         step=jnp.zeros_like(time),
+        deepest=nothing if system.law.remembers else None,
     )
     if system.springs:
         state = _with_springs(mechanics, state, opening)

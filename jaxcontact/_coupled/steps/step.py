@@ -167,6 +167,14 @@ def _try_step(solve: CoupledSolve, c: Carry, size: Number) -> _Attempt:
         faster, _ = highest(lasts, before.rate, before.second, after.rate, after.second)
         hidden = modes.closed & ~modes.rising & (after.second < 0)
         grazed = grazed | jnp.any(used & hidden & (faster > modes.latched + finest**TOGETHER))
+    if field.rules.remembers and modes.deepest is not None:
+        # A contact may unload and load again, or go deeper and come back.
+        deeper, _ = highest(lasts, before.depth, before.rate, after.depth, after.rate)
+        slower, _ = highest(lasts, -before.rate, -before.second, -after.rate, -after.second)
+        small = finest**TOGETHER
+        hidden = (after.rate < 0) & (deeper > modes.deepest + small)
+        hidden = jnp.where(modes.loads, (after.rate > 0) & (slower > small), hidden)
+        grazed = grazed | jnp.any(used & modes.closed & hidden)
     if field.rules.sticks:
         grazed = grazed | jnp.any(used & modes.closed & slips_within(c, now.grip, slope.grip))
     fine = (error <= 1) & (~grazed | (size < 1e-6))
@@ -179,13 +187,14 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     y, toward, outset, fine = trial.y, trial.toward, trial.outset, trial.fine
     finest, until = solve.finest, field.until
     together, near = finest**TOGETHER, finest**_NEAR
-    gaps = field.gaps(modes, clock, trial.now, y[W], modes.latched, until - y[TIME])
-    fall = field.gaps(modes, clock, trial.slope, toward[W], 0, -toward[TIME])
+    fixed = modes.latched, modes.deepest
+    gaps = field.gaps(modes, clock, trial.now, y[W], fixed, until - y[TIME])
+    fall = field.gaps(modes, clock, trial.slope, toward[W], (0, 0), -toward[TIME])
     last, begun, ended = _stop((c, outset, toward))
     left = _stop(until) - last.y[TIME]
-    before = field.gaps(modes, clock, last.look, last.y[W], last.modes.latched, left)
+    before = field.gaps(modes, clock, last.look, last.y[W], _stop(fixed), left)
     earlier = jax.tree.map(lambda x: 2 * last.y[W] * x, last.slope)
-    fell = field.gaps(modes, clock, earlier, begun[W], 0, -begun[TIME])
+    fell = field.gaps(modes, clock, earlier, begun[W], (0, 0), -begun[TIME])
     crossed = field.has_passed(modes, trial.now, gaps)
     if c.renew is not None:
         crossed = crossed & ~c.renew
@@ -245,11 +254,21 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
         rising = jnp.where(touches, now.second > 0, rising)
     before = field.lost(y)
     lost = jnp.where(touches, 0, before)
-    dropped = c.dropped - jnp.sum(before - lost)
+    dropped, deepest = c.dropped - jnp.sum(before - lost), modes.deepest
+    if deepest is not None:
+        first = contacts * (1 + field.rules.peak)
+        turns = happens[first : first + contacts]
+        kept = field.kept(jnp.where(modes.loads, depth, deepest), modes)
+        # What a contact does not return is lost when it unloads, until it loads again.
+        lost = lost + jnp.where(turns, jnp.where(modes.loads, kept, -kept), 0)
+        deepest = jnp.where(turns, jnp.where(modes.loads, depth, 0), deepest)
+        deepest = jnp.where(closed & ~touches, deepest, 0)
     touched = jnp.where(jnp.any(touches), y[TIME], c.touched)
     y = field.with_lost(y, lost)
     modes = field.at_touch(
-        y, touches, modes._replace(closed=closed, rising=rising, latched=latched)
+        y,
+        touches,
+        modes._replace(closed=closed, rising=rising, latched=latched, deepest=deepest),
     )
     changed = Changed(y, modes, touches, opens, now, touched, dropped)
     if not field.rules.sticks:

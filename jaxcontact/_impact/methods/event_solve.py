@@ -173,18 +173,22 @@ def solve_legs(motion: Motion, solve: Solve, start: State | None = None) -> Legs
     third = motion.may_return and not solve.keep
     start = motion.start() if start is None else start
 
+    # A contact without a memory does not take its largest indentation.
+    motion = motion.remembering(jnp.zeros_like(start.w))
+
     def run(carry: tuple[State, Number], compressing: Flag) -> tuple[Any, Any]:
         state, deepest = carry
-        leg = solve_leg(motion, state, compressing, solve)
+        now = motion.remembering(deepest)
+        leg = solve_leg(now, state, compressing, solve)
         # The event finds the velocity at the turn within its tolerance of zero. Here it is set to
         # zero.
-        following = motion.still(leg.end)
+        _, following = motion.after_turn(leg.end)
+        deepest = jnp.where(compressing, leg.end.w**motion.order, deepest)
         if not third:
             return (following, deepest), (leg, None)
-        deepest = jnp.where(compressing, leg.end.w**motion.order, deepest)
-        on = onward(motion, leg.end, deepest)
-        returned = on.returns & leg.arrived & ~compressing & ~motion.settled(leg.end)
-        back = chosen(returned, on.state, motion.parting(leg.end))
+        on = onward(now, leg.end, deepest)
+        returned = on.returns & leg.arrived & ~compressing & ~now.settled(leg.end)
+        back = chosen(returned, on.state, now.parting(leg.end))
         following = chosen(compressing, following, back)
         return (following, deepest), (leg, returned)
 
@@ -227,6 +231,7 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     followed = follow(motion, legs, creeps_early, how)
     turn, creeps = followed.turn, followed.creeps
     max_indentation = turn.w**motion.order
+    motion = motion.remembering(max_indentation)
     last, arrived = followed.end, followed.arrived
     if returned is not None:
         # Not if implicit steps have solved the way out again.

@@ -205,6 +205,21 @@ class Motion(eqx.Module):
         assert self.momentum is not None
         return self.momentum.lost(self.momentum_at_touch(), state.u)
 
+    def after_turn(self, turn: State) -> tuple[Motion, State]:
+        """Return the motion after the turn, and the state there. A contact with a memory knows its
+        largest indentation then, and has lost the work that it does not return.
+        """
+        turn = self.still(turn)
+        if not self.form.remembers or turn.loss is None:
+            return self, turn
+        deepest = turn.w**self.order
+        kept = self.form.kept(deepest)
+        return self.remembering(deepest), turn._replace(loss=turn.loss + kept)
+
+    def remembering(self, deepest: Number) -> Motion:
+        """Return the motion after a turn at the indentation `deepest`."""
+        return dataclasses.replace(self, form=self.form.remembering(deepest))
+
     def parting(self, state: State) -> State:
         """Return a state just before separation, as the start of a leg that is not needed."""
         near = jnp.full_like(state.w, 1e-6)
@@ -230,7 +245,7 @@ class Motion(eqx.Module):
         kinetic = jnp.square(self.velocity(state)) / 2
         # Smaller differences may be errors of the solve.
         doubt = math.sqrt(jnp.finfo(state.w.dtype).eps)
-        work = self.push * state.w**self.order
+        work = self.push * (state.w**self.order - self.form.released_at())
         return (self.push > 0) & (kinetic + self.stored(state) < work * (1 - doubt))
 
     def creeping_speed(self, state: State) -> Number:

@@ -42,7 +42,8 @@ class SceneLayout(eqx.Module):
     `constant` marks laws whose restitution is independent of speed. `moving` marks walls in motion,
     and `vibrating` those that are accelerated. `driven` lists the fixed spheres in motion, and
     `shaken` those that are accelerated. `frictions` is the table of friction laws by kind, () if
-    one serves all, and None without friction.
+    one serves all, and None without friction. `remembers`: whether a force depends on the largest
+    indentation of its contact.
     """
 
     spheres: int = eqx.field(static=True)
@@ -63,6 +64,7 @@ class SceneLayout(eqx.Module):
     driven: tuple[int, ...] = eqx.field(static=True)
     shaken: tuple[int, ...] = eqx.field(static=True)
     frictions: tuple[tuple[int, ...], ...] | None = eqx.field(static=True, default=None)
+    remembers: bool = eqx.field(static=True, default=False)
 
     @property
     def settles(self) -> bool:
@@ -184,6 +186,7 @@ def layout_of(scene: Scene) -> SceneLayout:
         driven=tuple(k for k, motion in enumerate(motions) if motion is not None),
         shaken=tuple(k for k, m in enumerate(motions) if m is not None and m.vibrates),
         frictions=_frictions_of(scene),
+        remembers=any(law.remembers for law in scene.law.values),
     )
 
 

@@ -12,6 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact
 from ..._coupled.scalars import Index
+from ..._coupled.stored_energy import stored_energy
 from ..._friction import AbstractFriction
 from ..._laws import AbstractLaw, force_of
 
@@ -31,16 +32,44 @@ class MixedLaw(AbstractLaw):
     def damped(self) -> bool:
         return any(law.damped for law in self.laws)
 
+    @property
+    def remembers(self) -> bool:
+        """True if one of the laws has a memory; the others do not use it."""
+        return any(law.remembers for law in self.laws)
+
     def force(
         self,
         indentation: ArrayLike,
         velocity: ArrayLike,
         contact: Contact,
         impact_velocity: ArrayLike,
+        largest: ArrayLike | None = None,
+        loading: ArrayLike | None = None,
     ) -> Float[Array, "..."]:
-        first, *rest = (
-            force_of(law, indentation, velocity, contact, impact_velocity) for law in self.laws
-        )
+        deepest = None if largest is None or loading is None else jnp.where(loading, 0, largest)
+        at = indentation, velocity, contact, impact_velocity, deepest
+        return self._chosen(*(force_of(law, *at) for law in self.laws))
+
+    def energy(
+        self,
+        indentation: ArrayLike,
+        contact: Contact,
+        largest: ArrayLike,
+        impact_velocity: ArrayLike,
+    ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        depth, speed = jnp.asarray(indentation), jnp.asarray(impact_velocity)
+
+        def of(law: AbstractLaw) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+            if law.remembers:
+                return law.energy(depth, contact, largest, speed)
+            return stored_energy(law, contact, depth, speed), jnp.zeros_like(depth)
+
+        returned, kept = zip(*map(of, self.laws), strict=True)
+        return self._chosen(*returned), self._chosen(*kept)
+
+    def _chosen(
+        self, first: Float[Array, "..."], *rest: Float[Array, "..."]
+    ) -> Float[Array, "..."]:
         for number, other in enumerate(rest, 1):
             first = jnp.where(self.kind == number, other, first)
         return first

@@ -97,7 +97,8 @@ class ClusterState(NamedTuple):
     `closed`: whether the pair is in contact. `rising`: whether its v0 still follows δ'; `latched`
     is that v0 in m/s. `since` and `force_until` in s are the last touch and the last time with a
     force. `max_force` and the energy `lost` are those since that touch. `rubbing` is None without
-    friction.
+    friction. `deepest` in m is the largest indentation of a pair that unloads, 0 for one that loads;
+    None unless forces depend on it.
     """
 
     time: Number
@@ -112,6 +113,7 @@ class ClusterState(NamedTuple):
     max_force: PerPair
     lost: PerPair
     rubbing: Rubbing | None = None
+    deepest: PerPair | None = None
 
 
 class Geometry(NamedTuple):
@@ -207,14 +209,23 @@ class Touching(eqx.Module):
         if not self.law.damped:
             rate = jnp.zeros_like(rate)
         arguments = (units.length * depth, units.speed * rate, self.contact, units.speed * speed)
-        force = force_of(self.law, *arguments) / units.force
+        deepest = None if modes.deepest is None else units.length * modes.deepest
+        force = force_of(self.law, *arguments, deepest) / units.force
         return jnp.where(modes.closed & self.pairs.used, force, 0)
 
     def stored(self, depth: PerPair, modes: Modes) -> PerPair:
         """Return ∫ F(δ, 0) dδ of the closed pairs."""
         units, speed = self.units, jnp.maximum(modes.latched, SLOWEST)
         depth = jnp.where(modes.closed & self.pairs.used, units.length * depth, 0)
-        return stored_energy(self.law, self.contact, depth, units.speed * speed) / units.energy
+        deepest = None if modes.deepest is None else units.length * modes.deepest
+        speed = units.speed * speed
+        return stored_energy(self.law, self.contact, depth, speed, deepest) / units.energy
+
+    def kept(self, deepest: PerPair, modes: Modes) -> PerPair:
+        """Return the energy that pairs with these largest indentations do not return."""
+        units, speed = self.units, self.units.speed * jnp.maximum(modes.latched, SLOWEST)
+        largest = units.length * jnp.maximum(deepest, 0)
+        return self.law.energy(largest, self.contact, largest, speed)[1] / units.energy
 
     def pushes(
         self,

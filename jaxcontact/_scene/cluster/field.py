@@ -173,6 +173,9 @@ class ClusterField(AbstractCoupledField):
     def force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
         return self.system.force(depth, rate, modes)
 
+    def kept(self, deepest: PerPair, modes: Modes) -> PerPair:
+        return self.system.kept(deepest, modes)
+
     def lost(self, y: Array) -> PerPair:
         return self.parts.lost(y)
 

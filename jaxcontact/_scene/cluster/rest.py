@@ -48,5 +48,8 @@ def rest_of(
         shaken = shakes[pairs.first] | shakes[pairs.second]
         at_rest = at_rest & ~jnp.any(closed & pairs.used & shaken)
         asleep = asleep & ~jnp.any(system.drive.moves)
-    resting = jnp.where(system.on_planes(closed), AT_REST, jnp.where(asleep, ASLEEP, -1))
+    resting = jnp.where(asleep, ASLEEP, -1)
+    if not system.law.remembers:
+        # Bodies that rest on planes are followed by formulas, which know no memory.
+        resting = jnp.where(system.on_planes(closed), AT_REST, resting)
     return jnp.where(at_rest, resting, -1)

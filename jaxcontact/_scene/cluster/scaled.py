@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -84,7 +85,13 @@ def cluster(
         to_the_end=jnp.asarray(to_the_end),
         friction=friction,
     )
-    rules = LoopRules(v0 == "peak", until_change, max_steps, sticks=friction is not None)
+    rules = LoopRules(
+        v0 == "peak", until_change, max_steps, sticks=friction is not None, remembers=law.remembers
+    )
+    if law.remembers and state.deepest is None:
+        problem = dataclasses.replace(
+            problem, state=state._replace(deepest=jnp.zeros_like(state.indentation))
+        )
     return with_sensitivity(eqx.Partial(solve_cluster, rules=rules, in_line=in_line))(problem)
 
 

@@ -59,6 +59,8 @@ def _start(solve: _ClusterSolve) -> CoupledStart:
     velocity = (state.velocity - solve.frame) / units.speed
     lost, parts = state.lost / units.energy, solve.field.parts
     modes = Modes(state.closed & solve.field.used, state.rising, state.latched / units.speed)
+    if state.deepest is not None:
+        modes = modes._replace(deepest=state.deepest / units.length)
     rubbing, friction, rubbed = state.rubbing, solve.problem.friction, None
     if rubbing is not None and friction is not None:
         spin = friction.radius[:, None] * rubbing.spin / units.speed
@@ -99,6 +101,7 @@ def _state_at(solve: _ClusterSolve, end: Carry) -> tuple[ClusterState, Array]:
         max_force=end.max_force,
         lost=units.energy * parts.lost(end.y),
         rubbing=_rubbing_at(solve, end),
+        deepest=None if end.modes.deepest is None else units.length * end.modes.deepest,
     )
     asleep = end.status == ASLEEP
     # A body with constant velocity keeps it without rounding.

@@ -182,7 +182,7 @@ def rearrange(state: ClusterState, change: MemberChange, members: int) -> Cluste
     pairs = {
         name: value[change.pair_source]
         for name, value in state._asdict().items()
-        if name not in kept
+        if name not in kept and value is not None
     }
     if state.rubbing is not None:
         spin, *springs = state.rubbing

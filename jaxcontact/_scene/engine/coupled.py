@@ -182,12 +182,14 @@ def call(
         rising=start.rising & ~rests,
         since=since,
         force_until=since,
+        deepest=jnp.zeros_like(since) if layout.remembers else None,
     )
     begin = start._replace(
         **{
             name: jnp.where(fresh, getattr(start, name), getattr(before, name))
             for name in ClusterState._fields
             if name not in ("time", "position", "velocity", "rubbing")
+            and getattr(start, name) is not None
         },
         rubbing=joined_rubbing(start.rubbing, before.rubbing, came, fresh),
     )
@@ -309,7 +311,7 @@ def blank_state(layout: SceneLayout, members: int, dtype: Any) -> ClusterState:
     rubbing = blank_rubbing(layout, slots, pairs, dtype)
     return ClusterState(
         jnp.zeros((), dtype), vector, vector, each, flags, flags, each, each, each, each, each,
-        rubbing,
+        rubbing, each if layout.remembers else None,
     )  # fmt: skip
 
 
@@ -318,10 +320,12 @@ def contact_energy(
 ) -> Number:
     """Return the elastic energy of all contacts, Σ ∫ F(δ, 0) dδ."""
 
-    def energy(i: Array, j: Array, depth: Array, closed: Array, speed: Array) -> Array:
+    def energy(
+        i: Array, j: Array, depth: Array, closed: Array, speed: Array, deepest: Array | None
+    ) -> Array:
         contact = known_contact_of(layout, numbers, i, j)
         law = law_of(layout, numbers, i, j)
-        return stored_energy(law, contact, jnp.where(closed, depth, 0), speed)
+        return stored_energy(law, contact, jnp.where(closed, depth, 0), speed, deepest)
 
-    columns = (state.indentation, state.closed, state.latched)
+    columns = (state.indentation, state.closed, state.latched, state.deepest)
     return jnp.sum(jax.vmap(energy)(*bodies_of(layout, members, seats.who), *columns))

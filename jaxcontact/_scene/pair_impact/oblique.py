@@ -194,7 +194,9 @@ def _back(form: AbstractForm, exponent: Specialised, closed: ScaledImpact) -> Nu
     """Return the time at which the bodies of a free impact are at x = 0 again. After a force
     without tension vanishes, they move at constant speed.
     """
-    depth = form.end_indentation(exponent.value, closed.restitution)
+    depth = closed.end_indentation
+    if depth is None:
+        depth = form.end_indentation(exponent.value, closed.restitution)
     if depth is None:
         return closed.duration
     parts = closed.restitution > 0

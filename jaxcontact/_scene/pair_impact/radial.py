@@ -72,6 +72,10 @@ class Radial(eqx.Module):
         """Return the problem with its constants computed in advance, as `Motion.ready` does."""
         return dataclasses.replace(self, prepared=self.motion.ready().prepared)
 
+    def remembering(self, deepest: Number) -> Radial:
+        """Return the problem after a turn at the indentation `deepest`; before it that is 0."""
+        return dataclasses.replace(self, form=self.form.remembering(deepest))
+
     @property
     def _n(self) -> Any:
         return self.exponent.value
@@ -112,6 +116,9 @@ class Radial(eqx.Module):
         # The energy still stored in a clamped contact when its force ends is lost on the way out.
         given_up = -self.form.pull(w, jnp.zeros_like(w), n, jnp.asarray(True)) * velocity
         coasts = phase == _COASTS
+        if self.form.remembers:
+            # What such a contact does not return is lost at its turn.
+            given_up = jnp.zeros_like(given_up)
         loss = jnp.where(coasts, given_up, straight.loss)
         change = straight.u - straight.t * self.swirl / apart**3
         change = change + jnp.where(coasts, motion.pull(state, compressing), 0)
@@ -133,15 +140,19 @@ class Radial(eqx.Module):
 
     def energy(self, y: State) -> Number:
         """Return the conserved energy: kinetic, stored, lost, and potentials of push and swirl."""
-        x = self.indentation(y)
-        outwards = x * (2 - self.ratio * x) / (2 * jnp.square(1 - self.ratio * x))
-        potential = self.swirl * outwards - self.push * x
         stored = self.form.stored(jnp.maximum(y[_W], 0), self._n)
+        potential = self._potential(self.indentation(y))
         return jnp.square(self.velocity(y)) / 2 + stored + y[_LOSS] + potential
+
+    def _potential(self, x: Number) -> Number:
+        outwards = x * (2 - self.ratio * x) / (2 * jnp.square(1 - self.ratio * x))
+        return self.swirl * outwards - self.push * x
 
     def held(self, y: State) -> Flag:
         """Return whether too little energy is left to separate against the push."""
         left = self.energy(y) - y[_LOSS]
+        if self.form.remembers:
+            left = left - self._potential(jnp.asarray(self.form.released_at()))
         return self.pressed & (left < -1e-12)
 
     @property
@@ -211,15 +222,16 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         return ~c.done & (c.steps < _MOST_STEPS)
 
     def advance(c: _RadialCarry) -> _RadialCarry:
-        phase = c.phase
+        phase, now = c.phase, problem.remembering(c.max_indentation)
+        fixed = stop(now)
 
         def rate(y: State) -> State:
-            return problem.rate(y, phase)
+            return now.rate(y, phase)
 
         y, error, _, slope = step_and_slope(rate, c.y, c.size)
         error = jnp.max(jnp.abs(stop(error)) / (1 + jnp.abs(stop(y)))) / tolerance
         fine = error <= 1
-        gap, fall = jax.jvp(lambda y: problem.gap(y, phase), (y,), (slope,))
+        gap, fall = jax.jvp(lambda y: now.gap(y, phase), (y,), (slope,))
         flat = fall == 0
         left = -gap / jnp.where(flat, 1, fall)
         seeking = c.whole > 0
@@ -233,7 +245,10 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         moved = jnp.where(event & small, left, 0)
         y = jnp.where(event, y + slope * moved, y)
         turned = event & (phase == _CLOSES)
-        y = jnp.where(turned, problem.still(y), y)
+        y = jnp.where(turned, now.still(y), y)
+        if now.form.remembers:
+            kept = jnp.where(turned, now.form.kept(now.indentation(y)), 0)
+            y = y.at[_LOSS].add(kept)
         # Next: shorter if the error requires it, to the event if one was passed, else longer.
         grown = c.size * factor(error)
         size, free = onward(c.size, c.free, grown, ahead, fine, crossed, seeking)
@@ -244,19 +259,19 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         apart = y[_W] <= 1e-9
         done = (leaves & apart) | (event & (phase == _COASTS))
         peak, deepest = event & (phase == _RISES), turned
-        velocity = frozen.velocity(stop(y))
+        velocity = fixed.velocity(stop(y))
         inwards = (phase >= _OPENS) & taken & ~event & (velocity > 0)
         slow = (phase >= _OPENS) | (jnp.abs(velocity) < _CREEPS)
         slow = slow | (creeping & (phase == _CLOSES))
-        settled = frozen.pressed & taken & ((slow & frozen.held(stop(y))) | inwards)
+        settled = fixed.pressed & taken & ((slow & fixed.held(stop(y))) | inwards)
         return _RadialCarry(
             y=jnp.where(taken, y, c.y),
             phase=jnp.where(event & ~done, phase + 1, phase),
             size=size,
             free=free,
             whole=whole,
-            max_force=jnp.where(peak, problem.force(y, phase), c.max_force),
-            max_indentation=jnp.where(deepest, problem.indentation(y), c.max_indentation),
+            max_force=jnp.where(peak, now.force(y, phase), c.max_force),
+            max_indentation=jnp.where(deepest, now.indentation(y), c.max_indentation),
             duration=jnp.where(leaves, y[_T], c.duration),
             error=c.error + jnp.where(taken, error * tolerance, 0),
             steps=c.steps + 1,
@@ -291,6 +306,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     # A push may add more energy than the bodies had.
     last = stop(end.y)
     largest = 1 + (jnp.abs(frozen.push) + jnp.abs(frozen.swirl)) * frozen.indentation(last)
+    frozen = frozen.remembering(stop(end.max_indentation))
     imbalance = jnp.abs((frozen.energy(last) - frozen.energy(stop(start))) / largest)
     e = -problem.velocity(end.y)
     # The error of ½e² as an error of e.

@@ -111,8 +111,9 @@ def reading_of(problem: SystemProblem, state: SystemState) -> SystemStates:
     depth = jnp.where(state.closed, jnp.maximum(-gap, 0), 0)
     rising = jnp.where(state.rising, jnp.maximum(-opening, 0), state.latched)
     speed = jnp.maximum(rising, SLOWEST * jnp.finfo(gap.dtype).eps)
-    force = jnp.where(state.closed, force_of(system.law, depth, -opening, contact, speed), 0)
-    stored = jnp.sum(stored_energy(system.law, contact, depth, speed))
+    force = force_of(system.law, depth, -opening, contact, speed, state.deepest)
+    force = jnp.where(state.closed, force, 0)
+    stored = jnp.sum(stored_energy(system.law, contact, depth, speed, state.deepest))
     energy = system._energy
     moving = mechanics.kinetic(*at) if energy is None else energy(*at, mechanics.args)
     return SystemStates(

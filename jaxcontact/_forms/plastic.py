@@ -1,0 +1,297 @@
+"""The forms of plastic contacts: xⁿ up to yield, then its tangent; unloading is elastic.
+
+The force depends on x and on the largest indentation x_m of the contact so far. While x = x_m it is
+that of loading, F. From there it follows κ (x - x_p)ⁿ, which is F at x_m and ends at x_p. Damping
+multiplies both by 1 + αv, as in the Hunt-Crossley family, so its energy integral `G(v) = ∫ v
+dv/(1+αv)` applies: with W the work of loading and U the energy that unloading returns, `W(x_m) =
+G(1)` and `G(-e) = U(x_m)`, for every n. Times are integrals over y = ln(1+αv)/α, of 1/F.
+"""
+
+from __future__ import annotations
+
+import abc
+import math
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .._functions import expanded_root, log1p_over, log_remainder, power, psi, speed_of
+from .base import AbstractForm, Exponent, Flag, Lane, signed_power, sound_damping
+from .hunt_crossley import (
+    half_time,
+    peak_velocity,
+    rebound_expansion,
+    rebound_root,
+    restitution_at,
+    slowness,
+    stored_at,
+)
+from .quadrature import integrate
+from .scale import ScaledImpact
+from .sensitivity import lanewise
+
+
+class AbstractPlasticForm(AbstractForm):
+    """A contact whose force remembers its largest indentation x_m, `deepest`.
+
+    `alpha` is None without damping. A subclass states its exponent, and the forces of loading and
+    unloading.
+    """
+
+    deepest: Lane | None = eqx.field(default=None, kw_only=True)
+    alpha: Lane | None = eqx.field(default=None, kw_only=True)
+    tension: bool = eqx.field(static=True, default=False, kw_only=True)
+    own_exponent: eqx.AbstractClassVar[float]
+    remembers: ClassVar[bool] = True
+
+    @abc.abstractmethod
+    def loading(self, x: Lane) -> Lane:
+        """Return the force F of loading, without damping, for x ≥ 0."""
+
+    @abc.abstractmethod
+    def work(self, x: Lane) -> Lane:
+        """Return W, the integral of the force of loading from 0 to x."""
+
+    @abc.abstractmethod
+    def stiffening(self, deepest: Lane) -> Lane:
+        """Return the κ of unloading from x_m, relative to the stiffness of loading at touch."""
+
+    def unloading(self, deepest: Lane) -> tuple[Lane, Lane]:
+        """Return the κ of unloading from x_m, and the x_p at which it ends."""
+        factor = self.stiffening(deepest)
+        return factor, deepest - (self.loading(deepest) / factor) ** (1 / self.own_exponent)
+
+    def remembering(self, deepest: Lane) -> AbstractPlasticForm:
+        return eqx.tree_at(
+            lambda form: form.deepest, self, deepest, is_leaf=lambda leaf: leaf is None
+        )
+
+    def _damped(self, v: Lane) -> Lane | float:
+        return 1.0 if self.alpha is None else 1 + self.alpha * v
+
+    def _back(self, x: Lane) -> tuple[Lane, Lane]:
+        """Return the κ of unloading at x, and the distance to its end."""
+        # Before its turn the contact is loading, and x is its largest indentation.
+        deepest = x if self.deepest is None else jnp.where(self.deepest > 0, self.deepest, x)
+        inside = deepest > 0
+        factor, end = self.unloading(jnp.where(inside, deepest, 1))
+        return factor, jnp.where(inside, x - end, x)
+
+    def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+        factor, left = self._back(x)
+        back = factor * signed_power(left, self.own_exponent)
+        return jnp.where(compressing, self.loading(x), back) * self._damped(v)
+
+    def pulling(
+        self, w: Lane, v: Lane, n: Exponent, compressing: Flag, order: int | None = None
+    ) -> Lane:
+        left = self._back(w ** (order or self.order(n)))[1]
+        return jnp.where(compressing, self.force(w**2, v, n, compressing), self._gap(left, v))
+
+    def _gap(self, left: Lane, v: Lane) -> Lane:
+        if self.alpha is None:
+            return left
+        return jnp.where(left < 0, left, left * self._damped(v))
+
+    def stored(self, w: Lane, n: Exponent, order: int | None = None) -> Lane:
+        """Return the energy that unloading from w returns."""
+        factor, left = self._back(w ** (order or self.order(n)))
+        more = self.own_exponent + 1
+        return factor * power(left, more) / more
+
+    def released_at(self) -> Lane:
+        assert self.deepest is not None
+        inside = self.deepest > 0
+        return jnp.where(inside, self.unloading(jnp.where(inside, self.deepest, 1))[1], 0)
+
+    def kept(self, deepest: Lane) -> Lane:
+        factor, end = self.unloading(jnp.where(deepest > 0, deepest, 1))
+        more = self.own_exponent + 1
+        returned = factor * power(deepest - end, more) / more
+        return jnp.where(deepest > 0, self.work(deepest) - returned, 0)
+
+
+class BilinearForm(AbstractPlasticForm):
+    """f = x while loading and κ (x - x_p) on the way back, κ = `factor` + `slope` x_m."""
+
+    factor: Lane
+    slope: Lane
+    own_exponent: ClassVar[float] = 1.0
+
+    def loading(self, x: Lane) -> Lane:
+        return x
+
+    def work(self, x: Lane) -> Lane:
+        return jnp.square(x) / 2
+
+    def stiffening(self, deepest: Lane) -> Lane:
+        return self.factor + self.slope * deepest
+
+    def restitution(self) -> Lane:
+        return jax.lax.rsqrt(self.factor + self.slope)
+
+    def solve(self, n: Exponent) -> ScaledImpact:
+        """Return a quarter of each of two oscillations."""
+        one, e = jnp.ones_like(self.factor + self.slope), self.restitution()
+        quarter = math.pi / 2 * one
+        return ScaledImpact(
+            restitution=e,
+            duration=quarter * (1 + e),
+            compression_time=quarter,
+            max_indentation=one,
+            max_force=one,
+            energy_loss=1 - jnp.square(e),
+            end_indentation=1 - jnp.square(e),
+        )
+
+
+class YieldingForm(AbstractPlasticForm):
+    """f = x^(3/2) up to y = (5r²/4)^(2/5), then its tangent; unloading is that of a flatter sphere.
+
+    `yields` r = v_y/v0 > 0. Up to the radius of the contact at x_m, the flattened sphere fits:
+    κ = √(x_m^(3/2)/F(x_m)). `alpha` ≥ 0, None without damping.
+    """
+
+    yields: Lane
+    own_exponent: ClassVar[float] = 1.5
+
+    def sound(self) -> tuple[YieldingForm, Flag]:
+        good = (self.yields > 0) & jnp.isfinite(self.yields)
+        form = eqx.tree_at(lambda form: form.yields, self, jnp.where(good, self.yields, 1))
+        if self.alpha is None:
+            return form, good
+        alpha, sound = sound_damping(self.alpha)
+        return eqx.tree_at(lambda form: form.alpha, form, alpha), good & sound
+
+    def _yield(self) -> tuple[Lane, Lane]:
+        """Return √y and W(y), the indentation and the work at yield."""
+        energy = jnp.square(self.yields) / 2
+        return (2.5 * energy) ** 0.2, energy
+
+    def loading(self, x: Lane) -> Lane:
+        root, _ = self._yield()
+        beyond = jnp.maximum(x - root**2, 0)
+        return power(jnp.minimum(x, root**2), 1.5) + 1.5 * root * beyond
+
+    def work(self, x: Lane) -> Lane:
+        root, _ = self._yield()
+        beyond = jnp.maximum(x - root**2, 0)
+        elastic = power(jnp.minimum(x, root**2), 2.5) * 0.4
+        return elastic + root * beyond * (root**2 + 0.75 * beyond)
+
+    def stiffening(self, deepest: Lane) -> Lane:
+        return jnp.sqrt(power(deepest, 1.5) / self.loading(deepest))
+
+    def _loaded(self, energy: Lane) -> tuple[Lane, Lane]:
+        """Return x and F at which the work of loading is `energy` > 0."""
+        root, most = self._yield()
+        elastic = (2.5 * jnp.minimum(energy, most)) ** 0.2
+        force = _linear(root, jnp.maximum(energy - most, 0))
+        beyond = 2 * jnp.maximum(energy - most, 0) / (force + root**3)
+        yielded = energy > most
+        return jnp.where(yielded, root**2 + beyond, elastic**2), jnp.where(
+            yielded, force, elastic**3
+        )
+
+    def _turn(self) -> tuple[Lane, Lane, Lane, Lane]:
+        """Return α, the x_m and F of the turn, and ρ = -ln(1-αe)/α."""
+        alpha = jnp.zeros_like(self.yields) if self.alpha is None else self.alpha
+        deepest, force = self._loaded(log_remainder(alpha))
+        returned = 0.4 * jnp.square(force) / jnp.sqrt(deepest)
+        alpha, deepest, force, returned = jnp.broadcast_arrays(alpha, deepest, force, returned)
+        return alpha, deepest, force, rebound_root(alpha, returned)
+
+    def restitution(self) -> Lane:
+        alpha, *_, rho = self._turn()
+        return restitution_at(rho, alpha)
+
+    def solve(self, n: Exponent) -> ScaledImpact:
+        """Return restitution and extrema by formula, the two times by quadrature."""
+        alpha, deepest, force, rho = self._turn()
+        yields = jnp.broadcast_to(self.yields, alpha.shape)
+        way_in, way_out = lanewise(_times, yields, 0.0 if self.alpha is None else alpha)
+        return ScaledImpact(
+            restitution=restitution_at(rho, alpha),
+            duration=way_in + way_out,
+            compression_time=way_in,
+            max_indentation=deepest,
+            max_force=force if self.alpha is None else self._strongest(alpha),
+            end_indentation=deepest - force / jnp.sqrt(deepest),
+        )
+
+    def _strongest(self, alpha: Lane) -> Lane:
+        """Return the largest F (1 + αv), at (n+1) α H = n v or, beyond yield, at α F² = 3/2 √y v."""
+        root, most = self._yield()
+        elastic = peak_velocity(alpha, jnp.full_like(alpha, 1.5))
+        yielded = stored_at(elastic, alpha) > most
+        v = jnp.where(yielded, _yielded_peak(alpha, jnp.where(yielded, root, 1)), elastic)
+        return self._loaded(stored_at(v, alpha))[1] * (1 + alpha * v)
+
+
+def _linear(root: Lane, energy: Lane) -> Lane:
+    """Return the force after the work `energy` ≥ 0 beyond yield at y = root²."""
+    return jnp.sqrt(root**6 + 3 * root * energy)
+
+
+def _yielded_expansion(v: Lane, alpha: Lane, root: Lane) -> tuple[Lane, Lane, Lane, Lane]:
+    # Expansion of α F² - 3/2 √y v over 3/2 √y, F² = y³ + 3 √y (H - W(y)), dH/dv = -v/(1+αv).
+    softness = 1 / (1 + alpha * v)
+    value = alpha * (2 * stored_at(v, alpha) - root**5 * (2 / 15)) - v
+    second = -2 * alpha * jnp.square(softness)
+    return value, -2 * alpha * v * softness - 1, second, -2 * alpha * softness * second
+
+
+# Without yield at all it is the peak for n = 1.
+_yielded_peak = expanded_root(
+    _yielded_expansion, lambda alpha, root: 2 * alpha / (2 + 3 * alpha), iterations=3
+)
+
+# The y > 0 with G = `energy`. From a guess within 4 % two steps leave rounding.
+_way_root = expanded_root(
+    lambda y, alpha, energy: rebound_expansion(y, -alpha, energy),
+    lambda alpha, energy: _way_guess(alpha, jnp.sqrt(2 * energy)),
+    iterations=2,
+)
+
+
+def _way_guess(alpha: Lane, p: Lane) -> Lane:
+    # αy = ln(1 + αp + (αp)²/2), p = √(2G): right at both ends.
+    half = 1 + alpha * p / 2
+    return p * half * log1p_over(alpha * p * half)
+
+
+def _times(yields: Lane, alpha: Lane | float, unroll: int) -> tuple[Lane, Lane]:
+    """Return the times from touch to turn, and from turn to separation."""
+    alpha = jnp.broadcast_to(jnp.asarray(alpha, yields.dtype), yields.shape)
+    form = YieldingForm(yields=yields, alpha=alpha)
+    root, most = form._yield()
+    _, deepest, force, rho = form._turn()
+    length, left = log1p_over(alpha), log_remainder(alpha) - most
+    # The force is smooth at yield, so that it does not matter where the integral is split.
+    yielded = left > 0
+    rest = jnp.where(yielded, _way_root(alpha, jnp.where(yielded, left, 1)), 0)
+    rest = jax.lax.stop_gradient(rest)
+    first = length - rest
+    inside = jnp.where(first > 0, first, 1)
+    until_yield = integrate(
+        lambda node: slowness(inside * node, alpha, length, 0.6), 0.6, alpha, unroll
+    )
+    until_yield = jnp.where(first > 0, until_yield * inside**0.4, 0) * 2.5**-0.6
+    # Beyond yield F = F_m sin φ, since F² grows with the work. Without damping φ is the phase of an
+    # oscillation.
+    at_rest = jnp.square(rest) * psi(alpha * rest)
+    begun = _linear(root, jnp.where(yielded, left - at_rest, 0))
+    begin = jnp.arctan2(begun, jnp.sqrt(3 * root * jnp.where(yielded, at_rest, 1)))
+    span = math.pi / 2 - begin
+
+    def beyond_yield(node: Lane) -> Lane:
+        cosine = jnp.sin(span * (1 - node))
+        kinetic = jnp.square(force * cosine) / (3 * root)
+        return cosine / speed_of(_way_root(alpha, kinetic), alpha)
+
+    later = span * force / (1.5 * root) * integrate(beyond_yield, 0.0, alpha, unroll)
+    later = jnp.where(yielded, later, 0)
+    factor = jnp.sqrt(power(deepest, 1.5) / force)
+    return until_yield + later, half_time(-alpha, rho, 1.5, unroll) * factor**-0.4

@@ -1,0 +1,209 @@
+"""Plastic contacts: a force of loading, and an elastic way back that ends before δ = 0."""
+
+from __future__ import annotations
+
+import abc
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from .._entry import NOT_NEGATIVE, POSITIVE, Range, as_parameter, parameter
+from .._forms import AbstractPlasticForm, BilinearForm, YieldingForm, scale_of
+from .base import AbstractLaw, contact_for, force_arguments, needed
+from .registry import register_law
+
+if TYPE_CHECKING:
+    from .._contact import Contact
+    from .._forms import Scale
+
+STIFFER = Range(low=1.0, inside=1.0)
+
+
+class AbstractPlastic(AbstractLaw):
+    """A law whose force depends on the largest indentation of the contact so far.
+
+    The contact is loading while δ is the largest indentation. From there it unloads and reloads
+    elastically, and its force vanishes at a plastic indentation δ_p > 0. It starts afresh at the
+    next touch. The contact never pulls.
+    """
+
+    tension = False
+    remembers: ClassVar[bool] = True
+
+    def __check_init__(self) -> None:
+        if self.tension:
+            raise ValueError(
+                f"Argument `tension` must be False for `{type(self).__name__}`, which unloads to "
+                "zero force, but is True."
+            )
+
+    @abc.abstractmethod
+    def _in_units(self, contact: Contact) -> tuple[AbstractPlasticForm, ArrayLike, ArrayLike]:
+        """Return the form in units of a length and a force, with its α in s/m; and these units."""
+
+    def force(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+        largest: ArrayLike | None = None,
+        loading: ArrayLike | None = None,
+    ) -> Float[Array, "..."]:
+        """Return F in N, zero for δ < 0. `largest` is the largest indentation of the contact so far
+        in m, None for δ. The contact is `loading` if δ is at least that, unless stated.
+        """
+        depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
+        form, length, unit = self._in_units(contact)
+        most = depth if largest is None else as_parameter(largest, "largest")
+        loads = jnp.asarray(depth >= most if loading is None else loading)
+        x = jnp.maximum(depth, 0) / length
+        form = form.remembering(jnp.where(loads, x, most / length))
+        force = form.force(x, rate, form.own_exponent, loads)
+        return unit * jnp.maximum(force, 0)
+
+    def energy(
+        self,
+        indentation: ArrayLike,
+        contact: Contact,
+        largest: ArrayLike,
+        impact_velocity: ArrayLike,
+    ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        form, length, unit = self._in_units(contact)
+        x = jnp.maximum(as_parameter(indentation, "indentation"), 0) / length
+        most = jnp.maximum(as_parameter(largest, "largest") / length, x)
+        form = form.remembering(most)
+        return unit * length * form.stored(x, 1.0, 1), unit * length * form.kept(most)
+
+
+@register_law(
+    "walton_braun",
+    formula="K δ, back K_u (δ - δ_p), K_u = K ratio + slope F_max",
+    source="Walton & Braun 1986, doi 10.1122/1.549893",
+    valid="n = 1; ratio ≥ 1, slope ≥ 0; e = (K/K_u)^(1/2)",
+)
+class WaltonBraun(AbstractPlastic):
+    """Walton and Braun's bilinear contact: F = K δ while loading, F = K_u (δ - δ_p) on the way back.
+
+    `ratio` ≥ 1 is K_u/K without load. `slope` ≥ 0 in 1/m makes unloading stiffer with the largest
+    force: K_u = ratio K + slope F_max. The way back begins at F_max and ends at δ_p. Then e² = K/K_u
+    = 1/(ratio + slope v0/ω), ω = √(K/m): a constant e for slope = 0, and an e that falls with speed
+    otherwise. The exponent is 1. Largest force, indentation and time of compression are those of
+    the spring K; the way back lasts e times as long as compression.
+
+    Raises ValueError for a Python scalar out of range, for `tension=True`, and, where it is used,
+    for another exponent. Source: Walton & Braun (1986), J. Rheol. 30:949, doi 10.1122/1.549893.
+    """
+
+    ratio: Float[Array, "..."] = parameter("ratio", STIFFER)
+    slope: Float[Array, "..."] = parameter("slope", NOT_NEGATIVE, "1/m")
+    exponents = (1.0,)
+
+    def _in_units(self, contact: Contact) -> tuple[AbstractPlasticForm, ArrayLike, ArrayLike]:
+        return BilinearForm(factor=self.ratio, slope=self.slope), 1.0, contact.stiffness
+
+    def form(self, contact: Contact | None, scale: Scale | None) -> BilinearForm:
+        contact_for(contact, self)
+        length = needed(scale, "velocity", self).length
+        return BilinearForm(factor=self.ratio, slope=self.slope * length)
+
+
+class AbstractYielding(AbstractPlastic):
+    """Spheres that yield: F = K δ^(3/2) up to δ_y, then its tangent; unloading is Hertz's again."""
+
+    yield_speed: eqx.AbstractVar[Float[Array, "..."]]
+    exponents = (1.5,)
+
+    def _damping(self, contact: Contact) -> Float[Array, "..."] | None:
+        """Return the damping of F (1 + a δ') in s/m; None without."""
+        return None
+
+    def _in_units(self, contact: Contact) -> tuple[AbstractPlasticForm, ArrayLike, ArrayLike]:
+        scale = scale_of(contact, self.yield_speed)
+        form = YieldingForm(yields=jnp.ones_like(scale.speed), alpha=self._damping(contact))
+        return form, scale.length, scale.force
+
+
+@register_law(
+    "thornton_plastic",
+    formula="K δ^(3/2) up to δ_y, then its tangent; back K_u (δ - δ_p)^(3/2)",
+    source="Thornton 1997, doi 10.1115/1.2787319",
+    valid="n = 3/2; elastic below v_y and perfectly plastic beyond; then e ~ v0^(-1/4)",
+)
+class ThorntonPlastic(AbstractYielding):
+    """Elastic-plastic spheres of Thornton: e = 1 up to the yield speed v_y, decreasing above.
+
+    `yield_speed` v_y > 0 in m/s is the largest speed of an elastic impact. It determines the
+    indentation at yield, (2/5) K δ_y^(5/2) = m v_y²/2. Up to there F = K δ^(3/2); beyond, the
+    pressure stays and F = K δ_y^(3/2) + (3/2) K √δ_y (δ - δ_y). The way back from the largest
+    indentation δ_m is that of a sphere of larger radius with the same contact area:
+    F = K_u (δ - δ_p)^(3/2), (K_u/K)² = K δ_m^(3/2)/F_m, and it ends at δ_p = δ_m - F_m/(K √δ_m).
+
+    Hence `e = √(6√3/5) √(1-r²/6) [r/(r + 2√(6/5-r²/5))]^(1/4)` with `r = v_y/v0`, which approaches
+    1.18499 r^(1/4). Spheres of effective radius R, modulus E and mass m whose contact yields at the
+    pressure p have `v_y = 3.194 √(p⁵ R³/(E⁴ m))`. The exponent is 3/2. e is a formula, and the
+    times are quadratures.
+
+    Raises ValueError for a Python scalar out of range, for `tension=True`, and, where it is used,
+    for another exponent. Source: Thornton (1997), J. Appl. Mech. 64:383, doi 10.1115/1.2787319;
+    Johnson (1985), Contact Mechanics, doi 10.1017/CBO9781139171731.
+    """
+
+    yield_speed: Float[Array, "..."] = parameter("yield_speed", POSITIVE, "m/s")
+
+    def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
+        """Return e at closing speeds in m/s; ValueError for anything that is not a number."""
+        return plastic_restitution(self.yield_speed, as_parameter(velocity, "velocity"))
+
+    def form(self, contact: Contact | None, scale: Scale | None) -> YieldingForm:
+        return YieldingForm(yields=self.yield_speed / needed(scale, "velocity", self).speed)
+
+
+@register_law(
+    "viscoplastic",
+    formula="F (1 + (c/K) δ') with the F of thornton_plastic",
+    source="Thornton 1997, doi 10.1115/1.2787319; Hunt & Crossley 1975, doi 10.1115/1.3423596",
+    valid="n = 3/2; c ≥ 0; damped below v_y, damped and plastic beyond",
+)
+class Viscoplastic(AbstractYielding):
+    """Thornton's elastic-plastic spheres with the damping of Hunt and Crossley.
+
+    The force of `ThorntonPlastic` times 1 + (c/K) δ', in compression and on the way back.
+    `yield_speed` v_y > 0 in m/s states the indentation at yield, as there; damped spheres need a
+    little more than v_y to reach it. `c` ≥ 0 in N s/m^(n+1) is that of `ConstantDamping`, whose
+    contact this is below yield. The exponent is 3/2. e is a formula of α = c v0/K and v_y/v0, and
+    the times are quadratures.
+
+    Raises ValueError for a Python scalar out of range, for `tension=True`, and, where it is used,
+    for another exponent. Source: Thornton (1997), J. Appl. Mech. 64:383, doi 10.1115/1.2787319;
+    Hunt & Crossley (1975), J. Appl. Mech. 42:440, doi 10.1115/1.3423596.
+    """
+
+    yield_speed: Float[Array, "..."] = parameter("yield_speed", POSITIVE, "m/s")
+    c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE, "N s/m^(n+1)")
+
+    def _damping(self, contact: Contact) -> Float[Array, "..."]:
+        return self.c / contact.stiffness
+
+    def form(self, contact: Contact | None, scale: Scale | None) -> YieldingForm:
+        speed = needed(scale, "velocity", self).speed
+        alpha = speed * self._damping(contact_for(contact, self))
+        return YieldingForm(yields=self.yield_speed / speed, alpha=alpha)
+
+
+def plastic_restitution(
+    yield_speed: Float[Array, "..."], velocity: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """Return e of Thornton's spheres; NaN for a yield speed that is not positive."""
+    # The slope in r is zero at r = 1, so the two parts join smoothly.
+    plastic = velocity > yield_speed
+    r = jnp.where(plastic, yield_speed / jnp.where(plastic, velocity, 1), 1)
+    r = jnp.where(yield_speed > 0, r, jnp.nan)
+    root = jnp.sqrt((6 - jnp.square(r)) / 5)
+    e = math.sqrt(1.2 * math.sqrt(3)) * jnp.sqrt(1 - jnp.square(r) / 6)
+    e *= jnp.sqrt(jnp.sqrt(r / (r + 2 * root)))
+    # Clip a rounding error above 1.
+    return jnp.where(r == 1, 1, jnp.minimum(e, 1))
