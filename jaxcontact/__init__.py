@@ -70,7 +70,6 @@ if _TYPE_CHECKING:
     from ._laws import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
     from ._laws import AbstractHuntCrossley as AbstractHuntCrossley
     from ._laws import AbstractLaw as AbstractLaw
-    from ._laws import AbstractPlastic as AbstractPlastic
     from ._laws import AntypovElliott as AntypovElliott
     from ._laws import Bridges as Bridges
     from ._laws import CarvalhoMartins as CarvalhoMartins
@@ -143,7 +142,7 @@ _ROOMS = {
         "calibrate calibrate_friction fit_record load_calibration read_recording report"
     ),
     "_laws": (
-        "VELOCITY_THRESHOLD AbstractHuntCrossley AbstractLaw AbstractPlastic AntypovElliott Bridges "
+        "VELOCITY_THRESHOLD AbstractHuntCrossley AbstractLaw AntypovElliott Bridges "
         "CarvalhoMartins ConstantDamping Damped EnergyLoss ExactRestitution Flores Gonthier "
         "HerbertMcWhannell Hertz HuGuo HuntCrossley Jankowski KelvinVoigt KuwabaraKono "
         "LankaraniNikravesh LeeWang LinearDashpot MarhefkaOrin PowerDamping PowerRestitution "

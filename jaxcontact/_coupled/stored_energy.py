@@ -8,7 +8,7 @@ import numpy as np
 
 from .._contact import Contact
 from .._functions import contraction
-from .._laws import AbstractLaw
+from .._laws import AbstractLaw, energies_of
 from .scalars import Number
 
 
@@ -27,7 +27,7 @@ def stored_energy(
     if law.remembers:
         loads = jnp.asarray(True) if deepest is None else deepest <= 0
         largest = depth if deepest is None else jnp.where(loads, depth, deepest)
-        returned, kept = law.energy(jnp.maximum(depth, 0), contact, largest, speed)
+        returned, kept = energies_of(law, depth, contact, speed, largest)
         return returned + jnp.where(loads, kept, 0)
     nodes, weights = np.polynomial.legendre.leggauss(16)
     depth = jnp.maximum(depth, 0)

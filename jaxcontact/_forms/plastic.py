@@ -1,10 +1,11 @@
 """The forms of plastic contacts: xⁿ up to yield, then its tangent; unloading is elastic.
 
 The force depends on x and on the largest indentation x_m of the contact so far. While x = x_m it is
-that of loading, F. From there it follows κ (x - x_p)ⁿ, which is F at x_m and ends at x_p. Damping
-multiplies both by 1 + αv, as in the Hunt-Crossley family, so its energy integral `G(v) = ∫ v
-dv/(1+αv)` applies: with W the work of loading and U the energy that unloading returns, `W(x_m) =
-G(1)` and `G(-e) = U(x_m)`, for every n. Times are integrals over y = ln(1+αv)/α, of 1/F.
+that of loading, F. From there it follows κ (x - x_p)ⁿ, which is F at x_m and ends at x_p.
+
+Damping multiplies both by 1 + αv, as in the Hunt-Crossley family. Its energy integral `G(v) = ∫ v
+dv/(1+αv)` applies. With W the work of loading and U the energy that unloading returns, `W(x_m) =
+G(1)` and `G(-e) = U(x_m)`. Times are integrals of 1/F over y = ln(1+αv)/α.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class AbstractPlasticForm(AbstractForm):
     """A contact whose force remembers its largest indentation x_m, `deepest`.
 
     `alpha` is None without damping. A subclass states its exponent, and the forces of loading and
-    unloading.
+    unloading. `deepest` is 0 or None while the contact is loading.
     """
 
     deepest: Lane | None = eqx.field(default=None, kw_only=True)
@@ -55,13 +56,8 @@ class AbstractPlasticForm(AbstractForm):
         """Return W, the integral of the force of loading from 0 to x."""
 
     @abc.abstractmethod
-    def stiffening(self, deepest: Lane) -> Lane:
-        """Return the κ of unloading from x_m, relative to the stiffness of loading at touch."""
-
     def unloading(self, deepest: Lane) -> tuple[Lane, Lane]:
         """Return the κ of unloading from x_m, and the x_p at which it ends."""
-        factor = self.stiffening(deepest)
-        return factor, deepest - (self.loading(deepest) / factor) ** (1 / self.own_exponent)
 
     def remembering(self, deepest: Lane) -> AbstractPlasticForm:
         return eqx.tree_at(
@@ -71,46 +67,43 @@ class AbstractPlasticForm(AbstractForm):
     def _damped(self, v: Lane) -> Lane | float:
         return 1.0 if self.alpha is None else 1 + self.alpha * v
 
-    def _back(self, x: Lane) -> tuple[Lane, Lane]:
-        """Return the κ of unloading at x, and the distance to its end."""
-        # Before its turn the contact is loading, and x is its largest indentation.
-        deepest = x if self.deepest is None else jnp.where(self.deepest > 0, self.deepest, x)
-        inside = deepest > 0
-        factor, end = self.unloading(jnp.where(inside, deepest, 1))
-        return factor, jnp.where(inside, x - end, x)
+    def _back(self, x: Lane, loads_to: Lane) -> tuple[Lane, Lane]:
+        """Return the κ of unloading and the distance of x to its end. A contact that is loading,
+        with 0 or None for its largest indentation, unloads from `loads_to`.
+        """
+        deepest = loads_to if self.deepest is None else self.deepest
+        factor, end = self.unloading(jnp.where(deepest > 0, deepest, loads_to))
+        return factor, x - end
 
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
-        factor, left = self._back(x)
+        factor, left = self._back(x, jnp.ones_like(x))
         back = factor * signed_power(left, self.own_exponent)
         return jnp.where(compressing, self.loading(x), back) * self._damped(v)
 
     def pulling(
         self, w: Lane, v: Lane, n: Exponent, compressing: Flag, order: int | None = None
     ) -> Lane:
-        left = self._back(w ** (order or self.order(n)))[1]
-        return jnp.where(compressing, self.force(w**2, v, n, compressing), self._gap(left, v))
-
-    def _gap(self, left: Lane, v: Lane) -> Lane:
-        if self.alpha is None:
-            return left
-        return jnp.where(left < 0, left, left * self._damped(v))
+        x = w ** (order or self.order(n))
+        left = self._back(x, jnp.ones_like(x))[1]
+        # The way back ends at x_p, or where strong damping pulls.
+        gap = jnp.where(left < 0, left, left * self._damped(v))
+        return jnp.where(compressing, self.force(x, v, n, compressing), gap)
 
     def stored(self, w: Lane, n: Exponent, order: int | None = None) -> Lane:
         """Return the energy that unloading from w returns."""
-        factor, left = self._back(w ** (order or self.order(n)))
+        x = w ** (order or self.order(n))
+        factor, left = self._back(x, x)
         more = self.own_exponent + 1
         return factor * power(left, more) / more
 
     def released_at(self) -> Lane:
         assert self.deepest is not None
-        inside = self.deepest > 0
-        return jnp.where(inside, self.unloading(jnp.where(inside, self.deepest, 1))[1], 0)
+        return jnp.where(self.deepest > 0, self.unloading(self.deepest)[1], 0)
 
     def kept(self, deepest: Lane) -> Lane:
-        factor, end = self.unloading(jnp.where(deepest > 0, deepest, 1))
+        factor, end = self.unloading(deepest)
         more = self.own_exponent + 1
-        returned = factor * power(deepest - end, more) / more
-        return jnp.where(deepest > 0, self.work(deepest) - returned, 0)
+        return self.work(deepest) - factor * power(deepest - end, more) / more
 
 
 class BilinearForm(AbstractPlasticForm):
@@ -126,15 +119,17 @@ class BilinearForm(AbstractPlasticForm):
     def work(self, x: Lane) -> Lane:
         return jnp.square(x) / 2
 
-    def stiffening(self, deepest: Lane) -> Lane:
-        return self.factor + self.slope * deepest
+    def unloading(self, deepest: Lane) -> tuple[Lane, Lane]:
+        factor = self.factor + self.slope * deepest
+        return factor, deepest * (1 - 1 / factor)
 
     def restitution(self) -> Lane:
         return jax.lax.rsqrt(self.factor + self.slope)
 
     def solve(self, n: Exponent) -> ScaledImpact:
         """Return a quarter of each of two oscillations."""
-        one, e = jnp.ones_like(self.factor + self.slope), self.restitution()
+        factor, e = self.factor + self.slope, self.restitution()
+        one, lost = jnp.ones_like(factor), (self.factor - 1 + self.slope) / factor
         quarter = math.pi / 2 * one
         return ScaledImpact(
             restitution=e,
@@ -142,51 +137,50 @@ class BilinearForm(AbstractPlasticForm):
             compression_time=quarter,
             max_indentation=one,
             max_force=one,
-            energy_loss=1 - jnp.square(e),
-            end_indentation=1 - jnp.square(e),
+            energy_loss=lost,
+            end_indentation=lost,
         )
 
 
 class YieldingForm(AbstractPlasticForm):
-    """f = x^(3/2) up to y = (5r²/4)^(2/5), then its tangent; unloading is that of a flatter sphere.
+    """f = x^(3/2) up to y, then its tangent; unloading is that of a flatter sphere.
 
-    `yields` r = v_y/v0 > 0. Up to the radius of the contact at x_m, the flattened sphere fits:
-    κ = √(x_m^(3/2)/F(x_m)). `alpha` ≥ 0, None without damping.
+    `root` √y > 0, with y = (5r²/4)^(2/5) for r = v_y/v0. The flatter sphere has the radius of the
+    contact at x_m: κ = √(x_m^(3/2)/F(x_m)).
     """
 
-    yields: Lane
+    root: Lane
     own_exponent: ClassVar[float] = 1.5
 
     def sound(self) -> tuple[YieldingForm, Flag]:
-        good = (self.yields > 0) & jnp.isfinite(self.yields)
-        form = eqx.tree_at(lambda form: form.yields, self, jnp.where(good, self.yields, 1))
+        good = (self.root > 0) & jnp.isfinite(self.root)
+        form = eqx.tree_at(lambda form: form.root, self, jnp.where(good, self.root, 1))
         if self.alpha is None:
             return form, good
         alpha, sound = sound_damping(self.alpha)
         return eqx.tree_at(lambda form: form.alpha, form, alpha), good & sound
 
-    def _yield(self) -> tuple[Lane, Lane]:
-        """Return √y and W(y), the indentation and the work at yield."""
-        energy = jnp.square(self.yields) / 2
-        return (2.5 * energy) ** 0.2, energy
-
     def loading(self, x: Lane) -> Lane:
-        root, _ = self._yield()
+        root = self.root
         beyond = jnp.maximum(x - root**2, 0)
         return power(jnp.minimum(x, root**2), 1.5) + 1.5 * root * beyond
 
     def work(self, x: Lane) -> Lane:
-        root, _ = self._yield()
+        root = self.root
         beyond = jnp.maximum(x - root**2, 0)
         elastic = power(jnp.minimum(x, root**2), 2.5) * 0.4
         return elastic + root * beyond * (root**2 + 0.75 * beyond)
 
-    def stiffening(self, deepest: Lane) -> Lane:
-        return jnp.sqrt(power(deepest, 1.5) / self.loading(deepest))
+    def unloading(self, deepest: Lane) -> tuple[Lane, Lane]:
+        yielded = deepest > self.root**2
+        inside = jnp.where(yielded, deepest, self.root**2)
+        force = self.loading(inside)
+        factor = jnp.sqrt(power(inside, 1.5) / force)
+        return factor, jnp.where(yielded, inside - force / jnp.sqrt(inside), 0)
 
     def _loaded(self, energy: Lane) -> tuple[Lane, Lane]:
         """Return x and F at which the work of loading is `energy` > 0."""
-        root, most = self._yield()
+        root, most = self.root, 0.4 * self.root**5
         elastic = (2.5 * jnp.minimum(energy, most)) ** 0.2
         force = _linear(root, jnp.maximum(energy - most, 0))
         beyond = 2 * jnp.maximum(energy - most, 0) / (force + root**3)
@@ -197,7 +191,7 @@ class YieldingForm(AbstractPlasticForm):
 
     def _turn(self) -> tuple[Lane, Lane, Lane, Lane]:
         """Return α, the x_m and F of the turn, and ρ = -ln(1-αe)/α."""
-        alpha = jnp.zeros_like(self.yields) if self.alpha is None else self.alpha
+        alpha = jnp.zeros_like(self.root) if self.alpha is None else self.alpha
         deepest, force = self._loaded(log_remainder(alpha))
         returned = 0.4 * jnp.square(force) / jnp.sqrt(deepest)
         alpha, deepest, force, returned = jnp.broadcast_arrays(alpha, deepest, force, returned)
@@ -210,8 +204,8 @@ class YieldingForm(AbstractPlasticForm):
     def solve(self, n: Exponent) -> ScaledImpact:
         """Return restitution and extrema by formula, the two times by quadrature."""
         alpha, deepest, force, rho = self._turn()
-        yields = jnp.broadcast_to(self.yields, alpha.shape)
-        way_in, way_out = lanewise(_times, yields, 0.0 if self.alpha is None else alpha)
+        root = jnp.broadcast_to(self.root, alpha.shape)
+        way_in, way_out = lanewise(_times, root, 0.0 if self.alpha is None else alpha)
         return ScaledImpact(
             restitution=restitution_at(rho, alpha),
             duration=way_in + way_out,
@@ -222,8 +216,8 @@ class YieldingForm(AbstractPlasticForm):
         )
 
     def _strongest(self, alpha: Lane) -> Lane:
-        """Return the largest F (1 + αv), at (n+1) α H = n v or, beyond yield, at α F² = 3/2 √y v."""
-        root, most = self._yield()
+        """Return the largest F (1 + αv): at (n+1) α H = n v, or at α F² = 3/2 √y v beyond yield."""
+        root, most = self.root, 0.4 * self.root**5
         elastic = peak_velocity(alpha, jnp.full_like(alpha, 1.5))
         yielded = stored_at(elastic, alpha) > most
         v = jnp.where(yielded, _yielded_peak(alpha, jnp.where(yielded, root, 1)), elastic)
@@ -262,13 +256,11 @@ def _way_guess(alpha: Lane, p: Lane) -> Lane:
     return p * half * log1p_over(alpha * p * half)
 
 
-def _times(yields: Lane, alpha: Lane | float, unroll: int) -> tuple[Lane, Lane]:
+def _times(root: Lane, alpha: Lane | float, unroll: int) -> tuple[Lane, Lane]:
     """Return the times from touch to turn, and from turn to separation."""
-    alpha = jnp.broadcast_to(jnp.asarray(alpha, yields.dtype), yields.shape)
-    form = YieldingForm(yields=yields, alpha=alpha)
-    root, most = form._yield()
-    _, deepest, force, rho = form._turn()
-    length, left = log1p_over(alpha), log_remainder(alpha) - most
+    alpha = jnp.broadcast_to(jnp.asarray(alpha, root.dtype), root.shape)
+    _, deepest, force, rho = YieldingForm(root=root, alpha=alpha)._turn()
+    length, left = log1p_over(alpha), log_remainder(alpha) - 0.4 * root**5
     # The force is smooth at yield, so that it does not matter where the integral is split.
     yielded = left > 0
     rest = jnp.where(yielded, _way_root(alpha, jnp.where(yielded, left, 1)), 0)

@@ -21,7 +21,7 @@ from .._entry import (
     sanitised,
 )
 from .._forms import AbstractForm, HuntCrossleyForm, Scale, SpeedDependentForm, scale_of
-from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_law
+from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_exponent, require_law
 from .motion.motion import Motion
 
 SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)
@@ -59,13 +59,7 @@ def problem_of(
         push = as_number(external_force, "external_force", FORCE)
         if is_plain(external_force) and external_force == 0:
             push = None
-    n = contact.exponent
-    if law.exponents is not None and isinstance(n, float) and n not in law.exponents:
-        allowed = " or ".join(f"{exponent:g}" for exponent in law.exponents)
-        raise ValueError(
-            f"Argument `contact` must have the exponent {allowed} for `{type(law).__name__}`, "
-            f"but has {n:g}."
-        )
+    require_exponent(law, contact)
     speed = as_number(velocity, "velocity", SPEED)
     require_broadcast(law=law, contact=contact, velocity=speed, external_force=push)
     return Problem(law, contact.normal, speed, push)

@@ -2,7 +2,9 @@
 
 from .base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from .base import AbstractLaw as AbstractLaw
+from .base import energies_of as energies_of
 from .base import force_of as force_of
+from .base import require_exponent as require_exponent
 from .base import require_law as require_law
 from .energy_balance import EnergyLoss as EnergyLoss
 from .energy_balance import ExactRestitution as ExactRestitution

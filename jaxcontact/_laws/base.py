@@ -68,8 +68,8 @@ class AbstractLaw(eqx.Module):
     """Contact exponents n the law is made for; None if every exponent is allowed."""
 
     remembers: ClassVar[bool] = False
-    """True if the force depends on the largest indentation of the contact so far; see
-    `AbstractPlastic`."""
+    """True if the force depends on the largest indentation of the contact so far, as that of
+    `ThorntonPlastic`."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -118,17 +118,27 @@ class AbstractLaw(eqx.Module):
         closing speed v0 in m/s at the moment of touch. All of them broadcast.
         """
 
-    def energy(
+    def _force_after(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+        deepest: ArrayLike,
+    ) -> Float[Array, "..."]:
+        """Return the force of a contact that unloads from `deepest`, or loads if that is 0."""
+        # Only laws that remember have these two.
+        raise NotImplementedError
+
+    def _energies(
         self,
         indentation: ArrayLike,
         contact: Contact,
-        largest: ArrayLike,
         impact_velocity: ArrayLike,
+        largest: ArrayLike,
     ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-        """Return the energy in J that unloading returns, and that which the contact has kept.
-
-        Arguments: δ in m, the contact, its largest indentation so far, and v0. Raises
-        NotImplementedError for laws without a memory.
+        """Return the energy in J that unloading returns, and that which the contact has kept;
+        `largest` is its largest indentation so far.
         """
         raise NotImplementedError
 
@@ -177,17 +187,41 @@ def force_of(
     The package's laws clamp their own force; a user's law need not. `deepest` is the largest
     indentation in m of a contact that unloads, 0 for one that loads, for a law that `remembers`.
     """
-    memory: dict[str, Any] = {}
+    at = indentation, velocity, contact, impact_velocity
     if law.remembers and deepest is not None:
-        loads = jnp.asarray(deepest) <= 0
-        memory = {"largest": jnp.where(loads, indentation, deepest), "loading": loads}
-    force = law.force(indentation, velocity, contact, impact_velocity, **memory)
+        force = law._force_after(*at, deepest)
+    else:
+        force = law.force(*at)
     return force if law.tension else jnp.where(force < 0, 0, force)
+
+
+def energies_of(
+    law: AbstractLaw,
+    indentation: ArrayLike,
+    contact: Contact,
+    impact_velocity: ArrayLike,
+    largest: ArrayLike,
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Return the energy in J that unloading returns, and that which the contact has kept, for a law
+    that `remembers`; `largest` is its largest indentation so far in m.
+    """
+    return law._energies(indentation, contact, impact_velocity, largest)
 
 
 def require_law(value: object) -> AbstractLaw:
     """Return `value` if it is a law; raise ValueError otherwise."""
     return require_kind("law", value, AbstractLaw, "a contact law (see `list_laws`)")
+
+
+def require_exponent(law: AbstractLaw, contact: Contact) -> None:
+    """Raise ValueError if the exponent of a contact is known and not one that the law supports."""
+    n = contact.exponent
+    if law.exponents is not None and isinstance(n, float) and n not in law.exponents:
+        allowed = " or ".join(f"{exponent:g}" for exponent in law.exponents)
+        raise ValueError(
+            f"Argument `contact` must have the exponent {allowed} for `{type(law).__name__}`, "
+            f"but has {n:g}."
+        )
 
 
 def require_contact_like(value: Any) -> None:

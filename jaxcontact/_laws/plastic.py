@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, POSITIVE, Range, as_parameter, parameter
 from .._forms import AbstractPlasticForm, BilinearForm, YieldingForm, scale_of
-from .base import AbstractLaw, contact_for, force_arguments, needed
+from .base import AbstractLaw, contact_for, force_arguments, needed, require_exponent
 from .registry import register_law
 
 if TYPE_CHECKING:
@@ -41,8 +41,8 @@ class AbstractPlastic(AbstractLaw):
             )
 
     @abc.abstractmethod
-    def _in_units(self, contact: Contact) -> tuple[AbstractPlasticForm, ArrayLike, ArrayLike]:
-        """Return the form in units of a length and a force, with its α in s/m; and these units."""
+    def _over_stiffness(self, contact: Contact) -> AbstractPlasticForm:
+        """Return F/K as a form of δ in m, with its α in s/m."""
 
     def force(
         self,
@@ -51,32 +51,43 @@ class AbstractPlastic(AbstractLaw):
         contact: Contact,
         impact_velocity: ArrayLike,
         largest: ArrayLike | None = None,
-        loading: ArrayLike | None = None,
     ) -> Float[Array, "..."]:
         """Return F in N, zero for δ < 0. `largest` is the largest indentation of the contact so far
-        in m, None for δ. The contact is `loading` if δ is at least that, unless stated.
+        in m. The contact is loading where δ is at least that, or if it is None.
         """
-        depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
-        form, length, unit = self._in_units(contact)
-        most = depth if largest is None else as_parameter(largest, "largest")
-        loads = jnp.asarray(depth >= most if loading is None else loading)
-        x = jnp.maximum(depth, 0) / length
-        form = form.remembering(jnp.where(loads, x, most / length))
-        force = form.force(x, rate, form.own_exponent, loads)
-        return unit * jnp.maximum(force, 0)
+        depth = as_parameter(indentation, "indentation")
+        deepest = jnp.zeros_like(depth)
+        if largest is not None:
+            most = as_parameter(largest, "largest")
+            deepest = jnp.where(depth >= most, 0, most)
+        return self._force_after(depth, velocity, contact, impact_velocity, deepest)
 
-    def energy(
+    def _force_after(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+        deepest: ArrayLike,
+    ) -> Float[Array, "..."]:
+        depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
+        require_exponent(self, contact)
+        deepest = jnp.asarray(deepest)
+        form = self._over_stiffness(contact).remembering(deepest)
+        force = form.force(jnp.maximum(depth, 0), rate, form.own_exponent, deepest <= 0)
+        return contact.stiffness * jnp.maximum(force, 0)
+
+    def _energies(
         self,
         indentation: ArrayLike,
         contact: Contact,
-        largest: ArrayLike,
         impact_velocity: ArrayLike,
+        largest: ArrayLike,
     ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-        form, length, unit = self._in_units(contact)
-        x = jnp.maximum(as_parameter(indentation, "indentation"), 0) / length
-        most = jnp.maximum(as_parameter(largest, "largest") / length, x)
-        form = form.remembering(most)
-        return unit * length * form.stored(x, 1.0, 1), unit * length * form.kept(most)
+        largest = jnp.asarray(largest)
+        form, stiffness = self._over_stiffness(contact).remembering(largest), contact.stiffness
+        x = jnp.maximum(jnp.asarray(indentation), 0)
+        return stiffness * form.stored(x, 1.0, 1), stiffness * form.kept(largest)
 
 
 @register_law(
@@ -86,13 +97,13 @@ class AbstractPlastic(AbstractLaw):
     valid="n = 1; ratio ≥ 1, slope ≥ 0; e = (K/K_u)^(1/2)",
 )
 class WaltonBraun(AbstractPlastic):
-    """Walton and Braun's bilinear contact: F = K δ while loading, F = K_u (δ - δ_p) on the way back.
+    """Walton and Braun's bilinear contact: F = K δ while loading, K_u (δ - δ_p) on the way back.
 
     `ratio` ≥ 1 is K_u/K without load. `slope` ≥ 0 in 1/m makes unloading stiffer with the largest
-    force: K_u = ratio K + slope F_max. The way back begins at F_max and ends at δ_p. Then e² = K/K_u
-    = 1/(ratio + slope v0/ω), ω = √(K/m): a constant e for slope = 0, and an e that falls with speed
-    otherwise. The exponent is 1. Largest force, indentation and time of compression are those of
-    the spring K; the way back lasts e times as long as compression.
+    force: K_u = ratio K + slope F_max. The way back begins at F_max and ends at δ_p. Hence e² =
+    K/K_u = 1/(ratio + slope v0/ω), ω = √(K/m): a constant e for slope = 0, and an e that falls with
+    speed otherwise. The exponent is 1. Largest force, indentation and time of compression are those
+    of the spring K; the way back lasts e times as long as compression.
 
     Raises ValueError for a Python scalar out of range, for `tension=True`, and, where it is used,
     for another exponent. Source: Walton & Braun (1986), J. Rheol. 30:949, doi 10.1122/1.549893.
@@ -102,8 +113,12 @@ class WaltonBraun(AbstractPlastic):
     slope: Float[Array, "..."] = parameter("slope", NOT_NEGATIVE, "1/m")
     exponents = (1.0,)
 
-    def _in_units(self, contact: Contact) -> tuple[AbstractPlasticForm, ArrayLike, ArrayLike]:
-        return BilinearForm(factor=self.ratio, slope=self.slope), 1.0, contact.stiffness
+    @property
+    def damped(self) -> bool:
+        return False
+
+    def _over_stiffness(self, contact: Contact) -> BilinearForm:
+        return BilinearForm(factor=self.ratio, slope=self.slope)
 
     def form(self, contact: Contact | None, scale: Scale | None) -> BilinearForm:
         contact_for(contact, self)
@@ -121,10 +136,14 @@ class AbstractYielding(AbstractPlastic):
         """Return the damping of F (1 + a δ') in s/m; None without."""
         return None
 
-    def _in_units(self, contact: Contact) -> tuple[AbstractPlasticForm, ArrayLike, ArrayLike]:
-        scale = scale_of(contact, self.yield_speed)
-        form = YieldingForm(yields=jnp.ones_like(scale.speed), alpha=self._damping(contact))
-        return form, scale.length, scale.force
+    def _over_stiffness(self, contact: Contact) -> YieldingForm:
+        # The work up to the indentation at yield is the energy of an impact at v_y.
+        length = scale_of(contact, self.yield_speed).length
+        return YieldingForm(root=1.25**0.2 * jnp.sqrt(length), alpha=self._damping(contact))
+
+    def _root(self, speed: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Return √y, y = (5r²/4)^(2/5) with r = v_y/v0."""
+        return (1.25 * jnp.square(self.yield_speed / speed)) ** 0.2
 
 
 @register_law(
@@ -154,12 +173,16 @@ class ThorntonPlastic(AbstractYielding):
 
     yield_speed: Float[Array, "..."] = parameter("yield_speed", POSITIVE, "m/s")
 
+    @property
+    def damped(self) -> bool:
+        return False
+
     def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
         """Return e at closing speeds in m/s; ValueError for anything that is not a number."""
         return plastic_restitution(self.yield_speed, as_parameter(velocity, "velocity"))
 
     def form(self, contact: Contact | None, scale: Scale | None) -> YieldingForm:
-        return YieldingForm(yields=self.yield_speed / needed(scale, "velocity", self).speed)
+        return YieldingForm(root=self._root(needed(scale, "velocity", self).speed))
 
 
 @register_law(
@@ -191,7 +214,7 @@ class Viscoplastic(AbstractYielding):
     def form(self, contact: Contact | None, scale: Scale | None) -> YieldingForm:
         speed = needed(scale, "velocity", self).speed
         alpha = speed * self._damping(contact_for(contact, self))
-        return YieldingForm(yields=self.yield_speed / speed, alpha=alpha)
+        return YieldingForm(root=self._root(speed), alpha=alpha)
 
 
 def plastic_restitution(

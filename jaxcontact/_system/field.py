@@ -30,7 +30,7 @@ from .._coupled.springs import (
 )
 from .._coupled.stored_energy import stored_energy
 from .._friction import SpringSlider
-from .._laws import force_of
+from .._laws import energies_of, force_of
 from .mechanics import Mechanics, Opening, SystemMotion, Vector
 from .problem import Scales
 from .stick_slip import SLIDES_ON, Friction
@@ -351,8 +351,8 @@ class SystemField(AbstractCoupledField):
         units, speed = self.scales.contact, jnp.maximum(modes.latched, SLOWEST)
         contact = eqx.tree_at(lambda c: c.mass, self.contact, modes.mass)
         largest = units.length * jnp.maximum(deepest, 0)
-        energy = self.mechanics.system.law.energy(largest, contact, largest, units.speed * speed)
-        return energy[1] / units.energy
+        law = self.mechanics.system.law
+        return energies_of(law, largest, contact, units.speed * speed, largest)[1] / units.energy
 
     def energy(self, y: Array, modes: Modes) -> Number:
         """Return kinetic and stored energy with the losses of the present contacts."""

@@ -55,6 +55,8 @@ def test_every_law_with_e_delivers_something(rows):
                 "kuwabara_kono",
                 "power_damping",
                 "thornton_plastic",
+                "viscoplastic",
+                "walton_braun",
                 "power_restitution",
                 "bridges",
                 "linear_dashpot",

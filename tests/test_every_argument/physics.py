@@ -21,6 +21,7 @@ from tests.test_every_argument.case import (
     Unsolved,
 )
 from tests.test_every_argument.kinds import (
+    ABOVE_ONE,
     ARRAYS,
     CONTACT,
     FLAG,
@@ -47,11 +48,13 @@ def constructed(law):
             "(0, 1]": E,
             "[0, inf)": POSITIVES | {"zero"},
             "(0, inf)": POSITIVES,
+            "[1, inf)": ABOVE_ONE | ARRAYS | JAX_SCALARS,
             "(-inf, inf)": REALS,
         }[str(allowed)]
         for name, allowed in ranges(law).items()
     }
-    return Case(law, good, legal | {"tension": FLAG})
+    # What unloads to zero force never pulls.
+    return Case(law, good, legal | {"tension": NOTHING if law.remembers else FLAG})
 
 
 def a_bounce():
@@ -159,6 +162,18 @@ def cases() -> dict[str, Case]:
             }.items()
         },
         **{
+            f"{type(law).__name__}.force": Case(
+                law.force,
+                FORCE,
+                FORCE_LEGAL | {"largest": REALS | NONE},
+                staged=True,
+            )
+            for law in (
+                jc.ThorntonPlastic(yield_speed=0.1),
+                jc.Viscoplastic(yield_speed=0.1, c=1.0),
+            )
+        },
+        **{
             f"{name}.damping_factor": Case(
                 law.damping_factor, {"contact": CONTACT, "velocity": 1.0}, legal
             )
@@ -172,11 +187,6 @@ def cases() -> dict[str, Case]:
                     "PowerDamping",
                     jc.PowerDamping(c=1.0, power=1.0, reference=1.0),
                     {"contact": CONTACTS, "velocity": REALS},
-                ),
-                (
-                    "ThorntonPlastic",
-                    jc.ThorntonPlastic(yield_speed=0.1),
-                    {"velocity": REALS},
                 ),
                 (
                     "PowerRestitution",

@@ -108,16 +108,12 @@ def jankowski(e):
     return 9 * mp.sqrt(5) / 2 * (1 - e**2) / (e * (e * (9 * mp.pi - 16) + 16))
 
 
-def plastic_alpha(yields, v):
-    """Thornton's e by the energy of his force over the indentation, in units of that at yield."""
-    if v <= yields:
-        return mp.mpf(0)
-    # Hertz's force to x = 1 and its tangent beyond; unloading as Hertz with a larger radius.
-    square = (v / yields) ** 2
-    x = 1 + (mp.sqrt(of("25/4") + of("15/2") * (square - 1)) - of("5/2")) / of("15/4")
-    force, elastic = 1 + of("3/2") * (x - 1), mp.power(x, "1.5")
-    back = force * mp.power(force / mp.sqrt(elastic / force), of("2/3"))
-    return exact_alpha(mp.sqrt(back / square))
+def yielding(d, v, K, m, yields, c=0):
+    """Hertz's force up to the indentation with the energy m v_y²/2, and its tangent beyond."""
+    first = mp.power(of("5/4") * m * yields**2 / K, of("2/5"))
+    elastic = K * mp.power(min(d, first), "1.5")
+    force = elastic + of("3/2") * K * mp.sqrt(first) * max(d - first, mp.mpf(0))
+    return force * (1 + c / K * v)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,14 +121,16 @@ class Law:
     """What a test needs to know of a law.
 
     `alpha(*parameters, K, v0)` for the family; `damping(d, v, K, m, *parameters)`, the force beside
-    K d^n, for the others. `parameters` are three sets of numbers, the last at the edge where the
-    contact is elastic (for Tsuji nearly so); `from_zero`: e = 0 is allowed.
+    K d^n, or `loading`, the whole force, for the others. `parameters` are three sets of numbers,
+    the last at the edge where the contact is elastic (for Tsuji nearly so); `from_zero`: e = 0 is
+    allowed.
     """
 
     cls: type[jc.AbstractLaw]
     parameters: tuple[tuple[float, ...], ...] = ((0.85,), (0.4,), (1.0,))
     alpha: Callable | None = None
     damping: Callable | None = None
+    loading: Callable | None = None
     names: tuple[str, ...] = ("e",)
     exponent: float = 1.5
     pulls: bool = False
@@ -147,7 +145,9 @@ class Law:
         if d < 0:
             return mp.mpf(0)
         elastic = K * mp.power(d, self.exponent)
-        if self.alpha is not None:
+        if self.loading is not None:
+            force = self.loading(d, v, K, m, *parameters)
+        elif self.alpha is not None:
             speed = max(v0, THRESHOLD)
             force = elastic * (1 + self.alpha(*parameters, K, speed) / speed * v)
         else:
@@ -246,8 +246,21 @@ LAWS = {
     "thornton_plastic": Law(
         jc.ThorntonPlastic,
         ((0.02,), (1e-3,), (1e3,)),
-        alpha=lambda yields, K, v: plastic_alpha(yields, v),
+        loading=yielding,
         names=("yield_speed",),
+    ),
+    "viscoplastic": Law(
+        jc.Viscoplastic,
+        ((0.02, 4e7), (1e-3, 5e8), (1e3, 0.0)),
+        loading=yielding,
+        names=("yield_speed", "c"),
+    ),
+    "walton_braun": Law(
+        jc.WaltonBraun,
+        ((1.5, 2e3), (1.0, 4e4), (1.0, 0.0)),
+        loading=lambda d, v, K, m, ratio, slope: K * d,
+        names=("ratio", "slope"),
+        exponent=1.0,
     ),
     "power_restitution": Law(
         jc.PowerRestitution,

@@ -22,6 +22,8 @@ def bad_numbers(name, argument):
     positive = ("beta", "reference", "yield_speed", "d")
     if argument in positive or (name, argument) == ("bridges", "a"):
         return r"\(0, inf\)", (0.0, -1.0)
+    if argument == "ratio":
+        return r"\[1, inf\)", (0.5,)
     if argument == "power":
         return r"\(-inf, inf\)", ()
     return r"\[0, inf\)", (-1.0,)
@@ -60,7 +62,9 @@ def test_arrays_out_of_range_pass(name, argument):
         return
     needs = name in ("constant_damping", "power_damping", "marhefka_orin", "energy_loss")
     needs |= name in ("thornton_plastic", "power_restitution", "bridges")
-    found = jc.restitution(made, *((jc.Contact(mass=1.0, stiffness=1e8), 1.0) if needs else ()))
+    needs |= name in ("viscoplastic", "walton_braun")
+    contact = jc.Contact(mass=1.0, stiffness=1e8, exponent=law.exponent)
+    found = jc.restitution(made, *((contact, 1.0) if needs else ()))
     np.testing.assert_array_equal(np.isnan(found), [True] * (len(numbers) + 1) + [False])
     assert 0 < found[-1] < 1
 

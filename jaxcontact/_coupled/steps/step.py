@@ -259,7 +259,7 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
         first = contacts * (1 + field.rules.peak)
         turns = happens[first : first + contacts]
         kept = field.kept(jnp.where(modes.loads, depth, deepest), modes)
-        # What a contact does not return is lost when it unloads, until it loads again.
+        # The energy kept is lost when a contact unloads, until it loads again.
         lost = lost + jnp.where(turns, jnp.where(modes.loads, kept, -kept), 0)
         deepest = jnp.where(turns, jnp.where(modes.loads, depth, 0), deepest)
         deepest = jnp.where(closed & ~touches, deepest, 0)

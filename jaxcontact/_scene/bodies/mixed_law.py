@@ -14,7 +14,7 @@ from ..._contact import Contact
 from ..._coupled.scalars import Index
 from ..._coupled.stored_energy import stored_energy
 from ..._friction import AbstractFriction
-from ..._laws import AbstractLaw, force_of
+from ..._laws import AbstractLaw, energies_of, force_of
 
 Law = TypeVar("Law", AbstractLaw, AbstractFriction)
 
@@ -43,25 +43,33 @@ class MixedLaw(AbstractLaw):
         velocity: ArrayLike,
         contact: Contact,
         impact_velocity: ArrayLike,
-        largest: ArrayLike | None = None,
-        loading: ArrayLike | None = None,
     ) -> Float[Array, "..."]:
-        deepest = None if largest is None or loading is None else jnp.where(loading, 0, largest)
+        at = indentation, velocity, contact, impact_velocity
+        return self._chosen(*(force_of(law, *at) for law in self.laws))
+
+    def _force_after(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+        deepest: ArrayLike,
+    ) -> Float[Array, "..."]:
         at = indentation, velocity, contact, impact_velocity, deepest
         return self._chosen(*(force_of(law, *at) for law in self.laws))
 
-    def energy(
+    def _energies(
         self,
         indentation: ArrayLike,
         contact: Contact,
-        largest: ArrayLike,
         impact_velocity: ArrayLike,
+        largest: ArrayLike,
     ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         depth, speed = jnp.asarray(indentation), jnp.asarray(impact_velocity)
 
         def of(law: AbstractLaw) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
             if law.remembers:
-                return law.energy(depth, contact, largest, speed)
+                return energies_of(law, depth, contact, speed, largest)
             return stored_energy(law, contact, depth, speed), jnp.zeros_like(depth)
 
         returned, kept = zip(*map(of, self.laws), strict=True)

@@ -22,7 +22,7 @@ from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Index, Number
 from ..._coupled.stored_energy import stored_energy
 from ..._functions import small_product
-from ..._laws import AbstractLaw, force_of
+from ..._laws import AbstractLaw, energies_of, force_of
 from ..bodies.motion import UserMotion
 from ..bodies.side import side
 from .friction import Rub, Rubbing, Spins, SpringPairs, in_plane
@@ -97,8 +97,8 @@ class ClusterState(NamedTuple):
     `closed`: whether the pair is in contact. `rising`: whether its v0 still follows δ'; `latched`
     is that v0 in m/s. `since` and `force_until` in s are the last touch and the last time with a
     force. `max_force` and the energy `lost` are those since that touch. `rubbing` is None without
-    friction. `deepest` in m is the largest indentation of a pair that unloads, 0 for one that loads;
-    None unless forces depend on it.
+    friction. `deepest` in m is the largest indentation of a pair that unloads, 0 for one that
+    loads; None unless forces depend on it.
     """
 
     time: Number
@@ -225,7 +225,7 @@ class Touching(eqx.Module):
         """Return the energy that pairs with these largest indentations do not return."""
         units, speed = self.units, self.units.speed * jnp.maximum(modes.latched, SLOWEST)
         largest = units.length * jnp.maximum(deepest, 0)
-        return self.law.energy(largest, self.contact, largest, speed)[1] / units.energy
+        return energies_of(self.law, largest, self.contact, speed, largest)[1] / units.energy
 
     def pushes(
         self,

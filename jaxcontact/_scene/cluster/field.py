@@ -28,14 +28,14 @@ class Rubbed(NamedTuple):
 
 
 class VectorLayout(NamedTuple):
-    """The layout of a state vector. Without damping it has no `lost` part, and without `axes` of
-    spins none of friction.
+    """The layout of a state vector. If no contact `loses` energy it has no `lost` part, and without
+    `axes` of spins none of friction.
     """
 
     bodies: int
     dim: int
     pairs: int
-    damped: bool
+    loses: bool
     axes: int = 0
 
     def pack(
@@ -47,7 +47,7 @@ class VectorLayout(NamedTuple):
         rest: list[Number],
     ) -> Float[Array, " numbers"]:
         """Return the state vector; `rest` holds the work, the time and w."""
-        taken = [lost] if self.damped else []
+        taken = [lost] if self.loses else []
         turning = []
         if rubbed is not None:
             turning = [rubbed.spin.ravel(), rubbed.spring.ravel(), rubbed.taken]
@@ -71,7 +71,7 @@ class VectorLayout(NamedTuple):
         return Rubbed(spin.reshape(self.bodies, self.axes), spring, taken)
 
     def lost(self, y: Array) -> PerPair:
-        if not self.damped:
+        if not self.loses:
             return jnp.zeros(self.pairs, y.dtype)
         return y[-3 - self.pairs : -3]
 
@@ -212,7 +212,7 @@ def field_of(
     state, pairs, (bodies, dim) = problem.state, problem.pairs, problem.state.position.shape
     free = (problem.inverse_mass > 0)[:, None]
     incidence = incidence_of(pairs, bodies, state.position.dtype)
-    friction, axes = None, 0
+    friction, axes, loses = None, 0, problem.law.damped or problem.law.remembers
     if problem.friction is not None and state.rubbing is not None:
         who = pairs.first, pairs.second, pairs.flat
         friction = spring_pairs(problem.friction, units, state.time, who, incidence)
@@ -233,7 +233,7 @@ def field_of(
     )
     return ClusterField(
         system=system,
-        parts=VectorLayout(bodies, dim, pairs.used.shape[0], problem.law.damped, axes),
+        parts=VectorLayout(bodies, dim, pairs.used.shape[0], loses, axes),
         rules=rules,
         until=(problem.until - state.time) / units.time,
         used=pairs.used,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -89,9 +88,8 @@ def cluster(
         v0 == "peak", until_change, max_steps, sticks=friction is not None, remembers=law.remembers
     )
     if law.remembers and state.deepest is None:
-        problem = dataclasses.replace(
-            problem, state=state._replace(deepest=jnp.zeros_like(state.indentation))
-        )
+        fresh = state._replace(deepest=jnp.zeros_like(state.indentation))
+        problem = problem._replace(state=fresh)
     return with_sensitivity(eqx.Partial(solve_cluster, rules=rules, in_line=in_line))(problem)
 
 

@@ -117,7 +117,7 @@ class Radial(eqx.Module):
         given_up = -self.form.pull(w, jnp.zeros_like(w), n, jnp.asarray(True)) * velocity
         coasts = phase == _COASTS
         if self.form.remembers:
-            # What such a contact does not return is lost at its turn.
+            # The energy that such a contact does not return is lost at its turn.
             given_up = jnp.zeros_like(given_up)
         loss = jnp.where(coasts, given_up, straight.loss)
         change = straight.u - straight.t * self.swirl / apart**3
