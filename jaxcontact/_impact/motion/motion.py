@@ -206,8 +206,8 @@ class Motion(eqx.Module):
         return self.momentum.lost(self.momentum_at_touch(), state.u)
 
     def after_turn(self, turn: State) -> tuple[Motion, State]:
-        """Return the motion after the turn, and the state there. From then on a contact with a memory
-        unloads, and the energy that it does not return is lost.
+        """Return the motion after the turn, and the state there. From then on a contact with a
+        memory unloads, and the energy that it does not return is lost.
         """
         turn = self.still(turn)
         if not self.form.remembers or turn.loss is None:

@@ -94,8 +94,11 @@ class Radial(eqx.Module):
         return self.motion.velocity(_radial_state(y))
 
     def still(self, y: State) -> State:
-        """Return the state with zero velocity."""
-        return jnp.where(np.arange(5) == _U, self.motion.still(_radial_state(y)).u, y)
+        """Return the state with zero velocity, and with the loss of a contact that unloads."""
+        y = jnp.where(np.arange(5) == _U, self.motion.still(_radial_state(y)).u, y)
+        if self.form.remembers:
+            y = y.at[_LOSS].add(self.form.kept(self.indentation(y)))
+        return y
 
     def indentation(self, y: State) -> Number:
         """Return x at a state."""
@@ -246,9 +249,6 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         y = jnp.where(event, y + slope * moved, y)
         turned = event & (phase == _CLOSES)
         y = jnp.where(turned, now.still(y), y)
-        if now.form.remembers:
-            kept = jnp.where(turned, now.form.kept(now.indentation(y)), 0)
-            y = y.at[_LOSS].add(kept)
         # Next: shorter if the error requires it, to the event if one was passed, else longer.
         grown = c.size * factor(error)
         size, free = onward(c.size, c.free, grown, ahead, fine, crossed, seeking)

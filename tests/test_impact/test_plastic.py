@@ -1,0 +1,246 @@
+"""Single impacts of contacts that unload along another curve than they load."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from jaxcontact._forms import YieldingForm
+from tests.oracle.plastic_chain import follow, thornton, walton_braun
+
+FORMULA = 3e-15
+"""Relative error of e, x_m and F: measured 7e-16."""
+QUADRATURE = 1e-12
+"""The same of times down to v_y/v0 = 1e-4: measured 9e-14 in the difference of two phases."""
+BY_SCIPY = 3e-10
+"""Beside an integration at rtol 1e-12: measured 4e-11."""
+STEPS = 1e-10
+"""Of event solves at rtol 1e-11: measured 3e-12 in e, 1e-11 in times."""
+BALANCE = 1e-10
+"""Of the energies along a solve at rtol 1e-11: measured 2e-12."""
+SLOPES = 1e-6
+"""Central differences with h = 1e-6: measured 2e-9, 3e-8 near yield."""
+SINGLE = 3e-6
+"""In single precision: measured 5e-7."""
+
+HERTZ = jc.Contact(mass=0.3, stiffness=2e8, exponent=1.5)
+SPRING = jc.Contact(mass=0.3, stiffness=2e6, exponent=1.0)
+LAWS = {
+    "thornton": (jc.ThorntonPlastic(yield_speed=0.1), HERTZ, thornton(0.3, 2e8, 0.1)),
+    "elastic": (jc.ThorntonPlastic(yield_speed=3.0), HERTZ, thornton(0.3, 2e8, 3.0)),
+    "viscoplastic": (
+        jc.Viscoplastic(yield_speed=0.2, c=3e7),
+        HERTZ,
+        thornton(0.3, 2e8, 0.2, 3e7),
+    ),
+    "walton_braun": (jc.WaltonBraun(ratio=1.3, slope=4e2), SPRING, walton_braun(2e6, 1.3, 4e2)),
+}
+NUMBERS = ["restitution", "duration", "compression_time", "max_indentation", "max_force"]
+
+
+def by_energy(r, alpha):
+    """Every number of a viscoplastic impact in 30 digits, in units of x'' = -f, v0 = 1."""
+    r, alpha = mp.mpf(r), mp.mpf(alpha)
+    y = (mp.mpf(5) / 4 * r**2) ** mp.mpf("0.4")
+    root = mp.sqrt(y)
+
+    def work(x):
+        d = max(x - y, 0)
+        return mp.mpf(2) / 5 * min(x, y) ** 2.5 + root * d * (y + 3 * d / 4)
+
+    def force(energy):
+        """The force after a work: F² grows with it beyond yield."""
+        if energy <= work(y):
+            return (mp.mpf(5) / 2 * max(energy, 0)) ** mp.mpf("0.6")
+        return mp.sqrt(y**3 + 3 * root * (energy - work(y)))
+
+    def kinetic(v):
+        return v * v / 2 if alpha == 0 else v / alpha - mp.log1p(alpha * v) / alpha**2
+
+    most = kinetic(1)
+    strongest = force(most)
+    deepest = mp.findroot(lambda x: work(x) - most, 1)
+    back = strongest / mp.sqrt(deepest)
+    stored = mp.mpf(2) / 5 * strongest * back
+    # From below 1/α, where a rebound would take for ever.
+    high = 1 if alpha == 0 else min(1, (1 - mp.mpf(10) ** -25) / alpha)
+    e = mp.findroot(
+        lambda s: kinetic(-s) - stored, (mp.mpf("1e-9"), high), solver="anderson", tol=1e-50
+    )
+    flatter = mp.sqrt(deepest**1.5 / strongest)
+
+    def slowness(v, pushes):
+        push = pushes(v)
+        return 1 / (push * (1 + alpha * v)) if push > 0 else mp.mpf(0)
+
+    def loads(v):
+        return force(most - kinetic(v))
+
+    def unloads(v):
+        left = mp.mpf(5) / 2 * max(stored - kinetic(v), 0)
+        return flatter ** mp.mpf("0.4") * left ** mp.mpf("0.6")
+
+    # Powers of the way to each end, where slowness has a root or a pole.
+    slow = mp.mpf(0)
+    if deepest > y:
+        slow = mp.findroot(
+            lambda v: most - kinetic(v) - work(y), (0, 1), solver="anderson", tol=1e-50
+        )
+    first, power = 1 - slow, mp.mpf(5) / 2
+    way_in = mp.quad(
+        lambda q: slowness(1 - first * q**power, loads) * first * power * q**1.5, [0, 0.5, 1]
+    ) + mp.quad(lambda s: slowness(slow * (1 - s * s), loads) * 2 * s * slow, [0, 0.01, 0.1, 1])
+    way_out = mp.quad(
+        lambda q: slowness(-e * (1 - q**power), unloads) * e * power * q**1.5, [0, 0.1, 0.5, 1]
+    )
+    return e, way_in + way_out, way_in, deepest, strongest, deepest - back
+
+
+@pytest.mark.parametrize(
+    ("r", "alpha"), [(1e-4, 0), (0.3, 0), (0.999, 0), (1.5, 0), (0.03, 1), (0.2, 20)]
+)
+def test_formulas_and_quadratures(r, alpha):
+    with mp.workdps(30):
+        expected = np.array([float(x) for x in by_energy(r, alpha)])
+    damping = None if alpha == 0 else jnp.asarray(float(alpha))
+    form = YieldingForm(root=jnp.asarray((1.25 * r**2) ** 0.2), alpha=damping)
+    found = form.solve(1.5)
+    numbers = [found.restitution, found.duration, found.compression_time, found.max_indentation]
+    np.testing.assert_allclose(numbers[0], expected[0], rtol=FORMULA)
+    np.testing.assert_allclose(numbers[1:3], expected[1:3], rtol=QUADRATURE)
+    np.testing.assert_allclose(numbers[3], expected[3], rtol=FORMULA)
+    if alpha == 0:
+        np.testing.assert_allclose(found.max_force, expected[4], rtol=FORMULA)
+    np.testing.assert_allclose(found.end_indentation, expected[5], atol=FORMULA)
+
+
+@functools.cache
+def solved(name, method):
+    law, contact, _ = LAWS[name]
+    how = jc.Event(rtol=1e-11) if method == "event" else method
+    return jc.impact(law, contact, 2.0, method=how)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_impacts_beside_scipy(name):
+    """A free impact, from touch to the end of its force, where the bodies are still indented."""
+    law, contact, oracle = LAWS[name]
+    hit = solved(name, "exact")
+    # Both bodies have twice the effective mass.
+    found = follow([oracle], [0.6, 0.6], [0.0], [1.0, -1.0], 3 * float(hit.duration))
+    e = (found.velocity[1] - found.velocity[0]) / 2
+    np.testing.assert_allclose(hit.restitution, e, rtol=BY_SCIPY)
+    np.testing.assert_allclose(hit.energy_loss, 0.6 * (1 - e**2), atol=BY_SCIPY)
+    if name != "viscoplastic":
+        np.testing.assert_allclose(hit.max_force, found.strongest[0], rtol=BY_SCIPY)
+    end = jc.trajectory(law, contact, 2.0, samples=2).indentation[-1]
+    after = found.opening[0] - hit.duration
+    np.testing.assert_allclose(after * hit.rebound_velocity, end, atol=1e-8 * hit.max_indentation)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_steps_agree_with_formulas(name):
+    by_steps, by_formula = solved(name, "event"), solved(name, "exact")
+    for number in [*NUMBERS, "energy_loss"]:
+        unit = 0.6 if number == "energy_loss" else getattr(by_formula, number)
+        np.testing.assert_allclose(
+            getattr(by_steps, number) / unit, getattr(by_formula, number) / unit, atol=STEPS
+        )
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_energies_along_an_impact(name):
+    """What is stored, what the contact keeps and what damping takes add up at each moment."""
+    law, contact, _ = LAWS[name]
+    path = jc.trajectory(law, contact, 2.0, samples=50, method=jc.Event(rtol=1e-11))
+    np.testing.assert_allclose(path.energy.total, 0.6, rtol=BALANCE)
+    assert np.all(np.diff(path.energy.dissipated) > -BALANCE)
+    np.testing.assert_allclose(
+        path.energy.dissipated[-1], solved(name, "exact").energy_loss, atol=BALANCE
+    )
+    # The force at each moment is that of the law with the memory of that moment.
+    largest = np.maximum.accumulate(path.indentation)
+    largest[path.velocity < 0] = solved(name, "exact").max_indentation
+    force = law.force(path.indentation, path.velocity, contact, 2.0, largest)
+    np.testing.assert_allclose(path.force, force, atol=1e-8 * np.max(path.force))
+
+
+def test_the_limit_of_deep_plasticity():
+    law, speed = jc.ThorntonPlastic(yield_speed=1e-8), 1.0
+    e = jc.restitution(law, velocity=speed)
+    np.testing.assert_allclose(e, 1.18499 * 1e-8**0.25, rtol=1e-5)
+    np.testing.assert_allclose(e, law.restitution_at(speed), rtol=FORMULA)
+
+
+def test_a_bilinear_contact_has_a_constant_e_or_one_that_falls():
+    speeds = jnp.array([0.01, 1.0, 30.0])
+    fixed = jc.impact(jc.WaltonBraun(ratio=4.0, slope=0.0), SPRING, speeds)
+    np.testing.assert_allclose(fixed.restitution, 0.5, rtol=FORMULA)
+    falls = jc.restitution(jc.WaltonBraun(ratio=1.0, slope=1e3), SPRING, speeds)
+    # Walton and Braun's e = √(ω/(ω + S v0)).
+    frequency = np.sqrt(2e6 / 0.3)
+    np.testing.assert_allclose(falls, np.sqrt(frequency / (frequency + 1e3 * speeds)), rtol=1e-14)
+
+
+def test_derivatives_in_both_modes():
+    """Of all numbers by speed, yield speed and damping; also of a contact that does not yield."""
+
+    def numbers(given):
+        speed, yields, c = given
+        hit = jc.impact(jc.Viscoplastic(yield_speed=yields, c=c), HERTZ, speed)
+        return jnp.stack([getattr(hit, name) for name in NUMBERS])
+
+    starts = jnp.array([[2.0, 0.2, 3e7], [1.0, 0.99, 1e7], [1.0, 1.5, 1e7]])
+    forward = jax.jit(jax.vmap(jax.jacfwd(numbers)))(starts)
+    backward = jax.jit(jax.vmap(jax.jacrev(numbers)))(starts)
+    np.testing.assert_allclose(forward, backward, rtol=1e-10, atol=1e-13)
+    values = jax.jit(jax.vmap(numbers))
+    for k in range(3):
+        step = 1e-6 * starts[:, k]
+        up, down = (values(starts.at[:, k].add(sign * step)) for sign in (1, -1))
+        slope = (up - down) / (2 * step[:, None]) * starts[:, k : k + 1]
+        size = values(starts)
+        np.testing.assert_allclose(
+            forward[:, :, k] * starts[:, k : k + 1] / size, slope / size, atol=SLOPES
+        )
+    assert np.all(forward[2, :, 1] == 0)
+
+
+def test_single_precision_and_bad_lanes():
+    speeds = jnp.array([0.05, 2.0, 2.0, 40.0], jnp.float32)
+    yields = jnp.array([0.1, 0.1, -1.0, 0.1], jnp.float32)
+    contact = jc.Contact(mass=jnp.float32(0.3), stiffness=jnp.float32(2e8), exponent=1.5)
+    found = jc.impact(jc.ThorntonPlastic(yield_speed=yields), contact, speeds)
+    assert found.restitution.dtype == jnp.float32
+    np.testing.assert_array_equal(found.ok, [True, True, False, True])
+    exact = jc.impact(jc.ThorntonPlastic(yield_speed=0.1), HERTZ, speeds.astype(float))
+    for number in NUMBERS:
+        one, other = (np.asarray(getattr(hit, number))[[0, 1, 3]] for hit in (found, exact))
+        np.testing.assert_allclose(one, other, rtol=SINGLE)
+
+
+def test_what_is_refused():
+    with pytest.raises(ValueError, match=r"`tension` must be False for `WaltonBraun`"):
+        jc.WaltonBraun(ratio=2.0, slope=0.0, tension=True)
+    with pytest.raises(ValueError, match=r"must have the exponent 1\.5 for `ThorntonPlastic`"):
+        jc.ThorntonPlastic(yield_speed=0.1).force(1e-3, 0.0, SPRING, 1.0)
+    with pytest.raises(ValueError, match="must be 'event'"):
+        jc.impact(jc.WaltonBraun(ratio=2.0, slope=0.0), SPRING, 1.0, method="phase")
+
+
+def test_a_contact_under_load_stays_or_separates():
+    """Beside the coupled solve of the same ball, which is another code."""
+    law, weight = jc.ThorntonPlastic(yield_speed=0.1), jnp.array([-30.0, 30.0, 300.0, 3000.0])
+    hit = jc.impact(law, HERTZ, 0.5, external_force=weight)
+    np.testing.assert_array_equal(hit.status, [0, 0, 0, 1])
+    assert hit.restitution[3] == 0
+    assert np.all(np.diff(hit.max_indentation) > 0)
+    # The work of the push until separation is part of the balance.
+    for k in range(2):
+        path = jc.trajectory(law, HERTZ, 0.5, external_force=float(weight[k]), samples=30)
+        np.testing.assert_allclose(path.energy.total, 0.0375, rtol=1e-8)
+        np.testing.assert_allclose(-path.velocity[-1] / 0.5, hit.restitution[k], rtol=1e-8)
