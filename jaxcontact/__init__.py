@@ -67,6 +67,8 @@ if _TYPE_CHECKING:
     from ._lab import load_calibration as load_calibration
     from ._lab import read_recording as read_recording
     from ._lab import report as report
+    from ._laws import DMT as DMT
+    from ._laws import JKR as JKR
     from ._laws import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
     from ._laws import AbstractHuntCrossley as AbstractHuntCrossley
     from ._laws import AbstractLaw as AbstractLaw
@@ -143,8 +145,8 @@ _ROOMS = {
     ),
     "_laws": (
         "VELOCITY_THRESHOLD AbstractHuntCrossley AbstractLaw AntypovElliott Bridges "
-        "CarvalhoMartins ConstantDamping Damped EnergyLoss ExactRestitution Flores Gonthier "
-        "HerbertMcWhannell Hertz HuGuo HuntCrossley Jankowski KelvinVoigt KuwabaraKono "
+        "CarvalhoMartins ConstantDamping DMT Damped EnergyLoss ExactRestitution Flores Gonthier "
+        "HerbertMcWhannell Hertz HuGuo HuntCrossley JKR Jankowski KelvinVoigt KuwabaraKono "
         "LankaraniNikravesh LeeWang LinearDashpot MarhefkaOrin PowerDamping PowerRestitution "
         "StepDamping Thornton ThorntonPlastic Tsuji Viscoplastic WaltonBraun ZhiyingQishao get_law "
         "list_laws register_law"

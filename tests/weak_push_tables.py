@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from jaxcontact._forms.weak_push_table import FILE as NAME
-from jaxcontact._forms.weak_push_table import Table, computed, name_of
+from jaxcontact._forms.weak_push.table import FILE as NAME
+from jaxcontact._forms.weak_push.table import Table, computed, name_of
 
-FILE = Path(__file__).parents[1] / "jaxcontact" / "_forms" / NAME
+FILE = Path(__file__).parents[1] / "jaxcontact" / "_forms" / "weak_push" / NAME
 
 STORED = ((1.0, 1), (1.5, 2))
 """The exponents n, and the k of x = w^k that the Hunt-Crossley form takes for them."""

@@ -1,5 +1,9 @@
 """Forms: contact forces in scaled units, and all results that depend on their shape alone."""
 
+from .adhesive import LOSS as LOSS
+from .adhesive import DMTForm as DMTForm
+from .adhesive import JKRForm as JKRForm
+from .adhesive import jkr_force as jkr_force
 from .base import AbstractForm as AbstractForm
 from .base import Exponent as Exponent
 from .base import Flag as Flag

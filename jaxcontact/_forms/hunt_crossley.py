@@ -37,7 +37,7 @@ from .base import AbstractForm, Exponent, Flag, Lane, Momentum, signed_power, so
 from .quadrature import integrate, to_power
 from .scale import Change, ContactLike, Scale, ScaledImpact
 from .sensitivity import lanewise
-from .weak_push import weak_push
+from .weak_push.correction import weak_push
 
 
 class HuntCrossleyForm(AbstractForm):
@@ -118,7 +118,7 @@ class HuntCrossleyForm(AbstractForm):
     def weakly_pushed(
         self, n: Exponent, push: Lane, swirl: Lane, ratio: Lane, e: Lane
     ) -> tuple[Change, Change] | None:
-        """Return the series of `_weak_push`, for concrete exponents and α up to 5."""
+        """Return the series of `weak_push`, for concrete exponents and α up to 5."""
         if not isinstance(n, float):
             return None
         found = weak_push(self.alpha, n, self.order(n), push, swirl, ratio)

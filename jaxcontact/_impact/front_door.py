@@ -21,7 +21,13 @@ from .._entry import (
     sanitised,
 )
 from .._forms import AbstractForm, HuntCrossleyForm, Scale, SpeedDependentForm, scale_of
-from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_exponent, require_law
+from .._laws import (
+    VELOCITY_THRESHOLD,
+    AbstractLaw,
+    require_ends_at_touch,
+    require_exponent,
+    require_law,
+)
 from .motion.motion import Motion
 
 SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)
@@ -60,6 +66,8 @@ def problem_of(
         if is_plain(external_force) and external_force == 0:
             push = None
     require_exponent(law, contact)
+    if push is not None:
+        require_ends_at_touch(law, "under an external force")
     speed = as_number(velocity, "velocity", SPEED)
     require_broadcast(law=law, contact=contact, velocity=speed, external_force=push)
     return Problem(law, contact.normal, speed, push)

@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from .._contact import Contact
 from .._entry import require_count
 from .._functions import bracketed_root, ratio
-from .._laws import AbstractLaw
+from .._laws import AbstractLaw, require_ends_at_touch, require_law
 from .._program import program
 from .front_door import Problem, lanes_of, problem_of
 from .methods.auto import stepping_method
@@ -91,6 +91,7 @@ def trajectory(
     ValueError as `impact` does, and for other methods. Source: see `impact`.
     """
     samples = require_count("samples", samples, 2)
+    require_ends_at_touch(require_law(law), "in a trajectory")
     problem = problem_of(law, contact, velocity, external_force)
     return _trajectory(problem, stepping_method(method), samples)
 

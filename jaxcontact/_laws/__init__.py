@@ -1,9 +1,12 @@
 """Contact laws: pure force functions, their parameters, and a registry of names."""
 
+from .adhesive import DMT as DMT
+from .adhesive import JKR as JKR
 from .base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from .base import AbstractLaw as AbstractLaw
 from .base import energies_of as energies_of
 from .base import force_of as force_of
+from .base import require_ends_at_touch as require_ends_at_touch
 from .base import require_exponent as require_exponent
 from .base import require_law as require_law
 from .energy_balance import EnergyLoss as EnergyLoss

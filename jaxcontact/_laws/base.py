@@ -67,6 +67,9 @@ class AbstractLaw(eqx.Module):
     exponents: ClassVar[tuple[float, ...] | None] = None
     """Contact exponents n the law is made for; None if every exponent is allowed."""
 
+    ends_apart: ClassVar[bool] = False
+    """True if the contact ends at δ < 0; then only free impacts are solved."""
+
     remembers: ClassVar[bool] = False
     """True if the force depends on the largest indentation of the contact so far, as that of
     `ThorntonPlastic`."""
@@ -211,6 +214,16 @@ def energies_of(
 def require_law(value: object) -> AbstractLaw:
     """Return `value` if it is a law; raise ValueError otherwise."""
     return require_kind("law", value, AbstractLaw, "a contact law (see `list_laws`)")
+
+
+def require_ends_at_touch(law: AbstractLaw, where: str, argument: str = "law") -> AbstractLaw:
+    """Return a law whose contacts can be followed in time; ValueError if they end at δ < 0."""
+    if law.ends_apart:
+        raise ValueError(
+            f"Argument `{argument}` must be a law whose contacts end at δ = 0 {where}, but is "
+            f"{rendered(law)}: it is solved for impacts of two bodies without an external force."
+        )
+    return law
 
 
 def require_exponent(law: AbstractLaw, contact: Contact) -> None:

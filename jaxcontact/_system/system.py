@@ -24,7 +24,7 @@ from .._entry import (
     specialised,
 )
 from .._friction import AbstractFriction, RegularizedCoulomb, RigidCoulomb, SpringSlider
-from .._laws import AbstractLaw, require_law
+from .._laws import AbstractLaw, require_ends_at_touch, require_law
 from .lagrangian import LagrangianEnergy, LagrangianForce, LagrangianMass
 
 
@@ -118,6 +118,7 @@ class System(eqx.Module):
     ):
         self.mass, self.force = _function("mass", mass), _function("force", force)
         self.gap, self.law = _function("gap", gap), require_law(law)
+        require_ends_at_touch(self.law, "in a mechanism")
         self.stiffness = as_parameter(stiffness, "stiffness", POSITIVE)
         as_number(exponent, "exponent", EXPONENT)
         if is_plain(exponent):

@@ -57,6 +57,8 @@ def test_every_law_with_e_delivers_something(rows):
                 "thornton_plastic",
                 "viscoplastic",
                 "walton_braun",
+                "dmt",
+                "jkr",
                 "power_restitution",
                 "bridges",
                 "linear_dashpot",

@@ -116,6 +116,18 @@ def yielding(d, v, K, m, yields, c=0):
     return force * (1 + c / K * v)
 
 
+def jkr(d, v, K, m, pull_off):
+    """The contact of the radius a with z = a²/R = q⁴, beyond the snap of its neck none."""
+    length = mp.sqrt(pull_off / K)
+    if d < -mp.cbrt(length / 3) * length:
+        return mp.mpf(0)
+    if length == 0:
+        return K * mp.power(d, "1.5")
+    high = mp.root(abs(d), 4) + mp.cbrt(of("4/3") * length)
+    q = mp.findroot(lambda q: q**4 - of("4/3") * length * q - d, high)
+    return K * (q**6 - 2 * length * q**3)
+
+
 @dataclasses.dataclass(frozen=True)
 class Law:
     """What a test needs to know of a law.
@@ -142,7 +154,7 @@ class Law:
 
     def force(self, d, v, K, m, v0, *parameters):
         """The force in mpmath."""
-        if d < 0:
+        if d < 0 and not self.cls.ends_apart:
             return mp.mpf(0)
         elastic = K * mp.power(d, self.exponent)
         if self.loading is not None:
@@ -255,6 +267,14 @@ LAWS = {
         loading=yielding,
         names=("yield_speed", "c"),
     ),
+    "dmt": Law(
+        jc.DMT,
+        ((3.0,), (200.0,), (0.0,)),
+        loading=lambda d, v, K, m, pull_off: K * mp.power(d, "1.5") - pull_off,
+        names=("pull_off",),
+        pulls=True,
+    ),
+    "jkr": Law(jc.JKR, ((3.0,), (200.0,), (0.0,)), loading=jkr, names=("pull_off",), pulls=True),
     "walton_braun": Law(
         jc.WaltonBraun,
         ((1.5, 2e3), (1.0, 4e4), (1.0, 0.0)),

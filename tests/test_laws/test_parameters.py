@@ -62,11 +62,11 @@ def test_arrays_out_of_range_pass(name, argument):
         return
     needs = name in ("constant_damping", "power_damping", "marhefka_orin", "energy_loss")
     needs |= name in ("thornton_plastic", "power_restitution", "bridges")
-    needs |= name in ("viscoplastic", "walton_braun")
+    needs |= name in ("viscoplastic", "walton_braun", "dmt", "jkr")
     contact = jc.Contact(mass=1.0, stiffness=1e8, exponent=law.exponent)
     found = jc.restitution(made, *((contact, 1.0) if needs else ()))
     np.testing.assert_array_equal(np.isnan(found), [True] * (len(numbers) + 1) + [False])
-    assert 0 < found[-1] < 1
+    assert 0 < found[-1] < 1 or (name == "dmt" and found[-1] == 1)
 
 
 def test_traced_numbers_pass():
@@ -114,8 +114,10 @@ def test_single_precision_stays(name):
         *(x.astype(float) for x in single), jc.Contact(0.5, 1e8, law.exponent), 1.0
     )
     assert double.dtype == jnp.float64
-    np.testing.assert_allclose(of_arrays, double, rtol=SINGLE)
-    np.testing.assert_allclose(of_numbers, double, rtol=SINGLE)
+    # Adhesion and the elastic force nearly cancel.
+    rtol = (3 if name.startswith("jkr") else 1) * SINGLE
+    np.testing.assert_allclose(of_arrays, double, rtol=rtol)
+    np.testing.assert_allclose(of_numbers, double, rtol=rtol)
 
 
 SINGLE = 1e-6
@@ -163,7 +165,10 @@ def test_pull_is_a_choice(name):
 
 def test_which_laws_pull_by_default():
     pulls = {name for name, law in LAWS.items() if law.make(*law.parameters[0]).tension}
-    assert pulls == {"kelvin_voigt", "antypov_elliott", "tsuji", "jankowski", "kuwabara_kono"}
+    assert pulls == {
+        *("kelvin_voigt", "antypov_elliott", "tsuji", "jankowski", "kuwabara_kono"),
+        *("dmt", "jkr"),
+    }
 
 
 def test_derivative_in_a_traced_exponent():

@@ -15,7 +15,7 @@ from ..._contact import EXPONENT
 from ..._coupled.scalars import Number
 from ..._entry import POSITIVE, Specialised, is_plain, refuses_unknown, rendered, require_kind
 from ..._friction import AbstractFriction
-from ..._laws import AbstractLaw
+from ..._laws import AbstractLaw, require_ends_at_touch
 from ..resume import Start
 from .bodies import AbstractBody, Shell, Sphere, words
 from .by_pair import PairTable, kinds_of, pair_table
@@ -179,7 +179,7 @@ def _law(argument: str, value: Any) -> AbstractLaw:
         argument, value, AbstractLaw, "a contact law (see `list_laws`), or a mapping"
     )
     _require_single_numbers(argument, law)
-    return law
+    return require_ends_at_touch(law, "in a scene", argument)
 
 
 def _friction(argument: str, value: Any) -> AbstractFriction:

@@ -209,11 +209,10 @@ class _RadialCarry(NamedTuple):
 
 
 def solve_radial(problem: Radial) -> RadialOutcome:
-    """Solve one lane, from touch until x = 0 again, by adaptive steps that end on the events.
+    """Solve one lane from touch until x = 0 again, by adaptive steps that end on the events.
 
-    A step that passes an event is repeated with a length corrected by Newton's method, until it
-    ends there. The last correction is part of the derivative, so that the event time depends
-    correctly on the parameters.
+    A step that passes one is repeated with a length corrected by Newton's method, until it ends
+    there. The last correction is part of the derivative of the event time.
     """
     problem = problem.ready()
     dtype, tolerance = problem.push.dtype, problem.tolerance

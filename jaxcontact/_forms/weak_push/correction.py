@@ -4,7 +4,7 @@
 
 with a constant push Γ and the angular momentum c of two passing bodies; κ is the ratio of the unit
 of length to their distance. The outcome is analytic in γ = Γ-c, c and κ. The coefficients come from
-`_weak_push_table`; the highest order there estimates the truncation error.
+`table`; the highest order there estimates the truncation error.
 
 Source of the equation: Landau & Lifshitz, Mechanics, section 14. The first order of e agrees with
 de/dΓ = (1-αe)/e α ∫ x/(1+αu)² du over the speed u from 1 to -e, by parts from the energy integral.
@@ -20,10 +20,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._functions import chebyshev_polynomials, small_product
-from .base import Lane
-from .scale import Change
-from .weak_push_table import MOST_DAMPING, ORDER, table_of
+from ..._functions import chebyshev_polynomials, small_product
+from ..base import Lane
+from ..scale import Change
+from .table import MOST_DAMPING, ORDER, table_of
 
 _ACCURACY = 1e-9
 """Relative accuracy of the coefficients: 24 nodes leave 1e-10."""

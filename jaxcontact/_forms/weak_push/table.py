@@ -1,4 +1,4 @@
-"""The coefficients of `_weak_push`, by exponent.
+"""The coefficients of `weak_push`, by exponent.
 
 In the plane of w (x = w^k) and v the angle runs from 0 to π for any push. The orders of the power
 series are therefore integrated over it side by side, without an event, at Chebyshev nodes in
@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .scale import Change
+from ..scale import Change
 from .truncated import Powers, Series, Truncated
 
 ORDER = 3
@@ -26,7 +26,7 @@ MOST_DAMPING = 5.0
 
 _NODES = 24
 
-FILE = "weak_push_tables.json"
+FILE = "tables.json"
 """Tables of the most common exponents, written by `python -m tests.weak_push_tables`."""
 
 
@@ -48,7 +48,7 @@ def table_of(n: float, order: int) -> Table:
 
     Tables of usual exponents are read from a file; others are computed once in half a second.
     """
-    stored = json.loads(files("jaxcontact._forms").joinpath(FILE).read_text()).get(
+    stored = json.loads(files("jaxcontact._forms.weak_push").joinpath(FILE).read_text()).get(
         name_of(n, order)
     )
     return computed(n, order) if stored is None else Table(*map(np.array, stored))

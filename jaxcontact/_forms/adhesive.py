@@ -1,0 +1,183 @@
+"""The forms of adhesive contacts without damping: JKR and DMT.
+
+A JKR contact of the radius a has, with z = a²/R and the pull-off force φ = μ²,
+
+    f = z^(3/2) - 2 μ z^(3/4),        x = z - (4/3) μ z^(1/4).
+
+Both are polynomials in q = z^(1/4), and so is the energy Φ(q) = ∫ f dx. The contact forms at x = 0,
+where q³ = 4μ/3. It snaps where dx/dq = 0, at q³ = μ/3 and x = -μ q. It is at equilibrium at q³ = 2μ
+and pulls most at q³ = μ. Source: Johnson, Kendall & Roberts (1971), doi 10.1098/rspa.1971.0141.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .._functions import implicit_root, power
+from .base import AbstractForm, Exponent, Flag, Lane
+from .quadrature import integrate
+from .scale import ScaledImpact
+from .sensitivity import lanewise
+
+LOSS = 3 ** (-4 / 3) * (4 / 15 + 0.4 * 4 ** (4 / 3))
+"""The energy lost between touch and snap, in units of φ^(5/3)."""
+
+_FALLS = 0.4 * (4 / 3) ** (4 / 3)
+"""-Φ at touch in the same units."""
+
+
+class DMTForm(AbstractForm):
+    """f = xⁿ - φ for x ≥ 0."""
+
+    adhesion: Lane
+    tension: bool = eqx.field(static=True, default=True, kw_only=True)
+
+    def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+        return power(x, n) - self.adhesion + 0 * v
+
+    def restitution(self) -> Lane:
+        return jnp.ones_like(self.adhesion)
+
+
+class JKRForm(AbstractForm):
+    """The JKR contact with the root μ of its pull-off force; only free impacts are solved."""
+
+    root: Lane
+    tension: bool = eqx.field(static=True, default=True, kw_only=True)
+    ends_apart: ClassVar[bool] = True
+
+    def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+        return jkr_force(x, jnp.square(self.root)) + 0 * v
+
+    @property
+    def follows_phase_angle(self) -> bool:
+        """False: the contact ends beyond x = 0."""
+        return False
+
+    def restitution(self) -> Lane:
+        return self._end()[0]
+
+    def _end(self) -> tuple[Lane, Flag]:
+        """Return e, and whether the bodies stick."""
+        left = 1 - 2 * LOSS * power(self.root, 10 / 3)
+        sticks = left <= 0
+        return jnp.where(sticks, 0, jnp.sqrt(jnp.where(sticks, 1, left))), sticks
+
+    def solve(self, n: Exponent) -> ScaledImpact:
+        """Return e by formula, the turn as a root, and the times by quadrature."""
+        root, (e, sticks) = self.root, self._end()
+        turn = _turn(root)
+        way_in, way_out = lanewise(_times, root, 0.0)
+        cube = turn**3
+        return ScaledImpact(
+            restitution=e,
+            duration=way_in + way_out,
+            compression_time=way_in,
+            max_indentation=turn * (cube - (4 / 3) * root),
+            max_force=cube * (cube - 2 * root),
+            settled=sticks,
+            energy_loss=2 * LOSS * power(root, 10 / 3),
+            # Bodies that stick need not reach the largest pull.
+            min_force=jnp.where(sticks, jnp.nan, -jnp.square(root)),
+            end_indentation=-root * power(root / 3, 1 / 3),
+        )
+
+
+def jkr_force(x: Lane, adhesion: Lane) -> Lane:
+    """Return f of a JKR contact that has formed; 0 beyond its snap, at x < -μ (μ/3)^(1/3).
+
+    Little `adhesion` φ = μ² takes φ 2/3 from Hertz's force, so that there is a slope at φ = 0.
+    """
+    adheres = adhesion > 0
+    scale = jnp.where(adheres, adhesion, 1) ** (1 / 6)
+    reduced = x / scale**4
+    holds = reduced >= -((1 / 3) ** (1 / 3))
+    # With q = μ^(1/3) p the quartic p⁴ - 4p/3 = d has the solution p = (√S + √(8/(3√S) - S))/2,
+    # S³ + 4 d S = 16/9. This cubic has no double root.
+    side = jnp.sqrt(_resolvent(jnp.where(holds, reduced, 1)))
+    rest = 8 / (3 * side) - jnp.square(side)
+    snaps = rest <= 0
+    p = (side + jnp.where(snaps, 0, jnp.sqrt(jnp.where(snaps, 1, rest)))) / 2
+    adhesive = jnp.where(holds, scale**6 * (p**6 - 2 * p**3), 0)
+    little = power(x, 1.5) - jnp.where(x > 0, 2 / 3, jnp.where(x < 0, 0, 8 / 9)) * adhesion
+    return jnp.where(adheres, adhesive, little)
+
+
+_resolvent = implicit_root(
+    lambda s, d: s * (jnp.square(s) + 4 * d) - 16 / 9,
+    # An upper bound, from which Newton's steps fall to the root.
+    lambda d: jnp.minimum(
+        (16 / 9) ** (1 / 3) + 2 * jnp.sqrt(jnp.maximum(-d, 0)), 4 / (9 * jnp.maximum(d, 0.1))
+    ),
+    iterations=12,
+)
+
+
+def _energy(q: Lane, root: Lane) -> Lane:
+    cube = q**3
+    return q**4 * (0.4 * jnp.square(cube) - (4 / 3) * root * cube + (2 / 3) * jnp.square(root))
+
+
+_turn = implicit_root(
+    lambda q, root: _energy(q, root) + _FALLS * power(root, 10 / 3) - 0.5,
+    # At or above the root: Newton's steps fall to it.
+    lambda root: power(1.25 + 0 * root, 0.1) + power(10 / 3 * root, 1 / 3),
+    iterations=16,
+)
+
+
+def _times(root: Lane, _: float, unroll: int) -> tuple[Lane, Lane]:
+    """Return the times from touch to turn, and from turn to snap."""
+    turn, cube = _turn(root), power(root, 1 / 3)
+    touch, balance, snap = ((k ** (1 / 3)) * cube for k in (4 / 3, 2, 1 / 3))
+
+    def from_turn(start: Lane) -> Lane:
+        """Return the time between q = `start` and the turn; q is `turn` minus a square there."""
+        span = turn - start
+
+        def integrand(node: Lane) -> Lane:
+            q = turn - span * jnp.square(node)
+            return (4 * q**3 - (4 / 3) * root) / jnp.sqrt(_fall(q, turn, root) / 2)
+
+        return jnp.sqrt(span) * integrate(integrand, 0.0, root, unroll)
+
+    speed = jnp.square(JKRForm(root=root)._end()[0])
+
+    def near_snap(node: Lane) -> Lane:
+        # dx/dq and Φ(snap) - Φ(q) have a single and a double root at the snap.
+        r = (balance - snap) * node
+        q = snap + r
+        slope = 4 * r * (jnp.square(q) + q * snap + jnp.square(snap))
+        left = speed + 2 * jnp.square(r) * _double_fall(q, snap, root)
+        return slope / jnp.sqrt(jnp.where(left > 0, left, 1))
+
+    # The speed at the snap may be small; the rule is dense there.
+    ends = (balance - snap) * integrate(near_snap, jnp.zeros_like(root), root, unroll)
+    return from_turn(touch), from_turn(balance) + ends
+
+
+def _fall(q: Lane, turn: Lane, root: Lane) -> Lane:
+    """Return (Φ(turn) - Φ(q))/(turn - q)."""
+    sums, total = jnp.ones_like(q), jnp.zeros_like(q)
+    weights = {4: (2 / 3) * jnp.square(root), 7: -(4 / 3) * root, 10: 0.4 + 0 * root}
+    for degree in range(1, 11):
+        if degree in weights:
+            total = total + weights[degree] * sums
+        # The sum of turn^i q^j with i + j = degree.
+        sums = turn**degree + q * sums
+    return total
+
+
+def _double_fall(q: Lane, snap: Lane, root: Lane) -> Lane:
+    """Return (Φ(snap) - Φ(q))/(q - snap)²."""
+    seconds, total = jnp.zeros_like(q), jnp.zeros_like(q)
+    weights = {4: (2 / 3) * jnp.square(root), 7: -(4 / 3) * root, 10: 0.4 + 0 * root}
+    for degree in range(1, 11):
+        if degree in weights:
+            total = total - weights[degree] * seconds
+        # (q^k - s^k)/(q - s) = k s^(k-1) + (q - s) × seconds.
+        seconds = degree * snap ** (degree - 1) + q * seconds
+    return total

@@ -1,0 +1,1 @@
+"""The change of a free impact by a weak push."""
