@@ -90,14 +90,6 @@ def _alpha_of(e: Array) -> Array:
     return np.where(e == 1, 0, (low + high) / 2 / e)
 
 
-def _plastic(at: Setting) -> Made:
-    yields = at.between(1e-3, 10) * np.asarray(at.speed, float)
-    r = np.minimum(yields / at.speed, 1)
-    factor = np.sqrt(EXTENDED(6) * np.sqrt(EXTENDED(3)) / 5) * np.sqrt(1 - r**2 / 6)
-    e = factor * (r / (r + 2 * np.sqrt((6 - r**2) / 5))) ** EXTENDED(0.25)
-    return {"yield_speed": yields}, _alpha_of(np.where(r == 1, 1, e))
-
-
 def _by_loss(at: Setting) -> Made:
     e, power = at.random.uniform(0.05, 1, at.mass.size), at.random.uniform(-1, 1, at.mass.size)
     reference = at.between(0.1, 10)
@@ -206,7 +198,6 @@ LAWS = (
     Published("energy_loss", "hunt_crossley", _by_profile),
     Published("exact", "hunt_crossley", _exact),
     Published("power_damping", "hunt_crossley", _by_power),
-    Published("thornton_plastic", "hunt_crossley", _plastic),
     Published("power_restitution", "hunt_crossley", _by_loss),
     Published("bridges", "hunt_crossley", _bridges),
     _family("hunt_crossley", lambda e: 3 * (1 - e) / 2),

@@ -134,7 +134,10 @@ def _times(root: Lane, _: float, unroll: int) -> tuple[Lane, Lane]:
     turn, cube = _turn(root), power(root, 1 / 3)
     touch, balance, snap = ((k ** (1 / 3)) * cube for k in (4 / 3, 2, 1 / 3))
 
-    def from_turn(start: Lane) -> Lane:
+    # Bodies may be slow at touch and at the snap, where this rule is dense.
+    dense = jnp.zeros_like(root)
+
+    def from_turn(start: Lane, strength: Lane | float) -> Lane:
         """Return the time between q = `start` and the turn; q is `turn` minus a square there."""
         span = turn - start
 
@@ -142,7 +145,7 @@ def _times(root: Lane, _: float, unroll: int) -> tuple[Lane, Lane]:
             q = turn - span * jnp.square(node)
             return (4 * q**3 - (4 / 3) * root) / jnp.sqrt(_fall(q, turn, root) / 2)
 
-        return jnp.sqrt(span) * integrate(integrand, 0.0, root, unroll)
+        return jnp.sqrt(span) * integrate(integrand, strength, root, unroll)
 
     speed = jnp.square(JKRForm(root=root)._end()[0])
 
@@ -154,9 +157,8 @@ def _times(root: Lane, _: float, unroll: int) -> tuple[Lane, Lane]:
         left = speed + 2 * jnp.square(r) * _double_fall(q, snap, root)
         return slope / jnp.sqrt(jnp.where(left > 0, left, 1))
 
-    # The speed at the snap may be small; the rule is dense there.
-    ends = (balance - snap) * integrate(near_snap, jnp.zeros_like(root), root, unroll)
-    return from_turn(touch), from_turn(balance) + ends
+    ends = (balance - snap) * integrate(near_snap, dense, root, unroll)
+    return from_turn(touch, dense), from_turn(balance, 0.0) + ends
 
 
 def _fall(q: Lane, turn: Lane, root: Lane) -> Lane:

@@ -18,7 +18,15 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .._functions import expanded_root, log1p_over, log_remainder, power, psi, speed_of
+from .._functions import (
+    expanded_root,
+    implicit_root,
+    log1p_over,
+    log_remainder,
+    power,
+    psi,
+    speed_of,
+)
 from .base import AbstractForm, Exponent, Flag, Lane, signed_power, sound_damping
 from .hunt_crossley import (
     half_time,
@@ -256,6 +264,16 @@ def _way_guess(alpha: Lane, p: Lane) -> Lane:
     return p * half * log1p_over(alpha * p * half)
 
 
+# The d = (1 - v)/(1 + αv) of an early yield, where the work is W(y); concave, from below.
+_early_root = implicit_root(
+    lambda d, root, alpha: (
+        d * ((1 - d) / (1 + alpha * d) + d * log_remainder(alpha * d)) - 0.4 * root**5
+    ),
+    lambda root, alpha: 0.4 * root**5 + 0 * alpha,
+    iterations=8,
+)
+
+
 def _times(root: Lane, alpha: Lane | float, unroll: int) -> tuple[Lane, Lane]:
     """Return the times from touch to turn, and from turn to separation."""
     alpha = jnp.broadcast_to(jnp.asarray(alpha, root.dtype), root.shape)
@@ -264,8 +282,12 @@ def _times(root: Lane, alpha: Lane | float, unroll: int) -> tuple[Lane, Lane]:
     # The force is smooth at yield, so that it does not matter where the integral is split.
     yielded = left > 0
     rest = jnp.where(yielded, _way_root(alpha, jnp.where(yielded, left, 1)), 0)
-    rest = jax.lax.stop_gradient(rest)
-    first = length - rest
+    # Early yield is a small part of the way, with digits of its own.
+    early = 0.4 * root**5 < left
+    lost = _early_root(jnp.where(early, root, 0.5), jnp.where(early, alpha, 0))
+    soon = lost * log1p_over(alpha * lost)
+    rest, soon, whole = jax.lax.stop_gradient((rest, soon, length))
+    first = jnp.where(early, soon + (length - whole), length - rest)
     inside = jnp.where(first > 0, first, 1)
     until_yield = integrate(
         lambda node: slowness(inside * node, alpha, length, 0.6), 0.6, alpha, unroll
@@ -274,7 +296,9 @@ def _times(root: Lane, alpha: Lane | float, unroll: int) -> tuple[Lane, Lane]:
     # Beyond yield F = F_m sin φ, since F² grows with the work. Without damping φ is the phase of an
     # oscillation.
     at_rest = jnp.square(rest) * psi(alpha * rest)
-    begun = _linear(root, jnp.where(yielded, left - at_rest, 0))
+    # The work beyond yield is 0 there, but for its derivative.
+    work = jnp.where(yielded, left - at_rest, 0)
+    begun = _linear(root, work - jax.lax.stop_gradient(work))
     begin = jnp.arctan2(begun, jnp.sqrt(3 * root * jnp.where(yielded, at_rest, 1)))
     span = math.pi / 2 - begin
 

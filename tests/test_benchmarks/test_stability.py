@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
+from benchmarks import memory_map
 from benchmarks.stability_map.code import without_words
 from benchmarks.stability_map.free_table import free
 from benchmarks.stability_map.grid import Job, lanes_of, scaled
@@ -128,8 +129,9 @@ def test_lanes(job, flagged):
 def test_laws_by_their_own_classes():
     questions = law_jobs(32)
     # The force of `step_damping` is not a power of the indentation: its truths are those of its
-    # tests.
-    assert {question.title for question in questions} | {"step_damping"} == {
+    # tests. Laws with a memory and adhesive ones have a map of their own.
+    others = {"step_damping", "dmt", *memory_map.LAWS}
+    assert {question.title for question in questions} | others == {
         name
         for name in jc.list_laws()
         if jc._laws.describe(name).cls.__module__.startswith("jaxcontact.")

@@ -11,21 +11,22 @@ import jaxcontact as jc
 from tests.test_impact.support import finite
 
 OTHER = {"c": 3e6, "a": 0.05, "A": 2e-6, "alpha": 0.4, "beta": 2.2, "power": -0.4, "reference": 0.8}
-OTHER |= {"yield_speed": 0.3, "loss": 0.2}
+OTHER |= {"yield_speed": 0.3, "loss": 0.2, "ratio": 1.5, "slope": 200.0, "pull_off": 1e3}
 # An undamped law: with e = 1, or with its own parameter 0.
 ELASTIC = OTHER | {"e": 1.0, "c": 0.0, "a": 0.0, "A": 0.0, "alpha": 0.0, "loss": 0.0}
-ELASTIC |= {"yield_speed": 9.0}
+ELASTIC |= {"yield_speed": 9.0, "ratio": 1.0, "slope": 0.0, "pull_off": 1e-3}
 # Central differences of an outcome near 1: measured 1e-10, and 8e-15 between the modes.
 DIFFERENCE, STEP, MODES = 1e-8, 1e-5, 1e-12
 
 CONTACT = jc.Contact(0.7, 3e8)
 LINEAR = jc.Contact(0.7, 3e8, 1.0)
 MILLISECOND = 1e-3
-# The force of `step_damping` has no closed form: see test_dashpots.
+# The forces of `step_damping` and `dmt` have no closed form: see test_dashpots and test_adhesive.
 LAWS = [
     x
     for x in jc.list_laws()
-    if jc._laws.describe(x).cls.__module__.startswith("jaxcontact.") and x != "step_damping"
+    if jc._laws.describe(x).cls.__module__.startswith("jaxcontact.")
+    and x not in ("step_damping", "dmt")
 ]
 
 
@@ -38,7 +39,7 @@ def parameters(name, e, others):
 
 
 def contact_of(name):
-    return LINEAR if name in ("kelvin_voigt", "linear_dashpot") else CONTACT
+    return LINEAR if name in ("kelvin_voigt", "linear_dashpot", "walton_braun") else CONTACT
 
 
 def solver(name):

@@ -129,8 +129,9 @@ def slope(law, row, argument):
             return float((3 * at(0) - 4 * at(-h) + at(-2 * h)) / (2 * h))
         # Likewise a loss or a pull-off force of 0.
         if argument == 5 and row[5] == 0 and law.names[0] in ("loss", "pull_off"):
-            # The next power of a pull-off force is 3/2.
-            h = mp.mpf("1e-30")
+            if law.names[0] == "pull_off":
+                # The next power is 3/2.
+                h = mp.mpf("1e-30")
             return float((-3 * at(0) + 4 * at(h) - at(2 * h)) / (2 * h))
         return float((at(h) - at(-h)) / (2 * h))
 
