@@ -8,7 +8,6 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._calibration.choice.kind import LogRestitution
 from jaxcontact._calibration.choice.kinds import ConstantC, kinds_of
-from jaxcontact._calibration.choice.plastic import plastic_impact
 from tests.test_calibration import oracle
 
 ORACLE = 1e-7
@@ -95,7 +94,7 @@ def test_times_and_forces_of_plastic_spheres(speed):
     contact = jc.Contact(0.01, 1e6)
     e, duration, force = oracle.plastic(0.3, 0.01, 1e6)(speed)
     v = jnp.asarray([speed])
-    found = plastic_impact(jnp.asarray(0.3), contact, v)
+    found = jc.impact(jc.ThorntonPlastic(yield_speed=0.3), contact, v)
     assert KINDS["thornton_plastic"].restitution({"yield_speed": 0.3}, contact, 1.0, v) == (
         pytest.approx(e, rel=ORACLE)
     )

@@ -19,7 +19,6 @@ from ..._impact import restitution
 from ..._laws import AbstractLaw, Damped, constant_laws, describe
 from .clamped import clamped_restitution
 from .kind import AbstractKind, Combination
-from .plastic import plastic_impact
 
 _LEAST_E = 1e-6
 _HERTZ = 1.5
@@ -134,10 +133,6 @@ class Plastic(AbstractKind):
         """Return r = v_y/v from a formula that is 1 at e = 1 and near e⁴ far beyond yielding."""
         ratio = e**4 * (1 - 0.6 * (1 - e) ** 0.3)
         return {"yield_speed": ratio * reference}
-
-    def outcome(self, law: Any, contact: Contact, velocity: Array) -> Any:
-        """Return the outcome of plastic spheres; the law's own force delivers only their e."""
-        return plastic_impact(law.yield_speed, contact, velocity)
 
 
 @dataclasses.dataclass(frozen=True)
