@@ -1,7 +1,5 @@
 """Contact laws: pure force functions, their parameters, and a registry of names."""
 
-from .adhesive import DMT as DMT
-from .adhesive import JKR as JKR
 from .base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from .base import AbstractLaw as AbstractLaw
 from .base import energies_of as energies_of
@@ -48,4 +46,6 @@ from .registry import parameters_of as parameters_of
 from .registry import register_law as register_law
 from .restitution_of_speed import Bridges as Bridges
 from .restitution_of_speed import PowerRestitution as PowerRestitution
+from .surface_adhesion import DMT as DMT
+from .surface_adhesion import JKR as JKR
 from .viscoelastic import KuwabaraKono as KuwabaraKono

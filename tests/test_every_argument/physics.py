@@ -159,8 +159,22 @@ def cases() -> dict[str, Case]:
                 "ConstantDamping": jc.ConstantDamping(c=1.0),
                 "LinearDashpot": jc.LinearDashpot(c=1.0),
                 "StepDamping": jc.StepDamping(c_max=1.0, d=0.1),
+                "DMT": jc.DMT(pull_off=0.1),
+                "JKR": jc.JKR(pull_off=0.1),
             }.items()
         },
+        **{
+            f"{law.__name__}.of_surfaces": Case(
+                law.of_surfaces,
+                {"work_of_adhesion": 0.1, "radius": 0.1},
+                dict.fromkeys(("work_of_adhesion", "radius"), POSITIVES | {"zero"}),
+                staged=True,
+            )
+            for law in (jc.DMT, jc.JKR)
+        },
+        "JKR.sticking_speed": Case(
+            jc.JKR(pull_off=0.1).sticking_speed, {}, {"contact": CONTACTS}, staged=True
+        ),
         **{
             f"{type(law).__name__}.force": Case(
                 law.force,
