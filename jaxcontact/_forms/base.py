@@ -86,10 +86,6 @@ class AbstractForm(eqx.Module):
         """Return the form after the turn at the indentation `deepest`, if it `remembers`."""
         return self
 
-    def released_at(self) -> Lane | float:
-        """Return the x at which the elastic force vanishes on the way back."""
-        return 0.0
-
     def kept(self, deepest: Lane) -> Lane:
         """Return the work that the contact has kept after its turn: what it does not return."""
         return jnp.zeros_like(deepest)

@@ -104,10 +104,6 @@ class AbstractPlasticForm(AbstractForm):
         more = self.own_exponent + 1
         return factor * power(left, more) / more
 
-    def released_at(self) -> Lane:
-        assert self.deepest is not None
-        return jnp.where(self.deepest > 0, self.unloading(self.deepest)[1], 0)
-
     def kept(self, deepest: Lane) -> Lane:
         factor, end = self.unloading(deepest)
         more = self.own_exponent + 1

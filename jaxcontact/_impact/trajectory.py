@@ -179,9 +179,12 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
     states, forces, elastic, losses = jax.vmap(sample)(fractions)
     w = jnp.maximum(states.w, 0).at[0].set(0)
     converged = was_followed(motion, legs.arrived, end, balance, how)
+    settled = motion.settled(end)
+    if motion.form.remembers:
+        settled = settled | motion.held(end)
     if motion.may_return:
         on = onward(motion, end, deepest)
-        converged = converged & (motion.settled(end) | ~on.returns)
+        converged = converged & (settled | ~on.returns)
     return _Path(
         t=fractions * end.t,
         x=w**motion.order,
@@ -190,7 +193,7 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
         elastic=elastic,
         loss=losses,
         converged=converged,
-        settled=motion.settled(end),
+        settled=settled,
     )
 
 

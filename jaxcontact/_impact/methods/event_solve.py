@@ -256,13 +256,16 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     if motion.push is not None:
         # A contact with too little energy to separate stays, regardless of its way out.
         rtol, _ = how.tolerances(turn.w.dtype)
+        if motion.form.remembers:
+            # From the turn on, the energy that the contact keeps counts as lost.
+            turn = motion.after_turn(turn)[1]
         sound = balance_of(motion, turn, max_indentation).error <= _IMBALANCE * rtol
         held = followed.arrived[0] & sound & (motion.held(turn) | motion.held(end))
-        known = jnp.where(
-            settled | held,
-            is_spent(motion, end, rtol),
-            end_is_sharp(motion, turn, end, rtol),
-        )
+        spent = is_spent(motion, end, rtol)
+        if motion.form.remembers:
+            # Such a contact also stays if its remaining energy is elastic.
+            spent = spent | held
+        known = jnp.where(settled | held, spent, end_is_sharp(motion, turn, end, rtol))
         known = known & turn_is_sharp(motion, turn, _finest(rtol, turn.w.dtype), rtol)
         converged = ((converged | held) & known) | creeps
         settled = settled | held | creeps

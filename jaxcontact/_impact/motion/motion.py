@@ -245,7 +245,7 @@ class Motion(eqx.Module):
         kinetic = jnp.square(self.velocity(state)) / 2
         # Smaller differences may be errors of the solve.
         doubt = math.sqrt(jnp.finfo(state.w.dtype).eps)
-        work = self.push * (state.w**self.order - self.form.released_at())
+        work = self.push * state.w**self.order
         return (self.push > 0) & (kinetic + self.stored(state) < work * (1 - doubt))
 
     def creeping_speed(self, state: State) -> Number:

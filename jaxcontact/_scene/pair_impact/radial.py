@@ -143,19 +143,15 @@ class Radial(eqx.Module):
 
     def energy(self, y: State) -> Number:
         """Return the conserved energy: kinetic, stored, lost, and potentials of push and swirl."""
-        stored = self.form.stored(jnp.maximum(y[_W], 0), self._n)
-        potential = self._potential(self.indentation(y))
-        return jnp.square(self.velocity(y)) / 2 + stored + y[_LOSS] + potential
-
-    def _potential(self, x: Number) -> Number:
+        x = self.indentation(y)
         outwards = x * (2 - self.ratio * x) / (2 * jnp.square(1 - self.ratio * x))
-        return self.swirl * outwards - self.push * x
+        potential = self.swirl * outwards - self.push * x
+        stored = self.form.stored(jnp.maximum(y[_W], 0), self._n)
+        return jnp.square(self.velocity(y)) / 2 + stored + y[_LOSS] + potential
 
     def held(self, y: State) -> Flag:
         """Return whether too little energy is left to separate against the push."""
         left = self.energy(y) - y[_LOSS]
-        if self.form.remembers:
-            left = left - self._potential(jnp.asarray(self.form.released_at()))
         return self.pressed & (left < -1e-12)
 
     @property
