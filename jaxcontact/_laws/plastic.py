@@ -111,7 +111,7 @@ class WaltonBraun(AbstractPlastic):
 
     ratio: Float[Array, "..."] = parameter("ratio", STIFFER)
     slope: Float[Array, "..."] = parameter("slope", NOT_NEGATIVE, "1/m")
-    exponents = (1.0,)
+    exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
 
     @property
     def damped(self) -> bool:
@@ -130,7 +130,7 @@ class AbstractYielding(AbstractPlastic):
     """Spheres that yield: F = K δ^(3/2) up to δ_y, then its tangent; unloading is Hertz's again."""
 
     yield_speed: eqx.AbstractVar[Float[Array, "..."]]
-    exponents = (1.5,)
+    exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
     def _damping(self, contact: Contact) -> Float[Array, "..."] | None:
         """Return the damping of F (1 + a δ') in s/m; None without."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
@@ -24,7 +24,7 @@ class AbstractAdhesive(AbstractLaw):
 
     pull_off: Float[Array, "..."] = parameter("pull_off", NOT_NEGATIVE, "N")
     tension = True
-    exponents = (1.5,)
+    exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
     _per_radius: ClassVar[float]
     """The pull-off force over w R."""
 
@@ -40,7 +40,7 @@ class AbstractAdhesive(AbstractLaw):
         return False
 
     @classmethod
-    def of_surfaces(cls, work_of_adhesion: ArrayLike, radius: ArrayLike):  # type: ignore[no-untyped-def]
+    def of_surfaces(cls, work_of_adhesion: ArrayLike, radius: ArrayLike) -> Self:
         """Return the law of surfaces with a work of adhesion w in J/m² (2γ for like surfaces of the
         surface energy γ) and the effective radius R in m, 1/R = 1/R1 + 1/R2.
 

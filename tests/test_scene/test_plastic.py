@@ -161,3 +161,18 @@ def test_laws_with_and_without_a_memory_in_one_scene():
     np.testing.assert_allclose(run.velocity[-1].ravel(), found.velocity, atol=BY_SCIPY)
     lost = np.sum(run.impacts.energy_loss)
     np.testing.assert_allclose(run.energy[0] - run.energy[-1], lost, rtol=BALANCE)
+
+
+def test_a_run_that_cuts_an_unloading_impact_does_not_invent_its_loss():
+    """Until the turn nothing is lost; from then on the part of the loss is not known."""
+    balls = [
+        jc.Sphere(radius=RADIUS, mass=MASS, position=(0.0, 0.0), velocity=(2.0, 0.0)),
+        jc.Sphere(radius=RADIUS, mass=MASS, position=(0.0201, 0.002), velocity=(0.0, 0.0)),
+    ]
+    law = jc.ThorntonPlastic(yield_speed=0.1)
+    scene = jc.Scene(bodies=balls, law=law, stiffness=2e8, exponent=1.5)
+    # The touch is at .1001 ms, the turn at .28 ms, and the end at .3956 ms.
+    loads, unloads = (jc.simulate(scene, time, rtol=1e-10) for time in (0.0002, 0.0003375))
+    np.testing.assert_allclose(loads.energy[-1], 0.06, rtol=BALANCE)
+    np.testing.assert_allclose(loads.impacts.energy_loss, 0, atol=BALANCE)
+    assert np.isnan(unloads.impacts.energy_loss[0])

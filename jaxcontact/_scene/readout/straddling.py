@@ -86,6 +86,11 @@ def clip_to_run(record: RunRecord, ends: States) -> RunRecord:
         law = law_of(layout, numbers, choice.first, choice.second)
         stored = stored_energy(law, contact, jnp.where(on, depth, 0), meeting.closing)
         lost = energy(touch) + work - energy(here) - stored + lost_spin
+        if law.remembers:
+            # How much a contact that unloads has kept depends on a depth that the log lacks.
+            moves = here.velocity[0] - jnp.where(is_wall, carried, here.velocity[1])
+            outwards = jnp.where(is_wall, meeting.normal, side(distance) * apart)
+            lost = jnp.where(jnp.sum(moves * outwards) > 0, jnp.nan, lost)
         return jnp.where(on, jnp.stack([lost, work]), 0)
 
     each = jax.vmap(jax.vmap(loss_and_work, in_axes=(0, 0, None, None, None, None)))
