@@ -2,8 +2,8 @@
 
 A force δ^n has a branch point in time where a contact begins and where it ends. High-order
 steps would have to shrink towards it. With dt = 2 w ds the powers of δ are smooth in s, for two
-choices of w. After a touch w = s, so that t = s². Before an opening w = √δ of the contact that ends
-first, so that dw/ds = δ'. It ends at w = 0, which is a simple root. Far from both w = ½.
+choices of w. After a touch w = s, so that t = s². Before an opening w = √(δ - δ_end) of the contact
+that ends first, so that dw/ds = δ'. It ends at w = 0, which is a simple root. Far from both w = ½.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ def choose_clock(
     before: ContactClock,
     w: Number,
     modes: Modes,
-    depth: PerContact,
+    height: PerContact,
     closing: PerContact,
     age: Number,
 ) -> tuple[ContactClock, Number]:
-    """Return the clock of the branch point nearest in time, with its w. `age` is the time since the
-    last touch, 0 at a touch.
+    """Return the clock of the branch point nearest in time, with its w. `height` is that of the
+    indentations above their ends. `age` is the time since the last touch, 0 at a touch.
     """
-    unloads = modes.closed & (closing < 0) & (depth > 0)
-    height, pace = jax.lax.stop_gradient((depth, closing))
-    left = jnp.where(unloads, height / jnp.where(unloads, -pace, 1), jnp.inf)
+    unloads = modes.closed & (closing < 0) & (height > 0)
+    high, pace = jax.lax.stop_gradient((height, closing))
+    left = jnp.where(unloads, high / jnp.where(unloads, -pace, 1), jnp.inf)
     next_one = jnp.argmin(left)
-    soonest, deep = rows_of((left, depth), next_one)
+    soonest, deep = rows_of((left, height), next_one)
     # Once all have opened, the motion is smooth in time.
     touch = jnp.any(modes.closed) & (age < 1e9) & (age < soonest)
-    contacts = jnp.arange(depth.shape[0])
+    contacts = jnp.arange(height.shape[0])
     leaving = (contacts == next_one) & unloads & ~touch
     opens = jnp.any(leaving)
     root = jnp.sqrt(jnp.where(opens, deep, 1))

@@ -84,6 +84,8 @@ class AbstractCoupledField(abc.ABC):
     rules: LoopRules
     until: Number
     used: Flags
+    ends: PerContact | None
+    """The indentations ≤ 0 at which closed contacts end; None if all of them are 0."""
 
     @abc.abstractmethod
     def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:
@@ -108,6 +110,28 @@ class AbstractCoupledField(abc.ABC):
     @abc.abstractmethod
     def with_lost(self, y: Array, lost: PerContact) -> Array:
         """Return the state with other losses."""
+
+    def height(self, depth: PerContact) -> PerContact:
+        """Return how far contacts of these indentations are from their ends."""
+        return depth if self.ends is None else depth - self.ends
+
+    def refers_to_peak(self, which: Flags) -> Flags:
+        """Return which of the contacts have a v0 that may rise after touch. Where adhesion pulls
+        bodies together, v0 is the speed at touch.
+        """
+        return which if self.ends is None else which & (self.ends == 0)
+
+    def left_of(self, w: Number) -> PerContact | Number:
+        """Return the indentation of the leaving contact by its clock."""
+        if self.ends is None:
+            return jnp.square(w)
+        # The force beyond the end is that of a negative root.
+        return self.ends + w * jnp.abs(w)
+
+    def torn(self, modes: Modes) -> PerContact:
+        """Return the energy that is lost when closed contacts end."""
+        # Called only for fields whose contacts end apart, which define it.
+        raise NotImplementedError
 
     def kept(self, deepest: PerContact, modes: Modes) -> PerContact:
         """Return the energy that contacts with these largest indentations do not return."""
@@ -157,7 +181,8 @@ class AbstractCoupledField(abc.ABC):
         peak, inside = ceiling(lasts, before.depth, before.rate, after.depth, after.rate)
         begins = ~modes.closed & inside & (peak > 0)
         # If a step ends between an opening and a touch, the rate at its end does not show that.
-        out, parts = highest(lasts, -before.depth, -before.rate, -after.depth, -after.rate)
+        gaps = (-self.height(look.depth) for look in (before, after))
+        out, parts = highest(lasts, next(gaps), -before.rate, next(gaps), -after.rate)
         again = modes.closed & ~leaving & parts & (out > 16 * noise)
         return begins | again, jnp.full_like(lasts, 0.5)
 
@@ -193,10 +218,12 @@ class AbstractCoupledField(abc.ABC):
         self, modes: Modes, clock: ContactClock, at: Look, w: Array, fixed: Any, left: Array
     ) -> Any:
         """Return the gaps that fall through zero at events, or their slopes if slopes are given.
-        `fixed` holds the latched speeds and the largest indentations, which have no slopes.
+        `fixed` holds the latched speeds, the largest indentations and those of the ends, which have
+        no slopes.
         """
-        latched, deepest = fixed
-        gaps = [jnp.where(clock.leaving, w, jnp.where(modes.closed, at.depth, -at.depth))]
+        latched, deepest, ends = fixed
+        above = at.depth if ends is None else at.depth - ends
+        gaps = [jnp.where(clock.leaving, w, jnp.where(modes.closed, above, -at.depth))]
         if self.rules.peak:
             gaps.append(jnp.where(modes.rising, at.second, latched - at.rate))
         if self.rules.remembers:
@@ -209,7 +236,8 @@ class AbstractCoupledField(abc.ABC):
         inwards = jnp.where(modes.closed, at.rate < 0, at.rate > 0)
         passed, last = [self.used & inwards], jnp.ones(1, bool)
         if self.rules.peak:
-            passed.append(self.used & modes.closed & (modes.rising | (at.second > 0)))
+            peaks = self.refers_to_peak(modes.rising | (at.second > 0))
+            passed.append(self.used & modes.closed & peaks)
         if self.rules.remembers:
             passed.append(self.used & modes.closed & (modes.loads | (at.rate > 0)))
         slips = [] if at.grip is None else [self._slips(modes, at.grip)]

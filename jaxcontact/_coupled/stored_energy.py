@@ -20,11 +20,12 @@ def stored_energy(
     deepest: Number | None = None,
 ) -> Number:
     """Return ∫ F(δ, 0) dδ from 0 to `depth` in J; `speed` is the v0 of the law. The energy of an
-    open contact is 0. Gauss's rule is applied in u = √(δ/depth), in which forces with powers of δ^½
-    are polynomials. A law with a memory returns what unloading returns and, while it loads, what
-    it will have kept; `deepest` is the largest indentation of a contact that unloads, else 0.
+    open contact, whose `depth` is 0 here, is 0. Gauss's rule is applied in u = √(δ/depth), in which
+    forces with powers of δ^½ are polynomials. A law with a memory returns what unloading returns
+    and, while it loads, what it will have kept; `deepest` is the largest indentation of a contact
+    that unloads, else 0.
     """
-    if law.remembers:
+    if law.remembers or law.ends_apart:
         loads = jnp.asarray(True) if deepest is None else deepest <= 0
         largest = depth if deepest is None else jnp.where(loads, depth, deepest)
         returned, kept = energies_of(law, depth, contact, speed, largest)

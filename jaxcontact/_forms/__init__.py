@@ -3,7 +3,9 @@
 from .adhesive import LOSS as LOSS
 from .adhesive import DMTForm as DMTForm
 from .adhesive import JKRForm as JKRForm
+from .adhesive import jkr_energy as jkr_energy
 from .adhesive import jkr_force as jkr_force
+from .adhesive import jkr_snap as jkr_snap
 from .base import AbstractForm as AbstractForm
 from .base import Exponent as Exponent
 from .base import Flag as Flag

@@ -43,7 +43,11 @@ class DMTForm(AbstractForm):
 
 
 class JKRForm(AbstractForm):
-    """The JKR contact with the root μ of its pull-off force; only free impacts are solved."""
+    """The JKR contact with the root μ of its pull-off force.
+
+    Its motion is solved in w = q - q_snap, in which x, the force and the energy are polynomials and
+    the snap is a simple root.
+    """
 
     root: Lane
     tension: bool = eqx.field(static=True, default=True, kw_only=True)
@@ -56,6 +60,44 @@ class JKRForm(AbstractForm):
     def follows_phase_angle(self) -> bool:
         """False: the contact ends beyond x = 0."""
         return False
+
+    def _neck(self, cubed: Lane | float) -> Lane:
+        """Return the q of q³ = `cubed` μ."""
+        return power(cubed * self.root, 1 / 3)
+
+    def touch_at(self) -> Lane:
+        """Return w at touch."""
+        return self._neck(4 / 3) - self._neck(1 / 3)
+
+    def indentation_at(self, w: Lane) -> Lane:
+        """Return x at w."""
+        snap = self._neck(1 / 3)
+        return jnp.square(w) * (6 * jnp.square(snap) + (4 * snap + w) * w) - self.root * snap
+
+    def pace_at(self, w: Lane) -> Lane:
+        """Return dx/dw at w."""
+        snap = self._neck(1 / 3)
+        return 4 * w * (3 * jnp.square(snap) + (3 * snap + w) * w)
+
+    def force_at(self, w: Lane) -> Lane:
+        """Return f at w."""
+        cube = (w + self._neck(1 / 3)) ** 3
+        return cube * (cube - 2 * self.root)
+
+    def energy_at(self, w: Lane) -> Lane:
+        """Return ∫ f dx from touch to w."""
+        return _energy(w + self._neck(1 / 3), self.root) + _FALLS * power(self.root, 10 / 3)
+
+    def barrier(self, push: Lane) -> Lane:
+        """Return the largest ∫ f dx - Γ x on the way from rest to the snap, which bodies must have
+        to part; -∞ if they always part. It is at the snap, or under a pull beyond 5/9 φ at the
+        unstable equilibrium.
+        """
+        pull = -push / jnp.where(self.root > 0, jnp.square(self.root), 1)
+        rest = jnp.sqrt(jnp.where(pull < 1, 1 - pull, 1))
+        top = self._neck(jnp.maximum(1 - rest, 1 / 3)) - self._neck(1 / 3)
+        height = self.energy_at(top) - push * self.indentation_at(top)
+        return jnp.where((self.root > 0) & (pull < 1), height, -jnp.inf)
 
     def restitution(self) -> Lane:
         return self._end()[0]
@@ -86,24 +128,47 @@ class JKRForm(AbstractForm):
         )
 
 
-def jkr_force(x: Lane, adhesion: Lane) -> Lane:
+def jkr_force(x: Lane, adhesion: Lane, goes_on: bool = False) -> Lane:
     """Return f of a JKR contact that has formed; 0 beyond its snap, at x < -μ (μ/3)^(1/3).
 
+    If it `goes_on`, f continues beyond the snap x_s as a smooth function of the signed √(x - x_s).
     Little `adhesion` φ = μ² takes φ 2/3 from Hertz's force, so that there is a slope at φ = 0.
     """
-    adheres = adhesion > 0
-    scale = jnp.where(adheres, adhesion, 1) ** (1 / 6)
-    reduced = x / scale**4
-    holds = reduced >= -((1 / 3) ** (1 / 3))
-    # With q = μ^(1/3) p the quartic p⁴ - 4p/3 = d has the solution p = (√S + √(8/(3√S) - S))/2,
-    # S³ + 4 d S = 16/9. This cubic has no double root.
-    side = jnp.sqrt(_resolvent(jnp.where(holds, reduced, 1)))
-    rest = 8 / (3 * side) - jnp.square(side)
-    snaps = rest <= 0
-    p = (side + jnp.where(snaps, 0, jnp.sqrt(jnp.where(snaps, 1, rest)))) / 2
+    adheres, scale, p, holds = _neck(x, adhesion, goes_on)
     adhesive = jnp.where(holds, scale**6 * (p**6 - 2 * p**3), 0)
     little = power(x, 1.5) - jnp.where(x > 0, 2 / 3, jnp.where(x < 0, 0, 8 / 9)) * adhesion
     return jnp.where(adheres, adhesive, little)
+
+
+def jkr_energy(x: Lane, adhesion: Lane) -> Lane:
+    """Return ∫ f dx of a JKR contact from touch to x, not beyond the snap but for rounding."""
+    adheres, scale, p, _ = _neck(x, adhesion, True)
+    return jnp.where(adheres, scale**10 * (_energy(p, 1.0) + _FALLS), 0.4 * power(x, 2.5))
+
+
+def jkr_snap(adhesion: Lane) -> Lane:
+    """Return the x at which a JKR contact snaps."""
+    return -((1 / 3) ** (1 / 3)) * power(adhesion, 2 / 3)
+
+
+def _neck(x: Lane, adhesion: Lane, goes_on: bool) -> tuple[Flag, Lane, Lane, Flag]:
+    """Return whether there is adhesion, the unit μ^(1/3) of q, q in this unit, and whether the
+    contact lasts at x.
+    """
+    adheres = adhesion > 0
+    scale = jnp.where(adheres, adhesion, 1) ** (1 / 6)
+    reduced, sign, least = x / scale**4, 1.0, jkr_snap(jnp.ones_like(x))
+    holds = reduced >= least
+    if goes_on:
+        sign = jnp.where(holds, 1.0, -1.0)
+        reduced, holds = least + jnp.abs(reduced - least), jnp.ones_like(holds)
+    # The quartic p⁴ - 4p/3 = d has the solution p = (√S + √(8/(3√S) - S))/2, S³ + 4 d S = 16/9.
+    # This cubic has no double root.
+    side = jnp.sqrt(_resolvent(jnp.where(holds, reduced, 1)))
+    rest = 8 / (3 * side) - jnp.square(side)
+    snaps = rest <= 0
+    root = jnp.where(snaps, 0, jnp.sqrt(jnp.where(snaps, 1, rest)))
+    return adheres, scale, (side + sign * root) / 2, holds
 
 
 _resolvent = implicit_root(
@@ -116,7 +181,7 @@ _resolvent = implicit_root(
 )
 
 
-def _energy(q: Lane, root: Lane) -> Lane:
+def _energy(q: Lane, root: Lane | float) -> Lane:
     cube = q**3
     return q**4 * (0.4 * jnp.square(cube) - (4 / 3) * root * cube + (2 / 3) * jnp.square(root))
 

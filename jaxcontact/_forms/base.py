@@ -70,7 +70,7 @@ class AbstractForm(eqx.Module):
     """True if a free contact may creep back for longer than explicit steps can follow."""
 
     ends_apart: ClassVar[bool] = False
-    """True if the contact ends at x < 0. Only free impacts are solved, by the form's `solve`."""
+    """True if the contact ends at x < 0."""
 
     remembers: ClassVar[bool] = False
     """True if the force depends on the largest indentation of the contact so far."""

@@ -24,11 +24,11 @@ from .._forms import AbstractForm, HuntCrossleyForm, Scale, SpeedDependentForm, 
 from .._laws import (
     VELOCITY_THRESHOLD,
     AbstractLaw,
-    require_ends_at_touch,
     require_exponent,
     require_law,
 )
 from .motion.motion import Motion
+from .motion.neck import NeckMotion
 
 SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)
 FORCE = Range(inside=0.0)
@@ -66,8 +66,6 @@ def problem_of(
         if is_plain(external_force) and external_force == 0:
             push = None
     require_exponent(law, contact)
-    if push is not None:
-        require_ends_at_touch(law, "under an external force")
     speed = as_number(velocity, "velocity", SPEED)
     require_broadcast(law=law, contact=contact, velocity=speed, external_force=push)
     return Problem(law, contact.normal, speed, push)
@@ -132,7 +130,8 @@ class Lanes(eqx.Module):
         # seconds. A barrier for each number avoids tangents for numbers that have none.
         numbers = (self.form, self.exponent, self.push)
         form, exponent, push = jax.tree.map(jax.lax.optimization_barrier, numbers)
-        return Motion(form, exponent, push, peak=self.peak)
+        kind = NeckMotion if form.ends_apart else Motion
+        return kind(form, exponent, push, peak=self.peak)
 
 
 def lanes_of(problem: Problem, peak: bool = False, speeds: Range = SPEED) -> Lanes:

@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from .._contact import Contact
 from .._entry import require_count
 from .._functions import bracketed_root, ratio
-from .._laws import AbstractLaw, require_ends_at_touch, require_law
+from .._laws import AbstractLaw
 from .._program import program
 from .front_door import Problem, lanes_of, problem_of
 from .methods.auto import stepping_method
@@ -91,7 +91,6 @@ def trajectory(
     ValueError as `impact` does, and for other methods. Source: see `impact`.
     """
     samples = require_count("samples", samples, 2)
-    require_ends_at_touch(require_law(law), "in a trajectory")
     problem = problem_of(law, contact, velocity, external_force)
     return _trajectory(problem, stepping_method(method), samples)
 
@@ -156,7 +155,7 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
     motion = motion.ready()
     legs = solve_legs(motion, Solve(how, many, keep=True)).leg
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
-    deepest = turn.w**motion.order
+    deepest = motion.indentation(turn.w)
     motion = motion.remembering(deepest)
     fractions = jnp.linspace(0, 1, samples, dtype=end.t.dtype)
 
@@ -171,23 +170,23 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
         if not motion.form.remembers:
             return state, force, motion.stored(inside), loss
         # On the way in every indentation is the largest one so far.
-        x = inside.w**motion.order
+        x = motion.indentation(inside.w)
         now = motion.remembering(jnp.where(on_way_in, x, deepest))
         return state, force, now.stored(inside), loss + jnp.where(on_way_in, now.form.kept(x), 0)
 
     balance = balance_of(motion, end, deepest)
     states, forces, elastic, losses = jax.vmap(sample)(fractions)
-    w = jnp.maximum(states.w, 0).at[0].set(0)
+    depth = motion.indentation(jnp.maximum(states.w, 0)).at[0].set(0)
     converged = was_followed(motion, legs.arrived, end, balance, how)
     settled = motion.settled(end)
-    if motion.form.remembers:
+    if motion.form.remembers or motion.form.ends_apart:
         settled = settled | motion.held(end)
     if motion.may_return:
         on = onward(motion, end, deepest)
         converged = converged & (settled | ~on.returns)
     return _Path(
         t=fractions * end.t,
-        x=w**motion.order,
+        x=depth,
         v=jax.vmap(motion.velocity)(states),
         force=forces if motion.form.tension else jnp.maximum(forces, 0),
         elastic=elastic,

@@ -2,8 +2,10 @@
 
 from .base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from .base import AbstractLaw as AbstractLaw
+from .base import end_of as end_of
 from .base import energies_of as energies_of
 from .base import force_of as force_of
+from .base import force_of_closed as force_of_closed
 from .base import require_ends_at_touch as require_ends_at_touch
 from .base import require_exponent as require_exponent
 from .base import require_law as require_law

@@ -68,7 +68,7 @@ class AbstractLaw(eqx.Module):
     """Contact exponents n the law is made for; None if every exponent is allowed."""
 
     ends_apart: ClassVar[bool] = False
-    """True if the contact ends at δ < 0; then only free impacts are solved."""
+    """True if the contact ends at δ < 0, as that of `JKR`."""
 
     remembers: ClassVar[bool] = False
     """True if the force depends on the largest indentation of the contact so far, as that of
@@ -130,7 +130,23 @@ class AbstractLaw(eqx.Module):
         deepest: ArrayLike,
     ) -> Float[Array, "..."]:
         """Return the force of a contact that unloads from `deepest`, or loads if that is 0."""
-        # Only laws that remember have these two.
+        # Only laws that remember have this.
+        raise NotImplementedError
+
+    def _force_of_closed(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+        deepest: ArrayLike | None,
+    ) -> Float[Array, "..."]:
+        """Return the force for `force_of_closed`."""
+        # Only laws that end apart have these two.
+        raise NotImplementedError
+
+    def _end_indentation(self, contact: Contact) -> Float[Array, "..."]:
+        """Return the δ ≤ 0 in m at which a contact ends."""
         raise NotImplementedError
 
     def _energies(
@@ -143,6 +159,7 @@ class AbstractLaw(eqx.Module):
         """Return the energy in J that unloading returns, and that which the contact has kept;
         `largest` is its largest indentation so far.
         """
+        # Only laws that remember or end apart have this.
         raise NotImplementedError
 
     def damping_factor(
@@ -198,6 +215,21 @@ def force_of(
     return force if law.tension else jnp.where(force < 0, 0, force)
 
 
+def force_of_closed(
+    law: AbstractLaw,
+    indentation: ArrayLike,
+    velocity: ArrayLike,
+    contact: Contact,
+    impact_velocity: ArrayLike,
+    deepest: ArrayLike | None = None,
+) -> Float[Array, "..."]:
+    """Return `force_of` for a contact known to be closed. That of a law that `ends_apart` continues
+    beyond its end, smoothly in √(δ - δ_end).
+    """
+    at = indentation, velocity, contact, impact_velocity, deepest
+    return law._force_of_closed(*at) if law.ends_apart else force_of(law, *at)
+
+
 def energies_of(
     law: AbstractLaw,
     indentation: ArrayLike,
@@ -206,9 +238,14 @@ def energies_of(
     largest: ArrayLike,
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Return the energy in J that unloading returns, and that which the contact has kept, for a law
-    that `remembers`; `largest` is its largest indentation so far in m.
+    that `remembers` or `ends_apart`; `largest` is its largest indentation so far in m.
     """
     return law._energies(indentation, contact, impact_velocity, largest)
+
+
+def end_of(law: AbstractLaw, contact: Contact) -> Float[Array, "..."]:
+    """Return the δ ≤ 0 in m at which a closed contact of a law that `ends_apart` ends."""
+    return law._end_indentation(contact)
 
 
 def require_law(value: object) -> AbstractLaw:
@@ -217,11 +254,11 @@ def require_law(value: object) -> AbstractLaw:
 
 
 def require_ends_at_touch(law: AbstractLaw, where: str, argument: str = "law") -> AbstractLaw:
-    """Return a law whose contacts can be followed in time; ValueError if they end at δ < 0."""
+    """Return a law whose contacts end at δ = 0; raise ValueError if they end at δ < 0."""
     if law.ends_apart:
         raise ValueError(
             f"Argument `{argument}` must be a law whose contacts end at δ = 0 {where}, but is "
-            f"{rendered(law)}: it is solved for impacts of two bodies without an external force."
+            f"{rendered(law)}, whose contacts end at δ < 0. `simulate` follows them in time."
         )
     return law
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, as_parameter, parameter
-from .._forms import LOSS, AbstractForm, DMTForm, JKRForm, jkr_force
+from .._forms import LOSS, AbstractForm, DMTForm, JKRForm, jkr_energy, jkr_force, jkr_snap
 from .._functions import power
 from .base import AbstractLaw, contact_for, force_arguments, needed, require_exponent
 from .registry import register_law
@@ -129,8 +129,36 @@ class JKR(AbstractAdhesive):
         """Return F in N of a contact that has formed, zero beyond its snap."""
         depth, _, _ = force_arguments(indentation, velocity, contact, impact_velocity)
         require_exponent(self, contact)
+        return self._jkr(depth, contact, goes_on=False)
+
+    def _force_of_closed(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+        deepest: ArrayLike | None,
+    ) -> Float[Array, "..."]:
+        require_exponent(self, contact)
+        return self._jkr(jnp.asarray(indentation), contact, goes_on=True)
+
+    def _jkr(self, depth: Array, contact: Contact, goes_on: bool) -> Float[Array, "..."]:
         stiffness = contact.stiffness
-        return stiffness * jkr_force(depth, self.pull_off / stiffness)
+        return stiffness * jkr_force(depth, self.pull_off / stiffness, goes_on)
+
+    def _end_indentation(self, contact: Contact) -> Float[Array, "..."]:
+        return jkr_snap(self.pull_off / contact.stiffness)
+
+    def _energies(
+        self,
+        indentation: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+        largest: ArrayLike,
+    ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        depth, stiffness = jnp.asarray(indentation), contact.stiffness
+        energy = stiffness * jkr_energy(depth, self.pull_off / stiffness)
+        return energy, jnp.zeros_like(energy)
 
     def form(self, contact: Contact | None, scale: Scale | None) -> JKRForm:
         contact_for(contact, self)

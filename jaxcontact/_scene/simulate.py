@@ -22,6 +22,7 @@ from .._entry import (
     require_flag,
     require_number,
 )
+from .._laws import require_ends_at_touch
 from .._program import derived, quick
 from .._text.failure import checked
 from .._text.progress import Listener, progress_of, require_progress
@@ -67,6 +68,9 @@ def simulate_scene(
     tolerance = require_number("rtol", rtol, FRACTION)
     soft, throw = not require_flag("instantaneous", instantaneous), require_flag("throw", throw)
     rule = require_v0(v0)
+    if not soft:
+        for law in scene.law.values:
+            require_ends_at_touch(law, "where impacts are instantaneous")
     room_for = MOST if max_cluster is None else require_count("max_cluster", max_cluster, 2)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
     at = times_of(times, length)

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from .._contact import Contact
 from .._coupled.clock import ContactClock
+from .._coupled.ends import in_contact
 from .._coupled.field import TIME, AbstractCoupledField, Grip, Look, LoopRules, Settled, W
 from .._coupled.modes import SLOWEST, Flags, Modes, PerContact
 from .._coupled.quintic import EndOfStep, parts_of_step, quintic, vertex
@@ -30,7 +31,7 @@ from .._coupled.springs import (
 )
 from .._coupled.stored_energy import stored_energy
 from .._friction import SpringSlider
-from .._laws import energies_of, force_of
+from .._laws import energies_of, force_of_closed
 from .mechanics import Mechanics, Opening, SystemMotion, Vector
 from .problem import Scales
 from .stick_slip import SLIDES_ON, Friction
@@ -57,6 +58,7 @@ class SystemField(AbstractCoupledField):
     used: Flags
     start: Number
     last: Number
+    ends: PerContact | None
 
     def pack(
         self, q: Vector, v: Vector, lost: PerContact, rest: list, springs: Array | None = None
@@ -146,7 +148,7 @@ class SystemField(AbstractCoupledField):
     ) -> tuple[PerContact, PerContact]:
         """Return indentations and their rates in units of the solve."""
         units = self.scales.contact
-        depth = jnp.where(clock.leaving, jnp.square(y[W]), -gap / units.length)
+        depth = jnp.where(clock.leaving, self.left_of(y[W]), -gap / units.length)
         return depth, -opening / units.speed
 
     def approach(self, y: Array, clock: ContactClock) -> tuple[PerContact, PerContact]:
@@ -160,9 +162,9 @@ class SystemField(AbstractCoupledField):
         if not law.damped:
             rate = jnp.zeros_like(rate)
         contact = eqx.tree_at(lambda c: c.mass, self.contact, modes.mass)
-        arguments = (units.length * jnp.maximum(depth, 0), units.speed * rate, contact)
+        arguments = (units.length * in_contact(depth, self.ends), units.speed * rate, contact)
         deepest = None if modes.deepest is None else units.length * modes.deepest
-        force = force_of(law, *arguments, units.speed * speed, deepest) / units.force
+        force = force_of_closed(law, *arguments, units.speed * speed, deepest) / units.force
         return jnp.where(modes.closed, force, 0)
 
     def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:
@@ -295,6 +297,11 @@ class SystemField(AbstractCoupledField):
         # A gap may turn anywhere within a step. The quintic through the ends shows where. The part
         # up to there is tried next, so that the step ends where the doubt is largest.
         sign = jnp.where(modes.closed, -1, 1).astype(after.depth.dtype)
+        if self.ends is not None:
+            before, after = (
+                look._replace(depth=jnp.where(modes.closed, self.height(look.depth), look.depth))
+                for look in (before, after)
+            )
         left, right = (EndOfStep(*(sign * x for x in look[:3])) for look in (before, after))
         # Just after an event its gap is zero up to rounding, on either side.
         left = left._replace(value=jnp.minimum(left.value, 0))
@@ -339,13 +346,21 @@ class SystemField(AbstractCoupledField):
 
     def stored(self, y: Array, modes: Modes) -> PerContact:
         """Return the elastic energy of every contact in units of the solve."""
-        units, law = self.scales.contact, self.mechanics.system.law
         gap, _ = self.mechanics.gaps(*self.moment(y))
-        depth = jnp.where(modes.closed, -gap, 0)
+        return self._stored(-gap, modes)
+
+    def _stored(self, depth: PerContact, modes: Modes) -> PerContact:
+        """Return the elastic energy of closed contacts with these indentations in m."""
+        units, law = self.scales.contact, self.mechanics.system.law
+        depth = jnp.where(modes.closed, depth, 0)
         contact = eqx.tree_at(lambda c: c.mass, self.contact, modes.mass)
         speed = units.speed * jnp.maximum(modes.latched, SLOWEST)
         deepest = None if modes.deepest is None else units.length * modes.deepest
         return stored_energy(law, contact, depth, speed, deepest) / units.energy
+
+    def torn(self, modes: Modes) -> PerContact:
+        assert self.ends is not None
+        return self._stored(self.scales.contact.length * self.ends, modes)
 
     def kept(self, deepest: PerContact, modes: Modes) -> PerContact:
         units, speed = self.scales.contact, jnp.maximum(modes.latched, SLOWEST)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from .._coupled.ends import ends_of
 from .._coupled.field import TIME, WORK, LoopRules
 from .._coupled.modes import NOT_CONVERGED, PAUSED, TIME_IS_UP, Modes, PerContact
 from .._coupled.scalars import Flag, Index, Number
@@ -116,6 +117,7 @@ def _solve_to_stop(
         used=jnp.ones_like(state.closed),
         start=state.time,
         last=_just_before(stop),
+        ends=ends_of(mechanics.system.law, problem.contact, units.length, state.closed.shape[0]),
     )
     solve = _SystemSolve(
         field=field,

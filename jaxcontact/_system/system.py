@@ -118,7 +118,6 @@ class System(eqx.Module):
     ):
         self.mass, self.force = _function("mass", mass), _function("force", force)
         self.gap, self.law = _function("gap", gap), require_law(law)
-        require_ends_at_touch(self.law, "in a mechanism")
         self.stiffness = as_parameter(stiffness, "stiffness", POSITIVE)
         as_number(exponent, "exponent", EXPONENT)
         if is_plain(exponent):
@@ -127,6 +126,7 @@ class System(eqx.Module):
             self._exponent = Specialised(None, as_parameter(exponent, "exponent", EXPONENT))
         if friction is not None:
             _require_friction(friction)
+            require_ends_at_touch(self.law, "in a mechanism with friction")
         if (friction is None) != (slip is None):
             missing, given = ("slip", "friction") if slip is None else ("friction", "slip")
             raise ValueError(f"Argument `{missing}` must be given with `{given}`, but is None.")

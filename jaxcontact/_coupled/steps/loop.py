@@ -59,13 +59,14 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
     if field.rules.peak and renew is None:
         # v0 follows a closing speed that is the largest so far and increases.
         largest = modes.closed & (here.rate >= modes.latched - 16 * finest)
-        modes = modes._replace(rising=modes.rising | (largest & (here.second > 0)))
+        rising = modes.rising | (largest & (here.second > 0))
+        modes = modes._replace(rising=field.refers_to_peak(rising))
     # True if a contact begins just now, up to rounding.
     just = jnp.abs(start.since - solve.start) <= 8 * finest * jnp.abs(solve.start)
     just = jnp.any(modes.closed & just)
     touched = jnp.where(just, zero, jnp.asarray(LONG_AGO, zero.dtype))
     clock, w = choose_clock(
-        ContactClock(just, nobody), zero, modes, here.depth, here.rate, zero - touched
+        ContactClock(just, nobody), zero, modes, field.height(here.depth), here.rate, zero - touched
     )
     first = begin if start.step is None else start.step
     size = _stop(jnp.where(just, begin, first / jnp.where(just, 1, 2 * w)))

@@ -86,7 +86,8 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
     changed = _apply_events(solve, c, trial, events)
     modes, touches, opens, happens = changed.modes, changed.touches, changed.opens, events.happens
     now, age = changed.now, changed.y[TIME] - changed.touched
-    clock, w = choose_clock(c.clock, changed.y[W], modes, now.depth, now.rate, age)
+    height = field.height(now.depth)
+    clock, w = choose_clock(c.clock, changed.y[W], modes, height, now.rate, age)
     onwards = _onward(solve, c, trial, events, changed, clock, w)
     time = solve.start + solve.units.time * changed.y[TIME]
     records = _records(solve, c, trial, changed, time)
@@ -165,7 +166,7 @@ def _try_step(solve: CoupledSolve, c: Carry, size: Number) -> _Attempt:
     if field.rules.peak:
         # A closing speed that exceeds its peak and falls again may be hidden, too.
         faster, _ = highest(lasts, before.rate, before.second, after.rate, after.second)
-        hidden = modes.closed & ~modes.rising & (after.second < 0)
+        hidden = field.refers_to_peak(modes.closed & ~modes.rising & (after.second < 0))
         grazed = grazed | jnp.any(used & hidden & (faster > modes.latched + finest**TOGETHER))
     if field.rules.remembers and modes.deepest is not None:
         # A contact may unload and load again, or go deeper and come back.
@@ -187,14 +188,15 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     y, toward, outset, fine = trial.y, trial.toward, trial.outset, trial.fine
     finest, until = solve.finest, field.until
     together, near = finest**TOGETHER, finest**_NEAR
-    fixed = modes.latched, modes.deepest
+    fixed = modes.latched, modes.deepest, field.ends
+    still = 0, 0, None
     gaps = field.gaps(modes, clock, trial.now, y[W], fixed, until - y[TIME])
-    fall = field.gaps(modes, clock, trial.slope, toward[W], (0, 0), -toward[TIME])
+    fall = field.gaps(modes, clock, trial.slope, toward[W], still, -toward[TIME])
     last, begun, ended = _stop((c, outset, toward))
     left = _stop(until) - last.y[TIME]
     before = field.gaps(modes, clock, last.look, last.y[W], _stop(fixed), left)
     earlier = jax.tree.map(lambda x: 2 * last.y[W] * x, last.slope)
-    fell = field.gaps(modes, clock, earlier, begun[W], (0, 0), -begun[TIME])
+    fell = field.gaps(modes, clock, earlier, begun[W], still, -begun[TIME])
     crossed = field.has_passed(modes, trial.now, gaps)
     if c.renew is not None:
         crossed = crossed & ~c.renew
@@ -239,7 +241,8 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
     depth, closing = field.approach(y, c.clock)
     now = trial.now._replace(depth=depth, rate=closing)
     # Gaps that are zero within rounding close and open together; noise would decide otherwise.
-    zero = jnp.abs(depth) <= 16 * field.noise(y, solve.finest)
+    gap = depth if field.ends is None else jnp.where(modes.closed, field.height(depth), depth)
+    zero = jnp.abs(gap) <= 16 * field.noise(y, solve.finest)
     goes_on = jnp.where(modes.closed, closing < 0, closing > 0)
     meets = meets | (jnp.any(meets) & field.used & zero & goes_on)
     touches, opens = meets & ~modes.closed, meets & modes.closed
@@ -251,7 +254,7 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
         latches = happens[contacts : 2 * contacts]
         latched = jnp.where(latches, speed, latched)
         rising = jnp.where(latches, ~modes.rising, rising)
-        rising = jnp.where(touches, now.second > 0, rising)
+        rising = jnp.where(touches, field.refers_to_peak(now.second > 0), rising)
     before = field.lost(y)
     lost = jnp.where(touches, 0, before)
     dropped, deepest = c.dropped - jnp.sum(before - lost), modes.deepest
@@ -263,6 +266,8 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
         lost = lost + jnp.where(turns, jnp.where(modes.loads, kept, -kept), 0)
         deepest = jnp.where(turns, jnp.where(modes.loads, depth, 0), deepest)
         deepest = jnp.where(closed & ~touches, deepest, 0)
+    if field.ends is not None:
+        lost = lost + jnp.where(opens, field.torn(modes), 0)
     touched = jnp.where(jnp.any(touches), y[TIME], c.touched)
     y = field.with_lost(y, lost)
     modes = field.at_touch(

@@ -65,12 +65,7 @@ class Event(AbstractMethod):
     name: ClassVar[str] = "event"
 
     def chosen(self, form: AbstractForm, pushed: bool) -> Event:
-        """Return the method itself; ValueError for a contact that ends at x < 0."""
-        if form.ends_apart:
-            raise ValueError(
-                "Argument `method` must be 'auto' or 'exact' here, but is 'event', which follows "
-                "contacts until δ = 0: the contact of this law ends beyond."
-            )
+        """Return the method itself."""
         return self
 
     def error(self, dtype: Any) -> float:

@@ -183,7 +183,7 @@ def solve_legs(motion: Motion, solve: Solve, start: State | None = None) -> Legs
         # The event finds the velocity at the turn within its tolerance of zero. Here it is set to
         # zero.
         _, following = motion.after_turn(leg.end)
-        deepest = jnp.where(compressing, leg.end.w**motion.order, deepest)
+        deepest = jnp.where(compressing, motion.indentation(leg.end.w), deepest)
         if not third:
             return (following, deepest), (leg, None)
         on = onward(now, leg.end, deepest)
@@ -230,7 +230,7 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     creeps_early = jnp.asarray(False) if legs.creeps is None else legs.creeps[0]
     followed = follow(motion, legs, creeps_early, how)
     turn, creeps = followed.turn, followed.creeps
-    max_indentation = turn.w**motion.order
+    max_indentation = motion.indentation(turn.w)
     motion = motion.remembering(max_indentation)
     last, arrived = followed.end, followed.arrived
     if returned is not None:
@@ -262,7 +262,7 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
         sound = balance_of(motion, turn, max_indentation).error <= _IMBALANCE * rtol
         held = followed.arrived[0] & sound & (motion.held(turn) | motion.held(end))
         spent = is_spent(motion, end, rtol)
-        if motion.form.remembers:
+        if motion.form.remembers or motion.form.ends_apart:
             # Such a contact also stays if its remaining energy is elastic.
             spent = spent | held
         known = jnp.where(settled | held, spent, end_is_sharp(motion, turn, end, rtol))
@@ -297,7 +297,9 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     steps = followed.steps
     if returned is not None:
         steps = steps + jnp.where(returned, legs.steps[2], 0)
-    end_indentation = None if motion.form.tension else jnp.where(settled, 0, end.w**motion.order)
+    end_indentation = None
+    if motion.form.ends_apart or not motion.form.tension:
+        end_indentation = jnp.where(settled, 0, motion.indentation(end.w))
     spare_energy = None if motion.push is None else motion.spare_energy(end)
     return ScaledImpact(
         restitution=balance.restitution,

@@ -150,7 +150,7 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
     of_time = jnp.maximum(error[1] / last.t, t_errors[half - 1] / polars.t[half])
     estimate = jnp.maximum(error[0], of_time)
     end = jax.tree.map(lambda leaf: leaf[steps], states)
-    max_indentation = states.w[half] ** motion.order
+    max_indentation = motion.indentation(states.w[half])
     balance = balance_of(motion, end, max_indentation)
     return ScaledImpact(
         restitution=balance.restitution,

@@ -42,7 +42,7 @@ def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
     left, changed, largest = 1 - lost, lost, jnp.ones_like(lost)
     gained = jnp.zeros_like(lost)
     if push is not None:
-        gained = 2 * push * at.w**motion.order
+        gained = 2 * push * motion.indentation(at.w)
         left, changed = left + gained, changed + jnp.abs(gained)
         largest = largest + 2 * jnp.maximum(push, 0) * max_indentation
     # The energy route has the error of its energies in e², the velocity route 2 e times that of the

@@ -99,6 +99,10 @@ class Motion(eqx.Module):
         """True if bodies that move apart certainly separate at x = 0."""
         return self.push is None and self.form.never_pulls
 
+    def indentation(self, w: Number) -> Number:
+        """Return the x of a w."""
+        return w**self.order
+
     def start(self) -> State:
         """Return the state at touch: w = 0, v = 1, t = 0."""
         number = jax.tree.leaves(self)[0]
@@ -212,7 +216,7 @@ class Motion(eqx.Module):
         turn = self.still(turn)
         if not self.form.remembers or turn.loss is None:
             return self, turn
-        deepest = turn.w**self.order
+        deepest = self.indentation(turn.w)
         kept = self.form.kept(deepest)
         return self.remembering(deepest), turn._replace(loss=turn.loss + kept)
 

@@ -27,7 +27,7 @@ def end_is_sharp(motion: Motion, turn: State, end: State, rtol: float) -> Bool[A
     if motion.push is None:
         return jnp.asarray(True)
     push = jnp.maximum(motion.push, 0)
-    rounding = _ROUNDING * jnp.finfo(end.w.dtype).eps * push * turn.w**motion.order
+    rounding = _ROUNDING * jnp.finfo(end.w.dtype).eps * push * motion.indentation(turn.w)
     speed = jnp.abs(motion.velocity(end))
     return rounding <= _LATE * rtol * speed * jnp.maximum(push * end.t, speed)
 

@@ -14,7 +14,7 @@ from ..._contact import Contact
 from ..._coupled.scalars import Index
 from ..._coupled.stored_energy import stored_energy
 from ..._friction import AbstractFriction
-from ..._laws import AbstractLaw, energies_of, force_of
+from ..._laws import AbstractLaw, end_of, energies_of, force_of, force_of_closed
 
 Law = TypeVar("Law", AbstractLaw, AbstractFriction)
 
@@ -37,6 +37,11 @@ class MixedLaw(AbstractLaw):
         """True if one of the laws has a memory; the others do not use it."""
         return any(law.remembers for law in self.laws)
 
+    @property
+    def ends_apart(self) -> bool:
+        """True if contacts of one of the laws end at δ < 0."""
+        return any(law.ends_apart for law in self.laws)
+
     def force(
         self,
         indentation: ArrayLike,
@@ -46,6 +51,24 @@ class MixedLaw(AbstractLaw):
     ) -> Float[Array, "..."]:
         at = indentation, velocity, contact, impact_velocity
         return self._chosen(*(force_of(law, *at) for law in self.laws))
+
+    def _force_of_closed(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+        deepest: ArrayLike | None,
+    ) -> Float[Array, "..."]:
+        # The other laws are not defined at δ < 0.
+        pressed, at = jnp.maximum(indentation, 0), (velocity, contact, impact_velocity, deepest)
+        depths = (indentation if law.ends_apart else pressed for law in self.laws)
+        forces = (force_of_closed(*both, *at) for both in zip(self.laws, depths, strict=True))
+        return self._chosen(*forces)
+
+    def _end_indentation(self, contact: Contact) -> Float[Array, "..."]:
+        zero = jnp.zeros_like(contact.stiffness)
+        return self._chosen(*(end_of(x, contact) if x.ends_apart else zero for x in self.laws))
 
     def _force_after(
         self,
@@ -68,7 +91,7 @@ class MixedLaw(AbstractLaw):
         depth, speed = jnp.asarray(indentation), jnp.asarray(impact_velocity)
 
         def of(law: AbstractLaw) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-            if law.remembers:
+            if law.remembers or law.ends_apart:
                 return energies_of(law, depth, contact, speed, largest)
             return stored_energy(law, contact, depth, speed), jnp.zeros_like(depth)
 

@@ -83,6 +83,8 @@ class Scene(eqx.Module):
         self.friction = None
         if friction is not None:
             self.friction = pair_table("friction", friction, _friction, kinds, meeting)
+            for single in self.law.values:
+                require_ends_at_touch(single, "in a scene with friction")
         _require_friction_to_turn(self.bodies, friction)
         self.gravity = None
         if gravity is not None:
@@ -179,7 +181,7 @@ def _law(argument: str, value: Any) -> AbstractLaw:
         argument, value, AbstractLaw, "a contact law (see `list_laws`), or a mapping"
     )
     _require_single_numbers(argument, law)
-    return require_ends_at_touch(law, "in a scene", argument)
+    return law
 
 
 def _friction(argument: str, value: Any) -> AbstractFriction:

@@ -17,12 +17,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._contact import Contact
+from ..._coupled.ends import in_contact
 from ..._coupled.modes import SLOWEST, Modes, Units
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Index, Number
 from ..._coupled.stored_energy import stored_energy
 from ..._functions import small_product
-from ..._laws import AbstractLaw, energies_of, force_of
+from ..._laws import AbstractLaw, energies_of, force_of_closed
 from ..bodies.motion import UserMotion
 from ..bodies.side import side
 from .friction import Rub, Rubbing, Spins, SpringPairs, in_plane
@@ -150,7 +151,7 @@ def incidence_of(pairs: ClusterPairs, bodies: int, dtype: Any) -> Float[Array, "
 class Touching(eqx.Module):
     """The equations of a cluster in its units. `apart` and `depth` belong to its start, `incidence`
     to its pairs. `in_line`: whether the bodies are spheres and walls in one dimension, without
-    shells. `friction` is None without it.
+    shells. `friction` is None without it, and `ends` if all contacts end at zero indentation.
     """
 
     law: AbstractLaw
@@ -164,6 +165,7 @@ class Touching(eqx.Module):
     drive: Drive | None
     incidence: Float[Array, "pairs bodies"]
     friction: SpringPairs | None
+    ends: PerPair | None
     in_line: bool = eqx.field(static=True)
 
     def _between(self, vectors: PerBody) -> Float[Array, "pairs dim"]:
@@ -205,12 +207,12 @@ class Touching(eqx.Module):
         units = self.units
         speed = jnp.where(modes.rising, jnp.maximum(rate, 0), modes.latched)
         speed = jnp.maximum(speed, SLOWEST)
-        depth = jnp.maximum(depth, 0)
+        depth = in_contact(depth, self.ends)
         if not self.law.damped:
             rate = jnp.zeros_like(rate)
         arguments = (units.length * depth, units.speed * rate, self.contact, units.speed * speed)
         deepest = None if modes.deepest is None else units.length * modes.deepest
-        force = force_of(self.law, *arguments, deepest) / units.force
+        force = force_of_closed(self.law, *arguments, deepest) / units.force
         return jnp.where(modes.closed & self.pairs.used, force, 0)
 
     def stored(self, depth: PerPair, modes: Modes) -> PerPair:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._coupled.clock import ContactClock
+from ..._coupled.ends import ends_of
 from ..._coupled.field import TIME, WORK, AbstractCoupledField, Grip, Look, LoopRules, Settled, W
 from ..._coupled.modes import Flags, Modes, Units
 from ..._coupled.scalars import Index, Number
@@ -89,11 +90,12 @@ class ClusterField(AbstractCoupledField):
     used: Flags
     frame: PerBody
     tolerance: Number
+    ends: PerPair | None
 
     def geometry(self, y: Array, clock: ContactClock) -> Geometry:
         """Return the geometry of all pairs; the leaving pair has the depth of the clock."""
         at = self.system.geometry(self.parts.moved(y), self.parts.velocity(y))
-        return at._replace(depth=jnp.where(clock.leaving, jnp.square(y[W]), at.depth))
+        return at._replace(depth=jnp.where(clock.leaving, self.left_of(y[W]), at.depth))
 
     def _turning(self, y: Array) -> tuple[Spins, PerBody] | None:
         """Return spins and spring forces."""
@@ -176,6 +178,10 @@ class ClusterField(AbstractCoupledField):
     def kept(self, deepest: PerPair, modes: Modes) -> PerPair:
         return self.system.kept(deepest, modes)
 
+    def torn(self, modes: Modes) -> PerPair:
+        assert self.ends is not None
+        return self.system.stored(self.ends, modes)
+
     def lost(self, y: Array) -> PerPair:
         return self.parts.lost(y)
 
@@ -212,13 +218,15 @@ def field_of(
     state, pairs, (bodies, dim) = problem.state, problem.pairs, problem.state.position.shape
     free = (problem.inverse_mass > 0)[:, None]
     incidence = incidence_of(pairs, bodies, state.position.dtype)
-    friction, axes, loses = None, 0, problem.law.damped or problem.law.remembers
+    law = problem.law
+    friction, axes, loses = None, 0, law.damped or law.remembers or law.ends_apart
+    ends = ends_of(law, problem.contact, units.length, pairs.used.shape[0])
     if problem.friction is not None and state.rubbing is not None:
         who = pairs.first, pairs.second, pairs.flat
         friction = spring_pairs(problem.friction, units, state.time, who, incidence)
         axes = state.rubbing.spin.shape[1]
     system = Touching(
-        law=problem.law,
+        law=law,
         contact=problem.contact,
         units=units,
         pairs=pairs,
@@ -229,6 +237,7 @@ def field_of(
         drive=scale_drive(problem.drive, units),
         incidence=incidence,
         friction=friction,
+        ends=ends,
         in_line=in_line,
     )
     return ClusterField(
@@ -239,4 +248,5 @@ def field_of(
         used=pairs.used,
         frame=frame / units.speed,
         tolerance=problem.tolerance,
+        ends=ends,
     )

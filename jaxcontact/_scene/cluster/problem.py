@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 from ..._coupled.modes import Units
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Index, Number
+from ..._laws import end_of
 from .equations import ClusterPairs, ClusterState, Drive, PerBody
 from .friction import PairFriction
 
@@ -67,6 +68,10 @@ def units_of(problem: ClusterProblem) -> Units:
         surface = problem.friction.radius[:, None] * state.rubbing.spin
         motion = jnp.maximum(motion, jnp.max(jnp.sum(jnp.square(surface), axis=1)))
     depth = jnp.where(used & state.closed, jnp.maximum(state.indentation, 0), 0)
+    if problem.law.ends_apart:
+        # Adhesion moves bodies that touch without a speed.
+        neck = jnp.where(used & state.closed, -end_of(problem.law, contact), 0)
+        depth = jnp.maximum(depth, neck)
     stored = jnp.max(contact.stiffness * depth ** (n + 1)) / mass
     pull = jnp.sqrt(jnp.max(jnp.sum(jnp.square(problem.acceleration), axis=1)))
     tiny = math.sqrt(jnp.finfo(pull.dtype).tiny)

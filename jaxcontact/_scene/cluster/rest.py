@@ -49,7 +49,7 @@ def rest_of(
         at_rest = at_rest & ~jnp.any(closed & pairs.used & shaken)
         asleep = asleep & ~jnp.any(system.drive.moves)
     resting = jnp.where(asleep, ASLEEP, -1)
-    if not system.law.remembers:
-        # Bodies that rest on planes are followed by formulas, which know no memory.
+    if not (system.law.remembers or system.law.ends_apart):
+        # Bodies that rest on planes are followed by formulas, which know no memory and no neck.
         resting = jnp.where(system.on_planes(closed), AT_REST, resting)
     return jnp.where(at_rest, resting, -1)

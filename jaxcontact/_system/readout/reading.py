@@ -9,12 +9,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..._coupled.ends import ends_of, in_contact
 from ..._coupled.modes import SLOWEST, TIME_IS_UP
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Number
 from ..._coupled.stored_energy import stored_energy
 from ..._impact.derivatives import with_sensitivity
-from ..._laws import force_of
+from ..._laws import force_of_closed
 from ..log import SystemLog
 from ..problem import SystemProblem, SystemState
 from ..solve import SystemEnd, SystemRules, solve_system
@@ -108,10 +109,11 @@ def reading_of(problem: SystemProblem, state: SystemState) -> SystemStates:
     system, at = mechanics.system, (state.time, state.position, state.velocity)
     gap, opening = mechanics.gaps(*at)
     contact = eqx.tree_at(lambda c: c.mass, problem.contact, state.mass)
-    depth = jnp.where(state.closed, jnp.maximum(-gap, 0), 0)
+    ends = ends_of(system.law, contact, jnp.ones_like(state.time), gap.shape[0])
+    depth = jnp.where(state.closed, in_contact(-gap, ends), 0)
     rising = jnp.where(state.rising, jnp.maximum(-opening, 0), state.latched)
     speed = jnp.maximum(rising, SLOWEST * jnp.finfo(gap.dtype).eps)
-    force = force_of(system.law, depth, -opening, contact, speed, state.deepest)
+    force = force_of_closed(system.law, depth, -opening, contact, speed, state.deepest)
     force = jnp.where(state.closed, force, 0)
     stored = jnp.sum(stored_energy(system.law, contact, depth, speed, state.deepest))
     energy = system._energy
