@@ -35,7 +35,7 @@ from .._impact import (
     restitution_is_constant,
     uniform,
 )
-from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_ends_at_touch, require_law
+from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_law
 from .._program import FEW, quick, traced
 from .._text.failure import checked
 from .result import TOUCHES, Bounce
@@ -101,7 +101,7 @@ def bounce(
     False. Lanes of arrays and traced calls are NaN from there on, flagged in `.status` and `.ok`.
     Raises ValueError for a Python scalar out of range. Source: elementary ballistics, and `impact`.
     """
-    require_ends_at_touch(require_law(law), "on a bouncing ball")
+    require_law(law)
     require_contact(contact)
     bounces = None if bounces is None else require_count("bounces", bounces, 1)
     require_choice("v0", v0, ("peak", "touch"))

@@ -127,6 +127,9 @@ def one_by_one(
             rebound = jnp.where(leaves, hit.rebound_velocity, 0)
             duration = return_time = jnp.where(leaves, hit.duration, 0)
             depth = touch.end_indentation
+            if law.ends_apart and run.weight is None:
+                # Without weight in contact, a neck lifts no weight and the ball falls as far.
+                depth = None
             if depth is not None:
                 rebound, delay, leaves = _risen(run, rebound, jnp.where(leaves, depth, 0), leaves)
                 return_time = duration + delay
@@ -156,7 +159,8 @@ def one_by_one(
 def _risen(run: BounceRun, speed: Array, depth: Array, leaves: Array) -> tuple[Array, Array, Array]:
     """Return the speed at δ = 0 after a rise from a depth, its time, and whether δ = 0 is reached.
 
-    Without weight in contact, gravity acts above δ = 0 only.
+    Without weight in contact, gravity acts above δ = 0 only. The depth at which a neck snaps is
+    negative: then the speed is that of the fall to δ = 0, and so is the time.
     """
     square = jnp.square(speed)
     if run.weight is not None:

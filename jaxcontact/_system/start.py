@@ -132,9 +132,7 @@ def _law_at(mechanics: Mechanics, state: SystemState) -> _Law:
     least = jnp.finfo(state.mass.dtype).tiny ** 0.25
     speed = jnp.maximum(jnp.where(state.rising, state.closing, state.latched), least)
     unit = (state.mass * jnp.square(speed) / system.stiffness) ** (1 / (n + 1))
-    return _Law(
-        lambda depth: force_of_closed(system.law, depth, state.closing, contact, speed), unit
-    )
+    return _Law(lambda depth: force_of(system.law, depth, state.closing, contact, speed), unit)
 
 
 def _settled(
