@@ -28,7 +28,7 @@ SNAP = -0.75 * np.cbrt(np.pi**2 * W**2 * RADIUS / MODULUS**2)
 STICKS = np.sqrt(2 * 7.09219597186 * UNIT / MASS)
 
 
-def by_contact_radius(speed, work=W):
+def by_contact_radius(speed, work=W, push=0.0):
     """The motion over τ, dt = (dδ/da) dτ, regular at the snap, where dδ/da is zero.
 
     In units of a length and a time, with the force of the contact radius a as published.
@@ -43,7 +43,7 @@ def by_contact_radius(speed, work=W):
         a, v, _ = y
         force = 4 * modulus * a**3 / (3 * radius) - np.sqrt(8 * np.pi * work * modulus * a**3)
         slope = 2 * a / radius - np.sqrt(np.pi * work / (2 * modulus * a))
-        return [v, -force * slope / mass, slope]
+        return [v, (push * time**2 / length - force) * slope / mass, slope]
 
     def turns(_, y):
         return y[1]
@@ -101,6 +101,74 @@ def test_slow_bodies_stick():
     np.testing.assert_array_equal(
         jc.restitution(LAW, CONTACT, STICKS * jnp.array([0.5, 1.0001])) > 0, [False, True]
     )
+
+
+def test_the_event_solve_beside_the_formulas():
+    speed = STICKS * jnp.array([0.3, 0.999, 1.001, 1.5, 30.0])
+    by_formula, by_event = (jc.impact(LAW, CONTACT, speed, method=m) for m in ("auto", "event"))
+    np.testing.assert_array_equal(by_event.status, [1, 1, 0, 0, 0])
+    np.testing.assert_array_equal(by_event.status, by_formula.status)
+    for name in ("restitution", "duration", "compression_time", "max_indentation", "max_force"):
+        found, exact = getattr(by_event, name), getattr(by_formula, name)
+        np.testing.assert_allclose(found, exact, rtol=1e-8)
+    for name in ("energy_loss", "min_force"):
+        found, exact = getattr(by_event, name), getattr(by_formula, name)
+        np.testing.assert_allclose(found[2:], exact[2:], rtol=BY_SCIPY)
+
+
+PULL_OFF = float(LAW.pull_off)
+PUSHES = PULL_OFF * np.array([1.5, -0.25, -0.75, -0.75, -1.5])
+"""Of -3/4 of the pull-off force the equilibrium that bodies must pass is not at the snap."""
+FAST = STICKS * np.array([3.0, 1.2, 0.7, 1.6, 0.2])
+
+
+@functools.cache
+def pushed():
+    def numbers(speed, push, pull_off):
+        law, how = jc.JKR(pull_off=pull_off), jc.Event(rtol=1e-11)
+        hit = jc.impact(law, CONTACT, speed, external_force=push, method=how)
+        found = jnp.stack([hit.restitution, hit.duration])
+        return found, (found, hit.status)
+
+    return jax.jit(jax.vmap(jax.jacfwd(numbers, (0, 1, 2), has_aux=True), (0, 0, None)))
+
+
+def test_pushes_and_pulls_beside_scipy():
+    slopes, (found, status) = pushed()(FAST, PUSHES, PULL_OFF)
+    np.testing.assert_array_equal(status, 0)
+    for lane, (speed, push) in enumerate(zip(FAST, PUSHES, strict=True)):
+        e, duration, *_ = by_contact_radius(speed, push=push)
+        np.testing.assert_allclose(found[lane], [e, duration], rtol=BY_SCIPY)
+    for k, at in enumerate((FAST, PUSHES, PULL_OFF)):
+        h = 1e-5
+        arguments = [FAST, PUSHES, PULL_OFF]
+        ends = []
+        for sign in (1, -1):
+            arguments[k] = at * (1 + sign * h)
+            ends.append(pushed()(*arguments)[1][0])
+        slope = (ends[0] - ends[1]) / (2 * h)
+        steps = np.broadcast_to(at, FAST.shape)[:, None]
+        np.testing.assert_allclose(slopes[k] * steps / found, slope / found, atol=SLOPES)
+
+
+def test_what_a_push_and_adhesion_hold_has_settled():
+    """A pull weaker than the pull-off force holds slow bodies, a stronger one none."""
+    pushes = PULL_OFF * np.array([1.5, 0.1, -0.25, -0.75, -0.85])
+    status = pushed()(STICKS * np.array([1.0, 0.9, 0.5, 0.3, 0.02]), pushes, PULL_OFF)[1][1]
+    np.testing.assert_array_equal(status, 1)
+
+
+def test_trajectories_end_at_the_snap():
+    speed = STICKS * jnp.array([2.0, 0.5])
+    path, hit = jc.trajectory(LAW, CONTACT, speed, samples=33), jc.impact(LAW, CONTACT, speed)
+    np.testing.assert_array_equal(path.status, [0, 1])
+    total = path.energy.total / path.energy.total[:, :1]
+    np.testing.assert_allclose(total, 1, atol=BY_SCIPY)
+    np.testing.assert_allclose(path.time[0, -1], hit.duration[0], rtol=BY_SCIPY)
+    np.testing.assert_allclose(path.indentation[0, [0, -1]], [0, SNAP], rtol=BY_SCIPY)
+    np.testing.assert_allclose(path.velocity[0, -1] / speed[0], -hit.restitution[0], rtol=BY_SCIPY)
+    np.testing.assert_allclose(path.force[0, 0], -8 / 9 * PULL_OFF, rtol=FORMULA)
+    np.testing.assert_allclose(path.energy.elastic[0, -1], hit.energy_loss[0], rtol=BY_SCIPY)
 
 
 @functools.cache
@@ -169,24 +237,8 @@ def test_single_precision():
 
 
 def test_where_jkr_is_refused():
-    """What follows a contact in time ends it at δ = 0."""
-    ball = jc.Sphere(radius=0.01, mass=0.1, position=(0.0,), velocity=(1.0,))
-    wall = jc.Plane(point=(0.1,), normal=(-1.0,))
-    calls = [
-        lambda: jc.impact(LAW, CONTACT, 1.0, external_force=1e-3),
-        lambda: jc.trajectory(LAW, CONTACT, 1.0),
-        lambda: jc.bounce(LAW, CONTACT, height=1.0, gravity=9.81),
-        lambda: jc.Scene(bodies=[ball, wall], law=LAW, stiffness=1e5),
-        lambda: jc.System(
-            mass=lambda t, q, a: jnp.eye(1), force=lambda t, q, v, a: -v, gap=lambda t, q, a: q,
-            law=LAW, stiffness=1e5,
-        ),
-    ]  # fmt: skip
-    for call in calls:
-        with pytest.raises(ValueError, match=r"must be a law whose contacts end at δ = 0"):
-            call()
-    for method in ("event", "phase"):
-        with pytest.raises(ValueError, match="`method` must be"):
-            jc.impact(LAW, CONTACT, 1.0, method=method)
+    """The phase angle follows a contact to δ = 0."""
+    with pytest.raises(ValueError, match="`method` must be"):
+        jc.impact(LAW, CONTACT, 1.0, method="phase")
     with pytest.raises(ValueError, match="`tension` must be True for `JKR`"):
         jc.JKR(pull_off=1e-6, tension=False)
