@@ -100,6 +100,7 @@ if _TYPE_CHECKING:
     from ._laws import Tsuji as Tsuji
     from ._laws import Viscoplastic as Viscoplastic
     from ._laws import WaltonBraun as WaltonBraun
+    from ._laws import WetRestitution as WetRestitution
     from ._laws import ZhiyingQishao as ZhiyingQishao
     from ._laws import get_law as get_law
     from ._laws import list_laws as list_laws
@@ -148,8 +149,8 @@ _ROOMS = {
         "CarvalhoMartins ConstantDamping DMT Damped EnergyLoss ExactRestitution Flores Gonthier "
         "HerbertMcWhannell Hertz HuGuo HuntCrossley JKR Jankowski KelvinVoigt KuwabaraKono "
         "LankaraniNikravesh LeeWang LinearDashpot MarhefkaOrin PowerDamping PowerRestitution "
-        "StepDamping Thornton ThorntonPlastic Tsuji Viscoplastic WaltonBraun ZhiyingQishao get_law "
-        "list_laws register_law"
+        "StepDamping Thornton ThorntonPlastic Tsuji Viscoplastic WaltonBraun WetRestitution "
+        "ZhiyingQishao get_law list_laws register_law"
     ),
     "_scene": (
         "Box Ending Impacts Margin Plane Prescribed Run Scene Shell SolvedBy Sphere States Steady "

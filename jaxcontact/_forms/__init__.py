@@ -14,6 +14,7 @@ from .dashpot import DashpotForm as DashpotForm
 from .general import GeneralForm as GeneralForm
 from .hunt_crossley import HuntCrossleyForm as HuntCrossleyForm
 from .hunt_crossley import SpeedDependentForm as SpeedDependentForm
+from .hunt_crossley import StickingForm as StickingForm
 from .hunt_crossley import exact_damping_factor as exact_damping_factor
 from .hunt_crossley import rebound_exponent as rebound_exponent
 from .hunt_crossley import restitution_of as restitution_of

@@ -46,6 +46,7 @@ from .registry import parameters_of as parameters_of
 from .registry import register_law as register_law
 from .restitution_of_speed import Bridges as Bridges
 from .restitution_of_speed import PowerRestitution as PowerRestitution
+from .restitution_of_speed import WetRestitution as WetRestitution
 from .surface_adhesion import DMT as DMT
 from .surface_adhesion import JKR as JKR
 from .viscoelastic import KuwabaraKono as KuwabaraKono
