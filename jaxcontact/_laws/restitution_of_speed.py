@@ -153,7 +153,7 @@ class WetRestitution(AbstractRestitutionOfSpeed):
         if `velocity` is missing.
         """
         e = self.restitution_at(speed_for(velocity, self))
-        least = jnp.finfo(e.dtype).eps
+        least = float(jnp.finfo(e.dtype).eps)
         return exact_damping_factor(jnp.where(e < least, least, e))
 
     def form(self, contact: Contact | None, scale: Scale | None) -> StickingForm:
