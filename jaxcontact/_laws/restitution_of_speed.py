@@ -103,7 +103,9 @@ class WetRestitution(AbstractRestitutionOfSpeed):
 
     At or below v_c e = 0 and a free impact is SETTLED: the liquid stops the bodies, and their
     indentation, force and time of compression are NaN. No such force exists for e = 0. Its place
-    is taken by the one whose e is a rounding error of 1. Derivatives are zero there.
+    is taken by the one whose e is a rounding error of 1. Derivatives are zero there. Impacts under
+    a push and `bounce` find rest with it. A run of a scene stops where a ball sticks to a wall to
+    which it is pressed.
 
     Capillary forces, the inertia of the liquid and what the dry e owes to its own speed are not
     described. Raises ValueError for a Python scalar out of range. Source: Davis, Serayssol & Hinch
@@ -136,7 +138,8 @@ class WetRestitution(AbstractRestitutionOfSpeed):
         mu = as_parameter(viscosity, "viscosity", NOT_NEGATIVE)
         a = as_parameter(radius, "radius", NOT_NEGATIVE)
         drag = 6 * math.pi * mu * jnp.square(a)
-        return cls(e=e, critical_speed=drag * stokes / as_parameter(mass, "mass", POSITIVE))
+        dry = as_parameter(e, "e", RESTITUTION)
+        return cls(e=dry, critical_speed=drag * stokes / as_parameter(mass, "mass", POSITIVE))
 
     def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
         speed = as_parameter(velocity, "velocity")
