@@ -16,6 +16,7 @@ from .hunt_crossley import Hertz as Hertz
 from .hunt_crossley import MarhefkaOrin as MarhefkaOrin
 from .linear_damping import LinearDashpot as LinearDashpot
 from .linear_damping import StepDamping as StepDamping
+from .luding import Luding as Luding
 from .oscillator import AbstractOscillator as AbstractOscillator
 from .oscillator import AntypovElliott as AntypovElliott
 from .oscillator import Jankowski as Jankowski
