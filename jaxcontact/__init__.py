@@ -91,6 +91,7 @@ if _TYPE_CHECKING:
     from ._laws import LankaraniNikravesh as LankaraniNikravesh
     from ._laws import LeeWang as LeeWang
     from ._laws import LinearDashpot as LinearDashpot
+    from ._laws import Luding as Luding
     from ._laws import MarhefkaOrin as MarhefkaOrin
     from ._laws import PowerDamping as PowerDamping
     from ._laws import PowerRestitution as PowerRestitution
@@ -100,6 +101,7 @@ if _TYPE_CHECKING:
     from ._laws import Tsuji as Tsuji
     from ._laws import Viscoplastic as Viscoplastic
     from ._laws import WaltonBraun as WaltonBraun
+    from ._laws import WetRestitution as WetRestitution
     from ._laws import ZhiyingQishao as ZhiyingQishao
     from ._laws import get_law as get_law
     from ._laws import list_laws as list_laws
@@ -147,9 +149,9 @@ _ROOMS = {
         "VELOCITY_THRESHOLD AbstractHuntCrossley AbstractLaw AntypovElliott Bridges "
         "CarvalhoMartins ConstantDamping DMT Damped EnergyLoss ExactRestitution Flores Gonthier "
         "HerbertMcWhannell Hertz HuGuo HuntCrossley JKR Jankowski KelvinVoigt KuwabaraKono "
-        "LankaraniNikravesh LeeWang LinearDashpot MarhefkaOrin PowerDamping PowerRestitution "
-        "StepDamping Thornton ThorntonPlastic Tsuji Viscoplastic WaltonBraun ZhiyingQishao get_law "
-        "list_laws register_law"
+        "LankaraniNikravesh LeeWang LinearDashpot Luding MarhefkaOrin PowerDamping "
+        "PowerRestitution StepDamping Thornton ThorntonPlastic Tsuji Viscoplastic WaltonBraun "
+        "WetRestitution ZhiyingQishao get_law list_laws register_law"
     ),
     "_scene": (
         "Box Ending Impacts Margin Plane Prescribed Run Scene Shell SolvedBy Sphere States Steady "

@@ -108,6 +108,13 @@ def _bridges(at: Setting) -> Made:
     return given, _alpha_of(np.minimum(a * factor, 1))
 
 
+def _wet(at: Setting) -> Made:
+    delivered, share = (at.random.uniform(*of, at.mass.size) for of in ((0.05, 1), (0, 1)))
+    e = delivered ** (1 - share)
+    critical = np.asarray(at.speed * (1 - delivered / e), float)
+    return {"e": e, "critical_speed": critical}, _alpha_of(e * (1 - critical / at.speed))
+
+
 def _by_coefficient(at: Setting) -> Made:
     root = np.sqrt(at.stiffness * at.mass)
     c = at.between(1e-6, 10) * np.asarray(root, float)
@@ -200,6 +207,7 @@ LAWS = (
     Published("power_damping", "hunt_crossley", _by_power),
     Published("power_restitution", "hunt_crossley", _by_loss),
     Published("bridges", "hunt_crossley", _bridges),
+    Published("wet_restitution", "hunt_crossley", _wet),
     _family("hunt_crossley", lambda e: 3 * (1 - e) / 2),
     _family("lankarani_nikravesh", lambda e: 3 * (1 - e) * (1 + e) / 4),
     _family("flores", lambda e: 8 * (1 - e) / (5 * e)),

@@ -16,9 +16,12 @@ from .dashpot import DashpotForm as DashpotForm
 from .general import GeneralForm as GeneralForm
 from .hunt_crossley import HuntCrossleyForm as HuntCrossleyForm
 from .hunt_crossley import SpeedDependentForm as SpeedDependentForm
+from .hunt_crossley import StickingForm as StickingForm
 from .hunt_crossley import exact_damping_factor as exact_damping_factor
 from .hunt_crossley import rebound_exponent as rebound_exponent
 from .hunt_crossley import restitution_of as restitution_of
+from .luding import LudingForm as LudingForm
+from .luding import refuse_motion as refuse_motion
 from .oscillator import OscillatorForm as OscillatorForm
 from .plastic import AbstractPlasticForm as AbstractPlasticForm
 from .plastic import BilinearForm as BilinearForm

@@ -13,6 +13,7 @@ is positive, so nothing cancels at any α.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, ClassVar, Protocol
 
 import equinox as eqx
@@ -130,6 +131,35 @@ class HuntCrossleyForm(AbstractForm):
         fastest = e + jnp.abs(change.restitution) + doubt.restitution
         met = self.alpha * fastest >= 1
         return change, doubt._replace(restitution=jnp.where(met, jnp.inf, doubt.restitution))
+
+
+class StickingForm(HuntCrossleyForm):
+    """The Hunt-Crossley form of an impact that delivers e, or 0 if the bodies stick.
+
+    `delivered` is that e. No member of the family has e = 0: where it is 0 or a rounding error,
+    `alpha` is the one that delivers the rounding error of 1.
+    """
+
+    delivered: Lane
+
+    def restitution(self) -> Lane:
+        return self.delivered
+
+    def solve(self, n: Exponent) -> ScaledImpact:
+        """Return the solve of the family; bodies that stick have no indentation and force."""
+        scaled, sticks = super().solve(n), self.delivered <= 0
+
+        def known(value: Lane) -> Lane:
+            return jnp.where(sticks, jnp.nan, value)
+
+        return dataclasses.replace(
+            scaled,
+            restitution=self.delivered + jnp.zeros_like(scaled.restitution),
+            compression_time=known(scaled.compression_time),
+            max_indentation=known(scaled.max_indentation),
+            max_force=known(scaled.max_force),
+            settled=sticks,
+        )
 
 
 class HasDamping(Protocol):

@@ -18,6 +18,7 @@ from .hunt_crossley import Hertz as Hertz
 from .hunt_crossley import MarhefkaOrin as MarhefkaOrin
 from .linear_damping import LinearDashpot as LinearDashpot
 from .linear_damping import StepDamping as StepDamping
+from .luding import Luding as Luding
 from .oscillator import AbstractOscillator as AbstractOscillator
 from .oscillator import AntypovElliott as AntypovElliott
 from .oscillator import Jankowski as Jankowski
@@ -48,6 +49,7 @@ from .registry import parameters_of as parameters_of
 from .registry import register_law as register_law
 from .restitution_of_speed import Bridges as Bridges
 from .restitution_of_speed import PowerRestitution as PowerRestitution
+from .restitution_of_speed import WetRestitution as WetRestitution
 from .surface_adhesion import DMT as DMT
 from .surface_adhesion import JKR as JKR
 from .viscoelastic import KuwabaraKono as KuwabaraKono

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import abc
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Self
 
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._entry import NOT_NEGATIVE, POSITIVE, REAL, as_parameter, parameter
-from .._forms import exact_damping_factor
-from .base import speed_for
+from .._entry import NOT_NEGATIVE, POSITIVE, REAL, RESTITUTION, as_parameter, parameter
+from .._forms import StickingForm, exact_damping_factor
+from .base import needed, speed_for
 from .hunt_crossley import AbstractHuntCrossley
 from .registry import register_law
 
 if TYPE_CHECKING:
     from .._contact import Contact
+    from .._forms import Scale
 
 
 class AbstractRestitutionOfSpeed(AbstractHuntCrossley):
@@ -83,3 +85,84 @@ class PowerRestitution(AbstractRestitutionOfSpeed):
     def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
         place = as_parameter(velocity, "velocity") / self.reference
         return 1 - self.loss * jnp.exp(self.power * jnp.log(place))
+
+
+@register_law(
+    "wet_restitution",
+    formula="exact for e (1 - v_c/v0)",
+    source="Davis, Serayssol & Hinch 1986, doi 10.1017/S0022112086002392",
+    valid="v_c ≥ 0; sticks at or below v_c",
+)
+class WetRestitution(AbstractRestitutionOfSpeed):
+    """Bodies with a film of liquid between them: e (1 - v_c/v0), and 0 at or below v_c.
+
+    `e` in (0, 1] is the restitution of the dry contact. `critical_speed` v_c ≥ 0 in m/s is the
+    largest speed at which the bodies stick. With the Stokes number St = m v0/(6πμa²) it is the
+    speed of St_c, so that e (1 - v_c/v0) = e (1 - St_c/St); see `WetRestitution.of_liquid`. The
+    force is that member of the Hunt-Crossley family that delivers this e.
+
+    At or below v_c e = 0 and a free impact is SETTLED: the liquid stops the bodies, and their
+    indentation, force and time of compression are NaN. No such force exists for e = 0. Its place
+    is taken by the one whose e is a rounding error of 1. Derivatives are zero there. Impacts under
+    a push and `bounce` find rest with it. A run of a scene stops where a ball sticks to a wall to
+    which it is pressed.
+
+    Capillary forces, the inertia of the liquid and what the dry e owes to its own speed are not
+    described. Raises ValueError for a Python scalar out of range. Source: Davis, Serayssol & Hinch
+    (1986), J. Fluid Mech. 163:479, doi 10.1017/S0022112086002392; Davis, Rager & Good (2002),
+    J. Fluid Mech. 468:107, doi 10.1017/S0022112002001489.
+    """
+
+    e: Float[Array, "..."] = parameter("e", RESTITUTION)
+    critical_speed: Float[Array, "..."] = parameter("critical_speed", NOT_NEGATIVE, "m/s")
+
+    @classmethod
+    def of_liquid(
+        cls,
+        e: ArrayLike,
+        critical_stokes: ArrayLike,
+        viscosity: ArrayLike,
+        radius: ArrayLike,
+        mass: ArrayLike,
+    ) -> Self:
+        """Return the law of a liquid with v_c = 6πμa² St_c/m.
+
+        `critical_stokes` St_c ≥ 0 is measured, or follows from lubrication: a film that thins from
+        x0 to the roughness x_r with the force 6πμa² v/x takes the momentum 6πμa² ln(x0/x_r). Hence
+        St_c = ln(x0/x_r) if the film resists the approach alone, as one that cavitates, and
+        (1 + 1/e) ln(x0/x_r) if it resists separation alike. `viscosity` μ ≥ 0 in Pa s; `radius` a
+        in m and `mass` m > 0 in kg are effective, 1/a = 1/a1 + 1/a2 and 1/m = 1/m1 + 1/m2: those of
+        the sphere on a plane. Raises ValueError for a Python scalar out of range.
+        """
+        stokes = as_parameter(critical_stokes, "critical_stokes", NOT_NEGATIVE)
+        mu = as_parameter(viscosity, "viscosity", NOT_NEGATIVE)
+        a = as_parameter(radius, "radius", NOT_NEGATIVE)
+        drag = 6 * math.pi * mu * jnp.square(a)
+        dry = as_parameter(e, "e", RESTITUTION)
+        return cls(e=dry, critical_speed=drag * stokes / as_parameter(mass, "mass", POSITIVE))
+
+    def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
+        speed = as_parameter(velocity, "velocity")
+        rebounds = speed > self.critical_speed
+        # The quotient is not evaluated where it would overflow.
+        return jnp.where(
+            rebounds, self.e * (1 - self.critical_speed / jnp.where(rebounds, speed, 1)), 0
+        )
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        """Return the α that delivers e(v0), or a rounding error of 1 if that is larger; ValueError
+        if `velocity` is missing.
+        """
+        e = self.restitution_at(speed_for(velocity, self))
+        least = float(jnp.finfo(e.dtype).eps)
+        return exact_damping_factor(jnp.where(e < least, least, e))
+
+    def form(self, contact: Contact | None, scale: Scale | None) -> StickingForm:
+        speed = needed(scale, "velocity", self).speed
+        return StickingForm(
+            alpha=self.damping_factor(contact, speed),
+            tension=self.tension,
+            delivered=self.restitution_at(speed),
+        )

@@ -61,6 +61,7 @@ def test_every_law_with_e_delivers_something(rows):
                 "jkr",
                 "power_restitution",
                 "bridges",
+                "wet_restitution",
                 "linear_dashpot",
                 "step_damping",
             }

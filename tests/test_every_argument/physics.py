@@ -172,6 +172,16 @@ def cases() -> dict[str, Case]:
             )
             for law in (jc.DMT, jc.JKR)
         },
+        "WetRestitution.of_liquid": Case(
+            jc.WetRestitution.of_liquid,
+            {"e": 0.5, "critical_stokes": 1.0, "viscosity": 0.1, "radius": 0.1, "mass": 1.0},
+            {
+                "e": INSIDE | ARRAYS | JAX_SCALARS,
+                **dict.fromkeys(("critical_stokes", "viscosity", "radius"), POSITIVES | {"zero"}),
+                "mass": POSITIVES,
+            },
+            staged=True,
+        ),
         "JKR.sticking_speed": Case(
             jc.JKR(pull_off=0.1).sticking_speed, {}, {"contact": CONTACTS}, staged=True
         ),
@@ -212,6 +222,11 @@ def cases() -> dict[str, Case]:
                     jc.Bridges(a=0.5, power=0.2, reference=1.0),
                     {"velocity": REALS},
                 ),
+                (
+                    "WetRestitution",
+                    jc.WetRestitution(e=0.5, critical_speed=0.1),
+                    {"velocity": REALS},
+                ),
                 ("MarhefkaOrin", jc.MarhefkaOrin(a=1.0), {"velocity": REALS}),
                 ("EnergyLoss", jc.EnergyLoss(e=0.5, beta=2.5), {"contact": CONTACTS | NONE}),
             ]
@@ -224,6 +239,7 @@ def cases() -> dict[str, Case]:
                 jc.ThorntonPlastic(yield_speed=0.1),
                 jc.PowerRestitution(loss=0.1, power=0.2, reference=1.0),
                 jc.Bridges(a=0.5, power=0.2, reference=1.0),
+                jc.WetRestitution(e=0.5, critical_speed=0.1),
             )
         },
         "get_law": Case(jc.get_law, {"name": "hertz"}, {"name": NOTHING}),

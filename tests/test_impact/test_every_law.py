@@ -12,9 +12,10 @@ from tests.test_impact.support import finite
 
 OTHER = {"c": 3e6, "a": 0.05, "A": 2e-6, "alpha": 0.4, "beta": 2.2, "power": -0.4, "reference": 0.8}
 OTHER |= {"yield_speed": 0.3, "loss": 0.2, "ratio": 1.5, "slope": 200.0, "pull_off": 1e3}
+OTHER |= {"critical_speed": 0.2}
 # An undamped law: with e = 1, or with its own parameter 0.
 ELASTIC = OTHER | {"e": 1.0, "c": 0.0, "a": 0.0, "A": 0.0, "alpha": 0.0, "loss": 0.0}
-ELASTIC |= {"yield_speed": 9.0, "ratio": 1.0, "slope": 0.0, "pull_off": 1e-3}
+ELASTIC |= {"yield_speed": 9.0, "ratio": 1.0, "slope": 0.0, "pull_off": 1e-3, "critical_speed": 0.0}
 # Central differences of an outcome near 1: measured 1e-10, and 8e-15 between the modes.
 DIFFERENCE, STEP, MODES = 1e-8, 1e-5, 1e-12
 

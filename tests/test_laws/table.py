@@ -294,6 +294,13 @@ LAWS = {
         alpha=lambda a, p, reference, K, v: exact_alpha(min(mp.mpf(1), a * (v / reference) ** -p)),
         names=("a", "power", "reference"),
     ),
+    "wet_restitution": Law(
+        jc.WetRestitution,
+        ((0.85, 1e-3), (0.4, 0.5), (1.0, 0.0)),
+        # A force that delivers 0 has the place of one that delivers a rounding error.
+        alpha=lambda e, v_c, K, v: exact_alpha(max(e * (1 - v_c / v), mp.ldexp(1, -52))),
+        names=("e", "critical_speed"),
+    ),
     "linear_dashpot": Law(
         jc.LinearDashpot,
         ((50.0,), (2e3,), (0.0,)),

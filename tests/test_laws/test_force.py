@@ -133,6 +133,9 @@ def slope(law, row, argument):
                 # The next power is 3/2.
                 h = mp.mpf("1e-30")
             return float((-3 * at(0) + 4 * at(h) - at(2 * h)) / (2 * h))
+        # A critical speed of 0 at e = 1.
+        if argument == 6 and row[5:] == [1, 0]:
+            return float((-3 * at(0) + 4 * at(h) - at(2 * h)) / (2 * h))
         return float((at(h) - at(-h)) / (2 * h))
 
 

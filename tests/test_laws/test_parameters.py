@@ -62,6 +62,7 @@ def test_arrays_out_of_range_pass(name, argument):
         return
     needs = name in ("constant_damping", "power_damping", "marhefka_orin", "energy_loss")
     needs |= name in ("thornton_plastic", "power_restitution", "bridges")
+    needs |= name == "wet_restitution"
     needs |= name in ("viscoplastic", "walton_braun", "dmt", "jkr")
     contact = jc.Contact(mass=1.0, stiffness=1e8, exponent=law.exponent)
     found = jc.restitution(made, *((contact, 1.0) if needs else ()))
