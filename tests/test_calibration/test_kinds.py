@@ -7,7 +7,8 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._calibration.choice.kind import LogRestitution
-from jaxcontact._calibration.choice.kinds import ConstantC, kinds_of
+from jaxcontact._calibration.choice.kinds import ConstantC
+from jaxcontact._calibration.choice.selection import kinds_of
 from tests.test_calibration import oracle
 
 ORACLE = 1e-7
@@ -153,6 +154,29 @@ def test_a_restitution_that_falls_as_a_power_is_found():
     assert kind.contains(constant)
 
 
+SURFACES = {
+    "viscoplastic": {"yield_speed": 0.2, "c": 0.05},
+    "wet_restitution": {"e": 0.9, "critical_speed": 0.02},
+    "jkr": {"pull_off": 0.01},
+}
+
+
+@pytest.mark.parametrize("law", SURFACES)
+def test_metals_wet_and_adhesive_bodies_are_found(law):
+    """Their numbers from e without noise, in any contact, and not those of the others."""
+    (constant, kind), params = kinds_of(law, 1.5), SURFACES[law]
+    hard, v = jc.Contact(0.3, 7e4), np.geomspace(0.05, 5.0, 24)
+    made = kind.law_of(kind.moved(params, UNIT, hard), 1.0)
+    found = jc.choose_law(hard, v, np.asarray(jc.restitution(made, hard, v)), laws=law)
+    assert found.best == kind.name
+    for name, value in vars(made).items():
+        if name != "tension":
+            np.testing.assert_allclose(getattr(found.law(), name), value, rtol=1e-6)
+    start = kind.start(0.88, hard, 1.5)
+    assert abs(float(kind.restitution(start, hard, 1.5, jnp.ones(1) * 1.5)[0]) - 0.88) < 0.02
+    assert kind.contains(constant) == (law == "wet_restitution")
+
+
 @pytest.mark.parametrize("law", DASHPOTS)
 def test_the_curve_of_a_dashpot_is_that_of_its_law(law):
     """In any contact, by the combinations on which it depends; with the slope of its formula."""
@@ -193,7 +217,7 @@ def test_kinds_to_compare():
     everything += ["thornton_plastic", "power_restitution"]
     assert laws("all", 1.5) == ["exact", *everything]
     assert laws("all", 2.0) == laws("all", jnp.asarray(1.5)) == ANY_EXPONENT
-    for law in [*everything, "bridges", "linear_dashpot", "step_damping"]:
+    for law in [*everything, "bridges", *DASHPOTS, *SURFACES]:
         assert laws(law, 1.5) == ["exact", law]
     assert laws("hu_guo", 1.5) == ["hu_guo", *everything]
     assert laws("bridges", 2.0) == ["exact", "bridges"]

@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import operator
 from types import MappingProxyType
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..._contact import Contact
-from ..._entry import did_you_mean, rendered
 from ..._fit import Between, Free, Positive
 from ..._impact import restitution
-from ..._laws import AbstractLaw, Damped, constant_laws, describe
+from ..._laws import Damped
 from .clamped import clamped_restitution
 from .kind import AbstractKind, Combination
 
-_LEAST_E = 1e-6
-_HERTZ = 1.5
+LEAST_E = 1e-6
+HERTZ = 1.5
 _POWER = Combination(Free(), "power")
 _STIFFNESS = frozenset({"stiffness"})
-_BOTH = frozenset({"mass", "stiffness"})
+BOTH = frozenset({"mass", "stiffness"})
 
 
 def _spring(mass: Any, stiffness: Any) -> Any:
@@ -37,7 +34,7 @@ def _depth(mass: Any, stiffness: Any) -> Any:
     return (mass / stiffness) ** 0.4
 
 
-def _dashpot(mass: Any, stiffness: Any) -> Any:
+def dashpot(mass: Any, stiffness: Any) -> Any:
     """Return a dashpot in N s/m over v^(1/5)."""
     return mass**0.6 * stiffness**0.4
 
@@ -105,9 +102,9 @@ class Viscoelastic(AbstractKind):
     name: str = "Kuwabara-Kono"
     unidentified = "A, K and m separately: e(v) determines only A (K/m)^(2/5)"
     parameters = MappingProxyType(
-        {"A": Combination(Positive(), "A (K/m)^(2/5)", "(m/s)^(-1/5)", _depth, "s", _BOTH)}
+        {"A": Combination(Positive(), "A (K/m)^(2/5)", "(m/s)^(-1/5)", _depth, "s", BOTH)}
     )
-    exponent = _HERTZ
+    exponent = HERTZ
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return A of 1 - e ≈ 1.15344 (3/2) A (K/m)^(2/5) v^(1/5), capped for large losses."""
@@ -127,7 +124,7 @@ class Plastic(AbstractKind):
     name: str = "elastic-plastic"
     unidentified = "yield pressure, E, R and m separately: e(v) determines only the yield speed"
     parameters = MappingProxyType({"yield_speed": Combination(Positive(), "yield speed", "m/s")})
-    exponent = _HERTZ
+    exponent = HERTZ
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return r = v_y/v from a formula that is 1 at e = 1 and near e⁴ far beyond yielding."""
@@ -151,7 +148,7 @@ class PowerOfLoss(AbstractKind):
 
     def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
         """Return the curve, kept above 0, where its logarithm is defined."""
-        return jnp.maximum(super().curve(law, contact, velocity), _LEAST_E)
+        return jnp.maximum(super().curve(law, contact, velocity), LEAST_E)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,17 +174,13 @@ class Dashpot(AbstractKind):
     name: str = "linear dashpot"
     unidentified = "c, K and m separately: e(v) determines only c/(m^(3/5) K^(2/5))"
     parameters = MappingProxyType(
-        {
-            "c": Combination(
-                Positive(), "c/(m^(3/5) K^(2/5))", "(m/s)^(1/5)", _dashpot, "N s/m", _BOTH
-            )
-        }
+        {"c": Combination(Positive(), "c/(m^(3/5) K^(2/5))", "(m/s)^(1/5)", dashpot, "N s/m", BOTH)}
     )
-    exponent = _HERTZ
+    exponent = HERTZ
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return c of ln e = -1.6 c/(m^(3/5) K^(2/5)) v^(-1/5), which nearly delivers e."""
-        scale = _dashpot(contact.mass, contact.stiffness)
+        scale = dashpot(contact.mass, contact.stiffness)
         return {"c": -math.log(e) / 1.6 * reference**0.2 * scale}
 
     def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
@@ -204,7 +197,7 @@ class Stepped(Dashpot):
     parameters = MappingProxyType(
         {
             "c_max": Dashpot.parameters["c"]._replace(name="c_max/(m^(3/5) K^(2/5))"),
-            "d": Combination(Positive(), "d (K/m)^(2/5)", "(m/s)^(4/5)", _depth, "m", _BOTH),
+            "d": Combination(Positive(), "d (K/m)^(2/5)", "(m/s)^(4/5)", _depth, "m", BOTH),
         }
     )
 
@@ -212,56 +205,3 @@ class Stepped(Dashpot):
         """Return d as 0.3 of the elastic indentation, and c_max."""
         depth = 0.3 * reference**0.8 * _depth(float(contact.mass), float(contact.stiffness))
         return {"c_max": 1.1 * super().start(e, contact, reference)["c"], "d": depth}
-
-
-SPEED_DEPENDENT: tuple[AbstractKind, ...] = (
-    *(ConstantC(), PowerOfSpeed(), Viscoelastic()),
-    *(Plastic(), PowerOfLoss()),
-)
-
-ON_REQUEST: tuple[AbstractKind, ...] = (PowerOfRestitution(), Dashpot(), Stepped())
-"""Kinds that are compared only if their law is named.
-
-Few tables of e(v) separate a v^-p from the curve of plastic spheres, which falls as v^(-1/4). If
-both were compared, no choice of either would be sure. The curves of dashpots have no formula.
-"""
-
-
-def kinds_of(laws: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
-    """Return the kinds to compare: a constant e first, then one or all speed-dependent kinds.
-
-    `laws` "all" compares the exact constant e with all of them, except those on request. The name
-    of a speed-dependent law, including those on request, compares it with the exact constant e. The
-    name of a law with parameter e makes that law deliver the constant e. Kinds that are unknown for
-    the exponent are left out. Raises ValueError for any other name.
-    """
-    others = tuple(kind for kind in SPEED_DEPENDENT if kind.serves(exponent))
-    asked = tuple(kind for kind in ON_REQUEST if kind.serves(exponent))
-    by_law = {kind.law: kind for kind in (*others, *asked)}
-    choices = ["all", *constant_laws(), *by_law]
-    if not isinstance(laws, str) or laws not in choices:
-        raise ValueError(
-            f"Argument `laws` must be one of {', '.join(choices)}, but is {rendered(laws)}."
-            f"{did_you_mean(laws, choices)}"
-        )
-    if laws == "all":
-        return (ConstantE(), *others)
-    if laws in by_law:
-        return (ConstantE(), by_law[laws])
-    name = "constant e" if laws == "exact" else f"constant e ({laws})"
-    return (ConstantE(laws, name), *others)
-
-
-def kind_of_law(law: AbstractLaw) -> AbstractKind:
-    """Return the kind with the e(v) of a law."""
-    kinds = (*SPEED_DEPENDENT, *ON_REQUEST)
-    return next((one for one in kinds if describe(one.law).cls is type(law)), ConstantE())
-
-
-def law_in(law: AbstractLaw, old: Contact, new: Contact) -> AbstractLaw:
-    """Return the law with the same e(v) in another contact."""
-    kind = kind_of_law(law)
-    params = {name: getattr(law, name) for name in kind.transforms if hasattr(law, name)}
-    for name, value in kind.moved(params, old, new).items():
-        law = eqx.tree_at(operator.attrgetter(name), law, value)
-    return law

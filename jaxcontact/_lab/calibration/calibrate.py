@@ -12,8 +12,8 @@ from jaxtyping import ArrayLike
 
 from ..._calibration.choice.choose_law import choose
 from ..._calibration.choice.kind import AbstractKind
-from ..._calibration.choice.kinds import kinds_of
 from ..._calibration.choice.law_choice import LawChoice, kind_asked
+from ..._calibration.choice.selection import kinds_of
 from ..._calibration.choice.table import ChoiceTable, errors_of
 from ..._calibration.pairs.columns import column
 from ..._calibration.pairs.outliers import THRESHOLD, Outliers, find_outliers
