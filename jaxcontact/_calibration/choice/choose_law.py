@@ -59,9 +59,9 @@ def choose_law(
     - 1 - b v^p;
     - for n = 3/2, Kuwabara and Kono's law, and Thornton's law of elastic-plastic spheres.
 
-    Three more are compared with a constant e if `laws` names them. "bridges" is min(1, a v^-p),
-    which few tables separate from the curve of plastic spheres. "linear_dashpot" and "step_damping"
-    need n = 3/2.
+    Others are compared with a constant e if `laws` names them. "bridges" is min(1, a v^-p), which
+    few tables separate from the curve of plastic spheres. "wet_restitution" is e (1 - v_c/v). For
+    n = 3/2 these are also "viscoplastic", "jkr", "linear_dashpot" and "step_damping".
 
     One fit for each kind minimises Σ ((ln e_k - ln e(v_k))/σ_k)². It is the same calibration that
     `jaxcontact calibrate` and `calibrate` make of the table. Logarithms of measured contact times

@@ -99,10 +99,10 @@ Coulomb, Walton or Maw-Barber-Fawcett. They need e, from a column or --restituti
 is fitted otherwise.
 
 --law NAME: `constant_damping`, `power_damping`, `kuwabara_kono`, `thornton_plastic`,
-`power_restitution`, `bridges`, `linear_dashpot` or `step_damping` is compared with a constant e; a
-law with parameter e (see `jaxcontact laws`) delivers the constant e and is compared with all of
-them but the last three, which few recordings distinguish from the others. --law all, the default,
-does this for the exact constant e. Every law with parameter e delivers a constant e; the report
+`power_restitution`, `bridges`, `linear_dashpot`, `step_damping`, `viscoplastic`, `wet_restitution`
+or `jkr` is compared with a constant e; a law with parameter e (see `jaxcontact laws`) delivers the
+constant e and is compared with the first five of them; few recordings distinguish the others from
+those. --law all, the default, does this for the exact constant e. Every law with parameter e delivers a constant e; the report
 lists the e to set in each.
 
 e(v) alone determines only c/K of constant damping and only A (K/m)^(2/5) of Kuwabara-Kono.
