@@ -33,7 +33,7 @@ class Luding(AbstractLaw):
     δ_min = δ_m (K_u-K)/(K_u+K_c) on the force is -K_c δ. The contact ends at δ = 0, also without
     adhesion. Hence, with κ = K_u/K and η = K_c/K,
 
-        e² = (1 + 2η - ηκ)/(κ + η),
+        e² = (1 - η (κ - 2))/(κ + η),
 
     and bodies with η (κ - 2) ≥ 1 stick: e = 0 and the status is SETTLED. For slope = 0 neither
     depends on the speed. Without damping they would then oscillate for ever. The exponent is 1.

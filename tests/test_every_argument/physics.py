@@ -195,6 +195,7 @@ def cases() -> dict[str, Case]:
             for law in (
                 jc.ThorntonPlastic(yield_speed=0.1),
                 jc.Viscoplastic(yield_speed=0.1, c=1.0),
+                jc.Luding(ratio=1.5, slope=0.0, adhesion=0.1),
             )
         },
         **{
