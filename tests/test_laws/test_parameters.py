@@ -168,7 +168,7 @@ def test_which_laws_pull_by_default():
     pulls = {name for name, law in LAWS.items() if law.make(*law.parameters[0]).tension}
     assert pulls == {
         *("kelvin_voigt", "antypov_elliott", "tsuji", "jankowski", "kuwabara_kono"),
-        *("dmt", "jkr"),
+        *("dmt", "jkr", "luding"),
     }
 
 
