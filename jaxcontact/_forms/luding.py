@@ -36,7 +36,7 @@ class LudingForm(AbstractForm):
     def _square(self) -> Lane:
         """Return e², negative if the bodies stick."""
         factor, adhesion = self.factor + self.slope, self.adhesion
-        return (1 + 2 * adhesion - adhesion * factor) / (factor + adhesion)
+        return (1 - adhesion * (factor - 2)) / (factor + adhesion)
 
     def restitution(self) -> Lane:
         square = self._square()

@@ -28,12 +28,12 @@ class Luding(AbstractLaw):
     """Luding's contact: F = K δ while loading, K_u (δ - δ_0) on the way back, but at least -K_c δ.
 
     `ratio` ≥ 1 is K_u/K without load. `slope` ≥ 0 in 1/m makes unloading stiffer with the largest
-    force, K_u = ratio K + slope F_max, without Luding's upper bound of K_u. `adhesion` ≥ 0 is K_c/K.
-    The way back begins at the largest indentation δ_m, so that δ_0 = (1 - K/K_u) δ_m. From
+    force, K_u = ratio K + slope F_max, without Luding's upper bound. `adhesion` ≥ 0 is K_c/K. The
+    way back begins at the largest indentation δ_m, so that δ_0 = (1 - K/K_u) δ_m. From
     δ_min = δ_m (K_u-K)/(K_u+K_c) on the force is -K_c δ. The contact ends at δ = 0, also without
     adhesion. Hence, with κ = K_u/K and η = K_c/K,
 
-        e² = (1 + 2η - ηκ)/(κ + η),
+        e² = (1 - η (κ - 2))/(κ + η),
 
     and bodies with η (κ - 2) ≥ 1 stick: e = 0 and the status is SETTLED. For slope = 0 neither
     depends on the speed. Without damping they would then oscillate for ever. The exponent is 1.
@@ -79,9 +79,7 @@ class Luding(AbstractLaw):
         depth, _, _ = force_arguments(indentation, velocity, contact, impact_velocity)
         require_exponent(self, contact)
         pressed = jnp.maximum(depth, 0)
-        if largest is None:
-            return contact.stiffness * pressed
-        most = as_parameter(largest, "largest")
+        most = jnp.zeros_like(depth) if largest is None else as_parameter(largest, "largest")
         factor = self.ratio + self.slope * most
         back = jnp.maximum(most - factor * (most - pressed), -self.adhesion * pressed)
         return contact.stiffness * jnp.where(depth >= most, pressed, back)

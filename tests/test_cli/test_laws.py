@@ -57,6 +57,7 @@ def test_every_law_with_e_delivers_something(rows):
                 "thornton_plastic",
                 "viscoplastic",
                 "walton_braun",
+                "luding",
                 "dmt",
                 "jkr",
                 "power_restitution",

@@ -54,7 +54,9 @@ def constructed(law):
         for name, allowed in ranges(law).items()
     }
     # What unloads to zero force never pulls.
-    return Case(law, good, legal | {"tension": NOTHING if law.remembers else FLAG})
+    # Laws that remember never pull, except Luding's.
+    never = law.remembers and law is not jc.Luding
+    return Case(law, good, legal | {"tension": NOTHING if never else FLAG})
 
 
 def a_bounce():

@@ -12,7 +12,7 @@ from tests.test_impact.support import finite
 
 OTHER = {"c": 3e6, "a": 0.05, "A": 2e-6, "alpha": 0.4, "beta": 2.2, "power": -0.4, "reference": 0.8}
 OTHER |= {"yield_speed": 0.3, "loss": 0.2, "ratio": 1.5, "slope": 200.0, "pull_off": 1e3}
-OTHER |= {"critical_speed": 0.2}
+OTHER |= {"critical_speed": 0.2, "adhesion": 0.3}
 # An undamped law: with e = 1, or with its own parameter 0.
 ELASTIC = OTHER | {"e": 1.0, "c": 0.0, "a": 0.0, "A": 0.0, "alpha": 0.0, "loss": 0.0}
 ELASTIC |= {"yield_speed": 9.0, "ratio": 1.0, "slope": 0.0, "pull_off": 1e-3, "critical_speed": 0.0}
@@ -41,7 +41,9 @@ def parameters(name, e, others):
 
 
 def contact_of(name):
-    return LINEAR if name in ("kelvin_voigt", "linear_dashpot", "walton_braun") else CONTACT
+    return (
+        LINEAR if name in ("kelvin_voigt", "linear_dashpot", "walton_braun", "luding") else CONTACT
+    )
 
 
 def solver(name):

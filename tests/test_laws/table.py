@@ -282,6 +282,14 @@ LAWS = {
         names=("ratio", "slope"),
         exponent=1.0,
     ),
+    # Without `largest`, its force is that of loading.
+    "luding": Law(
+        jc.Luding,
+        ((1.5, 2e3, 0.3), (1.0, 4e4, 1.0), (1.0, 0.0, 0.0)),
+        loading=lambda d, v, K, m, ratio, slope, adhesion: K * d,
+        names=("ratio", "slope", "adhesion"),
+        exponent=1.0,
+    ),
     "power_restitution": Law(
         jc.PowerRestitution,
         ((0.1, 0.25, 1.5), (0.5, 0.1, 5.0), (0.0, 0.0, 1.0)),

@@ -63,7 +63,7 @@ def test_arrays_out_of_range_pass(name, argument):
     needs = name in ("constant_damping", "power_damping", "marhefka_orin", "energy_loss")
     needs |= name in ("thornton_plastic", "power_restitution", "bridges")
     needs |= name == "wet_restitution"
-    needs |= name in ("viscoplastic", "walton_braun", "dmt", "jkr")
+    needs |= name in ("viscoplastic", "walton_braun", "luding", "dmt", "jkr")
     contact = jc.Contact(mass=1.0, stiffness=1e8, exponent=law.exponent)
     found = jc.restitution(made, *((contact, 1.0) if needs else ()))
     np.testing.assert_array_equal(np.isnan(found), [True] * (len(numbers) + 1) + [False])
@@ -168,7 +168,7 @@ def test_which_laws_pull_by_default():
     pulls = {name for name, law in LAWS.items() if law.make(*law.parameters[0]).tension}
     assert pulls == {
         *("kelvin_voigt", "antypov_elliott", "tsuji", "jankowski", "kuwabara_kono"),
-        *("dmt", "jkr"),
+        *("dmt", "jkr", "luding"),
     }
 
 

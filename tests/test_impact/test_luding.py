@@ -1,0 +1,191 @@
+"""Luding's contact, by formula beside an integration from event to event."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+
+FORMULA = 1e-14
+"""Beside an integration at 40 digits: measured 1e-15."""
+SLOPES = 1e-8
+"""Central differences with h = 1e-5: measured 2e-10."""
+SINGLE = 3e-6
+"""Of float32: measured 5e-7."""
+
+SPRING = jc.Contact(mass=0.3, stiffness=2e6, exponent=1.0)
+NUMBERS = ["restitution", "duration", "compression_time", "max_indentation", "max_force"]
+NUMBERS += ["min_force"]
+# Ratios of stiffness and adhesion: usual, elastic, without adhesion, strong, close to sticking.
+CASES = [(1.5, 0.3), (1.0, 0.7), (4.0, 0.0), (1.2, 20.0), (3.0, 0.5), (3.0, 0.999), (30.0, 0.03)]
+
+
+def part(rate, centre, state, watch):
+    """The motion x'' = -rate (x - centre) by Taylor steps until `watch` of it changes its sign."""
+    (x, v), time, step = state, mp.mpf(0), mp.mpf("0.125")
+
+    def after(t):
+        terms = [x - centre, v]
+        for k in range(40):
+            terms.append(-rate * terms[k] / ((k + 1) * (k + 2)))
+        speeds = [k * term for k, term in enumerate(terms)][1:]
+        terms[0] = x
+        return [
+            functools.reduce(lambda total, term: total * t + term, reversed(row))
+            for row in (terms, speeds)
+        ]
+
+    while watch(*after(step)) > 0:
+        (x, v), time = after(step), time + step
+    low, high = mp.mpf(0), step
+    for _ in range(135):
+        middle = (low + high) / 2
+        low, high = (middle, high) if watch(*after(middle)) > 0 else (low, middle)
+    return time + low, after(low)
+
+
+@functools.cache
+def followed(factor, adhesion):
+    """The numbers of an impact in units of x'' = -f, v0 = 1, from event to event."""
+    with mp.workdps(40):
+        k, c = (mp.mpf(repr(x)) for x in (factor, adhesion))
+        turn, state = part(1, 0, [mp.mpf(0), mp.mpf(1)], lambda x, v: v)
+        most = state[0]
+        end = most * (1 - 1 / k)
+        # Where the way back meets -cx; an elastic one meets it at x = 0.
+        back, state = part(k, end, [most, mp.mpf(0)], lambda x, v: k * (x - end) + c * x)
+        pull = c * state[0]
+        last = mp.mpf(0)
+        if k > 1:
+            last, state = part(-c, 0, state, lambda x, v: x)
+        return [float(x) for x in (-state[1], turn + back + last, turn, most, most, -pull)]
+
+
+def scaled(hit, speed):
+    frequency = np.sqrt(2e6 / 0.3)
+    length = speed / frequency
+    units = [1, 1 / frequency, 1 / frequency, length, 2e6 * length, 2e6 * length]
+    found = [getattr(hit, name) for name in NUMBERS]
+    return np.stack([np.asarray(x) / unit for x, unit in zip(found, units, strict=True)], axis=-1)
+
+
+def test_impacts_from_event_to_event():
+    ratio, adhesion = np.transpose(CASES)
+    hit = jc.impact(jc.Luding(ratio=ratio, slope=0.0, adhesion=adhesion), SPRING, 0.7)
+    expected = [followed(*case) for case in CASES]
+    np.testing.assert_allclose(scaled(hit, 0.7), expected, rtol=FORMULA, atol=1e-30)
+    energy = 0.3 * 0.7**2 / 2
+    np.testing.assert_allclose(hit.energy_loss, energy * (1 - hit.restitution**2), atol=1e-15)
+    # Without slope e does not depend on the speed.
+    faster = jc.impact(jc.Luding(ratio=ratio, slope=0.0, adhesion=adhesion), SPRING, 7.0)
+    np.testing.assert_array_equal(faster.restitution, hit.restitution)
+
+
+def test_a_slope_makes_the_way_back_stiffer():
+    length = 0.7 * np.sqrt(0.3 / 2e6)
+    hit = jc.impact(jc.Luding(ratio=1.5, slope=1.5 / length, adhesion=0.5), SPRING, 0.7)
+    np.testing.assert_allclose(scaled(hit, 0.7), followed(3.0, 0.5), rtol=FORMULA)
+    # Without adhesion it is Walton and Braun's contact, followed until δ = 0.
+    plastic = jc.impact(jc.WaltonBraun(ratio=1.2, slope=200.0), SPRING, 0.7)
+    hit = jc.impact(jc.Luding(ratio=1.2, slope=200.0, adhesion=0.0), SPRING, 0.7)
+    np.testing.assert_allclose(hit.restitution, plastic.restitution, rtol=FORMULA)
+    # The way from δ_p at the rebound velocity.
+    factor = 1.2 + 200 * length
+    glide = length * (1 - 1 / factor) / hit.rebound_velocity
+    np.testing.assert_allclose(hit.duration, plastic.duration + glide, rtol=FORMULA)
+
+
+def test_bodies_stick_from_a_ratio_on():
+    """η (κ - 2) ≥ 1; the pull at δ_min is reached if the way back has the energy."""
+    ratio = jnp.array([3.999, 4.0, 4.001, 40.0, 1e6])
+    law = jc.Luding(ratio=ratio, slope=0.0, adhesion=0.5)
+    hit = jc.impact(law, SPRING, 0.7)
+    np.testing.assert_array_equal(hit.status, [0, 1, 1, 1, 1])
+    np.testing.assert_array_equal(jc.restitution(law, SPRING, 0.7) > 0, [True] + [False] * 4)
+    np.testing.assert_array_equal(hit.duration[1:], np.inf)
+    # The energy that unloading returns is 1/(2κ), and the stiff spring takes it up to a pull of 1.
+    pulls = np.minimum(0.5 * (ratio - 1) / (ratio + 0.5), 1)
+    np.testing.assert_allclose(scaled(hit, 0.7)[:, -1], -pulls, rtol=FORMULA)
+    strong = jc.impact(jc.Luding(ratio=5.0, slope=0.0, adhesion=10.0), SPRING, 0.7)
+    np.testing.assert_allclose(scaled(strong, 0.7)[-1], -1, rtol=FORMULA)
+
+
+def test_the_force_of_each_part():
+    law = jc.Luding(ratio=1.5, slope=500.0, adhesion=0.4)
+    most, factor = 1e-3, 2.0
+    end, least = most * (1 - 1 / factor), most * (factor - 1) / (factor + 0.4)
+    depth = np.array([-1e-4, 0.0, 1e-4, least, end, 9e-4, most, 2e-3])
+    force = law.force(depth, 0.0, SPRING, 1.0, largest=most)
+    expected = [0, 0, -0.4e-4, -0.4 * least, 0, 2 * (9e-4 - end), most, 2e-3]
+    np.testing.assert_allclose(force, 2e6 * np.array(expected), rtol=FORMULA, atol=1e-12)
+    np.testing.assert_allclose(
+        law.force(depth, 0.0, SPRING, 1.0), 2e6 * np.maximum(depth, 0), rtol=FORMULA
+    )
+
+
+def test_derivatives_in_both_modes():
+    def numbers(given):
+        ratio, slope, adhesion, speed = given
+        law = jc.Luding(ratio=ratio, slope=slope, adhesion=adhesion)
+        hit = jc.impact(law, SPRING, speed)
+        return jnp.stack([getattr(hit, name) for name in NUMBERS])
+
+    both = jax.jacfwd(numbers), jax.jacrev(numbers)
+    values, forward, backward = (jax.jit(jax.vmap(f)) for f in (numbers, *both))
+    at = jnp.array([[1.5, 30.0, 0.3, 0.7], [3.0, 30.0, 0.5, 0.7], [3.0, 9.0, 3e-3, 2.0]])
+    slopes = forward(at)
+    np.testing.assert_allclose(slopes, backward(at), rtol=1e-11, atol=1e-18)
+    size = np.abs(values(at))
+    for k in range(4):
+        step = 1e-5 * at[:, k]
+        up, down = (values(at.at[:, k].add(sign * step)) for sign in (1, -1))
+        difference = (up - down) / 2e-5 / size
+        np.testing.assert_allclose(
+            slopes[:, :, k] * at[:, k : k + 1] / size, difference, atol=SLOPES
+        )
+    # At the edges: elastic, without adhesion, and bodies that stick.
+    edges = forward(jnp.array([[1.0, 0.0, 0.3, 0.7], [2.0, 0.0, 0.0, 0.7], [9.0, 0.0, 1.0, 0.7]]))
+    assert np.all(np.isfinite(edges))
+    np.testing.assert_allclose(edges[0, 0, 0], -(1 + 0.3) / (1 + 0.3) / 2, rtol=FORMULA)
+    np.testing.assert_array_equal(edges[2, :2], 0)
+
+
+def test_single_precision():
+    single = jc.Contact(jnp.float32(0.3), jnp.float32(2e6), 1.0)
+    law = jc.Luding(
+        ratio=jnp.asarray([1.5, 0.5], "float32"), slope=jnp.float32(0), adhesion=jnp.float32(0.3)
+    )
+    hit = jc.impact(law, single, jnp.float32(0.7))
+    np.testing.assert_array_equal(hit.ok, [True, False])
+    exact = jc.impact(jc.Luding(ratio=1.5, slope=0.0, adhesion=0.3), SPRING, 0.7)
+    for name in NUMBERS:
+        np.testing.assert_allclose(getattr(hit, name)[0], getattr(exact, name), rtol=SINGLE)
+
+
+def test_where_it_is_refused():
+    """A contact that closes again from below δ_min would need a smaller memory."""
+    law = jc.Luding(ratio=1.5, slope=0.0, adhesion=0.3)
+    ball = jc.Sphere(radius=0.01, mass=0.1, position=(0.0,), velocity=(1.0,))
+    wall = jc.Plane(point=(0.1,), normal=(-1.0,))
+    scene = jc.Scene(bodies=[ball, wall], law=law, stiffness=1e5, exponent=1.0)
+    calls = [
+        lambda: jc.impact(law, SPRING, 1.0, external_force=1e-3),
+        lambda: jc.impact(law, SPRING, 1.0, method="event"),
+        lambda: jc.impact(law, SPRING, 1.0, method="phase"),
+        lambda: jc.trajectory(law, SPRING, 1.0),
+        lambda: jc.bounce(law, SPRING, height=1.0, gravity_in_contact=True),
+        lambda: jc.simulate(scene, 1.0),
+    ]
+    for call in calls:
+        with pytest.raises(ValueError, match="must be a law that is followed in time here"):
+            call()
+    # These need no force.
+    assert jc.bounce(law, SPRING, height=1.0).at_rest
+    run = jc.simulate(scene, 1.0, instantaneous=True)
+    np.testing.assert_allclose(run.impacts.restitution, followed(1.5, 0.3)[0], rtol=FORMULA)
+    with pytest.raises(ValueError, match="`tension` must be True for `Luding`"):
+        jc.Luding(ratio=1.5, slope=0.0, adhesion=0.3, tension=False)
