@@ -57,10 +57,25 @@ class Settled(NamedTuple):
     redundant: Flag
 
 
+class Fixed(NamedTuple):
+    """The numbers in the gaps of events that have no slopes: the latched speeds, the largest
+    indentations, those at which contacts end, and those below which they follow their adhesion.
+    """
+
+    latched: Any
+    deepest: Any
+    ends: Any
+    least: Any
+
+
+NO_SLOPES = Fixed(0, 0, None, 0)
+
+
 class LoopRules(NamedTuple):
     """The static rules of a coupled solve. `peak`: whether v0 follows its peak. `until_change` and
     `max_steps` determine its end. `flies`: whether it goes on without contacts. `sticks`: whether
-    contacts stick and slip. `remembers`: whether forces depend on the largest indentation so far.
+    contacts stick and slip. `remembers`: whether forces depend on the largest indentation so far;
+    `forgets`: whether that may shrink.
     """
 
     peak: bool
@@ -69,11 +84,12 @@ class LoopRules(NamedTuple):
     flies: bool = False
     sticks: bool = False
     remembers: bool = False
+    forgets: bool = False
 
     @property
     def events(self) -> int:
         """The number of events of each contact."""
-        return 1 + self.peak + self.remembers + self.sticks
+        return 1 + self.peak + self.remembers + self.forgets + self.sticks
 
 
 class AbstractCoupledField(abc.ABC):
@@ -127,6 +143,22 @@ class AbstractCoupledField(abc.ABC):
             return jnp.square(w)
         # The force beyond the end is that of a negative root.
         return self.ends + w * jnp.abs(w)
+
+    def least(self, deepest: PerContact) -> PerContact:
+        """Return the indentations below which contacts that unload follow their adhesion."""
+        # Called only for fields whose contacts forget, which define these two.
+        raise NotImplementedError
+
+    def shrunk(self, depth: PerContact) -> PerContact:
+        """Return the largest indentations of contacts that close again from there."""
+        raise NotImplementedError
+
+    def fixed(self, modes: Modes) -> Fixed:
+        """Return the numbers in the gaps of events that have no slopes."""
+        deepest, least = modes.deepest, None
+        if self.rules.forgets and deepest is not None:
+            least = self.least(deepest)
+        return Fixed(modes.latched, deepest, self.ends, least)
 
     def torn(self, modes: Modes) -> PerContact:
         """Return the energy that is lost when closed contacts end."""
@@ -215,19 +247,21 @@ class AbstractCoupledField(abc.ABC):
         return jax.jvp(lambda d, r: self.force(d, r, modes), at, along)[1]
 
     def gaps(
-        self, modes: Modes, clock: ContactClock, at: Look, w: Array, fixed: Any, left: Array
+        self, modes: Modes, clock: ContactClock, at: Look, w: Array, fixed: Fixed, left: Array
     ) -> Any:
-        """Return the gaps that fall through zero at events, or their slopes if slopes are given.
-        `fixed` holds the latched speeds, the largest indentations and those of the ends, which have
-        no slopes.
+        """Return the gaps that fall through zero at events, or their slopes if slopes are given,
+        with `NO_SLOPES` for `fixed`.
         """
-        latched, deepest, ends = fixed
+        latched, deepest, ends, least = fixed
         above = at.depth if ends is None else at.depth - ends
         gaps = [jnp.where(clock.leaving, w, jnp.where(modes.closed, above, -at.depth))]
         if self.rules.peak:
             gaps.append(jnp.where(modes.rising, at.second, latched - at.rate))
         if self.rules.remembers:
             gaps.append(jnp.where(modes.loads, at.rate, deepest - at.depth))
+        if modes.adheres is not None:
+            back = jnp.where(modes.adheres, -at.rate, at.depth - least)
+            gaps.append(jnp.where(modes.loads, at.rate, back))
         slips = [] if at.grip is None else [at.grip.hold]
         return jnp.concatenate([*gaps, *slips, left[None]])
 
@@ -240,6 +274,9 @@ class AbstractCoupledField(abc.ABC):
             passed.append(self.used & modes.closed & peaks)
         if self.rules.remembers:
             passed.append(self.used & modes.closed & (modes.loads | (at.rate > 0)))
+        if modes.adheres is not None:
+            back = jnp.where(modes.adheres, at.rate > 0, at.rate < 0)
+            passed.append(self.used & modes.closed & ~modes.loads & back)
         slips = [] if at.grip is None else [self._slips(modes, at.grip)]
         return (gaps < 0) & jnp.concatenate([*passed, *slips, last])
 

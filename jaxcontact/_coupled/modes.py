@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .scalars import Number
@@ -52,7 +53,8 @@ class Modes(NamedTuple):
     """The modes between two events: the closed contacts, the source of their v0, and the effective
     masses that they began with, if these depend on the motion. `slide`: the signs of the slips, 0
     for contacts that stick, if contacts stick and slip. `deepest`: the largest indentations of
-    contacts that unload, 0 for those that load, if forces depend on them.
+    contacts that unload, 0 for those that load, if forces depend on them. `adheres`: those of them
+    that follow their adhesion, if a law forgets.
     """
 
     closed: Flags
@@ -61,6 +63,14 @@ class Modes(NamedTuple):
     mass: PerContact | None = None
     slide: PerContact | None = None
     deepest: PerContact | None = None
+    adheres: Flags | None = None
+
+    @property
+    def memory(self) -> PerContact | None:
+        """Return the largest indentations, negative where contacts follow their adhesion."""
+        if self.deepest is None or self.adheres is None:
+            return self.deepest
+        return jnp.where(self.adheres, -self.deepest, self.deepest)
 
     @property
     def loads(self) -> Flags:

@@ -21,7 +21,6 @@ from .hunt_crossley import exact_damping_factor as exact_damping_factor
 from .hunt_crossley import rebound_exponent as rebound_exponent
 from .hunt_crossley import restitution_of as restitution_of
 from .luding import LudingForm as LudingForm
-from .luding import refuse_motion as refuse_motion
 from .oscillator import OscillatorForm as OscillatorForm
 from .plastic import AbstractPlasticForm as AbstractPlasticForm
 from .plastic import BilinearForm as BilinearForm

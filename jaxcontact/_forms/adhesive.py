@@ -89,10 +89,7 @@ class JKRForm(AbstractForm):
         return _energy(w + self._neck(1 / 3), self.root) + _FALLS * power(self.root, 10 / 3)
 
     def barrier(self, push: Lane) -> Lane:
-        """Return the largest ∫ f dx - Γ x on the way from rest to the snap, which bodies must have
-        to part; -∞ if they always part. It is at the snap, or under a pull beyond 5/9 φ at the
-        unstable equilibrium.
-        """
+        # It is at the snap, or under a pull beyond 5/9 φ at the unstable equilibrium.
         pull = -push / jnp.where(self.root > 0, jnp.square(self.root), 1)
         rest = jnp.sqrt(jnp.where(pull < 1, 1 - pull, 1))
         top = self._neck(jnp.maximum(1 - rest, 1 / 3)) - self._neck(1 / 3)

@@ -86,6 +86,12 @@ class AbstractForm(eqx.Module):
         """Return the form after the turn at the indentation `deepest`, if it `remembers`."""
         return self
 
+    def barrier(self, push: Lane) -> Lane | None:
+        """Return the largest ∫ f dx - Γ x on the way out, which bodies must have to part, if it is
+        not that of x = 0; -∞ if they always part. None for forms without adhesion.
+        """
+        return None
+
     def kept(self, deepest: Lane) -> Lane:
         """Return the work that the contact has kept after its turn: what it does not return."""
         return jnp.zeros_like(deepest)

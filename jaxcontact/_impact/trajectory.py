@@ -179,7 +179,7 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
     depth = motion.indentation(jnp.maximum(states.w, 0)).at[0].set(0)
     converged = was_followed(motion, legs.arrived, end, balance, how)
     settled = motion.settled(end)
-    if motion.form.remembers or motion.form.ends_apart:
+    if motion.form.remembers or motion.adheres:
         settled = settled | motion.held(end)
     if motion.may_return:
         on = onward(motion, end, deepest)

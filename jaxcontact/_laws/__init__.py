@@ -2,13 +2,15 @@
 
 from .base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from .base import AbstractLaw as AbstractLaw
+from .base import adhesion_below as adhesion_below
 from .base import end_of as end_of
 from .base import energies_of as energies_of
 from .base import force_of as force_of
 from .base import force_of_closed as force_of_closed
-from .base import require_ends_at_touch as require_ends_at_touch
 from .base import require_exponent as require_exponent
 from .base import require_law as require_law
+from .base import require_no_adhesion as require_no_adhesion
+from .base import shrunk_memory as shrunk_memory
 from .energy_balance import EnergyLoss as EnergyLoss
 from .energy_balance import ExactRestitution as ExactRestitution
 from .hunt_crossley import AbstractHuntCrossley as AbstractHuntCrossley

@@ -74,6 +74,9 @@ class AbstractLaw(eqx.Module):
     """True if the force depends on the largest indentation of the contact so far, as that of
     `ThorntonPlastic`."""
 
+    forgets: ClassVar[bool] = False
+    """True if a contact that pulls and closes again has a smaller largest indentation."""
+
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         stated = vars(cls).get("tension")
@@ -131,6 +134,16 @@ class AbstractLaw(eqx.Module):
     ) -> Float[Array, "..."]:
         """Return the force of a contact that unloads from `deepest`, or loads if that is 0."""
         # Only laws that remember have this.
+        raise NotImplementedError
+
+    def _adheres_below(self, largest: ArrayLike) -> Float[Array, "..."]:
+        """Return the indentation in m below which a contact that unloads follows its adhesion."""
+        # Only laws that forget have these two. Their `_force_after` receives the negative of the
+        # largest indentation below that.
+        raise NotImplementedError
+
+    def _shrunk(self, indentation: ArrayLike) -> Float[Array, "..."]:
+        """Return the largest indentation in m of a contact that closes again from there."""
         raise NotImplementedError
 
     def _force_of_closed(
@@ -248,19 +261,30 @@ def end_of(law: AbstractLaw, contact: Contact) -> Float[Array, "..."]:
     return law._end_indentation(contact)
 
 
+def adhesion_below(law: AbstractLaw, largest: ArrayLike) -> Float[Array, "..."]:
+    """Return the indentation in m below which a contact of a law that `forgets` follows its
+    adhesion, when it unloads from `largest`.
+    """
+    return law._adheres_below(largest)
+
+
+def shrunk_memory(law: AbstractLaw, indentation: ArrayLike) -> Float[Array, "..."]:
+    """Return the largest indentation in m of such a contact that closes again from there."""
+    return law._shrunk(indentation)
+
+
 def require_law(value: object) -> AbstractLaw:
     """Return `value` if it is a law; raise ValueError otherwise."""
     return require_kind("law", value, AbstractLaw, "a contact law (see `list_laws`)")
 
 
-def require_ends_at_touch(law: AbstractLaw, where: str, argument: str = "law") -> AbstractLaw:
-    """Return a law whose contacts end at δ = 0; raise ValueError if they end at δ < 0."""
-    if law.ends_apart:
+def require_no_adhesion(law: AbstractLaw, where: str) -> None:
+    """Raise ValueError for a law whose bodies stick."""
+    if law.ends_apart or law.forgets:
         raise ValueError(
-            f"Argument `{argument}` must be a law whose contacts end at δ = 0 {where}, but is "
-            f"{rendered(law)}, whose contacts end at δ < 0. `simulate` follows them in time."
+            f"Argument `law` must be a law whose bodies do not stick {where}, but is "
+            f"{rendered(law)}. Soft contacts without friction are followed in time."
         )
-    return law
 
 
 def require_exponent(law: AbstractLaw, contact: Contact) -> None:

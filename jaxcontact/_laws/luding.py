@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, as_parameter, parameter
-from .._forms import LudingForm, refuse_motion
+from .._forms import LudingForm
 from .base import AbstractLaw, contact_for, force_arguments, needed, require_exponent
 from .plastic import STIFFER
 from .registry import register_law
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     "luding",
     formula="K δ, back the larger of K_u (δ - δ_0) and -K_c δ, K_u = K ratio + slope F_max",
     source="Luding 2008, doi 10.1007/s10035-008-0099-x",
-    valid="n = 1; ratio ≥ 1, slope ≥ 0, adhesion ≥ 0; free impacts of two bodies",
+    valid="n = 1; ratio ≥ 1, slope ≥ 0, adhesion ≥ 0; sticks where η (κ - 2) ≥ 1",
 )
 class Luding(AbstractLaw):
     """Luding's contact: F = K δ while loading, K_u (δ - δ_0) on the way back, but at least -K_c δ.
@@ -38,9 +38,9 @@ class Luding(AbstractLaw):
     and bodies with η (κ - 2) ≥ 1 stick: e = 0 and the status is SETTLED. For slope = 0 neither
     depends on the speed. Without damping they would then oscillate for ever. The exponent is 1.
 
-    The law is solved for impacts of two bodies, by formula. A contact that closes again from below
-    δ_min loads along K_u to a smaller δ_m; this is not followed. External forces, trajectories,
-    soft impacts of scenes and mechanisms raise ValueError.
+    Free impacts of two bodies are solved by formula, all others in time. A contact that closes
+    again from below δ_min loads along K_u from there, as if δ_m had been smaller. Instantaneous
+    impacts of scenes, and friction in scenes and mechanisms, raise ValueError.
 
     Raises ValueError for a Python scalar out of range, for `tension=False`, and, where it is used,
     for another exponent. Source: Luding (2008), Granular Matter 10:235,
@@ -52,6 +52,7 @@ class Luding(AbstractLaw):
     adhesion: Float[Array, "..."] = parameter("adhesion", NOT_NEGATIVE)
     tension = True
     remembers: ClassVar[bool] = True
+    forgets: ClassVar[bool] = True
     exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
 
     def __check_init__(self) -> None:
@@ -79,10 +80,15 @@ class Luding(AbstractLaw):
         depth, _, _ = force_arguments(indentation, velocity, contact, impact_velocity)
         require_exponent(self, contact)
         pressed = jnp.maximum(depth, 0)
-        most = jnp.zeros_like(depth) if largest is None else as_parameter(largest, "largest")
-        factor = self.ratio + self.slope * most
-        back = jnp.maximum(most - factor * (most - pressed), -self.adhesion * pressed)
-        return contact.stiffness * jnp.where(depth >= most, pressed, back)
+        if largest is None:
+            return contact.stiffness * pressed
+        most = as_parameter(largest, "largest")
+        form = self._of_depths().remembering(most)
+        return contact.stiffness * form.force(pressed, pressed, 1.0, depth >= most)
+
+    def _of_depths(self) -> LudingForm:
+        """Return F/K as a form of δ in m."""
+        return LudingForm(factor=self.ratio, slope=self.slope, adhesion=self.adhesion)
 
     def _force_after(
         self,
@@ -92,7 +98,29 @@ class Luding(AbstractLaw):
         impact_velocity: ArrayLike,
         deepest: ArrayLike,
     ) -> Float[Array, "..."]:
-        refuse_motion()
+        require_exponent(self, contact)
+        depth, most = jnp.maximum(jnp.asarray(indentation), 0), jnp.asarray(deepest)
+        factor, end = self._of_depths().unloading(jnp.maximum(most, 0))
+        back = jnp.where(most < 0, -self.adhesion * depth, factor * (depth - end))
+        return contact.stiffness * jnp.where(most == 0, depth, back)
+
+    def _energies(
+        self,
+        indentation: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+        largest: ArrayLike,
+    ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        largest, stiffness = jnp.asarray(largest), contact.stiffness
+        form, depth = self._of_depths(), jnp.maximum(jnp.asarray(indentation), 0)
+        returned = form.remembering(largest).stored(depth, 1.0, 1)
+        return stiffness * returned, stiffness * form.kept(largest)
+
+    def _adheres_below(self, largest: ArrayLike) -> Float[Array, "..."]:
+        return self._of_depths().least(jnp.asarray(largest))
+
+    def _shrunk(self, indentation: ArrayLike) -> Float[Array, "..."]:
+        return self._of_depths().shrunk(jnp.asarray(indentation))
 
     def form(self, contact: Contact | None, scale: Scale | None) -> LudingForm:
         contact_for(contact, self)

@@ -22,7 +22,7 @@ from .._entry import (
     require_flag,
     require_number,
 )
-from .._laws import require_ends_at_touch
+from .._laws import require_no_adhesion
 from .._program import derived, quick
 from .._text.failure import checked
 from .._text.progress import Listener, progress_of, require_progress
@@ -70,7 +70,7 @@ def simulate_scene(
     rule = require_v0(v0)
     if not soft:
         for law in scene.law.values:
-            require_ends_at_touch(law, "where impacts are instantaneous")
+            require_no_adhesion(law, "where impacts are instantaneous")
     room_for = MOST if max_cluster is None else require_count("max_cluster", max_cluster, 2)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
     at = times_of(times, length)

@@ -31,7 +31,7 @@ from .._coupled.springs import (
 )
 from .._coupled.stored_energy import stored_energy
 from .._friction import SpringSlider
-from .._laws import energies_of, force_of_closed
+from .._laws import adhesion_below, energies_of, force_of_closed, shrunk_memory
 from .mechanics import Mechanics, Opening, SystemMotion, Vector
 from .problem import Scales
 from .stick_slip import SLIDES_ON, Friction
@@ -163,7 +163,8 @@ class SystemField(AbstractCoupledField):
             rate = jnp.zeros_like(rate)
         contact = eqx.tree_at(lambda c: c.mass, self.contact, modes.mass)
         arguments = (units.length * in_contact(depth, self.ends), units.speed * rate, contact)
-        deepest = None if modes.deepest is None else units.length * modes.deepest
+        memory = modes.memory
+        deepest = None if memory is None else units.length * memory
         force = force_of_closed(law, *arguments, units.speed * speed, deepest) / units.force
         return jnp.where(modes.closed, force, 0)
 
@@ -357,6 +358,14 @@ class SystemField(AbstractCoupledField):
         speed = units.speed * jnp.maximum(modes.latched, SLOWEST)
         deepest = None if modes.deepest is None else units.length * modes.deepest
         return stored_energy(law, contact, depth, speed, deepest) / units.energy
+
+    def least(self, deepest: PerContact) -> PerContact:
+        unit = self.scales.contact.length
+        return adhesion_below(self.mechanics.system.law, unit * deepest) / unit
+
+    def shrunk(self, depth: PerContact) -> PerContact:
+        unit = self.scales.contact.length
+        return shrunk_memory(self.mechanics.system.law, unit * depth) / unit
 
     def torn(self, modes: Modes) -> PerContact:
         assert self.ends is not None

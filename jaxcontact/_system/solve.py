@@ -112,6 +112,7 @@ def _solve_to_stop(
             flies=True,
             sticks=mechanics.system.sticks,
             remembers=mechanics.system.law.remembers,
+            forgets=mechanics.system.law.forgets,
         ),
         until=(stop - state.time) / units.time,
         used=jnp.ones_like(state.closed),

@@ -24,7 +24,7 @@ from .._entry import (
     specialised,
 )
 from .._friction import AbstractFriction, RegularizedCoulomb, RigidCoulomb, SpringSlider
-from .._laws import AbstractLaw, require_ends_at_touch, require_law
+from .._laws import AbstractLaw, require_law, require_no_adhesion
 from .lagrangian import LagrangianEnergy, LagrangianForce, LagrangianMass
 
 
@@ -126,7 +126,7 @@ class System(eqx.Module):
             self._exponent = Specialised(None, as_parameter(exponent, "exponent", EXPONENT))
         if friction is not None:
             _require_friction(friction)
-            require_ends_at_touch(self.law, "in a mechanism with friction")
+            require_no_adhesion(self.law, "in a mechanism with friction")
         if (friction is None) != (slip is None):
             missing, given = ("slip", "friction") if slip is None else ("friction", "slip")
             raise ValueError(f"Argument `{missing}` must be given with `{given}`, but is None.")

@@ -102,8 +102,8 @@ is fitted otherwise.
 `power_restitution`, `bridges`, `linear_dashpot`, `step_damping`, `viscoplastic`, `wet_restitution`
 or `jkr` is compared with a constant e; a law with parameter e (see `jaxcontact laws`) delivers the
 constant e and is compared with the first five of them; few recordings distinguish the others from
-those. --law all, the default, does this for the exact constant e. Every law with parameter e delivers a constant e; the report
-lists the e to set in each.
+those. --law all, the default, does this for the exact constant e. Every law with parameter e
+delivers a constant e; the report lists the e to set in each.
 
 e(v) alone determines only c/K of constant damping and only A (K/m)^(2/5) of Kuwabara-Kono.
 --stiffness determines c; --mass and --stiffness determine A.

@@ -56,6 +56,9 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
         here = field.look(start.y, modes, touching)
         force = field.force_slope(modes, (here.depth, here.rate), (here.rate, here.second))
         slope = Look(here.rate, here.second, none, force)
+    if field.rules.forgets and modes.deepest is not None:
+        pulls = ~modes.loads & (here.depth < field.least(modes.deepest))
+        modes = modes._replace(adheres=modes.closed & pulls)
     if field.rules.peak and renew is None:
         # v0 follows a closing speed that is the largest so far and increases.
         largest = modes.closed & (here.rate >= modes.latched - 16 * finest)

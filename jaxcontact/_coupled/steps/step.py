@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from ..._solver.runge_kutta import step_and_slope
 from ..clock import ContactClock, choose_clock
 from ..cubic import highest, to_root
-from ..field import TIME, TOGETHER, Grip, Look, W
+from ..field import NO_SLOPES, TIME, TOGETHER, Grip, Look, W
 from ..modes import APART, CHANGED, REDUNDANT, TIME_IS_UP, Flags
 from ..rows import rows_of
 from ..scalars import Number
@@ -175,6 +175,13 @@ def _try_step(solve: CoupledSolve, c: Carry, size: Number) -> _Attempt:
         small = finest**TOGETHER
         hidden = (after.rate < 0) & (deeper > modes.deepest + small)
         hidden = jnp.where(modes.loads, (after.rate > 0) & (slower > small), hidden)
+        if modes.adheres is not None:
+            # It may also begin to follow its adhesion, or turn back from there, and return.
+            lower, _ = highest(lasts, -before.depth, -before.rate, -after.depth, -after.rate)
+            faster, _ = highest(lasts, before.rate, before.second, after.rate, after.second)
+            begins = ~modes.adheres & (lower > small - field.least(modes.deepest))
+            back = modes.adheres & (after.rate < 0) & (faster > small)
+            hidden = hidden | (~modes.loads & ((begins & (after.rate > 0)) | back))
         grazed = grazed | jnp.any(used & modes.closed & hidden)
     if field.rules.sticks:
         grazed = grazed | jnp.any(used & modes.closed & slips_within(c, now.grip, slope.grip))
@@ -188,15 +195,14 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     y, toward, outset, fine = trial.y, trial.toward, trial.outset, trial.fine
     finest, until = solve.finest, field.until
     together, near = finest**TOGETHER, finest**_NEAR
-    fixed = modes.latched, modes.deepest, field.ends
-    still = 0, 0, None
+    fixed = field.fixed(modes)
     gaps = field.gaps(modes, clock, trial.now, y[W], fixed, until - y[TIME])
-    fall = field.gaps(modes, clock, trial.slope, toward[W], still, -toward[TIME])
+    fall = field.gaps(modes, clock, trial.slope, toward[W], NO_SLOPES, -toward[TIME])
     last, begun, ended = _stop((c, outset, toward))
     left = _stop(until) - last.y[TIME]
     before = field.gaps(modes, clock, last.look, last.y[W], _stop(fixed), left)
     earlier = jax.tree.map(lambda x: 2 * last.y[W] * x, last.slope)
-    fell = field.gaps(modes, clock, earlier, begun[W], still, -begun[TIME])
+    fell = field.gaps(modes, clock, earlier, begun[W], NO_SLOPES, -begun[TIME])
     crossed = field.has_passed(modes, trial.now, gaps)
     if c.renew is not None:
         crossed = crossed & ~c.renew
@@ -257,7 +263,8 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
         rising = jnp.where(touches, field.refers_to_peak(now.second > 0), rising)
     before = field.lost(y)
     lost = jnp.where(touches, 0, before)
-    dropped, deepest = c.dropped - jnp.sum(before - lost), modes.deepest
+    dropped = c.dropped - jnp.sum(before - lost)
+    deepest, adheres = modes.deepest, modes.adheres
     if deepest is not None:
         first = contacts * (1 + field.rules.peak)
         turns = happens[first : first + contacts]
@@ -265,6 +272,11 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
         # The energy kept is lost when a contact unloads, until it loads again.
         lost = lost + jnp.where(turns, jnp.where(modes.loads, kept, -kept), 0)
         deepest = jnp.where(turns, jnp.where(modes.loads, depth, 0), deepest)
+        if adheres is not None:
+            changes = happens[first + contacts : first + 2 * contacts] & ~modes.loads & ~turns
+            # A contact that closes again loads as if it had not been as deep.
+            deepest = jnp.where(changes & adheres, field.shrunk(depth), deepest)
+            adheres = closed & ~touches & ~turns & (adheres ^ changes)
         deepest = jnp.where(closed & ~touches, deepest, 0)
     if field.ends is not None:
         lost = lost + jnp.where(opens, field.torn(modes), 0)
@@ -273,7 +285,9 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
     modes = field.at_touch(
         y,
         touches,
-        modes._replace(closed=closed, rising=rising, latched=latched, deepest=deepest),
+        modes._replace(
+            closed=closed, rising=rising, latched=latched, deepest=deepest, adheres=adheres
+        ),
     )
     changed = Changed(y, modes, touches, opens, now, touched, dropped)
     if not field.rules.sticks:

@@ -262,7 +262,7 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
         sound = balance_of(motion, turn, max_indentation).error <= _IMBALANCE * rtol
         held = followed.arrived[0] & sound & (motion.held(turn) | motion.held(end))
         spent = is_spent(motion, end, rtol)
-        if motion.form.remembers or motion.form.ends_apart:
+        if motion.form.remembers or motion.adheres:
             # Such a contact also stays if its remaining energy is elastic.
             spent = spent | held
         known = jnp.where(settled | held, spent, end_is_sharp(motion, turn, end, rtol))

@@ -95,6 +95,11 @@ class Motion(eqx.Module):
         return self.form.momentum(self.n) if self.push is None else None
 
     @property
+    def adheres(self) -> bool:
+        """True if bodies may stick without a push."""
+        return self.form.barrier(jnp.zeros(())) is not None
+
+    @property
     def one_way(self) -> bool:
         """True if bodies that move apart certainly separate at x = 0."""
         return self.push is None and self.form.never_pulls
@@ -229,6 +234,11 @@ class Motion(eqx.Module):
         near = jnp.full_like(state.w, 1e-6)
         return state._replace(w=near, u=self.creep(near) - jnp.ones_like(state.u))
 
+    def energy(self, state: State) -> Number:
+        """Return ½v² + ∫ f(x, 0) dx - Γx, which is conserved without damping."""
+        energy = jnp.square(self.velocity(state)) / 2 + self.stored(state)
+        return energy if self.push is None else energy - self.push * self.indentation(state.w)
+
     def spare_energy(self, state: State) -> Number:
         """Return the energy ½v² - Γx that a state without contact force has at x = 0. It is
         negative if the push prevents the bodies from reaching x = 0. A settled contact also counts
@@ -244,11 +254,16 @@ class Motion(eqx.Module):
         decrease ½v² + ∫ f(x, 0) dx - Γx, which is positive at separation. A pull holds nothing,
         although rounding may put the end of a contact below x = 0.
         """
+        # Smaller differences may be errors of the solve.
+        doubt = math.sqrt(jnp.finfo(state.w.dtype).eps)
+        push = jnp.zeros_like(state.w) if self.push is None else self.push
+        barrier = self.form.barrier(push)
+        if barrier is not None:
+            allowed = doubt * (jnp.abs(barrier) + self.stored(state))
+            return self.energy(state) < barrier - allowed
         if self.push is None:
             return jnp.asarray(False)
         kinetic = jnp.square(self.velocity(state)) / 2
-        # Smaller differences may be errors of the solve.
-        doubt = math.sqrt(jnp.finfo(state.w.dtype).eps)
         work = self.push * state.w**self.order
         return (self.push > 0) & (kinetic + self.stored(state) < work * (1 - doubt))
 
@@ -439,5 +454,7 @@ class Motion(eqx.Module):
             return (velocity >= 0) | sooner
         apart = functools.reduce(jnp.minimum, self._gaps_apart(state))
         inwards = -velocity < apart
+        if self.push is None or self.adheres:
+            return inwards
         # A pull turns nothing inwards: then both are zero up to rounding.
-        return inwards if self.push is None else inwards & (self.push > 0)
+        return inwards & (self.push > 0)

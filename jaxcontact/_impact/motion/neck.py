@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
 
 from ..._forms import Flag, JKRForm
 from .motion import Motion, Number, State
@@ -51,20 +48,4 @@ class NeckMotion(Motion):
     def spare_energy(self, state: State) -> Number:
         """Return the energy of a state above that of the snap."""
         end = state._replace(w=jnp.zeros_like(state.w))
-        return self._energy(state) - self._energy(end._replace(u=end.w))
-
-    def held(self, state: State) -> Bool[Array, ""]:
-        """Return whether adhesion and the push hold the bodies: ½v² + ∫ f dx - Γx is conserved."""
-        push = jnp.zeros_like(state.w) if self.push is None else self.push
-        barrier = self.form.barrier(push)
-        # Smaller differences may be errors of the solve.
-        doubt = math.sqrt(jnp.finfo(state.w.dtype).eps)
-        return self._energy(state) < barrier - doubt * jnp.abs(barrier)
-
-    def settled(self, state: State) -> Bool[Array, ""]:
-        # A pull may be weaker than adhesion.
-        return -self.velocity(state) < state.w
-
-    def _energy(self, state: State) -> Number:
-        energy = jnp.square(self.velocity(state)) / 2 + self.stored(state)
-        return energy if self.push is None else energy - self.push * self.indentation(state.w)
+        return self.energy(state) - self.energy(end._replace(u=end.w))

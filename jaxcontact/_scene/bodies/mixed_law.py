@@ -14,7 +14,15 @@ from ..._contact import Contact
 from ..._coupled.scalars import Index
 from ..._coupled.stored_energy import stored_energy
 from ..._friction import AbstractFriction
-from ..._laws import AbstractLaw, end_of, energies_of, force_of, force_of_closed
+from ..._laws import (
+    AbstractLaw,
+    adhesion_below,
+    end_of,
+    energies_of,
+    force_of,
+    force_of_closed,
+    shrunk_memory,
+)
 
 Law = TypeVar("Law", AbstractLaw, AbstractFriction)
 
@@ -36,6 +44,20 @@ class MixedLaw(AbstractLaw):
     def remembers(self) -> bool:
         """True if one of the laws has a memory; the others do not use it."""
         return any(law.remembers for law in self.laws)
+
+    @property
+    def forgets(self) -> bool:
+        """True if one of the laws forgets."""
+        return any(law.forgets for law in self.laws)
+
+    def _adheres_below(self, largest: ArrayLike) -> Float[Array, "..."]:
+        zero = jnp.zeros_like(jnp.asarray(largest))
+        below = (adhesion_below(x, largest) if x.forgets else zero for x in self.laws)
+        return self._chosen(*below)
+
+    def _shrunk(self, indentation: ArrayLike) -> Float[Array, "..."]:
+        depth = jnp.asarray(indentation)
+        return self._chosen(*(shrunk_memory(x, depth) if x.forgets else depth for x in self.laws))
 
     @property
     def ends_apart(self) -> bool:

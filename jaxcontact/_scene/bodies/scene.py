@@ -15,7 +15,7 @@ from ..._contact import EXPONENT
 from ..._coupled.scalars import Number
 from ..._entry import POSITIVE, Specialised, is_plain, refuses_unknown, rendered, require_kind
 from ..._friction import AbstractFriction
-from ..._laws import AbstractLaw, require_ends_at_touch
+from ..._laws import AbstractLaw, require_no_adhesion
 from ..resume import Start
 from .bodies import AbstractBody, Shell, Sphere, words
 from .by_pair import PairTable, kinds_of, pair_table
@@ -84,7 +84,7 @@ class Scene(eqx.Module):
         if friction is not None:
             self.friction = pair_table("friction", friction, _friction, kinds, meeting)
             for single in self.law.values:
-                require_ends_at_touch(single, "in a scene with friction")
+                require_no_adhesion(single, "in a scene with friction")
         _require_friction_to_turn(self.bodies, friction)
         self.gravity = None
         if gravity is not None:

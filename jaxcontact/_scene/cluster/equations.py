@@ -23,7 +23,7 @@ from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Index, Number
 from ..._coupled.stored_energy import stored_energy
 from ..._functions import small_product
-from ..._laws import AbstractLaw, energies_of, force_of_closed
+from ..._laws import AbstractLaw, adhesion_below, energies_of, force_of_closed, shrunk_memory
 from ..bodies.motion import UserMotion
 from ..bodies.side import side
 from .friction import Rub, Rubbing, Spins, SpringPairs, in_plane
@@ -211,7 +211,8 @@ class Touching(eqx.Module):
         if not self.law.damped:
             rate = jnp.zeros_like(rate)
         arguments = (units.length * depth, units.speed * rate, self.contact, units.speed * speed)
-        deepest = None if modes.deepest is None else units.length * modes.deepest
+        memory = modes.memory
+        deepest = None if memory is None else units.length * memory
         force = force_of_closed(self.law, *arguments, deepest) / units.force
         return jnp.where(modes.closed & self.pairs.used, force, 0)
 
@@ -222,6 +223,14 @@ class Touching(eqx.Module):
         deepest = None if modes.deepest is None else units.length * modes.deepest
         speed = units.speed * speed
         return stored_energy(self.law, self.contact, depth, speed, deepest) / units.energy
+
+    def least(self, deepest: PerPair) -> PerPair:
+        """Return the depths below which pairs that unload follow their adhesion."""
+        return adhesion_below(self.law, self.units.length * deepest) / self.units.length
+
+    def shrunk(self, depth: PerPair) -> PerPair:
+        """Return the largest indentations of pairs that close again from there."""
+        return shrunk_memory(self.law, self.units.length * depth) / self.units.length
 
     def kept(self, deepest: PerPair, modes: Modes) -> PerPair:
         """Return the energy that pairs with these largest indentations do not return."""

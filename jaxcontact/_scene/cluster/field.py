@@ -178,6 +178,12 @@ class ClusterField(AbstractCoupledField):
     def kept(self, deepest: PerPair, modes: Modes) -> PerPair:
         return self.system.kept(deepest, modes)
 
+    def least(self, deepest: PerPair) -> PerPair:
+        return self.system.least(deepest)
+
+    def shrunk(self, depth: PerPair) -> PerPair:
+        return self.system.shrunk(depth)
+
     def torn(self, modes: Modes) -> PerPair:
         assert self.ends is not None
         return self.system.stored(self.ends, modes)

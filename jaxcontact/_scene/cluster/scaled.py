@@ -85,7 +85,12 @@ def cluster(
         friction=friction,
     )
     rules = LoopRules(
-        v0 == "peak", until_change, max_steps, sticks=friction is not None, remembers=law.remembers
+        v0 == "peak",
+        until_change,
+        max_steps,
+        sticks=friction is not None,
+        remembers=law.remembers,
+        forgets=law.forgets,
     )
     if law.remembers and state.deepest is None:
         fresh = state._replace(deepest=jnp.zeros_like(state.indentation))

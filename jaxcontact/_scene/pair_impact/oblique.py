@@ -92,8 +92,8 @@ def oblique(
     is solved. The law's v0 is the speed at touch. Differentiable in both modes: the solve carries
     its sensitivities. Nothing is raised; see `ObliqueRebound.status`.
     """
-    if law.ends_apart:
-        return _with_neck(jnp.asarray(normal_speed))
+    if law.ends_apart or law.forgets:
+        return _adhesive(jnp.asarray(normal_speed))
     problem = uniform(problem_of(law, contact, normal_speed))
     # A scene has no lower limit on speeds, as its units are arbitrary.
     lanes = lanes_of(problem, speeds=POSITIVE)
@@ -152,8 +152,8 @@ def oblique(
     )
 
 
-def _with_neck(speed: Number) -> ObliqueRebound:
-    """Return an outcome that sends a contact that ends beyond its touch to the coupled solve."""
+def _adhesive(speed: Number) -> ObliqueRebound:
+    """Return an outcome that sends an adhesive contact to the coupled solve."""
     none = jnp.full_like(speed, jnp.nan)
     way, settled = jnp.asarray(RADIAL), jnp.asarray(int(Status.SETTLED))
     return ObliqueRebound(*(none,) * 8, solved_by=way, status=settled)

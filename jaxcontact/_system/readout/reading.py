@@ -15,7 +15,7 @@ from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Number
 from ..._coupled.stored_energy import stored_energy
 from ..._impact.derivatives import with_sensitivity
-from ..._laws import force_of_closed
+from ..._laws import adhesion_below, force_of_closed
 from ..log import SystemLog
 from ..problem import SystemProblem, SystemState
 from ..solve import SystemEnd, SystemRules, solve_system
@@ -113,7 +113,10 @@ def reading_of(problem: SystemProblem, state: SystemState) -> SystemStates:
     depth = jnp.where(state.closed, in_contact(-gap, ends), 0)
     rising = jnp.where(state.rising, jnp.maximum(-opening, 0), state.latched)
     speed = jnp.maximum(rising, SLOWEST * jnp.finfo(gap.dtype).eps)
-    force = force_of_closed(system.law, depth, -opening, contact, speed, state.deepest)
+    deepest = state.deepest
+    if system.law.forgets and deepest is not None:
+        deepest = jnp.where(depth < adhesion_below(system.law, deepest), -deepest, deepest)
+    force = force_of_closed(system.law, depth, -opening, contact, speed, deepest)
     force = jnp.where(state.closed, force, 0)
     stored = jnp.sum(stored_energy(system.law, contact, depth, speed, state.deepest))
     energy = system._energy
