@@ -57,7 +57,7 @@ class Settled(NamedTuple):
     redundant: Flag
 
 
-class Fixed(NamedTuple):
+class GapConstants(NamedTuple):
     """The numbers in the gaps of events that have no slopes: the latched speeds, the largest
     indentations, those at which contacts end, and those below which they follow their adhesion.
     """
@@ -68,7 +68,7 @@ class Fixed(NamedTuple):
     least: Any
 
 
-NO_SLOPES = Fixed(0, 0, None, 0)
+NO_SLOPES = GapConstants(0, 0, None, 0)
 
 
 class LoopRules(NamedTuple):
@@ -153,12 +153,12 @@ class AbstractCoupledField(abc.ABC):
         """Return the largest indentations of contacts that close again from there."""
         raise NotImplementedError
 
-    def fixed(self, modes: Modes) -> Fixed:
+    def fixed(self, modes: Modes) -> GapConstants:
         """Return the numbers in the gaps of events that have no slopes."""
         deepest, least = modes.deepest, None
         if self.rules.forgets and deepest is not None:
             least = self.least(deepest)
-        return Fixed(modes.latched, deepest, self.ends, least)
+        return GapConstants(modes.latched, deepest, self.ends, least)
 
     def torn(self, modes: Modes) -> PerContact:
         """Return the energy that is lost when closed contacts end."""
@@ -247,7 +247,7 @@ class AbstractCoupledField(abc.ABC):
         return jax.jvp(lambda d, r: self.force(d, r, modes), at, along)[1]
 
     def gaps(
-        self, modes: Modes, clock: ContactClock, at: Look, w: Array, fixed: Fixed, left: Array
+        self, modes: Modes, clock: ContactClock, at: Look, w: Array, fixed: GapConstants, left: Array
     ) -> Any:
         """Return the gaps that fall through zero at events, or their slopes if slopes are given,
         with `NO_SLOPES` for `fixed`.

@@ -28,6 +28,11 @@ class LudingForm(BilinearForm):
     adhesion: Lane
     tension: bool = eqx.field(static=True, default=True, kw_only=True)
 
+    @property
+    def follows_phase_angle(self) -> bool:
+        """False: the force depends on the turn."""
+        return False
+
     def least(self, deepest: Lane) -> Lane:
         """Return the x_min of the largest indentation, below which the force is -ηx."""
         factor = self.factor + self.slope * deepest

@@ -236,8 +236,8 @@ def force_of_closed(
     impact_velocity: ArrayLike,
     deepest: ArrayLike | None = None,
 ) -> Float[Array, "..."]:
-    """Return `force_of` for a contact known to be closed. That of a law that `ends_apart` continues
-    beyond its end, smoothly in √(δ - δ_end).
+    """Return `force_of` for a contact known to be closed. If the law `ends_apart`, the force
+    continues beyond its end, smoothly in √(δ - δ_end).
     """
     at = indentation, velocity, contact, impact_velocity, deepest
     return law._force_of_closed(*at) if law.ends_apart else force_of(law, *at)

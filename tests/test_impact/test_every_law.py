@@ -28,7 +28,6 @@ LAWS = [
     for x in jc.list_laws()
     if jc._laws.describe(x).cls.__module__.startswith("jaxcontact.")
     and x not in ("step_damping", "dmt")
-    and x not in ("step_damping", "dmt")
 ]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from tests.oracle import luding_chain as powders
 from tests.oracle.neck_chain import Neck, follow
 
 BY_SCIPY = 1e-10
@@ -17,6 +18,7 @@ SLOPES = 1e-4
 
 NECK = Neck(work=2 / (1.5 * np.pi), radius=1.0, modulus=7500.0)
 MASS, GAP, SPEED, SHAKE, RATE, LASTS = 0.5, 1e-3, 0.2, 20.0, 60.0, 0.5
+SHAKEN, QUICK = 20.0, 280.0
 
 
 def mechanism(pull_off, **friction):
@@ -63,6 +65,29 @@ def test_a_neck_that_is_shaken_apart_twice():
     np.testing.assert_allclose(slope, -(up - down) / (2 * h), atol=SLOPES)
 
 
-def test_friction_needs_contacts_that_end_at_touch():
-    with pytest.raises(ValueError, match=r"must be a law whose contacts end at δ = 0"):
+def test_powder_that_is_shaken():
+    """Luding's contact turns back from its adhesion and is opened again."""
+    system = jc.System(
+        mass=lambda t, q, args: jnp.full((1, 1), MASS),
+        force=lambda t, q, v, args: MASS * (args * jnp.sin(QUICK * t))[None],
+        gap=lambda t, q, args: q,
+        law=jc.Luding(ratio=4.0, slope=0.0, adhesion=0.8),
+        stiffness=1e4,
+        exponent=1.0,
+    )
+    run = jc.simulate(
+        system, 0.3, position=jnp.array([0.0]), velocity=jnp.array([-SPEED]), args=SHAKEN,
+        rtol=1e-10,
+    )  # fmt: skip
+    found = powders.follow(
+        [powders.Powder(1e4, 4.0, 0.0, 0.8)], [MASS, 1e30], [0.0], [SPEED, 0.0], 0.3,
+        lambda t: np.array([-SHAKEN * np.sin(QUICK * t), 0.0]),
+    )  # fmt: skip
+    assert found.shrunk > 0
+    assert found.openings > 0
+    np.testing.assert_allclose(run.velocity[-1, 0], -found.velocity[0], atol=BY_SCIPY)
+
+
+def test_friction_is_refused():
+    with pytest.raises(ValueError, match="must be a law whose bodies do not stick"):
         mechanism(2.0, friction=jc.RigidCoulomb(mu=0.1), slip=lambda t, q, v, args: v)

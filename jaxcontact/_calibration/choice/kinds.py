@@ -12,16 +12,17 @@ from jaxtyping import Array
 
 from ..._contact import Contact
 from ..._fit import Between, Free, Positive
+from ..._forms import LOSS
 from ..._impact import restitution
 from ..._laws import Damped
 from .clamped import clamped_restitution
 from .kind import AbstractKind, Combination
 
-LEAST_E = 1e-6
-HERTZ = 1.5
+_LEAST_E = 1e-6
+_HERTZ = 1.5
 _POWER = Combination(Free(), "power")
 _STIFFNESS = frozenset({"stiffness"})
-BOTH = frozenset({"mass", "stiffness"})
+_BOTH = frozenset({"mass", "stiffness"})
 
 
 def _spring(mass: Any, stiffness: Any) -> Any:
@@ -34,7 +35,7 @@ def _depth(mass: Any, stiffness: Any) -> Any:
     return (mass / stiffness) ** 0.4
 
 
-def dashpot(mass: Any, stiffness: Any) -> Any:
+def _dashpot(mass: Any, stiffness: Any) -> Any:
     """Return a dashpot in N s/m over v^(1/5)."""
     return mass**0.6 * stiffness**0.4
 
@@ -102,9 +103,9 @@ class Viscoelastic(AbstractKind):
     name: str = "Kuwabara-Kono"
     unidentified = "A, K and m separately: e(v) determines only A (K/m)^(2/5)"
     parameters = MappingProxyType(
-        {"A": Combination(Positive(), "A (K/m)^(2/5)", "(m/s)^(-1/5)", _depth, "s", BOTH)}
+        {"A": Combination(Positive(), "A (K/m)^(2/5)", "(m/s)^(-1/5)", _depth, "s", _BOTH)}
     )
-    exponent = HERTZ
+    exponent = _HERTZ
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return A of 1 - e ≈ 1.15344 (3/2) A (K/m)^(2/5) v^(1/5), capped for large losses."""
@@ -124,7 +125,7 @@ class Plastic(AbstractKind):
     name: str = "elastic-plastic"
     unidentified = "yield pressure, E, R and m separately: e(v) determines only the yield speed"
     parameters = MappingProxyType({"yield_speed": Combination(Positive(), "yield speed", "m/s")})
-    exponent = HERTZ
+    exponent = _HERTZ
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return r = v_y/v from a formula that is 1 at e = 1 and near e⁴ far beyond yielding."""
@@ -148,7 +149,7 @@ class PowerOfLoss(AbstractKind):
 
     def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
         """Return the curve, kept above 0, where its logarithm is defined."""
-        return jnp.maximum(super().curve(law, contact, velocity), LEAST_E)
+        return jnp.maximum(super().curve(law, contact, velocity), _LEAST_E)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,13 +175,13 @@ class Dashpot(AbstractKind):
     name: str = "linear dashpot"
     unidentified = "c, K and m separately: e(v) determines only c/(m^(3/5) K^(2/5))"
     parameters = MappingProxyType(
-        {"c": Combination(Positive(), "c/(m^(3/5) K^(2/5))", "(m/s)^(1/5)", dashpot, "N s/m", BOTH)}
+        {"c": Combination(Positive(), "c/(m^(3/5) K^(2/5))", "(m/s)^(1/5)", _dashpot, "N s/m", _BOTH)}
     )
-    exponent = HERTZ
+    exponent = _HERTZ
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return c of ln e = -1.6 c/(m^(3/5) K^(2/5)) v^(-1/5), which nearly delivers e."""
-        scale = dashpot(contact.mass, contact.stiffness)
+        scale = _dashpot(contact.mass, contact.stiffness)
         return {"c": -math.log(e) / 1.6 * reference**0.2 * scale}
 
     def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
@@ -197,7 +198,7 @@ class Stepped(Dashpot):
     parameters = MappingProxyType(
         {
             "c_max": Dashpot.parameters["c"]._replace(name="c_max/(m^(3/5) K^(2/5))"),
-            "d": Combination(Positive(), "d (K/m)^(2/5)", "(m/s)^(4/5)", _depth, "m", BOTH),
+            "d": Combination(Positive(), "d (K/m)^(2/5)", "(m/s)^(4/5)", _depth, "m", _BOTH),
         }
     )
 
@@ -205,3 +206,77 @@ class Stepped(Dashpot):
         """Return d as 0.3 of the elastic indentation, and c_max."""
         depth = 0.3 * reference**0.8 * _depth(float(contact.mass), float(contact.stiffness))
         return {"c_max": 1.1 * super().start(e, contact, reference)["c"], "d": depth}
+
+
+@dataclasses.dataclass(frozen=True)
+class ViscousAndPlastic(AbstractKind):
+    """Elastic-plastic spheres with Hunt and Crossley's damping: e depends on v_y/v and c v/K."""
+
+    law: str = "viscoplastic"
+    name: str = "viscous and plastic"
+    unidentified = "c and K separately; yield pressure, E, R and m: e(v) determines v_y and c/K"
+    parameters = MappingProxyType({**Plastic.parameters, **ConstantC.parameters})
+    special = (ConstantC, Plastic)
+    exponent = _HERTZ
+
+    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
+        """Return half of ln e for each of the two losses."""
+        root = math.sqrt(e)
+        plastic, viscous = (
+            kind.start(root, contact, reference) for kind in (Plastic(), ConstantC())
+        )
+        return {**plastic, **viscous}
+
+    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
+        return restitution(law, contact, velocity)
+
+
+@dataclasses.dataclass(frozen=True)
+class Wet(AbstractKind):
+    """Bodies with a film of liquid: e (1 - v_c/v)."""
+
+    law: str = "wet_restitution"
+    name: str = "wet"
+    unidentified = "viscosity, radius, mass and St_c separately: e(v) determines the dry e and v_c"
+    parameters = MappingProxyType(
+        {
+            "e": Combination(Between(0, 1), "dry e"),
+            "critical_speed": Combination(Positive(), "v_c", "m/s"),
+        }
+    )
+    special = (ConstantE,)
+
+    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
+        """Return a film that takes a fifth of the loss."""
+        dry = e**0.8
+        return {"e": dry, "critical_speed": (1 - e / dry) * reference}
+
+    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
+        """Return the curve, kept above 0, where its logarithm is defined."""
+        return jnp.maximum(law.restitution_at(velocity), _LEAST_E)
+
+
+@dataclasses.dataclass(frozen=True)
+class Adhesive(AbstractKind):
+    """Elastic spheres with a neck (JKR): e = √(1 - (v_s/v)²)."""
+
+    law: str = "jkr"
+    name: str = "adhesive (JKR)"
+    unidentified = "pull-off force, K and m separately: e(v) determines the sticking speed"
+    parameters = MappingProxyType(
+        {
+            "pull_off": Combination(
+                Positive(), "F_po/(m^(3/5) K^(2/5))", "(m/s)^(6/5)", _dashpot, "N", _BOTH
+            )
+        }
+    )
+    exponent = _HERTZ
+
+    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
+        """Return the pull-off force of v_s = v √(1 - e²)."""
+        lost = (1 - e) * (1 + e) * reference**2 / (2 * LOSS)
+        return {"pull_off": lost**0.6 * float(_dashpot(contact.mass, contact.stiffness))}
+
+    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
+        """Return the curve, kept above 0, where its logarithm is defined."""
+        return jnp.maximum(restitution(law, contact, velocity), _LEAST_E)

@@ -12,6 +12,7 @@ from ..._entry import did_you_mean, rendered
 from ..._laws import AbstractLaw, constant_laws, describe
 from .kind import AbstractKind
 from .kinds import (
+    Adhesive,
     ConstantC,
     ConstantE,
     Dashpot,
@@ -21,8 +22,9 @@ from .kinds import (
     PowerOfSpeed,
     Stepped,
     Viscoelastic,
+    ViscousAndPlastic,
+    Wet,
 )
-from .surface_kinds import Adhesive, ViscousAndPlastic, Wet
 
 SPEED_DEPENDENT: tuple[AbstractKind, ...] = (
     *(ConstantC(), PowerOfSpeed(), Viscoelastic()),
