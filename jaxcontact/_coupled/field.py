@@ -247,7 +247,13 @@ class AbstractCoupledField(abc.ABC):
         return jax.jvp(lambda d, r: self.force(d, r, modes), at, along)[1]
 
     def gaps(
-        self, modes: Modes, clock: ContactClock, at: Look, w: Array, fixed: GapConstants, left: Array
+        self,
+        modes: Modes,
+        clock: ContactClock,
+        at: Look,
+        w: Array,
+        fixed: GapConstants,
+        left: Array,
     ) -> Any:
         """Return the gaps that fall through zero at events, or their slopes if slopes are given,
         with `NO_SLOPES` for `fixed`.

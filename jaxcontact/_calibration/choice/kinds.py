@@ -175,7 +175,11 @@ class Dashpot(AbstractKind):
     name: str = "linear dashpot"
     unidentified = "c, K and m separately: e(v) determines only c/(m^(3/5) K^(2/5))"
     parameters = MappingProxyType(
-        {"c": Combination(Positive(), "c/(m^(3/5) K^(2/5))", "(m/s)^(1/5)", _dashpot, "N s/m", _BOTH)}
+        {
+            "c": Combination(
+                Positive(), "c/(m^(3/5) K^(2/5))", "(m/s)^(1/5)", _dashpot, "N s/m", _BOTH
+            )
+        }
     )
     exponent = _HERTZ
 
