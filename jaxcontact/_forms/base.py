@@ -120,6 +120,10 @@ class AbstractForm(eqx.Module):
         """
         return None
 
+    def as_delivered(self, scaled: ScaledImpact) -> ScaledImpact:
+        """Return a free impact with what the form knows of it better than a solve."""
+        return scaled
+
     @property
     def closed_form(self) -> bool:
         """True if the class has its own `solve`, so that method "exact" applies."""

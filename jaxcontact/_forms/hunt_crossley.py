@@ -136,8 +136,7 @@ class HuntCrossleyForm(AbstractForm):
 class StickingForm(HuntCrossleyForm):
     """The Hunt-Crossley form of an impact that delivers e, or 0 if the bodies stick.
 
-    `delivered` is that e. No member of the family has e = 0: where it is 0 or a rounding error,
-    `alpha` is the one that delivers the rounding error of 1.
+    `delivered` is that e. No member of the family has e = 0: `alpha` is one of a small e there.
     """
 
     delivered: Lane
@@ -146,8 +145,11 @@ class StickingForm(HuntCrossleyForm):
         return self.delivered
 
     def solve(self, n: Exponent) -> ScaledImpact:
-        """Return the solve of the family; bodies that stick have no indentation and force."""
-        scaled, sticks = super().solve(n), self.delivered <= 0
+        return self.as_delivered(super().solve(n))
+
+    def as_delivered(self, scaled: ScaledImpact) -> ScaledImpact:
+        """Return an impact with e as delivered; bodies that stick have no indentation and force."""
+        sticks = self.delivered <= 0
 
         def known(value: Lane) -> Lane:
             return jnp.where(sticks, jnp.nan, value)

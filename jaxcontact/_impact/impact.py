@@ -160,6 +160,8 @@ def _solved(lanes: Lanes, method: AbstractMethod) -> Impact:
 
 def summary(lanes: Lanes, method: AbstractMethod, scaled: ScaledImpact) -> Impact:
     scale, fill = lanes.scale, functools.partial(jnp.broadcast_to, shape=lanes.shape)
+    if lanes.push is None:
+        scaled = lanes.form.as_delivered(scaled)
     # A force that is not finite shows in these two. Unused outputs must stay dead code. A settled
     # contact has neither value, regardless of its solve.
     finite = jnp.isfinite(scaled.restitution + scaled.duration)

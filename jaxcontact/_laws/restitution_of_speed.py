@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from .._contact import Contact
     from .._forms import Scale
 
+_LEAST_E = 1e-3
+"""The e of the force that stands for bodies that stick; coupled solves resolve its damping."""
+
 
 class AbstractRestitutionOfSpeed(AbstractHuntCrossley):
     """The member of the Hunt-Crossley family that delivers e(v0); a subclass returns e(v0)."""
@@ -102,10 +105,9 @@ class WetRestitution(AbstractRestitutionOfSpeed):
     force is that member of the Hunt-Crossley family that delivers this e.
 
     At or below v_c e = 0 and a free impact is SETTLED: the liquid stops the bodies, and their
-    indentation, force and time of compression are NaN. No such force exists for e = 0. Its place
-    is taken by the one whose e is a rounding error of 1. Derivatives are zero there. Impacts under
-    a push and `bounce` find rest with it. A run of a scene stops where a ball sticks to a wall to
-    which it is pressed.
+    indentation, force and time of compression are NaN, and derivatives zero. No force of the family
+    has e = 0: pushes, scenes and mechanisms follow one with e = .001 in time. It also takes the
+    place of those with a smaller e, between v_c and 1.001 v_c.
 
     Capillary forces, the inertia of the liquid and what the dry e owes to its own speed are not
     described. Raises ValueError for a Python scalar out of range. Source: Davis, Serayssol & Hinch
@@ -152,12 +154,9 @@ class WetRestitution(AbstractRestitutionOfSpeed):
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
     ) -> Float[Array, "..."]:
-        """Return the α that delivers e(v0), or a rounding error of 1 if that is larger; ValueError
-        if `velocity` is missing.
-        """
+        """Return the α of e(v0), or of .001 if that is larger; ValueError without `velocity`."""
         e = self.restitution_at(speed_for(velocity, self))
-        least = float(jnp.finfo(e.dtype).eps)
-        return exact_damping_factor(jnp.where(e < least, least, e))
+        return exact_damping_factor(jnp.where(e < _LEAST_E, _LEAST_E, e))
 
     def form(self, contact: Contact | None, scale: Scale | None) -> StickingForm:
         speed = needed(scale, "velocity", self).speed
