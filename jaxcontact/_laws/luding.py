@@ -80,11 +80,9 @@ class Luding(AbstractLaw):
         depth, _, _ = force_arguments(indentation, velocity, contact, impact_velocity)
         require_exponent(self, contact)
         pressed = jnp.maximum(depth, 0)
-        if largest is None:
-            return contact.stiffness * pressed
-        most = as_parameter(largest, "largest")
+        most = as_parameter(0.0 if largest is None else largest, "largest")
         form = self._of_depths().remembering(most)
-        return contact.stiffness * form.force(pressed, pressed, 1.0, depth >= most)
+        return contact.stiffness * form.force(pressed, pressed, 1.0, pressed >= most)
 
     def _of_depths(self) -> LudingForm:
         """Return F/K as a form of δ in m."""

@@ -199,6 +199,12 @@ def cases() -> dict[str, Case]:
                 jc.Viscoplastic(yield_speed=0.1, c=1.0),
             )
         },
+        "Luding.force": Case(
+            jc.Luding(ratio=1.5, slope=0.0, adhesion=0.5).force,
+            FORCE | {"contact": jc.Contact(1.0, 1e6, 1.0)},
+            {name: REALS for name in FORCE_LEGAL if name != "contact"} | {"largest": REALS | NONE},
+            staged=True,
+        ),
         **{
             f"{name}.damping_factor": Case(
                 law.damping_factor, {"contact": CONTACT, "velocity": 1.0}, legal

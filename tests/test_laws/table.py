@@ -305,8 +305,8 @@ LAWS = {
     "wet_restitution": Law(
         jc.WetRestitution,
         ((0.85, 1e-3), (0.4, 0.5), (1.0, 0.0)),
-        # A force that delivers 0 has the place of one that delivers a rounding error.
-        alpha=lambda e, v_c, K, v: exact_alpha(max(e * (1 - v_c / v), mp.ldexp(1, -52))),
+        # A force that delivers .001 has the place of those that deliver less.
+        alpha=lambda e, v_c, K, v: exact_alpha(max(e * (1 - v_c / v), mp.mpf(1e-3))),
         names=("e", "critical_speed"),
     ),
     "linear_dashpot": Law(
