@@ -17,6 +17,11 @@ def ends_of(law: AbstractLaw, contact: Contact, length: Number, count: int) -> D
     return jnp.broadcast_to(end_of(law, contact) / length, (count,)) if law.ends_apart else None
 
 
+def attracts(law: AbstractLaw) -> bool:
+    """Return whether contacts of a law may store a negative energy."""
+    return law.ends_apart or law.forgets or (law.tension and not law.damped)
+
+
 def in_contact(depth: Depths, ends: Depths | None) -> Depths:
     """Return indentations for the forces of closed contacts, which rounding puts beyond 0. Those
     that end below 0 have a force there.

@@ -88,6 +88,10 @@ class JKRForm(AbstractForm):
         """Return ∫ f dx from touch to w."""
         return _energy(w + self._neck(1 / 3), self.root) + _FALLS * power(self.root, 10 / 3)
 
+    def well(self) -> Lane:
+        # From touch to equilibrium, at q³ = 2μ; the loss is larger, and of the same kind.
+        return LOSS * power(self.root, 10 / 3)
+
     def barrier(self, push: Lane) -> Lane:
         # It is at the snap, or under a pull beyond 5/9 φ at the unstable equilibrium.
         pull = -push / jnp.where(self.root > 0, jnp.square(self.root), 1)
@@ -140,7 +144,8 @@ def jkr_force(x: Lane, adhesion: Lane, goes_on: bool = False) -> Lane:
 def jkr_energy(x: Lane, adhesion: Lane) -> Lane:
     """Return ∫ f dx of a JKR contact from touch to x, not beyond the snap but for rounding."""
     adheres, scale, p, _ = _neck(x, adhesion, True)
-    return jnp.where(adheres, scale**10 * (_energy(p, 1.0) + _FALLS), 0.4 * power(x, 2.5))
+    little = 0.4 * power(x, 2.5) - (2 / 3) * adhesion * jnp.maximum(x, 0)
+    return jnp.where(adheres, scale**10 * (_energy(p, 1.0) + _FALLS), little)
 
 
 def jkr_snap(adhesion: Lane) -> Lane:

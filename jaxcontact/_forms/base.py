@@ -86,6 +86,10 @@ class AbstractForm(eqx.Module):
         """Return the form after the turn at the indentation `deepest`, if it `remembers`."""
         return self
 
+    def well(self) -> Lane | float:
+        """Return the largest energy that adhesion alone may turn into motion."""
+        return 0.0
+
     def barrier(self, push: Lane) -> Lane | None:
         """Return the largest ∫ f dx - Γ x on the way out, which bodies must have to part, if it is
         not that of x = 0; -∞ if they always part. None for forms without adhesion.

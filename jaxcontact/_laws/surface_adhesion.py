@@ -102,7 +102,7 @@ class JKR(AbstractAdhesive):
     `pull_off` F_po ≥ 0 in N is the largest pull. With z = a²/R of the contact radius a,
     F = K z^(3/2) - 2 √(K F_po) z^(3/4) and δ = z - (4/3) √(F_po/K) z^(1/4). The contact forms at
     δ = 0 with -8/9 F_po and snaps at δ = -3^(-1/3) (F_po/K)^(2/3) with -5/9 F_po. Each impact loses
-    .648703 (F_po⁵/K²)^(1/3), so that e = √(1 - (v_s/v0)²). At or below the speed v_s of that energy
+    .648641 (F_po⁵/K²)^(1/3), so that e = √(1 - (v_s/v0)²). At or below the speed v_s of that energy
     the bodies stick: e = 0 and the status is SETTLED. Without damping they would then oscillate for
     ever.
 

@@ -235,7 +235,7 @@ def _numbers(
     contacts = rules.soft or not all(layout.constant)
     numbers, valid = scene_numbers(inputs, layout, contacts, rules.soft)
     numbers = ones_unless(numbers, valid)
-    length, times = length.astype(numbers.dtype), times.astype(numbers.dtype)
+    length, times = (jnp.asarray(time, numbers.dtype) for time in (length, times))
     last = length
     for movers in (numbers.motion, numbers.shaking):
         if movers is not None:

@@ -383,6 +383,14 @@ class SystemField(AbstractCoupledField):
         kinetic = self.mechanics.kinetic(*self.moment(y)) / self.scales.contact.energy
         return kinetic + jnp.sum(self.stored(y, modes)) + jnp.sum(self.lost(y))
 
+    def turnover(self, y: Array, modes: Modes) -> Number:
+        """Return the sum of all energies without their signs, and those of necks at their ends."""
+        kinetic = self.mechanics.kinetic(*self.moment(y)) / self.scales.contact.energy
+        contacts = jnp.abs(self.stored(y, modes)) + jnp.abs(self.lost(y))
+        if self.ends is not None:
+            contacts = contacts + self.torn(modes)
+        return kinetic + jnp.sum(contacts)
+
 
 class _Summit(NamedTuple):
     """A maximum: the part of the step from its start to it, and its value."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from .._coupled.ends import ends_of
+from .._coupled.ends import attracts, ends_of
 from .._coupled.field import TIME, WORK, LoopRules
 from .._coupled.modes import NOT_CONVERGED, PAUSED, TIME_IS_UP, Modes, PerContact
 from .._coupled.scalars import Flag, Index, Number
@@ -225,6 +225,9 @@ def _assess(solve: _SystemSolve, begun: SystemEnd, first: Carry, end: _Loop) -> 
     before, now = jax.vmap(field.energy)(*both)
     missing = jnp.abs(now - before - b.dropped - b.y[WORK])
     turnover = jnp.maximum(jnp.maximum(before, now), jnp.abs(b.y[WORK]))
+    if attracts(field.mechanics.system.law):
+        # The energy of bodies that stick may vanish.
+        turnover = jnp.maximum(turnover, jnp.max(jax.vmap(field.turnover)(*both)))
     imbalance = missing / jnp.maximum(turnover, 1)
     error = jnp.maximum(b.error, imbalance) + begun.error
     sound = jnp.all(jnp.isfinite(b.y)) & (imbalance <= 1e5 * solve.tolerance)

@@ -158,6 +158,23 @@ def test_what_a_push_and_adhesion_hold_has_settled():
     np.testing.assert_array_equal(status, 1)
 
 
+def test_bodies_slower_than_their_adhesion():
+    """They take its speed at once; energies are much larger than that of the impact."""
+    speed = STICKS * jnp.array([1e-2, 1e-4, 1e-6])
+    by_formula, by_event = (jc.impact(LAW, CONTACT, speed, method=m) for m in ("auto", "event"))
+    np.testing.assert_array_equal(by_event.status, 1)
+    np.testing.assert_allclose(by_event.max_force, by_formula.max_force, rtol=1e-8)
+    held = pushed()(np.asarray(speed)[[0, 1, 2, 1, 2]], -0.25 * PULL_OFF * np.ones(5), PULL_OFF)
+    np.testing.assert_array_equal(held[1][1], 1)
+    # Beyond the pull-off force the pull gives its work along the neck, whatever the speed.
+    torn = pushed()(np.asarray(speed)[[0, 1, 2, 1, 2]], -1.5 * PULL_OFF * np.ones(5), PULL_OFF)
+    np.testing.assert_array_equal(torn[1][1], 0)
+    gained = torn[1][0][:, 0] * np.asarray(speed)[[0, 1, 2, 1, 2]]
+    work = 1.5 * PULL_OFF * -SNAP - 7.09219597186 * UNIT
+    own = np.square(np.asarray(speed)[[0, 1, 2, 1, 2]])
+    np.testing.assert_allclose(np.square(gained), 2 * work / MASS + own, rtol=1e-7)
+
+
 def test_trajectories_end_at_the_snap():
     speed = STICKS * jnp.array([2.0, 0.5])
     path, hit = jc.trajectory(LAW, CONTACT, speed, samples=33), jc.impact(LAW, CONTACT, speed)

@@ -76,8 +76,8 @@ def test_derivatives_across_touch_and_snap():
 MASS, HEIGHT, GRAVITY = 0.5, 0.01, 9.81
 
 
-def dropped():
-    ball = jc.Sphere(radius=RADIUS, mass=MASS, position=(RADIUS + HEIGHT,))
+def dropped(height=HEIGHT):
+    ball = jc.Sphere(radius=RADIUS, mass=MASS, position=(RADIUS + height,))
     wall = jc.Plane(point=(0.0,), normal=(1.0,))
     return jc.Scene(bodies=[ball, wall], law=LAW, stiffness=STIFFNESS, gravity=(-GRAVITY,))
 
@@ -101,6 +101,18 @@ def test_a_bouncing_ball_sticks():
     assert np.isnan(run.impacts.duration[-1])
     lost = run.energy[0] - run.energy[-1]
     np.testing.assert_allclose(lost, (count - 1) * NECK.lost, rtol=1e-8)
+
+
+def test_a_ball_that_touches_slowly():
+    """Its own energy is a millionth of that of its neck; it may also go on from there."""
+    run = followed(dropped(1e-9), 0.3)
+    contact = jc.Contact(mass=MASS, stiffness=STIFFNESS)
+    hit = jc.impact(LAW, contact, np.sqrt(2 * GRAVITY * 1e-9), external_force=MASS * GRAVITY)
+    np.testing.assert_allclose(run.impacts.max_force, hit.max_force, rtol=1e-5)
+    first = followed(dropped(1e-9), 0.1)
+    np.testing.assert_allclose(
+        followed(first.final, 0.2).position[-1], run.position[-1], atol=1e-11
+    )
 
 
 def test_a_trajectory_is_the_path_of_the_ball():

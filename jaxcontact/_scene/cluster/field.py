@@ -216,6 +216,17 @@ class ClusterField(AbstractCoupledField):
             energy = energy + friction.energy(rubbed.spin) + jnp.sum(rubbed.taken)
         return energy + jnp.sum(self.parts.lost(y))
 
+    def turnover(self, y: Array, modes: Modes) -> Number:
+        """Return the sum of all energies without their signs, and those of necks at their ends."""
+        velocity = self.parts.velocity(y)
+        stored = self.system.stored(
+            self.system.geometry(self.parts.moved(y), velocity).depth, modes
+        )
+        contacts = jnp.abs(stored) + jnp.abs(self.parts.lost(y))
+        if self.ends is not None:
+            contacts = contacts + self.torn(modes)
+        return self.system.kinetic(velocity) + jnp.sum(contacts)
+
 
 def field_of(
     problem: ClusterProblem, rules: LoopRules, units: Units, frame: PerBody, in_line: bool

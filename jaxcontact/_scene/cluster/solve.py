@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from ..._coupled.ends import attracts
 from ..._coupled.field import TIME, WORK, LoopRules
 from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Modes
 from ..._coupled.steps.carry import Carry, CoupledSolve
@@ -139,6 +140,9 @@ def _assess(
     both = jax.tree.map(lambda *ends: jnp.stack(ends), *ends)
     before, now = jax.vmap(field.energy)(*both)
     missing = jnp.abs(now - before - last.dropped - last.y[WORK])
+    if attracts(problem.law):
+        # The energy of bodies that stick may vanish.
+        before = jnp.max(jax.vmap(field.turnover)(*both))
     error = jnp.maximum(last.error, missing / jnp.maximum(before, jnp.abs(last.y[WORK])))
     sound = jnp.all(jnp.isfinite(last.y)) & (error <= 1e5 * tolerance)
     status = jnp.where(sound, status, NOT_CONVERGED)
