@@ -125,7 +125,7 @@ class AbstractForm(eqx.Module):
         return None
 
     def as_delivered(self, scaled: ScaledImpact) -> ScaledImpact:
-        """Return a free impact with what the form knows of it better than a solve."""
+        """Return a free impact with the exact numbers of the form in place of those of a solve."""
         return scaled
 
     @property
