@@ -74,6 +74,7 @@ def simulate_scene(
     room_for = MOST if max_cluster is None else require_count("max_cluster", max_cluster, 2)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
     at = times_of(times, length)
+    moves = traced(at)
     require_progress(progress)
     layout = layout_of(scene)
     if max_cluster is None:
@@ -113,7 +114,7 @@ def simulate_scene(
     inputs = (layout, numbers, valid, last, within)
     ended, numbers, outcome = differentiable_run(rules, inputs, piecewise, at_once)
     record = RunRecord(layout, numbers, ended, within, outcome, last, length)
-    contents = read_run(record, at, room)
+    contents = read_run(record, at, room, moves)
     names = tuple(
         body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
         for k, body in enumerate(scene.bodies)

@@ -16,7 +16,14 @@ from ..result import Impacts, States, traced
 from ..run_record import RunRecord
 from .friction_at_rest import friction_at_rest
 from .impact_table import table_of, taken_beside
-from .states import states_as_numpy, states_at, states_in_log, states_in_log_as_numpy, states_of
+from .states import (
+    has_forces_at,
+    states_as_numpy,
+    states_at,
+    states_in_log,
+    states_in_log_as_numpy,
+    states_of,
+)
 from .straddling import clip_to_run
 from .wall_work import work_of
 
@@ -34,12 +41,14 @@ class RunContents(NamedTuple):
     sliding_loss: Number | None
 
 
-def read_run(record: RunRecord, times: Float[Array, " T"], rows: int | None) -> RunContents:
+def read_run(
+    record: RunRecord, times: Float[Array, " T"], rows: int | None, moves: bool
+) -> RunContents:
     """Return the results, with the table of impacts padded to so many `rows`. With concrete numbers
     the table has no blank rows. Motion inside contacts is compiled only if one of the times needs
-    it.
+    it. `moves`: whether the times may have tangents.
     """
-    reading = derived(_by_choice, record, times, rows, decide=_from_log)
+    reading = derived(_by_choice, record, times, rows, moves, decide=_from_log)
     if traced(reading.total):
         return reading
     total = int(reading.total)
@@ -55,7 +64,7 @@ def _first(impacts: Impacts, total: int) -> Impacts:
 
 
 def _from_log(
-    record: RunRecord, times: Array, rows: int | None
+    record: RunRecord, times: Array, rows: int | None, moves: bool
 ) -> tuple[RunContents, tuple[bool, bool]]:
     """Return the results from Python, with two flags for `_by_choice`. They say whether a requested
     time, and whether an end of the run, is inside a contact.
@@ -67,11 +76,16 @@ def _from_log(
     now = states_as_numpy(record, times) if inside else jax.tree.map(lambda x: x[:count], every)
     if cut:
         record = clip_to_run(record, jax.device_put(states_as_numpy(record, ends)))
+    inside = inside or (moves and has_forces_at(record, times))
     return _without_states(record)._replace(now=jax.device_put(now)), (inside, cut)
 
 
 def _by_choice(
-    choice: tuple[bool, bool] | None, record: RunRecord, times: Array, rows: int | None
+    choice: tuple[bool, bool] | None,
+    record: RunRecord,
+    times: Array,
+    rows: int | None,
+    moves: bool,
 ) -> RunContents:
     """Return the results from one program with the parts chosen, or with all parts."""
     if choice is not None:

@@ -19,7 +19,7 @@ from ..engine.cluster_slots import slot_pairs
 from ..engine.log import Log, last_call
 from ..pair_impact.friction import is_followed
 from ..pair_impact.rolling import flying_at_start
-from ..result import States, nan_unless
+from ..result import States, nan_unless, traced
 from ..run_record import RunRecord
 from .inside_contacts import Entries, Kinematics, at_rest, energy_at_ends, in_contacts
 
@@ -30,13 +30,14 @@ With it a run, its plots and its animations share one program."""
 
 def states_at(record: RunRecord, times: Float[Array, " T"]) -> States:
     """Return the states at given times; motion inside contacts is compiled only if needed."""
-    return derived(_states_at, record, times, decide=_states_by_choice)
+    return derived(_states_at, record, times, traced(times), decide=_states_by_choice)
 
 
-def _states_by_choice(record: RunRecord, times: Array) -> tuple[States, bool]:
+def _states_by_choice(record: RunRecord, times: Array, moves: bool) -> tuple[States, bool]:
     now, inside = states_in_log_as_numpy(record, times)
     cut = bool(np.any(inside))
-    return jax.device_put(states_as_numpy(record, times) if cut else now), cut
+    now = jax.device_put(states_as_numpy(record, times) if cut else now)
+    return now, cut or (moves and has_forces_at(record, times))
 
 
 def states_in_log_as_numpy(record: RunRecord, times: ArrayLike) -> tuple[States, np.ndarray]:
@@ -61,7 +62,14 @@ def _by_room(
     return jax.tree.map(lambda x: np.asarray(x)[:count], result)
 
 
-def _states_at(inside: bool | None, record: RunRecord, times: Array) -> States:
+def has_forces_at(record: RunRecord, times: Float[Array, " T"]) -> bool:
+    """Return whether one of the times is inside a contact, or at the end of a run inside one. The
+    log has the state there, but not its derivative by time.
+    """
+    return bool(any_inside(record, times, True))
+
+
+def _states_at(inside: bool | None, record: RunRecord, times: Array, moves: bool) -> States:
     if record.rules.soft if inside is None else inside:
         return states_of(record, times)
     return states_in_log(record, times)[0]
@@ -168,17 +176,23 @@ def _with_prescribed(
     )
 
 
-def any_inside(record: RunRecord, times: Float[Array, " T"]) -> Flag:
-    """Return whether any of the times lies inside a contact of finite duration."""
-    return jnp.any(_inside(record, times, last_impacts(record, times)))
+@quick
+def any_inside(record: RunRecord, times: Float[Array, " T"], or_cut: bool = False) -> Flag:
+    """Return whether any of the times lies inside a contact of finite duration. `or_cut` includes
+    the end of a run that ends in a coupled contact.
+    """
+    return jnp.any(_inside(record, times, last_impacts(record, times), or_cut))
 
 
-def _inside(record: RunRecord, times: Float[Array, " T"], found: Entries) -> Bool[Array, " T"]:
+def _inside(
+    record: RunRecord, times: Float[Array, " T"], found: Entries, or_cut: bool = False
+) -> Bool[Array, " T"]:
     inside, log = jnp.any((times[:, None] < found.began) & (found.row >= 0), axis=1), record.log
     if log.facts.call is None or log.figures.coupled is None:
         return inside
     row, last = last_call(log, record.outcome.written, times)
-    return inside | (last & (times < rows_of(log.figures.coupled.end.time, row)))
+    until, ends = rows_of((log.figures.coupled.end.time, log.facts.call.ends), row)
+    return inside | (last & ((times < until) | (~ends & or_cut)))
 
 
 def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
