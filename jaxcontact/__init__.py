@@ -70,6 +70,7 @@ if _TYPE_CHECKING:
     from ._laws import DMT as DMT
     from ._laws import JKR as JKR
     from ._laws import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
+    from ._laws import AbstractElasticPlastic as AbstractElasticPlastic
     from ._laws import AbstractHuntCrossley as AbstractHuntCrossley
     from ._laws import AbstractLaw as AbstractLaw
     from ._laws import AntypovElliott as AntypovElliott
@@ -146,12 +147,13 @@ _ROOMS = {
         "calibrate calibrate_friction fit_record load_calibration read_recording report"
     ),
     "_laws": (
-        "VELOCITY_THRESHOLD AbstractHuntCrossley AbstractLaw AntypovElliott Bridges "
-        "CarvalhoMartins ConstantDamping DMT Damped EnergyLoss ExactRestitution Flores Gonthier "
-        "HerbertMcWhannell Hertz HuGuo HuntCrossley JKR Jankowski KelvinVoigt KuwabaraKono "
-        "LankaraniNikravesh LeeWang LinearDashpot Luding MarhefkaOrin PowerDamping "
-        "PowerRestitution StepDamping Thornton ThorntonPlastic Tsuji Viscoplastic WaltonBraun "
-        "WetRestitution ZhiyingQishao get_law list_laws register_law"
+        "VELOCITY_THRESHOLD AbstractElasticPlastic AbstractHuntCrossley AbstractLaw "
+        "AntypovElliott Bridges CarvalhoMartins ConstantDamping DMT Damped EnergyLoss "
+        "ExactRestitution Flores Gonthier HerbertMcWhannell Hertz HuGuo HuntCrossley JKR "
+        "Jankowski KelvinVoigt KuwabaraKono LankaraniNikravesh LeeWang LinearDashpot "
+        "Luding MarhefkaOrin PowerDamping PowerRestitution StepDamping Thornton "
+        "ThorntonPlastic Tsuji Viscoplastic WaltonBraun WetRestitution ZhiyingQishao get_law "
+        "list_laws register_law"
     ),
     "_scene": (
         "Box Ending Impacts Margin Plane Prescribed Run Scene Shell SolvedBy Sphere States Steady "

@@ -14,6 +14,7 @@ from .base import Momentum as Momentum
 from .base import signed_power as signed_power
 from .dashpot import DashpotForm as DashpotForm
 from .general import GeneralForm as GeneralForm
+from .general import TwoCurvesForm as TwoCurvesForm
 from .hunt_crossley import HuntCrossleyForm as HuntCrossleyForm
 from .hunt_crossley import SpeedDependentForm as SpeedDependentForm
 from .hunt_crossley import StickingForm as StickingForm

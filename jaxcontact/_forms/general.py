@@ -1,4 +1,4 @@
-"""The form of any law: its force in SI units, scaled."""
+"""The forms of any law, and of any elastic-plastic law: their forces in SI units, scaled."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ from typing import Any, Protocol
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import ArrayLike
 
 from .._entry import as_parameter
+from .._functions import power
 from .base import AbstractForm, Exponent, Flag, Lane
+from .plastic import AbstractPlasticForm
 from .scale import ContactLike, Scale
 
 
@@ -75,3 +78,58 @@ class ContinuedForm(GeneralForm):
         value, change = jax.jvp(force, (self.x, self.v), (x - self.x, v - self.v))
         clamped = force(x, v)
         return jnp.where((clamped == 0) & ~compressing, value + change, clamped)
+
+
+class HasTwoCurves(Protocol):
+    """The part of an elastic-plastic law's interface that its form uses."""
+
+    def loading(self, indentation: Any, contact: Any) -> ArrayLike:
+        """Return the force in N of a contact that is loading, without damping."""
+        ...
+
+    def unloading(self, largest: Any, contact: Any) -> tuple[ArrayLike, ArrayLike]:
+        """Return the stiffness of unloading in N/mⁿ, and the indentation in m at which it ends."""
+        ...
+
+    def corners(self, contact: Any) -> tuple[ArrayLike, ...]:
+        """Return the indentations in m at which the curve of loading is not smooth."""
+        ...
+
+
+class TwoCurvesForm(AbstractPlasticForm):
+    """f from the curves of a law, in units of `length` X and of the `unit` of force."""
+
+    law: HasTwoCurves
+    contact: ContactLike
+    length: Lane
+    unit: Lane
+    own_exponent: float = eqx.field(static=True)
+
+    def loading(self, x: Lane) -> Lane:
+        force = self.law.loading(self.length * x, self.contact)
+        return as_parameter(force, "force") / self.unit
+
+    def unloading(self, deepest: Lane) -> tuple[Lane, Lane]:
+        # A contact that has not been loaded is never asked, but its derivative is.
+        loaded = deepest > 0
+        most = self.length * jnp.where(loaded, deepest, 1)
+        stiffness, end = map(jnp.asarray, self.law.unloading(most, self.contact))
+        scaled = stiffness * self.length**self.own_exponent / self.unit
+        return scaled, jnp.where(loaded, end / self.length, 0)
+
+    def work(self, x: Lane) -> Lane:
+        """Return the work of loading by Gauss rules between the corners. In √x, any sum of powers
+        of √x up to that of degree 30 is exact.
+        """
+        nodes, weights = np.polynomial.legendre.leggauss(16)
+        rule = list(zip(nodes.tolist(), weights.tolist(), strict=True))
+        corners = [jnp.asarray(corner) / self.length for corner in self.law.corners(self.contact)]
+        begins = [jnp.zeros_like(x), *(jnp.clip(corner, 0, x) for corner in corners)]
+        total = jnp.zeros_like(x)
+        for begin, end in zip(begins, [*begins[1:], x], strict=True):
+            low, high = power(begin, 0.5), power(end, 0.5)
+            half = (high - low) / 2
+            for node, weight in rule:
+                root = low + half * (1 + node)
+                total = total + 2 * weight * half * root * self.loading(jnp.square(root))
+        return total

@@ -52,7 +52,7 @@ class AbstractPlasticForm(AbstractForm):
     deepest: Lane | None = eqx.field(default=None, kw_only=True)
     alpha: Lane | None = eqx.field(default=None, kw_only=True)
     tension: bool = eqx.field(static=True, default=False, kw_only=True)
-    own_exponent: eqx.AbstractClassVar[float]
+    own_exponent: eqx.AbstractVar[float]
     remembers: ClassVar[bool] = True
 
     @abc.abstractmethod

@@ -27,6 +27,7 @@ from .oscillator import Jankowski as Jankowski
 from .oscillator import KelvinVoigt as KelvinVoigt
 from .oscillator import Thornton as Thornton
 from .oscillator import Tsuji as Tsuji
+from .plastic import AbstractElasticPlastic as AbstractElasticPlastic
 from .plastic import AbstractPlastic as AbstractPlastic
 from .plastic import ThorntonPlastic as ThorntonPlastic
 from .plastic import Viscoplastic as Viscoplastic

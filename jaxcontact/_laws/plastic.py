@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, POSITIVE, Range, as_parameter, parameter
-from .._forms import AbstractPlasticForm, BilinearForm, YieldingForm, scale_of
+from .._forms import AbstractPlasticForm, BilinearForm, TwoCurvesForm, YieldingForm, scale_of
 from .base import AbstractLaw, contact_for, force_arguments, needed, require_exponent
 from .registry import register_law
 
@@ -124,6 +124,73 @@ class WaltonBraun(AbstractPlastic):
         contact_for(contact, self)
         length = needed(scale, "velocity", self).length
         return BilinearForm(factor=self.ratio, slope=self.slope * length)
+
+
+class AbstractElasticPlastic(AbstractPlastic):
+    """An elastic-plastic law of your own: a curve of loading, and an elastic way back.
+
+    The state of such a contact is its largest indentation δ_m. While δ = δ_m it is loading, with
+    the force `loading`. From there it unloads and reloads along F = K_u (δ - δ_p)ⁿ, where
+    `unloading` states K_u and δ_p as functions of δ_m. Both forces are multiplied by 1 + a δ' with
+    the `damping` a. The contact never pulls, and the next touch starts afresh.
+
+    A subclass defines `loading` and `unloading`, whose forces must agree at δ_m: `loading(δ_m)` =
+    K_u (δ_m - δ_p)ⁿ with 0 ≤ δ_p < δ_m. It sets `exponents` to a tuple of the one n of its way
+    back. `corners` lists where `loading` is not smooth, and `damping` returns a in s/m. The law is
+    solved by the event method, with the moments of unloading and reloading as events. Source:
+    Johnson (1985), Contact Mechanics, section 11.5, doi 10.1017/CBO9781139171731.
+    """
+
+    exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
+
+    @abc.abstractmethod
+    def loading(self, indentation: Float[Array, "..."], contact: Contact) -> Float[Array, "..."]:
+        """Return the force in N at the indentation δ ≥ 0 in m of a contact that is loading."""
+
+    @abc.abstractmethod
+    def unloading(
+        self, largest: Float[Array, "..."], contact: Contact
+    ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        """Return K_u in N/mⁿ and δ_p in m of the way back from the largest indentation in m."""
+
+    def corners(self, contact: Contact) -> tuple[Float[Array, "..."], ...]:
+        """Return the indentations in m, ascending, at which `loading` is not smooth; none by
+        default.
+        """
+        return ()
+
+    def damping(self, contact: Contact) -> Float[Array, "..."] | None:
+        """Return the a in s/m of the factor 1 + a δ'; None by default, without damping."""
+        return None
+
+    @property
+    def damped(self) -> bool:
+        return type(self).damping is not AbstractElasticPlastic.damping
+
+    def _over_stiffness(self, contact: Contact) -> TwoCurvesForm:
+        return self._in_units(contact, jnp.ones_like(contact.stiffness), contact.stiffness, 1.0)
+
+    def form(self, contact: Contact | None, scale: Scale | None) -> TwoCurvesForm:
+        units = needed(scale, "velocity", self)
+        return self._in_units(contact_for(contact, self), units.length, units.force, units.speed)
+
+    def _in_units(
+        self, contact: Contact, length: Array, force: Array, speed: Array | float
+    ) -> TwoCurvesForm:
+        if self.exponents is None or len(self.exponents) != 1:
+            raise TypeError(
+                f"Law `{type(self).__name__}` must set `exponents` in the class to a tuple of the "
+                f"one exponent of its way back, but it is {self.exponents!r}."
+            )
+        damping = self.damping(contact)
+        return TwoCurvesForm(
+            law=self,
+            contact=contact,
+            length=length,
+            unit=force,
+            own_exponent=self.exponents[0],
+            alpha=None if damping is None else speed * jnp.asarray(damping),
+        )
 
 
 class AbstractYielding(AbstractPlastic):
