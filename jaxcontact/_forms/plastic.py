@@ -11,6 +11,7 @@ G(1)` and `G(-e) = U(x_m)`. Times are integrals of 1/F over y = ln(1+αv)/α.
 from __future__ import annotations
 
 import abc
+import dataclasses
 import math
 from typing import ClassVar
 
@@ -46,10 +47,12 @@ class AbstractPlasticForm(AbstractForm):
     """A contact whose force remembers its largest indentation x_m, `deepest`.
 
     `alpha` is None without damping. A subclass states its exponent, and the forces of loading and
-    unloading. `deepest` is 0 or None while the contact is loading.
+    unloading. `deepest` is 0 or None while the contact is loading. `way_back` is the κ and x_p of
+    unloading from it, computed once for all steps.
     """
 
     deepest: Lane | None = eqx.field(default=None, kw_only=True)
+    way_back: tuple[Lane, Lane] | None = eqx.field(default=None, kw_only=True)
     alpha: Lane | None = eqx.field(default=None, kw_only=True)
     tension: bool = eqx.field(static=True, default=False, kw_only=True)
     own_exponent: eqx.AbstractVar[float]
@@ -68,23 +71,20 @@ class AbstractPlasticForm(AbstractForm):
         """Return the κ of unloading from x_m, and the x_p at which it ends."""
 
     def remembering(self, deepest: Lane) -> AbstractPlasticForm:
-        return eqx.tree_at(
-            lambda form: form.deepest, self, deepest, is_leaf=lambda leaf: leaf is None
-        )
+        # A contact that loads has no way back yet.
+        way_back = self.unloading(jnp.where(deepest > 0, deepest, 1))
+        return dataclasses.replace(self, deepest=deepest, way_back=way_back)
 
     def _damped(self, v: Lane) -> Lane | float:
         return 1.0 if self.alpha is None else 1 + self.alpha * v
 
-    def _back(self, x: Lane, loads_to: Lane) -> tuple[Lane, Lane]:
-        """Return the κ of unloading and the distance of x to its end. A contact that is loading,
-        with 0 or None for its largest indentation, unloads from `loads_to`.
-        """
-        deepest = loads_to if self.deepest is None else self.deepest
-        factor, end = self.unloading(jnp.where(deepest > 0, deepest, loads_to))
+    def _back(self, x: Lane) -> tuple[Lane, Lane]:
+        """Return the κ of unloading and the distance of x to its end, if the contact unloads."""
+        factor, end = self.unloading(jnp.ones_like(x)) if self.way_back is None else self.way_back
         return factor, x - end
 
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
-        factor, left = self._back(x, jnp.ones_like(x))
+        factor, left = self._back(x)
         back = factor * signed_power(left, self.own_exponent)
         return jnp.where(compressing, self.loading(x), back) * self._damped(v)
 
@@ -92,7 +92,7 @@ class AbstractPlasticForm(AbstractForm):
         self, w: Lane, v: Lane, n: Exponent, compressing: Flag, order: int | None = None
     ) -> Lane:
         x = w ** (order or self.order(n))
-        left = self._back(x, jnp.ones_like(x))[1]
+        left = self._back(x)[1]
         # The way back ends at x_p, or where strong damping pulls.
         gap = jnp.where(left < 0, left, left * self._damped(v))
         return jnp.where(compressing, self.force(x, v, n, compressing), gap)
@@ -100,9 +100,11 @@ class AbstractPlasticForm(AbstractForm):
     def stored(self, w: Lane, n: Exponent, order: int | None = None) -> Lane:
         """Return the energy that unloading from w returns."""
         x = w ** (order or self.order(n))
-        factor, left = self._back(x, x)
+        # A contact that loads would unload from here.
+        deepest = x if self.deepest is None else jnp.where(self.deepest > 0, self.deepest, x)
+        factor, end = self.unloading(deepest)
         more = self.own_exponent + 1
-        return factor * power(left, more) / more
+        return factor * power(x - end, more) / more
 
     def kept(self, deepest: Lane) -> Lane:
         factor, end = self.unloading(deepest)
