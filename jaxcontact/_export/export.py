@@ -49,8 +49,8 @@ def export(
     inverted for it and solved again with the parameters found. For several speeds, the export
     minimises the largest error of e with one set of parameters. Engines: "adams", "bullet",
     "chrono", "drake", "exudyn", "lammps", "mercurydpm", "mujoco", "newton", "simbody", "yade".
-    Laws that an engine has itself keep their force: `DMT` in LAMMPS, and in MercuryDPM `Luding` and
-    `WaltonBraun` with ratio 1 or slope 0.
+    Laws that an engine has itself keep their force: `DMT` in LAMMPS, and `Luding` and `WaltonBraun`
+    in Exudyn (slope 0) and MercuryDPM (ratio 1 or slope 0).
 
     The stiffness is the contact's if the engine has the same exponent. Otherwise it is chosen to
     match the duration of contact, at the one speed or at the geometric mean of the smallest and the
@@ -70,7 +70,7 @@ def export(
     - `damping`, for LAMMPS: "coeff_restitution" (default), "tsuji", "tsuji_sqrt2", "viscoelastic"
       or, with a hooke contact, "mass_velocity".
     - `discrete_contact_approximation`, for Drake: "lagged" (default), "similar" or "sap".
-    - `impact_model`, for Exudyn: 2 (default) or 1.
+    - `impact_model`, for Exudyn: 2 (default) or 1; for the restitution of a `Luding`, too.
     - `d` in m, for Adams: the depth of the full damping. The default is that of a `StepDamping`,
       and for other laws 1 % of the largest indentation without damping.
     - `length`, for Adams: "m" (default) or "mm".

@@ -132,3 +132,20 @@ def test_lammps_has_our_dmt(tmp_path):
     wanted = jc.trajectory(law, contact, velocity, samples=11).velocity[3] / velocity
     assert wanted > 1.3
     assert -speed == pytest.approx(float(wanted), rel=PROMISE / 10)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        jc.Luding(ratio=1.5, slope=0.0, adhesion=0.5),
+        jc.Luding(ratio=3.0, slope=0.0, adhesion=0.8),
+        jc.WaltonBraun(ratio=20.0, slope=0.0),
+    ],
+    ids=repr,
+)
+def test_exudyn_has_our_luding(law, tmp_path):
+    needed("exudyn")
+    found = export(law, jc.Contact(0.033, 1e7, 1.0), 1.0, engine="exudyn")
+    cases = [case(found, 0.033, 1.0, 0.01, phase=phase) for phase in PHASES]
+    for e in rebounds("exudyn", cases, tmp_path):
+        assert abs(e / found.target - 1) < found.expected_error

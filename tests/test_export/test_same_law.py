@@ -86,6 +86,40 @@ def test_mercurydpm_has_the_rule_of_its_source(law):
         found.at_time_step(1e-6)
 
 
+def exudyn(p, contact, speed, steps):
+    """Return e of impact model 0, by the three cases of its manual and leapfrog steps."""
+    k, ratio, adhesion = (
+        p[x] for x in ("contactStiffness", "contactPlasticityRatio", "adhesionCoefficient")
+    )
+    assert p["contactStiffnessExponent"] == p["adhesionExponent"] == 1
+    mass, most, v = float(contact.mass), 0.0, speed
+    h = math.pi * math.sqrt(mass / k) / steps
+    x = v * h / 2
+    while x > 0:
+        most = max(most, x)
+        back = k / (1 - ratio) * (x - ratio * most)
+        v -= h * max(min(k * x, back), -adhesion * x) / mass
+        x += h * v
+    return -v / speed
+
+
+@pytest.mark.parametrize(
+    "law",
+    [jc.Luding(ratio=1.5, slope=0.0, adhesion=0.5), jc.WaltonBraun(ratio=20.0, slope=0.0)],
+    ids=repr,
+)
+def test_exudyn_has_the_cases_of_its_manual(law):
+    found = export(law, SPRING, 1.0, engine="exudyn")
+    words = eval(f"dict({found.snippet})")
+    assert (words.pop("impactModel"), words.pop("contactDamping")) == (0, 0)
+    assert words == pytest.approx(dict(found.parameters))
+    assert exudyn(words, SPRING, 1.0, 2000) == pytest.approx(found.target, abs=STEPS)
+    assert found.delivered == pytest.approx(found.target, abs=FORCE)
+    # An impact model asked for matches the restitution, as for any other law.
+    model = export(law, SPRING, 1.0, engine="exudyn", impact_model=2)
+    assert "restitutionCoefficient" in model.parameters
+
+
 @pytest.mark.parametrize(
     ("law", "contact", "options", "message"),
     [
@@ -112,6 +146,12 @@ def test_mercurydpm_has_the_rule_of_its_source(law):
             SPRING,
             {"engine": "mercurydpm"},
             "`radius` is needed for a law with a slope for engine 'mercurydpm', but is None",
+        ),
+        (
+            jc.WaltonBraun(ratio=1.0, slope=3e3),
+            SPRING,
+            {"engine": "exudyn"},
+            "slope 0 for engine 'exudyn', but has 3000 1/m; to match its restitution alone, give",
         ),
     ],
 )

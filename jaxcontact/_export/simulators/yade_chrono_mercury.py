@@ -9,10 +9,10 @@ import jax.numpy as jnp
 
 from ..._contact import Contact
 from ..._entry import POSITIVE, Range, require_number
-from ..._laws import AntypovElliott, KelvinVoigt, Luding, WaltonBraun
+from ..._laws import AntypovElliott, KelvinVoigt, Luding
 from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
-from ..wanted import Draft, Wanted, matched_stiffness
+from ..wanted import Draft, Wanted, as_luding, matched_stiffness
 from .spring import SpringAndDashpot
 
 _LEAST = math.exp(-2)
@@ -168,12 +168,8 @@ class MercuryDPM(Engine):
     name = "mercurydpm"
 
     def draft(self, wanted: Wanted, *, radius: float | None = None) -> Draft:
-        law = wanted.law
-        if isinstance(law, WaltonBraun):
-            law = Luding(ratio=law.ratio, slope=law.slope, adhesion=jnp.zeros(()))
-        if isinstance(law, Luding):
-            return _plastic(wanted, law, radius)
-        return self._dashpot(wanted)
+        law = as_luding(wanted.law)
+        return self._dashpot(wanted) if law is None else _plastic(wanted, law, radius)
 
     def _dashpot(self, wanted: Wanted) -> Draft:
         # An elastic contact is requested by γ = 0, not by e = 1.
