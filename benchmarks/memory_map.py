@@ -140,6 +140,23 @@ def bilinear(factor: Array) -> Truth:
     return Truth(e, quarter * (1 + e), quarter * one, one, np.zeros(factor.shape, bool))
 
 
+def adhesive(factor: Array, adhesion: Array) -> Truth:
+    """Luding's contact with K_u/K and K_c/K, by its kinetic energies."""
+    quarter = 2 * np.arctan(EXTENDED(1))
+    end, least = 1 - 1 / factor, (factor - 1) / (factor + adhesion)
+    # Twice the kinetic energy where adhesion begins, and at the end.
+    before = factor * (1 / factor - (least - end)) * (1 / factor + (least - end))
+    square = before - adhesion * least * least
+    sticks = square <= 0
+    e = np.sqrt(np.where(sticks, 0, square))
+    way_out = np.arccos(np.clip(factor * (least - end), -1, 1)) / np.sqrt(factor)
+    # v² = e² + η x².
+    root = np.sqrt(adhesion)
+    way_out = way_out + np.arcsinh(root * least / np.where(sticks, 1, e)) / root
+    one = np.ones_like(factor)
+    return Truth(e, quarter + way_out, quarter * one, one, sticks)
+
+
 def neck(mu: Array) -> Truth:
     """JKR with the root μ of its pull-off force over m v0²/X, by the contact radius."""
     third = EXTENDED(1) / 3
@@ -217,6 +234,21 @@ LAWS = {
         },
         lambda ratio, slope: bilinear(ratio + slope),
         lambda at, ratio, slope: {"ratio": ratio, "slope": slope / at.length},
+        1.0,
+    ),
+    "luding": Law(
+        jc.Luding,
+        lambda random, n: {
+            "ratio": 1 + logarithmic(random, 1e-9, 40, n),
+            "slope": logarithmic(random, 1e-9, 40, n),
+            "adhesion": logarithmic(random, 1e-4, 10, n),
+        },
+        lambda ratio, slope, adhesion: adhesive(ratio + slope, adhesion),
+        lambda at, ratio, slope, adhesion: {
+            "ratio": ratio,
+            "slope": slope / at.length,
+            "adhesion": adhesion,
+        },
         1.0,
     ),
     "jkr": Law(
@@ -301,8 +333,8 @@ def scaled(name: str, at: Setting, given: dict[str, Array], part: slice) -> dict
     """The scaled numbers of a law's SI parameters."""
     own = {key: value.astype(EXTENDED)[part] for key, value in given.items()}
     here = Setting(*(x[part] for x in at))
-    if name == "walton_braun":
-        return {"ratio": own["ratio"], "slope": own["slope"] * here.length}
+    if name in ("walton_braun", "luding"):
+        return {**own, "slope": own["slope"] * here.length}
     if name == "jkr":
         return {"mu": np.sqrt(own["pull_off"] / here.force)}
     numbers = {"r": own["yield_speed"] / here.speed}

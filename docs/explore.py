@@ -5,6 +5,8 @@ restitution and n. Each law has a table of the delivered e. Each family has a ta
 and indentation in scaled units, and of the loop. All tables use Chebyshev points of ln e, where
 outcomes are smooth down to strong damping. The page interpolates between them. This module measures
 the interpolation error, and the page shows it.
+
+Laws whose e depends on speed have no tables: the page follows their forces in time.
 """
 
 from __future__ import annotations
@@ -44,7 +46,15 @@ TITLES = {
     "lee_wang": "Lee-Wang",
     "kelvin_voigt": "Kelvin-Voigt",
     "antypov_elliott": "Antypov-Elliott",
+    "thornton_plastic": "Thornton, plastic",
+    "viscoplastic": "plastic and damped",
+    "walton_braun": "Walton-Braun",
+    "jkr": "JKR",
+    "dmt": "DMT",
+    "wet_restitution": "wet",
 }
+OF_SPEED = "thornton_plastic viscoplastic walton_braun luding jkr dmt wet_restitution".split()
+"""Laws whose e depends on speed: the forces of explore.js."""
 
 
 def chebyshev(low: float, high: float, count: int) -> np.ndarray:
@@ -153,18 +163,21 @@ def family_of(law: jc.AbstractLaw) -> str:
     return "pulling" if ending == "tension" else ending
 
 
+def texts(name: str) -> dict[str, str]:
+    """Return the title, formula and source of a law."""
+    known = describe(name)
+    title = TITLES.get(name, name.replace("_", " ").capitalize())
+    return {"title": title, "formula": known.formula, "source": known.source}
+
+
 def laws(e: np.ndarray) -> dict[str, dict]:
     """Return for each law with a parameter e its family, exponent, formula and delivered e."""
     found = {}
     for name in constant_laws():
         law = jc.get_law(name, e=jnp.asarray(e))
-        told = describe(name)
-        found[name] = {
-            "title": TITLES.get(name, name.replace("_", " ").capitalize()),
+        found[name] = texts(name) | {
             "family": family_of(law),
             "exponent": FAMILIES[family_of(law)].exponent,
-            "formula": told.formula,
-            "source": told.source,
             "delivered": np.asarray(jc.restitution(law)),
         }
         assert np.isfinite(found[name]["delivered"]).all(), name
@@ -218,6 +231,7 @@ def main() -> None:
     asked = chebyshev(*ASKED, 2 * NODES[0])
     z = chebyshev(0.0, ALPHA / (1 + ALPHA), NODES[0])
     made = {"families": {}, "laws": laws(asked), "error": {}}
+    made["of_speed"] = {name: texts(name) for name in OF_SPEED}
     made["asked"], made["z"] = rounded(asked, 12), rounded(z, 12)
     made["damped"] = rounded(damped(z), 9)
 

@@ -49,6 +49,8 @@ def export(
     inverted for it and solved again with the parameters found. For several speeds, the export
     minimises the largest error of e with one set of parameters. Engines: "adams", "bullet",
     "chrono", "drake", "exudyn", "lammps", "mercurydpm", "mujoco", "newton", "simbody", "yade".
+    Laws that an engine has itself keep their force: `DMT` in LAMMPS, and `Luding` and `WaltonBraun`
+    in Exudyn (slope 0) and MercuryDPM (ratio 1 or slope 0).
 
     The stiffness is the contact's if the engine has the same exponent. Otherwise it is chosen to
     match the duration of contact, at the one speed or at the geometric mean of the smallest and the
@@ -63,12 +65,12 @@ def export(
     Options of the engines:
 
     - `radius` in m, required for Chrono, LAMMPS, Simbody and YADE: the effective radius R1
-      R2/(R1+R2), or that of a sphere on a plane.
+      R2/(R1+R2), or that of a sphere on a plane. MercuryDPM needs it for a law with a slope.
     - `poisson_ratio`, for Chrono and YADE: 0.3 by default.
     - `damping`, for LAMMPS: "coeff_restitution" (default), "tsuji", "tsuji_sqrt2", "viscoelastic"
       or, with a hooke contact, "mass_velocity".
     - `discrete_contact_approximation`, for Drake: "lagged" (default), "similar" or "sap".
-    - `impact_model`, for Exudyn: 2 (default) or 1.
+    - `impact_model`, for Exudyn: 2 (default) or 1; for the restitution of a `Luding`, too.
     - `d` in m, for Adams: the depth of the full damping. The default is that of a `StepDamping`,
       and for other laws 1 % of the largest indentation without damping.
     - `length`, for Adams: "m" (default) or "mm".
@@ -76,8 +78,8 @@ def export(
     Returns an `Export`. Computes in double precision for any setting of JAX; cannot be used under
     `jit`. Raises ValueError for an unknown engine, an unknown or missing option, and an impact that
     is not solved or has no rebound. It is also raised for a calibration without mass or stiffness,
-    and for a restitution that the engine's law cannot deliver. Source: `Export.source`, for each
-    engine.
+    for a restitution that the engine's law cannot deliver, and for a `JKR` in LAMMPS. Source:
+    `Export.source`, for each engine.
     """
     simulator = engine_of(engine)
     extra = simulator.check_options(options)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 
+import jax.numpy as jnp
+
 from .._contact import Contact
 from .._impact import Impact, Status, impact
-from .._laws import AbstractLaw
+from .._laws import AbstractLaw, Luding, WaltonBraun
 from .at_time_step import Scheme
 
 
@@ -70,3 +72,10 @@ def matched_stiffness(wanted: Wanted, exponent: float, scaled_law: AbstractLaw) 
     tau = float(unit.duration)
     speed = wanted.velocity ** (1 - exponent)
     return wanted.mass * speed * (tau / wanted.duration) ** (exponent + 1)
+
+
+def as_luding(law: AbstractLaw | None) -> Luding | None:
+    """Return a `Luding`, or a `WaltonBraun` as the same without adhesion; None for other laws."""
+    if isinstance(law, WaltonBraun):
+        return Luding(ratio=law.ratio, slope=law.slope, adhesion=jnp.zeros(()))
+    return law if isinstance(law, Luding) else None

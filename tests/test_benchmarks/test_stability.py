@@ -128,9 +128,9 @@ def test_lanes(job, flagged):
 
 def test_laws_by_their_own_classes():
     questions = law_jobs(32)
-    # The force of `step_damping` is not a power of the indentation, and `luding` is three formulas:
-    # their truths are those of their tests. Laws with a memory and adhesive ones have other maps.
-    others = {"step_damping", "dmt", "luding", *memory_map.LAWS}
+    # The force of `step_damping` is not a power of the indentation: its truth is that of its tests.
+    # Laws with a memory and adhesive ones have another map.
+    others = {"step_damping", "dmt", *memory_map.LAWS}
     assert {question.title for question in questions} | others == {
         name
         for name in jc.list_laws()

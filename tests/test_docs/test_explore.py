@@ -50,11 +50,12 @@ def give(browser, **values):
         )
 
 
-def rows(browser):
-    """The cells of the table by law, as text."""
+def rows(browser, table="rows"):
+    """The cells of a table by law, as text."""
     return browser.execute_script(
-        "return Object.fromEntries([...document.querySelectorAll('#rows tr')].map("
-        "(row) => [row.dataset.law, [...row.cells].map((cell) => cell.innerText)]))"
+        "return Object.fromEntries([...document.querySelectorAll(`#${arguments[0]} tr`)].map("
+        "(row) => [row.dataset.law, [...row.cells].map((cell) => cell.innerText)]))",
+        table,
     )
 
 
@@ -110,16 +111,75 @@ def test_the_values_shown_are_those_of_the_library(browser):
     assert wrong == set()
 
 
-def test_it_moves(browser):
-    for name in ("e", "n", "alpha"):
-        before, drawn = rows(browser), pictures(browser)
+YIELD, RATIO, ADHESION, STICKING = 0.15, 1.6, 0.7, 0.45
+# Steps of the curve e(v), 0.02 of the scaled time: measured below 5e-5 for all sliders.
+CURVE = 1e-4
+
+
+def of_speed(sticking=STICKING):
+    """The laws whose e depends on speed with the numbers of the sliders, and their contacts."""
+    spheres = jc.Contact(MASS, STIFFNESS)
+    spring = jc.Contact(MASS, STIFFNESS, 1.0)
+    slope = (RATIO - 1) * (STIFFNESS / MASS) ** 0.5 / SPEED
+    # The sticking speed goes as the power 5/6 of the pull-off force.
+    pull_off = (sticking * SPEED / float(jc.JKR(pull_off=1.0).sticking_speed(spheres))) ** 1.2
+    yields = YIELD * SPEED
+    wet = jc.WetRestitution(e=E, critical_speed=sticking * SPEED)
+    return {
+        "thornton_plastic": (jc.ThorntonPlastic(yield_speed=yields), spheres),
+        "viscoplastic": (jc.Viscoplastic(yields, c=ALPHA * STIFFNESS / SPEED), spheres),
+        "walton_braun": (jc.WaltonBraun(ratio=1.0, slope=slope), spring),
+        "luding": (jc.Luding(ratio=1.0, slope=slope, adhesion=ADHESION), spring),
+        "jkr": (jc.JKR(pull_off=pull_off), spheres),
+        "dmt": (jc.DMT(pull_off=pull_off), spheres),
+        "wet_restitution": (wet, jc.Contact(MASS, STIFFNESS, N)),
+    }
+
+
+def test_laws_that_depend_on_speed_are_those_of_the_library(browser):
+    give(browser, e=E, n=N, alpha=ALPHA, mass=MASS, stiffness=STIFFNESS, speed=SPEED)
+    sliders = {"yield": YIELD, "ratio": RATIO, "adhesion": ADHESION, "sticking": STICKING}
+    give(browser, **sliders)
+    shown, times = rows(browser, "speed-rows"), [0.4, 1.0, 6.0]
+    curves = browser.execute_script(
+        "return Object.fromEntries(ofSpeed().map("
+        "(law) => [law.name, arguments[0].map((s) => restitution(law, s))]))",
+        times,
+    )
+    assert set(shown) == set(of_speed())
+    for name, (law, contact) in of_speed().items():
+        hit = jc.impact(law, contact, SPEED)
+        wanted = (hit.restitution, hit.max_force, hit.duration, hit.max_indentation)
+        assert all(map(agrees, shown[name][1:], wanted)), (name, shown[name], wanted)
+        e = jc.restitution(law, contact, SPEED * jnp.asarray(times))
+        assert curves[name] == pytest.approx(e.tolist(), abs=CURVE), name
+    # Bodies that stick.
+    give(browser, sticking=1.1)
+    shown = rows(browser, "speed-rows")
+    hit = jc.impact(*of_speed(1.1)["jkr"], SPEED)
+    assert shown["jkr"][1] == "0.0000 (sticks)" and shown["jkr"][3] == "–"
+    assert agrees(shown["jkr"][2], hit.max_force) and agrees(shown["jkr"][4], hit.max_indentation)
+    assert shown["wet_restitution"][1:] == ["0.0000 (sticks)", "–", "–", "–"]
+    give(browser, sticking=STICKING)
+
+
+@pytest.mark.parametrize(
+    ("sliders", "table", "boxes"),
+    [
+        (("e", "n", "alpha"), "rows", "#laws input"),
+        (("yield", "ratio", "adhesion", "sticking"), "speed-rows", "#speed-laws input"),
+    ],
+)
+def test_it_moves(browser, sliders, table, boxes):
+    for name in sliders:
+        before, drawn = rows(browser, table), pictures(browser)
         browser.find_element(By.ID, name).send_keys(Keys.ARROW_RIGHT)
-        assert rows(browser) != before
+        assert rows(browser, table) != before
         assert pictures(browser) != drawn
-    box = browser.find_element(By.CSS_SELECTOR, "#laws input")
-    before = rows(browser)
+    box = browser.find_element(By.CSS_SELECTOR, boxes)
+    before = rows(browser, table)
     box.click()
-    assert set(before) - set(rows(browser)) == {box.get_attribute("value")}
+    assert set(before) - set(rows(browser, table)) == {box.get_attribute("value")}
 
 
 def test_bad_numbers_are_told(browser):
@@ -136,7 +196,7 @@ def test_it_fits_a_phone(browser):
     widths = browser.execute_script(
         "return [...document.querySelectorAll('.u-wrap')].map((x) => x.clientWidth)"
     )
-    assert len(widths) == 2 and all(250 < width <= 390 for width in widths)
+    assert len(widths) == 4 and all(250 < width <= 390 for width in widths)
 
 
 def test_it_complains_of_nothing_and_asks_no_network(browser):

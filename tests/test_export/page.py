@@ -1,4 +1,4 @@
-"""Reader of the table in docs/export.md."""
+"""Reader of the table of engines in docs/export.md."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,8 @@ PAGE = Path(__file__).parents[2] / "docs" / "export.md"
 
 def rows():
     """The cells of the table's lines, as text."""
-    lines = [x for x in PAGE.read_text(encoding="utf-8").splitlines() if x.startswith("| `")]
+    text = PAGE.read_text(encoding="utf-8").partition("## Engines")[2].partition("\n## ")[0]
+    lines = [x for x in text.splitlines() if x.startswith("| `")]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 

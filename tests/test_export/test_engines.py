@@ -113,3 +113,39 @@ def test_without_the_export_it_would_be_another_restitution(engine, tmp_path):
         plain["snippet"] = ""
     (e,) = rebounds(engine, [plain], tmp_path)
     assert abs(e / 0.5 - 1) > 10 * PROMISE
+
+
+def test_lammps_has_our_dmt(tmp_path):
+    """The rebound at three touch positions, and the speed in the middle of compression."""
+    needed("lammps")
+    contact, radius, velocity = jc.Contact(mass=1e-11, stiffness=4e6), 1e-5, 0.045
+    law = jc.DMT.of_surfaces(0.1, radius)
+    found = export(law, contact, velocity, engine="lammps", radius=radius)
+    each = found, 1e-11, velocity, radius
+    # `drops.py` runs for twice the duration: here 0.3 of that of the contact.
+    inside = case(*each, steps=600) | {"duration": 0.15 * found.duration}
+    *delivered, speed = rebounds(
+        "lammps", [*(case(*each, phase=phase) for phase in PHASES), inside], tmp_path
+    )
+    assert max(abs(e - 1) for e in delivered) < found.expected_error
+    # Adhesion accelerates the ball to 1.35 times its speed; without it, it would be slower.
+    wanted = jc.trajectory(law, contact, velocity, samples=11).velocity[3] / velocity
+    assert wanted > 1.3
+    assert -speed == pytest.approx(float(wanted), rel=PROMISE / 10)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        jc.Luding(ratio=1.5, slope=0.0, adhesion=0.5),
+        jc.Luding(ratio=3.0, slope=0.0, adhesion=0.8),
+        jc.WaltonBraun(ratio=20.0, slope=0.0),
+    ],
+    ids=repr,
+)
+def test_exudyn_has_our_luding(law, tmp_path):
+    needed("exudyn")
+    found = export(law, jc.Contact(0.033, 1e7, 1.0), 1.0, engine="exudyn")
+    cases = [case(found, 0.033, 1.0, 0.01, phase=phase) for phase in PHASES]
+    for e in rebounds("exudyn", cases, tmp_path):
+        assert abs(e / found.target - 1) < found.expected_error

@@ -32,8 +32,9 @@ examples:
 speeds. With --from, the default is the measured range. Mass and stiffness then come from the
 calibration; give them here if it was made without them.
 
-Engines and their options: bullet, mercurydpm, mujoco, newton; adams (--option length=mm,
+Engines and their options: bullet, mujoco, newton; adams (--option length=mm,
 --option d=1e-5); chrono and yade (--radius, --option poisson_ratio=0.3);
+mercurydpm (--radius for a law with a slope);
 drake (--option discrete_contact_approximation=sap); exudyn (--option impact_model=1);
 lammps (--radius, --option damping=viscoelastic, or mass_velocity with hooke); simbody (--radius).
 For isaac, physx and genesis the command describes their contacts.

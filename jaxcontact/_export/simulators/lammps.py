@@ -1,4 +1,4 @@
-"""LAMMPS: pair_style granular, with four dampings of a hertz contact and one of a hooke contact."""
+"""LAMMPS: pair_style granular with five dampings, and its dmt, which is our `DMT`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from ..._contact import Contact
 from ..._entry import POSITIVE, RESTITUTION_FROM_ZERO, parameter, require_choice, require_number
 from ..._impact import restitution
 from ..._laws import (
+    DMT,
+    JKR,
     AbstractLaw,
     AbstractOscillator,
     AntypovElliott,
@@ -167,15 +169,64 @@ DAMPINGS = {
 }
 
 
+_POISSON = 0.3
+"""ν of the snippet: the normal force depends on E/(1-ν²) only."""
+
+
+def _dmt(wanted: Wanted, law: DMT, radius: float) -> Draft:
+    """Return LAMMPS' dmt, F = (4/3) E* √R δ^(3/2) - 4πγR, with E* = E/(2(1-ν²)) of like spheres."""
+    young = 1.5 * (1 - _POISSON**2) * wanted.stiffness / math.sqrt(radius)
+    energy = float(law.pull_off) / (4 * math.pi * radius)
+    return Draft(
+        model="pair_style granular, dmt",
+        law=law,
+        contact=Contact(wanted.mass, wanted.stiffness, 1.5),
+        parameters={"E": young, "eta_n0": 0.0, "nu": _POISSON, "gamma": energy},
+        units={"E": "Pa", "eta_n0": "1/(m s)", "nu": "", "gamma": "J/m^2"},
+        snippet=(
+            "pair_style granular\n"
+            f"pair_coeff * * dmt {young:.12g} 0 {_POISSON} {energy:.12g} "
+            "tangential linear_nohistory 0 0"
+        ),
+        steps=400,
+        expected_error=0.006,
+        scheme=Scheme.SEMI_IMPLICIT,
+        limit=(
+            "The same law at all speeds. E and ν are those of like spheres; any other pair with "
+            "the same E/(1-ν²) is as good. γ is half of the work of adhesion. Units si."
+        ),
+        source=(
+            "docs.lammps.org/pair_granular.html; Derjaguin, Muller & Toporov 1975, "
+            "doi 10.1016/0021-9797(75)90018-1"
+        ),
+    )
+
+
 @register_engine
 class Lammps(Engine):
-    """The pair_coeff line of granular: k_n = K/√R (hertz) or K (hooke), and the damping."""
+    """The pair_coeff line of granular: k_n = K/√R (hertz) or K (hooke), and the damping.
+
+    A `DMT` is exported as it is. LAMMPS' jkr is another law than `JKR`, which is refused.
+    """
 
     name = "lammps"
 
-    def draft(self, wanted: Wanted, *, radius: float, damping: str = "coeff_restitution") -> Draft:
-        kind = DAMPINGS[require_choice("damping", damping, DAMPINGS)]
+    def draft(self, wanted: Wanted, *, radius: float, damping: str | None = None) -> Draft:
         radius = require_number("radius", radius, POSITIVE)
+        if isinstance(wanted.law, JKR):
+            raise ValueError(
+                "Argument `law` must not be a `JKR` for engine 'lammps', whose jkr is another law: "
+                "it ends a neck at its largest pull, and loses half of the energy. To match the "
+                "restitution alone, export `ExactRestitution` with the e of the impact."
+            )
+        if isinstance(wanted.law, DMT):
+            if damping is not None:
+                raise ValueError(
+                    "Argument `damping` must be None for a `DMT`, which has no damping, but is "
+                    f"{damping!r}."
+                )
+            return _dmt(wanted, wanted.law, radius)
+        kind = DAMPINGS[require_choice("damping", damping or "coeff_restitution", DAMPINGS)]
         law, stiffness, coefficient = kind.solve(wanted, radius)
         hooke = kind.normal == "hooke"
         normal = stiffness if hooke else stiffness / math.sqrt(radius)

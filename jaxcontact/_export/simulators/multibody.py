@@ -25,11 +25,12 @@ from ..._laws import (
     Gonthier,
     HuntCrossley,
     KelvinVoigt,
+    Luding,
     MarhefkaOrin,
 )
 from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
-from ..wanted import Draft, Wanted, matched_stiffness
+from ..wanted import Draft, Wanted, as_luding, matched_stiffness
 from .spring import SpringAndDashpot
 
 _DRAKE = "drake.mit.edu/doxygen_cxx/group__compliant__contact.html"
@@ -182,13 +183,51 @@ _MODELS = {
 }
 
 
+def _plastic(wanted: Wanted, law: Luding) -> Draft:
+    """Return Exudyn's model 0: K δ, back K (δ - λ δ_m)/(1-λ), and at least -k_adh δ."""
+    if float(law.slope) != 0:
+        raise ValueError(
+            "Argument `law` must have the slope 0 for engine 'exudyn', but has "
+            f"{float(law.slope):g} 1/m; to match its restitution alone, give `impact_model=2`."
+        )
+    parameters = {
+        "contactStiffness": wanted.stiffness,
+        "contactStiffnessExponent": 1.0,
+        "contactPlasticityRatio": 1 - 1 / float(law.ratio),
+        "adhesionCoefficient": float(law.adhesion) * wanted.stiffness,
+        "adhesionExponent": 1.0,
+    }
+    pasted = ", ".join(f"{name}={x:.12g}" for name, x in parameters.items())
+    return Draft(
+        model="ObjectContactSphereSphere, impactModel 0",
+        law=law,
+        contact=Contact(wanted.mass, wanted.stiffness, 1.0),
+        parameters=parameters,
+        units=dict(zip(parameters, ("N/m", "", "", "N/m", ""), strict=True)),
+        snippet=f"{pasted}, contactDamping=0, impactModel=0",
+        steps=200,
+        expected_error=0.004,
+        limit="The same law at all speeds, for all masses. The bodies must start apart.",
+        source=(
+            "ObjectContactSphereSphere, exudyn.readthedocs.io; Luding 2008, "
+            "doi 10.1007/s10035-008-0099-x"
+        ),
+    )
+
+
 @register_engine
 class Exudyn(Engine):
-    """Exudyn's ObjectContactSphereSphere, with the coefficient for which its α is α(e)."""
+    """Exudyn's ObjectContactSphereSphere, with the coefficient for which its α is α(e).
+
+    A `Luding` or `WaltonBraun` is exported as it is, unless an `impact_model` is given.
+    """
 
     name = "exudyn"
 
-    def draft(self, wanted: Wanted, *, impact_model: int = 2) -> Draft:
+    def draft(self, wanted: Wanted, *, impact_model: int | None = None) -> Draft:
+        if impact_model is None and (law := as_luding(wanted.law)) is not None:
+            return _plastic(wanted, law)
+        impact_model = 2 if impact_model is None else impact_model
         if concrete(impact_model) not in _MODELS:
             raise ValueError(
                 f"Argument `impact_model` must be 1 or 2, but is {rendered(impact_model)}."

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 
 from ..._contact import Contact
 from ..._entry import POSITIVE, Range, require_number
-from ..._laws import AntypovElliott, KelvinVoigt
+from ..._laws import AntypovElliott, KelvinVoigt, Luding
 from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
-from ..wanted import Draft, Wanted, matched_stiffness
+from ..wanted import Draft, Wanted, as_luding, matched_stiffness
 from .spring import SpringAndDashpot
 
 _LEAST = math.exp(-2)
@@ -112,13 +112,66 @@ class Chrono(AbstractSpheres):
     source = "ChContactSMC.h and ChSystemSMC.cpp of github.com/projectchrono/chrono"
 
 
+def _plastic(wanted: Wanted, law: Luding, radius: float | None) -> Draft:
+    """Return MercuryDPM's LinearPlasticViscoelasticSpecies without dissipation.
+
+    It unloads with k2 = k1 + (k2max - k1) δ_m/δ*, δ* = φ 2R k2max/(k2max - k1), and pulls with kc.
+    Here φ = 1, its largest value, which a contact of spheres does not reach.
+    """
+    ratio, slope = float(law.ratio), float(law.slope)
+    if slope > 0 and ratio != 1:
+        raise ValueError(
+            "Argument `law` must have the ratio 1 or the slope 0 for engine 'mercurydpm', but has "
+            f"the ratio {ratio:g} and the slope {slope:g} 1/m."
+        )
+    if slope > 0:
+        if radius is None:
+            raise ValueError(
+                "Argument `radius` is needed for a law with a slope for engine 'mercurydpm', but "
+                "is None."
+            )
+        radius = require_number("radius", radius, POSITIVE)
+        ratio = 1 + slope * (radius + math.sqrt(radius * (radius + 2 / slope)))
+    loading = wanted.stiffness
+    names = "loadingStiffness", "unloadingStiffnessMax", "cohesionStiffness", "penetrationDepthMax"
+    numbers = loading, ratio * loading, float(law.adhesion) * loading, 1.0
+    option = "" if slope > 0 else "// with the option doConstantUnloadingStiffness\n"
+    return Draft(
+        model="LinearPlasticViscoelasticSpecies",
+        law=law,
+        contact=Contact(wanted.mass, loading, 1.0),
+        parameters=dict(zip(names, numbers, strict=True)),
+        units=dict(zip(names, ("N/m", "N/m", "N/m", ""), strict=True)),
+        snippet=(
+            f"{option}species->setPlasticParameters({', '.join(f'{x:.12g}' for x in numbers)});\n"
+            "species->setDissipation(0);"
+        ),
+        limit=(
+            "The same law at all speeds, for all masses, and with a slope for this effective "
+            "radius. computeTimeStep is then shorter than needed: k2max is that of an overlap of "
+            "the whole sphere. Not run: MercuryDPM is not a Python package."
+        ),
+        source=(
+            "LinearPlasticViscoelasticInteraction.cc of bitbucket.org/mercurydpm; Luding 2008, "
+            "doi 10.1007/s10035-008-0099-x"
+        ),
+    )
+
+
 @register_engine
 class MercuryDPM(Engine):
-    """MercuryDPM's linear species: F = k δ + γ δ', which may pull and delivers exactly its e."""
+    """MercuryDPM's linear species: F = k δ + γ δ', which may pull and delivers exactly its e.
+
+    A `Luding` or `WaltonBraun` is exported as it is, to the linear plastic species.
+    """
 
     name = "mercurydpm"
 
-    def draft(self, wanted: Wanted) -> Draft:
+    def draft(self, wanted: Wanted, *, radius: float | None = None) -> Draft:
+        law = as_luding(wanted.law)
+        return self._dashpot(wanted) if law is None else _plastic(wanted, law, radius)
+
+    def _dashpot(self, wanted: Wanted) -> Draft:
         # An elastic contact is requested by γ = 0, not by e = 1.
         law = KelvinVoigt(e=jnp.asarray(wanted.restitution))
         zeta = float(law.damping_ratio())

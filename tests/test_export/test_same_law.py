@@ -1,0 +1,167 @@
+"""Laws that an engine has itself: exported as they are, against the engine's rule for its force."""
+
+import math
+import re
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from jaxcontact._export import export
+
+# The steps of the test, 2000 in a contact, of first order: measured 6e-4.
+STEPS = 2e-3
+# Formulas for one force: measured 3e-15.
+FORCE = 1e-12
+
+SPHERES = jc.Contact(mass=1e-11, stiffness=4e6)
+SPRING = jc.Contact(mass=0.033, stiffness=1e7, exponent=1.0)
+RADIUS = 1e-5
+DMT = jc.DMT.of_surfaces(0.1, RADIUS)
+
+
+def numbers(line):
+    return [float(x) for x in re.findall(r"(?<= )[\d.]+(?:e[+-]?\d+)?|(?<=\()[\d.e+-]+", line)]
+
+
+def test_dmt_in_lammps_has_the_force_of_its_documentation():
+    found = export(DMT, SPHERES, 0.05, engine="lammps", radius=RADIUS)
+    line = found.snippet.splitlines()[1].partition(" tangential")[0]
+    young, damping, poisson, gamma = numbers(line)
+    assert list(found.parameters.values()) == pytest.approx([young, damping, poisson, gamma])
+    assert damping == 0
+    assert gamma == pytest.approx(0.05)  # half of the work of adhesion
+    modulus = young / (2 * (1 - poisson**2))
+    for depth in (0.0, 3e-9, 4e-8):
+        written = 4 / 3 * modulus * math.sqrt(RADIUS * depth) * depth - 4 * math.pi * gamma * RADIUS
+        ours = float(found.law.force(depth, 0.0, found.contact, 0.05))
+        assert ours == pytest.approx(written, rel=1e-10)
+    assert found.target == found.delivered == 1
+    assert found.at_time_step(found.time_step).high < 1 + found.expected_error
+
+
+def mercurydpm(parameters, constant, contact, radius, speed, steps):
+    """Return e of `LinearPlasticViscoelasticInteraction`, by its rule and leapfrog steps."""
+    k1, k2max, kc, phi = parameters
+    fluid = math.inf if k2max == k1 else k2max / (k2max - k1) * phi * 2 * radius
+    mass, most, x, v = float(contact.mass), 0.0, 0.0, speed
+    h = math.pi * math.sqrt(mass / k1) / steps
+    x = v * h / 2
+    while x > 0:
+        most = max(most, min(fluid, x))
+        k2 = k2max if constant else k1 + (k2max - k1) * most / fluid
+        force = k2 * (x - (k2 - k1) / k2 * most)
+        if force < -kc * x:
+            most, force = (k2 + kc) / (k2 - k1) * x, -kc * x
+        v -= h * force / mass
+        x += h * v
+    return -v / speed
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        jc.Luding(ratio=1.0, slope=3e3, adhesion=0.5),
+        jc.Luding(ratio=1.5, slope=0.0, adhesion=0.5),
+        jc.WaltonBraun(ratio=1.0, slope=3e3),
+        jc.WaltonBraun(ratio=2.0, slope=0.0),
+    ],
+    ids=repr,
+)
+def test_mercurydpm_has_the_rule_of_its_source(law):
+    speeds, radius = np.array([0.3, 1.0, 3.0]), 0.01
+    found = export(law, SPRING, speeds, engine="mercurydpm", radius=radius)
+    printed = numbers(found.snippet.replace(",", " ").partition("setPlasticParameters")[2])[:4]
+    assert printed == pytest.approx(list(found.parameters.values()))
+    # With a slope and φ = 1 the bound of k2 is an overlap of the whole sphere.
+    constant = "doConstantUnloadingStiffness" in found.snippet
+    assert constant == (float(law.slope) == 0)
+    for speed, target in zip(speeds, found.target, strict=True):
+        e = mercurydpm(printed, constant, SPRING, radius, speed, 2000)
+        assert e == pytest.approx(target, abs=STEPS)
+    np.testing.assert_allclose(found.error, 0, atol=FORCE)
+    assert found.time_step is None
+    with pytest.raises(ValueError, match="must have known time steps"):
+        found.at_time_step(1e-6)
+
+
+def exudyn(p, contact, speed, steps):
+    """Return e of impact model 0, by the three cases of its manual and leapfrog steps."""
+    k, ratio, adhesion = (
+        p[x] for x in ("contactStiffness", "contactPlasticityRatio", "adhesionCoefficient")
+    )
+    assert p["contactStiffnessExponent"] == p["adhesionExponent"] == 1
+    mass, most, v = float(contact.mass), 0.0, speed
+    h = math.pi * math.sqrt(mass / k) / steps
+    x = v * h / 2
+    while x > 0:
+        most = max(most, x)
+        back = k / (1 - ratio) * (x - ratio * most)
+        v -= h * max(min(k * x, back), -adhesion * x) / mass
+        x += h * v
+    return -v / speed
+
+
+@pytest.mark.parametrize(
+    "law",
+    [jc.Luding(ratio=1.5, slope=0.0, adhesion=0.5), jc.WaltonBraun(ratio=20.0, slope=0.0)],
+    ids=repr,
+)
+def test_exudyn_has_the_cases_of_its_manual(law):
+    found = export(law, SPRING, 1.0, engine="exudyn")
+    words = eval(f"dict({found.snippet})")
+    assert (words.pop("impactModel"), words.pop("contactDamping")) == (0, 0)
+    assert words == pytest.approx(dict(found.parameters))
+    assert exudyn(words, SPRING, 1.0, 2000) == pytest.approx(found.target, abs=STEPS)
+    assert found.delivered == pytest.approx(found.target, abs=FORCE)
+    # An impact model asked for matches the restitution, as for any other law.
+    model = export(law, SPRING, 1.0, engine="exudyn", impact_model=2)
+    assert "restitutionCoefficient" in model.parameters
+
+
+@pytest.mark.parametrize(
+    ("law", "contact", "options", "message"),
+    [
+        (
+            jc.JKR.of_surfaces(0.1, RADIUS),
+            SPHERES,
+            {"engine": "lammps", "radius": RADIUS},
+            "`law` must not be a `JKR` for engine 'lammps', whose jkr is another law: it ends",
+        ),
+        (
+            DMT,
+            SPHERES,
+            {"engine": "lammps", "radius": RADIUS, "damping": "tsuji"},
+            "`damping` must be None for a `DMT`, which has no damping, but is 'tsuji'",
+        ),
+        (
+            jc.Luding(ratio=1.5, slope=3e3, adhesion=0.5),
+            SPRING,
+            {"engine": "mercurydpm", "radius": 0.01},
+            "ratio 1 or the slope 0 for engine 'mercurydpm', but has the ratio 1.5 and",
+        ),
+        (
+            jc.WaltonBraun(ratio=1.0, slope=3e3),
+            SPRING,
+            {"engine": "mercurydpm"},
+            "`radius` is needed for a law with a slope for engine 'mercurydpm', but is None",
+        ),
+        (
+            jc.WaltonBraun(ratio=1.0, slope=3e3),
+            SPRING,
+            {"engine": "exudyn"},
+            "slope 0 for engine 'exudyn', but has 3000 1/m; to match its restitution alone, give",
+        ),
+    ],
+)
+def test_what_an_engine_has_not(law, contact, options, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        export(law, contact, 0.5, **options)
+
+
+def test_an_elastic_plastic_law_without_hysteresis():
+    law = jc.Luding(ratio=jnp.asarray(1.0), slope=0.0, adhesion=0.5)
+    found = export(law, SPRING, 1.0, engine="mercurydpm")
+    assert found.parameters["unloadingStiffnessMax"] == found.parameters["loadingStiffness"]
+    assert found.delivered == pytest.approx(1)
