@@ -218,9 +218,9 @@ def test_finished_balls_leave_their_block(monkeypatch):
     limits = []
     advanced = many_search._advanced
 
-    def counted(shared, lanes, search, limit, options):
+    def counted(shared, lanes, search, limit, options, group):
         limits.append(int(limit))
-        return advanced(shared, lanes, search, limit, options)
+        return advanced(shared, lanes, search, limit, options, group)
 
     monkeypatch.setattr(many_search, "_advanced", counted)
     y = Y.copy()

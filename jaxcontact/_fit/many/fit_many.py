@@ -24,13 +24,9 @@ from ..search.minimum import SearchEnd
 from ..search.unused import refuse_unused
 from .assess import assess
 from .result import Fits, FitStatus
-from .search import Balls, rows_of, search_all
+from .search import Balls, Blocks, rows_of, search_all
 from .starts import Starts, starts_of
 from .tables import Tables, tables_of
-
-_BLOCK = {"cpu": 32}
-_BLOCK_ON_GPU = 4096
-"""Balls that one call advances: on a CPU few, since a block lasts as long as its slowest ball."""
 
 
 def fit_many(
@@ -66,8 +62,8 @@ def fit_many(
     `start` as in `fit`, for all balls. With `own_start` each ball has its own: arrays in `start`
     have a first axis of the balls, in the order in which `balls` first names them. That includes
     numbers that are not fitted, such as the mass of each ball. `transforms`, `max_steps`, `rtol`
-    and `reverse` as in `fit`; `loss` too, but `Huber` needs `sigma`. `batch_size`: balls that one call advances.
-    `progress`: as in `sweep`, counted in balls.
+    and `reverse` as in `fit`; `loss` too, but `Huber` needs `sigma`. `batch_size`: balls that one
+    call advances. `progress`: as in `sweep`, counted in balls.
 
     Another number of balls does not compile again, nor do other values; another largest number of
     points does, and a new lambda.
@@ -83,8 +79,7 @@ def fit_many(
     own_start, reverse = require_flag("own_start", own_start), require_flag("reverse", reverse)
     rtol = require_number("rtol", rtol, POSITIVE)
     most = MOST_STEPS if max_steps is None else require_count("max_steps", max_steps, 1)
-    block = _BLOCK.get(jax.default_backend(), _BLOCK_ON_GPU)
-    block = block if batch_size is None else require_count("batch_size", batch_size, 1)
+    most_at_once = None if batch_size is None else require_count("batch_size", batch_size, 1)
     with (
         progress_of(progress, "balls", "fit_many") as tell,
         jax.enable_x64(True),
@@ -100,9 +95,8 @@ def fit_many(
             predict, starts.space, first.x, first.y, first.factor, threshold, reverse, tables.shapes
         )
         options = SearchOptions(jnp.asarray(rtol), max_steps=most)
-        # Few balls fill no block: a power of two does not compile again for one more.
-        block = min(block, 1 << (count - 1).bit_length())
-        ends, histories = search_all(shared, lanes, options, block, [None], tell)
+        blocks = Blocks.of(count, most_at_once)
+        ends, histories = search_all(shared, lanes, options, blocks, tell)
         refuse_unused(shared, _of_all(ends))
         made = _Made(shared, tables, starts, lanes, options, ends, histories)
         return made.fits()

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+import os
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from ..._program import quick
+from ..._program import quick, side_by_side
 from ..problem.problem import FitProblem
 from ..search.levenberg_marquardt import SearchOptions, end_of
 from ..search.minimum import SearchEnd, assessed, in_numpy
 from ..search.trust_region import Search, begin, least_squares
 
 _FIRST, _MORE = 8, 1.5
-"""Steps after which finished lanes leave their block, and the growth of this number.
+"""Steps after which finished lanes leave their block, and the growth of this number."""
 
-A block lasts as long as its slowest lane.
-"""
+_BLOCK, _GROUP, _BLOCK_ON_GPU = 64, 8, 4096
 
 _PORTION = 32
 """Blocks whose lanes are repacked together, which bounds the memory."""
@@ -58,78 +59,103 @@ def _begun(shared: FitProblem, lanes: Balls, max_steps: int) -> Search:
 
 @eqx.filter_jit
 def _advanced(
-    shared: FitProblem, lanes: Balls, search: Search, limit: Array, options: SearchOptions
+    shared: FitProblem,
+    lanes: Balls,
+    search: Search,
+    limit: Array,
+    options: SearchOptions,
+    group: int,
 ) -> tuple[Search, SearchEnd]:
-    def one(lane: Balls, search: Search) -> tuple[Search, SearchEnd]:
+    def one(given: tuple[Balls, Search]) -> tuple[Search, SearchEnd]:
+        lane, search = given
         problem = lane.problem(shared)
         search = least_squares(problem, search, limit, options.report)
         return search, assessed(problem, *end_of(search), options)
 
-    return jax.vmap(one)(lanes, search)
+    return jax.lax.map(one, (lanes, search), batch_size=group)
+
+
+class Blocks(NamedTuple):
+    """Numbers of balls: those that one call advances, and those in lockstep, a divisor of them.
+
+    A call holds the interpreter for about a millisecond. In lockstep each ball waits for the
+    slowest.
+    """
+
+    block: int
+    group: int
+
+    @staticmethod
+    def of(count: int, asked: int | None) -> Blocks:
+        """Return the sizes for this kind of device, or for blocks of `asked` balls."""
+        device = jax.config.jax_default_device
+        on_cpu = getattr(device, "platform", device or jax.default_backend()) == "cpu"
+        block, group = (_BLOCK, _GROUP) if on_cpu else (_BLOCK_ON_GPU, _BLOCK_ON_GPU)
+        block = block if asked is None else asked
+        # Few balls fill no block: a power of two does not compile again for one more.
+        block = min(block, 1 << (count - 1).bit_length())
+        return Blocks(block, math.gcd(block, group))
 
 
 def search_all(
     shared: FitProblem,
     lanes: Balls,
     options: SearchOptions,
-    block: int,
-    devices: Sequence[Any],
+    blocks: Blocks,
     tell: Callable[[int, int], None],
 ) -> tuple[SearchEnd, list[np.ndarray]]:
     """Return the ends of the searches of all lanes, and the loss after each step of each lane.
 
-    Each block of `block` lanes runs on one of the `devices`, in turn. `tell` is called with the
-    number of finished lanes and of all. The ends hold no history.
+    `tell` is called with the number of finished lanes and of all. The ends hold no history.
     """
-    count, portion = len(lanes.y), _PORTION * block
+    count, portion = len(lanes.y), _PORTION * blocks.block
     ends: list[SearchEnd] = []
     histories: list[np.ndarray] = []
     for first in range(0, count, portion):
-        some = rows_of(lanes, slice(first, first + portion))
-        end = _portion(shared, some, options, block, devices)
+        end = _portion(shared, rows_of(lanes, slice(first, first + portion)), options, blocks)
         histories += [h[:n].copy() for h, n in zip(end.history, end.steps, strict=True)]
         ends.append(end._replace(history=None))
         tell(min(first + portion, count), count)
     return jax.tree.map(lambda *parts: np.concatenate(parts), *ends), histories
 
 
-def _portion(
-    shared: FitProblem, lanes: Balls, options: SearchOptions, block: int, devices: Sequence[Any]
-) -> SearchEnd:
+def _portion(shared: FitProblem, lanes: Balls, options: SearchOptions, blocks: Blocks) -> SearchEnd:
+    """Return the ends of some lanes, which are packed into blocks again and again."""
+    block, count = blocks.block, len(lanes.y)
     known: Any = ()
-    active, limit = np.arange(len(lanes.y)), _FIRST
-    while active.size:
-        limit = min(limit, options.max_steps)
-        started = []
-        for turn, rows in enumerate(_padded(active, block)):
-            device = devices[turn % len(devices)]
-            mine = jax.device_put(rows_of(lanes, rows), device)
-            if not known:
+    device = jax.config.jax_default_device
+    active, limit = np.arange(count), _FIRST
+
+    def advanced(some: Int[np.ndarray, " m"]) -> Any:
+        rows = np.concatenate([some, np.repeat(some[-1:], block - len(some))])
+        mine = rows_of(lanes, rows)
+        with (
+            jax.enable_x64(True),
+            jax.numpy_dtype_promotion("standard"),
+            jax.default_device(device),
+        ):
+            if known:
+                search = rows_of(known[0], rows)
+            else:
                 # Through NumPy: the types of later rounds, which compile no second program.
                 search = in_numpy(_begun(shared, mine, options.max_steps))
-            else:
-                search = rows_of(known[0], rows)
-            search = jax.device_put(search, device)
-            started.append((rows, _advanced(shared, mine, search, jnp.asarray(limit), options)))
-        for rows, moved in started:
-            parts = in_numpy(moved)
-            if not known:
-                known = _space_for(parts, len(lanes.y))
-            for whole, part in zip(jax.tree.leaves(known), jax.tree.leaves(parts), strict=True):
-                whole[rows] = part
+            # Lanes that only fill the block make no step.
+            search = search._replace(ended=search.ended | (np.arange(block) >= len(some)))
+            moved = _advanced(shared, mine, search, np.asarray(limit), options, blocks.group)
+        return rows_of(in_numpy(moved), slice(len(some)))
+
+    while active.size:
+        limit = min(limit, options.max_steps)
+        every = [active[first : first + block] for first in range(0, len(active), block)]
+        # The first block compiles for the others.
+        jobs = [functools.partial(advanced, some) for some in every[1:]]
+        moved = itertools.chain([advanced(every[0])], side_by_side(jobs, os.cpu_count() or 1))
+        parts = list(moved)
+        known = known or jax.tree.map(lambda x: np.empty((count, *x.shape[1:]), x.dtype), parts[0])
+        for some, part in zip(every, parts, strict=True):
+            for whole, x in zip(jax.tree.leaves(known), jax.tree.leaves(part), strict=True):
+                whole[some] = x
         search = known[0]
         active = active[~search.ended[active] & (search.step[active] < options.max_steps)]
         limit = math.ceil(_MORE * limit)
     return known[1]
-
-
-def _space_for(parts: Any, count: int) -> Any:
-    """Return arrays for `count` rows like those of `parts`."""
-    return jax.tree.map(lambda x: np.empty((count, *x.shape[1:]), x.dtype), parts)
-
-
-def _padded(rows: Int[np.ndarray, " m"], block: int) -> Iterator[Int[np.ndarray, " block"]]:
-    """Yield blocks of rows; the last one repeats its last row."""
-    for first in range(0, len(rows), block):
-        some = rows[first : first + block]
-        yield np.concatenate([some, np.repeat(some[-1:], block - len(some))])

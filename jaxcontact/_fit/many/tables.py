@@ -105,8 +105,8 @@ def _refuse_other_lengths(name: str, value: Any, columns: list[np.ndarray], coun
     if not all(column.ndim and len(column) == count for column in columns):
         like = "the same" if name == "data" else f"as long as that of `data`, {count}"
         raise ValueError(
-            f"Argument `{name}` must hold arrays, no lists, whose first axis is {like}, that of the "
-            f"balls or points, but is {rendered(value)}."
+            f"Argument `{name}` must hold arrays, no lists, whose first axis is {like}, that of "
+            f"the balls or points, but is {rendered(value)}."
         )
 
 
