@@ -24,7 +24,7 @@ from ..search.minimum import SearchEnd
 from ..search.unused import refuse_unused
 from .assess import assess
 from .result import Fits, FitStatus
-from .search import Balls, Blocks, rows_of, search_all
+from .search import Balls, BlockSize, rows_of, search_all
 from .starts import Starts, starts_of
 from .tables import Tables, tables_of
 
@@ -95,7 +95,7 @@ def fit_many(
             predict, starts.space, first.x, first.y, first.factor, threshold, reverse, tables.shapes
         )
         options = SearchOptions(jnp.asarray(rtol), max_steps=most)
-        blocks = Blocks.of(count, most_at_once)
+        blocks = BlockSize.of(count, most_at_once)
         ends, histories = search_all(shared, lanes, options, blocks, tell)
         refuse_unused(shared, _of_all(ends))
         made = _Made(shared, tables, starts, lanes, options, ends, histories)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Int
 
 from ..._program import quick, side_by_side
 from ..problem.problem import FitProblem
@@ -62,7 +62,7 @@ def _advanced(
     shared: FitProblem,
     lanes: Balls,
     search: Search,
-    limit: Array,
+    limit: Any,
     options: SearchOptions,
     group: int,
 ) -> tuple[Search, SearchEnd]:
@@ -75,7 +75,7 @@ def _advanced(
     return jax.lax.map(one, (lanes, search), batch_size=group)
 
 
-class Blocks(NamedTuple):
+class BlockSize(NamedTuple):
     """Numbers of balls: those that one call advances, and those in lockstep, a divisor of them.
 
     A call holds the interpreter for about a millisecond. In lockstep each ball waits for the
@@ -86,22 +86,28 @@ class Blocks(NamedTuple):
     group: int
 
     @staticmethod
-    def of(count: int, asked: int | None) -> Blocks:
+    def of(count: int, asked: int | None) -> BlockSize:
         """Return the sizes for this kind of device, or for blocks of `asked` balls."""
-        device = jax.config.jax_default_device
+        device = _default_device()
         on_cpu = getattr(device, "platform", device or jax.default_backend()) == "cpu"
         block, group = (_BLOCK, _GROUP) if on_cpu else (_BLOCK_ON_GPU, _BLOCK_ON_GPU)
         block = block if asked is None else asked
         # Few balls fill no block: a power of two does not compile again for one more.
         block = min(block, 1 << (count - 1).bit_length())
-        return Blocks(block, math.gcd(block, group))
+        return BlockSize(block, math.gcd(block, group))
+
+
+def _default_device() -> Any:
+    """Return the device chosen for this thread; None for JAX's own choice."""
+    config: Any = jax.config
+    return config.jax_default_device
 
 
 def search_all(
     shared: FitProblem,
     lanes: Balls,
     options: SearchOptions,
-    blocks: Blocks,
+    blocks: BlockSize,
     tell: Callable[[int, int], None],
 ) -> tuple[SearchEnd, list[np.ndarray]]:
     """Return the ends of the searches of all lanes, and the loss after each step of each lane.
@@ -119,11 +125,13 @@ def search_all(
     return jax.tree.map(lambda *parts: np.concatenate(parts), *ends), histories
 
 
-def _portion(shared: FitProblem, lanes: Balls, options: SearchOptions, blocks: Blocks) -> SearchEnd:
+def _portion(
+    shared: FitProblem, lanes: Balls, options: SearchOptions, blocks: BlockSize
+) -> SearchEnd:
     """Return the ends of some lanes, which are packed into blocks again and again."""
     block, count = blocks.block, len(lanes.y)
     known: Any = ()
-    device = jax.config.jax_default_device
+    device = _default_device()
     active, limit = np.arange(count), _FIRST
 
     def advanced(some: Int[np.ndarray, " m"]) -> Any:
