@@ -1,9 +1,9 @@
 """Run times on a GPU beside those of the CPU: `python benchmarks/gpu.py [--limit SECONDS]`.
 
-Batches of impacts, gradients, sweeps, scenes by `vmap`, oblique pairs and first calls, each with
-its error. Without a GPU the rows of the CPU are measured alone. A row that fails is recorded with
-the reason, and the others go on. The result is written after every row, and the page docs/gpu.md at
-the end.
+Batches of impacts, gradients, sweeps, scenes by `vmap`, oblique pairs, fits and first calls, each
+with its error. Without a GPU the rows of the CPU are measured alone. A row that fails is recorded
+with the reason, and the others go on. The result is written after every row, and the page
+docs/gpu.md at the end.
 
     XLA_PYTHON_CLIENT_PREALLOCATE=false python benchmarks/gpu.py --limit 280
 

@@ -28,8 +28,8 @@ XLA_PYTHON_CLIENT_PREALLOCATE=false python benchmarks/gpu.py --limit 280
   the CPU kept busy.
 - **Errors** are relative. Free impacts are compared with the closed form in every lane and with 40
   digits in 17 lanes, pushed ones with 40 digits in 17 lanes. Gradients are compared with those of
-  the closed form, oblique pairs with SciPy. Scenes and mechanisms show the
-  largest difference from the CPU.
+  the closed form, oblique pairs with SciPy, and fits with `jc.fit`, in standard errors. Scenes and
+  mechanisms show the largest difference from the CPU.
 - **Tolerances**: event solves in float64 and plain diffrax use the coarsest power of ten that keeps
   1e-9 on a CPU, gradients 1e-9. In float32 an event solve uses its default, 1e-5.
 - **Compile times** are of programs that compile side by side. First calls run in fresh processes,

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
-from benchmarks import sweeps, weight
+from benchmarks import fit_many, sweeps, weight
 from benchmarks.methods import ordinary
 from benchmarks.oblique_impacts.by_scipy import call_of as springs_by_scipy
 from benchmarks.oblique_impacts.problems import CHI, elastic, spheres
@@ -250,6 +250,29 @@ def by_pair(slowness: float) -> Callable[[int, str, str], Job]:
     return lambda size, precision, _: (jax.vmap(one), (speeds(size).astype(precision),))
 
 
+def by_fit_many(size: int, precision: str, _: str) -> Job:
+    """c and its power of e(v), of a table of 20 points for each ball."""
+    v, e, _ = fit_many.tables(size)
+
+    def run() -> tuple[np.ndarray, np.ndarray]:
+        many = jc.fit_many(fit_many.predict, e, fit_many.START, x=v, **fit_many.HOW)
+        return many.values, np.stack([*many.standard_errors.values()], axis=1)
+
+    return run, ()
+
+
+def of_fits(size: int, precision: str, answer: Any) -> float:
+    """The largest difference of three balls from `jc.fit`, in standard errors."""
+    v, e, _ = fit_many.tables(size)
+    values, errors = answer
+    found = []
+    with jax.default_device(jax.devices("cpu")[0]):
+        for k in range(min(size, 3)):
+            fit = jc.fit(fit_many.predict, e[k], fit_many.START, x=v[k], **fit_many.HOW)
+            found.append(np.max(np.abs(values[k] - fit.values) / errors[k]))
+    return float(max(found))
+
+
 def speeds(size: int) -> np.ndarray:
     return np.random.default_rng(SEED).uniform(1.2, 1.6, size)
 
@@ -339,6 +362,8 @@ TASKS = (
     Task("mechanisms", "double pendulum, 2.5 s",
          by_mechanism("double_pendulum", 2.5, "wall", -0.32, -0.28), None,
          (1, 100, 1_000, 10_000), 100, unit="runs", quick=2),
+    Task("fits", "jc.fit_many of e(v)", by_fit_many, of_fits, (100, 1_000, 10_000), 1_000,
+         unit="balls", whole=True, quick=2),
     Task("oblique pairs", "slightly oblique", by_pair(4e-3), of_pair(4e-3), (TENS[5],), 1_000,
          quick=4),
     Task("oblique pairs", "oblique", by_pair(0.1), of_pair(0.1), (TENS[5],), 1_000, quick=4),

@@ -39,7 +39,7 @@ def pages() -> list[Path]:
 def numbers() -> dict[str, str]:
     """Return every number by name, as it is written."""
     parts = _choice(), _coverage(), _fits(), _instruments(), _times(), _mechanisms(), _lanes()
-    parts = *parts, _friction()
+    parts = *parts, _friction(), _many()
     return {"laws": _laws()} | {name: text for part in parts for name, text in part.items()}
 
 
@@ -245,6 +245,16 @@ def _friction() -> dict[str, str]:
     for name, microseconds in (times | {"spring": min(forms)}).items():
         found[f"rebound_us_{name}"] = f"{microseconds:.1g}"
     return found
+
+
+def _many() -> dict[str, str]:
+    """Return how many times as fast `fit_many` is as a loop, and how far apart their results."""
+    known = _result("fit_many")
+    return {
+        "many_balls": f"{known['balls']:,}",
+        "many_times": f"{known['ratio']:.2g}",
+        "many_away": f"{known['away']:.0e}",
+    }
 
 
 def written(text: str, known: dict[str, str]) -> str:

@@ -17,6 +17,8 @@ if _TYPE_CHECKING:
     from ._export import export as export
     from ._fit import Between as Between
     from ._fit import Fit as Fit
+    from ._fit import Fits as Fits
+    from ._fit import FitStatus as FitStatus
     from ._fit import Fixed as Fixed
     from ._fit import Free as Free
     from ._fit import Huber as Huber
@@ -24,6 +26,7 @@ if _TYPE_CHECKING:
     from ._fit import Posterior as Posterior
     from ._fit import compare_fits as compare_fits
     from ._fit import fit as fit
+    from ._fit import fit_many as fit_many
     from ._fit import posterior as posterior
     from ._flight import Drag as Drag
     from ._forms import AbstractForm as AbstractForm
@@ -135,7 +138,10 @@ _ROOMS = {
     ),
     "_functions": "power",
     "_export": "Export export",
-    "_fit": "Between Fit Fixed Free Huber Positive Posterior compare_fits fit posterior",
+    "_fit": (
+        "Between Fit Fits FitStatus Fixed Free Huber Positive Posterior compare_fits fit fit_many "
+        "posterior"
+    ),
     "_flight": "Drag",
     "_forms": "AbstractForm ScaledImpact exact_damping_factor",
     "_impact": (

@@ -156,13 +156,13 @@ def fit(
         found = find(problem, rough, options)
         _check_start(problem, theta, found)
         refuse_unused(problem, found)
-        found = _set_to_bound(problem, found, theta, options)
+        found = set_to_bound(problem, found, theta, options)
         settled = True
         if sigma is None and (isinstance(loss, Huber) or noise == BY_COLUMN):
             errors = ColumnErrors(problem, columns_of(problem, noise))
             found = refit(errors, found, lambda last, new: find(new, last.theta, options))
             problem, settled = errors.problem, errors.settled
-        result = _result(problem, found, theta, target, ends, names, options, settled)
+        result = result_of(problem, found, theta, target, ends, names, options, settled)
     return checked(result, throw, "fit")
 
 
@@ -186,10 +186,7 @@ def _first_guess(
 
 
 def _check(loss: Any, optimizer: Any) -> None:
-    if not isinstance(loss, Huber) and not (isinstance(loss, str) and loss == "squares"):
-        raise ValueError(
-            f"Argument `loss` must be 'squares' or a `Huber`, but is {rendered(loss)}."
-        )
+    check_loss(loss)
     # A class has the functions of its objects, but is not an optimiser.
     parts = () if isinstance(optimizer, type) else ("init", "update")
     is_optax = bool(parts) and all(callable(getattr(optimizer, part, None)) for part in parts)
@@ -198,6 +195,14 @@ def _check(loss: Any, optimizer: Any) -> None:
         raise ValueError(
             f"Argument `optimizer` must be {LEVENBERG_MARQUARDT!r} or an optax optimiser, but is "
             f"{rendered(optimizer)}."
+        )
+
+
+def check_loss(loss: Any) -> None:
+    """Raise ValueError for a loss of another kind."""
+    if not isinstance(loss, Huber) and not (isinstance(loss, str) and loss == "squares"):
+        raise ValueError(
+            f"Argument `loss` must be 'squares' or a `Huber`, but is {rendered(loss)}."
         )
 
 
@@ -229,7 +234,7 @@ def _check_start(problem: FitProblem, theta: np.ndarray, found: SearchEnd) -> No
         )
 
 
-def _set_to_bound(
+def set_to_bound(
     problem: FitProblem, found: SearchEnd, start: np.ndarray, options: SearchOptions
 ) -> SearchEnd:
     """Set a parameter that creeps to a bound there, if that is no worse."""
@@ -242,7 +247,7 @@ def _set_to_bound(
     return there if there.loss <= found.loss else found
 
 
-def _result(
+def result_of(
     problem: FitProblem,
     found: SearchEnd,
     start: np.ndarray,
@@ -252,6 +257,7 @@ def _result(
     options: SearchOptions,
     settled: bool,
 ) -> Fit:
+    """Return the end of a search as a fit: its verdict and its standard errors."""
     space = problem.space
     used = target.factor > 0
     at_bound = at_bound_of(space, found, start, used)

@@ -31,12 +31,12 @@ with jax.core.eval_context():
     _OUTERMOST = jax.extend.core.get_opaque_trace_state(convention="")
 
 
-def side_by_side(jobs: Iterable[Callable[[], Out]]) -> Generator[Out, None, None]:
-    """Yield the results of jobs in order, running two at a time. Most of a job is compilation,
-    which leaves Python free for another one. JAX settings that hold only for the caller's thread do
-    not hold in a job.
+def side_by_side(jobs: Iterable[Callable[[], Out]], at_once: int = 2) -> Generator[Out, None, None]:
+    """Yield the results of jobs in order, running some at once. Most of a job is compilation or
+    computation, which leaves Python free for another one. JAX settings that hold only for the
+    caller's thread do not hold in a job.
     """
-    with concurrent.futures.ThreadPoolExecutor(2) as pool:
+    with concurrent.futures.ThreadPoolExecutor(at_once) as pool:
         running = [pool.submit(job) for job in jobs]
         try:
             for one in running:

@@ -41,6 +41,34 @@ def test_rows_have_an_error_and_a_failed_one_its_reason(measured):
     assert "`MemoryError: no / room`" in written
 
 
+def rows_of(tmp_path, *asked):
+    """The rows of the short form, by their group and name."""
+    out = tmp_path / "gpu.json"
+    with jax.numpy_rank_promotion("allow"):
+        gpu.main(["--quick", "--out", str(out), "--page", str(tmp_path / "gpu.md"), *asked])
+    rows = json.loads(out.read_text())["rows"]
+    return {(row["group"], row["what"]): row for row in rows}
+
+
+def test_calls_that_are_no_single_program_run(tmp_path, monkeypatch, usual_promotion):
+    """A sweep and fits of many balls, which choose their own blocks."""
+    chosen = [task for task in TASKS if task.whole and "event" not in task.what]
+    monkeypatch.setattr(gpu, "TASKS", chosen)
+    rows = rows_of(tmp_path, "--only", "sweeps", "fits")
+    assert len(rows) == 2
+    # The fits are compared with `jc.fit` in standard errors: measured 8e-15.
+    assert all(row["error"] < WITHIN["float64"] and row["rate"] > 0 for row in rows.values())
+
+
+@pytest.mark.slow(reason="compiles every kind of program of the benchmark, three minutes")
+def test_the_whole_short_form_runs(tmp_path, usual_promotion):
+    rows = rows_of(tmp_path)
+    assert {group for group, _ in rows} == set(gpu.GROUPS)
+    failed = {what for what, row in rows.items() if "failed" in row}
+    # Its truth needs numba, of [benchmarks].
+    assert failed <= {("friction", "table of Maw, Barber and Fawcett")}
+
+
 def test_no_row_starts_after_the_limit(tmp_path):
     result = gpu.Result(tmp_path / "gpu.json", gpu.GROUPS)
     gpu.measure_group("impacts", True, gpu.Clock(0.0), result)

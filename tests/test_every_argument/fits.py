@@ -43,6 +43,19 @@ def _proportional(params, x):
 FIT = {"data": V, "start": {"a": 1.0}, "x": V, "predict": _proportional}
 
 
+# Of three balls with one point.
+MANY = {"data": np.ones((3, 1)), "start": {"a": 1.0}, "predict": _proportional}
+OF_THREE = frozenset({"range", "with nan", "Series", "DataFrame"})
+NAMES = OF_THREE | {"tuple", "Series of text"}
+NAMES |= {f"array of {what}" for what in ("text", "flags", "dates", "long doubles")} | {"jax flags"}
+NO_LEAVES = NONE | {"dict", "empty list", "list of None"}
+FIT_START = (
+    REAL - {"jax whole"}
+    | ARRAYS - {"empty list", "range", "shape (0,)", "with nan"}
+    | {"dict of numbers", "ragged", "law", "contact", "material"}
+)
+
+
 @functools.cache
 def cases() -> dict[str, Case]:
     fitted = a_fit()
@@ -56,9 +69,7 @@ def cases() -> dict[str, Case]:
                 "data": REALS - {"empty list", "shape (0,)", "with nan"}
                 | {"dict of numbers", "ragged", "law", "contact", "material"},
                 # JAX integer arrays stay unchanged, and nothing remains to be fitted.
-                "start": REAL - {"jax whole"}
-                | ARRAYS - {"empty list", "range", "shape (0,)", "with nan"}
-                | {"dict of numbers", "ragged", "law", "contact", "material"},
+                "start": FIT_START,
                 # Any tree of arrays that the prediction accepts.
                 "x": REALS
                 | NONE
@@ -82,6 +93,27 @@ def cases() -> dict[str, Case]:
                 "rtol": POSITIVE,
                 "reverse": SWITCH,
                 "throw": SWITCH,
+                "progress": PROGRESS | NONE,
+            },
+        ),
+        "fit_many": Case(
+            jc.fit_many,
+            MANY,
+            {
+                "predict": CALLABLE,
+                "data": OF_THREE | {"shape (1,)", "jax shape (1,)", "shape (2, 3)"},
+                "start": FIT_START,
+                "balls": NAMES | NONE,
+                "x": OF_THREE | NO_LEAVES | {"array of flags", "array of complex", "jax flags"},
+                "sigma": POSITIVE | NONE | {"shape (1,)", "jax shape (1,)", "DataFrame"},
+                "weights": POSITIVE | NONE | {"shape (1,)", "jax shape (1,)", "DataFrame"},
+                "transforms": NONE | {"dict"},
+                "own_start": FLAG,
+                "loss": NOTHING,
+                "max_steps": COUNT | NONE,
+                "rtol": POSITIVE,
+                "reverse": SWITCH,
+                "batch_size": COUNT | NONE,
                 "progress": PROGRESS | NONE,
             },
         ),

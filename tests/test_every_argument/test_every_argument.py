@@ -31,6 +31,7 @@ def nothing_is_compiled(monkeypatch, tmp_path):
         ("_calibration.oblique.start", "_predicted"),
         ("_fit.fit", "find"),
         ("_fit.fit", "find_all"),
+        ("_fit.many.fit_many", "search_all"),
         ("_fit.compare", "find"),
         ("_fit.uncertainty.bootstrap", "_refits"),
         ("_fit.uncertainty.profile", "_held"),

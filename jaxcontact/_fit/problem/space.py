@@ -61,7 +61,7 @@ class Space(eqx.Module):
         return jax.tree.unflatten(self.structure, leaves)
 
     def stretch(self, values: np.ndarray) -> np.ndarray:
-        """Return dx/dθ (k,), of each number by its own coordinate."""
+        """Return dx/dθ (k, ...) at values (k, ...), of each number by its own coordinate."""
         bounds = np.asarray(self.low), np.asarray(self.high)
         columns = zip(self.coordinates, values, *bounds, strict=True)
         return np.array([coordinate.slope(*column) for coordinate, *column in columns])

@@ -57,26 +57,26 @@ def target_of(data: Any, sigma: Any, weights: Any) -> Target:
     return Target(np.where(used, y, 0.0), factor, sigma is not None)
 
 
-def groups_of(names: Any, count: int) -> np.ndarray | None:
+def groups_of(names: Any, count: int, argument: str = "groups") -> np.ndarray | None:
     """Return the group number (n,) of each point; raise ValueError unless each has a name."""
     if names is None:
         return None
     given = None if isinstance(names, np.ma.MaskedArray) else as_array(names)
     if given is None or given.dtype.kind in "Vc":
-        raise _no_names(names, count)
+        raise _no_names(names, count, argument)
     given = given.ravel()
     if given.dtype == object and not all(isinstance(x, str | int | float) for x in given):
-        raise _no_names(names, count)
+        raise _no_names(names, count, argument)
     if given.size != count:
         raise ValueError(
-            f"Argument `groups` must have one name for each of the {count} points, but has "
+            f"Argument `{argument}` must have one name for each of the {count} points, but has "
             f"{given.size}: it is {rendered(names)}."
         )
     try:
         return np.unique(given, return_inverse=True)[1]
     except TypeError as error:
         # Mixed texts and numbers have no order.
-        raise _no_names(names, count) from error
+        raise _no_names(names, count, argument) from error
 
 
 def whitener_of(correlation: Any, used: np.ndarray) -> np.ndarray | None:
@@ -104,10 +104,10 @@ def whitener_of(correlation: Any, used: np.ndarray) -> np.ndarray | None:
     return np.linalg.solve(factor, np.eye(n))
 
 
-def _no_names(names: Any, count: int) -> ValueError:
+def _no_names(names: Any, count: int, argument: str) -> ValueError:
     return ValueError(
-        f"Argument `groups` must have one name for each of the {count} points, all numbers or all "
-        f"texts, but is {rendered(names)}."
+        f"Argument `{argument}` must have one name for each of the {count} points, all numbers or "
+        f"all texts, but is {rendered(names)}."
     )
 
 

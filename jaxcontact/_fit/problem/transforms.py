@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ..._entry import Range, require_number
 
@@ -27,7 +28,7 @@ class Coordinate(NamedTuple):
     bounded_above: bool
     to_free: Callable[[float, float, float], float]
     to_value: Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
-    slope: Callable[[float, float, float], float]
+    slope: Callable[[Any, float, float], Any]
     log_slope: Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
 
 
@@ -37,7 +38,7 @@ IDENTITY = Coordinate(
     bounded_above=False,
     to_free=lambda value, low, high: value,
     to_value=lambda free, low, high: free,
-    slope=lambda value, low, high: 1.0,
+    slope=lambda value, low, high: np.ones_like(value),
     log_slope=lambda free, low, high: jnp.zeros_like(free),
 )
 LOGARITHM = Coordinate(

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..problem.problem import FitProblem, Point
-from .trust_region import least_squares
+from .trust_region import Search, begin, least_squares
 
 MOST_STEPS = 500
 """Default steps of Levenberg-Marquardt."""
@@ -64,8 +64,14 @@ def search(
 def _levenberg_marquardt(
     problem: FitProblem, start: Float[Array, " k"], options: SearchOptions
 ) -> tuple[Path, Point]:
-    here, history, step, ended = least_squares(problem, start, options.max_steps, options.report)
-    return Path(here.theta, history, step, ended), here.point
+    begun = begin(problem, start, options.max_steps)
+    return end_of(least_squares(problem, begun, options.max_steps, options.report))
+
+
+def end_of(search: Search) -> tuple[Path, Point]:
+    """Return the course of a search of Levenberg-Marquardt, and its best point."""
+    here = search.here
+    return Path(here.theta, search.history, search.step, search.ended), here.point
 
 
 def _gradient_descent(

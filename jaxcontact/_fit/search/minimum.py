@@ -12,8 +12,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._program import quick, soon_compiled
 from ..problem.loss import shortened, shortened_slope
-from ..problem.problem import FitProblem
-from .levenberg_marquardt import SearchOptions, search
+from ..problem.problem import FitProblem, Point
+from .levenberg_marquardt import Path, SearchOptions, search
 from .trust_region import scale_of
 
 SINGULAR = 1e-7
@@ -64,13 +64,21 @@ class SearchEnd(NamedTuple):
 
 def found_from(problem: FitProblem, start: Float[Array, " k"], options: SearchOptions) -> SearchEnd:
     """Search from `start`, and compute the distance of its end from a minimum."""
-    return _assess(problem, _run_search(problem, start, options), options.rtol, jnp)
+    return assessed(problem, *search(problem, start, options), options)
+
+
+def assessed(problem: FitProblem, path: Path, end: Point, options: SearchOptions) -> SearchEnd:
+    """Return the end of a search with its distance from a minimum."""
+    return _assess(problem, _with_values(problem, path, end), options.rtol, jnp)
 
 
 def _run_search(
     problem: FitProblem, start: Float[Array, " k"], options: SearchOptions
 ) -> SearchEnd:
-    path, end = search(problem, start, options)
+    return _with_values(problem, *search(problem, start, options))
+
+
+def _with_values(problem: FitProblem, path: Path, end: Point) -> SearchEnd:
     values = problem.space.values(path.theta)
     return SearchEnd(*path, path.theta[0], end.z, end.jacobian, values, end.prediction)
 

@@ -80,29 +80,56 @@ class _Trial(NamedTuple):
 _point = eqx.filter_jit(FitProblem.at)
 
 
+class Search(NamedTuple):
+    """A search between two steps: its best point, the next trial, and the loss after each step.
+
+    `radius` bounds the next step, `last` is the promise of the last accepted one, and `refused`
+    counts refused steps in a row. `ended`: the search ended by itself.
+    """
+
+    here: Here
+    trial: _Trial
+    radius: Float[Array, ""]
+    last: Float[Array, ""]
+    refused: Int[Array, ""]
+    history: Float[Array, " steps"]
+    step: Int[Array, ""]
+    ended: Bool[Array, ""]
+
+
+def begin(problem: FitProblem, start: Float[Array, " k"], max_steps: int) -> Search:
+    """Return a search of at most `max_steps` steps before its first one."""
+    # The start is evaluated in the loop, so that the prediction is compiled once.
+    zero, none, no = jnp.zeros(()), jnp.zeros_like(start), jnp.asarray(False)
+    count, history = jnp.zeros((), int), jnp.full(max_steps, jnp.nan, start.dtype)
+    shapes = jax.eval_shape(functools.partial(_point, problem), start)
+    point = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    here = Here(start, point, point.z, point.jacobian, none)
+    trial = _Trial(start, none, zero, zero, zero, no)
+    return Search(here, trial, zero, jnp.asarray(jnp.inf), count, history, count, no)
+
+
 def least_squares(
     problem: FitProblem,
-    start: Float[Array, " k"],
-    max_steps: int,
+    search: Search,
+    limit: int | Int[Array, ""],
     report: Callable[[Array, Array], None],
-) -> tuple[Here, Float[Array, " steps"], Int[Array, ""], Bool[Array, ""]]:
-    """Return the end of a search, the loss after each step, their number, and whether it ended.
+) -> Search:
+    """Continue a search until it ends or has made `limit` steps.
 
-    The last is True if it ended by itself. The step p minimises |r + J p| with |D p| ≤ radius, D
-    the greatest lengths of the columns of J. If it is refused, the residuals give their curvature
-    along it. The next trial is the parabola p + a/2, with (JᵀJ + λD²) a = -2 Jᵀ(r(θ + p) - r - J
-    p). It follows narrow curved valleys.
+    The step p minimises |r + J p| with |D p| ≤ radius, D the greatest lengths of the columns of J.
+    If it is refused, the residuals give their curvature along it. The next trial is the parabola p
+    + a/2, with (JᵀJ + λD²) a = -2 Jᵀ(r(θ + p) - r - J p). It follows narrow curved valleys.
 
     Source: Moré (1978), doi 10.1007/BFb0067700; Transtrum and Sethna (2012), doi
     10.48550/arXiv.1201.5885.
     """
 
-    def unfinished(carry: tuple) -> Array:
-        *_, step, ended = carry
-        return ~ended & (step < max_steps)
+    def unfinished(search: Search) -> Array:
+        return ~search.ended & (search.step < limit)
 
-    def advance(carry: tuple) -> tuple:
-        here, trial, radius, last, refused, history, step, _ = carry
+    def advance(search: Search) -> Search:
+        here, trial, radius, last, refused, history, step, _ = search
         first = step == 0
         there = _at(problem, trial.theta, here.scale)
         fall = here.squares - there.squares
@@ -131,18 +158,10 @@ def least_squares(
         report(step, loss)
         ended = (done & ~first) | (refused >= _REFUSED) | ~jnp.isfinite(loss)
         ended |= trial.promise <= jnp.square(_blur(problem, here))
-        return here, trial, radius, last, refused, history.at[step].set(loss), step + 1, ended
+        history = history.at[step].set(loss)
+        return Search(here, trial, radius, last, refused, history, step + 1, ended)
 
-    # The start is evaluated in the loop, so that the prediction is compiled once.
-    zero, none, no = jnp.zeros(()), jnp.zeros_like(start), jnp.asarray(False)
-    count, history = jnp.zeros((), int), jnp.full(max_steps, jnp.nan, start.dtype)
-    shapes = jax.eval_shape(functools.partial(_point, problem), start)
-    point = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
-    here = Here(start, point, point.z, point.jacobian, none)
-    trial = _Trial(start, none, zero, zero, zero, no)
-    carry = here, trial, zero, jnp.asarray(jnp.inf), count, history, count, no
-    here, *_, history, step, ended = jax.lax.while_loop(unfinished, advance, carry)
-    return here, history, step, ended
+    return jax.lax.while_loop(unfinished, advance, search)
 
 
 def _at(problem: FitProblem, theta: Float[Array, " k"], scale: Float[Array, " k"]) -> Here:

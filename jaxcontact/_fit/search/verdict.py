@@ -42,17 +42,22 @@ def at_bound_of(space: Space, found: SearchEnd, start: np.ndarray, used: np.ndar
     A change of the distance to the end by a factor e must stay below the scatter of the data.
     Otherwise the search must have stopped by itself with an outward step remaining.
     """
-    low, high = np.asarray(space.low), np.asarray(space.high)
-    two_sided = space.bounded_above
-    near = _AT_BOUND * np.where(two_sided, high - low, 1)
-    below = np.where(two_sided, found.values - low, np.inf) < near
-    below |= space.has_unit & ~two_sided & (found.theta < start - _FAR)
-    above = np.where(two_sided, high - found.values, np.inf) < near
+    below, above = near_bound(space, found, start)
     scatter = np.sqrt(np.sum(found.z**2) / max(int(used.sum()) - start.size, 1))
     noticeable = np.linalg.norm(found.jacobian, axis=0) > scatter
     outwards = (below & (found.step < 0)) | (above & (found.step > 0))
     creeps = ~found.still & outwards & found.stopped
     return (below | above) & (~noticeable | creeps)
+
+
+def near_bound(space: Space, found: SearchEnd, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return which parameters (..., k) are close to the lower, and to the upper end."""
+    low, high = np.asarray(space.low), np.asarray(space.high)
+    two_sided = space.bounded_above
+    near = _AT_BOUND * np.where(two_sided, high - low, 1)
+    below = np.where(two_sided, found.values - low, np.inf) < near
+    below |= space.has_unit & ~two_sided & (found.theta < start - _FAR)
+    return below, np.where(two_sided, high - found.values, np.inf) < near
 
 
 def creeping(space: Space, step: np.ndarray) -> np.ndarray:

@@ -1,0 +1,1 @@
+"""Many tables fitted at once, each with its own parameters."""

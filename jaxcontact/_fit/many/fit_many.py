@@ -1,0 +1,217 @@
+"""`fit_many`: check the tables, search for all balls at once, and assess the ends."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike
+
+from ..._entry import POSITIVE, require_count, require_flag, require_function, require_number
+from ..._text.progress import progress_of
+from ..fit import check_loss, result_of, set_to_bound
+from ..problem.loss import Huber
+from ..problem.problem import FitProblem
+from ..problem.target import Target
+from ..result import Fit
+from ..search.levenberg_marquardt import MOST_STEPS, SearchOptions
+from ..search.minimum import SearchEnd
+from ..search.unused import refuse_unused
+from .assess import assess
+from .result import Fits, FitStatus
+from .search import Balls, BlockSize, rows_of, search_all
+from .starts import Starts, starts_of
+from .tables import Tables, tables_of
+
+
+def fit_many(
+    predict: Callable[..., Any],
+    data: Any,
+    start: Any,
+    *,
+    balls: ArrayLike | None = None,
+    x: Any = None,
+    sigma: Any = None,
+    weights: Any = None,
+    transforms: Any = None,
+    own_start: bool = False,
+    loss: str | Huber = "squares",
+    max_steps: int | None = None,
+    rtol: float = 1e-8,
+    reverse: bool = False,
+    batch_size: int | None = None,
+    progress: bool | Callable[[int, int], None] | None = None,
+) -> Fits:
+    """Fit the same prediction to the tables of many balls at once, each with its own parameters.
+
+    Each ball is fitted as by `fit(predict, data, start, x=x, sigma=sigma)`, with the same result up
+    to rounding; one program advances many balls at a time.
+
+    Arguments: `data`, `x` and `sigma` or `weights` as in `fit`, with a first axis of the balls:
+    `data` (balls, points), or a tree of such arrays. Leave a point out by a weight of 0 or an
+    infinite `sigma`. With `balls` (points,), the name of the ball of each point, they are columns
+    (points,) of a long table instead. Balls may then differ in their number of points. The
+    prediction at a point must depend on x of that point alone, because shorter tables repeat their
+    last point with a weight of 0.
+
+    `start` as in `fit`, for all balls. With `own_start` each ball has its own: arrays in `start`
+    have a first axis of the balls, in the order in which `balls` first names them. That includes
+    numbers that are not fitted, such as the mass of each ball. `transforms`, `max_steps`, `rtol`
+    and `reverse` as in `fit`; `loss` too, but `Huber` needs `sigma`. `batch_size`: balls that one
+    call advances. `progress`: as in `sweep`, counted in balls.
+
+    Another number of balls does not compile again, nor do other values; another largest number of
+    points does, and a new lambda.
+
+    Returns `Fits`, with a status for each ball. A ball with numbers out of range, with too few
+    points, or without convergence is flagged, and the others are as without it. Raises ValueError
+    for columns that do not match, and for a number that no prediction uses.
+    """
+    require_function("predict", predict)
+    check_loss(loss)
+    if isinstance(loss, Huber) and sigma is None:
+        raise ValueError("Argument `sigma` must be given with a `Huber` loss, but is None.")
+    own_start, reverse = require_flag("own_start", own_start), require_flag("reverse", reverse)
+    rtol = require_number("rtol", rtol, POSITIVE)
+    most = MOST_STEPS if max_steps is None else require_count("max_steps", max_steps, 1)
+    most_at_once = None if batch_size is None else require_count("batch_size", batch_size, 1)
+    with (
+        progress_of(progress, "balls", "fit_many") as tell,
+        jax.enable_x64(True),
+        jax.numpy_dtype_promotion("standard"),
+    ):
+        tables = tables_of(balls, data, x, sigma, weights)
+        count = len(tables.balls)
+        starts = starts_of(start, transforms, own_start, count)
+        threshold = jnp.asarray(float(loss.threshold)) if isinstance(loss, Huber) else None
+        lanes = Balls(tables.x, tables.y, tables.factor, starts.theta, starts.others)
+        first = jax.tree.map(jnp.asarray, rows_of(lanes, 0))
+        shared = FitProblem(
+            predict, starts.space, first.x, first.y, first.factor, threshold, reverse, tables.shapes
+        )
+        options = SearchOptions(jnp.asarray(rtol), max_steps=most)
+        blocks = BlockSize.of(count, most_at_once)
+        ends, histories = search_all(shared, lanes, options, blocks, tell)
+        refuse_unused(shared, _of_all(ends))
+        made = _Made(shared, tables, starts, lanes, options, ends, histories)
+        return made.fits()
+
+
+def _of_all(ends: SearchEnd) -> SearchEnd:
+    """Return an end whose Jacobian has a column of zeros only where those of all balls have."""
+    return rows_of(ends, 0)._replace(jacobian=np.any(ends.jacobian, axis=0))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Made:
+    """The searches of all balls, and what they were made from."""
+
+    shared: FitProblem
+    tables: Tables
+    starts: Starts
+    lanes: Balls
+    options: SearchOptions
+    ends: SearchEnd
+    histories: list[np.ndarray]
+
+    def fits(self) -> Fits:
+        """Return the result: ends that are not plain are assessed one by one, as `fit` does."""
+        ends, space, valid = self.ends, self.starts.space, self.tables.valid & self.starts.valid
+        found = assess(self.shared, self.tables, ends, self.starts.theta)
+        values, covariance, loss = ends.values.copy(), found.covariance, ends.loss.copy()
+        dof, noise, steps = found.dof, found.noise, ends.steps.copy()
+        status = np.full(len(valid), int(FitStatus.CONVERGED), np.int8)
+        reasons = ["no step is left"] * len(valid)
+        few = (self.tables.factor > 0).sum(axis=1) < len(space.names)
+        few &= not any(space.shapes)
+        blind = np.array([not np.isfinite(history[0]) for history in self.histories])
+        for kind, which in (
+            (FitStatus.NO_PREDICTION, blind),
+            (FitStatus.TOO_FEW_POINTS, few),
+            (FitStatus.INVALID_INPUT, ~valid),
+        ):
+            status[which] = kind
+            for i in np.flatnonzero(which):
+                reasons[i] = kind.words.rstrip(".")
+        odd = {}
+        for i in np.flatnonzero((status == 0) & ~found.plain).tolist():
+            odd[i] = fit = self.single(i)
+            values[i], covariance[i], loss[i] = fit.values, fit.covariance, fit.loss
+            dof[i], noise[i], steps[i], reasons[i] = fit.dof, fit.noise, fit.steps, fit.reason
+            status[i] = _status_of(fit)
+        bad = status >= FitStatus.NOT_CONVERGED
+        values[bad], covariance[bad], loss[bad], noise[bad] = (np.nan,) * 4
+        dof[bad] = 0
+        return Fits(
+            self.tables.balls,
+            self._params(values),
+            space.names,
+            values,
+            covariance,
+            loss,
+            dof,
+            noise,
+            steps,
+            status,
+            tuple(reasons),
+            space.units,
+            lambda i: odd[i] if i in odd else self.single(i),
+        )
+
+    def _params(self, values: np.ndarray) -> Any:
+        """Return the structure of the start, whose numbers have a first axis of the balls."""
+        space = self.starts.space
+        pairs = zip(self.starts.others, space.others, strict=True)
+        others = iter([x if own is None else own for own, x in pairs])
+        leaves, at = [], 0
+        for shape in space.shapes:
+            if shape is None:
+                leaves.append(next(others))
+                continue
+            end = at + math.prod(shape)
+            leaves.append(values[:, at:end].reshape(-1, *shape))
+            at = end
+        # Transferred, not converted: JAX would compile a program for each new shape.
+        leaves = [jax.device_put(x) if isinstance(x, np.ndarray) else x for x in leaves]
+        return jax.tree.unflatten(space.structure, leaves)
+
+    def single(self, i: int) -> Fit:
+        """Return the fit of one ball, without the points that fill its row."""
+        tables, length = self.tables, self.tables.length
+        lane, end = rows_of(self.lanes, i), rows_of(self.ends, i)
+        real, shapes = tables.real[i], self.shared.shapes
+        x = lane.x
+        if length is not None:
+            shapes = tuple((int(length[i]), *shape[1:]) for shape in shapes)
+            x = jax.tree.map(lambda column: column[: length[i]], x)
+        end = end._replace(
+            history=self.histories[i],
+            z=end.z[real],
+            jacobian=end.jacobian[real],
+            prediction=end.prediction[real],
+        )
+        target = Target(lane.y[real], lane.factor[real], tables.absolute)
+        own = lane._replace(x=x, y=target.y, factor=target.factor)
+        with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+            problem = jax.tree.map(_in_jax, own.problem(self.shared))
+            problem = dataclasses.replace(problem, shapes=shapes)
+            theta = self.starts.theta[i]
+            end = set_to_bound(problem, end, theta, self.options)
+            return result_of(problem, end, theta, target, np.zeros(0), None, self.options, True)
+
+
+def _in_jax(leaf: Any) -> Any:
+    return jnp.asarray(leaf) if isinstance(leaf, np.ndarray | np.generic) else leaf
+
+
+def _status_of(fit: Fit) -> FitStatus:
+    if not fit.converged:
+        return FitStatus.NOT_CONVERGED
+    if fit.at_bound:
+        return FitStatus.AT_BOUND
+    return FitStatus.CONVERGED if not fit.unidentified else FitStatus.NOT_IDENTIFIABLE

@@ -1,0 +1,147 @@
+"""The tables of many balls as arrays with one row for each ball."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..._entry import POSITIVE, as_array, as_numbers, as_weights, concrete, rendered, require_number
+from ..problem.problem import as_place
+from ..problem.target import groups_of
+
+
+class Tables(NamedTuple):
+    """Data of B balls with n numbers each; shorter tables repeat their last point with weight 0.
+
+    `factor` is √w or 1/σ, which is known if `absolute`. `real` marks what is not repeated. `shapes`
+    are those of the data of one ball. Balls that are not `valid` have weights of 0 only.
+    """
+
+    balls: np.ndarray
+    y: Float[np.ndarray, "B n"]
+    factor: Float[np.ndarray, "B n"]
+    x: Any
+    real: Bool[np.ndarray, "B n"]
+    length: Int[np.ndarray, " B"] | None
+    shapes: tuple[tuple[int, ...], ...]
+    valid: Bool[np.ndarray, " B"]
+    absolute: bool
+
+
+class _Layout(NamedTuple):
+    """Where the points of each ball are: rows (B, width) of columns; None if they are so stored."""
+
+    balls: np.ndarray
+    rows: Int[np.ndarray, "B width"] | None
+    length: Int[np.ndarray, " B"] | None
+
+    def of(self, column: np.ndarray) -> np.ndarray:
+        return column if self.rows is None else column[self.rows]
+
+
+def tables_of(balls: Any, data: Any, x: Any, sigma: Any, weights: Any) -> Tables:
+    """Return the data of every ball.
+
+    Raises ValueError for what is no number, for columns that do not match, and for a single `sigma`
+    or weight out of range.
+    """
+    if sigma is not None and weights is not None:
+        raise ValueError("Argument `weights` must be None with `sigma`, but both are given.")
+    columns = [as_numbers(leaf, "data") for leaf in jax.tree.leaves(data)]
+    if not columns or not columns[0].size:
+        raise ValueError(f"Argument `data` must hold a number, but is {rendered(data)}.")
+    count = len(columns[0]) if columns[0].ndim else 0
+    _refuse_other_lengths("data", data, columns, count)
+    layout = _layout_of(balls, count)
+    given = _spread(sigma, weights, data, columns)
+    spread, y = (_flat(layout, parts) for parts in (given, columns))
+    good = spread > 0 if sigma is not None else (spread >= 0) & np.isfinite(spread)
+    with np.errstate(all="ignore"):
+        factor = 1 / spread if sigma is not None else np.sqrt(spread)
+    real = _flat(layout, [np.ones(c.shape, bool) for c in columns])
+    if layout.rows is not None:
+        assert layout.length is not None
+        inside = np.arange(layout.rows.shape[1]) < layout.length[:, None]
+        parts = [np.broadcast_to(inside.reshape(*inside.shape, *[1] * (c.ndim - 1)),
+                                 (*inside.shape, *c.shape[1:])) for c in columns]  # fmt: skip
+        real = np.concatenate([part.reshape(len(inside), -1) for part in parts], axis=1)
+    good &= (factor == 0) | np.isfinite(y)
+    valid = (good | ~real).all(axis=1) & ((factor > 0) & real).any(axis=1)
+    factor = np.where(real & valid[:, None], factor, 0.0)
+    width = () if layout.rows is None else layout.rows.shape[1:]
+    return Tables(
+        layout.balls,
+        np.where(factor > 0, y, 0.0),
+        factor,
+        _places(x, layout, count),
+        real,
+        layout.length,
+        tuple((*width, *c.shape[1:]) or (1,) for c in columns),
+        valid,
+        sigma is not None,
+    )
+
+
+def _layout_of(balls: Any, count: int) -> _Layout:
+    number = groups_of(balls, count, "balls")
+    if number is None:
+        return _Layout(np.arange(count), None, None)
+    # In the order in which they first appear.
+    first = np.sort(np.unique(number, return_index=True)[1])
+    place = np.empty(len(first), int)
+    place[number[first]] = np.arange(len(first))
+    length = np.bincount(place[number])
+    order, start = np.argsort(place[number], kind="stable"), np.cumsum(length) - length
+    within = np.minimum(np.arange(length.max()), length[:, None] - 1)
+    names = as_array(balls)
+    assert names is not None
+    return _Layout(names.ravel()[first], order[start[:, None] + within], length)
+
+
+def _refuse_other_lengths(name: str, value: Any, columns: list[np.ndarray], count: int) -> None:
+    if not all(column.ndim and len(column) == count for column in columns):
+        like = "the same" if name == "data" else f"as long as that of `data`, {count}"
+        raise ValueError(
+            f"Argument `{name}` must hold arrays, no lists, whose first axis is {like}, that of "
+            f"the balls or points, but is {rendered(value)}."
+        )
+
+
+def _spread(sigma: Any, weights: Any, data: Any, columns: list[np.ndarray]) -> list[np.ndarray]:
+    """Return one σ or weight for each number, from one for all or a tree like the data."""
+    name = "weights" if sigma is None else "sigma"
+    value = as_weights(weights) if sigma is None else sigma
+    if value is None:
+        return [np.ones_like(column) for column in columns]
+    if concrete(value) is not None:
+        number = require_number(name, value, POSITIVE)
+        return [np.full_like(column, number) for column in columns]
+    leaves = [as_numbers(leaf, name) for leaf in jax.tree.leaves(value)]
+    try:
+        if jax.tree.structure(value) != jax.tree.structure(data):
+            raise ValueError(name)
+        return [np.broadcast_to(x, c.shape) for x, c in zip(leaves, columns, strict=True)]
+    except ValueError as error:
+        raise ValueError(
+            f"Argument `{name}` must be a number, or have the shapes of `data` "
+            f"({', '.join(str(c.shape) for c in columns)}), but is {rendered(value)}."
+        ) from error
+
+
+def _flat(layout: _Layout, columns: list[np.ndarray]) -> np.ndarray:
+    """Return columns as one vector for each ball."""
+    parts = [layout.of(column) for column in columns]
+    return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+
+
+def _places(x: Any, layout: _Layout, count: int) -> Any:
+    # In NumPy: JAX would compile a program for each new shape.
+    try:
+        columns = jax.tree.map(lambda leaf: np.asarray(as_place(leaf)), x)
+    except TypeError as error:  # an array of JAX without numbers
+        raise ValueError(f"Argument `x` must hold numbers, but is {rendered(x)}.") from error
+    _refuse_other_lengths("x", x, jax.tree.leaves(columns), count)
+    return jax.tree.map(layout.of, columns)

@@ -1,0 +1,254 @@
+"""Many balls at once, against `fit` ball by ball, SciPy, and themselves without a bad neighbour."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import monitoring
+from scipy.optimize import curve_fit
+
+import jaxcontact as jc
+from jaxcontact._fit.many import search as many_search
+
+NEAR = 1e-6
+"""In standard errors: an end of a search is as far from the minimum as rounding hides. Measured
+2e-14 here, 6e-7 over 1,000 tables of e(v) of which some are nearly flat."""
+ALIKE = 1e-5
+"""Of covariances, relative: measured 2e-15 here, 1e-5 over the 1,000 tables."""
+SCIPY = 1e-5
+"""Of values and standard errors of `curve_fit`, measured 3e-8 and 3e-6: it takes them from its last
+derivatives, one step before its end."""
+
+BALLS, POINTS = 11, 12
+SIGMA = 0.01
+START = {"a": 1.0, "k": 1.0}
+
+
+def decay(p, x):
+    return p["a"] * jnp.exp(-p["k"] * x)
+
+
+def tables(seed=0, balls=BALLS):
+    random = np.random.default_rng(seed)
+    x = np.sort(random.uniform(0.1, 3, (balls, POINTS)), axis=1)
+    a, k = random.uniform(0.5, 2, (balls, 1)), random.uniform(0.3, 2, (balls, 1))
+    return x, a * np.exp(-k * x) + SIGMA * random.normal(size=x.shape)
+
+
+X, Y = tables()
+
+
+@pytest.fixture(scope="module")
+def known():
+    return jc.fit_many(decay, Y, START, x=X, sigma=SIGMA, batch_size=4)
+
+
+def assert_alike(many, i, one):
+    """One ball of many, beside a fit of it alone."""
+    error = one.errors
+    assert np.max(np.abs(many.values[i] - one.values) / error) < NEAR
+    np.testing.assert_allclose(many.covariance[i], one.covariance, rtol=ALIKE)
+    np.testing.assert_allclose(many.loss[i], one.loss, rtol=ALIKE)
+    assert (many.dof[i], many.noise[i]) == (one.dof, pytest.approx(one.noise, rel=ALIKE))
+
+
+def test_every_ball_is_as_fitted_alone(known):
+    assert known.ok.all() and (known.status == jc.FitStatus.CONVERGED).all()
+    assert known.params["a"].shape == (BALLS,)
+    for i in range(BALLS):
+        one = jc.fit(decay, Y[i], START, x=X[i], sigma=SIGMA)
+        assert_alike(known, i, one)
+        assert known.steps[i] == one.steps
+        whole = known.fit(i)
+        assert_alike(known, i, whole)
+        np.testing.assert_allclose(whole.history, one.history, rtol=ALIKE)
+        np.testing.assert_array_equal(whole.values, known.values[i])
+
+
+def test_every_ball_is_as_by_scipy(known):
+    for i in range(BALLS):
+        values, covariance = curve_fit(
+            lambda x, a, k: a * np.exp(-k * x),
+            *(X[i], Y[i], [1, 1], [SIGMA] * POINTS, True),
+            jac=lambda x, a, k: np.exp(-k * x)[:, None] * np.stack([1 + 0 * x, -a * x], axis=1),
+        )
+        np.testing.assert_allclose(known.values[i], values, rtol=SCIPY)
+        for j, name in enumerate(known.names):
+            error = np.sqrt(covariance[j, j])
+            assert known.standard_errors[name][i] == pytest.approx(error, rel=SCIPY)
+
+
+def test_a_long_table_of_balls_that_differ_in_length():
+    """e(v), as people have it: names in any order, and noise that is not known."""
+    contact = jc.Contact(mass=0.05, stiffness=1e6)
+    random = np.random.default_rng(1)
+    names = np.array(["red"] * 7 + ["blue"] * 4 + ["green"] * 9)
+    v = random.uniform(0.5, 4, names.size)
+    c = np.select([names == "red", names == "blue"], [1e4, 3e4], 6e4)
+    e = np.asarray(jc.restitution(jc.ConstantDamping(c=c), contact, v))
+    e = e + 0.003 * random.normal(size=v.size)
+    order = random.permutation(names.size)
+    names, v, e = names[order], v[order], e[order]
+
+    def predict(law, v):
+        return jc.restitution(law, contact, v)
+
+    start = jc.ConstantDamping(c=2e4)
+    many = jc.fit_many(predict, e, start, balls=names, x=v)
+    assert set(many.balls) == {"red", "blue", "green"} and many.balls[0] == names[0]
+    for i, name in enumerate(many.balls):
+        of = names == name
+        one = jc.fit(predict, e[of], start, x=v[of])
+        assert_alike(many, i, one)
+        whole = many.fit(name)
+        assert len(whole.residuals) == of.sum()
+        assert whole.interval()["c"] == pytest.approx(one.interval()["c"], rel=ALIKE)
+    assert many.params.c[0] == many.values[0, 0]
+
+
+def test_a_bad_ball_is_flagged_and_changes_no_other(known):
+    y, sigma = Y.copy(), np.full_like(Y, SIGMA)
+    y[1, 3] = np.nan
+    sigma[2, 0] = -1.0
+    sigma[3, 1:] = np.inf
+    x = X.copy()
+    x[5, 2] = np.inf
+    start = {"a": np.ones(BALLS), "k": np.ones(BALLS)}
+    start["a"][7] = -1.0
+    many = jc.fit_many(
+        decay, y, start, x=x, sigma=sigma, own_start=True, transforms={"a": jc.Positive()},
+        batch_size=4,
+    )  # fmt: skip
+    kinds = jc.FitStatus
+    bad = {1: kinds.INVALID_INPUT, 2: kinds.INVALID_INPUT, 3: kinds.TOO_FEW_POINTS}
+    bad |= {5: kinds.NOT_CONVERGED, 7: kinds.INVALID_INPUT}
+    for i in range(BALLS):
+        assert many.status[i] == bad.get(i, kinds.CONVERGED), i
+        if i in bad:
+            assert np.isnan(many.values[i]).all() and np.isnan(many.covariance[i]).all()
+        else:
+            assert np.max(np.abs(many.values[i] - known.values[i]) / known.fit(i).errors) < NEAR
+    good = jc.fit_many(
+        decay, Y, {"a": np.ones(BALLS), "k": np.ones(BALLS)}, x=X, sigma=np.full_like(Y, SIGMA),
+        own_start=True, transforms={"a": jc.Positive()}, batch_size=4,
+    )  # fmt: skip
+    others = [i for i in range(BALLS) if i not in bad]
+    np.testing.assert_array_equal(many.values[others], good.values[others])
+    np.testing.assert_array_equal(many.covariance[others], good.covariance[others])
+    with pytest.raises(ValueError, match="must have a fit, but 1: Data are not finite"):
+        many.fit(1)
+    text = str(many)
+    assert "6 converged, 1 not_converged" in text and "ball 1: Data are not finite" in text
+
+
+def test_ends_that_are_not_plain_are_judged_as_by_fit():
+    """A bound, a number that the data leave open, no finite prediction, and too few steps."""
+    x = np.tile(np.linspace(0, 1, 6), (4, 1))
+    x[1], x[3] = 1.0, -1e4
+    y = 1 + 0 * x
+    y[0] = -1 - x[0]
+    y[2] = 1 + 2 * x[2]
+
+    def line(p, x):
+        return p["a"] * jnp.exp(p["b"]) + jnp.exp(-1e3 * x - 10) + p["b"] * x
+
+    rules = {"a": jc.Positive()}
+    how = {"sigma": 0.1, "transforms": rules}
+    many = jc.fit_many(line, y, {"a": 1.0, "b": 0.5}, x=x, **how)
+    kinds = [jc.FitStatus(s) for s in many.status]
+    assert kinds[3] is jc.FitStatus.NO_PREDICTION
+    for i in range(3):
+        one = jc.fit(line, y[i], {"a": 1.0, "b": 0.5}, x=x[i], throw=False, **how)
+        assert many.fit(i).reason == one.reason == many.reasons[i]
+        np.testing.assert_array_equal(np.isnan(many.covariance[i]), np.isnan(one.covariance))
+    assert kinds[:2] == [jc.FitStatus.AT_BOUND, jc.FitStatus.NOT_IDENTIFIABLE]
+    short = jc.fit_many(line, y[2:3], {"a": 1.0, "b": 0.5}, x=x[2:3], max_steps=1, **how)
+    assert short.status[0] == jc.FitStatus.NOT_CONVERGED and not short.ok[0]
+    assert not short.fit(0).converged
+
+
+def test_each_ball_has_its_own_start_and_fixed_numbers():
+    mass = np.linspace(1, 2, 3)
+    x = np.tile(np.linspace(0.5, 2, 5), (3, 1))
+    y = 3.0 * x / mass[:, None] + 0.01 * np.cos(9 * x)
+
+    def predict(p, x):
+        return p["force"] * x / p["mass"]
+
+    start = {"force": np.array([1.0, 2.0, 3.0]), "mass": mass}
+    many = jc.fit_many(
+        predict, y, start, x=x, own_start=True, transforms={"mass": jc.Fixed()}
+    )  # fmt: skip
+    np.testing.assert_array_equal(many.params["mass"], mass)
+    for i in range(3):
+        own = {"force": start["force"][i], "mass": mass[i]}
+        assert_alike(many, i, jc.fit(predict, y[i], own, x=x[i], transforms={"mass": jc.Fixed()}))
+
+
+def test_huber_and_weights_are_those_of_fit():
+    y = Y.copy()
+    y[:, 4] += 0.4
+    weights = np.ones_like(y)
+    weights[:, 7] = 0
+    robust = jc.fit_many(decay, y, START, x=X, sigma=SIGMA, loss=jc.Huber())
+    weighted = jc.fit_many(decay, {"y": y}, START, x=X, weights={"y": weights})
+    for i in (0, 3):
+        one = jc.fit(decay, y[i], START, x=X[i], sigma=SIGMA, loss=jc.Huber())
+        assert_alike(robust, i, one)
+        assert_alike(weighted, i, jc.fit(decay, y[i], START, x=X[i], weights=weights[i]))
+
+
+def test_other_values_and_another_number_of_balls_do_not_compile_again(known):
+    compiled = []
+
+    def heard(name, seconds, **_):
+        if "backend_compile" in name:
+            compiled.append(name)
+
+    monitoring.register_event_duration_secs_listener(heard)
+    try:
+        x, y = tables(seed=5, balls=BALLS + 2)
+        many = jc.fit_many(decay, y, {"a": 1.3, "k": 0.8}, x=x, sigma=0.02, batch_size=4)
+    finally:
+        monitoring.unregister_event_duration_listener(heard)
+    assert many.ok.all() and compiled == []
+
+
+def test_finished_balls_leave_their_block(monkeypatch):
+    """The slowest ball of all does not hold up the others, which would double the work."""
+    limits = []
+    advanced = many_search._advanced
+
+    def counted(shared, lanes, search, limit, options, group):
+        limits.append(int(limit))
+        return advanced(shared, lanes, search, limit, options, group)
+
+    monkeypatch.setattr(many_search, "_advanced", counted)
+    y = Y.copy()
+    y[4] = np.where(X[4] < 1, -5.0, 5.0)
+    jc.fit_many(decay, y, START, x=X, sigma=SIGMA, batch_size=4)
+    assert limits.count(limits[0]) == 3 and limits.count(limits[-1]) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"data": [[1.0, 2.0]]}, "must hold arrays, no lists"),
+        ({"x": X[:3]}, "as long as that of `data`, 11"),
+        ({"sigma": -1.0}, "`sigma` must be a number in"),
+        ({"sigma": np.ones((3, 2))}, "have the shapes of `data`"),
+        ({"sigma": 1.0, "weights": 1.0}, "both are given"),
+        ({"loss": jc.Huber()}, "must be given with a `Huber` loss"),
+        ({"balls": ["a", "b"]}, "`balls` must have one name for each of the 11 points"),
+        ({"start": {"a": np.ones(3)}, "own_start": True}, "first axis is that of the 11 balls"),
+        ({"start": {"a": 1.0, "k": 1.0, "unused": 1.0}}, "does not use unused"),
+    ],
+)
+def test_wrong_arguments_are_named(change, words):
+    given = {"predict": decay, "data": Y, "start": START, "x": X, "batch_size": 4}
+    with pytest.raises(ValueError, match=words):
+        jc.fit_many(**(given | change))
+
+
+def test_an_unknown_ball_is_named(known):
+    with pytest.raises(ValueError, match="must be one of `balls`, such as"):
+        known.fit("green")
