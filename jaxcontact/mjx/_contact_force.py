@@ -38,6 +38,21 @@ _RUNGE_KUTTA = 1
 """MuJoCo's number of its integrator RK4."""
 
 
+class _Parts(NamedTuple):
+    """The law and MJX. `finder` and `plain` are a model and data with the contacts of the law,
+    `chosen` their numbers, and `rate` the rate of the joint positions.
+    """
+
+    law: AbstractLaw
+    contact: Contact
+    substeps: int
+    mjx: Any
+    finder: Any
+    plain: Any
+    chosen: np.ndarray
+    rate: Callable[..., Array]
+
+
 class _Map(NamedTuple):
     """The pairs of a state, and the velocities that a unit impulse on each pair adds."""
 
@@ -65,14 +80,7 @@ class ContactForce:
 
     model: Any
     pairs: tuple[tuple[str, str], ...]
-    _law: AbstractLaw
-    _contact: Contact
-    _substeps: int
-    _mjx: Any
-    _finder: Any
-    _plain: Any
-    _chosen: np.ndarray
-    _rate: Callable[..., Array]
+    _parts: _Parts
 
     def init(self, model: Any, data: Any) -> Carry:
         """Return the state to carry from `data` on. Bodies that overlap touch with their speed."""
@@ -80,9 +88,7 @@ class ContactForce:
             gaps = self._map(model, data).gaps
             return jnp.where(gaps.depth > 0, jnp.maximum(gaps.speed, 0), 0)
 
-    def __call__(
-        self, model: Any, data: Any, carry: Carry
-    ) -> tuple[Float[Array, " nv"], Carry]:
+    def __call__(self, model: Any, data: Any, carry: Carry) -> tuple[Float[Array, " nv"], Carry]:
         with _relaxed():
             at, push = self._push(model, data, carry)
             return -push.impulse @ at.jacobian / model.opt.timestep, push.touch_speed
@@ -93,11 +99,11 @@ class ContactForce:
             at, push = self._push(model, data, carry)
             h, applied = model.opt.timestep, data.qfrc_applied
             force = -push.impulse @ at.jacobian / h
-            after = self._mjx.step(model, data.replace(qfrc_applied=applied + force))
+            after = self._parts.mjx.step(model, data.replace(qfrc_applied=applied + force))
             # The engine moves the bodies as if the mean force had acted all the time.
             part = 0.5 if _is_centred(model) else 1.0
             shift = at.answers @ (part * h * push.impulse - push.shift)
-            position = after.qpos + self._rate(None, after.qpos, shift, None)
+            position = after.qpos + self._parts.rate(None, after.qpos, shift, None)
             position = position.astype(after.qpos.dtype)
             return after.replace(qpos=position, qfrc_applied=applied), push.touch_speed
 
@@ -107,19 +113,21 @@ class ContactForce:
         if not _is_centred(model):
             # Semi-implicit steps move bodies on exact parabolas whose speeds are half a step old.
             gaps = gaps._replace(speed=gaps.speed + h * gaps.acceleration / 2)
-        return at, push_of(self._law, self._contact, gaps, carry, h, self._substeps)
+        law, contact, substeps = self._parts[:3]
+        return at, push_of(law, contact, gaps, carry, h, substeps)
 
     def _map(self, model: Any, data: Any) -> _Map:
         """Return the pairs of a state. XLA shares what `mjx.step` computes of it again."""
-        mjx = self._mjx
+        parts = self._parts
+        mjx = parts.mjx
         now = mjx.fwd_velocity(model, mjx.fwd_position(model, data))
         now = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, now))
         # The numbers of the given model, with the contacts that it lacks.
-        finder = jax.tree.unflatten(jax.tree.structure(self._finder), jax.tree.leaves(model))
-        seen = self._plain.replace(geom_xpos=now.geom_xpos, geom_xmat=now.geom_xmat)
+        finder = jax.tree.unflatten(jax.tree.structure(parts.finder), jax.tree.leaves(model))
+        seen = parts.plain.replace(geom_xpos=now.geom_xpos, geom_xmat=now.geom_xmat)
         contacts = mjx.collision(finder, seen)._impl.contact
         contacts = jax.tree.map(
-            lambda x: x[self._chosen], (contacts.dist, contacts.pos, contacts.frame, contacts.geom)
+            lambda x: x[parts.chosen], (contacts.dist, contacts.pos, contacts.frame, contacts.geom)
         )
         distance, place, frame, geom = contacts
         bodies = jnp.asarray(model.geom_bodyid)[geom]
@@ -199,18 +207,12 @@ def contact_force(
         engine, plain = mjx.put_model(finder), mjx.make_data(finder)
         # Compiled, because nothing but these numbers is then computed.
         found = np.asarray(jax.jit(lambda: mjx.collision(engine, plain)._impl.contact.geom)())
+        rate = rate_of(np.asarray(model.jnt_type))
         chosen = np.flatnonzero(np.isin(found, ours).any(axis=1))
         return ContactForce(
             model=mjx.put_model(stepped),
             pairs=_names(mujoco, model, found[chosen]),
-            _law=law,
-            _contact=contact,
-            _substeps=substeps,
-            _mjx=mjx,
-            _finder=engine,
-            _plain=plain,
-            _chosen=chosen,
-            _rate=rate_of(np.asarray(model.jnt_type)),
+            _parts=_Parts(law, contact, substeps, mjx, engine, plain, chosen, rate),
         )
 
 

@@ -11,21 +11,21 @@ from jaxtyping import Array, Float
 
 from .._contact import Contact
 from .._entry import rendered
-from .._laws import AbstractLaw
+from .._laws import AbstractLaw, WetRestitution
 from .._laws.base import force_of, require_law
 
 PerPair = Float[Array, " pairs"]
 
 _ROOT = 3
-"""Newton's steps to the end of a contact that pulls: the cubic of a step has it to 1e-6 of it."""
+"""Newton's steps to the root of a cubic, at the end of a contact that pulls."""
 
 
 class Gaps(NamedTuple):
     """Pairs of bodies at the start of a step.
 
-    Indentations in m, negative where the bodies are apart; closing speeds in m/s; closing
-    accelerations in m/s² without these contacts; `yields` (pairs, pairs) in 1/kg, the opening
-    acceleration of each pair by the force on each.
+    Indentations are in m, negative where the bodies are apart. Closing speeds are in m/s, and
+    closing accelerations in m/s² are those without these contacts. `yields` (pairs, pairs) in 1/kg
+    has the opening acceleration of each pair by the force on each.
     """
 
     depth: PerPair
@@ -44,7 +44,7 @@ class Push(NamedTuple):
     touch_speed: PerPair
 
 
-class Motion(NamedTuple):
+class StepMotion(NamedTuple):
     """Indentations, closing speeds, and what the forces have done since the start of the step."""
 
     depth: PerPair
@@ -55,7 +55,8 @@ class Motion(NamedTuple):
 def require_steppable(law: object) -> AbstractLaw:
     """Return a law whose force follows from its v0; raise ValueError for any other."""
     law = require_law(law)
-    if law.remembers or law.forgets or law.ends_apart:
+    # Slow bodies of a wet law stick, although its force lets them go.
+    if law.remembers or law.forgets or law.ends_apart or isinstance(law, WetRestitution):
         raise ValueError(
             "Argument `law` must be a law without memory and adhesion inside another engine, but "
             f"is {rendered(law)}. `simulate` takes it."
@@ -80,25 +81,25 @@ def push_of(
     """
     length = duration / substeps
 
-    def advance(now: Motion, _: None) -> tuple[Motion, None]:
+    def advance(now: StepMotion, _: None) -> tuple[StepMotion, None]:
         return substep(law, contact, gaps, now, length), None
 
     return jax.lax.scan(advance, start_of(gaps, touch_speed), None, length=substeps)[0].push
 
 
-def start_of(gaps: Gaps, touch_speed: PerPair) -> Motion:
+def start_of(gaps: Gaps, touch_speed: PerPair) -> StepMotion:
     """Return the motion at the start of a step."""
     still = jnp.zeros_like(gaps.depth)
-    return Motion(gaps.depth, gaps.speed, Push(still, still, touch_speed))
+    return StepMotion(gaps.depth, gaps.speed, Push(still, still, touch_speed))
 
 
 def substep(
     law: AbstractLaw,
     contact: Contact,
     gaps: Gaps,
-    now: Motion,
+    now: StepMotion,
     length: PerPair | Float[Array, ""],
-) -> Motion:
+) -> StepMotion:
     """Return the motion after one substep of this length in s."""
     depth, speed, (impulse, shift, touch_speed) = now
     # Bodies that cannot move have no effective mass, and no force either.
@@ -144,7 +145,7 @@ def substep(
         gained, lag = pushes(window)
         lag = lag + gained * (length - wait - window)
     free_depth, free_speed = flight(length)
-    return Motion(
+    return StepMotion(
         free_depth - gaps.yields @ lag,
         free_speed - gaps.yields @ gained,
         Push(

@@ -11,11 +11,18 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact, require_contact
-from .._entry import Range, as_numbers, refuses_unknown, require_count, require_number
-from .._impact import Status, impact
+from .._entry import (
+    Range,
+    as_numbers,
+    refuses_unknown,
+    rendered,
+    require_count,
+    require_number,
+)
+from .._impact import Status, impact, problem_of
 from .._laws import AbstractLaw
 from .._laws.base import require_exponent
-from ._interval import Gaps, Motion, require_steppable, start_of, substep
+from ._interval import Gaps, StepMotion, require_steppable, start_of, substep
 
 _ERROR = Range(low=0.0, high=1.0, low_open=True, high_open=True)
 
@@ -57,7 +64,16 @@ def time_step(
     require_exponent(require_steppable(law), require_contact(contact))
     require_number("error", error, _ERROR)
     substeps = require_count("substeps", substeps, 1)
-    speeds = np.ravel(as_numbers(velocity, "velocity"))
+    speeds = np.atleast_1d(as_numbers(velocity, "velocity"))
+    if speeds.ndim > 1 or not speeds.size or not np.all((speeds > 0) & np.isfinite(speeds)):
+        raise ValueError(
+            "Argument `velocity` must be one positive speed, or several of the shape (n,), but is "
+            f"{rendered(velocity)}."
+        )
+    if shape := problem_of(law, contact, 1.0).shape:
+        raise ValueError(
+            f"Arguments `law` and `contact` must be scalars, but have the shape {shape}."
+        )
     with jax.enable_x64(True):
         hits = impact(law, contact, jnp.asarray(speeds), throw=False)
         target, duration = np.asarray(hits.restitution), np.asarray(hits.duration)
@@ -90,11 +106,11 @@ def _rebounds(
     still = jnp.zeros_like(speed)
     gaps = Gaps(depth.ravel(), speed, still, jnp.eye(speed.size) / contact.mass)
 
-    def advance(state: tuple[Any, Motion]) -> tuple[Any, Motion]:
+    def advance(state: tuple[Any, StepMotion]) -> tuple[Any, StepMotion]:
         number, now = state
         return number + 1, substep(law, contact, gaps, now, k)
 
-    def going(state: tuple[Any, Motion]) -> Any:
+    def going(state: tuple[Any, StepMotion]) -> Any:
         number, now = state
         return jnp.any((now.depth > 0) | (now.speed > 0)) & (number < _LONGEST * _MOST)
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxcontact as jc
+from docs.run_code import BLOCK, DOCS
 
 pytestmark = pytest.mark.engines
 
@@ -25,7 +29,8 @@ BALL = """
 </mujoco>
 """
 OTHER = """
-<body pos="{x} 0 {z}"><freejoint/><geom name="other" type="{kind}" size=".05 .05 .05" mass="1"/></body>
+<body pos="{x} 0 {z}"><freejoint/>
+  <geom name="other" type="{kind}" size=".05 .05 .05" mass="1"/></body>
 """
 HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
 LINEAR = jc.Contact(mass=0.5, stiffness=1e5, exponent=1)
@@ -57,9 +62,7 @@ def moved(model, law, contact, step, height, velocity, steps, **options):
     acting = jc.mjx.contact_force(law, contact, model, **options)
     engine = acting.model.tree_replace({"opt.timestep": step})
     data = mjx.make_data(acting.model)
-    data = data.replace(
-        qpos=data.qpos.at[2].add(height), qvel=data.qvel.at[2].set(-velocity)
-    )
+    data = data.replace(qpos=data.qpos.at[2].add(height), qvel=data.qvel.at[2].set(-velocity))
 
     def advance(state, _):
         data, carry = acting.step(engine, *state)
@@ -138,6 +141,60 @@ def test_mujoco_keeps_the_other_geoms():
     # The ball comes to rest at the depth of its weight; the box stays.
     np.testing.assert_allclose(q[-1, 2], 0.05 - (0.5 * 9.81 / 1e6) ** (2 / 3), atol=REST)
     np.testing.assert_allclose(q[-1, 9], 0.05, atol=1e-3)
+
+
+ARM = """
+<mujoco>
+  <option gravity="0 0 0"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 .1" pos="0 0 -.05"/>
+    <body>
+      <joint type="hinge" axis="0 -1 0"/>
+      <inertial pos="0.3 0 0" mass="2" diaginertia="0.01 0.01 0.01"/>
+      <geom name="tip" type="sphere" size=".05" pos="0.5 0 0"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_the_effective_mass_of_an_arm():
+    """The e of a spring and dashpot depends on its mass: here I/l², not that of the contact."""
+    mujoco = pytest.importorskip("mujoco")
+    from mujoco import mjx
+
+    model = mujoco.MjModel.from_xml_string(ARM)
+    acting = jc.mjx.contact_force(jc.KelvinVoigt(e=0.5), LINEAR, model, substeps=8)
+    engine = acting.model.tree_replace({"opt.timestep": 2e-3})
+    data = mjx.make_data(acting.model)
+    # A tip speed of 1 m/s, 1 mm above the floor.
+    data = data.replace(qpos=jnp.array([2e-3]), qvel=jnp.array([-2.0]))
+
+    @jax.jit
+    def end(data):
+        def advance(state, _):
+            return acting.step(engine, *state), None
+
+        return jax.lax.scan(advance, (data, acting.init(engine, data)), length=30)[0][0]
+
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        np.testing.assert_allclose(end(data).qvel, 2 * 0.5, rtol=ERROR)
+
+
+def test_the_code_of_the_page():
+    """docs/engines.md shows what its code prints."""
+    pytest.importorskip("mujoco")
+    page = (DOCS / "engines.md").read_text(encoding="utf-8")
+    (block,) = (m for m in BLOCK.finditer(page) if "contact_force" in m["code"])
+    shown, name = io.StringIO(), {}
+    with (
+        contextlib.redirect_stdout(shown),
+        jax.numpy_dtype_promotion("standard"),
+        jax.numpy_rank_promotion("allow"),
+    ):
+        exec(block["code"], name)
+    printed = [float(word) for word in shown.getvalue().split()]
+    np.testing.assert_allclose(printed, [float(word) for word in block["shown"].split()], rtol=1e-3)
 
 
 def test_models_that_cannot_be_followed_are_refused():

@@ -106,7 +106,9 @@ def test_pairs_that_share_a_ball_are_solved_together():
 
     second.terminal = True
     exact = {"rtol": 1e-10, "atol": 1e-13, "method": "DOP853"}
-    touch = solve_ivp(fall, (0, 0.004), np.concatenate(start), args=((1, 1),), events=second, **exact)
+    touch = solve_ivp(
+        fall, (0, 0.004), np.concatenate(start), args=((1, 1),), events=second, **exact
+    )
     v0 = (1.0, closing[1] @ touch.y[2:, -1])
 
     def peak(t, y, latched):
@@ -123,7 +125,12 @@ def test_pairs_that_share_a_ball_are_solved_together():
 
 @pytest.mark.parametrize(
     "law",
-    [jc.ThorntonPlastic(yield_speed=0.1), jc.Luding(ratio=2.0, slope=1e3, adhesion=0.1), jc.JKR(0.1)],
+    [
+        jc.ThorntonPlastic(yield_speed=0.1),
+        jc.Luding(ratio=2.0, slope=1e3, adhesion=0.1),
+        jc.JKR(0.1),
+        jc.WetRestitution(e=0.8, critical_speed=0.1),
+    ],
     ids=lambda law: type(law).__name__,
 )
 def test_laws_with_memory_or_adhesion_are_refused_by_name(law):
