@@ -120,6 +120,12 @@ class ContactForce:
         """Return the pairs of a state. XLA shares what `mjx.step` computes of it again."""
         parts = self._parts
         mjx = parts.mjx
+        if jax.tree.structure(model) != jax.tree.structure(self.model):
+            # Another model may have contacts of MuJoCo beside those of the law.
+            raise ValueError(
+                "Argument `model` must be the `model` of this object, with any numbers, but is "
+                f"another {type(model).__name__}."
+            )
         now = mjx.fwd_velocity(model, mjx.fwd_position(model, data))
         now = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, now))
         # The numbers of the given model, with the contacts that it lacks.
