@@ -35,7 +35,12 @@ def plots() -> set[str]:
 
 
 def ready_made() -> set[str]:
-    return {f"systems.{name}" for name in dir(jc.systems) if not name.startswith("_")}
+    return {
+        f"{module}.{name}"
+        for module in ("mjx", "systems")
+        for name in dir(getattr(jc, module))
+        if not name.startswith("_")
+    }
 
 
 def test_every_public_name_is_on_one_page():

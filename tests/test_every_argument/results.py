@@ -85,6 +85,12 @@ def cases() -> dict[str, Case]:
     fitted = a_fit()
     return {
         # To other simulators
+        "mjx.time_step": Case(
+            jc.mjx.time_step,
+            {"law": UNSOLVED, "contact": CONTACT, "velocity": 1.0},
+            IMPACT_LEGAL
+            | {"velocity": SPEEDS - {"with nan", "range"}, "error": INSIDE, "substeps": WHOLE},
+        ),
         "export": Case(
             jc.export,
             {"law": UNSOLVED, "contact": CONTACT, "velocity": 1.0, "engine": "drake"},

@@ -33,7 +33,7 @@ FLOORS = [
     {"_bounce", "_scene", "_sweep", "_export"},
     {"_calibration", "_system"},
     {"_simulate", "systems"},
-    {"plot", "_explore"},
+    {"plot", "_explore", "mjx"},
     {"paper", "_lab"},
     {"_cli"},
     {"__init__"},
@@ -54,7 +54,7 @@ ALLOWED: dict[str, tuple[set[str] | None, set[str] | None]] = {
     "xarray": (None, set()),
     "zarr": (None, set()),
     "tqdm": ({"_text"}, set()),
-    "mujoco": ({"systems"}, set()),
+    "mujoco": ({"mjx", "systems"}, set()),
     "tests": (set(), set()),
     "benchmarks": (set(), set()),
 }

@@ -1,0 +1,279 @@
+"""One ball in MJX and Brax, by their own contacts and by a law of ours inside MJX.
+
+`python benchmarks/laws_inside.py` needs `pip install mujoco-mjx brax`. The ball of 0.5 kg meets a
+plane at 0.5, 1 and 3 m/s, without gravity, from four positions within a step; e shall be 0.8 and
+0.5. The result is laws_inside.json, and the table of docs/engines.md is printed.
+
+- MJX by default: the solref (0.02, 1) that every model has. There is no parameter e.
+- MJX with numbers of `jc.export`: a spring and a dashpot by solref, as long as the contact at
+  1 m/s.
+- Brax `spring` and `positional`: their `elasticity` is e.
+- Ours in MJX: `jc.mjx.contact_force` of `ExactRestitution`, at the step that `jc.mjx.time_step`
+  returns for all three speeds.
+
+The price is the processor's time for the step of a ball, of twelve in one compiled `vmap`, the
+best of three runs. Rows that laws_inside.json has are kept; delete it to measure all of them.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+# Also works when run as a file.
+sys.path.insert(0, str(ROOT))
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxcontact as jc
+from benchmarks.time_and_error.reading import cheapest, number, some
+
+RESULT = ROOT / "benchmarks" / "laws_inside.json"
+
+MASS, RADIUS, STIFFNESS = 0.5, 0.05, 1e6
+"""kg, m, and N/m^(3/2)."""
+ASKED, SPEEDS, PHASES = (0.8, 0.5), (0.5, 1.0, 3.0), (0.1, 0.37, 0.6, 0.95)
+CONTACT = jc.Contact(mass=MASS, stiffness=STIFFNESS)
+LASTS = 0.25
+"""Simulated time in s: all contacts have ended, or creep."""
+
+MODEL = """<mujoco><option gravity="0 0 0"/><custom><numeric name="elasticity" data="{e}"/></custom>
+  <worldbody><geom name="floor" type="plane" size="5 5 1" condim="{condim}" {contact}/>
+    <body pos="0 0 {radius}"><freejoint/>
+      <geom name="ball" type="sphere" size="{radius}" mass="{mass}" condim="{condim}" {contact}/>
+    </body></worldbody></mujoco>"""
+
+Bounce = Callable[[Any, Any, Any, Any], Any]
+"""Velocity in m/s after a number of steps, from step, velocity, and phase of the touch."""
+
+
+def text(e: float = 0.0, contact: str = "", condim: int = 1) -> str:
+    return MODEL.format(e=e, contact=contact, condim=condim, radius=RADIUS, mass=MASS)
+
+
+def duration(e: float, speed: float = 1.0) -> float:
+    return float(jc.impact(jc.ExactRestitution(e=e), CONTACT, speed).duration)
+
+
+def by_mjx(contact: str, law: jc.AbstractLaw | None = None, substeps: int = 1) -> Bounce:
+    """MJX with a contact of its own, or with a law of ours."""
+    import mujoco
+    from mujoco import mjx
+
+    model = mujoco.MjModel.from_xml_string(text(contact=contact))
+    ours = law and jc.mjx.contact_force(law, CONTACT, model, substeps=substeps)
+    engine = ours.model if ours else mjx.put_model(model)
+    plain = mjx.make_data(engine)
+
+    def bounce(step: Any, velocity: Any, phase: Any, count: Any) -> Any:
+        timed = engine.tree_replace({"opt.timestep": step})
+        data = plain.replace(
+            qpos=plain.qpos.at[2].add(phase * velocity * step),
+            qvel=plain.qvel.at[2].set(-velocity),
+        )
+        if ours:
+            state = data, ours.init(timed, data)
+            state = jax.lax.fori_loop(0, count, lambda _, s: ours.step(timed, *s), state)
+            return state[0].qvel[2]
+        return jax.lax.fori_loop(0, count, lambda _, d: mjx.step(timed, d), data).qvel[2]
+
+    return bounce
+
+
+def by_brax(pipeline: str, e: float) -> Bounce:
+    """Brax, whose steps have the restitution as a parameter."""
+    import importlib
+
+    from brax.io import mjcf
+
+    engine = importlib.import_module(f"brax.{pipeline}.pipeline")
+    system = mjcf.loads(text(e=e, condim=3))
+
+    def bounce(step: Any, velocity: Any, phase: Any, count: Any) -> Any:
+        timed = system.tree_replace({"opt.timestep": step})
+        q = jnp.asarray(system.init_q).at[2].add(phase * velocity * step)
+        qd = jnp.zeros(6).at[2].set(-velocity)
+        state = engine.init(timed, q, qd)
+        none = jnp.zeros(0)
+        return jax.lax.fori_loop(0, count, lambda _, s: engine.step(timed, s, none), state).qd[2]
+
+    return bounce
+
+
+def exported(e: float) -> str:
+    """The attributes of both geoms with the numbers of `jc.export`."""
+    found = jc.export(jc.ExactRestitution(e=e), CONTACT, 1.0, engine="mujoco")
+    k, b = found.parameters["stiffness"], found.parameters["damping"]
+    return f'solref="{-k:.12g} {0 - b:.12g}" solimp="0.9 0.9 0.001 0.5 2"'
+
+
+def methods() -> Iterator[tuple[str, str, Callable[[float], Bounce], Callable[[float], float]]]:
+    """Yield engine, contact, a ball for each e, and its time step for each e."""
+
+    def ours(error: float, substeps: int = 1) -> tuple[Any, Any]:
+        def ball(e: float) -> Bounce:
+            return by_mjx("", jc.ExactRestitution(e=e), substeps)
+
+        def step(e: float) -> float:
+            law = jc.ExactRestitution(e=e)
+            return jc.mjx.time_step(law, CONTACT, SPEEDS, error=error, substeps=substeps)
+
+        return ball, step
+
+    yield "MJX", "its default", lambda e: by_mjx(""), lambda e: 0.002
+    for steps in (5, 20, 400):
+        yield (
+            "MJX",
+            "its own, numbers of `jc.export`",
+            lambda e: by_mjx(exported(e)),
+            lambda e, steps=steps: duration(e) / steps,
+        )
+    for pipeline in ("spring", "positional"):
+        for step in (0.002, 0.0001):
+            yield (
+                f"Brax, {pipeline}",
+                "its own, `elasticity`",
+                lambda e, pipeline=pipeline: by_brax(pipeline, e),
+                lambda e, step=step: step,
+            )
+    yield ("MJX", "ours, for an error of 1 %", *ours(0.01))
+    yield ("MJX", "ours, for 0.1 %", *ours(0.001))
+    yield ("MJX", "ours, for 1 %, 8 substeps", *ours(0.01, 8))
+
+
+def measured(bounce: Bounce, step: float) -> tuple[float, float, float]:
+    """Return the smallest and the largest e, and the processor time in s of a ball's step."""
+    lanes = [np.array(x) for x in np.meshgrid(SPEEDS, PHASES)]
+    v, phase = (jnp.asarray(x.ravel()) for x in lanes)
+    count = round(LASTS / step)
+    all_lanes = jax.jit(jax.vmap(bounce, in_axes=(None, 0, 0, None)))
+    e = np.asarray(all_lanes(step, v, phase, count) / v)
+    times = []
+    for _ in range(3):
+        begin = time.process_time()
+        jax.block_until_ready(all_lanes(step, v, phase, count))
+        times.append((time.process_time() - begin) / count / v.size)
+    return float(e.min()), float(e.max()), min(times)
+
+
+def rows(known: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Yield a row for each method, as far as it is not known."""
+    for engine, contact, ball, step_of in list(methods())[len(known) :]:
+        row: dict[str, Any] = {"engine": engine, "contact": contact, "e": []}
+        for e in ASKED:
+            step = step_of(e)
+            low, high, seconds = measured(ball(e), step)
+            shortest = duration(e, max(SPEEDS))
+            row["e"].append(
+                {"asked": e, "step": step, "low": low, "high": high, "seconds": seconds}
+                | {"steps": shortest / step}
+            )
+        yield row
+
+
+def table(found: dict[str, Any]) -> str:
+    """Return the table of docs/engines.md."""
+    heads = ["engine", "contact", "step/ms", "steps in a contact", "0.8 becomes", "0.5 becomes"]
+    lines = [[*heads, "µs a step"], ["---"] * (len(heads) + 1)]
+    for row in found["rows"]:
+        cells = row["e"]
+        lines.append(
+            [
+                row["engine"],
+                row["contact"],
+                " / ".join(dict.fromkeys(f"{1e3 * cell['step']:.3g}" for cell in cells)),
+                " / ".join(dict.fromkeys(number(cell["steps"]) for cell in cells)),
+                *(span(cell["low"], cell["high"]) for cell in cells),
+                f"{1e6 * cells[0]['seconds']:.2g}",
+            ]
+        )
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+ENGINES = {
+    "jaxcontact": (
+        "ExactRestitution, exact",
+        "one impact, scenes of spheres and walls, mechanisms from equations; fits",
+        "more than thirty laws, most with a given e; exact derivatives",
+    ),
+    "Exudyn": (
+        "Exudyn, explicit",
+        "multibody systems whose contact must be right",
+        "e is a parameter; the law is of the family of ours",
+    ),
+    "Drake": (
+        "Drake, continuous, implicit",
+        "robots, if the error must be controlled",
+        "K δ (1 + d δ'); e falls with speed",
+    ),
+    "MuJoCo": (
+        "MuJoCo",
+        "robots, control",
+        "a spring and a dashpot; no e",
+    ),
+    "MJX": (
+        "MJX",
+        "thousands of robots on an accelerator",
+        "that of MuJoCo, or a law of ours (below)",
+    ),
+    "JaxSim": (
+        "JaxSim",
+        "robots on an accelerator, with derivatives through the steps",
+        "spring and dashpot at points, exponents free; no e",
+    ),
+    "LAMMPS": (
+        "LAMMPS",
+        "thousands to millions of grains",
+        "e is a parameter; friction with a history",
+    ),
+}
+"""By engine: its name in run_time_error.json, what it is for, and its contact."""
+
+WITHIN = 0.01
+"""The relative error of e for which the page states the price."""
+
+
+def engines() -> str:
+    """Return the table of engines of docs/engines.md, with prices of run_time_error.json."""
+    every = json.loads((ROOT / "benchmarks" / "run_time_error.json").read_text())["rows"].values()
+    lines = [["engine", "for", "its contact", "steps for 1 % of e", "µs a rebound"], ["---"] * 5]
+    for engine, (way, purpose, contact) in ENGINES.items():
+        rows = some(every, group="engines", problem="exported", batch=5, way=way)
+        row = cheapest(rows, WITHIN)
+        assert row is not None
+        stepped = "none" if engine == "jaxcontact" else f"{row['setting']:g}"
+        if engine == "Drake":
+            stepped = f"its own, accuracy {row['setting']:g}"
+        lines.append([engine, purpose, contact, stepped, number(row["cost"])])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def span(low: float, high: float) -> str:
+    ends = dict.fromkeys(f"{0 + round(x, 3):.3f}" for x in (low, high))
+    return " to ".join(ends)
+
+
+def main() -> None:
+    jax.config.update("jax_enable_x64", True)
+    found: dict[str, Any] = {"rows": []}
+    if RESULT.exists():
+        found = json.loads(RESULT.read_text())
+    names = "jax", "mujoco", "mujoco-mjx", "brax"
+    found["versions"] = {name: version(name) for name in names}
+    for row in rows(found["rows"]):
+        found["rows"].append(row)
+        RESULT.write_text(json.dumps(found, indent=1) + "\n")
+    print(engines())
+    print(table(found))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,149 @@
+"""The contacts of one step, without an engine: e, derivatives, coupled pairs, and the step rule."""
+
+from __future__ import annotations
+
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jaxcontact as jc
+from jaxcontact.mjx._interval import Gaps, push_of
+
+HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
+LINEAR = jc.Contact(mass=0.5, stiffness=1e5, exponent=1)
+SPEEDS = (0.5, 3.0)
+
+DIFFERENCES = 1e-6
+"""Of derivatives from central differences with steps of 1e-5: 3e-8 measured."""
+
+COUPLED = 1e-6
+"""Of the speeds of three balls after 200 steps, from a solve by SciPy: 8e-8 measured."""
+
+
+def bounce(law, contact, velocity, step, phase, substeps=1, steps=64):
+    """The speed ratio of a ball on a wall, in steps of its own that end off the touch."""
+
+    def advance(state, _):
+        depth, speed, carry = state
+        gaps = Gaps(depth, speed, jnp.zeros(1), jnp.ones((1, 1)) / contact.mass)
+        push = push_of(law, contact, gaps, carry, step, substeps)
+        depth = depth + step * speed - push.shift / contact.mass
+        return (depth, speed - push.impulse / contact.mass, push.touch_speed), None
+
+    start = jnp.reshape(-phase * velocity * step, (1,)), jnp.reshape(velocity, (1,)), jnp.zeros(1)
+    return -jax.lax.scan(advance, start, length=steps)[0][1][0] / velocity
+
+
+@pytest.mark.parametrize(
+    ("law", "contact"),
+    [(jc.HuGuo(e=0.8), HERTZ), (jc.KelvinVoigt(e=0.5), LINEAR)],
+    ids=["hu_guo", "kelvin_voigt"],
+)
+@pytest.mark.parametrize("substeps", [1, 8])
+def test_the_stated_step_keeps_e(law, contact, substeps):
+    # None of the sixteen phases that the rule examines.
+    phases = jnp.linspace(0.03, 0.99, 13)
+    step = jc.mjx.time_step(law, contact, SPEEDS, error=0.01, substeps=substeps)
+
+    def of(velocity):
+        at = jax.vmap(lambda phase: bounce(law, contact, velocity, step, phase, substeps))
+        return at(phases)
+
+    e = jax.vmap(of)(jnp.asarray(SPEEDS))
+    np.testing.assert_allclose(e, jc.restitution(law, contact, 1.0), rtol=0.01)
+    # The rule is no worse than it has to be.
+    durations = jc.impact(law, contact, jnp.asarray(SPEEDS)).duration
+    assert durations.min() / step < 5 / substeps
+
+
+def test_derivatives_are_those_of_differences():
+    def of(x):
+        law = jc.ConstantDamping(c=3e5 * x[0])
+        contact = jc.Contact(mass=0.5 * x[1], stiffness=1e6 * x[2])
+        return bounce(law, contact, 2.0 * x[3], jnp.asarray(1e-3), 0.37)
+
+    x, small = jnp.ones(4), 1e-5
+    ahead = jax.jit(jax.vmap(of))
+    start, shifts = jnp.ones((4, 4)), small * jnp.eye(4)
+    expected = (ahead(start + shifts) - ahead(start - shifts)) / (2 * small)
+    for mode in (jax.jacfwd, jax.grad):
+        np.testing.assert_allclose(mode(of)(x), expected, rtol=DIFFERENCES, atol=DIFFERENCES)
+
+
+def test_pairs_that_share_a_ball_are_solved_together():
+    # Three balls in a line; the pairs share the middle one.
+    masses = np.array([0.1, 0.2, 0.3])
+    closing = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])
+    answers = (closing / masses).T
+    law = jc.Damped(alpha=0.4)
+    contact = jc.Contact(mass=0.1, stiffness=1e6)
+    start = np.array([-1e-4, -3e-4]), np.array([1.0, 0.0, 0.0])
+    step = 2e-5
+
+    def advance(state, _):
+        depth, speed, carry = state
+        rate = jnp.asarray(closing) @ speed
+        gaps = Gaps(depth, rate, jnp.zeros(2), jnp.asarray(closing @ answers))
+        push = push_of(law, contact, gaps, carry, jnp.asarray(step), 1)
+        depth = depth + step * rate - gaps.yields @ push.shift
+        return (depth, speed - jnp.asarray(answers) @ push.impulse, push.touch_speed), None
+
+    begin = (*map(jnp.asarray, start), jnp.zeros(2))
+    speed = jax.jit(lambda s: jax.lax.scan(advance, s, length=200)[0][1])(begin)
+
+    def fall(_, y, v0):
+        depth, rate = y[:2], closing @ y[2:]
+        force = 1e6 * np.maximum(depth, 0) ** 1.5 * np.maximum(1 + 0.4 * rate / v0, 0)
+        return np.concatenate([rate, -answers @ force])
+
+    # From touch to touch, because the second v0 is that of its touch.
+    def second(_, y, v0):
+        return y[1]
+
+    second.terminal = True
+    exact = {"rtol": 1e-10, "atol": 1e-13, "method": "DOP853"}
+    touch = solve_ivp(
+        fall, (0, 0.004), np.concatenate(start), args=((1, 1),), events=second, **exact
+    )
+    v0 = (1.0, closing[1] @ touch.y[2:, -1])
+
+    def peak(t, y, latched):
+        # The package's v0 is the largest closing speed since touch.
+        peak.v0 = np.maximum(peak.v0, closing @ y[2:])
+        return fall(t, y, peak.v0)
+
+    peak.v0 = np.array(v0)
+    exact["max_step"] = 1e-6
+    end = solve_ivp(peak, (touch.t[-1], 0.004), touch.y[:, -1], args=(None,), **exact)
+    np.testing.assert_allclose(speed, end.y[2:, -1], atol=COUPLED)
+    np.testing.assert_allclose(masses @ speed, 0.1, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        jc.ThorntonPlastic(yield_speed=0.1),
+        jc.Luding(ratio=2.0, slope=1e3, adhesion=0.1),
+        jc.JKR(0.1),
+        jc.WetRestitution(e=0.8, critical_speed=0.1),
+    ],
+    ids=lambda law: type(law).__name__,
+)
+def test_laws_with_memory_or_adhesion_are_refused_by_name(law):
+    with pytest.raises(ValueError, match=type(law).__name__):
+        jc.mjx.time_step(law, HERTZ, 1.0)
+
+
+def test_an_error_out_of_reach_is_refused():
+    with pytest.raises(ValueError, match="4096 substeps"):
+        jc.mjx.time_step(jc.AntypovElliott(e=0.5), HERTZ, 1.0, error=1e-9)
+
+
+def test_without_mjx_the_command_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ImportError, match="pip install mujoco-mjx"):
+        jc.mjx.contact_force(jc.Hertz(), HERTZ, None)
