@@ -15,6 +15,9 @@ if _TYPE_CHECKING:
     from ._contact import Material as Material
     from ._export import Export as Export
     from ._export import export as export
+    from ._export.scenes import SceneExport as SceneExport
+    from ._export.scenes import export_scene as export_scene
+    from ._export.scenes import read_run as read_run
     from ._fit import Between as Between
     from ._fit import Fit as Fit
     from ._fit import Fixed as Fixed
@@ -134,6 +137,7 @@ _ROOMS = {
     ),
     "_functions": "power",
     "_export": "Export export",
+    "_export.scenes": "SceneExport export_scene read_run",
     "_fit": "Between Fit Fixed Free Huber Positive Posterior compare_fits fit posterior",
     "_flight": "Drag",
     "_forms": "AbstractForm ScaledImpact exact_damping_factor",
@@ -154,7 +158,7 @@ _ROOMS = {
         "WetRestitution ZhiyingQishao get_law list_laws register_law"
     ),
     "_scene": (
-        "Box Ending Impacts Margin Plane Prescribed Run Scene Shell SolvedBy Sphere States Steady "
+        "Box Ending EngineRun Impacts Margin Plane Prescribed Run Scene Shell SolvedBy Sphere States Steady "
         "Vibration random_spheres read_scene"
     ),
     "_simulate": "simulate",
