@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from ..._entry import require_choice
 from ..._scene import Scene
+from ..._scene.bodies.bodies import words
 from ..._scene.readout.columns import states_in_csv
 from ..result import Export
 from .model import SceneModel, Touch
@@ -81,3 +82,30 @@ def scene_engine(name: str) -> SceneEngine:
 def scene_engines() -> list[str]:
     """Return the names of all registered engines."""
     return sorted(_ENGINES)
+
+
+def refuse_all(
+    model: SceneModel,
+    engine: str,
+    *,
+    shells: bool = False,
+    periodic: bool = False,
+    motion: bool = False,
+) -> None:
+    """Raise ValueError if a scene has what the flags name: shells, periodic axes or motions."""
+    bodies = model.scene.bodies
+    if shells and model.round:
+        raise ValueError(
+            f"Argument `scene` must have spheres, planes and boxes only for {engine}, but has "
+            f"{words(bodies, model.round[0].body)}."
+        )
+    if periodic and any(length is not None for length in model.periods):
+        raise ValueError(
+            f"Argument `scene` must have `periodic=None` for {engine}, but has {model.periods}."
+        )
+    for k, body in enumerate(bodies):
+        if motion and body.motion is not None:
+            raise ValueError(
+                f"Argument `scene` must have fixed bodies at rest for {engine}, but "
+                f"{words(bodies, k)} moves."
+            )

@@ -186,7 +186,12 @@ def _fixed(model: SceneModel) -> list[str]:
         if motion is not None:
             name = model.name(int(model.body[row]))
             lines += [f"group {name} id {row + 1}", *_variables(name, motion)]
-            letters = [f"v_{name}_{word}" for word in ("x", "y", "z", "vx", "vy", "vz")]
+            flat = "z" if model.dimensions < 3 else ""
+            letters = [
+                "NULL" if axis == flat else f"v_{name}_{kind}{axis}"
+                for kind in ("", "v")
+                for axis in "xyz"
+            ]
             lines.append(f"fix {name} {name} move variable {' '.join(letters)}")
     return lines
 
