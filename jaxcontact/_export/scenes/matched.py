@@ -36,9 +36,18 @@ class Matched:
     tolerance: float
 
     def step_error(self, time_step: float) -> float:
-        """Return the largest error of e by steps of this length in s, at the largest speed."""
-        if time_step <= self.time_step:
+        """Return the largest error of e by steps of this length in s, at the largest speed.
+
+        Raises ValueError for steps of an engine whose error was measured with shorter ones only.
+        """
+        if time_step <= self.time_step * (1 + 1e-9):
             return self.tolerance
+        first = next(iter(self.exports.values()))
+        if first.scheme is None:
+            raise ValueError(
+                f"Argument `time_step` must be at most {self.time_step:.6g} s for engine "
+                f"{first.engine!r}, whose error with longer steps is not known, but is {time_step:g}."
+            )
         found = [_stepped(x, self.speed, self.tolerance, time_step) for x in _several(self.exports)]
         return max(max(x.high - x.target, x.target - x.low) for x in found)
 
@@ -55,15 +64,7 @@ def matched(
     for pair, touch in model.touches.items():
         require_no_adhesion(touch.law, f"in a scene for engine {engine.name!r}")
         exports[pair] = _closest(touch, engine, speeds)
-    steps = []
-    for made in _several(exports):
-        at = _stepped(made, highest, tolerance)
-        if not math.isfinite(at.needed):
-            raise ValueError(
-                f"Argument `tolerance` must be larger for engine {engine.name!r}: no step keeps e "
-                f"within {tolerance:g} of {at.target:.4g}."
-            )
-        steps.append(at.time_step * at.duration / at.needed)
+    steps = [_longest(made, highest, tolerance) for made in _several(exports)]
     return Matched(
         exports=exports,
         time_step=min(steps),
@@ -83,6 +84,23 @@ def _closest(touch: Touch, engine: SceneEngine, speeds: np.ndarray) -> Export:
         for options in engine.options(touch, constant)
     ]
     return min(found, key=lambda made: float(np.max(np.abs(made.error))))
+
+
+def _longest(made: Export, speed: float, tolerance: float) -> float:
+    """Return the longest step in s that keeps the e of a contact; ValueError if there is none."""
+    if made.scheme is None:
+        # Measured with these steps; the error is taken to fall with the step, or faster.
+        assert made.steps is not None and made.expected_error is not None
+        e = float(np.max(np.asarray(made.delivered)))
+        duration = float(impact(made.law, made.contact, speed).duration)
+        return duration / made.steps * min(1.0, tolerance / (made.expected_error * e))
+    at = _stepped(made, speed, tolerance)
+    if not math.isfinite(at.needed):
+        raise ValueError(
+            f"Argument `tolerance` must be larger for engine {made.engine!r}: no step keeps e "
+            f"within {tolerance:g} of {at.target:.4g}."
+        )
+    return at.time_step * at.duration / at.needed
 
 
 def _several(exports: Mapping[Pair, Export]) -> Iterable[Export]:
