@@ -158,8 +158,8 @@ _ROOMS = {
         "WetRestitution ZhiyingQishao get_law list_laws register_law"
     ),
     "_scene": (
-        "Box Ending EngineRun Impacts Margin Plane Prescribed Run Scene Shell SolvedBy Sphere States Steady "
-        "Vibration random_spheres read_scene"
+        "Box Ending EngineRun Impacts Margin Plane Prescribed Run Scene Shell SolvedBy Sphere "
+        "States Steady Vibration random_spheres read_scene"
     ),
     "_simulate": "simulate",
     "_sweep": "Sweep sweep",

@@ -30,8 +30,8 @@ class SceneExport:
     """A complete model of a scene for an engine, as `export_scene` returns it.
 
     `files` has the texts of the model by file name, `command` runs it in their folder, and `output`
-    is the file that it then writes. `time_step` is in s; `steps` is their number. `velocity` has the
-    smallest and the largest closing speed in m/s for which the contacts were matched.
+    is the file that it then writes. `time_step` is in s; `steps` is their number. `velocity` has
+    the smallest and the largest closing speed in m/s for which the contacts were matched.
 
     `expected_error` is the largest error of e in an impact: that of the engine's law over these
     speeds, plus that of its time step. `keeps_tolerance` is False if it is above the `tolerance`.
@@ -108,8 +108,8 @@ def export_scene(
       largest. A law whose e does not depend on speed is matched at all speeds.
 
     Returns a `SceneExport`, whose `expected_error` is also given where it is above the tolerance.
-    Computes in double precision for any setting of JAX. Raises ValueError for what the engine cannot
-    express, which the message names, and for arguments out of range.
+    Computes in double precision for any setting of JAX. Raises ValueError for what the engine
+    cannot express, which the message names, and for arguments out of range.
     """
     model_of = scene_engine(engine)
     require_kind("scene", scene, Scene, "a `Scene`")

@@ -46,7 +46,8 @@ class Matched:
         if first.scheme is None:
             raise ValueError(
                 f"Argument `time_step` must be at most {self.time_step:.6g} s for engine "
-                f"{first.engine!r}, whose error with longer steps is not known, but is {time_step:g}."
+                f"{first.engine!r}, whose error with longer steps is not known, but is "
+                f"{time_step:g}."
             )
         found = [_stepped(x, self.speed, self.tolerance, time_step) for x in _several(self.exports)]
         return max(max(x.high - x.target, x.target - x.low) for x in found)

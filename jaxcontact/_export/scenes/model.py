@@ -17,7 +17,7 @@ from ..._friction import AbstractFriction
 from ..._impact import restitution_is_constant
 from ..._laws import AbstractLaw
 from ..._scene import Scene, Shell, Sphere
-from ..._scene.bodies.bodies import AbstractBody, words
+from ..._scene.bodies.bodies import words
 from ..._scene.bodies.motion import AbstractMotion
 
 _NO_RATIO = 2 * (1 - 0.3) / (2 - 0.3)
@@ -37,8 +37,8 @@ class Group(NamedTuple):
     """Bodies with the same contacts: spheres, or walls.
 
     `curvature` is 1/R in 1/m, that of the smallest sphere if sizes do not matter, zero of a flat
-    wall and negative of a shell. `inverse_mass` in 1/kg is that of the lightest sphere, zero of what
-    does not move. `compliance` and `shear` in 1/Pa are those of the material, None without one.
+    wall and negative of a shell. `inverse_mass` in 1/kg is that of the lightest sphere, zero of
+    fixed bodies. `compliance` and `shear` in 1/Pa are those of the material, None without one.
     """
 
     kind: int
@@ -50,7 +50,7 @@ class Group(NamedTuple):
 
 
 class FlatWall(NamedTuple):
-    """A flat wall at time zero: number of its body, group, a point in m and the unit normal (3,)."""
+    """A flat wall at time zero: numbers of its body and group, a point in m, the normal (3,)."""
 
     body: int
     group: int
@@ -84,7 +84,7 @@ class SceneModel:
     """A scene in three dimensions; the unused coordinates are zero.
 
     Arrays have a row for each of N spheres: `position` in m, `velocity` in m/s and `spin` in rad/s
-    (N, 3), `radius` in m, `mass` in kg and `inertia` in kg m² (N,), `group` and `body` numbers (N,).
+    (N, 3), `radius` in m, `mass` in kg and `inertia` in kg m² (N,), `group` and `body` by number.
     A fixed sphere is in `motions` by its row, with None if it does not move. `periods` has a length
     or None for each axis; `touches` has the contact for each pair of groups that can meet.
     """
@@ -181,7 +181,9 @@ def scene_model(scene: Scene, *, merges: bool) -> SceneModel:
     return SceneModel(
         scene=scene,
         position=np.array([in_space(s.place) for s in spheres]),
-        velocity=np.array([np.zeros(3) if s.velocity is None else in_space(s.velocity) for s in spheres]),
+        velocity=np.array(
+            [np.zeros(3) if s.velocity is None else in_space(s.velocity) for s in spheres]
+        ),
         spin=np.array([_spin(sphere) for sphere in spheres]),
         radius=radius,
         mass=mass,
@@ -277,9 +279,7 @@ def _walls(scene: Scene, groups: _Groups) -> tuple[list[FlatWall], list[RoundWal
     return flat, shells
 
 
-def _moving(
-    scene: Scene, body: int, motion: AbstractMotion | None, normal: Any
-) -> Moving | None:
+def _moving(scene: Scene, body: int, motion: AbstractMotion | None, normal: Any) -> Moving | None:
     """Return a prescribed motion in space; a single amplitude acts along the normal."""
     if motion is None:
         return None
@@ -323,7 +323,9 @@ def _touch(scene: Scene, first: Group, second: Group) -> Touch:
     ratio = 4 * soft / sum(group.shear or 0.0 for group in pair) if pair else _NO_RATIO
     stiffness = of(scene.stiffness)
     if stiffness is None:
-        if first.compliance is None and not first.wall or second.compliance is None and not second.wall:
+        if (first.compliance is None and not first.wall) or (
+            second.compliance is None and not second.wall
+        ):
             raise ValueError(
                 "Argument `scene` must have a `stiffness`, or a material for every sphere, as an "
                 "engine follows contacts in time, but has neither."

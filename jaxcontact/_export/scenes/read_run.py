@@ -15,8 +15,8 @@ from .model import SceneModel, scene_model
 def read_run(file: str | os.PathLike[str], engine: str, scene: Scene) -> EngineRun:
     """Read what an engine wrote for a scene of `export_scene`: run.dump of LAMMPS, else run.csv.
 
-    `scene` is the exported one; its masses and gravity give the energy. Returns an `EngineRun`, with
-    the columns of `Run`. Raises ValueError for a file with other content or another number of
+    `scene` is the exported one; its masses and gravity give the energy. Returns an `EngineRun`,
+    with the columns of `Run`. Raises ValueError for a file with other content or another number of
     spheres, and for an unknown engine; OSError for a file that cannot be read.
     """
     path = require_path("file", file)
@@ -25,8 +25,8 @@ def read_run(file: str | os.PathLike[str], engine: str, scene: Scene) -> EngineR
     count = len(model.radius), model.dimensions
     if states["position"].shape[1:] != count:
         raise ValueError(
-            f"{path} must have {count[0]} spheres in {count[1]}D, as `scene` has, but has the shape "
-            f"{states['position'].shape[1:]}."
+            f"{path} must have {count[0]} spheres in {count[1]}D, as `scene` has, but has the "
+            f"shape {states['position'].shape[1:]}."
         )
     spin = states.get("spin")
     return EngineRun(

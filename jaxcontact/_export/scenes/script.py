@@ -47,7 +47,12 @@ class Table:
 
 
 def script(
-    title: str, imports: Sequence[str], numbers: dict[str, Any], body: str, model: SceneModel, steps: Steps
+    title: str,
+    imports: Sequence[str],
+    numbers: dict[str, Any],
+    body: str,
+    model: SceneModel,
+    steps: Steps,
 ) -> str:
     """Return a script: imports, numbers in SI units as constants, `Table`, and the body.
 

@@ -1,4 +1,4 @@
-"""The engines for whole scenes, one per file. Every file here is loaded and registers its engine."""
+"""The engines for whole scenes, one per file. Every file is loaded and registers its engine."""
 
 import importlib as _importlib
 import pkgutil as _pkgutil

@@ -19,7 +19,7 @@ _MOST = 30
 _WIDE = 1000.0
 """Half the width of a wall over the size of the scene: it is a triangle."""
 
-_RUN = '''
+_RUN = """
 container = exudyn.SystemContainer()
 system = container.AddSystem()
 ground = system.CreateGround()
@@ -32,7 +32,8 @@ for k, mass in enumerate(MASS):
     bodies.append(
         system.CreateRigidBody(
             inertia=inertia,
-            nodeType=getattr(exudyn.NodeType, "RotationEulerParameters" if SPINS else "RotationRxyz"),
+            nodeType=exudyn.NodeType.RotationEulerParameters if SPINS
+            else exudyn.NodeType.RotationRxyz,
             referencePosition=PLACE[k],
             initialVelocity=VELOCITY[k],
             initialAngularVelocity=SPIN[k],
@@ -116,7 +117,7 @@ for row, time in enumerate(next(iter(found.values()))[0][:, 0]):
         spin[k] = stored[2][row, 1:] if SPINS else 0
     table.add(time, position, velocity, spin if AXES == 3 else spin[:, 2:])
 table.write()
-'''
+"""
 
 
 @register_scene_engine

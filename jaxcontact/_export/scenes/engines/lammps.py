@@ -19,6 +19,9 @@ from ..model import Moving, SceneModel, Touch
 _MOST = 40
 """Largest number of atom types; each pair of them has a line of its own."""
 
+_GROUPS = 32
+"""Largest number of groups in LAMMPS."""
+
 _SKIN = 0.3
 """Neighbour skin over the smallest radius."""
 
@@ -119,6 +122,13 @@ def _input(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: 
     lines += _walls(model, exports)
     if flat_space:
         lines.append("fix plane all enforce2d")
+    groups = 1 + sum(line.startswith("group ") for line in lines)
+    if groups > _GROUPS:
+        raise ValueError(
+            f"Argument `scene` must need at most {_GROUPS} groups in LAMMPS, one for each moving "
+            "sphere and each set of spheres with the same contact with a wall, but needs "
+            f"{groups}."
+        )
     every = steps.between
     lines += [
         f"timestep {steps.length:.17g}",
@@ -198,7 +208,11 @@ def _fixed(model: SceneModel) -> list[str]:
 
 def _walls(model: SceneModel, exports: Mapping[tuple[int, int], Export]) -> list[str]:
     """Return a region for each wall, and a fix for each kind of contact with it."""
-    lines = []
+    lines, names = [], {}
+
+    def group_of(types: list[int]) -> str:
+        return names.setdefault(tuple(sorted(types)), f"types{len(names)}")
+
     shapes: list[tuple[Any, str]] = [
         (wall, f"plane {_numbers(wall.point)} {_numbers(wall.normal)}") for wall in model.flat
     ]
@@ -215,11 +229,11 @@ def _walls(model: SceneModel, exports: Mapping[tuple[int, int], Export]) -> list
             if wall.group in pair:
                 alike.setdefault(_contact(exports[pair], touch), []).append(sum(pair) - wall.group)
         for k, (contact, groups) in enumerate(alike.items()):
-            lines.append(f"group {name}_{k} type {_types(groups)}")
             lines.append(
-                f"fix {name}_{k} {name}_{k} wall/gran/region granular {contact} region {name}"
+                f"fix {name}_{k} {group_of(groups)} wall/gran/region granular {contact} "
+                f"region {name}"
             )
-    return lines
+    return [f"group {name} type {_types(types)}" for types, name in names.items()] + lines
 
 
 def _variables(name: str, motion: Moving) -> list[str]:

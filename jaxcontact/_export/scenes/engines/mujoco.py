@@ -16,7 +16,7 @@ from ..script import script
 _MOST = 100
 """Largest number of spheres: each pair of bodies has an entry of its own."""
 
-_RUN = '''
+_RUN = """
 model = mujoco.MjModel.from_xml_path("scene.xml")
 state = mujoco.MjData(model)
 mujoco.mj_resetDataKeyframe(model, state, 0)
@@ -39,7 +39,7 @@ for output in range(1, OUTPUTS + 1):
     mujoco.mj_step(model, state, nstep=BETWEEN)
     add(output * BETWEEN * STEP)
 table.write()
-'''
+"""
 
 
 @register_scene_engine
@@ -57,8 +57,8 @@ class MuJoCoScene(SceneEngine):
             )
         if len(model.radius) > _MOST:
             raise ValueError(
-                f"Argument `scene` must have at most {_MOST} spheres for MuJoCo, where each pair is "
-                f"an entry, but has {len(model.radius)}."
+                f"Argument `scene` must have at most {_MOST} spheres for MuJoCo, where each pair "
+                f"is an entry, but has {len(model.radius)}."
             )
 
     def files(

