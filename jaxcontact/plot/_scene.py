@@ -47,9 +47,9 @@ def scene(
 
     Arguments: a single run, also an `EngineRun`; `axes`, the two axes of space to draw, such as
     (0, 2), required in three dimensions; `ax`, the axes of matplotlib to draw on, new ones if None.
-    In a projection spheres may hide each other, and a wall is drawn only if it is seen edge-on.
-    An `EngineRun` has no dots, as its impacts are not known. Returns the axes. Raises ValueError for other axes, a batch of runs, a run without values, and for anything but a
-    run.
+    In a projection spheres may hide each other, and a wall is drawn only if it is seen edge-on. An
+    `EngineRun` has no dots, as its impacts are not known. Returns the axes. Raises ValueError for
+    other axes, a batch of runs, a run without values, and for anything but a run.
     """
     require_one_run(run)
     shown = axes_shown(axes, run.scene.dimensions)

@@ -22,7 +22,7 @@ _ENGINES: dict[str, SceneEngine] = {}
 Kind = TypeVar("Kind", bound="SceneEngine")
 
 
-class Steps(NamedTuple):
+class EqualSteps(NamedTuple):
     """Equal time steps: `length` in s, `between` two outputs, and the number of `outputs` after
     that at time zero.
     """
@@ -56,7 +56,7 @@ class SceneEngine(abc.ABC):
 
     @abc.abstractmethod
     def files(
-        self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: Steps
+        self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps
     ) -> dict[str, str]:
         """Return the texts of the files of the model by name."""
 

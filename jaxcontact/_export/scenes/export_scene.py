@@ -15,7 +15,7 @@ from ..._scene import EngineRun, Scene
 from ..._text.files import write_all
 from ..._text.table import text_table
 from ..result import Export
-from .engine import Steps, scene_engine
+from .engine import EqualSteps, scene_engine
 from .matched import matched
 from .model import scene_model
 from .read_run import read_run
@@ -52,7 +52,7 @@ class SceneExport:
 
     @property
     def keeps_tolerance(self) -> bool:
-        """Whether e stays within the tolerance."""
+        """True if e stays within the tolerance."""
         return self.expected_error <= self.tolerance * (1 + 1e-6)
 
     def write(self, folder: str | os.PathLike[str]) -> None:
@@ -95,7 +95,8 @@ def export_scene(
     """Write a scene as a complete model of an engine, whose impacts have the e of the scene's laws.
 
     Each kind of contact gets its own parameters, those of `export`. The engine runs the whole scene
-    with its own time steps, so that its impacts take time. Engines: "lammps".
+    with its own time steps, so that its impacts take time. Engines: "drake", "exudyn", "lammps",
+    "mujoco".
 
     - `duration`: in s. `times` (T,): output times in s, from 0 in equal steps. Default: start and
       end.
@@ -155,7 +156,7 @@ def _outputs(times: ArrayLike | None, duration: float) -> Float[np.ndarray, " T"
     return values
 
 
-def _steps(times: Float[np.ndarray, " T"], longest: float, given: float | None) -> Steps:
+def _steps(times: Float[np.ndarray, " T"], longest: float, given: float | None) -> EqualSteps:
     """Return steps of which a whole number fits between two outputs."""
     between = float(times[-1]) / (len(times) - 1)
     if given is None:
@@ -168,4 +169,4 @@ def _steps(times: Float[np.ndarray, " T"], longest: float, given: float | None) 
                 f"Argument `time_step` must be a whole fraction of the {between:g} s between two "
                 f"outputs, but is {rendered(given)}."
             )
-    return Steps(between / count, count, len(times) - 1)
+    return EqualSteps(between / count, count, len(times) - 1)

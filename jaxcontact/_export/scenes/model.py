@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Float, Int
 
-from ..._contact import Contact
+from ..._contact import Contact, Material
 from ..._entry import rendered
 from ..._friction import AbstractFriction
 from ..._impact import restitution_is_constant
@@ -33,7 +34,7 @@ class Moving(NamedTuple):
     phase: float
 
 
-class Group(NamedTuple):
+class BodyGroup(NamedTuple):
     """Bodies with the same contacts: spheres, or walls.
 
     `curvature` is 1/R in 1/m, that of the smallest sphere if sizes do not matter, zero of a flat
@@ -101,7 +102,7 @@ class SceneModel:
     motions: dict[int, Moving | None]
     gravity: Float[np.ndarray, " 3"]
     periods: tuple[float | None, float | None, float | None]
-    groups: tuple[Group, ...]
+    groups: tuple[BodyGroup, ...]
     flat: tuple[FlatWall, ...]
     round: tuple[RoundWall, ...]
     touches: dict[tuple[int, int], Touch]
@@ -152,7 +153,7 @@ def scene_model(scene: Scene, *, merges: bool) -> SceneModel:
     restitution depends on the size. Raises ValueError for traced or batched numbers, a motion by a
     user's function, and a pair without stiffness.
     """
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene)):
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
         raise ValueError("Argument `scene` must have concrete numbers, but is traced.")
     if scene._start is not None:
         raise ValueError(
@@ -170,7 +171,7 @@ def scene_model(scene: Scene, *, merges: bool) -> SceneModel:
         for row, k in enumerate(rows)
         if spheres[row].fixed
     }
-    mass = np.array([math.inf if m is None else float(m) for m in _masses(spheres)])
+    mass = _masses(spheres)
     radius = np.array([float(sphere.radius) for sphere in spheres])
     group = np.array([groups.sphere(k, r, m) for k, r, m in zip(rows, radius, mass, strict=True)])
     given = (sphere.inertia for sphere in spheres)
@@ -200,23 +201,24 @@ def scene_model(scene: Scene, *, merges: bool) -> SceneModel:
     )
 
 
-def _masses(spheres: tuple[Sphere, ...]) -> list[Any]:
-    """Return the masses; a material's density is read once, which JAX would do for each sphere."""
+def _masses(spheres: tuple[Sphere, ...]) -> Float[np.ndarray, " N"]:
+    """Return the masses in kg, infinite of fixed spheres.
 
-    @functools.cache
-    def density(material: int) -> float:
-        return float(materials[material].density)
+    The density of a material is read once: JAX takes microseconds for each number.
+    """
+    density: dict[int, float] = {}
 
-    materials = {id(s.material): s.material for s in spheres if s.material is not None}
+    def of(sphere: Sphere) -> float:
+        if sphere.fixed or sphere.mass is not None:
+            return math.inf if sphere.mass is None else float(sphere.mass)
+        number = id(sphere.material)
+        if number not in density:
+            # Of a sphere of the volume 1.
+            unit = cast(Material, sphere.material).sphere_mass((0.75 / math.pi) ** (1 / 3))
+            density[number] = float(unit)
+        return 4 / 3 * math.pi * float(sphere.radius) ** 3 * density[number]
 
-    def of(sphere: Sphere) -> float | None:
-        if sphere.fixed:
-            return None
-        if sphere.mass is not None:
-            return float(sphere.mass)
-        return 4 / 3 * math.pi * float(sphere.radius) ** 3 * density(id(sphere.material))
-
-    return [of(sphere) for sphere in spheres]
+    return np.array([of(sphere) for sphere in spheres])
 
 
 def _spin(sphere: Sphere) -> Float[np.ndarray, " 3"]:
@@ -230,7 +232,7 @@ class _Groups:
     """The groups of a scene, made as bodies are met."""
 
     def __init__(self, scene: Scene, merged: bool):
-        self.made: list[Group] = []
+        self.made: list[BodyGroup] = []
         self._scene, self._merged = scene, merged
         self._numbers: dict[tuple, int] = {}
         self._materials = {id(body.material): body.material for body in scene.bodies}
@@ -255,7 +257,7 @@ class _Groups:
         material = self._compliances(id(self._scene.bodies[body].material))
         number = self._numbers.setdefault((wall, kind, material, *key), len(self.made))
         if number == len(self.made):
-            self.made.append(Group(kind, curvature, inverse, *material, wall))
+            self.made.append(BodyGroup(kind, curvature, inverse, *material, wall))
         else:
             old = self.made[number]
             smallest = max(old.curvature, curvature), max(old.inverse_mass, inverse)
@@ -301,7 +303,7 @@ def _moving(scene: Scene, body: int, motion: AbstractMotion | None, normal: Any)
 
 
 def _touches(
-    scene: Scene, groups: list[Group], counts: Int[np.ndarray, " G"]
+    scene: Scene, groups: list[BodyGroup], counts: Int[np.ndarray, " G"]
 ) -> dict[tuple[int, int], Touch]:
     """Return the contacts of all pairs of groups that can meet."""
     found = {}
@@ -313,7 +315,7 @@ def _touches(
     return found
 
 
-def _touch(scene: Scene, first: Group, second: Group) -> Touch:
+def _touch(scene: Scene, first: BodyGroup, second: BodyGroup) -> Touch:
     def of(table: Any) -> Any:
         return None if table is None else table.values[table.table[first.kind][second.kind]]
 

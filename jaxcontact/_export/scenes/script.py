@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .engine import Steps
+from .engine import EqualSteps
 from .model import SceneModel
 
 _RECORD = '''
@@ -52,7 +52,7 @@ def script(
     numbers: dict[str, Any],
     body: str,
     model: SceneModel,
-    steps: Steps,
+    steps: EqualSteps,
 ) -> str:
     """Return a script: imports, numbers in SI units as constants, `Table`, and the body.
 

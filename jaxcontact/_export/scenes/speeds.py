@@ -28,8 +28,8 @@ def closing_speeds(
     """Return closing speeds in m/s, ascending, between the given ones or those that occur.
 
     Up to `FEW` spheres are simulated with impacts of no duration. For more, and where that run has
-    no impact, the largest speed is a bound from the energies: the largest difference of two
-    velocities, with the speed of the walls, and the speed of a fall through the whole scene.
+    no impact, the largest speed is a bound. It has the largest difference of two velocities, the
+    speed of walls, and that of a fall through the whole scene.
     """
     if velocity is not None:
         low, high = (require_number("velocity", value, POSITIVE) for value in velocity)

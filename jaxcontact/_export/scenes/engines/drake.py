@@ -8,7 +8,7 @@ import numpy as np
 
 from ...._entry import rendered
 from ...result import Export
-from ..engine import SceneEngine, Steps, refuse_all, register_scene_engine
+from ..engine import EqualSteps, SceneEngine, refuse_all, register_scene_engine
 from ..model import SceneModel
 from ..script import script
 
@@ -71,7 +71,7 @@ class DrakeScene(SceneEngine):
             )
 
     def files(
-        self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: Steps
+        self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps
     ) -> dict[str, str]:
         numbers = {"PLACE": model.position, "VELOCITY": model.velocity}
         imports = [

@@ -9,7 +9,7 @@ import numpy as np
 from ...._entry import rendered
 from ...._friction import RegularizedCoulomb
 from ...result import Export
-from ..engine import SceneEngine, Steps, refuse_all, register_scene_engine
+from ..engine import EqualSteps, SceneEngine, refuse_all, register_scene_engine
 from ..model import SceneModel
 from ..script import script
 
@@ -141,7 +141,7 @@ class ExudynScene(SceneEngine):
             )
 
     def files(
-        self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: Steps
+        self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps
     ) -> dict[str, str]:
         numbers = {
             "PLACE": model.position,

@@ -13,7 +13,7 @@ from ...._entry import rendered
 from ...._friction import SpringSlider
 from ...._scene import Scene
 from ...result import Export
-from ..engine import SceneEngine, Steps, register_scene_engine
+from ..engine import EqualSteps, SceneEngine, register_scene_engine
 from ..model import Moving, SceneModel, Touch
 
 _MOST = 40
@@ -72,7 +72,7 @@ class LammpsScene(SceneEngine):
         return radius, {"damping": "viscoelastic", **radius}
 
     def files(
-        self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: Steps
+        self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps
     ) -> dict[str, str]:
         return {"scene.in": _input(model, exports, steps), "scene.data": _data(model)}
 
@@ -80,7 +80,7 @@ class LammpsScene(SceneEngine):
         return _read_dump(path, scene)
 
 
-def _input(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: Steps) -> str:
+def _input(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps) -> str:
     """Return the input file."""
     flat_space = model.dimensions < 3
     ends = ["m" if period is None else "p" for period in model.periods]

@@ -9,7 +9,7 @@ import numpy as np
 from ...._entry import rendered
 from ...result import Export
 from ...simulators.mujoco import IMPEDANCE
-from ..engine import SceneEngine, Steps, refuse_all, register_scene_engine
+from ..engine import EqualSteps, SceneEngine, refuse_all, register_scene_engine
 from ..model import SceneModel
 from ..script import script
 
@@ -62,7 +62,7 @@ class MuJoCoScene(SceneEngine):
             )
 
     def files(
-        self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: Steps
+        self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps
     ) -> dict[str, str]:
         title = "Run scene.xml in MuJoCo and write run.csv: python run.py"
         numbers = {"PLACE": model.position}
@@ -70,7 +70,7 @@ class MuJoCoScene(SceneEngine):
         return {"scene.xml": _xml(model, exports, steps), "run.py": run}
 
 
-def _xml(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: Steps) -> str:
+def _xml(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps) -> str:
     axes = model.dimensions
     geoms = [(wall.group, f"wall{k}") for k, wall in enumerate(model.flat)]
     geoms += [(int(group), f"sphere{k}") for k, group in enumerate(model.group)]
