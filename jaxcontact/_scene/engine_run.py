@@ -46,6 +46,6 @@ class EngineRun:
     def __repr__(self) -> str:
         count, spheres, dimensions = self.position.shape
         return (
-            f"EngineRun({self.engine}; {count} times to {self.reached:g} s; {spheres} spheres in "
+            f"EngineRun({self.engine}; {count} times to {self.reached:g} s; spheres: {spheres} in "
             f"{dimensions}D)"
         )

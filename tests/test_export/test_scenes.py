@@ -262,4 +262,4 @@ def test_the_columns_are_those_of_simulate(tmp_path):
     run = jc.read_run(tmp_path / "run.csv", "exudyn", flight)
     np.testing.assert_allclose(run.energy, own.energy, rtol=1e-12)
     np.testing.assert_array_equal(run.position, own.position)
-    assert run.spin is None and "2 spheres in 2D" in repr(run)
+    assert run.spin is None and "spheres: 2 in 2D" in repr(run)
