@@ -1,4 +1,4 @@
-"""Reader of the table in docs/export.md."""
+"""Reader of the table of engines in docs/export.md."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,9 @@ PAGE = Path(__file__).parents[2] / "docs" / "export.md"
 
 def rows():
     """The cells of the table's lines, as text."""
-    lines = [x for x in PAGE.read_text(encoding="utf-8").splitlines() if x.startswith("| `")]
+    _, _, after = PAGE.read_text(encoding="utf-8").partition("\n## Engines\n")
+    section = after.partition("\n## ")[0]
+    lines = [x for x in section.splitlines() if x.startswith("| `")]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
