@@ -65,6 +65,14 @@ def test_lammps_has_the_masses_and_velocities(lammps):
     np.testing.assert_allclose(moves[:, 1:3], [[0.3, 0.0], [0.0, -0.2]])
 
 
+def test_lammps_counts_whole_periods():
+    ball = jc.Sphere(0.01, 0.03, [-0.7, 0.05], [0.3, 0.0])
+    text = exported(scene(ball, TABLE, periodic=[0.5, None]), "lammps").files["scene.data"]
+    row = text.split("Atoms # sphere")[1].split("Velocities")[0].split()
+    assert (float(row[4]), row[7:]) == (pytest.approx(0.3), ["-2", "0", "0"])
+    assert "0 0.5 xlo xhi" in text
+
+
 def test_steps_fit_between_outputs_and_keep_e(lammps):
     assert lammps.keeps_tolerance and lammps.expected_error == pytest.approx(1e-3)
     between = lammps.steps / (len(TIMES) - 1)

@@ -151,22 +151,23 @@ def _data(model: SceneModel) -> str:
         ends = (low[axis] - margin, high[axis] + margin) if period is None else (0.0, period)
         ends = (-margin, margin) if flat else ends
         bounds.append(f"{ends[0]:.17g} {ends[1]:.17g} {letter}lo {letter}hi")
-    position = model.position.copy()
+    # LAMMPS keeps the whole periods of a place as flags, so that the output is unwrapped.
+    position, image = model.position.copy(), np.zeros_like(model.position)
     for axis, period in enumerate(model.periods):
         if period is not None:
-            position[:, axis] %= period
+            image[:, axis], position[:, axis] = np.divmod(position[:, axis], period)
     count = len(model.radius)
     # The mass of a frozen sphere has no effect.
     mass = np.where(np.isfinite(model.mass), model.mass, 1.0)
     density = mass / (4 / 3 * np.pi * model.radius**3)
     number = np.arange(1, count + 1)
-    atoms = np.column_stack([number, model.group + 1, 2 * model.radius, density, position])
+    atoms = np.column_stack([number, model.group + 1, 2 * model.radius, density, position, image])
     moves = np.column_stack([number, model.velocity, model.spin])
     text = io.StringIO()
     text.write(f"A scene of jaxcontact, in SI units\n\n{count} atoms\n")
     text.write(f"{int(model.group.max()) + 1} atom types\n\n" + "\n".join(bounds))
     text.write("\n\nAtoms # sphere\n\n")
-    np.savetxt(text, atoms, fmt=["%d", "%d", *["%.17g"] * 5])
+    np.savetxt(text, atoms, fmt=["%d", "%d", *["%.17g"] * 5, *["%d"] * 3])
     text.write("\nVelocities\n\n")
     np.savetxt(text, moves, fmt=["%d", *["%.17g"] * 6])
     return text.getvalue()
