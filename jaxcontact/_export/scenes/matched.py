@@ -10,7 +10,6 @@ import jax
 import numpy as np
 
 from ..._impact import impact, restitution_is_constant
-from ..._laws import require_no_adhesion
 from ..at_time_step import TimeStepRestitution, restitution_in_steps
 from ..export import export
 from ..result import Export
@@ -63,7 +62,6 @@ def matched(
     """
     exports, highest = {}, float(speeds[-1])
     for pair, touch in model.touches.items():
-        require_no_adhesion(touch.law, f"in a scene for engine {engine.name!r}")
         exports[pair] = _closest(touch, engine, speeds)
     steps = [_longest(made, highest, tolerance) for made in _several(exports)]
     return Matched(

@@ -17,6 +17,7 @@ from ..._entry import rendered
 from ..._friction import AbstractFriction
 from ..._impact import restitution_is_constant
 from ..._laws import AbstractLaw
+from ..._laws.surface_adhesion import AbstractAdhesive
 from ..._scene import Scene, Shell, Sphere
 from ..._scene.bodies.bodies import words
 from ..._scene.bodies.motion import AbstractMotion
@@ -150,8 +151,8 @@ def scene_model(scene: Scene, *, merges: bool) -> SceneModel:
     """Return a scene as plain numbers.
 
     With `merges`, spheres of different size are one group if neither the stiffness over √R nor the
-    restitution depends on the size. Raises ValueError for traced or batched numbers, a motion by a
-    user's function, and a pair without stiffness.
+    restitution depends on the size. Raises ValueError for traced numbers, the end of a run,
+    adhesion, a motion by a user's function, and a pair without stiffness.
     """
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
         raise ValueError("Argument `scene` must have concrete numbers, but is traced.")
@@ -160,6 +161,12 @@ def scene_model(scene: Scene, *, merges: bool) -> SceneModel:
             "Argument `scene` must start without contacts in progress or balls that rest, but is "
             "the end of a run."
         )
+    for law in scene.law.values:
+        if law.ends_apart or law.forgets or isinstance(law, AbstractAdhesive):
+            raise ValueError(
+                "Argument `scene` must have laws without adhesion for an engine, as the parameters "
+                f"of its contacts are matched to e alone, but has {rendered(law)}."
+            )
     free_size = scene.stiffness is None and all(
         restitution_is_constant(law, None) for law in scene.law.values
     )
