@@ -154,19 +154,7 @@ def scene_model(scene: Scene, *, merges: bool) -> SceneModel:
     restitution depends on the size. Raises ValueError for traced numbers, the end of a run,
     adhesion, a motion by a user's function, and a pair without stiffness.
     """
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
-        raise ValueError("Argument `scene` must have concrete numbers, but is traced.")
-    if scene._start is not None:
-        raise ValueError(
-            "Argument `scene` must start without contacts in progress or balls that rest, but is "
-            "the end of a run."
-        )
-    for law in scene.law.values:
-        if law.ends_apart or law.forgets or isinstance(law, AbstractAdhesive):
-            raise ValueError(
-                "Argument `scene` must have laws without adhesion for an engine, as the parameters "
-                f"of its contacts are matched to e alone, but has {rendered(law)}."
-            )
+    _require_plain(scene)
     free_size = scene.stiffness is None and all(
         restitution_is_constant(law, None) for law in scene.law.values
     )
@@ -206,6 +194,23 @@ def scene_model(scene: Scene, *, merges: bool) -> SceneModel:
         round=tuple(shells),
         touches=_touches(scene, groups.made, np.bincount(group, minlength=len(groups.made))),
     )
+
+
+def _require_plain(scene: Scene) -> None:
+    """Raise ValueError for traced numbers, the end of a run, and adhesion."""
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
+        raise ValueError("Argument `scene` must have concrete numbers, but is traced.")
+    if scene._start is not None:
+        raise ValueError(
+            "Argument `scene` must start without contacts in progress or balls that rest, but is "
+            "the end of a run."
+        )
+    for law in scene.law.values:
+        if law.ends_apart or law.forgets or isinstance(law, AbstractAdhesive):
+            raise ValueError(
+                "Argument `scene` must have laws without adhesion for an engine, as the parameters "
+                f"of its contacts are matched to e alone, but has {rendered(law)}."
+            )
 
 
 def _masses(spheres: tuple[Sphere, ...]) -> Float[np.ndarray, " N"]:
