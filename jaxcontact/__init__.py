@@ -15,6 +15,9 @@ if _TYPE_CHECKING:
     from ._contact import Material as Material
     from ._export import Export as Export
     from ._export import export as export
+    from ._export.scenes import SceneExport as SceneExport
+    from ._export.scenes import export_scene as export_scene
+    from ._export.scenes import read_run as read_run
     from ._fit import Between as Between
     from ._fit import Fit as Fit
     from ._fit import Fits as Fits
@@ -138,6 +141,7 @@ _ROOMS = {
     ),
     "_functions": "power",
     "_export": "Export export",
+    "_export.scenes": "SceneExport export_scene read_run",
     "_fit": (
         "Between Fit Fits FitStatus Fixed Free Huber Positive Posterior compare_fits fit fit_many "
         "posterior"
@@ -162,8 +166,8 @@ _ROOMS = {
         "list_laws register_law"
     ),
     "_scene": (
-        "Box Ending Impacts Margin Plane Prescribed Run Scene Shell SolvedBy Sphere States Steady "
-        "Vibration random_spheres read_scene"
+        "Box Ending EngineRun Impacts Margin Plane Prescribed Run Scene Shell SolvedBy Sphere "
+        "States Steady Vibration random_spheres read_scene"
     ),
     "_simulate": "simulate",
     "_sweep": "Sweep sweep",

@@ -96,7 +96,8 @@ def restitution_in_steps(
         phases = jnp.linspace(1 / _PHASES, 1.0, _PHASES)
 
         def ends(count: float) -> tuple[float, float]:
-            e = _rebounds(law, contact, jnp.asarray(velocity), duration / count, phases, scheme)
+            step = jnp.asarray(duration / count)  # a number would be static
+            e = _rebounds(law, contact, jnp.asarray(velocity), step, phases, scheme)
             return float(jnp.min(e)), float(jnp.max(e))
 
         def keeps(count: float) -> bool:
@@ -128,14 +129,13 @@ def _rebounds(
     law: AbstractLaw,
     contact: Contact,
     velocity: Float[Array, ""],
-    step: float | Array,
+    step: Float[Array, ""],
     phases: Float[Array, " p"],
     scheme: Scheme,
 ) -> Float[Array, " p"]:
     """Return e for each phase of the touch: at the end of that step the overlap is v h phase."""
     mass = contact.mass
     force = functools.partial(law.force, contact=contact, impact_velocity=velocity)
-    step = jnp.asarray(step)
 
     def accelerate(depth: Array, speed: Array) -> Array:
         if scheme is Scheme.SEMI_IMPLICIT:

@@ -9,6 +9,7 @@ from .bodies.motion import Vibration as Vibration
 from .bodies.prescribed import Prescribed as Prescribed
 from .bodies.random_spheres import random_spheres as random_spheres
 from .bodies.scene import Scene as Scene
+from .engine_run import EngineRun as EngineRun
 from .file import read_scene as read_scene
 from .readout.margin import Margin as Margin
 from .result import Ending as Ending

@@ -17,7 +17,7 @@ from .._program import derived
 from .._text.failure import Flagged
 from .bodies.bodies import AbstractBody
 from .bodies.scene import Scene
-from .readout.columns import write_csv
+from .readout.columns import state_columns, write_csv
 from .readout.dataset import dataset
 from .readout.final_scene import final_start
 from .readout.margin import Margin
@@ -153,14 +153,7 @@ class Run(Flagged, eqx.Module):
             raise ValueError(
                 f"The run must be a single one, but is a batch of the shape {self.time.shape[:-1]}."
             )
-        columns = {"time": np.asarray(self.time), "energy": np.asarray(self.energy)}
-        for name in ("position", "velocity", "spin"):
-            values = getattr(self, name)
-            if values is not None:
-                values = np.asarray(values)
-                for place in np.ndindex(*values.shape[1:]):
-                    columns[f"{name}[{','.join(map(str, place))}]"] = values[:, *place]
-        write_csv(columns, path)
+        write_csv(state_columns(self), path)
 
     def __repr__(self) -> str:
         steps = self.position.shape

@@ -28,6 +28,7 @@ from .._text.failure import checked
 from .._text.progress import Listener, progress_of, require_progress
 from .arrays.arrays import Numbers, SceneLayout, first_overlap, layout_of
 from .arrays.from_scene import SceneInputs, inputs_of, ones_unless, scene_numbers
+from .bodies.bodies import names_of
 from .bodies.entry import one_number
 from .bodies.overlap import require_clear_of_each_other
 from .bodies.scene import Scene
@@ -115,10 +116,7 @@ def simulate_scene(
     ended, numbers, outcome = differentiable_run(rules, inputs, piecewise, at_once)
     record = RunRecord(layout, numbers, ended, within, outcome, last, length)
     contents = read_run(record, at, room, moves)
-    names = tuple(
-        body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
-        for k, body in enumerate(scene.bodies)
-    )
+    names = names_of(scene.bodies)
     run = Run(
         **contents.now._asdict(),
         impacts=dataclasses.replace(contents.impacts, names=names),

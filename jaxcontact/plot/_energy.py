@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._scene import Run
+from .._scene import EngineRun, Run
 from ._drawing.axes import axes_of
 from ._drawing.labels import put_label
 from ._drawing.path import path_of, require_one_run
@@ -16,14 +16,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def energy(run: Run, *, ax: Axes | None = None) -> Axes:
+def energy(run: Run | EngineRun, *, ax: Axes | None = None) -> Axes:
     """Draw the energy of a run over time (J, s), and the energy left by the losses of its impacts.
 
     The solid line is the energy from `Run.at`: kinetic, gravitational, and stored in contacts. The
     dashed line starts at the same value and falls at the end of every impact by its loss. For a
     series of bounces and for a contact that comes to rest it falls at the touch. If both lines
     agree, the energy is accounted for. With moving walls the solid line includes the energy
-    supplied by them. The loss by sliding on walls at rest is not in the dashed line.
+    supplied by them. The loss by sliding on walls at rest is not in the dashed line. For an
+    `EngineRun` the solid line is kinetic and gravitational energy, and there is no other.
 
     Arguments: a single run; the axes to draw on, new ones if None. Returns the axes. Raises
     ValueError for a batch of runs, a run without values, and for anything but a run.
@@ -33,6 +34,8 @@ def energy(run: Run, *, ax: Axes | None = None) -> Axes:
     ax = axes_of(ax)
     # Between impacts the energy is constant; at an instantaneous one the value is that after it.
     ax.plot(path.time, path.energy, drawstyle="steps-post", lw=2.2, color=SKY, label="energy")
+    if isinstance(run, EngineRun):
+        return _labelled(ax, run)
     impacts = run.impacts.to_dict()
     ends = impacts["time"] + np.where(np.isfinite(impacts["duration"]), impacts["duration"], 0.0)
     order = np.argsort(ends, kind="stable")
@@ -49,6 +52,10 @@ def energy(run: Run, *, ax: Axes | None = None) -> Axes:
         color=BLACK,
         label="start minus the losses of impacts",
     )
+    return _labelled(ax, run)
+
+
+def _labelled(ax: Axes, run: Run | EngineRun) -> Axes:
     ax.set_xlim(0, float(run.reached))
     put_label(ax.xaxis, "time")
     put_label(ax.yaxis, "energy")

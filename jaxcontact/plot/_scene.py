@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._scene import Run
+from .._scene import EngineRun, Run
 from ._drawing.axes import axes_of
 from ._drawing.labels import put_label
 from ._drawing.path import (
@@ -35,7 +35,9 @@ _FEW = 40
 """Number of impacts up to which marks have full size."""
 
 
-def scene(run: Run, *, axes: Sequence[int] | None = None, ax: Axes | None = None) -> Axes:
+def scene(
+    run: Run | EngineRun, *, axes: Sequence[int] | None = None, ax: Axes | None = None
+) -> Axes:
     """Draw a run: positions over time in one dimension, the paths in two.
 
     In one dimension every sphere is a band of its diameter over time in s. In two dimensions it is
@@ -43,11 +45,11 @@ def scene(run: Run, *, axes: Sequence[int] | None = None, ax: Axes | None = None
     surfaces met. Walls are grey on their solid side, and light grey where a moving wall has been.
     In periodic space images are drawn in the first cell.
 
-    Arguments: a single run; `axes`, the two axes of space to draw, such as (0, 2), required in
-    three dimensions; `ax`, the axes of matplotlib to draw on, new ones if None. In a projection
-    spheres may hide each other, and a wall is drawn only if it is seen edge-on. Returns the axes.
-    Raises ValueError for other axes, a batch of runs, a run without values, and for anything but a
-    run.
+    Arguments: a single run, also an `EngineRun`; `axes`, the two axes of space to draw, such as
+    (0, 2), required in three dimensions; `ax`, the axes of matplotlib to draw on, new ones if None.
+    In a projection spheres may hide each other, and a wall is drawn only if it is seen edge-on. An
+    `EngineRun` has no dots, as its impacts are not known. Returns the axes. Raises ValueError for
+    other axes, a batch of runs, a run without values, and for anything but a run.
     """
     require_one_run(run)
     shown = axes_shown(axes, run.scene.dimensions)
@@ -87,7 +89,7 @@ def frame_axes(ax: Axes, shown: tuple[int, ...], low: np.ndarray, high: np.ndarr
         put_label(ax.yaxis, "position", f"${NAMES[shown[1]]}$")
 
 
-def _draw_world_lines(ax: Axes, run: Run, path: RunPath) -> None:
+def _draw_world_lines(ax: Axes, run: Run | EngineRun, path: RunPath) -> None:
     names = labels(run)
     looks = zip(colours(run), lines(run), radii(run), strict=True)
     for k, (colour, dashes, radius) in enumerate(looks):
@@ -101,7 +103,7 @@ def _draw_world_lines(ax: Axes, run: Run, path: RunPath) -> None:
     _mark(ax, when, where[:, 0])
 
 
-def _draw_paths(ax: Axes, run: Run, path: RunPath, shown: tuple[int, ...]) -> None:
+def _draw_paths(ax: Axes, run: Run | EngineRun, path: RunPath, shown: tuple[int, ...]) -> None:
     from matplotlib.patches import Circle
 
     names = labels(run)

@@ -117,3 +117,36 @@ def test_bad_input_is_refused(case, tmp_path, capsys):
     error = capsys.readouterr().err
     assert error.startswith("error: ") and words in error
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_scene_becomes_the_model_of_an_engine(tmp_path, capsys):
+    soft = FALL.replace("instantaneous = true", "stiffness = 1e6").replace("times = 6", "times = 3")
+    (tmp_path / "soft.toml").write_text(soft)
+    assert main("scene soft.toml --to lammps --out model --quiet".split()) == 0
+    assert "mpirun" in capsys.readouterr().out
+    assert sorted(path.name for path in (tmp_path / "model").iterdir()) == [
+        "scene.data",
+        "scene.in",
+    ]
+    # A step of a robot misses the tolerance, says so, and writes.
+    robot = "scene soft.toml --to mujoco --time-step 0.0005 --out robot --quiet --json"
+    assert main(robot.split()) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["expected_error"] > told["tolerance"] == 1e-3
+    assert told["files"] == ["robot/scene.xml", "robot/run.py"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("fall.toml --to lammps", "--to needs --out"),
+        ("fall.toml --to lammps --out x --plot a.png", "--to makes none"),
+        ("fall.toml --time-step 0.1", "--to, which is missing"),
+        ("fall.toml --to lammps --out x", "must have a `stiffness`"),
+        ("fall.toml --to yade --out x", "must be one of"),
+    ],
+)
+def test_refused_models(words, message, tmp_path, capsys):
+    assert main(["scene", *words.split(), "--quiet"]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()

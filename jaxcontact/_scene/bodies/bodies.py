@@ -342,6 +342,14 @@ def words(bodies: Sequence[AbstractBody], k: int) -> str:
     return f"{type(body).__name__}{name} (number {k})"
 
 
+def names_of(bodies: Sequence[AbstractBody]) -> tuple[str, ...]:
+    """Return a name for each body: its own, or its kind and number."""
+    return tuple(
+        body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
+        for k, body in enumerate(bodies)
+    )
+
+
 def _require_as_many(name: str, value: Any, numbers: Array, other: str, like: Array) -> None:
     if numbers.shape != like.shape:
         raise ValueError(

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..._entry import concrete, rendered, require_kind
-from ..._scene import Run, Shell, Sphere
+from ..._scene import EngineRun, Run, Shell, Sphere
 from ..._scene.bodies.bodies import AbstractBody
 from ..._scene.bodies.overlap import minimum_image
 from ..._scene.result import Ending
@@ -25,8 +25,10 @@ class RunPath(NamedTuple):
     energy: np.ndarray
 
 
-def require_one_run(run: Any) -> Run:
+def require_one_run(run: Any) -> Run | EngineRun:
     """Return a single run that has values to draw; ValueError for anything else."""
+    if isinstance(run, EngineRun):
+        return run
     require_kind("run", run, Run, "a `Run` (see `simulate`)")
     if np.ndim(run.reached) > 0:
         raise ValueError(
@@ -41,8 +43,13 @@ def require_one_run(run: Any) -> Run:
     return run
 
 
-def path_of(run: Run) -> RunPath:
-    """Return a run at evenly spaced times, at its impacts, and at their ends."""
+def path_of(run: Run | EngineRun) -> RunPath:
+    """Return a run at evenly spaced times, at its impacts, and at their ends.
+
+    A run of another engine has its output times only.
+    """
+    if isinstance(run, EngineRun):
+        return RunPath(run.time, in_cell(run, run.position), run.energy)
     impacts, reached = run.impacts.to_dict(), float(run.reached)
     ends = impacts["time"] + impacts["duration"]
     kinks = np.unique([*impacts["time"], *ends[np.isfinite(ends)]])
@@ -59,14 +66,14 @@ def states(run: Run, times: np.ndarray) -> RunPath:
     return RunPath(times, in_cell(run, np.asarray(now.position)), np.asarray(now.energy))
 
 
-def in_cell(run: Run, position: np.ndarray) -> np.ndarray:
+def in_cell(run: Run | EngineRun, position: np.ndarray) -> np.ndarray:
     """Return positions (..., D) shifted by whole periods into the first cell."""
     lengths = [np.inf if length is None else float(length) for length in run.scene.periodic]
     finite = np.where(np.isfinite(lengths), lengths, 1.0)
     return np.where(np.isfinite(lengths), position % finite, position)
 
 
-def line_of(run: Run, path: RunPath, row: int) -> tuple[np.ndarray, np.ndarray]:
+def line_of(run: Run | EngineRun, path: RunPath, row: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the path of a sphere, (S,) in s and (S, D) in m.
 
     At the border of the periodic cell the path continues outside, is interrupted by NaN, and enters
@@ -85,7 +92,7 @@ def line_of(run: Run, path: RunPath, row: int) -> tuple[np.ndarray, np.ndarray]:
     return np.insert(time, places, when), np.insert(line, places, added, axis=0)
 
 
-def images(run: Run, shown: tuple[int, ...]) -> np.ndarray:
+def images(run: Run | EngineRun, shown: tuple[int, ...]) -> np.ndarray:
     """Return the offsets of the images that are drawn, (M, d).
 
     They are zero and, in periodic directions, one period to both sides. A sphere that is cut off at
@@ -96,19 +103,24 @@ def images(run: Run, shown: tuple[int, ...]) -> np.ndarray:
     return np.array(list(itertools.product(*steps)))
 
 
-def radii(run: Run) -> np.ndarray:
+def radii(run: Run | EngineRun) -> np.ndarray:
     """Return the radii (N,) of the spheres in m."""
     return np.array([float(sphere.radius) for sphere in run.scene.spheres])
 
 
-def rows_of_spheres(run: Run) -> dict[int, int]:
+def rows_of_spheres(run: Run | EngineRun) -> dict[int, int]:
     """Return the row of each sphere by its number among the bodies."""
     bodies = enumerate(run.scene.bodies)
     return {k: row for row, k in enumerate(k for k, body in bodies if isinstance(body, Sphere))}
 
 
-def touches(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Return when and where surfaces met at the impacts so far, (K,) in s and (K, D) in m."""
+def touches(run: Run | EngineRun) -> tuple[np.ndarray, np.ndarray]:
+    """Return when and where surfaces met at the impacts so far, (K,) in s and (K, D) in m.
+
+    None are known of another engine.
+    """
+    if isinstance(run, EngineRun):
+        return np.zeros(0), np.zeros((0, run.scene.dimensions))
     impacts, bodies, rows = run.impacts.to_dict(), run.scene.bodies, rows_of_spheres(run)
     times = impacts["time"]
     times = times[times <= float(run.reached)]

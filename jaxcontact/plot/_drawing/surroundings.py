@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from matplotlib.patches import Polygon
 
-from ..._scene import Run, Shell, Sphere
+from ..._scene import EngineRun, Run, Shell, Sphere
+from ..._scene.bodies.bodies import names_of
 from .path import radii, rows_of_spheres
 from .style import BODIES, CURVES
 
@@ -32,25 +33,28 @@ _FINE, _MOST = 48, 100_000
 """Times per period of a wall, and their largest total number."""
 
 
-def colours(run: Run) -> list[str]:
+def colours(run: Run | EngineRun) -> list[str]:
     """Return the colour of each sphere; fixed ones are grey."""
     spheres = run.scene.spheres
     return [_FIXED if s.fixed else BODIES[k % len(BODIES)] for k, s in enumerate(spheres)]
 
 
-def lines(run: Run) -> list[Any]:
+def lines(run: Run | EngineRun) -> list[Any]:
     """Return the line style of each sphere's path; in grey it separates all named spheres."""
     return [CURVES[k % len(CURVES)][1] for k in range(len(run.scene.spheres))]
 
 
-def labels(run: Run) -> list[str]:
+def labels(run: Run | EngineRun) -> list[str]:
     """Return the names of the spheres for a legend; empty for many spheres or without names."""
-    names = [run.impacts.names[k] for k in rows_of_spheres(run)]
+    every = names_of(run.scene.bodies)
+    names = [every[k] for k in rows_of_spheres(run)]
     shown = len(names) <= NAMED and any(sphere.name for sphere in run.scene.spheres)
     return names if shown else []
 
 
-def frame(run: Run, position: np.ndarray, shown: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+def frame(
+    run: Run | EngineRun, position: np.ndarray, shown: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the lower and upper ends of a plot along the axes that are `shown`.
 
     The frame contains all spheres at all times and the cell of periodic space. Walls normal to an
@@ -88,7 +92,7 @@ class Edge(NamedTuple):
     offset: np.ndarray
 
 
-def edges(run: Run, time: np.ndarray) -> list[Edge]:
+def edges(run: Run | EngineRun, time: np.ndarray) -> list[Edge]:
     """Return all walls that are flat in a plot, at some times (T,)."""
     segments = []
     for body in run.scene.bodies:
@@ -102,7 +106,7 @@ def edges(run: Run, time: np.ndarray) -> list[Edge]:
     return segments
 
 
-def fine_times(run: Run) -> np.ndarray:
+def fine_times(run: Run | EngineRun) -> np.ndarray:
     """Return times that resolve every vibration of a body, up to a largest number."""
     bodies = run.scene.bodies
     motions = [wall.motion for body in bodies for wall in body.walls()]
@@ -133,7 +137,7 @@ def shape_of(
     return np.array([foot - along, foot + along]), _clip(corners, seen, offset)
 
 
-def draw_walls(ax: Axes, run: Run, shown: tuple[int, ...]) -> None:
+def draw_walls(ax: Axes, run: Run | EngineRun, shown: tuple[int, ...]) -> None:
     """Draw walls and the solid behind them at the end, and lightly the region they swept."""
     time = fine_times(run)
     for normal, offset in edges(run, time):
@@ -154,7 +158,7 @@ def _solid(corners: np.ndarray, colour: str, zorder: float) -> Polygon:
 
 
 def draw_shells(
-    ax: Axes, run: Run, shown: tuple[int, ...], time: np.ndarray | None = None
+    ax: Axes, run: Run | EngineRun, shown: tuple[int, ...], time: np.ndarray | None = None
 ) -> Callable[[int], list[Artist]]:
     """Draw the solid around shells, and return a function that moves them to the k-th time.
 
@@ -195,7 +199,7 @@ def draw_shells(
 
 
 def moving_walls(
-    ax: Axes, run: Run, shown: tuple[int, ...], time: np.ndarray
+    ax: Axes, run: Run | EngineRun, shown: tuple[int, ...], time: np.ndarray
 ) -> Callable[[int], list[Artist]]:
     """Draw walls, and return a function that moves them to the k-th time."""
     drawn: list[tuple[Edge, Line2D, Polygon]] = []
@@ -238,7 +242,7 @@ def _clip(polygon: np.ndarray, normal: np.ndarray, offset: float) -> np.ndarray:
     return np.array(kept).reshape(-1, 2)
 
 
-def draw_levels(ax: Axes, run: Run) -> None:
+def draw_levels(ax: Axes, run: Run | EngineRun) -> None:
     """Draw the walls of a line over time, with the solid above or below."""
     time = fine_times(run)
     for normal, offset in edges(run, time):

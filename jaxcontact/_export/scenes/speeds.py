@@ -1,0 +1,85 @@
+"""The closing speeds that occur in a scene."""
+
+from __future__ import annotations
+
+import math
+
+import equinox as eqx
+import numpy as np
+
+from ..._entry import POSITIVE, require_number
+from ..._scene import Ending
+from ..._scene.simulate import simulate_scene
+from .model import SceneModel
+
+FEW = 8
+"""Largest number of spheres of a scene that is simulated for its closing speeds."""
+
+_SLOWEST, _COUNT = 0.1, 4
+"""Smallest closing speed over the largest, and the number of speeds between both."""
+
+_MARGIN = 1.2
+"""Largest speed over that of a run without duration of impacts, whose later impacts differ."""
+
+
+def closing_speeds(
+    model: SceneModel, duration: float, velocity: tuple[float, float] | None
+) -> np.ndarray:
+    """Return closing speeds in m/s, ascending, between the given ones or those that occur.
+
+    Up to `FEW` spheres are simulated with impacts of no duration. For more, and where that run has
+    no impact, the largest speed is a bound. It has the largest difference of two velocities, the
+    speed of walls, and that of a fall through the whole scene.
+    """
+    if velocity is not None:
+        low, high = (require_number("velocity", value, POSITIVE) for value in velocity)
+    else:
+        low, high = _simulated(model, duration) or (0.0, _bound(model, duration))
+    low = min(max(low, _SLOWEST * high), high)
+    return np.geomspace(low, high, _COUNT) if low < high else np.array([high])
+
+
+def _simulated(model: SceneModel, duration: float) -> tuple[float, float] | None:
+    if len(model.radius) > FEW:
+        return None
+    # Friction changes them little, and has no outcome for some laws.
+    scene = eqx.tree_at(lambda x: x.friction, model.scene, None, is_leaf=lambda x: x is None)
+    run = simulate_scene(
+        scene,
+        duration,
+        times=None,
+        rtol=1e-6,
+        instantaneous=True,
+        v0="peak",
+        max_impacts=None,
+        max_cluster=None,
+        progress=False,
+        throw=False,
+    )
+    speeds = run.impacts.to_dict()["closing_speed"]
+    if not len(speeds) or int(run.status) == Ending.INVALID_INPUT:
+        return None
+    return float(speeds.min()), _MARGIN * float(speeds.max())
+
+
+def _bound(model: SceneModel, duration: float) -> float:
+    moving = [m for m in model.motions.values() if m is not None]
+    moving += [wall.motion for wall in (*model.flat, *model.round) if wall.motion is not None]
+    fastest = [np.linalg.norm(m.speed) + m.rate * np.linalg.norm(m.amplitude) for m in moving]
+    middle = model.velocity.mean(axis=0)
+    spread = 2 * float(np.max(np.linalg.norm(model.velocity - middle, axis=1)))
+    # A mean speed counts, too, if a wall is met.
+    spread = max(spread, float(np.max(np.linalg.norm(model.velocity, axis=1))))
+    low, high = model.extent()
+    pull = float(np.linalg.norm(model.gravity))
+    depth = 0.0
+    if pull > 0:
+        depth = float(np.dot(high - low, np.abs(model.gravity)) / pull)
+    fall = min(math.sqrt(2 * pull * depth), pull * duration)
+    speed = math.hypot(spread, fall) + 2 * max(map(float, fastest), default=0.0)
+    if not speed > 0:
+        raise ValueError(
+            "Argument `velocity` must be given for a scene in which nothing moves at the start, "
+            "but is None."
+        )
+    return speed

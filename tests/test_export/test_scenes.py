@@ -1,0 +1,274 @@
+"""Whole scenes as models of engines: numbers, refusals, and what is read back.
+
+The engines themselves run in test_scenes_in_engines.py.
+"""
+
+import io
+import math
+import re
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from jaxcontact._export.scenes.engine import scene_engines
+
+BALLS = [
+    jc.Sphere(0.01, 0.03, [0.0, 0.05], [0.3, 0.0], name="ball"),
+    jc.Sphere(0.02, 0.1, [0.05, 0.06], [0.0, -0.2]),
+]
+TABLE = jc.Plane([0.0, 0.0], [0.0, 2.0], name="the table")
+LAW, STIFFNESS, GRAVITY = jc.HuGuo(e=0.7), 1e8, 9.81
+TIMES = np.linspace(0, 0.1, 3)
+# Closing speeds are given, so that no run is needed to find them.
+SPEEDS = 0.1, 1.0
+STEEL = jc.Material(2e11, 0.3, 7800.0)
+
+
+def scene(*bodies, **words):
+    given = {"law": LAW, "stiffness": STIFFNESS, "gravity": [0.0, -GRAVITY]}
+    return jc.Scene([*(bodies or [*BALLS, TABLE])], **{**given, **words})
+
+
+def exported(made_of, engine, **words):
+    given = {"times": TIMES, "velocity": SPEEDS}
+    return jc.export_scene(made_of, engine, TIMES[-1], **{**given, **words})
+
+
+@pytest.fixture(scope="module")
+def lammps():
+    return exported(scene(), "lammps")
+
+
+def test_lammps_has_the_stiffness_of_each_pair(lammps):
+    text = lammps.files["scene.in"]
+    e = float(jc.restitution(LAW))
+    found = dict(re.findall(r"pair_coeff (\d \d) hertz (\S+ \S+) tangential", text))
+    k_n, delivered = map(float, found["1 2"].split())
+    # K = k_n √R with the effective radius.
+    assert k_n == pytest.approx(STIFFNESS / math.sqrt(0.01 * 0.02 / 0.03), rel=1e-10)
+    assert delivered == pytest.approx(e, rel=1e-8)
+    walls = re.findall(r"wall/gran/region granular hertz (\S+)", text)
+    assert sorted(map(float, walls)) == pytest.approx(
+        [STIFFNESS / math.sqrt(radius) for radius in (0.02, 0.01)], rel=1e-10
+    )
+    assert "plane 0 0 0 0 1 0 side in" in text and "dimension 2" in text
+
+
+def test_lammps_has_the_masses_and_velocities(lammps):
+    atoms, velocities = lammps.files["scene.data"].split("Atoms # sphere")[1].split("Velocities")
+    rows, moves = np.loadtxt(io.StringIO(atoms)), np.loadtxt(io.StringIO(velocities))
+    mass = math.pi / 6 * rows[:, 2] ** 3 * rows[:, 3]
+    np.testing.assert_allclose(mass, [0.03, 0.1], rtol=1e-12)
+    np.testing.assert_allclose(rows[:, 4:6], [[0.0, 0.05], [0.05, 0.06]])
+    np.testing.assert_allclose(moves[:, 1:3], [[0.3, 0.0], [0.0, -0.2]])
+
+
+def test_lammps_counts_whole_periods():
+    ball = jc.Sphere(0.01, 0.03, [-0.7, 0.05], [0.3, 0.0])
+    text = exported(scene(ball, TABLE, periodic=[0.5, None]), "lammps").files["scene.data"]
+    row = text.split("Atoms # sphere")[1].split("Velocities")[0].split()
+    assert (float(row[4]), row[7:]) == (pytest.approx(0.3), ["-2", "0", "0"])
+    assert "0 0.5 xlo xhi" in text
+
+
+def test_steps_fit_between_outputs_and_keep_e(lammps):
+    assert lammps.keeps_tolerance and lammps.expected_error == pytest.approx(1e-3)
+    between = lammps.steps / (len(TIMES) - 1)
+    assert between == int(between)
+    assert lammps.time_step * between == pytest.approx(TIMES[1])
+    # Hertz: T = 2.9432 (5 m/(4 K))^(2/5) v^(-1/5) at e = 1; damping adds some.
+    mass = 0.03 * 0.1 / 0.13
+    hertz = 2.9432 * (1.25 * mass / STIFFNESS) ** 0.4 * SPEEDS[1] ** -0.2
+    assert 20 < hertz / lammps.time_step < 1000
+    assert "error of e      0.001" in repr(lammps)
+
+
+def test_one_type_of_any_size_where_size_does_not_count():
+    spheres = [
+        jc.Sphere(0.01 + 1e-5 * k, position=[0.1 * k, 0.1], material=STEEL) for k in range(99)
+    ]
+    friction = jc.SpringSlider(0.3)
+    made = exported(scene(*spheres, TABLE, stiffness=None, friction=friction), "lammps")
+    text = made.files["scene.in"]
+    assert "99 atoms\n1 atom types" in made.files["scene.data"]
+    modulus = 2e11 / (2 * 0.91)
+    k_n, k_t, mu = re.search(
+        r"pair_coeff 1 1 hertz (\S+) \S+ tangential mindlin/force (\S+) 0 (\S+)", text
+    ).groups()
+    assert float(k_n) == pytest.approx(4 / 3 * modulus, rel=1e-9)
+    # Mindlin: 8 G* with G* = G/(2(2-ν)).
+    assert float(k_t) == pytest.approx(8 * 2e11 / 2.6 / (2 * 1.7), rel=1e-9)
+    assert float(mu) == 0.3
+
+
+def test_lammps_moves_walls_and_bodies():
+    shaken = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Vibration(0.01, 10.0, 0.5))
+    pusher = jc.Sphere(0.01, position=[0.3, 0.1], fixed=True, motion=jc.Steady([0.5, 0.0]))
+    text = exported(scene(*BALLS, shaken, pusher), "lammps").files["scene.in"]
+    assert re.search(r"region wall0_body_2 plane .* side in units box move v_wall0_body_2_x", text)
+    (shift,) = re.findall(r'variable wall0_body_2_y equal "(.*)"', text)
+    time = 0.0123
+    value = eval(shift, {"sin": math.sin, "time": time})
+    expected = 0.01 * (math.sin(2 * math.pi * 10 * time + 0.5) - math.sin(0.5))
+    assert value == pytest.approx(expected, rel=1e-12)
+    assert (
+        "fix frozen fixed freeze" in text and "fix body_3 body_3 move variable v_body_3_x" in text
+    )
+
+
+def test_the_models_can_be_parsed():
+    apart = scene()
+    for engine in ("mujoco", "exudyn"):
+        made = exported(apart, engine)
+        compile(made.files["run.py"], "run.py", "exec")
+    linear = scene(law=jc.MarhefkaOrin(a=0.1), exponent=1.0, stiffness=1e4)
+    drake = exported(linear, "drake", tolerance=0.01, velocity=(1.0, 1.0))
+    compile(drake.files["run.py"], "run.py", "exec")
+    world = ElementTree.fromstring(drake.files["scene.sdf"])
+    masses = [float(mass.text) for mass in world.iter("mass")]
+    assert masses == [0.03, 0.1] and len(list(world.iter("model"))) == 3
+    xml = ElementTree.fromstring(exported(apart, "mujoco").files["scene.xml"])
+    pairs = {(p.get("geom1"), p.get("geom2")) for p in xml.iter("pair")}
+    assert pairs == {("wall0", "sphere0"), ("wall0", "sphere1"), ("sphere0", "sphere1")}
+
+
+def test_a_robots_step_states_its_error():
+    ball = jc.Sphere(0.1, 1.0, [0.2], [-1.0])
+    law, stiffness = jc.KelvinVoigt(e=0.6, tension=False), 85667.0
+    of_robot = jc.Scene([ball, jc.Plane([0.0], [1.0])], law=law, stiffness=stiffness, exponent=1.0)
+    found = jc.export_scene(
+        of_robot, "mujoco", 0.2, times=[0.0, 0.1, 0.2], time_step=0.002, velocity=(1.0, 1.0)
+    )
+    # docs/export.md: e from 0.548 to 0.695 at this step.
+    assert not found.keeps_tolerance
+    assert found.expected_error == pytest.approx(0.095, abs=1e-3)
+    assert "above the tolerance 0.001" in repr(found)
+
+
+PERIODIC = {"periodic": [1.0, None]}
+SHELL = jc.Shell([0.0, 0.0], 1.0)
+MOVING = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady([0.0, 0.1]))
+OWN = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Prescribed(lambda t, args: 0.01 * t, 1.0))
+REFUSED = {
+    "lammps rigid": ("lammps", lambda: scene(friction=jc.RigidCoulomb(0.3)), "`SpringSlider`"),
+    "lammps inertia": (
+        "lammps",
+        lambda: scene(
+            jc.Sphere(0.01, 0.03, [0.0, 0.05], inertia=1e-5), TABLE, friction=jc.SpringSlider(0.3)
+        ),
+        "`inertia` of solid spheres",
+    ),
+    "lammps sizes": (
+        "lammps",
+        lambda: scene(*(jc.Sphere(0.01 + 1e-5 * k, 0.1, [0.1 * k, 0.1]) for k in range(60)), TABLE),
+        "at most 40 kinds",
+    ),
+    "by a function": ("lammps", lambda: scene(*BALLS, OWN), "`Steady` or `Vibration`"),
+    "no stiffness": ("lammps", lambda: scene(stiffness=None), "a `stiffness`, or a material"),
+    "adhesion": ("lammps", lambda: scene(law=jc.JKR(pull_off=1e-3)), "without adhesion"),
+    "a pull": ("mujoco", lambda: scene(law=jc.DMT(pull_off=1e-3)), "without adhesion"),
+    "mujoco shell": ("mujoco", lambda: scene(*BALLS, SHELL), "Shell"),
+    "mujoco periodic": ("mujoco", lambda: scene(*BALLS, **PERIODIC), "`periodic=None`"),
+    "mujoco motion": ("mujoco", lambda: scene(*BALLS, MOVING), "moves"),
+    "mujoco friction": ("mujoco", lambda: scene(friction=jc.RigidCoulomb(0.3)), "`friction=None`"),
+    "exudyn friction": ("exudyn", lambda: scene(friction=jc.RigidCoulomb(0.3)), "RegularizedC"),
+    "exudyn touch": (
+        "exudyn",
+        lambda: scene(jc.Sphere(0.01, 0.03, [0.0, 0.01]), TABLE),
+        "start apart",
+    ),
+    "drake by pair": (
+        "drake",
+        lambda: scene(law={("ball", "the table"): LAW, "default": jc.HuGuo(e=0.5)}),
+        "one `law`",
+    ),
+    "drake friction": ("drake", lambda: scene(friction=jc.RigidCoulomb(0.3)), "`friction=None`"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_an_engine_cannot_express_is_named(case):
+    engine, make, words = REFUSED[case]
+    with pytest.raises(ValueError, match=words):
+        exported(make(), engine)
+
+
+def test_arguments_are_named():
+    with pytest.raises(ValueError, match=r"`engine` must be one of .*'lammps'"):
+        exported(scene(), "yade")
+    for words, message in (
+        ({"times": [0.0, 0.05, 0.06]}, "`times` must be evenly spaced"),
+        ({"times": [0.0, 0.2]}, "`times` must lie between"),
+        ({"time_step": 0.03}, "`time_step` must be a whole fraction"),
+        ({"tolerance": 0.0}, "`tolerance`"),
+        ({"velocity": (0.0, 1.0)}, "`velocity`"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            exported(scene(), "lammps", **words)
+    with pytest.raises(ValueError, match=r"`time_step` must be at most .*'exudyn'"):
+        exported(scene(), "exudyn", time_step=0.01)
+    assert scene_engines() == ["drake", "exudyn", "lammps", "mujoco"]
+
+
+def test_speeds_follow_from_the_scene():
+    bare = jc.Scene([*BALLS, TABLE], law=LAW, stiffness=STIFFNESS)
+    assert exported(bare, "lammps", velocity=None).velocity[1] >= 0.2
+    spheres = [jc.Sphere(0.01, 0.03, [0.1 * k, 0.5]) for k in range(9)]
+    many = exported(scene(*spheres, TABLE), "lammps", velocity=None)
+    # In the duration they fall for 0.1 s, and no farther than to the table.
+    assert many.velocity[1] == pytest.approx(GRAVITY * 0.1)
+
+
+DUMP = """ITEM: UNITS
+si
+ITEM: TIME
+{time}
+ITEM: TIMESTEP
+{step}
+ITEM: NUMBER OF ATOMS
+2
+ITEM: BOX BOUNDS mm mm pp
+-1 1
+-1 1
+-1 1
+ITEM: ATOMS id xu yu zu vx vy vz omegax omegay omegaz
+1 0.1 0.2 0 1 2 0 0 0 3
+2 0.3 0.4 0 -1 0 0 0 0 0
+"""
+
+
+def test_a_dump_is_read_as_a_run(tmp_path):
+    file = tmp_path / "run.dump"
+    file.write_text(DUMP.format(time=0, step=0) + DUMP.format(time=0.5, step=9))
+    rolling = scene(friction=jc.SpringSlider(0.3))
+    run = jc.read_run(file, "lammps", rolling)
+    np.testing.assert_array_equal(run.time, [0.0, 0.5])
+    np.testing.assert_array_equal(run.position[1], [[0.1, 0.2], [0.3, 0.4]])
+    np.testing.assert_array_equal(run.spin[0], [3.0, 0.0])
+    kinetic = 0.5 * 0.03 * 5 + 0.5 * 0.1 * 1 + 0.5 * 0.4 * 0.03 * 0.01**2 * 9
+    weight = GRAVITY * (0.03 * 0.2 + 0.1 * 0.4)
+    assert run.energy[1] == pytest.approx(kinetic + weight, rel=1e-12)
+    # The table of a run of `simulate` has the same columns, and reads back.
+    run.to_csv(tmp_path / "run.csv")
+    again = jc.read_run(tmp_path / "run.csv", "mujoco", rolling)
+    np.testing.assert_array_equal(again.velocity, run.velocity)
+    np.testing.assert_array_equal(again.spin, run.spin)
+    with pytest.raises(ValueError, match="3 spheres in 2D"):
+        jc.read_run(file, "lammps", scene(*BALLS, jc.Sphere(0.01, 0.1, [0.2, 0.3])))
+    (tmp_path / "none.csv").write_text("time,x\n0,1\n")
+    with pytest.raises(ValueError, match="has no 'energy'"):
+        jc.read_run(tmp_path / "none.csv", "mujoco", rolling)
+    jc.plot.energy(run)
+    assert len(jc.plot.scene(run).patches) > 0
+
+
+def test_the_columns_are_those_of_simulate(tmp_path):
+    flight = scene(*BALLS)
+    own = jc.simulate(flight, 0.01, times=[0.0, 0.01], instantaneous=True)
+    own.to_csv(tmp_path / "run.csv")
+    run = jc.read_run(tmp_path / "run.csv", "exudyn", flight)
+    np.testing.assert_allclose(run.energy, own.energy, rtol=1e-12)
+    np.testing.assert_array_equal(run.position, own.position)
+    assert run.spin is None and "spheres: 2 in 2D" in repr(run)
