@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._entry import as_parameter
+from .._entry import as_parameter, rendered
 from .._functions import power
 from .base import AbstractForm, Exponent, Flag, Lane
 from .plastic import AbstractPlasticForm
@@ -113,9 +113,19 @@ class TwoCurvesForm(AbstractPlasticForm):
         # A contact that has not been loaded is never asked, but its derivative is.
         loaded = deepest > 0
         most = self.length * jnp.where(loaded, deepest, 1)
-        stiffness, end = map(jnp.asarray, self.law.unloading(most, self.contact))
+        found = self.law.unloading(most, self.contact)
+        if not (isinstance(found, tuple) and len(found) == 2):
+            raise TypeError(
+                f"`{type(self.law).__name__}.unloading` must return the stiffness of unloading and "
+                f"the indentation at its end, but returns {rendered(found)}."
+            )
+        stiffness, end = map(jnp.asarray, found)
         scaled = stiffness * self.length**self.own_exponent / self.unit
-        return scaled, jnp.where(loaded, end / self.length, 0)
+        # Curves that do not meet have no impact.
+        force = self.law.loading(most, self.contact)
+        gap = stiffness * power(most - end, self.own_exponent) - force
+        meet = jnp.abs(gap) <= jnp.sqrt(jnp.finfo(scaled.dtype).eps) * jnp.abs(force)
+        return jnp.where(meet, scaled, jnp.nan), jnp.where(loaded, end / self.length, 0)
 
     def work(self, x: Lane) -> Lane:
         """Return the work of loading by Gauss rules between the corners. In √x, any sum of powers
@@ -123,7 +133,13 @@ class TwoCurvesForm(AbstractPlasticForm):
         """
         nodes, weights = np.polynomial.legendre.leggauss(16)
         rule = list(zip(nodes.tolist(), weights.tolist(), strict=True))
-        corners = [jnp.asarray(corner) / self.length for corner in self.law.corners(self.contact)]
+        corners = self.law.corners(self.contact)
+        if not isinstance(corners, tuple):
+            raise TypeError(
+                f"`{type(self.law).__name__}.corners` must return a tuple of indentations, but "
+                f"returns {rendered(corners)}."
+            )
+        corners = [jnp.asarray(corner) / self.length for corner in corners]
         begins = [jnp.zeros_like(x), *(jnp.clip(corner, 0, x) for corner in corners)]
         total = jnp.zeros_like(x)
         for begin, end in zip(begins, [*begins[1:], x], strict=True):

@@ -61,9 +61,10 @@ def speed_of(y: Float[Array, "..."], alpha: Float[Array, "..."]) -> Float[Array,
 
     Every stage of every step evaluates it. A choice between a series and the closed form would
     prevent vectorisation and take twice the time. α = 0 is therefore replaced by a number so small
-    that the quotient is y to the last digit.
+    that the quotient is y to the last digit. XLA turns 1/v² of a constant α into a quotient of
+    squares, which are still normal numbers.
     """
-    least = jnp.maximum(alpha, math.sqrt(jnp.finfo(alpha.dtype).tiny))
+    least = jnp.maximum(alpha, float(jnp.finfo(alpha.dtype).tiny) ** 0.25)
     return jnp.expm1(least * y) / least
 
 

@@ -135,10 +135,12 @@ class AbstractElasticPlastic(AbstractPlastic):
     the `damping` a. The contact never pulls, and the next touch starts afresh.
 
     A subclass defines `loading` and `unloading`, whose forces must agree at δ_m: `loading(δ_m)` =
-    K_u (δ_m - δ_p)ⁿ with 0 ≤ δ_p < δ_m. It sets `exponents` to a tuple of the one n of its way
-    back. `corners` lists where `loading` is not smooth, and `damping` returns a in s/m. The law is
-    solved by the event method, with the moments of unloading and reloading as events. Source:
-    Johnson (1985), Contact Mechanics, section 11.5, doi 10.1017/CBO9781139171731.
+    K_u (δ_m - δ_p)ⁿ with 0 ≤ δ_p < δ_m. An impact whose forces differ there by more than 1e-8 (3e-4
+    in single precision), relative, is NOT_CONVERGED. A subclass sets `exponents` to a tuple of the
+    one n of its way back. `corners` lists where `loading` is not smooth, and `damping` returns a in
+    s/m. The law is solved by the event method, with the moments of unloading and reloading as
+    events. Source: Johnson (1985), Contact Mechanics, section 11.5, doi
+    10.1017/CBO9781139171731.
     """
 
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)

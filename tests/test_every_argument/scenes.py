@@ -148,6 +148,18 @@ def cases() -> dict[str, Case]:
                 "seed": SEED,
             },
         ),
+        "export_scene": Case(
+            jc.export_scene,
+            {"scene": scene, "engine": "mujoco", "duration": 10.0, "velocity": (1.0, 2.0)},
+            {
+                "scene": NOTHING,
+                "engine": NOTHING,
+                "duration": POSITIVE,
+                "times": NONE | {"range"},
+                "tolerance": POSITIVE,
+                "velocity": NONE,
+            },
+        ),
         "read_scene": Case(jc.read_scene, {}, {"file": TEXT - {"empty text"}, "example": NOTHING}),
         "plot.scene": Case(
             functools.partial(_drawn, jc.plot.scene),

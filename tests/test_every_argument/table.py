@@ -20,19 +20,22 @@ def cases() -> dict[str, Case]:
 
 EXEMPT = {
     # Results, which the library makes
-    r"(Bounce|Calibration|CalibrationSummary|Design|Export|Fits?|FrictionCalibration|FrictionChoice|"
+    r"(Bounce|Calibration|CalibrationSummary|Design|EngineRun|Export|Fits?|FrictionCalibration|FrictionChoice|"
     r"Impact|Impacts|LawChoice|Margin|"
     r"ObliqueImpact|ObliqueTrajectory|"
-    r"Posterior|Recording|Run|ScaledImpact|States|Sweep|SystemContacts|SystemMargin|SystemPhases|"
+    r"Posterior|Recording|Run|ScaledImpact|SceneExport|States|Sweep|SystemContacts|SystemMargin|SystemPhases|"
     r"SystemRun|SystemStates|Trajectory|VelocityProfile)\(.*\)": ("a result, made by the library"),
     r"Luding\.force\(contact\)": "needs an exponent that the contacts of the table lack",
     r"FrictionChoice\.friction\(name\)": "see tests/test_calibration/test_oblique.py",
     r"Fits\.fit\(ball\)": "see tests/test_fit/test_many.py",
+    r"export_scene\(time_step\)|SceneExport\..*|EngineRun\..*|read_run\(.*\)": (
+        "see tests/test_export/test_scenes.py"
+    ),
     r"RecordingError\(.*\)": "an error, raised by the library",
     r"paper\.(Number|Published|Reproduction)\(.*\)": "a result, made by the library",
     r"(Status|FitStatus|Ending|Slip|SolvedBy)(\.names_of)?\(.*\)": "an enumeration of Python",
     # Called by the library, with arguments that are checked before
-    r"Abstract(Law|HuntCrossley|Form|Friction|Method|Shape)(\..*)?\(.*\)": (
+    r"Abstract(Law|HuntCrossley|ElasticPlastic|Form|Friction|Method|Shape)(\..*)?\(.*\)": (
         "an interface to fill in"
     ),
     r"Tangential(Outcome)?(\..*)?\(.*\)": "what the library and a friction law exchange",

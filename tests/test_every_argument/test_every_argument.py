@@ -29,6 +29,7 @@ def nothing_is_compiled(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     for module, name in [
         ("_calibration.oblique.start", "_predicted"),
+        ("_export.scenes.export_scene", "matched"),
         ("_fit.fit", "find"),
         ("_fit.fit", "find_all"),
         ("_fit.many.fit_many", "search_all"),

@@ -238,6 +238,8 @@ def test_finished_balls_leave_their_block(monkeypatch):
         ({"sigma": np.ones((3, 2))}, "have the shapes of `data`"),
         ({"sigma": 1.0, "weights": 1.0}, "both are given"),
         ({"loss": jc.Huber()}, "must be given with a `Huber` loss"),
+        ({"data": Y[:, 0]}, r"must have the axes \(balls, points\) without `balls`"),
+        ({"balls": [*range(10), np.nan]}, "`balls` must have one name for each of the 11 points"),
         ({"balls": ["a", "b"]}, "`balls` must have one name for each of the 11 points"),
         ({"start": {"a": np.ones(3)}, "own_start": True}, "first axis is that of the 11 balls"),
         ({"start": {"a": 1.0, "k": 1.0, "unused": 1.0}}, "does not use unused"),

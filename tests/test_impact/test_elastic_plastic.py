@@ -125,3 +125,29 @@ def test_a_law_of_two_exponents_is_refused():
 
     with pytest.raises(TypeError, match="one exponent of its way back"):
         jc.impact(Loose(jnp.asarray(1e6)), STEEL, 1.0)
+
+
+def test_curves_that_do_not_meet_are_flagged():
+    class Loose(FullyPlastic):
+        share: float = 1.0
+
+        def unloading(self, largest, contact):
+            stiffness, end = super().unloading(largest, contact)
+            return self.share * stiffness, end
+
+    law, shares = FullyPlastic(jnp.asarray(6e6)), (1.0, 0.5, 1.4)
+    status = [
+        int(jc.impact(Loose(law.s, share), STEEL, 1.0, throw=False).status) for share in shares
+    ]
+    assert status == [jc.Status.SEPARATED, jc.Status.NOT_CONVERGED, jc.Status.NOT_CONVERGED]
+    balls = [jc.Sphere(0.01, 0.03, [place], [speed]) for place, speed in ((0.0, 1.0), (0.03, 0.0))]
+    scene = jc.Scene(balls, Loose(law.s, 0.5), stiffness=1e8)
+    run = jc.simulate(scene, 0.1, instantaneous=True, throw=False)
+    assert run.status == jc.Ending.NOT_CONVERGED
+
+
+@pytest.mark.parametrize("name", ["corners", "unloading"])
+def test_curves_of_another_kind_are_refused(name):
+    law = type("Odd", (FullyPlastic,), {name: lambda self, *given: jnp.ones(())})
+    with pytest.raises(TypeError, match=rf"Odd\.{name}` must return"):
+        jc.impact(law(jnp.asarray(6e6)), STEEL, 1.0)

@@ -301,3 +301,14 @@ def test_a_contact_under_load_stays_or_separates():
         path = jc.trajectory(law, HERTZ, 0.5, external_force=float(weight[k]), samples=30)
         np.testing.assert_allclose(path.energy.total, 0.0375, rtol=1e-8)
         np.testing.assert_allclose(-path.velocity[-1] / 0.5, hit.restitution[k], rtol=1e-8)
+
+
+@pytest.mark.parametrize("law", [jc.ThorntonPlastic, functools.partial(jc.Viscoplastic, c=0.0)])
+def test_derivatives_of_one_time(law):
+    """A single impact has a program of its own, with α = 0 as a constant."""
+
+    def time(speed):
+        return jc.impact(law(yield_speed=0.3), HERTZ, speed).duration
+
+    differences = (time(2.0 + 1e-5) - time(2.0 - 1e-5)) / 2e-5
+    np.testing.assert_allclose(jax.grad(time)(2.0), differences, rtol=SLOPES)

@@ -19,7 +19,7 @@ from .engine import EqualSteps, scene_engine
 from .matched import matched
 from .model import scene_model
 from .read_run import read_run
-from .speeds import closing_speeds
+from .speeds import closing_speeds, require_range
 
 _EVEN = 1e-6
 """Largest deviation of output times from even spacing, relative to it."""
@@ -116,11 +116,11 @@ def export_scene(
     require_kind("scene", scene, Scene, "a `Scene`")
     duration = require_number("duration", duration, POSITIVE)
     tolerance = require_number("tolerance", tolerance, POSITIVE)
-    outputs = _outputs(times, duration)
+    outputs, ends = _outputs(times, duration), require_range(velocity)
     with jax.enable_x64(True):
         model = scene_model(scene, merges=model_of.merges)
         model_of.refuse(model)
-        speeds = closing_speeds(model, duration, velocity)
+        speeds = closing_speeds(model, duration, ends)
         found = matched(model, model_of, speeds, tolerance)
         steps = _steps(outputs, found.time_step, time_step)
         return SceneExport(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import equinox as eqx
 import numpy as np
 
-from ..._entry import POSITIVE, require_number
+from ..._entry import as_numbers, rendered
 from ..._scene import Ending
 from ..._scene.simulate import simulate_scene
 from .model import SceneModel
@@ -22,6 +23,19 @@ _MARGIN = 1.2
 """Largest speed over that of a run without duration of impacts, whose later impacts differ."""
 
 
+def require_range(velocity: Any) -> tuple[float, float] | None:
+    """Return the smallest and the largest closing speed, or None. Raises ValueError for others."""
+    if velocity is None:
+        return None
+    ends = as_numbers(velocity, "velocity")
+    if ends.shape != (2,) or not (np.isfinite(ends).all() and 0 < ends[0] <= ends[1]):
+        raise ValueError(
+            "Argument `velocity` must be the smallest and the largest closing speed, above 0, "
+            f"but is {rendered(velocity)}."
+        )
+    return float(ends[0]), float(ends[1])
+
+
 def closing_speeds(
     model: SceneModel, duration: float, velocity: tuple[float, float] | None
 ) -> np.ndarray:
@@ -32,7 +46,7 @@ def closing_speeds(
     speed of walls, and that of a fall through the whole scene.
     """
     if velocity is not None:
-        low, high = (require_number("velocity", value, POSITIVE) for value in velocity)
+        low, high = velocity
     else:
         low, high = _simulated(model, duration) or (0.0, _bound(model, duration))
     low = min(max(low, _SLOWEST * high), high)

@@ -226,7 +226,9 @@ class Lammps(Engine):
                     f"{damping!r}."
                 )
             return _dmt(wanted, wanted.law, radius)
-        kind = DAMPINGS[require_choice("damping", damping or "coeff_restitution", DAMPINGS)]
+        kind = DAMPINGS[
+            require_choice("damping", "coeff_restitution" if damping is None else damping, DAMPINGS)
+        ]
         law, stiffness, coefficient = kind.solve(wanted, radius)
         hooke = kind.normal == "hooke"
         normal = stiffness if hooke else stiffness / math.sqrt(radius)

@@ -46,9 +46,9 @@ def assess(
     threshold = np.inf if shared.threshold is None else float(shared.threshold)
     size = np.abs(ends.z)
     inside = np.sum(used & (size <= threshold), axis=1) / np.maximum(used.sum(axis=1), 1)
-    squares = np.sum(np.where(used, np.minimum(size, threshold), 0) ** 2, axis=1)
     dof = np.where(plain, used.sum(axis=1) - k, 0)
     with np.errstate(all="ignore"):
+        squares = np.sum(np.where(used, np.minimum(size, threshold), 0) ** 2, axis=1)
         noise = squares / dof / inside**2
         basis = np.swapaxes(vt, 1, 2) / s[:, None, :] / length[:, :, None]
         stretch = space.stretch(ends.values.T).T

@@ -25,7 +25,7 @@ class FitStatus(WordedEnum):
     AT_BOUND = 1, "A parameter ran to its bound, and has no standard error."
     NOT_IDENTIFIABLE = 2, "A parameter has no standard error: the data do not determine it."
     NOT_CONVERGED = 3, "The search did not converge. Try another start, or more `max_steps`."
-    NO_PREDICTION = 4, "The prediction is not finite at the start."
+    NO_PREDICTION = 4, "The prediction, or its loss, is not finite at the start."
     TOO_FEW_POINTS = 5, "There are more numbers to fit than points that count."
     INVALID_INPUT = 6, "Data are not finite, or `sigma`, weights or the start are out of range."
 

@@ -55,6 +55,11 @@ def tables_of(balls: Any, data: Any, x: Any, sigma: Any, weights: Any) -> Tables
         raise ValueError(f"Argument `data` must hold a number, but is {rendered(data)}.")
     count = len(columns[0]) if columns[0].ndim else 0
     _refuse_other_lengths("data", data, columns, count)
+    if balls is None and any(column.ndim < 2 for column in columns):
+        raise ValueError(
+            "Argument `data` must have the axes (balls, points) without `balls`, but is "
+            f"{rendered(data)}."
+        )
     layout = _layout_of(balls, count)
     given = _spread(sigma, weights, data, columns)
     spread, y = (_flat(layout, parts) for parts in (given, columns))

@@ -67,6 +67,9 @@ def groups_of(names: Any, count: int, argument: str = "groups") -> np.ndarray | 
     given = given.ravel()
     if given.dtype == object and not all(isinstance(x, str | int | float) for x in given):
         raise _no_names(names, count, argument)
+    # NaN stands for a missing name.
+    if given.dtype.kind in "fO" and any(x != x for x in given):
+        raise _no_names(names, count, argument)
     if given.size != count:
         raise ValueError(
             f"Argument `{argument}` must have one name for each of the {count} points, but has "

@@ -43,7 +43,8 @@ def at_bound_of(space: Space, found: SearchEnd, start: np.ndarray, used: np.ndar
     Otherwise the search must have stopped by itself with an outward step remaining.
     """
     below, above = near_bound(space, found, start)
-    scatter = np.sqrt(np.sum(found.z**2) / max(int(used.sum()) - start.size, 1))
+    with np.errstate(over="ignore"):
+        scatter = np.sqrt(np.sum(found.z**2) / max(int(used.sum()) - start.size, 1))
     noticeable = np.linalg.norm(found.jacobian, axis=0) > scatter
     outwards = (below & (found.step < 0)) | (above & (found.step > 0))
     creeps = ~found.still & outwards & found.stopped

@@ -44,6 +44,7 @@ from .state import (
     ACCUMULATED,
     CROWDED,
     FRICTION,
+    NOT_CONVERGED,
     PATIENCE,
     RUNNING,
     TWO_SUPPORTS,
@@ -331,6 +332,9 @@ def _solve_due(
         stuck = stuck | (tied & slow & ~choice.tail)
     stuck = jnp.where(stuck, ACCUMULATED, RUNNING)
     status = jnp.where(crowded, TWO_SUPPORTS, stuck)
+    if not rules.soft:
+        # A law that is not solved has no e.
+        status = jnp.where(jnp.isnan(outcome.restitution), NOT_CONVERGED, status)
     if layout.frictions is not None:
         status = jnp.where(curves | (outcome.status != 0), FRICTION, status)
     return _SolvedImpact(
