@@ -226,8 +226,10 @@ def _numbers(mujoco: Any, model: Any, geoms: Sequence[str] | None) -> np.ndarray
     """Return the numbers of the named geoms."""
     if geoms is None:
         return np.arange(model.ngeom)
-    numbers = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in geoms]
-    if isinstance(geoms, str) or not numbers or min(numbers) < 0:
+    texts = not isinstance(geoms, str) and all(isinstance(name, str) for name in geoms)
+    of = mujoco.mjtObj.mjOBJ_GEOM
+    numbers = [mujoco.mj_name2id(model, of, name) for name in geoms] if texts else []
+    if not numbers or min(numbers) < 0:
         raise ValueError(
             f"Argument `geoms` must be a list of names of geoms of the model, but is "
             f"{rendered(geoms)}."

@@ -101,9 +101,9 @@ def cases() -> dict[str, Case]:
             MANY,
             {
                 "predict": CALLABLE,
-                "data": OF_THREE | {"shape (1,)", "jax shape (1,)", "shape (2, 3)"},
+                "data": frozenset({"shape (2, 3)", "DataFrame"}),
                 "start": FIT_START,
-                "balls": NAMES | NONE,
+                "balls": (NAMES - {"with nan"}) | NONE,
                 "x": OF_THREE | NO_LEAVES | {"array of flags", "array of complex", "jax flags"},
                 "sigma": POSITIVE | NONE | {"shape (1,)", "jax shape (1,)", "DataFrame"},
                 "weights": POSITIVE | NONE | {"shape (1,)", "jax shape (1,)", "DataFrame"},

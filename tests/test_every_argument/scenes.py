@@ -156,7 +156,7 @@ def cases() -> dict[str, Case]:
                 "engine": NOTHING,
                 "duration": POSITIVE,
                 "times": NONE | {"range"},
-                "tolerance": POSITIVE,
+                "tolerance": INSIDE,
                 "velocity": NONE,
             },
         ),

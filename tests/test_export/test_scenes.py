@@ -272,3 +272,49 @@ def test_the_columns_are_those_of_simulate(tmp_path):
     np.testing.assert_allclose(run.energy, own.energy, rtol=1e-12)
     np.testing.assert_array_equal(run.position, own.position)
     assert run.spin is None and "spheres: 2 in 2D" in repr(run)
+
+
+def test_plastic_contacts_have_a_matched_e_in_exudyn():
+    """Exudyn's own plastic contact has no walls, and no parameter e."""
+    law = jc.WaltonBraun(ratio=2.0, slope=0.0)
+    made = exported(scene(law=law, exponent=1.0), "exudyn")
+    e = {contact.parameters["restitutionCoefficient"] for contact in made.contacts}
+    assert all(0 < value < 1 for value in e)
+    assert "contactPlasticityRatio" not in made.files["run.py"]
+    np.testing.assert_allclose(made.contacts[0].delivered, 2**-0.5, rtol=1e-6)
+
+
+def test_steps_get_what_the_law_leaves_of_the_tolerance():
+    ball, table = jc.Sphere(0.01, 0.03, [0.1]), jc.Plane([0.0], [1.0])
+    falling = jc.Scene([ball, table], jc.Bridges(0.9, 0.01, 0.3), stiffness=1e6, gravity=[-9.81])
+    made = exported(falling, "lammps", tolerance=0.05)
+    assert made.keeps_tolerance and made.expected_error == pytest.approx(0.05)
+
+
+def test_friction_widens_the_closing_speeds():
+    """A belt or a spin may throw a ball at another body."""
+    slow = exported(scene(), "lammps", velocity=None).velocity
+    friction = jc.SpringSlider(0.5, ratio=0.8)
+    still = exported(scene(friction=friction), "lammps", velocity=None).velocity
+    assert still[1] >= slow[1]
+    belt = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady([20.0, 0.0]))
+    assert (
+        exported(scene(*BALLS, belt, friction=friction), "lammps", velocity=None).velocity[1] > 20
+    )
+
+
+@pytest.mark.parametrize("cut", [-3, -1])
+def test_a_cut_file_is_refused(tmp_path, cut):
+    run = jc.simulate(scene(), TIMES[-1], times=TIMES, instantaneous=True)
+    path = tmp_path / "run.csv"
+    run.to_csv(path)
+    whole = path.read_text()
+    path.write_text(whole[:cut])
+    with pytest.raises(ValueError, match=r"run\.csv must be the"):
+        jc.read_run(path, "mujoco", scene())
+    path.write_text(whole.splitlines()[0] + "\n")
+    with pytest.raises(ValueError, match=r"run\.csv must"):
+        jc.read_run(path, "mujoco", scene())
+    path.write_text("ITEM: TIMESTEP\n0\nITEM: ATOMS id\n")
+    with pytest.raises(ValueError, match=r"run\.csv must"):
+        jc.read_run(path, "lammps", scene())

@@ -10,7 +10,16 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from ..._entry import POSITIVE, as_numbers, rendered, require_kind, require_number, require_path
+from ..._entry import (
+    FRACTION,
+    POSITIVE,
+    as_numbers,
+    refuses_unknown,
+    rendered,
+    require_kind,
+    require_number,
+    require_path,
+)
 from ..._scene import EngineRun, Scene
 from ..._text.files import write_all
 from ..._text.table import text_table
@@ -61,8 +70,17 @@ class SceneExport:
         write_all({path / name: text.encode() for name, text in self.files.items()})
 
     def read(self, folder: str | os.PathLike[str]) -> EngineRun:
-        """Read the output of a run in this folder; see `read_run`."""
-        return read_run(require_path("folder", folder) / self.output, self.engine, self.scene)
+        """Read the output of a run in this folder; see `read_run`. Raises ValueError, too, if the
+        run did not reach its end.
+        """
+        path = require_path("folder", folder) / self.output
+        run = read_run(path, self.engine, self.scene)
+        end = self.steps * self.time_step
+        if abs(run.reached - end) > 1.5 * self.time_step:
+            raise ValueError(
+                f"{path} must have the states until {end:.6g} s, but ends at {run.reached:.6g} s."
+            )
+        return run
 
     def __repr__(self) -> str:
         low, high = self.velocity
@@ -82,6 +100,7 @@ class SceneExport:
         return "\n".join([*lines, *(f"  limit of {limit}" for limit in limits)])
 
 
+@refuses_unknown
 def export_scene(
     scene: Scene,
     engine: str,
@@ -104,9 +123,10 @@ def export_scene(
       for which the steps change no e by more than the `tolerance`.
     - `tolerance`: of e, absolute.
     - `velocity`: the smallest and the largest closing speed in m/s. By default, up to 8 spheres are
-      simulated with instantaneous impacts. For more, the largest speed is a bound from the start
-      velocities, the walls' and the depth of a fall. The smallest is at least a tenth of the
-      largest. A law whose e does not depend on speed is matched at all speeds.
+      simulated with instantaneous impacts. For more, and with friction, the largest speed is
+      estimated from the start velocities, spins, the walls' speeds and the depth of a fall within
+      the scene as it starts. Spheres that leave it may be faster. The smallest is at least a tenth
+      of the largest. A law whose e does not depend on speed is matched at all speeds.
 
     Returns a `SceneExport`, whose `expected_error` is also given where it is above the tolerance.
     Computes in double precision for any setting of JAX. Raises ValueError for what the engine
@@ -115,7 +135,7 @@ def export_scene(
     model_of = scene_engine(engine)
     require_kind("scene", scene, Scene, "a `Scene`")
     duration = require_number("duration", duration, POSITIVE)
-    tolerance = require_number("tolerance", tolerance, POSITIVE)
+    tolerance = require_number("tolerance", tolerance, FRACTION)
     outputs, ends = _outputs(times, duration), require_range(velocity)
     with jax.enable_x64(True):
         model = scene_model(scene, merges=model_of.merges)

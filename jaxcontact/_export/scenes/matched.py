@@ -24,8 +24,8 @@ class Matched:
     """The contacts of a scene in an engine.
 
     `exports` has the parameters for each pair of groups. `time_step` in s is the longest with which
-    no e changes by more than `tolerance` at the largest closing speed, `speed` in m/s. `law_error`
-    is the largest error of e with short steps, over the closing speeds.
+    no e changes by more than `tolerance`, that of the steps, at the largest closing speed, `speed`
+    in m/s. `law_error` is the largest error of e with short steps, over the closing speeds.
     """
 
     exports: Mapping[Pair, Export]
@@ -63,13 +63,15 @@ def matched(
     exports, highest = {}, float(speeds[-1])
     for pair, touch in model.touches.items():
         exports[pair] = _closest(touch, engine, speeds)
-    steps = [_longest(made, highest, tolerance) for made in _several(exports)]
+    law_error = max(float(np.max(np.abs(made.error))) for made in exports.values())
+    # The steps get what the law leaves; if that is nothing, the tolerance is missed anyway.
+    left = tolerance - law_error if law_error < tolerance else tolerance
     return Matched(
         exports=exports,
-        time_step=min(steps),
-        law_error=max(float(np.max(np.abs(made.error))) for made in exports.values()),
+        time_step=min(_longest(made, highest, left) for made in _several(exports)),
+        law_error=law_error,
         speed=highest,
-        tolerance=tolerance,
+        tolerance=left,
     )
 
 

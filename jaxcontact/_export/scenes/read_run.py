@@ -21,7 +21,19 @@ def read_run(file: str | os.PathLike[str], engine: str, scene: Scene) -> EngineR
     """
     path = require_path("file", file)
     model = scene_model(require_kind("scene", scene, Scene, "a `Scene`"), merges=True)
-    states = scene_engine(engine).read(path, scene)
+    source = scene_engine(engine)
+    with path.open("rb") as raw:
+        raw.seek(max(raw.seek(0, os.SEEK_END) - 1, 0))
+        whole = raw.read() == b"\n"
+    try:
+        states = source.read(path, scene)
+        whole = whole and all(np.isfinite(x).all() for x in states.values())
+    except (ValueError, IndexError, StopIteration) as error:
+        raise ValueError(f"{path} must be the output of {engine!r}, but {error}.") from error
+    if not whole or len(states["time"]) == 0:
+        raise ValueError(f"{path} must be the whole output of {engine!r}, but is cut or has NaN.")
+    if ("spin" in states) != (scene.friction is not None):
+        raise ValueError(f"{path} must have the spins of `scene`, and none without friction.")
     count = len(model.radius), model.dimensions
     if states["position"].shape[1:] != count:
         raise ValueError(

@@ -41,14 +41,19 @@ def closing_speeds(
 ) -> np.ndarray:
     """Return closing speeds in m/s, ascending, between the given ones or those that occur.
 
-    Up to `FEW` spheres are simulated with impacts of no duration. For more, and where that run has
-    no impact, the largest speed is a bound. It has the largest difference of two velocities, the
-    speed of walls, and that of a fall through the whole scene.
+    Up to `FEW` spheres are simulated with impacts of no duration. For more, with friction, and if
+    that run has no impact, the largest speed is estimated. It has the largest difference of two
+    velocities, the speeds of walls and of turning surfaces, and that of a fall through the scene as
+    it starts.
     """
     if velocity is not None:
         low, high = velocity
     else:
-        low, high = _simulated(model, duration) or (0.0, _bound(model, duration))
+        found = _simulated(model, duration)
+        low, high = found or (0.0, 0.0)
+        # Friction may turn a spin or the speed of a belt into closing speeds.
+        if found is None or model.scene.friction is not None:
+            high = max(high, _estimate(model, duration))
     low = min(max(low, _SLOWEST * high), high)
     return np.geomspace(low, high, _COUNT) if low < high else np.array([high])
 
@@ -76,7 +81,7 @@ def _simulated(model: SceneModel, duration: float) -> tuple[float, float] | None
     return float(speeds.min()), _MARGIN * float(speeds.max())
 
 
-def _bound(model: SceneModel, duration: float) -> float:
+def _estimate(model: SceneModel, duration: float) -> float:
     moving = [m for m in model.motions.values() if m is not None]
     moving += [wall.motion for wall in (*model.flat, *model.round) if wall.motion is not None]
     fastest = [np.linalg.norm(m.speed) + m.rate * np.linalg.norm(m.amplitude) for m in moving]
@@ -89,8 +94,14 @@ def _bound(model: SceneModel, duration: float) -> float:
     depth = 0.0
     if pull > 0:
         depth = float(np.dot(high - low, np.abs(model.gravity)) / pull)
-    fall = min(math.sqrt(2 * pull * depth), pull * duration)
-    speed = math.hypot(spread, fall) + 2 * max(map(float, fastest), default=0.0)
+    fall = pull * duration
+    endless = any(
+        p is not None and g != 0 for p, g in zip(model.periods, model.gravity, strict=True)
+    )
+    if not endless:
+        fall = min(math.sqrt(2 * pull * depth), fall)
+    rolling = float(np.max(np.linalg.norm(model.spin, axis=1) * model.radius))
+    speed = math.hypot(spread, fall) + 2 * max([rolling, *map(float, fastest)])
     if not speed > 0:
         raise ValueError(
             "Argument `velocity` must be given for a scene in which nothing moves at the start, "

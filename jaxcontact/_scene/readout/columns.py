@@ -54,7 +54,10 @@ def states_in_csv(path: pathlib.Path) -> dict[str, np.ndarray]:
     """
     with path.open(newline="") as file:
         heads = next(csv.reader(file), [])
-        values = np.loadtxt(file, delimiter=",", ndmin=2)
+        lines = file.readlines()
+    if not lines:
+        raise ValueError(f"{path} must have a row for each time, but has none.")
+    values = np.loadtxt(lines, delimiter=",", ndmin=2)
     arrays: dict[str, np.ndarray] = {}
     for name in ("time", "energy", "position", "velocity", "spin"):
         named = [k for k, head in enumerate(heads) if head.partition("[")[0] == name]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from ...._entry import rendered
 from ...._friction import RegularizedCoulomb
 from ...result import Export
 from ..engine import EqualSteps, SceneEngine, refuse_all, register_scene_engine
-from ..model import SceneModel
+from ..model import SceneModel, Touch
 from ..script import script
 
 _MOST = 30
@@ -139,6 +140,10 @@ class ExudynScene(SceneEngine):
                 f"Argument `scene` must have at most {_MOST} spheres for Exudyn, where each pair "
                 f"has a connector, but has {len(model.radius)}."
             )
+
+    def options(self, touch: Touch, constant: bool) -> Iterable[Mapping[str, Any]]:
+        # Its plastic contacts are of spheres only.
+        return ({"impact_model": 2},)
 
     def files(
         self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps

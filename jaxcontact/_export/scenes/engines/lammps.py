@@ -261,14 +261,14 @@ def _numbers(values: np.ndarray) -> str:
 
 def _read_dump(path: Path, scene: Scene) -> dict[str, np.ndarray]:
     """Return the states of a dump file: (T,) and (T, N, D)."""
-    times, frames = [], []
+    times, frames, count = [], [], None
     with path.open() as file:
         for line in file:
             if line.startswith("ITEM: TIME") and "STEP" not in line:
                 times.append(float(next(file)))
             elif line.startswith("ITEM: NUMBER"):
                 count = int(next(file))
-            elif line.startswith("ITEM: ATOMS"):
+            elif line.startswith("ITEM: ATOMS") and count is not None:
                 frames.append(np.loadtxt(file, max_rows=count, ndmin=2))
     if not frames or len(times) != len(frames):
         raise ValueError(f"{path} must be a dump of an exported scene, but has no complete frame.")
