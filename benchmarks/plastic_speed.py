@@ -119,7 +119,10 @@ def neck() -> Force:
         return 4 / 3 * NECK.modulus * a**3 - jnp.sqrt(8 * math.pi * NECK.work * NECK.modulus * a**3)
 
     law = jc.JKR(pull_off=NECK.pull_off)
-    known = lambda x, v, most: NECK.force(x)  # noqa: E731
+
+    def known(x: float, v: float, most: float) -> float:
+        return NECK.force(x)
+
     return Force(law, 1.5, force, lambda most: jnp.full_like(most, NECK.snap), known)
 
 

@@ -94,8 +94,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--tolerance",
         metavar="E",
         type=positive,
-        default=1e-3,
-        help="with --to: error of e that the time step may cause (default: 0.001)",
+        help="with --to: error of e that the model may have (default: 0.001)",
     )
     words = "draw the paths, and the energy below them; .png, .pdf or .svg"
     parser.add_argument("--plot", metavar="FILE", help=words)
@@ -127,8 +126,8 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         text = examples().get(arguments.example)
         print(pathlib.Path(arguments.file).read_text() if text is None else text, end="")
         return 0
-    if arguments.to is None and arguments.time_step is not None:
-        raise InputError("--time-step is that of the engine of --to, which is missing")
+    if arguments.to is None and (arguments.time_step or arguments.tolerance):
+        raise InputError("--time-step and --tolerance are those of --to, which is missing")
     if arguments.to is not None:
         return _export(arguments, scene, how, progress)
     axes = _axes(arguments.axes, scene.dimensions)
@@ -184,7 +183,7 @@ def _export(
             how["duration"],
             times=how["times"],
             time_step=arguments.time_step,
-            tolerance=arguments.tolerance,
+            tolerance=arguments.tolerance or 1e-3,
         )
     made.write(arguments.out)
     if arguments.json:

@@ -84,6 +84,11 @@ def scene_engines() -> list[str]:
     return sorted(_ENGINES)
 
 
+def spaced(values: Iterable[float]) -> str:
+    """Return numbers with all their digits, as engines read them."""
+    return " ".join(f"{value:.17g}" for value in values)
+
+
 def refuse_all(
     model: SceneModel,
     engine: str,

@@ -120,7 +120,7 @@ def export_scene(
     - `duration`: in s. `times` (T,): output times in s, from 0 in equal steps. Default: start and
       end.
     - `time_step`: in s, a whole fraction of the time between two outputs. By default the longest
-      for which the steps change no e by more than the `tolerance`.
+      for which the steps change no e by more than the engine's law leaves of the `tolerance`.
     - `tolerance`: of e, absolute.
     - `velocity`: the smallest and the largest closing speed in m/s. By default, up to 8 spheres are
       simulated with instantaneous impacts. For more, and with friction, the largest speed is

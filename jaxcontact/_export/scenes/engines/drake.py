@@ -8,7 +8,7 @@ import numpy as np
 
 from ...._entry import rendered
 from ...result import Export
-from ..engine import EqualSteps, SceneEngine, refuse_all, register_scene_engine
+from ..engine import EqualSteps, SceneEngine, refuse_all, register_scene_engine, spaced
 from ..model import SceneModel
 from ..script import script
 
@@ -123,13 +123,13 @@ def _sdf(model: SceneModel, exports: Mapping[tuple[int, int], Export]) -> str:
     def add(name: str, title: str, place: np.ndarray, shape: str, inertial: str | None) -> None:
         still = "<static>true</static>" if inertial is None else ""
         lines.append(
-            f'<model name="{name}">{still}<pose>{_numbers(place)} 0 0 0</pose>  <!-- {title} -->\n'
+            f'<model name="{name}">{still}<pose>{spaced(place)} 0 0 0</pose>  <!-- {title} -->\n'
             f'  <link name="link">{inertial or ""}<collision name="shape"><geometry>{shape}'
             f"</geometry>\n  {properties}</collision></link>\n</model>"
         )
 
     for k, wall in enumerate(model.flat):
-        shape = f"<plane><normal>{_numbers(wall.normal)}</normal></plane>"
+        shape = f"<plane><normal>{spaced(wall.normal)}</normal></plane>"
         add(f"wall{k}", model.name(wall.body), wall.point, shape, None)
     for k, radius in enumerate(model.radius):
         inertial = None
@@ -143,7 +143,3 @@ def _sdf(model: SceneModel, exports: Mapping[tuple[int, int], Export]) -> str:
         shape = f"<sphere><radius>{radius:.17g}</radius></sphere>"
         add(f"sphere{k}", model.name(int(model.body[k])), model.position[k], shape, inertial)
     return "\n".join([*lines, "</world>", "</sdf>"]) + "\n"
-
-
-def _numbers(values: np.ndarray) -> str:
-    return " ".join(f"{value:.17g}" for value in values)

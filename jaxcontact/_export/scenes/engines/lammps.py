@@ -13,7 +13,7 @@ from ...._entry import rendered
 from ...._friction import SpringSlider
 from ...._scene import Scene
 from ...result import Export
-from ..engine import EqualSteps, SceneEngine, register_scene_engine
+from ..engine import EqualSteps, SceneEngine, register_scene_engine, spaced
 from ..model import Moving, SceneModel, Touch
 
 _MOST = 40
@@ -117,7 +117,7 @@ def _input(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: 
     lines.append(f"fix motion mobile nve/sphere{turning}")
     pull = float(np.linalg.norm(model.gravity))
     if pull > 0:
-        lines.append(f"fix gravity mobile gravity {pull:.17g} vector {_numbers(model.gravity)}")
+        lines.append(f"fix gravity mobile gravity {pull:.17g} vector {spaced(model.gravity)}")
     lines += _fixed(model) if fixed else []
     lines += _walls(model, exports)
     if flat_space:
@@ -215,9 +215,9 @@ def _walls(model: SceneModel, exports: Mapping[tuple[int, int], Export]) -> list
         return names.setdefault(tuple(sorted(types)), f"types{len(names)}")
 
     shapes: list[tuple[Any, str]] = [
-        (wall, f"plane {_numbers(wall.point)} {_numbers(wall.normal)}") for wall in model.flat
+        (wall, f"plane {spaced(wall.point)} {spaced(wall.normal)}") for wall in model.flat
     ]
-    shapes += [(wall, f"sphere {_numbers(wall.centre)} {wall.radius:.17g}") for wall in model.round]
+    shapes += [(wall, f"sphere {spaced(wall.centre)} {wall.radius:.17g}") for wall in model.round]
     for number, (wall, shape) in enumerate(shapes):
         name = f"wall{number}_{model.name(wall.body)}"
         moves = ""
@@ -253,10 +253,6 @@ def _variables(name: str, motion: Moving) -> list[str]:
 
 def _types(groups: Iterable[int]) -> str:
     return " ".join(str(k + 1) for k in groups)
-
-
-def _numbers(values: np.ndarray) -> str:
-    return " ".join(f"{value:.17g}" for value in values)
 
 
 def _read_dump(path: Path, scene: Scene) -> dict[str, np.ndarray]:

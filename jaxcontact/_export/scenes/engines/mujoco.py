@@ -9,7 +9,7 @@ import numpy as np
 from ...._entry import rendered
 from ...result import Export
 from ...simulators.mujoco import IMPEDANCE
-from ..engine import EqualSteps, SceneEngine, refuse_all, register_scene_engine
+from ..engine import EqualSteps, SceneEngine, refuse_all, register_scene_engine, spaced
 from ..model import SceneModel
 from ..script import script
 
@@ -75,8 +75,8 @@ def _xml(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: Eq
     geoms = [(wall.group, f"wall{k}") for k, wall in enumerate(model.flat)]
     geoms += [(int(group), f"sphere{k}") for k, group in enumerate(model.group)]
     bodies = [
-        f'    <geom name="wall{k}" type="plane" size="0 0 1" pos="{_numbers(wall.point)}" '
-        f'zaxis="{_numbers(wall.normal)}"/>  <!-- {model.name(wall.body)} -->'
+        f'    <geom name="wall{k}" type="plane" size="0 0 1" pos="{spaced(wall.point)}" '
+        f'zaxis="{spaced(wall.normal)}"/>  <!-- {model.name(wall.body)} -->'
         for k, wall in enumerate(model.flat)
     ]
     places, speeds = [], []
@@ -84,20 +84,20 @@ def _xml(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: Eq
         shape = f'<geom name="sphere{k}" type="sphere" size="{model.radius[k]:.17g}"'
         title = f"  <!-- {model.name(int(model.body[k]))} -->"
         if k in model.motions:
-            bodies.append(f'    {shape} pos="{_numbers(place)}"/>{title}')
+            bodies.append(f'    {shape} pos="{spaced(place)}"/>{title}')
             continue
-        inertia = _numbers(np.full(3, model.inertia[k]))
+        inertia = spaced(np.full(3, model.inertia[k]))
         joints = "<freejoint/>"
         if axes < 3:
             unit = np.eye(3)[:axes]
-            joints = "".join(f'<joint type="slide" axis="{_numbers(axis)}"/>' for axis in unit)
+            joints = "".join(f'<joint type="slide" axis="{spaced(axis)}"/>' for axis in unit)
         bodies.append(
-            f'    <body name="sphere{k}" pos="{_numbers(place)}">{joints}<inertial pos="0 0 0" '
+            f'    <body name="sphere{k}" pos="{spaced(place)}">{joints}<inertial pos="0 0 0" '
             f'mass="{model.mass[k]:.17g}" diaginertia="{inertia}"/>{shape}/></body>{title}'
         )
-        places.append(_numbers([*place, 1, 0, 0, 0]) if axes == 3 else _numbers(np.zeros(axes)))
+        places.append(spaced([*place, 1, 0, 0, 0]) if axes == 3 else spaced(np.zeros(axes)))
         turning = [*velocity, *model.spin[k]] if axes == 3 else velocity[:axes]
-        speeds.append(_numbers(turning))
+        speeds.append(spaced(turning))
     pairs = []
     for b, (second, name) in enumerate(geoms):
         for first, other in geoms[:b]:
@@ -111,7 +111,7 @@ def _xml(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: Eq
                 )
     lines = [
         '<mujoco model="scene">',
-        f'  <option timestep="{steps.length:.17g}" gravity="{_numbers(model.gravity)}" '
+        f'  <option timestep="{steps.length:.17g}" gravity="{spaced(model.gravity)}" '
         'integrator="Euler" tolerance="1e-12"/>',
         "  <default>",
         '    <geom contype="0" conaffinity="0"/>',
@@ -128,7 +128,3 @@ def _xml(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: Eq
         "</mujoco>",
     ]
     return "\n".join(lines) + "\n"
-
-
-def _numbers(values: np.ndarray | list) -> str:
-    return " ".join(f"{value:.17g}" for value in values)
