@@ -142,6 +142,7 @@ def test_a_scene_becomes_the_model_of_an_engine(tmp_path, capsys):
         ("fall.toml --to lammps", "--to needs --out"),
         ("fall.toml --to lammps --out x --plot a.png", "--to makes none"),
         ("fall.toml --time-step 0.1", "--to, which is missing"),
+        ("fall.toml --tolerance 0.1", "--to, which is missing"),
         ("fall.toml --to lammps --out x", "must have a `stiffness`"),
         ("fall.toml --to yade --out x", "must be one of"),
     ],

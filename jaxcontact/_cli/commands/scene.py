@@ -126,10 +126,9 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         text = examples().get(arguments.example)
         print(pathlib.Path(arguments.file).read_text() if text is None else text, end="")
         return 0
-    if arguments.to is None and (arguments.time_step or arguments.tolerance):
-        raise InputError("--time-step and --tolerance are those of --to, which is missing")
     if arguments.to is not None:
         return _export(arguments, scene, how, progress)
+    _refuse_options_of_models(arguments)
     axes = _axes(arguments.axes, scene.dimensions)
     progress("compiling and running the scene")
     with input_errors(lambda text: f"{arguments.file or arguments.example}: {text}"):
@@ -194,6 +193,12 @@ def _export(
         print(made)
         print(f"Written    {arguments.out}")
     return 0 if made.keeps_tolerance else 1
+
+
+def _refuse_options_of_models(arguments: argparse.Namespace) -> None:
+    """Raise InputError for options that only a model for an engine has."""
+    if arguments.time_step or arguments.tolerance:
+        raise InputError("--time-step and --tolerance are those of --to, which is missing")
 
 
 def _axes(text: str | None, dimensions: int) -> tuple[int, ...] | None:
