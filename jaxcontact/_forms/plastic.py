@@ -75,7 +75,8 @@ class AbstractPlasticForm(AbstractForm):
         way_back = self.unloading(jnp.where(deepest > 0, deepest, 1))
         return dataclasses.replace(self, deepest=deepest, way_back=way_back)
 
-    def _damped(self, v: Lane) -> Lane | float:
+    def damped(self, v: Lane) -> Lane | float:
+        """Return the factor 1 + αv of the force."""
         return 1.0 if self.alpha is None else 1 + self.alpha * v
 
     def _back(self, x: Lane) -> tuple[Lane, Lane]:
@@ -86,7 +87,7 @@ class AbstractPlasticForm(AbstractForm):
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
         factor, left = self._back(x)
         back = factor * signed_power(left, self.own_exponent)
-        return jnp.where(compressing, self.loading(x), back) * self._damped(v)
+        return jnp.where(compressing, self.loading(x), back) * self.damped(v)
 
     def pulling(
         self, w: Lane, v: Lane, n: Exponent, compressing: Flag, order: int | None = None
@@ -94,7 +95,7 @@ class AbstractPlasticForm(AbstractForm):
         x = w ** (order or self.order(n))
         left = self._back(x)[1]
         # The way back ends at x_p, or where strong damping pulls.
-        gap = jnp.where(left < 0, left, left * self._damped(v))
+        gap = jnp.where(left < 0, left, left * self.damped(v))
         return jnp.where(compressing, self.force(x, v, n, compressing), gap)
 
     def stored(self, w: Lane, n: Exponent, order: int | None = None) -> Lane:
@@ -157,6 +158,12 @@ class YieldingForm(AbstractPlasticForm):
 
     root: Lane
     own_exponent: ClassVar[float] = 1.5
+    never_pulls: ClassVar[bool] = True
+
+    @property
+    def follows_phase_angle(self) -> bool:
+        """False: the contact ends at x_p."""
+        return False
 
     def sound(self) -> tuple[YieldingForm, Flag]:
         good = (self.root > 0) & jnp.isfinite(self.root)
@@ -183,6 +190,21 @@ class YieldingForm(AbstractPlasticForm):
         force = self.loading(inside)
         factor = jnp.sqrt(power(inside, 1.5) / force)
         return factor, jnp.where(yielded, inside - force / jnp.sqrt(inside), 0)
+
+    def plastic(self) -> Lane:
+        """Return the x_p of a contact that unloads; 0 for one that loads."""
+        if self.deepest is None or self.way_back is None:
+            return jnp.zeros_like(self.root)
+        return jnp.where(self.deepest > 0, self.way_back[1], 0)
+
+    def force_at(self, w: Lane, compressing: Flag) -> Lane:
+        """Return the force without damping at x = x_p + w², in which it is a polynomial."""
+        cube, root = w**3, self.root
+        beyond = jnp.maximum(jnp.square(w) - root**2, 0)
+        load = jnp.where(w < root, cube, root**3 + 1.5 * root * beyond)
+        if self.way_back is None:
+            return load
+        return jnp.where(compressing, load, self.way_back[0] * cube)
 
     def _loaded(self, energy: Lane) -> tuple[Lane, Lane]:
         """Return x and F at which the work of loading is `energy` > 0."""

@@ -20,7 +20,14 @@ from .._entry import (
     require_broadcast,
     sanitised,
 )
-from .._forms import AbstractForm, HuntCrossleyForm, Scale, SpeedDependentForm, scale_of
+from .._forms import (
+    AbstractForm,
+    HuntCrossleyForm,
+    Scale,
+    SpeedDependentForm,
+    YieldingForm,
+    scale_of,
+)
 from .._laws import (
     VELOCITY_THRESHOLD,
     AbstractLaw,
@@ -29,6 +36,7 @@ from .._laws import (
 )
 from .motion.motion import Motion
 from .motion.neck import NeckMotion
+from .motion.yielding import YieldingMotion
 
 SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)
 FORCE = Range(inside=0.0)
@@ -130,6 +138,8 @@ class Lanes(eqx.Module):
         # seconds. A barrier for each number avoids tangents for numbers that have none.
         numbers = (self.form, self.exponent, self.push)
         form, exponent, push = jax.tree.map(jax.lax.optimization_barrier, numbers)
+        if isinstance(form, YieldingForm):
+            return YieldingMotion(form, exponent, push)
         kind = NeckMotion if form.ends_apart else Motion
         return kind(form, exponent, push, peak=self.peak)
 

@@ -159,7 +159,7 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
     motion = motion.remembering(deepest)
     fractions = jnp.linspace(0, 1, samples, dtype=end.t.dtype)
 
-    def sample(fraction: Number) -> tuple[State, Number, Number, Number]:
+    def sample(fraction: Number) -> tuple[State, Number, Number, Number, Number]:
         moment = fraction * end.t
         on_way_in = moment <= turn.t
         path = jax.tree.map(lambda leaf: jnp.where(on_way_in, leaf[0], leaf[1]), legs.path)
@@ -168,15 +168,15 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
         inside = state._replace(w=jnp.maximum(state.w, 0))
         force, loss = motion.force(state, on_way_in), motion.lost(state)
         if not motion.form.remembers:
-            return state, force, motion.stored(inside), loss
+            return state, motion.indentation(inside.w), force, motion.stored(inside), loss
+        now = motion.remembering(jnp.where(on_way_in, 0, deepest))
+        x = now.indentation(inside.w)
         # On the way in every indentation is the largest one so far.
-        x = motion.indentation(inside.w)
-        now = motion.remembering(jnp.where(on_way_in, x, deepest))
-        return state, force, now.stored(inside), loss + jnp.where(on_way_in, now.form.kept(x), 0)
+        loss = loss + jnp.where(on_way_in, now.form.kept(x), 0)
+        return state, x, force, now.stored(inside), loss
 
     balance = balance_of(motion, end, deepest)
-    states, forces, elastic, losses = jax.vmap(sample)(fractions)
-    depth = motion.indentation(jnp.maximum(states.w, 0)).at[0].set(0)
+    states, depth, forces, elastic, losses = jax.vmap(sample)(fractions)
     converged = was_followed(motion, legs.arrived, end, balance, how)
     settled = motion.settled(end)
     if motion.form.remembers or motion.adheres:
@@ -186,7 +186,7 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
         converged = converged & (settled | ~on.returns)
     return _Path(
         t=fractions * end.t,
-        x=depth,
+        x=depth.at[0].set(0),
         v=jax.vmap(motion.velocity)(states),
         force=forces if motion.form.tension else jnp.maximum(forces, 0),
         elastic=elastic,

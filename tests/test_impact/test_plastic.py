@@ -303,6 +303,22 @@ def test_a_contact_under_load_stays_or_separates():
         np.testing.assert_allclose(-path.velocity[-1] / 0.5, hit.restitution[k], rtol=1e-8)
 
 
+def test_strong_damping_under_a_pull():
+    """The pull makes the bodies faster than K/c, where the force vanishes above x_p."""
+    law, pull = jc.Viscoplastic(yield_speed=0.1, c=2e9), jnp.array([-100.0, -500.0, -2000.0])
+    hit = jc.impact(law, HERTZ, 0.5, external_force=pull)
+    ends = jc.trajectory(law, HERTZ, 0.5, external_force=pull, samples=2).indentation[:, -1]
+    for k, force in enumerate(pull):
+        found = follow(
+            [thornton(0.3, 2e8, 0.1, 2e9)], [0.3, 1e30], [0.0], [0.5, 0.0], 0.01,
+            lambda t, a=float(force) / 0.3: np.array([a, 0.0]),
+        )  # fmt: skip
+        after = found.opening[0] - hit.duration[k]
+        coasts = hit.rebound_velocity[k] * after - force / 0.6 * after**2
+        np.testing.assert_allclose(coasts, ends[k], atol=1e-8 * hit.max_indentation[k])
+    np.testing.assert_allclose(hit.rebound_velocity, 2e8 / 2e9, rtol=1e-9)
+
+
 @pytest.mark.parametrize("law", [jc.ThorntonPlastic, functools.partial(jc.Viscoplastic, c=0.0)])
 def test_derivatives_of_one_time(law):
     """A single impact has a program of its own, with α = 0 as a constant."""

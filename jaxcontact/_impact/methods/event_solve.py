@@ -231,7 +231,10 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     followed = follow(motion, legs, creeps_early, how)
     turn, creeps = followed.turn, followed.creeps
     max_indentation = motion.indentation(turn.w)
-    motion = motion.remembering(max_indentation)
+    begun = turn
+    if motion.form.remembers:
+        # From the turn on, the energy that the contact keeps counts as lost.
+        motion, begun = motion.after_turn(turn)
     last, arrived = followed.end, followed.arrived
     if returned is not None:
         # Not if implicit steps have solved the way out again.
@@ -256,17 +259,14 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     if motion.push is not None:
         # A contact with too little energy to separate stays, regardless of its way out.
         rtol, _ = how.tolerances(turn.w.dtype)
-        if motion.form.remembers:
-            # From the turn on, the energy that the contact keeps counts as lost.
-            turn = motion.after_turn(turn)[1]
-        sound = balance_of(motion, turn, max_indentation).error <= _IMBALANCE * rtol
-        held = followed.arrived[0] & sound & (motion.held(turn) | motion.held(end))
+        sound = balance_of(motion, begun, max_indentation).error <= _IMBALANCE * rtol
+        held = followed.arrived[0] & sound & (motion.held(begun) | motion.held(end))
         spent = is_spent(motion, end, rtol)
         if motion.form.remembers or motion.adheres:
             # Such a contact also stays if its remaining energy is elastic.
             spent = spent | held
-        known = jnp.where(settled | held, spent, end_is_sharp(motion, turn, end, rtol))
-        known = known & turn_is_sharp(motion, turn, _finest(rtol, turn.w.dtype), rtol)
+        known = jnp.where(settled | held, spent, end_is_sharp(motion, begun, end, rtol))
+        known = known & turn_is_sharp(motion, begun, _finest(rtol, turn.w.dtype), rtol)
         converged = ((converged | held) & known) | creeps
         settled = settled | held | creeps
         # A contact that creeps to rest never turns: any turn found is due to rounding, and its way

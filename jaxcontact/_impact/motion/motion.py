@@ -180,9 +180,14 @@ class Motion(eqx.Module):
         outer = signed_power(state.w, self.order * (self.n - self.softness[1] + 1) - 1)
         return outer * self.pulling(state, compressing)
 
+    def dissipation(self, state: State, compressing: Flag) -> Number:
+        """Return w^(k-1) (f(x, v) - f(x, 0)) v, the rate of dissipation by damping."""
+        velocity = self.velocity(state)
+        return self.form.dissipation(state.w, velocity, self.n, compressing, self.order)
+
     def rate(self, state: State, compressing: Flag) -> State:
         """Return d(w, u, t)/dτ."""
-        w, k, n, momentum = state.w, self.order, self.n, self.momentum
+        w, k, momentum = state.w, self.order, self.momentum
         velocity = self.velocity(state)
         clock = signed_power(w, float(k - 1))
         if momentum is not None:
@@ -196,7 +201,7 @@ class Motion(eqx.Module):
             change = change + self.push * clock
         loss = None
         if state.loss is not None:
-            loss = self.form.dissipation(w, velocity, n, compressing, k)
+            loss = self.dissipation(state, compressing)
         return State(velocity / k, change, clock, loss)
 
     def later(self, state: State, time: Number, compressing: Flag) -> State:
@@ -246,7 +251,7 @@ class Motion(eqx.Module):
         """
         energy = jnp.square(self.velocity(state)) / 2
         if self.push is not None:
-            energy = energy - self.push * jnp.maximum(state.w, 0) ** self.order
+            energy = energy - self.push * self.indentation(jnp.maximum(state.w, 0))
         return energy + jnp.where(self.settled(state), self.stored(state), 0)
 
     def held(self, state: State) -> Bool[Array, ""]:
@@ -264,7 +269,7 @@ class Motion(eqx.Module):
         if self.push is None:
             return jnp.asarray(False)
         kinetic = jnp.square(self.velocity(state)) / 2
-        work = self.push * state.w**self.order
+        work = self.push * self.indentation(state.w)
         return (self.push > 0) & (kinetic + self.stored(state) < work * (1 - doubt))
 
     def creeping_speed(self, state: State) -> Number:
@@ -401,6 +406,11 @@ class Motion(eqx.Module):
         """Return the motion under the unclamped force, from a state `inside` the contact."""
         form = self.form.continued(inside.w**self.order, self.velocity(inside))
         return dataclasses.replace(self, form=form)
+
+    @property
+    def ends_smoothly(self) -> bool:
+        """False for a general force that may vanish before x = 0: its gap has a corner there."""
+        return self.form.tension or self.one_way or self.softness is not None
 
     def parts_at_touch(self) -> Bool[Array, ""]:
         """Return whether the bodies can only separate at x = 0. Bodies whose force never pulls also

@@ -38,9 +38,8 @@ class Way(eqx.Module):
 
     @property
     def smooth(self) -> bool:
-        """False for a general force that may vanish before x = 0: its gap has a corner there."""
-        motion = self.motion
-        return motion.form.tension or motion.one_way or motion.softness is not None
+        """False if the gap of a force has a corner at the end of the contact."""
+        return self.motion.ends_smoothly
 
     @property
     def clamped(self) -> bool:
