@@ -93,10 +93,14 @@ class AbstractPlasticForm(AbstractForm):
         self, w: Lane, v: Lane, n: Exponent, compressing: Flag, order: int | None = None
     ) -> Lane:
         x = w ** (order or self.order(n))
-        left = self._back(x)[1]
+        left = self.left(x)
         # The way back ends at x_p, or where strong damping pulls.
         gap = jnp.where(left < 0, left, left * self.damped(v))
         return jnp.where(compressing, self.force(x, v, n, compressing), gap)
+
+    def left(self, x: Lane) -> Lane:
+        """Return the distance of x to the end of the way back."""
+        return self._back(x)[1]
 
     def stored(self, w: Lane, n: Exponent, order: int | None = None) -> Lane:
         """Return the energy that unloading from w returns."""
@@ -320,14 +324,27 @@ def _times(root: Lane, alpha: Lane | float, unroll: int) -> tuple[Lane, Lane]:
     work = jnp.where(yielded, left - at_rest, 0)
     begun = _linear(root, work - jax.lax.stop_gradient(work))
     begin = jnp.arctan2(begun, jnp.sqrt(3 * root * jnp.where(yielded, at_rest, 1)))
-    span = math.pi / 2 - begin
+    # Near the turn strong damping has a layer of 1/α, which y resolves and φ does not.
+    split = jnp.maximum(begin, math.pi / 4)
+    span = split - begin
 
-    def beyond_yield(node: Lane) -> Lane:
-        cosine = jnp.sin(span * (1 - node))
-        kinetic = jnp.square(force * cosine) / (3 * root)
-        return cosine / speed_of(_way_root(alpha, kinetic), alpha)
+    def left_at(phase: Lane) -> Lane:
+        """Return the y at a φ."""
+        return _way_root(alpha, jnp.square(force * jnp.cos(phase)) / (3 * root))
 
-    later = span * force / (1.5 * root) * integrate(beyond_yield, 0.0, alpha, unroll)
+    def in_phase(node: Lane) -> Lane:
+        phase = begin + span * node
+        return jnp.cos(phase) / speed_of(left_at(phase), alpha)
+
+    near = left_at(split)
+
+    def near_turn(node: Lane) -> Lane:
+        y = near * node
+        return jax.lax.rsqrt(jnp.square(force) - 3 * root * jnp.square(y) * psi(alpha * y))
+
+    nodes = 40 if root.dtype == jnp.float64 else 20
+    later = span * force / (1.5 * root) * integrate(in_phase, 0.0, alpha, unroll)
+    later = later + near * integrate(near_turn, 0.0, alpha, unroll, nodes)
     later = jnp.where(yielded, later, 0)
     factor = jnp.sqrt(power(deepest, 1.5) / force)
     return until_yield + later, half_time(-alpha, rho, 1.5, unroll) * factor**-0.4

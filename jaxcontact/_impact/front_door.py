@@ -22,6 +22,7 @@ from .._entry import (
 )
 from .._forms import (
     AbstractForm,
+    AbstractPlasticForm,
     HuntCrossleyForm,
     Scale,
     SpeedDependentForm,
@@ -36,7 +37,7 @@ from .._laws import (
 )
 from .motion.motion import Motion
 from .motion.neck import NeckMotion
-from .motion.yielding import YieldingMotion
+from .motion.plastic import PlasticMotion, YieldingMotion
 
 SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)
 FORCE = Range(inside=0.0)
@@ -140,6 +141,8 @@ class Lanes(eqx.Module):
         form, exponent, push = jax.tree.map(jax.lax.optimization_barrier, numbers)
         if isinstance(form, YieldingForm):
             return YieldingMotion(form, exponent, push)
+        if isinstance(form, AbstractPlasticForm) and not form.tension:
+            return PlasticMotion(form, exponent, push)
         kind = NeckMotion if form.ends_apart else Motion
         return kind(form, exponent, push, peak=self.peak)
 

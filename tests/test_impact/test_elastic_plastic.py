@@ -10,6 +10,10 @@ import jaxcontact as jc
 
 FORMULA = 1e-10
 """Of event solves at rtol 1e-11 beside formulas: measured 5e-12 fully plastic, 2e-11 near yield."""
+CREEPS = 1e-9
+"""Of strong damping beside formulas."""
+PULLED = 1e-7
+"""Of strong damping under a weak pull, in two coordinates."""
 LOST = 5e-9
 """Of the same energy loss where it is 1 % of the energy: measured 8e-10."""
 SLOPES = 1e-6
@@ -37,12 +41,13 @@ class Yielding(jc.AbstractElasticPlastic):
     """`Viscoplastic` by the indentation at yield."""
 
     depth: jax.Array
+    c: float | jax.Array = C
 
     def corners(self, contact):
         return (self.depth,)
 
     def damping(self, contact):
-        return C / contact.stiffness
+        return self.c / contact.stiffness
 
     def loading(self, indentation, contact):
         beyond = jnp.maximum(indentation - self.depth, 0)
@@ -96,6 +101,18 @@ def test_a_law_of_ones_own_is_that_of_the_package():
     theirs = by_yield(lambda v_y: jc.Viscoplastic(yield_speed=v_y, c=C))
     np.testing.assert_allclose(mine[1:], theirs[1:], rtol=SLOPES)
     assert mine[0] == 0
+
+
+def test_strong_damping():
+    """Bodies creep apart at K/c, where 1 - c v/K is smaller than the error of a solve. A pull ends
+    the contact when it vanishes.
+    """
+    c = STEEL.stiffness / 2.0 * np.array([30.0, 100.0, 300.0])
+    own, theirs = Yielding(depth_of(0.05, STEEL), c), jc.Viscoplastic(yield_speed=0.05, c=c)
+    for push, rtol in ((None, CREEPS), (-1e-3, PULLED)):
+        found, wanted = (jc.impact(law, STEEL, 2.0, external_force=push) for law in (own, theirs))
+        for name in ("restitution", "duration"):
+            np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=rtol)
 
 
 def test_in_a_scene():

@@ -303,6 +303,16 @@ def test_a_contact_under_load_stays_or_separates():
         np.testing.assert_allclose(-path.velocity[-1] / 0.5, hit.restitution[k], rtol=1e-8)
 
 
+def test_strong_damping():
+    """The way in ends in a layer of 1/α, and the way out is creep."""
+    law = jc.Viscoplastic(yield_speed=0.02, c=np.array([1e10, 1e11]))
+    by_steps = jc.impact(law, HERTZ, 2.0, method=jc.Event(rtol=1e-11))
+    by_formula = jc.impact(law, HERTZ, 2.0)
+    for number in ["restitution", "duration", "compression_time", "max_indentation"]:
+        wanted = getattr(by_formula, number)
+        np.testing.assert_allclose(getattr(by_steps, number), wanted, rtol=STEPS)
+
+
 def test_strong_damping_under_a_pull():
     """The pull makes the bodies faster than K/c, where the force vanishes above x_p."""
     law, pull = jc.Viscoplastic(yield_speed=0.1, c=2e9), jnp.array([-100.0, -500.0, -2000.0])

@@ -30,10 +30,11 @@ import numpy as np
 from ..._coupled.scalars import Flag, Index, Number
 from ..._coupled.steps.control import State, factor, onward
 from ..._entry import Specialised
-from ..._forms import AbstractForm
+from ..._forms import AbstractForm, AbstractPlasticForm
 from ..._functions import varying
 from ..._impact.motion.motion import Motion
 from ..._impact.motion.motion import State as Moving
+from ..._impact.motion.plastic import PlasticMotion
 from ..._solver.runge_kutta import step_and_slope
 
 # The phases of a contact: until the force peak, until the turn, until the force ends, and until the
@@ -87,7 +88,9 @@ class Radial(eqx.Module):
     @property
     def motion(self) -> Motion:
         """The problem without swirl."""
-        return Motion(self.form, self.exponent, self.push, prepared=self.prepared)
+        plastic = isinstance(self.form, AbstractPlasticForm) and not self.form.tension
+        kind = PlasticMotion if plastic else Motion
+        return kind(self.form, self.exponent, self.push, prepared=self.prepared)
 
     def velocity(self, y: State) -> Number:
         """Return x' at a state."""
