@@ -59,8 +59,8 @@ def time_step(
     - `substeps`: as in `contact_force`. The time step is proportional to it.
 
     Computes in double precision for any setting of JAX. Raises ValueError for traced arguments,
-    which are also those made under `jit`; for arguments out of range; for an impact without a
-    rebound; and for an error that 4096 substeps in a contact do not reach.
+    which are also those made under `jit`. Also for arguments out of range, for an impact without a
+    rebound, and for an error that 4096 substeps in a contact do not reach.
     """
     for name, value in (("law", law), ("contact", contact), ("velocity", velocity)):
         if traced(value):
