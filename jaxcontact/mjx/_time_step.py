@@ -66,8 +66,8 @@ def time_step(
         if traced(value):
             raise ValueError(
                 f"Argument `{name}` must have concrete numbers, but is traced by `jit`, `vmap` or "
-                "`grad`. Call `time_step` outside, with the numbers that have the shortest contact, "
-                "and use its result inside."
+                "`grad`. Call `time_step` outside, with the numbers that have the shortest "
+                "contact, and use its result inside."
             )
     require_exponent(require_steppable(law), require_contact(contact))
     require_number("error", error, _ERROR)
