@@ -55,14 +55,12 @@ def calibrate_each(
     at: Sequence[float],
     tell: Callable[..., None],
 ) -> list[BallFit]:
-    """Fit the law to each ball; without speeds `at`, e is given at the median of all speeds.
+    """Fit one law to each ball; without speeds `at`, e is given at the median of all speeds.
 
     All balls share the compiled search. A ball that cannot be fitted is flagged. Raises ValueError
     for a law that cannot be fitted to e(v).
     """
-    kind = next((one for one in kinds_of(law, 1.5) if one.law == law), None)
-    if kind is None:
-        raise ValueError("Argument `law` must be one law for all balls, but is 'all'.")
+    kind = next(one for one in kinds_of(law, 1.5) if one.law == law)
     numbers = {"mass": mass, "stiffness": stiffness}
     known = frozenset(name for name, value in numbers.items() if value is not None)
     with jax.enable_x64(True):
@@ -179,5 +177,5 @@ def _cells(fit: BallFit) -> dict[str, tuple[float, float | None]]:
 
 
 def _number(value: float, error: float | None) -> str:
-    known = error is not None and np.isfinite(error)
-    return with_error(value, error) if known else f"{value:.3g}"
+    unknown = error is None or not np.isfinite(error)
+    return f"{value:.3g}" if unknown else with_error(value, error)
