@@ -177,5 +177,6 @@ def _cells(fit: BallFit) -> dict[str, tuple[float, float | None]]:
 
 
 def _number(value: float, error: float | None) -> str:
-    unknown = error is None or not np.isfinite(error)
-    return f"{value:.3g}" if unknown else with_error(value, error)
+    if error is None or not np.isfinite(error):
+        return f"{value:.3g}"
+    return with_error(value, error)
