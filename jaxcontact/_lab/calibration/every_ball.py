@@ -20,6 +20,7 @@ from ..._fit import FitStatus
 from ..._flight import Flight
 from ..._laws import parameters_of
 from ..._text.table import text_table, with_error
+from ..._text.words import counted
 from ..recordings import RecordedPairs, Recording, make_pairs
 from .at_speed import AtSpeed, at_speeds
 
@@ -143,7 +144,7 @@ def text_of(fits: Sequence[BallFit], *, whole: bool) -> str:
         low, middle, high = np.quantile(values, [0.1, 0.5, 0.9])
         error = np.nanmedian(errors) if np.isfinite(errors).any() else np.nan
         spread.append([name, _number(middle, error), f"{low:.4g}", f"{high:.4g}"])
-    lines = [f"{len(fits):,} balls: {counts}{told}"]
+    lines = [f"{counted(len(fits), ('ball', 'balls'))}: {counts}{told}"]
     if spread:
         header = ["", "median ball", "10 %", "90 %"]
         lines += text_table(spread, header=header, align="<>>>", indent=2)
