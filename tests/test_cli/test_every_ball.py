@@ -3,6 +3,8 @@
 import csv
 import io
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -97,6 +99,14 @@ def test_more_balls_compile_nothing(tmp_path, capsys):
     assert compiled == []
     assert len(written(tmp_path / "o")) == 25
     assert "and 5 more; --details prints all" in capsys.readouterr().out
+
+
+def test_the_page_shows_what_is_printed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[2] / "docs" / "calibrate.md").read_text(encoding="utf-8")
+    command, shown = re.findall(r"```bash\n(.* all .*)\n```\n\n```text\n([^`]*)```", page)[0]
+    assert main([*command.split()[1:], "--quiet"]) == 0
+    assert capsys.readouterr().out == shown
 
 
 GOOD = "ball,v,e\na,1,0.9\nb,1,0.8\n"
