@@ -129,7 +129,7 @@ def _spread(sigma: Any, weights: Any, data: Any, columns: list[np.ndarray]) -> l
         if jax.tree.structure(value) != jax.tree.structure(data):
             raise ValueError(name)
         # Fewer axes could be those of the balls or those of the points.
-        if any(x.ndim not in (0, c.ndim) for x, c in zip(leaves, columns, strict=True)):
+        if any(x.size > 1 and x.ndim != c.ndim for x, c in zip(leaves, columns, strict=True)):
             raise ValueError(name)
         return [np.broadcast_to(x, c.shape) for x, c in zip(leaves, columns, strict=True)]
     except ValueError as error:
