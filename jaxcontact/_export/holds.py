@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from .._contact import Contact
 from .._entry import POSITIVE, require_number
-from .._impact import impact
+from .._impact import restitution
 from .._laws import AbstractLaw
 from .._text.table import text_table
 
@@ -26,7 +26,7 @@ class SpeedRange:
     In this range the engine's e lies within `within` of the law's. `low` is 0 if the export holds
     down to a hundredth of the speed, `high` infinite if it holds up to a hundred times the speed.
     `velocity` (m,) in m/s holds the examined speeds, `target` (m,) the law's e and `delivered` (m,)
-    the engine's; NaN where the law has no rebound.
+    the engine's; NaN where an impact could not be solved.
     """
 
     low: float
@@ -47,13 +47,12 @@ class SpeedRange:
         high = (
             f"{fastest:.3g} m/s (and faster)" if self.high == math.inf else f"{self.high:.3g} m/s"
         )
-        shown = range(0, len(self.velocity), _EACH // 2)
+        shown, known = range(0, len(self.velocity), _EACH // 2), np.isfinite(self.error)
         rows = [
             (
                 f"{self.velocity[k]:.3g}",
-                f"{self.target[k]:.4f}",
-                f"{self.delivered[k]:.4f}",
-                signed_text(self.error[k]),
+                *(f"{e[k]:.4f}" if known[k] else "-" for e in (self.target, self.delivered)),
+                signed_text(self.error[k]) if known[k] else "-, could not be solved",
             )
             for k in shown
         ]
@@ -84,7 +83,7 @@ def speed_range(
     grid = middle * np.logspace(-_DECADES, _DECADES, 2 * _DECADES * _EACH + 1)
     with jax.enable_x64(True):
         target, delivered = (
-            np.asarray(impact(model, at, grid).restitution) for model, at in ((law, contact), made)
+            np.asarray(restitution(model, at, grid)) for model, at in ((law, contact), made)
         )
     # NaN counts as outside.
     close = np.abs(delivered - target) <= within

@@ -38,6 +38,10 @@ class DMTForm(AbstractForm):
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
         return power(x, n) - self.adhesion + 0 * v
 
+    def well(self) -> Lane:
+        # From touch to equilibrium, at x = φ^(2/3).
+        return 0.6 * power(self.adhesion, 5 / 3)
+
     def restitution(self) -> Lane:
         return jnp.ones_like(self.adhesion)
 

@@ -86,9 +86,9 @@ class AbstractForm(eqx.Module):
         """Return the form after the turn at the indentation `deepest`, if it `remembers`."""
         return self
 
-    def well(self) -> Lane | float:
-        """Return the largest energy that adhesion alone may turn into motion."""
-        return 0.0
+    def well(self) -> Lane | None:
+        """Return the largest energy that adhesion alone may turn into motion; None without one."""
+        return None
 
     def barrier(self, push: Lane) -> Lane | None:
         """Return the largest ∫ f dx - Γ x on the way out, which bodies must have to part, if it is

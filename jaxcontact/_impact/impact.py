@@ -251,7 +251,8 @@ def _restitution_alone(
         valid = valid & fast
         scale = scale_of(contact, jnp.where(fast, velocity, SPEED.inside))
     form, good = sanitised(law).form(contact, scale).sound()
-    e = method.chosen(form, pushed=False).restitution(form)
+    method.chosen(form, pushed=False)  # refuses forms to which the method does not apply
+    e = method.restitution(form)
     return None if e is None else jnp.where(good & valid, e, jnp.nan)
 
 
@@ -260,7 +261,8 @@ def _restitution(
     problem: Problem, method: AbstractMethod, speeds: Range = SPEED
 ) -> Float[Array, "..."]:
     lanes = lanes_of(problem, speeds=speeds)
-    e = method.chosen(lanes.form, pushed=False).restitution(lanes.form)
+    method.chosen(lanes.form, pushed=False)  # refuses forms to which the method does not apply
+    e = method.restitution(lanes.form)
     if e is None:
         # Under this jit, unused outputs of the solve are dead code and removed.
         return _solved(lanes, method).restitution

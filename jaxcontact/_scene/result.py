@@ -39,6 +39,7 @@ class Ending(WordedEnum):
         "`MawBarberFawcett` for χ = λκ/2 outside of 1 to 1.75, or for e below 0.5: try "
         "`SpringSlider`.",
     )
+    GAINED = 9, "An impact adds energy. Check the sign of the damping of its law."
 
 
 class SolvedBy(enum.IntEnum):

@@ -39,8 +39,9 @@ from .engine.log import LoopOutcome
 from .engine.loop import initial_state
 from .engine.pieces import all_at_once, from_python
 from .engine.state import Rules, RunState
+from .readout.gains import some_impact_gains
 from .readout.reading import read_run
-from .result import traced
+from .result import Ending, traced
 from .run import Run
 from .run_record import RunRecord
 
@@ -116,11 +117,15 @@ def simulate_scene(
     ended, numbers, outcome = differentiable_run(rules, inputs, piecewise, at_once)
     record = RunRecord(layout, numbers, ended, within, outcome, last, length)
     contents = read_run(record, at, room, moves)
-    names = names_of(scene.bodies)
+    impacts = dataclasses.replace(contents.impacts, names=names_of(scene.bodies))
+    status = contents.status
+    if not traced(status) and some_impact_gains(record, impacts):
+        done = np.asarray(status) == Ending.COMPLETED
+        status = jax.device_put(np.where(done, Ending.GAINED, status).astype(status.dtype))
     run = Run(
         **contents.now._asdict(),
-        impacts=dataclasses.replace(contents.impacts, names=names),
-        status=contents.status,
+        impacts=impacts,
+        status=status,
         reached=contents.reached,
         wall_work=contents.work,
         sliding_loss=contents.sliding_loss,

@@ -22,6 +22,7 @@ from .._entry import (
 from .._impact import Status, impact, problem_of
 from .._laws import AbstractLaw
 from .._laws.base import require_exponent
+from .._program import traced
 from ._interval import Gaps, StepMotion, require_steppable, start_of, substep
 
 _ERROR = Range(low=0.0, high=1.0, low_open=True, high_open=True)
@@ -57,10 +58,17 @@ def time_step(
     - `velocity`: closing speeds in m/s, one or several (n,), all of which are kept.
     - `substeps`: as in `contact_force`. The time step is proportional to it.
 
-    Computes in double precision for any setting of JAX; cannot be used under `jit`. Raises
-    ValueError for arguments out of range, for an impact without a rebound, and for an error that
-    4096 substeps in a contact do not reach.
+    Computes in double precision for any setting of JAX. Raises ValueError for traced arguments,
+    which are also those made under `jit`. Also for arguments out of range, for an impact without a
+    rebound, and for an error that 4096 substeps in a contact do not reach.
     """
+    for name, value in (("law", law), ("contact", contact), ("velocity", velocity)):
+        if traced(value):
+            raise ValueError(
+                f"Argument `{name}` must have concrete numbers, but is traced by `jit`, `vmap` or "
+                "`grad`. Call `time_step` outside, with the numbers that have the shortest "
+                "contact, and use its result inside."
+            )
     require_exponent(require_steppable(law), require_contact(contact))
     require_number("error", error, _ERROR)
     substeps = require_count("substeps", substeps, 1)
@@ -74,7 +82,7 @@ def time_step(
         raise ValueError(
             f"Arguments `law` and `contact` must be scalars, but have the shape {shape}."
         )
-    with jax.enable_x64(True):
+    with jax.enable_x64(True), jax.ensure_compile_time_eval():
         hits = impact(law, contact, jnp.asarray(speeds), throw=False)
         target, duration = np.asarray(hits.restitution), np.asarray(hits.duration)
         if not (np.all(np.asarray(hits.status) == Status.SEPARATED) and np.all(target > 0)):

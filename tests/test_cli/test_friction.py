@@ -45,6 +45,20 @@ def test_headings_and_units(tmp_path, text):
     assert table.restitution == pytest.approx(0.9)
 
 
+@pytest.mark.parametrize("options", [[], ["--ball", "all"], ["--columns", "ball=ball"]])
+def test_a_table_of_several_balls_is_oblique(options, tmp_path, capsys):
+    """With a ball chosen it was read as a table of e(v)."""
+    text = "angle (deg),speed,et,e,ball\n30,2,0.7,0.9,a\n40,2,0.7,0.9,b\n"
+    path = written(tmp_path, text)
+    assert is_oblique(path) and is_oblique(path, columns="ball=5")
+    assert main(["calibrate", path, *options, "--out", str(tmp_path / "o")]) == 2
+    said = capsys.readouterr().err
+    assert ("has no ball 'all'" if "all" in options else "choose one with --ball") in said
+    assert "--ball all" not in said and not (tmp_path / "o").exists()
+    assert main(["calibrate", path, "--ball", "a", "--law", "exact"]) == 2
+    assert "--law does not apply to oblique impacts" in capsys.readouterr().err
+
+
 def test_spins_and_angles_after(tmp_path):
     table = read_rebounds(
         written(tmp_path, "angle (deg),speed,rebound angle (deg),spin (rpm)\n30,2,20,60\n40,2,,\n")

@@ -39,6 +39,8 @@ def test_dmt_in_lammps_has_the_force_of_its_documentation():
         assert ours == pytest.approx(written, rel=1e-10)
     assert found.target == found.delivered == 1
     assert found.at_time_step(found.time_step).high < 1 + found.expected_error
+    everywhere = found.holds()
+    assert (everywhere.low, everywhere.high) == (0, math.inf) and "nan" not in repr(everywhere)
 
 
 def mercurydpm(parameters, constant, contact, radius, speed, steps):

@@ -197,6 +197,15 @@ def test_huber_and_weights_are_those_of_fit():
         assert_alike(weighted, i, jc.fit(decay, y[i], START, x=X[i], weights=weights[i]))
 
 
+@pytest.mark.parametrize("shape", [(BALLS, 1), (1, POINTS)])
+def test_a_sigma_of_each_ball_or_of_each_point_has_both_axes(shape):
+    sigma = SIGMA * np.linspace(1, 3, max(shape)).reshape(shape)
+    many = jc.fit_many(decay, Y, START, x=X, sigma=sigma, batch_size=4)
+    own = np.broadcast_to(sigma, Y.shape)
+    for i in (0, BALLS - 1):
+        assert_alike(many, i, jc.fit(decay, Y[i], START, x=X[i], sigma=own[i]))
+
+
 def test_other_values_and_another_number_of_balls_do_not_compile_again(known):
     compiled = []
 
@@ -236,6 +245,11 @@ def test_finished_balls_leave_their_block(monkeypatch):
         ({"x": X[:3]}, "as long as that of `data`, 11"),
         ({"sigma": -1.0}, "`sigma` must be a number in"),
         ({"sigma": np.ones((3, 2))}, "have the shapes of `data`"),
+        (
+            {"sigma": np.ones(POINTS)},
+            r"a length of 1 where all are alike, but has the shape \(12,\)",
+        ),
+        ({"weights": np.ones(BALLS)}, r"alike, but has the shape \(11,\)"),
         ({"sigma": 1.0, "weights": 1.0}, "both are given"),
         ({"loss": jc.Huber()}, "must be given with a `Huber` loss"),
         ({"data": Y[:, 0]}, r"must have the axes \(balls, points\) without `balls`"),

@@ -1,4 +1,4 @@
-"""Pairs (approach speed, e) from intervals and heights, with the effect of reading errors."""
+"""Pairs (approach speed, e) of every layout, with the effect of reading errors."""
 
 import importlib.resources
 
@@ -8,6 +8,7 @@ import pytest
 from jaxcontact._flight import Drag, Flight, landing_speed, launch_speed
 from jaxcontact._lab.recordings import RecordingError, make_pairs, read_recording
 from jaxcontact._text.words import counted
+from tests.test_lab.simulate import time_to_rest
 from tests.test_lab.sources import opened
 
 TABLE_TENNIS = Drag(mass=0.0027, radius=0.02, coefficient=0.5)
@@ -138,3 +139,43 @@ def test_pairs_that_were_left_out_are_counted():
 def test_words_follow_the_number():
     trials = ("trial", "trials")
     assert [counted(n, trials) for n in (0, 1, 2)] == ["0 trials", "1 trial", "2 trials"]
+
+
+def test_pairs_of_speeds():
+    before, after = np.array([1.0, 2.0, 4.0]), np.array([0.8, 1.6, 3.2])
+    pairs = make_pairs(read_recording(velocity=before, rebound_velocity=after), Flight())
+    np.testing.assert_allclose(pairs.restitution, 0.8, rtol=1e-14)
+    # An error σ of each speed: ln e = ln v₂ - ln v₁.
+    np.testing.assert_allclose(pairs.reading_factor, 1 / before**2 + 1 / after**2, rtol=1e-14)
+
+
+def test_pairs_of_successive_heights():
+    recording = read_recording(height_m=[1.0, 0.64, 0.4096, 0.5], trial=[1, 1, 1, 2])
+    pairs = make_pairs(recording, Flight())
+    np.testing.assert_allclose(pairs.restitution, 0.8, rtol=1e-14)
+    np.testing.assert_allclose(pairs.velocity, np.sqrt(2 * 9.81 * np.array([1, 0.64])), rtol=1e-14)
+    # An error σ of each height: ln e = (ln h₂ - ln h₁)/2.
+    first, second = np.array([1, 0.64]), np.array([0.64, 0.4096])
+    np.testing.assert_allclose(
+        pairs.reading_factor, 1 / (4 * first**2) + 1 / (4 * second**2), rtol=1e-14
+    )
+    assert pairs.unpaired == 1
+
+
+@pytest.mark.parametrize("e", [0.3, 0.6, 0.9])
+def test_the_time_to_rest_contains_the_fall(e):
+    """Against flights added one by one, in vacuum and in air."""
+    height = np.array([0.3, 1.0, 2.0])
+    for drag in (None, Drag(0.0027, 0.02, 0.5)):
+        total = [time_to_rest(h, lambda v: e, drag) for h in height]
+        recording = read_recording(drop_height_m=height, rest_time_s=total)
+        pairs = make_pairs(recording, Flight(drag=drag))
+        np.testing.assert_allclose(pairs.restitution, e, rtol=1e-6)
+    # If e falls with the speed, it is that at v₀ e^(e/(1-e)), to first order in the power.
+    power = 1e-4
+    total = [time_to_rest(h, lambda v: e * v**-power, None) for h in height]
+    pairs = make_pairs(read_recording(drop_height_m=height, rest_time_s=total), Flight())
+    off = np.log(pairs.restitution / e) / -power - np.log(pairs.velocity)
+    np.testing.assert_allclose(off, 0, atol=3e-3)
+    with pytest.raises(RecordingError, match=r"0.4 s does not exceed the time of a fall from 1 m"):
+        read_recording(drop_height_m=[1.0], rest_time_s=[0.4])

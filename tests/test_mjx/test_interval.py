@@ -138,6 +138,27 @@ def test_laws_with_memory_or_adhesion_are_refused_by_name(law):
         jc.mjx.time_step(law, HERTZ, 1.0)
 
 
+@pytest.mark.parametrize("change", [jax.jit, jax.grad, lambda f: lambda x: jax.vmap(f)(x[None])])
+@pytest.mark.parametrize("name", ["law", "contact", "velocity"])
+def test_a_traced_argument_is_named_with_what_to_do(name, change):
+    given = {"law": jc.HuGuo(e=0.8), "contact": HERTZ, "velocity": 1.0}
+
+    def step(x):
+        own = {"law": jc.HuGuo(e=x), "contact": jc.Contact(x, 1e6), "velocity": x}
+        return jc.mjx.time_step(**(given | {name: own[name]}))
+
+    words = f"`{name}` must have concrete numbers, but is traced .* Call `time_step` outside"
+    with pytest.raises(ValueError, match=words):
+        change(step)(jnp.asarray(0.8))
+
+
+def test_concrete_arguments_serve_under_jit():
+    law = jc.HuGuo(e=0.8)
+    step = jc.mjx.time_step(law, HERTZ, SPEEDS)
+    inside = jax.jit(lambda x: x * jc.mjx.time_step(law, HERTZ, SPEEDS))(jnp.asarray(1.0))
+    assert float(inside) == step
+
+
 def test_an_error_out_of_reach_is_refused():
     with pytest.raises(ValueError, match="4096 substeps"):
         jc.mjx.time_step(jc.AntypovElliott(e=0.5), HERTZ, 1.0, error=1e-9)

@@ -12,6 +12,7 @@ from ..._text.files import write_all
 from ..._text.progress import Stages
 from ..._text.table import wrapped
 from ..air import add_air_options, drag_asked, gravity_asked
+from ..every_ball import ALL, TABLE, run_every_ball
 from ..files import output_path
 from ..friction import NUMBERS as NUMBERS
 from ..friction import is_friction, run_friction
@@ -108,6 +109,10 @@ delivers a constant e; the report lists the e to set in each.
 e(v) alone determines only c/K of constant damping and only A (K/m)^(2/5) of Kuwabara-Kono.
 --stiffness determines c; --mass and --stiffness determine A.
 
+--ball all fits one --law to each ball of a table. The output is one row for each: the parameters
+with standard errors, e at the speeds --at (by default at the median speed), and the status. They
+are those of `--ball NAME`. The file calibration.csv holds all rows; no other file is written.
+
 `jaxcontact.load_calibration("calibration.json").law` is the fitted law.
 
 exit codes: 0 done; 1 a fit did not converge (everything is written); 2 bad input, nothing written.
@@ -124,7 +129,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ball",
         metavar="NAME",
-        help="ball to use if the file holds several (default for the shipped file: blue)",
+        help="ball to use if the file holds several (default for the shipped file: blue); "
+        f"{ALL} fits one --law to each, and writes {TABLE}",
     )
     add_table_options(parser)
     parser.add_argument(
@@ -171,6 +177,8 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     progress("reading the recording")
     if is_friction(arguments):
         return run_friction(arguments, progress)
+    if arguments.ball == ALL:
+        return run_every_ball(arguments, _drag(arguments), progress)
     from ..._lab.calibration.calibrate import calibrate
     from ..._lab.recordings import RecordingError, read_recording
     from ...plot import calibration, record, sound, track
@@ -180,7 +188,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     page = _page(arguments.report, out)
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out} is not a folder")
-    with input_errors(in_options):
+    with input_errors(_in_options):
         recording = read_recording(
             arguments.file,
             ball=arguments.ball,
@@ -234,6 +242,14 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         print(result.report() if arguments.details else result)
         print("\n".join(wrapped("Written", ", ".join(map(str, files)))))
     return 0 if result.converged else 1
+
+
+def _in_options(text: str) -> str:
+    """Return the error of a reader, with options in place of arguments."""
+    text = in_options(text)
+    return (
+        f"{text}, or fit one --law to each with --ball {ALL}" if "choose one with" in text else text
+    )
 
 
 def _page(name: str | None, out: pathlib.Path) -> pathlib.Path | None:

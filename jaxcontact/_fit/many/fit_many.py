@@ -53,11 +53,12 @@ def fit_many(
     to rounding; one program advances many balls at a time.
 
     Arguments: `data`, `x` and `sigma` or `weights` as in `fit`, with a first axis of the balls:
-    `data` (balls, points), or a tree of such arrays. Leave a point out by a weight of 0 or an
-    infinite `sigma`. With `balls` (points,), the name of the ball of each point, they are columns
-    (points,) of a long table instead. Balls may then differ in their number of points. The
-    prediction at a point must depend on x of that point alone, because shorter tables repeat their
-    last point with a weight of 0.
+    `data` (balls, points), or a tree of such arrays. One `sigma` for each ball has the shape
+    (balls, 1), one for each place in all rows (1, points); an array with fewer axes is refused.
+    Leave a point out by a weight of 0 or an infinite `sigma`. With `balls` (points,), the name of
+    the ball of each point, they are columns (points,) of a long table instead. Balls may then
+    differ in their number of points. The prediction at a point must depend on x of that point
+    alone, because shorter tables repeat their last point with a weight of 0.
 
     `start` as in `fit`, for all balls. With `own_start` each ball has its own: arrays in `start`
     have a first axis of the balls, in the order in which `balls` first names them. That includes

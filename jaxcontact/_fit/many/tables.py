@@ -128,11 +128,15 @@ def _spread(sigma: Any, weights: Any, data: Any, columns: list[np.ndarray]) -> l
     try:
         if jax.tree.structure(value) != jax.tree.structure(data):
             raise ValueError(name)
+        # Fewer axes could be those of the balls or those of the points.
+        if any(x.size > 1 and x.ndim != c.ndim for x, c in zip(leaves, columns, strict=True)):
+            raise ValueError(name)
         return [np.broadcast_to(x, c.shape) for x, c in zip(leaves, columns, strict=True)]
     except ValueError as error:
         raise ValueError(
             f"Argument `{name}` must be a number, or have the shapes of `data` "
-            f"({', '.join(str(c.shape) for c in columns)}), but is {rendered(value)}."
+            f"({', '.join(str(c.shape) for c in columns)}) with a length of 1 where all are alike, "
+            f"but has the shape {', '.join(str(x.shape) for x in leaves)}: {rendered(value)}."
         ) from error
 
 

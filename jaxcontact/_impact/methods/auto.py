@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ..._entry import rendered
-from ..._forms import AbstractForm, ScaledImpact
+from ..._forms import AbstractForm, Lane, ScaledImpact
 from ..front_door import Lanes
 from .event import Event
 from .exact import Exact
@@ -21,6 +21,10 @@ class Auto(AbstractMethod):
 
     def chosen(self, form: AbstractForm, pushed: bool) -> AbstractMethod:
         return Exact() if form.closed_form and not pushed else Event()
+
+    def restitution(self, form: AbstractForm) -> Lane | None:
+        """Return the e of the form, which may be known where the times are not."""
+        return form.restitution()
 
     def solve(self, lanes: Lanes) -> ScaledImpact:
         return self.chosen(lanes.form, lanes.push is not None).solve(lanes)

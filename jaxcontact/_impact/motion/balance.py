@@ -40,8 +40,8 @@ def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
     taken = motion.lost(end)
     lost = 2 * (taken if motion.one_way else taken + motion.stored(at))
     left, changed, largest = 1 - lost, lost, jnp.ones_like(lost)
-    if motion.adheres:
-        largest = largest + 2 * motion.form.well()
+    if (well := motion.form.well()) is not None:
+        largest = largest + 2 * well
     gained = jnp.zeros_like(lost)
     if push is not None:
         gained = 2 * push * motion.indentation(at.w)

@@ -35,8 +35,9 @@ class ObliqueTable:
 
 def is_oblique(source: Any, *, columns: Any = None, decimal: str | None = None) -> bool:
     """Return whether a table has headings of oblique impacts: a direction before and an outcome."""
+    how = {"columns": columns, "decimal": decimal, "every_ball": True}
     try:
-        there = read_columns(source, _NAMES, needed=(), columns=columns, decimal=decimal, ball=None)
+        there = read_columns(source, _NAMES, needed=(), **how)
     except (RecordingError, ValueError, OSError):
         return False
     directed = there.values.keys() & {"angle", "tangential_velocity"}

@@ -10,7 +10,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
@@ -159,19 +159,54 @@ def read_recording(
     if ball is None and source is None and not values:
         ball = _SHIPPED_BALL
     rate = None if rate is None else require_number("rate", rate, POSITIVE)
-    return _recording_of(source, values, layout, ball, told, decimal, rate)
+    read = _read(source, values, layout, told, decimal, rate)
+    chosen = _chosen_ball(ball, read.records, read.sheet)
+    return read.of(chosen, [record for record in read.records if record.ball == chosen])
 
 
-def _recording_of(
+def read_recordings(
+    source: Any,
+    *,
+    columns: str | Mapping[str, int | str] | None = None,
+    decimal: str | None = None,
+    rate: float | None = None,
+) -> dict[str, Recording]:
+    """Read the recordings of all balls in a table, by name; arguments as of `read_recording`."""
+    if sound_in(source) is not None:
+        raise ValueError("Argument `ball` must be None for a sound, which has no columns.")
+    told: Told = {} if columns is None else as_told(columns)
+    read = _read(source, {}, None, told, decimal, rate)
+    balls: dict[str, list[Record]] = {}
+    for record in read.records:
+        balls.setdefault(record.ball, []).append(record)
+    return {ball: read.of(ball, records) for ball, records in balls.items()}
+
+
+class _Read(NamedTuple):
+    """The records of all balls in a source, and how they were read."""
+
+    sheet: Sheet
+    layout: Layout[Any]
+    found: Match
+    records: Sequence[Record]
+
+    def of(self, ball: str, records: Sequence[Record]) -> Recording:
+        """Return the recording of one ball, which has these records."""
+        sheet, found, layout = self.sheet, self.found, self.layout
+        unused = unused_notes(sheet.names, found.places)
+        notes = (*found.notes(), *sheet.notes, *layout.notes(records), *unused)
+        return Recording(sheet.source, layout, ball, tuple(records), notes, sound_of(records))
+
+
+def _read(
     source: Any,
     values: Mapping[str, Any],
     layout: str | None,
-    ball: str | None,
     told: Told,
     decimal: str | None,
     rate: float | None,
-) -> Recording:
-    """Read the recording of a ball from the columns of a file, a data frame, or arrays."""
+) -> _Read:
+    """Read the columns of a file, a data frame, or arrays."""
     meanings = {
         one.name: {name: one.meaning(name) for name in one.columns} for one in LAYOUTS.values()
     }
@@ -192,11 +227,7 @@ def _recording_of(
         check_usual(rows, meanings[meant.name])
     if meant.fitted:  # a long search, so units are checked first
         records = meant.read(rows)
-    ball = _chosen_ball(ball, records, sheet)
-    mine = tuple(record for record in records if record.ball == ball)
-    unused = unused_notes(sheet.names, found.places)
-    notes = (*found.notes(), *sheet.notes, *meant.notes(mine), *unused)
-    return Recording(sheet.source, meant, ball, mine, notes, sound_of(mine))
+    return _Read(sheet, meant, found, records)
 
 
 def _headings_of(meanings: Mapping[str, Meaning]) -> Callable[[str], bool]:

@@ -114,11 +114,12 @@ def read_columns(
     columns: Any = None,
     decimal: str | None = None,
     ball: str | None = None,
+    every_ball: bool = False,
 ) -> TableColumns:
     """Read those of the columns `names` (of `COLUMNS`) that a table has; `needed` ones must exist.
 
-    `source`, `columns`, `decimal` and `ball` as in `read_recording`. Raises RecordingError and
-    ValueError as that does.
+    `source`, `columns`, `decimal` and `ball` as in `read_recording`; `every_ball` keeps the rows of
+    all. Raises RecordingError and ValueError as that does.
     """
     if decimal is not None:
         require_choice("decimal", decimal, (".", ","))
@@ -151,7 +152,7 @@ def read_columns(
         raise sheet.fault("holds a header but no measurement", next(iter(needed), None))
     said = [name for name in found.places if meanings[name].must_say]
     check_usual(rows, {name: meanings[name] for name in (*needed, *said)})
-    if "ball" in found.places:
+    if "ball" in found.places and not every_ball:
         rows = _of_ball(sheet, rows, ball)
     numbers = [name for name in found.places if name != "ball"]
     values = {name: np.array([row.real(name) for row in rows]) for name in numbers}

@@ -17,6 +17,9 @@ from .bodies import AbstractBody, Shell, Sphere, words
 ROUNDINGS = 64
 """The tolerated overlap, in roundings of the positions and radii."""
 
+NOISE = 16
+"""The rounding errors of a speed below which touching bodies neither close nor separate."""
+
 _MOST_TIMES = 1_000_000
 """The largest number of times at which wall distances are compared."""
 

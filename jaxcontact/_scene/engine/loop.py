@@ -24,6 +24,7 @@ from ..arrays.flight import Flying, at_once, where_each
 from ..contact_times.cells import CellGrid
 from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice, ImpactOutcome, hit
+from ..pair_impact.rest_after_impact import comes_to_rest, supports_after
 from ..pair_impact.rolling import (
     begins_to_roll,
     flying_at_start,
@@ -39,7 +40,7 @@ from .coupled import blank_state
 from .event_queue import Due, in_branch, reset_events, stale_events, update_events
 from .isolation import is_isolated
 from .log import Log, LogDecisions, LogNumbers, blank_calls, blank_choice
-from .next_event import AGAIN, NOISE, in_cluster, simultaneous
+from .next_event import AGAIN, in_cluster, simultaneous
 from .state import (
     ACCUMULATED,
     CROWDED,
@@ -302,11 +303,11 @@ def _solve_due(
             if is_followed(numbers):
                 alone = alone & (outcome.error <= 2 * tolerance)
     else:
-        choice = choice._replace(tail=_tail(layout, numbers, choice, before, tolerance))
+        choice = choice._replace(tail=comes_to_rest(layout, numbers, choice, before, tolerance))
         outcome = hit(layout, numbers, before, choice)
         outcome = or_roll(layout, numbers, before, choice, outcome, soft=False)
         alone = jnp.asarray(True)
-        support, crowded = _supports(layout, numbers, choice, outcome)
+        support, crowded = supports_after(layout, numbers, choice, outcome)
     curves = jnp.asarray(False)
     if layout.frictions is not None:
         outcome, curves = with_friction_at_rest(layout, numbers, choice, outcome, support)
@@ -358,55 +359,3 @@ def _choice(
         nearest = nearest_image(layout, numbers, (place[0] - place[1])[None])[1][0]
         image = jnp.where(partner < layout.spheres, nearest, image)
     return Choice(who[0], jnp.maximum(partner, 0), support, image, now, jnp.asarray(False))
-
-
-def _tail(
-    layout: SceneLayout, numbers: Numbers, choice: Choice, before: Flying, tolerance: Number
-) -> Flag:
-    """Return whether a ball comes to rest on a wall. If gravity presses it to a wall and e < 1 is
-    constant, it bounces infinitely often in a finite time. Once the next bounce is lower than
-    `tolerance` radii, that time is summed.
-    """
-    if not layout.settles:
-        return choice.tail
-    who = jnp.stack([choice.first, choice.first])
-    velocity = at_once(layout, numbers, who, before, choice.support, choice.time)[0].velocity[0]
-    wall = jnp.clip(choice.second - layout.spheres, 0)
-    face = rows_of(numbers.normal, wall)
-    weight = -jnp.sum(face * numbers.gravity)
-    driven = numbers.walls_at(choice.time, wall).velocity
-    closing = jnp.maximum(driven - jnp.sum(face * velocity), 0)
-    e = numbers.restitution[0]
-    rests = (choice.second >= layout.spheres) & (weight > 0)
-    if layout.laws:
-        law = layout.chosen(layout.laws, choice.first, choice.second)
-        e = rows_of(numbers.restitution, law)
-        rests = rests & rows_of(jnp.asarray(layout.constant), law)
-    if any(layout.vibrating):
-        # On a shaking wall the bounces do not form a series.
-        rests = rests & ~rows_of(jnp.asarray(layout.vibrating), wall)
-    if layout.frictions is not None:
-        rests = rests & ~begins_to_roll(layout, choice)
-    low = jnp.square(e * closing) <= 2 * weight * tolerance * rows_of(numbers.radius, choice.first)
-    return rests & (e < 1) & low
-
-
-def _supports(
-    layout: SceneLayout, numbers: Numbers, choice: Choice, outcome: ImpactOutcome
-) -> tuple[Int[Array, "2"], Flag]:
-    """Return the walls that support the two bodies after the impact, and whether one needs two."""
-    support = choice.support
-    if not (layout.settles or numbers.start is not None):
-        return support, jnp.asarray(False)
-    velocity, on = outcome.after.velocity, jnp.maximum(support, 0)
-    leaving = jnp.sum(velocity * rows_of(numbers.normal, on), axis=-1)
-    if any(layout.moving):
-        leaving = leaving - rows_of(numbers.walls_at(outcome.time).velocity, on)
-    leaving = jnp.abs(leaving)
-    speed = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1)) + outcome.closing
-    kept = (support >= 0) & (leaving <= NOISE * jnp.finfo(numbers.dtype).eps * speed)
-    support = jnp.where(kept, support, -1)
-    wall = choice.second - layout.spheres
-    crowded = choice.tail & kept[0] & (support[0] != wall)
-    first = jnp.where(choice.tail, wall, support[0])
-    return jnp.stack([first, support[1]]), crowded

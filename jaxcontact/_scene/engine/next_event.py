@@ -12,15 +12,12 @@ from ..._coupled.rows import rows_of, with_rows
 from ..._coupled.scalars import Number
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import at_once
-from ..bodies.overlap import ROUNDINGS
+from ..bodies.overlap import NOISE, ROUNDINGS
 from ..contact_times.cells import everywhere, leaving, neighbours
 from ..contact_times.closed_form import curved_time, image_horizon, sphere_time, wall_time
 from ..contact_times.shaking import shaking_sphere_time, shaking_wall_time
 from .cluster_slots import index_of
 from .state import Coupling, Events, RunState
-
-NOISE = 16
-"""The rounding errors of a speed below which touching bodies neither close nor separate."""
 
 TIED = 64
 """The rounding errors of a time within which two events are simultaneous."""
