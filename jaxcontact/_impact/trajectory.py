@@ -22,7 +22,6 @@ from .methods.method import AbstractMethod
 from .motion.balance import balance_of
 from .motion.force_return import onward
 from .motion.motion import Motion, Number, State
-from .motion.under_push import force_is_sharp
 from .result import Status
 
 if TYPE_CHECKING:
@@ -180,8 +179,6 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
     states, depth, forces, elastic, losses = jax.vmap(sample)(fractions)
     converged = was_followed(motion, legs.arrived, end, balance, how)
     settled = motion.settled(end)
-    if motion.push is not None:
-        converged = converged & (settled | force_is_sharp(motion, end))
     if motion.form.remembers or motion.adheres:
         settled = settled | motion.held(end)
     if motion.may_return:

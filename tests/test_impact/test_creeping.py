@@ -1,6 +1,5 @@
 """Contacts that creep back: with an end, without an end, and undecidable ones."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -83,22 +82,3 @@ def test_inertia_ends_what_is_not_linear():
     hit = linear(np.array([0.1, 2.0, 2.05, 5.0]), 1.2)
     assert (hit.status == jc.Status.SEPARATED).all()
     assert (np.diff(hit.restitution) < 0).all() and (hit.restitution > 0).all()
-
-
-class Unknown(jc.AbstractLaw):
-    """Hunt and Crossley's force in SI units, whose damping the library does not know."""
-
-    c: jax.Array
-    tension: bool = eqx.field(static=True, default=False, kw_only=True)
-
-    def force(self, indentation, rate, contact, velocity):
-        return contact.stiffness * jc.power(indentation, 1.5) * (1 + self.c * rate)
-
-
-def test_a_weak_pull_on_creep_is_flagged():
-    """It ends the contact where df/dt is as small as the pull: the time was off by 5e-5."""
-    contact, alpha = jc.Contact(1.0, 1.0, 1.5), np.array([1.0, 10.0, 100.0])
-    hit = jc.impact(Unknown(c=jnp.asarray(alpha)), contact, 1.0, external_force=-1e-9, throw=False)
-    known = jc.impact(jc.Damped(alpha=alpha), contact, 1.0, external_force=-1e-9)
-    np.testing.assert_array_equal(hit.status, [0, 0, jc.Status.NOT_CONVERGED])
-    np.testing.assert_allclose(hit.duration[:2], known.duration[:2], rtol=EVENT)

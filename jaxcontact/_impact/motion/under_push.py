@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from .motion import Motion, State
-from .plastic import PlasticMotion
 
 # The measured error of the final energy, in rounding errors of the largest energy.
 _ROUNDING = 50
@@ -19,8 +17,6 @@ _SPENT, _LATE = 100, 10
 # critical damping its relative error was up to 1.3e-3 of a tolerance over the overshoot (400
 # lanes).
 _BEYOND, _BEYOND_IN_TIME = 10, 5e-6
-# The largest relative delay of an end over the error of the speed.
-_LATER = 100
 
 
 def end_is_sharp(motion: Motion, turn: State, end: State, rtol: float) -> Bool[Array, ""]:
@@ -34,22 +30,6 @@ def end_is_sharp(motion: Motion, turn: State, end: State, rtol: float) -> Bool[A
     rounding = _ROUNDING * jnp.finfo(end.w.dtype).eps * push * motion.indentation(turn.w)
     speed = jnp.abs(motion.velocity(end))
     return rounding <= _LATE * rtol * speed * jnp.maximum(push * end.t, speed)
-
-
-def force_is_sharp(motion: Motion, end: State) -> Bool[Array, ""]:
-    """Return whether the moment at which the force vanished is as accurate as the speed. An error
-    dv of the speed moves it by dv (∂f/∂v)/(df/dt). A pull ends creep where df/dt is as small as the
-    pull, and only coordinates made for a known damping have the digits of that moment.
-    """
-    if motion.ends_smoothly or isinstance(motion, PlasticMotion):
-        return jnp.asarray(True)
-    motion, end = jax.lax.stop_gradient((motion, end))
-    rate = motion.rate(end, jnp.asarray(False))
-    still = jax.tree.map(jnp.zeros_like, end)
-    faster = still._replace(u=jnp.ones_like(end.u))
-    along, by_speed = (jax.jvp(motion.gap_of_force, (end,), (way,))[1] for way in (rate, faster))
-    late = jnp.abs(by_speed) * rate.t
-    return (end.w <= 0) | (late <= _LATER * end.t * jnp.abs(along))
 
 
 def is_spent(motion: Motion, end: State, rtol: float) -> Bool[Array, ""]:
