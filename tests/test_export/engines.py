@@ -46,9 +46,10 @@ def simbody(p, mass, radius):
 
 
 def exudyn(p, mass, radius, model=2):
-    e, k, n = (
-        p[x] for x in ("restitutionCoefficient", "contactStiffness", "contactStiffnessExponent")
-    )
+    k, n = p["contactStiffness"], p["contactStiffnessExponent"]
+    if model == 0:
+        return lambda x, v, v0: -(k * x**n + p["contactDamping"] * v) / mass
+    e = p["restitutionCoefficient"]
     if model == 1:
         scale = 1.5 * (1 - e)
     else:

@@ -30,6 +30,7 @@ VARIANTS = [
     ("drake", {}),
     ("exudyn", {}),
     ("exudyn", {"impact_model": 1}),
+    ("exudyn", {"impact_model": 0}),
     ("lammps", {"damping": "coeff_restitution"}),
     ("lammps", {"damping": "tsuji"}),
     ("lammps", {"damping": "viscoelastic"}),

@@ -24,6 +24,7 @@ TIMES = np.linspace(0, 0.1, 3)
 # Closing speeds are given, so that no run is needed to find them.
 SPEEDS = 0.1, 1.0
 STEEL = jc.Material(2e11, 0.3, 7800.0)
+FRICTION = jc.SpringSlider(0.5, ratio=0.8)
 
 
 def scene(*bodies, **words):
@@ -155,9 +156,7 @@ REFUSED = {
     "lammps rigid": ("lammps", lambda: scene(friction=jc.RigidCoulomb(0.3)), "`SpringSlider`"),
     "lammps inertia": (
         "lammps",
-        lambda: scene(
-            jc.Sphere(0.01, 0.03, [0.0, 0.05], inertia=1e-5), TABLE, friction=jc.SpringSlider(0.3)
-        ),
+        lambda: scene(jc.Sphere(0.01, 0.03, [0.0, 0.05], inertia=1e-5), TABLE, friction=FRICTION),
         "`inertia` of solid spheres",
     ),
     "lammps sizes": (
@@ -166,6 +165,11 @@ REFUSED = {
         "at most 40 kinds",
     ),
     "by a function": ("lammps", lambda: scene(*BALLS, OWN), "`Steady` or `Vibration`"),
+    "no ratio": (
+        "lammps",
+        lambda: scene(friction=jc.SpringSlider(0.3)),
+        "`ratio` of `SpringSlider` must be given",
+    ),
     "no stiffness": ("lammps", lambda: scene(stiffness=None), "a `stiffness`, or a material"),
     "adhesion": ("lammps", lambda: scene(law=jc.JKR(pull_off=1e-3)), "without adhesion"),
     "a pull": ("mujoco", lambda: scene(law=jc.DMT(pull_off=1e-3)), "without adhesion"),
@@ -233,16 +237,16 @@ ITEM: BOX BOUNDS mm mm pp
 -1 1
 -1 1
 -1 1
-ITEM: ATOMS id xu yu zu vx vy vz omegax omegay omegaz
-1 0.1 0.2 0 1 2 0 0 0 3
-2 0.3 0.4 0 -1 0 0 0 0 0
+ITEM: ATOMS id xu yu vx vy omegaz
+1 0.1 0.2 1 2 3
+2 0.3 0.4 -1 0 0
 """
 
 
 def test_a_dump_is_read_as_a_run(tmp_path):
     file = tmp_path / "run.dump"
     file.write_text(DUMP.format(time=0, step=0) + DUMP.format(time=0.5, step=9))
-    rolling = scene(friction=jc.SpringSlider(0.3))
+    rolling = scene(friction=FRICTION)
     run = jc.read_run(file, "lammps", rolling)
     np.testing.assert_array_equal(run.time, [0.0, 0.5])
     np.testing.assert_array_equal(run.position[1], [[0.1, 0.2], [0.3, 0.4]])
@@ -255,8 +259,14 @@ def test_a_dump_is_read_as_a_run(tmp_path):
     again = jc.read_run(tmp_path / "run.csv", "mujoco", rolling)
     np.testing.assert_array_equal(again.velocity, run.velocity)
     np.testing.assert_array_equal(again.spin, run.spin)
+    more = scene(*BALLS, jc.Sphere(0.01, 0.1, [0.2, 0.3]), friction=FRICTION)
     with pytest.raises(ValueError, match="3 spheres in 2D"):
-        jc.read_run(file, "lammps", scene(*BALLS, jc.Sphere(0.01, 0.1, [0.2, 0.3])))
+        jc.read_run(file, "lammps", more)
+    balls = [jc.Sphere(0.01, 0.03, [0.0, 0.05, x]) for x in (0.0, 0.1)]
+    in_space = jc.Scene(balls, law=LAW, stiffness=STIFFNESS)
+    for other, words in ((scene(), "2D without"), (in_space, "3D without")):
+        with pytest.raises(ValueError, match=f"run.dump .* in 2D with friction .*{words} friction"):
+            jc.read_run(file, "lammps", other)
     (tmp_path / "none.csv").write_text("time,x\n0,1\n")
     with pytest.raises(ValueError, match="has no 'energy'"):
         jc.read_run(tmp_path / "none.csv", "mujoco", rolling)
@@ -294,12 +304,11 @@ def test_steps_get_what_the_law_leaves_of_the_tolerance():
 def test_friction_widens_the_closing_speeds():
     """A belt or a spin may throw a ball at another body."""
     slow = exported(scene(), "lammps", velocity=None).velocity
-    friction = jc.SpringSlider(0.5, ratio=0.8)
-    still = exported(scene(friction=friction), "lammps", velocity=None).velocity
+    still = exported(scene(friction=FRICTION), "lammps", velocity=None).velocity
     assert still[1] >= slow[1]
     belt = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady([20.0, 0.0]))
     assert (
-        exported(scene(*BALLS, belt, friction=friction), "lammps", velocity=None).velocity[1] > 20
+        exported(scene(*BALLS, belt, friction=FRICTION), "lammps", velocity=None).velocity[1] > 20
     )
 
 

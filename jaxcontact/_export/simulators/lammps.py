@@ -19,14 +19,13 @@ from ..._laws import (
     AbstractLaw,
     AbstractOscillator,
     AntypovElliott,
-    KelvinVoigt,
     KuwabaraKono,
     Tsuji,
 )
 from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
 from ..wanted import Draft, Wanted, matched_stiffness
-from .spring import SpringAndDashpot
+from .spring import pulling_dashpot
 
 
 class TsujiWithoutRoot(AbstractOscillator):
@@ -92,11 +91,9 @@ def _polynomial(kind: Callable[..., AbstractLaw]) -> Callable[[Wanted, float], S
 
 
 def _mass_velocity(wanted: Wanted, radius: float) -> Solved:
-    # The force in LAMMPS is F = k δ + η m δ', which may pull.
-    scaled = KelvinVoigt(e=jnp.asarray(wanted.restitution))
-    stiffness = matched_stiffness(wanted, 1.0, scaled)
-    eta = max(0.0, 2 * float(scaled.damping_ratio()) * math.sqrt(stiffness / wanted.mass))
-    return SpringAndDashpot(rate=jnp.asarray(eta), tension=True), stiffness, eta
+    # The force in LAMMPS is F = k δ + η m δ'.
+    law, stiffness, damping = pulling_dashpot(wanted)
+    return law, stiffness, damping / wanted.mass
 
 
 def _viscoelastic(wanted: Wanted, radius: float) -> Solved:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -9,7 +10,8 @@ from jaxtyping import Array, Float
 
 from ..._contact import Contact
 from ..._entry import NOT_NEGATIVE, parameter
-from ..._laws import AbstractOscillator
+from ..._laws import AbstractOscillator, KelvinVoigt
+from ..wanted import Wanted, matched_stiffness
 
 
 class SpringAndDashpot(AbstractOscillator):
@@ -28,3 +30,14 @@ class SpringAndDashpot(AbstractOscillator):
         if contact is None:
             raise ValueError("Argument `contact` is needed for `SpringAndDashpot`, but is None.")
         return self.rate / 2 * jnp.sqrt(contact.mass) / jnp.sqrt(contact.stiffness)
+
+
+def pulling_dashpot(wanted: Wanted) -> tuple[SpringAndDashpot, float, float]:
+    """Return the law F = K δ + c δ', which may pull, with K in N/m and c in N s/m."""
+    # An elastic contact is requested by c = 0, not by e = 1.
+    scaled = KelvinVoigt(e=jnp.asarray(wanted.restitution))
+    stiffness = matched_stiffness(wanted, 1.0, scaled)
+    root = math.sqrt(stiffness) * math.sqrt(wanted.mass)
+    damping = max(0.0, 2 * float(scaled.damping_ratio()) * root)
+    law = SpringAndDashpot(rate=jnp.asarray(damping / wanted.mass), tension=True)
+    return law, stiffness, damping

@@ -13,7 +13,7 @@ from ..._laws import AntypovElliott, KelvinVoigt, Luding
 from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
 from ..wanted import Draft, Wanted, as_luding, matched_stiffness
-from .spring import SpringAndDashpot
+from .spring import pulling_dashpot
 
 _LEAST = math.exp(-2)
 """Restitution of a damped Hertz contact without tension at critical damping. These codes set ζ =
@@ -130,7 +130,6 @@ def _plastic(wanted: Wanted, law: Luding, radius: float | None) -> Draft:
                 "Argument `radius` is needed for a law with a slope for engine 'mercurydpm', but "
                 "is None."
             )
-        radius = require_number("radius", radius, POSITIVE)
         ratio = 1 + slope * (radius + math.sqrt(radius * (radius + 2 / slope)))
     loading = wanted.stiffness
     names = "loadingStiffness", "unloadingStiffnessMax", "cohesionStiffness", "penetrationDepthMax"
@@ -169,23 +168,21 @@ class MercuryDPM(Engine):
 
     def draft(self, wanted: Wanted, *, radius: float | None = None) -> Draft:
         law = as_luding(wanted.law)
+        if radius is not None:
+            radius = require_number("radius", radius, POSITIVE)
         return self._dashpot(wanted) if law is None else _plastic(wanted, law, radius)
 
     def _dashpot(self, wanted: Wanted) -> Draft:
-        # An elastic contact is requested by γ = 0, not by e = 1.
-        law = KelvinVoigt(e=jnp.asarray(wanted.restitution))
-        zeta = float(law.damping_ratio())
-        stiffness = matched_stiffness(wanted, 1.0, law)
-        dissipation = 2 * zeta * math.sqrt(stiffness) * math.sqrt(wanted.mass)
+        law, stiffness, dissipation = pulling_dashpot(wanted)
         return Draft(
             model="LinearViscoelasticSpecies",
-            law=SpringAndDashpot(rate=jnp.asarray(dissipation / wanted.mass), tension=True),
+            law=law,
             contact=Contact(wanted.mass, stiffness, 1.0),
             parameters={"stiffness": stiffness, "dissipation": dissipation},
             units={"stiffness": "N/m", "dissipation": "N s/m"},
             snippet=(
                 f"species->setStiffness({stiffness:.12g});\n"
-                f"species->setDissipation({0 + dissipation:.12g});"
+                f"species->setDissipation({dissipation:.12g});"
             ),
             scheme=Scheme.SEMI_IMPLICIT,
             limit=(

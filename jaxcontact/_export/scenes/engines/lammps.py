@@ -133,7 +133,7 @@ def _input(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: 
     lines += [
         f"timestep {steps.length:.17g}",
         f"thermo {every * max(1, steps.outputs // 10)}",
-        f"dump out all custom {every} run.dump id xu yu zu vx vy vz omegax omegay omegaz",
+        f"dump out all custom {every} run.dump {_columns(model.scene)}",
         "dump_modify out sort id units yes time yes format float %.15g",
         f"run {every * steps.outputs}",
     ]
@@ -257,7 +257,7 @@ def _types(groups: Iterable[int]) -> str:
 
 def _read_dump(path: Path, scene: Scene) -> dict[str, np.ndarray]:
     """Return the states of a dump file: (T,) and (T, N, D)."""
-    times, frames, count = [], [], None
+    times, frames, count, wanted = [], [], None, _columns(scene)
     with path.open() as file:
         for line in file:
             if line.startswith("ITEM: TIME") and "STEP" not in line:
@@ -265,13 +265,33 @@ def _read_dump(path: Path, scene: Scene) -> dict[str, np.ndarray]:
             elif line.startswith("ITEM: NUMBER"):
                 count = int(next(file))
             elif line.startswith("ITEM: ATOMS") and count is not None:
+                columns = line.removeprefix("ITEM: ATOMS").strip()
+                if columns != wanted:
+                    raise ValueError(
+                        f"holds {_kind_of(columns)}, where `scene` gives {_kind_of(wanted)}"
+                    )
                 frames.append(np.loadtxt(file, max_rows=count, ndmin=2))
     if not frames or len(times) != len(frames):
-        raise ValueError(f"{path} must be a dump of an exported scene, but has no complete frame.")
-    rows = np.array(frames)
-    axes = scene.dimensions
+        raise ValueError("has no complete frame")
+    rows, axes = np.array(frames), scene.dimensions
     states = {"time": np.array(times), "position": rows[:, :, 1 : 1 + axes]}
-    states["velocity"] = rows[:, :, 4 : 4 + axes]
+    states["velocity"] = rows[:, :, 1 + axes : 1 + 2 * axes]
     if scene.friction is not None:
-        states["spin"] = rows[:, :, 9] if axes == 2 else rows[:, :, 7:10]
+        states["spin"] = rows[:, :, -1] if axes == 2 else rows[:, :, -3:]
     return states
+
+
+def _columns(scene: Scene) -> str:
+    """Return the columns of a dump; they tell the dimensions, and whether there is friction."""
+    letters, spins = "xyz"[: scene.dimensions], ""
+    if scene.friction is not None:
+        spins = "z" if scene.dimensions == 2 else "xyz"
+    names = [*(f"{x}u" for x in letters), *(f"v{x}" for x in letters)]
+    return " ".join(["id", *names, *(f"omega{x}" for x in spins)])
+
+
+def _kind_of(columns: str) -> str:
+    """Return in words what the columns of a dump tell of a scene."""
+    dimensions = sum(f"{x}u" in columns.split() for x in "xyz")
+    friction = "with" if "omega" in columns else "without"
+    return f"a run in {dimensions}D {friction} friction (columns {columns})"
