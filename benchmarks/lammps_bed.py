@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -45,6 +46,8 @@ GAS_SPEEDS, MOMENTS = (0.1, 4.0), (0.06, 0.2, 0.6)
 SETTLING = 0.2
 """Time in s at which the energy of the bed is shown, shortly after the last grains arrive."""
 RANKS = 2
+TSUJI = re.compile(r"(hertz \S+) \S+ (tangential .*) damping coeff_restitution( limit_damping)?")
+"""The contact of an input file, whose e and damping become those of `tsuji`."""
 GRAIN = jc.Material(youngs_modulus=1e7, poisson_ratio=0.3, density=2500.0)
 
 
@@ -139,7 +142,7 @@ def main() -> None:
             "steps": made.steps,
         }
         own = made.files["scene.in"]
-        asked = own.replace("damping coeff_restitution", "damping tsuji")
+        asked = TSUJI.sub(rf"\1 {E:g} \2 damping tsuji", own)
         for name, text in (("exported", own), ("tsuji", asked)):
             with tempfile.TemporaryDirectory() as folder:
                 state, seconds = run(made, text, Path(folder))
@@ -160,7 +163,7 @@ def table(found: dict[str, Any]) -> str:
     heads += [f"energy of the gas at {moment:g} s" for moment in MOMENTS]
     lines = [heads, ["---"] * len(heads)]
     for name, row in found["rows"].items():
-        title = "`coeff_restitution`, exported" if name == "exported" else f"`tsuji {found['e']:g}`"
+        title = "as exported" if name == "exported" else f"`tsuji {found['e']:g}`"
         left = np.interp(MOMENTS, row["gas"]["time"], row["gas"]["energy"])
         numbers = [f"{row['e']:.3f}", f"{row['bed']['packing']:.3f}"]
         numbers.append(f"{row['bed']['coordination']:.2f}")

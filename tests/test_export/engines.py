@@ -73,7 +73,7 @@ def lammps(p, mass, radius, damping="coeff_restitution"):
         if damping == "viscoelastic":
             eta = p["eta_n0"] * contact_radius * mass
         else:
-            if damping == "coeff_restitution":
+            if damping in ("coeff_restitution", "limit_damping"):
                 log = math.log(p["e"])
                 factor = -math.sqrt(3 / 2) * 2 * math.sqrt(5 / 6) * log
                 factor /= math.sqrt(math.pi**2 + log**2)

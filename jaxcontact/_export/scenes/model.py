@@ -8,6 +8,7 @@ import math
 from typing import Any, NamedTuple, cast
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float, Int
@@ -18,7 +19,6 @@ from ..._friction import AbstractFriction, SpringSlider
 from ..._friction.scaled import ratio_of
 from ..._impact import restitution_is_constant
 from ..._laws import AbstractLaw
-from ..._laws.surface_adhesion import AbstractAdhesive
 from ..._scene import Scene, Shell, Sphere
 from ..._scene.bodies.bodies import words
 from ..._scene.bodies.motion import AbstractMotion
@@ -152,8 +152,8 @@ def scene_model(scene: Scene, *, merges: bool) -> SceneModel:
     """Return a scene as plain numbers.
 
     With `merges`, spheres of different size are one group if neither the stiffness over √R nor the
-    restitution depends on the size. Raises ValueError for traced numbers, the end of a run,
-    adhesion, a motion by a user's function, and a pair without stiffness.
+    restitution depends on the size. Raises ValueError for traced numbers, the end of a run, a
+    motion by a user's function, and a pair without stiffness.
     """
     _require_plain(scene)
     free_size = scene.stiffness is None and all(
@@ -198,7 +198,7 @@ def scene_model(scene: Scene, *, merges: bool) -> SceneModel:
 
 
 def _require_plain(scene: Scene) -> None:
-    """Raise ValueError for traced numbers, the end of a run, and adhesion."""
+    """Raise ValueError for traced numbers and the end of a run."""
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
         raise ValueError("Argument `scene` must have concrete numbers, but is traced.")
     if scene._start is not None:
@@ -206,12 +206,6 @@ def _require_plain(scene: Scene) -> None:
             "Argument `scene` must start without contacts in progress or balls that rest, but is "
             "the end of a run."
         )
-    for law in scene.law.values:
-        if law.ends_apart or law.forgets or isinstance(law, AbstractAdhesive):
-            raise ValueError(
-                "Argument `scene` must have laws without adhesion for an engine, as the parameters "
-                f"of its contacts are matched to e alone, but has {rendered(law)}."
-            )
 
 
 def _masses(spheres: tuple[Sphere, ...]) -> Float[np.ndarray, " N"]:
@@ -350,7 +344,7 @@ def _touch(scene: Scene, first: BodyGroup, second: BodyGroup) -> Touch:
         stiffness = 4 / 3 * math.sqrt(radius) / soft
     friction = of(scene.friction)
     if isinstance(friction, SpringSlider):
-        ratio = float(ratio_of(friction, ratio))
+        ratio = float(ratio_of(friction, None if ratio is None else jnp.asarray(ratio)))
     mass = 1 / (first.inverse_mass + second.inverse_mass)
     exponent = float(scene.exponent)
     contact = Contact(mass, float(stiffness), exponent)

@@ -1,4 +1,4 @@
-"""LAMMPS: pair_style granular with five dampings, and its dmt, which is our `DMT`."""
+"""LAMMPS: pair_style granular with six dampings, and its dmt, which is our `DMT`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ..._laws import (
 from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
 from ..wanted import Draft, Wanted, matched_stiffness
-from .spring import pulling_dashpot
+from .spring import clamped_sphere, pulling_dashpot
 
 
 class TsujiWithoutRoot(AbstractOscillator):
@@ -67,6 +67,11 @@ class Damping(NamedTuple):
 def _coeff_restitution(wanted: Wanted, radius: float) -> Solved:
     law = AntypovElliott(e=jnp.asarray(wanted.restitution))
     return law, matched_stiffness(wanted, 1.5, law), wanted.restitution
+
+
+def _clamped(wanted: Wanted, radius: float) -> Solved:
+    where = "LAMMPS' damping 'limit_damping', which `RigidCoulomb` needs"
+    return clamped_sphere(wanted, where, "the damping 'coeff_restitution', or a `SpringSlider`")
 
 
 def _polynomial(kind: Callable[..., AbstractLaw]) -> Callable[[Wanted, float], Solved]:
@@ -125,12 +130,19 @@ def _scaled_relaxation(wanted: float) -> float:
     return root_scalar(excess, bracket=(0.0, high), xtol=1e-14).root
 
 
-_CONSTANT = "e does not depend on speed."
+_PULLS = "The contact pulls at its end, so not for limit_damping."
+_CONSTANT = f"e does not depend on speed. {_PULLS}"
 _TSUJI = "Tsuji et al. 1992, doi 10.1016/0032-5910(92)88030-L"
 DAMPINGS = {
     "coeff_restitution": Damping(
         _coeff_restitution,
         *("coeff_restitution", "e", "", _CONSTANT),
+        "Antypov & Elliott 2011, doi 10.1209/0295-5075/94/50004",
+    ),
+    "limit_damping": Damping(
+        _clamped,
+        *("coeff_restitution limit_damping", "e", ""),
+        "The force is cut off where it would pull. e does not depend on speed; 0.136 at least.",
         "Antypov & Elliott 2011, doi 10.1209/0295-5075/94/50004",
     ),
     "tsuji": Damping(
@@ -151,7 +163,7 @@ DAMPINGS = {
     "viscoelastic": Damping(
         _viscoelastic,
         *("viscoelastic", "eta_n0", "1/(m s)"),
-        "e is that at this speed, mass and radius; it falls with speed.",
+        f"e is that at this speed, mass and radius; it falls with speed. {_PULLS}",
         "Brilliantov et al. 1996, doi 10.1103/PhysRevE.53.5382",
     ),
     "mass_velocity": Damping(
@@ -243,6 +255,6 @@ class Lammps(Engine):
             steps=400 if kind.run else None,
             expected_error=0.009 if kind.run else None,
             scheme=Scheme.SEMI_IMPLICIT,
-            limit=f"{kind.limit} The contact pulls at its end, so not for limit_damping. Units si.",
+            limit=f"{kind.limit} Units si.",
             source=f"docs.lammps.org/pair_granular.html; {kind.source}",
         )
