@@ -67,10 +67,11 @@ def export(
     - `radius` in m, required for Chrono, LAMMPS, Simbody and YADE: the effective radius R1
       R2/(R1+R2), or that of a sphere on a plane. MercuryDPM needs it for a law with a slope.
     - `poisson_ratio`, for Chrono and YADE: 0.3 by default.
-    - `damping`, for LAMMPS: "coeff_restitution" (default), "tsuji", "tsuji_sqrt2", "viscoelastic"
-      or, with a hooke contact, "mass_velocity".
+    - `damping`, for LAMMPS: "coeff_restitution" (default), the same with "limit_damping", "tsuji",
+      "tsuji_sqrt2", "viscoelastic" or, with a hooke contact, "mass_velocity".
     - `discrete_contact_approximation`, for Drake: "lagged" (default), "similar" or "sap".
-    - `impact_model`, for Exudyn: 2 (default) or 1; for the restitution of a `Luding`, too.
+    - `impact_model`, for Exudyn: 2 (default), 1, or 0, a spring with a dashpot; 1 and 2 for the
+      restitution of a `Luding`, too.
     - `d` in m, for Adams: the depth of the full damping. The default is that of a `StepDamping`,
       and for other laws 1 % of the largest indentation without damping.
     - `length`, for Adams: "m" (default) or "mm".

@@ -16,6 +16,9 @@ from .at_time_step import TimeStepRestitution, restitution_in_steps
 from .holds import SpeedRange, signed_text, speed_range
 from .wanted import Draft
 
+_STEPPED = "'drake', 'lammps', 'mercurydpm' (without plasticity), 'mujoco', 'newton'"
+"""The engines whose scheme is known."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Export(Draft):
@@ -72,9 +75,12 @@ class Export(Draft):
         time_step = require_number("time_step", time_step, POSITIVE)
         within = require_number("within", within, POSITIVE)
         if self.scheme is None:
+            known = "it was not run"
+            if self.time_step is not None:
+                known = f"its error is known at steps of {self.time_step:.3g} s only (`time_step`)"
             raise ValueError(
-                f"Argument `engine` must have known time steps, but is {self.engine!r}: its "
-                "steps are the user's choice, or undocumented."
+                f"Argument `engine` must be one of {_STEPPED} for a time step, but is "
+                f"{self.engine!r} with {self.model}, whose scheme is not reproduced; {known}."
             )
         if np.ndim(self.velocity) > 0:
             raise ValueError(

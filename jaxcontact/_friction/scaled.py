@@ -22,15 +22,20 @@ class HasSpring(Protocol):
         """The stiffness ratio κ; None for that of the contact."""
 
 
-def spring_of(law: HasSpring, problem: Tangential) -> ScaledSpring:
-    """Return the scaled numbers. Raises ValueError without a stiffness ratio."""
-    name = type(law).__name__
-    kappa = problem.ratio if law.ratio is None else law.ratio
+def ratio_of(law: HasSpring, of_contact: Lane | None) -> Lane:
+    """Return κ of the law, or that of the contact. Raises ValueError if both are None."""
+    kappa = of_contact if law.ratio is None else law.ratio
     if kappa is None:
         raise ValueError(
-            f"Argument `ratio` of `{name}` must be given, or the contact be built from materials "
-            "(`Contact.sphere_plane`), but both are None."
+            f"Argument `ratio` of `{type(law).__name__}` must be given, or the contact be built "
+            "from materials (`Contact.sphere_plane`), but both are None."
         )
+    return kappa
+
+
+def spring_of(law: HasSpring, problem: Tangential) -> ScaledSpring:
+    """Return the scaled numbers. Raises ValueError without a stiffness ratio."""
+    kappa = ratio_of(law, problem.ratio)
     free = law.mu <= 0
     mu = jnp.where(free, 1, law.mu)
     psi = jnp.where(free, 0, kappa * problem.slip / mu)

@@ -131,7 +131,7 @@ def cases() -> dict[str, Case]:
         "export, exudyn": Case(
             jc.export,
             {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "exudyn"},
-            {"impact_model": NONE},
+            {"impact_model": NONE | {"zero"}},
         ),
         "export, adams": Case(
             jc.export,

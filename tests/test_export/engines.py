@@ -46,9 +46,10 @@ def simbody(p, mass, radius):
 
 
 def exudyn(p, mass, radius, model=2):
-    e, k, n = (
-        p[x] for x in ("restitutionCoefficient", "contactStiffness", "contactStiffnessExponent")
-    )
+    k, n = p["contactStiffness"], p["contactStiffnessExponent"]
+    if model == 0:
+        return lambda x, v, v0: -(k * x**n + p["contactDamping"] * v) / mass
+    e = p["restitutionCoefficient"]
     if model == 1:
         scale = 1.5 * (1 - e)
     else:
@@ -72,7 +73,7 @@ def lammps(p, mass, radius, damping="coeff_restitution"):
         if damping == "viscoelastic":
             eta = p["eta_n0"] * contact_radius * mass
         else:
-            if damping == "coeff_restitution":
+            if damping in ("coeff_restitution", "limit_damping"):
                 log = math.log(p["e"])
                 factor = -math.sqrt(3 / 2) * 2 * math.sqrt(5 / 6) * log
                 factor /= math.sqrt(math.pi**2 + log**2)

@@ -30,7 +30,9 @@ VARIANTS = [
     ("drake", {}),
     ("exudyn", {}),
     ("exudyn", {"impact_model": 1}),
+    ("exudyn", {"impact_model": 0}),
     ("lammps", {"damping": "coeff_restitution"}),
+    ("lammps", {"damping": "limit_damping"}),
     ("lammps", {"damping": "tsuji"}),
     ("lammps", {"damping": "viscoelastic"}),
     ("mujoco", {}),
@@ -59,8 +61,9 @@ def needed(engine):
 @pytest.mark.parametrize(("engine", "options"), VARIANTS, ids=LABEL)
 def test_the_engine_delivers_the_target(engine, options, tmp_path):
     needed(engine)
-    # impactModel 1 delivers nothing below 0.4877.
+    # impactModel 1 delivers nothing below 0.4877, limit_damping nothing below 0.1353.
     wanted = WANTED[:3] if options.get("impact_model") == 1 else WANTED
+    wanted = WANTED[:4] if options.get("damping") == "limit_damping" else wanted
     found = exports(engine, options, wanted)
     cases = [case(*each, phase=phase) for each in found for phase in PHASES]
     delivered = rebounds(engine, cases, tmp_path)

@@ -36,6 +36,7 @@ VARIANTS = [
     ("simbody", R, {}),
     ("exudyn", {}, {}),
     ("exudyn", {"impact_model": 1}, {"model": 1}),
+    ("exudyn", {"impact_model": 0}, {"model": 0}),
     ("mujoco", {}, {}),
     ("bullet", {}, {}),
     ("mercurydpm", {}, {}),
@@ -44,7 +45,14 @@ VARIANTS = [
     ("chrono", R, {}),
     *[
         ("lammps", {**R, "damping": name}, {"damping": name})
-        for name in ("coeff_restitution", "tsuji", "tsuji_sqrt2", "viscoelastic", "mass_velocity")
+        for name in (
+            "coeff_restitution",
+            "limit_damping",
+            "tsuji",
+            "tsuji_sqrt2",
+            "viscoelastic",
+            "mass_velocity",
+        )
     ],
 ]
 KEPT = [v for v in VARIANTS if v[0] in ("simbody", "exudyn", "yade") and not v[2]]
@@ -57,7 +65,8 @@ def test_the_engines_formula_delivers_the_target(engine, options, words):
     for e in (0.95, 0.6) if words.get("model") == 1 else (0.95, 0.25):
         found = export(jc.ExactRestitution(e=e), CONTACT, SPEED, engine=engine, **options)
         acceleration = getattr(engines, engine)(found.parameters, MASS, RADIUS, **words)
-        pulls = engine not in ("bullet", "chrono", "mujoco", "yade")
+        limited = words.get("damping") == "limit_damping"
+        pulls = engine not in ("bullet", "chrono", "mujoco", "yade") and not limited
         delivered, duration = engines.bounce(acceleration, SPEED, found.duration, pulls=pulls)
         assert delivered == pytest.approx(e, rel=SCIPY)
         assert duration == pytest.approx(found.duration, rel=SCIPY)
@@ -343,7 +352,9 @@ NAN_LANE = jc.ExactRestitution(e=jnp.asarray(1.5))
         ),
         (EXACT, {"engine": "lammps", **R, "model": 1}, "which takes `radius`, `damping`."),
         (EXACT, {"engine": "lammps", **R, "damping": "hooke"}, "'mass_velocity', but is 'hooke'"),
-        (EXACT, {"engine": "exudyn", "impact_model": 0}, "`impact_model` must be 1 or 2"),
+        (EXACT, {"engine": "exudyn", "impact_model": 3}, "`impact_model` must be 0, 1 or 2"),
+        (EXACT, {"engine": "exudyn", "impact_model": "0"}, "`impact_model` must be 0, 1 or 2"),
+        (EXACT, {"engine": "mercurydpm", "radius": -1}, "`radius` must be a number in"),
         (EXACT, {"engine": "exudyn", "impact_model": 1}, "`impact_model` must be 2 here"),
         (jc.ExactRestitution(e=0.1), {"engine": "lammps", **R, "damping": "tsuji"}, "0.1136 to"),
         (jc.Hertz(), {"engine": "lammps", **R, "damping": "tsuji"}, "to 0.9996; try"),

@@ -24,6 +24,7 @@ TIMES = np.linspace(0, 0.1, 3)
 # Closing speeds are given, so that no run is needed to find them.
 SPEEDS = 0.1, 1.0
 STEEL = jc.Material(2e11, 0.3, 7800.0)
+FRICTION = jc.SpringSlider(0.5, ratio=0.8)
 
 
 def scene(*bodies, **words):
@@ -152,12 +153,29 @@ SHELL = jc.Shell([0.0, 0.0], 1.0)
 MOVING = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady([0.0, 0.1]))
 OWN = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Prescribed(lambda t, args: 0.01 * t, 1.0))
 REFUSED = {
-    "lammps rigid": ("lammps", lambda: scene(friction=jc.RigidCoulomb(0.3)), "`SpringSlider`"),
+    "lammps rebound": (
+        "lammps",
+        lambda: scene(friction=jc.WaltonFriction(0.3, 0.4)),
+        "has WaltonFriction.*, which has no force over time",
+    ),
+    "lammps ramp": (
+        "lammps",
+        lambda: scene(friction=jc.RegularizedCoulomb(0.3, 0.1)),
+        "whose ramp follows the normal force",
+    ),
+    "lammps parts": (
+        "lammps",
+        lambda: scene(friction=jc.MawBarberFawcett(0.3, 0.8)),
+        "`SpringSlider` for LAMMPS.* sticks and slips in parts",
+    ),
+    "lammps low e": (
+        "lammps",
+        lambda: scene(law=jc.ExactRestitution(e=0.1), friction=jc.RigidCoulomb(0.3)),
+        "above 0.1353 for LAMMPS' damping 'limit_damping', which `RigidCoulomb` needs",
+    ),
     "lammps inertia": (
         "lammps",
-        lambda: scene(
-            jc.Sphere(0.01, 0.03, [0.0, 0.05], inertia=1e-5), TABLE, friction=jc.SpringSlider(0.3)
-        ),
+        lambda: scene(jc.Sphere(0.01, 0.03, [0.0, 0.05], inertia=1e-5), TABLE, friction=FRICTION),
         "`inertia` of solid spheres",
     ),
     "lammps sizes": (
@@ -166,9 +184,24 @@ REFUSED = {
         "at most 40 kinds",
     ),
     "by a function": ("lammps", lambda: scene(*BALLS, OWN), "`Steady` or `Vibration`"),
+    "no ratio": (
+        "lammps",
+        lambda: scene(friction=jc.SpringSlider(0.3)),
+        "`ratio` of `SpringSlider` must be given",
+    ),
     "no stiffness": ("lammps", lambda: scene(stiffness=None), "a `stiffness`, or a material"),
     "adhesion": ("lammps", lambda: scene(law=jc.JKR(pull_off=1e-3)), "without adhesion"),
-    "a pull": ("mujoco", lambda: scene(law=jc.DMT(pull_off=1e-3)), "without adhesion"),
+    "a pull": ("mujoco", lambda: scene(law=jc.DMT(pull_off=1e-3)), "`DMT` can be exported"),
+    "a pull beside friction": (
+        "lammps",
+        lambda: scene(law=jc.DMT(pull_off=1e-3), friction=jc.RigidCoulomb(0.3)),
+        "`friction=None` beside adhesion",
+    ),
+    "a slope": (
+        "exudyn",
+        lambda: scene(law=jc.Luding(ratio=2.0, slope=10.0, adhesion=0.1), exponent=1.0),
+        "a `Luding` of slope 0",
+    ),
     "mujoco shell": ("mujoco", lambda: scene(*BALLS, SHELL), "Shell"),
     "mujoco periodic": ("mujoco", lambda: scene(*BALLS, **PERIODIC), "`periodic=None`"),
     "mujoco motion": ("mujoco", lambda: scene(*BALLS, MOVING), "moves"),
@@ -233,16 +266,16 @@ ITEM: BOX BOUNDS mm mm pp
 -1 1
 -1 1
 -1 1
-ITEM: ATOMS id xu yu zu vx vy vz omegax omegay omegaz
-1 0.1 0.2 0 1 2 0 0 0 3
-2 0.3 0.4 0 -1 0 0 0 0 0
+ITEM: ATOMS id xu yu vx vy omegaz
+1 0.1 0.2 1 2 3
+2 0.3 0.4 -1 0 0
 """
 
 
 def test_a_dump_is_read_as_a_run(tmp_path):
     file = tmp_path / "run.dump"
     file.write_text(DUMP.format(time=0, step=0) + DUMP.format(time=0.5, step=9))
-    rolling = scene(friction=jc.SpringSlider(0.3))
+    rolling = scene(friction=FRICTION)
     run = jc.read_run(file, "lammps", rolling)
     np.testing.assert_array_equal(run.time, [0.0, 0.5])
     np.testing.assert_array_equal(run.position[1], [[0.1, 0.2], [0.3, 0.4]])
@@ -255,8 +288,14 @@ def test_a_dump_is_read_as_a_run(tmp_path):
     again = jc.read_run(tmp_path / "run.csv", "mujoco", rolling)
     np.testing.assert_array_equal(again.velocity, run.velocity)
     np.testing.assert_array_equal(again.spin, run.spin)
+    more = scene(*BALLS, jc.Sphere(0.01, 0.1, [0.2, 0.3]), friction=FRICTION)
     with pytest.raises(ValueError, match="3 spheres in 2D"):
-        jc.read_run(file, "lammps", scene(*BALLS, jc.Sphere(0.01, 0.1, [0.2, 0.3])))
+        jc.read_run(file, "lammps", more)
+    balls = [jc.Sphere(0.01, 0.03, [0.0, 0.05, x]) for x in (0.0, 0.1)]
+    in_space = jc.Scene(balls, law=LAW, stiffness=STIFFNESS)
+    for other, words in ((scene(), "2D without"), (in_space, "3D without")):
+        with pytest.raises(ValueError, match=f"run.dump .* in 2D with friction .*{words} friction"):
+            jc.read_run(file, "lammps", other)
     (tmp_path / "none.csv").write_text("time,x\n0,1\n")
     with pytest.raises(ValueError, match="has no 'energy'"):
         jc.read_run(tmp_path / "none.csv", "mujoco", rolling)
@@ -274,14 +313,71 @@ def test_the_columns_are_those_of_simulate(tmp_path):
     assert run.spin is None and "spheres: 2 in 2D" in repr(run)
 
 
-def test_plastic_contacts_have_a_matched_e_in_exudyn():
-    """Exudyn's own plastic contact has no walls, and no parameter e."""
-    law = jc.WaltonBraun(ratio=2.0, slope=0.0)
-    made = exported(scene(law=law, exponent=1.0), "exudyn")
+def constants(made):
+    """The constants of a script."""
+    lines = [x for x in made.files["run.py"].splitlines() if re.match("[A-Z]+ = ", x)]
+    found = {"numpy": np}
+    exec("\n".join(lines), found)
+    return found
+
+
+def test_exudyn_has_plastic_contacts_and_a_large_sphere_in_place_of_a_wall():
+    law = jc.Luding(ratio=2.0, slope=0.0, adhesion=0.2)
+    found = constants(exported(scene(law=law, exponent=1.0, stiffness=1e5), "exudyn"))
+    (*_, contact), *_ = found["PAIRS"]
+    assert contact["contactPlasticityRatio"] == 0.5 and contact["adhesionCoefficient"] == 2e4
+    assert found["WALLS"] == [] and len(found["ROUND"]) == 2
+    for k, centre, radius, hollow, gap, wall in found["ROUND"]:
+        assert not hollow and wall["impactModel"] == 0
+        # The top of the sphere is the wall; a gap rounds to 1e-10 of the scene.
+        height = found["PLACE"][k][1] - found["RADIUS"][k]
+        assert centre[1] + radius == pytest.approx(0, abs=1e-10)
+        assert gap == pytest.approx(height, abs=1e-12)
+
+
+def test_plastic_contacts_that_exudyn_has_not_have_a_matched_e():
+    law = jc.WaltonBraun(ratio=2.0, slope=10.0)
+    made = exported(scene(law=law, exponent=1.0, stiffness=1e5), "exudyn", tolerance=0.1)
     e = {contact.parameters["restitutionCoefficient"] for contact in made.contacts}
     assert all(0 < value < 1 for value in e)
     assert "contactPlasticityRatio" not in made.files["run.py"]
-    np.testing.assert_allclose(made.contacts[0].delivered, 2**-0.5, rtol=1e-6)
+
+
+def test_lammps_stops_a_slip_in_one_step():
+    """Coulomb friction: the multiple of the damping that is the longest without overshoot."""
+    ball, mu = jc.Sphere(0.01, 0.03, [0.0, 0.05]), 0.3
+    for e in (0.6, 1.0):
+        rubbing = scene(
+            ball, TABLE, law=jc.ExactRestitution(e=e), friction=jc.RigidCoulomb(mu), gravity=None
+        )
+        made = exported(rubbing, "lammps")
+        pattern = r"hertz (\S+) (\S+) tangential linear_nohistory (\S+) (\S+) damping (.*) region"
+        *numbers, damping = re.search(pattern, made.files["scene.in"]).groups()
+        k_n, nominal, multiple, written = map(float, numbers)
+        assert (damping, written) == ("coeff_restitution limit_damping", mu)
+        # Without the pull at its end a contact delivers more than LAMMPS' e.
+        clamped = jc.AntypovElliott(e=nominal, tension=False)
+        assert float(jc.restitution(clamped)) == pytest.approx(e, abs=1e-5)
+        contact = jc.Contact(0.03, k_n * 0.01**0.5)
+        depth = float(jc.impact(clamped, contact, SPEEDS[1]).max_indentation)
+        log = math.log(nominal)
+        eta = -math.sqrt(5) * log / math.hypot(math.pi, log) * math.sqrt(0.03 * k_n)
+        eta *= (0.01 * depth) ** 0.25
+        slowed = 3.5 * multiple * eta * made.time_step / 0.03
+        assert slowed == pytest.approx(1, rel=1e-3)
+
+
+def test_lammps_has_the_adhesion_of_each_pair():
+    made = exported(scene(law=jc.DMT(pull_off=0.2), stiffness=1e7), "lammps", tolerance=0.01)
+    text = made.files["scene.in"]
+    found = re.findall(r"(?:pair_coeff (\d \d)|granular) dmt (\S+) 0 (\S+) (\S+) tangential", text)
+    radii = [0.01 * 0.02 / 0.03, 0.01, 0.02]
+    named = [x for x in found if x[0] in ("1 2", "")]
+    assert len(named) == 3 and "damping" not in text
+    for (_, young, nu, gamma), radius in zip(named, radii, strict=True):
+        modulus = float(young) / (2 * (1 - float(nu) ** 2))
+        assert 4 / 3 * modulus * math.sqrt(radius) == pytest.approx(1e7, rel=1e-9)
+        assert 4 * math.pi * float(gamma) * radius == pytest.approx(0.2, rel=1e-9)
 
 
 def test_steps_get_what_the_law_leaves_of_the_tolerance():
@@ -294,12 +390,11 @@ def test_steps_get_what_the_law_leaves_of_the_tolerance():
 def test_friction_widens_the_closing_speeds():
     """A belt or a spin may throw a ball at another body."""
     slow = exported(scene(), "lammps", velocity=None).velocity
-    friction = jc.SpringSlider(0.5, ratio=0.8)
-    still = exported(scene(friction=friction), "lammps", velocity=None).velocity
+    still = exported(scene(friction=FRICTION), "lammps", velocity=None).velocity
     assert still[1] >= slow[1]
     belt = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady([20.0, 0.0]))
     assert (
-        exported(scene(*BALLS, belt, friction=friction), "lammps", velocity=None).velocity[1] > 20
+        exported(scene(*BALLS, belt, friction=FRICTION), "lammps", velocity=None).velocity[1] > 20
     )
 
 

@@ -75,12 +75,25 @@ def test_drakes_sap_is_a_spring_and_a_dashpot():
 
 @pytest.mark.parametrize(
     ("engine", "words"),
-    [("exudyn", "known time steps, but is 'exudyn'"), ("mujoco", "`time_step` must be")],
+    [
+        ("exudyn", "'newton' for a time step, but is 'exudyn' with .*; its error is known at"),
+        ("bullet", "'newton' for a time step, but is 'bullet'"),
+        ("mujoco", "`time_step` must be"),
+    ],
 )
 def test_what_has_no_answer(engine, words):
     found = jc.export(LAW, CONTACT, 1.0, engine=engine)
     with pytest.raises(ValueError, match=words):
-        found.at_time_step(1e-3 if engine == "exudyn" else -1.0)
+        found.at_time_step(-1.0 if engine == "mujoco" else 1e-3)
+
+
+def test_the_engines_with_known_steps_are_named():
+    with pytest.raises(ValueError, match="`engine` must be one of") as error:
+        jc.export(LAW, CONTACT, 1.0, engine="adams").at_time_step(1e-3)
+    for engine in ("bullet", "drake", "exudyn", "lammps", "mercurydpm", "mujoco", "newton", "yade"):
+        options = {"radius": 0.1} if engine in ("lammps", "yade") else {}
+        known = jc.export(LAW, CONTACT, 1.0, engine=engine, **options).scheme is not None
+        assert (f"'{engine}'" in str(error.value)) == known
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,9 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from ..._entry import require_choice
+from ..._entry import rendered, require_choice
+from ..._laws import AbstractLaw
+from ..._laws.surface_adhesion import AbstractAdhesive
 from ..._scene import Scene
 from ..._scene.bodies.bodies import words
 from ..._scene.readout.columns import states_in_csv
@@ -37,7 +39,8 @@ class SceneEngine(abc.ABC):
 
     `name` is that of `jc.export`, whose parameters it uses. `output` is the file that a run writes,
     `command` runs the model. `merges`: whether one set of parameters serves spheres of any size, if
-    e and the material allow. `constant`: whether its e does not depend on speed.
+    e and the material allow. `constant`: whether its e does not depend on speed. `adhesive` has the
+    laws with adhesion that the engine has itself.
     """
 
     name: ClassVar[str]
@@ -45,13 +48,16 @@ class SceneEngine(abc.ABC):
     command: ClassVar[str] = "python run.py"
     merges: ClassVar[bool] = False
     constant: ClassVar[bool] = True
+    adhesive: ClassVar[tuple[type[AbstractLaw], ...]] = ()
 
     @abc.abstractmethod
     def refuse(self, model: SceneModel) -> None:
         """Raise ValueError that names what of a scene the engine cannot express."""
 
     def options(self, touch: Touch, constant: bool) -> Iterable[Mapping[str, Any]]:
-        """Return options of `export` for a contact; the one with the smallest error is used."""
+        """Return options of `export` for a contact. That with the smallest error is used, the first
+        of equal ones. An option that cannot deliver the law is left out if another one can.
+        """
         return ({},)
 
     @abc.abstractmethod
@@ -82,6 +88,23 @@ def scene_engine(name: str) -> SceneEngine:
 def scene_engines() -> list[str]:
     """Return the names of all registered engines."""
     return sorted(_ENGINES)
+
+
+def refuse_adhesion(model: SceneModel, engine: SceneEngine) -> None:
+    """Raise ValueError if a law pulls in another way than the engine, or beside friction."""
+    for law in model.scene.law.values:
+        pulls = law.ends_apart or law.forgets or isinstance(law, AbstractAdhesive)
+        if pulls and not isinstance(law, engine.adhesive):
+            raise ValueError(
+                f"Argument `scene` must have laws without adhesion for engine {engine.name!r}, "
+                f"whose contacts are matched to e alone, but has {rendered(law)}. `DMT` can be "
+                "exported to 'lammps', `Luding` to 'exudyn'."
+            )
+        if pulls and model.scene.friction is not None:
+            raise ValueError(
+                "Argument `scene` must have `friction=None` beside adhesion for an engine, whose "
+                f"limit of friction is another, but has {rendered(law)}."
+            )
 
 
 def spaced(values: Iterable[float]) -> str:

@@ -24,7 +24,7 @@ from ..._scene import EngineRun, Scene
 from ..._text.files import write_all
 from ..._text.table import text_table
 from ..result import Export
-from .engine import EqualSteps, scene_engine
+from .engine import EqualSteps, refuse_adhesion, scene_engine
 from .matched import matched
 from .model import scene_model
 from .read_run import read_run
@@ -139,6 +139,7 @@ def export_scene(
     outputs, ends = _outputs(times, duration), require_range(velocity)
     with jax.enable_x64(True):
         model = scene_model(scene, merges=model_of.merges)
+        refuse_adhesion(model, model_of)
         model_of.refuse(model)
         speeds = closing_speeds(model, duration, ends)
         found = matched(model, model_of, speeds, tolerance)

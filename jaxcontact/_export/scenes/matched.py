@@ -18,6 +18,9 @@ from .model import SceneModel, Touch
 
 Pair = tuple[int, int]
 
+_EQUAL = 8
+"""Decimals of errors of e that count as equal: a solve is as accurate."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Matched:
@@ -80,11 +83,15 @@ def _closest(touch: Touch, engine: SceneEngine, speeds: np.ndarray) -> Export:
     # One speed is exact, and enough where neither law depends on it.
     constant = restitution_is_constant(touch.law, None) and engine.constant
     at = float(speeds[-1]) if constant or len(speeds) == 1 else speeds
-    found = [
-        export(touch.law, touch.contact, at, engine=engine.name, **options)
-        for options in engine.options(touch, constant)
-    ]
-    return min(found, key=lambda made: float(np.max(np.abs(made.error))))
+    found, reasons = [], []
+    for options in engine.options(touch, constant):
+        try:
+            found.append(export(touch.law, touch.contact, at, engine=engine.name, **options))
+        except ValueError as reason:
+            reasons.append(reason)
+    if not found:
+        raise reasons[0]
+    return min(found, key=lambda made: round(float(np.max(np.abs(made.error))), _EQUAL))
 
 
 def _longest(made: Export, speed: float, tolerance: float) -> float:

@@ -8,22 +8,20 @@ import math
 from typing import Any, NamedTuple, cast
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float, Int
 
 from ..._contact import Contact, Material
 from ..._entry import rendered
-from ..._friction import AbstractFriction
+from ..._friction import AbstractFriction, SpringSlider
+from ..._friction.scaled import ratio_of
 from ..._impact import restitution_is_constant
 from ..._laws import AbstractLaw
-from ..._laws.surface_adhesion import AbstractAdhesive
 from ..._scene import Scene, Shell, Sphere
 from ..._scene.bodies.bodies import words
 from ..._scene.bodies.motion import AbstractMotion
-
-_NO_RATIO = 2 * (1 - 0.3) / (2 - 0.3)
-"""Tangential over normal stiffness of a scene without materials: that of Poisson's ratio 0.3."""
 
 
 class Moving(NamedTuple):
@@ -72,13 +70,16 @@ class RoundWall(NamedTuple):
 
 
 class Touch(NamedTuple):
-    """The contact of two groups: `radius` is the effective radius in m, `ratio` κ of friction."""
+    """The contact of two groups: `radius` is the effective radius in m, `ratio` κ of friction.
+
+    κ is None if a friction without a spring does not need it, and the materials do not give it.
+    """
 
     law: AbstractLaw
     contact: Contact
     radius: float
     friction: AbstractFriction | None
-    ratio: float
+    ratio: float | None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -151,8 +152,8 @@ def scene_model(scene: Scene, *, merges: bool) -> SceneModel:
     """Return a scene as plain numbers.
 
     With `merges`, spheres of different size are one group if neither the stiffness over √R nor the
-    restitution depends on the size. Raises ValueError for traced numbers, the end of a run,
-    adhesion, a motion by a user's function, and a pair without stiffness.
+    restitution depends on the size. Raises ValueError for traced numbers, the end of a run, a
+    motion by a user's function, and a pair without stiffness.
     """
     _require_plain(scene)
     free_size = scene.stiffness is None and all(
@@ -197,7 +198,7 @@ def scene_model(scene: Scene, *, merges: bool) -> SceneModel:
 
 
 def _require_plain(scene: Scene) -> None:
-    """Raise ValueError for traced numbers, the end of a run, and adhesion."""
+    """Raise ValueError for traced numbers and the end of a run."""
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
         raise ValueError("Argument `scene` must have concrete numbers, but is traced.")
     if scene._start is not None:
@@ -205,12 +206,6 @@ def _require_plain(scene: Scene) -> None:
             "Argument `scene` must start without contacts in progress or balls that rest, but is "
             "the end of a run."
         )
-    for law in scene.law.values:
-        if law.ends_apart or law.forgets or isinstance(law, AbstractAdhesive):
-            raise ValueError(
-                "Argument `scene` must have laws without adhesion for an engine, as the parameters "
-                f"of its contacts are matched to e alone, but has {rendered(law)}."
-            )
 
 
 def _masses(spheres: tuple[Sphere, ...]) -> Float[np.ndarray, " N"]:
@@ -334,8 +329,10 @@ def _touch(scene: Scene, first: BodyGroup, second: BodyGroup) -> Touch:
     radius = 1 / (first.curvature + second.curvature)
     pair = [group for group in (first, second) if group.compliance is not None]
     soft = sum(group.compliance or 0.0 for group in pair)
-    ratio = 4 * soft / sum(group.shear or 0.0 for group in pair) if pair else _NO_RATIO
     stiffness = of(scene.stiffness)
+    # `simulate` takes the materials for friction only where it takes them for the stiffness.
+    known = bool(pair) and stiffness is None
+    ratio = 4 * soft / sum(group.shear or 0.0 for group in pair) if known else None
     if stiffness is None:
         if (first.compliance is None and not first.wall) or (
             second.compliance is None and not second.wall
@@ -346,8 +343,9 @@ def _touch(scene: Scene, first: BodyGroup, second: BodyGroup) -> Touch:
             )
         stiffness = 4 / 3 * math.sqrt(radius) / soft
     friction = of(scene.friction)
-    own = getattr(friction, "ratio", None)
+    if isinstance(friction, SpringSlider):
+        ratio = float(ratio_of(friction, None if ratio is None else jnp.asarray(ratio)))
     mass = 1 / (first.inverse_mass + second.inverse_mass)
     exponent = float(scene.exponent)
     contact = Contact(mass, float(stiffness), exponent)
-    return Touch(of(scene.law), contact, radius, friction, ratio if own is None else float(own))
+    return Touch(of(scene.law), contact, radius, friction, ratio)

@@ -68,7 +68,8 @@ def _simulated(model: SceneModel, duration: float) -> tuple[float, float] | None
         duration,
         times=None,
         rtol=1e-6,
-        instantaneous=True,
+        # Adhesion with memory has no instantaneous impacts.
+        instantaneous=not any(law.forgets for law in scene.law.values),
         v0="peak",
         max_impacts=None,
         max_cluster=None,

@@ -1,4 +1,4 @@
-"""LAMMPS: pair_style granular with five dampings, and its dmt, which is our `DMT`."""
+"""LAMMPS: pair_style granular with six dampings, and its dmt, which is our `DMT`."""
 
 from __future__ import annotations
 
@@ -19,14 +19,13 @@ from ..._laws import (
     AbstractLaw,
     AbstractOscillator,
     AntypovElliott,
-    KelvinVoigt,
     KuwabaraKono,
     Tsuji,
 )
 from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
 from ..wanted import Draft, Wanted, matched_stiffness
-from .spring import SpringAndDashpot
+from .spring import clamped_sphere, pulling_dashpot
 
 
 class TsujiWithoutRoot(AbstractOscillator):
@@ -70,6 +69,11 @@ def _coeff_restitution(wanted: Wanted, radius: float) -> Solved:
     return law, matched_stiffness(wanted, 1.5, law), wanted.restitution
 
 
+def _clamped(wanted: Wanted, radius: float) -> Solved:
+    where = "LAMMPS' damping 'limit_damping', which `RigidCoulomb` needs"
+    return clamped_sphere(wanted, where, "the damping 'coeff_restitution', or a `SpringSlider`")
+
+
 def _polynomial(kind: Callable[..., AbstractLaw]) -> Callable[[Wanted, float], Solved]:
     """Return a solver for a law whose parameter e is not the restitution that it delivers."""
 
@@ -92,11 +96,9 @@ def _polynomial(kind: Callable[..., AbstractLaw]) -> Callable[[Wanted, float], S
 
 
 def _mass_velocity(wanted: Wanted, radius: float) -> Solved:
-    # The force in LAMMPS is F = k δ + η m δ', which may pull.
-    scaled = KelvinVoigt(e=jnp.asarray(wanted.restitution))
-    stiffness = matched_stiffness(wanted, 1.0, scaled)
-    eta = max(0.0, 2 * float(scaled.damping_ratio()) * math.sqrt(stiffness / wanted.mass))
-    return SpringAndDashpot(rate=jnp.asarray(eta), tension=True), stiffness, eta
+    # The force in LAMMPS is F = k δ + η m δ'.
+    law, stiffness, damping = pulling_dashpot(wanted)
+    return law, stiffness, damping / wanted.mass
 
 
 def _viscoelastic(wanted: Wanted, radius: float) -> Solved:
@@ -128,12 +130,19 @@ def _scaled_relaxation(wanted: float) -> float:
     return root_scalar(excess, bracket=(0.0, high), xtol=1e-14).root
 
 
-_CONSTANT = "e does not depend on speed."
+_PULLS = "The contact pulls at its end, so not for limit_damping."
+_CONSTANT = f"e does not depend on speed. {_PULLS}"
 _TSUJI = "Tsuji et al. 1992, doi 10.1016/0032-5910(92)88030-L"
 DAMPINGS = {
     "coeff_restitution": Damping(
         _coeff_restitution,
         *("coeff_restitution", "e", "", _CONSTANT),
+        "Antypov & Elliott 2011, doi 10.1209/0295-5075/94/50004",
+    ),
+    "limit_damping": Damping(
+        _clamped,
+        *("coeff_restitution limit_damping", "e", ""),
+        "The force is cut off where it would pull. e does not depend on speed; 0.136 at least.",
         "Antypov & Elliott 2011, doi 10.1209/0295-5075/94/50004",
     ),
     "tsuji": Damping(
@@ -154,7 +163,7 @@ DAMPINGS = {
     "viscoelastic": Damping(
         _viscoelastic,
         *("viscoelastic", "eta_n0", "1/(m s)"),
-        "e is that at this speed, mass and radius; it falls with speed.",
+        f"e is that at this speed, mass and radius; it falls with speed. {_PULLS}",
         "Brilliantov et al. 1996, doi 10.1103/PhysRevE.53.5382",
     ),
     "mass_velocity": Damping(
@@ -246,6 +255,6 @@ class Lammps(Engine):
             steps=400 if kind.run else None,
             expected_error=0.009 if kind.run else None,
             scheme=Scheme.SEMI_IMPLICIT,
-            limit=f"{kind.limit} The contact pulls at its end, so not for limit_damping. Units si.",
+            limit=f"{kind.limit} Units si.",
             source=f"docs.lammps.org/pair_granular.html; {kind.source}",
         )

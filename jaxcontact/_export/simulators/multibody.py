@@ -31,7 +31,7 @@ from ..._laws import (
 from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
 from ..wanted import Draft, Wanted, as_luding, matched_stiffness
-from .spring import SpringAndDashpot
+from .spring import SpringAndDashpot, pulling_dashpot
 
 _DRAKE = "drake.mit.edu/doxygen_cxx/group__compliant__contact.html"
 _APPROXIMATIONS = "lagged", "similar", "sap"
@@ -215,24 +215,55 @@ def _plastic(wanted: Wanted, law: Luding) -> Draft:
     )
 
 
+def _dashpot(wanted: Wanted) -> Draft:
+    """Return Exudyn's model 0 with damping: K δ + d δ', which may pull."""
+    law, stiffness, damping = pulling_dashpot(wanted)
+    parameters = {
+        "contactStiffness": stiffness,
+        "contactStiffnessExponent": 1.0,
+        "contactDamping": damping,
+    }
+    pasted = ", ".join(f"{name}={x:.12g}" for name, x in parameters.items())
+    return Draft(
+        model="ObjectContactSphereSphere, impactModel 0",
+        law=law,
+        contact=Contact(wanted.mass, stiffness, 1.0),
+        parameters=parameters,
+        units=dict(zip(parameters, ("N/m", "", "N s/m"), strict=True)),
+        snippet=f"{pasted}, impactModel=0",
+        steps=800,
+        expected_error=0.008,
+        limit=(
+            "Linear: the duration is that of the law at this speed; the force differs, it jumps "
+            "at touch and pulls at the end. e is the same at all speeds, for this mass. The "
+            "bodies must start apart."
+        ),
+        source=(
+            "ObjectContactSphereSphere, exudyn.readthedocs.io; Anagnostopoulos 1988, "
+            "doi 10.1002/eqe.4290160311"
+        ),
+    )
+
+
 @register_engine
 class Exudyn(Engine):
     """Exudyn's ObjectContactSphereSphere, with the coefficient for which its α is α(e).
 
-    A `Luding` or `WaltonBraun` is exported as it is, unless an `impact_model` is given.
+    A `Luding` or `WaltonBraun` is exported as it is, unless an `impact_model` of 1 or 2 is given.
     """
 
     name = "exudyn"
 
     def draft(self, wanted: Wanted, *, impact_model: int | None = None) -> Draft:
-        if impact_model is None and (law := as_luding(wanted.law)) is not None:
-            return _plastic(wanted, law)
-        impact_model = 2 if impact_model is None else impact_model
-        if concrete(impact_model) not in _MODELS:
+        if impact_model is not None and concrete(impact_model) not in (0, *_MODELS):
             raise ValueError(
-                f"Argument `impact_model` must be 1 or 2, but is {rendered(impact_model)}."
+                f"Argument `impact_model` must be 0, 1 or 2, but is {rendered(impact_model)}."
             )
-        impact_model = int(impact_model)
+        if not impact_model and (law := as_luding(wanted.law)) is not None:
+            return _plastic(wanted, law)
+        if impact_model == 0:
+            return _dashpot(wanted)
+        impact_model = 2 if impact_model is None else int(impact_model)
         alpha = float(exact_damping_factor(wanted.restitution))
         kind, inverse, source = _MODELS[impact_model]
         nominal = inverse(alpha)

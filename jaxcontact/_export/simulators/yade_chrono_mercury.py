@@ -5,20 +5,13 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-import jax.numpy as jnp
-
 from ..._contact import Contact
 from ..._entry import POSITIVE, Range, require_number
-from ..._laws import AntypovElliott, KelvinVoigt, Luding
+from ..._laws import Luding
 from ..at_time_step import Scheme
 from ..engine import Engine, register_engine
-from ..wanted import Draft, Wanted, as_luding, matched_stiffness
-from .spring import SpringAndDashpot
-
-_LEAST = math.exp(-2)
-"""Restitution of a damped Hertz contact without tension at critical damping. These codes set ζ =
--ln e/√(π² + ln² e) < 1, so they cannot deliver less.
-"""
+from ..wanted import Draft, Wanted, as_luding
+from .spring import clamped_sphere, pulling_dashpot
 
 _POISSON = Range(low=-1.0, high=0.5, low_open=True, inside=0.3)
 
@@ -39,18 +32,9 @@ class AbstractSpheres(Engine):
     def draft(self, wanted: Wanted, *, radius: float, poisson_ratio: float = 0.3) -> Draft:
         radius = require_number("radius", radius, POSITIVE)
         poisson = require_number("poisson_ratio", poisson_ratio, _POISSON)
-        clamped = KelvinVoigt(e=jnp.asarray(wanted.restitution), tension=False)
-        zeta = float(clamped.damping_ratio())
-        if not zeta < 1:
-            raise ValueError(
-                f"Argument `law` must deliver a restitution above {_LEAST:.4f} for engine "
-                f"{self.name!r}, but delivers {wanted.restitution:g}; try 'drake', 'exudyn' or "
-                "'lammps'."
-            )
-        # The law of Antypov and Elliott that delivers e without tension, and its own e.
-        nominal = math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2))
-        law = AntypovElliott(e=jnp.asarray(nominal), tension=False)
-        stiffness = matched_stiffness(wanted, 1.5, law)
+        law, stiffness, nominal = clamped_sphere(
+            wanted, f"engine {self.name!r}", "'drake', 'exudyn' or 'lammps'"
+        )
         # Two equal bodies have E* = E/(2(1-ν²)).
         young = 2 * (1 - poisson**2) * 0.75 * stiffness / math.sqrt(radius)
         numbers = young, poisson, nominal
@@ -130,7 +114,6 @@ def _plastic(wanted: Wanted, law: Luding, radius: float | None) -> Draft:
                 "Argument `radius` is needed for a law with a slope for engine 'mercurydpm', but "
                 "is None."
             )
-        radius = require_number("radius", radius, POSITIVE)
         ratio = 1 + slope * (radius + math.sqrt(radius * (radius + 2 / slope)))
     loading = wanted.stiffness
     names = "loadingStiffness", "unloadingStiffnessMax", "cohesionStiffness", "penetrationDepthMax"
@@ -169,23 +152,21 @@ class MercuryDPM(Engine):
 
     def draft(self, wanted: Wanted, *, radius: float | None = None) -> Draft:
         law = as_luding(wanted.law)
+        if radius is not None:
+            radius = require_number("radius", radius, POSITIVE)
         return self._dashpot(wanted) if law is None else _plastic(wanted, law, radius)
 
     def _dashpot(self, wanted: Wanted) -> Draft:
-        # An elastic contact is requested by γ = 0, not by e = 1.
-        law = KelvinVoigt(e=jnp.asarray(wanted.restitution))
-        zeta = float(law.damping_ratio())
-        stiffness = matched_stiffness(wanted, 1.0, law)
-        dissipation = 2 * zeta * math.sqrt(stiffness) * math.sqrt(wanted.mass)
+        law, stiffness, dissipation = pulling_dashpot(wanted)
         return Draft(
             model="LinearViscoelasticSpecies",
-            law=SpringAndDashpot(rate=jnp.asarray(dissipation / wanted.mass), tension=True),
+            law=law,
             contact=Contact(wanted.mass, stiffness, 1.0),
             parameters={"stiffness": stiffness, "dissipation": dissipation},
             units={"stiffness": "N/m", "dissipation": "N s/m"},
             snippet=(
                 f"species->setStiffness({stiffness:.12g});\n"
-                f"species->setDissipation({0 + dissipation:.12g});"
+                f"species->setDissipation({dissipation:.12g});"
             ),
             scheme=Scheme.SEMI_IMPLICIT,
             limit=(

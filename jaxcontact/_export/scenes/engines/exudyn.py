@@ -9,7 +9,9 @@ import numpy as np
 
 from ...._entry import rendered
 from ...._friction import RegularizedCoulomb
+from ...._laws import Luding
 from ...result import Export
+from ...wanted import as_luding
 from ..engine import EqualSteps, SceneEngine, refuse_all, register_scene_engine
 from ..model import SceneModel, Touch
 from ..script import script
@@ -19,6 +21,9 @@ _MOST = 30
 
 _WIDE = 1000.0
 """Half the width of a wall over the size of the scene: it is a triangle."""
+
+_ROUND = 1e6
+"""Radius of a sphere in place of a wall over the size of the scene; a gap rounds to 1e-10 of it."""
 
 _RUN = """
 container = exudyn.SystemContainer()
@@ -65,14 +70,14 @@ for first, second, gap, contact in PAIRS:
             **contact,
         )
     )
-for ball, centre, radius, gap, contact in SHELLS:
-    shell = system.AddMarker(MarkerBodyRigid(bodyNumber=ground, localPosition=centre))
+for ball, centre, radius, hollow, gap, contact in ROUND:
+    wall = system.AddMarker(MarkerBodyRigid(bodyNumber=ground, localPosition=centre))
     system.AddObject(
         ObjectContactSphereSphere(
-            markerNumbers=[balls[ball], shell],
+            markerNumbers=[balls[ball], wall],
             nodeNumber=memory(gap),
             spheresRadii=[RADIUS[ball], radius],
-            isHollowSphere1=True,
+            isHollowSphere1=hollow,
             **contact,
         )
     )
@@ -123,9 +128,10 @@ table.write()
 
 @register_scene_engine
 class ExudynScene(SceneEngine):
-    """A rigid body for each sphere; walls are large triangles."""
+    """A rigid body for each sphere; walls are large triangles, or large spheres if plastic."""
 
     name = "exudyn"
+    adhesive = (Luding,)
 
     def refuse(self, model: SceneModel) -> None:
         refuse_all(model, "Exudyn", periodic=True, motion=True)
@@ -135,6 +141,12 @@ class ExudynScene(SceneEngine):
                     "Argument `scene` must have the friction law `RegularizedCoulomb` for Exudyn, "
                     f"but has {rendered(friction)}."
                 )
+        for law in model.scene.law.values:
+            if isinstance(law, Luding) and float(law.slope) != 0:
+                raise ValueError(
+                    "Argument `scene` must have a `Luding` of slope 0 for Exudyn, but has "
+                    f"{rendered(law)}."
+                )
         if len(model.radius) > _MOST:
             raise ValueError(
                 f"Argument `scene` must have at most {_MOST} spheres for Exudyn, where each pair "
@@ -142,8 +154,9 @@ class ExudynScene(SceneEngine):
             )
 
     def options(self, touch: Touch, constant: bool) -> Iterable[Mapping[str, Any]]:
-        # Its plastic contacts are of spheres only.
-        return ({"impact_model": 2},)
+        law = as_luding(touch.law)
+        own = law is not None and float(law.slope) == 0
+        return ({"impact_model": 0 if own else 2},)
 
     def files(
         self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps
@@ -154,10 +167,10 @@ class ExudynScene(SceneEngine):
             "SPIN": model.spin,
             "RADIUS": model.radius.tolist(),
             "PAIRS": _pairs(model, exports),
-            "SHELLS": _shells(model, exports),
+            "ROUND": _shells(model, exports) + _plastic_walls(model, exports),
             "WALLS": _flat(model, exports),
         }
-        for entries in (numbers["PAIRS"], numbers["SHELLS"], numbers["WALLS"]):
+        for entries in (numbers["PAIRS"], numbers["ROUND"], numbers["WALLS"]):
             for entry in entries:
                 if not entry[-2] > 0:
                     raise ValueError(
@@ -185,7 +198,8 @@ def _contact(model: SceneModel, exports: Mapping, first: int, second: int) -> di
     pair = min(first, second), max(first, second)
     if pair not in exports:
         return None
-    words = {**exports[pair].parameters, "contactDamping": 0.0, "impactModel": 2}
+    made = exports[pair]
+    words = {**made.parameters, "contactDamping": 0.0, "impactModel": 0 if _plastic(made) else 2}
     friction = model.touches[pair].friction
     if isinstance(friction, RegularizedCoulomb):
         words["dynamicFriction"] = float(friction.mu)
@@ -212,15 +226,39 @@ def _shells(model: SceneModel, exports: Mapping) -> list[tuple]:
             if contact is not None:
                 off = float(np.linalg.norm(model.position[k] - shell.centre))
                 gap = shell.radius - off - float(model.radius[k])
-                found.append((k, shell.centre.tolist(), shell.radius, gap, contact))
+                found.append((k, shell.centre.tolist(), shell.radius, True, gap, contact))
     return found
+
+
+def _plastic(made: Export) -> bool:
+    return "contactPlasticityRatio" in made.parameters
+
+
+def _at_walls(model: SceneModel, exports: Mapping, plastic: bool) -> Iterable[tuple]:
+    """Return the flat walls with a ball that may touch, its gap and contact, plastic or not."""
+    for wall in model.flat:
+        for k in range(len(model.radius)):
+            contact = _contact(model, exports, int(model.group[k]), wall.group)
+            if contact is not None and (contact["impactModel"] == 0) == plastic:
+                gap = float((model.position[k] - wall.point) @ wall.normal - model.radius[k])
+                yield wall, k, gap, contact
+
+
+def _plastic_walls(model: SceneModel, exports: Mapping) -> list[tuple]:
+    """Return large spheres in place of walls, as a triangle has no plasticity."""
+    low, high = model.extent()
+    radius = _ROUND * float(np.max(high - low))
+    return [
+        (k, (wall.point - radius * wall.normal).tolist(), radius, False, gap, contact)
+        for wall, k, gap, contact in _at_walls(model, exports, plastic=True)
+    ]
 
 
 def _flat(model: SceneModel, exports: Mapping) -> list[tuple]:
     low, high = model.extent()
     wide = _WIDE * float(np.max(high - low))
     found = []
-    for wall in model.flat:
+    for wall, k, gap, contact in _at_walls(model, exports, plastic=False):
         # Any vector that is not parallel gives two directions along the wall.
         other = np.eye(3)[int(np.argmin(np.abs(wall.normal)))]
         along = np.cross(wall.normal, other)
@@ -228,9 +266,5 @@ def _flat(model: SceneModel, exports: Mapping) -> list[tuple]:
         across = np.cross(wall.normal, along)
         corners = [along, -along / 2 + across, -along / 2 - across]
         points = [(wall.point + wide * corner).tolist() for corner in corners]
-        for k in range(len(model.radius)):
-            contact = _contact(model, exports, int(model.group[k]), wall.group)
-            if contact is not None:
-                gap = float((model.position[k] - wall.point) @ wall.normal - model.radius[k])
-                found.append((k, points, gap, contact))
+        found.append((k, points, gap, contact))
     return found

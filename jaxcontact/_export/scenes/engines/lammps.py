@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from ...._entry import rendered
-from ...._friction import SpringSlider
+from ...._friction import (
+    MawBarberFawcett,
+    RegularizedCoulomb,
+    RigidCoulomb,
+    SpringSlider,
+    WaltonFriction,
+)
+from ...._impact import impact
+from ...._laws import DMT, AntypovElliott
 from ...._scene import Scene
 from ...result import Export
 from ..engine import EqualSteps, SceneEngine, register_scene_engine, spaced
@@ -32,6 +42,21 @@ _TANGENTIAL = {
 }
 """Tangential models by the form of `SpringSlider`."""
 
+_OTHERS = {
+    MawBarberFawcett: "whose contact sticks and slips in parts, where LAMMPS has one spring, that "
+    "of `SpringSlider`",
+    RegularizedCoulomb: "whose ramp follows the normal force, where that of LAMMPS follows its "
+    "damping",
+    WaltonFriction: "which has no force over time",
+}
+"""Why a friction law is not one of LAMMPS."""
+
+_MOBILITY = 3.5
+"""λ of solid spheres; discs have 3."""
+
+_ELASTIC = 1 - 1e-6
+"""Largest e beside Coulomb friction, whose force below the limit is a multiple of the damping."""
+
 
 @register_scene_engine
 class LammpsScene(SceneEngine):
@@ -41,13 +66,15 @@ class LammpsScene(SceneEngine):
     output = "run.dump"
     command = "mpirun -np 2 lmp -in scene.in"
     merges = True
+    adhesive = (DMT,)
 
     def refuse(self, model: SceneModel) -> None:
         for friction in () if model.scene.friction is None else model.scene.friction.values:
-            if not isinstance(friction, SpringSlider):
+            if not isinstance(friction, RigidCoulomb | SpringSlider):
+                why = _OTHERS.get(type(friction), "which LAMMPS does not have")
                 raise ValueError(
-                    "Argument `scene` must have the friction law `SpringSlider` for LAMMPS, whose "
-                    f"tangential models have a spring, but has {rendered(friction)}."
+                    "Argument `scene` must have the friction law `RigidCoulomb` or `SpringSlider` "
+                    f"for LAMMPS, but has {rendered(friction)}, {why}."
                 )
         disc = model.dimensions == 2 and model.disc()
         if model.scene.friction is not None and not model.solid() and not disc:
@@ -65,11 +92,16 @@ class LammpsScene(SceneEngine):
 
     def options(self, touch: Touch, constant: bool) -> Iterable[Mapping[str, Any]]:
         radius = {"radius": touch.radius}
+        if isinstance(touch.law, DMT):
+            return (radius,)
+        # A pull at the end would count as a normal force for friction.
+        limited = {"damping": "limit_damping", **radius}
+        if isinstance(touch.friction, RigidCoulomb):
+            return (limited,)
         if float(touch.contact.exponent) == 1:
             return ({"damping": "mass_velocity", **radius},)
-        if constant:
-            return (radius,)
-        return radius, {"damping": "viscoelastic", **radius}
+        usual = () if constant else ({"damping": "viscoelastic", **radius},)
+        return (radius, *usual) if touch.friction is None else (limited, radius, *usual)
 
     def files(
         self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps
@@ -108,7 +140,7 @@ def _input(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: 
             pair = (a, b)
             known = exports.get(pair, other)
             touch = model.touches.get(pair, next(iter(model.touches.values())))
-            lines.append(f"pair_coeff {a + 1} {b + 1} {_contact(known, touch)}")
+            lines.append(f"pair_coeff {a + 1} {b + 1} {_contact(known, touch, steps.length)}")
     lines.append(f"group mobile type {_types(mobile)}")
     if fixed:
         lines.append(f"group fixed type {_types(fixed)}")
@@ -119,7 +151,7 @@ def _input(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: 
     if pull > 0:
         lines.append(f"fix gravity mobile gravity {pull:.17g} vector {spaced(model.gravity)}")
     lines += _fixed(model) if fixed else []
-    lines += _walls(model, exports)
+    lines += _walls(model, exports, steps.length)
     if flat_space:
         lines.append("fix plane all enforce2d")
     groups = 1 + sum(line.startswith("group ") for line in lines)
@@ -133,7 +165,7 @@ def _input(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: 
     lines += [
         f"timestep {steps.length:.17g}",
         f"thermo {every * max(1, steps.outputs // 10)}",
-        f"dump out all custom {every} run.dump id xu yu zu vx vy vz omegax omegay omegaz",
+        f"dump out all custom {every} run.dump {_columns(model.scene)}",
         "dump_modify out sort id units yes time yes format float %.15g",
         f"run {every * steps.outputs}",
     ]
@@ -173,21 +205,38 @@ def _data(model: SceneModel) -> str:
     return text.getvalue()
 
 
-def _contact(made: Export, touch: Touch) -> str:
-    """Return the model of a contact as pair_coeff and fix wall/gran take it."""
-    values = made.parameters.values()
+def _contact(made: Export, touch: Touch, step: float) -> str:
+    """Return the model of a contact as pair_coeff and fix wall/gran take it, for steps in s."""
+    numbers = dict(made.parameters)
     _, _, tail = made.snippet.partition("pair_coeff * * ")
-    normal, damping = tail.split()[0], tail.split()[-1]
-    tangential = "linear_nohistory 0 0"
+    normal, tangential = tail.split()[0], "linear_nohistory 0 0"
+    damping = tail.partition(tangential)[2]
+    if isinstance(touch.friction, RigidCoulomb):
+        numbers["e"] = min(numbers["e"], _ELASTIC)
+        multiple = 1 / (_MOBILITY * step * _damping_rate(made, numbers["e"]))
+        tangential = f"linear_nohistory {multiple:.12g} {float(touch.friction.mu):.12g}"
     if isinstance(touch.friction, SpringSlider):
+        assert touch.ratio is not None
         stiffness = touch.ratio * made.parameters["k_n"]
         model = "linear_history"
         if normal == "hertz":
             # f' = κ (3/2) K √δ u, and LAMMPS has k_t √(R δ) u with K = k_n √R.
             stiffness, model = 1.5 * stiffness, _TANGENTIAL[touch.friction.form]
         tangential = f"{model} {stiffness:.12g} 0 {float(touch.friction.mu):.12g}"
-    numbers = " ".join(f"{value:.12g}" for value in values)
-    return f"{normal} {numbers} tangential {tangential} damping {damping}"
+    values = " ".join(f"{value:.12g}" for value in numbers.values())
+    return f"{normal} {values} tangential {tangential}{damping}"
+
+
+def _damping_rate(made: Export, e: float) -> float:
+    """Return the largest damping in an impact at the largest speed, over the mass, in 1/s.
+
+    LAMMPS' friction below the limit μF is a multiple of it times the slip. Steps that stop the slip
+    at once are the longest without overshoot.
+    """
+    mass, stiffness = float(made.contact.mass), float(made.contact.stiffness)
+    depth = float(impact(made.law, made.contact, np.max(made.velocity)).max_indentation)
+    zeta = float(AntypovElliott(e=jnp.asarray(e)).damping_ratio())
+    return zeta * math.sqrt(5 * stiffness * math.sqrt(depth) / mass)
 
 
 def _fixed(model: SceneModel) -> list[str]:
@@ -207,7 +256,7 @@ def _fixed(model: SceneModel) -> list[str]:
     return lines
 
 
-def _walls(model: SceneModel, exports: Mapping[tuple[int, int], Export]) -> list[str]:
+def _walls(model: SceneModel, exports: Mapping[tuple[int, int], Export], step: float) -> list[str]:
     """Return a region for each wall, and a fix for each kind of contact with it."""
     lines, names = [], {}
 
@@ -228,7 +277,8 @@ def _walls(model: SceneModel, exports: Mapping[tuple[int, int], Export]) -> list
         alike: dict[str, list[int]] = {}
         for pair, touch in model.touches.items():
             if wall.group in pair:
-                alike.setdefault(_contact(exports[pair], touch), []).append(sum(pair) - wall.group)
+                contact = _contact(exports[pair], touch, step)
+                alike.setdefault(contact, []).append(sum(pair) - wall.group)
         for k, (contact, groups) in enumerate(alike.items()):
             lines.append(
                 f"fix {name}_{k} {group_of(groups)} wall/gran/region granular {contact} "
@@ -257,7 +307,7 @@ def _types(groups: Iterable[int]) -> str:
 
 def _read_dump(path: Path, scene: Scene) -> dict[str, np.ndarray]:
     """Return the states of a dump file: (T,) and (T, N, D)."""
-    times, frames, count = [], [], None
+    times, frames, count, wanted = [], [], None, _columns(scene)
     with path.open() as file:
         for line in file:
             if line.startswith("ITEM: TIME") and "STEP" not in line:
@@ -265,13 +315,33 @@ def _read_dump(path: Path, scene: Scene) -> dict[str, np.ndarray]:
             elif line.startswith("ITEM: NUMBER"):
                 count = int(next(file))
             elif line.startswith("ITEM: ATOMS") and count is not None:
+                columns = line.removeprefix("ITEM: ATOMS").strip()
+                if columns != wanted:
+                    raise ValueError(
+                        f"holds {_kind_of(columns)}, where `scene` gives {_kind_of(wanted)}"
+                    )
                 frames.append(np.loadtxt(file, max_rows=count, ndmin=2))
     if not frames or len(times) != len(frames):
-        raise ValueError(f"{path} must be a dump of an exported scene, but has no complete frame.")
-    rows = np.array(frames)
-    axes = scene.dimensions
+        raise ValueError("has no complete frame")
+    rows, axes = np.array(frames), scene.dimensions
     states = {"time": np.array(times), "position": rows[:, :, 1 : 1 + axes]}
-    states["velocity"] = rows[:, :, 4 : 4 + axes]
+    states["velocity"] = rows[:, :, 1 + axes : 1 + 2 * axes]
     if scene.friction is not None:
-        states["spin"] = rows[:, :, 9] if axes == 2 else rows[:, :, 7:10]
+        states["spin"] = rows[:, :, -1] if axes == 2 else rows[:, :, -3:]
     return states
+
+
+def _columns(scene: Scene) -> str:
+    """Return the columns of a dump; they tell the dimensions, and whether there is friction."""
+    letters, spins = "xyz"[: scene.dimensions], ""
+    if scene.friction is not None:
+        spins = "z" if scene.dimensions == 2 else "xyz"
+    names = [*(f"{x}u" for x in letters), *(f"v{x}" for x in letters)]
+    return " ".join(["id", *names, *(f"omega{x}" for x in spins)])
+
+
+def _kind_of(columns: str) -> str:
+    """Return in words what the columns of a dump tell of a scene."""
+    dimensions = sum(f"{x}u" in columns.split() for x in "xyz")
+    friction = "with" if "omega" in columns else "without"
+    return f"a run in {dimensions}D {friction} friction (columns {columns})"

@@ -1,0 +1,297 @@
+"""Exported scenes in their engines, beside `jc.simulate`.
+
+`python benchmarks/scene_agreement.py` runs every scene of `CASES` in its engine, with 201 outputs.
+Compared are the instants of the impacts, and velocities, spins and energy at a moment at which no
+body touches another. Two more scenes miss their tolerance by the error that their export states.
+
+Needs `pip install '.[engines]'`. The result is scene_agreement.json; the tables of docs/export.md
+are printed. All runs take some ten minutes on two cores, most of it to compile the growth of runs.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+# Also works when run as a file.
+sys.path.insert(0, str(ROOT))
+
+import jax
+import numpy as np
+
+import jaxcontact as jc
+from tests.test_export.run import run_scene
+
+RESULT = ROOT / "benchmarks" / "scene_agreement.json"
+
+TIMES = np.linspace(0, 0.2, 201)
+FREE = 180
+"""Number of an output at which no body touches another."""
+TOLERANCE = 2e-3
+"""Of e. Drake's steps are of first order, so that a tenth of this takes minutes."""
+PUSH = 0.1
+"""Change of velocity in m/s from which a contact counts as an impact, and not as rest."""
+
+RUBBER = jc.Material(1e8, 0.4, 1200.0)
+
+
+def bounces(**words: Any) -> jc.Scene:
+    """two balls on a slope"""
+    balls = [
+        jc.Sphere(0.01, 0.03, [0.0, 0.04], [0.3, -0.3], name="ball"),
+        jc.Sphere(0.02, 0.1, [0.05, 0.05]),
+    ]
+    plane = jc.Plane([0.0, 0.0], [0.1, 1.0], name="table")
+    given = {"law": jc.HuGuo(e=0.7), "stiffness": 1e8, "gravity": [0.0, -9.81]}
+    return jc.Scene([*balls, plane], **{**given, **words})
+
+
+def in_a_box() -> jc.Scene:
+    """spheres of rubber in a box"""
+    spheres = [
+        jc.Sphere(0.02, position=[0.1, 0.12, 0.1], velocity=[1.0, 0.5, 0.3], material=RUBBER),
+        jc.Sphere(0.03, position=[0.2, 0.15, 0.1], material=RUBBER),
+        jc.Sphere(0.03, position=[0.2, 0.06, 0.2], material=RUBBER, fixed=True),
+    ]
+    return jc.Scene([*spheres, jc.Box([0.0] * 3, [0.3] * 3)], law=jc.HuGuo(e=0.8))
+
+
+def laws_by_pair() -> jc.Scene:
+    """the slope, laws by pair"""
+    return bounces(law={("ball", "table"): jc.HuGuo(e=0.5), "default": jc.HuGuo(e=0.8)})
+
+
+def shaken() -> jc.Scene:
+    """shaken bodies, a periodic axis"""
+    moving = jc.Vibration([0.002, 0.003], 20.0, 0.3)
+    bodies = [
+        jc.Sphere(0.01, position=[0.0, 0.05], material=RUBBER),
+        jc.Sphere(0.02, position=[0.1, 0.0], fixed=True, motion=moving, material=RUBBER),
+        jc.Sphere(0.01, position=[0.102, 0.04], material=RUBBER),
+        jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Vibration(0.002, 25.0, 0.4)),
+    ]
+    return jc.Scene(bodies, law=jc.HuGuo(e=0.7), gravity=[0.0, -9.81], periodic=[0.2, None])
+
+
+def in_a_moving_shell() -> jc.Scene:
+    """a ball in a moving shell"""
+    ball = jc.Sphere(0.1, position=[-0.3, 0.1, 0.2], velocity=[3.0, 6.0, -3.0], material=RUBBER)
+    shell = jc.Shell([0.0] * 3, 0.8, RUBBER, motion=jc.Steady([0.1, 0.0, 0.0]))
+    return jc.Scene([ball, shell], law=jc.HuGuo(e=0.8))
+
+
+def rubs() -> jc.Scene:
+    """the slope, `RigidCoulomb`"""
+    return bounces(friction=jc.RigidCoulomb(0.3))
+
+
+def rubs_by_pair() -> jc.Scene:
+    """the slope, friction by pair"""
+    friction = {("ball", "table"): jc.RigidCoulomb(0.1), "default": jc.RigidCoulomb(0.4)}
+    return bounces(friction=friction)
+
+
+def springs() -> jc.Scene:
+    """the slope, `SpringSlider`"""
+    return bounces(friction=jc.SpringSlider(0.3, ratio=0.8, form="rescaled"))
+
+
+def ramps() -> jc.Scene:
+    """the slope, `RegularizedCoulomb`"""
+    return bounces(friction=jc.RegularizedCoulomb(0.3, 0.05))
+
+
+def adheres() -> jc.Scene:
+    """the slope, `DMT`"""
+    return bounces(law=jc.DMT(pull_off=5.0), stiffness=1e7)
+
+
+def yields() -> jc.Scene:
+    """the slope, `WaltonBraun`"""
+    return bounces(law=jc.WaltonBraun(ratio=2.0, slope=0.0), stiffness=1e5, exponent=1.0)
+
+
+def sticks() -> jc.Scene:
+    """the slope, `Luding`"""
+    law = jc.Luding(ratio=2.0, slope=0.0, adhesion=0.2)
+    return bounces(law=law, stiffness=1e5, exponent=1.0)
+
+
+def falls_with_speed() -> jc.Scene:
+    """the slope, Drake's law"""
+    return bounces(law=jc.MarhefkaOrin(a=0.15), exponent=1.0, stiffness=1e4)
+
+
+def falls_in_a_box() -> jc.Scene:
+    """a box, Drake's law"""
+    spheres = [
+        jc.Sphere(0.02, 0.04, [0.1, 0.12, 0.1], [1.0, 0.5, 0.3]),
+        jc.Sphere(0.03, 0.1, [0.2, 0.15, 0.1]),
+    ]
+    box = jc.Box([0.0] * 3, [0.3] * 3)
+    return jc.Scene([*spheres, box], law=jc.MarhefkaOrin(a=0.15), stiffness=1e4, exponent=1.0)
+
+
+def falls_on_a_line() -> jc.Scene:
+    """a line, Drake's law"""
+    spheres = [jc.Sphere(0.02, 0.04, [0.1]), jc.Sphere(0.03, 0.1, [0.2]), jc.Plane([0.0], [1.0])]
+    law = jc.MarhefkaOrin(a=0.15)
+    return jc.Scene(spheres, law=law, stiffness=1e4, exponent=1.0, gravity=[-9.81])
+
+
+CASES = [
+    *(("lammps", make) for make in (bounces, in_a_box, laws_by_pair, shaken, in_a_moving_shell)),
+    *(("lammps", make) for make in (rubs, rubs_by_pair, adheres)),
+    *(("mujoco", make) for make in (bounces, in_a_box, laws_by_pair)),
+    *(("exudyn", make) for make in (bounces, in_a_box, laws_by_pair, ramps, yields, sticks)),
+    *(("drake", make) for make in (falls_with_speed, falls_in_a_box, falls_on_a_line)),
+]
+
+
+def impacts_of(run: Any, unknown: np.ndarray) -> list[tuple[int, float]]:
+    """Return the impacts in the outputs up to `FREE`: the sphere, and the instant in s.
+
+    An impact changes the velocity by more than a flight does. Its instant is the mean of time,
+    weighted by this change. Velocities that are `unknown` count as those of the output before.
+    """
+    time, velocity = np.asarray(run.time[: FREE + 1]), np.array(run.velocity[: FREE + 1])
+    for row in range(1, len(time)):
+        velocity[row][unknown[row]] = velocity[row - 1][unknown[row]]
+    gravity = 0.0 if run.scene.gravity is None else np.asarray(run.scene.gravity)
+    step = np.diff(time)
+    push = np.linalg.norm(np.diff(velocity, axis=0) - gravity * step[:, None, None], axis=-1)
+    middle, found = (time[1:] + time[:-1]) / 2, []
+    free = [k for k, sphere in enumerate(run.scene.spheres) if not sphere.fixed]
+    for k in free:
+        pushed = np.flatnonzero(push[:, k] > PUSH / 10)
+        for rows in np.split(pushed, np.flatnonzero(np.diff(pushed) > 1) + 1):
+            whole = push[rows, k].sum()
+            if whole > PUSH:
+                found.append((k, float(middle[rows] @ push[rows, k] / whole)))
+    return found
+
+
+def agreement(
+    engine: str, make: Callable[[], jc.Scene], folder: Path, *, growth: bool
+) -> dict[str, Any]:
+    """Return the largest differences between an engine's run and that of `simulate`.
+
+    `velocity` in m/s, `spin` as the speed of a surface in m/s, `energy` over the largest one, and
+    `time` in s between the same impacts, NaN if they differ in number or order, and at least the
+    time between outputs where velocities are unknown. `margin` in s and `growth` are those of
+    `Run.margin`, and `closing` in m/s is the sum of all closing speeds.
+    """
+    scene = make()
+    made = jc.export_scene(scene, engine, TIMES[-1], times=TIMES, tolerance=TOLERANCE)
+    run, own = run_scene(made, folder), jc.simulate(scene, TIMES[-1], times=TIMES)
+    # Within an impact whose friction is a formula, `simulate` has no velocities.
+    unknown = np.isnan(own.velocity)
+    mine, theirs = impacts_of(own, unknown), impacts_of(run, unknown)
+    same = [k for k, _ in mine] == [k for k, _ in theirs]
+    apart = [abs(a - b) for (_, a), (_, b) in zip(mine, theirs, strict=same)]
+    if unknown.any():
+        apart.append(float(TIMES[1]))
+    energy = np.asarray(own.energy)[[0, FREE]]
+    found = {
+        "engine": engine,
+        "scene": make.__name__,
+        "impacts": len([time for time in own.impacts.to_dict()["time"] if time < TIMES[FREE]]),
+        "velocity": float(np.abs(run.velocity[FREE] - own.velocity[FREE]).max()),
+        "place": float(np.abs(run.position[FREE] - own.position[FREE]).max()),
+        "energy": float(abs(run.energy[FREE] - energy[1]) / np.abs(energy).max()),
+        "time": max(apart, default=0.0) if same else np.nan,
+        "margin": float(own.margin.time),
+        "closing": float(own.impacts.to_dict()["closing_speed"].sum()),
+        "expected_error": made.expected_error,
+    }
+    if run.spin is not None and own.spin is not None:
+        radius = np.array([float(sphere.radius) for sphere in scene.spheres])
+        turning = np.asarray(run.spin[FREE] - own.spin[FREE]).T * radius
+        found["spin"] = float(np.abs(turning).max())
+    return found | ({"growth": float(own.margin.growth)} if growth else {})
+
+
+def of_a_robot(folder: Path) -> tuple[jc.SceneExport, list[float]]:
+    """Return the export to MuJoCo at a robot's step, and its errors of e.
+
+    The contact lasts 9.65 ms and the step 2 ms; the ball touches at several places within a step.
+    """
+    law, stiffness, step = jc.KelvinVoigt(e=0.6, tension=False), 85667.0, 0.002
+    times, errors = np.arange(3) * 40 * step, []
+    for k, phase in enumerate((0.05, 0.2, 0.4, 0.6, 0.8, 0.95)):
+        ball = jc.Sphere(0.1, 1.0, [0.1 + phase * step], [-1.0])
+        scene = jc.Scene([ball, jc.Plane([0.0], [1.0])], law=law, stiffness=stiffness, exponent=1.0)
+        made = jc.export_scene(
+            scene, "mujoco", times[-1], times=times, time_step=step, velocity=(1.0, 1.0)
+        )
+        errors.append(float(run_scene(made, folder / str(k)).velocity[-1, 0, 0]) - 0.6)
+    return made, errors
+
+
+def of_a_constant(folder: Path) -> tuple[jc.SceneExport, list[float]]:
+    """Return the export of a constant e to Drake, and its errors at the ends of the speeds."""
+    law, errors = jc.HuGuo(e=0.7), []
+    for speed in (0.2, 1.0):
+        ball = jc.Sphere(0.1, 1.0, [0.101], [-speed])
+        scene = jc.Scene([ball, jc.Plane([0.0], [1.0])], law=law, stiffness=1e4, exponent=1.0)
+        made = jc.export_scene(scene, "drake", 0.2, velocity=(0.2, 1.0), tolerance=1e-2)
+        e = float(run_scene(made, folder / str(speed)).velocity[-1, 0, 0]) / speed
+        errors.append(e - float(jc.restitution(law)))
+    return made, errors
+
+
+MISSES = {
+    "MuJoCo at a robot's step of 2 ms": of_a_robot,
+    "a constant e in Drake, whose e falls with speed": of_a_constant,
+}
+
+
+def main() -> None:
+    jax.config.update("jax_enable_x64", True)
+    rows, missed = [], {}
+    for engine, make in CASES:
+        with tempfile.TemporaryDirectory() as folder:
+            rows.append(agreement(engine, make, Path(folder), growth=True))
+        print(rows[-1], flush=True)
+    for name, measure in MISSES.items():
+        with tempfile.TemporaryDirectory() as folder:
+            made, errors = measure(Path(folder))
+        missed[name] = {"expected_error": made.expected_error, "errors": errors}
+    found = {"tolerance": TOLERANCE, "rows": rows, "missed": missed}
+    RESULT.write_text(json.dumps(found, indent=1) + "\n")
+    print(tables(found))
+
+
+def _short(number: float) -> str:
+    return f"{number:.2g}" if number < 10 else f"{number:.0f}"
+
+
+def tables(found: dict[str, Any]) -> str:
+    """Return the tables of docs/export.md."""
+    titles = {make.__name__: str(make.__doc__) for _, make in CASES}
+    heads = ["engine", "scene", "impacts", "velocity, mm/s", "spin, mm/s", "energy", "impact, ms"]
+    heads += ["rival, ms", "bound, mm/s"]
+    lines = [heads, ["---"] * len(heads)]
+    for row in found["rows"]:
+        bound = row["growth"] * row["expected_error"] * row["closing"]
+        spin = _short(1e3 * row["spin"]) if "spin" in row else ""
+        rival = _short(1e3 * row["margin"]) if np.isfinite(row["margin"]) else "none"
+        line = [f"`{row['engine']}`", titles[row["scene"]], str(row["impacts"])]
+        line += [_short(1e3 * row["velocity"]), spin, f"{_short(100 * row['energy'])} %"]
+        lines.append([*line, _short(1e3 * row["time"]), rival, _short(1e3 * bound)])
+    more = [["beyond the tolerance", "expected error of e", "measured"], ["---"] * 3]
+    for name, row in found["missed"].items():
+        largest = max(map(abs, row["errors"]))
+        more.append([name, f"{row['expected_error']:.3g}", f"{largest:.3g}"])
+    return "\n\n".join(
+        "\n".join(f"| {' | '.join(line)} |" for line in part) for part in (lines, more)
+    )
+
+
+if __name__ == "__main__":
+    main()
