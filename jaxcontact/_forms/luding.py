@@ -8,6 +8,7 @@ x_m = 1, and the three parts are oscillations and a hyperbolic motion.
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -27,11 +28,7 @@ class LudingForm(BilinearForm):
 
     adhesion: Lane
     tension: bool = eqx.field(static=True, default=True, kw_only=True)
-
-    @property
-    def follows_phase_angle(self) -> bool:
-        """False: the force depends on the turn."""
-        return False
+    never_pulls: ClassVar[bool] = False
 
     def least(self, deepest: Lane) -> Lane:
         """Return the x_min of the largest indentation, below which the force is -ηx."""

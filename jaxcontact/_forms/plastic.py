@@ -57,6 +57,12 @@ class AbstractPlasticForm(AbstractForm):
     tension: bool = eqx.field(static=True, default=False, kw_only=True)
     own_exponent: eqx.AbstractVar[float]
     remembers: ClassVar[bool] = True
+    never_pulls: ClassVar[bool] = True
+
+    @property
+    def follows_phase_angle(self) -> bool:
+        """False: the contact ends at x_p."""
+        return False
 
     @abc.abstractmethod
     def loading(self, x: Lane) -> Lane:
@@ -93,14 +99,40 @@ class AbstractPlasticForm(AbstractForm):
         self, w: Lane, v: Lane, n: Exponent, compressing: Flag, order: int | None = None
     ) -> Lane:
         x = w ** (order or self.order(n))
-        left = self.left(x)
-        # The way back ends at x_p, or where strong damping pulls.
-        gap = jnp.where(left < 0, left, left * self.damped(v))
+        gap = self.gap(self.left(x), v, True)
         return jnp.where(compressing, self.force(x, v, n, compressing), gap)
 
     def left(self, x: Lane) -> Lane:
         """Return the distance of x to the end of the way back."""
         return self._back(x)[1]
+
+    def gap(self, left: Lane, v: Lane, pulled: Flag | bool) -> Lane:
+        """Return what falls through zero at the end of a contact, `left` before x_p.
+
+        Only a pull ends it before x_p, where damping exceeds the elastic force: 1 + αv = 0. While a
+        contact creeps apart at the speed 1/α, that number is smaller than the error of a solve.
+        """
+        if self.alpha is None:
+            return left
+        return jnp.where((left < 0) | jnp.logical_not(pulled), left, left * self.damped(v))
+
+    def loading_at(self, w: Lane, order: int) -> Lane:
+        """Return the force of loading at x = w^k."""
+        return self.loading(w**order)
+
+    def force_at(self, w: Lane, order: int, compressing: Flag) -> Lane:
+        """Return the force without damping at x = x_p + w^k, with x_p = 0 before the turn."""
+        load = self.loading_at(w, order)
+        if self.way_back is None:
+            return load
+        back = self.way_back[0] * signed_power(w, order * self.own_exponent)
+        return jnp.where(compressing, load, back)
+
+    def plastic(self, like: Lane) -> Lane:
+        """Return the x_p of a contact that unloads; 0 for one that loads."""
+        if self.deepest is None or self.way_back is None:
+            return jnp.zeros_like(like)
+        return jnp.where(self.deepest > 0, self.way_back[1], 0)
 
     def stored(self, w: Lane, n: Exponent, order: int | None = None) -> Lane:
         """Return the energy that unloading from w returns."""
@@ -162,12 +194,6 @@ class YieldingForm(AbstractPlasticForm):
 
     root: Lane
     own_exponent: ClassVar[float] = 1.5
-    never_pulls: ClassVar[bool] = True
-
-    @property
-    def follows_phase_angle(self) -> bool:
-        """False: the contact ends at x_p."""
-        return False
 
     def sound(self) -> tuple[YieldingForm, Flag]:
         good = (self.root > 0) & jnp.isfinite(self.root)
@@ -195,20 +221,11 @@ class YieldingForm(AbstractPlasticForm):
         factor = jnp.sqrt(power(inside, 1.5) / force)
         return factor, jnp.where(yielded, inside - force / jnp.sqrt(inside), 0)
 
-    def plastic(self) -> Lane:
-        """Return the x_p of a contact that unloads; 0 for one that loads."""
-        if self.deepest is None or self.way_back is None:
-            return jnp.zeros_like(self.root)
-        return jnp.where(self.deepest > 0, self.way_back[1], 0)
-
-    def force_at(self, w: Lane, compressing: Flag) -> Lane:
-        """Return the force without damping at x = x_p + w², in which it is a polynomial."""
-        cube, root = w**3, self.root
+    def loading_at(self, w: Lane, order: int) -> Lane:
+        # A polynomial in w = √x.
+        root = self.root
         beyond = jnp.maximum(jnp.square(w) - root**2, 0)
-        load = jnp.where(w < root, cube, root**3 + 1.5 * root * beyond)
-        if self.way_back is None:
-            return load
-        return jnp.where(compressing, load, self.way_back[0] * cube)
+        return jnp.where(w < root, w**3, root**3 + 1.5 * root * beyond)
 
     def _loaded(self, energy: Lane) -> tuple[Lane, Lane]:
         """Return x and F at which the work of loading is `energy` > 0."""

@@ -26,7 +26,6 @@ from .._forms import (
     HuntCrossleyForm,
     Scale,
     SpeedDependentForm,
-    YieldingForm,
     scale_of,
 )
 from .._laws import (
@@ -37,7 +36,7 @@ from .._laws import (
 )
 from .motion.motion import Motion
 from .motion.neck import NeckMotion
-from .motion.plastic import PlasticMotion, YieldingMotion
+from .motion.plastic import PlasticMotion
 
 SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)
 FORCE = Range(inside=0.0)
@@ -139,8 +138,6 @@ class Lanes(eqx.Module):
         # seconds. A barrier for each number avoids tangents for numbers that have none.
         numbers = (self.form, self.exponent, self.push)
         form, exponent, push = jax.tree.map(jax.lax.optimization_barrier, numbers)
-        if isinstance(form, YieldingForm):
-            return YieldingMotion(form, exponent, push)
         if isinstance(form, AbstractPlasticForm) and not form.tension:
             return PlasticMotion(form, exponent, push)
         kind = NeckMotion if form.ends_apart else Motion

@@ -5,31 +5,42 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from ..._forms import AbstractPlasticForm, Flag, YieldingForm
+from ..._forms import AbstractPlasticForm, Flag
 from ..._functions import power
 from .motion import Motion, Number, State
 
 
 class PlasticMotion(Motion):
-    """One lane of an elastic-plastic contact without adhesion, which ends at x_p.
+    """One lane of a contact without adhesion: x = w^k up to the turn, and x = x_p + w^k after it.
 
-    Only a pull ends it before, where damping exceeds the elastic force: 1 + αv = 0. In a contact
-    that creeps apart at the speed 1/α, that number is smaller than the error of a solve.
+    So the way back is κ w^(kn), and w = 0 ends the contact.
     """
 
     form: AbstractPlasticForm
 
-    def gap_of_force(self, state: State) -> Number:
-        left = self.left(state)
-        if self.push is None or self.form.alpha is None:
-            return left
-        damped = self.form.damped(self.velocity(state))
-        return jnp.where((left < 0) | (self.push >= 0), left, left * damped)
+    def indentation(self, w: Number) -> Number:
+        return self.form.plastic(w) + w**self.order
 
-    def left(self, state: State) -> Number:
-        """Return a coordinate that falls through zero at x_p."""
-        left = self.form.left(self.indentation(state.w))
-        return jnp.where(state.w < 0, jnp.minimum(left, state.w), left)
+    def after_turn(self, turn: State) -> tuple[Motion, State]:
+        unloads, begun = super().after_turn(turn)
+        left = self.indentation(turn.w) - unloads.indentation(jnp.zeros_like(turn.w))
+        return unloads, begun._replace(w=power(left, 1 / self.order))
+
+    def force(self, state: State, compressing: Flag) -> Number:
+        still = self.form.force_at(state.w, self.order, compressing)
+        return still * self.form.damped(self.velocity(state))
+
+    def pull(self, state: State, compressing: Flag) -> Number:
+        return state.w ** (self.order - 1) * self.force(state, compressing)
+
+    def dissipation(self, state: State, compressing: Flag) -> Number:
+        if self.form.alpha is None:
+            return jnp.zeros_like(state.w)
+        still = self.form.force_at(state.w, self.order, compressing) * state.w ** (self.order - 1)
+        return self.form.alpha * jnp.square(self.velocity(state)) * still
+
+    def stored(self, state: State) -> Number:
+        return self.form.stored(self.indentation(state.w), self.n, 1)
 
     def smallness(self) -> tuple[Number | float, Number | float]:
         if self.push is None or self.form.alpha is None:
@@ -38,45 +49,13 @@ class PlasticMotion(Motion):
         slow = jnp.where(self.push < 0, 1 / jnp.maximum(self.form.alpha, 1), 1)
         return slow, slow
 
-
-class YieldingMotion(PlasticMotion):
-    """One lane of a yielding contact: x = w² up to the turn, and x = x_p + w² after it.
-
-    Both forces are polynomials in w, and w = 0 ends the contact.
-    """
-
-    form: YieldingForm
-
-    def indentation(self, w: Number) -> Number:
-        return self.form.plastic() + jnp.square(w)
-
-    def left(self, state: State) -> Number:
-        return state.w
-
-    def after_turn(self, turn: State) -> tuple[Motion, State]:
-        unloads, begun = super().after_turn(turn)
-        left = self.indentation(turn.w) - unloads.indentation(jnp.zeros_like(turn.w))
-        return unloads, begun._replace(w=power(left, 0.5))
-
-    def force(self, state: State, compressing: Flag) -> Number:
-        still = self.form.force_at(state.w, compressing)
-        return still * self.form.damped(self.velocity(state))
-
-    def pull(self, state: State, compressing: Flag) -> Number:
-        return state.w * self.force(state, compressing)
-
-    def dissipation(self, state: State, compressing: Flag) -> Number:
-        if self.form.alpha is None:
-            return jnp.zeros_like(state.w)
-        still = state.w * self.form.force_at(state.w, compressing)
-        return self.form.alpha * jnp.square(self.velocity(state)) * still
-
-    def stored(self, state: State) -> Number:
-        return self.form.stored(self.indentation(state.w), self.n, 1)
-
     @property
     def ends_smoothly(self) -> bool:
         return True
 
     def parts_at_touch(self) -> Bool[Array, ""]:
         return jnp.asarray(True) if self.push is None else self.push >= 0
+
+    def gap_of_force(self, state: State) -> Number:
+        pulled = False if self.push is None else self.push < 0
+        return self.form.gap(state.w, self.velocity(state), pulled)

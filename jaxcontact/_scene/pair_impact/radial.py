@@ -34,7 +34,6 @@ from ..._forms import AbstractForm, AbstractPlasticForm
 from ..._functions import varying
 from ..._impact.motion.motion import Motion
 from ..._impact.motion.motion import State as Moving
-from ..._impact.motion.plastic import PlasticMotion
 from ..._solver.runge_kutta import step_and_slope
 
 # The phases of a contact: until the force peak, until the turn, until the force ends, and until the
@@ -88,9 +87,7 @@ class Radial(eqx.Module):
     @property
     def motion(self) -> Motion:
         """The problem without swirl."""
-        plastic = isinstance(self.form, AbstractPlasticForm) and not self.form.tension
-        kind = PlasticMotion if plastic else Motion
-        return kind(self.form, self.exponent, self.push, prepared=self.prepared)
+        return Motion(self.form, self.exponent, self.push, prepared=self.prepared)
 
     def velocity(self, y: State) -> Number:
         """Return x' at a state."""
@@ -139,7 +136,11 @@ class Radial(eqx.Module):
         rise = jax.jvp(lambda y: self.force(y, phase), (y,), (self.rate(y, phase),))[1]
         apart = y[_W]
         if not self.form.tension:
-            force = self.motion.gap_of_force(_radial_state(y))
+            if isinstance(self.form, AbstractPlasticForm):
+                left = self.form.left(self.indentation(y))
+                force = self.form.gap(left, self.velocity(y), ~self.pressed)
+            else:
+                force = self.motion.gap_of_force(_radial_state(y))
             apart = jnp.where(phase == _OPENS, jnp.minimum(apart, force), apart)
         gaps = [rise, self.velocity(y)]
         return jnp.select([phase == _RISES, phase == _CLOSES], gaps, apart)
