@@ -1,9 +1,9 @@
 """Rate at which `choose_law` is sure of a wrong law: `python benchmarks/choice_confusion.py`.
 
-Tables of e over the closing speed are simulated from ten true laws, three of which the choice does
-not contain. They have 6 to 200 points, with e near 1 and near 0. The noise has constant size, is
-proportional to e, or is shared by the points of a trial. Each table is a call of `jc.choose_law`,
-as a user makes it. A sure choice is counted as
+Tables of e over the closing speed are simulated from twelve true laws, two of which the choice
+does not contain. They have 6 to 200 points, with e near 1 and near 0. The noise has constant size,
+is proportional to e, or is shared by the points of a trial. Each table is a call of
+`jc.choose_law`, as a user makes it. A sure choice is counted as
 
 - right, if that law is the truth or contains it;
 - wrong otherwise. For a truth outside all laws it is wrong if the curve of the law deviates from it
@@ -69,12 +69,13 @@ Curve = Callable[[np.ndarray], np.ndarray]
 
 class Truth(NamedTuple):
     """A true law: e(v) of speeds over the middle one and of e there, from random numbers; the kind
-    of law that it is; and the kinds that contain it.
+    of law that it is; the kinds that contain it; and the levels of e that it has.
     """
 
     make: Callable[[np.random.Generator, float], Curve]
     kind: str | None = None
     within: tuple[str, ...] = ()
+    levels: tuple[str, ...] = tuple(LEVELS)
 
 
 def damped(power: float, e: float) -> Curve:
@@ -90,19 +91,33 @@ def viscous(e: float) -> Curve:
     return lambda v: np.interp(strength * v**0.2, place, curve)
 
 
-def plastic(e: float) -> Curve:
+def yield_speed(e: float) -> float:
+    """The yield speed of Thornton's spheres with this e at speed 1."""
     ratio = np.geomspace(1e-6, 1, 4001)
-    curve = 1 / ratio
     law = jc.ThorntonPlastic(yield_speed=1.0)
-    yields = float(np.interp(e, np.asarray(law.restitution_at(curve)), ratio))
-    return lambda v: np.asarray(jc.ThorntonPlastic(yield_speed=yields).restitution_at(v))
+    return float(np.interp(e, np.asarray(law.restitution_at(1 / ratio)), ratio))
+
+
+def plastic(e: float) -> Curve:
+    law = jc.ThorntonPlastic(yield_speed=yield_speed(e))
+    return lambda v: np.asarray(law.restitution_at(v))
 
 
 def both(random: np.random.Generator, e: float) -> Curve:
-    """Viscous and plastic losses, one after the other."""
+    """The product of Kuwabara and Kono's e and Thornton's, which no law delivers."""
     share = random.uniform(0.3, 0.7)
     one, other = viscous(e**share), plastic(e ** (1 - share))
     return lambda v: one(v) * other(v)
+
+
+def viscoplastic(random: np.random.Generator, e: float) -> Curve:
+    """The e of `jc.Viscoplastic`, of which Thornton's spheres alone would lose a share."""
+    yields = yield_speed(e ** random.uniform(0.3, 0.7))
+    place = np.linspace(0, 2 * float(jc.exact_damping_factor(e)), 2001)
+    unit = jc.Contact(1.0, 1.0)
+    curve = np.asarray(jc.restitution(jc.Viscoplastic(yield_speed=yields, c=place), unit, 1.0))
+    law = jc.Viscoplastic(yield_speed=yields, c=float(np.interp(-e, -curve, place)))
+    return lambda v: np.asarray(jc.restitution(law, unit, v))
 
 
 def wet(random: np.random.Generator, e: float) -> Curve:
@@ -119,6 +134,14 @@ def adhesive(random: np.random.Generator, e: float) -> Curve:
     return lambda v: e * np.sqrt((1 - (sticks / v) ** 2).clip(0) / (1 - sticks**2))
 
 
+def neck(random: np.random.Generator, e: float) -> Curve:
+    """The e of `jc.JKR`: e = √(1 - (v_s/v)²)."""
+    unit = jc.Contact(1.0, 1.0)
+    strength = jc.JKR(pull_off=1.0).sticking_speed(unit)
+    law = jc.JKR(pull_off=(np.sqrt(1 - e**2) / strength) ** 1.2)
+    return lambda v: np.asarray(jc.restitution(law, unit, v))
+
+
 def power_of_loss(random: np.random.Generator, e: float) -> Curve:
     power = random.uniform(0.3, 0.8)
     return lambda v: 1 - (1 - e) * v**power
@@ -128,17 +151,24 @@ TRUTHS = {
     "constant e": Truth(
         lambda random, e: lambda v: np.full_like(v, e),
         "constant e",
-        ("c as a power of v", "1 - b v^p"),
+        ("c as a power of v", "wet", "1 - b v^p"),
     ),
-    "constant c": Truth(lambda random, e: damped(0.0, e), "constant c", ("c as a power of v",)),
+    "constant c": Truth(
+        lambda random, e: damped(0.0, e), "constant c", ("c as a power of v", "viscous and plastic")
+    ),
     "c falls": Truth(lambda random, e: damped(random.uniform(-0.6, -0.3), e), "c as a power of v"),
     "c rises": Truth(lambda random, e: damped(random.uniform(0.3, 0.7), e), "c as a power of v"),
     "Kuwabara-Kono": Truth(lambda random, e: viscous(e), "Kuwabara-Kono"),
-    "elastic-plastic": Truth(lambda random, e: plastic(e), "elastic-plastic"),
+    "elastic-plastic": Truth(
+        lambda random, e: plastic(e), "elastic-plastic", ("viscous and plastic",)
+    ),
+    "viscous and plastic": Truth(viscoplastic, "viscous and plastic"),
+    "wet": Truth(wet, "wet"),
+    # It sticks at speeds at which e is near 0.
+    "adhesive (JKR)": Truth(neck, "adhesive (JKR)", levels=("near 1",)),
     "1 - b v^p": Truth(power_of_loss, "1 - b v^p"),
-    "viscous and plastic": Truth(both),
-    "wet": Truth(wet),
-    "adhesive": Truth(adhesive),
+    "Kuwabara-Kono times plastic": Truth(both),
+    "adhesive with losses": Truth(adhesive),
 }
 
 
@@ -228,7 +258,8 @@ def judged(table: Table, truth: Truth) -> dict[str, Any]:
 def cells() -> Iterator[tuple[str, tuple[str, int, str, str]]]:
     for what in itertools.product(TRUTHS, SIZES, NOISES, LEVELS):
         truth, n, noise, level = what
-        yield f"{truth}, {n} points, noise {noise}, e {level}", what
+        if level in TRUTHS[truth].levels:
+            yield f"{truth}, {n} points, noise {noise}, e {level}", what
 
 
 def drawn(name: str, what: tuple[str, int, str, str], i: int) -> Table:

@@ -1,10 +1,12 @@
 """Fitting any differentiable prediction to data, with uncertainty."""
 
 from .compare import CLEAR_AICC as CLEAR_AICC
+from .compare import SAME as SAME
 from .compare import Candidate as Candidate
 from .compare import Comparison as Comparison
 from .compare import compare_fits as compare_fits
 from .compare import compared as compared
+from .compare import criteria as criteria
 from .compare import criteria_of as criteria_of
 from .compare import has_trials as has_trials
 from .compare import table as table

@@ -26,7 +26,7 @@ from .uncertainty.adequacy import shown
 CLEAR_AICC = 2.0
 """Difference of AICc below which two fits are equally good (Burnham & Anderson 2002)."""
 
-_SAME = 5e-3
+SAME = 5e-3
 """Difference of criteria that is only rounding: both print alike, for the same curve."""
 
 CLEAR_ADVANTAGE = 2.0
@@ -140,21 +140,23 @@ def compared(
     left_out: str = "points",
     group: str = "group",
     among: Collection[str] | None = None,
+    unnamed: Collection[str] = (),
 ) -> Comparison:
     """Compare fits by the points that `parts` leave out.
 
     `parameters` gives those of a fit in words, for the verdict. `left_out` and `group` are the
     verdict's words for the parts and the groups. `among` names the fits that describe the data
-    equally well, by default those of `undecided`.
+    equally well, by default those of `undecided`. The verdict does not name the `unnamed`.
     """
     _check(fits)
     names = sorted(fits, key=lambda name: (not fits[name].converged, criteria(fits[name])[1]))
     first = fits[names[0]]
     found = tuple(_candidate(name, fits[name], first, parts) for name in names)
-    equal = undecided(found)
+    named = tuple(c for c in found if c.name not in unnamed)
+    equal = undecided(named)
     if among is not None:
-        equal = [c for c in found if c.converged and c.name in among]
-    return Comparison(found, *_verdict(found, equal, list(fits), parameters, left_out, group))
+        equal = [c for c in named if c.converged and c.name in among]
+    return Comparison(found, *_verdict(named, equal, list(fits), parameters, left_out, group))
 
 
 def criteria(fit: FitData) -> tuple[int, float, float]:
@@ -308,7 +310,7 @@ def _verdict(
     if not good:
         return None, "No fit converged."
     first = good[0]
-    least = {c.k: _least(equal, c.k) + _SAME for c in equal}
+    least = {c.k: _least(equal, c.k) + SAME for c in equal}
     best = min(
         equal, key=lambda c: (c.k, c.name != order[0], c.aicc > least[c.k], order.index(c.name))
     )
@@ -337,7 +339,7 @@ def _other_measures(
     """Return what speaks for another fit: BIC, and the prediction of data that were left out."""
     text = ""
     brief = min(good, key=lambda c: c.bic)
-    if best.bic - brief.bic > _SAME:
+    if best.bic - brief.bic > SAME:
         why = ""
         if brief.k < best.k and brief.aicc > best.aicc:
             why = ", which has a larger penalty for each parameter,"

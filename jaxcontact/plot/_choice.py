@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,8 +65,10 @@ def draw_points(ax: Axes, v: np.ndarray, e: np.ndarray, label: str) -> None:
 
 def curves_of(choice: ChoiceData) -> dict[str, dict[str, Any]]:
     """Return the style of the curve of each kind of law, the same in every plot of a choice."""
-    kinds = [law.kind for law in choice.laws]
+    n = len(CURVES)
+    # Beyond the last style a colour comes again with another line.
+    places = [(k % n, (k + n // 2 * (k // n)) % n) for k in range(len(choice.laws))]
     return {
-        kind: {"color": colour, "ls": line}
-        for kind, (colour, line) in zip(kinds, itertools.cycle(CURVES), strict=False)
+        law.kind: {"color": CURVES[colour][0], "ls": CURVES[line][1]}
+        for law, (colour, line) in zip(choice.laws, places, strict=True)
     }

@@ -148,7 +148,8 @@ def test_the_choice_from_the_table_is_the_calibration():
     for ours, theirs in zip(choice.candidates, whole.choice.candidates, strict=True):
         assert ours.name == theirs.name
         np.testing.assert_allclose(ours.aicc, theirs.aicc, rtol=SAME)
-        np.testing.assert_allclose(ours.held_out, theirs.held_out, rtol=SAME)
+        if theirs.held_out is not None:
+            np.testing.assert_allclose(ours.held_out, theirs.held_out, rtol=SAME)
     assert choice.asked == whole.choice.asked
 
 
@@ -246,7 +247,7 @@ def test_marked_pairs_matter_and_both_results_are_kept():
 def test_numbers_that_follow_from_mass_and_stiffness():
     text = recording(lambda v: 0.88, 1)
     plain = calibrated(text)
-    assert [len(fit.estimates) for fit in plain.choice.laws] == [1, 2, 3, 2, 2, 3]
+    assert [len(fit.estimates) for fit in plain.choice.laws] == [1, 2, 3, 2, 2, 3, 3, 2, 3]
     full = calibrated(text, mass=0.2, stiffness=1e8)
     kappa, _, a = full.choice.law_fit("Kuwabara-Kono").estimates
     np.testing.assert_allclose(a.value * (1e8 / 0.2) ** 0.4, kappa.value, rtol=1e-12)
@@ -261,7 +262,7 @@ def test_numbers_that_follow_from_mass_and_stiffness():
     )
     # c needs no mass, A does.
     half = calibrated(text, stiffness=1e8)
-    assert [len(fit.estimates) for fit in half.choice.laws] == [1, 3, 4, 2, 2, 3]
+    assert [len(fit.estimates) for fit in half.choice.laws] == [1, 3, 4, 2, 2, 4, 3, 2, 3]
 
 
 def test_a_law_that_does_not_deliver_its_e():
@@ -312,7 +313,7 @@ def test_one_speed_determines_no_trend():
 def test_four_pairs_are_too_few_for_two_parameters():
     e = (0.88, 0.89, 0.87, 0.885)
     choice = jc.calibrate(jc.read_recording(velocity=[1.0, 2.0, 3.0, 4.0], restitution=e)).choice
-    kinds = ["constant e", "constant c", "Kuwabara-Kono", "elastic-plastic"]
+    kinds = ["constant e", "constant c", "Kuwabara-Kono", "elastic-plastic", "adhesive (JKR)"]
     assert [law.kind for law in choice.laws] == kinds and not choice.sure
     assert choice.laws[0].errors_by == "point"
 

@@ -81,7 +81,8 @@ def test_the_current_folder_is_the_default(good, tmp_path, monkeypatch):
 
 
 SPEED_DEPENDENT = ["constant_damping", "power_damping", "kuwabara_kono"]
-SPEED_DEPENDENT += ["thornton_plastic", "power_restitution"]
+SPEED_DEPENDENT += ["thornton_plastic", "viscoplastic", "wet_restitution", "jkr"]
+SPEED_DEPENDENT += ["power_restitution"]
 
 
 @pytest.mark.parametrize(

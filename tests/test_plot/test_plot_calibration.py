@@ -47,7 +47,7 @@ def test_curves_bands_and_words(blue, ax):
     labels = ax.get_legend_handles_labels()[1]
     assert [law.kind for law in blue.choice.laws] == labels[2:]
     assert "left out (23)" in labels[1]
-    assert len(ax.collections) == 6
+    assert len(ax.collections) == sum(law.identifiable for law in blue.choice.laws) == 7
     assert ax.get_xlabel().endswith("(m/s)")
     assert "drag left in" in ax.get_ylabel()
 

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 from scipy.special import fdtrc, gammaincc
 
-from ..._fit import Fit, FitData, has_trials
+from ..._fit import SAME, Fit, FitData, criteria, has_trials
 from .kind import AbstractKind
 
 EXCLUDED = 0.01
@@ -36,15 +36,34 @@ class Standing:
 def standing_of(fits: Mapping[str, Fit], kinds: Sequence[AbstractKind], kind: str) -> Standing:
     """Return the standing of one kind among all that were fitted."""
     by_name = {one.name: one for one in kinds}
-    own, found = by_name[kind], fits[kind]
+    own, found, reduced = by_name[kind], fits[kind], reduced_of(fits, kinds)
     containing = frozenset(name for name, one in by_name.items() if one.contains(own))
     rivals = [
         name
         for name, other in by_name.items()
-        if name != kind and _keeps_open(found, own, fits[name], other)
+        if name != kind and name not in reduced and _keeps_open(found, own, fits[name], other)
     ]
     good = found.converged and found.adequate is True and len(fits) > 1
     return Standing(good and not rivals, kind, containing, tuple(rivals))
+
+
+def reduced_of(fits: Mapping[str, FitData], kinds: Sequence[AbstractKind]) -> dict[str, str]:
+    """Return the laws whose fit is no better than that of a special case, and the latter.
+
+    These fits have no more identifiable parameters than the special case.
+    """
+    converged = [kind for kind in kinds if fits[kind.name].converged]
+    return {
+        kind.name: other.name
+        for kind in converged
+        for other in converged
+        if kind.contains(other) and _same(fits[kind.name], fits[other.name])
+    }
+
+
+def _same(fit: FitData, special: FitData) -> bool:
+    (k, aicc, _), (least, lower, _) = criteria(fit), criteria(special)
+    return k <= least and aicc > lower - SAME
 
 
 def sure_of(fits: Mapping[str, Fit], kinds: Sequence[AbstractKind]) -> Standing | None:

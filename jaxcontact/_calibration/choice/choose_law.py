@@ -20,7 +20,7 @@ from ..pairs.columns import column, for_each
 from ..pairs.outliers import find_outliers
 from ..pairs.pairs import pairs_of
 from ..pairs.plausible import MEASURED_RESTITUTION
-from .certainty import rivals_of, sure_of, sure_sentence
+from .certainty import reduced_of, rivals_of, sure_of, sure_sentence
 from .equivalent_e import Grid, asked_of, delivered_by_laws
 from .kind import AbstractKind
 from .law_choice import LawChoice, LawFit
@@ -57,17 +57,19 @@ def choose_law(
     - a constant c, with α = c v/K (also Marhefka and Orin's law, with a = c/K);
     - c as a power of v;
     - 1 - b v^p;
-    - for n = 3/2, Kuwabara and Kono's law, and Thornton's law of elastic-plastic spheres.
+    - e (1 - v_c/v) of bodies with a film of liquid;
+    - for n = 3/2, Kuwabara and Kono's law, Thornton's elastic-plastic spheres, the same with
+      Hunt and Crossley's damping ("viscoplastic"), and spheres that adhere ("jkr").
 
     Others are compared with a constant e if `laws` names them. "bridges" is min(1, a v^-p), which
-    few tables separate from the curve of plastic spheres. "wet_restitution" is e (1 - v_c/v). For
-    n = 3/2 these are also "viscoplastic", "jkr", "linear_dashpot" and "step_damping".
+    few tables separate from the curve of plastic spheres. For n = 3/2 these are also
+    "linear_dashpot" and "step_damping".
 
     One fit for each kind minimises Σ ((ln e_k - ln e(v_k))/σ_k)². It is the same calibration that
     `jaxcontact calibrate` and `calibrate` make of the table. Logarithms of measured contact times
     and peak forces are fitted together with ln e, and then the stiffness is fitted too. They are
-    computed from the force of each law. For 1 - b v^p, a v^-p and a constant e, that is the
-    Hunt-Crossley member that delivers the same e; for Thornton's spheres it is his force.
+    computed from the force of each law. For 1 - b v^p, a v^-p, wet bodies and a constant e, that is
+    the Hunt-Crossley member that delivers the same e.
 
     Arguments: mass and stiffness of the `contact` are taken as known (e(v) determines only c/K and
     A (K/m)^(2/5)). Closing speeds `velocity` in m/s and restitutions `e` in (0, 1.2] (noise may
@@ -135,6 +137,8 @@ def choose(
     every, kinds = kinds, tuple(filter(table.determines, kinds))
     fits, laws, grid = _fits_of(table, kinds, progress)
     first, x = fits[kinds[0].name], np.asarray(table.data["x"])
+    reduced = reduced_of(fits, kinds)
+    laws = tuple(dataclasses.replace(law, reduced_to=reduced.get(law.kind, "")) for law in laws)
     said = {law.kind: law.said for law in laws}
     # Certainty needs fits of all laws.
     standing = sure_of(fits, kinds) if kinds == every else None
@@ -145,9 +149,10 @@ def choose(
         left_out="speeds",
         group=table.group,
         among=None if standing is None else {standing.kind, *standing.containing},
+        unnamed=reduced,
     )
     best = comparison.best
-    rivals = [c.name for c in undecided(comparison.candidates) if c.name != best]
+    rivals = [c.name for c in undecided(comparison.candidates) if c.name not in {best, *reduced}]
     if standing is not None:
         rivals = [name for name in rivals if name in standing.containing]
     free = curve_of(first, x)

@@ -13,12 +13,23 @@ from jaxtyping import Array
 from ..._contact import Contact
 from ..._fit import Between, Free, Positive
 from ..._forms import LOSS
-from ..._impact import restitution
+from ..._impact import impact, restitution
 from ..._laws import Damped
 from .clamped import clamped_restitution
 from .kind import AbstractKind, Combination
 
 _LEAST_E = 1e-6
+_LEAST_LEFT = 1e-4
+"""The share of the energy or of e that bodies keep, below which a curve is continued above 0."""
+
+_ABOVE_STICKING = 1 + 1e-6
+"""The slowest speed at which a contact ends, over the sticking speed."""
+
+_VISCOUS_SHARE = 0.8
+"""The share of ln e from which a search for two losses begins; with less it may miss the damping
+that describes the data alone.
+"""
+
 _HERTZ = 1.5
 _POWER = Combination(Free(), "power")
 _STIFFNESS = frozenset({"stiffness"})
@@ -38,6 +49,17 @@ def _depth(mass: Any, stiffness: Any) -> Any:
 def _dashpot(mass: Any, stiffness: Any) -> Any:
     """Return a dashpot in N s/m over v^(1/5)."""
     return mass**0.6 * stiffness**0.4
+
+
+def _kept_above_zero(left: Array) -> Array:
+    """Return what bodies keep; below a least value a continuation with a value and slope above 0.
+
+    A search that starts where slow bodies stick can thus leave it.
+    """
+    low = left < _LEAST_LEFT
+    return jnp.where(
+        low, _LEAST_LEFT**2 / (2 * _LEAST_LEFT - jnp.where(low, left, _LEAST_LEFT)), left
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -224,12 +246,9 @@ class ViscousAndPlastic(AbstractKind):
     exponent = _HERTZ
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Return half of ln e for each of the two losses."""
-        root = math.sqrt(e)
-        plastic, viscous = (
-            kind.start(root, contact, reference) for kind in (Plastic(), ConstantC())
-        )
-        return {**plastic, **viscous}
+        """Return a share of ln e for each of the two losses."""
+        plastic = Plastic().start(e ** (1 - _VISCOUS_SHARE), contact, reference)
+        return {**plastic, **ConstantC().start(e**_VISCOUS_SHARE, contact, reference)}
 
     def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
         return restitution(law, contact, velocity)
@@ -256,8 +275,12 @@ class Wet(AbstractKind):
         return {"e": dry, "critical_speed": (1 - e / dry) * reference}
 
     def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
-        """Return the curve, kept above 0, where its logarithm is defined."""
-        return jnp.maximum(law.restitution_at(velocity), _LEAST_E)
+        """Return the curve, continued above 0, where its logarithm is defined."""
+        return law.e * _kept_above_zero(1 - law.critical_speed / velocity)
+
+    def outcome(self, law: Any, contact: Contact, velocity: Array) -> Any:
+        """Return those of the least e for bodies that stick."""
+        return impact(Damped(alpha=law.damping_factor(contact, velocity)), contact, velocity)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -270,7 +293,7 @@ class Adhesive(AbstractKind):
     parameters = MappingProxyType(
         {
             "pull_off": Combination(
-                Positive(), "F_po/(m^(3/5) K^(2/5))", "(m/s)^(6/5)", _dashpot, "N", _BOTH
+                Positive(), "F_po/(m³K²)^(1/5)", "(m/s)^(6/5)", _dashpot, "N", _BOTH
             )
         }
     )
@@ -282,5 +305,11 @@ class Adhesive(AbstractKind):
         return {"pull_off": lost**0.6 * float(_dashpot(contact.mass, contact.stiffness))}
 
     def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
-        """Return the curve, kept above 0, where its logarithm is defined."""
-        return jnp.maximum(restitution(law, contact, velocity), _LEAST_E)
+        """Return the curve, continued above 0, where its logarithm is defined."""
+        sticking = law.sticking_speed(contact)
+        return jnp.sqrt(_kept_above_zero(1 - jnp.square(sticking / velocity)))
+
+    def outcome(self, law: Any, contact: Contact, velocity: Array) -> Any:
+        """Return those of the slowest bodies that part for bodies that stick."""
+        slowest = _ABOVE_STICKING * law.sticking_speed(contact)
+        return impact(law, contact, jnp.maximum(velocity, slowest))

@@ -41,7 +41,8 @@ class LawFit:
     open. `rms` is the root mean square of e_measured - e(v). `reduced_chi2` is Σ z²/(n-k) of the
     residuals z of ln e over their noise. `adequate`, whether the law describes the data (None if
     undecided), and its `grounds`, the tests in words. `converged`, the `reason`, and the `steps`
-    taken.
+    taken. `determined`: how many of the estimates are parameters. `reduced_to`: the special case of
+    this kind whose fit is the same; "" if there is none.
     """
 
     kind: str
@@ -57,6 +58,8 @@ class LawFit:
     converged: bool
     reason: str
     steps: int
+    determined: int = dataclasses.field(default=1, kw_only=True)
+    reduced_to: str = dataclasses.field(default="", kw_only=True)
 
     @property
     def constant(self) -> Estimate:
@@ -66,8 +69,9 @@ class LawFit:
     @property
     def said(self) -> str:
         """The parameters that e(v) determines, in words."""
-        parameters = [e for e in self.estimates if e.name in ("power", self.estimates[0].name)]
-        return ", ".join(f"{e.name} = {e}" for e in parameters)
+        if self.reduced_to:
+            return f"as {self.reduced_to}"
+        return ", ".join(f"{e.name} = {e}" for e in self.estimates[: self.determined])
 
 
 @dataclasses.dataclass(frozen=True)

@@ -27,14 +27,11 @@ from .kinds import (
 )
 
 SPEED_DEPENDENT: tuple[AbstractKind, ...] = (
-    *(ConstantC(), PowerOfSpeed(), Viscoelastic()),
-    *(Plastic(), PowerOfLoss()),
+    *(ConstantC(), PowerOfSpeed(), Viscoelastic(), Plastic()),
+    *(ViscousAndPlastic(), Wet(), Adhesive(), PowerOfLoss()),
 )
 
-ON_REQUEST: tuple[AbstractKind, ...] = (
-    *(PowerOfRestitution(), Dashpot(), Stepped()),
-    *(ViscousAndPlastic(), Wet(), Adhesive()),
-)
+ON_REQUEST: tuple[AbstractKind, ...] = (PowerOfRestitution(), Dashpot(), Stepped())
 """Kinds that are compared only if their law is named.
 
 Few tables of e(v) separate a v^-p from the curve of plastic spheres, which falls as v^(-1/4). If

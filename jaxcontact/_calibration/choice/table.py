@@ -182,4 +182,5 @@ class ChoiceTable:
             converged=found.converged,
             reason=found.reason,
             steps=found.steps,
+            determined=len(kind.parameters),
         )

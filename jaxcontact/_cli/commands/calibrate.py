@@ -33,10 +33,10 @@ SUMMARY = "fit laws to a recording of bounces or to oblique impacts"
 DESCRIPTION = """\
 Fit laws to a recording of bounces. The command converts it to pairs (approach speed, e), and
 finds spurious and missed triggers by a robust rule. It compares a constant e with speed-dependent
-laws: constant damping, damping as a power of the speed, Kuwabara-Kono, elastic-plastic spheres,
-1 - b v^p. It writes calibration.png and calibration.json. The default FILE is the shipped one:
-bounce intervals of a small rubber ball. For a table of oblique impacts it fits friction laws
-instead, and writes calibration.json.
+laws: constant damping, damping as a power of the speed, Kuwabara-Kono, elastic-plastic spheres
+without and with damping, wet and adhesive bodies, 1 - b v^p. It writes calibration.png and
+calibration.json. The default FILE is the shipped one: bounce intervals of a small rubber ball. For
+a table of oblique impacts it fits friction laws instead, and writes calibration.json.
 """
 
 EPILOG = """\
@@ -100,11 +100,11 @@ Coulomb, Walton or Maw-Barber-Fawcett. They need e, from a column or --restituti
 is fitted otherwise.
 
 --law NAME: `constant_damping`, `power_damping`, `kuwabara_kono`, `thornton_plastic`,
-`power_restitution`, `bridges`, `linear_dashpot`, `step_damping`, `viscoplastic`, `wet_restitution`
-or `jkr` is compared with a constant e; a law with parameter e (see `jaxcontact laws`) delivers the
-constant e and is compared with the first five of them; few recordings distinguish the others from
-those. --law all, the default, does this for the exact constant e. Every law with parameter e
-delivers a constant e; the report lists the e to set in each.
+`viscoplastic`, `wet_restitution`, `jkr`, `power_restitution`, `bridges`, `linear_dashpot` or
+`step_damping` is compared with a constant e; a law with parameter e (see `jaxcontact laws`)
+delivers the constant e and is compared with all but the last three of them; few recordings
+distinguish these from the others. --law all, the default, does this for the exact constant e. Every
+law with parameter e delivers a constant e; the report lists the e to set in each.
 
 e(v) alone determines only c/K of constant damping and only A (K/m)^(2/5) of Kuwabara-Kono.
 --stiffness determines c; --mass and --stiffness determine A.

@@ -204,7 +204,7 @@ def _fits(s: SummaryData, layout: Layout) -> list[str]:
     aicc = {c.name: c.aicc for c in s.choice.candidates}
     for law in s.choice.laws:
         lines.append(f"  {law.kind}")
-        lines += [f"    {e.name:<16}{e}" for e in law.estimates]
+        lines += [f"    {e.name + ' ':<16}{e}" for e in law.estimates]
         lines.append(
             f"    {'residual':<16}rms of e {law.rms:.4f}; reduced chi² {law.reduced_chi2:.2f}; "
             f"AICc {aicc[law.kind]:.1f}"
@@ -219,28 +219,29 @@ def _fits(s: SummaryData, layout: Layout) -> list[str]:
             if law.reason.endswith(AT_BOUND):
                 why = "the best value lies at the edge of the law's range"
             lines.append(f"    {why}: not identifiable")
+            if law.reduced_to:
+                lines.append(f"    the fit is that of {law.reduced_to}, its special case")
     return lines
 
 
 def speed_rows(s: SummaryData) -> tuple[Row, list[Row]]:
-    """Return header and rows of a table of medians by speed with the fits there."""
-    kinds = [law.kind for law in s.choice.laws]
-    rows = [
-        (
-            f"{band.velocity:.3f}",
-            str(band.pairs),
-            f"{band.restitution:.4f}",
-            *(f"{band.fits[kind]:.4f}" for kind in kinds),
-        )
-        for band in s.by_speed
+    """Return header and rows of a table of medians by speed, with a row for each fit there."""
+    if not s.by_speed:
+        return (), []
+    rows: list[Row] = [
+        ("pairs", *(str(band.pairs) for band in s.by_speed)),
+        ("e", *(f"{band.restitution:.4f}" for band in s.by_speed)),
     ]
-    return ("v (m/s)", "pairs", "e", *kinds), rows
+    rows += [
+        (law.kind, *(f"{band.fits[law.kind]:.4f}" for band in s.by_speed)) for law in s.choice.laws
+    ]
+    return ("v (m/s)", *(f"{band.velocity:.3f}" for band in s.by_speed)), rows
 
 
 def _by_speed(s: SummaryData) -> list[str]:
     header, rows = speed_rows(s)
     title = ["By speed   medians of the kept pairs, and the fits there"]
-    return _titled(title, header, rows, ">" * len(header))
+    return _titled(title, header, rows, "<" + ">" * len(header))
 
 
 def _choice(s: SummaryData) -> list[str]:

@@ -108,7 +108,7 @@ def compared(s: CalibrationSummary) -> Html:
         element("h3", "Tests of the laws"),
         definitions(grounds),
         element("h3", "e by speed") if s.by_speed else Html(""),
-        table(*speed_rows(s), left=0),
+        table(*speed_rows(s)),
         element("h3", "Parameter e of laws with constant e"),
         paragraphs(equivalents_sentence(s.choice)),
         *(
