@@ -22,7 +22,6 @@ from .._entry import (
 )
 from .._forms import (
     AbstractForm,
-    AbstractPlasticForm,
     HuntCrossleyForm,
     Scale,
     SpeedDependentForm,
@@ -138,9 +137,9 @@ class Lanes(eqx.Module):
         # seconds. A barrier for each number avoids tangents for numbers that have none.
         numbers = (self.form, self.exponent, self.push)
         form, exponent, push = jax.tree.map(jax.lax.optimization_barrier, numbers)
-        if isinstance(form, AbstractPlasticForm) and not form.tension:
-            return PlasticMotion(form, exponent, push)
         kind = NeckMotion if form.ends_apart else Motion
+        if form.remembers and not form.tension:
+            kind = PlasticMotion
         return kind(form, exponent, push, peak=self.peak)
 
 

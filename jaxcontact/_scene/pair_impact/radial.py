@@ -20,7 +20,7 @@ soft spheres: Müller & Pöschel (2013), doi 10.1103/PhysRevE.87.033301.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -136,9 +136,9 @@ class Radial(eqx.Module):
         rise = jax.jvp(lambda y: self.force(y, phase), (y,), (self.rate(y, phase),))[1]
         apart = y[_W]
         if not self.form.tension:
-            if isinstance(self.form, AbstractPlasticForm):
-                left = self.form.left(self.indentation(y))
-                force = self.form.gap(left, self.velocity(y), ~self.pressed)
+            if self.form.remembers:
+                form = cast(AbstractPlasticForm, self.form)
+                force = form.gap(form.left(self.indentation(y)), self.velocity(y), ~self.pressed)
             else:
                 force = self.motion.gap_of_force(_radial_state(y))
             apart = jnp.where(phase == _OPENS, jnp.minimum(apart, force), apart)
