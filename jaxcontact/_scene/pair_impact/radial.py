@@ -138,7 +138,8 @@ class Radial(eqx.Module):
         if not self.form.tension:
             if self.form.remembers:
                 form = cast(AbstractPlasticForm, self.form)
-                force = form.gap(form.left(self.indentation(y)), self.velocity(y), ~self.pressed)
+                pulled = self.push - self.swirl < 0
+                force = form.gap(form.left(self.indentation(y)), self.velocity(y), pulled)
             else:
                 force = self.motion.gap_of_force(_radial_state(y))
             apart = jnp.where(phase == _OPENS, jnp.minimum(apart, force), apart)
