@@ -22,6 +22,7 @@ from .methods.method import AbstractMethod
 from .motion.balance import balance_of
 from .motion.force_return import onward
 from .motion.motion import Motion, Number, State
+from .motion.under_push import force_is_sharp
 from .result import Status
 
 if TYPE_CHECKING:
@@ -179,6 +180,9 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
     states, depth, forces, elastic, losses = jax.vmap(sample)(fractions)
     converged = was_followed(motion, legs.arrived, end, balance, how)
     settled = motion.settled(end)
+    if motion.push is not None and motion.form.remembers:
+        rtol, _ = how.tolerances(end.t.dtype)
+        converged = converged & (settled | force_is_sharp(motion, end, rtol))
     if motion.form.remembers or motion.adheres:
         settled = settled | motion.held(end)
     if motion.may_return:

@@ -130,7 +130,7 @@ def test_laws_by_their_own_classes():
     questions = law_jobs(32)
     # The force of `step_damping` is not a power of the indentation: its truth is that of its tests.
     # Laws with a memory and adhesive ones have another map.
-    others = {"step_damping", "dmt", *memory_map.LAWS}
+    others = {"step_damping", *memory_map.LAWS}
     assert {question.title for question in questions} | others == {
         name
         for name in jc.list_laws()

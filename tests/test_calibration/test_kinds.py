@@ -165,6 +165,16 @@ def of_any_contact(seed, number):
     return {name: jnp.asarray(value) for name, value in p.items()}
 
 
+@pytest.mark.parametrize("yields", [0.2, 0.3, 1.0])
+def test_yield_below_the_slowest_speed_is_found(yields):
+    """A search from a yield speed above the data sees no plastic loss: it ended at constant c."""
+    contact, speeds = jc.Contact(0.05, 1e6), np.linspace(0.5, 4, 12)
+    e = jc.restitution(jc.Viscoplastic(yield_speed=yields, c=3e4), contact, speeds)
+    choice = jc.choose_law(contact, speeds, e, laws="viscoplastic", mark_outliers=False)
+    found = choice.fits["viscous and plastic"].params
+    assert found["yield_speed"] == pytest.approx(yields, rel=1e-6)
+
+
 def test_kuwabara_kono_depends_on_one_combination():
     p = of_any_contact(1, lambda p: p["law"] * (p["K"] / p["m"]) ** 0.4 * p["v"] ** 0.2)
     solved = jc.restitution(jc.KuwabaraKono(A=p["law"]), jc.Contact(p["m"], p["K"]), p["v"])

@@ -79,6 +79,10 @@ class AbstractKind(abc.ABC):
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return parameters whose curve passes near `e` at the speed `reference` in m/s."""
 
+    def starts(self, e: float, contact: Contact, reference: float) -> list[dict[str, float]]:
+        """Return the parameters from which the searches begin, of which the best one counts."""
+        return [self.start(e, contact, reference)]
+
     def law_of(self, params: Params, reference: Any) -> AbstractLaw:
         """Return the law of these parameters; `reference` in m/s is that of a power law's c."""
         given = {**params, "reference": reference}

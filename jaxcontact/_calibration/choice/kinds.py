@@ -246,9 +246,22 @@ class ViscousAndPlastic(AbstractKind):
     exponent = _HERTZ
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Return a share of ln e for each of the two losses."""
-        plastic = Plastic().start(e ** (1 - _VISCOUS_SHARE), contact, reference)
-        return {**plastic, **ConstantC().start(e**_VISCOUS_SHARE, contact, reference)}
+        """Return most of ln e for the viscous loss."""
+        return self._shared(_VISCOUS_SHARE, e, contact, reference)
+
+    def starts(self, e: float, contact: Contact, reference: float) -> list[dict[str, float]]:
+        """Return several shares of ln e for the two losses.
+
+        The plastic loss ends at the yield speed. A search that starts with it above the data does
+        not see it, and stops at a constant c.
+        """
+        return [self._shared(share, e, contact, reference) for share in (_VISCOUS_SHARE, 0.3, 0.02)]
+
+    def _shared(
+        self, viscous: float, e: float, contact: Contact, reference: float
+    ) -> dict[str, float]:
+        plastic = Plastic().start(e ** (1 - viscous), contact, reference)
+        return {**plastic, **ConstantC().start(e**viscous, contact, reference)}
 
     def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
         return restitution(law, contact, velocity)

@@ -153,14 +153,18 @@ class ChoiceTable:
         """Fit a kind of law; with contact times or peak forces, the stiffness too."""
         fields = tuple(self.errors.others.values)
         typical = min(max(float(np.median(self.pairs.restitution[self.use])), 0.05), 0.999)
-        start, transforms = kind.start(typical, self.contact, self.reference), kind.transforms
+        starts, transforms = kind.starts(typical, self.contact, self.reference), kind.transforms
         with jax.enable_x64(True):
             shared = kind, self.contact, jnp.asarray(self.reference)
             model: Any = LogOutcomes(*shared, fields) if fields else LogRestitution(*shared)
         if fields:
-            start["stiffness"] = float(self.contact.stiffness)
             transforms["stiffness"] = Positive()
-        return fit(model, start=start, transforms=transforms, throw=False, **self.data)
+        found = []
+        for start in starts:
+            if fields:
+                start = {**start, "stiffness": float(self.contact.stiffness)}
+            found.append(fit(model, start=start, transforms=transforms, throw=False, **self.data))
+        return min(found, key=lambda one: (not one.converged, one.loss))
 
     def law_fit(self, kind: AbstractKind, found: Fit) -> LawFit:
         """Return the fit of a kind as plain numbers and words."""

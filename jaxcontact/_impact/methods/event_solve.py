@@ -19,7 +19,7 @@ from ..motion.force_return import onward
 from ..motion.motion import Motion, Number, State
 from ..motion.peak import is_rising, largest_near
 from ..motion.rise import risen
-from ..motion.under_push import end_is_sharp, is_spent, turn_is_sharp
+from ..motion.under_push import end_is_sharp, force_is_sharp, is_spent, turn_is_sharp
 from ..motion.watch import Nearest, Watch
 from ..motion.way import Way
 from .stiff import Followed, follow_on
@@ -266,6 +266,8 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
             # Such a contact also stays if its remaining energy is elastic.
             spent = spent | held
         known = jnp.where(settled | held, spent, end_is_sharp(motion, begun, end, rtol))
+        if motion.form.remembers:
+            known = known & (settled | held | force_is_sharp(motion, end, rtol))
         known = known & turn_is_sharp(motion, begun, _finest(rtol, turn.w.dtype), rtol)
         converged = ((converged | held) & known) | creeps
         settled = settled | held | creeps

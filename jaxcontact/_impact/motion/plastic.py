@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
@@ -48,6 +50,17 @@ class PlasticMotion(Motion):
         # The speed differs little from 1/α where a pull ends the contact.
         slow = jnp.where(self.push < 0, 1 / jnp.maximum(self.form.alpha, 1), 1)
         return slow, slow
+
+    def force_is_sharp(self, end: State, allowed: float) -> Bool[Array, ""]:
+        """Return whether rounding moves an end before x_p by less than the `allowed` share of the
+        duration. The speed there is 1/α, and a pull Γ changes it by its rounding in eps/(αΓ).
+        """
+        if self.push is None or self.form.alpha is None:
+            return jnp.asarray(True)
+        velocity, eps = self.velocity(end), jnp.finfo(end.w.dtype).eps
+        whole = (self.push >= 0) | (self.form.damped(velocity) > math.sqrt(eps))
+        late = eps * jnp.abs(velocity)
+        return whole | (late <= allowed * end.t * jnp.abs(self.push))
 
     @property
     def ends_smoothly(self) -> bool:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from .motion import Motion, State
+from .plastic import PlasticMotion
 
 # The measured error of the final energy, in rounding errors of the largest energy.
 _ROUNDING = 50
@@ -30,6 +33,15 @@ def end_is_sharp(motion: Motion, turn: State, end: State, rtol: float) -> Bool[A
     rounding = _ROUNDING * jnp.finfo(end.w.dtype).eps * push * motion.indentation(turn.w)
     speed = jnp.abs(motion.velocity(end))
     return rounding <= _LATE * rtol * speed * jnp.maximum(push * end.t, speed)
+
+
+def force_is_sharp(motion: Motion, end: State, rtol: float) -> Bool[Array, ""]:
+    """Return whether rounding changes the time at which a plastic contact ends by less than 10
+    rtol; True for other contacts.
+    """
+    if motion.form.remembers and not motion.form.tension:
+        return cast(PlasticMotion, motion).force_is_sharp(end, _LATE * rtol)
+    return jnp.asarray(True)
 
 
 def is_spent(motion: Motion, end: State, rtol: float) -> Bool[Array, ""]:
