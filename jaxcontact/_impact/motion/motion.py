@@ -180,9 +180,8 @@ class Motion(eqx.Module):
         outer = signed_power(state.w, self.order * (self.n - self.softness[1] + 1) - 1)
         return outer * self.pulling(state, compressing)
 
-    def dissipation(self, state: State, compressing: Flag) -> Number:
+    def dissipation(self, state: State, velocity: Number, compressing: Flag) -> Number:
         """Return w^(k-1) (f(x, v) - f(x, 0)) v, the rate of dissipation by damping."""
-        velocity = self.velocity(state)
         return self.form.dissipation(state.w, velocity, self.n, compressing, self.order)
 
     def rate(self, state: State, compressing: Flag) -> State:
@@ -201,7 +200,7 @@ class Motion(eqx.Module):
             change = change + self.push * clock
         loss = None
         if state.loss is not None:
-            loss = self.dissipation(state, compressing)
+            loss = self.dissipation(state, velocity, compressing)
         return State(velocity / k, change, clock, loss)
 
     def later(self, state: State, time: Number, compressing: Flag) -> State:

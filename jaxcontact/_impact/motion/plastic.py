@@ -35,11 +35,11 @@ class PlasticMotion(Motion):
     def pull(self, state: State, compressing: Flag) -> Number:
         return state.w ** (self.order - 1) * self.force(state, compressing)
 
-    def dissipation(self, state: State, compressing: Flag) -> Number:
+    def dissipation(self, state: State, velocity: Number, compressing: Flag) -> Number:
         if self.form.alpha is None:
             return jnp.zeros_like(state.w)
         still = self.form.force_at(state.w, self.order, compressing) * state.w ** (self.order - 1)
-        return self.form.alpha * jnp.square(self.velocity(state)) * still
+        return self.form.alpha * jnp.square(velocity) * still
 
     def stored(self, state: State) -> Number:
         return self.form.stored(self.indentation(state.w), self.n, 1)
