@@ -63,9 +63,9 @@ class Comparison:
 
     `best` is the simplest of those that describe the data equally well. These have an AICc less
     than 2 above the lowest, or a disadvantage below two of its standard errors by group. Among
-    equally simple ones it is the first of the given fits if that is among them, otherwise the one
-    of lowest AICc. If it does not describe the data, the verdict says so, and names others that
-    may. `best` is None if no fit converged.
+    equally simple ones it is one that describes the data; then the first of the given fits if that
+    is among them, otherwise the one of lowest AICc. If it does not describe the data, the verdict
+    says so, and names others that may. `best` is None if no fit converged.
     """
 
     candidates: tuple[Candidate, ...]
@@ -312,7 +312,11 @@ def _verdict(
     first = good[0]
     least = {c.k: _least(equal, c.k) + SAME for c in equal}
     best = min(
-        equal, key=lambda c: (c.k, c.name != order[0], c.aicc > least[c.k], order.index(c.name))
+        equal,
+        key=lambda c: (
+            *(c.k, c.adequate is False, c.name != order[0]),
+            *(c.aicc > least[c.k], order.index(c.name)),
+        ),
     )
     values = f": {parameters(best.name)}" if parameters else ""
     if best.adequate is False:

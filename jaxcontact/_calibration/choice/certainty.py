@@ -135,11 +135,19 @@ def sure_sentence(
     best: str | None,
     sure: Standing | None,
     said: Collection[str | None],
+    *,
+    beyond: bool,
+    left_out: Collection[str],
 ) -> str:
     """Return whether the choice of `best` is sure, as a sentence that follows the verdict.
 
-    `said` are the laws that the verdict already calls indistinguishable from it.
+    `said` are the laws that the verdict already calls indistinguishable from it. `beyond`: whether
+    a free curve describes the data better than any law. `left_out` are laws with too many
+    parameters for the data.
     """
+    if sure is not None and len(fits) == 2:
+        (other,) = fits.keys() - {sure.kind}
+        return f" The choice is sure between the two: {other} is excluded (p < {EXCLUDED:g})."
     if sure is not None:
         but = " that does not contain it" if sure.containing else ""
         return f" The choice is sure: every other law{but} is excluded (p < {EXCLUDED:g} each)."
@@ -150,6 +158,13 @@ def sure_sentence(
     if rest:
         verb = "is" if len(rest) == 1 else "are"
         return f" The choice is not sure: {' and '.join(rest)} {verb} not ruled out."
-    if not standing.rivals and fits[best].adequate is None:
+    if standing.rivals:
+        return ""
+    if fits[best].adequate is None:
         return " The choice is not sure: the fit could not be tested."
+    if left_out:
+        verb = "needs" if len(left_out) == 1 else "need"
+        return f" The choice is not sure: {' and '.join(left_out)} {verb} more points."
+    if beyond:
+        return " The choice is not sure: a free smooth curve is clearly better than any law."
     return ""

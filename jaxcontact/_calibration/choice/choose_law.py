@@ -12,7 +12,7 @@ from jaxtyping import ArrayLike
 
 from ..._contact import Contact, require_contact
 from ..._entry import POSITIVE, as_weights, require_flag
-from ..._fit import Fit, compared, groups_of, undecided
+from ..._fit import CLEAR_AICC, Fit, compared, criteria, groups_of, undecided
 from ..._fit.keywords import SearchKeywords, takes
 from ..._program import side_by_side
 from ..._text.progress import stages_of
@@ -84,10 +84,10 @@ def choose_law(
     in `calibrate`. Other keywords go to `fit` (`optimizer`, `starts`, ...), for all kinds.
 
     The held-out error leaves out four bands of speed in turn; `compare_fits(choice.fits,
-    groups=...)` leaves out other groups. The choice is `sure` of a law under three conditions.
+    groups=...)` leaves out other groups. The choice is `sure` of a law under four conditions.
     Every law that does not contain it is excluded (p < 0.01). No law that contains it is clearly
-    better (p < 0.05). It describes the data. A free smooth curve shows how much better any law
-    could be.
+    better (p < 0.05). It describes the data. No free smooth curve describes them clearly better
+    than all laws.
 
     Returns a `LawChoice`, which prints as a table with a verdict and which `jc.plot.choice` draws.
     Raises ValueError for columns that do not match or are out of range, for fewer than 4 points,
@@ -140,8 +140,14 @@ def choose(
     reduced = reduced_of(fits, kinds)
     laws = tuple(dataclasses.replace(law, reduced_to=reduced.get(law.kind, "")) for law in laws)
     said = {law.kind: law.said for law in laws}
-    # Certainty needs fits of all laws.
-    standing = sure_of(fits, kinds) if kinds == every else None
+    free = curve_of(first, x)
+    if table.errors.others:  # its criterion is that of other data
+        free = dataclasses.replace(free, aicc=None)
+    # Certainty needs fits of all laws, and data that no other curve describes better.
+    left_out = [kind.name for kind in every if kind not in kinds]
+    gain = free.gain(criteria(fit)[1] for fit in fits.values() if fit.converged)
+    beyond = gain is not None and gain > CLEAR_AICC
+    standing = None if left_out or beyond else sure_of(fits, kinds)
     comparison = compared(
         fits,
         table.bands(first),
@@ -155,16 +161,16 @@ def choose(
     rivals = [c.name for c in undecided(comparison.candidates) if c.name not in {best, *reduced}]
     if standing is not None:
         rivals = [name for name in rivals if name in standing.containing]
-    free = curve_of(first, x)
-    if table.errors.others:  # its criterion is that of other data
-        free = dataclasses.replace(free, aicc=None)
+    sentence = sure_sentence(
+        *(fits, kinds, best, standing, {best, *rivals}), beyond=beyond, left_out=left_out
+    )
     constant, v = laws[0].constant, table.velocity
     return LawChoice(
         count=len(v),
         candidates=comparison.candidates,
         best=best,
         sure=standing is not None,
-        verdict=comparison.verdict + sure_sentence(fits, kinds, best, standing, {best, *rivals}),
+        verdict=comparison.verdict + sentence,
         laws=laws,
         line=line_of(first, x),
         free=free,

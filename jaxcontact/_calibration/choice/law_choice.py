@@ -134,10 +134,7 @@ class ChoiceData:
     @property
     def _gain(self) -> float | None:
         """AICc of the best law minus that of the free curve."""
-        converged = [c.aicc for c in self.candidates if c.converged]
-        if self.free.aicc is None or not converged:
-            return None
-        return min(converged) - self.free.aicc
+        return self.free.gain(c.aicc for c in self.candidates if c.converged)
 
     def table(self) -> str:
         """Return the kinds of laws with their parameters and criteria; lower is better."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -46,6 +47,11 @@ class Curve:
     def __call__(self, velocity: Floats) -> Floats:
         """Return e at closing speeds (n,) in m/s."""
         return np.exp(np.polynomial.chebyshev.chebval(self._place(velocity), self.coefficients))
+
+    def gain(self, laws: Iterable[float]) -> float | None:
+        """Return the lowest AICc of laws minus that of this curve; None without either."""
+        lowest = min(laws, default=None)
+        return None if self.aicc is None or lowest is None else lowest - self.aicc
 
     def _place(self, velocity: Floats) -> Floats:
         return _place(velocity, self.slowest, self.fastest)
