@@ -246,11 +246,14 @@ def off(choice: jc.LawChoice, kind: str, table: Table) -> dict[str, bool]:
     """Whether the curve of a law is off the truth, by its band and strictly."""
     v = np.geomspace(table.velocity[0], table.velocity[-1], 50)
     curve, error = choice.curve(kind, v)
-    most = float(np.max(np.abs(curve - table.curve(v)) / error))
-    fit = choice.fits[kind]
+    away = np.abs(curve - table.curve(v))
     k = next(one.k for one in choice.candidates if one.name == kind)
-    band = float(np.sqrt(k * fisher.ppf(BAND, k, fit.dof)))
-    return {"band": most > band, "strict": most > STRICT}
+    band = np.sqrt(k * fisher.ppf(BAND, k, choice.fits[kind].dof))
+    # What has no standard error is off.
+    return {
+        name: not np.all(away <= wide * error)
+        for name, wide in (("band", band), ("strict", STRICT))
+    }
 
 
 def judged(table: Table, truth: Truth) -> dict[str, Any]:

@@ -260,21 +260,24 @@ def sure_table(result: dict[str, Any]) -> str:
         most = 0.02 if part == "all" else 0.05
         wrong = sums["wrong"] / sums["tables"]
         text = percent(wrong) if wrong <= most else f"**{percent(wrong)}**"
+        strict = percent(sums["strict"] / sums["tables"])
         right = sums["clear and right"] / sums["clear"] if sums["clear"] else None
         good = percent(right) if right is None or right >= 0.8 else f"**{percent(right)}**"
-        rows.append([part, str(sums["tables"]), text, str(sums["clear"]), good])
-    header = ["tables", "number", "sure and wrong, %", "clear", "of these sure and right, %"]
+        rows.append([part, str(sums["tables"]), text, strict, str(sums["clear"]), good])
+    header = ["tables", "number", "sure and wrong, %", "strict"]
+    header += ["clear", "of these sure and right, %"]
     return table(header, rows)
 
 
 def right_numbers(result: dict[str, Any]) -> dict[str, str]:
-    """How often the curve of the right law leaves the truth, in all tables, the smallest and the
-    largest ones.
+    """How often the truth leaves the band of the right law, in all tables, the smallest and the
+    largest ones; and how often its curve is strictly off.
     """
     sums = choice_confusion.shares(result)
     few, many = (f"{n} points" for n in (min(choice_confusion.SIZES), max(choice_confusion.SIZES)))
     parts = {"LEFT": "all", "LEFT_FEW": few, "LEFT_MANY": many}
     of = {name: percent(sums[part]["left"] / sums[part]["right"]) for name, part in parts.items()}
+    of["STRICTLY"] = percent(sums["all"]["strictly left"] / sums["all"]["right"])
     return {"RIGHT": f"{sums['all']['right']:,}", **of}
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _FINE = 200
+_ROOM = 0.35
 _MANY = 60
 """Number of points above which they are drawn smaller."""
 
@@ -25,6 +26,7 @@ def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
     """Draw e over the closing speed (m/s): the data, and the curve of each kind of law.
 
     The law of lowest AICc has the thickest line. The grey line is a free smooth curve, not a law.
+    The frame is that of the data, which the curve of an excluded law may leave.
     Arguments: the result of `choose_law`; the axes to draw on, new ones if None. Returns the axes.
     Raises ValueError for anything but a `LawChoice` and axes.
     """
@@ -48,12 +50,20 @@ def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
         ax.plot(fine, curve, lw=thick, label=label, zorder=3, **styles[candidate.name])
     free = {"color": GUIDE, "lw": 4, "alpha": 0.5, "zorder": 2, "label": "free curve, no law"}
     ax.plot(fine, result.free(fine), **free)
+    ax.set_ylim(*frame_of(np.exp(log_e[used])))
     if wide:
         ax.set_xscale("log")
     put_label(ax.xaxis, "velocity")
     ax.set_ylabel("restitution $e$")
     legend_above(ax, "law (ΔAICc)")
     return ax
+
+
+def frame_of(e: np.ndarray) -> tuple[float, float]:
+    """Return the lowest and the highest e of a plot of measured e."""
+    low, high = float(e.min()), float(e.max())
+    room = _ROOM * max(high - low, 0.02)
+    return low - room, high + room
 
 
 def draw_points(ax: Axes, v: np.ndarray, e: np.ndarray, label: str) -> None:

@@ -124,7 +124,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "file", nargs="?", metavar="FILE", help="recording (default: the shipped one)"
     )
     parser.add_argument(
-        "--law", metavar="NAME", default="all", help="law to fit (default: all, of six kinds)"
+        "--law",
+        metavar="NAME",
+        default="all",
+        help="law to fit (default: all that the table can distinguish)",
     )
     parser.add_argument(
         "--ball",

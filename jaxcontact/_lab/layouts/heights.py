@@ -17,6 +17,10 @@ from ..tables.sheet import Row
 from .layout import DROP_HEIGHT, LABELS, Flights, Layout, Paired, ReadingError, Record
 
 
+STICKS = "; e = 0 of a body that sticks has no logarithm: leave its row out"
+"""Advice for an impact without a rebound."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Rebound(Record):
     """Height in m of the first rebound after a drop from `drop_height` m."""
@@ -140,7 +144,13 @@ class RestitutionTable(Layout[MeasuredRestitution]):
 
     def read(self, rows: Sequence[Row]) -> list[MeasuredRestitution]:
         there = [name for name in (*self.measured, "sigma") if rows and name in rows[0].values]
-        points = [MeasuredRestitution(*row.place, *map(row.positive, there)) for row in rows]
+        advice = {"restitution": STICKS}
+        points = [
+            MeasuredRestitution(
+                *row.place, *(row.positive(name, advice.get(name, "")) for name in there)
+            )
+            for row in rows
+        ]
         e = np.array([point.restitution for point in points])
         if (high := e > MEASURED_RESTITUTION.high).any():
             i = int(np.argmax(high))

@@ -13,7 +13,7 @@ from ..._flight import Flight
 from ..._text.words import span
 from ..tables.heading import Meaning, words
 from ..tables.sheet import Row
-from .heights import VELOCITY
+from .heights import STICKS, VELOCITY
 from .layout import LABELS, Layout, Paired, ReadingError, Record
 
 
@@ -50,7 +50,10 @@ class Speeds(Layout[Collision]):
     pair_words = ("pair of speeds", "pairs of speeds")
 
     def read(self, rows: Sequence[Row]) -> list[Collision]:
-        records = [Collision(*row.place, *map(row.positive, self.measured)) for row in rows]
+        before, after = self.measured
+        records = [
+            Collision(*row.place, row.positive(before), row.positive(after, STICKS)) for row in rows
+        ]
         ratio = np.median([one.rebound_velocity / one.velocity for one in records] or [0.0])
         if ratio > MEASURED_RESTITUTION.high:
             rows[0].refuse(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._entry import require_kind
-from ...plot._choice import curves_of, draw_points
+from ...plot._choice import curves_of, draw_points, frame_of
 from ...plot._drawing.axes import axes_of
 from ...plot._drawing.labels import put_label
 from ...plot._drawing.style import LEFT_OUT, legend_above
@@ -16,7 +16,6 @@ from ..calibration.calibrate import Calibration
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_ROOM = 0.35
 _FINE = 200
 
 
@@ -31,9 +30,7 @@ def calibration(result: Calibration, *, ax: Axes | None = None) -> Axes:
     ax = axes_of(ax, figsize=(7.0, 4.6))
     pairs, flagged = result.recorded_pairs, result.outliers.flagged
     v, e = pairs.velocity, pairs.restitution
-    low, high = float(e[~flagged].min()), float(e[~flagged].max())
-    room = _ROOM * max(high - low, 0.02)
-    low, high = low - room, high + room
+    low, high = frame_of(e[~flagged])
     draw_points(ax, v[~flagged], e[~flagged], "kept")
     _draw_marked(ax, v[flagged], e[flagged], (low, high))
     speeds = np.linspace(v[~flagged].min(), v[~flagged].max(), _FINE)

@@ -80,13 +80,16 @@ class Row:
             self.refuse(column, "is empty")
         return text
 
-    def positive(self, column: str) -> float:
-        """Return the value as a positive, finite number in SI units, at full precision."""
+    def positive(self, column: str, if_zero: str = "") -> float:
+        """Return the value as a positive, finite number in SI units, at full precision.
+
+        `if_zero` is the advice that follows the refusal of a zero.
+        """
         text, number = self._number(column, "a number")
         if not math.isfinite(number):
             self.refuse(column, f"{text!r} is not a finite number")
         if number <= 0:
-            self.refuse(column, f"must be positive, but is {text}")
+            self.refuse(column, f"must be positive, but is {text}{'' if number else if_zero}")
         return self._in_si(column, number)
 
     def real(self, column: str) -> float:
