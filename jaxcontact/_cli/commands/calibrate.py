@@ -127,7 +127,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--law",
         metavar="NAME",
         default="all",
-        help="law to fit (default: all that the table can distinguish)",
+        help="law to fit (default: all of nine kinds)",
     )
     parser.add_argument(
         "--ball",

@@ -16,7 +16,6 @@ from ..tables.heading import Meaning, words
 from ..tables.sheet import Row
 from .layout import DROP_HEIGHT, LABELS, Flights, Layout, Paired, ReadingError, Record
 
-
 STICKS = "; e = 0 of a body that sticks has no logarithm: leave its row out"
 """Advice for an impact without a rebound."""
 
