@@ -1,5 +1,7 @@
 """The choice of a law: the right kind wins, and the equivalent e of every law is listed."""
 
+import importlib.resources
+
 import jax
 import numpy as np
 import pytest
@@ -264,3 +266,19 @@ def test_nothing_is_said_where_the_choice_is_clear():
     assert clear.next_measurement == "" and "do not distinguish" not in clear.verdict
     one_speed = jc.choose_law(CONTACT, np.full(8, 2.0), 0.8 + SCATTER[:8])
     assert "measure e at speeds other than 2 m/s" in one_speed.next_measurement
+
+
+def test_a_published_curve_of_a_polymer():
+    """Gugan's ball; he describes the ten points by 1 - e² = 0.213 + 0.077 v^0.4."""
+    table = importlib.resources.files("jaxcontact.data") / "croquet_ball.csv"
+    with table.open() as file:
+        v, e = np.genfromtxt(file, delimiter=",", skip_header=1).T
+    published = np.sqrt(1 - 0.213 - 0.077 * v**0.4)
+    assert np.abs(e - published).max() == pytest.approx(0.0036, abs=1e-4)
+    found = jc.choose_law(jc.Contact(mass=1.0, stiffness=1.0), v, e)
+    assert {law.kind for law in found.laws if law.adequate} == {"1 - b v^p", "c as a power of v"}
+    assert found.rivals == ("c as a power of v",) and not found.sure
+    ours, error = found.curve("1 - b v^p", v)
+    np.testing.assert_allclose(ours, e, atol=0.0025)
+    np.testing.assert_allclose(ours, published, atol=0.005)
+    assert error.max() < 0.001
