@@ -3,6 +3,7 @@
 import json
 from collections import Counter
 
+import jax
 import numpy as np
 import pytest
 from scipy import stats
@@ -50,6 +51,18 @@ def test_a_law_of_ones_choice_is_compared_with_a_constant_e_alone():
     assert found.sure and found.verdict.endswith(
         "The choice is sure between the two: constant e is excluded (p < 0.01)."
     )
+
+
+def test_double_precision_of_the_callers_thread_alone(plastic):
+    """The fits run in other threads, which do not inherit it."""
+    jax.config.update("jax_enable_x64", False)
+    try:
+        with jax.enable_x64(True):
+            contact = jc.Contact(mass=0.03, stiffness=1e6)
+            found = jc.choose_law(contact, SPEED, PLASTIC * (1 + SCATTER))
+    finally:
+        jax.config.update("jax_enable_x64", True)
+    assert found.verdict == plastic.verdict
 
 
 def test_laws_with_too_many_parameters_for_the_data_are_named():

@@ -153,8 +153,10 @@ class ChoiceTable:
         """Fit a kind of law; with contact times or peak forces, the stiffness too."""
         fields = tuple(self.errors.others.values)
         typical = min(max(float(np.median(self.pairs.restitution[self.use])), 0.05), 0.999)
-        starts, transforms = kind.starts(typical, self.contact, self.reference), kind.transforms
+        transforms = kind.transforms
+        # Threads do not inherit the precision in which a caller made the contact.
         with jax.enable_x64(True):
+            starts = kind.starts(typical, self.contact, self.reference)
             shared = kind, self.contact, jnp.asarray(self.reference)
             model: Any = LogOutcomes(*shared, fields) if fields else LogRestitution(*shared)
         if fields:
