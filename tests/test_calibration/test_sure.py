@@ -54,14 +54,18 @@ def test_a_law_of_ones_choice_is_compared_with_a_constant_e_alone():
 
 
 def test_double_precision_of_the_callers_thread_alone(plastic):
-    """The fits run in other threads, which do not inherit it."""
-    jax.config.update("jax_enable_x64", False)
+    """The fits run in other threads, which have only the settings of the process."""
+    ours = {"jax_enable_x64": True, "jax_numpy_dtype_promotion": "strict"}
+    usual = {"jax_enable_x64": False, "jax_numpy_dtype_promotion": "standard"}
+    for name, value in usual.items():
+        jax.config.update(name, value)
     try:
         with jax.enable_x64(True):
             contact = jc.Contact(mass=0.03, stiffness=1e6)
             found = jc.choose_law(contact, SPEED, PLASTIC * (1 + SCATTER))
     finally:
-        jax.config.update("jax_enable_x64", True)
+        for name, value in ours.items():
+            jax.config.update(name, value)
     assert found.verdict == plastic.verdict
 
 
