@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
+from jaxcontact._lab.layouts.heights import STICKS
 from jaxcontact._lab.recordings import LAYOUTS
 from tests.test_lab.sources import SOURCES, columns_of, opened, read
 
@@ -187,11 +188,12 @@ def test_a_bad_number_is_named_whatever_the_source(layout, column, bad):
     lines[2][lines[0].index(column)] = bad
     text = "\n".join(",".join(line) for line in lines)
     error = fault(read, text)
-    assert str(error) == place("f.csv", 3, column) + BAD_NUMBERS[bad]
-    assert (error.row, error.column, error.problem) == (3, column, BAD_NUMBERS[bad])
+    problem = BAD_NUMBERS[bad] + (STICKS if (column, bad) == ("restitution", "0") else "")
+    assert str(error) == place("f.csv", 3, column) + problem
+    assert (error.row, error.column, error.problem) == (3, column, problem)
     for name, source in SOURCES.items():
         error = fault(source, columns_of(text))
-        assert str(error) == place(PREFIX[name], 2, column) + BAD_NUMBERS[bad]
+        assert str(error) == place(PREFIX[name], 2, column) + problem
 
 
 @pytest.mark.parametrize("missing", [None, np.nan, float("nan"), pd.NA, pd.NaT, ""])
