@@ -30,7 +30,7 @@ ERROR = 0.01
 """Of e, which the time step is chosen for."""
 
 DIFFERENCES = 1e-4
-"""Of derivatives from central differences, over the height: 1e-8 measured."""
+"""Of derivatives from central differences, over the height: 4e-11 measured."""
 
 CONVERGED = 0.01
 """Of height and derivatives from those of one impact under gravity: 1e-4 and 3e-3 measured."""
