@@ -1,27 +1,34 @@
-"""One ball in MJX and Brax, by their own contacts and by a law of ours inside MJX.
+"""One ball in MJX, Brax and JaxSim, by their own contacts and by a law of ours in MJX and JaxSim.
 
-`python benchmarks/laws_inside.py` needs `pip install mujoco-mjx brax`. The ball of 0.5 kg meets a
-plane at 0.5, 1 and 3 m/s, without gravity, from four positions within a step; e shall be 0.8 and
-0.5. The result is laws_inside.json, and the table of docs/engines.md is printed.
+`python benchmarks/laws_inside.py` needs `pip install mujoco-mjx brax jaxsim`. The ball of 0.5 kg
+meets a plane at 0.5, 1 and 3 m/s, without gravity, from four positions within a step; e shall be
+0.8 and 0.5. The result is laws_inside.json, and the table of docs/engines.md is printed.
 
 - MJX by default: the solref (0.02, 1) that every model has. There is no parameter e.
 - MJX with numbers of `jc.export`: a spring and a dashpot by solref, as long as the contact at
   1 m/s.
 - Brax `spring` and `positional`: their `elasticity` is e.
-- Ours in MJX: `jc.mjx.contact_force` of `ExactRestitution`, at the step that `jc.mjx.time_step`
-  returns for all three speeds.
+- JaxSim by default: the numbers that its soft contacts have. There is no parameter e.
+- JaxSim with numbers for 1 m/s: K δ^(3/2) (1 + d δ'), where d of e is that of `ExactRestitution`.
+- Ours: `contact_force` of `ExactRestitution`, at the step that `time_step` returns for all three
+  speeds.
+
+JaxSim's ball has one point, the lowest. Its integrator is the semi-implicit one, as MJX's.
 
 The price is the processor's time for the step of a ball, of twelve in one compiled `vmap`, the
-best of three runs. Rows that laws_inside.json has are kept; delete it to measure all of them.
+best of three runs. Rows that laws_inside.json has are kept, so that only engines of new rows must
+be there; delete it to measure all of them.
 """
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import json
 import sys
 import time
 from collections.abc import Callable, Iterator
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +58,14 @@ MODEL = """<mujoco><option gravity="0 0 0"/><custom><numeric name="elasticity" d
       <geom name="ball" type="sphere" size="{radius}" mass="{mass}" condim="{condim}" {contact}/>
     </body></worldbody></mujoco>"""
 
+# The first and last of the points of a sphere are on the axis y of its collision.
+POINT = """<sdf version="1.9"><model name="ball"><link name="ball">
+  <inertial><mass>{mass}</mass><inertia><ixx>5e-4</ixx><ixy>0</ixy><ixz>0</ixz><iyy>5e-4</iyy>
+    <iyz>0</iyz><izz>5e-4</izz></inertia></inertial>
+  <collision name="shape"><pose>0 0 0 1.5707963267948966 0 0</pose>
+    <geometry><sphere><radius>{radius}</radius></sphere></geometry></collision>
+  </link></model></sdf>"""
+
 Bounce = Callable[[Any, Any, Any, Any], Any]
 """Velocity in m/s after a number of steps, from step, velocity, and phase of the touch."""
 
@@ -63,7 +78,7 @@ def duration(e: float, speed: float = 1.0) -> float:
     return float(jc.impact(jc.ExactRestitution(e=e), CONTACT, speed).duration)
 
 
-def by_mjx(contact: str, law: jc.AbstractLaw | None = None, substeps: int = 1) -> Bounce:
+def by_mjx(contact: str = "", law: jc.AbstractLaw | None = None, substeps: int = 1) -> Bounce:
     """MJX with a contact of its own, or with a law of ours."""
     import mujoco
     from mujoco import mjx
@@ -108,6 +123,49 @@ def by_brax(pipeline: str, e: float) -> Bounce:
     return bounce
 
 
+def by_jaxsim(
+    own: dict[str, float] | None = None, law: jc.AbstractLaw | None = None, substeps: int = 1
+) -> Bounce:
+    """JaxSim with soft contacts of these numbers, or with a law of ours."""
+    import jaxsim.api as js
+    from jaxsim.rbda.contacts import SoftContactsParams
+
+    model = js.model.JaxSimModel.build_from_model_description(
+        POINT.format(mass=MASS, radius=RADIUS),
+        is_urdf=False,
+        gravity=0.0,
+        contact_params=SoftContactsParams.build(**own or {}),
+    )
+    with model.editable(validate=False) as model:
+        points = model.kin_dyn_parameters.contact_parameters
+        lowest = int(np.argmin(points.point[:, 2]))
+        points.enabled = tuple(k == lowest for k in range(len(points.body)))
+    ours = law and jc.jaxsim.contact_force(law, CONTACT, model, substeps=substeps)
+    up = jnp.array([0.0, 0.0, 1.0])
+
+    def bounce(step: Any, velocity: Any, phase: Any, count: Any) -> Any:
+        timed = dataclasses.replace(ours.model if ours else model, time_step=step)
+        data = js.data.JaxSimModelData.build(
+            timed,
+            base_position=(RADIUS + phase * velocity * step) * up,
+            base_linear_velocity=-velocity * up,
+        )
+        if ours:
+            state = data, ours.init(timed, data)
+            state = jax.lax.fori_loop(0, count, lambda _, s: ours.step(timed, *s), state)
+            return state[0].base_velocity[2]
+        data = jax.lax.fori_loop(0, count, lambda _, d: js.model.step(timed, d), data)
+        return data.base_velocity[2]
+
+    return bounce
+
+
+def for_one_speed(e: float) -> dict[str, float]:
+    """The numbers of JaxSim's soft contacts with which e is right at 1 m/s."""
+    damping = float(jc.ExactRestitution(e=e).damping_factor(CONTACT, 1.0))
+    return {"K": STIFFNESS, "D": damping * STIFFNESS, "p": 0.5, "q": 1.5}
+
+
 def exported(e: float) -> str:
     """The attributes of both geoms with the numbers of `jc.export`."""
     found = jc.export(jc.ExactRestitution(e=e), CONTACT, 1.0, engine="mujoco")
@@ -118,9 +176,9 @@ def exported(e: float) -> str:
 def methods() -> Iterator[tuple[str, str, Callable[[float], Bounce], Callable[[float], float]]]:
     """Yield engine, contact, a ball for each e, and its time step for each e."""
 
-    def ours(error: float, substeps: int = 1) -> tuple[Any, Any]:
+    def ours(by: Callable[..., Bounce], error: float, substeps: int = 1) -> tuple[Any, Any]:
         def ball(e: float) -> Bounce:
-            return by_mjx("", jc.ExactRestitution(e=e), substeps)
+            return by(law=jc.ExactRestitution(e=e), substeps=substeps)
 
         def step(e: float) -> float:
             law = jc.ExactRestitution(e=e)
@@ -128,7 +186,12 @@ def methods() -> Iterator[tuple[str, str, Callable[[float], Bounce], Callable[[f
 
         return ball, step
 
-    yield "MJX", "its default", lambda e: by_mjx(""), lambda e: 0.002
+    def inside(engine: str, by: Callable[..., Bounce]) -> Iterator[tuple[str, str, Any, Any]]:
+        yield (engine, "ours, for an error of 1 %", *ours(by, 0.01))
+        yield (engine, "ours, for 0.1 %", *ours(by, 0.001))
+        yield (engine, "ours, for 1 %, 8 substeps", *ours(by, 0.01, 8))
+
+    yield "MJX", "its default", lambda e: by_mjx(), lambda e: 0.002
     for steps in (5, 20, 400):
         yield (
             "MJX",
@@ -144,9 +207,16 @@ def methods() -> Iterator[tuple[str, str, Callable[[float], Bounce], Callable[[f
                 lambda e, pipeline=pipeline: by_brax(pipeline, e),
                 lambda e, step=step: step,
             )
-    yield ("MJX", "ours, for an error of 1 %", *ours(0.01))
-    yield ("MJX", "ours, for 0.1 %", *ours(0.001))
-    yield ("MJX", "ours, for 1 %, 8 substeps", *ours(0.01, 8))
+    yield from inside("MJX", by_mjx)
+    yield "JaxSim", "its default", lambda e: by_jaxsim(), lambda e: 0.001
+    for steps in (5, 20, 400):
+        yield (
+            "JaxSim",
+            "its own, numbers for 1 m/s",
+            lambda e: by_jaxsim(for_one_speed(e)),
+            lambda e, steps=steps: duration(e) / steps,
+        )
+    yield from inside("JaxSim", by_jaxsim)
 
 
 def measured(bounce: Bounce, step: float) -> tuple[float, float, float]:
@@ -227,7 +297,7 @@ ENGINES = {
     "JaxSim": (
         "JaxSim",
         "robots on an accelerator, with derivatives through the steps",
-        "spring and dashpot at points, exponents free; no e",
+        "spring and dashpot at points, exponents free; no e; or a law of ours (below)",
     ),
     "LAMMPS": (
         "LAMMPS",
@@ -266,8 +336,10 @@ def main() -> None:
     found: dict[str, Any] = {"rows": []}
     if RESULT.exists():
         found = json.loads(RESULT.read_text())
-    names = "jax", "mujoco", "mujoco-mjx", "brax"
-    found["versions"] = {name: version(name) for name in names}
+    for name in ("jax", "mujoco", "mujoco-mjx", "brax", "jaxsim"):
+        # Kept rows need no engine.
+        with contextlib.suppress(PackageNotFoundError):
+            found.setdefault("versions", {})[name] = version(name)
     for row in rows(found["rows"]):
         found["rows"].append(row)
         RESULT.write_text(json.dumps(found, indent=1) + "\n")

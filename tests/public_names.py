@@ -10,10 +10,10 @@ import inspect
 from pathlib import Path
 
 import jaxcontact as jc
-from jaxcontact import mjx, paper, plot, systems
+from jaxcontact import jaxsim, mjx, paper, plot, systems
 
 FILE = Path(__file__).with_suffix(".txt")
-SPACES = {module.__name__: module for module in (jc, mjx, paper, plot, systems)}
+SPACES = {module.__name__: module for module in (jc, jaxsim, mjx, paper, plot, systems)}
 
 
 def names() -> dict[str, list[str]]:

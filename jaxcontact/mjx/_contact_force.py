@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
 import copy
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import jax.scipy.linalg
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._contact import Contact, require_contact
 from .._entry import refuses_unknown, rendered, require_count
+from .._inside.action import Action, EnginePairs, action_of, first_speeds, pairs_of, relaxed
+from .._inside.interval import require_steppable
 from .._laws import AbstractLaw
 from .._laws.base import require_exponent
 from ..systems._joint_rates import rate_of
-from ._interval import Gaps, Push, push_of, require_steppable
 
 Carry = Float[Array, " pairs"]
 
@@ -32,7 +31,7 @@ _ONE_POINT = {
     ("sphere", "box"),
     ("capsule", "capsule"),
 }
-"""Pairs of geoms whose contact points keep their identity from step to step."""
+"""EnginePairs of geoms whose contact points keep their identity from step to step."""
 
 _RUNGE_KUTTA = 1
 """MuJoCo's number of its integrator RK4."""
@@ -51,14 +50,6 @@ class _Parts(NamedTuple):
     plain: Any
     chosen: np.ndarray
     rate: Callable[..., Array]
-
-
-class _Map(NamedTuple):
-    """The pairs of a state, and the velocities that a unit impulse on each pair adds."""
-
-    gaps: Gaps
-    jacobian: Float[Array, "pairs nv"]
-    answers: Float[Array, "nv pairs"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -84,40 +75,37 @@ class ContactForce:
 
     def init(self, model: Any, data: Any) -> Carry:
         """Return the state to carry from `data` on. Bodies that overlap touch with their speed."""
-        with _relaxed():
-            gaps = self._map(model, data).gaps
-            return jnp.where(gaps.depth > 0, jnp.maximum(gaps.speed, 0), 0)
+        with relaxed():
+            return first_speeds(self._pairs(model, data)[0])
 
     def __call__(self, model: Any, data: Any, carry: Carry) -> tuple[Float[Array, " nv"], Carry]:
-        with _relaxed():
-            at, push = self._push(model, data, carry)
-            return -push.impulse @ at.jacobian / model.opt.timestep, push.touch_speed
+        with relaxed():
+            force, action = self._act(model, data, carry)
+            return force, action.touch_speed
 
     def step(self, model: Any, data: Any, carry: Carry) -> tuple[Any, Carry]:
         """Return `data` and `carry` after one time step of the model."""
-        with _relaxed():
-            at, push = self._push(model, data, carry)
-            h, applied = model.opt.timestep, data.qfrc_applied
-            force = -push.impulse @ at.jacobian / h
+        with relaxed():
+            force, action = self._act(model, data, carry)
+            applied = data.qfrc_applied
             after = self._parts.mjx.step(model, data.replace(qfrc_applied=applied + force))
-            # The engine moves the bodies as if the mean force had acted all the time.
-            part = 0.5 if _is_centred(model) else 1.0
-            shift = at.answers @ (part * h * push.impulse - push.shift)
-            position = after.qpos + self._parts.rate(None, after.qpos, shift, None)
+            position = after.qpos + self._parts.rate(None, after.qpos, action.shift, None)
             position = position.astype(after.qpos.dtype)
-            return after.replace(qpos=position, qfrc_applied=applied), push.touch_speed
+            return after.replace(qpos=position, qfrc_applied=applied), action.touch_speed
 
-    def _push(self, model: Any, data: Any, carry: Carry) -> tuple[_Map, Push]:
-        at = self._map(model, data)
-        h, gaps = model.opt.timestep, at.gaps
-        if not _is_centred(model):
-            # Semi-implicit steps move bodies on exact parabolas whose speeds are half a step old.
-            gaps = gaps._replace(speed=gaps.speed + h * gaps.acceleration / 2)
+    def _act(self, model: Any, data: Any, carry: Carry) -> tuple[Float[Array, " nv"], Action]:
+        """Return the generalised force, and the action of the law."""
+        pairs, jacobian = self._pairs(model, data)
         law, contact, substeps = self._parts[:3]
-        return at, push_of(law, contact, gaps, carry, h, substeps)
+        part = 0.5 if int(model.opt.integrator) == _RUNGE_KUTTA else 1.0
+        action = action_of(law, contact, pairs, carry, model.opt.timestep, substeps, part)
+        return -action.force @ jacobian, action
 
-    def _map(self, model: Any, data: Any) -> _Map:
-        """Return the pairs of a state. XLA shares what `mjx.step` computes of it again."""
+    def _pairs(self, model: Any, data: Any) -> tuple[EnginePairs, Float[Array, "pairs nv"]]:
+        """Return the pairs of a state, and the derivatives of their closing speeds by velocities.
+
+        XLA shares what `mjx.step` computes of it again.
+        """
         parts = self._parts
         mjx = parts.mjx
         if jax.tree.structure(model) != jax.tree.structure(self.model):
@@ -143,14 +131,9 @@ class ContactForce:
             return (first - second) @ normal
 
         jacobian = jax.vmap(closing)(place, frame[:, 0], bodies)
-        answers = jax.scipy.linalg.solve(mjx.full_m(model, now), jacobian.T, assume_a="pos")
-        gaps = Gaps(
-            depth=-distance,
-            speed=jacobian @ data.qvel,
-            acceleration=jacobian @ now.qacc_smooth,
-            yields=jacobian @ answers,
-        )
-        return _Map(gaps, jacobian, answers)
+        speed, acceleration = jacobian @ data.qvel, jacobian @ now.qacc_smooth
+        mass = mjx.full_m(model, now)
+        return pairs_of(-distance, speed, acceleration, jacobian, mass), jacobian
 
 
 @refuses_unknown
@@ -209,7 +192,7 @@ def contact_force(
         named = np.isin(model.pair_geom1, ours) | np.isin(model.pair_geom2, ours)
         stepped.pair_margin[named] = -1 / mujoco.mjMINVAL
     # A trace around this has no part in the numbers of a model.
-    with jax.ensure_compile_time_eval(), _relaxed():
+    with jax.ensure_compile_time_eval(), relaxed():
         engine, plain = mjx.put_model(finder), mjx.make_data(finder)
         # Compiled, because nothing but these numbers is then computed.
         found = np.asarray(jax.jit(lambda: mjx.collision(engine, plain)._impl.contact.geom)())
@@ -253,15 +236,3 @@ def _names(mujoco: Any, model: Any, pairs: np.ndarray) -> tuple[tuple[str, str],
             )
         named.append(names)
     return tuple(named)
-
-
-def _is_centred(model: Any) -> bool:
-    """Return whether a constant force moves bodies by ½ h² times their acceleration in a step."""
-    return int(model.opt.integrator) == _RUNGE_KUTTA
-
-
-@contextlib.contextmanager
-def _relaxed() -> Iterator[None]:
-    """MJX mixes precisions and shapes, which a user's settings may forbid."""
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        yield

@@ -12,6 +12,7 @@ from jaxtyping import Array, ArrayLike
 
 from .._entry import refuses_unknown, rendered, require_function
 from .._friction import AbstractFriction
+from .._inside.action import relaxed
 from .._laws import AbstractLaw
 from .._system import System
 from ._joint_rates import rate_of
@@ -59,24 +60,16 @@ def from_mjx(
         data = mjx.com_pos(engine, mjx.kinematics(engine, data))
         return data if v is None else mjx.com_vel(engine, data)
 
-    def relaxed(function: Callable[..., Array]) -> Callable[..., Array]:
-        # MJX mixes precisions and shapes, which a user's settings may forbid.
-        def of(*given: Any) -> Array:
-            with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-                return function(*given)
-
-        return of
-
-    @relaxed
+    @relaxed()
     def mass(t: Array, q: Array, args: Any) -> Array:
         return mjx.full_m(engine, mjx.crb(engine, at(q))).astype(q.dtype)
 
-    @relaxed
+    @relaxed()
     def force(t: Array, q: Array, v: Array, args: Any) -> Array:
         data = mjx.passive(engine, mjx.rne(engine, at(q, v)))
         return (data.qfrc_passive - data.qfrc_bias).astype(q.dtype)
 
-    @relaxed
+    @relaxed()
     def sites(q: Array) -> Array:
         return mjx.kinematics(engine, plain.replace(qpos=q)).site_xpos.astype(q.dtype)
 

@@ -1,4 +1,4 @@
-"""Laws inside MJX: the stored result and its page."""
+"""Laws inside MJX and JaxSim: the stored result and its page."""
 
 import json
 

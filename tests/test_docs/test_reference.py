@@ -37,7 +37,7 @@ def plots() -> set[str]:
 def ready_made() -> set[str]:
     return {
         f"{module}.{name}"
-        for module in ("mjx", "systems")
+        for module in ("jaxsim", "mjx", "systems")
         for name in dir(getattr(jc, module))
         if not name.startswith("_")
     }

@@ -51,7 +51,7 @@ EXEMPT = {
     r".*\.(rebound|along|has_formula|uncovered)\(.*\)": "called by the library",
     r"RoundBodies\.(arms|mobility|require_mass)\(.*\)": "called by the library",
     r"systems\.from_mjx\(.*\)": "needs MJX, which the tests of engines have",
-    r"mjx\.(contact_force|ContactForce(\.(init|step))?)\(.*\)": "the same",
+    r"(mjx|jaxsim)\.(contact_force|(Contact|Terrain)Force(\.(init|step))?)\(.*\)": "the same",
     r"(Steady|Vibration|Prescribed)\.(start|along|after)\(.*\)": "called by the library",
     r".*\.(form|chosen|solve|error|over|tolerances|damping_ratio)\(.*\)": "called by the library",
     r"(Exact|Event|Phase)\.restitution\(.*\)": "called by the library",

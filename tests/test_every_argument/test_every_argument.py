@@ -115,7 +115,7 @@ def test_every_kind_of_value(label):
 
 def public():
     """Every public callable with its name: functions, constructors and methods."""
-    for where in (jc, jc.mjx, jc.plot, jc.paper, jc.systems):
+    for where in (jc, jc.jaxsim, jc.mjx, jc.plot, jc.paper, jc.systems):
         prefix = "" if where is jc else where.__name__.removeprefix("jaxcontact.") + "."
         for name in dir(where):
             # Names of the package are loaded on first use.
@@ -136,7 +136,9 @@ def arguments(name, function):
     if function in (jc.NumericalError, jc.systems.SystemStart):
         return set()
     parameters = list(inspect.signature(function).parameters.values())
-    if inspect.isfunction(function) and "." in re.sub(r"^(mjx|plot|paper|systems)\.", "", name):
+    if inspect.isfunction(function) and "." in re.sub(
+        r"^(jaxsim|mjx|plot|paper|systems)\.", "", name
+    ):
         parameters = parameters[1:]
     kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     return {p.name for p in parameters if p.kind not in kinds}

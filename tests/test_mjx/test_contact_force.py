@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxcontact as jc
-from docs.run_code import BLOCK, DOCS
 
 pytestmark = pytest.mark.engines
 
@@ -179,22 +175,6 @@ def test_the_effective_mass_of_an_arm():
 
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         np.testing.assert_allclose(end(data).qvel, 2 * 0.5, rtol=ERROR)
-
-
-def test_the_code_of_the_page():
-    """docs/engines.md shows what its code prints."""
-    pytest.importorskip("mujoco")
-    page = (DOCS / "engines.md").read_text(encoding="utf-8")
-    (block,) = (m for m in BLOCK.finditer(page) if "contact_force" in m["code"])
-    shown, name = io.StringIO(), {}
-    with (
-        contextlib.redirect_stdout(shown),
-        jax.numpy_dtype_promotion("standard"),
-        jax.numpy_rank_promotion("allow"),
-    ):
-        exec(block["code"], name)
-    printed = [float(word) for word in shown.getvalue().split()]
-    np.testing.assert_allclose(printed, [float(word) for word in block["shown"].split()], rtol=1e-3)
 
 
 def test_models_that_cannot_be_followed_are_refused():

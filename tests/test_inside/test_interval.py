@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
-from jaxcontact.mjx._interval import Gaps, push_of
+from jaxcontact._inside.interval import Gaps, push_of
 
 HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
 LINEAR = jc.Contact(mass=0.5, stiffness=1e5, exponent=1)
@@ -164,7 +164,12 @@ def test_an_error_out_of_reach_is_refused():
         jc.mjx.time_step(jc.AntypovElliott(e=0.5), HERTZ, 1.0, error=1e-9)
 
 
-def test_without_mjx_the_command_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(ImportError, match="pip install mujoco-mjx"):
-        jc.mjx.contact_force(jc.Hertz(), HERTZ, None)
+@pytest.mark.parametrize(
+    ("engine", "module", "package"),
+    [(jc.mjx, "mujoco", "mujoco-mjx"), (jc.jaxsim, "jaxsim", "jaxsim")],
+    ids=["mjx", "jaxsim"],
+)
+def test_without_the_engine_the_command_is_named(monkeypatch, engine, module, package):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ImportError, match=f"pip install {package}`"):
+        engine.contact_force(jc.Hertz(), HERTZ, None)

@@ -23,7 +23,7 @@ from .._impact import Status, impact, problem_of
 from .._laws import AbstractLaw
 from .._laws.base import require_exponent
 from .._program import traced
-from ._interval import Gaps, StepMotion, require_steppable, start_of, substep
+from .interval import Gaps, StepMotion, require_steppable, start_of, substep
 
 _ERROR = Range(low=0.0, high=1.0, low_open=True, high_open=True)
 

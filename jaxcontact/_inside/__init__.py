@@ -1,0 +1,1 @@
+"""Contacts of a law within the time steps of another engine, without knowing which engine."""
