@@ -31,7 +31,7 @@ _ONE_POINT = {
     ("sphere", "box"),
     ("capsule", "capsule"),
 }
-"""EnginePairs of geoms whose contact points keep their identity from step to step."""
+"""Pairs of geoms whose contact points keep their identity from step to step."""
 
 _RUNGE_KUTTA = 1
 """MuJoCo's number of its integrator RK4."""
