@@ -18,7 +18,7 @@ PACKAGE = HERE.parent / "jaxcontact"
 LAST = HERE / "house.json"
 
 LIMITS = {
-    "lines": 67_800,
+    "lines": 68_500,
     "files in one folder": 14,
     "lines of the longest function": 120,
     "largest complexity": 25,
