@@ -171,7 +171,7 @@ REFUSED = {
     "lammps low e": (
         "lammps",
         lambda: scene(law=jc.ExactRestitution(e=0.1), friction=jc.RigidCoulomb(0.3)),
-        "above 0.1353 for LAMMPS' damping 'limit_damping', which `RigidCoulomb` needs",
+        "above 0.1353 for LAMMPS.* which `RigidCoulomb` needs, .*; try in a scene a `SpringSlider`",
     ),
     "lammps inertia": (
         "lammps",
@@ -266,48 +266,85 @@ ITEM: BOX BOUNDS mm mm pp
 -1 1
 -1 1
 -1 1
-ITEM: ATOMS id xu yu vx vy omegaz
-1 0.1 0.2 1 2 3
-2 0.3 0.4 -1 0 0
+ITEM: ATOMS id xu yu vx vy omegaz v_energy
+1 {first} {energy}
+2 0.05 0.06 0 -0.2 0 {other}
 """
 
 
-def test_a_dump_is_read_as_a_run(tmp_path):
+SPUN = jc.Sphere(0.01, 0.03, [0.0, 0.05], [0.3, 0.0], spin=3.0, name="ball")
+# At the start and after 0.5 s, in J: kinetic energies and weights.
+ENERGY = [0.5 * 0.03 * 0.3**2 + 0.2 * 0.03 * 0.01**2 * 9 + GRAVITY * 0.03 * 0.05]
+ENERGY += [0.5 * 0.03 * 5 + 0.2 * 0.03 * 0.01**2 * 9 + GRAVITY * 0.03 * 0.2]
+OTHER = 0.5 * 0.1 * 0.2**2 + GRAVITY * 0.1 * 0.06
+FRAMES = [
+    DUMP.format(time=0, step=0, first="0 0.05 0.3 0 3", energy=ENERGY[0], other=OTHER),
+    DUMP.format(time=0.5, step=9, first="0.1 0.2 1 2 3", energy=ENERGY[1], other=OTHER),
+]
+
+
+@pytest.fixture
+def dump(tmp_path):
     file = tmp_path / "run.dump"
-    file.write_text(DUMP.format(time=0, step=0) + DUMP.format(time=0.5, step=9))
-    rolling = scene(friction=FRICTION)
-    run = jc.read_run(file, "lammps", rolling)
+    file.write_text("".join(FRAMES))
+    return file
+
+
+def rolling(*bodies, **words):
+    return scene(*(bodies or [SPUN, BALLS[1], TABLE]), **{"friction": FRICTION, **words})
+
+
+def test_a_dump_is_read_as_a_run(dump, tmp_path):
+    run = jc.read_run(dump, "lammps", rolling(), 0.5)
     np.testing.assert_array_equal(run.time, [0.0, 0.5])
-    np.testing.assert_array_equal(run.position[1], [[0.1, 0.2], [0.3, 0.4]])
+    np.testing.assert_array_equal(run.position[1], [[0.1, 0.2], [0.05, 0.06]])
     np.testing.assert_array_equal(run.spin[0], [3.0, 0.0])
-    kinetic = 0.5 * 0.03 * 5 + 0.5 * 0.1 * 1 + 0.5 * 0.4 * 0.03 * 0.01**2 * 9
-    weight = GRAVITY * (0.03 * 0.2 + 0.1 * 0.4)
-    assert run.energy[1] == pytest.approx(kinetic + weight, rel=1e-12)
+    np.testing.assert_allclose(run.energy, np.array(ENERGY) + OTHER, rtol=1e-12)
     # The table of a run of `simulate` has the same columns, and reads back.
     run.to_csv(tmp_path / "run.csv")
-    again = jc.read_run(tmp_path / "run.csv", "mujoco", rolling)
+    again = jc.read_run(tmp_path / "run.csv", "mujoco", rolling(), 0.5)
     np.testing.assert_array_equal(again.velocity, run.velocity)
     np.testing.assert_array_equal(again.spin, run.spin)
-    more = scene(*BALLS, jc.Sphere(0.01, 0.1, [0.2, 0.3]), friction=FRICTION)
-    with pytest.raises(ValueError, match="3 spheres in 2D"):
-        jc.read_run(file, "lammps", more)
-    balls = [jc.Sphere(0.01, 0.03, [0.0, 0.05, x]) for x in (0.0, 0.1)]
-    in_space = jc.Scene(balls, law=LAW, stiffness=STIFFNESS)
-    for other, words in ((scene(), "2D without"), (in_space, "3D without")):
-        with pytest.raises(ValueError, match=f"run.dump .* in 2D with friction .*{words} friction"):
-            jc.read_run(file, "lammps", other)
     (tmp_path / "none.csv").write_text("time,x\n0,1\n")
     with pytest.raises(ValueError, match="has no 'energy'"):
-        jc.read_run(tmp_path / "none.csv", "mujoco", rolling)
+        jc.read_run(tmp_path / "none.csv", "mujoco", rolling(), 0.5)
     jc.plot.energy(run)
     assert len(jc.plot.scene(run).patches) > 0
+
+
+def test_the_output_of_another_scene_is_refused(dump):
+    third = jc.Sphere(0.01, 0.1, [0.2, 0.3])
+    in_space = [jc.Sphere(0.01, 0.03, [0.0, 0.05, x]) for x in (0.0, 0.1)]
+    flat = r"run.dump .* in 2D with friction .*"
+    for other, words in (
+        (rolling(SPUN, BALLS[1], third), "3 spheres in 2D"),
+        (scene(), f"{flat}2D without friction"),
+        (jc.Scene(in_space, law=LAW, stiffness=STIFFNESS), f"{flat}3D without friction"),
+        (rolling(SPUN, jc.Sphere(0.02, 0.1, [0.06, 0.06], [0.0, -0.2])), "position of Sphere"),
+        (rolling(SPUN, jc.Sphere(0.02, 0.1, [0.05, 0.06])), r"velocity .* \[0. 0.\] m/s at the"),
+        (rolling(*BALLS), r"spin of Sphere 'ball' \(number 0\) is 0.0 rad/s at .* has 3.0 rad/s"),
+        (rolling(SPUN, jc.Sphere(0.02, 0.2, [0.05, 0.06], [0.0, -0.2])), "masses, inertia and gr"),
+        (rolling(gravity=[0.0, -1.6]), r"whose masses, .* at 0.5 s, but has 0\.1"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            jc.read_run(dump, "lammps", other, 0.5)
+
+
+def test_a_run_that_ends_early_is_refused(dump):
+    for text, words in (
+        (FRAMES[0], r"until `duration`, 0.5 s, but ends at 0 s"),
+        (FRAMES[1], r"must begin at 0 s, but begins at 0.5 s"),
+    ):
+        dump.write_text(text)
+        with pytest.raises(ValueError, match=words):
+            jc.read_run(dump, "lammps", rolling(), 0.5)
 
 
 def test_the_columns_are_those_of_simulate(tmp_path):
     flight = scene(*BALLS)
     own = jc.simulate(flight, 0.01, times=[0.0, 0.01], instantaneous=True)
     own.to_csv(tmp_path / "run.csv")
-    run = jc.read_run(tmp_path / "run.csv", "exudyn", flight)
+    run = jc.read_run(tmp_path / "run.csv", "exudyn", flight, 0.01)
     np.testing.assert_allclose(run.energy, own.energy, rtol=1e-12)
     np.testing.assert_array_equal(run.position, own.position)
     assert run.spin is None and "spheres: 2 in 2D" in repr(run)
@@ -406,10 +443,10 @@ def test_a_cut_file_is_refused(tmp_path, cut):
     whole = path.read_text()
     path.write_text(whole[:cut])
     with pytest.raises(ValueError, match=r"run\.csv must be the"):
-        jc.read_run(path, "mujoco", scene())
+        jc.read_run(path, "mujoco", scene(), TIMES[-1])
     path.write_text(whole.splitlines()[0] + "\n")
     with pytest.raises(ValueError, match=r"run\.csv must"):
-        jc.read_run(path, "mujoco", scene())
+        jc.read_run(path, "mujoco", scene(), TIMES[-1])
     path.write_text("ITEM: TIMESTEP\n0\nITEM: ATOMS id\n")
     with pytest.raises(ValueError, match=r"run\.csv must"):
-        jc.read_run(path, "lammps", scene())
+        jc.read_run(path, "lammps", scene(), TIMES[-1])

@@ -67,7 +67,8 @@ class SceneEngine(abc.ABC):
         """Return the texts of the files of the model by name."""
 
     def read(self, path: Path, scene: Scene) -> dict[str, Float[np.ndarray, "T ..."]]:
-        """Return `time` (T,), `position` and `velocity` (T, N, D), and `spin` with friction.
+        """Return `time` and `energy` (T,), `position` and `velocity` (T, N, D), and `spin` with
+        friction.
 
         Raises ValueError for a file with other content, OSError for one that cannot be read.
         """
