@@ -17,19 +17,17 @@ _SAME = 1e-5
 """Relative deviation of a start or an energy that counts as the same; float32 rounds to 1e-7."""
 
 
-def read_run(
-    file: str | os.PathLike[str], engine: str, scene: Scene, duration: float
-) -> EngineRun:
+def read_run(file: str | os.PathLike[str], engine: str, scene: Scene, duration: float) -> EngineRun:
     """Read what an engine wrote for a scene of `export_scene`: run.dump of LAMMPS, else run.csv.
 
     `scene` is the exported one; its masses and gravity give the energy. `duration` in s is the last
     output time of the export: its own `duration`, or the last of `times`. Returns an `EngineRun`,
     with the columns of `Run`.
 
-    Raises ValueError for an unknown engine, a file with other content, a file that ends before or
-    after `duration`, and one of another scene: other spheres, another start, or another energy,
-    which tells masses and gravity. Laws, friction and walls leave no mark in a file, so that those
-    of another scene are not found out. Raises OSError for a file that cannot be read.
+    Raises ValueError for an unknown engine, a file with other content, and one that ends at another
+    time. Raises it, too, for the output of another scene, with other spheres, another start, or
+    another energy by its masses and gravity. Laws, friction and walls leave no mark in a file, so
+    that others are not noticed. Raises OSError for a file that cannot be read.
     """
     path = require_path("file", file)
     model = scene_model(require_kind("scene", scene, Scene, "a `Scene`"), merges=True)

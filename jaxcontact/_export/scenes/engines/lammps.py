@@ -175,9 +175,8 @@ def _input(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: 
 
 def _energy(model: SceneModel) -> list[str]:
     """Return the lines of the energy of each mobile sphere, kinetic and gravitational, in J."""
-    pull = "".join(
-        f" - ({value:.17g})*c_place[{axis + 1}]" for axis, value in enumerate(model.gravity) if value
-    )
+    pulls = ((k + 1, value) for k, value in enumerate(model.gravity) if value)
+    pull = "".join(f" - ({value:.17g})*c_place[{axis}]" for axis, value in pulls)
     spins = turning = ""
     if model.scene.friction is not None:
         spins = " omegax omegay omegaz"
