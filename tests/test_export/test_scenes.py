@@ -25,6 +25,7 @@ TIMES = np.linspace(0, 0.1, 3)
 SPEEDS = 0.1, 1.0
 STEEL = jc.Material(2e11, 0.3, 7800.0)
 FRICTION = jc.SpringSlider(0.5, ratio=0.8)
+BY_PAIR = {("ball", "the table"): jc.RigidCoulomb(0.1), "default": jc.RigidCoulomb(0.4)}
 
 
 def scene(*bodies, **words):
@@ -135,6 +136,40 @@ def test_the_models_can_be_parsed():
     assert pairs == {("wall0", "sphere0"), ("wall0", "sphere1"), ("sphere0", "sphere1")}
 
 
+def test_mujoco_has_the_friction_of_each_pair():
+    made = exported(rolling(friction=BY_PAIR), "mujoco")
+    xml = ElementTree.fromstring(made.files["scene.xml"])
+    found = {(p.get("geom1"), p.get("geom2")): p for p in xml.iter("pair")}
+    assert found["wall0", "sphere0"].get("friction") == "0.1 0.1"
+    assert found["sphere0", "sphere1"].get("friction") == "0.4 0.4"
+    for pair in found.values():
+        _, damping = map(float, pair.get("solreffriction").split())
+        # A slip may stop within one step; MuJoCo divides by the impedance.
+        assert -damping * made.time_step == pytest.approx(0.9) and pair.get("condim") == "3"
+    option = xml.find("option")
+    # The soft friction vanishes, so that it does not change e; `noslip` finds that of μF.
+    assert float(option.get("impratio")) < 1e-6 and int(option.get("noslip_iterations")) > 0
+    masses = [float(x.get("mass")) for x in xml.iter("inertial")]
+    # The determinant of `noslip`, μ⁴/m², has to be above 1e-10.
+    assert masses[0] / masses[1] == pytest.approx(0.3) and 0.1**4 / max(masses) ** 2 > 1e-9
+    # Free joints: place and quaternion, velocity and spin.
+    (key,) = xml.iter("key")
+    assert key.get("qvel").split()[:6] == ["0.29999999999999999", "0", "0", "0", "0", "3"]
+    smooth = exported(rolling(friction=jc.RigidCoulomb(0.0)), "mujoco").files["scene.xml"]
+    assert smooth.count('condim="1"') == 3 and "units of" not in smooth
+
+
+def test_drake_has_the_friction_and_spins():
+    law, friction = jc.MarhefkaOrin(a=0.1), jc.RigidCoulomb(0.3)
+    rubs = rolling(law=law, exponent=1.0, stiffness=1e4, friction=friction)
+    made = exported(rubs, "drake", tolerance=0.01, velocity=(1.0, 1.0))
+    assert made.files["scene.sdf"].count("<drake:mu_dynamic>0.3</drake:mu_dynamic>") == 3
+    found = constants(made)
+    np.testing.assert_array_equal(found["SPIN"], [[0, 0, 3], [0, 0, 0]])
+    # Far below the speeds of the scene, 1 m/s.
+    assert 0 < found["STICKS"] <= 1e-4
+
+
 def test_a_robots_step_states_its_error():
     ball = jc.Sphere(0.1, 1.0, [0.2], [-1.0])
     law, stiffness = jc.KelvinVoigt(e=0.6, tension=False), 85667.0
@@ -205,7 +240,12 @@ REFUSED = {
     "mujoco shell": ("mujoco", lambda: scene(*BALLS, SHELL), "Shell"),
     "mujoco periodic": ("mujoco", lambda: scene(*BALLS, **PERIODIC), "`periodic=None`"),
     "mujoco motion": ("mujoco", lambda: scene(*BALLS, MOVING), "moves"),
-    "mujoco friction": ("mujoco", lambda: scene(friction=jc.RigidCoulomb(0.3)), "`friction=None`"),
+    "mujoco friction": ("mujoco", lambda: scene(friction=FRICTION), "law `RigidCoulomb` for MuJ"),
+    "mujoco masses": (
+        "mujoco",
+        lambda: scene(jc.Sphere(0.01, 1e-8, [0.0, 0.05]), BALLS[1], friction=jc.RigidCoulomb(0.01)),
+        "masses and coefficients of friction that differ less",
+    ),
     "exudyn friction": ("exudyn", lambda: scene(friction=jc.RigidCoulomb(0.3)), "RegularizedC"),
     "exudyn touch": (
         "exudyn",
@@ -217,7 +257,12 @@ REFUSED = {
         lambda: scene(law={("ball", "the table"): LAW, "default": jc.HuGuo(e=0.5)}),
         "one `law`",
     ),
-    "drake friction": ("drake", lambda: scene(friction=jc.RigidCoulomb(0.3)), "`friction=None`"),
+    "drake friction": ("drake", lambda: scene(friction=FRICTION), "law `RigidCoulomb` for Drake"),
+    "drake friction by pair": (
+        "drake",
+        lambda: scene(friction=BY_PAIR),
+        "one `friction` for Drake",
+    ),
 }
 
 
