@@ -25,6 +25,7 @@ TIMES = np.linspace(0, 0.1, 3)
 SPEEDS = 0.1, 1.0
 STEEL = jc.Material(2e11, 0.3, 7800.0)
 FRICTION = jc.SpringSlider(0.5, ratio=0.8)
+BY_PAIR = {("ball", "the table"): jc.RigidCoulomb(0.1), "default": jc.RigidCoulomb(0.4)}
 
 
 def scene(*bodies, **words):
@@ -135,6 +136,40 @@ def test_the_models_can_be_parsed():
     assert pairs == {("wall0", "sphere0"), ("wall0", "sphere1"), ("sphere0", "sphere1")}
 
 
+def test_mujoco_has_the_friction_of_each_pair():
+    made = exported(rolling(friction=BY_PAIR), "mujoco")
+    xml = ElementTree.fromstring(made.files["scene.xml"])
+    found = {(p.get("geom1"), p.get("geom2")): p for p in xml.iter("pair")}
+    assert found["wall0", "sphere0"].get("friction") == "0.1 0.1"
+    assert found["sphere0", "sphere1"].get("friction") == "0.4 0.4"
+    for pair in found.values():
+        _, damping = map(float, pair.get("solreffriction").split())
+        # A slip may stop within one step; MuJoCo divides by the impedance.
+        assert -damping * made.time_step == pytest.approx(0.9) and pair.get("condim") == "3"
+    option = xml.find("option")
+    # The soft friction vanishes, so that it does not change e; `noslip` finds that of μF.
+    assert float(option.get("impratio")) < 1e-6 and int(option.get("noslip_iterations")) > 0
+    masses = [float(x.get("mass")) for x in xml.iter("inertial")]
+    # The determinant of `noslip`, μ⁴/m², has to be above 1e-10.
+    assert masses[0] / masses[1] == pytest.approx(0.3) and 0.1**4 / max(masses) ** 2 > 1e-9
+    # Free joints: place and quaternion, velocity and spin.
+    (key,) = xml.iter("key")
+    assert key.get("qvel").split()[:6] == ["0.29999999999999999", "0", "0", "0", "0", "3"]
+    smooth = exported(rolling(friction=jc.RigidCoulomb(0.0)), "mujoco").files["scene.xml"]
+    assert smooth.count('condim="1"') == 3 and "units of" not in smooth
+
+
+def test_drake_has_the_friction_and_spins():
+    law, friction = jc.MarhefkaOrin(a=0.1), jc.RigidCoulomb(0.3)
+    rubs = rolling(law=law, exponent=1.0, stiffness=1e4, friction=friction)
+    made = exported(rubs, "drake", tolerance=0.01, velocity=(1.0, 1.0))
+    assert made.files["scene.sdf"].count("<drake:mu_dynamic>0.3</drake:mu_dynamic>") == 3
+    found = constants(made)
+    np.testing.assert_array_equal(found["SPIN"], [[0, 0, 3], [0, 0, 0]])
+    # Far below the speeds of the scene, 1 m/s.
+    assert 0 < found["STICKS"] <= 1e-4
+
+
 def test_a_robots_step_states_its_error():
     ball = jc.Sphere(0.1, 1.0, [0.2], [-1.0])
     law, stiffness = jc.KelvinVoigt(e=0.6, tension=False), 85667.0
@@ -171,7 +206,7 @@ REFUSED = {
     "lammps low e": (
         "lammps",
         lambda: scene(law=jc.ExactRestitution(e=0.1), friction=jc.RigidCoulomb(0.3)),
-        "above 0.1353 for LAMMPS' damping 'limit_damping', which `RigidCoulomb` needs",
+        "above 0.1353 for LAMMPS.* which `RigidCoulomb` needs, .*; try in a scene a `SpringSlider`",
     ),
     "lammps inertia": (
         "lammps",
@@ -205,7 +240,12 @@ REFUSED = {
     "mujoco shell": ("mujoco", lambda: scene(*BALLS, SHELL), "Shell"),
     "mujoco periodic": ("mujoco", lambda: scene(*BALLS, **PERIODIC), "`periodic=None`"),
     "mujoco motion": ("mujoco", lambda: scene(*BALLS, MOVING), "moves"),
-    "mujoco friction": ("mujoco", lambda: scene(friction=jc.RigidCoulomb(0.3)), "`friction=None`"),
+    "mujoco friction": ("mujoco", lambda: scene(friction=FRICTION), "law `RigidCoulomb` for MuJ"),
+    "mujoco masses": (
+        "mujoco",
+        lambda: scene(jc.Sphere(0.01, 1e-8, [0.0, 0.05]), BALLS[1], friction=jc.RigidCoulomb(0.01)),
+        "masses and coefficients of friction that differ less",
+    ),
     "exudyn friction": ("exudyn", lambda: scene(friction=jc.RigidCoulomb(0.3)), "RegularizedC"),
     "exudyn touch": (
         "exudyn",
@@ -217,7 +257,12 @@ REFUSED = {
         lambda: scene(law={("ball", "the table"): LAW, "default": jc.HuGuo(e=0.5)}),
         "one `law`",
     ),
-    "drake friction": ("drake", lambda: scene(friction=jc.RigidCoulomb(0.3)), "`friction=None`"),
+    "drake friction": ("drake", lambda: scene(friction=FRICTION), "law `RigidCoulomb` for Drake"),
+    "drake friction by pair": (
+        "drake",
+        lambda: scene(friction=BY_PAIR),
+        "one `friction` for Drake",
+    ),
 }
 
 
@@ -266,48 +311,85 @@ ITEM: BOX BOUNDS mm mm pp
 -1 1
 -1 1
 -1 1
-ITEM: ATOMS id xu yu vx vy omegaz
-1 0.1 0.2 1 2 3
-2 0.3 0.4 -1 0 0
+ITEM: ATOMS id xu yu vx vy omegaz v_energy
+1 {first} {energy}
+2 0.05 0.06 0 -0.2 0 {other}
 """
 
 
-def test_a_dump_is_read_as_a_run(tmp_path):
+SPUN = jc.Sphere(0.01, 0.03, [0.0, 0.05], [0.3, 0.0], spin=3.0, name="ball")
+# At the start and after 0.5 s, in J: kinetic energies and weights.
+ENERGY = [0.5 * 0.03 * 0.3**2 + 0.2 * 0.03 * 0.01**2 * 9 + GRAVITY * 0.03 * 0.05]
+ENERGY += [0.5 * 0.03 * 5 + 0.2 * 0.03 * 0.01**2 * 9 + GRAVITY * 0.03 * 0.2]
+OTHER = 0.5 * 0.1 * 0.2**2 + GRAVITY * 0.1 * 0.06
+FRAMES = [
+    DUMP.format(time=0, step=0, first="0 0.05 0.3 0 3", energy=ENERGY[0], other=OTHER),
+    DUMP.format(time=0.5, step=9, first="0.1 0.2 1 2 3", energy=ENERGY[1], other=OTHER),
+]
+
+
+@pytest.fixture
+def dump(tmp_path):
     file = tmp_path / "run.dump"
-    file.write_text(DUMP.format(time=0, step=0) + DUMP.format(time=0.5, step=9))
-    rolling = scene(friction=FRICTION)
-    run = jc.read_run(file, "lammps", rolling)
+    file.write_text("".join(FRAMES))
+    return file
+
+
+def rolling(*bodies, **words):
+    return scene(*(bodies or [SPUN, BALLS[1], TABLE]), **{"friction": FRICTION, **words})
+
+
+def test_a_dump_is_read_as_a_run(dump, tmp_path):
+    run = jc.read_run(dump, "lammps", rolling(), 0.5)
     np.testing.assert_array_equal(run.time, [0.0, 0.5])
-    np.testing.assert_array_equal(run.position[1], [[0.1, 0.2], [0.3, 0.4]])
+    np.testing.assert_array_equal(run.position[1], [[0.1, 0.2], [0.05, 0.06]])
     np.testing.assert_array_equal(run.spin[0], [3.0, 0.0])
-    kinetic = 0.5 * 0.03 * 5 + 0.5 * 0.1 * 1 + 0.5 * 0.4 * 0.03 * 0.01**2 * 9
-    weight = GRAVITY * (0.03 * 0.2 + 0.1 * 0.4)
-    assert run.energy[1] == pytest.approx(kinetic + weight, rel=1e-12)
+    np.testing.assert_allclose(run.energy, np.array(ENERGY) + OTHER, rtol=1e-12)
     # The table of a run of `simulate` has the same columns, and reads back.
     run.to_csv(tmp_path / "run.csv")
-    again = jc.read_run(tmp_path / "run.csv", "mujoco", rolling)
+    again = jc.read_run(tmp_path / "run.csv", "mujoco", rolling(), 0.5)
     np.testing.assert_array_equal(again.velocity, run.velocity)
     np.testing.assert_array_equal(again.spin, run.spin)
-    more = scene(*BALLS, jc.Sphere(0.01, 0.1, [0.2, 0.3]), friction=FRICTION)
-    with pytest.raises(ValueError, match="3 spheres in 2D"):
-        jc.read_run(file, "lammps", more)
-    balls = [jc.Sphere(0.01, 0.03, [0.0, 0.05, x]) for x in (0.0, 0.1)]
-    in_space = jc.Scene(balls, law=LAW, stiffness=STIFFNESS)
-    for other, words in ((scene(), "2D without"), (in_space, "3D without")):
-        with pytest.raises(ValueError, match=f"run.dump .* in 2D with friction .*{words} friction"):
-            jc.read_run(file, "lammps", other)
     (tmp_path / "none.csv").write_text("time,x\n0,1\n")
     with pytest.raises(ValueError, match="has no 'energy'"):
-        jc.read_run(tmp_path / "none.csv", "mujoco", rolling)
+        jc.read_run(tmp_path / "none.csv", "mujoco", rolling(), 0.5)
     jc.plot.energy(run)
     assert len(jc.plot.scene(run).patches) > 0
+
+
+def test_the_output_of_another_scene_is_refused(dump):
+    third = jc.Sphere(0.01, 0.1, [0.2, 0.3])
+    in_space = [jc.Sphere(0.01, 0.03, [0.0, 0.05, x]) for x in (0.0, 0.1)]
+    flat = r"run.dump .* in 2D with friction .*"
+    for other, words in (
+        (rolling(SPUN, BALLS[1], third), "3 spheres in 2D"),
+        (scene(), f"{flat}2D without friction"),
+        (jc.Scene(in_space, law=LAW, stiffness=STIFFNESS), f"{flat}3D without friction"),
+        (rolling(SPUN, jc.Sphere(0.02, 0.1, [0.06, 0.06], [0.0, -0.2])), "position of Sphere"),
+        (rolling(SPUN, jc.Sphere(0.02, 0.1, [0.05, 0.06])), r"velocity .* \[0. 0.\] m/s at the"),
+        (rolling(*BALLS), r"spin of Sphere 'ball' \(number 0\) is 0.0 rad/s at .* has 3.0 rad/s"),
+        (rolling(SPUN, jc.Sphere(0.02, 0.2, [0.05, 0.06], [0.0, -0.2])), "masses, inertia and gr"),
+        (rolling(gravity=[0.0, -1.6]), r"whose masses, .* at 0.5 s, but has 0\.1"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            jc.read_run(dump, "lammps", other, 0.5)
+
+
+def test_a_run_that_ends_early_is_refused(dump):
+    for text, words in (
+        (FRAMES[0], r"until `duration`, 0.5 s, but ends at 0 s"),
+        (FRAMES[1], r"must begin at 0 s, but begins at 0.5 s"),
+    ):
+        dump.write_text(text)
+        with pytest.raises(ValueError, match=words):
+            jc.read_run(dump, "lammps", rolling(), 0.5)
 
 
 def test_the_columns_are_those_of_simulate(tmp_path):
     flight = scene(*BALLS)
     own = jc.simulate(flight, 0.01, times=[0.0, 0.01], instantaneous=True)
     own.to_csv(tmp_path / "run.csv")
-    run = jc.read_run(tmp_path / "run.csv", "exudyn", flight)
+    run = jc.read_run(tmp_path / "run.csv", "exudyn", flight, 0.01)
     np.testing.assert_allclose(run.energy, own.energy, rtol=1e-12)
     np.testing.assert_array_equal(run.position, own.position)
     assert run.spin is None and "spheres: 2 in 2D" in repr(run)
@@ -406,10 +488,10 @@ def test_a_cut_file_is_refused(tmp_path, cut):
     whole = path.read_text()
     path.write_text(whole[:cut])
     with pytest.raises(ValueError, match=r"run\.csv must be the"):
-        jc.read_run(path, "mujoco", scene())
+        jc.read_run(path, "mujoco", scene(), TIMES[-1])
     path.write_text(whole.splitlines()[0] + "\n")
     with pytest.raises(ValueError, match=r"run\.csv must"):
-        jc.read_run(path, "mujoco", scene())
+        jc.read_run(path, "mujoco", scene(), TIMES[-1])
     path.write_text("ITEM: TIMESTEP\n0\nITEM: ATOMS id\n")
     with pytest.raises(ValueError, match=r"run\.csv must"):
-        jc.read_run(path, "lammps", scene())
+        jc.read_run(path, "lammps", scene(), TIMES[-1])

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..._entry import rendered, require_choice
+from ..._friction import AbstractFriction
 from ..._laws import AbstractLaw
 from ..._laws.surface_adhesion import AbstractAdhesive
 from ..._scene import Scene
@@ -67,7 +68,8 @@ class SceneEngine(abc.ABC):
         """Return the texts of the files of the model by name."""
 
     def read(self, path: Path, scene: Scene) -> dict[str, Float[np.ndarray, "T ..."]]:
-        """Return `time` (T,), `position` and `velocity` (T, N, D), and `spin` with friction.
+        """Return `time` and `energy` (T,), `position` and `velocity` (T, N, D), and `spin` with
+        friction.
 
         Raises ValueError for a file with other content, OSError for one that cannot be read.
         """
@@ -104,6 +106,18 @@ def refuse_adhesion(model: SceneModel, engine: SceneEngine) -> None:
             raise ValueError(
                 "Argument `scene` must have `friction=None` beside adhesion for an engine, whose "
                 f"limit of friction is another, but has {rendered(law)}."
+            )
+
+
+def refuse_friction(
+    model: SceneModel, engine: str, kind: type[AbstractFriction], why: str = ""
+) -> None:
+    """Raise ValueError if a scene has friction of another kind than the engine, and `why`."""
+    for friction in () if model.scene.friction is None else model.scene.friction.values:
+        if not isinstance(friction, kind):
+            raise ValueError(
+                f"Argument `scene` must have the friction law `{kind.__name__}` for {engine}, but "
+                f"has {rendered(friction)}{why}."
             )
 
 

@@ -71,7 +71,8 @@ def _coeff_restitution(wanted: Wanted, radius: float) -> Solved:
 
 def _clamped(wanted: Wanted, radius: float) -> Solved:
     where = "LAMMPS' damping 'limit_damping', which `RigidCoulomb` needs"
-    return clamped_sphere(wanted, where, "the damping 'coeff_restitution', or a `SpringSlider`")
+    instead = "in a scene a `SpringSlider`, and in `export` the damping 'coeff_restitution'"
+    return clamped_sphere(wanted, where, instead)
 
 
 def _polynomial(kind: Callable[..., AbstractLaw]) -> Callable[[Wanted, float], Solved]:

@@ -6,17 +6,29 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...._entry import rendered
+from ...._friction import RigidCoulomb
 from ...result import Export
-from ..engine import EqualSteps, SceneEngine, refuse_all, register_scene_engine, spaced
+from ..engine import (
+    EqualSteps,
+    SceneEngine,
+    refuse_all,
+    refuse_friction,
+    register_scene_engine,
+    spaced,
+)
 from ..model import SceneModel
 from ..script import script
 
 _SAME = 1e-6
 """Largest relative difference of parameters that count as the same."""
 
+_STICKS = 1e-4
+"""Slip over the largest closing speed below which friction is less than μF."""
+
 _RUN = """
-config = MultibodyPlantConfig(time_step=STEP, discrete_contact_approximation="lagged")
+config = MultibodyPlantConfig(
+    time_step=STEP, discrete_contact_approximation="lagged", stiction_tolerance=STICKS
+)
 builder = DiagramBuilder()
 plant, _ = AddMultibodyPlant(config, builder)
 Parser(plant).AddModels("scene.sdf")
@@ -29,16 +41,17 @@ balls = {
     for k in numpy.flatnonzero(numpy.isfinite(MASS))
 }
 for k, ball in balls.items():
-    plant.SetFreeBodySpatialVelocity(context, ball, SpatialVelocity([0, 0, 0], VELOCITY[k]))
+    plant.SetFreeBodySpatialVelocity(context, ball, SpatialVelocity(SPIN[k], VELOCITY[k]))
 table = Table()
 
 
 def add(time):
-    position, velocity = PLACE.copy(), numpy.zeros_like(PLACE)
+    position, velocity, spin = PLACE.copy(), numpy.zeros_like(PLACE), numpy.zeros_like(PLACE)
     for k, ball in balls.items():
         position[k] = plant.EvalBodyPoseInWorld(context, ball).translation()
-        velocity[k] = plant.EvalBodySpatialVelocityInWorld(context, ball).translational()
-    table.add(time, position, velocity)
+        moves = plant.EvalBodySpatialVelocityInWorld(context, ball)
+        velocity[k], spin[k] = moves.translational(), moves.rotational()
+    table.add(time, position, velocity, spin if AXES == 3 else spin[:, 2:])
 
 
 simulator.Initialize()
@@ -64,16 +77,23 @@ class DrakeScene(SceneEngine):
                 "Argument `scene` must have one `law` for Drake, whose contact properties are "
                 "those of bodies and not of pairs, but has one by pair."
             )
-        if model.scene.friction is not None:
+        refuse_friction(model, "Drake", RigidCoulomb)
+        if model.scene.friction is not None and len(model.scene.friction.values) > 1:
             raise ValueError(
-                "Argument `scene` must have `friction=None` for Drake, whose friction is not "
-                f"matched, but has {rendered(model.scene.friction.values[0])}."
+                "Argument `scene` must have one `friction` for Drake, whose coefficients are those "
+                "of bodies and not of pairs, but has one by pair."
             )
 
     def files(
         self, model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps
     ) -> dict[str, str]:
-        numbers = {"PLACE": model.position, "VELOCITY": model.velocity}
+        fastest = max(float(np.max(made.velocity)) for made in exports.values())
+        numbers = {
+            "PLACE": model.position,
+            "VELOCITY": model.velocity,
+            "SPIN": model.spin,
+            "STICKS": _STICKS * fastest,
+        }
         imports = [
             "from pydrake.multibody.math import SpatialVelocity",
             "from pydrake.multibody.parsing import Parser",
@@ -103,11 +123,14 @@ def _properties(model: SceneModel, exports: Mapping[tuple[int, int], Export]) ->
             f"asks for dissipations from {dissipation.min():.4g} to {dissipation.max():.4g} s/m."
         )
     stiffness = float(found["point_contact_stiffness"].min())
+    friction = next(iter(model.touches.values())).friction
+    # Of two surfaces Drake takes the harmonic mean, which for equal ones is that of each.
+    mu = float(friction.mu) if isinstance(friction, RigidCoulomb) else 0.0
     entries = {
         "hunt_crossley_dissipation": float(dissipation[0]),
         "point_contact_stiffness": stiffness,
-        "mu_dynamic": 0.0,
-        "mu_static": 0.0,
+        "mu_dynamic": mu,
+        "mu_static": mu,
     }
     lines = [f"<drake:{name}>{value:.12g}</drake:{name}>" for name, value in entries.items()]
     return "<drake:proximity_properties>" + "".join(lines) + "</drake:proximity_properties>"

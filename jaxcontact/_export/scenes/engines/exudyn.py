@@ -12,7 +12,7 @@ from ...._friction import RegularizedCoulomb
 from ...._laws import Luding
 from ...result import Export
 from ...wanted import as_luding
-from ..engine import EqualSteps, SceneEngine, refuse_all, register_scene_engine
+from ..engine import EqualSteps, SceneEngine, refuse_all, refuse_friction, register_scene_engine
 from ..model import SceneModel, Touch
 from ..script import script
 
@@ -135,12 +135,7 @@ class ExudynScene(SceneEngine):
 
     def refuse(self, model: SceneModel) -> None:
         refuse_all(model, "Exudyn", periodic=True, motion=True)
-        for friction in () if model.scene.friction is None else model.scene.friction.values:
-            if not isinstance(friction, RegularizedCoulomb):
-                raise ValueError(
-                    "Argument `scene` must have the friction law `RegularizedCoulomb` for Exudyn, "
-                    f"but has {rendered(friction)}."
-                )
+        refuse_friction(model, "Exudyn", RegularizedCoulomb)
         for law in model.scene.law.values:
             if isinstance(law, Luding) and float(law.slope) != 0:
                 raise ValueError(

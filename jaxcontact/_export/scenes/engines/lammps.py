@@ -165,11 +165,28 @@ def _input(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: 
     lines += [
         f"timestep {steps.length:.17g}",
         f"thermo {every * max(1, steps.outputs // 10)}",
+        *_energy(model),
         f"dump out all custom {every} run.dump {_columns(model.scene)}",
         "dump_modify out sort id units yes time yes format float %.15g",
         f"run {every * steps.outputs}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _energy(model: SceneModel) -> list[str]:
+    """Return the lines of the energy of each mobile sphere, kinetic and gravitational, in J."""
+    pulls = ((k + 1, value) for k, value in enumerate(model.gravity) if value)
+    pull = "".join(f" - ({value:.17g})*c_place[{axis}]" for axis, value in pulls)
+    spins = turning = ""
+    if model.scene.friction is not None:
+        spins = " omegax omegay omegaz"
+        factor = 0.2 if model.solid() else 0.25
+        squares = " + ".join(f"c_place[{k}]^2" for k in (4, 5, 6))
+        turning = f" + {factor}*radius^2*({squares})"
+    return [
+        f"compute place all property/atom xu yu zu{spins}",
+        f'variable energy atom "gmask(mobile)*mass*(0.5*(vx^2 + vy^2 + vz^2){turning}{pull})"',
+    ]
 
 
 def _data(model: SceneModel) -> str:
@@ -326,8 +343,9 @@ def _read_dump(path: Path, scene: Scene) -> dict[str, np.ndarray]:
     rows, axes = np.array(frames), scene.dimensions
     states = {"time": np.array(times), "position": rows[:, :, 1 : 1 + axes]}
     states["velocity"] = rows[:, :, 1 + axes : 1 + 2 * axes]
+    states["energy"] = rows[:, :, -1].sum(axis=1)
     if scene.friction is not None:
-        states["spin"] = rows[:, :, -1] if axes == 2 else rows[:, :, -3:]
+        states["spin"] = rows[:, :, 1 + 2 * axes] if axes == 2 else rows[:, :, -4:-1]
     return states
 
 
@@ -337,7 +355,7 @@ def _columns(scene: Scene) -> str:
     if scene.friction is not None:
         spins = "z" if scene.dimensions == 2 else "xyz"
     names = [*(f"{x}u" for x in letters), *(f"v{x}" for x in letters)]
-    return " ".join(["id", *names, *(f"omega{x}" for x in spins)])
+    return " ".join(["id", *names, *(f"omega{x}" for x in spins), "v_energy"])
 
 
 def _kind_of(columns: str) -> str:
