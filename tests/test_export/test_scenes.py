@@ -340,19 +340,19 @@ def rolling(*bodies, **words):
 
 
 def test_a_dump_is_read_as_a_run(dump, tmp_path):
-    run = jc.read_run(dump, "lammps", rolling(), 0.5)
+    run = jc.read_run(dump, "lammps", rolling(), duration=0.5)
     np.testing.assert_array_equal(run.time, [0.0, 0.5])
     np.testing.assert_array_equal(run.position[1], [[0.1, 0.2], [0.05, 0.06]])
     np.testing.assert_array_equal(run.spin[0], [3.0, 0.0])
     np.testing.assert_allclose(run.energy, np.array(ENERGY) + OTHER, rtol=1e-12)
     # The table of a run of `simulate` has the same columns, and reads back.
     run.to_csv(tmp_path / "run.csv")
-    again = jc.read_run(tmp_path / "run.csv", "mujoco", rolling(), 0.5)
+    again = jc.read_run(tmp_path / "run.csv", "mujoco", rolling(), duration=0.5)
     np.testing.assert_array_equal(again.velocity, run.velocity)
     np.testing.assert_array_equal(again.spin, run.spin)
     (tmp_path / "none.csv").write_text("time,x\n0,1\n")
     with pytest.raises(ValueError, match="has no 'energy'"):
-        jc.read_run(tmp_path / "none.csv", "mujoco", rolling(), 0.5)
+        jc.read_run(tmp_path / "none.csv", "mujoco", rolling(), duration=0.5)
     jc.plot.energy(run)
     assert len(jc.plot.scene(run).patches) > 0
 
@@ -372,7 +372,7 @@ def test_the_output_of_another_scene_is_refused(dump):
         (rolling(gravity=[0.0, -1.6]), r"whose masses, .* at 0.5 s, but has 0\.1"),
     ):
         with pytest.raises(ValueError, match=words):
-            jc.read_run(dump, "lammps", other, 0.5)
+            jc.read_run(dump, "lammps", other, duration=0.5)
 
 
 def test_a_run_that_ends_early_is_refused(dump):
@@ -382,14 +382,14 @@ def test_a_run_that_ends_early_is_refused(dump):
     ):
         dump.write_text(text)
         with pytest.raises(ValueError, match=words):
-            jc.read_run(dump, "lammps", rolling(), 0.5)
+            jc.read_run(dump, "lammps", rolling(), duration=0.5)
 
 
 def test_the_columns_are_those_of_simulate(tmp_path):
     flight = scene(*BALLS)
     own = jc.simulate(flight, 0.01, times=[0.0, 0.01], instantaneous=True)
     own.to_csv(tmp_path / "run.csv")
-    run = jc.read_run(tmp_path / "run.csv", "exudyn", flight, 0.01)
+    run = jc.read_run(tmp_path / "run.csv", "exudyn", flight, duration=0.01)
     np.testing.assert_allclose(run.energy, own.energy, rtol=1e-12)
     np.testing.assert_array_equal(run.position, own.position)
     assert run.spin is None and "spheres: 2 in 2D" in repr(run)
@@ -488,10 +488,10 @@ def test_a_cut_file_is_refused(tmp_path, cut):
     whole = path.read_text()
     path.write_text(whole[:cut])
     with pytest.raises(ValueError, match=r"run\.csv must be the"):
-        jc.read_run(path, "mujoco", scene(), TIMES[-1])
+        jc.read_run(path, "mujoco", scene(), duration=TIMES[-1])
     path.write_text(whole.splitlines()[0] + "\n")
     with pytest.raises(ValueError, match=r"run\.csv must"):
-        jc.read_run(path, "mujoco", scene(), TIMES[-1])
+        jc.read_run(path, "mujoco", scene(), duration=TIMES[-1])
     path.write_text("ITEM: TIMESTEP\n0\nITEM: ATOMS id\n")
     with pytest.raises(ValueError, match=r"run\.csv must"):
-        jc.read_run(path, "lammps", scene(), TIMES[-1])
+        jc.read_run(path, "lammps", scene(), duration=TIMES[-1])

@@ -72,7 +72,7 @@ class SceneExport:
     def read(self, folder: str | os.PathLike[str]) -> EngineRun:
         """Read the output of a run in this folder; see `read_run`, which also raises the errors."""
         path = require_path("folder", folder) / self.output
-        return read_run(path, self.engine, self.scene, self.steps * self.time_step)
+        return read_run(path, self.engine, self.scene, duration=self.steps * self.time_step)
 
     def __repr__(self) -> str:
         low, high = self.velocity

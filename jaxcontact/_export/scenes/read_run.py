@@ -17,12 +17,15 @@ _SAME = 1e-5
 """Relative deviation of a start or an energy that counts as the same; float32 rounds to 1e-7."""
 
 
-def read_run(file: str | os.PathLike[str], engine: str, scene: Scene, duration: float) -> EngineRun:
+def read_run(
+    file: str | os.PathLike[str], engine: str, scene: Scene, *, duration: float | None = None
+) -> EngineRun:
     """Read what an engine wrote for a scene of `export_scene`: run.dump of LAMMPS, else run.csv.
 
     `scene` is the exported one; its masses and gravity give the energy. `duration` in s is the last
-    output time of the export: its own `duration`, or the last of `times`. Returns an `EngineRun`,
-    with the columns of `Run`.
+    output time of the export: its own `duration`, or the last of `times`. Without it, a run that
+    stopped early is not noticed; `SceneExport.read` gives it. Returns an `EngineRun`, with the
+    columns of `Run`.
 
     Raises ValueError for an unknown engine, a file with other content, and one that ends at another
     time. Raises it, too, for the output of another scene, with other spheres, another start, or
@@ -32,7 +35,7 @@ def read_run(file: str | os.PathLike[str], engine: str, scene: Scene, duration: 
     path = require_path("file", file)
     model = scene_model(require_kind("scene", scene, Scene, "a `Scene`"), merges=True)
     source = scene_engine(engine)
-    duration = require_number("duration", duration, POSITIVE)
+    duration = None if duration is None else require_number("duration", duration, POSITIVE)
     with path.open("rb") as raw:
         raw.seek(max(raw.seek(0, os.SEEK_END) - 1, 0))
         whole = raw.read() == b"\n"
@@ -51,7 +54,8 @@ def read_run(file: str | os.PathLike[str], engine: str, scene: Scene, duration: 
             f"{path} must have {count[0]} spheres in {count[1]}D, as `scene` has, but has the "
             f"shape {states['position'].shape[1:]}."
         )
-    _require_end(path, states["time"], duration)
+    if duration is not None:
+        _require_end(path, states["time"], duration)
     _require_start(path, model, states)
     spin = states.get("spin")
     return EngineRun(
