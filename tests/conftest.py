@@ -22,6 +22,9 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 # Source locations of operations are not needed, and take a twentieth of the run time.
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
+# Of each error that passes through JAX, the filter of its traceback looks up the file of each frame
+# on the disk, which takes longer than to find the error: a third of tests/test_every_argument.
+os.environ.setdefault("JAX_TRACEBACK_FILTERING", "off")
 # Programs are compiled once here and run a few times. The compiler's optimisations cost more time
 # than they save. Its newer way to emit loops takes half the time of a compilation. Set this
 # variable to 0 to run the tests with the compiler settings of users.

@@ -14,6 +14,7 @@ is positive, so nothing cancels at any α.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any, ClassVar, Protocol
 
 import equinox as eqx
@@ -261,7 +262,12 @@ def exact_damping_factor(e: ArrayLike) -> Lane:
     Python scalar out of range. Inverse of `restitution`; derived from the energy integral of the
     Hunt-Crossley force, doi 10.1115/1.3423596.
     """
-    e = as_parameter(e, "e", RESTITUTION)
+    return _delivering(as_parameter(e, "e", RESTITUTION))
+
+
+# From Python a loop is traced and compiled anew in each call; this is compiled once for a shape.
+@functools.partial(jax.jit, inline=True)
+def _delivering(e: Lane) -> Lane:
     valid = RESTITUTION.holds(e)
     safe = jnp.where(valid, e, RESTITUTION.inside)
     z = _damping_exponent(safe)

@@ -41,7 +41,8 @@ def _column(numbers: Any) -> Array:
     """Return numbers as an array. Concrete ones use NumPy, which needs no compilation."""
     if traced(numbers):
         return vector(*numbers)
-    return jax.device_put(np.asarray(numbers))
+    # One by one, since NumPy makes no array of a list with numbers of bfloat16.
+    return jax.device_put(np.stack([np.asarray(x) for x in numbers]))
 
 
 def diagonal(*numbers: Array) -> Array:

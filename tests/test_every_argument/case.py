@@ -59,8 +59,8 @@ def blank(kind):
 class Case:
     """A public callable with good arguments, and the legal kinds of each argument.
 
-    What is `staged` is traced and not compiled, which would take most of the time. `untested` are
-    kinds that are legal and fail by themselves.
+    What is `staged` is traced and not compiled, where that would take most of the time. `untested`
+    are kinds that are legal and fail by themselves.
     """
 
     function: Callable[..., Any]

@@ -141,7 +141,6 @@ def cases() -> dict[str, Case]:
             made
             | {"masses": NOTHING, "lengths": NOTHING, "angles": NOTHING}  # two numbers each
             | {"gravity": REAL, "wall": REAL},
-            staged=True,
         ),
         "systems.slider_crank": Case(
             jc.systems.slider_crank,
@@ -149,7 +148,6 @@ def cases() -> dict[str, Case]:
             made
             | {"lengths": NOTHING, "masses": NOTHING, "friction": NONE, "speed": REAL}
             | {"clearance": POSITIVE, "inertia": POSITIVE, "bearing": POSITIVE},
-            staged=True,
         ),
         "systems.slider_in_guide": Case(
             jc.systems.slider_in_guide,
@@ -158,7 +156,6 @@ def cases() -> dict[str, Case]:
             | {"lengths": NOTHING, "half_sizes": NOTHING, "friction": NONE}
             | {"masses": THREE, "inertias": THREE, "speeds": THREE}
             | {"clearance": POSITIVE, "gravity": REAL},
-            staged=True,
         ),
         "systems.bouncing_rod": Case(
             jc.systems.bouncing_rod,
@@ -166,7 +163,6 @@ def cases() -> dict[str, Case]:
             made
             | {"mass": POSITIVE, "length": POSITIVE, "radius": POSITIVE, "friction": NONE}
             | {"gravity": REAL, "height": REAL, "angle": REAL},
-            staged=True,
         ),
         "systems.shaken_incline": Case(
             jc.systems.shaken_incline,
@@ -174,7 +170,6 @@ def cases() -> dict[str, Case]:
             made
             | {"mass": POSITIVE, "shaking": NOTHING, "friction": NONE}
             | {"tilt": REAL, "gravity": REAL},
-            staged=True,
         ),
         "systems.impact_damper": Case(
             jc.systems.impact_damper,
@@ -182,6 +177,5 @@ def cases() -> dict[str, Case]:
             made
             | {"masses": NOTHING, "shaking": NOTHING}
             | {"clearance": POSITIVE, "spring": REAL, "damping": REAL},
-            staged=True,
         ),
     }

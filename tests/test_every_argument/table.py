@@ -1,5 +1,7 @@
 """Every public callable with its cases, and the exempt ones."""
 
+import functools
+
 from tests.test_every_argument import (
     fits,
     friction,
@@ -13,6 +15,7 @@ from tests.test_every_argument import (
 from tests.test_every_argument.case import Case
 
 
+@functools.cache
 def cases() -> dict[str, Case]:
     first = physics.cases() | fits.cases() | measured.cases() | results.cases()
     return first | scenes.cases() | systems.cases() | friction.cases() | oblique_fits.cases()

@@ -11,15 +11,23 @@ ROOT = Path(jaxcontact.__file__).parent
 
 
 def test_names_load_on_first_use():
-    """Each with its room and what that needs, and all of them where they are listed."""
+    """Each with its room and what that needs, pictures with theirs, and all of them where they are
+    listed. One process, in this order.
+    """
     code = """
 import sys, jaxcontact as jc, jaxcontact._cli
 assert not {"jax", "numpy", "matplotlib"} & set(sys.modules), "--help would wait"
+assert not hasattr(jc, "nonsense")
 loaded = lambda: {name.split(".")[1] for name in sys.modules if name.startswith("jaxcontact.")}
 jc.HuGuo, jc.Contact, jc.impact, jc.fit
 late = {"_scene", "_system", "_sweep", "_calibration", "_export", "_bounce", "plot", "systems"}
 assert not loaded() & late, loaded()
-assert not {"scipy.stats", "scipy.optimize", "scipy.interpolate", "optax"} & set(sys.modules)
+heavy = "diffrax matplotlib optax optimistix pandas scipy tqdm xarray".split()
+assert not set(heavy) & set(sys.modules), "an impact would wait"
+import jax
+assert not jax.config.jax_enable_x64
+assert jc.plot is sys.modules["jaxcontact.plot"] and callable(jc.plot.trajectory)
+assert jc.plot.fit.__module__.startswith("jaxcontact.plot") and callable(jc.paper.fig6)
 names = {}
 exec("from jaxcontact import *", names)
 assert set(jc.__all__) <= set(names) and set(jc.__all__) <= set(dir(jc))
@@ -48,12 +56,3 @@ def test_names_are_listed_where_they_live():
     path = ROOT / "__init__.py"
     (block,) = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.If)]
     assert imported_names(path, block.body) == jaxcontact._HOME
-
-
-def test_pictures_load_on_first_use():
-    code = """
-import jaxcontact as jc
-assert not hasattr(jc, "nonsense")
-assert jc.plot.fit.__module__.startswith("jaxcontact.plot") and callable(jc.paper.fig6)
-"""
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT.parent)

@@ -8,8 +8,6 @@ law its contact), and does not count.
 
 import ast
 import functools
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -258,15 +256,6 @@ def test_the_analysis_of_a_sweep_stands_alone():
     for file, targets in _arrows(ROOT).items():
         if file.startswith("_sweep/_skip/"):
             assert all(target.startswith("_sweep/_skip/") for target in targets), file
-
-
-def test_who_follows_an_impact_waits_for_no_solver_and_no_plotting():
-    code = (
-        f"import sys, {PACKAGE} as jc; jc.HuGuo, jc.Contact, jc.impact, jc.fit\n"
-        "late = {'matplotlib', 'diffrax', 'optimistix', 'scipy'} & sys.modules.keys()\n"
-        "sys.exit(bool(late))"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT.parent)
 
 
 GOOD = {

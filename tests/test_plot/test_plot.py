@@ -1,8 +1,5 @@
 """Plots: on given axes, with units, and matplotlib imported only for plots."""
 
-import subprocess
-import sys
-
 import jax
 import numpy as np
 import pytest
@@ -126,19 +123,3 @@ def test_a_law_without_a_damping_factor():
 def test_unknown_attributes_are_errors():
     with pytest.raises(AttributeError, match="'jaxcontact' has no attribute 'nonsense'"):
         _ = jc.nonsense
-
-
-SCRIPT = """
-import sys
-import jaxcontact as jc
-for name in ("matplotlib", "optax", "xarray", "tqdm", "pandas"):
-    assert name not in sys.modules, name
-assert callable(jc.plot.trajectory)
-assert jc.plot is sys.modules["jaxcontact.plot"]
-import jax
-assert not jax.config.jax_enable_x64
-"""
-
-
-def test_importing_loads_no_matplotlib(request):
-    subprocess.run([sys.executable, "-c", SCRIPT], check=True, cwd=request.config.rootpath)

@@ -62,20 +62,31 @@ def outcome(vector):
     return jnp.concatenate([*parts, run.final.position, run.final.velocity])
 
 
+def value_and_slopes(function):
+    """Return a program for a function's value, its slopes, and those of a weighted sum of it in
+    reverse mode.
+    """
+
+    def every(vector, weights):
+        value, forward = jax.linearize(function, vector)
+        slopes = jax.vmap(forward, out_axes=-1)(jnp.eye(vector.size))
+        return value, slopes, jax.linear_transpose(forward, vector)(weights)[0]
+
+    return jax.jit(every)
+
+
 def test_both_modes_are_differences():
-    vector = jnp.array([NUMBERS[name] for name in ORDER])
-    value = jax.jit(outcome)
-    base = np.asarray(value(vector))
+    vector, solve = jnp.array([NUMBERS[name] for name in ORDER]), value_and_slopes(outcome)
+    base, forward, reverse = map(np.asarray, solve(vector, weights))
     assert np.all(np.isfinite(base))
-    forward = np.asarray(jax.jit(jax.jacfwd(outcome))(vector))
-    reverse = np.asarray(jax.jit(jax.grad(lambda x: jnp.sum(outcome(x) * weights)))(vector))
     np.testing.assert_allclose(reverse, weights @ forward, rtol=1e-9)
     for k, name in enumerate(ORDER):
         # Longer steps than these bend, and shorter ones show the interpolation of depths.
         step = 5e-5 * NUMBERS[name]
         shift = np.zeros(len(ORDER))
         shift[k] = step
-        slope = (np.asarray(value(vector + shift)) - np.asarray(value(vector - shift))) / (2 * step)
+        high, low = (np.asarray(solve(vector + s * shift, weights)[0]) for s in (1, -1))
+        slope = (high - low) / (2 * step)
         scale = np.max(np.abs(forward[:, k]))
         np.testing.assert_allclose(forward[:, k], slope, atol=DIFFERENCES * scale, err_msg=name)
 
@@ -94,9 +105,9 @@ def test_states_at_times_have_derivatives():
         return jnp.concatenate([found.position, found.velocity, found.force], axis=1)
 
     here, step = 0.4995e-3, 1e-9
-    value = jax.jit(states)
-    slope = (np.asarray(value(here + step)) - np.asarray(value(here - step))) / (2 * step)
-    forward = np.asarray(jax.jit(jax.jacfwd(states))(here))
+    both = jax.jit(lambda clearance: jax.jvp(states, (clearance,), (1.0,)))
+    high, low = (np.asarray(both(here + s * step)[0]) for s in (1, -1))
+    slope, forward = (high - low) / (2 * step), np.asarray(both(here)[1])
     assert np.sum(forward[:, 4] != 0) > 20
     scale = np.max(np.abs(slope), axis=0)
     np.testing.assert_allclose(forward / scale, slope / scale, atol=DIFFERENCES)
