@@ -52,7 +52,8 @@ def kinds_of(laws: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
     by_law = {kind.law: kind for kind in (*others, *asked)}
     choices = ["all", *constant_laws(), *by_law]
     if not isinstance(laws, str) or laws not in choices:
-        of_kind = {kind.name: kind.law for kind in by_law.values()}.get(str(laws))
+        names = {kind.name: kind.law for kind in by_law.values()}
+        of_kind = names.get(laws) if isinstance(laws, str) else None
         meant = f" Did you mean {of_kind!r}?" if of_kind else did_you_mean(laws, choices)
         raise ValueError(
             f"Argument `laws` must be one of {', '.join(choices)}, but is {rendered(laws)}.{meant}"
