@@ -409,7 +409,9 @@ def main() -> None:
     if not parser.parse_args().page:
         rows = []
         for job in jobs():
-            rows.append(measure(*job, LANES // 10 if job[1] == "event" else LANES))
+            # Solves in time are slow; where there is a formula, they check it.
+            checks = job[1] == "event" and job[0] != "dmt"
+            rows.append(measure(*job, LANES // 10 if checks else LANES))
             print(rows[-1], flush=True)
         RESULT.write_text(json.dumps(rows, indent=1) + "\n")
     write(json.loads(RESULT.read_text()))
