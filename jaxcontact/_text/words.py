@@ -13,6 +13,11 @@ def counted(count: int, words: Words) -> str:
     return f"{count} {words[count != 1]}"
 
 
+def listed(names: Sequence[str]) -> str:
+    """Return names as `a, b and c`."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
 def span(values: Sequence[float], unit: str = "") -> str:
     """Return the range of values: `0.1 to 0.3 m`, or `0.1 m` if all are equal."""
     low, high = f"{min(values):.3g}", f"{max(values):.3g}"

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import fdtrc, gammaincc
 
 from ..._fit import SAME, Fit, FitData, criteria, has_trials
+from ..._text.words import listed
 from .kind import AbstractKind
 
 EXCLUDED = 0.01
@@ -137,7 +138,7 @@ def sure_sentence(
     said: Collection[str | None],
     *,
     beyond: bool,
-    left_out: Collection[str],
+    left_out: Sequence[str],
 ) -> str:
     """Return whether the choice of `best` is sure, as a sentence that follows the verdict.
 
@@ -157,14 +158,14 @@ def sure_sentence(
     rest = [name for name in standing.rivals if name not in said]
     if rest:
         verb = "is" if len(rest) == 1 else "are"
-        return f" The choice is not sure: {' and '.join(rest)} {verb} not ruled out."
+        return f" The choice is not sure: {listed(rest)} {verb} not ruled out."
     if standing.rivals:
         return ""
     if fits[best].adequate is None:
         return " The choice is not sure: the fit could not be tested."
     if left_out:
         verb = "needs" if len(left_out) == 1 else "need"
-        return f" The choice is not sure: {' and '.join(left_out)} {verb} more points."
+        return f" The choice is not sure: {listed(left_out)} {verb} more points."
     if beyond:
         return " The choice is not sure: a free smooth curve is clearly better than any law."
     return ""

@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Callable
 
 from ..._text.table import text_table, with_error, wrapped
-from ..._text.words import counted, span
+from ..._text.words import counted, listed, span
 from ..recordings import LAYOUTS
 from .at_speed import AtSpeed
 from .summary_data import SummaryData, contact_note
@@ -233,7 +233,7 @@ def law_sentence(s: SummaryData) -> str:
         said.append(f"This law was requested; the best of the compared laws is {choice.best}")
     if law.adequate is False:
         good = [one.kind for one in choice.laws if one.adequate is True]
-        rest = f"; {_join_names(good)} {'does' if len(good) == 1 else 'do'}" if good else ""
+        rest = f"; {listed(good)} {'does' if len(good) == 1 else 'do'}" if good else ""
         none = "" if good else ", and no other law does"
         if not good and len(choice.laws) == 1:
             none = ""
@@ -252,12 +252,8 @@ def _certainty(s: SummaryData) -> list[str]:
     if choice.sure:
         return ["The choice is sure: every other law is ruled out or contains this one"]
     if choice.rivals:
-        return [f"Not ruled out: {_join_names(list(choice.rivals))}"]
+        return [f"Not ruled out: {listed(choice.rivals)}"]
     return []
-
-
-def _join_names(names: list[str]) -> str:
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def law_in_python(s: SummaryData) -> str:
