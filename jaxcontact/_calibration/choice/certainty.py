@@ -138,13 +138,11 @@ def sure_sentence(
     said: Collection[str | None],
     *,
     beyond: bool,
-    left_out: Sequence[str],
 ) -> str:
     """Return whether the choice of `best` is sure, as a sentence that follows the verdict.
 
     `said` are the laws that the verdict already calls indistinguishable from it. `beyond`: whether
-    a free curve describes the data better than any law. `left_out` are laws with too many
-    parameters for the data.
+    a free curve describes the data better than any law.
     """
     if sure is not None and len(fits) == 2:
         (other,) = fits.keys() - {sure.kind}
@@ -163,9 +161,6 @@ def sure_sentence(
         return ""
     if fits[best].adequate is None:
         return " The choice is not sure: the fit could not be tested."
-    if left_out:
-        verb = "needs" if len(left_out) == 1 else "need"
-        return f" The choice is not sure: {listed(left_out)} {verb} more points."
     if beyond:
         return " The choice is not sure: a free smooth curve is clearly better than any law."
     return ""

@@ -16,6 +16,7 @@ from ..._fit import CLEAR_AICC, Fit, compared, criteria, groups_of, undecided
 from ..._fit.keywords import SearchKeywords, takes
 from ..._program import side_by_side
 from ..._text.progress import stages_of
+from ..._text.words import listed
 from ..pairs.columns import column, for_each
 from ..pairs.outliers import find_outliers
 from ..pairs.pairs import pairs_of
@@ -161,16 +162,17 @@ def choose(
     rivals = [c.name for c in undecided(comparison.candidates) if c.name not in {best, *reduced}]
     if standing is not None:
         rivals = [name for name in rivals if name in standing.containing]
-    sentence = sure_sentence(
-        *(fits, kinds, best, standing, {best, *rivals}), beyond=beyond, left_out=left_out
-    )
+    verdict = comparison.verdict
+    verdict += sure_sentence(fits, kinds, best, standing, {best, *rivals}, beyond=beyond)
+    if left_out:
+        verdict += f" More points are needed to compare {listed(left_out)}."
     constant, v = laws[0].constant, table.velocity
     return LawChoice(
         count=len(v),
         candidates=comparison.candidates,
         best=best,
         sure=standing is not None,
-        verdict=comparison.verdict + sentence,
+        verdict=verdict,
         laws=laws,
         line=line_of(first, x),
         free=free,
