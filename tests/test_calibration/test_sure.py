@@ -72,9 +72,8 @@ def test_double_precision_of_the_callers_thread_alone(plastic):
 def test_laws_with_too_many_parameters_for_the_data_are_named():
     few = jc.choose_law(CONTACT, SPEED[::8], PLASTIC[::8])
     assert len(few.fits) < 9 and not few.sure
-    assert few.verdict.endswith(
-        "More points are needed to compare c as a power of v, viscous and plastic, wet and 1 - b v^p."
-    )
+    others = "c as a power of v, viscous and plastic, wet and 1 - b v^p"
+    assert few.verdict.endswith(f"More points are needed to compare {others}.")
 
 
 def test_a_curve_beyond_all_laws_leaves_the_choice_open():
