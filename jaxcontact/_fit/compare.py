@@ -32,6 +32,11 @@ SAME = 5e-3
 CLEAR_ADVANTAGE = 2.0
 """The same for the advantage summed over groups, in its standard errors."""
 
+_DOUBTLESS = 10.0
+"""Difference of AICc for each point of a group from which no scatter by group counts. Where a
+single group tells two fits apart, its gain is the scatter, too.
+"""
+
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
@@ -62,10 +67,11 @@ class Comparison:
     """Fits to the same data in the order of AICc; `best`, the name of the one to use, and why.
 
     `best` is the simplest of those that describe the data equally well. These have an AICc less
-    than 2 above the lowest, or a disadvantage below two of its standard errors by group. Among
-    equally simple ones it is one that describes the data; then the first of the given fits if that
-    is among them, otherwise the one of lowest AICc. If it does not describe the data, the verdict
-    says so, and names others that may. `best` is None if no fit converged.
+    than 2 above the lowest, or a disadvantage below two of its standard errors by group. In the
+    latter case the AICc is less than 10 above, for each point of a group. Among equally simple ones
+    it is the first of the given fits if that is among them, otherwise the one of lowest AICc. If
+    none of them describes the data, the verdict says so, and names others that may. `best` is None
+    if no fit converged.
     """
 
     candidates: tuple[Candidate, ...]
@@ -153,7 +159,7 @@ def compared(
     first = fits[names[0]]
     found = tuple(_candidate(name, fits[name], first, parts) for name in names)
     named = tuple(c for c in found if c.name not in unnamed)
-    equal = undecided(named)
+    equal = undecided(named, first)
     if among is not None:
         equal = [c for c in named if c.converged and c.name in among]
     return Comparison(found, *_verdict(named, equal, list(fits), parameters, left_out, group))
@@ -286,15 +292,26 @@ def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
     return math.sqrt(square / np.count_nonzero(parts))
 
 
-def undecided(found: Sequence[Candidate]) -> list[Candidate]:
-    """Return the fits that the data do not distinguish from the one of lowest AICc."""
+def undecided(found: Sequence[Candidate], fit: FitData) -> list[Candidate]:
+    """Return the fits that the data do not distinguish from the one of lowest AICc.
+
+    `fit` is any of them, whose groups are those of all.
+    """
     good = [c for c in found if c.converged]
+    most = _DOUBTLESS * _points_of_a_group(fit)
     return [
         c
         for c in good
-        if c.aicc - good[0].aicc < CLEAR_AICC
-        or (c.behind is not None and c.behind < CLEAR_ADVANTAGE)
+        if (further := c.aicc - good[0].aicc) < CLEAR_AICC
+        or (c.behind is not None and c.behind < CLEAR_ADVANTAGE and further < most)
     ]
+
+
+def _points_of_a_group(fit: FitData) -> float:
+    if fit.groups is None:
+        return 1.0
+    number = fit.groups[np.asarray(fit.problem.factor) > 0]
+    return len(number) / len(np.unique(number))
 
 
 def _verdict(
@@ -314,7 +331,7 @@ def _verdict(
     best = min(
         equal,
         key=lambda c: (
-            *(c.k, c.adequate is False, c.name != order[0]),
+            *(c.adequate is False, c.k, c.name != order[0]),
             *(c.aicc > least[c.k], order.index(c.name)),
         ),
     )

@@ -58,8 +58,8 @@ def require_steppable(law: object) -> AbstractLaw:
     # Slow bodies of a wet law stick, although its force lets them go.
     if law.remembers or law.forgets or law.ends_apart or isinstance(law, WetRestitution):
         raise ValueError(
-            "Argument `law` must be a law without memory and adhesion inside another engine, but "
-            f"is {rendered(law)}. `simulate` takes it."
+            "Argument `law` must be a law without memory inside another engine, and not one of "
+            f"necks or films, but is {rendered(law)}. `simulate` takes it."
         )
     return law
 

@@ -53,6 +53,24 @@ def test_a_law_of_ones_choice_is_compared_with_a_constant_e_alone():
     )
 
 
+@pytest.mark.parametrize("seed", [100, 103, 106])
+def test_a_single_slow_row_may_decide(seed):
+    """All of the gain of adhesive bodies is that of the slowest row, where they almost stick."""
+    v = np.linspace(0.4, 4, 20)
+    noise = 1 + 0.01 * np.random.default_rng(seed).normal(size=v.size)
+    found = jc.choose_law(CONTACT, v, np.sqrt(1 - (0.3 / v) ** 2) * noise)
+    assert found.best == "adhesive (JKR)"
+    assert found.law_fit(found.best).rms < 0.015 < found.law_fit("constant e").rms
+    # The scatter of the gain by row, which that row dominates, does not count.
+    (constant,) = (c for c in found.candidates if c.name == "constant e")
+    assert constant.behind < 2 and constant.aicc - found.candidates[0].aicc > 10
+
+
+def test_two_laws_need_points_for_both():
+    with pytest.raises(ValueError, match="too few to compare constant e and a v\\^-p; add rows"):
+        jc.choose_law(CONTACT, SPEED[:4], PLASTIC[:4], laws="bridges")
+
+
 def test_double_precision_of_the_callers_thread_alone(plastic):
     """The fits run in other threads, which have only the settings of the process."""
     ours = {"jax_enable_x64": True, "jax_numpy_dtype_promotion": "strict"}

@@ -385,6 +385,22 @@ def test_a_run_that_ends_early_is_refused(dump):
             jc.read_run(dump, "lammps", rolling(), duration=0.5)
 
 
+def test_outputs_in_another_order_and_missing_ones_are_refused(tmp_path):
+    flight, path = scene(*BALLS), tmp_path / "run.csv"
+    own = jc.simulate(flight, 0.01, times=np.linspace(0, 0.01, 5), instantaneous=True)
+    own.to_csv(path)
+    head, *rows = path.read_text().splitlines()
+    for order, words in (
+        ([0, 2, 1, 3, 4], "all outputs in order, but has 0.0025 s after 0.005 s"),
+        ([0, 1, 1, 2, 3, 4], "has 0.0025 s after 0.0025 s"),
+        ([0, 1, 3, 4], "has 0.0075 s after 0.0025 s"),
+        ([0, 1, 2, 3], "until `duration`, 0.01 s, but ends at 0.0075 s"),
+    ):
+        path.write_text("\n".join([head, *(rows[k] for k in order)]) + "\n")
+        with pytest.raises(ValueError, match=words):
+            jc.read_run(path, "exudyn", flight, duration=0.01)
+
+
 def test_the_columns_are_those_of_simulate(tmp_path):
     flight = scene(*BALLS)
     own = jc.simulate(flight, 0.01, times=[0.0, 0.01], instantaneous=True)
@@ -467,6 +483,18 @@ def test_steps_get_what_the_law_leaves_of_the_tolerance():
     falling = jc.Scene([ball, table], jc.Bridges(0.9, 0.01, 0.3), stiffness=1e6, gravity=[-9.81])
     made = exported(falling, "lammps", tolerance=0.05)
     assert made.keeps_tolerance and made.expected_error == pytest.approx(0.05)
+
+
+def test_steps_keep_e_at_the_slowest_speed_too():
+    """The e of Drake's law is larger there, and so is its error by steps of one length."""
+    ball, wall = jc.Sphere(0.01, 0.03, [0.0115, 0.0], [-1.0, 0.0]), jc.Plane([0.0, 0.0], [1.0, 0.0])
+    words = {"law": jc.MarhefkaOrin(a=0.15), "stiffness": 1e5, "exponent": 1.0}
+    made = [
+        jc.export_scene(jc.Scene([ball, wall], **words), "drake", 0.006, velocity=v, tolerance=5e-3)
+        for v in ((0.6, 6.0), (6.0, 6.1))
+    ]
+    assert all(one.keeps_tolerance for one in made)
+    assert made[0].time_step < 0.5 * made[1].time_step
 
 
 def test_friction_widens_the_closing_speeds():

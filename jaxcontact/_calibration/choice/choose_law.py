@@ -136,6 +136,12 @@ def choose(
 ) -> LawChoice:
     """Choose among `kinds` on the pairs of a table."""
     every, kinds = kinds, tuple(filter(table.determines, kinds))
+    if len(kinds) < 2:
+        names, pairs = [kind.name for kind in every], table.pairs
+        raise pairs.fault(
+            f"{len(table.velocity)} usable {pairs.words[1]}{pairs.owner} are too few to compare "
+            f"{listed(names)}; add rows"
+        )
     fits, laws, grid = _fits_of(table, kinds, progress)
     first, x = fits[kinds[0].name], np.asarray(table.data["x"])
     reduced = reduced_of(fits, kinds)
@@ -159,7 +165,8 @@ def choose(
         unnamed=reduced,
     )
     best = comparison.best
-    rivals = [c.name for c in undecided(comparison.candidates) if c.name not in {best, *reduced}]
+    equal = undecided(comparison.candidates, first)
+    rivals = [c.name for c in equal if c.name not in {best, *reduced}]
     if standing is not None:
         rivals = [name for name in rivals if name in standing.containing]
     verdict = comparison.verdict

@@ -87,7 +87,7 @@ def choose_friction(
         left_out="impacts",
         group="impact",
     )
-    equal = [c.name for c in undecided(comparison.candidates)]
+    equal = [c.name for c in undecided(comparison.candidates, next(iter(fits.values())))]
     rivals = tuple(name for name in equal if name != comparison.best)
     where = ""
     if comparison.best is not None and all(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(law)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterable, Mapping
 
@@ -27,18 +28,19 @@ class Matched:
     """The contacts of a scene in an engine.
 
     `exports` has the parameters for each pair of groups. `time_step` in s is the longest with which
-    no e changes by more than `tolerance`, that of the steps, at the largest closing speed, `speed`
-    in m/s. `law_error` is the largest error of e with short steps, over the closing speeds.
+    no e changes by more than `tolerance`, that of the steps, at the closing `speeds` in m/s. These
+    are the largest one and, if some e depends on speed, the smallest, at which e may be larger.
+    `law_error` is the largest error of e with short steps, over all closing speeds.
     """
 
     exports: Mapping[Pair, Export]
     time_step: float
     law_error: float
-    speed: float
+    speeds: tuple[float, ...]
     tolerance: float
 
     def step_error(self, time_step: float) -> float:
-        """Return the largest error of e by steps of this length in s, at the largest speed.
+        """Return the largest error of e by steps of this length in s.
 
         Raises ValueError for steps of an engine whose error was measured with shorter ones only.
         """
@@ -51,7 +53,8 @@ class Matched:
                 f"{first.engine!r}, whose error with longer steps is not known, but is "
                 f"{time_step:g}."
             )
-        found = [_stepped(x, self.speed, self.tolerance, time_step) for x in _several(self.exports)]
+        every = itertools.product(_several(self.exports), self.speeds)
+        found = [_stepped(x, speed, self.tolerance, time_step) for x, speed in every]
         return max(max(x.high - x.target, x.target - x.low) for x in found)
 
 
@@ -63,25 +66,30 @@ def matched(
     Raises ValueError for contacts that the engine cannot deliver, and for a tolerance that no step
     keeps.
     """
-    exports, highest = {}, float(speeds[-1])
-    for pair, touch in model.touches.items():
-        exports[pair] = _closest(touch, engine, speeds)
+    exports = {pair: _closest(touch, engine, speeds) for pair, touch in model.touches.items()}
+    constant = all(_is_constant(touch, engine) for touch in model.touches.values())
+    ends = {float(speeds[-1])} if constant else {float(speeds[0]), float(speeds[-1])}
     law_error = max(float(np.max(np.abs(made.error))) for made in exports.values())
     # The steps get what the law leaves; if that is nothing, the tolerance is missed anyway.
     left = tolerance - law_error if law_error < tolerance else tolerance
     return Matched(
         exports=exports,
-        time_step=min(_longest(made, highest, left) for made in _several(exports)),
+        time_step=min(_longest(made, speed, left) for made in _several(exports) for speed in ends),
         law_error=law_error,
-        speed=highest,
+        speeds=tuple(ends),
         tolerance=left,
     )
+
+
+def _is_constant(touch: Touch, engine: SceneEngine) -> bool:
+    """Return whether neither e, that of the law and that of the engine, depends on speed."""
+    return restitution_is_constant(touch.law, None) and engine.constant
 
 
 def _closest(touch: Touch, engine: SceneEngine, speeds: np.ndarray) -> Export:
     """Return the export with the smallest error of e among those that the engine offers."""
     # One speed is exact, and enough where neither law depends on it.
-    constant = restitution_is_constant(touch.law, None) and engine.constant
+    constant = _is_constant(touch, engine)
     at = float(speeds[-1]) if constant or len(speeds) == 1 else speeds
     found, reasons = [], []
     for options in engine.options(touch, constant):

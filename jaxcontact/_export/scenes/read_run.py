@@ -13,6 +13,14 @@ from ..._scene.bodies.bodies import words
 from .engine import scene_engine
 from .model import SceneModel, scene_model
 
+_MISSING = 1.95
+"""Steps between two outputs, in the usual ones, from which some are missing. Those of Exudyn may be
+late by less than one of its steps.
+"""
+
+_LATE = 0.01
+"""Relative deviation of the last time that counts as none: Exudyn may be late by a step."""
+
 _SAME = 1e-5
 """Relative deviation of a start or an energy that counts as the same; float32 rounds to 1e-7."""
 
@@ -54,6 +62,8 @@ def read_run(
             f"{path} must have {count[0]} spheres in {count[1]}D, as `scene` has, but has the "
             f"shape {states['position'].shape[1:]}."
         )
+    if len(states["time"]) > 1:
+        _require_order(path, states["time"])
     if duration is not None:
         _require_end(path, states["time"], duration)
     _require_start(path, model, states)
@@ -69,10 +79,21 @@ def read_run(
     )
 
 
+def _require_order(path: Path, time: np.ndarray) -> None:
+    """Raise ValueError unless outputs follow each other, and none is missing."""
+    between = np.diff(time)
+    wrong = (between <= 0) | (between > _MISSING * np.median(between))
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise ValueError(
+            f"{path} must have all outputs in order, but has {time[k + 1]:.6g} s after "
+            f"{time[k]:.6g} s."
+        )
+
+
 def _require_end(path: Path, time: np.ndarray, duration: float) -> None:
-    """Raise ValueError unless the last output is that at `duration`, to half of their spacing."""
-    spacing = (time[-1] - time[0]) / max(len(time) - 1, 1)
-    if abs(time[-1] - duration) > spacing / 2:
+    """Raise ValueError unless the last output is that at `duration`."""
+    if abs(time[-1] - duration) > _LATE * duration:
         raise ValueError(
             f"{path} must have the states until `duration`, {duration:.6g} s, but ends at "
             f"{time[-1]:.6g} s."
