@@ -32,7 +32,7 @@ EXEMPT = {
     r"FrictionChoice\.friction\(name\)": "see tests/test_calibration/test_oblique.py",
     r"Fits\.fit\(ball\)": "see tests/test_fit/test_many.py",
     r"export_scene\(time_step\)|SceneExport\..*|EngineRun\..*|read_run\(.*\)": (
-        "see tests/test_export/test_scenes.py"
+        "see test_scenes.py and test_read_run.py of tests/test_export"
     ),
     r"RecordingError\(.*\)": "an error, raised by the library",
     r"paper\.(Number|Published|Reproduction)\(.*\)": "a result, made by the library",

@@ -18,8 +18,10 @@ _MISSING = 1.95
 late by less than one of its steps.
 """
 
-_LATE = 0.01
-"""Relative deviation of the last time that counts as none: Exudyn may be late by a step."""
+_LATE = 0.5, 0.02
+"""Deviation of the last time that counts as none, in steps between outputs and relative to it.
+Exudyn may be late by less than one of its steps.
+"""
 
 _SAME = 1e-5
 """Relative deviation of a start or an energy that counts as the same; float32 rounds to 1e-7."""
@@ -93,7 +95,8 @@ def _require_order(path: Path, time: np.ndarray) -> None:
 
 def _require_end(path: Path, time: np.ndarray, duration: float) -> None:
     """Raise ValueError unless the last output is that at `duration`."""
-    if abs(time[-1] - duration) > _LATE * duration:
+    spacing = duration / max(len(time) - 1, 1)
+    if abs(time[-1] - duration) > min(_LATE[0] * spacing, _LATE[1] * duration):
         raise ValueError(
             f"{path} must have the states until `duration`, {duration:.6g} s, but ends at "
             f"{time[-1]:.6g} s."
