@@ -18,9 +18,10 @@ the numbers cannot be trusted. CHANGED: a contact began or ended, with `until_ch
 touching body rests on one plane with zero normal velocity. PAUSED: the step limit was reached, for
 example by a ball sliding in a shell; another call continues."""
 
-REDUNDANT = 7
-"""Another way in which a solve ends: friction forces of sticking contacts are not unique. Scenes
-have a 6 of their own."""
+REDUNDANT, NOT_FINITE, TOO_MANY_STEPS = 7, 8, 9
+"""The ways in which only the solves of mechanisms end. REDUNDANT: friction forces of sticking
+contacts are not unique. NOT_FINITE: no step, however short, has finite numbers. TOO_MANY_STEPS: the
+limit of steps was reached. Scenes have a 6 of their own."""
 
 SLOWEST = 1e-9
 """The least v0 in units of speed; v0 = 0 would have no damping."""

@@ -40,6 +40,22 @@ class Ending(WordedEnum):
         "`SpringSlider`.",
     )
     GAINED = 9, "An impact adds energy. Check the sign of the damping of its law."
+    NOT_FINITE = (
+        10,
+        "A function of the mechanism is not finite just after `reached`. Check its force, mass and "
+        "gap there; `run.at(0.999 * run.reached)` is a state before.",
+    )
+    SINGULAR_MASS = (
+        11,
+        "The mass matrix is not positive definite just after `reached`, so that no motion follows. "
+        "Check `mass` there; `run.at(0.999 * run.reached)` is a state before.",
+    )
+    TOO_MANY_STEPS = (
+        12,
+        "The run takes a million steps, or steps shorter than the resolution of time. Forces grow "
+        "without limit, or vary too fast for the duration: check the energy of "
+        "`run.at(0.999 * run.reached)`.",
+    )
 
 
 class SolvedBy(enum.IntEnum):

@@ -222,8 +222,7 @@ class Mechanics(eqx.Module):
         """
         jacobian = self.jacobian(self.opening(t, q, v))
         compliance = jnp.sum(jacobian * solve_mass(self.mass(t, q), jacobian.T).T, axis=1)
-        moves = compliance > 0
-        return jnp.where(moves, 1 / jnp.where(moves, compliance, 1), 1)
+        return 1 / jnp.where(compliance == 0, 1, compliance)
 
     def kinetic(self, t: Number, q: Vector, v: Vector) -> Number:
         """Return ½ v·M v in J."""

@@ -84,64 +84,36 @@ class Scales(NamedTuple):
     reach: Vector
 
 
-def scales_of(problem: SystemProblem) -> Scales:
+def scales_of(problem: SystemProblem, state: SystemState) -> Scales:
     """Return units in which speeds, and lengths during the shortest contact, are about one. They
-    follow from the energy at the start, and have no derivative.
+    follow from the motion of a state, and have no derivative.
     """
-    problem = jax.lax.stop_gradient(problem)
-    mechanics, state, contact = problem.mechanics, problem.state, problem.contact
-    at = state.time, state.position, state.velocity
-    n, stiffness, unit = contact.exponent, contact.stiffness, _typical_mass(mechanics, state)
-    opening = mechanics.opening(*at)
-    force = jnp.zeros_like(opening.gap)
-    motion = mechanics.motion(*at, opening, force)
-    second = jnp.abs(mechanics.second(*at, motion.acceleration))
-    pull = unit * jnp.max(second)
-    tiny = math.sqrt(jnp.finfo(unit.dtype).tiny)
-    weight = pull * (jnp.maximum(pull, tiny) / jnp.min(stiffness)) ** (1 / n)
-    depth = jnp.where(state.closed, jnp.maximum(-opening.gap, 0), 0)
-    stored = jnp.sum(stiffness * depth ** (n + 1))
-    # A body that starts at rest falls through its gap.
-    moving = jnp.max(jnp.square(opening.rate) + 2 * second * jnp.abs(opening.gap))
-    energy = 2 * mechanics.kinetic(*at) + stored + jnp.max(weight)
-    speed = jnp.sqrt(energy / unit + moving + tiny)
+    problem, state = jax.lax.stop_gradient((problem, state))
+    mechanics, (n, stiffness) = problem.mechanics, (problem.contact.exponent, problem.contact.stiffness)
+    t, q, v = state.time, state.position, state.velocity
+    # A gap may be stationary where it starts, in the middle of a bearing, but not nearby.
+    finest = math.sqrt(jnp.finfo(q.dtype).eps)
+    steps = finest * jnp.maximum(jnp.abs(q), finest) * (1 + jnp.arange(q.shape[0], dtype=q.dtype))
+    unit = jnp.min(mechanics.effective_mass(t, q + steps, v))
+    gradient = jax.jacfwd(lambda q: mechanics.system.gap(t, q, mechanics.args))(q + steps)
+    (gap, rate), mass = mechanics.gaps(t, q, v), mechanics.mass(t, q)
+    depth = jnp.where(state.closed, jnp.maximum(-gap, 0), 0)
+    energy = jnp.sum(v * (mass @ v)) + jnp.sum(stiffness * depth ** (n + 1))
+    tiny = math.sqrt(jnp.finfo(q.dtype).tiny)
+    speed = jnp.sqrt(energy / unit + jnp.max(jnp.square(rate)) + tiny)
     logarithm = jnp.log(unit) + 2 * jnp.log(speed) - jnp.log(stiffness)
-    units = Units(jnp.min(jnp.exp(logarithm / (n + 1))), speed, unit)
-    inertia = jnp.diagonal(mechanics.mass(state.time, state.position))
+    # At rest the shortest contact would be longer than the run.
+    way = speed * (problem.stops[-1] - t)
+    length = jnp.minimum(jnp.min(jnp.exp(logarithm / (n + 1))), jnp.where(way > 0, way, jnp.inf))
+    units = Units(length, speed, unit)
+    inertia = jnp.diagonal(mass)
     speeds = speed * jnp.sqrt(unit / jnp.where(inertia > 0, inertia, unit))
     if mechanics.system.rate is None:
         positions = units.time * speeds
     else:
-        paces = jax.jacfwd(lambda v: mechanics.rate(*at[:2], v))(at[2])
+        paces = jax.jacfwd(lambda v: mechanics.rate(t, q, v))(v)
         positions = units.time * jnp.sum(jnp.abs(paces) * speeds[None], axis=1)
         positions = jnp.where(positions > 0, positions, units.time)
-    gap = jnp.maximum(jnp.max(jnp.abs(opening.gap)) / units.length, 1)
-    return Scales(
-        units, positions, speeds, gap, _reach(mechanics, state) * positions / units.length
-    )
-
-
-def _typical_mass(mechanics: Mechanics, state: SystemState) -> Number:
-    """Return the least effective mass of all gaps."""
-    t, v = state.time, state.velocity
-    masses = (mechanics.effective_mass(t, place, v) for place in _places(state.position))
-    return jnp.min(jnp.minimum(*masses))
-
-
-def _reach(mechanics: Mechanics, state: SystemState) -> Vector:
-    """Return the largest derivative of a gap by each coordinate."""
-
-    def at(q: Vector) -> Vector:
-        gradient = jax.jacfwd(lambda q: mechanics.system.gap(state.time, q, mechanics.args))(q)
-        return jnp.max(jnp.abs(gradient), axis=0)
-
-    return jnp.maximum(*map(at, _places(state.position)))
-
-
-def _places(q: Vector) -> tuple[Vector, Vector]:
-    """Return a position and another one nearby, as a gap may be stationary where it starts: in the
-    middle of a bearing.
-    """
-    finest = math.sqrt(jnp.finfo(q.dtype).eps)
-    steps = finest * jnp.maximum(jnp.abs(q), finest) * (1 + jnp.arange(q.shape[0], dtype=q.dtype))
-    return q, q + steps
+    farthest = jnp.maximum(jnp.max(jnp.abs(gap)) / length, 1)
+    reach = jnp.max(jnp.abs(gradient), axis=0) * positions / length
+    return Scales(units, positions, speeds, farthest, reach)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._coupled.modes import PAUSED, REDUNDANT, TIME_IS_UP
+from .._coupled.modes import NOT_FINITE, PAUSED, REDUNDANT, TIME_IS_UP, TOO_MANY_STEPS
 from .._coupled.scalars import Flag, Index, Number
 from .._entry import as_parameter, is_plain, rendered
 from .._program import quick, traced
@@ -18,6 +18,7 @@ from .._scene.result import Ending, nan_unless
 from .._text.failure import checked
 from .checks import require_shapes, require_start
 from .log import SystemLog
+from .mass_matrix import solve_mass
 from .mechanics import Mechanics, Vector
 from .problem import SystemProblem, SystemState
 from .readout.contacts import contacts_of
@@ -30,6 +31,15 @@ from .system import System
 
 ROOM = 64
 """The number of contacts that a traced run can hold, and a piece of any other."""
+
+_ENDINGS = {
+    TIME_IS_UP: Ending.COMPLETED,
+    PAUSED: Ending.TOO_MANY_IMPACTS,
+    REDUNDANT: Ending.REDUNDANT_STICKING,
+    NOT_FINITE: Ending.NOT_FINITE,
+    TOO_MANY_STEPS: Ending.TOO_MANY_STEPS,
+}
+"""The endings of a run by the status of its solve; NOT_CONVERGED for all others."""
 
 
 class _Readout(NamedTuple):
@@ -228,16 +238,13 @@ def _pieces(problem: SystemProblem, rules: SystemRules, most: int | None) -> Sys
 def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None) -> _Readout:
     """Return the table of contacts, the ending, and the distances of the margin."""
     total = jnp.sum(end.log.touches) + jnp.sum(problem.state.closed)
-    full = end.status == PAUSED
-    if room is not None:
-        full = full | (total > room)
+    full = total > room if room is not None else jnp.asarray(False)
     over = (end.status == TIME_IS_UP) & ~full
-    status = jnp.where(over, int(Ending.COMPLETED), int(Ending.NOT_CONVERGED))
-    status = jnp.where(full, int(Ending.TOO_MANY_IMPACTS), status)
-    if problem.mechanics.system.sticks:
-        redundant = end.status == REDUNDANT
-        status = jnp.where(redundant, int(Ending.REDUNDANT_STICKING), status)
-    status = jnp.where(valid, status, int(Ending.INVALID_INPUT))
+    codes = jnp.asarray([_ENDINGS.get(k, Ending.NOT_CONVERGED) for k in range(max(_ENDINGS) + 1)])
+    status = jnp.where(full, int(Ending.TOO_MANY_IMPACTS), codes[end.status])
+    singular = _is_singular(problem, end.state) & (status >= int(Ending.NOT_CONVERGED))
+    status = jnp.where(singular, int(Ending.SINGULAR_MASS), status)
+    status = jnp.where(valid, status, int(Ending.INVALID_INPUT)).astype(jnp.int32)
     reached = jnp.where(over, problem.stops[-1], end.state.time)
     reached = jax.lax.stop_gradient(jnp.where(valid, reached, -1))
     table = contacts_of(end.log, end.state, room)
@@ -258,6 +265,15 @@ def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None)
         phases = SystemPhases(**phases_of(end.log, problem.state))
     contacts = SystemContacts(**blank)
     return _Readout(contacts, status, reached, between, slowest, ends, final, phases)
+
+
+def _is_singular(problem: SystemProblem, state: SystemState) -> Flag:
+    """Return whether the mass matrix is finite but not positive definite just after a state."""
+    ahead = jnp.finfo(state.time.dtype).eps ** 0.6 * problem.stops[-1]
+    mechanics, rate = problem.mechanics, problem.mechanics.rate(state.time, state.position, state.velocity)
+    mass = mechanics.mass(state.time + ahead, state.position + ahead * rate)
+    solved = solve_mass(mass, jnp.ones_like(state.velocity))
+    return jnp.all(jnp.isfinite(mass)) & ~jnp.all(jnp.isfinite(solved))
 
 
 def _between(log: SystemLog) -> Number:

@@ -10,7 +10,15 @@ import jax.numpy as jnp
 
 from .._coupled.ends import attracts, ends_of
 from .._coupled.field import TIME, WORK, LoopRules
-from .._coupled.modes import NOT_CONVERGED, PAUSED, TIME_IS_UP, Modes, PerContact
+from .._coupled.modes import (
+    NOT_CONVERGED,
+    NOT_FINITE,
+    PAUSED,
+    TIME_IS_UP,
+    TOO_MANY_STEPS,
+    Modes,
+    PerContact,
+)
 from .._coupled.scalars import Flag, Index, Number
 from .._coupled.steps.carry import Carry, CoupledSolve
 from .._coupled.steps.loop import CoupledStart, first_carry
@@ -21,6 +29,9 @@ from .problem import Scales, SystemProblem, SystemState, scales_of
 
 MOST_STEPS = 10**6
 """The limit of steps, which no run should reach."""
+
+_OUTGROWN = 100
+"""The growth of the rates of gaps at which a solve starts anew, in units of its motion."""
 
 _stop = jax.lax.stop_gradient
 
@@ -68,24 +79,22 @@ class _SystemSolve(CoupledSolve):
 
 def solve_system(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
     """Solve a mechanism from its state to the last of its stops, or until the log is full."""
-    scales = scales_of(problem)
     zero = jnp.zeros((), jnp.int32)
     running = jnp.asarray(-1, jnp.int32)
     nothing = jnp.zeros_like(problem.tolerance)
     painleve = nothing + jnp.inf if problem.mechanics.system.rigid else None
     log = empty_log(problem.state, rules.rows)
-    first = SystemEnd(problem.state, log, running, zero, nothing, painleve)
     stops = problem.stops
-    if stops.shape[0] == 1:
-        return _solve_to_stop(problem, scales, rules, first, stops[0])
 
     def unfinished(end: SystemEnd) -> Flag:
         return end.status < 0
 
     def to_next(end: SystemEnd) -> SystemEnd:
+        if stops.shape[0] == 1:
+            return _solve_to_stop(problem, rules, end, stops[0])
         index = jnp.sum(stops <= end.state.time)
         stop = stops[jnp.minimum(index, stops.shape[0] - 1)]
-        end = _solve_to_stop(problem, scales, rules, end, stop)
+        end = _solve_to_stop(problem, rules, end, stop)
         # A stop is met exactly, so that the next one is another.
         met = end.status == TIME_IS_UP
         time = jnp.where(met, stop, end.state.time)
@@ -93,14 +102,17 @@ def solve_system(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
         status = jnp.where(more, running, end.status)
         return end._replace(state=end.state._replace(time=time), status=status)
 
+    first = SystemEnd(problem.state, log, running, zero, nothing, painleve)
     return jax.lax.while_loop(unfinished, to_next, first)
 
 
 def _solve_to_stop(
-    problem: SystemProblem, scales: Scales, rules: SystemRules, begun: SystemEnd, stop: Number
+    problem: SystemProblem, rules: SystemRules, begun: SystemEnd, stop: Number
 ) -> SystemEnd:
-    """Go on from `begun` to a stop."""
-    state, units, mechanics = begun.state, scales.contact, problem.mechanics
+    """Go on from `begun` to a stop, or until the motion has outgrown its units."""
+    state, mechanics = begun.state, problem.mechanics
+    scales = scales_of(problem, state)
+    units = scales.contact
     field = SystemField(
         mechanics=mechanics,
         contact=problem.contact,
@@ -134,12 +146,20 @@ def _solve_to_stop(
     first = first_carry(solve, _start(solve, state))
     loop = _Loop(first, state.touch_speed, state.max_depth, begun.log, begun.painleve)
 
+    fastest = _OUTGROWN * jnp.maximum(_pace(first), 1)
+
     def unfinished(loop: _Loop) -> Flag:
         c = loop.carry
-        return (c.status < 0) & (c.steps < MOST_STEPS) & (loop.log.count < rules.rows)
+        more = (begun.steps + c.steps < MOST_STEPS) & (loop.log.count < rules.rows)
+        return (c.status < 0) & (_pace(c) < fastest) & more
 
     end = jax.lax.while_loop(unfinished, lambda loop: _advance(solve, loop), loop)
     return _assess(solve, begun, first, end)
+
+
+def _pace(c: Carry) -> Number:
+    """Return the largest rate of a gap."""
+    return jnp.max(jnp.abs(c.look.rate))
 
 
 def _just_before(stop: Number) -> Number:
@@ -180,10 +200,11 @@ def _advance(solve: _SystemSolve, loop: _Loop) -> _Loop:
     max_depth = jnp.where(changes.touches, 0, jnp.maximum(loop.max_depth, deepest))
     closing = units.speed * after.look.rate
     touch_speed = jnp.where(changes.touches, closing, loop.touch_speed)
-    # Steps below the resolution of time make no progress.
+    # Steps below the resolution of time make no progress. Those up to an event may be shorter.
     resolution = solve.finest * jnp.maximum(1, jnp.abs(after.y[TIME]))
-    stuck = (after.status < 0) & ~(after.size > resolution / 1024)
-    status = jnp.where(stuck, NOT_CONVERGED, after.status)
+    goes_on = (after.size > resolution / 1024) & (after.free > resolution)
+    stuck = (after.status < 0) & ~goes_on
+    status = jnp.where(stuck, TOO_MANY_STEPS, after.status)
     after = after._replace(status=status.astype(jnp.int32))
     painleve = loop.painleve
     if painleve is not None:
@@ -238,7 +259,9 @@ def _assess(solve: _SystemSolve, begun: SystemEnd, first: Carry, end: _Loop) -> 
     imbalance = missing / jnp.maximum(turnover, 1)
     error = jnp.maximum(b.error, imbalance) + begun.error
     sound = jnp.all(jnp.isfinite(b.y)) & (imbalance <= 1e5 * solve.tolerance)
-    status = jnp.where(b.status < 0, PAUSED, b.status)
-    status = jnp.where(sound, status, NOT_CONVERGED).astype(jnp.int32)
     steps = begun.steps + b.steps
+    full = end.log.count >= end.log.rows
+    unfinished = jnp.where(full, PAUSED, jnp.where(steps < MOST_STEPS, -1, TOO_MANY_STEPS))
+    status = jnp.where(b.status < 0, unfinished, b.status)
+    status = jnp.where(sound | (status >= NOT_FINITE), status, NOT_CONVERGED).astype(jnp.int32)
     return SystemEnd(state_of(solve, end), end.log, status, steps, error, end.painleve)

@@ -13,7 +13,7 @@ from ..._solver.runge_kutta import step_and_slope
 from ..clock import ContactClock, choose_clock
 from ..cubic import highest, to_root
 from ..field import NO_SLOPES, TIME, TOGETHER, Grip, Look, W
-from ..modes import APART, CHANGED, REDUNDANT, TIME_IS_UP, Flags
+from ..modes import APART, CHANGED, NOT_FINITE, REDUNDANT, TIME_IS_UP, Flags
 from ..rows import rows_of
 from ..scalars import Number
 from .carry import Carry, Changed, CoupledSolve
@@ -131,6 +131,10 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
         error=c.error + jnp.where(events.taken, trial.error * solve.tolerance, 0),
         steps=c.steps + 1,
     )
+    if field.rules.flies:
+        resolution = solve.finest * jnp.maximum(1, jnp.abs(c.y[TIME]))
+        endless = ~jnp.isfinite(trial.error) & (size <= 8 * resolution)
+        carry = carry._replace(status=jnp.where(endless, NOT_FINITE, carry.status))
     renew, jumps, redundant = c.renew, changed.jumps, changed.redundant
     if renew is not None and jumps is not None:
         jumps = jumps if redundant is None else jumps & ~redundant
@@ -159,6 +163,9 @@ def _try_step(solve: CoupledSolve, c: Carry, size: Number) -> _Attempt:
     allowed = field.allowed(*_stop((c.y, y)), solve.tolerance, finest)
     error = jnp.max(jnp.abs(_stop(error)) / allowed)
     now, slope = field.look_along(y, modes, clock, toward)
+    if field.rules.flies:
+        # A gap that is not finite is no motion either.
+        error = error + 0 * jnp.sum(now.depth + now.second)
     # No choice of a step has a derivative.
     before, after = _stop((c.look, now))
     passing, used = y[TIME] - c.y[TIME], field.used
