@@ -25,6 +25,19 @@ _NOT_MODELLED = {
 }
 """The reason why an argument of such a name does not exist."""
 
+_ELSEWHERE = {
+    "position": (
+        r"^[qxy]_?0?$|^initial",
+        "a mechanism starts with `position=` and `velocity=`",
+    ),
+    "velocity": (r"^v_0$|^[qx]?dot|^qd|^qvel", "a mechanism starts with `velocity=`"),
+    "times": (
+        r"^ts?$|t_?eval|save_?at",
+        "`times=` are those of the states, and `run.at` returns the states at any others",
+    ),
+}
+"""The names of arguments in other libraries, by the name here, and what it is."""
+
 
 def not_modelled(name: str) -> str | None:
     """Return the reason why an argument of this name does not exist; None for other names."""
@@ -44,7 +57,12 @@ def refuses_unknown(function: Callable[Given, Returned]) -> Callable[Given, Retu
     def called(*args: Given.args, **given: Given.kwargs) -> Returned:
         for name in given:
             if name not in known:
-                why = not_modelled(name)
+                other = (
+                    why
+                    for here, (pattern, why) in _ELSEWHERE.items()
+                    if here in known and re.search(pattern, name.casefold())
+                )
+                why = not_modelled(name) or next(other, None)
                 hint = f": {why}." if why else f".{did_you_mean(name, known)}"
                 raise TypeError(f"`{owner}` has no argument `{name}`{hint}")
         return function(*args, **given)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._program import traced as traced
 from .._text.failure import WordedEnum
-from .._text.table import text_table
+from .._text.table import abridged, text_table
 from .readout.columns import write_csv
 
 
@@ -172,7 +172,7 @@ class Impacts(eqx.Module):
         count = len(columns["time"])
         header = ["time/s", "bodies", "closing/(m/s)", "e", "duration/s", "force/N", "lost/J", "by"]
         rows = []
-        for k in [*range(min(count, 12)), *([-1] if count > 12 else [])]:
+        for k in range(count):
             face = "" if columns["face"][k] < 0 else f" face {columns['face'][k]}"
             tied = " (tied)" if columns["tied"][k] else ""
             rows.append(
@@ -187,9 +187,7 @@ class Impacts(eqx.Module):
                     SolvedBy(int(columns["solved_by"][k])).name.lower().replace("_", " ") + tied,
                 ]
             )
-        if count > 12:
-            rows.insert(-1, ["..."])
-        lines = text_table(rows, header=header, indent=2, rule=True)
+        lines = text_table(abridged(rows), header=header, indent=2, rule=True)
         return "\n".join([f"{count} impact{'s' * (count != 1)}", *lines])
 
 

@@ -42,8 +42,11 @@ def _gaps_of(key: tuple[tuple[tuple, Any], ...]) -> int:
 
         out: Any = eqx.filter_eval_shape(outcome, system, *at, mechanics.args)
         if not hasattr(out, "shape") or not jnp.issubdtype(out.dtype, jnp.floating):
+            got = f"a {type(out).__name__}"
+            if hasattr(out, "shape"):
+                got = f"{out.dtype} of the shape {out.shape}"
             raise ValueError(
-                f"Function `{name}` must return an array of floats, but returns {out}."
+                f"Function `{name}` must return an array of real floats, but returns {got}."
             )
         return out.shape
 
@@ -77,6 +80,12 @@ def _gaps_of(key: tuple[tuple[tuple, Any], ...]) -> int:
             )
     if system.rate is not None:
         require("rate", shape("rate", t, q, v), q.shape)
+    for number in jax.tree.leaves(system.friction):
+        if number.shape not in ((), (1,), gaps):
+            raise ValueError(
+                f"Friction must hold one number, or one for each of {gaps[0]} gaps, but holds an "
+                f"array of the shape {number.shape}."
+            )
     return gaps[0]
 
 
@@ -112,5 +121,9 @@ def require_start(checks: StartChecks, has_v0: bool) -> None:
             raise ValueError(f"Gap {k} is {gap} m at the start and {why}")
     if not found.force:
         raise ValueError("Function `force` must be finite, but is not at the start.")
+    if not found.affine:
+        raise ValueError(
+            "Function `slip` must be affine in v, as all speeds are, but is not at the start."
+        )
     if not found.quadratic:
         raise ValueError("Function `lagrangian` must be quadratic in v, but is not at the start.")

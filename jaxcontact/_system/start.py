@@ -28,6 +28,7 @@ class StartChecks(NamedTuple):
     """Checks at the start: numbers are finite, M is symmetric and positive definite, and forces,
     gaps and their gradients are finite. `pressed` gaps are negative; `idle` ones neither close nor
     are about to, and wait for a peak. `quadratic`: so is the Lagrangian in v, if there is one.
+    `affine`: so is the slip in v.
     """
 
     finite: Flag
@@ -35,6 +36,7 @@ class StartChecks(NamedTuple):
     definite: Flag
     force: Flag
     quadratic: Flag
+    affine: Flag
     gaps: Float[Array, " m"]
     gradients: Bool[Array, " m"]
     pressed: Bool[Array, " m"]
@@ -42,7 +44,8 @@ class StartChecks(NamedTuple):
 
     def valid(self, latched: bool) -> Flag:
         """Return whether all holds; pressed gaps need a v0 that is `latched` from elsewhere."""
-        parts = [self.finite, self.symmetric, self.definite, self.force, self.quadratic]
+        parts = [self.finite, self.symmetric, self.definite, self.force]
+        parts += [self.quadratic, self.affine]
         parts += [jnp.all(jnp.isfinite(self.gaps)), jnp.all(self.gradients), ~jnp.any(self.idle)]
         return jnp.all(jnp.stack([*parts, latched | ~jnp.any(self.pressed)]))
 
@@ -110,6 +113,9 @@ def start_of(
         definite=(least > 8 * finest) & jnp.all(jnp.isfinite(mass)),
         force=jnp.all(jnp.isfinite(motion.acceleration)),
         quadratic=_is_quadratic(mechanics, time, q, v),
+        affine=jnp.asarray(True)
+        if system.slip is None
+        else _is_affine(lambda v: mechanics.slip(time, q, v), v),
         gaps=opening.gap,
         gradients=jnp.all(jnp.isfinite(jacobian), axis=1) & jnp.isfinite(opening.rate),
         pressed=pressed,
@@ -165,13 +171,18 @@ def _with_springs(mechanics: Mechanics, state: SystemState, opening: Opening) ->
 
 
 def _is_quadratic(mechanics: Mechanics, time: Number, q: Vector, v: Vector) -> Flag:
-    """Test whether momenta are linear in v; they are without a Lagrangian."""
+    """Test whether momenta are affine in v; they are without a Lagrangian."""
     energy = mechanics.system._energy
     if energy is None:
         return jnp.asarray(True)
-    momentum = jax.grad(lambda v: energy.lagrangian(time, q, v, mechanics.args))
+    return _is_affine(jax.grad(lambda v: energy.lagrangian(time, q, v, mechanics.args)), v)
+
+
+def _is_affine(function: Callable[[Vector], Array], v: Vector) -> Flag:
+    """Test whether a function of v is affine."""
     speeds = 1 + jnp.abs(v)
-    expected = mechanics.mass(time, q) @ speeds
-    got = momentum(speeds) - momentum(jnp.zeros_like(v))
-    allowed = jnp.sqrt(jnp.finfo(q.dtype).eps) * (jnp.max(jnp.abs(expected)) + jnp.abs(got))
+    at_rest, expected = jax.jvp(function, (jnp.zeros_like(v),), (speeds,))
+    got = function(speeds) - at_rest
+    largest = jnp.max(jnp.abs(expected)) + jnp.max(jnp.abs(at_rest))
+    allowed = jnp.sqrt(jnp.finfo(v.dtype).eps) * (largest + jnp.abs(got))
     return jnp.all(jnp.abs(got - expected) <= allowed)

@@ -36,6 +36,12 @@ def text_table(
     return lines
 
 
+def abridged(rows: Sequence[Sequence[str]], most: int = 13) -> list[Sequence[str]]:
+    """Return the rows of a table; of more than `most`, the first ones and the last."""
+    rows = list(rows)
+    return rows if len(rows) <= most else [*rows[: most - 1], ["..."], rows[-1]]
+
+
 def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """Return the lines of a table in Markdown."""
     lines = [

@@ -69,9 +69,7 @@ def solved(law, stiffness, exponent, duration):
     ids=["thornton", "viscoplastic", "walton braun", "hu guo", "dashpot", "strong dashpot"],
 )
 def test_table_and_impact_end_together(law, stiffness, exponent, duration, pushes, known):
-    (value, slope), (expected, rate) = solved(law, stiffness, exponent, duration)(
-        jnp.array(pushes)
-    )
+    (value, slope), (expected, rate) = solved(law, stiffness, exponent, duration)(jnp.array(pushes))
     np.testing.assert_allclose(value[:, :2], expected[:, :2], rtol=BESIDE)
     np.testing.assert_allclose(slope[:, :2], rate[:, :2], rtol=BESIDE, atol=1e-9)
     np.testing.assert_allclose(value[:, 2], expected[:, 2], rtol=PEAK)

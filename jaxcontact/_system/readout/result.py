@@ -17,7 +17,7 @@ from ..._program import quick
 from ..._scene.readout.columns import write_csv
 from ..._scene.result import Ending
 from ..._text.failure import Flagged
-from ..._text.table import text_table
+from ..._text.table import abridged, text_table
 from ..log import SystemLog
 from ..problem import SystemProblem
 from .dataset import dataset
@@ -85,11 +85,9 @@ class SystemContacts(eqx.Module):
         rows = [
             [f"{columns['time'][k]:.9g}", str(columns["gap"][k])]
             + [f"{columns[name][k]:.6g}" for name in names]
-            for k in [*range(min(count, 12)), *([-1] if count > 12 else [])]
+            for k in range(count)
         ]
-        if count > 12:
-            rows.insert(-1, ["..."])
-        lines = text_table(rows, header=header, indent=2, rule=True)
+        lines = text_table(abridged(rows), header=header, indent=2, rule=True)
         return "\n".join([f"{count} contact{'s' * (count != 1)}", *lines])
 
 
@@ -117,12 +115,9 @@ class SystemPhases(eqx.Module):
         keep = np.flatnonzero(np.asarray(self.valid))
         words = {0: "sticks", 1: "slides forwards", -1: "slides backwards"}
         rows = [
-            [f"{self.time[k]:.9g}", str(self.gap[k]), words[int(self.direction[k])]]
-            for k in [*keep[:12], *(keep[-1:] if len(keep) > 12 else [])]
+            [f"{self.time[k]:.9g}", str(self.gap[k]), words[int(self.direction[k])]] for k in keep
         ]
-        if len(keep) > 12:
-            rows.insert(-1, ["..."])
-        lines = text_table(rows, header=["start/s", "gap", "phase"], indent=2, rule=True)
+        lines = text_table(abridged(rows), header=["start/s", "gap", "phase"], indent=2, rule=True)
         return "\n".join([f"{len(keep)} phase{'s' * (len(keep) != 1)}", *lines])
 
 
@@ -156,6 +151,11 @@ class SystemMargin(eqx.Module):
         on access.
         """
         return _growth(self._problem, self._peak, self._log.rows)
+
+    def __repr__(self) -> str:
+        least = "" if self.painleve is None else f", painleve={shown(self.painleve)}"
+        speed = shown(self.closing_speed)
+        return f"SystemMargin(time={shown(self.time)} s, closing_speed={speed} m/s{least})"
 
 
 class SystemRun(Flagged, eqx.Module):
