@@ -89,10 +89,8 @@ def scales_of(problem: SystemProblem, state: SystemState) -> Scales:
     follow from the motion of a state, and have no derivative.
     """
     problem, state = jax.lax.stop_gradient((problem, state))
-    mechanics, (n, stiffness) = (
-        problem.mechanics,
-        (problem.contact.exponent, problem.contact.stiffness),
-    )
+    mechanics, contact = problem.mechanics, problem.contact
+    n, stiffness = contact.exponent, contact.stiffness
     t, q, v = state.time, state.position, state.velocity
     # A gap may be stationary where it starts, in the middle of a bearing, but not nearby.
     finest = math.sqrt(jnp.finfo(q.dtype).eps)

@@ -270,11 +270,9 @@ def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None)
 def _is_singular(problem: SystemProblem, state: SystemState) -> Flag:
     """Return whether the mass matrix is finite but not positive definite just after a state."""
     ahead = jnp.finfo(state.time.dtype).eps ** 0.6 * problem.stops[-1]
-    mechanics, rate = (
-        problem.mechanics,
-        problem.mechanics.rate(state.time, state.position, state.velocity),
-    )
-    mass = mechanics.mass(state.time + ahead, state.position + ahead * rate)
+    mechanics, q = problem.mechanics, state.position
+    q = q + ahead * mechanics.rate(state.time, q, state.velocity)
+    mass = mechanics.mass(state.time + ahead, q)
     solved = solve_mass(mass, jnp.ones_like(state.velocity))
     return jnp.all(jnp.isfinite(mass)) & ~jnp.all(jnp.isfinite(solved))
 

@@ -25,7 +25,7 @@ from .._coupled.steps.loop import CoupledStart, first_carry
 from .._coupled.steps.step import advance
 from .field import SystemField
 from .log import SystemLog, empty_log, with_event
-from .problem import Scales, SystemProblem, SystemState, scales_of
+from .problem import SystemProblem, SystemState, scales_of
 
 MOST_STEPS = 10**6
 """The limit of steps, which no run should reach."""

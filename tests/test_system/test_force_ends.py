@@ -51,7 +51,7 @@ def solved(law, stiffness, exponent, duration):
         return jnp.stack([hit.restitution, hit.duration, hit.max_force])
 
     def both(push):
-        return [jax.jvp(lambda v: f(v, push), (1.0,), (1.0,)) for f in (mechanism, alone)]
+        return [jax.jvp(f, (1.0, push), (1.0, 0.0)) for f in (mechanism, alone)]
 
     return jax.jit(jax.vmap(both))
 
@@ -137,7 +137,11 @@ def test_slopes_behind_a_dashpot_are_exact(compiled):
         return jax.jvp(end, (force,), (jnp.ones_like(force),))
 
     forces = np.linspace(2.8, 3.2, 9 if compiled else 2)
-    found = jax.jit(jax.vmap(both))(forces) if compiled else zip(*map(both, jnp.array(forces)))
+    found = (
+        jax.jit(jax.vmap(both))(forces)
+        if compiled
+        else zip(*map(both, jnp.array(forces)), strict=True)
+    )
     values, slopes = map(np.array, found)
     with mpmath.workdps(30):
         exact = [(float(exact_speed(f)), float(mpmath.diff(exact_speed, f))) for f in forces]
