@@ -31,9 +31,10 @@ class Status(WordedEnum):
 class Impact(Flagged, eqx.Module):
     """The summary of an impact; every array has the broadcast shape of law, contact and speed.
 
-    - `restitution`: e = -v(+)/v(-), dimensionless.
-    - `rebound_velocity` in m/s, and `max_indentation` in m.
-    - `duration`, `compression_time`: of contact, and until the indentation is largest, in s.
+    - `restitution`: e = -v(+)/v(-), dimensionless, with v(+) at the end of the contact: where its
+      force vanishes for good, at δ = 0 or before.
+    - `rebound_velocity` of that moment in m/s, and `max_indentation` in m.
+    - `duration` up to it, `compression_time` until the indentation is largest, in s.
     - `max_force`: in N, the largest force of the whole contact.
     - `energy_loss`: in J.
     - `min_force`: in N, the least force, negative if the contact pulls. None for laws that cannot

@@ -82,8 +82,8 @@ class Impacts(eqx.Module):
     - `first`, `second`: the bodies by their number in the scene.
     - `face`: the face of a box, -1 for other bodies.
     - `closing_speed`: in m/s. In a coupled solve it is the v0 of the law.
-    - `restitution`: as delivered.
-    - `duration`: in s. For a series of bounces, up to its end.
+    - `restitution`: as delivered, where the force vanishes for good.
+    - `duration`: in s, up to that moment. For a series of bounces, up to its end.
     - `max_force`: in N, infinite for an instantaneous impact.
     - `energy_loss`: in J, within the run.
     - `turn`: the turn of the line of centres in rad. `solved_by`: the method, see `SolvedBy`.

@@ -12,8 +12,11 @@ import scipy.optimize
 import jaxcontact as jc
 
 BESIDE = 2e-8
-"""Of e, duration and their slopes beside `impact`, relative. Measured at most 4e-12 at rtol 1e-9,
-but 8e-11 for slopes, and 5e-9 where a force of rounding ends (e = .03)."""
+"""Of e and duration beside `impact`, relative. Measured at most 4e-11 at rtol 1e-9, and 5e-9 where
+a force of rounding ends (e = .03)."""
+
+SLOPES = 3e-7
+"""Of their slopes by speed, relative. Measured at most 8e-8 at rtol 1e-9, 3e-9 at 1e-11."""
 
 PEAK = 1e-6
 """Of the largest force, which is read between steps. Measured 2e-7."""
@@ -71,7 +74,7 @@ def solved(law, stiffness, exponent, duration):
 def test_table_and_impact_end_together(law, stiffness, exponent, duration, pushes, known):
     (value, slope), (expected, rate) = solved(law, stiffness, exponent, duration)(jnp.array(pushes))
     np.testing.assert_allclose(value[:, :2], expected[:, :2], rtol=BESIDE)
-    np.testing.assert_allclose(slope[:, :2], rate[:, :2], rtol=BESIDE, atol=1e-9)
+    np.testing.assert_allclose(slope[:, :2], rate[:, :2], rtol=SLOPES, atol=1e-9)
     np.testing.assert_allclose(value[:, 2], expected[:, 2], rtol=PEAK)
     np.testing.assert_allclose(slope[:, 2], rate[:, 2], rtol=PEAK)
     if known is not None:

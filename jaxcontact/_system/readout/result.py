@@ -33,8 +33,9 @@ class SystemContacts(eqx.Module):
     - `gap`: its number among the gaps.
     - `time`: of touch, in s.
     - `closing_speed`: at touch, in m/s.
-    - `restitution`: the opening speed at the end over the closing speed at touch.
-    - `duration`: in s, up to the last force.
+    - `restitution`: the opening speed where the force vanishes for good over the closing speed at
+      touch, as of an `Impact`.
+    - `duration`: in s, up to that moment.
     - `max_force`: in N. `max_depth`: the largest indentation in m.
     - `energy_loss`: in J.
     - `valid`: False in blank rows.
