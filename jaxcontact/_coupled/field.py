@@ -37,8 +37,8 @@ class Grip(NamedTuple):
 class Look(NamedTuple):
     """The indentations at the end of a step, their first and second rates, and the forces; or the
     slopes of all four in s. `grip` is that of contacts that stick and slip. `press` falls through
-    zero where a force vanishes that may do so before its contact opens. What is known elsewhere is
-    None.
+    zero where a force vanishes that may do so before its contact opens. Parts that are not needed
+    are None.
     """
 
     depth: Any
@@ -281,7 +281,7 @@ class AbstractCoupledField(abc.ABC):
         if modes.adheres is not None:
             back = jnp.where(modes.adheres, -at.rate, at.depth - least)
             gaps.append(jnp.where(modes.loads, at.rate, back))
-        if modes.faded is not None:
+        if modes.faded is not None and at.press is not None:
             gaps.append(jnp.where(modes.faded, -at.press, at.press))
         slips = [] if at.grip is None else [at.grip.hold]
         return jnp.concatenate([*gaps, *slips, left[None]])

@@ -159,8 +159,9 @@ class AbstractLaw(eqx.Module):
         scale = scale_of(contact, speed)
         form, closes = self.form(contact, scale), rate > 0
         if self.remembers and deepest is not None:
-            form, closes = form.remembering(deepest / scale.length), jnp.asarray(deepest) <= 0
-        x, v = indentation / scale.length, rate / speed
+            largest = jnp.asarray(deepest)
+            form, closes = form.remembering(largest / scale.length), largest <= 0
+        x, v = jnp.asarray(indentation) / scale.length, rate / speed
         return form.pressing(x, v, contact.exponent, closes)
 
     def _adheres_below(self, largest: ArrayLike) -> Float[Array, "..."]:

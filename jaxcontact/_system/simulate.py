@@ -21,8 +21,7 @@ from .log import SystemLog
 from .mass_matrix import solve_mass
 from .mechanics import Mechanics, Vector
 from .problem import SystemProblem, SystemState
-from .readout.contacts import contacts_of
-from .readout.phases import phases_of
+from .readout.contacts import contacts_of, phases_of
 from .readout.reading import SystemStates, reading_of, solved, solved_from_start
 from .readout.result import SystemContacts, SystemMargin, SystemPhases, SystemRun, read_states
 from .solve import SystemEnd, SystemRules

@@ -168,7 +168,7 @@ def test_sliding_alone_determines_nothing_but_mu():
 
 def test_laws_that_do_not_apply_are_left_out():
     """The table of Maw-Barber-Fawcett needs n = 3/2."""
-    from jaxcontact._calibration.oblique.candidates import candidates_of
+    from jaxcontact._calibration.oblique.choose_friction import candidates_of
 
     contact = jc.Contact(1.0, 1.0, 2.0)
     there = measurements(

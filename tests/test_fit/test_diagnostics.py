@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcontact._fit.posterior.diagnostics import r_hat_and_effective
+from jaxcontact._fit.posterior.posterior import r_hat_and_effective
 
 SAME = 1e-9
 """Two programs of one definition: 1e-13 was seen."""

@@ -1,27 +1,109 @@
-"""The choice of the friction law that describes measured oblique impacts."""
+"""The choice among friction laws by measured oblique impacts, and the next angle to measure."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Unpack
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Bool
 
 from ..._contact import Contact
+from ..._entry import rendered
 from ..._fit import Fit, compared, undecided
 from ..._fit.keywords import SearchKeywords, takes
-from ..._friction import AbstractFriction
+from ..._friction import AbstractFriction, MawBarberFawcett, RigidCoulomb, WaltonFriction
 from ..._impact import RoundBodies
 from ..._laws import AbstractLaw
 from ..._text.progress import stages_of
 from ..._text.words import counted
-from .candidates import candidates_of
 from .fit_oblique import columns_of, fitted
 from .friction_choice import FrictionChoice, said
 from .measurements import Measurements, measurements
-from .next_angle import next_angle
+from .model import ObliqueModel
+
+_MU, _BETA0, _RATIO = 0.2, 0.3, 0.8
+"""Starts; a grid follows."""
+
+
+def candidates_of(
+    given: Any, there: Measurements
+) -> tuple[dict[str, AbstractFriction], dict[str, str]]:
+    """Return the friction laws to compare by name, and those that do not apply, with the reason.
+
+    Without `given` ones these are rigid Coulomb, Walton and Maw-Barber-Fawcett. The last has the
+    ratio of the contact, which is fitted if it is unknown.
+    """
+    if given is not None:
+        return _given(given), {}
+    ratio = _RATIO if there.model.contact.tangential_ratio is None else None
+    laws: dict[str, AbstractFriction] = {
+        "rigid Coulomb": RigidCoulomb(_MU),
+        "Walton": WaltonFriction(_MU, _BETA0),
+        "Maw-Barber-Fawcett": MawBarberFawcett(_MU, ratio),
+    }
+    left_out = {name: why for name, law in laws.items() if (why := _refusal(law, there))}
+    return {name: law for name, law in laws.items() if name not in left_out}, left_out
+
+
+def _refusal(law: AbstractFriction, there: Measurements) -> str:
+    """Return why a friction law has no formula for this contact; "" if it has one."""
+    kinds = {name: jax.ShapeDtypeStruct(np.shape(x), float) for name, x in there.x.items()}
+    try:
+        with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+            jax.eval_shape(lambda x: there.model.formula(law, x), kinds)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def _given(laws: Any) -> dict[str, AbstractFriction]:
+    """Return friction laws given by name; raise ValueError for anything else."""
+    good = isinstance(laws, Mapping) and len(laws) > 1
+    good = good and all(isinstance(one, AbstractFriction) for one in laws.values())
+    if not good or not all(isinstance(name, str) for name in laws):
+        raise ValueError(
+            "Argument `friction` must be None or a dict of at least two friction laws by name, but "
+            f"is {rendered(laws)}."
+        )
+    return dict(laws)
+
+
+_DEGREES = np.arange(1.0, 86.0)
+
+_ALIKE = 2e-3
+"""Difference of v_t'/v_t that no measurement resolves."""
+
+_curve = eqx.filter_jit(ObliqueModel.__call__)
+
+
+def next_angle(best: Fit, rivals: Sequence[Fit], there: Measurements) -> str:
+    """Return where to measure next, in words; "" without rivals."""
+    if not rivals:
+        return ""
+    speed = float(np.median(np.hypot(*there.x.values())))
+    angle = np.radians(_DEGREES)
+    x = {"velocity": speed * np.cos(angle), "tangential_velocity": speed * np.sin(angle)}
+    model = dataclasses.replace(there.model, fields=("tangential_restitution",))
+    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        places = {name: jnp.asarray(values) for name, values in x.items()}
+        curves = [
+            np.asarray(_curve(model, fit.params, places)["tangential_restitution"])
+            for fit in (best, *rivals)
+        ]
+    apart = np.min([np.abs(curve - curves[0]) for curve in curves[1:]], axis=0)
+    i = int(np.nanargmax(apart))
+    if not apart[i] > _ALIKE:
+        return "These laws differ at no angle by more than a measurement resolves."
+    return (
+        f"They differ most at an angle of impact of {_DEGREES[i]:.0f} degrees from the normal, by "
+        f"{apart[i]:.2g} in v_t'/v_t: measure there."
+    )
+
 
 _FOLDS = 4
 _ROUNDS = 2

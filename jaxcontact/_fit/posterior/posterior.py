@@ -11,6 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ..._entry import (
     FRACTION,
@@ -27,10 +28,31 @@ from ..search.inference import Direction
 from ..search.minimum import SINGULAR
 from ..uncertainty.adequacy import adequacy_of
 from .density import Density
-from .diagnostics import r_hat_and_effective
 from .mode import Mode, find_mode, root_of
 from .nuts import Draws, draw
 from .prior import centre_of, prior_of
+
+_TAILS = 0.05, 0.95
+_FEWEST = 4
+"""Least draws of a chain whose halves have a variance."""
+
+
+def r_hat_and_effective(draws: Float[np.ndarray, "chains draws"]) -> tuple[float, float]:
+    """Return the rank-normalised split R-hat, and the smaller effective size of bulk and tails.
+
+    R-hat is the larger of that of the draws and of their distances from the median. Both numbers
+    are NaN for fewer than four draws of a chain, and for constant draws.
+    """
+    if draws.shape[1] < _FEWEST or not np.isfinite(draws).all() or np.ptp(draws) == 0:
+        return np.nan, np.nan
+    from arviz_stats.base.array import array_stats
+
+    with np.errstate(divide="ignore", invalid="ignore"):  # chains that do not move
+        bulk = array_stats.ess(draws, method="bulk")
+        tail = array_stats.ess(draws, method="tail", prob=_TAILS)
+        r_hat = np.asarray(array_stats.rhat(draws))
+        return float(r_hat), float(np.minimum(bulk, tail))
+
 
 LARGEST_R_HAT = 1.01
 FEWEST_EFFECTIVE = 400

@@ -259,8 +259,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         whole = jnp.where(fine & (crossed | seeking) & ~event, whole, 0)
 
         leaves = event & (phase == _OPENS)
-        apart = y[_W] <= 1e-9
-        done = (leaves & apart) | (event & (phase == _COASTS))
+        done = (leaves & (y[_W] <= 1e-9)) | (event & (phase == _COASTS))
         peak, deepest = event & (phase == _RISES), turned
         velocity = fixed.velocity(stop(y))
         inwards = (phase >= _OPENS) & taken & ~event & (velocity > 0)
@@ -286,7 +285,6 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     static, creeping = problem.rest()
     start = problem.start()
     zero = jnp.zeros_like(start[_T])
-    skipped = problem.skip > 0
     # A strong outward pull ends a contact early, at x of the order of its inverse.
     early = jnp.sqrt(1 + jnp.abs(frozen.push) + jnp.abs(frozen.swirl))
     begin = jnp.asarray(0.1, dtype) / early
@@ -304,7 +302,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         delivered=zero,
         error=zero,
         steps=jnp.zeros((), jnp.int32),
-        done=skipped,
+        done=problem.skip > 0,
         settled=jnp.zeros((), bool),
     )
     end = jax.lax.while_loop(unfinished, advance, varying(start[_T], first))
@@ -316,9 +314,8 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     e = -problem.velocity(end.y)
     # The error of ½e² as an error of e.
     doubt = jnp.minimum(imbalance / jnp.maximum(stop(e), 1e-6), jnp.sqrt(2 * imbalance))
-    settled = end.settled
     # Bodies that creep to rest do not turn: their largest indentation is the static one.
-    creeps = settled & (end.phase < _OPENS)
+    creeps = end.settled & (end.phase < _OPENS)
     deepest = jnp.where(creeping, static, problem.indentation(end.y))
     deepest = jnp.where(creeps, deepest, end.max_indentation)
     strongest = jnp.maximum(end.max_force, problem.push)
@@ -330,8 +327,8 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         duration=end.duration,
         max_force=jnp.where(creeps, strongest, end.max_force),
         max_indentation=deepest,
-        energy_loss=jnp.where(settled, 1, 2 * end.y[_LOSS]),
+        energy_loss=jnp.where(end.settled, 1, 2 * end.y[_LOSS]),
         error=jnp.maximum(doubt, end.error),
         done=end.done,
-        settled=settled,
+        settled=end.settled,
     )
