@@ -6,7 +6,7 @@ import abc
 import dataclasses
 import functools
 import inspect
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -45,6 +45,15 @@ _TENSION: dict[str, Any] = {"static": True, "converter": as_tension}
 def _is_abstract(cls: type) -> bool:
     """Return whether a class has abstract methods, even before its abstract flag is set."""
     return any(getattr(getattr(cls, n, None), "__isabstractmethod__", False) for n in dir(cls))
+
+
+class Moment(NamedTuple):
+    """A contact at one moment, by the arguments of `AbstractLaw.force`."""
+
+    indentation: ArrayLike
+    velocity: ArrayLike
+    contact: Contact
+    impact_velocity: ArrayLike
 
 
 class AbstractLaw(eqx.Module):
@@ -133,36 +142,22 @@ class AbstractLaw(eqx.Module):
         closing speed v0 in m/s at the moment of touch. All of them broadcast.
         """
 
-    def _force_after(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        deepest: ArrayLike,
-    ) -> Float[Array, "..."]:
+    def _force_after(self, at: Moment, deepest: ArrayLike) -> Float[Array, "..."]:
         """Return the force of a contact that unloads from `deepest`, or loads if that is 0."""
         # Only laws that remember have this.
         raise NotImplementedError
 
-    def _pressing(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        deepest: ArrayLike | None,
-    ) -> Float[Array, "..."]:
+    def _pressing(self, at: Moment, deepest: ArrayLike | None) -> Float[Array, "..."]:
         """Return the number for `pressing`."""
         # Only laws that fade have this.
-        rate, speed = jnp.asarray(velocity), jnp.asarray(impact_velocity)
-        scale = scale_of(contact, speed)
-        form, closes = self.form(contact, scale), rate > 0
+        rate, speed = jnp.asarray(at.velocity), jnp.asarray(at.impact_velocity)
+        scale = scale_of(at.contact, speed)
+        form, closes = self.form(at.contact, scale), rate > 0
         if self.remembers and deepest is not None:
             largest = jnp.asarray(deepest)
             form, closes = form.remembering(largest / scale.length), largest <= 0
-        x, v = jnp.asarray(indentation) / scale.length, rate / speed
-        return form.pressing(x, v, contact.exponent, closes)
+        x, v = jnp.asarray(at.indentation) / scale.length, rate / speed
+        return form.pressing(x, v, at.contact.exponent, closes)
 
     def _adheres_below(self, largest: ArrayLike) -> Float[Array, "..."]:
         """Return the indentation in m below which a contact that unloads follows its adhesion."""
@@ -174,14 +169,7 @@ class AbstractLaw(eqx.Module):
         """Return the largest indentation in m of a contact that closes again from there."""
         raise NotImplementedError
 
-    def _force_of_closed(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        deepest: ArrayLike | None,
-    ) -> Float[Array, "..."]:
+    def _force_of_closed(self, at: Moment, deepest: ArrayLike | None) -> Float[Array, "..."]:
         """Return the force for `force_of_closed`."""
         # Only laws that end apart have these two.
         raise NotImplementedError
@@ -191,11 +179,7 @@ class AbstractLaw(eqx.Module):
         raise NotImplementedError
 
     def _energies(
-        self,
-        indentation: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        largest: ArrayLike,
+        self, indentation: ArrayLike, contact: Contact, speed: ArrayLike, largest: ArrayLike
     ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         """Return the energy in J that unloading returns, and that which the contact has kept;
         `largest` is its largest indentation so far.
@@ -248,9 +232,9 @@ def force_of(
     The package's laws clamp their own force; a user's law need not. `deepest` is the largest
     indentation in m of a contact that unloads, 0 for one that loads, for a law that `remembers`.
     """
-    at = indentation, velocity, contact, impact_velocity
+    at = Moment(indentation, velocity, contact, impact_velocity)
     if law.remembers and deepest is not None:
-        force = law._force_after(*at, deepest)
+        force = law._force_after(at, deepest)
     else:
         force = law.force(*at)
     return force if law.tension else jnp.where(force < 0, 0, force)
@@ -267,8 +251,8 @@ def force_of_closed(
     """Return `force_of` for a contact known to be closed. If the law `ends_apart`, the force
     continues beyond its end, smoothly in √(δ - δ_end).
     """
-    at = indentation, velocity, contact, impact_velocity, deepest
-    return law._force_of_closed(*at) if law.ends_apart else force_of(law, *at)
+    at = Moment(indentation, velocity, contact, impact_velocity)
+    return law._force_of_closed(at, deepest) if law.ends_apart else force_of(law, *at, deepest)
 
 
 def pressing(
@@ -282,20 +266,16 @@ def pressing(
     """Return a number of order one with the sign of the force before it is clamped, and with a
     slope where that vanishes, for a law that `fades`. The arguments are those of `force_of`.
     """
-    return law._pressing(indentation, velocity, contact, impact_velocity, deepest)
+    return law._pressing(Moment(indentation, velocity, contact, impact_velocity), deepest)
 
 
 def energies_of(
-    law: AbstractLaw,
-    indentation: ArrayLike,
-    contact: Contact,
-    impact_velocity: ArrayLike,
-    largest: ArrayLike,
+    law: AbstractLaw, indentation: ArrayLike, contact: Contact, speed: ArrayLike, largest: ArrayLike
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Return the energy in J that unloading returns, and that which the contact has kept, for a law
     that `remembers` or `ends_apart`; `largest` is its largest indentation so far in m.
     """
-    return law._energies(indentation, contact, impact_velocity, largest)
+    return law._energies(indentation, contact, speed, largest)
 
 
 def end_of(law: AbstractLaw, contact: Contact) -> Float[Array, "..."]:

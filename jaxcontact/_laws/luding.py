@@ -9,7 +9,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, as_parameter, parameter
 from .._forms import Exponent, LudingForm
-from .base import AbstractLaw, contact_for, force_arguments, needed, require_exponent
+from .base import AbstractLaw, Moment, contact_for, force_arguments, needed, require_exponent
 from .plastic import STIFFER
 from .registry import register_law
 
@@ -91,26 +91,15 @@ class Luding(AbstractLaw):
         """Return F/K as a form of δ in m."""
         return LudingForm(factor=self.ratio, slope=self.slope, adhesion=self.adhesion)
 
-    def _force_after(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        deepest: ArrayLike,
-    ) -> Float[Array, "..."]:
-        require_exponent(self, contact)
-        depth, most = jnp.maximum(jnp.asarray(indentation), 0), jnp.asarray(deepest)
+    def _force_after(self, at: Moment, deepest: ArrayLike) -> Float[Array, "..."]:
+        require_exponent(self, at.contact)
+        depth, most = jnp.maximum(jnp.asarray(at.indentation), 0), jnp.asarray(deepest)
         factor, end = self._of_depths().unloading(jnp.maximum(most, 0))
         back = jnp.where(most < 0, -self.adhesion * depth, factor * (depth - end))
-        return contact.stiffness * jnp.where(most == 0, depth, back)
+        return at.contact.stiffness * jnp.where(most == 0, depth, back)
 
     def _energies(
-        self,
-        indentation: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        largest: ArrayLike,
+        self, indentation: ArrayLike, contact: Contact, speed: ArrayLike, largest: ArrayLike
     ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         largest, stiffness = jnp.asarray(largest), contact.stiffness
         form, depth = self._of_depths(), jnp.maximum(jnp.asarray(indentation), 0)

@@ -19,7 +19,7 @@ from .._forms import (
     YieldingForm,
     scale_of,
 )
-from .base import AbstractLaw, contact_for, force_arguments, needed, require_exponent
+from .base import AbstractLaw, Moment, contact_for, force_arguments, needed, require_exponent
 from .registry import register_law
 
 if TYPE_CHECKING:
@@ -70,29 +70,18 @@ class AbstractPlastic(AbstractLaw):
         if largest is not None:
             most = as_parameter(largest, "largest")
             deepest = jnp.where(depth >= most, 0, most)
-        return self._force_after(depth, velocity, contact, impact_velocity, deepest)
+        return self._force_after(Moment(depth, velocity, contact, impact_velocity), deepest)
 
-    def _force_after(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        deepest: ArrayLike,
-    ) -> Float[Array, "..."]:
-        depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
-        require_exponent(self, contact)
+    def _force_after(self, at: Moment, deepest: ArrayLike) -> Float[Array, "..."]:
+        depth, rate, _ = force_arguments(*at)
+        require_exponent(self, at.contact)
         deepest = jnp.asarray(deepest)
-        form = self._over_stiffness(contact).remembering(deepest)
+        form = self._over_stiffness(at.contact).remembering(deepest)
         force = form.force(jnp.maximum(depth, 0), rate, form.own_exponent, deepest <= 0)
-        return contact.stiffness * jnp.maximum(force, 0)
+        return at.contact.stiffness * jnp.maximum(force, 0)
 
     def _energies(
-        self,
-        indentation: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        largest: ArrayLike,
+        self, indentation: ArrayLike, contact: Contact, speed: ArrayLike, largest: ArrayLike
     ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         largest = jnp.asarray(largest)
         form, stiffness = self._over_stiffness(contact).remembering(largest), contact.stiffness

@@ -11,7 +11,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._entry import NOT_NEGATIVE, as_parameter, parameter
 from .._forms import LOSS, AbstractForm, DMTForm, JKRForm, jkr_energy, jkr_force, jkr_snap
 from .._functions import power
-from .base import AbstractLaw, contact_for, force_arguments, needed, require_exponent
+from .base import AbstractLaw, Moment, contact_for, force_arguments, needed, require_exponent
 from .registry import register_law
 
 if TYPE_CHECKING:
@@ -132,16 +132,9 @@ class JKR(AbstractAdhesive):
         require_exponent(self, contact)
         return self._jkr(depth, contact, goes_on=False)
 
-    def _force_of_closed(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        deepest: ArrayLike | None,
-    ) -> Float[Array, "..."]:
-        require_exponent(self, contact)
-        return self._jkr(jnp.asarray(indentation), contact, goes_on=True)
+    def _force_of_closed(self, at: Moment, deepest: ArrayLike | None) -> Float[Array, "..."]:
+        require_exponent(self, at.contact)
+        return self._jkr(jnp.asarray(at.indentation), at.contact, goes_on=True)
 
     def _jkr(self, depth: Array, contact: Contact, goes_on: bool) -> Float[Array, "..."]:
         stiffness = contact.stiffness
@@ -151,11 +144,7 @@ class JKR(AbstractAdhesive):
         return jkr_snap(self.pull_off / contact.stiffness)
 
     def _energies(
-        self,
-        indentation: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        largest: ArrayLike,
+        self, indentation: ArrayLike, contact: Contact, speed: ArrayLike, largest: ArrayLike
     ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
         depth, stiffness = jnp.asarray(indentation), contact.stiffness
         energy = stiffness * jkr_energy(depth, self.pull_off / stiffness)

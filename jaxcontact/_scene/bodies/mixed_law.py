@@ -17,6 +17,7 @@ from ..._forms import Exponent
 from ..._friction import AbstractFriction
 from ..._laws import (
     AbstractLaw,
+    Moment,
     adhesion_below,
     end_of,
     energies_of,
@@ -83,55 +84,30 @@ class MixedLaw(AbstractLaw):
         at = indentation, velocity, contact, impact_velocity
         return self._chosen(*(force_of(law, *at) for law in self.laws))
 
-    def _force_of_closed(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        deepest: ArrayLike | None,
-    ) -> Float[Array, "..."]:
+    def _force_of_closed(self, at: Moment, deepest: ArrayLike | None) -> Float[Array, "..."]:
         # The other laws are not defined at δ < 0.
-        pressed, at = jnp.maximum(indentation, 0), (velocity, contact, impact_velocity, deepest)
-        depths = (indentation if law.ends_apart else pressed for law in self.laws)
-        forces = (force_of_closed(*both, *at) for both in zip(self.laws, depths, strict=True))
+        pressed = at._replace(indentation=jnp.maximum(at.indentation, 0))
+        moments = ((law, at if law.ends_apart else pressed) for law in self.laws)
+        forces = (force_of_closed(law, *moment, deepest) for law, moment in moments)
         return self._chosen(*forces)
 
-    def _pressing(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        deepest: ArrayLike | None,
-    ) -> Float[Array, "..."]:
-        at = indentation, velocity, contact, impact_velocity, deepest
-        one = jnp.ones_like(jnp.asarray(velocity))
-        return self._chosen(*(pressing(law, *at) if law.fades else one for law in self.laws))
+    def _pressing(self, at: Moment, deepest: ArrayLike | None) -> Float[Array, "..."]:
+        one = jnp.ones_like(jnp.asarray(at.velocity))
+        return self._chosen(
+            *(pressing(law, *at, deepest) if law.fades else one for law in self.laws)
+        )
 
     def _end_indentation(self, contact: Contact) -> Float[Array, "..."]:
         zero = jnp.zeros_like(contact.stiffness)
         return self._chosen(*(end_of(x, contact) if x.ends_apart else zero for x in self.laws))
 
-    def _force_after(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        deepest: ArrayLike,
-    ) -> Float[Array, "..."]:
-        at = indentation, velocity, contact, impact_velocity, deepest
-        return self._chosen(*(force_of(law, *at) for law in self.laws))
+    def _force_after(self, at: Moment, deepest: ArrayLike) -> Float[Array, "..."]:
+        return self._chosen(*(force_of(law, *at, deepest) for law in self.laws))
 
     def _energies(
-        self,
-        indentation: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        largest: ArrayLike,
+        self, indentation: ArrayLike, contact: Contact, speed: ArrayLike, largest: ArrayLike
     ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-        depth, speed = jnp.asarray(indentation), jnp.asarray(impact_velocity)
+        depth, speed = jnp.asarray(indentation), jnp.asarray(speed)
 
         def of(law: AbstractLaw) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
             if law.remembers or law.ends_apart:
