@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from .clock import ContactClock
-from .cubic import ceiling, highest
+from .interpolation import ceiling, highest
 from .modes import Flags, Modes, PerContact
 from .scalars import Flag, Index, Number
 

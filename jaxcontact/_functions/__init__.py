@@ -7,10 +7,10 @@ from .elementary import kappa_and_psi as kappa_and_psi
 from .elementary import log1p_over as log1p_over
 from .elementary import log_remainder as log_remainder
 from .elementary import log_remainder_over as log_remainder_over
+from .elementary import power as power
 from .elementary import psi as psi
 from .elementary import sinc_root as sinc_root
 from .elementary import speed_of as speed_of
-from .powers import power as power
 from .products import Product as Product
 from .products import contraction as contraction
 from .products import product_in_place as product_in_place

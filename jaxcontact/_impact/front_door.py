@@ -33,8 +33,8 @@ from .._laws import (
     require_exponent,
     require_law,
 )
+from .motion.ending import NeckMotion
 from .motion.motion import Motion
-from .motion.neck import NeckMotion
 from .motion.plastic import PlasticMotion
 
 SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)

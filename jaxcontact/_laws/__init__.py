@@ -20,6 +20,7 @@ from .hunt_crossley import ConstantDamping as ConstantDamping
 from .hunt_crossley import Damped as Damped
 from .hunt_crossley import Hertz as Hertz
 from .hunt_crossley import MarhefkaOrin as MarhefkaOrin
+from .hunt_crossley import PowerDamping as PowerDamping
 from .linear_damping import LinearDashpot as LinearDashpot
 from .linear_damping import StepDamping as StepDamping
 from .luding import Luding as Luding
@@ -35,7 +36,6 @@ from .plastic import ThorntonPlastic as ThorntonPlastic
 from .plastic import Viscoplastic as Viscoplastic
 from .plastic import WaltonBraun as WaltonBraun
 from .plastic import plastic_restitution as plastic_restitution
-from .power_damping import PowerDamping as PowerDamping
 from .published import CarvalhoMartins as CarvalhoMartins
 from .published import Flores as Flores
 from .published import Gonthier as Gonthier

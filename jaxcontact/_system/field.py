@@ -13,10 +13,10 @@ from jaxtyping import Array, Float
 
 from .._contact import Contact
 from .._coupled.clock import ContactClock
-from .._coupled.ends import in_contact
+from .._coupled.energies import in_contact, stored_energy
 from .._coupled.field import TIME, AbstractCoupledField, Grip, Look, LoopRules, Settled, W
+from .._coupled.interpolation import EndOfStep, parts_of_step, quintic, vertex
 from .._coupled.modes import SLOWEST, Flags, Modes, PerContact
-from .._coupled.quintic import EndOfStep, parts_of_step, quintic, vertex
 from .._coupled.scalars import Number
 from .._coupled.springs import (
     SMALL,
@@ -29,7 +29,6 @@ from .._coupled.springs import (
     spring_motion,
     tangential_stiffness,
 )
-from .._coupled.stored_energy import stored_energy
 from .._friction import SpringSlider
 from .._laws import adhesion_below, energies_of, force_of_closed, pressing, shrunk_memory
 from .mechanics import Mechanics, Opening, SystemMotion, Vector

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from .._coupled.ends import attracts, ends_of
+from .._coupled.energies import attracts, ends_of
 from .._coupled.field import TIME, WORK, LoopRules
 from .._coupled.modes import (
     NOT_CONVERGED,

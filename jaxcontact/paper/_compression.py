@@ -7,8 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from ._cases import MASS
-from ._impacts import SolvedImpacts
+from ._impacts import MASS, SolvedImpacts
 
 Sampling = Literal["indentation", "time", "velocity squared"]
 

@@ -10,7 +10,7 @@ from .._contact import Contact, Material
 from .._entry import rendered
 from .._laws import get_law
 from .._text.table import markdown_table
-from . import _ball, _cases
+from . import _ball, _impacts
 from ._figures.fig4 import fig4
 from ._published import PUBLISHED, Published
 
@@ -67,15 +67,15 @@ def markdown(table: tuple[Number, ...]) -> str:
 
 
 def _ours() -> dict[str, float]:
-    steel = Material(*map(jnp.asarray, (_cases.YOUNGS_MODULUS, _cases.POISSON_RATIO, _DENSITY)))
-    spheres = Contact.sphere_sphere(_cases.RADIUS, _cases.RADIUS, steel, steel)
-    cases = _cases.impacts()
+    steel = Material(*map(jnp.asarray, (_impacts.YOUNGS_MODULUS, _impacts.POISSON_RATIO, _DENSITY)))
+    spheres = Contact.sphere_sphere(_impacts.RADIUS, _impacts.RADIUS, steel, steel)
+    cases = _impacts.impacts()
     beta = fig4().tables["band"]["beta"]
     e = 0.5
     # α = (1-e)/e / (5/2 I): the integral by the family with the velocity profile of Eq. 24.
     integral = (1 - e) / e / (2.5 * float(get_law("energy_loss", e=e, beta=2.5).damping_factor()))
-    second = _cases.CASES[1]
-    steel_case = Contact(mass=_cases.MASS, stiffness=_cases.STIFFNESS)
+    second = _impacts.CASES[1]
+    steel_case = Contact(mass=_impacts.MASS, stiffness=_impacts.STIFFNESS)
     alpha = float(get_law("hu_guo", e=0.9).damping_factor(steel_case, second.velocity))
 
     def factor(name: str, function: float) -> float:
@@ -86,7 +86,7 @@ def _ours() -> dict[str, float]:
         "mass of the steel example": float(spheres.mass),
         "e of case 1": float(cases.restitution[0]),
         "e of case 2": float(cases.restitution[1]),
-        "c of case 2 by Eq. 37 at e = 0.9": alpha * _cases.STIFFNESS / second.velocity,
+        "c of case 2 by Eq. 37 at e = 0.9": alpha * _impacts.STIFFNESS / second.velocity,
         "β of case 1": float(beta[0]),
         "β of case 2": float(beta[1]),
         "∫ u^1.5 √(1-u^2.5) du": integral,

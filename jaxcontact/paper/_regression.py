@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 
 from .._calibration import VelocityProfile, fit_velocity_profile
-from ._cases import CASES
 from ._compression import SAMPLINGS, Compression, Sampling
+from ._impacts import CASES
 from ._reproduction import Table, long_table
 
 INTERVALS = 1000

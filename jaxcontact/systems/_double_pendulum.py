@@ -12,8 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._entry import refuses_unknown
 from .._laws import AbstractLaw, HuGuo
 from .._system import System
-from ._numbers import positive, real, start, vector
-from ._start import SystemStart
+from ._numbers import SystemStart, positive, real, start, vector
 
 
 class Pendulum(eqx.Module):

@@ -16,7 +16,7 @@ from .._inside.action import relaxed
 from .._laws import AbstractLaw
 from .._system import System
 from ._joint_rates import rate_of
-from ._start import SystemStart
+from ._numbers import SystemStart
 
 
 @refuses_unknown

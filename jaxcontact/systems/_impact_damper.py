@@ -12,8 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._entry import refuses_unknown
 from .._laws import AbstractLaw, HuGuo
 from .._system import System
-from ._numbers import diagonal, positive, real, start, vector
-from ._start import SystemStart
+from ._numbers import SystemStart, diagonal, positive, real, start, vector
 
 
 class Damper(eqx.Module):

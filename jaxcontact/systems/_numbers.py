@@ -1,17 +1,16 @@
-"""Parameters of ready-made mechanisms on entry."""
+"""Parameters of ready-made mechanisms on entry, and where they start."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypedDict
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from .._entry import POSITIVE, REAL, Range, as_parameter, rendered
 from .._program import traced
-from ._start import SystemStart
 
 
 def positive(name: str, value: Any, shape: tuple[int, ...] = ()) -> Array:
@@ -55,3 +54,10 @@ def diagonal(*numbers: Array) -> Array:
 def vector(*numbers: Any) -> Array:
     """Return numbers as one array."""
     return jnp.stack([jnp.asarray(x) for x in numbers])
+
+
+class SystemStart(TypedDict):
+    """The start of a mechanism, as `simulate` takes it: `simulate(system, duration, **start)`."""
+
+    position: Float[Array, " n"]
+    velocity: Float[Array, " n"]

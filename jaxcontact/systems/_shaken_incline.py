@@ -13,8 +13,7 @@ from .._entry import refuses_unknown
 from .._friction import AbstractFriction, RigidCoulomb
 from .._laws import AbstractLaw, HuGuo
 from .._system import System
-from ._numbers import diagonal, positive, real, start, vector
-from ._start import SystemStart
+from ._numbers import SystemStart, diagonal, positive, real, start, vector
 
 
 class Incline(eqx.Module):

@@ -15,8 +15,7 @@ from .._friction import AbstractFriction
 from .._laws import AbstractLaw, HuGuo
 from .._program import traced
 from .._system import System
-from ._numbers import diagonal, positive, real, start, vector
-from ._start import SystemStart
+from ._numbers import SystemStart, diagonal, positive, real, start, vector
 
 
 class Crank(eqx.Module):

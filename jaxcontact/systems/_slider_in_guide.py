@@ -13,8 +13,7 @@ from .._entry import refuses_unknown
 from .._friction import AbstractFriction
 from .._laws import AbstractLaw, ExactRestitution
 from .._system import System
-from ._numbers import positive, real, start, vector
-from ._start import SystemStart
+from ._numbers import SystemStart, positive, real, start, vector
 
 
 class Guided(eqx.Module):

@@ -14,9 +14,8 @@ from ..._text.files import FIGURES, write_all
 from ..._text.progress import Stages
 from ..files import output_path
 from ..law import add_law_and_contact, exponent_asked, law_parameters
-from ..options import InputError
+from ..options import InputError, span
 from ..printing import print_json
-from ..range import span
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,8 +8,8 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from ..cubic import highest
 from ..field import TOGETHER, Grip, Look, W
+from ..interpolation import highest
 from ..modes import REDUNDANT, Flags
 from ..scalars import Flag
 from .carry import Carry, Changed, CoupledSolve

@@ -11,8 +11,8 @@ from jaxtyping import Array, Bool, Float
 
 from ..._solver.runge_kutta import step_and_slope
 from ..clock import ContactClock, choose_clock
-from ..cubic import highest, to_root
 from ..field import NO_SLOPES, TIME, TOGETHER, Grip, Look, W
+from ..interpolation import highest, to_root
 from ..modes import APART, CHANGED, NOT_FINITE, REDUNDANT, TIME_IS_UP, Flags
 from ..rows import rows_of
 from ..scalars import Number

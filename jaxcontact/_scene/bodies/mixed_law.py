@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact
+from ..._coupled.energies import stored_energy
 from ..._coupled.scalars import Index
-from ..._coupled.stored_energy import stored_energy
 from ..._forms import Exponent
 from ..._friction import AbstractFriction
 from ..._laws import (

@@ -17,11 +17,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._contact import Contact
-from ..._coupled.ends import in_contact
+from ..._coupled.energies import in_contact, stored_energy
 from ..._coupled.modes import SLOWEST, Modes, Units
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Index, Number
-from ..._coupled.stored_energy import stored_energy
 from ..._functions import small_product
 from ..._laws import (
     AbstractLaw,

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._coupled.clock import ContactClock
-from ..._coupled.ends import ends_of
+from ..._coupled.energies import ends_of
 from ..._coupled.field import TIME, WORK, AbstractCoupledField, Grip, Look, LoopRules, Settled, W
 from ..._coupled.modes import Flags, Modes, Units
 from ..._coupled.scalars import Index, Number

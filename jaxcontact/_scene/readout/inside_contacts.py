@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..._coupled.energies import stored_energy
 from ..._coupled.rows import rows_of, with_rows
-from ..._coupled.stored_energy import stored_energy
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, law_of
 from ..arrays.flight import Flying
 from ..arrays.turning import Turning

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.energies import stored_energy
 from ..._coupled.scalars import Number
-from ..._coupled.stored_energy import stored_energy
 from ..._program import quick
 from ..arrays.arrays import Numbers, known_contact_of, law_of
 from ..arrays.flight import Flying, accelerations

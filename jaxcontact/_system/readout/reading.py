@@ -9,11 +9,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..._coupled.ends import ends_of, in_contact
+from ..._coupled.energies import ends_of, in_contact, stored_energy
 from ..._coupled.modes import SLOWEST, TIME_IS_UP
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Number
-from ..._coupled.stored_energy import stored_energy
 from ..._impact.derivatives import with_sensitivity
 from ..._laws import adhesion_below, force_of_closed
 from ..log import SystemLog

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..._text.units import label
-from .._cases import CASES, impacts
 from .._compression import compression
+from .._impacts import CASES, impacts
 from .._regression import INTERVALS, regression_tables
 from .._reproduction import Reproduction, long_table
 from .style import VELOCITY, legend_above, sheet

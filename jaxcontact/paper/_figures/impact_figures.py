@@ -9,7 +9,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..._laws import get_law
 from ..._text.units import label
-from .._cases import CASES, impacts
+from .._impacts import CASES, impacts
 from .._reproduction import Reproduction, Table, long_table
 from .style import FOUR_LAWS, REFERENCE, VELOCITY, legend_above, sheet
 
