@@ -164,9 +164,12 @@ def test_two_orders_and_a_mirror_of_the_same_scene_agree():
 
 
 def test_crowds_are_refused_or_given_room(monkeypatch):
-    """Nine balls, three of which touch at once, where a coupled solve has room for two."""
+    """Nine balls, three of which touch at once, where a coupled solve has room for two. Another
+    impact was before, in a log with fewer places.
+    """
+    monkeypatch.setattr(sys.modules["jaxcontact._scene.engine.pieces"], "_PIECE", 1)
     row = [jc.Sphere(0.1, 1.0, [x], [v]) for x, v in ((-0.5, 1.0), (0.0, 0.0), (0.2, 0.0))]
-    rest = [jc.Sphere(0.1, 1.0, [float(x)]) for x in range(2, 8)]
+    rest = [jc.Sphere(0.1, 1.0, [float(x)], [9.0 * (x == 6)]) for x in range(2, 8)]
     scene = jc.Scene([*row, *rest], jc.Hertz(), stiffness=1e6)
     run = jc.simulate(scene, 1.0, times=[0.1, 1.0], max_cluster=2, throw=False)
     assert run.status == jc.Ending.CROWDED
@@ -178,3 +181,7 @@ def test_crowds_are_refused_or_given_room(monkeypatch):
     # Elastic balls in a row, as in `test_cluster`.
     expected = [-0.0709524, 0.0764030, 0.9945493]
     np.testing.assert_allclose(run.velocity[1, :3, 0], expected, atol=1e-7)
+    hits = run.impacts.to_dict()
+    assert hits["first"].tolist() == [7, 0, 1] or hits["first"].tolist() == [7, 1, 0]
+    np.testing.assert_allclose(hits["time"], [0.8 / 9, 0.3, 0.3], atol=1e-12)
+    np.testing.assert_allclose(hits["restitution"][0], 1, rtol=1e-12)

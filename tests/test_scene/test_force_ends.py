@@ -1,0 +1,51 @@
+"""Coupled contacts whose force vanishes before they open, and beds that used to stop."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+
+BESIDE = 1e-8
+"""Of e and duration beside `impact`, relative. Measured 3e-12, and 5e-9 for e = .03; 1e-4 before."""
+
+SLOPES = 1e-7
+"""Of their slopes by speed, relative. Measured 2e-8."""
+
+
+@pytest.mark.parametrize(
+    "law", [jc.ThorntonPlastic(yield_speed=0.1), jc.HuGuo(e=0.03)], ids=["thornton", "hu guo"]
+)
+def test_coupled_contacts_end_as_impacts_alone(law):
+    """Two balls of three touch; the third is so near that all are solved together."""
+
+    def table(v):
+        places, speeds = ([0.0], [0.0201], [0.0403]), (v / 2, -v / 2, 0 * v)
+        balls = [
+            jc.Sphere(0.01, 0.02, *at)
+            for at in zip(places, map(jnp.atleast_1d, speeds), strict=True)
+        ]
+        run = jc.simulate(jc.Scene(balls, law, stiffness=1e7), 0.1, throw=False, max_impacts=4)
+        one = run.impacts
+        return jnp.stack([one.restitution[0], one.duration[0]]), one.solved_by[0]
+
+    def alone(v):
+        hit = jc.impact(law, jc.Contact(0.01, 1e7), v)
+        return jnp.stack([hit.restitution, hit.duration])
+
+    speed = (jnp.array(1.0),), (jnp.array(1.0),)
+    value, slope, way = jax.jit(lambda: jax.jvp(table, *speed, has_aux=True))()
+    expected, rate = jax.jit(lambda: jax.jvp(alone, *speed))()
+    assert way == jc.SolvedBy.COUPLED
+    np.testing.assert_allclose(value, expected, rtol=BESIDE)
+    np.testing.assert_allclose(slope, rate, rtol=SLOPES, atol=1e-9)
+
+
+def a_bed(count, width, friction):
+    box = {"low": [0.0, 0.0], "high": [width, 0.3]}
+    discs = jc.random_spheres(count, **box, radius=0.02, mass=0.02, speed=0.1, seed=1)
+    law, gravity = jc.HuGuo(e=0.5), [0.0, -9.81]
+    return jc.Scene([*discs, jc.Box(**box)], law, stiffness=1e6, gravity=gravity, friction=friction)
