@@ -22,7 +22,7 @@ from .readout.dataset import dataset
 from .readout.final_scene import final_start
 from .readout.margin import Margin
 from .readout.states import states_at
-from .result import Ending, Impacts, States, traced
+from .result import Ending, Impacts, SolvedBy, States, traced
 from .resume import Start, Underway
 from .run_record import RunRecord
 
@@ -165,6 +165,13 @@ class Run(Flagged, eqx.Module):
             "margin": f"{shown(self.margin.time)} s, {shown(self.margin.closing_speed)} m/s",
             "status": Ending.names_of(self.status).replace("_", " "),
         }
+        ways = self.impacts.solved_by
+        springs = 0 if traced(ways) else int(np.sum(np.asarray(ways) == SolvedBy.SPRING))
+        if springs:
+            lines["friction"] = (
+                f"a spring instead of the law in {springs} contact{'s' * (springs != 1)}, which "
+                "lasted or whose bodies touched others"
+            )
         return "Run\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
 
 

@@ -38,10 +38,14 @@ from ..._functions import cross, small_product, swept
 
 Spins = Float[Array, "bodies axes"]
 
+HALF = 2
+"""The number in `Rubbing.slides` of a pair whose friction acts in two halves."""
+
 
 class Rubbing(NamedTuple):
     """The state of friction in SI units: spins (M, S), the spring forces (P, D) on the first of two
-    bodies, 1 for pairs that slip, 0 for others, and the energy taken since the touch.
+    bodies, 1 for pairs that slip, 0 for others, and the energy taken since the touch. Between calls
+    a pair with a friction impulse has `HALF`, and its contact impulse so far in place of a force.
     """
 
     spin: Spins
