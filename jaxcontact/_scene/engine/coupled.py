@@ -217,8 +217,8 @@ def call(
     one, other = (jnp.where(pairs.used, body, rows_of(body, used_pair)) for body in (one, other))
     contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(one, other)
     law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(one, other)
-    setting = Setting(layout, numbers, (one, other), pairs, contact, inverse, pull)
-    halves, until = first_halves(setting, begin, rests), decided.until
+    setting = Setting(layout, numbers, (one, other), pairs, law, contact, inverse, pull)
+    halves, until = first_halves(setting, begin, rests, v0), decided.until
     if halves is not None:
         until = jnp.minimum(until, jnp.min(halves.until))
     touches = decided.closed & fresh & ~rests & pairs.used

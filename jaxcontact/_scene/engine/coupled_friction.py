@@ -18,6 +18,7 @@ from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Number
 from ..._coupled.springs import Vectors, lengths
 from ..._functions import spin_axes
+from ..._laws import AbstractLaw, force_of_closed
 from ..arrays.arrays import Numbers, SceneLayout, least_speed
 from ..arrays.flight import Flying
 from ..cluster.equations import ClusterPairs, ClusterState
@@ -71,7 +72,7 @@ def pair_friction(
     wall = jnp.maximum(jnp.asarray(slot_pairs(layout, members)[1]) - members, 0)
     mu = jax.vmap(lambda i, j: coefficient_of(layout, numbers, i, j))(one, other)
     if halves is not None:
-        mu, begins = jnp.where(halves.acts, 0, mu), begins & ~halves.acts
+        mu, begins = jnp.where(halves.acts, 0, mu), halves.others
     return PairFriction(
         mu=mu,
         ratio=jax.vmap(lambda i, j: spring_ratio_of(layout, numbers, i, j))(one, other),
@@ -209,14 +210,16 @@ class Halves(NamedTuple):
     """The contacts of two bodies whose friction is the impulse of a law's formula. It acts in two
     halves, at the touch and at the opening, as in isolated impacts; in between nothing rubs.
 
-    `acts` (P,) marks them in a call, which starts at `state`, after the first halves. `rubbed` (P,
-    D) and `pressed` are the impulses of friction and of the normal force so far, in N s. A contact
-    that lasts beyond `until` in s gets a spring. `taken` and `work` in J are the energies that the
-    first halves take, and the work of moving bodies.
+    `acts` (P,) marks them in a call, which starts at `state`, after the first halves, and `others`
+    the pairs that touch then with a spring. `rubbed` (P, D) and `pressed` are the impulses of
+    friction and of the normal force so far, in N s. A contact that lasts beyond `until` in s gets a
+    spring. `taken` and `work` in J are the energies that the first halves take, and the work of
+    moving bodies.
     """
 
     state: ClusterState
     acts: Flags
+    others: Flags
     rubbed: Vectors
     pressed: PerContact
     until: PerContact
@@ -225,12 +228,13 @@ class Halves(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """The scene of a call, its bodies and contacts by pair, and 1/m and gravity by slot."""
+    """The scene of a call, its bodies, laws and contacts by pair, and 1/m and gravity by slot."""
 
     layout: SceneLayout
     numbers: Numbers
     bodies: tuple[Int[Array, " P"], Int[Array, " P"]]
     pairs: ClusterPairs
+    law: AbstractLaw
     contact: Contact
     inverse: Float[Array, " slots"]
     pull: Float[Array, "slots D"]
@@ -290,7 +294,7 @@ class Setting(NamedTuple):
         return state, taken, jnp.sum(impulse * drives)
 
 
-def first_halves(setting: Setting, state: ClusterState, rests: Flags) -> Halves | None:
+def first_halves(setting: Setting, state: ClusterState, rests: Flags, v0: Any) -> Halves | None:
     """Return the contacts with a friction impulse at the start of a call; None if there are none.
 
     Their bodies touch nothing else, and they touched faster than forces could press them together
@@ -301,8 +305,8 @@ def first_halves(setting: Setting, state: ClusterState, rests: Flags) -> Halves 
         return None
     at, alone = setting.points(state), setting.alone(state)
     goes_on = alone & (rubbing.slides == HALF)
-    touches = alone & (rubbing.slides != HALF) & ~rests & (state.since == state.time)
-    touches = touches & setting.each(has_impulse)
+    begins = state.closed & setting.pairs.used & ~rests & (state.since == state.time)
+    touches = begins & alone & ~goes_on & setting.each(has_impulse)
     speed = jnp.maximum(jnp.where(alone, state.latched, 1), least_speed(numbers))
     pace = pace_of_contact(setting.contact, speed)
     closing = -jnp.sum(at.relative * at.normal, axis=1)
@@ -319,7 +323,12 @@ def first_halves(setting: Setting, state: ClusterState, rests: Flags) -> Halves 
         spring=jnp.where(acts[:, None], 0, rubbing.spring),
     )
     until = jnp.where(acts, state.since + _LASTS * pace, jnp.inf)
-    return Halves(after._replace(rubbing=still), acts, before, pressed, until, taken, work)
+    # An impulse of the last call may have changed the closing speed, and the slip, at a touch.
+    anew = jnp.where(
+        begins, jnp.maximum(closing, 0.0 if isinstance(v0, str) else v0), state.latched
+    )
+    after, others = after._replace(rubbing=still, latched=anew), begins & ~acts
+    return Halves(after, acts, others, before, pressed, until, taken, work)
 
 
 def with_second_halves(
@@ -353,21 +362,30 @@ def with_second_halves(
     speed = jnp.maximum(jnp.where(ends, state.latched, 1), least_speed(numbers))
     e = jnp.where(ends, pressed / (setting.contact.mass * speed) - 1, 0)
     whole, _, known = setting.each(friction_impulse, at.arms, slip, speed, e)
-    most = setting.each(coefficient_of) * pressed
-    lasting = jax.vmap(coulomb_impulse)(at.arms, slip, most)
+    mu = setting.each(coefficient_of)
+    lasting = jax.vmap(coulomb_impulse)(at.arms, slip, mu * pressed)
     by_law = known & (~state.closed | ((e >= 0) & (e <= 1)))
     whole = jnp.where((by_law | ~state.closed)[:, None], whole, lasting)
     whole = jnp.where((by_law | state.closed)[:, None], whole, jnp.nan)
     impulse = jnp.where(ends[:, None], whole - turned, 0)
     after, taken, work = setting.rubbed(at, state, impulse)
     assert after.rubbing is not None
-    left, rounding = lengths(slip + mobility * whole), 8 * jnp.finfo(speed.dtype).eps
-    sliding = left > rounding * lengths(slip)
-    slides = jnp.where(ends, sliding.astype(left.dtype), rubbing.slides)
+    left = slip + mobility * whole
+    pace = lengths(left)
+    sliding = pace > 8 * jnp.finfo(speed.dtype).eps * lengths(slip)
+    slides = jnp.where(ends, sliding.astype(speed.dtype), rubbing.slides)
+    # The spring of a contact that slides has the force at the limit.
+    depth, rate = (
+        jnp.where(state.closed, state.indentation, 0),
+        -jnp.sum(at.relative * at.normal, 1),
+    )
+    forces = force_of_closed(setting.law, depth, rate, setting.contact, speed, state.deepest)
+    grip = mu * jnp.where(sliding, jnp.maximum(forces, 0) / jnp.where(sliding, pace, 1), 0)
     so_far = turned + pressed[:, None] * at.normal
+    spring = jnp.where(ends[:, None], -grip[:, None] * left, so_far)
     now = after.rubbing._replace(
         slides=jnp.where(acts & ~(ends & state.closed), HALF, slides),
-        spring=jnp.where((acts & ~ends)[:, None], so_far, rubbing.spring),
+        spring=jnp.where(acts[:, None], spring, rubbing.spring),
         taken=rubbing.taken + halves.taken + taken,
     )
     lasted = jnp.where(pairs.flat, 0, state.time - state.since) / jnp.abs(pairs.distance)

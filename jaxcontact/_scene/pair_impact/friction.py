@@ -107,7 +107,7 @@ def friction_impulse(
     )
     laws, kind = _frictions_of(layout, numbers, i, j)
 
-    def of(law: AbstractFriction) -> Callable[[Tangential], tuple[Number, Flag]]:
+    def of(law: AbstractFriction) -> Callable[[], tuple[Number, Flag]]:
         if not law.has_formula(problem):
             raise ValueError(
                 "Argument `friction` of a scene must have a formula for its contacts, but a "
@@ -115,7 +115,8 @@ def friction_impulse(
                 "of the Hunt-Crossley family and the exponent 1.5, or `RigidCoulomb`."
             )
 
-        def rebound(problem: Tangential) -> tuple[Number, Flag]:
+        # As an argument of a branch a known exponent would be traced.
+        def rebound() -> tuple[Number, Flag]:
             outcome: TangentialOutcome = law.rebound(problem)
             fine = jnp.isfinite(outcome.slip)
             return outcome.slip, fine if outcome.converged is None else fine & outcome.converged
@@ -123,9 +124,7 @@ def friction_impulse(
         return rebound
 
     rebounds = [of(law) for law in laws]
-    left, converged = (
-        rebounds[0](problem) if len(laws) == 1 else jax.lax.switch(kind, rebounds, problem)
-    )
+    left, converged = rebounds[0]() if len(laws) == 1 else jax.lax.switch(kind, rebounds)
     kept = left * speed / size
     # No impulse without a normal one.
     impulse = (kept - 1) * slip / jnp.where(arms.tangential > 0, arms.tangential, 1)
