@@ -165,13 +165,10 @@ class Run(Flagged, eqx.Module):
             "margin": f"{shown(self.margin.time)} s, {shown(self.margin.closing_speed)} m/s",
             "status": Ending.names_of(self.status).replace("_", " "),
         }
-        ways = self.impacts.solved_by
-        springs = 0 if traced(ways) else int(np.sum(np.asarray(ways) == SolvedBy.SPRING))
-        if springs:
-            lines["friction"] = (
-                f"a spring instead of the law in {springs} contact{'s' * (springs != 1)}, which "
-                "lasted or whose bodies touched others"
-            )
+        springs = self.impacts.solved_by == SolvedBy.SPRING
+        if not traced(springs) and springs.any():
+            why = "contacts that lasted or were of several bodies"
+            lines["friction"] = f"a spring for its law in {springs.sum()} {why}"
         return "Run\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
 
 

@@ -37,11 +37,9 @@ from .cluster_slots import (
 from .coupled_friction import (
     Setting,
     blank_rubbing,
-    first_halves,
     fresh_rubbing,
     joined_rubbing,
     pair_friction,
-    with_second_halves,
 )
 
 MOST = 8
@@ -217,21 +215,26 @@ def call(
     one, other = (jnp.where(pairs.used, body, rows_of(body, used_pair)) for body in (one, other))
     contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(one, other)
     law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(one, other)
-    setting = Setting(layout, numbers, (one, other), pairs, law, contact, inverse, pull)
-    halves, until = first_halves(setting, begin, rests, v0), decided.until
+    drive = _drive(layout, numbers, seats, begin.time)
+    setting = Setting(layout, numbers, (one, other), pairs, contact, inverse, pull, drive)
+    halves, touches = setting.first_halves(begin, rests, v0), decided.closed & fresh & ~rests
+    until = decided.until
     if halves is not None:
         until = jnp.minimum(until, jnp.min(halves.until))
-    touches = decided.closed & fresh & ~rests & pairs.used
     end = cluster(
         law, contact, pairs, inverse, pull, begin if halves is None else halves.state, until,
-        rtol=rtol, v0=v0, until_change=True, drive=_drive(layout, numbers, seats, begin.time),
-        in_line=in_line(layout), to_the_end=decided.to_the_end, max_steps=max_steps,
-        friction=pair_friction(layout, numbers, seats, (one, other), touches, halves),
+        rtol=rtol, v0=v0, until_change=True, drive=drive, in_line=in_line(layout),
+        to_the_end=decided.to_the_end, max_steps=max_steps,
+        friction=pair_friction(
+            layout, numbers, seats, (one, other), touches & pairs.used, halves
+        ),
     )  # fmt: skip
     # The exact time, without rounding, so that no further call is needed.
     over = jnp.where(end.status == TIME_IS_UP, until, end.state.time)
     end = end._replace(state=end.state._replace(time=over))
-    return begin, with_second_halves(setting, halves, end, decided.to_the_end)
+    if halves is None:
+        return begin, end
+    return begin, setting.with_second_halves(halves, end, decided.to_the_end)
 
 
 def _touch(layout: SceneLayout, numbers: Numbers, spheres: Flying, decided: Call) -> Number:

@@ -18,10 +18,9 @@ from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Number
 from ..._coupled.springs import Vectors, lengths
 from ..._functions import spin_axes
-from ..._laws import AbstractLaw, force_of_closed
 from ..arrays.arrays import Numbers, SceneLayout, least_speed
 from ..arrays.flight import Flying
-from ..cluster.equations import ClusterPairs, ClusterState
+from ..cluster.equations import ClusterPairs, ClusterState, Drive
 from ..cluster.friction import HALF, PairFriction, Rubbing, in_plane
 from ..cluster.problem import ClusterEnd
 from ..pair_impact.friction import (
@@ -157,8 +156,8 @@ def pace_of_contact(contact: Contact, speed: Number) -> Number:
 
 
 class ContactPoints(NamedTuple):
-    """All pairs at one state: unit normals, the velocities of the first bodies `relative` to the
-    second ones, those of the contact points, those of the second bodies, and the arms.
+    """All pairs at one state: unit normals, the velocities of first bodies `relative` to second
+    ones, those of the contact points, those of the second bodies, and the arms.
     """
 
     normal: Vectors
@@ -178,24 +177,23 @@ def contact_points(
 ) -> ContactPoints:
     """Return the contact points of all pairs of `bodies`, by default at the distance of touch."""
     assert state.rubbing is not None
-    spin, first, second = state.rubbing.spin, pairs.first, pairs.second
+    velocity, spin, first, second = state.velocity, state.rubbing.spin, pairs.first, pairs.second
     apart = pairs.between(state.position)
     curved = (pairs.used & ~pairs.flat)[:, None]
     safe = jnp.where(curved, apart, 1)
     length = jnp.sqrt(jnp.sum(jnp.square(safe), axis=1, keepdims=True))
     outwards = jnp.where(pairs.distance < 0, -1, 1)[:, None]
     normal = jnp.where(pairs.flat[:, None], pairs.normal, outwards * safe / length)
-    wall = jnp.maximum(second - spin.shape[0] + layout.walls, 0)
-    velocity, spins = state.velocity, jnp.stack([spin[first], spin[second]], axis=1)
 
-    def of(i: Array, j: Array, n: Array, v: Array, w: Array, wall: Array, flat: Array, d: Any):
-        carried = jnp.where(flat, wall_drift(numbers, wall, state.time, n), 0) + w
-        return arms_of(layout, numbers, i, j, d), v - carried, carried
+    def of(i: Array, j: Array, n: Array, flat: Array, d: Array | None) -> tuple[Arms, Array]:
+        drift = wall_drift(numbers, jnp.maximum(j - layout.spheres, 0), state.time, n)
+        return arms_of(layout, numbers, i, j, d), jnp.where(flat, drift, 0)
 
-    columns = normal, velocity[first], velocity[second], wall, pairs.flat, depth
-    arms, relative, carried = jax.vmap(of)(*bodies, *columns)
+    arms, drift = jax.vmap(of)(*bodies, normal, pairs.flat, depth)
+    moves = velocity[second] + drift
+    relative, spins = velocity[first] - moves, jnp.stack([spin[first], spin[second]], axis=1)
     slip = jax.vmap(Arms.slip)(arms, normal, relative, spins)
-    return ContactPoints(normal, relative, slip, carried, arms)
+    return ContactPoints(normal, relative, slip, moves, arms)
 
 
 def speeds_of(before: Float[Array, "... D"], after: Float[Array, "... D"]) -> SlipSpeeds:
@@ -206,15 +204,21 @@ def speeds_of(before: Float[Array, "... D"], after: Float[Array, "... D"]) -> Sl
     return SlipSpeeds(sizes[0], jnp.where(reverses, -sizes[1], sizes[1]))
 
 
-class Halves(NamedTuple):
-    """The contacts of two bodies whose friction is the impulse of a law's formula. It acts in two
-    halves, at the touch and at the opening, as in isolated impacts; in between nothing rubs.
+def without_halves(rubbing: Rubbing) -> Rubbing:
+    """Return a state of friction in which pairs that had an impulse have springs without force."""
+    half = rubbing.slides == HALF
+    spring = jnp.where(half[:, None], 0, rubbing.spring)
+    return rubbing._replace(spring=spring, slides=jnp.where(half, 0, rubbing.slides))
 
-    `acts` (P,) marks them in a call, which starts at `state`, after the first halves, and `others`
-    the pairs that touch then with a spring. `rubbed` (P, D) and `pressed` are the impulses of
-    friction and of the normal force so far, in N s. A contact that lasts beyond `until` in s gets a
-    spring. `taken` and `work` in J are the energies that the first halves take, and the work of
-    moving bodies.
+
+class Halves(NamedTuple):
+    """The contacts of two bodies in a call whose friction is the impulse of a law's formula. As in
+    isolated impacts it acts in halves, at the touch and at the opening; in between nothing rubs.
+
+    `state` is that after the first halves. `acts` (P,) marks the contacts, and `others` those that
+    begin with a spring. `rubbed` (P, D) and `pressed` are the impulses of friction and of the
+    normal force so far, in N s. A contact that lasts `until` a time in s gets a spring. `taken` and
+    `work` in J are the energies that the first halves take, and the work of moving bodies.
     """
 
     state: ClusterState
@@ -228,52 +232,139 @@ class Halves(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """The scene of a call, its bodies, laws and contacts by pair, and 1/m and gravity by slot."""
+    """The scene of a call, its bodies and contacts by pair, and 1/m, gravity and drive by slot."""
 
     layout: SceneLayout
     numbers: Numbers
     bodies: tuple[Int[Array, " P"], Int[Array, " P"]]
     pairs: ClusterPairs
-    law: AbstractLaw
     contact: Contact
     inverse: Float[Array, " slots"]
     pull: Float[Array, "slots D"]
+    drive: Drive | None
 
-    def points(self, state: ClusterState) -> ContactPoints:
-        """Return the contact points of all pairs."""
+    def first_halves(self, state: ClusterState, rests: Flags, v0: Any) -> Halves | None:
+        """Return the contacts at the start of a call; None if no law has an impulse.
+
+        Their bodies touch nothing else, and they touched faster than forces could press them
+        together within a part of the impact.
+        """
+        rubbing, numbers, (first, second) = state.rubbing, self.numbers, self.pairs[:2]
+        if rubbing is None or is_followed(numbers):
+            return None
+        at, alone, half = self._points(state), self._alone(state), rubbing.slides == HALF
+        speed = jnp.maximum(jnp.where(alone, state.latched, 1), least_speed(numbers))
+        pace = pace_of_contact(self.contact, speed)
+        closing = -jnp.sum(at.relative * at.normal, axis=1)
+        begins = state.closed & self.pairs.used & ~rests & (state.since == state.time)
+        press = jnp.sum(jnp.square(in_plane(at.relative, at.normal)), axis=1)
+        press = press * jnp.maximum(-1 / self.pairs.distance, 0)
+        press = press + lengths(self.pull[first] - self.pull[second])
+        if self.drive is not None:
+            strong = lengths(self.drive.strength)
+            for user, slot in self.drive.own:
+                strong = strong.at[slot].add(user.bound, mode="drop")
+            press = press + strong[first] + strong[second]
+        touches = begins & alone & ~half & self._each(has_impulse)
+        touches = touches & (press * pace < _PRESSED * closing)
+        acts = touches | (alone & half)
+        most = jnp.where(touches, 2 * self._each(coefficient_of) * self.contact.mass * closing, 0)
+        impulse = jax.vmap(coulomb_impulse)(at.arms, at.slip, most) / 2
+        after, taken, work = self._after(at, state, impulse)
+        assert after.rubbing is not None
+        still = without_halves(after.rubbing)
+        # The last call may have changed the closing speed, and the slip, of a touch.
+        least = 0.0 if isinstance(v0, str) else v0
+        latched = jnp.where(begins, jnp.maximum(closing, least), state.latched)
+        still = still._replace(slides=jnp.where(acts, 1, still.slides))
+        return Halves(
+            state=after._replace(latched=latched, rubbing=still),
+            acts=acts,
+            others=begins & ~acts,
+            rubbed=jnp.where(touches[:, None], impulse, in_plane(rubbing.spring, at.normal)),
+            pressed=jnp.sum(rubbing.spring * at.normal, axis=1),
+            until=jnp.where(acts, state.since + _LASTS * pace, jnp.inf),
+            taken=taken,
+            work=work,
+        )
+
+    def with_second_halves(self, halves: Halves, end: ClusterEnd, to_the_end: Flag) -> ClusterEnd:
+        """Return the end of a call with the second halves of contacts that opened. Those that last,
+        are at rest, or whose bodies touch others, get a spring. They are at its start as after a
+        whole impact with the normal impulse so far.
+        """
+        state, pairs, acts, mass = end.state, self.pairs, halves.acts, self.contact.mass
+        at, rubbing = self._points(state), state.rubbing
+        assert rubbing is not None
+        # Gravity and one contact move a body that is free.
+        free = self.inverse > 0
+        gained = state.velocity - halves.state.velocity
+        gained = gained - self.pull * (state.time - halves.state.time)
+        gained = jnp.where(free, 1 / jnp.where(free, self.inverse, 1), 0)[:, None] * gained
+        one, other = gained[pairs.first], gained[pairs.second]
+        pressed = halves.pressed + lengths(jnp.where(free[pairs.first][:, None], one, other))
+        turned = in_plane(halves.rubbed, at.normal)
+        size = lengths(turned)
+        turned = turned * (lengths(halves.rubbed) / jnp.where(size > 0, size, 1))[:, None]
+        lasted, longest = state.time - state.since, halves.until - state.since
+        stops = to_the_end | (end.status == AT_REST) | (end.status == PAUSED)
+        ends = acts & (~self._alone(state) | (lasted >= 0.99 * longest) | stops)
+        mobility = at.arms.tangential[:, None]
+        slip = jnp.where(ends[:, None], at.slip - mobility * turned, 0)
+        speed = jnp.maximum(jnp.where(ends, state.latched, 1), least_speed(self.numbers))
+        e = jnp.where(ends, pressed / (mass * speed) - 1, 0)
+        whole, _, known = self._each(friction_impulse, at.arms, slip, speed, e)
+        whole = jnp.where(known[:, None], whole, jnp.nan)
+        # The law of an impact may not hold for one that lasts.
+        mu, opens = self._each(coefficient_of), ~state.closed
+        by_law = opens | (known & (e >= 0) & (e <= 1))
+        coulomb = jax.vmap(coulomb_impulse)(at.arms, slip, mu * pressed)
+        whole = jnp.where(by_law[:, None], whole, coulomb)
+        impulse = jnp.where(ends[:, None], whole - turned, 0)
+        after, taken, work = self._after(at, state, impulse)
+        assert after.rubbing is not None
+        left = slip + mobility * whole
+        pace, rounding = lengths(left), 8 * jnp.finfo(speed.dtype).eps * lengths(slip)
+        # In sliding only the direction of the spring counts; its force here is above all limits.
+        strong = mu * mass * speed * _LASTS**2 / longest
+        grip = jnp.where(pace > rounding, strong / jnp.where(pace > rounding, pace, 1), 0)
+        spring = jnp.where(ends[:, None], -grip[:, None] * left, turned)
+        spring = spring + jnp.where(ends, 0, pressed)[:, None] * at.normal
+        slides = jnp.where(ends & ~opens, (pace > rounding).astype(speed.dtype), HALF)
+        rubbing = after.rubbing._replace(
+            slides=jnp.where(acts, slides, rubbing.slides),
+            spring=jnp.where(acts[:, None], spring, rubbing.spring),
+            taken=rubbing.taken + halves.taken + taken,
+        )
+        # The error of the frozen normal, see `HalfImpulses`.
+        angle = lengths(whole) * jnp.sum(at.arms.inverse_mass, axis=1) * lasted
+        angle = angle * jnp.where(pairs.flat, 0, 1 / jnp.abs(pairs.distance))
+        fast = jnp.hypot(speed, lengths(in_plane(at.relative, at.normal)))
+        doubt = jax.lax.stop_gradient(jnp.sum(jnp.where(ends, angle * fast, 0)))
+        return end._replace(
+            state=after._replace(rubbing=rubbing),
+            work=end.work + halves.work + work,
+            error=end.error + doubt,
+            rubbed=end.rubbed + jnp.sum(halves.taken + taken),
+        )
+
+    def _points(self, state: ClusterState) -> ContactPoints:
         depth = jnp.where(state.closed, state.indentation, 0)
         return contact_points(*self[:4], state, depth)
 
-    def each(self, of: Callable[..., Any], *columns: Any) -> Any:
+    def _each(self, of: Callable[..., Any], *columns: Any) -> Any:
         """Return a function of the scene and the bodies for all pairs."""
         return jax.vmap(lambda *row: of(self.layout, self.numbers, *row))(*self.bodies, *columns)
 
-    def alone(self, state: ClusterState) -> Flags:
-        """Return the pairs in contact of which no body that moves has another contact."""
+    def _alone(self, state: ClusterState) -> Flags:
+        """Return the pairs in contact of which no free body has another contact."""
         closed, (first, second) = state.closed & self.pairs.used, self.pairs[:2]
-        count = closed.astype(int)
-        contacts = jnp.zeros(self.inverse.shape, int).at[first].add(count).at[second].add(count)
+        contacts = jnp.zeros(self.inverse.shape, int)
+        contacts = contacts.at[first].add(closed.astype(int)).at[second].add(closed.astype(int))
         single = (self.inverse == 0) | (contacts <= 1)
-        return closed & rows_of(single, first) & rows_of(single, second)
+        return closed & single[first] & single[second]
 
-    def pressing(self, at: ContactPoints) -> PerContact:
-        """Return a bound on the accelerations that press the bodies of pairs together, in m/s²."""
-        layout, numbers, (first, second) = self.layout, self.numbers, self.pairs[:2]
-        inside = jnp.where(self.pairs.distance < 0, -self.pairs.distance, jnp.inf)
-        press = jnp.sum(jnp.square(in_plane(at.relative, at.normal)), axis=1) / inside
-        press = press + lengths(rows_of(self.pull, first) - rows_of(self.pull, second))
-        if numbers.shaking is not None:
-            strong = jnp.append(numbers.shaking.strongest, jnp.zeros(1, press.dtype))
-            for body in self.bodies:
-                row = layout.shaken_row(jnp.minimum(body, layout.spheres - 1))
-                press = press + jnp.where(body < layout.spheres, strong[row], 0)
-        if numbers.motion is not None:
-            wall = self.bodies[1] - layout.spheres
-            strong = rows_of(numbers.motion.strongest, jnp.maximum(wall, 0))
-            press = press + jnp.where(wall < 0, 0, strong)
-        return press
-
-    def rubbed(
+    def _after(
         self, at: ContactPoints, state: ClusterState, impulse: Vectors
     ) -> tuple[ClusterState, PerContact, Number]:
         """Return a state after friction impulses on the first bodies, the energies they take, and
@@ -288,113 +379,7 @@ class Setting(NamedTuple):
 
         taken = jax.vmap(Arms.lost)(at.arms, at.slip, impulse)
         drives = jnp.where(inverse[:, 1:] > 0, 0, at.second)
-        drives = drives - jnp.where(inverse[:, :1] > 0, 0, rows_of(state.velocity, first))
+        drives = drives - jnp.where(inverse[:, :1] > 0, 0, state.velocity[first])
         rubbing = state.rubbing._replace(spin=both(state.rubbing.spin, turned))
         state = state._replace(velocity=both(state.velocity, moved), rubbing=rubbing)
         return state, taken, jnp.sum(impulse * drives)
-
-
-def first_halves(setting: Setting, state: ClusterState, rests: Flags, v0: Any) -> Halves | None:
-    """Return the contacts with a friction impulse at the start of a call; None if there are none.
-
-    Their bodies touch nothing else, and they touched faster than forces could press them together
-    within a part of the impact.
-    """
-    rubbing, numbers = state.rubbing, setting.numbers
-    if rubbing is None or is_followed(numbers):
-        return None
-    at, alone = setting.points(state), setting.alone(state)
-    goes_on = alone & (rubbing.slides == HALF)
-    begins = state.closed & setting.pairs.used & ~rests & (state.since == state.time)
-    touches = begins & alone & ~goes_on & setting.each(has_impulse)
-    speed = jnp.maximum(jnp.where(alone, state.latched, 1), least_speed(numbers))
-    pace = pace_of_contact(setting.contact, speed)
-    closing = -jnp.sum(at.relative * at.normal, axis=1)
-    touches = touches & (setting.pressing(at) * pace <= _PRESSED * closing)
-    most = 2 * setting.each(coefficient_of) * setting.contact.mass * closing
-    half = jax.vmap(coulomb_impulse)(at.arms, at.slip, jnp.where(touches, most, 0)) / 2
-    after, taken, work = setting.rubbed(at, state, half)
-    pressed = jnp.where(goes_on, jnp.sum(rubbing.spring * at.normal, axis=1), 0)
-    before = jnp.where(goes_on[:, None], in_plane(rubbing.spring, at.normal), half)
-    acts = touches | goes_on
-    assert after.rubbing is not None
-    still = after.rubbing._replace(
-        slides=jnp.where(acts, 1, jnp.minimum(rubbing.slides, 1)),
-        spring=jnp.where(acts[:, None], 0, rubbing.spring),
-    )
-    until = jnp.where(acts, state.since + _LASTS * pace, jnp.inf)
-    # An impulse of the last call may have changed the closing speed, and the slip, at a touch.
-    anew = jnp.where(
-        begins, jnp.maximum(closing, 0.0 if isinstance(v0, str) else v0), state.latched
-    )
-    after, others = after._replace(rubbing=still, latched=anew), begins & ~acts
-    return Halves(after, acts, others, before, pressed, until, taken, work)
-
-
-def with_second_halves(
-    setting: Setting, halves: Halves | None, end: ClusterEnd, to_the_end: Flag
-) -> ClusterEnd:
-    """Return the end of a call with the second halves of contacts that opened. Those that last, or
-    whose bodies touch others, get a spring: they are at its start as after a whole impact with the
-    normal impulse so far. So do all at rest, and at the limit of steps.
-    """
-    if halves is None:
-        return end
-    state, pairs, acts = end.state, setting.pairs, halves.acts
-    at, numbers, rubbing = setting.points(state), setting.numbers, state.rubbing
-    assert rubbing is not None
-    # Nothing but gravity and one contact moves a body.
-    moves = setting.inverse > 0
-    fall = setting.pull * (state.time - halves.state.time)
-    gained = state.velocity - halves.state.velocity - fall
-    gained = gained / jnp.where(moves, setting.inverse, jnp.inf)[:, None]
-    one, other = rows_of(gained, pairs.first), rows_of(gained, pairs.second)
-    one = jnp.where(rows_of(moves, pairs.first)[:, None], one, -other)
-    pressed = halves.pressed + lengths(one)
-    turned = in_plane(halves.rubbed, at.normal)
-    size = lengths(turned)
-    turned = turned * (lengths(halves.rubbed) / jnp.where(size > 0, size, 1))[:, None]
-    mobility = at.arms.tangential[:, None]
-    stops = to_the_end | (end.status == AT_REST) | (end.status == PAUSED)
-    late = state.time - state.since >= 0.99 * (halves.until - state.since)
-    ends = acts & (~setting.alone(state) | late | stops)
-    slip = jnp.where(ends[:, None], at.slip - mobility * turned, 0)
-    speed = jnp.maximum(jnp.where(ends, state.latched, 1), least_speed(numbers))
-    e = jnp.where(ends, pressed / (setting.contact.mass * speed) - 1, 0)
-    whole, _, known = setting.each(friction_impulse, at.arms, slip, speed, e)
-    mu = setting.each(coefficient_of)
-    lasting = jax.vmap(coulomb_impulse)(at.arms, slip, mu * pressed)
-    by_law = known & (~state.closed | ((e >= 0) & (e <= 1)))
-    whole = jnp.where((by_law | ~state.closed)[:, None], whole, lasting)
-    whole = jnp.where((by_law | state.closed)[:, None], whole, jnp.nan)
-    impulse = jnp.where(ends[:, None], whole - turned, 0)
-    after, taken, work = setting.rubbed(at, state, impulse)
-    assert after.rubbing is not None
-    left = slip + mobility * whole
-    pace = lengths(left)
-    sliding = pace > 8 * jnp.finfo(speed.dtype).eps * lengths(slip)
-    slides = jnp.where(ends, sliding.astype(speed.dtype), rubbing.slides)
-    # The spring of a contact that slides has the force at the limit.
-    depth, rate = (
-        jnp.where(state.closed, state.indentation, 0),
-        -jnp.sum(at.relative * at.normal, 1),
-    )
-    forces = force_of_closed(setting.law, depth, rate, setting.contact, speed, state.deepest)
-    grip = mu * jnp.where(sliding, jnp.maximum(forces, 0) / jnp.where(sliding, pace, 1), 0)
-    so_far = turned + pressed[:, None] * at.normal
-    spring = jnp.where(ends[:, None], -grip[:, None] * left, so_far)
-    now = after.rubbing._replace(
-        slides=jnp.where(acts & ~(ends & state.closed), HALF, slides),
-        spring=jnp.where(acts[:, None], spring, rubbing.spring),
-        taken=rubbing.taken + halves.taken + taken,
-    )
-    lasted = jnp.where(pairs.flat, 0, state.time - state.since) / jnp.abs(pairs.distance)
-    angle = lengths(whole) * jnp.sum(at.arms.inverse_mass, axis=1) * lasted
-    across = lengths(in_plane(at.relative, at.normal))
-    doubt = jnp.where(ends, angle * jnp.hypot(speed, across), 0)
-    return end._replace(
-        state=after._replace(rubbing=now),
-        work=end.work + halves.work + work,
-        error=end.error + jax.lax.stop_gradient(jnp.sum(doubt)),
-        rubbed=end.rubbed + jnp.sum(halves.taken + taken),
-    )

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 
 from ..._program import quick
 from ..arrays.arrays import Numbers
-from ..cluster.friction import HALF
 from ..engine.cluster_members import pace_of
 from ..engine.cluster_slots import Slots
 from ..engine.coupled import as_flags, contact_energy
+from ..engine.coupled_friction import without_halves
 from ..engine.state import Coupling
 from ..pair_impact.friction import is_followed
 from ..resume import Contacts, Start, Underway
@@ -82,18 +82,15 @@ def resume_cluster(numbers: Numbers, coupling: Coupling) -> Coupling:
     """Return the coupling at the start of a run, with the contacts in progress."""
     if numbers.start is None or numbers.start.contacts is None:
         return coupling
-    contacts = numbers.start.contacts
-    state, rubbing = contacts.state, contacts.state.rubbing
+    contacts, rubbing = numbers.start.contacts, numbers.start.contacts.state.rubbing
     if rubbing is not None and is_followed(numbers):
         # The last run may have had a law with an impulse.
-        half = rubbing.slides == HALF
-        spring = jnp.where(half[:, None], 0, rubbing.spring)
-        rubbing = rubbing._replace(spring=spring, slides=jnp.minimum(rubbing.slides, 1))
+        rubbing = without_halves(rubbing)
     begun = coupling._replace(
         active=contacts.active,
         seats=Slots(contacts.who, contacts.present, contacts.shift),
         pace=contacts.pace,
         reserve=contacts.reserve,
-        state=state._replace(rubbing=rubbing),
+        state=contacts.state._replace(rubbing=rubbing),
     )
     return jax.tree.map(lambda a, b: jnp.where(contacts.active, a, b), begun, coupling)

@@ -172,10 +172,8 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
             way = jnp.where(springs, int(SolvedBy.SPRING), way)
 
         def sliding_at(seats: Slots, state: ClusterState) -> Array:
-            pairs, bodies = (
-                pairs_of(layout, numbers, members, seats),
-                bodies_of(layout, members, seats.who),
-            )
+            pairs = pairs_of(layout, numbers, members, seats)
+            bodies = bodies_of(layout, members, seats.who)
             return contact_points(layout, numbers, bodies, pairs, state).slip
 
         at_start, at_end = (jax.vmap(sliding_at)(seats, state) for state in (began, end))
