@@ -35,9 +35,9 @@ from .cluster_slots import (
     slot_pairs,
 )
 from .coupled_friction import (
-    Setting,
     blank_rubbing,
     fresh_rubbing,
+    impulses,
     joined_rubbing,
     pair_friction,
 )
@@ -216,25 +216,20 @@ def call(
     contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(one, other)
     law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(one, other)
     drive = _drive(layout, numbers, seats, begin.time)
-    setting = Setting(layout, numbers, (one, other), pairs, contact, inverse, pull, drive)
-    halves, touches = setting.first_halves(begin, rests, v0), decided.closed & fresh & ~rests
-    until = decided.until
-    if halves is not None:
-        until = jnp.minimum(until, jnp.min(halves.until))
+    touches, slots = decided.closed & fresh & ~rests & pairs.used, (inverse, pull, drive)
+    limits = rests, v0, decided.until, decided.to_the_end
+    halves = impulses(layout, numbers, (one, other), pairs, contact, slots, begin, limits)
+    until = decided.until if halves is None else halves.until
     end = cluster(
         law, contact, pairs, inverse, pull, begin if halves is None else halves.state, until,
         rtol=rtol, v0=v0, until_change=True, drive=drive, in_line=in_line(layout),
         to_the_end=decided.to_the_end, max_steps=max_steps,
-        friction=pair_friction(
-            layout, numbers, seats, (one, other), touches & pairs.used, halves
-        ),
+        friction=pair_friction(layout, numbers, seats, (one, other), touches, halves),
     )  # fmt: skip
     # The exact time, without rounding, so that no further call is needed.
     over = jnp.where(end.status == TIME_IS_UP, until, end.state.time)
     end = end._replace(state=end.state._replace(time=over))
-    if halves is None:
-        return begin, end
-    return begin, setting.with_second_halves(halves, end, decided.to_the_end)
+    return begin, end if halves is None else halves.completed(end)
 
 
 def _touch(layout: SceneLayout, numbers: Numbers, spheres: Flying, decided: Call) -> Number:

@@ -17,7 +17,7 @@ from ..._coupled.modes import AT_REST, PAUSED, PerContact
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Number
 from ..._coupled.springs import Vectors, lengths
-from ..._functions import spin_axes
+from ..._functions import ratio, spin_axes
 from ..arrays.arrays import Numbers, SceneLayout, least_speed
 from ..arrays.flight import Flying
 from ..cluster.equations import ClusterPairs, ClusterState, Drive
@@ -216,170 +216,153 @@ class Halves(NamedTuple):
     isolated impacts it acts in halves, at the touch and at the opening; in between nothing rubs.
 
     `state` is that after the first halves. `acts` (P,) marks the contacts, and `others` those that
-    begin with a spring. `rubbed` (P, D) and `pressed` are the impulses of friction and of the
-    normal force so far, in N s. A contact that lasts `until` a time in s gets a spring. `taken` and
-    `work` in J are the energies that the first halves take, and the work of moving bodies.
+    begin with a spring. The call lasts `until` a time in s at most. `completed` is a function that
+    adds the second halves to its end.
     """
 
     state: ClusterState
     acts: Flags
     others: Flags
-    rubbed: Vectors
-    pressed: PerContact
-    until: PerContact
-    taken: PerContact
-    work: Number
+    until: Number
+    completed: Callable[[ClusterEnd], ClusterEnd]
 
 
-class Setting(NamedTuple):
-    """The scene of a call, its bodies and contacts by pair, and 1/m, gravity and drive by slot."""
+def impulses(
+    layout: SceneLayout,
+    numbers: Numbers,
+    bodies: tuple[Int[Array, " P"], Int[Array, " P"]],
+    pairs: ClusterPairs,
+    contact: Contact,
+    slots: tuple[Float[Array, " slots"], Float[Array, "slots D"], Drive | None],
+    state: ClusterState,
+    decided: tuple[Flags, Any, Number, Flag],
+) -> Halves | None:
+    """Return the contacts with a friction impulse in a call; None if no law has one.
 
-    layout: SceneLayout
-    numbers: Numbers
-    bodies: tuple[Int[Array, " P"], Int[Array, " P"]]
-    pairs: ClusterPairs
-    contact: Contact
-    inverse: Float[Array, " slots"]
-    pull: Float[Array, "slots D"]
-    drive: Drive | None
+    `slots` holds 1/m, gravity and the drive, and what is `decided` are the pairs at rest, the rule
+    of v0, the end of the call in s, and whether it goes to the end. A contact begins with an
+    impulse if its bodies touch nothing else, and touched faster than forces could press them
+    together within a part of the impact.
+    """
+    rubbing, (inverse, pull, drive), (rests, v0, until, to_the_end) = state.rubbing, slots, decided
+    if rubbing is None or is_followed(numbers):
+        return None
+    first, second, mass = pairs.first, pairs.second, contact.mass
 
-    def first_halves(self, state: ClusterState, rests: Flags, v0: Any) -> Halves | None:
-        """Return the contacts at the start of a call; None if no law has an impulse.
+    def each(of: Callable[..., Any], *columns: Any) -> Any:
+        return jax.vmap(lambda *row: of(layout, numbers, *row))(*bodies, *columns)
 
-        Their bodies touch nothing else, and they touched faster than forces could press them
-        together within a part of the impact.
-        """
-        rubbing, numbers, (first, second) = state.rubbing, self.numbers, self.pairs[:2]
-        if rubbing is None or is_followed(numbers):
-            return None
-        at, alone, half = self._points(state), self._alone(state), rubbing.slides == HALF
-        speed = jnp.maximum(jnp.where(alone, state.latched, 1), least_speed(numbers))
-        pace = pace_of_contact(self.contact, speed)
-        closing = -jnp.sum(at.relative * at.normal, axis=1)
-        begins = state.closed & self.pairs.used & ~rests & (state.since == state.time)
-        press = jnp.sum(jnp.square(in_plane(at.relative, at.normal)), axis=1)
-        press = press * jnp.maximum(-1 / self.pairs.distance, 0)
-        press = press + lengths(self.pull[first] - self.pull[second])
-        if self.drive is not None:
-            strong = lengths(self.drive.strength)
-            for user, slot in self.drive.own:
-                strong = strong.at[slot].add(user.bound, mode="drop")
-            press = press + strong[first] + strong[second]
-        touches = begins & alone & ~half & self._each(has_impulse)
-        touches = touches & (press * pace < _PRESSED * closing)
-        acts = touches | (alone & half)
-        most = jnp.where(touches, 2 * self._each(coefficient_of) * self.contact.mass * closing, 0)
-        impulse = jax.vmap(coulomb_impulse)(at.arms, at.slip, most) / 2
-        after, taken, work = self._after(at, state, impulse)
-        assert after.rubbing is not None
-        still = without_halves(after.rubbing)
-        # The last call may have changed the closing speed, and the slip, of a touch.
-        least = 0.0 if isinstance(v0, str) else v0
-        latched = jnp.where(begins, jnp.maximum(closing, least), state.latched)
-        still = still._replace(slides=jnp.where(acts, 1, still.slides))
-        return Halves(
-            state=after._replace(latched=latched, rubbing=still),
-            acts=acts,
-            others=begins & ~acts,
-            rubbed=jnp.where(touches[:, None], impulse, in_plane(rubbing.spring, at.normal)),
-            pressed=jnp.sum(rubbing.spring * at.normal, axis=1),
-            until=jnp.where(acts, state.since + _LASTS * pace, jnp.inf),
-            taken=taken,
-            work=work,
-        )
-
-    def with_second_halves(self, halves: Halves, end: ClusterEnd, to_the_end: Flag) -> ClusterEnd:
-        """Return the end of a call with the second halves of contacts that opened. Those that last,
-        are at rest, or whose bodies touch others, get a spring. They are at its start as after a
-        whole impact with the normal impulse so far.
-        """
-        state, pairs, acts, mass = end.state, self.pairs, halves.acts, self.contact.mass
-        at, rubbing = self._points(state), state.rubbing
-        assert rubbing is not None
-        # Gravity and one contact move a body that is free.
-        free = self.inverse > 0
-        gained = state.velocity - halves.state.velocity
-        gained = gained - self.pull * (state.time - halves.state.time)
-        gained = jnp.where(free, 1 / jnp.where(free, self.inverse, 1), 0)[:, None] * gained
-        one, other = gained[pairs.first], gained[pairs.second]
-        pressed = halves.pressed + lengths(jnp.where(free[pairs.first][:, None], one, other))
-        turned = in_plane(halves.rubbed, at.normal)
-        size = lengths(turned)
-        turned = turned * (lengths(halves.rubbed) / jnp.where(size > 0, size, 1))[:, None]
-        lasted, longest = state.time - state.since, halves.until - state.since
-        stops = to_the_end | (end.status == AT_REST) | (end.status == PAUSED)
-        ends = acts & (~self._alone(state) | (lasted >= 0.99 * longest) | stops)
-        mobility = at.arms.tangential[:, None]
-        slip = jnp.where(ends[:, None], at.slip - mobility * turned, 0)
-        speed = jnp.maximum(jnp.where(ends, state.latched, 1), least_speed(self.numbers))
-        e = jnp.where(ends, pressed / (mass * speed) - 1, 0)
-        whole, _, known = self._each(friction_impulse, at.arms, slip, speed, e)
-        whole = jnp.where(known[:, None], whole, jnp.nan)
-        # The law of an impact may not hold for one that lasts.
-        mu, opens = self._each(coefficient_of), ~state.closed
-        by_law = opens | (known & (e >= 0) & (e <= 1))
-        coulomb = jax.vmap(coulomb_impulse)(at.arms, slip, mu * pressed)
-        whole = jnp.where(by_law[:, None], whole, coulomb)
-        impulse = jnp.where(ends[:, None], whole - turned, 0)
-        after, taken, work = self._after(at, state, impulse)
-        assert after.rubbing is not None
-        left = slip + mobility * whole
-        pace, rounding = lengths(left), 8 * jnp.finfo(speed.dtype).eps * lengths(slip)
-        # In sliding only the direction of the spring counts; its force here is above all limits.
-        strong = mu * mass * speed * _LASTS**2 / longest
-        grip = jnp.where(pace > rounding, strong / jnp.where(pace > rounding, pace, 1), 0)
-        spring = jnp.where(ends[:, None], -grip[:, None] * left, turned)
-        spring = spring + jnp.where(ends, 0, pressed)[:, None] * at.normal
-        slides = jnp.where(ends & ~opens, (pace > rounding).astype(speed.dtype), HALF)
-        rubbing = after.rubbing._replace(
-            slides=jnp.where(acts, slides, rubbing.slides),
-            spring=jnp.where(acts[:, None], spring, rubbing.spring),
-            taken=rubbing.taken + halves.taken + taken,
-        )
-        # The error of the frozen normal, see `HalfImpulses`.
-        angle = lengths(whole) * jnp.sum(at.arms.inverse_mass, axis=1) * lasted
-        angle = angle * jnp.where(pairs.flat, 0, 1 / jnp.abs(pairs.distance))
-        fast = jnp.hypot(speed, lengths(in_plane(at.relative, at.normal)))
-        doubt = jax.lax.stop_gradient(jnp.sum(jnp.where(ends, angle * fast, 0)))
-        return end._replace(
-            state=after._replace(rubbing=rubbing),
-            work=end.work + halves.work + work,
-            error=end.error + doubt,
-            rubbed=end.rubbed + jnp.sum(halves.taken + taken),
-        )
-
-    def _points(self, state: ClusterState) -> ContactPoints:
+    def points(state: ClusterState) -> ContactPoints:
         depth = jnp.where(state.closed, state.indentation, 0)
-        return contact_points(*self[:4], state, depth)
+        return contact_points(layout, numbers, bodies, pairs, state, depth)
 
-    def _each(self, of: Callable[..., Any], *columns: Any) -> Any:
-        """Return a function of the scene and the bodies for all pairs."""
-        return jax.vmap(lambda *row: of(self.layout, self.numbers, *row))(*self.bodies, *columns)
-
-    def _alone(self, state: ClusterState) -> Flags:
-        """Return the pairs in contact of which no free body has another contact."""
-        closed, (first, second) = state.closed & self.pairs.used, self.pairs[:2]
-        contacts = jnp.zeros(self.inverse.shape, int)
+    def alone(state: ClusterState) -> Flags:
+        closed = state.closed & pairs.used
+        contacts = jnp.zeros(inverse.shape, int)
         contacts = contacts.at[first].add(closed.astype(int)).at[second].add(closed.astype(int))
-        single = (self.inverse == 0) | (contacts <= 1)
+        single = (inverse == 0) | (contacts <= 1)
         return closed & single[first] & single[second]
 
-    def _after(
-        self, at: ContactPoints, state: ClusterState, impulse: Vectors
-    ) -> tuple[ClusterState, PerContact, Number]:
-        """Return a state after friction impulses on the first bodies, the energies they take, and
-        the work of bodies in prescribed motion.
+    at, single, half = points(state), alone(state), rubbing.slides == HALF
+    speed = jnp.maximum(jnp.where(single, state.latched, 1), least_speed(numbers))
+    pace = pace_of_contact(contact, speed)
+    closing = -jnp.sum(at.relative * at.normal, axis=1)
+    begins = state.closed & pairs.used & ~rests & (state.since == state.time)
+    press = jnp.sum(jnp.square(in_plane(at.relative, at.normal)), axis=1)
+    press = press * jnp.maximum(-1 / pairs.distance, 0) + lengths(pull[first] - pull[second])
+    if drive is not None:
+        strong = lengths(drive.strength)
+        for user, slot in drive.own:
+            strong = strong.at[slot].add(user.bound, mode="drop")
+        press = press + strong[first] + strong[second]
+    touches = begins & single & ~half & each(has_impulse) & (press * pace < _PRESSED * closing)
+    acts, mu = touches | (single & half), each(coefficient_of)
+    most = jnp.where(touches, 2 * mu * mass * closing, 0)
+    before = jax.vmap(coulomb_impulse)(at.arms, at.slip, most) / 2
+    began, taken, work = _rubbed(pairs, at, state, before)
+    before = jnp.where(touches[:, None], before, in_plane(rubbing.spring, at.normal))
+    pressed = jnp.sum(rubbing.spring * at.normal, axis=1)
+    lasts = jnp.where(acts, state.since + _LASTS * pace, jnp.inf)
+    assert began.rubbing is not None
+    still = without_halves(began.rubbing)
+    # The last call may have changed the closing speed, and the slip, of a touch.
+    least = 0.0 if isinstance(v0, str) else v0
+    latched = jnp.where(begins, jnp.maximum(closing, least), state.latched)
+    still = still._replace(slides=jnp.where(acts, 1, still.slides))
+    began = began._replace(latched=latched, rubbing=still)
+
+    def completed(end: ClusterEnd) -> ClusterEnd:
+        """Add second halves. Contacts that last, are at rest, or whose bodies touch others, get a
+        spring. They are at its start as after a whole impact with the normal impulse so far.
         """
-        assert state.rubbing is not None
-        moved, turned = jax.vmap(Arms.kick)(at.arms, at.normal, impulse)
-        first, second, inverse = *self.pairs[:2], at.arms.inverse_mass
+        state, rubbing, at = end.state, end.state.rubbing, points(end.state)
+        assert rubbing is not None
+        # Gravity and one contact move a body that is free.
+        gained = state.velocity - began.velocity - pull * (state.time - began.time)
+        gained = ratio(gained, inverse[:, None])
+        free = (inverse > 0)[first][:, None]
+        push = pressed + lengths(jnp.where(free, gained[first], gained[second]))
+        turned = in_plane(before, at.normal)
+        turned = turned * ratio(lengths(before), lengths(turned))[:, None]
+        late = state.time - state.since >= 0.99 * (lasts - state.since)
+        stops = to_the_end | (end.status == AT_REST) | (end.status == PAUSED)
+        ends, opens = acts & (~alone(state) | late | stops), ~state.closed
+        mobility = at.arms.tangential[:, None]
+        slip = jnp.where(ends[:, None], at.slip - mobility * turned, 0)
+        speed = jnp.maximum(jnp.where(ends, state.latched, 1), least_speed(numbers))
+        e = jnp.where(ends, push / (mass * speed) - 1, 0)
+        whole, _, known = each(friction_impulse, at.arms, slip, speed, e)
+        whole = jnp.where(known[:, None], whole, jnp.nan)
+        # The law of an impact may not hold for one that lasts.
+        by_law = opens | (known & (e >= 0) & (e <= 1))
+        coulomb = jax.vmap(coulomb_impulse)(at.arms, slip, mu * push)
+        whole = jnp.where(by_law[:, None], whole, coulomb)
+        done = _rubbed(pairs, at, state, jnp.where(ends[:, None], whole - turned, 0))
+        left = slip + mobility * whole
+        slides = lengths(left) > 8 * jnp.finfo(speed.dtype).eps * lengths(slip)
+        # In sliding only the direction of the spring counts; its force here is above all limits.
+        force = jnp.where(slides, mu * mass * speed * _LASTS / pace, 0)
+        spring = -ratio(force, lengths(left))[:, None] * left
+        spring = jnp.where(ends[:, None], spring, turned + push[:, None] * at.normal)
+        slides = jnp.where(ends & ~opens, slides.astype(speed.dtype), HALF)
+        # The error of the frozen normal, see `HalfImpulses`.
+        turn = jnp.where(pairs.flat, 0, (state.time - state.since) / jnp.abs(pairs.distance))
+        fast = jnp.hypot(speed, lengths(in_plane(at.relative, at.normal)))
+        doubt = lengths(whole) * jnp.sum(at.arms.inverse_mass, axis=1) * turn * fast
+        lost = taken + done[1]
+        return end._replace(
+            state=done[0]._replace(
+                rubbing=Rubbing(
+                    done[0].rubbing.spin,
+                    jnp.where(acts[:, None], spring, rubbing.spring),
+                    jnp.where(acts, slides, rubbing.slides),
+                    rubbing.taken + lost,
+                )
+            ),
+            work=end.work + work + done[2],
+            error=end.error + jax.lax.stop_gradient(jnp.sum(jnp.where(ends, doubt, 0))),
+            rubbed=end.rubbed + jnp.sum(lost),
+        )
 
-        def both(old: Array, change: Array) -> Array:
-            return old.at[first].add(change[:, 0]).at[second].add(change[:, 1])
+    return Halves(began, acts, begins & ~acts, jnp.minimum(until, jnp.min(lasts)), completed)
 
-        taken = jax.vmap(Arms.lost)(at.arms, at.slip, impulse)
-        drives = jnp.where(inverse[:, 1:] > 0, 0, at.second)
-        drives = drives - jnp.where(inverse[:, :1] > 0, 0, state.velocity[first])
-        rubbing = state.rubbing._replace(spin=both(state.rubbing.spin, turned))
-        state = state._replace(velocity=both(state.velocity, moved), rubbing=rubbing)
-        return state, taken, jnp.sum(impulse * drives)
+
+def _rubbed(
+    pairs: ClusterPairs, at: ContactPoints, state: ClusterState, impulse: Vectors
+) -> tuple[ClusterState, PerContact, Number]:
+    """Return a state after friction impulses on the first bodies, the energies they take, and the
+    work of bodies in prescribed motion.
+    """
+    assert state.rubbing is not None
+    moved, turned = jax.vmap(Arms.kick)(at.arms, at.normal, impulse)
+    first, second, inverse = pairs.first, pairs.second, at.arms.inverse_mass
+
+    def both(old: Array, change: Array) -> Array:
+        return old.at[first].add(change[:, 0]).at[second].add(change[:, 1])
+
+    taken = jax.vmap(Arms.lost)(at.arms, at.slip, impulse)
+    drives = jnp.where(inverse[:, 1:] > 0, 0, at.second)
+    drives = drives - jnp.where(inverse[:, :1] > 0, 0, state.velocity[first])
+    rubbing = state.rubbing._replace(spin=both(state.rubbing.spin, turned))
+    state = state._replace(velocity=both(state.velocity, moved), rubbing=rubbing)
+    return state, taken, jnp.sum(impulse * drives)
