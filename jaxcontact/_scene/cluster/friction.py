@@ -34,7 +34,7 @@ from ..._coupled.springs import (
     spring_motion,
     tangential_stiffness,
 )
-from ..._functions import cross, small_product, swept
+from ..._functions import cross, ratio, small_product, swept
 
 Spins = Float[Array, "bodies axes"]
 
@@ -189,9 +189,7 @@ class SpringPairs(NamedTuple):
 
     def energy(self, spin: Spins) -> Number:
         """Return ½ Σ I ω²."""
-        turns = self.turn > 0
-        inertia = jnp.where(turns, 1 / jnp.where(turns, self.turn, 1), 0)
-        return jnp.sum(inertia[:, None] * jnp.square(spin)) / 2
+        return jnp.sum(ratio(1.0, self.turn)[:, None] * jnp.square(spin)) / 2
 
 
 def in_plane(vectors: Vectors, normal: Vectors) -> Vectors:

@@ -13,6 +13,7 @@ from ..._coupled.field import TIME, WORK, LoopRules
 from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Modes
 from ..._coupled.steps.carry import Carry, CoupledSolve
 from ..._coupled.steps.loop import CoupledStart, first_carry, run_to_end, status_of
+from ..._functions import ratio
 from .equations import ClusterState, PerBody
 from .field import ClusterField, Rubbed, field_of
 from .friction import Rubbing
@@ -147,8 +148,7 @@ def _assess(
     sound = jnp.all(jnp.isfinite(last.y)) & (error <= 1e5 * tolerance)
     status = jnp.where(sound, status, NOT_CONVERGED)
     # The work differs in the frame of the cluster, by the frame velocity times the momentum change.
-    free = (problem.inverse_mass > 0)[:, None]
-    mass = jnp.where(free, 1 / jnp.where(free, problem.inverse_mass[:, None], 1), 0)
+    mass = ratio(1.0, problem.inverse_mass[:, None])
     gain = jnp.sum(mass * solve.frame * (done.velocity - problem.state.velocity))
     work, parts = units.energy * end.y[WORK] + gain, solve.field.parts
     rubbed, start, taken = parts.rubbed(end.y), parts.rubbed(first.y), None

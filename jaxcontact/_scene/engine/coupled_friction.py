@@ -20,6 +20,7 @@ from ..._coupled.springs import Vectors, lengths
 from ..._functions import ratio, spin_axes
 from ..arrays.arrays import Numbers, SceneLayout, least_speed
 from ..arrays.flight import Flying
+from ..arrays.turning import spin_energy
 from ..cluster.equations import ClusterPairs, ClusterState, Drive
 from ..cluster.friction import HALF, PairFriction, Rubbing, in_plane
 from ..cluster.problem import ClusterEnd
@@ -117,12 +118,7 @@ def joined_rubbing(
     """Return the state of friction: `fresh` for bodies that `came` and `new` pairs."""
     if fresh is None or before is None:
         return None
-    return Rubbing(
-        jnp.where(came, fresh.spin, before.spin),
-        jnp.where(new[:, None], fresh.spring, before.spring),
-        jnp.where(new, fresh.slides, before.slides),
-        jnp.where(new, fresh.taken, before.taken),
-    )
+    return jax.tree.map(jnp.where, Rubbing(came, new[:, None], new, new), fresh, before)
 
 
 def blank_rubbing(layout: SceneLayout, slots: int, pairs: int, dtype: Any) -> Rubbing | None:
@@ -141,12 +137,9 @@ def spin_energy_lost(
     """Return the energy of rotation that the members lose in a call, in J."""
     assert began.rubbing is not None and end.rubbing is not None and numbers.rotation is not None
     who, members = jnp.minimum(seats.who, layout.spheres - 1), seats.who.shape[0]
-    turns = rows_of(numbers.rotation.inverse_inertia, who)
-    counts = seats.present & (turns > 0)
-    inertia = jnp.where(counts, 1 / jnp.where(counts, turns, 1), 0)
-    spins = began.rubbing.spin[:members], end.rubbing.spin[:members]
-    before, after = (jnp.sum(jnp.square(spin), axis=1) for spin in spins)
-    return jnp.sum(inertia * (before - after)) / 2
+    turns = jnp.where(seats.present, rows_of(numbers.rotation.inverse_inertia, who), 0)
+    one, other = (spin_energy(turns, x.rubbing.spin[:members]) for x in (began, end))
+    return jnp.sum(one - other)
 
 
 def pace_of_contact(contact: Contact, speed: Number) -> Number:
