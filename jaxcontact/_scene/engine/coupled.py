@@ -216,20 +216,19 @@ def call(
     contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(one, other)
     law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(one, other)
     drive = _drive(layout, numbers, seats, begin.time)
-    touches, slots = decided.closed & fresh & ~rests & pairs.used, (inverse, pull, drive)
-    limits = rests, v0, decided.until, decided.to_the_end
-    halves = impulses(layout, numbers, (one, other), pairs, contact, slots, begin, limits)
-    until = decided.until if halves is None else halves.until
+    bodies, slots = (one, other), (inverse, pull, drive)
+    touches, limits = decided.closed & fresh & ~rests, (rests, decided.until, decided.to_the_end)
+    setting = layout, numbers, bodies, pairs
+    start, until, impulsive, completed = impulses(setting, contact, slots, begin, limits)
     end = cluster(
-        law, contact, pairs, inverse, pull, begin if halves is None else halves.state, until,
+        law, contact, pairs, inverse, pull, start, until,
         rtol=rtol, v0=v0, until_change=True, drive=drive, in_line=in_line(layout),
         to_the_end=decided.to_the_end, max_steps=max_steps,
-        friction=pair_friction(layout, numbers, seats, (one, other), touches, halves),
+        friction=pair_friction(layout, numbers, seats, bodies, touches & pairs.used, impulsive),
     )  # fmt: skip
     # The exact time, without rounding, so that no further call is needed.
     over = jnp.where(end.status == TIME_IS_UP, until, end.state.time)
-    end = end._replace(state=end.state._replace(time=over))
-    return begin, end if halves is None else halves.completed(end)
+    return begin, completed(end._replace(state=end.state._replace(time=over)))
 
 
 def _touch(layout: SceneLayout, numbers: Numbers, spheres: Flying, decided: Call) -> Number:

@@ -6,7 +6,7 @@ A regularised law acts there by its ramp, every other one by its μ and one spri
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -56,10 +56,10 @@ def pair_friction(
     seats: Slots,
     pairs: tuple[Int[Array, " P"], Int[Array, " P"]],
     begins: Flags,
-    halves: Halves | None,
+    impulsive: tuple[Flags, Flags] | None,
 ) -> PairFriction | None:
-    """Return the friction of the `pairs` of bodies, of which some touch just now; None without. In
-    contacts of `halves` nothing rubs.
+    """Return the friction of the `pairs` of bodies, of which some touch just now; None without.
+    Nothing rubs in contacts with impulses, for which see `impulses`.
     """
     if numbers.rotation is None:
         return None
@@ -71,8 +71,8 @@ def pair_friction(
     turns = jnp.where(seats.present, turns, 0)
     wall = jnp.maximum(jnp.asarray(slot_pairs(layout, members)[1]) - members, 0)
     mu = jax.vmap(lambda i, j: coefficient_of(layout, numbers, i, j))(one, other)
-    if halves is not None:
-        mu, begins = jnp.where(halves.acts, 0, mu), halves.others
+    if impulsive is not None:
+        mu, begins = jnp.where(impulsive[0], 0, mu), impulsive[1]
     return PairFriction(
         mu=mu,
         ratio=jax.vmap(lambda i, j: spring_ratio_of(layout, numbers, i, j))(one, other),
@@ -148,18 +148,6 @@ def pace_of_contact(contact: Contact, speed: Number) -> Number:
     return (contact.mass / contact.stiffness / speed ** (n - 1)) ** (1 / (n + 1))
 
 
-class ContactPoints(NamedTuple):
-    """All pairs at one state: unit normals, the velocities of first bodies `relative` to second
-    ones, those of the contact points, those of the second bodies, and the arms.
-    """
-
-    normal: Vectors
-    relative: Vectors
-    slip: Vectors
-    second: Vectors
-    arms: Arms
-
-
 def contact_points(
     layout: SceneLayout,
     numbers: Numbers,
@@ -167,8 +155,11 @@ def contact_points(
     pairs: ClusterPairs,
     state: ClusterState,
     depth: PerContact | None = None,
-) -> ContactPoints:
-    """Return the contact points of all pairs of `bodies`, by default at the distance of touch."""
+) -> tuple[Vectors, Vectors, Vectors, Vectors, Arms]:
+    """Return the unit normals of all pairs of `bodies`, the velocities of the first ones relative
+    to the second ones and those of the contact points, the velocities of the second ones, and the
+    arms, by default at the distance of touch.
+    """
     assert state.rubbing is not None
     velocity, spin, first, second = state.velocity, state.rubbing.spin, pairs.first, pairs.second
     apart = pairs.between(state.position)
@@ -186,7 +177,7 @@ def contact_points(
     moves = velocity[second] + drift
     relative, spins = velocity[first] - moves, jnp.stack([spin[first], spin[second]], axis=1)
     slip = jax.vmap(Arms.slip)(arms, normal, relative, spins)
-    return ContactPoints(normal, relative, slip, moves, arms)
+    return normal, relative, slip, moves, arms
 
 
 def speeds_of(before: Float[Array, "... D"], after: Float[Array, "... D"]) -> SlipSpeeds:
@@ -204,64 +195,67 @@ def without_halves(rubbing: Rubbing) -> Rubbing:
     return rubbing._replace(spring=spring, slides=jnp.where(half, 0, rubbing.slides))
 
 
-class Halves(NamedTuple):
-    """The contacts of two bodies in a call whose friction is the impulse of a law's formula. As in
-    isolated impacts it acts in halves, at the touch and at the opening; in between nothing rubs.
-
-    `state` is that after the first halves. `acts` (P,) marks the contacts, and `others` those that
-    begin with a spring. The call lasts `until` a time in s at most. `completed` is a function that
-    adds the second halves to its end.
-    """
-
-    state: ClusterState
-    acts: Flags
-    others: Flags
-    until: Number
-    completed: Callable[[ClusterEnd], ClusterEnd]
-
-
 def impulses(
-    layout: SceneLayout,
-    numbers: Numbers,
-    bodies: tuple[Int[Array, " P"], Int[Array, " P"]],
-    pairs: ClusterPairs,
+    setting: tuple[SceneLayout, Numbers, tuple[Array, Array], ClusterPairs],
     contact: Contact,
     slots: tuple[Float[Array, " slots"], Float[Array, "slots D"], Drive | None],
     state: ClusterState,
-    decided: tuple[Flags, Any, Number, Flag],
-) -> Halves | None:
-    """Return the contacts with a friction impulse in a call; None if no law has one.
+    decided: tuple[Flags, Number, Flag],
+) -> tuple[ClusterState, Number, tuple[Flags, Flags] | None, Callable[[ClusterEnd], ClusterEnd]]:
+    """Start a call with the contacts of two bodies whose friction is the impulse of a law's formula.
+    As in isolated impacts it acts in halves, at the touch and at the opening; in between nothing
+    rubs. Return the state after the first halves, the longest end of the call in s, these contacts
+    with the others that begin then, and a function that adds the second halves to the end.
 
-    `slots` holds 1/m, gravity and the drive, and what is `decided` are the pairs at rest, the rule
-    of v0, the end of the call in s, and whether it goes to the end. A contact begins with an
-    impulse if its bodies touch nothing else, and touched faster than forces could press them
-    together within a part of the impact.
+    The `setting` are the scene, the bodies of pairs, and these. `slots` holds 1/m, gravity and
+    drive, and what is `decided` are the pairs at rest, the end of the call, and whether it goes to
+    the end. A contact has an impulse if its bodies touch nothing else, and touched faster than
+    forces could press them together within a part of the impact.
     """
-    rubbing, (inverse, pull, drive), (rests, v0, until, to_the_end) = state.rubbing, slots, decided
+    (layout, numbers, bodies, pairs), (inverse, pull, drive) = setting, slots
+    (rests, until, to_the_end), rubbing = decided, state.rubbing
     if rubbing is None or is_followed(numbers):
-        return None
+        return state, until, None, lambda end: end
     first, second, mass = pairs.first, pairs.second, contact.mass
 
     def each(of: Callable[..., Any], *columns: Any) -> Any:
         return jax.vmap(lambda *row: of(layout, numbers, *row))(*bodies, *columns)
 
-    def points(state: ClusterState) -> ContactPoints:
-        depth = jnp.where(state.closed, state.indentation, 0)
-        return contact_points(layout, numbers, bodies, pairs, state, depth)
+    def both(old: Array, change: Array) -> Array:
+        """Add changes of both bodies of each pair."""
+        return old.at[first].add(change[:, 0]).at[second].add(change[:, 1])
 
     def alone(state: ClusterState) -> Flags:
+        """Return the contacts in which no free body has another one."""
         closed = state.closed & pairs.used
-        contacts = jnp.zeros(inverse.shape, int)
-        contacts = contacts.at[first].add(closed.astype(int)).at[second].add(closed.astype(int))
+        contacts = both(jnp.zeros(inverse.shape, int), jnp.stack([closed] * 2, 1).astype(int))
         single = (inverse == 0) | (contacts <= 1)
         return closed & single[first] & single[second]
 
-    at, single, half = points(state), alone(state), rubbing.slides == HALF
+    def points(state: ClusterState) -> tuple:
+        depth = jnp.where(state.closed, state.indentation, 0)
+        return contact_points(*setting, state, depth)
+
+    def rubbed(state: ClusterState, at: tuple, impulse: Vectors) -> tuple:
+        """Return a state after friction impulses on the first bodies, the energies they take, and
+        the work of bodies in prescribed motion.
+        """
+        normal, _, slip, moves, arms = at
+        moved, turned = jax.vmap(Arms.kick)(arms, normal, impulse)
+        drives = jnp.where(arms.inverse_mass[:, 1:] > 0, 0, moves)
+        drives = drives - jnp.where(arms.inverse_mass[:, :1] > 0, 0, state.velocity[first])
+        assert state.rubbing is not None
+        rubbing = state.rubbing._replace(spin=both(state.rubbing.spin, turned))
+        state = state._replace(velocity=both(state.velocity, moved), rubbing=rubbing)
+        return state, jax.vmap(Arms.lost)(arms, slip, impulse), jnp.sum(impulse * drives)
+
+    normal, relative, slip, _, arms = at = points(state)
+    single, half = alone(state), rubbing.slides == HALF
     speed = jnp.maximum(jnp.where(single, state.latched, 1), least_speed(numbers))
     pace = pace_of_contact(contact, speed)
-    closing = -jnp.sum(at.relative * at.normal, axis=1)
+    closing = -jnp.sum(relative * normal, axis=1)
     begins = state.closed & pairs.used & ~rests & (state.since == state.time)
-    press = jnp.sum(jnp.square(in_plane(at.relative, at.normal)), axis=1)
+    press = jnp.sum(jnp.square(in_plane(relative, normal)), axis=1)
     press = press * jnp.maximum(-1 / pairs.distance, 0) + lengths(pull[first] - pull[second])
     if drive is not None:
         strong = lengths(drive.strength)
@@ -271,16 +265,14 @@ def impulses(
     touches = begins & single & ~half & each(has_impulse) & (press * pace < _PRESSED * closing)
     acts, mu = touches | (single & half), each(coefficient_of)
     most = jnp.where(touches, 2 * mu * mass * closing, 0)
-    before = jax.vmap(coulomb_impulse)(at.arms, at.slip, most) / 2
-    began, taken, work = _rubbed(pairs, at, state, before)
-    before = jnp.where(touches[:, None], before, in_plane(rubbing.spring, at.normal))
-    pressed = jnp.sum(rubbing.spring * at.normal, axis=1)
+    before = jax.vmap(coulomb_impulse)(arms, slip, most) / 2
+    began, *given = rubbed(state, at, before)
+    before = jnp.where(touches[:, None], before, in_plane(rubbing.spring, normal))
+    pressed = jnp.sum(rubbing.spring * normal, axis=1)
     lasts = jnp.where(acts, state.since + _LASTS * pace, jnp.inf)
-    assert began.rubbing is not None
     still = without_halves(began.rubbing)
-    # The last call may have changed the closing speed, and the slip, of a touch.
-    least = 0.0 if isinstance(v0, str) else v0
-    latched = jnp.where(begins, jnp.maximum(closing, least), state.latched)
+    # An impulse of the last call may have made a touch faster.
+    latched = jnp.where(begins, jnp.maximum(closing, state.latched), state.latched)
     still = still._replace(slides=jnp.where(acts, 1, still.slides))
     began = began._replace(latched=latched, rubbing=still)
 
@@ -288,74 +280,52 @@ def impulses(
         """Add second halves. Contacts that last, are at rest, or whose bodies touch others, get a
         spring. They are at its start as after a whole impact with the normal impulse so far.
         """
-        state, rubbing, at = end.state, end.state.rubbing, points(end.state)
+        state, rubbing, lasted = end.state, end.state.rubbing, end.state.time - end.state.since
+        normal, relative, slip, _, arms = at = points(state)
         assert rubbing is not None
         # Gravity and one contact move a body that is free.
         gained = state.velocity - began.velocity - pull * (state.time - began.time)
         gained = ratio(gained, inverse[:, None])
-        free = (inverse > 0)[first][:, None]
-        push = pressed + lengths(jnp.where(free, gained[first], gained[second]))
-        turned = in_plane(before, at.normal)
+        gained = jnp.where((inverse > 0)[first][:, None], gained[first], gained[second])
+        push, turned = pressed + lengths(gained), in_plane(before, normal)
         turned = turned * ratio(lengths(before), lengths(turned))[:, None]
-        late = state.time - state.since >= 0.99 * (lasts - state.since)
         stops = to_the_end | (end.status == AT_REST) | (end.status == PAUSED)
-        ends, opens = acts & (~alone(state) | late | stops), ~state.closed
-        mobility = at.arms.tangential[:, None]
-        slip = jnp.where(ends[:, None], at.slip - mobility * turned, 0)
+        ends, opens = ~alone(state) | (lasted >= 0.99 * (lasts - state.since)), ~state.closed
+        ends, mobility = acts & (ends | stops), arms.tangential[:, None]
+        slip = jnp.where(ends[:, None], slip - mobility * turned, 0)
         speed = jnp.maximum(jnp.where(ends, state.latched, 1), least_speed(numbers))
         e = jnp.where(ends, push / (mass * speed) - 1, 0)
-        whole, _, known = each(friction_impulse, at.arms, slip, speed, e)
+        whole, _, known = each(friction_impulse, arms, slip, speed, e)
         whole = jnp.where(known[:, None], whole, jnp.nan)
         # The law of an impact may not hold for one that lasts.
         by_law = opens | (known & (e >= 0) & (e <= 1))
-        coulomb = jax.vmap(coulomb_impulse)(at.arms, slip, mu * push)
+        coulomb = jax.vmap(coulomb_impulse)(arms, slip, mu * push)
         whole = jnp.where(by_law[:, None], whole, coulomb)
-        done = _rubbed(pairs, at, state, jnp.where(ends[:, None], whole - turned, 0))
+        state, taken, work = rubbed(state, at, jnp.where(ends[:, None], whole - turned, 0))
         left = slip + mobility * whole
         slides = lengths(left) > 8 * jnp.finfo(speed.dtype).eps * lengths(slip)
         # In sliding only the direction of the spring counts; its force here is above all limits.
         force = jnp.where(slides, mu * mass * speed * _LASTS / pace, 0)
         spring = -ratio(force, lengths(left))[:, None] * left
-        spring = jnp.where(ends[:, None], spring, turned + push[:, None] * at.normal)
+        spring = jnp.where(ends[:, None], spring, turned + push[:, None] * normal)
         slides = jnp.where(ends & ~opens, slides.astype(speed.dtype), HALF)
         # The error of the frozen normal, see `HalfImpulses`.
-        turn = jnp.where(pairs.flat, 0, (state.time - state.since) / jnp.abs(pairs.distance))
-        fast = jnp.hypot(speed, lengths(in_plane(at.relative, at.normal)))
-        doubt = lengths(whole) * jnp.sum(at.arms.inverse_mass, axis=1) * turn * fast
-        lost = taken + done[1]
+        turn = jnp.where(pairs.flat, 0, lasted / jnp.abs(pairs.distance))
+        doubt = lengths(whole) * jnp.sum(arms.inverse_mass, axis=1) * turn
+        doubt = doubt * jnp.hypot(speed, lengths(in_plane(relative, normal)))
+        taken = given[0] + taken
+        friction = Rubbing(
+            state.rubbing.spin,
+            jnp.where(acts[:, None], spring, rubbing.spring),
+            jnp.where(acts, slides, rubbing.slides),
+            rubbing.taken + taken,
+        )
         return end._replace(
-            state=done[0]._replace(
-                rubbing=Rubbing(
-                    done[0].rubbing.spin,
-                    jnp.where(acts[:, None], spring, rubbing.spring),
-                    jnp.where(acts, slides, rubbing.slides),
-                    rubbing.taken + lost,
-                )
-            ),
-            work=end.work + work + done[2],
+            state=state._replace(rubbing=friction),
+            work=end.work + given[1] + work,
             error=end.error + jax.lax.stop_gradient(jnp.sum(jnp.where(ends, doubt, 0))),
-            rubbed=end.rubbed + jnp.sum(lost),
+            rubbed=end.rubbed + jnp.sum(taken),
         )
 
-    return Halves(began, acts, begins & ~acts, jnp.minimum(until, jnp.min(lasts)), completed)
-
-
-def _rubbed(
-    pairs: ClusterPairs, at: ContactPoints, state: ClusterState, impulse: Vectors
-) -> tuple[ClusterState, PerContact, Number]:
-    """Return a state after friction impulses on the first bodies, the energies they take, and the
-    work of bodies in prescribed motion.
-    """
-    assert state.rubbing is not None
-    moved, turned = jax.vmap(Arms.kick)(at.arms, at.normal, impulse)
-    first, second, inverse = pairs.first, pairs.second, at.arms.inverse_mass
-
-    def both(old: Array, change: Array) -> Array:
-        return old.at[first].add(change[:, 0]).at[second].add(change[:, 1])
-
-    taken = jax.vmap(Arms.lost)(at.arms, at.slip, impulse)
-    drives = jnp.where(inverse[:, 1:] > 0, 0, at.second)
-    drives = drives - jnp.where(inverse[:, :1] > 0, 0, state.velocity[first])
-    rubbing = state.rubbing._replace(spin=both(state.rubbing.spin, turned))
-    state = state._replace(velocity=both(state.velocity, moved), rubbing=rubbing)
-    return state, taken, jnp.sum(impulse * drives)
+    until = jnp.minimum(until, jnp.min(lasts))
+    return began, until, (acts, begins & ~acts), completed

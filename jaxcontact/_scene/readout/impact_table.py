@@ -174,7 +174,7 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
         def sliding_at(seats: Slots, state: ClusterState) -> Array:
             pairs = pairs_of(layout, numbers, members, seats)
             bodies = bodies_of(layout, members, seats.who)
-            return contact_points(layout, numbers, bodies, pairs, state).slip
+            return contact_points(layout, numbers, bodies, pairs, state)[2]
 
         at_start, at_end = (jax.vmap(sliding_at)(seats, state) for state in (began, end))
         # The call in which a contact began starts at its touch, with the same slots.
