@@ -12,10 +12,12 @@ Lanes = Float[Array, " lanes"]
 _ITERATIONS = 4
 
 
-def to_root(size: Number, left: Lanes, falls: Lanes, right: Lanes, fall: Lanes) -> Lanes:
-    """Return the offset from the right end at which the cubic falls to zero. It is negative for a
-    root within the step, and infinite if the cubic does not fall. `falls` and `fall` are the slopes
-    at the left and the right.
+def to_root(
+    size: Number, left: Lanes, falls: Lanes, right: Lanes, fall: Lanes
+) -> tuple[Lanes, Lanes]:
+    """Return the offset from the right end at which the cubic falls to zero, and its slope there.
+    The offset is negative for a root within the step, and infinite if the cubic does not fall.
+    `falls` and `fall` are the slopes at the left and the right.
     """
     mean = (right - left) / size
     second = (2 * fall + falls - 3 * mean) / size
@@ -30,7 +32,7 @@ def to_root(size: Number, left: Lanes, falls: Lanes, right: Lanes, fall: Lanes) 
         value = right + x * (fall + x * (second + x * third))
         slope = fall + x * (2 * second + 3 * x * third)
         x = jnp.where(slope < 0, jnp.maximum(x - value / jnp.where(slope < 0, slope, 1), -size), x)
-    return jnp.where(down | (right < 0), x, jnp.inf)
+    return jnp.where(down | (right < 0), x, jnp.inf), fall + x * (2 * second + 3 * x * third)
 
 
 def highest(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -23,8 +24,8 @@ def attracts(law: AbstractLaw) -> bool:
 
 
 def in_contact(depth: Depths, ends: Depths | None) -> Depths:
-    """Return indentations for the forces of closed contacts, which rounding puts beyond 0. Those
-    that end below 0 have a force there.
+    """Return indentations for the forces of closed contacts, which rounding puts beyond 0, with the
+    derivative of a contact. Those that end below 0 have a force there.
     """
-    pressed = jnp.maximum(depth, 0)
+    pressed = depth - jax.lax.stop_gradient(jnp.minimum(depth, 0))
     return pressed if ends is None else jnp.where(ends < 0, depth, pressed)

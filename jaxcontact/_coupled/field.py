@@ -36,14 +36,17 @@ class Grip(NamedTuple):
 
 class Look(NamedTuple):
     """The indentations at the end of a step, their first and second rates, and the forces; or the
-    slopes of all four in s. `grip` is that of contacts that stick and slip.
+    slopes of all four in s. `grip` is that of contacts that stick and slip. `press` falls through
+    zero where a force vanishes that may do so before its contact opens. What is known elsewhere is
+    None.
     """
 
-    depth: PerContact
-    rate: PerContact
+    depth: Any
+    rate: Any
     second: PerContact
     force: PerContact
     grip: Grip | None = None
+    press: PerContact | None = None
 
 
 class Settled(NamedTuple):
@@ -75,7 +78,8 @@ class LoopRules(NamedTuple):
     """The static rules of a coupled solve. `peak`: whether v0 follows its peak. `until_change` and
     `max_steps` determine its end. `flies`: whether it goes on without contacts. `sticks`: whether
     contacts stick and slip. `remembers`: whether forces depend on the largest indentation so far;
-    `forgets`: whether that may shrink.
+    `forgets`: whether that may shrink. `fades`: whether forces may vanish before contacts open.
+    `jumps`: whether they may jump where contacts begin or end.
     """
 
     peak: bool
@@ -85,11 +89,14 @@ class LoopRules(NamedTuple):
     sticks: bool = False
     remembers: bool = False
     forgets: bool = False
+    fades: bool = False
+    jumps: bool = False
 
     @property
-    def events(self) -> int:
-        """The number of events of each contact."""
-        return 1 + self.peak + self.remembers + self.forgets + self.sticks
+    def events(self) -> list[str]:
+        """The kinds of events of each contact, in the order of their gaps."""
+        kinds = ["peak", "remembers", "forgets", "fades", "sticks"]
+        return ["gap", *(kind for kind in kinds if getattr(self, kind))]
 
 
 class AbstractCoupledField(abc.ABC):
@@ -118,6 +125,10 @@ class AbstractCoupledField(abc.ABC):
     @abc.abstractmethod
     def force(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
         """Return the forces of the closed contacts."""
+
+    @abc.abstractmethod
+    def pressing(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
+        """Return the numbers for `press` of a `Look`, if forces fade."""
 
     @abc.abstractmethod
     def lost(self, y: Array) -> PerContact:
@@ -236,9 +247,11 @@ class AbstractCoupledField(abc.ABC):
             return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
         # No event needs the slope of δ'' or of a grip.
         now, pace = self.look(y, modes, clock), 2 * y[W]
-        slopes = (pace * now.rate, pace * now.second)
-        force = self.force_slope(modes, (now.depth, now.rate), slopes)
-        return now, Look(*slopes, jnp.zeros_like(force), force)
+        at, slopes = (now.depth, now.rate), (pace * now.rate, pace * now.second)
+        force, press = self.force_slope(modes, at, slopes), None
+        if self.rules.fades:
+            press = jax.jvp(lambda d, r: self.pressing(d, r, modes), at, slopes)[1]
+        return now, Look(*slopes, jnp.zeros_like(force), force, press=press)
 
     def force_slope(
         self, modes: Modes, at: tuple[PerContact, PerContact], along: tuple[PerContact, PerContact]
@@ -268,6 +281,8 @@ class AbstractCoupledField(abc.ABC):
         if modes.adheres is not None:
             back = jnp.where(modes.adheres, -at.rate, at.depth - least)
             gaps.append(jnp.where(modes.loads, at.rate, back))
+        if modes.faded is not None:
+            gaps.append(jnp.where(modes.faded, -at.press, at.press))
         slips = [] if at.grip is None else [at.grip.hold]
         return jnp.concatenate([*gaps, *slips, left[None]])
 
@@ -283,6 +298,10 @@ class AbstractCoupledField(abc.ABC):
         if modes.adheres is not None:
             back = jnp.where(modes.adheres, at.rate > 0, at.rate < 0)
             passed.append(self.used & modes.closed & ~modes.loads & back)
+        if modes.faded is not None and at.press is not None:
+            # A contact that creeps apart has a force of rounding only.
+            sure = jnp.abs(at.press) > float(jnp.finfo(gaps.dtype).eps) ** TOGETHER
+            passed.append(self.used & modes.closed & sure)
         slips = [] if at.grip is None else [self._slips(modes, at.grip)]
         return (gaps < 0) & jnp.concatenate([*passed, *slips, last])
 

@@ -54,7 +54,8 @@ class Modes(NamedTuple):
     masses that they began with, if these depend on the motion. `slide`: the signs of the slips, 0
     for contacts that stick, if contacts stick and slip. `deepest`: the largest indentations of
     contacts that unload, 0 for those that load, if forces depend on them. `adheres`: those of them
-    that follow their adhesion, if a law forgets.
+    that follow their adhesion, if a law forgets. `faded`: those whose force has vanished, if that
+    may be before they open.
     """
 
     closed: Flags
@@ -64,6 +65,7 @@ class Modes(NamedTuple):
     slide: PerContact | None = None
     deepest: PerContact | None = None
     adheres: Flags | None = None
+    faded: Flags | None = None
 
     @property
     def memory(self) -> PerContact | None:

@@ -290,6 +290,14 @@ class AbstractForm(eqx.Module):
         coefficient, excess = damping
         return signed_power(w, k * excess) + coefficient * v
 
+    def pressing(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+        """Return a number of order one with the sign of f, and with a slope where f vanishes."""
+        pulling, damping = self.pulling(x, v, n, compressing, 1), self.damping(n, compressing)
+        if damping is not None:
+            return pulling / (1 + damping[0])
+        # A force clamped to zero has vanished already.
+        return jnp.where(pulling == 0, -1, pulling) if self.may_clamp else pulling
+
 
 def sound_damping(number: Lane) -> tuple[Lane, Flag]:
     """Return a damping number, replaced by 0 if negative or not finite, and where it was valid."""

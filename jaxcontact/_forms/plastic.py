@@ -102,6 +102,11 @@ class AbstractPlasticForm(AbstractForm):
         gap = self.gap(self.left(x), v, True)
         return jnp.where(compressing, self.force(x, v, n, compressing), gap)
 
+    def pressing(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+        # A contact that loads keeps its force.
+        left = jnp.where(compressing, 1, self.left(x))
+        return left if self.alpha is None else jnp.minimum(left, self.damped(v) / (1 + self.alpha))
+
     def left(self, x: Lane) -> Lane:
         """Return the distance of x to the end of the way back."""
         return self._back(x)[1]

@@ -7,6 +7,7 @@ from .base import end_of as end_of
 from .base import energies_of as energies_of
 from .base import force_of as force_of
 from .base import force_of_closed as force_of_closed
+from .base import pressing as pressing
 from .base import require_exponent as require_exponent
 from .base import require_law as require_law
 from .base import require_no_adhesion as require_no_adhesion

@@ -20,7 +20,7 @@ from .._entry import (
     require_kind,
     shown,
 )
-from .._forms import AbstractForm, GeneralForm, Scale
+from .._forms import AbstractForm, Exponent, GeneralForm, Scale, scale_of
 
 if TYPE_CHECKING:
     from .._contact import Contact
@@ -110,6 +110,15 @@ class AbstractLaw(eqx.Module):
         """
         return False
 
+    @property
+    def fades(self) -> bool:
+        """True if the force may vanish before δ = 0, which ends the contact."""
+        return not self.tension and (self.damped or self.remembers)
+
+    def jumps(self, exponent: Exponent) -> bool:
+        """Return whether the force may jump where a contact begins or ends."""
+        return True
+
     @abc.abstractmethod
     def force(
         self,
@@ -135,6 +144,24 @@ class AbstractLaw(eqx.Module):
         """Return the force of a contact that unloads from `deepest`, or loads if that is 0."""
         # Only laws that remember have this.
         raise NotImplementedError
+
+    def _pressing(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+        deepest: ArrayLike | None,
+    ) -> Float[Array, "..."]:
+        """Return the number for `pressing`."""
+        # Only laws that fade have this.
+        rate, speed = jnp.asarray(velocity), jnp.asarray(impact_velocity)
+        scale = scale_of(contact, speed)
+        form, closes = self.form(contact, scale), rate > 0
+        if self.remembers and deepest is not None:
+            form, closes = form.remembering(deepest / scale.length), jnp.asarray(deepest) <= 0
+        x, v = indentation / scale.length, rate / speed
+        return form.pressing(x, v, contact.exponent, closes)
 
     def _adheres_below(self, largest: ArrayLike) -> Float[Array, "..."]:
         """Return the indentation in m below which a contact that unloads follows its adhesion."""
@@ -241,6 +268,20 @@ def force_of_closed(
     """
     at = indentation, velocity, contact, impact_velocity, deepest
     return law._force_of_closed(*at) if law.ends_apart else force_of(law, *at)
+
+
+def pressing(
+    law: AbstractLaw,
+    indentation: ArrayLike,
+    velocity: ArrayLike,
+    contact: Contact,
+    impact_velocity: ArrayLike,
+    deepest: ArrayLike | None = None,
+) -> Float[Array, "..."]:
+    """Return a number of order one with the sign of the force before it is clamped, and with a
+    slope where that vanishes, for a law that `fades`. The arguments are those of `force_of`.
+    """
+    return law._pressing(indentation, velocity, contact, impact_velocity, deepest)
 
 
 def energies_of(

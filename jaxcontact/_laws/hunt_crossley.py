@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, parameter
-from .._forms import HuntCrossleyForm
+from .._forms import Exponent, HuntCrossleyForm
 from .._functions import power
 from .base import AbstractLaw, contact_for, force_arguments, speed_for
 from .registry import register_law
@@ -32,6 +32,9 @@ class AbstractHuntCrossley(AbstractLaw):
     @property
     def refers_to_peak(self) -> bool:
         return self.damped
+
+    def jumps(self, exponent: Exponent) -> bool:
+        return False
 
     @abc.abstractmethod
     def damping_factor(
@@ -64,6 +67,18 @@ class AbstractHuntCrossley(AbstractLaw):
         damping = self.damping_factor(contact, speed) / speed
         factor = 1 + damping * rate
         return elastic * (factor if self.tension else jnp.maximum(factor, 0))
+
+    def _pressing(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+        deepest: ArrayLike | None,
+    ) -> Float[Array, "..."]:
+        speed = jnp.asarray(impact_velocity)
+        alpha = self.damping_factor(contact, speed)
+        return (1 + alpha * velocity / speed) / (1 + alpha)
 
     def form(self, contact: Contact | None, scale: Scale | None) -> HuntCrossleyForm:
         alpha = self.damping_factor(contact, None if scale is None else scale.speed)

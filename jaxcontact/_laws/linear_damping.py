@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, POSITIVE, parameter
-from .._forms import AbstractForm, DashpotForm, OscillatorForm
+from .._forms import AbstractForm, DashpotForm, Exponent, OscillatorForm
 from .._functions import power
 from .base import AbstractLaw, force_arguments, needed
 from .registry import register_law
@@ -94,6 +94,9 @@ class StepDamping(AbstractLaw):
     c_max: Float[Array, "..."] = parameter("c_max", NOT_NEGATIVE)
     d: Float[Array, "..."] = parameter("d", POSITIVE)
     tension = False
+
+    def jumps(self, exponent: Exponent) -> bool:
+        return False
 
     def force(
         self,

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, as_parameter, parameter
-from .._forms import LudingForm
+from .._forms import Exponent, LudingForm
 from .base import AbstractLaw, contact_for, force_arguments, needed, require_exponent
 from .plastic import STIFFER
 from .registry import register_law
@@ -64,6 +64,9 @@ class Luding(AbstractLaw):
 
     @property
     def damped(self) -> bool:
+        return False
+
+    def jumps(self, exponent: Exponent) -> bool:
         return False
 
     def force(

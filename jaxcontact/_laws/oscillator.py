@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import RESTITUTION, RESTITUTION_FROM_ZERO, parameter
-from .._forms import OscillatorForm
+from .._forms import Exponent, OscillatorForm
 from .._functions import arc_over_sine, horner, implicit_root, power
 from .base import AbstractLaw, force_arguments
 from .registry import register_law
@@ -28,6 +28,9 @@ class AbstractOscillator(AbstractLaw):
 
     approach_only: ClassVar[bool] = False
     """True if the damping acts only while the bodies approach."""
+
+    def jumps(self, exponent: Exponent) -> bool:
+        return not (isinstance(exponent, float) and exponent > 1)
 
     @abc.abstractmethod
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:

@@ -11,7 +11,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, POSITIVE, Range, as_parameter, parameter
-from .._forms import AbstractPlasticForm, BilinearForm, TwoCurvesForm, YieldingForm, scale_of
+from .._forms import (
+    AbstractPlasticForm,
+    BilinearForm,
+    Exponent,
+    TwoCurvesForm,
+    YieldingForm,
+    scale_of,
+)
 from .base import AbstractLaw, contact_for, force_arguments, needed, require_exponent
 from .registry import register_law
 
@@ -39,6 +46,9 @@ class AbstractPlastic(AbstractLaw):
                 f"Argument `tension` must be False for `{type(self).__name__}`, which unloads to "
                 "zero force, but is True."
             )
+
+    def jumps(self, exponent: Exponent) -> bool:
+        return False
 
     @abc.abstractmethod
     def _over_stiffness(self, contact: Contact) -> AbstractPlasticForm:

@@ -8,7 +8,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, parameter
-from .._forms import AbstractForm, OscillatorForm, ViscoelasticForm, ViscoelasticSpheresForm
+from .._forms import (
+    AbstractForm,
+    Exponent,
+    OscillatorForm,
+    ViscoelasticForm,
+    ViscoelasticSpheresForm,
+)
 from .._functions import power
 from .base import AbstractLaw, force_arguments, needed
 from .registry import register_law
@@ -45,6 +51,9 @@ class KuwabaraKono(AbstractLaw):
 
     A: Float[Array, "..."] = parameter("A", NOT_NEGATIVE)
     tension = True
+
+    def jumps(self, exponent: Exponent) -> bool:
+        return not (isinstance(exponent, float) and exponent > 1)
 
     def force(
         self,

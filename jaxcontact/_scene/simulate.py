@@ -81,9 +81,11 @@ def simulate_scene(
     layout = layout_of(scene)
     if max_cluster is None:
         room_for = _places_of(scene, room_for)
-    scene = _usable_start(scene, soft, min(room_for, layout.spheres))
+    if room_for != _places_of(scene, 0):
+        room_for = min(room_for, layout.spheres)
+    scene = _usable_start(scene, soft, room_for)
     require_clear_of_each_other(scene.bodies, length)
-    rules = Rules(soft, rule, min(room_for, layout.spheres) if soft else 0)
+    rules = Rules(soft, rule, room_for if soft else 0)
     plain = not traced((scene, length, at))
     start: RunState | None = None
     if plain:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -31,7 +31,7 @@ from .._coupled.springs import (
 )
 from .._coupled.stored_energy import stored_energy
 from .._friction import SpringSlider
-from .._laws import adhesion_below, energies_of, force_of_closed, shrunk_memory
+from .._laws import adhesion_below, energies_of, force_of_closed, pressing, shrunk_memory
 from .mechanics import Mechanics, Opening, SystemMotion, Vector
 from .problem import Scales
 from .stick_slip import SLIDES_ON, Friction
@@ -155,7 +155,8 @@ class SystemField(AbstractCoupledField):
         gap, rate = self.mechanics.gaps(*self.moment(y))
         return self._along(gap, rate, y, clock)
 
-    def force(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
+    def _at(self, depth: PerContact, rate: PerContact, modes: Modes) -> tuple[Any, ...]:
+        """Return the law and its arguments in SI units."""
         units, law = self.scales.contact, self.mechanics.system.law
         speed = jnp.where(modes.rising, jnp.maximum(rate, 0), modes.latched)
         speed = jnp.maximum(speed, SLOWEST)
@@ -165,8 +166,14 @@ class SystemField(AbstractCoupledField):
         arguments = (units.length * in_contact(depth, self.ends), units.speed * rate, contact)
         memory = modes.memory
         deepest = None if memory is None else units.length * memory
-        force = force_of_closed(law, *arguments, units.speed * speed, deepest) / units.force
+        return law, *arguments, units.speed * speed, deepest
+
+    def force(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
+        force = force_of_closed(*self._at(depth, rate, modes)) / self.scales.contact.force
         return jnp.where(modes.closed, force, 0)
+
+    def pressing(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
+        return pressing(*self._at(depth, rate, modes))
 
     def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:
         at, units, pace = self.moment(y), self.scales.contact, 2 * y[W]
@@ -193,7 +200,8 @@ class SystemField(AbstractCoupledField):
         depth, rate = self._along(opening.gap, opening.rate, y, clock)
         force = self.force(depth, rate, modes)
         motion = self._motion(y, at, opening, force, modes)
-        look = Look(depth, rate, self._second(at, motion), force)
+        press = self.pressing(depth, rate, modes) if self.rules.fades else None
+        look = Look(depth, rate, self._second(at, motion), force, press=press)
         springs = self.springs(y)
         if springs is not None:
             hold = self._spring_motion(springs, at, look[:3], force, modes).hold

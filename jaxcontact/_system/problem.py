@@ -21,9 +21,10 @@ class SystemState(NamedTuple):
 
     `time` is in s. Each gap has its `closing` speed -dg/dt. `closed`: whether it is in contact.
     `rising`: whether its v0 still follows the closing speed; `latched` is that v0, and `mass` the
-    effective mass at touch. `since` and `force_until` in s are the last touch and the last time
-    with a force, `touch_speed` the closing speed at that touch. `max_force`, `max_depth` and the
-    energy `lost` in J are those since then. `work` in J is that since the start of the run. `step`
+    effective mass at touch. `since` in s is the last touch, and `force_until` the end of the force
+    since then, or `since` itself while it acts; `touch_speed` and `parting` are the closing and the
+    opening speed there. `max_force`, `max_depth` and the energy `lost` in J are those since the
+    touch. `work` in J is that since the start of the run. `step`
     in s is the length of the next step. `slide` holds the signs of the slip, 0 for contacts that
     stick, if contacts stick and slip. `spring` (m, d) in N are the forces of tangential springs.
     `deepest` in m is the largest indentation of a contact that unloads, 0 for one that loads; None
@@ -41,6 +42,7 @@ class SystemState(NamedTuple):
     since: PerContact
     touch_speed: PerContact
     force_until: PerContact
+    parting: PerContact
     max_force: PerContact
     max_depth: PerContact
     lost: PerContact

@@ -139,6 +139,7 @@ def _for_each(gaps: int, numbers: Any) -> Any:
     """Return law, stiffness and exponent with one number for each gap."""
 
     def spread(leaf: Any) -> Array:
+        leaf = as_parameter(leaf, "law") if is_plain(leaf) else leaf
         if leaf.ndim > 1 or leaf.shape not in ((), (1,), (gaps,)):
             raise ValueError(
                 f"Law, stiffness and exponent must hold one number, or one for each of {gaps} "

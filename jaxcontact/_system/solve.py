@@ -113,6 +113,8 @@ def _solve_to_stop(
             sticks=mechanics.system.sticks,
             remembers=mechanics.system.law.remembers,
             forgets=mechanics.system.law.forgets,
+            fades=mechanics.system.law.fades,
+            jumps=mechanics.system.law.jumps(mechanics.system.exponent),
         ),
         until=(stop - state.time) / units.time,
         used=jnp.ones_like(state.closed),
@@ -153,11 +155,15 @@ def _start(solve: _SystemSolve, state: SystemState) -> CoupledStart:
     latched, mass = state.latched / units.speed, state.mass
     springs = None if state.spring is None else state.spring / units.force
     deepest = None if state.deepest is None else state.deepest / units.length
+    modes = Modes(state.closed, state.rising, latched, mass, state.slide, deepest)
+    if solve.field.rules.fades:
+        modes = modes._replace(faded=state.closed & (state.force_until > state.since))
     return CoupledStart(
         y=solve.field.pack(q, v, state.lost / units.energy, [zero, zero, zero], springs),
-        modes=Modes(state.closed, state.rising, latched, mass, state.slide, deepest),
+        modes=modes,
         since=state.since,
         force_until=state.force_until,
+        parting=state.parting,
         max_force=state.max_force,
         step=jnp.where(state.step > 0, state.step / units.time, solve.begin),
     )
@@ -204,6 +210,7 @@ def state_of(solve: _SystemSolve, loop: _Loop) -> SystemState:
         since=c.since,
         touch_speed=loop.touch_speed,
         force_until=c.force_until,
+        parting=c.parting,
         max_force=c.max_force,
         max_depth=loop.max_depth,
         lost=units.energy * solve.field.lost(c.y),

@@ -86,6 +86,7 @@ def start_of(
         since=jnp.full_like(nothing, time),
         touch_speed=speed,
         force_until=jnp.full_like(nothing, time),
+        parting=nothing,
         max_force=nothing,
         max_depth=nothing,
         lost=nothing,

@@ -46,8 +46,10 @@ class CoupledSolve:
 class Carry(NamedTuple):
     """The state of the loop. `y` is the state vector, and `size` the next step. `free` is the size
     that the error alone allows. `whole` is the step in which an event was first seen, 0 if none is
-    being sought. `cruise` is the last step without contacts in units of time. Where contacts stick
-    and slip, `renew` is True after a jump of their forces: then `look` and `slope` are out of date.
+    being sought. `cruise` is the last step without contacts in units of time. `parting` is the
+    opening speed in m/s at the end of a force. That is at `force_until` in s, or `since` while it
+    acts. Where forces may jump, `renew` is True after a jump: then `look` and `slope` are out of
+    date.
     """
 
     y: Float[Array, " numbers"]
@@ -65,6 +67,7 @@ class Carry(NamedTuple):
     slope: Look
     since: PerContact
     force_until: PerContact
+    parting: PerContact
     max_force: PerContact
     dropped: Number
     error: Number
@@ -74,14 +77,16 @@ class Carry(NamedTuple):
 
 
 class Changed(NamedTuple):
-    """The state and the modes after the events of a step, and which contacts begin and end. Where
-    contacts stick and slip, `slides` marks those that change, and `jumps` is True if forces do.
+    """The state and the modes after the events of a step, and which contacts begin and end. `ends`
+    marks those whose force ends. Where contacts stick and slip, `slides` marks those that change.
+    `jumps` is True if forces jump, None if they cannot.
     """
 
     y: Array
     modes: Modes
     touches: Flags
     opens: Flags
+    ends: Flags
     now: Look
     touched: Array
     dropped: Array

@@ -26,6 +26,7 @@ def onward(
     """
     target = size + left
     back = jnp.where((target > 0.01 * size) & (target < size), target, size / 2)
-    free = jnp.where(fine & (sought | passed), free, grown)
+    # The error of a step that was cut short says nothing about the next one, unless that may grow.
+    free = jnp.where(fine & passed, free, jnp.where(fine & sought, jnp.maximum(free, grown), grown))
     ahead = jnp.where(sought & (left > 0), jnp.minimum(left, free), free)
     return jnp.where(fine, jnp.where(passed, back, ahead), free), free

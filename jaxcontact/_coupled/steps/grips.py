@@ -1,7 +1,6 @@
-"""Contacts that change between stick and slip within a coupled solve.
+"""Contacts that change between stick and slip within a coupled solve, and jumps of forces.
 
-With friction the forces jump. A step of no length then gives what holds after the jump, so that no
-other part of the program computes it.
+A step of no length gives what holds after a jump, so that no other part of the program computes it.
 """
 
 from __future__ import annotations
@@ -43,27 +42,31 @@ def change_grips(
         (settled.y, settled.modes, settled.slides),
         (changed.y, before, jnp.zeros_like(happens)),
     )
+    jumps = jnp.any(slides) if changed.jumps is None else changed.jumps | jnp.any(slides)
     return changed._replace(
-        y=y, modes=modes, slides=slides, jumps=jnp.any(slides), redundant=settled.redundant
+        y=y, modes=modes, slides=slides, jumps=jumps, redundant=settled.redundant
     )
 
 
-def renewed(solve: CoupledSolve, before: Carry, now: Look, slope: Look, redundant: Flag) -> Carry:
+def renewed(
+    solve: CoupledSolve, before: Carry, now: Look, slope: Look, redundant: Flag | None
+) -> Carry:
     """Return the state after a jump of the forces, of which `now` and `slope` are known."""
-    modes = before.modes
+    modes, status = before.modes, before.status
     if solve.field.rules.peak:
         # With the accelerations the closing speed may begin or cease to rise.
         largest = modes.closed & (now.rate >= modes.latched - 16 * solve.finest)
-        rising = (modes.rising | largest) & (now.second > 0)
+        rising = solve.field.refers_to_peak((modes.rising | largest) & (now.second > 0))
         falls = modes.rising & ~rising
         latched = jnp.where(falls, jnp.maximum(now.rate, 0), modes.latched)
         modes = modes._replace(rising=rising, latched=latched)
-    status = jnp.where(redundant, REDUNDANT, before.status)
+    if redundant is not None:
+        status = jnp.where(redundant, REDUNDANT, status).astype(jnp.int32)
     return before._replace(
         modes=modes,
         look=now,
         slope=slope,
         steps=before.steps + 1,
-        status=status.astype(jnp.int32),
+        status=status,
         renew=jnp.asarray(False),
     )

@@ -31,13 +31,15 @@ _stop = jax.lax.stop_gradient
 class CoupledStart(NamedTuple):
     """The start of a solve: its vector, whose last three numbers are zero, and the modes, both in
     its units; then the last touch and the last time with a force in s, and the largest force since
-    that touch. `step`: the first step in units of time, if no contact begins just now.
+    that touch. `parting` belongs to that last time, see `Carry`. `step`: the first step in units of
+    time, if no contact begins just now.
     """
 
     y: Array
     modes: Modes
     since: PerContact
     force_until: PerContact
+    parting: PerContact
     max_force: PerContact
     step: Number | None = None
 
@@ -48,18 +50,21 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
     zero = jnp.zeros((), start.y.dtype)
     nobody, none = jnp.zeros_like(modes.closed), jnp.zeros_like(modes.latched)
     touching, renew = ContactClock(jnp.asarray(True), nobody), None
+    if field.rules.jumps or field.rules.sticks:
+        renew = jnp.asarray(field.rules.sticks)
     if field.rules.sticks:
         # The first step, of no length, finds the rest.
-        renew = jnp.asarray(True)
-        here = slope = Look(*field.approach(start.y, touching), none, none, Grip(none, none, none))
+        press = none if field.rules.fades else None
+        at, grip = field.approach(start.y, touching), Grip(none, none, none)
+        here, slope = Look(*at, none, none, grip, press), Look(None, None, none, none, grip, press)
     else:
         here = field.look(start.y, modes, touching)
         force = field.force_slope(modes, (here.depth, here.rate), (here.rate, here.second))
-        slope = Look(here.rate, here.second, none, force)
+        slope = Look(None, None, none, force, press=none if field.rules.fades else None)
     if field.rules.forgets and modes.deepest is not None:
         pulls = ~modes.loads & (here.depth < field.least(modes.deepest))
         modes = modes._replace(adheres=modes.closed & pulls)
-    if field.rules.peak and renew is None:
+    if field.rules.peak and not field.rules.sticks:
         # v0 follows a closing speed that is the largest so far and increases.
         largest = modes.closed & (here.rate >= modes.latched - 16 * finest)
         rising = modes.rising | (largest & (here.second > 0))
@@ -87,11 +92,12 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
         last_error=zero + 1,
         whole=zero,
         cruise=begin,
-        sought=jnp.zeros(field.rules.events * none.shape[0] + 1, bool),
+        sought=jnp.zeros(len(field.rules.events) * none.shape[0] + 1, bool),
         look=here,
         slope=slope,
         since=start.since,
         force_until=start.force_until,
+        parting=start.parting,
         max_force=start.max_force,
         dropped=zero,
         error=zero,

@@ -23,6 +23,9 @@ from .grips import change_grips, renewed, slips_within
 _NEAR = 0.4
 """A power of rounding, relative to the step: the distance to an event that its cubic bridges."""
 
+_FADES = 100
+"""The size of a vanished force, in tolerances of a step, that differs from one of rounding."""
+
 _stop = jax.lax.stop_gradient
 
 
@@ -48,10 +51,11 @@ class _Attempt(NamedTuple):
 class _StepEvents(NamedTuple):
     """The events of a step. `event`: whether it ends on one. `taken`: whether it is accepted.
     `happens` marks the events on which it ends. `next_one` is the distance to the first of the
-    `sought` events.
+    `sought` events. `y` is `moved` in s from the end of the trial.
     """
 
     y: Array
+    moved: Array
     event: Array
     taken: Array
     happens: Bool[Array, " events"]
@@ -110,7 +114,6 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
         "modes": modes,
         "touched": changed.touched,
         "look": changed.now,
-        "since": jnp.where(touches, time, c.since),
         "dropped": changed.dropped,
         "status": status.astype(jnp.int32),
     }
@@ -128,10 +131,11 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
         error=c.error + jnp.where(events.taken, trial.error * solve.tolerance, 0),
         steps=c.steps + 1,
     )
-    renew = c.renew
-    if renew is not None and changed.jumps is not None and changed.redundant is not None:
-        carry = carry._replace(renew=events.taken & changed.jumps & ~changed.redundant)
-        again = renewed(solve, c, trial.now, records["slope"], changed.redundant)
+    renew, jumps, redundant = c.renew, changed.jumps, changed.redundant
+    if renew is not None and jumps is not None:
+        jumps = jumps if redundant is None else jumps & ~redundant
+        carry = carry._replace(renew=events.taken & jumps)
+        again = renewed(solve, c, trial.now, records["slope"], redundant)
         carry = jax.tree.map(lambda a, b: jnp.where(renew, a, b), again, carry)
     return carry, changes
 
@@ -201,18 +205,21 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     last, begun, ended = _stop((c, outset, toward))
     left = _stop(until) - last.y[TIME]
     before = field.gaps(modes, clock, last.look, last.y[W], _stop(fixed), left)
-    earlier = jax.tree.map(lambda x: 2 * last.y[W] * x, last.slope)
+    falling = last.slope._replace(depth=last.look.rate, rate=last.look.second, force=None)
+    earlier = jax.tree.map(lambda x: 2 * last.y[W] * x, falling)
     fell = field.gaps(modes, clock, earlier, begun[W], NO_SLOPES, -begun[TIME])
     crossed = field.has_passed(modes, trial.now, gaps)
     if c.renew is not None:
         crossed = crossed & ~c.renew
-    left = to_root(c.size, before, fell, *_stop((gaps, fall)))
-    seeking, anything = jnp.any(c.sought), jnp.any(crossed)
-    sought = crossed | c.sought
+    left, steepness = to_root(c.size, before, fell, *_stop((gaps, fall)))
+    whole = jnp.where(jnp.any(c.sought), c.whole, c.size)
+    # A shorter step may show that an event of a longer one is not there.
+    still = c.sought & (left <= whole)
+    seeking, anything = jnp.any(still), jnp.any(crossed)
+    sought = crossed | still
     left = jnp.where(sought, left, jnp.inf)
     first = jnp.argmin(left)
     next_one = rows_of(left, first)
-    whole = jnp.where(seeking, c.whole, c.size)
     small = jnp.abs(next_one) <= near * whole
     # If a gap falls slowly, its rounding hides the exact time; this is the attainable accuracy.
     on_event = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * field.noise(y, finest))
@@ -223,11 +230,11 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     happens = event & jnp.where(small, sought & (left <= next_one + together * whole), at_once)
     # The root depends on everything that the gap depends on.
     moved = jnp.where(small, next_one, 0)
-    gap, steep = rows_of((gaps, fall), first)
-    at_root, steep = gap + moved * steep, _stop(steep)
+    gap, steep, at_root = rows_of((gaps, fall, steepness), first)
+    change = gap + moved * steep
     # The end of the run is a sharp event, however small the step is.
-    varies = event & (small | (first == gaps.shape[0] - 1)) & (steep < 0)
-    moved = moved - (at_root - _stop(at_root)) / jnp.where(varies, steep, -jnp.inf)
+    varies = event & (small | (first == gaps.shape[0] - 1)) & (at_root < 0)
+    moved = moved - (change - _stop(change)) / jnp.where(varies, at_root, -jnp.inf)
     mean = (_stop(y) - last.y) / c.size
     bends = (2 * ended + begun - 3 * mean) / c.size
     bends = bends + _stop(moved) * (ended + begun - 2 * mean) / jnp.square(c.size)
@@ -235,17 +242,20 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     bends = jnp.where(c.size > math.sqrt(finest), bends, 0)
     moved = jnp.where(event, moved, 0)
     y = y + moved * (toward + moved * bends)
-    return _StepEvents(y, event, taken, happens, sought, seeking, anything, next_one, whole)
+    return _StepEvents(y, moved, event, taken, happens, sought, seeking, anything, next_one, whole)
 
 
 def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepEvents) -> Changed:
     """Apply all events on which the step ends."""
     field, modes, y, happens = solve.field, c.modes, events.y, events.happens
-    contacts = modes.closed.shape[0]
-    meets = happens[:contacts]
+    kinds = field.rules.events
+    each = dict(zip(kinds, happens[:-1].reshape(len(kinds), -1), strict=True))
+    meets = each["gap"]
     # At the event the depth is that from which the clock continues.
     depth, closing = field.approach(y, c.clock)
-    now = trial.now._replace(depth=depth, rate=closing)
+    there, along = (look._replace(depth=None, rate=None) for look in (trial.now, trial.slope))
+    moved = jax.tree.map(lambda x, pace: x + events.moved * pace, there, along)
+    now = moved._replace(depth=depth, rate=closing)
     # Gaps that are zero within rounding close and open together; noise would decide otherwise.
     gap = depth if field.ends is None else jnp.where(modes.closed, field.height(depth), depth)
     zero = jnp.abs(gap) <= 16 * field.noise(y, solve.finest)
@@ -257,7 +267,7 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
     at_touch = jnp.maximum(speed, solve.floor / solve.units.speed)
     latched, rising = jnp.where(touches, at_touch, modes.latched), modes.rising & ~opens
     if field.rules.peak:
-        latches = happens[contacts : 2 * contacts]
+        latches = each["peak"]
         latched = jnp.where(latches, speed, latched)
         rising = jnp.where(latches, ~modes.rising, rising)
         rising = jnp.where(touches, field.refers_to_peak(now.second > 0), rising)
@@ -266,33 +276,48 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
     dropped = c.dropped - jnp.sum(before - lost)
     deepest, adheres = modes.deepest, modes.adheres
     if deepest is not None:
-        first = contacts * (1 + field.rules.peak)
-        turns = happens[first : first + contacts]
+        turns = each["remembers"]
         kept = field.kept(jnp.where(modes.loads, depth, deepest), modes)
         # The energy kept is lost when a contact unloads, until it loads again.
         lost = lost + jnp.where(turns, jnp.where(modes.loads, kept, -kept), 0)
         deepest = jnp.where(turns, jnp.where(modes.loads, depth, 0), deepest)
         if adheres is not None:
-            changes = happens[first + contacts : first + 2 * contacts] & ~modes.loads & ~turns
+            changes = each["forgets"] & ~modes.loads & ~turns
             # A contact that closes again loads as if it had not been as deep.
             deepest = jnp.where(changes & adheres, field.shrunk(depth), deepest)
             adheres = closed & ~touches & ~turns & (adheres ^ changes)
         deepest = jnp.where(closed & ~touches, deepest, 0)
     if field.ends is not None:
         lost = lost + jnp.where(opens, field.torn(modes), 0)
+    faded, ends = modes.faded, opens
+    if faded is not None and now.press is not None:
+        # A force of rounding only, as that of contacts that creep apart, lasts until they open.
+        lasts = ~faded | (now.press > -_FADES * solve.tolerance)
+        changes = each["fades"] & ~opens
+        ends = (opens & lasts) | (changes & ~faded)
+        faded = (faded ^ changes) & closed & ~touches
     touched = jnp.where(jnp.any(touches), y[TIME], c.touched)
     y = field.with_lost(y, lost)
     modes = field.at_touch(
         y,
         touches,
         modes._replace(
-            closed=closed, rising=rising, latched=latched, deepest=deepest, adheres=adheres
+            closed=closed,
+            rising=rising,
+            latched=latched,
+            deepest=deepest,
+            adheres=adheres,
+            faded=faded,
         ),
     )
-    changed = Changed(y, modes, touches, opens, now, touched, dropped)
+    jumps = None
+    if field.rules.jumps:
+        jump = jnp.abs(field.force(depth, closing, modes) - now.force)
+        jumps = jnp.any(field.used & (touches | opens) & (jump > solve.finest**TOGETHER))
+    changed = Changed(y, modes, touches, opens, ends, now, touched, dropped, jumps=jumps)
     if not field.rules.sticks:
         return changed
-    return change_grips(solve, changed, trial.now.grip, happens[-1 - contacts : -1])
+    return change_grips(solve, changed, now.grip, each["sticks"])
 
 
 def _onward(
@@ -351,27 +376,27 @@ def _records(
     solve: CoupledSolve, c: Carry, tried: _Attempt, changed: Changed, time: Number
 ) -> dict[str, Any]:
     """Return the records of every contact; slopes in time are special where w vanishes."""
-    units, modes, now, passing = solve.units, c.modes, changed.now, tried.passing
-    start, touches = solve.start, changed.touches
+    units, modes, now = solve.units, c.modes, changed.now
+    passing, touches, ends = changed.y[TIME] - c.y[TIME], changed.touches, changed.ends
     now_w, zero = tried.y[W], jnp.zeros_like(now.rate)
     safe = jnp.abs(now_w) > solve.finest**_NEAR
-    per_time = jax.tree.map(lambda x: x / jnp.where(safe, 2 * now_w, 1), tried.slope)
+    # Those of depths and their rates are known.
+    per_step = tried.slope._replace(depth=None, rate=None)
+    per_time = jax.tree.map(lambda x: x / jnp.where(safe, 2 * now_w, 1), per_step)
     none = None if now.grip is None else Grip(zero, zero, zero)
-    at_opening = Look(now.rate, now.second, zero, zero, none)
+    press = None if now.press is None else zero
+    at_opening = Look(None, None, zero, zero, none, press)
     per_time = jax.tree.map(lambda a, b: jnp.where(safe, a, b), per_time, at_opening)
     strongest = solve.field.strongest(passing, (c.look, c.slope), (now, per_time), modes)
     strongest = jnp.where(modes.closed, units.force * strongest, 0)
     fresh = jnp.where(touches, 0, 1).astype(zero.dtype)
-    # A contact about to end may have no force within rounding, but lasts until it ends.
-    lasts = (c.look.depth <= 0) & (c.force_until >= start + units.time * c.y[TIME])
-    acts = modes.closed & ((c.look.force != 0) | lasts)
-    # A force that vanishes in a closed contact ends about where its slope predicts.
-    vanishes = acts & (now.force == 0) & ~changed.opens & (c.slope.force < 0)
-    lasted = -c.look.force / jnp.where(vanishes, c.slope.force, -1)
-    lasted = c.y[TIME] + jnp.minimum(lasted, passing)
-    until_then = jnp.where(vanishes, start + units.time * lasted, time)
+    since, acts = jnp.where(touches, time, c.since), changed.modes.closed
+    if changed.modes.faded is not None:
+        acts = acts & ~changed.modes.faded
     return {
         "slope": per_time,
-        "force_until": jnp.where(acts, until_then, jnp.where(touches, time, c.force_until)),
+        "since": since,
+        "force_until": jnp.where(acts, since, jnp.where(ends, time, c.force_until)),
+        "parting": jnp.where(ends, -units.speed * now.rate, c.parting),
         "max_force": fresh * jnp.maximum(c.max_force, strongest),
     }

@@ -13,6 +13,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ..._contact import Contact
 from ..._coupled.scalars import Index
 from ..._coupled.stored_energy import stored_energy
+from ..._forms import Exponent
 from ..._friction import AbstractFriction
 from ..._laws import (
     AbstractLaw,
@@ -21,6 +22,7 @@ from ..._laws import (
     energies_of,
     force_of,
     force_of_closed,
+    pressing,
     shrunk_memory,
 )
 
@@ -39,6 +41,13 @@ class MixedLaw(AbstractLaw):
     @property
     def damped(self) -> bool:
         return any(law.damped for law in self.laws)
+
+    @property
+    def fades(self) -> bool:
+        return any(law.fades for law in self.laws)
+
+    def jumps(self, exponent: Exponent) -> bool:
+        return any(law.jumps(exponent) for law in self.laws)
 
     @property
     def remembers(self) -> bool:
@@ -87,6 +96,18 @@ class MixedLaw(AbstractLaw):
         depths = (indentation if law.ends_apart else pressed for law in self.laws)
         forces = (force_of_closed(*both, *at) for both in zip(self.laws, depths, strict=True))
         return self._chosen(*forces)
+
+    def _pressing(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+        deepest: ArrayLike | None,
+    ) -> Float[Array, "..."]:
+        at = indentation, velocity, contact, impact_velocity, deepest
+        one = jnp.ones_like(jnp.asarray(velocity))
+        return self._chosen(*(pressing(law, *at) if law.fades else one for law in self.laws))
 
     def _end_indentation(self, contact: Contact) -> Float[Array, "..."]:
         zero = jnp.zeros_like(contact.stiffness)

@@ -23,7 +23,14 @@ from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Index, Number
 from ..._coupled.stored_energy import stored_energy
 from ..._functions import ratio, small_product
-from ..._laws import AbstractLaw, adhesion_below, energies_of, force_of_closed, shrunk_memory
+from ..._laws import (
+    AbstractLaw,
+    adhesion_below,
+    energies_of,
+    force_of_closed,
+    pressing,
+    shrunk_memory,
+)
 from ..bodies.motion import UserMotion
 from ..bodies.side import side
 from .friction import Rub, Rubbing, Spins, SpringPairs, in_plane
@@ -66,7 +73,7 @@ class ClusterPairs(NamedTuple):
         `relative` is its rate.
         """
         between = jnp.where(self.flat[:, None] | ~self.used[:, None], 1, apart)
-        length = side(self.distance) * _norm(between)
+        length = side(self.distance) * norm(between)
         height = jnp.sum(apart * self.normal, axis=1)
         rises = jnp.sum(relative * self.normal, axis=1)
         along = jnp.sum(between * relative, axis=1) / length
@@ -96,8 +103,9 @@ class ClusterState(NamedTuple):
     `time` is in s; `position` and `velocity` are (M, D). Each pair has an `indentation` δ in m,
     negative if open. The solve continues from it, since differences of positions have fewer digits.
     `closed`: whether the pair is in contact. `rising`: whether its v0 still follows δ'; `latched`
-    is that v0 in m/s. `since` and `force_until` in s are the last touch and the last time with a
-    force. `max_force` and the energy `lost` are those since that touch. `rubbing` is None without
+    is that v0 in m/s. `since` in s is the last touch, and `force_until` the end of the force since
+    then, where the bodies part with `parting` in m/s; `since` itself while the force acts.
+    `max_force` and the energy `lost` are those since that touch. `rubbing` is None without
     friction. `deepest` in m is the largest indentation of a pair that unloads, 0 for one that
     loads; None unless forces depend on it.
     """
@@ -111,6 +119,7 @@ class ClusterState(NamedTuple):
     latched: PerPair
     since: PerPair
     force_until: PerPair
+    parting: PerPair
     max_force: PerPair
     lost: PerPair
     rubbing: Rubbing | None = None
@@ -149,9 +158,10 @@ def incidence_of(pairs: ClusterPairs, bodies: int, dtype: Any) -> Float[Array, "
 
 
 class Touching(eqx.Module):
-    """The equations of a cluster in its units. `apart` and `depth` belong to its start, `incidence`
-    to its pairs. `in_line`: whether the bodies are spheres and walls in one dimension, without
-    shells. `friction` is None without it, and `ends` if all contacts end at zero indentation.
+    """The equations of a cluster in its units. `apart` and `depth` belong to its start; `apart` has
+    the signed lengths `start`, and is arbitrary for planes. `incidence` is that of its pairs.
+    `in_line`: whether the bodies are spheres and walls in one dimension, without shells. `friction`
+    is None without it, and `ends` if all contacts end at zero indentation.
     """
 
     law: AbstractLaw
@@ -159,6 +169,7 @@ class Touching(eqx.Module):
     units: Units
     pairs: ClusterPairs
     apart: Float[Array, "pairs dim"]
+    start: PerPair
     depth: PerPair
     inverse_mass: Float[Array, " bodies"]
     acceleration: PerBody
@@ -178,19 +189,16 @@ class Touching(eqx.Module):
         both = self._between(jnp.concatenate([moved, velocity], axis=1))
         dim = moved.shape[1]
         change, relative = both[:, :dim], both[:, dim:]
-        # Unused pairs and planes get a length that is safe to divide by.
-        curved = (pairs.used & ~pairs.flat)[:, None]
-        before = jnp.where(curved, self.apart, 1)
+        before = self.apart
         if self.in_line:
             # Spheres outside of each other keep their order.
             normal = jnp.where(pairs.flat[:, None], pairs.normal, jnp.sign(before))
             rate = -(normal * relative)[:, 0]
             depth = self.depth - (normal * change)[:, 0]
             return Geometry(depth, rate, normal, jnp.zeros_like(depth))
-        now = before + jnp.where(curved, change, 0)
-        sign = side(pairs.distance)
-        length, start = sign * _norm(now), sign * _norm(before)
-        approached = jnp.sum((2 * before + change) * change, axis=1) / (start + length)
+        now = before + jnp.where(pairs.flat[:, None], 0, change)
+        length = side(pairs.distance) * norm(now)
+        approached = jnp.sum((2 * before + change) * change, axis=1) / (self.start + length)
         flat = jnp.sum(pairs.normal * change, axis=1)
         normal = jnp.where(pairs.flat[:, None], pairs.normal, now / length[:, None])
         rate = -jnp.sum(normal * relative, axis=1)
@@ -202,8 +210,8 @@ class Touching(eqx.Module):
         turns = jnp.where(pairs.flat[:, None], 0, across / length[:, None])
         return Geometry(depth, rate, normal, swirl, across, turns)
 
-    def force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
-        """Return the forces of the closed pairs."""
+    def _at(self, depth: PerPair, rate: PerPair, modes: Modes) -> tuple[Any, ...]:
+        """Return the law and its arguments in SI units."""
         units = self.units
         speed = jnp.where(modes.rising, jnp.maximum(rate, 0), modes.latched)
         speed = jnp.maximum(speed, SLOWEST)
@@ -212,9 +220,16 @@ class Touching(eqx.Module):
             rate = jnp.zeros_like(rate)
         arguments = (units.length * depth, units.speed * rate, self.contact, units.speed * speed)
         memory = modes.memory
-        deepest = None if memory is None else units.length * memory
-        force = force_of_closed(self.law, *arguments, deepest) / units.force
+        return self.law, *arguments, None if memory is None else units.length * memory
+
+    def force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
+        """Return the forces of the closed pairs."""
+        force = force_of_closed(*self._at(depth, rate, modes)) / self.units.force
         return jnp.where(modes.closed & self.pairs.used, force, 0)
+
+    def pressing(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
+        """Return the numbers that fall through zero with forces, see `AbstractCoupledField`."""
+        return pressing(*self._at(depth, rate, modes))
 
     def stored(self, depth: PerPair, modes: Modes) -> PerPair:
         """Return ∫ F(δ, 0) dδ of the closed pairs."""
@@ -307,5 +322,5 @@ class Touching(eqx.Module):
         return jnp.sum(ratio(1.0, self.inverse_mass)[:, None] * jnp.square(velocity)) / 2
 
 
-def _norm(vectors: Float[Array, "pairs dim"]) -> PerPair:
+def norm(vectors: Float[Array, "pairs dim"]) -> PerPair:
     return jnp.sqrt(jnp.sum(jnp.square(vectors), axis=1))

@@ -14,7 +14,8 @@ from ..._coupled.field import TIME, WORK, AbstractCoupledField, Grip, Look, Loop
 from ..._coupled.modes import Flags, Modes, Units
 from ..._coupled.scalars import Index, Number
 from ..._coupled.springs import SMALL, SpringMotion, settled_springs
-from .equations import Geometry, PerBody, PerPair, Pushes, Touching, incidence_of
+from ..bodies.side import side
+from .equations import Geometry, PerBody, PerPair, Pushes, Touching, incidence_of, norm
 from .friction import Spins, in_plane, spring_pairs
 from .problem import ClusterProblem, scale_drive
 from .rest import rest_of
@@ -138,7 +139,10 @@ class ClusterField(AbstractCoupledField):
         at, turning = self.geometry(y, clock), self._turning(y)
         force = self.system.force(at.depth, at.rate, modes)
         pushes = self.system.pushes(at, force, y[TIME], modes, turning)
-        look = Look(at.depth, at.rate, self.system.second(at, pushes.acceleration), force)
+        second, press = self.system.second(at, pushes.acceleration), None
+        if self.rules.fades:
+            press = self.pressing(at.depth, at.rate, modes)
+        look = Look(at.depth, at.rate, second, force, press=press)
         if turning is None:
             return look
         hold = self._spring_motion(at, turning[1], pushes, force, modes).hold
@@ -174,6 +178,9 @@ class ClusterField(AbstractCoupledField):
 
     def force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
         return self.system.force(depth, rate, modes)
+
+    def pressing(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
+        return self.system.pressing(depth, rate, modes)
 
     def kept(self, deepest: PerPair, modes: Modes) -> PerPair:
         return self.system.kept(deepest, modes)
@@ -238,6 +245,9 @@ def field_of(
     law = problem.law
     friction, axes, loses = None, 0, law.damped or law.remembers or law.ends_apart
     ends = ends_of(law, problem.contact, units.length, pairs.used.shape[0])
+    # Planes and unused pairs get a length that is safe to divide by.
+    curved = (pairs.used & ~pairs.flat)[:, None]
+    apart = jnp.where(curved, pairs.between(state.position) / units.length, 1)
     if problem.friction is not None and state.rubbing is not None:
         who = pairs.first, pairs.second, pairs.flat
         friction = spring_pairs(problem.friction, units, state.time, who, incidence)
@@ -247,7 +257,8 @@ def field_of(
         contact=problem.contact,
         units=units,
         pairs=pairs,
-        apart=pairs.between(state.position) / units.length,
+        apart=apart,
+        start=side(pairs.distance) * norm(apart),
         depth=state.indentation / units.length,
         inverse_mass=problem.inverse_mass * units.mass,
         acceleration=jnp.where(free, problem.acceleration, 0) / (units.speed / units.time),

@@ -91,6 +91,8 @@ def cluster(
         sticks=friction is not None,
         remembers=law.remembers,
         forgets=law.forgets,
+        fades=law.fades,
+        jumps=law.jumps(contact.exponent),
     )
     if law.remembers and state.deepest is None:
         fresh = state._replace(deepest=jnp.zeros_like(state.indentation))
@@ -125,6 +127,7 @@ def cluster_at_touch(
         latched=jnp.where(closed, latched, 0),
         since=zero,
         force_until=zero,
+        parting=zero,
         max_force=zero,
         lost=zero,
     )

@@ -63,6 +63,8 @@ def _start(solve: _ClusterSolve) -> CoupledStart:
     modes = Modes(state.closed & solve.field.used, state.rising, state.latched / units.speed)
     if state.deepest is not None:
         modes = modes._replace(deepest=state.deepest / units.length)
+    if solve.field.rules.fades:
+        modes = modes._replace(faded=modes.closed & (state.force_until > state.since))
     rubbing, friction, rubbed = state.rubbing, solve.problem.friction, None
     if rubbing is not None and friction is not None:
         spin = friction.radius[:, None] * rubbing.spin / units.speed
@@ -79,6 +81,7 @@ def _start(solve: _ClusterSolve) -> CoupledStart:
         modes=modes,
         since=state.since,
         force_until=state.force_until,
+        parting=state.parting,
         max_force=state.max_force,
     )
 
@@ -100,6 +103,7 @@ def _state_at(solve: _ClusterSolve, end: Carry) -> tuple[ClusterState, Array]:
         latched=units.speed * end.modes.latched,
         since=end.since,
         force_until=end.force_until,
+        parting=end.parting,
         max_force=end.max_force,
         lost=units.energy * parts.lost(end.y),
         rubbing=_rubbing_at(solve, end),
@@ -144,7 +148,9 @@ def _assess(
     if attracts(problem.law):
         # The energy of bodies that stick may vanish.
         before = jnp.max(jax.vmap(field.turnover)(*both))
-    error = jnp.maximum(last.error, missing / jnp.maximum(before, jnp.abs(last.y[WORK])))
+    # Bodies that move alike have no energy in their frame.
+    turnover = jnp.maximum(jnp.maximum(before, jnp.abs(last.y[WORK])), 1)
+    error = jnp.maximum(last.error, missing / turnover)
     sound = jnp.all(jnp.isfinite(last.y)) & (error <= 1e5 * tolerance)
     status = jnp.where(sound, status, NOT_CONVERGED)
     # The work differs in the frame of the cluster, by the frame velocity times the momentum change.

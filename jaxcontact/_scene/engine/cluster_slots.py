@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -188,6 +189,35 @@ def rearrange(state: ClusterState, change: MemberChange, members: int) -> Cluste
         spin, *springs = state.rubbing
         kept["rubbing"] = Rubbing(spin[slots], *(x[change.pair_source] for x in springs))
     return ClusterState(**kept, **pairs)
+
+
+def in_places(layout: SceneLayout, old: Any, blank: Any, members: tuple[int, int]) -> Any:
+    """Return the tree `old` of a coupled solve in the larger one of two numbers of `members`, as
+    that of `blank`. Both may be rows of a log.
+    """
+    few, many = members
+    numbered = {pair: k for k, pair in enumerate(zip(*slot_pairs(layout, many), strict=True))}
+    slots = np.concatenate([np.arange(few), many + np.arange(layout.walls)])
+    of_pairs = (slots[slot] for slot in slot_pairs(layout, few))
+    pairs = np.array([numbered[pair] for pair in zip(*of_pairs, strict=True)])
+    # Axes of spheres, of all slots and of pairs differ in their lengths.
+    places = {few: slots[:few], slots.size: slots, pairs.size: pairs}
+
+    def moved(path: Any, rows: Any, row: Any) -> np.ndarray:
+        rows, row = np.asarray(rows), np.asarray(row)
+        differs = [k for k in range(1, row.ndim + 1) if rows.shape[-k] != row.shape[-k]]
+        axis = next((k for k in differs if rows.shape[-k] in places), None)
+        if axis is None:
+            return rows
+        where = places[rows.shape[-axis]]
+        if "pair_source" in jax.tree_util.keystr(path):
+            rows = pairs[rows]
+        shape = (*rows.shape[: rows.ndim - axis], *row.shape[row.ndim - axis :])
+        there = np.broadcast_to(row, shape).copy()
+        there[(..., where, *(slice(None),) * (axis - 1))] = rows
+        return there
+
+    return jax.tree_util.tree_map_with_path(moved, old, blank)
 
 
 def masses(layout: SceneLayout, numbers: Numbers, seats: Slots) -> Float[Array, " M"]:

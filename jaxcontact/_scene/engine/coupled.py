@@ -319,8 +319,8 @@ def blank_state(layout: SceneLayout, members: int, dtype: Any) -> ClusterState:
     flags = jnp.zeros(pairs, bool)
     rubbing = blank_rubbing(layout, slots, pairs, dtype)
     return ClusterState(
-        jnp.zeros((), dtype), vector, vector, each, flags, flags, each, each, each, each, each,
-        rubbing, each if layout.remembers else None,
+        jnp.zeros((), dtype), vector, vector, each, flags, flags, *(each,) * 6, rubbing,
+        each if layout.remembers else None,
     )  # fmt: skip
 
 

@@ -139,7 +139,8 @@ def blank_calls(
     none = jnp.zeros((), dtype)
     pairs = jnp.zeros(slot_pairs(layout, members)[0].shape, bool)
     integers = jnp.zeros(members, int)
-    seats, change = Slots(integers, integers > 0, vector), no_change(layout, members)
+    nobody = jnp.full(members, layout.spheres)
+    seats, change = Slots(nobody, integers > 0, vector), no_change(layout, members)
     decided = Call(no, None, seats, change, pairs, none, no)
     turning = rubbed = None
     if layout.frictions is not None:

@@ -17,7 +17,7 @@ from ..arrays.arrays import Numbers, SceneLayout
 from ..contact_times.cells import CellGrid
 from ..contact_times.grid import grid_of
 from ..derivative.differentiable_run import RunInputs
-from .cluster_slots import all_fit
+from .cluster_slots import all_fit, in_places
 from .event_queue import reset_events
 from .log import Log, LoopOutcome, blank_log
 from .loop import advance, has_events_left, initial_state, with_empty_slots
@@ -68,28 +68,15 @@ def from_python(
     tell: Tell,
     grows: bool,
 ) -> tuple[Rules, LoopOutcome]:
-    """Run the event loop from Python; return the final rules and the outcome. It writes at `most`
-    so many rows. If it `grows`, the capacity of coupled solves is increased as needed.
-    """
-    layout, numbers = inputs[:2]
-    state = _begun(layout, numbers, rules) if start is None else start
-    ended, outcome = _piece_by_piece(rules, inputs, state, most, tell)
-    room = min(_MOST_GROWN, layout.spheres)
-    while grows and int(outcome.status) == CROWDED and ended.members < room:
-        more = Rules(rules.soft, rules.v0, min(2 * ended.members, layout.spheres))
-        ended, outcome = _piece_by_piece(more, inputs, state, most, tell)
-    return ended, outcome
-
-
-def _piece_by_piece(
-    wanted: Rules, inputs: RunInputs, state: RunState, most: int | None, tell: Tell
-) -> tuple[Rules, LoopOutcome]:
-    """Run one program repeatedly until all impacts are found. With many spheres, periodic axes or
-    friction most scenes need no coupled solve. The program is then one without, until a coupled
-    solve is needed.
+    """Run one program repeatedly until all impacts are found; return the final rules and the
+    outcome. It writes at `most` so many rows. If it `grows`, a piece that needs more places in a
+    coupled solve is run again with more.
     """
     layout, numbers, valid, end, tolerance = inputs
-    rules = wanted
+    state = _begun(layout, numbers, rules) if start is None else start
+    wanted, room = rules, min(_MOST_GROWN, layout.spheres) if grows else 0
+    # With many spheres, periodic axes or friction most scenes need no coupled solve. The program is
+    # then one without, until a coupled solve is needed.
     within = numbers.start is not None and numbers.start.leans
     lean = not all_fit(layout, rules.members) or layout.frictions is not None
     if lean and not within:
@@ -107,7 +94,15 @@ def _piece_by_piece(
     while more and int(state.status) == RUNNING and (most is None or total < most):
         if state.cells is not None and bool(state.cells.full):
             state, crowded_at = _with_room(layout, numbers, state, crowded_at)
+        before = state
         state, log, written, ahead = _piece(layout, numbers, rules, state, valid, end, tolerance)
+        if int(state.status) == CROWDED and 0 < rules.members < room:
+            places = rules.members, _more_places(layout, rules.members)
+            rules = Rules(rules.soft, rules.v0, places[1])
+            blank = _with_places(layout, numbers, rules.members, before)
+            coupling = in_places(layout, before.coupling, blank.coupling, places)
+            state = blank._replace(coupling=jax.device_put(coupling))
+            continue
         count = int(written) if most is None else min(int(written), most - total)
         more = bool(ahead) or count < int(written)
         pieces.append((log, count))
@@ -119,6 +114,14 @@ def _piece_by_piece(
     log = pieces[0][0] if len(pieces) == 1 else _one_log(layout, numbers, rules, pieces)
     written, ahead = jax.device_put((np.asarray(total), np.asarray(more)))
     return rules, LoopOutcome(log, written, state.status, state.now, ahead, valid)
+
+
+def _more_places(layout: SceneLayout, members: int) -> int:
+    """Return a larger capacity. A sphere keeps its place, so that it is not the number of spheres,
+    for which each one has its own.
+    """
+    more = min(2 * members, layout.spheres)
+    return more + all_fit(layout, more)
 
 
 def _piece(
@@ -183,7 +186,7 @@ def _one_log(
     layout: SceneLayout, numbers: Numbers, rules: Rules, pieces: Sequence[tuple[Log, int]]
 ) -> Log:
     """Return the log of several pieces, with blank rows at its end. Pieces from before the first
-    coupled solve get blank rows for calls.
+    coupled solve get blank rows for calls, and those with fewer places more of them.
     """
     total = sum(count for _, count in pieces)
     # Logs whose lengths are powers of two share the programs that read them.
@@ -197,6 +200,11 @@ def _one_log(
         figures, facts = jax.tree.map(lambda x: np.asarray(x)[:rows], log)
         if facts.call is None:
             together, called = repeat((blank.figures.coupled, blank.facts.call), rows)
+            figures, facts = figures._replace(coupled=together), facts._replace(call=called)
+        elif facts.call.decided.seats.who.shape[1] < rules.members:
+            places = facts.call.decided.seats.who.shape[1], rules.members
+            calls = (figures.coupled, facts.call), (blank.figures.coupled, blank.facts.call)
+            together, called = in_places(layout, *calls, places)
             figures, facts = figures._replace(coupled=together), facts._replace(call=called)
         return Log(figures, facts)
 

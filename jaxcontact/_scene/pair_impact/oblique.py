@@ -26,6 +26,7 @@ class ObliqueRebound(NamedTuple):
     """The outcome of one impact of two bodies, in SI units.
 
     - `restitution`: e' = outgoing over incoming normal speed, when the indentation is zero again.
+    - `delivered`: the same when the force ends, which is the e of the impact.
     - `turn`: the turn ψ of the line of centres in rad.
     - `elapsed`: in s until the indentation is zero again.
     - `duration`: in s until the force ends; it differs from `elapsed` only for clamped laws.
@@ -39,6 +40,7 @@ class ObliqueRebound(NamedTuple):
     """
 
     restitution: Number
+    delivered: Number
     turn: Number
     elapsed: Number
     duration: Number
@@ -140,6 +142,7 @@ def oblique(
     unit = jnp.ones_like(scale.speed)
     return ObliqueRebound(
         restitution=result(out.restitution, unit, 0.0),
+        delivered=result(out.delivered, unit, 0.0),
         turn=result(out.theta, across / scale.speed * ratio, 0.0),
         elapsed=result(out.elapsed, scale.time, jnp.inf),
         duration=result(out.duration, scale.time, jnp.inf),
@@ -156,7 +159,7 @@ def _adhesive(speed: Number) -> ObliqueRebound:
     """Return an outcome that sends an adhesive contact to the coupled solve."""
     none = jnp.full_like(speed, jnp.nan)
     way, settled = jnp.asarray(RADIAL), jnp.asarray(int(Status.SETTLED))
-    return ObliqueRebound(*(none,) * 8, solved_by=way, status=settled)
+    return ObliqueRebound(*(none,) * 9, solved_by=way, status=settled)
 
 
 def _cheapest_solution(
@@ -217,6 +220,7 @@ def _free(closed: ScaledImpact, back: Number, error: Number) -> RadialOutcome:
     loss, e = closed.energy_loss, closed.restitution
     return RadialOutcome(
         restitution=e,
+        delivered=e,
         elapsed=back,
         theta=back,
         duration=closed.duration,
@@ -247,6 +251,7 @@ def _correct(
     peaks = doubt.max_force / free.max_force + doubt.max_indentation / free.max_indentation
     return free._replace(
         restitution=e,
+        delivered=e,
         elapsed=free.elapsed + change.duration,
         theta=free.theta + change.duration + change.turning,
         duration=free.duration + change.duration,

@@ -181,6 +181,8 @@ class Radial(eqx.Module):
 
 class RadialOutcome(NamedTuple):
     restitution: Number
+    """The speed at x = 0 over that at touch; `delivered` is that at the end of the force."""
+    delivered: Number
     elapsed: Number
     theta: Number
     duration: Number
@@ -203,6 +205,7 @@ class _RadialCarry(NamedTuple):
     max_force: Number
     max_indentation: Number
     duration: Number
+    delivered: Number
     error: Number
     steps: Index
     done: Flag
@@ -273,6 +276,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
             max_force=jnp.where(peak, now.force(y, phase), c.max_force),
             max_indentation=jnp.where(deepest, now.indentation(y), c.max_indentation),
             duration=jnp.where(leaves, y[_T], c.duration),
+            delivered=jnp.where(leaves, -now.velocity(y), c.delivered),
             error=c.error + jnp.where(taken, error * tolerance, 0),
             steps=c.steps + 1,
             done=done | settled,
@@ -297,6 +301,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         max_force=problem.force(start, jnp.asarray(_RISES)),
         max_indentation=zero,
         duration=zero,
+        delivered=zero,
         error=zero,
         steps=jnp.zeros((), jnp.int32),
         done=skipped,
@@ -319,6 +324,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     strongest = jnp.maximum(end.max_force, problem.push)
     return RadialOutcome(
         restitution=e,
+        delivered=end.delivered,
         elapsed=end.y[_T],
         theta=end.y[_THETA],
         duration=end.duration,

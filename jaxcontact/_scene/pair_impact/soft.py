@@ -127,7 +127,7 @@ def soft(
         after=after,
         time=meeting.time,
         closing=closing,
-        restitution=clean.restitution,
+        restitution=clean.delivered,
         duration=clean.duration,
         energy_loss=clean.energy_loss,
         max_force=clean.max_force,

@@ -141,7 +141,6 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
     assert called is not None and together is not None and is_call is not None
     seats = called.decided.seats
     rows, members = seats.who.shape
-    first, second = slot_pairs(layout, members)
     body, other = bodies_of(layout, members, seats.who)
     # A fixed sphere comes second.
     turned = (other < layout.spheres) & (numbers.inverse_mass[body] == 0)
@@ -154,14 +153,8 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
     # At the end of the run a contact may still be in progress.
     last = (jnp.arange(rows) == record.outcome.written - 1) & ~called.ends
     lasts = (end.closed > 0.5) & last[:, None]
-
-    def opening(seats: Slots, position: Array, velocity: Array) -> Array:
-        pairs = pairs_of(layout, numbers, members, seats)
-        return pairs.gaps(position[first] - position[second], velocity[first] - velocity[second])[1]
-
-    parting = jax.vmap(opening)(seats, end.position, end.velocity)
     closing = jnp.where(end.latched > 0, end.latched, 1)
-    e = jnp.where(rests, 0, parting / closing)
+    e = jnp.where(rests, 0, end.parting / closing)
     duration = jnp.where(rests, jnp.inf, end.force_until - end.since)
     e, duration = (jnp.where(lasts, jnp.nan, x) for x in (e, duration))
     lost, sliding, way = end.lost, (None, None), jnp.full(opened.shape, int(SolvedBy.COUPLED))

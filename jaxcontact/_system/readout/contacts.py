@@ -26,7 +26,7 @@ def contacts_of(log: SystemLog, end: SystemState, rows: int | None) -> dict[str,
     ended = both(log.opens & written, jnp.zeros_like(end.closed))
     touch, speed = column("since"), column("touch_speed")
     moves = ended & (speed > 0)
-    restitution = -column("closing") / jnp.where(moves, speed, 1)
+    restitution = column("parting") / jnp.where(moves, speed, 1)
     columns = {
         "gap": both(jnp.broadcast_to(gaps, log.opens.shape), gaps),
         "time": touch,

@@ -1,0 +1,194 @@
+"""Forces that jump at a touch, and those that end before the gap opens: values and derivatives."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import mpmath
+import numpy as np
+import pytest
+import scipy.optimize
+
+import jaxcontact as jc
+
+BESIDE = 2e-8
+"""Of e, duration and their slopes beside `impact`, relative. Measured at most 4e-12 at rtol 1e-9,
+but 8e-11 for slopes, and 5e-9 where a force of rounding ends (e = .03)."""
+
+PEAK = 1e-6
+"""Of the largest force, which is read between steps. Measured 2e-7."""
+
+
+def one(t, q, args):
+    return jnp.eye(1)
+
+
+def pushed(t, q, v, args):
+    return -args * jnp.ones(1)
+
+
+def height(t, q, args):
+    return q
+
+
+def columns(contacts):
+    return jnp.stack([contacts.restitution[0], contacts.duration[0], contacts.max_force[0]])
+
+
+def solved(law, stiffness, exponent, duration):
+    """Return a program for the columns of a touch at t = 0 and of `impact`, both with slopes by
+    speed, at some pushes.
+    """
+
+    def mechanism(v, push):
+        system = jc.System(one, pushed, height, law=law, stiffness=stiffness, exponent=exponent)
+        start = {"position": [0.0], "velocity": -v[None], "args": push}
+        return columns(jc.simulate(system, duration, **start, max_impacts=4).contacts)
+
+    def alone(v, push):
+        contact = jc.Contact(1.0, stiffness, exponent)
+        hit = jc.impact(law, contact, v, external_force=push, method=jc.Event(rtol=1e-11))
+        return jnp.stack([hit.restitution, hit.duration, hit.max_force])
+
+    def both(push):
+        return [jax.jvp(lambda v: f(v, push), (1.0,), (1.0,)) for f in (mechanism, alone)]
+
+    return jax.jit(jax.vmap(both))
+
+
+@pytest.mark.parametrize(
+    ("law", "stiffness", "exponent", "duration", "pushes", "known"),
+    [
+        (jc.ThorntonPlastic(yield_speed=0.1), 1e7, 1.5, 0.05, [0.0, -20.0, 20.0], 0.005673875463),
+        (jc.Viscoplastic(yield_speed=0.1, c=2e6), 1e7, 1.5, 0.05, [0.0], 0.005661013458),
+        (jc.WaltonBraun(ratio=3.0, slope=0.0), 1e4, 1.0, 0.05, [0.0, -20.0, 20.0], None),
+        (jc.HuGuo(e=0.03), 1e7, 1.5, 0.1, [0.0], 0.02405775735715),
+        (jc.LinearDashpot(c=300.0), 1e6, 1.0, 0.01, [0.0, -20.0, 20.0], None),
+        (jc.LinearDashpot(c=3000.0), 1e6, 1.0, 0.01, [0.0], None),
+    ],
+    ids=["thornton", "viscoplastic", "walton braun", "hu guo", "dashpot", "strong dashpot"],
+)
+def test_table_and_impact_end_together(law, stiffness, exponent, duration, pushes, known):
+    (value, slope), (expected, rate) = solved(law, stiffness, exponent, duration)(
+        jnp.array(pushes)
+    )
+    np.testing.assert_allclose(value[:, :2], expected[:, :2], rtol=BESIDE)
+    np.testing.assert_allclose(slope[:, :2], rate[:, :2], rtol=BESIDE, atol=1e-9)
+    np.testing.assert_allclose(value[:, 2], expected[:, 2], rtol=PEAK)
+    np.testing.assert_allclose(slope[:, 2], rate[:, 2], rtol=PEAK)
+    if known is not None:
+        assert abs(value[0, 1] / known - 1) < BESIDE
+    if isinstance(law, jc.WaltonBraun):
+        # The force of two springs is zero at the same speed, whatever pushes.
+        np.testing.assert_allclose(value[:, 0], 3**-0.5, rtol=BESIDE)
+    if isinstance(law, jc.LinearDashpot) and law.c == 3000:
+        # It jumps to c v0 and falls from there.
+        assert abs(value[0, 2] / 3000 - 1) < 1e-12
+
+
+MASS, WALL, STIFFNESS, DASHPOT, END, SPEED = 0.01, 0.05, 1e4, 2.0, 0.03, 1e-3
+
+
+def exact_speed(force):
+    """Return the speed at the end of a mass that a constant force drives against a dashpot."""
+    force = mpmath.mpf(force)
+    pace, start, wall = force / MASS, mpmath.mpf(SPEED), mpmath.mpf(WALL)
+    touch = (mpmath.sqrt(start**2 + 2 * pace * wall) - start) / pace
+    speed, natural = start + pace * touch, mpmath.sqrt(mpmath.mpf(STIFFNESS) / MASS)
+    zeta = DASHPOT / (2 * mpmath.sqrt(mpmath.mpf(STIFFNESS) * MASS))
+    turns, rest = natural * mpmath.sqrt(1 - zeta**2), force / STIFFNESS
+    a, b = -rest, (speed - zeta * natural * rest) / turns
+
+    def indentation(t):
+        wave = a * mpmath.cos(turns * t) + b * mpmath.sin(turns * t)
+        return rest + mpmath.exp(-zeta * natural * t) * wave
+
+    def pushes(t):
+        return STIFFNESS * indentation(t) + DASHPOT * mpmath.diff(indentation, t)
+
+    between = (0.6 * mpmath.pi / turns, 1.05 * mpmath.pi / turns)
+    end = mpmath.findroot(pushes, between, solver="anderson", tol=1e-25)
+    return mpmath.diff(indentation, end) + pace * (END - touch - end)
+
+
+SLOPE = 1e-7
+"""Of the slopes below, relative; measured at most 3e-8 at rtol 1e-9, and 3e-2 with accelerations
+from before the touch."""
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_slopes_behind_a_dashpot_are_exact(compiled):
+    law = jc.LinearDashpot(c=DASHPOT)
+
+    def mass(t, q, args):
+        return MASS * jnp.eye(1)
+
+    def drives(t, q, v, args):
+        return args[None]
+
+    def to_wall(t, q, args):
+        return WALL - q
+
+    system = jc.System(mass, drives, to_wall, law=law, stiffness=STIFFNESS, exponent=1.0)
+
+    def end(force):
+        start = {"position": [0.0], "velocity": [SPEED], "args": force}
+        return jc.simulate(system, END, **start, max_impacts=8).velocity[-1, 0]
+
+    def both(force):
+        return jax.jvp(end, (force,), (jnp.ones_like(force),))
+
+    forces = np.linspace(2.8, 3.2, 9 if compiled else 2)
+    found = jax.jit(jax.vmap(both))(forces) if compiled else zip(*map(both, jnp.array(forces)))
+    values, slopes = map(np.array, found)
+    with mpmath.workdps(30):
+        exact = [(float(exact_speed(f)), float(mpmath.diff(exact_speed, f))) for f in forces]
+    np.testing.assert_allclose(values, [value for value, _ in exact], rtol=1e-9)
+    np.testing.assert_allclose(slopes, [slope for _, slope in exact], rtol=SLOPE)
+
+
+def test_largest_force_of_a_contact_that_the_run_ends_in():
+    """It is the force at the end, whose slopes the states have, too."""
+    weight = jnp.array(9.81)
+    system = jc.System(one, pushed, height, law=jc.HuGuo(e=0.7), stiffness=1e6)
+
+    def forces(h, duration):
+        start = {"position": h[None], "velocity": [0.0], "args": weight}
+        run = jc.simulate(system, duration, **start, rtol=1e-11, max_impacts=4)
+        return jnp.stack([run.contacts.max_force[0], run.states.force[-1, 0]])
+
+    slopes = jax.jit(jax.jacfwd(forces, (0, 1)))(jnp.array(0.01), jnp.array(0.0455))
+    by_height, by_duration = map(np.array, slopes)
+    np.testing.assert_allclose(by_height, -30603.6255, rtol=1e-7)
+    np.testing.assert_allclose(by_duration, 13660.1401, rtol=1e-7)
+
+
+def test_slopes_of_touch_times_do_not_lose_digits():
+    """A ball falls on a table a sin ωt: dt = -∂gap/(∂gap/∂t), and so the closing speed."""
+    system = jc.System(
+        one,
+        lambda t, q, v, args: -9.81 * jnp.ones(1),
+        lambda t, q, args: q - args[0] * jnp.sin(args[1] * t),
+        law=jc.HuGuo(e=0.6),
+        stiffness=1e6,
+    )
+    g, h, a, w = 9.81, 0.12, 0.004, 30.0
+
+    def table(x, rtol):
+        start = {"position": x[:1], "velocity": [-0.3], "args": x[1:]}
+        run = jc.simulate(system, 0.2, **start, rtol=rtol, max_impacts=4)
+        return jnp.stack([run.contacts.time[0], run.contacts.closing_speed[0]])
+
+    def gap(t):
+        return h - 0.3 * t - g * t**2 / 2 - a * np.sin(w * t)
+
+    t = scipy.optimize.brentq(gap, 1e-3, 0.3, xtol=1e-16)
+    closing = 0.3 + g * t + a * w * np.cos(w * t)
+    pace = g - a * w**2 * np.sin(w * t)
+    times = np.array([1, -np.sin(w * t), -a * t * np.cos(w * t)]) / closing
+    aside = np.array([0, w * np.cos(w * t), a * np.cos(w * t) - a * w * t * np.sin(w * t)])
+    speeds = pace * times + aside
+    for rtol in (1e-11, 1e-9):
+        found = np.array(jax.jacfwd(lambda x: table(x, rtol))(jnp.array([h, a, w])))  # noqa: B023
+        assert np.abs(found[0] - times).max() < 1e-13
+        assert np.abs(found[1] - speeds).max() < 1e-11
