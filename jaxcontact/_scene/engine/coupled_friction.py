@@ -271,8 +271,9 @@ def impulses(
     pressed = jnp.sum(rubbing.spring * normal, axis=1)
     lasts = jnp.where(acts, state.since + _LASTS * pace, jnp.inf)
     still = without_halves(began.rubbing)
-    # An impulse of the last call may have made a touch faster.
-    latched = jnp.where(begins, jnp.maximum(closing, state.latched), state.latched)
+    # An impulse of the last call may have changed the speed of a touch.
+    fastest = jnp.maximum(closing, least_speed(numbers))
+    latched = jnp.where(begins, fastest, state.latched)
     still = still._replace(slides=jnp.where(acts, 1, still.slides))
     began = began._replace(latched=latched, rubbing=still)
 
