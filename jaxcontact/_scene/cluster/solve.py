@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..._coupled.ends import attracts
+from ..._coupled.clock import ContactClock
 from ..._coupled.field import TIME, WORK, LoopRules
 from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Modes
 from ..._coupled.steps.carry import Carry, CoupledSolve
@@ -76,6 +77,11 @@ def _start(solve: _ClusterSolve) -> CoupledStart:
     if friction is not None:
         nobody = jnp.zeros_like(modes.closed)
         y, modes, *_ = solve.field.settled(y, modes, friction.begins, nobody, state.latched)
+        # A spring that took the place of a law slides only if its limit grows less than its force.
+        grip = solve.field.look(y, modes, ContactClock(jnp.asarray(True), nobody)).grip
+        assert grip is not None and modes.slide is not None
+        stops = modes.closed & ~friction.begins & (modes.slide == 1) & (grip.hold < 0)
+        y, modes, *_ = solve.field.settled(y, modes, nobody, stops, state.latched)
     return CoupledStart(
         y=y,
         modes=modes,
