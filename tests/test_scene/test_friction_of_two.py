@@ -16,8 +16,9 @@ LAST = 2e-6
 """A run that ends within a contact and goes on, beside one in a piece, in m/s: measured 4e-7. The
 second half then belongs to the normal of that moment."""
 
-FALLING = 2e-3
-"""The angle at which a ball leaves a peg, beside that of a rigid one, in rad."""
+FALLING = 4e-3
+"""The angle at which a ball leaves a peg, beside that of a rigid one, in rad: measured 3e-3, as the
+ball slips and bounces a little. Without friction it would be 0.06."""
 
 KEPT = 2e-11
 """Energy in J that runs of some J miss at the default tolerance: measured 5e-12."""
@@ -92,13 +93,13 @@ def test_a_ball_rolls_off_a_peg():
     """A contact that lasts has a spring, and says so. A ball that rolls from rest at the angle a
     leaves where cos is 10/17 cos a.
     """
-    angle = 0.1
+    angle = 0.4
     place = 0.4 * np.array([[np.sin(angle), np.cos(angle)]])
-    run = jc.simulate(on_a_peg(place, [[0.0, 0.0]], [0.0], 50.0, 1e8, e=0.3), 1.5)
+    run = jc.simulate(on_a_peg(place, [[0.0, 0.0]], [0.0], 5.0, 1e8, e=0.3), 1.5)
     assert run.ok and run.impacts.solved_by[0] == jc.SolvedBy.SPRING
     assert "a spring for its law in 1 contacts that lasted or were of several bodies" in str(run)
     left = run.impacts.time[-1] + run.impacts.duration[-1]
-    gone = jc.simulate(on_a_peg(place, [[0.0, 0.0]], [0.0], 50.0, 1e8, e=0.3), float(left))
+    gone = jc.simulate(on_a_peg(place, [[0.0, 0.0]], [0.0], 5.0, 1e8, e=0.3), float(left))
     x, y = gone.position[-1, 0]
     assert abs(np.arctan2(x, y) - np.arccos(10 / 17 * np.cos(angle))) < FALLING
     assert abs(balance(run)) < KEPT
@@ -134,7 +135,10 @@ def drawn(seed):
     toward, away = rng.normal(size=(2, 3))
     toward /= np.linalg.norm(toward)
     away = 0.6 * away / np.linalg.norm(away) - toward
-    place[0], place[2] = 0.25 * toward, (radius[1] + radius[2] + 3e-4) * away / np.hypot.reduce(away)
+    place[0], place[2] = (
+        0.25 * toward,
+        (radius[1] + radius[2] + 3e-4) * away / np.hypot.reduce(away),
+    )
     speed, spin = rng.uniform(-0.3, 0.3, (3, 3)), rng.uniform(-10, 10, (3, 3))
     speed[0] -= 2 * toward
     speed[:, 1] -= 1

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..._coupled.ends import attracts
 from ..._coupled.clock import ContactClock
+from ..._coupled.ends import attracts
 from ..._coupled.field import TIME, WORK, LoopRules
 from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Modes
 from ..._coupled.steps.carry import Carry, CoupledSolve

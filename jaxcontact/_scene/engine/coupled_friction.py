@@ -138,8 +138,8 @@ def spin_energy_lost(
     assert began.rubbing is not None and end.rubbing is not None and numbers.rotation is not None
     who, members = jnp.minimum(seats.who, layout.spheres - 1), seats.who.shape[0]
     turns = jnp.where(seats.present, rows_of(numbers.rotation.inverse_inertia, who), 0)
-    one, other = (spin_energy(turns, x.rubbing.spin[:members]) for x in (began, end))
-    return jnp.sum(one - other)
+    before = spin_energy(turns, began.rubbing.spin[:members])
+    return jnp.sum(before - spin_energy(turns, end.rubbing.spin[:members]))
 
 
 def pace_of_contact(contact: Contact, speed: Number) -> Number:
@@ -156,9 +156,9 @@ def contact_points(
     state: ClusterState,
     depth: PerContact | None = None,
 ) -> tuple[Vectors, Vectors, Vectors, Vectors, Arms]:
-    """Return the unit normals of all pairs of `bodies`, the velocities of the first ones relative
-    to the second ones and those of the contact points, the velocities of the second ones, and the
-    arms, by default at the distance of touch.
+    """Return the unit normals of all pairs of `bodies`, relative velocities of their centres and of
+    their contact points, the velocities of the second ones, and the arms. These are by default at
+    the distance of touch.
     """
     assert state.rubbing is not None
     velocity, spin, first, second = state.velocity, state.rubbing.spin, pairs.first, pairs.second
@@ -195,6 +195,34 @@ def without_halves(rubbing: Rubbing) -> Rubbing:
     return rubbing._replace(spring=spring, slides=jnp.where(half, 0, rubbing.slides))
 
 
+def _added(pairs: ClusterPairs, old: Array, change: Array) -> Array:
+    """Return numbers of bodies with the changes of both bodies of each pair."""
+    return old.at[pairs.first].add(change[:, 0]).at[pairs.second].add(change[:, 1])
+
+
+def _alone(pairs: ClusterPairs, inverse: Array, state: ClusterState) -> Flags:
+    """Return the contacts in which no free body has another one."""
+    closed = state.closed & pairs.used
+    both = jnp.stack([closed, closed], axis=1).astype(int)
+    single = (inverse == 0) | (_added(pairs, jnp.zeros(inverse.shape, int), both) <= 1)
+    return closed & single[pairs.first] & single[pairs.second]
+
+
+def _pressing(pairs: ClusterPairs, along: Vectors, pull: Array, drive: Drive | None) -> PerContact:
+    """Return bounds on the accelerations in m/s² that press bodies together, whose velocities
+    `along` each other turn the normals of hollow ones.
+    """
+    first, second = pairs.first, pairs.second
+    turning = jnp.sum(jnp.square(along), axis=1) * jnp.maximum(-1 / pairs.distance, 0)
+    press = turning + lengths(pull[first] - pull[second])
+    if drive is None:
+        return press
+    strong = lengths(drive.strength)
+    for user, slot in drive.own:
+        strong = strong.at[slot].add(user.bound, mode="drop")
+    return press + strong[first] + strong[second]
+
+
 def impulses(
     setting: tuple[SceneLayout, Numbers, tuple[Array, Array], ClusterPairs],
     contact: Contact,
@@ -202,10 +230,10 @@ def impulses(
     state: ClusterState,
     decided: tuple[Flags, Number, Flag],
 ) -> tuple[ClusterState, Number, tuple[Flags, Flags] | None, Callable[[ClusterEnd], ClusterEnd]]:
-    """Start a call with the contacts of two bodies whose friction is the impulse of a law's formula.
+    """Start a call with contacts of two bodies whose friction is the impulse of a law's formula.
     As in isolated impacts it acts in halves, at the touch and at the opening; in between nothing
-    rubs. Return the state after the first halves, the longest end of the call in s, these contacts
-    with the others that begin then, and a function that adds the second halves to the end.
+    rubs. Return the state after the first halves, and the longest end of the call in s. Then follow
+    these contacts, the others that begin, and a function that adds the second halves to the end.
 
     The `setting` are the scene, the bodies of pairs, and these. `slots` holds 1/m, gravity and
     drive, and what is `decided` are the pairs at rest, the end of the call, and whether it goes to
@@ -221,17 +249,6 @@ def impulses(
     def each(of: Callable[..., Any], *columns: Any) -> Any:
         return jax.vmap(lambda *row: of(layout, numbers, *row))(*bodies, *columns)
 
-    def both(old: Array, change: Array) -> Array:
-        """Add changes of both bodies of each pair."""
-        return old.at[first].add(change[:, 0]).at[second].add(change[:, 1])
-
-    def alone(state: ClusterState) -> Flags:
-        """Return the contacts in which no free body has another one."""
-        closed = state.closed & pairs.used
-        contacts = both(jnp.zeros(inverse.shape, int), jnp.stack([closed] * 2, 1).astype(int))
-        single = (inverse == 0) | (contacts <= 1)
-        return closed & single[first] & single[second]
-
     def points(state: ClusterState) -> tuple:
         depth = jnp.where(state.closed, state.indentation, 0)
         return contact_points(*setting, state, depth)
@@ -245,23 +262,17 @@ def impulses(
         drives = jnp.where(arms.inverse_mass[:, 1:] > 0, 0, moves)
         drives = drives - jnp.where(arms.inverse_mass[:, :1] > 0, 0, state.velocity[first])
         assert state.rubbing is not None
-        rubbing = state.rubbing._replace(spin=both(state.rubbing.spin, turned))
-        state = state._replace(velocity=both(state.velocity, moved), rubbing=rubbing)
+        rubbing = state.rubbing._replace(spin=_added(pairs, state.rubbing.spin, turned))
+        state = state._replace(velocity=_added(pairs, state.velocity, moved), rubbing=rubbing)
         return state, jax.vmap(Arms.lost)(arms, slip, impulse), jnp.sum(impulse * drives)
 
     normal, relative, slip, _, arms = at = points(state)
-    single, half = alone(state), rubbing.slides == HALF
+    single, half = _alone(pairs, inverse, state), rubbing.slides == HALF
     speed = jnp.maximum(jnp.where(single, state.latched, 1), least_speed(numbers))
     pace = pace_of_contact(contact, speed)
     closing = -jnp.sum(relative * normal, axis=1)
     begins = state.closed & pairs.used & ~rests & (state.since == state.time)
-    press = jnp.sum(jnp.square(in_plane(relative, normal)), axis=1)
-    press = press * jnp.maximum(-1 / pairs.distance, 0) + lengths(pull[first] - pull[second])
-    if drive is not None:
-        strong = lengths(drive.strength)
-        for user, slot in drive.own:
-            strong = strong.at[slot].add(user.bound, mode="drop")
-        press = press + strong[first] + strong[second]
+    press = _pressing(pairs, in_plane(relative, normal), pull, drive)
     touches = begins & single & ~half & each(has_impulse) & (press * pace < _PRESSED * closing)
     acts, mu = touches | (single & half), each(coefficient_of)
     most = jnp.where(touches, 2 * mu * mass * closing, 0)
@@ -283,7 +294,7 @@ def impulses(
         """
         state, rubbing, lasted = end.state, end.state.rubbing, end.state.time - end.state.since
         normal, relative, slip, _, arms = at = points(state)
-        assert rubbing is not None
+        assert rubbing is not None and end.rubbed is not None
         # Gravity and one contact move a body that is free.
         gained = state.velocity - began.velocity - pull * (state.time - began.time)
         gained = ratio(gained, inverse[:, None])
@@ -291,7 +302,10 @@ def impulses(
         push, turned = pressed + lengths(gained), in_plane(before, normal)
         turned = turned * ratio(lengths(before), lengths(turned))[:, None]
         stops = to_the_end | (end.status == AT_REST) | (end.status == PAUSED)
-        ends, opens = ~alone(state) | (lasted >= 0.99 * (lasts - state.since)), ~state.closed
+        ends, opens = (
+            ~_alone(pairs, inverse, state) | (lasted >= 0.99 * (lasts - state.since)),
+            ~state.closed,
+        )
         ends, mobility = acts & (ends | stops), arms.tangential[:, None]
         slip = jnp.where(ends[:, None], slip - mobility * turned, 0)
         speed = jnp.maximum(jnp.where(ends, state.latched, 1), least_speed(numbers))

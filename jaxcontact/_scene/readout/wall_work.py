@@ -25,8 +25,8 @@ def work_of(record: RunRecord, status: Index, reached: Number) -> Number:
 
 
 def spheres_at_rest(record: RunRecord, reached: Number) -> list[tuple]:
-    """Return all spheres before each of their events, and at the end of the run: their state, who
-    they are, the walls on which they rest or -1, how long that lasts, and which of them count.
+    """Return all spheres before each of their events, and at the end of the run. A part has their
+    state, who they are, the walls on which they rest or -1, how long, and which of them count.
     """
     layout, (figures, facts) = record.layout, record.log
     choice, before, together = facts.choice, figures.before, figures.coupled
