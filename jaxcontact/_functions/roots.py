@@ -126,7 +126,7 @@ def bracketed_root(
     return jax.lax.while_loop(unfinished, narrow, first)[2]
 
 
-def ratio(numerator: Lane, denominator: Lane) -> Lane:
+def ratio(numerator: Lane | float, denominator: Lane) -> Lane:
     """Return the quotient, 0 if the denominator is 0."""
     nonzero = denominator != 0
     return jnp.where(nonzero, numerator / jnp.where(nonzero, denominator, 1), 0)

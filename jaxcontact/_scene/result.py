@@ -73,6 +73,9 @@ class SolvedBy(enum.IntEnum):
     """Finite duration, oblique: the radial equation with the angular momentum."""
     COUPLED = 5
     """Finite duration, with other contacts or forces: the coupled equations of motion."""
+    SPRING = 6
+    """As COUPLED, with a tangential spring in place of the friction law: its bodies touched others,
+    or it lasted."""
 
 
 class Impacts(eqx.Module):

@@ -22,7 +22,7 @@ from .readout.dataset import dataset
 from .readout.final_scene import final_start
 from .readout.margin import Margin
 from .readout.states import states_at
-from .result import Ending, Impacts, States, traced
+from .result import Ending, Impacts, SolvedBy, States, traced
 from .resume import Start, Underway
 from .run_record import RunRecord
 
@@ -165,6 +165,10 @@ class Run(Flagged, eqx.Module):
             "margin": f"{shown(self.margin.time)} s, {shown(self.margin.closing_speed)} m/s",
             "status": Ending.names_of(self.status).replace("_", " "),
         }
+        springs = self.impacts.solved_by == SolvedBy.SPRING
+        if not traced(springs) and springs.any():
+            why = "contacts that lasted or were of several bodies"
+            lines["friction"] = f"a spring for its law in {springs.sum()} {why}"
         return "Run\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
 
 

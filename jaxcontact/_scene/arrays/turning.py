@@ -14,6 +14,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..._functions import ratio
 from .movers import Movers
 
 Lane = Float[Array, "..."]
@@ -33,6 +34,14 @@ class Turning(NamedTuple):
     until: Lane
 
 
+def spin_energy(
+    inverse: Float[Array, " N"], spin: Float[Array, "... N S"]
+) -> Float[Array, "... N"]:
+    """Return ½ I ω² in J of bodies with these 1/I; 0 for those that do not turn."""
+    inertia = ratio(1.0, inverse).reshape(*(1,) * (spin.ndim - 2), -1)
+    return jnp.sum(jnp.square(spin), axis=-1) * inertia / 2
+
+
 class Rotation(eqx.Module):
     """The numbers of a scene that only friction needs.
 
@@ -49,11 +58,7 @@ class Rotation(eqx.Module):
 
     def energy(self, spin: Float[Array, "... N S"]) -> Float[Array, "... N"]:
         """Return ½ I ω² of the spheres in J."""
-        inverse = self.inverse_inertia[: spin.shape[-2]]
-        turns = inverse > 0
-        inertia = jnp.where(turns, 1 / jnp.where(turns, inverse, 1), 0)
-        axes = (1,) * (spin.ndim - 2)
-        return jnp.sum(jnp.square(spin), axis=-1) * inertia.reshape(*axes, -1) / 2
+        return spin_energy(self.inverse_inertia[: spin.shape[-2]], spin)
 
 
 def free_turning(spin: Lane, dimensions: int) -> Turning:

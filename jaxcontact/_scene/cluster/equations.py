@@ -21,7 +21,7 @@ from ..._coupled.energies import in_contact, stored_energy
 from ..._coupled.modes import SLOWEST, Modes, Units
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Index, Number
-from ..._functions import small_product
+from ..._functions import ratio, small_product
 from ..._laws import (
     AbstractLaw,
     adhesion_below,
@@ -318,9 +318,7 @@ class Touching(eqx.Module):
 
     def kinetic(self, velocity: PerBody) -> Number:
         """Return ½ Σ m v² of the free bodies."""
-        free = self.inverse_mass > 0
-        mass = jnp.where(free, 1 / jnp.where(free, self.inverse_mass, 1), 0)
-        return jnp.sum(mass[:, None] * jnp.square(velocity)) / 2
+        return jnp.sum(ratio(1.0, self.inverse_mass)[:, None] * jnp.square(velocity)) / 2
 
 
 def norm(vectors: Float[Array, "pairs dim"]) -> PerPair:

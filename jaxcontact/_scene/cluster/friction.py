@@ -34,14 +34,18 @@ from ..._coupled.springs import (
     spring_motion,
     tangential_stiffness,
 )
-from ..._functions import cross, small_product, swept
+from ..._functions import cross, ratio, small_product, swept
 
 Spins = Float[Array, "bodies axes"]
+
+HALF = 2
+"""The number in `Rubbing.slides` of a pair whose friction acts in two halves."""
 
 
 class Rubbing(NamedTuple):
     """The state of friction in SI units: spins (M, S), the spring forces (P, D) on the first of two
-    bodies, 1 for pairs that slip, 0 for others, and the energy taken since the touch.
+    bodies, 1 for pairs that slip, 0 for others, and the energy taken since the touch. Between calls
+    a pair with a friction impulse has `HALF`, and its contact impulse so far in place of a force.
     """
 
     spin: Spins
@@ -185,9 +189,7 @@ class SpringPairs(NamedTuple):
 
     def energy(self, spin: Spins) -> Number:
         """Return ½ Σ I ω²."""
-        turns = self.turn > 0
-        inertia = jnp.where(turns, 1 / jnp.where(turns, self.turn, 1), 0)
-        return jnp.sum(inertia[:, None] * jnp.square(spin)) / 2
+        return jnp.sum(ratio(1.0, self.turn)[:, None] * jnp.square(spin)) / 2
 
 
 def in_plane(vectors: Vectors, normal: Vectors) -> Vectors:

@@ -8,11 +8,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from ..._coupled.clock import ContactClock
 from ..._coupled.energies import attracts
 from ..._coupled.field import TIME, WORK, LoopRules
 from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Modes
 from ..._coupled.steps.carry import Carry, CoupledSolve
 from ..._coupled.steps.loop import CoupledStart, first_carry, run_to_end, status_of
+from ..._functions import ratio
 from .equations import ClusterState, PerBody
 from .field import ClusterField, Rubbed, field_of
 from .friction import Rubbing
@@ -75,6 +77,11 @@ def _start(solve: _ClusterSolve) -> CoupledStart:
     if friction is not None:
         nobody = jnp.zeros_like(modes.closed)
         y, modes, *_ = solve.field.settled(y, modes, friction.begins, nobody, state.latched)
+        # A spring that took the place of a law slides only if its limit grows less than its force.
+        grip = solve.field.look(y, modes, ContactClock(jnp.asarray(True), nobody)).grip
+        assert grip is not None and modes.slide is not None
+        stops = modes.closed & ~friction.begins & (modes.slide == 1) & (grip.hold < 0)
+        y, modes, *_ = solve.field.settled(y, modes, nobody, stops, state.latched)
     return CoupledStart(
         y=y,
         modes=modes,
@@ -153,8 +160,7 @@ def _assess(
     sound = jnp.all(jnp.isfinite(last.y)) & (error <= 1e5 * tolerance)
     status = jnp.where(sound, status, NOT_CONVERGED)
     # The work differs in the frame of the cluster, by the frame velocity times the momentum change.
-    free = (problem.inverse_mass > 0)[:, None]
-    mass = jnp.where(free, 1 / jnp.where(free, problem.inverse_mass[:, None], 1), 0)
+    mass = ratio(1.0, problem.inverse_mass[:, None])
     gain = jnp.sum(mass * solve.frame * (done.velocity - problem.state.velocity))
     work, parts = units.energy * end.y[WORK] + gain, solve.field.parts
     rubbed, start, taken = parts.rubbed(end.y), parts.rubbed(first.y), None

@@ -11,6 +11,7 @@ from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import at_once
+from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice
 from .cluster_members import pace_of, select_members
 from .cluster_slots import index_of, masses, member_change, slot_pairs
@@ -120,7 +121,10 @@ def step_cluster(
     done, turning, bent = rest_on_walls(layout, numbers, seats, done, supported)
     after = done.state
     ends = apart | rest
-    over = (status == TIME_IS_UP) & ~sooner
+    over, unknown = (status == TIME_IS_UP) & ~sooner, no
+    if not is_followed(numbers):
+        # The call may also end because a contact lasts, and a friction impulse have no outcome.
+        over, unknown = over & (after.time >= end), ~jnp.all(jnp.isfinite(after.velocity))
     failed = (status == FAILED) | ~jnp.isfinite(after.time)
     latched = jnp.zeros(members, numbers.dtype).at[first].max(jnp.where(on_wall, after.latched, 0))
 
@@ -128,7 +132,7 @@ def step_cluster(
     stop = jnp.where(over, OVER, jnp.where(idle > PATIENCE * count, ACCUMULATED, RUNNING))
     stop = jnp.where(company.crowded, CROWDED, stop)
     if turning is not None:
-        stop = jnp.where(rest & jnp.any(bent), FRICTION, stop)
+        stop = jnp.where((rest & jnp.any(bent)) | unknown, FRICTION, stop)
     stop = jnp.where(failed, NOT_CONVERGED, stop)
     position = after.position[:members] + seats.shift * numbers.period[None]
     # A bound on the energy stored in contacts: the missing kinetic energy plus the work received.

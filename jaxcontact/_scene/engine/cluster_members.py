@@ -21,6 +21,7 @@ from ..arrays.flight import Flying, at_once
 from ..bodies.side import side
 from ..pair_impact.instantaneous import Choice
 from .cluster_slots import Slots, all_fit, bodies_of, identity_slots, in_line
+from .coupled_friction import pace_of_contact
 from .next_event import simultaneous
 from .state import Coupling, RunState
 
@@ -43,9 +44,7 @@ class ClusterMembers(NamedTuple):
 def pace_of(layout: SceneLayout, numbers: Numbers, choice: Choice, closing: Number) -> Number:
     """Return about a third of an impact's duration: X/v with X = (μ v²/K)^(1/(n+1)), in s."""
     contact = known_contact_of(layout, numbers, choice.first, choice.second)
-    n = contact.exponent
-    speed = jnp.maximum(closing, least_speed(numbers))
-    return (contact.mass / contact.stiffness / speed ** (n - 1)) ** (1 / (n + 1))
+    return pace_of_contact(contact, jnp.maximum(closing, least_speed(numbers)))
 
 
 def select_members(

@@ -34,7 +34,13 @@ from .cluster_slots import (
     resting_pairs,
     slot_pairs,
 )
-from .coupled_friction import blank_rubbing, fresh_rubbing, joined_rubbing, pair_friction
+from .coupled_friction import (
+    blank_rubbing,
+    fresh_rubbing,
+    impulses,
+    joined_rubbing,
+    pair_friction,
+)
 
 MOST = 8
 """The default capacity of a coupled solve in spheres."""
@@ -209,17 +215,20 @@ def call(
     one, other = (jnp.where(pairs.used, body, rows_of(body, used_pair)) for body in (one, other))
     contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(one, other)
     law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(one, other)
+    drive = _drive(layout, numbers, seats, begin.time)
+    bodies, slots = (one, other), (inverse, pull, drive)
+    touches, limits = decided.closed & fresh & ~rests, (rests, decided.until, decided.to_the_end)
+    setting = layout, numbers, bodies, pairs
+    start, until, impulsive, completed = impulses(setting, contact, slots, begin, limits)
     end = cluster(
-        law, contact, pairs, inverse, pull, begin, decided.until,
-        rtol=rtol, v0=v0, until_change=True, drive=_drive(layout, numbers, seats, begin.time),
-        in_line=in_line(layout), to_the_end=decided.to_the_end, max_steps=max_steps,
-        friction=pair_friction(
-            layout, numbers, seats, (one, other), decided.closed & fresh & ~rests & pairs.used
-        ),
+        law, contact, pairs, inverse, pull, start, until,
+        rtol=rtol, v0=v0, until_change=True, drive=drive, in_line=in_line(layout),
+        to_the_end=decided.to_the_end, max_steps=max_steps,
+        friction=pair_friction(layout, numbers, seats, bodies, touches & pairs.used, impulsive),
     )  # fmt: skip
     # The exact time, without rounding, so that no further call is needed.
-    over = jnp.where(end.status == TIME_IS_UP, decided.until, end.state.time)
-    return begin, end._replace(state=end.state._replace(time=over))
+    over = jnp.where(end.status == TIME_IS_UP, until, end.state.time)
+    return begin, completed(end._replace(state=end.state._replace(time=over)))
 
 
 def _touch(layout: SceneLayout, numbers: Numbers, spheres: Flying, decided: Call) -> Number:

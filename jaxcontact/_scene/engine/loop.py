@@ -114,7 +114,7 @@ def _first_events(
         return reset_events(layout, numbers, state, start, grid)
     state = with_empty_slots(layout, numbers, rules.members, state)
     assert state.coupling is not None
-    coupling = resume_cluster(state.coupling, numbers.start)
+    coupling = resume_cluster(numbers, state.coupling)
     # The search precedes the first call.
     start = jnp.where(coupling.active, jnp.minimum(coupling.state.time, start), start)
     state = reset_events(layout, numbers, state._replace(coupling=coupling), start, grid)

@@ -8,7 +8,7 @@ from the law. The friction takes the energy m_t (u² - u'²)/2. See `arrays/turn
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -64,12 +64,17 @@ class Arms(NamedTuple):
         return -jnp.sum(impulse * (slip + self.tangential * impulse / 2))
 
 
-def arms_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Arms:
-    """Return the numbers of bodies i and j; a wall has none."""
+def arms_of(
+    layout: SceneLayout, numbers: Numbers, i: Index, j: Index, depth: Number | None = None
+) -> Arms:
+    """Return the numbers of bodies i and j; a wall has none. A `depth` shortens the arms."""
     assert numbers.rotation is not None
     two = jnp.stack([i, j])
     flat = jnp.zeros(layout.walls, numbers.dtype)
     radius = rows_of(jnp.concatenate([numbers.radius, flat]), two)
+    if depth is not None:
+        curved = two < layout.spheres
+        radius = radius - jnp.where(curved, depth / jnp.sum(curved, dtype=depth.dtype), 0)
     turns, inverse = rows_of((numbers.rotation.inverse_inertia, numbers.inverse_mass), two)
     return Arms(radius, turns, inverse, jnp.sum(inverse) + jnp.sum(jnp.square(radius) * turns))
 
@@ -102,7 +107,7 @@ def friction_impulse(
     )
     laws, kind = _frictions_of(layout, numbers, i, j)
 
-    def of(law: AbstractFriction) -> Callable[[Tangential], tuple[Number, Flag]]:
+    def of(law: AbstractFriction) -> Callable[[], tuple[Number, Flag]]:
         if not law.has_formula(problem):
             raise ValueError(
                 "Argument `friction` of a scene must have a formula for its contacts, but a "
@@ -110,7 +115,8 @@ def friction_impulse(
                 "of the Hunt-Crossley family and the exponent 1.5, or `RigidCoulomb`."
             )
 
-        def rebound(problem: Tangential) -> tuple[Number, Flag]:
+        # As an argument of a branch a known exponent would be traced.
+        def rebound() -> tuple[Number, Flag]:
             outcome: TangentialOutcome = law.rebound(problem)
             fine = jnp.isfinite(outcome.slip)
             return outcome.slip, fine if outcome.converged is None else fine & outcome.converged
@@ -118,9 +124,7 @@ def friction_impulse(
         return rebound
 
     rebounds = [of(law) for law in laws]
-    left, converged = (
-        rebounds[0](problem) if len(laws) == 1 else jax.lax.switch(kind, rebounds, problem)
-    )
+    left, converged = rebounds[0]() if len(laws) == 1 else jax.lax.switch(kind, rebounds)
     kept = left * speed / size
     # No impulse without a normal one.
     impulse = (kept - 1) * slip / jnp.where(arms.tangential > 0, arms.tangential, 1)
@@ -140,19 +144,34 @@ def _frictions_of(
     return one_of_each(laws, layout.chosen(layout.frictions, i, j))
 
 
+def _by_pair(layout: SceneLayout, each: list[Any], i: Array, j: Array, dtype: Any = None) -> Array:
+    """Return the number of the friction law of bodies i and j, from `each` law."""
+    assert layout.frictions is not None
+    if not layout.frictions:
+        return jnp.asarray(each[0], dtype)
+    column = jnp.stack([jnp.asarray(one, dtype) for one in each])
+    return rows_of(column, layout.chosen(layout.frictions, i, j))
+
+
 def coefficient_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Number:
     """Return the friction coefficient μ of bodies i and j."""
-    assert numbers.rotation is not None and layout.frictions is not None
-    each = jnp.stack([law.mu for law in numbers.rotation.laws])
-    if not layout.frictions:
-        return each[0]
-    return rows_of(each, layout.chosen(layout.frictions, i, j))
+    assert numbers.rotation is not None
+    return _by_pair(layout, [law.mu for law in numbers.rotation.laws], i, j)
 
 
 def is_followed(numbers: Numbers) -> bool:
     """Return whether all friction laws act alike in isolated and in coupled contacts."""
-    laws = () if numbers.rotation is None else numbers.rotation.laws
-    return all(law.held == "force" or type(law) is RegularizedCoulomb for law in laws)
+    return numbers.rotation is None or all(map(_is_followed, numbers.rotation.laws))
+
+
+def _is_followed(law: AbstractFriction) -> bool:
+    return law.held == "force" or type(law) is RegularizedCoulomb
+
+
+def has_impulse(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Flag:
+    """Return whether the friction of bodies i and j is the impulse of a law's formula."""
+    assert numbers.rotation is not None
+    return _by_pair(layout, [not _is_followed(law) for law in numbers.rotation.laws], i, j)
 
 
 def spring_ratio_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Number:
@@ -160,15 +179,12 @@ def spring_ratio_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -
 
     Laws without a ratio have that of the materials, or of Poisson's ratio 0.3 if these are unknown.
     """
-    assert numbers.rotation is not None and layout.frictions is not None
+    assert numbers.rotation is not None
     usual, known = jnp.asarray(_USUAL_RATIO, numbers.dtype), _ratio_of(numbers, i, j)
     if known is not None:
         usual = jnp.where(known > 0, known, usual)
     own = [getattr(law, "ratio", None) for law in numbers.rotation.laws]
-    each = jnp.stack([usual if ratio is None else ratio for ratio in own])
-    if not layout.frictions:
-        return each[0]
-    return rows_of(each, layout.chosen(layout.frictions, i, j))
+    return _by_pair(layout, [usual if ratio is None else ratio for ratio in own], i, j)
 
 
 def _damping_of(
@@ -198,15 +214,12 @@ def ramps_of(
     layout: SceneLayout, numbers: Numbers, one: Int[Array, " P"], other: Int[Array, " P"]
 ) -> Float[Array, " P"] | None:
     """Return the speeds v_d of regularised laws, 0 for pairs of other laws."""
-    assert numbers.rotation is not None and layout.frictions is not None
+    assert numbers.rotation is not None
     laws, none = numbers.rotation.laws, jnp.zeros((), numbers.dtype)
     if not any(isinstance(law, RegularizedCoulomb) for law in laws):
         return None
-    each = jnp.stack([law.v_d if isinstance(law, RegularizedCoulomb) else none for law in laws])
-    table = layout.frictions
-    if not table:
-        return jnp.broadcast_to(each[0], one.shape)
-    return jax.vmap(lambda i, j: rows_of(each, layout.chosen(table, i, j)))(one, other)
+    each = [law.v_d if isinstance(law, RegularizedCoulomb) else none for law in laws]
+    return jax.vmap(lambda i, j: _by_pair(layout, each, i, j))(one, other)
 
 
 def wall_drift(numbers: Numbers, wall: Index, time: Number, normal: Lane) -> Lane:

@@ -49,6 +49,14 @@ class Turned(NamedTuple):
         return vector + share * (self.beside - self.across)
 
 
+def coulomb_impulse(arms: Arms, slip: Lane, most: Number) -> Lane:
+    """Return the impulse (D,) that stops a slip, or the part of it up to `most` in N s."""
+    square = jnp.sum(jnp.square(slip))
+    size = jnp.sqrt(jnp.where(square > 0, square, 1))
+    sticks = 1 / jnp.where(arms.tangential > 0, arms.tangential, 1)
+    return -jnp.where(square > 0, jnp.minimum(most / size, sticks), 0) * slip
+
+
 class HalfImpulses(NamedTuple):
     """The first part of the friction of an impact, and what the second one needs."""
 
@@ -77,13 +85,10 @@ class HalfImpulses(NamedTuple):
         arms, turning = arms_of(layout, numbers, i, j), meeting.flying.turning
         assert turning is not None
         slip = arms.slip(meeting.normal, meeting.flying.velocity[0] - carried, turning.spin)
-        square = jnp.sum(jnp.square(slip))
-        size = jnp.sqrt(jnp.where(square > 0, square, 1))
         inverse = jnp.sum(arms.inverse_mass)
         most = 2 * coefficient_of(layout, numbers, i, j) * jnp.maximum(meeting.closing, 0)
-        most = most / jnp.where(inverse > 0, inverse, 1) / size
-        sticks = 1 / jnp.where(arms.tangential > 0, arms.tangential, 1)
-        impulse = -jnp.where(square > 0, jnp.minimum(most, sticks), 0) / 2 * slip
+        most = most / jnp.where(inverse > 0, inverse, 1)
+        impulse = coulomb_impulse(arms, slip, most) / 2
         return cls(layout, numbers, choice, arms, slip, meeting.normal, carried, impulse)
 
     def at_touch(self, flying: Flying) -> Flying:

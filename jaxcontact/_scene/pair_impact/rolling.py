@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag
 from ..._coupled.springs import tangential_stiffness
-from ..._functions import cross, swept
+from ..._functions import cross, ratio, swept
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of
 from ..arrays.flight import Flying, at_once
 from ..arrays.turning import Turning, free_turning
@@ -209,12 +209,11 @@ def compliance_on(
     wall = layout.spheres + on
     depth, ramp = rows_of(numbers.radius, who) - height, ramps_of(layout, numbers, who, wall)
     contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(who, wall)
-    ratio = jax.vmap(lambda i, j: spring_ratio_of(layout, numbers, i, j))(who, wall)
-    stiffness = tangential_stiffness(ratio, contact, depth)
+    kappa = jax.vmap(lambda i, j: spring_ratio_of(layout, numbers, i, j))(who, wall)
+    stiffness = tangential_stiffness(kappa, contact, depth)
     if ramp is not None:
         stiffness = jnp.where(ramp > 0, 0, stiffness)
-    acts = stiffness > 0
-    return jnp.where(acts, 1 / jnp.where(acts, stiffness, 1), 0)[:, None]
+    return ratio(1.0, stiffness)[:, None]
 
 
 def give_way(
@@ -228,8 +227,7 @@ def give_way(
     assert sliding.turning is not None
     on = jnp.maximum(support, 0)
     foot = footing(layout, numbers, who, on, sliding)
-    inverse = rows_of(numbers.inverse_mass, who)[:, None]
-    mass = jnp.where(inverse > 0, 1 / jnp.where(inverse > 0, inverse, 1), 0)
+    mass = ratio(1.0, rows_of(numbers.inverse_mass, who))[:, None]
     released = mass * (sliding.turning.drag + foot.slope / foot.mobility)
     way = released * compliance_on(layout, numbers, who, on, foot.height) / foot.mobility
     return jnp.where((support >= 0)[:, None], way, 0)

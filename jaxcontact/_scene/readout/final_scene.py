@@ -6,10 +6,13 @@ import jax
 import jax.numpy as jnp
 
 from ..._program import quick
+from ..arrays.arrays import Numbers
 from ..engine.cluster_members import pace_of
 from ..engine.cluster_slots import Slots
 from ..engine.coupled import as_flags, contact_energy
+from ..engine.coupled_friction import without_halves
 from ..engine.state import Coupling
+from ..pair_impact.friction import is_followed
 from ..resume import Contacts, Start, Underway
 from ..run_record import RunRecord
 from .inside_contacts import Entries
@@ -75,16 +78,19 @@ def _underway(record: RunRecord, last: Entries) -> Underway:
     )
 
 
-def resume_cluster(coupling: Coupling, start: Start | None) -> Coupling:
+def resume_cluster(numbers: Numbers, coupling: Coupling) -> Coupling:
     """Return the coupling at the start of a run, with the contacts in progress."""
-    if start is None or start.contacts is None:
+    if numbers.start is None or numbers.start.contacts is None:
         return coupling
-    contacts = start.contacts
+    contacts, rubbing = numbers.start.contacts, numbers.start.contacts.state.rubbing
+    if rubbing is not None and is_followed(numbers):
+        # The last run may have had a law with an impulse.
+        rubbing = without_halves(rubbing)
     begun = coupling._replace(
         active=contacts.active,
         seats=Slots(contacts.who, contacts.present, contacts.shift),
         pace=contacts.pace,
         reserve=contacts.reserve,
-        state=contacts.state,
+        state=contacts.state._replace(rubbing=rubbing),
     )
     return jax.tree.map(lambda a, b: jnp.where(contacts.active, a, b), begun, coupling)

@@ -16,7 +16,7 @@ from ..arrays.flight import Flying
 from ..pair_impact.instantaneous import Choice
 from ..pair_impact.rolling import begins_to_roll, footing, give_way
 from ..run_record import RunRecord
-from .states import last_impacts
+from .wall_work import spheres_at_rest
 
 
 def friction_at_rest(record: RunRecord, reached: Number) -> tuple[Number, Number]:
@@ -27,32 +27,15 @@ def friction_at_rest(record: RunRecord, reached: Number) -> tuple[Number, Number
     if not layout.walls or not (layout.settles or record.rules.members):
         zero = jnp.zeros((), record.numbers.dtype)
         return zero, zero
-    choice, before = facts.choice, figures.before
-    # A wall has no row of its own.
-    who = jnp.stack([choice.first, choice.second], axis=1)
-    counts = record.counts[:, None] & (who < layout.spheres)
-    lasted = figures.outcome.time[:, None] - before.time
-    parts = [(before, who, choice.support, lasted, counts)]
-    together = figures.coupled
-    if facts.call is not None and together is not None:
-        # Members of a coupled solve, until they join it.
-        called = facts.call
-        came = called.decided.change.joined | called.decided.starts[:, None]
-        joins = record.counts[:, None] & called.is_call[:, None] & called.decided.seats.present
-        lasted = together.began.time[:, None] - together.spheres.time
-        who = called.decided.seats.who
-        parts.append((together.spheres, who, called.support, lasted, joins & came))
-        parts[0] = (*parts[0][:-1], counts & ~called.is_call[:, None])
-    last, everyone = last_impacts(record, reached[None]), jnp.arange(layout.spheres)[None]
-    now = Flying(last.position, last.velocity, last.began, last.turning)
-    parts.append((now, everyone, last.support, reached - last.began, jnp.ones_like(everyone, bool)))
-    done = [_of(record, *_in_rows(part)) for part in parts]
+    # With one axis for all spheres of all rows.
+    parts = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), spheres_at_rest(record, reached))
+    done = [_of(record, *part) for part in parts]
     work, loss = (sum(column) for column in zip(*done, strict=True))
     if record.rules.soft and layout.gravity:
-        rolls = record.counts & begins_to_roll(layout, choice)
+        rolls = record.counts & begins_to_roll(layout, facts.choice)
         rolls = rolls if record.calls is None else rolls & ~record.calls
-        first = jax.tree.map(lambda x: x[:, 0], before)
-        loss = loss + jnp.sum(jnp.where(rolls, _fallen(record, first, choice), 0))
+        first = jax.tree.map(lambda x: x[:, 0], figures.before)
+        loss = loss + jnp.sum(jnp.where(rolls, _fallen(record, first, facts.choice), 0))
     return jnp.asarray(work), jnp.asarray(loss)
 
 
@@ -63,11 +46,6 @@ def _fallen(record: RunRecord, sliding: Flying, choice: Choice) -> Array:
     inverse = rows_of(numbers.inverse_mass, choice.first)
     slope = rows_of(numbers.pull, jnp.maximum(support, 0) + 1)
     return jnp.sum(slope * way, axis=1) / jnp.where(inverse > 0, inverse, 1)
-
-
-def _in_rows(part: tuple) -> tuple:
-    """Return arrays with one axis for all spheres of all rows."""
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), part)
 
 
 def _of(

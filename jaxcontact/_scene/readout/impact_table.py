@@ -13,9 +13,11 @@ from jaxtyping import Array, Bool, Float, Int
 from ..._coupled.scalars import Index
 from ..arrays.arrays import Numbers, SceneLayout
 from ..cluster.equations import ClusterState
+from ..cluster.friction import HALF
 from ..engine.cluster_slots import Slots, bodies_of, pairs_of, slot_pairs
-from ..engine.coupled_friction import slip_velocities, speeds_of
+from ..engine.coupled_friction import contact_points, speeds_of
 from ..engine.log import ClusterDecisions, ClusterNumbers
+from ..pair_impact.friction import has_impulse, is_followed
 from ..pair_impact.rolling import begins_to_roll
 from ..result import Ending, Impacts, SolvedBy, nan_unless
 from ..run_record import RunRecord
@@ -155,13 +157,17 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
     e = jnp.where(rests, 0, end.parting / closing)
     duration = jnp.where(rests, jnp.inf, end.force_until - end.since)
     e, duration = (jnp.where(lasts, jnp.nan, x) for x in (e, duration))
-    lost, sliding = end.lost, (None, None)
+    lost, sliding, way = end.lost, (None, None), jnp.full(opened.shape, int(SolvedBy.COUPLED))
     if end.rubbing is not None:
         lost = lost + end.rubbing.taken
+        if not is_followed(numbers):
+            springs = has_impulse(layout, numbers, body, other) & (end.rubbing.slides != HALF)
+            way = jnp.where(springs, int(SolvedBy.SPRING), way)
 
         def sliding_at(seats: Slots, state: ClusterState) -> Array:
             pairs = pairs_of(layout, numbers, members, seats)
-            return slip_velocities(layout, numbers, seats, pairs, state)
+            bodies = bodies_of(layout, members, seats.who)
+            return contact_points(layout, numbers, bodies, pairs, state)[2]
 
         at_start, at_end = (jax.vmap(sliding_at)(seats, state) for state in (began, end))
         # The call in which a contact began starts at its touch, with the same slots.
@@ -180,7 +186,7 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
         end.max_force,
         lost,
         nothing,
-        jnp.full(shape, int(SolvedBy.COUPLED)),
+        way,
         _doubt(together, is_call, since) / closing,
         jnp.zeros(shape, bool),
         counts

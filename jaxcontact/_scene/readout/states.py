@@ -12,6 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Flag
+from ..._functions import ratio
 from ..._program import derived, quick
 from ..arrays.arrays import SceneLayout
 from ..arrays.flight import accelerations
@@ -271,9 +272,7 @@ def _energy_of(
 ) -> Float[Array, " T"]:
     """Return kinetic energy plus weight of all free spheres, ½ m v² - m g·x, in J."""
     numbers = record.numbers
-    inverse = numbers.inverse_mass[: record.layout.spheres]
-    free = inverse > 0
-    mass = jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)
+    mass = ratio(1.0, numbers.inverse_mass[: record.layout.spheres])
     kinetic = jnp.sum(jnp.square(velocity), axis=-1) / 2
     weight = jnp.sum(position * numbers.gravity[None, None], axis=-1)
     return jnp.sum(mass[None] * (kinetic - weight), axis=-1)

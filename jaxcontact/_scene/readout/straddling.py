@@ -6,13 +6,14 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array
 
 from ..._coupled.energies import stored_energy
-from ..._coupled.scalars import Number
+from ..._functions import ratio
 from ..._program import quick
-from ..arrays.arrays import Numbers, known_contact_of, law_of
+from ..arrays.arrays import known_contact_of, law_of
 from ..arrays.flight import Flying, accelerations
+from ..arrays.turning import spin_energy
 from ..bodies.side import side
 from ..pair_impact.instantaneous import meeting_of, second_velocity, two_that_meet
 from ..result import States
@@ -49,8 +50,7 @@ def clip_to_run(record: RunRecord, ends: States) -> RunRecord:
         who, is_wall = jnp.stack([choice.first, second]), choice.second >= layout.spheres
         touch, passed = meeting.flying, time - meeting.time
         inverse = jnp.where(jnp.stack([~on, is_wall | ~on]), 0, numbers.inverse_mass[who])
-        free = inverse > 0
-        mass = jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)
+        free, mass = inverse > 0, ratio(1.0, inverse)
         seen = jnp.minimum(who, layout.visible - 1)
         here = Flying(
             jnp.where(free[:, None], position[seen], touch.position + touch.velocity * passed),
@@ -66,8 +66,9 @@ def clip_to_run(record: RunRecord, ends: States) -> RunRecord:
         if numbers.rotation is not None and touch.turning is not None and spin is not None:
             carried = second_velocity(layout, numbers, choice, meeting)
             turned = spin.reshape(-1, touch.turning.spin.shape[-1])[seen]
-            lost_spin = _rotation(numbers, who, free, touch.turning.spin)
-            lost_spin = lost_spin - _rotation(numbers, who, free, turned)
+            turns = jnp.where(free, numbers.rotation.inverse_inertia[who], 0)
+            both = spin_energy(turns, jnp.stack([touch.turning.spin, turned]))
+            lost_spin = jnp.sum(both[0] - both[1])
         drives = jnp.where(is_wall, carried, touch.velocity[1])
         drives = jnp.where(is_wall | ~free[1], drives, 0)
         pull = accelerations(layout, numbers, who[:1], choice.support[:1])[0]
@@ -102,13 +103,3 @@ def clip_to_run(record: RunRecord, ends: States) -> RunRecord:
     outcome = outcome._replace(energy_loss=part[:, 0], wall_work=part[:, 1])
     log = log._replace(figures=log.figures._replace(outcome=outcome))
     return dataclasses.replace(record, outcome=record.outcome._replace(log=log))
-
-
-def _rotation(
-    numbers: Numbers, who: Int[Array, "2"], free: Bool[Array, "2"], spin: Float[Array, "2 S"]
-) -> Number:
-    """Return ½ Σ I ω² of the free ones of two bodies, in J."""
-    assert numbers.rotation is not None
-    turns = jnp.where(free, numbers.rotation.inverse_inertia[who], 0)
-    inertia = jnp.where(turns > 0, 1 / jnp.where(turns > 0, turns, 1), 0)
-    return jnp.sum(inertia * jnp.sum(jnp.square(spin), axis=1)) / 2

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Array
 
 from ..._coupled.scalars import Index, Number
+from ..._functions import ratio
+from ..arrays.flight import Flying
 from ..result import Ending, nan_unless
 from ..run_record import RunRecord
 from .states import last_impacts
@@ -23,35 +24,40 @@ def work_of(record: RunRecord, status: Index, reached: Number) -> Number:
     return nan_unless(work, complete)
 
 
+def spheres_at_rest(record: RunRecord, reached: Number) -> list[tuple]:
+    """Return all spheres before each of their events, and at the end of the run. A part has their
+    state, who they are, the walls on which they rest or -1, how long, and which of them count.
+    """
+    layout, (figures, facts) = record.layout, record.log
+    choice, before, together = facts.choice, figures.before, figures.coupled
+    # A wall has no row of its own.
+    who = jnp.stack([choice.first, choice.second], axis=1)
+    counts = record.counts[:, None] & (who < layout.spheres)
+    lasted = figures.outcome.time[:, None] - before.time
+    parts = [(before, who, choice.support, lasted, counts)]
+    if facts.call is not None and together is not None:
+        # Members of a coupled solve, until they join it.
+        called = facts.call
+        came = called.decided.change.joined | called.decided.starts[:, None]
+        joins = record.counts[:, None] & called.is_call[:, None] & called.decided.seats.present
+        lasted = together.began.time[:, None] - together.spheres.time
+        who = called.decided.seats.who
+        parts.append((together.spheres, who, called.support, lasted, joins & came))
+        parts[0] = (*parts[0][:-1], counts & ~called.is_call[:, None])
+    last, everyone = last_impacts(record, reached[None]), jnp.arange(layout.spheres)[None]
+    now = Flying(last.position, last.velocity, last.began, last.turning)
+    parts.append((now, everyone, last.support, reached - last.began, jnp.ones_like(everyone, bool)))
+    return parts
+
+
 def _work_at_rest(record: RunRecord, reached: Number) -> Number:
     """Return the work on spheres at rest on walls: the power -m (g·n) w times the duration."""
-    layout, numbers, (figures, facts) = record.layout, record.numbers, record.log
+    layout, numbers = record.layout, record.numbers
     assert numbers.motion is not None
-    inverse = numbers.inverse_mass[: layout.spheres]
-    free = inverse > 0
-    mass = jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)
-    weight = -jnp.sum(numbers.normal * numbers.gravity[None], axis=-1)
-    power = weight * numbers.motion.speed
-
-    def of(who: Array, support: Array, time: Array, counts: Array) -> Array:
-        lifts = power[jnp.maximum(support, 0)] * mass[jnp.minimum(who, layout.spheres - 1)]
-        return jnp.sum(jnp.where(counts & (support >= 0), lifts * time, 0))
-
-    rows = record.counts[:, None]
-    who = jnp.stack([facts.choice.first, facts.choice.second], axis=1)
-    passed = figures.outcome.time[:, None] - figures.before.time
-    # A wall has no row of its own.
-    impacts = rows & (who < layout.spheres)
+    mass = ratio(1.0, numbers.inverse_mass[: layout.spheres])
+    power = -jnp.sum(numbers.normal * numbers.gravity[None], axis=-1) * numbers.motion.speed
     total = jnp.zeros((), numbers.dtype)
-    if facts.call is not None and figures.coupled is not None:
-        called, together = facts.call, figures.coupled
-        impacts = impacts & ~called.is_call[:, None]
-        seats = called.decided.seats
-        came = called.decided.change.joined | called.decided.starts[:, None]
-        joins = rows & called.is_call[:, None] & seats.present & came
-        before = together.began.time[:, None] - together.spheres.time
-        total = total + of(seats.who, called.support, before, joins)
-    total = total + of(who, facts.choice.support, passed, impacts)
-    last = last_impacts(record, reached[None])
-    everyone = jnp.arange(layout.spheres)[None]
-    return total + of(everyone, last.support, reached - last.began, jnp.asarray(True))
+    for _, who, support, lasted, counts in spheres_at_rest(record, reached):
+        lifts = power[jnp.maximum(support, 0)] * mass[jnp.minimum(who, layout.spheres - 1)]
+        total = total + jnp.sum(jnp.where(counts & (support >= 0), lifts * lasted, 0))
+    return total
