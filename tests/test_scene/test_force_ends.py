@@ -10,7 +10,7 @@ import pytest
 import jaxcontact as jc
 
 BESIDE = 1e-8
-"""Of e and duration beside `impact`, relative. Measured 3e-12, and 5e-9 for e = .03; 1e-4 before."""
+"""Of e and duration beside `impact`, relative. Measured 3e-12, and 5e-9 for e = .03."""
 
 SLOPES = 1e-7
 """Of their slopes by speed, relative. Measured 2e-8."""
