@@ -83,6 +83,17 @@ class Scales(NamedTuple):
     gap: Number
     reach: Vector
 
+    def grown(self, by: Number) -> Scales:
+        """Return units of larger lengths and speeds, with the same time and mass."""
+        length, speed, mass = self.contact
+        units = Units(length * by, speed * by, mass)
+        farthest = jnp.maximum(self.gap / by, 1)
+        return Scales(units, self.position * by, self.velocity * by, farthest, self.reach)
+
+
+_LONGEST = 1e-3
+"""The longest unit of time, relative to the run: at rest the contact time may be infinite."""
+
 
 def scales_of(problem: SystemProblem, state: SystemState) -> Scales:
     """Return units in which speeds, and lengths during the shortest contact, are about one. They
@@ -101,11 +112,14 @@ def scales_of(problem: SystemProblem, state: SystemState) -> Scales:
     depth = jnp.where(state.closed, jnp.maximum(-gap, 0), 0)
     energy = jnp.sum(v * (mass @ v)) + jnp.sum(stiffness * depth ** (n + 1))
     tiny = math.sqrt(jnp.finfo(q.dtype).tiny)
-    speed = jnp.sqrt(energy / unit + jnp.max(jnp.square(rate)) + tiny)
+    # What is at rest has the time that is left to close its gaps.
+    left = problem.stops[-1] - t
+    farthest, left = jnp.max(jnp.abs(gap)), jnp.where(left > 0, left, 1)
+    paces = jnp.square(jnp.append(rate, farthest / left))
+    speed = jnp.sqrt(energy / unit + jnp.max(paces) + tiny)
     logarithm = jnp.log(unit) + 2 * jnp.log(speed) - jnp.log(stiffness)
-    # At rest the shortest contact would be longer than the run.
-    way = speed * (problem.stops[-1] - t)
-    length = jnp.minimum(jnp.min(jnp.exp(logarithm / (n + 1))), jnp.where(way > 0, way, jnp.inf))
+    length = jnp.min(jnp.exp(logarithm / (n + 1)))
+    length = jnp.minimum(length, _LONGEST * speed * left)
     units = Units(length, speed, unit)
     inertia = jnp.diagonal(mass)
     speeds = speed * jnp.sqrt(unit / jnp.where(inertia > 0, inertia, unit))
@@ -115,6 +129,5 @@ def scales_of(problem: SystemProblem, state: SystemState) -> Scales:
         paces = jax.jacfwd(lambda v: mechanics.rate(t, q, v))(v)
         positions = units.time * jnp.sum(jnp.abs(paces) * speeds[None], axis=1)
         positions = jnp.where(positions > 0, positions, units.time)
-    farthest = jnp.maximum(jnp.max(jnp.abs(gap)) / length, 1)
     reach = jnp.max(jnp.abs(gradient), axis=0) * positions / length
-    return Scales(units, positions, speeds, farthest, reach)
+    return Scales(units, positions, speeds, jnp.maximum(farthest / length, 1), reach)

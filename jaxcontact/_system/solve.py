@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .._coupled.energies import attracts, ends_of
-from .._coupled.field import TIME, WORK, LoopRules
+from .._coupled.field import TIME, WORK, Look, LoopRules
 from .._coupled.modes import (
     NOT_CONVERGED,
     NOT_FINITE,
@@ -25,13 +26,13 @@ from .._coupled.steps.loop import CoupledStart, first_carry
 from .._coupled.steps.step import advance
 from .field import SystemField
 from .log import SystemLog, empty_log, with_event
-from .problem import SystemProblem, SystemState, scales_of
+from .problem import Scales, SystemProblem, SystemState, scales_of
 
 MOST_STEPS = 10**6
 """The limit of steps, which no run should reach."""
 
-_OUTGROWN = 100
-"""The growth of the rates of gaps at which a solve starts anew, in units of its motion."""
+_OUTGROWN = 2
+"""The rate of a gap, in units of the solve, from which it goes on in larger ones."""
 
 _stop = jax.lax.stop_gradient
 
@@ -60,9 +61,12 @@ class SystemEnd(NamedTuple):
 
 
 class _Loop(NamedTuple):
-    """The state of the loop: that of the coupled solve, and what the log keeps of each contact."""
+    """The state of the loop: that of the coupled solve, its units, and what the log keeps of each
+    contact.
+    """
 
     carry: Carry
+    scales: Scales
     touch_speed: PerContact
     max_depth: PerContact
     log: SystemLog
@@ -76,6 +80,14 @@ class _SystemSolve(CoupledSolve):
     field: SystemField
     supplied: Number
 
+    def within(self, scales: Scales) -> _SystemSolve:
+        """Return the solve in other units with the same time."""
+        ends, by = self.field.ends, self.units.length / scales.contact.length
+        field = dataclasses.replace(
+            self.field, scales=scales, ends=None if ends is None else ends * by
+        )
+        return dataclasses.replace(self, field=field, units=scales.contact)
+
 
 def solve_system(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
     """Solve a mechanism from its state to the last of its stops, or until the log is full."""
@@ -86,12 +98,14 @@ def solve_system(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
     log = empty_log(problem.state, rules.rows)
     stops = problem.stops
 
+    first = SystemEnd(problem.state, log, running, zero, nothing, painleve)
+    if stops.shape[0] == 1:
+        return _solve_to_stop(problem, rules, first, stops[0])
+
     def unfinished(end: SystemEnd) -> Flag:
         return end.status < 0
 
     def to_next(end: SystemEnd) -> SystemEnd:
-        if stops.shape[0] == 1:
-            return _solve_to_stop(problem, rules, end, stops[0])
         index = jnp.sum(stops <= end.state.time)
         stop = stops[jnp.minimum(index, stops.shape[0] - 1)]
         end = _solve_to_stop(problem, rules, end, stop)
@@ -102,14 +116,13 @@ def solve_system(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
         status = jnp.where(more, running, end.status)
         return end._replace(state=end.state._replace(time=time), status=status)
 
-    first = SystemEnd(problem.state, log, running, zero, nothing, painleve)
     return jax.lax.while_loop(unfinished, to_next, first)
 
 
 def _solve_to_stop(
     problem: SystemProblem, rules: SystemRules, begun: SystemEnd, stop: Number
 ) -> SystemEnd:
-    """Go on from `begun` to a stop, or until the motion has outgrown its units."""
+    """Go on from `begun` to a stop."""
     state, mechanics = begun.state, problem.mechanics
     scales = scales_of(problem, state)
     units = scales.contact
@@ -144,22 +157,54 @@ def _solve_to_stop(
         supplied=state.work,
     )
     first = first_carry(solve, _start(solve, state))
-    loop = _Loop(first, state.touch_speed, state.max_depth, begun.log, begun.painleve)
-
-    fastest = _OUTGROWN * jnp.maximum(_pace(first), 1)
+    loop = _Loop(first, scales, state.touch_speed, state.max_depth, begun.log, begun.painleve)
 
     def unfinished(loop: _Loop) -> Flag:
         c = loop.carry
         more = (begun.steps + c.steps < MOST_STEPS) & (loop.log.count < rules.rows)
-        return (c.status < 0) & (_pace(c) < fastest) & more
+        return (c.status < 0) & more
 
-    end = jax.lax.while_loop(unfinished, lambda loop: _advance(solve, loop), loop)
-    return _assess(solve, begun, first, end)
+    def go_on(loop: _Loop) -> _Loop:
+        there = solve.within(loop.scales)
+        return _in_larger_units(there, _advance(there, loop))
+
+    end = jax.lax.while_loop(unfinished, go_on, loop)
+    return _assess(solve, begun, loop, end)
 
 
-def _pace(c: Carry) -> Number:
-    """Return the largest rate of a gap."""
-    return jnp.max(jnp.abs(c.look.rate))
+def _in_larger_units(solve: _SystemSolve, loop: _Loop) -> _Loop:
+    """Return the loop in units of the present motion, if that is faster than its own by far."""
+    c, field = loop.carry, solve.field
+    modes, renew = c.modes, c.renew
+    pace = jnp.max(jnp.abs(c.look.rate))
+    grows = (pace > _OUTGROWN) & ~jnp.any(c.sought) & ~jnp.any(c.clock.leaving)
+    by = _stop(jnp.where(grows, pace, 1))
+    # Energies grow by the square; times, w and the numbers for `pressing` do not.
+    energies = field.used.shape[0] + 1
+    powers = np.repeat([1, 2, 0], [c.y.shape[0] - energies - 2, energies, 2])
+
+    def grown(look: Look) -> Look:
+        return look._replace(
+            **{
+                name: None if value is None else value / by
+                for name, value in look._asdict().items()
+                if name not in ("grip", "press")
+            }
+        )
+
+    carry = c._replace(
+        y=c.y / by**powers,
+        modes=modes._replace(
+            latched=modes.latched / by,
+            deepest=None if modes.deepest is None else modes.deepest / by,
+        ),
+        look=grown(c.look),
+        slope=grown(c.slope),
+        dropped=c.dropped / by**2,
+        # Parts of grips have other units.
+        renew=renew if renew is None or not field.rules.sticks else renew | grows,
+    )
+    return loop._replace(carry=carry, scales=loop.scales.grown(by))
 
 
 def _just_before(stop: Number) -> Number:
@@ -209,7 +254,9 @@ def _advance(solve: _SystemSolve, loop: _Loop) -> _Loop:
     painleve = loop.painleve
     if painleve is not None:
         painleve = jnp.minimum(painleve, solve.field.painleve(_stop(after.y), after.modes))
-    loop = _Loop(after, touch_speed, max_depth, loop.log, painleve)
+    loop = loop._replace(
+        carry=after, touch_speed=touch_speed, max_depth=max_depth, painleve=painleve
+    )
     return loop._replace(log=with_event(loop.log, state_of(solve, loop), *changes))
 
 
@@ -243,25 +290,29 @@ def state_of(solve: _SystemSolve, loop: _Loop) -> SystemState:
     )
 
 
-def _assess(solve: _SystemSolve, begun: SystemEnd, first: Carry, end: _Loop) -> SystemEnd:
+def _assess(solve: _SystemSolve, begun: SystemEnd, first: _Loop, end: _Loop) -> SystemEnd:
     """Return the end with its error estimate, which determines convergence."""
-    a, b = _stop((first, end.carry))
     field = dataclasses.replace(
         solve.field, mechanics=_stop(solve.field.mechanics), contact=_stop(solve.field.contact)
     )
-    both = jax.tree.map(lambda *x: jnp.stack(x), (a.y, a.modes), (b.y, b.modes))
-    before, now = jax.vmap(field.energy)(*both)
-    missing = jnp.abs(now - before - b.dropped - b.y[WORK])
-    turnover = jnp.maximum(jnp.maximum(before, now), jnp.abs(b.y[WORK]))
+    still, solve, c = dataclasses.replace(solve, field=field), solve.within(end.scales), end.carry
+    ends = _stop([(loop.scales, loop.carry.y, loop.carry.modes) for loop in (first, end)])
+    units = (ends[0][0].contact.speed / ends[1][0].contact.speed) ** 2
+    units = jnp.stack([units, jnp.ones_like(units)])
+    both = jax.tree.map(lambda *x: jnp.stack(x), *ends)
+    before, now = units * jax.vmap(lambda to, *at: still.within(to).field.energy(*at))(*both)
+    work, dropped = _stop((c.y[WORK], c.dropped))
+    missing = jnp.abs(now - before - dropped - work)
+    turnover = jnp.maximum(jnp.maximum(before, now), jnp.abs(work))
     if attracts(field.mechanics.system.law):
         # The energy of bodies that stick may vanish.
-        turnover = jnp.maximum(turnover, jnp.max(jax.vmap(field.turnover)(*both)))
+        others = jax.vmap(lambda to, *at: still.within(to).field.turnover(*at))(*both)
+        turnover = jnp.maximum(turnover, jnp.max(units * others))
     imbalance = missing / jnp.maximum(turnover, 1)
-    error = jnp.maximum(b.error, imbalance) + begun.error
-    sound = jnp.all(jnp.isfinite(b.y)) & (imbalance <= 1e5 * solve.tolerance)
-    steps = begun.steps + b.steps
-    full = end.log.count >= end.log.rows
-    unfinished = jnp.where(full, PAUSED, jnp.where(steps < MOST_STEPS, -1, TOO_MANY_STEPS))
-    status = jnp.where(b.status < 0, unfinished, b.status)
+    error = jnp.maximum(_stop(c.error), imbalance) + begun.error
+    sound = jnp.all(jnp.isfinite(_stop(c.y))) & (imbalance <= 1e5 * solve.tolerance)
+    steps = begun.steps + c.steps
+    unfinished = jnp.where(steps < MOST_STEPS, PAUSED, TOO_MANY_STEPS)
+    status = jnp.where(c.status < 0, unfinished, c.status)
     status = jnp.where(sound | (status >= NOT_FINITE), status, NOT_CONVERGED).astype(jnp.int32)
     return SystemEnd(state_of(solve, end), end.log, status, steps, error, end.painleve)
