@@ -393,7 +393,8 @@ def main(words: list[str] | None = None) -> None:
         valid, sound = runs.others["valid"], runs.sound
         counts = [len(valid), valid.sum(), (valid & ~sound).sum()]
         row = [name, *map(str, counts), str(np.sum(runs.others["status"] > 1))]
-        worst = [np.nanmax(np.where(sound, runs.deviation[c], 0)) for c in COLUMNS]
+        rows = {c: sound & np.isfinite(runs.table[c]) for c in COLUMNS}
+        worst = [np.max(np.where(rows[c], runs.deviation[c], 0)) for c in COLUMNS]
         row += [f"{z:.0e}" for z in [np.max(runs.books), *worst]]
         same, off = beside_scipy(name, x, arguments.scipy) if name in FORCES else (0, 0.0)
         lines.append([*row, str(same or ""), f"{off:.0e}" if same else ""])

@@ -13,15 +13,16 @@ from benchmarks import random_mechanisms
 
 EACH = 8
 """Mechanisms for each law: two that move, two at rest, two pressed, two that touch."""
-LEFT_OUT = 12
-"""Contacts of each law whose sequence or slope changes within the differences."""
+LEFT_OUT = 6
+"""Contacts of each law whose sequence or slope changes within the differences: at most 3 of 25."""
 BOOKS = 1e-10
-"""Of the energy, at rtol 1e-10."""
+"""Of the energy, at rtol 1e-10. Measured 7e-12."""
 SLOPES = 1e-5
 """Of derivative and value, at steps of 3e-4 and rtol 1e-10, hence 1e-10/3e-4 times the growth of a
-perturbation."""
+perturbation. Measured 1.2e-6."""
 READ = 3e-4
-"""Of largest force and depth, whose values are read between steps."""
+"""Of largest force and depth, whose values are read between steps. Measured 5e-5, which falls with
+longer steps of the differences."""
 SAME = 1e-6
 """Of numbers beside those of another program; largest depths differ by 2e-8."""
 
@@ -40,7 +41,6 @@ def test_derivatives_of_the_contact_table(name):
     _, runs = found(name)
     valid, sound = runs.others["valid"], runs.sound
     assert set(runs.others["status"]) <= {jc.Ending.COMPLETED, jc.Ending.TOO_MANY_IMPACTS}
-    print(name, "books", np.max(runs.books), "contacts", valid.sum(), "sound", sound.sum())
     assert np.max(runs.books) < BOOKS
     assert np.sum(sound) >= 10
     assert np.sum(valid & ~sound) <= LEFT_OUT
@@ -51,7 +51,6 @@ def test_derivatives_of_the_contact_table(name):
         ended = column in ("restitution", "duration")
         assert ended or np.all(np.isfinite(runs.table[column][valid]))
         compared = np.where(sound & ends if ended else sound, deviation, 0)
-        print("  ", column, np.max(compared))
         assert np.max(compared) < (READ if column.startswith("max") else SLOPES), column
 
 
