@@ -43,7 +43,7 @@ BENDS = 1e-2
 
 HEADING = """# Random mechanisms
 
-By `python benchmarks/random_mechanisms.py`, at rtol 1e-10. The columns from `time` on are the
+By `python benchmarks/random_mechanisms.py --each {EACH}`, at rtol 1e-10. The columns from `time` on are the
 largest deviations of derivatives from differences, relative to derivative and value; those of
 largest force and depth show the interpolation between steps. Contacts are left out if their
 sequence or their slope changes within the differences. Runs end after eight contacts.
@@ -383,8 +383,8 @@ def main(words: list[str] | None = None) -> None:
     parser.add_argument("--laws", nargs="*", default=list(LAWS), choices=list(LAWS))
     parser.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".md"))
     arguments = parser.parse_args(words)
-    heading = ["law", "mechanisms", "contacts", "left out", "failed", "energy", *COLUMNS]
-    lines = [[*heading, "SciPy's touches", "deviation"]]
+    titles = ["law", "mechanisms", "contacts", "left out", "failed", "energy", *COLUMNS]
+    lines = [[*titles, "SciPy's touches", "deviation"]]
     lines.append(["---"] * len(lines[0]))
     for name in arguments.laws:
         random = np.random.default_rng(1)
@@ -400,7 +400,8 @@ def main(words: list[str] | None = None) -> None:
         lines.append([*row, str(same or ""), f"{off:.0e}" if same else ""])
         print(" | ".join(lines[-1]), flush=True)
         table = "\n".join("| " + " | ".join(line) + " |" for line in lines)
-        arguments.out.write_text(f"{HEADING}\n{table}\n")
+        heading = HEADING.replace("{EACH}", str(arguments.each))
+        arguments.out.write_text(f"{heading}\n{table}\n")
 
 
 if __name__ == "__main__":
