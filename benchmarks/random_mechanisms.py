@@ -43,8 +43,8 @@ BENDS = 1e-2
 
 HEADING = """# Random mechanisms
 
-By `python benchmarks/random_mechanisms.py --each {EACH}`, at rtol 1e-10. The columns from `time` on are the
-largest deviations of derivatives from differences, relative to derivative and value; those of
+By `python benchmarks/random_mechanisms.py --each {EACH}`, at rtol 1e-10. The columns from
+`time` on are the largest deviations of derivatives from differences, relative to derivative and value; those of
 largest force and depth show the interpolation between steps. Contacts are left out if their
 sequence or their slope changes within the differences. Runs end after eight contacts.
 """
