@@ -44,9 +44,9 @@ BENDS = 1e-2
 HEADING = """# Random mechanisms
 
 By `python benchmarks/random_mechanisms.py --each {EACH}`, at rtol 1e-10. The columns from
-`time` on are the largest deviations of derivatives from differences, relative to derivative and value; those of
-largest force and depth show the interpolation between steps. Contacts are left out if their
-sequence or their slope changes within the differences. Runs end after eight contacts.
+`time` on are the largest deviations of derivatives from differences, relative to derivative and
+value; those of largest force and depth show the interpolation between steps. Contacts are left out
+if their sequence or their slope changes within the differences. Runs end after eight contacts.
 """
 
 
@@ -116,7 +116,9 @@ LAWS = {
     "HuGuo": Kind(lambda p: jc.HuGuo(p[0]), 1.5, ((0.3, 0.95),), "1"),
     "HuGuo, n = 1": Kind(lambda p: jc.HuGuo(p[0]), 1.0, ((0.3, 0.95),), "1"),
     "ConstantDamping": Kind(lambda p: jc.ConstantDamping(p[0]), 1.5, ((0.02, 0.5),), "d"),
-    "Bridges": Kind(lambda p: jc.Bridges(p[0], 0.2, p[1]), 1.5, ((0.5, 0.9), (1.0, 1.1)), "1v"),
+    "Bridges": Kind(
+        lambda p: jc.Bridges(p[0], jnp.array(0.2), p[1]), 1.5, ((0.5, 0.9), (1.0, 1.1)), "1v"
+    ),
     "LinearDashpot": Kind(lambda p: jc.LinearDashpot(p[0]), 1.0, ((0.05, 0.8),), "c"),
     "LinearDashpot, n = 1.5": Kind(lambda p: jc.LinearDashpot(p[0]), 1.5, ((0.05, 0.8),), "c"),
     "KelvinVoigt": Kind(lambda p: jc.KelvinVoigt(p[0]), 1.0, ((0.3, 0.95),), "1"),
@@ -133,7 +135,9 @@ LAWS = {
     "Viscoplastic": Kind(
         lambda p: jc.Viscoplastic(p[0], p[1]), 1.5, ((0.05, 0.6), (0.02, 0.5)), "vd"
     ),
-    "Luding": Kind(lambda p: jc.Luding(p[0], 0.0, p[1]), 1.0, ((1.1, 3), (0.0, 0.5)), "11"),
+    "Luding": Kind(
+        lambda p: jc.Luding(p[0], jnp.array(0.0), p[1]), 1.0, ((1.1, 3), (0.0, 0.5)), "11"
+    ),
     "DMT": Kind(lambda p: jc.DMT(p[0]), 1.5, ((0.01, 0.1),), "f"),
     "JKR": Kind(lambda p: jc.JKR(p[0]), 1.5, ((0.01, 0.1),), "f"),
 }
