@@ -3,9 +3,9 @@
 from .base import AbstractFriction as AbstractFriction
 from .base import Tangential as Tangential
 from .base import TangentialOutcome as TangentialOutcome
+from .coulomb import RegularizedCoulomb as RegularizedCoulomb
 from .coulomb import RigidCoulomb as RigidCoulomb
 from .coulomb import WaltonFriction as WaltonFriction
 from .maw_barber_fawcett import MawBarberFawcett as MawBarberFawcett
-from .regularized import RegularizedCoulomb as RegularizedCoulomb
+from .maw_barber_fawcett import tangential_rebound as tangential_rebound
 from .spring_slider import SpringSlider as SpringSlider
-from .tangential_rebound import tangential_rebound as tangential_rebound

@@ -1,4 +1,4 @@
-"""Products of matrices: with full precision, of few numbers, and in place."""
+"""Products of matrices with full precision, of few numbers and in place, and of spins."""
 
 from __future__ import annotations
 
@@ -97,3 +97,25 @@ def _in_a_larger_batch(
 @functools.partial(product_in_place.defjvp, symbolic_zeros=True)
 def _product_in_place_jvp(primals: tuple, tangents: tuple) -> tuple:
     return _product_jvp(product_in_place, product_in_place, primals, tangents)
+
+
+Lane = Float[Array, "..."]
+
+
+def spin_axes(dimensions: int) -> int:
+    """Return the number of components of a spin."""
+    return 1 if dimensions == 2 else 3
+
+
+def cross(one: Lane, other: Lane) -> Lane:
+    """Return the product of two vectors (..., D) as a spin (..., S)."""
+    if one.shape[-1] == 3:
+        return jnp.cross(one, other)
+    return (one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])[..., None]
+
+
+def swept(spin: Lane, arm: Lane) -> Lane:
+    """Return the velocity ω × r (..., D) of a spin (..., S) at an arm (..., D)."""
+    if arm.shape[-1] == 3:
+        return jnp.cross(spin, arm)
+    return spin * jnp.stack([-arm[..., 1], arm[..., 0]], axis=-1)

@@ -10,13 +10,13 @@ from ._corner import corner as corner
 from ._corner import profile as profile
 from ._drawing.save import save as save
 from ._fit import fit as fit
+from ._fit import residuals as residuals
 from ._impact import energy as energy
 from ._impact import impact as impact
 from ._law import law as law
 from ._mechanism import forces as forces
 from ._mechanism import gaps as gaps
 from ._mechanism import phase as phase
-from ._residuals import residuals as residuals
 from ._scene import scene as scene
 from ._sweep import sweep as sweep
 from ._trajectory import trajectory as trajectory

@@ -13,10 +13,10 @@ from ..._text.progress import Stages
 from ..._text.table import wrapped
 from ..air import add_air_options, drag_asked, gravity_asked
 from ..every_ball import ALL, TABLE, run_every_ball
-from ..files import output_path
 from ..friction import NUMBERS as NUMBERS
 from ..friction import is_friction, run_friction
 from ..options import InputError, input_errors, positive
+from ..printing import output_path
 from ..table import add_table_options, in_options
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ import webbrowser
 from ..._cache import users_folder
 from ..._text.files import write_all
 from ..._text.progress import Stages
-from ..files import output_path
 from ..options import InputError
-from ..printing import print_json
+from ..printing import output_path, print_json
 
 SUMMARY = "interactive page: e, n and damping of each law"
 

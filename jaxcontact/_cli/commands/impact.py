@@ -12,10 +12,9 @@ from ..._text.files import FIGURES, write_all
 from ..._text.progress import Stages
 from ..._text.table import text_table
 from ..._text.units import meaning, quantity
-from ..files import output_path
 from ..law import add_law_and_contact, exponent_asked, law_parameters
 from ..options import InputError, input_errors, number, positive
-from ..printing import print_json
+from ..printing import output_path, print_json
 
 if TYPE_CHECKING:
     from ..._contact import Contact

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from ..._text.files import FIGURES, write_all
 from ..._text.progress import Stages
-from ..files import output_path
 from ..options import InputError, input_errors, positive
-from ..printing import print_json
+from ..printing import output_path, print_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from ..._text.files import FIGURES, write_all
 from ..._text.progress import Stages
-from ..files import output_path
 from ..law import add_law_and_contact, exponent_asked, law_parameters
 from ..options import InputError, span
-from ..printing import print_json
+from ..printing import output_path, print_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
