@@ -112,7 +112,7 @@ def scales_of(problem: SystemProblem, state: SystemState) -> Scales:
     depth = jnp.where(state.closed, jnp.maximum(-gap, 0), 0)
     energy = jnp.sum(v * (mass @ v)) + jnp.sum(stiffness * depth ** (n + 1))
     tiny = math.sqrt(jnp.finfo(q.dtype).tiny)
-    # What is at rest has the time that is left to close its gaps.
+    # Bodies at rest have the rest of the run to close their gaps.
     left = problem.stops[-1] - t
     farthest, left = jnp.max(jnp.abs(gap)), jnp.where(left > 0, left, 1)
     paces = jnp.square(jnp.append(rate, farthest / left))

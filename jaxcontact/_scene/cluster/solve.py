@@ -80,8 +80,11 @@ def _start(solve: _ClusterSolve) -> CoupledStart:
         # A spring that took the place of a law slides only if its limit grows less than its force.
         grip = solve.field.look(y, modes, ContactClock(jnp.asarray(True), nobody)).grip
         assert grip is not None and modes.slide is not None
-        stops = modes.closed & ~friction.begins & (modes.slide == 1) & (grip.hold < 0)
-        y, modes, *_ = solve.field.settled(y, modes, nobody, stops, state.latched)
+        slides = modes.closed & ~friction.begins & (modes.slide == 1)
+        y, modes, *_ = solve.field.settled(y, modes, nobody, slides, state.latched)
+        # All have the force at the limit now, from which those go on sliding.
+        slides = slides & (grip.hold >= 0)
+        y, modes, *_ = solve.field.settled(y, modes, nobody, slides, state.latched)
     return CoupledStart(
         y=y,
         modes=modes,

@@ -302,11 +302,9 @@ def impulses(
         push, turned = pressed + lengths(gained), in_plane(before, normal)
         turned = turned * ratio(lengths(before), lengths(turned))[:, None]
         stops = to_the_end | (end.status == AT_REST) | (end.status == PAUSED)
-        ends, opens = (
-            ~_alone(pairs, inverse, state) | (lasted >= 0.99 * (lasts - state.since)),
-            ~state.closed,
-        )
-        ends, mobility = acts & (ends | stops), arms.tangential[:, None]
+        stops = stops | (lasted >= 0.99 * (lasts - state.since))
+        ends = acts & (~_alone(pairs, inverse, state) | stops)
+        opens, mobility = ~state.closed, arms.tangential[:, None]
         slip = jnp.where(ends[:, None], slip - mobility * turned, 0)
         speed = jnp.maximum(jnp.where(ends, state.latched, 1), least_speed(numbers))
         e = jnp.where(ends, push / (mass * speed) - 1, 0)
