@@ -2,7 +2,7 @@
 
 from .base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from .base import AbstractLaw as AbstractLaw
-from .base import ForceArguments as ForceArguments
+from .base import Instant as Instant
 from .base import adhesion_below as adhesion_below
 from .base import end_of as end_of
 from .base import energies_of as energies_of

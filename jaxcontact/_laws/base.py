@@ -47,7 +47,7 @@ def _is_abstract(cls: type) -> bool:
     return any(getattr(getattr(cls, n, None), "__isabstractmethod__", False) for n in dir(cls))
 
 
-class ForceArguments(NamedTuple):
+class Instant(NamedTuple):
     """A contact at one moment, by the arguments of `AbstractLaw.force`."""
 
     indentation: ArrayLike
@@ -142,12 +142,12 @@ class AbstractLaw(eqx.Module):
         closing speed v0 in m/s at the moment of touch. All of them broadcast.
         """
 
-    def _force_after(self, at: ForceArguments, deepest: ArrayLike) -> Float[Array, "..."]:
+    def _force_after(self, at: Instant, deepest: ArrayLike) -> Float[Array, "..."]:
         """Return the force of a contact that unloads from `deepest`, or loads if that is 0."""
         # Only laws that remember have this.
         raise NotImplementedError
 
-    def _pressing(self, at: ForceArguments, deepest: ArrayLike | None) -> Float[Array, "..."]:
+    def _pressing(self, at: Instant, deepest: ArrayLike | None) -> Float[Array, "..."]:
         """Return the number for `pressing`."""
         # Only laws that fade have this.
         rate, speed = jnp.asarray(at.velocity), jnp.asarray(at.impact_velocity)
@@ -169,9 +169,7 @@ class AbstractLaw(eqx.Module):
         """Return the largest indentation in m of a contact that closes again from there."""
         raise NotImplementedError
 
-    def _force_of_closed(
-        self, at: ForceArguments, deepest: ArrayLike | None
-    ) -> Float[Array, "..."]:
+    def _force_of_closed(self, at: Instant, deepest: ArrayLike | None) -> Float[Array, "..."]:
         """Return the force for `force_of_closed`."""
         # Only laws that end apart have these two.
         raise NotImplementedError
@@ -234,7 +232,7 @@ def force_of(
     The package's laws clamp their own force; a user's law need not. `deepest` is the largest
     indentation in m of a contact that unloads, 0 for one that loads, for a law that `remembers`.
     """
-    at = ForceArguments(indentation, velocity, contact, impact_velocity)
+    at = Instant(indentation, velocity, contact, impact_velocity)
     if law.remembers and deepest is not None:
         force = law._force_after(at, deepest)
     else:
@@ -253,7 +251,7 @@ def force_of_closed(
     """Return `force_of` for a contact known to be closed. If the law `ends_apart`, the force
     continues beyond its end, smoothly in √(δ - δ_end).
     """
-    at = ForceArguments(indentation, velocity, contact, impact_velocity)
+    at = Instant(indentation, velocity, contact, impact_velocity)
     return law._force_of_closed(at, deepest) if law.ends_apart else force_of(law, *at, deepest)
 
 
@@ -268,7 +266,7 @@ def pressing(
     """Return a number of order one with the sign of the force before it is clamped, and with a
     slope where that vanishes, for a law that `fades`. The arguments are those of `force_of`.
     """
-    return law._pressing(ForceArguments(indentation, velocity, contact, impact_velocity), deepest)
+    return law._pressing(Instant(indentation, velocity, contact, impact_velocity), deepest)
 
 
 def energies_of(

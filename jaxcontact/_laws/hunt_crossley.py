@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._entry import NOT_NEGATIVE, POSITIVE, REAL, parameter
 from .._forms import Exponent, HuntCrossleyForm
 from .._functions import power
-from .base import AbstractLaw, ForceArguments, contact_for, force_arguments, speed_for
+from .base import AbstractLaw, Instant, contact_for, force_arguments, speed_for
 from .registry import register_law
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class AbstractHuntCrossley(AbstractLaw):
         factor = 1 + damping * rate
         return elastic * (factor if self.tension else jnp.maximum(factor, 0))
 
-    def _pressing(self, at: ForceArguments, deepest: ArrayLike | None) -> Float[Array, "..."]:
+    def _pressing(self, at: Instant, deepest: ArrayLike | None) -> Float[Array, "..."]:
         speed = jnp.asarray(at.impact_velocity)
         alpha = self.damping_factor(at.contact, speed)
         return (1 + alpha * at.velocity / speed) / (1 + alpha)

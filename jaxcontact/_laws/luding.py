@@ -9,14 +9,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, as_parameter, parameter
 from .._forms import Exponent, LudingForm
-from .base import (
-    AbstractLaw,
-    ForceArguments,
-    contact_for,
-    force_arguments,
-    needed,
-    require_exponent,
-)
+from .base import AbstractLaw, Instant, contact_for, force_arguments, needed, require_exponent
 from .plastic import STIFFER
 from .registry import register_law
 
@@ -98,7 +91,7 @@ class Luding(AbstractLaw):
         """Return F/K as a form of δ in m."""
         return LudingForm(factor=self.ratio, slope=self.slope, adhesion=self.adhesion)
 
-    def _force_after(self, at: ForceArguments, deepest: ArrayLike) -> Float[Array, "..."]:
+    def _force_after(self, at: Instant, deepest: ArrayLike) -> Float[Array, "..."]:
         require_exponent(self, at.contact)
         depth, most = jnp.maximum(jnp.asarray(at.indentation), 0), jnp.asarray(deepest)
         factor, end = self._of_depths().unloading(jnp.maximum(most, 0))

@@ -19,14 +19,7 @@ from .._forms import (
     YieldingForm,
     scale_of,
 )
-from .base import (
-    AbstractLaw,
-    ForceArguments,
-    contact_for,
-    force_arguments,
-    needed,
-    require_exponent,
-)
+from .base import AbstractLaw, Instant, contact_for, force_arguments, needed, require_exponent
 from .registry import register_law
 
 if TYPE_CHECKING:
@@ -77,9 +70,9 @@ class AbstractPlastic(AbstractLaw):
         if largest is not None:
             most = as_parameter(largest, "largest")
             deepest = jnp.where(depth >= most, 0, most)
-        return self._force_after(ForceArguments(depth, velocity, contact, impact_velocity), deepest)
+        return self._force_after(Instant(depth, velocity, contact, impact_velocity), deepest)
 
-    def _force_after(self, at: ForceArguments, deepest: ArrayLike) -> Float[Array, "..."]:
+    def _force_after(self, at: Instant, deepest: ArrayLike) -> Float[Array, "..."]:
         depth, rate, _ = force_arguments(*at)
         require_exponent(self, at.contact)
         deepest = jnp.asarray(deepest)

@@ -11,14 +11,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._entry import NOT_NEGATIVE, as_parameter, parameter
 from .._forms import LOSS, AbstractForm, DMTForm, JKRForm, jkr_energy, jkr_force, jkr_snap
 from .._functions import power
-from .base import (
-    AbstractLaw,
-    ForceArguments,
-    contact_for,
-    force_arguments,
-    needed,
-    require_exponent,
-)
+from .base import AbstractLaw, Instant, contact_for, force_arguments, needed, require_exponent
 from .registry import register_law
 
 if TYPE_CHECKING:
@@ -139,9 +132,7 @@ class JKR(AbstractAdhesive):
         require_exponent(self, contact)
         return self._jkr(depth, contact, goes_on=False)
 
-    def _force_of_closed(
-        self, at: ForceArguments, deepest: ArrayLike | None
-    ) -> Float[Array, "..."]:
+    def _force_of_closed(self, at: Instant, deepest: ArrayLike | None) -> Float[Array, "..."]:
         require_exponent(self, at.contact)
         return self._jkr(jnp.asarray(at.indentation), at.contact, goes_on=True)
 

@@ -17,7 +17,7 @@ from ..._forms import Exponent
 from ..._friction import AbstractFriction
 from ..._laws import (
     AbstractLaw,
-    ForceArguments,
+    Instant,
     adhesion_below,
     end_of,
     energies_of,
@@ -84,16 +84,14 @@ class MixedLaw(AbstractLaw):
         at = indentation, velocity, contact, impact_velocity
         return self._chosen(*(force_of(law, *at) for law in self.laws))
 
-    def _force_of_closed(
-        self, at: ForceArguments, deepest: ArrayLike | None
-    ) -> Float[Array, "..."]:
+    def _force_of_closed(self, at: Instant, deepest: ArrayLike | None) -> Float[Array, "..."]:
         # The other laws are not defined at δ < 0.
         pressed = at._replace(indentation=jnp.maximum(at.indentation, 0))
         moments = ((law, at if law.ends_apart else pressed) for law in self.laws)
         forces = (force_of_closed(law, *moment, deepest) for law, moment in moments)
         return self._chosen(*forces)
 
-    def _pressing(self, at: ForceArguments, deepest: ArrayLike | None) -> Float[Array, "..."]:
+    def _pressing(self, at: Instant, deepest: ArrayLike | None) -> Float[Array, "..."]:
         one = jnp.ones_like(jnp.asarray(at.velocity))
         return self._chosen(
             *(pressing(law, *at, deepest) if law.fades else one for law in self.laws)
@@ -103,7 +101,7 @@ class MixedLaw(AbstractLaw):
         zero = jnp.zeros_like(contact.stiffness)
         return self._chosen(*(end_of(x, contact) if x.ends_apart else zero for x in self.laws))
 
-    def _force_after(self, at: ForceArguments, deepest: ArrayLike) -> Float[Array, "..."]:
+    def _force_after(self, at: Instant, deepest: ArrayLike) -> Float[Array, "..."]:
         return self._chosen(*(force_of(law, *at, deepest) for law in self.laws))
 
     def _energies(
