@@ -182,6 +182,7 @@ def _in_larger_units(solve: _SystemSolve, loop: _Loop) -> _Loop:
     # Energies grow by the square; times, w and the numbers for `pressing` do not.
     energies = field.used.shape[0] + 1
     powers = np.repeat([1, 2, 0], [c.y.shape[0] - energies - 2, energies, 2])
+    powers = jnp.asarray(powers, c.y.dtype)
 
     def grown(look: Look) -> Look:
         return look._replace(
