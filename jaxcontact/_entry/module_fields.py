@@ -10,8 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from .interval import REAL, Range
-from .numbers import as_parameter
+from .numbers import REAL, Range, as_parameter
 
 
 class Specialised(eqx.Module):

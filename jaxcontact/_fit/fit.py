@@ -23,7 +23,7 @@ from .._entry import (
 )
 from .._text.failure import checked
 from .._text.progress import progress_of
-from .checks import listed
+from .._text.words import first_few
 from .problem.loss import Huber
 from .problem.problem import FitProblem, place_of, shapes_of
 from .problem.space import Space, space_of
@@ -216,7 +216,7 @@ def _refuse_too_many(space: Space, target: Target) -> None:
     if len(free) > points and not any(space.shapes):
         raise ValueError(
             f"Argument `data` must hold at least as many points that count as `start` has numbers "
-            f"to fit ({len(free)}: {listed(free)}), but holds {points}. Add points, or keep "
+            f"to fit ({len(free)}: {first_few(free)}), but holds {points}. Add points, or keep "
             "numbers with `transforms={name: jc.Fixed()}`."
         )
 
@@ -228,7 +228,7 @@ def _check_start(problem: FitProblem, theta: np.ndarray, found: SearchEnd) -> No
     prediction = np.asarray(problem.prediction(jnp.asarray(theta)))
     bad = ~np.isfinite(prediction) & (np.asarray(problem.factor) > 0)
     if bad.any():
-        points = listed([str(i) for i in np.flatnonzero(bad)])
+        points = first_few([str(i) for i in np.flatnonzero(bad)])
         raise ValueError(
             f"Argument `start` must have a finite prediction, but has none at the points {points}."
         )

@@ -12,7 +12,6 @@ from .base import Flag as Flag
 from .base import Lane as Lane
 from .base import Momentum as Momentum
 from .base import signed_power as signed_power
-from .dashpot import DashpotForm as DashpotForm
 from .general import GeneralForm as GeneralForm
 from .general import TwoCurvesForm as TwoCurvesForm
 from .hunt_crossley import HuntCrossleyForm as HuntCrossleyForm
@@ -22,6 +21,7 @@ from .hunt_crossley import exact_damping_factor as exact_damping_factor
 from .hunt_crossley import rebound_exponent as rebound_exponent
 from .hunt_crossley import restitution_of as restitution_of
 from .luding import LudingForm as LudingForm
+from .oscillator import DashpotForm as DashpotForm
 from .oscillator import OscillatorForm as OscillatorForm
 from .plastic import AbstractPlasticForm as AbstractPlasticForm
 from .plastic import BilinearForm as BilinearForm

@@ -13,8 +13,7 @@ from jaxtyping import Array, Float
 from .._coupled.modes import PerContact
 from .._coupled.scalars import Flag, Number
 from .._friction import RegularizedCoulomb
-from .mass_matrix import solve_mass
-from .stick_slip import Friction, hold, inverses
+from .stick_slip import Friction, hold, inverses, solve_mass
 from .system import System
 
 Vector = Float[Array, " n"]

@@ -18,7 +18,6 @@ from .._scene.result import Ending, nan_unless
 from .._text.failure import checked
 from .checks import require_shapes, require_start
 from .log import SystemLog
-from .mass_matrix import solve_mass
 from .mechanics import Mechanics, Vector
 from .problem import SystemProblem, SystemState
 from .readout.contacts import contacts_of, phases_of
@@ -26,6 +25,7 @@ from .readout.reading import SystemStates, reading_of, solved, solved_from_start
 from .readout.result import SystemContacts, SystemMargin, SystemPhases, SystemRun, read_states
 from .solve import SystemEnd, SystemRules
 from .start import StartChecks, start_of
+from .stick_slip import solve_mass
 from .system import System
 
 ROOM = 64

@@ -1,4 +1,4 @@
-"""Words for counts and ranges."""
+"""Words for counts, lists and ranges."""
 
 from __future__ import annotations
 
@@ -22,3 +22,13 @@ def span(values: Sequence[float], unit: str = "") -> str:
     """Return the range of values: `0.1 to 0.3 m`, or `0.1 m` if all are equal."""
     low, high = f"{min(values):.3g}", f"{max(values):.3g}"
     return f"{low if low == high else f'{low} to {high}'} {unit}".rstrip()
+
+
+_NAMED = 5
+"""Largest number of bad points that a message names; the others are counted."""
+
+
+def first_few(words: Sequence[str]) -> str:
+    """Return the first few words, and how many more there are."""
+    more = f" and {len(words) - _NAMED} more" if len(words) > _NAMED else ""
+    return ", ".join(words[:_NAMED]) + more

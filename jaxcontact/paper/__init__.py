@@ -6,9 +6,9 @@ from ._figures.ball_figures import fig8 as fig8
 from ._figures.ball_figures import fig9 as fig9
 from ._figures.ball_figures import fig10 as fig10
 from ._figures.fig4 import fig4 as fig4
-from ._figures.fig6 import fig6 as fig6
 from ._figures.impact_figures import fig3 as fig3
 from ._figures.impact_figures import fig5 as fig5
+from ._figures.impact_figures import fig6 as fig6
 from ._numbers import Number as Number
 from ._numbers import markdown as markdown
 from ._numbers import numbers as numbers

@@ -22,7 +22,7 @@ from ..._entry import (
     require_number,
 )
 from ..._text.table import text_table
-from ..checks import listed
+from ..._text.words import first_few
 from ..data import FitData
 from ..search.inference import Direction
 from ..search.minimum import SINGULAR
@@ -347,15 +347,15 @@ def _faults(
     few = [name for name in count if not count[name] >= FEWEST_EFFECTIVE]
     faults = []
     if lost:
-        faults.append(f"the data do not exclude the bound of {listed(lost)}: give a `prior`")
+        faults.append(f"the data do not exclude the bound of {first_few(lost)}: give a `prior`")
     if mixed:
         worst = float(np.max([ratio[n] for n in mixed]))
-        faults.append(f"chains differ in {listed(mixed)}, R-hat up to {_ratio(worst)}")
+        faults.append(f"chains differ in {first_few(mixed)}, R-hat up to {_ratio(worst)}")
     if drawn.divergences:
         faults.append(f"{drawn.divergences} of {drawn.phi[..., 0].size} draws diverged")
     if few:
         least = float(np.min([count[n] for n in few]))
-        faults.append(f"{least:.0f} effective samples of {listed(few)}, of {FEWEST_EFFECTIVE}")
+        faults.append(f"{least:.0f} effective samples of {first_few(few)}, of {FEWEST_EFFECTIVE}")
     return faults
 
 

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from ..._entry import Range, as_numbers, rendered
 from ..._text.units import meaning
-from ..checks import listed
+from ..._text.words import first_few
 from .transforms import AbstractTransform, Coordinate, Fixed, Free, of_range
 
 
@@ -120,7 +120,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ValueError(
-            f"Argument `start` must hold numbers of different names, but holds {listed(twice)} "
+            f"Argument `start` must hold numbers of different names, but holds {first_few(twice)} "
             "twice."
         )
     # Assembled in NumPy: each JAX operation outside a compiled function is a program.

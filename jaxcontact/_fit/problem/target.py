@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from ..._entry import as_array, as_numbers, as_weights, concrete, rendered
-from ..checks import listed
+from ..._text.words import first_few
 
 _ROUNDED = 1e-9
 
@@ -146,5 +146,5 @@ def _spread(value: Any, data: Any, name: str) -> np.ndarray:
 
 def _refuse(bad: np.ndarray, values: np.ndarray, name: str, allowed: str) -> None:
     if bad.any():
-        named = listed([f"{values[i]:g} at point {i}" for i in np.flatnonzero(bad)])
+        named = first_few([f"{values[i]:g} at point {i}" for i in np.flatnonzero(bad)])
         raise ValueError(f"Argument `{name}` must be {allowed}, but is {named}.")

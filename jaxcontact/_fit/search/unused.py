@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..checks import listed
+from ..._text.words import first_few
 from ..problem.problem import FitProblem, evaluated
 from .minimum import SearchEnd
 
@@ -41,5 +41,5 @@ def refuse_unused(problem: FitProblem, found: SearchEnd) -> None:
     if names:
         raise ValueError(
             "Argument `start` must hold numbers that the prediction uses, but does not use "
-            f"{listed(names)}; leave out what is not fitted, or hold it by `transforms`."
+            f"{first_few(names)}; leave out what is not fitted, or hold it by `transforms`."
         )

@@ -19,11 +19,10 @@ from ..._coupled.scalars import Index, Number
 from ..._entry import Specialised
 from ..._impact import restitution_at_any_speed, restitution_is_constant
 from ..._laws import AbstractLaw
-from ..bodies.bodies import Shell, Sphere
+from ..bodies.bodies import Shell, Sphere, side
 from ..bodies.mixed_law import MixedLaw, one_of_each
 from ..bodies.overlap import ROUNDINGS
 from ..bodies.scene import Scene
-from ..bodies.side import side
 from ..resume import Start
 from .movers import Movers
 from .turning import Rotation

@@ -20,6 +20,11 @@ from .entry import one_number, spin_in, vector
 from .motion import AbstractMotion, Along, as_numpy, in_space, later, origin, require_motion, shifts
 
 
+def side(distance: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Return 1 for two spheres, -1 for a sphere in a shell, from the `distance` R1 + R2."""
+    return jnp.sign(distance)
+
+
 class Wall(NamedTuple):
     """A flat wall at time zero.
 

@@ -30,8 +30,8 @@ from ..._laws import (
     pressing,
     shrunk_memory,
 )
+from ..bodies.bodies import side
 from ..bodies.motion import UserMotion
-from ..bodies.side import side
 from .friction import Rub, Rubbing, Spins, SpringPairs, in_plane
 
 PerPair = Float[Array, " pairs"]

@@ -14,7 +14,7 @@ from ..._coupled.field import TIME, WORK, AbstractCoupledField, Grip, Look, Loop
 from ..._coupled.modes import Flags, Modes, Units
 from ..._coupled.scalars import Index, Number
 from ..._coupled.springs import SMALL, SpringMotion, settled_springs
-from ..bodies.side import side
+from ..bodies.bodies import side
 from .equations import Geometry, PerBody, PerPair, Pushes, Touching, incidence_of, norm
 from .friction import Spins, in_plane, spring_pairs
 from .problem import ClusterProblem, scale_drive

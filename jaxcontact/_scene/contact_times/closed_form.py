@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..bodies.side import side
+from ..bodies.bodies import side
 
 Lane = Float[Array, "..."]
 

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..arrays.movers import CHECKED, Movers
-from ..bodies.side import side
+from ..bodies.bodies import side
 from .closed_form import wall_time
 
 Lane = Float[Array, "..."]

@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Int
 from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, least_speed, nearest_image
 from ..arrays.flight import Flying, at_once
-from ..bodies.side import side
+from ..bodies.bodies import side
 from ..pair_impact.instantaneous import Choice
 from .cluster_slots import Slots, all_fit, bodies_of, identity_slots, in_line
 from .coupled_friction import pace_of_contact

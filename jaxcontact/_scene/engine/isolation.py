@@ -12,7 +12,7 @@ import numpy as np
 from ..._coupled.scalars import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import at_once
-from ..bodies.side import side
+from ..bodies.bodies import side
 from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
 from .state import Rules, RunState

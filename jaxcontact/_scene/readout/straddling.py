@@ -14,7 +14,7 @@ from ..._program import quick
 from ..arrays.arrays import known_contact_of, law_of
 from ..arrays.flight import Flying, accelerations
 from ..arrays.turning import spin_energy
-from ..bodies.side import side
+from ..bodies.bodies import side
 from ..pair_impact.instantaneous import meeting_of, second_velocity, two_that_meet
 from ..result import States
 from ..run_record import RunRecord
