@@ -135,47 +135,40 @@ def cases() -> dict[str, Case]:
         "SystemContacts.to_csv": Case(
             lambda path: a_run().contacts.to_csv(path), {}, {"path": TEXT - {"empty text"}}
         ),
-        "systems.double_pendulum": Case(
-            jc.systems.double_pendulum,
-            {"law": UNSOLVED},
-            made
-            | {"masses": NOTHING, "lengths": NOTHING, "angles": NOTHING}  # two numbers each
-            | {"gravity": REAL, "wall": REAL},
-        ),
-        "systems.slider_crank": Case(
-            jc.systems.slider_crank,
-            {"law": UNSOLVED},
-            made
-            | {"lengths": NOTHING, "masses": NOTHING, "friction": NONE, "speed": REAL}
-            | {"clearance": POSITIVE, "inertia": POSITIVE, "bearing": POSITIVE},
-        ),
-        "systems.slider_in_guide": Case(
-            jc.systems.slider_in_guide,
-            {"law": UNSOLVED},
-            made
-            | {"lengths": NOTHING, "half_sizes": NOTHING, "friction": NONE}
-            | {"masses": THREE, "inertias": THREE, "speeds": THREE}
-            | {"clearance": POSITIVE, "gravity": REAL},
-        ),
-        "systems.bouncing_rod": Case(
-            jc.systems.bouncing_rod,
-            {"law": UNSOLVED},
-            made
-            | {"mass": POSITIVE, "length": POSITIVE, "radius": POSITIVE, "friction": NONE}
-            | {"gravity": REAL, "height": REAL, "angle": REAL},
-        ),
-        "systems.shaken_incline": Case(
-            jc.systems.shaken_incline,
-            {"law": UNSOLVED},
-            made
-            | {"mass": POSITIVE, "shaking": NOTHING, "friction": NONE}
-            | {"tilt": REAL, "gravity": REAL},
-        ),
-        "systems.impact_damper": Case(
-            jc.systems.impact_damper,
-            {"law": UNSOLVED},
-            made
-            | {"masses": NOTHING, "shaking": NOTHING}
-            | {"clearance": POSITIVE, "spring": REAL, "damping": REAL},
-        ),
+        **{
+            f"systems.{make.__name__}": Case(make, {"law": UNSOLVED}, made | more)
+            for make, more in (
+                (
+                    jc.systems.double_pendulum,  # two numbers each
+                    {"masses": NOTHING, "lengths": NOTHING, "angles": NOTHING}
+                    | {"gravity": REAL, "wall": REAL},
+                ),
+                (
+                    jc.systems.slider_crank,
+                    {"lengths": NOTHING, "masses": NOTHING, "friction": NONE, "speed": REAL}
+                    | {"clearance": POSITIVE, "inertia": POSITIVE, "bearing": POSITIVE},
+                ),
+                (
+                    jc.systems.slider_in_guide,
+                    {"lengths": NOTHING, "half_sizes": NOTHING, "friction": NONE}
+                    | {"masses": THREE, "inertias": THREE, "speeds": THREE}
+                    | {"clearance": POSITIVE, "gravity": REAL},
+                ),
+                (
+                    jc.systems.bouncing_rod,
+                    {"mass": POSITIVE, "length": POSITIVE, "radius": POSITIVE, "friction": NONE}
+                    | {"gravity": REAL, "height": REAL, "angle": REAL},
+                ),
+                (
+                    jc.systems.shaken_incline,
+                    {"mass": POSITIVE, "shaking": NOTHING, "friction": NONE}
+                    | {"tilt": REAL, "gravity": REAL},
+                ),
+                (
+                    jc.systems.impact_damper,
+                    {"masses": NOTHING, "shaking": NOTHING}
+                    | {"clearance": POSITIVE, "spring": REAL, "damping": REAL},
+                ),
+            )
+        },
     }

@@ -103,20 +103,21 @@ REST = [0.1, 1.0, 1.5, 0.7, 0.2, 0.35, 0.01, 0.02, 0.8, 0.05, 0.1, -9.0]
 PLANE = jnp.array([*STATES, *REST])
 
 
+def agree(scene, fast, numbers, step):
+    """Compare the slopes of a scene in both modes, and with differences of its fast program."""
+    forward, reverse = both_modes(lambda x: scene(x)[0], numbers)
+    scale = np.max(np.abs(forward))
+    assert np.max(np.abs(forward - reverse)) < MODES * scale
+    columns = differences(lambda x: fast(x)[0], numbers, step)
+    assert np.max(np.abs(forward - columns)) < DIFFERENCES * scale
+
+
 def test_impacts_in_a_plane():
     fast = jax.jit(plane)
     run = fast(PLANE)[1]
     assert int(jnp.sum(run.impacts.valid)) >= 6 and run.status == jc.Ending.COMPLETED
     assert run.margin.time > 1e-3 and run.margin.closing_speed > 0.1
-
-    def values(numbers):
-        return plane(numbers)[0]
-
-    forward, reverse = both_modes(values, PLANE)
-    scale = np.max(np.abs(forward))
-    assert np.max(np.abs(forward - reverse)) < MODES * scale
-    columns = differences(lambda x: fast(x)[0], PLANE, 2e-5)
-    assert np.max(np.abs(forward - columns)) < DIFFERENCES * scale
+    agree(plane, fast, PLANE, 2e-5)
 
 
 def line(numbers):
@@ -141,15 +142,7 @@ def test_thirty_impacts_in_a_line():
     fast = jax.jit(line)
     run = fast(LINE)[1]
     assert 30 <= int(jnp.sum(run.impacts.valid)) < 64
-
-    def values(numbers):
-        return line(numbers)[0]
-
-    forward, reverse = both_modes(values, LINE)
-    scale = np.max(np.abs(forward))
-    assert np.max(np.abs(forward - reverse)) < MODES * scale
-    columns = differences(lambda x: fast(x)[0], LINE, 1e-6)
-    assert np.max(np.abs(forward - columns)) < DIFFERENCES * scale
+    agree(line, fast, LINE, 1e-6)
     # From Python, without a reserved size, the same values.
     np.testing.assert_allclose(fast(LINE)[0], line(np.asarray(LINE))[0], rtol=1e-10)
 
