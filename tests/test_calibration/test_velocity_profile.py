@@ -135,22 +135,10 @@ GOOD = {"indentation": [0.0, 0.5, 1.0], "velocity": [1.0, 0.8, 0.0]}
 BAD = [
     ({"indentation": [0.0, 1.0]}, r"`indentation` must have the shape .* is of shape \(2,\)"),
     ({"indentation": [[0.0, 0.5, 1.0]]}, r"`indentation` .* is of shape \(1, 3\)"),
-    (
-        {"velocity": [1.0, 0.9, 0.8, 0.0]},
-        "`velocity` .* for each of the 3 points of .* has 4",
-    ),
-    (
-        {"weights": [1.0, 1.0, 1.0, 1.0]},
-        "`weights` .* for each of the 3 points of .* has 4",
-    ),
-    (
-        {"velocity": [1.0, math.nan, 0.0]},
-        r"`velocity` .*\[0, inf\), but is nan at point 1",
-    ),
-    (
-        {"velocity": [math.inf, 0.5, 0.0]},
-        r"`velocity` .*\[0, inf\), but is inf at point 0",
-    ),
+    ({"velocity": [1.0, 0.9, 0.8, 0.0]}, "`velocity` .* for each of the 3 points of .* has 4"),
+    ({"weights": [1.0, 1.0, 1.0, 1.0]}, "`weights` .* for each of the 3 points of .* has 4"),
+    ({"velocity": [1.0, math.nan, 0.0]}, r"`velocity` .*\[0, inf\), but is nan at point 1"),
+    ({"velocity": [math.inf, 0.5, 0.0]}, r"`velocity` .*\[0, inf\), but is inf at point 0"),
     ({"velocity": [1.0, -0.1, 0.0]}, r"`velocity` must be in \[0, inf\), but is -0\.1 at point 1"),
     ({"indentation": [0.0, -0.5, 1.0]}, r"`indentation` .* is -0\.5 at point 1"),
     ({"weights": [1.0, -1.0, 1.0]}, "`weights` .* is -1 at point 1"),

@@ -118,11 +118,7 @@ def cases() -> dict[str, Case]:
             },
         ),
         "Huber": Case(jc.Huber, {}, {"threshold": POSITIVE}),
-        "Between": Case(
-            jc.Between,
-            {"low": -5.0, "high": 10.0},
-            {"low": REAL, "high": REAL},
-        ),
+        "Between": Case(jc.Between, {"low": -5.0, "high": 10.0}, {"low": REAL, "high": REAL}),
         "Fit.predict": Case(fitted.predict, {}, {"x": REALS | NONE}),
         "Fit.predict_with_error": Case(fitted.predict_with_error, {}, {"x": REALS | NONE}),
         "Fit.linearised": Case(fitted.linearised, {}, {"x": REALS | NONE}),
@@ -173,11 +169,6 @@ def cases() -> dict[str, Case]:
         "compare_fits": Case(
             jc.compare_fits,
             {"fits": {"one": fitted, "two": fitted}},
-            {
-                "fits": NOTHING,
-                "folds": COUNT,
-                "groups": NONE,
-                "seed": SEED,
-            },
+            {"fits": NOTHING, "folds": COUNT, "groups": NONE, "seed": SEED},
         ),
     }

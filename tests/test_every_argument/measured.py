@@ -213,10 +213,7 @@ def cases() -> dict[str, Case]:
             },
         ),
         "choose_law, stages": Case(
-            jc.choose_law,
-            HOW,
-            {"progress": FLAG | NONE | {"function"}},
-            untested=CLASSES,
+            jc.choose_law, HOW, {"progress": FLAG | NONE | {"function"}}, untested=CLASSES
         ),
         "choose_law, contact times": Case(
             jc.choose_law,
@@ -252,11 +249,7 @@ def cases() -> dict[str, Case]:
             },
             untested=CLASSES,
         ),
-        "Calibration.save": Case(
-            blank(jc.Calibration).save,
-            {},
-            {"path": TEXT - {"empty text"}},
-        ),
+        "Calibration.save": Case(blank(jc.Calibration).save, {}, {"path": TEXT - {"empty text"}}),
         "load_calibration": Case(jc.load_calibration, {}, {"path": TEXT - {"empty text"}}),
         "Drag": Case(
             jc.Drag,
@@ -294,12 +287,7 @@ def cases() -> dict[str, Case]:
             {"frame": NOTHING, "y": NOTHING, "rate": COUNT},
         ),
         "read_recording, columns": Case(
-            jc.read_recording,
-            RECORDED,
-            {
-                "velocity": NOTHING,
-                "restitution": NOTHING,
-            },
+            jc.read_recording, RECORDED, {"velocity": NOTHING, "restitution": NOTHING}
         ),
         "read_recording, column of intervals": Case(
             jc.read_recording,

@@ -3,15 +3,7 @@
 import importlib.resources
 
 import jaxcontact as jc
-from tests.test_every_argument.case import (
-    COLUMN,
-    CONTACTS,
-    LAWS,
-    NOTHING,
-    OUT,
-    Case,
-    V,
-)
+from tests.test_every_argument.case import COLUMN, CONTACTS, LAWS, NOTHING, OUT, Case, V
 from tests.test_every_argument.kinds import (
     CONTACT,
     FLAG,
@@ -47,9 +39,7 @@ def _cases(name, function, own, legal):
     }
     for one in SIGMAS:
         cases[f"{name}, known errors of {one}"] = Case(
-            function,
-            SPEEDS | {one: OUT, "bodies": BODIES} | own,
-            {f"sigma_{one}": POSITIVE | NONE},
+            function, SPEEDS | {one: OUT, "bodies": BODIES} | own, {f"sigma_{one}": POSITIVE | NONE}
         )
     return cases
 

@@ -189,10 +189,7 @@ def cases() -> dict[str, Case]:
         ),
         **{
             f"{type(law).__name__}.force": Case(
-                law.force,
-                FORCE,
-                FORCE_LEGAL | {"largest": REALS | NONE},
-                staged=True,
+                law.force, FORCE, FORCE_LEGAL | {"largest": REALS | NONE}, staged=True
             )
             for law in (
                 jc.ThorntonPlastic(yield_speed=0.1),
@@ -225,11 +222,7 @@ def cases() -> dict[str, Case]:
                     jc.PowerRestitution(loss=0.1, power=0.2, reference=1.0),
                     {"velocity": REALS},
                 ),
-                (
-                    "Bridges",
-                    jc.Bridges(a=0.5, power=0.2, reference=1.0),
-                    {"velocity": REALS},
-                ),
+                ("Bridges", jc.Bridges(a=0.5, power=0.2, reference=1.0), {"velocity": REALS}),
                 (
                     "WetRestitution",
                     jc.WetRestitution(e=0.5, critical_speed=0.1),
@@ -275,12 +268,7 @@ def cases() -> dict[str, Case]:
         "restitution": Case(
             jc.restitution,
             IMPACT,
-            {
-                "law": LAWS,
-                "contact": CONTACTS | NONE,
-                "velocity": SPEED | NONE,
-                "method": METHODS,
-            },
+            {"law": LAWS, "contact": CONTACTS | NONE, "velocity": SPEED | NONE, "method": METHODS},
         ),
         "trajectory": Case(
             jc.trajectory,

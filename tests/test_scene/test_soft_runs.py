@@ -47,21 +47,9 @@ RUNS = {
         0.8,
     ),
     # Under its weight; the third contact is permanent.
-    "floor": (
-        [Ball([0.15], [0.0], 0.1, 1.0)],
-        [Wall([0.0], [1.0])],
-        [-9.81],
-        1.5,
-        0.3,
-    ),
+    "floor": ([Ball([0.15], [0.0], 0.1, 1.0)], [Wall([0.0], [1.0])], [-9.81], 1.5, 0.3),
     # The weight acts from the touch on, so v0 is slightly larger than the speed at touch.
-    "bounces": (
-        [Ball([0.6], [0.0], 0.1, 1.0)],
-        [Wall([0.0], [1.0])],
-        [-9.81],
-        0.9,
-        1.6,
-    ),
+    "bounces": ([Ball([0.6], [0.0], 0.1, 1.0)], [Wall([0.0], [1.0])], [-9.81], 0.9, 1.6),
 }
 
 

@@ -24,14 +24,7 @@ def to_wall(t, q, args):
     return jnp.stack([q[0] + 0.2, q[1] - q[0] + args["offset"]])
 
 
-NUMBERS = {
-    "gravity": 9.81,
-    "offset": 0.1,
-    "e": 0.7,
-    "stiffness": 1e6,
-    "place": 0.8,
-    "speed": 0.3,
-}
+NUMBERS = {"gravity": 9.81, "offset": 0.1, "e": 0.7, "stiffness": 1e6, "place": 0.8, "speed": 0.3}
 ORDER = sorted(NUMBERS)
 
 
@@ -39,11 +32,7 @@ def outcome(vector):
     """Return times, speeds, restitutions and forces of the first contacts, and the final state."""
     values = dict(zip(ORDER, vector, strict=True))
     system = jc.System(
-        unit,
-        swings,
-        to_wall,
-        law=jc.HuGuo(e=values["e"]),
-        stiffness=values["stiffness"],
+        unit, swings, to_wall, law=jc.HuGuo(e=values["e"]), stiffness=values["stiffness"]
     )
     run = jc.simulate(
         system,

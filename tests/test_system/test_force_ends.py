@@ -96,8 +96,8 @@ EXACT = [
     (3.0, -1.42773884104707, 1.11019439359009),
     (3.2, -1.20061915482328, 1.16018980595758),
 ]
-"""Forces, with the speed at END and its slope: flight, a damped oscillation until k δ + c δ' = 0, and
-flight again, with 30 digits."""
+"""Forces, with the speed at END and its slope, in 30 digits: flight, a damped oscillation until
+k δ + c δ' = 0, and flight again."""
 
 SLOPE = 3e-7
 """Of the slopes below, relative; measured at most 1.1e-7 at rtol 1e-9, and 3e-2 with accelerations
@@ -176,7 +176,8 @@ def test_slopes_of_touch_times_do_not_lose_digits():
     times = np.array([1, -np.sin(w * t), -a * t * np.cos(w * t)]) / closing
     aside = np.array([0, w * np.cos(w * t), a * np.cos(w * t) - a * w * t * np.sin(w * t)])
     speeds = pace * times + aside
-    for rtol in (1e-11, 1e-9):
+    # Measured 1.1e-12 and 5e-16; 1e-8 at the tighter one if roots are cut off.
+    for rtol, limit in ((1e-9, 1e-11), (1e-11, 1e-13), (1e-12, 1e-13)):
         found = np.array(jax.jacfwd(lambda x: table(x, rtol))(jnp.array([h, a, w])))  # noqa: B023
-        assert np.abs(found[0] - times).max() < 1e-13
-        assert np.abs(found[1] - speeds).max() < 1e-11
+        assert np.abs(found[0] - times).max() < limit
+        assert np.abs(found[1] - speeds).max() < 20 * limit
