@@ -37,7 +37,11 @@ def to_root(
         value = right + x * (fall + x * (second + x * third))
         slope = fall + x * (2 * second + 3 * x * third)
         x = jnp.where(slope < 0, jnp.maximum(x - value / jnp.where(slope < 0, slope, 1), -size), x)
-    return jnp.where(down | (right < 0), x, jnp.inf), fall + x * (2 * second + 3 * x * third)
+    # The mean of a short step is rounding; its slope is known at both ends.
+    bend, most = x * (2 * second + 3 * x * third), 4 * jnp.abs(x * (fall - falls)) / size
+    short = size < jnp.finfo(fall.dtype).eps ** 0.25
+    bend = jnp.where(short, jnp.clip(bend, -most, most), bend)
+    return jnp.where(down | (right < 0), x, jnp.inf), fall + bend
 
 
 def highest(

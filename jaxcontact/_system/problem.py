@@ -91,10 +91,6 @@ class Scales(NamedTuple):
         return Scales(units, self.position * by, self.velocity * by, farthest, self.reach)
 
 
-_LONGEST = 1e-3
-"""The longest unit of time, relative to the run: at rest the contact time may be infinite."""
-
-
 def scales_of(problem: SystemProblem, state: SystemState) -> Scales:
     """Return units in which speeds, and lengths during the shortest contact, are about one. They
     follow from the motion of a state, and have no derivative.
@@ -112,14 +108,14 @@ def scales_of(problem: SystemProblem, state: SystemState) -> Scales:
     depth = jnp.where(state.closed, jnp.maximum(-gap, 0), 0)
     energy = jnp.sum(v * (mass @ v)) + jnp.sum(stiffness * depth ** (n + 1))
     tiny = math.sqrt(jnp.finfo(q.dtype).tiny)
-    # Bodies at rest have the rest of the run to close their gaps.
-    left = problem.stops[-1] - t
-    farthest, left = jnp.max(jnp.abs(gap)), jnp.where(left > 0, left, 1)
-    paces = jnp.square(jnp.append(rate, farthest / left))
-    speed = jnp.sqrt(energy / unit + jnp.max(paces) + tiny)
-    logarithm = jnp.log(unit) + 2 * jnp.log(speed) - jnp.log(stiffness)
-    length = jnp.min(jnp.exp(logarithm / (n + 1)))
-    length = jnp.minimum(length, _LONGEST * speed * left)
+    speed = jnp.sqrt(energy / unit + jnp.max(jnp.square(rate)) + tiny)
+    # A contact time depends on the speed at touch; bodies at rest can close a gap within the run.
+    left, farthest = problem.stops[-1] - t, jnp.max(jnp.where(state.closed, 0, jnp.abs(gap)))
+    left = jnp.where(left > 0, left, 1)
+    touching = jnp.maximum(speed, farthest / left)
+    logarithm = jnp.log(unit) + 2 * jnp.log(touching) - jnp.log(stiffness)
+    lasts = jnp.min(jnp.exp(logarithm / (n + 1))) / touching
+    length = speed * jnp.minimum(lasts, left)
     units = Units(length, speed, unit)
     inertia = jnp.diagonal(mass)
     speeds = speed * jnp.sqrt(unit / jnp.where(inertia > 0, inertia, unit))
@@ -130,4 +126,4 @@ def scales_of(problem: SystemProblem, state: SystemState) -> Scales:
         positions = units.time * jnp.sum(jnp.abs(paces) * speeds[None], axis=1)
         positions = jnp.where(positions > 0, positions, units.time)
     reach = jnp.max(jnp.abs(gradient), axis=0) * positions / length
-    return Scales(units, positions, speeds, jnp.maximum(farthest / length, 1), reach)
+    return Scales(units, positions, speeds, jnp.maximum(jnp.max(jnp.abs(gap)) / length, 1), reach)
