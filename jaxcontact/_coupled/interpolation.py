@@ -24,7 +24,9 @@ def to_root(
     The offset is negative for a root within the step, and infinite if the cubic does not fall.
     `falls` and `fall` are the slopes at the left and the right.
     """
-    mean = (right - left) / size
+    # That of a short step is rounding; its slopes are known.
+    short = size < jnp.finfo(fall.dtype).eps ** 0.25
+    mean = jnp.where(short, (fall + falls) / 2, (right - left) / size)
     second = (2 * fall + falls - 3 * mean) / size
     third = (fall + falls - 2 * mean) / jnp.square(size)
     down = fall < 0
@@ -37,11 +39,7 @@ def to_root(
         value = right + x * (fall + x * (second + x * third))
         slope = fall + x * (2 * second + 3 * x * third)
         x = jnp.where(slope < 0, jnp.maximum(x - value / jnp.where(slope < 0, slope, 1), -size), x)
-    # The mean of a short step is rounding; its slope is known at both ends.
-    bend, most = x * (2 * second + 3 * x * third), 4 * jnp.abs(x * (fall - falls)) / size
-    short = size < jnp.finfo(fall.dtype).eps ** 0.25
-    bend = jnp.where(short, jnp.clip(bend, -most, most), bend)
-    return jnp.where(down | (right < 0), x, jnp.inf), fall + bend
+    return jnp.where(down | (right < 0), x, jnp.inf), slope
 
 
 def highest(

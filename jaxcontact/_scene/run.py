@@ -165,10 +165,11 @@ class Run(Flagged, eqx.Module):
             "margin": f"{shown(self.margin.time)} s, {shown(self.margin.closing_speed)} m/s",
             "status": Ending.names_of(self.status).replace("_", " "),
         }
-        springs = self.impacts.solved_by == SolvedBy.SPRING
-        if not traced(springs) and springs.any():
+        ways = self.impacts.solved_by
+        springs = 0 if traced(ways) else np.sum(np.asarray(ways) == SolvedBy.SPRING)
+        if springs:
             why = "contacts that lasted or were of several bodies"
-            lines["friction"] = f"a spring for its law in {springs.sum()} {why}"
+            lines["friction"] = f"a spring for its law in {springs} {why}"
         return "Run\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
 
 

@@ -80,7 +80,7 @@ def simulate_scene(
     layout = layout_of(scene)
     if max_cluster is None:
         room_for = _places_of(scene, room_for)
-    if room_for != _places_of(scene, 0):
+    if room_for <= MOST or room_for != _places_of(scene, 0):
         room_for = min(room_for, layout.spheres)
     scene = _usable_start(scene, soft, room_for)
     require_clear_of_each_other(scene.bodies, length)
