@@ -202,10 +202,7 @@ MISFITS = {
     "contact": (lambda: jc.impact(jc.HuGuo(e=0.5), jc.Contact([1.0, 2.0], THREE), 1.0), "contact"),
     "restitution": (lambda: jc.restitution(jc.HuGuo(e=[0.5, 0.6]), None, THREE), "law velocity"),
     "trajectory": (lambda: jc.trajectory(jc.HuGuo(e=0.5), CONTACTS, THREE), "contact velocity"),
-    "bounce": (
-        lambda: jc.bounce(jc.HuGuo(e=0.5), CONTACTS, 1.0, gravity=THREE),
-        "contact gravity",
-    ),
+    "bounce": (lambda: jc.bounce(jc.HuGuo(e=0.5), CONTACTS, 1.0, gravity=THREE), "contact gravity"),
     "law.force": (
         lambda: jc.Tsuji(e=0.5).force(THREE, [0.1, 0.2], jc.Contact(1.0, 1.0), 1.0),
         "indentation velocity",
@@ -216,10 +213,7 @@ MISFITS = {
         "radius other_radius",
     ),
     "sphere_socket": (lambda: jc.Contact.sphere_socket(0.1, THREE, STEEL), "socket_radius sphere"),
-    "sphere_mass": (
-        lambda: jc.Material(1.0, 0.3, [1.0, 2.0]).sphere_mass(THREE),
-        "radius density",
-    ),
+    "sphere_mass": (lambda: jc.Material(1.0, 0.3, [1.0, 2.0]).sphere_mass(THREE), "radius density"),
 }
 
 

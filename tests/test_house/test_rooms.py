@@ -334,27 +334,18 @@ def test_a_breach_is_seen(tmp_path, name, text, complaint):
 
 
 CIRCLES = [
-    {
-        "_sweep/_a.py": "from ._b import x",
-        "_sweep/_b.py": "from . import _a",
-    },
+    {"_sweep/_a.py": "from ._b import x", "_sweep/_b.py": "from . import _a"},
     {
         "_sweep/_a.py": "from ._b import x",
         "_sweep/_b.py": "import jaxcontact._sweep._c",
         "_sweep/_c.py": "from ._a import y",
     },
-    {
-        "_sweep/_a.py": "from ._b import x",
-        "_sweep/_b.py": "def f():\n    from ._a import y",
-    },
+    {"_sweep/_a.py": "from ._b import x", "_sweep/_b.py": "def f():\n    from ._a import y"},
     {
         "_sweep/_a.py": "if TYPE_CHECKING:\n    from ._b import x",
         "_sweep/_b.py": "from ._a import y",
     },
-    {
-        "_sweep/__init__.py": "from ._a import y",
-        "_sweep/_a.py": "from .._sweep import z",
-    },
+    {"_sweep/__init__.py": "from ._a import y", "_sweep/_a.py": "from .._sweep import z"},
     {
         "_sweep/_a.py": "from ._deep import x",
         "_sweep/_deep/__init__.py": "from ._b import x",

@@ -265,12 +265,7 @@ def clamped_lanes(n, kind=float):
     contact = jc.Contact(contact.mass, contact.stiffness, n)
 
     def outcome(c):
-        hit = jc.impact(
-            Clamped(c, jnp.asarray(d, kind), gap=gap),
-            contact,
-            speed,
-            method="event",
-        )
+        hit = jc.impact(Clamped(c, jnp.asarray(d, kind), gap=gap), contact, speed, method="event")
         return jnp.stack([hit.duration, hit.rebound_velocity]), hit.status
 
     c = jnp.asarray(c_max, kind)

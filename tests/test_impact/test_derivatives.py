@@ -104,13 +104,7 @@ def quantities(hit):
 
 @pytest.mark.slow("event-False", "phase-False", reason="derivatives of solves by all parameters")
 @pytest.mark.parametrize(
-    ("method", "traced"),
-    [
-        ("exact", True),
-        ("exact", False),
-        ("event", False),
-        ("phase", False),
-    ],
+    ("method", "traced"), [("exact", True), ("exact", False), ("event", False), ("phase", False)]
 )
 def test_first_derivatives_by_every_parameter(method, traced):
     some, p, of_alpha = problem(RANGE[method])

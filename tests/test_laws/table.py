@@ -199,10 +199,7 @@ LAWS = {
     "hertz": Law(jc.Hertz, ((), (), ()), alpha=lambda K, v: mp.mpf(0), names=()),
     "damped": Law(jc.Damped, ((0.7,), (30.0,), (0.0,)), alpha=lambda a, K, v: a, names=("alpha",)),
     "constant_damping": Law(
-        jc.ConstantDamping,
-        ((4e7,), (5e8,), (0.0,)),
-        alpha=lambda c, K, v: c * v / K,
-        names=("c",),
+        jc.ConstantDamping, ((4e7,), (5e8,), (0.0,)), alpha=lambda c, K, v: c * v / K, names=("c",)
     ),
     "power_damping": Law(
         jc.PowerDamping,
@@ -256,10 +253,7 @@ LAWS = {
     "thornton": Law(jc.Thornton, damping=thornton_term),
     "jankowski": Law(jc.Jankowski, damping=jankowski_term),
     "thornton_plastic": Law(
-        jc.ThorntonPlastic,
-        ((0.02,), (1e-3,), (1e3,)),
-        loading=yielding,
-        names=("yield_speed",),
+        jc.ThorntonPlastic, ((0.02,), (1e-3,), (1e3,)), loading=yielding, names=("yield_speed",)
     ),
     "viscoplastic": Law(
         jc.Viscoplastic,
@@ -341,7 +335,7 @@ CLAMPED = {
         damping=kelvin_voigt(clamped_zeta),
         pulls=False,
         options=(("tension", False),),
-    ),
+    )
 }
 
 PULLING = {

@@ -40,11 +40,7 @@ CASES = {
     "four unequal": (row(0, 1, 2, 3, masses=(1, 2, 0.5, 3)), [], None, FOR_EVER),
     "small gaps": (row(0, 1, 2.001, 3.002, masses=(1, 2, 0.5, 3)), [], None, FOR_EVER),
     "three at once": (
-        [
-            ball([0, 0, 0], [1, 0, 0]),
-            ball([HIGH, 0.5, 0], mass=2.0),
-            ball([HIGH, -0.5, 0]),
-        ],
+        [ball([0, 0, 0], [1, 0, 0]), ball([HIGH, 0.5, 0], mass=2.0), ball([HIGH, -0.5, 0])],
         [],
         None,
         FOR_EVER,
@@ -232,9 +228,7 @@ def clamped_three(start):
     law = jc.AntypovElliott(e=0.5, tension=False)
     contact = jc.Contact(mass, K)
     return cluster(
-        *(law, contact, pairs, inverse, acceleration, start, FOR_EVER),
-        rtol=1e-9,
-        until_change=True,
+        *(law, contact, pairs, inverse, acceleration, start, FOR_EVER), rtol=1e-9, until_change=True
     )
 
 

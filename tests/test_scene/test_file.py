@@ -109,9 +109,7 @@ def test_the_shaking_table():
     run = jc.simulate(scene, **how)
     assert run.status == jc.Ending.COMPLETED and len(run.impacts) > 5
     np.testing.assert_allclose(
-        run.energy[-1],
-        run.energy[0] + run.wall_work - np.sum(run.impacts.energy_loss),
-        rtol=1e-12,
+        run.energy[-1], run.energy[0] + run.wall_work - np.sum(run.impacts.energy_loss), rtol=1e-12
     )
 
 
@@ -143,11 +141,7 @@ FAULTS = {
         "[[sphere]] number 1: Argument `radius` must be in (0, inf), but is -0.1.",
     ),
     "no table": ("[[sphere]]", "[sphere]", "'sphere' must be tables [[sphere]], but is {"),
-    "a law": (
-        "hu_guo",
-        "hu_gou",
-        "[law]: 'name' of the law must be one of hertz, ",
-    ),
+    "a law": ("hu_guo", "hu_gou", "[law]: 'name' of the law must be one of hertz, "),
     "a law's hint": ("hu_guo", "hu_gou", "but is 'hu_gou'; did you mean 'hu_guo'?"),
     "a parameter": (
         "e = 0.7",

@@ -79,8 +79,17 @@ def test_contact_for_all_time_comes_to_rest():
     run = jc.simulate(BALL, 3.0, position=[0.01], velocity=[0.0])
     table = run.contacts.to_dict()
     assert np.isnan(table["duration"][-1]) and np.all(np.isfinite(table["duration"][:-1]))
+    assert str(run.margin).count("\n") == 0
+    # Dots stand for rows that are hidden.
+    for rows, lines in ((13, 16), (14, 17)):
+        text = str(jax.tree.map(lambda x: np.resize(x, rows), run.contacts))  # noqa: B023
+        assert (len(text.splitlines()), "..." in text) == (lines, rows == 14)
     np.testing.assert_allclose(-run.final.position[0], (9.81 / 1e6) ** (2 / 3), rtol=1e-4)
     assert float(run.error_estimate) < 1e-6
+
+
+def rubs(slip, mu=0.1):
+    return {"friction": jc.RigidCoulomb(mu), "slip": slip}
 
 
 @pytest.mark.parametrize(
@@ -95,6 +104,11 @@ def test_contact_for_all_time_comes_to_rest():
         ({"stiffness": -1.0}, "stiffness"),
         ({"law": 3}, "law"),
         ({"friction": jc.RegularizedCoulomb(0.1, 0.1)}, "`slip` must be given"),
+        ({"mass": lambda t, q, args: jnp.eye(1, dtype=int)}, "`mass` .* real floats, but .* int"),
+        ({"force": lambda t, q, v, args: v.astype(complex)}, "`force` .* complex.* of the shape"),
+        ({"gap": lambda t, q, args: [q]}, "`gap` must return .* but returns a list"),
+        (rubs(lambda t, q, v, args: v**2), "`slip` must be affine in v"),
+        (rubs(lambda t, q, v, args: v, mu=[0.1, 0.2]), "each of 1 gaps, .* shape .2,"),
     ],
 )
 def test_wrong_systems_are_named(change, message):
@@ -109,6 +123,12 @@ def test_lagrangian_must_be_quadratic():
     )
     with pytest.raises(ValueError, match="quadratic"):
         jc.simulate(system, 0.1, position=[0.1], velocity=[1.0])
+
+
+@pytest.mark.parametrize(("name", "use"), [("q0", "position"), ("t_eval", "times")])
+def test_names_of_other_libraries_are_explained(name, use):
+    with pytest.raises(TypeError, match=f"no argument `{name}`.*`{use}=`"):
+        fall(**{name: 1.0})
 
 
 def test_arguments_of_scenes_are_refused():

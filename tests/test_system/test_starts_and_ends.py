@@ -9,7 +9,7 @@ import jaxcontact as jc
 LAW = jc.HuGuo(e=0.7)
 
 TOUCH = 1e-11
-"""Times of touch at rtol 1e-9, relative: measured 1e-14."""
+"""Times of touch at rtol 1e-9, relative: measured 1e-12."""
 
 
 def unit(t, q, args):
