@@ -24,7 +24,7 @@ def to_root(
     The offset is negative for a root within the step, and infinite if the cubic does not fall.
     `falls` and `fall` are the slopes at the left and the right.
     """
-    # That of a short step is rounding; its slopes are known.
+    # The mean slope of a short step is rounding; the slopes at its ends are known.
     short = size < jnp.finfo(fall.dtype).eps ** 0.25
     mean = jnp.where(short, (fall + falls) / 2, (right - left) / size)
     second = (2 * fall + falls - 3 * mean) / size
