@@ -323,8 +323,9 @@ def by_scipy(name: str, x: Numbers) -> list[tuple[int, float, float]]:
 
     def right(t: float, y: np.ndarray) -> np.ndarray:
         v, inertia, total, gaps, closing, jacobian = at(t, y)
-        for k in np.flatnonzero(closed & (gaps < 0)):
-            total = total + jacobian[k] * max(pull[k](-gaps[k], closing[k]), 0)
+        # A dashpot acts from the touch on, which rounding may leave above zero.
+        for k in np.flatnonzero(closed):
+            total = total + jacobian[k] * max(pull[k](max(-gaps[k], 0), closing[k]), 0)
         return np.concatenate([v, np.linalg.solve(inertia, total)])
 
     def touch(k: int) -> None:
