@@ -118,7 +118,6 @@ def every_law():
     yield jc.MarhefkaOrin(a=0.2), 1.5, hunt_crossley
     yield jc.PowerDamping(c=2e4, power=-0.4, reference=1.0), 1.5, hunt_crossley
     yield jc.PowerRestitution(loss=0.4, power=0.1, reference=1.0), 1.5, hunt_crossley
-    yield jc.ThorntonPlastic(yield_speed=0.02), 1.5, hunt_crossley
     for tension in (False, True):
         yield jc.KuwabaraKono(A=4e-3, tension=tension), 1.5, viscoelastic
         yield jc.KuwabaraKono(A=4e-3, tension=tension), 2.0, viscoelastic
@@ -148,7 +147,6 @@ CASES = list(every_law())
     "MarhefkaOrin-1.5-pushes",
     "PowerDamping-1.5-pushes",
     "PowerRestitution-1.5-pushes",
-    "ThorntonPlastic-1.5-pushes",
     "Tsuji-1.5-pulls",
     "Tsuji-1.5-pushes",
     "ZhiyingQishao-1.5-pushes",
