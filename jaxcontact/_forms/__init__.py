@@ -26,11 +26,11 @@ from .oscillator import OscillatorForm as OscillatorForm
 from .plastic import AbstractPlasticForm as AbstractPlasticForm
 from .plastic import BilinearForm as BilinearForm
 from .plastic import YieldingForm as YieldingForm
+from .quadrature import slopes_along as slopes_along
 from .scale import Change as Change
 from .scale import ContactLike as ContactLike
 from .scale import Scale as Scale
 from .scale import ScaledImpact as ScaledImpact
 from .scale import scale_of as scale_of
-from .sensitivity import slopes_along as slopes_along
 from .viscoelastic import ViscoelasticForm as ViscoelasticForm
 from .viscoelastic import ViscoelasticSpheresForm as ViscoelasticSpheresForm

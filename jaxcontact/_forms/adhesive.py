@@ -18,9 +18,8 @@ import jax.numpy as jnp
 
 from .._functions import implicit_root, power
 from .base import AbstractForm, Exponent, Flag, Lane
-from .quadrature import integrate
+from .quadrature import integrate, lanewise
 from .scale import ScaledImpact
-from .sensitivity import lanewise
 
 LOSS = 3 ** (-4 / 3) * (4 / 15 + 0.4 * 4 ** (4 / 3))
 """The energy lost between touch and snap, in units of φ^(5/3)."""

@@ -36,9 +36,8 @@ from .._functions import (
     speed_of,
 )
 from .base import AbstractForm, Exponent, Flag, Lane, Momentum, signed_power, sound_damping
-from .quadrature import integrate, to_power
+from .quadrature import integrate, lanewise, to_power
 from .scale import Change, ContactLike, Scale, ScaledImpact
-from .sensitivity import lanewise
 from .weak_push.correction import weak_push
 
 

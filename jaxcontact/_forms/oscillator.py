@@ -17,9 +17,8 @@ from jax.scipy.special import betaln
 
 from .._functions import arc_over_sine, power, sinc_root
 from .base import AbstractForm, Exponent, Flag, Lane, sound_damping
-from .quadrature import integrate, n_is_one, to_power
+from .quadrature import integrate, lanewise, n_is_one, to_power
 from .scale import ScaledImpact
-from .sensitivity import lanewise
 
 
 class OscillatorForm(AbstractForm):

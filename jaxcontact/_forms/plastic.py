@@ -38,9 +38,8 @@ from .hunt_crossley import (
     slowness,
     stored_at,
 )
-from .quadrature import integrate
+from .quadrature import integrate, lanewise
 from .scale import ScaledImpact
-from .sensitivity import lanewise
 
 
 class AbstractPlasticForm(AbstractForm):
