@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from jaxcontact._forms.weak_push.table import FILE as NAME
-from jaxcontact._forms.weak_push.table import Table, computed, name_of
+from jaxcontact._forms.weak_push.correction import FILE as NAME
+from jaxcontact._forms.weak_push.correction import Table, computed, name_of
 
 FILE = Path(__file__).parents[1] / "jaxcontact" / "_forms" / "weak_push" / NAME
 

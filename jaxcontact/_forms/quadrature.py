@@ -1,4 +1,4 @@
-"""Quadrature on [0, 1] with a known power singularity at the start, and derivatives by parameters."""
+"""Quadrature on [0, 1] with a known power singularity at the start, and its derivatives."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxcontact._forms.weak_push.table import computed, name_of, table_of
+from jaxcontact._forms.weak_push.correction import computed, name_of, table_of
 from tests.weak_push_tables import STORED
 
 INTEGRATION = 1e-9
