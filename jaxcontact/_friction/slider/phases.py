@@ -16,8 +16,7 @@ from jaxtyping import ArrayLike
 
 from ..._forms import restitution_of, slopes_along
 from ..._functions import log_remainder
-from .spring import FORMS, Flag, Lane, SpringForm
-from .sticking import SpringState, Stuck, choose, loads, stick
+from .sticking import FORMS, Flag, Lane, SpringForm, SpringState, Stuck, choose, loads, stick
 
 # Steps of order 3 from one side. The error of the outcome is of second order in that of the root.
 _ITERATIONS = 7
