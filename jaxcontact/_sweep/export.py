@@ -19,8 +19,7 @@ import numpy as np
 from .._impact import Status
 from .._text.files import write_all
 from .._text.units import meaning
-from .column import SweepColumn, within
-from .table import SweepTable
+from .table import SweepColumn, SweepTable, within
 
 if TYPE_CHECKING:
     import xarray

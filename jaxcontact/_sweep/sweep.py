@@ -14,7 +14,6 @@ from jaxtyping import ArrayLike
 
 from .._entry import rendered, require_count, require_function
 from .._text.progress import Listener, Tell, progress_of
-from .column import SweepColumn, within
 from .devices import Workers, workers_of
 from .planning.axes import SweepGrid, check_call, grid_of
 from .planning.blocks import Order, blocks_of, shape_of
@@ -24,7 +23,7 @@ from .result import Sweep
 from .run import Results, collect, collect_stored, compute
 from .skip import Group, flag_key
 from .store import local_folder
-from .table import OutputField
+from .table import OutputField, SweepColumn, within
 
 _LANES = 1 << 14
 """Lanes per call on a CPU, whose intermediate results fit its caches. Measured on two cores:
