@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
-from .dependence import Dependence, ProgramFacts, dependences, range_checks
-from .facts import Dims
+from .dependence import Dependence, Dims, ProgramFacts, dependences, range_checks
 from .program import Place, Program, SharedSteps, Step, run, steps_needed
 
 Compiled = Callable[..., list[jax.Array]]
