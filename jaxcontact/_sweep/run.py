@@ -15,10 +15,9 @@ import numpy as np
 
 from .._impact import Status
 from .._text.progress import Tell
-from .devices import Workers
 from .export import attributes_of
 from .planning.axes import SweepGrid
-from .planning.blocks import Arrays, Block, Part, shape_of
+from .planning.blocks import Arrays, Block, Part, Workers, shape_of
 from .skip import Dependence, flag_key, is_flag
 from .store import Stored, StoredCoordinate, open_store
 from .table import SweepColumn

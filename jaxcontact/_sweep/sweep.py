@@ -14,9 +14,8 @@ from jaxtyping import ArrayLike
 
 from .._entry import rendered, require_count, require_function
 from .._text.progress import Listener, Tell, progress_of
-from .devices import Workers, workers_of
 from .planning.axes import SweepGrid, check_call, grid_of
-from .planning.blocks import Order, blocks_of, shape_of
+from .planning.blocks import Order, Workers, blocks_of, shape_of, workers_of
 from .planning.plan import VALUE, Plan, plan_of, signature_of
 from .result import Sweep
 from .run import Results, collect, collect_stored, compute

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from jax.sharding import AxisType, Mesh
 
-from jaxcontact._sweep.devices import workers_of
+from jaxcontact._sweep.planning.blocks import workers_of
 from tests.test_sweep.lanes import cheap, same
 
 

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxcontact._sweep.devices import Workers
+from jaxcontact._sweep.planning.blocks import Workers
 from tests.test_sweep.lanes import ROOT, cheap, folded, same, script
 
 FOUR = """

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._sweep.devices import Workers
+from jaxcontact._sweep.planning.blocks import Workers
 from jaxcontact._sweep.store import BlockStore
 from tests.test_sweep.lanes import ROOT, arrays_of, durations, many, outcome, same, script
 
