@@ -20,8 +20,14 @@ from .checks import require_shapes, require_start
 from .log import SystemLog
 from .mechanics import Mechanics, Vector
 from .problem import SystemProblem, SystemState
-from .readout.contacts import contacts_of, phases_of
-from .readout.reading import SystemStates, reading_of, solved, solved_from_start
+from .readout.reading import (
+    SystemStates,
+    contacts_of,
+    phases_of,
+    reading_of,
+    solved,
+    solved_from_start,
+)
 from .readout.result import SystemContacts, SystemMargin, SystemPhases, SystemRun, read_states
 from .solve import SystemEnd, SystemRules
 from .start import StartChecks, start_of

@@ -1,4 +1,6 @@
-"""States at any times, each solved from the last event or the last time before it."""
+"""What is read from the log of a run: the tables of contacts and of their phases, and states at any
+times, each solved from the last event or the last time before it.
+"""
 
 from __future__ import annotations
 
@@ -156,3 +158,58 @@ def growth_of(problem: SystemProblem, peak: bool, rows: int) -> Number:
     fine = jnp.all(jnp.isfinite(slopes))
     largest = jnp.linalg.svd(jnp.where(fine, slopes, 0), compute_uv=False)[0]
     return jnp.where(fine, largest, jnp.inf)
+
+
+def contacts_of(log: SystemLog, end: SystemState, rows: int | None) -> dict[str, Array]:
+    """Return the columns of the contacts in order of their touches, cut to `rows`. A contact in
+    progress at the end has no restitution and no duration yet.
+    """
+    gaps = jnp.arange(end.closed.shape[0])
+    written = log.written[:, None]
+
+    def both(of_log: Array, of_end: Array) -> Array:
+        return jnp.concatenate([of_log.ravel(), of_end.ravel()])
+
+    def column(name: str) -> Array:
+        return both(getattr(log.states, name), getattr(end, name))
+
+    valid = both(log.opens & written, end.closed)
+    ended = both(log.opens & written, jnp.zeros_like(end.closed))
+    touch, speed = column("since"), column("touch_speed")
+    moves = ended & (speed > 0)
+    restitution = column("parting") / jnp.where(moves, speed, 1)
+    columns = {
+        "gap": both(jnp.broadcast_to(gaps, log.opens.shape), gaps),
+        "time": touch,
+        "closing_speed": speed,
+        "restitution": jnp.where(moves, restitution, jnp.nan),
+        "duration": jnp.where(ended, column("force_until") - touch, jnp.nan),
+        "max_force": column("max_force"),
+        "max_depth": column("max_depth"),
+        "energy_loss": column("lost"),
+        "valid": valid,
+    }
+    order = jnp.argsort(jnp.where(valid, touch, jnp.inf), stable=True)[:rows]
+    return {name: values[order] for name, values in columns.items()}
+
+
+def phases_of(log: SystemLog, start: SystemState) -> dict[str, Array]:
+    """Return the columns of the phases in order of their starts, blank rows last."""
+    rows = jax.tree.map(lambda first, rows: jnp.concatenate([first[None], rows]), start, log.states)
+    assert rows.slide is not None
+    changes = rows.slide[1:] != rows.slide[:-1]
+    begins = jnp.concatenate([start.closed[None], (log.touches | changes) & log.written[:, None]])
+    # What changes again at the same time has no duration.
+    lasts = jnp.concatenate(
+        [~begins[1:] | (rows.time[1:] > rows.time[:-1])[:, None], begins[:1] | True]
+    )
+    valid = (begins & rows.closed & lasts).ravel()
+    gaps = jnp.broadcast_to(jnp.arange(rows.closed.shape[1]), rows.closed.shape)
+    columns = {
+        "gap": gaps.ravel(),
+        "time": jnp.broadcast_to(rows.time[:, None], rows.closed.shape).ravel(),
+        "direction": rows.slide.ravel().astype(jnp.int32),
+        "valid": valid,
+    }
+    order = jnp.argsort(jnp.where(valid, columns["time"], jnp.inf), stable=True)
+    return {name: values[order] for name, values in columns.items()}
