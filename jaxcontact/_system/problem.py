@@ -1,4 +1,6 @@
-"""The input of a solve of a mechanism, its state, and its units."""
+"""The input of a solve of a mechanism, its state, its units, and its log: a row for each time at
+which contacts begin or end.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +10,11 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .._contact import Contact
 from .._coupled.modes import Flags, PerContact, Units
-from .._coupled.scalars import Number
+from .._coupled.scalars import Index, Number
 from .mechanics import Mechanics, Vector
 
 
@@ -127,3 +129,55 @@ def scales_of(problem: SystemProblem, state: SystemState) -> Scales:
         positions = jnp.where(positions > 0, positions, units.time)
     reach = jnp.max(jnp.abs(gradient), axis=0) * positions / length
     return Scales(units, positions, speeds, jnp.maximum(jnp.max(jnp.abs(gap)) / length, 1), reach)
+
+
+class SystemLog(NamedTuple):
+    """The rows of a solve (R, ...): the states just after events, with the contacts that begin and
+    end there. `count` rows are written.
+    """
+
+    states: SystemState
+    touches: Bool[Array, "R m"]
+    opens: Bool[Array, "R m"]
+    count: Index
+
+    @property
+    def rows(self) -> int:
+        return self.touches.shape[0]
+
+    @property
+    def written(self) -> Bool[Array, " R"]:
+        return jnp.arange(self.rows, dtype=self.count.dtype) < self.count
+
+    @property
+    def times(self) -> Float[Array, " R"]:
+        """The times of the rows in s, infinite for blank ones."""
+        return jnp.where(self.written, self.states.time, jnp.inf)
+
+
+def empty_log(state: SystemState, rows: int) -> SystemLog:
+    """Return a log without rows written."""
+    blank = jax.tree.map(lambda x: jnp.zeros((rows, *x.shape), x.dtype), state)
+    none = jnp.zeros((rows, *state.closed.shape), bool)
+    return SystemLog(blank, none, none, jnp.zeros((), jnp.int32))
+
+
+def with_event(
+    log: SystemLog,
+    state: SystemState,
+    touches: Bool[Array, " m"],
+    opens: Bool[Array, " m"],
+    slides: Bool[Array, " m"] | None = None,
+) -> SystemLog:
+    """Return the log with a row if any contact begins or ends, or begins to stick or to slip. The
+    row after the last one is overwritten in any case, which costs less than a choice.
+    """
+
+    def put(rows: Array, row: Array) -> Array:
+        return jax.lax.dynamic_update_index_in_dim(rows, row, log.count, 0)
+
+    states, began, ended = jax.tree.map(
+        put, (log.states, log.touches, log.opens), (state, touches, opens)
+    )
+    event = jnp.any(touches | opens if slides is None else touches | opens | slides)
+    return SystemLog(states, began, ended, log.count + event.astype(log.count.dtype))

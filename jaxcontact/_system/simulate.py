@@ -17,9 +17,8 @@ from .._program import quick, traced
 from .._scene.result import Ending, nan_unless
 from .._text.failure import checked
 from .checks import require_shapes, require_start
-from .log import SystemLog
 from .mechanics import Mechanics, Vector
-from .problem import SystemProblem, SystemState
+from .problem import SystemLog, SystemProblem, SystemState
 from .readout.reading import (
     SystemStates,
     contacts_of,

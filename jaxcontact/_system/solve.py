@@ -25,8 +25,7 @@ from .._coupled.steps.carry import Carry, CoupledSolve
 from .._coupled.steps.loop import CoupledStart, first_carry
 from .._coupled.steps.step import advance
 from .field import SystemField
-from .log import SystemLog, empty_log, with_event
-from .problem import Scales, SystemProblem, SystemState, scales_of
+from .problem import Scales, SystemLog, SystemProblem, SystemState, empty_log, scales_of, with_event
 
 MOST_STEPS = 10**6
 """The limit of steps, which no run should reach."""

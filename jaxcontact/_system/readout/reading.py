@@ -17,8 +17,7 @@ from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Number
 from ..._impact.derivatives import with_sensitivity
 from ..._laws import adhesion_below, force_of_closed
-from ..log import SystemLog
-from ..problem import SystemProblem, SystemState
+from ..problem import SystemLog, SystemProblem, SystemState
 from ..solve import SystemEnd, SystemRules, solve_system
 from ..start import start_of
 

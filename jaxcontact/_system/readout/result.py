@@ -18,8 +18,7 @@ from ..._scene.readout.columns import write_csv
 from ..._scene.result import Ending
 from ..._text.failure import Flagged
 from ..._text.table import abridged, text_table
-from ..log import SystemLog
-from ..problem import SystemProblem
+from ..problem import SystemLog, SystemProblem
 from .reading import SystemStates, growth_of, states_at
 
 if TYPE_CHECKING:
