@@ -16,7 +16,6 @@ from .._entry import as_parameter, is_plain, rendered
 from .._program import quick, traced
 from .._scene.result import Ending, nan_unless
 from .._text.failure import checked
-from .checks import require_shapes, require_start
 from .mechanics import Mechanics, Vector
 from .problem import SystemLog, SystemProblem, SystemState
 from .readout.reading import (
@@ -29,7 +28,7 @@ from .readout.reading import (
 )
 from .readout.result import SystemContacts, SystemMargin, SystemPhases, SystemRun, read_states
 from .solve import SystemEnd, SystemRules
-from .start import StartChecks, start_of
+from .start import StartChecks, require_shapes, require_start, start_of
 from .stick_slip import solve_mass
 from .system import System
 
