@@ -18,7 +18,7 @@ FOUR = """
 mesh = jax.make_mesh((4,), ("lanes",), axis_types=(jax.sharding.AxisType.Auto,))
 
 # Where the blocks were computed.
-from jaxcontact._sweep.devices import Workers
+from jaxcontact._sweep.planning.blocks import Workers
 used, placed = set(), Workers.placed
 def seen(workers, turn, arguments):
     arrays = placed(workers, turn, arguments)

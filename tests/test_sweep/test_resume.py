@@ -172,7 +172,7 @@ def test_an_object_is_part_of_what_a_store_is_made_from(tmp_path):
 
 
 def test_another_version_is_refused(store, monkeypatch):
-    monkeypatch.setattr("jaxcontact._sweep.planning.signature.version", lambda: "0.0.1")
+    monkeypatch.setattr("jaxcontact._sweep.planning.plan.version", lambda: "0.0.1")
     with pytest.raises(ValueError, match=r"`jaxcontact` \('.*' there, '0.0.1' here\)"):
         many(store=store)
 
