@@ -9,11 +9,11 @@ from ._figures.fig4 import fig4 as fig4
 from ._figures.impact_figures import fig3 as fig3
 from ._figures.impact_figures import fig5 as fig5
 from ._figures.impact_figures import fig6 as fig6
+from ._numbers import PUBLISHED as PUBLISHED
 from ._numbers import Number as Number
+from ._numbers import Published as Published
 from ._numbers import markdown as markdown
 from ._numbers import numbers as numbers
-from ._published import PUBLISHED as PUBLISHED
-from ._published import Published as Published
 from ._reproduction import Reproduction as Reproduction
 from ._reproduction import Table as Table
 
