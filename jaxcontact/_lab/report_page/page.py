@@ -8,9 +8,16 @@ from collections.abc import Callable
 from ..calibration.calibrate import Calibration
 from ..calibration.short_report import title
 from .html import element, joined, section, text
-from .pictures import pictures
-from .sections import compared, footer, impacts, parameters, treatment, verdict
-from .simulators import simulators
+from .sections import (
+    compared,
+    footer,
+    impacts,
+    parameters,
+    pictures,
+    simulators,
+    treatment,
+    verdict,
+)
 
 _PAGE = string.Template("""\
 <!doctype html>

@@ -1,7 +1,18 @@
-"""The sections of the page, in reading order."""
+"""The sections of the page, in reading order; the figures, small enough to read on a phone; and the
+settings for each simulator, or why it cannot take the law.
+"""
 
 from __future__ import annotations
 
+import pathlib
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..._export import Export, engines, export
+from ..._text.units import quantity
+from ..calibration.calibrate import Calibration
 from ..calibration.full_report import (
     data_words,
     equivalents_sentence,
@@ -18,8 +29,11 @@ from ..calibration.full_report import (
 )
 from ..calibration.short_report import bounce_rows, cautions, headlines, law_in_python, law_sentence
 from ..calibration.summary import CalibrationSummary
-from ..recordings import LAYOUTS
-from .html import Html, definitions, element, joined, paragraphs, section, table
+from ..recordings import LAYOUTS, tracks_of
+from .html import Html, definitions, element, joined, paragraphs, picture, section, table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _ADEQUATE = {True: "yes", False: "no", None: "undecided"}
 
@@ -152,3 +166,143 @@ def footer(s: CalibrationSummary) -> Html:
     """Return the versions of the packages used."""
     versions = ", ".join(f"{name} {number}" for name, number in s.versions.items() if number)
     return element("footer", joined([paragraphs(f"made with {versions}")]))
+
+
+_WIDTH, _HEIGHT = 4.4, 3.9
+"""In inches: the width of a phone, so that text is shown at its own size."""
+
+_SVG = pathlib.Path("picture.svg")
+
+
+def pictures(calibration: Calibration) -> Html:
+    """Return the curves with bands, the choice among laws, and the residuals of the best law."""
+    from ...plot import calibration as curves
+    from ...plot import choice, residuals
+
+    parts = [
+        picture(
+            _one(lambda ax: curves(calibration, ax=ax)),
+            "Measured e over the approach speed, and each law ± 2 standard errors",
+        ),
+        picture(
+            _one(lambda ax: choice(calibration.choice, ax=ax)),
+            "The laws by AICc, the best one thickest; the broad grey line is a free curve",
+        ),
+    ]
+    if calibration.impacts:
+        from ...plot import record
+
+        parts.append(
+            picture(
+                _drawn(lambda f: record(calibration, ax=f.subplots(2)), 2 * _HEIGHT),
+                "The record, its impacts and their fits",
+            )
+        )
+    if tracks_of(one for pair in calibration.recorded_pairs.records for one in pair):
+        from ...plot import track
+
+        parts.append(
+            picture(
+                _one(lambda ax: track(calibration, ax=ax)),
+                "The track, with the parabolas between impacts",
+            )
+        )
+    best = calibration.choice.best
+    if best is not None:
+        fit = calibration.choice.fits[best]
+        parts.append(
+            picture(
+                _drawn(lambda f: residuals(fit, ax=f.subplots(3)), 2 * _HEIGHT),
+                f"Residuals of {best}: over the speed, in order, and against normal noise",
+            )
+        )
+    return element("div", *parts, class_="pictures")
+
+
+def _one(draw: Callable[[Any], object]) -> bytes:
+    return _drawn(lambda figure: draw(figure.add_subplot()), _HEIGHT)
+
+
+def _drawn(draw: Callable[[Figure], object], height: float) -> bytes:
+    from ...plot._drawing.save import render
+
+    return render(draw, (_WIDTH, height), _SVG)
+
+
+_EXACT = 5e-5
+"""Largest error of e that is reported as negligible."""
+
+
+def simulators(s: CalibrationSummary, radius: float | None, tell: Callable[[str], None]) -> Html:
+    """Return the parameters for each simulator, or why they cannot be given."""
+    if s.law is None:
+        return paragraphs("no fit converged: there is no law to export")
+    missing = [name for name in ("mass", "stiffness") if name not in s.given]
+    if missing:
+        words = " and ".join(f"--{name}" for name in missing)
+        return paragraphs(
+            "a simulator also needs the mass and the stiffness of the contact, which e(v) does "
+            f"not determine: give {words} (in Python {' and '.join(missing)} of calibrate); this "
+            f"section then lists the settings for {', '.join(engines())}, and e(v) does not change"
+        )
+    parts, refused = [], []
+    for engine in engines():
+        tell(f"inverting the law of {engine}")
+        try:
+            parts.append(_engine(_exported(s, engine, radius)))
+        except ValueError as error:
+            refused.append((engine, _reason(str(error))))
+    return joined(
+        [
+            paragraphs(
+                "for each simulator, the parameters with the least maximum error of e over the "
+                "measured speeds"
+            ),
+            *parts,
+            element("h3", "Not possible") if refused else "",
+            table(("simulator", "why"), refused, left=2),
+        ]
+    )
+
+
+def _exported(s: CalibrationSummary, engine: str, radius: float | None) -> Export:
+    """Return the export, with the radius for the engines that take one."""
+    if radius is not None:
+        try:
+            return export(s, engine=engine, radius=radius)
+        except ValueError as error:
+            if "Argument `radius`" not in str(error):
+                raise
+    return export(s, engine=engine)
+
+
+def _reason(message: str) -> str:
+    if "`radius` is needed" in message:
+        return "needs the radius of the ball: give --radius (in Python radius of report)"
+    return message
+
+
+def _engine(found: Export) -> Html:
+    speeds, error = np.atleast_1d(found.velocity), np.atleast_1d(found.error)
+    rows: list[Any] = [
+        (name, f"{value:.6g} {found.units[name]}".rstrip())
+        for name, value in found.parameters.items()
+    ]
+    largest = float(np.max(np.abs(error)))
+    range_of = f"{speeds.min():.3g} to {speeds.max():.3g} m/s"
+    off = "below 0.0001" if largest < _EXACT else f"{largest:.4f}"
+    rows.append((f"largest error of e, {range_of}", off))
+    rows.append(("duration of contact", quantity("duration", f"{found.duration:.3g}")))
+    if found.time_step is not None and found.expected_error is not None:
+        words = f"time step, for e within {found.expected_error:.1%}"
+        rows.append((words, f"{found.time_step:.2g} s"))
+    else:
+        rows.append(("time step", "not known"))
+    return element(
+        "article",
+        element("h3", found.engine),
+        element("p", found.model),
+        element("pre", found.snippet),
+        table(("", ""), rows),
+        paragraphs(found.limit),
+    )
