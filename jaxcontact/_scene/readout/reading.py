@@ -14,7 +14,6 @@ from ..._coupled.scalars import Index, Number
 from ..._program import derived, quick
 from ..result import Impacts, States, traced
 from ..run_record import RunRecord
-from .friction_at_rest import friction_at_rest
 from .impact_table import table_of, taken_beside
 from .states import (
     has_forces_at,
@@ -25,7 +24,7 @@ from .states import (
     states_of,
 )
 from .straddling import clip_to_run
-from .wall_work import work_of
+from .wall_work import friction_at_rest, work_of
 
 
 class RunContents(NamedTuple):
