@@ -1,7 +1,10 @@
-"""The results of a run, read from its log: status, states at given times, impacts and work."""
+"""The results of a run, read from its log: status, states at given times, impacts and work, and the
+share of the run in isolated impacts that cross its start or its end.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -10,20 +13,27 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..._coupled.energies import stored_energy
 from ..._coupled.scalars import Index, Number
+from ..._functions import ratio
 from ..._program import derived, quick
+from ..arrays.arrays import known_contact_of, law_of
+from ..arrays.flight import Flying, accelerations
+from ..arrays.turning import spin_energy
+from ..bodies.bodies import side
+from ..pair_impact.instantaneous import meeting_of, second_velocity, two_that_meet
 from ..result import Impacts, States, traced
 from ..run_record import RunRecord
 from .impact_table import table_of, taken_beside
 from .states import (
     has_forces_at,
+    last_impacts,
     states_as_numpy,
     states_at,
     states_in_log,
     states_in_log_as_numpy,
     states_of,
 )
-from .straddling import clip_to_run
 from .wall_work import friction_at_rest, work_of
 
 
@@ -119,3 +129,87 @@ def _contents(record: RunRecord, now: Any, rows: int | None) -> RunContents:
 def _without_states(record: RunRecord) -> RunContents:
     """Return everything but the states."""
     return _contents(record, None, None)
+
+
+@quick
+def clip_to_run(record: RunRecord, ends: States) -> RunRecord:
+    """Return a run with the energy loss and wall work of its impacts limited to the run.
+
+    Impacts that cross the start lose the part before it. Impacts that cross the end count up to it;
+    the states there are `ends`. At a time τ after touch a pair has lost E(0) + W - E(τ) - ∫ F dδ. E
+    is kinetic energy plus weight, and W = V·(m Δv - m g τ) is the work of a body that moves at V.
+    """
+    layout, numbers, log = record.layout, record.numbers, record.log
+    last = last_impacts(record, ends.time)
+    rows, everyone = log.facts.tied.shape[0], jnp.arange(layout.visible)
+    row, began = last.row[:, : layout.visible], last.began[:, : layout.visible]
+    is_first = log.facts.choice.first[jnp.maximum(row, 0)] == everyone[None]
+    inside = (row >= 0) & is_first & (ends.time[:, None] < began)
+    inside = inside & (ends.time <= record.ending()[1])[:, None]
+
+    def loss_and_work(
+        k: Array, on: Array, time: Array, position: Array, velocity: Array, spin: Array | None
+    ) -> Array:
+        choice, before = jax.tree.map(
+            lambda x: x[jnp.maximum(k, 0)], (log.facts.choice, log.figures.before)
+        )
+        safe = two_that_meet(layout, choice.time)
+        before = jax.tree.map(lambda a, b: jnp.where(on, a, b), before, safe)
+        meeting = meeting_of(layout, numbers, before, choice)
+        second = jnp.minimum(choice.second, layout.spheres - 1)
+        who, is_wall = jnp.stack([choice.first, second]), choice.second >= layout.spheres
+        touch, passed = meeting.flying, time - meeting.time
+        inverse = jnp.where(jnp.stack([~on, is_wall | ~on]), 0, numbers.inverse_mass[who])
+        free, mass = inverse > 0, ratio(1.0, inverse)
+        seen = jnp.minimum(who, layout.visible - 1)
+        here = Flying(
+            jnp.where(free[:, None], position[seen], touch.position + touch.velocity * passed),
+            jnp.where(free[:, None], velocity[seen], touch.velocity),
+            touch.time,
+        )
+
+        def energy(state: Flying) -> Array:
+            weight = jnp.sum(state.position * numbers.gravity[None], axis=-1)
+            return jnp.sum(mass * (jnp.sum(jnp.square(state.velocity), axis=-1) / 2 - weight))
+
+        carried, lost_spin = meeting.driven * meeting.normal, 0.0
+        if numbers.rotation is not None and touch.turning is not None and spin is not None:
+            carried = second_velocity(layout, numbers, choice, meeting)
+            turned = spin.reshape(-1, touch.turning.spin.shape[-1])[seen]
+            turns = jnp.where(free, numbers.rotation.inverse_inertia[who], 0)
+            both = spin_energy(turns, jnp.stack([touch.turning.spin, turned]))
+            lost_spin = jnp.sum(both[0] - both[1])
+        drives = jnp.where(is_wall, carried, touch.velocity[1])
+        drives = jnp.where(is_wall | ~free[1], drives, 0)
+        pull = accelerations(layout, numbers, who[:1], choice.support[:1])[0]
+        gained = mass[0] * (here.velocity[0] - touch.velocity[0] - pull * passed)
+        work = jnp.sum(gained * drives)
+        apart = here.position[0] - here.position[1] - choice.image * numbers.period
+        distance = numbers.radius[choice.first] + numbers.radius[second]
+        length = jnp.sqrt(jnp.sum(jnp.square(jnp.where(on & ~is_wall, apart, 1))))
+        depth = distance - side(distance) * length
+        if layout.walls:
+            wall = jnp.clip(choice.second - layout.spheres, 0)
+            height = jnp.sum(numbers.normal[wall] * here.position[0])
+            height = height - numbers.walls_at(time, wall).offset
+            depth = jnp.where(is_wall, numbers.radius[choice.first] - height, depth)
+        contact = known_contact_of(layout, numbers, choice.first, choice.second)
+        law = law_of(layout, numbers, choice.first, choice.second)
+        stored = stored_energy(law, contact, jnp.where(on, depth, 0), meeting.closing)
+        lost = energy(touch) + work - energy(here) - stored + lost_spin
+        if law.remembers:
+            # How much a contact that unloads has kept depends on a depth that the log lacks.
+            moves = here.velocity[0] - jnp.where(is_wall, carried, here.velocity[1])
+            outwards = jnp.where(is_wall, meeting.normal, side(distance) * apart)
+            lost = jnp.where(jnp.sum(moves * outwards) > 0, jnp.nan, lost)
+        return jnp.where(on, jnp.stack([lost, work]), 0)
+
+    each = jax.vmap(jax.vmap(loss_and_work, in_axes=(0, 0, None, None, None, None)))
+    done = each(row, inside, ends.time, ends.position, ends.velocity, ends.spin)
+    place = jnp.where(inside, row, rows)
+    outcome = log.figures.outcome
+    full = jnp.stack([outcome.energy_loss, outcome.wall_work], axis=1)
+    part = full.at[place[1]].set(done[1], mode="drop").at[place[0]].add(-done[0], mode="drop")
+    outcome = outcome._replace(energy_loss=part[:, 0], wall_work=part[:, 1])
+    log = log._replace(figures=log.figures._replace(outcome=outcome))
+    return dataclasses.replace(record, outcome=record.outcome._replace(log=log))
