@@ -10,7 +10,7 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._coupled.modes import APART, AT_REST, CHANGED, TIME_IS_UP
 from jaxcontact._scene.cluster.equations import ClusterPairs
-from jaxcontact._scene.cluster.scaled import cluster, cluster_at_touch
+from jaxcontact._scene.cluster.solve import cluster, cluster_at_touch
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.test_impact.support import both_jacobians
 

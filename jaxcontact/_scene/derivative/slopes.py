@@ -21,7 +21,7 @@ from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying
 from ..arrays.turning import Rotation, Turning
 from ..cluster.equations import ClusterState
-from ..cluster.scaled import MOST_STEPS
+from ..cluster.solve import MOST_STEPS
 from ..engine.cluster_slots import in_place, index_of, slot_pairs
 from ..engine.coupled import as_flags, as_numbers, call, walls_under, work_of_walls
 from ..engine.event_queue import in_branch

@@ -21,7 +21,7 @@ from ..bodies.motion import UserMotion
 from ..bodies.overlap import ROUNDINGS
 from ..cluster.equations import ClusterPairs, ClusterState, Drive
 from ..cluster.problem import ClusterEnd
-from ..cluster.scaled import MOST_STEPS, cluster, cluster_at_touch
+from ..cluster.solve import MOST_STEPS, cluster, cluster_at_touch
 from ..pair_impact.instantaneous import Choice, meeting_of, two_that_meet
 from .cluster_slots import (
     MemberChange,
