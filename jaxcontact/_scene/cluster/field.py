@@ -15,10 +15,9 @@ from ..._coupled.modes import Flags, Modes, Units
 from ..._coupled.scalars import Index, Number
 from ..._coupled.springs import SMALL, SpringMotion, settled_springs
 from ..bodies.bodies import side
-from .equations import Geometry, PerBody, PerPair, Pushes, Touching, incidence_of, norm
+from .equations import Geometry, PerBody, PerPair, Pushes, Touching, incidence_of, norm, rest_of
 from .friction import Spins, in_plane, spring_pairs
 from .problem import ClusterProblem, scale_drive
-from .rest import rest_of
 
 
 class Rubbed(NamedTuple):

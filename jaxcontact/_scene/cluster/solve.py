@@ -24,11 +24,10 @@ from ..._coupled.steps.loop import CoupledStart, first_carry, run_to_end, status
 from ..._functions import ratio
 from ..._impact.derivatives import with_sensitivity
 from ..._laws import AbstractLaw
-from .equations import ClusterPairs, ClusterState, Drive, PerBody
+from .equations import ASLEEP, ClusterPairs, ClusterState, Drive, PerBody
 from .field import ClusterField, Rubbed, field_of
 from .friction import PairFriction, Rubbing
 from .problem import ClusterEnd, ClusterProblem, units_of
-from .rest import ASLEEP
 
 _stop = jax.lax.stop_gradient
 
