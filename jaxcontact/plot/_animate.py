@@ -13,8 +13,8 @@ from matplotlib.patches import Circle
 
 from .._entry import POSITIVE, require_count, require_number
 from .._scene import Run
-from ._drawing.axes import axes_of
 from ._drawing.path import axes_shown, images, line_of, path_of, radii, require_one_run, states
+from ._drawing.style import axes_of
 from ._drawing.surroundings import colours, frame, moving_walls
 from ._scene import frame_axes
 

@@ -9,9 +9,8 @@ import numpy as np
 from .._calibration import LawChoice
 from .._calibration.choice.law_choice import ChoiceData
 from .._entry import require_kind
-from ._drawing.axes import axes_of
 from ._drawing.labels import put_label
-from ._drawing.style import CURVES, DATA, GUIDE, legend_above
+from ._drawing.style import CURVES, DATA, GUIDE, axes_of, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

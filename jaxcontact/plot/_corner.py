@@ -12,9 +12,8 @@ from scipy.special import ndtri
 
 from .._entry import FRACTION, as_array, rendered, require_choice, require_kind, require_number
 from .._fit import Fit, FitData, Posterior
-from ._drawing.axes import axes_for, axes_of
 from ._drawing.labels import put_few_ticks
-from ._drawing.style import BLACK, BLUE, GUIDE, ORANGE
+from ._drawing.style import BLACK, BLUE, GUIDE, ORANGE, axes_for, axes_of
 
 _PANEL = 1.9
 """Side of a panel in inches."""

@@ -13,9 +13,8 @@ from .._calibration import VelocityProfile
 from .._entry import FRACTION, as_numbers, rendered, require_kind, require_number
 from .._fit import Fit, FitData
 from .._text.units import Shown, meaning
-from ._drawing.axes import axes_for
 from ._drawing.labels import put_label
-from ._drawing.style import CURVES, DATA, GUIDE, MARKERS, legend_above
+from ._drawing.style import CURVES, DATA, GUIDE, MARKERS, axes_for, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,10 +10,9 @@ from .._entry import require_kind
 from .._impact import Impact, Trajectory
 from .._scene import EngineRun, Run
 from .._text.units import quantity
-from ._drawing.axes import axes_for, axes_of
 from ._drawing.labels import put_label
 from ._drawing.path import path_of, require_one_run
-from ._drawing.style import BLACK, GUIDE, SKY, legend_above
+from ._drawing.style import BLACK, GUIDE, SKY, axes_for, axes_of, legend_above
 from ._trajectory import require_one_path, trajectory
 
 _PICTURES = (("indentation", "force"), ("time", "force"), ("time", "velocity"))

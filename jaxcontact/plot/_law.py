@@ -13,9 +13,8 @@ from .._entry import POSITIVE, ranges, require_kind, require_number
 from .._impact import restitution, restitution_is_constant, trajectory
 from .._laws import AbstractLaw, require_law
 from .._text.units import label as words_of
-from ._drawing.axes import axes_for
 from ._drawing.labels import put_label
-from ._drawing.style import GUIDE, legend_above
+from ._drawing.style import GUIDE, axes_for, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

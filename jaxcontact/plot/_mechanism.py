@@ -8,9 +8,8 @@ import numpy as np
 
 from .._entry import require_count, require_kind
 from .._system import SystemRun, SystemStates
-from ._drawing.axes import axes_of
 from ._drawing.labels import put_label
-from ._drawing.style import legend_above
+from ._drawing.style import axes_of, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._scene import EngineRun, Run
-from ._drawing.axes import axes_of
 from ._drawing.labels import put_label
 from ._drawing.path import (
     RunPath,
@@ -21,7 +20,7 @@ from ._drawing.path import (
     require_one_run,
     touches,
 )
-from ._drawing.style import legend_above
+from ._drawing.style import axes_of, legend_above
 from ._drawing.surroundings import colours, draw_levels, draw_walls, frame, labels, lines
 
 if TYPE_CHECKING:

@@ -10,9 +10,8 @@ from .._entry import rendered, require_kind
 from .._sweep import Sweep
 from .._sweep.planning.axes import SAMPLE
 from .._text.units import label
-from ._drawing.axes import axes_of
 from ._drawing.labels import put_label
-from ._drawing.style import legend_above
+from ._drawing.style import axes_of, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

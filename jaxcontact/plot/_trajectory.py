@@ -8,8 +8,8 @@ import numpy as np
 
 from .._entry import require_choice, require_kind
 from .._impact import Impact, Status, Trajectory
-from ._drawing.axes import axes_of
 from ._drawing.labels import put_label
+from ._drawing.style import axes_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

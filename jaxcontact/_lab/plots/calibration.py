@@ -8,9 +8,8 @@ import numpy as np
 
 from ..._entry import require_kind
 from ...plot._choice import curves_of, draw_points, frame_of
-from ...plot._drawing.axes import axes_of
 from ...plot._drawing.labels import put_label
-from ...plot._drawing.style import LEFT_OUT, legend_above
+from ...plot._drawing.style import LEFT_OUT, axes_of, legend_above
 from ..calibration.calibrate import Calibration
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..._entry import rendered
-from ...plot._drawing.axes import axes_for, axes_of
+from ...plot._drawing.style import axes_for, axes_of
 from ..calibration.calibrate import Calibration
 from ..recordings import RecordedImpact, Recording
 

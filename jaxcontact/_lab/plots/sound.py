@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._entry import rendered, require_kind
-from ...plot._drawing.axes import axes_of
+from ...plot._drawing.style import axes_of
 from ..recordings import Recording
 
 if TYPE_CHECKING:

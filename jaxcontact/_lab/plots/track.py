@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._entry import rendered
-from ...plot._drawing.axes import axes_of
+from ...plot._drawing.style import axes_of
 from ..calibration.calibrate import Calibration
 from ..recordings import Recording, tracks_of
 from ..track import Drop, Track
