@@ -13,13 +13,13 @@ from ._fit import fit as fit
 from ._fit import residuals as residuals
 from ._impact import energy as energy
 from ._impact import impact as impact
+from ._impact import trajectory as trajectory
 from ._law import law as law
 from ._mechanism import forces as forces
 from ._mechanism import gaps as gaps
 from ._mechanism import phase as phase
 from ._scene import scene as scene
 from ._sweep import sweep as sweep
-from ._trajectory import trajectory as trajectory
 
 if _TYPE_CHECKING:
     from .._lab.plots.calibration import calibration as calibration
