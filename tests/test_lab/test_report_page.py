@@ -104,9 +104,9 @@ def test_the_verdict_comes_first_and_everything_is_said(page, calibrated):
 
 
 def test_parameters_for_simulators(calibrated, monkeypatch):
-    from jaxcontact._lab.report_page import simulators as _simulators
+    from jaxcontact._lab.report_page import sections
 
-    monkeypatch.setattr(_simulators, "engines", lambda: ["exudyn", "simbody", "yade"])
+    monkeypatch.setattr(sections, "engines", lambda: ["exudyn", "simbody", "yade"])
     law, contact = jc.ExactRestitution(e=0.88), jc.Contact(mass=0.03, stiffness=1e5)
 
     class Known:
@@ -117,17 +117,17 @@ def test_parameters_for_simulators(calibrated, monkeypatch):
 
     Known.law = law
     told = []
-    text = Page(_simulators.simulators(Known(), None, told.append)).text
+    text = Page(sections.simulators(Known(), None, told.append)).text
     assert told == [f"inverting the law of {name}" for name in ("exudyn", "simbody", "yade")]
     own = jc.export(law, contact, [0.5, 1.0, 2.0], engine="exudyn")
     assert own.snippet in text and "largest error of e, 0.5 to 2 m/sbelow 0.0001" in text
     assert text.count("needs the radius of the ball") == 2
-    text = Page(_simulators.simulators(Known(), 0.02, told.append)).text
+    text = Page(sections.simulators(Known(), 0.02, told.append)).text
     own = jc.export(law, contact, [0.5, 1.0, 2.0], engine="simbody", radius=0.02)
     assert own.snippet in text and f"{np.max(np.abs(own.error)):.4f}" in text
     assert "Not possible" not in text
     Known.law = None
-    assert "No fit converged" in _simulators.simulators(Known(), None, told.append)
+    assert "No fit converged" in sections.simulators(Known(), None, told.append)
 
 
 def test_other_endings_and_bad_arguments(calibrated, tmp_path):
