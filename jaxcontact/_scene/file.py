@@ -26,10 +26,9 @@ from .._friction import AbstractFriction
 from .._laws import AbstractLaw, get_law, list_laws, parameters_of
 from .._text.files import read_whole
 from .bodies.bodies import AbstractBody
-from .bodies.by_pair import DEFAULT
 from .bodies.motion import AbstractMotion, Steady, Vibration
 from .bodies.random_spheres import random_spheres
-from .bodies.scene import Scene
+from .bodies.scene import DEFAULT, Scene
 from .simulate import simulate_scene
 
 TIMES = 201
