@@ -4,9 +4,9 @@ from .bodies.bodies import Box as Box
 from .bodies.bodies import Plane as Plane
 from .bodies.bodies import Shell as Shell
 from .bodies.bodies import Sphere as Sphere
+from .bodies.motion import Prescribed as Prescribed
 from .bodies.motion import Steady as Steady
 from .bodies.motion import Vibration as Vibration
-from .bodies.prescribed import Prescribed as Prescribed
 from .bodies.random_spheres import random_spheres as random_spheres
 from .bodies.scene import Scene as Scene
 from .engine_run import EngineRun as EngineRun
