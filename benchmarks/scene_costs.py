@@ -17,7 +17,7 @@ import numpy as np
 import jaxcontact as jc
 from jaxcontact._scene.arrays.arrays import layout_of
 from jaxcontact._scene.arrays.from_scene import inputs_of, scene_numbers
-from jaxcontact._scene.contact_times.grid import grid_of
+from jaxcontact._scene.contact_times.cells import grid_of
 from jaxcontact._scene.engine.log import Log, blank_log
 from jaxcontact._scene.engine.loop import advance, initial_state
 from jaxcontact._scene.engine.state import Rules, RunState

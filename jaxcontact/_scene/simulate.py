@@ -32,7 +32,7 @@ from .bodies.bodies import names_of
 from .bodies.entry import one_number
 from .bodies.overlap import require_clear_of_each_other
 from .bodies.scene import Scene
-from .contact_times.grid import grid_of
+from .contact_times.cells import grid_of
 from .derivative.differentiable_run import RunInputs, differentiable_run
 from .engine.coupled import MOST
 from .engine.log import LoopOutcome

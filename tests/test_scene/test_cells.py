@@ -10,7 +10,7 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._scene.arrays.arrays import layout_of
 from jaxcontact._scene.arrays.from_scene import inputs_of, scene_numbers
-from jaxcontact._scene.contact_times.grid import grid_of
+from jaxcontact._scene.contact_times.cells import grid_of
 from jaxcontact._scene.engine import pieces as _pieces
 
 SAME = 1e-10

@@ -14,8 +14,7 @@ from jaxtyping import Array
 from ..._program import quick
 from ..._text.progress import Tell
 from ..arrays.arrays import Numbers, SceneLayout
-from ..contact_times.cells import CellGrid
-from ..contact_times.grid import grid_of
+from ..contact_times.cells import CellGrid, grid_of
 from ..derivative.differentiable_run import RunInputs
 from .cluster_slots import all_fit, in_places
 from .event_queue import reset_events
