@@ -10,8 +10,7 @@ import pytest
 from scipy import integrate, optimize, stats
 
 import jaxcontact as jc
-from jaxcontact._fit.posterior.density import Density
-from jaxcontact._fit.posterior.mode import find_mode
+from jaxcontact._fit.posterior.density import Density, find_mode
 from jaxcontact._fit.posterior.prior import prior_of
 
 OFF = 4.0

@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..._program import quick
-from .density import Density
-from .mode import Mode
+from .density import Density, Mode
 
 _AT_ONCE = 100
 """Draws of one call of the compiled program, which any number of draws then shares."""

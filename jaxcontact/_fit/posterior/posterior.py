@@ -27,8 +27,7 @@ from ..data import FitData
 from ..search.inference import Direction
 from ..search.minimum import SINGULAR
 from ..uncertainty.adequacy import adequacy_of
-from .density import Density
-from .mode import Mode, find_mode, root_of
+from .density import Density, Mode, find_mode, root_of
 from .nuts import Draws, draw
 from .prior import centre_of, prior_of
 
