@@ -25,8 +25,7 @@ from ..search.unused import refuse_unused
 from ..search.verdict import creeping, near_bound
 from .result import Fits, FitStatus
 from .search import Balls, BlockSize, rows_of, search_all
-from .starts import Starts, starts_of
-from .tables import Tables, tables_of
+from .tables import Starts, Tables, starts_of, tables_of
 
 
 class Assessed(NamedTuple):
