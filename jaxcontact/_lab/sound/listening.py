@@ -10,8 +10,7 @@ import numpy as np
 from .audio import Audio, SoundError, open_sound
 from .background import Whitener, whiteners
 from .heard import HeardBounce, Other, Sound
-from .rises import Rises, envelopes, rises_of
-from .series import LEAST_BOUNCES, SHORTEST, Series, best_series
+from .series import LEAST_BOUNCES, SHORTEST, Rises, Series, best_series, envelopes, rises_of
 from .timing import CLEAR, Shape, Timed, find, timed
 
 _SHORT = 0.3
