@@ -22,9 +22,9 @@ from .roots import bracketed_root as bracketed_root
 from .roots import expanded_root as expanded_root
 from .roots import implicit_root as implicit_root
 from .roots import ratio as ratio
+from .roots import varying as varying
 from .roots import with_implicit_derivative as with_implicit_derivative
 from .series import chebyshev as chebyshev
 from .series import chebyshev_by_piece as chebyshev_by_piece
 from .series import chebyshev_polynomials as chebyshev_polynomials
 from .series import horner as horner
-from .varying import varying as varying

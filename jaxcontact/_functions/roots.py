@@ -1,16 +1,30 @@
-"""Scalar roots with implicit derivatives, lane by lane: in a bracket, or from a guess."""
+"""Scalar roots with implicit derivatives, lane by lane: in a bracket, or from a guess; and
+constants that count as different in every lane, so that such loops are traced once.
+"""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .varying import varying
+Tree = TypeVar("Tree")
+
+
+def varying(number: Float[Array, ""], tree: Tree) -> Tree:
+    """Return `tree` unchanged, but formally dependent on `number` and thus on its lane.
+
+    The start of a loop is often a constant that differs between lanes from the first pass on. Under
+    `vmap` JAX detects that by tracing the body, and all loops in it, once more for each loop. The
+    compiler removes the choice between equal values.
+    """
+    either = jnp.isnan(jax.lax.stop_gradient(number))
+    return jax.tree.map(lambda leaf: jnp.where(either, leaf, leaf), tree)
+
 
 Lane = Float[Array, "..."]
 
