@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 
 from .._cache import VARIABLE
 from .._text.progress import Stages
-from .cache import keep_programs
 from .commands import calibrate, design, explore, export, fit, impact, laws, paper, scene, sweep
 from .options import InputError
 from .parser import SHELLS, Completion, Parser, Version
@@ -103,3 +103,18 @@ def _parser() -> Parser:
         )
         parser_of_command.set_defaults(run=command.run)
     return parser
+
+
+def keep_programs() -> None:
+    """Keep compiled programs for the next command.
+
+    Programs that cannot be written or read are compiled as without a cache, without a message.
+    """
+    from .._cache import cache
+
+    try:
+        cache()
+    except ValueError:
+        return
+    for verb in ("reading", "writing"):
+        warnings.filterwarnings("ignore", f"Error {verb} persistent compilation cache entry")
