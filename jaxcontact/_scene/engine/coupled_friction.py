@@ -36,8 +36,8 @@ from ..pair_impact.friction import (
     spring_ratio_of,
     wall_drift,
 )
-from ..pair_impact.half_impulses import coulomb_impulse
 from ..pair_impact.rolling import footing, slips
+from ..pair_impact.soft import coulomb_impulse
 from .cluster_slots import Slots, slot_pairs
 
 Flags = Bool[Array, " P"]
