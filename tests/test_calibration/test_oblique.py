@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration.oblique.jump import NOTE
+from jaxcontact._calibration.oblique.fit_oblique import NOTE
 from jaxcontact._calibration.oblique.measurements import measurements
 
 ALUMINA = jc.Material(380e9, 0.23, 4000.0)

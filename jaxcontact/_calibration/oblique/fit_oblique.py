@@ -1,18 +1,24 @@
-"""The numbers of a friction law from measured oblique impacts, and their regimes."""
+"""The numbers of a friction law from measured oblique impacts, and their regimes: where the search
+starts, and a lowest loss at a jump of the slope of an outcome, where no search by derivatives ends.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple, Unpack
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeVar, Unpack
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact
-from ..._fit import Fit, Fixed, fit
+from ..._entry import Range, ranges
+from ..._fit import Fit, FitData, Fixed, fit
 from ..._fit.keywords import ColumnKeywords, takes
 from ..._friction import AbstractFriction
 from ..._friction.base import require_friction
@@ -20,10 +26,169 @@ from ..._impact import RoundBodies
 from ..._laws import AbstractLaw
 from ..._text.words import counted
 from ..pairs.columns import with_transforms
-from .jump import at_jump
 from .measurements import Measurements, measurements
 from .model import ObliqueModel
-from .start import lowest
+
+Friction = TypeVar("Friction", bound=AbstractFriction)
+
+_MU = np.geomspace(0.005, 3.0, 65)
+"""Coefficients that are tried; neighbours differ by a tenth."""
+
+_INSIDE = 9
+_AROUND = np.array([0.125, 0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0, 8.0])
+
+
+@eqx.filter_jit
+def _predicted(
+    model: ObliqueModel,
+    friction: AbstractFriction,
+    names: tuple[str, ...],
+    grid: Float[Array, "laws k"],
+    x: dict[str, Array],
+) -> dict[str, Float[Array, "laws n"]]:
+    """Return the outcomes of a friction law with the numbers of each row of a grid."""
+    return jax.vmap(lambda numbers: model(_with(friction, names, numbers), x))(grid)
+
+
+def _with(friction: Friction, names: Sequence[str], numbers: Any) -> Friction:
+    """Return a friction law with other numbers."""
+    return eqx.tree_at(lambda law: [getattr(law, name) for name in names], friction, list(numbers))
+
+
+def lowest(friction: Friction, there: Measurements, fixed: frozenset[str]) -> Friction:
+    """Return the friction law whose numbers on a grid have the lowest loss.
+
+    The loss of laws without a tangential spring has flat parts, where all impacts stick or all
+    slide, and several minima. A search by derivatives from any start may end in one of them. The
+    numbers of the given law are on the grid; `fixed` ones and arrays stay.
+    """
+    numbers = {
+        name: allowed
+        for name, allowed in ranges(friction).items()
+        if name not in fixed and np.shape(getattr(friction, name)) == ()
+        if getattr(friction, name) is not None
+    }
+    if not numbers:
+        return friction
+    axes = [_tried(name, float(getattr(friction, name)), one) for name, one in numbers.items()]
+    grid = np.array(list(itertools.product(*axes)))
+    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        x = {name: jnp.asarray(values) for name, values in there.x.items()}
+        outcome = _predicted(there.model, friction, tuple(numbers), jnp.asarray(grid), x)
+    loss = np.zeros(len(grid))
+    for name, values in there.table["data"].items():
+        factor = there.factor[name]
+        off = np.where(factor > 0, np.asarray(outcome[name]) - values, 0) * factor
+        loss += np.sum(np.square(off), axis=1)
+    if not np.isfinite(loss).any():
+        return friction
+    best = grid[int(np.nanargmin(loss))]
+    return _with(friction, tuple(numbers), map(jnp.asarray, best))
+
+
+def _tried(name: str, value: float, allowed: Range) -> np.ndarray:
+    """Return the numbers to try for one parameter, its own among them if it can be fitted."""
+    if name == "mu":
+        tried = _MU
+    elif math.isfinite(allowed.low) and math.isfinite(allowed.high):
+        tried = np.linspace(allowed.low, allowed.high, _INSIDE + 2)[1:-1]
+    else:
+        return np.unique(value * _AROUND)
+    inside = allowed.low < value < allowed.high
+    return np.unique([*tried, value]) if inside else tried
+
+
+_TRIED = 96
+_WIDE, _CLOSE = 0.3, 1e-10
+"""Largest and smallest change of a coordinate that is tried."""
+
+_ROUNDS = 4
+"""Rounds in which differences over one standard error give the standard error."""
+
+_FAR = 0.05
+_LEAST = 1e-4
+
+REASON = "no lower loss was found around a jump of slope"
+NOTE = (
+    "at the best parameters an outcome changes between sticking and sliding; their standard errors "
+    "are from differences over one standard error"
+)
+
+
+@eqx.filter_jit
+def _residuals(problem: eqx.Module, thetas: Float[Array, "lanes k"]) -> Float[Array, "lanes n"]:
+    return jax.vmap(problem.residual)(thetas)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def lowest_around(found: FitData) -> np.ndarray:
+    """Return the coordinates (k,) of the lowest loss around the end of a search.
+
+    Changes in random directions are tried, whose size halves whenever none of them is better.
+    """
+    random, theta = np.random.default_rng(0), found._theta
+    size, best = _WIDE, np.inf
+    while size > _CLOSE:
+        away = random.normal(size=(_TRIED, len(theta)))
+        away *= size * random.uniform(size=(_TRIED, 1)) / np.linalg.norm(away, axis=1)[:, None]
+        lanes = theta + np.concatenate([np.zeros((1, len(theta))), away])
+        loss = np.sum(np.square(residuals_at(found, lanes)), axis=1)
+        i = int(np.nanargmin(loss))
+        if loss[i] < best * (1 - 1e-13):
+            theta, best = lanes[i], loss[i]
+        else:
+            size /= 2
+    return theta
+
+
+def residuals_at(found: FitData, lanes: np.ndarray) -> np.ndarray:
+    """Return the standardised residuals (lanes, n) at coordinates (lanes, k)."""
+    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        return np.asarray(_residuals(found.problem, jnp.asarray(lanes)))
+
+
+def at_jump(found: Fit) -> Fit:
+    """Return a fit at the lowest loss around the end of its search, as converged.
+
+    The curvature of the loss is that of differences over one standard error to both sides, because
+    the slopes of the two sides differ.
+    """
+    theta = lowest_around(found)
+    k = len(theta)
+    points = int(np.count_nonzero(np.asarray(found.problem.factor)))
+    z = residuals_at(found, theta[None])[0]
+    noise = 1.0 if found._absolute else float(np.sum(z**2)) / max(points - k, 1)
+    step, covariance = np.full(k, _FAR), np.full((k, k), np.nan)
+    jacobian = np.zeros((len(z), k))
+    for _ in range(_ROUNDS):
+        sides = residuals_at(found, np.concatenate([theta + np.diag(step), theta - np.diag(step)]))
+        jacobian = ((sides[:k] - sides[k:]) / (2 * step[:, None])).T
+        square = jacobian.T @ jacobian
+        if np.linalg.matrix_rank(square) < k:
+            break
+        covariance = noise * np.linalg.inv(square)
+        step = np.clip(np.sqrt(np.diag(covariance)), _LEAST, 1.0)
+    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        values = np.asarray(found.problem.space.values(jnp.asarray(theta)))
+        params = found.problem.space.tree_of(jnp.asarray(values))
+        prediction = np.asarray(found.problem.prediction(jnp.asarray(theta)))
+    stretch = found.problem.space.stretch(values)
+    used = np.asarray(found.problem.factor) > 0
+    return dataclasses.replace(
+        found,
+        params=params,
+        values=values,
+        loss=float(np.sum(z**2)) / 2,
+        residuals=np.where(used, prediction - np.asarray(found.problem.y), np.nan),
+        converged=True,
+        reason=REASON,
+        covariance=covariance * np.outer(stretch, stretch),
+        dof=points - k,
+        noise=noise,
+        notes=(*found.notes, NOTE),
+        _theta=theta,
+        _jacobian=jacobian,
+    )
+
 
 _IMPACTS = "impact", "impacts"
 _ROUNDING = 1e-9
