@@ -13,11 +13,11 @@ from .base import require_exponent as require_exponent
 from .base import require_law as require_law
 from .base import require_no_adhesion as require_no_adhesion
 from .base import shrunk_memory as shrunk_memory
-from .energy_balance import EnergyLoss as EnergyLoss
-from .energy_balance import ExactRestitution as ExactRestitution
 from .hunt_crossley import AbstractHuntCrossley as AbstractHuntCrossley
 from .hunt_crossley import ConstantDamping as ConstantDamping
 from .hunt_crossley import Damped as Damped
+from .hunt_crossley import EnergyLoss as EnergyLoss
+from .hunt_crossley import ExactRestitution as ExactRestitution
 from .hunt_crossley import Hertz as Hertz
 from .hunt_crossley import MarhefkaOrin as MarhefkaOrin
 from .hunt_crossley import PowerDamping as PowerDamping

@@ -1,4 +1,6 @@
-"""The Hunt-Crossley family F = K δⁿ (1 + α δ'/v0), and its members with α as a parameter."""
+"""The Hunt-Crossley family F = K δⁿ (1 + α δ'/v0): its members with α as a parameter, and those
+from the energy balance of an impact, with an assumed velocity profile, and exact.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +11,9 @@ from typing import TYPE_CHECKING
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._entry import NOT_NEGATIVE, POSITIVE, REAL, parameter
-from .._forms import Exponent, HuntCrossleyForm
-from .._functions import power
+from .._entry import NOT_NEGATIVE, POSITIVE, REAL, RESTITUTION, parameter
+from .._forms import Exponent, HuntCrossleyForm, exact_damping_factor
+from .._functions import half_gamma_ratio, power
 from .base import AbstractLaw, Instant, contact_for, force_arguments, speed_for
 from .registry import register_law
 
@@ -170,10 +172,6 @@ class MarhefkaOrin(AbstractHuntCrossley):
         return 1.5 * self.a * speed_for(velocity, self)
 
 
-if TYPE_CHECKING:
-    from .._contact import Contact
-
-
 @register_law(
     "power_damping",
     formula="c (v0/v_r)^p v0/K",
@@ -200,3 +198,53 @@ class PowerDamping(AbstractHuntCrossley):
         stiffness = contact_for(contact, self).stiffness
         speed = speed_for(velocity, self)
         return self.c * jnp.exp(self.power * jnp.log(speed / self.reference)) * speed / stiffness
+
+
+@register_law(
+    "energy_loss",
+    formula="(1-e)/(e (n+1) I(β))",
+    source="Hu & Guo 2015, Eq. 22, doi 10.1007/s11044-015-9453-z",
+    valid="β = n + 1 is Hu-Guo",
+)
+class EnergyLoss(AbstractHuntCrossley):
+    """The law that follows from the velocity profile δ' = v0 √(1 - (δ/δ_m)^β).
+
+    `α = (1-e)/e / ((n+1) I(β))`, `I(β) = ∫_0^1 uⁿ √(1-u^β) du = B((n+1)/β, 3/2)/β`. For n = 3/2, β
+    = 5/2 gives 3(1-e)/(2e), the law of Hu and Guo. β = 2 gives the factor 1.602 that Flores et al.
+    print as 8/5. `e` in (0, 1] and `beta` > 0 are dimensionless and differentiable. n is taken from
+    the contact; without a contact it is 3/2. Raises ValueError for a Python scalar out of range.
+    Source: Hu & Guo (2015), Eq. 22-37, doi 10.1007/s11044-015-9453-z.
+    """
+
+    e: Float[Array, "..."] = parameter("e", RESTITUTION)
+    beta: Float[Array, "..."] = parameter("beta", POSITIVE)
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        n_plus_1 = 2.5 if contact is None else contact_for(contact, self).exponent + 1
+        ratio = n_plus_1 / self.beta
+        # Γ(3/2) = √π/2, so (n+1) I = ratio B(ratio, 3/2) = (√π/2) Γ(ratio+1)/Γ(ratio+3/2).
+        return (1 - self.e) / self.e * half_gamma_ratio(ratio + 1) * (2 / math.sqrt(math.pi))
+
+
+@register_law(
+    "exact",
+    formula="α(1+e) = ln((1+α)/(1-αe))",
+    source="energy integral of the family; see jaxcontact.exact_damping_factor",
+    valid="all e in (0, 1], exactly",
+)
+class ExactRestitution(AbstractHuntCrossley):
+    """The member of the Hunt-Crossley family that delivers exactly its parameter e.
+
+    α solves `α(1+e) = ln[(1+α)/(1-αe)]`. `e` in (0, 1]. Raises ValueError for a Python scalar out
+    of range. Derived from the energy integral of the force of Hunt & Crossley (1975), doi
+    10.1115/1.3423596.
+    """
+
+    e: Float[Array, "..."] = parameter("e", RESTITUTION)
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        return exact_damping_factor(self.e)
