@@ -31,9 +31,8 @@ from .._coupled.springs import (
 )
 from .._friction import SpringSlider
 from .._laws import adhesion_below, energies_of, force_of_closed, pressing, shrunk_memory
-from .mechanics import Mechanics, Opening, SystemMotion, Vector
+from .mechanics import SLIDES_ON, Friction, Mechanics, Opening, SystemMotion, Vector
 from .problem import Scales
-from .stick_slip import SLIDES_ON, Friction
 
 _DOUBT = 0.25
 """The part of the difference between quintic and cubic that the quintic is trusted to."""

@@ -16,7 +16,7 @@ from .._entry import as_parameter, is_plain, rendered
 from .._program import quick, traced
 from .._scene.result import Ending, nan_unless
 from .._text.failure import checked
-from .mechanics import Mechanics, Vector
+from .mechanics import Mechanics, Vector, solve_mass
 from .problem import SystemLog, SystemProblem, SystemState
 from .readout.reading import (
     SystemStates,
@@ -29,7 +29,6 @@ from .readout.reading import (
 from .readout.result import SystemContacts, SystemMargin, SystemPhases, SystemRun, read_states
 from .solve import SystemEnd, SystemRules
 from .start import StartChecks, require_shapes, require_start, start_of
-from .stick_slip import solve_mass
 from .system import System
 
 ROOM = 64

@@ -20,9 +20,8 @@ from .._coupled.scalars import Flag, Number
 from .._coupled.springs import SMALL, slides_at_touch
 from .._friction import SpringSlider
 from .._laws import force_of
-from .mechanics import Mechanics, Opening, Vector
+from .mechanics import SLIDES_ON, Mechanics, Opening, Vector
 from .problem import SystemState
-from .stick_slip import SLIDES_ON
 from .system import System
 
 _ROUNDING = 64
