@@ -4,7 +4,7 @@ Without damping the curves are those of `elastic_rebound.py`. With damping, rows
 integrated with numba over the angle of (w, v) (x = w²), with two numbers of springs, and
 extrapolated. What weak damping changes is the difference of two such rows, so that their error
 vanishes with α. The curves are then fitted piece by piece, see
-`jaxcontact/_friction/mbf_curve.py`. It takes some three minutes on one core.
+`jaxcontact/_friction/maw_barber_fawcett.py`. It takes some three minutes on one core.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numba
 import numpy as np
 from scipy.optimize import brentq
 
-from jaxcontact._friction.mbf_curve import (
+from jaxcontact._friction.maw_barber_fawcett import (
     ALPHA,
     CHI,
     CHI_DAMPED,

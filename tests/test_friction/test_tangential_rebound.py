@@ -7,7 +7,7 @@ import pytest
 
 from jaxcontact import tangential_rebound
 from jaxcontact._forms import exact_damping_factor, restitution_of
-from jaxcontact._friction.mbf_curve import (
+from jaxcontact._friction.maw_barber_fawcett import (
     ALPHA,
     CHI_DAMPED,
     MIDDLE,
