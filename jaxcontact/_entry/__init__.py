@@ -5,11 +5,13 @@ from .choices import did_you_mean as did_you_mean
 from .choices import nearest as nearest
 from .choices import not_modelled as not_modelled
 from .choices import refuses_unknown as refuses_unknown
+from .choices import rendered as rendered
 from .choices import require_choice as require_choice
 from .choices import require_flag as require_flag
 from .choices import require_function as require_function
 from .choices import require_kind as require_kind
 from .choices import require_path as require_path
+from .choices import shown as shown
 from .module_fields import Specialised as Specialised
 from .module_fields import is_valid as is_valid
 from .module_fields import optional_parameter as optional_parameter
@@ -36,5 +38,3 @@ from .numbers import real_array as real_array
 from .numbers import require_broadcast as require_broadcast
 from .numbers import require_count as require_count
 from .numbers import require_number as require_number
-from .words import rendered as rendered
-from .words import shown as shown

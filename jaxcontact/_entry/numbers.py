@@ -12,7 +12,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike
 
-from .words import rendered
+from .choices import rendered
 
 
 @dataclasses.dataclass(frozen=True)
