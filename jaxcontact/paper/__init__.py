@@ -1,7 +1,7 @@
 """Reproduction of Hu & Guo (2015): figures, tables, and published numbers beside computed ones."""
 
 from ._ball import ball_table as ball_table
-from ._bouncing import bouncing as bouncing
+from ._ball import bouncing as bouncing
 from ._figures.ball_figures import fig8 as fig8
 from ._figures.ball_figures import fig9 as fig9
 from ._figures.ball_figures import fig10 as fig10

@@ -1,15 +1,23 @@
-"""The ball of Table 2 and its twenty impacts: four laws, five restitutions, one batch."""
+"""The ball of Table 2 and its twenty impacts: four laws, five restitutions, one batch. Beyond the
+paper: the ball followed to rest, with and without gravity in contact.
+"""
 
 from __future__ import annotations
+
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
+from .._bounce import bounce
 from .._contact import Contact
-from .._laws import Damped, get_law
-from ._figures.style import FOUR_LAWS, RESTITUTIONS
+from .._impact import Status
+from .._laws import Damped, HuGuo, get_law
+from .._text.units import label
+from . import _ball
+from ._figures.style import FOUR_LAWS, RESTITUTIONS, SHADES, legend_above, sheet
 from ._impacts import SolvedImpacts, cache_by_precision, solve
-from ._reproduction import Table, long_table
+from ._reproduction import Reproduction, Table, long_table
 
 MASS, RADIUS, HEIGHT, GRAVITY, STIFFNESS = 1.0, 0.1, 1.0, 9.8, 1.4e8
 """Table 2, in kg, m, m, m/s² and N/m^1.5."""
@@ -51,3 +59,79 @@ def ball_table() -> Table:
         "e_out": solved.restitution,
     }
     return long_table(columns)
+
+
+BOUNCES = 40
+"""Enough for the ball of e = 0.8 to come to rest; the ball of e = 1.0 bounces forever."""
+
+_SECONDS = np.linspace(0, 4.5, 1201)
+
+_FELT = (False, True)
+"""The two runs: gravity in flight only, and in contact as well."""
+
+
+def bouncing() -> Reproduction:
+    """Plot height against time under the law of Hu and Guo, and e with gravity in contact.
+
+    Tables: "height"; "touches", of both runs of each e; "rest", with the time of rest, the number
+    of bounces, and the total times of contacts and of unlisted flights.
+    """
+    law = HuGuo(e=jnp.asarray(RESTITUTIONS))
+    contact = Contact(mass=_ball.MASS, stiffness=_ball.STIFFNESS)
+    with_gravity = {"gravity": _ball.GRAVITY, "bounces": BOUNCES}
+    runs = [
+        bounce(law, contact, _ball.DROP, gravity_in_contact=felt, **with_gravity) for felt in _FELT
+    ]
+
+    def both(field: str) -> np.ndarray:
+        """Return a field of both runs; NaN for a run without it."""
+        values = [getattr(run, field) for run in runs]
+        absent = np.full(len(RESTITUTIONS), np.nan)
+        return np.stack([absent if x is None else np.asarray(x) for x in values])
+
+    left = both("status") == int(Status.SEPARATED)
+    speed, restitution = both("impact_velocity"), both("restitution")
+    heights = np.asarray(runs[1].height_at(jnp.asarray(_SECONDS)))
+    figure, (top, bottom) = sheet(2, 1, height=4.2)
+    for i, e in enumerate(RESTITUTIONS):
+        if e < 1:
+            look: dict[str, Any] = {"color": SHADES[e], "linewidth": 0.9}
+            top.plot(_SECONDS, heights[i], label=f"e = {e:.1f}", **look)
+            curves = zip(left[:, i], speed[:, i], restitution[:, i], (":", ".-"), strict=True)
+            for listed, x, y, line in curves:
+                bottom.plot(x[listed], y[listed], line, markersize=3, **look)
+    top.set_xlabel(label("time"))
+    top.set_ylabel(label("height"))
+    bottom.set_xscale("log")
+    bottom.set_xlabel(label("impact_velocity", "speed at touch"))
+    bottom.set_ylabel(label("restitution"))
+    legend_above(figure, top, columns=4)
+    felt, e_in = np.array(_FELT), np.array(RESTITUTIONS)
+    height = {f"e_{e:g}_m": heights[i] for i, e in enumerate(RESTITUTIONS)}
+    touches = {
+        "gravity_in_contact": felt[:, None, None],
+        "e_in": e_in[:, None],
+        "touch": np.arange(1, BOUNCES + 1),
+        "time_s": both("time"),
+        "duration_s": both("duration"),
+        "velocity_m_per_s": speed,
+        "restitution": restitution,
+        "height_m": both("height"),
+        "status": both("status"),
+    }
+    rest = {
+        "gravity_in_contact": felt[:, None],
+        "e_in": e_in,
+        "bounces": left.sum(axis=-1),
+        "rest_time_s": both("rest_time"),
+        "contact_time_s": np.where(left, both("duration"), 0).sum(axis=-1),
+        "remaining_flight_s": both("remaining_flight"),
+        "rest_velocity_m_per_s": both("rest_velocity"),
+        "rest_indentation_m": both("rest_indentation"),
+    }
+    tables = {
+        "height": {"time_s": _SECONDS, **height},
+        "touches": long_table(touches),
+        "rest": long_table(rest),
+    }
+    return Reproduction(figure, tables)
