@@ -34,8 +34,8 @@ from .search.inference import LEAST_GROUPS as LEAST_GROUPS
 from .search.inference import Direction as Direction
 from .search.inference import basis_of as basis_of
 from .search.inference import sandwich as sandwich
-from .search.refit import AbstractErrors as AbstractErrors
-from .search.refit import refit as refit
+from .search.noise import AbstractErrors as AbstractErrors
+from .search.noise import refit as refit
 from .search.verdict import AT_BOUND as AT_BOUND
 from .shared_errors import with_shared as with_shared
 from .uncertainty.bootstrap import Bootstrap as Bootstrap
