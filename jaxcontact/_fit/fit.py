@@ -33,8 +33,7 @@ from .search.inference import infer
 from .search.levenberg_marquardt import MOST_STEPS, PATIENCE, SearchOptions
 from .search.minimum import SearchEnd, find, find_all, in_numpy, start_scale, with_step
 from .search.noise import BY_COLUMN, COMMON, ColumnErrors, columns_of, refit, refuse_between
-from .search.unused import refuse_unused
-from .search.verdict import at_bound_of, creeping, falling, verdict
+from .search.verdict import at_bound_of, creeping, falling, refuse_unused, verdict
 
 _END = 40.0
 """A logit whose value rounds to 1 in double precision, where the slope is 0."""

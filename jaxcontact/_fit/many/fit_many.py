@@ -21,8 +21,7 @@ from ..problem.target import Target
 from ..result import Fit
 from ..search.levenberg_marquardt import MOST_STEPS, SearchOptions
 from ..search.minimum import SINGULAR, SearchEnd
-from ..search.unused import refuse_unused
-from ..search.verdict import creeping, near_bound
+from ..search.verdict import creeping, near_bound, refuse_unused
 from .result import Fits, FitStatus
 from .search import Balls, BlockSize, rows_of, search_all
 from .tables import Starts, Tables, starts_of, tables_of
