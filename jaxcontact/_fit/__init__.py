@@ -19,7 +19,7 @@ from .many.result import Fits as Fits
 from .many.result import FitStatus as FitStatus
 from .posterior.posterior import Posterior as Posterior
 from .posterior.posterior import posterior as posterior
-from .problem.loss import Huber as Huber
+from .problem.problem import Huber as Huber
 from .problem.space import Space as Space
 from .problem.space import names_in as names_in
 from .problem.space import space_of as space_of

@@ -24,8 +24,7 @@ from .._entry import (
 from .._text.failure import checked
 from .._text.progress import progress_of
 from .._text.words import first_few
-from .problem.loss import Huber
-from .problem.problem import FitProblem, place_of, shapes_of
+from .problem.problem import FitProblem, Huber, place_of, shapes_of
 from .problem.space import Space, space_of
 from .problem.target import Target, groups_of, target_of, whitener_of
 from .result import Fit

@@ -10,7 +10,7 @@ from typing import Any, TypedDict, TypeVar
 from .._entry import refuses_unknown, require_flag
 from .._text.failure import checked
 from .fit import fit
-from .problem.loss import Huber
+from .problem.problem import Huber
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

@@ -15,8 +15,7 @@ from jaxtyping import ArrayLike, Bool, Float, Int
 from ..._entry import POSITIVE, require_count, require_flag, require_function, require_number
 from ..._text.progress import progress_of
 from ..fit import check_loss, result_of, set_to_bound
-from ..problem.loss import Huber
-from ..problem.problem import FitProblem
+from ..problem.problem import FitProblem, Huber
 from ..problem.target import Target
 from ..result import Fit
 from ..search.levenberg_marquardt import MOST_STEPS, SearchOptions

@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..._program import quick
-from ..problem.loss import shortened
-from ..problem.problem import FitProblem
+from ..problem.problem import FitProblem, shortened
 from .prior import Prior, curvature
 
 

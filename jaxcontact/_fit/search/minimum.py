@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._program import quick, soon_compiled
-from ..problem.loss import shortened, shortened_slope
-from ..problem.problem import FitProblem, Point
+from ..problem.problem import FitProblem, Point, shortened, shortened_slope
 from .levenberg_marquardt import Path, SearchOptions, search
 from .trust_region import scale_of
 

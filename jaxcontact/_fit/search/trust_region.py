@@ -11,8 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..problem.loss import shortened, shortened_slope
-from ..problem.problem import FitProblem, Point
+from ..problem.problem import FitProblem, Point, shortened, shortened_slope
 
 _TOLERANCE = 1e-13
 """Step relative to its coordinate, and relative fall of the loss, at convergence."""
