@@ -14,7 +14,6 @@ from .._contact import Contact
 from .._impact import Status
 from .._laws import Damped, HuGuo, get_law
 from .._text.units import label
-from . import _ball
 from ._figures.style import FOUR_LAWS, RESTITUTIONS, SHADES, legend_above, sheet
 from ._impacts import SolvedImpacts, cache_by_precision, solve
 from ._reproduction import Reproduction, Table, long_table
@@ -77,11 +76,9 @@ def bouncing() -> Reproduction:
     of bounces, and the total times of contacts and of unlisted flights.
     """
     law = HuGuo(e=jnp.asarray(RESTITUTIONS))
-    contact = Contact(mass=_ball.MASS, stiffness=_ball.STIFFNESS)
-    with_gravity = {"gravity": _ball.GRAVITY, "bounces": BOUNCES}
-    runs = [
-        bounce(law, contact, _ball.DROP, gravity_in_contact=felt, **with_gravity) for felt in _FELT
-    ]
+    contact = Contact(mass=MASS, stiffness=STIFFNESS)
+    with_gravity = {"gravity": GRAVITY, "bounces": BOUNCES}
+    runs = [bounce(law, contact, DROP, gravity_in_contact=felt, **with_gravity) for felt in _FELT]
 
     def both(field: str) -> np.ndarray:
         """Return a field of both runs; NaN for a run without it."""
