@@ -1,5 +1,7 @@
-"""The numbers of a friction law from measured oblique impacts, and their regimes: where the search
-starts, and a lowest loss at a jump of the slope of an outcome, where no search by derivatives ends.
+"""The numbers of a friction law from measured oblique impacts, and their regimes.
+
+The search starts at the best of a few numbers. A lowest loss may stand at a jump of the slope of an
+outcome, where no search by derivatives ends.
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
-"""The results of a run, read from its log: status, states at given times, impacts and work, and the
-share of the run in isolated impacts that cross its start or its end.
+"""The results of a run, read from its log: status, states at given times, impacts and work.
+
+Isolated impacts that cross the start or the end of a run count by their share in it.
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
-"""What is read from the log of a run: the tables of contacts and of their phases, and states at any
-times, each solved from the last event or the last time before it.
+"""What is read from the log of a run: the tables of contacts and of their phases, and states.
+
+A state at any time is solved from the last event or the last time before it.
 """
 
 from __future__ import annotations
