@@ -8,8 +8,8 @@ neighbouring cells the body searched last therefore stores the impact. Other pai
 before one of them leaves its cell.
 
 Along an axis that is not periodic the outermost cells extend to infinity, so that cells need no
-box. The choice of cells, their number and their capacity are made before a run and stay fixed. A full
-cell stops the run.
+box. The choice of cells, their number and their capacity are made before a run and stay fixed. A
+full cell stops the run.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is read from the log of a run: the tables of contacts and of their phases, and states.
+"""The tables of contacts and of their phases, from the log of a run, and states at any times.
 
 A state at any time is solved from the last event or the last time before it.
 """
