@@ -10,12 +10,6 @@ import jaxcontact as jc
 CONTACT = jc.Contact(mass=1.0, stiffness=1.4e8)
 
 
-@pytest.fixture(autouse=True)
-def close():
-    yield
-    pyplot.close("all")
-
-
 @pytest.fixture(scope="module")
 def path():
     return jc.trajectory(jc.HuGuo(e=0.7), CONTACT, 4.2, samples=30)

@@ -14,12 +14,6 @@ VALUES = np.array([1.4e8, 0.7, 3.0])
 ERRORS = np.array([3e6, 1e-5, 0.1])
 
 
-@pytest.fixture(autouse=True)
-def close():
-    yield
-    pyplot.close("all")
-
-
 @pytest.fixture(scope="module")
 def fitted():
     """A fit of three numbers of other sizes, whose covariance is set."""

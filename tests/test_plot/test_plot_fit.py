@@ -20,12 +20,6 @@ X = np.linspace(1, 4, 20)
 Y = 2 * X + np.random.default_rng(0).normal(size=20)
 
 
-@pytest.fixture(autouse=True)
-def close():
-    yield
-    pyplot.close("all")
-
-
 def line(p, x):
     return p[0] + p[1] * x
 

@@ -18,12 +18,6 @@ EXACT = 1e-12
 """Places that are computed twice, in m and J: measured 2e-16."""
 
 
-@pytest.fixture(autouse=True)
-def close():
-    yield
-    pyplot.close("all")
-
-
 @pytest.fixture(scope="module")
 def box():
     """Two balls in a box under gravity, with six impacts: on walls and on each other."""

@@ -44,12 +44,6 @@ def lab(colour, seen=None):
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-@pytest.fixture(autouse=True)
-def close():
-    yield
-    pyplot.close("all")
-
-
 def test_the_measure_of_colours_is_right():
     # sRGB red has L*a*b* = 53.24, 80.09, 67.20 (Lindbloom). Red and the green of the same luminance
     # are alike without green cones, and different with them.

@@ -12,12 +12,6 @@ CONTACT = jc.Contact(mass=1.0, stiffness=1.4e8)
 E, V = np.linspace(0.1, 1, 9), np.geomspace(0.01, 10, 12)
 
 
-@pytest.fixture(autouse=True)
-def close():
-    yield
-    pyplot.close("all")
-
-
 def summary(e, v, m=1.0):
     return jc.impact(jc.HuGuo(e=e), jc.Contact(m, 1.4e8), v)
 
