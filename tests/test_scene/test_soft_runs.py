@@ -1,11 +1,17 @@
-"""Whole runs with impacts of finite duration, against Newton's equations with restarts."""
+"""Whole runs with impacts of finite duration, against Newton's equations with restarts.
+
+Published numbers; energy over many impacts; rest and waking; a batch.
+"""
 
 import functools
+import sys
 
+import equinox as eqx
 import numpy as np
 import pytest
 
 import jaxcontact as jc
+from tests.oracle import scene_oracle
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 
 K = 1e6
@@ -97,3 +103,250 @@ def test_what_is_lost_is_what_is_missing(name):
     missing = found.energy[0] - found.energy[-1]
     lost = found.impacts.to_dict()["energy_loss"].sum()
     np.testing.assert_allclose(missing, lost, atol=1e-7 * float(found.energy[0]))
+
+
+GLASS = jc.Material(youngs_modulus=48e9, poisson_ratio=0.20, density=2800.0)
+ALUMINIUM = jc.Material(youngs_modulus=70e9, poisson_ratio=0.30, density=2699.0)
+
+
+def followed(balls, duration):
+    """Elastic balls beside a plane at 0, as many in all tests, which share their programs so."""
+    far = [
+        jc.Sphere(0.01, position=[50.0 + k], velocity=[0.0], material=GLASS)
+        for k in range(5 - len(balls))
+    ]
+    scene = jc.Scene([*balls, *far, jc.Plane([0.0], [1.0])], jc.Hertz())
+    return jc.simulate(scene, duration)
+
+
+def test_spheres_of_glass_and_of_aluminium():
+    """Cases 1 and 2 of Chung & Ooi (2011), doi 10.1007/s10035-011-0277-0, far from each other: two
+    equal spheres, by the closed form, and one on a rigid plane.
+    """
+    balls = [
+        jc.Sphere(0.01, position=[9.98], velocity=[10.0], material=GLASS),
+        jc.Sphere(0.01, position=[10.02], velocity=[-10.0], material=GLASS),
+        jc.Sphere(0.1, position=[0.11], velocity=[-0.2], material=ALUMINIUM),
+    ]
+    run = followed(balls, 0.1)
+    hits = run.impacts.to_dict()
+    assert hits["solved_by"].tolist() == [jc.SolvedBy.CLOSED_FORM] * 2
+    np.testing.assert_allclose(hits["max_force"], [10696.889, 11369.858], rtol=5e-8)
+    np.testing.assert_allclose(hits["duration"], [4.03394557e-5, 7.31656641e-4], rtol=5e-9)
+    np.testing.assert_allclose(run.velocity[-1, :3, 0], [-10.0, 10.0, 0.2], rtol=1e-12)
+
+
+def test_the_hertz_chain():
+    """Five equal balls that just touch, and one that is struck: any K and m."""
+    places = [1 + 0.02 * k for k in range(5)]
+    speeds = [1.0, 0.0, 0.0, 0.0, 0.0]
+    balls = [
+        jc.Sphere(0.01, position=[x], velocity=[v], material=GLASS)
+        for x, v in zip(places, speeds, strict=True)
+    ]
+    run = followed(balls, 0.01)
+    speeds = [-0.0710850, -0.0302738, -0.0144636, 0.1270450, 0.9887774]
+    np.testing.assert_allclose(run.velocity[-1, :, 0], speeds, atol=1e-7)
+    assert np.all(run.impacts.solved_by == jc.SolvedBy.COUPLED)
+    # The lost energy is that of the errors alone.
+    np.testing.assert_allclose(run.energy[-1], run.energy[0], rtol=1e-8)
+
+
+RECORDED = 4e-5
+"""What Exudyn's steps leave of its rebounds, by the difference to the closed form: 3.4e-5."""
+
+
+def test_the_rebounds_that_exudyn_recorded():
+    """Its contact of Hunt and Crossley, asked for these e at 10 m/s, in steps; and the closed form,
+    to all digits that are given.
+    """
+    asked = [0.9, 0.8, 0.5, 0.3, 0.1]
+    recorded = [0.9090299, 0.8329035, 0.6629838, 0.5813176, 0.5158574]
+    exact = [0.9090157, 0.8328698, 0.6629622, 0.5812880, 0.5158326]
+    ball, wall = jc.Sphere(0.01, 0.03, [0.02], [-10.0]), jc.Plane([0.0], [1.0])
+    runs = [
+        jc.simulate(jc.Scene([ball, wall], jc.HuntCrossley(e=e), stiffness=1e8), 0.005)
+        for e in asked
+    ]
+    rebounds = np.array([float(run.velocity[-1, 0, 0]) / 10 for run in runs])
+    np.testing.assert_allclose(rebounds, recorded, rtol=0, atol=RECORDED)
+    np.testing.assert_allclose(rebounds, exact, rtol=0, atol=6e-8)
+    np.testing.assert_allclose([run.impacts.restitution[0] for run in runs], rebounds, rtol=1e-12)
+
+
+BALANCE, GAS = 1e-9, 1e-8
+"""Energy at the end against the start less what was lost, relative: measured 6e-12 (8 impacts with
+rest) and 6e-10 (1237 impacts of a gas)."""
+
+GOES_ON = 1e-9
+"""Of a run in two parts, in m, m/s, J and s: measured 2e-10."""
+
+STILL = 1e-8
+"""In m/s, of what came to rest and lies near others: measured 2e-10."""
+
+STEP = 1e-2
+"""Of a duration that ends before the contact opens, with the force: it is known to a step of the
+coupled solve; measured 6e-4."""
+
+
+def _hit_at_rest(beside=0.25, height=2.5):
+    """A ball that comes to rest, and another one that falls on it, or `beside` it."""
+    balls = [
+        jc.Sphere(0.1, 1.0, [0.0, 0.1005], [0.1, 0.0]),
+        jc.Sphere(0.1, 1.0, [beside, height]),
+    ]
+    floor = jc.Plane([0.0, 0.0], [0.0, 1.0])
+    return jc.Scene([*balls, floor], jc.HuGuo(e=0.3), stiffness=1e6, gravity=[0.0, -9.81])
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return jc.simulate(_hit_at_rest(), 1.5, times=np.linspace(0, 1.5, 16))
+
+
+def test_a_ball_rests_slides_and_wakes(whole):
+    """It sinks in by its static indentation, is hit by another one, and rests again."""
+    run = whole
+    assert run.status == jc.Ending.COMPLETED
+    hits = run.impacts.to_dict()
+    assert np.all(hits["solved_by"] == jc.SolvedBy.COUPLED)
+    assert hits["duration"][0] == np.inf and hits["restitution"][0] == 0
+    sunk = (9.81 / 1e6) ** (2 / 3)
+    np.testing.assert_allclose(run.position[1:7, 0, 1], 0.1 - sunk, atol=1e-6 * sunk)
+    np.testing.assert_allclose(run.position[1:7, 0, 0], 0.01 * np.arange(1, 7), rtol=1e-12)
+    # The output at 0.7 is inside the contacts of three bodies.
+    assert hits["time"][1] < 0.7 < hits["time"][3] + hits["duration"][3]
+    assert np.all(np.diff(run.energy) < 1e-8)
+    lost = np.sum(hits["energy_loss"])
+    assert abs(run.energy[0] - run.energy[-1] - lost) < BALANCE * run.energy[0]
+
+
+@pytest.mark.parametrize(("until", "first"), [(0.6, "rest"), (0.7, "contact")])
+def test_a_run_goes_on_from_rest_and_from_contact(until, first, whole):
+    times = np.linspace(0, 1.5, 16)
+    # The same number in both cases, so that they share their programs.
+    later = times[-9:]
+    ends = jc.simulate(_hit_at_rest(), until).final
+    run = jc.simulate(ends, 1.5 - until, times=np.maximum(later - until, 0))
+    assert run.status == jc.Ending.COMPLETED
+    for name in ("position", "velocity", "energy"):
+        expected = getattr(whole, name)[-len(later) :]
+        np.testing.assert_allclose(getattr(run, name), expected, rtol=0, atol=GOES_ON)
+    hits, all_of_them = run.impacts.to_dict(), whole.impacts.to_dict()
+    # Contacts at the start touched before it; bodies that rest there have no impact.
+    assert (hits["time"][0] < 0) == (first == "contact")
+    over = all_of_them["time"] + all_of_them["duration"] <= until
+    over[0] = True
+    assert len(hits["time"]) == np.sum(~over)
+    np.testing.assert_allclose(hits["time"], all_of_them["time"][~over] - until, atol=GOES_ON)
+    np.testing.assert_allclose(hits["duration"], all_of_them["duration"][~over], rtol=STEP)
+    lost = np.sum(hits["energy_loss"])
+    start = whole.energy[np.argmin(np.abs(times - until))]
+    assert abs(start - run.energy[-1] - lost) < BALANCE * start
+
+
+def test_what_a_run_cannot_go_on_from():
+    ends = jc.simulate(_hit_at_rest(), 0.7).final
+    with pytest.raises(ValueError, match=r"`instantaneous` must be False .* but is True"):
+        jc.simulate(ends, 1.0, instantaneous=True)
+    with pytest.raises(ValueError, match=r"`max_cluster` must be that of the run .*, 2, but is 1"):
+        jc.simulate(eqx.tree_at(lambda s: s.bodies, ends, ends.bodies[1:]), 1.0)
+
+
+def test_a_ball_comes_to_rest_on_another():
+    """What leans on others stays in one solve until all stand still; then time passes at once."""
+    balls = [jc.Sphere(0.1, 2.0, [0.0, 0.1001], [0.0, 0.0]), jc.Sphere(0.1, 1.0, [0.0, 0.3101])]
+    floor = jc.Plane([0.0, 0.0], [0.0, 1.0])
+    law = jc.HuGuo(e=0.3)
+    scene = jc.Scene([*balls, floor], law, stiffness=1e6, gravity=[0.0, -9.81])
+    run = jc.simulate(scene, 1.5, times=np.linspace(0, 1.5, 16))
+    assert run.status == jc.Ending.COMPLETED
+    # Halfway, against Newton's equations.
+    spring = scene_oracle.Spring(1e6, alpha=float(law.damping_factor()))
+    exact = scene_oracle.run(
+        [scene_oracle.Ball([0.1001], [0.0], 0.1, 2.0), scene_oracle.Ball([0.3101], [0.0], 0.1)],
+        spring, 0.1, [scene_oracle.Wall([0.0], [1.0])], [-9.81],
+    )  # fmt: skip
+    np.testing.assert_allclose(run.position[1, :, 1], exact.position[:, 0], atol=1e-9)
+    np.testing.assert_allclose(run.velocity[1, :, 1], exact.velocity[:, 0], atol=1e-7)
+    # At the end, by statics.
+    low = 0.1 - (3 * 9.81 / 1e6) ** (2 / 3)
+    high = low + 0.2 - (9.81 / 1e6) ** (2 / 3)
+    np.testing.assert_allclose(run.position[-1, :, 1], [low, high], atol=1e-10)
+    assert np.all(run.velocity[-1] == 0)
+    lost = np.sum(run.impacts.to_dict()["energy_loss"])
+    assert abs(run.energy[0] - run.energy[-1] - lost) < BALANCE * run.energy[0]
+
+
+def test_what_rests_while_another_bounces_is_listed_once():
+    times = np.linspace(0, 1.5, 16)
+    run = jc.simulate(_hit_at_rest(beside=0.5, height=0.5), 1.5, times=times)
+    hits = run.impacts.to_dict()
+    pressed, bounces = hits["first"] == 0, hits["first"] == 1
+    assert np.sum(pressed) == 1 and np.sum(bounces) == 3
+    assert hits["restitution"][0] == 0 and hits["duration"][0] == np.inf
+    # It was at rest in between, and the table lists all of the loss.
+    np.testing.assert_allclose(run.velocity[2:, 0], [[0.1, 0.0]] * 14, atol=STILL)
+    lost = np.sum(hits["energy_loss"])
+    assert abs(run.energy[0] - run.energy[-1] - lost) < BALANCE * run.energy[0]
+
+
+def a_gas(stiffness, turned=False, mirrored=False):
+    """Four balls in a box: listed the other way round, or as a mirror shows them."""
+    rng = np.random.default_rng(2)
+    places = np.array([[0.2, 0.2], [0.7, 0.3], [0.3, 0.7], [0.75, 0.75]])
+    speeds = rng.normal(size=(4, 2))
+    if mirrored:
+        places[:, 0], speeds[:, 0] = 1 - places[:, 0], -speeds[:, 0]
+    balls = [jc.Sphere(0.05, 1.0 + 0.2 * k, places[k], speeds[k]) for k in range(4)]
+    box = jc.Box([0.0, 0.0], [1.0, 1.0])
+    return jc.Scene([*balls[:: -1 if turned else 1], box], jc.Hertz(), stiffness=stiffness)
+
+
+@pytest.mark.slow(reason="a long soft run")
+def test_a_gas_of_soft_elastic_balls_keeps_its_energy():
+    run = jc.simulate(a_gas(1e9), 100.0)
+    assert len(run.impacts) > 1000
+    ways = {jc.SolvedBy.CLOSED_FORM, jc.SolvedBy.CORRECTED, jc.SolvedBy.RADIAL, jc.SolvedBy.COUPLED}
+    assert set(run.impacts.solved_by.tolist()) == ways
+    assert abs(run.energy[-1] / run.energy[0] - 1) < GAS
+
+
+@pytest.mark.slow(reason="three soft scenes")
+def test_two_orders_and_a_mirror_of_the_same_scene_agree():
+    """The first twenty impacts, isolated and coupled, agree to 1e-10: measured 7e-14."""
+    run, turned, mirrored = (
+        jc.simulate(a_gas(3e6, **how), 2.0) for how in ({}, {"turned": True}, {"mirrored": True})
+    )
+    ways = {jc.SolvedBy.CLOSED_FORM, jc.SolvedBy.RADIAL, jc.SolvedBy.COUPLED}
+    assert set(run.impacts.solved_by[:20].tolist()) == ways
+    for other, order, sign in ((turned, -1, 1.0), (mirrored, 1, -1.0)):
+        np.testing.assert_allclose(other.impacts.time[:20], run.impacts.time[:20], atol=1e-10)
+        speed = np.asarray(other.impacts.closing_speed[:20])
+        np.testing.assert_allclose(speed, run.impacts.closing_speed[:20], atol=1e-10)
+        velocity = np.asarray(other.velocity[-1, ::order]) * [sign, 1.0]
+        np.testing.assert_allclose(velocity, run.velocity[-1], atol=1e-10)
+
+
+def test_crowds_are_refused_or_given_room(monkeypatch):
+    """Nine balls, three of which touch at once, where a coupled solve has room for two. Another
+    impact was before, in a log with fewer places.
+    """
+    monkeypatch.setattr(sys.modules["jaxcontact._scene.engine.pieces"], "_PIECE", 1)
+    row = [jc.Sphere(0.1, 1.0, [x], [v]) for x, v in ((-0.5, 1.0), (0.0, 0.0), (0.2, 0.0))]
+    rest = [jc.Sphere(0.1, 1.0, [float(x)], [9.0 * (x == 6)]) for x in range(2, 8)]
+    scene = jc.Scene([*row, *rest], jc.Hertz(), stiffness=1e6)
+    run = jc.simulate(scene, 1.0, times=[0.1, 1.0], max_cluster=2, throw=False)
+    assert run.status == jc.Ending.CROWDED
+    assert np.all(np.isfinite(run.position[0])) and np.all(np.isnan(run.position[1]))
+    # From Python the size grows, unless an explicit one was given.
+    monkeypatch.setattr(sys.modules["jaxcontact._scene.simulate"], "MOST", 2)
+    run = jc.simulate(scene, 1.0, times=[0.1, 1.0])
+    assert run.status == jc.Ending.COMPLETED
+    # Elastic balls in a row, as in `test_cluster`.
+    expected = [-0.0709524, 0.0764030, 0.9945493]
+    np.testing.assert_allclose(run.velocity[1, :3, 0], expected, atol=1e-7)
+    hits = run.impacts.to_dict()
+    assert hits["first"].tolist() == [7, 0, 1] or hits["first"].tolist() == [7, 1, 0]
+    np.testing.assert_allclose(hits["time"], [0.8 / 9, 0.3, 0.3], atol=1e-12)
+    np.testing.assert_allclose(hits["restitution"][0], 1, rtol=1e-12)
