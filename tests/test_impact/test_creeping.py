@@ -1,11 +1,16 @@
-"""Contacts that creep back: with an end, without an end, and undecidable ones."""
+"""Contacts that creep back: with an end, without an end, and undecidable ones.
+
+The least force of a contact that may pull: by formula, by series, and along event solves.
+"""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
+from tests.test_impact.support import UNIT
 
 # A linear spring and dashpot, ζ = A/2: with tension e = exp(-πζ/ω), T = π/ω, ω² = 1 - ζ².
 ENDING = np.array([1e-9, 0.1, 1.0, 1.9, 1.99])
@@ -82,3 +87,106 @@ def test_inertia_ends_what_is_not_linear():
     hit = linear(np.array([0.1, 2.0, 2.05, 5.0]), 1.2)
     assert (hit.status == jc.Status.SEPARATED).all()
     assert (np.diff(hit.restitution) < 0).all() and (hit.restitution > 0).all()
+
+
+SAMPLED = 1e-6
+"""The least of 20,001 samples of SciPy's motion: measured 2e-8."""
+
+STEPPED = 1e-8
+"""Event solves and series or formulas: measured 2e-9 (values) and 2e-8 of slopes."""
+
+LAWS = {
+    "kelvin_voigt": (lambda p: jc.KelvinVoigt(e=p), [0.95, 0.5, 0.1], 1.0),
+    "antypov_elliott": (lambda p: jc.AntypovElliott(e=p), [0.95, 0.5, 0.1], 1.5),
+    "kuwabara_kono": (lambda p: jc.KuwabaraKono(A=p), [1e-3, 0.4, 3.0], 1.5),
+}
+
+
+def least(name, p, method):
+    made, _, n = LAWS[name]
+    return jc.impact(made(p), UNIT[n], 1.0, method=method).min_force
+
+
+def sampled(name, p):
+    made, _, n = LAWS[name]
+    law = made(jnp.asarray(p))
+    zeta = -np.log(p) / np.hypot(np.pi, np.log(p))
+    duration = float(jc.impact(law, UNIT[n], 1.0).duration)
+
+    def force(t, y):
+        x = np.maximum(y[0], 0)
+        if name == "kuwabara_kono":
+            return x**n + 1.5 * p * np.sqrt(x) * y[1]
+        return x**n + 2 * zeta * np.sqrt((n + 1) / 2) * x ** ((n - 1) / 2) * y[1]
+
+    found = solve_ivp(
+        lambda t, y: [y[1], -force(t, y)],
+        (0, duration),
+        [0, 1],
+        method="DOP853",
+        rtol=1e-12,
+        atol=1e-14,
+        dense_output=True,
+    )
+    # Samples close together near the end, where a weakly damped contact pulls.
+    times = duration * (1 - np.linspace(1, 0, 20001) ** 3)
+    return force(times, found.sol(times)).min()
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_it_is_that_of_newtons_equation(name):
+    found = least(name, jnp.array(LAWS[name][1]), "exact")
+    np.testing.assert_allclose(found, [sampled(name, p) for p in LAWS[name][1]], rtol=SAMPLED)
+
+
+@pytest.mark.slow("kuwabara_kono", reason="derivatives of an event solve, 15 s of CPU")
+@pytest.mark.parametrize("name", LAWS)
+def test_an_event_solve_finds_the_same(name):
+    parameter = jnp.array(LAWS[name][1])
+    exact, event = (
+        jax.jvp(lambda p, m=method: least(name, p, m), (parameter,), (parameter,))
+        for method in ("exact", jc.Event(rtol=1e-11))
+    )
+    np.testing.assert_allclose(event[0], exact[0], rtol=STEPPED)
+    np.testing.assert_allclose(event[1], exact[1], rtol=10 * STEPPED)
+
+
+def test_a_weakly_damped_contact_pulls_just_before_its_end():
+    """Its last step ends at x = 0 up to rounding, on either side."""
+    weak = jnp.array([1e-6, 1e-4, 1e-3])
+    exact, event = (least("kuwabara_kono", weak, method) for method in ("exact", "event"))
+    np.testing.assert_allclose(event, exact, rtol=STEPPED)
+
+
+def test_a_linear_dashpot_lets_go_with_all_its_force():
+    """-2ζ e at n = 1 for ζ < 1/2, where the force jumps to zero."""
+    for e in (0.99, 0.3):
+        zeta = -np.log(e) / np.hypot(np.pi, np.log(e))
+        assert least("kelvin_voigt", jnp.asarray(e), "exact") == pytest.approx(
+            -2 * zeta * e, rel=1e-14
+        )
+    assert least("kelvin_voigt", jnp.asarray(1.0), "exact") == 0
+
+
+def test_it_is_printed_where_a_contact_may_pull():
+    hit = jc.impact(jc.KelvinVoigt(e=0.5), UNIT[1.0], 2.0)
+    assert "  min_force        -0.430907524 N\n" in repr(hit)
+    for law in (jc.KelvinVoigt(e=0.5, tension=False), jc.LinearDashpot(c=0.3)):
+        hit = jc.impact(law, UNIT[1.0], 1.0)
+        assert hit.min_force is None and "min_force" not in repr(hit)
+    # These never pull, with either value of `tension`.
+    for law in (jc.Jankowski(e=0.5), jc.HuGuo(e=0.5, tension=True)):
+        assert jc.impact(law, UNIT[1.5], 1.0).min_force is None
+
+
+def test_bodies_that_creep_apart_for_ever():
+    """An overdamped spring with tension: its largest numbers are those of its own way in."""
+    hit = jc.impact(jc.LinearDashpot(c=jnp.array([5.0]), tension=True), UNIT[1.0], 1.0)
+    assert hit.status[0] == jc.Status.SETTLED and np.isnan(hit.min_force[0])
+    assert hit.max_force[0] == pytest.approx(5.0, rel=1e-14)
+    # x'' + 5x' + x = 0: x' = 0 at t = ln(r2/r1)/(r2-r1), r = (5 ∓ √21)/2.
+    slow, fast = (5 - np.sqrt(21)) / 2, (5 + np.sqrt(21)) / 2
+    turn = np.log(fast / slow) / (fast - slow)
+    deepest = (np.exp(-slow * turn) - np.exp(-fast * turn)) / (fast - slow)
+    assert hit.compression_time[0] == pytest.approx(turn, rel=1e-13)
+    assert hit.max_indentation[0] == pytest.approx(deepest, rel=1e-13)
