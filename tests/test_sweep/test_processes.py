@@ -1,6 +1,7 @@
 """Blocks over several devices and processes: no bit depends on their number.
 
-In one file, and hence in one worker, which computes the common reference only once.
+In one file, and hence in one worker, which computes the common reference only once. All kinds of
+meshes are accepted; anything but a mesh of this process is refused.
 """
 
 import os
@@ -10,8 +11,9 @@ import subprocess
 import jax
 import numpy as np
 import pytest
+from jax.sharding import AxisType, Mesh
 
-from jaxcontact._sweep.planning.blocks import Workers
+from jaxcontact._sweep.planning.blocks import Workers, workers_of
 from tests.test_sweep.lanes import ROOT, cheap, folded, same, script
 
 FOUR = """
@@ -115,3 +117,30 @@ def test_arrays_of_all_kinds_are_packed_as_they_are(monkeypatch):
         for array, other in zip(arrays, mine, strict=False):
             assert (array.dtype, array.shape) == (other.dtype, other.shape)
             assert array.tobytes() == other.tobytes()
+
+
+@pytest.mark.parametrize("axis", [AxisType.Auto, AxisType.Explicit])
+def test_a_mesh_of_any_kind_will_do(axis):
+    """A block is whole on one device, so that the names and kinds of axes have no meaning."""
+    mesh = jax.make_mesh((1, 1), ("a", "b"), axis_types=(axis, axis))
+    assert same(cheap(mesh=mesh), cheap())
+
+
+def test_what_is_no_mesh_is_refused():
+    with pytest.raises(ValueError, match=r"Argument `mesh` must be a `jax.sharding.Mesh`"):
+        workers_of(4)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_mesh_of_other_processes_is_refused(monkeypatch):
+    monkeypatch.setattr(Mesh, "local_devices", property(lambda mesh: []))
+    with pytest.raises(ValueError, match="but has none of process 0"):
+        workers_of(jax.make_mesh((1,), ("lanes",), axis_types=(AxisType.Auto,)))
+
+
+def test_arguments_are_put_where_the_block_is_computed():
+    device = jax.devices()[0]
+    workers = workers_of(Mesh(np.array([device]), ("lanes",)))
+    assert workers.devices == (device,)
+    (placed,) = workers.place(5, [np.arange(3.0)])
+    assert placed.committed
+    assert placed.devices() == {device}
