@@ -135,17 +135,13 @@ def test_a_ball_that_stops():
     ("arguments", "message"),
     [
         ({"height": 0.0}, r"`height` must be in \(0, inf\), but is 0.0"),
-        ({"height": -1}, r"`height` must be in \(0, inf\), but is -1"),
-        ({"height": "1"}, "`height` must be a real number"),
         ({"height": 1.0, "gravity": 0.0}, r"`gravity` must be in \(0, inf\), but is 0.0"),
         ({"height": 1.0, "bounces": 0}, "`bounces` must be a whole number of at least 1, but is 0"),
-        ({"height": 1.0, "bounces": 2.5}, "`bounces` must be a whole number.*but is 2.5"),
         ({"height": 1.0, "method": "fast"}, "`method`.*'fast'"),
         (
             {"height": 1.0, "gravity_in_contact": "yes"},
             "`gravity_in_contact` must be True or False",
         ),
-        ({"height": 1.0, "gravity_in_contact": 1}, "`gravity_in_contact` must be True or False"),
     ],
 )
 def test_bad_arguments(arguments, message):

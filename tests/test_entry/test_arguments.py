@@ -1,82 +1,14 @@
-"""Arguments that are not numbers, contacts, materials or names raise an error that names them."""
+"""Scalars of NumPy, flags as weights, and arguments that do not exist.
 
-import decimal
-import fractions
+Values that are no numbers, contacts, materials or names are passed in `tests/test_every_argument`.
+"""
+
 import inspect
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxcontact as jc
-
-STEEL = jc.Material(2.1e11, 0.3, 7800.0)
-
-NO_NUMBERS = [
-    None,
-    "0.5",
-    b"1",
-    True,
-    1j,
-    10**400,
-    decimal.Decimal("0.5"),
-    fractions.Fraction(1, 2),
-    np.longdouble(0.5),
-    np.array([0.5], np.longdouble),
-    np.array(["0.5"]),
-    np.array([0.5], object),
-    np.array([1j]),
-    np.array([True]),
-    np.ma.masked_invalid([0.5, np.nan]),
-    [0.5, [0.6]],
-    {"e": 0.5},
-    {0.5},
-    object(),
-    jnp.asarray([1j]),
-    jnp.asarray([True]),
-    lambda: 0.5,
-]
-NUMBERS = {
-    "e": lambda x: jc.HuGuo(e=x),
-    "mass": lambda x: jc.Contact(x, 1.0),
-    "stiffness": lambda x: jc.Contact(1.0, x),
-    "exponent": lambda x: jc.Contact(1.0, 1.0, x),
-    "radius": lambda x: jc.Contact.sphere_plane(x, STEEL),
-    "velocity": lambda x: jc.impact(jc.HuGuo(e=0.5), jc.Contact(1.0, 1.0), x),
-}
-
-
-@pytest.mark.parametrize("name", NUMBERS)
-@pytest.mark.parametrize("value", NO_NUMBERS, ids=lambda value: type(value).__name__)
-def test_no_number(name, value):
-    with pytest.raises(ValueError, match=f"`{name}` must be a") as caught:
-        NUMBERS[name](value)
-    shown = " ".join(repr(value).split())
-    assert shown[:20] in " ".join(str(caught.value).split())
-
-
-@pytest.mark.parametrize("value", [None, 5, "steel", jc.HuGuo(e=0.5), jnp.ones(2)], ids=repr)
-def test_no_contact_and_no_material(value):
-    cases = {
-        "sphere": lambda: jc.Contact.sphere_plane(0.1, value),
-        "other": lambda: jc.Contact.sphere_sphere(0.1, 0.1, STEEL, value),
-        "contact": lambda: jc.impact(jc.HuGuo(e=0.5), value, 1.0),
-    }
-    if value is not None:
-        cases |= {
-            "plane": lambda: jc.Contact.sphere_plane(0.1, STEEL, value),
-            "socket": lambda: jc.Contact.sphere_socket(0.1, 0.2, STEEL, value),
-            "contact ": lambda: jc.restitution(jc.HuGuo(e=0.5), value),
-        }
-    for name, call in cases.items():
-        with pytest.raises(ValueError, match=f"`{name.strip()}` must be a `(Contact|Material)`"):
-            call()
-
-
-@pytest.mark.parametrize("name", [None, 5, ["hu_guo"], {}, "hu guo", b"hu_guo"], ids=repr)
-def test_no_name_of_a_law(name):
-    with pytest.raises(ValueError, match=r"`name` must be one of .*hu_guo"):
-        jc.get_law(name)
 
 
 @pytest.mark.parametrize("kind", [np.float64, np.float32, np.int32, np.int64, float, int])

@@ -28,7 +28,7 @@ def nothing_is_compiled(monkeypatch, tmp_path):
     """Searches, bootstraps and profiles count as reached; files go to an empty folder."""
     monkeypatch.chdir(tmp_path)
     for module, name in [
-        ("_calibration.oblique.start", "_predicted"),
+        ("_calibration.oblique.fit_oblique", "_predicted"),
         ("_export.scenes.export_scene", "matched"),
         ("_fit.fit", "find"),
         ("_fit.fit", "find_all"),

@@ -44,9 +44,6 @@ def test_scalars_out_of_range(name, argument):
         ) as caught:
             law.cls(**(good | {argument: number}))
         assert repr(number) in str(caught.value)
-    for thing in ("0.5", None, 0.5j, True, [0.5, "x"], jnp.array(0.5j), jnp.array(True), object()):
-        with pytest.raises(ValueError, match=f"`{argument}` must be a real number"):
-            law.cls(**(good | {argument: thing}))
 
 
 @pytest.mark.parametrize(("name", "argument"), ARGUMENTS)
