@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from benchmarks.stability_map.collocation import TINY, absolute_power, largest_product
+
 from .collocation import EXTENDED, STAGES, Array, radau, solve_small
-from .largest import TINY, absolute_power, largest_product
 from .motion import SEPARATED, SETTLED, Problem, Truth
 
 TOLERANCE = 1e-11
