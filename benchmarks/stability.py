@@ -31,8 +31,7 @@ import jax
 jax.config.update("jax_enable_x64", True)
 
 from stability_map.code import fingerprint
-from stability_map.grid import Job, lanes_of, scaled
-from stability_map.jobs import all_jobs, by_table
+from stability_map.grid import Job, all_jobs, by_table, lanes_of, scaled
 from stability_map.package_lanes import answers
 from stability_map.record import record
 from stability_map.verdict import judge
