@@ -16,9 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.stability_map.kinds import SEPARATED, Truth
+
 from .collocation import Array
 from .kinds import KINDS
-from .motion import SEPARATED, Truth
 from .motion_oracle import solve
 
 MOST_STEPS = 100_000

@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.stability_map.kinds import QUANTITIES
+
 from .collocation import EXTENDED, Array
 from .kinds import KINDS
-from .motion import QUANTITIES
 from .motion_oracle import solve
 
 NODES = 18
