@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import jaxcontact as jc
-from benchmarks.oblique_impacts.problems import Method, side_by_side
 from tests.elastic_rebound import rebounds
 
 from . import by_diffrax, by_lammps, by_mujoco, by_scipy, ours, phases_by_numba, springs_by_numba
-from .problems import CHI, Lanes, elastic, errors, spheres
+from .problems import CHI, Lanes, Method, elastic, errors, side_by_side, spheres
 
 Rows = list[dict[str, Any]]
 BATCH = 100_000

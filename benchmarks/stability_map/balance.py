@@ -17,11 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
-from benchmarks.stability_map.kinds import SEPARATED, SETTLED
 
 from .collocation import EXTENDED, Array
 from .grid import Job, Lanes, lanes_of, scaled, units_of
-from .kinds import KINDS
+from .kinds import KINDS, SEPARATED, SETTLED
 from .package_lanes import blocks, law_of
 from .verdict import SMALLEST_E
 

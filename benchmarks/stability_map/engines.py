@@ -16,10 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.stability_map.kinds import SEPARATED, Truth
-
 from .collocation import Array
-from .kinds import KINDS
+from .kinds import KINDS, SEPARATED, Truth
 from .motion_oracle import solve
 
 MOST_STEPS = 100_000

@@ -12,10 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.stability_map.kinds import QUANTITIES
-
 from .collocation import EXTENDED, Array
-from .kinds import KINDS
+from .kinds import KINDS, QUANTITIES
 from .motion_oracle import solve
 
 NODES = 18

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.stability_map.collocation import EXTENDED, Array
-from benchmarks.stability_map.kinds import KINDS
+from .collocation import EXTENDED, Array
+from .kinds import KINDS
 
 CONCRETE = (1.0, 1.5, 2.0, 3.0)
 STRONGEST_PUSH = 1e4

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from benchmarks.stability_map.collocation import EXTENDED, Array
+from .collocation import EXTENDED, Array
 
 SEPARATED, SETTLED, UNANSWERED = 0, 1, 2
 

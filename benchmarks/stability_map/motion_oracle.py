@@ -14,10 +14,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.stability_map.collocation import TINY, absolute_power, largest_product
-from benchmarks.stability_map.kinds import SEPARATED, SETTLED, Problem, Truth
-
-from .collocation import EXTENDED, STAGES, Array, radau, solve_small
+from .collocation import (
+    EXTENDED,
+    STAGES,
+    TINY,
+    Array,
+    absolute_power,
+    largest_product,
+    radau,
+    solve_small,
+)
+from .kinds import SEPARATED, SETTLED, Problem, Truth
 
 TOLERANCE = 1e-11
 """Of the last Legendre coefficient in a step; a hundred times finer moves results by 1e-15."""

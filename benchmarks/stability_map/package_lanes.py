@@ -12,11 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
-from benchmarks.stability_map.kinds import QUANTITIES
 
 from .collocation import EXTENDED, Array
 from .grid import Job, Lanes, units_of
-from .kinds import KINDS
+from .kinds import KINDS, QUANTITIES
 
 ROOT = Path(__file__).resolve().parents[2]
 AT_ONCE = 512

@@ -19,11 +19,9 @@ import numpy as np
 import optimistix as optx
 from scipy.integrate import solve_ivp
 
-from benchmarks.stability_map.kinds import SETTLED, Truth
-
 from .collocation import Array
 from .engines import INSTALL, WAYS, by_engine, missing
-from .kinds import KINDS
+from .kinds import KINDS, SETTLED, Truth
 from .motion_oracle import solve
 
 EXPONENT = 1.5

@@ -16,10 +16,10 @@ import numpy as np
 from scipy.special import beta as beta_function
 
 import jaxcontact as jc
-from benchmarks.stability_map.kinds import QUANTITIES
 
 from .collocation import EXTENDED, Array
 from .grid import MASS, SPEED, STIFFNESS, STRONGEST_PUSH, Job, Lanes, units_of
+from .kinds import QUANTITIES
 from .record import record
 from .verdict import judge
 

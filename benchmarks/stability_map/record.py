@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.stability_map.kinds import QUANTITIES
-
 from .collocation import Array
 from .grid import Job
+from .kinds import QUANTITIES
 from .verdict import CLASSES, FLAGGED_RIGHTLY, FLAGGED_WITHOUT_NEED, WRONG, Judged
 
 DAMPING_EDGES = np.arange(-9.0, 6.5, 1.0)

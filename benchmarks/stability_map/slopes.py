@@ -16,12 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
-from benchmarks.stability_map.kinds import SEPARATED, Truth
 
 from .collocation import EXTENDED, Array
 from .free_table import ROUNDING, free
 from .grid import Job, Lanes, lanes_of, scaled, units_of
-from .kinds import KINDS
+from .kinds import KINDS, SEPARATED, Truth
 from .motion_oracle import solve
 from .package_lanes import law_of
 

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.stability_map.kinds import QUANTITIES, SEPARATED, UNANSWERED, Truth
-
 from .collocation import EXTENDED, Array
 from .free_table import TABLE_TOLERANCE, free
 from .grid import Job
-from .kinds import KINDS
+from .kinds import KINDS, QUANTITIES, SEPARATED, UNANSWERED, Truth
 from .motion_oracle import TOLERANCE, solve
 
 RIGHT, FLAGGED_RIGHTLY, FLAGGED_WITHOUT_NEED, WRONG, NO_TRUTH = range(5)
