@@ -13,7 +13,7 @@ from matplotlib.colors import BoundaryNorm
 
 from .collocation import Array
 from .engines import WAYS
-from .record import DAMPING_EDGES
+from .verdict import DAMPING_EDGES
 
 DECADES = np.arange(-16, 2)
 NAMES = {

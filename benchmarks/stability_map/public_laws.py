@@ -20,8 +20,7 @@ import jaxcontact as jc
 from .collocation import EXTENDED, Array
 from .grid import MASS, SPEED, STIFFNESS, STRONGEST_PUSH, Job, Lanes, units_of
 from .kinds import QUANTITIES
-from .record import record
-from .verdict import judge
+from .verdict import judge, record
 
 LANES = 512
 """Of a law, free or pushed."""
