@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .code import fingerprint
-from .engines import WAYS
+from .peers import WAYS
 from .pictures import NAMES, draw_free, draw_peers, draw_pushed
 from .verdict import CLASSES, FLAGGED_WITHOUT_NEED, WRONG
 

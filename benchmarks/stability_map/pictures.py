@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.colors import BoundaryNorm
 
 from .collocation import Array
-from .engines import WAYS
+from .peers import WAYS
 from .verdict import DAMPING_EDGES
 
 DECADES = np.arange(-16, 2)
