@@ -1,16 +1,178 @@
-"""docs/stability_tables.md and the pictures of the stability map, from the results."""
+"""docs/stability_tables.md and the pictures of the stability map, from the results.
+
+In a picture colour is the decade of the largest error; hatched: flagged.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.colors import BoundaryNorm
+
 from .code import fingerprint
+from .collocation import Array
 from .peers import WAYS
-from .pictures import NAMES, draw_free, draw_peers, draw_pushed
-from .verdict import CLASSES, FLAGGED_WITHOUT_NEED, WRONG
+from .verdict import CLASSES, DAMPING_EDGES, FLAGGED_WITHOUT_NEED, WRONG
+
+DECADES = np.arange(-16, 2)
+NAMES = {
+    "hunt_crossley": "Hunt-Crossley",
+    "hunt_crossley_tension": "Hunt-Crossley, tension",
+    "kuwabara_kono": "Kuwabara-Kono",
+    "kuwabara_kono_clamped": "Kuwabara-Kono, clamped",
+    "oscillator": "oscillator laws",
+    "oscillator_clamped": "oscillator laws, clamped",
+    "oscillator_approach": "Jankowski",
+}
+
+
+def pooled(jobs: Iterable[dict[str, Any]]) -> tuple[Array, Array, Array]:
+    """The largest decade, flagged lanes and all lanes of several jobs, cell by cell."""
+    jobs = list(jobs)
+    decade = np.max([np.array(job["decade"]) for job in jobs], axis=0)
+    flags = np.sum([np.array(job["flags"]) for job in jobs], axis=0)
+    total = np.sum([np.array(job["total"]) for job in jobs], axis=0)
+    return decade, flags, total
+
+
+def _select(known: dict[str, Any], *parts: str) -> list[dict[str, Any]]:
+    return [job for name, job in known.items() if all(part in name.split("/") for part in parts)]
+
+
+def panel(
+    ax: Any, decade: Array, flags: Array, total: Array, title: str, ticks: Iterable[str]
+) -> Any:
+    colours = plt.get_cmap("viridis_r").copy()
+    colours.set_bad("0.9")
+    shown = np.ma.masked_where((decade < -90) | (total == 0), np.clip(decade, -16, 0))
+    image = ax.imshow(
+        shown, origin="lower", aspect="auto", cmap=colours, norm=BoundaryNorm(DECADES, 256)
+    )
+    share = flags / np.maximum(total, 1)
+    for row, column in zip(*np.nonzero(share > 0), strict=True):
+        dense = 4 if share[row, column] > 0.5 else 2
+        box = (column - 0.5, row - 0.5)
+        ax.add_patch(plt.Rectangle(box, 1, 1, fill=False, lw=0, hatch="/" * dense, ec="tab:red"))
+    ax.set_title(title, fontsize=9)
+    ticks = list(ticks)
+    ax.set_xticks(range(len(ticks)), ticks, fontsize=7)
+    rows = [0, *range(2, DAMPING_EDGES.size + 1, 3)]
+    words = ["0" if r == 0 else f"$10^{{{int(DAMPING_EDGES[r - 1])}}}$" for r in rows]
+    ax.set_yticks(rows, words, fontsize=7)
+    return image
+
+
+def draw_pushed(known: dict[str, Any], path: Path, precision: str) -> None:
+    """One panel a kind: damping against push, all exponents together, by event."""
+    fig, axes = plt.subplots(2, 4, figsize=(11, 6), layout="constrained")
+    ticks = ["-1e4", "", "", "-1e-6", "", "", "0", "", "1e-6", "", "", "1e4"]
+    image = None
+    for ax, (kind, name) in zip(axes.flat, NAMES.items(), strict=False):
+        jobs = _select(known, kind, "pushed", precision)
+        if jobs:
+            decade, flags, total = pooled(jobs)
+            words = (
+                ticks[: decade.shape[1]]
+                if decade.shape[1] == len(ticks)
+                else _push_words(decade.shape[1])
+            )
+            image = panel(ax, decade, flags, total, name, words)
+            ax.set_xlabel("push Γ", fontsize=8)
+            ax.set_ylabel("damping", fontsize=8)
+    _finish(fig, axes, image, path, f"method event, {precision}")
+
+
+def _push_words(count: int) -> list[str]:
+    middle = count // 2
+    return [{0: "-1e4", middle: "±0", count - 1: "1e4"}.get(k, "") for k in range(count)]
+
+
+def draw_free(known: dict[str, Any], path: Path, precision: str) -> None:
+    """One panel a kind and method: damping against exponent, free impacts."""
+    kinds = [kind for kind in NAMES if kind != "hunt_crossley_tension"]
+    methods = ("exact", "event", "phase")
+    fig, axes = plt.subplots(3, len(kinds), figsize=(13, 7.5), layout="constrained", squeeze=False)
+    image = None
+    for row, method in zip(axes, methods, strict=True):
+        for ax, kind in zip(row, kinds, strict=True):
+            columns = []
+            for n in ("n=1", "n=1.5", "n=2", "n=3", "n=traced"):
+                jobs = _select(known, kind, "free", method, precision, n)
+                parts = (
+                    [a.max(1) if k == 0 else a.sum(1) for k, a in enumerate(pooled(jobs))]
+                    if jobs
+                    else None
+                )
+                columns.append(parts)
+            if not any(columns):
+                ax.set_axis_off()
+                continue
+            size = next(c for c in columns if c)[0].size
+            blank = [np.full(size, -99), np.zeros(size, int), np.zeros(size, int)]
+            stacked = [np.stack([(c or blank)[k] for c in columns], 1) for k in range(3)]
+            title = f"{NAMES[kind]}\n{method}"
+            image = panel(ax, *stacked, title, ("1", "3/2", "2", "3", "any"))
+            ax.set_xlabel("exponent n", fontsize=8)
+    _finish(fig, axes, image, path, f"free impacts, {precision}")
+
+
+def draw_peers(known: dict[str, Any], path: Path) -> None:
+    """One panel a way, a row for every force: damping against push."""
+    rows: dict[str, dict[str, dict[str, Any]]] = {}
+    for name, result in known.items():
+        kind, way = name.split("/", 1)
+        # The two engines share a row.
+        row = "engines" if name in WAYS else kind
+        rows.setdefault(row, {})[f"{way}\n{NAMES[kind]}"] = result
+    across = max(len(ways) for ways in rows.values())
+    fig, axes = plt.subplots(
+        len(rows),
+        across,
+        figsize=(2.3 * across + 1, 2.9 * len(rows) + 0.5),
+        layout="constrained",
+        squeeze=False,
+    )
+    image = None
+    for line, ways in zip(axes, rows.values(), strict=True):
+        for ax, (title, way) in zip(line, ways.items(), strict=False):
+            decade, flags, total = (np.array(way[k]) for k in ("decade", "flags", "total"))
+            image = panel(ax, decade, flags, total, title, _push_words(decade.shape[1]))
+            levels = range(0, decade.shape[0], 3)
+            ax.set_yticks(levels, ["0" if r == 0 else f"$10^{{{r - 5}}}$" for r in levels])
+            # The ticks of the other pictures reach farther.
+            ax.set_ylim(-0.5, decade.shape[0] - 0.5)
+            ax.tick_params(labelsize=7)
+        line[0].set_ylabel("damping", fontsize=8)
+    for ax in axes[-1]:
+        ax.set_xlabel("push Γ", fontsize=8)
+    title = "What users would write instead, n = 3/2 (MuJoCo: n = 1), damping against push"
+    _finish(fig, axes, image, path, title, flagged="failed")
+
+
+def _finish(
+    fig: Any, axes: Any, image: Any, path: Path, title: str, flagged: str = "flagged"
+) -> None:
+    for ax in axes.flat:
+        if not ax.images:
+            ax.set_axis_off()
+    if image is not None:
+        bar = fig.colorbar(image, ax=axes, shrink=0.7, ticks=DECADES[::3])
+        bar.set_label("largest relative error, $\\log_{10}$", fontsize=8)
+    dense = " (dense: most lanes)" if flagged == "flagged" else ""
+    fig.suptitle(f"{title}; hatched: {flagged}{dense}", fontsize=10)
+    fig.savefig(path, dpi=80)
+    plt.close(fig)
+
+
+matplotlib.use("Agg")
+
 
 DOCS = Path(__file__).parents[2] / "docs"
 _MARK = "<!-- results: made by benchmarks/stability.py --page -->"
