@@ -33,8 +33,7 @@ jax.config.update("jax_enable_x64", True)
 from stability_map.code import fingerprint
 from stability_map.grid import Job, all_jobs, by_table, lanes_of, scaled
 from stability_map.package_lanes import answers
-from stability_map.record import record
-from stability_map.verdict import judge
+from stability_map.verdict import judge, record
 
 HERE = Path(__file__).parent
 SEED = 1
