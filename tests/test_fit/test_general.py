@@ -293,21 +293,15 @@ def test_going_backwards_is_the_same(free):
     [
         ({"start": {"a": "x"}}, "`start` must hold a number"),
         ({"start": 1.5, "transforms": jc.Between(2, 3)}, "`start` must have its number in"),
-        ({"sigma": 0.0}, "`sigma` must be positive"),
         ({"sigma": 1.0, "weights": 1.0}, "`weights` must be None"),
         ({"weights": -np.ones(50)}, "`weights` must be finite and not negative"),
         ({"weights": 0.0}, "not be zero everywhere"),
-        ({"loss": "huber"}, "`loss` must be"),
-        ({"optimizer": "adam"}, "`optimizer` must be"),
         ({"starts": 0}, "`starts` must be a whole number of at least 1"),
-        ({"rtol": -1.0}, "`rtol` must be a number in"),
-        ({"progress": "yes"}, "`progress` must be"),
         ({"data": DECAY[:-1]}, "`predict` must return the shape"),
         ({"data": np.zeros(0)}, "`data` must hold a number"),
         ({"start": {"a": 1.0, "b": -1e3, "c": 0.0}}, "must have a finite prediction"),
         ({"transforms": {"d": jc.Free()}}, "must name numbers of `start`, a, b, c"),
         ({"start": 1.0, "transforms": {"d": jc.Free()}}, "`start`, which is one number without"),
-        ({"transforms": "log"}, "`transforms` must"),
     ],
 )
 def test_bad_arguments_are_named(changed, message):
@@ -317,11 +311,9 @@ def test_bad_arguments_are_named(changed, message):
         jc.fit(decay if isinstance(start, dict) else (lambda p, x: p * x), data, start, **arguments)
 
 
-def test_bad_bounds_and_thresholds_are_named():
+def test_bad_bounds_are_named():
     with pytest.raises(ValueError, match="`high` must be above `low`"):
         jc.Between(1.0, 1.0)
-    with pytest.raises(ValueError, match="`threshold` must be a number in"):
-        jc.Huber(0.0)
 
 
 def test_single_precision_users_get_a_fit_in_double(free):
