@@ -1,4 +1,7 @@
-"""The closed forms against forty digits, and those of viscoelastic bodies."""
+"""The closed forms against forty digits.
+
+Viscoelastic spheres by their series, against Taylor series, event solves and known limits.
+"""
 
 import functools
 import json

@@ -1,4 +1,7 @@
-"""An interrupted sweep continues where it was: its store, and the files of another sweep."""
+"""A sweep into a store that was killed, damaged, or belongs to another sweep.
+
+The files of docs/cluster: two processes as Slurm starts them, one of which is killed.
+"""
 
 import dataclasses
 import os
