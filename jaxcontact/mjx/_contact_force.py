@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from .._contact import Contact, require_contact
 from .._entry import refuses_unknown, rendered, require_count
 from .._inside.action import Action, EnginePairs, action_of, first_speeds, pairs_of, relaxed
-from .._inside.interval import require_steppable
+from .._inside.interval import require_per_pair, require_steppable
 from .._laws import AbstractLaw
 from .._laws.base import require_exponent
 from ..systems._joint_rates import rate_of
@@ -198,6 +198,7 @@ def contact_force(
         found = np.asarray(jax.jit(lambda: mjx.collision(engine, plain)._impl.contact.geom)())
         rate = rate_of(np.asarray(model.jnt_type))
         chosen = np.flatnonzero(np.isin(found, ours).any(axis=1))
+        require_per_pair(law, contact, chosen.size, "pairs (`ContactForce.pairs`)")
         return ContactForce(
             model=mjx.put_model(stepped),
             pairs=_names(mujoco, model, found[chosen]),
