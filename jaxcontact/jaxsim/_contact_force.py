@@ -232,9 +232,9 @@ def contact_force(
     A ball has points all over; only one that does not turn and keeps one point enabled, the lowest,
     touches as a ball does. The contacts of a step are solved together, with the mass matrix and
     normals of its start. Kinematic constraints are not in the effective mass. Raises ImportError
-    without JaxSim, which `pip install jaxsim` installs, and ValueError for a law with memory,
-    `JKR` or `WetRestitution`, and for a model without points or with another integrator. Source:
-    jaxsim.readthedocs.io.
+    without JaxSim, which `pip install jaxsim` installs, and ValueError for a law with memory, `JKR`
+    or `WetRestitution`, numbers of another shape, a model without points, or another integrator.
+    Source: jaxsim.readthedocs.io.
     """
     try:
         import jaxsim  # pyright: ignore[reportMissingImports]

@@ -162,7 +162,7 @@ def contact_force(
     The contacts of a step are solved together, with the mass matrix and normals of its start.
     MuJoCo's equality constraints are not in the effective mass. Raises ImportError without MJX,
     which `pip install mujoco-mjx` installs, and ValueError for a law with memory, `JKR` or
-    `WetRestitution`, for another pair of geoms, and for a model that drops contacts. Source:
+    `WetRestitution`, numbers of another shape, other geoms, or a model that drops contacts. Source:
     mujoco.readthedocs.io/en/stable/mjx.html.
     """
     try:

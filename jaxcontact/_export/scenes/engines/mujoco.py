@@ -127,7 +127,7 @@ def _xml(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: Eq
         turning = [*velocity, *model.spin[k]] if free else velocity[:axes]
         speeds.append(spaced(turning))
     pairs = []
-    _require_friction(model, exports, unit)
+    _require_mu(model, exports, unit)
     for b, (second, name) in enumerate(geoms):
         for first, other in geoms[:b]:
             pair = min(first, second), max(first, second)
@@ -177,9 +177,7 @@ def _mu(touch: Touch) -> float:
     return float(touch.friction.mu) if isinstance(touch.friction, RigidCoulomb) else 0.0
 
 
-def _require_friction(
-    model: SceneModel, exports: Mapping[tuple[int, int], Export], unit: float
-) -> None:
+def _require_mu(model: SceneModel, exports: Mapping[tuple[int, int], Export], unit: float) -> None:
     """Raise ValueError for a μ whose friction is within the error of `noslip`."""
     asked, least = [], []
     for pair, made in exports.items():
@@ -193,8 +191,7 @@ def _require_friction(
         raise ValueError(
             f"Argument `scene` must have coefficients of friction of {held:.3g} or more, or 0, for "
             f"MuJoCo with these masses, speeds and durations of contact, but has {min(asked):g}. "
-            f"Its friction is only right to {_LOOSE:g} in units of {unit:.3g} N. If masses differ "
-            "less, a smaller μ is possible."
+            f"Its friction is only right to {_LOOSE:g} in units of {unit:.3g} N."
         )
 
 
