@@ -70,7 +70,7 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
 
 
 def _transposable(solve: Callable[..., Any], place: int) -> Callable[..., Any]:
-    """Return `solve` with a rule whose slopes of few numbers have such a rule, too, for any order."""
+    """Return `solve` with a rule. Its slopes by few numbers have one, too, to any order."""
 
     # Every output formally depends on the input: a rule with partly constant outcomes fails under
     # jit of vmap (jax 0.10.2).
