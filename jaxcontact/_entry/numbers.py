@@ -153,15 +153,15 @@ def concrete(value: Any) -> int | float | None:
     return value if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
-def require_number(name: str, value: Any, allowed: Range = REAL) -> float:
-    """Convert a scalar in `allowed` to a float; ValueError for anything else."""
+def require_number(name: str, value: Any, allowed: Range = REAL, otherwise: str = "") -> float:
+    """Convert a scalar in `allowed` to a float; ValueError, with what else may be, for others."""
     try:
         number = float(math.nan if (known := concrete(value)) is None else known)
     except OverflowError:
         number = math.nan
     if not allowed.holds(number):
         raise ValueError(
-            f"Argument `{name}` must be a number in {allowed}, but is {rendered(value)}."
+            f"Argument `{name}` must be a number in {allowed}{otherwise}, but is {rendered(value)}."
         )
     return number
 

@@ -25,6 +25,8 @@ class SpeedRange:
 
     In this range the engine's e lies within `within` of the law's. `low` is 0 if the export holds
     down to a hundredth of the speed, `high` infinite if it holds up to a hundred times the speed.
+    Both are NaN if it does not hold at the speed itself, the geometric mean of several.
+
     `velocity` (m,) in m/s holds the examined speeds, `target` (m,) the law's e and `delivered` (m,)
     the engine's; NaN where an impact could not be solved.
     """
@@ -42,7 +44,7 @@ class SpeedRange:
         return self.delivered - self.target
 
     def __repr__(self) -> str:
-        slowest, fastest = self.velocity[0], self.velocity[-1]
+        slowest, middle, fastest = self.velocity[[0, len(self.velocity) // 2, -1]]
         low = f"{slowest:.3g} (and slower)" if self.low == 0 else f"{self.low:.3g}"
         high = (
             f"{fastest:.3g} m/s (and faster)" if self.high == math.inf else f"{self.high:.3g} m/s"
@@ -57,9 +59,12 @@ class SpeedRange:
             for k in shown
         ]
         head = ("v (m/s)", "law's e", "engine's e", "error")
+        where = f"from {low} to {high}"
+        if math.isnan(self.low):
+            where = f"at no speed around {middle:.3g} m/s, that of the export"
         return "\n".join(
             [
-                f"e is within {self.within:g} of the law's from {low} to {high}",
+                f"e is within {self.within:g} of the law's {where}",
                 *text_table(rows, header=head, align=">>>>", indent=2),
             ]
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -15,6 +16,10 @@ from .._functions import contraction
 
 In = TypeVar("In")
 Out = TypeVar("Out")
+
+# Up to this count of varying numbers, a second derivative has slopes along all pairs of them. That
+# is wasteful for the clusters of a scene, which have hundreds.
+_FEW = 16
 
 
 def over_lanes(solve: Callable[[In], Out], problem: In) -> Out:
@@ -58,30 +63,38 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
             kinds[:] = [jax.tree.map(jnp.result_type, outcome)]
             return jax.tree.map(lambda out: out.astype(leaves[place].dtype), outcome)
 
-        # Every output formally depends on the input: a rule with partly constant outcomes fails
-        # under jit of vmap (jax 0.10.2).
-        def of_lane(*leaves: jax.Array) -> Out:
-            either = jnp.isnan(leaves[place].reshape(-1)[0])
-            return jax.tree.map(lambda out: jnp.where(either, out, out), as_numbers(*leaves))
-
-        solved = jax.custom_jvp(of_lane)
-
-        def rule(primals: tuple[jax.Array, ...], tangents: tuple) -> tuple[Out, Out]:
-            outcome, slopes, along = _slopes_along(of_lane, primals, tangents)
-            return outcome, jax.tree.map(lambda s: contraction(along, s), slopes)
-
-        solved.defjvp(rule, symbolic_zeros=True)
-        outcome = solved(*leaves)
+        outcome = _transposable(as_numbers, place)(*leaves)
         return jax.tree.map(lambda out, kind: out.astype(kind), outcome, kinds[0])
 
     return differentiable
 
 
+def _transposable(solve: Callable[..., Any], place: int) -> Callable[..., Any]:
+    """Return `solve` with a rule. Its slopes by few numbers have one, too, to any order."""
+
+    # Every output formally depends on the input: a rule with partly constant outcomes fails under
+    # jit of vmap (jax 0.10.2).
+    @jax.custom_jvp
+    def solved(*leaves: jax.Array) -> Any:
+        either = jnp.isnan(leaves[place].reshape(-1)[0])
+        return jax.tree.map(lambda out: jnp.where(either, out, out), solve(*leaves))
+
+    def rule(primals: tuple[jax.Array, ...], tangents: tuple) -> tuple[Any, Any]:
+        varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
+        along = jnp.concatenate([tangents[i].reshape(-1) for i in varying])
+        carried = functools.partial(_slopes_along, solved.fun, varying)
+        few = along.size <= _FEW
+        outcome, slopes = (_transposable(carried, place) if few else carried)(*primals)
+        return outcome, jax.tree.map(lambda s: contraction(along, s), slopes)
+
+    solved.defjvp(rule, symbolic_zeros=True)
+    return solved
+
+
 def _slopes_along(
-    solve: Callable[..., Out], primals: tuple[jax.Array, ...], tangents: tuple
-) -> tuple[Out, Out, jax.Array]:
-    """Return the outcome, its slopes by all varying numbers, and the tangents of these."""
-    varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
+    solve: Callable[..., Out], varying: list[int], *primals: jax.Array
+) -> tuple[Out, Out]:
+    """Return the outcome, and its slopes by all varying numbers."""
     numbers = [primals[i] for i in varying]
     cuts = np.cumsum([number.size for number in numbers])
 
@@ -95,11 +108,9 @@ def _slopes_along(
         parts = zip(jnp.split(direction, cuts[:-1]), numbers, strict=True)
         return jax.jvp(of_varying, tuple(numbers), tuple(d.reshape(x.shape) for d, x in parts))
 
-    along = jnp.concatenate([tangents[i].reshape(-1) for i in varying])
-    basis = jnp.eye(cuts[-1], dtype=along.dtype)
+    basis = jnp.eye(cuts[-1], dtype=numbers[0].dtype)
     if cuts[-1] == 1:
         # A batch of one direction would need another trace and an axis of length one.
         outcome, slope = sensitivity(basis[0])
-        return outcome, jax.tree.map(lambda s: s[None], slope), along
-    outcome, slopes = jax.vmap(sensitivity, out_axes=(None, 0))(basis)
-    return outcome, slopes, along
+        return outcome, jax.tree.map(lambda s: s[None], slope)
+    return jax.vmap(sensitivity, out_axes=(None, 0))(basis)

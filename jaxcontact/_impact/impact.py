@@ -198,6 +198,7 @@ def summary(lanes: Lanes, method: AbstractMethod, scaled: ScaledImpact) -> Impac
         steps=jax.tree.map(fill, scaled.steps),
         method=method.name,
         min_force=None if scaled.min_force is None else result(scaled.min_force, scale.force),
+        solver=method.solved_by,
     )
 
 

@@ -43,7 +43,8 @@ class Impact(Flagged, eqx.Module):
     - `error_estimate`: the larger one of the estimated relative errors of restitution and duration.
       None for methods without an estimate.
     - `steps`: the number of accepted steps. None for closed forms.
-    - `method`: the name of the method used.
+    - `method`: the name of the method used. `solver`: what took its steps, in words; None for
+      methods without a choice.
     """
 
     restitution: Float[Array, "..."]
@@ -58,6 +59,7 @@ class Impact(Flagged, eqx.Module):
     steps: Int[Array, "..."] | None
     method: str = eqx.field(static=True)
     min_force: Float[Array, "..."] | None = None
+    solver: str | None = eqx.field(static=True, default=None)
     _failures = Status.NOT_CONVERGED, Status.INVALID_INPUT
 
     def __repr__(self) -> str:
@@ -66,7 +68,8 @@ class Impact(Flagged, eqx.Module):
             texts["min_force"] = quantity("min_force", show(self.min_force))
         texts["status"] = Status.names_of(self.status)
         lines = (f"  {name:<17}{text}" for name, text in texts.items())
-        return "\n".join([f"Impact by method {self.method!r}", *lines])
+        solver = "" if self.solver is None else f", {self.solver}"
+        return "\n".join([f"Impact by method {self.method!r}{solver}", *lines])
 
 
 def show(value: Array) -> str:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._contact import Contact
-from .._entry import rendered
+from .._entry import ranges, rendered
 from .._laws import AbstractLaw, WetRestitution
 from .._laws.base import force_of, require_law
 
@@ -62,6 +62,18 @@ def require_steppable(law: object) -> AbstractLaw:
             f"necks or films, but is {rendered(law)}. `simulate` takes it."
         )
     return law
+
+
+def require_per_pair(law: AbstractLaw, contact: Contact, count: int, pairs: str) -> None:
+    """Raise ValueError for a number of the law or the contact that is not one, or one a pair."""
+    numbers = {f"law.{name}": getattr(law, name) for name in ranges(law)}
+    numbers |= {f"contact.{x}": getattr(contact, x) for x in ("stiffness", "exponent")}
+    for name, number in numbers.items():
+        if jnp.shape(number) not in ((), (1,), (count,)):
+            raise ValueError(
+                f"Argument `{name}` must be one number, or have one for each of the {count} "
+                f"{pairs}, but has the shape {jnp.shape(number)}."
+            )
 
 
 def push_of(

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from .._contact import Contact, require_contact
 from .._entry import refuses_unknown, rendered, require_count
 from .._inside.action import Action, EnginePairs, action_of, first_speeds, pairs_of, relaxed
-from .._inside.interval import require_steppable
+from .._inside.interval import require_per_pair, require_steppable
 from .._laws import AbstractLaw
 from .._laws.base import require_exponent
 
@@ -232,9 +232,9 @@ def contact_force(
     A ball has points all over; only one that does not turn and keeps one point enabled, the lowest,
     touches as a ball does. The contacts of a step are solved together, with the mass matrix and
     normals of its start. Kinematic constraints are not in the effective mass. Raises ImportError
-    without JaxSim, which `pip install jaxsim` installs, and ValueError for a law with memory,
-    `JKR` or `WetRestitution`, and for a model without points or with another integrator. Source:
-    jaxsim.readthedocs.io.
+    without JaxSim, which `pip install jaxsim` installs, and ValueError for a law with memory, `JKR`
+    or `WetRestitution`, numbers of another shape, a model without points, or another integrator.
+    Source: jaxsim.readthedocs.io.
     """
     try:
         import jaxsim  # pyright: ignore[reportMissingImports]
@@ -260,6 +260,7 @@ def contact_force(
     ours = enabled & np.isin(body, _numbers(names, links))
     if not ours.any():
         raise ValueError("Argument `model` must have collidable points of these links.")
+    require_per_pair(law, contact, int(ours.sum()), "points (`TerrainForce.points`)")
     rest = enabled & ~ours
     if rest.any():
         stepped = _with_points(model, {"enabled": tuple(rest.tolist())})

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from .._contact import Contact, require_contact
 from .._entry import refuses_unknown, rendered, require_count
 from .._inside.action import Action, EnginePairs, action_of, first_speeds, pairs_of, relaxed
-from .._inside.interval import require_steppable
+from .._inside.interval import require_per_pair, require_steppable
 from .._laws import AbstractLaw
 from .._laws.base import require_exponent
 from ..systems._joint_rates import rate_of
@@ -162,7 +162,7 @@ def contact_force(
     The contacts of a step are solved together, with the mass matrix and normals of its start.
     MuJoCo's equality constraints are not in the effective mass. Raises ImportError without MJX,
     which `pip install mujoco-mjx` installs, and ValueError for a law with memory, `JKR` or
-    `WetRestitution`, for another pair of geoms, and for a model that drops contacts. Source:
+    `WetRestitution`, numbers of another shape, other geoms, or a model that drops contacts. Source:
     mujoco.readthedocs.io/en/stable/mjx.html.
     """
     try:
@@ -198,6 +198,7 @@ def contact_force(
         found = np.asarray(jax.jit(lambda: mjx.collision(engine, plain)._impl.contact.geom)())
         rate = rate_of(np.asarray(model.jnt_type))
         chosen = np.flatnonzero(np.isin(found, ours).any(axis=1))
+        require_per_pair(law, contact, chosen.size, "pairs (`ContactForce.pairs`)")
         return ContactForce(
             model=mjx.put_model(stepped),
             pairs=_names(mujoco, model, found[chosen]),

@@ -87,6 +87,17 @@ def test_a_run_that_ends_early_is_refused(dump):
             jc.read_run(dump, "lammps", rolling(), duration=0.5)
 
 
+def test_a_dump_that_ends_within_a_frame_is_incomplete(dump):
+    """Wherever it ends: at every byte of the second frame."""
+    whole, first = dump.read_text(), len(FRAMES[0])
+    for end in range(first + 1, len(whole)):
+        if whole[:end] == FRAMES[0] + "ITEM: UNITS\n" or whole[:end].endswith("\nsi\n"):
+            continue  # Nothing of the frame is there, which `duration` shows.
+        dump.write_text(whole[:end])
+        with pytest.raises(ValueError, match="is incomplete: it ends within frame 2"):
+            jc.read_run(dump, "lammps", rolling(), duration=0.5)
+
+
 def test_outputs_in_another_order_and_missing_ones_are_refused(tmp_path):
     flight, path = scene(*BALLS), tmp_path / "run.csv"
     own = jc.simulate(flight, 0.01, times=np.linspace(0, 0.01, 5), instantaneous=True)

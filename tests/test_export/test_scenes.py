@@ -132,6 +132,15 @@ def test_the_models_can_be_parsed():
     assert pairs == {("wall0", "sphere0"), ("wall0", "sphere1"), ("sphere0", "sphere1")}
 
 
+def test_mujoco_says_which_friction_it_holds():
+    with pytest.raises(ValueError, match="coefficients of friction of") as told:
+        exported(rolling(friction=jc.RigidCoulomb(1e-6)), "mujoco")
+    held = float(re.search(r"of ([\d.e-]+) or more", str(told.value))[1])
+    exported(rolling(friction=jc.RigidCoulomb(held)), "mujoco")
+    with pytest.raises(ValueError, match="coefficients of friction of"):
+        exported(rolling(friction=jc.RigidCoulomb(0.95 * held)), "mujoco")
+
+
 def test_mujoco_has_the_friction_of_each_pair():
     made = exported(rolling(friction=BY_PAIR), "mujoco")
     xml = ElementTree.fromstring(made.files["scene.xml"])
@@ -240,7 +249,7 @@ REFUSED = {
     "mujoco masses": (
         "mujoco",
         lambda: scene(jc.Sphere(0.01, 1e-8, [0.0, 0.05]), BALLS[1], friction=jc.RigidCoulomb(0.01)),
-        "masses and coefficients of friction that differ less",
+        "or 0, for MuJoCo with these masses, speeds and durations of contact, but has 0.01",
     ),
     "exudyn friction": ("exudyn", lambda: scene(friction=jc.RigidCoulomb(0.3)), "RegularizedC"),
     "exudyn touch": (

@@ -60,6 +60,9 @@ def test_over_which_speeds_an_export_holds():
     assert "from 0.02 (and slower) to 200 m/s (and faster)" in repr(everywhere)
     nowhere = export(jc.ExactRestitution(e=0.7), CONTACT, [0.1, 10.0], engine="drake").holds(1e-4)
     assert math.isnan(nowhere.low)
+    first, *rows = repr(nowhere).splitlines()
+    assert first == "e is within 0.0001 of the law's at no speed around 1 m/s, that of the export"
+    assert "nan" not in repr(nowhere) and len(rows) == 10
     with pytest.raises(ValueError, match="`within` must be a number in"):
         found.holds(-1.0)
 

@@ -40,6 +40,7 @@ def hunt_crossley(**options):
 def test_hunt_crossley_at_any_damping():
     hit, some = hunt_crossley()
     assert_solved(hit, some, ALL, "alpha")
+    assert repr(hit).startswith("Impact by method 'event', the library's own loop with Dopri8's")
     # The coordinates remove the stiffness: the steps hardly depend on α.
     assert hit.steps.max() <= MOST_STEPS
     assert 10 * hit.steps.max() <= 17 * hit.steps.min()
@@ -49,6 +50,7 @@ def test_hunt_crossley_at_any_damping():
 def test_another_solver():
     hit, some = hunt_crossley(solver=diffrax.Tsit5())
     assert_solved(hit, some, ALL, "alpha")
+    assert repr(hit).startswith("Impact by method 'event', diffrax.diffeqsolve with Tsit5")
 
 
 # Its interpolant of order 5 would require another safety factor: measured 1.1e-8.

@@ -98,6 +98,10 @@ def test_methods_are_static_fields_and_parts_of_trees():
     assert traces == [2e-6]
     assert {jc.Event(rtol=1e-6), jc.Event(rtol=np.float64(1e-6))} == {jc.Event(rtol=1e-6)}
     assert jc.Event(rtol=1e-6) != jc.Event(rtol=1e-7)
+    assert repr(jc.Event()) == "Event() by the library's own loop with Dopri8's coefficients"
+    assert repr(make()[1].choice).endswith("solver=Tsit5()) by diffrax.diffeqsolve with Tsit5")
+    by_adjoint = jc.Event(adjoint=diffrax.ForwardMode())
+    assert by_adjoint.solved_by == "diffrax.diffeqsolve with Dopri8"
     exact = jc.impact(jc.HuGuo(e=0.5), CONTACT, 1.3).duration
     np.testing.assert_allclose([by_phase, by_formula], exact, rtol=1e-6)
     plain = jax.jit(lambda how: jc.impact(LAW, CONTACT, 1.3, method=how).restitution)(jc.Exact())

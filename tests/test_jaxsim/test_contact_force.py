@@ -284,5 +284,7 @@ def test_models_that_cannot_be_followed_are_refused():
         jc.jaxsim.contact_force(law, HERTZ, acting.model)
     with pytest.raises(ValueError, match="RungeKutta4Fast"):
         jc.jaxsim.contact_force(law, HERTZ, made(BALL, integrator="RungeKutta4Fast"))
+    with pytest.raises(ValueError, match=r"`contact.stiffness` .* points .* shape \(2, 2\)"):
+        jc.jaxsim.contact_force(law, jc.Contact(0.5, jnp.ones((2, 2))), model)
     with pytest.raises(ValueError, match="ThorntonPlastic"):
         jc.jaxsim.contact_force(jc.ThorntonPlastic(yield_speed=0.1), HERTZ, model)

@@ -196,5 +196,11 @@ def test_models_that_cannot_be_followed_are_refused():
     culled = "<mujoco><custom><numeric name='max_contact_points' data='1'/></custom></mujoco>"
     with pytest.raises(ValueError, match="max_contact_points"):
         jc.mjx.contact_force(law, HERTZ, mujoco.MjModel.from_xml_string(culled))
+    for law, contact, words in (
+        (jc.HuGuo(e=0.5), jc.Contact(0.5, jnp.ones(3)), r"`contact.stiffness` .* shape \(3,\)"),
+        (jc.HuGuo(e=jnp.ones((1, 2)) / 2), HERTZ, r"`law.e` .* each of the 1 pairs"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            jc.mjx.contact_force(law, contact, made())
     with pytest.raises(ValueError, match="ThorntonPlastic"):
         jc.mjx.contact_force(jc.ThorntonPlastic(yield_speed=0.1), HERTZ, made())

@@ -142,7 +142,7 @@ FAULTS = {
     "corners": ({"high": [1.0]}, "`high` must have as many numbers as `low`, which has 2"),
     "order": ({"high": [1.0, 0.0]}, "`high` must be above `low` = [0.0, 0.0]"),
     "alone": ({"count": 1, "speed": 1.0}, "`speed` must be None for a single sphere"),
-    "speed": ({"speed": 0.0}, "`speed` must be a number in (0, inf), but is 0.0"),
+    "speed": ({"speed": 0.0}, "number in (0, inf), or None for spheres at rest, but is 0.0"),
     "period": (
         {"periodic": (2.0, None)},
         "`periodic` must be None or the length of the box, 1 along axis 0",

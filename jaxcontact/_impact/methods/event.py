@@ -49,10 +49,11 @@ class Event(AbstractMethod):
     - `rtol`, `atol`: tolerances of the outcome in scaled units, in (0, 1). The default `rtol` is
       1e-9, and 1e-5 in float32, whose rounding allows no less. The default `atol` is `rtol`. Use
       1e-11 for derivatives.
-    - `solver`: a diffrax solver. Default: Dopri8.
+    - `solver`: a diffrax solver. Default: the library's own loop, with the coefficients of Dopri8.
     - `adjoint`: a diffrax adjoint. Default: sensitivities for forward and reverse mode.
     - `max_steps`: the largest number of steps of each half, at least 2.
 
+    A given `solver` or `adjoint` runs in `diffrax.diffeqsolve`, an adjoint alone with Dopri8.
     Numbers may be Python, NumPy or JAX scalars. Raises ValueError for an option out of its range.
     Source: diffrax, Kidger (2021), doi 10.48550/arXiv.2202.02435.
     """
@@ -63,6 +64,17 @@ class Event(AbstractMethod):
     adjoint: diffrax.AbstractAdjoint | None = _of_diffrax("AbstractAdjoint", "adjoint")
     max_steps: int = count_field("max_steps", 256)
     name: ClassVar[str] = "event"
+
+    @property
+    def solved_by(self) -> str:
+        """What takes the steps, in words."""
+        if self.solver is None and self.adjoint is None:
+            return "the library's own loop with Dopri8's coefficients"
+        solver = "Dopri8" if self.solver is None else type(self.solver).__name__
+        return f"diffrax.diffeqsolve with {solver}"
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()} by {self.solved_by}"
 
     def chosen(self, form: AbstractForm, pushed: bool) -> Event:
         """Return the method itself."""

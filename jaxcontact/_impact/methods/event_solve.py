@@ -40,7 +40,7 @@ class Options(Protocol):
 
     @property
     def solver(self) -> diffrax.AbstractSolver | None:
-        """A diffrax solver; None for Dopri8."""
+        """A diffrax solver; None for the library's own loop."""
 
     @property
     def adjoint(self) -> diffrax.AbstractAdjoint | None:

@@ -27,6 +27,11 @@ class AbstractMethod(eqx.Module):
     has_formula: ClassVar[bool] = False
     """True if the method may use a formula, which compiles faster than the solve of a form."""
 
+    @property
+    def solved_by(self) -> str | None:
+        """What takes the steps, as `Impact` prints it beside the method; None if it has no name."""
+        return None
+
     @abc.abstractmethod
     def chosen(self, form: AbstractForm, pushed: bool) -> AbstractMethod:
         """Return the method that solves this form, usually `self`. `pushed`: whether an external

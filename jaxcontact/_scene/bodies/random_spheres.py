@@ -85,7 +85,8 @@ def random_spheres(
             "is None."
         )
     around = _around(periodic, size)
-    thermal = None if speed is None else require_number("speed", speed, POSITIVE)
+    rest = ", or None for spheres at rest"
+    thermal = None if speed is None else require_number("speed", speed, POSITIVE, rest)
     if thermal is not None and count < 2:
         raise ValueError(
             "Argument `speed` must be None for a single sphere, which cannot move without a total "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -323,23 +324,27 @@ def _types(groups: Iterable[int]) -> str:
 
 
 def _read_dump(path: Path, scene: Scene) -> dict[str, np.ndarray]:
-    """Return the states of a dump file: (T,) and (T, N, D)."""
-    times, frames, count, wanted = [], [], None, _columns(scene)
+    """Return the states of a dump file: (T,) and (T, N, D). Raises ValueError if it is cut."""
+    times, frames, count, wanted, line = [], [], None, _columns(scene), ""
     with path.open() as file:
         for line in file:
             if line.startswith("ITEM: TIME") and "STEP" not in line:
-                times.append(float(next(file)))
+                times.append(float(next(file, "nan")))
             elif line.startswith("ITEM: NUMBER"):
-                count = int(next(file))
-            elif line.startswith("ITEM: ATOMS") and count is not None:
+                count = int(next(file, "0"))
+            elif line.startswith("ITEM: ATOMS") and count is not None and line.endswith("\n"):
                 columns = line.removeprefix("ITEM: ATOMS").strip()
                 if columns != wanted:
                     raise ValueError(
                         f"holds {_kind_of(columns)}, where `scene` gives {_kind_of(wanted)}"
                     )
-                frames.append(np.loadtxt(file, max_rows=count, ndmin=2))
-    if not frames or len(times) != len(frames):
-        raise ValueError("has no complete frame")
+                atoms = list(itertools.islice(file, count))
+                if len(atoms) == count and atoms[-1].endswith("\n"):
+                    frames.append(np.loadtxt(atoms, ndmin=2))
+    if not times:
+        raise ValueError("has no frame")
+    if len(times) != len(frames) or not line.endswith("\n"):
+        raise ValueError(f"is incomplete: it ends within frame {len(frames) + 1}")
     rows, axes = np.array(frames), scene.dimensions
     states = {"time": np.array(times), "position": rows[:, :, 1 : 1 + axes]}
     states["velocity"] = rows[:, :, 1 + axes : 1 + 2 * axes]

@@ -127,13 +127,14 @@ def _xml(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: Eq
         turning = [*velocity, *model.spin[k]] if free else velocity[:axes]
         speeds.append(spaced(turning))
     pairs = []
+    _require_mu(model, exports, unit)
     for b, (second, name) in enumerate(geoms):
         for first, other in geoms[:b]:
             pair = min(first, second), max(first, second)
             made = exports.get(pair)
             if made is not None:
                 stiffness, damping = (made.parameters[x] for x in ("stiffness", "damping"))
-                friction = _friction(_mu(model.touches[pair]), made, unit, steps)
+                friction = _friction(_mu(model.touches[pair]), steps)
                 pairs.append(
                     f'    <pair geom1="{other}" geom2="{name}" {friction} '
                     f'solref="{-stiffness:.12g} {0 - damping:.12g}" '
@@ -176,16 +177,28 @@ def _mu(touch: Touch) -> float:
     return float(touch.friction.mu) if isinstance(touch.friction, RigidCoulomb) else 0.0
 
 
-def _friction(mu: float, made: Export, unit: float, steps: EqualSteps) -> str:
+def _require_mu(model: SceneModel, exports: Mapping[tuple[int, int], Export], unit: float) -> None:
+    """Raise ValueError for a μ whose friction is within the error of `noslip`."""
+    asked, least = [], []
+    for pair, made in exports.items():
+        if (mu := _mu(model.touches[pair])) > 0:
+            impulse = float(made.contact.mass) / unit * float(np.min(made.velocity))
+            asked.append(mu)
+            least.append(_LOOSE * float(np.max(made.duration)) / (_SMALL * impulse))
+    if np.any(np.array(least) > asked):
+        # They grow with the unit of mass, as 1/μ² of the smallest μ.
+        held = 1.01 * (max(least) * min(asked) ** 2) ** (1 / 3)
+        raise ValueError(
+            f"Argument `scene` must have coefficients of friction of {held:.3g} or more, or 0, for "
+            f"MuJoCo with these masses, speeds and durations of contact, but has {min(asked):g}. "
+            f"Its friction is only right to {_LOOSE:g} in units of {unit:.3g} N."
+        )
+
+
+def _friction(mu: float, steps: EqualSteps) -> str:
     """Return the attributes of a pair for friction that may stop a slip within one step."""
     if not mu > 0:
         return 'condim="1"'
-    impulse = float(made.contact.mass) / unit * float(np.min(made.velocity))
-    if _LOOSE * float(np.max(made.duration)) > _SMALL * mu * impulse:
-        raise ValueError(
-            "Argument `scene` must have masses and coefficients of friction that differ less for "
-            f"MuJoCo, whose friction is only right to {_LOOSE:g} in units of {unit:.3g} N."
-        )
     return (
         f'condim="3" friction="{mu:.12g} {mu:.12g}" '
         f'solreffriction="-1 {-IMPEDANCE / steps.length:.12g}"'
