@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
@@ -13,6 +14,8 @@ _PATIENCE = 1.0
 """Seconds; work that ends sooner shows no bar."""
 _TERMINAL, _FILE = 0.2, 10.0
 """Seconds between two updates of the bar, in a terminal and in a file."""
+_TICK = 0.2
+"""Seconds between two looks at the clock while a simulation reports nothing."""
 
 Listener = Callable[[int, int], None]
 """A user's function of the work done and the whole work."""
@@ -25,14 +28,17 @@ class Tell(Protocol):
 
 
 @contextlib.contextmanager
-def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Iterator[Tell]:
+def progress_of(
+    wanted: bool | Listener | None, unit: str, describe: str, ticks: bool = False
+) -> Iterator[Tell]:
     """Yield the `Tell` to call while working.
 
     `wanted`: True shows a bar on stderr once the work has lasted a second. None does so if stderr
     is a terminal or this is a notebook. False shows nothing. A function is called with the work
     done and the whole (None if unknown). The bar begins with `describe`, counts in `unit`, shows
-    the rate and, if the whole is known, the time left, and ends with the last note. Raises
-    ValueError for other values.
+    the rate and, if the whole is known, the time left, and ends with the last note. If it `ticks`,
+    it has the time so far and the last note only, also between two calls. Raises ValueError for
+    other values.
     """
     require_progress(wanted)
     if callable(wanted):
@@ -52,6 +58,7 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
         # Without a minimum of steps, a note alone is shown too.
         miniters=0,
         dynamic_ncols=watched,
+        bar_format="{desc}: {elapsed}{postfix}" if ticks else None,
     )
 
     def tell(done: int, total: int | None = None, note: str = "", /) -> None:
@@ -59,8 +66,65 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
         bar.set_postfix_str(note, refresh=False)
         bar.update(done - bar.n)
 
+    over = threading.Event()
+
+    def tick() -> None:
+        # A file also shows the first second's note, and then as seldom as before.
+        seldom, bar.mininterval = bar.mininterval, 0
+        while not over.wait(_TICK):
+            if bar.postfix:
+                bar.update(0)
+            if bar.last_print_t > bar.start_t:
+                bar.mininterval = seldom
+
+    # Compilation blocks the caller, so that another thread looks at the clock.
+    clock = threading.Thread(target=tick, daemon=True)
     with contextlib.closing(bar):
-        yield tell
+        if ticks:
+            clock.start()
+        try:
+            yield tell
+        finally:
+            over.set()
+            if ticks:
+                clock.join()
+
+
+class TellRun:
+    """What a simulation calls to show what it does, and how far it is."""
+
+    def __init__(self, tell: Tell, listens: bool):
+        self._tell, self._listens = tell, listens
+        self._since = time.monotonic()
+        self._compiles = False
+        self._seconds = self._covered = self._reached = 0.0
+
+    def says(self, note: str) -> None:
+        """Show a note until the next call. The seconds of "compiling" do not count as running."""
+        self._since, self._compiles = time.monotonic(), note == "compiling"
+        if not self._listens:
+            self._tell(0, None, note)
+
+    def __call__(self, count: int, things: str, reached: float, end: float) -> None:
+        """Show the number of things so far, the simulated time of the whole, and the time left."""
+        now = time.monotonic()
+        if not self._compiles:
+            self._seconds += now - self._since
+            self._covered += reached - self._reached
+        self._since, self._compiles, self._reached = now, False, reached
+        note = f"t = {reached:.4g} of {end:.4g} s, {count} {things}"
+        if self._covered > 0:
+            note += f", {self._seconds * (end - reached) / self._covered:.0f} s left"
+        self._tell(count if self._listens else 0, None, note)
+
+
+@contextlib.contextmanager
+def progress_of_run(wanted: bool | Listener | None) -> Iterator[TellRun]:
+    """Yield the `TellRun` of a simulation. A user's function gets the number of impacts or contacts
+    and None, as the total is unknown. Raises ValueError for values that `progress_of` refuses.
+    """
+    with progress_of(wanted, "", "simulate", ticks=True) as tell:
+        yield TellRun(tell, callable(wanted))
 
 
 def require_progress(wanted: Any, arguments: str = "two numbers") -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..._program import quick
-from ..._text.progress import Tell
+from ..._text.progress import TellRun
 from ..arrays.arrays import Numbers, SceneLayout
 from ..contact_times.cells import CellGrid
 from ..contact_times.grid import grid_of
@@ -30,12 +30,13 @@ _MOST_GROWN = 32
 _PIECE = 256
 """The number of impacts between two returns to Python."""
 
-_PATIENCE = 2048
-"""The number of impacts that run in a quickly compiled program, over one plus the slots. It is not
-a time: the two programs round differently, and a script must reproduce its numbers."""
+_PATIENCE = 131_072
+"""The number of impacts, times one plus the slots, for which the faster program is compiled. It is
+not a time: the two programs round differently, and a script must reproduce its numbers."""
 
 _RUN: dict[Any, int] = {}
-"""The number of impacts of each kind that have run in a quickly compiled program."""
+"""The number of impacts of each kind that have run in a quickly compiled program, or `_PATIENCE`
+once the faster one is compiled."""
 
 
 @eqx.filter_jit
@@ -65,7 +66,7 @@ def from_python(
     inputs: RunInputs,
     start: RunState | None,
     most: int | None,
-    tell: Tell,
+    tell: TellRun,
     grows: bool,
 ) -> tuple[Rules, LoopOutcome]:
     """Run one program repeatedly until all impacts are found; return the final rules and the
@@ -90,12 +91,14 @@ def from_python(
     if grid is not None:
         state = _expecting(layout, numbers, state, state.now, grid)
     pieces: list[tuple[Log, int]] = []
-    total, more, crowded_at = 0, True, -1.0
+    total, more, crowded_at, last = 0, True, -1.0, float(end)
     while more and int(state.status) == RUNNING and (most is None or total < most):
         if state.cells is not None and bool(state.cells.full):
             state, crowded_at = _with_room(layout, numbers, state, crowded_at)
-        before = state
-        state, log, written, ahead = _piece(layout, numbers, rules, state, valid, end, tolerance)
+        before, now = state, float(state.now)
+        left = total * (last - now) / now if now > 0 else 0.0
+        limits = (valid, end, tolerance)
+        state, log, written, ahead = _piece(tell, left, layout, numbers, rules, state, *limits)
         if int(state.status) == CROWDED and 0 < rules.members < room:
             places = rules.members, _more_places(layout, rules.members)
             rules = Rules(rules.soft, rules.v0, places[1])
@@ -107,10 +110,11 @@ def from_python(
         more = bool(ahead) or count < int(written)
         pieces.append((log, count))
         total += count
-        tell(total, None, f"t = {float(state.now):.4g} s")
+        tell(total, "impacts", last if not more else float(state.now), last)
         if int(state.status) == CROWDED and rules.members < wanted.members:
             rules = wanted
             state = _with_places(layout, numbers, rules.members, state)
+    tell.says("reading the results")
     log = pieces[0][0] if len(pieces) == 1 else _one_log(layout, numbers, rules, pieces)
     written, ahead = jax.device_put((np.asarray(total), np.asarray(more)))
     return rules, LoopOutcome(log, written, state.status, state.now, ahead, valid)
@@ -125,17 +129,24 @@ def _more_places(layout: SceneLayout, members: int) -> int:
 
 
 def _piece(
-    layout: SceneLayout, numbers: Numbers, rules: Rules, state: RunState, *limits: Array
+    tell: TellRun,
+    left: float,
+    layout: SceneLayout,
+    numbers: Numbers,
+    rules: Rules,
+    state: RunState,
+    *limits: Array,
 ) -> tuple[RunState, Log, Array, Array]:
-    """Run a piece, by the quickly compiled program at first. Once pieces of its kind have run long
-    enough, a faster program is compiled.
+    """Run a piece, by the quickly compiled program at first. A faster program is compiled once it
+    saves its own compilation, by the impacts that have run and those probably `left` in this run.
     """
     kind = jax.tree.structure((layout, numbers, rules, state)), numbers.dtype
     done = _RUN.get(kind, 0)
-    if done * (1 + rules.members) > _PATIENCE:
-        return _swiftly(layout, numbers, rules, state, *limits)
-    piece = _quickly(layout, numbers, rules, state, *limits)
-    _RUN[kind] = done + int(piece[2])
+    swift = (done + left) * (1 + rules.members) >= _PATIENCE
+    if kind not in _RUN or (swift and done < _PATIENCE):
+        tell.says("compiling")
+    piece = (_swiftly if swift else _quickly)(layout, numbers, rules, state, *limits)
+    _RUN[kind] = _PATIENCE if swift else done + int(piece[2])
     return piece
 
 
