@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,8 +16,11 @@ from jaxtyping import Array
 from ..._coupled.scalars import Number
 from ..._entry import shown
 from ..._program import quick
-from ..derivative.replay import differentiable
-from ..engine.log import Log
+from ..arrays.arrays import Numbers
+from ..derivative.differentiable_run import row_matrices
+from ..derivative.replay import chain_matrices, push_tangents
+from ..derivative.slopes import Matrices
+from ..engine.log import Log, LogNumbers
 from ..engine.state import Rules
 from ..result import Ending, nan_unless, traced
 from ..run_record import RunRecord
@@ -23,6 +28,9 @@ from .states import any_inside, kinematics_at, kinematics_in_log
 
 _MOST = 24
 """The largest number of directions in the bidiagonalisation."""
+
+_DENSE = 256
+"""The largest number of columns of a derivative that is formed as a matrix, for a single run."""
 
 
 class Margin(eqx.Module):
@@ -53,10 +61,11 @@ class Margin(eqx.Module):
         angle to the normal.
 
         Rounding is amplified alike: a run of growth G has lost log10 G digits. The value is NaN if
-        the run did not complete. It is computed on access by Lanczos bidiagonalisation along the
-        recorded impacts. It is exact for up to 12 position coordinates, and else a lower bound that
-        is close if the growth is large. A run with finite-duration impacts compiles a separate
-        program.
+        the run did not complete. It is computed on access along the recorded impacts. It is exact
+        for a single run of up to 128 position coordinates, by the matrices of its impacts, whose
+        program gradients share. Otherwise it is found by Lanczos bidiagonalisation in a separate
+        program: exact for up to 12 position coordinates, and else a lower bound that is close if
+        the growth is large.
 
         Source: Golub & Kahan (1965), doi 10.1137/0702016.
         """
@@ -68,24 +77,27 @@ class Margin(eqx.Module):
 
 def _growth(record: RunRecord) -> Array:
     """Return the growth of a run, or of each run of a batch."""
-    coupled, inside = record.rules.members > 0, record.rules.soft
+    layout, coupled, inside = record.layout, record.rules.members > 0, record.rules.soft
+    free = tuple(k for k in range(layout.visible) if not layout.fixed[k])
     if not traced(record):
         # Only the parts that occurred are compiled.
         coupled = record.log.facts.call is not None and bool(jnp.any(_each(_any_calls, record)))
         inside = inside and bool(jnp.any(_each(_ends_inside, record)))
+        if record.length.ndim == 0 and 0 < 2 * len(free) * layout.dimensions <= _DENSE:
+            return _of_matrix(record, free, inside)
     if not coupled:
         figures, facts = record.log
         log = Log(figures._replace(coupled=None), facts._replace(call=None))
         rules = Rules(record.rules.soft, record.rules.v0, 0)
         record = dataclasses.replace(record, rules=rules, outcome=record.outcome._replace(log=log))
-    return _each(_largest if not inside else _largest_inside, record)
+    return _each(_largest, record, free, inside)
 
 
 @quick
-def _each(function: Callable[[RunRecord], Array], record: RunRecord) -> Array:
+def _each(function: Callable[..., Array], record: RunRecord, *static: Any) -> Array:
     for _ in range(record.length.ndim):
         function = eqx.filter_vmap(function)
-    return function(record)
+    return function(record, *static)
 
 
 def _any_calls(record: RunRecord) -> Array:
@@ -98,56 +110,86 @@ def _ends_inside(record: RunRecord) -> Array:
     return any_inside(record, record.length[None])
 
 
-def _largest_inside(record: RunRecord) -> Array:
-    """Return `_largest` for a run in which bodies may be in contact at the end."""
-    return _largest(record, inside=True)
-
-
-def _largest(record: RunRecord, inside: bool = False) -> Array:
-    """Return the largest singular value by Golub-Kahan bidiagonalisation."""
-    record = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, record)
-    layout, numbers = record.layout, record.numbers
-    end, completed = record.length, record.ending()[0] == int(Ending.COMPLETED)
-    free = np.array([k for k in range(layout.visible) if not layout.fixed[k]], int)
-    if free.size == 0:
-        return nan_unless(jnp.ones_like(end), completed)
-
+def _slope(
+    record: RunRecord, free: tuple[int, ...], inside: bool, rows: Callable[[Numbers], LogNumbers]
+) -> tuple[Array, Callable[[Array], Array]]:
+    """Return z(0) of the free spheres, and the map from its changes to those of z(T). `rows` maps
+    tangents of the scene's numbers to those of the log.
+    """
+    numbers, end, who = record.numbers, record.length, np.array(free, int)
     amid = None if numbers.start is None else numbers.start.underway
 
-    def outcome(start: Array) -> Array:
-        there = dataclasses.replace(
-            numbers,
-            position=numbers.position.at[free].set(start[0]),
-            velocity=numbers.velocity.at[free].set(start[1] / end),
-        )
+    def begun(start: Array) -> Numbers:
+        moved = {"position": start[0], "velocity": start[1] / end}
+        there = {k: getattr(numbers, k).at[who].set(x) for k, x in moved.items()}
+        there = dataclasses.replace(numbers, **there)
         if amid is not None:
             # A sphere within an impact at the start varies with the state before that impact.
-            led = amid._replace(
-                position=amid.position.at[free].set(start[0]),
-                velocity=amid.velocity.at[free].set(start[1] / end),
-            )
+            led = {k: getattr(amid, k).at[who].set(x) for k, x in moved.items()}
+            led = amid._replace(**led)
             there = eqx.tree_at(lambda numbers: numbers.start.underway, there, led)
-        varied = differentiable(dataclasses.replace(record, numbers=there))
-        at = end[None]
-        states = kinematics_at(varied, at) if inside else kinematics_in_log(varied, at)[0]
-        return jnp.stack([states.position[0, free], states.velocity[0, free] * end])
+        return eqx.filter(there, eqx.is_inexact_array)
+
+    def ended(floats: Numbers, figures: LogNumbers) -> Array:
+        outcome = record.outcome._replace(log=record.log._replace(figures=figures))
+        varied = eqx.combine(floats, numbers)
+        varied = dataclasses.replace(record, numbers=varied, outcome=outcome)
+        read = kinematics_at if inside else lambda *of: kinematics_in_log(*of)[0]
+        states = read(varied, end[None])
+        return jnp.stack([states.position[0, who], states.velocity[0, who] * end])
+
+    def push(change: Array) -> Array:
+        floats, along = jax.jvp(begun, (start,), (change,))
+        return jax.jvp(ended, (floats, record.log.figures), (along, rows(along)))[1]
 
     place, speed = numbers.position, numbers.velocity
     if amid is not None:
         on = amid.counts[:, None]
         place, speed = jnp.where(on, amid.position, place), jnp.where(on, amid.velocity, speed)
-    start = jnp.stack([place[free], speed[free] * end])
-    _, push = jax.linearize(outcome, start)
+    start = jnp.stack([place[who], speed[who] * end])
+    return start, push
+
+
+def _of_matrix(record: RunRecord, free: tuple[int, ...], inside: bool) -> Array:
+    """Return the largest singular value of the whole derivative of a single run."""
+    of_run = (record.layout, record.rules, record.numbers, record.outcome, record.tolerance)
+    outcome, matrices = row_matrices(*of_run)
+    record = dataclasses.replace(record, outcome=outcome)
+    matrix, completed = jax.tree.map(np.asarray, _matrix(record, free, inside, matrices))
+    # The derivative may overflow.
+    growth = np.linalg.svd(matrix, compute_uv=False)[0] if np.all(np.isfinite(matrix)) else np.inf
+    return jax.device_put(np.asarray(growth if completed else np.nan, matrix.dtype))
+
+
+@quick
+def _matrix(
+    record: RunRecord, free: tuple[int, ...], inside: bool, matrices: Matrices
+) -> tuple[Array, Array]:
+    """Return the derivative, transposed, and whether the run completed."""
+    of_rows = (record.layout, record.rules, record.numbers, record.log, record.outcome.written)
+    start, push = _slope(record, free, inside, partial(chain_matrices, *of_rows, matrices))
+    each = jnp.eye(start.size, dtype=start.dtype).reshape(-1, *start.shape)
+    columns = jax.lax.map(lambda change: push(change).reshape(-1), each)
+    return columns, record.ending()[0] == int(Ending.COMPLETED)
+
+
+def _largest(record: RunRecord, free: tuple[int, ...], inside: bool) -> Array:
+    """Return the largest singular value by Golub-Kahan bidiagonalisation."""
+    record = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, record)
+    completed = record.ending()[0] == int(Ending.COMPLETED)
+    if not free:
+        return nan_unless(jnp.ones_like(record.length), completed)
+    of_rows = (record.layout, record.rules, record.numbers, record.log, record.outcome.written)
+    rows = partial(push_tangents, *of_rows, record.tolerance)
+    start, push = _slope(record, free, inside, rows)
+    # The rows are solved once.
+    _, push = jax.linearize(push, start)
     pull = jax.linear_transpose(push, start)
 
-    def length(change: Array) -> Array:
+    def along(change: Array) -> tuple[Array, Array]:
         # The squares could overflow without the scaling.
         largest = jnp.max(jnp.abs(change))
-        safe = jnp.where(largest > 0, largest, 1)
-        return safe * jnp.sqrt(jnp.sum(jnp.square(change / safe)))
-
-    def along(change: Array) -> tuple[Array, Array]:
-        size = length(change)
+        size = largest * jnp.linalg.norm(change / jnp.where(largest > 0, largest, 1))
         return change / jnp.where(size > 0, size, 1), size
 
     def step(k: Array, carry: tuple[Array, Array, Array, Array]) -> tuple[Array, ...]:
