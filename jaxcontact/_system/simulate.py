@@ -213,9 +213,9 @@ def _pieces(
     """Return the end of a run from Python, whose log grows by pieces."""
     pieces: list[SystemEnd] = []
     rest, contacts = problem, 0
-    arrays, others = eqx.partition(problem, eqx.is_array)
-    shapes = tuple((x.shape, x.dtype) for x in jax.tree.leaves(arrays))
-    kind = rules, jax.tree.structure(problem), shapes, tuple(jax.tree.leaves(others))
+    leaves, structure = jax.tree.flatten(problem)
+    kinds = (x if not hasattr(x, "dtype") else (x.shape, x.dtype) for x in leaves)
+    kind = rules, structure, tuple(kinds)
     tell.says("running" if kind in _COMPILED else "compiling")
     while True:
         pieces.append(_solved(rest, rules))

@@ -66,28 +66,29 @@ def progress_of(
         bar.set_postfix_str(note, refresh=False)
         bar.update(done - bar.n)
 
+    with contextlib.closing(bar), _ticking(bar) if ticks else contextlib.nullcontext():
+        yield tell
+
+
+@contextlib.contextmanager
+def _ticking(bar: Any) -> Iterator[None]:
+    """Show the bar by another thread too, as compilation blocks the caller."""
     over = threading.Event()
 
     def tick() -> None:
-        # A file also shows the first second's note, and then as seldom as before.
-        seldom, bar.mininterval = bar.mininterval, 0
         while not over.wait(_TICK):
             if bar.postfix:
                 bar.update(0)
-            if bar.last_print_t > bar.start_t:
-                bar.mininterval = seldom
 
-    # Compilation blocks the caller, so that another thread looks at the clock.
+    # A file has the first note after a second, too.
+    bar.last_print_t -= bar.mininterval
     clock = threading.Thread(target=tick, daemon=True)
-    with contextlib.closing(bar):
-        if ticks:
-            clock.start()
-        try:
-            yield tell
-        finally:
-            over.set()
-            if ticks:
-                clock.join()
+    clock.start()
+    try:
+        yield
+    finally:
+        over.set()
+        clock.join()
 
 
 class TellRun:
@@ -95,26 +96,20 @@ class TellRun:
 
     def __init__(self, tell: Tell, listens: bool):
         self._tell, self._listens = tell, listens
-        self._since = time.monotonic()
-        self._compiles = False
-        self._seconds = self._covered = self._reached = 0.0
+        self._since: tuple[float, float] | None = None
 
     def says(self, note: str) -> None:
-        """Show a note until the next call. The seconds of "compiling" do not count as running."""
-        self._since, self._compiles = time.monotonic(), note == "compiling"
+        """Show a note until the next call. What is "compiling" does not count as running."""
+        self._since = None if note == "compiling" else (time.monotonic(), 0.0)
         if not self._listens:
             self._tell(0, None, note)
 
     def __call__(self, count: int, things: str, reached: float, end: float) -> None:
         """Show the number of things so far, the simulated time of the whole, and the time left."""
-        now = time.monotonic()
-        if not self._compiles:
-            self._seconds += now - self._since
-            self._covered += reached - self._reached
-        self._since, self._compiles, self._reached = now, False, reached
-        note = f"t = {reached:.4g} of {end:.4g} s, {count} {things}"
-        if self._covered > 0:
-            note += f", {self._seconds * (end - reached) / self._covered:.0f} s left"
+        now, note = time.monotonic(), f"t = {reached:.4g} of {end:.4g} s, {count} {things}"
+        began, first = self._since = self._since or (now, reached)
+        if reached > first:
+            note += f", {(now - began) * (end - reached) / (reached - first):.0f} s left"
         self._tell(count if self._listens else 0, None, note)
 
 

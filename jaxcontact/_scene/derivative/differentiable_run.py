@@ -19,6 +19,7 @@ from ..arrays.arrays import Numbers, SceneLayout
 from ..engine.log import LogNumbers, LoopOutcome
 from ..engine.state import Rules
 from ..result import SolvedBy
+from ..run_record import RunRecord
 from .replay import chain_matrices, push_tangents
 from .slopes import Kept, Matrices, matrices
 
@@ -87,15 +88,11 @@ def differentiable_run(
 _pushed = eqx.filter_jit(push_tangents)
 
 
-def row_matrices(
-    layout: SceneLayout, rules: Rules, numbers: Numbers, outcome: LoopOutcome, tolerance: Array
-) -> tuple[LoopOutcome, Matrices]:
-    """Return the outcome of a single run as derivatives use it, and the matrices of its rows, by
-    the program of a gradient.
-    """
-    outcome = _shorten(outcome)
-    parts = (layout, rules, numbers, outcome.log, *_kinds(outcome), tolerance)
-    return outcome, _matrices(None, _is_by_formula(outcome), *parts)
+def row_matrices(record: RunRecord) -> tuple[LoopOutcome, Matrices]:
+    """Return the outcome of a single run as a gradient uses it, and the matrices of its rows."""
+    outcome = _shorten(record.outcome)
+    parts = (record.layout, record.rules, record.numbers, outcome.log, *_kinds(outcome))
+    return outcome, _matrices(None, _is_by_formula(outcome), *parts, record.tolerance)
 
 
 def _is_by_formula(outcome: LoopOutcome) -> bool:

@@ -99,8 +99,8 @@ def from_python(
             state, crowded_at = _with_room(layout, numbers, state, crowded_at)
         before, now = state, float(state.now)
         left = total * (last - now) / now if now > 0 else 0.0
-        limits = (valid, end, tolerance)
-        state, log, written, ahead = _piece(tell, left, layout, numbers, rules, state, *limits)
+        now_with = (layout, numbers, rules, state, valid, end, tolerance)
+        state, log, written, ahead = _piece(tell, left, *now_with)
         if int(state.status) == CROWDED and 0 < rules.members < room:
             places = rules.members, _more_places(layout, rules.members)
             rules = Rules(rules.soft, rules.v0, places[1])
@@ -130,24 +130,17 @@ def _more_places(layout: SceneLayout, members: int) -> int:
     return more + all_fit(layout, more)
 
 
-def _piece(
-    tell: TellRun,
-    left: float,
-    layout: SceneLayout,
-    numbers: Numbers,
-    rules: Rules,
-    state: RunState,
-    *limits: Array,
-) -> tuple[RunState, Log, Array, Array]:
+def _piece(tell: TellRun, left: float, *inputs: Any) -> tuple[RunState, Log, Array, Array]:
     """Run a piece, by the quickly compiled program at first. A faster program is compiled once it
     saves its own compilation, by the impacts that have run and those probably `left` in this run.
     """
-    kind = jax.tree.structure((layout, numbers, rules, state)), numbers.dtype
+    _, numbers, rules, *_ = inputs
+    kind = jax.tree.structure(inputs[:4]), numbers.dtype
     done = _RUN.get(kind, 0)
     swift = (done + left) * (1 + rules.members) ** 2 >= _PATIENCE
     if kind not in _RUN or (swift and done < _PATIENCE):
         tell.says("compiling")
-    piece = (_swiftly if swift else _quickly)(layout, numbers, rules, state, *limits)
+    piece = (_swiftly if swift else _quickly)(*inputs)
     _RUN[kind] = _PATIENCE if swift else done + int(piece[2])
     return piece
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -28,9 +27,6 @@ from .states import any_inside, kinematics_at, kinematics_in_log
 
 _MOST = 24
 """The largest number of directions in the bidiagonalisation."""
-
-_DENSE = 256
-"""The largest number of columns of a derivative that is formed as a matrix, for a single run."""
 
 
 class Margin(eqx.Module):
@@ -61,11 +57,10 @@ class Margin(eqx.Module):
         angle to the normal.
 
         Rounding is amplified alike: a run of growth G has lost log10 G digits. The value is NaN if
-        the run did not complete. It is computed on access along the recorded impacts. It is exact
-        for a single run of up to 128 position coordinates, by the matrices of its impacts, whose
-        program gradients share. Otherwise it is found by Lanczos bidiagonalisation in a separate
-        program: exact for up to 12 position coordinates, and else a lower bound that is close if
-        the growth is large.
+        the run did not complete. It is computed on access by Lanczos bidiagonalisation along the
+        recorded impacts. It is exact for up to 12 position coordinates, and else a lower bound that
+        is close if the growth is large. A single run compiles the matrices of its impacts,
+        as a gradient does, and shares their program with it.
 
         Source: Golub & Kahan (1965), doi 10.1137/0702016.
         """
@@ -77,32 +72,28 @@ class Margin(eqx.Module):
 
 def _growth(record: RunRecord) -> Array:
     """Return the growth of a run, or of each run of a batch."""
-    layout, coupled, inside = record.layout, record.rules.members > 0, record.rules.soft
-    free = tuple(k for k in range(layout.visible) if not layout.fixed[k])
+    coupled, inside, matrices = record.rules.members > 0, record.rules.soft, None
     if not traced(record):
         # Only the parts that occurred are compiled.
-        coupled = record.log.facts.call is not None and bool(jnp.any(_each(_any_calls, record)))
+        call = record.log.facts.call
+        coupled = call is not None and bool(np.any(np.asarray(call.is_call)))
         inside = inside and bool(jnp.any(_each(_ends_inside, record)))
-        if record.length.ndim == 0 and 0 < 2 * len(free) * layout.dimensions <= _DENSE:
-            return _of_matrix(record, free, inside)
-    if not coupled:
+        if record.length.ndim == 0:
+            outcome, matrices = row_matrices(record)
+            record = dataclasses.replace(record, outcome=outcome)
+    if not coupled and matrices is None:
         figures, facts = record.log
         log = Log(figures._replace(coupled=None), facts._replace(call=None))
         rules = Rules(record.rules.soft, record.rules.v0, 0)
         record = dataclasses.replace(record, rules=rules, outcome=record.outcome._replace(log=log))
-    return _each(_largest, record, free, inside)
+    return _each(_largest, record, inside, matrices)
 
 
 @quick
-def _each(function: Callable[..., Array], record: RunRecord, *static: Any) -> Array:
+def _each(function: Callable[..., Array], record: RunRecord, *others: Any) -> Array:
     for _ in range(record.length.ndim):
         function = eqx.filter_vmap(function)
-    return function(record, *static)
-
-
-def _any_calls(record: RunRecord) -> Array:
-    assert record.calls is not None
-    return jnp.any(record.calls)
+    return function(record, *others)
 
 
 def _ends_inside(record: RunRecord) -> Array:
@@ -110,80 +101,53 @@ def _ends_inside(record: RunRecord) -> Array:
     return any_inside(record, record.length[None])
 
 
-def _slope(
-    record: RunRecord, free: tuple[int, ...], inside: bool, rows: Callable[[Numbers], LogNumbers]
-) -> tuple[Array, Callable[[Array], Array]]:
-    """Return z(0) of the free spheres, and the map from its changes to those of z(T). `rows` maps
-    tangents of the scene's numbers to those of the log.
+def _largest(record: RunRecord, inside: bool, matrices: Matrices | None) -> Array:
+    """Return the largest singular value by Golub-Kahan bidiagonalisation. Without the `matrices` of
+    its rows each row is solved again.
     """
-    numbers, end, who = record.numbers, record.length, np.array(free, int)
+    record = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, record)
+    layout, numbers, log = record.layout, record.numbers, record.log
+    end, completed = record.length, record.ending()[0] == int(Ending.COMPLETED)
+    free = np.array([k for k in range(layout.visible) if not layout.fixed[k]], int)
+    if free.size == 0:
+        return nan_unless(jnp.ones_like(end), completed)
+
     amid = None if numbers.start is None else numbers.start.underway
 
     def begun(start: Array) -> Numbers:
         moved = {"position": start[0], "velocity": start[1] / end}
-        there = {k: getattr(numbers, k).at[who].set(x) for k, x in moved.items()}
+        there = {k: getattr(numbers, k).at[free].set(x) for k, x in moved.items()}
         there = dataclasses.replace(numbers, **there)
         if amid is not None:
             # A sphere within an impact at the start varies with the state before that impact.
-            led = {k: getattr(amid, k).at[who].set(x) for k, x in moved.items()}
+            led = {k: getattr(amid, k).at[free].set(x) for k, x in moved.items()}
             led = amid._replace(**led)
             there = eqx.tree_at(lambda numbers: numbers.start.underway, there, led)
         return eqx.filter(there, eqx.is_inexact_array)
 
     def ended(floats: Numbers, figures: LogNumbers) -> Array:
-        outcome = record.outcome._replace(log=record.log._replace(figures=figures))
-        varied = eqx.combine(floats, numbers)
-        varied = dataclasses.replace(record, numbers=varied, outcome=outcome)
-        read = kinematics_at if inside else lambda *of: kinematics_in_log(*of)[0]
-        states = read(varied, end[None])
-        return jnp.stack([states.position[0, who], states.velocity[0, who] * end])
+        outcome = record.outcome._replace(log=log._replace(figures=figures))
+        there = eqx.combine(floats, numbers)
+        varied, at = dataclasses.replace(record, numbers=there, outcome=outcome), end[None]
+        states = kinematics_at(varied, at) if inside else kinematics_in_log(varied, at)[0]
+        return jnp.stack([states.position[0, free], states.velocity[0, free] * end])
 
-    def push(change: Array) -> Array:
+    def moved(change: Array) -> Array:
         floats, along = jax.jvp(begun, (start,), (change,))
-        return jax.jvp(ended, (floats, record.log.figures), (along, rows(along)))[1]
+        of_rows = (layout, record.rules, numbers, log, record.outcome.written)
+        if matrices is None:
+            rows = push_tangents(*of_rows, record.tolerance, along)
+        else:
+            rows = chain_matrices(*of_rows, matrices, along)
+        return jax.jvp(ended, (floats, log.figures), (along, rows))[1]
 
     place, speed = numbers.position, numbers.velocity
     if amid is not None:
         on = amid.counts[:, None]
         place, speed = jnp.where(on, amid.position, place), jnp.where(on, amid.velocity, speed)
-    start = jnp.stack([place[who], speed[who] * end])
-    return start, push
-
-
-def _of_matrix(record: RunRecord, free: tuple[int, ...], inside: bool) -> Array:
-    """Return the largest singular value of the whole derivative of a single run."""
-    of_run = (record.layout, record.rules, record.numbers, record.outcome, record.tolerance)
-    outcome, matrices = row_matrices(*of_run)
-    record = dataclasses.replace(record, outcome=outcome)
-    matrix, completed = jax.tree.map(np.asarray, _matrix(record, free, inside, matrices))
-    # The derivative may overflow.
-    growth = np.linalg.svd(matrix, compute_uv=False)[0] if np.all(np.isfinite(matrix)) else np.inf
-    return jax.device_put(np.asarray(growth if completed else np.nan, matrix.dtype))
-
-
-@quick
-def _matrix(
-    record: RunRecord, free: tuple[int, ...], inside: bool, matrices: Matrices
-) -> tuple[Array, Array]:
-    """Return the derivative, transposed, and whether the run completed."""
-    of_rows = (record.layout, record.rules, record.numbers, record.log, record.outcome.written)
-    start, push = _slope(record, free, inside, partial(chain_matrices, *of_rows, matrices))
-    each = jnp.eye(start.size, dtype=start.dtype).reshape(-1, *start.shape)
-    columns = jax.lax.map(lambda change: push(change).reshape(-1), each)
-    return columns, record.ending()[0] == int(Ending.COMPLETED)
-
-
-def _largest(record: RunRecord, free: tuple[int, ...], inside: bool) -> Array:
-    """Return the largest singular value by Golub-Kahan bidiagonalisation."""
-    record = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, record)
-    completed = record.ending()[0] == int(Ending.COMPLETED)
-    if not free:
-        return nan_unless(jnp.ones_like(record.length), completed)
-    of_rows = (record.layout, record.rules, record.numbers, record.log, record.outcome.written)
-    rows = partial(push_tangents, *of_rows, record.tolerance)
-    start, push = _slope(record, free, inside, rows)
-    # The rows are solved once.
-    _, push = jax.linearize(push, start)
+    start = jnp.stack([place[free], speed[free] * end])
+    # What does not depend on the change is computed once.
+    _, push = jax.linearize(moved, start)
     pull = jax.linear_transpose(push, start)
 
     def along(change: Array) -> tuple[Array, Array]:
