@@ -214,8 +214,7 @@ def _pieces(
     pieces: list[SystemEnd] = []
     rest, contacts = problem, 0
     leaves, structure = jax.tree.flatten(problem)
-    kinds = (x if not hasattr(x, "dtype") else (x.shape, x.dtype) for x in leaves)
-    kind = rules, structure, tuple(kinds)
+    kind = rules, structure, *((x.shape, x.dtype) if hasattr(x, "dtype") else x for x in leaves)
     tell.says("running" if kind in _COMPILED else "compiling")
     while True:
         pieces.append(_solved(rest, rules))

@@ -14,8 +14,6 @@ _PATIENCE = 1.0
 """Seconds; work that ends sooner shows no bar."""
 _TERMINAL, _FILE = 0.2, 10.0
 """Seconds between two updates of the bar, in a terminal and in a file."""
-_TICK = 0.2
-"""Seconds between two looks at the clock while a simulation reports nothing."""
 
 Listener = Callable[[int, int], None]
 """A user's function of the work done and the whole work."""
@@ -76,14 +74,13 @@ def _ticking(bar: Any) -> Iterator[None]:
     over = threading.Event()
 
     def tick() -> None:
-        while not over.wait(_TICK):
+        while not over.wait(_TERMINAL):
             if bar.postfix:
                 bar.update(0)
 
     # A file has the first note after a second, too.
     bar.last_print_t -= bar.mininterval
-    clock = threading.Thread(target=tick, daemon=True)
-    clock.start()
+    (clock := threading.Thread(target=tick, daemon=True)).start()
     try:
         yield
     finally:

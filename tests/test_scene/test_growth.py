@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from jaxcontact._scene.derivative import differentiable_run
 
 EXACT = 1e-6
 """Against the largest singular value by other means: measured 1e-9."""
@@ -89,6 +90,20 @@ def test_growth_against_differences_of_the_run():
     columns = [(end(start * unit + s) - end(start * unit - s)) / (2 * h) for s in steps]
     largest = np.linalg.svd(np.array(columns))[1][0]
     np.testing.assert_allclose(run.margin.growth, largest, rtol=DIFFERENCES)
+
+
+def test_the_growth_shares_its_program_with_a_gradient(monkeypatch):
+    traced, matrices = [], differentiable_run.matrices
+    counted = lambda *of, **how: traced.append(1) or matrices(*of, **how)  # noqa: E731
+    monkeypatch.setattr(differentiable_run, "matrices", counted)
+
+    def end(speed):
+        balls = [jc.Sphere(0.1, 1.0, [0.0], speed[None]), jc.Sphere(0.1, 2.0, [1.0])]
+        return jc.simulate(jc.Scene(balls, jc.ExactRestitution(e=0.9)), 2.0, instantaneous=True)
+
+    assert np.isfinite(end(jnp.asarray(1.0)).margin.growth) and len(traced) == 1
+    jax.grad(lambda speed: end(speed).position[-1, 1, 0])(1.0)
+    assert len(traced) == 1
 
 
 @pytest.mark.slow(reason="the growth through a soft scene")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -36,9 +37,9 @@ compiled. Measured: it saves that time after 105,000 instantaneous impacts, and 
 of a coupled solve with six slots. It is not a time: the two programs round differently, and a
 script must reproduce its numbers."""
 
-_RUN: dict[Any, int] = {}
-"""The number of impacts of each kind that have run in a quickly compiled program, or `_PATIENCE`
-once the faster one is compiled."""
+_RUN: dict[Any, float] = {}
+"""The number of impacts of each kind that have run in a quickly compiled program; infinite once the
+faster one is compiled."""
 
 
 @eqx.filter_jit
@@ -136,12 +137,12 @@ def _piece(tell: TellRun, left: float, *inputs: Any) -> tuple[RunState, Log, Arr
     """
     _, numbers, rules, *_ = inputs
     kind = jax.tree.structure(inputs[:4]), numbers.dtype
-    done = _RUN.get(kind, 0)
-    swift = (done + left) * (1 + rules.members) ** 2 >= _PATIENCE
-    if kind not in _RUN or (swift and done < _PATIENCE):
-        tell.says("compiling")
+    swift = ((done := _RUN.get(kind, 0)) + left) * (1 + rules.members) ** 2 >= _PATIENCE
+    compiles = kind not in _RUN or (swift and done < math.inf)
+    if compiles or not left:
+        tell.says("compiling" if compiles else "running")
     piece = (_swiftly if swift else _quickly)(*inputs)
-    _RUN[kind] = _PATIENCE if swift else done + int(piece[2])
+    _RUN[kind] = math.inf if swift else done + int(piece[2])
     return piece
 
 
