@@ -229,14 +229,7 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     next_one = rows_of(left, first)
     small = jnp.abs(next_one) <= near * whole
     # If a gap falls slowly, its rounding hides the exact time; this is the attainable accuracy.
-    noise = jnp.broadcast_to(field.noise(y, finest), gaps.shape)
-    if field.rules.peak:
-        # Forces may rise so steeply at a touch that the depth's rounding hides a peak, too.
-        count, pace = trial.now.depth.shape[0], _stop(trial.slope.depth)
-        peak = slice(count, 2 * count)
-        hides = 1 + jnp.abs(_stop(fall[peak])) / jnp.where(pace > 0, pace, jnp.inf)
-        noise = jnp.concatenate([noise[:count], noise[peak] * hides, noise[2 * count :]])
-    on_event = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * noise)
+    on_event = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * field.noise(y, finest))
     stuck = jnp.any(on_event) | (anything & (c.size < finest))
     event = fine & (small | stuck)
     taken = fine & (event | ~anything)
