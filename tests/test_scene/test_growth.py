@@ -93,17 +93,16 @@ def test_growth_against_differences_of_the_run():
 
 
 def test_the_growth_shares_its_program_with_a_gradient(monkeypatch):
-    traced, matrices = [], differentiable_run.matrices
-    name, counted = "matrices", lambda *of, **how: traced.append(1) or matrices(*of, **how)
-    monkeypatch.setattr(differentiable_run, name, counted)
+    used, program = [], differentiable_run.matrices
+    count = lambda *of, **how: used.append(1) or program(*of, **how)  # noqa: E731
+    monkeypatch.setattr(differentiable_run, "matrices", count)
 
     def end(speed):
         balls = [jc.Sphere(0.1, 1.0, [0.0], speed[None]), jc.Sphere(0.1, 2.0, [1.0])]
         return jc.simulate(jc.Scene(balls, jc.ExactRestitution(e=0.9)), 2.0, instantaneous=True)
 
-    assert np.isfinite(end(jnp.asarray(1.0)).margin.growth) and len(traced) == 1
-    jax.grad(lambda speed: end(speed).position[-1, 1, 0])(1.0)
-    assert len(traced) == 1
+    assert end(jnp.asarray(1.0)).margin.growth > 1
+    assert jax.grad(lambda speed: end(speed).position[-1, 1, 0])(1.0) > 0 and used == [1]
 
 
 @pytest.mark.slow(reason="the growth through a soft scene")
