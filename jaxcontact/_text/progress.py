@@ -89,14 +89,14 @@ def _ticking(bar: Any) -> Iterator[None]:
 
 
 class TellRun:
-    """What a simulation calls to show what it does, and how far it is."""
+    """Functions that a simulation calls to show its work and its progress."""
 
     def __init__(self, tell: Tell, listens: bool):
         self._tell, self._listens = tell, listens
         self._since: tuple[float, float] | None = None
 
     def says(self, note: str) -> None:
-        """Show a note until the next call. What is "compiling" does not count as running."""
+        """Show a note until the next call. The time left counts no seconds of "compiling"."""
         self._since = None if note == "compiling" else (time.monotonic(), 0.0)
         if not self._listens:
             self._tell(0, None, note)

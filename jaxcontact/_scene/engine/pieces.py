@@ -94,14 +94,13 @@ def from_python(
     if grid is not None:
         state = _expecting(layout, numbers, state, state.now, grid)
     pieces: list[tuple[Log, int]] = []
-    total, more, crowded_at, last = 0, True, -1.0, float(end)
+    total, more, crowded_at = 0, True, -1.0
     while more and int(state.status) == RUNNING and (most is None or total < most):
         if state.cells is not None and bool(state.cells.full):
             state, crowded_at = _with_room(layout, numbers, state, crowded_at)
-        before, now = state, float(state.now)
-        left = total * (last - now) / now if now > 0 else 0.0
-        now_with = (layout, numbers, rules, state, valid, end, tolerance)
-        state, log, written, ahead = _piece(tell, left, *now_with)
+        before = state
+        inputs_now = (layout, numbers, rules, state, valid, end, tolerance)
+        state, log, written, ahead = _piece(tell, total, *inputs_now)
         if int(state.status) == CROWDED and 0 < rules.members < room:
             places = rules.members, _more_places(layout, rules.members)
             rules = Rules(rules.soft, rules.v0, places[1])
@@ -113,7 +112,7 @@ def from_python(
         more = bool(ahead) or count < int(written)
         pieces.append((log, count))
         total += count
-        tell(total, "impacts", last if not more else float(state.now), last)
+        tell(total, "impacts", float(state.now), float(end))
         if int(state.status) == CROWDED and rules.members < wanted.members:
             rules = wanted
             state = _with_places(layout, numbers, rules.members, state)
@@ -131,11 +130,14 @@ def _more_places(layout: SceneLayout, members: int) -> int:
     return more + all_fit(layout, more)
 
 
-def _piece(tell: TellRun, left: float, *inputs: Any) -> tuple[RunState, Log, Array, Array]:
+def _piece(tell: TellRun, total: int, *inputs: Any) -> tuple[RunState, Log, Array, Array]:
     """Run a piece, by the quickly compiled program at first. A faster program is compiled once it
-    saves its own compilation, by the impacts that have run and those probably `left` in this run.
+    saves its own compilation, by the impacts that have run and those that this run, after `total`
+    of them, probably has left.
     """
-    _, numbers, rules, *_ = inputs
+    _, numbers, rules, state, _, end, _ = inputs
+    now = float(state.now)
+    left = total * (float(end) - now) / now if now > 0 else 0.0
     kind = jax.tree.structure(inputs[:4]), numbers.dtype
     swift = ((done := _RUN.get(kind, 0)) + left) * (1 + rules.members) ** 2 >= _PATIENCE
     compiles = kind not in _RUN or (swift and done < math.inf)

@@ -146,7 +146,7 @@ def _largest(record: RunRecord, inside: bool, matrices: Matrices | None) -> Arra
         on = amid.counts[:, None]
         place, speed = jnp.where(on, amid.position, place), jnp.where(on, amid.velocity, speed)
     start = jnp.stack([place[free], speed[free] * end])
-    # What does not depend on the change is computed once.
+    # Parts that do not depend on the change are computed once.
     _, push = jax.linearize(moved, start)
     pull = jax.linear_transpose(push, start)
 
