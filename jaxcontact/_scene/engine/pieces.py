@@ -34,8 +34,8 @@ _PIECE = 256
 _PATIENCE = 131_072
 """The number of impacts, times the square of one plus the slots, for which the faster program is
 compiled. Measured: it saves that time after 105,000 instantaneous impacts, and after 1,900 calls
-of a coupled solve with six slots. It is not a time: the two programs round differently, and a
-script must reproduce its numbers."""
+of a coupled solve with six slots; no other capacity was measured. It is not a time: the two
+programs round differently, and a script must reproduce its numbers."""
 
 _RUN: dict[Any, float] = {}
 """The number of impacts of each kind that have run in a quickly compiled program; infinite once the
