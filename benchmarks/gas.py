@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import platform
 from pathlib import Path
 
 import jax
@@ -19,6 +18,7 @@ jax.config.update("jax_enable_x64", True)
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import curve_fit
+from study import machine
 
 import jaxcontact as jc
 
@@ -180,14 +180,8 @@ def main() -> None:
         ),
     ]  # fmt: skip
     if arguments.out:
-        machine = {
-            "processor": platform.machine(),
-            "device": str(jax.devices()[0].device_kind),
-            "jax": jax.__version__,
-            "precision": "float64",
-        }
         table = {
-            "machine": machine, "table": rows, "energy_drift": worst, "elastic": elastic,
+            "machine": machine(), "table": rows, "energy_drift": worst, "elastic": elastic,
             "constant": haff, "viscoelastic": slow,
         }  # fmt: skip
         arguments.out.write_text(json.dumps(table, indent=1) + "\n")

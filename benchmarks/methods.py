@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import platform
 import sys
 import time
 from collections.abc import Callable
@@ -34,6 +33,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
+from benchmarks.study import machine
 from benchmarks.time_and_error import by_diffrax, by_scipy
 from benchmarks.time_and_error.ours import OURS
 from benchmarks.time_and_error.problems import PROBLEMS, Problem, function_of
@@ -227,16 +227,9 @@ def main() -> None:
 
 def written(path: Path | None, rows: list[dict]) -> None:
     """Print the machine, and write it with the rows to a JSON file."""
-    machine = {
-        "processor": platform.machine(),
-        "device": str(jax.devices()[0].device_kind),
-        "jax": jax.__version__,
-        "diffrax": diffrax.__version__,
-        "precision": "float64",
-    }
-    print(machine)
+    print(about := machine())
     if path is not None:
-        path.write_text(json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n")
+        path.write_text(json.dumps({"machine": about, "rows": rows}, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -126,16 +126,12 @@ def slanted(factor, law):
     return velocity(pair, law, 0.5, instantaneous=False, room=4, stiffness=1e9)
 
 
-def _marhefka():
-    return jc.MarhefkaOrin(a=0.05)
-
-
 SKIPS = {
     "no gravity: none, or zeros": Skip(box, lambda s: box(s, gravity=[0.0, 0.0])),
     "one dimension, or two": Skip(line, lambda s: line(s, 2)),
     "one shared law, or a table of equal ones": Skip(
-        lambda s: line(s, law=_marhefka(), stiffness=1e6),
-        lambda s: line(s, law=alike(_marhefka), stiffness=1e6),
+        lambda s: line(s, law=jc.MarhefkaOrin(a=0.05), stiffness=1e6),
+        lambda s: line(s, law=alike(lambda: jc.MarhefkaOrin(a=0.05)), stiffness=1e6),
     ),
     "no path, or 512 times": Skip(line, lambda s: line(s, times=np.linspace(0, 6, 512))),
     "pairs that stand: fixed, or of 1e30 kg": Skip(box, lambda s: box(s, pins="heavy")),

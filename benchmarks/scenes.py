@@ -4,8 +4,8 @@
 
 The package is compared with SciPy and plain diffrax, both restarted at events. Each uses the
 loosest tolerance that reaches the error. The study then measures the cost of an instantaneous
-impact and of a gradient, in steps and in values, and the gain by skipping unneeded parts (`--only
-skips`). Only the ratios are meaningful; compile time is measured separately.
+impact and of a gradient, in steps and in values, the gain by skipping unneeded parts (`--only
+skips`), and beds (`--only beds`). Only ratios are meaningful; beds are in CPU time, with compiling.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import functools
 import json
-import platform
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,20 +21,12 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import diffrax
 import jax.numpy as jnp
 import numpy as np
 import scene_skips
 from scene_costs import best, gradient_cost, impact_cost
-from time_and_error.line_scenes import (
-    Fixed,
-    Line,
-    by_diffrax,
-    by_scipy,
-    line,
-    oblique,
-    scene_of,
-)
+from study import machine
+from time_and_error.line_scenes import Fixed, Line, by_diffrax, by_scipy, line, oblique, scene_of
 
 import jaxcontact as jc
 
@@ -106,6 +98,24 @@ def compared(name: str, line: Line) -> list[dict]:
     return rows
 
 
+def beds() -> list[dict]:
+    """Balls of 2 cm that settle in a box, in CPU seconds of the first and a later run."""
+    rows = []
+    for axes, count in ((2, 3), (2, 6), (3, 4)):
+        low, high = [0.0] * axes, [0.06] * (axes - 1) + [0.02 * count]
+        balls = jc.random_spheres(count, low=low, high=high, radius=0.01, mass=0.01, seed=1)
+        law, down = jc.HuGuo(e=0.5), [0.0] * (axes - 1) + [-9.81]
+        scene, times = jc.Scene([*balls, jc.Box(low, high)], law, stiffness=1e6, gravity=down), []
+        for _ in range(2):
+            start = time.process_time()
+            run = jc.simulate(scene, 0.2, throw=False, progress=False)
+            times.append(time.process_time() - start)
+        row = {"axes": axes, "balls": count, "impacts": len(run.impacts), "ok": bool(run.ok)}
+        rows.append(row | {"first_s": times[0], "later_s": times[1]})
+        print(rows[-1], flush=True)
+    return rows
+
+
 GROUPS: dict[str, Callable[[], list[dict]]] = {
     "runs": lambda: [
         *compared("line, gaps of 0.1 m", line(0.1, 1e9, 15.0)),
@@ -115,6 +125,7 @@ GROUPS: dict[str, Callable[[], list[dict]]] = {
     "impacts": lambda: [impact_cost(2, 4096), impact_cost(128, 2048), impact_cost(2048, 512)],
     "gradients": lambda: [gradient_cost(2, 64), gradient_cost(128, 256)],
     "skips": scene_skips.rows,
+    "beds": beds,
 }
 
 
@@ -125,17 +136,10 @@ def main() -> None:
     parser.add_argument("--only", choices=GROUPS, help="one group of rows")
     arguments = parser.parse_args()
     groups = {k: rows() for k, rows in GROUPS.items() if arguments.only in (None, k)}
-    machine = {
-        "processor": platform.machine(),
-        "device": str(jax.devices()[0].device_kind),
-        "jax": jax.__version__,
-        "diffrax": diffrax.__version__,
-        "precision": "float64",
-    }
-    print(machine)
+    print(about := machine())
     if arguments.out:
         known = json.loads(arguments.out.read_text()) if arguments.out.exists() else {}
-        table = known | {"machine": machine} | groups
+        table = known | {"machine": about} | groups
         arguments.out.write_text(json.dumps(table, indent=1) + "\n")
 
 

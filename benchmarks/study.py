@@ -7,11 +7,22 @@ between two comments.
 from __future__ import annotations
 
 import argparse
+import importlib.metadata
 import json
+import platform
 from collections.abc import Callable
 from pathlib import Path
 
 HERE = Path(__file__).parent
+
+
+def machine() -> dict[str, str]:
+    """Return the processor, the device and the versions of a result in float64."""
+    import jax
+
+    versions = {name: importlib.metadata.version(name) for name in ("jax", "diffrax")}
+    device = str(jax.devices()[0].device_kind)
+    return {"processor": platform.machine(), "device": device, **versions, "precision": "float64"}
 
 
 def command(

@@ -19,7 +19,7 @@ from ._entry import (
 from ._scene.bodies.entry import one_number
 from ._scene.bodies.scene import Scene
 from ._scene.simulate import require_v0, simulate_scene, times_of
-from ._text.progress import Listener
+from ._text.progress import Listener, progress_of_run
 
 if TYPE_CHECKING:
     from ._scene.run import Run
@@ -55,6 +55,7 @@ def simulate(
     v0: str | float = "peak",
     breakpoints: ArrayLike | Sequence[float] = (),
     max_impacts: int | None = None,
+    progress: bool | Listener | None = None,
     throw: bool = True,
 ) -> SystemRun: ...
 
@@ -92,9 +93,10 @@ def simulate(
       A run that exceeds it is flagged and NaN.
     - `max_cluster`: the capacity of a coupled solve in spheres, at least 2. The default is 8; from
       Python a run that needs more is then repeated with 16 and 32.
-    - `progress`: for runs from Python. None shows the number of impacts on stderr after a second,
-      in a terminal or notebook. True always shows it, False never. A function is called with that
-      number and None, as the total is unknown.
+    - `progress`: for runs from Python. None shows on stderr after a second, in a terminal or
+      notebook, that a program compiles, then the simulated time, the number of impacts and the time
+      left. True always shows it, False never. A function is called with that number and None, as
+      the total is unknown. The run is the same.
 
     An isolated impact has the duration that its law gives it, and the line of centres turns
     meanwhile. Head-on impacts have a closed form. Oblique ones use the radial equation with the
@@ -123,30 +125,31 @@ def simulate(
     interpolation of each step shows. `rtol` bounds the errors relative to the largest speeds. The
     effective mass in a law is that of its touch, with other gaps open. Under `jit` and `vmap` the
     capacity is 64 contacts by default. A negative gap at the start is a contact in progress, which
-    needs v0="peak" or a number. The result is a `SystemRun`. `instantaneous`, `max_cluster` and
-    `progress` belong to scenes only.
+    needs v0="peak" or a number. The result is a `SystemRun`. `instantaneous` and `max_cluster`
+    belong to scenes only. `progress` counts contacts.
 
     Source: event-driven simulation with one stored event a body, Lubachevsky (1991),
     doi 10.1016/0021-9991(91)90222-7.
     """
-    from_scene = {"instantaneous": instantaneous, "max_cluster": max_cluster, "progress": progress}
+    from_scene = {"instantaneous": instantaneous, "max_cluster": max_cluster}
     of_system = {"position": position, "velocity": velocity, "args": args}
     if isinstance(model, Scene):
         _refuse(
             "a `Scene`", **of_system, breakpoints=None if _is_empty(breakpoints) else breakpoints
         )
-        return simulate_scene(
-            model,
-            duration,
-            times=times,
-            rtol=rtol,
-            v0=v0,
-            max_impacts=max_impacts,
-            throw=throw,
-            instantaneous=instantaneous,
-            max_cluster=max_cluster,
-            progress=progress,
-        )
+        with progress_of_run(progress) as tell:
+            return simulate_scene(
+                model,
+                duration,
+                times=times,
+                rtol=rtol,
+                v0=v0,
+                max_impacts=max_impacts,
+                throw=throw,
+                instantaneous=instantaneous,
+                max_cluster=max_cluster,
+                tell=tell,
+            )
     from ._system import System, simulate_system
 
     if not isinstance(model, System):
@@ -155,19 +158,21 @@ def simulate(
         )
     _refuse("a `System`", **from_scene)
     length = one_number(duration, "duration", POSITIVE)
-    return simulate_system(
-        model,
-        length,
-        position=_given("position", position),
-        velocity=_given("velocity", velocity),
-        args=args,
-        times=None if times is None else times_of(times, length),
-        tolerance=require_number("rtol", rtol, FRACTION),
-        v0=require_v0(v0),
-        breakpoints=breakpoints,
-        most=None if max_impacts is None else require_count("max_impacts", max_impacts, 1),
-        throw=require_flag("throw", throw),
-    )
+    with progress_of_run(progress) as tell:
+        return simulate_system(
+            model,
+            length,
+            position=_given("position", position),
+            velocity=_given("velocity", velocity),
+            args=args,
+            times=None if times is None else times_of(times, length),
+            tolerance=require_number("rtol", rtol, FRACTION),
+            v0=require_v0(v0),
+            breakpoints=breakpoints,
+            most=None if max_impacts is None else require_count("max_impacts", max_impacts, 1),
+            tell=tell,
+            throw=require_flag("throw", throw),
+        )
 
 
 def _is_empty(value: Any) -> bool:

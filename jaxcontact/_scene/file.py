@@ -136,7 +136,7 @@ def _scene_of(top: _Place, content: dict[str, Any]) -> tuple[Scene, dict[str, An
     for_scene = [n for n in inspect.signature(Scene).parameters if n != "bodies"]
     # Progress output is not part of a file.
     for_run = [
-        n for n in inspect.signature(simulate_scene).parameters if n not in ("scene", "progress")
+        n for n in inspect.signature(simulate_scene).parameters if n not in ("scene", "tell")
     ]
     tables = [*kinds, random_spheres.__name__, "pair", "material"]
     for name in content:

@@ -25,7 +25,7 @@ from .._entry import (
 from .._laws import require_no_adhesion
 from .._program import derived, quick, traced
 from .._text.failure import checked
-from .._text.progress import Listener, progress_of, require_progress
+from .._text.progress import TellRun
 from .arrays.arrays import Numbers, SceneLayout, first_overlap, layout_of
 from .arrays.from_scene import SceneInputs, inputs_of, ones_unless, scene_numbers
 from .bodies.bodies import names_of
@@ -61,7 +61,7 @@ def simulate_scene(
     v0: str | float,
     max_impacts: int | None,
     max_cluster: int | None,
-    progress: bool | Listener | None,
+    tell: TellRun,
     throw: bool,
 ) -> Run:
     """Simulate a scene; see `simulate`."""
@@ -76,7 +76,6 @@ def simulate_scene(
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
     at = times_of(times, length)
     moves = traced(at)
-    require_progress(progress)
     layout = layout_of(scene)
     if max_cluster is None:
         room_for = _places_of(scene, room_for)
@@ -88,6 +87,7 @@ def simulate_scene(
     plain = not traced((scene, length, at))
     start: RunState | None = None
     if plain:
+        tell.says("compiling")
         *numbers_of_it, start = _prepare(inputs_of(scene), layout, rules, length, at)
     else:
         began: list[RunState] = []
@@ -108,8 +108,7 @@ def simulate_scene(
 
     def piecewise(inputs: RunInputs) -> tuple[Rules, LoopOutcome]:
         rows = None if most is None else most * calls
-        with progress_of(progress, "impacts", "simulate") as tell:
-            return from_python(rules, inputs, start, rows, tell, grows)
+        return from_python(rules, inputs, start, rows, tell, grows)
 
     def at_once(inputs: RunInputs) -> LoopOutcome:
         return all_at_once(rules, inputs, None if soft else grid_of(*inputs[:2]), room * calls)

@@ -16,6 +16,7 @@ from .._entry import as_parameter, is_plain, rendered
 from .._program import quick, traced
 from .._scene.result import Ending, nan_unless
 from .._text.failure import checked
+from .._text.progress import TellRun
 from .mechanics import Mechanics, Vector, solve_mass
 from .problem import SystemLog, SystemProblem, SystemState
 from .readout.reading import (
@@ -69,6 +70,7 @@ def simulate_system(
     v0: str | float,
     breakpoints: Any,
     most: int | None,
+    tell: TellRun,
     throw: bool,
 ) -> SystemRun:
     """Simulate a mechanism; see `simulate`."""
@@ -87,6 +89,8 @@ def simulate_system(
     numbers = jax.device_put((floor, within))
     plain = not traced((mechanics, q, v, length, stops))
     has_v0 = v0 != "touch"
+    if plain:
+        tell.says("compiling")
     state, checks, valid = _begin(mechanics, q, v, numbers[0], length, peak, has_v0)
     if plain:
         require_start(checks, has_v0)
@@ -94,7 +98,7 @@ def simulate_system(
     room = ROOM if most is None else most
     # One row more than contacts need shows whether there is another contact.
     rules = SystemRules(peak, 2 * (min(room, ROOM) if plain else room) + 1)
-    end = _pieces(problem, rules, most) if plain else _from_start(problem, rules)
+    end = _pieces(problem, rules, most, tell) if plain else _from_start(problem, rules)
     capacity = None if plain and most is None else room
     readout = _read(problem, end, valid, capacity)
     if plain:
@@ -199,17 +203,28 @@ def _begin(
     return state, checks, checks.valid(has_v0) & (length > 0)
 
 
+_COMPILED: set[Any] = set()
+"""The kinds of problems for which `_solved` is compiled."""
+
 _solved = eqx.filter_jit(solved)
 _from_start = eqx.filter_jit(solved_from_start)
 
 
-def _pieces(problem: SystemProblem, rules: SystemRules, most: int | None) -> SystemEnd:
+def _pieces(
+    problem: SystemProblem, rules: SystemRules, most: int | None, tell: TellRun
+) -> SystemEnd:
     """Return the end of a run from Python, whose log grows by pieces."""
     pieces: list[SystemEnd] = []
-    rest = problem
+    rest, contacts = problem, 0
+    leaves, structure = jax.tree.flatten(problem)
+    kind = rules, structure, *((x.shape, x.dtype) if hasattr(x, "dtype") else x for x in leaves)
+    tell.says("running" if kind in _COMPILED else "compiling")
     while True:
         pieces.append(_solved(rest, rules))
         end = pieces[-1]
+        _COMPILED.add(kind)
+        contacts += int(np.sum(np.asarray(end.log.touches)))
+        tell(contacts, "contacts", float(end.state.time), float(problem.stops[-1]))
         if int(end.status) != PAUSED or (
             most is not None and len(pieces) * (rules.rows - 1) >= 2 * most
         ):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
@@ -25,14 +26,17 @@ class Tell(Protocol):
 
 
 @contextlib.contextmanager
-def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Iterator[Tell]:
+def progress_of(
+    wanted: bool | Listener | None, unit: str, describe: str, ticks: bool = False
+) -> Iterator[Tell]:
     """Yield the `Tell` to call while working.
 
     `wanted`: True shows a bar on stderr once the work has lasted a second. None does so if stderr
     is a terminal or this is a notebook. False shows nothing. A function is called with the work
     done and the whole (None if unknown). The bar begins with `describe`, counts in `unit`, shows
-    the rate and, if the whole is known, the time left, and ends with the last note. Raises
-    ValueError for other values.
+    the rate and, if the whole is known, the time left, and ends with the last note. If it `ticks`,
+    it has the time so far and the last note only, also between two calls. Raises ValueError for
+    other values.
     """
     require_progress(wanted)
     if callable(wanted):
@@ -52,6 +56,7 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
         # Without a minimum of steps, a note alone is shown too.
         miniters=0,
         dynamic_ncols=watched,
+        bar_format="{desc}: {elapsed}{postfix}" if ticks else None,
     )
 
     def tell(done: int, total: int | None = None, note: str = "", /) -> None:
@@ -59,8 +64,59 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
         bar.set_postfix_str(note, refresh=False)
         bar.update(done - bar.n)
 
-    with contextlib.closing(bar):
+    with contextlib.closing(bar), _ticking(bar) if ticks else contextlib.nullcontext():
         yield tell
+
+
+@contextlib.contextmanager
+def _ticking(bar: Any) -> Iterator[None]:
+    """Show the bar by another thread too, as compilation blocks the caller."""
+    over = threading.Event()
+
+    def tick() -> None:
+        while not over.wait(_TERMINAL):
+            if bar.postfix:
+                bar.update(0)
+
+    # A file has the first note after a second, too.
+    bar.last_print_t -= bar.mininterval
+    (clock := threading.Thread(target=tick, daemon=True)).start()
+    try:
+        yield
+    finally:
+        over.set()
+        clock.join()
+
+
+class TellRun:
+    """Functions that a simulation calls to show its work and its progress."""
+
+    def __init__(self, tell: Tell, listens: bool):
+        self._tell, self._listens = tell, listens
+        self._since: tuple[float, float] | None = None
+
+    def says(self, note: str) -> None:
+        """Show a note until the next call. The time left counts no seconds of "compiling"."""
+        self._since = None if note == "compiling" else (time.monotonic(), 0.0)
+        if not self._listens:
+            self._tell(0, None, note)
+
+    def __call__(self, count: int, things: str, reached: float, end: float) -> None:
+        """Show the number of things so far, the simulated time of the whole, and the time left."""
+        now, note = time.monotonic(), f"t = {reached:.4g} of {end:.4g} s, {count} {things}"
+        began, first = self._since = self._since or (now, reached)
+        if reached > first:
+            note += f", {(now - began) * (end - reached) / (reached - first):.0f} s left"
+        self._tell(count if self._listens else 0, None, note)
+
+
+@contextlib.contextmanager
+def progress_of_run(wanted: bool | Listener | None) -> Iterator[TellRun]:
+    """Yield the `TellRun` of a simulation. A user's function gets the number of impacts or contacts
+    and None, as the total is unknown. Raises ValueError for values that `progress_of` refuses.
+    """
+    with progress_of(wanted, "", "simulate", ticks=True) as tell:
+        yield TellRun(tell, callable(wanted))
 
 
 def require_progress(wanted: Any, arguments: str = "two numbers") -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from jaxcontact._scene.derivative import differentiable_run
 
 EXACT = 1e-6
 """Against the largest singular value by other means: measured 1e-9."""
@@ -89,6 +90,19 @@ def test_growth_against_differences_of_the_run():
     columns = [(end(start * unit + s) - end(start * unit - s)) / (2 * h) for s in steps]
     largest = np.linalg.svd(np.array(columns))[1][0]
     np.testing.assert_allclose(run.margin.growth, largest, rtol=DIFFERENCES)
+
+
+def test_the_growth_shares_its_program_with_a_gradient(monkeypatch):
+    used, program = [], differentiable_run.matrices
+    count = lambda *of, **how: used.append(1) or program(*of, **how)  # noqa: E731
+    monkeypatch.setattr(differentiable_run, "matrices", count)
+
+    def end(speed):
+        balls = [jc.Sphere(0.1, 1.0, [0.0], speed[None]), jc.Sphere(0.1, 2.0, [1.0])]
+        return jc.simulate(jc.Scene(balls, jc.ExactRestitution(e=0.9)), 2.0, instantaneous=True)
+
+    assert end(jnp.asarray(1.0)).margin.growth > 1
+    assert jax.grad(lambda speed: end(speed).position[-1, 1, 0])(1.0) > 0 and used == [1]
 
 
 @pytest.mark.slow(reason="the growth through a soft scene")

@@ -69,6 +69,10 @@ def test_the_end_of_a_run_costs_few_steps():
     # In flight before the first contact, and after it: 4, 5, 39, 39, 39 and 40 steps.
     assert counts[0] < 10
     assert max(counts[2:]) - min(counts[2:]) < 5
+    told, how = [], how | start
+    seen = jc.simulate(system, 6e-4, **how, progress=lambda *said: told.append(said)).final
+    np.testing.assert_array_equal(seen.position, jc.simulate(system, 6e-4, **how).final.position)
+    assert told == [(1, None)]
 
 
 def _pushed_into_a_damper(place, push):

@@ -6,9 +6,11 @@ import io
 import sys
 import time
 
+import numpy as np
 import pytest
 
 import jaxcontact as jc
+from jaxcontact._scene.engine import pieces
 from jaxcontact._text import progress as _progress
 from jaxcontact._text.progress import Stages, in_notebook, progress_of, stages_of
 
@@ -101,6 +103,46 @@ def test_notebooks(monkeypatch):
     # Without ipywidgets it is a line of text, without a warning, which would be an error here.
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert "100%" in written(None, [(2, 2)])[-1]
+
+
+@pytest.mark.usefixtures("at_once")
+@pytest.mark.parametrize(("wanted", "err"), [(None, Terminal()), (True, io.StringIO())])
+def test_a_run_says_that_it_compiles_while_it_is_blocked(wanted, err):
+    with contextlib.redirect_stderr(err), _progress.progress_of_run(wanted) as tell:
+        tell.says("compiling")
+        for _ in range(500):
+            time.sleep(0.02 * (err.getvalue().count(", compiling") < 3))
+    assert err.getvalue().count(", compiling") >= 3
+
+
+def test_the_time_left_counts_no_compilation(monkeypatch):
+    clock, notes = iter((20.0, 26.0, 80.0)), []
+    monkeypatch.setattr(_progress.time, "monotonic", lambda: next(clock))
+    say = lambda done, total=None, note="", /: notes.append(note)  # noqa: E731
+    tell = _progress.TellRun(say, False)
+    tell(1, "hits", 1.0, 4.0)
+    tell(2, "hits", 2.0, 4.0)
+    tell.says("compiling")
+    tell(3, "hits", 3.0, 4.0)
+    assert notes[1] == "t = 2 of 4 s, 2 hits, 12 s left" and "left" not in notes[0] + notes[3]
+
+
+@pytest.mark.usefixtures("at_once")
+def test_runs_of_scenes(monkeypatch):
+    discs = jc.random_spheres(32, low=[0, 0], high=[1, 1], radius=0.03, mass=1.0, speed=1.0, seed=1)
+    scene = jc.Scene([*discs, jc.Box([0, 0], [1, 1])], law=jc.ExactRestitution(e=1.0))
+    used, program, told, ends = [], pieces._quickly, [], []
+    for name in ("_quickly", "_swiftly"):
+        monkeypatch.setattr(pieces, name, lambda *of, name=name: used.append(name) or program(*of))
+    monkeypatch.setattr(pieces, "_PATIENCE", 500)
+    for lasts, wanted in ((0.5, False), (4.0, None), (4.0, lambda *said: told.append(said))):
+        monkeypatch.setattr(pieces, "_RUN", {})
+        with contextlib.redirect_stderr(Terminal()) as err:
+            ends.append(jc.simulate(scene, lasts, instantaneous=True, progress=wanted).position)
+        assert (" s left" in err.getvalue()) == (wanted is None) == bool(err.getvalue())
+    np.testing.assert_array_equal(ends[1], ends[2])
+    assert told[:2] == [(256, None), (512, None)] and len(told) == 3
+    assert used == ["_quickly"] + ["_quickly", "_swiftly", "_swiftly"] * 2
 
 
 def test_stages():

@@ -19,6 +19,7 @@ from ..arrays.arrays import Numbers, SceneLayout
 from ..engine.log import LogNumbers, LoopOutcome
 from ..engine.state import Rules
 from ..result import SolvedBy
+from ..run_record import RunRecord
 from .replay import chain_matrices, push_tangents
 from .slopes import Kept, Matrices, matrices
 
@@ -45,8 +46,7 @@ def differentiable_run(
         rules, outcome = from_python(inputs)
         if beneath:
             outcome = _shorten(outcome)
-        way = np.asarray(outcome.log.figures.outcome.solved_by)[: int(outcome.written)]
-        return Found((arrays, outcome), (rules, not np.any(way == SolvedBy.RADIAL)))
+        return Found((arrays, outcome), (rules, _is_by_formula(outcome)))
 
     def slopes(scene: RunInputs, found: Found) -> Callable[[Any], Any]:
         rules, by_formula = found.choice
@@ -55,8 +55,7 @@ def differentiable_run(
         if traced(outcome.written):
             # A `vmap` over tangents alone, between two derivatives, turns everything into tracers.
             return lambda along: along_with(scene, found, along)
-        hits, calls, slot = _kinds(outcome)
-        parts = (layout, rules, numbers, outcome.log, hits, calls, slot, tolerance)
+        parts = (layout, rules, numbers, outcome.log, *_kinds(outcome), tolerance)
         traced_parts = numbers, outcome, derived(_matrices, by_formula, *parts)
         data, static = eqx.partition(traced_parts, eqx.is_array)
         leaves, structure = jax.tree.flatten(static)
@@ -87,6 +86,18 @@ def differentiable_run(
 
 
 _pushed = eqx.filter_jit(push_tangents)
+
+
+def row_matrices(record: RunRecord) -> tuple[LoopOutcome, Matrices]:
+    """Return the outcome of a single run as a gradient uses it, and the matrices of its rows."""
+    outcome = _shorten(record.outcome)
+    parts = (record.layout, record.rules, record.numbers, outcome.log, *_kinds(outcome))
+    return outcome, _matrices(None, _is_by_formula(outcome), *parts, record.tolerance)
+
+
+def _is_by_formula(outcome: LoopOutcome) -> bool:
+    way = np.asarray(outcome.log.figures.outcome.solved_by)[: int(outcome.written)]
+    return not np.any(way == SolvedBy.RADIAL)
 
 
 def _shorten(outcome: LoopOutcome) -> LoopOutcome:

@@ -8,7 +8,6 @@ states and therefore does not drift from them, even in a chaotic scene.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -27,32 +26,7 @@ from ..engine.log import ClusterNumbers, Log, LogDecisions, LogNumbers
 from ..engine.state import Rules
 from ..pair_impact.instantaneous import ImpactOutcome
 from ..pair_impact.rolling import flying_at_start
-from ..run_record import RunRecord
 from .slopes import Done, Entering, Matrices, flat, row_call, row_hit, row_numbers, two_of, unflat
-
-
-def differentiable(record: RunRecord) -> RunRecord:
-    """Return a run whose figures in the log have derivatives with respect to its numbers."""
-    layout, rules = record.layout, record.rules
-    leaves, rest = eqx.partition(record.numbers, eqx.is_inexact_array)
-    # Traced arrays that are not floats are arguments of the rule.
-    others, rest = eqx.partition(rest, eqx.is_array)
-
-    @jax.custom_jvp
-    def figures(leaves: Any, others: Any, log: Log, written: Array, tolerance: Array) -> LogNumbers:
-        return log.figures
-
-    @figures.defjvp
-    def rule(primals: tuple, tangents: tuple) -> tuple[LogNumbers, LogNumbers]:
-        leaves, others, log, written, tolerance = primals
-        values = figures(*primals)
-        numbers = eqx.combine(leaves, others, rest)
-        log = log._replace(figures=values)
-        return values, push_tangents(layout, rules, numbers, log, written, tolerance, tangents[0])
-
-    written, tolerance = record.outcome.written, record.tolerance
-    log = record.log._replace(figures=figures(leaves, others, record.log, written, tolerance))
-    return dataclasses.replace(record, outcome=record.outcome._replace(log=log))
 
 
 class _Row(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,8 +15,11 @@ from jaxtyping import Array
 from ..._coupled.scalars import Number
 from ..._entry import shown
 from ..._program import quick
-from ..derivative.replay import differentiable
-from ..engine.log import Log
+from ..arrays.arrays import Numbers
+from ..derivative.differentiable_run import row_matrices
+from ..derivative.replay import chain_matrices, push_tangents
+from ..derivative.slopes import Matrices
+from ..engine.log import Log, LogNumbers
 from ..engine.state import Rules
 from ..result import Ending, nan_unless, traced
 from ..run_record import RunRecord
@@ -55,8 +59,8 @@ class Margin(eqx.Module):
         Rounding is amplified alike: a run of growth G has lost log10 G digits. The value is NaN if
         the run did not complete. It is computed on access by Lanczos bidiagonalisation along the
         recorded impacts. It is exact for up to 12 position coordinates, and else a lower bound that
-        is close if the growth is large. A run with finite-duration impacts compiles a separate
-        program.
+        is close if the growth is large. A single run compiles the matrices of its impacts,
+        as a gradient does, and shares their program with it.
 
         Source: Golub & Kahan (1965), doi 10.1137/0702016.
         """
@@ -68,29 +72,28 @@ class Margin(eqx.Module):
 
 def _growth(record: RunRecord) -> Array:
     """Return the growth of a run, or of each run of a batch."""
-    coupled, inside = record.rules.members > 0, record.rules.soft
+    coupled, inside, matrices = record.rules.members > 0, record.rules.soft, None
     if not traced(record):
         # Only the parts that occurred are compiled.
-        coupled = record.log.facts.call is not None and bool(jnp.any(_each(_any_calls, record)))
+        call = record.log.facts.call
+        coupled = call is not None and bool(np.any(np.asarray(call.is_call)))
         inside = inside and bool(jnp.any(_each(_ends_inside, record)))
-    if not coupled:
+        if record.length.ndim == 0:
+            outcome, matrices = row_matrices(record)
+            record = dataclasses.replace(record, outcome=outcome)
+    if not coupled and matrices is None:
         figures, facts = record.log
         log = Log(figures._replace(coupled=None), facts._replace(call=None))
         rules = Rules(record.rules.soft, record.rules.v0, 0)
         record = dataclasses.replace(record, rules=rules, outcome=record.outcome._replace(log=log))
-    return _each(_largest if not inside else _largest_inside, record)
+    return _each(_largest, record, inside, matrices)
 
 
 @quick
-def _each(function: Callable[[RunRecord], Array], record: RunRecord) -> Array:
+def _each(function: Callable[..., Array], record: RunRecord, *others: Any) -> Array:
     for _ in range(record.length.ndim):
         function = eqx.filter_vmap(function)
-    return function(record)
-
-
-def _any_calls(record: RunRecord) -> Array:
-    assert record.calls is not None
-    return jnp.any(record.calls)
+    return function(record, *others)
 
 
 def _ends_inside(record: RunRecord) -> Array:
@@ -98,15 +101,12 @@ def _ends_inside(record: RunRecord) -> Array:
     return any_inside(record, record.length[None])
 
 
-def _largest_inside(record: RunRecord) -> Array:
-    """Return `_largest` for a run in which bodies may be in contact at the end."""
-    return _largest(record, inside=True)
-
-
-def _largest(record: RunRecord, inside: bool = False) -> Array:
-    """Return the largest singular value by Golub-Kahan bidiagonalisation."""
+def _largest(record: RunRecord, inside: bool, matrices: Matrices | None) -> Array:
+    """Return the largest singular value by Golub-Kahan bidiagonalisation. Without the `matrices` of
+    its rows each row is solved again.
+    """
     record = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, record)
-    layout, numbers = record.layout, record.numbers
+    layout, numbers, log = record.layout, record.numbers, record.log
     end, completed = record.length, record.ending()[0] == int(Ending.COMPLETED)
     free = np.array([k for k in range(layout.visible) if not layout.fixed[k]], int)
     if free.size == 0:
@@ -114,40 +114,46 @@ def _largest(record: RunRecord, inside: bool = False) -> Array:
 
     amid = None if numbers.start is None else numbers.start.underway
 
-    def outcome(start: Array) -> Array:
-        there = dataclasses.replace(
-            numbers,
-            position=numbers.position.at[free].set(start[0]),
-            velocity=numbers.velocity.at[free].set(start[1] / end),
-        )
+    def begun(start: Array) -> Numbers:
+        moved = {"position": start[0], "velocity": start[1] / end}
+        there = {k: getattr(numbers, k).at[free].set(x) for k, x in moved.items()}
+        there = dataclasses.replace(numbers, **there)
         if amid is not None:
             # A sphere within an impact at the start varies with the state before that impact.
-            led = amid._replace(
-                position=amid.position.at[free].set(start[0]),
-                velocity=amid.velocity.at[free].set(start[1] / end),
-            )
+            led = {k: getattr(amid, k).at[free].set(x) for k, x in moved.items()}
+            led = amid._replace(**led)
             there = eqx.tree_at(lambda numbers: numbers.start.underway, there, led)
-        varied = differentiable(dataclasses.replace(record, numbers=there))
-        at = end[None]
+        return eqx.filter(there, eqx.is_inexact_array)
+
+    def ended(floats: Numbers, figures: LogNumbers) -> Array:
+        outcome = record.outcome._replace(log=log._replace(figures=figures))
+        there = eqx.combine(floats, numbers)
+        varied, at = dataclasses.replace(record, numbers=there, outcome=outcome), end[None]
         states = kinematics_at(varied, at) if inside else kinematics_in_log(varied, at)[0]
         return jnp.stack([states.position[0, free], states.velocity[0, free] * end])
+
+    def moved(change: Array) -> Array:
+        floats, along = jax.jvp(begun, (start,), (change,))
+        of_rows = (layout, record.rules, numbers, log, record.outcome.written)
+        if matrices is None:
+            rows = push_tangents(*of_rows, record.tolerance, along)
+        else:
+            rows = chain_matrices(*of_rows, matrices, along)
+        return jax.jvp(ended, (floats, log.figures), (along, rows))[1]
 
     place, speed = numbers.position, numbers.velocity
     if amid is not None:
         on = amid.counts[:, None]
         place, speed = jnp.where(on, amid.position, place), jnp.where(on, amid.velocity, speed)
     start = jnp.stack([place[free], speed[free] * end])
-    _, push = jax.linearize(outcome, start)
+    # Parts that do not depend on the change are computed once.
+    _, push = jax.linearize(moved, start)
     pull = jax.linear_transpose(push, start)
 
-    def length(change: Array) -> Array:
+    def along(change: Array) -> tuple[Array, Array]:
         # The squares could overflow without the scaling.
         largest = jnp.max(jnp.abs(change))
-        safe = jnp.where(largest > 0, largest, 1)
-        return safe * jnp.sqrt(jnp.sum(jnp.square(change / safe)))
-
-    def along(change: Array) -> tuple[Array, Array]:
-        size = length(change)
+        size = largest * jnp.linalg.norm(change / jnp.where(largest > 0, largest, 1))
         return change / jnp.where(size > 0, size, 1), size
 
     def step(k: Array, carry: tuple[Array, Array, Array, Array]) -> tuple[Array, ...]:
