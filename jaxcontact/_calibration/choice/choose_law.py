@@ -12,7 +12,7 @@ from jaxtyping import ArrayLike
 
 from ..._contact import Contact, require_contact
 from ..._entry import POSITIVE, as_weights, require_flag
-from ..._fit import CLEAR_AICC, Fit, compared, criteria, groups_of, undecided
+from ..._fit import Fit, compared, groups_of, undecided
 from ..._fit.keywords import SearchKeywords, takes
 from ..._program import side_by_side
 from ..._text.progress import stages_of
@@ -147,14 +147,10 @@ def choose(
     reduced = reduced_of(fits, kinds)
     laws = tuple(dataclasses.replace(law, reduced_to=reduced.get(law.kind, "")) for law in laws)
     said = {law.kind: law.said for law in laws}
-    free = curve_of(first, x)
-    if table.errors.others:  # its criterion is that of other data
-        free = dataclasses.replace(free, aicc=None)
+    free = curve_of(fits.values(), x)
     # Certainty needs fits of all laws, and data that no other curve describes better.
     left_out = [kind.name for kind in every if kind not in kinds]
-    gain = free.gain(criteria(fit)[1] for fit in fits.values() if fit.converged)
-    beyond = gain is not None and gain > CLEAR_AICC
-    standing = None if left_out or beyond else sure_of(fits, kinds)
+    standing = None if left_out or free.better else sure_of(fits, kinds)
     comparison = compared(
         fits,
         table.bands(first),
@@ -170,7 +166,7 @@ def choose(
     if standing is not None:
         rivals = [name for name in rivals if name in standing.containing]
     verdict = comparison.verdict
-    verdict += sure_sentence(fits, kinds, best, standing, {best, *rivals}, beyond=beyond)
+    verdict += sure_sentence(fits, kinds, best, standing, {best, *rivals}, beyond=free.better)
     if left_out:
         verdict += f" More points are needed to compare {listed(left_out)}."
     constant, v = laws[0].constant, table.velocity
