@@ -296,7 +296,8 @@ def undecided(found: Sequence[Candidate], fit: FitData) -> list[Candidate]:
     """Return the fits that the data do not distinguish from the one of lowest AICc.
 
     `fit` is any of them, whose groups are those of all. If none of these describes the data, they
-    are chosen among the fits that may: with few points AICc prefers those of few parameters.
+    are chosen among the fits that may and are closer to the data than that one, or nearly as good:
+    with few points AICc prefers fits of few parameters.
     """
     good = [c for c in found if c.converged]
     most = _DOUBTLESS * _points_of_a_group(fit)
@@ -306,7 +307,11 @@ def undecided(found: Sequence[Candidate], fit: FitData) -> list[Candidate]:
         if (further := c.aicc - good[0].aicc) < CLEAR_AICC
         or (c.behind is not None and c.behind < CLEAR_ADVANTAGE and further < most)
     ]
-    may = [c for c in good if c.adequate is not False]
+    may = [
+        c
+        for c in good
+        if c.adequate is not False and (c.loss < good[0].loss or c.aicc - good[0].aicc < most)
+    ]
     return undecided(may, fit) if may and not set(may) & set(equal) else equal
 
 

@@ -155,7 +155,10 @@ def sure_sentence(
     """
     if sure is not None and len(fits) == 2:
         (other,) = fits.keys() - {sure.kind}
-        return f" The choice is sure between the two: {other} is excluded (p < {EXCLUDED:g})."
+        how = f"excluded (p < {EXCLUDED:g})"
+        if other in sure.containing:
+            how = f"not clearly better (p ≥ {BETTER:g})"
+        return f" The choice is sure between the two: {other} is {how}."
     if sure is not None:
         but = " that does not contain it" if sure.containing else ""
         return f" The choice is sure: every other law{but} is excluded (p < {EXCLUDED:g} each)."

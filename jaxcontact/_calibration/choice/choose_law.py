@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
-from typing import Any, Unpack
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol, TypeVar, Unpack
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -18,18 +18,21 @@ from ..._program import side_by_side
 from ..._text.progress import stages_of
 from ..._text.words import listed
 from ..pairs.columns import column, for_each
-from ..pairs.outliers import find_outliers
-from ..pairs.pairs import pairs_of
+from ..pairs.outliers import Outliers, find_outliers
+from ..pairs.pairs import LEAST_PAIRS, Pairs, pairs_of
 from ..pairs.plausible import MEASURED_RESTITUTION
 from .certainty import reduced_of, rivals_of, sure_of, sure_sentence
 from .equivalent_e import Grid, asked_of, delivered_by_laws
-from .kind import AbstractKind
+from .kind import AbstractKind, is_identifiable
 from .law_choice import LawChoice, LawFit
 from .next_measurement import what_settles
 from .outcomes import columns_of
 from .selection import kinds_of
 from .table import ChoiceTable, errors_of
 from .trend import curve_of, line_of
+
+_CLOSER = 0.5
+"""Ratio of the scatters about a law and about a trend below which the trend misses the curve."""
 
 
 @takes(SearchKeywords)
@@ -81,7 +84,8 @@ def choose_law(
     their column. `weights`: relative weights of e instead (by default, the scatter about a trend).
     `groups` (points,): the trial of each point, by default one for each. With at least 8 trials,
     standard errors and the comparison allow for correlation within a trial. `mark_outliers`:
-    whether points more than 6 robust standard deviations off the trend are left out. `progress` as
+    whether points more than 6 robust standard deviations off every law that describes the data (or
+    off a trend, without such a law) are left out. `progress` as
     in `calibrate`. Other keywords go to `fit` (`optimizer`, `starts`, ...), for all kinds.
 
     The held-out error leaves out four bands of speed in turn; `compare_fits(choice.fits,
@@ -128,11 +132,79 @@ def choose_law(
     )
     errors = errors._replace(others=others)
     table = ChoiceTable(pairs, ~marked, errors, contact, options=how, group=word)
-    return choose(table, kinds, stages_of(progress))
+    chosen = functools.partial(choose, kinds=kinds, progress=stages_of(progress))
+    return about_the_law(table, outliers, chosen)[0] if mark_outliers else chosen(table)
+
+
+class Fitted(Protocol):
+    """Fits to a table by the name of their law, and the one to use."""
+
+    @property
+    def fits(self) -> Mapping[str, Fit]: ...
+    @property
+    def best(self) -> str | None: ...
+
+
+Some = TypeVar("Some", bound=Fitted)
+
+
+def about_the_law(
+    table: ChoiceTable, outliers: Outliers, chosen: Callable[[ChoiceTable], Some]
+) -> tuple[Some, Outliers]:
+    """Fit the table without the pairs that lie off every law that describes the rest.
+
+    The first fits leave out the `outliers`, which are off a trend, and the next ones those off the
+    laws fitted before, until the pairs stay the same. Where the best law is no better than the
+    trend, or the pairs do not settle, the same begins with all pairs. If that fails too, those off
+    the trend are left out.
+    """
+    pairs, start = table.pairs, chosen(table)
+    now, found, seen = start, outliers, set[bytes]()
+    while True:
+        seen.add(found.flagged.tobytes())
+        flagged = found.flagged & False
+        if off := _off_laws(pairs, now, found):
+            flagged = np.all([one.flagged for one in off], axis=0)
+            settled = np.array_equal(flagged, found.flagged)
+            found = dataclasses.replace(off[0], flagged=flagged).told(pairs)
+            if settled:
+                return now, found
+        if flagged.tobytes() in seen:
+            flagged = flagged & False
+        if flagged.tobytes() in seen or np.sum(~flagged) < LEAST_PAIRS:
+            return start, outliers
+        now = chosen(dataclasses.replace(table, use=~flagged))
+        found = dataclasses.replace(outliers, flagged=flagged)
+
+
+def _off_laws(pairs: Pairs, now: Fitted, found: Outliers) -> list[Outliers]:
+    """Return the pairs off the best law, and off each other law that describes the data.
+
+    The best law counts if it describes the data, or the pairs scatter less about it than about the
+    trend by `_CLOSER`. Returns nothing if it does not count.
+    """
+    if now.best is None:
+        return []
+    own = _off_law(pairs, now.best, now.fits[now.best], found)
+    if not (now.fits[now.best].adequate or own.scatter(pairs) < _CLOSER * found.scatter(pairs)):
+        return []
+    others = (
+        _off_law(pairs, kind, fit, found)
+        for kind, fit in now.fits.items()
+        if kind != now.best and fit.converged and fit.adequate and is_identifiable(fit)
+    )
+    return [own, *others]
+
+
+def _off_law(pairs: Pairs, kind: str, fit: Fit, found: Outliers) -> Outliers:
+    log_e, error = np.log(pairs.restitution) + fit.residuals[: len(pairs)], np.zeros(len(pairs))
+    if found.flagged.any():
+        log_e, error = (one[: len(pairs)] for one in fit.predict_with_error())
+    return found.off_law(pairs, kind, log_e, error)
 
 
 def choose(
-    table: ChoiceTable, kinds: tuple[AbstractKind, ...], progress: Callable[[str], None]
+    table: ChoiceTable, *, kinds: tuple[AbstractKind, ...], progress: Callable[[str], None]
 ) -> LawChoice:
     """Choose among `kinds` on the pairs of a table."""
     every, kinds = kinds, tuple(filter(table.determines, kinds))

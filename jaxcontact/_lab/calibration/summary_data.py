@@ -33,7 +33,7 @@ class RecordingSummary:
 
 @dataclasses.dataclass(frozen=True)
 class PairSummary:
-    """One pair: rows, speed in m/s, e, and deviation from the trend in robust standard deviations.
+    """One pair: rows, speed in m/s, e, and deviation from law or trend in robust standard deviations.
 
     `error` is the standard error of e from the known errors of its readings, None if those are
     unknown.
@@ -95,7 +95,7 @@ class SummaryData:
     `with_marked` with them. `by_speed` holds medians, `versions` the packages, and `impacts` the
     impacts in an instrument record. `at` is e of the law at the slowest and the fastest measured
     speed and at those requested. `scatter` is the median standard deviation of ln e of a pair about
-    the trend, None for fewer than four pairs.
+    the best law, or about the trend if no law describes the data; None for fewer than four pairs.
     """
 
     law: AbstractLaw | None
