@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
-from typing import Any, Protocol, TypeVar, Unpack
+from collections.abc import Callable
+from typing import Any, Unpack
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -84,9 +84,9 @@ def choose_law(
     their column. `weights`: relative weights of e instead (by default, the scatter about a trend).
     `groups` (points,): the trial of each point, by default one for each. With at least 8 trials,
     standard errors and the comparison allow for correlation within a trial. `mark_outliers`:
-    whether points more than 6 robust standard deviations off every law that describes the data (or
-    off a trend, without such a law) are left out. `progress` as
-    in `calibrate`. Other keywords go to `fit` (`optimizer`, `starts`, ...), for all kinds.
+    whether points more than 6 robust standard deviations off every law that describes the data
+    (without such a law, off a trend) are left out. `progress` as in `calibrate`. Other
+    keywords go to `fit` (`optimizer`, `starts`, ...), for all kinds.
 
     The held-out error leaves out four bands of speed in turn; `compare_fits(choice.fits,
     groups=...)` leaves out other groups. The choice is `sure` of a law under four conditions.
@@ -136,39 +136,24 @@ def choose_law(
     return about_the_law(table, outliers, chosen)[0] if mark_outliers else chosen(table)
 
 
-class Fitted(Protocol):
-    """Fits to a table by the name of their law, and the one to use."""
-
-    @property
-    def fits(self) -> Mapping[str, Fit]: ...
-    @property
-    def best(self) -> str | None: ...
-
-
-Some = TypeVar("Some", bound=Fitted)
-
-
 def about_the_law(
-    table: ChoiceTable, outliers: Outliers, chosen: Callable[[ChoiceTable], Some]
-) -> tuple[Some, Outliers]:
-    """Fit the table without the pairs that lie off every law that describes the rest.
+    table: ChoiceTable, outliers: Outliers, chosen: Callable[[ChoiceTable], Any]
+) -> tuple[Any, Outliers]:
+    """Return the `chosen` fits without the pairs off every law that describes the rest, and these.
 
     The first fits leave out the `outliers`, which are off a trend, and the next ones those off the
-    laws fitted before, until the pairs stay the same. Where the best law is no better than the
-    trend, or the pairs do not settle, the same begins with all pairs. If that fails too, those off
-    the trend are left out.
+    laws fitted before, until the pairs stay the same. If the best law is no better than the trend,
+    or the pairs do not settle, the same begins with all pairs. If that fails, the trend counts.
     """
-    pairs, start = table.pairs, chosen(table)
-    now, found, seen = start, outliers, set[bytes]()
+    start, found, seen = chosen(table), outliers, set[bytes]()
+    now = start
     while True:
         seen.add(found.flagged.tobytes())
         flagged = found.flagged & False
-        if off := _off_laws(pairs, now, found):
+        if off := _off_laws(table.pairs, now, found):
             flagged = np.all([one.flagged for one in off], axis=0)
-            settled = np.array_equal(flagged, found.flagged)
-            found = dataclasses.replace(off[0], flagged=flagged).told(pairs)
-            if settled:
-                return now, found
+            if np.array_equal(flagged, found.flagged):
+                return now, dataclasses.replace(off[0], flagged=flagged).told(table.pairs)
         if flagged.tobytes() in seen:
             flagged = flagged & False
         if flagged.tobytes() in seen or np.sum(~flagged) < LEAST_PAIRS:
@@ -177,30 +162,22 @@ def about_the_law(
         found = dataclasses.replace(outliers, flagged=flagged)
 
 
-def _off_laws(pairs: Pairs, now: Fitted, found: Outliers) -> list[Outliers]:
+def _off_laws(pairs: Pairs, now: Any, found: Outliers) -> list[Outliers]:
     """Return the pairs off the best law, and off each other law that describes the data.
 
-    The best law counts if it describes the data, or the pairs scatter less about it than about the
-    trend by `_CLOSER`. Returns nothing if it does not count.
+    Return nothing if the best does not, unless its scatter is `_CLOSER` than that about the trend.
     """
-    if now.best is None:
-        return []
-    own = _off_law(pairs, now.best, now.fits[now.best], found)
-    if not (now.fits[now.best].adequate or own.scatter(pairs) < _CLOSER * found.scatter(pairs)):
-        return []
-    others = (
-        _off_law(pairs, kind, fit, found)
+    good = {
+        kind: found.off_law(pairs, kind, *fit.predict_with_error())
         for kind, fit in now.fits.items()
-        if kind != now.best and fit.converged and fit.adequate and is_identifiable(fit)
-    )
-    return [own, *others]
-
-
-def _off_law(pairs: Pairs, kind: str, fit: Fit, found: Outliers) -> Outliers:
-    log_e, error = np.log(pairs.restitution) + fit.residuals[: len(pairs)], np.zeros(len(pairs))
-    if found.flagged.any():
-        log_e, error = (one[: len(pairs)] for one in fit.predict_with_error())
-    return found.off_law(pairs, kind, log_e, error)
+        if kind == now.best or (fit.converged and fit.adequate and is_identifiable(fit))
+    }
+    own = good.pop(now.best, None)
+    if own is None or not (
+        now.fits[now.best].adequate or own.scatter(pairs) < _CLOSER * found.scatter(pairs)
+    ):
+        return []
+    return [own, *good.values()]
 
 
 def choose(

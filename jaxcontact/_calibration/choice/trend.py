@@ -122,25 +122,23 @@ def curve_of(fits: Iterable[FitData], velocity: Floats) -> Curve:
     n = len(v)
     most = min(_MOST, n - 1, len(np.unique(v)) - 1)
     columns = np.polynomial.chebyshev.chebvander(_place(velocity, *ends), max(most, 0))
-    found = [data.fitted(columns[:, :k]) for k in range(1, columns.shape[1] + 1)]
-    factor = data.factor[data.factor > 0]
-    aicc = [
-        criteria_of(one.squares.loss, k, factor, fit._absolute)[0]
-        for k, one in enumerate(found, start=1)
-    ]
-    k = int(np.argmin(aicc)) + 1
-    lowest, best = aicc[k - 1], found[k - 1]
+    degrees, factor = columns.shape[1], data.factor[data.factor > 0]
+    found = {}
+    for k in range(1, degrees + 1):
+        one = data.fitted(columns[:, :k])
+        found.setdefault(criteria_of(one.squares.loss, k, factor, fit._absolute)[0], (k, one))
+    aicc = min(found)
+    k, best = found[aicc]
     # Contact times and forces are other data, with another criterion.
-    known = math.isfinite(lowest) and fit.data.size == velocity.size
-    laws = [one for one in fits if one.converged] if known else []
+    known = math.isfinite(aicc) and fit.data.size == velocity.size
+    laws = [(one, criteria(one)) for one in fits if one.converged and known]
     better = bool(laws) and all(
-        criteria(law)[1] - lowest > CLEAR_AICC
+        lowest - aicc > CLEAR_AICC
         # A curve that does not contain the law can approach it along one more direction.
-        and len(found) * excess_p(best.squares, law, max(k - criteria(law)[0], 0) + 1) < BETTER
-        for law in laws
+        and degrees * excess_p(best.squares, law, max(k - own, 0) + 1) < BETTER
+        for law, (own, lowest, _) in laws
     )
-    shown = lowest if known else None
-    return Curve(tuple(map(float, best.coefficients)), *ends, shown, better)
+    return Curve(tuple(map(float, best.coefficients)), *ends, aicc if known else None, better)
 
 
 def _place(velocity: Floats, slowest: float, fastest: float) -> Floats:

@@ -90,15 +90,16 @@ class Outliers:
         return dataclasses.replace(self, guess={k: told.get(k, "unclear") for k in marked})
 
     def off_law(self, pairs: Pairs, law: str, log_e: Floats, error: Floats) -> Outliers:
-        """Return the pairs off a law with ln e (n,), which was fitted without the flagged ones.
+        """Return the pairs off a law, which was fitted without the flagged ones.
 
-        `error` (n,) is the standard error of `log_e`, which a left-out pair may miss in addition.
-        Few pairs may lie on the curve by chance: then none but the flagged ones is marked.
+        Pairs left out may miss its ln e (n or more,) by its standard `error` in addition. Few pairs
+        may lie on the curve by chance: then only flagged ones are marked.
         """
-        residual, keep = np.log(pairs.restitution) - log_e, ~self.flagged
+        n, keep = len(pairs), ~self.flagged
+        residual = np.log(pairs.restitution) - log_e[:n]
         noise = estimate_noise(residual[keep], pairs.reading_factor[keep], robust=True)
         size = np.maximum(noise.sigma(pairs.reading_factor), _known_errors(pairs))
-        deviation = residual / np.hypot(size, np.where(keep, 0.0, error))
+        deviation = residual / np.hypot(size, np.where(keep, 0.0, error[:n]))
         off = (np.abs(deviation) > THRESHOLD) & (self.flagged | (keep.sum() >= _LINE_POINTS))
         return Outliers(off, deviation, {}, self.trend, noise, law)
 

@@ -33,7 +33,7 @@ class RecordingSummary:
 
 @dataclasses.dataclass(frozen=True)
 class PairSummary:
-    """One pair: rows, speed in m/s, e, and deviation from law or trend in robust standard deviations.
+    """One pair: rows, speed in m/s, e, deviation from law or trend in robust standard deviations.
 
     `error` is the standard error of e from the known errors of its readings, None if those are
     unknown.
