@@ -81,11 +81,11 @@ def test_a_law_that_may_describe_five_points_goes_before_one_that_does_not():
 def test_one_point_beyond_a_kink_gives_no_standard_error(seed):
     """Only the fastest row yields: its e is met exactly, and scatters from nothing."""
     v = np.geomspace(0.3, 4, 12)
-    e = 1 - 0.002 * np.random.default_rng(seed).random(12)
-    e[-1] = 0.97
+    e = 1 - 0.0005 * np.random.default_rng(seed).random(12)
+    e[-1] = 0.995
     found = jc.choose_law(CONTACT, v, e, laws="thornton_plastic", mark_outliers=False)
     fit, law = found.fits["elastic-plastic"], found.law_fit("elastic-plastic")
-    assert v[-2] < fit.values[0] * 1.2 < v[-1] and np.isnan(fit.errors).all()
+    assert v[-2] < fit.values[0] < v[-1] and np.isnan(fit.errors).all()
     assert "without a standard error: one point or group alone determines it" in law.said
     assert "one point or group alone determines it" in fit.summary()
 

@@ -95,7 +95,8 @@ class SummaryData:
     `with_marked` with them. `by_speed` holds medians, `versions` the packages, and `impacts` the
     impacts in an instrument record. `at` is e of the law at the slowest and the fastest measured
     speed and at those requested. `scatter` is the median standard deviation of ln e of a pair about
-    the best law, or about the trend if no law describes the data; None for fewer than four pairs.
+    the best law, or about the trend if no law describes the data. It is None for fewer than four
+    pairs.
     """
 
     law: AbstractLaw | None
