@@ -39,10 +39,6 @@ class Noise:
     relative: float
     reading: float
 
-    def times(self, size: float) -> Noise:
-        """Return the noise times a number."""
-        return Noise(self.relative * size, self.reading * size)
-
     def sigma(self, reading_factor: Floats) -> Floats:
         """Return the standard deviation of ln e, with the shape of `reading_factor`."""
         return np.sqrt(self.relative**2 + self.reading**2 * reading_factor)

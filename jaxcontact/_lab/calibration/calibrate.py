@@ -145,10 +145,8 @@ def calibrate(
         at_ends = at_speeds(choice.fits[kind], others_open, kept_pairs.velocity, asked_at)
     scatter = float(np.median(errors.sigma[keep])) if keep.sum() >= LEAST_PAIRS else None
     if scatter is not None and outliers.about and not (errors.absolute or errors.others):
-        # The scatter about the trend is the shape of the weights; that about the law is its scale.
-        size = math.sqrt(choice.law_fit(outliers.about).reduced_chi2)
-        scatter *= size
-        errors = errors._replace(noise=errors.noise.times(size))
+        # The weights have the scatter about the trend.
+        scatter *= math.sqrt(choice.law_fit(outliers.about).reduced_chi2)
     fits = () if impacts is None else impacts.fits
     return Calibration(
         law=law,

@@ -90,7 +90,7 @@ class SummaryData:
     contact, v)` gives the fitted e. `given` names the contact numbers that were given ("mass",
     "stiffness"); the others are 1. `standard_errors` are those of the law's parameters, None if not
     identifiable. `requested` is the argument `laws`, `gravity` is in m/s², and `drag` is None if it
-    was not removed. `noise` is the scatter of ln e. `threshold` and `trend` are those of the
+    was not removed. `noise` is that of the weights. `threshold` and `trend` are those of the
     outlier rule. `pairs` holds all pairs. `choice` compares the laws without the marked pairs,
     `with_marked` with them. `by_speed` holds medians, `versions` the packages, and `impacts` the
     impacts in an instrument record. `at` is e of the law at the slowest and the fastest measured
