@@ -296,8 +296,8 @@ def undecided(found: Sequence[Candidate], fit: FitData) -> list[Candidate]:
     """Return the fits that the data do not distinguish from the one of lowest AICc.
 
     `fit` is any of them, whose groups are those of all. If none of these describes the data, they
-    are chosen among the fits that may and are closer to the data than that one, or nearly as good:
-    with few points AICc prefers fits of few parameters.
+    are chosen among the fits that may. Those must be closer to the data, or nearly as good. With
+    few points AICc prefers fits of few parameters.
     """
     good = [c for c in found if c.converged]
     most = _DOUBTLESS * _points_of_a_group(fit)
