@@ -69,9 +69,9 @@ class Comparison:
     `best` is the simplest of those that describe the data equally well. These have an AICc less
     than 2 above the lowest, or a disadvantage below two of its standard errors by group. In the
     latter case the AICc is less than 10 above, for each point of a group. Among equally simple ones
-    it is the first of the given fits if that is among them, otherwise the one of lowest AICc. If
-    none of them describes the data, the verdict says so, and names others that may. `best` is None
-    if no fit converged.
+    it is the first of the given fits if that is among them, otherwise the one of lowest AICc. Fits
+    that do not describe the data count only if all do not, and the verdict then says so. `best` is
+    None if no fit converged.
     """
 
     candidates: tuple[Candidate, ...]
@@ -295,16 +295,24 @@ def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
 def undecided(found: Sequence[Candidate], fit: FitData) -> list[Candidate]:
     """Return the fits that the data do not distinguish from the one of lowest AICc.
 
-    `fit` is any of them, whose groups are those of all.
+    `fit` is any of them, whose groups are those of all. If none of these describes the data, they
+    are chosen among the fits that may. Those must be closer to the data, or nearly as good. With
+    few points AICc prefers fits of few parameters.
     """
     good = [c for c in found if c.converged]
     most = _DOUBTLESS * _points_of_a_group(fit)
-    return [
+    equal = [
         c
         for c in good
         if (further := c.aicc - good[0].aicc) < CLEAR_AICC
         or (c.behind is not None and c.behind < CLEAR_ADVANTAGE and further < most)
     ]
+    may = [
+        c
+        for c in good
+        if c.adequate is not False and (c.loss < good[0].loss or c.aicc - good[0].aicc < most)
+    ]
+    return undecided(may, fit) if may and not set(may) & set(equal) else equal
 
 
 def _points_of_a_group(fit: FitData) -> float:
@@ -345,6 +353,10 @@ def _verdict(
         else:
             how = f"describes the data {'best' if alone else 'as well as any'}"
         text = f"Use {best.name}, which {how}{values}."
+        if first not in equal and first.p is not None and first.adequate is False:
+            text += f" The lowest AICc is that of {first.name}, but it does not describe the data"
+            text += f" ({shown(first.p)})."
+            good = [c for c in good if c is not first]
     others = [_distance(c, first, group) for c in equal if c is not best]
     if others:
         text += f" The data do not distinguish it from {' or '.join(others)}."

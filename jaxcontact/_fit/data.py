@@ -96,6 +96,14 @@ class FitData(Flagged):
         """The standard error of each parameter; NaN if it is not identifiable."""
         return dict(zip(self.names, self.errors.tolist(), strict=True))
 
+    def why_no_error(self, name: str) -> str:
+        """Return why a parameter has no standard error, in words."""
+        if self.dof < 1 and not self._absolute:
+            return "without a standard error: no degree of freedom is left"
+        if not self.by_group or any(name in one.components for one in self.unidentified):
+            return "not identifiable"
+        return "without a standard error: one point or group alone determines it"
+
     @property
     def scaled_errors(self) -> np.ndarray:
         """The standard errors (k,) of the logarithms or logits of bounded parameters."""

@@ -67,8 +67,6 @@ class Fit(FitData):
         error = self.standard_errors[name]
         if not np.isnan(error):
             return f"  ± {error:.2g}" + (", were the model right" if self.adequate is False else "")
-        if self.dof < 1 and not self._absolute:
-            return "  without a standard error: no degree of freedom is left"
-        return "  not identifiable"
+        return f"  {self.why_no_error(name)}"
 
     __repr__ = summary

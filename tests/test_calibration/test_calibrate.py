@@ -10,6 +10,8 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 import jaxcontact as jc
+from jaxcontact._calibration.pairs.outliers import find_outliers
+from jaxcontact._calibration.pairs.pairs import pairs_of
 from jaxcontact._flight import Flight
 from jaxcontact._lab.recordings import make_pairs
 from tests.test_calibration import oracle
@@ -234,6 +236,26 @@ def test_the_free_curve_is_the_polynomial_of_least_aicc():
     assert choice.free.aicc == pytest.approx(best, rel=1e-8)
     np.testing.assert_allclose(np.log(choice.free(np.exp(x))), curve(x), atol=1e-8)
     assert "a free smooth curve of" in choice.yardstick
+
+
+@pytest.mark.parametrize(("low", "points", "seed"), [(1.0005, 60, 1), (1.03, 12, 0), (1.03, 25, 0)])
+def test_pairs_are_judged_about_the_law(low, points, seed):
+    """JKR's spheres near sticking: ln e falls so steeply that a trend marks the slowest pairs."""
+    truth = jc.JKR(pull_off=1.0)
+    sticks = float(truth.sticking_speed(jc.Contact(0.01, 1e6)))
+    v = sticks * np.geomspace(low, 5, points)
+    e = np.sqrt(1 - (sticks / v) ** 2)
+    e *= 1 + 0.005 * np.random.default_rng(seed).normal(size=points)
+    assert find_outliers(pairs_of(v, e)).flagged.any()
+    for wrong in ([], [points // 2]):
+        e[wrong] *= 0.9
+        found = jc.calibrate(jc.read_recording(velocity=v, restitution=e), laws="jkr")
+        assert found.choice.best == found.trend == "adhesive (JKR)"
+        assert np.flatnonzero(found.outliers.flagged).tolist() == wrong
+        assert 0.003 < found.scatter < 0.007
+        chosen = jc.choose_law(jc.Contact(0.01, 1e6), v, e, laws="jkr")
+        assert np.flatnonzero(chosen.marked).tolist() == wrong
+    assert "off adhesive (JKR) left out" in " ".join(repr(found).split())
 
 
 def test_marked_pairs_matter_and_both_results_are_kept():

@@ -78,7 +78,7 @@ def change(data, path, value):
 DELETE = object()
 
 FAULTS = [
-    (["format_version"], 1, "format_version must be 5"),
+    (["format_version"], 1, "format_version must be 6"),
     (["format_version"], DELETE, "format_version is missing"),
     (["colour"], "red", "colour is unknown; known are law, contact"),
     (["noise", "pink"], 1.0, "noise.pink is unknown; known are relative, reading"),

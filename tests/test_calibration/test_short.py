@@ -56,7 +56,7 @@ def summary(
         verdict="verdict",
         laws=tuple(laws),
         line=Line(0.0, 0.0, 0.1),
-        free=Curve((0.0,), 0.5, 4.0, free),
+        free=Curve((0.0,), 0.5, 4.0, free, free is not None and free < -2),
         asked=(),
         next_measurement="",
         rivals=tuple(rivals),

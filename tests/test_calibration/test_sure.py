@@ -66,6 +66,30 @@ def test_a_single_slow_row_may_decide(seed):
     assert constant.behind < 2 and constant.aicc - found.candidates[0].aicc > 10
 
 
+def test_a_law_that_may_describe_five_points_goes_before_one_that_does_not():
+    """AICc prefers the constant, which has one number less; F does not exclude a v^-p by it."""
+    v = np.array([0.5, 1, 2, 3, 5])
+    e = 0.7 * v**-0.15 * (1 + 0.02 * np.random.default_rng(4).normal(size=5))
+    found = jc.choose_law(CONTACT, v, e, laws="bridges")
+    first = found.candidates[0]
+    assert first.name == "constant e" and first.adequate is False
+    assert found.best == "a v^-p" and found.law_fit("a v^-p").adequate is None
+    assert "lowest AICc is that of constant e, but it does not describe the data" in found.verdict
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_point_beyond_a_kink_gives_no_standard_error(seed):
+    """Only the fastest row yields: its e is met exactly, and scatters from nothing."""
+    v = np.geomspace(0.3, 4, 12)
+    e = 1 - 0.0005 * np.random.default_rng(seed).random(12)
+    e[-1] = 0.995
+    found = jc.choose_law(CONTACT, v, e, laws="thornton_plastic", mark_outliers=False)
+    fit, law = found.fits["elastic-plastic"], found.law_fit("elastic-plastic")
+    assert v[-2] < fit.values[0] < v[-1] and np.isnan(fit.errors).all()
+    assert "without a standard error: one point or group alone determines it" in law.said
+    assert "one point or group alone determines it" in fit.summary()
+
+
 def test_two_laws_need_points_for_both():
     with pytest.raises(ValueError, match="too few to compare constant e and a v\\^-p; add rows"):
         jc.choose_law(CONTACT, SPEED[:4], PLASTIC[:4], laws="bridges")
@@ -101,6 +125,25 @@ def test_a_curve_beyond_all_laws_leaves_the_choice_open():
     assert found.better_possible and not found.sure
     assert standing_of(found.fits, found._kinds, found.best).sure
     assert "not sure: a free smooth curve is clearly better" in found.verdict
+
+
+def test_a_free_curve_is_no_alarm_by_chance():
+    """By hand: F of one direction more than the law has numbers, for each of seven degrees."""
+    alarms = []
+    for size in (0, 0.01, 0.015, 0.06):
+        e = PLASTIC * (1 + SCATTER + size * np.sin(3 * np.log(SPEED)))
+        found = jc.choose_law(CONTACT, SPEED, e)
+        k, p = len(found.free.coefficients), []
+        for c in found.candidates:
+            fit, more = found.fits[c.name], max(k - c.k, 0) + 1
+            factor = np.asarray(fit.problem.factor)[: SPEED.size]
+            z = factor * np.log(found.free(SPEED) / e)
+            gain = (2 * fit.loss - z @ z) / more / (z @ z / (SPEED.size - k))
+            p.append(stats.f.sf(gain, more, SPEED.size - k))
+        lower = found.free.aicc < min(c.aicc for c in found.candidates) - 2
+        alarms.append((lower, found.better_possible))
+        assert found.better_possible == (lower and 7 * max(p) < 0.05)
+    assert alarms[0] == (False, False) and alarms[-1] == (True, True)
 
 
 def test_a_known_noise_makes_it_a_chi_square():

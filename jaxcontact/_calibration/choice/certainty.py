@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import fdtrc, gammaincc
@@ -16,7 +17,15 @@ EXCLUDED = 0.01
 """p below which a law is excluded; a right law is excluded by a wrong one at most this often."""
 
 BETTER = 0.05
-"""p below which a law is clearly better than its special case."""
+"""p below which a law is clearly better than its special case, or a free curve than a law."""
+
+
+class Squares(NamedTuple):
+    """The sum of squares of a fit: ½ Σ z², the whitened residuals z, and degrees of freedom."""
+
+    loss: float
+    z: np.ndarray
+    dof: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,7 +103,7 @@ def _keeps_open(found: FitData, own: AbstractKind, fit: FitData, other: Abstract
     return excess_p(found, fit, numbers) >= EXCLUDED
 
 
-def excess_p(better: FitData, worse: FitData, numbers: int) -> float:
+def excess_p(better: FitData | Squares, worse: FitData, numbers: int) -> float:
     """Return the probability of so much larger a sum of squares if `numbers` parameters are idle.
 
     F = (Σz'² - Σz²)/numbers/s², with s² of the better fit, or 1 if the noise is known. If points of
@@ -107,20 +116,20 @@ def excess_p(better: FitData, worse: FitData, numbers: int) -> float:
         return 1.0
     if better.loss == 0:
         return 0.0
-    if better._absolute:
+    if worse._absolute:
         p = float(gammaincc(numbers / 2, gain / 2))
     else:
         p = float(fdtrc(numbers, better.dof, gain / numbers / (2 * better.loss / better.dof)))
     return max(p, _by_trial(better, worse, gain, numbers))
 
 
-def _by_trial(better: FitData, worse: FitData, gain: float, numbers: int) -> float:
+def _by_trial(better: FitData | Squares, worse: FitData, gain: float, numbers: int) -> float:
     """Return the probability by trial; 0 if every point is its own trial."""
-    if not has_trials(better):
+    if not has_trials(worse):
         return 0.0
-    assert better.groups is not None  # for the type checker
-    used = np.asarray(better.problem.factor) > 0
-    trial = np.unique(better.groups[used], return_inverse=True)[1]
+    assert worse.groups is not None  # for the type checker
+    used = np.asarray(worse.problem.factor) > 0
+    trial = np.unique(worse.groups[used], return_inverse=True)[1]
     count = int(trial.max()) + 1
     if count < 2:
         return 1.0
@@ -146,7 +155,10 @@ def sure_sentence(
     """
     if sure is not None and len(fits) == 2:
         (other,) = fits.keys() - {sure.kind}
-        return f" The choice is sure between the two: {other} is excluded (p < {EXCLUDED:g})."
+        how = f"excluded (p < {EXCLUDED:g})"
+        if other in sure.containing:
+            how = f"not clearly better (p ≥ {BETTER:g})"
+        return f" The choice is sure between the two: {other} is {how}."
     if sure is not None:
         but = " that does not contain it" if sure.containing else ""
         return f" The choice is sure: every other law{but} is excluded (p < {EXCLUDED:g} each)."

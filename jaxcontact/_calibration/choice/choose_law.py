@@ -12,24 +12,27 @@ from jaxtyping import ArrayLike
 
 from ..._contact import Contact, require_contact
 from ..._entry import POSITIVE, as_weights, require_flag
-from ..._fit import CLEAR_AICC, Fit, compared, criteria, groups_of, undecided
+from ..._fit import Fit, compared, groups_of, undecided
 from ..._fit.keywords import SearchKeywords, takes
 from ..._program import side_by_side
 from ..._text.progress import stages_of
 from ..._text.words import listed
 from ..pairs.columns import column, for_each
-from ..pairs.outliers import find_outliers
-from ..pairs.pairs import pairs_of
+from ..pairs.outliers import Outliers, find_outliers
+from ..pairs.pairs import LEAST_PAIRS, Pairs, pairs_of
 from ..pairs.plausible import MEASURED_RESTITUTION
 from .certainty import reduced_of, rivals_of, sure_of, sure_sentence
 from .equivalent_e import Grid, asked_of, delivered_by_laws
-from .kind import AbstractKind
+from .kind import AbstractKind, is_identifiable
 from .law_choice import LawChoice, LawFit
 from .next_measurement import what_settles
 from .outcomes import columns_of
 from .selection import kinds_of
 from .table import ChoiceTable, errors_of
 from .trend import curve_of, line_of
+
+_CLOSER = 0.5
+"""Ratio of the scatters about a law and about a trend below which the trend misses the curve."""
 
 
 @takes(SearchKeywords)
@@ -81,8 +84,9 @@ def choose_law(
     their column. `weights`: relative weights of e instead (by default, the scatter about a trend).
     `groups` (points,): the trial of each point, by default one for each. With at least 8 trials,
     standard errors and the comparison allow for correlation within a trial. `mark_outliers`:
-    whether points more than 6 robust standard deviations off the trend are left out. `progress` as
-    in `calibrate`. Other keywords go to `fit` (`optimizer`, `starts`, ...), for all kinds.
+    whether points more than 6 robust standard deviations off every law that describes the data
+    (without such a law, off a trend) are left out. `progress` as in `calibrate`. Other
+    keywords go to `fit` (`optimizer`, `starts`, ...), for all kinds.
 
     The held-out error leaves out four bands of speed in turn; `compare_fits(choice.fits,
     groups=...)` leaves out other groups. The choice is `sure` of a law under four conditions.
@@ -128,11 +132,56 @@ def choose_law(
     )
     errors = errors._replace(others=others)
     table = ChoiceTable(pairs, ~marked, errors, contact, options=how, group=word)
-    return choose(table, kinds, stages_of(progress))
+    chosen = functools.partial(choose, kinds=kinds, progress=stages_of(progress))
+    return about_the_law(table, outliers, chosen)[0] if mark_outliers else chosen(table)
+
+
+def about_the_law(
+    table: ChoiceTable, outliers: Outliers, chosen: Callable[[ChoiceTable], Any]
+) -> tuple[Any, Outliers]:
+    """Return the `chosen` fits without the pairs off every law that describes the rest, and these.
+
+    The first fits leave out the `outliers`, which are off a trend, and the next ones those off the
+    laws fitted before, until the pairs stay the same. If the best law is no better than the trend,
+    or the pairs do not settle, the same begins with all pairs. If that fails, the trend counts.
+    """
+    start, found, seen = chosen(table), outliers, set[bytes]()
+    now = start
+    while True:
+        seen.add(found.flagged.tobytes())
+        flagged = found.flagged & False
+        if off := _off_laws(table.pairs, now, found):
+            flagged = np.all([one.flagged for one in off], axis=0)
+            if np.array_equal(flagged, found.flagged):
+                return now, dataclasses.replace(off[0], flagged=flagged).told(table.pairs)
+        if flagged.tobytes() in seen:
+            flagged = flagged & False
+        if flagged.tobytes() in seen or np.sum(~flagged) < LEAST_PAIRS:
+            return start, outliers
+        now = chosen(dataclasses.replace(table, use=~flagged))
+        found = dataclasses.replace(outliers, flagged=flagged)
+
+
+def _off_laws(pairs: Pairs, now: Any, found: Outliers) -> list[Outliers]:
+    """Return the pairs off the best law, and off each other law that describes the data.
+
+    Return nothing if the best does not, unless its scatter is `_CLOSER` than that about the trend.
+    """
+    good = {
+        kind: found.off_law(pairs, kind, *fit.predict_with_error())
+        for kind, fit in now.fits.items()
+        if kind == now.best or (fit.converged and fit.adequate and is_identifiable(fit))
+    }
+    own = good.pop(now.best, None)
+    if own is None or not (
+        now.fits[now.best].adequate or own.scatter(pairs) < _CLOSER * found.scatter(pairs)
+    ):
+        return []
+    return [own, *good.values()]
 
 
 def choose(
-    table: ChoiceTable, kinds: tuple[AbstractKind, ...], progress: Callable[[str], None]
+    table: ChoiceTable, *, kinds: tuple[AbstractKind, ...], progress: Callable[[str], None]
 ) -> LawChoice:
     """Choose among `kinds` on the pairs of a table."""
     every, kinds = kinds, tuple(filter(table.determines, kinds))
@@ -147,14 +196,10 @@ def choose(
     reduced = reduced_of(fits, kinds)
     laws = tuple(dataclasses.replace(law, reduced_to=reduced.get(law.kind, "")) for law in laws)
     said = {law.kind: law.said for law in laws}
-    free = curve_of(first, x)
-    if table.errors.others:  # its criterion is that of other data
-        free = dataclasses.replace(free, aicc=None)
+    free = curve_of(fits.values(), x)
     # Certainty needs fits of all laws, and data that no other curve describes better.
     left_out = [kind.name for kind in every if kind not in kinds]
-    gain = free.gain(criteria(fit)[1] for fit in fits.values() if fit.converged)
-    beyond = gain is not None and gain > CLEAR_AICC
-    standing = None if left_out or beyond else sure_of(fits, kinds)
+    standing = None if left_out or free.better else sure_of(fits, kinds)
     comparison = compared(
         fits,
         table.bands(first),
@@ -170,7 +215,7 @@ def choose(
     if standing is not None:
         rivals = [name for name in rivals if name in standing.containing]
     verdict = comparison.verdict
-    verdict += sure_sentence(fits, kinds, best, standing, {best, *rivals}, beyond=beyond)
+    verdict += sure_sentence(fits, kinds, best, standing, {best, *rivals}, beyond=free.better)
     if left_out:
         verdict += f" More points are needed to compare {listed(left_out)}."
     constant, v = laws[0].constant, table.velocity

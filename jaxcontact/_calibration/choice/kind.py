@@ -124,7 +124,8 @@ class AbstractKind(abc.ABC):
 
         def estimate(parameter: str, name: str, scale: float, unit: str) -> Estimate:
             error = fit.standard_errors[parameter] / scale if good else None
-            return Estimate(name, float(fit.params[parameter]) / scale, error, unit)
+            value = float(fit.params[parameter]) / scale
+            return Estimate(name, value, error, unit, fit.why_no_error(parameter))
 
         found, own = [], []
         for parameter, one in self.parameters.items():

@@ -12,7 +12,7 @@ from jaxtyping import ArrayLike
 
 from ..._contact import Contact
 from ..._entry import POSITIVE, require_choice
-from ..._fit import CLEAR_AICC, Candidate, Fit, table
+from ..._fit import Candidate, Fit, table
 from ..._flight import Floats
 from ..._laws import AbstractLaw
 from ..._text.words import counted
@@ -117,9 +117,10 @@ class ChoiceData:
 
         It is "" for few points, and if contact times or peak forces were fitted too.
         """
-        gain = self._gain
-        if gain is None:
+        lowest = min((c.aicc for c in self.candidates if c.converged), default=None)
+        if self.free.aicc is None or lowest is None:
             return ""
+        gain = lowest - self.free.aicc
         free = f"a free smooth curve of {counted(len(self.free.coefficients), _NUMBERS)}"
         place = f"{abs(gain):.1f} {'below' if gain > 0 else 'above'} the lowest of the laws"
         if self.better_possible:
@@ -129,12 +130,7 @@ class ChoiceData:
     @property
     def better_possible(self) -> bool:
         """True if a free smooth curve is clearly better than every law."""
-        return self._gain is not None and self._gain > CLEAR_AICC
-
-    @property
-    def _gain(self) -> float | None:
-        """AICc of the best law minus that of the free curve."""
-        return self.free.gain(c.aicc for c in self.candidates if c.converged)
+        return self.free.better
 
     def table(self) -> str:
         """Return the kinds of laws with their parameters and criteria; lower is better."""

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..._fit import LEAST_GROUPS, FitData, criteria_of, sandwich
+from ..._fit import CLEAR_AICC, LEAST_GROUPS, FitData, criteria, criteria_of, sandwich
+from .certainty import BETTER, Squares, excess_p
 
 _MOST = 6
 """Largest degree of the free curve; laws do not have more turns within the data."""
@@ -36,32 +37,30 @@ class Curve:
 
     It is not a candidate, but shows what any law could reach. `coefficients` are those of Chebyshev
     polynomials over ln v from `slowest` to `fastest` in m/s. `aicc` is comparable with that of the
-    laws, None with too few points.
+    laws, None with too few points. `better`: whether it is clearly better than every law. Its AICc
+    is then lower by more than 2, and each law is excluded by F of its larger sum of squares (p <
+    0.05, divided by the number of degrees tried).
     """
 
     coefficients: tuple[float, ...]
     slowest: float
     fastest: float
     aicc: float | None
+    better: bool
 
     def __call__(self, velocity: Floats) -> Floats:
         """Return e at closing speeds (n,) in m/s."""
         return np.exp(np.polynomial.chebyshev.chebval(self._place(velocity), self.coefficients))
-
-    def gain(self, laws: Iterable[float]) -> float | None:
-        """Return the lowest AICc of laws minus that of this curve; None without either."""
-        lowest = min(laws, default=None)
-        return None if self.aicc is None or lowest is None else lowest - self.aicc
 
     def _place(self, velocity: Floats) -> Floats:
         return _place(velocity, self.slowest, self.fastest)
 
 
 class _Linear(NamedTuple):
-    """A linear least-squares fit: coefficients, half of Σ z², and their covariance."""
+    """A linear least-squares fit: coefficients, its squares, and the covariance."""
 
     coefficients: np.ndarray
-    loss: float
+    squares: Squares
     covariance: Float[np.ndarray, "k k"]
 
 
@@ -92,7 +91,7 @@ class _Data(NamedTuple):
             number = None if self.groups is None else self.groups[used]
             if number is not None and len(np.unique(number)) >= LEAST_GROUPS:
                 covariance = sandwich(inverse, weighted * z[:, None], number)
-        return _Linear(coefficients, float(z @ z) / 2, covariance)
+        return _Linear(coefficients, Squares(float(z @ z) / 2, z, n - k), covariance)
 
 
 def _data_of(fit: FitData, n: int) -> _Data:
@@ -114,23 +113,32 @@ def line_of(fit: FitData, velocity: Floats) -> Line:
     return Line(level, slope, error if math.isfinite(error) else None)
 
 
-def curve_of(fit: FitData, velocity: Floats) -> Curve:
-    """Return the free curve through the data of a fit of ln e, with their weights."""
+def curve_of(fits: Iterable[FitData], velocity: Floats) -> Curve:
+    """Return the free curve through the data of fits of ln e, with their weights."""
+    fit, *_ = fits = tuple(fits)
     data = _data_of(fit, len(velocity))
     v = velocity[data.factor > 0]
     ends = float(v.min()), float(v.max())
     n = len(v)
     most = min(_MOST, n - 1, len(np.unique(v)) - 1)
     columns = np.polynomial.chebyshev.chebvander(_place(velocity, *ends), max(most, 0))
-    best: Curve | None = None
-    for k in range(1, columns.shape[1] + 1):
-        found = data.fitted(columns[:, :k])
-        aicc, _ = criteria_of(found.loss, k, data.factor[data.factor > 0], fit._absolute)
-        if best is None or (math.isfinite(aicc) and aicc < (best.aicc or math.inf)):
-            shown = aicc if math.isfinite(aicc) else None
-            best = Curve(tuple(map(float, found.coefficients)), *ends, shown)
-    assert best is not None  # for the type checker
-    return best
+    degrees, factor = columns.shape[1], data.factor[data.factor > 0]
+    found = {}
+    for k in range(1, degrees + 1):
+        one = data.fitted(columns[:, :k])
+        found.setdefault(criteria_of(one.squares.loss, k, factor, fit._absolute)[0], (k, one))
+    aicc = min(found)
+    k, best = found[aicc]
+    # Contact times and forces are other data, with another criterion.
+    known = math.isfinite(aicc) and fit.data.size == velocity.size
+    laws = [(one, criteria(one)) for one in fits if one.converged and known]
+    better = bool(laws) and all(
+        lowest - aicc > CLEAR_AICC
+        # A curve that does not contain the law can approach it along one more direction.
+        and degrees * excess_p(best.squares, law, max(k - own, 0) + 1) < BETTER
+        for law, (own, lowest, _) in laws
+    )
+    return Curve(tuple(map(float, best.coefficients)), *ends, aicc if known else None, better)
 
 
 def _place(velocity: Floats, slowest: float, fastest: float) -> Floats:

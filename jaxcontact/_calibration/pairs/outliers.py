@@ -1,15 +1,15 @@
 """A robust rule that marks outliers, such as spurious and missed triggers.
 
-A pair is marked if ln e lies more than `THRESHOLD` standard deviations off a robust trend in speed,
-and in a table also off a smooth curve. The standard deviation is that of its reading (see `noise`),
-or the known error of the reading. e > 1 alone does not mark a pair.
+A pair is marked if ln e lies more than `THRESHOLD` standard deviations off every law that describes
+the data. Without such a law it is marked if it lies so far off a robust trend in speed, and in a
+table also off a smooth curve. The standard deviation is that of its reading (see `noise`), or the
+known error of the reading. e > 1 alone does not mark a pair.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,8 +66,9 @@ _AXES: dict[str, Callable[[Floats], Floats]] = {
 class Outliers:
     """Marked pairs among n, and the grounds.
 
-    `flagged` (n,) bool. `deviation` (n,) from `trend` in standard deviations of `noise`, positive
-    for a ratio that is too large. `guess`, for each flagged pair, the probable cause.
+    `flagged` (n,) bool. `deviation` (n,) from `trend`, or from the law `about`, in standard
+    deviations of `noise`, positive for a ratio that is too large. `guess`, for each flagged pair,
+    the probable cause.
     """
 
     flagged: NDArray[np.bool_]
@@ -75,6 +76,38 @@ class Outliers:
     guess: dict[int, str]
     trend: Trend
     noise: Noise
+    about: str = ""
+
+    def scatter(self, pairs: Pairs) -> float:
+        """Return the scatter of ln e in a typical pair."""
+        return float(np.median(self.noise.sigma(pairs.reading_factor)))
+
+    def told(self, pairs: Pairs) -> Outliers:
+        """Return these outliers with the probable causes."""
+        usual = float(np.exp(np.median(self.trend(pairs.velocity[~self.flagged]))))
+        told = pairs.guess(self.flagged, usual)
+        marked = map(int, np.flatnonzero(self.flagged))
+        return dataclasses.replace(self, guess={k: told.get(k, "unclear") for k in marked})
+
+    def off_law(self, pairs: Pairs, law: str, log_e: Floats, error: Floats) -> Outliers:
+        """Return the pairs off a law, which was fitted without the flagged ones.
+
+        Pairs left out may miss its ln e (n or more,) by its standard `error` in addition. Few pairs
+        may lie on the curve by chance: then only flagged ones are marked.
+        """
+        n, keep = len(pairs), ~self.flagged
+        residual = np.log(pairs.restitution) - log_e[:n]
+        noise = estimate_noise(residual[keep], pairs.reading_factor[keep], robust=True)
+        size = np.maximum(noise.sigma(pairs.reading_factor), _known_errors(pairs))
+        deviation = residual / np.hypot(size, np.where(keep, 0.0, error[:n]))
+        off = (np.abs(deviation) > THRESHOLD) & (self.flagged | (keep.sum() >= _LINE_POINTS))
+        return Outliers(off, deviation, {}, self.trend, noise, law)
+
+
+def _known_errors(pairs: Pairs) -> Floats:
+    """Return the known errors of ln e: few pairs may agree by chance to less than these."""
+    n = len(pairs)
+    return np.zeros(n) if pairs.covariance is None else np.sqrt(np.diag(pairs.covariance))
 
 
 def _off_curve(pairs: Pairs) -> NDArray[np.bool_]:
@@ -121,30 +154,17 @@ def marked_in(
     return marked, np.exp(found.trend(velocity))
 
 
-class Marked(NamedTuple):
-    """Marked pairs among n, their deviations, the trend, and the noise about it."""
-
-    flagged: NDArray[np.bool_]
-    deviation: Floats
-    trend: Trend
-    noise: Noise
-
-
 def find_outliers(pairs: Pairs) -> Outliers:
     """Mark pairs as `mark` does, and guess the causes.
 
     In a table, pairs on a smooth curve are not marked, because e(v) may be steep and curved.
     Recordings of flights have spurious triggers, and speeds in a narrow range.
     """
-    # Few pairs may agree by chance to less than their known errors.
-    least = 0.0 if pairs.covariance is None else np.sqrt(np.diag(pairs.covariance))
-    found = mark(pairs.velocity, pairs.restitution, pairs.reading_factor, least)
+    known = _known_errors(pairs)
+    found = mark(pairs.velocity, pairs.restitution, pairs.reading_factor, known)
     if found.flagged.any() and not pairs.from_flights:
-        found = found._replace(flagged=found.flagged & _off_curve(pairs))
-    usual = float(np.exp(np.median(found.trend(pairs.velocity[~found.flagged]))))
-    told = pairs.guess(found.flagged, usual)
-    guess = {k: told.get(k, "unclear") for k in map(int, np.flatnonzero(found.flagged))}
-    return Outliers(found.flagged, found.deviation, guess, found.trend, found.noise)
+        found = dataclasses.replace(found, flagged=found.flagged & _off_curve(pairs))
+    return found.told(pairs)
 
 
 def mark(
@@ -152,7 +172,7 @@ def mark(
     restitution: Floats,
     reading_factor: Floats,
     least: Floats | float = 0.0,
-) -> Marked:
+) -> Outliers:
     """Mark the pairs more than `THRESHOLD` robust standard deviations off the trend.
 
     `least` (n,) is a lower bound of the standard deviations. The trend is constant, or a Theil-Sen
@@ -174,7 +194,7 @@ def mark(
         keep = np.abs(deviation) <= THRESHOLD
         # The marks may alternate between two sets: stop when a set recurs.
         if keep.tobytes() in seen:
-            return Marked(~keep, deviation, trend, noise)
+            return Outliers(~keep, deviation, {}, trend, noise)
         seen.add(keep.tobytes())
         kinds = _AXES if keep.sum() >= _LINE_POINTS else ["constant"]
 

@@ -91,8 +91,8 @@ the n of the force, 3/2 by default. record.png shows the impacts and the fits.
 
 e from two intervals of a trial with successive bounces: e = T2/T1 at approach speed g T1/2, or with
 drag by its flight times; from heights: e = sqrt(h1/h0) at sqrt(2 g h0), or with drag. A pair is
-marked only if it is far from the trend of all pairs, even for e above 1. Marked pairs are listed
-with their rows and left out; the result with them is shown as well.
+marked only if it is far from every law that describes the rest, or else from their trend, even for
+e above 1. Marked pairs are listed with their rows and left out; the result with them is shown too.
 
 From oblique impacts μ follows with its error, by the friction law that describes the table: rigid
 Coulomb, Walton or Maw-Barber-Fawcett. They need e, from a column or --restitution, and for spins

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib.metadata
+import math
 from collections.abc import Callable, Sequence
 
 import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
-from ..._calibration.choice.choose_law import choose
+from ..._calibration.choice.choose_law import about_the_law, choose
 from ..._calibration.choice.kind import AbstractKind
 from ..._calibration.choice.law_choice import LawChoice, kind_asked
 from ..._calibration.choice.selection import kinds_of
@@ -127,10 +129,12 @@ def calibrate(
             errors, options = errors_of_impacts(impacts, keep), {"groups": None}
         word = pairs.layout.cluster_words[0]
         table = ChoiceTable(pairs, keep, errors, contact, frozenset(given), options, word)
-        choice = with_marked = _choose_from(table, kinds, tell)
+        chosen = functools.partial(_choose_from, kinds=kinds, tell=tell)
+        choice, outliers = about_the_law(table, outliers, chosen)
+        keep, with_marked = ~outliers.flagged, choice
         if not keep.all():
             every = dataclasses.replace(table, use=np.ones_like(keep))
-            with_marked = _choose_from(every, kinds, tell)
+            with_marked = chosen(every)
     kept_pairs = pairs.where(keep)
     kind = kind_asked(choice, laws)
     law, standard_errors, at_ends = None, {}, ()
@@ -140,6 +144,9 @@ def calibrate(
         others_open = [choice.fits[name] for name in choice.rivals]
         at_ends = at_speeds(choice.fits[kind], others_open, kept_pairs.velocity, asked_at)
     scatter = float(np.median(errors.sigma[keep])) if keep.sum() >= LEAST_PAIRS else None
+    if scatter is not None and outliers.about and not (errors.absolute or errors.others):
+        # The weights have the scatter about the trend.
+        scatter *= math.sqrt(choice.law_fit(outliers.about).reduced_chi2)
     fits = () if impacts is None else impacts.fits
     return Calibration(
         law=law,
@@ -152,7 +159,7 @@ def calibrate(
         drag=drag,
         noise=errors.noise,
         threshold=THRESHOLD,
-        trend=outliers.trend.kind,
+        trend=outliers.about or outliers.trend.kind,
         pairs=_pairs(pairs, outliers),
         choice=choice,
         with_marked=with_marked,
@@ -184,7 +191,7 @@ def _choose_from(
         table = dataclasses.replace(table, errors=table.errors._replace(absolute=True))
     if count < LEAST_PAIRS and (not forces or count == 1):
         return only_constant(table if forces else with_known_errors(table), kinds[0])
-    return choose(table, kinds, tell)
+    return choose(table, kinds=kinds, progress=tell)
 
 
 def _errors(choice: LawChoice, kind: str) -> dict[str, float | None]:

@@ -77,7 +77,7 @@ def only_constant(table: ChoiceTable, kind: AbstractKind) -> LawChoice:
         verdict=f"Use {kind.name}: {law.said}. {counted(len(v), words)} cannot distinguish laws.",
         laws=(law,),
         line=line,
-        free=Curve((level,), float(v.min()), float(v.max()), None),
+        free=Curve((level,), float(v.min()), float(v.max()), None, better=False),
         asked=asked_of(constant.value, constant.standard_error, delivered_by_laws()),
         next_measurement=f"a choice among laws needs at least {LEAST_PAIRS} {words[1]}, over the "
         f"range of speeds in your simulation; {pairs.rule}",

@@ -8,7 +8,7 @@ from ..._fit import AT_BOUND
 from ..._text.table import text_table, wrapped
 from ..._text.words import counted
 from ..recordings import FROM_FILE, LAYOUTS, Layout
-from .short_report import data_sentence, scatter_said, verdict_lines
+from .short_report import about, data_sentence, scatter_said, verdict_lines
 from .summary_data import SummaryData
 
 Row = tuple[str, ...]
@@ -146,10 +146,10 @@ def _titled(title: list[str], header: Row, rows: list[Row], align: str = "") -> 
 
 def marking_rule(s: SummaryData) -> str:
     """Return the rule by which pairs are marked."""
-    rule = f"more than {s.threshold:g} robust standard deviations from the trend"
+    rule = f"more than {s.threshold:g} robust standard deviations from {about(s)}"
     # A table may be steep and curved.
-    flights = LAYOUTS[s.recording.layout].uses_flight
-    return rule if flights else f"{rule} and from a smooth curve"
+    smooth = about(s) == "the trend" and not LAYOUTS[s.recording.layout].uses_flight
+    return f"{rule} and from a smooth curve" if smooth else rule
 
 
 def none_marked_sentence(s: SummaryData) -> str:

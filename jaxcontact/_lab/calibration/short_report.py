@@ -270,11 +270,16 @@ def data_sentence(s: SummaryData) -> str:
     marked = sum(pair.marked for pair in s.pairs)
     out = ""
     if marked:
-        out = f"; {marked} far off the trend left out"
+        out = f"; {marked} far off {about(s)} left out"
     return (
         f"{counted(len(s.pairs), ('pair', 'pairs'))} of approach speed and e, from "
         f"{layout.made_of}, {span([pair.velocity for pair in s.pairs], 'm/s')}{out}"
     )
+
+
+def about(s: SummaryData) -> str:
+    """Return the curve from which pairs were judged: the law, if one describes the data."""
+    return s.trend if s.trend in {law.kind for law in s.choice.laws} else "the trend"
 
 
 def cautions(s: SummaryData) -> list[str]:

@@ -19,7 +19,7 @@ from .full_report import report
 from .short_report import short
 from .summary_data import SummaryData
 
-VERSION = 5
+VERSION = 6
 """Version of the file format; raised when a field is added, removed or changes its meaning."""
 
 _SPEEDS = 17

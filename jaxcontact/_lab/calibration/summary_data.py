@@ -33,7 +33,7 @@ class RecordingSummary:
 
 @dataclasses.dataclass(frozen=True)
 class PairSummary:
-    """One pair: rows, speed in m/s, e, and deviation from the trend in robust standard deviations.
+    """One pair: rows, speed in m/s, e, deviation from law or trend in robust standard deviations.
 
     `error` is the standard error of e from the known errors of its readings, None if those are
     unknown.
@@ -90,12 +90,13 @@ class SummaryData:
     contact, v)` gives the fitted e. `given` names the contact numbers that were given ("mass",
     "stiffness"); the others are 1. `standard_errors` are those of the law's parameters, None if not
     identifiable. `requested` is the argument `laws`, `gravity` is in m/s², and `drag` is None if it
-    was not removed. `noise` is the scatter of ln e. `threshold` and `trend` are those of the
+    was not removed. `noise` is that of the weights. `threshold` and `trend` are those of the
     outlier rule. `pairs` holds all pairs. `choice` compares the laws without the marked pairs,
     `with_marked` with them. `by_speed` holds medians, `versions` the packages, and `impacts` the
     impacts in an instrument record. `at` is e of the law at the slowest and the fastest measured
     speed and at those requested. `scatter` is the median standard deviation of ln e of a pair about
-    the trend, None for fewer than four pairs.
+    the best law, or about the trend if no law describes the data. It is None for fewer than four
+    pairs.
     """
 
     law: AbstractLaw | None
