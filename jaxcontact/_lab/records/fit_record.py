@@ -24,7 +24,7 @@ from ..._text.units import Shown
 from .instrument_errors import InstrumentErrors, require_filterable
 from .low_pass import Course, LowPass
 from .saturation import BeyondLimits, limits_of
-from .start import near, touch_in, without_a_contact_elsewhere
+from .start import level_in, near, touch_in, without_a_contact_elsewhere
 
 _SAMPLES = 128
 """Samples of the motion for cubic interpolation: its error is below 1e-7 of the largest value."""
@@ -172,13 +172,14 @@ def fit_record(
     reading = next(iter(table["data"].values()))
     filters = {"force": low_pass_force, "indentation": low_pass_indentation}
     _check_filters(filters, table["data"])
-    guess = touch_in(moments, reading) if start_time is None else start_time
+    level = level_in(reading) if force is not None else 0.0
+    guess = touch_in(moments, reading - level) if start_time is None else start_time
     start_time = require_number("start_time", guess)
     numbers: Any = velocity, start_time
-    offsets = (jnp.zeros(()) if name in table["data"] else None for name in columns)
+    zeros = {"force": level, "indentation": 0.0}
+    offsets = (jnp.asarray(zeros[name]) if name in table["data"] else None for name in columns)
     start = RecordModel(law, contact, *numbers, *offsets, *filters.values())
     transforms = transforms_of(start, fixed)
-    start = near(start, moments, reading, transforms)
     options = with_transforms(transforms, how)
     if options.get("noise") is None:
         options["noise"] = "common" if "sigma" in table else "by column"
@@ -191,21 +192,31 @@ def fit_record(
         instruments = Recorded(
             *({name: jnp.asarray(one[k]) for name, one in limits.items()} for k in range(2))
         )
-    # Readings behind a filter get a correlation later: starting with one keeps a single program.
-    size = moments.size * len(table["data"])
-    errors: dict[str, Any] = {"correlation": np.eye(size)} if any(filters.values()) else {}
-
-    def fitted(start: RecordModel) -> Fit:
-        return fit(instruments, start=start, x=moments, **(table | options | errors))
-
-    def again(last: Fit, estimated: dict[str, Any]) -> Fit:
-        errors.update(estimated)
-        return dataclasses.replace(fitted(last.params), notes=last.notes)
-
     sizes = {name: values for name, values in table.items() if name != "data"}
-    found = refit(BeyondLimits(limits, sizes), fitted(start), again)
-    found = refit(InstrumentErrors(table | errors, moments, limits), found, again)
-    return without_a_contact_elsewhere(found, table["data"])
+
+    def search(start: RecordModel) -> Fit:
+        # Readings behind a filter get a correlation later: starting with one keeps one program.
+        size = moments.size * len(table["data"])
+        errors: dict[str, Any] = {"correlation": np.eye(size)} if any(filters.values()) else {}
+
+        def fitted(start: RecordModel) -> Fit:
+            return fit(instruments, start=start, x=moments, **(table | options | errors))
+
+        def again(last: Fit, estimated: dict[str, Any]) -> Fit:
+            errors.update(estimated)
+            return dataclasses.replace(fitted(last.params), notes=last.notes)
+
+        found = refit(BeyondLimits(limits, sizes), fitted(start), again)
+        found = refit(InstrumentErrors(table | errors, moments, limits), found, again)
+        return without_a_contact_elsewhere(found, table["data"])
+
+    signal = reading - level
+    found = search(near(start, moments, signal, transforms))
+    # A second start has the duration of the contact in the record.
+    second = near(start, moments, signal, transforms, far=1.0)
+    if not found.converged and second is not start:
+        found = max(found, search(second), key=lambda one: one.converged)
+    return found
 
 
 def _table_of(
