@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from .._text.files import write_all
 from .._text.progress import Stages, progress_of
 from .._text.table import wrapped
-from .air import gravity_asked
+from .air import drag_notes, gravity_asked
 from .options import InputError, input_errors
 from .printing import print_json
 from .table import in_options
@@ -55,6 +55,7 @@ def run_every_ball(arguments: argparse.Namespace, drag: Drag | None, progress: S
         recordings = read_recordings(arguments.file, **how)
     first = next(iter(recordings.values()))
     notes = [one for one in first.notes if all(one in ball.notes for ball in recordings.values())]
+    notes = [*drag_notes(arguments), *notes] if first.layout.uses_flight else notes
     if ALL in recordings:
         raise InputError(f"{first.source}: a ball is called {ALL!r}; rename it for --ball {ALL}")
     if first.layout.fitted:

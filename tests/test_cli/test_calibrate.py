@@ -169,8 +169,10 @@ BAD_OPTIONS = {
     "no such file": (["none.csv"], "none.csv: cannot be read"),
     "no such ball": (["--ball", "golf"], "has no ball 'golf'; it holds pingpong, blue, tennis"),
     "no such law": (["--law", "nonsense"], "--law must be one of"),
-    "half a drag": (["--radius", "0.02"], "also give --mass and --drag-coefficient"),
-    "mass alone": (["--mass", "0.1"], "or --stiffness, to determine A"),
+    "half a drag": (
+        ["--radius", "0.02", "--drag-coefficient", "0.45"],
+        "--drag-coefficient alone cannot correct for drag: also give --mass",
+    ),
     "report": (
         ["--report", "ball.jpg"],
         "ball.jpg: the name must end in .html, .md, .txt",

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
 import pathlib
 import re
-from typing import TYPE_CHECKING
 
 from ..._text.files import write_all
 from ..._text.progress import Stages
 from ..._text.table import wrapped
-from ..air import add_air_options, drag_asked, gravity_asked
+from ..air import add_air_options, drag_asked, drag_notes, gravity_asked
 from ..every_ball import ALL, TABLE, run_every_ball
 from ..friction import NUMBERS as NUMBERS
 from ..friction import is_friction, run_friction
 from ..options import InputError, input_errors, positive
 from ..printing import output_path
 from ..table import add_table_options, in_options
-
-if TYPE_CHECKING:
-    from ..._flight import Drag
 
 FIGURE = "calibration.png"
 SOUND = "sound.png"
@@ -181,7 +178,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     if is_friction(arguments):
         return run_friction(arguments, progress)
     if arguments.ball == ALL:
-        return run_every_ball(arguments, _drag(arguments), progress)
+        return run_every_ball(arguments, drag_asked(arguments), progress)
     from ..._lab.calibration.calibrate import calibrate
     from ..._lab.recordings import RecordingError, read_recording
     from ...plot import calibration, record, sound, track
@@ -199,7 +196,10 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             decimal=arguments.decimal,
             rate=arguments.rate,
         )
-    drag = None if recording.layout.fitted else _drag(arguments)
+    drag = None if recording.layout.fitted else drag_asked(arguments)
+    if recording.layout.uses_flight:
+        notes = (*drag_notes(arguments), *recording.notes)
+        recording = dataclasses.replace(recording, notes=notes)
     try:
         result = calibrate(
             recording,
@@ -271,12 +271,3 @@ def _page(name: str | None, out: pathlib.Path) -> pathlib.Path | None:
             f"`jaxcontact calibrate {name} --report`"
         )
     return output_path("--report", name, SUFFIXES)
-
-
-def _drag(arguments: argparse.Namespace) -> Drag | None:
-    used = []
-    if arguments.stiffness is not None:
-        used.append("--mass")  # needed for A
-    if arguments.report:
-        used.append("--radius")  # needed for simulators
-    return drag_asked(arguments, used=used, hint=" (or --stiffness, to determine A)")

@@ -21,8 +21,8 @@ from ..._fit.keywords import ColumnKeywords, takes
 from ..._impact import trajectory
 from ..._laws import AbstractLaw, force_of, require_law
 from ..._text.units import Shown
-from .instrument_errors import InstrumentErrors, require_filterable
 from .filter_choice import without_a_needless_filter
+from .instrument_errors import InstrumentErrors, require_filterable
 from .low_pass import Course, LowPass
 from .saturation import BeyondLimits, limits_of
 from .start import level_in, near, touch_in, without_a_contact_elsewhere
