@@ -14,7 +14,7 @@ from .._text.table import wrapped
 from .air import drag_notes, gravity_asked
 from .options import InputError, input_errors
 from .printing import print_json
-from .table import in_options
+from .table import in_options, table_asked
 
 if TYPE_CHECKING:
     from .._flight import Drag
@@ -50,7 +50,7 @@ def run_every_ball(arguments: argparse.Namespace, drag: Drag | None, progress: S
     file = out / TABLE
     if arguments.file is not None and file.exists() and file.samefile(arguments.file):
         raise InputError(f"--out {out}: {TABLE} there is the file that is read")
-    how = {"columns": arguments.columns, "decimal": arguments.decimal, "rate": arguments.rate}
+    how = table_asked(arguments) | {"rate": arguments.rate}
     with input_errors(in_options):
         recordings = read_recordings(arguments.file, **how)
     first = next(iter(recordings.values()))

@@ -17,7 +17,7 @@ from ..friction import NUMBERS as NUMBERS
 from ..friction import is_friction, run_friction
 from ..options import InputError, input_errors, positive
 from ..printing import output_path
-from ..table import add_table_options, in_options
+from ..table import add_table_options, in_options, table_asked
 
 FIGURE = "calibration.png"
 SOUND = "sound.png"
@@ -189,13 +189,8 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out} is not a folder")
     with input_errors(_in_options):
-        recording = read_recording(
-            arguments.file,
-            ball=arguments.ball,
-            columns=arguments.columns,
-            decimal=arguments.decimal,
-            rate=arguments.rate,
-        )
+        how = {"ball": arguments.ball, "rate": arguments.rate} | table_asked(arguments)
+        recording = read_recording(arguments.file, **how)
     drag = None if recording.layout.fitted else drag_asked(arguments)
     if recording.layout.uses_flight:
         notes = (*drag_notes(arguments), *recording.notes)

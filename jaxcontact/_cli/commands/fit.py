@@ -14,7 +14,7 @@ from ..air import add_air_options, drag_asked, drag_notes, gravity_asked
 from ..law import add_law_and_contact, contact_asked, exponent_asked, law_parameters
 from ..options import InputError, assignment, input_errors, number, positive
 from ..printing import print_json
-from ..table import add_table_options, in_options
+from ..table import add_table_options, in_options, table_asked
 
 if TYPE_CHECKING:
     from ..._fit import Fit
@@ -233,7 +233,7 @@ def _read_data(
 ) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
     from ..._lab.recordings import FROM_FILE, read_columns
 
-    how = {"columns": arguments.columns, "decimal": arguments.decimal}
+    how = table_asked(arguments)
     with input_errors(in_options):
         if not problem.columns:
             return _read_bounces(arguments, how)

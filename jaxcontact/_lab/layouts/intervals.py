@@ -126,6 +126,15 @@ class Intervals(Layout[Interval]):
             return True
         return not any(CLOCK.heading(text) for text in sheet.names)
 
+    def select(self, rows: Sequence[Row]) -> tuple[Sequence[Row], tuple[str, ...]]:
+        """Leave out the last intervals of trials that are 0: a stopwatch ends with these."""
+        if not rows or "interval_s" not in rows[0].values:
+            return rows, ()
+        last = {(row.place[0], row.text("trial", "1")): row for row in rows}.values()
+        gone = [one.number for one in last if one.real("interval_s") == 0]
+        note = f"row {', '.join(map(str, gone))} left out: the last interval is 0"
+        return [row for row in rows if row.number not in gone], (note,) * bool(gone)
+
     def read(self, rows: Sequence[Row]) -> list[Interval]:
         groups = interval_groups(rows)
         records = [
@@ -195,7 +204,7 @@ class Intervals(Layout[Interval]):
             reading_factor=factor,
             clusters=[_trial(first) for first, _ in couples],
             records=couples,
-            unpaired=len(records) - len({record.row for couple in couples for record in couple}),
+            unpaired=len(records) - len({id(record) for couple in couples for record in couple}),
             covariance=covariance,
             reading=math.sqrt(square),
             absolute=bool(couples) and couples[0][0].sigma is not None,

@@ -50,7 +50,7 @@ class Grid:
     """The headings of a table and its rows; `header_row` is None if no row is a heading.
 
     `notes` say how the file was read, if not in the plainest way; `repeats` are the rows that
-    repeat the headings.
+    repeat the headings, and `sheets` the sheets of a spreadsheet that it is read from.
     """
 
     names: list[str]
@@ -58,6 +58,7 @@ class Grid:
     rows: list[Line]
     notes: tuple[str, ...] = ()
     repeats: tuple[int, ...] = ()
+    sheets: tuple[str, ...] = ()
 
 
 def is_number(cell: Any) -> bool:
