@@ -32,9 +32,4 @@ def in_options(text: str) -> str:
     """Return the error of a reader, with options in place of arguments."""
     text = re.sub(r'`(columns|decimal)="([^"]*)"`', r'--\1 "\2"', text)
     text = re.sub(r"Argument `(columns|decimal|layout|ball|rate|sheet)`", r"--\1", text)
-    return (
-        text.replace("`rate`", "--rate")
-        .replace("`ball=`", "--ball")
-        .replace("`sheet=`", "--sheet")
-        .replace("`sheet`", "--sheet")
-    )
+    return re.sub(r"`(rate|ball|sheet)=?`", r"--\1", text)

@@ -72,29 +72,21 @@ the report notes it. `sigma` holds standard deviations of e or of the intervals.
 standard deviations are listed as not used. Rows in messages are lines of the file; the header is
 row 1.
 
-FILE may also be a sound: WAV, and FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`. Bounces
-are found by their shrinking intervals and similar sounds. Each drop is a trial. Times of
-bounces have errors of some microseconds, which enter the fit. Doubtful sounds are listed and not
-used; sound.png shows them.
-
-In a track from video (Tracker, OpenCV, trackpy) parabolas are fitted between the impacts. They give
-the times of impacts between frames, and e. A column of frame numbers needs --rate, in frames per
-second. The scale of the camera follows from g, its tilt with x. track.png shows the parabolas.
-
-In a record of a force plate, a load cell or an accelerometer (unit written: m/s² or g) impacts are
-fitted one by one with their time of touch and zero level. With --mass each gives speed, e, contact
-time, peak force and K; together they give the law. --rate replaces a column of time. --exponent is
-the n of the force, 3/2 by default. record.png shows the impacts and the fits.
+FILE may also be a sound: WAV, and FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`. In a
+track from video parabolas are fitted between the impacts; without times, --rate gives the frames
+per second. Impacts in a record of an instrument (unit of accelerations written: m/s² or g) need
+--mass; --rate replaces a column of time, and --exponent is the n of the force, 3/2 by default.
+sound.png, track.png and record.png show what was found and fitted.
 
 e from two intervals of a trial with successive bounces: e = T2/T1 at approach speed g T1/2, or with
-drag by its flight times; from heights: e = sqrt(h1/h0) at sqrt(2 g h0), or with drag. A pair is
-marked only if it is far from the trend of all pairs, even for e above 1. Marked pairs are listed
-with their rows and left out; the result with them is shown as well.
+drag by its flight times; from heights: e = sqrt(h1/h0) at sqrt(2 g h0), or with drag. A pair far
+from the trend of all pairs is marked and left out; the result with it is shown as well.
 
-From oblique impacts μ follows with its error, by the friction law that describes the table: rigid
-Coulomb, Walton or Maw-Barber-Fawcett. They need e, from a column or --restitution, and for spins
---radius. --tangential-ratio, 2(1-ν)/(2-ν) for like materials, holds κ of Maw-Barber-Fawcett, which
-is fitted otherwise.
+Oblique impacts need e, from a column or --restitution, and for spins --radius. --tangential-ratio,
+2(1-ν)/(2-ν) for like materials, holds κ of Maw-Barber-Fawcett, which is fitted otherwise.
+
+Sheets of a spreadsheet with equal headings are trials, and so are equal columns side by side.
+--sheet chooses among others.
 
 --law NAME: `constant_damping`, `power_damping`, `kuwabara_kono`, `thornton_plastic`,
 `viscoplastic`, `wet_restitution`, `jkr`, `power_restitution`, `bridges`, `linear_dashpot` or

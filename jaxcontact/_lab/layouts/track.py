@@ -194,13 +194,8 @@ def with_frames(sheet: Sheet, rate: float) -> Sheet:
 
     The rows of one ball are its frames; in a table of several they are not.
     """
-    known = Tracks.meanings
-    own = [
-        name
-        for name in ("frame", "time", "ball", "trial")
-        for t in sheet.names
-        if known[name].heading(t)
-    ]
+    labels = [Tracks.meanings[name] for name in ("frame", "time", "ball", "trial")]
+    own = [text for text in sheet.names if any(one.heading(text) for one in labels)]
     note = f"rows are frames, {rate:g} per second"
     return sheet if own else sheet.beside("frame", lambda k, _: k, note)
 

@@ -97,9 +97,9 @@ def calibrate_friction(
       readings;
     - `e`, the restitution of the normal speeds, whose median is used.
 
-    Arguments: `source`, `columns`, `decimal`, `ball` and `sheet` as in `read_recording`. `restitution`: e,
-    if the table has no such column. `tangential_ratio`: κ, 2(1-ν)/(2-ν) for like materials; without
-    it κ is fitted. `radius` in m, needed for spins. `shape` of the body:
+    Arguments: `source`, `columns`, `decimal`, `ball` and `sheet` as in `read_recording`.
+    `restitution`: e, if the table has no such column. `tangential_ratio`: κ, 2(1-ν)/(2-ν) for like
+    materials; without it κ is fitted. `radius` in m, needed for spins. `shape` of the body:
     "sphere", "shell" or "disc". `friction` and `progress` as in `choose_friction`.
 
     Returns a `FrictionCalibration`. Raises RecordingError for a table that cannot be read, and

@@ -156,7 +156,7 @@ def read_recording(
         ball = _SHIPPED_BALL
     rate = None if rate is None else require_number("rate", rate, POSITIVE)
     read = _read(source, values, layout, told, decimal, rate, sheet)
-    chosen = _chosen_ball(ball, read.records, read.sheet)
+    chosen = chosen_ball(ball, [(one.ball, one.row) for one in read.records], read.sheet)
     return read.of(chosen, [record for record in read.records if record.ball == chosen])
 
 
@@ -268,9 +268,12 @@ def _refuse_unknown_columns(
             raise ValueError(unknown_name(name, meanings.values()))
 
 
-def _chosen_ball(ball: str | None, records: Sequence[Record], sheet: Sheet) -> str:
-    """Return the ball to use, by name or as the only one; raise RecordingError otherwise."""
-    balls = dict.fromkeys(record.ball for record in records)
+def chosen_ball(ball: str | None, places: Sequence[tuple[str, int]], sheet: Sheet) -> str:
+    """Return the ball to use, by name or as the only one; raise RecordingError otherwise.
+
+    `places` are ball and row of each measurement.
+    """
+    balls = dict.fromkeys(name for name, _ in places)
     named = ", ".join(filter(None, balls))
     if ball is None:
         ball, *others = balls
@@ -278,7 +281,7 @@ def _chosen_ball(ball: str | None, records: Sequence[Record], sheet: Sheet) -> s
             # By keyword, `ball` is the column.
             how = "give the columns as a dict and " if sheet.by_keyword else ""
             problem = f"holds several balls ({named}); {how}choose one with `ball=`, as in {ball=}"
-            row = next(record.row for record in records if record.ball == others[0])
+            row = next(row for name, row in places if name == others[0])
             raise sheet.fault(problem, "ball", row)
     if ball not in balls:
         problem = f"has no ball {ball!r}; it holds {named or 'no named ball'}"

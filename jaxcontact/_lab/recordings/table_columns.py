@@ -17,8 +17,8 @@ from ..signals.clock import CLOCK
 from ..tables.deviation import FROM_FILE
 from ..tables.heading import Meaning, suggestion, words
 from ..tables.match import as_told, check_usual, match, unknown_name
-from ..tables.sheet import Row, Sheet, sheet_of
-from .recording import headings_of
+from ..tables.sheet import sheet_of
+from .recording import chosen_ball, headings_of
 
 _SHOWN = 6
 """Largest number of unused columns that a note names."""
@@ -70,7 +70,8 @@ COLUMNS: Mapping[str, Meaning] = {
     "tangential_restitution": Meaning(
         words(
             "tangential restitution, tangential coefficient of restitution, tangential cor, "
-            "vt'/vt, v t'/v t, v t after/v t, v t after / v t, et, e t, tangential velocity ratio, tangential speed ratio"
+            "vt'/vt, v t'/v t, v t after/v t, v t after / v t, et, e t, tangential velocity ratio, "
+            "tangential speed ratio"
         ),
         "",
     ),
@@ -152,7 +153,8 @@ def read_columns(
     said = [name for name in found.places if meanings[name].must_say]
     check_usual(rows, {name: meanings[name] for name in (*needed, *said)})
     if "ball" in found.places and not every_ball:
-        rows = _of_ball(table, rows, ball)
+        chosen = chosen_ball(ball, [row.place for row in rows], table)
+        rows = [row for row in rows if row.place[0] == chosen]
     numbers = [name for name in found.places if name != "ball"]
     values = {name: np.array([row.real(name) for row in rows]) for name in numbers}
     if len(table.sheets) > 1 and "time" in found.places:
@@ -164,17 +166,3 @@ def read_columns(
     own = [FROM_FILE] * ("sigma" in found.places)
     notes = (*found.notes(), *table.notes, *own, *unused)
     return TableColumns(table.source, values, notes, tuple(row.number for row in rows))
-
-
-def _of_ball(sheet: Sheet, rows: list[Row], ball: str | None) -> list[Row]:
-    """Return the rows of one ball, which must be chosen if there are several."""
-    names = [row.text("ball") for row in rows]
-    there = dict.fromkeys(names)
-    if ball is None and len(there) > 1:
-        named = ", ".join(there)
-        problem = f"holds several balls ({named}); choose one with `ball=`, as in ball={names[0]!r}"
-        row = next(row for row, name in zip(rows, names, strict=True) if name != names[0])
-        raise sheet.fault(problem, "ball", row.number)
-    if ball is not None and ball not in there:
-        raise sheet.fault(f"has no ball {ball!r}; it holds {', '.join(there)}", "ball")
-    return [row for row, name in zip(rows, names, strict=True) if ball in (None, name)]

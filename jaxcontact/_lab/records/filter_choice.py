@@ -54,13 +54,10 @@ def without_a_needless_filter(
     for factor in (_OCTAVE, _OCTAVE ** (1 / _PARTS)):
         while lowest > end:
             cutoff = lowest / factor
+            filtered = eqx.tree_at(lambda f: f.cutoff, low_pass, jnp.asarray(cutoff))
             # The filter delays: the touch is earlier by as much.
             touch = plain.params.start_time - delay / cutoff
-            there = dataclasses.replace(last, start_time=touch)
-            there = dataclasses.replace(
-                there, **{name: eqx.tree_at(lambda f: f.cutoff, low_pass, jnp.asarray(cutoff))}
-            )
-            tried = held(there)
+            tried = held(dataclasses.replace(last, start_time=touch, **{name: filtered}))
             if not criterion(tried) < most:
                 break
             lowest, last = cutoff, tried.params

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib.resources
 import math
 import operator
@@ -224,19 +225,11 @@ def sheet_of(
     `known` tests whether a text may be a heading, `decimal` is the decimal mark, and `sheet` the
     sheet of a spreadsheet.
     """
-    found = _sheet_of(source, columns, known, decimal, sheet)
-    if sheet is not None and not found.sheets:
-        raise RecordingError("has no sheets; omit `sheet`", found.source)
-    return found
-
-
-def _sheet_of(
-    source: Any,
-    columns: Mapping[str, Any],
-    known: Known,
-    decimal: str | None,
-    sheet: str | int | None,
-) -> Sheet:
+    from_file = functools.partial(_from_file, known=known, decimal=decimal, sheet=sheet)
+    if sheet is not None and not (
+        isinstance(source, str | os.PathLike) or callable(getattr(source, "read", None))
+    ):
+        raise ValueError(f"Argument `sheet` must be None without a file, but is {sheet!r}.")
     if columns:
         if source is not None:
             raise ValueError(
@@ -247,10 +240,10 @@ def _sheet_of(
     if source is None:
         shipped = importlib.resources.files("jaxcontact.data") / _SHIPPED_FILE
         name = f"{_SHIPPED_FILE} (shipped with the package)"
-        return _from_file(shipped.read_bytes, name, known, decimal, sheet)
+        return from_file(shipped.read_bytes, name)
     if isinstance(source, str | os.PathLike):
         path = require_path("source", source)
-        return _from_file(lambda: read_whole(path), str(path), known, decimal, sheet)
+        return from_file(lambda: read_whole(path), str(path))
     if isinstance(source, Mapping):
         return _from_columns("the dict", source)
     frame = hasattr(source, "columns") and hasattr(source, "__getitem__")
@@ -260,7 +253,7 @@ def _sheet_of(
     if callable(getattr(source, "read", None)) and not isinstance(source, type):
         name = getattr(source, "name", None)
         name = name if isinstance(name, str) else "the text"
-        return _from_file(source.read, name, known, decimal, sheet)
+        return from_file(source.read, name)
     raise ValueError(
         "Argument `source` must be a path, an open file, a dict of columns, a data frame or "
         f"None, but is {rendered(source)}."
@@ -309,11 +302,7 @@ def _values(given: Any, source: str, name: str) -> np.ndarray:
 
 
 def _from_file(
-    read: Callable[[], Any],
-    source: str,
-    known: Known,
-    decimal: str | None,
-    sheet: str | int | None,
+    read: Callable[[], Any], source: str, known: Known, decimal: str | None, sheet: str | int | None
 ) -> Sheet:
     """Return the columns of the file that `read` returns; its first bytes decide the kind."""
     try:
@@ -327,7 +316,7 @@ def _from_file(
         raise RecordingError(problem, source, row) from error
     encoding = ""
     if isinstance(content, bytes):
-        if content.startswith(b"PAR1"):
+        if content.startswith(b"PAR1") and sheet is None:
             return _from_columns(source, parquet_columns(content, source))
         if content.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
             return _of_grid(*workbook_grid(content, source, known, decimal, sheet))
@@ -339,6 +328,8 @@ def _from_file(
         content, encoding = decoded(content, source)
     if not isinstance(content, str):
         raise RecordingError(f"must hold text, but holds {rendered(content)}", source)
+    if sheet is not None:
+        raise RecordingError("has no sheets; omit `sheet`", source)
     grid = text_grid(content, source, known, decimal)
     notes = (*([encoding] if encoding else []), *grid.notes)
     return _of_grid(dataclasses.replace(grid, notes=notes), source)

@@ -19,8 +19,8 @@ def workbook_grid(
 ) -> tuple[Grid, str]:
     """Return the table of a spreadsheet, and its source with the name of the sheet.
 
-    It is the one called `sheet` (or numbered, from 1), otherwise the only one with more than half
-    as many known headings as any. Several with equal headings are one table of parts, whose rows
+    It is the one called `sheet` (or numbered, from 1), otherwise the only one with at least half as
+    many known headings as any. Several with equal headings are one table of parts, whose rows
     count on. Raises RecordingError for others, and for a file that cannot be read.
     """
     try:
@@ -47,8 +47,9 @@ def workbook_grid(
         read = [sheet if sheet in names else names[number]]
     else:
         score = {n: max(known_cells(cells, known) for _, cells in filled[n]) for n in names}
-        most = max(score.values())
-        read = [n for n in names if 2 * score[n] > most or score[n] == most]
+        # phyphox adds "Metadata Device" and "Metadata Time".
+        tables = [n for n in names if not n.startswith("Metadata")] or names
+        read = [n for n in tables if 2 * score[n] >= max(score[n] for n in tables)]
     grids: list[Grid] = []
     for name in read:
         rows, commas = with_points(filled[name], f"{source}, sheet {name!r}", decimal, apart=False)
