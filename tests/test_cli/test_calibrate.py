@@ -194,6 +194,19 @@ def test_bad_options_are_refused(case, tmp_path, monkeypatch, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_mass_or_a_radius_alone_leaves_drag_off(good, tmp_path, capsys):
+    options = ["--law", "constant_damping", "--out", str(tmp_path), "--quiet", "--mass", "0.05"]
+    for more, missing in (
+        ([], "--radius and --drag-coefficient"),
+        (["--radius", ".012"], "--drag"),
+    ):
+        assert main(["calibrate", str(good), *options, *more]) == 0
+        data = json.loads((tmp_path / NUMBERS).read_text())
+        said = " ".join(capsys.readouterr().out.split())
+        assert f"air drag is left out: its correction also needs {missing}" in said
+        assert data["drag"] is None
+
+
 @pytest.mark.parametrize("option", ["--gravity", "--mass", "--radius", "--stiffness"])
 @pytest.mark.parametrize("value", ["-1", "0", "nan", "inf", "x"])
 def test_bad_numbers_are_refused(option, value, capsys):

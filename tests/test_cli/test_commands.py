@@ -103,6 +103,8 @@ WRONG = {
     ("fit", "damping", "{file}", *LAW[4:], "--sigma", "f=1"): "--sigma f: the columns are e",
     ("fit", "damping", "{file}", *LAW[4:], "--gravity", "9.8"): "--gravity is for bounces only",
     ("fit", "damping", "{file}", *LAW[4:], "--rate", "120"): "--rate is for bounces only",
+    ("fit", "damping", "{file}", "--low-pass"): "--low-pass is for record only",
+    ("fit", "damping", "{file}", "--sheet", "a"): "has no sheets; omit --sheet",
     ("fit", "bounces", "{file}", *LAW): "holds speeds and restitutions; fit them with",
 }
 

@@ -62,7 +62,7 @@ TABLES = {
             ("About", [["my ball"]]),
             ("Data", [["Lab 3"], [], ["v / (m/s)", "e"], *ROWS]),
         ),
-        'velocity = "v / (m/s)"; restitution = "e"; sheet \'Data\'; row 1 above the headings '
+        "velocity = \"v / (m/s)\"; restitution = \"e\"; sheet 'Data'; not read: 'About'; row 1 above the headings "
         "left out",
     ),
     "calc.ods": (

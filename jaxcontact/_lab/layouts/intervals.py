@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from .layout import DROP_HEIGHT, LABELS, Layout, Paired, ReadingError, Record, a
 _TOLERANCE = 0.06
 _LATE_TOLERANCE = 0.25  # fraction of the deviation that a late trigger would explain
 _MOST_MERGED = 5
+_ZERO = re.compile(r"\s*0+(\.0*)?\s*")
 
 _CONTRADICTS = 30.0
 """Largest ratio of the fractions of height kept at the first and the second impact.
@@ -130,8 +132,14 @@ class Intervals(Layout[Interval]):
         """Leave out the last intervals of trials that are 0: a stopwatch ends with these."""
         if not rows or "interval_s" not in rows[0].values:
             return rows, ()
-        last = {(row.place[0], row.text("trial", "1")): row for row in rows}.values()
-        gone = [one.number for one in last if one.real("interval_s") == 0]
+        trials: dict[tuple[Any, Any], list[Row]] = {}
+        for row in rows:
+            trials.setdefault((row.values.get("ball"), row.values.get("trial")), []).append(row)
+        gone = [
+            own[-1].number
+            for own in trials.values()
+            if len(own) > 2 and _ZERO.fullmatch(str(own[-1].values["interval_s"]))
+        ]
         note = f"row {', '.join(map(str, gone))} left out: the last interval is 0"
         return [row for row in rows if row.number not in gone], (note,) * bool(gone)
 

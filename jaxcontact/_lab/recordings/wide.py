@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..layouts.layout import DROP_HEIGHT, LABELS, LAYOUTS
+from ..layouts.layout import DROP_HEIGHT, LABELS, LAYOUTS, Layout
 from ..tables.sheet import Sheet
 
 _NUMBERED = re.compile(r"(.*?[^\W\d_])[\s_.#]*(\d+)(\s*[\[({/].*)?")
@@ -44,7 +44,7 @@ def as_trials(sheet: Sheet) -> Sheet:
     drop = [k for k in shared if DROP_HEIGHT.heading(sheet.names[k])]
     if succession and drop and LAYOUTS["heights"].meaning("rebound_height_m").heading(names[0]):
         units = [_unit(sheet.names[drop[0]]), _unit(names[0])]
-        if units[0] != units[1]:
+        if len({unit.strip("[](){}/ ") for unit in units}) > 1:
             raise sheet.fault(f"is in another unit than the rebounds, {units[1]}", names[0])
         shared, parts = [k for k in shared if k != drop[0]], [drop, *parts]
         names = [f"height {units[0]}".strip()]
@@ -71,13 +71,17 @@ def as_trials(sheet: Sheet) -> Sheet:
     )
 
 
-def _is_measured(text: str) -> bool:
-    """Return whether a heading is that of a measurement, and not of a time or a label."""
+def _are_trials(shared: Sequence[str], part: Sequence[str]) -> bool:
+    """Return whether headings make up a layout that may have trials, with some of the part."""
+
+    def has(one: Layout[Any], column: str, texts: Sequence[str]) -> bool:
+        return any(one.meaning(column).heading(text) for text in texts)
+
     return any(
-        one.meaning(column).heading(text) is not None
+        all(has(one, column, [*shared, *part]) for column in one.measured)
+        and any(has(one, column, part) for column in one.measured)
         for one in LAYOUTS.values()
-        for column in one.measured
-        if column not in ("time", "bounce_time_s")
+        if one.name != "instants" and ("trial" in one.columns or "time" not in one.columns)
     )
 
 
@@ -86,11 +90,14 @@ def _repeated(sheet: Sheet, at: list[int]) -> _Wide | None:
     names = [sheet.names[k] for k in at]
     copies = (_COPY.fullmatch(name) for name in names)
     names = [one[1] if one and one[1] in names[:k] else names[k] for k, one in enumerate(copies)]
+    if sheet.header_row is None and len({*sheet.names}) < len(sheet.names):
+        return None  # a data frame returns columns of one name together
     for first in range(len(names)):
         rest = names[first:]
         for width in range(1, len(rest) // 2 + 1):
             block = rest[:width]
-            if rest == block * (len(rest) // width) and any(map(_is_measured, block)):
+            whole = rest == block * (len(rest) // width)
+            if whole and _are_trials(names[:first], block):
                 parts = [at[k : k + width] for k in range(first, len(at), width)]
                 return _Wide(at[:first], parts, block)
     return None
@@ -109,7 +116,9 @@ def _numbered(sheet: Sheet, at: list[int]) -> _Wide | None:
     drops = [sheet.names[k] for k in shared if DROP_HEIGHT.heading(sheet.names[k])]
     if drops and (LABELS["trial"].heading(stem) or LABELS["bounce"].heading(stem)):
         heading = f"rebound height {unit or _unit(drops[0])}".strip()
-    if run != [(stem, k, unit) for k in range(1, count + 1)] or not _is_measured(heading):
+    if run != [(stem, k, unit) for k in range(1, count + 1)]:
+        return None
+    if not _are_trials([sheet.names[k] for k in shared], [heading]):
         return None
     # "v1, v2" alone are not two trials of one speed.
     return (

@@ -230,7 +230,7 @@ def fit_record(
         return fitted(start, errors_of(start), transforms=own | dict.fromkeys(cutoffs, Fixed()))
 
     for cutoff, name in cutoffs.items():
-        if cutoff not in own:
+        if not own.keys() & {cutoff, f"low_pass_{name}"}:
             found = without_a_needless_filter(found, name, moments, search, held)
     return found
 

@@ -229,7 +229,7 @@ def sheet_of(
     if sheet is not None and not (
         isinstance(source, str | os.PathLike) or callable(getattr(source, "read", None))
     ):
-        raise ValueError(f"Argument `sheet` must be None without a file, but is {sheet!r}.")
+        raise ValueError(f"Argument `sheet` must be None without a file, but is {rendered(sheet)}.")
     if columns:
         if source is not None:
             raise ValueError(
