@@ -75,7 +75,7 @@ def test_the_last_zero_of_a_stopwatch_is_no_interval():
     found = read(text)
     assert numbers(found) == [[0.5, 0.45, 0.4]]
     assert "row 5 left out: the last interval is 0" in found.notes
-    with pytest.raises(jc.RecordingError, match="row 3, .* must be positive, but is 0"):
+    with pytest.raises(jc.RecordingError, match=r"row 3, .* must be positive, but is 0"):
         read(text.replace("1.5,.45", "1.5,0"))
 
 
@@ -121,7 +121,8 @@ def test_places_need_a_rate_only():
     rows = np.column_stack([0.1 * time, 9.81 / 2 * since * (flight - since)])
     found = read(lines("x (m),y (m)", rows, number="{:.6f}".format), rate=60)
     pairs = jc.calibrate(found, laws="exact").pairs
-    np.testing.assert_allclose([one.restitution for one in pairs], 0.8, rtol=1e-3)
+    # The fit states errors of .0009 to .0027.
+    np.testing.assert_allclose([one.restitution for one in pairs], 0.8, rtol=2e-3)
     assert "rows are frames, 60 per second" in found.notes
 
 

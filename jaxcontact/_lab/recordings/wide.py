@@ -35,7 +35,8 @@ def as_trials(sheet: Sheet) -> Sheet:
     rebound 1, rebound 2"). Numbered columns that shrink along the rows are successive bounces, and
     each row is a trial.
     """
-    at = [k for k, name in enumerate(sheet.names) if name]
+    # pandas calls a column without a heading like this.
+    at = [k for k, name in enumerate(sheet.names) if name and not name.startswith("Unnamed: ")]
     found = _repeated(sheet, at) or _numbered(sheet, at)
     if found is None:
         return sheet
