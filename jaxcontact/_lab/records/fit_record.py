@@ -143,8 +143,8 @@ def fit_record(
     the initial guess. By default it is the last reading before the peak below 5 % of it, and the
     zero of a force is the median of the quiet readings before. An initial stiffness is replaced if
     its contact would last over three times as long as the record shows, or under a third. It is
-    also replaced in a second search if the first fails. Before and after the contact the force is zero and the
-    indentation that of free flight.
+    also replaced in a second search if the first fails. Before and after the contact the force is
+    zero and the indentation that of free flight.
 
     `low_pass_force` and `low_pass_indentation` model a sensor that is not much faster than the
     contact. The cut-off is fitted from the given value unless "low_pass_force" is in `fixed`. A
