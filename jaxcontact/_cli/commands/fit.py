@@ -129,7 +129,8 @@ def _record(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     if (cutoff := arguments.low_pass) is not None:
         tenth = 0.1 / float(np.median(np.diff(data["time"])))
         filtered = "force" if "force" in columns else "indentation"
-        how[f"low_pass_{filtered}"] = LowPass(cutoff if cutoff < _FAST else tenth)
+        start: Any = cutoff if cutoff < _FAST else tenth
+        how[f"low_pass_{filtered}"] = LowPass(start)
     return fit_record(law, contact, data["time"], arguments.velocity, **columns, **sigmas, **how)
 
 
