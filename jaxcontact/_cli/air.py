@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 from .options import InputError, positive
@@ -36,30 +35,42 @@ def gravity_asked(arguments: argparse.Namespace) -> float:
     return STANDARD_GRAVITY if arguments.gravity is None else arguments.gravity
 
 
-def drag_asked(
-    arguments: argparse.Namespace, *, used: Collection[str] = (), hint: str = ""
-) -> Drag | None:
+def drag_asked(arguments: argparse.Namespace) -> Drag | None:
     """Return the drag if mass, radius and coefficient are given, otherwise None.
 
-    Raises InputError for some of these numbers without the others, unless they are `used` for
-    another purpose. `hint` names another use of a single mass.
+    Raises InputError for a coefficient or a density of air without the others.
     """
     from .._flight import AIR_DENSITY, Drag
 
+    missing = _missing(arguments)
+    if not missing:
+        density = AIR_DENSITY if arguments.air_density is None else arguments.air_density
+        return Drag(arguments.mass, arguments.radius, arguments.drag_coefficient, density)
+    own = {
+        "--drag-coefficient": arguments.drag_coefficient,
+        "--air-density": arguments.air_density,
+    }
+    useless = [name for name, value in own.items() if value is not None]
+    if useless:
+        raise InputError(
+            f"{' and '.join(useless)} alone cannot correct for drag: "
+            f"also give {' and '.join(missing)}"
+        )
+    return None
+
+
+def drag_notes(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Return the note that drag is left out, if only a mass or a radius is given."""
+    missing = _missing(arguments)
+    if not missing or (arguments.mass is None and arguments.radius is None):
+        return ()
+    return (f"air drag is left out: its correction also needs {' and '.join(missing)}",)
+
+
+def _missing(arguments: argparse.Namespace) -> list[str]:
     named = {
         "--mass": arguments.mass,
         "--radius": arguments.radius,
         "--drag-coefficient": arguments.drag_coefficient,
     }
-    missing = [name for name, value in named.items() if value is None]
-    if not missing:
-        density = AIR_DENSITY if arguments.air_density is None else arguments.air_density
-        return Drag(arguments.mass, arguments.radius, arguments.drag_coefficient, density)
-    named["--air-density"] = arguments.air_density
-    useless = [name for name, value in named.items() if value is not None and name not in used]
-    if useless:
-        raise InputError(
-            f"{' and '.join(useless)} alone cannot correct for drag: "
-            f"also give {' and '.join(missing)}{hint if useless == ['--mass'] else ''}"
-        )
-    return None
+    return [name for name, value in named.items() if value is None]

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 from .._text.files import write_all
 from .._text.progress import Stages, progress_of
 from .._text.table import wrapped
-from .air import gravity_asked
+from .air import drag_notes, gravity_asked
 from .options import InputError, input_errors
 from .printing import print_json
-from .table import in_options
+from .table import in_options, table_asked
 
 if TYPE_CHECKING:
     from .._flight import Drag
@@ -50,11 +50,12 @@ def run_every_ball(arguments: argparse.Namespace, drag: Drag | None, progress: S
     file = out / TABLE
     if arguments.file is not None and file.exists() and file.samefile(arguments.file):
         raise InputError(f"--out {out}: {TABLE} there is the file that is read")
-    how = {"columns": arguments.columns, "decimal": arguments.decimal, "rate": arguments.rate}
+    how = table_asked(arguments) | {"rate": arguments.rate}
     with input_errors(in_options):
         recordings = read_recordings(arguments.file, **how)
     first = next(iter(recordings.values()))
     notes = [one for one in first.notes if all(one in ball.notes for ball in recordings.values())]
+    notes = [*drag_notes(arguments), *notes] if first.layout.uses_flight else notes
     if ALL in recordings:
         raise InputError(f"{first.source}: a ball is called {ALL!r}; rename it for --ball {ALL}")
     if first.layout.fitted:

@@ -9,7 +9,7 @@ from .._text.files import write_all
 from .._text.progress import Stages
 from .._text.table import wrapped
 from .options import InputError, input_errors
-from .table import in_options
+from .table import in_options, table_asked
 
 NUMBERS = "calibration.json"
 
@@ -25,8 +25,7 @@ def is_friction(arguments: argparse.Namespace) -> bool:
     """Return whether the file holds oblique impacts; InputError for their options beside others."""
     from .._lab.oblique.rebounds import is_oblique
 
-    how = {"columns": arguments.columns, "decimal": arguments.decimal}
-    if arguments.file is not None and is_oblique(arguments.file, **how):
+    if arguments.file is not None and is_oblique(arguments.file, **table_asked(arguments)):
         return True
     for name in _OWN:
         if getattr(arguments, name) is not None:
@@ -53,10 +52,9 @@ def run_friction(arguments: argparse.Namespace, progress: Stages) -> int:
             restitution=arguments.restitution,
             tangential_ratio=arguments.tangential_ratio,
             radius=arguments.radius,
-            columns=arguments.columns,
-            decimal=arguments.decimal,
             ball=arguments.ball,
             progress=progress,
+            **table_asked(arguments),
         )
     numbers = result.to_json()
     write_all({out / NUMBERS: numbers.encode()})

@@ -1,5 +1,7 @@
 """Records of one impact from another solver: K, the law and the touch are recovered."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -97,6 +99,43 @@ def test_a_force_alone_needs_the_speed(clean):
 def test_bad_records_are_named(columns, message):
     with pytest.raises(ValueError, match=message):
         jc.fit_record(*start(), **columns)
+
+
+def test_an_offset_and_starts_off_by_two(clean):
+    """Noise of 2 % of the peak, zeros of up to a tenth of it; of 1000 such fits 999 converged."""
+    random, peak = np.random.default_rng(58), clean[0].max() - FORCE_ZERO
+    for zero in (-0.1, 0.0, 0.05, 0.1):
+        noise = 0.02 * random.normal(size=TIME.size)
+        force = clean[0] - FORCE_ZERO + (zero + noise) * peak
+        for factors in 2 ** random.uniform(-1, 1, size=(3, 3)):
+            law = jc.ConstantDamping(c=DAMPING * factors[0])
+            contact = jc.Contact(mass=MASS, stiffness=STIFFNESS * factors[1])
+            found = jc.fit_record(law, contact, TIME, SPEED * factors[2], force=force)
+            assert found.converged, found.reason
+            true = DAMPING, STIFFNESS, SPEED, TOUCH, zero * peak
+            assert np.abs((found.values - true) / found.errors).max() < 4
+
+
+def test_a_filter_that_a_record_does_not_show_is_left_out(clean):
+    force = clean[0] + 60 * np.random.default_rng(2).normal(size=TIME.size)
+    bounds = []
+    for order in (1, 2):
+        how = {"force": force, "low_pass_force": jc.LowPass(2500.0, order)}
+        found = jc.fit_record(*start(), **how)
+        assert found.converged and "low_pass_force.cutoff" not in found.names
+        (note,) = found.notes
+        bounds.append(re.findall(r"at least (\S+) Hz, its delay at most (\S+) s", note)[0])
+    bounds = np.array(bounds, float)
+    # The bound of 2 kHz is that at which the sum of squares is larger by 3.84 of its variances.
+    # Delays of filters of slow signals: 1/(2π f_c), and √2 times that at second order.
+    np.testing.assert_allclose(bounds[:, 1] * bounds[:, 0] * 2 * np.pi, [1, np.sqrt(2)], rtol=0.1)
+    held = {"fixed": ("mass", "low_pass_force"), "force": force}
+    plain = jc.fit_record(*start(), force=force)
+    for factor, excluded in ((0.7, True), (1.4, False)):
+        low_pass = jc.LowPass(factor * bounds[1, 0])
+        slow = jc.fit_record(*start(), low_pass_force=low_pass, **held)
+        size = [np.sum(one.residuals**2) for one in (plain, slow)]
+        assert (TIME.size * np.log(size[1] / size[0]) > 3.84) == excluded
 
 
 @pytest.mark.parametrize("far", [1e-6, 1e6])

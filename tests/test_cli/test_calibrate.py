@@ -169,8 +169,10 @@ BAD_OPTIONS = {
     "no such file": (["none.csv"], "none.csv: cannot be read"),
     "no such ball": (["--ball", "golf"], "has no ball 'golf'; it holds pingpong, blue, tennis"),
     "no such law": (["--law", "nonsense"], "--law must be one of"),
-    "half a drag": (["--radius", "0.02"], "also give --mass and --drag-coefficient"),
-    "mass alone": (["--mass", "0.1"], "or --stiffness, to determine A"),
+    "half a drag": (
+        ["--radius", "0.02", "--drag-coefficient", "0.45"],
+        "--drag-coefficient alone cannot correct for drag: also give --mass",
+    ),
     "report": (
         ["--report", "ball.jpg"],
         "ball.jpg: the name must end in .html, .md, .txt",
@@ -190,6 +192,19 @@ def test_bad_options_are_refused(case, tmp_path, monkeypatch, capsys):
     assert main(["calibrate", *options]) == 2
     assert message in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_mass_or_a_radius_alone_leaves_drag_off(good, tmp_path, capsys):
+    options = ["--law", "constant_damping", "--out", str(tmp_path), "--quiet", "--mass", "0.05"]
+    for more, missing in (
+        ([], "--radius and --drag-coefficient"),
+        (["--radius", ".012"], "--drag"),
+    ):
+        assert main(["calibrate", str(good), *options, *more]) == 0
+        data = json.loads((tmp_path / NUMBERS).read_text())
+        said = " ".join(capsys.readouterr().out.split())
+        assert f"air drag is left out: its correction also needs {missing}" in said
+        assert data["drag"] is None
 
 
 @pytest.mark.parametrize("option", ["--gravity", "--mass", "--radius", "--stiffness"])

@@ -108,6 +108,8 @@ WRONG = {
     ("fit", "damping", "{file}", *LAW[4:], "--sigma", "f=1"): "--sigma f: the columns are e",
     ("fit", "damping", "{file}", *LAW[4:], "--gravity", "9.8"): "--gravity is for bounces only",
     ("fit", "damping", "{file}", *LAW[4:], "--rate", "120"): "--rate is for bounces only",
+    ("fit", "damping", "{file}", "--low-pass"): "--low-pass is for record only",
+    ("fit", "damping", "{file}", "--sheet", "a"): "has no sheets; omit --sheet",
     ("fit", "bounces", "{file}", *LAW): "holds speeds and restitutions; fit them with",
 }
 
@@ -170,6 +172,22 @@ def test_fit_of_a_file_as_it_was_saved(tmp_path, capsys):
     )
     assert told["parameters"]["law.e"] == pytest.approx(wanted.values[0], rel=1e-9)
     assert told["parameters"]["law.e"] > 0.9
+
+
+def test_fit_of_a_record_with_an_offset(tmp_path, capsys):
+    hit = jc.trajectory(jc.ConstantDamping(c=4e4), jc.Contact(0.05, 1e6), 2.0)
+    time = np.linspace(0, 0.01, 150)
+    force = np.interp(time - 0.004, hit.time, hit.force, left=0, right=0)
+    force += 9 + 2 * np.random.default_rng(0).normal(size=150)
+    file = tmp_path / "force.csv"
+    np.savetxt(file, np.column_stack([time, force]), header="time (s),force (N)", delimiter=",")
+    law = "--law", "constant_damping", "--param", "c=2e4", "--mass", ".05", "--stiffness", "2e6"
+    arguments = "fit", "record", str(file), *law, "--velocity", "1.2"
+    told = asked(capsys, *arguments, "--low-pass")
+    assert "a low-pass filter of force does not lower AICc and is left out" in told["notes"][-1]
+    assert told["parameters"]["contact.stiffness"] == pytest.approx(1e6, rel=0.1)
+    other = asked(capsys, *arguments, "--start-time", "0.0041")
+    assert other["parameters"] == pytest.approx(told["parameters"], rel=1e-5)
 
 
 def test_fit_of_a_track_by_its_frames(tmp_path, capsys):

@@ -274,6 +274,7 @@ def cases() -> dict[str, Case]:
                 "columns": NONE,
                 "decimal": NONE,
                 "rate": NONE,
+                "sheet": NONE,
             },
         ),
         "read_recording, record": Case(

@@ -67,6 +67,7 @@ def cases() -> dict[str, Case]:
                 "columns": NONE,
                 "decimal": NONE,
                 "ball": NONE,
+                "sheet": NONE,
                 "progress": FLAG | NONE | {"function"},
             },
             untested=TEXT | {"class", "law class"},

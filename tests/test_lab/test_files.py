@@ -62,8 +62,8 @@ TABLES = {
             ("About", [["my ball"]]),
             ("Data", [["Lab 3"], [], ["v / (m/s)", "e"], *ROWS]),
         ),
-        'velocity = "v / (m/s)"; restitution = "e"; sheet \'Data\'; row 1 above the headings '
-        "left out",
+        'velocity = "v / (m/s)"; restitution = "e"; '
+        "sheet 'Data'; not read: 'About'; row 1 above the headings left out",
     ),
     "calc.ods": (
         open_document([("v [mm/s]", "e"), *MM_S]),

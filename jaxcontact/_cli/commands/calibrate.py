@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
 import pathlib
 import re
-from typing import TYPE_CHECKING
 
 from ..._text.files import write_all
 from ..._text.progress import Stages
 from ..._text.table import wrapped
-from ..air import add_air_options, drag_asked, gravity_asked
+from ..air import add_air_options, drag_asked, drag_notes, gravity_asked
 from ..every_ball import ALL, TABLE, run_every_ball
 from ..friction import NUMBERS as NUMBERS
 from ..friction import is_friction, run_friction
 from ..options import InputError, input_errors, positive
 from ..printing import output_path
-from ..table import add_table_options, in_options
-
-if TYPE_CHECKING:
-    from ..._flight import Drag
+from ..table import add_table_options, in_options, table_asked
 
 FIGURE = "calibration.png"
 SOUND = "sound.png"
@@ -75,29 +72,22 @@ the report notes it. `sigma` holds standard deviations of e or of the intervals.
 standard deviations are listed as not used. Rows in messages are lines of the file; the header is
 row 1.
 
-FILE may also be a sound: WAV, and FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`. Bounces
-are found by their shrinking intervals and similar sounds. Each drop is a trial. Times of
-bounces have errors of some microseconds, which enter the fit. Doubtful sounds are listed and not
-used; sound.png shows them.
-
-In a track from video (Tracker, OpenCV, trackpy) parabolas are fitted between the impacts. They give
-the times of impacts between frames, and e. A column of frame numbers needs --rate, in frames per
-second. The scale of the camera follows from g, its tilt with x. track.png shows the parabolas.
-
-In a record of a force plate, a load cell or an accelerometer (unit written: m/s² or g) impacts are
-fitted one by one with their time of touch and zero level. With --mass each gives speed, e, contact
-time, peak force and K; together they give the law. --rate replaces a column of time. --exponent is
-the n of the force, 3/2 by default. record.png shows the impacts and the fits.
+FILE may also be a sound: WAV, and FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`. In a
+track from video parabolas are fitted between the impacts; without times, --rate gives the frames
+per second. Impacts in a record of an instrument (unit of accelerations written: m/s² or g) need
+--mass; --rate replaces a column of time, and --exponent is the n of the force, 3/2 by default.
+sound.png, track.png and record.png show what was found and fitted.
 
 e from two intervals of a trial with successive bounces: e = T2/T1 at approach speed g T1/2, or with
-drag by its flight times; from heights: e = sqrt(h1/h0) at sqrt(2 g h0), or with drag. A pair is
-marked only if it is far from every law that describes the rest, or else from their trend, even for
-e above 1. Marked pairs are listed with their rows and left out; the result with them is shown too.
+drag by its flight times; from heights: e = sqrt(h1/h0) at sqrt(2 g h0), or with drag. A pair far
+from every law that describes the rest, or else from their trend, is marked and left out; the result
+with it is shown as well.
 
-From oblique impacts μ follows with its error, by the friction law that describes the table: rigid
-Coulomb, Walton or Maw-Barber-Fawcett. They need e, from a column or --restitution, and for spins
---radius. --tangential-ratio, 2(1-ν)/(2-ν) for like materials, holds κ of Maw-Barber-Fawcett, which
-is fitted otherwise.
+Oblique impacts need e, from a column or --restitution, and for spins --radius. --tangential-ratio,
+2(1-ν)/(2-ν) for like materials, holds κ of Maw-Barber-Fawcett, which is fitted otherwise.
+
+Sheets of a spreadsheet with equal headings are trials, and so are equal columns side by side.
+--sheet chooses among others.
 
 --law NAME: `constant_damping`, `power_damping`, `kuwabara_kono`, `thornton_plastic`,
 `viscoplastic`, `wet_restitution`, `jkr`, `power_restitution`, `bridges`, `linear_dashpot` or
@@ -181,7 +171,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     if is_friction(arguments):
         return run_friction(arguments, progress)
     if arguments.ball == ALL:
-        return run_every_ball(arguments, _drag(arguments), progress)
+        return run_every_ball(arguments, drag_asked(arguments), progress)
     from ..._lab.calibration.calibrate import calibrate
     from ..._lab.recordings import RecordingError, read_recording
     from ...plot import calibration, record, sound, track
@@ -192,14 +182,12 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out} is not a folder")
     with input_errors(_in_options):
-        recording = read_recording(
-            arguments.file,
-            ball=arguments.ball,
-            columns=arguments.columns,
-            decimal=arguments.decimal,
-            rate=arguments.rate,
-        )
-    drag = None if recording.layout.fitted else _drag(arguments)
+        how = {"ball": arguments.ball, "rate": arguments.rate} | table_asked(arguments)
+        recording = read_recording(arguments.file, **how)
+    drag = None if recording.layout.fitted else drag_asked(arguments)
+    if recording.layout.uses_flight:
+        notes = (*drag_notes(arguments), *recording.notes)
+        recording = dataclasses.replace(recording, notes=notes)
     try:
         result = calibrate(
             recording,
@@ -271,12 +259,3 @@ def _page(name: str | None, out: pathlib.Path) -> pathlib.Path | None:
             f"`jaxcontact calibrate {name} --report`"
         )
     return output_path("--report", name, SUFFIXES)
-
-
-def _drag(arguments: argparse.Namespace) -> Drag | None:
-    used = []
-    if arguments.stiffness is not None:
-        used.append("--mass")  # needed for A
-    if arguments.report:
-        used.append("--radius")  # needed for simulators
-    return drag_asked(arguments, used=used, hint=" (or --stiffness, to determine A)")

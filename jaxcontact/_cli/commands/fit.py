@@ -5,15 +5,16 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..._text.progress import Stages
-from ..air import add_air_options, drag_asked, gravity_asked
+from ..air import add_air_options, drag_asked, drag_notes, gravity_asked
 from ..law import add_law_and_contact, contact_asked, exponent_asked, law_parameters
 from ..options import InputError, assignment, input_errors, number, positive
 from ..printing import print_json
-from ..table import add_table_options, in_options
+from ..table import add_table_options, in_options, table_asked
 
 if TYPE_CHECKING:
     from ..._fit import Fit
@@ -54,6 +55,15 @@ exit codes: 0 done; 1 the fit did not converge; 2 bad input.
 
 _START = 0.7
 """Start of the parameter e of a law, if it is not given."""
+
+_FAST = math.inf
+"""A low-pass filter without a cut-off, which then starts at a tenth of the readings per second."""
+
+_ONLY = {
+    "bounces": ("rate", "gravity", "radius", "drag_coefficient", "air_density"),
+    "record": ("start_time", "low_pass"),
+}
+"""Options of one problem."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,7 +114,10 @@ def _energy_loss(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
 
 
 def _record(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
+    import numpy as np
+
     from ..._lab.records.fit_record import fit_record
+    from ..._lab.records.low_pass import LowPass
 
     law, exponent = _law(arguments)
     if arguments.velocity is None:
@@ -112,7 +125,12 @@ def _record(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
     contact = contact_asked(arguments, exponent)
     columns = {name: values for name, values in data.items() if name != "time"}
-    how = _fixed(arguments) | _robust(arguments)
+    how = _fixed(arguments) | _robust(arguments) | {"start_time": arguments.start_time}
+    if (cutoff := arguments.low_pass) is not None:
+        tenth = 0.1 / float(np.median(np.diff(data["time"])))
+        filtered = "force" if "force" in columns else "indentation"
+        start: Any = cutoff if cutoff < _FAST else tenth
+        how[f"low_pass_{filtered}"] = LowPass(start)
     return fit_record(law, contact, data["time"], arguments.velocity, **columns, **sigmas, **how)
 
 
@@ -126,7 +144,7 @@ def _bounces(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     # e(v) of most laws does not depend on them.
     contact = Contact(arguments.mass or 1.0, arguments.stiffness or 1.0, exponent)
     first, second = (np.array(data[name]) for name in ("first", "second"))
-    drag = drag_asked(arguments, used=["--mass"])
+    drag = drag_asked(arguments)
     how = {"gravity": gravity_asked(arguments), "drag": drag} | _robust(arguments)
     how |= {name: data[name] for name in ("sigma", "correlation") if name in data}
     return fit_bounces(law, contact, first, second, kind=str(data["kind"]), **how)
@@ -171,8 +189,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="Huber's loss: outliers such as wrong triggers count less",
     )
     parser.add_argument("--ball", metavar="NAME", help="ball to use where the file holds several")
+    for name, metavar, read, words in (
+        ("--rate", "HZ", positive, "frames of a video per second, for bounces"),
+        ("--start-time", "S", number, "time of touch in s at which the fit of a record starts"),
+    ):
+        parser.add_argument(name, metavar=metavar, type=read, help=words)
     parser.add_argument(
-        "--rate", metavar="HZ", type=positive, help="frames of a video per second, for bounces"
+        "--low-pass",
+        metavar="HZ",
+        type=positive,
+        nargs="?",
+        const=_FAST,
+        help="low-pass filter of the instrument of a record: its cut-off is fitted from HZ "
+        "(default: a tenth of the readings per second); left out if it does not lower AICc",
     )
     add_air_options(parser)
     add_table_options(parser)
@@ -182,10 +211,10 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Fit and print; return 0, or 1 if the fit did not converge. Raises InputError, OSError."""
     progress("reading the file")
     problem = _PROBLEMS[arguments.problem]
-    if arguments.problem != "bounces":
-        for name in ("rate", "gravity", "radius", "drag_coefficient", "air_density"):
+    for only, names in _ONLY.items():
+        for name in names if arguments.problem != only else ():
             if getattr(arguments, name) is not None:
-                raise InputError(f"--{name.replace('_', '-')} is for bounces only")
+                raise InputError(f"--{name.replace('_', '-')} is for {only} only")
     source, data, notes = _read_data(arguments, problem)
     progress("compiling and fitting")
     with input_errors(lambda text: f"{source}: {text}"):
@@ -205,7 +234,7 @@ def _read_data(
 ) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
     from ..._lab.recordings import FROM_FILE, read_columns
 
-    how = {"columns": arguments.columns, "decimal": arguments.decimal}
+    how = table_asked(arguments)
     with input_errors(in_options):
         if not problem.columns:
             return _read_bounces(arguments, how)
@@ -269,7 +298,7 @@ def _read_bounces(
     if pairs.covariance is not None and (pairs.absolute or recording.tracks):
         size = np.sqrt(np.diag(pairs.covariance))
         data |= {"sigma": size, "correlation": pairs.covariance / np.outer(size, size)}
-    return recording.source, data, recording.notes
+    return recording.source, data, (*drag_notes(arguments), *recording.notes)
 
 
 def _law(arguments: argparse.Namespace) -> tuple[AbstractLaw, float]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from .layout import DROP_HEIGHT, LABELS, Layout, Paired, ReadingError, Record, a
 _TOLERANCE = 0.06
 _LATE_TOLERANCE = 0.25  # fraction of the deviation that a late trigger would explain
 _MOST_MERGED = 5
+_ZERO = re.compile(r"\s*0+(\.0*)?\s*")
 
 _CONTRADICTS = 30.0
 """Largest ratio of the fractions of height kept at the first and the second impact.
@@ -126,6 +128,21 @@ class Intervals(Layout[Interval]):
             return True
         return not any(CLOCK.heading(text) for text in sheet.names)
 
+    def select(self, rows: Sequence[Row]) -> tuple[Sequence[Row], tuple[str, ...]]:
+        """Leave out the last intervals of trials that are 0: a stopwatch ends with these."""
+        if not rows or "interval_s" not in rows[0].values:
+            return rows, ()
+        trials: dict[tuple[Any, Any], list[Row]] = {}
+        for row in rows:
+            trials.setdefault((row.values.get("ball"), row.values.get("trial")), []).append(row)
+        gone = [
+            own[-1].number
+            for own in trials.values()
+            if len(own) > 2 and _ZERO.fullmatch(str(own[-1].values["interval_s"]))
+        ]
+        note = f"row {', '.join(map(str, gone))} left out: the last interval is 0"
+        return [row for row in rows if row.number not in gone], (note,) * bool(gone)
+
     def read(self, rows: Sequence[Row]) -> list[Interval]:
         groups = interval_groups(rows)
         records = [
@@ -195,7 +212,7 @@ class Intervals(Layout[Interval]):
             reading_factor=factor,
             clusters=[_trial(first) for first, _ in couples],
             records=couples,
-            unpaired=len(records) - len({record.row for couple in couples for record in couple}),
+            unpaired=len(records) - len({id(record) for couple in couples for record in couple}),
             covariance=covariance,
             reading=math.sqrt(square),
             absolute=bool(couples) and couples[0][0].sigma is not None,

@@ -120,6 +120,10 @@ class Layout(abc.ABC, Generic[R]):
         "the scatter of the bounces; differences between trials are not included",
     )
 
+    def select(self, rows: Sequence[Row]) -> tuple[Sequence[Row], tuple[str, ...]]:
+        """Return the rows to read, and notes on those that are left out."""
+        return rows, ()
+
     @abc.abstractmethod
     def read(self, rows: Sequence[Row]) -> list[R]:
         """Return the records in `rows`, checked; raise RecordingError for a fault."""

@@ -96,7 +96,7 @@ class Peaks(Layout[Peak]):
             reading_factor=(0.5 / before) ** 2 + (0.5 / expected) ** 2,
             clusters=[f"trial {first.trial}" for first, _ in couples],
             records=couples,
-            unpaired=len(records) - len({one.row for couple in couples for one in couple}),
+            unpaired=len(records) - len({id(one) for couple in couples for one in couple}),
         )
 
 

@@ -15,7 +15,7 @@ from ..._calibration.pairs.plausible import too_long
 from ..._flight import Flight
 from ..._text.words import counted, span
 from ..tables.heading import Meaning, words
-from ..tables.sheet import Row
+from ..tables.sheet import Row, Sheet
 from ..track import Drop, Frames, Track
 from .intervals import ratios_of
 from .layout import LABELS, Layout, Paired, ReadingError, Record
@@ -187,6 +187,17 @@ def counts_frames(headings: Iterable[str]) -> bool:
     """Return whether a table is a track with numbered frames, not an instrument record."""
     known = Tracks.meanings
     return any(known[name].heading(text) for name in ("frame", "y") for text in headings)
+
+
+def with_frames(sheet: Sheet, rate: float) -> Sheet:
+    """Return the sheet with a column of frame numbers, if it has neither these nor times.
+
+    The rows of one ball are its frames; in a table of several they are not.
+    """
+    labels = [Tracks.meanings[name] for name in ("frame", "time", "ball", "trial")]
+    own = [text for text in sheet.names if any(one.heading(text) for one in labels)]
+    note = f"rows are frames, {rate:g} per second"
+    return sheet if own else sheet.beside("frame", lambda k, _: k, note)
 
 
 def drops_of(records: Iterable[Any]) -> list[Drop]:

@@ -83,6 +83,7 @@ def calibrate_friction(
     columns: str | Mapping[str, int | str] | None = None,
     decimal: str | None = None,
     ball: str | None = None,
+    sheet: str | int | None = None,
     progress: bool | Callable[[str], None] | None = None,
 ) -> FrictionCalibration:
     """Fit friction laws to a table of oblique impacts, and choose one (see `choose_friction`).
@@ -96,9 +97,9 @@ def calibrate_friction(
       readings;
     - `e`, the restitution of the normal speeds, whose median is used.
 
-    Arguments: `source`, `columns`, `decimal` and `ball` as in `read_recording`. `restitution`: e,
-    if the table has no such column. `tangential_ratio`: κ, 2(1-ν)/(2-ν) for like materials; without
-    it κ is fitted. `radius` in m, needed for spins. `shape` of the body:
+    Arguments: `source`, `columns`, `decimal`, `ball` and `sheet` as in `read_recording`.
+    `restitution`: e, if the table has no such column. `tangential_ratio`: κ, 2(1-ν)/(2-ν) for like
+    materials; without it κ is fitted. `radius` in m, needed for spins. `shape` of the body:
     "sphere", "shell" or "disc". `friction` and `progress` as in `choose_friction`.
 
     Returns a `FrictionCalibration`. Raises RecordingError for a table that cannot be read, and
@@ -106,7 +107,8 @@ def calibrate_friction(
     """
     if ball is not None:
         require_kind("ball", ball, str, "the name of a ball or None")
-    table = read_rebounds(source, columns=columns, decimal=decimal, ball=ball)
+    how = {"columns": columns, "decimal": decimal, "ball": ball, "sheet": sheet}
+    table = read_rebounds(source, **how)
     e = table.restitution if restitution is None else restitution
     if e is None:
         raise ValueError(

@@ -33,25 +33,21 @@ class ObliqueTable:
     restitution: float | None
 
 
-def is_oblique(source: Any, *, columns: Any = None, decimal: str | None = None) -> bool:
+def is_oblique(source: Any, **how: Any) -> bool:
     """Return whether a table has headings of oblique impacts: a direction before and an outcome."""
-    how = {"columns": columns, "decimal": decimal, "every_ball": True}
     try:
-        there = read_columns(source, _NAMES, needed=(), **how)
+        there = read_columns(source, _NAMES, needed=(), every_ball=True, **how)
     except (RecordingError, ValueError, OSError):
         return False
     directed = there.values.keys() & {"angle", "tangential_velocity"}
     return bool(directed) and bool(there.values.keys() & set(OUTCOMES))
 
 
-def read_rebounds(
-    source: Any, *, columns: Any = None, decimal: str | None = None, ball: str | None = None
-) -> ObliqueTable:
-    """Read a table of oblique impacts.
+def read_rebounds(source: Any, **how: Any) -> ObliqueTable:
+    """Read a table of oblique impacts; `how` as in `read_columns`.
 
-    Raises RecordingError and ValueError as `read_columns`, and for missing columns.
+    Raises RecordingError and ValueError as that does, and for missing columns.
     """
-    how = {"columns": columns, "decimal": decimal, "ball": ball}
     read = read_columns(source, _NAMES, needed=(), **how)
     there = dict(read.values)
     normal, tangential = _speeds(read.source, there)

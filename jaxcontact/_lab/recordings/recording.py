@@ -11,7 +11,7 @@ from typing import IO, Any, NamedTuple
 
 from ..._entry import POSITIVE, did_you_mean, rendered, require_choice, require_number
 from ..layouts.layout import LAYOUTS, Layout, Record
-from ..layouts.track import counts_frames, tracks_of
+from ..layouts.track import counts_frames, tracks_of, with_frames
 from ..signals.clock import with_clock
 from ..sound import Sound
 from ..tables.deviation import unused_notes
@@ -22,6 +22,7 @@ from ..track import Track
 from .layout_of import layout_of
 from .samples import sound_of
 from .sound_file import heard, sound_in
+from .wide import as_trials
 
 _SHIPPED_BALL = "blue"
 
@@ -72,6 +73,7 @@ def read_recording(
     columns: str | Mapping[str, int | str] | None = None,
     decimal: str | None = None,
     rate: float | None = None,
+    sheet: str | int | None = None,
     **values: Any,
 ) -> Recording:
     """Read the recording of one bouncing ball from a file, a data frame, or arrays.
@@ -119,7 +121,8 @@ def read_recording(
     `ball` chooses a ball by name, which is required if there are several ("blue" by default in the
     shipped data). A sequence of names is the column `ball`, given by keyword. `columns` assigns
     columns by number from 1 or by heading, as in "speed=2,e=5" or {"speed": 2, "e": "COR"}.
-    `decimal`, "." or ",", is the decimal mark if the file leaves it ambiguous.
+    `decimal`, "." or ",", is the decimal mark if the file leaves it ambiguous. `sheet` is the sheet
+    of a spreadsheet, by name or by number from 1; sheets with equal headings are trials without it.
 
     Returns a `Recording`. Raises RecordingError, which names source, row and column, for a file
     that cannot be read; a column that is missing, repeated, not one-dimensional or of another
@@ -152,8 +155,8 @@ def read_recording(
     if ball is None and source is None and not values:
         ball = _SHIPPED_BALL
     rate = None if rate is None else require_number("rate", rate, POSITIVE)
-    read = _read(source, values, layout, told, decimal, rate)
-    chosen = _chosen_ball(ball, read.records, read.sheet)
+    read = _read(source, values, layout, told, decimal, rate, sheet)
+    chosen = chosen_ball(ball, [(one.ball, one.row) for one in read.records], read.sheet)
     return read.of(chosen, [record for record in read.records if record.ball == chosen])
 
 
@@ -163,12 +166,13 @@ def read_recordings(
     columns: str | Mapping[str, int | str] | None = None,
     decimal: str | None = None,
     rate: float | None = None,
+    sheet: str | int | None = None,
 ) -> dict[str, Recording]:
     """Read the recordings of all balls in a table, by name; arguments as of `read_recording`."""
     if sound_in(source) is not None:
         raise ValueError("Argument `ball` must be None for a sound, which has no columns.")
     told: Told = {} if columns is None else as_told(columns)
-    read = _read(source, {}, None, told, decimal, rate)
+    read = _read(source, {}, None, told, decimal, rate, sheet)
     balls: dict[str, list[Record]] = {}
     for record in read.records:
         balls.setdefault(record.ball, []).append(record)
@@ -198,6 +202,7 @@ def _read(
     told: Told,
     decimal: str | None,
     rate: float | None,
+    sheet_name: str | int | None,
 ) -> _Read:
     """Read the columns of a file, a data frame, or arrays."""
     meanings = {
@@ -205,13 +210,21 @@ def _read(
     }
     every = {name: meaning for one in meanings.values() for name, meaning in one.items()}
     _refuse_unknown_columns(values, told, meanings, every)
-    sheet = sheet_of(source, values, _headings_of(every), decimal)
+    sheet = sheet_of(source, values, headings_of(every), decimal, sheet_name)
+    # Places that are told are those of the table as it is.
+    sheet = sheet if told else as_trials(sheet)
     if rate is not None and not counts_frames([*sheet.names, *told]):
         sheet = with_clock(sheet, rate)
+    elif rate is not None:
+        sheet = with_frames(sheet, rate)
     sheet = _with_trials(sheet, every, told)
     meant, found = layout_of(sheet, layout, told, meanings)
+    if len(sheet.sheets) > 1 and "trial" not in meant.columns and "time" in meant.columns:
+        named = ", ".join(map(repr, sheet.sheets))
+        raise sheet.fault(f"holds a record in each of {named}; choose one with `sheet=`", "time")
     meant = meant.at_rate(rate)
-    rows = found.rows(sheet)
+    rows, left_out = meant.select(found.rows(sheet))
+    sheet = dataclasses.replace(sheet, notes=(*sheet.notes, *left_out))
     if not rows:
         what = "columns" if sheet.header_row is None else "a header"
         raise sheet.fault(f"holds {what} but no measurement", meant.columns[-1])
@@ -223,7 +236,7 @@ def _read(
     return _Read(sheet, meant, found, records)
 
 
-def _headings_of(meanings: Mapping[str, Meaning]) -> Callable[[str], bool]:
+def headings_of(meanings: Mapping[str, Meaning]) -> Callable[[str], bool]:
     """Return a function that tests whether a cell is a heading with one of the meanings."""
 
     # A text is tested with every separator that it might have.
@@ -255,9 +268,12 @@ def _refuse_unknown_columns(
             raise ValueError(unknown_name(name, meanings.values()))
 
 
-def _chosen_ball(ball: str | None, records: Sequence[Record], sheet: Sheet) -> str:
-    """Return the ball to use, by name or as the only one; raise RecordingError otherwise."""
-    balls = dict.fromkeys(record.ball for record in records)
+def chosen_ball(ball: str | None, places: Sequence[tuple[str, int]], sheet: Sheet) -> str:
+    """Return the ball to use, by name or as the only one; raise RecordingError otherwise.
+
+    `places` are ball and row of each measurement.
+    """
+    balls = dict.fromkeys(name for name, _ in places)
     named = ", ".join(filter(None, balls))
     if ball is None:
         ball, *others = balls
@@ -265,7 +281,7 @@ def _chosen_ball(ball: str | None, records: Sequence[Record], sheet: Sheet) -> s
             # By keyword, `ball` is the column.
             how = "give the columns as a dict and " if sheet.by_keyword else ""
             problem = f"holds several balls ({named}); {how}choose one with `ball=`, as in {ball=}"
-            row = next(record.row for record in records if record.ball == others[0])
+            row = next(row for name, row in places if name == others[0])
             raise sheet.fault(problem, "ball", row)
     if ball not in balls:
         problem = f"has no ball {ball!r}; it holds {named or 'no named ball'}"
@@ -275,8 +291,11 @@ def _chosen_ball(ball: str | None, records: Sequence[Record], sheet: Sheet) -> s
 
 def _with_trials(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Sheet:
     """Return the sheet with the number of its part as trial, if headings are repeated."""
-    trial = meanings["trial"]
-    if not sheet.repeats or any(map(trial.heading, [*sheet.names, *told])):
+    own = [text for text in [*sheet.names, *told] if meanings["trial"].heading(text)]
+    if own and len(sheet.sheets) > 1:
+        problem = "numbers trials in each of several sheets; choose one with `sheet=`"
+        raise sheet.fault(problem, own[0])
+    if not sheet.repeats or own:
         return sheet
     ends = sheet.repeats
     return sheet.beside(

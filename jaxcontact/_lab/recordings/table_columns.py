@@ -14,10 +14,14 @@ from ..layouts.heights import SIGMA_E, VELOCITY, E
 from ..layouts.instrument import Forces
 from ..layouts.layout import LABELS
 from ..signals.clock import CLOCK
-from ..tables.deviation import FROM_FILE, unused_notes
+from ..tables.deviation import FROM_FILE
 from ..tables.heading import Meaning, suggestion, words
 from ..tables.match import as_told, check_usual, match, unknown_name
-from ..tables.sheet import Row, Sheet, sheet_of
+from ..tables.sheet import sheet_of
+from .recording import chosen_ball, headings_of
+
+_SHOWN = 6
+"""Largest number of unused columns that a note names."""
 
 _NORMAL = words("normal velocity, normal speed, vn, v n, normal velocity before, v n before")
 """Beside an angle, these are not the speed."""
@@ -66,7 +70,8 @@ COLUMNS: Mapping[str, Meaning] = {
     "tangential_restitution": Meaning(
         words(
             "tangential restitution, tangential coefficient of restitution, tangential cor, "
-            "vt'/vt, v t'/v t, et, e t, tangential velocity ratio, tangential speed ratio"
+            "vt'/vt, v t'/v t, v t after/v t, v t after / v t, et, e t, tangential velocity ratio, "
+            "tangential speed ratio"
         ),
         "",
     ),
@@ -114,12 +119,13 @@ def read_columns(
     columns: Any = None,
     decimal: str | None = None,
     ball: str | None = None,
+    sheet: str | int | None = None,
     every_ball: bool = False,
 ) -> TableColumns:
     """Read those of the columns `names` (of `COLUMNS`) that a table has; `needed` ones must exist.
 
-    `source`, `columns`, `decimal` and `ball` as in `read_recording`; `every_ball` keeps the rows of
-    all. Raises RecordingError and ValueError as that does.
+    `source`, `columns`, `decimal`, `ball` and `sheet` as in `read_recording`;
+    `every_ball` keeps the rows of all. Raises RecordingError and ValueError as that does.
     """
     if decimal is not None:
         require_choice("decimal", decimal, (".", ","))
@@ -129,48 +135,34 @@ def read_columns(
         if not any(key == name or one.heading(key) for name, one in meanings.items()):
             raise ValueError(unknown_name(key, [meanings]))
 
-    def known(text: str) -> bool:
-        return isinstance(text, str) and any(
-            text == name or one.heading(text) or one.unknown_unit(text)
-            for name, one in meanings.items()
-        )
-
-    sheet = sheet_of(source, {}, known, decimal)
-    found = match(sheet, meanings, told)
+    table = sheet_of(source, {}, headings_of(meanings), decimal, sheet)
+    found = match(table, meanings, told)
     assert found is not None  # every assigned name is known
     for name in needed:
         if name not in found.places:
-            guesses = (suggestion(text, {name: meanings[name]}) for text in sheet.names if text)
+            guesses = (suggestion(text, {name: meanings[name]}) for text in table.names if text)
             guess = next(filter(None, guesses), "")
             problem = (
                 f"is missing; the columns {', '.join(needed)} are needed; if a column holds it, "
                 f'name it, as in `columns="{name}=1"`{guess}'
             )
-            raise sheet.fault(problem, name)
-    rows = found.rows(sheet)
+            raise table.fault(problem, name)
+    rows = found.rows(table)
     if not rows:
-        raise sheet.fault("holds a header but no measurement", next(iter(needed), None))
+        raise table.fault("holds a header but no measurement", next(iter(needed), None))
     said = [name for name in found.places if meanings[name].must_say]
     check_usual(rows, {name: meanings[name] for name in (*needed, *said)})
     if "ball" in found.places and not every_ball:
-        rows = _of_ball(sheet, rows, ball)
+        chosen = chosen_ball(ball, [row.place for row in rows], table)
+        rows = [row for row in rows if row.place[0] == chosen]
     numbers = [name for name in found.places if name != "ball"]
     values = {name: np.array([row.real(name) for row in rows]) for name in numbers}
-    unused = unused_notes(sheet.names, found.places)
+    if len(table.sheets) > 1 and "time" in found.places:
+        named = ", ".join(map(repr, table.sheets))
+        raise table.fault(f"holds a record in each of {named}; choose one with `sheet=`", "time")
+    left = [one for k, one in enumerate(table.names) if one and k not in found.places.values()]
+    more = f" and {len(left) - _SHOWN} more" * (len(left) > _SHOWN)
+    unused = [f"not used: {', '.join(left[:_SHOWN])}{more}"] * bool(left)
     own = [FROM_FILE] * ("sigma" in found.places)
-    notes = (*found.notes(), *sheet.notes, *own, *unused)
-    return TableColumns(sheet.source, values, notes, tuple(row.number for row in rows))
-
-
-def _of_ball(sheet: Sheet, rows: list[Row], ball: str | None) -> list[Row]:
-    """Return the rows of one ball, which must be chosen if there are several."""
-    names = [row.text("ball") for row in rows]
-    there = dict.fromkeys(names)
-    if ball is None and len(there) > 1:
-        named = ", ".join(there)
-        problem = f"holds several balls ({named}); choose one with `ball=`, as in ball={names[0]!r}"
-        row = next(row for row, name in zip(rows, names, strict=True) if name != names[0])
-        raise sheet.fault(problem, "ball", row.number)
-    if ball is not None and ball not in there:
-        raise sheet.fault(f"has no ball {ball!r}; it holds {', '.join(there)}", "ball")
-    return [row for row, name in zip(rows, names, strict=True) if ball in (None, name)]
+    notes = (*found.notes(), *table.notes, *own, *unused)
+    return TableColumns(table.source, values, notes, tuple(row.number for row in rows))

@@ -16,15 +16,16 @@ from ..._calibration.pairs.columns import column, for_each, measured, with_trans
 from ..._calibration.problems.impacts import transforms_of
 from ..._contact import Contact, require_contact
 from ..._entry import POSITIVE, REAL, parameter, require_kind, require_number
-from ..._fit import Fit, fit, refit
+from ..._fit import Fit, Fixed, fit, refit
 from ..._fit.keywords import ColumnKeywords, takes
 from ..._impact import trajectory
 from ..._laws import AbstractLaw, force_of, require_law
 from ..._text.units import Shown
+from .filter_choice import without_a_needless_filter
 from .instrument_errors import InstrumentErrors, require_filterable
 from .low_pass import Course, LowPass
 from .saturation import BeyondLimits, limits_of
-from .start import near, touch_in, without_a_contact_elsewhere
+from .start import level_in, near, touch_in, without_a_contact_elsewhere
 
 _SAMPLES = 128
 """Samples of the motion for cubic interpolation: its error is below 1e-7 of the largest value."""
@@ -139,12 +140,15 @@ def fit_record(
     column (`noise` is "by column" by default).
 
     The time of touch and the zero errors of the instruments are fitted too. `start_time` in s is
-    the initial guess, by default the first reading above 5 % of the largest. An initial stiffness
-    is replaced if its contact would last over three times as long as the record shows, or under a
-    third. Before and after the contact the force is zero and the indentation that of free flight.
+    the initial guess. By default it is the last reading before the peak below 5 % of it, and the
+    zero of a force is the median of the quiet readings before. An initial stiffness is replaced if
+    its contact would last over three times as long as the record shows, or under a third. It is
+    also replaced in a second search if the first fails. Before and after the contact the force is
+    zero and the indentation that of free flight.
 
     `low_pass_force` and `low_pass_indentation` model a sensor that is not much faster than the
-    contact. The cut-off is fitted from the given value unless "low_pass_force" is in `fixed`.
+    contact. The cut-off is fitted from the given value unless "low_pass_force" is in `fixed`. A
+    fitted filter that does not lower AICc is left out, and `notes` bound its cut-off and delay.
     `fixed` names the parameters that are held, the mass by default (add "velocity" if it was
     measured). Other keywords go to `fit`, such as `loss=Huber()`.
 
@@ -172,13 +176,14 @@ def fit_record(
     reading = next(iter(table["data"].values()))
     filters = {"force": low_pass_force, "indentation": low_pass_indentation}
     _check_filters(filters, table["data"])
-    guess = touch_in(moments, reading) if start_time is None else start_time
+    level = level_in(reading) if force is not None else 0.0
+    guess = touch_in(moments, reading - level) if start_time is None else start_time
     start_time = require_number("start_time", guess)
     numbers: Any = velocity, start_time
-    offsets = (jnp.zeros(()) if name in table["data"] else None for name in columns)
+    zeros = {"force": level, "indentation": 0.0}
+    offsets = (jnp.asarray(zeros[name]) if name in table["data"] else None for name in columns)
     start = RecordModel(law, contact, *numbers, *offsets, *filters.values())
     transforms = transforms_of(start, fixed)
-    start = near(start, moments, reading, transforms)
     options = with_transforms(transforms, how)
     if options.get("noise") is None:
         options["noise"] = "common" if "sigma" in table else "by column"
@@ -191,21 +196,43 @@ def fit_record(
         instruments = Recorded(
             *({name: jnp.asarray(one[k]) for name, one in limits.items()} for k in range(2))
         )
-    # Readings behind a filter get a correlation later: starting with one keeps a single program.
-    size = moments.size * len(table["data"])
-    errors: dict[str, Any] = {"correlation": np.eye(size)} if any(filters.values()) else {}
-
-    def fitted(start: RecordModel) -> Fit:
-        return fit(instruments, start=start, x=moments, **(table | options | errors))
-
-    def again(last: Fit, estimated: dict[str, Any]) -> Fit:
-        errors.update(estimated)
-        return dataclasses.replace(fitted(last.params), notes=last.notes)
-
     sizes = {name: values for name, values in table.items() if name != "data"}
-    found = refit(BeyondLimits(limits, sizes), fitted(start), again)
-    found = refit(InstrumentErrors(table | errors, moments, limits), found, again)
-    return without_a_contact_elsewhere(found, table["data"])
+
+    def fitted(start: RecordModel, errors: dict[str, Any], **more: Any) -> Fit:
+        return fit(instruments, start=start, x=moments, **(table | options | errors | more))
+
+    def errors_of(start: RecordModel) -> dict[str, Any]:
+        # Readings behind a filter get a correlation later: starting with one keeps one program.
+        behind = any(getattr(start, f"low_pass_{name}") is not None for name in table["data"])
+        return {"correlation": np.eye(moments.size * len(table["data"]))} if behind else {}
+
+    def search(start: RecordModel) -> Fit:
+        errors = errors_of(start)
+
+        def again(last: Fit, estimated: dict[str, Any]) -> Fit:
+            errors.update(estimated)
+            return dataclasses.replace(fitted(last.params, errors), notes=last.notes)
+
+        found = refit(BeyondLimits(limits, sizes), fitted(start, errors), again)
+        found = refit(InstrumentErrors(table | errors, moments, limits), found, again)
+        return without_a_contact_elsewhere(found, table["data"])
+
+    signal = reading - level
+    found = search(near(start, moments, signal, transforms))
+    # A second start has the duration of the contact in the record.
+    second = near(start, moments, signal, transforms, far=1.0)
+    if not found.converged and second is not start:
+        found = max(found, search(second), key=lambda one: one.converged)
+    cutoffs = {f"low_pass_{name}.cutoff": name for name, one in filters.items() if one is not None}
+    own = options["transforms"]
+
+    def held(start: RecordModel) -> Fit:
+        return fitted(start, errors_of(start), transforms=own | dict.fromkeys(cutoffs, Fixed()))
+
+    for cutoff, name in cutoffs.items():
+        if not own.keys() & {cutoff, f"low_pass_{name}"}:
+            found = without_a_needless_filter(found, name, moments, search, held)
+    return found
 
 
 def _table_of(

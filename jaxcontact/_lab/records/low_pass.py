@@ -62,6 +62,11 @@ class LowPass(eqx.Module):
     cutoff: Float[Array, ""] = parameter("cutoff", POSITIVE, "Hz")
     order: int = eqx.field(static=True, default=2, converter=_order)
 
+    @property
+    def delay(self) -> Float[Array, ""]:
+        """The delay in s of slow signals, Σ Re (-1/p_k) over the poles."""
+        return np.sum(-1 / _modes(self.order)[0]).real / (2 * jnp.pi * self.cutoff)
+
     def read(self, course: Course, since: Float[Array, " n"], parts: int) -> Float[Array, " n"]:
         """Return the filtered signal, Σ Re r_k ∫ exp(p_k (t - u)) signal(u) du over the poles.
 

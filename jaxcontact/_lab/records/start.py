@@ -21,6 +21,9 @@ Model = TypeVar("Model", bound=Any)
 _TOUCHED = 0.05
 """Fraction of the largest reading above which contact is assumed, as a start for the touch."""
 
+_QUIET = 5
+"""Least number of readings for the level without contact."""
+
 _HALF = 0.6
 """Fraction of a contact during which force or indentation exceeds half of its maximum.
 
@@ -40,15 +43,37 @@ Contacts that lie beside the one of the record describe almost nothing of it.
 """
 
 
+def level_in(reading: Column) -> float:
+    """Return the level of a force without contact: the median of the quiet readings before it.
+
+    Without such readings it is the median of those after it, or else the least reading.
+    """
+    top, half = int(np.argmax(reading)), (reading.max() + np.median(reading)) / 2
+    width, below = int(np.count_nonzero(reading > half)), np.flatnonzero(reading <= half)
+    # From touch to half of the peak a force takes less time than it stays above that.
+    before = reading[: max(int(below[below < top].max(initial=0)) - width, 0)]
+    after = reading[int(below[below > top].min(initial=reading.size)) + 2 * width :]
+    quiet = next((one for one in (before, after) if one.size >= _QUIET), reading.min())
+    return float(np.median(quiet))
+
+
 def touch_in(time: Column, reading: Column) -> float:
-    """Return the approximate time in s at which a reading rises above its beginning."""
-    return float(time[np.argmax(reading > _TOUCHED * reading.max())])
+    """Return the approximate time in s at which a reading without its level begins to rise.
+
+    It is searched back from the peak: noise before the contact has peaks of its own.
+    """
+    top = int(np.argmax(reading))
+    below = np.flatnonzero(reading[: top + 1] <= _TOUCHED * reading[top])
+    return float(time[below[-1] if below.size else 0])
 
 
-def near(start: Model, time: Column, reading: Column, held: Container[str]) -> Model:
+def near(
+    start: Model, time: Column, reading: Column, held: Container[str], far: float = _FAR
+) -> Model:
     """Return the start with a stiffness that gives about the contact duration of the record.
 
-    Numbers that are `held`, by their full names, stay.
+    Numbers that are `held`, by their full names, stay, and so does a stiffness whose contact is not
+    longer or shorter by a factor of `far`. `reading` is without the level before the contact.
 
     Without damping `T = 2√π/(n+1) Γ(1/(n+1))/Γ(1/(n+1) + 1/2) ((n+1) m/(2 K v^(n-1)))^(1/(n+1))`.
     """
@@ -60,7 +85,7 @@ def near(start: Model, time: Column, reading: Column, held: Container[str]) -> M
         return start
     whole = 2 * math.sqrt(math.pi) * part * math.gamma(part) / math.gamma(part + 0.5)
     better = mass / (2 * part * speed ** (n - 1)) * (whole / duration) ** (n + 1)
-    if abs(math.log(better / stiffness)) <= (n + 1) * math.log(_FAR):
+    if abs(math.log(better / stiffness)) <= (n + 1) * math.log(far):
         return start
     start = eqx.tree_at(lambda s: s.contact.stiffness, start, jnp.asarray(better))
     law, c = start.law, getattr(start.law, "c", None)

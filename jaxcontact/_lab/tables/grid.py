@@ -49,8 +49,8 @@ _OTHER_UNITS = frozenset(
 class Grid:
     """The headings of a table and its rows; `header_row` is None if no row is a heading.
 
-    `notes` say how the file was read, if not in the plainest way; `repeats` are the rows that
-    repeat the headings.
+    `notes` say how the file was read, if not in the plainest way. `repeats` are the rows that
+    repeat the headings. `sheets` are the sheets of a spreadsheet that were read.
     """
 
     names: list[str]
@@ -58,6 +58,7 @@ class Grid:
     rows: list[Line]
     notes: tuple[str, ...] = ()
     repeats: tuple[int, ...] = ()
+    sheets: tuple[str, ...] = ()
 
 
 def is_number(cell: Any) -> bool:

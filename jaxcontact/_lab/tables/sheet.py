@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib.resources
 import math
 import operator
@@ -169,7 +170,8 @@ class Sheet:
 
     `source` and `header_row` (None without a header) locate faults in messages. `wanted` are
     positions among `names`, some of which may be empty. `by_keyword` is True for columns given by
-    keyword. `notes` say how a file was read, and `repeats` are rows of repeated headings.
+    keyword. `notes` say how a file was read. `repeats` are rows of repeated headings, and `sheets`
+    the sheets of a spreadsheet that were read.
     """
 
     source: str
@@ -179,6 +181,7 @@ class Sheet:
     notes: tuple[str, ...] = ()
     by_keyword: bool = False
     repeats: tuple[int, ...] = ()
+    sheets: tuple[str, ...] = ()
 
     def beside(self, name: str, value: Callable[[int, int], Any], note: str) -> Sheet:
         """Return the sheet with one more column, `value(k, number)` for row k, from 0."""
@@ -211,12 +214,22 @@ class Sheet:
 
 
 def sheet_of(
-    source: Any, columns: Mapping[str, Any], known: Known, decimal: str | None = None
+    source: Any,
+    columns: Mapping[str, Any],
+    known: Known,
+    decimal: str | None = None,
+    sheet: str | int | None = None,
 ) -> Sheet:
     """Return the columns in `source`, or those given by keyword; see `read_recording`.
 
-    `known` tests whether a text may be a heading, and `decimal` is the decimal mark.
+    `known` tests whether a text may be a heading, `decimal` is the decimal mark, and `sheet` the
+    sheet of a spreadsheet.
     """
+    from_file = functools.partial(_from_file, known=known, decimal=decimal, sheet=sheet)
+    if sheet is not None and not (
+        isinstance(source, str | os.PathLike) or callable(getattr(source, "read", None))
+    ):
+        raise ValueError(f"Argument `sheet` must be None without a file, but is {rendered(sheet)}.")
     if columns:
         if source is not None:
             raise ValueError(
@@ -227,10 +240,10 @@ def sheet_of(
     if source is None:
         shipped = importlib.resources.files("jaxcontact.data") / _SHIPPED_FILE
         name = f"{_SHIPPED_FILE} (shipped with the package)"
-        return _from_file(shipped.read_bytes, name, known, decimal)
+        return from_file(shipped.read_bytes, name)
     if isinstance(source, str | os.PathLike):
         path = require_path("source", source)
-        return _from_file(lambda: read_whole(path), str(path), known, decimal)
+        return from_file(lambda: read_whole(path), str(path))
     if isinstance(source, Mapping):
         return _from_columns("the dict", source)
     frame = hasattr(source, "columns") and hasattr(source, "__getitem__")
@@ -240,7 +253,7 @@ def sheet_of(
     if callable(getattr(source, "read", None)) and not isinstance(source, type):
         name = getattr(source, "name", None)
         name = name if isinstance(name, str) else "the text"
-        return _from_file(source.read, name, known, decimal)
+        return from_file(source.read, name)
     raise ValueError(
         "Argument `source` must be a path, an open file, a dict of columns, a data frame or "
         f"None, but is {rendered(source)}."
@@ -288,7 +301,9 @@ def _values(given: Any, source: str, name: str) -> np.ndarray:
     return array
 
 
-def _from_file(read: Callable[[], Any], source: str, known: Known, decimal: str | None) -> Sheet:
+def _from_file(
+    read: Callable[[], Any], source: str, known: Known, decimal: str | None, sheet: str | int | None
+) -> Sheet:
     """Return the columns of the file that `read` returns; its first bytes decide the kind."""
     try:
         content = read()
@@ -301,10 +316,10 @@ def _from_file(read: Callable[[], Any], source: str, known: Known, decimal: str 
         raise RecordingError(problem, source, row) from error
     encoding = ""
     if isinstance(content, bytes):
-        if content.startswith(b"PAR1"):
+        if content.startswith(b"PAR1") and sheet is None:
             return _from_columns(source, parquet_columns(content, source))
         if content.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-            return _of_grid(workbook_grid(content, source, known, decimal), source)
+            return _of_grid(*workbook_grid(content, source, known, decimal, sheet))
         if is_sound(content[:16]):
             raise RecordingError("is a sound, which has no such columns", source)
         for beginning, words in _OTHER_KINDS.items():
@@ -313,6 +328,8 @@ def _from_file(read: Callable[[], Any], source: str, known: Known, decimal: str 
         content, encoding = decoded(content, source)
     if not isinstance(content, str):
         raise RecordingError(f"must hold text, but holds {rendered(content)}", source)
+    if sheet is not None:
+        raise RecordingError("has no sheets; omit `sheet`", source)
     grid = text_grid(content, source, known, decimal)
     notes = (*([encoding] if encoding else []), *grid.notes)
     return _of_grid(dataclasses.replace(grid, notes=notes), source)
@@ -341,4 +358,5 @@ def _of_grid(grid: Grid, source: str) -> Sheet:
             for number, cells in grid.rows
         ]
 
-    return Sheet(source, names, grid.header_row, lines, grid.notes, repeats=grid.repeats)
+    more = {"repeats": grid.repeats, "sheets": grid.sheets}
+    return Sheet(source, names, grid.header_row, lines, grid.notes, **more)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import io
+from collections.abc import Sequence
 from typing import Any
 
 from .fault import RecordingError
@@ -12,10 +14,14 @@ from .grid import Grid, Known, Line, grid_of, known_cells, with_points
 _HOW = "pip install 'jaxcontact[data]', or save as CSV"
 
 
-def workbook_grid(data: bytes, source: str, known: Known, decimal: str | None = None) -> Grid:
-    """Return the sheet with most known headings, or else the first that is not empty.
+def workbook_grid(
+    data: bytes, source: str, known: Known, decimal: str | None, sheet: str | int | None
+) -> tuple[Grid, str]:
+    """Return the table of a spreadsheet, and its source with the name of the sheet.
 
-    Rows are numbered as in the spreadsheet. Raises RecordingError for a file that cannot be read.
+    It is the one called `sheet` (or numbered, from 1), otherwise the only one with at least half as
+    many known headings as any. Several with equal headings are one table of parts, whose rows
+    count on. Raises RecordingError for others, and for a file that cannot be read.
     """
     try:
         import python_calamine
@@ -33,10 +39,49 @@ def workbook_grid(data: bytes, source: str, known: Known, decimal: str | None = 
     filled = {name: rows for name, rows in sheets.items() if rows}
     if not filled:
         raise RecordingError("is empty; a header with the column names is needed", source, 1)
-    name = max(filled, key=lambda n: max(known_cells(cells, known) for _, cells in filled[n]))
-    rows, commas = with_points(filled[name], source, decimal, apart=False)
-    notes = [f"sheet {name!r}"] * (len(filled) > 1) + ["with decimal commas"] * commas
-    return grid_of(rows, known, notes)
+    names = list(filled)
+    if sheet is not None:
+        number = int(sheet) - 1 if str(sheet).isdecimal() and sheet not in names else -1
+        if sheet not in names and not 0 <= number < len(names):
+            raise RecordingError(f"has no sheet {sheet!r}; it has {_named(names)}", source)
+        read = [sheet if sheet in names else names[number]]
+    else:
+        score = {n: max(known_cells(cells, known) for _, cells in filled[n]) for n in names}
+        # phyphox adds "Metadata Device" and "Metadata Time".
+        tables = [n for n in names if not n.startswith("Metadata")] or names
+        read = [n for n in tables if 2 * score[n] >= max(score[n] for n in tables)]
+    grids: list[Grid] = []
+    for name in read:
+        rows, commas = with_points(filled[name], f"{source}, sheet {name!r}", decimal, apart=False)
+        grids.append(grid_of(rows, known, ["with decimal commas"] * commas))
+    if any(grid.names != grids[0].names for grid in grids):
+        told = "; ".join(f"{n!r} ({', '.join(g.names)})" for n, g in zip(read, grids, strict=True))
+        problem = f"has sheets with different headings, {told}; choose one with `sheet=`"
+        raise RecordingError(problem, source)
+    grid = _joined(grids, read) if len(grids) > 1 else grids[0]
+    grid = dataclasses.replace(grid, sheets=tuple(read))
+    if len(names) == 1:
+        return grid, source
+    left = _named([name for name in names if name not in read])
+    notes = [f"sheet{'s' * (len(read) > 1)} {_named(read)}", *[f"not read: {left}"] * bool(left)]
+    place = f"{source}, sheet {read[0]!r}" if len(read) == 1 else source
+    return dataclasses.replace(grid, notes=(*notes, *grid.notes)), place
+
+
+def _named(names: Sequence[str]) -> str:
+    return ", ".join(map(repr, names))
+
+
+def _joined(grids: Sequence[Grid], names: Sequence[str]) -> Grid:
+    """Return tables with equal headings as one of several parts."""
+    rows, repeats, told = list(grids[0].rows), [*grids[0].repeats], []
+    for name, grid in zip(names[1:], grids[1:], strict=True):
+        ahead = rows[-1][0] if rows else 0
+        repeats += [ahead + 1, *(ahead + k for k in grid.repeats)]
+        rows += [(ahead + k, cells) for k, cells in grid.rows]
+        told.append(f"row 1 of {name!r} is row {ahead + 1}")
+    notes = (*grids[0].notes, *told)
+    return dataclasses.replace(grids[0], rows=rows, repeats=tuple(repeats), notes=notes)
 
 
 def _lines(rows: list[list[Any]]) -> list[Line]:

@@ -1,0 +1,148 @@
+"""Wide tables: columns of the same meaning side by side, read one below the other as trials."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..layouts.layout import DROP_HEIGHT, LABELS, LAYOUTS, Layout
+from ..tables.sheet import Sheet
+
+_NUMBERED = re.compile(r"(.*?[^\W\d_])[\s_.#]*(\d+)(\s*[\[({/].*)?")
+_COPY = re.compile(r"(.+)\.\d+")
+"""A repeated heading, as pandas numbers it."""
+
+_SHRINKS = 0.97
+"""Median ratio of a column to the one before below which columns are successive bounces."""
+
+
+class _Wide(NamedTuple):
+    """Positions of `shared` columns and of the `parts` side by side, and the names of a part."""
+
+    shared: list[int]
+    parts: list[list[int]]
+    names: list[str]
+
+
+def as_trials(sheet: Sheet) -> Sheet:
+    """Return a wide table with its parts one below the other; other sheets as they are.
+
+    Parts are repeated headings ("v, e, v, e"; "h0, h1, h1"), each a trial, or numbered ones ("h0,
+    rebound 1, rebound 2"). Numbered columns that shrink along the rows are successive bounces, and
+    each row is a trial.
+    """
+    # pandas calls a column without a heading like this.
+    at = [k for k, name in enumerate(sheet.names) if name and not name.startswith("Unnamed: ")]
+    found = _repeated(sheet, at) or _numbered(sheet, at)
+    if found is None:
+        return sheet
+    shared, parts, names = found
+    succession = len(names) == 1 and _shrinks(sheet, parts)
+    drop = [k for k in shared if DROP_HEIGHT.heading(sheet.names[k])]
+    if succession and drop and LAYOUTS["heights"].meaning("rebound_height_m").heading(names[0]):
+        units = [_unit(sheet.names[drop[0]]), _unit(names[0])]
+        if len({unit.strip("[](){}/ ") for unit in units}) > 1:
+            raise sheet.fault(f"is in another unit than the rebounds, {units[1]}", names[0])
+        shared, parts = [k for k in shared if k != drop[0]], [drop, *parts]
+        names = [f"height {units[0]}".strip()]
+    names = [*(sheet.names[k] for k in shared), *names]
+    labels = [] if any(map(LABELS["trial"].heading, names)) else ["trial"]
+    labels += ["bounce"] * succession
+
+    def lines(wanted: Sequence[int]) -> list[tuple[int, list[Any]]]:
+        rows = []
+        for k, part in enumerate(parts, 1):
+            for number, cells in sheet.lines([*shared, *part]):
+                # Parts may have fewer rows than others.
+                if all(_is_empty(cell) for cell in cells[len(shared) :]):
+                    continue
+                own = {"trial": f"row {number}" if succession else k, "bounce": k}
+                whole = [*cells, *(own[label] for label in labels)]
+                rows.append((number, [whole[i] for i in wanted]))
+        return rows
+
+    what = "bounces in columns, each row a trial" if succession else "each set is a trial"
+    note = f"{len(parts)} sets of columns side by side: {what}"
+    return dataclasses.replace(
+        sheet, names=[*names, *labels], lines=lines, notes=(*sheet.notes, note)
+    )
+
+
+def _are_trials(shared: Sequence[str], part: Sequence[str]) -> bool:
+    """Return whether headings make up a layout that may have trials, with some of the part."""
+
+    def has(one: Layout[Any], column: str, texts: Sequence[str]) -> bool:
+        return any(one.meaning(column).heading(text) for text in texts)
+
+    return any(
+        all(has(one, column, [*shared, *part]) for column in one.measured)
+        and any(has(one, column, part) for column in one.measured)
+        for one in LAYOUTS.values()
+        if one.name != "instants" and ("trial" in one.columns or "time" not in one.columns)
+    )
+
+
+def _repeated(sheet: Sheet, at: list[int]) -> _Wide | None:
+    """Return the repeated block of headings at the end of a header, if one is a measurement."""
+    names = [sheet.names[k] for k in at]
+    copies = (_COPY.fullmatch(name) for name in names)
+    names = [one[1] if one and one[1] in names[:k] else names[k] for k, one in enumerate(copies)]
+    if sheet.header_row is None and len({*sheet.names}) < len(sheet.names):
+        return None  # a data frame returns columns of one name together
+    for first in range(len(names)):
+        rest = names[first:]
+        for width in range(1, len(rest) // 2 + 1):
+            block = rest[:width]
+            whole = rest == block * (len(rest) // width)
+            if whole and _are_trials(names[:first], block):
+                parts = [at[k : k + width] for k in range(first, len(at), width)]
+                return _Wide(at[:first], parts, block)
+    return None
+
+
+def _numbered(sheet: Sheet, at: list[int]) -> _Wide | None:
+    """Return the columns numbered from 1 at the end of a header: "h1, h2, h3"."""
+    found = [_NUMBERED.fullmatch(sheet.names[k]) for k in at]
+    last = found[-1] if found else None
+    if last is None or (count := int(last[2])) < 2 or count > len(at):
+        return None
+    stem, unit = last[1], last[3] or ""
+    run = [one and (one[1], int(one[2]), one[3] or "") for one in found[-count:]]
+    shared = at[:-count]
+    heading = f"{stem}{unit}"
+    drops = [sheet.names[k] for k in shared if DROP_HEIGHT.heading(sheet.names[k])]
+    if drops and (LABELS["trial"].heading(stem) or LABELS["bounce"].heading(stem)):
+        heading = f"rebound height {unit or _unit(drops[0])}".strip()
+    if run != [(stem, k, unit) for k in range(1, count + 1)]:
+        return None
+    if not _are_trials([sheet.names[k] for k in shared], [heading]):
+        return None
+    # "v1, v2" alone are not two trials of one speed.
+    return (
+        None if count == 2 and not drops else _Wide(shared, [[k] for k in at[-count:]], [heading])
+    )
+
+
+def _unit(text: str) -> str:
+    found = re.search(r"[\[({/].*", text)
+    return found[0].strip() if found else ""
+
+
+def _is_empty(cell: Any) -> bool:
+    return cell is None or cell != cell or (isinstance(cell, str) and not cell.strip())
+
+
+def _shrinks(sheet: Sheet, parts: list[list[int]]) -> bool:
+    """Return whether numbers shrink from column to column, as those of successive bounces do."""
+    ratios = []
+    for _, cells in sheet.lines([part[0] for part in parts]):
+        try:
+            values = np.array([float(cell) for cell in cells if not _is_empty(cell)])
+        except (TypeError, ValueError):
+            return False
+        ratios += (values[1:] / np.where(values[:-1] == 0, np.nan, values[:-1])).tolist()
+    return bool(ratios) and float(np.nanmedian(ratios)) < _SHRINKS
