@@ -11,6 +11,7 @@ import numpy as np
 from ..._entry import as_numbers, rendered
 from ..._scene import Ending
 from ..._scene.simulate import simulate_scene
+from ..._text.progress import progress_of_run
 from .model import SceneModel
 
 FEW = 8
@@ -63,19 +64,20 @@ def _simulated(model: SceneModel, duration: float) -> tuple[float, float] | None
         return None
     # Friction changes them little, and has no outcome for some laws.
     scene = eqx.tree_at(lambda x: x.friction, model.scene, None, is_leaf=lambda x: x is None)
-    run = simulate_scene(
-        scene,
-        duration,
-        times=None,
-        rtol=1e-6,
-        # Adhesion with memory has no instantaneous impacts.
-        instantaneous=not any(law.forgets for law in scene.law.values),
-        v0="peak",
-        max_impacts=None,
-        max_cluster=None,
-        progress=False,
-        throw=False,
-    )
+    with progress_of_run(False) as tell:
+        run = simulate_scene(
+            scene,
+            duration,
+            times=None,
+            rtol=1e-6,
+            # Adhesion with memory has no instantaneous impacts.
+            instantaneous=not any(law.forgets for law in scene.law.values),
+            v0="peak",
+            max_impacts=None,
+            max_cluster=None,
+            tell=tell,
+            throw=False,
+        )
     speeds = run.impacts.to_dict()["closing_speed"]
     if not len(speeds) or int(run.status) == Ending.INVALID_INPUT:
         return None
