@@ -17,8 +17,9 @@ _ROUNDING = 50
 _SPENT, _LATE = 100, 10
 # The least overshoot beyond rest for a turn. The first number is in step tolerances, for a velocity
 # that is zero within them. In float32 turns nearer to rest had up to 1.9 times the allowed error of
-# their time, and those up to 1.7 times as far from rest at most 0.5 (3,300 lanes). The second is in the same over rtol, for an accurate time.
-# Its relative error was up to 1.3e-3 of a tolerance over the overshoot (400 lanes).
+# their time, and those up to 1.7 times as far from rest at most 0.5 (3,300 lanes). The second is in
+# the same over rtol, for an accurate time. Its relative error was up to 1.3e-3 of a tolerance over
+# the overshoot (400 lanes).
 _BEYOND, _BEYOND_IN_TIME = 40, 5e-6
 
 
