@@ -292,8 +292,3 @@ def test_single_precision():
 def test_repr():
     assert repr(Contact(1.0, 1.4e8)) == "Contact(mass=1, stiffness=140000000, exponent=1.5)"
     assert "exponent=2" in repr(Contact(1.0, 1.4e8, jnp.asarray(2.0)))
-
-
-def test_two_spheres_need_two_materials():
-    with pytest.raises(ValueError, match="`other` must be a `Material`, but is None"):
-        Contact.sphere_sphere(0.01, 0.02, STEEL, None, mass=0.1)

@@ -189,8 +189,6 @@ def test_what_has_no_values_is_refused(box):
     for draw in (jc.plot.scene, jc.plot.energy, jc.plot.animate):
         with pytest.raises(ValueError, match=r"values to draw, .* status is 'invalid input'"):
             draw(lane)
-        with pytest.raises(ValueError, match="`run` must be a `Run`"):
-            draw(box.scene)
     assert not pyplot.get_fignums()
 
 
