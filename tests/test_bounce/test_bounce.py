@@ -129,21 +129,3 @@ def test_a_ball_that_stops():
     assert np.all(np.isfinite(run.time))
     slope = jax.grad(lambda h: jc.bounce(law, CONTACT, h, **how).time[-1])(1.0)
     assert np.isfinite(slope) and slope > 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"height": 0.0}, r"`height` must be in \(0, inf\), but is 0.0"),
-        ({"height": 1.0, "gravity": 0.0}, r"`gravity` must be in \(0, inf\), but is 0.0"),
-        ({"height": 1.0, "bounces": 0}, "`bounces` must be a whole number of at least 1, but is 0"),
-        ({"height": 1.0, "method": "fast"}, "`method`.*'fast'"),
-        (
-            {"height": 1.0, "gravity_in_contact": "yes"},
-            "`gravity_in_contact` must be True or False",
-        ),
-    ],
-)
-def test_bad_arguments(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        jc.bounce(jc.HuGuo(e=0.5), CONTACT, **arguments)

@@ -370,11 +370,7 @@ TIMES, LATER = [0.5, 0.4], [0.45, 0.36]
         ({"first": [0.5, np.nan]}, "`first` must be in .* is nan at point 1"),
         ({"second": [0.5, -0.1]}, "`second` must be in .* is -0.1 at point 1"),
         ({"second": [0.5]}, "`second` must have one number for each of the 2"),
-        ({"first": [[0.5, 0.4]]}, "`first` must have the shape"),
         ({"first": [800.0, 700.0], "second": [700.0, 600.0]}, "are they in ms. then divide by"),
-        ({"kind": "speeds"}, "`kind` must be one of 'intervals', 'heights'"),
-        ({"gravity": 0.0}, "`gravity` must be a number in .* but is 0.0"),
-        ({"drag": 0.47}, "`drag` must be a `Drag` or None, but is 0.47"),
         ({"fixed": ("c",)}, "`fixed` must name numbers of the law or the contact"),
     ],
 )

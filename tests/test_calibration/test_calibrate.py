@@ -355,19 +355,6 @@ def test_the_precision_of_the_user_is_left_alone():
         np.testing.assert_allclose(hit.restitution, 0.88, rtol=0.1)
 
 
-@pytest.mark.parametrize("name", ["mass", "stiffness", "gravity"])
-def test_bad_numbers_raise(name):
-    with pytest.raises(ValueError, match=name):
-        calibrated(recording(lambda v: 0.88, 1), **{name: -1.0})
-
-
-def test_what_is_no_recording_is_refused():
-    with pytest.raises(ValueError, match=r"`recording` must be a `Recording`.*'ball.csv'"):
-        jc.calibrate("ball.csv")
-    with pytest.raises(ValueError, match=r"`laws` must be one of all, exact, .* but is 'nonsense'"):
-        calibrated(recording(lambda v: 0.88, 1), laws="nonsense")
-
-
 def test_stages_are_reported_to_a_function(capsys):
     stages = []
     calibrated(recording(lambda v: 0.88, 1), laws="constant_damping", progress=stages.append)

@@ -136,11 +136,6 @@ def test_trials_enter_errors_and_verdict():
     assert "by trial" in found.verdict
 
 
-def test_the_law_of_a_kind_is_refused_where_there_is_none(choices):
-    with pytest.raises(ValueError, match=r"`kind` must be one of 'constant e', .* but is 'x'"):
-        choices["constant e"].law("x")
-
-
 def test_it_prints_the_equivalent_e_of_all_laws_where_a_constant_e_is_used(choices):
     said = repr(choices["constant e"])
     assert "hu_guo" in said and "ΔBIC" in said

@@ -97,13 +97,9 @@ def test_noise_behind_it(order):
 def test_what_is_no_filter():
     with pytest.raises(ValueError, match="`order` must be at most 8, but is 9"):
         jc.LowPass(100.0, order=9)
-    with pytest.raises(ValueError, match="`cutoff` must be"):
-        jc.LowPass(-1.0)
     time, law, contact = np.linspace(0, 1, 5), jc.Hertz(), jc.Contact(1.0, 1e6)
     with pytest.raises(ValueError, match="`low_pass_force` must be None without `force`"):
         jc.fit_record(law, contact, time, 1.0, indentation=time, low_pass_force=jc.LowPass(100.0))
-    with pytest.raises(ValueError, match="`low_pass_force` must be a `LowPass` or None"):
-        jc.fit_record(law, contact, time, 1.0, force=time, low_pass_force=100.0)
     long = np.linspace(0, 1, 4500)
     with pytest.raises(ValueError, match=r"at most 2000 readings .* give every 3rd"):
         jc.fit_record(law, contact, long, 1.0, force=long, low_pass_force=jc.LowPass(100.0))

@@ -198,8 +198,6 @@ def test_laws_that_do_not_apply_are_left_out():
         ({"rebound_spin": np.full(12, 100.0)}, "`bodies` must have a radius"),
         ({"rebound_spin": np.full(12, -100.0), "bodies": BODIES}, "then change the sign"),
         ({"sigma_rebound_angle": 0.1}, "`sigma_rebound_angle` must be None without"),
-        ({"friction": jc.RigidCoulomb}, "`friction` must be"),
-        ({"bodies": "cube"}, "`bodies` must be"),
         ({"bodies": jc.RoundBodies(radius=0.1, mass=1.0)}, "effective mass"),
     ],
 )

@@ -361,5 +361,3 @@ def test_a_law_of_the_speed_is_not_fitted_to_few_pairs():
     recording = jc.read_recording(velocity=[2.0, 3.0], restitution=[0.85, 0.83])
     found = jc.calibrate(recording, laws="constant_damping")
     assert isinstance(found.law, jc.ExactRestitution) and found.requested != "all"
-    with pytest.raises(ValueError, match="Argument `at` must be"):
-        jc.calibrate(recording, at=-1.0)

@@ -285,7 +285,6 @@ def test_arguments_are_named():
         ({"times": [0.0, 0.05, 0.06]}, "`times` must be evenly spaced"),
         ({"times": [0.0, 0.2]}, "`times` must lie between"),
         ({"time_step": 0.03}, "`time_step` must be a whole fraction"),
-        ({"tolerance": 0.0}, "`tolerance`"),
         ({"velocity": (0.0, 1.0)}, "`velocity`"),
     ):
         with pytest.raises(ValueError, match=message):

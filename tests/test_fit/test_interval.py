@@ -152,8 +152,6 @@ def test_bands_of_a_line_are_the_formulas():
     of_own = found.prediction_band(at, sigma=[0.0001, 3.0, 1e9])
     assert np.allclose(of_own[0][0], found.confidence_band(at)[0][0], rtol=1e-5)
     assert of_own[1][2] == pytest.approx(far * 1e9, rel=1e-6)
-    with pytest.raises(ValueError, match="Argument `sigma` must be positive"):
-        found.prediction_band(at, sigma=-1.0)
 
 
 def test_a_fit_that_is_not_finished_has_none():

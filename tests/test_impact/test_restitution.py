@@ -124,7 +124,6 @@ def test_only_what_alpha_depends_on_is_needed():
         ((jc.ConstantDamping(c=1.0), None, 1.0), "`contact` is needed"),
         ((jc.ConstantDamping(c=1.0), CONTACT), "`velocity` is needed"),
         ((jc.KuwabaraKono(A=1.0),), "`contact` is needed"),
-        ((3,), "`law` must be a contact law"),
     ],
 )
 def test_what_is_missing_is_named(arguments, message):

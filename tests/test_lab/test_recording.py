@@ -271,12 +271,7 @@ def test_a_frame_may_have_other_columns():
     [
         ({"speed": ROW}, "Argument `speed` is no known column; these are ball, drop_height_m, "),
         ({"source": {}, "velocity": ROW}, "Argument `source` must be None where columns are given"),
-        ({"source": 3}, "Argument `source` must be a path, an open file, a dict of columns, "),
         ({"source": {}, "ball": ["a"]}, "Argument `ball` must be the name of one ball in `source`"),
-        (
-            {"layout": "speed"},
-            "Argument `layout` must be one of 'intervals', 'heights', 'stops', 'table'",
-        ),
     ],
 )
 def test_bad_arguments_raise(arguments, message):

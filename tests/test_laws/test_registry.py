@@ -35,10 +35,11 @@ def test_get_law():
         jc.get_law("hu_guo", e=7)
 
 
-def test_unknown_name_lists_the_known():
-    with pytest.raises(ValueError, match="'hu_gou'") as caught:
-        jc.get_law("hu_gou", e=0.7)
-    assert all(name in str(caught.value) for name in jc.list_laws())
+@pytest.mark.parametrize("name", ["hu_gou", None, 5, ["hu_guo"], {}, "hu guo", b"hu_guo"])
+def test_unknown_name_lists_the_known(name):
+    with pytest.raises(ValueError, match="`name` must be one of") as caught:
+        jc.get_law(name, e=0.7)
+    assert all(known in str(caught.value) for known in [*jc.list_laws(), repr(name)])
 
 
 def test_describe():

@@ -178,5 +178,3 @@ def test_profiles_of_a_line_are_parabolas(fitted):
         assert (box.x0, box.x1) == pytest.approx((low, high))
     alone = jc.plot.profile(fitted, "[0]")
     assert alone.get_xlabel() == "[0]"
-    with pytest.raises(ValueError, match="Argument `names` must be some of"):
-        jc.plot.profile(fitted, 3)

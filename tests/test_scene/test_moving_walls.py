@@ -230,8 +230,6 @@ def test_what_moves_wrongly_is_refused():
         jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady([1.0]))
     with pytest.raises(ValueError, match=r"`motion` of a box must have a list of numbers"):
         jc.Box([0.0], [1.0], motion=shake)
-    with pytest.raises(ValueError, match=r"`frequency` must be in \(0, inf\)"):
-        jc.Vibration(0.1, 0.0)
     ball = jc.Sphere(0.1, 1.0, [1.0])
     closing = [
         jc.Plane([0.0], [1.0], name="piston", motion=jc.Steady([0.5])),

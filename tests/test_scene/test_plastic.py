@@ -93,31 +93,23 @@ def test_energy_only_falls_where_contacts_unload():
     assert np.all(np.diff(bilinear().energy) < BALANCE)
 
 
+ISOLATED = jc.ThorntonPlastic(yield_speed=0.3), jc.Contact(mass=0.3, stiffness=2e8, exponent=1.5)
+
+
 @pytest.mark.parametrize("pull", [0.0, 3.0, -300.0])
 def test_an_isolated_impact_under_a_push(pull):
     """The radial problem beside the event solve of one impact, until the force ends."""
-    law = jc.ThorntonPlastic(yield_speed=0.3)
-    contact = jc.Contact(mass=0.3, stiffness=2e8, exponent=1.5)
-    rebound = pushed(pull)
-    hit = jc.impact(law, contact, 2.0, external_force=pull, method="event")
+    rebound = pushed()(jnp.asarray(pull))
+    hit = jc.impact(*ISOLATED, 2.0, external_force=pull, method="event")
     for name in ("duration", "max_force", "max_indentation"):
         np.testing.assert_allclose(getattr(rebound, name), getattr(hit, name), rtol=1e-8)
     np.testing.assert_allclose(rebound.energy_loss, hit.energy_loss, rtol=1e-8)
 
 
 @functools.cache
-def _pushed():
-    law = jc.ThorntonPlastic(yield_speed=0.3)
-    contact = jc.Contact(mass=0.3, stiffness=2e8, exponent=1.5)
-    return jax.jit(
-        lambda pull: oblique(
-            law, contact, jnp.asarray(2.0), jnp.asarray(0.0), jnp.asarray(jnp.inf), pull, rtol=1e-10
-        )
-    )
-
-
-def pushed(pull):
-    return _pushed()(jnp.asarray(pull))
+def pushed():
+    speeds = (jnp.asarray(number) for number in (2.0, 0.0, jnp.inf))
+    return jax.jit(functools.partial(oblique, *ISOLATED, *speeds, rtol=1e-10))
 
 
 def test_a_bouncing_ball_of_metal():

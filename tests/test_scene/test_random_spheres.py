@@ -133,22 +133,16 @@ FAULTS = {
         {"radius": 0.6},
         "`radius` must be at most half of the box, which is 1 × 1 m, but the largest is 0.6",
     ),
-    "count": ({"count": 0}, "`count` must be a whole number of at least 1"),
     "radii": ({"radius": [0.1, 0.1]}, "`radius` must be a number in (0, inf), or 3 of them"),
-    "radius": ({"radius": -0.1}, "`radius` must be a number in (0, inf), or 3 of them"),
     "mass": ({"mass": [1.0, 1.0, 0.0]}, "`mass` must be a number in (0, inf), or 3 of them"),
     "no mass": ({"mass": None}, "`mass` must be given for spheres without a material"),
     "open": ({"high": [1.0, np.inf]}, "`high` must be finite numbers"),
-    "corners": ({"high": [1.0]}, "`high` must have as many numbers as `low`, which has 2"),
     "order": ({"high": [1.0, 0.0]}, "`high` must be above `low` = [0.0, 0.0]"),
     "alone": ({"count": 1, "speed": 1.0}, "`speed` must be None for a single sphere"),
-    "speed": ({"speed": 0.0}, "number in (0, inf), or None for spheres at rest, but is 0.0"),
     "period": (
         {"periodic": (2.0, None)},
         "`periodic` must be None or the length of the box, 1 along axis 0",
     ),
-    "periods": ({"periodic": (1.0,)}, "a length or None for each of the 2 axes"),
-    "seed": ({"seed": -1}, "`seed` must be a whole number of at least 0"),
 }
 
 

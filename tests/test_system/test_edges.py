@@ -101,8 +101,6 @@ def rubs(slip, mu=0.1):
         ({"gap": lambda t, q, args: jnp.sqrt(q - q)}, "gradient of `gap` must be finite.*gap 0"),
         ({"gap": lambda t, q, args: q[0]}, r"`gap` must return an array of the shape \(m,\)"),
         ({"force": lambda t, q, v, args: v * jnp.nan}, "`force` must be finite"),
-        ({"stiffness": -1.0}, "stiffness"),
-        ({"law": 3}, "law"),
         ({"friction": jc.RegularizedCoulomb(0.1, 0.1)}, "`slip` must be given"),
         ({"mass": lambda t, q, args: jnp.eye(1, dtype=int)}, "`mass` .* real floats, but .* int"),
         ({"force": lambda t, q, v, args: v.astype(complex)}, "`force` .* complex.* of the shape"),
