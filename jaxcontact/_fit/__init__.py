@@ -13,6 +13,7 @@ from .compare import table as table
 from .compare import undecided as undecided
 from .data import FitData as FitData
 from .data import SharedErrors as SharedErrors
+from .data import why_no_error as why_no_error
 from .fit import fit as fit
 from .many.fit_many import fit_many as fit_many
 from .many.result import Fits as Fits

@@ -96,14 +96,6 @@ class FitData(Flagged):
         """The standard error of each parameter; NaN if it is not identifiable."""
         return dict(zip(self.names, self.errors.tolist(), strict=True))
 
-    def why_no_error(self, name: str) -> str:
-        """Return why a parameter has no standard error, in words."""
-        if self.dof < 1 and not self._absolute:
-            return "without a standard error: no degree of freedom is left"
-        if not self.by_group or any(name in one.components for one in self.unidentified):
-            return "not identifiable"
-        return "without a standard error: one point or group alone determines it"
-
     @property
     def scaled_errors(self) -> np.ndarray:
         """The standard errors (k,) of the logarithms or logits of bounded parameters."""
@@ -150,6 +142,15 @@ class FitData(Flagged):
 
 
 @quick
+def why_no_error(fit: FitData, name: str) -> str:
+    """Return why a parameter has no standard error, in words."""
+    if fit.dof < 1 and not fit._absolute:
+        return "without a standard error: no degree of freedom is left"
+    if not fit.by_group or any(name in one.components for one in fit.unidentified):
+        return "not identifiable"
+    return "without a standard error: one point or group alone determines it"
+
+
 def _linearised(problem: FitProblem, values: jax.Array, x: Any) -> tuple[jax.Array, jax.Array]:
     def at(values: jax.Array) -> tuple[jax.Array, jax.Array]:
         curve = flattened(evaluated(problem.predict, problem.space.tree_of(values), x))

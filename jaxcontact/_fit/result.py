@@ -7,7 +7,7 @@ import functools
 
 import numpy as np
 
-from .data import FitData
+from .data import FitData, why_no_error
 from .uncertainty.adequacy import Adequacy, adequacy_of
 from .uncertainty.bootstrap import bootstrap
 from .uncertainty.interval import confidence_band, interval, prediction_band
@@ -67,6 +67,6 @@ class Fit(FitData):
         error = self.standard_errors[name]
         if not np.isnan(error):
             return f"  ± {error:.2g}" + (", were the model right" if self.adequate is False else "")
-        return f"  {self.why_no_error(name)}"
+        return f"  {why_no_error(self, name)}"
 
     __repr__ = summary

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..._contact import Contact
-from ..._fit import AbstractTransform, FitData
+from ..._fit import AbstractTransform, FitData, why_no_error
 from ..._impact import impact
 from ..._laws import AbstractLaw, get_law, parameters_of
 from ..._text.units import Shown
@@ -125,7 +125,7 @@ class AbstractKind(abc.ABC):
         def estimate(parameter: str, name: str, scale: float, unit: str) -> Estimate:
             error = fit.standard_errors[parameter] / scale if good else None
             value = float(fit.params[parameter]) / scale
-            return Estimate(name, value, error, unit, fit.why_no_error(parameter))
+            return Estimate(name, value, error, unit, why_no_error(fit, parameter))
 
         found, own = [], []
         for parameter, one in self.parameters.items():
