@@ -14,9 +14,9 @@ from .compare import undecided as undecided
 from .data import FitData as FitData
 from .data import SharedErrors as SharedErrors
 from .fit import fit as fit
+from .many.fit_many import Fits as Fits
+from .many.fit_many import FitStatus as FitStatus
 from .many.fit_many import fit_many as fit_many
-from .many.result import Fits as Fits
-from .many.result import FitStatus as FitStatus
 from .posterior.posterior import Posterior as Posterior
 from .posterior.posterior import posterior as posterior
 from .problem.problem import Huber as Huber
