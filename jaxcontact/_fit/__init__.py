@@ -36,8 +36,8 @@ from .search.inference import basis_of as basis_of
 from .search.inference import sandwich as sandwich
 from .search.noise import AbstractErrors as AbstractErrors
 from .search.noise import refit as refit
+from .search.noise import with_shared as with_shared
 from .search.verdict import AT_BOUND as AT_BOUND
-from .shared_errors import with_shared as with_shared
 from .uncertainty.bootstrap import Bootstrap as Bootstrap
 from .uncertainty.interval import scatter as scatter
 from .uncertainty.profile import Profile as Profile

@@ -214,8 +214,7 @@ def tracks_of(records: Iterable[Any]) -> tuple[Track, ...]:
 def _in_air(drop: Drop, flight: Flight) -> Drop:
     if flight.drag is None:
         return drop
-    from ..track.fitting import refit
-    from .track_drag import shape_of
+    from ..track.fitting import refit, shape_of
 
     beta = (flight.gravity / flight.drag.terminal_speed(flight.gravity)) ** 2
     return refit(drop, shape_of(flight), beta)
