@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
@@ -27,9 +28,6 @@ from .run_record import RunRecord
 
 if TYPE_CHECKING:
     import xarray
-
-
-import dataclasses
 
 _MEANING = {
     "time": ("time", "s"),
