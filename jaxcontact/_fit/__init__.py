@@ -15,9 +15,9 @@ from .data import FitData as FitData
 from .data import SharedErrors as SharedErrors
 from .data import why_no_error as why_no_error
 from .fit import fit as fit
+from .many.fit_many import Fits as Fits
+from .many.fit_many import FitStatus as FitStatus
 from .many.fit_many import fit_many as fit_many
-from .many.result import Fits as Fits
-from .many.result import FitStatus as FitStatus
 from .posterior.posterior import Posterior as Posterior
 from .posterior.posterior import posterior as posterior
 from .problem.problem import Huber as Huber
@@ -37,8 +37,8 @@ from .search.inference import basis_of as basis_of
 from .search.inference import sandwich as sandwich
 from .search.noise import AbstractErrors as AbstractErrors
 from .search.noise import refit as refit
+from .search.noise import with_shared as with_shared
 from .search.verdict import AT_BOUND as AT_BOUND
-from .shared_errors import with_shared as with_shared
 from .uncertainty.bootstrap import Bootstrap as Bootstrap
 from .uncertainty.interval import scatter as scatter
 from .uncertainty.profile import Profile as Profile

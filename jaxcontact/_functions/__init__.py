@@ -1,7 +1,11 @@
 """Elementary functions without cancellation, series, products, and roots with derivatives."""
 
 from .elementary import arc_over_sine as arc_over_sine
+from .elementary import chebyshev as chebyshev
+from .elementary import chebyshev_by_piece as chebyshev_by_piece
+from .elementary import chebyshev_polynomials as chebyshev_polynomials
 from .elementary import half_gamma_ratio as half_gamma_ratio
+from .elementary import horner as horner
 from .elementary import kappa as kappa
 from .elementary import kappa_and_psi as kappa_and_psi
 from .elementary import log1p_over as log1p_over
@@ -24,7 +28,3 @@ from .roots import implicit_root as implicit_root
 from .roots import ratio as ratio
 from .roots import varying as varying
 from .roots import with_implicit_derivative as with_implicit_derivative
-from .series import chebyshev as chebyshev
-from .series import chebyshev_by_piece as chebyshev_by_piece
-from .series import chebyshev_polynomials as chebyshev_polynomials
-from .series import horner as horner

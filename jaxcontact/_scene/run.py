@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
@@ -18,7 +19,6 @@ from .._text.failure import Flagged
 from .bodies.bodies import AbstractBody
 from .bodies.scene import Scene
 from .readout.columns import state_columns, write_csv
-from .readout.dataset import dataset
 from .readout.final_scene import final_start
 from .readout.margin import Margin
 from .readout.states import states_at
@@ -28,6 +28,33 @@ from .run_record import RunRecord
 
 if TYPE_CHECKING:
     import xarray
+
+_MEANING = {
+    "time": ("time", "s"),
+    "position": ("position of the centre", "m"),
+    "velocity": ("velocity", "m/s"),
+    "spin": ("spin", "rad/s"),
+    "slip": ("sliding speed before", "m/s"),
+    "slip_after": ("sliding speed after, negative after a reversal", "m/s"),
+    "energy": ("energy: kinetic, weight, stored in contacts", "J"),
+    "radius": ("radius", "m"),
+    "mass": ("mass, infinite where fixed", "kg"),
+    "sphere": ("number among the bodies", ""),
+    "impact_time": ("time of touch", "s"),
+    "first": ("number of one body", ""),
+    "second": ("number of the other body", ""),
+    "face": ("face of a box, -1 where there is none", ""),
+    "closing_speed": ("closing speed", "m/s"),
+    "restitution": ("restitution delivered", "1"),
+    "duration": ("duration of contact", "s"),
+    "max_force": ("largest force", "N"),
+    "energy_loss": ("energy lost", "J"),
+    "turn": ("turn of the line of centres", "rad"),
+    "error_estimate": ("estimated error, relative to the closing speed", "1"),
+    "tied": ("another impact of one of the bodies at the same time", ""),
+    "body_name": ("name of a body", ""),
+    "name": ("name of a sphere", ""),
+}
 
 
 class Run(Flagged, eqx.Module):
@@ -197,3 +224,103 @@ def _later(body: AbstractBody, time: Array) -> AbstractBody:
 
     body, time = each(np.asarray, (body, time))
     return each(jax.device_put, body.after(time))
+
+
+def dataset(
+    scene: Scene,
+    states: States,
+    impacts: Impacts,
+    *,
+    bodies: tuple[int, ...],
+    status: Array,
+    reached: Array,
+    wall_work: Array,
+) -> xarray.Dataset:
+    """Return the states and impacts of a single run as a dataset. `bodies` are the numbers of its
+    spheres. Raises ImportError without xarray, ValueError for a batch of runs.
+    """
+    try:
+        import xarray
+    except ImportError as error:
+        raise ImportError(
+            "to_xarray needs xarray, which comes with `pip install 'jaxcontact[data]'`"
+        ) from error
+    columns = impacts.to_dict()
+    arrays: dict[str, Any] = {
+        "position": (("time", "sphere", "axis"), np.asarray(states.position)),
+        "velocity": (("time", "sphere", "axis"), np.asarray(states.velocity)),
+        "energy": (("time",), np.asarray(states.energy)),
+        "body_name": (("body",), list(impacts.names)),
+    }
+    arrays |= {name: (("impact",), column) for name, column in columns.items() if name != "time"}
+    if states.spin is not None:
+        axes = ("time", "sphere", "axis")[: states.spin.ndim]
+        arrays["spin"] = (axes, np.asarray(states.spin))
+    masses = [sphere.known_mass() for sphere in scene.spheres]
+    coordinates: dict[str, Any] = {
+        "time": (("time",), np.asarray(states.time)),
+        "sphere": (("sphere",), list(bodies)),
+        "axis": (("axis",), list("xyz"[: scene.dimensions])),
+        "name": (("sphere",), [impacts.names[k] for k in bodies]),
+        "radius": (("sphere",), [float(sphere.radius) for sphere in scene.spheres]),
+        "mass": (("sphere",), [np.inf if mass is None else float(mass) for mass in masses]),
+        "body": (("body",), np.arange(len(impacts.names))),
+        "impact_time": (("impact",), columns["time"]),
+    }
+    arrays, coordinates = (
+        {name: (*column, _attributes(name)) for name, column in group.items()}
+        for group in (arrays, coordinates)
+    )
+    attributes: dict[str, Any] = {"status": Ending.names_of(status).replace("_", " ")}
+    attributes |= {"reached": float(reached), "wall_work": float(wall_work)}
+    return xarray.Dataset(arrays, coordinates, attributes)
+
+
+def _attributes(name: str) -> dict[str, Any]:
+    """Return the attributes of a quantity: long name and unit, or the names of its flags."""
+    if name == "solved_by":
+        return {
+            "long_name": "how the impact was solved",
+            "flag_values": [int(way) for way in SolvedBy],
+            "flag_meanings": " ".join(way.name.lower() for way in SolvedBy),
+        }
+    words, unit = _MEANING.get(name, ("", ""))
+    return ({"long_name": words} if words else {}) | ({"units": unit} if unit else {})
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EngineRun:
+    """The motion of a scene at the output times of another engine, as `read_run` returns it.
+
+    `time` (T,) in s, `position` (T, N, D) in m, `velocity` (T, N, D) in m/s and `spin` in rad/s are
+    those of `Run`, as is `to_csv`; `jc.plot.scene` and `jc.plot.energy` draw both. `energy` (T,) in
+    J is kinetic and gravitational; that stored in contacts is not in it. An engine reports no
+    impacts, and there is no state between the output times.
+    """
+
+    engine: str
+    time: Float[np.ndarray, " T"]
+    position: Float[np.ndarray, "T N D"]
+    velocity: Float[np.ndarray, "T N D"]
+    energy: Float[np.ndarray, " T"]
+    spin: Float[np.ndarray, "T N ..."] | None
+    scene: Scene
+
+    @property
+    def reached(self) -> float:
+        """The last output time in s."""
+        return float(self.time[-1])
+
+    def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
+        """Write a CSV table with a row for each time, with the columns of `Run.to_csv`.
+
+        `path` is an open file or a file name. A named file appears whole or not at all.
+        """
+        write_csv(state_columns(self), path)
+
+    def __repr__(self) -> str:
+        count, spheres, dimensions = self.position.shape
+        return (
+            f"EngineRun({self.engine}; {count} times to {self.reached:g} s; spheres: {spheres} in "
+            f"{dimensions}D)"
+        )

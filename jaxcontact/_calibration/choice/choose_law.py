@@ -4,28 +4,29 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 from typing import Any, Unpack
 
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import ArrayLike, Float
 
 from ..._contact import Contact, require_contact
 from ..._entry import POSITIVE, as_weights, require_flag
-from ..._fit import Fit, compared, groups_of, undecided
+from ..._fit import Fit, compared, groups_of, scatter, undecided
 from ..._fit.keywords import SearchKeywords, takes
 from ..._program import side_by_side
 from ..._text.progress import stages_of
 from ..._text.words import listed
+from ..design.optimal_rows import shared_out
 from ..pairs.columns import column, for_each
 from ..pairs.outliers import Outliers, find_outliers
 from ..pairs.pairs import LEAST_PAIRS, Pairs, pairs_of
 from ..pairs.plausible import MEASURED_RESTITUTION
 from .certainty import reduced_of, rivals_of, sure_of, sure_sentence
 from .equivalent_e import Grid, asked_of, delivered_by_laws
-from .kind import AbstractKind, is_identifiable
+from .kind import AbstractKind, is_identifiable, padded
 from .law_choice import LawChoice, LawFit
-from .next_measurement import what_settles
 from .outcomes import columns_of
 from .selection import kinds_of
 from .table import ChoiceTable, errors_of
@@ -33,6 +34,18 @@ from .trend import curve_of, line_of
 
 _CLOSER = 0.5
 """Ratio of the scatters about a law and about a trend below which the trend misses the curve."""
+
+_PLACES = 40
+"""Candidate speeds of the measurement."""
+
+_WANTED = 40.0
+"""λ at which the wrong law is detected in all but one of ten thousand tables."""
+
+_MANY = 2_000
+"""Readings beyond which shared errors dominate, such as a scale that reads 1 % too high."""
+
+_SHOWN = 12
+"""Parts into which the readings are divided, to find the speeds that need them."""
 
 
 @takes(SearchKeywords)
@@ -84,8 +97,8 @@ def choose_law(
     their column. `weights`: relative weights of e instead (by default, the scatter about a trend).
     `groups` (points,): the trial of each point, by default one for each. With at least 8 trials,
     standard errors and the comparison allow for correlation within a trial. `mark_outliers`:
-    whether points more than 6 robust standard deviations off every law that describes the data
-    (without such a law, off a trend) are left out. `progress` as in `calibrate`. Other
+    whether points more than 6 robust standard deviations off are left out. They are off every law
+    that describes the data; without such a law, off a trend. `progress` as in `calibrate`. Other
     keywords go to `fit` (`optimizer`, `starts`, ...), for all kinds.
 
     The held-out error leaves out four bands of speed in turn; `compare_fits(choice.fits,
@@ -257,3 +270,67 @@ def _fits_of(
         found.append(next(outcomes))
     fits = {kind.name: one for kind, (one, _) in zip(kinds, found, strict=True)}
     return fits, tuple(law for _, law in found), next(outcomes)
+
+
+def what_settles(
+    fits: dict[str, Fit], best: str | None, rivals: list[str], ends: tuple[float, float]
+) -> str:
+    """Return where and how often to measure e to separate the best law from its nearest rival.
+
+    Minimax: the law with more parameters is taken as right, as fitted. The other law is refitted to
+    minimise its maximum deviation between the slowest and the fastest speed. The speeds are those
+    where that maximum occurs (see `design`). Returns "" if the choice is clear, or if the best law
+    does not describe the data.
+    """
+    if best is None or not rivals or fits[best].adequate is False:
+        return ""
+    # With equal numbers of parameters, the best is taken as right.
+    right, other = sorted((best, rivals[0]), key=lambda name: -len(fits[name].names))
+    low, high = ends
+    if not high > low:
+        return (
+            f"to distinguish {best} from {rivals[0]}, measure e at speeds other than {low:.3g} m/s"
+        )
+    speeds = np.geomspace(low, high, _PLACES)
+    distance, share = _least_distance(fits[right], fits[other], speeds)
+    # The noise of e, which is the first column.
+    noise = float(np.nanmedian(scatter(fits[right])[: len(fits[right].problem.x)]))
+    between = f"to distinguish {best} from {rivals[0]}"
+    count = math.inf if distance == 0 else math.ceil(_WANTED * (noise / distance) ** 2)
+    if count > _MANY:
+        most = f"{100 * distance:.1g} % of e at most"
+        return (
+            f"{between}, measure e at speeds outside {low:.3g} to {high:.3g} m/s: inside, the "
+            f"difference of {most} is hidden by the scatter of single readings"
+        )
+    places = speeds[shared_out(share, _SHOWN) > 0]
+    at = " and ".join(f"{v:.3g}" for v in places)
+    count = float(f"{max(count, len(places) + 1):.2g}")
+    return (
+        f"{between}, measure e equally often at {at} m/s: about {count:g} independent readings "
+        f"with this scatter rule out {other} if {right} is right"
+    )
+
+
+def _least_distance(
+    right: Fit, other: Fit, speeds: Float[np.ndarray, " m"]
+) -> tuple[float, Float[np.ndarray, " m"]]:
+    """Return the minimax difference of ln e, and the shares of the readings.
+
+    The difference is linear in the parameters of the other law.
+    """
+    from scipy.optimize import linprog
+
+    at = padded(speeds, speeds[0])
+    truth = right.linearised(at)[0][: len(speeds)]
+    curve, slopes = (part[: len(speeds)] for part in other.linearised(at))
+    off, k = curve - truth, slopes.shape[1]
+    # Scale parameters of different units by their effect, for the linear programme.
+    size = np.abs(slopes).max(axis=0)
+    slopes = slopes / np.where(size > 0, size, 1)
+    upper = np.column_stack([np.concatenate([slopes, -slopes]), -np.ones(2 * len(off))])
+    cost = np.append(np.zeros(k), 1.0)
+    limits = [(None, None)] * k + [(0, None)]
+    made = linprog(cost, upper, np.concatenate([-off, off]), bounds=limits)
+    share = -made.ineqlin.marginals.reshape(2, -1).sum(axis=0)
+    return float(made.fun), share / share.sum() if share.sum() > 0 else share

@@ -5,6 +5,7 @@ column, and of robust fits. Common noise of squares follows in `infer`.
 from __future__ import annotations
 
 import abc
+import dataclasses
 from collections.abc import Callable
 from typing import ClassVar, Generic, TypeVar
 
@@ -12,12 +13,15 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..data import FitData, SharedErrors
 from ..problem.problem import FitProblem
 from .inference import basis_of
-from .minimum import SearchEnd
+from .minimum import SINGULAR, SearchEnd
 
 F = TypeVar("F")
 E = TypeVar("E")
+
+_F = TypeVar("_F", bound=FitData)
 
 
 class AbstractErrors(abc.ABC, Generic[F, E]):
@@ -135,3 +139,28 @@ def _sizes(
 def _scatter(problem: FitProblem, rows: np.ndarray) -> float:
     """Return the scatter of the data of a column, in units of what the fit assumed."""
     return float(np.std(np.asarray(problem.y * problem.factor)[rows])) if rows.any() else 0.0
+
+
+def with_shared(fit: _F, shared: SharedErrors) -> _F:
+    """Return the fit with standard errors for z of the errors `shared`, of the points with weight.
+
+    Cov θ = H V Hᵀ, with H the pseudoinverse of J = dz/dθ. Intervals widen as the errors do.
+    If the weights included this correlation, the fit would cancel part of the error and report
+    standard errors that are too small. So it weights its points as if they were independent. Only
+    standard errors, intervals and adequacy include the correlation.
+    """
+    jacobian = fit._jacobian[np.asarray(fit.problem.factor) > 0]
+    length = np.linalg.norm(jacobian, axis=0)
+    moves = (length > 0) & ~np.isin(fit.names, fit.at_bound)
+    inverse = np.zeros((len(length), len(jacobian)))
+    inverse[moves] = np.linalg.pinv(jacobian[:, moves] / length[moves], rcond=SINGULAR)
+    inverse[moves] /= length[moves, None]
+    stretch = fit.problem.space.stretch(fit.values)
+    together = inverse @ shared.root
+    covariance = (inverse * shared.own) @ inverse.T + together @ together.T
+    covariance *= np.outer(stretch, stretch)
+    covariance = np.where(np.isfinite(fit.covariance), covariance, np.nan)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        wider = np.diag(covariance) / np.diag(fit.covariance)
+    wider = np.where(np.isfinite(wider), wider, 1.0)
+    return dataclasses.replace(fit, covariance=covariance, _shared=shared, _wider=wider)

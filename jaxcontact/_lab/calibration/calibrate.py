@@ -13,18 +13,23 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from ..._calibration.choice.choose_law import about_the_law, choose
+from ..._calibration.choice.equivalent_e import asked_of, delivered_by_laws
 from ..._calibration.choice.kind import AbstractKind
 from ..._calibration.choice.law_choice import LawChoice, kind_asked
 from ..._calibration.choice.selection import kinds_of
 from ..._calibration.choice.table import ChoiceTable, errors_of
+from ..._calibration.choice.trend import Curve, Line, line_of
 from ..._calibration.pairs.columns import column
-from ..._calibration.pairs.outliers import THRESHOLD, Outliers, find_outliers
-from ..._calibration.pairs.pairs import LEAST_PAIRS
+from ..._calibration.pairs.outliers import THRESHOLD, Outliers, Trend, find_outliers
+from ..._calibration.pairs.pairs import LEAST_PAIRS, Pairs
+from ..._calibration.pairs.reading_noise import RELATIVE_FLOOR, Noise
 from ..._contact import Contact
 from ..._entry import POSITIVE, as_numbers, require_kind, require_number
+from ..._fit import Candidate
 from ..._flight import STANDARD_GRAVITY, Drag, Flight
 from ..._laws import parameters_of
 from ..._text.progress import stages_of
+from ..._text.words import counted
 from ..recordings import RecordedPairs, Recording, make_pairs
 from ..records.all_impacts import (
     errors_of_impacts,
@@ -35,12 +40,13 @@ from ..records.all_impacts import (
 )
 from ..records.one_impact import ImpactFit
 from .at_speed import at_speeds
-from .few_pairs import none_marked, only_constant, with_known_errors
 from .summary import CalibrationSummary
 from .summary_data import PairSummary, RecordingSummary, SpeedBand
 
 _SPEED_BANDS = 5
 _PACKAGES = ("jaxcontact", "jax", "optimistix", "numpy")
+
+_UNKNOWN = "the error of a single pair is unknown"
 
 
 @dataclasses.dataclass(frozen=True, repr=False, kw_only=True)
@@ -254,3 +260,71 @@ def _version(package: str) -> str | None:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
         return None  # run from a source tree that was never installed
+
+
+def none_marked(pairs: Pairs) -> Outliers:
+    """Return outliers with no pair marked: with so few pairs a wrong one cannot be identified."""
+    level = float(np.median(np.log(pairs.restitution)))
+    nothing = np.zeros(len(pairs))
+    noise = Noise(RELATIVE_FLOOR, 0.0)
+    return Outliers(nothing > 0, nothing, {}, Trend("constant", level, 0.0), noise)
+
+
+def with_known_errors(table: ChoiceTable) -> ChoiceTable:
+    """Return a table of few pairs with the known errors of their readings, for a mean e.
+
+    The errors stay relative, of independent pairs, if readings have no known errors or the pairs in
+    use differ by more than theirs.
+    """
+    pairs, use, whole = table.pairs, table.use, table.pairs.covariance
+    errors = table.errors._replace(correlation=None, absolute=False)
+    if whole is not None:
+        size = np.sqrt(np.diag(whole))
+        own, y = whole[np.ix_(use, use)], np.log(pairs.restitution[use])
+        inverse = np.linalg.pinv(own)
+        left = y - (inverse @ y).sum() / inverse.sum()
+        if left @ inverse @ left <= len(y) - 1 + 1e-9:
+            correlation = whole / np.outer(size, size)
+            errors = errors._replace(sigma=size, correlation=correlation, absolute=True)
+    known = frozenset[str]()
+    return dataclasses.replace(table, errors=errors, known=known, options={"groups": None})
+
+
+def only_constant(table: ChoiceTable, kind: AbstractKind) -> LawChoice:
+    """Fit a constant e, the mean of the few pairs of a table; with forces, the stiffness too."""
+    pairs, v, known = table.pairs, table.velocity, table.errors.absolute
+    found = table.fit(kind)
+    law = table.law_fit(kind, found)
+    if not known and len(v) == 1:
+        lacking = [dataclasses.replace(one, lacking=_UNKNOWN) for one in law.estimates]
+        law = dataclasses.replace(law, estimates=tuple(lacking))
+    k = len(found.names)
+    bic = 2 * found.loss + k * math.log((1 + len(table.errors.others.values)) * len(v))
+    constant = law.estimates[0]
+    told = found.adequacy
+    level = float(np.log(constant.value))
+    words = pairs.words
+    line = Line(level, 0.0, None) if len(v) == 1 else line_of(found, np.asarray(table.data["x"]))
+    return LawChoice(
+        count=len(v),
+        candidates=(
+            Candidate(
+                *(kind.name, k, found.loss, 2 * found.loss + 2 * k, bic, None, None),
+                *(found.converged, told.adequate, told.p),
+            ),
+        ),
+        best=kind.name if found.converged else None,
+        sure=False,
+        verdict=f"Use {kind.name}: {law.said}. {counted(len(v), words)} cannot distinguish laws.",
+        laws=(law,),
+        line=line,
+        free=Curve((level,), float(v.min()), float(v.max()), None, better=False),
+        asked=asked_of(constant.value, constant.standard_error, delivered_by_laws()),
+        next_measurement=f"a choice among laws needs at least {LEAST_PAIRS} {words[1]}, over the "
+        f"range of speeds in your simulation; {pairs.rule}",
+        fits={kind.name: found},
+        _kinds=(kind,),
+        contact=table.contact,
+        reference=table.reference,
+        marked=~table.use,
+    )

@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,13 +19,14 @@ from ..tables.sheet import Row, Sheet
 from ..track import Drop, Frames, Track
 from .intervals import ratios_of
 from .layout import LABELS, Layout, Paired, ReadingError, Record
-from .track_frames import clock_of, frames_of
 from .track_words import camera_notes, shown_e, skipped_notes, wrong_lengths
 
 _FEWEST = 10
 
 _Name = tuple[str, str]
 """Names of a ball and of a trial."""
+
+_MISSING = ("", "nan", "none", "na", "n/a", "null", "-")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -106,7 +107,7 @@ class Tracks(Layout[Flown]):
         return [one for one in missing if one != "time" or "frame" not in there]
 
     def read(self, rows: Sequence[Row]) -> list[Flown]:
-        from ..track.following import follow
+        from ..track.finding import follow
 
         if not rows:
             return []
@@ -213,8 +214,7 @@ def tracks_of(records: Iterable[Any]) -> tuple[Track, ...]:
 def _in_air(drop: Drop, flight: Flight) -> Drop:
     if flight.drag is None:
         return drop
-    from ..track.fitting import refit
-    from .track_drag import shape_of
+    from ..track.fitting import refit, shape_of
 
     beta = (flight.gravity / flight.drag.terminal_speed(flight.gravity)) ** 2
     return refit(drop, shape_of(flight), beta)
@@ -252,3 +252,89 @@ def _nothing(frames: Frames, track: Track | None) -> str:
         f"{whole} without a usable bounce between two flights ({first}{more}); each flight needs "
         "at least 4 frames besides those of the impact: film faster, or drop higher"
     )
+
+
+class Clock(NamedTuple):
+    """The `column` that gives the time of a frame, in steps of `step` s."""
+
+    column: str
+    step: float
+
+
+def clock_of(rows: Sequence[Row], rate: float | None) -> Clock:
+    """Return the clock of a track: frame numbers with a `rate`, otherwise times.
+
+    A column of times that counts 0, 1, 2, ... numbers frames. Raises RecordingError for frame
+    numbers without a rate, and for times with one.
+    """
+    there = rows[0].values
+    if rate is None:
+        if "time" not in there:
+            rows[0].refuse("frame", "counts frames; give the frames per second as `rate`")
+        if not rows[0].has_unit("time") and _is_count(rows, "time"):
+            rows[0].refuse(
+                "time",
+                "counts 0, 1, 2, ...; are these frames? then give the frames per second as "
+                "`rate`, or write the unit in the heading, 'time [s]'",
+            )
+        return Clock("time", 1.0)
+    if "frame" in there:
+        return Clock("frame", 1 / rate)
+    if rows[0].has_unit("time") or not _is_count(rows, "time"):
+        rows[0].refuse("time", f"gives times already; leave `rate` out, which is {rate:g}")
+    return Clock("time", 1 / rate)
+
+
+def _unit(rows: Sequence[Row]) -> str:
+    """Return the unit of positions, "" if unwritten; raise RecordingError for two units."""
+    there = [name for name in ("y", "x") if name in rows[0].headings]
+    units = {name: unit.si if (unit := rows[0].headings[name].unit) else "" for name in there}
+    if len(set(units.values())) > 1:
+        told = " and ".join(f"{name} in {unit or 'no unit'}" for name, unit in units.items())
+        rows[0].refuse("x", f"must have the unit of y, but the units are {told}")
+    return units.get("y", "")
+
+
+def frames_of(rows: Sequence[Row], clock: Clock) -> Frames:
+    """Return the frames in which the ball was detected, in order."""
+    along = "x" in rows[0].values
+    found = []
+    for row in rows:
+        y = _place(row, "y")
+        x = _place(row, "x") if along else 0.0
+        if math.isnan(x + y):
+            continue
+        t = row.real(clock.column)
+        if math.isnan(t):
+            row.refuse(clock.column, "is empty")
+        found.append((t * clock.step, x, y, row.number))
+    found.sort()
+    values = np.array(found).reshape(-1, 4)
+    same = np.flatnonzero(np.diff(values[:, 0]) <= 0)
+    if same.size:
+        number = int(values[same[0] + 1, 3])
+        row = next(one for one in rows if one.number == number)
+        row.refuse(
+            clock.column,
+            f"has two positions at {row.text(clock.column)}; name several balls in a column "
+            "`particle`, and choose one with `ball=`",
+        )
+    x = values[:, 1] if along else None
+    return Frames(values[:, 0], values[:, 2], x, values[:, 3], unit=_unit(rows))
+
+
+def _place(row: Row, column: str) -> float:
+    """Return a position; NaN if the ball was not detected."""
+    value = row.values[column]
+    if value is None or value != value:
+        return math.nan
+    if isinstance(value, str) and value.strip().casefold() in _MISSING:
+        return math.nan
+    return row.real(column)
+
+
+def _is_count(rows: Sequence[Row], column: str) -> bool:
+    """Return whether a column counts 0, 1, 2, ..., possibly with gaps."""
+    values = np.sort([row.real(column) for row in rows])
+    whole = bool(np.all(values == np.round(values)))
+    return whole and values.size > 1 and float(np.median(np.diff(np.unique(values)))) == 1

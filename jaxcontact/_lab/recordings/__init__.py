@@ -18,9 +18,9 @@ from ..tables.fault import RecordingError as RecordingError
 from .recorded_pairs import RecordedPairs as RecordedPairs
 from .recorded_pairs import make_pairs as make_pairs
 from .recording import Recording as Recording
+from .recording import Samples
 from .recording import read_recording as read_recording
 from .recording import read_recordings as read_recordings
-from .samples import Samples
 from .table_columns import COLUMNS as COLUMNS
 from .table_columns import TableColumns as TableColumns
 from .table_columns import read_columns as read_columns

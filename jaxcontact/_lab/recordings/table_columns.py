@@ -16,8 +16,8 @@ from ..layouts.layout import LABELS
 from ..signals.clock import CLOCK
 from ..tables.deviation import FROM_FILE
 from ..tables.heading import Meaning, suggestion, words
-from ..tables.match import as_told, check_usual, match, unknown_name
-from ..tables.sheet import sheet_of
+from ..tables.match import Match, as_told, check_usual, match, unknown_name
+from ..tables.sheet import Sheet, sheet_of
 from .recording import chosen_ball, headings_of
 
 _SHOWN = 6
@@ -138,15 +138,7 @@ def read_columns(
     table = sheet_of(source, {}, headings_of(meanings), decimal, sheet)
     found = match(table, meanings, told)
     assert found is not None  # every assigned name is known
-    for name in needed:
-        if name not in found.places:
-            guesses = (suggestion(text, {name: meanings[name]}) for text in table.names if text)
-            guess = next(filter(None, guesses), "")
-            problem = (
-                f"is missing; the columns {', '.join(needed)} are needed; if a column holds it, "
-                f'name it, as in `columns="{name}=1"`{guess}'
-            )
-            raise table.fault(problem, name)
+    _require_columns(table, found, needed, meanings)
     rows = found.rows(table)
     if not rows:
         raise table.fault("holds a header but no measurement", next(iter(needed), None))
@@ -160,9 +152,26 @@ def read_columns(
     if len(table.sheets) > 1 and "time" in found.places:
         named = ", ".join(map(repr, table.sheets))
         raise table.fault(f"holds a record in each of {named}; choose one with `sheet=`", "time")
+    own = [FROM_FILE] * ("sigma" in found.places)
+    notes = (*found.notes(), *table.notes, *own, *_unused_notes(table, found))
+    return TableColumns(table.source, values, notes, tuple(row.number for row in rows))
+
+
+def _require_columns(
+    table: Sheet, found: Match, needed: Sequence[str], meanings: Mapping[str, Meaning]
+) -> None:
+    for name in needed:
+        if name not in found.places:
+            guesses = (suggestion(text, {name: meanings[name]}) for text in table.names if text)
+            guess = next(filter(None, guesses), "")
+            problem = (
+                f"is missing; the columns {', '.join(needed)} are needed; if a column holds it, "
+                f'name it, as in `columns="{name}=1"`{guess}'
+            )
+            raise table.fault(problem, name)
+
+
+def _unused_notes(table: Sheet, found: Match) -> list[str]:
     left = [one for k, one in enumerate(table.names) if one and k not in found.places.values()]
     more = f" and {len(left) - _SHOWN} more" * (len(left) > _SHOWN)
-    unused = [f"not used: {', '.join(left[:_SHOWN])}{more}"] * bool(left)
-    own = [FROM_FILE] * ("sigma" in found.places)
-    notes = (*found.notes(), *table.notes, *own, *unused)
-    return TableColumns(table.source, values, notes, tuple(row.number for row in rows))
+    return [f"not used: {', '.join(left[:_SHOWN])}{more}"] * bool(left)

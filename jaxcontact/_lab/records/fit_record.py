@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any, ClassVar, Unpack
+import math
+from collections.abc import Callable, Container, Mapping
+from typing import Any, ClassVar, TypeVar, Unpack
 
 import equinox as eqx
 import jax
@@ -17,18 +18,53 @@ from ..._calibration.problems.impacts import transforms_of
 from ..._contact import Contact, require_contact
 from ..._entry import POSITIVE, REAL, parameter, require_kind, require_number
 from ..._fit import Fit, Fixed, fit, refit
+from ..._fit.compare import criteria
 from ..._fit.keywords import ColumnKeywords, takes
 from ..._impact import trajectory
-from ..._laws import AbstractLaw, force_of, require_law
+from ..._laws import AbstractHuntCrossley, AbstractLaw, force_of, require_law
 from ..._text.units import Shown
-from .filter_choice import without_a_needless_filter
 from .instrument_errors import InstrumentErrors, require_filterable
 from .low_pass import Course, LowPass
 from .saturation import BeyondLimits, limits_of
-from .start import level_in, near, touch_in, without_a_contact_elsewhere
 
 _SAMPLES = 128
 """Samples of the motion for cubic interpolation: its error is below 1e-7 of the largest value."""
+
+_EXCLUDED = 3.84
+"""Increase of the deviance at which a cut-off is excluded: χ² of one parameter at 95 %."""
+
+_OCTAVE, _PARTS = 2.0, 4
+"""Factor between cut-offs that are tried, from the highest, and steps within the last one."""
+
+_LEAST_TURNS = 0.1
+"""Lowest cut-off that is tried, times the length of the record."""
+
+Column = Float[np.ndarray, " n"]
+Model = TypeVar("Model", bound=Any)
+
+_TOUCHED = 0.05
+"""Fraction of the largest reading above which contact is assumed, as a start for the touch."""
+
+_QUIET = 5
+"""Least number of readings for the level without contact."""
+
+_HALF = 0.6
+"""Fraction of a contact during which force or indentation exceeds half of its maximum.
+
+It ranges from .57 for a Hertz force to .67 for the sine of a linear spring.
+"""
+
+_FAR = 3.0
+"""Factor beyond which a duration is no usable start: the two contacts would hardly overlap."""
+
+_DAMPING = 0.01, 3.0
+"""Range of damping factors α that show in a record and leave a measurable rebound."""
+
+_SEEN = 0.5
+"""Least fraction of the non-noise scatter of a column that a fit must describe.
+
+Contacts that lie beside the one of the record describe almost nothing of it.
+"""
 
 
 class RecordModel(eqx.Module):
@@ -255,3 +291,129 @@ def _check_filters(filters: Mapping[str, Any], data: Mapping[str, Any]) -> None:
         if one is not None:
             require_kind(f"low_pass_{name}", one, LowPass, "a `LowPass` or None")
             require_filterable(name, data.get(name))
+
+
+def criterion(found: Fit) -> float:
+    """Return the AICc of a fit, with the determinant of the correlation of its noise."""
+    whitener = found.problem.whitener
+    volume = 0.0 if whitener is None else -2 * float(np.sum(np.log(np.diag(whitener))))
+    return criteria(found)[1] + volume
+
+
+def without_a_needless_filter(
+    found: Fit,
+    column: str,
+    time: np.ndarray,
+    search: Callable[[Any], Fit],
+    held: Callable[[Any], Fit],
+) -> Fit:
+    """Return the fit, or the one without the filter of a column if that has the lower AICc.
+
+    The note then states the lowest cut-off f_c that the record allows (95 %, by the likelihood with
+    all other numbers fitted again), and the largest delay. `search` fits from given parameters, and
+    `held` fits with the cut-offs of filters held and independent noise.
+    """
+    name = f"low_pass_{column}"
+    plain = search(dataclasses.replace(found.params, **{name: None}))
+    if not plain.converged or (found.converged and criterion(found) < criterion(plain)):
+        return found
+    low_pass, most = getattr(found.params, name), criterion(plain) + _EXCLUDED
+    delay, last = low_pass.delay * low_pass.cutoff, plain.params
+    lowest = (time.size - 1) / float(time[-1] - time[0]) / 2
+    end = _LEAST_TURNS / float(time[-1] - time[0])
+    for factor in (_OCTAVE, _OCTAVE ** (1 / _PARTS)):
+        while lowest > end:
+            cutoff = lowest / factor
+            filtered = eqx.tree_at(lambda f: f.cutoff, low_pass, jnp.asarray(cutoff))
+            # The filter delays: the touch is earlier by as much.
+            touch = plain.params.start_time - delay / cutoff
+            tried = held(dataclasses.replace(last, start_time=touch, **{name: filtered}))
+            if not criterion(tried) < most:
+                break
+            lowest, last = cutoff, tried.params
+    note = (
+        f"a low-pass filter of {column} does not lower AICc and is left out: its cut-off is at "
+        f"least {lowest:.3g} Hz, its delay at most {float(delay) / lowest:.2g} s (95 %)"
+    )
+    return dataclasses.replace(plain, notes=(*plain.notes, note))
+
+
+def level_in(reading: Column) -> float:
+    """Return the level of a force without contact: the median of the quiet readings before it.
+
+    Without such readings it is the median of those after it, or else the least reading.
+    """
+    top, half = int(np.argmax(reading)), (reading.max() + np.median(reading)) / 2
+    width, below = int(np.count_nonzero(reading > half)), np.flatnonzero(reading <= half)
+    # From touch to half of the peak a force takes less time than it stays above that.
+    before = reading[: max(int(below[below < top].max(initial=0)) - width, 0)]
+    after = reading[int(below[below > top].min(initial=reading.size)) + 2 * width :]
+    quiet = next((one for one in (before, after) if one.size >= _QUIET), reading.min())
+    return float(np.median(quiet))
+
+
+def touch_in(time: Column, reading: Column) -> float:
+    """Return the approximate time in s at which a reading without its level begins to rise.
+
+    It is searched back from the peak: noise before the contact has peaks of its own.
+    """
+    top = int(np.argmax(reading))
+    below = np.flatnonzero(reading[: top + 1] <= _TOUCHED * reading[top])
+    return float(time[below[-1] if below.size else 0])
+
+
+def near(
+    start: Model, time: Column, reading: Column, held: Container[str], far: float = _FAR
+) -> Model:
+    """Return the start with a stiffness that gives about the contact duration of the record.
+
+    Numbers that are `held`, by their full names, stay, and so does a stiffness whose contact is not
+    longer or shorter by a factor of `far`. `reading` is without the level before the contact.
+
+    Without damping `T = 2√π/(n+1) Γ(1/(n+1))/Γ(1/(n+1) + 1/2) ((n+1) m/(2 K v^(n-1)))^(1/(n+1))`.
+    """
+    contact, speed = start.contact, float(start.velocity)
+    mass, stiffness, n = (float(getattr(contact, f)) for f in ("mass", "stiffness", "exponent"))
+    width = np.sum(np.gradient(time)[reading > reading.max() / 2]) if time.size > 1 else 0.0
+    duration, part = float(width) / _HALF, 1 / (n + 1)
+    if "contact.stiffness" in held or not (reading.max() > 0 and 0 < duration < math.inf):
+        return start
+    whole = 2 * math.sqrt(math.pi) * part * math.gamma(part) / math.gamma(part + 0.5)
+    better = mass / (2 * part * speed ** (n - 1)) * (whole / duration) ** (n + 1)
+    if abs(math.log(better / stiffness)) <= (n + 1) * math.log(far):
+        return start
+    start = eqx.tree_at(lambda s: s.contact.stiffness, start, jnp.asarray(better))
+    law, c = start.law, getattr(start.law, "c", None)
+    if isinstance(law, AbstractHuntCrossley) and c is not None and "law.c" not in held:
+        # A dimensional damping factor means a different damping at a different stiffness.
+        alpha = float(law.damping_factor(start.contact, speed))
+        if alpha > 0:
+            c = c * (min(max(alpha, _DAMPING[0]), _DAMPING[1]) / alpha)
+            start = eqx.tree_at(lambda s: s.law.c, start, c)
+    return start
+
+
+def without_a_contact_elsewhere(found: Fit, data: dict[str, Column]) -> Fit:
+    """Return the fit, not converged if it misses the contact in a column.
+
+    Differences of neighbouring readings measure the noise; scatter beyond it is the contact. The
+    fit must leave less than half of that scatter.
+    """
+    at = 0
+    for name, values in data.items():
+        rows = slice(at, at + values.size)
+        at += values.size
+        noise = float(np.mean(np.square(np.diff(values)))) / 2 if values.size > 1 else math.inf
+        signal = float(np.var(values)) - noise
+        missed = float(np.nanmean(np.square(found.residuals[rows]))) - noise
+        if found.converged and signal > 0 and missed > (1 - _SEEN) * signal:
+            part = 100 * max(1 - missed / signal, 0)
+            reason = (
+                f"its contact misses that of the record: it describes {part:.0f} % of the {name}; "
+                "start from another stiffness, speed or `start_time`"
+            )
+            unknown = np.full_like(found.covariance, np.nan)
+            return dataclasses.replace(
+                found, converged=False, reason=reason, covariance=unknown, unidentified=()
+            )
+    return found

@@ -41,10 +41,7 @@ def workbook_grid(
         raise RecordingError("is empty; a header with the column names is needed", source, 1)
     names = list(filled)
     if sheet is not None:
-        number = int(sheet) - 1 if str(sheet).isdecimal() and sheet not in names else -1
-        if sheet not in names and not 0 <= number < len(names):
-            raise RecordingError(f"has no sheet {sheet!r}; it has {_named(names)}", source)
-        read = [sheet if sheet in names else names[number]]
+        read = [_called(sheet, names, source)]
     else:
         score = {n: max(known_cells(cells, known) for _, cells in filled[n]) for n in names}
         # phyphox adds "Metadata Device" and "Metadata Time".
@@ -66,6 +63,16 @@ def workbook_grid(
     notes = [f"sheet{'s' * (len(read) > 1)} {_named(read)}", *[f"not read: {left}"] * bool(left)]
     place = f"{source}, sheet {read[0]!r}" if len(read) == 1 else source
     return dataclasses.replace(grid, notes=(*notes, *grid.notes)), place
+
+
+def _called(sheet: str | int, names: Sequence[str], source: str) -> str:
+    """Return the name of the sheet of this name, or of this number."""
+    number = int(sheet) - 1 if str(sheet).isdecimal() else -1
+    if sheet in names:
+        return str(sheet)
+    if not 0 <= number < len(names):
+        raise RecordingError(f"has no sheet {sheet!r}; it has {_named(names)}", source)
+    return names[number]
 
 
 def _named(names: Sequence[str]) -> str:

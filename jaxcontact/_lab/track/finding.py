@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage, signal
 
-from .fitting import LEAST_FRAMES, Guess
-from .guess import SHARE, guess_of, line, trimmed
+from .fitting import LEAST_FRAMES, Guess, fit_drop
 from .search import MAD
-from .seen import Floats
+from .seen import Drop, Floats, Frames, Skipped, Track
 
 _STANDS_OUT = 8.0
 """Standard deviations by which a ball must rise between two impacts."""
@@ -29,6 +29,25 @@ _NEAR = 0.93
 
 _HIGHER = 1.3
 """Largest ratio of a flight time to the one before."""
+
+_HEAVY = 1 / 3
+"""Fraction of frames within flights that are off; with more, the result is not a drop."""
+
+_MOST = 1.2
+"""Largest ratio of successive flights."""
+
+_ROUGH, _BENT = 2.5, 0.02
+"""Limits of the residual: times the difference of neighbours, and as a fraction of the height.
+
+Above both, the motion is not free flight. Measured values are up to 1.4 for balls, and from 2.8 and
+5 % for swings.
+"""
+
+SHARE = 0.6
+"""Least fraction of the frames of a flight on its parabola."""
+
+_BEGIN = 0.03
+"""Time in s beside an impact during which a ball flies freely."""
 
 
 class _Part(NamedTuple):
@@ -226,3 +245,183 @@ def _runs(time: Floats, lows: list[int], good: list[bool]) -> list[list[int]]:
         else:
             runs.append([lows[k + 1]])
     return runs
+
+
+def follow(frames: Frames) -> Track:
+    """Find the flights of a ball and fit them; a track without an impact has no drops.
+
+    Heights that count downwards are inverted, so that flights curve towards the floor.
+    """
+    best: Track | None = None
+    for sign in (1, -1):
+        turned = dataclasses.replace(frames, height=sign * frames.height, sign=sign)
+        found = _fit_drops(turned, find(turned.time, turned.height))
+        if best is None or _count(found) > _count(best):
+            best = found
+    assert best is not None  # for the type checker
+    return best
+
+
+def _count(track: Track) -> int:
+    return sum(int(drop.used.sum()) for drop in track.drops)
+
+
+def _fit_drops(frames: Frames, found: FoundDrops) -> Track:
+    drops: list[Drop] = []
+    skipped = [Skipped(time, "no flights on both sides") for time in found.others]
+    for guess in found.guesses:
+        drop = fit_drop(frames, guess)
+        impacts = guess.times[1:-1]
+        why = "no parabolas" if drop is None else _doubt(drop)
+        if drop is None or why:
+            skipped += [Skipped(float(time), why) for time in impacts]
+        else:
+            drops.append(drop)
+    skipped.sort()
+    return Track(frames, tuple(drops), tuple(skipped))
+
+
+def _doubt(drop: Drop) -> str:
+    """Return why a fit is not a drop, "" if it may be one."""
+    if drop.off.sum() > _HEAVY * (drop.off.sum() + drop.used.sum()):
+        return "too many frames off the parabolas"
+    seconds, off = drop.seconds, drop.noise[1]
+    highest = drop.camera.fall * float(seconds.max()) ** 2 / 8
+    if off > max(_ROUGH * noise_of(drop.frames.height[drop.used]), _BENT * highest):
+        return "no parabolas"
+    error = np.sqrt(np.diag(drop.covariance))
+    # A flight longer than the one before by more than its errors was thrown.
+    ratio, spread = seconds[1:] / seconds[:-1], error[1:] / seconds[1:] + error[:-1] / seconds[:-1]
+    if np.any(ratio > _MOST + 3 * spread):
+        return "a flight longer than the one before"
+    if np.any(spread > 0.5):
+        return f"flights with too few frames, about {LEAST_FRAMES}"
+    return ""
+
+
+class _Side(NamedTuple):
+    """The parabola beside a lowest point: height and speed there, and its farthest frame."""
+
+    height: float
+    speed: float
+    reach: int
+
+
+def trimmed(columns: np.ndarray, values: Floats) -> tuple[Floats, np.ndarray, float]:
+    """Fit least squares without outliers, found iteratively; return also the noise of the rest."""
+    keep = np.ones(values.size, bool)
+    for _ in range(8):
+        found = np.linalg.lstsq(columns[keep], values[keep])[0]
+        rest = np.abs(values - columns @ found)
+        noise = MAD * float(np.median(rest))
+        now = rest <= max(4 * noise, np.partition(rest, columns.shape[1])[columns.shape[1]])
+        if np.array_equal(now, keep):
+            break
+        keep = now
+    freedom = max(int(keep.sum()) - columns.shape[1], 1)
+    return found, keep, math.sqrt(float(np.sum(rest[keep] ** 2)) / freedom)
+
+
+def line(
+    time: Floats, height: Floats, good: np.ndarray, first: int, last: int, side: int, fall: float
+) -> tuple[float, float] | None:
+    """Return height and speed at one end of a part with known acceleration (`side` -1: the last).
+
+    Only the half of a long part near that end counts, since a ball may be held at the other.
+    """
+    at = np.arange(first + 1, last)
+    at = at[good[at]]
+    if at.size < LEAST_FRAMES - 1:
+        return None
+    at = at[::side]
+    at = at[: max(LEAST_FRAMES, at.size // 2)]
+    since = time[at] - time[last if side < 0 else first]
+    columns = np.stack([np.ones_like(since), since], axis=1)
+    found, _, _ = trimmed(columns, height[at] + fall * since**2 / 2)
+    return float(found[0]), float(found[1])
+
+
+def guess_of(
+    time: Floats, height: Floats, good: np.ndarray, run: list[int], fall: float, noise: float
+) -> Guess | None:
+    """Return the drop around a run of lowest points; None if there is no flight before or after.
+
+    Lines are fitted to heights beside lowest points, after removal of the known acceleration.
+    """
+    step = float(np.median(np.diff(time)))
+    edges = [_edge(time, height, good, run[0], -1, fall, noise)]
+    edges.append(_edge(time, height, good, run[-1], 1, fall, noise))
+    impacts, floors = [], []
+    for k, low in enumerate(run):
+        left = (
+            edges[0]
+            if k == 0
+            else _Side(*_none_to_nan(line(time, height, good, run[k - 1], low, -1, fall)), low)
+        )
+        right = (
+            edges[1]
+            if k == len(run) - 1
+            else _Side(*_none_to_nan(line(time, height, good, low, run[k + 1], 1, fall)), low)
+        )
+        if left is not None and right is not None and right.speed > left.speed:
+            # Both have the same acceleration: they meet where two lines do.
+            since = (left.height - right.height) / (right.speed - left.speed)
+            since = float(np.clip(since, -2 * step, 2 * step))
+            floors.append(left.height + left.speed * since - fall * since**2 / 2)
+            impacts.append(float(time[low]) + since)
+        else:
+            impacts.append(float(time[low]))
+    floor = float(np.median(floors)) if floors else float(np.median(height[run]))
+    times = list(impacts)
+    low, high = run[0], run[-1] + 1
+    if edges[0] is not None:
+        times.insert(0, times[0] - 2 * max(-edges[0].speed, 1e-9) / fall)
+        low = edges[0].reach
+    if edges[1] is not None:
+        times.append(times[-1] + 2 * max(edges[1].speed, 1e-9) / fall)
+        high = edges[1].reach + 1
+    if len(times) < 3 or not np.all(np.diff(times) > 0):
+        return None
+    return Guess(np.array(times), floor, fall, noise, low, high)
+
+
+def _none_to_nan(line: tuple[float, float] | None) -> tuple[float, float]:
+    return (math.nan, math.nan) if line is None else line
+
+
+def _edge(
+    time: Floats,
+    height: Floats,
+    good: np.ndarray,
+    low: int,
+    side: int,
+    fall: float,
+    noise: float,
+) -> _Side | None:
+    """Return the flight before the first impact or after the last, as far as it is a parabola.
+
+    The range grows by 40 % as long as most of its frames lie on the parabola.
+    """
+    step = float(np.median(np.diff(time)))
+    at = np.arange(low - 1, -1, -1) if side < 0 else np.arange(low + 1, time.size)
+    at = at[good[at] & (np.abs(time[at] - time[low]) > 0.6 * step)]
+    if at.size < LEAST_FRAMES:
+        return None
+    count, best = max(LEAST_FRAMES, int(_BEGIN / step)), None
+    while True:
+        some = at[:count]
+        since = time[some] - time[low]
+        columns = np.stack([np.ones_like(since), since], axis=1)
+        values = height[some] + fall * since**2 / 2
+        found, _, _ = trimmed(columns, values)
+        rest = np.abs(values - columns @ found)
+        allowed = 5 * noise + 0.02 * fall * since**2
+        on = rest <= allowed
+        if (found[1] < 0) != (side < 0) or on.mean() < SHARE or on[-3:].sum() == 0:
+            break
+        far = some[on][-1]
+        best = _Side(float(found[0]), float(found[1]), int(far))
+        if count >= at.size:
+            break
+        count = min(max(count + 1, int(1.4 * count)), at.size)
+    return best
