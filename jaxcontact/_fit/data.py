@@ -141,7 +141,6 @@ class FitData(Flagged):
         return self.problem.x if x is None else place_like(x, self.problem.x)
 
 
-@quick
 def why_no_error(fit: FitData, name: str) -> str:
     """Return why a parameter has no standard error, in words."""
     if fit.dof < 1 and not fit._absolute:
@@ -151,6 +150,7 @@ def why_no_error(fit: FitData, name: str) -> str:
     return "without a standard error: one point or group alone determines it"
 
 
+@quick
 def _linearised(problem: FitProblem, values: jax.Array, x: Any) -> tuple[jax.Array, jax.Array]:
     def at(values: jax.Array) -> tuple[jax.Array, jax.Array]:
         curve = flattened(evaluated(problem.predict, problem.space.tree_of(values), x))

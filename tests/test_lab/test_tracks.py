@@ -135,7 +135,7 @@ def test_what_is_no_track_is_refused_with_a_guess():
     for columns, said in (
         ({"frame": count, "y": height}, "counts frames; give the frames per second as `rate`"),
         ({"t": count, "y": height}, "are these frames.* then give the frames per second"),
-        ({"y": height}, "time: is missing; .* number the frames in a column `frame`"),
+        ({"y": height}, "time: is missing; .* give the `rate` in frames"),
         ({"t": np.tile(time, 2), "y": np.tile(height, 2)}, "two positions at .* column `particle`"),
         ({"t": time, "y": 0 * height}, "no bounce, or fewer than 4 frames in a flight"),
         ({"t": time[::12], "y": height[::12]}, "fewer than 4 frames|at least 4 frames"),

@@ -87,7 +87,7 @@ class Tracks(Layout[Flown]):
     uses_flight = True
     flight = ("intervals", "seconds")
     instead = MappingProxyType(
-        {"time": "; or number the frames in a column `frame`, and give their `rate` per second"}
+        {"time": "; or give the `rate` in frames per second: rows are frames"}
     )
     made_of = "flight times between the impacts of a track"
     pair_words = ("impact between two flights", "impacts between two flights")

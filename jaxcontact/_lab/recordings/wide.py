@@ -16,6 +16,9 @@ _NUMBERED = re.compile(r"(.*?[^\W\d_])[\s_.#]*(\d+)(\s*[\[({/].*)?")
 _COPY = re.compile(r"(.+)\.\d+")
 """A repeated heading, as pandas numbers it."""
 
+_SUMMARY = re.compile(r"(average|avg|mean|std|stdev|sd|standard deviation)\b", re.IGNORECASE)
+"""A column after numbered ones that only sums them up."""
+
 _SHRINKS = 0.97
 """Median ratio of a column to the one before below which columns are successive bounces."""
 
@@ -41,16 +44,24 @@ def as_trials(sheet: Sheet) -> Sheet:
     if found is None:
         return sheet
     shared, parts, names = found
-    succession = len(names) == 1 and _shrinks(sheet, parts)
-    drop = [k for k in shared if DROP_HEIGHT.heading(sheet.names[k])]
-    if succession and drop and LAYOUTS["heights"].meaning("rebound_height_m").heading(names[0]):
+    drop = [k for k in shared if _is_drop(sheet.names[k])]
+    given = {k: name for k in shared for name in LABELS if LABELS[name].heading(sheet.names[k])}
+    # A column `bounce` says that each row is one.
+    succession = len(names) == 1 and "bounce" not in given.values()
+    succession = succession and _succeed(sheet, parts, drop, "trial" in given.values())
+    rebounds = LAYOUTS["heights"].meaning("rebound_height_m").heading(names[0])
+    if drop and len(names) == 1 and rebounds:
         units = [_unit(sheet.names[drop[0]]), _unit(names[0])]
-        if len({unit.strip("[](){}/ ") for unit in units}) > 1:
-            raise sheet.fault(f"is in another unit than the rebounds, {units[1]}", names[0])
-        shared, parts = [k for k in shared if k != drop[0]], [drop, *parts]
-        names = [f"height {units[0]}".strip()]
-    names = [*(sheet.names[k] for k in shared), *names]
-    labels = [] if any(map(LABELS["trial"].heading, names)) else ["trial"]
+        if all(units) and len({unit.strip("[](){}/ ") for unit in units}) > 1:
+            why = f"is in another unit than the rebounds, {units[1]}"
+            raise sheet.fault(why, sheet.names[drop[0]])
+        if succession:
+            shared, parts = [k for k in shared if k != drop[0]], [drop, *parts]
+        unit = units[0] or units[1]
+        names = [f"{'height' if succession else 'rebound height'} {unit}".strip()]
+        given |= {} if succession else {drop[0]: f"drop height {unit}".strip()}
+    names = [*(given.get(k, sheet.names[k]) for k in shared), *names]
+    labels = [] if "trial" in given.values() else ["trial"]
     labels += ["bounce"] * succession
 
     def lines(wanted: Sequence[int]) -> list[tuple[int, list[Any]]]:
@@ -62,14 +73,17 @@ def as_trials(sheet: Sheet) -> Sheet:
                     continue
                 own = {"trial": f"row {number}" if succession else k, "bounce": k}
                 whole = [*cells, *(own[label] for label in labels)]
+                if not succession and "trial" in names:
+                    here = names.index("trial")
+                    whole[here] = f"{whole[here]}, set {k}"
                 rows.append((number, [whole[i] for i in wanted]))
         return rows
 
     what = "bounces in columns, each row a trial" if succession else "each set is a trial"
     note = f"{len(parts)} sets of columns side by side: {what}"
-    return dataclasses.replace(
-        sheet, names=[*names, *labels], lines=lines, notes=(*sheet.notes, note)
-    )
+    left = [sheet.names[k] for k in at if k not in {*shared, *(k for part in parts for k in part)}]
+    notes = (*sheet.notes, f"{note}; not used: {', '.join(left)}" if left else note)
+    return dataclasses.replace(sheet, names=[*names, *labels], lines=lines, notes=notes)
 
 
 def _are_trials(shared: Sequence[str], part: Sequence[str]) -> bool:
@@ -106,6 +120,8 @@ def _repeated(sheet: Sheet, at: list[int]) -> _Wide | None:
 
 def _numbered(sheet: Sheet, at: list[int]) -> _Wide | None:
     """Return the columns numbered from 1 at the end of a header: "h1, h2, h3"."""
+    while at and _SUMMARY.match(sheet.names[at[-1]]):
+        at = at[:-1]
     found = [_NUMBERED.fullmatch(sheet.names[k]) for k in at]
     last = found[-1] if found else None
     if last is None or (count := int(last[2])) < 2 or count > len(at):
@@ -114,12 +130,12 @@ def _numbered(sheet: Sheet, at: list[int]) -> _Wide | None:
     run = [one and (one[1], int(one[2]), one[3] or "") for one in found[-count:]]
     shared = at[:-count]
     heading = f"{stem}{unit}"
-    drops = [sheet.names[k] for k in shared if DROP_HEIGHT.heading(sheet.names[k])]
+    drops = [sheet.names[k] for k in shared if _is_drop(sheet.names[k])]
     if drops and (LABELS["trial"].heading(stem) or LABELS["bounce"].heading(stem)):
         heading = f"rebound height {unit or _unit(drops[0])}".strip()
     if run != [(stem, k, unit) for k in range(1, count + 1)]:
         return None
-    if not _are_trials([sheet.names[k] for k in shared], [heading]):
+    if not _are_trials([sheet.names[k] for k in shared] + ["h0"] * bool(drops), [heading]):
         return None
     # "v1, v2" alone are not two trials of one speed.
     return (
@@ -136,13 +152,37 @@ def _is_empty(cell: Any) -> bool:
     return cell is None or cell != cell or (isinstance(cell, str) and not cell.strip())
 
 
-def _shrinks(sheet: Sheet, parts: list[list[int]]) -> bool:
-    """Return whether numbers shrink from column to column, as those of successive bounces do."""
-    ratios = []
-    for _, cells in sheet.lines([part[0] for part in parts]):
-        try:
-            values = np.array([float(cell) for cell in cells if not _is_empty(cell)])
-        except (TypeError, ValueError):
-            return False
-        ratios += (values[1:] / np.where(values[:-1] == 0, np.nan, values[:-1])).tolist()
-    return bool(ratios) and float(np.nanmedian(ratios)) < _SHRINKS
+def _is_drop(name: str) -> bool:
+    """Return whether a column beside numbered ones holds drop heights."""
+    return bool(DROP_HEIGHT.heading(name) or re.match(r"height\b", name, re.IGNORECASE))
+
+
+def _succeed(sheet: Sheet, parts: list[list[int]], drop: list[int], are_trials: bool) -> bool:
+    """Return whether columns are successive bounces, so that each row is a trial."""
+    columns = [part[0] for part in parts]
+    across, down = _ratios(sheet, columns)
+    if across >= _SHRINKS:
+        return False
+    if drop:
+        # Repeats may shrink as well, but lose less from one to the next than from the drop.
+        return across <= min(_ratios(sheet, [drop[0], columns[0]])[0], 1.0) ** 0.5
+    if down < _SHRINKS and not are_trials:
+        told = "shrinks as the rows do. Add a column `trial` if each row is a trial, or a column "
+        raise sheet.fault(f"{told}`bounce` if each column is", sheet.names[columns[-1]])
+    return True
+
+
+def _ratios(sheet: Sheet, columns: list[int]) -> tuple[float, float]:
+    """Return the median ratio of a column to the one before, and of a row; 1 for texts."""
+    try:
+        rows = [
+            [np.nan if _is_empty(cell) else float(cell) for cell in cells]
+            for _, cells in sheet.lines(columns)
+        ]
+    except (TypeError, ValueError):
+        return 1.0, 1.0
+    values = np.array(rows).reshape(-1, len(columns))
+    values[values == 0] = np.nan
+    ratios = (values[:, 1:] / values[:, :-1], values[1:] / values[:-1])
+    across, down = (float(np.median(r[r == r])) if np.any(r == r) else 1.0 for r in ratios)
+    return across, down
