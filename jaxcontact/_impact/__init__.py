@@ -9,9 +9,9 @@ from .impact import restitution as restitution
 from .impact import restitution_at_any_speed as restitution_at_any_speed
 from .impact import restitution_is_constant as restitution_is_constant
 from .impact import restitutions as restitutions
+from .methods.auto import Exact as Exact
 from .methods.auto import method_of as method_of
 from .methods.event import Event as Event
-from .methods.exact import Exact as Exact
 from .methods.method import AbstractMethod as AbstractMethod
 from .methods.phase import Phase as Phase
 from .oblique.bodies import RoundBodies as RoundBodies

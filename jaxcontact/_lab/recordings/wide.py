@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..layouts.layout import DROP_HEIGHT, LABELS, LAYOUTS, Layout
+from ..layouts.layout import DROP_HEIGHT, LABELS, LAYOUTS
 from ..tables.sheet import Sheet
 
 _NUMBERED = re.compile(r"(.*?[^\W\d_])[\s_.#]*(\d+)(\s*[\[({/].*)?")
@@ -44,57 +44,66 @@ def as_trials(sheet: Sheet) -> Sheet:
     if found is None:
         return sheet
     shared, parts, names = found
-    drop = [k for k in shared if _is_drop(sheet.names[k])]
+    rebounds = LAYOUTS["heights"].meaning("rebound_height_m").heading(names[0])
+    drop = [k for k in shared if rebounds and _is_drop(sheet.names[k])][: len(names) == 1]
     given = {k: name for k in shared for name in LABELS if LABELS[name].heading(sheet.names[k])}
     # A column `bounce` says that each row is one.
     succession = len(names) == 1 and "bounce" not in given.values()
     succession = succession and _succeed(sheet, parts, drop, "trial" in given.values())
-    rebounds = LAYOUTS["heights"].meaning("rebound_height_m").heading(names[0])
-    if drop and len(names) == 1 and rebounds:
-        units = [_unit(sheet.names[drop[0]]), _unit(names[0])]
-        if all(units) and len({unit.strip("[](){}/ ") for unit in units}) > 1:
-            why = f"is in another unit than the rebounds, {units[1]}"
-            raise sheet.fault(why, sheet.names[drop[0]])
+    if drop:
+        unit = _common_unit(sheet, sheet.names[drop[0]], names[0])
         if succession:
             shared, parts = [k for k in shared if k != drop[0]], [drop, *parts]
-        unit = units[0] or units[1]
         names = [f"{'height' if succession else 'rebound height'} {unit}".strip()]
         given |= {} if succession else {drop[0]: f"drop height {unit}".strip()}
     names = [*(given.get(k, sheet.names[k]) for k in shared), *names]
-    labels = [] if "trial" in given.values() else ["trial"]
-    labels += ["bounce"] * succession
+    labels = ["trial"] * ("trial" not in given.values()) + ["bounce"] * succession
 
     def lines(wanted: Sequence[int]) -> list[tuple[int, list[Any]]]:
-        rows = []
-        for k, part in enumerate(parts, 1):
-            for number, cells in sheet.lines([*shared, *part]):
-                # Parts may have fewer rows than others.
-                if all(_is_empty(cell) for cell in cells[len(shared) :]):
-                    continue
-                own = {"trial": f"row {number}" if succession else k, "bounce": k}
-                whole = [*cells, *(own[label] for label in labels)]
-                if not succession and "trial" in names:
-                    here = names.index("trial")
-                    whole[here] = f"{whole[here]}, set {k}"
-                rows.append((number, [whole[i] for i in wanted]))
-        return rows
+        rows = _stacked(sheet, _Wide(shared, parts, names), labels, succession)
+        return [(number, [whole[i] for i in wanted]) for number, whole in rows]
 
     what = "bounces in columns, each row a trial" if succession else "each set is a trial"
-    note = f"{len(parts)} sets of columns side by side: {what}"
-    left = [sheet.names[k] for k in at if k not in {*shared, *(k for part in parts for k in part)}]
-    notes = (*sheet.notes, f"{note}; not used: {', '.join(left)}" if left else note)
-    return dataclasses.replace(sheet, names=[*names, *labels], lines=lines, notes=notes)
+    notes = [*sheet.notes, f"{len(parts)} sets of columns side by side: {what}"]
+    left = [sheet.names[k] for k in at if k not in {*shared, *np.ravel(parts)}]
+    notes += [f"not used: {', '.join(left)}"] * bool(left)
+    return dataclasses.replace(sheet, names=[*names, *labels], lines=lines, notes=tuple(notes))
+
+
+def _common_unit(sheet: Sheet, drop: str, rebound: str) -> str:
+    """Return the unit of drop and rebound heights; one of them may have none."""
+    units = [_unit(drop), _unit(rebound)]
+    if all(units) and len({unit.strip("[](){}/ ") for unit in units}) > 1:
+        raise sheet.fault(f"is in another unit than the rebounds, {units[1]}", drop)
+    return units[0] or units[1]
+
+
+def _stacked(
+    sheet: Sheet, wide: _Wide, labels: list[str], succession: bool
+) -> list[tuple[int, list[Any]]]:
+    """Return the rows of all parts, each with its number, and with the cells of `labels` last."""
+    rows = []
+    for k, part in enumerate(wide.parts, 1):
+        for number, cells in sheet.lines([*wide.shared, *part]):
+            # Parts may have fewer rows than others.
+            if all(_is_empty(cell) for cell in cells[len(wide.shared) :]):
+                continue
+            own = {"trial": f"row {number}" if succession else k, "bounce": k}
+            rows.append((number, [*cells, *(own[label] for label in labels)]))
+            if not succession and "trial" in wide.names:
+                here = wide.names.index("trial")
+                rows[-1][1][here] = f"{cells[here]}, set {k}"
+    return rows
 
 
 def _are_trials(shared: Sequence[str], part: Sequence[str]) -> bool:
     """Return whether headings make up a layout that may have trials, with some of the part."""
-
-    def has(one: Layout[Any], column: str, texts: Sequence[str]) -> bool:
-        return any(one.meaning(column).heading(text) for text in texts)
-
     return any(
-        all(has(one, column, [*shared, *part]) for column in one.measured)
-        and any(has(one, column, part) for column in one.measured)
+        any(one.meaning(column).heading(text) for column in one.measured for text in part)
+        and all(
+            any(one.meaning(column).heading(text) for text in [*shared, *part])
+            for column in one.measured
+        )
         for one in LAYOUTS.values()
         if one.name != "instants" and ("trial" in one.columns or "time" not in one.columns)
     )
@@ -133,14 +142,12 @@ def _numbered(sheet: Sheet, at: list[int]) -> _Wide | None:
     drops = [sheet.names[k] for k in shared if _is_drop(sheet.names[k])]
     if drops and (LABELS["trial"].heading(stem) or LABELS["bounce"].heading(stem)):
         heading = f"rebound height {unit or _unit(drops[0])}".strip()
-    if run != [(stem, k, unit) for k in range(1, count + 1)]:
-        return None
-    if not _are_trials([sheet.names[k] for k in shared] + ["h0"] * bool(drops), [heading]):
-        return None
+    texts = [sheet.names[k] for k in shared] + ["h0"] * bool(drops)
     # "v1, v2" alone are not two trials of one speed.
-    return (
-        None if count == 2 and not drops else _Wide(shared, [[k] for k in at[-count:]], [heading])
-    )
+    if run != [(stem, k, unit) for k in range(1, count + 1)] or (count == 2 and not drops):
+        return None
+    columns = [[k] for k in at[-count:]]
+    return _Wide(shared, columns, [heading]) if _are_trials(texts, [heading]) else None
 
 
 def _unit(text: str) -> str:
@@ -167,8 +174,10 @@ def _succeed(sheet: Sheet, parts: list[list[int]], drop: list[int], are_trials: 
         # Repeats may shrink as well, but lose less from one to the next than from the drop.
         return across <= min(_ratios(sheet, [drop[0], columns[0]])[0], 1.0) ** 0.5
     if down < _SHRINKS and not are_trials:
-        told = "shrinks as the rows do. Add a column `trial` if each row is a trial, or a column "
-        raise sheet.fault(f"{told}`bounce` if each column is", sheet.names[columns[-1]])
+        told = (
+            "shrinks as rows do. Add a column `trial` if rows are trials, `bounce` if columns are"
+        )
+        raise sheet.fault(told, sheet.names[columns[-1]])
     return True
 
 
