@@ -229,18 +229,19 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     next_one = rows_of(left, first)
     small = jnp.abs(next_one) <= near * whole
     # If a gap falls slowly, its rounding hides the exact time; this is the attainable accuracy.
-    noise = jnp.broadcast_to(field.noise(y, finest), gaps.shape)
+    noise = field.noise(y, finest)
     if field.rules.peak:
         # Forces may rise so steeply at a touch that the depth's rounding hides a peak, too.
-        count, pace = trial.now.depth.shape[0], _stop(trial.slope.depth)
-        peak = slice(count, 2 * count)
-        hides = 1 + jnp.abs(_stop(fall[peak])) / jnp.where(pace > 0, pace, jnp.inf)
-        noise = jnp.concatenate([noise[:count], noise[peak] * hides, noise[2 * count :]])
+        pace = _stop(trial.slope.depth)
+        count = len(pace)
+        steep = jnp.pad(_stop(fall)[count : 2 * count] / pace, (count, len(gaps) - 2 * count))
+        noise = noise - noise * steep
     on_event = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * noise)
-    stuck = jnp.any(on_event) | (anything & (c.size < finest))
+    stands = jnp.any(on_event)
+    stuck = stands | (anything & (c.size < finest))
     event = fine & (small | stuck)
     taken = fine & (event | ~anything)
-    at_once = jnp.where(jnp.any(on_event), on_event, crossed)
+    at_once = jnp.where(stands, on_event, crossed)
     happens = event & jnp.where(small, sought & (left <= next_one + together * whole), at_once)
     # The root depends on everything that the gap depends on.
     moved = jnp.where(small, next_one, 0)
@@ -250,8 +251,8 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     varies = event & (small | (first == gaps.shape[0] - 1)) & (at_root < 0)
     moved = moved - (change - _stop(change)) / jnp.where(varies, at_root, -jnp.inf)
     mean = (_stop(y) - last.y) / c.size
-    bends = (2 * ended + begun - 3 * mean) / c.size
-    bends = bends + _stop(moved) * (ended + begun - 2 * mean) / jnp.square(c.size)
+    bends = (1 + _stop(moved) / c.size) * (ended + begun - 2 * mean)
+    bends = (bends + ended - mean) / c.size
     # In a step near rounding they are noise.
     bends = jnp.where(c.size > math.sqrt(finest), bends, 0)
     moved = jnp.where(event, moved, 0)
