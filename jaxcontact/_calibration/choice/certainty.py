@@ -151,7 +151,7 @@ def sure_sentence(
     """Return whether the choice of `best` is sure, as a sentence that follows the verdict.
 
     `said` are the laws that the verdict already calls indistinguishable from it. `beyond`: whether
-    a free curve describes the data better than any law.
+    a free curve may describe the data better than any law.
     """
     if sure is not None and len(fits) == 2:
         (other,) = fits.keys() - {sure.kind}
@@ -174,5 +174,5 @@ def sure_sentence(
     if fits[best].adequate is None:
         return " The choice is not sure: the fit could not be tested."
     if beyond:
-        return " The choice is not sure: a free smooth curve is clearly better than any law."
+        return " The choice is not sure: a free smooth curve has an AICc lower by more than 2."
     return ""

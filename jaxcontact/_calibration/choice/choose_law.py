@@ -13,7 +13,7 @@ from jaxtyping import ArrayLike, Float
 
 from ..._contact import Contact, require_contact
 from ..._entry import POSITIVE, as_weights, require_flag
-from ..._fit import Fit, compared, groups_of, scatter, undecided
+from ..._fit import CLEAR_AICC, Fit, compared, criteria, groups_of, scatter, undecided
 from ..._fit.keywords import SearchKeywords, takes
 from ..._program import side_by_side
 from ..._text.progress import stages_of
@@ -102,10 +102,9 @@ def choose_law(
     keywords go to `fit` (`optimizer`, `starts`, ...), for all kinds.
 
     The held-out error leaves out four bands of speed in turn; `compare_fits(choice.fits,
-    groups=...)` leaves out other groups. The choice is `sure` of a law under four conditions.
-    Every law that does not contain it is excluded (p < 0.01). No law that contains it is clearly
-    better (p < 0.05). It describes the data. No free smooth curve describes them clearly better
-    than all laws.
+    groups=...)` leaves out other groups. The choice is `sure` of a law that describes the data if
+    every law that does not contain it is excluded (p < 0.01), no law that contains it is clearly
+    better (p < 0.05), and no free smooth curve has an AICc lower than that of all laws by 2.
 
     Returns a `LawChoice`, which prints as a table with a verdict and which `jc.plot.choice` draws.
     Raises ValueError for columns that do not match or are out of range, for fewer than 4 points,
@@ -210,9 +209,11 @@ def choose(
     laws = tuple(dataclasses.replace(law, reduced_to=reduced.get(law.kind, "")) for law in laws)
     said = {law.kind: law.said for law in laws}
     free = curve_of(fits.values(), x)
-    # Certainty needs fits of all laws, and data that no other curve describes better.
+    # Certainty needs fits of all laws, and data that no other curve may describe better.
     left_out = [kind.name for kind in every if kind not in kinds]
-    standing = None if left_out or free.better else sure_of(fits, kinds)
+    lowest = min((criteria(one)[1] for one in fits.values() if one.converged), default=0.0)
+    beyond = free.aicc is not None and lowest - free.aicc > CLEAR_AICC
+    standing = None if left_out or beyond else sure_of(fits, kinds)
     comparison = compared(
         fits,
         table.bands(first),
@@ -228,7 +229,7 @@ def choose(
     if standing is not None:
         rivals = [name for name in rivals if name in standing.containing]
     verdict = comparison.verdict
-    verdict += sure_sentence(fits, kinds, best, standing, {best, *rivals}, beyond=free.better)
+    verdict += sure_sentence(fits, kinds, best, standing, {best, *rivals}, beyond=beyond)
     if left_out:
         verdict += f" More points are needed to compare {listed(left_out)}."
     constant, v = laws[0].constant, table.velocity

@@ -232,8 +232,7 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     noise = field.noise(y, finest)
     if field.rules.peak:
         # Forces may rise so steeply at a touch that the depth's rounding hides a peak, too.
-        pace = _stop(trial.slope.depth)
-        count = len(pace)
+        count, pace = len(modes.closed), _stop(trial.slope.depth)
         steep = jnp.pad(_stop(fall)[count : 2 * count] / pace, (count, len(gaps) - 2 * count))
         noise = noise - noise * steep
     on_event = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * noise)
