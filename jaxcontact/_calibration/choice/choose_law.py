@@ -102,9 +102,9 @@ def choose_law(
     keywords go to `fit` (`optimizer`, `starts`, ...), for all kinds.
 
     The held-out error leaves out four bands of speed in turn; `compare_fits(choice.fits,
-    groups=...)` leaves out other groups. The choice is `sure` of a law that describes the data. Then
-    every law that does not contain it is excluded (p < 0.01), and no law that contains it is clearly
-    better (p < 0.05). Nor has a free smooth curve an AICc lower than that of all laws by 2.
+    groups=...)` leaves out other groups. The choice is `sure` of a law that describes the data:
+    every law that does not contain it is excluded (p < 0.01). No law that contains it is clearly
+    better (p < 0.05). No free smooth curve has an AICc lower than that of all laws by 2.
 
     Returns a `LawChoice`, which prints as a table with a verdict and which `jc.plot.choice` draws.
     Raises ValueError for columns that do not match or are out of range, for fewer than 4 points,
