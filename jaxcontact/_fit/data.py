@@ -145,7 +145,8 @@ def why_no_error(fit: FitData, name: str) -> str:
     """Return why a parameter has no standard error, in words."""
     if fit.dof < 1 and not fit._absolute:
         return "without a standard error: no degree of freedom is left"
-    if not fit.by_group or any(name in one.components for one in fit.unidentified):
+    known = [*fit.at_bound, *(n for one in fit.unidentified for n in one.components)]
+    if not fit.by_group or name in known or not np.isnan(fit.standard_errors[name]):
         return "not identifiable"
     return "without a standard error: one point or group alone determines it"
 

@@ -28,12 +28,10 @@ class Exact(AbstractMethod):
     def chosen(self, form: AbstractForm, pushed: bool) -> Exact:
         """Return the method itself if the form has a closed form and no external force acts."""
         if pushed or not form.closed_form:
-            why = (
-                "an external force acts" if pushed else "the law has none (see `jaxcontact.Exact`)"
-            )
+            so = "an external force acts" if pushed else "the law has none (see `jaxcontact.Exact`)"
             raise ValueError(
                 "Argument `method` must be 'event' or 'auto' here, but is 'exact': a closed form "
-                f"exists only for free impacts of some laws, and {why}."
+                f"exists only for free impacts of some laws, and {so}."
             )
         return self
 
