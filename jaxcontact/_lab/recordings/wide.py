@@ -172,11 +172,9 @@ def _succeed(sheet: Sheet, parts: list[list[int]], drop: list[int], are_trials: 
         return False
     if drop:
         # Repeats may shrink as well, but lose less from one to the next than from the drop.
-        return across <= min(_ratios(sheet, [drop[0], columns[0]])[0], 1.0) ** 0.5
+        return across**2 <= _ratios(sheet, [drop[0], columns[0]])[0]
     if down < _SHRINKS and not are_trials:
-        told = (
-            "shrinks as rows do. Add a column `trial` if rows are trials, `bounce` if columns are"
-        )
+        told = "shrinks as rows do. Add a column `trial` if rows are trials, or else `bounce`"
         raise sheet.fault(told, sheet.names[columns[-1]])
     return True
 
