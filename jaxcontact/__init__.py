@@ -4,6 +4,10 @@ from importlib import import_module as _import_module
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
+# First of all: XLA reads its flags when its backend starts.
+from ._fast_loops import FastLoops as FastLoops
+from ._fast_loops import fast_loops as fast_loops
+
 if _TYPE_CHECKING:
     # For readers and type checkers. Each name is loaded on first use together with its room, so a
     # program that solves one impact does not import scenes and fits. A star stands for a room that
@@ -146,6 +150,7 @@ _ROOMS = {
         "Between Fit Fits FitStatus Fixed Free Huber Positive Posterior compare_fits fit fit_many "
         "posterior"
     ),
+    "_fast_loops": "FastLoops fast_loops",
     "_flight": "Drag",
     "_forms": "AbstractForm ScaledImpact exact_damping_factor",
     "_impact": (

@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial import legendre
 
 from ..._forms import Flag, signed_power
-from ..._functions import bracketed_root, contraction, ratio, varying, with_implicit_derivative
+from ..._functions import bracketed_root, ratio, small_product, varying, with_implicit_derivative
 from ..motion.motion import Motion, Number, State
 
 _STAGES = 7
@@ -210,8 +210,8 @@ def _within(step: _Step, fraction: Number) -> State:
     basis = jnp.stack(values)
 
     def moved(start: Array, change: Array) -> Array:
-        weights = contraction(basis, jnp.asarray(_COEFFICIENTS, at.dtype))
-        return start + contraction(weights, change)
+        weights = small_product(basis, jnp.asarray(_COEFFICIENTS, at.dtype))
+        return start + small_product(weights, change)
 
     return jax.tree.map(moved, step.start, step.increments)
 
@@ -220,6 +220,31 @@ def _scales(motion: Motion, start: State) -> Float[Array, "2"]:
     """Return the units of w and u: w itself, and the creeping speed where u may vanish."""
     least = motion.creeping_speed(start) if motion.form.tension else jnp.zeros_like(start.u)
     return jax.lax.stop_gradient(jnp.stack([start.w, jnp.maximum(jnp.abs(start.u), least)]))
+
+
+def _eliminated(matrix: Float[Array, "N N"], right: Float[Array, " N"]) -> Float[Array, " N"]:
+    """Return the solution of a small linear system by elimination with pivots.
+
+    XLA compiles a loop with a call of LAPACK as many small functions.
+    """
+    rows = jnp.arange(right.size)
+
+    def eliminate(k: Array, table: Array) -> Array:
+        def column(table: Array) -> Array:
+            return jax.lax.dynamic_index_in_dim(table, k, 1, keepdims=False)
+
+        def row(which: Array) -> Array:
+            return jnp.sum(jnp.where((rows == which)[:, None], table, 0), axis=0)
+
+        best = jnp.argmax(jnp.where(rows >= k, jnp.abs(column(table)), -1))
+        pivot = row(best)
+        pivot = pivot / jax.lax.dynamic_index_in_dim(pivot, k, 0, keepdims=False)
+        table = jnp.where((rows == best)[:, None], row(k), table)
+        rest = table - column(table)[:, None] * pivot[None]
+        return jnp.where((rows == k)[:, None], pivot[None], rest)
+
+    table = jnp.concatenate([matrix, right[:, None]], axis=1)
+    return jax.lax.fori_loop(0, right.size, eliminate, table)[:, -1]
 
 
 def _collocated(
@@ -240,17 +265,17 @@ def _collocated(
 
     def residual(motion: Motion, start: State, z: Array) -> Array:
         there = jax.vmap(lambda node: slopes(motion, start, node))(z)
-        return contraction(inverse, z) - size * there
+        return small_product(inverse, z) - size * there
 
     frozen = jax.lax.stop_gradient((motion, start))
 
     def solved(z: Array, right: Array) -> Array:
         jacobian = jax.vmap(jax.jacfwd(lambda node: slopes(*frozen, node)))(z)
-        # Broadcasting, since these products are not contractions.
+        # Broadcasting, since these products are no contractions.
         alone = jnp.eye(_STAGES, dtype=dtype)[:, None, :, None] * jacobian[:, :, None, :]
         blocks = inverse[:, None, :, None] * eye[None, :, None, :] - size * alone
         flat = blocks.reshape(2 * _STAGES, 2 * _STAGES)
-        return jnp.linalg.solve(flat, right.reshape(-1)).reshape(_STAGES, 2)
+        return _eliminated(flat, right.reshape(-1)).reshape(_STAGES, 2)
 
     close = 1e-9 if dtype == jnp.float64 else 1e-4
 
@@ -272,9 +297,9 @@ def _collocated(
     z = z - solved(z, residual(motion, start, z))
     change = jax.vmap(lambda node: rate(motion, start, node))(z)
     matrix = size * jnp.asarray(_MATRIX, dtype)
-    loss = None if change.loss is None else contraction(matrix, change.loss)
+    loss = None if change.loss is None else small_product(matrix, change.loss)
     increments = State(
-        scales[0] * z[:, 0], scales[1] * z[:, 1], contraction(matrix, change.t), loss
+        scales[0] * z[:, 0], scales[1] * z[:, 1], small_product(matrix, change.t), loss
     )
     good = (moved <= close) & jnp.all(jnp.isfinite(z))
     return _Step(start, size, increments), good
@@ -284,7 +309,7 @@ def _error(motion: Motion, step: _Step) -> Number:
     """Return the highest Legendre coefficient relative to the largest increment of the step."""
 
     def of(increments: Array, least: Number) -> Number:
-        highest = contraction(jnp.asarray(_COEFFICIENTS[-1], increments.dtype), increments)
+        highest = small_product(jnp.asarray(_COEFFICIENTS[-1], increments.dtype), increments)
         return jnp.abs(highest) / jnp.maximum(jnp.max(jnp.abs(increments)), least)
 
     least = _scales(motion, step.start)
