@@ -31,7 +31,7 @@ def to_rest(height):
 def scene_of(friction=None, spheres=3):
     def run(speed):
         discs = [
-            jc.Sphere(0.1, 0.5, position=[0.7 * k, 0.3], velocity=[speed * (k == 0), 0.0])
+            jc.Sphere(0.1, 0.5, position=[0.7 * k, 0.3], velocity=[speed if k == 0 else 0.0, 0.0])
             for k in range(spheres)
         ]
         floor = jc.Plane(point=[0.0, 0.0], normal=[0.0, 1.0])

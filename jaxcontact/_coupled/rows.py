@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from typing import Any, TypeVar
 
 import jax
@@ -53,24 +52,28 @@ def with_rows(arrays: Tree, who: Int[Array, " M"], rows: Any) -> Tree:
     return jax.tree.map(put, arrays, rows)
 
 
-def with_rows_in_turn(arrays: Tree, who: Int[Array, " M"], rows: Any) -> Tree:
-    """Return what `with_rows` does, for one or two rows, without a scatter.
+def with_one_or_two(arrays: Tree, who: Int[Array, " M"], rows: Any) -> Tree:
+    """Return the arrays with one existing row replaced, or two. Of two, indices beyond the last row
+    are ignored; the second one is if the first is.
 
-    XLA compiles a small loop as one function unless there is a scatter in it.
+    There is no scatter, with which XLA would not compile a small loop as one function.
     """
-    last = jax.tree.leaves(arrays)[0].shape[0] - 1
-    for k in range(who.shape[0]):
-        at, there = jnp.minimum(who[k], last), who[k] <= last
-        old, row = rows_of(arrays, at), jax.tree.map(operator.itemgetter(k), rows)
-        row = jax.tree.map(
-            lambda a, b, there=there: jnp.where(there, a.astype(b.dtype), b), row, old
-        )
-        arrays = with_row(arrays, at, row)
-    return arrays
+    there = who < jax.tree.leaves(arrays)[0].shape[0]
+    starts = [jax.lax.index_in_dim(who, k, keepdims=False) for k in range(who.shape[0])]
 
+    def put(all: Array, new: Array, *old: Array) -> Array:
+        new = new.astype(all.dtype)
+        if old:
+            flags = there if all.ndim == 1 else jax.lax.broadcast_in_dim(there, new.shape, (0,))
+            new = jax.lax.select(flags, new, *old)
+        # What is beyond the last row is moved to it. The first row, which may be there, comes last.
+        for k in reversed(range(len(starts))):
+            start = (starts[k], *(0,) * (all.ndim - 1))
+            row = jax.lax.slice_in_dim(new, k, k + 1)
+            all = jax.lax.dynamic_update_slice(all, row, start, allow_negative_indices=False)
+        return all
 
-def _where(flag: Array, new: Any, old: Tree) -> Tree:
-    return jax.tree.map(lambda a, b: jnp.where(flag, a.astype(b.dtype), b), new, old)
+    return jax.tree.map(put, arrays, rows, *[rows_of(arrays, who)][: len(starts) - 1])
 
 
 def _indices(who: Array | np.ndarray) -> Array:

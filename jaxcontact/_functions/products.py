@@ -24,8 +24,6 @@ Product = Callable[[Array, Array], Array]
 
 _SMALL = 1024
 """Multiplications up to which a product is faster without a library call."""
-_DIRECTIONS = 16
-"""The size of a batch up to which the same holds, as for the directions of a derivative."""
 
 
 @jax.custom_jvp
@@ -33,21 +31,18 @@ def small_product(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array
     """Return `contraction(a, b)`, for loops over few numbers.
 
     A matrix library takes a microsecond per call and keeps the compiler from fusing the code around
-    it, and from compiling a loop as one function. It is used for batches, and for the tangents of a
-    derivative, which are many.
+    it. It is used for batches, and for the tangents of a derivative, which are many.
     """
     if a.size * (b.size // b.shape[0]) > _SMALL:
         return contraction(a, b)
     return _alone(a, b)
 
 
-def _summed(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "..."]:
+@jax.custom_batching.custom_vmap
+def _alone(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "..."]:
     left = a.reshape(*a.shape, *[1] * (b.ndim - 1))
     right = b.reshape(*[1] * (a.ndim - 1), *b.shape)
     return jnp.sum(left * right, axis=a.ndim - 1)
-
-
-_alone = jax.custom_batching.custom_vmap(_summed)
 
 
 @_alone.def_vmap
@@ -55,8 +50,7 @@ def _in_a_batch(
     size: int, batched: list[bool], a: Float[Array, "..."], b: Float[Array, "..."]
 ) -> tuple[Float[Array, "..."], bool]:
     axes = tuple(0 if along else None for along in batched)
-    product = _summed if size <= _DIRECTIONS else contraction
-    return jax.vmap(product, in_axes=axes)(a, b), True
+    return jax.vmap(contraction, in_axes=axes)(a, b), True
 
 
 @functools.partial(small_product.defjvp, symbolic_zeros=True)

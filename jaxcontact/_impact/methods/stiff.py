@@ -209,9 +209,11 @@ def _within(step: _Step, fraction: Number) -> State:
         values.append(((2 * j + 1) * at * values[j] - j * values[j - 1]) / (j + 1))
     basis = jnp.stack(values)
 
+    # In a batch, too, a product of matrices would be a call of a library.
+    weights = jnp.sum(basis[:, None] * jnp.asarray(_COEFFICIENTS, at.dtype), axis=0)
+
     def moved(start: Array, change: Array) -> Array:
-        weights = small_product(basis, jnp.asarray(_COEFFICIENTS, at.dtype))
-        return start + small_product(weights, change)
+        return start + jnp.sum(weights * change)
 
     return jax.tree.map(moved, step.start, step.increments)
 
@@ -222,6 +224,7 @@ def _scales(motion: Motion, start: State) -> Float[Array, "2"]:
     return jax.lax.stop_gradient(jnp.stack([start.w, jnp.maximum(jnp.abs(start.u), least)]))
 
 
+@jax.jit
 def _eliminated(matrix: Float[Array, "N N"], right: Float[Array, " N"]) -> Float[Array, " N"]:
     """Return the solution of a small linear system by elimination with pivots.
 
@@ -229,22 +232,21 @@ def _eliminated(matrix: Float[Array, "N N"], right: Float[Array, " N"]) -> Float
     """
     rows = jnp.arange(right.size)
 
-    def eliminate(k: Array, table: Array) -> Array:
-        def column(table: Array) -> Array:
-            return jax.lax.dynamic_index_in_dim(table, k, 1, keepdims=False)
-
-        def row(which: Array) -> Array:
-            return jnp.sum(jnp.where((rows == which)[:, None], table, 0), axis=0)
-
-        best = jnp.argmax(jnp.where(rows >= k, jnp.abs(column(table)), -1))
-        pivot = row(best)
-        pivot = pivot / jax.lax.dynamic_index_in_dim(pivot, k, 0, keepdims=False)
-        table = jnp.where((rows == best)[:, None], row(k), table)
-        rest = table - column(table)[:, None] * pivot[None]
-        return jnp.where((rows == k)[:, None], pivot[None], rest)
+    def eliminate(k: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        table, unused = carry
+        column = jax.lax.dynamic_index_in_dim(table, k, 1)
+        here = rows[:, None] == jnp.argmax(jnp.abs(column) * unused)
+        pivot = jnp.sum(jnp.where(here, table, 0), axis=0)
+        pivot = pivot / jax.lax.dynamic_index_in_dim(pivot, k, keepdims=False)
+        return jnp.where(here, pivot[None], table - column * pivot[None]), jnp.where(
+            here, 0, unused
+        )
 
     table = jnp.concatenate([matrix, right[:, None]], axis=1)
-    return jax.lax.fori_loop(0, right.size, eliminate, table)[:, -1]
+    start = table, jnp.ones_like(right[:, None])
+    table, _ = jax.lax.fori_loop(0, right.size, eliminate, start)
+    # The matrix has become a permutation.
+    return jnp.sum(table[:, :-1] * table[:, -1:], axis=0)
 
 
 def _collocated(

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..._coupled.rows import rows_of, with_rows_in_turn
+from ..._coupled.rows import rows_of, with_one_or_two
 from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import Numbers, SceneLayout
 from ..contact_times.cells import CellGrid, Cells, Shift, fill_cells, move_sphere, shift_of, staying
@@ -107,7 +107,7 @@ def update_events(
         if layout.spheres > _FEW:
             who, rows = _both(layout, events, i, now)
         new = in_branch(wanted, lambda: find_next_events(layout, numbers, here, who, now, end))
-        events = with_rows_in_turn(events, rows, new)
+        events = with_one_or_two(events, rows, new)
         return events, cells, next_event(layout, numbers, events, state.count)
 
     first = next_event(layout, numbers, state.events, state.count)

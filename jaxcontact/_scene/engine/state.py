@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 from jaxtyping import Array, Float, Int
 
-from ..._coupled.rows import with_rows, with_rows_in_turn
+from ..._coupled.rows import with_one_or_two, with_rows
 from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.flight import Flying
 from ..arrays.turning import Turning
@@ -95,5 +95,5 @@ class RunState(NamedTuple):
         """Return the state with some rows of its columns replaced, as by `with_rows`."""
         old = {name: getattr(self, name) for name in columns}
         # The loop of coupled contacts is too large to be compiled as one function.
-        write = with_rows_in_turn if self.coupling is None else with_rows
+        write = with_one_or_two if self.coupling is None else with_rows
         return self._replace(**write(old, rows, columns))

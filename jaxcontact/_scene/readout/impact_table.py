@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.rows import rows_of
 from ..._coupled.scalars import Index
 from ..arrays.arrays import Numbers, SceneLayout
 from ..cluster.equations import ClusterState
@@ -39,7 +40,7 @@ def table_of(
         )
     total = jnp.sum(table.valid)
     order = jnp.argsort(jnp.where(table.valid, table.time, jnp.inf), stable=True)[:rows]
-    table = jax.tree.map(lambda x: x[order], table)
+    table = rows_of(table, order)
     bad = status == int(Ending.INVALID_INPUT)
     valid = table.valid & ~bad
     usable = valid & (status != int(Ending.TOO_MANY_IMPACTS))

@@ -247,9 +247,9 @@ def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
             called = figures.coupled.turning
             slots = range(called.until.shape[1])
             parts += [jax.tree.map(lambda x, k=k: x[:, k], called) for k in slots]
-        turning = jax.tree.map(lambda *column: jnp.concatenate(column)[entry], *parts)
-    columns = (place, speed, began, support, pairs, held)
-    there, fast, since, on, row, v0 = (jnp.concatenate(column)[entry] for column in columns)
+        turning = rows_of(jax.tree.map(lambda *column: jnp.concatenate(column), *parts), entry)
+    columns = [jnp.concatenate(x) for x in (place, speed, began, support, pairs, held)]
+    there, fast, since, on, row, v0 = rows_of(columns, entry)
     return Entries(there, fast, since, on, row, v0, turning)
 
 
