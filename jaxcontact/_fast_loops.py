@@ -22,8 +22,8 @@ _DEFAULT = 1024
 
 
 class FastLoops(NamedTuple):
-    """Whether XLA compiles the loops of this process as single functions on CPUs, and why. True
-    in a condition if it does.
+    """The answer of `fast_loops`: XLA compiles the loops of this process as single functions on
+    CPUs, or not, and why. True in a condition if it does.
 
     - `on`: whether it does
     - `reason`: what set the flag, or what prevented it

@@ -8,53 +8,10 @@ import sys
 import jax
 import pytest
 
-import jaxcontact as jc
+from benchmarks.fast_loops import LOOPS
 
 LAW = jc.HuGuo(e=0.8)
-CONTACT = jc.Contact(mass=1.0, stiffness=1e4)
 KEY = "xla_cpu_small_while_loop_byte_threshold"
-
-
-def by_event(e):
-    return jc.impact(jc.HuGuo(e=e), CONTACT, 4.2, method=jc.Event()).restitution
-
-
-def under_a_push(e):
-    return jc.impact(jc.HuGuo(e=e), CONTACT, 4.2, external_force=-9.81).restitution
-
-
-def to_rest(height):
-    how = {"method": jc.Event(), "gravity_in_contact": True, "bounces": 20}
-    return jc.bounce(jc.Damped(alpha=0.6), CONTACT, height, gravity=9.81, **how).rest_time
-
-
-def scene_of(friction=None, spheres=3):
-    def run(speed):
-        discs = [
-            jc.Sphere(0.1, 0.5, position=[0.7 * k, 0.3], velocity=[speed if k == 0 else 0.0, 0.0])
-            for k in range(spheres)
-        ]
-        floor = jc.Plane(point=[0.0, 0.0], normal=[0.0, 1.0])
-        scene = jc.Scene([*discs, floor], LAW, gravity=[0.0, -9.81], friction=friction)
-        return jc.simulate(scene, 1.0, instantaneous=True, max_impacts=64).velocity[-1]
-
-    return run
-
-
-def mechanism(gravity):
-    system, start = jc.systems.double_pendulum(gravity=gravity)
-    return jc.simulate(system, 2.0, **start, max_impacts=8).final.velocity
-
-
-LOOPS = {
-    "impact by event": (by_event, 0.5),
-    "its derivative": (jax.grad(by_event), 0.5),
-    "impact under a push": (under_a_push, 0.5),
-    "bounce to rest with weight": (to_rest, 0.05),
-    "instantaneous scene": (scene_of(), 0.1),
-    "friction, two bodies found at a time": (scene_of(jc.RigidCoulomb(mu=0.3), spheres=9), 0.1),
-    "mechanism": (mechanism, 9.81),
-}
 
 
 def computations(text):
