@@ -1,6 +1,6 @@
 """Loops with and without the flag of `jaxcontact.fast_loops`, each in a process of its own.
 
-`python -m benchmarks.fast_loops` prints ratios of the CPU times of a call and of its compilation, and
+`python -m benchmarks.fast_loops` prints ratios of the CPU times of a call and of compiling it, and
 the largest relative difference of results.
 """
 
