@@ -13,6 +13,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ._entry import (
     POSITIVE,
+    OfNumbers,
     Range,
     Specialised,
     as_number,
@@ -97,7 +98,7 @@ def _hertz(
     return 4 / 3 * jnp.sqrt(radius) / compliance, 4 * compliance / shear
 
 
-class Contact(eqx.Module):
+class Contact(OfNumbers):
     """One contact: the effective mass and the elastic force K δⁿ.
 
     - `mass`: m > 0 in kg, the effective mass m1 m2/(m1+m2).
@@ -148,7 +149,10 @@ class Contact(eqx.Module):
         """The contact without its tangential ratio, which no normal impact needs."""
         if self.tangential_ratio is None:
             return self
-        return eqx.tree_at(lambda contact: contact.tangential_ratio, self, None)
+        # `equinox.tree_at` takes longer than to solve an impact.
+        contact = object.__new__(type(self))
+        vars(contact).update(vars(self), tangential_ratio=None)
+        return contact
 
     @property
     def exponent(self) -> float | Float[Array, "..."]:

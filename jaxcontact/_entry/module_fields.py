@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Any
+import inspect
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from .numbers import REAL, Range, as_parameter
+from .numbers import REAL, Range, as_leaf, as_parameter
 
 
 class Specialised(eqx.Module):
@@ -32,6 +34,56 @@ class Specialised(eqx.Module):
 def specialised(number: float) -> Specialised:
     """Return a static number from a cache, which is faster than creating it again."""
     return Specialised(number)
+
+
+class _OfNumbers(type(eqx.Module)):
+    """Builds modules of this package from Python numbers in a third of Equinox's time.
+
+    The structure of a module follows from its class and its options. The first one with an option
+    is built and checked as usual. Later ones differ from it only in their numbers.
+    """
+
+    def __call__(cls, *args: Any, **given: Any) -> Any:
+        # Classes of users may check or convert numbers in other ways.
+        if cls.__module__.startswith(_PACKAGE):
+            names, allowed = _signature(cls)
+            options = dict(zip(names, args, strict=False)) | given
+            numbers = {name: options.pop(name) for name in allowed if name in options}
+            complete = len(numbers) + len(options) == len(args) + len(given)
+            if complete and all(
+                type(number) is float and allowed[name].holds(number)
+                for name, number in numbers.items()
+            ):
+                kinds = [(name, type(value), value) for name, value in options.items()]
+                if all(kind in (bool, int, float) for _, kind, _ in kinds):
+                    key = cls, *numbers, *kinds
+                    if key not in _structures:
+                        module = super().__call__(*args, **given)
+                        if len(_structures) < _MOST_STRUCTURES:
+                            _structures[key] = jax.tree.structure(module)
+                        return module
+                    return _structures[key].unflatten(map(as_leaf, numbers.values()))
+        return super().__call__(*args, **given)
+
+
+_PACKAGE = __name__.partition(".")[0] + "."
+_structures: dict[tuple[Any, ...], Any] = {}
+_MOST_STRUCTURES = 256
+
+
+@functools.cache
+def _signature(cls: Any) -> tuple[list[str], dict[str, Range]]:
+    """Return the names of positional arguments, and of numbers with their ranges."""
+    parameters = inspect.signature(cls).parameters.values()
+    return [p.name for p in parameters if p.kind is not p.KEYWORD_ONLY], ranges(cls)
+
+
+if TYPE_CHECKING:
+    OfNumbers = eqx.Module
+else:
+
+    class OfNumbers(eqx.Module, metaclass=_OfNumbers):
+        """A module whose numbers are fields declared with `parameter`."""
 
 
 def parameter(name: str, allowed: Range = REAL, unit: str | None = None) -> Any:
