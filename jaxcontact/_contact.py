@@ -16,7 +16,6 @@ from ._entry import (
     OfNumbers,
     Range,
     Specialised,
-    as_number,
     as_parameter,
     is_plain,
     optional_parameter,
@@ -132,11 +131,7 @@ class Contact(OfNumbers):
         if tangential_ratio is not None:
             tangential_ratio = as_parameter(tangential_ratio, "tangential_ratio", POSITIVE)
         self.tangential_ratio = tangential_ratio
-        as_number(exponent, "exponent", EXPONENT)
-        if is_plain(exponent):
-            self._exponent = specialised(float(exponent))
-        else:
-            self._exponent = Specialised(None, as_parameter(exponent, "exponent", EXPONENT))
+        self._exponent = specialised(exponent, "exponent", EXPONENT)
 
     def __repr__(self) -> str:
         return (

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, ArrayLike, Bool
 
-from .numbers import REAL, Range, as_leaf, as_parameter
+from .numbers import REAL, Range, as_leaf, as_number, as_parameter, is_plain
 
 
 class Specialised(eqx.Module):
@@ -30,52 +30,46 @@ class Specialised(eqx.Module):
         return self.traced
 
 
-@functools.lru_cache(maxsize=64)
-def specialised(number: float) -> Specialised:
-    """Return a static number from a cache, which is faster than creating it again."""
-    return Specialised(number)
+def specialised(value: ArrayLike, name: str, allowed: Range) -> Specialised:
+    """Return a number in `allowed`: static if it is plain, otherwise a leaf."""
+    if is_plain(value):
+        as_number(value, name, allowed)
+        return Specialised(float(value))
+    return Specialised(None, as_parameter(value, name, allowed))
 
 
 class _OfNumbers(type(eqx.Module)):
-    """Builds modules of this package from Python numbers in a third of Equinox's time.
-
-    The structure of a module follows from its class and its options. The first one with an option
-    is built and checked as usual. Later ones differ from it only in their numbers.
+    """Builds modules of this package from Python numbers in a third of Equinox's time: all with the
+    same options have the structure of an example. Classes of users may treat numbers otherwise.
     """
 
-    def __call__(cls, *args: Any, **given: Any) -> Any:
-        # Classes of users may check or convert numbers in other ways.
+    def __call__(cls: Any, *args: Any, **given: Any) -> Any:
         if cls.__module__.startswith(_PACKAGE):
-            names, allowed = _signature(cls)
-            options = dict(zip(names, args, strict=False)) | given
-            numbers = {name: options.pop(name) for name in allowed if name in options}
-            complete = len(numbers) + len(options) == len(args) + len(given)
-            if complete and all(
-                type(number) is float and allowed[name].holds(number)
-                for name, number in numbers.items()
-            ):
-                kinds = [(name, type(value), value) for name, value in options.items()]
-                if all(kind in (bool, int, float) for _, kind, _ in kinds):
-                    key = cls, *numbers, *kinds
-                    if key not in _structures:
-                        module = super().__call__(*args, **given)
-                        if len(_structures) < _MOST_STRUCTURES:
-                            _structures[key] = jax.tree.structure(module)
-                        return module
-                    return _structures[key].unflatten(map(as_leaf, numbers.values()))
+            numbers, options = [], [*args, *given.values()]
+            for place, allowed in _places(cls, len(args), *given):
+                number, options[place] = options[place], allowed.inside
+                numbers.append(number if type(number) is float and allowed.holds(number) else None)
+            if None not in numbers and _OPTIONS.issuperset(map(type, options)):
+                return _structure(cls, tuple(given), *options).unflatten(map(as_leaf, numbers))
         return super().__call__(*args, **given)
 
 
 _PACKAGE = __name__.partition(".")[0] + "."
-_structures: dict[tuple[Any, ...], Any] = {}
-_MOST_STRUCTURES = 256
+_OPTIONS = {type(None), bool, int, float}
 
 
-@functools.cache
-def _signature(cls: Any) -> tuple[list[str], dict[str, Range]]:
-    """Return the names of positional arguments, and of numbers with their ranges."""
-    parameters = inspect.signature(cls).parameters.values()
-    return [p.name for p in parameters if p.kind is not p.KEYWORD_ONLY], ranges(cls)
+@functools.lru_cache(maxsize=256)
+def _places(cls: Any, count: int, *names: str) -> list[tuple[int, Range]]:
+    """Return the places of the numbers among the arguments, in the order of the leaves."""
+    order = [*list(inspect.signature(cls).parameters)[:count], *names]
+    return [(order.index(name), one) for name, one in ranges(cls).items() if name in order]
+
+
+@functools.lru_cache(maxsize=256, typed=True)
+def _structure(cls: Any, names: tuple[str, ...], *values: Any) -> Any:
+    count = len(values) - len(names)
+    named = zip(names, values[count:], strict=True)
+    return jax.tree.structure(type(eqx.Module).__call__(cls, *values[:count], **dict(named)))
 
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, TypeGuard, cast
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -53,15 +53,6 @@ class Problem(NamedTuple):
     def shape(self) -> tuple[int, ...]:
         """The broadcast shape of all inputs."""
         return np.broadcast_shapes(*map(np.shape, jax.tree.leaves(self)))
-
-
-def in_range(velocity: ArrayLike, external_force: ArrayLike | None = None) -> TypeGuard[float]:
-    """Return whether plain numbers need no conversion and no further check by `problem_of`."""
-    if type(velocity) is not float or not SPEED.holds(velocity):
-        return False
-    if external_force is None:
-        return True
-    return type(external_force) is float and external_force != 0 and FORCE.holds(external_force)
 
 
 def problem_of(

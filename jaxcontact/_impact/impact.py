@@ -26,9 +26,9 @@ from .._entry import (
 )
 from .._forms import ScaledImpact, scale_of
 from .._laws import AbstractLaw, require_law
-from .._program import program, soon_compiled, traced
+from .._program import program, quick, soon_options, traced
 from .._text.failure import checked
-from .front_door import SPEED, Lanes, Problem, in_range, lanes_of, problem_of, uniform
+from .front_door import SPEED, Lanes, Problem, lanes_of, problem_of, uniform
 from .methods.auto import method_of
 from .methods.method import AbstractMethod
 from .result import Impact, Status
@@ -73,11 +73,12 @@ def impact(
     Source: the energy integral of Hunt & Crossley (1975), doi 10.1115/1.3423596, and the references
     of the laws.
     """
-    how = method_of(method)
+    require_law(law)
+    require_contact(contact)
+    how, begun = method_of(method), None
     formula = how if how.has_formula and external_force is None else None
-    begun = None
-    if in_range(velocity, external_force):
-        begun = _begun.again(Problem(law, contact, velocity, external_force), formula)
+    if external_force is None and type(velocity) is float and SPEED.holds(velocity):
+        begun = _begun(Problem(law, contact.normal, velocity, None), formula, again=True)
     if begun is None:
         problem = problem_of(law, contact, velocity, external_force)
         # Under differentiation one program is used, since the second of two would differentiate by
@@ -150,15 +151,17 @@ def landing(problem: Problem, method: AbstractMethod, peak: bool = False) -> Lan
     return Landing(hit, depth, result(scaled.spare_energy, 2 * lanes.scale.energy))
 
 
-@program
-def _solved(lanes: Lanes, method: AbstractMethod) -> Impact:
+def _of_lanes(lanes: Lanes, method: AbstractMethod) -> Impact:
     chosen = method.chosen(lanes.form, lanes.push is not None)
     return summary(lanes, chosen, chosen.solve(lanes))
 
 
+_solved = program(_of_lanes)
+
+
 @program
 def _at_once(problem: Problem, method: AbstractMethod) -> Impact:
-    return _solved.function(lanes_of(problem), method)
+    return _of_lanes(lanes_of(problem), method)
 
 
 def summary(lanes: Lanes, method: AbstractMethod, scaled: ScaledImpact) -> Impact:
@@ -227,8 +230,9 @@ def restitution(
         require_contact(contact)
     how = method_of(method)
     if contact is not None and velocity is not None:
-        given = Problem(law, contact, velocity, None)
-        e = _restitution.again(given, how) if in_range(velocity) else None
+        e = None
+        if type(velocity) is float and SPEED.holds(velocity):
+            e = _restitution(Problem(law, contact.normal, velocity, None), how, again=True)
         return _restitution(problem_of(law, contact, velocity), how) if e is None else e
     speed = None if velocity is None else as_number(velocity, "velocity", SPEED)
     require_broadcast(law=law, contact=contact, velocity=speed)
@@ -291,7 +295,7 @@ def restitution_is_constant(law: AbstractLaw, contact: Contact | None) -> bool:
     return found is not None
 
 
-@soon_compiled
+@functools.partial(quick, options=soon_options)
 def restitutions(
     laws: tuple[Callable[..., AbstractLaw], ...], e: Float[Array, "laws n"]
 ) -> list[Float[Array, " n"] | None]:

@@ -6,7 +6,7 @@ import functools
 import itertools
 import operator
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -19,8 +19,8 @@ from .outside import known_beneath, with_rule
 Out = TypeVar("Out")
 
 
-class Program(Generic[Out]):
-    """A function of `(numbers, *choices)`, compiled for the types of its arguments.
+def program(function: Callable[..., Out]) -> Callable[..., Out]:
+    """Return `function(numbers, *choices)`, compiled for the types of its arguments.
 
     Leaves that are not arrays are static choices, as in `equinox.filter_jit`; a float among the
     `numbers` is a number. Without such choices `jax.jit` takes the arguments leaf by leaf, which is
@@ -29,63 +29,45 @@ class Program(Generic[Out]):
     A few numbers are computed by a program that compiles in half the time. A derivative of concrete
     scalars, as by `jax.grad` outside of `jit`, needs one such program for the outcome and its
     slopes. The derivative is the product of the slopes with the tangents.
+
+    With `again=True` it returns None, unless all numbers are scalars outside of any trace and were
+    computed in the same structure before. What belongs to the structure needs no new check then.
     """
+    with_choices = eqx.filter_jit(function)
+    computed = set()
 
-    def __init__(self, function: Callable[..., Out]):
-        self.function = function
-        self._with_choices = eqx.filter_jit(function)
-        self._known: set[Any] = set()
-        """The structures of arguments that were computed from Python."""
+    @functools.lru_cache(maxsize=_MOST_STRUCTURES)
+    def with_numbers(structure: Any, few: bool) -> Callable[..., Out]:
+        options = soon_options() if few else None
+        return jax.jit(_of_leaves(function, structure), compiler_options=options)
 
-        @functools.lru_cache(maxsize=_MOST_STRUCTURES)
-        def with_numbers(structure: Any, soon: bool) -> Callable[..., Out]:
-            options = soon_options() if soon else None
-            return jax.jit(_of_leaves(function, structure), compiler_options=options)
+    @functools.lru_cache(maxsize=_MOST_STRUCTURES)
+    def with_slopes(structure: Any, kinds: tuple[Any, ...]) -> Callable[..., Out] | None:
+        return _differentiable(_of_leaves(function, structure), kinds)
 
-        @functools.lru_cache(maxsize=_MOST_STRUCTURES)
-        def with_slopes(structure: Any, kinds: tuple[Any, ...]) -> Callable[..., Out] | None:
-            return _differentiable(_of_leaves(function, structure), kinds)
-
-        self._with_numbers, self._with_slopes = with_numbers, with_slopes
-        functools.update_wrapper(self, function)
-
-    def __call__(self, numbers: Any, *choices: Any) -> Out:
+    @functools.wraps(function)
+    def call(numbers: Any, *choices: Any, again: bool = False) -> Any:
         leaves, structure = jax.tree.flatten((numbers, *choices))
+        if again:
+            if structure not in computed or not untraced() or not all(map(_is_one, leaves)):
+                return None
+            return with_numbers(structure, True)(*leaves)
         if all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(choices)):
             if all(_is_number(type(leaf)) for leaf in leaves):
                 few = sum(1 if type(leaf) is float else leaf.size for leaf in leaves) <= FEW
-                soon = few and untraced()
-                found = self._with_numbers(structure, soon)(*leaves)
-                if soon:
-                    self._remember(structure)
+                few = few and untraced()
+                found = with_numbers(structure, few)(*leaves)
+                if few and len(computed) < _MOST_STRUCTURES:
+                    computed.add(structure)
                 return found
             if all(map(_is_scalar, leaves)) and known_beneath(leaves):
-                differentiable = self._with_slopes(structure, tuple(map(jax.typeof, leaves)))
+                differentiable = with_slopes(structure, tuple(map(jax.typeof, leaves)))
                 if differentiable is not None:
                     return differentiable(*leaves)
-        return self._with_choices(jax.tree.map(_as_number, numbers), *choices)
+        return with_choices(jax.tree.map(_as_number, numbers), *choices)
 
-    def again(self, *given: Any) -> Out | None:
-        """Return the outcome for unchecked scalars outside of any trace, if arguments of the same
-        structure were computed before. None otherwise. A caller that checks more than the structure
-        checks it before.
-        """
-        leaves, structure = jax.tree.flatten(given)
-        if structure not in self._known or not untraced():
-            return None
-        for leaf in leaves:
-            if type(leaf) is not float and (not _is_number(type(leaf)) or leaf.shape):
-                return None
-        return self._with_numbers(structure, True)(*leaves)
+    return call
 
-    def _remember(self, structure: Any) -> None:
-        if len(self._known) >= _MOST_STRUCTURES:
-            self._known.clear()
-        self._known.add(structure)
-
-
-program = Program
-"""As a decorator."""
 
 def _of_leaves(function: Callable[..., Out], structure: Any) -> Callable[..., Out]:
     """Return `function` as a function of the leaves of its arguments. JAX takes as long to flatten
@@ -169,6 +151,11 @@ _MOST_STRUCTURES = 256
 @functools.cache
 def _is_number(kind: type) -> bool:
     return issubclass(kind, jax.Array | float)
+
+
+def _is_one(leaf: Any) -> bool:
+    # Unlike `_is_scalar` it is False for tracers, and fast.
+    return type(leaf) is float or (_is_number(type(leaf)) and not leaf.shape)
 
 
 def _is_scalar(leaf: Any) -> bool:
