@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import operator
-from typing import cast
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -116,7 +116,9 @@ class Contact(OfNumbers):
     stiffness: Float[Array, "..."] = parameter("stiffness", POSITIVE)
     # `__init__` always sets it. The default is required because the fields before have one.
     _exponent: Specialised = eqx.field(default=Specialised(1.5))
-    tangential_ratio: Float[Array, "..."] | None = optional_parameter(POSITIVE, "-")
+    tangential_ratio: Float[Array, "..."] | None = optional_parameter(
+        "tangential_ratio", POSITIVE, "-"
+    )
 
     @refuses_unknown
     def __init__(
@@ -126,11 +128,9 @@ class Contact(OfNumbers):
         exponent: ArrayLike = 1.5,
         tangential_ratio: ArrayLike | None = None,
     ):
-        # Both fields have converters.
-        self.mass, self.stiffness = cast(Array, mass), cast(Array, stiffness)
-        if tangential_ratio is not None:
-            tangential_ratio = as_parameter(tangential_ratio, "tangential_ratio", POSITIVE)
-        self.tangential_ratio = tangential_ratio
+        # The fields have converters.
+        numbers: Any = (mass, stiffness, tangential_ratio)
+        self.mass, self.stiffness, self.tangential_ratio = numbers
         self._exponent = specialised(exponent, "exponent", EXPONENT)
 
     def __repr__(self) -> str:

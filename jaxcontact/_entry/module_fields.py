@@ -44,18 +44,14 @@ class _OfNumbers(type(eqx.Module)):
     """
 
     def __call__(cls: Any, *args: Any, **given: Any) -> Any:
-        if cls.__module__.startswith(_PACKAGE):
+        if cls.__module__.startswith("jaxcontact."):
             numbers, options = [], [*args, *given.values()]
             for place, allowed in _places(cls, len(args), *given):
                 number, options[place] = options[place], allowed.inside
                 numbers.append(number if type(number) is float and allowed.holds(number) else None)
-            if None not in numbers and _OPTIONS.issuperset(map(type, options)):
+            if None not in numbers and {bool, int, float}.issuperset(map(type, options)):
                 return _structure(cls, tuple(given), *options).unflatten(map(as_leaf, numbers))
         return super().__call__(*args, **given)
-
-
-_PACKAGE = __name__.partition(".")[0] + "."
-_OPTIONS = {type(None), bool, int, float}
 
 
 @functools.lru_cache(maxsize=256)
@@ -91,9 +87,13 @@ def parameter(name: str, allowed: Range = REAL, unit: str | None = None) -> Any:
     )
 
 
-def optional_parameter(allowed: Range, unit: str | None = None) -> Any:
-    """Declare a field as `parameter` does, which may be None and is converted on entry."""
-    return eqx.field(default=None, metadata={"allowed": allowed, "unit": unit})
+def optional_parameter(name: str, allowed: Range, unit: str | None = None) -> Any:
+    """Declare a field as `parameter` does, which may be None."""
+
+    def convert(value: ArrayLike | None) -> Array | None:
+        return None if value is None else as_parameter(value, name, allowed)
+
+    return eqx.field(default=None, converter=convert, metadata={"allowed": allowed, "unit": unit})
 
 
 def ranges(module: eqx.Module | type[eqx.Module]) -> dict[str, Range]:

@@ -28,7 +28,7 @@ from .._forms import ScaledImpact, scale_of
 from .._laws import AbstractLaw, require_law
 from .._program import program, quick, soon_options, traced
 from .._text.failure import checked
-from .front_door import SPEED, Lanes, Problem, lanes_of, problem_of, uniform
+from .front_door import SPEED, Lanes, Problem, is_known, lanes_of, problem_of, uniform
 from .methods.auto import method_of
 from .methods.method import AbstractMethod
 from .result import Impact, Status
@@ -99,9 +99,8 @@ def _begun(problem: Problem, method: AbstractMethod | None) -> Impact | Lanes:
         return lanes
     scaled = chosen.solve(lanes)
     if not lanes.shape:
-        # XLA computes what several results have in common again for each of them, but does not look
-        # into a branch. It runs a program of few operations in the caller's thread. A handover to
-        # another thread takes as long as the program.
+        # XLA computes what results have in common for each of them, but does not look into a branch.
+        # It runs a program of few operations in the caller's thread; a handover takes as long.
         numbers, rest = eqx.partition((lanes, scaled), eqx.is_array)
         zeros = functools.partial(jax.tree.map, jnp.zeros_like)
         numbers = jax.lax.cond(lanes.valid, lambda numbers: numbers, zeros, numbers)
@@ -157,11 +156,7 @@ def _of_lanes(lanes: Lanes, method: AbstractMethod) -> Impact:
 
 
 _solved = program(_of_lanes)
-
-
-@program
-def _at_once(problem: Problem, method: AbstractMethod) -> Impact:
-    return _of_lanes(lanes_of(problem), method)
+_at_once = program(lambda problem, method: _of_lanes(lanes_of(problem), method))
 
 
 def summary(lanes: Lanes, method: AbstractMethod, scaled: ScaledImpact) -> Impact:
@@ -288,11 +283,7 @@ def restitution_at_any_speed(
 
 def restitution_is_constant(law: AbstractLaw, contact: Contact | None) -> bool:
     """Return whether e is known to be the same at every speed."""
-    try:
-        found = jax.eval_shape(lambda law: law.form(contact, None).restitution(), law)
-    except (TypeError, ValueError):  # the law needs the speed
-        return False
-    return found is not None
+    return is_known(lambda law: law.form(contact, None).restitution(), law)
 
 
 @functools.partial(quick, options=soon_options)

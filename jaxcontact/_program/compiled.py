@@ -14,7 +14,6 @@ import jax.core
 import jax.extend.core
 
 Out = TypeVar("Out")
-Options = Callable[[], dict[str, Any] | None]
 
 
 FEW = 256
@@ -72,7 +71,7 @@ def quick_options() -> dict[str, Any] | None:
 
 
 def quick(
-    function: Callable[..., Out], most: float = math.inf, options: Options = quick_options
+    function: Callable[..., Out], most: float = math.inf, options: Callable[[], Any] = quick_options
 ) -> Callable[..., Out]:
     """Return `equinox.filter_jit` of a function that runs a few times, compiled four times faster,
     or by other `options`. Within another program or a derivative, it is compiled as a part of it.

@@ -37,8 +37,8 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
     computed = set()
 
     @functools.lru_cache(maxsize=_MOST_STRUCTURES)
-    def with_numbers(structure: Any, few: bool) -> Callable[..., Out]:
-        options = soon_options() if few else None
+    def with_numbers(structure: Any, soon: bool) -> Callable[..., Out]:
+        options = soon_options() if soon else None
         return jax.jit(_of_leaves(function, structure), compiler_options=options)
 
     @functools.lru_cache(maxsize=_MOST_STRUCTURES)
@@ -48,23 +48,24 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
     @functools.wraps(function)
     def call(numbers: Any, *choices: Any, again: bool = False) -> Any:
         leaves, structure = jax.tree.flatten((numbers, *choices))
+        plain = all(_is_number(type(leaf)) for leaf in leaves)
         if again:
-            if structure not in computed or not untraced() or not all(map(_is_one, leaves)):
-                return None
-            return with_numbers(structure, True)(*leaves)
+            ready = plain and structure in computed and untraced() and all(map(_is_scalar, leaves))
+            return with_numbers(structure, True)(*leaves) if ready else None
         if all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(choices)):
-            if all(_is_number(type(leaf)) for leaf in leaves):
+            if plain:
                 few = sum(1 if type(leaf) is float else leaf.size for leaf in leaves) <= FEW
-                few = few and untraced()
-                found = with_numbers(structure, few)(*leaves)
-                if few and len(computed) < _MOST_STRUCTURES:
+                soon = few and untraced()
+                found = with_numbers(structure, soon)(*leaves)
+                if soon and len(computed) < _MOST_STRUCTURES:
                     computed.add(structure)
                 return found
             if all(map(_is_scalar, leaves)) and known_beneath(leaves):
                 differentiable = with_slopes(structure, tuple(map(jax.typeof, leaves)))
                 if differentiable is not None:
                     return differentiable(*leaves)
-        return with_choices(jax.tree.map(_as_number, numbers), *choices)
+        given = jax.tree.map(lambda x: jnp.asarray(x) if type(x) is float else x, numbers)
+        return with_choices(given, *choices)
 
     return call
 
@@ -153,14 +154,5 @@ def _is_number(kind: type) -> bool:
     return issubclass(kind, jax.Array | float)
 
 
-def _is_one(leaf: Any) -> bool:
-    # Unlike `_is_scalar` it is False for tracers, and fast.
-    return type(leaf) is float or (_is_number(type(leaf)) and not leaf.shape)
-
-
 def _is_scalar(leaf: Any) -> bool:
     return type(leaf) is float or (isinstance(leaf, jax.Array) and leaf.ndim == 0)
-
-
-def _as_number(leaf: Any) -> Any:
-    return jnp.asarray(leaf) if type(leaf) is float else leaf
