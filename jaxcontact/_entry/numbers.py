@@ -181,6 +181,8 @@ def require_count(name: str, value: Any, least: int) -> int:
 
 def require_broadcast(**given: Any) -> tuple[int, ...]:
     """Return the shape to which all numbers in the arguments broadcast; ValueError without one."""
+    if all(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(list(given.values()))):
+        return ()
     shapes = {name: [np.shape(leaf) for leaf in jax.tree.leaves(v)] for name, v in given.items()}
     try:
         return np.broadcast_shapes(*(shape for one in shapes.values() for shape in one))

@@ -99,8 +99,8 @@ def _begun(problem: Problem, method: AbstractMethod | None) -> Impact | Lanes:
         return lanes
     scaled = chosen.solve(lanes)
     if not lanes.shape:
-        # XLA computes what results have in common for each of them, but does not look into a branch.
-        # It runs a program of few operations in the caller's thread; a handover takes as long.
+        # XLA computes what results share for each of them, but does not look into a branch. It runs
+        # a program of few operations in the caller's thread. A handover takes as long as a program.
         numbers, rest = eqx.partition((lanes, scaled), eqx.is_array)
         zeros = functools.partial(jax.tree.map, jnp.zeros_like)
         numbers = jax.lax.cond(lanes.valid, lambda numbers: numbers, zeros, numbers)

@@ -50,8 +50,9 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
         leaves, structure = jax.tree.flatten((numbers, *choices))
         plain = all(_is_number(type(leaf)) for leaf in leaves)
         if again:
-            ready = plain and structure in computed and untraced() and all(map(_is_scalar, leaves))
-            return with_numbers(structure, True)(*leaves) if ready else None
+            ready = plain and structure in computed and untraced()
+            several = any(getattr(leaf, "ndim", 0) for leaf in leaves)
+            return with_numbers(structure, True)(*leaves) if ready and not several else None
         if all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(choices)):
             if plain:
                 few = sum(1 if type(leaf) is float else leaf.size for leaf in leaves) <= FEW
