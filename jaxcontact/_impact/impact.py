@@ -73,11 +73,10 @@ def impact(
     Source: the energy integral of Hunt & Crossley (1975), doi 10.1115/1.3423596, and the references
     of the laws.
     """
-    require_law(law)
-    require_contact(contact)
     how, begun = method_of(method), None
-    formula = how if how.has_formula and external_force is None else None
-    if external_force is None and type(velocity) is float and SPEED.holds(velocity):
+    formula = how if external_force is None and type(how).has_formula else None
+    plain = external_force is None and type(velocity) is float and SPEED.holds(velocity)
+    if plain and type(contact) is Contact and issubclass(type(law), AbstractLaw):
         begun = _begun(Problem(law, contact.normal, velocity, None), formula, again=True)
     if begun is None:
         problem = problem_of(law, contact, velocity, external_force)
@@ -85,7 +84,7 @@ def impact(
         # all outputs of the first.
         begun = _at_once(problem, how) if traced(problem) else _begun(problem, formula)
     found = begun if type(begun) is Impact else _solved(begun, how)
-    return checked(found, require_flag("throw", throw), "impact")
+    return checked(found, throw is True or require_flag("throw", throw), "impact")
 
 
 @program

@@ -48,10 +48,10 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
     @functools.wraps(function)
     def call(numbers: Any, *choices: Any, again: bool = False) -> Any:
         leaves, structure = jax.tree.flatten((numbers, *choices))
-        plain = all(_is_number(type(leaf)) for leaf in leaves)
+        plain = _are_numbers(*map(type, leaves))
         if again:
             ready = plain and structure in computed and untraced()
-            several = any(getattr(leaf, "ndim", 0) for leaf in leaves)
+            several = any(getattr(leaf, "shape", ()) for leaf in leaves)
             return with_numbers(structure, True)(*leaves) if ready and not several else None
         if all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(choices)):
             if plain:
@@ -61,7 +61,8 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
                 if soon and len(computed) < _MOST_STRUCTURES:
                     computed.add(structure)
                 return found
-            if all(map(_is_scalar, leaves)) and known_beneath(leaves):
+            one = (type(x) is float or (isinstance(x, jax.Array) and x.ndim == 0) for x in leaves)
+            if all(one) and known_beneath(leaves):
                 differentiable = with_slopes(structure, tuple(map(jax.typeof, leaves)))
                 if differentiable is not None:
                     return differentiable(*leaves)
@@ -150,10 +151,6 @@ _MOST_STRUCTURES = 256
 """The number of programs kept for a function; a user's law adds one for each function in it."""
 
 
-@functools.cache
-def _is_number(kind: type) -> bool:
-    return issubclass(kind, jax.Array | float)
-
-
-def _is_scalar(leaf: Any) -> bool:
-    return type(leaf) is float or (isinstance(leaf, jax.Array) and leaf.ndim == 0)
+@functools.lru_cache(maxsize=_MOST_STRUCTURES)
+def _are_numbers(*kinds: type) -> bool:
+    return all(issubclass(kind, jax.Array | float) for kind in kinds)

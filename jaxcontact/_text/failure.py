@@ -57,7 +57,7 @@ class Flagged:
 
     def _why(self) -> str | None:
         """Return why a single finished result failed; None for any other."""
-        if isinstance(status := self.status, Tracer) or status.ndim > self._axes:
+        if isinstance(status := self.status, Tracer) or status.ndim > type(self)._axes:
             return None
         last = int(np.asarray(status).flat[-1])
         # Most calls succeed, and a search of all leaves takes as long as a small solve.

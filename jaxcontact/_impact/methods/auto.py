@@ -47,9 +47,7 @@ class Exact(AbstractMethod):
 
 
 class Auto(Exact):
-    """The cheapest correct method: the closed form if there is one, else an event solve. It chooses
-    one of the two, and knows the e of a form whose times are unknown.
-    """
+    """The cheapest correct method: the closed form if there is one, else an event solve."""
 
     name: ClassVar[str] = "auto"
 
