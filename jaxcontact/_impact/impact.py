@@ -75,8 +75,8 @@ def impact(
     """
     how, begun = method_of(method), None
     formula = how if external_force is None and type(how).has_formula else None
-    plain = external_force is None and type(velocity) is float and SPEED.holds(velocity)
-    if plain and type(contact) is Contact and issubclass(type(law), AbstractLaw):
+    ours = type(contact) is Contact and issubclass(type(law), AbstractLaw)
+    if ours and external_force is None and type(velocity) is float and SPEED.holds(velocity):
         begun = _begun(Problem(law, contact.normal, velocity, None), formula, again=True)
     if begun is None:
         problem = problem_of(law, contact, velocity, external_force)
