@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import operator
-from typing import cast
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -13,9 +13,9 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ._entry import (
     POSITIVE,
+    OfNumbers,
     Range,
     Specialised,
-    as_number,
     as_parameter,
     is_plain,
     optional_parameter,
@@ -97,7 +97,7 @@ def _hertz(
     return 4 / 3 * jnp.sqrt(radius) / compliance, 4 * compliance / shear
 
 
-class Contact(eqx.Module):
+class Contact(OfNumbers):
     """One contact: the effective mass and the elastic force K δⁿ.
 
     - `mass`: m > 0 in kg, the effective mass m1 m2/(m1+m2).
@@ -116,7 +116,9 @@ class Contact(eqx.Module):
     stiffness: Float[Array, "..."] = parameter("stiffness", POSITIVE)
     # `__init__` always sets it. The default is required because the fields before have one.
     _exponent: Specialised = eqx.field(default=Specialised(1.5))
-    tangential_ratio: Float[Array, "..."] | None = optional_parameter(POSITIVE, "-")
+    tangential_ratio: Float[Array, "..."] | None = optional_parameter(
+        "tangential_ratio", POSITIVE, "-"
+    )
 
     @refuses_unknown
     def __init__(
@@ -126,16 +128,10 @@ class Contact(eqx.Module):
         exponent: ArrayLike = 1.5,
         tangential_ratio: ArrayLike | None = None,
     ):
-        # Both fields have converters.
-        self.mass, self.stiffness = cast(Array, mass), cast(Array, stiffness)
-        if tangential_ratio is not None:
-            tangential_ratio = as_parameter(tangential_ratio, "tangential_ratio", POSITIVE)
-        self.tangential_ratio = tangential_ratio
-        as_number(exponent, "exponent", EXPONENT)
-        if is_plain(exponent):
-            self._exponent = specialised(float(exponent))
-        else:
-            self._exponent = Specialised(None, as_parameter(exponent, "exponent", EXPONENT))
+        # The fields have converters.
+        numbers: Any = (mass, stiffness, tangential_ratio)
+        self.mass, self.stiffness, self.tangential_ratio = numbers
+        self._exponent = specialised(exponent, "exponent", EXPONENT)
 
     def __repr__(self) -> str:
         return (
@@ -148,7 +144,10 @@ class Contact(eqx.Module):
         """The contact without its tangential ratio, which no normal impact needs."""
         if self.tangential_ratio is None:
             return self
-        return eqx.tree_at(lambda contact: contact.tangential_ratio, self, None)
+        # `equinox.tree_at` takes longer than to solve an impact.
+        contact = object.__new__(type(self))
+        vars(contact).update(vars(self), tangential_ratio=None)
+        return contact
 
     @property
     def exponent(self) -> float | Float[Array, "..."]:

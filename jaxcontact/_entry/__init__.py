@@ -12,6 +12,7 @@ from .choices import require_function as require_function
 from .choices import require_kind as require_kind
 from .choices import require_path as require_path
 from .choices import shown as shown
+from .module_fields import OfNumbers as OfNumbers
 from .module_fields import Specialised as Specialised
 from .module_fields import is_valid as is_valid
 from .module_fields import optional_parameter as optional_parameter

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Any
+import inspect
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, ArrayLike, Bool
 
-from .numbers import REAL, Range, as_parameter
+from .numbers import REAL, Range, as_leaf, as_number, as_parameter, is_plain
 
 
 class Specialised(eqx.Module):
@@ -28,10 +30,50 @@ class Specialised(eqx.Module):
         return self.traced
 
 
-@functools.lru_cache(maxsize=64)
-def specialised(number: float) -> Specialised:
-    """Return a static number from a cache, which is faster than creating it again."""
-    return Specialised(number)
+def specialised(value: ArrayLike, name: str, allowed: Range) -> Specialised:
+    """Return a number in `allowed`: static if it is plain, otherwise a leaf."""
+    if is_plain(value):
+        as_number(value, name, allowed)
+        return Specialised(float(value))
+    return Specialised(None, as_parameter(value, name, allowed))
+
+
+class _OfNumbers(type(eqx.Module)):
+    """Builds modules of this package from Python numbers in a third of Equinox's time: all with the
+    same options have the structure of an example. Classes of users may treat numbers otherwise.
+    """
+
+    def __call__(cls: Any, *args: Any, **given: Any) -> Any:
+        if cls.__module__.startswith("jaxcontact."):
+            numbers, options = [], [*args, *given.values()]
+            for place, allowed in _places(cls, len(args), *given):
+                number, options[place] = options[place], allowed.inside
+                numbers.append(number if type(number) is float and allowed.holds(number) else None)
+            if None not in numbers and {bool, int, float}.issuperset(map(type, options)):
+                return _structure(cls, tuple(given), *options).unflatten(map(as_leaf, numbers))
+        return super().__call__(*args, **given)
+
+
+@functools.lru_cache(maxsize=256)
+def _places(cls: Any, count: int, *names: str) -> list[tuple[int, Range]]:
+    """Return the places of the numbers among the arguments, in the order of the leaves."""
+    order = [*list(inspect.signature(cls).parameters)[:count], *names]
+    return [(order.index(name), one) for name, one in ranges(cls).items() if name in order]
+
+
+@functools.lru_cache(maxsize=256, typed=True)
+def _structure(cls: Any, names: tuple[str, ...], *values: Any) -> Any:
+    count = len(values) - len(names)
+    named = zip(names, values[count:], strict=True)
+    return jax.tree.structure(type(eqx.Module).__call__(cls, *values[:count], **dict(named)))
+
+
+if TYPE_CHECKING:
+    OfNumbers = eqx.Module
+else:
+
+    class OfNumbers(eqx.Module, metaclass=_OfNumbers):
+        """A module whose numbers are fields declared with `parameter`."""
 
 
 def parameter(name: str, allowed: Range = REAL, unit: str | None = None) -> Any:
@@ -45,9 +87,13 @@ def parameter(name: str, allowed: Range = REAL, unit: str | None = None) -> Any:
     )
 
 
-def optional_parameter(allowed: Range, unit: str | None = None) -> Any:
-    """Declare a field as `parameter` does, which may be None and is converted on entry."""
-    return eqx.field(default=None, metadata={"allowed": allowed, "unit": unit})
+def optional_parameter(name: str, allowed: Range, unit: str | None = None) -> Any:
+    """Declare a field as `parameter` does, which may be None."""
+
+    def convert(value: ArrayLike | None) -> Array | None:
+        return None if value is None else as_parameter(value, name, allowed)
+
+    return eqx.field(default=None, converter=convert, metadata={"allowed": allowed, "unit": unit})
 
 
 def ranges(module: eqx.Module | type[eqx.Module]) -> dict[str, Range]:

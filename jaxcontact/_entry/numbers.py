@@ -55,7 +55,7 @@ def as_parameter(value: ArrayLike, name: str, allowed: Range = REAL) -> Array:
     flag. Arrays and traced values pass; `impact` flags their bad lanes.
     """
     if type(value) is float and allowed.holds(value):
-        return _weakly_typed(value)
+        return as_leaf(value)
     array = value if isinstance(value, jax.Array) else _from_python(value, name, allowed)
     if not _is_real(array.dtype):
         raise _not_a_number(value, name)
@@ -64,7 +64,7 @@ def as_parameter(value: ArrayLike, name: str, allowed: Range = REAL) -> Array:
 
 # A Python number stays weakly typed and takes the precision of the arrays it is combined with. The
 # compiled identity creates an array in a third of the time of `jnp.asarray`.
-_weakly_typed = jax.jit(lambda number: number, inline=True)
+as_leaf = jax.jit(lambda number: number, inline=True)
 
 
 def as_number(value: ArrayLike, name: str, allowed: Range = REAL) -> float | Array:
@@ -80,7 +80,7 @@ def _from_python(value: Any, name: str, allowed: Range) -> Array:
     if scalar and not allowed.holds(float(plain)):
         raise ValueError(f"Argument `{name}` must be in {allowed}, but is {rendered(value)}.")
     if isinstance(value, int | float):
-        return _weakly_typed(float(value))
+        return as_leaf(float(value))
     # Without double precision JAX would wrap large integers around.
     whole = jnp.issubdtype(plain.dtype, jnp.integer)
     # Unlike `asarray` this compiles nothing, for any shape.

@@ -345,7 +345,7 @@ class MawBarberFawcett(AbstractFriction):
     """
 
     mu: Float[Array, "..."] = parameter("mu", NOT_NEGATIVE)
-    ratio: Float[Array, "..."] | None = optional_parameter(POSITIVE, "-")
+    ratio: Float[Array, "..."] | None = optional_parameter("ratio", POSITIVE, "-")
 
     @refuses_unknown
     def __init__(self, mu: ArrayLike, ratio: ArrayLike | None = None):

@@ -42,7 +42,7 @@ class SpringSlider(AbstractFriction):
     """
 
     mu: Float[Array, "..."] = parameter("mu", NOT_NEGATIVE)
-    ratio: Float[Array, "..."] | None = optional_parameter(POSITIVE, "-")
+    ratio: Float[Array, "..."] | None = optional_parameter("ratio", POSITIVE, "-")
     form: Literal["force", "displacement", "rescaled"] = eqx.field(static=True, default="force")
 
     @refuses_unknown

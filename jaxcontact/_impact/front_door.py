@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
 import equinox as eqx
@@ -172,7 +173,7 @@ def lanes_of(problem: Problem, peak: bool = False, speeds: Range = SPEED) -> Lan
     law = sanitised(problem.law)
     form, good_form = law.form(contact, scale).sound()
     peak = peak and push is not None and law.refers_to_peak
-    if peak and not _same_at_all_speeds(law):
+    if peak and not is_known(lambda law: law.damping_factor(None, None), law):
         alpha = cast(HuntCrossleyForm, form).alpha
         form = SpeedDependentForm(
             alpha=alpha, tension=law.tension, law=law, contact=contact, scale=scale
@@ -188,10 +189,9 @@ def lanes_of(problem: Problem, peak: bool = False, speeds: Range = SPEED) -> Lan
     )
 
 
-def _same_at_all_speeds(law: AbstractLaw) -> bool:
-    """Return whether a law has an α that is independent of contact and speed."""
+def is_known(number: Callable[[AbstractLaw], Any], law: AbstractLaw) -> bool:
+    """Return whether a law has a number of this kind, without the arguments that it lacks here."""
     try:
-        jax.eval_shape(lambda law: law.damping_factor(None, None), law)
-    except (TypeError, ValueError):
+        return jax.eval_shape(number, law) is not None
+    except (TypeError, ValueError):  # the law needs the speed
         return False
-    return True

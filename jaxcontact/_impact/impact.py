@@ -8,6 +8,7 @@ import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
@@ -25,9 +26,9 @@ from .._entry import (
 )
 from .._forms import ScaledImpact, scale_of
 from .._laws import AbstractLaw, require_law
-from .._program import program, soon_compiled, traced
+from .._program import program, quick, soon_options, traced
 from .._text.failure import checked
-from .front_door import SPEED, Lanes, Problem, lanes_of, problem_of, uniform
+from .front_door import SPEED, Lanes, Problem, is_known, lanes_of, problem_of, uniform
 from .methods.auto import method_of
 from .methods.method import AbstractMethod
 from .result import Impact, Status
@@ -72,25 +73,38 @@ def impact(
     Source: the energy integral of Hunt & Crossley (1975), doi 10.1115/1.3423596, and the references
     of the laws.
     """
-    problem = problem_of(law, contact, velocity, external_force)
-    throw = require_flag("throw", throw)
-    return checked(_impact(problem, method_of(method)), throw, "impact")
+    how, begun = method_of(method), None
+    formula = how if external_force is None and type(how).has_formula else None
+    ours = type(contact) is Contact and issubclass(type(law), AbstractLaw)
+    if ours and external_force is None and type(velocity) is float and SPEED.holds(velocity):
+        begun = _begun(Problem(law, contact.normal, velocity, None), formula, again=True)
+    if begun is None:
+        problem = problem_of(law, contact, velocity, external_force)
+        # Under differentiation one program is used, since the second of two would differentiate by
+        # all outputs of the first.
+        begun = _at_once(problem, how) if traced(problem) else _begun(problem, formula)
+    found = begun if type(begun) is Impact else _solved(begun, how)
+    return checked(found, throw is True or require_flag("throw", throw), "impact")
 
 
-def _impact(problem: Problem, method: AbstractMethod) -> Impact:
-    """Solve by one program if there is a formula, which is faster to call, else by two.
-
-    With two programs, a small one evaluates the law, and laws of one form share the solve. Under
-    differentiation one program is used, since the second of two would differentiate by all outputs
-    of the first.
+@program
+def _begun(problem: Problem, method: AbstractMethod | None) -> Impact | Lanes:
+    """Return the impact if the method has a formula for it, which is faster to call, else its
+    lanes. Laws of one form share the program that solves these.
     """
-    if traced(problem):
-        return _at_once(problem, method)
-    if method.has_formula and problem.external_force is None:
-        found = _by_formula(problem, method)
-        if found is not None:
-            return found
-    return _solved(_lanes(problem), method)
+    lanes = lanes_of(problem)
+    chosen = None if method is None else method.chosen(lanes.form, False)
+    if chosen is None or not chosen.has_formula:
+        return lanes
+    scaled = chosen.solve(lanes)
+    if not lanes.shape:
+        # XLA computes what results share for each of them, but does not look into a branch. It runs
+        # a program of few operations in the caller's thread. A handover takes as long as a program.
+        numbers, rest = eqx.partition((lanes, scaled), eqx.is_array)
+        zeros = functools.partial(jax.tree.map, jnp.zeros_like)
+        numbers = jax.lax.cond(lanes.valid, lambda numbers: numbers, zeros, numbers)
+        lanes, scaled = eqx.combine(numbers, rest)
+    return summary(lanes, chosen, scaled)
 
 
 class Landing(NamedTuple):
@@ -135,27 +149,13 @@ def landing(problem: Problem, method: AbstractMethod, peak: bool = False) -> Lan
     return Landing(hit, depth, result(scaled.spare_energy, 2 * lanes.scale.energy))
 
 
-@program
-def _at_once(problem: Problem, method: AbstractMethod) -> Impact:
-    lanes = lanes_of(problem)
+def _of_lanes(lanes: Lanes, method: AbstractMethod) -> Impact:
     chosen = method.chosen(lanes.form, lanes.push is not None)
     return summary(lanes, chosen, chosen.solve(lanes))
 
 
-@program
-def _by_formula(problem: Problem, method: AbstractMethod) -> Impact | None:
-    lanes = lanes_of(problem)
-    chosen = method.chosen(lanes.form, lanes.push is not None)
-    return summary(lanes, chosen, chosen.solve(lanes)) if chosen.has_formula else None
-
-
-_lanes = program(lanes_of)
-
-
-@program
-def _solved(lanes: Lanes, method: AbstractMethod) -> Impact:
-    chosen = method.chosen(lanes.form, lanes.push is not None)
-    return summary(lanes, chosen, chosen.solve(lanes))
+_solved = program(_of_lanes)
+_at_once = program(lambda problem, method: _of_lanes(lanes_of(problem), method))
 
 
 def summary(lanes: Lanes, method: AbstractMethod, scaled: ScaledImpact) -> Impact:
@@ -224,7 +224,10 @@ def restitution(
         require_contact(contact)
     how = method_of(method)
     if contact is not None and velocity is not None:
-        return _restitution(problem_of(law, contact, velocity), how)
+        e = None
+        if type(velocity) is float and SPEED.holds(velocity):
+            e = _restitution(Problem(law, contact.normal, velocity, None), how, again=True)
+        return _restitution(problem_of(law, contact, velocity), how) if e is None else e
     speed = None if velocity is None else as_number(velocity, "velocity", SPEED)
     require_broadcast(law=law, contact=contact, velocity=speed)
     e = _restitution_alone((law, contact, speed), how)
@@ -279,14 +282,10 @@ def restitution_at_any_speed(
 
 def restitution_is_constant(law: AbstractLaw, contact: Contact | None) -> bool:
     """Return whether e is known to be the same at every speed."""
-    try:
-        found = jax.eval_shape(lambda law: law.form(contact, None).restitution(), law)
-    except (TypeError, ValueError):  # the law needs the speed
-        return False
-    return found is not None
+    return is_known(lambda law: law.form(contact, None).restitution(), law)
 
 
-@soon_compiled
+@functools.partial(quick, options=soon_options)
 def restitutions(
     laws: tuple[Callable[..., AbstractLaw], ...], e: Float[Array, "laws n"]
 ) -> list[Float[Array, " n"] | None]:

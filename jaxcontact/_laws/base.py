@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import (
+    OfNumbers,
     as_parameter,
     rendered,
     require_broadcast,
@@ -56,7 +57,7 @@ class Instant(NamedTuple):
     impact_velocity: ArrayLike
 
 
-class AbstractLaw(eqx.Module):
+class AbstractLaw(OfNumbers):
     """A contact law: parameters as leaves, and the force they define.
 
     A subclass with a `force` works in `impact`, `trajectory`, `restitution` and under every JAX

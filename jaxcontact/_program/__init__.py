@@ -3,7 +3,7 @@
 from .compiled import FEW as FEW
 from .compiled import quick as quick
 from .compiled import side_by_side as side_by_side
-from .compiled import soon_compiled as soon_compiled
+from .compiled import soon_options as soon_options
 from .linear import Map as Map
 from .outside import Found as Found
 from .outside import derived as derived

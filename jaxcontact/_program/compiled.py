@@ -46,47 +46,13 @@ def side_by_side(jobs: Iterable[Callable[[], Out]], at_once: int = 2) -> Generat
                 one.cancel()
 
 
-def soon_compiled(function: Callable[..., Out]) -> Callable[..., Out]:
-    """Return `equinox.filter_jit` of a function that takes longer to compile than to run. It must
-    not be traced itself. On a CPU, XLA compiles each loop through MLIR; its older, direct way takes
-    half the time. Searches compiled so run 1.4 times as long.
-    """
-
-    @functools.cache
-    def compiled() -> Callable[..., Out]:
-        # It passes unknown arguments on to `jax.jit`, which its type omits.
-        jit: Any = eqx.filter_jit
-        return jit(function, compiler_options=soon_options())
-
-    @functools.wraps(function)
-    def call(*arguments: Any) -> Out:
-        return compiled()(*arguments)
-
-    return call
-
-
-def quick(function: Callable[..., Out], most: float = math.inf) -> Callable[..., Out]:
-    """Return `equinox.filter_jit` of a function that runs a few times, compiled four times faster.
-    Within another program or a derivative, it is compiled as a part of it. If the arguments hold
-    more numbers than `most`, it is compiled as usual.
-    """
-
-    @functools.cache
-    def compiled(alone: bool) -> Callable[..., Out]:
-        jit: Any = eqx.filter_jit
-        return jit(function, compiler_options=quick_options()) if alone else jit(function)
-
-    @functools.wraps(function)
-    def call(*arguments: Any) -> Out:
-        size = sum(leaf.size for leaf in jax.tree.leaves(arguments) if isinstance(leaf, jax.Array))
-        return compiled(size <= most and untraced())(*arguments)
-
-    return call
-
-
 @functools.cache
 def soon_options() -> dict[str, Any] | None:
-    """Return CPU compiler options; None for other devices, or if this JAX has no such options."""
+    """Return CPU compiler options; None for other devices, or if this JAX has no such options.
+
+    XLA compiles each loop through MLIR. Its older, direct way takes half the time; searches
+    compiled so run 1.4 times as long.
+    """
     return _known({"xla_cpu_use_fusion_emitters": False})
 
 
@@ -102,6 +68,28 @@ def quick_options() -> dict[str, Any] | None:
     # A JAX that lacks the option of `soon_options` may have these.
     soon = soon_options()
     return _known(options) if soon is None else soon | options
+
+
+def quick(
+    function: Callable[..., Out], most: float = math.inf, options: Callable[[], Any] = quick_options
+) -> Callable[..., Out]:
+    """Return `equinox.filter_jit` of a function that runs a few times, compiled four times faster,
+    or by other `options`. Within another program or a derivative, it is compiled as a part of it.
+    If the arguments hold more numbers than `most`, it is compiled as usual.
+    """
+
+    @functools.cache
+    def compiled(alone: bool) -> Callable[..., Out]:
+        # It passes unknown arguments on to `jax.jit`, which its type omits.
+        jit: Any = eqx.filter_jit
+        return jit(function, compiler_options=options()) if alone else jit(function)
+
+    @functools.wraps(function)
+    def call(*arguments: Any) -> Out:
+        size = sum(leaf.size for leaf in jax.tree.leaves(arguments) if isinstance(leaf, jax.Array))
+        return compiled(size <= most and untraced())(*arguments)
+
+    return call
 
 
 def _known(options: dict[str, Any]) -> dict[str, Any] | None:

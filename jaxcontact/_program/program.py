@@ -29,12 +29,16 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
     A few numbers are computed by a program that compiles in half the time. A derivative of concrete
     scalars, as by `jax.grad` outside of `jit`, needs one such program for the outcome and its
     slopes. The derivative is the product of the slopes with the tangents.
+
+    With `again=True` it returns None, unless all numbers are scalars outside of any trace and were
+    computed in the same structure before. What belongs to the structure needs no new check then.
     """
     with_choices = eqx.filter_jit(function)
+    computed = set()
 
     @functools.lru_cache(maxsize=_MOST_STRUCTURES)
-    def with_numbers(structure: Any, few: bool) -> Callable[..., Out]:
-        options = soon_options() if few else None
+    def with_numbers(structure: Any, soon: bool) -> Callable[..., Out]:
+        options = soon_options() if soon else None
         return jax.jit(_of_leaves(function, structure), compiler_options=options)
 
     @functools.lru_cache(maxsize=_MOST_STRUCTURES)
@@ -42,17 +46,28 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
         return _differentiable(_of_leaves(function, structure), kinds)
 
     @functools.wraps(function)
-    def call(numbers: Any, *choices: Any) -> Out:
+    def call(numbers: Any, *choices: Any, again: bool = False) -> Any:
         leaves, structure = jax.tree.flatten((numbers, *choices))
+        plain = _are_numbers(*map(type, leaves))
+        if again:
+            ready = plain and structure in computed and untraced()
+            several = any(getattr(leaf, "shape", ()) for leaf in leaves)
+            return with_numbers(structure, True)(*leaves) if ready and not several else None
         if all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(choices)):
-            if all(_is_number(type(leaf)) for leaf in leaves):
+            if plain:
                 few = sum(1 if type(leaf) is float else leaf.size for leaf in leaves) <= FEW
-                return with_numbers(structure, few and untraced())(*leaves)
-            if all(map(_is_scalar, leaves)) and known_beneath(leaves):
+                soon = few and untraced()
+                found = with_numbers(structure, soon)(*leaves)
+                if soon and len(computed) < _MOST_STRUCTURES:
+                    computed.add(structure)
+                return found
+            one = (type(x) is float or (isinstance(x, jax.Array) and x.ndim == 0) for x in leaves)
+            if all(one) and known_beneath(leaves):
                 differentiable = with_slopes(structure, tuple(map(jax.typeof, leaves)))
                 if differentiable is not None:
                     return differentiable(*leaves)
-        return with_choices(jax.tree.map(_as_number, numbers), *choices)
+        given = jax.tree.map(lambda x: jnp.asarray(x) if type(x) is float else x, numbers)
+        return with_choices(given, *choices)
 
     return call
 
@@ -136,14 +151,6 @@ _MOST_STRUCTURES = 256
 """The number of programs kept for a function; a user's law adds one for each function in it."""
 
 
-@functools.cache
-def _is_number(kind: type) -> bool:
-    return issubclass(kind, jax.Array | float)
-
-
-def _is_scalar(leaf: Any) -> bool:
-    return type(leaf) is float or (isinstance(leaf, jax.Array) and leaf.ndim == 0)
-
-
-def _as_number(leaf: Any) -> Any:
-    return jnp.asarray(leaf) if type(leaf) is float else leaf
+@functools.lru_cache(maxsize=_MOST_STRUCTURES)
+def _are_numbers(*kinds: type) -> bool:
+    return all(issubclass(kind, jax.Array | float) for kind in kinds)

@@ -14,7 +14,6 @@ from .._contact import EXPONENT
 from .._entry import (
     POSITIVE,
     Specialised,
-    as_number,
     as_parameter,
     is_plain,
     parameter,
@@ -154,11 +153,7 @@ class System(eqx.Module):
         self.mass, self.force = _function("mass", mass), _function("force", force)
         self.gap, self.law = _function("gap", gap), require_law(law)
         self.stiffness = as_parameter(stiffness, "stiffness", POSITIVE)
-        as_number(exponent, "exponent", EXPONENT)
-        if is_plain(exponent):
-            self._exponent = specialised(float(exponent))
-        else:
-            self._exponent = Specialised(None, as_parameter(exponent, "exponent", EXPONENT))
+        self._exponent = specialised(exponent, "exponent", EXPONENT)
         if friction is not None:
             _require_friction(friction)
             require_no_adhesion(self.law, "in a mechanism with friction")

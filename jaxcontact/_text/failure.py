@@ -57,9 +57,9 @@ class Flagged:
 
     def _why(self) -> str | None:
         """Return why a single finished result failed; None for any other."""
-        if isinstance(self.status, Tracer) or self.status.ndim > self._axes:
+        if isinstance(status := self.status, Tracer) or status.ndim > type(self)._axes:
             return None
-        last = int(np.asarray(self.status).flat[-1])
+        last = int(np.asarray(status).flat[-1])
         # Most calls succeed, and a search of all leaves takes as long as a small solve.
         if last not in self._failures or any(isinstance(x, Tracer) for x in jax.tree.leaves(self)):
             return None

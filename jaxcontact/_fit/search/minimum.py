@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..._program import quick, soon_compiled
+from ..._program import quick, soon_options
 from ..problem.problem import FitProblem, Point, shortened, shortened_slope
 from .levenberg_marquardt import Path, SearchOptions, search
 from .trust_region import scale_of
@@ -92,7 +92,7 @@ _FEW_POINTS = 1000
 
 _compiled = eqx.filter_jit(_run_search)
 _quickly_compiled = quick(_run_search)
-_soon_compiled = soon_compiled(_run_search)
+_soon_compiled = quick(_run_search, options=soon_options)
 _compiled_all = eqx.filter_jit(eqx.filter_vmap(_run_search, in_axes=(None, 0, None)))
 
 

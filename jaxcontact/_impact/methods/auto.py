@@ -25,7 +25,7 @@ class Exact(AbstractMethod):
     name: ClassVar[str] = "exact"
     has_formula: ClassVar[bool] = True
 
-    def chosen(self, form: AbstractForm, pushed: bool) -> Exact:
+    def chosen(self, form: AbstractForm, pushed: bool) -> AbstractMethod:
         """Return the method itself if the form has a closed form and no external force acts."""
         if pushed or not form.closed_form:
             so = "an external force acts" if pushed else "the law has none (see `jaxcontact.Exact`)"
@@ -46,21 +46,13 @@ class Exact(AbstractMethod):
         return form.restitution()
 
 
-class Auto(AbstractMethod):
+class Auto(Exact):
     """The cheapest correct method: the closed form if there is one, else an event solve."""
 
     name: ClassVar[str] = "auto"
-    has_formula: ClassVar[bool] = True
 
     def chosen(self, form: AbstractForm, pushed: bool) -> AbstractMethod:
         return Exact() if form.closed_form and not pushed else Event()
-
-    def restitution(self, form: AbstractForm) -> Lane | None:
-        """Return the e of the form, which may be known where the times are not."""
-        return form.restitution()
-
-    def solve(self, lanes: Lanes) -> ScaledImpact:
-        return self.chosen(lanes.form, lanes.push is not None).solve(lanes)
 
 
 NAMED: dict[str, AbstractMethod] = {m.name: m for m in (Auto(), Exact(), Phase(), Event())}

@@ -12,7 +12,6 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..._entry import (
     POSITIVE,
-    as_parameter,
     concrete,
     optional_parameter,
     parameter,
@@ -41,11 +40,13 @@ class RoundBodies(eqx.Module):
     """
 
     radius: Float[Array, "..."] = parameter("radius", POSITIVE)
-    other_radius: Float[Array, "..."] | None = optional_parameter(POSITIVE, "m")
-    mass: Float[Array, "..."] | None = optional_parameter(POSITIVE, "kg")
-    other_mass: Float[Array, "..."] | None = optional_parameter(POSITIVE, "kg")
-    inertia: Float[Array, "..."] | None = optional_parameter(POSITIVE, "kg m^2")
-    other_inertia: Float[Array, "..."] | None = optional_parameter(POSITIVE, "kg m^2")
+    other_radius: Float[Array, "..."] | None = optional_parameter("other_radius", POSITIVE, "m")
+    mass: Float[Array, "..."] | None = optional_parameter("mass", POSITIVE, "kg")
+    other_mass: Float[Array, "..."] | None = optional_parameter("other_mass", POSITIVE, "kg")
+    inertia: Float[Array, "..."] | None = optional_parameter("inertia", POSITIVE, "kg m^2")
+    other_inertia: Float[Array, "..."] | None = optional_parameter(
+        "other_inertia", POSITIVE, "kg m^2"
+    )
     shape: Literal["sphere", "shell", "disc"] = eqx.field(static=True, default="sphere")
 
     @refuses_unknown
@@ -60,11 +61,10 @@ class RoundBodies(eqx.Module):
         other_inertia: ArrayLike | None = None,
         shape: Literal["sphere", "shell", "disc"] = "sphere",
     ):
-        self.radius = as_parameter(radius, "radius", POSITIVE)
-        self.other_radius = _given("other_radius", other_radius)
-        self.mass, self.other_mass = _given("mass", mass), _given("other_mass", other_mass)
-        self.inertia = _given("inertia", inertia)
-        self.other_inertia = _given("other_inertia", other_inertia)
+        # The fields have converters.
+        numbers: Any = (radius, other_radius, mass, other_mass, inertia, other_inertia)
+        self.radius, self.other_radius, self.mass, self.other_mass = numbers[:4]
+        self.inertia, self.other_inertia = numbers[4:]
         require_choice("shape", shape, INERTIA)
         self.shape = shape
         if other_radius is None and not (other_mass is None and other_inertia is None):
@@ -150,7 +150,3 @@ def require_bodies(value: Any) -> RoundBodies | NamedShape:
         return NamedShape(require_choice("bodies", "sphere" if value is None else value, INERTIA))
     allowed = f"a `RoundBodies`, {', '.join(map(repr, INERTIA))} or None"
     return require_kind("bodies", value, RoundBodies, allowed)
-
-
-def _given(name: str, value: ArrayLike | None) -> Float[Array, "..."] | None:
-    return None if value is None else as_parameter(value, name, POSITIVE)
