@@ -66,7 +66,7 @@ def with_one_or_two(arrays: Tree, who: Int[Array, " M"], rows: Any) -> Tree:
         if old:
             flags = there if all.ndim == 1 else jax.lax.broadcast_in_dim(there, new.shape, (0,))
             new = jax.lax.select(flags, new, *old)
-        # XLA moves a row from beyond the end to the last one. The first may be there, so it follows.
+        # XLA moves a row from beyond the end to the last one, where the first may be.
         for k in reversed(range(len(starts))):
             start = (starts[k], *(0,) * (all.ndim - 1))
             row = jax.lax.slice_in_dim(new, k, k + 1)
