@@ -22,18 +22,42 @@ Out = TypeVar("Out")
 _FEW = 16
 
 
-def over_lanes(solve: Callable[[In], Out], problem: In) -> Out:
+_CHUNK = 64
+"""Lanes that a CPU solves together. More do not fit its caches, and wait for the slowest one."""
+
+
+def over_lanes(solve: Callable[[In], Out], problem: In, chunks: bool = False) -> Out:
     """Apply `solve` to every lane of `problem`, whose leaves broadcast against each other. The
     outcome has the broadcast shape. Callers leave leaves that are equal in all lanes unbroadcast,
-    so that a batch costs only its distinct problems.
+    so that a batch costs only its distinct problems. `chunks`: whether a CPU solves a large batch
+    in chunks.
     """
     leaves, structure = jax.tree.flatten(problem)
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
     if shape == ():
         return solve(problem)
     flat = [jnp.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves]
-    outcome = jax.vmap(solve)(jax.tree.unflatten(structure, flat))
+    over = _over_chunks if chunks and jax.default_backend() == "cpu" else jax.vmap
+    outcome = over(solve)(jax.tree.unflatten(structure, flat))
     return jax.tree.map(lambda out: out.reshape(shape + out.shape[1:]), outcome)
+
+
+def _over_chunks(solve: Callable[[In], Out]) -> Callable[[In], Out]:
+    """Return `vmap(solve)`, one chunk after another.
+
+    Two such loops side by side would use two cores, but take 1.6 times as long to compile.
+    """
+
+    def over(problem: In) -> Out:
+        lanes = jax.tree.leaves(problem)[0].size
+
+        def cut(leaf: jax.Array) -> jax.Array:
+            return jnp.pad(leaf, (0, -lanes % _CHUNK), mode="edge").reshape(-1, _CHUNK)
+
+        outcome = jax.lax.map(jax.vmap(solve), jax.tree.map(cut, problem))
+        return jax.tree.map(lambda out: out.reshape(-1, *out.shape[2:])[:lanes], outcome)
+
+    return over
 
 
 @eqx.filter_jit

@@ -95,11 +95,13 @@ class Event(AbstractMethod):
         """Apply `solve_lane(motion, how=self, many=)` to every distinct lane, with derivatives."""
         ours = self.solver is None and self.adjoint is None
         shape = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(motion)))
-        lane = eqx.Partial(solve_lane, how=self, many=ours and math.prod(shape) >= MANY)
+        many = ours and math.prod(shape) >= MANY
+        lane = eqx.Partial(solve_lane, how=self, many=many)
         rtol, _ = self.tolerances(jax.tree.leaves(motion)[0].dtype)
         motion = dataclasses.replace(motion, smooth=rtol <= _FOR_SLOPES)
         # A user's adjoint provides its own derivatives.
-        return over_lanes(lane if self.adjoint is not None else with_sensitivity(lane), motion)
+        lane = lane if self.adjoint is not None else with_sensitivity(lane)
+        return over_lanes(lane, motion, chunks=many)
 
     def tolerances(self, dtype: Any) -> tuple[float, float]:
         """Return the relative and absolute tolerance in a precision."""
