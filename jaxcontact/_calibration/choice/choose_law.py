@@ -26,9 +26,9 @@ from ..pairs.plausible import MEASURED_RESTITUTION
 from .certainty import reduced_of, rivals_of, sure_of, sure_sentence
 from .equivalent_e import Grid, asked_of, delivered_by_laws
 from .kind import AbstractKind, is_identifiable, padded
+from .kinds import kinds_of
 from .law_choice import LawChoice, LawFit
 from .outcomes import columns_of
-from .selection import kinds_of
 from .table import ChoiceTable, errors_of
 from .trend import curve_of, line_of
 

@@ -15,8 +15,8 @@ from jaxtyping import ArrayLike
 from ..._calibration.choice.choose_law import about_the_law, choose
 from ..._calibration.choice.equivalent_e import asked_of, delivered_by_laws
 from ..._calibration.choice.kind import AbstractKind
+from ..._calibration.choice.kinds import kinds_of
 from ..._calibration.choice.law_choice import LawChoice, kind_asked
-from ..._calibration.choice.selection import kinds_of
 from ..._calibration.choice.table import ChoiceTable, errors_of
 from ..._calibration.choice.trend import Curve, Line, line_of
 from ..._calibration.pairs.columns import column

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..._calibration.choice.estimate import Estimate
 from ..._calibration.choice.kind import AbstractKind, is_identifiable
-from ..._calibration.choice.selection import kinds_of
+from ..._calibration.choice.kinds import kinds_of
 from ..._calibration.choice.table import ChoiceTable, errors_of
 from ..._calibration.pairs.outliers import find_outliers
 from ..._calibration.pairs.pairs import LEAST_PAIRS
