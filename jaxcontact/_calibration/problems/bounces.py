@@ -157,6 +157,7 @@ def by_height(first: Column, second: Column, expected: Column) -> Shared:
     shape = None if np.array_equal(same, np.eye(first.size)) else same / np.outer(first, first)
     return Shared(shape, "errors of drop heights {:.2g} mm, scatter of ln h {:.2g} %")
 
+
 _MOST_WRONG = 0.4
 """Largest usable fraction of wrong pairs.
 

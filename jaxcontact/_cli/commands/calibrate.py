@@ -14,10 +14,19 @@ from typing import TYPE_CHECKING
 from ..._text.files import write_all
 from ..._text.progress import Stages, progress_of
 from ..._text.table import wrapped
-from ..air import add_air_options, drag_asked, drag_notes, gravity_asked
-from ..options import InputError, input_errors, positive
+from ..options import (
+    InputError,
+    add_air_options,
+    add_table_options,
+    drag_asked,
+    drag_notes,
+    gravity_asked,
+    in_options,
+    input_errors,
+    positive,
+    table_asked,
+)
 from ..printing import output_path, print_json
-from ..table import add_table_options, in_options, table_asked
 
 if TYPE_CHECKING:
     from ..._flight import Drag
