@@ -26,7 +26,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from ..._contact import Contact, require_contact
 from ..._entry import POSITIVE, require_choice
 from ..._fit import AbstractErrors, Fit, Huber, Positive, fit, refit
-from ..._fit.keywords import FitKeywords, takes
+from ..._fit.fit import FitKeywords, takes
 from ..._flight import (
     STANDARD_GRAVITY,
     Drag,
@@ -41,9 +41,8 @@ from ..._flight import (
 from ..._impact import AbstractMethod, method_of, restitution
 from ..._laws import AbstractLaw, require_law
 from ..._text.units import Shown
-from ..pairs.columns import column, for_each, with_transforms
+from ..pairs.columns import column, for_each, not_shrinking, too_long, with_transforms
 from ..pairs.outliers import THRESHOLD, mark
-from ..pairs.plausible import not_shrinking, too_long
 from ..pairs.reading_noise import estimate_noise
 from .impacts import transforms_of
 from .shared_noise import shared_noise, widening

@@ -13,13 +13,18 @@ from jaxtyping import Array, ArrayLike, Float
 from ..._contact import Contact, require_contact
 from ..._entry import POSITIVE, require_count, require_flag
 from ..._fit import Fit, Positive, fit
-from ..._fit.keywords import FitKeywords, takes
+from ..._fit.fit import FitKeywords, takes
 from ..._functions import chebyshev
 from ..._impact import AbstractMethod, method_of, restitution
 from ..._laws import ConstantDamping, EnergyLoss, PowerDamping
 from ..._text.units import Shown
-from ..pairs.columns import ASKED_AND_DELIVERED, asked_and_delivered, column, with_transforms
-from ..pairs.plausible import MEASURED_RESTITUTION
+from ..pairs.columns import (
+    ASKED_AND_DELIVERED,
+    MEASURED_RESTITUTION,
+    asked_and_delivered,
+    column,
+    with_transforms,
+)
 
 
 class DeliveredByDamping(eqx.Module):

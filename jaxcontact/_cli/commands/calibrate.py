@@ -359,7 +359,7 @@ _BOUNCES = (
 
 def is_friction(arguments: argparse.Namespace) -> bool:
     """Return whether the file holds oblique impacts; InputError for their options beside others."""
-    from ..._lab.oblique.rebounds import is_oblique
+    from ..._lab.calibration.calibrate_friction import is_oblique
 
     if arguments.file is not None and is_oblique(arguments.file, **table_asked(arguments)):
         return True
@@ -374,7 +374,7 @@ def is_friction(arguments: argparse.Namespace) -> bool:
 
 def run_friction(arguments: argparse.Namespace, progress: Stages) -> int:
     """Fit friction laws; return 0, or 1 if a fit did not converge. Raises InputError, OSError."""
-    from ..._lab.oblique.calibrate_friction import calibrate_friction
+    from ..._lab.calibration.calibrate_friction import calibrate_friction
 
     for name in _BOUNCES:
         if getattr(arguments, name) not in (None, "all", []):

@@ -39,9 +39,8 @@ from ..records.all_impacts import (
     summaries,
 )
 from ..records.one_impact import ImpactFit
-from .at_speed import at_speeds
 from .summary import CalibrationSummary
-from .summary_data import PairSummary, RecordingSummary, SpeedBand
+from .summary_data import PairSummary, RecordingSummary, SpeedBand, at_speeds
 
 _SPEED_BANDS = 5
 _PACKAGES = ("jaxcontact", "jax", "optimistix", "numpy")

@@ -22,7 +22,7 @@ from ..._laws import parameters_of
 from ..._text.table import text_table, with_error
 from ..._text.words import counted
 from ..recordings import RecordedPairs, Recording, make_pairs
-from .at_speed import AtSpeed, at_speeds
+from .summary_data import AtSpeed, at_speeds
 
 _SHOWN = 20
 """Balls that are printed without --details."""

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ..._calibration.pairs.plausible import (
+from ..._calibration.pairs.columns import (
     MEASURED_RESTITUTION,
     in_percent,
     length_guess,
@@ -16,8 +16,7 @@ from ..._calibration.pairs.plausible import (
 )
 from ..._flight import Flight, speed_after_drop, speed_to_reach
 from ..._text.words import span
-from ..tables.deviation import FROM_FILE, deviation_of
-from ..tables.heading import Meaning, words
+from ..tables.heading import FROM_FILE, Meaning, deviation_of, words
 from ..tables.sheet import Row
 from .layout import (
     DROP_HEIGHT,

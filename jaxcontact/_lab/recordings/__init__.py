@@ -11,8 +11,8 @@ from ..layouts.layout import register_layout as register_layout
 from ..layouts.rest import Stops
 from ..layouts.track import Tracks
 from ..layouts.track import tracks_of as tracks_of
-from ..tables.deviation import FROM_FILE as FROM_FILE
 from ..tables.fault import RecordingError as RecordingError
+from ..tables.heading import FROM_FILE as FROM_FILE
 from .recorded_pairs import RecordedPairs as RecordedPairs
 from .recorded_pairs import make_pairs as make_pairs
 from .recording import Recording as Recording
