@@ -1,4 +1,4 @@
-"""Measured oblique impacts: checks of their columns, and their outcomes as a prediction of a fit."""
+"""Measured oblique impacts: checks of their columns, and their outcomes as predictions of a fit."""
 
 from __future__ import annotations
 
