@@ -47,7 +47,7 @@ def _show_keywords(function, known):
         passed = known["jaxcontact._fit.fit.fit"].parameters
         changed = {one.arg: ast.unparse(one.value) for one in call.keywords}
         del function.parameters["how"]
-        for name in known[f"jaxcontact._fit.keywords.{ast.unparse(call.args[0])}"].attributes:
+        for name in known[f"jaxcontact._fit.fit.{ast.unparse(call.args[0])}"].attributes:
             shown = griffe.Parameter(
                 name,
                 kind=griffe.ParameterKind.keyword_only,

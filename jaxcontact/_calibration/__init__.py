@@ -9,7 +9,7 @@ from .oblique.choose_friction import choose_friction as choose_friction
 from .oblique.fit_oblique import fit_oblique as fit_oblique
 from .problems.bounces import fit_bounces as fit_bounces
 from .problems.damping import fit_damping as fit_damping
-from .problems.energy_loss import fit_energy_loss as fit_energy_loss
+from .problems.damping import fit_energy_loss as fit_energy_loss
 from .problems.impacts import fit_impacts as fit_impacts
 from .problems.learned_law import AbstractShape as AbstractShape
 from .problems.learned_law import Network as Network

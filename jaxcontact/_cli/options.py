@@ -1,12 +1,18 @@
-"""Numbers and ranges of numbers on the command line, checked on entry."""
+"""Options that several commands have: numbers, tables, gravity and air drag; checked on entry."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
 import math
+import re
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from .._flight import Drag
 
 
 class InputError(ValueError):
@@ -51,10 +57,6 @@ def assignment(text: str, read: Callable[[str], Any], form: str) -> tuple[str, A
     return name, read(value)
 
 
-if TYPE_CHECKING:
-    import numpy as np
-
-
 def span(text: str) -> float | np.ndarray:
     """Return a number, or the numbers of FROM:TO:COUNT or FROM:TO:COUNT:log; for argparse."""
     import numpy as np
@@ -74,3 +76,96 @@ def span(text: str) -> float | np.ndarray:
     if low <= 0 or high <= 0:
         raise argparse.ArgumentTypeError(f"{text!r} must be positive to be spaced by a factor")
     return np.geomspace(low, high, int(parts[2]))
+
+
+def add_table_options(parser: argparse.ArgumentParser) -> None:
+    """Add `--columns`, `--decimal` and `--sheet`."""
+    parser.add_argument(
+        "--columns",
+        metavar="NAME=COLUMN,...",
+        help="columns by number or heading: speed=2,e=5; a unit may follow the name: "
+        "'speed [mm/s]=2'",
+    )
+    parser.add_argument(
+        "--decimal", choices=(".", ","), help="decimal mark, if the file is ambiguous"
+    )
+    parser.add_argument(
+        "--sheet", metavar="NAME", help="sheet of a spreadsheet, by name or number from 1"
+    )
+
+
+def table_asked(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments of a reader for these options."""
+    return {name: getattr(arguments, name) for name in ("columns", "decimal", "sheet")}
+
+
+def in_options(text: str) -> str:
+    """Return the error of a reader, with options in place of arguments."""
+    text = re.sub(r'`(columns|decimal)="([^"]*)"`', r'--\1 "\2"', text)
+    text = re.sub(r"Argument `(columns|decimal|layout|ball|rate|sheet)`", r"--\1", text)
+    return re.sub(r"`(rate|ball|sheet)=?`", r"--\1", text)
+
+
+def add_air_options(parser: argparse.ArgumentParser, *, mass: str | None = None) -> None:
+    """Add `--gravity` and the drag options; `--mass` with these words, if it is not yet defined."""
+    air = parser.add_argument_group(
+        "air drag", "quadratic drag; corrected in the flights if all three are given"
+    )
+    parser.add_argument(
+        "--gravity", metavar="M/S2", type=positive, help="gravity in m/s² (default: 9.81)"
+    )
+    if mass is not None:
+        air.add_argument("--mass", metavar="KG", type=positive, help=mass)
+    for name, metavar, words in (
+        ("--radius", "M", "radius of the ball in m"),
+        ("--drag-coefficient", "CD", "0.4 to 0.5 for a sphere"),
+        ("--air-density", "KG/M3", "in kg/m³ (default: 1.204)"),
+    ):
+        air.add_argument(name, metavar=metavar, type=positive, help=words)
+
+
+def gravity_asked(arguments: argparse.Namespace) -> float:
+    from .._flight import STANDARD_GRAVITY
+
+    return STANDARD_GRAVITY if arguments.gravity is None else arguments.gravity
+
+
+def drag_asked(arguments: argparse.Namespace) -> Drag | None:
+    """Return the drag if mass, radius and coefficient are given, otherwise None.
+
+    Raises InputError for a coefficient or a density of air without the others.
+    """
+    from .._flight import AIR_DENSITY, Drag
+
+    missing = _missing(arguments)
+    if not missing:
+        density = AIR_DENSITY if arguments.air_density is None else arguments.air_density
+        return Drag(arguments.mass, arguments.radius, arguments.drag_coefficient, density)
+    own = {
+        "--drag-coefficient": arguments.drag_coefficient,
+        "--air-density": arguments.air_density,
+    }
+    useless = [name for name, value in own.items() if value is not None]
+    if useless:
+        raise InputError(
+            f"{' and '.join(useless)} alone cannot correct for drag: "
+            f"also give {' and '.join(missing)}"
+        )
+    return None
+
+
+def drag_notes(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Return the note that drag is left out, if only a mass or a radius is given."""
+    missing = _missing(arguments)
+    if not missing or (arguments.mass is None and arguments.radius is None):
+        return ()
+    return (f"air drag is left out: its correction also needs {' and '.join(missing)}",)
+
+
+def _missing(arguments: argparse.Namespace) -> list[str]:
+    named = {
+        "--mass": arguments.mass,
+        "--radius": arguments.radius,
+        "--drag-coefficient": arguments.drag_coefficient,
+    }
+    return [name for name, value in named.items() if value is None]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import functools
+import inspect
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, TypedDict, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +16,7 @@ from jaxtyping import ArrayLike
 from .._entry import (
     POSITIVE,
     as_flag,
+    refuses_unknown,
     rendered,
     require_choice,
     require_count,
@@ -307,3 +310,60 @@ def _listener_of(progress: Any, most: int) -> Iterator[Callable[[Any, Any], Any]
     else:
         with progress_of(progress, "steps", "fit") as bar:
             yield lambda step, loss: bar(int(step), most, f"loss {float(loss):.6g}")
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class SearchKeywords(TypedDict, total=False):
+    """Those of the loss and of the search."""
+
+    loss: str | Huber
+    noise: str
+    optimizer: Any
+    starts: int
+    spread: float
+    seed: int
+    max_steps: int | None
+    patience: int
+    rtol: float
+    reverse: bool
+
+
+class ColumnKeywords(SearchKeywords, total=False):
+    """Those of a fit whose columns have their own standard deviations."""
+
+    weights: Any
+    groups: Any
+    correlation: Any
+    transforms: Any
+    progress: bool | Callable[[int, float], None] | None
+    throw: bool
+
+
+class FitKeywords(ColumnKeywords, total=False):
+    """All but x."""
+
+    sigma: Any
+
+
+def takes(keywords: type, **defaults: Any) -> Callable[[Function], Function]:
+    """Show `keywords` of `fit` in a signature, for its last argument, and refuse unknown ones."""
+    passed = inspect.signature(fit).parameters
+    added = [passed[name] for name in keywords.__annotations__]
+    added = [one.replace(default=defaults.get(one.name, one.default)) for one in added]
+
+    def shown(function: Any) -> Any:
+        signature = inspect.signature(function)
+        *own, _ = signature.parameters.values()
+
+        @functools.wraps(function)
+        def flagging(*given: Any, throw: bool = True, **how: Any) -> Any:
+            throw = require_flag("throw", throw)
+            return checked(function(*given, **how, throw=False), throw, function.__name__)
+
+        passes_on: Any = flagging if "throw" in keywords.__annotations__ else function
+        passes_on.__signature__ = signature.replace(parameters=[*own, *added])
+        return refuses_unknown(passes_on)
+
+    return shown

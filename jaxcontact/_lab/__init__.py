@@ -11,10 +11,10 @@ from typing import Any as _Any
 if _TYPE_CHECKING:
     from .calibration.calibrate import Calibration as Calibration
     from .calibration.calibrate import calibrate as calibrate
+    from .calibration.calibrate_friction import FrictionCalibration as FrictionCalibration
+    from .calibration.calibrate_friction import calibrate_friction as calibrate_friction
     from .calibration.summary import CalibrationSummary as CalibrationSummary
     from .calibration.summary import load_calibration as load_calibration
-    from .oblique.calibrate_friction import FrictionCalibration as FrictionCalibration
-    from .oblique.calibrate_friction import calibrate_friction as calibrate_friction
     from .recordings import Recording as Recording
     from .recordings import RecordingError as RecordingError
     from .recordings import read_recording as read_recording

@@ -22,10 +22,10 @@ from ._scene import scene as scene
 from ._sweep import sweep as sweep
 
 if _TYPE_CHECKING:
-    from .._lab.plots.calibration import calibration as calibration
-    from .._lab.plots.record import record as record
-    from .._lab.plots.sound import sound as sound
-    from .._lab.plots.track import track as track
+    from .._lab.plots import calibration as calibration
+    from .._lab.plots import record as record
+    from .._lab.plots import sound as sound
+    from .._lab.plots import track as track
 
 _OF_THE_LABORATORY = "calibration", "record", "sound", "track"
 
@@ -34,7 +34,7 @@ def __getattr__(name: str) -> _Any:
     # The laboratory stands above this room and imports the shared parts of all plots from it.
     if name not in _OF_THE_LABORATORY:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(_import_module(f"jaxcontact._lab.plots.{name}"), name)
+    return getattr(_import_module("jaxcontact._lab.plots"), name)
 
 
 def __dir__() -> list[str]:

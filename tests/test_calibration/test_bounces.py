@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration.problems.bounces import BounceModel, NextFlight
-from jaxcontact._calibration.problems.trigger_errors import by_triggers
+from jaxcontact._calibration.problems.bounces import BounceModel, NextFlight, by_triggers
 from jaxcontact._flight import duration, landing_speed
 from jaxcontact._lab.recordings import read_recording
 from tests.test_calibration import oracle

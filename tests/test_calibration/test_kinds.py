@@ -7,8 +7,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._calibration.choice.kind import LogRestitution
-from jaxcontact._calibration.choice.kinds import ConstantC
-from jaxcontact._calibration.choice.selection import kinds_of
+from jaxcontact._calibration.choice.kinds import ConstantC, kinds_of
 from tests.test_calibration import oracle
 
 ORACLE = 1e-7

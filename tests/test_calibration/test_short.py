@@ -12,10 +12,14 @@ from jaxcontact._calibration.choice.trend import Curve, Line
 from jaxcontact._calibration.pairs.reading_noise import Noise
 from jaxcontact._fit import Candidate
 from jaxcontact._fit.compare import _verdict
-from jaxcontact._lab.calibration.at_speed import AtSpeed
 from jaxcontact._lab.calibration.full_report import equivalents_sentence, marking_rule
 from jaxcontact._lab.calibration.short_report import cautions, headlines, law_sentence
-from jaxcontact._lab.calibration.summary_data import PairSummary, RecordingSummary, contact_note
+from jaxcontact._lab.calibration.summary_data import (
+    AtSpeed,
+    PairSummary,
+    RecordingSummary,
+    contact_note,
+)
 
 GOOD = {"adequate": True, "grounds": "residuals do not follow x, p = 0.4"}
 BAD = {"adequate": False, "grounds": "residuals follow x, p < 1e-03"}

@@ -245,7 +245,7 @@ def test_export_of_a_law_and_of_a_calibration(tmp_path, capsys):
 
 def test_the_same_e_with_another_contact():
     """Of each kind of law: c/K, and A (K/m)^(2/5), stay."""
-    from jaxcontact._calibration.choice.selection import law_in
+    from jaxcontact._calibration.choice.kinds import law_in
 
     old, new = jc.Contact(1.0, 1.0), jc.Contact(0.2, 3e6)
     for law in (

@@ -8,7 +8,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._cli import main
-from jaxcontact._lab.oblique.rebounds import is_oblique, read_rebounds
+from jaxcontact._lab.calibration.calibrate_friction import is_oblique, read_rebounds
 
 SHIPPED = str(importlib.resources.files("jaxcontact.data") / "oblique_rebounds.csv")
 HEIGHTS = str(importlib.resources.files("jaxcontact.data") / "rebound_heights.csv")

@@ -13,7 +13,7 @@ from benchmarks.records import found_in, one_of, read, summary
 from jaxcontact._cli import main
 from jaxcontact._lab.layouts.instrument import RecordedImpact
 from jaxcontact._lab.report_page.sections import impacts
-from jaxcontact._lab.signals.trace import Trace, noise_of
+from jaxcontact._lab.signals import Trace, noise_of
 
 MASS, STIFFNESS, DAMPING = 0.05, 2e6, 0.15
 RATE = 50e3

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._lab.report_page.html import Html, element, table
+from jaxcontact._lab.report_page.sections import Html, element, table
 from tests.test_lab.simulate import recording
 
 EVIL = "ball<script>alert(1)</script>"

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._lab.plots.calibration import calibration
+from jaxcontact._lab.plots import calibration
 
 
 @pytest.fixture(scope="module")

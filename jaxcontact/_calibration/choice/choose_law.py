@@ -14,21 +14,20 @@ from jaxtyping import ArrayLike, Float
 from ..._contact import Contact, require_contact
 from ..._entry import POSITIVE, as_weights, require_flag
 from ..._fit import CLEAR_AICC, Fit, compared, criteria, groups_of, scatter, undecided
-from ..._fit.keywords import SearchKeywords, takes
+from ..._fit.fit import SearchKeywords, takes
 from ..._program import side_by_side
 from ..._text.progress import stages_of
 from ..._text.words import listed
 from ..design.optimal_rows import shared_out
-from ..pairs.columns import column, for_each
+from ..pairs.columns import MEASURED_RESTITUTION, column, for_each
 from ..pairs.outliers import Outliers, find_outliers
 from ..pairs.pairs import LEAST_PAIRS, Pairs, pairs_of
-from ..pairs.plausible import MEASURED_RESTITUTION
 from .certainty import reduced_of, rivals_of, sure_of, sure_sentence
 from .equivalent_e import Grid, asked_of, delivered_by_laws
 from .kind import AbstractKind, is_identifiable, padded
+from .kinds import kinds_of
 from .law_choice import LawChoice, LawFit
 from .outcomes import columns_of
-from .selection import kinds_of
 from .table import ChoiceTable, errors_of
 from .trend import curve_of, line_of
 

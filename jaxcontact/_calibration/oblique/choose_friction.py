@@ -15,15 +15,14 @@ from jaxtyping import ArrayLike, Bool
 from ..._contact import Contact
 from ..._entry import rendered, require_choice
 from ..._fit import Candidate, Fit, compared, table, undecided
-from ..._fit.keywords import SearchKeywords, takes
+from ..._fit.fit import SearchKeywords, takes
 from ..._friction import AbstractFriction, MawBarberFawcett, RigidCoulomb, WaltonFriction
 from ..._impact import RoundBodies
 from ..._laws import AbstractLaw
 from ..._text.progress import stages_of
 from ..._text.words import counted
 from .fit_oblique import columns_of, fitted
-from .measurements import Measurements, measurements
-from .model import ObliqueModel
+from .measurements import Measurements, ObliqueModel, measurements
 
 _MU, _BETA0, _RATIO = 0.2, 0.3, 0.8
 """Starts; a grid follows."""

@@ -21,15 +21,14 @@ from jaxtyping import Array, ArrayLike, Float
 from ..._contact import Contact
 from ..._entry import Range, ranges
 from ..._fit import Fit, FitData, Fixed, fit
-from ..._fit.keywords import ColumnKeywords, takes
+from ..._fit.fit import ColumnKeywords, takes
 from ..._friction import AbstractFriction
 from ..._friction.base import require_friction
 from ..._impact import RoundBodies
 from ..._laws import AbstractLaw
 from ..._text.words import counted
 from ..pairs.columns import with_transforms
-from .measurements import Measurements, measurements
-from .model import ObliqueModel
+from .measurements import Measurements, ObliqueModel, measurements
 
 Friction = TypeVar("Friction", bound=AbstractFriction)
 

@@ -14,12 +14,11 @@ from jaxtyping import Array, ArrayLike, Float
 from ..._contact import EXPONENT, Contact, require_contact
 from ..._entry import POSITIVE, did_you_mean, rendered
 from ..._fit import AbstractTransform, Between, Fit, Fixed, fit, names_in
-from ..._fit.keywords import ColumnKeywords, takes
+from ..._fit.fit import ColumnKeywords, takes
 from ..._impact import AbstractMethod, impact, method_of
 from ..._laws import AbstractLaw, require_law
 from ..._text.units import Shown
-from ..pairs.columns import column, measured, with_transforms
-from ..pairs.plausible import MEASURED_RESTITUTION_FROM_ZERO
+from ..pairs.columns import MEASURED_RESTITUTION_FROM_ZERO, column, measured, with_transforms
 
 
 class ImpactModel(eqx.Module):

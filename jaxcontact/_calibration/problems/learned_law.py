@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ..._contact import Contact, require_contact
 from ..._entry import RESTITUTION, Range, as_parameter, rendered, require_count, require_number
 from ..._fit import Fit, fit
-from ..._fit.keywords import FitKeywords, takes
+from ..._fit.fit import FitKeywords, takes
 from ..._forms import exact_damping_factor
 from ..._functions import chebyshev
 from ..._impact import AbstractMethod, method_of, restitution

@@ -3,27 +3,43 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import dataclasses
+import io
 import os
 import pathlib
 import re
+from typing import TYPE_CHECKING
 
 from ..._text.files import write_all
-from ..._text.progress import Stages
+from ..._text.progress import Stages, progress_of
 from ..._text.table import wrapped
-from ..air import add_air_options, drag_asked, drag_notes, gravity_asked
-from ..every_ball import ALL, TABLE, run_every_ball
-from ..friction import NUMBERS as NUMBERS
-from ..friction import is_friction, run_friction
-from ..options import InputError, input_errors, positive
-from ..printing import output_path
-from ..table import add_table_options, in_options, table_asked
+from ..options import (
+    InputError,
+    add_air_options,
+    add_table_options,
+    drag_asked,
+    drag_notes,
+    gravity_asked,
+    in_options,
+    input_errors,
+    positive,
+    table_asked,
+)
+from ..printing import output_path, print_json
+
+if TYPE_CHECKING:
+    from ..._flight import Drag
 
 FIGURE = "calibration.png"
+NUMBERS = "calibration.json"
+TABLE = "calibration.csv"
 SOUND = "sound.png"
 RECORD = "record.png"
 TRACK = "track.png"
 REPORT = "calibration.md"
+
+ALL = "all"
 
 SUMMARY = "fit laws to a recording of bounces or to oblique impacts"
 
@@ -259,3 +275,135 @@ def _page(name: str | None, out: pathlib.Path) -> pathlib.Path | None:
             f"`jaxcontact calibrate {name} --report`"
         )
     return output_path("--report", name, SUFFIXES)
+
+
+_OF_ONE = "report", "exponent"
+"""Options of the calibration of one ball."""
+
+
+def run_every_ball(arguments: argparse.Namespace, drag: Drag | None, progress: Stages) -> int:
+    """Fit one law to each ball; return 0, or 1 if a fit did not converge.
+
+    Raises InputError, OSError.
+    """
+    from ..._fit import FitStatus
+    from ..._flight import Flight
+    from ..._lab.calibration.every_ball import calibrate_each, row_of, text_of
+    from ..._lab.recordings import read_recordings
+
+    for name in _OF_ONE:
+        if getattr(arguments, name) is not None:
+            raise InputError(f"--{name} is for one ball, but --ball is {ALL}")
+    if arguments.law == "all":
+        raise InputError(
+            f"--ball {ALL} fits one law to each ball: choose it, as in --law constant_damping or, "
+            "for a constant e, --law exact"
+        )
+    out = pathlib.Path(arguments.out)
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out} is not a folder")
+    file = out / TABLE
+    if arguments.file is not None and file.exists() and file.samefile(arguments.file):
+        raise InputError(f"--out {out}: {TABLE} there is the file that is read")
+    how = table_asked(arguments) | {"rate": arguments.rate}
+    with input_errors(in_options):
+        recordings = read_recordings(arguments.file, **how)
+    first = next(iter(recordings.values()))
+    notes = [one for one in first.notes if all(one in ball.notes for ball in recordings.values())]
+    notes = [*drag_notes(arguments), *notes] if first.layout.uses_flight else notes
+    if ALL in recordings:
+        raise InputError(f"{first.source}: a ball is called {ALL!r}; rename it for --ball {ALL}")
+    if first.layout.fitted:
+        raise InputError(f"--ball {ALL}: {first.source} is a record of one ball")
+    progress(f"compiling, and fitting {len(recordings):,} balls")
+    with (
+        input_errors(lambda text: text.replace("Argument `laws`", "--law")),
+        progress_of(False if arguments.quiet else None, "balls", "calibrate") as tell,
+    ):
+        fits = calibrate_each(
+            recordings,
+            arguments.law,
+            flight=Flight(gravity_asked(arguments), drag),
+            mass=arguments.mass,
+            stiffness=arguments.stiffness,
+            at=arguments.at,
+            tell=tell,
+        )
+    rows = [row_of(one) for one in fits]
+    header = max(rows, key=len)
+    rows = [{name: row.get(name) for name in header} for row in rows]
+    text = io.StringIO()
+    writer = csv.DictWriter(text, header, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_all({file: text.getvalue().encode()})
+    if arguments.json:
+        whole = {"source": first.source, "law": arguments.law, "read_as": notes}
+        print_json({**whole, "balls": rows})
+    else:
+        print(f"{arguments.law} for each ball of {first.source}")
+        print(text_of(fits, whole=arguments.details))
+        if notes:
+            print("\n".join(wrapped("Read as", "; ".join(notes))))
+        print("\n".join(wrapped("Written", str(file))))
+    return 1 if any(one.status == FitStatus.NOT_CONVERGED for one in fits) else 0
+
+
+_OWN = "restitution", "tangential_ratio"
+_BOUNCES = (
+    *("law", "mass", "stiffness", "rate", "exponent", "report", "at", "gravity"),
+    *("drag_coefficient", "air_density"),
+)
+"""Options that do not apply to oblique impacts."""
+
+
+def is_friction(arguments: argparse.Namespace) -> bool:
+    """Return whether the file holds oblique impacts; InputError for their options beside others."""
+    from ..._lab.calibration.calibrate_friction import is_oblique
+
+    if arguments.file is not None and is_oblique(arguments.file, **table_asked(arguments)):
+        return True
+    for name in _OWN:
+        if getattr(arguments, name) is not None:
+            raise InputError(
+                f"--{name.replace('_', '-')} is for oblique impacts only: a table with an angle or "
+                "a tangential velocity, and an outcome"
+            )
+    return False
+
+
+def run_friction(arguments: argparse.Namespace, progress: Stages) -> int:
+    """Fit friction laws; return 0, or 1 if a fit did not converge. Raises InputError, OSError."""
+    from ..._lab.calibration.calibrate_friction import calibrate_friction
+
+    for name in _BOUNCES:
+        if getattr(arguments, name) not in (None, "all", []):
+            raise InputError(f"--{name.replace('_', '-')} does not apply to oblique impacts")
+    out = pathlib.Path(arguments.out)
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out} is not a folder")
+    with input_errors(_oblique_in_options):
+        result = calibrate_friction(
+            arguments.file,
+            restitution=arguments.restitution,
+            tangential_ratio=arguments.tangential_ratio,
+            radius=arguments.radius,
+            ball=arguments.ball,
+            progress=progress,
+            **table_asked(arguments),
+        )
+    numbers = result.to_json()
+    write_all({out / NUMBERS: numbers.encode()})
+    if arguments.json:
+        print(numbers, end="")
+    else:
+        print(result)
+        print("\n".join(wrapped("Written", str(out / NUMBERS))))
+    return 0 if result.converged else 1
+
+
+def _oblique_in_options(text: str) -> str:
+    """Return an error with options in place of arguments."""
+    for name in (*_OWN, "radius"):
+        text = text.replace(f"Argument `{name}`", f"--{name.replace('_', '-')}")
+    return in_options(text)

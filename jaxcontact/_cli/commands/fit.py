@@ -10,11 +10,22 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..._text.progress import Stages
-from ..air import add_air_options, drag_asked, drag_notes, gravity_asked
 from ..law import add_law_and_contact, contact_asked, exponent_asked, law_parameters
-from ..options import InputError, assignment, input_errors, number, positive
+from ..options import (
+    InputError,
+    add_air_options,
+    add_table_options,
+    assignment,
+    drag_asked,
+    drag_notes,
+    gravity_asked,
+    in_options,
+    input_errors,
+    number,
+    positive,
+    table_asked,
+)
 from ..printing import print_json
-from ..table import add_table_options, in_options, table_asked
 
 if TYPE_CHECKING:
     from ..._fit import Fit

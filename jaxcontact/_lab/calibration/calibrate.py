@@ -15,8 +15,8 @@ from jaxtyping import ArrayLike
 from ..._calibration.choice.choose_law import about_the_law, choose
 from ..._calibration.choice.equivalent_e import asked_of, delivered_by_laws
 from ..._calibration.choice.kind import AbstractKind
+from ..._calibration.choice.kinds import kinds_of
 from ..._calibration.choice.law_choice import LawChoice, kind_asked
-from ..._calibration.choice.selection import kinds_of
 from ..._calibration.choice.table import ChoiceTable, errors_of
 from ..._calibration.choice.trend import Curve, Line, line_of
 from ..._calibration.pairs.columns import column
@@ -39,9 +39,8 @@ from ..records.all_impacts import (
     summaries,
 )
 from ..records.one_impact import ImpactFit
-from .at_speed import at_speeds
 from .summary import CalibrationSummary
-from .summary_data import PairSummary, RecordingSummary, SpeedBand
+from .summary_data import PairSummary, RecordingSummary, SpeedBand, at_speeds
 
 _SPEED_BANDS = 5
 _PACKAGES = ("jaxcontact", "jax", "optimistix", "numpy")

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..._calibration.choice.estimate import Estimate
 from ..._calibration.choice.kind import AbstractKind, is_identifiable
-from ..._calibration.choice.selection import kinds_of
+from ..._calibration.choice.kinds import kinds_of
 from ..._calibration.choice.table import ChoiceTable, errors_of
 from ..._calibration.pairs.outliers import find_outliers
 from ..._calibration.pairs.pairs import LEAST_PAIRS
@@ -22,7 +22,7 @@ from ..._laws import parameters_of
 from ..._text.table import text_table, with_error
 from ..._text.words import counted
 from ..recordings import RecordedPairs, Recording, make_pairs
-from .at_speed import AtSpeed, at_speeds
+from .summary_data import AtSpeed, at_speeds
 
 _SHOWN = 20
 """Balls that are printed without --details."""

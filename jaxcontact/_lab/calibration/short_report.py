@@ -10,8 +10,7 @@ from collections.abc import Callable
 from ..._text.table import text_table, with_error, wrapped
 from ..._text.words import counted, listed, span
 from ..recordings import LAYOUTS
-from .at_speed import AtSpeed
-from .summary_data import SummaryData, contact_note
+from .summary_data import AtSpeed, SummaryData, contact_note
 
 _WIDTH = 100
 _EVEN = 0.2

@@ -14,7 +14,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..._calibration.choice.selection import kind_of_law, law_in
+from ..._calibration.choice.kinds import kind_of_law, law_in
 from ..._contact import Contact
 from ..._entry import require_path
 from ..._laws import AbstractLaw, describe, get_law, list_laws, parameters_of

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from types import MappingProxyType
 
 from ..._text.words import counted
-from ..signals.clock import CLOCK
+from ..signals import CLOCK
 from ..tables.heading import Meaning, words
 from ..tables.match import Match
 from ..tables.sheet import Row, Sheet

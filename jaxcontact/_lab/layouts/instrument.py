@@ -12,8 +12,7 @@ import numpy as np
 
 from ..._flight import Flight
 from ..._text.words import counted, span
-from ..signals.clock import CLOCK, column_of, even
-from ..signals.trace import Doubtful, Floats, Trace, hum_of, noise_of
+from ..signals import CLOCK, Doubtful, Floats, Trace, column_of, even, hum_of, noise_of
 from ..tables.fault import RecordingError
 from ..tables.heading import Meaning, words
 from ..tables.sheet import Row

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..._calibration.pairs.plausible import (
+from ..._calibration.pairs.columns import (
     EVEN,
     MEASURED_RESTITUTION,
     length_guess,
@@ -20,9 +20,8 @@ from ..._calibration.pairs.plausible import (
 )
 from ..._flight import STANDARD_GRAVITY, Flight, Floats, landing_speed, launch_speed
 from ..._text.words import span
-from ..signals.clock import CLOCK
-from ..tables.deviation import FROM_FILE, deviation_of
-from ..tables.heading import Meaning, words
+from ..signals import CLOCK
+from ..tables.heading import FROM_FILE, Meaning, deviation_of, words
 from ..tables.match import Match
 from ..tables.sheet import Row, Sheet
 from .layout import DROP_HEIGHT, LABELS, Layout, Paired, ReadingError, Record, adjacent, bounces_of

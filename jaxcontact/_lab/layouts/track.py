@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..._calibration.pairs.plausible import too_long
+from ..._calibration.pairs.columns import too_long
 from ..._flight import Flight
 from ..._text.words import counted, span
 from ..tables.heading import Meaning, words

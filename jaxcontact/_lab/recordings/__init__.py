@@ -1,6 +1,6 @@
 """Recordings of bouncing balls: reading them, and pairs of speed and restitution."""
 
-from ..layouts.heights import Heights, RestitutionTable
+from ..layouts.heights import Heights, Peaks, RestitutionTable, Speeds
 from ..layouts.instants import Instants
 from ..layouts.instrument import Accelerations, Forces, Indentations
 from ..layouts.instrument import RecordedImpact as RecordedImpact
@@ -8,13 +8,11 @@ from ..layouts.intervals import Intervals
 from ..layouts.layout import LAYOUTS as LAYOUTS
 from ..layouts.layout import Layout as Layout
 from ..layouts.layout import register_layout as register_layout
-from ..layouts.peaks import Peaks
 from ..layouts.rest import Stops
-from ..layouts.speeds import Speeds
 from ..layouts.track import Tracks
 from ..layouts.track import tracks_of as tracks_of
-from ..tables.deviation import FROM_FILE as FROM_FILE
 from ..tables.fault import RecordingError as RecordingError
+from ..tables.heading import FROM_FILE as FROM_FILE
 from .recorded_pairs import RecordedPairs as RecordedPairs
 from .recorded_pairs import make_pairs as make_pairs
 from .recording import Recording as Recording

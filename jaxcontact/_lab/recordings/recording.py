@@ -17,10 +17,9 @@ from ..._entry import POSITIVE, did_you_mean, rendered, require_choice, require_
 from ..layouts.intervals import Interval, Intervals
 from ..layouts.layout import LAYOUTS, Layout, Record
 from ..layouts.track import counts_frames, tracks_of, with_frames
-from ..signals.clock import CLOCK, column_of, even, with_clock
+from ..signals import CLOCK, column_of, even, with_clock
 from ..sound import Sound
-from ..tables.deviation import unused_notes
-from ..tables.heading import Meaning, words
+from ..tables.heading import Meaning, unused_notes, words
 from ..tables.match import Match, Told, as_told, check_usual, unknown_name
 from ..tables.sheet import Row, Sheet, sheet_of
 from ..track import Track

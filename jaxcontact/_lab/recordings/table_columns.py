@@ -13,9 +13,8 @@ from ..._flight import Floats
 from ..layouts.heights import SIGMA_E, VELOCITY, E
 from ..layouts.instrument import Forces
 from ..layouts.layout import LABELS
-from ..signals.clock import CLOCK
-from ..tables.deviation import FROM_FILE
-from ..tables.heading import Meaning, suggestion, words
+from ..signals import CLOCK
+from ..tables.heading import FROM_FILE, Meaning, suggestion, words
 from ..tables.match import Match, as_told, check_usual, match, unknown_name
 from ..tables.sheet import Sheet, sheet_of
 from .recording import chosen_ball, headings_of

@@ -19,7 +19,7 @@ from ..._contact import Contact, require_contact
 from ..._entry import POSITIVE, REAL, parameter, require_kind, require_number
 from ..._fit import Fit, Fixed, fit, refit
 from ..._fit.compare import criteria
-from ..._fit.keywords import ColumnKeywords, takes
+from ..._fit.fit import ColumnKeywords, takes
 from ..._impact import trajectory
 from ..._laws import AbstractHuntCrossley, AbstractLaw, force_of, require_law
 from ..._text.units import Shown

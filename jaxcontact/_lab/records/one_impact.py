@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._calibration.pairs.plausible import MEASURED_RESTITUTION
+from ..._calibration.pairs.columns import MEASURED_RESTITUTION
 from ..._contact import Contact
 from ..._fit import Fit
 from ..._impact import impact

@@ -14,14 +14,17 @@ from ..._text.files import write_all
 from ..._text.progress import stages_of
 from ..calibration.calibrate import Calibration
 from ..calibration.short_report import title
-from .html import element, joined, section, text
 from .sections import (
     compared,
+    element,
     footer,
     impacts,
+    joined,
     parameters,
     pictures,
+    section,
     simulators,
+    text,
     treatment,
     verdict,
 )

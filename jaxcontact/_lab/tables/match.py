@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..._entry import rendered
-from .deviation import is_bare
-from .heading import Heading, Meaning, suggestion
+from .heading import Heading, Meaning, is_bare, suggestion
 from .sheet import Row, Sheet
 
 Told = Mapping[str, int | str]

@@ -1,1 +1,0 @@
-"""Tables of oblique impacts, and the friction law that describes them."""

@@ -1,1 +1,0 @@
-"""Figures of recordings and their calibration."""

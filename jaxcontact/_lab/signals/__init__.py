@@ -1,1 +1,0 @@
-"""Readings over time: clock, noise, and the impacts separated from them."""
