@@ -25,11 +25,10 @@ KINDS = {
     "/jax/core/compile/jaxpr_to_mlir_module_duration": "lowering",
     "/jax/core/compile/backend_compile_duration": "compiling",
 }
-COLUMNS = ("all", *KINDS.values(), "programs", "cases")
 MOST = 40
 """Rows of the table of cases."""
 
-_spent = dict.fromkeys(COLUMNS, 0.0)
+_spent = dict.fromkeys(("all", *KINDS.values(), "programs", "cases"), 0.0)
 _open: list[list[float]] = []
 _last = dict(_spent)
 _rows: collections.defaultdict[str, collections.Counter[str]] = collections.defaultdict(
@@ -82,11 +81,9 @@ def pytest_runtest_makereport(item, call):
     return report
 
 
-def pytest_collection_finish(session: pytest.Session) -> None:
-    session.config.stash[_COLLECTED] = since()
-
-
-_COLLECTED = pytest.StashKey[dict[str, float]]()
+def pytest_collection_finish() -> None:
+    """What went before, imports above all, is no test's."""
+    since()
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
@@ -114,14 +111,6 @@ def pytest_terminal_summary(terminalreporter, config: pytest.Config) -> None:
     if written := os.environ.get("JAXCONTACT_TIMES"):
         Path(written).write_text(text)
     terminalreporter.write(text)
-
-
-def additions() -> float:
-    """CPU seconds of 1e7 additions, to compare machines by."""
-    start, total = time.process_time(), 0
-    for k in range(10_000_000):
-        total += k
-    return time.process_time() - start
 
 
 def main(arguments: list[str]) -> int:

@@ -265,7 +265,7 @@ def agreement(
     made = jc.export_scene(scene, engine, TIMES[-1], **how)
     run = run_scene(made, folder)
     unknown = np.zeros(run.velocity.shape, bool)
-    unknown[tuple(own["unknown"].reshape(-1, 3).T)] = True
+    unknown[tuple(own["unknown"].astype(int).reshape(-1, 3).T)] = True
     mine, theirs = own["hits"], impacts_of(run, unknown)
     same = [k for k, _ in mine] == [k for k, _ in theirs]
     apart = [abs(a - b) for (_, a), (_, b) in zip(mine, theirs, strict=same)]

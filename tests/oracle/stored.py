@@ -141,5 +141,7 @@ def stored(points: dict[int, list] | None = None):
 @atexit.register
 def _write() -> None:
     if os.environ.get("JAXCONTACT_STORE"):
-        lines = [f"{json.dumps(key)}: {json.dumps(_known()[key])}" for key in sorted(_known())]
+        # Another process may have written meanwhile.
+        all_ = _known() | (json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else {})
+        lines = [f"{json.dumps(key)}: {json.dumps(all_[key])}" for key in sorted(all_)]
         FILE.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")

@@ -45,6 +45,11 @@ def own_run(make, words, numbers):
     return of_simulate(engine, function)[0]
 
 
+@pytest.mark.slow(
+    "drake-falls_on_a_line",
+    "drake-rubs_in_drake",
+    reason="a minute of Drake's small steps; two scenes and the oblique impacts below are in Drake",
+)
 @pytest.mark.parametrize(("engine", "make"), CASES)
 def test_the_engine_moves_as_simulate_says(engine, make, tmp_path):
     needed(engine)
