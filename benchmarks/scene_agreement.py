@@ -230,44 +230,65 @@ def impacts_of(run: Any, unknown: np.ndarray) -> list[tuple[int, float]]:
     return found
 
 
+def of_simulate(engine: str, make: Callable[[], jc.Scene]) -> tuple[dict[str, Any], Any]:
+    """Return what is compared of a run of `simulate` and its closing speeds, and its margin."""
+    scene = make()
+    made = jc.export_scene(scene, engine, TIMES[-1], times=TIMES, tolerance=TOLERANCE)
+    run = jc.simulate(scene, TIMES[-1], times=TIMES)
+    # Within an impact whose friction is a formula, `simulate` has no velocities.
+    unknown, hits = np.isnan(run.velocity), run.impacts.to_dict()
+    return {
+        "speeds": list(made.velocity),
+        "unknown": np.argwhere(unknown),
+        "hits": impacts_of(run, unknown),
+        "impacts": int(np.sum(hits["time"] < TIMES[FREE])),
+        "closing": float(hits["closing_speed"].sum()),
+        "margin": float(run.margin.time),
+        "velocity": np.asarray(run.velocity[FREE]),
+        "position": np.asarray(run.position[FREE]),
+        "energy": np.asarray(run.energy)[[0, FREE]],
+        "spin": None if run.spin is None else np.asarray(run.spin[FREE]),
+    }, run.margin
+
+
 def agreement(
-    engine: str, make: Callable[[], jc.Scene], folder: Path, *, growth: bool
+    engine: str, make: Callable[[], jc.Scene], folder: Path, own: dict[str, Any]
 ) -> dict[str, Any]:
     """Return the largest differences between an engine's run and that of `simulate`.
 
     `velocity` in m/s, `spin` as the speed of a surface in m/s, `energy` over the largest one, and
     `time` in s between the same impacts, NaN if they differ in number or order, and at least the
-    time between outputs where velocities are unknown. `margin` in s and `growth` are those of
-    `Run.margin`, and `closing` in m/s is the sum of all closing speeds.
+    time between outputs where velocities are unknown. `margin` in s is that of `Run.margin`, and
+    `closing` in m/s is the sum of all closing speeds.
     """
-    scene = make()
-    made = jc.export_scene(scene, engine, TIMES[-1], times=TIMES, tolerance=TOLERANCE)
-    run, own = run_scene(made, folder), jc.simulate(scene, TIMES[-1], times=TIMES)
-    # Within an impact whose friction is a formula, `simulate` has no velocities.
-    unknown = np.isnan(own.velocity)
-    mine, theirs = impacts_of(own, unknown), impacts_of(run, unknown)
+    scene, how = make(), {"times": TIMES, "tolerance": TOLERANCE, "velocity": own["speeds"]}
+    made = jc.export_scene(scene, engine, TIMES[-1], **how)
+    run = run_scene(made, folder)
+    unknown = np.zeros(run.velocity.shape, bool)
+    unknown[tuple(own["unknown"].astype(int).reshape(-1, 3).T)] = True
+    mine, theirs = own["hits"], impacts_of(run, unknown)
     same = [k for k, _ in mine] == [k for k, _ in theirs]
     apart = [abs(a - b) for (_, a), (_, b) in zip(mine, theirs, strict=same)]
     if unknown.any():
         apart.append(float(TIMES[1]))
-    energy = np.asarray(own.energy)[[0, FREE]]
+    energy = own["energy"]
     found = {
         "engine": engine,
         "scene": make.__name__,
-        "impacts": len([time for time in own.impacts.to_dict()["time"] if time < TIMES[FREE]]),
-        "velocity": float(np.abs(run.velocity[FREE] - own.velocity[FREE]).max()),
-        "place": float(np.abs(run.position[FREE] - own.position[FREE]).max()),
+        "impacts": own["impacts"],
+        "velocity": float(np.abs(run.velocity[FREE] - own["velocity"]).max()),
+        "place": float(np.abs(run.position[FREE] - own["position"]).max()),
         "energy": float(abs(run.energy[FREE] - energy[1]) / np.abs(energy).max()),
         "time": max(apart, default=0.0) if same else np.nan,
-        "margin": float(own.margin.time),
-        "closing": float(own.impacts.to_dict()["closing_speed"].sum()),
+        "margin": own["margin"],
+        "closing": own["closing"],
         "expected_error": made.expected_error,
     }
-    if run.spin is not None and own.spin is not None:
+    if run.spin is not None and own["spin"] is not None:
         radius = np.array([float(sphere.radius) for sphere in scene.spheres])
-        turning = np.asarray(run.spin[FREE] - own.spin[FREE]).T * radius
+        turning = np.asarray(run.spin[FREE] - own["spin"]).T * radius
         found["spin"] = float(np.abs(turning).max())
-    return found | ({"growth": float(own.margin.growth)} if growth else {})
+    return found
 
 
 def rebound(engine: str, name: str, folder: Path, harder: float = 1.0) -> dict[str, float]:
@@ -367,8 +388,10 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     rows, missed = [], {}
     for engine, make in CASES:
+        own, margin = of_simulate(engine, make)
         with tempfile.TemporaryDirectory() as folder:
-            rows.append(agreement(engine, make, Path(folder), growth=True))
+            row = agreement(engine, make, Path(folder), own)
+        rows.append(row | {"growth": float(margin.growth)})
         print(rows[-1], flush=True)
     for name, measure in MISSES.items():
         with tempfile.TemporaryDirectory() as folder:

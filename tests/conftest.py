@@ -81,8 +81,20 @@ _TESTS = pathlib.Path(__file__).resolve().parent
 _MOST_LEFT_OUT = 0.05
 
 
+# Left out unless `-m` asks for them. The code of the benchmarks changes seldom.
+_ON_REQUEST = ("engines", "nightly")
+_NIGHTLY = _TESTS / "test_benchmarks"
+# What a quick check runs: one of each kind. A line names a file, a function or a case.
+_CORE = tuple((_TESTS / "core.txt").read_text(encoding="utf-8").split())
+
+
 def pytest_collection_modifyitems(config, items):
     items.sort(key=lambda item: _PLACE.get(item.path.stem, len(_LONG)))
+    for item in items:
+        if _NIGHTLY in item.path.parents:
+            item.add_marker("nightly")
+        if item.nodeid.startswith(_CORE):
+            item.add_marker("core")
     left = [item for item in items if _is_left_out(item)]
     # `args_source` is not available in workers.
     everything = [pathlib.Path(name).resolve() for name in config.args] == [_TESTS]
@@ -90,12 +102,15 @@ def pytest_collection_modifyitems(config, items):
         raise pytest.UsageError(
             f"{len(left)} of {len(items)} tests are slow: more than a twentieth"
         )
-    # Tests named on the command line, or selected with -m slow, are never deselected.
-    if "slow" in config.option.markexpr or any("::" in argument for argument in config.args):
+    # Tests named on the command line, or selected with -m, are never deselected.
+    if any("::" in argument for argument in config.args):
         return
-    if left:
-        config.hook.pytest_deselected(items=left)
-        out = set(left)
+    out = set() if "slow" in config.option.markexpr else set(left)
+    for mark in _ON_REQUEST:
+        if mark not in config.option.markexpr:
+            out |= {item for item in items if item.get_closest_marker(mark)}
+    if out:
+        config.hook.pytest_deselected(items=[item for item in items if item in out])
         items[:] = [item for item in items if item not in out]
 
 

