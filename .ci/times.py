@@ -13,7 +13,6 @@ import collections
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
