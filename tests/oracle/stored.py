@@ -27,14 +27,13 @@ SAME = 1e-9
 
 
 def _read() -> dict[str, Any]:
-    return json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else {}
+    return json.loads(FILE.read_text(encoding="utf-8"))
 
 
 _known = functools.cache(_read)
 
 
 def _plain(value: Any) -> Any:
-    """An argument as JSON."""
     if value is None or isinstance(value, bool | int | str):
         return value
     if dataclasses.is_dataclass(value):
@@ -47,7 +46,6 @@ def _plain(value: Any) -> Any:
 
 
 def _packed(value: Any) -> Any:
-    """A value as JSON that `_made` reads back."""
     if isinstance(value, np.ndarray):
         return {"array": value.tolist()}
     if dataclasses.is_dataclass(value):
@@ -92,8 +90,8 @@ def stored():
             key = f"{module.__name__}.{function.__name__} {hashlib.sha256(asked).hexdigest()[:16]}"
             known = _known().get(key)
             if known is not None and compared:
-                hook = functools.partial(_made, vars(module))
-                return json.loads(json.dumps(known), object_hook=hook)
+                made = functools.partial(_made, vars(module))
+                return json.loads(json.dumps(known), object_hook=made)
             value = function(*given)
             packed = json.loads(json.dumps(_packed(value)))
             if known is None:
