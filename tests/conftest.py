@@ -64,7 +64,7 @@ settings.load_profile("jaxcontact")
 
 # The longest files run first, so that no worker ends with a long one alone.
 _LONG = (
-    "test_bounce_contact test_every_law test_weight test_stability test_tasks test_dashpots "
+    "test_bounce_contact test_every_law test_tasks test_dashpots "
     "test_between_roundings test_every_argument test_soft_runs test_cluster test_properties "
     "test_float32 test_records test_calibrate test_front_door test_instantaneous test_derivatives"
 ).split()
