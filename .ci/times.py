@@ -24,20 +24,16 @@ KINDS = {
     "/jax/core/compile/jaxpr_to_mlir_module_duration": "lowering",
     "/jax/core/compile/backend_compile_duration": "compiling",
 }
-MOST = 40
-"""Rows of the table of cases."""
+MOST = 40  # rows of the table of cases
 
 _spent = dict.fromkeys(("all", *KINDS.values(), "programs", "cases"), 0.0)
 _open: list[list[float]] = []
 _last = dict(_spent)
-_rows: collections.defaultdict[str, collections.Counter[str]] = collections.defaultdict(
-    collections.Counter
-)
+_rows: dict[str, collections.Counter[str]] = collections.defaultdict(collections.Counter)
 
 
 def clock() -> float:
-    """CPU seconds of this process and of those it has waited for."""
-    return sum(os.times()[:4])
+    return sum(os.times()[:4])  # of this process and of those it has waited for
 
 
 def begins(event: str, _: float, **__: object) -> None:
@@ -86,17 +82,14 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    for name, found in report.user_properties:
-        if name == "times":
-            for row in (report.nodeid, report.nodeid.partition("::")[0], "all files"):
-                _rows[row].update(found)
+    for row in (report.nodeid, report.nodeid.partition("::")[0], "all files"):
+        _rows[row].update(dict(report.user_properties).get("times", {}))
 
 
 def line(name: str, found: dict[str, float]) -> str:
     rest = found["all"] - sum(found[kind] for kind in KINDS.values())
     seconds = [found["all"], *(found[kind] for kind in KINDS.values()), rest]
-    counts = [found["programs"], found["cases"]]
-    cells = [f"{x:.1f}" for x in seconds] + [f"{x:.0f}" for x in counts]
+    cells = [f"{x:.1f}" for x in seconds] + [f"{found[x]:.0f}" for x in ("programs", "cases")]
     return f"| {name} | {' | '.join(cells)} |"
 
 

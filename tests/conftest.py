@@ -64,7 +64,7 @@ settings.load_profile("jaxcontact")
 
 # The longest files run first, so that no worker ends with a long one alone.
 _LONG = (
-    "test_bounce_contact test_every_law test_weight test_stability test_tasks test_dashpots "
+    "test_bounce_contact test_every_law test_tasks test_dashpots "
     "test_between_roundings test_every_argument test_soft_runs test_cluster test_properties "
     "test_float32 test_records test_calibrate test_front_door test_instantaneous test_derivatives"
 ).split()
@@ -83,7 +83,6 @@ _MOST_LEFT_OUT = 0.05
 
 # Left out unless `-m` asks for them. The code of the benchmarks changes seldom.
 _ON_REQUEST = ("engines", "nightly")
-_NIGHTLY = _TESTS / "test_benchmarks"
 # What a quick check runs: one of each kind. A line names a file, a function or a case.
 _CORE = tuple((_TESTS / "core.txt").read_text(encoding="utf-8").split())
 
@@ -91,7 +90,7 @@ _CORE = tuple((_TESTS / "core.txt").read_text(encoding="utf-8").split())
 def pytest_collection_modifyitems(config, items):
     items.sort(key=lambda item: _PLACE.get(item.path.stem, len(_LONG)))
     for item in items:
-        if _NIGHTLY in item.path.parents:
+        if item.path.parent.name == "test_benchmarks":
             item.add_marker("nightly")
         if item.nodeid.startswith(_CORE):
             item.add_marker("core")
@@ -105,10 +104,10 @@ def pytest_collection_modifyitems(config, items):
     # Tests named on the command line, or selected with -m, are never deselected.
     if any("::" in argument for argument in config.args):
         return
-    out = set() if "slow" in config.option.markexpr else set(left)
-    for mark in _ON_REQUEST:
-        if mark not in config.option.markexpr:
-            out |= {item for item in items if item.get_closest_marker(mark)}
+    asked = config.option.markexpr
+    out = set() if "slow" in asked else set(left)
+    closed = [mark for mark in _ON_REQUEST if mark not in asked]
+    out |= {item for item in items if any(map(item.get_closest_marker, closed))}
     if out:
         config.hook.pytest_deselected(items=[item for item in items if item in out])
         items[:] = [item for item in items if item not in out]

@@ -10,11 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from tests.oracle.stored import stored
-
-POINTS = {3: [(1e-4, 0.5, 1.3), (1e-3, -0.4, 2.2), (2e-2, 1.1, 0.7)]}
-"""Indentation, rate and v0 by which stored forces are told apart."""
-
 RTOL = 1e-12
 
 
@@ -29,7 +24,6 @@ class Touch(NamedTuple):
     height: float
 
 
-@stored(POINTS)
 def touches(force, *, mass, gravity, height, unit, most=40, tension=False, peak=False):
     """The touches until rest, and the time of the one that ends the run; None if it is not seen.
 
@@ -39,7 +33,7 @@ def touches(force, *, mass, gravity, height, unit, most=40, tension=False, peak=
     speed, rows = np.sqrt(2 * gravity * height), []
     time = speed / gravity
     while len(rows) < most:
-        left = _contact(force, mass, gravity, speed, unit, tension, peak)
+        left = contact(force, mass, gravity, speed, unit, tension, peak)
         if left is None:
             return rows, time
         duration, back, e = left[0], left[1], left[2] / speed
@@ -49,17 +43,12 @@ def touches(force, *, mass, gravity, height, unit, most=40, tension=False, peak=
     return rows, None
 
 
-@stored(POINTS)
 def contact(force, mass, gravity, speed, unit, tension=False, peak=False, finest=0.02):
     """When the force vanishes, and when and how fast the ball is back at δ = 0; None at rest.
 
     `finest`: no step of the way out is longer, in units of `unit`. What begins and ends within one
     is not seen; on the way in a force does not vanish.
     """
-    return _contact(force, mass, gravity, speed, unit, tension, peak, finest)
-
-
-def _contact(force, mass, gravity, speed, unit, tension, peak, finest=0.02):
     t, y, v0, ended = 0.0, np.array([0.0, speed]), speed, None
     kind = "rises" if peak else "in"
     while True:

@@ -1,6 +1,4 @@
-"""The map of laws with a memory in short form, and its page."""
-
-import json
+"""The map of laws with a memory in short form."""
 
 import jax
 import numpy as np
@@ -19,10 +17,3 @@ def test_lanes_of_formulas(job):
     with jax.numpy_rank_promotion("allow"):
         row = memory_map.measure(*job, 100)
     assert row["right"] == row["lanes"] == 100
-
-
-def test_the_page_is_that_of_the_result():
-    rows = json.loads(memory_map.RESULT.read_text())
-    assert memory_map.page(rows) in memory_map.PAGE.read_text()
-    assert {row["law"] for row in rows} == set(memory_map.LAWS)
-    assert all(row["wrong"] == 0 for row in rows)

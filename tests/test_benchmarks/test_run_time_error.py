@@ -154,10 +154,9 @@ def test_truth_of_the_laws_that_the_oracle_does_not_store(name):
     from scipy.integrate import solve_ivp
 
     p = float(PROBLEMS[name].number(0.5))
-    force = {
-        "own": lambda x, v: -(x**1.5 + x**2.5 + p * x * v),
-        "pushed": lambda x, v: p - x**1.5,
-    }[name]
+    force = {"own": lambda x, v: -(x**1.5 + x**2.5 + p * x * v), "pushed": lambda x, v: p - x**1.5}[
+        name
+    ]
 
     def apart(t, y):
         return y[0]

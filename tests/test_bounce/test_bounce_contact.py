@@ -132,6 +132,7 @@ CASES = list(every_law())
 
 
 @pytest.mark.slow(
+    "AntypovElliott-1.5-pulls",
     "AntypovElliott-1.5-pushes",
     "CarvalhoMartins-1.5-pushes",
     "ConstantDamping-1.5-pushes",
@@ -141,6 +142,8 @@ CASES = list(every_law())
     "HerbertMcWhannell-1.5-pushes",
     "HuntCrossley-1.5-pushes",
     "Jankowski-1.5-pulls",
+    "KelvinVoigt-1-pushes",
+    "KuwabaraKono-2-pulls",
     "KuwabaraKono-2-pushes",
     "LankaraniNikravesh-1.5-pushes",
     "LeeWang-1.5-pushes",

@@ -228,10 +228,7 @@ def test_numbers_are_held_by_the_names_that_are_printed():
         (lambda: jc.fit_damping(CONTACT, [1.0, 2.0], [0.5, 1.5]), "is 1.5 at point 1"),
         (lambda: jc.fit_damping(CONTACT, [1.0], [0.5, 0.5]), "one number for each of the 1"),
         (lambda: jc.fit_damping(CONTACT, [1.0], [np.nan]), "`e` must be in"),
-        (
-            lambda: jc.Spline(intervals=1),
-            "`intervals` must be a whole number of at least 4",
-        ),
+        (lambda: jc.Spline(intervals=1), "`intervals` must be a whole number of at least 4"),
         (
             lambda: jc.fit_impacts(jc.Hertz(), CONTACT, [1.0]),
             "`e` or `duration` or `max_force` must be given",

@@ -106,10 +106,7 @@ SPEEDS = np.arange(1.0, 13)
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        (
-            {"velocity": SPEEDS, "restitution": 0.9 + 0.002 * (-1) ** SPEEDS},
-            "by row (sandwich)",
-        ),
+        ({"velocity": SPEEDS, "restitution": 0.9 + 0.002 * (-1) ** SPEEDS}, "by row (sandwich)"),
         (heights(10), "by drop height (cluster-robust sandwich)"),
         (heights(6), "fewer than 8 drop heights"),
     ],

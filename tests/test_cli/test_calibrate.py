@@ -87,10 +87,7 @@ SPEED_DEPENDENT += ["power_restitution"]
 
 @pytest.mark.parametrize(
     ("law", "laws"),
-    [
-        ("kuwabara_kono", ["exact", "kuwabara_kono"]),
-        ("hu_guo", ["hu_guo", *SPEED_DEPENDENT]),
-    ],
+    [("kuwabara_kono", ["exact", "kuwabara_kono"]), ("hu_guo", ["hu_guo", *SPEED_DEPENDENT])],
 )
 def test_a_choice_of_law(good, tmp_path, capsys, law, laws):
     assert main(["calibrate", str(good), "--law", law, "--out", str(tmp_path), "--quiet"]) == 0
@@ -173,14 +170,8 @@ BAD_OPTIONS = {
         ["--radius", "0.02", "--drag-coefficient", "0.45"],
         "--drag-coefficient alone cannot correct for drag: also give --mass",
     ),
-    "report": (
-        ["--report", "ball.jpg"],
-        "ball.jpg: the name must end in .html, .md, .txt",
-    ),
-    "pdf": (
-        ["--report", "ball.pdf"],
-        "--report ball.pdf: write it as .html, open that",
-    ),
+    "report": (["--report", "ball.jpg"], "ball.jpg: the name must end in .html, .md, .txt"),
+    "pdf": (["--report", "ball.pdf"], "--report ball.pdf: write it as .html, open that"),
     "air alone": (["--air-density", "1.2"], "--air-density alone cannot correct for drag"),
 }
 

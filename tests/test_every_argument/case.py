@@ -12,11 +12,7 @@ import jax
 import numpy as np
 
 import jaxcontact as jc
-from tests.test_every_argument.kinds import (
-    CALLABLE,
-    FLAG,
-    WHOLE,
-)
+from tests.test_every_argument.kinds import CALLABLE, FLAG, WHOLE
 
 
 class Reached(Exception):

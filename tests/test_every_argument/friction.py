@@ -42,9 +42,7 @@ def cases():
             {"mu": NOT_NEGATIVE, "beta0": E | {"zero", "minus one"}},
         ),
         "RegularizedCoulomb": Case(
-            jc.RegularizedCoulomb,
-            {"mu": 0.1, "v_d": 0.01},
-            {"mu": NOT_NEGATIVE, "v_d": POSITIVES},
+            jc.RegularizedCoulomb, {"mu": 0.1, "v_d": 0.01}, {"mu": NOT_NEGATIVE, "v_d": POSITIVES}
         ),
         "SpringSlider": Case(
             jc.SpringSlider,
@@ -52,9 +50,7 @@ def cases():
             {"mu": NOT_NEGATIVE, "ratio": POSITIVES | NONE, "form": NOTHING},
         ),
         "MawBarberFawcett": Case(
-            jc.MawBarberFawcett,
-            {"mu": 0.1},
-            {"mu": NOT_NEGATIVE, "ratio": POSITIVES | NONE},
+            jc.MawBarberFawcett, {"mu": 0.1}, {"mu": NOT_NEGATIVE, "ratio": POSITIVES | NONE}
         ),
         "RoundBodies": Case(
             jc.RoundBodies,

@@ -227,9 +227,7 @@ def cases() -> dict[str, Case]:
             {"table": NOTHING, "field": NONE, "x": NONE, "ax": NONE},
         ),
         "plot.calibration": Case(
-            jc.plot.calibration,
-            {"result": blank(jc.Calibration)},
-            {"result": NOTHING, "ax": NONE},
+            jc.plot.calibration, {"result": blank(jc.Calibration)}, {"result": NOTHING, "ax": NONE}
         ),
         "plot.sound": Case(
             jc.plot.sound, {"recording": _heard()}, {"recording": NOTHING, "ax": NONE}

@@ -6,11 +6,7 @@ import jaxcontact as jc
 from jaxcontact._export import engines, export
 from tests.test_export.page import rows, variant
 
-OPTION = {
-    "drake": "discrete_contact_approximation",
-    "exudyn": "impact_model",
-    "lammps": "damping",
-}
+OPTION = {"drake": "discrete_contact_approximation", "exudyn": "impact_model", "lammps": "damping"}
 
 
 @pytest.mark.parametrize("row", rows(), ids=lambda row: "-".join(map(str, variant(row))))

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from jaxcontact._fit import AbstractErrors, refit
 
 X = np.linspace(0, 1, 80)
 NOISE = np.random.default_rng(4).standard_t(2, size=80)
@@ -104,3 +105,23 @@ def test_more_named_numbers_than_points_are_refused():
 def test_an_array_may_have_more_numbers_than_points():
     found = jc.fit(cubic, X[1:3], np.ones(3), x=X[1:3])
     assert found.unidentified
+
+
+class Halving(AbstractErrors[float, float]):
+    """A fit of 16 is halved until it is at most `enough`."""
+
+    rounds = 5
+
+    def __init__(self, enough):
+        self.enough = enough
+
+    def estimate(self, found):
+        return None if found <= self.enough else found / 2
+
+    def finish(self, found):
+        return -found
+
+
+@pytest.mark.parametrize(("enough", "end"), [(16.0, -16.0), (3.0, -2.0), (0.0, -0.5)])
+def test_it_ends_when_the_errors_settle_or_after_its_rounds(enough, end):
+    assert refit(Halving(enough), 16.0, lambda last, errors: min(last, errors)) == end

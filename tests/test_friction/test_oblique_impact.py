@@ -133,11 +133,7 @@ def pair_impacts(numbers, friction):
 def test_free_pairs_keep_angular_momentum_and_energy(name):
     draw = np.random.default_rng(3)
     numbers = np.column_stack(
-        [
-            draw.uniform(0.5, 2, (1000, 4)),
-            draw.uniform(0.2, 3, 1000),
-            draw.normal(0, 2, (1000, 3)),
-        ]
+        [draw.uniform(0.5, 2, (1000, 4)), draw.uniform(0.2, 3, 1000), draw.normal(0, 2, (1000, 3))]
     )
     momenta, energies, loss, gap, ok = pair_impacts(numbers, laws_of_friction()[name])
     assert ok.all()

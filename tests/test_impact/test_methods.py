@@ -49,10 +49,7 @@ def test_any_known_scalar_is_a_number():
             lambda: jc.trajectory(LAW, CONTACT, 1.0, method="exact"),
             ["method", "'event'", "'exact'"],
         ),
-        (
-            lambda: jc.trajectory(LAW, CONTACT, 1.0, method=jc.Phase()),
-            ["'event'", "Phase("],
-        ),
+        (lambda: jc.trajectory(LAW, CONTACT, 1.0, method=jc.Phase()), ["'event'", "Phase("]),
     ],
 )
 def test_what_is_refused(make, words):

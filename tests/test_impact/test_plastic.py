@@ -32,11 +32,7 @@ SPRING = jc.Contact(mass=0.3, stiffness=2e6, exponent=1.0)
 LAWS = {
     "thornton": (jc.ThorntonPlastic(yield_speed=0.1), HERTZ, thornton(0.3, 2e8, 0.1)),
     "elastic": (jc.ThorntonPlastic(yield_speed=3.0), HERTZ, thornton(0.3, 2e8, 3.0)),
-    "viscoplastic": (
-        jc.Viscoplastic(yield_speed=0.2, c=3e7),
-        HERTZ,
-        thornton(0.3, 2e8, 0.2, 3e7),
-    ),
+    "viscoplastic": (jc.Viscoplastic(yield_speed=0.2, c=3e7), HERTZ, thornton(0.3, 2e8, 0.2, 3e7)),
     "walton_braun": (jc.WaltonBraun(ratio=1.3, slope=4e2), SPRING, walton_braun(2e6, 1.3, 4e2)),
 }
 NUMBERS = ["restitution", "duration", "compression_time", "max_indentation", "max_force"]

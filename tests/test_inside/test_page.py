@@ -1,7 +1,5 @@
 """docs/engines.md shows what its code prints."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 

@@ -1,7 +1,5 @@
 """Bodies in JaxSim with the contacts of this package: e, derivatives, joints, refusals."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import partial
 

@@ -58,10 +58,7 @@ TABLES = {
         'velocity = "speed"; restitution = "cor"; separated by semicolons',
     ),
     "book.xlsx": (
-        workbook(
-            ("About", [["my ball"]]),
-            ("Data", [["Lab 3"], [], ["v / (m/s)", "e"], *ROWS]),
-        ),
+        workbook(("About", [["my ball"]]), ("Data", [["Lab 3"], [], ["v / (m/s)", "e"], *ROWS])),
         'velocity = "v / (m/s)"; restitution = "e"; '
         "sheet 'Data'; not read: 'About'; row 1 above the headings left out",
     ),

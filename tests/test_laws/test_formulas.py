@@ -297,8 +297,7 @@ def test_small_losses():
 
 
 @pytest.mark.parametrize(
-    ("name", "asked", "off"),
-    [("herbert_mcwhannell", 0.8, 0.008), ("zhiying_qishao", 0.4, 0.03)],
+    ("name", "asked", "off"), [("herbert_mcwhannell", 0.8, 0.008), ("zhiying_qishao", 0.4, 0.03)]
 )
 def test_stated_ranges(name, asked, off):
     e = jnp.linspace(asked, 1.0, 50)

@@ -1,7 +1,5 @@
 """Balls in MJX with the contacts of this package: e, derivatives, several bodies, refusals."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import jax

@@ -20,20 +20,14 @@ def test_a_tidy_figure_passes(drawn):
     assert faults(figure) == []
 
 
-def test_text_on_text_is_seen(drawn):
-    figure, ax = drawn
-    ax.text(0.5, 0.5, "one")
-    ax.text(0.5, 0.5, "two")
-    assert faults(figure) == ["'one' lies on 'two'"]
-
-
-def test_text_over_the_edge_is_seen(drawn):
-    figure, _ = drawn
-    figure.text(0.99, 0.5, "long")
-    assert faults(figure) == ["'long' is cut off"]
-
-
-def test_a_legend_on_data_is_seen(drawn):
-    figure, _ = drawn
-    figure.legend(loc="center")
-    assert faults(figure) == ["the legend covers data"]
+@pytest.mark.parametrize(
+    ("plant", "fault"),
+    [
+        (lambda f, ax: [ax.text(0.5, 0.5, x) for x in ("one", "two")], "'one' lies on 'two'"),
+        (lambda f, ax: f.text(0.99, 0.5, "long"), "'long' is cut off"),
+        (lambda f, ax: f.legend(loc="center"), "the legend covers data"),
+    ],
+)
+def test_a_fault_is_seen(drawn, plant, fault):
+    plant(*drawn)
+    assert faults(drawn[0]) == [fault]

@@ -1,7 +1,5 @@
 """Coupled contacts whose force vanishes before they open, and beds that used to stop."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -20,10 +20,7 @@ measured 6e-15 and 3e-11."""
     "one shared law, or a table of equal ones",
     reason="two soft scenes",
 )
-@pytest.mark.parametrize(
-    "name",
-    SKIPS,
-)
+@pytest.mark.parametrize("name", SKIPS)
 def test_the_result_is_the_same(name):
     lean, whole = (np.asarray(jax.jit(way)(jnp.asarray(1.0))) for way in SKIPS[name][:2])
     assert np.all(np.isfinite(lean)) and np.max(np.abs(lean)) > 0.1

@@ -191,10 +191,7 @@ coupled solve; measured 6e-4."""
 
 def _hit_at_rest(beside=0.25, height=2.5):
     """A ball that comes to rest, and another one that falls on it, or `beside` it."""
-    balls = [
-        jc.Sphere(0.1, 1.0, [0.0, 0.1005], [0.1, 0.0]),
-        jc.Sphere(0.1, 1.0, [beside, height]),
-    ]
+    balls = [jc.Sphere(0.1, 1.0, [0.0, 0.1005], [0.1, 0.0]), jc.Sphere(0.1, 1.0, [beside, height])]
     floor = jc.Plane([0.0, 0.0], [0.0, 1.0])
     return jc.Scene([*balls, floor], jc.HuGuo(e=0.3), stiffness=1e6, gravity=[0.0, -9.81])
 

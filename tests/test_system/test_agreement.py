@@ -1,7 +1,5 @@
 """Mechanisms against other methods: scenes, SciPy restarted at events, other forms of equations."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

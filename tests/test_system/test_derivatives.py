@@ -1,7 +1,5 @@
 """Derivatives of mechanisms, against central differences and between both modes."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

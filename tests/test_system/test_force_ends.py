@@ -1,7 +1,5 @@
 """Forces that jump at a touch, and those that end before the gap opens: values and derivatives."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

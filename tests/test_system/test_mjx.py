@@ -1,7 +1,5 @@
 """A MuJoCo model of the double pendulum is the one of equations by hand."""
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 import numpy as np
 import pytest

@@ -3,8 +3,6 @@
 Touches at the turn of a pendulum, however shallow, and touches between long steps.
 """
 
-from __future__ import annotations
-
 import functools
 
 import jax

@@ -1,7 +1,5 @@
 """Steps of a slow mechanism with stiff contacts, and the energy of one over some 200 contacts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

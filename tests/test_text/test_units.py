@@ -1,14 +1,15 @@
-"""Words and units of labels: all quantities of a result, and the forms of a label."""
+"""Tables and wrapped text, character by character; words and units of labels."""
 
 import dataclasses
 
 import pytest
 
 import jaxcontact as jc
+from jaxcontact._text.table import markdown_table, text_table, wrapped
 from jaxcontact._text.units import label, meaning, quantity
 
 # Self-explanatory names, and names that are not quantities.
-PLAIN = {"restitution", "status", "method"}
+PLAIN = {"restitution", "status", "method", "solver"}
 
 
 @pytest.mark.parametrize("result", [jc.Impact, jc.Bounce])
@@ -36,3 +37,31 @@ def test_other_words_a_prefix_and_a_number():
     assert label("duration", "contact", prefix="m") == "contact / ms"
     assert label("v", prefix="k") == "closing speed / (km/s)"
     assert quantity("velocity", "4.2") == "4.2 m/s" and quantity("e", "0.5") == "0.5"
+
+
+def test_columns_are_as_wide_as_their_widest_cell():
+    rows = [("a", "1.5", ""), ("longer", "10.25", "note")]
+    assert text_table(rows, header=("", "number"), align="<>", indent=2, rule=True) == [
+        "          number",
+        "  --------------------",
+        "  a          1.5",
+        "  longer   10.25  note",
+    ]
+    assert text_table([("a", "b"), ("cc", "d")], gap=1) == ["a  b", "cc d"]
+    assert text_table([]) == []
+
+
+def test_markdown():
+    assert markdown_table(("name", ""), [("x", "1"), ("y", "")]) == [
+        "| name | |",
+        "|---|---|",
+        "| x | 1 |",
+        "| y | |",
+    ]
+
+
+def test_wrapped_text():
+    lines = wrapped("fields", "one-two three four", width=20, indent=8, lead="  ")
+    assert lines == ["  fields one-two", "        three four"]
+    assert wrapped("Pairs", "many") == ["Pairs      many"]
+    assert wrapped("Pairs", "") == []
