@@ -64,7 +64,7 @@ settings.load_profile("jaxcontact")
 
 # The longest files run first, so that no worker ends with a long one alone.
 _LONG = (
-    "test_bounce_contact test_every_law test_tasks test_dashpots "
+    "test_bounce_contact test_every_law test_weight test_tasks test_dashpots "
     "test_between_roundings test_every_argument test_soft_runs test_cluster test_properties "
     "test_float32 test_records test_calibrate test_front_door test_instantaneous test_derivatives"
 ).split()
@@ -81,7 +81,7 @@ _TESTS = pathlib.Path(__file__).resolve().parent
 _MOST_LEFT_OUT = 0.05
 
 
-# Left out unless `-m` asks for them. The code of the benchmarks changes seldom.
+# Left out unless `-m` asks for them. The code of the benchmarks changes seldom; weights do often.
 _ON_REQUEST = ("engines", "nightly")
 # What a quick check runs: one of each kind. A line names a file, a function or a case.
 _CORE = tuple((_TESTS / "core.txt").read_text(encoding="utf-8").split())
@@ -90,7 +90,7 @@ _CORE = tuple((_TESTS / "core.txt").read_text(encoding="utf-8").split())
 def pytest_collection_modifyitems(config, items):
     items.sort(key=lambda item: _PLACE.get(item.path.stem, len(_LONG)))
     for item in items:
-        if item.path.parent.name == "test_benchmarks":
+        if item.path.parent.name == "test_benchmarks" and item.path.stem != "test_weight":
             item.add_marker("nightly")
         if item.nodeid.startswith(_CORE):
             item.add_marker("core")
