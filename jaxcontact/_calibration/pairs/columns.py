@@ -42,7 +42,7 @@ def length_guess(times: float) -> str:
     return ""
 
 
-def too_long(seconds: ArrayLike, gravity: float = STANDARD_GRAVITY) -> str:
+def too_long(seconds: ArrayLike | list[float], gravity: float = STANDARD_GRAVITY) -> str:
     """Return why these are not intervals in s, with a guess of their unit; "" if plausible."""
     typical = float(np.median(np.asarray(seconds)))
     rise = gravity * typical**2 / 8
