@@ -12,9 +12,9 @@ from jaxcontact._calibration.choice.trend import Curve, Line
 from jaxcontact._calibration.pairs.reading_noise import Noise
 from jaxcontact._fit import Candidate
 from jaxcontact._fit.compare import _verdict
+from jaxcontact._lab.calibration import summary_data
 from jaxcontact._lab.calibration.full_report import equivalents_sentence, marking_rule
 from jaxcontact._lab.calibration.short_report import cautions, headlines, law_sentence
-from jaxcontact._lab.calibration import summary_data
 from jaxcontact._lab.calibration.summary_data import AtSpeed, PairSummary, RecordingSummary
 
 GOOD = {"adequate": True, "grounds": "residuals do not follow x, p = 0.4"}
