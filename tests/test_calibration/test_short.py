@@ -12,14 +12,10 @@ from jaxcontact._calibration.choice.trend import Curve, Line
 from jaxcontact._calibration.pairs.reading_noise import Noise
 from jaxcontact._fit import Candidate
 from jaxcontact._fit.compare import _verdict
+from jaxcontact._lab.calibration import summary_data
 from jaxcontact._lab.calibration.full_report import equivalents_sentence, marking_rule
 from jaxcontact._lab.calibration.short_report import cautions, headlines, law_sentence
-from jaxcontact._lab.calibration.summary_data import (
-    AtSpeed,
-    PairSummary,
-    RecordingSummary,
-    contact_note,
-)
+from jaxcontact._lab.calibration.summary_data import AtSpeed, PairSummary, RecordingSummary
 
 GOOD = {"adequate": True, "grounds": "residuals do not follow x, p = 0.4"}
 BAD = {"adequate": False, "grounds": "residuals follow x, p < 1e-03"}
@@ -194,9 +190,11 @@ def test_a_worst_case_stays_short():
 
 
 def test_what_was_not_given_is_what_stands_for_it():
-    assert contact_note(()).endswith("1 kg and 1 N/m^(3/2) are placeholders")
-    assert contact_note(("mass",)) == "stiffness not given: 1 N/m^(3/2) is a placeholder"
-    assert contact_note(("stiffness",)) == "mass not given: 1 kg is a placeholder"
+    assert summary_data.contact_note(()).endswith("1 kg and 1 N/m^(3/2) are placeholders")
+    assert (
+        summary_data.contact_note(("mass",)) == "stiffness not given: 1 N/m^(3/2) is a placeholder"
+    )
+    assert summary_data.contact_note(("stiffness",)) == "mass not given: 1 kg is a placeholder"
 
 
 def test_a_table_is_marked_by_two_rules():
