@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
 # First of all: XLA reads its flags when its backend starts.
-from ._fast_loops import FastLoops as FastLoops
-from ._fast_loops import fast_loops as fast_loops
+from . import _fast_loops as _fast_loops
 
 if _TYPE_CHECKING:
     # For readers and type checkers. Each name is loaded on first use together with its room, so a
@@ -22,6 +21,8 @@ if _TYPE_CHECKING:
     from ._export.scenes import SceneExport as SceneExport
     from ._export.scenes import export_scene as export_scene
     from ._export.scenes import read_run as read_run
+    from ._fast_loops import FastLoops as FastLoops
+    from ._fast_loops import fast_loops as fast_loops
     from ._fit import Between as Between
     from ._fit import Fit as Fit
     from ._fit import Fits as Fits

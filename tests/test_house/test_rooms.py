@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[2] / PACKAGE
 # From the ground up. A room may import rooms on lower floors, and on its own floor only itself.
 FLOORS = [
     {"_entry"},
-    {"_cache", "_functions", "_program", "_text", "data"},
+    {"_cache", "_fast_loops", "_functions", "_program", "_text", "data"},
     {"_flight", "_fit", "_solver"},
     {"_forms"},
     {"_laws", "_friction"},
