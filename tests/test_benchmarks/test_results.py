@@ -2,6 +2,7 @@
 
 import json
 
+import jax
 import numpy as np
 import pytest
 
@@ -137,3 +138,14 @@ def test_hard_contacts_rebound_as_rigid_ones():
             shorter = row["hard"]["duration"] / row["soft"]["duration"]
             assert row["hard"][name] < max(found["tolerance"], 1.5 * shorter * row["soft"][name])
         assert row["hard"]["normal"] < 1.1 * found["tolerance"]
+
+
+@pytest.mark.skipif(
+    np.finfo(np.longdouble).nmant < 63,
+    reason="this processor's long double is no longer than double",
+)
+@pytest.mark.parametrize("job", [job for job in memory_map.jobs() if job[1] == "exact"])
+def test_lanes_of_formulas(job):
+    with jax.numpy_rank_promotion("allow"):
+        row = memory_map.measure(*job, 100)
+    assert row["right"] == row["lanes"] == 100

@@ -11,7 +11,7 @@ from jaxcontact._cli import _parser, main
 from jaxcontact._laws import registry as _registry
 
 # Pages whose code is run elsewhere: one has its own test, one is run by the script of its plots.
-ELSEWHERE = {"sweeps.md": "tests/test_sweep/test_page.py", "plots.md": "docs/plots.py"}
+ELSEWHERE = {"sweeps.md": "tests/test_sweep/test_store.py", "plots.md": "docs/plots.py"}
 PAGES = [page for page in pages() if page.name not in ELSEWHERE]
 
 

@@ -8,8 +8,8 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._export import export
-from tests.test_export.page import measured
 from tests.test_export.run import case, missing, rebounds
+from tests.test_export.test_page import measured
 
 pytestmark = pytest.mark.engines
 

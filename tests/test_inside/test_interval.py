@@ -1,7 +1,7 @@
 """The contacts of one step, without an engine: e, derivatives, coupled pairs, and the step rule."""
 
-from __future__ import annotations
-
+import contextlib
+import io
 import sys
 
 import jax
@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
+from docs.run_code import BLOCK, DOCS
 from jaxcontact._inside.interval import Gaps, push_of
 
 HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
@@ -173,3 +174,25 @@ def test_without_the_engine_the_command_is_named(monkeypatch, engine, module, pa
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ImportError, match=f"pip install {package}`"):
         engine.contact_force(jc.Hertz(), HERTZ, None)
+
+
+PRINTED = 1e-3
+"""Of the numbers of the page, which other versions of the engines may change."""
+
+
+@pytest.mark.engines
+@pytest.mark.parametrize(("engine", "module"), [("mjx", "mujoco.mjx"), ("jaxsim", "jaxsim")])
+def test_the_code_of_the_page(engine, module):
+    pytest.importorskip(module)
+    page = (DOCS / "engines.md").read_text(encoding="utf-8")
+    (block,) = (m for m in BLOCK.finditer(page) if f"{engine}.contact_force" in m["code"])
+    shown, names = io.StringIO(), {}
+    with (
+        contextlib.redirect_stdout(shown),
+        jax.numpy_dtype_promotion("standard"),
+        jax.numpy_rank_promotion("allow"),
+    ):
+        exec(block["code"], names)
+    printed = [float(word) for word in shown.getvalue().split()]
+    expected = [float(word) for word in block["shown"].split()]
+    np.testing.assert_allclose(printed, expected, rtol=PRINTED)

@@ -5,7 +5,7 @@ import pytest
 
 from jaxcontact import paper
 from tests import oracle
-from tests.test_paper.layout import faults
+from tests.test_paper.test_layout import faults
 
 MASS, STIFFNESS = 0.033, 1.07e10
 SPEED = np.array([0.8, 0.1])

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from jaxcontact import paper
-from tests.test_paper.layout import faults
+from tests.test_paper.test_layout import faults
 
 SPEED = np.array([0.8, 0.1])
 ALPHA = np.array([2.0e9, 2.0e10]) * SPEED / 1.07e10

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxcontact import paper
-from tests.test_paper.layout import faults
+from tests.test_paper.test_layout import faults
 
 FORMULA = 1e-14
 """The same arithmetic in another order: measured 5e-16."""

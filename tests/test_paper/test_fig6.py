@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from jaxcontact import paper
 from tests import oracle
-from tests.test_paper.layout import faults
+from tests.test_paper.test_layout import faults
 
 OUT = 5e-15
 """The closed form against forty digits, α given exactly: measured 2e-16."""

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import sys
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._sweep.store import Stored, StoredCoordinate, open_store
+from tests.test_sweep.lanes import ROOT
 
 pytest.importorskip("zarr")
 
@@ -287,3 +289,24 @@ def test_without_zarr(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "zarr", None)
     with pytest.raises(ImportError, match=r"pip install 'jaxcontact\[data\]'"):
         opened(tmp_path / "a.zarr")
+
+
+PAGE = ROOT / "docs" / "sweeps.md"
+
+
+def test_the_code_of_the_page_runs(tmp_path, monkeypatch):
+    pytest.importorskip("xarray")
+    pytest.importorskip("zarr")
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    here = [block for block in blocks if "jax.distributed" not in block]
+    assert len(here) == len(blocks) - 2 == 3
+    names = {}
+    kept, opened, dealt = here
+    exec(kept, names)
+    stored = names["table"]
+    exec(opened, names)
+    assert names["stored"].restitution.dims == ("e",)
+    exec(dealt, names)
+    assert np.array_equal(stored.duration, names["table"].duration)
+    stored.to_xarray().to_netcdf("sweep.nc")
