@@ -73,6 +73,7 @@ def impact(
     Source: the energy integral of Hunt & Crossley (1975), doi 10.1115/1.3423596, and the references
     of the laws.
     """
+    throw = throw is True or require_flag("throw", throw)
     how, begun = method_of(method), None
     formula = how if external_force is None and type(how).has_formula else None
     ours = type(contact) is Contact and issubclass(type(law), AbstractLaw)
@@ -84,7 +85,7 @@ def impact(
         # all outputs of the first.
         begun = _at_once(problem, how) if traced(problem) else _begun(problem, formula)
     found = begun if type(begun) is Impact else _solved(begun, how)
-    return checked(found, throw is True or require_flag("throw", throw), "impact")
+    return checked(found, throw, "impact")
 
 
 @program

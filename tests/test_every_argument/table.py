@@ -23,7 +23,7 @@ def cases() -> dict[str, Case]:
 
 EXEMPT = {
     # Results, which the library makes
-    r"(Bounce|Calibration|CalibrationSummary|Design|EngineRun|Export|Fits?|FrictionCalibration|FrictionChoice|"
+    r"(Bounce|Calibration|CalibrationSummary|Design|EngineRun|Export|FastLoops|Fits?|FrictionCalibration|FrictionChoice|"
     r"Impact|Impacts|LawChoice|Margin|"
     r"ObliqueImpact|ObliqueTrajectory|"
     r"Posterior|Recording|Run|ScaledImpact|SceneExport|States|Sweep|SystemContacts|SystemMargin|SystemPhases|"
