@@ -13,6 +13,7 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
 from .._functions import contraction
+from .._solver.few_or_many import MANY
 
 In = TypeVar("In")
 Out = TypeVar("Out")
@@ -26,38 +27,53 @@ _CHUNK = 64
 """Lanes that a CPU solves together. More do not fit its caches, and wait for the slowest one."""
 
 
-def over_lanes(solve: Callable[[In], Out], problem: In, chunks: bool = False) -> Out:
+def over_lanes(solve: Callable[[In], Out], problem: In) -> Out:
     """Apply `solve` to every lane of `problem`, whose leaves broadcast against each other. The
     outcome has the broadcast shape. Callers leave leaves that are equal in all lanes unbroadcast,
-    so that a batch costs only its distinct problems. `chunks`: whether a CPU solves a large batch
-    in chunks.
+    so that a batch costs only its distinct problems.
     """
     leaves, structure = jax.tree.flatten(problem)
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
     if shape == ():
         return solve(problem)
     flat = [jnp.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves]
-    over = _over_chunks if chunks and jax.default_backend() == "cpu" else jax.vmap
-    outcome = over(solve)(jax.tree.unflatten(structure, flat))
+    outcome = jax.vmap(solve)(jax.tree.unflatten(structure, flat))
     return jax.tree.map(lambda out: out.reshape(shape + out.shape[1:]), outcome)
 
 
-def _over_chunks(solve: Callable[[In], Out]) -> Callable[[In], Out]:
-    """Return `vmap(solve)`, one chunk after another.
-
-    Two such loops side by side would use two cores, but take 1.6 times as long to compile.
+def _in_chunks(solve: Callable[..., Out], lanes: int = 1) -> Callable[..., Out]:
+    """Return `solve`, of which a CPU takes a large batch in chunks. It is a batch of `lanes`
+    already. Two such loops side by side would take longer to compile and run on one core, too.
     """
 
-    def over(problem: In) -> Out:
-        lanes = jax.tree.leaves(problem)[0].size
+    @jax.custom_batching.custom_vmap
+    def solved(*leaves: jax.Array) -> Out:
+        return solve(*leaves)
+
+    @solved.def_vmap
+    def in_a_batch(size: int, along: list[bool], *leaves: jax.Array) -> tuple[Out, Any]:
+        batch = jax.vmap(solve, in_axes=[0 if moves else None for moves in along])
+        if lanes * size < MANY:
+            outcome = _in_chunks(batch, lanes * size)(*leaves)
+            return outcome, jax.tree.map(lambda _: True, outcome)
+        chunk = max(1, _CHUNK // lanes)
 
         def cut(leaf: jax.Array) -> jax.Array:
-            return jnp.pad(leaf, (0, -lanes % _CHUNK), mode="edge").reshape(-1, _CHUNK)
+            padding = ((0, -size % chunk),) + ((0, 0),) * (leaf.ndim - 1)
+            return jnp.pad(leaf, padding, mode="edge").reshape(-1, chunk, *leaf.shape[1:])
 
-        outcome = jax.lax.map(jax.vmap(solve), jax.tree.map(cut, problem))
-        return jax.tree.map(lambda out: out.reshape(-1, *out.shape[2:])[:lanes], outcome)
+        def of_chunk(moving: list[jax.Array]) -> Out:
+            now = iter(moving)
+            return batch(
+                *(next(now) if moves else x for x, moves in zip(leaves, along, strict=True))
+            )
 
-    return over
+        moving = [cut(leaf) for leaf, moves in zip(leaves, along, strict=True) if moves]
+        outcome = jax.lax.map(of_chunk, moving)
+        outcome = jax.tree.map(lambda out: out.reshape(-1, *out.shape[2:])[:size], outcome)
+        return outcome, jax.tree.map(lambda _: True, outcome)
+
+    return solved
 
 
 @eqx.filter_jit
@@ -98,15 +114,16 @@ def _transposable(solve: Callable[..., Any], place: int) -> Callable[..., Any]:
 
     # Every output formally depends on the input: a rule with partly constant outcomes fails under
     # jit of vmap (jax 0.10.2).
-    @jax.custom_jvp
-    def solved(*leaves: jax.Array) -> Any:
+    def plain(*leaves: jax.Array) -> Any:
         either = jnp.isnan(leaves[place].reshape(-1)[0])
         return jax.tree.map(lambda out: jnp.where(either, out, out), solve(*leaves))
+
+    solved = jax.custom_jvp(_in_chunks(plain) if jax.default_backend() == "cpu" else plain)
 
     def rule(primals: tuple[jax.Array, ...], tangents: tuple) -> tuple[Any, Any]:
         varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
         along = jnp.concatenate([tangents[i].reshape(-1) for i in varying])
-        carried = functools.partial(_slopes_along, solved.fun, varying)
+        carried = functools.partial(_slopes_along, plain, varying)
         few = along.size <= _FEW
         outcome, slopes = (_transposable(carried, place) if few else carried)(*primals)
         return outcome, jax.tree.map(lambda s: contraction(along, s), slopes)

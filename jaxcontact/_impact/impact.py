@@ -5,12 +5,15 @@ from __future__ import annotations
 import collections
 import dataclasses
 import functools
+import math
+import os
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact, require_contact
@@ -26,7 +29,8 @@ from .._entry import (
 )
 from .._forms import ScaledImpact, scale_of
 from .._laws import AbstractLaw, require_law
-from .._program import program, quick, soon_options, traced
+from .._program import program, quick, side_by_side, soon_options, traced
+from .._solver.few_or_many import MANY
 from .._text.failure import checked
 from .front_door import SPEED, Lanes, Problem, is_known, lanes_of, problem_of, uniform
 from .methods.auto import method_of
@@ -84,7 +88,7 @@ def impact(
         # Under differentiation one program is used, since the second of two would differentiate by
         # all outputs of the first.
         begun = _at_once(problem, how) if traced(problem) else _begun(problem, formula)
-    found = begun if type(begun) is Impact else _solved(begun, how)
+    found = begun if type(begun) is Impact else _on_cores(begun, how)
     return checked(found, throw, "impact")
 
 
@@ -156,6 +160,37 @@ def _of_lanes(lanes: Lanes, method: AbstractMethod) -> Impact:
 
 
 _solved = program(_of_lanes)
+_run_before: set[Any] = set()
+"""Parts of batches that have a program, which each thread would compile otherwise."""
+
+
+def _on_cores(lanes: Lanes, how: AbstractMethod) -> Impact:
+    """Solve lanes, a large batch on a CPU in parts on all cores: XLA runs a loop on one core."""
+    shape, numbers = lanes.shape, (lanes.form, lanes.exponent, lanes.push)
+    distinct = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(numbers)))
+    count = min(os.cpu_count() or 1, math.prod(distinct) // MANY, *distinct[:1])
+    cpu = jax.default_backend() == "cpu"
+    if count < 2 or len(distinct) < len(shape) or distinct[0] < shape[0] or not cpu:
+        return _solved(lanes, how)
+    rows = -(-shape[0] // count)
+
+    def part(k: int) -> Lanes:
+        at = np.minimum(np.arange(k * rows, (k + 1) * rows), shape[0] - 1)
+
+        def cut(leaf: jax.Array) -> jax.Array:
+            whole = leaf.ndim == len(shape) and leaf.shape[0] == shape[0]
+            return jnp.asarray(np.asarray(leaf)[at]) if whole else leaf
+
+        return dataclasses.replace(jax.tree.map(cut, lanes), shape=(rows, *shape[1:]))
+
+    parts = [part(k) for k in range(count)]
+    kind = jax.tree.structure((parts[0], how)), tuple(map(jax.typeof, jax.tree.leaves(parts[0])))
+    at_once = count if kind in _run_before else 1
+    _run_before.add(kind)
+    found = side_by_side([functools.partial(_solved, part, how) for part in parts], at_once)
+    return jax.tree.map(lambda *some: jnp.concatenate(some)[: shape[0]], *found)
+
+
 _at_once = program(lambda problem, method: _of_lanes(lanes_of(problem), method))
 
 

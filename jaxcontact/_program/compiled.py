@@ -33,11 +33,17 @@ with jax.core.eval_context():
 
 def side_by_side(jobs: Iterable[Callable[[], Out]], at_once: int = 2) -> Generator[Out, None, None]:
     """Yield the results of jobs in order, running some at once. Most of a job is compilation or
-    computation, which leaves Python free for another one. JAX settings that hold only for the
-    caller's thread do not hold in a job.
+    computation, which leaves Python free for another one. Of the JAX settings that hold only for
+    the caller's thread, the precision holds in a job.
     """
+    x64 = jax.config.jax_enable_x64
+
+    def run(job: Callable[[], Out]) -> Out:
+        with jax.enable_x64(x64):
+            return jax.block_until_ready(job())
+
     with concurrent.futures.ThreadPoolExecutor(at_once) as pool:
-        running = [pool.submit(job) for job in jobs]
+        running = [pool.submit(run, job) for job in jobs]
         try:
             for one in running:
                 yield one.result()

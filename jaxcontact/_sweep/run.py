@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,23 +30,41 @@ def compute(
 ) -> Iterator[tuple[Block, Arrays]]:
     """Compute blocks in order, and yield each with its results by key.
 
-    The next blocks are computed while one is read. Every process receives the results of every
-    block. Without `exchange` each process receives only its own results.
+    The next blocks are computed while one is read, on a CPU each in a thread, since a loop runs on
+    one core. Every process receives the results of every block. Without `exchange` each process
+    receives only its own results.
     """
-    waiting: deque[tuple[list[Block], Sequence[jax.Array]]] = deque()
-    blocks = iter(blocks)
-    for turn in itertools.count():
-        group = list(itertools.islice(blocks, workers.processes))
-        started = ()
-        if workers.process < len(group):
-            block = group[workers.process]
-            started = block.call(*workers.place(turn, block.arguments()))
-        if group:
-            waiting.append((group, started))
-        while waiting and (not group or len(waiting) > workers.ahead):
-            yield from _results(*waiting.popleft(), workers, exchange)
-        if not group:
-            return
+    waiting: deque[tuple[list[Block], Callable[[], Sequence[jax.Array]]]] = deque()
+    blocks, compiled = iter(blocks), set()
+    pool = ThreadPoolExecutor(workers.threads)
+    # A setting of the caller's thread alone does not hold in others.
+    x64 = jax.dtypes.canonicalize_dtype(float) == np.float64
+
+    def run(block: Block, arguments: Sequence[Any]) -> Sequence[jax.Array]:
+        with jax.enable_x64(x64):
+            return jax.block_until_ready(block.call(*arguments))
+
+    try:
+        for turn in itertools.count():
+            group = list(itertools.islice(blocks, workers.processes))
+            started: Callable[[], Sequence[jax.Array]] = tuple
+            if workers.process < len(group):
+                block = group[workers.process]
+                arguments = workers.place(turn, block.arguments())
+                if block.call in compiled and workers.threads > 1:
+                    started = pool.submit(run, block, arguments).result
+                else:
+                    started = functools.partial(lambda out: out, block.call(*arguments))
+                    compiled.add(block.call)
+            if group:
+                waiting.append((group, started))
+            while waiting and (not group or len(waiting) > workers.ahead):
+                group_done, finished = waiting.popleft()
+                yield from _results(group_done, finished(), workers, exchange)
+            if not group:
+                return
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def _results(

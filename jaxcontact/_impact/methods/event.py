@@ -93,7 +93,8 @@ class Event(AbstractMethod):
 
     def over(self, motion: Motion, solve_lane: Callable[..., Out]) -> Out:
         """Apply `solve_lane(motion, how=self, many=)` to every distinct lane, with derivatives."""
-        ours = self.solver is None and self.adjoint is None
+        # A CPU takes lanes in chunks, which are few.
+        ours = self.solver is None and self.adjoint is None and jax.default_backend() != "cpu"
         shape = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(motion)))
         many = ours and math.prod(shape) >= MANY
         lane = eqx.Partial(solve_lane, how=self, many=many)
@@ -101,7 +102,7 @@ class Event(AbstractMethod):
         motion = dataclasses.replace(motion, smooth=rtol <= _FOR_SLOPES)
         # A user's adjoint provides its own derivatives.
         lane = lane if self.adjoint is not None else with_sensitivity(lane)
-        return over_lanes(lane, motion, chunks=many)
+        return over_lanes(lane, motion)
 
     def tolerances(self, dtype: Any) -> tuple[float, float]:
         """Return the relative and absolute tolerance in a precision."""

@@ -249,8 +249,8 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     end = at_end(motion, last, arrived[1], max_indentation)
     # Separate from the solve, so that it is removed as dead code if the largest force is unused.
     packed = Packed.of(turn, many, how.adjoint is not None)
-    forces = jax.vmap(lambda near, flag: largest_near(Way(motion, flag), packed, near))(
-        legs.nearest, flags
+    forces = jax.lax.map(
+        lambda leg: largest_near(Way(motion, leg[1]), packed, leg[0]), (legs.nearest, flags)
     )
     # With damping strong enough for implicit steps, the force is largest at the beginning.
     largest = jnp.maximum(forces[0], forces[1])

@@ -53,6 +53,7 @@ def largest_near(way: Way, packed: Packed[State], near: Nearest, sign: int = 1) 
 
     # Without a sign change the maximum is at an end: at touch, for a law whose force jumps there.
     inside = (first > 0) & (last < 0)
+    first, last = jnp.where(inside, first, 0), jnp.where(inside, last, -1)
     theta = jnp.where(inside, bracketed_root(later, first, last, iterations=100), 0)
     start = chosen(rising, near.at, near.before)
     between, _ = step(way, start, theta * size)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -197,7 +198,13 @@ class Workers:
     @property
     def ahead(self) -> int:
         """Number of blocks to start before the first is read, so that every device has work."""
-        return max(len(self.devices), 1)
+        return max(len(self.devices), self.threads)
+
+    @property
+    def threads(self) -> int:
+        """Number of threads that start blocks: one for each core of JAX's default device."""
+        alone = not self.devices and jax.default_backend() == "cpu"
+        return (os.cpu_count() or 1) if alone else 1
 
     def place(self, turn: int, arguments: Sequence[np.ndarray]) -> Sequence[Any]:
         """Return the arguments of this process's block number `turn`, on the next device."""
