@@ -13,7 +13,7 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
 from .._functions import contraction
-from .._solver.few_or_many import MANY
+from .._solver.chunks import in_chunks
 
 In = TypeVar("In")
 Out = TypeVar("Out")
@@ -21,10 +21,6 @@ Out = TypeVar("Out")
 # Up to this count of varying numbers, a second derivative has slopes along all pairs of them. That
 # is wasteful for the clusters of a scene, which have hundreds.
 _FEW = 16
-
-
-_CHUNK = 64
-"""Lanes that a CPU solves together. More do not fit its caches, and wait for the slowest one."""
 
 
 def over_lanes(solve: Callable[[In], Out], problem: In) -> Out:
@@ -39,41 +35,6 @@ def over_lanes(solve: Callable[[In], Out], problem: In) -> Out:
     flat = [jnp.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves]
     outcome = jax.vmap(solve)(jax.tree.unflatten(structure, flat))
     return jax.tree.map(lambda out: out.reshape(shape + out.shape[1:]), outcome)
-
-
-def _in_chunks(solve: Callable[..., Out], lanes: int = 1) -> Callable[..., Out]:
-    """Return `solve`, of which a CPU takes a large batch in chunks. It is a batch of `lanes`
-    already. Two such loops side by side would take longer to compile and run on one core, too.
-    """
-
-    @jax.custom_batching.custom_vmap
-    def solved(*leaves: jax.Array) -> Out:
-        return solve(*leaves)
-
-    @solved.def_vmap
-    def in_a_batch(size: int, along: list[bool], *leaves: jax.Array) -> tuple[Out, Any]:
-        batch = jax.vmap(solve, in_axes=[0 if moves else None for moves in along])
-        if lanes * size < MANY:
-            outcome = _in_chunks(batch, lanes * size)(*leaves)
-            return outcome, jax.tree.map(lambda _: True, outcome)
-        chunk = max(1, _CHUNK // lanes)
-
-        def cut(leaf: jax.Array) -> jax.Array:
-            padding = ((0, -size % chunk),) + ((0, 0),) * (leaf.ndim - 1)
-            return jnp.pad(leaf, padding, mode="edge").reshape(-1, chunk, *leaf.shape[1:])
-
-        def of_chunk(moving: list[jax.Array]) -> Out:
-            now = iter(moving)
-            return batch(
-                *(next(now) if moves else x for x, moves in zip(leaves, along, strict=True))
-            )
-
-        moving = [cut(leaf) for leaf, moves in zip(leaves, along, strict=True) if moves]
-        outcome = jax.lax.map(of_chunk, moving)
-        outcome = jax.tree.map(lambda out: out.reshape(-1, *out.shape[2:])[:size], outcome)
-        return outcome, jax.tree.map(lambda _: True, outcome)
-
-    return solved
 
 
 @eqx.filter_jit
@@ -118,7 +79,7 @@ def _transposable(solve: Callable[..., Any], place: int) -> Callable[..., Any]:
         either = jnp.isnan(leaves[place].reshape(-1)[0])
         return jax.tree.map(lambda out: jnp.where(either, out, out), solve(*leaves))
 
-    solved = jax.custom_jvp(_in_chunks(plain) if jax.default_backend() == "cpu" else plain)
+    solved = jax.custom_jvp(in_chunks(plain))
 
     def rule(primals: tuple[jax.Array, ...], tangents: tuple) -> tuple[Any, Any]:
         varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
