@@ -309,7 +309,8 @@ def main() -> None:
     parser.add_argument("--seconds", action="store_true", help="CPU seconds of each call, too")
     parser.add_argument("--out", type=Path, help="write JSON as well")
     asked = parser.parse_args()
-    head = "call", "instr.", "progs", "largest", "jaxpr", *(("CPU s", "later ms") if asked.seconds else ("", ""))
+    times = ("CPU s", "later ms") if asked.seconds else ("", "")
+    head = "call", "instr.", "progs", "largest", "jaxpr", *times
     print("{:44}{:>8}{:>5}{:>8}{:>8}{:>8}{:>10}".format(*head))
     rows = []
     with imported() as run_copy:
