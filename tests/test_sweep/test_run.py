@@ -174,3 +174,17 @@ def test_a_function_without_a_hash():
     for factor in (2.0, 3.0):
         function = Scaled(jnp.asarray(factor))
         np.testing.assert_array_equal(jc.sweep(function, e=[1.0, 2.0]).value, [factor, 2 * factor])
+
+
+def test_later_blocks_have_the_precision_of_the_caller():
+    """They run in other threads, which do not inherit it."""
+
+    def restitution(e):
+        return jc.restitution(jc.HuGuo(e=e), contact, 1.0)
+
+    with jax.enable_x64(False):
+        contact = jc.Contact(1.0, 1e8)
+        few = np.linspace(0.3, 0.9, 40, dtype=np.float32)
+        found = jc.sweep(restitution, e=few, batch_size=10, progress=False).value
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, jc.restitution(jc.HuGuo(e=few), CONTACT, 1.0), rtol=1e-5)

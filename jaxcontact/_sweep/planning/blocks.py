@@ -202,9 +202,11 @@ class Workers:
 
     @property
     def threads(self) -> int:
-        """Number of threads that start blocks: one for each core of JAX's default device."""
-        alone = not self.devices and jax.default_backend() == "cpu"
-        return (os.cpu_count() or 1) if alone else 1
+        """Number of threads that start blocks. A CPU may compute in the caller's thread."""
+        devices = self.devices or jax.local_devices()[:1]
+        if any(device.platform != "cpu" for device in devices):
+            return 1
+        return len(self.devices) or os.cpu_count() or 1
 
     def place(self, turn: int, arguments: Sequence[np.ndarray]) -> Sequence[Any]:
         """Return the arguments of this process's block number `turn`, on the next device."""
