@@ -11,12 +11,12 @@ import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun, new_jaxpr_eqn
 from jax.interpreters import batching, mlir, partial_eval
 
-from .few_or_many import MANY
-
 Out = TypeVar("Out")
 
 _CHUNK = 64
 """Lanes that a CPU solves together. More do not fit its caches, and wait for the slowest one."""
+_LEAST = 4 * _CHUNK
+"""The size of a batch from which on chunks pay, the last of which may be nearly empty."""
 
 _in_chunks = Primitive("in_chunks")
 _in_chunks.multiple_results = True
@@ -52,7 +52,7 @@ def _batched(
     arrays = [x if a is None else jnp.moveaxis(x, a, 0) for x, a in zip(arrays, axes, strict=True)]
     size = next(x.shape[0] for x in itertools.compress(arrays, moves))
     batch = jax.vmap(jaxpr_as_fun(traced), in_axes=[0 if moved else None for moved in moves])
-    if lanes * size < MANY:
+    if lanes * size < _LEAST:
         outcome = in_chunks(batch, lanes * size)(*arrays)
         return outcome, [0] * len(outcome)
     chunk = max(1, _CHUNK // lanes)
