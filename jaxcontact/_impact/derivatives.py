@@ -13,7 +13,7 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
 from .._functions import contraction
-from .._solver.chunks import in_chunks
+from .._solver.chunks import CHUNK, in_chunks
 
 In = TypeVar("In")
 Out = TypeVar("Out")
@@ -43,13 +43,13 @@ def _traced_once(solve: Callable[[In], Out], problem: In) -> Out:
     return solve(problem)
 
 
-def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
+def with_sensitivity(solve: Callable[[In], Out], chunk: int = CHUNK) -> Callable[[In], Out]:
     """Return `solve` with a derivative rule that is linear in the tangents, so that it transposes.
 
     `solve` must be differentiable in forward mode. The slopes with respect to all varying numbers
     are carried along in one solve. They multiply the tangents in forward mode and the cotangents in
     reverse mode. A while loop alone supports only forward mode. A scaled impact has one to four
-    numbers; a leaf may also be an array.
+    numbers; a leaf may also be an array. `chunk`: how many lanes a CPU solves at once.
     """
 
     def differentiable(problem: In) -> Out:
@@ -64,13 +64,13 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
             kinds[:] = [jax.tree.map(jnp.result_type, outcome)]
             return jax.tree.map(lambda out: out.astype(leaves[place].dtype), outcome)
 
-        outcome = _transposable(as_numbers, place)(*leaves)
+        outcome = _transposable(as_numbers, place, chunk)(*leaves)
         return jax.tree.map(lambda out, kind: out.astype(kind), outcome, kinds[0])
 
     return differentiable
 
 
-def _transposable(solve: Callable[..., Any], place: int) -> Callable[..., Any]:
+def _transposable(solve: Callable[..., Any], place: int, chunk: int) -> Callable[..., Any]:
     """Return `solve` with a rule. Its slopes by few numbers have one, too, to any order."""
 
     # Every output formally depends on the input: a rule with partly constant outcomes fails under
@@ -79,14 +79,14 @@ def _transposable(solve: Callable[..., Any], place: int) -> Callable[..., Any]:
         either = jnp.isnan(leaves[place].reshape(-1)[0])
         return jax.tree.map(lambda out: jnp.where(either, out, out), solve(*leaves))
 
-    solved = jax.custom_jvp(in_chunks(plain))
+    solved = jax.custom_jvp(in_chunks(plain, chunk))
 
     def rule(primals: tuple[jax.Array, ...], tangents: tuple) -> tuple[Any, Any]:
         varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
         along = jnp.concatenate([tangents[i].reshape(-1) for i in varying])
         carried = functools.partial(_slopes_along, plain, varying)
         few = along.size <= _FEW
-        outcome, slopes = (_transposable(carried, place) if few else carried)(*primals)
+        outcome, slopes = (_transposable(carried, place, chunk) if few else carried)(*primals)
         return outcome, jax.tree.map(lambda s: contraction(along, s), slopes)
 
     solved.defjvp(rule, symbolic_zeros=True)

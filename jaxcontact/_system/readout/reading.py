@@ -48,7 +48,7 @@ class SystemStates(NamedTuple):
 def solved(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
     """Return the end of a solve, differentiable in both modes."""
     numbers, static = eqx.partition(problem, eqx.is_array)
-    return with_sensitivity(eqx.Partial(_solve, static=static, rules=rules))(numbers)
+    return with_sensitivity(eqx.Partial(_solve, static=static, rules=rules), 1)(numbers)
 
 
 def solved_from_start(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
@@ -59,7 +59,7 @@ def solved_from_start(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
     state = problem.state
     start = (state.time, state.position, state.velocity)
     solve = eqx.Partial(_solve_from_start, static=static, rules=rules)
-    return with_sensitivity(solve)((numbers, start))
+    return with_sensitivity(solve, 1)((numbers, start))
 
 
 def _solve_from_start(given: Any, static: SystemProblem, rules: SystemRules) -> SystemEnd:
