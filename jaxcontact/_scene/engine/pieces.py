@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..._program import quick
+from ..._solver.chunks import in_chunks
 from ..._text.progress import TellRun
 from ..arrays.arrays import Numbers, SceneLayout
 from ..contact_times.cells import CellGrid, grid_of
@@ -50,6 +51,20 @@ def all_at_once(rules: Rules, inputs: RunInputs, grid: CellGrid | None, room: in
     numbers, end = jax.tree.map(
         lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, (numbers, end)
     )
+    given = (layout, numbers, valid, end, tolerance), grid
+    arrays, static = eqx.partition(given, eqx.is_array)
+    leaves, structure = jax.tree.flatten(arrays)
+
+    def run(*leaves: Array) -> LoopOutcome:
+        inputs, grid = eqx.combine(jax.tree.unflatten(structure, leaves), static)
+        return _whole_loop(rules, inputs, grid, room)
+
+    # Two scenes side by side take longer than one after the other: both branches are computed.
+    return in_chunks(run, 1)(*leaves)
+
+
+def _whole_loop(rules: Rules, inputs: RunInputs, grid: CellGrid | None, room: int) -> LoopOutcome:
+    layout, numbers, valid, end, tolerance = inputs
     last = jnp.where(valid, end, -1)
     state = initial_state(layout, numbers, rules, grid)
     log = blank_log(room, layout, numbers.dtype, rules.members)
