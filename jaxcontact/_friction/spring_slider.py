@@ -18,8 +18,7 @@ from .._entry import (
     require_choice,
 )
 from .base import AbstractFriction, Lane, NormalPath, Tangential, TangentialOutcome
-from .return_mapping import slider_along
-from .scaled import hertzian, spring_of
+from .return_mapping import hertzian, slider_along, spring_of
 from .slider.phases import slider_phases
 
 FORMS = ("force", "displacement", "rescaled")

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._coupled.scalars import Index, Number
+from .._coupled.modes import Index, Number
 from .._entry import as_parameter, rendered, shown
 from .._program import derived
 from .._text.failure import Flagged

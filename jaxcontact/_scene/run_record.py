@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._coupled.scalars import Index, Number
+from .._coupled.modes import Index, Number
 from .arrays.arrays import Numbers, SceneLayout
 from .engine.log import Log, LoopOutcome
 from .engine.state import CROWDED, FRICTION, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules

@@ -23,8 +23,8 @@ from .._entry import (
 )
 from .._impact import Status
 from .._text.progress import Listener, Tell, progress_of
-from .._text.table import wrapped
 from .._text.units import quantity
+from .._text.words import wrapped
 from .export import dataset, write_csv
 from .planning.axes import SweepGrid, check_call, grid_of
 from .planning.blocks import Order, Workers, blocks_of, shape_of, workers_of

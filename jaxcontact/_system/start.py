@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._contact import Contact
-from .._coupled.modes import PerContact
-from .._coupled.scalars import Flag, Number
+from .._coupled.modes import Flag, Number, PerContact
 from .._coupled.springs import SMALL, slides_at_touch
 from .._friction import SpringSlider
 from .._laws import force_of

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from .._contact import Contact, Material
 from .._entry import rendered
 from .._laws import get_law
-from .._text.table import markdown_table
+from .._text.words import markdown_table
 from . import _ball, _impacts
 from ._figures.fig4 import fig4
 

@@ -19,7 +19,7 @@ from ..._fit import AbstractTransform, Space, fit, space_of
 from ..._impact import AbstractMethod
 from ..._laws import AbstractLaw, require_law
 from ..._program import quick
-from ..._text.table import text_table, wrapped
+from ..._text.words import text_table, wrapped
 from ..pairs.columns import column
 from ..problems.impacts import ImpactModel, Outcome, full_name, transforms_of
 from .optimal_rows import best_rows, by_parameter, by_volume, shared_out

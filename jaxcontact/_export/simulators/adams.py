@@ -11,8 +11,7 @@ from ..._contact import Contact
 from ..._entry import POSITIVE, require_choice, require_number
 from ..._impact import Status, impact
 from ..._laws import StepDamping
-from ..engine import Engine, register_engine
-from ..wanted import Draft, Wanted
+from ..engine import Draft, Engine, Wanted, register_engine
 
 SHARE = 0.01
 """The default d, as a fraction of the largest indentation of the contact without damping."""

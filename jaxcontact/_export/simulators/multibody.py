@@ -29,8 +29,7 @@ from ..._laws import (
     MarhefkaOrin,
 )
 from ..at_time_step import Scheme
-from ..engine import Engine, register_engine
-from ..wanted import Draft, Wanted, as_luding, matched_stiffness
+from ..engine import Draft, Engine, Wanted, as_luding, matched_stiffness, register_engine
 from .spring import SpringAndDashpot, pulling_dashpot
 
 _DRAKE = "drake.mit.edu/doxygen_cxx/group__compliant__contact.html"

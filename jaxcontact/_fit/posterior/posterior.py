@@ -21,8 +21,7 @@ from ..._entry import (
     require_kind,
     require_number,
 )
-from ..._text.table import text_table
-from ..._text.words import first_few
+from ..._text.words import first_few, text_table
 from ..data import FitData
 from ..search.inference import Direction
 from ..search.minimum import SINGULAR

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from ..._calibration.choice.estimate import Estimate
+from ..._calibration.choice.kind import Estimate
 from ..._calibration.choice.law_choice import ChoiceData
 from ..._fit import AT_BOUND
-from ..._text.table import text_table, wrapped
-from ..._text.words import counted
+from ..._text.words import counted, text_table, wrapped
 from ..recordings import FROM_FILE, LAYOUTS, Layout
 from .short_report import about, data_sentence, scatter_said, verdict_lines
 from .summary_data import SummaryData

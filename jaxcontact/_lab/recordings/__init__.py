@@ -11,7 +11,7 @@ from ..layouts.layout import register_layout as register_layout
 from ..layouts.rest import Stops
 from ..layouts.track import Tracks
 from ..layouts.track import tracks_of as tracks_of
-from ..tables.fault import RecordingError as RecordingError
+from ..tables.grid import RecordingError as RecordingError
 from ..tables.heading import FROM_FILE as FROM_FILE
 from .recorded_pairs import RecordedPairs as RecordedPairs
 from .recorded_pairs import make_pairs as make_pairs

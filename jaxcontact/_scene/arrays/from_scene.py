@@ -15,7 +15,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from ..._coupled.scalars import Flag
+from ..._coupled.modes import Flag
 from ..._entry import POSITIVE, Specialised, is_valid, sanitised
 from ..._functions import spin_axes
 from ..._impact import restitution

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..._coupled.scalars import Number
+from ..._coupled.modes import Number
 from ..bodies.motion import UserMotion
 
 Lane = Float[Array, "..."]

@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of, with_rows
-from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying, where_each
 from ..cluster.equations import ClusterState

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.modes import Flag, Number
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying
 from ..arrays.turning import Rotation, Turning

@@ -13,9 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._contact import Contact
-from ..._coupled.modes import AT_REST, PAUSED, PerContact
+from ..._coupled.modes import AT_REST, PAUSED, Flag, Number, PerContact
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag, Number
 from ..._coupled.springs import Vectors, lengths
 from ..._functions import ratio, spin_axes
 from ..arrays.arrays import Numbers, SceneLayout, least_speed

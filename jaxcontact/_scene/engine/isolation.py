@@ -9,7 +9,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from ..._coupled.scalars import Flag, Number
+from ..._coupled.modes import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import at_once
 from ..bodies.bodies import side

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..._coupled.scalars import Flag, Index, Number
+from ..._coupled.modes import Flag, Index, Number
 from ..._functions import spin_axes
 from ..arrays.arrays import SceneLayout
 from ..arrays.flight import Flying

@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag, Index, Number
 from ..._friction import AbstractFriction, RegularizedCoulomb
 from ..._friction.base import Tangential, TangentialOutcome
 from ..._functions import cross, swept

@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag, Index, Number
 from ..._functions import spin_axes
 from ..._impact import Status
 from ..arrays.arrays import Numbers, SceneLayout, restitution_of

@@ -18,8 +18,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.modes import Flag
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag
 from ..._coupled.springs import tangential_stiffness
 from ..._functions import cross, ratio, swept
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of

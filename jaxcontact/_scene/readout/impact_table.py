@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.modes import Index
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Index
 from ..arrays.arrays import Numbers, SceneLayout
 from ..cluster.equations import ClusterState
 from ..cluster.friction import HALF

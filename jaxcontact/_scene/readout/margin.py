@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._coupled.scalars import Number
+from ..._coupled.modes import Number
 from ..._entry import shown
 from ..._program import quick
 from ..arrays.arrays import Numbers

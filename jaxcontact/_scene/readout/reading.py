@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.energies import stored_energy
+from ..._coupled.modes import Index, Number
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Index, Number
 from ..._functions import ratio
 from ..._program import derived, quick
 from ..arrays.arrays import known_contact_of, law_of

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
+from ..._coupled.modes import Flag
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag
 from ..._functions import ratio
 from ..._program import derived, quick
 from ..arrays.arrays import SceneLayout

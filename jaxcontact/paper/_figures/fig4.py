@@ -14,8 +14,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from ..._calibration import VelocityProfile, fit_velocity_profile
 from ..._text.units import label
-from .._impacts import CASES, MASS, SolvedImpacts, impacts
-from .._reproduction import Reproduction, Table, long_table
+from .._impacts import CASES, MASS, Reproduction, SolvedImpacts, Table, impacts, long_table
 from .style import VELOCITY, legend_above, sheet
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ..._impact import restitution
 from ..._laws import get_law
 from ..._text.units import label
-from .._impacts import CASES, impacts
-from .._reproduction import Reproduction, Table, long_table
+from .._impacts import CASES, Reproduction, Table, impacts, long_table
 from .style import FOUR_LAWS, REFERENCE, VELOCITY, legend_above, sheet
 
 
