@@ -11,7 +11,6 @@ Number = Float[Array, ""]
 Flag = Bool[Array, ""]
 Index = Int[Array, ""]
 
-
 PerContact = Float[Array, " contacts"]
 Flags = Bool[Array, " contacts"]
 
