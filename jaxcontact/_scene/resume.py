@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._coupled.modes import Flag, Number
-from .arrays.turning import Turning
+from .arrays.movers import Turning
 from .cluster.equations import ClusterState
 
 

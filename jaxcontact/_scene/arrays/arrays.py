@@ -24,8 +24,7 @@ from ..bodies.mixed_law import MixedLaw, one_of_each
 from ..bodies.overlap import ROUNDINGS
 from ..bodies.scene import Scene
 from ..resume import Start
-from .movers import Movers
-from .turning import Rotation
+from .movers import Movers, Rotation
 
 Lane = Float[Array, "..."]
 

@@ -23,8 +23,7 @@ from ..bodies.bodies import AbstractBody, Shell, Sphere
 from ..bodies.motion import Along, still
 from ..bodies.scene import Scene
 from .arrays import Numbers, SceneLayout
-from .movers import Movers
-from .turning import Rotation
+from .movers import Movers, Rotation
 
 
 class Alike(eqx.Module):

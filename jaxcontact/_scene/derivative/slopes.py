@@ -19,7 +19,7 @@ from ..._coupled.modes import Flag, Number
 from ..._coupled.rows import rows_of
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying
-from ..arrays.turning import Rotation, Turning
+from ..arrays.movers import Rotation, Turning
 from ..cluster.equations import ClusterState
 from ..cluster.solve import MOST_STEPS
 from ..engine.cluster_slots import in_place, index_of, slot_pairs

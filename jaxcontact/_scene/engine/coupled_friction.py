@@ -19,7 +19,7 @@ from ..._coupled.springs import Vectors, lengths
 from ..._functions import ratio, spin_axes
 from ..arrays.arrays import Numbers, SceneLayout, least_speed
 from ..arrays.flight import Flying
-from ..arrays.turning import spin_energy
+from ..arrays.movers import spin_energy
 from ..cluster.equations import ClusterPairs, ClusterState, Drive
 from ..cluster.friction import HALF, PairFriction, Rubbing, in_plane
 from ..cluster.problem import ClusterEnd

@@ -12,7 +12,7 @@ from ..._coupled.modes import Flag, Index, Number
 from ..._functions import spin_axes
 from ..arrays.arrays import SceneLayout
 from ..arrays.flight import Flying
-from ..arrays.turning import Turning
+from ..arrays.movers import Turning
 from ..cluster.equations import ClusterState
 from ..pair_impact.friction import SlipSpeeds
 from ..pair_impact.instantaneous import Choice, ImpactOutcome

@@ -2,7 +2,7 @@
 
 The normal is that of the touch. With the effective mass m, 1/m_t = 1/m + R1²/I1 + R2²/I2 and the
 slip velocity u of the contact point, the impulse is J = m_t (u' - u), where u' = u |u'|/|u| follows
-from the law. The friction takes the energy m_t (u² - u'²)/2. See `arrays/turning.py` for the signs.
+from the law. The friction takes the energy m_t (u² - u'²)/2. See `arrays/movers.py` for the signs.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from ..._functions import spin_axes
 from ..._impact import Status
 from ..arrays.arrays import Numbers, SceneLayout, restitution_of
 from ..arrays.flight import Flying, at_once
-from ..arrays.turning import free_turning
+from ..arrays.movers import free_turning
 from ..bodies.bodies import side
 from ..result import SolvedBy
 from .friction import SlipSpeeds, arms_of, friction_impulse, wall_drift

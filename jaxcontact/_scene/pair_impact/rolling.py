@@ -24,7 +24,7 @@ from ..._coupled.springs import tangential_stiffness
 from ..._functions import cross, ratio, swept
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of
 from ..arrays.flight import Flying, at_once
-from ..arrays.turning import Turning, free_turning
+from ..arrays.movers import Turning, free_turning
 from .friction import coefficient_of, ramps_of, spring_ratio_of, wall_drift
 from .instantaneous import Choice, ImpactOutcome
 

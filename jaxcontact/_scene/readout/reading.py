@@ -21,7 +21,7 @@ from ..._functions import ratio
 from ..._program import derived, quick
 from ..arrays.arrays import known_contact_of, law_of
 from ..arrays.flight import Flying, accelerations
-from ..arrays.turning import spin_energy
+from ..arrays.movers import spin_energy
 from ..bodies.bodies import side
 from ..pair_impact.instantaneous import Choice, meeting_of, second_velocity, two_that_meet
 from ..pair_impact.rolling import begins_to_roll, footing, give_way
