@@ -37,7 +37,6 @@ from .table import OutputField, SweepColumn, SweepTable, within
 if TYPE_CHECKING:
     import xarray
 
-
 METHODS = ("nearest",)
 
 _ROUNDINGS = 4
@@ -302,7 +301,6 @@ def _name_of(function: Callable[..., Any]) -> str:
 def _table(
     plan: Plan, groups: tuple[Group, ...], grid: SweepGrid, results: Results, function: str
 ) -> Sweep:
-    """Return the table of the results of some groups of a plan."""
     arrays = results.arrays
     dims = {array.key: array.dims for group in groups for array in group.arrays}
 

@@ -215,7 +215,6 @@ def _just_before(stop: Number) -> Number:
 
 
 def _start(solve: _SystemSolve, state: SystemState) -> CoupledStart:
-    """Return the start of the loop."""
     scales, units = solve.field.scales, solve.units
     zero = jnp.zeros((), state.position.dtype)
     q, v = state.position / scales.position, state.velocity / scales.velocity

@@ -182,7 +182,6 @@ def _is_quadratic(mechanics: Mechanics, time: Number, q: Vector, v: Vector) -> F
 
 
 def _is_affine(function: Callable[[Vector], Array], v: Vector) -> Flag:
-    """Test whether a function of v is affine."""
     speeds = 1 + jnp.abs(v)
     at_rest, expected = jax.jvp(function, (jnp.zeros_like(v),), (speeds,))
     got = function(speeds) - at_rest

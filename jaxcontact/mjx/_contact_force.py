@@ -207,7 +207,6 @@ def contact_force(
 
 
 def _numbers(mujoco: Any, model: Any, geoms: Sequence[str] | None) -> np.ndarray:
-    """Return the numbers of the named geoms."""
     if geoms is None:
         return np.arange(model.ngeom)
     texts = not isinstance(geoms, str) and all(isinstance(name, str) for name in geoms)

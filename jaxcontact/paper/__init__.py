@@ -5,8 +5,8 @@ from ._ball import bouncing as bouncing
 from ._ball import fig8 as fig8
 from ._ball import fig9 as fig9
 from ._ball import fig10 as fig10
-from ._figures.fig4 import fig4 as fig4
 from ._figures.impact_figures import fig3 as fig3
+from ._figures.impact_figures import fig4 as fig4
 from ._figures.impact_figures import fig5 as fig5
 from ._figures.impact_figures import fig6 as fig6
 from ._impacts import Reproduction as Reproduction

@@ -177,7 +177,6 @@ DAMPINGS = {
     ),
 }
 
-
 _POISSON = 0.3
 """ν of the snippet: the normal force depends on E/(1-ν²) only."""
 

@@ -42,7 +42,7 @@ def report(summary: SummaryData) -> str:
         _fits(summary, layout),
         _by_speed(summary),
         _choice(summary),
-        _equivalents(summary.choice),
+        wrapped("Law's e", equivalents_sentence(summary.choice)),
         _side_by_side(summary),
         _open_questions(summary),
     ]
@@ -253,10 +253,6 @@ def _choice(s: SummaryData) -> list[str]:
         if sentence:
             lines += wrapped("", sentence)
     return lines
-
-
-def _equivalents(choice: ChoiceData) -> list[str]:
-    return wrapped("Law's e", equivalents_sentence(choice))
 
 
 def equivalents_sentence(choice: ChoiceData) -> str:

@@ -53,7 +53,6 @@ _SUMMARIES = frozenset(
 )
 """Words that begin summary rows below a table."""
 
-
 _LONGEST = 12
 """Largest length of a unit."""
 

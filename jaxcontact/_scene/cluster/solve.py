@@ -63,7 +63,6 @@ def solve_cluster(problem: ClusterProblem, rules: LoopRules, in_line: bool) -> C
 
 
 def _start(solve: _ClusterSolve) -> CoupledStart:
-    """Return the start of the loop."""
     state, units = solve.problem.state, solve.units
     zero = jnp.zeros((), state.position.dtype)
     velocity = (state.velocity - solve.frame) / units.speed

@@ -200,7 +200,6 @@ def _start_of_spheres(layout: SceneLayout, numbers: Numbers, along: Numbers) -> 
 
 
 def _initial_tangents(layout: SceneLayout, numbers: Numbers, log: Log, along: Numbers) -> _Tangents:
-    """Return the tangents at the start of a run."""
     held = jnp.zeros(layout.spheres, along.position.dtype)
     start = _start_of_spheres(layout, numbers, along)
     coupled = None

@@ -27,7 +27,6 @@ Lane = Float[Array, "..."]
 _AT_REST = 1e-8
 """The slip, relative to the closing speed, below which it only gives the direction's derivative."""
 
-
 _USUAL_RATIO = 14 / 17
 """4G*/E* of two bodies with Poisson's ratio 0.3."""
 

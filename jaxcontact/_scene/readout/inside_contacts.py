@@ -15,10 +15,9 @@ from ..arrays.flight import Flying
 from ..arrays.movers import Turning
 from ..engine.cluster_slots import Slots, all_fit, empty_slots, in_line, index_of, joins, no_change
 from ..engine.coupled import Call, as_flags, blank_state, call, contact_energy, meets
-from ..engine.log import last_call
+from ..engine.log import RunRecord, last_call
 from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice
-from ..run_record import RunRecord
 
 
 class Kinematics(NamedTuple):

@@ -23,10 +23,10 @@ from ..arrays.arrays import known_contact_of, law_of
 from ..arrays.flight import Flying, accelerations
 from ..arrays.movers import spin_energy
 from ..bodies.bodies import side
+from ..engine.log import RunRecord
 from ..pair_impact.instantaneous import Choice, meeting_of, second_velocity, two_that_meet
 from ..pair_impact.rolling import begins_to_roll, footing, give_way
 from ..result import Ending, Impacts, States, nan_unless, traced
-from ..run_record import RunRecord
 from .impact_table import table_of, taken_beside
 from .states import (
     has_forces_at,
