@@ -43,6 +43,7 @@ class HasSpring(Protocol):
     @property
     def mu(self) -> Lane:
         """The coefficient μ."""
+        ...
 
     @property
     def ratio(self) -> Lane | None:

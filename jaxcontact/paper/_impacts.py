@@ -96,7 +96,7 @@ Table = dict[str, np.ndarray]
 """Named columns of equal length; names end in their SI unit if they have one: `time_s`."""
 
 
-def long_table(columns: Mapping[str, ArrayLike]) -> Table:
+def long_table(columns: Mapping[str, np.typing.ArrayLike]) -> Table:
     """Return a table of columns that broadcast: one row per element, the last axis fastest."""
     arrays = np.broadcast_arrays(*map(np.asarray, columns.values()))
     return dict(zip(columns, map(np.ravel, arrays), strict=True))

@@ -73,8 +73,8 @@ def is_isolated(
         assert motion is not None
         change = motion.strongest[jnp.clip(choice.second - count, 0)] * last
         alone = alone & ~(is_wall & (10 * change > tolerance * outcome.closing))
-    damped = any(law.damped for law in numbers.laws)
-    if layout.spheres > layout.visible and rules.v0 == "peak" and damped:
+    in_shell = layout.spheres > layout.visible and rules.v0 == "peak"
+    if in_shell and any(law.damped for law in numbers.laws):
         # The closing speed of a body along the inside of a shell rises at first. The pair solution
         # uses v0 at touch.
         distance = numbers.radius[choice.first] + numbers.radius[second]
