@@ -1,13 +1,17 @@
-"""Options that several commands have: numbers, tables, gravity and air drag; checked on entry."""
+"""Options of several commands, checked on entry; results as JSON, and output files."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import math
+import pathlib
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
+
+from .._text.files import is_special
 
 if TYPE_CHECKING:
     import numpy as np
@@ -169,3 +173,36 @@ def _missing(arguments: argparse.Namespace) -> list[str]:
         "--drag-coefficient": arguments.drag_coefficient,
     }
     return [name for name, value in named.items() if value is None]
+
+
+def print_json(result: Any) -> None:
+    """Print a result of dicts, lists, texts, numbers and arrays."""
+    print(json.dumps(plain(result), indent=1, ensure_ascii=False, allow_nan=False))
+
+
+def plain(value: Any) -> Any:
+    """Convert arrays to lists, numbers to Python's, and non-finite ones to None."""
+    if isinstance(value, dict):
+        return {str(name): plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    import numpy as np
+
+    # The remaining values are arrays and numbers of NumPy and JAX.
+    return plain(np.asarray(value).tolist())
+
+
+def output_path(option: str, name: str, suffixes: Sequence[str]) -> pathlib.Path:
+    """Return the file to write; raise InputError unless its name ends in one of `suffixes`."""
+    path = pathlib.Path(name)
+    if path.suffix.lower() not in suffixes:
+        allowed = " or ".join([*filter(None, [", ".join(suffixes[:-1])]), suffixes[-1]])
+        raise InputError(f"{option} {name}: the name must end in {allowed}")
+    if is_special(path):
+        kind = "folder" if path.is_dir() else "pipe or a device"
+        raise InputError(f"{option} {name}: is a {kind}")
+    return path

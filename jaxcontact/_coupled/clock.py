@@ -13,9 +13,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from .modes import Flags, Modes, PerContact
+from .modes import Flag, Flags, Modes, Number, PerContact
 from .rows import rows_of
-from .scalars import Flag, Number
 
 LONG_AGO = -1e30
 """The time of the last touch if there was none."""

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from .._contact import Contact
 from .._functions import contraction
 from .._laws import AbstractLaw, end_of, energies_of
-from .scalars import Number
+from .modes import Number
 
 Depths = Float[Array, " contacts"]
 

@@ -14,8 +14,7 @@ from jaxtyping import Array, Bool
 
 from .clock import ContactClock
 from .interpolation import ceiling, highest
-from .modes import Flags, Modes, PerContact
-from .scalars import Flag, Index, Number
+from .modes import Flag, Flags, Index, Modes, Number, PerContact
 
 WORK, TIME, W = -3, -2, -1
 """The indices of work, time and w in the vector of a state."""

@@ -9,8 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .modes import PerContact
-from .scalars import Number
+from .modes import Number, PerContact
 
 Lanes = Float[Array, " lanes"]
 

@@ -1,13 +1,15 @@
-"""Units of a coupled solve, the modes of its contacts, and how it ends."""
+"""Types of numbers, units of a coupled solve, the modes of its contacts, and how it ends."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from .scalars import Number
+Number = Float[Array, ""]
+Flag = Bool[Array, ""]
+Index = Int[Array, ""]
 
 PerContact = Float[Array, " contacts"]
 Flags = Bool[Array, " contacts"]

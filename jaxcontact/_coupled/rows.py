@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from .scalars import Index
+from .modes import Index
 
 Tree = TypeVar("Tree")
 _Mode = jax.lax.GatherScatterMode

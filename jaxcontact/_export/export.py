@@ -16,9 +16,8 @@ from .._contact import Contact
 from .._entry import as_numbers
 from .._impact import Status, impact, problem_of
 from .._laws import AbstractLaw
-from .engine import engine_of
+from .engine import Draft, Wanted, engine_of, require_rebound
 from .result import Export
-from .wanted import Draft, Wanted, require_rebound
 
 _HALVINGS = 40
 _XTOL = 1e-11

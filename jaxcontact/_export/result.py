@@ -13,10 +13,10 @@ from .._contact import Contact
 from .._entry import POSITIVE, require_number
 from .._impact import restitution
 from .._laws import AbstractLaw
-from .._text.table import text_table
 from .._text.units import quantity
+from .._text.words import text_table
 from .at_time_step import TimeStepRestitution, restitution_in_steps
-from .wanted import Draft
+from .engine import Draft
 
 _STEPPED = "'drake', 'lammps', 'mercurydpm' (without plasticity), 'mujoco', 'newton'"
 """The engines whose scheme is known."""

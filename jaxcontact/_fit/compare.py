@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._entry import rendered, require_count
-from .._text.table import text_table
+from .._text.words import text_table
 from .data import FitData
 from .problem.target import groups_of, whitener_of
 from .result import Fit

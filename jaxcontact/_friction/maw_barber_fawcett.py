@@ -45,8 +45,7 @@ from .._entry import (
 from .._forms import restitution_of
 from .._functions import chebyshev, contraction
 from .base import AbstractFriction, Lane, NormalPath, Tangential, TangentialOutcome
-from .return_mapping import springs_along
-from .scaled import hertzian, spring_of
+from .spring_slider import hertzian, spring_of, springs_along
 
 CHI = (0.8, 1.8)
 """The table's range of χ without damping. Solid spheres of like materials have 1.167 (ν = 1/2) to

@@ -34,9 +34,8 @@ from .._laws import (
     require_exponent,
     require_law,
 )
-from .motion.ending import NeckMotion
+from .motion.ending import NeckMotion, PlasticMotion
 from .motion.motion import Motion
-from .motion.plastic import PlasticMotion
 
 SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)
 FORCE = Range(inside=0.0)

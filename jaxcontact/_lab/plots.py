@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._entry import rendered, require_kind
-from ..plot._choice import curves_of, draw_points, frame_of
 from ..plot._drawing.labels import put_label
 from ..plot._drawing.style import LEFT_OUT, axes_for, axes_of, legend_above
+from ..plot._fit import curves_of, draw_points, frame_of
 from .calibration.calibrate import Calibration
 from .recordings import RecordedImpact, Recording, tracks_of
 from .track import Drop, Track

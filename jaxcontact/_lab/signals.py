@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from .tables.fault import RecordingError
+from .tables.grid import RecordingError
 from .tables.heading import Meaning, words
 from .tables.sheet import Row, Sheet
 

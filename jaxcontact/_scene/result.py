@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._program import traced as traced
 from .._text.failure import WordedEnum
-from .._text.table import abridged, text_table
+from .._text.words import abridged, text_table
 from .readout.columns import write_csv
 
 

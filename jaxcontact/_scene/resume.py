@@ -8,8 +8,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._coupled.scalars import Flag, Number
-from .arrays.turning import Turning
+from .._coupled.modes import Flag, Number
+from .arrays.movers import Turning
 from .cluster.equations import ClusterState
 
 

@@ -12,19 +12,19 @@ import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._coupled.scalars import Index, Number
+from .._coupled.modes import Index, Number
 from .._entry import as_parameter, rendered, shown
 from .._program import derived
 from .._text.failure import Flagged
 from .bodies.bodies import AbstractBody
 from .bodies.scene import Scene
+from .engine.log import RunRecord
 from .readout.columns import state_columns, write_csv
 from .readout.final_scene import final_start
 from .readout.margin import Margin
 from .readout.states import states_at
 from .result import Ending, Impacts, SolvedBy, States, traced
 from .resume import Start, Underway
-from .run_record import RunRecord
 
 if TYPE_CHECKING:
     import xarray

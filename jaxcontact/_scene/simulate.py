@@ -35,14 +35,13 @@ from .bodies.scene import Scene
 from .contact_times.cells import grid_of
 from .derivative.differentiable_run import RunInputs, differentiable_run
 from .engine.coupled import MOST
-from .engine.log import LoopOutcome
+from .engine.log import LoopOutcome, RunRecord
 from .engine.loop import initial_state
 from .engine.pieces import all_at_once, from_python
 from .engine.state import Rules, RunState
 from .readout.reading import read_run
 from .result import Ending, Impacts
 from .run import Run
-from .run_record import RunRecord
 
 ROOM = 256
 """The number of impacts that a traced run can hold."""

@@ -125,7 +125,8 @@ def open_store(
             f"{path} differs in {odd}. Choose another path, or delete it."
         )
     wanted = {name: _describe(form) for name, form in arrays.items()}
-    wanted |= {name: _describe_coordinate(c) for name, c in coordinates.items()}
+    for name, c in coordinates.items():
+        wanted[name] = _describe(c.form) | {"checksum": _checksum({"": c.values})}
     wanted[_CHECKSUMS] = _describe(Stored(("",), (len(blocks),), (1,), np.dtype("uint64")))
     there = {
         name: _readable(lambda n=name: _describe_stored(group, n, n in coordinates))
@@ -165,10 +166,6 @@ def _describe(form: Stored) -> dict[str, Any]:
         "dtype": str(form.dtype),
         "attributes": form.attributes,
     }
-
-
-def _describe_coordinate(coordinate: StoredCoordinate) -> dict[str, Any]:
-    return _describe(coordinate.form) | {"checksum": _checksum({"": coordinate.values})}
 
 
 def _readable(read: Callable[[], Read]) -> Read | None:

@@ -23,8 +23,8 @@ from .._entry import (
 )
 from .._impact import Status
 from .._text.progress import Listener, Tell, progress_of
-from .._text.table import wrapped
 from .._text.units import quantity
+from .._text.words import wrapped
 from .export import dataset, write_csv
 from .planning.axes import SweepGrid, check_call, grid_of
 from .planning.blocks import Order, Workers, blocks_of, shape_of, workers_of
@@ -36,7 +36,6 @@ from .table import OutputField, SweepColumn, SweepTable, within
 
 if TYPE_CHECKING:
     import xarray
-
 
 METHODS = ("nearest",)
 
@@ -304,7 +303,6 @@ def _name_of(function: Callable[..., Any]) -> str:
 def _table(
     plan: Plan, groups: tuple[Group, ...], grid: SweepGrid, results: Results, function: str
 ) -> Sweep:
-    """Return the table of the results of some groups of a plan."""
     arrays = results.arrays
     dims = {array.key: array.dims for group in groups for array in group.arrays}
 

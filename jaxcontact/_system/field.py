@@ -16,8 +16,7 @@ from .._coupled.clock import ContactClock
 from .._coupled.energies import in_contact, stored_energy
 from .._coupled.field import TIME, AbstractCoupledField, Grip, Look, LoopRules, Settled, W
 from .._coupled.interpolation import EndOfStep, parts_of_step, quintic, vertex
-from .._coupled.modes import SLOWEST, Flags, Modes, PerContact
-from .._coupled.scalars import Number
+from .._coupled.modes import SLOWEST, Flags, Modes, Number, PerContact
 from .._coupled.springs import (
     SMALL,
     SpringMotion,

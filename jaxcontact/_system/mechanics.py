@@ -13,8 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._coupled.modes import Flags, PerContact
-from .._coupled.scalars import Flag, Number
+from .._coupled.modes import Flag, Flags, Number, PerContact
 from .._friction import RegularizedCoulomb
 from .system import System
 

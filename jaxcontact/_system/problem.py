@@ -13,8 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._contact import Contact
-from .._coupled.modes import Flags, PerContact, Units
-from .._coupled.scalars import Index, Number
+from .._coupled.modes import Flags, Index, Number, PerContact, Units
 from .mechanics import Mechanics, Vector
 
 

@@ -10,8 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._coupled.modes import NOT_FINITE, PAUSED, REDUNDANT, TIME_IS_UP, TOO_MANY_STEPS
-from .._coupled.scalars import Flag, Index, Number
+from .._coupled.modes import (
+    NOT_FINITE,
+    PAUSED,
+    REDUNDANT,
+    TIME_IS_UP,
+    TOO_MANY_STEPS,
+    Flag,
+    Index,
+    Number,
+)
 from .._entry import as_parameter, is_plain, rendered
 from .._program import quick, traced
 from .._scene.result import Ending, nan_unless

@@ -17,10 +17,12 @@ from .._coupled.modes import (
     PAUSED,
     TIME_IS_UP,
     TOO_MANY_STEPS,
+    Flag,
+    Index,
     Modes,
+    Number,
     PerContact,
 )
-from .._coupled.scalars import Flag, Index, Number
 from .._coupled.steps.carry import Carry, CoupledSolve
 from .._coupled.steps.loop import CoupledStart, first_carry
 from .._coupled.steps.step import advance
@@ -213,7 +215,6 @@ def _just_before(stop: Number) -> Number:
 
 
 def _start(solve: _SystemSolve, state: SystemState) -> CoupledStart:
-    """Return the start of the loop."""
     scales, units = solve.field.scales, solve.units
     zero = jnp.zeros((), state.position.dtype)
     q, v = state.position / scales.position, state.velocity / scales.velocity

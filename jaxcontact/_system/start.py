@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._contact import Contact
-from .._coupled.modes import PerContact
-from .._coupled.scalars import Flag, Number
+from .._coupled.modes import Flag, Number, PerContact
 from .._coupled.springs import SMALL, slides_at_touch
 from .._friction import SpringSlider
 from .._laws import force_of
@@ -183,7 +182,6 @@ def _is_quadratic(mechanics: Mechanics, time: Number, q: Vector, v: Vector) -> F
 
 
 def _is_affine(function: Callable[[Vector], Array], v: Vector) -> Flag:
-    """Test whether a function of v is affine."""
     speeds = 1 + jnp.abs(v)
     at_rest, expected = jax.jvp(function, (jnp.zeros_like(v),), (speeds,))
     got = function(speeds) - at_rest

@@ -281,7 +281,6 @@ def contact_force(
 
 
 def _numbers(names: tuple[str, ...], links: Sequence[str] | None) -> list[int]:
-    """Return the numbers of the named links."""
     if links is None:
         return list(range(len(names)))
     if isinstance(links, str) or not links or any(name not in names for name in links):
@@ -293,7 +292,6 @@ def _numbers(names: tuple[str, ...], links: Sequence[str] | None) -> list[int]:
 
 
 def _with_points(model: Any, fields: dict[str, Any]) -> Any:
-    """Return a model with other collidable points."""
     numbers = model.kin_dyn_parameters
     points = dataclasses.replace(numbers.contact_parameters, **fields)
     return dataclasses.replace(

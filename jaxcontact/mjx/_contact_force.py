@@ -18,7 +18,7 @@ from .._inside.action import Action, EnginePairs, action_of, first_speeds, pairs
 from .._inside.interval import require_per_pair, require_steppable
 from .._laws import AbstractLaw
 from .._laws.base import require_exponent
-from ..systems._joint_rates import rate_of
+from ..systems._from_mjx import rate_of
 
 Carry = Float[Array, " pairs"]
 
@@ -207,7 +207,6 @@ def contact_force(
 
 
 def _numbers(mujoco: Any, model: Any, geoms: Sequence[str] | None) -> np.ndarray:
-    """Return the numbers of the named geoms."""
     if geoms is None:
         return np.arange(model.ngeom)
     texts = not isinstance(geoms, str) and all(isinstance(name, str) for name in geoms)

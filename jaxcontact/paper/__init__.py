@@ -2,20 +2,20 @@
 
 from ._ball import ball_table as ball_table
 from ._ball import bouncing as bouncing
-from ._figures.ball_figures import fig8 as fig8
-from ._figures.ball_figures import fig9 as fig9
-from ._figures.ball_figures import fig10 as fig10
-from ._figures.fig4 import fig4 as fig4
+from ._ball import fig8 as fig8
+from ._ball import fig9 as fig9
+from ._ball import fig10 as fig10
 from ._figures.impact_figures import fig3 as fig3
+from ._figures.impact_figures import fig4 as fig4
 from ._figures.impact_figures import fig5 as fig5
 from ._figures.impact_figures import fig6 as fig6
+from ._impacts import Reproduction as Reproduction
+from ._impacts import Table as Table
 from ._numbers import PUBLISHED as PUBLISHED
 from ._numbers import Number as Number
 from ._numbers import Published as Published
 from ._numbers import markdown as markdown
 from ._numbers import numbers as numbers
-from ._reproduction import Reproduction as Reproduction
-from ._reproduction import Table as Table
 
 FIGURES = {
     figure.__name__: figure for figure in (fig3, fig4, fig5, fig6, fig8, fig9, fig10, bouncing)

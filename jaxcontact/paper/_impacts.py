@@ -1,10 +1,10 @@
-"""Impacts solved for a figure, with their paths and outcomes, and the two impacts of Eq. 15."""
+"""Impacts solved for a figure, the two impacts of Eq. 15, and the result of figure functions."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +13,10 @@ from jaxtyping import ArrayLike
 from .._contact import Contact
 from .._impact import impact, trajectory
 from .._laws import AbstractHuntCrossley, ConstantDamping
+from .._text.words import text_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class SolvedImpacts(NamedTuple):
@@ -86,3 +90,28 @@ def impacts() -> SolvedImpacts:
     law = ConstantDamping(c=jnp.asarray([case.c for case in CASES]))
     speed = jnp.asarray([case.velocity for case in CASES])
     return solve(law, Contact(mass=MASS, stiffness=STIFFNESS), speed, SAMPLES)
+
+
+Table = dict[str, np.ndarray]
+"""Named columns of equal length; names end in their SI unit if they have one: `time_s`."""
+
+
+def long_table(columns: Mapping[str, np.typing.ArrayLike]) -> Table:
+    """Return a table of columns that broadcast: one row per element, the last axis fastest."""
+    arrays = np.broadcast_arrays(*map(np.asarray, columns.values()))
+    return dict(zip(columns, map(np.ravel, arrays), strict=True))
+
+
+class Reproduction(NamedTuple):
+    """A figure, and its numbers as named tables, which the command writes as CSV."""
+
+    figure: Figure
+    tables: dict[str, Table]
+
+    def __repr__(self) -> str:
+        lines = [
+            [name, f"{len(next(iter(table.values())))} rows", ", ".join(table)]
+            for name, table in self.tables.items()
+        ]
+        header = ["tables", "", "columns"]
+        return "\n".join(["Reproduction", *text_table(lines, header=header, align="<><", indent=2)])

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 from .._contact import Contact, Material
 from .._entry import rendered
 from .._laws import get_law
-from .._text.table import markdown_table
+from .._text.words import markdown_table
 from . import _ball, _impacts
-from ._figures.fig4 import fig4
+from ._figures.impact_figures import fig4
 
 
 class Published(NamedTuple):
@@ -58,7 +58,6 @@ PUBLISHED = (
     Published("α/(1-e) of Hunt-Crossley", "Table 1", "3/2", 1.5, 0.0),
     Published("speed at contact", "Eq. 41-42", "4.2", 4.2, 5e-2, "m/s"),
 )
-
 
 _DENSITY = 7850.0
 """Density of steel in kg/m³; the paper does not state it."""

@@ -5,19 +5,19 @@ from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
 from ._animate import animate as animate
-from ._choice import choice as choice
 from ._corner import corner as corner
 from ._corner import profile as profile
 from ._drawing.save import save as save
+from ._fit import choice as choice
 from ._fit import fit as fit
 from ._fit import residuals as residuals
 from ._impact import energy as energy
 from ._impact import impact as impact
 from ._impact import trajectory as trajectory
 from ._law import law as law
-from ._mechanism import forces as forces
-from ._mechanism import gaps as gaps
-from ._mechanism import phase as phase
+from ._scene import forces as forces
+from ._scene import gaps as gaps
+from ._scene import phase as phase
 from ._scene import scene as scene
 from ._sweep import sweep as sweep
 

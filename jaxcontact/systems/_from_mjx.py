@@ -15,7 +15,6 @@ from .._friction import AbstractFriction
 from .._inside.action import relaxed
 from .._laws import AbstractLaw
 from .._system import System
-from ._joint_rates import rate_of
 from ._numbers import SystemStart
 
 
@@ -96,3 +95,33 @@ def from_mjx(
     )
     start = jnp.asarray(model.qpos0)
     return system, SystemStart(position=start, velocity=jnp.zeros(model.nv, start.dtype))
+
+
+_FREE, _BALL = 0, 1
+"""MuJoCo's numbers of joint types whose positions hold a quaternion."""
+
+
+def rate_of(kinds: np.ndarray) -> Callable[..., Array]:
+    """Return q' for joints of these types. Angular velocities of bodies are in their own frames."""
+
+    def rate(t: Array, q: Array, v: Array, args: Any) -> Array:
+        parts, i, j = [], 0, 0
+        for kind in kinds:
+            if kind == _FREE:
+                parts.append(v[j : j + 3])
+                i, j = i + 3, j + 3
+            if kind in (_FREE, _BALL):
+                parts.append(_turning(q[i : i + 4], v[j : j + 3]))
+                i, j = i + 4, j + 3
+            else:
+                parts.append(v[j : j + 1])
+                i, j = i + 1, j + 1
+        return jnp.concatenate(parts)
+
+    return rate
+
+
+def _turning(q: Array, turn: Array) -> Array:
+    """Return ½ q ⊗ (0, ω)."""
+    w, u = q[0], q[1:]
+    return jnp.concatenate([-jnp.sum(u * turn)[None], w * turn + jnp.cross(u, turn)]) / 2

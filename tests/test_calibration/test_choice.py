@@ -11,7 +11,7 @@ import jaxcontact as jc
 from jaxcontact._calibration.choice import equivalent_e as _asked
 from jaxcontact._calibration.choice.equivalent_e import asked_of, delivered_by_laws
 from jaxcontact._laws import registry as _registry
-from jaxcontact.plot._choice import curves_of
+from jaxcontact.plot._fit import curves_of
 
 CONTACT = jc.Contact(mass=0.03, stiffness=1e6)
 POINTS = 120

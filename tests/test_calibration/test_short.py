@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration.choice.estimate import Estimate
+from jaxcontact._calibration.choice.kind import Estimate
 from jaxcontact._calibration.choice.law_choice import ChoiceData, LawFit
 from jaxcontact._calibration.choice.trend import Curve, Line
 from jaxcontact._calibration.pairs.reading_noise import Noise

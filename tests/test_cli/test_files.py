@@ -5,8 +5,7 @@ import os
 import pytest
 
 from jaxcontact import load_calibration, read_recording, read_scene
-from jaxcontact._cli.options import InputError
-from jaxcontact._cli.printing import output_path
+from jaxcontact._cli.options import InputError, output_path
 from jaxcontact._text import files as _whole_files
 from jaxcontact._text.files import write_all
 

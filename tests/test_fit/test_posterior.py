@@ -10,8 +10,7 @@ import pytest
 from scipy import integrate, optimize, stats
 
 import jaxcontact as jc
-from jaxcontact._fit.posterior.density import Density, find_mode
-from jaxcontact._fit.posterior.prior import prior_of
+from jaxcontact._fit.posterior.density import Density, find_mode, prior_of
 
 OFF = 4.0
 """Monte Carlo standard errors: 48 numbers are compared, one of them is beyond 4 by chance once in

@@ -5,8 +5,8 @@ import dataclasses
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._text.table import markdown_table, text_table, wrapped
 from jaxcontact._text.units import label, meaning, quantity
+from jaxcontact._text.words import markdown_table, text_table, wrapped
 
 # Self-explanatory names, and names that are not quantities.
 PLAIN = {"restitution", "status", "method", "solver"}

@@ -18,7 +18,7 @@ from ..._fit.fit import SearchKeywords, takes
 from ..._program import side_by_side
 from ..._text.progress import stages_of
 from ..._text.words import listed
-from ..design.optimal_rows import shared_out
+from ..design.design import shared_out
 from ..pairs.columns import MEASURED_RESTITUTION, column, for_each
 from ..pairs.outliers import Outliers, find_outliers
 from ..pairs.pairs import LEAST_PAIRS, Pairs, pairs_of

@@ -18,8 +18,7 @@ from ..._laws import AbstractLaw
 from ..._text.words import counted
 from ..pairs.columns import column
 from .equivalent_e import Asked
-from .estimate import Estimate
-from .kind import AbstractKind, delivered
+from .kind import AbstractKind, Estimate, delivered
 from .outcomes import with_stiffness
 from .trend import Curve, Line
 

@@ -1,17 +1,17 @@
-"""Design of the next readings: for parameters, or to separate two laws."""
+"""Design of the next readings: for parameters, or to separate two laws; and its optimal rows."""
 
 from __future__ import annotations
 
 import collections
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from ..._contact import Contact, require_contact
 from ..._entry import POSITIVE, rendered, require_choice, require_count, require_number
@@ -19,10 +19,9 @@ from ..._fit import AbstractTransform, Space, fit, space_of
 from ..._impact import AbstractMethod
 from ..._laws import AbstractLaw, require_law
 from ..._program import quick
-from ..._text.table import text_table, wrapped
+from ..._text.words import text_table, wrapped
 from ..pairs.columns import column
 from ..problems.impacts import ImpactModel, Outcome, full_name, transforms_of
-from .optimal_rows import best_rows, by_parameter, by_volume, shared_out
 
 _SETTLED = 1e-3
 """Relative decrease of the largest difference of two laws at convergence."""
@@ -346,3 +345,80 @@ def _errors(rows: np.ndarray, of: int, count: int) -> np.ndarray:
     """Return the standard errors of `count` readings distributed like `of` ones."""
     inverse = np.linalg.inv(rows.T @ rows * (count / of))
     return np.sqrt(np.diag(inverse))
+
+
+_STARTS = 8
+_GAIN = 1e-9
+"""Least improvement of a criterion."""
+
+_FLOOR = 1e-12
+"""Regularisation for too few readings, relative to the information of all candidates."""
+
+Matrices = Float[np.ndarray, "m k k"]
+Criterion = Callable[[Matrices], Float[np.ndarray, " m"]]
+"""A function of information matrices that is minimised."""
+
+
+def by_volume(information: Matrices) -> Float[np.ndarray, " m"]:
+    """Return -ln det M/k: the mean logarithm of the squared axes of the error ellipsoid."""
+    return -np.linalg.slogdet(information)[1] / information.shape[-1]
+
+
+def by_parameter(index: int) -> Criterion:
+    """Return the criterion ln (M⁻¹)_ii, of the squared standard error of one parameter."""
+
+    def criterion(information: Matrices) -> Float[np.ndarray, " m"]:
+        return np.log(np.linalg.inv(information)[:, index, index])
+
+    return criterion
+
+
+def best_rows(
+    slopes: Float[np.ndarray, "m k"], count: int, criterion: Criterion
+) -> Int[np.ndarray, " count"]:
+    """Return the `count` rows of `slopes`, which may repeat, whose Σ x xᵀ has the least criterion.
+
+    Exchanges rows for better ones while possible, from several starts (Fedorov 1972, Theory of
+    Optimal Experiments; Nguyen & Miller 1992, doi 10.1016/0167-9473(92)90064-M).
+    """
+    scale = np.linalg.norm(slopes, axis=0)
+    rows = slopes / scale
+    products = rows[:, :, None] * rows[:, None, :]
+    floor = _FLOOR * np.eye(rows.shape[1])
+    random = np.random.default_rng(0)
+    best, lowest = np.zeros(count, int), np.inf
+    for _ in range(_STARTS):
+        chosen = random.integers(len(rows), size=count)
+        value = np.inf
+        while True:
+            before = value
+            for place in range(count):
+                others = products[np.delete(chosen, place)].sum(axis=0) + floor
+                values = criterion(others + products)
+                better = int(np.argmin(values))
+                if values[better] < value - _GAIN:
+                    chosen[place], value = better, float(values[better])
+            if not value < before - _GAIN:
+                break
+        if value < lowest - _GAIN:
+            best, lowest = np.sort(chosen), value
+    return best
+
+
+def shared_out(weights: Float[np.ndarray, " m"], count: int) -> Int[np.ndarray, " m"]:
+    """Return integers that add up to `count`, nearly in proportion to weights.
+
+    The efficient rounding of Pukelsheim & Rieder (1992), doi 10.1093/biomet/79.4.763.
+    """
+    support = np.flatnonzero(weights)
+    # With more places than readings, use the heaviest.
+    support = support[np.argsort(-weights[support], kind="stable")[:count]]
+    share = weights[support] / weights[support].sum()
+    whole = np.ceil((count - len(support) / 2) * share).astype(int)
+    while whole.sum() < count:
+        whole[np.argmin(whole / share)] += 1
+    while whole.sum() > count:
+        whole[np.argmax((whole - 1) / share)] -= 1
+    result = np.zeros(len(weights), int)
+    result[support] = whole
+    return result

@@ -281,7 +281,6 @@ def _fits(
 
 
 def _best_residuals(fits: Mapping[str, Fit]) -> np.ndarray:
-    """Return the residuals of the fit with the lowest loss."""
     best = min(fits.values(), key=lambda fit: (not fit.converged, fit.loss))
     return best.residuals
 

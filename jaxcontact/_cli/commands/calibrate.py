@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from ..._text.files import write_all
 from ..._text.progress import Stages, progress_of
-from ..._text.table import wrapped
+from ..._text.words import wrapped
 from ..options import (
     InputError,
     add_air_options,
@@ -23,10 +23,11 @@ from ..options import (
     gravity_asked,
     in_options,
     input_errors,
+    output_path,
     positive,
+    print_json,
     table_asked,
 )
-from ..printing import output_path, print_json
 
 if TYPE_CHECKING:
     from ..._flight import Drag

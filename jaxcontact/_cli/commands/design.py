@@ -9,8 +9,7 @@ from typing import Any
 
 from ..._text.progress import Stages
 from ..law import add_law_and_contact, contact_asked, exponent_asked, law_parameters
-from ..options import InputError, assignment, input_errors, number, positive, span
-from ..printing import print_json
+from ..options import InputError, assignment, input_errors, number, positive, print_json, span
 
 SUMMARY = "plan the next measurements"
 

@@ -8,8 +8,7 @@ import webbrowser
 from ..._cache import users_folder
 from ..._text.files import write_all
 from ..._text.progress import Stages
-from ..options import InputError
-from ..printing import output_path, print_json
+from ..options import InputError, output_path, print_json
 
 SUMMARY = "interactive page: e, n and damping of each law"
 

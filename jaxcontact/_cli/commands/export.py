@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..._text.progress import Stages
 from ..law import add_law_and_contact, contact_asked, exponent_asked, law_parameters
-from ..options import InputError, assignment, input_errors, number, positive, span
-from ..printing import print_json
+from ..options import InputError, assignment, input_errors, number, positive, print_json, span
 
 if TYPE_CHECKING:
     from ..._contact import Contact
@@ -94,7 +93,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Export and print. Raises InputError, OSError."""
     progress("compiling and inverting the engine's law")
     from ..._export import export
-    from ..._text.table import wrapped
+    from ..._text.words import wrapped
 
     law, contact = _law_and_contact(arguments)
     options = dict(arguments.option)
@@ -161,8 +160,8 @@ def _in_options(text: str) -> str:
 
 
 def _text(result: Export) -> str:
-    from ..._text.table import text_table
     from ..._text.units import quantity
+    from ..._text.words import text_table
 
     rows = [(name, f"{x:.9g} {result.units[name]}") for name, x in result.parameters.items()]
     rows.append(("duration of contact", quantity("duration", f"{result.duration:.4g}")))

@@ -23,9 +23,9 @@ from ..options import (
     input_errors,
     number,
     positive,
+    print_json,
     table_asked,
 )
-from ..printing import print_json
 
 if TYPE_CHECKING:
     from ..._fit import Fit

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from ..._text.files import FIGURES, write_all
 from ..._text.progress import Stages
-from ..._text.table import text_table
 from ..._text.units import meaning, quantity
+from ..._text.words import text_table
 from ..law import add_law_and_contact, exponent_asked, law_parameters
-from ..options import InputError, input_errors, number, positive
-from ..printing import output_path, print_json
+from ..options import InputError, input_errors, number, output_path, positive, print_json
 
 if TYPE_CHECKING:
     from ..._contact import Contact

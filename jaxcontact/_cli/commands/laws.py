@@ -7,8 +7,8 @@ import math
 from typing import Any
 
 from ..._text.progress import Stages
-from ..._text.table import text_table
-from ..printing import print_json
+from ..._text.words import text_table
+from ..options import print_json
 
 ASKED = (0.9, 0.7, 0.5, 0.3, 0.1)
 

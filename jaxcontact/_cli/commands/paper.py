@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..._text.files import write_all
 from ..._text.progress import Stages
-from ..options import InputError
-from ..printing import print_json
+from ..options import InputError, print_json
 
 if TYPE_CHECKING:
     from ...paper import Reproduction

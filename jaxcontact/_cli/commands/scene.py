@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from ..._text.files import FIGURES, write_all
 from ..._text.progress import Stages
-from ..options import InputError, input_errors, positive
-from ..printing import output_path, print_json
+from ..options import InputError, input_errors, output_path, positive, print_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from ..._text.files import FIGURES, write_all
 from ..._text.progress import Stages
 from ..law import add_law_and_contact, exponent_asked, law_parameters
-from ..options import InputError, span
-from ..printing import output_path, print_json
+from ..options import InputError, output_path, print_json, span
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-"""What a coupled solve keeps from step to step."""
+"""What a coupled solve keeps from step to step, and the control of its steps."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ..._solver.march import _SAFETY, _SHRINKS
 from ..clock import ContactClock
 from ..field import AbstractCoupledField, Look
-from ..modes import Flags, Modes, PerContact, Units
-from ..scalars import Flag, Index, Number
+from ..modes import Flag, Flags, Index, Modes, Number, PerContact, Units
 
 _BEGIN = 0.35
 _BEGIN_FOR = 1e-8
@@ -93,3 +93,27 @@ class Changed(NamedTuple):
     slides: Flags | None = None
     jumps: Flag | None = None
     redundant: Flag | None = None
+
+
+State = Float[Array, " numbers"]
+
+
+def factor(error: Number) -> Number:
+    """Return the factor for the next step size; `error` is in units of the allowed error."""
+    safe = jnp.where(jnp.isfinite(error), jnp.maximum(error, 1e-12), 1e12)
+    return jnp.clip(_SAFETY / jnp.sqrt(jnp.sqrt(jnp.sqrt(safe))), _SHRINKS, 5.0)
+
+
+def onward(
+    size: Number, free: Number, grown: Number, left: Number, fine: Flag, passed: Flag, sought: Flag
+) -> tuple[Number, Number]:
+    """Return the next step, and the size that the error alone allows, `free` and `grown` before and
+    after this step. A step that `passed` an event is repeated up to it, which is `left` from its
+    end, or halved. The step after it ends on the event that is still `sought`.
+    """
+    target = size + left
+    back = jnp.where((target > 0.01 * size) & (target < size), target, size / 2)
+    # The error of a step that was cut short says nothing about the next one, unless that may grow.
+    free = jnp.where(fine & passed, free, jnp.where(fine & sought, jnp.maximum(free, grown), grown))
+    ahead = jnp.where(sought & (left > 0), jnp.minimum(left, free), free)
+    return jnp.where(fine, jnp.where(passed, back, ahead), free), free

@@ -10,8 +10,7 @@ import jax.numpy as jnp
 
 from ..field import TOGETHER, Grip, Look, W
 from ..interpolation import highest
-from ..modes import REDUNDANT, Flags
-from ..scalars import Flag
+from ..modes import REDUNDANT, Flag, Flags
 from .carry import Carry, Changed, CoupledSolve
 
 _stop = jax.lax.stop_gradient

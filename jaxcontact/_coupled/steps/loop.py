@@ -20,8 +20,7 @@ from jaxtyping import Array
 
 from ..clock import LONG_AGO, ContactClock, choose_clock
 from ..field import TIME, Grip, Look
-from ..modes import APART, NOT_CONVERGED, PAUSED, TIME_IS_UP, Modes, PerContact
-from ..scalars import Flag, Index, Number
+from ..modes import APART, NOT_CONVERGED, PAUSED, TIME_IS_UP, Flag, Index, Modes, Number, PerContact
 from .carry import Carry, CoupledSolve
 from .step import advance, with_w
 

@@ -13,11 +13,9 @@ from ..._solver.runge_kutta import step_and_slope
 from ..clock import ContactClock, choose_clock
 from ..field import NO_SLOPES, TIME, TOGETHER, Grip, Look, W
 from ..interpolation import highest, to_root
-from ..modes import APART, CHANGED, NOT_FINITE, REDUNDANT, TIME_IS_UP, Flags
+from ..modes import APART, CHANGED, NOT_FINITE, REDUNDANT, TIME_IS_UP, Flags, Number
 from ..rows import rows_of
-from ..scalars import Number
-from .carry import Carry, Changed, CoupledSolve
-from .control import factor, onward
+from .carry import Carry, Changed, CoupledSolve, factor, onward
 from .grips import change_grips, renewed, slips_within
 
 _NEAR = 0.4

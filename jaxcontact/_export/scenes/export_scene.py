@@ -29,7 +29,7 @@ from ..._scene import Ending, EngineRun, Scene
 from ..._scene.simulate import simulate_scene
 from ..._text.files import write_all
 from ..._text.progress import progress_of_run
-from ..._text.table import text_table
+from ..._text.words import text_table
 from ..at_time_step import TimeStepRestitution, restitution_in_steps
 from ..export import export
 from ..result import Export

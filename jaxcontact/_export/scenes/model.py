@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 from ..._contact import Contact, Material
 from ..._entry import rendered
 from ..._friction import AbstractFriction, SpringSlider
-from ..._friction.scaled import ratio_of
+from ..._friction.spring_slider import ratio_of
 from ..._impact import restitution_is_constant
 from ..._laws import AbstractLaw
 from ..._scene import Scene, Shell, Sphere

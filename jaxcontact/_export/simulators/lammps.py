@@ -23,8 +23,7 @@ from ..._laws import (
     Tsuji,
 )
 from ..at_time_step import Scheme
-from ..engine import Engine, register_engine
-from ..wanted import Draft, Wanted, matched_stiffness
+from ..engine import Draft, Engine, Wanted, matched_stiffness, register_engine
 from .spring import clamped_sphere, pulling_dashpot
 
 
@@ -177,7 +176,6 @@ DAMPINGS = {
         normal="hooke",
     ),
 }
-
 
 _POISSON = 0.3
 """ν of the snippet: the normal force depends on E/(1-ν²) only."""

@@ -1,4 +1,4 @@
-"""The engines with a Hunt-Crossley contact: Drake, Simbody and Exudyn."""
+"""Adams, and the engines with a Hunt-Crossley contact: Drake, Simbody and Exudyn."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+from scipy.optimize import root_scalar
 
 from ..._contact import Contact
 from ..._entry import (
@@ -18,6 +19,7 @@ from ..._entry import (
     require_number,
 )
 from ..._forms import exact_damping_factor
+from ..._impact import Status, impact
 from ..._laws import (
     AbstractHuntCrossley,
     CarvalhoMartins,
@@ -27,11 +29,101 @@ from ..._laws import (
     KelvinVoigt,
     Luding,
     MarhefkaOrin,
+    StepDamping,
 )
 from ..at_time_step import Scheme
-from ..engine import Engine, register_engine
-from ..wanted import Draft, Wanted, as_luding, matched_stiffness
+from ..engine import Draft, Engine, Wanted, as_luding, matched_stiffness, register_engine
 from .spring import SpringAndDashpot, pulling_dashpot
+
+SHARE = 0.01
+"""The default d of Adams, as a fraction of the largest indentation without damping."""
+
+_TRIES = 30
+_UNITS = {"m": 1.0, "mm": 1000.0}
+
+
+@register_engine
+class Adams(Engine):
+    """IMPACT of Adams, max(0, K δⁿ + STEP(δ, 0, 0, d, c_max) δ'), with the c_max that delivers e.
+
+    `d` in m is the depth of the full damping. The default is that of an exported `StepDamping`, and
+    for other laws 1 % of the largest indentation without damping. `length` is the model's unit, "m"
+    or "mm".
+    """
+
+    name = "adams"
+
+    def draft(self, wanted: Wanted, *, d: float | None = None, length: str = "m") -> Draft:
+        unit = _UNITS[require_choice("length", length, tuple(_UNITS))]
+        n = wanted.exponent
+        energy = wanted.mass * wanted.velocity**2
+        deepest = ((n + 1) / 2 * energy / wanted.stiffness) ** (1 / (n + 1))
+        if d is not None:
+            depth = require_number("d", d, POSITIVE)
+        elif isinstance(wanted.law, StepDamping):
+            depth = float(wanted.law.d)
+        else:
+            depth = SHARE * deepest
+        contact = Contact(wanted.mass, wanted.stiffness, n)
+        # The dashpot with e near 1/2 if the full damping acted from touch to the end.
+        usual = wanted.mass * wanted.velocity / deepest
+        c_max = _delivering(wanted, contact, depth, usual * max(1.0, depth / deepest) ** 2)
+        parameters = {
+            "stiffness": wanted.stiffness / unit**n,
+            "force_exponent": n,
+            "damping": c_max / unit,
+            "penetration_depth": depth * unit,
+        }
+        numbers = ", ".join(f"{x:.12g}" for x in parameters.values())
+        return Draft(
+            model="IMPACT function",
+            law=StepDamping(c_max=jnp.asarray(c_max), d=jnp.asarray(depth)),
+            contact=contact,
+            parameters=parameters,
+            units={
+                "stiffness": f"N/{length}^{n:g}",
+                "force_exponent": "",
+                "damping": f"N s/{length}",
+                "penetration_depth": length,
+            },
+            snippet=f"IMPACT(DM(i, j), VR(i, j), x1, {numbers})",
+            limit=(
+                f"for a model in N, {length} and s. i and j are the markers, x1 their distance at "
+                "touch (the radius of a ball on a plane, with DZ and VZ). e depends on speed, "
+                "and mostly rises with it for small d. Not run: Adams needs a licence. A step of "
+                "its integrator must resolve d."
+            ),
+            source="IMPACT and STEP in the Adams Solver documentation, MSC Software (Hexagon)",
+        )
+
+
+def _delivering(wanted: Wanted, contact: Contact, depth: float, usual: float) -> float:
+    """Return the c_max in N s/m with which the contact delivers the wanted e, or ValueError."""
+
+    def logarithm(c_max: float) -> float:
+        law = StepDamping(c_max=jnp.asarray(c_max), d=jnp.asarray(depth))
+        hit = impact(law, contact, speed, throw=False)
+        e = float(hit.restitution)
+        if int(hit.status) != Status.SEPARATED or not e > 0:
+            return -math.inf
+        return math.log(e / wanted.restitution)
+
+    speed = jnp.asarray(wanted.velocity)
+    if wanted.restitution >= 1:
+        return 0.0
+    low, high = 0.0, usual
+    for _ in range(_TRIES):
+        if not logarithm(high) > 0:
+            break
+        low, high = high, 4 * high
+    if not math.isfinite(logarithm(high)) or logarithm(high) > 0:
+        raise ValueError(
+            f"Argument `d` must let IMPACT deliver the restitution {wanted.restitution:.6g}, but "
+            f"is {depth:g} m, for which no c_max was found; reduce it."
+        )
+    root = root_scalar(logarithm, bracket=(low, high), xtol=1e-13 * high, rtol=1e-13)
+    return float(root.root)
+
 
 _DRAKE = "drake.mit.edu/doxygen_cxx/group__compliant__contact.html"
 _APPROXIMATIONS = "lagged", "similar", "sap"

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from ..._contact import Contact
 from ..._entry import NOT_NEGATIVE, parameter
 from ..._laws import AbstractOscillator, AntypovElliott, KelvinVoigt
-from ..wanted import Wanted, matched_stiffness
+from ..engine import Wanted, matched_stiffness
 
 _LEAST = math.exp(-2)
 """Restitution of a damped Hertz contact without tension at critical damping. The codes set ζ = -ln

@@ -9,8 +9,7 @@ from ..._contact import Contact
 from ..._entry import POSITIVE, Range, require_number
 from ..._laws import Luding
 from ..at_time_step import Scheme
-from ..engine import Engine, register_engine
-from ..wanted import Draft, Wanted, as_luding
+from ..engine import Draft, Engine, Wanted, as_luding, register_engine
 from .spring import clamped_sphere, pulling_dashpot
 
 _POISSON = Range(low=-1.0, high=0.5, low_open=True, inside=0.3)

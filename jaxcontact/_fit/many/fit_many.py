@@ -22,7 +22,7 @@ from ..._entry import (
 )
 from ..._text.failure import Flagged, WordedEnum
 from ..._text.progress import progress_of
-from ..._text.table import text_table
+from ..._text.words import text_table
 from ..fit import check_loss, result_of, set_to_bound
 from ..problem.problem import FitProblem, Huber
 from ..problem.target import Target

@@ -21,15 +21,13 @@ from ..._entry import (
     require_kind,
     require_number,
 )
-from ..._text.table import text_table
-from ..._text.words import first_few
+from ..._text.words import first_few, text_table
 from ..data import FitData
 from ..search.inference import Direction
 from ..search.minimum import SINGULAR
 from ..uncertainty.adequacy import adequacy_of
-from .density import Density, Mode, find_mode, root_of
+from .density import Density, Mode, centre_of, find_mode, prior_of, root_of
 from .nuts import Draws, draw
-from .prior import centre_of, prior_of
 
 _TAILS = 0.05, 0.95
 _FEWEST = 4

@@ -206,8 +206,6 @@ def _rate(chi: Lane, alpha: Lane, spring: Spring, state: SpringState) -> SpringS
 
 
 def _step(chi: Lane, alpha: Lane, spring: Spring, state: SpringState, size: Lane) -> SpringState:
-    """Return the state one step later."""
-
     def rate(state: SpringState) -> SpringState:
         return _rate(chi, alpha, spring, state)
 

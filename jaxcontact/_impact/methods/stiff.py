@@ -193,7 +193,6 @@ def _after(step: _Step) -> State:
 
 
 def _nodes_of(step: _Step) -> State:
-    """Return the states at the nodes."""
     return jax.tree.map(operator.add, _repeated(step.start), step.increments)
 
 

@@ -7,8 +7,8 @@ from typing import cast
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from .ending import PlasticMotion
 from .motion import Motion, State
-from .plastic import PlasticMotion
 
 # The measured error of the final energy, in rounding errors of the largest energy.
 _ROUNDING = 50

@@ -16,7 +16,7 @@ from ..._forms import AbstractForm
 from ..._forms.base import Exponent
 from ..._friction import AbstractFriction
 from ..._friction.base import ScaledSpring, Tangential, TangentialOutcome
-from ..._friction.scaled import spring_of
+from ..._friction.spring_slider import spring_of
 from ..._laws import AbstractLaw
 from ..._program import program
 from ..._solver import Packed, Tolerance, land, march

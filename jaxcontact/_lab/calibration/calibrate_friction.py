@@ -19,7 +19,7 @@ from ..._friction import AbstractFriction
 from ..._impact import RoundBodies
 from ..._laws import ExactRestitution
 from ..recordings.table_columns import read_columns
-from ..tables.fault import RecordingError
+from ..tables.grid import RecordingError
 
 OUTCOMES = "tangential_restitution", "tangential_rebound", "rebound_angle", "rebound_spin"
 BEFORE = "angle", "speed", "normal_velocity", "tangential_velocity"

@@ -9,8 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..._calibration.choice.estimate import Estimate
-from ..._calibration.choice.kind import AbstractKind, is_identifiable
+from ..._calibration.choice.kind import AbstractKind, Estimate, is_identifiable
 from ..._calibration.choice.kinds import kinds_of
 from ..._calibration.choice.table import ChoiceTable, errors_of
 from ..._calibration.pairs.outliers import find_outliers
@@ -19,8 +18,7 @@ from ..._contact import Contact
 from ..._fit import FitStatus
 from ..._flight import Flight
 from ..._laws import parameters_of
-from ..._text.table import text_table, with_error
-from ..._text.words import counted
+from ..._text.words import counted, text_table, with_error
 from ..recordings import RecordedPairs, Recording, make_pairs
 from .summary_data import AtSpeed, at_speeds
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from ..._calibration.choice.estimate import Estimate
+from ..._calibration.choice.kind import Estimate
 from ..._calibration.choice.law_choice import ChoiceData
 from ..._fit import AT_BOUND
-from ..._text.table import text_table, wrapped
-from ..._text.words import counted
+from ..._text.words import counted, text_table, wrapped
 from ..recordings import FROM_FILE, LAYOUTS, Layout
 from .short_report import about, data_sentence, scatter_said, verdict_lines
 from .summary_data import SummaryData
@@ -43,7 +42,7 @@ def report(summary: SummaryData) -> str:
         _fits(summary, layout),
         _by_speed(summary),
         _choice(summary),
-        _equivalents(summary.choice),
+        wrapped("Law's e", equivalents_sentence(summary.choice)),
         _side_by_side(summary),
         _open_questions(summary),
     ]
@@ -254,10 +253,6 @@ def _choice(s: SummaryData) -> list[str]:
         if sentence:
             lines += wrapped("", sentence)
     return lines
-
-
-def _equivalents(choice: ChoiceData) -> list[str]:
-    return wrapped("Law's e", equivalents_sentence(choice))
 
 
 def equivalents_sentence(choice: ChoiceData) -> str:

@@ -7,8 +7,7 @@ import statistics
 import textwrap
 from collections.abc import Callable
 
-from ..._text.table import text_table, with_error, wrapped
-from ..._text.words import counted, listed, span
+from ..._text.words import counted, listed, span, text_table, with_error, wrapped
 from ..recordings import LAYOUTS
 from .summary_data import AtSpeed, SummaryData, contact_note
 

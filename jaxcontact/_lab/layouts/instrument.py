@@ -13,7 +13,7 @@ import numpy as np
 from ..._flight import Flight
 from ..._text.words import counted, span
 from ..signals import CLOCK, Doubtful, Floats, Trace, column_of, even, hum_of, noise_of
-from ..tables.fault import RecordingError
+from ..tables.grid import RecordingError
 from ..tables.heading import Meaning, words
 from ..tables.sheet import Row
 from .layout import Layout, Paired, Record

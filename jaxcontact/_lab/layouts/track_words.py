@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..._flight import STANDARD_GRAVITY
-from ..._text.table import with_error
-from ..._text.words import counted, span
+from ..._text.words import counted, span, with_error
 from ..track import Drop, Track
 
 _SHOWN = 6

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..layouts.layout import LABELS, LAYOUTS, Layout
-from ..tables.fault import RecordingError
+from ..tables.grid import RecordingError
 from ..tables.heading import Meaning, suggestion
 from ..tables.match import Match, Told, match
 from ..tables.sheet import Sheet

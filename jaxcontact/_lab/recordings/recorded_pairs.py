@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..._calibration.pairs.pairs import Ints, Pairs
 from ..._flight import Flight
 from ..layouts.layout import Layout, Record
-from ..tables.fault import RecordingError
+from ..tables.grid import RecordingError
 from .recording import Recording
 
 

@@ -12,7 +12,7 @@ from ..._entry import require_path
 from ..._text.words import counted
 from ..layouts.intervals import Interval, Timing
 from ..sound import Sound, SoundError, is_sound
-from ..tables.fault import RecordingError
+from ..tables.grid import RecordingError
 
 if TYPE_CHECKING:
     from ..sound.audio import Audio

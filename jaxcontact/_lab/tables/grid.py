@@ -1,4 +1,4 @@
-"""The cells of a table in a file, before its columns have a meaning."""
+"""The cells of a table before its columns have a meaning, and the error of a recording."""
 
 from __future__ import annotations
 
@@ -8,7 +8,25 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from ..._text.units import written_unit
-from .fault import RecordingError
+
+
+class RecordingError(ValueError):
+    """A fault in a recording, with its `source`, `row` and `column` (None if not applicable).
+
+    `problem` is the message without the location. In a file `row` is the line, counting the header;
+    in columns of values it counts measurements from 1.
+    """
+
+    def __init__(
+        self, problem: str, source: str, row: int | None = None, column: str | None = None
+    ):
+        self.problem: str = problem
+        self.source: str = source
+        self.row: int | None = row
+        self.column: str | None = column
+        place = [source, f"row {row}" if row else "", f"column {column}" if column else ""]
+        super().__init__(f"{', '.join(filter(None, place))}: {problem}")
+
 
 Known = Callable[[str], bool]
 """Test whether a text may be the heading of a column."""
@@ -34,7 +52,6 @@ _SUMMARIES = frozenset(
     "summe,moyenne,écart type,media,promedio,σ,μ".split(",")
 )
 """Words that begin summary rows below a table."""
-
 
 _LONGEST = 12
 """Largest length of a unit."""

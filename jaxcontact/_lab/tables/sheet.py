@@ -18,8 +18,7 @@ from ..._entry import as_array, rendered, require_path
 from ..._text.files import read_whole
 from ..._text.units import written_unit
 from ..sound import is_sound
-from .fault import RecordingError
-from .grid import Grid, Known
+from .grid import Grid, Known, RecordingError
 from .heading import Heading
 from .text_file import decoded, text_grid
 from .workbook import parquet_columns, workbook_grid

@@ -15,8 +15,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from .fault import RecordingError
-from .grid import Grid, Known, Line, grid_of, is_number, known_cells, with_points
+from .grid import Grid, Known, Line, RecordingError, grid_of, is_number, known_cells, with_points
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),

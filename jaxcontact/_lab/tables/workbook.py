@@ -8,8 +8,7 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
-from .fault import RecordingError
-from .grid import Grid, Known, Line, grid_of, known_cells, with_points
+from .grid import Grid, Known, Line, RecordingError, grid_of, known_cells, with_points
 
 _HOW = "pip install 'jaxcontact[data]', or save as CSV"
 

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..._contact import Contact
+from ..._coupled.modes import Index, Number
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Index, Number
 from ..._entry import Specialised
 from ..._impact import restitution_at_any_speed, restitution_is_constant
 from ..._laws import AbstractLaw
@@ -24,8 +24,7 @@ from ..bodies.mixed_law import MixedLaw, one_of_each
 from ..bodies.overlap import ROUNDINGS
 from ..bodies.scene import Scene
 from ..resume import Start
-from .movers import Movers
-from .turning import Rotation
+from .movers import Movers, Rotation
 
 Lane = Float[Array, "..."]
 

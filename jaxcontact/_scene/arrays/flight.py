@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.rows import rows_of
 from .arrays import Numbers, SceneLayout
-from .turning import Turning
+from .movers import Turning
 
 Lane = Float[Array, "..."]
 

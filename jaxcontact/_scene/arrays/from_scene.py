@@ -15,7 +15,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from ..._coupled.scalars import Flag
+from ..._coupled.modes import Flag
 from ..._entry import POSITIVE, Specialised, is_valid, sanitised
 from ..._functions import spin_axes
 from ..._impact import restitution
@@ -23,8 +23,7 @@ from ..bodies.bodies import AbstractBody, Shell, Sphere
 from ..bodies.motion import Along, still
 from ..bodies.scene import Scene
 from .arrays import Numbers, SceneLayout
-from .movers import Movers
-from .turning import Rotation
+from .movers import Movers, Rotation
 
 
 class Alike(eqx.Module):

@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Float
 from numpy.typing import NDArray
 
 from ..._contact import Material
-from ..._coupled.scalars import Number
+from ..._coupled.modes import Number
 from ..._entry import POSITIVE, refuses_unknown, rendered, require_flag, require_kind
 from .entry import one_number, spin_in, vector
 from .motion import AbstractMotion, Along, as_numpy, in_space, later, origin, require_motion, shifts

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact
 from ..._coupled.energies import stored_energy
-from ..._coupled.scalars import Index
+from ..._coupled.modes import Index
 from ..._forms import Exponent
 from ..._friction import AbstractFriction
 from ..._laws import (

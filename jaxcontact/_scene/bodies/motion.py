@@ -17,7 +17,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
-from ..._coupled.scalars import Number
+from ..._coupled.modes import Number
 from ..._entry import (
     POSITIVE,
     REAL,

@@ -14,7 +14,7 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import EXPONENT
-from ..._coupled.scalars import Number
+from ..._coupled.modes import Number
 from ..._entry import POSITIVE, Specialised, is_plain, refuses_unknown, rendered, require_kind
 from ..._friction import AbstractFriction
 from ..._laws import AbstractLaw, require_no_adhesion

@@ -20,9 +20,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._contact import Contact
 from ..._coupled.energies import in_contact, stored_energy
-from ..._coupled.modes import AT_REST, PAUSED, SLOWEST, Modes, Units
+from ..._coupled.modes import AT_REST, PAUSED, SLOWEST, Flag, Index, Modes, Number, Units
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag, Index, Number
 from ..._functions import ratio, small_product
 from ..._laws import (
     AbstractLaw,

@@ -11,8 +11,7 @@ from jaxtyping import Array, Float
 from ..._coupled.clock import ContactClock
 from ..._coupled.energies import ends_of
 from ..._coupled.field import TIME, WORK, AbstractCoupledField, Grip, Look, LoopRules, Settled, W
-from ..._coupled.modes import Flags, Modes, Units
-from ..._coupled.scalars import Index, Number
+from ..._coupled.modes import Flags, Index, Modes, Number, Units
 from ..._coupled.springs import SMALL, SpringMotion, settled_springs
 from ..bodies.bodies import side
 from .equations import Geometry, PerBody, PerPair, Pushes, Touching, incidence_of, norm, rest_of

@@ -21,9 +21,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._contact import Contact
-from ..._coupled.modes import Flags, Modes, PerContact, Units
+from ..._coupled.modes import Flags, Modes, Number, PerContact, Units
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Number
 from ..._coupled.springs import (
     SpringMotion,
     Vectors,

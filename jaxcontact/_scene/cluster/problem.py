@@ -9,9 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..._coupled.modes import Units
+from ..._coupled.modes import Flag, Index, Number, Units
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag, Index, Number
 from ..._laws import end_of
 from .equations import ClusterPairs, ClusterState, Drive, PerBody
 from .friction import PairFriction

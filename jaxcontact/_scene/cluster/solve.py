@@ -16,9 +16,8 @@ from ..._contact import Contact
 from ..._coupled.clock import ContactClock
 from ..._coupled.energies import attracts
 from ..._coupled.field import TIME, WORK, LoopRules
-from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Modes
+from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Flag, Modes, Number
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag, Number
 from ..._coupled.steps.carry import Carry, CoupledSolve
 from ..._coupled.steps.loop import CoupledStart, first_carry, run_to_end, status_of
 from ..._functions import ratio
@@ -64,7 +63,6 @@ def solve_cluster(problem: ClusterProblem, rules: LoopRules, in_line: bool) -> C
 
 
 def _start(solve: _ClusterSolve) -> CoupledStart:
-    """Return the start of the loop."""
     state, units = solve.problem.state, solve.units
     zero = jnp.zeros((), state.position.dtype)
     velocity = (state.velocity - solve.frame) / units.speed

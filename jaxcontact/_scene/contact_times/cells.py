@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..._coupled.scalars import Flag, Index
+from ..._coupled.modes import Flag, Index
 from ..._program import quick
 from ..arrays.arrays import Numbers, SceneLayout
 from ..result import traced

@@ -16,10 +16,9 @@ from jaxtyping import Array, Int
 
 from ..._program import Found, Map, derived, outside, quick, traced
 from ..arrays.arrays import Numbers, SceneLayout
-from ..engine.log import LogNumbers, LoopOutcome
+from ..engine.log import LogNumbers, LoopOutcome, RunRecord
 from ..engine.state import Rules
 from ..result import SolvedBy
-from ..run_record import RunRecord
 from .replay import chain_matrices, push_tangents
 from .slopes import Kept, Matrices, matrices
 

@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of, with_rows
-from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying, where_each
 from ..cluster.equations import ClusterState
@@ -200,7 +200,6 @@ def _start_of_spheres(layout: SceneLayout, numbers: Numbers, along: Numbers) -> 
 
 
 def _initial_tangents(layout: SceneLayout, numbers: Numbers, log: Log, along: Numbers) -> _Tangents:
-    """Return the tangents at the start of a run."""
     held = jnp.zeros(layout.spheres, along.position.dtype)
     start = _start_of_spheres(layout, numbers, along)
     coupled = None

@@ -15,11 +15,11 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.modes import Flag, Number
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying
-from ..arrays.turning import Rotation, Turning
+from ..arrays.movers import Rotation, Turning
 from ..cluster.equations import ClusterState
 from ..cluster.solve import MOST_STEPS
 from ..engine.cluster_slots import in_place, index_of, slot_pairs

@@ -5,10 +5,9 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from ..._coupled.modes import APART, AT_REST, PAUSED, TIME_IS_UP
+from ..._coupled.modes import APART, AT_REST, PAUSED, TIME_IS_UP, Flag, Number
 from ..._coupled.modes import NOT_CONVERGED as FAILED
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import at_once
 from ..pair_impact.friction import is_followed

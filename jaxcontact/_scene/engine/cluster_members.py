@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from ..._coupled.scalars import Flag, Index, Number
+from ..._coupled.modes import Flag, Index, Number
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, least_speed, nearest_image
 from ..arrays.flight import Flying, at_once
 from ..bodies.bodies import side

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.modes import Flag
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag
 from ..arrays.arrays import Numbers, SceneLayout
 from ..cluster.equations import ClusterPairs, ClusterState
 from ..cluster.friction import Rubbing

@@ -12,9 +12,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.energies import stored_energy
-from ..._coupled.modes import TIME_IS_UP
+from ..._coupled.modes import TIME_IS_UP, Flag, Number
 from ..._coupled.rows import rows_of, with_rows
-from ..._coupled.scalars import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, law_of, nearest_image
 from ..arrays.flight import Flying, accelerations, at_once
 from ..bodies.motion import UserMotion

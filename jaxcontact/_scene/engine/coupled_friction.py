@@ -13,14 +13,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._contact import Contact
-from ..._coupled.modes import AT_REST, PAUSED, PerContact
+from ..._coupled.modes import AT_REST, PAUSED, Flag, Number, PerContact
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag, Number
 from ..._coupled.springs import Vectors, lengths
 from ..._functions import ratio, spin_axes
 from ..arrays.arrays import Numbers, SceneLayout, least_speed
 from ..arrays.flight import Flying
-from ..arrays.turning import spin_energy
+from ..arrays.movers import spin_energy
 from ..cluster.equations import ClusterPairs, ClusterState, Drive
 from ..cluster.friction import HALF, PairFriction, Rubbing, in_plane
 from ..cluster.problem import ClusterEnd

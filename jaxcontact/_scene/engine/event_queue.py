@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of, with_one_or_two
-from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.arrays import Numbers, SceneLayout
 from ..contact_times.cells import CellGrid, Cells, Shift, fill_cells, move_sphere, shift_of, staying
 from .next_event import LEAVES, OUT_OF_DATE, find_next_events, flight_at, simultaneous

@@ -9,7 +9,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from ..._coupled.scalars import Flag, Number
+from ..._coupled.modes import Flag, Number
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import at_once
 from ..bodies.bodies import side
@@ -73,7 +73,8 @@ def is_isolated(
         assert motion is not None
         change = motion.strongest[jnp.clip(choice.second - count, 0)] * last
         alone = alone & ~(is_wall & (10 * change > tolerance * outcome.closing))
-    if layout.spheres > layout.visible and rules.v0 == "peak" and _has_damping(numbers):
+    in_shell = layout.spheres > layout.visible and rules.v0 == "peak"
+    if in_shell and any(law.damped for law in numbers.laws):
         # The closing speed of a body along the inside of a shell rises at first. The pair solution
         # uses v0 at touch.
         distance = numbers.radius[choice.first] + numbers.radius[second]
@@ -112,7 +113,3 @@ def is_isolated(
             bend = jnp.where(is_wall, face * (0 if at_touch else weight), bend)
         alone = alone & jnp.all(bend == 0)
     return alone & jnp.all(choice.support < 0)
-
-
-def _has_damping(numbers: Numbers) -> bool:
-    return any(law.damped for law in numbers.laws)

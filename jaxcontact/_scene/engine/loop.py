@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of, with_row
-from ..._coupled.scalars import Flag, Index, Number
 from ..._impact import Status
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import Flying, at_once, where_each

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.modes import Number
 from ..._coupled.rows import rows_of, with_rows
-from ..._coupled.scalars import Number
 from ..arrays.arrays import Numbers, SceneLayout, nearest_image
 from ..arrays.flight import at_once
 from ..bodies.overlap import NOISE, ROUNDINGS

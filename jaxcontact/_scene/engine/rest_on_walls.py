@@ -18,7 +18,7 @@ from ..._coupled.rows import rows_of
 from ..._coupled.springs import lengths
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying
-from ..arrays.turning import Turning, free_turning
+from ..arrays.movers import Turning, free_turning
 from ..cluster.equations import ClusterState
 from ..cluster.problem import ClusterEnd
 from ..pair_impact.rolling import compliance_on, footing, on_walls

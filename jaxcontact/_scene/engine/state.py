@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import equinox as eqx
 from jaxtyping import Array, Float, Int
 
+from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import with_one_or_two, with_rows
-from ..._coupled.scalars import Flag, Index, Number
 from ..arrays.flight import Flying
-from ..arrays.turning import Turning
+from ..arrays.movers import Turning
 from ..cluster.equations import ClusterState
 from ..contact_times.cells import Cells
 from ..pair_impact.instantaneous import Choice

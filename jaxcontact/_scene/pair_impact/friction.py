@@ -2,7 +2,7 @@
 
 The normal is that of the touch. With the effective mass m, 1/m_t = 1/m + R1²/I1 + R2²/I2 and the
 slip velocity u of the contact point, the impulse is J = m_t (u' - u), where u' = u |u'|/|u| follows
-from the law. The friction takes the energy m_t (u² - u'²)/2. See `arrays/turning.py` for the signs.
+from the law. The friction takes the energy m_t (u² - u'²)/2. See `arrays/movers.py` for the signs.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag, Index, Number
 from ..._friction import AbstractFriction, RegularizedCoulomb
 from ..._friction.base import Tangential, TangentialOutcome
 from ..._functions import cross, swept
@@ -26,7 +26,6 @@ Lane = Float[Array, "..."]
 
 _AT_REST = 1e-8
 """The slip, relative to the closing speed, below which it only gives the direction's derivative."""
-
 
 _USUAL_RATIO = 14 / 17
 """4G*/E* of two bodies with Poisson's ratio 0.3."""

@@ -12,13 +12,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag, Index, Number
 from ..._functions import spin_axes
 from ..._impact import Status
 from ..arrays.arrays import Numbers, SceneLayout, restitution_of
 from ..arrays.flight import Flying, at_once
-from ..arrays.turning import free_turning
+from ..arrays.movers import free_turning
 from ..bodies.bodies import side
 from ..result import SolvedBy
 from .friction import SlipSpeeds, arms_of, friction_impulse, wall_drift

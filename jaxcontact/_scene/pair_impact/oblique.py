@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from ..._contact import Contact
-from ..._coupled.scalars import Flag, Index, Number
+from ..._coupled.modes import Flag, Index, Number
 from ..._entry import POSITIVE, Specialised
 from ..._forms import AbstractForm, Change, ScaledImpact
 from ..._impact import Status

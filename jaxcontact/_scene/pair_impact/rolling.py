@@ -18,13 +18,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.modes import Flag
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag
 from ..._coupled.springs import tangential_stiffness
 from ..._functions import cross, ratio, swept
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of
 from ..arrays.flight import Flying, at_once
-from ..arrays.turning import Turning, free_turning
+from ..arrays.movers import Turning, free_turning
 from .friction import coefficient_of, ramps_of, spring_ratio_of, wall_drift
 from .instantaneous import Choice, ImpactOutcome
 

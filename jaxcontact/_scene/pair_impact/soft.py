@@ -18,8 +18,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ..._coupled.modes import Flag, Number
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag, Number
 from ..._impact import Status
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, laws_of, least_speed
 from ..arrays.flight import Flying, accelerations

@@ -11,10 +11,10 @@ from ..engine.cluster_members import pace_of
 from ..engine.cluster_slots import Slots
 from ..engine.coupled import as_flags, contact_energy
 from ..engine.coupled_friction import without_halves
+from ..engine.log import RunRecord
 from ..engine.state import Coupling
 from ..pair_impact.friction import is_followed
 from ..resume import Contacts, Start, Underway
-from ..run_record import RunRecord
 from .inside_contacts import Entries
 from .states import last_impacts
 

@@ -10,18 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..._coupled.modes import Index
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Index
 from ..arrays.arrays import Numbers, SceneLayout
 from ..cluster.equations import ClusterState
 from ..cluster.friction import HALF
 from ..engine.cluster_slots import Slots, bodies_of, pairs_of, slot_pairs
 from ..engine.coupled_friction import contact_points, speeds_of
-from ..engine.log import ClusterDecisions, ClusterNumbers
+from ..engine.log import ClusterDecisions, ClusterNumbers, RunRecord
 from ..pair_impact.friction import has_impulse, is_followed
 from ..pair_impact.rolling import begins_to_roll
 from ..result import Ending, Impacts, SolvedBy, nan_unless
-from ..run_record import RunRecord
 
 
 def table_of(

@@ -12,13 +12,12 @@ from ..._coupled.energies import stored_energy
 from ..._coupled.rows import rows_of, with_rows
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, law_of
 from ..arrays.flight import Flying
-from ..arrays.turning import Turning
+from ..arrays.movers import Turning
 from ..engine.cluster_slots import Slots, all_fit, empty_slots, in_line, index_of, joins, no_change
 from ..engine.coupled import Call, as_flags, blank_state, call, contact_energy, meets
-from ..engine.log import last_call
+from ..engine.log import RunRecord, last_call
 from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice
-from ..run_record import RunRecord
 
 
 class Kinematics(NamedTuple):

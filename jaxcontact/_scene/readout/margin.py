@@ -12,17 +12,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._coupled.scalars import Number
+from ..._coupled.modes import Number
 from ..._entry import shown
 from ..._program import quick
 from ..arrays.arrays import Numbers
 from ..derivative.differentiable_run import row_matrices
 from ..derivative.replay import chain_matrices, push_tangents
 from ..derivative.slopes import Matrices
-from ..engine.log import Log, LogNumbers
+from ..engine.log import Log, LogNumbers, RunRecord
 from ..engine.state import Rules
 from ..result import Ending, nan_unless, traced
-from ..run_record import RunRecord
 from .states import any_inside, kinematics_at, kinematics_in_log
 
 _MOST = 24

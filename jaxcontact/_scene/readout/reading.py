@@ -15,18 +15,18 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.energies import stored_energy
+from ..._coupled.modes import Index, Number
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Index, Number
 from ..._functions import ratio
 from ..._program import derived, quick
 from ..arrays.arrays import known_contact_of, law_of
 from ..arrays.flight import Flying, accelerations
-from ..arrays.turning import spin_energy
+from ..arrays.movers import spin_energy
 from ..bodies.bodies import side
+from ..engine.log import RunRecord
 from ..pair_impact.instantaneous import Choice, meeting_of, second_velocity, two_that_meet
 from ..pair_impact.rolling import begins_to_roll, footing, give_way
 from ..result import Ending, Impacts, States, nan_unless, traced
-from ..run_record import RunRecord
 from .impact_table import table_of, taken_beside
 from .states import (
     has_forces_at,

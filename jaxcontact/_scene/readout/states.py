@@ -10,18 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
+from ..._coupled.modes import Flag
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Flag
 from ..._functions import ratio
 from ..._program import derived, quick
 from ..arrays.arrays import SceneLayout
 from ..arrays.flight import accelerations
 from ..engine.cluster_slots import slot_pairs
-from ..engine.log import Log, last_call
+from ..engine.log import Log, RunRecord, last_call
 from ..pair_impact.friction import is_followed
 from ..pair_impact.rolling import flying_at_start
 from ..result import States, nan_unless, traced
-from ..run_record import RunRecord
 from .inside_contacts import Entries, Kinematics, at_rest, energy_at_ends, in_contacts
 
 _LEAST, _FEW = 512, 128

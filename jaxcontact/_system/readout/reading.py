@@ -13,9 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._coupled.energies import ends_of, in_contact, stored_energy
-from ..._coupled.modes import SLOWEST, TIME_IS_UP
+from ..._coupled.modes import SLOWEST, TIME_IS_UP, Number
 from ..._coupled.rows import rows_of
-from ..._coupled.scalars import Number
 from ..._impact.derivatives import with_sensitivity
 from ..._laws import adhesion_below, force_of_closed
 from ..problem import SystemLog, SystemProblem, SystemState

@@ -11,13 +11,13 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from ..._coupled.scalars import Index, Number
+from ..._coupled.modes import Index, Number
 from ..._entry import as_parameter, rendered, shown
 from ..._program import quick
 from ..._scene.readout.columns import write_csv
 from ..._scene.result import Ending
 from ..._text.failure import Flagged
-from ..._text.table import abridged, text_table
+from ..._text.words import abridged, text_table
 from ..problem import SystemLog, SystemProblem
 from .reading import SystemStates, growth_of, states_at
 

@@ -10,8 +10,8 @@ import numpy as np
 from ...._entry import rendered
 from ...._friction import RegularizedCoulomb
 from ...._laws import Luding
+from ...engine import as_luding
 from ...result import Export
-from ...wanted import as_luding
 from ..engine import EqualSteps, SceneEngine, refuse_all, refuse_friction, register_scene_engine
 from ..model import SceneModel, Touch
 from ..script import script

@@ -114,7 +114,6 @@ class LammpsScene(SceneEngine):
 
 
 def _input(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps) -> str:
-    """Return the input file."""
     flat_space = model.dimensions < 3
     ends = ["m" if period is None else "p" for period in model.periods]
     ends[2] = "p" if flat_space else ends[2]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...._friction import RigidCoulomb
 from ...result import Export
-from ...simulators.mujoco import IMPEDANCE
+from ...simulators.rigid_body import IMPEDANCE
 from ..engine import (
     EqualSteps,
     SceneEngine,
