@@ -88,7 +88,7 @@ def impact(
         # Under differentiation one program is used, since the second of two would differentiate by
         # all outputs of the first.
         begun = _at_once(problem, how) if traced(problem) else _begun(problem, formula)
-    found = begun if type(begun) is Impact else _on_cores(begun, how)
+    found = _on_cores(begun, how) if isinstance(begun, Lanes) else begun
     return checked(found, throw, "impact")
 
 

@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import jax.core
 import jax.extend.core
+import numpy as np
 
 Out = TypeVar("Out")
 
@@ -36,7 +37,7 @@ def side_by_side(jobs: Iterable[Callable[[], Out]], at_once: int = 2) -> Generat
     computation, which leaves Python free for another one. Of the JAX settings that hold only for
     the caller's thread, the precision holds in a job.
     """
-    x64 = jax.config.jax_enable_x64
+    x64 = bool(jax.dtypes.canonicalize_dtype(float) == np.float64)
 
     def run(job: Callable[[], Out]) -> Out:
         with jax.enable_x64(x64):

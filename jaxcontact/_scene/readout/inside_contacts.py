@@ -73,7 +73,7 @@ def in_contacts(
 
         change = joins(layout, members, seats.present)
         closed = meets(layout, members, seats, choice)
-        decided = Call(yes, choice, seats, change, closed, until, yes)
+        decided = Call(yes, choice, seats, change, closed, until, ~yes)
         spheres = jax.tree.map(seat, before)
         blank = blank_state(layout, members, numbers.dtype)
         none, held = jnp.full(members, -1), jnp.zeros(members, numbers.dtype)
@@ -84,11 +84,13 @@ def in_contacts(
         run, facts, choice = rows_of((together, log.facts.call, log.facts.choice), row)
         assert run is not None and facts is not None
         change = no_change(layout, members)
-        # The call went on at this time. By rounding this solve may find its spheres at rest before.
+        # By rounding this solve may find its spheres at rest where the call went on.
+        before = until < run.end.time
+        to_the_end, starts = before | ~facts.rest, ~yes
         decided = facts.decided._replace(
-            starts=~yes, choice=choice, change=change, until=until, to_the_end=yes
+            starts=starts, choice=choice, change=change, until=until, to_the_end=to_the_end
         )
-        inside = (until < run.end.time) | ~facts.ends
+        inside = before | ~facts.ends
         began = as_flags(run.began)
         return (run.spheres, facts.support, run.held, began, decided), inside
 
