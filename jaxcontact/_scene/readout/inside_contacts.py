@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -84,13 +85,11 @@ def in_contacts(
         run, facts, choice = rows_of((together, log.facts.call, log.facts.choice), row)
         assert run is not None and facts is not None
         change = no_change(layout, members)
-        # By rounding this solve may find its spheres at rest where the call went on.
-        before = until < run.end.time
-        to_the_end, starts = before | ~facts.rest, ~yes
-        decided = facts.decided._replace(
-            starts=starts, choice=choice, change=change, until=until, to_the_end=to_the_end
-        )
-        inside = before | ~facts.ends
+        decided = facts.decided._replace(starts=~yes, choice=choice, change=change, until=until)
+        if layout.frictions is None:
+            # By rounding this solve may find its spheres at rest before the end of the call.
+            decided = decided._replace(to_the_end=until <= run.end.time)
+        inside = (until < run.end.time) | ~facts.ends
         began = as_flags(run.began)
         return (run.spheres, facts.support, run.held, began, decided), inside
 
@@ -114,6 +113,12 @@ def in_contacts(
                 layout, numbers, members, spheres, support, held, before, decided.where(active),
                 record.tolerance, record.rules.v0,
             )[1].state  # fmt: skip
+            if last:
+                end = as_flags(rows_of(together.end, last[0]))
+                at_end = (who == count) & (time == end.time)
+                # The solve has the derivative by the time; the call is known to be at rest or not.
+                known = jax.lax.stop_gradient(end), jax.lax.stop_gradient(state)
+                state = jax.tree.map(functools.partial(_value_of, at_end), *known, state)
             late = time - state.time
             index = index_of(layout, seats)
             velocity = state.velocity[:members]
@@ -164,6 +169,13 @@ def in_contacts(
         return there
     rest = at_rest(record, last, here, times, jnp.any(who, axis=1))
     return there._replace(stored=there.stored + rest)
+
+
+def _value_of(there: Array, known: Array, found: Array, moving: Array) -> Array:
+    """Return `moving` with the `known` value instead of the `found` one `there`."""
+    if not jnp.issubdtype(moving.dtype, jnp.inexact):
+        return jnp.where(there, known, moving)
+    return moving + jnp.where(there, known - found, 0)
 
 
 def energy_at_ends(record: RunRecord, times: Float[Array, " T"]) -> Float[Array, " T"]:
