@@ -96,10 +96,10 @@ def test_gaps_that_wiggle_within_a_step_are_seen():
     assert not np.any(found)
 
 
-EACH = 8
-"""Mechanisms for each law: two that move, two at rest, two pressed, two that touch."""
-LEFT_OUT = 6
-"""Contacts of each law whose sequence or slope changes within the differences: at most 3 of 25."""
+EACH = 4
+"""Mechanisms for each law: one that moves, one at rest, one pressed, one that touches."""
+LEFT_OUT = 4
+"""Contacts of each law whose sequence or slope changes within the differences: at most 4 of 13."""
 BOOKS = 1e-10
 """Of the energy, at rtol 1e-10. Measured 7e-12."""
 SLOPES = 1e-5
@@ -115,7 +115,8 @@ SAME = 1e-6
 @functools.cache
 def found(name):
     random = np.random.default_rng(0)
-    x = random_mechanisms.drawn(random, name, EACH)
+    # Those of one law are twice as many, so that some at rest begin by a push.
+    x = random_mechanisms.drawn(random, name, 2 * EACH if name == "HuGuo" else EACH)
     return x, random_mechanisms.compared(name, x, random_mechanisms.directions(random, x))
 
 
@@ -127,7 +128,7 @@ def test_derivatives_of_the_contact_table(name):
     valid, sound = runs.others["valid"], runs.sound
     assert set(runs.others["status"]) <= {jc.Ending.COMPLETED, jc.Ending.TOO_MANY_IMPACTS}
     assert np.max(runs.books) < BOOKS
-    assert np.sum(sound) >= 10
+    assert np.sum(sound) >= 2 * len(valid)
     assert np.sum(valid & ~sound) <= LEFT_OUT
     # A contact in progress at the end has neither.
     ends = np.isfinite(runs.table["duration"])
