@@ -120,6 +120,7 @@ def found(name):
     return x, random_mechanisms.compared(name, x, random_mechanisms.directions(random, x))
 
 
+@pytest.mark.slow("ThorntonPlastic", reason="Luding's law has a memory as well")
 @pytest.mark.parametrize(
     "name", ["HuGuo", "KelvinVoigt, no tension", "ThorntonPlastic", "Luding", "JKR"]
 )
