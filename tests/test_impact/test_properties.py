@@ -33,7 +33,6 @@ FAMILIES = {
 ROUTES = [(family, method) for family in FAMILIES for method in ("auto", "event")]
 
 damping = st.one_of(st.floats(-6, 6).map(lambda x: 10**x), st.sampled_from([0.0, 1e-300, 1e6]))
-either_sign = st.tuples(st.sampled_from([-1, 1]), st.floats(-4, 4)).map(lambda p: p[0] * 10 ** p[1])
 scale = st.floats(-12, 12).map(lambda x: 10**x)
 
 

@@ -15,9 +15,6 @@ AGREES = 1e-10
 KEPT = 1e-12
 """Angular momentum and energy of a run, relative: measured 4e-15 and 2e-12."""
 
-SLOPE = 1e-6
-"""Derivatives beside differences of fourth order, relative: measured 1e-8."""
-
 LAW, MU, KAPPA, STIFFNESS = jc.HuGuo(e=0.8), 0.3, 0.8, 1e7
 SPRING = jc.SpringSlider(MU, ratio=KAPPA)
 RADIUS, MASS = np.array([0.1, 0.12, 0.09]), np.array([0.5, 0.8, 0.4])

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from tests.oracle.two_discs import MU, STIFFNESS, V_D, E, integrated
+from tests.oracle.rubbing_spheres import RubbingSpheres
+from tests.oracle.stored import stored
 from tests.test_scene.test_friction_coupled import balance, spheres
 
 LIMIT = 1e-3
@@ -215,6 +216,8 @@ def test_derivatives():
     np.testing.assert_allclose(slope @ way, weights @ along, rtol=1e-10)
 
 
+MU, V_D, STIFFNESS, E = 0.2, 0.02, 1e8, 0.6
+
 RTOL = 1e-6
 """The tolerance of the runs; impacts on planes agree with the integration within ten of it."""
 
@@ -226,19 +229,32 @@ ENERGY = 1e-7
 """Energy in J that runs of a few J miss at that tolerance: measured 5e-9."""
 
 
-def test_impacts_on_a_wall_agree_with_an_integration():
+def test_impacts_on_a_wall_are_oblique_impacts():
     """A ball with spin, three speeds of sliding: it sticks, slides throughout, or reverses."""
+    law, friction = jc.HuGuo(e=E), jc.RegularizedCoulomb(MU, V_D)
     for v, w in (([1.0, -2.0], 0.0), ([5.0, -1.0], 20.0), ([0.0, -3.0], -15.0)):
         ball = jc.Sphere(0.1, 1.0, [0.0, 0.2], v, spin=w)
         scene = jc.Scene(
-            [ball, jc.Plane([0.0, 0.0], [0.0, 1.0])], jc.HuGuo(e=E), stiffness=STIFFNESS,
-            friction=jc.RegularizedCoulomb(MU, V_D),
-        )  # fmt: skip
+            [ball, jc.Plane([0.0, 0.0], [0.0, 1.0])], law, stiffness=STIFFNESS, friction=friction
+        )
         run = jc.simulate(scene, 0.2, rtol=RTOL)
-        start = ([[0.0, 0.2], [9.0, 9.0]], [v, [0.0, 0.0]], [w, 0.0])
-        speed, spin = integrated(((1.0, 1.0), (0.1, 0.1)), *start, 0.2, True)
-        assert np.max(np.abs(run.velocity[-1, 0] - speed[0])) < 10 * RTOL * -v[1]
-        assert np.abs(run.spin[-1, 0] - spin[0]) * 0.1 < 10 * RTOL * -v[1]
+        hit = jc.oblique_impact(
+            law, jc.Contact(1.0, STIFFNESS), -v[1], v[0], friction=friction,
+            bodies=jc.RoundBodies(0.1), spin=(w, 0.0),
+        )  # fmt: skip
+        speed = [hit.tangential_velocity, hit.normal.rebound_velocity]
+        assert np.max(np.abs(run.velocity[-1, 0] - np.array(speed))) < 10 * RTOL * -v[1]
+        assert np.abs(run.spin[-1, 0] - hit.spin[0]) * 0.1 < 10 * RTOL * -v[1]
+
+
+@stored()
+def integrated(mass, radius, place, velocity, spin, duration):
+    """Velocities and spins of two discs at the end."""
+    inertia, alpha = 0.4 * mass * radius**2, 1.5 * (1 - E) / E
+    spheres = RubbingSpheres(
+        radius, mass, inertia, np.zeros(2), STIFFNESS, alpha, MU, 1.0, ramp=V_D
+    )
+    return spheres.run(place, velocity, spin[:, None], duration)[1:3]
 
 
 class Formula(jc.RegularizedCoulomb):
@@ -270,7 +286,8 @@ def random_pairs(friction, count):
         assert abs(run.energy[0] - run.energy[1] - lost) < ENERGY
         if not len(run.impacts):
             continue
-        speed, turned = integrated((mass[k], radius[k]), *start, 0.3, False)
+        speed, turned = integrated(mass[k], radius[k], *start, 0.3)
+        turned = turned[:, 0]
         parts = np.abs(run.velocity[-1] - speed), np.abs(run.spin[-1] - turned) * radius[k]
         errors.append(max(np.max(part) for part in parts) / run.impacts.closing_speed[0])
         estimates.append(run.impacts.error_estimate[0])

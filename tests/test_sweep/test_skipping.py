@@ -346,7 +346,7 @@ signed = st.one_of(numbers, st.sampled_from([-0.0, -np.inf, 5e-324]))
 axes_of_two = st.lists(signed, min_size=1, max_size=3)
 
 
-@pytest.mark.slow(reason="sixty random programs, each compiled twice")
+@pytest.mark.slow(reason="twenty random programs, each compiled twice")
 @settings(max_examples=20)
 @given(function=programs(), a=axes_of_two, b=axes_of_two, c=axes_of_two)
 def test_any_program(function, a, b, c):
