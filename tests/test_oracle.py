@@ -33,7 +33,7 @@ def assert_close(left: oracle.Impact, right: oracle.Impact, tolerance: mpf) -> N
 # --- Hunt and Crossley's family -------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("n", ["1", "1.25", "1.5", "2", "3"])
+@pytest.mark.parametrize("n", ["1", "1.5", "3"])
 @pytest.mark.parametrize("alpha", ["-0.2", "0", "1e-8", "0.3", "5", "40"])
 def test_energy_integral_and_equation_of_motion_agree(alpha, n):
     by_motion = oracle.hunt_crossley_by_motion(alpha, n)
@@ -85,7 +85,7 @@ def test_small_damping_follows_its_expansion():
 # --- the oscillators ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("n", ["1", "1.5", "2"])
+@pytest.mark.parametrize("n", ["1", "1.5"])
 @pytest.mark.parametrize("zeta", ["0.1", "0.5", "0.975"])
 def test_restitution_with_tension_is_the_linear_oscillators(zeta, n):
     impact = oracle.oscillator(zeta, n, "tension")
@@ -291,7 +291,6 @@ def live() -> list:
     """
     chosen = {
         ("hunt_crossley", "0", "1.5"),
-        ("hunt_crossley", "14.4", "1.25"),
         ("hunt_crossley", "1.6e6", "3"),
         ("oscillator", ".95", "1.5", "tension"),
         ("oscillator", ".999", "1", "clamped"),

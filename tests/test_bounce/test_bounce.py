@@ -14,9 +14,6 @@ from tests.test_impact.support import both_jacobians
 LOOP = 5e-15
 """Times, heights and speeds of twenty bounces: measured 2e-16."""
 
-EVENT = 5e-9
-"""Two event solves with tolerance 1e-9, in one lane and in six: measured 3e-10."""
-
 SLOPE = 2e-8
 """Central differences with relative step 1e-5: measured 2e-9, in a height of 1e-2 m."""
 

@@ -93,11 +93,6 @@ def assert_same(law, n, make, balls=BALLS, v0="peak"):
     assert run.time.shape == (len(balls), longest)
 
 
-def test_a_force_that_only_pushes_ends_below_the_touch():
-    """Thornton's law: weight takes the depth of the end off every flight."""
-    assert_same(jc.Thornton(e=0.5), 1.5, oscillator)
-
-
 def test_damping_refers_to_the_largest_closing_speed():
     assert_same(jc.HuGuo(e=0.7), 1.5, hunt_crossley)
 

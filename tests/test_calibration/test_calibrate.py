@@ -61,7 +61,7 @@ TRUTHS = {
 LAWS = {"Kuwabara-Kono": "kuwabara_kono", "constant c": "constant_damping"}
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("kind", TRUTHS)
 def test_the_truth_is_found_and_preferred(kind, seed):
     value, law = TRUTHS[kind]

@@ -1,17 +1,13 @@
 """Dashpots given by their coefficient, against Newton's equations solved by SciPy."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
-from tests.oracle import bouncing_ball
+from tests.oracle.dashpot import MASS, SPEED, STIFFNESS, followed, truth
 
-MASS, STIFFNESS, SPEED = 1.0, 1e8, 3.0
 LENGTH = (MASS * SPEED**2 / STIFFNESS) ** 0.4
 CONTACT = jc.Contact(MASS, STIFFNESS)
 
@@ -23,47 +19,6 @@ DIFFERENCE = 2e-6
 
 COMES_BACK = 3e-5
 """The force of STEP that comes back after it vanished, at d = 0.07 X: measured 7e-6."""
-
-
-def manual_step(x, d, c_max):
-    """STEP(x, 0, 0, d, c_max) by the manual's cubic."""
-    if x <= 0:
-        return 0.0
-    return c_max if x >= d else c_max * (x / d) ** 2 * (3 - 2 * x / d)
-
-
-def truth(damping, n=1.5, speed=SPEED, pulls=False):
-    """e, the duration until the force vanishes for good, and the least and the largest force.
-
-    `damping` of the indentation is in N s/m. The clamped force is followed until δ = 0: where it
-    has vanished the bodies fly apart. Steps begin and end where the force or its slope jumps.
-    """
-    length = (MASS * speed**2 / STIFFNESS) ** (1 / (n + 1))
-
-    def unclamped(x, v):
-        return STIFFNESS * max(x, 0.0) ** n + damping(x) * v
-
-    def force(x, v):
-        return unclamped(x, v) if pulls else max(unclamped(x, v), 0.0)
-
-    def out(t, y):
-        return y[0]
-
-    out.terminal, out.direction = True, -1
-    found = solve_ivp(
-        lambda t, y: [y[1], -force(*y) / MASS],
-        (0, 40 * length / speed),
-        (0.0, speed),
-        events=out,
-        method="DOP853",
-        rtol=1e-12,
-        atol=1e-15,
-        max_step=length / speed / 150,
-        dense_output=True,
-    )
-    times = np.linspace(0, found.t[-1], 20001)
-    forces = np.array([force(*y) for y in found.sol(times).T])
-    return -found.y[1, -1] / speed, forces.min(), forces.max()
 
 
 # Coefficients relative to m v0/X, and d relative to X; e from 0.93 to 0.3. The force does not
@@ -84,12 +39,12 @@ PLACE = {"c": jnp.asarray(COEFFICIENTS), "d": jnp.asarray(DEPTHS)}
 
 def test_restitution_and_force_are_newtons():
     dashpot, step = solved(PLACE)
-    expected = np.array([truth(lambda x, c=c: c) for c in COEFFICIENTS[:3]])
+    expected = np.array([truth(c, None, SPEED) for c in COEFFICIENTS[:3]])
     np.testing.assert_allclose(dashpot[0], expected[:, 0], rtol=TRUTH)
     np.testing.assert_allclose(dashpot[1], expected[:, 2], rtol=1e-7)  # of 20,001 samples
     assert dashpot[1][2] == pytest.approx(COEFFICIENTS[2] * SPEED, rel=1e-12)  # largest at touch
     lanes = zip(COEFFICIENTS, DEPTHS, strict=True)
-    expected = np.array([truth(lambda x, c=c, d=d: manual_step(x, d, c)) for c, d in lanes])
+    expected = np.array([truth(c, d, SPEED) for c, d in lanes])
     np.testing.assert_allclose(step[0], expected[:, 0], rtol=TRUTH)
     np.testing.assert_allclose(step[1], expected[:, 2], rtol=1e-7)
 
@@ -103,7 +58,7 @@ def test_a_force_that_returns_ends_the_contact_once():
     d = np.array([0.01348, 0.05, 0.03, 0.05, 0.03]) * LENGTH
     _, (e, force) = solved({"c": jnp.asarray(c), "d": jnp.asarray(d)})
     lanes = zip(c, d, strict=True)
-    expected = np.array([truth(lambda x, c=c, d=d: manual_step(x, d, c)) for c, d in lanes])
+    expected = np.array([truth(c, d, SPEED) for c, d in lanes])
     np.testing.assert_allclose(e, expected[:, 0], rtol=COMES_BACK)
     np.testing.assert_allclose(force, expected[:, 2], rtol=1e-7)  # of 20,001 samples
 
@@ -120,11 +75,11 @@ def test_derivatives_are_those_of_newtons():
     def slope(at):
         return (at(1 + h)[0] - at(1 - h)[0]) / (2 * h)
 
-    expected = slope(lambda s: truth(lambda x: s * c))
+    expected = slope(lambda s: truth(s * c, None, SPEED))
     assert by_c[0][2] == pytest.approx(expected, rel=DIFFERENCE)
-    expected = slope(lambda s: truth(lambda x: manual_step(x, d, s * c)))
+    expected = slope(lambda s: truth(s * c, d, SPEED))
     assert step_by_c[0][2] == pytest.approx(expected, rel=DIFFERENCE)
-    expected = slope(lambda s: truth(lambda x: manual_step(x, s * d, c)))
+    expected = slope(lambda s: truth(c, s * d, SPEED))
     assert step_by_d[0][2] == pytest.approx(expected, rel=DIFFERENCE)
 
 
@@ -197,7 +152,7 @@ SPEEDS = np.array([1.0, 2.0, 3.0, 5.0])
 
 def test_a_clamped_force_is_fitted_by_its_own_coefficient():
     """The force of IMPACT with c_max = 798: a law that pulls needs a smaller one."""
-    e = np.array([truth(lambda x: manual_step(x, 1e-4, 798.0), speed=v)[0] for v in SPEEDS])
+    e = np.array([truth(798.0, 1e-4, v)[0] for v in SPEEDS])
 
     def restitution(law, c_max, **how):
         return jc.restitution(law(c_max, 1e-4, **how), CONTACT, SPEEDS)
@@ -225,22 +180,6 @@ class Clamped(Impact):
         open_ = (velocity < 0) & (indentation < self.gap)
         return jnp.where(open_, 0, jnp.maximum(force, 0))
 
-
-@functools.cache
-def followed(c, d, n):
-    """The duration, and the speed at δ = 0, by the force without its clamp."""
-    length = (MASS * SPEED**2 / STIFFNESS) ** (1 / (n + 1))
-
-    def force(x, v, v0):
-        return STIFFNESS * x**n + manual_step(x, d, c) * v
-
-    unit = length / SPEED
-    duration, _, speed = bouncing_ball.contact(force, MASS, 0.0, SPEED, unit, finest=FINEST)
-    return np.array([duration, speed])
-
-
-FINEST = 1e-3
-"""What a force that comes back takes, at least, in units of X/v0."""
 
 SHARP = 1e-8
 """An event solve at 1e-9 that ends where a clamp begins: measured 3e-10."""

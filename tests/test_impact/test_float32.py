@@ -155,7 +155,7 @@ def test_strong_damping_by_event():
 
 def test_a_way_out_whose_force_is_below_the_smallest_number():
     """From A = 4e4 on the bodies were said to part .6 % too late, without a force to slow them."""
-    a = np.geomspace(1e3, 1e6, 256, dtype=np.float32)
+    a = np.geomspace(1e3, 1e6, 25, dtype=np.float32)
     hit = jc.impact(
         jc.KuwabaraKono(A=a), jc.Contact(*single(1, 1), 1.5), *single(1), method="event"
     )

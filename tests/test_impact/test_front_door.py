@@ -259,7 +259,7 @@ positive = st.floats(1e-4, 1e4)
 
 
 @given(positive, positive, positive, st.floats(0.01, 1.0))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_scaling(mass, stiffness, velocity, e):
     law, place = jc.Flores(e=jnp.array(e)), [jnp.array(x) for x in (mass, stiffness, velocity)]
     hit = jc.impact(law, jc.Contact(place[0], place[1]), place[2])
@@ -276,7 +276,7 @@ def test_scaling(mass, stiffness, velocity, e):
 
 
 @given(st.floats(0, 1e5), st.floats(1e-6, 1e3))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_more_damping_means_less_rebound_and_a_longer_shallower_contact(alpha, more):
     law = jc.Damped(alpha=jnp.array([alpha, alpha * (1 + 1e-6) + more]))
     hit = jc.impact(law, CONTACT, 1.3)

@@ -2,7 +2,6 @@
 
 import functools
 
-import jax
 import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 
 import jaxcontact as jc
 from tests.oracle.luding_chain import Powder, follow
+from tests.test_impact.support import central, slopes_of_lanes
 
 FORMULA = 1e-14
 """Beside an integration at 40 digits: measured 1e-15."""
@@ -137,21 +137,18 @@ def test_derivatives_in_both_modes():
         hit = jc.impact(law, SPRING, speed)
         return jnp.stack([getattr(hit, name) for name in NUMBERS])
 
-    both = jax.jacfwd(numbers), jax.jacrev(numbers)
-    values, forward, backward = (jax.jit(jax.vmap(f)) for f in (numbers, *both))
-    at = jnp.array([[1.5, 30.0, 0.3, 0.7], [3.0, 30.0, 0.5, 0.7], [3.0, 9.0, 3e-3, 2.0]])
-    slopes = forward(at)
-    np.testing.assert_allclose(slopes, backward(at), rtol=1e-11, atol=1e-18)
-    size = np.abs(values(at))
+    solve = slopes_of_lanes(numbers)
+    at = np.array([[1.5, 30.0, 0.3, 0.7], [3.0, 30.0, 0.5, 0.7], [3.0, 9.0, 3e-3, 2.0]])
+    size, slopes, backward = solve(at)
+    np.testing.assert_allclose(slopes, backward, rtol=1e-11, atol=1e-18)
+    size = np.abs(size)
     for k in range(4):
-        step = 1e-5 * at[:, k]
-        up, down = (values(at.at[:, k].add(sign * step)) for sign in (1, -1))
-        difference = (up - down) / 2e-5 / size
+        difference = central(solve, at, k, 1e-5) / size
         np.testing.assert_allclose(
             slopes[:, :, k] * at[:, k : k + 1] / size, difference, atol=SLOPES
         )
     # At the edges: elastic, without adhesion, and bodies that stick.
-    edges = forward(jnp.array([[1.0, 0.0, 0.3, 0.7], [2.0, 0.0, 0.0, 0.7], [9.0, 0.0, 1.0, 0.7]]))
+    _, edges, _ = solve([[1.0, 0.0, 0.3, 0.7], [2.0, 0.0, 0.0, 0.7], [9.0, 0.0, 1.0, 0.7]])
     assert np.all(np.isfinite(edges))
     np.testing.assert_allclose(edges[0, 0, 0], -(1 + 0.3) / (1 + 0.3) / 2, rtol=FORMULA)
     np.testing.assert_array_equal(edges[2, :2], 0)

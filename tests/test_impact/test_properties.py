@@ -33,7 +33,6 @@ FAMILIES = {
 ROUTES = [(family, method) for family in FAMILIES for method in ("auto", "event")]
 
 damping = st.one_of(st.floats(-6, 6).map(lambda x: 10**x), st.sampled_from([0.0, 1e-300, 1e6]))
-either_sign = st.tuples(st.sampled_from([-1, 1]), st.floats(-4, 4)).map(lambda p: p[0] * 10 ** p[1])
 scale = st.floats(-12, 12).map(lambda x: 10**x)
 
 
@@ -136,7 +135,7 @@ modulus = st.floats(5, 12).map(lambda x: 10**x)
     E=st.tuples(modulus, modulus),
     nu=st.tuples(*[st.floats(-0.9, 0.5)] * 2),
 )
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_the_order_of_the_bodies_does_not_matter(r, E, nu):
     bodies = [jc.Material(*one, 2000.0) for one in zip(E, nu, strict=True)]
     one = jc.Contact.sphere_sphere(*r, *bodies)

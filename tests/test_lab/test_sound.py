@@ -13,8 +13,6 @@ import jaxcontact as jc
 from benchmarks.sound import constant_e, one_of, summary
 from benchmarks.sound_truths import Truth, as_wave, draw
 from jaxcontact._calibration.pairs.reading_noise import scatter_beside
-from jaxcontact._cli import main
-from jaxcontact._cli.commands.calibrate import SOUND
 from jaxcontact._lab.recordings import read_columns
 from jaxcontact._lab.sound.listening import listen
 
@@ -79,15 +77,6 @@ def test_a_drop_is_found_and_its_e_lies_in_the_interval(tmp_path):
     np.testing.assert_allclose([low, high], np.exp([mean - half, mean + half]), rtol=1e-6)
     assert calibrated.choice.laws[0].errors_by == "readings"
     assert "known errors of the times" in calibrated.report()
-
-
-def test_the_command_writes_the_picture(tmp_path, capsys):
-    path = tmp_path / "bounce.wav"
-    path.write_bytes(as_wave(truth()))
-    law = ["--law", "constant_damping"]
-    assert main(["calibrate", str(path), *law, "--out", str(tmp_path / "out")]) == 0
-    assert "1 drop of" in capsys.readouterr().out
-    assert (tmp_path / "out" / SOUND).read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(

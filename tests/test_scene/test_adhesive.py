@@ -49,7 +49,7 @@ def three_balls():
         found = run.velocity[-1].ravel()
         return found, (found, run.energy, run.impacts.energy_loss)
 
-    return jax.jit(jax.jacfwd(velocities, argnums=(0, 1), has_aux=True))(NECK.pull_off, SPEED)
+    return jax.jacfwd(velocities, argnums=(0, 1), has_aux=True)(NECK.pull_off, SPEED)
 
 
 def test_necks_that_form_and_snap_together():

@@ -309,18 +309,6 @@ def test_a_cue_ball_with_follow():
     assert np.max(np.abs(run.velocity[-1, :, 1:])) < FORMULA
 
 
-def test_friction_by_pair_of_two_classes():
-    scene, _ = oblique([1.0, -2.0], 7.0)
-    alone = go(scene, 1.0)
-    other = jc.Sphere(0.1, 1.0, [50.0, 50.0], name="other")
-    ball = jc.Sphere(0.1, 1.0, [0.0, 0.5], [1.0, -2.0], spin=7.0, name="ball")
-    wall = jc.Plane([0.0, 0.0], [0.0, 1.0], name="wall")
-    friction = {("ball", "wall"): LAWS["walton"], "default": LAWS["rigid"]}
-    run = go(jc.Scene([ball, other, wall], jc.ExactRestitution(e=0.8), friction=friction), 1.0)
-    np.testing.assert_allclose(run.velocity[-1, 0], alone.velocity[-1, 0], atol=FORMULA)
-    np.testing.assert_allclose(run.spin[-1, 0], alone.spin[-1, 0], atol=10 * FORMULA)
-
-
 def test_a_run_continues_from_its_end():
     """Spins and sliding go on; the moment at which rolling begins is the same."""
     whole = go(on_a_table(2.0, 0.0), 1.0)

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
+from tests.test_impact.support import both_jacobians
 from tests.test_scene.test_gradients import DIFFERENCES, both_modes, differences
 
 FORMULA = 1e-11
@@ -67,8 +68,7 @@ def meeting(numbers):
 def test_a_soft_impact_in_space():
     place, velocity, spin = [0.0, 0.0, 0.0], [2.0, 0.1, 0.0], [0.0, 10.0, -5.0]
     numbers = jnp.array([*place, *velocity, *spin, 0.2, 0.5, 0.004, 0.7])
-    # From Python the coupled solve, which this impact does not need, is not compiled.
-    forward, reverse = jax.jacfwd(meeting)(numbers), jax.jacrev(meeting)(numbers)
+    _, forward, reverse = both_jacobians(meeting, numbers)
     assert np.all(np.isfinite(forward))
     size = np.max(np.abs(forward))
     np.testing.assert_allclose(forward, reverse, atol=1e-12 * size)

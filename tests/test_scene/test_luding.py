@@ -45,7 +45,7 @@ def three_balls():
         found = run.velocity[-1].ravel()
         return found, (found, run.energy, run.impacts.energy_loss)
 
-    return jax.jit(jax.jacfwd(velocities, argnums=(0, 1), has_aux=True))(ADHESION, SPEED)
+    return jax.jacfwd(velocities, argnums=(0, 1), has_aux=True)(ADHESION, SPEED)
 
 
 def test_balls_that_stick_together():

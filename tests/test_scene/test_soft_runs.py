@@ -32,7 +32,7 @@ RUNS = {
             Ball([0.7002], [0.0], 0.1, 3.0),
             Ball([1.2], [-0.5], 0.1, 1.0),
         ],
-        [],
+        [Wall([-9.0], [1.0])],
         None,
         0.5,
         1.0,
@@ -115,7 +115,7 @@ def followed(balls, duration):
         jc.Sphere(0.01, position=[50.0 + k], velocity=[0.0], material=GLASS)
         for k in range(5 - len(balls))
     ]
-    scene = jc.Scene([*balls, *far, jc.Plane([0.0], [1.0])], jc.Hertz())
+    scene = jc.Scene([*balls, *far, jc.Plane([0.0], [1.0])], jc.Damped(alpha=0.0))
     return jc.simulate(scene, duration)
 
 

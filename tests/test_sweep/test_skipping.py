@@ -241,7 +241,7 @@ def mixed(a, b, c):
     return mixture(a, b, c)
 
 
-@settings(max_examples=60)
+@settings(max_examples=20)
 # Each block size is compiled: one lane, a part of the last axis, several, all.
 @given(a=axis, b=axis, c=axis, most=st.sampled_from([1, 3, 7, 40]))
 def test_against_a_loop_in_python(a, b, c, most):
@@ -346,8 +346,8 @@ signed = st.one_of(numbers, st.sampled_from([-0.0, -np.inf, 5e-324]))
 axes_of_two = st.lists(signed, min_size=1, max_size=3)
 
 
-@pytest.mark.slow(reason="sixty random programs, each compiled twice")
-@settings(max_examples=60)
+@pytest.mark.slow(reason="twenty random programs, each compiled twice")
+@settings(max_examples=20)
 @given(function=programs(), a=axes_of_two, b=axes_of_two, c=axes_of_two)
 def test_any_program(function, a, b, c):
     axes = {"a": a, "b": b, "c": c}

@@ -92,7 +92,11 @@ def test_states_at_times_have_derivatives():
         return jnp.concatenate([found.position, found.velocity, found.force], axis=1)
 
     here, step = 0.4995e-3, 1e-9
-    both = jax.jit(lambda clearance: jax.jvp(states, (clearance,), (1.0,)))
+
+    # Not under `jit`: one program of all its parts compiles for longer.
+    def both(clearance):
+        return jax.jvp(states, (clearance,), (1.0,))
+
     high, low = (np.asarray(both(here + s * step)[0]) for s in (1, -1))
     slope, forward = (high - low) / (2 * step), np.asarray(both(here)[1])
     assert np.sum(forward[:, 4] != 0) > 20

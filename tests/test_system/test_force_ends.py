@@ -36,55 +36,65 @@ def columns(contacts):
     return jnp.stack([contacts.restitution[0], contacts.duration[0], contacts.max_force[0]])
 
 
-def solved(law, stiffness, exponent, duration, several):
+def solved(law_of, stiffness, exponent, duration, several):
     """Return a program for the columns of a touch at t = 0 and of `impact`, both with slopes by
-    speed, at some pushes.
+    speed, at some pushes, for laws of some numbers.
     """
 
-    def mechanism(v, push):
-        system = jc.System(one, pushed, height, law=law, stiffness=stiffness, exponent=exponent)
+    def mechanism(v, push, number):
+        system = jc.System(
+            one, pushed, height, law=law_of(number), stiffness=stiffness, exponent=exponent
+        )
         start = {"position": [0.0], "velocity": -v[None], "args": push}
         return columns(jc.simulate(system, duration, **start, max_impacts=4).contacts)
 
-    def alone(v, push):
+    def alone(v, push, number):
         contact = jc.Contact(1.0, stiffness, exponent)
         pushed = {"external_force": push, "method": jc.Event(rtol=1e-11)} if several else {}
-        hit = jc.impact(law, contact, v, **pushed)
+        hit = jc.impact(law_of(number), contact, v, **pushed)
         return jnp.stack([hit.restitution, hit.duration, hit.max_force])
 
-    def both(push):
-        return [jax.jvp(f, (1.0, push), (1.0, 0.0)) for f in (mechanism, alone)]
+    def both(push, number):
+        at, along = (1.0, push, number), (1.0, 0.0, jnp.zeros_like(number))
+        return [jax.jvp(f, at, along) for f in (mechanism, alone)]
 
     return jax.jit(jax.vmap(both))
 
 
+PUSHES = [0.0, -20.0, 20.0, 0.0]
+
+
+def plastic(c):
+    """For c = 0 it is Thornton's."""
+    return jc.Viscoplastic(yield_speed=0.1, c=c)
+
+
 @pytest.mark.parametrize(
-    ("law", "stiffness", "exponent", "duration", "pushes", "known"),
+    ("law_of", "stiffness", "exponent", "duration", "numbers", "known"),
     [
-        (jc.ThorntonPlastic(yield_speed=0.1), 1e7, 1.5, 0.05, [0.0, -20.0, 20.0], 0.005673875463),
-        (jc.Viscoplastic(yield_speed=0.1, c=2e6), 1e7, 1.5, 0.05, [0.0], 0.005661013458),
-        (jc.WaltonBraun(ratio=3.0, slope=0.0), 1e4, 1.0, 0.07, [0.0, -20.0, 20.0], None),
-        (jc.HuGuo(e=0.03), 1e7, 1.5, 0.1, [0.0], 0.02405775735715),
-        (jc.LinearDashpot(c=300.0), 1e6, 1.0, 0.01, [0.0, -20.0, 20.0], None),
-        (jc.LinearDashpot(c=3000.0), 1e6, 1.0, 0.01, [0.0], None),
+        (plastic, 1e7, 1.5, 0.05, [0.0, 0.0, 0.0, 2e6], {0: 0.005673875463, 3: 0.005661013458}),
+        (lambda ratio: jc.WaltonBraun(ratio=ratio, slope=0.0), 1e4, 1.0, 0.07, [3.0] * 3, {}),
+        (jc.HuGuo, 1e7, 1.5, 0.1, [0.03], {0: 0.02405775735715}),
+        (lambda c: jc.LinearDashpot(c=c), 1e6, 1.0, 0.01, [300.0] * 3 + [3000.0], {}),
     ],
-    ids=["thornton", "viscoplastic", "walton braun", "hu guo", "dashpot", "strong dashpot"],
+    ids=["plastic", "walton braun", "hu guo", "dashpot"],
 )
-def test_table_and_impact_end_together(law, stiffness, exponent, duration, pushes, known):
-    both = solved(law, stiffness, exponent, duration, len(pushes) > 1)
-    (value, slope), (expected, rate) = both(jnp.array(pushes))
+def test_table_and_impact_end_together(law_of, stiffness, exponent, duration, numbers, known):
+    both = solved(law_of, stiffness, exponent, duration, len(numbers) > 1)
+    pushes = PUSHES[: len(numbers)]
+    (value, slope), (expected, rate) = both(jnp.array(pushes), jnp.array(numbers))
     np.testing.assert_allclose(value[:, :2], expected[:, :2], rtol=BESIDE)
     np.testing.assert_allclose(slope[:, :2], rate[:, :2], rtol=SLOPES, atol=2e-7)
     np.testing.assert_allclose(value[:, 2], expected[:, 2], rtol=PEAK)
     np.testing.assert_allclose(slope[:, 2], rate[:, 2], rtol=PEAK_SLOPE)
-    if known is not None:
-        assert abs(value[0, 1] / known - 1) < BESIDE
-    if isinstance(law, jc.WaltonBraun):
+    for lane, expected in known.items():
+        assert abs(value[lane, 1] / expected - 1) < BESIDE
+    if numbers[0] == 3:
         # The force of two springs is zero at the same speed, whatever pushes.
         np.testing.assert_allclose(value[:, 0], 3**-0.5, rtol=BESIDE)
-    if isinstance(law, jc.LinearDashpot) and law.c == 3000:
+    if numbers[-1] == 3000:
         # It jumps to c v0 and falls from there.
-        assert abs(value[0, 2] / 3000 - 1) < 1e-12
+        assert abs(value[-1, 2] / 3000 - 1) < 1e-12
 
 
 MASS, WALL, STIFFNESS, DASHPOT, END, SPEED = 0.01, 0.05, 1e4, 2.0, 0.03, 1e-3
@@ -175,7 +185,7 @@ def test_slopes_of_touch_times_do_not_lose_digits():
     aside = np.array([0, w * np.cos(w * t), a * np.cos(w * t) - a * w * t * np.sin(w * t)])
     speeds = pace * times + aside
     # Measured 1.1e-12 and 5e-16; 1e-8 at the tighter one if roots are cut off.
-    for rtol, limit in ((1e-9, 1e-11), (1e-11, 1e-13), (1e-12, 1e-13)):
+    for rtol, limit in ((1e-9, 1e-11), (1e-12, 1e-13)):
         found = np.array(jax.jacfwd(lambda x: table(x, rtol))(jnp.array([h, a, w])))  # noqa: B023
         assert np.abs(found[0] - times).max() < limit
         assert np.abs(found[1] - speeds).max() < 20 * limit
