@@ -178,13 +178,10 @@ def test_a_function_without_a_hash():
 
 def test_later_blocks_have_the_precision_of_the_caller():
     """They run in other threads, which do not inherit it."""
-
-    def restitution(e):
-        return jc.restitution(jc.HuGuo(e=e), contact, 1.0)
-
+    few = np.linspace(0.3, 0.9, 40, dtype=np.float32)
     with jax.enable_x64(False):
         contact = jc.Contact(1.0, 1e8)
-        few = np.linspace(0.3, 0.9, 40, dtype=np.float32)
+        restitution = lambda e: jc.restitution(jc.HuGuo(e=e), contact, 1.0)  # noqa: E731
         found = jc.sweep(restitution, e=few, batch_size=10, progress=False).value
     assert found.dtype == np.float32
     np.testing.assert_allclose(found, jc.restitution(jc.HuGuo(e=few), CONTACT, 1.0), rtol=1e-5)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -115,10 +114,7 @@ def in_contacts(
             )[1].state  # fmt: skip
             if last:
                 end = as_flags(rows_of(together.end, last[0]))
-                at_end = (who == count) & (time == end.time)
-                # The solve has the derivative by the time; the call is known to be at rest or not.
-                known = jax.lax.stop_gradient(end), jax.lax.stop_gradient(state)
-                state = jax.tree.map(functools.partial(_value_of, at_end), *known, state)
+                state = _as_known((who == count) & (time == end.time), end, state)
             late = time - state.time
             index = index_of(layout, seats)
             velocity = state.velocity[:members]
@@ -171,11 +167,17 @@ def in_contacts(
     return there._replace(stored=there.stored + rest)
 
 
-def _value_of(there: Array, known: Array, found: Array, moving: Array) -> Array:
-    """Return `moving` with the `known` value instead of the `found` one `there`."""
-    if not jnp.issubdtype(moving.dtype, jnp.inexact):
-        return jnp.where(there, known, moving)
-    return moving + jnp.where(there, known - found, 0)
+def _as_known(there: Array, known: Any, found: Any) -> Any:
+    """Return a tree with `known` values `there`, since a solve finds the rest at its end or not by
+    rounding, and with the derivatives of `found`.
+    """
+
+    def value(known: Array, still: Array, found: Array) -> Array:
+        if not jnp.issubdtype(found.dtype, jnp.inexact):
+            return jnp.where(there, known, found)
+        return found + jnp.where(there, known - still, 0)
+
+    return jax.tree.map(value, *jax.lax.stop_gradient((known, found)), found)
 
 
 def energy_at_ends(record: RunRecord, times: Float[Array, " T"]) -> Float[Array, " T"]:
