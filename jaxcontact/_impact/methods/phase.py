@@ -70,7 +70,8 @@ class Phase(AbstractMethod):
         """Return the outcome of every distinct lane."""
         tolerance = self.error(lanes.scale.length.dtype)
         solve = eqx.Partial(solve_phase, steps=self.steps, tolerance=tolerance)
-        return over_lanes(with_sensitivity(solve), lanes.motion())
+        # All lanes take the same number of steps: none waits for another one.
+        return over_lanes(with_sensitivity(solve, 1 << 12), lanes.motion())
 
 
 class Polar(NamedTuple):

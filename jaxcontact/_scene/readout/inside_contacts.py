@@ -112,7 +112,7 @@ def in_contacts(
                 layout, numbers, members, spheres, support, held, before, decided.where(active),
                 record.tolerance, record.rules.v0,
             )[1].state  # fmt: skip
-            if last:
+            if last and together is not None:
                 end = as_flags(rows_of(together.end, last[0]))
                 state = _as_known((who == count) & (time == end.time), end, state)
             late = time - state.time
