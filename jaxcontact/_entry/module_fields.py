@@ -20,8 +20,6 @@ class Specialised(eqx.Module):
 
     static: float | None = eqx.field(static=True)
     traced: Array | None = None
-    # Equinox looks for methods at each access, of which there are none here.
-    __getattribute__ = object.__getattribute__
 
     @property
     def value(self) -> float | Array:
