@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.weight import BUDGETS, CALLS, MARGIN, PROGRAMS, counted_here, imported, weight
 
-LARGE = "soft scene of 2 discs and a plane: gradient", "double pendulum: gradient"
+LARGE = ("soft scene of 2 discs and a plane: gradient",)
 
 
 WITHOUT_FRICTION = {

@@ -96,11 +96,10 @@ def test_gaps_that_wiggle_within_a_step_are_seen():
     assert not np.any(found)
 
 
-DRAWN, EACH = 8, 4
-"""Of the mechanisms drawn for a law this many are solved: one that moves, one at rest, one pressed,
-one that touches. All are for Hu and Guo's law, so that some at rest begin by a push."""
-LEFT_OUT = 4
-"""Contacts of each law whose sequence or slope changes within the differences: at most 4 of 13."""
+EACH = 8
+"""Mechanisms for each law: two that move, two at rest, two pressed, two that touch."""
+LEFT_OUT = 6
+"""Contacts of each law whose sequence or slope changes within the differences: at most 3 of 25."""
 BOOKS = 1e-10
 """Of the energy, at rtol 1e-10. Measured 7e-12."""
 SLOPES = 1e-5
@@ -116,14 +115,10 @@ SAME = 1e-6
 @functools.cache
 def found(name):
     random = np.random.default_rng(0)
-    x = random_mechanisms.drawn(random, name, DRAWN)
-    both = x, random_mechanisms.directions(random, x)
-    count = DRAWN if name == "HuGuo" else EACH
-    x, along = jax.tree.map(lambda a: a[:count], both)
-    return x, random_mechanisms.compared(name, x, along)
+    x = random_mechanisms.drawn(random, name, EACH)
+    return x, random_mechanisms.compared(name, x, random_mechanisms.directions(random, x))
 
 
-@pytest.mark.slow("ThorntonPlastic", reason="Luding's law has a memory as well")
 @pytest.mark.parametrize(
     "name", ["HuGuo", "KelvinVoigt, no tension", "ThorntonPlastic", "Luding", "JKR"]
 )
@@ -132,7 +127,7 @@ def test_derivatives_of_the_contact_table(name):
     valid, sound = runs.others["valid"], runs.sound
     assert set(runs.others["status"]) <= {jc.Ending.COMPLETED, jc.Ending.TOO_MANY_IMPACTS}
     assert np.max(runs.books) < BOOKS
-    assert np.sum(sound) >= 1.25 * len(valid)
+    assert np.sum(sound) >= 10
     assert np.sum(valid & ~sound) <= LEFT_OUT
     # A contact in progress at the end has neither.
     ends = np.isfinite(runs.table["duration"])
