@@ -140,17 +140,40 @@ def _is_full():
     return held > _MOST_BYTES or _MAPS.read_bytes().count(b"\n") > _MOST_MAPS
 
 
-@pytest.fixture(scope="module", autouse=True)
-def room_for_programs():
-    """After a file, programs are dropped where they are too many; the cache still has them.
+# A test file compiles so many programs at most: the list, or this number. Alone it compiles more than
+# among others, and `.ci/times.py` counts it alone.
+_PROGRAMS = 80
+_BUDGETS = {
+    name: int(most)
+    for name, most in map(str.split, (_TESTS / "programs.txt").read_text("utf-8").splitlines())
+}
+_compiled = [0]
 
-    After every file it would cost a tenth more: files share small programs. Never, a worker grows
-    to 8 GB.
+
+def _count(event, _seconds, **_):
+    _compiled[0] += event == "/jax/core/compile/backend_compile_duration"
+
+
+jax.monitoring.register_event_duration_secs_listener(_count)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def room_for_programs(request):
+    """Hold a file to its budget of programs, and drop them afterwards where they are too many.
+
+    The cache still has them. After every file it would cost a tenth more: files share small
+    programs. Never, a worker grows to 8 GB.
     """
+    before = _compiled[0]
     yield
     if _is_full():
         jax.clear_caches()
         gc.collect()
+    name = request.path.relative_to(_TESTS).as_posix()
+    count, most = _compiled[0] - before, _BUDGETS.get(name, _PROGRAMS)
+    # With -m, other cases run; other versions of JAX compile other small programs.
+    if not request.config.option.markexpr and version("jax") == "0.10.2":
+        assert count <= most, f"tests/{name} compiled {count} programs; its budget is {most}"
 
 
 @pytest.fixture

@@ -53,10 +53,35 @@ def write(store: Store, docs: Path, name: str) -> None:
         else:
             parts.append(f"## {section.title}\n\nNot measured yet.\n")
     _shown_first(store, docs / f"{name}.png", titles)
-    beside = store.path.with_name("oblique.json")
-    if beside.exists():
-        parts.append("\n".join(oblique_section(json.loads(beside.read_text()))))
+    for beside, section_of in (("systems", _mechanisms), ("oblique", oblique_section)):
+        path = store.path.with_name(f"{beside}.json")
+        if path.exists():
+            parts.append("\n".join(section_of(json.loads(path.read_text()))))
     (docs / f"{name}.md").write_text("\n".join(parts))
+
+
+def _mechanisms(measured: dict[str, Any]) -> list[str]:
+    """The rows of `benchmarks/systems.py`, of a run of its own."""
+    rows = [
+        {"way": row["method"], "problem": row["problem"], "cost": row["ms"], "error": row["error"]}
+        for row in measured["rows"]
+        if "ms" in row
+    ]
+    problems = problems_of(rows)
+    lines = [
+        "## Mechanisms",
+        "",
+        "The time until the fifth touch of a double pendulum beside a wall and of a slider-crank with",
+        "clearance, in ms without compilation. The error is that of the time of that touch, relative",
+        "to the duration. All methods are of one run of `benchmarks/systems.py`; numba is written by",
+        "hand for each mechanism. [docs/systems.md](systems.md) has ratios and derivatives.",
+        "",
+        *_head("way: ms within an error of 1e-6 / 1e-9 / 1e-12", *problems),
+    ]
+    for way in ways_of(rows):
+        ours = [some(rows, way=way, problem=problem) for problem in problems]
+        lines.append(_row(way, *(_cell(each, (1e-6, 1e-9, 1e-12)) for each in ours)))
+    return [*lines, ""]
 
 
 def _shown_first(store: Store, path: Path, titles: dict[str, str]) -> None:
