@@ -71,10 +71,10 @@ def _mechanisms(measured: dict[str, Any]) -> list[str]:
     lines = [
         "## Mechanisms",
         "",
-        "The time until the fifth touch of a double pendulum beside a wall and of a slider-crank with",
-        "clearance, in ms without compilation. The error is that of the time of that touch, relative",
-        "to the duration. All methods are of one run of `benchmarks/systems.py`; numba is written by",
-        "hand for each mechanism. [docs/systems.md](systems.md) has ratios and derivatives.",
+        "The time until the fifth touch of a double pendulum beside a wall and of a slider-crank",
+        "with clearance, in ms without compilation. The error is that of the time of that touch,",
+        "relative to the duration. All methods are of one run of `benchmarks/systems.py`; numba is",
+        "written by hand for each mechanism. [Mechanisms](systems.md) has ratios and derivatives.",
         "",
         *_head("way: ms within an error of 1e-6 / 1e-9 / 1e-12", *problems),
     ]
