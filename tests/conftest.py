@@ -140,8 +140,8 @@ def _is_full():
     return held > _MOST_BYTES or _MAPS.read_bytes().count(b"\n") > _MOST_MAPS
 
 
-# A test file compiles so many programs at most: those of the list, or this number. Alone it compiles
-# more than among others, and `.ci/times.py` counts it alone.
+# A test file compiles so many programs at most: those of the list, or this number. Alone it
+# compiles more than among others, and `.ci/times.py` counts it alone.
 _PROGRAMS = 80
 _BUDGETS = {
     name: int(most)
