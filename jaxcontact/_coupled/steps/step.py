@@ -231,8 +231,8 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     if field.rules.peak:
         # Forces may rise so steeply at a touch that the depth's rounding hides a peak, too.
         count, pace = len(modes.closed), _stop(trial.slope.depth)
-        steep = jnp.pad(_stop(fall)[count : 2 * count] / pace, (count, len(gaps) - 2 * count))
-        noise = noise - noise * steep
+        steep = jnp.abs(_stop(fall)[count : 2 * count]) / jnp.where(pace > 0, pace, jnp.inf)
+        noise = noise + noise * jnp.pad(steep, (count, len(gaps) - 2 * count))
     on_event = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * noise)
     stands = jnp.any(on_event)
     stuck = stands | (anything & (c.size < finest))
@@ -357,7 +357,9 @@ def _onward(
     # The clock changes, unless a step continues to an event.
     anew = events.taken & ~keep
     there, closing, now_w = _stop((w, changed.now.rate, changed.y[W]))
-    scale = jnp.where(anew & (there > 0), now_w / there, 1)
+    # Below that w is rounding, and the compiler may round it otherwise where it is used twice.
+    beyond = there > math.sqrt(solve.finest)
+    scale = jnp.where(anew & beyond, now_w / jnp.where(beyond, there, 1), 1)
     opened = event & opens & ~any_touch
     first_one = begin / jnp.where(opened, 2 * there, 1)
     cruise = c.cruise
