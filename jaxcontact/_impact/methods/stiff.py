@@ -232,20 +232,18 @@ def _eliminated(matrix: Float[Array, "N N"], right: Float[Array, " N"]) -> Float
     rows = jnp.arange(right.size)
 
     def eliminate(k: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        table, unused = carry
+        table, place = carry
         column = jax.lax.dynamic_index_in_dim(table, k, 1)
-        here = rows[:, None] == jnp.argmax(jnp.abs(column) * unused)
+        here = rows[:, None] == jnp.argmax(jnp.where(place < 0, jnp.abs(column), -1))
         pivot = jnp.sum(jnp.where(here, table, 0), axis=0)
         pivot = pivot / jax.lax.dynamic_index_in_dim(pivot, k, keepdims=False)
-        return jnp.where(here, pivot[None], table - column * pivot[None]), jnp.where(
-            here, 0, unused
-        )
+        return jnp.where(here, pivot[None], table - column * pivot[None]), jnp.where(here, k, place)
 
     table = jnp.concatenate([matrix, right[:, None]], axis=1)
-    start = table, jnp.ones_like(right[:, None])
-    table, _ = jax.lax.fori_loop(0, right.size, eliminate, start)
-    # The matrix has become a permutation.
-    return jnp.sum(table[:, :-1] * table[:, -1:], axis=0)
+    start = table, jnp.full_like(rows[:, None], -1)
+    table, place = jax.lax.fori_loop(0, right.size, eliminate, start)
+    # The compiler may divide by a pivot inexactly, so that the matrix is no exact permutation.
+    return jnp.sum(jnp.where(place == rows, table[:, -1:], 0), axis=0)
 
 
 def _collocated(
