@@ -75,15 +75,12 @@ def shows(message, value):
 
 def fault_of(label, name, kind):
     """What is wrong with the answer of a callable to one kind of value; None if nothing is."""
-    case, value = cases()[label], KINDS[kind]
+    case, value, message = cases()[label], KINDS[kind], None
     legal = kind in case.legal[name]
     try:
         case.call(name, value)
-    except Reached:
-        message = None
-    except OSError:
-        # A valid path of a missing file: documented.
-        message = None
+    except (Reached, OSError):  # a valid path of a missing file: documented
+        pass
     except (ValueError, TypeError) as error:
         message = one_line(str(error))
         ours = f"`{name}`" in message and re.search("must|is needed|is no known", message)
@@ -93,8 +90,6 @@ def fault_of(label, name, kind):
             return f"the message does not show the value: {message[:200]}"
     except Exception as error:  # an error of any other type is the fault this test detects
         return f"raw {type(error).__name__}: {one_line(str(error))[:200]}"
-    else:
-        message = None
     if legal and message is not None:
         return f"refused: {message[:200]}"
     if not legal and message is None:
