@@ -66,7 +66,6 @@ def cases():
         case(
             "tangential_rebound",
             {"REALS": "psi1", "EXPONENT": "chi", "E or zero": "alpha"},
-            staged=True,
             psi1=1.0,
             chi=1.4,
         ),

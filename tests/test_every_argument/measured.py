@@ -91,7 +91,11 @@ def cases():
                 "law": "law goal",
                 "empty list": "fixed",
             },
-            **{"law": LAW, "sigma": {"e": 0.1, "duration": 0.1, "max_force": 0.1}, "candidates": V},
+            **{
+                "law": LAW,
+                "sigma": {"e": 0.1, "duration": 0.1, "max_force": 0.1},
+                "candidates": V[:3],
+            },
         ),
         method(
             jc.Design(V, ("e",) * len(V), noncentrality=1.0),

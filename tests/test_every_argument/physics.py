@@ -156,7 +156,7 @@ def cases():
             contact=jc.Contact(1.0, 1e6, 1.0),
         ),
         *(
-            method(law, "damping_factor", groups, contact=CONTACT, velocity=1.0)
+            method(law, "damping_factor", groups, staged=True, contact=CONTACT, velocity=1.0)
             for law, groups in DAMPING
         ),
         *(

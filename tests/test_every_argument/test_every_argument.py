@@ -28,6 +28,8 @@ def nothing_is_compiled(monkeypatch, tmp_path):
     """Searches, bootstraps and profiles count as reached; files go to an empty folder."""
     monkeypatch.chdir(tmp_path)
     for module, name in [
+        ("_calibration.design.design", "best_rows"),
+        ("_calibration.design.design", "telling_apart"),
         ("_calibration.oblique.fit_oblique", "_predicted"),
         ("_export.scenes.export_scene", "matched"),
         ("_fit.fit", "find"),
@@ -38,6 +40,7 @@ def nothing_is_compiled(monkeypatch, tmp_path):
         ("_fit.uncertainty.profile", "_held"),
         ("_fit.posterior.posterior", "find_mode"),
         ("_fit.posterior.posterior", "draw"),
+        ("_friction.maw_barber_fawcett", "_odd_curve"),
         ("_system.simulate", "_begin"),
     ]:
         monkeypatch.setattr(importlib.import_module(f"jaxcontact.{module}"), name, reached)
