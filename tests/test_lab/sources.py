@@ -5,7 +5,9 @@ import io
 
 import numpy as np
 import pandas as pd
+import pytest
 
+import jaxcontact as jc
 from jaxcontact._lab.recordings import read_recording
 
 
@@ -65,3 +67,9 @@ SOURCES = {
     ),
     "keywords": by_keyword,
 }
+
+
+def refused(words, *source, **how):
+    """Assert that a recording is refused with these words."""
+    with pytest.raises(jc.RecordingError, match=words):
+        jc.read_recording(*source, **how)
