@@ -120,7 +120,7 @@ def assert_same(found, wanted, names, at=(), **within):
         np.testing.assert_allclose(*pair, err_msg=name, **within)
 
 
-def assert_slopes(solve, at, h, atol, relative=0.0, **modes):
+def assert_slopes(solve, at, h, within, relative=1e-7, **modes):
     """Values and slopes of `slopes_of_lanes`: both modes agree, and central differences.
 
     Slopes are logarithmic, except where a value is zero.
@@ -132,7 +132,7 @@ def assert_slopes(solve, at, h, atol, relative=0.0, **modes):
     for k in range(at.shape[1]):
         difference = central(solve, at, k, h) / size
         np.testing.assert_allclose(
-            forward[:, :, k] * at[:, k : k + 1] / size, difference, relative, atol
+            forward[:, :, k] * at[:, k : k + 1] / size, difference, relative, within
         )
     return values, forward
 
