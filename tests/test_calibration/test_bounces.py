@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration.problems.bounces import BounceModel, NextFlight, by_triggers
 from jaxcontact._flight import duration, landing_speed
-from jaxcontact._lab.recordings import read_recording
+from jaxcontact.lab.bounces import BounceModel, NextFlight, by_triggers
+from jaxcontact.lab.recordings import read_recording
 from tests.test_calibration import oracle
 
 G = 9.81

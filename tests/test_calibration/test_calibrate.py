@@ -10,10 +10,10 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 import jaxcontact as jc
-from jaxcontact._calibration.pairs.outliers import find_outliers
-from jaxcontact._calibration.pairs.pairs import pairs_of
 from jaxcontact._flight import Flight
-from jaxcontact._lab.recordings import make_pairs
+from jaxcontact.lab.pairs.outliers import find_outliers
+from jaxcontact.lab.pairs.pairs import pairs_of
+from jaxcontact.lab.recordings import make_pairs
 from tests.test_calibration import oracle
 from tests.test_lab.simulate import recording
 

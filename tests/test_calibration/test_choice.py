@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration.choice import equivalent_e as _asked
-from jaxcontact._calibration.choice.equivalent_e import asked_of, delivered_by_laws
 from jaxcontact._laws import registry as _registry
+from jaxcontact.lab.choice import equivalent_e as _asked
+from jaxcontact.lab.choice.equivalent_e import asked_of, delivered_by_laws
 from jaxcontact.plot._fit import curves_of
 from tests.test_calibration.oracle import delivered
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration.choice.kind import LogRestitution
-from jaxcontact._calibration.choice.kinds import kinds_of
+from jaxcontact.lab.choice.kind import LogRestitution
+from jaxcontact.lab.choice.kinds import kinds_of
 from tests.test_calibration import oracle
 
 ORACLE = 1e-7

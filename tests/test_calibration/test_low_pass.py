@@ -8,8 +8,8 @@ from scipy import integrate, signal
 
 import jaxcontact as jc
 from benchmarks import fit_truths as truths
-from jaxcontact._lab.records.instrument_errors import rounding, rounding_of_white_noise, step_of
-from jaxcontact._lab.records.low_pass import Course
+from jaxcontact.lab.records.instrument_errors import rounding, rounding_of_white_noise, step_of
+from jaxcontact.lab.records.low_pass import Course
 
 END, SPEED, LAST = 1.1e-3, 1.5, -1.0
 PARTS = 127

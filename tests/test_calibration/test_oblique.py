@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration.oblique.choose_friction import candidates_of
-from jaxcontact._calibration.oblique.fit_oblique import NOTE
-from jaxcontact._calibration.oblique.measurements import measurements
+from jaxcontact.lab.oblique.choose_friction import candidates_of
+from jaxcontact.lab.oblique.fit_oblique import NOTE
+from jaxcontact.lab.oblique.measurements import measurements
 
 ALUMINA = jc.Material(380e9, 0.23, 4000.0)
 GLASS = jc.Material(70e9, 0.25)

@@ -10,7 +10,7 @@ import pytest
 from scipy import optimize, special, stats
 
 import jaxcontact as jc
-from jaxcontact._calibration.problems.impacts import ImpactModel, transforms_of
+from jaxcontact._inverse.impacts import ImpactModel, transforms_of
 from tests.test_calibration.oracle import delivered
 
 CONTACT = jc.Contact(mass=1.0, stiffness=1.4e8)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration.choice.kind import Estimate
-from jaxcontact._lab.calibration.full_report import report, side_by_side_rows
+from jaxcontact.lab.calibration.full_report import report, side_by_side_rows
+from jaxcontact.lab.choice.kind import Estimate
 
 DRAG = jc.Drag(mass=0.0027, radius=0.02, coefficient=0.5)
 

@@ -7,17 +7,17 @@ import pytest
 from scipy import stats
 
 import jaxcontact as jc
-from jaxcontact._calibration.choice.equivalent_e import Asked
-from jaxcontact._calibration.choice.kind import Estimate
-from jaxcontact._calibration.choice.law_choice import ChoiceData, LawFit
-from jaxcontact._calibration.choice.trend import Curve, Line
-from jaxcontact._calibration.pairs.reading_noise import Noise
 from jaxcontact._fit import Candidate
 from jaxcontact._fit.compare import _verdict
-from jaxcontact._lab.calibration import summary_data
-from jaxcontact._lab.calibration.full_report import equivalents_sentence, marking_rule
-from jaxcontact._lab.calibration.short_report import cautions, headlines, law_sentence
-from jaxcontact._lab.calibration.summary_data import AtSpeed, PairSummary, RecordingSummary
+from jaxcontact.lab.calibration import summary_data
+from jaxcontact.lab.calibration.full_report import equivalents_sentence, marking_rule
+from jaxcontact.lab.calibration.short_report import cautions, headlines, law_sentence
+from jaxcontact.lab.calibration.summary_data import AtSpeed, PairSummary, RecordingSummary
+from jaxcontact.lab.choice.certainty import Curve, Line
+from jaxcontact.lab.choice.equivalent_e import Asked
+from jaxcontact.lab.choice.kind import Estimate
+from jaxcontact.lab.choice.law_choice import ChoiceData, LawFit
+from jaxcontact.lab.pairs.reading_noise import Noise
 
 GOOD = {"adequate": True, "grounds": "residuals do not follow x, p = 0.4"}
 BAD = {"adequate": False, "grounds": "residuals follow x, p < 1e-03"}
@@ -317,7 +317,7 @@ def test_one_pair_has_no_error_and_equal_ones_none_that_they_tell():
 )
 def test_known_errors_of_readings_give_that_of_few_pairs(monkeypatch, e, relative):
     """As of a sound, whose times have known errors."""
-    from jaxcontact._lab.calibration import calibrate as _calibrate
+    from jaxcontact.lab.calibration import calibrate as _calibrate
 
     made, n = _calibrate.make_pairs, len(e)
     shared = {"covariance": np.array([[4e-4, -1e-4], [-1e-4, 4e-4]])[:n, :n], "reading": 0.02}

@@ -10,8 +10,8 @@ from scipy import stats
 
 import jaxcontact as jc
 from benchmarks import choice_confusion
-from jaxcontact._calibration.choice.certainty import excess_p, standing_of
-from jaxcontact._calibration.choice.kinds import kinds_of
+from jaxcontact.lab.choice.certainty import excess_p, standing_of
+from jaxcontact.lab.choice.kinds import kinds_of
 
 CONTACT = jc.Contact(mass=0.03, stiffness=1e6)
 SPEED = np.geomspace(0.3, 4.0, 25)

@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline
 from scipy.optimize import least_squares
 
 import jaxcontact as jc
-from jaxcontact._calibration.problems.velocity_profile import _profile, _square
+from jaxcontact.paper._velocity_profile import _profile, _square
 
 KNOWN = 3e-6
 """A β that the samples hold, relative: measured 8e-7 over the range, 1e-8 at 2.4."""

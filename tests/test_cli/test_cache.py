@@ -9,7 +9,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._cache import VARIABLE
-from jaxcontact._cli import keep_programs, main
+from jaxcontact.lab.cli import keep_programs, main
 
 EXAMPLE = "impact --law hu_guo --e 0.7 --mass 1 --stiffness 1.4e8 --velocity 4.2 --quiet".split()
 OWN = "jax_compilation_cache_dir"

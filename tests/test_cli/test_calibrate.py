@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._cli import main
-from jaxcontact._cli.commands.calibrate import FIGURE, NUMBERS, REPORT
+from jaxcontact.lab.cli import main
+from jaxcontact.lab.cli.commands.calibrate import FIGURE, NUMBERS, REPORT
 from tests.test_lab.simulate import recording
 
 GOOD = recording(lambda v: 0.88, 1)
@@ -105,7 +105,7 @@ def test_files_are_replaced_and_readable(good, tmp_path, monkeypatch, capsys):
 
 
 def test_a_fit_that_does_not_converge_is_said(good, tmp_path, capsys, monkeypatch):
-    from jaxcontact._calibration.choice import table
+    from jaxcontact.lab.choice import table
 
     impatient = functools.partial(table.fit, max_steps=2)
     monkeypatch.setattr(table, "fit", impatient)

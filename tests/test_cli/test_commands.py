@@ -18,7 +18,7 @@ import pytest
 import jaxcontact as jc
 from benchmarks.track_truths import draw
 from jaxcontact import paper
-from jaxcontact._cli import _COMMANDS, _parser, main
+from jaxcontact.lab.cli import _COMMANDS, _parser, main
 
 E = [0.9, 0.85, 0.8, 0.78]
 V = [0.5, 1.0, 2.0, 3.0]
@@ -34,7 +34,7 @@ def parsers():
 
 def test_help_and_version_do_not_wait_for_jax():
     code = (
-        "import sys\nfrom jaxcontact._cli import main\n"
+        "import sys\nfrom jaxcontact.lab.cli import main\n"
         "for option in ('--help', '--version'):\n"
         "    try:\n        main([option])\n    except SystemExit as end:\n"
         "        assert end.code == 0\n"
@@ -316,7 +316,7 @@ def test_export_of_a_law_and_of_a_calibration(tmp_path, capsys):
 
 def test_the_same_e_with_another_contact():
     """Of each kind of law: c/K, and A (K/m)^(2/5), stay."""
-    from jaxcontact._calibration.choice.kinds import law_in
+    from jaxcontact.lab.choice.kinds import law_in
 
     old, new = jc.Contact(1.0, 1.0), jc.Contact(0.2, 3e6)
     for law in (
@@ -332,7 +332,7 @@ def test_the_same_e_with_another_contact():
 
 
 def test_completion_knows_commands_options_and_laws(capsys):
-    from jaxcontact._export import engines
+    from jaxcontact.engines import engines
 
     assert all(engine in _COMMANDS["export"].EPILOG for engine in engines())
     for shell in ("bash", "zsh"):
@@ -344,7 +344,7 @@ def test_completion_knows_commands_options_and_laws(capsys):
 
 
 def test_the_page_names_all_commands_and_problems():
-    from jaxcontact._cli.commands.fit import _PROBLEMS
+    from jaxcontact.lab.cli.commands.fit import _PROBLEMS
 
     text = (Path(__file__).parents[2] / "docs" / "commands.md").read_text(encoding="utf-8")
     assert re.findall(r"^\| `jaxcontact (\w+)", text, re.MULTILINE) == list(_COMMANDS)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import jaxcontact as jc
-from jaxcontact._cli import main
+from jaxcontact.lab.cli import main
 
 ALIKE = 1e-9
 """Relative: the same search of the same data, measured 0."""

@@ -5,9 +5,9 @@ import os
 import pytest
 
 from jaxcontact import load_calibration, read_recording, read_scene
-from jaxcontact._cli.options import InputError, output_path
 from jaxcontact._text import files as _whole_files
 from jaxcontact._text.files import write_all
+from jaxcontact.lab.cli.options import InputError, output_path
 
 
 def test_all_are_written(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._lab.calibration.calibrate_friction import is_oblique, read_rebounds
+from jaxcontact.lab.calibration.calibrate_friction import is_oblique, read_rebounds
 
 SHIPPED = str(importlib.resources.files("jaxcontact.data") / "oblique_rebounds.csv")
 HEIGHTS = str(importlib.resources.files("jaxcontact.data") / "rebound_heights.csv")

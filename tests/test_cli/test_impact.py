@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxcontact._cli import main
+from jaxcontact.lab.cli import main
 
 EXAMPLE = "impact --law hu_guo --e 0.7 --mass 1 --stiffness 1.4e8 --velocity 4.2 --quiet".split()
 ROOT = Path(__file__).parents[2]

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from jaxcontact._cli import main
 from jaxcontact._laws import list_laws
+from jaxcontact.lab.cli import main
 
 # Delivered e for e = .9 .7 .5 .3 .1, to four decimals, from the energy balance in 40 digits.
 PUBLISHED = {
@@ -24,7 +24,7 @@ FOUR_DECIMALS = 5.1e-5
 
 @pytest.fixture(scope="module")
 def rows():
-    from jaxcontact._cli.commands.laws import table
+    from jaxcontact.lab.cli.commands.laws import table
 
     return {row["law"]: row for row in table()}
 

@@ -6,7 +6,7 @@ import json
 import pytest
 from PIL import Image
 
-from jaxcontact._cli import main
+from jaxcontact.lab.cli import main
 
 FALL = """
 duration = 0.5

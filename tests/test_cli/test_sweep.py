@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._cli import main
-from jaxcontact._cli.commands.sweep import span
-from jaxcontact._cli.options import assignment
+from jaxcontact.lab.cli import main
+from jaxcontact.lab.cli.commands.sweep import span
+from jaxcontact.lab.cli.options import assignment
 
 SAME = 1e-15
 """The same impacts in other batches: measured 2e-16."""

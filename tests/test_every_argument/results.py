@@ -10,8 +10,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxcontact as jc
-from jaxcontact._export.at_time_step import Scheme
-from jaxcontact._lab.sound import Envelope, Sound
+from jaxcontact.engines.at_time_step import Scheme
+from jaxcontact.lab.sound.audio import Envelope, Sound
 from tests.test_every_argument.case import RECORD, TRACK, UNSOLVED, blank, case, method
 from tests.test_every_argument.fits import a_fit
 from tests.test_every_argument.kinds import CONTACT, KINDS, LAW, kinds_of

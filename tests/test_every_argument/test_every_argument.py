@@ -28,10 +28,10 @@ def nothing_is_compiled(monkeypatch, tmp_path):
     """Searches, bootstraps and profiles count as reached; files go to an empty folder."""
     monkeypatch.chdir(tmp_path)
     for module, name in [
-        ("_calibration.design.design", "best_rows"),
-        ("_calibration.design.design", "telling_apart"),
-        ("_calibration.oblique.fit_oblique", "_predicted"),
-        ("_export.scenes.export_scene", "matched"),
+        ("lab.design", "best_rows"),
+        ("lab.design", "telling_apart"),
+        ("lab.oblique.fit_oblique", "_predicted"),
+        ("engines.scenes.export_scene", "matched"),
         ("_fit.fit", "find"),
         ("_fit.fit", "find_all"),
         ("_fit.many.fit_many", "search_all"),

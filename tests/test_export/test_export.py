@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
-from jaxcontact._export import Draft, Engine, export, register_engine
-from jaxcontact._export.simulators import lammps as _lammps
+from jaxcontact.engines import Draft, Engine, export, register_engine
+from jaxcontact.engines.simulators import lammps as _lammps
 from tests.test_export import engines
 
 # Both solvers at 1e-9 or better: measured 1e-9 for viscoelastic, 1e-10 for the others.
@@ -392,7 +392,7 @@ def test_a_viscoelastic_contact_that_hardly_rebounds(e):
 @pytest.fixture
 def dashpot(monkeypatch):
     """An engine of our own, registered for one test: a spring and a dashpot that may pull."""
-    from jaxcontact._export import engine as _engine
+    from jaxcontact.engines import engine as _engine
 
     monkeypatch.setattr(_engine, "_ENGINES", dict(_engine._ENGINES))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._export import export
+from jaxcontact.engines import export
 
 # The steps of the test, 2000 in a contact, of first order: measured 6e-4.
 STEPS = 2e-3

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._export.scenes.engine import scene_engines
+from jaxcontact.engines.scenes.engine import scene_engines
 from tests.test_export.two_balls import (
     BALLS,
     BY_PAIR,

@@ -5,7 +5,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._fit import SharedErrors, with_shared
-from jaxcontact._lab.records.instrument_errors import rounding_of_white_noise
+from jaxcontact.lab.records.instrument_errors import rounding_of_white_noise
 from tests.test_fit.curves import line
 
 X = np.linspace(-1, 1, 60)

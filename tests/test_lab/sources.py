@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._lab.recordings import read_recording
+from jaxcontact.lab.recordings import read_recording
 
 
 class Frame:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._lab.recordings import LAYOUTS
+from jaxcontact.lab.recordings import LAYOUTS
 from tests.test_lab.sources import refused
 from tests.test_lab.written import german, lines, open_document, parquet, workbook, written
 
@@ -162,7 +162,7 @@ UNITS = {
 
 @pytest.mark.parametrize("case", UNITS)
 def test_a_row_of_units_is_no_heading(case):
-    from jaxcontact._lab.recordings import read_columns
+    from jaxcontact.lab.recordings import read_columns
 
     head, wanted = UNITS[case]
     body = lines("", FORCES, ";", number=german)
@@ -175,7 +175,7 @@ def test_a_row_of_units_is_no_heading(case):
 @pytest.mark.parametrize("apart", [True, False])
 def test_marks_of_numbers_are_told_in_linear_time(apart):
     """No row is compared with the rows before it."""
-    from jaxcontact._lab.tables.grid import with_points
+    from jaxcontact.lab.tables.grid import with_points
 
     compared = []
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from jaxcontact._calibration.pairs.outliers import THRESHOLD, find_outliers, mark
-from jaxcontact._calibration.pairs.reading_noise import Noise, estimate_noise
 from jaxcontact._flight import Drag, Flight
-from jaxcontact._lab.recordings import make_pairs, read_recording
+from jaxcontact.lab.pairs.outliers import THRESHOLD, find_outliers, mark
+from jaxcontact.lab.pairs.reading_noise import Noise, estimate_noise
+from jaxcontact.lab.recordings import make_pairs, read_recording
 from tests.test_lab.simulate import as_csv, recording, trial
 from tests.test_lab.sources import opened
 
@@ -152,7 +152,7 @@ def test_a_pair_within_its_known_error_is_no_outlier():
 
 def test_rows_of_a_table_are_marked_as_its_pairs_are():
     """NaN is no row, a row with a large known error is no outlier, and three rows are too few."""
-    from jaxcontact._calibration.pairs.outliers import marked_in
+    from jaxcontact.lab.pairs.outliers import marked_in
 
     v = np.linspace(1, 4, 12)
     e = 0.8 + 0.005 * np.cos(7 * v)

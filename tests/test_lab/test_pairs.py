@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from jaxcontact._flight import Drag, Flight, landing_speed, launch_speed
-from jaxcontact._lab.recordings import RecordingError, make_pairs, read_recording
 from jaxcontact._text.words import counted
+from jaxcontact.lab.recordings import RecordingError, make_pairs, read_recording
 from tests.test_lab.simulate import time_to_rest
 from tests.test_lab.sources import opened
 

@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._lab.layouts.heights import STICKS
-from jaxcontact._lab.recordings import LAYOUTS
+from jaxcontact.lab.layouts.heights import STICKS
+from jaxcontact.lab.recordings import LAYOUTS
 from tests.test_lab.sources import SOURCES, columns_of, opened, read
 
 INTERVALS = "ball,drop_height_m,trial,bounce,interval_s\na,1,1,1,0.4\na,1,1,2,0.36\n"

@@ -10,10 +10,10 @@ import pytest
 import jaxcontact as jc
 from benchmarks.record_truths import draw, impact
 from benchmarks.records import found_in, one_of, read, summary
-from jaxcontact._cli import main
-from jaxcontact._lab.layouts.instrument import RecordedImpact
-from jaxcontact._lab.report_page.sections import impacts
-from jaxcontact._lab.signals import Trace, noise_of
+from jaxcontact.lab.cli import main
+from jaxcontact.lab.layouts.instrument import RecordedImpact
+from jaxcontact.lab.report_page.sections import impacts
+from jaxcontact.lab.signals import Trace, noise_of
 
 MASS, STIFFNESS, DAMPING = 0.05, 2e6, 0.15
 RATE = 50e3

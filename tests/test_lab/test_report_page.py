@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._lab.report_page.sections import Html, element, table
+from jaxcontact.lab.report_page.sections import Html, element, table
 from tests.test_lab.simulate import recording
 
 EVIL = "ball<script>alert(1)</script>"
@@ -103,7 +103,7 @@ def test_the_verdict_comes_first_and_everything_is_said(page, calibrated):
 
 
 def test_parameters_for_simulators(calibrated, monkeypatch):
-    from jaxcontact._lab.report_page import sections
+    from jaxcontact.lab.report_page import sections
 
     monkeypatch.setattr(sections, "engines", lambda: ["exudyn", "simbody", "yade"])
     law, contact = jc.ExactRestitution(e=0.88), jc.Contact(mass=0.03, stiffness=1e5)

@@ -12,9 +12,9 @@ import pytest
 import jaxcontact as jc
 from benchmarks.sound import constant_e, one_of, summary
 from benchmarks.sound_truths import Truth, as_wave, draw
-from jaxcontact._calibration.pairs.reading_noise import scatter_beside
-from jaxcontact._lab.recordings import read_columns
-from jaxcontact._lab.sound.listening import listen
+from jaxcontact.lab.pairs.reading_noise import scatter_beside
+from jaxcontact.lab.recordings import read_columns
+from jaxcontact.lab.sound.listening import listen
 from tests.test_lab.sources import refused
 
 CLEAN = 4
@@ -205,8 +205,8 @@ def test_scatter_beside_known_errors_is_found():
 def test_the_covariance_of_pairs_is_that_of_their_times():
     """By finite differences of ln e by each time, and by the duration of contact."""
     from jaxcontact._flight import Flight
-    from jaxcontact._lab.layouts.intervals import Timing
-    from jaxcontact._lab.recordings import make_pairs
+    from jaxcontact.lab.layouts.intervals import Timing
+    from jaxcontact.lab.recordings import make_pairs
 
     recording = jc.read_recording(interval_s=FLIGHTS)
     sigma = np.array([1e-5, 3e-5, 2e-5, 5e-5, 4e-5])

@@ -105,7 +105,7 @@ def test_intervals_of_balls_shrink_with_scatter():
     """Of 1,000 drops none is refused: e to 0.97, ten intervals, 2 % of scatter, one of them wrong;
     and with e = 0.99, and 0.5 %.
     """
-    from jaxcontact._calibration.pairs.columns import not_shrinking
+    from jaxcontact._inverse.columns import not_shrinking
 
     random = np.random.default_rng(0)
     for e, scatter in ((0.6, 0.02), (0.9, 0.02), (0.97, 0.02), (0.99, 0.005)):

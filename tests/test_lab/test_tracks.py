@@ -13,9 +13,8 @@ from benchmarks.sound import constant_e
 from benchmarks.track_truths import GRAVITY, Truth, draw
 from benchmarks.tracks import clear, each_impact, flight_of, one_of, summary
 from jaxcontact._flight import Flight
-from jaxcontact._lab.recordings import make_pairs
-from jaxcontact._lab.track.model import Model, lagging, parabola, slowed
-from jaxcontact._lab.track.seen import Drop
+from jaxcontact.lab.recordings import make_pairs
+from jaxcontact.lab.track.model import Drop, Model, lagging, parabola, slowed
 from tests.test_lab.sources import refused
 
 CLEAN = 705

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._lab.recordings import read_columns
+from jaxcontact.lab.recordings import read_columns
 from tests.test_lab.written import lines, workbook
 
 DROPS = {"first": [0.5, 0.45, 0.4], "second": [0.6, 0.5, 0.42]}

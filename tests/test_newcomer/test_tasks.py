@@ -18,7 +18,7 @@ import jaxcontact as jc
 from benchmarks import track_truths
 from benchmarks.record_truths import impact
 from benchmarks.sound_truths import as_wave, draw
-from jaxcontact._cli import main
+from jaxcontact.lab.cli import main
 
 E = 0.8
 GRAVITY = 9.81

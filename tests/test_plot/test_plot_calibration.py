@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._lab.plots import calibration
+from jaxcontact.lab.plots import calibration
 
 
 @pytest.fixture(scope="module")

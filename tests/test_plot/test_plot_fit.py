@@ -13,7 +13,7 @@ from matplotlib import pyplot
 from scipy import stats
 
 import jaxcontact as jc
-import jaxcontact._calibration
+import jaxcontact._inverse
 from jaxcontact._text.units import Shown
 
 X = np.linspace(1, 4, 20)
@@ -80,7 +80,7 @@ def test_a_prediction_says_how_it_is_shown():
 
 
 def test_every_ready_made_prediction_says_how_it_is_shown():
-    rooms = jc._calibration, importlib.import_module("jaxcontact._lab.records")
+    rooms = jc._inverse, importlib.import_module("jaxcontact.lab.records")
     modules = [
         importlib.import_module(one.name)
         for room in rooms
