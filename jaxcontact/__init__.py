@@ -201,7 +201,7 @@ _ROOMS = {
 }
 """Public names by room."""
 _HOME = {name: room for room, names in _ROOMS.items() for name in names.split()}
-_MODULES = ("extend", "jaxsim", "mjx", "paper", "plot", "systems")
+_MODULES = ("jaxsim", "mjx", "paper", "plot", "systems")
 
 # Derived, so that each name is listed once.
 __all__ = [*sorted(_HOME), *_MODULES]  # pyright: ignore[reportUnsupportedDunderAll]

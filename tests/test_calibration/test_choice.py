@@ -10,7 +10,7 @@ import jaxcontact as jc
 from jaxcontact._laws import registry as _registry
 from jaxcontact.lab.choice import equivalent_e as _asked
 from jaxcontact.lab.choice.equivalent_e import asked_of, delivered_by_laws
-from jaxcontact.plot._fit import curves_of
+from jaxcontact.lab.plots import curves_of
 from tests.test_calibration.oracle import delivered
 
 CONTACT = jc.Contact(mass=0.03, stiffness=1e6)

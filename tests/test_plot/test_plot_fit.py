@@ -80,12 +80,13 @@ def test_a_prediction_says_how_it_is_shown():
 
 
 def test_every_ready_made_prediction_says_how_it_is_shown():
-    rooms = jc._inverse, importlib.import_module("jaxcontact.lab.records")
-    modules = [
-        importlib.import_module(one.name)
-        for room in rooms
-        for one in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")
-    ]
+    names = ["jaxcontact.lab.bounces", "jaxcontact.paper._velocity_profile"]
+    for room in map(
+        importlib.import_module,
+        ("jaxcontact._inverse", *(f"jaxcontact.lab.{x}" for x in ("records", "oblique"))),
+    ):
+        names += [one.name for one in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")]
+    modules = list(map(importlib.import_module, names))
     predictions = {
         value
         for module in modules
