@@ -13,8 +13,8 @@ from collections.abc import Callable
 import numpy as np
 
 import jaxcontact as jc
-from jaxcontact._lab.tables.grid import is_number
-from jaxcontact._lab.tables.sheet import sheet_of
+from jaxcontact.lab.tables.grid import is_number
+from jaxcontact.lab.tables.sheet import sheet_of
 
 ROWS = 100_000
 

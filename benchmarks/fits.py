@@ -24,8 +24,8 @@ from scipy import optimize, special, stats
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
-from jaxcontact._lab.calibration.calibrate import calibrate
-from jaxcontact._lab.recordings import read_recording
+from jaxcontact.lab.calibration.calibrate import calibrate
+from jaxcontact.lab.recordings import read_recording
 
 POINTS = 100
 REPEATS = 5

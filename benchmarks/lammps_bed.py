@@ -31,7 +31,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import jaxcontact as jc
-from jaxcontact._export.simulators.lammps import TsujiWithoutRoot
+from jaxcontact.engines.simulators.lammps import TsujiWithoutRoot
 
 RESULT = ROOT / "benchmarks" / "lammps_bed.json"
 

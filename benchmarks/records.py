@@ -26,11 +26,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import jaxcontact as jc
 from benchmarks.record_truths import GRAVITY, Truth, draw
 from benchmarks.study import command
-from jaxcontact._calibration.choice.kinds import ConstantC, ConstantE
-from jaxcontact._calibration.choice.table import ChoiceTable
-from jaxcontact._calibration.pairs.pairs import LEAST_PAIRS
 from jaxcontact._flight import Flight
-from jaxcontact._lab.records.all_impacts import Fitted, errors_of_impacts, fitted_impacts
+from jaxcontact.lab.choice.kinds import ConstantC, ConstantE
+from jaxcontact.lab.choice.table import ChoiceTable
+from jaxcontact.lab.pairs.pairs import LEAST_PAIRS
+from jaxcontact.lab.records.all_impacts import Fitted, errors_of_impacts, fitted_impacts
 
 SEED = 31
 DRAWS = 380

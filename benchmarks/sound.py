@@ -25,11 +25,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import jaxcontact as jc
 from benchmarks.sound_truths import Truth, as_wave, draw
 from benchmarks.study import command
-from jaxcontact._calibration.choice.table import errors_of
-from jaxcontact._calibration.pairs.outliers import find_outliers
-from jaxcontact._calibration.pairs.pairs import LEAST_PAIRS
 from jaxcontact._flight import Flight
-from jaxcontact._lab.recordings import make_pairs
+from jaxcontact.lab.choice.table import errors_of
+from jaxcontact.lab.pairs.outliers import find_outliers
+from jaxcontact.lab.pairs.pairs import LEAST_PAIRS
+from jaxcontact.lab.recordings import make_pairs
 
 SEED = 20
 DRAWS = 2000

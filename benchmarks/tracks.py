@@ -27,7 +27,7 @@ from benchmarks.sound import constant_e
 from benchmarks.study import command
 from benchmarks.track_truths import GRAVITY, Truth, draw
 from jaxcontact._flight import Flight
-from jaxcontact._lab.recordings import make_pairs, tracks_of
+from jaxcontact.lab.recordings import make_pairs, tracks_of
 
 SEED = 47
 DRAWS = 800

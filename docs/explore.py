@@ -26,8 +26,8 @@ import numpy as np
 from scipy.interpolate import BarycentricInterpolator, CubicSpline
 
 import jaxcontact as jc
-from jaxcontact._explore import GRIDS
 from jaxcontact._laws import constant_laws, describe
+from jaxcontact.lab.explore import GRIDS
 
 ASKED, DELIVERED, EXPONENT, ALPHA = (0.05, 1.0), (0.03, 1.0), (1.0, 3.0), 10.0
 NODES, LOOP_NODES = (28, 12), (16, 8)  # over ln e and n

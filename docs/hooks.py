@@ -42,7 +42,7 @@ def on_files(files, config):
                 files.append(File.generated(config, place, abs_src_path=source))
     # mkdocs restores sys.path after it has loaded a hook.
     sys.path.insert(0, str(ROOT))
-    from jaxcontact._explore import page as interactive
+    from jaxcontact.lab.explore import page as interactive
 
     files.append(File.generated(config, "explore_page.html", content=interactive()))
     return files

@@ -185,3 +185,17 @@ def usual_promotion():
     """
     with jax.numpy_dtype_promotion("standard"):
         yield
+
+
+@pytest.fixture
+def compiled():
+    """What was compiled in a test; `clear` it where the count begins."""
+    events = []
+
+    def heard(event, duration, **_):
+        if "backend_compile" in event:
+            events.append(event)
+
+    jax.monitoring.register_event_duration_secs_listener(heard)
+    yield events
+    jax.monitoring.unregister_event_duration_listener(heard)

@@ -2,27 +2,17 @@
 
 import jax
 import jax.numpy as jnp
-import mpmath as mp
 import numpy as np
 import pytest
 
 import jaxcontact as jc
 from jaxcontact import Contact, Material
 
-ROUNDING = 2e-15
-"""Products and roots of a few numbers: measured 5e-16."""
-
-FAR = 5e-14
-"""Bodies 1e14 times larger, and a lane beside others: measured 5e-15."""
-
-SECOND_ORDER = 1e-10
-"""The share of (R1/R2)² with R1/R2 = 1e-5: 4e-11."""
-
-TRACED = 5e-14
-"""A traced exponent against a static one, two rules of quadrature: measured 4e-15."""
-
-DIFFERENCE = 1e-14
-"""Derivatives of the same: measured 1e-15."""
+ROUNDING = 2e-15  # products and roots of a few numbers: measured 5e-16
+FAR = 5e-14  # bodies 1e14 times larger, and a lane beside others: measured 5e-15
+SECOND_ORDER = 1e-10  # the share of (R1/R2)² with R1/R2 = 1e-5: 4e-11
+TRACED = 5e-14  # a traced exponent against a static one, two rules of quadrature: measured 4e-15
+DIFFERENCE = 1e-14  # derivatives of the same: measured 1e-15
 
 
 def agrees(found, printed):
@@ -51,45 +41,28 @@ def test_steel_spheres():
     np.testing.assert_allclose(contact.mass, STEEL.sphere_mass(0.01) / 2, rtol=ROUNDING)
 
 
-@pytest.mark.parametrize(
-    ("contact", "speed", "stiffness", "indentation", "force", "duration"),
-    [
-        (
-            Contact.sphere_sphere(0.01, 0.01, GLASS, GLASS),
-            20.0,
-            "2.357023e9",
-            "2.7411e-4",
-            "1.06969e4",
-            "4.0339e-5",
-        ),
-        (
-            Contact.sphere_plane(0.0025, ALUMINA),
-            3.9,
-            "2.674832e10",
-            "8.0888e-6",
-            "615.35",
-            "6.1045e-6",
-        ),
-    ],
-    ids=["two glass spheres", "alumina sphere on a rigid plane"],
-)
-def test_chung_and_ooi(contact, speed, stiffness, indentation, force, duration):
+CHUNG_AND_OOI = {
+    "two glass spheres": (
+        Contact.sphere_sphere(0.01, 0.01, GLASS, GLASS),
+        20.0,
+        "2.357023e9 2.7411e-4 1.06969e4 4.0339e-5",
+    ),
+    "alumina sphere on a rigid plane": (
+        Contact.sphere_plane(0.0025, ALUMINA),
+        3.9,
+        "2.674832e10 8.0888e-6 615.35 6.1045e-6",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CHUNG_AND_OOI)
+def test_chung_and_ooi(name):
     """Chung & Ooi 2011, Granular Matter 13:643, elastic benchmarks."""
+    contact, speed, printed = CHUNG_AND_OOI[name]
     hit = jc.impact(jc.Hertz(), contact, speed)
-    assert agrees(contact.stiffness, stiffness)
-    assert agrees(hit.max_indentation, indentation)
-    assert agrees(hit.max_force, force)
-    assert agrees(hit.duration, duration)
+    found = contact.stiffness, hit.max_indentation, hit.max_force, hit.duration
+    assert all(map(agrees, found, printed.split()))
     assert float(hit.restitution) == 1.0
-
-
-def test_hertz():
-    contact = Contact(mass=1.0, stiffness=1.4e8)
-    hit = jc.impact(jc.Hertz(), contact, 4.2)
-    assert agrees(hit.max_indentation, "1.9007e-3")
-    assert agrees(hit.duration * 4.2 / hit.max_indentation, "2.9433")
-    by_hand = (5 * 1.0 * 4.2**2 / (4 * 1.4e8)) ** 0.4
-    np.testing.assert_allclose(hit.max_indentation, by_hand, rtol=ROUNDING)
 
 
 # --- Geometry -------------------------------------------------------------------------------------
@@ -115,13 +88,6 @@ def test_a_socket_is_a_sphere_of_negative_radius():
     np.testing.assert_allclose(socket.stiffness, hollow.stiffness, rtol=ROUNDING)
 
 
-def test_spheres_may_be_exchanged():
-    one = Contact.sphere_sphere(0.01, 0.03, STEEL, GLASS)
-    other = Contact.sphere_sphere(0.03, 0.01, GLASS, STEEL)
-    np.testing.assert_allclose(one.stiffness, other.stiffness, rtol=ROUNDING)
-    np.testing.assert_allclose(one.mass, other.mass, rtol=ROUNDING)
-
-
 def test_a_hard_plane_is_rigid():
     hard = Material(youngs_modulus=1e30, poisson_ratio=0.3)
     for make in (Contact.sphere_plane, lambda r, *m: Contact.sphere_socket(r, 0.02, *m)):
@@ -142,30 +108,21 @@ def stiffness_and_mass(E, nu, R, E2, nu2, rho):
     return jnp.stack([contact.stiffness, contact.mass])
 
 
-def mp_stiffness_and_mass(E, nu, R, E2, nu2, rho):
-    compliance = (1 - nu**2) / E + (1 - nu2**2) / E2
-    return [mp.mpf(4) / 3 * mp.sqrt(R) / compliance, mp.mpf(4) / 3 * mp.pi * R**3 * rho]
-
-
 def test_derivatives_by_material_and_radius():
-    rows = np.array([[2e11, 0.3, 0.01, 7e10, 0.2, 7800.0], [1e6, 0.5, 0.1, 1e12, -0.9, 1000.0]])
-    columns = jnp.asarray(rows.T)
+    columns = [[2e11, 1e6], [0.3, 0.5], [0.01, 0.1], [7e10, 1e12], [0.2, -0.9], [7800.0, 1000.0]]
+    E, nu, R, E2, nu2, rho = columns = np.array(columns)
     every = tuple(range(6))
-    found, forward = jax.jit(
+    found = jax.jit(
         lambda *x: [jax.vmap(f(stiffness_and_mass, every))(*x) for f in (jax.jacrev, jax.jacfwd)]
     )(*columns)
-    with mp.workdps(50):
-        for lane, row in enumerate(rows):
-            point = [mp.mpf(x) for x in row]
-            for i in range(6):
-                h = point[i] * mp.mpf("1e-15")
-                high, low = (
-                    mp_stiffness_and_mass(*point[:i], point[i] + s * h, *point[i + 1 :])
-                    for s in (1, -1)
-                )
-                expected = [float((a - b) / (2 * h)) for a, b in zip(high, low, strict=True)]
-                np.testing.assert_allclose(found[i][lane], expected, rtol=DIFFERENCE)
-                np.testing.assert_allclose(forward[i][lane], expected, rtol=DIFFERENCE)
+    compliance, zero = (1 - nu**2) / E + (1 - nu2**2) / E2, 0 * R
+    by_sphere = [(1 - nu**2) / E**2, 2 * nu / E, compliance / (2 * R)]
+    by_plane = [(1 - nu2**2) / E2**2, 2 * nu2 / E2, zero]
+    of_stiffness = np.array(by_sphere + by_plane) * 4 / 3 * np.sqrt(R) / compliance**2
+    of_mass = [zero, zero, 4 * np.pi * R**2 * rho, zero, zero, 4 / 3 * np.pi * R**3]
+    expected = np.stack([of_stiffness, of_mass], axis=-1)
+    for slopes in found:
+        np.testing.assert_allclose(slopes, expected, rtol=DIFFERENCE)
 
 
 # --- Bad input ------------------------------------------------------------------------------------
@@ -174,10 +131,8 @@ def test_derivatives_by_material_and_radius():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Contact(1.0, -1.0), r"`stiffness` must be in \(0, inf\), but is -1.0"),
         (lambda: Contact(1.0, 1.0, 0.9), r"`exponent` must be in \[1, 3\], but is 0.9"),
         (lambda: Material(1.0, 0.51), r"`poisson_ratio` must be in \(-1, 0.5\], but is 0.51"),
-        (lambda: Material(1.0, -1.0), r"`poisson_ratio` must be in \(-1, 0.5\], but is -1.0"),
         (
             lambda: Contact.sphere_socket(0.01, 0.009, STEEL),
             "`socket_radius` must be larger than `radius` = 0.01, but is 0.009",

@@ -12,28 +12,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._contact import EXPONENT, Contact, require_contact
-from .._entry import (
-    Range,
-    Specialised,
-    as_number,
-    is_plain,
-    is_valid,
-    require_broadcast,
-    sanitised,
-)
-from .._forms import (
-    AbstractForm,
-    HuntCrossleyForm,
-    Scale,
-    SpeedDependentForm,
-    scale_of,
-)
-from .._laws import (
-    VELOCITY_THRESHOLD,
-    AbstractLaw,
-    require_exponent,
-    require_law,
-)
+from .._entry import Range, Specialised, as_number, is_plain, is_valid, require_broadcast, sanitised
+from .._forms import AbstractForm, HuntCrossleyForm, Scale, SpeedDependentForm, scale_of
+from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_exponent, require_law
 from .motion.ending import NeckMotion, PlasticMotion
 from .motion.motion import Motion
 

@@ -9,11 +9,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from .._bounce import bounce
-from .._contact import Contact
-from .._impact import Status
-from .._laws import Damped, HuGuo, get_law
-from .._text.units import label
+from .. import Contact, Damped, HuGuo, Status, bounce, get_law
+from ..extend import label
 from ._figures.style import FOUR_LAWS, RESTITUTIONS, SHADES, VELOCITY, legend_above, sheet
 from ._impacts import Reproduction, SolvedImpacts, Table, cache_by_precision, long_table, solve
 

@@ -10,10 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._contact import Contact
-from .._impact import impact, trajectory
-from .._laws import AbstractHuntCrossley, ConstantDamping
-from .._text.words import text_table
+from .. import AbstractHuntCrossley, ConstantDamping, Contact, impact, trajectory
+from ..extend import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

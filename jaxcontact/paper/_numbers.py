@@ -8,10 +8,8 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from .._contact import Contact, Material
-from .._entry import rendered
-from .._laws import get_law
-from .._text.words import markdown_table
+from .. import Contact, Material, get_law
+from ..extend import markdown_table, rendered
 from . import _ball, _impacts
 from ._figures.impact_figures import fig4
 

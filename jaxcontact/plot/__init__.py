@@ -8,7 +8,6 @@ from ._animate import animate as animate
 from ._corner import corner as corner
 from ._corner import profile as profile
 from ._drawing.save import save as save
-from ._fit import choice as choice
 from ._fit import fit as fit
 from ._fit import residuals as residuals
 from ._impact import energy as energy
@@ -22,19 +21,20 @@ from ._scene import scene as scene
 from ._sweep import sweep as sweep
 
 if _TYPE_CHECKING:
-    from .._lab.plots import calibration as calibration
-    from .._lab.plots import record as record
-    from .._lab.plots import sound as sound
-    from .._lab.plots import track as track
+    from ..lab.plots import calibration as calibration
+    from ..lab.plots import choice as choice
+    from ..lab.plots import record as record
+    from ..lab.plots import sound as sound
+    from ..lab.plots import track as track
 
-_OF_THE_LABORATORY = "calibration", "record", "sound", "track"
+_OF_THE_LABORATORY = "calibration", "choice", "record", "sound", "track"
 
 
 def __getattr__(name: str) -> _Any:
-    # The laboratory stands above this room and imports the shared parts of all plots from it.
+    # The laboratory takes the shared parts of all plots from this room.
     if name not in _OF_THE_LABORATORY:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(_import_module("jaxcontact._lab.plots"), name)
+    return getattr(_import_module("jaxcontact.lab.plots"), name)
 
 
 def __dir__() -> list[str]:

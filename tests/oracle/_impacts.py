@@ -10,7 +10,7 @@ import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from fractions import Fraction
-from functools import cache
+from functools import cache, wraps
 
 from mpmath import mp, mpf
 
@@ -51,27 +51,31 @@ def number(x: Number) -> mpf:
         return mpf(x)
 
 
-def _key(x: Number) -> str:
-    with mp.workdps(ARGUMENT_DIGITS):
-        return mp.nstr(mpf(x), ARGUMENT_DIGITS)
+def by_digits(function: Callable[..., Impact]) -> Callable[..., Impact]:
+    """Keep what a function returns, by the digits of its numbers."""
+    kept = cache(function)
+
+    def key(x: Number) -> Number:
+        if isinstance(x, bool) or (isinstance(x, str) and x.isalpha()):
+            return x
+        with mp.workdps(ARGUMENT_DIGITS):
+            return mp.nstr(mpf(x), ARGUMENT_DIGITS)
+
+    return wraps(function)(lambda *args, **options: kept(*map(key, args), **options))
 
 
 # --- Hunt and Crossley's family: the energy integral ----------------------------------------------
 
 
+@by_digits
 def hunt_crossley(alpha: Number, n: Number) -> Impact:
     """``f = x**n (1 + alpha v)``, from the energy integral, for -1 < alpha <= 2e6 and n >= 1."""
-    return _hunt_crossley(_key(alpha), _key(n))
-
-
-@cache
-def _hunt_crossley(alpha_key: str, n_key: str) -> Impact:
     # Two powers of alpha cancel in the energy integral; for large alpha one cancels in 1 + alpha -
     # ln(1 + alpha).
-    alpha = number(alpha_key)
-    guard = 0 if alpha == 0 else int(3 * abs(mp.log10(abs(alpha)))) + 10
+    size = abs(number(alpha))
+    guard = 0 if size == 0 else int(3 * abs(mp.log10(size))) + 10
     with mp.workdps(DIGITS + 20 + guard):
-        alpha, n = mpf(alpha_key), mpf(n_key)
+        alpha, n = mpf(alpha), mpf(n)
 
         def gained(v: mpf) -> mpf:
             """The integral of u du/(1 + alpha u) from v to 1: what the spring has taken,
@@ -235,6 +239,7 @@ _SEPARATION = {"separation": [(mpf(1), 1, 0)]}
 _UNTIL_TURN = {"next": [(mpf(1), 0, 1)]}
 
 
+@by_digits
 def oscillator(
     zeta: Number, n: Number, ending: str = "tension", *, order: int = ORDER, bits: int = BITS
 ) -> Impact:
@@ -244,16 +249,11 @@ def oscillator(
     ``ending``: "tension", until x = 0 (zeta < 1); "clamped", until f = 0; "approach", damped while
     v > 0 only.
     """
-    return _oscillator(_key(zeta), _key(n), ending, order, bits)
-
-
-@cache
-def _oscillator(zeta_key: str, n_key: str, ending: str, order: int, bits: int) -> Impact:
     with mp.workprec(bits + 40):
-        zeta = mpf(zeta_key)
+        zeta = mpf(zeta)
         if ending == "tension" and zeta >= 1:
             raise ValueError("an overdamped oscillator does not return to x = 0")
-        q, n = _exponents(mpf(n_key), lambda n: n, lambda n: (n - 1) / 2)
+        q, n = _exponents(mpf(n), lambda n: n, lambda n: (n - 1) / 2)
         c = 2 * zeta * mp.sqrt(mpf(n.numerator + n.denominator) / (2 * n.denominator))
         spring = (mpf(1), int(n * q), 0)
         damper = (c, int((n - 1) / 2 * q), 1)
@@ -270,18 +270,14 @@ def _oscillator(zeta_key: str, n_key: str, ending: str, order: int, bits: int) -
         return _impact(shoot(q, phases, order=order, bits=bits))
 
 
+@by_digits
 def kuwabara_kono(
     a: Number, n: Number = "1.5", tension: bool = True, *, order: int = ORDER, bits: int = BITS
 ) -> Impact:
     """``f = x**n + n a x**(n-1) v``; without tension the contact ends when f = 0."""
-    return _kuwabara_kono(_key(a), _key(n), tension, order, bits)
-
-
-@cache
-def _kuwabara_kono(a_key: str, n_key: str, tension: bool, order: int, bits: int) -> Impact:
     with mp.workprec(bits + 40):
-        q, n = _exponents(mpf(n_key), lambda n: n)
-        c = mpf(a_key) * n.numerator / n.denominator
+        q, n = _exponents(mpf(n), lambda n: n)
+        c = mpf(a) * n.numerator / n.denominator
         force = [(mpf(1), int(n * q), 0), (c, int((n - 1) * q), 1)]
         stops = dict(_SEPARATION)
         if not tension:
@@ -289,20 +285,16 @@ def _kuwabara_kono(a_key: str, n_key: str, tension: bool, order: int, bits: int)
         return _impact(shoot(q, [Phase(force, stops)], order=order, bits=bits))
 
 
+@by_digits
 def with_gravity(
     alpha: Number, n: Number, gamma: Number, *, order: int = ORDER, bits: int = BITS
 ) -> Impact:
     """``x'' = gamma - x**n max(0, 1 + alpha v)`` until x = 0 or, settled, the second turn; the
     force is the contact's.
     """
-    return _with_gravity(_key(alpha), _key(n), _key(gamma), order, bits)
-
-
-@cache
-def _with_gravity(alpha_key: str, n_key: str, gamma_key: str, order: int, bits: int) -> Impact:
     with mp.workprec(bits + 40):
-        alpha, gamma = mpf(alpha_key), mpf(gamma_key)
-        q, n = _exponents(mpf(n_key), lambda n: n)
+        alpha, gamma = mpf(alpha), mpf(gamma)
+        q, n = _exponents(mpf(n), lambda n: n)
         power = int(n * q)
         force = [(mpf(1), power, 0), (alpha, power, 1)]
         # The clamp, 1 + alpha v = 0, is only crossed outwards, and once: beyond it v' = gamma < 0.

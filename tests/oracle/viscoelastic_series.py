@@ -35,6 +35,7 @@ from mpmath import mp, mpf
 from tests.oracle._taylor import Phase, Trace, shoot
 
 FILE = Path(__file__).parents[2] / "jaxcontact" / "_forms" / "viscoelastic_series.json"
+Function = Callable[[mpf], mpf]
 DIGITS = 40
 
 # Ends of the pieces in s = ln(1 + a). Half powers of a are separated in the first.
@@ -90,27 +91,6 @@ def least(a: mpf) -> mpf:
         return _shoot(a, {"end": _is_out()}).min_force
     # The creep is independent of the turn after a tenth of the way to this place.
     return _shoot(a, {"next": _TURNS}, {"end": _is_out(_forgets(a))}).min_force
-
-
-@cache
-def greatest_beyond(a: mpf) -> mpf:
-    """The other extremum of the force, on the motion continued to w < 0."""
-    return beyond(a).last_max_force
-
-
-def _steeply(a: mpf) -> mpf:
-    return (1 + a) ** (mpf(8) / 3)
-
-
-def _least_common(a: mpf) -> mpf:
-    first = least(a)
-    return -_steeply(a) * ((first + greatest_beyond(a)) / 2 if _is_weak(a) else first)
-
-
-def _least_half(a: mpf) -> mpf:
-    if not _is_weak(a):
-        return mpf(0)
-    return -_steeply(a) * (least(a) - greatest_beyond(a)) / 2 / mp.sqrt(a) ** 3
 
 
 @cache
@@ -194,51 +174,42 @@ def _decay(e: mpf, power: mpf, a: mpf) -> mpf:
     return mp.expm1(-mp.log(e) / power) / a
 
 
-def _clamped_decay(found: Trace, a: mpf) -> mpf:
-    return _decay(-found.velocity, mpf(5) / 3, a)
-
-
-def _clamped_time(found: Trace, a: mpf) -> mpf:
-    return found.duration * _slowly(a)
-
-
-def _common(of: Callable[[Trace, mpf], mpf]) -> Callable[[mpf], mpf]:
-    """What both roots have in common where half powers are split off, the first root elsewhere."""
-
-    def value(a: mpf) -> mpf:
-        first = of(clamped(a), a)
-        return (first + of(beyond(a), a)) / 2 if _is_weak(a) else first
-
-    return value
-
-
-def _half(of: Callable[[Trace, mpf], mpf], power: int) -> Callable[[mpf], mpf]:
-    """Half of the difference of both roots, over a**(power/2)."""
-
-    def value(a: mpf) -> mpf:
-        if not _is_weak(a):
-            return mpf(0)
-        return (of(clamped(a), a) - of(beyond(a), a)) / 2 / mp.sqrt(a) ** power
-
-    return value
-
-
 def _is_weak(a: mpf) -> bool:
     return a < mp.expm1(mpf(BREAKS[1]))
 
 
-COLUMNS: dict[str, Callable[[mpf], mpf]] = {
+def _common(first: Function, second: Function) -> Function:
+    """What both roots have in common where half powers are split off, the first root elsewhere."""
+    return lambda a: (first(a) + second(a)) / 2 if _is_weak(a) else first(a)
+
+
+def _half(first: Function, second: Function, power: int) -> Function:
+    """Half of the difference of both roots, over a**(power/2)."""
+    return lambda a: (first(a) - second(a)) / 2 / mp.sqrt(a) ** power if _is_weak(a) else mpf(0)
+
+
+# At the first root and at the other one.
+_LEAST = (
+    lambda a: -((1 + a) ** (mpf(8) / 3)) * least(a),
+    lambda a: -((1 + a) ** (mpf(8) / 3)) * beyond(a).last_max_force,
+)
+_DECAY = (
+    lambda a: _decay(-clamped(a).velocity, mpf(5) / 3, a),
+    lambda a: _decay(-beyond(a).velocity, mpf(5) / 3, a),
+)
+_TIME = (lambda a: clamped(a).duration * _slowly(a), lambda a: beyond(a).duration * _slowly(a))
+COLUMNS: dict[str, Function] = {
     "compression_time": lambda a: clamped(a).compression_time * _slowly(a),
     "max_indentation": lambda a: clamped(a).max_indentation * _slowly(a),
     "max_force": lambda a: clamped(a).max_force / _slowly(a),
     "decay": lambda a: _decay(tension(a)[0], mpf(5), a),
     "duration": lambda a: tension(a)[1] / (1 + a),
-    "min_force": _least_common,
-    "min_force_half": _least_half,
-    "clamped_decay": _common(_clamped_decay),
-    "clamped_decay_half": _half(_clamped_decay, 3),
-    "clamped_duration": _common(_clamped_time),
-    "clamped_duration_half": _half(_clamped_time, 7),
+    "min_force": _common(*_LEAST),
+    "min_force_half": _half(*_LEAST, 3),
+    "clamped_decay": _common(*_DECAY),
+    "clamped_decay_half": _half(*_DECAY, 3),
+    "clamped_duration": _common(*_TIME),
+    "clamped_duration_half": _half(*_TIME, 7),
 }
 
 
@@ -254,7 +225,7 @@ class Piece:
         return mp.expm1((self.low + self.high) / 2 + x * (self.high - self.low) / 2)
 
 
-def coefficients(of: Callable[[mpf], mpf], piece: Piece) -> list[mpf]:
+def coefficients(of: Function, piece: Piece) -> list[mpf]:
     """The Chebyshev coefficients of a function of a on a piece."""
     nodes = NODES
     angles = [(k + mpf(1) / 2) * mp.pi / nodes for k in range(nodes)]
@@ -274,7 +245,7 @@ def needed(series: list[mpf]) -> list[float]:
     return [float(c) for c in series[:count]]
 
 
-def errors(of: Callable[[mpf], mpf], series: list[float], piece: Piece) -> tuple[mpf, mpf]:
+def errors(of: Function, series: list[float], piece: Piece) -> tuple[mpf, mpf]:
     """The largest relative errors of a series as stored and of its slope, between the nodes."""
     if not series:
         return mpf(0), mpf(0)

@@ -118,13 +118,6 @@ def test_the_page_tells_the_error_of_the_law_and_that_of_the_step():
     assert cells[2:] == ["below 1e-9", "10: 1e-02, 100: 2e-04"]
 
 
-def test_what_a_busy_machine_measured_is_measured_again_where_that_is_asked(tmp_path):
-    store = Store(tmp_path / "rows.json")
-    store.keep("a", {"group": "impacts", "code": "1", "load": 5.0})
-    quiet = Store(tmp_path / "rows.json", busiest=3.0)
-    assert not store.lacks("a", "1") and quiet.lacks("a", "1")
-
-
 def test_what_is_not_installed_and_what_raises_stay_in_the_table(tmp_path):
     store, task = Store(tmp_path / "rows.json"), PROBLEMS["hunt_crossley"]
 
@@ -141,11 +134,13 @@ def test_what_is_not_installed_and_what_raises_stay_in_the_table(tmp_path):
     assert reasons == ["no_such_library is not installed", "ArithmeticError: no number"]
 
 
-def test_a_row_of_other_code_counts_as_missing(tmp_path):
+def test_which_rows_count_as_missing(tmp_path):
+    """Those of other code, and of a busy machine where that is asked."""
     store = Store(tmp_path / "rows.json")
-    store.keep("a", {"group": "impacts", "code": "1"})
-    again = Store(tmp_path / "rows.json")
+    store.keep("a", {"group": "impacts", "code": "1", "load": 5.0})
+    again, quiet = Store(tmp_path / "rows.json"), Store(tmp_path / "rows.json", busiest=3.0)
     assert again.lacks("a", "2") and again.lacks("b", "1") and not again.lacks("a", "1")
+    assert quiet.lacks("a", "1")
 
 
 @pytest.mark.parametrize("name", ["own", "pushed"])

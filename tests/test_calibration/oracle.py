@@ -1,5 +1,6 @@
 """e(v) of the speed-dependent laws, and flights, by methods independent of the library."""
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -7,26 +8,27 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
+from tests.oracle.stored import stored
+
+
+def delivered(alpha: float) -> float:
+    """e of a damping factor: the root of α(1+e) = ln[(1+α)/(1-αe)]."""
+    if alpha == 0:
+        return 1.0
+
+    def balance(e):
+        return alpha * (1 + e) - np.log1p(alpha) + np.log1p(-alpha * e)
+
+    # e = 0 is always a root; the other lies above it and below 1/α, where the logarithm ends.
+    return brentq(balance, 1e-6, min(1, 1 / alpha) * (1 - 1e-15), xtol=1e-15)
+
 
 def constant_damping(b: float) -> Callable[[float], float]:
-    """e(v) of F = K δⁿ (1 + b δ'): the root of α(1+e) = ln[(1+α)/(1-αe)] at α = b v."""
-
-    def law(v: float) -> float:
-        alpha = b * v
-        # e = 0 is always a root; the other lies above it and below 1/α, where the logarithm ends.
-        top = min(1.0, (1 - 1e-12) / alpha)
-        return float(
-            brentq(
-                lambda e: np.log((1 + alpha) / (1 - alpha * e)) - alpha * (1 + e),
-                1e-3,
-                top,
-                xtol=1e-14,
-            )
-        )
-
-    return law
+    """e(v) of F = K δⁿ (1 + b δ'), whose damping factor is b v."""
+    return lambda v: delivered(b * v)
 
 
+@stored()
 def _viscous_restitution(strength: float) -> float:
     """e of x'' = -(x^1.5 + strength √x x'), x(0) = 0, x'(0) = 1, ended where x returns to 0."""
 
@@ -44,8 +46,10 @@ def _viscous_restitution(strength: float) -> float:
     return -float(run.y_events[0][0][1])
 
 
-_STRENGTHS = np.linspace(0.0, 0.45, 25)
-_SPLINE = CubicSpline(_STRENGTHS, [_viscous_restitution(s) for s in _STRENGTHS])
+@functools.cache
+def _spline() -> CubicSpline:
+    strengths = np.linspace(0.0, 0.45, 25)
+    return CubicSpline(strengths, [_viscous_restitution(s) for s in strengths])
 
 
 def kuwabara_kono(kappa: float) -> Callable[[float], float]:
@@ -53,9 +57,9 @@ def kuwabara_kono(kappa: float) -> Callable[[float], float]:
 
     def law(v: float) -> float:
         strength = 1.5 * kappa * v**0.2
-        if not 0 <= strength <= _STRENGTHS[-1]:
+        if not 0 <= strength <= 0.45:
             raise ValueError(f"Argument `v` must keep the strength in the table, but is {v!r}.")
-        return float(_SPLINE(strength))
+        return float(_spline()(strength))
 
     return law
 
@@ -83,12 +87,8 @@ def flown(launch: float, gravity: float, b: float) -> tuple[float, float, float]
     return run.y_events[0][0][0], run.t_events[1][0], -run.y_events[1][0][1]
 
 
-def elastic_plastic(yield_speed: float) -> Callable[[float], float]:
-    """e(v) of Thornton's force over indentation."""
-    return lambda v: plastic(yield_speed)(v)[0]
-
-
-def plastic(yield_speed: float, mass: float = 1.0, stiffness: float = 1.0):
+@stored()
+def plastic(yield_speed: float, mass: float, stiffness: float, v: float):
     """e, contact time and peak force of Thornton's force over indentation, by integration."""
     at_yield = (1.25 * mass * yield_speed**2 / stiffness) ** 0.4
     force = stiffness * at_yield**1.5
@@ -108,20 +108,17 @@ def plastic(yield_speed: float, mass: float = 1.0, stiffness: float = 1.0):
             motion, (0, span), state, events=end, rtol=1e-11, atol=1e-13, max_step=span / 50
         )
 
-    def law(v: float) -> tuple[float, float, float]:
-        span = 5 * (1.25 * mass * v**2 / stiffness) ** 0.4 / v + 5 * at_yield / yield_speed
-        down = ended(loading, [0.0, v], lambda t, s: s[1], span)
-        depth = float(down.y[0, -1])
-        largest = loading(depth)
-        # R* F_max = R F_e.
-        stiffer = stiffness * np.sqrt(stiffness * depth**1.5 / largest)
-        flat = depth - (largest / stiffer) ** (2 / 3)
-        up = ended(
-            lambda d: stiffer * max(d - flat, 0.0) ** 1.5,
-            [depth, 0.0],
-            lambda t, s: s[0] - flat if t > 0 else 1.0,
-            span,
-        )
-        return -float(up.y[1, -1]) / v, float(down.t[-1] + up.t[-1]), largest
-
-    return law
+    span = 5 * (1.25 * mass * v**2 / stiffness) ** 0.4 / v + 5 * at_yield / yield_speed
+    down = ended(loading, [0.0, v], lambda t, s: s[1], span)
+    depth = float(down.y[0, -1])
+    largest = loading(depth)
+    # R* F_max = R F_e.
+    stiffer = stiffness * np.sqrt(stiffness * depth**1.5 / largest)
+    flat = depth - (largest / stiffer) ** (2 / 3)
+    up = ended(
+        lambda d: stiffer * max(d - flat, 0.0) ** 1.5,
+        [depth, 0.0],
+        lambda t, s: s[0] - flat if t > 0 else 1.0,
+        span,
+    )
+    return -float(up.y[1, -1]) / v, float(down.t[-1] + up.t[-1]), largest

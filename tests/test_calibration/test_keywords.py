@@ -2,13 +2,10 @@
 
 import inspect
 
-import numpy as np
 import pytest
 
 import jaxcontact as jc
 
-LAW, CONTACT, V, E = jc.HuGuo(e=0.8), jc.Contact(0.1, 1e6), np.linspace(1, 2, 6), np.full(6, 0.8)
-FRICTION = jc.RigidCoulomb(0.2)
 READY = (
     *(jc.choose_friction, jc.choose_law, jc.fit_bounces, jc.fit_damping, jc.fit_energy_loss),
     *(jc.fit_impacts, jc.fit_oblique, jc.fit_record, jc.learn_law),
@@ -39,37 +36,3 @@ def test_an_unknown_keyword_fails_by_name(function):
     wrong = rf"`{function.__name__}` has no argument `strats`\. Did you mean 'starts'\?"
     with pytest.raises(TypeError, match=wrong):
         function(strats=3)
-
-
-OLD_ORDERS = {
-    "choose_law": (lambda: jc.choose_law(V, E, CONTACT), "contact"),
-    "fit_damping": (lambda: jc.fit_damping(V, E, CONTACT), "contact"),
-    "fit_record": (lambda: jc.fit_record(V, LAW, CONTACT, 1.0, force=E), "law"),
-    "fit_impacts": (lambda: jc.fit_impacts(V, LAW, CONTACT, e=E), "law"),
-    "fit_oblique": (lambda: jc.fit_oblique(V, V, LAW, CONTACT, friction=FRICTION), "law"),
-    "choose_friction": (lambda: jc.choose_friction(CONTACT, LAW, V, V), "law"),
-    "fit_bounces": (lambda: jc.fit_bounces(CONTACT, LAW, V, E), "law"),
-    "design": (lambda: jc.design(CONTACT, LAW, sigma={"e": 0.1}, candidates=V), "law"),
-    "fit_energy_loss": (lambda: jc.fit_energy_loss(CONTACT, V), "e_in"),
-    "learn_law": (lambda: jc.learn_law(V / 2, CONTACT), "e_out"),
-    "velocity": (lambda: jc.choose_law(CONTACT, CONTACT, E), "velocity"),
-    "time": (lambda: jc.fit_record(LAW, CONTACT, 1.0, V, force=E), "velocity"),
-    "impact": (lambda: jc.impact(CONTACT, LAW, 1.0), "law"),
-    "trajectory": (lambda: jc.trajectory(CONTACT, LAW, 1.0), "law"),
-    "restitution": (lambda: jc.restitution(LAW, 1.0, CONTACT), "contact"),
-    "bounce": (lambda: jc.bounce(LAW, 1.0, CONTACT), "contact"),
-    "export": (lambda: jc.export(LAW, 1.0, CONTACT, engine="mujoco"), "contact"),
-    "plot.law": (lambda: jc.plot.law(CONTACT, LAW, 1.0), "law"),
-}
-
-
-@pytest.mark.parametrize("call", OLD_ORDERS)
-def test_another_order_fails_by_name(call):
-    function, name = OLD_ORDERS[call]
-    with pytest.raises(ValueError, match=f"Argument `{name}` must "):
-        function()
-
-
-def test_a_transform_beside_that_of_beta():
-    with pytest.raises(ValueError, match=r"must not name what this problem .* but names beta"):
-        jc.fit_energy_loss(E, transforms={"beta": jc.Free()})

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration.oblique.fit_oblique import NOTE
-from jaxcontact._calibration.oblique.measurements import measurements
+from jaxcontact.lab.oblique.choose_friction import candidates_of
+from jaxcontact.lab.oblique.fit_oblique import NOTE
+from jaxcontact.lab.oblique.measurements import measurements
 
 ALUMINA = jc.Material(380e9, 0.23, 4000.0)
 GLASS = jc.Material(70e9, 0.25)
@@ -138,17 +139,9 @@ def test_exact_data_of_several_columns_with_missing_readings():
     ratio = along / SPEEDS["tangential_velocity"]
     angle = np.arctan(along / np.asarray(SPEEDS["velocity"] * hit.normal.restitution))
     ratio[::2], angle[1::3], spin[5:] = np.nan, np.nan, np.nan
-    fit = jc.fit_oblique(
-        E_LAW,
-        CONTACT,
-        **SPEEDS,
-        bodies=BODIES,
-        friction=jc.WaltonFriction(0.5, 0.0),
-        tangential_restitution=ratio,
-        rebound_angle=angle,
-        rebound_spin=spin,
-        noise="common",
-    )
+    how = SPEEDS | {"bodies": BODIES, "friction": jc.WaltonFriction(0.5, 0.0), "noise": "common"}
+    how |= {"tangential_restitution": ratio, "rebound_angle": angle, "rebound_spin": spin}
+    fit = jc.fit_oblique(E_LAW, CONTACT, **how)
     assert np.allclose(fit.values, [0.17, 0.4], rtol=1e-6)
     assert np.count_nonzero(np.isfinite(fit.data)) == 6 + 8 + 5
 
@@ -168,21 +161,16 @@ def test_sliding_alone_determines_nothing_but_mu():
 
 def test_laws_that_do_not_apply_are_left_out():
     """The table of Maw-Barber-Fawcett needs n = 3/2."""
-    from jaxcontact._calibration.oblique.choose_friction import candidates_of
-
-    contact = jc.Contact(1.0, 1.0, 2.0)
-    there = measurements(
-        jc.HuGuo(e=0.8),
-        contact,
-        SPEEDS["velocity"],
-        SPEEDS["tangential_velocity"],
-        None,
-        {"tangential_restitution": (np.full(12, 0.7), None)}
-        | dict.fromkeys(("rebound_angle", "rebound_spin"), (None, None)),
-    )
+    columns = dict.fromkeys(OUTCOMES | {"rebound_angle": None}, (None, None))
+    columns |= {"tangential_restitution": (np.full(12, 0.7), None)}
+    there = measurements(E_LAW, jc.Contact(1.0, 1.0, 2.0), *SPEEDS.values(), None, columns)
     laws, left_out = candidates_of(None, there)
     assert "rigid Coulomb" in laws and "Walton" in laws
     assert "`MawBarberFawcett` for a normal force other" in left_out["Maw-Barber-Fawcett"]
+
+
+FEW = {name: x[:3] for name, x in SPEEDS.items()}
+CHOSEN = "`friction` must be None or a dict of at least two"
 
 
 @pytest.mark.parametrize(
@@ -193,34 +181,24 @@ def test_laws_that_do_not_apply_are_left_out():
         ({"tangential_velocity": -SPEEDS["velocity"]}, "`tangential_velocity` must be in"),
         ({"tangential_velocity": 0 * SPEEDS["velocity"]}, "must be NaN where"),
         ({"tangential_restitution": np.full(12, 70.0)}, "`tangential_restitution` must be in"),
-        ({"tangential_restitution": np.full(3, 0.7)}, "one number for each of the 12 points"),
         ({"rebound_angle": np.full(12, 40.0)}, "Is it in degrees"),
         ({"rebound_spin": np.full(12, 100.0)}, "`bodies` must have a radius"),
         ({"rebound_spin": np.full(12, -100.0), "bodies": BODIES}, "then change the sign"),
         ({"sigma_rebound_angle": 0.1}, "`sigma_rebound_angle` must be None without"),
         ({"bodies": jc.RoundBodies(radius=0.1, mass=1.0)}, "effective mass"),
+        *(({"friction": laws}, CHOSEN) for laws in ({"one": START}, {"one": START, "two": 3})),
+        ({"friction": [START, START]}, CHOSEN),
+        (
+            FEW | {"tangential_restitution": np.full(3, 0.7), "friction": LAWS},
+            r"at least 5 readings .* but holds 3; `fit_oblique`",
+        ),
     ],
 )
 def test_bad_input_is_named(change, message):
-    given = {**SPEEDS, "friction": START, "tangential_restitution": np.full(12, 0.7)} | change
+    given = SPEEDS | {"friction": START, "tangential_restitution": np.full(12, 0.7)} | change
+    one = isinstance(given["friction"], jc.RigidCoulomb)
     with pytest.raises(ValueError, match=message):
-        jc.fit_oblique(E_LAW, CONTACT, **given)
-
-
-@pytest.mark.parametrize("laws", [START, {"one": START}, {"one": START, "two": 3}, [START, START]])
-def test_laws_to_compare_are_a_dict(laws):
-    with pytest.raises(ValueError, match="`friction` must be None or a dict of at least two"):
-        jc.choose_friction(
-            E_LAW, CONTACT, **SPEEDS, tangential_restitution=np.full(12, 0.7), friction=laws
-        )
-
-
-def test_too_few_readings_to_compare():
-    few = {name: x[:3] for name, x in SPEEDS.items()}
-    with pytest.raises(ValueError, match=r"at least 5 readings .* but holds 3; `fit_oblique`"):
-        jc.choose_friction(
-            E_LAW, CONTACT, **few, tangential_restitution=np.full(3, 0.7), friction=LAWS
-        )
+        (jc.fit_oblique if one else jc.choose_friction)(E_LAW, CONTACT, **given)
 
 
 def test_single_precision_is_fitted_in_double():

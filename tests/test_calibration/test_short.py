@@ -4,18 +4,20 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import jaxcontact as jc
-from jaxcontact._calibration.choice.kind import Estimate
-from jaxcontact._calibration.choice.law_choice import ChoiceData, LawFit
-from jaxcontact._calibration.choice.trend import Curve, Line
-from jaxcontact._calibration.pairs.reading_noise import Noise
 from jaxcontact._fit import Candidate
 from jaxcontact._fit.compare import _verdict
-from jaxcontact._lab.calibration import summary_data
-from jaxcontact._lab.calibration.full_report import equivalents_sentence, marking_rule
-from jaxcontact._lab.calibration.short_report import cautions, headlines, law_sentence
-from jaxcontact._lab.calibration.summary_data import AtSpeed, PairSummary, RecordingSummary
+from jaxcontact.lab.calibration import summary_data
+from jaxcontact.lab.calibration.full_report import equivalents_sentence, marking_rule
+from jaxcontact.lab.calibration.short_report import cautions, headlines, law_sentence
+from jaxcontact.lab.calibration.summary_data import AtSpeed, PairSummary, RecordingSummary
+from jaxcontact.lab.choice.certainty import Curve, Line
+from jaxcontact.lab.choice.equivalent_e import Asked
+from jaxcontact.lab.choice.kind import Estimate
+from jaxcontact.lab.choice.law_choice import ChoiceData, LawFit
+from jaxcontact.lab.pairs.reading_noise import Noise
 
 GOOD = {"adequate": True, "grounds": "residuals do not follow x, p = 0.4"}
 BAD = {"adequate": False, "grounds": "residuals follow x, p < 1e-03"}
@@ -45,43 +47,28 @@ POWER = fitted("1 - b v^p", "power_restitution", "b")
 FLAT = AtSpeed(0.5, 0.9, 0.89, 0.91, True, 0.9, 0.9), AtSpeed(4.0, 0.9, 0.89, 0.91, True, 0.9, 0.9)
 
 
+TABLE = RecordingSummary("ball.csv", "table", "", 10, 0, ("1",))
+FLIGHTS = dataclasses.replace(TABLE, layout="heights")
+
+
 def summary(
     laws=(CONSTANT, POWER), best="constant e", *, sure=False, rivals=(), at=FLAT, free=None, **other
 ):
     choice = ChoiceData(
-        count=10,
-        candidates=tuple(candidate(law.kind, converged=law.converged) for law in laws),
-        best=best,
-        sure=sure,
-        verdict="verdict",
-        laws=tuple(laws),
-        line=Line(0.0, 0.0, 0.1),
+        *(10, tuple(candidate(law.kind, converged=law.converged) for law in laws)),
+        *(best, sure, "verdict", tuple(laws), Line(0.0, 0.0, 0.1)),
         free=Curve((0.0,), 0.5, 4.0, free, free is not None and free < -2),
         asked=(),
         next_measurement="",
         rivals=tuple(rivals),
     )
     rows = [PairSummary((k,), 0.5 * k, 0.9, 0.0, False, None) for k in range(1, 11)]
-    there = {
-        "law": None if best is None else jc.ExactRestitution(e=0.9),
-        "contact": jc.Contact(1.0, 1.0),
-        "given": (),
-        "standard_errors": {},
-        "requested": "all",
-        "recording": RecordingSummary("ball.csv", "table", "", 10, 0, ("1",)),
-        "gravity": 9.81,
-        "drag": None,
-        "noise": Noise(0.01, 0.0),
-        "threshold": 6.0,
-        "trend": "constant",
-        "pairs": tuple(rows),
-        "choice": choice,
-        "with_marked": choice,
-        "by_speed": (),
-        "versions": {},
-        "at": at,
-        "scatter": 0.01,
-    }
+    law = None if best is None else jc.ExactRestitution(e=0.9)
+    there = {"law": law, "contact": jc.Contact(1.0, 1.0), "given": (), "standard_errors": {}}
+    there |= {"requested": "all", "recording": TABLE, "gravity": 9.81, "drag": None}
+    there |= {"noise": Noise(0.01, 0.0), "threshold": 6.0, "trend": "constant"}
+    there |= {"pairs": tuple(rows), "choice": choice, "with_marked": choice, "by_speed": ()}
+    there |= {"versions": {}, "at": at, "scatter": 0.01}
     return jc.CalibrationSummary(**there | other)
 
 
@@ -169,43 +156,35 @@ def test_what_may_be_wrong_is_said():
     assert cautions(summary(free=-1.0)) == []
     assert summary(free=-1.0).choice.yardstick.startswith("no smooth curve is clearly better")
     falls = dataclasses.replace(summary().choice, line=Line(0.0, -0.5, 0.1))
-    flights = dataclasses.replace(summary().recording, layout="heights")
     assert cautions(summary(choice=falls)) == []  # a table has no flights
-    assert "air drag is not corrected" in cautions(summary(choice=falls, recording=flights))[0]
+    assert "air drag is not corrected" in cautions(summary(choice=falls, recording=FLIGHTS))[0]
 
 
 def test_a_worst_case_stays_short():
     """Long names, many rivals, notes without end."""
     names = [f"a law with a rather long name {k}" for k in range(9)]
     laws = [CONSTANT, *(fitted(name, f"law_{name}") for name in names)]
-    recording = dataclasses.replace(
-        *(summary().recording,),
-        source="folder/" * 15 + "ball.csv",
-        ball="b" * 20,
-        notes=tuple(f'column{k} = "some heading {k} [mm/s]" / 1000' for k in range(30)),
-    )
+    notes = tuple(f'column{k} = "some heading {k} [mm/s]" / 1000' for k in range(30))
+    long = {"source": "folder/" * 15 + "ball.csv", "ball": "b" * 20, "notes": notes}
+    recording = dataclasses.replace(TABLE, **long)
     lines = repr(summary(laws, rivals=names[:3], recording=recording, free=-9.0)).splitlines()
     assert len(lines) <= 23 and max(map(len, lines)) <= 108  # names of files are not wrapped
     assert any(line.endswith(" ... (--details)") for line in lines)
 
 
 def test_what_was_not_given_is_what_stands_for_it():
-    assert summary_data.contact_note(()).endswith("1 kg and 1 N/m^(3/2) are placeholders")
-    assert (
-        summary_data.contact_note(("mass",)) == "stiffness not given: 1 N/m^(3/2) is a placeholder"
-    )
-    assert summary_data.contact_note(("stiffness",)) == "mass not given: 1 kg is a placeholder"
+    note = summary_data.contact_note
+    assert note(()).endswith("1 kg and 1 N/m^(3/2) are placeholders")
+    assert note(("mass",)) == "stiffness not given: 1 N/m^(3/2) is a placeholder"
+    assert note(("stiffness",)) == "mass not given: 1 kg is a placeholder"
 
 
 def test_a_table_is_marked_by_two_rules():
     assert marking_rule(summary()).endswith("from the trend and from a smooth curve")
-    flights = dataclasses.replace(summary().recording, layout="heights")
-    assert marking_rule(summary(recording=flights)).endswith("from the trend")
+    assert marking_rule(summary(recording=FLIGHTS)).endswith("from the trend")
 
 
 def test_an_e_that_no_law_delivers():
-    from jaxcontact._calibration.choice.equivalent_e import Asked
-
     asked = Asked("a", None, None, 0.1, 0.15), Asked("b", 0.25, 0.01, 0.0, 1.0)
     choice = dataclasses.replace(summary().choice, asked=asked)
     assert equivalents_sentence(choice) == (
@@ -282,8 +261,6 @@ def two():
 
 
 def test_two_pairs_give_e_of_each_and_their_mean(two):
-    from scipy import stats
-
     log_e = np.log([0.85, 0.83])
     mean, error = np.exp(log_e.mean()), log_e.std(ddof=1) / np.sqrt(2)
     half = mean * np.sinh(stats.t.ppf(0.975, 1) * error)
@@ -323,8 +300,7 @@ def test_few_pairs_are_saved_drawn_and_ready_for_export(two, tmp_path):
 def test_one_pair_has_no_error_and_equal_ones_none_that_they_tell():
     one = jc.calibrate(jc.read_recording(velocity=[2.0], restitution=[1.05]))
     assert repr(one).splitlines()[2] == "e = 1.05 at 2 m/s, from one pair"
-    assert "e is above 1 in a pair" in repr(one)
-    assert one.at[0].low is None
+    assert "e is above 1 in a pair" in repr(one) and one.at[0].low is None
     same = jc.calibrate(jc.read_recording(velocity=[2.0, 3.0], restitution=[0.8, 0.8]))
     assert "95 %" not in repr(same)
 
@@ -341,7 +317,7 @@ def test_one_pair_has_no_error_and_equal_ones_none_that_they_tell():
 )
 def test_known_errors_of_readings_give_that_of_few_pairs(monkeypatch, e, relative):
     """As of a sound, whose times have known errors."""
-    from jaxcontact._lab.calibration import calibrate as _calibrate
+    from jaxcontact.lab.calibration import calibrate as _calibrate
 
     made, n = _calibrate.make_pairs, len(e)
     shared = {"covariance": np.array([[4e-4, -1e-4], [-1e-4, 4e-4]])[:n, :n], "reading": 0.02}

@@ -6,6 +6,7 @@ import pytest
 import jaxcontact as jc
 
 CONTACT = jc.Contact(mass=0.0027, stiffness=2e5)
+START = jc.ExactRestitution(e=0.5), CONTACT
 
 
 def told_by(found):
@@ -22,21 +23,19 @@ def test_the_sizes_of_both_errors_are_those_of_the_data():
         times = np.cumsum([0, *(0.8 * np.cumprod([1, *ratios]))]) + 3e-4 * random.normal(size=11)
         first, second = [*first, *np.diff(times)[:-1]], [*second, *np.diff(times)[1:]]
     for how in ({}, {"loss": jc.Huber()}):
-        found = jc.fit_bounces(jc.ExactRestitution(e=0.5), CONTACT, first, second, **how)
+        found = jc.fit_bounces(*START, first, second, **how)
         assert found.converged and told_by(found) == pytest.approx((0.3, 0.4), rel=0.25)
 
 
 def test_one_trial_says_what_it_cannot_tell():
     random, triggers = np.random.default_rng(4), np.cumsum(0.8 * 0.9 ** np.arange(14))
     times = np.diff(triggers + 5e-4 * random.normal(size=14))
-    found = jc.fit_bounces(jc.ExactRestitution(e=0.5), CONTACT, times[:-1], times[1:])
+    found = jc.fit_bounces(*START, times[:-1], times[1:])
     low, high = found.interval()["law.e"]
     assert found.converged and low < 0.9 < high
     assert "standard errors exclude differences between trials" in str(found)
     # A user's statement about the errors is used.
-    known = jc.fit_bounces(
-        jc.ExactRestitution(e=0.5), CONTACT, times[:-1], times[1:], sigma=np.full(12, 0.01)
-    )
+    known = jc.fit_bounces(*START, times[:-1], times[1:], sigma=np.full(12, 0.01))
     assert known.notes == ()
 
 
@@ -55,9 +54,8 @@ def flights(wrong):
 
 
 def test_wrong_triggers_are_left_out():
-    law = jc.ExactRestitution(e=0.3)
     data = flights(0.1)
-    found = jc.fit_bounces(law, CONTACT, **data, loss=jc.Huber())
+    found = jc.fit_bounces(*START, **data, loss=jc.Huber())
     assert found.converged, found.reason
     left = int(found.notes[0].split(" of ")[0])
     spoilt = np.abs(data["second"] / data["first"] / 0.85 - 1) > 0.1
@@ -66,16 +64,16 @@ def test_wrong_triggers_are_left_out():
     low, high = found.interval()["law.e"]
     assert low < 0.85 < high and high - low < 2e-3
     # User weights count in addition to the marks.
-    given = jc.fit_bounces(law, CONTACT, **data, loss=jc.Huber(), weights=np.full(spoilt.size, 3.0))
+    given = jc.fit_bounces(*START, **data, loss=jc.Huber(), weights=np.full(spoilt.size, 3.0))
     assert float(given.params.law.e) == pytest.approx(float(found.params.law.e), abs=1e-6)
-    known = jc.fit_bounces(law, CONTACT, **data, loss=jc.Huber(), sigma=1e-3)
+    known = jc.fit_bounces(*START, **data, loss=jc.Huber(), sigma=1e-3)
     assert np.array_equal(np.isnan(known.residuals), np.isnan(found.residuals))
 
 
 def test_a_recording_of_wrong_triggers_cannot_be_used():
     how = {**flights(0.3), "loss": jc.Huber()}
     with pytest.raises(jc.NumericalError, match="the recording cannot be used"):
-        jc.fit_bounces(jc.ExactRestitution(e=0.3), CONTACT, **how)
-    found = jc.fit_bounces(jc.ExactRestitution(e=0.3), CONTACT, **how, throw=False)
+        jc.fit_bounces(*START, **how)
+    found = jc.fit_bounces(*START, **how, throw=False)
     assert not found.converged and "the recording cannot be used" in found.reason
     assert np.isnan(found.standard_errors["law.e"])

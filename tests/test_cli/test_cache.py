@@ -9,23 +9,18 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._cache import VARIABLE
-from jaxcontact._cli import keep_programs, main
+from jaxcontact.lab.cli import keep_programs, main
 
 EXAMPLE = "impact --law hu_guo --e 0.7 --mass 1 --stiffness 1.4e8 --velocity 4.2 --quiet".split()
 OWN = "jax_compilation_cache_dir"
 
 
-def command(folder):
-    """The example in a process of its own, without a store of JAX's; what it printed."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
-    environment |= {VARIABLE: str(folder)}
-    done = subprocess.run(
-        [sys.executable, "-m", "jaxcontact", *EXAMPLE],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+def printed_by(*words, **settings):
+    """What Python prints in a process of its own, without a store of JAX's."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX")}
+    environment |= settings
+    words = [sys.executable, *map(str, words)]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=300)
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout
 
@@ -35,14 +30,15 @@ def programs(folder):
 
 
 def test_programs_are_kept_and_damaged_ones_made_again(tmp_path):
-    first = command(tmp_path)
+    command = ("-m", "jaxcontact", *EXAMPLE)
+    first = printed_by(*command, **{VARIABLE: str(tmp_path)})
     kept = programs(tmp_path)
     assert kept
     # The largest, which needs the others, is damaged; they stay as they are.
     damaged = max(kept, key=lambda path: path.stat().st_size)
     damaged.write_bytes(b"damaged")
     del kept[damaged]
-    assert command(tmp_path) == first
+    assert printed_by(*command, **{VARIABLE: str(tmp_path)}) == first
     # A small program is kept only if its compilation takes a fiftieth of a second.
     assert kept.items() <= programs(tmp_path).items()
 
@@ -57,16 +53,15 @@ def no_store():
     jax.config.update("jax_persistent_cache_min_compile_time_secs", before[1])
 
 
-def test_nothing_is_kept_where_the_variable_is_empty(no_store, monkeypatch):
-    monkeypatch.setenv(VARIABLE, "")
+@pytest.mark.parametrize("folder", ["", "file"])
+def test_nothing_is_kept_where_the_variable_is_empty_or_no_folder(
+    no_store, monkeypatch, tmp_path, folder
+):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv(VARIABLE, folder and str(tmp_path / folder))
     keep_programs()
     assert getattr(jax.config, OWN) is None
-
-
-def test_what_cannot_be_written_is_no_error(no_store, monkeypatch, tmp_path):
-    (tmp_path / "file").touch()
-    monkeypatch.setenv(VARIABLE, str(tmp_path / "file"))
-    keep_programs()
+    assert folder or jc.cache() is None
     assert getattr(jax.config, OWN) is None
 
 
@@ -74,8 +69,7 @@ def test_a_store_of_jax_stays(no_store, monkeypatch, tmp_path):
     jax.config.update(OWN, str(tmp_path))
     monkeypatch.setenv(VARIABLE, str(tmp_path / "other"))
     keep_programs()
-    assert getattr(jax.config, OWN) == str(tmp_path)
-    assert not (tmp_path / "other").exists()
+    assert getattr(jax.config, OWN) == str(tmp_path) and not (tmp_path / "other").exists()
 
 
 def test_without_a_variable_the_users_folder_is_taken(no_store, monkeypatch, tmp_path):
@@ -100,35 +94,24 @@ events = []
 jax.monitoring.register_event_listener(lambda event, **_: events.append(event))
 import jaxcontact as jc
 folder = jc.cache(sys.argv[1])
-jc.impact(jc.HuGuo(e=0.7), jc.Contact(1.0, 1.4e8), 4.2, method="event")
+jc.impact(jc.HuGuo(e=0.7), jc.Contact(1.0, 1.4e8), 4.2)
 print(events.count({LOADED!r}), folder)
 """
 
 
-def library(folder):
-    """How many kept programs a process of a library user's loads, and where they are kept."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX")}
-    done = subprocess.run(
-        [sys.executable, "-c", LIBRARY, str(folder)],
-        env=environment | {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=True,
-    )
-    count, kept = done.stdout.split()
-    return int(count), kept
-
-
 def test_a_second_process_loads_what_the_first_kept(tmp_path):
-    loaded, kept = library(tmp_path)
-    assert loaded == 0
-    assert kept.startswith(str(tmp_path))
+    def library():
+        """How many kept programs a process of a library user's loads, and where they are kept."""
+        every = {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+        count, kept = printed_by("-c", LIBRARY, tmp_path, **every).split()
+        return int(count), kept
+
+    loaded, kept = library()
+    assert loaded == 0 and kept.startswith(str(tmp_path))
     made = programs(tmp_path)
     assert made
     # A program that compiles in less than a fiftieth of a second is kept by neither, or by one.
-    assert library(tmp_path)[0] == len(made)
-    assert programs(tmp_path).keys() >= made.keys()
+    assert library()[0] == len(made) and programs(tmp_path).keys() >= made.keys()
 
 
 def test_a_given_folder_wins_and_the_users_setting_stays(no_store, monkeypatch, tmp_path):
@@ -144,10 +127,4 @@ def test_a_folder_that_cannot_be_written_to_is_refused(no_store, tmp_path, folde
     (tmp_path / "file").touch()
     with pytest.raises(ValueError, match="Argument `folder` must be a folder that can be written"):
         jc.cache(tmp_path / folder if folder == "file" else folder)
-    assert getattr(jax.config, OWN) is None
-
-
-def test_nothing_is_kept_where_the_variable_is_empty_for_a_library_user(no_store, monkeypatch):
-    monkeypatch.setenv(VARIABLE, "")
-    assert jc.cache() is None
     assert getattr(jax.config, OWN) is None

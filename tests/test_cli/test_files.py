@@ -5,16 +5,17 @@ import os
 import pytest
 
 from jaxcontact import load_calibration, read_recording, read_scene
-from jaxcontact._cli.options import InputError, output_path
 from jaxcontact._text import files as _whole_files
 from jaxcontact._text.files import write_all
+from jaxcontact.lab.cli.options import InputError, output_path
 
 
 def test_all_are_written(tmp_path):
     contents = {tmp_path / "a" / "x": b"1", tmp_path / "y": b"2"}
-    write_all(contents)
+    write_all(contents | {tmp_path / "z": lambda file: file.write(b"12")})
     assert {path: path.read_bytes() for path in contents} == contents
-    assert {p.name for p in tmp_path.iterdir()} == {"a", "y"}
+    assert (tmp_path / "z").read_bytes() == b"12"
+    assert {p.name for p in tmp_path.iterdir()} == {"a", "y", "z"}
 
 
 def test_others_may_read_what_the_umask_lets_them(tmp_path):
@@ -43,11 +44,6 @@ def test_a_failure_while_renaming_leaves_no_scraps(tmp_path, monkeypatch):
     with pytest.raises(PermissionError):
         write_all({tmp_path / "x": b"1", tmp_path / "y": b"2"})
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_content_may_be_a_function_that_writes_it(tmp_path):
-    write_all({tmp_path / "x": lambda file: file.write(b"12")})
-    assert (tmp_path / "x").read_bytes() == b"12"
 
 
 @pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), KeyboardInterrupt()])

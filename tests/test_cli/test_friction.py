@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._cli import main
-from jaxcontact._lab.calibration.calibrate_friction import is_oblique, read_rebounds
+from jaxcontact.lab.calibration.calibrate_friction import is_oblique, read_rebounds
 
 SHIPPED = str(importlib.resources.files("jaxcontact.data") / "oblique_rebounds.csv")
 HEIGHTS = str(importlib.resources.files("jaxcontact.data") / "rebound_heights.csv")
@@ -31,38 +30,25 @@ def test_the_shipped_table():
 @pytest.mark.parametrize(
     "text",
     [
-        "angle of impact [deg], speed (m/s), v_t'/v_t, e\n30, 2, 0.7, 0.9\n",
-        "theta (rad), speed (cm/s), vt' (m/s), cor\n0.5235987755982988, 200, 0.7, 90 %\n",
+        "angle of impact [deg], speed (m/s), v_t'/v_t, e, ball\n30, 2, 0.7, 0.9, a\n",
+        "theta (rad), speed (cm/s), vt' (m/s), cor\n0.5235987755982988, 200, 0.7, 0.9\n",
         "v_n (m/s), v_t (m/s), et, e\n1.7320508075688772, 1, 0.7, 0.9\n",
         "speed, tangential speed, et, e\n2, 1, 0.7, 0.9\n",
         "angle (deg), vn, et, en\n30, 1.7320508075688772, 0.7, 0.9\n",
     ],
 )
 def test_headings_and_units(tmp_path, text):
-    table = read_rebounds(written(tmp_path, text.replace("90 %", "0.9")))
+    path = written(tmp_path, text)
+    assert is_oblique(path) and ("ball" not in text or is_oblique(path, columns="ball=5"))
+    table = read_rebounds(path)
     assert table.normal == pytest.approx([3**0.5]) and table.tangential == pytest.approx([1.0])
     assert table.outcomes == {"tangential_restitution": pytest.approx([0.7])}
     assert table.restitution == pytest.approx(0.9)
 
 
-@pytest.mark.parametrize("options", [[], ["--ball", "all"], ["--columns", "ball=ball"]])
-def test_a_table_of_several_balls_is_oblique(options, tmp_path, capsys):
-    """With a ball chosen it was read as a table of e(v)."""
-    text = "angle (deg),speed,et,e,ball\n30,2,0.7,0.9,a\n40,2,0.7,0.9,b\n"
-    path = written(tmp_path, text)
-    assert is_oblique(path) and is_oblique(path, columns="ball=5")
-    assert main(["calibrate", path, *options, "--out", str(tmp_path / "o")]) == 2
-    said = capsys.readouterr().err
-    assert ("has no ball 'all'" if "all" in options else "choose one with --ball") in said
-    assert "--ball all" not in said and not (tmp_path / "o").exists()
-    assert main(["calibrate", path, "--ball", "a", "--law", "exact"]) == 2
-    assert "--law does not apply to oblique impacts" in capsys.readouterr().err
-
-
 def test_spins_and_angles_after(tmp_path):
-    table = read_rebounds(
-        written(tmp_path, "angle (deg),speed,rebound angle (deg),spin (rpm)\n30,2,20,60\n40,2,,\n")
-    )
+    text = "angle (deg),speed,rebound angle (deg),spin (rpm)\n30,2,20,60\n40,2,,\n"
+    table = read_rebounds(written(tmp_path, text))
     assert table.outcomes["rebound_angle"][0] == pytest.approx(np.radians(20))
     assert table.outcomes["rebound_spin"][0] == pytest.approx(2 * np.pi)
     assert np.isnan(table.outcomes["rebound_spin"][1])
@@ -81,25 +67,6 @@ def test_spins_and_angles_after(tmp_path):
 def test_tables_that_say_too_little(tmp_path, text, message):
     with pytest.raises(jc.RecordingError, match=message):
         read_rebounds(written(tmp_path, text))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ([], "--restitution must be given"),
-        (["--restitution", "1"], "--radius must be given in m"),
-        (["--restitution", "1", "--at", "3"], "--at does not apply to oblique impacts"),
-        (["--restitution", "2", "--radius", "0.0025"], "--restitution must be"),
-    ],
-)
-def test_options_of_the_command(tmp_path, capsys, options, message):
-    assert main(["calibrate", SHIPPED, *options, "--out", str(tmp_path)]) == 2
-    assert message in capsys.readouterr().err and not list(tmp_path.iterdir())
-
-
-def test_options_of_oblique_impacts_beside_others(capsys):
-    assert main(["calibrate", HEIGHTS, "--restitution", "1"]) == 2
-    assert "--restitution is for oblique impacts only" in capsys.readouterr().err
 
 
 def test_a_result_prints_mu_first_and_writes_its_numbers():

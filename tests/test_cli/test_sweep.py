@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._cli import main
-from jaxcontact._cli.commands.sweep import span
-from jaxcontact._cli.options import assignment
+from jaxcontact.lab.cli import main
+from jaxcontact.lab.cli.commands.sweep import span
+from jaxcontact.lab.cli.options import assignment
 
 SAME = 1e-15
 """The same impacts in other batches: measured 2e-16."""
@@ -50,16 +50,13 @@ def test_csv(tmp_path, capsys):
     with open(out, newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 15 and list(rows[0])[:3] == ["e", "velocity", "restitution"]
-    contact = jc.Contact(2.0, 1e8)
-    for row in rows:
-        e, velocity = float(row["e"]), float(row["velocity"])
-        if e > 1:
-            assert row["status"] == "INVALID_INPUT" and row["duration"] == "nan"
-            continue
-        hit = jc.impact(jc.HuGuo(e=e), contact, velocity)
-        assert row["status"] == "SEPARATED"
-        np.testing.assert_allclose(float(row["duration"]), hit.duration, rtol=SAME)
-        np.testing.assert_allclose(float(row["max_force"]), hit.max_force, rtol=SAME)
+    good = [row for row in rows if float(row["e"]) <= 1]
+    bad = {(row["status"], row["duration"]) for row in rows if row not in good}
+    assert {row["status"] for row in good} == {"SEPARATED"} and bad == {("INVALID_INPUT", "nan")}
+    columns = {name: np.array([float(row[name]) for row in good]) for name in [*rows[0]][:-1]}
+    hit = jc.impact(jc.HuGuo(e=columns["e"]), jc.Contact(2.0, 1e8), columns["velocity"])
+    for name in ("duration", "max_force"):
+        np.testing.assert_allclose(columns[name], getattr(hit, name), rtol=SAME)
     text = capsys.readouterr()
     assert text.out.startswith("Sweep of hu_guo: e 5 × velocity 3, 15 lanes")
     assert "12 separated, 3 invalid_input" in text.out
@@ -73,10 +70,8 @@ def test_netcdf_and_map(tmp_path, capsys):
     assert main([*line.split(), "--out", str(out), "--plot", str(plot)]) == 0
     assert "compiling and solving 24 impacts" in capsys.readouterr().err
     with xarray.open_dataset(out, engine="scipy") as data:
-        assert data.duration.dims == ("e", "velocity")
-        assert data.duration.attrs["units"] == "s"
-        assert data.attrs["function"] == "hu_guo"
-        assert float(data.mass) == 1.0
+        assert data.duration.dims == ("e", "velocity") and data.duration.attrs["units"] == "s"
+        assert data.attrs["function"] == "hu_guo" and float(data.mass) == 1.0
     # As stated in the help: 6.4 in by 4.4 in, at 200 pixels an inch.
     assert plot.read_bytes()[:24] == b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(
         ">2I", 1280, 880
@@ -95,33 +90,9 @@ def test_other_parameters(tmp_path, capsys):
     assert rows[0].startswith("c,restitution") and len(rows) == 3
 
 
-LAW = ("--law=hu_guo", "--e=0.3:0.9:3")
-BAD = {
-    "law": (("--law=nonsense", "--e=.5"), "not a law; the laws are"),
-    "parameter": (("--law=hu_guo",), "hu_guo also needs --e E"),
-    "alone": (("--law=hu_guo", "--e=1.5"), r"e must be in (0, 1], but is 1.5"),
-    "mass": ((*LAW, "--mass=-1"), "mass must be in (0, inf), but is -1"),
-    "speed": ((*LAW, "--velocity=0"), "velocity must be in"),
-    "suffix": ((*LAW, "--out=a.txt"), "must end in .nc or .csv"),
-    "plot": ((*LAW, "--plot=a.doc"), "must end in .png, .pdf or .svg"),
-    "no range": (("--law=hu_guo", "--e=.5", "--plot=a.png"), "one or two ranges, but there are 0"),
-    "field": ((*LAW, "--plot=a.png", "--field=x"), "'x' is not one of restitution, "),
-}
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_bad_input_is_refused(case, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    options, message = BAD[case]
-    assert main(["sweep", "--quiet", "--out=a.csv", *options]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("error: ") and message in error
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_netcdf_without_xarray(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert main(["sweep", *LAW, "--quiet", f"--out={tmp_path}/a.nc"]) == 2
+    assert main(["sweep", "--law=hu_guo", "--e=.5", "--quiet", f"--out={tmp_path}/a.nc"]) == 2
     assert "needs xarray (pip install 'jaxcontact[data]')" in capsys.readouterr().err
 
 

@@ -7,8 +7,8 @@ import jax
 import pytest
 
 from docs.run_code import DOCS, digits, pages, run
-from jaxcontact._cli import _parser, main
 from jaxcontact._laws import registry as _registry
+from jaxcontact.lab.cli import _parser, main
 
 # Pages whose code is run elsewhere: one has its own test, one is run by the script of its plots.
 ELSEWHERE = {"sweeps.md": "tests/test_sweep/test_store.py", "plots.md": "docs/plots.py"}

@@ -11,8 +11,8 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
 import jaxcontact as jc
-from jaxcontact._cli import main
-from jaxcontact._explore import GRIDS, page
+from jaxcontact.lab.cli import main
+from jaxcontact.lab.explore import GRIDS, page
 
 E, N, ALPHA = 0.37, 1.85, 2.35
 MASS, STIFFNESS, SPEED = 0.03, 2.5e7, 1.7

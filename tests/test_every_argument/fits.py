@@ -7,17 +7,7 @@ import numpy as np
 import jaxcontact as jc
 from jaxcontact._fit import Bootstrap
 from jaxcontact._fit.uncertainty.profile import Profile
-from tests.test_every_argument.case import COUNT, NOTHING, PROGRESS, SEED, SWITCH, Case, V
-from tests.test_every_argument.kinds import (
-    ARRAYS,
-    CALLABLE,
-    FLAG,
-    INSIDE,
-    NONE,
-    POSITIVE,
-    REAL,
-    REALS,
-)
+from tests.test_every_argument.case import V, case, method
 
 
 def _line(params, x):
@@ -39,136 +29,110 @@ def _proportional(params, x):
     return params["a"] * x
 
 
-# With one parameter, which a single point determines.
-FIT = {"data": V, "start": {"a": 1.0}, "x": V, "predict": _proportional}
-
-
+TREES = "dict of numbers or ragged or law or contact or material"
+# JAX integer arrays stay unchanged, and nothing remains to be fitted.
+START = f"REAL or ARRAYS or {TREES} but jax whole or empty list or range or shape (0,) or with nan"
+# Any tree of arrays that the prediction accepts.
+X = f"REALS or None or FLAG or {TREES} or dict or list of None or complex or numpy complex"
+X += " or array of complex or jax complex or jax flags or nan or inf or -inf or array of flags"
 # Of three balls with one point.
 MANY = {"data": np.ones((3, 1)), "start": {"a": 1.0}, "predict": _proportional}
-OF_THREE = frozenset({"range", "with nan", "Series", "DataFrame"})
-NAMES = OF_THREE | {"tuple", "Series of text"}
-NAMES |= {f"array of {what}" for what in ("text", "flags", "dates", "long doubles")} | {"jax flags"}
-NO_LEAVES = NONE | {"dict", "empty list", "list of None"}
-FIT_START = (
-    REAL - {"jax whole"}
-    | ARRAYS - {"empty list", "range", "shape (0,)", "with nan"}
-    | {"dict of numbers", "ragged", "law", "contact", "material"}
-)
+OF_THREE = "range or with nan or Series or DataFrame"
+BALLS = "None or range or Series or DataFrame or tuple or Series of text or jax flags or "
+BALLS += " or ".join(f"array of {what}" for what in ("text", "flags", "dates", "long doubles"))
 
 
 @functools.cache
-def cases() -> dict[str, Case]:
+def cases():
     fitted = a_fit()
-    return {
-        "fit": Case(
-            jc.fit,
-            FIT,
+    profile = Profile("a", 1.0, V, V, V - 1.75, 4, False)
+    return [
+        # With one parameter, which a single point determines.
+        case(
+            "fit",
             {
-                "predict": CALLABLE,
+                "CALLABLE": "predict",
                 # Any tree of numbers, which the prediction must match.
-                "data": REALS - {"empty list", "shape (0,)", "with nan"}
-                | {"dict of numbers", "ragged", "law", "contact", "material"},
-                # JAX integer arrays stay unchanged, and nothing remains to be fitted.
-                "start": FIT_START,
-                # Any tree of arrays that the prediction accepts.
-                "x": REALS
-                | NONE
-                | FLAG
-                | {"dict", "dict of numbers", "ragged", "list of None"}
-                | {"complex", "numpy complex", "array of complex", "jax complex", "jax flags"}
-                | {"nan", "inf", "-inf", "array of flags", "jax key", "law", "contact", "material"},
-                "sigma": POSITIVE | NONE,
-                "weights": POSITIVE | NONE,
-                "groups": NONE,
-                "correlation": NONE,
-                "transforms": NONE | {"dict"},
-                "loss": NOTHING,
-                "noise": NOTHING,
-                "optimizer": NOTHING,
-                "starts": COUNT,
-                "spread": POSITIVE,
-                "seed": SEED,
-                "max_steps": COUNT | NONE,
-                "patience": COUNT,
-                "rtol": POSITIVE,
-                "reverse": SWITCH,
-                "throw": SWITCH,
-                "progress": PROGRESS | NONE,
+                f"REALS or {TREES} but empty list or shape (0,) or with nan": "data",
+                START: "start",
+                f"{X} or jax key": "x",
+                "POSITIVE or None": "sigma weights",
+                "None": "groups correlation",
+                "None or dict": "transforms",
+                "NOTHING": "loss noise optimizer",
+                "WHOLE": "starts patience",
+                "POSITIVE": "spread rtol",
+                "SEED": "seed",
+                "WHOLE or None": "max_steps",
+                "FLAG": "reverse throw",
+                "PROGRESS or None": "progress",
             },
+            **{"data": V, "start": {"a": 1.0}, "x": V, "predict": _proportional},
         ),
-        "fit_many": Case(
-            jc.fit_many,
-            MANY,
+        case(
+            "fit_many",
             {
-                "predict": CALLABLE,
-                "data": frozenset({"shape (2, 3)", "DataFrame"}),
-                "start": FIT_START,
-                "balls": (NAMES - {"with nan"}) | NONE,
-                "x": OF_THREE | NO_LEAVES | {"array of flags", "array of complex", "jax flags"},
-                "sigma": POSITIVE | NONE | {"shape (1,)", "jax shape (1,)", "DataFrame"},
-                "weights": POSITIVE | NONE | {"shape (1,)", "jax shape (1,)", "DataFrame"},
-                "transforms": NONE | {"dict"},
-                "own_start": FLAG,
-                "loss": NOTHING,
-                "max_steps": COUNT | NONE,
-                "rtol": POSITIVE,
-                "reverse": SWITCH,
-                "batch_size": COUNT | NONE,
-                "progress": PROGRESS | NONE,
+                "CALLABLE": "predict",
+                "shape (2, 3) or DataFrame": "data",
+                START: "start",
+                BALLS: "balls",
+                f"{OF_THREE} or None or dict or empty list or list of None or array of flags"
+                " or array of complex or jax flags": "x",
+                "POSITIVE or None or ONE or DataFrame": "sigma weights",
+                "None or dict": "transforms",
+                "FLAG": "own_start reverse",
+                "NOTHING": "loss",
+                "WHOLE or None": "max_steps batch_size",
+                "POSITIVE": "rtol",
+                "PROGRESS or None": "progress",
             },
+            **MANY,
         ),
-        "Huber": Case(jc.Huber, {}, {"threshold": POSITIVE}),
-        "Between": Case(jc.Between, {"low": -5.0, "high": 10.0}, {"low": REAL, "high": REAL}),
-        "Fit.predict": Case(fitted.predict, {}, {"x": REALS | NONE}),
-        "Fit.predict_with_error": Case(fitted.predict_with_error, {}, {"x": REALS | NONE}),
-        "Fit.linearised": Case(fitted.linearised, {}, {"x": REALS | NONE}),
-        "Fit.bootstrap": Case(fitted.bootstrap, {}, {"draws": COUNT, "seed": SEED}),
-        "Fit.profile": Case(
-            fitted.profile,
-            {"name": "a"},
+        case("Huber", {"POSITIVE": "threshold"}),
+        case("Between", {"REAL": "low high"}, low=-5.0, high=10.0),
+        *(
+            method(fitted, name, {"REALS or None": "x"})
+            for name in ("predict", "predict_with_error", "linearised")
+        ),
+        method(fitted, "bootstrap", {"WHOLE": "draws", "SEED": "seed"}),
+        method(
+            fitted,
+            "profile",
             {
-                "name": NOTHING,
-                "values": REALS - {"with nan", "empty list", "shape (0,)"} | NONE,
-                "points": COUNT,
-                "span": POSITIVE,
+                "NOTHING": "name",
+                "REALS or None but with nan or empty list or shape (0,)": "values",
+                "WHOLE": "points",
+                "POSITIVE": "span",
             },
+            name="a",
         ),
-        "Fit.interval": Case(fitted.interval, {}, {"level": INSIDE}),
-        "Fit.confidence_band": Case(
-            fitted.confidence_band, {}, {"x": REALS | NONE, "level": INSIDE}
+        method(fitted, "interval", {"INSIDE": "level"}),
+        method(fitted, "confidence_band", {"REALS or None": "x", "INSIDE": "level"}),
+        method(
+            fitted,
+            "prediction_band",
+            {"REALS or None": "x", "INSIDE": "level", "POSITIVE or None": "sigma"},
+            x=V,
         ),
-        "Fit.prediction_band": Case(
-            fitted.prediction_band,
-            {"x": V},
-            {"x": REALS | NONE, "level": INSIDE, "sigma": POSITIVE | NONE},
+        method(
+            Bootstrap(("a",), np.ones((3, 1)), np.ones(3, bool)), "interval", {"INSIDE": "level"}
         ),
-        "Bootstrap.interval": Case(
-            Bootstrap(("a",), np.ones((3, 1)), np.ones(3, bool)).interval, {}, {"level": INSIDE}
-        ),
-        "Profile.interval": Case(
-            Profile("a", 1.0, V, V, V - 1.75, 4, False).interval, {}, {"level": INSIDE}
-        ),
-        "Profile.quantile": Case(
-            Profile("a", 1.0, V, V, V - 1.75, 4, False).quantile, {}, {"level": INSIDE}
-        ),
-        "posterior": Case(
-            jc.posterior,
-            {"fit": fitted},
+        method(profile, "interval", {"INSIDE": "level"}),
+        method(profile, "quantile", {"INSIDE": "level"}),
+        case(
+            "posterior",
             {
-                "fit": NOTHING,
-                "draws": COUNT,
-                "chains": COUNT,
-                "warmup": COUNT,
-                "prior": NONE | {"dict", "function"},
-                "seed": SEED,
+                "NOTHING": "fit",
+                "WHOLE": "draws chains warmup",
+                "None or dict or function": "prior",
+                "SEED": "seed",
             },
+            fit=fitted,
         ),
-        "Posterior.interval": Case(
-            a_posterior().interval, {"name": "a"}, {"name": NOTHING, "level": INSIDE}
+        method(a_posterior(), "interval", {"NOTHING": "name", "INSIDE": "level"}, name="a"),
+        case(
+            "compare_fits",
+            {"NOTHING": "fits", "WHOLE": "folds", "None": "groups", "SEED": "seed"},
+            fits={"one": fitted, "two": fitted},
         ),
-        "compare_fits": Case(
-            jc.compare_fits,
-            {"fits": {"one": fitted, "two": fitted}},
-            {"fits": NOTHING, "folds": COUNT, "groups": NONE, "seed": SEED},
-        ),
-    }
+    ]

@@ -1,82 +1,100 @@
-"""Friction laws and oblique impacts."""
+"""Friction laws, oblique impacts, and friction laws from measured ones."""
+
+import importlib.resources
 
 import jaxcontact as jc
-from tests.test_every_argument.case import CONTACTS, LAWS, METHODS, NOTHING, SWITCH, UNSOLVED, Case
-from tests.test_every_argument.kinds import (
-    ARRAYS,
-    CONTACT,
-    JAX_SCALARS,
-    NONE,
-    POSITIVES,
-    REALS,
-    WHOLE,
-    E,
-)
+from tests.test_every_argument.case import OUT, V, case
+from tests.test_every_argument.kinds import LAW
 
-NOT_NEGATIVE = POSITIVES | {"zero"}
-OBLIQUE = {
-    "law": UNSOLVED,
-    "contact": CONTACT,
-    "velocity": 1.0,
-    "tangential_velocity": 1.0,
-    "friction": jc.RigidCoulomb(mu=0.1),
-}
-OBLIQUE_LEGAL = {
-    "law": LAWS,
-    "contact": CONTACTS,
-    "velocity": POSITIVES,
-    "tangential_velocity": REALS,
-    "friction": NOTHING,
-    "bodies": NONE,
-    "spin": NOTHING,
-    "method": METHODS,
-}
+OBLIQUE = {"law": "law", "contact": "contact", "POSITIVES": "velocity"}
+OBLIQUE |= {"REALS": "tangential_velocity", "NOTHING": "friction spin method", "None": "bodies"}
+FRICTION = jc.RigidCoulomb(0.2)
+TWO = {"one": FRICTION, "two": jc.WaltonFriction(0.2, 0.1)}
+BODIES = jc.RoundBodies(1.0)
+TABLE = str(importlib.resources.files("jaxcontact.data") / "oblique_rebounds.csv")
+SPEEDS = {"law": LAW, "velocity": V, "tangential_velocity": V}
+MEASURED = ("tangential_restitution", "rebound_angle", "rebound_spin")
+STAGES = "FLAG or None or function"
+
+
+def fitted(name, friction, nothing="", absent=""):
+    """The cases of a function that takes measured rebounds."""
+    given = SPEEDS | {"friction": friction}
+    legal = {
+        "law": "law",
+        "contact": "contact",
+        "NOTHING": f"velocity tangential_velocity bodies {nothing}",
+        "None": f"{' '.join(MEASURED)} {absent}",
+    }
+    return [
+        case(name, legal, **given, **dict.fromkeys(MEASURED, OUT), bodies=BODIES),
+        case(f"{name}, of a shape", {"None": "bodies"}, **given, rebound_angle=OUT),
+        *(
+            case(
+                f"{name}, known errors of {one}",
+                {"POSITIVE or None": f"sigma_{one}"},
+                **given | {one: OUT, "bodies": BODIES},
+            )
+            for one in MEASURED
+        ),
+    ]
 
 
 def cases():
-    return {
-        "RigidCoulomb": Case(jc.RigidCoulomb, {"mu": 0.1}, {"mu": NOT_NEGATIVE}),
-        "WaltonFriction": Case(
-            jc.WaltonFriction,
-            {"mu": 0.1, "beta0": 0.4},
-            {"mu": NOT_NEGATIVE, "beta0": E | {"zero", "minus one"}},
+    return [
+        case("RigidCoulomb", {"POSITIVES or zero": "mu"}),
+        case(
+            "WaltonFriction",
+            {"POSITIVES or zero": "mu", "E or zero or minus one": "beta0"},
+            beta0=0.4,
         ),
-        "RegularizedCoulomb": Case(
-            jc.RegularizedCoulomb, {"mu": 0.1, "v_d": 0.01}, {"mu": NOT_NEGATIVE, "v_d": POSITIVES}
+        case("RegularizedCoulomb", {"POSITIVES or zero": "mu", "POSITIVES": "v_d"}, v_d=0.01),
+        case(
+            "SpringSlider",
+            {"POSITIVES or zero": "mu", "POSITIVES or None": "ratio", "NOTHING": "form"},
         ),
-        "SpringSlider": Case(
-            jc.SpringSlider,
-            {"mu": 0.1},
-            {"mu": NOT_NEGATIVE, "ratio": POSITIVES | NONE, "form": NOTHING},
-        ),
-        "MawBarberFawcett": Case(
-            jc.MawBarberFawcett, {"mu": 0.1}, {"mu": NOT_NEGATIVE, "ratio": POSITIVES | NONE}
-        ),
-        "RoundBodies": Case(
-            jc.RoundBodies,
-            {"radius": 0.1, "other_radius": 0.1},
+        case("MawBarberFawcett", {"POSITIVES or zero": "mu", "POSITIVES or None": "ratio"}),
+        case(
+            "RoundBodies",
             {
-                "radius": POSITIVES,
-                "other_radius": POSITIVES | NONE,
-                "mass": POSITIVES | NONE,
-                "other_mass": POSITIVES | NONE,
-                "inertia": POSITIVES | NONE,
-                "other_inertia": POSITIVES | NONE,
-                "shape": NOTHING,
+                "POSITIVES": "radius",
+                "POSITIVES or None": "other_radius mass other_mass inertia other_inertia",
+                "NOTHING": "shape",
             },
+            other_radius=0.1,
         ),
-        "tangential_rebound": Case(
-            jc.tangential_rebound,
-            {"psi1": 1.0, "chi": 1.4},
+        case(
+            "tangential_rebound",
+            {"REALS": "psi1", "EXPONENT": "chi", "E or zero": "alpha"},
+            psi1=1.0,
+            chi=1.4,
+        ),
+        case("oblique_impact", OBLIQUE | {"FLAG": "throw"}),
+        case("oblique_trajectory", OBLIQUE | {"WHOLE": "samples"}),
+        *fitted("fit_oblique", FRICTION, nothing="friction"),
+        *fitted("choose_friction", TWO, absent="friction"),
+        case(
+            "choose_friction, stages",
+            {STAGES: "progress"},
+            untested="class or law class",
+            **SPEEDS,
+            tangential_restitution=OUT,
+            friction=TWO,
+        ),
+        case(
+            "calibrate_friction",
             {
-                "psi1": REALS,
-                "chi": ARRAYS | JAX_SCALARS | {"one and a half"},
-                "alpha": E | {"zero"},
+                "NOTHING": "source shape",
+                "INSIDE": "restitution",
+                "POSITIVES or None": "tangential_ratio",
+                "POSITIVES": "radius",
+                "None": "friction columns decimal ball sheet",
+                STAGES: "progress",
             },
-            staged=True,
+            untested="TEXT or class or law class",
+            source=TABLE,
+            restitution=0.5,
+            radius=1.0,
+            friction=TWO,
         ),
-        "oblique_impact": Case(jc.oblique_impact, OBLIQUE, OBLIQUE_LEGAL | {"throw": SWITCH}),
-        "oblique_trajectory": Case(
-            jc.oblique_trajectory, OBLIQUE, OBLIQUE_LEGAL | {"samples": WHOLE}
-        ),
-    }
+    ]

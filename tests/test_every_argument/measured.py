@@ -5,48 +5,20 @@ import functools
 import types
 
 import jaxcontact as jc
-from tests.test_every_argument.case import (
-    COLUMN,
-    CONTACTS,
-    COUNT,
-    EMPTY,
-    LAWS,
-    METHODS,
-    NOTHING,
-    NUMBERS_3,
-    OUT,
-    SEED,
-    SWITCH,
-    TRACK,
-    Case,
-    V,
-    blank,
-    reached,
-)
+from tests.test_every_argument.case import OUT, RECORD, TRACK, V, blank, case, method, reached
 from tests.test_every_argument.fits import a_fit
-from tests.test_every_argument.kinds import (
-    CONTACT,
-    FLAG,
-    INSIDE,
-    LAW,
-    NONE,
-    POSITIVE,
-    POSITIVES,
-    REAL,
-    TEXT,
-    E,
-)
+from tests.test_every_argument.kinds import CONTACT, LAW
 
-DESIGNED = {"e": 0.1, "duration": 0.1, "max_force": 0.1}
 MEASURED = jc.read_recording(velocity=V, restitution=OUT)
-RECORD = [*[0.0] * 30, *(k * (30 - k) for k in range(30)), *[0.0] * 30]
-LIST_OF_NUMBERS = frozenset({"tuple", "list of text", "shape (1,)", "jax shape (1,)", "Series"})
-"""Text may be a number there, as it is in a file."""
-AT = frozenset({"shape (1,)", "jax shape (1,)", "shape (0,)", "empty list"})
-HOW = {"contact": CONTACT, "velocity": V, "e": OUT}
-CLASSES = frozenset({"class", "law class"})
-"""They are functions, which are called with a stage here."""
-RECORDED = {"velocity": V, "restitution": OUT}
+BOTH = {"law": "law", "contact": "contact"}
+IMPACTS = {"law": LAW, "velocity": V}
+RECORDED = {"law": LAW, "time": V}
+HOW = {"velocity": V, "e": OUT}
+COLUMN = "Series or ONE"
+SPEEDS = "tuple or Series or ONE"
+STAGES = "FLAG or None or function"
+# Other functions are called with a stage.
+CLASSES = "class or law class"
 
 
 def _choice():
@@ -63,237 +35,181 @@ def _choice():
 
 
 @functools.cache
-def cases() -> dict[str, Case]:
-    return {
-        "fit_damping": Case(
-            jc.fit_damping,
-            HOW,
+def cases():
+    choice = _choice()
+    return [
+        case(
+            "fit_damping",
             {
-                "contact": CONTACTS,
-                "velocity": COLUMN,
-                "e": COLUMN,
-                "power": SWITCH,
-                "method": METHODS,
-                "sigma": POSITIVE | NONE,
+                "contact": "contact",
+                "NOTHING": "velocity e method",
+                "FLAG": "power",
+                "POSITIVE or None": "sigma",
+            },
+            **HOW,
+        ),
+        case(
+            "fit_energy_loss",
+            {
+                COLUMN: "e_in",
+                "None": "e_out",
+                "SEED or None": "degree",
+                "contact or None": "contact",
+                "NOTHING": "method",
             },
         ),
-        "fit_energy_loss": Case(
-            jc.fit_energy_loss,
-            {"e_in": OUT},
-            {
-                "e_in": NUMBERS_3 & {"Series"} | {"shape (1,)", "jax shape (1,)"},
-                "e_out": NONE,
-                "degree": SEED | NONE,
-                "contact": CONTACTS | NONE,
-                "method": METHODS,
+        case(
+            "learn_law",
+            {COLUMN: "e_in", "None": "e_out", "NOTHING": "shape method"}
+            | {"contact or None": "contact"},
+        ),
+        case(
+            "fit_impacts",
+            BOTH | {"NOTHING": "velocity method", "None": "e duration", "empty list": "fixed"},
+            **IMPACTS | {"e": OUT, "duration": OUT},
+        ),
+        case("fit_impacts, one column", {"POSITIVE or None": "sigma_e"}, **IMPACTS, e=OUT),
+        case(
+            "fit_impacts, the other column",
+            {"POSITIVE or None": "sigma_duration"},
+            **IMPACTS,
+            duration=OUT,
+        ),
+        case(
+            "fit_impacts, peak forces",
+            {"POSITIVE or None": "sigma_max_force", "NOTHING": "max_force"},
+            **IMPACTS,
+            max_force=OUT,
+        ),
+        case(
+            "design",
+            BOTH
+            | {
+                "NOTHING": "sigma method",
+                SPEEDS: "candidates",
+                "WHOLE": "readings",
+                "law": "law goal",
+                "empty list": "fixed",
+            },
+            **{
+                "law": LAW,
+                "sigma": {"e": 0.1, "duration": 0.1, "max_force": 0.1},
+                "candidates": V[:3],
             },
         ),
-        "learn_law": Case(
-            jc.learn_law,
-            {"e_in": OUT},
-            {
-                "e_in": NUMBERS_3 & {"Series"} | {"shape (1,)", "jax shape (1,)"},
-                "e_out": NONE,
-                "shape": NOTHING,
-                "contact": CONTACTS | NONE,
-                "method": METHODS,
+        method(
+            jc.Design(V, ("e",) * len(V), noncentrality=1.0),
+            "readings_for",
+            {"POSITIVE": "noncentrality"},
+        ),
+        case(
+            "fit_bounces",
+            BOTH
+            | {
+                "NOTHING": "first second kind method",
+                "POSITIVE": "gravity",
+                "None": "drag",
+                "empty list": "fixed",
             },
+            **{"law": LAW, "first": V, "second": OUT},
         ),
-        "fit_impacts": Case(
-            jc.fit_impacts,
-            {"law": LAW, "contact": CONTACT, "velocity": V, "e": OUT, "duration": OUT},
-            {
-                "law": LAWS,
-                "contact": CONTACTS,
-                "velocity": COLUMN,
-                "e": NONE,
-                "duration": NONE,
-                "fixed": EMPTY,
-                "method": METHODS,
+        case(
+            "fit_record",
+            BOTH
+            | {
+                "NOTHING": "time force",
+                "POSITIVE": "velocity",
+                "None": "indentation low_pass_force",
+                "POSITIVE or None": "sigma_force",
+                "REAL or None": "start_time",
+                "empty list": "fixed",
             },
+            **RECORDED,
+            force=OUT,
         ),
-        "fit_impacts, one column": Case(
-            jc.fit_impacts,
-            {"law": LAW, "contact": CONTACT, "velocity": V, "e": OUT},
-            {"sigma_e": POSITIVE | NONE},
+        case(
+            "fit_record, indentation",
+            {"POSITIVE or None": "sigma_indentation", "None": "low_pass_indentation"},
+            **RECORDED,
+            indentation=OUT,
         ),
-        "fit_impacts, the other column": Case(
-            jc.fit_impacts,
-            {"law": LAW, "contact": CONTACT, "velocity": V, "duration": OUT},
-            {"sigma_duration": POSITIVE | NONE},
-        ),
-        "fit_impacts, peak forces": Case(
-            jc.fit_impacts,
-            {"law": LAW, "contact": CONTACT, "velocity": V, "max_force": OUT},
-            {"sigma_max_force": POSITIVE | NONE, "max_force": NOTHING},
-        ),
-        "design": Case(
-            jc.design,
-            {"law": LAW, "contact": CONTACT, "sigma": DESIGNED, "candidates": V},
+        case("LowPass", {"POSITIVES": "cutoff", "WHOLE": "order"}, cutoff=100.0),
+        case(
+            "fit_velocity_profile",
             {
-                "law": LAWS,
-                "contact": CONTACTS,
-                "sigma": NOTHING,
-                "candidates": NUMBERS_3 - {"range"} | {"shape (1,)", "jax shape (1,)"},
-                "readings": COUNT,
-                "goal": {"law"},
-                "fixed": EMPTY,
-                "method": METHODS,
+                "NOTHING": "indentation velocity",
+                "None": "weights",
+                "FLAG": "squared",
+                "POSITIVE": "start",
             },
+            indentation=V - V[0],
+            velocity=V[::-1] - V[0],
         ),
-        "Design.readings_for": Case(
-            jc.Design(V, ("e",) * len(V), noncentrality=1.0).readings_for,
-            {},
-            {"noncentrality": POSITIVE},
-        ),
-        "fit_bounces": Case(
-            jc.fit_bounces,
-            {"law": LAW, "contact": CONTACT, "first": V, "second": OUT},
+        case(
+            "choose_law",
             {
-                "law": LAWS,
-                "contact": CONTACTS,
-                "first": COLUMN,
-                "second": COLUMN,
-                "kind": NOTHING,
-                "gravity": POSITIVE,
-                "drag": NONE,
-                "fixed": EMPTY,
-                "method": METHODS,
+                "contact": "contact",
+                "NOTHING": "velocity e laws",
+                "POSITIVE or None": "sigma weights",
+                "None": "groups duration max_force sigma_duration sigma_max_force",
+                "FLAG": "mark_outliers",
             },
+            **HOW,
         ),
-        "fit_record": Case(
-            jc.fit_record,
-            {"law": LAW, "contact": CONTACT, "time": V, "velocity": 1.0, "force": OUT},
+        case("choose_law, stages", {STAGES: "progress"}, untested=CLASSES, **HOW),
+        case(
+            "choose_law, contact times",
+            {"None": "duration max_force"},
+            **HOW,
+            duration=OUT,
+            max_force=OUT,
+        ),
+        case(
+            "choose_law, contact times with known noise",
+            {"POSITIVE": "sigma sigma_duration"},
+            **HOW | {"duration": OUT, "sigma": 0.1, "sigma_duration": 0.1},
+        ),
+        *(method(choice, name, {"None": "kind"}) for name in ("law", "contact_of")),
+        method(choice, "law_fit", {"NOTHING": "kind"}),
+        method(choice, "curve", {"NOTHING": "kind", SPEEDS: "speeds"}, kind="constant e", speeds=V),
+        case(
+            "calibrate",
             {
-                "law": LAWS,
-                "contact": CONTACTS,
-                "time": COLUMN,
-                "velocity": POSITIVE,
-                "force": NOTHING,
-                "indentation": NONE,
-                "sigma_force": POSITIVE | NONE,
-                "low_pass_force": NONE,
-                "start_time": REAL | NONE,
-                "fixed": EMPTY,
-            },
-        ),
-        "fit_record, indentation": Case(
-            jc.fit_record,
-            {"law": LAW, "contact": CONTACT, "time": V, "velocity": 1.0, "indentation": OUT},
-            {"sigma_indentation": POSITIVE | NONE, "low_pass_indentation": NONE},
-        ),
-        "LowPass": Case(jc.LowPass, {"cutoff": 100.0}, {"cutoff": POSITIVES, "order": COUNT}),
-        "fit_velocity_profile": Case(
-            jc.fit_velocity_profile,
-            {"indentation": V - V[0], "velocity": V[::-1] - V[0]},
-            {
-                "indentation": COLUMN,
-                "velocity": COLUMN,
-                "weights": NONE,
-                "squared": SWITCH,
-                "start": POSITIVE,
-            },
-        ),
-        "choose_law": Case(
-            jc.choose_law,
-            HOW,
-            {
-                "contact": CONTACTS,
-                "velocity": COLUMN,
-                "e": COLUMN,
-                "laws": NOTHING,
-                "sigma": POSITIVE | NONE,
-                "weights": POSITIVE | NONE,
-                "groups": NONE,
-                "mark_outliers": SWITCH,
-                "duration": NONE,
-                "max_force": NONE,
-                "sigma_duration": NONE,
-                "sigma_max_force": NONE,
-            },
-        ),
-        "choose_law, stages": Case(
-            jc.choose_law, HOW, {"progress": FLAG | NONE | {"function"}}, untested=CLASSES
-        ),
-        "choose_law, contact times": Case(
-            jc.choose_law,
-            HOW | {"duration": OUT, "max_force": OUT},
-            {"duration": NONE, "max_force": NONE},
-        ),
-        "choose_law, contact times with known noise": Case(
-            jc.choose_law,
-            HOW | {"duration": OUT, "sigma": 0.1, "sigma_duration": 0.1},
-            {"sigma": POSITIVE, "sigma_duration": POSITIVE},
-        ),
-        "LawChoice.law": Case(_choice().law, {}, {"kind": NONE}),
-        "LawChoice.contact_of": Case(_choice().contact_of, {}, {"kind": NONE}),
-        "LawChoice.law_fit": Case(_choice().law_fit, {}, {"kind": NOTHING}),
-        "LawChoice.curve": Case(
-            _choice().curve,
-            {"kind": "constant e", "speeds": V},
-            {"kind": NOTHING, "speeds": NUMBERS_3 - {"range"} | {"shape (1,)", "jax shape (1,)"}},
-        ),
-        "calibrate": Case(
-            jc.calibrate,
-            {"recording": MEASURED},
-            {
-                "recording": NOTHING,
-                "laws": NOTHING,
-                "drag": NONE,
-                "mass": POSITIVE | NONE,
-                "stiffness": POSITIVE | NONE,
-                "exponent": NONE,
-                "gravity": POSITIVE,
-                "at": NUMBERS_3 - {"range"} | POSITIVE | AT,
-                "progress": FLAG | NONE | {"function"},
+                "NOTHING": "recording laws",
+                "None": "drag exponent",
+                "POSITIVE or None": "mass stiffness",
+                "POSITIVE": "gravity",
+                f"{SPEEDS} or POSITIVE or shape (0,) or empty list": "at",
+                STAGES: "progress",
             },
             untested=CLASSES,
+            recording=MEASURED,
         ),
-        "Calibration.save": Case(blank(jc.Calibration).save, {}, {"path": TEXT - {"empty text"}}),
-        "load_calibration": Case(jc.load_calibration, {}, {"path": TEXT - {"empty text"}}),
-        "Drag": Case(
-            jc.Drag,
-            {"mass": 1.0, "radius": 1.0, "coefficient": 0.5},
-            dict.fromkeys(("mass", "radius", "coefficient", "air_density"), POSITIVE),
+        method(blank(jc.Calibration), "save", {"NAME": "path"}),
+        case("load_calibration", {"NAME": "path"}),
+        case("Drag", {"POSITIVE": "mass radius coefficient air_density"}, coefficient=0.5),
+        method(jc.Drag(1.0, 1.0, 1.0), "terminal_speed", {"POSITIVE": "gravity"}),
+        case("Rational", {"WHOLE": "degree"}),
+        case("Spline", {"WHOLE": "intervals", "INSIDE or zero": "low"}),
+        case("Network", {"WHOLE": "width", "SEED": "seed"}),
+        *(method(shape, "law", {"E": "e"}, staged=True) for shape in (jc.Rational(), jc.Spline())),
+        case("read_recording", {"None": "source layout ball columns decimal rate sheet"}),
+        case("read_recording, record", {"NOTHING": "force rate"}, force=RECORD, rate=1000.0),
+        case(
+            "read_recording, track",
+            {"NOTHING": "frame y", "WHOLE": "rate"},
+            **{"frame": list(range(40)), "y": TRACK, "rate": 60.0},
         ),
-        "Drag.terminal_speed": Case(
-            jc.Drag(1.0, 1.0, 1.0).terminal_speed, {}, {"gravity": POSITIVE}
+        case(
+            "read_recording, columns",
+            {"NOTHING": "velocity restitution"},
+            velocity=V,
+            restitution=OUT,
         ),
-        "Rational": Case(jc.Rational, {}, {"degree": COUNT}),
-        "Rational.law": Case(jc.Rational().law, {}, {"e": E}, staged=True),
-        "Spline": Case(jc.Spline, {}, {"intervals": COUNT, "low": INSIDE | {"zero"}}),
-        "Spline.law": Case(jc.Spline().law, {}, {"e": E}, staged=True),
-        "Network": Case(jc.Network, {}, {"width": COUNT, "seed": SEED}),
-        "read_recording": Case(
-            jc.read_recording,
-            {},
-            {
-                "source": NONE,
-                "layout": NONE,
-                "ball": NONE,
-                "columns": NONE,
-                "decimal": NONE,
-                "rate": NONE,
-                "sheet": NONE,
-            },
+        # Text may be a number, as it is in a file. No ball has growing intervals.
+        case(
+            "read_recording, column of intervals",
+            {"list of text or ONE": "interval_s", "None or empty text": "ball"},
+            interval_s=V[::-1],
         ),
-        "read_recording, record": Case(
-            jc.read_recording,
-            {"force": RECORD, "rate": 1000.0},
-            {"force": NOTHING, "rate": NOTHING},
-        ),
-        "read_recording, track": Case(
-            jc.read_recording,
-            {"frame": list(range(40)), "y": TRACK, "rate": 60.0},
-            {"frame": NOTHING, "y": NOTHING, "rate": COUNT},
-        ),
-        "read_recording, columns": Case(
-            jc.read_recording, RECORDED, {"velocity": NOTHING, "restitution": NOTHING}
-        ),
-        "read_recording, column of intervals": Case(
-            jc.read_recording,
-            {"interval_s": V[::-1]},
-            # No ball has growing intervals.
-            {"interval_s": LIST_OF_NUMBERS - {"tuple", "Series"}, "ball": NONE | {"empty text"}},
-        ),
-    }
+    ]

@@ -7,56 +7,30 @@ import jax.numpy as jnp
 
 import jaxcontact as jc
 from jaxcontact._bounce.result import TOUCHES
+from jaxcontact._entry import ranges
 from jaxcontact._laws.registry import _REGISTRY
-from tests.test_every_argument.case import (
-    CONTACTS,
-    COUNT,
-    LAWS,
-    MATERIALS,
-    METHODS,
-    NOTHING,
-    SWITCH,
-    UNSOLVED,
-    Case,
-    Unsolved,
-)
-from tests.test_every_argument.kinds import (
-    ABOVE_ONE,
-    ARRAYS,
-    CONTACT,
-    FLAG,
-    INSIDE,
-    JAX_SCALARS,
-    LAW,
-    NONE,
-    POSITIVES,
-    REALS,
-    STEEL,
-    TEXT,
-    E,
-)
+from tests.test_every_argument.case import Unsolved, case, method
+from tests.test_every_argument.kinds import CONTACT, LAW, STEEL
+
+RANGES = {
+    "[0, 1]": "E or zero",
+    "(0, 1]": "E",
+    "[0, inf)": "POSITIVES or zero",
+    "(0, inf)": "POSITIVES",
+    "[1, inf)": "EXPONENT or ABOVE_ONE",
+    "(-inf, inf)": "REALS",
+}
 
 
-def constructed(law):
-    """The cases of a law's own parameters."""
-    from jaxcontact._entry import ranges
-
-    good = {name: allowed.inside for name, allowed in ranges(law).items()}
-    legal = {
-        name: {
-            "[0, 1]": E | {"zero"},
-            "(0, 1]": E,
-            "[0, inf)": POSITIVES | {"zero"},
-            "(0, inf)": POSITIVES,
-            "[1, inf)": ABOVE_ONE | ARRAYS | JAX_SCALARS,
-            "(-inf, inf)": REALS,
-        }[str(allowed)]
-        for name, allowed in ranges(law).items()
-    }
-    # What unloads to zero force never pulls.
-    # Laws that remember never pull, except Luding's.
+def constructed(name, law):
+    """The case of a law's own parameters."""
+    # What unloads to zero force never pulls: laws that remember, except Luding's.
     never = law.remembers and law is not jc.Luding
-    return Case(law, good, legal | {"tension": NOTHING if never else FLAG})
+    groups = {"NOTHING" if never else "FLAG": "tension"}
+    for parameter, allowed in ranges(law).items():
+        words = RANGES[str(allowed)]
+        groups[words] = f"{groups.get(words, '')} {parameter}"
+    return case(name, groups, **{one: allowed.inside for one, allowed in ranges(law).items()})
 
 
 def a_bounce():
@@ -71,237 +45,167 @@ def _register(name, cls=Unsolved, **words):
     return made
 
 
-IMPACT = {"law": UNSOLVED, "contact": CONTACT, "velocity": 1.0}
-SPEED = POSITIVES
-IMPACT_LEGAL = {"law": LAWS, "contact": CONTACTS, "velocity": SPEED}
-FORCE = {"indentation": 1e-3, "velocity": 0.1, "contact": CONTACT, "impact_velocity": 1.0}
-FORCE_LEGAL = {
-    "indentation": REALS,
-    "velocity": REALS,
-    "contact": CONTACTS,
-    "impact_velocity": REALS,
-}
+IMPACT = {"law": "law", "contact": "contact", "POSITIVES": "velocity"}
+FORCE = {"REALS": "indentation velocity impact_velocity", "contact": "contact"}
+LARGEST = {"REALS or None": "largest"}
+PLASTIC = jc.ThorntonPlastic(yield_speed=0.1)
+POWER = jc.PowerRestitution(loss=0.1, power=0.2, reference=1.0)
+BRIDGES = jc.Bridges(a=0.5, power=0.2, reference=1.0)
+WET = jc.WetRestitution(e=0.5, critical_speed=0.1)
+LAWS = (
+    *(LAW, jc.Tsuji(e=0.5), jc.KuwabaraKono(A=1e-3), jc.ConstantDamping(c=1.0)),
+    *(jc.LinearDashpot(c=1.0), jc.StepDamping(c_max=1.0, d=0.1)),
+    *(jc.DMT(pull_off=0.1), jc.JKR(pull_off=0.1)),
+)
+DAMPING = (
+    (jc.ConstantDamping(c=1.0), {"contact": "contact", "REALS": "velocity"}),
+    (jc.PowerDamping(c=1.0, power=1.0, reference=1.0), {"contact": "contact", "REALS": "velocity"}),
+    *((law, {"REALS": "velocity"}) for law in (POWER, BRIDGES, WET, jc.MarhefkaOrin(a=1.0))),
+    (jc.EnergyLoss(e=0.5, beta=2.5), {"contact or None": "contact"}),
+)
 
 
 @functools.cache
-def cases() -> dict[str, Case]:
-    laws = {name: getattr(jc, name) for name in dir(jc)}
+def cases():
+    laws = {name: getattr(jc, name) for name in dir(jc) if not name.startswith("Abstract")}
     laws = {
         name: kind
         for name, kind in laws.items()
-        if isinstance(kind, type)
-        and issubclass(kind, jc.AbstractLaw)
-        and not name.startswith("Abstract")
+        if isinstance(kind, type) and issubclass(kind, jc.AbstractLaw)
     }
-    return {
-        **{name: constructed(kind) for name, kind in laws.items()},
+    return [
+        *(constructed(name, kind) for name, kind in laws.items()),
         # Contacts
-        "Material": Case(
-            jc.Material,
-            {"youngs_modulus": 1.0, "poisson_ratio": 0.3},
+        case(
+            "Material",
             {
-                "youngs_modulus": POSITIVES,
-                "poisson_ratio": INSIDE | ARRAYS | JAX_SCALARS | {"zero"},
-                "density": POSITIVES | NONE,
+                "POSITIVES": "youngs_modulus",
+                "INSIDE or ARRAYS or SCALARS or zero": "poisson_ratio",
+                "POSITIVES or None": "density",
+            },
+            youngs_modulus=1.0,
+            poisson_ratio=0.3,
+        ),
+        method(STEEL, "sphere_mass", {"POSITIVES": "radius"}, staged=True),
+        case(
+            "Contact",
+            {
+                "POSITIVES": "mass stiffness",
+                "EXPONENT": "exponent",
+                "POSITIVES or None": "tangential_ratio",
             },
         ),
-        "Material.sphere_mass": Case(STEEL.sphere_mass, {}, {"radius": POSITIVES}, staged=True),
-        "Contact": Case(
-            jc.Contact,
-            {"mass": 1.0, "stiffness": 1.0},
+        case(
+            "Contact.sphere_sphere",
             {
-                "mass": POSITIVES,
-                "stiffness": POSITIVES,
-                "exponent": ARRAYS | JAX_SCALARS | {"one and a half"},
-                "tangential_ratio": POSITIVES | NONE,
-            },
-        ),
-        "Contact.sphere_sphere": Case(
-            jc.Contact.sphere_sphere,
-            {"radius": 0.1, "other_radius": 0.1, "sphere": STEEL, "other": STEEL},
-            {
-                "radius": POSITIVES,
-                "other_radius": POSITIVES,
-                "sphere": MATERIALS,
-                "other": MATERIALS,
-                "mass": POSITIVES | NONE,
+                "POSITIVES": "radius other_radius",
+                "material": "sphere other",
+                "POSITIVES or None": "mass",
             },
             staged=True,
         ),
-        "Contact.sphere_plane": Case(
-            jc.Contact.sphere_plane,
-            {"radius": 0.1, "sphere": STEEL},
-            {
-                "radius": POSITIVES,
-                "sphere": MATERIALS,
-                "plane": MATERIALS | NONE,
-                "mass": POSITIVES | NONE,
-            },
-            staged=True,
-        ),
-        "Contact.sphere_socket": Case(
-            jc.Contact.sphere_socket,
-            {"radius": 0.1, "socket_radius": 5.0, "sphere": STEEL},
-            {
-                "radius": POSITIVES,
-                "socket_radius": POSITIVES,
-                "sphere": MATERIALS,
-                "socket": MATERIALS | NONE,
-                "mass": POSITIVES | NONE,
-            },
-            staged=True,
+        *(
+            case(
+                f"Contact.sphere_{other}",
+                {
+                    "POSITIVES": sizes,
+                    "material": "sphere",
+                    "material or None": other,
+                    "POSITIVES or None": "mass",
+                },
+                staged=True,
+                **good,
+            )
+            for other, sizes, good in (
+                ("plane", "radius", {}),
+                ("socket", "radius socket_radius", {"socket_radius": 5.0}),
+            )
         ),
         # Laws
-        **{
-            f"{name}.force": Case(law.force, FORCE, FORCE_LEGAL, staged=True)
-            for name, law in {
-                "HuGuo": LAW,
-                "Tsuji": jc.Tsuji(e=0.5),
-                "KuwabaraKono": jc.KuwabaraKono(A=1e-3),
-                "ConstantDamping": jc.ConstantDamping(c=1.0),
-                "LinearDashpot": jc.LinearDashpot(c=1.0),
-                "StepDamping": jc.StepDamping(c_max=1.0, d=0.1),
-                "DMT": jc.DMT(pull_off=0.1),
-                "JKR": jc.JKR(pull_off=0.1),
-            }.items()
-        },
-        **{
-            f"{law.__name__}.of_surfaces": Case(
-                law.of_surfaces,
-                {"work_of_adhesion": 0.1, "radius": 0.1},
-                dict.fromkeys(("work_of_adhesion", "radius"), POSITIVES | {"zero"}),
+        *(method(law, "force", FORCE, staged=True) for law in LAWS),
+        *(
+            case(
+                f"{name}.of_surfaces",
+                {"POSITIVES or zero": "work_of_adhesion radius"},
                 staged=True,
+                work_of_adhesion=0.1,
             )
-            for law in (jc.DMT, jc.JKR)
-        },
-        "WetRestitution.of_liquid": Case(
-            jc.WetRestitution.of_liquid,
-            {"e": 0.5, "critical_stokes": 1.0, "viscosity": 0.1, "radius": 0.1, "mass": 1.0},
+            for name in ("DMT", "JKR")
+        ),
+        case(
+            "WetRestitution.of_liquid",
             {
-                "e": INSIDE | ARRAYS | JAX_SCALARS,
-                **dict.fromkeys(("critical_stokes", "viscosity", "radius"), POSITIVES | {"zero"}),
-                "mass": POSITIVES,
+                "INSIDE or ARRAYS or SCALARS": "e",
+                "POSITIVES or zero": "critical_stokes viscosity radius",
+                "POSITIVES": "mass",
             },
             staged=True,
+            critical_stokes=1.0,
+            viscosity=0.1,
         ),
-        "JKR.sticking_speed": Case(
-            jc.JKR(pull_off=0.1).sticking_speed, {}, {"contact": CONTACTS}, staged=True
+        method(jc.JKR(pull_off=0.1), "sticking_speed", {"contact": "contact"}, staged=True),
+        *(
+            method(law, "force", FORCE | LARGEST, staged=True)
+            for law in (PLASTIC, jc.Viscoplastic(yield_speed=0.1, c=1.0))
         ),
-        **{
-            f"{type(law).__name__}.force": Case(
-                law.force, FORCE, FORCE_LEGAL | {"largest": REALS | NONE}, staged=True
-            )
-            for law in (
-                jc.ThorntonPlastic(yield_speed=0.1),
-                jc.Viscoplastic(yield_speed=0.1, c=1.0),
-            )
-        },
-        "Luding.force": Case(
-            jc.Luding(ratio=1.5, slope=0.0, adhesion=0.5).force,
-            FORCE | {"contact": jc.Contact(1.0, 1e6, 1.0)},
-            {name: REALS for name in FORCE_LEGAL if name != "contact"} | {"largest": REALS | NONE},
+        method(
+            jc.Luding(ratio=1.5, slope=0.0, adhesion=0.5),
+            "force",
+            {"REALS": FORCE["REALS"]} | LARGEST,
             staged=True,
+            contact=jc.Contact(1.0, 1e6, 1.0),
         ),
-        **{
-            f"{name}.damping_factor": Case(
-                law.damping_factor, {"contact": CONTACT, "velocity": 1.0}, legal
-            )
-            for name, law, legal in [
-                (
-                    "ConstantDamping",
-                    jc.ConstantDamping(c=1.0),
-                    {"contact": CONTACTS, "velocity": REALS},
-                ),
-                (
-                    "PowerDamping",
-                    jc.PowerDamping(c=1.0, power=1.0, reference=1.0),
-                    {"contact": CONTACTS, "velocity": REALS},
-                ),
-                (
-                    "PowerRestitution",
-                    jc.PowerRestitution(loss=0.1, power=0.2, reference=1.0),
-                    {"velocity": REALS},
-                ),
-                ("Bridges", jc.Bridges(a=0.5, power=0.2, reference=1.0), {"velocity": REALS}),
-                (
-                    "WetRestitution",
-                    jc.WetRestitution(e=0.5, critical_speed=0.1),
-                    {"velocity": REALS},
-                ),
-                ("MarhefkaOrin", jc.MarhefkaOrin(a=1.0), {"velocity": REALS}),
-                ("EnergyLoss", jc.EnergyLoss(e=0.5, beta=2.5), {"contact": CONTACTS | NONE}),
-            ]
-        },
-        **{
-            f"{type(law).__name__}.restitution_at": Case(
-                law.restitution_at, {"velocity": 1.0}, {"velocity": REALS}, staged=True
-            )
-            for law in (
-                jc.ThorntonPlastic(yield_speed=0.1),
-                jc.PowerRestitution(loss=0.1, power=0.2, reference=1.0),
-                jc.Bridges(a=0.5, power=0.2, reference=1.0),
-                jc.WetRestitution(e=0.5, critical_speed=0.1),
-            )
-        },
-        "get_law": Case(jc.get_law, {"name": "hertz"}, {"name": NOTHING}),
-        "register_law": Case(
+        *(
+            method(law, "damping_factor", groups, staged=True, contact=CONTACT, velocity=1.0)
+            for law, groups in DAMPING
+        ),
+        *(
+            method(law, "restitution_at", {"REALS": "velocity"}, staged=True)
+            for law in (PLASTIC, POWER, BRIDGES, WET)
+        ),
+        case("get_law", {"NOTHING": "name"}, name="hertz"),
+        case(
+            "register_law",
+            {"NAME": "name", "TEXT": "formula source valid", "law class": "cls"},
             _register,
-            {"name": "abc"},
-            {
-                "name": TEXT - {"empty text"},
-                "formula": TEXT,
-                "source": TEXT,
-                "valid": TEXT,
-                "cls": frozenset({"law class"}),
-            },
         ),
-        "exact_damping_factor": Case(jc.exact_damping_factor, {}, {"e": E}, staged=True),
-        "power": Case(
-            jc.power, {"x": 0.5, "exponent": 1.5}, {"x": REALS, "exponent": REALS}, staged=True
-        ),
+        case("exact_damping_factor", {"E": "e"}, staged=True),
+        case("power", {"REALS": "x exponent"}, staged=True),
         # One impact
-        "impact": Case(
-            jc.impact,
-            IMPACT,
-            IMPACT_LEGAL | {"method": METHODS, "external_force": REALS | NONE, "throw": SWITCH},
+        case(
+            "impact",
+            IMPACT | {"NOTHING": "method", "REALS or None": "external_force", "FLAG": "throw"},
         ),
-        "restitution": Case(
-            jc.restitution,
-            IMPACT,
-            {"law": LAWS, "contact": CONTACTS | NONE, "velocity": SPEED | NONE, "method": METHODS},
-        ),
-        "trajectory": Case(
-            jc.trajectory,
-            IMPACT,
-            IMPACT_LEGAL | {"samples": COUNT, "method": METHODS, "external_force": REALS | NONE},
-        ),
-        "bounce": Case(
-            jc.bounce,
-            {"law": UNSOLVED, "contact": CONTACT, "height": 1.0},
+        case(
+            "restitution",
             {
-                "law": LAWS,
-                "contact": CONTACTS,
-                "height": POSITIVES,
-                "gravity": POSITIVES,
-                "bounces": COUNT | NONE,
-                "gravity_in_contact": SWITCH,
-                "throw": SWITCH,
-                "rest_velocity": POSITIVES | NONE,
-                "v0": NOTHING,
-                "method": METHODS,
+                "law": "law",
+                "contact or None": "contact",
+                "POSITIVES or None": "velocity",
+                "NOTHING": "method",
+            },
+            contact=CONTACT,
+            velocity=1.0,
+        ),
+        case(
+            "trajectory",
+            IMPACT | {"WHOLE": "samples", "NOTHING": "method", "REALS or None": "external_force"},
+        ),
+        case(
+            "bounce",
+            {
+                "law": "law",
+                "contact": "contact",
+                "POSITIVES": "height gravity",
+                "WHOLE or None": "bounces",
+                "FLAG": "gravity_in_contact throw",
+                "POSITIVES or None": "rest_velocity",
+                "NOTHING": "v0 method",
             },
         ),
-        "Bounce.height_at": Case(a_bounce().height_at, {}, {"time": REALS}, staged=True),
-        "Event": Case(
-            jc.Event,
-            {},
-            {
-                "rtol": INSIDE | NONE,
-                "atol": INSIDE | NONE,
-                "solver": NONE,
-                "adjoint": NONE,
-                "max_steps": COUNT,
-            },
+        method(a_bounce(), "height_at", {"REALS": "time"}, staged=True),
+        case(
+            "Event", {"INSIDE or None": "rtol atol", "None": "solver adjoint", "WHOLE": "max_steps"}
         ),
-        "Phase": Case(jc.Phase, {}, {"steps": COUNT, "tolerance": INSIDE | NONE}),
-    }
+        case("Phase", {"WHOLE": "steps", "INSIDE or None": "tolerance"}),
+    ]

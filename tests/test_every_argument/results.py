@@ -10,34 +10,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxcontact as jc
-from jaxcontact._export.at_time_step import Scheme
-from jaxcontact._lab.sound import Envelope, Sound
-from tests.test_every_argument.case import (
-    CONTACTS,
-    EMPTY,
-    LAWS,
-    NOTHING,
-    NUMBERS_3,
-    PROGRESS,
-    TRACK,
-    UNSOLVED,
-    Case,
-    blank,
-)
+from jaxcontact.engines.at_time_step import Scheme
+from jaxcontact.lab.sound.audio import Envelope, Sound
+from tests.test_every_argument.case import RECORD, TRACK, UNSOLVED, blank, case, method
 from tests.test_every_argument.fits import a_fit
-from tests.test_every_argument.kinds import (
-    ARRAYS,
-    CALLABLE,
-    CONTACT,
-    INSIDE,
-    KINDS,
-    LAW,
-    NONE,
-    POSITIVE,
-    TEXT,
-    WHOLE,
-)
-from tests.test_every_argument.physics import IMPACT_LEGAL
+from tests.test_every_argument.kinds import CONTACT, KINDS, LAW, kinds_of
 
 _FOLDER = tempfile.TemporaryDirectory()
 _PICTURE = pathlib.Path(_FOLDER.name) / "picture.png"
@@ -47,18 +24,20 @@ def _doubled(e):
     return 2 * e
 
 
-_SWEPT = ARRAYS - {"empty list", "shape (0,)", "shape (2, 3)", "DataFrame"} | INSIDE
-_NOT_SWEPT = frozenset(
-    {"empty list", "ragged", "list of text", "list of None", "shape (0,)", "shape (2, 3)"}
-    | {"masked", "masked 0-d", "array of text", "array of objects", "structured", "Decimal"}
-    | {"Fraction", "complex", "numpy complex", "long double", "array of complex", "jax key"}
-    | {"array of long doubles", "array of dates", "jax complex", "datetime64", "timedelta64"}
+_SWEPT = "ARRAYS or INSIDE but empty list or shape (0,) or shape (2, 3) or DataFrame"
+_NO_NUMBERS = (
+    "empty list or ragged or list of text or list of None or shape (0,) or shape (2, 3) or masked"
+    " or masked 0-d or array of text or array of objects or structured or Decimal or Fraction"
+    " or complex or numpy complex or long double or array of complex or jax key or jax complex"
+    " or array of long doubles or array of dates or datetime64 or timedelta64"
 )
 """Kinds that are no numbers for an axis; all else is passed on to the function as it is."""
 
 
-SPEEDS = POSITIVE | {"tuple", "range", "shape (1,)", "jax shape (1,)", "with nan", "Series"}
-"""One speed, or several; that an impact among them is bad is known when it is solved."""
+# That an impact among several speeds is bad is known when it is solved.
+SPEEDS = "POSITIVE or THREE or ONE or with nan"
+IMPACT = {"law": "law", "contact": "contact", "NOTHING": "engine"}
+GIVEN = {"contact": CONTACT, "velocity": 1.0}
 
 
 def _path():
@@ -73,177 +52,133 @@ def _heard():
     return dataclasses.replace(jc.read_recording(interval_s=[0.4]), sound=sound)
 
 
-RECORD = [*[0.0] * 30, *(k * (30 - k) for k in range(30)), *[0.0] * 30]
-
-
 def _table():
     return jc.sweep(lambda e: 2 * e, e=np.linspace(0, 1, 3))
 
 
+def _axes(*shape):
+    return plt.figure().subplots(*shape)
+
+
 @functools.cache
-def cases() -> dict[str, Case]:
-    fitted = a_fit()
-    return {
+def cases():
+    fitted, exported = a_fit(), jc.export(LAW, CONTACT, 1.0, engine="exudyn")
+    of_steps = dataclasses.replace(exported, law=UNSOLVED, scheme=Scheme.SEMI_IMPLICIT)
+    return [
         # To other simulators
-        "mjx.time_step": Case(
-            jc.mjx.time_step,
-            {"law": UNSOLVED, "contact": CONTACT, "velocity": 1.0},
-            IMPACT_LEGAL
-            | {"velocity": SPEEDS - {"with nan", "range"}, "error": INSIDE, "substeps": WHOLE},
+        case(
+            "mjx.time_step",
+            {
+                "law": "law",
+                "contact": "contact",
+                f"{SPEEDS} but with nan or range": "velocity",
+                "INSIDE": "error",
+                "WHOLE": "substeps",
+            },
         ),
-        "export": Case(
-            jc.export,
-            {"law": UNSOLVED, "contact": CONTACT, "velocity": 1.0, "engine": "drake"},
-            IMPACT_LEGAL | {"velocity": SPEEDS, "engine": NOTHING},
+        case("export", IMPACT | {SPEEDS: "velocity"}, engine="drake", **GIVEN),
+        *(
+            case(f"export, {engine}", groups, **{"law": LAW, "engine": engine} | GIVEN | good)
+            for engine, groups, good in (
+                ("lammps", {"POSITIVE": "radius", "None": "damping"}, {"radius": 1.0}),
+                ("simbody", {"POSITIVE": "radius"}, {}),
+                ("yade", {"INSIDE or None or zero": "poisson_ratio"}, {"radius": 1.0}),
+                ("drake", {"None": "discrete_contact_approximation"}, {}),
+                ("exudyn", {"None or zero": "impact_model"}, {}),
+                ("adams", {"POSITIVE or None": "d", "None": "length"}, {}),
+            )
         ),
-        "export, lammps": Case(
-            jc.export,
-            {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "lammps", "radius": 1.0},
-            {"radius": POSITIVE, "damping": NONE},
-        ),
-        "export, simbody": Case(
-            jc.export,
-            {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "simbody"},
-            {"radius": POSITIVE},
-        ),
-        "export, yade": Case(
-            jc.export,
-            {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "yade", "radius": 1.0},
-            {"poisson_ratio": INSIDE | NONE | {"zero"}},
-        ),
-        "Export.holds": Case(
-            jc.export(LAW, CONTACT, 1.0, engine="exudyn").holds, {}, {"within": POSITIVE}
-        ),
-        "Export.at_time_step": Case(
-            dataclasses.replace(
-                jc.export(LAW, CONTACT, 1.0, engine="exudyn"),
-                law=UNSOLVED,
-                scheme=Scheme.SEMI_IMPLICIT,
-            ).at_time_step,
-            {"time_step": 1e-3},
-            {"time_step": POSITIVE, "within": POSITIVE},
-        ),
-        "export, drake": Case(
-            jc.export,
-            {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "drake"},
-            {"discrete_contact_approximation": NONE},
-        ),
-        "export, exudyn": Case(
-            jc.export,
-            {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "exudyn"},
-            {"impact_model": NONE | {"zero"}},
-        ),
-        "export, adams": Case(
-            jc.export,
-            {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "adams"},
-            {"d": POSITIVE | NONE, "length": NONE},
-        ),
+        method(exported, "holds", {"POSITIVE": "within"}),
+        method(of_steps, "at_time_step", {"POSITIVE": "time_step within"}, time_step=1e-3),
         # Pictures
-        "plot.trajectory": Case(
-            jc.plot.trajectory,
-            {"path": _path(), "ax": plt.figure().add_subplot()},
-            {"path": NOTHING, "x": NOTHING, "y": NOTHING, "ax": NONE, "label": TEXT | NONE},
+        case(
+            "plot.trajectory",
+            {"NOTHING": "path x y", "None": "ax", "TEXT or None": "label"},
+            path=_path(),
+            ax=_axes(),
         ),
-        "plot.law": Case(
-            jc.plot.law,
-            {"law": UNSOLVED, "contact": CONTACT, "velocity": 1.0},
+        case(
+            "plot.law",
             {
-                "law": LAWS,
-                "contact": CONTACTS | NONE,
-                "velocity": POSITIVE | NONE,
-                "ax": NONE,
-                "label": TEXT | NONE,
+                "law": "law",
+                "contact or None": "contact",
+                "POSITIVE or None": "velocity",
+                "None": "ax",
+                "TEXT or None": "label",
             },
+            contact=CONTACT,
+            velocity=1.0,
         ),
-        "plot.impact": Case(
-            jc.plot.impact,
-            {"path": _path(), "ax": plt.figure().subplots(1, 3)},
-            {"path": NOTHING, "hit": NONE, "ax": NONE, "label": TEXT | NONE},
+        case(
+            "plot.impact",
+            {"NOTHING": "path", "None": "hit ax", "TEXT or None": "label"},
+            path=_path(),
+            ax=_axes(1, 3),
         ),
-        "plot.save": Case(
-            jc.plot.save,
-            {"ax": plt.figure().add_subplot(), "file": _PICTURE},
-            {"ax": NOTHING, "file": NOTHING, "dpi": NOTHING},
-        ),
-        "report": Case(
-            jc.report,
-            {"calibration": blank(jc.Calibration), "file": "page.html"},
+        case("plot.save", {"NOTHING": "ax file dpi"}, ax=_axes(), file=_PICTURE),
+        case(
+            "report",
             {
-                "calibration": NOTHING,
-                "file": NOTHING,
-                "radius": POSITIVE | NONE,
-                "progress": PROGRESS | NONE,
+                "NOTHING": "calibration file",
+                "POSITIVE or None": "radius",
+                "PROGRESS or None": "progress",
             },
+            calibration=blank(jc.Calibration),
+            file="page.html",
         ),
-        "plot.fit": Case(
-            jc.plot.fit,
-            {"result": fitted, "ax": plt.figure().add_subplot()},
+        case(
+            "plot.fit",
             {
-                "result": NOTHING,
-                "x": NUMBERS_3 | NONE | {"shape (1,)", "jax shape (1,)", "with nan"},
-                "level": INSIDE,
-                "ax": NONE,
+                "NOTHING": "result",
+                "THREE or ONE or None or with nan": "x",
+                "INSIDE": "level",
+                "None": "ax",
             },
+            result=fitted,
+            ax=_axes(),
         ),
-        "plot.residuals": Case(
-            jc.plot.residuals, {"result": fitted}, {"result": NOTHING, "ax": NONE}
+        case("plot.residuals", {"NOTHING": "result", "None": "ax"}, result=fitted),
+        *(
+            case(
+                f"plot.{name}",
+                {"NOTHING": "result", "None": "names ax", "INSIDE": "level"},
+                result=fitted,
+                **good,
+            )
+            for name, good in (("profile", {"names": ["a", "b"]}), ("corner", {"ax": _axes(2, 2)}))
         ),
-        "plot.profile": Case(
-            jc.plot.profile,
-            {"result": fitted, "names": ["a", "b"]},
-            {"result": NOTHING, "names": NONE, "level": INSIDE, "ax": NONE},
-        ),
-        "plot.corner": Case(
-            jc.plot.corner,
-            {"result": fitted, "ax": plt.figure().subplots(2, 2)},
-            {"result": NOTHING, "names": NONE, "level": INSIDE, "ax": NONE},
-        ),
-        "sweep": Case(
-            jc.sweep,
-            {"fn": _doubled, "e": np.linspace(0, 1, 3), "progress": False},
+        case(
+            "sweep",
             {
-                "fn": frozenset({"function"}),
-                "samples": NONE,
-                "batch_size": WHOLE | NONE,
-                "store": TEXT - {"empty text"} | NONE,
-                "mesh": NONE,
-                "reduce": NONE,
-                "cost": NONE,
-                "progress": PROGRESS | NONE,
+                "function": "fn",
+                "None": "samples mesh reduce cost",
+                "WHOLE or None": "batch_size",
+                "NAME or None": "store",
+                "PROGRESS or None": "progress",
             },
-            untested=CALLABLE,
+            untested="CALLABLE",
+            **{"fn": _doubled, "e": np.linspace(0, 1, 3), "progress": False},
         ),
-        "sweep, axis": Case(
-            jc.sweep,
-            {"fn": _doubled, "e": 0.5, "progress": False},
-            {"e": _SWEPT},
-            untested=frozenset(KINDS) - _SWEPT - _NOT_SWEPT,
+        case(
+            "sweep, axis",
+            {_SWEPT: "e"},
+            untested=" or ".join(KINDS.keys() - kinds_of(_SWEPT) - kinds_of(_NO_NUMBERS)),
+            **{"fn": _doubled, "e": 0.5, "progress": False},
         ),
-        "Sweep.select": Case(_table().select, {"e": 0.5}, {"e": INSIDE | {"zero"}, "method": NONE}),
-        "Sweep.to_csv": Case(_table().to_csv, {}, {"path": TEXT - {"empty text"}}),
-        "plot.sweep": Case(
-            jc.plot.sweep,
-            {"table": _table(), "ax": plt.figure().add_subplot()},
-            {"table": NOTHING, "field": NONE, "x": NONE, "ax": NONE},
+        method(_table(), "select", {"INSIDE or zero": "e", "None": "method"}, e=0.5),
+        method(_table(), "to_csv", {"NAME": "path"}),
+        case("plot.sweep", {"NOTHING": "table", "None": "field x ax"}, table=_table(), ax=_axes()),
+        *(
+            case(f"plot.{name}", {"NOTHING": "result", "None": "ax"}, result=blank(kind))
+            for name, kind in (("calibration", jc.Calibration), ("choice", jc.LawChoice))
         ),
-        "plot.calibration": Case(
-            jc.plot.calibration, {"result": blank(jc.Calibration)}, {"result": NOTHING, "ax": NONE}
+        *(
+            case(f"plot.{name}", {"NOTHING": "recording", "None": "ax"}, recording=recording)
+            for name, recording in (
+                ("sound", _heard()),
+                ("track", jc.read_recording(time=np.arange(40) / 60, y=TRACK)),
+                ("record", jc.read_recording(force=RECORD, rate=1e3)),
+            )
         ),
-        "plot.sound": Case(
-            jc.plot.sound, {"recording": _heard()}, {"recording": NOTHING, "ax": NONE}
-        ),
-        "plot.track": Case(
-            jc.plot.track,
-            {"recording": jc.read_recording(time=np.arange(40) / 60, y=TRACK)},
-            {"recording": NOTHING, "ax": NONE},
-        ),
-        "plot.record": Case(
-            jc.plot.record,
-            {"recording": jc.read_recording(force=RECORD, rate=1e3)},
-            {"recording": NOTHING, "ax": NONE},
-        ),
-        "plot.choice": Case(
-            jc.plot.choice, {"result": blank(jc.LawChoice)}, {"result": NOTHING, "ax": NONE}
-        ),
-        "paper.markdown": Case(jc.paper.markdown, {}, {"table": EMPTY}),
-    }
+        case("paper.markdown", {"empty list": "table"}),
+    ]

@@ -6,33 +6,11 @@ import matplotlib.pyplot as plt
 from matplotlib.animation import FuncAnimation
 
 import jaxcontact as jc
-from tests.test_every_argument.case import (
-    COUNT,
-    LAWS,
-    MATERIALS,
-    NOTHING,
-    SEED,
-    UNSOLVED,
-    Blank,
-    Case,
-)
-from tests.test_every_argument.kinds import (
-    CALLABLE,
-    FLAG,
-    INSIDE,
-    NONE,
-    POSITIVE,
-    REAL,
-    REALS,
-    STEEL,
-    TEXT,
-)
+from tests.test_every_argument.case import UNSOLVED, Blank, case
+from tests.test_every_argument.kinds import STEEL
 
-ONE = frozenset({"shape (1,)", "jax shape (1,)"})
-THREE = frozenset({"tuple", "range", "Series"})
-"""Kinds that are three finite numbers."""
-
-BODY = {"material": MATERIALS | NONE, "name": TEXT | NONE}
+ORIGIN = [0.0, 0.0, 0.0]
+BODY = {"material or None": "material", "TEXT or None": "name"}
 
 
 def shaken(t, args):
@@ -48,142 +26,133 @@ def a_run():
 
 def _drawn(draw, **given):
     """A picture of a run that is made when it is needed, not while tests are collected."""
-    drawn = draw(**(given if "run" in given else given | {"run": a_run()}))
+    made = draw(**({"run": a_run()} | given))
     # Matplotlib warns of an animation without any frame, once it is gone.
-    if isinstance(drawn, FuncAnimation):
-        drawn.figure.canvas.draw()
-    return drawn
+    if isinstance(made, FuncAnimation):
+        made.figure.canvas.draw()
+    return made
+
+
+def drawn(name, groups, **good):
+    draw = functools.partial(_drawn, getattr(jc.plot, name))
+    groups = {"NOTHING": "run"} | groups
+    return case(f"plot.{name}", groups, draw, ax=plt.figure().add_subplot(), **good)
 
 
 @functools.cache
-def cases() -> dict[str, Case]:
-    ball = jc.Sphere(0.1, None, [0.0, 0.0, 0.0], material=STEEL)
+def cases():
+    ball = jc.Sphere(0.1, None, ORIGIN, material=STEEL)
     scene = jc.Scene([ball], UNSOLVED)
-    return {
-        "Sphere": Case(
-            jc.Sphere,
-            {"radius": 0.1, "position": [0.0, 0.0, 0.0], "material": STEEL},
-            BODY
-            | {
-                "radius": POSITIVE,
-                "mass": POSITIVE | NONE,
-                "position": THREE | ONE,
-                "velocity": THREE | NONE,
-                "material": MATERIALS,
-                "fixed": FLAG,
-                "motion": NONE,
-                "spin": THREE | NONE,
-                "inertia": POSITIVE | NONE,
-            },
-        ),
-        "Plane": Case(
-            jc.Plane,
-            {"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]},
-            BODY | {"point": THREE, "normal": THREE, "motion": NONE},
-        ),
-        "Box": Case(
-            jc.Box,
-            {"low": [-9.0, -9.0, -9.0], "high": [9.0, 9.0, 9.0]},
-            BODY | {"low": THREE, "high": THREE, "motion": NONE},
-        ),
-        "Shell": Case(
-            jc.Shell,
-            {"centre": [0.0, 0.0, 0.0], "radius": 9.0},
-            BODY | {"centre": THREE | ONE, "radius": POSITIVE, "motion": NONE},
-        ),
-        "Steady": Case(jc.Steady, {"velocity": [0.0, 0.0, 1.0]}, {"velocity": THREE | ONE}),
-        "Vibration": Case(
-            jc.Vibration,
-            {"amplitude": 0.1, "frequency": 1.0},
-            {"amplitude": REAL | THREE | ONE, "frequency": POSITIVE, "phase": REAL},
-        ),
-        "Prescribed": Case(
-            jc.Prescribed,
-            {"displacement": shaken, "max_acceleration": 1.0},
-            {"displacement": NOTHING, "max_acceleration": POSITIVE},
-        ),
-        "Scene": Case(
-            jc.Scene,
-            {"bodies": [ball], "law": UNSOLVED, "stiffness": 1.0},
+    return [
+        case(
+            "Sphere",
             {
-                "bodies": NOTHING,
-                "law": LAWS,
-                "stiffness": POSITIVE | NONE,
-                "exponent": frozenset({"one and a half"}),
-                "gravity": THREE | NONE,
-                "periodic": frozenset({"tuple"}) | NONE,
-                "friction": NONE,
+                "POSITIVE": "radius",
+                "POSITIVE or None": "mass inertia",
+                "THREE or ONE": "position",
+                "THREE or None": "velocity spin",
+                "material": "material",
+                "FLAG": "fixed",
+                "None": "motion",
+                "TEXT or None": "name",
             },
+            position=ORIGIN,
+            material=STEEL,
         ),
-        "simulate": Case(
-            jc.simulate,
-            {"model": scene, "duration": 10.0},
+        case(
+            "Plane",
+            BODY | {"THREE": "point normal", "None": "motion"},
+            point=ORIGIN,
+            normal=[0.0, 0.0, 1.0],
+        ),
+        case("Box", BODY | {"THREE": "low high", "None": "motion"}, low=[-9.0] * 3, high=[9.0] * 3),
+        case(
+            "Shell",
+            BODY | {"THREE or ONE": "centre", "POSITIVE": "radius", "None": "motion"},
+            centre=ORIGIN,
+            radius=9.0,
+        ),
+        case("Steady", {"THREE or ONE": "velocity"}),
+        case(
+            "Vibration",
+            {"REAL or THREE or ONE": "amplitude", "POSITIVE": "frequency", "REAL": "phase"},
+            amplitude=0.1,
+            frequency=1.0,
+        ),
+        case(
+            "Prescribed",
+            {"NOTHING": "displacement", "POSITIVE": "max_acceleration"},
+            displacement=shaken,
+            max_acceleration=1.0,
+        ),
+        case(
+            "Scene",
             {
-                "model": NOTHING,
-                "duration": POSITIVE,
-                "times": ONE | NONE | {"tuple", "range"},
-                "rtol": INSIDE,
-                "instantaneous": FLAG,
-                "throw": FLAG,
-                "v0": POSITIVE,
-                "max_impacts": COUNT | NONE,
-                "max_cluster": COUNT | NONE,
-                "progress": FLAG | NONE | CALLABLE,
+                "NOTHING": "bodies",
+                "law": "law",
+                "POSITIVE or None": "stiffness",
+                "one and a half": "exponent",
+                "THREE or None": "gravity",
+                "tuple or None": "periodic",
+                "None": "friction",
             },
+            bodies=[ball],
+            stiffness=1.0,
         ),
-        "random_spheres": Case(
-            jc.random_spheres,
-            {"count": 2, "low": [-9.0] * 3, "high": [9.0] * 3, "radius": 0.1, "mass": 1.0}
-            | {"material": STEEL},
+        case(
+            "simulate",
             {
-                "count": COUNT,
-                "low": THREE,
-                "high": THREE,
-                "radius": POSITIVE,
-                "mass": POSITIVE | NONE,
-                "material": MATERIALS | NONE,
-                "speed": POSITIVE | NONE,
-                "periodic": NONE,
-                "name": TEXT | NONE,
-                "seed": SEED,
+                "NOTHING": "model",
+                "POSITIVE": "duration v0",
+                "ONE or None or tuple or range": "times",
+                "INSIDE": "rtol",
+                "FLAG": "instantaneous throw",
+                "WHOLE or None": "max_impacts max_cluster",
+                "PROGRESS or None": "progress",
             },
+            model=scene,
+            duration=10.0,
         ),
-        "export_scene": Case(
-            jc.export_scene,
-            {"scene": scene, "engine": "mujoco", "duration": 10.0, "velocity": (1.0, 2.0)},
+        case(
+            "random_spheres",
             {
-                "scene": NOTHING,
-                "engine": NOTHING,
-                "duration": POSITIVE,
-                "times": NONE | {"range"},
-                "tolerance": INSIDE,
-                "velocity": NONE,
+                "WHOLE": "count",
+                "THREE": "low high",
+                "POSITIVE": "radius",
+                "POSITIVE or None": "mass speed",
+                "material or None": "material",
+                "None": "periodic",
+                "TEXT or None": "name",
+                "SEED": "seed",
             },
+            **{"count": 2, "low": [-9.0] * 3, "high": [9.0] * 3, "mass": 1.0, "material": STEEL},
         ),
-        "read_scene": Case(jc.read_scene, {}, {"file": TEXT - {"empty text"}, "example": NOTHING}),
-        "plot.scene": Case(
-            functools.partial(_drawn, jc.plot.scene),
-            {"ax": plt.figure().add_subplot()},
-            {"run": NOTHING, "axes": NONE, "ax": NONE},
+        case(
+            "export_scene",
+            {
+                "NOTHING": "scene engine",
+                "POSITIVE": "duration",
+                "None or range": "times",
+                "INSIDE": "tolerance",
+                "None": "velocity",
+            },
+            **{"scene": scene, "engine": "mujoco", "duration": 10.0, "velocity": (1.0, 2.0)},
         ),
-        "plot.energy": Case(
-            functools.partial(_drawn, jc.plot.energy),
-            {"ax": plt.figure().add_subplot()},
-            {"run": NOTHING, "ax": NONE},
+        case("read_scene", {"NAME": "file", "NOTHING": "example"}),
+        drawn("scene", {"None": "axes ax"}),
+        drawn("energy", {"None": "ax"}),
+        drawn(
+            "animate",
+            {"POSITIVE": "seconds", "WHOLE": "fps", "None": "axes ax"},
+            seconds=1.0,
+            fps=2,
         ),
-        "plot.animate": Case(
-            functools.partial(_drawn, jc.plot.animate),
-            {"seconds": 1.0, "fps": 2, "ax": plt.figure().add_subplot()},
-            {"run": NOTHING, "seconds": POSITIVE, "fps": COUNT, "axes": NONE, "ax": NONE},
-        ),
-        "Run.to_csv": Case(lambda path: a_run().to_csv(path), {}, {"path": TEXT - {"empty text"}}),
-        "Impacts.to_csv": Case(
-            lambda path: a_run().impacts.to_csv(path), {}, {"path": TEXT - {"empty text"}}
-        ),
-        "Run.at": Case(
+        case("Run.to_csv", {"NAME": "path"}, lambda path: a_run().to_csv(path)),
+        case("Impacts.to_csv", {"NAME": "path"}, lambda path: a_run().impacts.to_csv(path)),
+        case(
+            "Run.at",
+            {"REALS but shape (2, 3) or DataFrame": "time"},
             functools.partial(jc.Run.at, Blank()),
-            {},
-            {"time": REALS - {"shape (2, 3)", "DataFrame"}},
             staged=True,
         ),
-    }
+    ]

@@ -6,34 +6,12 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 
 import jaxcontact as jc
-from tests.test_every_argument.case import COUNT, LAWS, NOTHING, UNSOLVED, Blank, Case
-from tests.test_every_argument.kinds import (
-    ARRAYS,
-    CALLABLE,
-    FLAG,
-    INSIDE,
-    JAX_SCALARS,
-    NONE,
-    POSITIVE,
-    POSITIVES,
-    REAL,
-    REALS,
-    TEXT,
-)
-
-ONE = frozenset({"shape (1,)", "jax shape (1,)"})
-THREE = frozenset({"tuple", "range", "Series", "with nan"})
-"""Kinds that are three numbers, which are checked when the mechanism starts."""
-TIMES = ONE | {"tuple", "range", "Series", "empty list", "shape (0,)"}
+from tests.test_every_argument.case import UNSOLVED, Blank, case
 
 FRICTION = jc.RegularizedCoulomb(mu=0.1, v_d=0.01)
-CONTACT = {
-    "law": LAWS,
-    "stiffness": POSITIVES,
-    "exponent": ARRAYS | JAX_SCALARS | {"one and a half"},
-    "friction": NOTHING,
-    "slip": CALLABLE,
-}
+CONTACT = {"law": "law", "POSITIVES": "stiffness", "EXPONENT": "exponent", "NOTHING": "friction"}
+# Three numbers are checked when the mechanism starts.
+MAYBE_THREE = "THREE or with nan"
 
 
 def mass(t, q, args):
@@ -56,6 +34,9 @@ def lagrangian(t, q, v, args):
     return jnp.sum(v**2) / 2
 
 
+ROUGH = {"gap": gap, "stiffness": 1.0, "friction": FRICTION, "slip": slip}
+
+
 class Solved(jc.SystemRun):
     """A run whose states at other times are those it has."""
 
@@ -75,100 +56,86 @@ def a_run():
 
 def _drawn(draw, **given):
     """A picture of a run that is made when it is needed."""
-    return draw(**(given if "run" in given else given | {"run": a_run()}))
+    return draw(**({"run": a_run()} | given))
+
+
+def drawn(name, **more):
+    draw = functools.partial(_drawn, getattr(jc.plot, name))
+    groups = {"NOTHING": "run", "None": "ax"} | more
+    return case(f"plot.{name}", groups, draw, ax=plt.figure().add_subplot())
+
+
+def mechanism(name, positive, groups):
+    groups = {"law or None": "law", "POSITIVES": "stiffness", "POSITIVE": positive} | groups
+    return case(f"systems.{name}", groups, law=UNSOLVED)
 
 
 @functools.cache
-def cases() -> dict[str, Case]:
+def cases():
     system = jc.System(mass, force, gap, law=UNSOLVED, stiffness=1.0)
-    rough = {"law": UNSOLVED, "stiffness": 1.0, "friction": FRICTION, "slip": slip}
-    made = {"law": LAWS | NONE, "stiffness": POSITIVES}
-    return {
-        "System": Case(
-            jc.System,
-            {"mass": mass, "force": force, "gap": gap} | rough,
-            CONTACT
-            | {"mass": CALLABLE, "force": CALLABLE, "gap": CALLABLE, "rate": CALLABLE | NONE},
+    return [
+        case(
+            "System",
+            CONTACT | {"CALLABLE": "mass force gap slip", "CALLABLE or None": "rate"},
+            mass=mass,
+            force=force,
+            **ROUGH,
         ),
-        "System.from_lagrangian": Case(
-            jc.System.from_lagrangian,
-            {"lagrangian": lagrangian, "gap": gap} | rough,
-            CONTACT | {"lagrangian": CALLABLE, "gap": CALLABLE, "forces": CALLABLE | NONE},
+        case(
+            "System.from_lagrangian",
+            CONTACT | {"CALLABLE": "lagrangian gap slip", "CALLABLE or None": "forces"},
+            lagrangian=lagrangian,
+            **ROUGH,
         ),
-        "simulate, a mechanism": Case(
-            jc.simulate,
-            {"model": system, "duration": 10.0, "position": [0.0] * 3, "velocity": [0.0] * 3},
+        case(
+            "simulate, a mechanism",
             {
-                "model": NOTHING,
-                "duration": POSITIVE,
-                "position": THREE,
-                "velocity": THREE,
-                "times": ONE | NONE | {"tuple", "range"},
-                "rtol": INSIDE,
-                "v0": POSITIVE,
-                "breakpoints": TIMES,
-                "max_impacts": COUNT | NONE,
-                "throw": FLAG,
+                "NOTHING": "model",
+                "POSITIVE": "duration v0",
+                MAYBE_THREE: "position velocity",
+                "ONE or None or tuple or range": "times",
+                "INSIDE": "rtol",
+                "ONE or THREE or empty list or shape (0,)": "breakpoints",
+                "WHOLE or None": "max_impacts",
+                "FLAG": "throw",
             },
+            **{"model": system, "duration": 10.0, "position": [0.0] * 3, "velocity": [0.0] * 3},
         ),
-        "SystemRun.at": Case(
+        case(
+            "SystemRun.at",
+            {"REALS but shape (2, 3) or DataFrame": "time"},
             functools.partial(jc.SystemRun.at, Blank()),
-            {},
-            {"time": REALS - {"shape (2, 3)", "DataFrame"}},
             staged=True,
         ),
-        "SystemRun.to_csv": Case(
-            lambda path: a_run().to_csv(path), {}, {"path": TEXT - {"empty text"}}
+        case("SystemRun.to_csv", {"NAME": "path"}, lambda path: a_run().to_csv(path)),
+        *(drawn(name) for name in ("gaps", "forces")),
+        drawn("phase", zero="coordinate"),
+        case("SystemContacts.to_csv", {"NAME": "path"}, lambda path: a_run().contacts.to_csv(path)),
+        mechanism(
+            "double_pendulum", "", {"NOTHING": "masses lengths angles", "REAL": "gravity wall"}
         ),
-        **{
-            f"plot.{draw.__name__}": Case(
-                functools.partial(_drawn, draw),
-                {"ax": plt.figure().add_subplot()},
-                {"run": NOTHING, "ax": NONE} | more,
-            )
-            for draw, more in (
-                (jc.plot.gaps, {}),
-                (jc.plot.forces, {}),
-                (jc.plot.phase, {"coordinate": frozenset({"zero"})}),
-            )
-        },
-        "SystemContacts.to_csv": Case(
-            lambda path: a_run().contacts.to_csv(path), {}, {"path": TEXT - {"empty text"}}
+        mechanism(
+            "slider_crank",
+            "clearance inertia bearing",
+            {"NOTHING": "lengths masses", "None": "friction", "REAL": "speed"},
         ),
-        **{
-            f"systems.{make.__name__}": Case(make, {"law": UNSOLVED}, made | more)
-            for make, more in (
-                (
-                    jc.systems.double_pendulum,  # two numbers each
-                    {"masses": NOTHING, "lengths": NOTHING, "angles": NOTHING}
-                    | {"gravity": REAL, "wall": REAL},
-                ),
-                (
-                    jc.systems.slider_crank,
-                    {"lengths": NOTHING, "masses": NOTHING, "friction": NONE, "speed": REAL}
-                    | {"clearance": POSITIVE, "inertia": POSITIVE, "bearing": POSITIVE},
-                ),
-                (
-                    jc.systems.slider_in_guide,
-                    {"lengths": NOTHING, "half_sizes": NOTHING, "friction": NONE}
-                    | {"masses": THREE, "inertias": THREE, "speeds": THREE}
-                    | {"clearance": POSITIVE, "gravity": REAL},
-                ),
-                (
-                    jc.systems.bouncing_rod,
-                    {"mass": POSITIVE, "length": POSITIVE, "radius": POSITIVE, "friction": NONE}
-                    | {"gravity": REAL, "height": REAL, "angle": REAL},
-                ),
-                (
-                    jc.systems.shaken_incline,
-                    {"mass": POSITIVE, "shaking": NOTHING, "friction": NONE}
-                    | {"tilt": REAL, "gravity": REAL},
-                ),
-                (
-                    jc.systems.impact_damper,
-                    {"masses": NOTHING, "shaking": NOTHING}
-                    | {"clearance": POSITIVE, "spring": REAL, "damping": REAL},
-                ),
-            )
-        },
-    }
+        mechanism(
+            "slider_in_guide",
+            "clearance",
+            {"NOTHING": "lengths half_sizes", "None": "friction", "REAL": "gravity"}
+            | {MAYBE_THREE: "masses inertias speeds"},
+        ),
+        mechanism(
+            "bouncing_rod",
+            "mass length radius",
+            {"None": "friction", "REAL": "gravity height angle"},
+        ),
+        mechanism(
+            "shaken_incline",
+            "mass",
+            {"NOTHING": "shaking", "None": "friction", "REAL": "tilt gravity"},
+        ),
+        mechanism(
+            "impact_damper", "clearance", {"NOTHING": "masses shaking", "REAL": "spring damping"}
+        ),
+    ]

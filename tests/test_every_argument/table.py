@@ -2,23 +2,15 @@
 
 import functools
 
-from tests.test_every_argument import (
-    fits,
-    friction,
-    measured,
-    oblique_fits,
-    physics,
-    results,
-    scenes,
-    systems,
-)
-from tests.test_every_argument.case import Case
+from tests.test_every_argument import fits, friction, measured, physics, results, scenes, systems
 
 
 @functools.cache
-def cases() -> dict[str, Case]:
-    first = physics.cases() | fits.cases() | measured.cases() | results.cases()
-    return first | scenes.cases() | systems.cases() | friction.cases() | oblique_fits.cases()
+def cases():
+    rooms = (physics, fits, measured, results, scenes, systems, friction)
+    every = [case for room in rooms for case in room.cases()]
+    assert len({case.label for case in every}) == len(every)
+    return {case.label: case for case in every}
 
 
 EXEMPT = {

@@ -7,7 +7,7 @@ Here a missing engine fails the test, with the reason.
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._export import export
+from jaxcontact.engines import export
 from tests.test_export.run import case, missing, rebounds
 from tests.test_export.test_page import measured
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
-from jaxcontact._export import Draft, Engine, export, register_engine
-from jaxcontact._export.simulators import lammps as _lammps
+from jaxcontact.engines import Draft, Engine, export, register_engine
+from jaxcontact.engines.simulators import lammps as _lammps
 from tests.test_export import engines
 
 # Both solvers at 1e-9 or better: measured 1e-9 for viscoelastic, 1e-10 for the others.
@@ -61,7 +61,8 @@ LABEL = ["-".join([engine, *map(str, words.values())]) for engine, _, words in V
 
 
 @pytest.mark.parametrize(("engine", "options", "words"), VARIANTS, ids=LABEL)
-def test_the_engines_formula_delivers_the_target(engine, options, words):
+def test_the_export_is_the_engines_law(engine, options, words):
+    """Its restitution, its force at four places, and its parameters in the text."""
     for e in (0.95, 0.6) if words.get("model") == 1 else (0.95, 0.25):
         found = export(jc.ExactRestitution(e=e), CONTACT, SPEED, engine=engine, **options)
         acceleration = getattr(engines, engine)(found.parameters, MASS, RADIUS, **words)
@@ -71,6 +72,20 @@ def test_the_engines_formula_delivers_the_target(engine, options, words):
         assert delivered == pytest.approx(e, rel=SCIPY)
         assert duration == pytest.approx(found.duration, rel=SCIPY)
         assert (found.target, found.delivered) == pytest.approx((e, e), rel=SCIPY)
+        depth = SPEED * found.duration
+        for x, v in ((0.01, 0.9), (0.2, 0.3), (0.3, -0.1), (0.1, -0.5)):
+            place = (x * depth, v * SPEED)
+            force = float(found.law.force(*place, found.contact, SPEED))
+            wanted = -MASS * acceleration(*place, SPEED)
+            # Strongly damped, a contact that only pushes is over at the last place.
+            assert force == pytest.approx(wanted, rel=CLOSED) or (e == 0.25 and wanted < 0 == force)
+            assert force > 0 or e == 0.25
+        assert set(found.units) == set(found.parameters)
+        printed = [float(x) for x in re.findall(r"-?\d[\d.]*(?:e[+-]?\d+)?", found.snippet)]
+        for name, value in found.parameters.items():
+            # The damping ratio agrees with the damping.
+            if name != "dampratio":
+                assert any(abs(x) == pytest.approx(value, rel=1e-11) for x in printed), name
 
 
 # The force of IMPACT returns after it vanished, at d = 1 % of the depth: measured 6e-6.
@@ -118,18 +133,6 @@ def test_adams_law_is_exported_as_it_is():
     found = export(law, CONTACT, [1.0, 2.5, 4.0], engine="adams")
     assert found.parameters["damping"] == pytest.approx(700, rel=SINGLE)
     assert np.max(np.abs(found.error)) < SINGLE
-
-
-@pytest.mark.parametrize(("engine", "options", "words"), VARIANTS, ids=LABEL)
-def test_the_law_of_the_export_is_the_engines(engine, options, words):
-    found = export(jc.ExactRestitution(e=0.6), CONTACT, SPEED, engine=engine, **options)
-    acceleration = getattr(engines, engine)(found.parameters, MASS, RADIUS, **words)
-    depth = SPEED * found.duration
-    for x, v in ((0.01, 0.9), (0.2, 0.3), (0.3, -0.1), (0.1, -0.5)):
-        place = (x * depth, v * SPEED)
-        force = float(found.law.force(*place, found.contact, SPEED))
-        assert force == pytest.approx(-MASS * acceleration(*place, SPEED), rel=CLOSED)
-        assert force > 0
 
 
 def test_another_method_agrees():
@@ -235,17 +238,6 @@ def test_the_other_engines_numbers():
     assert asked(math.exp(-2), "dampratio", "mujoco") == pytest.approx(1, abs=CLOSED)
 
 
-@pytest.mark.parametrize(("engine", "options", "words"), VARIANTS, ids=LABEL)
-def test_the_snippet_holds_the_parameters(engine, options, words):
-    found = export(jc.ExactRestitution(e=0.7), CONTACT, SPEED, engine=engine, **options)
-    assert set(found.units) == set(found.parameters)
-    printed = [float(x) for x in re.findall(r"-?\d[\d.]*(?:e[+-]?\d+)?", found.snippet)]
-    for name, value in found.parameters.items():
-        # The damping ratio agrees with the damping.
-        if name != "dampratio":
-            assert any(abs(x) == pytest.approx(value, rel=1e-11) for x in printed), name
-
-
 def test_an_elastic_contact():
     for engine, options, name in (
         ("drake", {}, "hunt_crossley_dissipation"),
@@ -324,41 +316,64 @@ def test_it_prints_tidily():
 
 
 EXACT = jc.ExactRestitution(e=0.3)
-NAN_LANE = jc.ExactRestitution(e=jnp.asarray(1.5))
+SPRING = jc.Contact(mass=0.033, stiffness=1e7, exponent=1.0)
+DMT, SLOPE = jc.DMT.of_surfaces(0.1, 1e-5), jc.WaltonBraun(ratio=1.0, slope=3e3)
+BOTH = jc.Luding(ratio=1.5, slope=3e3, adhesion=0.5)
+LAMMPS, DPM = {"engine": "lammps", **R}, {"engine": "mercurydpm", "contact": SPRING}
+DRAKE, MUJOCO, TSUJI = {"engine": "drake"}, {"engine": "mujoco"}, {"damping": "tsuji"}
+REFUSED = [
+    (EXACT, {"engine": "darke"}, "'simbody', 'yade', but is 'darke'. Did you mean 'drake'?"),
+    (EXACT, {"engine": "isaac"}, "takes restitution itself as e"),
+    (EXACT, {"engine": "PhysX"}, "bounce threshold velocity"),
+    (EXACT, {"engine": "genesis"}, "export to 'mujoco'"),
+    (EXACT, {"engine": "yade", "radios": 1.0}, "`poisson_ratio`. Did you mean 'radius'?"),
+    (jc.ExactRestitution(e=0.13), {"engine": "yade", **R}, "above 0.1353 for engine 'yade'"),
+    (jc.ExactRestitution(e=0.13), {"engine": "chrono", **R}, "but delivers 0.13; try"),
+    (EXACT, {"engine": "lammps"}, "`radius` is needed for engine 'lammps'"),
+    (EXACT, MUJOCO | R, "`radius` must be an option of engine 'mujoco', which takes none"),
+    (EXACT, MUJOCO | TSUJI, "`damping` must be an option of engine 'mujoco', which takes none"),
+    (EXACT, LAMMPS | {"model": 1}, "which takes `radius`, `damping`."),
+    (EXACT, LAMMPS | {"damping": "hooke"}, "'mass_velocity', but is 'hooke'"),
+    (EXACT, {"engine": "mercurydpm", "radius": -1}, "`radius` must be a number in"),
+    (EXACT, {"engine": "exudyn", "impact_model": 1}, "`impact_model` must be 2 here"),
+    (jc.ExactRestitution(e=0.1), LAMMPS | TSUJI, "0.1136 to"),
+    (jc.Hertz(), LAMMPS | TSUJI, "to 0.9996; try"),
+    (jc.HuGuo(e=jnp.asarray([0.5, 0.6])), DRAKE, "must be scalars"),
+    (jc.ExactRestitution(e=jnp.asarray(1.5)), DRAKE, "ended as 'invalid_input'"),
+    (jc.EnergyLoss(e=jnp.asarray(0.0), beta=2.0), DRAKE, "ended as"),
+    (jc.KelvinVoigt(e=0.5), DRAKE, "exponent 1 for"),
+    (EXACT, DRAKE | {"velocity": None}, "`velocity` is needed without a calibration"),
+    (
+        EXACT,
+        DRAKE | {"velocity": [[1.0, 2.0]]},
+        "several of the shape (n,), but has the shape (1, 2)",
+    ),
+    (EXACT, DRAKE | {"velocity": [1.0, -2.0]}, "at -2 m/s its impact ended as 'invalid_input'"),
+    # Laws that an engine has itself, in another form
+    (
+        jc.JKR.of_surfaces(0.1, 1e-5),
+        LAMMPS,
+        "`law` must not be a `JKR` for engine 'lammps', whose jkr is another law: it ends",
+    ),
+    (
+        DMT,
+        LAMMPS | TSUJI,
+        "`damping` must be None for a `DMT`, which has no damping, but is 'tsuji'",
+    ),
+    (BOTH, DPM | R, "ratio 1 or the slope 0 for engine 'mercurydpm', but has the ratio 1.5 and"),
+    (SLOPE, DPM, "`radius` is needed for a law with a slope for engine 'mercurydpm', but is None"),
+    (
+        SLOPE,
+        {"engine": "exudyn", "contact": SPRING},
+        "slope 0 for engine 'exudyn', but has 3000 1/m; to match its restitution alone, give",
+    ),
+]
 
 
-@pytest.mark.parametrize(
-    ("law", "options", "message"),
-    [
-        (EXACT, {"engine": "darke"}, "'simbody', 'yade', but is 'darke'. Did you mean 'drake'?"),
-        (EXACT, {"engine": "yade", "radios": 1.0}, "`poisson_ratio`. Did you mean 'radius'?"),
-        (jc.ExactRestitution(e=0.13), {"engine": "yade", **R}, "above 0.1353 for engine 'yade'"),
-        (jc.ExactRestitution(e=0.13), {"engine": "chrono", **R}, "but delivers 0.13; try"),
-        (EXACT, {"engine": "lammps"}, "`radius` is needed for engine 'lammps'"),
-        (
-            EXACT,
-            {"engine": "mujoco", "radius": 0.1},
-            "`radius` must be an option of engine 'mujoco', which takes none",
-        ),
-        (
-            EXACT,
-            {"engine": "mujoco", "damping": "tsuji"},
-            "`damping` must be an option of engine 'mujoco', which takes none",
-        ),
-        (EXACT, {"engine": "lammps", **R, "model": 1}, "which takes `radius`, `damping`."),
-        (EXACT, {"engine": "lammps", **R, "damping": "hooke"}, "'mass_velocity', but is 'hooke'"),
-        (EXACT, {"engine": "mercurydpm", "radius": -1}, "`radius` must be a number in"),
-        (EXACT, {"engine": "exudyn", "impact_model": 1}, "`impact_model` must be 2 here"),
-        (jc.ExactRestitution(e=0.1), {"engine": "lammps", **R, "damping": "tsuji"}, "0.1136 to"),
-        (jc.Hertz(), {"engine": "lammps", **R, "damping": "tsuji"}, "to 0.9996; try"),
-        (jc.HuGuo(e=jnp.asarray([0.5, 0.6])), {"engine": "drake"}, "must be scalars"),
-        (NAN_LANE, {"engine": "drake"}, "ended as 'invalid_input'"),
-        (jc.KelvinVoigt(e=0.5), {"engine": "drake"}, "exponent 1 for"),
-    ],
-)
+@pytest.mark.parametrize(("law", "options", "message"), REFUSED)
 def test_what_cannot_be_exported(law, options, message):
     with pytest.raises(ValueError, match=re.escape(message)):
-        export(law, CONTACT, SPEED, **options)
+        export(**{"law": law, "contact": CONTACT, "velocity": SPEED} | options)
 
 
 @pytest.mark.parametrize("e", [1e-6, 1e-12, 1e-30])
@@ -374,18 +389,10 @@ def test_a_viscoelastic_contact_that_hardly_rebounds(e):
     assert ratio == pytest.approx(2, rel=0.01)
 
 
-def test_an_impact_without_rebound_cannot_be_exported():
-    settled = jc.impact(jc.AntypovElliott(e=jnp.asarray(1e-300)), CONTACT, SPEED)
-    assert float(settled.restitution) < 1e-100
-    stuck = jc.EnergyLoss(e=jnp.asarray(0.0), beta=2.0)
-    with pytest.raises(ValueError, match="ended as"):
-        export(stuck, CONTACT, SPEED, engine="drake")
-
-
 @pytest.fixture
 def dashpot(monkeypatch):
     """An engine of our own, registered for one test: a spring and a dashpot that may pull."""
-    from jaxcontact._export import engine as _engine
+    from jaxcontact.engines import engine as _engine
 
     monkeypatch.setattr(_engine, "_ENGINES", dict(_engine._ENGINES))
 
@@ -426,3 +433,55 @@ def test_an_engine_of_one_s_own():
         export(EXACT, CONTACT, SPEED, engine="dashpot", spring=1e6, radius=1.0)
     with pytest.raises(ValueError, match="'dashpot', 'drake', "):
         export(EXACT, CONTACT, SPEED, engine="none")
+
+
+# The root of the compromise: measured 1e-14.
+EQUAL = 1e-11
+# A straight line between the speeds of a grid: measured 7e-4.
+BETWEEN = 2e-3
+
+
+def test_several_speeds_have_the_least_largest_error():
+    """Against every other parameter that could have been chosen, by brute force."""
+    law = jc.ConstantDamping(c=3e7)
+    speeds = np.array([0.5, 1.0, 2.0, 4.0])
+    found = export(law, CONTACT, speeds, engine="drake")
+    np.testing.assert_allclose(found.target, jc.impact(law, CONTACT, speeds).restitution)
+    d = found.parameters["hunt_crossley_dissipation"]
+    # Drake's e falls with speed as for this law: α = c v/K = d v.
+    assert d == pytest.approx(0.1, rel=1e-6) and np.abs(found.error).max() < EQUAL
+    wanted = jc.ExactRestitution(e=0.7)
+    found = export(wanted, CONTACT, speeds, engine="drake")
+    largest = np.abs(found.error).max()
+    assert found.error.max() == pytest.approx(-found.error.min(), rel=EQUAL)
+    tried = found.parameters["hunt_crossley_dissipation"] * np.linspace(0.5, 2, 301)
+    e = jc.restitution(jc.Damped(alpha=jnp.asarray(tried[:, None] * speeds)))
+    errors = np.abs(np.asarray(e) - 0.7).max(axis=1)
+    assert largest < errors.min() * (1 + 1e-4)
+    # An engine whose e does not depend on speed lies in the middle.
+    found = export(law, CONTACT, speeds, engine="exudyn")
+    middle = (found.target.max() + found.target.min()) / 2
+    np.testing.assert_allclose(found.delivered, middle, rtol=EQUAL)
+    assert "largest error of e" in repr(found)
+    fast = export(
+        jc.PowerDamping(c=1e7, power=-2.0, reference=1.0), CONTACT, speeds, engine="drake"
+    )
+    assert fast.error.max() == pytest.approx(-fast.error.min(), rel=EQUAL)
+
+
+def test_over_which_speeds_an_export_holds():
+    found = export(jc.ExactRestitution(e=0.7), CONTACT, 2.0, engine="drake")
+    holds = found.holds(0.01)
+    # Speeds at which the engine's α is that of 0.71 and of 0.69, proportional to the speed.
+    alpha = [float(jc.exact_damping_factor(e)) for e in (0.71, 0.70, 0.69)]
+    assert holds.low == pytest.approx(2 * alpha[0] / alpha[1], rel=BETWEEN)
+    assert holds.high == pytest.approx(2 * alpha[2] / alpha[1], rel=BETWEEN)
+    assert repr(holds).startswith("e is within 0.01 of the law's from 1.91 to 2.09 m/s")
+    everywhere = export(jc.ExactRestitution(e=0.7), CONTACT, 2.0, engine="exudyn").holds()
+    assert (everywhere.low, everywhere.high) == (0.0, math.inf)
+    assert "from 0.02 (and slower) to 200 m/s (and faster)" in repr(everywhere)
+    nowhere = export(jc.ExactRestitution(e=0.7), CONTACT, [0.1, 10.0], engine="drake").holds(1e-4)
+    assert math.isnan(nowhere.low)
+    first, *rows = repr(nowhere).splitlines()
+    assert first == "e is within 0.0001 of the law's at no speed around 1 m/s, that of the export"
+    assert "nan" not in repr(nowhere) and len(rows) == 10

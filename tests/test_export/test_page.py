@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._export import engines, export
+from jaxcontact.engines import engines, export
 
 PAGE = Path(__file__).parents[2] / "docs" / "export.md"
 OPTION = {"drake": "discrete_contact_approximation", "exudyn": "impact_model", "lammps": "damping"}

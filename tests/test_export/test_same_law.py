@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._export import export
+from jaxcontact.engines import export
 
 # The steps of the test, 2000 in a contact, of first order: measured 6e-4.
 STEPS = 2e-3
@@ -121,46 +121,6 @@ def test_exudyn_has_the_cases_of_its_manual(law):
     model = export(law, SPRING, 1.0, engine="exudyn", impact_model=2)
     assert "restitutionCoefficient" in model.parameters
     assert export(law, SPRING, 1.0, engine="exudyn", impact_model=0).snippet == found.snippet
-
-
-@pytest.mark.parametrize(
-    ("law", "contact", "options", "message"),
-    [
-        (
-            jc.JKR.of_surfaces(0.1, RADIUS),
-            SPHERES,
-            {"engine": "lammps", "radius": RADIUS},
-            "`law` must not be a `JKR` for engine 'lammps', whose jkr is another law: it ends",
-        ),
-        (
-            DMT,
-            SPHERES,
-            {"engine": "lammps", "radius": RADIUS, "damping": "tsuji"},
-            "`damping` must be None for a `DMT`, which has no damping, but is 'tsuji'",
-        ),
-        (
-            jc.Luding(ratio=1.5, slope=3e3, adhesion=0.5),
-            SPRING,
-            {"engine": "mercurydpm", "radius": 0.01},
-            "ratio 1 or the slope 0 for engine 'mercurydpm', but has the ratio 1.5 and",
-        ),
-        (
-            jc.WaltonBraun(ratio=1.0, slope=3e3),
-            SPRING,
-            {"engine": "mercurydpm"},
-            "`radius` is needed for a law with a slope for engine 'mercurydpm', but is None",
-        ),
-        (
-            jc.WaltonBraun(ratio=1.0, slope=3e3),
-            SPRING,
-            {"engine": "exudyn"},
-            "slope 0 for engine 'exudyn', but has 3000 1/m; to match its restitution alone, give",
-        ),
-    ],
-)
-def test_what_an_engine_has_not(law, contact, options, message):
-    with pytest.raises(ValueError, match=re.escape(message)):
-        export(law, contact, 0.5, **options)
 
 
 def test_an_elastic_plastic_law_without_hysteresis():

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._export.scenes.engine import scene_engines
+from jaxcontact.engines.scenes.engine import scene_engines
 from tests.test_export.two_balls import (
     BALLS,
     BY_PAIR,
@@ -188,94 +188,68 @@ def test_a_robots_step_states_its_error():
     assert "above the tolerance 0.001" in repr(found)
 
 
-PERIODIC = {"periodic": [1.0, None]}
 SHELL = jc.Shell([0.0, 0.0], 1.0)
 MOVING = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady([0.0, 0.1]))
 OWN = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Prescribed(lambda t, args: 0.01 * t, 1.0))
+RIGID, DMT = jc.RigidCoulomb(0.3), jc.DMT(pull_off=1e-3)
+POWDER = jc.Luding(ratio=2.0, slope=10.0, adhesion=0.1)
+HOLLOW = jc.Sphere(0.01, 0.03, [0.0, 0.05], inertia=1e-5)
+SIZES = [jc.Sphere(0.01 + 1e-5 * k, 0.1, [0.1 * k, 0.1]) for k in range(60)]
+LIGHT, TOUCHING = jc.Sphere(0.01, 1e-8, [0.0, 0.05]), jc.Sphere(0.01, 0.03, [0.0, 0.01])
+LAWS = {("ball", "the table"): LAW, "default": jc.HuGuo(e=0.5)}
 REFUSED = {
-    "lammps rebound": (
-        "lammps",
-        lambda: scene(friction=jc.WaltonFriction(0.3, 0.4)),
-        "has WaltonFriction.*, which has no force over time",
-    ),
-    "lammps ramp": (
-        "lammps",
-        lambda: scene(friction=jc.RegularizedCoulomb(0.3, 0.1)),
-        "whose ramp follows the normal force",
-    ),
-    "lammps parts": (
-        "lammps",
-        lambda: scene(friction=jc.MawBarberFawcett(0.3, 0.8)),
-        "`SpringSlider` for LAMMPS.* sticks and slips in parts",
-    ),
-    "lammps low e": (
-        "lammps",
-        lambda: scene(law=jc.ExactRestitution(e=0.1), friction=jc.RigidCoulomb(0.3)),
-        "above 0.1353 for LAMMPS.* which `RigidCoulomb` needs, .*; try in a scene a `SpringSlider`",
-    ),
-    "lammps inertia": (
-        "lammps",
-        lambda: scene(jc.Sphere(0.01, 0.03, [0.0, 0.05], inertia=1e-5), TABLE, friction=FRICTION),
-        "`inertia` of solid spheres",
-    ),
-    "lammps sizes": (
-        "lammps",
-        lambda: scene(*(jc.Sphere(0.01 + 1e-5 * k, 0.1, [0.1 * k, 0.1]) for k in range(60)), TABLE),
-        "at most 40 kinds",
-    ),
-    "by a function": ("lammps", lambda: scene(*BALLS, OWN), "`Steady` or `Vibration`"),
-    "no ratio": (
-        "lammps",
-        lambda: scene(friction=jc.SpringSlider(0.3)),
-        "`ratio` of `SpringSlider` must be given",
-    ),
-    "no stiffness": ("lammps", lambda: scene(stiffness=None), "a `stiffness`, or a material"),
-    "adhesion": ("lammps", lambda: scene(law=jc.JKR(pull_off=1e-3)), "without adhesion"),
-    "a pull": ("mujoco", lambda: scene(law=jc.DMT(pull_off=1e-3)), "`DMT` can be exported"),
-    "a pull beside friction": (
-        "lammps",
-        lambda: scene(law=jc.DMT(pull_off=1e-3), friction=jc.RigidCoulomb(0.3)),
-        "`friction=None` beside adhesion",
-    ),
-    "a slope": (
-        "exudyn",
-        lambda: scene(law=jc.Luding(ratio=2.0, slope=10.0, adhesion=0.1), exponent=1.0),
-        "a `Luding` of slope 0",
-    ),
-    "mujoco shell": ("mujoco", lambda: scene(*BALLS, SHELL), "Shell"),
-    "mujoco periodic": ("mujoco", lambda: scene(*BALLS, **PERIODIC), "`periodic=None`"),
-    "mujoco motion": ("mujoco", lambda: scene(*BALLS, MOVING), "moves"),
-    "mujoco friction": ("mujoco", lambda: scene(friction=FRICTION), "law `RigidCoulomb` for MuJ"),
-    "mujoco masses": (
-        "mujoco",
-        lambda: scene(jc.Sphere(0.01, 1e-8, [0.0, 0.05]), BALLS[1], friction=jc.RigidCoulomb(0.01)),
-        "or 0, for MuJoCo with these masses, speeds and durations of contact, but has 0.01",
-    ),
-    "exudyn friction": ("exudyn", lambda: scene(friction=jc.RigidCoulomb(0.3)), "RegularizedC"),
-    "exudyn touch": (
-        "exudyn",
-        lambda: scene(jc.Sphere(0.01, 0.03, [0.0, 0.01]), TABLE),
-        "start apart",
-    ),
-    "drake by pair": (
-        "drake",
-        lambda: scene(law={("ball", "the table"): LAW, "default": jc.HuGuo(e=0.5)}),
-        "one `law`",
-    ),
-    "drake friction": ("drake", lambda: scene(friction=FRICTION), "law `RigidCoulomb` for Drake"),
-    "drake friction by pair": (
-        "drake",
-        lambda: scene(friction=BY_PAIR),
-        "one `friction` for Drake",
-    ),
+    "lammps": [
+        ({"friction": jc.WaltonFriction(0.3, 0.4)}, "Walton.*, which has no force over time"),
+        ({"friction": jc.RegularizedCoulomb(0.3, 0.1)}, "whose ramp follows the normal force"),
+        ({"friction": jc.MawBarberFawcett(0.3, 0.8)}, "for LAMMPS.* sticks and slips in parts"),
+        (
+            {"law": jc.ExactRestitution(e=0.1), "friction": RIGID},
+            "above 0.1353 for LAMMPS.* which `RigidCoulomb` needs, .*; try in a scene a `SpringSl",
+        ),
+        ({"bodies": [HOLLOW, TABLE], "friction": FRICTION}, "`inertia` of solid spheres"),
+        ({"bodies": [*SIZES, TABLE]}, "at most 40 kinds"),
+        ({"bodies": [*BALLS, OWN]}, "`Steady` or `Vibration`"),
+        ({"friction": jc.SpringSlider(0.3)}, "`ratio` of `SpringSlider` must be given"),
+        ({"stiffness": None}, "a `stiffness`, or a material"),
+        ({"law": jc.JKR(pull_off=1e-3)}, "without adhesion"),
+        ({"law": DMT, "friction": RIGID}, "`friction=None` beside adhesion"),
+    ],
+    "mujoco": [
+        ({"law": DMT}, "`DMT` can be exported"),
+        ({"bodies": [*BALLS, SHELL]}, "Shell"),
+        ({"bodies": BALLS, "periodic": [1.0, None]}, "`periodic=None`"),
+        ({"bodies": [*BALLS, MOVING]}, "moves"),
+        ({"friction": FRICTION}, "law `RigidCoulomb` for MuJ"),
+        (
+            {"bodies": [LIGHT, BALLS[1]], "friction": jc.RigidCoulomb(0.01)},
+            "or 0, for MuJoCo with these masses, speeds and durations of contact, but has 0.01",
+        ),
+    ],
+    "exudyn": [
+        ({"law": POWDER, "exponent": 1.0}, "a `Luding` of slope 0"),
+        ({"friction": RIGID}, "RegularizedC"),
+        ({"bodies": [TOUCHING, TABLE]}, "start apart"),
+    ],
+    "drake": [
+        ({"law": LAWS}, "one `law`"),
+        ({"friction": FRICTION}, "law `RigidCoulomb` for Drake"),
+        ({"friction": BY_PAIR}, "one `friction` for Drake"),
+    ],
 }
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_an_engine_cannot_express_is_named(case):
-    engine, make, words = REFUSED[case]
-    with pytest.raises(ValueError, match=words):
-        exported(make(), engine)
+@pytest.mark.parametrize(
+    ("engine", "words", "message"),
+    [
+        pytest.param(engine, *row, id=f"{engine}: {row[-1]}")
+        for engine, rows in REFUSED.items()
+        for row in rows
+    ],
+)
+def test_what_an_engine_cannot_express_is_named(engine, words, message):
+    given = dict(words)
+    with pytest.raises(ValueError, match=message):
+        exported(scene(*given.pop("bodies", ()), **given), engine)
 
 
 def test_arguments_are_named():

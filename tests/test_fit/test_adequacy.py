@@ -6,6 +6,7 @@ import pytest
 from scipy import stats
 
 import jaxcontact as jc
+from tests.test_fit.curves import FLAT, line
 
 DRAWS = 200
 ALARMS = (3, 19)
@@ -14,12 +15,7 @@ ALARMS = (3, 19)
 SEEN = 0.9
 """A reduced form of the 95 % that benchmarks/fit_adequacy.py counts: 200 draws leave 1.5 %."""
 X = np.linspace(-1, 1, 25)
-START = {"a": 0.0, "b": 0.0}
 SIGMA = 0.1
-
-
-def line(p, x):
-    return p["a"] + p["b"] * x
 
 
 def both(p, x):
@@ -46,7 +42,7 @@ def drawn(n, seed):
 @pytest.mark.parametrize("how", [{}, {"sigma": SIGMA}, {"loss": jc.Huber()}], ids=str)
 def test_a_right_model_is_called_wrong_in_five_per_cent(n, how):
     x = np.linspace(-1, 1, n)
-    fits = (jc.fit(line, 1 + 2 * x + noise, START, x=x, **how) for noise in drawn(n, n))
+    fits = (jc.fit(line, 1 + 2 * x + noise, FLAT, x=x, **how) for noise in drawn(n, n))
     assert ALARMS[0] <= sum(fit.adequate is False for fit in fits) <= ALARMS[1]
 
 
@@ -57,8 +53,8 @@ def test_points_of_a_trial_may_be_correlated():
     random, alarms, blind = np.random.default_rng(0), 0, 0
     for noise in drawn(40, 7):
         y = x + noise + 3 * SIGMA * random.normal(size=10)[trial]
-        alarms += jc.fit(line, y, START, x=x, groups=trial).adequate is False
-        blind += jc.fit(line, y, START, x=x).adequate is False
+        alarms += jc.fit(line, y, FLAT, x=x, groups=trial).adequate is False
+        blind += jc.fit(line, y, FLAT, x=x).adequate is False
     assert ALARMS[0] <= alarms <= ALARMS[1] < blind
 
 
@@ -70,13 +66,13 @@ def test_what_shifts_a_trial_is_no_misfit():
     for noise in drawn(24, 8):
         # Consecutive trials: a shift of each one looks like a step of the curve.
         y = x + noise + 3 * SIGMA * random.normal(size=3)[np.sort(trial)]
-        alarms += jc.fit(line, y, START, x=x, groups=np.sort(trial)).adequate is False
-        blind += jc.fit(line, y, START, x=x).adequate is False
+        alarms += jc.fit(line, y, FLAT, x=x, groups=np.sort(trial)).adequate is False
+        if blind <= ALARMS[1]:
+            blind += jc.fit(line, y, FLAT, x=x).adequate is False
         # Each trial covers all x, so a misfit appears within it.
         y = x + misfit(x, 60) + noise + 3 * SIGMA * random.normal(size=3)[trial]
-        seen += jc.fit(line, y, START, x=x, groups=trial).adequate is False
-    assert ALARMS[0] <= alarms <= ALARMS[1] < blind
-    assert seen > SEEN * DRAWS
+        seen += jc.fit(line, y, FLAT, x=x, groups=trial).adequate is False
+    assert ALARMS[0] <= alarms <= ALARMS[1] < blind and seen > SEEN * DRAWS
 
 
 def test_a_shift_is_not_told_from_a_misfit_between_trials():
@@ -84,9 +80,9 @@ def test_a_shift_is_not_told_from_a_misfit_between_trials():
     trial = np.repeat(np.arange(6), 4)
     x = np.linspace(-1, 1, 24)
     y = x + misfit(x, 200) + drawn(24, 8)[0]
-    found = jc.fit(line, y, START, x=x, groups=trial)
+    found = jc.fit(line, y, FLAT, x=x, groups=trial)
     assert found.adequate is None and "too little overlap of their x" in found.adequacy.reason
-    assert jc.fit(line, y, START, x=x).adequate is False
+    assert jc.fit(line, y, FLAT, x=x).adequate is False
 
 
 @pytest.mark.slow(reason="a study of 200 fits")
@@ -97,7 +93,7 @@ def test_trials_shift_each_column_by_itself():
         shift = random.normal(size=(2, 3))[:, trial]
         y = {"first": x + first + shift[0], "second": -x + second + shift[1]}
         groups = np.tile(trial, 2)
-        alarms += jc.fit(both, y, START, x=x, groups=groups).adequate is False
+        alarms += jc.fit(both, y, FLAT, x=x, groups=groups).adequate is False
     assert ALARMS[0] <= alarms <= ALARMS[1]
 
 
@@ -118,14 +114,14 @@ def test_a_wrong_model_is_seen(n, size, how):
     y = 1 + 2 * x + misfit(x, size)
     # The order of the points is that of x, not of the input.
     order = np.random.default_rng(1).permutation(n)
-    fits = (jc.fit(line, (y + z)[order], START, x=x[order], **how) for z in drawn(n, n))
+    fits = (jc.fit(line, (y + z)[order], FLAT, x=x[order], **how) for z in drawn(n, n))
     assert np.mean([fit.adequate is False for fit in fits]) > SEEN
 
 
 def test_chi_squared_is_scipys():
     y = 1 + 2 * X + drawn(25, 3)[0]
     for sigma in (SIGMA, 0.7 * SIGMA, SIGMA / 30):
-        told = jc.fit(line, y, START, x=X, sigma=sigma).adequacy
+        told = jc.fit(line, y, FLAT, x=X, sigma=sigma).adequacy
         best = np.polynomial.Polynomial.fit(X, y, 1)
         square = np.sum(((best(X) - y) / sigma) ** 2)
         assert told.chi2_per_dof == pytest.approx(square / 23, rel=1e-8)
@@ -139,23 +135,23 @@ def test_chi_squared_is_scipys():
 def test_repeated_points_tell_the_noise():
     x = np.repeat(np.linspace(-1, 1, 6), 4)
     y = 1 + 2 * x + drawn(24, 5)[0]
-    told = jc.fit(line, y, START, x=x).adequacy
+    told = jc.fit(line, y, FLAT, x=x).adequacy
     level = np.repeat(y.reshape(6, 4).mean(axis=1), 4)
     best = np.polynomial.Polynomial.fit(x, y, 1)(x)
     ratio = (np.sum((level - best) ** 2) / 4) / (np.sum((y - level) ** 2) / 18)
     assert told.chi2_per_dof == pytest.approx(ratio, rel=1e-8)
     assert told.chi2_p == pytest.approx(stats.f.sf(ratio, 4, 18), rel=1e-8)
     # Identical residuals carry no information.
-    same = jc.fit(line, np.repeat(np.linspace(-1, 1, 6) ** 2, 4), START, x=x).adequacy
+    same = jc.fit(line, np.repeat(np.linspace(-1, 1, 6) ** 2, 4), FLAT, x=x).adequacy
     assert same.chi2_per_dof is None and same.adequate is False
 
 
 def test_the_verdict_has_no_unit():
     y = 1 + 2 * X + misfit(X, 20) + drawn(25, 9)[0]
-    plain = jc.fit(line, y, START, x=X)
-    scaled = jc.fit(line, 1e9 * y, START, x=1e-9 * X)
+    plain = jc.fit(line, y, FLAT, x=X)
+    scaled = jc.fit(line, 1e9 * y, FLAT, x=1e-9 * X)
     assert scaled.adequacy.structure_p == plain.adequacy.structure_p
-    reverse = jc.fit(line, y[::-1], START, x=-X[::-1])
+    reverse = jc.fit(line, y[::-1], FLAT, x=-X[::-1])
     assert reverse.adequate == plain.adequate
 
 
@@ -164,8 +160,8 @@ def test_points_without_weight_do_not_count():
     y[::5] += 100
     weights = np.ones(25)
     weights[::5] = 0
-    some = jc.fit(line, y, START, x=X, weights=weights)
-    few = jc.fit(line, y[weights > 0], START, x=X[weights > 0])
+    some = jc.fit(line, y, FLAT, x=X, weights=weights)
+    few = jc.fit(line, y[weights > 0], FLAT, x=X[weights > 0])
     assert some.adequacy.structure_p == pytest.approx(few.adequacy.structure_p)
 
 
@@ -175,25 +171,24 @@ def test_each_column_has_an_order_and_a_noise_of_its_own():
     for first, second in zip(drawn(25, 11), drawn(25, 12), strict=True):
         # The noise of the second column moves the fit, which affects the first.
         y = {"first": 1 + 2 * X + first, "second": 1 - 2 * X + 50 * second}
-        alarms += jc.fit(both, y, START, x=X).adequate is False
+        alarms += jc.fit(both, y, FLAT, x=X).adequate is False
         y = {"first": 1 + 2 * X + first + misfit(X, 60), "second": 1 - 2 * X + second}
-        seen += jc.fit(both, y, START, x=X).adequate is False
-    assert alarms <= ALARMS[1]
-    assert seen > SEEN * DRAWS
+        seen += jc.fit(both, y, FLAT, x=X).adequate is False
+    assert alarms <= ALARMS[1] and seen > SEEN * DRAWS
 
 
 def test_what_cannot_be_told_is_said():
-    two = jc.fit(line, np.array([1.0, 2.0]), START, x=np.arange(2.0))
-    assert two.adequate is None and "no degree of freedom" in two.adequacy.reason
-    few = jc.fit(line, np.array([1.0, 2.0, 3.1]), START, x=np.arange(3.0))
-    assert few.adequate is None and "could not be tested: one degree of freedom" in repr(few)
-    y = np.arange(6.0) + drawn(6, 1)[0]
-    some = jc.fit(line, y, START, x=np.arange(6.0), groups=[0, 1, 2, 0, 1, 2])
-    assert some.adequate is None and "too few trials" in str(some)
-    y = np.arange(10.0) + drawn(10, 1)[0]
+    def told(n, **how):
+        y = np.arange(float(n)) + drawn(n, 1)[0]
+        found = jc.fit(line, y, FLAT, x=np.arange(float(n)), **how)
+        assert found.adequate is None
+        return str(found)
+
+    assert "no degree of freedom" in told(2)
+    assert "could not be tested: one degree of freedom" in told(3)
+    assert "too few trials" in told(6, groups=[0, 1, 2, 0, 1, 2])
     trials = [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
-    robust = jc.fit(line, y, START, x=np.arange(10.0), groups=trials, loss=jc.Huber())
-    assert robust.adequate is None and "too few trials" in str(robust)
+    assert "too few trials" in told(10, groups=trials, loss=jc.Huber())
     stopped = jc.fit(decay, 1 + X, {"a": 1.0, "b": 9.0}, x=X, max_steps=1, throw=False)
     assert stopped.adequate is None and not stopped.converged
 
@@ -208,21 +203,17 @@ def test_data_without_noise_are_met():
 
 def test_a_warning_comes_first():
     y = 1 + 2 * X + 5 * X**2 + drawn(25, 2)[0]
-    text = str(jc.fit(line, y, START, x=X, sigma=1e-3)).splitlines()
+    text = str(jc.fit(line, y, FLAT, x=X, sigma=1e-3)).splitlines()
     assert text[0].startswith("The model does not describe the data: χ²/dof = ")
     assert "p < 1e-300; residuals follow x, p < 1e-03" in text[0]
     assert text[-1].endswith(", were the model right")
-    good = str(jc.fit(line, 1 + 2 * X + drawn(25, 3)[0], START, x=X, sigma=SIGMA)).splitlines()
+    good = str(jc.fit(line, 1 + 2 * X + drawn(25, 3)[0], FLAT, x=X, sigma=SIGMA)).splitlines()
     assert good[0].startswith("Fit: converged") and "describes the data: χ²/dof" in good[2]
 
 
 def test_the_best_of_wrong_fits_is_called_so():
     y = np.sin(3 * X) + 0.01 * drawn(25, 4)[0]
-    fits = {
-        "line": jc.fit(line, y, START, x=X),
-        "decay": jc.fit(decay, y, {"a": 1.0, "b": 0.5}, x=X),
-    }
-    found = jc.compare_fits(fits)
+    curved = jc.fit(decay, y, {"a": 1.0, "b": 0.5}, x=X)
+    found = jc.compare_fits({"line": jc.fit(line, y, FLAT, x=X), "decay": curved})
     assert found.verdict.startswith("The best is line. But it does not describe the data (p < ")
-    assert "no other fit does" in found.verdict
-    assert str(found).count("*") == 3
+    assert "no other fit does" in found.verdict and str(found).count("*") == 3

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxcontact as jc
+from tests.test_fit.curves import line
 
 X = np.linspace(0, 1, 20)
 Y = 2 + 3 * X + 0.1 * np.random.default_rng(0).normal(size=20)
@@ -93,33 +94,20 @@ def test_a_curve_in_any_units(unit, out, across):
 
 
 def test_other_starts_have_no_unit_either():
-    ends = [
-        fitted(decay, CURVED, (1.0, 1.0), unit, out, starts=4)[0]
-        for unit, out in ((1.0, 1.0), (1e-9, 1e6))
-    ]
+    units = (1.0, 1.0), (1e-9, 1e6)
+    ends = [fitted(decay, CURVED, (1.0, 1.0), *one, starts=4)[0] for one in units]
     np.testing.assert_allclose(*ends, rtol=1e-7)
 
 
 @pytest.mark.parametrize("start", [0.0, 1.0, 1e7, 3e13, -1e14])
 def test_a_large_offset_in_the_data(start):
-    found = jc.fit(offset, 3e7 * X + 5e6, start, x=X)
-    assert found.converged
-    assert found.params == pytest.approx(3e7, rel=SAME)
-
-
-def offset(p, x):
-    return p * x + 5e6
+    found = jc.fit(lambda p, x: p * x + 5e6, 3e7 * X + 5e6, start, x=X)
+    assert found.converged and found.params == pytest.approx(3e7, rel=SAME)
 
 
 @pytest.mark.parametrize("start", [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (1e-9, 1e9)])
 @pytest.mark.parametrize("level", [0.0, 2.0])
 def test_a_parameter_whose_true_value_is_zero(start, level):
-    data = np.full(20, level)
-    found = jc.fit(straight_alone, data, dict(zip("ab", start, strict=True)), x=X)
+    found = jc.fit(line, np.full(20, level), dict(zip("ab", start, strict=True)), x=X)
     assert found.converged, found.reason
-    size = max(*start, level) if level == 0 else level
-    np.testing.assert_allclose(found.values, [level, 0], atol=SAME * size)
-
-
-def straight_alone(p, x):
-    return p["a"] + p["b"] * x
+    np.testing.assert_allclose(found.values, [level, 0], atol=SAME * (level or max(start)))

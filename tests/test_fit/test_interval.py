@@ -1,31 +1,24 @@
 """Intervals and bands against closed forms, and against a profile by scipy."""
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import optimize, stats
 
 import jaxcontact as jc
+from tests.test_fit.curves import FLAT, decay, line
 
 X = np.linspace(0, 4, 12)
 NOISE = np.random.default_rng(0).normal(size=12)
 DECAY = 2.5 * np.exp(-1.3 * X) + 0.5 + 0.1 * NOISE
 START = {"a": 1.0, "b": 1.0, "c": 0.3}
+T9 = stats.t.ppf(0.975, 9)
 
 MET = 2e-3
 """Of a standard error: an end is searched until its deviation is within a thousandth."""
 
 
-def decay(p, x):
-    return p["a"] * jnp.exp(-p["b"] * x) + p["c"]
-
-
-def line(p, x):
-    return p["slope"] * x + p["offset"]
-
-
 def of_line(**how):
-    return jc.fit(line, 2 * X - 1 + NOISE, {"slope": 0.0, "offset": 0.0}, x=X, **how)
+    return jc.fit(line, 2 * X - 1 + NOISE, FLAT, x=X, **how)
 
 
 @pytest.fixture(scope="module")
@@ -33,55 +26,56 @@ def curved():
     return jc.fit(decay, DECAY, START, x=X)
 
 
-def ends_by_scipy(held, dof, quantile, high=np.inf):
+def ends_by_scipy(held, quantile, high=np.inf):
     """The ends for a parameter of the decay: root of the loss with the others fitted, by scipy."""
-    names = list(START)
+    others = [name for name in START if name != held]
+    bounds = (-np.inf, [high if name == "b" else np.inf for name in others])
 
-    def loss(value, limit=high):
-        def residual(others):
-            p = dict(zip([n for n in names if n != held], others, strict=True)) | {held: value}
+    def loss(value):
+        def residual(fitted):
+            p = dict(zip(others, fitted, strict=True)) | {held: value}
             return p["a"] * np.exp(-p["b"] * X) + p["c"] - DECAY
 
-        others = [START[n] for n in names if n != held]
-        above = [limit if n == "b" else np.inf for n in names if n != held]
-        bounds = (-np.inf, above)
-        return 2 * optimize.least_squares(residual, others, bounds=bounds, xtol=1e-12).cost
+        start = [START[name] for name in others]
+        return 2 * optimize.least_squares(residual, start, bounds=bounds, xtol=1e-12).cost
 
     best = optimize.least_squares(
         lambda p: p[0] * np.exp(-p[1] * X) + p[2] - DECAY, (1, 1, 0.3), xtol=1e-14, ftol=1e-14
     )
-    least, middle = 2 * best.cost, best.x[names.index(held)]
-    wanted = least * (1 + quantile**2 / dof)
+    wanted = 2 * best.cost * (1 + quantile**2 / 9)
+    middle = best.x[list(START).index(held)]
     return tuple(
         optimize.brentq(lambda v: loss(v) - wanted, middle, middle + far, xtol=1e-10)
         for far in (-0.6, 0.6)
     )
 
 
-def test_a_line_has_students_interval():
-    found = of_line()
-    far = stats.t.ppf(0.975, 10)
-    for name, error in found.standard_errors.items():
-        middle = float(found.params[name])
-        assert found.interval()[name] == pytest.approx((middle - far * error, middle + far * error))
-
-
-def test_known_noise_is_normal():
-    found = of_line(sigma=1.0)
-    far = stats.norm.ppf(0.95)
+@pytest.mark.parametrize(
+    ("how", "level", "far"),
+    [
+        ({}, 0.95, stats.t.ppf(0.975, 10)),
+        ({"sigma": 1.0}, 0.9, stats.norm.ppf(0.95)),
+        ({"groups": np.arange(12)}, 0.95, stats.t.ppf(0.975, 11)),
+    ],
+    ids=["unknown noise", "known noise", "trials"],
+)
+def test_a_line_has_students_interval(how, level, far):
+    found = of_line(**how)
+    assert found.by_group == ("groups" in how)
     for name, error in found.standard_errors.items():
         middle = float(found.params[name])
         wanted = middle - far * error, middle + far * error
-        assert found.interval(0.9)[name] == pytest.approx(wanted)
+        assert found.interval(level)[name] == pytest.approx(wanted)
+    with pytest.raises(ValueError, match="Argument `level` must be a number in"):
+        found.interval(1.0)
 
 
 @pytest.mark.parametrize("name", START)
 def test_a_curve_has_the_profile_of_scipy(curved, name):
-    ours = curved.interval()[name]
-    theirs = ends_by_scipy(name, 9, stats.t.ppf(0.975, 9))
-    assert ours == pytest.approx(theirs, abs=MET * curved.standard_errors[name])
+    ours, error = curved.interval()[name], curved.standard_errors[name]
+    assert ours == pytest.approx(ends_by_scipy(name, T9), abs=MET * error)
     # Different from the standard error: the likelihood is not a parabola.
-    away = np.abs(np.array(ours) - float(curved.params[name])) / curved.standard_errors[name]
+    away = np.abs(np.array(ours) - float(curved.params[name])) / error
     assert name == "a" or abs(away[0] - away[1]) > 0.05
 
 
@@ -93,15 +87,13 @@ def test_no_end_lies_beyond_a_bound(curved):
     assert ends["b"][1] == top
     assert ends["b"][0] == pytest.approx(curved.interval()["b"][0], abs=MET * error["b"])
     # With c at its end, b has reached its own bound.
-    low, high = ends_by_scipy("c", 9, stats.t.ppf(0.975, 9), high=top)
-    assert ends["c"] == pytest.approx((low, high), abs=MET * error["c"])
+    assert ends["c"] == pytest.approx(ends_by_scipy("c", T9, high=top), abs=MET * error["c"])
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.1, 0.4), (0.6, 3.0)])
 def test_a_parameter_at_its_bound_has_an_interval_to_one_side(low, high):
-    found = jc.fit(
-        decay, DECAY, START | {"c": (low + high) / 2}, x=X, transforms={"c": jc.Between(low, high)}
-    )
+    start, bounds = START | {"c": (low + high) / 2}, {"c": jc.Between(low, high)}
+    found = jc.fit(decay, DECAY, start, x=X, transforms=bounds)
     assert found.at_bound == ("c",)
     ends = found.interval()["c"]
     bound, side = (high, 0) if high < 0.5 else (low, 1)
@@ -113,32 +105,16 @@ def test_a_parameter_at_its_bound_has_an_interval_to_one_side(low, high):
 
         return 2 * optimize.least_squares(residual, (1, 1), xtol=1e-14, ftol=1e-14).cost
 
-    q = stats.t.ppf(0.975, found.dof)
     rise = (loss(ends[side]) - loss(bound)) / (loss(bound) / found.dof)
-    assert np.sqrt(rise) == pytest.approx(q, rel=MET)
+    assert np.sqrt(rise) == pytest.approx(stats.t.ppf(0.975, found.dof), rel=MET)
 
 
 def test_what_the_data_do_not_limit():
-    found = jc.fit(
-        lambda p, x: p["a"] * p["b"] * x,
-        X,
-        {"a": 1.0, "b": 2.0},
-        x=X,
-        sigma=0.1,
-        transforms={"a": jc.Positive()},
-    )
+    start, positive = {"a": 1.0, "b": 2.0}, {"a": jc.Positive()}
+    found = jc.fit(lambda p, x: p["a"] * p["b"] * x, X, start, x=X, sigma=0.1, transforms=positive)
     assert found.interval() == {"a": (0.0, np.inf), "b": (-np.inf, np.inf)}
-    exact = jc.fit(line, X[:2], {"slope": 0.0, "offset": 0.0}, x=X[:2])
-    assert exact.interval()["slope"] == (-np.inf, np.inf)
-
-
-def test_trials_have_students_interval_of_their_number():
-    groups = np.arange(12) // 1
-    found = of_line(groups=groups)
-    far = stats.t.ppf(0.975, 11)
-    error, middle = found.standard_errors["slope"], float(found.params["slope"])
-    assert found.by_group
-    assert found.interval()["slope"] == pytest.approx((middle - far * error, middle + far * error))
+    exact = jc.fit(line, X[:2], FLAT, x=X[:2])
+    assert exact.interval()["b"] == (-np.inf, np.inf)
 
 
 def test_bands_of_a_line_are_the_formulas():
@@ -154,27 +130,16 @@ def test_bands_of_a_line_are_the_formulas():
     assert of_own[1][2] == pytest.approx(far * 1e9, rel=1e-6)
 
 
-def test_a_fit_that_is_not_finished_has_none():
-    unfinished = jc.fit(decay, DECAY, START, x=X, max_steps=1, throw=False)
-    for ask in (unfinished.interval, unfinished.confidence_band, unfinished.prediction_band):
-        with pytest.raises(ValueError, match="did not converge has no"):
-            ask()
-    with pytest.raises(ValueError, match="Argument `level` must be a number in"):
-        of_line().interval(1.0)
-
-
 def both(p, x):
-    return {"first": p["slope"] * x + p["offset"], "second": p["slope"] * x**2 + p["offset"]}
+    return {"first": line(p, x), "second": line(p, x**2)}
 
 
 def test_the_noise_of_each_column_is_that_of_the_restricted_likelihood():
     random = np.random.default_rng(5)
     size = {"first": 0.02, "second": 3.0}
-    data = {
-        name: np.asarray(curve) + size[name] * random.normal(size=12)
-        for name, curve in both({"slope": 2.0, "offset": -1.0}, X).items()
-    }
-    found = jc.fit(both, data, {"slope": 0.0, "offset": 0.0}, x=X, noise="by column")
+    clean = both({"a": -1.0, "b": 2.0}, X)
+    data = {name: y + size[name] * random.normal(size=12) for name, y in clean.items()}
+    found = jc.fit(both, data, FLAT, x=X, noise="by column")
     design = np.concatenate([np.stack([np.ones(12), X]), np.stack([np.ones(12), X**2])], axis=1).T
     y = np.concatenate([data["first"], data["second"]])
 
@@ -189,17 +154,6 @@ def test_the_noise_of_each_column_is_that_of_the_restricted_likelihood():
     # The search for the sizes stops at a thousandth.
     assert ours == pytest.approx(np.exp(theirs), rel=1e-3)
     assert found.noise == pytest.approx(1, rel=2e-3) and found.dof == 22
-    shrunk = jc.fit(
-        both,
-        data,
-        {"slope": 0.0, "offset": 0.0},
-        x=X,
-        noise="by column",
-        weights={"first": np.full(12, 1e8), "second": np.full(12, 1e-8)},
-    )
+    weights = {"first": np.full(12, 1e8), "second": np.full(12, 1e-8)}
+    shrunk = jc.fit(both, data, FLAT, x=X, noise="by column", weights=weights)
     assert np.allclose(shrunk.values, found.values, atol=1e-3 * found.errors.min())
-
-
-def test_known_noise_is_not_sought():
-    with pytest.raises(ValueError, match="Argument `noise` must be 'common' with `sigma`"):
-        of_line(sigma=1.0, noise="by column")

@@ -1,10 +1,8 @@
-"""Many balls at once, against `fit` ball by ball, SciPy, and themselves without a bad neighbour."""
+"""Many balls at once, against `fit` ball by ball, and themselves without a bad neighbour."""
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax import monitoring
-from scipy.optimize import curve_fit
 
 import jaxcontact as jc
 from jaxcontact._fit.many import search as many_search
@@ -14,9 +12,6 @@ NEAR = 1e-6
 2e-14 here, 6e-7 over 1,000 tables of e(v) of which some are nearly flat."""
 ALIKE = 1e-5
 """Of covariances, relative: measured 2e-15 here, 1e-5 over the 1,000 tables."""
-SCIPY = 1e-5
-"""Of values and standard errors of `curve_fit`, measured 3e-8 and 3e-6: it takes them from its last
-derivatives, one step before its end."""
 
 BALLS, POINTS = 11, 12
 SIGMA = 0.01
@@ -64,19 +59,6 @@ def test_every_ball_is_as_fitted_alone(known):
         np.testing.assert_array_equal(whole.values, known.values[i])
 
 
-def test_every_ball_is_as_by_scipy(known):
-    for i in range(BALLS):
-        values, covariance = curve_fit(
-            lambda x, a, k: a * np.exp(-k * x),
-            *(X[i], Y[i], [1, 1], [SIGMA] * POINTS, True),
-            jac=lambda x, a, k: np.exp(-k * x)[:, None] * np.stack([1 + 0 * x, -a * x], axis=1),
-        )
-        np.testing.assert_allclose(known.values[i], values, rtol=SCIPY)
-        for j, name in enumerate(known.names):
-            error = np.sqrt(covariance[j, j])
-            assert known.standard_errors[name][i] == pytest.approx(error, rel=SCIPY)
-
-
 def test_a_long_table_of_balls_that_differ_in_length():
     """e(v), as people have it: names in any order, and noise that is not known."""
     contact = jc.Contact(mass=0.05, stiffness=1e6)
@@ -106,36 +88,32 @@ def test_a_long_table_of_balls_that_differ_in_length():
 
 
 def test_a_bad_ball_is_flagged_and_changes_no_other(known):
-    y, sigma = Y.copy(), np.full_like(Y, SIGMA)
+    def fitted(y, sigma, x, first):
+        start = {"a": np.where(np.arange(BALLS) == 7, first, 1.0), "k": np.ones(BALLS)}
+        how = {"x": x, "sigma": sigma, "transforms": {"a": jc.Positive()}, "batch_size": 4}
+        return jc.fit_many(decay, y, start, own_start=True, **how)
+
+    x, y, sigma = X.copy(), Y.copy(), np.full_like(Y, SIGMA)
+    good = fitted(Y, sigma.copy(), X, 1.0)
     y[1, 3] = np.nan
     sigma[2, 0] = -1.0
     sigma[3, 1:] = np.inf
-    x = X.copy()
     x[5, 2] = np.inf
-    start = {"a": np.ones(BALLS), "k": np.ones(BALLS)}
-    start["a"][7] = -1.0
-    many = jc.fit_many(
-        decay, y, start, x=x, sigma=sigma, own_start=True, transforms={"a": jc.Positive()},
-        batch_size=4,
-    )  # fmt: skip
+    many = fitted(y, sigma, x, -1.0)
     kinds = jc.FitStatus
     bad = {1: kinds.INVALID_INPUT, 2: kinds.INVALID_INPUT, 3: kinds.TOO_FEW_POINTS}
     bad |= {5: kinds.NOT_CONVERGED, 7: kinds.INVALID_INPUT}
-    for i in range(BALLS):
-        assert many.status[i] == bad.get(i, kinds.CONVERGED), i
-        if i in bad:
-            assert np.isnan(many.values[i]).all() and np.isnan(many.covariance[i]).all()
-        else:
-            assert np.max(np.abs(many.values[i] - known.values[i]) / known.fit(i).errors) < NEAR
-    good = jc.fit_many(
-        decay, Y, {"a": np.ones(BALLS), "k": np.ones(BALLS)}, x=X, sigma=np.full_like(Y, SIGMA),
-        own_start=True, transforms={"a": jc.Positive()}, batch_size=4,
-    )  # fmt: skip
     others = [i for i in range(BALLS) if i not in bad]
+    assert [bad.get(i, kinds.CONVERGED) for i in range(BALLS)] == many.status.tolist()
+    assert np.isnan(many.values[[*bad]]).all() and np.isnan(many.covariance[[*bad]]).all()
+    for i in others:
+        assert np.max(np.abs(many.values[i] - known.values[i]) / known.fit(i).errors) < NEAR
     np.testing.assert_array_equal(many.values[others], good.values[others])
     np.testing.assert_array_equal(many.covariance[others], good.covariance[others])
     with pytest.raises(ValueError, match="must have a fit, but 1: Data are not finite"):
         many.fit(1)
+    with pytest.raises(ValueError, match="must be one of `balls`, such as"):
+        known.fit("green")
     text = str(many)
     assert "6 converged, 1 not_converged" in text and "ball 1: Data are not finite" in text
 
@@ -151,18 +129,18 @@ def test_ends_that_are_not_plain_are_judged_as_by_fit():
     def line(p, x):
         return p["a"] * jnp.exp(p["b"]) + jnp.exp(-1e3 * x - 10) + p["b"] * x
 
-    rules = {"a": jc.Positive()}
-    how = {"sigma": 0.1, "transforms": rules}
-    many = jc.fit_many(line, y, {"a": 1.0, "b": 0.5}, x=x, **how)
-    kinds = [jc.FitStatus(s) for s in many.status]
-    assert kinds[3] is jc.FitStatus.NO_PREDICTION
+    start, how = {"a": 1.0, "b": 0.5}, {"sigma": 0.1, "transforms": {"a": jc.Positive()}}
+    many = jc.fit_many(line, y, start, x=x, **how)
     for i in range(3):
-        one = jc.fit(line, y[i], {"a": 1.0, "b": 0.5}, x=x[i], throw=False, **how)
+        one = jc.fit(line, y[i], start, x=x[i], throw=False, **how)
         assert many.fit(i).reason == one.reason == many.reasons[i]
         np.testing.assert_array_equal(np.isnan(many.covariance[i]), np.isnan(one.covariance))
-    assert kinds[:2] == [jc.FitStatus.AT_BOUND, jc.FitStatus.NOT_IDENTIFIABLE]
-    short = jc.fit_many(line, y[2:3], {"a": 1.0, "b": 0.5}, x=x[2:3], max_steps=1, **how)
-    assert short.status[0] == jc.FitStatus.NOT_CONVERGED and not short.ok[0]
+    kinds = jc.FitStatus
+    assert many.status[[0, 1, 3]].tolist() == [
+        *(kinds.AT_BOUND, kinds.NOT_IDENTIFIABLE, kinds.NO_PREDICTION)
+    ]
+    short = jc.fit_many(line, y[2:3], start, x=x[2:3], max_steps=1, **how)
+    assert short.status[0] == kinds.NOT_CONVERGED and not short.ok[0]
     assert not short.fit(0).converged
 
 
@@ -175,13 +153,12 @@ def test_each_ball_has_its_own_start_and_fixed_numbers():
         return p["force"] * x / p["mass"]
 
     start = {"force": np.array([1.0, 2.0, 3.0]), "mass": mass}
-    many = jc.fit_many(
-        predict, y, start, x=x, own_start=True, transforms={"mass": jc.Fixed()}
-    )  # fmt: skip
+    held = {"mass": jc.Fixed()}
+    many = jc.fit_many(predict, y, start, x=x, own_start=True, transforms=held)
     np.testing.assert_array_equal(many.params["mass"], mass)
     for i in range(3):
         own = {"force": start["force"][i], "mass": mass[i]}
-        assert_alike(many, i, jc.fit(predict, y[i], own, x=x[i], transforms={"mass": jc.Fixed()}))
+        assert_alike(many, i, jc.fit(predict, y[i], own, x=x[i], transforms=held))
 
 
 def test_huber_and_weights_are_those_of_fit():
@@ -206,20 +183,12 @@ def test_a_sigma_of_each_ball_or_of_each_point_has_both_axes(shape):
         assert_alike(many, i, jc.fit(decay, Y[i], START, x=X[i], sigma=own[i]))
 
 
-def test_other_values_and_another_number_of_balls_do_not_compile_again(known):
-    compiled = []
-
-    def heard(name, seconds, **_):
-        if "backend_compile" in name:
-            compiled.append(name)
-
-    monitoring.register_event_duration_secs_listener(heard)
-    try:
-        x, y = tables(seed=5, balls=BALLS + 2)
-        many = jc.fit_many(decay, y, {"a": 1.3, "k": 0.8}, x=x, sigma=0.02, batch_size=4)
-    finally:
-        monitoring.unregister_event_duration_listener(heard)
-    assert many.ok.all() and compiled == []
+def test_other_values_and_another_number_of_balls_do_not_compile_again(known, compiled):
+    x, y = tables(seed=5, balls=BALLS + 2)
+    compiled.clear()
+    many = jc.fit_many(decay, y, {"a": 1.3, "k": 0.8}, x=x, sigma=0.02, batch_size=4)
+    assert compiled == []
+    assert many.ok.all()
 
 
 def test_finished_balls_leave_their_block(monkeypatch):
@@ -261,8 +230,3 @@ def test_wrong_arguments_are_named(change, words):
     given = {"predict": decay, "data": Y, "start": START, "x": X, "batch_size": 4}
     with pytest.raises(ValueError, match=words):
         jc.fit_many(**(given | change))
-
-
-def test_an_unknown_ball_is_named(known):
-    with pytest.raises(ValueError, match="must be one of `balls`, such as"):
-        known.fit("green")

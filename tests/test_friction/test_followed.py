@@ -6,11 +6,8 @@ import pytest
 
 import jaxcontact as jc
 
-EVENT = 1e-9
-"""Of ψ2; the default tolerance. Measured: 1.5e-11 (force), 4e-10 (others)."""
-
-PATH = 2e-5
-"""Of the slip at touch, with 200 samples. Measured: 1.7e-5."""
+EVENT = 1e-9  # of ψ2; the default tolerance. Measured: 1.5e-11 (force), 4e-10 (others)
+PATH = 2e-5  # of the slip at touch, with 200 samples. Measured: 1.7e-5
 
 RATIO, DRAW = 0.8, np.random.default_rng(5)
 SLIPS = np.concatenate([[0.02, 0.3], DRAW.uniform(0, 7, 30)])

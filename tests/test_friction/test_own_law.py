@@ -7,11 +7,8 @@ import pytest
 
 import jaxcontact as jc
 
-ROUNDING = 1e-12
-"""Relative; exponentials and logarithms of numbers near one."""
-
-SAMPLED = 5e-3
-"""Relative; friction ends between two of 401 samples where the contact sticks."""
+ROUNDING = 1e-12  # relative; exponentials and logarithms of numbers near one
+SAMPLED = 5e-3  # relative; friction ends between two of 401 samples where the contact sticks
 
 LAW = jc.HuGuo(e=0.8)
 CONTACT = jc.Contact(mass=0.05, stiffness=1e7, exponent=1.5)

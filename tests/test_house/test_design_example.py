@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import jaxcontact as jc
 
@@ -16,6 +17,14 @@ SAMPLED = 1e-4
 
 FOUR_DIGITS = 5.1e-5
 
+CONTACT = jc.Contact(mass=1.0, stiffness=1.4e8, exponent=1.5)
+LAW = jc.HuGuo(e=0.7)
+
+
+@pytest.fixture(scope="module")
+def hit():
+    return jc.impact(LAW, CONTACT, velocity=4.2)
+
 
 def test_contacts():
     steel = jc.Material(youngs_modulus=207e9, poisson_ratio=0.3, density=7800.0)
@@ -23,70 +32,50 @@ def test_contacts():
     assert 1e10 < contact.stiffness < 2e10
     assert 0.03 < contact.mass < 0.035
     assert contact.exponent == 1.5
-    contact = jc.Contact(mass=1.0, stiffness=1.4e8, exponent=1.5)
-    assert contact.mass == 1.0 and contact.stiffness == 1.4e8
+    assert CONTACT.mass == 1.0 and CONTACT.stiffness == 1.4e8
 
 
 def test_laws():
-    contact = jc.Contact(mass=1.0, stiffness=1.4e8, exponent=1.5)
-    law = jc.HuGuo(e=0.7)
-    assert repr(law) == repr(jc.get_law("hu_guo", e=0.7))
+    assert repr(LAW) == repr(jc.get_law("hu_guo", e=0.7))
     assert "hu_guo" in jc.list_laws()
-    for made in (
-        jc.HuntCrossley(e=0.7),
-        jc.LankaraniNikravesh(e=0.7),
-        jc.Flores(e=0.7),
-        jc.Hertz(),
-        jc.Gonthier(e=0.7),
-        jc.CarvalhoMartins(e=0.7),
-        jc.ExactRestitution(e=0.7),
-        jc.EnergyLoss(e=0.7, beta=2.5),
-        jc.Damped(alpha=0.6),
-        jc.ConstantDamping(c=1e7),
-    ):
-        assert made.damping_factor(contact, 4.2) >= 0
-    for made in (jc.KelvinVoigt(e=0.7), jc.Tsuji(e=0.7)):
-        assert made.damping_ratio() > 0
+    of_e = jc.HuntCrossley, jc.LankaraniNikravesh, jc.Flores, jc.Gonthier, jc.CarvalhoMartins
+    laws = [kind(e=0.7) for kind in (*of_e, jc.ExactRestitution)]
+    laws += [jc.Hertz(), jc.EnergyLoss(e=0.7, beta=2.5), jc.Damped(alpha=0.6)]
+    for law in (*laws, jc.ConstantDamping(c=1e7)):
+        assert law.damping_factor(CONTACT, 4.2) >= 0
+    for law in (jc.KelvinVoigt(e=0.7), jc.Tsuji(e=0.7)):
+        assert law.damping_ratio() > 0
     indentation, velocity = jnp.array([[1e-4], [2e-4]]), jnp.array([[4.0, 0.0, -2.0]])
-    F = law.force(indentation, velocity, contact, 4.2)
+    F = LAW.force(indentation, velocity, CONTACT, 4.2)
     assert F.shape == (2, 3)
     assert np.all(F > 0) and np.all(F[1] > F[0]) and np.all(F[:, 0] > F[:, 2])
-    a = law.damping_factor(contact, 4.2)
+    a = LAW.damping_factor(CONTACT, 4.2)
     np.testing.assert_allclose(a, 1.5 * 0.3 / 0.7, rtol=ROUNDING)
-    assert a == law.damping_factor()
+    assert a == LAW.damping_factor()
 
 
-def test_impact():
-    contact = jc.Contact(mass=1.0, stiffness=1.4e8, exponent=1.5)
-    law = jc.HuGuo(e=0.7)
-    hit = jc.impact(law, contact, velocity=4.2)
+def test_impact(hit):
     assert hit.method == "exact"
     np.testing.assert_allclose(hit.restitution, 0.6973, atol=FOUR_DIGITS)
     np.testing.assert_allclose(hit.rebound_velocity, 4.2 * hit.restitution, rtol=ROUNDING)
-    np.testing.assert_allclose(
-        hit.energy_loss, 0.5 * 4.2**2 * (1 - hit.restitution**2), rtol=ROUNDING
-    )
+    lost = 0.5 * 4.2**2 * (1 - hit.restitution**2)
+    np.testing.assert_allclose(hit.energy_loss, lost, rtol=ROUNDING)
     assert 0 < hit.compression_time < hit.duration / 2 < 1e-3
     assert 1e-3 < hit.max_indentation < 1.9007e-3
     elastic_force = 1.4e8 * float(hit.max_indentation) ** 1.5
     assert elastic_force < hit.max_force < 2 * elastic_force
-    assert all(
-        getattr(hit, name).shape == ()
-        for name in ("restitution", "duration", "compression_time", "max_force", "status")
-    )
+    for name in ("restitution", "duration", "compression_time", "max_force", "status"):
+        assert getattr(hit, name).shape == ()
     for method in ("phase", "event"):
-        again = jc.impact(law, contact, velocity=4.2, method=method)
+        again = jc.impact(LAW, CONTACT, velocity=4.2, method=method)
         assert again.method == method
         np.testing.assert_allclose(again.duration, hit.duration, rtol=SOLVED)
 
 
-def test_trajectory():
-    contact = jc.Contact(mass=1.0, stiffness=1.4e8, exponent=1.5)
-    law = jc.HuGuo(e=0.7)
-    path = jc.trajectory(law, contact, velocity=4.2, samples=200)
+def test_trajectory(hit):
+    path = jc.trajectory(LAW, CONTACT, velocity=4.2, samples=200)
     for name in ("time", "indentation", "velocity", "force"):
         assert getattr(path, name).shape == (200,)
-    hit = jc.impact(law, contact, velocity=4.2)
     np.testing.assert_allclose(path.time[-1], hit.duration, rtol=SOLVED)
     np.testing.assert_allclose(path.velocity[0], 4.2, rtol=ROUNDING)
     np.testing.assert_allclose(path.indentation.max(), hit.max_indentation, rtol=SAMPLED)
@@ -95,17 +84,13 @@ def test_trajectory():
 
 
 def test_restitution_and_back():
-    contact = jc.Contact(mass=1.0, stiffness=1.4e8, exponent=1.5)
-    law = jc.HuGuo(e=0.7)
-    e = jc.restitution(law)
-    a = jc.exact_damping_factor(e)
-    np.testing.assert_allclose(a, law.damping_factor(), rtol=ROUNDING)
-    assert jc.restitution(jc.ConstantDamping(c=1e7), contact, 4.2) < 1
+    a = jc.exact_damping_factor(jc.restitution(LAW))
+    np.testing.assert_allclose(a, LAW.damping_factor(), rtol=ROUNDING)
+    assert jc.restitution(jc.ConstantDamping(c=1e7), CONTACT, 4.2) < 1
 
 
 def test_bounce():
-    contact = jc.Contact(mass=1.0, stiffness=1.4e8, exponent=1.5)
-    run = jc.bounce(jc.HuGuo(e=0.7), contact, height=1.0, gravity=9.8)
+    run = jc.bounce(LAW, CONTACT, height=1.0, gravity=9.8)
     for name in ("time", "height", "impact_velocity", "restitution"):
         assert getattr(run, name).shape == (18,)  # until rest
     moving = np.asarray(run.status == jc.Status.SEPARATED)

@@ -15,13 +15,13 @@ def test_names_load_on_first_use():
     listed. One process, in this order.
     """
     code = """
-import sys, jaxcontact as jc, jaxcontact._cli
+import sys, jaxcontact as jc, jaxcontact.lab.cli
 assert not {"jax", "numpy", "matplotlib"} & set(sys.modules), "--help would wait"
 assert not hasattr(jc, "nonsense")
 loaded = lambda: {name.split(".")[1] for name in sys.modules if name.startswith("jaxcontact.")}
 jc.HuGuo, jc.Contact, jc.impact, jc.fit
-late = {"_scene", "_system", "_sweep", "_calibration", "_export", "_bounce", "plot", "systems"}
-assert not loaded() & late, loaded()
+late = {"_scene", "_system", "_sweep", "_inverse", "engines", "_bounce", "plot", "systems"}
+assert not loaded() & late and "jaxcontact.lab.calibration" not in sys.modules, loaded()
 heavy = "diffrax matplotlib optax optimistix pandas scipy tqdm xarray".split()
 assert not set(heavy) & set(sys.modules), "an impact would wait"
 import jax

@@ -28,15 +28,18 @@ FLOORS = [
     {"_laws", "_friction"},
     {"_contact"},
     {"_impact", "_coupled"},
-    {"_bounce", "_inside", "_scene", "_sweep"},
-    {"_calibration", "_export", "_system"},
+    {"_bounce", "_scene", "_sweep"},
+    {"_inverse", "_system"},
     {"_simulate", "systems"},
-    {"plot", "_explore", "jaxsim", "mjx"},
-    {"paper", "_lab"},
-    {"_cli"},
-    {"__init__"},
+    {"plot"},
+    {"__init__", "extend"},
+    {"engines", "paper"},
+    {"jaxsim", "lab", "mjx"},
     {"__main__"},
 ]
+PARTS = {"engines", "lab", "paper"}
+"""They take public names and those of `extend` from the core, which stands below, nothing else."""
+PUBLIC = {"__init__", "extend", "plot", "systems"}
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 
 # Where a library may be imported at all, and where during the loading of a module; None is
@@ -44,16 +47,16 @@ FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 ALLOWED: dict[str, tuple[set[str] | None, set[str] | None]] = {
     "diffrax": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0], *FLOORS[1]}, None),
     "optimistix": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0], *FLOORS[1]}, None),
-    "matplotlib": ({"plot", "paper", "_cli", "_lab"}, {"plot"}),
-    "soundfile": ({"_lab"}, set()),
+    "matplotlib": ({"plot", "paper", "lab"}, {"plot"}),
+    "soundfile": ({"lab"}, set()),
     "optax": ({"_fit"}, set()),
     "blackjax": ({"_fit"}, set()),
     "arviz_stats": ({"_fit"}, set()),
     "xarray": (None, set()),
     "zarr": (None, set()),
     "tqdm": ({"_text"}, set()),
-    "jaxsim": ({"jaxsim"}, set()),
-    "mujoco": ({"mjx", "systems"}, set()),
+    "jaxsim": ({"engines"}, set()),
+    "mujoco": ({"engines"}, set()),
     "tests": (set(), set()),
     "benchmarks": (set(), set()),
 }
@@ -124,33 +127,47 @@ def violations(root: Path) -> list[str]:
         parts = path.relative_to(root).parts
         room = _room(parts)
         where = "/".join(parts)
+        commands = parts[:2] == ("lab", "cli")
         if room not in FLOOR:
             found.append(f"{where}: room {room} has no floor")
             continue
-        package = [PACKAGE, *parts[:-1]]
-        for node, at_load in _walk(ast.parse(path.read_text())):
+        package, tree = [PACKAGE, *parts[:-1]], ast.parse(path.read_text())
+        for node, at_load in _walk(tree, checking=True) if room in PARTS else ():
+            for imported in _imports(node, at_load, package):
+                found += _inside(where, room, imported)
+        for node, at_load in _walk(tree):
             if isinstance(node, ast.Attribute):
                 name = _dotted(node)
                 if name == "jax._src":
                     found.append(f"{where}:{node.lineno}: uses jax._src")
-                if room != "_cli" and name.startswith("jax.config."):
+                if not commands and name.startswith("jax.config."):
                     if at_load:
                         found.append(f"{where}:{node.lineno}: touches jax.config while loading")
                     # Requested explicitly by `jc.cache()`.
                     elif name == "jax.config.update" and room != "_cache":
                         found.append(f"{where}:{node.lineno}: sets jax.config")
             for imported in _imports(node, at_load, package):
-                complaint = _complaint(room, imported)
+                complaint = _complaint(room, imported, commands)
                 if complaint:
                     found.append(f"{where}:{imported.line}: {complaint}")
     return found
 
 
-def _complaint(room: str, imported: Import) -> str | None:
+def _inside(where: str, room: str, imported: Import) -> list[str]:
+    top, _, rest = imported.name.partition(".")
+    target = rest.split(".")[0]
+    target = target if target in FLOOR else "__init__"
+    private = any(word.startswith("_") for word in rest.split("."))
+    if top != PACKAGE or target == room or (target in PUBLIC | PARTS and not private):
+        return []
+    return [f"{where}:{imported.line}: {room} takes {rest} from inside of the core"]
+
+
+def _complaint(room: str, imported: Import, commands: bool) -> str | None:
     top, _, rest = imported.name.partition(".")
     if imported.name.startswith("jax._src"):
         return "imports jax._src"
-    if imported.name.startswith("jax.config") and imported.at_load and room != "_cli":
+    if imported.name.startswith("jax.config") and imported.at_load and not commands:
         return "imports jax.config"
     if top == PACKAGE:
         target = rest.split(".")[0]
@@ -272,27 +289,24 @@ GOOD = {
     "_impact/_solve.py": "import diffrax\nfrom .. import _laws\nfrom .._contact import Contact\n",
     "_fit/_adam.py": "def fit():\n    import optax\n",
     "plot/__init__.py": "import matplotlib.pyplot as plt\nfrom .._impact import impact\n",
-    "_cli/__init__.py": "import jax\njax.config.update('jax_enable_x64', True)\n",
+    "lab/cli/__init__.py": "import jax\njax.config.update('jax_enable_x64', True)\n",
+    "lab/read.py": "from .. import impact\nfrom ..extend import rendered\nfrom ..plot import fit\n",
     "__init__.py": "from ._impact import impact as impact\n",
-    "__main__.py": "from ._cli import main\nfrom jaxcontact import impact\n",
+    "__main__.py": "from .lab.cli import main\nfrom jaxcontact import impact\n",
 }
 
 BAD = [
     ("_contact.py", "from ._impact import impact", "_contact may not import _impact"),
     ("_contact.py", "from . import _impact", "_contact may not import _impact"),
     ("_contact.py", "import jaxcontact._impact", "_contact may not import _impact"),
-    (
-        "_laws/_a.py",
-        "def f():\n    from .._contact import Contact",
-        "_laws may not import _contact",
-    ),
+    ("_laws/_a.py", "def f():\n    from .._contact import x", "_laws may not import _contact"),
     ("_laws/_a.py", "import jaxcontact as jc", "_laws may not import __init__"),
     ("_laws/_a.py", "import diffrax", "_laws may not import diffrax"),
     ("_laws/_a.py", "def f():\n    import diffrax", "_laws may not import diffrax"),
-    ("_sweep/_a.py", "from .._calibration import x", "_sweep may not import _calibration"),
+    ("_sweep/_a.py", "from .._inverse import x", "_sweep may not import _inverse"),
     ("_fit/_a.py", "from .._laws import Hertz", "_fit may not import _laws"),
     ("_fit/_a.py", "from .._impact import impact", "_fit may not import _impact"),
-    ("_fit/_a.py", "from .._lab import x", "_fit may not import _lab"),
+    ("_fit/_a.py", "from ..lab import x", "_fit may not import lab"),
     ("_impact/_a.py", "from .._sweep._table import Table", "_impact may not import _sweep"),
     ("_impact/_a.py", "from matplotlib import pyplot", "_impact may not import matplotlib"),
     ("paper/_a.py", "import matplotlib.pyplot", "only inside functions"),
@@ -306,6 +320,10 @@ BAD = [
     ("_impact/_a.py", "from jax import config", "imports jax.config"),
     ("_impact/_a.py", "from jax._src import core", "imports jax._src"),
     ("_impact/_a.py", "import jax\njax._src.core", "uses jax._src"),
+    ("lab/a.py", "from .._fit import scatter", "from inside of the core"),
+    ("engines/a.py", "from ..plot._drawing import x", "from inside of the core"),
+    ("paper/_a.py", "if TYPE_CHECKING:\n    from .._laws import Hertz", "from inside of the core"),
+    ("engines/a.py", "from ..lab import x", "engines may not import lab"),
     ("_attic.py", "", "has no floor"),
     ("_impact/_a.py", "from tests import oracle", "_impact may not import tests"),
     ("_laws/_a.py", "if TYPE_CHECKING:\n    pass\nelse:\n    from .._impact import x", "_impact"),
@@ -334,28 +352,19 @@ def test_a_breach_is_seen(tmp_path, name, text, complaint):
 
 
 CIRCLES = [
-    {"_sweep/_a.py": "from ._b import x", "_sweep/_b.py": "from . import _a"},
-    {
-        "_sweep/_a.py": "from ._b import x",
-        "_sweep/_b.py": "import jaxcontact._sweep._c",
-        "_sweep/_c.py": "from ._a import y",
-    },
-    {"_sweep/_a.py": "from ._b import x", "_sweep/_b.py": "def f():\n    from ._a import y"},
-    {
-        "_sweep/_a.py": "if TYPE_CHECKING:\n    from ._b import x",
-        "_sweep/_b.py": "from ._a import y",
-    },
-    {"_sweep/__init__.py": "from ._a import y", "_sweep/_a.py": "from .._sweep import z"},
-    {
-        "_sweep/_a.py": "from ._deep import x",
-        "_sweep/_deep/__init__.py": "from ._b import x",
-        "_sweep/_deep/_b.py": "from .._a import y",
-    },
+    {"_a": "from ._b import x", "_b": "from . import _a"},
+    {"_a": "from ._b import x", "_b": "import jaxcontact._sweep._c", "_c": "from ._a import y"},
+    {"_a": "from ._b import x", "_b": "def f():\n    from ._a import y"},
+    {"_a": "if TYPE_CHECKING:\n    from ._b import x", "_b": "from ._a import y"},
+    {"__init__": "from ._a import y", "_a": "from .._sweep import z"},
+    {"_a": "from ._c import x", "_c/__init__": "from ._b import x", "_c/_b": "from .._a import y"},
 ]
+"""Files of one room."""
 
 
 @pytest.mark.parametrize("files", CIRCLES)
 def test_a_circle_is_seen(tmp_path, files):
+    files = {f"_sweep/{name}.py": text for name, text in files.items()}
     root = build(tmp_path, {**GOOD, "_sweep/_d.py": "from ._a import y", **files})
     assert circles(root) == [set(files)]
 

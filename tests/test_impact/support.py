@@ -111,3 +111,43 @@ def central(solve, at, k, h):
 
 def finite(tree) -> bool:
     return all(bool(jnp.all(jnp.isfinite(x))) for x in jax.tree.leaves(tree) if eqx.is_array(x))
+
+
+def assert_same(found, wanted, names, at=(), **within):
+    """The numbers of two results, or what `at` selects of them."""
+    for name in names:
+        pair = (np.asarray(getattr(result, name))[at] for result in (found, wanted))
+        np.testing.assert_allclose(*pair, err_msg=name, **within)
+
+
+def assert_slopes(solve, at, h, within, relative=1e-7, **modes):
+    """Values and slopes of `slopes_of_lanes`: both modes agree, and central differences.
+
+    Slopes are logarithmic, except where a value is zero.
+    """
+    at = np.asarray(at)
+    values, forward, backward = solve(at)
+    np.testing.assert_allclose(forward, backward, **modes)
+    size = np.where(values == 0, 1, np.abs(values))
+    for k in range(at.shape[1]):
+        difference = central(solve, at, k, h) / size
+        np.testing.assert_allclose(
+            forward[:, :, k] * at[:, k : k + 1] / size, difference, relative, within
+        )
+    return values, forward
+
+
+def family(kind, **fixed):
+    """The oracle's cases of a kind, their damping, and the law of a damping."""
+    some = grid(kind, **fixed)
+    name, law = {
+        "hunt_crossley": ("alpha", lambda x: jc.Damped(alpha=x)),
+        "oscillator": ("zeta", lambda x: given_ratio(x, fixed["ending"])),
+        "kuwabara_kono": ("a", lambda x: jc.KuwabaraKono(A=x, tension=fixed["tension"])),
+    }[kind]
+    return some, column(some, name), law
+
+
+def errors_of(hit, some) -> dict[str, np.ndarray]:
+    """Of an impact beside the oracle's cases."""
+    return errors(outcome(hit), values(some))

@@ -21,8 +21,7 @@ def single(*numbers):
     return jnp.asarray(np.array(numbers, np.float32))
 
 
-LANES = 3
-"""At least, in every call, so that those of one law and exponent share a program."""
+LANES = 3  # at least, in every call, so that those of one law and exponent share a program
 
 
 def pushed(law, n, push):

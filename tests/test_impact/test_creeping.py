@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
+from tests.oracle.stored import stored
 from tests.test_impact.support import UNIT
 
 # A linear spring and dashpot, ζ = A/2: with tension e = exp(-πζ/ω), T = π/ω, ω² = 1 - ζ².
@@ -21,20 +22,13 @@ OMEGA = np.sqrt((1 - ENDING / 2) * (1 + ENDING / 2))
 EXACT, EVENT = 1e-14, 1e-8
 
 
-LANES, PATHS = ENDING.size + FOREVER.size, 4
-"""Of every call, so that those of one exponent and method share a program."""
+LANES = ENDING.size + FOREVER.size  # of every call, so that calls share programs
 
 
 def linear(a, n, **options):
     law = jc.KuwabaraKono(A=jnp.resize(jnp.asarray(a), LANES))
     hit = jc.impact(law, jc.Contact(1.0, 1.0, n), 1.0, **options)
     return jax.tree.map(lambda x: x[: np.size(a)].reshape(np.shape(a)), hit)
-
-
-def status_of_path(a, n):
-    law = jc.KuwabaraKono(A=jnp.resize(jnp.asarray(a), PATHS))
-    status = jc.trajectory(law, jc.Contact(1.0, 1.0, n), 1.0, samples=3).status
-    return status[: np.size(a)].reshape(np.shape(a))
 
 
 @pytest.mark.parametrize(
@@ -56,26 +50,27 @@ def test_linear_kuwabara_kono(n, method, tolerance):
     np.testing.assert_allclose(hit.restitution[parted], e[kept], rtol=0, atol=tolerance)
 
 
-@pytest.mark.parametrize("n", [1.0, jnp.array(1.0)], ids=["static", "traced"])
-def test_a_rebound_that_no_step_can_see_is_flagged(n):
+BY_EVENT = pytest.mark.parametrize(
+    ("n", "method"), [(1.0, "event"), (jnp.array(1.0), "auto")], ids=["static", "traced"]
+)
+
+
+@BY_EVENT
+def test_a_rebound_that_no_step_can_see_is_flagged(n, method):
     """e = 7e-44: the solver may give up, but not return the 34 s of where it lost the way."""
-    hit = linear(1.999, n, method="event")
+    hit = linear(1.999, n, method=method)
     assert hit.status == jc.Status.NOT_CONVERGED and np.isnan(hit.duration)
     duration = np.pi / np.sqrt((1 - 1.999 / 2) * (1 + 1.999 / 2))
-    assert status_of_path(1.999, n) == jc.Status.NOT_CONVERGED
     assert linear(1.999, 1.0).duration == pytest.approx(duration, rel=EXACT)
+    law = jc.KuwabaraKono(A=jnp.array([1.9, 1.999, 2.0, 2.05, 1e4]))
+    status = jc.trajectory(law, jc.Contact(1.0, 1.0, n), 1.0, samples=3).status
+    assert status.tolist() == [jc.Status.SEPARATED] + 4 * [jc.Status.NOT_CONVERGED]
 
 
-@pytest.mark.parametrize("n", [1.0, jnp.array(1.0)], ids=["static", "traced"])
-def test_the_force_jumps_at_touch(n):
+@BY_EVENT
+def test_the_force_jumps_at_touch(n, method):
     """x^(n-1) is 1 there, traced or not; no force is larger later."""
-    assert linear(300.0, n, method="event").max_force == pytest.approx(300.0, rel=EXACT)
-
-
-def test_no_trajectory_of_what_has_no_end():
-    for n in (1.0, jnp.array(1.0)):
-        status = status_of_path([1.9, 2.0, 2.05, 1e4], n)
-        assert status.tolist() == [jc.Status.SEPARATED] + 3 * [jc.Status.NOT_CONVERGED]
+    assert linear(300.0, n, method=method).max_force == pytest.approx(300.0, rel=EXACT)
 
 
 def test_without_tension_it_parts_where_the_force_vanishes():
@@ -89,11 +84,8 @@ def test_inertia_ends_what_is_not_linear():
     assert (np.diff(hit.restitution) < 0).all() and (hit.restitution > 0).all()
 
 
-SAMPLED = 1e-6
-"""The least of 20,001 samples of SciPy's motion: measured 2e-8."""
-
-STEPPED = 1e-8
-"""Event solves and series or formulas: measured 2e-9 (values) and 2e-8 of slopes."""
+SAMPLED = 1e-6  # the least of 20,001 samples of SciPy's motion: measured 2e-8
+STEPPED = 1e-8  # event solves and series or formulas: measured 2e-9 (values) and 2e-8 of slopes
 
 LAWS = {
     "kelvin_voigt": (lambda p: jc.KelvinVoigt(e=p), [0.95, 0.5, 0.1], 1.0),
@@ -107,11 +99,12 @@ def least(name, p, method):
     return jc.impact(made(p), UNIT[n], 1.0, method=method).min_force
 
 
-def sampled(name, p):
-    made, _, n = LAWS[name]
-    law = made(jnp.asarray(p))
+@stored()
+def sampled(name, p, n, duration):
+    """The least force of SciPy's motion. Samples are close together near the end, where a weakly
+    damped contact pulls.
+    """
     zeta = -np.log(p) / np.hypot(np.pi, np.log(p))
-    duration = float(jc.impact(law, UNIT[n], 1.0).duration)
 
     def force(t, y):
         x = np.maximum(y[0], 0)
@@ -119,24 +112,22 @@ def sampled(name, p):
             return x**n + 1.5 * p * np.sqrt(x) * y[1]
         return x**n + 2 * zeta * np.sqrt((n + 1) / 2) * x ** ((n - 1) / 2) * y[1]
 
-    found = solve_ivp(
-        lambda t, y: [y[1], -force(t, y)],
-        (0, duration),
-        [0, 1],
-        method="DOP853",
-        rtol=1e-12,
-        atol=1e-14,
-        dense_output=True,
-    )
-    # Samples close together near the end, where a weakly damped contact pulls.
+    def motion(t, y):
+        return [y[1], -force(t, y)]
+
+    how = {"rtol": 1e-12, "atol": 1e-14, "dense_output": True}
+    found = solve_ivp(motion, (0, duration), [0, 1], "DOP853", **how)
     times = duration * (1 - np.linspace(1, 0, 20001) ** 3)
-    return force(times, found.sol(times)).min()
+    return float(force(times, found.sol(times)).min())
 
 
 @pytest.mark.parametrize("name", LAWS)
 def test_it_is_that_of_newtons_equation(name):
-    found = least(name, jnp.array(LAWS[name][1]), "exact")
-    np.testing.assert_allclose(found, [sampled(name, p) for p in LAWS[name][1]], rtol=SAMPLED)
+    made, numbers, n = LAWS[name]
+    hit = jc.impact(made(jnp.array(numbers)), UNIT[n], 1.0, method="exact")
+    pairs = zip(numbers, hit.duration.tolist(), strict=True)
+    want = [sampled(name, p, n, duration) for p, duration in pairs]
+    np.testing.assert_allclose(hit.min_force, want, rtol=SAMPLED)
 
 
 @pytest.mark.slow("kuwabara_kono", reason="derivatives of an event solve, 15 s of CPU")

@@ -11,11 +11,8 @@ from tests.oracle.dashpot import MASS, SPEED, STIFFNESS, followed, truth
 LENGTH = (MASS * SPEED**2 / STIFFNESS) ** 0.4
 CONTACT = jc.Contact(MASS, STIFFNESS)
 
-TRUTH = 2e-9
-"""An event solve at 1e-9 of restitution: measured 4e-10."""
-
-DIFFERENCE = 2e-6
-"""Central differences with step 1e-4 of SciPy's answers: measured 1e-7."""
+TRUTH = 2e-9  # an event solve at 1e-9 of restitution: measured 4e-10
+DIFFERENCE = 2e-6  # central differences with step 1e-4 of SciPy's answers: measured 1e-7
 
 COMES_BACK = 3e-5
 """The force of STEP that comes back after it vanished, at d = 0.07 X: measured 7e-6."""
@@ -181,22 +178,20 @@ class Clamped(Impact):
         return jnp.where(open_, 0, jnp.maximum(force, 0))
 
 
-SHARP = 1e-8
-"""An event solve at 1e-9 that ends where a clamp begins: measured 3e-10."""
-
-SHARP_32 = 1e-5
-"""That of an event solve in single precision: measured 4e-6."""
+SHARP = 1e-8  # an event solve at 1e-9 that ends where a clamp begins: measured 3e-10
+SHARP_32 = 1e-5  # that of an event solve in single precision: measured 4e-6
 
 
 def clamped_lanes(n, kind=float):
     """Durations, speeds at δ = 0, and their derivatives along ln c; the last lane's force jumps."""
     length = (MASS * SPEED**2 / STIFFNESS) ** (1 / (n + 1))
     # Numbers of single precision, so that both precisions ask the oracle the same.
-    share = np.array([0.05, 0.3, 0.9, 2.0, 2.0, 0.3])
+    # The first one, which does not return, is what the oracle computes again.
+    share = np.array([0.9, 0.05, 0.3, 2.0, 2.0, 0.3])
     c_max = np.float32(share * MASS * SPEED / length).astype(float)
     # On a linear spring a force with a smaller d comes back for a time that the oracle may miss.
     least = 0.1 if n == 1 else 1e-3
-    d = np.array([least, least, 1.0, 0.15, 0.1, least]) * length
+    d = np.array([1.0, least, least, 0.15, 0.1, least]) * length
     gap = jnp.asarray([0, 0, 0, 0, 0, 0.5 * length], kind)
     contact, speed = jax.tree.map(
         lambda x: jnp.asarray(x, kind), (jc.Contact(MASS, STIFFNESS), SPEED)
@@ -215,21 +210,16 @@ def clamped_lanes(n, kind=float):
     return c_max[:5], d[:5], np.asarray(found)[:, :5], np.asarray(slopes)[:, :5]
 
 
-def test_a_law_may_clamp_its_own_force():
-    """max(0, F) ends where F does: what lies beyond has no slope, and is no contact."""
-    c, d, found, slopes = clamped_lanes(1.5)
-    h = 1e-4
-    for k in range(5):
-        np.testing.assert_allclose(found[:, k], followed(c[k], d[k], 1.5), rtol=SHARP)
-        ends = [followed(c[k] * s, d[k], 1.5) for s in (1 + h, 1 - h)]
-        np.testing.assert_allclose(slopes[:, k], (ends[0] - ends[1]) / (2 * h), rtol=DIFFERENCE)
-
-
 @pytest.mark.parametrize(
-    ("n", "kind", "tolerance"), [(1.0, float, SHARP), (1.5, "float32", SHARP_32)]
+    ("n", "kind", "tolerance"),
+    [(1.5, float, SHARP), (1.0, float, SHARP), (1.5, "float32", SHARP_32)],
+    ids=["a law's own", "linear", "single"],
 )
-def test_a_clamp_elsewhere(n, kind, tolerance):
-    """On a linear spring, whose equation is solved without w, and in single precision."""
+def test_a_law_may_clamp_its_own_force(n, kind, tolerance):
+    """max(0, F) ends where F does: what lies beyond has no slope, and is no contact.
+
+    Also on a linear spring, whose equation is solved without w, and in single precision.
+    """
     c, d, found, slopes = clamped_lanes(n, kind)
     h = 1e-4
     for k in range(5):

@@ -22,13 +22,14 @@ from tests.test_impact.support import (
     assert_within,
     column,
     errors,
-    given_ratio,
+    family,
     grid,
     outcome,
     scaled,
     slopes,
     values,
 )
+from tests.test_laws import table
 
 # Formulas: measured 1e-15. Quadrature: measured 1.2e-13 (n = 3, α = 1.6e6), 5e-14 for n ≤ 2.
 FORMULA, TIME = 1e-13, 1e-12
@@ -42,39 +43,24 @@ TOLERANCES = {
 }
 
 
-@pytest.mark.parametrize("n", [1.0, 1.25, 1.5, 2.0, 3.0])
-def test_hunt_crossley(n):
-    some = grid("hunt_crossley", n=n)
-    alpha = column(some, "alpha")
-    assert alpha.max() == 1.6e6
-    got = jax.jit(lambda alpha: outcome(scaled(jc.Damped(alpha=alpha), n)))(alpha)
-    assert_within(errors(got, values(some)), TOLERANCES, alpha)
+FAMILIES = [("hunt_crossley", {})]
+FAMILIES += [("oscillator", {"ending": ending}) for ending in ("tension", "clamped", "approach")]
+EXPONENTS = [{"n": n} for n in (1.0, 1.25, 1.5, 2.0, 3.0)] + [{}]
 
 
-def test_hunt_crossley_with_traced_exponents():
-    some = grid("hunt_crossley")
-    got = jax.jit(lambda a, n: outcome(scaled(jc.Damped(alpha=a), n)))(
-        column(some, "alpha"), column(some, "n")
-    )
-    assert_within(errors(got, values(some)), TOLERANCES, column(some, "alpha"))
-
-
-@pytest.mark.parametrize("ending", ["tension", "clamped", "approach"])
-def test_oscillators(ending):
-    for n in (1.0, 1.5, 2.0):
-        some = grid("oscillator", ending=ending, n=n)
-        if some:
-            got = outcome(scaled(given_ratio(column(some, "zeta"), ending), n))
-            assert_within(errors(got, values(some)), TOLERANCES, column(some, "zeta"))
-
-
-@pytest.mark.parametrize("ending", ["tension", "clamped", "approach"])
-def test_oscillators_with_traced_exponents(ending):
-    some = grid("oscillator", ending=ending)
-    got = jax.jit(lambda zeta, n: outcome(scaled(given_ratio(zeta, ending), n)))(
-        column(some, "zeta"), column(some, "n")
-    )
-    assert_within(errors(got, values(some)), TOLERANCES, column(some, "zeta"))
+@pytest.mark.parametrize(
+    ("kind", "fixed"),
+    [(kind, x | n) for kind, x in FAMILIES for n in EXPONENTS if grid(kind, **x, **n)],
+    ids=str,
+)
+def test_closed_forms(kind, fixed):
+    """By a concrete exponent, which selects its formulas, and by a traced one."""
+    some, numbers, law = family(kind, **fixed)
+    assert kind == "oscillator" or numbers.max() == 1.6e6
+    n = fixed.get("n")
+    solve = jax.jit(lambda x, traced: outcome(scaled(law(x), traced if n is None else n)))
+    got = solve(numbers, column(some, "n"))
+    assert_within(errors(got, values(some)), TOLERANCES, numbers)
 
 
 # --- Through the front door, in SI units ---------------------------------------------------------
@@ -110,56 +96,20 @@ def test_hunt_crossley_in_si_units():
     assert_front_door(hit, in_si(values(some), POINTS), POINTS)
 
 
-def kelvin_voigt(e):
-    decrement = -mp.log(e)
-    return decrement / mp.sqrt(mp.pi**2 + decrement**2)
-
-
-def kelvin_voigt_clamped(e):
-    """ζ with ln e = -2ζ arccos(ζ)/√(1-ζ²)."""
-
-    def miss(zeta):
-        return mp.log(e) + 2 * zeta * mp.acos(zeta) / mp.sqrt(1 - zeta**2)
-
-    return mp.re(mp.findroot(miss, mpf("0.3") if e > 0.3 else mpf("0.6")))
-
-
-def thornton(e):
-    h = "-6.918798 -16.41105 146.8049 -796.4559 2928.711 -7206.864 11494.29 -11342.18 6276.757"
-    exponent = sum(mpf(x) * e ** (i + 1) for i, x in enumerate([*h.split(), "-1489.915"]))
-    gamma = mp.sqrt(1 / (1 - (1 + e) ** 2 * mp.exp(exponent)) - 1)
-    return gamma * mp.sqrt(mpf(6) / 5)
-
-
-def jankowski(e):
-    xi = 9 * mp.sqrt(5) / 2 * (1 - e**2) / (e * (e * (9 * mp.pi - 16) + 16))
-    return 2 * xi / mp.sqrt(5)
-
-
-def tsuji(e):
-    a = "1.2728 -4.2783 11.087 -22.348 27.467 -18.022 4.8218".split()
-    return mp.sqrt(2) * sum(mpf(x) * e**i for i, x in enumerate(a)) / mp.sqrt(5)
-
-
 OSCILLATORS = {
-    "kelvin_voigt": (jc.KelvinVoigt, {}, 1.0, kelvin_voigt, "tension"),
-    "kelvin_voigt_clamped": (
-        jc.KelvinVoigt,
-        {"tension": False},
-        1.0,
-        kelvin_voigt_clamped,
-        "clamped",
-    ),
-    "antypov_elliott": (jc.AntypovElliott, {}, 1.5, kelvin_voigt, "tension"),
-    "tsuji": (jc.Tsuji, {}, 1.5, tsuji, "tension"),
-    "thornton": (jc.Thornton, {}, 1.5, thornton, "clamped"),
-    "jankowski": (jc.Jankowski, {}, 1.5, jankowski, "approach"),
+    "kelvin_voigt": (jc.KelvinVoigt, 1.0, table.zeta_of_half_period, "tension"),
+    "kelvin_voigt_clamped": (jc.KelvinVoigt, 1.0, table.clamped_zeta, "clamped"),
+    "antypov_elliott": (jc.AntypovElliott, 1.5, table.zeta_of_half_period, "tension"),
+    "tsuji": (jc.Tsuji, 1.5, lambda e: table.tsuji(e) / mp.sqrt(5), "tension"),
+    "thornton": (jc.Thornton, 1.5, lambda e: table.thornton(e) * mp.sqrt(mpf(6) / 5), "clamped"),
+    "jankowski": (jc.Jankowski, 1.5, lambda e: 2 * table.jankowski(e) / mp.sqrt(5), "approach"),
 }
 
 
 @pytest.mark.parametrize("name", OSCILLATORS)
 def test_oscillator_laws_in_si_units(name):
-    law, options, n, ratio, ending = OSCILLATORS[name]
+    law, n, ratio, ending = OSCILLATORS[name]
+    options = {"tension": False} if name == "kelvin_voigt_clamped" else {}
     asked = [0.2, 0.6, 0.9]
     with mp.workdps(50):
         solved = [oracle.oscillator(ratio(mpf(e)), n, ending) for e in asked]
@@ -172,20 +122,14 @@ def test_oscillator_laws_in_si_units(name):
         assert np.allclose(hit.restitution, asked, rtol=FORMULA, atol=0)
 
 
-EXACT = dict.fromkeys(FIELDS, 1e-14)
-"""Measured 1.3e-15."""
+EXACT = dict.fromkeys(FIELDS, 1e-14)  # measured 1.3e-15
 
 SLOPES = 1e-13
 """Measured 1.9e-14, of a largest force that hardly changes; of the energy loss beside 1."""
 
-EVENT = 3e-11
-"""Of an event solve at rtol 1e-12, whose error it is."""
-
-SECOND = 1e-7
-"""Central differences of slopes with step 1e-5, of second derivatives up to 10."""
-
-SINGLE = 1e-5
-"""Float32, of restitutions down to 1e-15 relative to themselves."""
+EVENT = 3e-11  # of an event solve at rtol 1e-12, whose error it is
+SECOND = 1e-7  # central differences of slopes with step 1e-5, of second derivatives up to 10
+SINGLE = 1e-5  # float32, of restitutions down to 1e-15 relative to themselves
 
 ENDS = [float(np.expm1(s)) for s in json.loads(FILE.read_text())["ends"]]
 
@@ -198,8 +142,7 @@ def solved(a, tension, **options):
     return outcome(jc.impact(law(a, tension), UNIT[1.5], 1.0, **options))
 
 
-LANES = 256
-"""Of every call, so that all share one program; the last ones are filled."""
+LANES = 256  # of every call, so that all share one program; the last ones are filled
 
 
 @functools.cache

@@ -11,8 +11,7 @@ from tests.test_impact.test_warm_calls import work_of
 ROUNDING = {np.float64: 1e-12, np.float32: 2e-5}
 """Relative: one program is compiled for the value and the slopes, and rounds otherwise."""
 
-NUMBERS = (0.6, 1.3, 1.4e8, 4.2)
-"""e, mass, stiffness and speed."""
+NUMBERS = (0.6, 1.3, 1.4e8, 4.2)  # e, mass, stiffness and speed
 
 
 def outcome(e, mass=1.3, stiffness=1.4e8, speed=4.2):

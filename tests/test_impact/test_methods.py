@@ -26,29 +26,14 @@ def test_a_name_is_short_for_the_object(name):
     assert eqx.tree_equal(by_name, by_object)
 
 
-def test_any_known_scalar_is_a_number():
-    assert jc.Event(rtol=np.float32(0.5), atol=jnp.asarray(0.25)) == jc.Event(rtol=0.5, atol=0.25)
-    assert jc.Phase(steps=np.int64(16), tolerance=np.array(0.5)) == jc.Phase(16, 0.5)
-    assert type(jc.Event(rtol=jnp.asarray(0.5)).rtol) is float
-    assert type(jc.Event(max_steps=jnp.asarray(9)).max_steps) is int
-
-
 @pytest.mark.parametrize(
     ("make", "words"),
     [
         (lambda: jc.Event(rtol=1.0), ["rtol", "(0, 1)", "1.0"]),
         (lambda: jax.jit(lambda x: jc.Event(rtol=x).rtol)(0.1), ["rtol", "(0, 1)", "Tracer"]),
-        *(
-            (lambda value=value: jc.Event(max_steps=value), ["max_steps", "whole", repr(value)])
-            for value in (1, 10.0)
-        ),
+        (lambda: jc.Event(max_steps=1), ["max_steps", "whole", "1"]),
         (lambda: jc.Phase(steps=7), ["steps", "even", "7"]),
-        (lambda: jc.Event(solver=diffrax.Tsit5), ["solver", "AbstractSolver", "Tsit5"]),
-        (lambda: jc.impact(LAW, CONTACT, 1.0, method=jc.Event), ["method", "'event'", "Event"]),
-        (
-            lambda: jc.trajectory(LAW, CONTACT, 1.0, method="exact"),
-            ["method", "'event'", "'exact'"],
-        ),
+        (lambda: jc.trajectory(LAW, CONTACT, 1.0, method="exact"), ["'event'", "'exact'"]),
         (lambda: jc.trajectory(LAW, CONTACT, 1.0, method=jc.Phase()), ["'event'", "Phase("]),
     ],
 )

@@ -5,16 +5,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from tests.test_impact.support import (
-    UNIT,
-    assert_within,
-    column,
-    errors,
-    given_ratio,
-    grid,
-    outcome,
-    values,
-)
+from tests.test_impact.support import UNIT, assert_within, column, errors_of, family
 
 # Range in which every published law of the family has e ≥ 0.1, with n = 3/2; measured 4.6e-10.
 PROMISE = 1e-9
@@ -29,14 +20,13 @@ ROUNDING = 1e-14
 MOST_CAUTIOUS = 1e5
 
 
-def hunt_crossley(n, **options):
-    some = grid("hunt_crossley", n=n)
-    law = jc.Damped(alpha=column(some, "alpha"))
-    return jc.impact(law, jc.Contact(1.0, 1.0, n), 1.0, method=jc.Phase(**options)), some
+def hunt_crossley(**options):
+    some, alpha, law = family("hunt_crossley", n=1.5)
+    return jc.impact(law(alpha), UNIT[1.5], 1.0, method=jc.Phase(**options)), some
 
 
 def true_error(hit, some):
-    error = errors(outcome(hit), values(some))
+    error = errors_of(hit, some)
     return np.maximum(error["e"], error["duration"])
 
 
@@ -51,49 +41,40 @@ def assert_honest(hit, some):
 
 
 def test_hunt_crossley_down_to_a_restitution_of_a_tenth():
-    hit, some = hunt_crossley(1.5)
+    hit, some = hunt_crossley()
     alpha = np.asarray(column(some, "alpha"))
     right = alpha <= LARGEST_ALPHA
     assert (hit.status[right] == jc.Status.SEPARATED).all()
-    error = {f: x[right] for f, x in errors(outcome(hit), values(some)).items()}
+    error = {f: x[right] for f, x in errors_of(hit, some).items()}
     assert_within(error, TOLERANCES, alpha[right])
     assert (hit.status[alpha >= 100] == jc.Status.NOT_CONVERGED).all()
     assert_honest(hit, some)
     assert hit.method == "phase" and (hit.steps == 32).all()
 
 
-@pytest.mark.parametrize("n", [1.0, 2.0])
-def test_other_exponents_are_honest(n):
-    hit, some = hunt_crossley(n)
+HONEST = [
+    *(("hunt_crossley", {"n": n}, 5.0, 100.0) for n in (1.0, 2.0)),
+    # Flagged where the angle turns back.
+    ("kuwabara_kono", {"tension": True}, 0.6, 1.5),
+    *(("oscillator", {"ending": "tension", "n": n}, 0.1, np.inf) for n in (1.0, 1.5)),
+]
+
+
+@pytest.mark.parametrize(("kind", "fixed", "converged", "flagged"), HONEST, ids=str)
+def test_others_are_honest(kind, fixed, converged, flagged):
+    some, numbers, law = family(kind, **fixed)
+    contact = jc.Contact(1.0, 1.0, fixed.get("n", 1.5))
+    hit = jc.impact(law(numbers), contact, 1.0, method="phase")
     assert_honest(hit, some)
-    alpha = column(some, "alpha")
-    assert (hit.status[alpha <= 5] == jc.Status.SEPARATED).all()
-    assert (hit.status[alpha >= 100] == jc.Status.NOT_CONVERGED).all()
+    assert (hit.status[numbers <= converged] == jc.Status.SEPARATED).all()
+    assert (hit.status[numbers >= flagged] == jc.Status.NOT_CONVERGED).all()
 
 
 def test_fewer_steps_are_worse_and_know_it():
-    coarse, some = hunt_crossley(1.5, steps=16, tolerance=1e-3)
+    coarse, some = hunt_crossley(steps=16, tolerance=1e-3)
     assert_honest(coarse, some)
-    fine, _ = hunt_crossley(1.5)
+    fine, _ = hunt_crossley()
     assert (true_error(coarse, some) > 10 * true_error(fine, some))[:8].all()
-
-
-def test_kuwabara_kono_is_flagged_where_the_angle_turns_back():
-    some = grid("kuwabara_kono", tension=True)
-    law = jc.KuwabaraKono(A=column(some, "a"))
-    hit = jc.impact(law, UNIT[1.5], 1.0, method="phase")
-    assert_honest(hit, some)
-    a = column(some, "a")
-    assert (hit.status[a <= 0.6] == jc.Status.SEPARATED).all()
-    assert (hit.status[a >= 1.5] == jc.Status.NOT_CONVERGED).all()
-
-
-@pytest.mark.parametrize("n", [1.0, 1.5])
-def test_oscillators_are_honest(n):
-    some = grid("oscillator", ending="tension", n=n)
-    hit = jc.impact(given_ratio(column(some, "zeta"), "tension"), UNIT[n], 1.0, method="phase")
-    assert_honest(hit, some)
-    assert (hit.status[column(some, "zeta") <= 0.1] == jc.Status.SEPARATED).all()
 
 
 # Against closed forms: measured 1.1e-8, for Jankowski's e 3.3e-8. Below e = 0.72 (Jankowski: 0.33)
@@ -113,6 +94,6 @@ def test_oscillators_of_hertz_contacts(law):
 
 
 def test_the_tolerance_decides_what_counts_as_converged():
-    strict, _ = hunt_crossley(1.5, tolerance=1e-8)
+    strict, _ = hunt_crossley(tolerance=1e-8)
     assert (strict.status == jnp.where(strict.error_estimate <= 1e-8, 0, 2)).all()
     assert 0 < (strict.status == 0).sum() < strict.status.size

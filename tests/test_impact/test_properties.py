@@ -15,14 +15,10 @@ import jaxcontact as jc
 from tests.test_impact.support import given_ratio
 
 LANES = 16
-UNITS = 1e-12
-"""Powers of numbers up to 1e±12: measured 2e-14."""
-TINY = np.finfo(float).tiny
-"""What is smaller is flushed to zero."""
-AGREE = 1e-8
-"""README's bound of event solves, which is ten times that of the phase method."""
-ORDER = 2e-8
-"""Two neighbours may err by AGREE in opposite directions."""
+UNITS = 1e-12  # powers of numbers up to 1e±12: measured 2e-14
+TINY = np.finfo(float).tiny  # what is smaller is flushed to zero
+AGREE = 1e-8  # rEADME's bound of event solves, which is ten times that of the phase method
+ORDER = 2e-8  # two neighbours may err by AGREE in opposite directions
 
 FAMILIES = {
     "hunt_crossley": (lambda x: jc.Damped(alpha=x), 1.5),

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
 from docs.run_code import BLOCK, DOCS
-from jaxcontact._inside.interval import Gaps, push_of
+from jaxcontact.engines.inside.interval import Gaps, push_of
 
 HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
 LINEAR = jc.Contact(mass=0.5, stiffness=1e5, exponent=1)

@@ -5,8 +5,10 @@ import io
 
 import numpy as np
 import pandas as pd
+import pytest
 
-from jaxcontact._lab.recordings import read_recording
+import jaxcontact as jc
+from jaxcontact.lab.recordings import read_recording
 
 
 class Frame:
@@ -65,3 +67,9 @@ SOURCES = {
     ),
     "keywords": by_keyword,
 }
+
+
+def refused(words, *source, **how):
+    """Assert that a recording is refused with these words."""
+    with pytest.raises(jc.RecordingError, match=words):
+        jc.read_recording(*source, **how)

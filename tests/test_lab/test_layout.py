@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration.pairs.outliers import find_outliers
 from jaxcontact._flight import Flight
-from jaxcontact._lab.layouts.layout import Paired, ReadingError, Record
-from jaxcontact._lab.recordings import LAYOUTS, Layout, make_pairs, register_layout
 from jaxcontact._text.words import span
+from jaxcontact.lab.layouts.layout import Paired, ReadingError, Record
+from jaxcontact.lab.pairs.outliers import find_outliers
+from jaxcontact.lab.recordings import LAYOUTS, Layout, make_pairs, register_layout
 
 
 @dataclasses.dataclass(frozen=True)

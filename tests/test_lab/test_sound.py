@@ -12,13 +12,13 @@ import pytest
 import jaxcontact as jc
 from benchmarks.sound import constant_e, one_of, summary
 from benchmarks.sound_truths import Truth, as_wave, draw
-from jaxcontact._calibration.pairs.reading_noise import scatter_beside
-from jaxcontact._lab.recordings import read_columns
-from jaxcontact._lab.sound.listening import listen
+from jaxcontact.lab.pairs.reading_noise import scatter_beside
+from jaxcontact.lab.recordings import read_columns
+from jaxcontact.lab.sound.listening import listen
+from tests.test_lab.sources import refused
 
 CLEAN = 4
 """A draw with a clear drop: e = 0.64, 37 dB over the noise."""
-
 FLIGHTS = 0.4 * 0.75 ** np.arange(4)
 
 STEP = 1e-4
@@ -33,6 +33,12 @@ def truth() -> Truth:
 def times(recording: jc.Recording) -> np.ndarray:
     assert recording.sound is not None
     return np.array([one.time for drop in recording.sound.drops for one in drop])
+
+
+@functools.cache
+def heard() -> np.ndarray:
+    """The times in the clear drop."""
+    return times(jc.read_recording(file_of(truth().samples, truth().rate)))
 
 
 def file_of(samples: np.ndarray, rate: int, width: int = 2, *, coding: int = 1) -> io.BytesIO:
@@ -64,14 +70,12 @@ def test_a_drop_is_found_and_its_e_lies_in_the_interval(tmp_path):
     found = times(recording)
     assert len(found) >= 6
     off = found - truth().time[: len(found)]
-    assert np.ptp(off) < STEP
-    assert recording.layout.name == "intervals"
+    assert np.ptp(off) < STEP and recording.layout.name == "intervals"
     assert "1 drop of" in recording.notes[1]
     calibrated = jc.calibrate(recording, laws="constant_damping")
     fit = calibrated.choice.fits["constant e"]
     low, high = next(iter(fit.interval().values()))
-    assert low < truth().e < high
-    assert high - low < 1e-3 * truth().e
+    assert low < truth().e < high and high - low < 1e-3 * truth().e
     # The study fits like `calibrate`.
     mean, half, _ = constant_e(recording)
     np.testing.assert_allclose([low, high], np.exp([mean - half, mean + half]), rtol=1e-6)
@@ -79,33 +83,22 @@ def test_a_drop_is_found_and_its_e_lies_in_the_interval(tmp_path):
     assert "known errors of the times" in calibrated.report()
 
 
-@pytest.mark.parametrize(
-    "how",
-    [
-        {"width": 1},
-        {"width": 3},
-        {"width": 4},
-        {"width": 4, "coding": 3},
-        {"width": 8, "coding": 3},
-        {"width": 2, "coding": 65534},
-        {"width": 3, "coding": 65534},
-    ],
-    ids=str,
-)
-def test_every_coding_of_a_wave_gives_the_same_times(how):
-    plain = times(jc.read_recording(file_of(truth().samples, truth().rate)))
-    other = times(jc.read_recording(file_of(truth().samples, truth().rate, **how)))
-    count = min(len(plain), len(other))
+CODINGS = [(1, 1), (3, 1), (4, 1), (4, 3), (8, 3), (2, 65534), (3, 65534)]
+
+
+@pytest.mark.parametrize(("width", "coding"), CODINGS)
+def test_every_coding_of_a_wave_gives_the_same_times(width, coding):
+    other = times(jc.read_recording(file_of(truth().samples, truth().rate, width, coding=coding)))
+    count = min(len(heard()), len(other))
     assert count >= 5
-    assert np.max(np.abs(plain[:count] - other[:count])) < (STEP if how["width"] == 1 else 1e-6)
+    assert np.max(np.abs(heard()[:count] - other[:count])) < (STEP if width == 1 else 1e-6)
 
 
 def test_the_clearer_channel_is_used():
     noise = 0.3 * np.random.default_rng(0).normal(size=truth().samples.size).clip(-3, 3)
     both = np.stack([noise, truth().samples], axis=1)
     sound = jc.read_recording(file_of(both, truth().rate)).sound
-    assert sound is not None
-    assert sound.channel == 2
+    assert sound is not None and sound.channel == 2
 
 
 @pytest.mark.parametrize("kind", ["FLAC", "OGG", "MP3"])
@@ -113,17 +106,15 @@ def test_other_files_by_soundfile(kind, tmp_path):
     soundfile = pytest.importorskip("soundfile")
     path = tmp_path / "bounce.bin"  # the first bytes decide, not the name
     soundfile.write(path, truth().samples, truth().rate, format=kind)
-    plain = times(jc.read_recording(io.BytesIO(as_wave(truth()))))
     other = times(jc.read_recording(path))
     assert len(other) >= 5
     # Lossy codecs delay all samples equally.
-    assert np.ptp(other[:5] - plain[:5]) < STEP
+    assert np.ptp(other[:5] - heard()[:5]) < STEP
 
 
 def test_without_soundfile_the_message_says_what_to_do(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "soundfile", None)
-    with pytest.raises(jc.RecordingError, match=r"is FLAC, which needs soundfile \(pip install"):
-        jc.read_recording(io.BytesIO(b"fLaC" + bytes(100)))
+    refused(r"is FLAC, which needs soundfile \(pip install", io.BytesIO(b"fLaC" + bytes(100)))
 
 
 def test_several_drops_in_one_file_are_trials():
@@ -137,47 +128,34 @@ def test_several_drops_in_one_file_are_trials():
 
 def test_what_holds_no_bounces_is_refused_with_what_was_found():
     rate = 8000
-    random = np.random.default_rng(1)
-    noise = 0.01 * random.normal(size=4 * rate)
-    knock = noise.copy()
+    noise = 0.01 * np.random.default_rng(1).normal(size=4 * rate)
+    knock, bad = noise.copy(), noise.copy()
     knock[rate : rate + 80] += np.sin(np.arange(80)) * np.exp(-np.arange(80) / 20)
-
-    def refused(samples: np.ndarray, words: str) -> None:
-        with pytest.raises(jc.RecordingError, match=words):
-            jc.read_recording(file_of(samples, rate))
-
-    refused(np.zeros(60 * rate), "60 s of sound .* without a sound above the background")
-    refused(noise, "no bounce was found")
-    refused(knock, r"with 1 sound above .* \(at 1\.0.* s\), but no series of at least 4")
-    refused(noise[:800], "is 0.1 s long, too short for bounces; record a ball")
-    refused(np.zeros(0), "is 0 s long, too short")
-    bad = noise.copy()
     bad[100] = np.nan
-    with pytest.raises(jc.RecordingError, match="holds samples that are not finite"):
-        jc.read_recording(file_of(bad, rate, 4, coding=3))
-    with pytest.raises(jc.RecordingError, match="has 2000 samples per second, but at least 4000"):
-        jc.read_recording(file_of(noise, 2000))
-    with pytest.raises(jc.RecordingError, match=r"is MPEG-4 \(m4a\), .*ffmpeg"):
-        jc.read_recording(io.BytesIO(b"\0\0\0 ftypM4A " + bytes(100)))
-    with pytest.raises(jc.RecordingError, match="is a WAV file that cannot be read"):
-        jc.read_recording(io.BytesIO(b"RIFF\x10\0\0\0WAVEfmt "))
-
-
-def test_words_that_begin_like_a_sound_are_a_table():
-    for text in ("ID3;interval\n1;0.4\n2;0.3\n", "FORMAT,interval\na,0.4\nb,0.3\n"):
-        assert len(jc.read_recording(io.BytesIO(text.encode()))) == 2
+    for samples, words in (
+        (np.zeros(60 * rate), "60 s of sound .* without a sound above the background"),
+        (noise, "no bounce was found"),
+        (knock, r"with 1 sound above .* \(at 1\.0.* s\), but no series of at least 4"),
+        (noise[:800], "is 0.1 s long, too short for bounces; record a ball"),
+        (np.zeros(0), "is 0 s long, too short"),
+    ):
+        refused(words, file_of(samples, rate))
+    refused("holds samples that are not finite", file_of(bad, rate, 4, coding=3))
+    refused("has 2000 samples per second, but at least 4000", file_of(noise, 2000))
+    refused(r"is MPEG-4 \(m4a\), .*ffmpeg", io.BytesIO(b"\0\0\0 ftypM4A " + bytes(100)))
+    refused("is a WAV file that cannot be read", io.BytesIO(b"RIFF\x10\0\0\0WAVEfmt "))
+    for words, how in (
+        ("`layout` must be None or 'intervals' for a sound", {"layout": "heights"}),
+        ("`ball` must be None for a sound", {"ball": "blue"}),
+        ("`columns or decimal` must be None", {"columns": "speed=1,e=2"}),
+    ):
+        with pytest.raises(ValueError, match=f"Argument {words}"):
+            jc.read_recording(io.BytesIO(as_wave(truth())), **how)
     with pytest.raises(jc.RecordingError, match="is a sound, which has no such columns"):
         read_columns(io.BytesIO(as_wave(truth())), ["time", "force"], needed=["time"])
-
-
-def test_what_says_nothing_of_a_sound():
-    def refused(words: str, **how: object) -> None:
-        with pytest.raises(ValueError, match=words):
-            jc.read_recording(io.BytesIO(as_wave(truth())), **how)
-
-    refused("Argument `layout` must be None or 'intervals' for a sound", layout="heights")
-    refused("Argument `ball` must be None for a sound", ball="blue")
-    refused("Argument `columns or decimal` must be None", columns="speed=1,e=2")
+    # Words that begin like a sound are a table.
+    for text in ("ID3;interval\n1;0.4\n2;0.3\n", "FORMAT,interval\na,0.4\nb,0.3\n"):
+        assert len(jc.read_recording(io.BytesIO(text.encode()))) == 2
 
 
 def test_a_long_recording_is_read_in_blocks(tmp_path):
@@ -203,17 +181,12 @@ def test_a_long_recording_is_read_in_blocks(tmp_path):
 
 
 def test_small_study():
-    """A small form of benchmarks/sound.py."""
-    rows = [one_of(np.random.default_rng([7, k])) for k in range(60)]
-    found = summary(rows)
-    assert found["none invented"] >= 0.93
-    assert found["found"] >= 0.9
+    """A small form of benchmarks/sound.py; speech is no ball."""
+    found = summary([one_of(np.random.default_rng([7, k])) for k in range(60)])
+    assert found["none invented"] >= 0.93 and found["found"] >= 0.9
     assert found["fitted"] >= 35
     # The probability of fewer than 85 % at 95 % coverage is below 1 % for 40.
     assert found["in interval"] >= 0.85
-
-
-def test_speech_is_no_ball():
     rows = [one_of(np.random.default_rng([8, k]), bounces=False, speech=True) for k in range(8)]
     assert summary(rows)["none invented"] == 1
 
@@ -232,8 +205,8 @@ def test_scatter_beside_known_errors_is_found():
 def test_the_covariance_of_pairs_is_that_of_their_times():
     """By finite differences of ln e by each time, and by the duration of contact."""
     from jaxcontact._flight import Flight
-    from jaxcontact._lab.layouts.intervals import Timing
-    from jaxcontact._lab.recordings import make_pairs
+    from jaxcontact.lab.layouts.intervals import Timing
+    from jaxcontact.lab.recordings import make_pairs
 
     recording = jc.read_recording(interval_s=FLIGHTS)
     sigma = np.array([1e-5, 3e-5, 2e-5, 5e-5, 4e-5])
@@ -276,19 +249,15 @@ def test_the_picture_has_marks():
 
 def test_samples_in_a_column_are_heard_as_those_of_a_file():
     rate = truth().rate
-    known = times(jc.read_recording(file_of(truth().samples, rate)))
-    column = 2.5 + 40 * truth().samples  # in any unit, over any level
-    head = column[: int(2 * rate)]
+    head = (2.5 + 40 * truth().samples)[: int(2 * rate)]  # in any unit, over any level
     by_rate = jc.read_recording({"Sound Pressure (a.u.)": head}, rate=rate)
     assert by_rate.layout.name == "sound" and by_rate.sound is not None
     found = times(by_rate)
-    some = known[known < 2 - 0.1]
+    some = heard()[heard() < 2 - 0.1]
     assert len(some) >= 4
     np.testing.assert_allclose(found[: len(some)], some, atol=2e-6)
     assert any("samples" in note or "bounces" in note for note in by_rate.notes)
     timed = {"t (ms)": np.round(1e3 * np.arange(head.size) / rate, 4), "amplitude": head}
     np.testing.assert_allclose(times(jc.read_recording(timed)), found, atol=1e-6)
-    with pytest.raises(jc.RecordingError, match="is the same everywhere"):
-        jc.read_recording({"sound": np.ones(20_000)}, rate=rate)
-    with pytest.raises(jc.RecordingError, match="is missing; beside amplitude a column time"):
-        jc.read_recording({"amplitude": head})
+    refused("is the same everywhere", {"sound": np.ones(20_000)}, rate=rate)
+    refused("is missing; beside amplitude a column time", {"amplitude": head})

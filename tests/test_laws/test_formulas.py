@@ -15,17 +15,13 @@ import pytest
 import jaxcontact as jc
 from tests.test_laws.table import ALPHA_OF_E, LAWS, VARIANTS, energy_loss_alpha
 
-VALUE = 2e-14
-"""Relative error of the force: measured 5e-15, where 1 + alpha v/v0 nearly cancels."""
-
-SLOPE = 5e-14
-"""Of a derivative: measured 8e-15."""
+VALUE = 2e-14  # relative error of the force: measured 5e-15, where 1 + alpha v/v0 nearly cancels
+SLOPE = 5e-14  # of a derivative: measured 8e-15
 
 FITTED = 1e-11
 """For laws whose polynomials of alternating large terms cancel: measured 3e-12, Tsuji at e = 1."""
 
-SMALL = 3e-15
-"""Error of a derivative that cancels, by force/argument: measured 1e-15."""
+SMALL = 3e-15  # error of a derivative that cancels, by force/argument: measured 1e-15
 
 DIGITS = 50
 
@@ -64,51 +60,27 @@ def lanes(law):
     return [np.array(column) for column in zip(*rows, strict=True)]
 
 
-@pytest.fixture(scope="module")
-def solved():
-    """Force and gradient of each variant on its grid, compiled once."""
-    store = {}
-
-    def solve(name):
-        if name not in store:
-            law = VARIANTS[name]
-
-            def force(d, v, K, m, v0, *numbers):
-                contact = jc.Contact(mass=m, stiffness=K, exponent=law.exponent)
-                return law.make(*numbers).force(d, v, contact, v0)
-
-            columns = [jnp.asarray(column) for column in lanes(law)]
-            both = jax.value_and_grad(force, argnums=tuple(range(len(columns))))
-            store[name] = jax.tree.map(np.asarray, jax.jit(jax.vmap(both))(*columns))
-        return store[name]
-
-    return solve
-
-
 @pytest.mark.parametrize("name", VARIANTS)
-def test_force(name, solved):
+def test_forces_and_their_derivatives(name):
     law = VARIANTS[name]
-    found, _ = solved(name)
-    with mp.workdps(DIGITS):
-        rows = [map(mp.mpf, row) for row in zip(*lanes(law), strict=True)]
-        expected = [float(law.force(*row)) for row in rows]
-    np.testing.assert_allclose(found, expected, rtol=tolerance(name, VALUE), atol=1e-300)
-    apart = -1e-3 if law.cls.ends_apart else 0
-    assert np.all(found[lanes(law)[0] < apart] == 0)
-    if not law.pulls:
-        assert np.all(found >= 0)
-    else:
-        assert np.any(found < 0)
-
-
-@pytest.mark.parametrize("name", VARIANTS)
-def test_derivatives(name, solved):
-    law = VARIANTS[name]
-    force, found = solved(name)
     columns = lanes(law)
+
+    def force_of(d, v, K, m, v0, *numbers):
+        contact = jc.Contact(mass=m, stiffness=K, exponent=law.exponent)
+        return law.make(*numbers).force(d, v, contact, v0)
+
+    both = jax.value_and_grad(force_of, argnums=tuple(range(len(columns))))
+    force, found = jax.tree.map(np.asarray, jax.jit(jax.vmap(both))(*columns))
+    with mp.workdps(DIGITS):
+        rows = [map(mp.mpf, row) for row in zip(*columns, strict=True)]
+        expected = [float(law.force(*row)) for row in rows]
+    np.testing.assert_allclose(force, expected, rtol=tolerance(name, VALUE), atol=1e-300)
+    apart = -1e-3 if law.cls.ends_apart else 0
+    assert np.all(force[columns[0] < apart] == 0)
+    assert np.any(force < 0) == law.pulls
     assert all(np.all(np.isfinite(column)) for column in found)
     assert np.any(found[1] != 0) == law.make(*law.parameters[0]).damped
-    smooth = [i for i in range(len(columns[0])) if i % len(SMOOTH + EDGES) < len(SMOOTH)]
+    smooth = [i for i in range(len(force)) if i % len(SMOOTH + EDGES) < len(SMOOTH)]
     for argument, slopes in enumerate(found):
         if argument == 4 and law.alpha is None:
             assert np.all(slopes == 0)
@@ -159,14 +131,11 @@ def test_a_derivative_by_no_closing_speed_is_zero(e, kind):
 FORMULA = 2e-15
 """Relative error of a damping factor: measured 5e-16 (near e = 1 rounding of 1 - e²)."""
 
-FAMILY_OF_LOSS = 1e-14
-"""The same through the logarithm of the gamma function: measured 3e-15."""
+FAMILY_OF_LOSS = 1e-14  # the same through the logarithm of the gamma function: measured 3e-15
 
-FOUR_DIGITS = 5.1e-5
 THREE_DIGITS = 5.1e-4
 
-SECOND_ORDER = 2e-4
-"""The next term of a loss of 1e-4: measured 1.0e-4."""
+SECOND_ORDER = 2e-4  # the next term of a loss of 1e-4: measured 1.0e-4
 
 CONTACT = jc.Contact(mass=1.0, stiffness=1e8)
 
@@ -192,7 +161,7 @@ def test_damping_factor(name):
     np.testing.assert_allclose(found, expected, rtol=FORMULA, atol=atol)
 
 
-# Delivered for e = .9 .8 ... .1, in units of 1e-4.
+# Delivered for e = .9 .8 ... .1 in units of 1e-4, or for .9 .7 ... .1 in units of 1e-3.
 DELIVERED = {
     "hunt_crossley": (9090, 8329, 7680, 7120, 6630, 6197, 5813, 5469, 5158),
     "lankarani_nikravesh": (9132, 8471, 7960, 7561, 7252, 7016, 6842, 6723, 6653),
@@ -201,15 +170,23 @@ DELIVERED = {
     "gonthier": (8764, 7680, 6696, 5773, 4877, 3978, 3042, 2046, 1010),
     "carvalho_martins": (9000, 8000, 7000, 6000, 5002, 4011, 3040, 2116, 1289),
     "exact": (9000, 8000, 7000, 6000, 5000, 4000, 3000, 2000, 1000),
+    "jankowski": (900, 698, 495, 292, 93),
+    "tsuji": (900, 700, 500, 300, 99.5),
+    "thornton": (900, 700, 500, 300, 100),
+    "antypov_elliott without tension": (902, 718, 550, 397, 253),
 }
-NINE = jnp.linspace(0.9, 0.1, 9)
-FIVE = jnp.linspace(0.9, 0.1, 5)
 
 
 @pytest.mark.parametrize("name", DELIVERED)
-def test_family_delivers(name):
-    found = np.asarray(jc.restitution(jc.get_law(name, e=NINE)))
-    np.testing.assert_allclose(found, np.array(DELIVERED[name]) / 1e4, atol=FOUR_DIGITS)
+def test_what_laws_deliver(name):
+    digits = DELIVERED[name]
+    unit = 1e-4 if len(digits) == 9 else 1e-3
+    law = VARIANTS[name].make(jnp.linspace(0.9, 0.1, len(digits)))
+    found = jc.restitution(law)
+    np.testing.assert_allclose(found, np.array(digits) * unit, rtol=0, atol=0.51 * unit)
+    # Another program may round differently: measured 1.1e-16.
+    placed = jc.restitution(law, CONTACT, 1.0)
+    np.testing.assert_allclose(placed, found, rtol=4 * np.finfo(float).eps)
 
 
 def test_what_is_delivered_does_not_depend_on_the_contact():
@@ -220,38 +197,18 @@ def test_what_is_delivered_does_not_depend_on_the_contact():
         np.testing.assert_array_equal(jc.restitution(law, jc.Contact(3.0, 1e5, n), 0.1), alone)
 
 
-@pytest.mark.parametrize(
-    ("law", "thousandths"),
-    [
-        (jc.Jankowski(e=FIVE), (900, 698, 495, 292, 93)),
-        (jc.Tsuji(e=FIVE), (900, 700, 500, 300, 99.5)),
-        (jc.Thornton(e=FIVE), (900, 700, 500, 300, 100)),
-        (jc.AntypovElliott(e=FIVE, tension=False), (902, 718, 550, 397, 253)),
-    ],
-    ids=["jankowski", "tsuji", "thornton", "antypov_elliott clamped"],
-)
-def test_granular_laws_deliver(law, thousandths):
-    found = jc.restitution(law)
-    np.testing.assert_allclose(found, np.array(thousandths) / 1e3, atol=THREE_DIGITS)
-
-
 EXACT = 1e-13
 """Laws that deliver what they are asked for: measured 3e-14 at e = 1e-6, 4e-15 if clamped."""
 
 
 @pytest.mark.parametrize(
-    "law",
-    [
-        lambda e: jc.AntypovElliott(e=e),
-        lambda e: jc.KelvinVoigt(e=e),
-        lambda e: jc.KelvinVoigt(e=e, tension=False),
-    ],
-    ids=["antypov_elliott", "kelvin_voigt", "kelvin_voigt clamped"],
+    "name", ["antypov_elliott", "kelvin_voigt", "kelvin_voigt without tension"]
 )
-def test_oscillators_that_are_exact(law):
+def test_oscillators_that_are_exact(name):
     # exp(-2) corresponds to critical damping of the clamped contact.
-    e = jnp.concatenate([jnp.geomspace(1e-6, 1.0, 25), jnp.exp(jnp.array([-2.0, -2.01, -1.99]))])
-    np.testing.assert_allclose(jc.restitution(law(e)), e, rtol=EXACT)
+    e = np.concatenate([np.geomspace(1e-6, 1.0, 25), np.exp([-2.0, -2.01, -1.99])])
+    found = jc.restitution(VARIANTS[name].make(jnp.asarray(e)))
+    np.testing.assert_allclose(found, e, rtol=EXACT)
 
 
 def test_not_elastic_at_one():
@@ -308,17 +265,6 @@ def test_stated_ranges(name, asked, off):
 # --- The energy-loss family -----------------------------------------------------------------------
 
 
-def test_energy_loss_of_hu_and_guo():
-    e = jnp.array([0.1, 0.5, 0.9, 1.0])
-    np.testing.assert_allclose(
-        jc.EnergyLoss(e=e, beta=2.5).damping_factor(),
-        jc.HuGuo(e=e).damping_factor(),
-        rtol=FAMILY_OF_LOSS,
-    )
-    # Flores prints 8/5.
-    assert abs(float(jc.EnergyLoss(e=0.5, beta=2.0).damping_factor()) - 1.6018) < FOUR_DIGITS
-
-
 @pytest.mark.parametrize("beta", [1e-8, 1e-3, 1e3, 1e8])
 def test_energy_loss_of_any_profile(beta):
     got = float(jc.EnergyLoss(e=0.5, beta=beta).damping_factor())
@@ -364,15 +310,6 @@ def test_factors_with_units():
     # Small a v0: e = 1 - a v0.
     e = jc.restitution(jc.MarhefkaOrin(a=1e-4), contact, 1.0)
     np.testing.assert_allclose(1 - e, 1e-4, rtol=SECOND_ORDER)
-
-
-def test_missing_arguments():
-    with pytest.raises(ValueError, match="`contact` is needed for `ConstantDamping`"):
-        jc.ConstantDamping(c=1.0).damping_factor(None, 1.0)
-    with pytest.raises(ValueError, match="`velocity` is needed for `ConstantDamping`"):
-        jc.ConstantDamping(c=1.0).damping_factor(CONTACT)
-    with pytest.raises(ValueError, match="`velocity` is needed for `MarhefkaOrin`"):
-        jc.MarhefkaOrin(a=1.0).damping_factor(CONTACT)
 
 
 @pytest.mark.parametrize("name", [name for name, law in LAWS.items() if law.alpha is None])

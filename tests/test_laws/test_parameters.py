@@ -8,8 +8,7 @@ import pytest
 import jaxcontact as jc
 from tests.test_laws.table import ALPHA_OF_E, FAMILY, LAWS, VARIANTS
 
-ROUNDING = 1e-14
-"""A few products: measured 7e-16."""
+ROUNDING = 1e-14  # a few products: measured 7e-16
 
 NAN, INF = float("nan"), float("inf")
 
@@ -37,13 +36,9 @@ def test_scalars_out_of_range(name, argument):
     law = LAWS[name]
     good = dict(zip(law.names, law.parameters[0], strict=True))
     allowed, numbers = bad_numbers(name, argument)
-    negative = () if argument == "power" else (np.float64(-2.0), np.float32(-2.0), -3)
-    for number in (*numbers, NAN, INF, -INF, *negative):
-        with pytest.raises(
-            ValueError, match=f"`{argument}` must be in {allowed}, but is"
-        ) as caught:
+    for number in (*numbers, NAN, INF):
+        with pytest.raises(ValueError, match=f"`{argument}` must be in {allowed}, but is {number}"):
             law.cls(**(good | {argument: number}))
-        assert repr(number) in str(caught.value)
 
 
 @pytest.mark.parametrize(("name", "argument"), ARGUMENTS)
@@ -54,22 +49,12 @@ def test_arrays_out_of_range_pass(name, argument):
     mixed = jnp.array([*numbers, NAN, good[argument]])
     made = law.cls(**(good | {argument: mixed}))
     np.testing.assert_array_equal(getattr(made, argument), mixed)
-    # They have no formula without contact and speed; `impact` flags their lanes.
+    # They have no formula; `impact` flags their lanes.
     if name in ("kuwabara_kono", "linear_dashpot", "step_damping"):
         return
-    needs = name in ("constant_damping", "power_damping", "marhefka_orin", "energy_loss")
-    needs |= name in ("thornton_plastic", "power_restitution", "bridges")
-    needs |= name == "wet_restitution"
-    needs |= name in ("viscoplastic", "walton_braun", "luding", "dmt", "jkr")
-    contact = jc.Contact(mass=1.0, stiffness=1e8, exponent=law.exponent)
-    found = jc.restitution(made, *((contact, 1.0) if needs else ()))
+    found = jc.restitution(made, jc.Contact(1.0, 1e8, law.exponent), 1.0)
     np.testing.assert_array_equal(np.isnan(found), [True] * (len(numbers) + 1) + [False])
     assert 0 < found[-1] < 1 or (name == "dmt" and found[-1] == 1)
-
-
-def test_traced_numbers_pass():
-    found = jax.jit(lambda e: jc.restitution(jc.HuGuo(e=e)))(jnp.array([0.5, 1.5]))
-    np.testing.assert_array_equal(np.isnan(found), [False, True])
 
 
 def test_whole_numbers_are_numbers():
@@ -118,8 +103,7 @@ def test_single_precision_stays(name):
     np.testing.assert_allclose(of_numbers, double, rtol=rtol)
 
 
-SINGLE = 1e-6
-"""Force in single precision: measured 1.5e-7."""
+SINGLE = 1e-6  # force in single precision: measured 1.5e-7
 
 
 @pytest.mark.parametrize("name", ALPHA_OF_E)

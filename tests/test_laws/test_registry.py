@@ -31,15 +31,6 @@ def test_get_law():
     assert jc.get_law("hu_guo", e=0.7, tension=True).tension is True
     with pytest.raises(TypeError, match="alpha"):
         jc.get_law("hu_guo", alpha=0.7)
-    with pytest.raises(ValueError, match=r"`e` must be in \(0, 1\], but is 7"):
-        jc.get_law("hu_guo", e=7)
-
-
-@pytest.mark.parametrize("name", ["hu_gou", None, 5, ["hu_guo"], {}, "hu guo", b"hu_guo"])
-def test_unknown_name_lists_the_known(name):
-    with pytest.raises(ValueError, match="`name` must be one of") as caught:
-        jc.get_law(name, e=0.7)
-    assert all(known in str(caught.value) for known in [*jc.list_laws(), repr(name)])
 
 
 def test_describe():
@@ -153,14 +144,9 @@ class Square(jc.AbstractHuntCrossley):
         return 1.5 * (1 - self.e) / jnp.square(self.e)
 
 
-SAME = 1e-14
-"""The same number on two ways: measured 1e-15."""
-
-EVENT = 1e-8
-"""Event solves with tolerance 1e-9: measured 5e-10."""
-
-SLOPE = 1e-6
-"""A derivative of one with 1e-11, against its own differences: measured 5e-8."""
+SAME = 1e-14  # the same number on two ways: measured 1e-15
+EVENT = 1e-8  # event solves with tolerance 1e-9: measured 5e-10
+SLOPE = 1e-6  # a derivative of one with 1e-11, against its own differences: measured 5e-8
 
 
 def test_own_law_in_general_form():
@@ -189,35 +175,19 @@ def test_own_law_in_general_form():
 def test_own_law_in_the_family():
     jc.register_law("square")(Square)
     law = jc.get_law("square", e=jnp.asarray(0.6))
-    alpha = 1.5 * 0.4 / 0.36
-    hit = jc.impact(law, CONTACT, 1.5)
+    hit, known = (jc.impact(x, CONTACT, 1.5) for x in (law, jc.Damped(alpha=1.5 * 0.4 / 0.36)))
     assert hit.method == "exact"
-    known = jc.impact(jc.Damped(alpha=alpha), CONTACT, 1.5)
     np.testing.assert_allclose(hit.restitution, known.restitution, rtol=SAME)
     np.testing.assert_allclose(hit.duration, known.duration, rtol=SAME)
     np.testing.assert_allclose(jc.restitution(law), known.restitution, rtol=SAME)
-    path = jc.trajectory(law, CONTACT, 1.5, samples=20)
-    np.testing.assert_allclose(path.time[-1], hit.duration, rtol=EVENT)
-
-    def duration(e):
-        return jc.impact(Square(e=e), CONTACT, 1.5).duration
-
-    es = jnp.array([0.6, 0.6 + 1e-5, 0.6 - 1e-5])
-    batch = jax.jit(jax.vmap(duration))(es)
-    np.testing.assert_allclose(batch[0], hit.duration, rtol=SAME)
-    np.testing.assert_allclose(jax.grad(duration)(es[0]), (batch[1] - batch[2]) / 2e-5, rtol=SLOPE)
-
-
-def test_own_law_gone_wrong_is_flagged():
-    hit = jc.impact(Square(e=jnp.array([0.6, 1.2, 0.0, jnp.nan])), CONTACT, 1.5)
-    bad = int(jc.Status.INVALID_INPUT)
-    np.testing.assert_array_equal(hit.status, [0, bad, bad, bad])
-    np.testing.assert_array_equal(np.isnan(hit.duration), [False, True, True, True])
 
 
 def test_what_is_misspelt_is_told_with_a_suggestion():
     with pytest.raises(ValueError, match=r"but is 'Hu_Gou'\. Did you mean 'hu_guo'\?"):
         jc.get_law("Hu_Gou", e=0.5)
+    with pytest.raises(ValueError, match="`name` must be one of") as caught:
+        jc.get_law("abc", e=0.7)
+    assert all(known in str(caught.value) for known in jc.list_laws())
     with pytest.raises(TypeError, match=r"power_damping has no parameter 'powr'; .*'power'\?"):
         jc.get_law("power_damping", c=1.0, powr=1.0, reference=1.0)
     with pytest.raises(ValueError, match=r"but is 'kuwabara'\. Did you mean 'kuwabara_kono'\?"):

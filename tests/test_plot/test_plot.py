@@ -35,11 +35,7 @@ def test_on_new_axes(path):
     ax.figure.canvas.draw()
 
 
-def test_bad_arguments(path):
-    with pytest.raises(ValueError, match=r"`y` must be one of .*'force'.*, but is 'speed'"):
-        jc.plot.trajectory(path, y="speed")
-    with pytest.raises(ValueError, match=r"`x` must be one of .*, but is 'energy'"):
-        jc.plot.trajectory(path, x="energy")
+def test_a_batch_is_refused(path):
     batch = jax.tree.map(lambda leaf: leaf[None], path)
     with pytest.raises(ValueError, match=r"`path` must be a single trajectory.*\(1, 30\)"):
         jc.plot.trajectory(batch)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._lab.plots import calibration
+from jaxcontact.lab.plots import calibration
 
 
 @pytest.fixture(scope="module")
@@ -13,25 +13,17 @@ def blue():
     return jc.calibrate(jc.read_recording())
 
 
-@pytest.fixture
-def ax():
-    figure, ax = plt.subplots()
-    yield ax
-    plt.close(figure)
+@pytest.fixture(scope="module")
+def ax(blue):
+    return calibration(blue)
 
 
-def test_it_draws_into_the_axes_it_is_given(blue, ax):
+def test_it_draws_into_the_axes_it_is_given(blue):
+    _, ax = plt.subplots()
     assert calibration(blue, ax=ax) is ax
 
 
-def test_it_makes_axes_where_it_is_given_none(blue):
-    ax = calibration(blue)
-    assert ax.figure is not None
-    plt.close(ax.figure)
-
-
 def test_every_pair_is_drawn_once_and_inside(blue, ax):
-    calibration(blue, ax=ax)
     points = [line for line in ax.lines if line.get_linestyle() == "None"]
     assert sum(len(line.get_xdata()) for line in points) == len(blue.pairs)
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
@@ -43,17 +35,13 @@ def test_every_pair_is_drawn_once_and_inside(blue, ax):
 
 
 def test_curves_bands_and_words(blue, ax):
-    calibration(blue, ax=ax)
     labels = ax.get_legend_handles_labels()[1]
     assert [law.kind for law in blue.choice.laws] == labels[2:]
     assert "left out (23)" in labels[1]
     assert len(ax.collections) == sum(law.identifiable for law in blue.choice.laws) == 7
     assert ax.get_xlabel().endswith("(m/s)")
     assert "drag left in" in ax.get_ylabel()
-
-
-def test_the_legend_covers_no_data(blue, ax):
-    calibration(blue, ax=ax)
+    # The legend covers no data.
     ax.figure.canvas.draw()
     legend = ax.get_legend().get_window_extent()
     assert legend.y0 >= ax.get_window_extent().y1 - 1

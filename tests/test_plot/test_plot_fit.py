@@ -13,7 +13,7 @@ from matplotlib import pyplot
 from scipy import stats
 
 import jaxcontact as jc
-import jaxcontact._calibration
+import jaxcontact._inverse
 from jaxcontact._text.units import Shown
 
 X = np.linspace(1, 4, 20)
@@ -53,17 +53,6 @@ def test_speeds_over_decades_are_logarithmic():
     assert ax.get_xscale() == "log" and ax.lines[1].get_xdata().size == 200
 
 
-def test_what_has_no_line():
-    # Points without weight, such as padding, are not counted in the order.
-    padded = jc.fit(line, Y, [0.0, 1.0], x=X, weights=np.arange(20) % 3 > 0)
-    in_order = jc.plot.residuals(padded)[1].lines[0].get_xydata()
-    there = in_order[~np.isnan(in_order[:, 1]), 0]
-    assert np.array_equal(there, np.arange(np.count_nonzero(np.arange(20) % 3)))
-    lone = jc.fit(lambda p: p * np.ones(3), np.arange(3.0), 1.0)
-    with pytest.raises(ValueError, match="one-dimensional `x`"):
-        jc.plot.fit(lone)
-
-
 class Falling(eqx.Module):
     """ln h over a speed."""
 
@@ -91,12 +80,13 @@ def test_a_prediction_says_how_it_is_shown():
 
 
 def test_every_ready_made_prediction_says_how_it_is_shown():
-    rooms = jc._calibration, importlib.import_module("jaxcontact._lab.records")
-    modules = [
-        importlib.import_module(one.name)
-        for room in rooms
-        for one in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")
-    ]
+    names = ["jaxcontact.lab.bounces", "jaxcontact.paper._velocity_profile"]
+    for room in map(
+        importlib.import_module,
+        ("jaxcontact._inverse", *(f"jaxcontact.lab.{x}" for x in ("records", "oblique"))),
+    ):
+        names += [one.name for one in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")]
+    modules = list(map(importlib.import_module, names))
     predictions = {
         value
         for module in modules
@@ -119,10 +109,11 @@ def test_what_fit_velocity_profile_returned():
     assert len(jc.plot.residuals(found)) == 3
 
 
-def test_several_columns_have_axes_of_their_own():
-    def both(p, x):
-        return {"e": p[0] + p[1] * x, "time": p[0] - p[1] * x}
+def both(p, x):
+    return {"e": p[0] + p[1] * x, "time": p[0] - p[1] * x}
 
+
+def test_several_columns_have_axes_of_their_own():
     data = {"e": Y.copy(), "time": -Y}
     data["e"][3] = np.nan
     weights = {"e": np.where(np.isnan(data["e"]), 0.0, 1.0), "time": np.ones(20)}
@@ -153,14 +144,13 @@ def test_residuals_over_x_in_order_and_against_normal_ones(fitted):
     assert np.array_equal(there, np.arange(np.count_nonzero(np.arange(20) % 3)))
     lone = jc.fit(lambda p: p * np.ones(3), np.arange(3.0), 1.0)
     assert len(jc.plot.residuals(lone)) == 2
+    with pytest.raises(ValueError, match="one-dimensional `x`"):
+        jc.plot.fit(lone)
     with pytest.raises(ValueError, match="3 axes of matplotlib, one for each picture"):
         jc.plot.residuals(fitted, ax=axes[:2])
 
 
 def test_columns_of_residuals_have_names():
-    def both(p, x):
-        return {"e": p[0] + p[1] * x, "time": p[0] - p[1] * x}
-
     axes = jc.plot.residuals(jc.fit(both, {"e": Y, "time": -Y}, [0.0, 1.0], x=X))
     assert [text.get_text() for text in axes[2].get_legend().get_texts()] == ["e", "time"]
     assert np.array_equal(axes[1].lines[1].get_xdata(), np.arange(20, 40))

@@ -13,9 +13,18 @@ import jaxcontact as jc
 from jaxcontact.plot._drawing.path import line_of, path_of
 from tests.test_impact.test_warm_calls import work_of
 
-LAW = jc.ExactRestitution(e=0.8)
+LAW, ELASTIC = jc.ExactRestitution(e=0.8), jc.ExactRestitution(e=1.0)
 EXACT = 1e-12
 """Places that are computed twice, in m and J: measured 2e-16."""
+
+
+def hit(bodies, duration, law=LAW, **how):
+    """Return a run of instantaneous impacts."""
+    return jc.simulate(jc.Scene(bodies, law, **how), duration, instantaneous=True)
+
+
+def solids(picture):
+    return [patch for patch in picture.patches if not isinstance(patch, Circle)]
 
 
 @pytest.fixture(scope="module")
@@ -26,15 +35,14 @@ def box():
         jc.Sphere(0.07, 1.0, [0.5, 0.9], [-1.0, 0.3], name="small"),
     ]
     walls = jc.Box([0.0, 0.0], [1.0, 1.2])
-    scene = jc.Scene([walls, *balls], LAW, gravity=[0.0, -9.81])
-    return jc.simulate(scene, 1.0, instantaneous=True)
+    return hit([walls, *balls], 1.0, gravity=[0.0, -9.81])
 
 
 @pytest.fixture(scope="module")
 def ring():
     """Two intervals on a ring of 2 m."""
     balls = [jc.Sphere(0.1, 1.0, [0.5], [1.0]), jc.Sphere(0.05, 1.0, [0.9], [-1.0])]
-    return jc.simulate(jc.Scene(balls, LAW, periodic=[2.0]), 5.0, instantaneous=True)
+    return hit(balls, 5.0, periodic=[2.0])
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +51,7 @@ def space():
     plane = jc.Plane([0.0, 0.0, 0.0], [3.0, 4.0, 0.0])
     pin = jc.Sphere(0.05, None, [0.6, 0.3, 0.1], fixed=True)
     ball = jc.Sphere(0.05, 1.0, [0.0, 0.3, 0.1])
-    scene = jc.Scene([ball, pin, plane], LAW, gravity=[0.0, -9.81, 0.0])
-    return jc.simulate(scene, 0.6, instantaneous=True)
+    return hit([ball, pin, plane], 0.6, gravity=[0.0, -9.81, 0.0])
 
 
 def dots(ax):
@@ -126,15 +133,15 @@ def test_space_needs_two_axes(space):
     np.testing.assert_allclose(circles(ax)[1].center, space.position[1, 0, :2], atol=EXACT)
     np.testing.assert_allclose(dots(ax) @ np.array([0.6, 0.8]), 0, atol=EXACT)
     # The solid lies behind the plane.
-    (solid,) = (p for p in ax.patches if not isinstance(p, Circle))
+    (solid,) = solids(ax)
     assert np.all(solid.get_xy() @ np.array([0.6, 0.8]) < EXACT)
     # From above it is seen face-on and omitted.
     above = jc.plot.scene(space, axes=[2, 0])
-    assert all(isinstance(patch, Circle) for patch in above.patches)
+    assert solids(above) == []
     assert above.get_xlabel() == "$z$ / m" and above.get_ylabel() == "$x$ / m"
 
 
-@pytest.mark.parametrize("axes", [(0, 0), (0, 2), (0,), (0, 1, 1), "xy", (0.0, 1.0), 3])
+@pytest.mark.parametrize("axes", [(0, 0), (0, 2), (0,), (0.0, 1.0)])
 def test_bad_axes(box, axes):
     with pytest.raises(ValueError, match="`axes` must be two different numbers of 0 and 1, or"):
         jc.plot.scene(box, axes=axes)
@@ -204,8 +211,7 @@ def test_many_impacts_are_all_in_the_path(box):
 def test_walls_that_move():
     """A still ball over a table that shakes: what is drawn follows the table."""
     table = jc.Plane([0.0], [1.0], motion=jc.Vibration(amplitude=0.02, frequency=50.0, phase=0.5))
-    scene = jc.Scene([jc.Sphere(0.1, 1.0, [0.5]), table], LAW)
-    run = jc.simulate(scene, 1.0, instantaneous=True)
+    run = hit([jc.Sphere(0.1, 1.0, [0.5]), table], 1.0)
     ax = jc.plot.scene(run)
     level = max(ax.get_lines(), key=lambda line: len(line.get_xdata()))
     time, height = level.get_data()
@@ -213,8 +219,7 @@ def test_walls_that_move():
     # Every period is resolved.
     assert len(time) >= 20 * 50 and np.ptp(height) > 0.0399
     animation = jc.plot.animate(run, seconds=0.8, fps=10)
-    ax = animation.figure.axes[0]
-    solid = next(patch for patch in ax.patches if not isinstance(patch, Circle))
+    solid = solids(animation.figure.axes[0])[0]
     animation.to_jshtml()
     # The last frame remains.
     np.testing.assert_allclose(solid.get_xy()[:, 0].max(), height[-1], atol=EXACT)
@@ -223,34 +228,32 @@ def test_walls_that_move():
 def test_what_a_wall_swept_is_light():
     box = jc.Box([0.0, 0.0], [1.0, 1.0], motion=jc.Steady([0.3, 0.0]))
     ball = jc.Sphere(0.1, 1.0, [0.7, 0.5], [0.1, 0.0])
-    run = jc.simulate(jc.Scene([ball, box], LAW), 1.0, instantaneous=True)
-    ax = jc.plot.scene(run)
-    solids = [p for p in ax.patches if not isinstance(p, Circle) and p.get_xy()[:, 0].max() < 0.5]
+    ax = jc.plot.scene(hit([ball, box], 1.0))
     # The left wall moved from 0 to 0.3: both are solid up to there.
-    assert [round(p.get_xy()[:, 0].max(), 9) for p in solids] == [0.3, 0.3]
+    places = [round(patch.get_xy()[:, 0].max(), 9) for patch in solids(ax)]
+    assert [place for place in places if place < 0.5] == [0.3, 0.3]
     # The other one likewise, from 1 to 1.3.
     assert ax.get_xlim()[0] < 0 and ax.get_xlim()[1] > 1.3
 
 
 def test_shells():
     """A circle is solid around; on a line it is two walls."""
-    law = jc.ExactRestitution(e=1.0)
     bodies = [jc.Shell([0.0, 0.5], 1.0), jc.Sphere(0.1, 1.0, [0.0, 0.0], [1.0, 0.0])]
-    run = jc.simulate(jc.Scene(bodies, law), 2.0, instantaneous=True)
+    run = hit(bodies, 2.0, ELASTIC)
     ax = jc.plot.scene(run)
     np.testing.assert_allclose(np.hypot(*(dots(ax) - [0.0, 0.5]).T), 1.0, atol=EXACT)
-    (solid,) = (patch for patch in ax.patches if not isinstance(patch, Circle))
+    (solid,) = solids(ax)
     assert solid.get_path().contains_point([1.02, 1.5])
     assert not solid.get_path().contains_point([0.0, 0.5])
     jc.plot.animate(run, seconds=0.2, fps=10).to_jshtml()
     # A moving one is drawn at its end, and a film moves it there.
     moving = jc.Shell([0.0, 0.5], 1.0, motion=jc.Steady([0.3, 0.0]))
-    run = jc.simulate(jc.Scene([moving, bodies[1]], law), 2.0, instantaneous=True)
+    run = hit([moving, bodies[1]], 2.0, ELASTIC)
     ax = jc.plot.scene(run)
     ends = [line for line in ax.get_lines() if line.get_linestyle() == "--"]
     np.testing.assert_allclose(np.mean(ends[0].get_xdata()[:-1]), 0.6, atol=EXACT)
     animation = jc.plot.animate(run, seconds=0.2, fps=10)
-    (solid,) = (p for p in animation.figure.axes[0].patches if not isinstance(p, Circle))
+    (solid,) = solids(animation.figure.axes[0])
     animation.to_jshtml()
     assert solid.get_path().contains_point([-0.42, 0.5])
     # A shaking one is followed.
@@ -258,7 +261,7 @@ def test_shells():
     quarter = shakes.centre_at(np.array([0.0, 0.25]))
     np.testing.assert_allclose(quarter, [[0.0, 0.5], [0.3, 0.5]], atol=EXACT)
     bodies = [jc.Shell([0.5], 0.5), jc.Sphere(0.1, 1.0, [0.5], [1.0])]
-    line = jc.plot.scene(jc.simulate(jc.Scene(bodies, law), 2.0, instantaneous=True))
+    line = jc.plot.scene(hit(bodies, 2.0, ELASTIC))
     levels = {float(x.get_ydata()[0]) for x in line.get_lines() if len(x.get_xdata()) == 200}
     assert levels == {0.0, 1.0}
     assert line.get_ylim()[0] < 0 and line.get_ylim()[1] > 1
@@ -266,8 +269,7 @@ def test_shells():
 
 def test_what_shows_a_run_compiles_nothing(tmp_path):
     balls = [jc.Sphere(0.1, 1.0, [x, 0.5], [1.0, 0.3]) for x in (0.3, 0.6, 0.9)]
-    scene = jc.Scene([jc.Box([0.0, 0.0], [1.2, 1.2]), *balls], LAW, gravity=[0.0, -9.81])
-    run = jc.simulate(scene, 0.3, instantaneous=True)
+    run = hit([jc.Box([0.0, 0.0], [1.2, 1.2]), *balls], 0.3, gravity=[0.0, -9.81])
 
     def show():
         repr(run), repr(run.impacts), run.impacts.to_dict()

@@ -77,11 +77,7 @@ def test_dots():
     assert line.get_linestyle() == "None"
 
 
-def test_bad_arguments(table):
-    with pytest.raises(ValueError, match=r"`field` must be one of .*duration.*, but is 'speed'"):
-        jc.plot.sweep(table, field="speed")
-    with pytest.raises(ValueError, match=r"`x` must be one of \('e', 'v'\), but is 'K'"):
-        jc.plot.sweep(table, x="K")
+def test_tables_that_have_no_picture(table):
     with pytest.raises(ValueError, match=r"`table` must have one or two axes.*\('e', 'v', 'm'\)"):
         jc.plot.sweep(jc.sweep(summary, e=E, v=V, m=[1.0, 2.0]))
     with pytest.raises(ValueError, match=r"`table` must have one or two axes.*\(\)"):

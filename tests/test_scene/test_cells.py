@@ -12,12 +12,15 @@ from jaxcontact._scene.arrays.arrays import layout_of
 from jaxcontact._scene.arrays.from_scene import inputs_of, scene_numbers
 from jaxcontact._scene.contact_times.cells import grid_of
 from jaxcontact._scene.engine import pieces as _pieces
+from tests.test_scene.support import central, go, spheres
 
 SAME = 1e-10
 """Times of impact against the search among all pairs, relative to the run."""
 
 CHAOS = 1e-6
 """States at the end: a rounding has grown in four impacts of every sphere."""
+
+NAMES = "position", "velocity"
 
 SMOOTH = 1e-6
 """Derivatives against central differences of the search among all pairs."""
@@ -37,36 +40,28 @@ class Space(NamedTuple):
     walls: tuple[bool, ...] = (False,) * 3
     shell: float = np.inf
 
+    def around(self):
+        return [x if p else None for x, p in zip(self.size, self.periodic, strict=False)]
+
     def scene(self):
-        given = zip(self.radius, self.position, self.velocity, strict=True)
-        bodies = [jc.Sphere(r, 1.0, x, v) for r, x, v in given]
+        bodies = spheres(self.radius, 1.0, self.position, self.velocity)
         if any(self.walls):
-            ends = [
-                (0.0, x) if w else (-np.inf, np.inf)
-                for x, w in zip(self.size, self.walls, strict=False)
-            ]
-            bodies.append(jc.Box(*(list(end) for end in zip(*ends, strict=True))))
+            walls = np.array(self.walls[: len(self.size)])
+            bodies.append(jc.Box(np.where(walls, 0.0, -np.inf), np.where(walls, self.size, np.inf)))
         if np.isfinite(self.shell):
             bodies.append(jc.Shell(np.array(self.size) / 2, self.shell))
-        around = [x if p else None for x, p in zip(self.size, self.periodic, strict=False)]
         law = jc.ExactRestitution(e=self.e)
-        return jc.Scene(bodies, law, gravity=self.gravity, periodic=around)
+        return jc.Scene(bodies, law, gravity=self.gravity, periodic=self.around())
 
 
-def space(size, count, duration, radius=0.5, periodic=(False,) * 3, drift=0.0, **options):
-    low, around = (
-        [0.0] * len(size),
-        [x if p else None for x, p in zip(size, periodic, strict=False)],
-    )
-    spheres = jc.random_spheres(
-        count, low=low, high=size, radius=radius, mass=1.0, speed=1.0, periodic=around, seed=3
-    )
-    position, velocity = (
-        np.array([getattr(s, k) for s in spheres]) for k in ("position", "velocity")
-    )
+def space(size, count, duration, radius=0.5, drift=0.0, **options):
+    empty = Space(size, *[np.zeros(0)] * 3, duration, **options)
+    given = {"low": [0.0] * len(size), "high": size, "periodic": empty.around(), "radius": radius}
+    drawn = jc.random_spheres(count, **given, mass=1.0, speed=1.0, seed=3)
+    position, velocity = (np.array([getattr(s, k) for s in drawn]) for k in NAMES)
     velocity[:, 0] += drift
     radius = np.broadcast_to(radius, (count,))
-    return Space(size, position, velocity, radius, duration, periodic=periodic, **options)
+    return empty._replace(position=position, velocity=velocity, radius=radius)
 
 
 def first_root(a, b, c):
@@ -181,7 +176,7 @@ def test_cells_miss_nothing(monkeypatch, kind):
     numbers, _ = scene_numbers(inputs_of(scene), layout, contacts=False, soft=False)
     assert grid_of(layout, numbers) is not None
     times = np.linspace(0, space.duration, 41)
-    run = jc.simulate(scene, space.duration, instantaneous=True, times=times)
+    run = go(scene, space.duration, times=times)
     compared(space, run)
     assert (len(calls) > 0) == (kind in GROWS)
     distance = space.radius[:, None] + space.radius
@@ -204,13 +199,11 @@ def test_traced_a_full_cell_sends_the_run_to_the_search_among_all():
     @jax.jit
     def run_of(velocity, along):
         def run(velocity):
-            balls = [
-                s.moved_to(s.position, v) for s, v in zip(still.spheres, velocity, strict=True)
-            ]
+            pairs = zip(still.spheres, velocity, strict=True)
+            balls = [s.moved_to(s.position, v) for s, v in pairs]
             scene = eqx.tree_at(lambda scene: scene.bodies[: len(balls)], still, tuple(balls))
             times = [early, flies.duration]
-            given = {"instantaneous": True, "max_impacts": 1000, "times": times}
-            ran = jc.simulate(scene, flies.duration, **given)
+            ran = go(scene, flies.duration, max_impacts=1000, times=times)
             return ran.position[0], ran
 
         _, slope, ran = jax.jvp(run, (velocity,), (along,), has_aux=True)
@@ -218,6 +211,6 @@ def test_traced_a_full_cell_sends_the_run_to_the_search_among_all():
 
     run, slope = run_of(flies.velocity, direction)
     compared(flies, run)
-    small, short = 1e-6, flies._replace(duration=early)
-    ends = [all_pairs(short, short.velocity + s * small * direction)[2] for s in (1, -1)]
-    np.testing.assert_allclose(slope, (ends[0] - ends[1]) / (2 * small), atol=SMOOTH)
+    short = flies._replace(duration=early)
+    expected = central(lambda h: all_pairs(short, short.velocity + h * direction)[2], 1e-6)
+    np.testing.assert_allclose(slope, expected, atol=SMOOTH)

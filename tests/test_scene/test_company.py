@@ -1,8 +1,10 @@
-"""Coupled solves of some of ten discs, from Python, against Newton's equations of those in touch.
+"""Coupled solves of some of many discs, against Newton's equations of those in touch: from Python,
+and with their derivatives in a periodic ring, across its border.
 
 Runs of the oracle share their programs: ten discs, two walls, places for five.
 """
 
+import functools
 from types import SimpleNamespace
 
 import jax
@@ -19,22 +21,18 @@ from jaxcontact._scene.engine.coupled import touching
 from jaxcontact._scene.engine.log import blank_calls, blank_choice
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.oracle.shaken_spheres import pressed, sine
+from tests.test_scene.support import bodies_of, central, in_a_line, spheres
 
 RTOL = 1e-6
 ALPHA = 0.5
+LAW = jc.Damped(alpha=ALPHA)
 WALLS = [Wall([0.0, 0.0], [1.0, 0.0]), Wall([0.0, 0.0], [0.0, 1.0])]
-
-
-def followed(balls, stiffness, times):
-    bodies = [jc.Sphere(b.radius, b.mass, b.position, b.velocity) for b in balls]
-    bodies += [jc.Plane(w.point, w.normal) for w in WALLS]
-    scene = jc.Scene(bodies, jc.Damped(alpha=ALPHA), stiffness=stiffness)
-    return jc.simulate(scene, times[-1], times=times, rtol=RTOL, max_cluster=5)
 
 
 def agrees(balls, near, stiffness, times, speed):
     """The first `near` of the balls meet each other and walls, the others nobody."""
-    found = followed(balls, stiffness, times)
+    scene = jc.Scene(bodies_of(balls, WALLS), LAW, stiffness=stiffness)
+    found = jc.simulate(scene, times[-1], times=times, rtol=RTOL, max_cluster=5)
     assert found.status == jc.Ending.COMPLETED
     for k, time in enumerate(times):
         exact = run(balls[:near], Spring(stiffness, alpha=ALPHA), time, WALLS)
@@ -81,7 +79,7 @@ def test_two_press_a_disc_that_shakes_one_after_the_other():
     """The second comes to it while the first is in the solve; neither knows of the other."""
     amplitude, frequency, law = [0.004, 0.006], 5.0, jc.HuGuo(e=0.8)
     starts = [([-0.3, 0.02], [1.0, 0.0]), ([0.29, 0.01], [-1.0, 0.1]), ([0.0, 5.0], [0.0, 0.0])]
-    discs = [jc.Sphere(0.05, 1.0, *start) for start in starts]
+    discs = spheres(0.05, 1.0, *zip(*starts, strict=True))
     motion = jc.Vibration(amplitude, frequency)
     shaken = jc.Sphere(0.1, None, [0.0, 0.0], fixed=True, motion=motion)
     scene = jc.Scene([*discs, shaken], law, stiffness=1e4)
@@ -114,8 +112,7 @@ def test_three_meet_across_the_edges_of_a_small_cell():
     balls = [Ball(places[k].tolist(), velocity[k].tolist(), radius[k], mass[k]) for k in range(3)]
     stiffness = 10 ** random.uniform(5, 7)
     exact = run(balls, Spring(stiffness, alpha=ALPHA), 0.7, period=period)
-    discs = [jc.Sphere(b.radius, b.mass, b.position, b.velocity) for b in balls]
-    scene = jc.Scene(discs, jc.Damped(alpha=ALPHA), stiffness=stiffness, periodic=[period, period])
+    scene = jc.Scene(bodies_of(balls), LAW, stiffness=stiffness, periodic=[period, period])
     found = jc.simulate(scene, 0.7, rtol=RTOL)
     assert found.status == jc.Ending.COMPLETED
     assert len(found.impacts) == len(exact.touches) >= 3
@@ -130,8 +127,7 @@ def test_in_a_small_cell_each_pair_has_its_own_images():
     """Three in a row that touch, the last one not far from the first one's other side."""
     place = np.array([[0.1, 0.4], [0.7, 0.4], [0.48, 0.4]])
     velocity = np.array([[-1.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    given = zip((0.1, 0.1, 0.12), place, velocity, strict=True)
-    discs = [jc.Sphere(radius, 1.0, x, v) for radius, x, v in given]
+    discs = spheres([0.1, 0.1, 0.12], 1.0, place, velocity)
     scene = jc.Scene(discs, jc.Hertz(), stiffness=1e3, periodic=[0.8, 0.8])
     layout = layout_of(scene)
     numbers = scene_numbers(inputs_of(scene), layout, contacts=True, soft=False)[0]
@@ -160,3 +156,114 @@ def test_in_a_small_cell_each_pair_has_its_own_images():
     assert not company.crowded and company.alone > 0
     seats = np.asarray(company.seats.who)[[[0, 1], [0, 2], [1, 2]]]
     assert {tuple(sorted(pair)) for pair in seats[np.asarray(touches)]} == {(0, 1), (1, 2)}
+
+
+RING = 6.0
+STIFFNESS, DURATION = 1e5, 0.3
+MASS = np.array([1.0, 2.0, 0.5, 1.5, 1.0, 1.0, 1.0, 1.0, 1.0])
+
+# The first hits the second, which touches the third across the border. Two others meet separately
+# before this has ended.
+PLACES = np.array([5.749, 5.95, 6.1501, 1.0, 1.21, 2.0, 3.0, 4.0, 5.0])
+SPEEDS = np.array([1.0, 0.0, 0.0, 0.6, 0.1, 0.0, 0.0, 0.0, 0.0])
+RADII = np.full(9, 0.1)
+H = 1e-6
+"""A change of all numbers that is far below an indentation."""
+WRAPPED = np.where(np.arange(9) == 2, RING, 0.0)
+"""The third one is given on the other side of the face."""
+
+
+@functools.cache
+def program():
+    def of(places, speeds, radii):
+        scene = jc.Scene(
+            in_a_line(radii, MASS, places - WRAPPED, speeds), LAW, stiffness=STIFFNESS,
+            periodic=[RING],
+        )  # fmt: skip
+        end = jc.simulate(scene, DURATION, rtol=1e-10, max_impacts=8, max_cluster=4)
+        state = jnp.concatenate([end.position[-1, :, 0], end.velocity[-1, :, 0]])
+        return state, (end.status, end.impacts)
+
+    @jax.jit
+    def all_of_it(given, along, weight):
+        end, push, rest = jax.linearize(of, *given, has_aux=True)
+        pull = jax.linear_transpose(push, *given)
+        return end, rest, push(*along), pull(weight)
+
+    return all_of_it
+
+
+def exact(places, speeds, radii, who):
+    balls = [Ball([places[k]], [speeds[k]], radii[k], MASS[k]) for k in who]
+    end = run(balls, Spring(STIFFNESS, alpha=ALPHA), DURATION)
+    return np.concatenate([end.position[:, 0], end.velocity[:, 0]]), end
+
+
+def derivatives_agree(given, groups, ways, order=2.0):
+    """Values and derivatives, both against Newton's equations of the `groups` that meet; `order`:
+    with which power of H the error of a central difference goes.
+    """
+    rng = np.random.default_rng(3)
+    weight, along = rng.normal(size=18), tuple(rng.normal(size=9) for _ in given)
+    end, (status, impacts), forward, reverse = program()(given, along, weight)
+    assert status == jc.Ending.COMPLETED
+    # The effect of a change of all numbers on one of them, by both modes.
+    one, other = weight @ forward, sum(a @ b for a, b in zip(along, reverse, strict=True))
+    assert abs(one - other) <= 1e-9 * np.abs(forward).max() * np.abs(weight).sum()
+    hits = impacts.to_dict()
+    assert sorted(hits["solved_by"]) == ways
+    touched = []
+    for who in groups:
+        rows = np.array(who + [9 + k for k in who])
+        truth, known = exact(*given, who)
+        touched += [touch.begin for touch in known.touches]
+        turns = np.array([WRAPPED[k] for k in who] + [0.0] * len(who))
+        np.testing.assert_allclose(end[rows], truth - turns, rtol=0, atol=1e-9)
+
+        def moved(step, who=who):
+            return exact(*[x + step * d for x, d in zip(given, along, strict=True)], who)[0]
+
+        one, two = central(moved, H), central(moved, 2 * H)
+        slope = one + (one - two) / (2**order - 1)
+        atol = 1e-6 * np.abs(slope).max()
+        np.testing.assert_allclose(forward[rows], slope, rtol=0, atol=atol)
+    np.testing.assert_allclose(np.sort(hits["time"]), np.sort(touched), rtol=0, atol=1e-9)
+    return touched
+
+
+@pytest.mark.slow(reason="derivatives of coupled solves")
+def test_values_and_derivatives():
+    ways = [jc.SolvedBy.CLOSED_FORM, jc.SolvedBy.COUPLED, jc.SolvedBy.COUPLED]
+    touched = derivatives_agree((PLACES, SPEEDS, RADII), ([0, 1, 2], [3, 4]), ways)
+    assert max(touched) < 0.03
+
+
+@pytest.mark.slow(reason="derivatives of coupled solves")
+def test_a_tie():
+    """One is hit from both sides at once: the force begins so gently that this has a derivative."""
+    places, speeds = PLACES.copy(), 0 * SPEEDS
+    places[[3, 4, 5]] = [1.0, 1.25, 1.5]
+    speeds[[3, 5]] = [1.0, -1.0]
+    # If one starts a time h before the other, the force δ^1.5 adds h^2.5 to the end states.
+    ways = [jc.SolvedBy.COUPLED] * 2
+    derivatives_agree((places, speeds, RADII), ([3, 4, 5],), ways, order=1.5)
+
+
+@pytest.mark.slow(reason="derivatives of coupled solves")
+def test_crowds_are_refused():
+    """Five in a row, of which four have a place; three that span more than half of the ring."""
+
+    def ended(places, radii):
+        given = (places, np.eye(9)[0], radii)
+        along = jax.tree.map(jnp.zeros_like, given)
+        end, (status, _), _, _ = program()(given, along, jnp.zeros(18))
+        assert np.all(np.isnan(end))
+        return status
+
+    places = PLACES.copy()
+    places[:5] = [5.29, 5.5, 6.1, 5.7, 5.9]
+    assert ended(places, RADII) == jc.Ending.CROWDED
+    radii = RADII.copy()
+    radii[:3] = 0.6
+    places[:] = [2.79, 4.0, 5.2 + RING, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8]
+    assert ended(places, radii) == jc.Ending.CROWDED

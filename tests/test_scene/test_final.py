@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from tests.test_scene.support import central, missing
 
 STEP, DIFFERENCES = 1e-4, 1e-6
 """Of central differences, relative: measured 1e-8."""
@@ -41,46 +42,41 @@ def _ends(scale, duration=UNTIL, **more):
     return jc.simulate(scene, duration, rtol=1e-11, **more)
 
 
-def _end(scene, duration):
-    run = jc.simulate(scene, duration, rtol=1e-11, max_impacts=8)
-    lost = jnp.where(run.impacts.valid, run.impacts.energy_loss, 0)
-    numbers = [run.position[-1, 0], run.velocity[-1, 0], run.wall_work[None], run.position[-1, 1:]]
-    numbers += [run.velocity[-1, 1:], run.energy[-1:], jnp.sum(lost)[None], run.impacts.time[:2]]
-    return jnp.concatenate([jnp.ravel(x) for x in numbers])
-
-
-def _whole(duration):
-    """The same of a run in one part, less what the first part did, and with its energies."""
-    first, run = _ends(1.0), _ends(1.0, UNTIL + duration)
-    lost = jnp.sum(run.impacts.energy_loss) - jnp.sum(first.impacts.energy_loss)
-    work = run.wall_work - first.wall_work
+def _numbers(run, first=None):
+    """What a run gives, less what the `first` part of it did, and with its energies."""
+    lost = jnp.sum(jnp.where(run.impacts.valid, run.impacts.energy_loss, 0))
+    work, time = run.wall_work, run.impacts.time[:2]
+    if first is not None:
+        lost = lost - jnp.sum(first.impacts.energy_loss)
+        work, time = work - first.wall_work, time - UNTIL
     numbers = [run.position[-1, 0], run.velocity[-1, 0], work[None], run.position[-1, 1:]]
-    numbers += [run.velocity[-1, 1:], run.energy[-1:], lost[None], run.impacts.time[:2] - UNTIL]
-    return jnp.concatenate([jnp.ravel(x) for x in numbers]), first
+    numbers += [run.velocity[-1, 1:], run.energy[-1:], lost[None], time]
+    return jnp.concatenate([jnp.ravel(x) for x in numbers])
 
 
 @pytest.mark.slow(reason="derivatives of a soft run in two pieces")
 def test_a_run_goes_on_from_contacts_with_their_derivatives():
     """All that a run goes on from varies, the indentation and v0 as well; to flight and to rest."""
-    ends = [_ends(1 + sign * STEP).final for sign in (1, -1, 0)]
-    parts = [eqx.partition(scene, eqx.is_inexact_array) for scene in ends]
+    parts = [eqx.partition(_ends(1 + h).final, eqx.is_inexact_array) for h in (STEP, -STEP, 0)]
     rest = parts[2][1]
     moves = jax.tree.map(lambda a, b: (a - b) / (2 * STEP), parts[0][0], parts[1][0])
     assert np.any(moves._start.contacts.state.indentation != 0)
-    assert ends[2]._start.underway.partner.tolist() == [-1, 2, 1]
+    assert eqx.combine(*parts[2])._start.underway.partner.tolist() == [-1, 2, 1]
 
     @jax.jit
     def both(numbers, along, duration):
-        return jax.jvp(lambda x: _end(eqx.combine(x, rest), duration), (numbers,), (along,))
+        def end(x):
+            return jc.simulate(eqx.combine(x, rest), duration, rtol=1e-11, max_impacts=8)
+
+        return jax.jvp(lambda x: _numbers(end(x)), (numbers,), (along,))
 
     value, found = both(parts[2][0], moves, 0.03)
-    expected, first = _whole(0.03)
+    first = _ends(1.0)
+    expected = _numbers(_ends(1.0, UNTIL + 0.03), first)
     np.testing.assert_allclose(value, expected, rtol=GOES_ON)
     # Both contacts are in both parts, each with its loss there.
     assert np.all(expected[-2:] < 0)
-    lost = np.sum(first.impacts.energy_loss)
-    missing = first.energy[0] + first.wall_work - lost - first.energy[-1]
-    assert abs(missing) < GOES_ON * first.energy[0]
+    assert missing(first) < GOES_ON * first.energy[0]
     # It is up again.
     assert float(value[1]) > SPEED + 0.05
     after = [both(numbers, moves, 0.03)[0] for numbers, _ in parts[:2]]
@@ -92,16 +88,11 @@ def test_a_run_goes_on_from_contacts_with_their_derivatives():
     sinks = 2 / 3 * (9.81 / 1e6) ** (2 / 3)
     np.testing.assert_allclose(found[0], SPEED * (UNTIL + duration) + sinks, rtol=SLOPES_AT_REST)
     np.testing.assert_allclose(found[1], SPEED, rtol=SLOPES_AT_REST)
-    start = [_end_of_first(1 + sign * STEP) for sign in (1, -1, 0)]
-    slope = (start[0] - start[1]) / (2 * STEP)
+    slope = central(lambda h: float(_ends(1 + h).velocity[-1, 0, 0]), STEP)
     # Speed times the transferred momentum and the weight, and their variations.
-    gives = SPEED * (SPEED - start[2] + 9.81 * duration)
+    gives = SPEED * (SPEED - float(first.velocity[-1, 0, 0]) + 9.81 * duration)
     np.testing.assert_allclose(value[2], gives, rtol=AT_REST)
     np.testing.assert_allclose(found[2], gives + SPEED * (SPEED - slope), rtol=SLOPES_AT_REST)
-
-
-def _end_of_first(scale):
-    return float(_ends(scale).velocity[-1, 0, 0])
 
 
 def test_a_derivative_by_the_duration_includes_the_contact_forces():
@@ -113,7 +104,6 @@ def test_a_derivative_by_the_duration_includes_the_contact_forces():
 
     # The differences are those of the same program.
     both = jax.jit(lambda duration: jax.jvp(end, (duration,), (1.0,)))
-    along = both(UNTIL)[1]
-    differences = (both(UNTIL + BRIEFLY)[0] - both(UNTIL - BRIEFLY)[0]) / (2 * BRIEFLY)
+    along, slope = both(UNTIL)[1], central(lambda h: both(UNTIL + h)[0], BRIEFLY)
     assert np.abs(along[3]) > 10 * 9.81
-    np.testing.assert_allclose(along, differences, rtol=BY_DURATION)
+    np.testing.assert_allclose(along, slope, rtol=BY_DURATION)

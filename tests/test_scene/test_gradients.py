@@ -1,4 +1,10 @@
-"""Derivatives of a run: exact ones, forward against reverse, and finite differences."""
+"""Derivatives of a run: exact ones, forward against reverse, and finite differences. Those of soft
+impacts against differences of Newton's equations.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -6,30 +12,30 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.test_impact.support import both_jacobians
+from tests.test_scene.support import central, fourth, go, in_a_line, spheres
 
 MODES = 1e-9
 """Forward against reverse, relative to the largest entry: measured 1e-15."""
 
 DIFFERENCES = 1e-6
-"""Against central differences with Richardson's extrapolation: measured 2e-8."""
+"""Against central differences with Richardson's extrapolation: measured 2e-8. Soft ones beside
+Newton's equations, relative to the largest derivative by the same number."""
 
 
 def two(start):
     """Positions and velocities of two equal balls before and after an elastic hit, in a line."""
-    x, y, v, w = start
-    balls = [jc.Sphere(0.1, 1.0, [x], [v]), jc.Sphere(0.1, 1.0, [y], [w])]
-    run = jc.simulate(jc.Scene(balls, jc.Hertz()), 2.0, instantaneous=True, max_impacts=4)
+    balls = in_a_line(0.1, 1.0, start[:2], start[2:])
+    run = go(jc.Scene(balls, jc.Hertz()), 2.0, max_impacts=4)
     return jnp.concatenate([run.position[-1, :, 0], run.velocity[-1, :, 0]])
 
 
 def test_two_balls_exactly():
     """They exchange their places and velocities; engines that freeze the time get this wrong."""
-    start = jnp.array([0.0, 1.0, 1.0, 0.0])
     exact = [[0, 1, 0, 2], [1, 0, 2, 0], [0, 0, 0, 1], [0, 0, 1, 0]]
-    forward, reverse = both_modes(two, start)
-    np.testing.assert_allclose(forward, exact, atol=1e-14)
-    np.testing.assert_allclose(reverse, exact, atol=1e-14)
+    for found in both_modes(two, jnp.array([0.0, 1.0, 1.0, 0.0])):
+        np.testing.assert_allclose(found, exact, atol=1e-14)
 
 
 @pytest.mark.slow(reason="second derivatives of a scene")
@@ -37,12 +43,8 @@ def test_second_derivatives():
     """The speed after an oblique hit against second differences of first derivatives."""
 
     def speed(start):
-        balls = [
-            jc.Sphere(0.1, 1.0, jnp.stack([start[0], start[1]]), jnp.stack([start[2], start[3]])),
-            jc.Sphere(0.1, 2.0, [1.0, 0.0]),
-        ]
-        scene = jc.Scene(balls, jc.ExactRestitution(e=0.8))
-        run = jc.simulate(scene, 2.0, instantaneous=True, max_impacts=2)
+        balls = [jc.Sphere(0.1, 1.0, start[:2], start[2:]), jc.Sphere(0.1, 2.0, [1.0, 0.0])]
+        run = go(jc.Scene(balls, jc.ExactRestitution(e=0.8)), 2.0, max_impacts=2)
         return run.velocity[-1, 0, 1] + run.position[-1, 1, 0]
 
     start = jnp.array([0.0, 0.05, 1.0, 0.02])
@@ -53,25 +55,26 @@ def test_second_derivatives():
         return slope, jax.vmap(push, out_axes=1)(jnp.eye(4))
 
     hessian = slopes(start)[1]
-    steps = 1e-5 * np.eye(4)
-    differences = [(slopes(start + h)[0] - slopes(start - h)[0]) / 2e-5 for h in steps]
-    np.testing.assert_allclose(hessian, differences, atol=1e-6 * np.max(np.abs(hessian)))
+    found = [central(lambda h, k=k: slopes(start + h * np.eye(4)[k])[0], 1e-5) for k in range(4)]
+    np.testing.assert_allclose(hessian, found, atol=1e-6 * np.max(np.abs(hessian)))
+
+
+@functools.cache
+def _slopes(function):
+    return jax.jit(lambda start: both_jacobians(function, start)[1:])
 
 
 def both_modes(function, start):
     with jax.default_matmul_precision("float32"):
-        return jax.jit(lambda start: both_jacobians(function, start)[1:])(start)
+        return _slopes(function)(start)
 
 
 def differences(function, start, step):
     """Central differences with one extrapolation, column by column."""
     columns = []
     for k in range(len(start)):
-        h = step * max(1.0, abs(float(start[k])))
-        shift = np.zeros(len(start))
-        shift[k] = h
-        one = (function(start + shift) - function(start - shift)) / (2 * h)
-        half = (function(start + shift / 2) - function(start - shift / 2)) / h
+        h, shift = step * max(1.0, abs(float(start[k]))), np.eye(len(start))[k]
+        one, half = (central(lambda s, d=shift: function(start + s * d), x) for x in (h, h / 2))
         columns.append((4 * half - one) / 3)
     return np.stack(columns, axis=-1)
 
@@ -79,19 +82,13 @@ def differences(function, start, step):
 def plane(numbers):
     """Three balls, a fixed one and a floor under gravity, with two laws: six impacts in a plane."""
     state, rest = numbers[:12].reshape(3, 4), numbers[12:]
-    balls = [
-        jc.Sphere(rest[0], rest[1 + k], s[:2], s[2:], name="ball") for k, s in enumerate(state)
-    ]
+    balls = spheres([rest[0]] * 3, rest[1:4], state[:, :2], state[:, 2:], names=["ball"] * 3)
     pin = jc.Sphere(rest[4], None, jnp.stack([rest[5], rest[5]]), fixed=True, name="pin")
     floor = jc.Plane(jnp.stack([rest[6], rest[6]]), jnp.stack([rest[7], 1 + rest[7]]))
     laws = {("ball", "ball"): jc.ExactRestitution(e=rest[8]), "default": jc.MarhefkaOrin(a=rest[9])}
-    scene = jc.Scene(
-        [*balls, pin, floor],
-        laws,
-        stiffness={"default": 1e6},
-        gravity=jnp.stack([rest[10], rest[11]]),
-    )
-    run = jc.simulate(scene, 1.1, times=[0.3, 1.1], instantaneous=True, max_impacts=16)
+    bodies, stiffness = [*balls, pin, floor], {"default": 1e6}
+    scene = jc.Scene(bodies, laws, stiffness=stiffness, gravity=rest[10:])
+    run = go(scene, 1.1, times=[0.3, 1.1], max_impacts=16)
     out = jnp.concatenate([run.position.ravel(), run.velocity.ravel(), run.impacts.time[:6]])
     return out, run
 
@@ -122,13 +119,10 @@ def test_impacts_in_a_plane():
 
 def line(numbers):
     """Five unequal balls between two walls, thirty impacts."""
-    place, speed, mass, e = numbers[:5], numbers[5:10], numbers[10:15], numbers[15]
-    balls = [
-        jc.Sphere(0.1, m, x[None], v[None]) for x, v, m in zip(place, speed, mass, strict=True)
-    ]
+    balls = in_a_line(0.1, numbers[10:15], numbers[:5], numbers[5:10])
     ends = [jc.Plane([-3.0], [1.0]), jc.Plane([3.0], [-1.0])]
-    scene = jc.Scene([*balls, *ends], jc.ExactRestitution(e=e))
-    run = jc.simulate(scene, 15.0, instantaneous=True, max_impacts=64)
+    scene = jc.Scene([*balls, *ends], jc.ExactRestitution(e=numbers[15]))
+    run = go(scene, 15.0, max_impacts=64)
     return jnp.concatenate([run.position[-1].ravel(), run.velocity[-1].ravel()]), run
 
 
@@ -151,13 +145,8 @@ def test_a_batch_with_bad_lanes():
     """A lane that is out of range, overlaps or needs more room is flagged; the others are whole."""
 
     def run_of(radius, start):
-        balls = [
-            jc.Sphere(radius, 1.0, jnp.stack([start]), [1.0]),
-            jc.Sphere(0.1, 1.0, [1.0], [0.0]),
-            jc.Sphere(0.1, 1.0, [2.0], [0.0]),
-        ]
-        scene = jc.Scene([*balls, jc.Plane([4.0], [-1.0])], jc.Hertz())
-        run = jc.simulate(scene, 3.0, instantaneous=True, max_impacts=2)
+        balls = in_a_line([radius, 0.1, 0.1], 1.0, [start, 1.0, 2.0], [1.0, 0.0, 0.0])
+        run = go(jc.Scene([*balls, jc.Plane([4.0], [-1.0])], jc.Hertz()), 3.0, max_impacts=2)
         good = run.status == jc.Ending.COMPLETED
         place = jnp.where(good, run.position[-1, 0, 0], 0)
         return place, (run.position[-1], run.status, run.impacts.valid.sum(), run.velocity[-1])
@@ -182,12 +171,8 @@ def test_a_grazing_hit_has_no_nan():
     """Two discs that just miss or just touch: the margin says how close it was."""
 
     def speed(offset):
-        balls = [
-            jc.Sphere(0.1, 1.0, jnp.stack([0.0, offset]), [1.0, 0.0]),
-            jc.Sphere(0.1, 1.0, [1.0, 0.0]),
-        ]
-        scene = jc.Scene(balls, jc.Hertz())
-        run = jc.simulate(scene, 2.0, instantaneous=True, max_impacts=2)
+        balls = spheres(0.1, 1.0, [jnp.stack([0.0, offset]), [1.0, 0.0]], [[1.0, 0.0], None])
+        run = go(jc.Scene(balls, jc.Hertz()), 2.0, max_impacts=2)
         return run.velocity[-1, 0, 1], run.margin.closing_speed
 
     slope = jax.jit(jax.jacfwd(speed, has_aux=True))
@@ -197,3 +182,131 @@ def test_a_grazing_hit_has_no_nan():
         touched, closing = slope(0.2 - less)
         assert np.isfinite(touched)
         assert closing == np.inf or closing == pytest.approx(np.sqrt(10 * less), rel=0.5)
+
+
+class Case(NamedTuple):
+    """A scene as a function of its numbers, which begin with alpha and K; and how long it runs."""
+
+    point: list[float]
+    balls: Callable[..., list[tuple]]
+    """Of the numbers after those two: position, velocity, radius and mass of each ball."""
+    lengths: tuple[int, ...]
+    """Which numbers are lengths; an indentation is a small part of them."""
+    floor: bool
+    duration: float
+    results: int
+    """Numbers of the state at the end."""
+
+
+CASES = {
+    "oblique": Case(
+        [1.0, 1e6, 0.1, 2.0, 0.0, 0.0, 1.0, 0.1, 0.5, 0.12],
+        lambda r, m, *s: [(s[0:2], s[2:4], r, m), (s[4:6], [-0.5, 0.0], 0.1, 1.0)],
+        (2, 4, 5, 8, 9), False, 0.8, 8,
+    ),
+    # One ball on a floor and one that follows it: a coupled solve under gravity.
+    "stack": Case(
+        [0.5, 1e5, 0.1, 2.0, 0.15, -0.3, 0.3503, 9.81],
+        lambda r, m, *s: [(s[0:1], s[1:2], r, m), (s[2:3], [-0.3], 0.1, 1.0)],
+        (2, 4, 6), True, 0.15, 4,
+    ),
+}  # fmt: skip
+
+
+def simulated(case: Case, numbers):
+    alpha, stiffness, *rest = numbers
+    bodies: list = [
+        jc.Sphere(radius, mass, *(jnp.stack([*map(jnp.asarray, x)]) for x in (position, velocity)))
+        for position, velocity, radius, mass in case.balls(*rest)
+    ]
+    gravity = None
+    if case.floor:
+        bodies.append(jc.Plane([0.0], [1.0]))
+        gravity = jnp.stack([-rest[-1]])
+    scene = jc.Scene(bodies, jc.Damped(alpha=alpha), stiffness=stiffness, gravity=gravity)
+    end = jc.simulate(scene, case.duration, rtol=1e-10, max_impacts=8)
+    return jnp.concatenate([end.position[-1].ravel(), end.velocity[-1].ravel()])
+
+
+def exact(case: Case, numbers):
+    alpha, stiffness, *rest = numbers
+    balls = [Ball(*ball) for ball in case.balls(*rest)]
+    walls, gravity = ([Wall([0.0], [1.0])], [-rest[-1]]) if case.floor else ([], None)
+    end = run(balls, Spring(stiffness, alpha=alpha), case.duration, walls, gravity)
+    return np.concatenate([end.position.ravel(), end.velocity.ravel()])
+
+
+@pytest.mark.slow(reason="derivatives of soft scenes by all numbers")
+@pytest.mark.parametrize("name", CASES)
+def test_derivatives_of_soft_runs(name):
+    case = CASES[name]
+    point = jnp.array(case.point)
+
+    def outcome(numbers):
+        return simulated(case, numbers)
+
+    @jax.jit
+    def both(numbers, along, weight):
+        # One column and one row at a time: a program for all at once takes far longer to compile.
+        end, push = jax.linearize(outcome, numbers)
+        (row,) = jax.linear_transpose(push, numbers)(weight)
+        return end, push(along), row
+
+    numbers, results = np.eye(len(point)), np.eye(case.results)
+    found = [
+        both(point, numbers[k % len(numbers)], results[k % len(results)])
+        for k in range(max(len(numbers), len(results)))
+    ]
+    value = np.asarray(found[0][0])
+    forward = np.stack([column for _, column, _ in found[: len(numbers)]], axis=-1)
+    reverse = np.stack([row for *_, row in found[: len(results)]])
+    np.testing.assert_allclose(value, exact(case, case.point), atol=1e-9)
+    assert np.abs(forward - reverse).max() <= MODES * np.abs(forward).max()
+    for k, size in enumerate(case.point):
+        # A relative change, or one far below an indentation.
+        h, way = 1e-5 if k in case.lengths else 1e-3 * size, numbers[k]
+        slope = fourth(lambda x, way=way: exact(case, np.array(case.point) + x * way), h)
+        atol = DIFFERENCES * np.abs(slope).max()
+        np.testing.assert_allclose(forward[:, k], slope, rtol=0, atol=atol)
+
+
+LIFT = jnp.array([0.9, 0.3, 1.0])
+"""Speeds of a ball along a lift and of the lift, and the stiffness over 1e5 N/m."""
+
+OF_A_RUN = 1e-7
+"""Against differences of the run itself, of order two with steps of 1e-5: relative to the largest
+of a row."""
+
+
+def _on_a_lift(numbers):
+    """A ball that leaves a periodic space at its side, between two bounces on a lift."""
+    along, lift, stiffness = numbers
+    ball = jc.Sphere(0.1, 1.0, [0.5, 0.2], jnp.stack([along, -1.0 + 0 * lift]))
+    floor = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady(jnp.stack([0 * lift, lift])))
+    scene = jc.Scene(
+        [ball, floor], jc.HuGuo(e=jnp.asarray(0.8)), stiffness=stiffness * 1e5,
+        gravity=[0.0, -9.81], periodic=[1.0, None],
+    )  # fmt: skip
+    return jc.simulate(scene, 0.6, rtol=1e-10, max_impacts=8)
+
+
+def _of_the_lift(numbers):
+    run = _on_a_lift(numbers)
+    later, end = run.at(0.4), run.final.spheres[0]
+    parts = [run.position[-1, 0], run.energy[-1:], run.wall_work[None], later.velocity[0, 0]]
+    return jnp.concatenate([*parts, later.position[0, 0], end.position, jnp.asarray(end.velocity)])
+
+
+@pytest.mark.slow(reason="derivatives of a soft run, of its states and of its final scene")
+def test_all_that_a_run_gives_has_its_derivatives_by_both_modes():
+    """Over a moving wall and a periodic side, out of a trace: states, `at`, `final`."""
+    forward, reverse = jax.jacfwd(_of_the_lift)(LIFT), jax.jacrev(_of_the_lift)(LIFT)
+    np.testing.assert_allclose(reverse, forward, rtol=0, atol=MODES * np.abs(forward).max())
+    columns = [
+        central(lambda h, way=way: np.asarray(_of_the_lift(LIFT + h * way)), 1e-5)
+        for way in np.eye(3)
+    ]
+    found = np.stack(columns, axis=-1)
+    size = np.abs(found).max(axis=1, keepdims=True)
+    assert len(_on_a_lift(LIFT).impacts) == 2
+    assert np.all(np.abs(forward - found) <= OF_A_RUN * size)

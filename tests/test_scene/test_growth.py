@@ -9,6 +9,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._scene.derivative import differentiable_run
+from tests.test_scene.support import central, go, in_a_line, spheres
 
 EXACT = 1e-6
 """Against the largest singular value by other means: measured 1e-9."""
@@ -21,26 +22,29 @@ GOLDEN = (1 + np.sqrt(5)) / 2
 FLIGHT, RADII = 3.0, 1.0
 
 
+def largest(matrix, unit):
+    """The largest singular value of a matrix for positions and velocities, in these units."""
+    unit = np.diag(unit)
+    return np.linalg.svd(unit @ matrix @ np.linalg.inv(unit))[1][0]
+
+
 def between_pins(offset, duration, room=16):
     """A ball that goes to and fro between two fixed ones."""
     far = RADII + FLIGHT / 2
     pins = [jc.Sphere(0.9, None, [x, 0.0], fixed=True) for x in (-far, far)]
     ball = jc.Sphere(0.1, 1.0, [offset, 0.0], [1.0, 0.0])
-    how = {"instantaneous": True, "max_impacts": room, "throw": False}
-    return jc.simulate(jc.Scene([ball, *pins], jc.Hertz()), duration, **how)
+    return go(jc.Scene([ball, *pins], jc.Hertz()), duration, max_impacts=room, throw=False)
 
 
 def of_a_billiard(hits, duration):
     """By the matrices of what is perpendicular to the path: flights, and hits of curved walls."""
-    if hits == 0:
-        path = flight(duration)
-    else:
+    path = flight(duration)
+    if hits:
         hit = np.array([[1, 0], [2 / RADII, 1]])
         last = duration - FLIGHT / 2 - FLIGHT * (hits - 1)
         between = np.linalg.matrix_power(hit @ flight(FLIGHT), hits - 1)
         path = flight(last) @ between @ hit @ flight(FLIGHT / 2)
-    scale = np.diag([1, duration])
-    return np.linalg.svd(scale @ path @ np.linalg.inv(scale))[1][0]
+    return largest(path, [1, duration])
 
 
 def flight(length):
@@ -68,28 +72,25 @@ def test_a_billiard():
 
 def three(start):
     """Three balls, a fixed one and a floor under gravity."""
-    balls = [jc.Sphere(0.1, m, start[0, k], start[1, k]) for k, m in enumerate((1.0, 1.5, 0.7))]
+    balls = spheres(0.1, [1.0, 1.5, 0.7], *start)
     pin = jc.Sphere(0.2, None, [0.35, 0.35], fixed=True)
     floor = jc.Plane([0.0, -0.3], [0.02, 1.0])
-    scene = jc.Scene([*balls, pin, floor], jc.ExactRestitution(e=0.8), gravity=[0.1, -9.0])
-    return jc.simulate(scene, 0.9, instantaneous=True)
+    return go(jc.Scene([*balls, pin, floor], jc.ExactRestitution(e=0.8), gravity=[0.1, -9.0]), 0.9)
 
 
 def test_growth_against_differences_of_the_run():
     start = np.array([[[0.0, 1.0], [0.8, 1.1], [-0.5, 0.8]], [[1.0, 0.0], [-0.8, 0.1], [0.4, 0.2]]])
     run = three(start)
     assert len(run.impacts) == 4 and np.min(run.margin.time) > 0.01
-    unit = np.array([1.0, 0.9]).reshape(2, 1, 1)
 
-    def end(changed):
-        found = three(changed / unit)
-        return (np.stack([found.position[-1, :3], found.velocity[-1, :3]]) * unit).ravel()
+    def end(h, way):
+        found = three(start + h * way)
+        return np.stack([found.position[-1, :3], found.velocity[-1, :3]]).ravel()
 
-    h = 1e-6
-    steps = h * np.eye(start.size).reshape(-1, *start.shape)
-    columns = [(end(start * unit + s) - end(start * unit - s)) / (2 * h) for s in steps]
-    largest = np.linalg.svd(np.array(columns))[1][0]
-    np.testing.assert_allclose(run.margin.growth, largest, rtol=DIFFERENCES)
+    ways = np.eye(start.size).reshape(-1, *start.shape)
+    columns = [central(functools.partial(end, way=way), 1e-6) for way in ways]
+    found = largest(np.array(columns).T, np.repeat([1.0, 0.9], 6))
+    np.testing.assert_allclose(run.margin.growth, found, rtol=DIFFERENCES)
 
 
 def test_the_growth_shares_its_program_with_a_gradient(monkeypatch):
@@ -98,8 +99,8 @@ def test_the_growth_shares_its_program_with_a_gradient(monkeypatch):
     monkeypatch.setattr(differentiable_run, "matrices", count)
 
     def end(speed):
-        balls = [jc.Sphere(0.1, 1.0, [0.0], speed[None]), jc.Sphere(0.1, 2.0, [1.0])]
-        return jc.simulate(jc.Scene(balls, jc.ExactRestitution(e=0.9)), 2.0, instantaneous=True)
+        balls = in_a_line(0.1, [1.0, 2.0], [0.0, 1.0], [speed, 0.0])
+        return go(jc.Scene(balls, jc.ExactRestitution(e=0.9)), 2.0)
 
     assert end(jnp.asarray(1.0)).margin.growth > 1
     assert jax.grad(lambda speed: end(speed).position[-1, 1, 0])(1.0) > 0 and used == [1]
@@ -111,13 +112,10 @@ def test_a_soft_impact():
     and x2 = x + 2 R + v T - u D/2, with a duration D ~ u^(-1/5) of the impact.
     """
     end = 2.0
-    balls = [jc.Sphere(0.1, 1.0, [0.0], [1.0]), jc.Sphere(0.1, 1.0, [1.0], [0.0])]
-    run = jc.simulate(jc.Scene(balls, jc.Hertz(), stiffness=1e4), end)
+    scene = jc.Scene(in_a_line(0.1, 1.0, [0.0, 1.0], [1.0, 0.0]), jc.Hertz(), stiffness=1e4)
+    run = jc.simulate(scene, end)
     part = 0.4 * float(run.impacts.duration[0])
     assert part > 0.01
-    slope = np.array(
-        [[0, 1, part, end - part], [1, 0, end - part, part], [0, 0, 0, 1], [0, 0, 1, 0]]
-    )
-    unit = np.diag([1, 1, end, end])
-    largest = np.linalg.svd(unit @ slope @ np.linalg.inv(unit))[1][0]
-    np.testing.assert_allclose(run.margin.growth, largest, rtol=EXACT)
+    slope = [[0, 1, part, end - part], [1, 0, end - part, part], [0, 0, 0, 1], [0, 0, 1, 0]]
+    found = largest(np.array(slope), [1, 1, end, end])
+    np.testing.assert_allclose(run.margin.growth, found, rtol=EXACT)

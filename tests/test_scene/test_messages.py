@@ -79,12 +79,10 @@ FAULTS = {
     ),
     "times": (lambda: run(times=[0.5, 0.1]), "`times` must ascend, but is [0.5, 0.1]"),
     "late times": (lambda: run(times=[0.5, 1.1]), "`times` must lie between 0 and the duration"),
-    "instantaneous": (lambda: run(instantaneous=1), "`instantaneous` must be True or False"),
     "no stiffness": (
         lambda: jc.simulate(scene(ball(), law=jc.ConstantDamping(c=1.0)), 1.0, instantaneous=True),
         "`stiffness` of the scene must be given where a sphere has no material (number 0",
     ),
-    "v0": (lambda: run(v0="peek"), "`v0` must be one of 'peak', 'touch', but is 'peek'"),
     "soft stiffness": (
         lambda: jc.simulate(scene(ball()), 1.0),
         "`stiffness` of the scene must be given where a sphere has no material (number 0",

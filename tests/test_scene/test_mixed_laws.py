@@ -10,6 +10,7 @@ import pytest
 import jaxcontact as jc
 from benchmarks.scene_skips import SKIPS
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
+from tests.test_scene.support import spheres
 
 K, ALPHA, A, C = 1e6, 0.6, 4e-4, 2e5
 RTOL = 1e-7
@@ -61,10 +62,7 @@ STARTS = {
 
 
 def simulated(place, speed, duration):
-    balls = [
-        jc.Sphere(0.1, 1.0 + k, x, v, name=NAMES[k])
-        for k, (x, v) in enumerate(zip(place, speed, strict=True))
-    ]
+    balls = spheres(0.1, [1.0, 2.0, 3.0], place, speed, names=NAMES[:3])
     floor = jc.Plane([0.0, 0.0], [0.0, 1.0], name="floor")
     laws = {pair: law for pair, (law, _) in SPRINGS.items()}
     return jc.simulate(jc.Scene([*balls, floor], laws, stiffness=K), duration, rtol=RTOL)

@@ -14,6 +14,7 @@ import pytest
 
 import jaxcontact as jc
 from tests.oracle.random_scenes import ALIKE, DURATION, GRAVITY, LAWS, answers, drawn
+from tests.test_scene.support import in_a_line, spheres
 
 ROUNDING = 1e-12
 
@@ -85,8 +86,8 @@ def test_a_wide_box_is_filled_as_promised():
     around = (1.0, 1.0, 1.0)
     given = {"low": [0.0] * 3, "high": around, "radius": 0.06, "periodic": around}
     balls = jc.random_spheres(int(np.ceil(0.3 / volume)), **given, mass=1.0)
-    for spheres, cells in ((area, 31), (balls, 8)):
-        place, radius = arrays(spheres)
+    for drawn_ones, cells in ((area, 31), (balls, 8)):
+        place, radius = arrays(drawn_ones)
         # In rows, every sphere would be inside a cell.
         inside = np.mod(place * cells, 1)
         margin = radius[:, None] * cells
@@ -135,7 +136,6 @@ FAULTS = {
         {"radius": 0.6},
         "`radius` must be at most half of the box, which is 1 × 1 m, but the largest is 0.6",
     ),
-    "radii": ({"radius": [0.1, 0.1]}, "`radius` must be a number in (0, inf), or 3 of them"),
     "mass": ({"mass": [1.0, 1.0, 0.0]}, "`mass` must be a number in (0, inf), or 3 of them"),
     "no mass": ({"mass": None}, "`mass` must be given for spheres without a material"),
     "open": ({"high": [1.0, np.inf]}, "`high` must be finite numbers"),
@@ -167,30 +167,22 @@ def simulated(given, rtol, length=1.0, time=1.0, mass=1.0):
     """The run, in units of which a metre, a second and a kilogram have so many; positions and
     velocities at its end in SI units.
     """
-    law = jc.get_law(given.law, e=given.number) if given.law != "kuwabara_kono" else None
-    if given.law in ("hunt_crossley", "flores"):
+    if given.law == "kuwabara_kono":
+        law = jc.KuwabaraKono(A=given.number * time)
+    elif given.law in ("hunt_crossley", "flores"):
         # One program for both.
         law = jc.Damped(alpha=given.damping["alpha"])
-    discs = [
-        jc.Sphere(
-            b.radius * length,
-            b.mass * mass,
-            [x * length for x in b.position],
-            [x * length / time for x in b.velocity],
-        )
-        for b in given.balls
-    ]
-    run = jc.simulate(
-        jc.Scene(
-            [*discs, jc.Box([0.0, 0.0], [length, length])],
-            law or jc.KuwabaraKono(A=given.number * time),
-            stiffness=given.stiffness * mass / time**2 / length ** (given.exponent - 1),
-            exponent=given.exponent,
-            gravity=[x * length / time**2 for x in GRAVITY],
-        ),
-        DURATION * time,
-        rtol=rtol,
-    )
+    else:
+        law = jc.get_law(given.law, e=given.number)
+    rows = [(b.radius, b.mass, b.position, b.velocity) for b in given.balls]
+    radius, masses, place, speed = (np.array(column) for column in zip(*rows, strict=True))
+    discs = spheres(radius * length, masses * mass, place * length, speed * length / time)
+    scene = jc.Scene(
+        [*discs, jc.Box([0.0, 0.0], [length, length])], law, exponent=given.exponent,
+        stiffness=given.stiffness * mass / time**2 / length ** (given.exponent - 1),
+        gravity=[x * length / time**2 for x in GRAVITY],
+    )  # fmt: skip
+    run = jc.simulate(scene, DURATION * time, rtol=rtol)
     assert run.status == jc.Ending.COMPLETED
     return run, run.position[-1] / length, run.velocity[-1] * time / length
 
@@ -243,7 +235,7 @@ class Driven(jc.AbstractLaw):
 
 
 def run(gain, **how):
-    balls = [jc.Sphere(0.1, 1.0, position=[0.3 * k], velocity=[1.0 - k]) for k in (0, 1)]
+    balls = in_a_line(0.1, 1.0, [0.0, 0.3], [1.0, 0.0])
     scene = jc.Scene(balls, Driven(jnp.asarray(gain)), stiffness=1e5)
     return jc.simulate(scene, 0.5, progress=False, **how)
 
@@ -252,12 +244,8 @@ def run(gain, **how):
 def test_a_run_that_gains_energy_is_flagged(instantaneous):
     how = {"instantaneous": instantaneous, "throw": False}
     # A millionth of the energy is more than the error of the impact, and a loss is none.
-    for gain, status in (
-        (0.1, "GAINED"),
-        (1e-6, "GAINED"),
-        (0.0, "COMPLETED"),
-        (-0.1, "COMPLETED"),
-    ):
+    gains = {0.1: "GAINED", 1e-6: "GAINED", 0.0: "COMPLETED", -0.1: "COMPLETED"}
+    for gain, status in gains.items():
         found = run(gain, **how)
         assert jc.Ending(int(found.status)).name == status, gain
         assert bool(found.ok) == (status == "COMPLETED")

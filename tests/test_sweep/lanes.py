@@ -1,5 +1,6 @@
 """A sweep with every method and a gradient, for tests that also compute it in other processes."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -82,6 +83,12 @@ def same(a, b):
 
 
 ROOT = Path(__file__).parents[2]
+
+
+def environment(devices):
+    """That of a process with several devices."""
+    flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count={devices}"
+    return os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
 
 
 def script(text):

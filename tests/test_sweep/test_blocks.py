@@ -10,7 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jaxcontact as jc
+from jaxcontact._sweep.planning.axes import grid_of
 from jaxcontact._sweep.planning.blocks import blocks_of, divide, pad
+from jaxcontact._sweep.planning.plan import plan_of
 
 SAME = 2e-15
 """Blocks of another length are vectorised otherwise: measured 4e-16."""
@@ -18,6 +20,9 @@ SAME = 2e-15
 RNG = np.random.default_rng(4)
 LANES = 1003
 SAMPLES = {"e": RNG.uniform(0.05, 1.1, LANES), "v": RNG.uniform(-0.5, 10, LANES)}
+
+
+GRID = {"e": [0.3, 0.7, 1.2], "v": [0.5, 2.0, -1.0, 4.0, 8.0], "K": [1e6, 1e7, -1e8, 1e9]}
 
 
 def summary(e, v, K=1e8):
@@ -57,17 +62,26 @@ def test_padding_repeats_the_last():
     np.testing.assert_array_equal(pad(np.arange(5), slice(3, 5), 4), [3, 4, 4, 4])
 
 
-@pytest.mark.parametrize("most", [1003, 1002, 64, 7])
-def test_samples_in_blocks(at_once, most):
-    table = jc.sweep(summary, samples=SAMPLES, batch_size=most)
+@pytest.mark.parametrize("cost", [None, lambda e: 1 / e], ids=["in order", "by cost"])
+@pytest.mark.parametrize("most", [1003, 1000, 64, 7])
+def test_samples_in_blocks(at_once, most, cost):
+    table = jc.sweep(summary, samples=SAMPLES, batch_size=most, cost=cost)
     assert table.shape == (LANES,) and table.dims == ("sample",)
     close(table, at_once)
 
 
-@pytest.mark.parametrize("most", [1, 5, 12, 60])
-def test_grids_in_blocks(most):
-    axes = {"e": [0.3, 0.7, 1.2], "v": [0.5, 2.0, -1.0, 4.0, 8.0], "K": [1e6, 1e7, -1e8, 1e9]}
-    close(jc.sweep(summary, **axes, batch_size=most), jc.sweep(summary, **axes))
+@pytest.fixture(scope="module")
+def grid():
+    return jc.sweep(summary, **GRID)
+
+
+@pytest.mark.parametrize(
+    ("most", "cost"),
+    [(1, None), (5, None), (12, None), (60, None)]
+    + [(7, cost) for cost in (lambda K: K, lambda e, v: e * v, lambda v, e: e)],
+)
+def test_grids_in_blocks(grid, most, cost):
+    close(jc.sweep(summary, **GRID, batch_size=most, cost=cost), grid)
 
 
 def test_samples_are_lanes(at_once):
@@ -82,17 +96,8 @@ def test_an_axis_for_every_sample(at_once):
     close(table.select(K=1e8), at_once)
 
 
-@pytest.mark.parametrize("most", [64, 1000])
-def test_an_order_by_cost_changes_no_place(at_once, most):
-    table = jc.sweep(summary, samples=SAMPLES, batch_size=most, cost=lambda e: 1 / e)
-    close(table, at_once)
-    grid = {"e": [0.3, 0.7, 1.2], "v": [0.5, 2.0, -1.0, 4.0, 8.0], "K": [1e6, 1e7, -1e8, 1e9]}
-    for cost in (lambda K: K, lambda e, v: e * v, lambda v, e: e):
-        close(jc.sweep(summary, **grid, batch_size=7, cost=cost), jc.sweep(summary, **grid))
-
-
 def test_dear_lanes_come_first_and_together():
-    seen = []
+    seen, blocks = [], []
 
     def work(n):
         # The loop of a block runs until its slowest lane has ended.
@@ -104,23 +109,13 @@ def test_dear_lanes_come_first_and_together():
     n = RNG.permutation(40).astype(float)
     jc.sweep(work, samples={"n": n}, batch_size=10, reduce=(None, fold))
     np.testing.assert_array_equal(np.concatenate(seen), n)
-    seen.clear()
-    blocks = []
-    table = jc.sweep(
-        work,
-        samples={"n": n},
-        batch_size=10,
-        cost=lambda n: n,
-        progress=lambda done, total: blocks.append(done),
-    )
+    how = {"cost": lambda n: n, "progress": lambda done, total: blocks.append(done)}
+    table = jc.sweep(work, samples={"n": n}, batch_size=10, **how)
     np.testing.assert_array_equal(table.n, n)
     assert blocks == [10, 20, 30, 40]
 
 
 def test_ordered_blocks_hold_neighbours_in_cost():
-    from jaxcontact._sweep.planning.axes import grid_of
-    from jaxcontact._sweep.planning.plan import plan_of
-
     n = RNG.permutation(40).astype(float)
     grid = grid_of({"n": n}, {})
     plan = plan_of(lambda n: 2 * n, grid)
@@ -184,19 +179,18 @@ def test_own_shapes():
     assert np.all(np.isnan(table.plane[..., 1, :, :]))
 
 
-BAD = {
-    "axes": ({"u": [1.0]}, r"Argument `u` must be an argument of `fn`.*e, v, K"),
-    "missing": ({"e": [0.5]}, r"Argument `v` of `fn` must be given.*only: e"),
-    "lengths": ({"samples": {"e": [1.0], "v": [1.0, 2.0]}}, "one length, but has e: 1, v: 2"),
-    "twice": ({"samples": {"e": [1.0]}, "e": [0.5], "v": 1.0}, "`e` must be given once"),
-    "store": ({"e": [0.5], "v": 1.0, "store": "a", "reduce": (0, max)}, "`store` must be None"),
-    "cost": ({"e": [0.5], "v": 1.0, "cost": lambda e: (e, e)}, "`cost` must return one number"),
-}
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_bad_arguments(case):
-    arguments, message = BAD[case]
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"u": [1.0]}, r"Argument `u` must be an argument of `fn`.*e, v, K"),
+        ({"e": [0.5]}, r"Argument `v` of `fn` must be given.*only: e"),
+        ({"samples": {"e": [1.0], "v": [1.0, 2.0]}}, "one length, but has e: 1, v: 2"),
+        ({"samples": {"e": [1.0]}, "e": [0.5], "v": 1.0}, "`e` must be given once"),
+        ({"e": [0.5], "v": 1.0, "store": "a", "reduce": (0, max)}, "`store` must be None"),
+        ({"e": [0.5], "v": 1.0, "cost": lambda e: (e, e)}, "`cost` must return one number"),
+    ],
+)
+def test_bad_arguments(arguments, message):
     with pytest.raises(ValueError, match=message):
         jc.sweep(summary, **arguments)
 

@@ -8,6 +8,7 @@ import os
 import random
 import re
 import runpy
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,7 +22,8 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._sweep.planning.blocks import Workers
 from jaxcontact._sweep.store import BlockStore
-from tests.test_sweep.lanes import ROOT, arrays_of, durations, many, outcome, same, script
+from tests.test_sweep import lanes
+from tests.test_sweep.lanes import ROOT, arrays_of, durations, many, outcome, same
 
 pytest.importorskip("zarr")
 
@@ -46,27 +48,35 @@ def whole():
     return arrays_of(many())
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    path = tmp_path_factory.mktemp("made") / "sweep.zarr"
+    many(store=path)
+    return path
+
+
 @pytest.fixture
-def store(tmp_path):
+def store(made, tmp_path):
     """A finished store."""
-    many(store=tmp_path / "sweep.zarr")
-    return tmp_path / "sweep.zarr"
+    return shutil.copytree(made, tmp_path / "sweep.zarr")
 
 
 def swapped(e, v):
     """The same program, whose outputs have each other's names."""
-    fields = arrays_by_name(outcome(e, v))
-    return dict(zip(list(fields)[::-1], fields.values(), strict=True))
+    fields = vars(outcome(e, v))
+    arrays = {name: value for name, value in fields.items() if isinstance(value, jnp.ndarray)}
+    return dict(zip(list(arrays)[::-1], arrays.values(), strict=True))
 
 
-def arrays_by_name(hit):
-    fields = {field.name: getattr(hit, field.name) for field in dataclasses.fields(hit)}
-    return {name: value for name, value in fields.items() if isinstance(value, jnp.ndarray)}
+def finished(path):
+    """The blocks that count as finished."""
+    return {int(p.name) for p in path.glob("blocks/checksum/c/*") if p.name.isdigit()}
 
 
-def checksums(path):
-    """The files that say that a block is finished."""
-    return [p for p in path.glob("blocks/checksum/c/*") if p.name.isdigit()]
+def files(path):
+    """The content of a store; zarr leaves `.partial` files behind when it is killed."""
+    every = [p for p in path.rglob("*") if p.is_file() and p.suffix != ".partial"]
+    return {str(p.relative_to(path)): p.read_bytes() for p in every}
 
 
 # Slow enough to be interrupted in the middle.
@@ -78,18 +88,17 @@ many(store=sys.argv[1], progress=lambda done, total: time.sleep(0.3))
 
 def test_a_killed_sweep_goes_on_where_it_was(tmp_path, written, whole):
     path = tmp_path / "sweep.zarr"
-    child = subprocess.Popen([*script(SLOW), path], cwd=ROOT)
+    child = subprocess.Popen([*lanes.script(SLOW), path], cwd=ROOT)
     try:
-        while len(checksums(path)) < 3:
+        while len(finished(path)) < 3:
             assert child.poll() is None
             time.sleep(0.01)
     finally:
         child.kill()
     assert child.wait() == -signal.SIGKILL
-    there = len(checksums(path))
-    seen = []
+    there, seen = len(finished(path)), []
     resumed = many(store=path, progress=lambda done, total: seen.append((done, total)))
-    blocks = len(checksums(path))
+    blocks = len(finished(path))
     assert 3 <= there < blocks
     assert len(written) == len(set(written)) == blocks - there
     assert same(arrays_of(resumed), whole)
@@ -103,33 +112,20 @@ def test_a_killed_sweep_goes_on_where_it_was(tmp_path, written, whole):
     many(store=tmp_path / "other.zarr")
     assert files(path) == files(tmp_path / "other.zarr")
 
+
+@pytest.mark.parametrize("change", ["none", "another number of devices", "a truncated chunk"])
+def test_a_finished_store_is_read(store, written, whole, change):
+    """What does not change a bit does not make another sweep; what is damaged is computed again."""
+    how = {}
+    if "devices" in change:
+        kinds = (jax.sharding.AxisType.Auto,)
+        how["mesh"] = jax.make_mesh((1,), ("lanes",), axis_types=kinds)
+    if "chunk" in change:
+        chunk = next(p for p in (store / "duration" / "c").rglob("*") if p.is_file())
+        os.truncate(chunk, chunk.stat().st_size // 2)
     written.clear()
-    assert same(arrays_of(many(store=path)), whole)
-    assert written == []
-
-
-def files(path):
-    """The content of a store; zarr leaves `.partial` files behind when it is killed."""
-    every = [p for p in path.rglob("*") if p.is_file() and p.suffix != ".partial"]
-    return {str(p.relative_to(path)): p.read_bytes() for p in every}
-
-
-def test_a_truncated_chunk_is_computed_again(store, written, whole):
-    chunk = next(p for p in (store / "duration" / "c").rglob("*") if p.is_file())
-    os.truncate(chunk, chunk.stat().st_size // 2)
-    written.clear()
-    assert same(arrays_of(many(store=store)), whole)
-    assert len(written) == 1
-
-
-def test_the_store_serves_any_number_of_devices(store, written, whole):
-    """What does not change a bit does not make another sweep."""
-    import jax
-
-    mesh = jax.make_mesh((1,), ("lanes",), axis_types=(jax.sharding.AxisType.Auto,))
-    written.clear()
-    assert same(arrays_of(many(store=store, mesh=mesh)), whole)
-    assert written == []
+    assert same(arrays_of(many(store=store, **how)), whole)
+    assert len(written) == ("chunk" in change)
 
 
 @pytest.mark.parametrize(
@@ -141,13 +137,18 @@ def test_the_store_serves_any_number_of_devices(store, written, whole):
         ({"v": jnp.linspace(0.0, 5, 8)}, "`axes.v.numbers`"),
         ({"v": np.linspace(0.0, 4, 9, dtype=np.float32)}, "`axes.v.dtype`"),
         ({"batch_size": 21}, "`batch_size` (20 there, 21 here)"),
+        (None, "' there, '0.0.1' here)"),
     ],
+    ids=["function", "program", "outputs", "numbers", "dtype", "batch size", "version"],
 )
-def test_another_sweep_is_refused(store, change, words):
+def test_another_sweep_is_refused(store, monkeypatch, change, words):
     before = files(store)
+    if change is None:
+        monkeypatch.setattr("jaxcontact._sweep.planning.plan.version", lambda: "0.0.1")
     with pytest.raises(ValueError, match="Argument `store` must be") as error:
-        many(store=store, **change)
+        many(store=store, **(change or {}))
     assert words in str(error.value)
+    assert change or "`jaxcontact` ('" in str(error.value)
     assert files(store) == before
 
 
@@ -176,12 +177,6 @@ def test_an_object_is_part_of_what_a_store_is_made_from(tmp_path):
         swept(Power(3))
     with pytest.raises(ValueError, match=r"'<.*Nameless object>' here"):
         swept(Nameless())
-
-
-def test_another_version_is_refused(store, monkeypatch):
-    monkeypatch.setattr("jaxcontact._sweep.planning.plan.version", lambda: "0.0.1")
-    with pytest.raises(ValueError, match=r"`jaxcontact` \('.*' there, '0.0.1' here\)"):
-        many(store=store)
 
 
 def test_processes_must_see_the_same_store(tmp_path, monkeypatch):
@@ -218,24 +213,20 @@ PROCESSES, DEVICES = 2, 2
 
 def started(path, process, job):
     """A process of the job, with the variables by which JAX knows Slurm."""
-    flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count={DEVICES}"
     slurm = {"JOB_ID": job, "NTASKS": PROCESSES, "PROCID": process, "LOCALID": process}
     slurm |= {"STEP_NODELIST": "localhost", "STEP_NUM_NODES": 1}
-    environment = os.environ | {f"SLURM_{name}": str(value) for name, value in slurm.items()}
-    environment |= {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": str(ROOT)}
-    return subprocess.Popen(
-        [sys.executable, FOLDER / "sweep.py", path], cwd=path.parent, env=environment
-    )
+    given = {f"SLURM_{name}": str(value) for name, value in slurm.items()}
+    env = lanes.environment(DEVICES) | given | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, FOLDER / "sweep.py", path]
+    return subprocess.Popen(command, cwd=path.parent, env=env)
 
 
-def finished(path):
-    """The blocks that count as finished."""
-    return {int(p.name) for p in path.glob("blocks/checksum/c/*") if p.name.isdigit()}
+def page():
+    return runpy.run_path(str(FOLDER / "sweep.py"), run_name="page")
 
 
 @pytest.mark.slow(reason="new processes that compile for themselves")
-def test_a_killed_process_costs_no_finished_block(tmp_path, monkeypatch):
-    pytest.importorskip("zarr")
+def test_a_killed_process_costs_no_finished_block(tmp_path, written):
     pytest.importorskip("xarray")
     path = tmp_path / "sweep.zarr"
     job = random.randrange(1 << 20)  # JAX takes the port from it.
@@ -257,27 +248,19 @@ def test_a_killed_process_costs_no_finished_block(tmp_path, monkeypatch):
         for process in (first, second):
             process.kill()
             process.wait()
-    there, written, write = finished(path), [], BlockStore.write
-
-    def counted(store, number, arrays):
-        written.append(number)
-        write(store, number, arrays)
-
-    monkeypatch.setattr(BlockStore, "write", counted)
-    page = runpy.run_path(str(FOLDER / "sweep.py"), run_name="page")
-    again = page["sweep"](path)
+    there, sweep = finished(path), page()["sweep"]
+    again = sweep(path)
     every = finished(path)
     assert every == set(range(len(every)))
     assert {number for number in every if number % 2 == 0} <= there
     assert {number for number in lost if number % 2} == {number for number in there if number % 2}
     assert sorted(written) == sorted(every - there)
     assert 0 < again.resumed < 1
-    assert same(arrays_of(again), arrays_of(page["sweep"]()))
+    assert same(arrays_of(again), arrays_of(sweep()))
 
 
 def test_a_process_holds_one_block_for_each_device_and_one_more(tmp_path, monkeypatch):
     """What is lost with it at most: blocks begun, and not yet in the store."""
-    pytest.importorskip("zarr")
     held, most = [0], [0]
     place, write = Workers.place, BlockStore.write
 
@@ -297,24 +280,20 @@ def test_a_process_holds_one_block_for_each_device_and_one_more(tmp_path, monkey
 
 
 @pytest.mark.parametrize("name", ["sweep.py", "cpu.sbatch", "gpu.sbatch"])
-def test_the_page_shows_the_files(name):
+def test_the_page_shows_the_files_and_a_batch_file_starts_the_script(name):
     text = (FOLDER / name).read_text(encoding="utf-8")
     language = "python" if name.endswith(".py") else "bash"
     assert f"```{language}\n{text}```" in PAGE.read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("name", ["cpu.sbatch", "gpu.sbatch"])
-def test_a_batch_file_starts_the_script(name):
-    lines = (FOLDER / name).read_text(encoding="utf-8").splitlines()
-    subprocess.run(["bash", "-n", FOLDER / name], check=True)
-    options = [line for line in lines if line.startswith("#SBATCH ")]
-    assert lines[0] == "#!/bin/bash" and lines[1] == options[0]
-    assert all(re.fullmatch(r"--[a-z-]+(=\S+)?", word) for word in options[0].split()[1:])
-    assert lines[-1].startswith("srun python sweep.py ")
+    if language == "bash":
+        subprocess.run(["bash", "-n", FOLDER / name], check=True)
+        lines = text.splitlines()
+        options = [line for line in lines if line.startswith("#SBATCH ")]
+        assert lines[0] == "#!/bin/bash" and lines[1] == options[0]
+        assert all(re.fullmatch(r"--[a-z-]+(=\S+)?", word) for word in options[0].split()[1:])
+        assert lines[-1].startswith("srun python sweep.py ")
 
 
 def test_the_script_sweeps_what_the_page_says():
-    page = runpy.run_path(str(FOLDER / "sweep.py"), run_name="page")
-    hit = page["impact"](0.5, 1.0)
+    hit = page()["impact"](0.5, 1.0)
     want = jc.impact(jc.HuGuo(e=0.5), jc.Contact(1.0, 1.4e8, 1.5), 1.0)
     assert np.array_equal(hit.duration, want.duration)

@@ -4,64 +4,27 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
+from tests.test_system.references import restarted
 
 LAW = jc.HuGuo(e=0.7)
 ALPHA = 1.5 * 0.3 / 0.7
 """Hu & Guo (2015), equation 38: α = 3 (1 - e)/(2 e)."""
-
 
 LARGEST = 2e-6
 """Of the largest force at rtol=1e-9: 2e-7 by its interpolation, and less than 1e-6 by the spacing
 of the states. A summit between the first two samples of a step was 1.6e-5 too low."""
 
 
-def restarted(mass, force, gap, stiffness, state, duration, rtol=1e-11):
-    """Return touches (gap, time, speed) by DOP853, restarted at each event, with v0 at touch.
-
-    `gap(t, q)` returns gaps, their gradients and their rates ∂g/∂t.
-    """
-    t, y = 0.0, np.concatenate(state)
-    n, m = len(state[0]), len(gap(0.0, state[0])[0])
-    closed, speed, touches = np.zeros(m, bool), np.ones(m), []
-
-    def right(t, y):
-        g, jacobian, rate = gap(t, y[:n])
-        depth, closing = np.maximum(-g, 0), -(jacobian @ y[n:] + rate)
-        f = np.where(closed, stiffness * depth**1.5 * (1 + ALPHA * closing / speed), 0)
-        pull = force(t, y[:n], y[n:]) + jacobian.T @ f
-        return np.concatenate([y[n:], np.linalg.solve(mass(t, y[:n]), pull)])
-
-    def event_of(k):
-        def event(t, y):
-            return gap(t, y[:n])[0][k]
-
-        event.terminal, event.direction = True, 1 if closed[k] else -1
-        return event
-
-    while t < duration:
-        events = [event_of(k) for k in range(m)]
-        options = {"rtol": rtol, "atol": 1e-13, "events": events, "max_step": 5e-3}
-        end = solve_ivp(right, (t, duration), y, "DOP853", **options)
-        t, y = end.t[-1], end.y[:, -1]
-        for k in range(m):
-            if len(end.t_events[k]):
-                closed[k] = not closed[k]
-                if closed[k]:
-                    _, jacobian, rate = gap(t, y[:n])
-                    speed[k] = -(jacobian @ y[n:] + rate)[k]
-                    touches.append((k, t, speed[k]))
-    return touches
-
-
-def assert_same_touches(run, touches, time, speed):
+def assert_touches_of_scipy(run, mass, force, gap, start, stiffness, duration):
+    touches, _, _ = restarted(lambda t, q: mass, force, gap, start, duration, stiffness, ALPHA)
     table = run.contacts.to_dict()
     assert len(touches) == len(table["time"]) >= 2
-    np.testing.assert_array_equal(table["gap"], [k for k, _, _ in touches])
-    np.testing.assert_allclose(table["time"], [t for _, t, _ in touches], rtol=time)
-    np.testing.assert_allclose(table["closing_speed"], [s for _, _, s in touches], rtol=speed)
+    gaps, times, speeds = zip(*touches, strict=True)
+    np.testing.assert_array_equal(table["gap"], gaps)
+    np.testing.assert_allclose(table["time"], times, rtol=1e-8)
+    np.testing.assert_allclose(table["closing_speed"], speeds, rtol=1e-7)
 
 
 def test_impact_damper_is_that_of_scipy():
@@ -69,16 +32,14 @@ def test_impact_damper_is_that_of_scipy():
     run = jc.simulate(system, 0.8, **start, rtol=1e-11, v0="touch")
 
     def gap(t, q):
-        values = np.array([0.005 + q[1] - q[0], 0.005 + q[0] - q[1]])
-        return values, np.array([[-1.0, 1.0], [1.0, -1.0]]), np.zeros(2)
+        return np.array([0.005 + q[1] - q[0], 0.005 + q[0] - q[1]])
 
     def force(t, q, v):
         base, pace = 2e-3 * np.sin(31.6 * t), 2e-3 * 31.6 * np.cos(31.6 * t)
         return np.array([-1000 * (q[0] - base) - 0.5 * (v[0] - pace), 0])
 
-    start = (np.zeros(2), np.zeros(2))
-    touches = restarted(lambda t, q: np.diag([1.0, 0.1]), force, gap, 1e7, start, 0.8)
-    assert_same_touches(run, touches, time=1e-8, speed=1e-7)
+    start = np.zeros(2), np.zeros(2)
+    assert_touches_of_scipy(run, np.diag([1.0, 0.1]), force, gap, start, 1e7, 0.8)
 
 
 def test_rod_is_that_of_scipy():
@@ -86,16 +47,14 @@ def test_rod_is_that_of_scipy():
     run = jc.simulate(system, 0.7, **start, rtol=1e-11, v0="touch")
 
     def gap(t, q):
-        lever = 0.1 * np.sin(q[2]) * np.array([-1, 1])
-        turns = 0.1 * np.cos(q[2]) * np.array([-1, 1])
-        jacobian = np.stack([np.zeros(2), np.ones(2), turns], axis=1)
-        return q[1] + lever - 0.01, jacobian, np.zeros(2)
+        return q[1] + 0.1 * np.sin(q[2]) * np.array([-1, 1]) - 0.01
+
+    def force(t, q, v):
+        return np.array([0.0, -0.981, 0.0])
 
     inertia = np.diag([0.1, 0.1, 0.1 * 0.2**2 / 12])
     start = np.array([0.0, 0.3, 0.5]), np.zeros(3)
-    weight = np.array([0.0, -0.981, 0.0])
-    touches = restarted(lambda t, q: inertia, lambda t, q, v: weight, gap, 1e7, start, 0.7)
-    assert_same_touches(run, touches, time=1e-8, speed=1e-7)
+    assert_touches_of_scipy(run, inertia, force, gap, start, 1e7, 0.7)
 
 
 def lagrangian(t, q, v, args):
@@ -112,14 +71,8 @@ def to_wall(t, q, args):
 @pytest.fixture(scope="module")
 def pendulum():
     system = jc.System.from_lagrangian(lagrangian, to_wall, law=LAW, stiffness=1e7)
-    return jc.simulate(
-        system,
-        2.3,
-        position=[1.0, 1.5],
-        velocity=[0.0, 0.0],
-        v0="touch",
-        times=np.linspace(0, 2.3, 24),
-    )
+    start = {"position": [1.0, 1.5], "velocity": [0.0, 0.0], "v0": "touch"}
+    return jc.simulate(system, 2.3, **start, times=np.linspace(0, 2.3, 24))
 
 
 PEAK = 3e-7
@@ -154,31 +107,27 @@ def test_depth_and_force_are_those_of_one_impact(pendulum):
     inertia = np.array([[2.0, np.cos(q[0] - q[1])], [np.cos(q[0] - q[1]), 1.0]])
     mass = 1 / (gradient @ np.linalg.solve(inertia, gradient))
     alone = jc.impact(LAW, jc.Contact(mass, 1e7), table["closing_speed"][0])
-    np.testing.assert_allclose(table["max_force"][0], alone.max_force, rtol=1e-2)
-    np.testing.assert_allclose(table["max_depth"][0], alone.max_indentation, rtol=1e-2)
-    np.testing.assert_allclose(table["restitution"][0], alone.restitution, rtol=1e-2)
+    names = {"max_force": "max_force", "max_depth": "max_indentation", "restitution": "restitution"}
+    for name, expected in names.items():
+        np.testing.assert_allclose(table[name][0], getattr(alone, expected), rtol=1e-2)
 
 
 def test_three_balls_are_those_of_a_scene():
     heights, radius, mass = [0.03, 0.075, 0.13], 0.02, 0.1
     balls = [jc.Sphere(radius, mass, position=[h], velocity=[0.0]) for h in heights]
-    plane = jc.Plane(point=[0.0], normal=[1.0])
-    scene = jc.Scene([*balls, plane], law=LAW, stiffness=1e7, gravity=[-9.81])
+    plane, how = jc.Plane(point=[0.0], normal=[1.0]), {"law": LAW, "stiffness": 1e7}
+    scene = jc.Scene([*balls, plane], gravity=[-9.81], **how)
     of_scene = jc.simulate(scene, 0.2, rtol=1e-10, v0="touch")
 
     def gap(t, q, args):
         return jnp.stack([q[0] - radius, q[1] - q[0] - 2 * radius, q[2] - q[1] - 2 * radius])
 
     system = jc.System(
-        lambda t, q, args: mass * jnp.eye(3),
-        lambda t, q, v, args: jnp.full(3, -9.81 * mass),
-        gap,
-        law=LAW,
-        stiffness=1e7,
-    )
-    run = jc.simulate(
-        system, 0.2, position=heights, velocity=[0.0, 0.0, 0.0], rtol=1e-10, v0="touch"
-    )
+        lambda t, q, args: mass * jnp.eye(3), lambda t, q, v, args: free_fall(t, q, v, args) * mass,
+        gap, **how,
+    )  # fmt: skip
+    start = {"position": heights, "velocity": [0.0, 0.0, 0.0]}
+    run = jc.simulate(system, 0.2, **start, rtol=1e-10, v0="touch")
     ours, others = run.contacts.to_dict(), of_scene.impacts.to_dict()
     assert len(ours["time"]) == len(others["time"]) >= 5
     np.testing.assert_allclose(ours["time"], others["time"], rtol=1e-8)
@@ -200,24 +149,23 @@ def moving_floor(t, q, args):
     return q - args["amplitude"] * jnp.sin(40 * t)
 
 
-def falling_on_a_floor(**how):
+def falling_on_a_floor(duration=0.6, **how):
     system = jc.System(unit, free_fall, moving_floor, law=LAW, stiffness=1e6)
-    how = {"position": [0.1], "velocity": [0.0], "args": {"amplitude": 0.01}, "v0": "touch"} | how
-    return jc.simulate(system, 0.6, **how)
+    start = {"position": [0.1], "velocity": [0.0], "args": {"amplitude": 0.01}}
+    return jc.simulate(system, duration, **start, v0="touch", **how)
 
 
 def test_floor_that_moves_is_that_of_scipy():
     run = falling_on_a_floor(rtol=1e-11)
 
     def gap(t, q):
-        return q - 0.01 * np.sin(40 * t), np.eye(1), np.array([-0.4 * np.cos(40 * t)])
+        return q - 0.01 * np.sin(40 * t)
 
     def force(t, q, v):
         return np.array([-9.81])
 
     start = np.array([0.1]), np.array([0.0])
-    touches = restarted(lambda t, q: np.eye(1), force, gap, 1e6, start, 0.6)
-    assert_same_touches(run, touches, time=1e-8, speed=1e-7)
+    assert_touches_of_scipy(run, np.eye(1), force, gap, start, 1e6, 0.6)
     # Kinetic energy changes by the work of weight and floor, less the losses.
     losses = np.sum(run.contacts.to_dict()["energy_loss"])
     balance = run.energy[-1] - run.energy[0] - run.states.work[-1] + losses
@@ -227,11 +175,8 @@ def test_floor_that_moves_is_that_of_scipy():
 def test_states_at_times_are_those_of_shorter_runs():
     run = falling_on_a_floor()
     for time in (0.05, 0.2, 0.45):
-        system = jc.System(unit, free_fall, moving_floor, law=LAW, stiffness=1e6)
-        how = {"position": [0.1], "velocity": [0.0], "args": {"amplitude": 0.01}, "v0": "touch"}
-        short = jc.simulate(system, time, **how)
-        state = run.at(time)
-        for got, expected in zip(jax.tree.leaves(state), jax.tree.leaves(short.final), strict=True):
+        states = run.at(time), falling_on_a_floor(time).final
+        for got, expected in zip(*map(jax.tree.leaves, states), strict=True):
             np.testing.assert_allclose(got[0], expected, rtol=1e-7, atol=1e-9)
 
 

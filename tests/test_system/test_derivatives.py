@@ -5,9 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
-
-DIFFERENCES = 2e-6
-"""Central differences of a run at rtol 1e-11 are right to about this, relative to the largest."""
+from tests.test_system.references import DIFFERENCES, assert_slopes_are_differences
 
 
 def unit(t, q, args):
@@ -22,63 +20,24 @@ def to_wall(t, q, args):
     return jnp.stack([q[0] + 0.2, q[1] - q[0] + args["offset"]])
 
 
-NUMBERS = {"gravity": 9.81, "offset": 0.1, "e": 0.7, "stiffness": 1e6, "place": 0.8, "speed": 0.3}
-ORDER = sorted(NUMBERS)
-
-
 def outcome(vector):
     """Return times, speeds, restitutions and forces of the first contacts, and the final state."""
-    values = dict(zip(ORDER, vector, strict=True))
-    system = jc.System(
-        unit, swings, to_wall, law=jc.HuGuo(e=values["e"]), stiffness=values["stiffness"]
-    )
-    run = jc.simulate(
-        system,
-        1.6,
-        position=jnp.stack([values["place"], 1.1 * values["place"]]),
-        velocity=jnp.stack([values["speed"], jnp.zeros_like(values["speed"])]),
-        args={"gravity": values["gravity"], "offset": values["offset"]},
-        rtol=1e-11,
-        v0="touch",
-        max_impacts=8,
-    )
-    table = run.contacts
-    count = 3
-    parts = [table.time, table.closing_speed, table.restitution, table.max_depth, table.energy_loss]
-    parts = [part[:count] for part in parts]
+    e, gravity, offset, place, speed, stiffness = vector
+    system = jc.System(unit, swings, to_wall, law=jc.HuGuo(e=e), stiffness=stiffness)
+    start = {
+        "position": jnp.stack([place, 1.1 * place]),
+        "velocity": jnp.stack([speed, jnp.zeros_like(speed)]),
+        "args": {"gravity": gravity, "offset": offset},
+    }
+    run = jc.simulate(system, 1.6, **start, rtol=1e-11, v0="touch", max_impacts=8)
+    names = "time", "closing_speed", "restitution", "max_depth", "energy_loss"
+    parts = [getattr(run.contacts, name)[:3] for name in names]
     return jnp.concatenate([*parts, run.final.position, run.final.velocity])
 
 
-def value_and_slopes(function):
-    """Return a program for a function's value, its slopes, and those of a weighted sum of it in
-    reverse mode.
-    """
-
-    def every(vector, weights):
-        value, forward = jax.linearize(function, vector)
-        slopes = jax.vmap(forward, out_axes=-1)(jnp.eye(vector.size))
-        return value, slopes, jax.linear_transpose(forward, vector)(weights)[0]
-
-    return jax.jit(every)
-
-
 def test_both_modes_are_differences():
-    vector, solve = jnp.array([NUMBERS[name] for name in ORDER]), value_and_slopes(outcome)
-    base, forward, reverse = map(np.asarray, solve(vector, weights))
-    assert np.all(np.isfinite(base))
-    np.testing.assert_allclose(reverse, weights @ forward, rtol=1e-9)
-    for k, name in enumerate(ORDER):
-        # Longer steps than these bend, and shorter ones show the interpolation of depths.
-        step = 5e-5 * NUMBERS[name]
-        shift = np.zeros(len(ORDER))
-        shift[k] = step
-        high, low = (np.asarray(solve(vector + s * shift, weights)[0]) for s in (1, -1))
-        slope = (high - low) / (2 * step)
-        scale = np.max(np.abs(forward[:, k]))
-        np.testing.assert_allclose(forward[:, k], slope, atol=DIFFERENCES * scale, err_msg=name)
-
-
-weights = np.random.default_rng(0).normal(size=19)
+    # Longer steps than these bend, and shorter ones show the interpolation of depths.
+    assert_slopes_are_differences(outcome, np.array([0.7, 9.81, 0.1, 0.8, 0.3, 1e6]), 5e-5)
 
 
 def test_states_at_times_have_derivatives():

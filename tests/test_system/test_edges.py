@@ -32,22 +32,28 @@ BALL = jc.System(unit, weight, height, law=LAW, stiffness=1e6)
 
 
 def fall(duration=0.1, **how):
-    how = {"position": [0.0], "velocity": [-1.0]} | how
-    return jc.simulate(BALL, duration, **how)
+    return jc.simulate(BALL, duration, **{"position": [0.0], "velocity": [-1.0]} | how)
 
 
 def test_touching_at_the_start_is_a_touch_at_once():
-    run = fall()
-    table = run.contacts.to_dict()
+    table = fall().contacts.to_dict()
     assert table["time"][0] == 0 and table["closing_speed"][0] == 1
     alone = jc.impact(LAW, jc.Contact(1.0, 1e6), 1.0)
     assert table["restitution"][0] == pytest.approx(float(alone.restitution), rel=WEIGHT)
 
 
-def test_touching_and_leaving_at_the_start_is_no_contact():
-    run = fall(velocity=[1.0])
-    assert len(run.contacts) == 0
-    np.testing.assert_allclose(run.final.position[0], 0.1 - 9.81 * 0.01 / 2, rtol=1e-12)
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [({"velocity": [1.0]}, 0.1 - 9.81 * 0.01 / 2), ({"position": [1.0], "velocity": [0.0]}, None)],
+    ids=["touching and leaving", "far away"],
+)
+def test_gap_that_never_closes_is_flight(start, end):
+    run = fall(**start)
+    assert len(run.contacts) == 0 and run.ok
+    assert run.margin.closing_speed == jnp.inf
+    np.testing.assert_allclose(run.final.velocity[0], start["velocity"][0] - 0.981, rtol=1e-12)
+    if end:
+        np.testing.assert_allclose(run.final.position[0], end, rtol=1e-12)
 
 
 def test_pressed_at_the_start_needs_a_v0():
@@ -67,16 +73,9 @@ def test_pressed_and_at_rest_needs_a_number(part):
     assert fall(**start, v0=0.1).ok
 
 
-def test_gap_that_never_closes_is_flight():
-    run = fall(position=[1.0], velocity=[0.0])
-    assert len(run.contacts) == 0 and run.ok
-    assert run.margin.closing_speed == jnp.inf
-    np.testing.assert_allclose(run.final.velocity[0], -0.981, rtol=1e-12)
-
-
 def test_contact_for_all_time_comes_to_rest():
     """A ball that bounces down: contacts follow each other until it stays at its static depth."""
-    run = jc.simulate(BALL, 3.0, position=[0.01], velocity=[0.0])
+    run = fall(3.0, position=[0.01], velocity=[0.0])
     table = run.contacts.to_dict()
     assert np.isnan(table["duration"][-1]) and np.all(np.isfinite(table["duration"][:-1]))
     assert str(run.margin).count("\n") == 0
@@ -88,8 +87,12 @@ def test_contact_for_all_time_comes_to_rest():
     assert float(run.error_estimate) < 1e-6
 
 
-def rubs(slip, mu=0.1):
-    return {"friction": jc.RigidCoulomb(mu), "slip": slip}
+def slides(t, q, v, args):
+    return v
+
+
+def rubs(friction, slip=slides):
+    return {"friction": friction, "slip": slip}
 
 
 @pytest.mark.parametrize(
@@ -101,12 +104,27 @@ def rubs(slip, mu=0.1):
         ({"gap": lambda t, q, args: jnp.sqrt(q - q)}, "gradient of `gap` must be finite.*gap 0"),
         ({"gap": lambda t, q, args: q[0]}, r"`gap` must return an array of the shape \(m,\)"),
         ({"force": lambda t, q, v, args: v * jnp.nan}, "`force` must be finite"),
-        ({"friction": jc.RegularizedCoulomb(0.1, 0.1)}, "`slip` must be given"),
         ({"mass": lambda t, q, args: jnp.eye(1, dtype=int)}, "`mass` .* real floats, but .* int"),
         ({"force": lambda t, q, v, args: v.astype(complex)}, "`force` .* complex.* of the shape"),
         ({"gap": lambda t, q, args: [q]}, "`gap` must return .* but returns a list"),
-        (rubs(lambda t, q, v, args: v**2), "`slip` must be affine in v"),
-        (rubs(lambda t, q, v, args: v, mu=[0.1, 0.2]), "each of 1 gaps, .* shape .2,"),
+        ({"friction": jc.RegularizedCoulomb(0.1, 0.1)}, "`slip` must be given"),
+        (rubs(jc.RigidCoulomb(0.1), lambda t, q, v, args: v**2), "`slip` must be affine in v"),
+        (rubs(jc.RigidCoulomb([0.1, 0.2])), "each of 1 gaps, .* shape .2,"),
+        (
+            rubs(jc.RigidCoulomb(0.3), lambda t, q, v, args: jnp.stack([v, v], 1)),
+            r"`slip` must return the shape \(1,\) with `RigidCou",
+        ),
+        (rubs(jc.WaltonFriction(0.3, 0.4)), "WaltonFriction.*outcome of an impact"),
+        (rubs(jc.MawBarberFawcett(0.3)), "MawBarberFawcett.*outcome of an impact"),
+        (rubs(jc.SpringSlider(0.3)), r"`ratio` of the `SpringSlider`.*no materials"),
+        (
+            rubs(jc.SpringSlider(0.3, 1.0, form="rescaled")),
+            r'`form` of the `SpringSlider`.*"force", but is "rescaled',
+        ),
+        (
+            rubs(jc.RigidCoulomb(0.1)) | {"law": jc.JKR(pull_off=2.0)},
+            "must be a law whose bodies do not stick",
+        ),
     ],
 )
 def test_wrong_systems_are_named(change, message):
@@ -139,7 +157,7 @@ def test_arguments_of_scenes_are_refused():
 
 def test_bad_lane_leaves_its_neighbours_alone():
     def ends(position):
-        run = jc.simulate(BALL, 0.3, position=position[None], velocity=[0.0], throw=False)
+        run = fall(0.3, position=position[None], velocity=[0.0], throw=False)
         return run.status, run.final.position[0], run.contacts.closing_speed[0]
 
     places = jnp.array([0.1, jnp.nan, 0.2])
@@ -147,16 +165,15 @@ def test_bad_lane_leaves_its_neighbours_alone():
     np.testing.assert_array_equal(status == jc.Ending.COMPLETED, [True, False, True])
     assert np.isnan(end[1]) and np.isnan(speed[1])
     for k in (0, 2):
-        run = jc.simulate(BALL, 0.3, position=[float(places[k])], velocity=[0.0])
-        np.testing.assert_allclose(end[k], run.final.position[0], rtol=1e-9)
-        np.testing.assert_allclose(speed[k], run.contacts.closing_speed[0], rtol=1e-9)
+        _, *alone = ends(places[k])
+        np.testing.assert_allclose([end[k], speed[k]], alone, rtol=1e-9)
 
 
 def test_capacity_is_flagged():
-    run = jc.simulate(BALL, 1.5, position=[0.1], velocity=[0.0], max_impacts=2, throw=False)
-    assert run.status == jc.Ending.TOO_MANY_IMPACTS
+    how = {"position": [0.1], "velocity": [0.0], "max_impacts": 2}
+    assert fall(1.5, **how, throw=False).status == jc.Ending.TOO_MANY_IMPACTS
     with pytest.raises(jc.NumericalError, match="max_impacts"):
-        jc.simulate(BALL, 1.5, position=[0.1], velocity=[0.0], max_impacts=2)
+        fall(1.5, **how)
 
 
 def test_breakpoints_are_where_force_jumps():
@@ -169,8 +186,7 @@ def test_breakpoints_are_where_force_jumps():
     how = {"position": [0.0], "velocity": [0.0]}
     run = jc.simulate(system, 0.1, **how, breakpoints=[0.05])
     np.testing.assert_allclose(run.final.velocity[0], 5.0, rtol=1e-13)
-    without = jc.simulate(system, 0.1, **how)
-    assert int(run.steps) < int(without.steps)
+    assert int(run.steps) < int(jc.simulate(system, 0.1, **how).steps)
 
 
 def quaternion_rate(t, q, v, args):
@@ -186,13 +202,10 @@ def test_positions_may_be_quaternions():
         lambda t, q, args: jnp.diag(jnp.array([1.0, 2.0, 3.0])),
         lambda t, q, v, args: jnp.zeros(3),
         lambda t, q, args: (0.5 + 2 * (q[1] * q[3] - q[0] * q[2]))[None],
-        law=jc.Hertz(),
-        stiffness=1e6,
-        rate=quaternion_rate,
-    )
-    run = jc.simulate(
-        system, 1.0, position=[1.0, 0.0, 0.0, 0.0], velocity=[0.0, 1.0, 0.0], rtol=1e-11
-    )
+        law=jc.Hertz(), stiffness=1e6, rate=quaternion_rate,
+    )  # fmt: skip
+    start = {"position": [1.0, 0.0, 0.0, 0.0], "velocity": [0.0, 1.0, 0.0]}
+    run = jc.simulate(system, 1.0, **start, rtol=1e-11)
     table = run.contacts.to_dict()
     # The arm is at sin(angle) = ½ when it touches.
     np.testing.assert_allclose(table["time"][0], np.pi / 6, rtol=1e-10)
@@ -205,10 +218,9 @@ def test_single_precision():
     how = {"position": np.float32([0.1]), "velocity": np.float32([0.0])}
     run = jc.simulate(single, np.float32(0.3), **how, rtol=1e-4)
     assert run.final.position.dtype == jnp.float32
-    double = jc.simulate(BALL, 0.3, position=[0.1], velocity=[0.0])
-    np.testing.assert_allclose(
-        run.contacts.to_dict()["time"], double.contacts.to_dict()["time"], rtol=1e-4
-    )
+    double = fall(0.3, position=[0.1], velocity=[0.0])
+    ours, others = (each.contacts.to_dict()["time"] for each in (run, double))
+    np.testing.assert_allclose(ours, others, rtol=1e-4)
 
 
 SCATTER = 20

@@ -17,83 +17,57 @@ from benchmarks import random_mechanisms
 SHALLOW = 1e-9
 """The least depth in m that must be seen."""
 
+WIGGLES = 1e-3
+"""How far a wall vibrates, in m."""
 
-def unit(t, q, args):
-    return jnp.eye(1)
+LANES = 400
 
-
-def swings(t, q, v, args):
-    return -9.81 * jnp.sin(q)
-
-
-def to_wall(t, q, args):
-    return q + args
-
-
-PENDULUM = jc.System(unit, swings, to_wall, law=jc.HuGuo(e=0.5), stiffness=1e8)
+SWING = jc.System(
+    lambda t, q, args: jnp.eye(1),
+    lambda t, q, v, args: -args["gravity"] * jnp.sin(q),
+    lambda t, q, args: q + args["wall"] - WIGGLES * jnp.sin(args["rate"] * t),
+    law=jc.HuGuo(e=0.5),
+    stiffness=1e8,
+)
 
 
-def touches(amplitudes, walls, duration, rtol=1e-9):
-    def first(amplitude, wall):
-        run = jc.simulate(
-            PENDULUM,
-            duration,
-            position=amplitude[None],
-            velocity=jnp.zeros(1),
-            args=wall,
-            rtol=rtol,
-            max_impacts=1,
-            throw=False,
-        )
-        return run.contacts.valid[0], run.contacts.time[0]
+@jax.jit
+@jax.vmap
+def first_touch(place, duration, args):
+    start = {"position": place[None], "velocity": jnp.zeros(1), "args": args}
+    run = jc.simulate(SWING, duration, **start, max_impacts=1, throw=False)
+    return run.contacts.valid[0], run.contacts.time[0]
 
-    return jax.jit(jax.vmap(first))(jnp.asarray(amplitudes), jnp.asarray(walls))
+
+def first_touches(place, duration, **args):
+    every = {"gravity": 0.0, "wall": 0.0, "rate": 0.0} | args
+    lanes = {name: np.full(LANES, value, float) for name, value in every.items()}
+    return map(np.asarray, first_touch(place, np.full(LANES, duration), lanes))
 
 
 def test_turns_beyond_a_wall_touch_and_others_do_not():
     """A pendulum released at A turns at -A, so that a wall at -A + d is touched d deep."""
     random = np.random.default_rng(0)
-    amplitudes = random.uniform(0.05, 2.8, 400)
-    depths = 10 ** random.uniform(np.log10(SHALLOW), -2, 400) * np.where(np.arange(400) % 2, 1, -1)
-    seen, times = touches(amplitudes, amplitudes - depths, duration=0.9 * 2.5)
+    amplitudes = random.uniform(0.05, 2.8, LANES)
+    depths = 10 ** random.uniform(np.log10(SHALLOW), -2, LANES)
+    depths *= np.where(np.arange(LANES) % 2, 1, -1)
+    seen, times = first_touches(amplitudes, 0.9 * 2.5, gravity=9.81, wall=amplitudes - depths)
     period = 4 * ellipk(np.sin(amplitudes / 2) ** 2) / np.sqrt(9.81)
     due = (depths > 0) & (period / 2 < 2.2)
-    np.testing.assert_array_equal(np.asarray(seen)[due], True)
-    np.testing.assert_array_equal(np.asarray(seen)[depths < 0], False)
-    assert np.all(np.asarray(times)[due] < period[due] / 2)
+    np.testing.assert_array_equal(seen[due], True)
+    np.testing.assert_array_equal(seen[depths < 0], False)
+    assert np.all(times[due] < period[due] / 2)
     assert due.sum() > 100
 
 
 def test_gaps_that_wiggle_within_a_step_are_seen():
     """A wall that vibrates fast reaches a body at rest, although nothing else moves."""
-
-    def wiggling(t, q, args):
-        return q - 1e-3 * jnp.sin(args * t)
-
-    still = jc.System(
-        unit, lambda t, q, v, args: jnp.zeros(1), wiggling, law=jc.Hertz(), stiffness=1e8
-    )
-
-    def seen(place, rate):
-        run = jc.simulate(
-            still,
-            10.0,
-            position=place[None],
-            velocity=jnp.zeros(1),
-            args=rate,
-            max_impacts=1,
-            throw=False,
-        )
-        return run.contacts.valid[0], run.contacts.time[0]
-
-    rates = jnp.linspace(3.0, 60.0, 40)
-    places = jnp.full(40, 1e-3 * (1 - 1e-6))
-    found, times = jax.jit(jax.vmap(seen))(places, rates)
-    assert np.all(found)
-    expected = np.arcsin(1 - 1e-6) / np.asarray(rates)
-    np.testing.assert_allclose(times, expected, rtol=1e-6)
-    found, _ = jax.jit(jax.vmap(seen))(jnp.full(40, 1e-3 * (1 + 1e-6)), rates)
-    assert not np.any(found)
+    rates = np.repeat(np.linspace(3.0, 60.0, LANES // 2), 2)
+    reached = np.arange(LANES) % 2 == 0
+    places = WIGGLES * np.where(reached, 1 - 1e-6, 1 + 1e-6)
+    seen, times = first_touches(places, 10.0, rate=rates)
+    np.testing.assert_array_equal(seen, reached)
+    np.testing.assert_allclose(times[seen], np.arcsin(1 - 1e-6) / rates[seen], rtol=1e-6)
 
 
 EACH = 8
@@ -146,7 +120,5 @@ def test_plain_calls_give_the_same():
         alone = random_mechanisms.simulated("HuGuo", jax.tree.map(lambda a, k=k: a[k], x))
         table, keep = alone.contacts.to_dict(), runs.others["valid"][k]
         for column in random_mechanisms.COLUMNS:
-            expected = runs.table[column][k][keep]
-            np.testing.assert_allclose(
-                table[column], expected, rtol=SAME, err_msg=f"{kind} {column}"
-            )
+            expected, words = runs.table[column][k][keep], f"{kind} {column}"
+            np.testing.assert_allclose(table[column], expected, rtol=SAME, err_msg=words)

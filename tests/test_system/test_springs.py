@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
+from tests.test_system.references import assert_slopes_are_differences
 
 MU, STIFFNESS = 0.3, 1e7
 CHI = 49 / 34
@@ -27,9 +27,6 @@ TABLE = {
 
 CLOSE = 1e-9
 """Of ψ2 at rtol 1e-10."""
-
-DIFFERENCES = 2e-6
-"""Central differences of a run at rtol 1e-11 are right to about this."""
 
 
 def sphere(t, q, args):
@@ -69,22 +66,13 @@ def test_impacts_are_those_of_the_table(psi):
     assert abs(gained - work) < 1e-9
 
 
-def test_slopes_are_differences():
-    def outcome(vector):
-        run = thrown(*vector, rtol=1e-11, max_impacts=8)
-        found = jnp.concatenate([run.final.velocity, run.phases.time[:3] / 1e-3])
-        return found, found
+def outcome(vector):
+    run = thrown(*vector, rtol=1e-11, max_impacts=8)
+    return jnp.concatenate([run.final.velocity, run.phases.time[:3] / 1e-3])
 
-    vector = jnp.array([MU, KAPPA, 1.5 * MU / KAPPA])
-    solve = jax.jit(jax.jacfwd(outcome, has_aux=True))
-    forward = np.asarray(solve(vector)[0])
-    for k in range(len(vector)):
-        shift = np.zeros(3)
-        shift[k] = 2e-5 * float(vector[k])
-        high, low = (np.asarray(solve(vector + sign * shift)[1]) for sign in (1, -1))
-        slope = (high - low) / (2 * shift[k])
-        scale = np.max(np.abs(forward[:, k]))
-        np.testing.assert_allclose(forward[:, k], slope, atol=DIFFERENCES * scale)
+
+def test_both_modes_are_differences():
+    assert_slopes_are_differences(outcome, np.array([MU, KAPPA, 1.5 * MU / KAPPA]), 2e-5)
 
 
 def restarted(start, pull, duration):
@@ -156,14 +144,3 @@ def test_slip_that_turns_in_space_is_that_of_scipy():
     np.testing.assert_array_equal(run.phases.direction, [slides for _, slides in log])
     np.testing.assert_allclose(run.phases.time, [t for t, _ in log], atol=CLOSE * within)
     np.testing.assert_allclose(run.final.velocity, end, atol=CLOSE)
-
-
-def test_missing_numbers_are_named():
-    parts = {"law": jc.Hertz(), "stiffness": STIFFNESS, "slip": slip}
-    with pytest.raises(ValueError, match=r"`ratio` of the `SpringSlider`.*no materials"):
-        jc.System(sphere, free, plane, friction=jc.SpringSlider(MU), **parts)
-    friction = jc.SpringSlider(MU, KAPPA, form="rescaled")
-    with pytest.raises(
-        ValueError, match=r'`form` of the `SpringSlider`.*"force", but is "rescaled'
-    ):
-        jc.System(sphere, free, plane, friction=friction, **parts)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import jaxcontact as jc
-from tests.test_system.test_derivatives import value_and_slopes
+from tests.test_system.references import assert_slopes_are_differences, restarted
 
 LAW, STIFFNESS, G = jc.HuGuo(e=0.9), 1e5, 9.81
 ALPHA = 1.5 * 0.1 / 0.9
@@ -25,9 +24,6 @@ CRANK = 1e-7
 
 DRIFT = 1e-9
 """Of the speeds: the slip of contacts that stick."""
-
-DIFFERENCES = 2e-6
-"""Central differences of a run at rtol 1e-11 are right to about this, relative to the largest."""
 
 
 def mass(t, q, args):
@@ -54,10 +50,11 @@ STILL = {"tilt": 0.0, "inertia": 1.0, "radius": 0.0, "speed": 0.0, "rate": 20.0}
 
 def moved(mu, args, duration, position, velocity, **how):
     """Return a run of the body on the plane."""
-    friction = jc.RigidCoulomb(mu)
-    system = jc.System(mass, force, gap, law=LAW, stiffness=STIFFNESS, friction=friction, slip=slip)
-    how = {"rtol": RTOL, "v0": 0.05} | how
-    return jc.simulate(system, duration, position=position, velocity=velocity, args=args, **how)
+    parts = {"law": LAW, "stiffness": STIFFNESS, "friction": jc.RigidCoulomb(mu), "slip": slip}
+    start = {"position": position, "velocity": velocity, "args": args}
+    return jc.simulate(
+        jc.System(mass, force, gap, **parts), duration, **start, **{"rtol": RTOL, "v0": 0.05} | how
+    )
 
 
 def rested(tilt):
@@ -70,6 +67,11 @@ def phases(run):
     return np.asarray(run.phases.time)[keep], np.asarray(run.phases.direction)[keep]
 
 
+def assert_phases(run, times, directions, **tolerance):
+    np.testing.assert_array_equal(phases(run)[1], directions)
+    np.testing.assert_allclose(phases(run)[0], times, **tolerance)
+
+
 @pytest.mark.parametrize("part", [0.9, 1.1])
 def test_block_slides_on_a_plane_steeper_than_mu(part):
     mu, duration = 0.3, 0.5
@@ -78,7 +80,7 @@ def test_block_slides_on_a_plane_steeper_than_mu(part):
     pull = max(G * (np.sin(tilt) - mu * np.cos(tilt)), 0)
     np.testing.assert_allclose(run.final.velocity[0], pull * duration, rtol=1e-10)
     np.testing.assert_allclose(run.final.position[0], pull * duration**2 / 2, rtol=1e-10)
-    np.testing.assert_array_equal(phases(run)[1], [0 if part < 1 else 1])
+    assert_phases(run, [0], [0 if part < 1 else 1])
     # Weight and friction do all the work.
     np.testing.assert_allclose(run.states.work[-1], (pull * duration) ** 2 / 2, atol=1e-12)
     assert run.margin.painleve == (jnp.inf if part < 1 else 1)
@@ -88,13 +90,11 @@ def test_block_thrown_upwards_stops_and_stays():
     mu, tilt, speed = 0.3, 0.2, -1.0
     run = moved(mu, STILL | {"tilt": tilt}, 0.5, rested(tilt), [speed, 0.0, 0.0])
     slows = G * (np.sin(tilt) + mu * np.cos(tilt))
-    np.testing.assert_allclose(phases(run)[0], [0, -speed / slows], rtol=EVENTS)
-    np.testing.assert_array_equal(phases(run)[1], [-1, 0])
+    assert_phases(run, [0, -speed / slows], [-1, 0], rtol=EVENTS)
     np.testing.assert_allclose(run.final.position[0], -(speed**2) / 2 / slows, rtol=1e-9)
     # Friction has taken what is left of the kinetic energy.
     climbs = G * np.sin(tilt) * speed**2 / 2 / slows
-    lost = speed**2 / 2 - climbs
-    np.testing.assert_allclose(run.states.work[-1] + climbs, -lost, rtol=1e-9)
+    np.testing.assert_allclose(run.states.work[-1] + climbs, climbs - speed**2 / 2, rtol=1e-9)
 
 
 def test_disc_thrown_forwards_begins_to_roll():
@@ -102,100 +102,18 @@ def test_disc_thrown_forwards_begins_to_roll():
     mu, speed, radius = 0.3, 1.0, 0.1
     args = STILL | {"radius": radius, "inertia": radius**2 / 2}
     run = moved(mu, args, 0.5, rested(0.0), [speed, 0.0, 0.0])
-    times, directions = phases(run)
-    np.testing.assert_allclose(times, [0, speed / (3 * mu * G)], rtol=EVENTS)
-    np.testing.assert_array_equal(directions, [1, 0])
+    assert_phases(run, [0, speed / (3 * mu * G)], [1, 0], rtol=EVENTS)
     velocity = np.asarray(run.final.velocity)
     np.testing.assert_allclose(velocity[[0, 2]], [2 / 3, -2 / 3 / radius], rtol=1e-9)
 
 
-def derivative(function, at, along):
-    """Return the derivative of a function that is written with analytic operations."""
-    step = 1e-30
-    moved = [x + 1j * step * d for x, d in zip(at, along, strict=True)]
-    return np.imag(function(*moved)) / step
-
-
-def restarted(body, mu, stiffness, alpha, start, duration, touches_now=False):
-    """Return changes (time, what) of one contact, by DOP853 restarted at each, and the end.
-
-    `body` has the functions `mass`, `force`, `gap` and `slip` of numbers that may be complex. What
-    happens is "touch", "open", 0 for stick, or the sign of the slip.
-    """
-    mass, force, gap, slip = body
-    n = len(start[0])
-    t, y = 0.0, np.concatenate(start)
-    basis, still = np.eye(n), np.zeros(n)
-
-    def forces(t, y):
-        """Return M, drive, F, J_n, J_t and the slip speed."""
-        q, v = y[:n], y[n:]
-        normal = np.array([derivative(gap, (t, q), (0.0, e)) for e in basis])
-        tangent = np.array([derivative(slip, (t, q, v), (0.0, still, e)) for e in basis])
-        closing = -derivative(gap, (t, q), (1.0, v))
-        depth = max(-gap(t, q), 0.0)
-        pressed = stiffness * depth**1.5 * (1 + alpha * closing / speed) if closed else 0.0
-        return force(t, q, v) + pressed * normal, pressed, tangent, slip(t, q, v), closing
-
-    def held(t, y):
-        """Return the friction with which the slip speed does not change."""
-        drive, _, tangent, _, _ = forces(t, y)
-        inverse = np.linalg.inv(mass(t, y[:n]))
-        rate = derivative(slip, (t, y[:n], y[n:]), (1.0, y[n:], inverse @ drive))
-        return -rate / (tangent @ inverse @ tangent)
-
-    def right(t, y):
-        drive, pressed, tangent, _, _ = forces(t, y)
-        if closed:
-            drive = drive + tangent * (held(t, y) if sign == 0 else -sign * mu * pressed)
-        return np.concatenate([y[n:], np.linalg.solve(mass(t, y[:n]), drive)])
-
-    def meets(t, y):
-        return gap(t, y[:n])
-
-    def changes(t, y):
-        if not closed:
-            return 1.0
-        return sign * slip(t, y[:n], y[n:]) if sign else mu * forces(t, y)[1] - abs(held(t, y))
-
-    meets.terminal = changes.terminal = True
-    closed, sign, speed, log = touches_now, 1, 1.0, []
-    if closed:
-        speed, sign = forces(t, y)[4], np.sign(slip(0.0, *start))
-        log = [(0.0, "touch"), (0.0, sign)]
-    while t < duration:
-        meets.direction = 1 if closed else -1
-        changes.direction = -1
-        # The first step that SciPy tries may be absurdly long.
-        with np.errstate(all="ignore"):
-            how = {"rtol": 1e-12, "atol": 1e-14, "max_step": duration / 20}
-            end = solve_ivp(right, (t, duration), y, "DOP853", events=[meets, changes], **how)
-        t, y = end.t[-1], end.y[:, -1]
-        if len(end.t_events[0]):
-            closed = not closed
-            log.append((t, "touch" if closed else "open"))
-            if closed:
-                speed, sign = forces(t, y)[4], np.sign(slip(t, y[:n], y[n:]))
-                log.append((t, sign))
-        elif len(end.t_events[1]):
-            hold = held(t, y)
-            # After a change the event function is 0 up to rounding, on either side.
-            slides = sign == 0 or abs(hold) > mu * forces(t, y)[1]
-            sign = -np.sign(hold) if slides else 0
-            log.append((t, sign))
-    return log, y
-
-
-def assert_same_phases(run, log, end, duration, tolerance=EVENTS):
-    expected = [(t, what) for t, what in log if not isinstance(what, str)]
-    times, directions = phases(run)
-    np.testing.assert_array_equal(directions, [what for _, what in expected])
-    np.testing.assert_allclose(times, [t for t, _ in expected], atol=tolerance * duration)
-    n = len(end) // 2
-    got = np.concatenate([run.final.position, run.final.velocity])
-    for part in (slice(0, n), slice(n, None)):
-        scale = np.max(np.abs(end[part]))
-        np.testing.assert_allclose(got[part], end[part], atol=100 * tolerance * scale)
+def assert_same_phases(run, found, end, duration, tolerance=EVENTS):
+    times, directions = zip(*found, strict=True)
+    assert_phases(run, times, directions, atol=tolerance * duration)
+    got = run.final.position, run.final.velocity
+    for part, expected in zip(got, np.split(end, 2), strict=True):
+        atol = 100 * tolerance * np.max(np.abs(expected))
+        np.testing.assert_allclose(part, expected, atol=atol)
 
 
 SHAKEN = STILL | {"tilt": 0.1, "speed": 0.15, "rate": 30.0}
@@ -206,18 +124,18 @@ def test_block_on_a_shaken_incline_is_that_of_scipy():
     """The block falls onto the plane and its normal force swings: it sticks and slips both ways."""
     mu = 0.35
     run = moved(mu, SHAKEN, **FALLING, times=np.linspace(0, 0.6, 121))
-
-    def drive(t, q, v):
-        return G * np.array([np.sin(SHAKEN["tilt"]), -np.cos(SHAKEN["tilt"]), 0])
-
-    def slides(t, q, v):
-        return v[0] - SHAKEN["speed"] * np.cos(SHAKEN["rate"] * t)
-
-    body = (lambda t, q: np.eye(3), drive, lambda t, q: q[1], slides)
+    weight = G * np.array([np.sin(SHAKEN["tilt"]), -np.cos(SHAKEN["tilt"]), 0])
     start = np.array(FALLING["position"]), np.array(FALLING["velocity"])
-    log, end = restarted(body, mu, STIFFNESS, ALPHA, start, 0.6, touches_now=True)
-    assert {what for _, what in log[2:]} == {-1, 0, 1} and len(log) > 12
-    assert_same_phases(run, log, end, 0.6)
+    touches, found, end = restarted(
+        lambda t, q: np.eye(3),
+        lambda t, q, v: weight,
+        lambda t, q: q[1:2],
+        start, 0.6, STIFFNESS, ALPHA, mu=mu, touching=True,
+        slip=lambda t, q, v: v[0] - SHAKEN["speed"] * np.cos(SHAKEN["rate"] * t),
+    )  # fmt: skip
+    assert {what for _, what in found[1:]} == {-1, 0, 1}
+    assert len(touches) == 1 and len(found) > 11
+    assert_same_phases(run, found, end, 0.6)
     # In stick the slip speed stays at rounding and tolerance.
     times, directions = phases(run)
     at = np.asarray(run.states.time)
@@ -244,7 +162,7 @@ def test_crank_with_a_dry_joint_is_that_of_scipy():
 
     def gap(t, q):
         x, y = journal(t, q)
-        return c - np.sqrt(x**2 + y**2)
+        return c - np.sqrt(np.stack([x**2 + y**2]))
 
     def drive(t, q, v):
         return np.array([heavy * crank * rod / 2 * speed**2 * np.sin(speed * t - q[0]), 0.0])
@@ -258,12 +176,12 @@ def test_crank_with_a_dry_joint_is_that_of_scipy():
 
     matrix = np.diag([inertia + heavy * rod**2 / 4, slider])
     first = np.array([0.0, crank + rod]), np.array([-speed * crank / rod, 0.0])
-    body = (lambda t, q: matrix, drive, gap, slides)
-    log, end = restarted(body, mu, 6.6101984e10, 1.5 * 0.1 / 0.9, first, duration)
-    assert len([what for _, what in log if what == 0]) > 0
-    assert_same_phases(run, log, end, duration, CRANK)
-    touches = [t for t, what in log if what == "touch"]
-    np.testing.assert_allclose(run.contacts.time, touches, atol=CRANK * duration)
+    how = {"stiffness": 6.6101984e10, "alpha": ALPHA, "slip": slides, "mu": mu}
+    touches, found, end = restarted(lambda t, q: matrix, drive, gap, first, duration, **how)
+    assert 0 in [what for _, what in found]
+    assert_same_phases(run, found, end, duration, CRANK)
+    times = [t for _, t, _ in touches]
+    np.testing.assert_allclose(run.contacts.time, times, atol=CRANK * duration)
 
 
 def outcome(vector):
@@ -278,20 +196,9 @@ def outcome(vector):
 
 
 def test_both_modes_are_differences():
-    vector = jnp.array([0.35, 0.1, 0.15, 30.0, 0.02])
-    weights = np.random.default_rng(0).normal(size=12)
-    solve = value_and_slopes(outcome)
-    base, forward, reverse = map(np.asarray, solve(vector, weights))
-    assert np.all(np.isfinite(base)) and np.all(np.diff(base[:5]) > 0)
-    np.testing.assert_allclose(reverse, weights @ forward, rtol=1e-9)
-    for k in range(len(vector)):
-        step = 2e-5 * float(vector[k])
-        shift = np.zeros(len(vector))
-        shift[k] = step
-        high, low = (np.asarray(solve(vector + s * shift, weights)[0]) for s in (1, -1))
-        slope = (high - low) / (2 * step)
-        scale = np.max(np.abs(forward[:, k]))
-        np.testing.assert_allclose(forward[:, k], slope, atol=DIFFERENCES * scale, err_msg=str(k))
+    vector = np.array([0.35, 0.1, 0.15, 30.0, 0.02])
+    times = assert_slopes_are_differences(outcome, vector, 2e-5)[:5]
+    assert np.all(np.diff(times) > 0)
 
 
 def test_shaken_incline_turns_where_its_slip_is_zero():
@@ -300,8 +207,7 @@ def test_shaken_incline_turns_where_its_slip_is_zero():
     run = jc.simulate(system, 0.1, **start, rtol=RTOL, v0=0.1)
     gains = G * (np.sin(tilt) + mu * np.cos(tilt))
     turn = brentq(lambda t: gains * t - amplitude * rate * np.cos(rate * t), 0, 0.05, xtol=1e-15)
-    np.testing.assert_allclose(phases(run)[0], [0, turn], atol=EVENTS * 0.1)
-    np.testing.assert_array_equal(phases(run)[1], [-1, 1])
+    assert_phases(run, [0, turn], [-1, 1], atol=EVENTS * 0.1)
 
 
 def test_rods_whose_ends_both_stick_are_named():
@@ -332,14 +238,3 @@ def test_painleve_rod_is_flagged(mu):
     expected = (1 + 3 * cosine * (cosine - mu * sine)) / (1 + 3 * cosine**2)
     np.testing.assert_allclose(run.margin.painleve, expected, rtol=1e-3)
     assert ("painleve" in repr(run)) == (mu > 4 / 3) == (run.margin.painleve <= 0)
-
-
-def test_wrong_friction_is_named():
-    parts = {"law": LAW, "stiffness": STIFFNESS, "slip": slip}
-    for friction in (jc.WaltonFriction(0.3, 0.4), jc.MawBarberFawcett(0.3)):
-        with pytest.raises(ValueError, match=f"{type(friction).__name__}.*outcome of an impact"):
-            jc.System(mass, force, gap, friction=friction, **parts)
-    parts["slip"] = lambda t, q, v, args: v[None, :2]
-    system = jc.System(mass, force, gap, friction=jc.RigidCoulomb(0.3), **parts)
-    with pytest.raises(ValueError, match=r"`slip` must return the shape \(1,\) with `RigidCou"):
-        jc.simulate(system, 0.1, position=[0.0] * 3, velocity=[0.0] * 3, args=STILL)

@@ -79,11 +79,6 @@ def test_who_is_told(capsys):
     assert written(lambda done, total: told.append((done, total)), [*reports, (3, None, "a")]) == []
     assert told == [(1, 2), (2, 2), (3, None)]
     assert capsys.readouterr() == ("", "")
-    with (
-        pytest.raises(ValueError, match="`progress` must be True, False, None or a function"),
-        progress_of("yes", "lanes", "sweep"),  # pyright: ignore[reportArgumentType]
-    ):
-        pass
 
 
 @pytest.mark.usefixtures("at_once")
@@ -170,11 +165,6 @@ def test_stages_are_shown_after_a_second(monkeypatch, wanted, seconds, stream, s
         monkeypatch.setattr(stages, "_start", time.monotonic() - seconds)
         stages("fitting")
     assert bool(stream.getvalue()) == shown
-
-
-def test_stages_that_are_no_stages():
-    with pytest.raises(ValueError, match="must be True, False, None or a function of a text"):
-        stages_of("yes")  # pyright: ignore[reportArgumentType]
 
 
 def test_one_default():

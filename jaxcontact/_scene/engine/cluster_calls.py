@@ -14,15 +14,7 @@ from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice
 from .cluster_members import pace_of, select_members
 from .cluster_slots import index_of, masses, member_change, slot_pairs
-from .coupled import (
-    Call,
-    as_numbers,
-    call,
-    meets,
-    touching,
-    walls_under,
-    work_of_walls,
-)
+from .coupled import Call, as_numbers, call, meets, touching, walls_under, work_of_walls
 from .coupled_friction import spin_energy_lost
 from .event_queue import stale_events
 from .log import ClusterDecisions, ClusterNumbers, LogDecisions, LogNumbers, no_impact

@@ -33,13 +33,7 @@ from .cluster_slots import (
     resting_pairs,
     slot_pairs,
 )
-from .coupled_friction import (
-    blank_rubbing,
-    fresh_rubbing,
-    impulses,
-    joined_rubbing,
-    pair_friction,
-)
+from .coupled_friction import blank_rubbing, fresh_rubbing, impulses, joined_rubbing, pair_friction
 
 MOST = 8
 """The default capacity of a coupled solve in spheres."""

@@ -16,11 +16,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 from scipy.interpolate import CubicHermiteSpline
 
-from ..._calibration import VelocityProfile, fit_velocity_profile
-from ..._impact import restitution
-from ..._laws import get_law
-from ..._text.units import label
+from ... import get_law, restitution
+from ...extend import label
 from .._impacts import CASES, MASS, Reproduction, SolvedImpacts, Table, impacts, long_table
+from .._velocity_profile import VelocityProfile, fit_velocity_profile
 from .style import FOUR_LAWS, REFERENCE, VELOCITY, legend_above, sheet
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..._text.units import label
+from ...extend import label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

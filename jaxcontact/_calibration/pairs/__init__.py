@@ -1,1 +1,0 @@
-"""Measured columns and pairs: checks, noise and outliers."""

@@ -1,1 +1,0 @@
-"""Ready-made fits of a law to measurements."""

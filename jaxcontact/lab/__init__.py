@@ -1,0 +1,1 @@
+"""The laboratory: from recordings and records of instruments to the law that reproduces them."""

@@ -1,0 +1,1 @@
+"""Measured pairs of closing speed and restitution: their noise and their outliers."""

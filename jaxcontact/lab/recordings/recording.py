@@ -1,0 +1,391 @@
+"""Recordings of one bouncing ball, read from any source with columns."""
+
+from __future__ import annotations
+
+import bisect
+import dataclasses
+import functools
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+
+from ...extend import POSITIVE, did_you_mean, rendered, require_choice, require_number
+from ..layouts.intervals import Interval, Intervals
+from ..layouts.layout import LAYOUTS, Layout, Record
+from ..layouts.track import counts_frames, tracks_of, with_frames
+from ..signals import CLOCK, column_of, even, with_clock
+from ..sound.audio import Sound
+from ..tables.heading import Meaning, unused_notes, words
+from ..tables.match import Match, Told, as_told, check_usual, unknown_name
+from ..tables.sheet import Row, Sheet, sheet_of
+from ..track.model import Track
+from .layout_of import layout_of
+from .sound_file import heard, sound_in
+from .wide import as_trials
+
+_SHIPPED_BALL = "blue"
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Recording:
+    """The measurements of one ball.
+
+    `source` is their origin, `layout` their column layout (see `read_recording`), and `ball` the
+    name of the ball ("" without a name). `records` are the measurements in order. `notes` say how
+    they were read: recognised headings and converted units. `sound` is what was detected in a sound
+    file, otherwise None (see `jc.plot.sound`).
+    """
+
+    source: str
+    layout: Layout[Any]
+    ball: str
+    records: tuple[Record, ...]
+    notes: tuple[str, ...] = ()
+    sound: Sound | None = None
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    @property
+    def tracks(self) -> tuple[Track, ...]:
+        """The evaluated tracks from video, one for each trial; empty for other recordings."""
+        return tracks_of(self.records)
+
+    def __repr__(self) -> str:
+        facts = {
+            "source": self.source,
+            "layout": self.layout.name,
+            "ball": self.ball or "(no name)",
+            "rows": str(len(self)),
+            **self.layout.facts(self.records),
+        }
+        if self.notes:
+            facts["read as"] = "; ".join(self.notes)
+        return "Recording\n" + "\n".join(f"  {name:<13}{fact}" for name, fact in facts.items())
+
+
+def read_recording(
+    source: str | os.PathLike[str] | IO[Any] | Mapping[str, Any] | Any = None,
+    *,
+    layout: str | None = None,
+    ball: Any = None,
+    columns: str | Mapping[str, int | str] | None = None,
+    decimal: str | None = None,
+    rate: float | None = None,
+    sheet: str | int | None = None,
+    **values: Any,
+) -> Recording:
+    """Read the recording of one bouncing ball from a file, a data frame, or arrays.
+
+    The `layout` follows from the columns, unless it is named:
+
+    - "intervals": `interval_s`, the time in s between impacts `bounce` and `bounce` + 1 of a
+      `trial`, and `drop_height_m`;
+    - "instants": `bounce_time_s`, the times in s of successive bounces; if a `label` marks some of
+      them, the others are left out;
+    - "stops": `drop_height_m` and `rest_time_s`, the time in s from the release until rest;
+    - "heights": `drop_height_m` and `rebound_height_m`, a drop and its first rebound in m;
+    - "table": `velocity`, the approach speed in m/s, and `restitution`;
+    - "speeds": `velocity` and `rebound_velocity`, the speeds in m/s before and after an impact;
+    - "peaks": `height_m`, the heights in m of successive flights of a trial;
+    - "force", "acceleration", "indentation": `time` in s and the readings of an instrument in N,
+      m/s² or m; several impacts in one record are separated; a record without `time` needs its
+      sampling `rate` in Hz;
+    - "sound": `time` or a `rate`, and `sound`, its samples in any unit;
+    - "track": `y`, the height of a ball over time, and `x`, in m, pixels or any unit, with `time`
+      in s, or the number `frame` of the frame and the `rate` in frames per second.
+
+    `ball`, `trial`, `bounce` and the drop height of intervals are optional. Without them there is
+    one ball and one trial, with bounces counted in order. `sigma`, the standard deviations of e or
+    of intervals, is optional too. Times may be written as mm:ss.cc. Headings are recognised by
+    meaning ("v", "COR", "speed (mm/s)", "t_flight / ms"). A unit in a heading is converted, and
+    `notes` of the recording say so. Implausible numbers without a unit are refused.
+
+    `source` is a path, an open file, a dict of columns, or a data frame (pandas, polars, or any
+    object with `.columns` and `[name]`). Other columns are ignored. None reads the bounce intervals
+    that ship with the package. Without `source`, columns may be given by keyword:
+    `read_recording(interval_s=[0.42, 0.37, 0.33])`.
+
+    A sound file may be WAV, or FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`. The
+    detected bounces give intervals with timing errors, each drop a trial. `notes` list doubtful
+    sounds, which are not used.
+
+    In a track, parabolas are fitted between the detected impacts, whose times have errors. `notes`
+    give the scale and the camera tilt that follow from g, and doubtful impacts.
+
+    A text file may be separated by commas, semicolons, tabs or blanks, in UTF-8, UTF-16 or Latin-1.
+    It may have decimal commas, comments (#, %, //) and any line ends. Spreadsheets (.xlsx, .ods)
+    and parquet files need `pip install 'jaxcontact[data]'`.
+
+    `ball` chooses a ball by name, which is required if there are several ("blue" by default in the
+    shipped data). A sequence of names is the column `ball`, given by keyword. `columns` assigns
+    columns by number from 1 or by heading, as in "speed=2,e=5" or {"speed": 2, "e": "COR"}.
+    `decimal`, "." or ",", is the decimal mark if the file leaves it ambiguous. `sheet` is the sheet
+    of a spreadsheet, by name or by number from 1; sheets with equal headings are trials without it.
+
+    Returns a `Recording`. Raises RecordingError, which names source, row and column, for a file
+    that cannot be read; a column that is missing, repeated, not one-dimensional or of another
+    length; a row with too many fields; a number that is missing, text, not finite or not positive;
+    a repeated bounce; intervals that stay the same or grow; and a ball that does not exist or must
+    be chosen. Rows of a file are its lines, including the header; in columns of values they count
+    from 1. Raises ValueError for other arguments, including unknown columns among the keywords.
+    """
+    if layout is not None:
+        require_choice("layout", layout, LAYOUTS)
+    if decimal is not None:
+        require_choice("decimal", decimal, (".", ","))
+    told: Told = {} if columns is None else as_told(columns)
+    if ball is not None and not isinstance(ball, str):
+        if source is not None or not values:
+            raise ValueError(
+                "Argument `ball` must be the name of one ball in `source`, or a column of names "
+                f"beside other columns given by keyword, but is {rendered(ball)}."
+            )
+        values, ball = {"ball": ball, **values}, None
+    if values and told:
+        raise ValueError(
+            "Argument `columns` must be None where columns are given by keyword, but is "
+            f"{rendered(columns)}."
+        )
+    if (found := sound_in(source)) is not None:
+        _check_sound(layout, ball, {**told, **({} if decimal is None else {"decimal": 1})}, rate)
+        sound, intervals, words = heard(*found)
+        return Recording(found[0], LAYOUTS["intervals"], "", tuple(intervals), tuple(words), sound)
+    if ball is None and source is None and not values:
+        ball = _SHIPPED_BALL
+    rate = None if rate is None else require_number("rate", rate, POSITIVE)
+    read = _read(source, values, layout, told, decimal, rate, sheet)
+    chosen = chosen_ball(ball, [(one.ball, one.row) for one in read.records], read.sheet)
+    return read.of(chosen, [record for record in read.records if record.ball == chosen])
+
+
+def read_recordings(
+    source: Any,
+    *,
+    columns: str | Mapping[str, int | str] | None = None,
+    decimal: str | None = None,
+    rate: float | None = None,
+    sheet: str | int | None = None,
+) -> dict[str, Recording]:
+    """Read the recordings of all balls in a table, by name; arguments as of `read_recording`."""
+    if sound_in(source) is not None:
+        raise ValueError("Argument `ball` must be None for a sound, which has no columns.")
+    told: Told = {} if columns is None else as_told(columns)
+    read = _read(source, {}, None, told, decimal, rate, sheet)
+    balls: dict[str, list[Record]] = {}
+    for record in read.records:
+        balls.setdefault(record.ball, []).append(record)
+    return {ball: read.of(ball, records) for ball, records in balls.items()}
+
+
+class _Read(NamedTuple):
+    """The records of all balls in a source, and how they were read."""
+
+    sheet: Sheet
+    layout: Layout[Any]
+    found: Match
+    records: Sequence[Record]
+
+    def of(self, ball: str, records: Sequence[Record]) -> Recording:
+        """Return the recording of one ball, which has these records."""
+        sheet, found, layout = self.sheet, self.found, self.layout
+        unused = unused_notes(sheet.names, found.places)
+        notes = (*found.notes(), *sheet.notes, *layout.notes(records), *unused)
+        return Recording(sheet.source, layout, ball, tuple(records), notes, sound_of(records))
+
+
+def _read(
+    source: Any,
+    values: Mapping[str, Any],
+    layout: str | None,
+    told: Told,
+    decimal: str | None,
+    rate: float | None,
+    sheet_name: str | int | None,
+) -> _Read:
+    """Read the columns of a file, a data frame, or arrays."""
+    meanings = {
+        one.name: {name: one.meaning(name) for name in one.columns} for one in LAYOUTS.values()
+    }
+    every = {name: meaning for one in meanings.values() for name, meaning in one.items()}
+    _refuse_unknown_columns(values, told, meanings, every)
+    sheet = sheet_of(source, values, headings_of(every), decimal, sheet_name)
+    # Places that are told are those of the table as it is.
+    sheet = sheet if told else as_trials(sheet)
+    if rate is not None and not counts_frames([*sheet.names, *told]):
+        sheet = with_clock(sheet, rate)
+    elif rate is not None:
+        sheet = with_frames(sheet, rate)
+    sheet = _with_trials(sheet, every, told)
+    meant, found = layout_of(sheet, layout, told, meanings)
+    if len(sheet.sheets) > 1 and "trial" not in meant.columns and "time" in meant.columns:
+        named = ", ".join(map(repr, sheet.sheets))
+        raise sheet.fault(f"holds a record in each of {named}; choose one with `sheet=`", "time")
+    meant = meant.at_rate(rate)
+    rows, left_out = meant.select(found.rows(sheet))
+    sheet = dataclasses.replace(sheet, notes=(*sheet.notes, *left_out))
+    if not rows:
+        what = "columns" if sheet.header_row is None else "a header"
+        raise sheet.fault(f"holds {what} but no measurement", meant.columns[-1])
+    records = [] if meant.fitted else meant.read(rows)
+    if not sheet.by_keyword:
+        check_usual(rows, meanings[meant.name])
+    if meant.fitted:  # a long search, so units are checked first
+        records = meant.read(rows)
+    return _Read(sheet, meant, found, records)
+
+
+def headings_of(meanings: Mapping[str, Meaning]) -> Callable[[str], bool]:
+    """Return a function that tests whether a cell is a heading with one of the meanings."""
+
+    # A text is tested with every separator that it might have.
+    @functools.cache
+    def is_heading(text: str) -> bool:
+        return any(
+            text == name or meaning.heading(text) or meaning.unknown_unit(text)
+            for name, meaning in meanings.items()
+        )
+
+    return lambda text: isinstance(text, str) and is_heading(text)
+
+
+def _refuse_unknown_columns(
+    values: Mapping[str, Any],
+    told: Told,
+    meanings: Mapping[str, Mapping[str, Meaning]],
+    every: Mapping[str, Meaning],
+) -> None:
+    """Raise ValueError for a keyword, or a name in `columns`, that no layout has."""
+    for name in values:
+        if name not in every:
+            raise ValueError(
+                f"Argument `{name}` is no known column; these are {', '.join(every)}."
+                f"{did_you_mean(name, every)}"
+            )
+    for name in told:
+        if not any(key == name or meaning.heading(name) for key, meaning in every.items()):
+            raise ValueError(unknown_name(name, meanings.values()))
+
+
+def chosen_ball(ball: str | None, places: Sequence[tuple[str, int]], sheet: Sheet) -> str:
+    """Return the ball to use, by name or as the only one; raise RecordingError otherwise.
+
+    `places` are ball and row of each measurement.
+    """
+    balls = dict.fromkeys(name for name, _ in places)
+    named = ", ".join(filter(None, balls))
+    if ball is None:
+        ball, *others = balls
+        if others:
+            # By keyword, `ball` is the column.
+            how = "give the columns as a dict and " if sheet.by_keyword else ""
+            problem = f"holds several balls ({named}); {how}choose one with `ball=`, as in {ball=}"
+            row = next(row for name, row in places if name == others[0])
+            raise sheet.fault(problem, "ball", row)
+    if ball not in balls:
+        problem = f"has no ball {ball!r}; it holds {named or 'no named ball'}"
+        raise sheet.fault(problem + did_you_mean(ball, balls).rstrip("?"), "ball")
+    return ball
+
+
+def _with_trials(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Sheet:
+    """Return the sheet with the number of its part as trial, if headings are repeated."""
+    own = [text for text in [*sheet.names, *told] if meanings["trial"].heading(text)]
+    if own and len(sheet.sheets) > 1:
+        problem = "numbers trials in each of several sheets; choose one with `sheet=`"
+        raise sheet.fault(problem, own[0])
+    if not sheet.repeats or own:
+        return sheet
+    ends = sheet.repeats
+    return sheet.beside(
+        "trial", lambda _, number: 1 + bisect.bisect(ends, number), "each part is a trial"
+    )
+
+
+def _check_sound(
+    layout: str | None, ball: Any, told: Mapping[str, Any], rate: float | None
+) -> None:
+    """Raise ValueError for arguments that do not apply to a sound."""
+    if layout not in (None, "intervals"):
+        raise ValueError(
+            f"Argument `layout` must be None or 'intervals' for a sound, but is {rendered(layout)}."
+        )
+    for name, there in (("ball", ball is not None), ("columns or decimal", bool(told))):
+        if there:
+            raise ValueError(f"Argument `{name}` must be None for a sound, which has no columns.")
+    if rate is not None:
+        raise ValueError(
+            "Argument `rate` must be None for a sound, whose file holds it, but is "
+            f"{rendered(rate)}."
+        )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Heard(Interval):
+    """The time between two bounces detected in a `sound`, and the notes on it."""
+
+    sound: Sound
+    told: tuple[str, ...]
+
+
+class Samples(Intervals):
+    """Samples of a sound over time, in any unit, as written by interfaces with a microphone."""
+
+    name = "sound"
+    columns = measured = ("time", "sound")
+    meanings = MappingProxyType(
+        {
+            "time": CLOCK,
+            "sound": Meaning(
+                words(
+                    "sound, audio, sound pressure, sound level, microphone, mic, amplitude, "
+                    "waveform, recording"
+                )
+            ),
+        }
+    )
+    instead = MappingProxyType({"time": "; or give `rate`, the samples per second"})
+    made_of = "intervals between the bounces in a sound"
+
+    def fits(self, made: Match, sheet: Sheet) -> bool:
+        return True
+
+    def at_rate(self, rate: float | None) -> Samples:
+        return self  # its times already include the rate
+
+    def read(self, rows: Sequence[Row]) -> list[Interval]:
+        from ..sound.audio import Audio
+
+        if not rows:
+            return []
+        samples = column_of(rows, "sound")
+        time, _ = even(rows, column_of(rows, "time"))
+        samples = samples - np.median(samples)
+        size = float(np.max(np.abs(samples)))
+        if size == 0:
+            rows[0].refuse("sound", "is the same everywhere")
+        samples = samples[:, None] / size
+        rate = (time.size - 1) / float(time[-1] - time[0])
+        # Written times are rounded; instruments sample at whole rates.
+        rate = float(round(rate)) if abs(rate - round(rate)) < 1e-4 * math.sqrt(rate) else rate
+        audio = Audio(
+            *(rate, time.size, 1, "a column of samples"),
+            lambda start, count: samples[start : start + count],
+        )
+        sound, records, told = heard(rows[0].source, audio)
+        fields = [
+            {f.name: getattr(one, f.name) for f in dataclasses.fields(one)} for one in records
+        ]
+        return [Heard(**one, sound=sound, told=tuple(told)) for one in fields]
+
+    def notes(self, records: Sequence[Interval]) -> tuple[str, ...]:
+        return next((one.told for one in records if isinstance(one, Heard)), ())
+
+
+def sound_of(records: Sequence[object]) -> Sound | None:
+    """Return the sound in which intervals were detected, None without one."""
+    return next((one.sound for one in records if isinstance(one, Heard)), None)

@@ -1,0 +1,1 @@
+"""Tracks of a bouncing ball from video: finding impacts, and timing them between frames."""

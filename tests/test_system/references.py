@@ -1,0 +1,118 @@
+"""What runs of mechanisms are compared with: SciPy restarted at events, and central differences."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.integrate import solve_ivp
+
+DIFFERENCES = 2e-6
+"""Central differences of a run at rtol 1e-11 are right to about this, relative to the largest."""
+
+
+def assert_slopes_are_differences(function, vector, step):
+    """Compare the slopes of both modes, for steps relative to the numbers. Return the values."""
+
+    def every(vector):
+        value, forward = jax.linearize(function, vector)
+        weights = np.random.default_rng(0).normal(size=value.size)
+        slopes = jax.vmap(forward, out_axes=-1)(jnp.eye(vector.size))
+        return value, slopes, weights, jax.linear_transpose(forward, vector)(weights)[0]
+
+    solve = jax.jit(every)
+    value, forward, weights, reverse = map(np.asarray, solve(vector))
+    assert np.all(np.isfinite(value))
+    np.testing.assert_allclose(reverse, weights @ forward, rtol=1e-9)
+    for k, shift in enumerate(np.diag(step * vector)):
+        high, low = (np.asarray(solve(vector + sign * shift)[0]) for sign in (1, -1))
+        slope, scale = (high - low) / (2 * shift[k]), np.max(np.abs(forward[:, k]))
+        np.testing.assert_allclose(forward[:, k], slope, atol=DIFFERENCES * scale, err_msg=str(k))
+    return value
+
+
+def derivative(function, at, along):
+    """Return the derivative of a function that is written with analytic operations."""
+    step = 1e-30
+    moved = [x + 1j * step * d for x, d in zip(at, along, strict=True)]
+    return np.imag(function(*moved)) / step
+
+
+def restarted(
+    mass, force, gap, start, duration, stiffness, alpha, *, slip=None, mu=0.0, touching=False
+):
+    """Return touches (gap, time, speed), phases (time, what) of gap 0, and the end, by DOP853
+    restarted at each event, with v0 at touch.
+
+    The functions take numbers that may be complex. A phase is 0 in stick, or the sign of the slip.
+    """
+    n, t, y = len(start[0]), 0.0, np.concatenate(start)
+    basis, still, count = np.eye(n), np.zeros(n), len(gap(0.0, start[0]))
+    closed, speed = np.zeros(count, bool), np.ones(count)
+    touches, phases = [], []
+
+    def forces(t, y):
+        """Return all forces but friction, those of the contacts, and the closing speeds."""
+        q, v = y[:n], y[n:]
+        normal = np.array([derivative(gap, (t, q), (0.0, e)) for e in basis])
+        closing = -derivative(gap, (t, q), (1.0, v))
+        elastic = stiffness * np.maximum(-gap(t, q), 0) ** 1.5
+        pressed = np.where(closed, elastic * (1 + alpha * closing / speed), 0)
+        return force(t, q, v) + normal @ pressed, pressed, closing
+
+    def tangent(t, y):
+        return np.array([derivative(slip, (t, y[:n], y[n:]), (0.0, still, e)) for e in basis])
+
+    def held(t, y):
+        """Return the friction with which the slip speed does not change."""
+        inverse, along = np.linalg.inv(mass(t, y[:n])), tangent(t, y)
+        moves = 1.0, y[n:], inverse @ forces(t, y)[0]
+        return -derivative(slip, (t, y[:n], y[n:]), moves) / (along @ inverse @ along)
+
+    def right(t, y):
+        drive, pressed, _ = forces(t, y)
+        if slip and closed[0]:
+            sign = phases[-1][1]
+            drive = drive + tangent(t, y) * (-sign * mu * pressed[0] if sign else held(t, y))
+        return np.concatenate([y[n:], np.linalg.solve(mass(t, y[:n]), drive)])
+
+    def event_of(k):
+        def meets(t, y):
+            return gap(t, y[:n])[k]
+
+        meets.terminal, meets.direction = True, 1 if closed[k] else -1
+        return meets
+
+    def changes(t, y):
+        if not closed[0]:
+            return 1.0
+        sign = phases[-1][1]
+        return sign * slip(t, y[:n], y[n:]) if sign else mu * forces(t, y)[1][0] - abs(held(t, y))
+
+    changes.terminal, changes.direction = True, -1
+
+    def touch(k):
+        closed[k], speed[k] = True, forces(t, y)[2][k]
+        touches.append((k, t, speed[k]))
+        if slip:
+            phases.append((t, np.sign(slip(t, y[:n], y[n:]))))
+
+    if touching:
+        touch(0)
+    how = {"rtol": 1e-12, "atol": 1e-14, "max_step": min(5e-3, duration / 20)}
+    while t < duration:
+        events = [event_of(k) for k in range(count)] + [changes] * (slip is not None)
+        # The first step that SciPy tries may be absurdly long.
+        with np.errstate(all="ignore"):
+            end = solve_ivp(right, (t, duration), y, "DOP853", events=events, **how)
+        t, y = end.t[-1], end.y[:, -1]
+        met = [k for k in range(count) if len(end.t_events[k])]
+        for k in met:
+            if closed[k]:
+                closed[k] = False
+            else:
+                touch(k)
+        if not met and t < duration:
+            hold = held(t, y)
+            # After a change the event function is 0 up to rounding, on either side.
+            slides = phases[-1][1] == 0 or abs(hold) > mu * forces(t, y)[1][0]
+            phases.append((t, -np.sign(hold) if slides else 0))
+    return touches, phases, y
