@@ -178,3 +178,21 @@ def test_oscillators_by_their_damping_ratio(ending):
     zeta = column(some, "zeta")
     for slope in everything(zeta):
         assert_slopes(slope, slopes(some, "zeta"), FIRST, zeta, "slope")
+
+
+def test_slopes_of_a_strongly_damped_impact_are_the_same_in_other_units():
+    """A push of ten thousand times the spring's force makes the matrices of its steps steep."""
+    mass, stiffness, speed = np.array([[1e-12, 1e15, 1e3], [1e6, 1e15, 1e-6]]).T
+    length = (mass * speed**2 / stiffness) ** 0.4
+    given = {"damping": 1e4 * length / speed, "push": -1e4 * stiffness * length**1.5}
+
+    def restitution(damping, push):
+        law, contact = jc.KuwabaraKono(damping, tension=True), jc.Contact(mass, stiffness)
+        return jc.impact(
+            law, contact, speed, method=METHODS["event"], external_force=push
+        ).restitution
+
+    for k, x in enumerate(given.values()):
+        along = [x if j == k else np.zeros_like(x) for j in range(2)]
+        one, other = jax.jvp(restitution, tuple(given.values()), tuple(along))[1]
+        assert abs(one / other - 1) < TOLERANCE["event"]

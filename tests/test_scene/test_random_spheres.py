@@ -204,6 +204,12 @@ def test_fifty_scenes_end_where_newtons_equations_do():
         agrees(number, (1e-6, 1e-9)[turn % 2])
 
 
+def test_a_step_back_to_the_touch_leaves_a_sound_clock():
+    """The peak of a dashpot's speed is its touch. The first step from there was NaN."""
+    for number in (4, 24, 34):
+        agrees(number, 1e-9)
+
+
 @pytest.mark.slow(reason="ten random soft scenes, each a program")
 @pytest.mark.parametrize("rtol", [1e-6, 1e-9])
 @pytest.mark.parametrize("law", LAWS)

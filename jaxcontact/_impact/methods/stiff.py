@@ -243,7 +243,7 @@ def _eliminated(matrix: Float[Array, "N N"], right: Float[Array, " N"]) -> Float
     start = table, jnp.full_like(rows[:, None], -1)
     table, place = jax.lax.fori_loop(0, right.size, eliminate, start)
     # The compiler may divide by a pivot inexactly, so that the matrix is no exact permutation.
-    return jnp.sum(jnp.where(place == rows, table[:, -1:], 0), axis=0)
+    return jnp.sum(jnp.where(place == rows[None], table[:, -1:], 0), axis=0)
 
 
 def _collocated(
