@@ -64,9 +64,9 @@ settings.load_profile("jaxcontact")
 
 # The longest files run first, so that no worker ends with a long one alone.
 _LONG = (
-    "test_bounce_contact test_every_law test_weight test_tasks test_dashpots "
-    "test_between_roundings test_every_argument test_soft_runs test_cluster test_properties "
-    "test_float32 test_records test_calibrate test_front_door test_instantaneous test_derivatives"
+    "test_random_mechanisms test_friction_soft test_chains test_force_ends test_weight "
+    "test_friction_coupled test_friction_gradients test_soft_runs test_every_argument "
+    "test_every_law test_float32 test_between_roundings test_oblique_impact test_dashpots"
 ).split()
 _PLACE = {name: place for place, name in enumerate(_LONG)}
 
