@@ -90,7 +90,9 @@ class ReadingErrors(AbstractErrors[Fit, dict[str, Any]]):
     def __init__(
         self, first: Column, second: Column, shared_by: Callable[[Column, Column, Column], Shared]
     ):
-        self.first, self.second, self.shared_by = first, second, shared_by
+        self.first: Column = first
+        self.second: Column = second
+        self.shared_by: Callable[[Column, Column, Column], Shared] = shared_by
         self._shared, self._noise, self._settled = Shared(None, ""), None, False
 
     def estimate(self, found: Fit) -> dict[str, Any] | None:

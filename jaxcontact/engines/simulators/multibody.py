@@ -249,7 +249,9 @@ class GonthierCarvalhoMartins(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: Any = None
+    ) -> Float[Array, "..."]:
         above = CarvalhoMartins(e=self.e).damping_factor()
         return jnp.where(self.e > 1 / 3, above, Gonthier(e=self.e).damping_factor())
 

@@ -48,12 +48,12 @@ def report(summary: SummaryData) -> str:
     return "\n\n".join("\n".join(lines) for lines in parts if lines) + "\n"
 
 
-def _data(s: SummaryData, layout: Layout) -> list[str]:
+def _data(s: SummaryData, layout: Layout[Any]) -> list[str]:
     words = data_words(s, layout)
     return [line for head, text in words for line in wrapped(head, text)]
 
 
-def data_words(s: SummaryData, layout: Layout) -> list[tuple[str, str]]:
+def data_words(s: SummaryData, layout: Layout[Any]) -> list[tuple[str, str]]:
     """Return rows (heading, sentence) on the data and how they were processed."""
     r = s.recording
     words = [("Recording", r.source + (f", ball {r.ball}" if r.ball else ""))]
@@ -70,7 +70,7 @@ def data_words(s: SummaryData, layout: Layout) -> list[tuple[str, str]]:
     return words
 
 
-def _scatter(s: SummaryData, scatter: float, layout: Layout) -> str:
+def _scatter(s: SummaryData, scatter: float, layout: Layout[Any]) -> str:
     """Return the scatter of a usual pair and its components."""
     said = f"{scatter_said(scatter)} of e in a typical pair"
     error = layout.reading_error
@@ -90,7 +90,7 @@ def _scatter_of(s: SummaryData) -> str:
     return "fitted to the kept pairs"
 
 
-def drag_sentence(s: SummaryData, layout: Layout) -> str:
+def drag_sentence(s: SummaryData, layout: Layout[Any]) -> str:
     """Return whether and how air drag was removed from the flights."""
     if not layout.uses_flight:
         return "no correction needed: the speeds are those at the impact"
@@ -183,7 +183,7 @@ def _marked(s: SummaryData) -> list[str]:
     return _titled(title, header, rows, "<>>><")
 
 
-def errors_sentence(s: SummaryData, layout: Layout) -> str:
+def errors_sentence(s: SummaryData, layout: Layout[Any]) -> str:
     """Return how the standard errors were computed and what they account for."""
     if any(law.errors_by == "point" for law in s.choice.laws):
         return (
@@ -195,7 +195,7 @@ def errors_sentence(s: SummaryData, layout: Layout) -> str:
     return layout.errors_words
 
 
-def _fits(s: SummaryData, layout: Layout) -> list[str]:
+def _fits(s: SummaryData, layout: Layout[Any]) -> list[str]:
     lines = wrapped("Fits", f"standard errors {errors_sentence(s, layout)}")
     if noise_note(s):
         lines += wrapped("", noise_note(s))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import operator
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -108,7 +109,9 @@ class ConstantE(AbstractKind):
     law: str = "exact"
     name: str = "constant e"
     unidentified = "mass, stiffness and exponent: e does not depend on them"
-    parameters = MappingProxyType({"e": Combination(Between(0, 1), "e")})
+    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
+        {"e": Combination(Between(0, 1), "e")}
+    )
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         return {"e": e}
@@ -129,7 +132,7 @@ class ConstantC(AbstractKind):
     law: str = "constant_damping"
     name: str = "constant c"
     unidentified = "c and K separately, and m: e(v) determines only c/K"
-    parameters = MappingProxyType(
+    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
         {"c": Combination(Positive(), "c/K", "s/m", _spring, "N s/m^(5/2)", _STIFFNESS)}
     )
 
@@ -148,8 +151,10 @@ class PowerOfSpeed(ConstantC):
 
     law: str = "power_damping"
     name: str = "c as a power of v"
-    parameters = MappingProxyType({**ConstantC.parameters, "power": _POWER})
-    special = (ConstantE, ConstantC)
+    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
+        {**ConstantC.parameters, "power": _POWER}
+    )
+    special: ClassVar[tuple[type[AbstractKind], ...]] = (ConstantE, ConstantC)
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return a constant c."""
@@ -163,10 +168,10 @@ class Viscoelastic(AbstractKind):
     law: str = "kuwabara_kono"
     name: str = "Kuwabara-Kono"
     unidentified = "A, K and m separately: e(v) determines only A (K/m)^(2/5)"
-    parameters = MappingProxyType(
+    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
         {"A": Combination(Positive(), "A (K/m)^(2/5)", "(m/s)^(-1/5)", _depth, "s", _BOTH)}
     )
-    exponent = _HERTZ
+    exponent: ClassVar[float | None] = _HERTZ
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return A of 1 - e ≈ 1.15344 (3/2) A (K/m)^(2/5) v^(1/5), capped for large losses."""
@@ -185,8 +190,10 @@ class Plastic(AbstractKind):
     law: str = "thornton_plastic"
     name: str = "elastic-plastic"
     unidentified = "yield pressure, E, R and m separately: e(v) determines only the yield speed"
-    parameters = MappingProxyType({"yield_speed": Combination(Positive(), "yield speed", "m/s")})
-    exponent = _HERTZ
+    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
+        {"yield_speed": Combination(Positive(), "yield speed", "m/s")}
+    )
+    exponent: ClassVar[float | None] = _HERTZ
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return r = v_y/v from a formula that is 1 at e = 1 and near e⁴ far beyond yielding."""
@@ -201,8 +208,10 @@ class PowerOfLoss(AbstractKind):
     law: str = "power_restitution"
     name: str = "1 - b v^p"
     unidentified = "mass, stiffness and exponent: the curve is empirical"
-    parameters = MappingProxyType({"loss": Combination(Between(0, 1), "b"), "power": _POWER})
-    special = (ConstantE,)
+    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
+        {"loss": Combination(Between(0, 1), "b"), "power": _POWER}
+    )
+    special: ClassVar[tuple[type[AbstractKind], ...]] = (ConstantE,)
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return a constant e."""
@@ -219,9 +228,11 @@ class PowerOfRestitution(AbstractKind):
 
     law: str = "bridges"
     name: str = "a v^-p"
-    unidentified = PowerOfLoss.unidentified
-    parameters = MappingProxyType({"a": Combination(Positive(), "a"), "power": _POWER})
-    special = (ConstantE,)
+    unidentified: ClassVar[str] = PowerOfLoss.unidentified
+    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
+        {"a": Combination(Positive(), "a"), "power": _POWER}
+    )
+    special: ClassVar[tuple[type[AbstractKind], ...]] = (ConstantE,)
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return a constant e."""
@@ -235,14 +246,14 @@ class Dashpot(AbstractKind):
     law: str = "linear_dashpot"
     name: str = "linear dashpot"
     unidentified = "c, K and m separately: e(v) determines only c/(m^(3/5) K^(2/5))"
-    parameters = MappingProxyType(
+    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
         {
             "c": Combination(
                 Positive(), "c/(m^(3/5) K^(2/5))", "(m/s)^(1/5)", _dashpot, "N s/m", _BOTH
             )
         }
     )
-    exponent = _HERTZ
+    exponent: ClassVar[float | None] = _HERTZ
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return c of ln e = -1.6 c/(m^(3/5) K^(2/5)) v^(-1/5), which nearly delivers e."""
@@ -260,7 +271,7 @@ class Stepped(Dashpot):
     law: str = "step_damping"
     name: str = "step damping"
     unidentified = "c_max, d, K and m separately: e(v) determines only two combinations"
-    parameters = MappingProxyType(
+    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
         {
             "c_max": Dashpot.parameters["c"]._replace(name="c_max/(m^(3/5) K^(2/5))"),
             "d": Combination(Positive(), "d (K/m)^(2/5)", "(m/s)^(4/5)", _depth, "m", _BOTH),
@@ -280,9 +291,11 @@ class ViscousAndPlastic(AbstractKind):
     law: str = "viscoplastic"
     name: str = "viscous and plastic"
     unidentified = "c and K separately; yield pressure, E, R and m: e(v) determines v_y and c/K"
-    parameters = MappingProxyType({**Plastic.parameters, **ConstantC.parameters})
-    special = (ConstantC, Plastic)
-    exponent = _HERTZ
+    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
+        {**Plastic.parameters, **ConstantC.parameters}
+    )
+    special: ClassVar[tuple[type[AbstractKind], ...]] = (ConstantC, Plastic)
+    exponent: ClassVar[float | None] = _HERTZ
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return most of ln e for the viscous loss."""
@@ -313,13 +326,13 @@ class Wet(AbstractKind):
     law: str = "wet_restitution"
     name: str = "wet"
     unidentified = "viscosity, radius, mass and St_c separately: e(v) determines the dry e and v_c"
-    parameters = MappingProxyType(
+    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
         {
             "e": Combination(Between(0, 1), "dry e"),
             "critical_speed": Combination(Positive(), "v_c", "m/s"),
         }
     )
-    special = (ConstantE,)
+    special: ClassVar[tuple[type[AbstractKind], ...]] = (ConstantE,)
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return a film that takes a fifth of the loss."""
@@ -342,14 +355,14 @@ class Adhesive(AbstractKind):
     law: str = "jkr"
     name: str = "adhesive (JKR)"
     unidentified = "pull-off force, K and m separately: e(v) determines the sticking speed"
-    parameters = MappingProxyType(
+    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
         {
             "pull_off": Combination(
                 Positive(), "F_po/(m³K²)^(1/5)", "(m/s)^(6/5)", _dashpot, "N", _BOTH
             )
         }
     )
-    exponent = _HERTZ
+    exponent: ClassVar[float | None] = _HERTZ
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """Return the pull-off force of v_s = v √(1 - e²)."""

@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 
 from ...extend import (
     MEASURED_RESTITUTION,
     Flight,
+    Words,
     in_percent,
     length_guess,
     not_shrinking,
@@ -49,9 +51,9 @@ class Heights(Layout[Rebound]):
     """Drop and rebound heights: in vacuum e = √(h₁/h₀) at approach speed √(2 g h₀)."""
 
     name = "heights"
-    columns = ("ball", "drop_height_m", "trial", "rebound_height_m")
-    measured = ("drop_height_m", "rebound_height_m")
-    meanings = MappingProxyType(
+    columns: ClassVar[tuple[str, ...]] = ("ball", "drop_height_m", "trial", "rebound_height_m")
+    measured: ClassVar[tuple[str, ...]] = ("drop_height_m", "rebound_height_m")
+    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType(
         {
             **LABELS,
             "drop_height_m": DROP_HEIGHT,
@@ -64,11 +66,11 @@ class Heights(Layout[Rebound]):
             ),
         }
     )
-    reading_error = ReadingError("m", "mm", 1e3, "each height")
+    reading_error: ClassVar[ReadingError | None] = ReadingError("m", "mm", 1e3, "each height")
     uses_flight = True
     made_of = "drop and rebound heights"
-    pair_words = ("pair of heights", "pairs of heights")
-    cluster_words = ("drop height", "drop heights")
+    pair_words: ClassVar[Words] = ("pair of heights", "pairs of heights")
+    cluster_words: ClassVar[Words] = ("drop height", "drop heights")
     errors_words = "by drop height (cluster-robust sandwich): drops from one height share its error"
 
     def read(self, rows: Sequence[Row]) -> list[Rebound]:
@@ -149,13 +151,16 @@ class RestitutionTable(Layout[MeasuredRestitution]):
     """Rows of approach speed and restitution, used unchanged; a column `ball` is optional."""
 
     name = "table"
-    columns = ("ball", "sigma", "velocity", "restitution")
-    measured = ("velocity", "restitution")
-    meanings = MappingProxyType(
+    columns: ClassVar[tuple[str, ...]] = ("ball", "sigma", "velocity", "restitution")
+    measured: ClassVar[tuple[str, ...]] = ("velocity", "restitution")
+    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType(
         {"ball": LABELS["ball"], "velocity": VELOCITY, "restitution": E, "sigma": SIGMA_E}
     )
     made_of = "rows of speed and restitution"
-    pair_words = ("pair of speed and restitution", "pairs of speed and restitution")
+    pair_words: ClassVar[Words] = (
+        "pair of speed and restitution",
+        "pairs of speed and restitution",
+    )
 
     def read(self, rows: Sequence[Row]) -> list[MeasuredRestitution]:
         there = [name for name in (*self.measured, "sigma") if rows and name in rows[0].values]
@@ -215,9 +220,9 @@ class Peaks(Layout[Peak]):
     """Heights of successive flights: in vacuum e = √(h₂/h₁) at approach speed √(2 g h₁)."""
 
     name = "peaks"
-    columns = ("ball", "trial", "bounce", "height_m")
-    measured = ("height_m",)
-    meanings = MappingProxyType(
+    columns: ClassVar[tuple[str, ...]] = ("ball", "trial", "bounce", "height_m")
+    measured: ClassVar[tuple[str, ...]] = ("height_m",)
+    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType(
         {
             **LABELS,
             "height_m": Meaning(
@@ -228,12 +233,12 @@ class Peaks(Layout[Peak]):
             ),
         }
     )
-    reading_error = ReadingError("m", "mm", 1e3, "each height")
+    reading_error: ClassVar[ReadingError | None] = ReadingError("m", "mm", 1e3, "each height")
     uses_flight = True
-    flight = ("heights", "height")
+    flight: ClassVar[tuple[str, str] | None] = ("heights", "height")
     made_of = "heights of successive flights"
-    pair_words = ("pair of successive heights", "pairs of successive heights")
-    cluster_words = ("trial", "trials")
+    pair_words: ClassVar[Words] = ("pair of successive heights", "pairs of successive heights")
+    cluster_words: ClassVar[Words] = ("trial", "trials")
     pair_rule = "two heights make a pair if ball and trial agree and `bounce` is consecutive"
     errors_words = (
         "by trial (cluster-robust sandwich): successive ratios share a height, which correlates "
@@ -313,9 +318,9 @@ class Speeds(Layout[Collision]):
     """Speeds before and after impacts, as from light gates and video: e is their ratio."""
 
     name = "speeds"
-    columns = ("ball", "velocity", "rebound_velocity")
-    measured = ("velocity", "rebound_velocity")
-    meanings = MappingProxyType(
+    columns: ClassVar[tuple[str, ...]] = ("ball", "velocity", "rebound_velocity")
+    measured: ClassVar[tuple[str, ...]] = ("velocity", "rebound_velocity")
+    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType(
         {
             "ball": LABELS["ball"],
             "velocity": VELOCITY,
@@ -329,9 +334,9 @@ class Speeds(Layout[Collision]):
             ),
         }
     )
-    reading_error = ReadingError("m/s", "mm/s", 1e3, "each speed")
+    reading_error: ClassVar[ReadingError | None] = ReadingError("m/s", "mm/s", 1e3, "each speed")
     made_of = "speeds before and after impacts"
-    pair_words = ("pair of speeds", "pairs of speeds")
+    pair_words: ClassVar[Words] = ("pair of speeds", "pairs of speeds")
 
     def read(self, rows: Sequence[Row]) -> list[Collision]:
         before, after = self.measured

@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from ...extend import (
     STANDARD_GRAVITY,
     Flight,
     Floats,
+    Words,
     counted,
     duration,
     landing_speed,
@@ -52,9 +54,16 @@ class Instants(Intervals):
     """Times of successive bounces; each two in succession bound an interval."""
 
     name = "instants"
-    columns = ("ball", "drop_height_m", "trial", "bounce", "label", "bounce_time_s")
-    measured = ("bounce_time_s",)
-    meanings = MappingProxyType(
+    columns: ClassVar[tuple[str, ...]] = (
+        "ball",
+        "drop_height_m",
+        "trial",
+        "bounce",
+        "label",
+        "bounce_time_s",
+    )
+    measured: ClassVar[tuple[str, ...]] = ("bounce_time_s",)
+    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType(
         {
             **LABELS,
             "drop_height_m": DROP_HEIGHT,
@@ -170,9 +179,9 @@ class Stops(Layout[Stop]):
     """
 
     name = "stops"
-    columns = ("ball", "trial", "drop_height_m", "rest_time_s")
-    measured = ("drop_height_m", "rest_time_s")
-    meanings = MappingProxyType(
+    columns: ClassVar[tuple[str, ...]] = ("ball", "trial", "drop_height_m", "rest_time_s")
+    measured: ClassVar[tuple[str, ...]] = ("drop_height_m", "rest_time_s")
+    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType(
         {
             "ball": LABELS["ball"],
             "trial": LABELS["trial"],
@@ -188,11 +197,11 @@ class Stops(Layout[Stop]):
             ),
         }
     )
-    reading_error = ReadingError("s", "ms", 1e3, "each total time")
+    reading_error: ClassVar[ReadingError | None] = ReadingError("s", "ms", 1e3, "each total time")
     uses_flight = True
     made_of = "drop heights and total times to rest"
-    pair_words = ("drop until rest", "drops until rest")
-    cluster_words = ("drop height", "drop heights")
+    pair_words: ClassVar[Words] = ("drop until rest", "drops until rest")
+    cluster_words: ClassVar[Words] = ("drop height", "drop heights")
     errors_words = "by drop height (cluster-robust sandwich): drops from one height share its error"
 
     def read(self, rows: Sequence[Row]) -> list[Stop]:

@@ -10,7 +10,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ...extend import Flight, counted, span
+from ...extend import Flight, Words, counted, span
 from ..signals import CLOCK, Doubtful, Floats, Trace, column_of, even, hum_of, noise_of
 from ..tables.grid import RecordingError
 from ..tables.heading import Meaning, words
@@ -94,18 +94,24 @@ class Records(Layout[RecordedImpact]):
     """
 
     quantity: ClassVar[str]
+    columns: ClassVar[tuple[str, ...]]
+    measured: ClassVar[tuple[str, ...]]
+    meanings: ClassVar[Mapping[str, Meaning]]
+    made_of: ClassVar[str]
     fitted = True
-    instead = MappingProxyType({"time": "; or give `rate`, the readings per second"})
-    pair_words = ("impact", "impacts")
-    cluster_words = ("impact", "impacts")
+    instead: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {"time": "; or give `rate`, the readings per second"}
+    )
+    pair_words: ClassVar[Words] = ("impact", "impacts")
+    cluster_words: ClassVar[Words] = ("impact", "impacts")
     pair_rule = "each impact found in the record is one"
     errors_words = "by impact (sandwich), valid if the scatter differs between impacts"
-    known_errors = (
+    known_errors: ClassVar[Words] = (
         "errors from the noise of the readings of each impact, scatter fitted",
         "from the noise of the readings of each impact, and the scatter between impacts",
     )
 
-    def __init_subclass__(cls, quantity: str, headings: str, unit: str, must_say: str = ""):
+    def __init_subclass__(cls, quantity: str, headings: str, unit: str, must_say: str = "") -> None:
         cls.name = cls.quantity = quantity
         cls.columns = cls.measured = ("time", quantity)
         meaning = Meaning(words(headings), unit, must_say=must_say)

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ...extend import (
     STANDARD_GRAVITY,
     Flight,
     Floats,
+    Words,
     landing_speed,
     launch_speed,
     length_guess,
@@ -83,9 +84,16 @@ class Intervals(Layout[Interval]):
     """Successive bounce intervals: in vacuum e = T₂/T₁ at approach speed g T₁/2."""
 
     name = "intervals"
-    columns = ("ball", "drop_height_m", "trial", "bounce", "sigma", "interval_s")
-    measured = ("interval_s",)
-    meanings = MappingProxyType(
+    columns: ClassVar[tuple[str, ...]] = (
+        "ball",
+        "drop_height_m",
+        "trial",
+        "bounce",
+        "sigma",
+        "interval_s",
+    )
+    measured: ClassVar[tuple[str, ...]] = ("interval_s",)
+    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType(
         {
             **LABELS,
             "drop_height_m": DROP_HEIGHT,
@@ -105,12 +113,12 @@ class Intervals(Layout[Interval]):
             ),
         }
     )
-    reading_error = ReadingError("s", "ms", 1e3, "each trigger time")
+    reading_error: ClassVar[ReadingError | None] = ReadingError("s", "ms", 1e3, "each trigger time")
     uses_flight = True
-    flight = ("intervals", "seconds")
+    flight: ClassVar[tuple[str, str] | None] = ("intervals", "seconds")
     made_of = "successive bounce intervals"
-    pair_words = ("pair of successive intervals", "pairs of successive intervals")
-    cluster_words = ("trial", "trials")
+    pair_words: ClassVar[Words] = ("pair of successive intervals", "pairs of successive intervals")
+    cluster_words: ClassVar[Words] = ("trial", "trials")
     pair_rule = (
         "two intervals make a pair if ball, drop height and trial agree and `bounce` is consecutive"
     )

@@ -7,11 +7,11 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ...extend import Flight, counted, span, too_long
+from ...extend import Flight, Words, counted, span, too_long
 from ..tables.heading import Meaning, words
 from ..tables.sheet import Row, Sheet
 from ..track.model import Drop, Frames, Track
@@ -52,9 +52,9 @@ class Tracks(Layout[Flown]):
     rate: float | None = None
 
     name = "track"
-    columns = ("ball", "trial", "time", "frame", "x", "y")
-    measured = ("time", "y")
-    meanings = MappingProxyType(
+    columns: ClassVar[tuple[str, ...]] = ("ball", "trial", "time", "frame", "x", "y")
+    measured: ClassVar[tuple[str, ...]] = ("time", "y")
+    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType(
         {
             "ball": Meaning((*LABELS["ball"].words, *words("particle, track, track id"))),
             "trial": LABELS["trial"],
@@ -81,15 +81,15 @@ class Tracks(Layout[Flown]):
             ),
         }
     )
-    reading_error = ReadingError("s", "ms", 1e3, "each flight time")
+    reading_error: ClassVar[ReadingError | None] = ReadingError("s", "ms", 1e3, "each flight time")
     uses_flight = True
-    flight = ("intervals", "seconds")
-    instead = MappingProxyType(
+    flight: ClassVar[tuple[str, str] | None] = ("intervals", "seconds")
+    instead: ClassVar[Mapping[str, str]] = MappingProxyType(
         {"time": "; or give the `rate` in frames per second: rows are frames"}
     )
     made_of = "flight times between the impacts of a track"
-    pair_words = ("impact between two flights", "impacts between two flights")
-    cluster_words = ("drop", "drops")
+    pair_words: ClassVar[Words] = ("impact between two flights", "impacts between two flights")
+    cluster_words: ClassVar[Words] = ("drop", "drops")
     pair_rule = "an impact counts if the track shows the flights before and after it"
     errors_words = (
         "by drop (cluster-robust sandwich): successive ratios share a flight, which correlates "

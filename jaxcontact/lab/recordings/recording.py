@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -336,8 +336,9 @@ class Samples(Intervals):
     """Samples of a sound over time, in any unit, as written by interfaces with a microphone."""
 
     name = "sound"
-    columns = measured = ("time", "sound")
-    meanings = MappingProxyType(
+    columns: ClassVar[tuple[str, ...]] = ("time", "sound")
+    measured: ClassVar[tuple[str, ...]] = columns
+    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType(
         {
             "time": CLOCK,
             "sound": Meaning(
@@ -348,7 +349,9 @@ class Samples(Intervals):
             ),
         }
     )
-    instead = MappingProxyType({"time": "; or give `rate`, the samples per second"})
+    instead: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {"time": "; or give `rate`, the samples per second"}
+    )
     made_of = "intervals between the bounces in a sound"
 
     def fits(self, made: Match, sheet: Sheet) -> bool:

@@ -45,7 +45,9 @@ class Whitener:
     settled: Float[np.ndarray, "sections 2"]
     """State of the first filter after a constant 1."""
 
-    def apply(self, x: Float[np.ndarray, " n"], state: list | None = None) -> np.ndarray:
+    def apply(
+        self, x: Float[np.ndarray, " n"], state: list[np.ndarray] | None = None
+    ) -> np.ndarray:
         """Return filtered samples (n,); `state`, initially [], carries over from block to block."""
         if state is None:
             state = []

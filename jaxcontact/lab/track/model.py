@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -176,7 +176,14 @@ class Model:
     shape: Shape | None = None
     beta: float = 0.0
 
-    contact, power, floor, fall, air, rise, growth, tilt = map(_Offset, range(1, 9))
+    contact: ClassVar = _Offset(1)
+    power: ClassVar = _Offset(2)
+    floor: ClassVar = _Offset(3)
+    fall: ClassVar = _Offset(4)
+    air: ClassVar = _Offset(5)
+    rise: ClassVar = _Offset(6)
+    growth: ClassVar = _Offset(7)
+    tilt: ClassVar = _Offset(8)
 
     @property
     def size(self) -> int:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from .... import Luding, RegularizedCoulomb
+from .... import AbstractLaw, Luding, RegularizedCoulomb
 from ....extend import rendered
 from ...engine import as_luding
 from ...result import Export
@@ -136,7 +136,7 @@ class ExudynScene(SceneEngine):
     """A rigid body for each sphere; walls are large triangles, or large spheres if plastic."""
 
     name = "exudyn"
-    adhesive = (Luding,)
+    adhesive: ClassVar[tuple[type[AbstractLaw], ...]] = (Luding,)
 
     def refuse(self, model: SceneModel) -> None:
         refuse_all(model, "Exudyn", periodic=True, motion=True)

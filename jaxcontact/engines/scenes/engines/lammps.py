@@ -7,13 +7,14 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 
 from .... import (
     DMT,
+    AbstractLaw,
     AntypovElliott,
     MawBarberFawcett,
     RegularizedCoulomb,
@@ -68,7 +69,7 @@ class LammpsScene(SceneEngine):
     output = "run.dump"
     command = "mpirun -np 2 lmp -in scene.in"
     merges = True
-    adhesive = (DMT,)
+    adhesive: ClassVar[tuple[type[AbstractLaw], ...]] = (DMT,)
 
     def refuse(self, model: SceneModel) -> None:
         for friction in () if model.scene.friction is None else model.scene.friction.values:
