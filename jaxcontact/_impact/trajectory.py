@@ -19,7 +19,7 @@ from .front_door import Problem, lanes_of, problem_of
 from .methods.auto import stepping_method
 from .methods.event import Event
 from .methods.method import AbstractMethod
-from .motion.balance import balance_of
+from .motion.ending import balance_of
 from .motion.force_return import onward
 from .motion.motion import Motion, Number, State
 from .motion.under_push import force_is_sharp

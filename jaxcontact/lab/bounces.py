@@ -51,7 +51,7 @@ from ..extend import (
     with_transforms,
 )
 from .pairs.outliers import THRESHOLD, mark
-from .pairs.reading_noise import estimate_noise
+from .pairs.pairs import estimate_noise
 from .pairs.shared_noise import shared_noise, widening
 
 Column = Float[np.ndarray, " n"]

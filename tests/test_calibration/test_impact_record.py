@@ -17,7 +17,7 @@ from benchmarks.fit_truths import (
     TOUCH,
     clean_record,
 )
-from jaxcontact.lab.records.saturation import limits_of
+from jaxcontact.lab.records.low_pass import limits_of
 
 NOISE_FORCE, NOISE_DEPTH = 5.0, 2e-6
 TRUE = {

@@ -17,7 +17,7 @@ from jaxcontact.lab.choice.certainty import Curve, Line
 from jaxcontact.lab.choice.equivalent_e import Asked
 from jaxcontact.lab.choice.kind import Estimate
 from jaxcontact.lab.choice.law_choice import ChoiceData, LawFit
-from jaxcontact.lab.pairs.reading_noise import Noise
+from jaxcontact.lab.pairs.pairs import Noise
 
 GOOD = {"adequate": True, "grounds": "residuals do not follow x, p = 0.4"}
 BAD = {"adequate": False, "grounds": "residuals follow x, p < 1e-03"}

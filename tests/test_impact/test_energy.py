@@ -7,7 +7,7 @@ from mpmath import mp, mpf
 
 import jaxcontact as jc
 from jaxcontact._impact.front_door import lanes_of, problem_of
-from jaxcontact._impact.motion.balance import balance_of
+from jaxcontact._impact.motion.ending import balance_of
 from jaxcontact._impact.motion.motion import State
 from tests import oracle
 from tests.test_impact.support import UNIT, given_ratio

@@ -5,7 +5,7 @@ import pytest
 
 from jaxcontact._flight import Drag, Flight
 from jaxcontact.lab.pairs.outliers import THRESHOLD, find_outliers, mark
-from jaxcontact.lab.pairs.reading_noise import Noise, estimate_noise
+from jaxcontact.lab.pairs.pairs import Noise, estimate_noise
 from jaxcontact.lab.recordings import make_pairs, read_recording
 from tests.test_lab.simulate import as_csv, recording, trial
 from tests.test_lab.sources import opened

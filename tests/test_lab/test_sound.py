@@ -12,7 +12,7 @@ import pytest
 import jaxcontact as jc
 from benchmarks.sound import constant_e, one_of, summary
 from benchmarks.sound_truths import Truth, as_wave, draw
-from jaxcontact.lab.pairs.reading_noise import scatter_beside
+from jaxcontact.lab.pairs.pairs import scatter_beside
 from jaxcontact.lab.recordings import read_columns
 from jaxcontact.lab.sound.listening import listen
 from tests.test_lab.sources import refused

@@ -20,12 +20,12 @@ mesh = jax.make_mesh((4,), ("lanes",), axis_types=(jax.sharding.AxisType.Auto,))
 
 # Where the blocks were computed.
 from jaxcontact._sweep.planning.blocks import Workers
-used, placed = set(), Workers.placed
+used, place = set(), Workers.place
 def seen(workers, turn, arguments):
-    arrays = placed(workers, turn, arguments)
+    arrays = place(workers, turn, arguments)
     used.update(device for array in arrays for device in array.devices())
     return arrays
-Workers.placed = seen
+Workers.place = seen
 
 np.savez(sys.argv[1], **swept(mesh=mesh))
 assert len(used) == 4

@@ -16,14 +16,12 @@ from ..._forms import Flag, HuntCrossleyForm, ScaledImpact
 from ..._functions import power
 from ..._solver import Marched, Packed, Record, Tolerance, chosen, land, march
 from ..._solver.runge_kutta import step
-from ..motion.balance import Balance, balance_of
-from ..motion.ending import at_end
+from ..motion.ending import Balance, at_end, balance_of
 from ..motion.force_return import onward
 from ..motion.motion import Motion, Number, State
 from ..motion.peak import is_rising, largest_near
 from ..motion.under_push import end_is_sharp, force_is_sharp, is_spent, turn_is_sharp
-from ..motion.watch import Nearest, Watch
-from ..motion.way import Way
+from ..motion.watch import Nearest, Watch, Way
 from .stiff import Followed, follow_on
 
 # The controller bounds the error of a step. The measured error of the outcome is up to twenty times

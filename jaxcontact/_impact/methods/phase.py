@@ -21,10 +21,10 @@ from ..._solver import Moment
 from ..._solver.runge_kutta import step_with_error, tableau
 from ..derivatives import over_lanes, with_sensitivity
 from ..front_door import Lanes
-from ..motion.balance import balance_of
+from ..motion.ending import balance_of
 from ..motion.motion import Motion, Number, State
 from ..motion.peak import largest_force
-from ..motion.way import Way
+from ..motion.watch import Way
 from .method import AbstractMethod, count_field, tolerance_field
 
 

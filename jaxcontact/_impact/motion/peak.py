@@ -9,8 +9,7 @@ from jaxtyping import Array, Bool
 from ..._functions import bracketed_root, ratio
 from ..._solver import Moment, Packed, Record, chosen, in_time
 from .motion import Motion, Number, State
-from .watch import Nearest
-from .way import Way
+from .watch import Nearest, Way
 
 
 def largest_force(way: Way, moments: Moment[State], sign: int = 1) -> Number:

@@ -34,8 +34,7 @@ from ..choice.kinds import kinds_of
 from ..choice.law_choice import LawChoice, kind_asked
 from ..choice.table import ChoiceTable, errors_of
 from ..pairs.outliers import THRESHOLD, Outliers, Trend, find_outliers
-from ..pairs.pairs import LEAST_PAIRS, Pairs
-from ..pairs.reading_noise import RELATIVE_FLOOR, Noise
+from ..pairs.pairs import LEAST_PAIRS, RELATIVE_FLOOR, Noise, Pairs
 from ..recordings import RecordedPairs, Recording, make_pairs
 from ..records.all_impacts import (
     errors_of_impacts,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from ...extend import AT_BOUND, counted, text_table, wrapped
 from ..choice.kind import Estimate
 from ..choice.law_choice import ChoiceData

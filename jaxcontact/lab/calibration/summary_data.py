@@ -10,8 +10,7 @@ import numpy as np
 from ... import AbstractLaw, Contact, Drag, Fit
 from ..choice.kind import padded
 from ..choice.law_choice import ChoiceData, LawFit, kind_asked
-from ..pairs.pairs import LEAST_PAIRS
-from ..pairs.reading_noise import Noise
+from ..pairs.pairs import LEAST_PAIRS, Noise
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,7 +11,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ... import Contact
 from ...extend import POSITIVE, Column, Shown, column, for_each, rendered
-from ..pairs.reading_noise import RELATIVE_FLOOR
+from ..pairs.pairs import RELATIVE_FLOOR
 from .kind import AbstractKind, Params
 
 _TREND = 2

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from ... import Contact, Fit, Positive, fit
 from ...extend import Floats
 from ..pairs.outliers import Outliers
-from ..pairs.pairs import Pairs
-from ..pairs.reading_noise import RELATIVE_FLOOR, Noise, estimate_noise, scatter_beside
+from ..pairs.pairs import RELATIVE_FLOOR, Noise, Pairs, estimate_noise, scatter_beside
 from .kind import AbstractKind, LogRestitution, is_identifiable, padded
 from .law_choice import LawFit
 from .outcomes import NONE, Columns, LogOutcomes

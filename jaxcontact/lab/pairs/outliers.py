@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...extend import Floats
-from .pairs import LEAST_PAIRS, Pairs, pairs_of
-from .reading_noise import RELATIVE_FLOOR, Noise, estimate_noise, mad_sigma
+from .pairs import LEAST_PAIRS, RELATIVE_FLOOR, Noise, Pairs, estimate_noise, mad_sigma, pairs_of
 
 THRESHOLD = 6.0
 """Robust standard deviations beyond which pairs are marked.

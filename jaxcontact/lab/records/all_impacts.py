@@ -15,8 +15,7 @@ from ...extend import EXPONENT, STANDARD_GRAVITY, Flight, rendered, require_numb
 from ..calibration.summary_data import ImpactSummary
 from ..choice.outcomes import Columns
 from ..choice.table import PairErrors
-from ..pairs.pairs import LEAST_PAIRS
-from ..pairs.reading_noise import Noise, scatter_beside
+from ..pairs.pairs import LEAST_PAIRS, Noise, scatter_beside
 from ..recordings import RecordedImpact, RecordedPairs, Recording, RecordingError
 from .one_impact import ImpactFit, fitted_impact, with_free_exponent
 

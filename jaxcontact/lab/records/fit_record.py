@@ -35,8 +35,7 @@ from ...extend import (
     with_transforms,
 )
 from .instrument_errors import InstrumentErrors, require_filterable
-from .low_pass import Course, LowPass
-from .saturation import BeyondLimits, limits_of
+from .low_pass import BeyondLimits, Course, LowPass, limits_of
 
 _SAMPLES = 128
 """Samples of the motion for cubic interpolation: its error is below 1e-7 of the largest value."""

@@ -28,8 +28,7 @@ from jaxtyping import Bool, Float
 from ... import Fit
 from ...extend import AbstractErrors, SharedErrors, basis_of, with_shared
 from ..pairs.shared_noise import shared_noise, slope_of
-from .low_pass import LowPass
-from .saturation import Limits
+from .low_pass import Limits, LowPass
 
 Column = Float[np.ndarray, " n"]
 

@@ -16,7 +16,7 @@ from ... import Contact, Damped, Fit, impact
 from ...extend import MEASURED_RESTITUTION
 from ..recordings import RecordedImpact
 from .fit_record import fit_record
-from .saturation import limits_of
+from .low_pass import limits_of
 
 _LENGTH = 512
 """Readings of every fit, so that all share one compiled program.

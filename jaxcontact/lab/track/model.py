@@ -176,14 +176,14 @@ class Model:
     shape: Shape | None = None
     beta: float = 0.0
 
-    contact: ClassVar = _Offset(1)
-    power: ClassVar = _Offset(2)
-    floor: ClassVar = _Offset(3)
-    fall: ClassVar = _Offset(4)
-    air: ClassVar = _Offset(5)
-    rise: ClassVar = _Offset(6)
-    growth: ClassVar = _Offset(7)
-    tilt: ClassVar = _Offset(8)
+    contact: ClassVar[_Offset] = _Offset(1)
+    power: ClassVar[_Offset] = _Offset(2)
+    floor: ClassVar[_Offset] = _Offset(3)
+    fall: ClassVar[_Offset] = _Offset(4)
+    air: ClassVar[_Offset] = _Offset(5)
+    rise: ClassVar[_Offset] = _Offset(6)
+    growth: ClassVar[_Offset] = _Offset(7)
+    tilt: ClassVar[_Offset] = _Offset(8)
 
     @property
     def size(self) -> int:
