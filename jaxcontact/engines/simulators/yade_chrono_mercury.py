@@ -58,7 +58,7 @@ class Yade(AbstractSpheres):
 
     name = "yade"
     model = "Law2_ScGeom_MindlinPhys_Mindlin"
-    parameters: ClassVar[tuple[str, ...]] = ("young", "poisson", "en")
+    parameters: ClassVar[tuple[str, str, str]] = ("young", "poisson", "en")
     snippet = (
         "FrictMat(young={0:.12g}, poisson={1:.12g}, frictionAngle=0)\n"
         "Ip2_FrictMat_FrictMat_MindlinPhys(en={2:.12g}, es={2:.12g})\n"
@@ -78,7 +78,7 @@ class Chrono(AbstractSpheres):
 
     name = "chrono"
     model = "ChSystemSMC, ContactForceModel Hertz"
-    parameters: ClassVar[tuple[str, ...]] = ("young_modulus", "poisson_ratio", "restitution")
+    parameters: ClassVar[tuple[str, str, str]] = ("young_modulus", "poisson_ratio", "restitution")
     snippet = (
         "material = chrono.ChContactMaterialSMC()\n"
         "material.SetYoungModulus({:.12g})\n"
