@@ -47,10 +47,13 @@ def highest(
     """Return the maximum between the ends, and whether it lies inside."""
     a, b, d = rises * size, falls * size, right - left
     second, third = 3 * d - 2 * a - b, a + b - 2 * d
-    inside = (a > 0) & (b < 0)
-    square = jnp.where(inside, jnp.square(second) - 3 * third * a, 1)
-    bottom = jnp.where(inside, jnp.sqrt(square) - second, 1)
-    u = jnp.where(inside, a, 0) / bottom
+    # The root of a + 2 second u + 3 third u^2 whose form does not cancel: a slope of rounding size
+    # at the left may hide a hump.
+    hump = second > 0
+    inside = (b < 0) & jnp.where(hump, a >= 0, a > 0)
+    root = jnp.sqrt(jnp.where(inside, jnp.square(second) - 3 * third * a, 1))
+    bottom = jnp.where(inside, jnp.where(hump, -3 * third, root - second), 1)
+    u = jnp.where(hump, second + root, a) / bottom
     top = left + u * (a + u * (second + u * third))
     return jnp.where(inside, top, jnp.maximum(left, right)), inside
 
