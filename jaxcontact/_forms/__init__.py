@@ -27,7 +27,6 @@ from .plastic import AbstractPlasticForm as AbstractPlasticForm
 from .plastic import BilinearForm as BilinearForm
 from .plastic import YieldingForm as YieldingForm
 from .quadrature import slopes_along as slopes_along
-from .scale import Change as Change
 from .scale import ContactLike as ContactLike
 from .scale import Scale as Scale
 from .scale import ScaledImpact as ScaledImpact

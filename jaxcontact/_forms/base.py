@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._functions import contraction, power
-from .scale import Change, ScaledImpact
+from .scale import ScaledImpact
 
 Lane = Float[Array, "..."]
 Flag = Bool[Array, "..."]
@@ -55,8 +55,8 @@ class AbstractForm(eqx.Module):
     A subclass declares its numbers as fields (at least one array; all broadcast), a static field
     `tension` and the method `force`. `tension` states whether the contact may pull; without it the
     contact ends where the force vanishes. The other members have defaults that mean "not
-    available", and a subclass overrides those it can provide: `solve`, `weakly_pushed`,
-    `restitution`, `never_pulls`, `damping`, `momentum`, `phase_unit`, `static_indentation`,
+    available", and a subclass overrides those it can provide: `solve`, `restitution`,
+    `never_pulls`, `damping`, `momentum`, `phase_unit`, `static_indentation`,
     `sound`. Source of the scaling: the energy integral of Hunt & Crossley (1975), doi
     10.1115/1.3423596.
     """
@@ -132,19 +132,6 @@ class AbstractForm(eqx.Module):
     def closed_form(self) -> bool:
         """True if the class has its own `solve`, so that method "exact" applies."""
         return type(self).solve is not AbstractForm.solve
-
-    def weakly_pushed(
-        self, n: Exponent, push: Lane, swirl: Lane, ratio: Lane, e: Lane
-    ) -> tuple[Change, Change] | None:
-        """Return the change of the free impact under the small force Γ - c/(1-κx)³, and error
-        bounds.
-
-        `push` Γ presses the bodies together. `swirl` c is the contribution of their angular
-        momentum, with the `ratio` κ of the unit of length to their distance. `e` is the restitution
-        of the free impact. An infinite bound marks a result that must not be used. Returns None if
-        no formula is known. Called only for forms with a `solve`.
-        """
-        return None
 
     def restitution(self) -> Lane | None:
         """Return the e of a free impact if it depends on neither n nor the time; otherwise None."""

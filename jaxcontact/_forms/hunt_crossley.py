@@ -37,8 +37,7 @@ from .._functions import (
 )
 from .base import AbstractForm, Exponent, Flag, Lane, Momentum, signed_power, sound_damping
 from .quadrature import integrate, lanewise, to_power
-from .scale import Change, ContactLike, Scale, ScaledImpact
-from .weak_push.correction import weak_push
+from .scale import ContactLike, Scale, ScaledImpact
 
 
 class HuntCrossleyForm(AbstractForm):
@@ -115,22 +114,6 @@ class HuntCrossleyForm(AbstractForm):
             max_force=_max_force(alpha, n),
             energy_loss=_energy_lost(alpha, e),
         )
-
-    def weakly_pushed(
-        self, n: Exponent, push: Lane, swirl: Lane, ratio: Lane, e: Lane
-    ) -> tuple[Change, Change] | None:
-        """Return the series of `weak_push`, for concrete exponents and α up to 5."""
-        if not isinstance(n, float):
-            return None
-        found = weak_push(self.alpha, n, self.order(n), push, swirl, ratio)
-        if found is None or self.tension:
-            return found
-        # The series describes a force without a clamp. A motion that is pulled apart can reach the
-        # clamp, 1 + αv < 0, only at its end.
-        change, doubt = found
-        fastest = e + jnp.abs(change.restitution) + doubt.restitution
-        met = self.alpha * fastest >= 1
-        return change, doubt._replace(restitution=jnp.where(met, jnp.inf, doubt.restitution))
 
 
 class StickingForm(HuntCrossleyForm):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol, cast
+from typing import Any, Protocol, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -82,16 +82,3 @@ class ScaledImpact(eqx.Module):
     min_force: Float[Array, "..."] | None = None
     end_indentation: Float[Array, "..."] | None = None
     spare_energy: Float[Array, "..."] | None = None
-
-
-class Change(NamedTuple):
-    """The change of a free impact by a weak push in scaled units, or bounds on its errors.
-
-    `turning` is the excess of the angle θ = ∫ dt/(1-κx)² until separation over the duration.
-    """
-
-    restitution: Float[Array, "..."]
-    duration: Float[Array, "..."]
-    turning: Float[Array, "..."]
-    max_indentation: Float[Array, "..."]
-    max_force: Float[Array, "..."]

@@ -3,7 +3,6 @@
 from .elementary import arc_over_sine as arc_over_sine
 from .elementary import chebyshev as chebyshev
 from .elementary import chebyshev_by_piece as chebyshev_by_piece
-from .elementary import chebyshev_polynomials as chebyshev_polynomials
 from .elementary import half_gamma_ratio as half_gamma_ratio
 from .elementary import horner as horner
 from .elementary import kappa as kappa

@@ -211,18 +211,6 @@ def chebyshev(
     return coefficients[0] + x * last - before
 
 
-def chebyshev_polynomials(count: int, x: Float[Array, "..."]) -> Float[Array, "... count"]:
-    """Return the first `count` of T_0, T_1, ... at x in [-1, 1], for many series at one place.
-
-    The number of known polynomials doubles by T_(n+j) = 2 T_n T_j - T_(n-j).
-    """
-    known = jnp.stack([jnp.ones_like(x), x], axis=-1)
-    while (last := known.shape[-1] - 1) + 1 < count:
-        more = 2 * known[..., -1:] * known[..., 1:] - known[..., last - 1 :: -1]
-        known = jnp.concatenate([known, more], axis=-1)
-    return known[..., :count]
-
-
 def chebyshev_by_piece(
     ends: Sequence[float], rows: Sequence[Sequence[float]], x: Float[Array, "..."]
 ) -> Float[Array, "..."]:

@@ -67,8 +67,6 @@ class SolvedBy(enum.IntEnum):
     """The last of a series of bounces on a wall. Its time is summed and the ball rests there."""
     CLOSED_FORM = 2
     """Finite duration, head-on: the law's closed form."""
-    CORRECTED = 3
-    """Finite duration, slightly oblique or weakly forced: closed form plus a series correction."""
     RADIAL = 4
     """Finite duration, oblique: the radial equation with the angular momentum."""
     COUPLED = 5
@@ -142,10 +140,11 @@ class Impacts(eqx.Module):
     def _in_words(self) -> dict[str, np.ndarray]:
         """Return the columns of `to_dict` with the names of bodies, and `solved_by` by name."""
         columns, names = self.to_dict(), np.array(self.names)
-        ways = np.array([way.name for way in SolvedBy])
         words = {}
         for name, column in columns.items():
-            words[name] = ways[column] if name == "solved_by" else column
+            words[name] = column
+            if name == "solved_by":
+                words[name] = np.array([SolvedBy(int(way)).name for way in column], str)
             if name in ("first", "second"):
                 words[f"{name}_name"] = names[column]
         return words

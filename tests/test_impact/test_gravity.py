@@ -8,7 +8,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
-from jaxcontact._forms.weak_push.correction import computed, name_of, table_of
 from tests.test_impact.support import (
     UNIT,
     assert_within,
@@ -18,7 +17,6 @@ from tests.test_impact.support import (
     given_ratio,
     grid,
 )
-from tests.weak_push_tables import STORED
 
 # At the default rtol of 1e-9: measured 3.3e-9 (n = 3/2), 7.5e-9 (n = 1), twice that for the loss.
 PROMISE, LOSS = 1e-8, 2e-8
@@ -266,21 +264,3 @@ def test_an_end_where_the_force_hardly_falls():
     )
     assert (hit.status == jc.Status.SEPARATED).all()
     np.testing.assert_allclose(hit.duration, path.t_events[0] + before, rtol=FLAT)
-
-
-INTEGRATION = 1e-9
-"""Of the largest coefficient of a term: the integration leaves 1e-10, twelve digits are stored."""
-
-
-@pytest.mark.parametrize(("n", "order"), STORED, ids=lambda key: f"{key:g}")
-def test_the_stored_table_is_the_computed_one(n, order):
-    stored, made = table_of(n, order), computed(n, order)
-    np.testing.assert_array_equal(stored.output, made.output)
-    np.testing.assert_array_equal(stored.powers, made.powers)
-    error = np.abs(stored.coefficients - made.coefficients).max(axis=0)
-    assert np.max(error / np.abs(made.coefficients).max(axis=0)) < INTEGRATION
-
-
-def test_another_exponent_is_computed():
-    assert name_of(2.0, 1) not in map(name_of, *zip(*STORED, strict=True))
-    assert table_of(2.0, 1).coefficients.shape == table_of(1.5, 2).coefficients.shape

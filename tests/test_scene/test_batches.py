@@ -93,7 +93,7 @@ def test_single_precision():
     # A formula is used if its error is below rounding.
     assert ways[:, 0].tolist() == [
         jc.SolvedBy.CLOSED_FORM,
-        jc.SolvedBy.CORRECTED,
+        jc.SolvedBy.RADIAL,
         jc.SolvedBy.COUPLED,
     ]
     for velocity, (offset, gap, _) in zip(found, lanes, strict=True):

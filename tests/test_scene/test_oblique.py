@@ -9,7 +9,8 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._impact import Status
-from jaxcontact._scene.pair_impact.oblique import CLOSED_FORM, CORRECTED, RADIAL, oblique
+from jaxcontact._scene.pair_impact.oblique import oblique
+from jaxcontact._scene.result import SolvedBy
 from tests.oracle import with_gravity
 from tests.oracle.scene_oracle import Ball, Spring, run
 from tests.test_impact import support
@@ -30,10 +31,6 @@ CASES = np.array(
 
 ROUNDING = 2e-12
 """Of the radial solve at its finest, and of differences of turns of some 1e-7 rad."""
-
-
-SLOPES = 1e-6
-"""Of derivatives by formula at rtol 1e-6: measured 3e-8."""
 
 
 def stiffness(turned, across):
@@ -89,9 +86,6 @@ def velocities(e, turn, normal, across, masses=MASSES):
 def test_velocities_duration_and_loss_are_those_of_newtons_equations(rtol):
     hit = solved(lanes(), rtol)
     assert set(np.asarray(hit.status)) == {int(Status.SEPARATED)}
-    alpha, turned, _ = CASES.T
-    by_formula = (alpha <= 5) & (turned < (0.01 if rtol == 1e-6 else 1e-3))
-    np.testing.assert_array_equal(hit.solved_by, np.where(by_formula, CORRECTED, RADIAL))
     for k, (_, _, across) in enumerate(CASES):
         exact, speed = reference()[k], max(1.0, across)
         found = velocities(float(hit.restitution[k]), float(hit.turn[k]), 1.0, across)
@@ -106,7 +100,7 @@ def test_velocities_duration_and_loss_are_those_of_newtons_equations(rtol):
         assert error <= 3 * float(hit.error_estimate[k]) + 1e-12 < rtol
 
 
-def test_the_formula_is_nearer_than_it_says():
+def test_the_closed_form_is_nearer_than_it_says():
     """Over damping, sliding, ratios of indentation to distance of both signs, pushes and pulls."""
     random = np.random.default_rng(0)
     count = 40 * len(CASES)
@@ -126,19 +120,18 @@ def test_the_formula_is_nearer_than_it_says():
         jax.tree.map(lambda *x: np.concatenate(x), *(solved(chunk, rtol) for chunk in chunks))
         for rtol in (0.1, 1e-13)
     )
-    kept = (near.solved_by != RADIAL) & (exact.solved_by == RADIAL)
-    assert np.sum(kept) > 0.6 * count and np.all(exact.status[kept] == int(Status.SEPARATED))
+    kept = (near.solved_by == SolvedBy.CLOSED_FORM) & (exact.solved_by == SolvedBy.RADIAL)
+    assert np.sum(kept) > 0.2 * count and np.all(exact.status[kept] == int(Status.SEPARATED))
 
     def off(name):
         return np.abs(getattr(near, name)[kept] - getattr(exact, name)[kept])
 
     e, T, v = exact.restitution[kept], exact.elapsed[kept], across[kept]
     errors = [off("restitution"), off("turn") * np.hypot(e, v)]
-    errors += [off("turn") * np.abs(distance[kept]) / T, off("elapsed") * (1 + e) / T]
-    errors += [off("energy_loss") / (1 + e)]
+    errors += [off("elapsed") * (1 + e) / T, off("energy_loss") / (1 + e)]
     errors += [off(name) / getattr(exact, name)[kept] for name in ("max_force", "max_indentation")]
     bound = near.error_estimate[kept] + ROUNDING
-    assert np.max(bound) > 1e-3 and np.max(errors / bound) < 0.6
+    assert np.max(bound) > 5e-3 and np.max(errors / bound) < 0.4
 
 
 def test_a_weak_push_to_forty_digits():
@@ -148,7 +141,7 @@ def test_a_weak_push_to_forty_digits():
     one = np.ones_like(alpha)
     rows = np.stack([alpha, one, one, one, 0 * one, np.inf * one, push], axis=1)
     hit = solved(jnp.asarray(rows), 1e-6)
-    assert np.all(hit.solved_by == CORRECTED)
+    assert np.all(hit.solved_by == SolvedBy.RADIAL)
     fields = {"restitution": "e", "elapsed": "duration"}
     fields |= {name: name for name in ("max_force", "max_indentation", "energy_loss")}
     for k, (a, gamma) in enumerate(zip(alpha, push, strict=True)):
@@ -172,7 +165,11 @@ def test_head_on_and_slightly_oblique_impacts_are_the_closed_form():
     row = lanes()[2]
     some = jnp.stack([row.at[4].set(v) for v in (0.0, 1e-5, 1e-2)])
     hit = solved(some, 1e-9)
-    assert list(np.asarray(hit.solved_by)) == [CLOSED_FORM, CLOSED_FORM, CORRECTED]
+    assert list(np.asarray(hit.solved_by)) == [
+        SolvedBy.CLOSED_FORM,
+        SolvedBy.CLOSED_FORM,
+        SolvedBy.RADIAL,
+    ]
     free = jc.impact(jc.Damped(alpha=row[0]), jc.Contact(row[2], row[1]), 1.0)
     for name in ("restitution", "duration", "max_force", "max_indentation", "energy_loss"):
         np.testing.assert_allclose(getattr(hit, name)[0], getattr(free, name), rtol=1e-14)
@@ -208,7 +205,8 @@ def test_a_clamped_law_lasts_longer_than_its_force():
     both = jax.jit(jax.vmap(solve))(jnp.array([1.0, 0.0]))
     head_on = jax.tree.map(lambda x: x[None], jax.jit(lambda v: solve(v, free=True))(jnp.zeros(())))
     hit = jax.tree.map(lambda *x: np.concatenate(x), both, head_on)
-    np.testing.assert_array_equal(hit.solved_by, [RADIAL, CLOSED_FORM, CLOSED_FORM])
+    ways = [SolvedBy.RADIAL, SolvedBy.CLOSED_FORM, SolvedBy.CLOSED_FORM]
+    np.testing.assert_array_equal(hit.solved_by, ways)
     for lane, across in enumerate([1.0, 0.0, 0.0]):
         exact = by_force(Spring(k, c=c), 1.0, across)
         found = velocities(float(hit.restitution[lane]), float(hit.turn[lane]), 1.0, across)
@@ -237,15 +235,10 @@ def outcome(numbers, rtol):
 
 @functools.cache
 def both_jacobians():
-    """At two turning impacts and at a head-on one; elastic and slightly oblique ones, and under a
-    push, by the radial equation and by the formula.
-    """
-    points = lanes()[jnp.array([11, 20, 2, 8, 10, 8, 11])].at[2, 4].set(0.0)
-    points = points.at[5:, 6].set(jnp.array([-0.008, 0.005]) * points[5:, 1] ** 0.4)
-    points = points.at[5, 4].set(0.0)
-    points, rtol = jnp.concatenate([points, points[3:]]), jnp.array([1e-11] * 7 + [1e-6] * 4)
-    both = jax.jit(jax.vmap(lambda x, r: support.both_jacobians(lambda x: outcome(x, r), x)[1:]))
-    return np.asarray(points), *(np.asarray(slopes) for slopes in both(points, rtol))
+    """At two turning impacts and at a head-on one."""
+    points = lanes()[jnp.array([11, 20, 2])].at[2, 4].set(0.0)
+    both = jax.jit(jax.vmap(lambda x: support.both_jacobians(lambda x: outcome(x, 1e-11), x)[1:]))
+    return np.asarray(points), *(np.asarray(slopes) for slopes in both(points))
 
 
 def exact_outcome(numbers):
@@ -272,20 +265,6 @@ def test_derivatives_are_those_of_the_reference_in_both_modes():
             found = fourth(lambda h, p=point, w=way: exact_outcome(p + h * w), 2e-3 * point[place])
             size = np.abs(exact_outcome(point)) / abs(point[place])
             np.testing.assert_array_less(np.abs(found - slopes[:, place]), 1e-6 * (size + 1e-3))
-
-
-def test_derivatives_of_the_formula_are_those_of_the_radial_equation():
-    points, forward, _ = both_jacobians()
-    ways = [solved(jnp.asarray(points[3:7]), rtol).solved_by for rtol in (1e-11, 1e-6)]
-    np.testing.assert_array_equal(ways, [[RADIAL] * 4, [CORRECTED] * 4])
-    # Changes relative to each number's own size, and pushes of a hundredth of the contact force.
-    size = np.abs(points[3:7])
-    size[:, 4], size[:, 6] = np.maximum(size[:, 4], 1), 0.01 * points[3:7, 1] ** 0.4
-    exact, near = forward[3:7] * size[:, None], forward[7:] * size[:, None]
-    unit = np.max(np.abs(exact), axis=-1, keepdims=True)
-    unit[:, [0, 3]] = 1
-    error = np.max(np.abs(near - exact) / unit)
-    assert error < SLOPES, error
 
 
 def test_the_derivative_across_is_that_of_a_free_impact_where_nothing_turns():

@@ -11,15 +11,13 @@ import jax.numpy as jnp
 from ..._contact import Contact
 from ..._coupled.modes import Flag, Index, Number
 from ..._entry import POSITIVE, Specialised
-from ..._forms import AbstractForm, Change, ScaledImpact
+from ..._forms import AbstractForm, ScaledImpact
 from ..._impact import Status
 from ..._impact.derivatives import with_sensitivity
 from ..._impact.front_door import lanes_of, problem_of, uniform
 from ..._laws import AbstractLaw
+from ..result import SolvedBy
 from .radial import Radial, RadialOutcome, solve_radial
-
-CLOSED_FORM, CORRECTED, RADIAL = range(3)
-"""The values of `ObliqueRebound.solved_by`: the solution methods of an impact."""
 
 
 class ObliqueRebound(NamedTuple):
@@ -32,7 +30,7 @@ class ObliqueRebound(NamedTuple):
     - `duration`: in s until the force ends; it differs from `elapsed` only for clamped laws.
     - `max_force` in N, `max_indentation` in m, `energy_loss` in J.
     - `error_estimate`: of the velocities, relative to the normal speed.
-    - `solved_by`: CLOSED_FORM, CORRECTED or RADIAL.
+    - `solved_by`: a `SolvedBy`, CLOSED_FORM or RADIAL.
     - `status`: a `jaxcontact._impact.Status`.
 
     Numbers are NaN unless the status is SEPARATED or SETTLED. A settled contact has e' = 0 and
@@ -86,13 +84,11 @@ def oblique(
       meaningless.
     - `free`: if True, the impact is known to be head-on without a pull. The program then holds only
       the closed form.
-    - `by_formula`: if True, a formula is known to be accurate enough. The program then omits the
-      radial problem if the form has a formula.
+    - `by_formula`: if True, the closed form is known to be accurate enough, if the form has one.
 
-    The closed form is used if turning and pull change less than rtol/10. Otherwise a correction
-    formula is used, if the form has one whose remainder is that small. Otherwise the radial problem
-    is solved. The law's v0 is the speed at touch. Differentiable in both modes: the solve carries
-    its sensitivities. Nothing is raised; see `ObliqueRebound.status`.
+    The closed form is used if turning and pull change less than rtol/10, else the radial problem is
+    solved. The law's v0 is the speed at touch. Differentiable in both modes: the solve carries its
+    sensitivities. Nothing is raised; see `ObliqueRebound.status`.
     """
     if law.ends_apart or law.forgets:
         return _adhesive(jnp.asarray(normal_speed))
@@ -118,7 +114,7 @@ def oblique(
     closed = form.solve(lanes.n) if form.closed_form else None
     numbers = (form, lanes.exponent, push, swirl, ratio)
     if free and closed is not None:
-        no_error, way = jnp.zeros_like(swirl), jnp.full(swirl.shape, CLOSED_FORM)
+        no_error, way = jnp.zeros_like(swirl), jnp.full(swirl.shape, int(SolvedBy.CLOSED_FORM))
         out = _free(closed, _back(form, lanes.exponent, closed), no_error)
     else:
         out, way = _cheapest_solution(
@@ -158,7 +154,7 @@ def oblique(
 def _adhesive(speed: Number) -> ObliqueRebound:
     """Return an outcome that sends an adhesive contact to the coupled solve."""
     none = jnp.full_like(speed, jnp.nan)
-    way, settled = jnp.asarray(RADIAL), jnp.asarray(int(Status.SETTLED))
+    way, settled = jnp.asarray(int(SolvedBy.RADIAL)), jnp.asarray(int(Status.SETTLED))
     return ObliqueRebound(*(none,) * 9, solved_by=way, status=settled)
 
 
@@ -170,35 +166,34 @@ def _cheapest_solution(
     needed: bool | Flag,
     by_formula: bool,
 ) -> tuple[RadialOutcome, Index]:
-    """Return the outcome of the cheapest accurate way, and that way; `sliding` is v_t/v_n."""
+    """Return the outcome by the closed form where it is accurate, else by the radial problem, and
+    that way; `sliding` is v_t/v_n.
+    """
     form, exponent, push, swirl, ratio = numbers
-    way, formula, goal = jnp.full(swirl.shape, RADIAL), None, _goal(rtol, 0.1)
+    closed_form, way = int(SolvedBy.CLOSED_FORM), jnp.full(swirl.shape, int(SolvedBy.RADIAL))
+    skip, formula = ~jnp.asarray(needed), None
     if closed is not None:
         back = _back(form, exponent, closed)
         bent = jnp.abs(push) + jnp.abs(swirl) + jnp.abs(sliding) * jnp.square(ratio)
         bent = 2 * bent * (1 + back)
-        formula, unbent = _free(closed, back, bent), bent < goal
-        pushed = form.weakly_pushed(exponent.value, push, swirl, ratio, closed.restitution)
-        if pushed is not None:
-            formula = _correct(formula, *pushed, ratio, sliding)
-            way = jnp.where(formula.error < goal, CORRECTED, way)
-            formula = formula._replace(error=jnp.minimum(bent, formula.error))
-        way = jnp.where(unbent, CLOSED_FORM, way)
+        formula, unbent = _free(closed, back, bent), bent < _goal(rtol, 0.1)
+        way = jnp.where(unbent, closed_form, way)
         if by_formula:
             return formula, way
-    skip = jnp.where((way != RADIAL) | ~jnp.asarray(needed), jnp.ones_like(swirl), 0)
+        skip = skip | unbent
     tolerance = _goal(rtol, 0.01)
     radial = Radial(
         *jax.tree.map(jax.lax.optimization_barrier, numbers),
-        skip=jax.lax.stop_gradient(skip),
+        skip=jax.lax.stop_gradient(jnp.where(skip, jnp.ones_like(swirl), 0)),
         tolerance=tolerance,
     )
     out = with_sensitivity(solve_radial)(radial)
     credible = out.error <= jnp.maximum(100 * rtol, 1e3 * tolerance)
     out = out._replace(done=out.done & (out.settled | credible))
-    if formula is not None:
-        # A settled contact has no numbers to select.
-        out = jax.tree.map(lambda a, b: jnp.where(way == RADIAL, b, a), formula, out)
+    if formula is None:
+        return out, way
+    # A settled contact has no numbers to select.
+    out = jax.tree.map(lambda a, b: jnp.where(way == closed_form, a, b), formula, out)
     return out, way
 
 
@@ -230,34 +225,4 @@ def _free(closed: ScaledImpact, back: Number, error: Number) -> RadialOutcome:
         error=error,
         done=jnp.asarray(closed.converged),
         settled=jnp.asarray(closed.settled),
-    )
-
-
-def _correct(
-    free: RadialOutcome, change: Change, doubt: Change, ratio: Number, sliding: Number
-) -> RadialOutcome:
-    """Return the free impact with the correction for a weak push and turning. The error of
-    velocities is that of e and of the direction. The error of positions, relative to v_n T, results
-    from the errors of the duration and the turn.
-    """
-    # If the bound is infinite, the numbers are meaningless and not used.
-    trusted = jnp.isfinite(doubt.restitution)
-    change = jax.tree.map(lambda x: jnp.where(trusted, x, 0), change)
-    e = free.restitution + change.restitution
-    late, turned = doubt.duration, doubt.duration + doubt.turning
-    along = jnp.hypot(jax.lax.stop_gradient(free.restitution), sliding)
-    aside = jnp.abs(sliding) * turned * (jnp.abs(ratio) * along + 1 / free.duration)
-    error = doubt.restitution + aside + (1 + free.restitution) * late / free.duration
-    peaks = doubt.max_force / free.max_force + doubt.max_indentation / free.max_indentation
-    return free._replace(
-        restitution=e,
-        delivered=e,
-        elapsed=free.elapsed + change.duration,
-        theta=free.theta + change.duration + change.turning,
-        duration=free.duration + change.duration,
-        max_force=free.max_force + change.max_force,
-        max_indentation=free.max_indentation + change.max_indentation,
-        # Push and turning remove as much energy on the way out as they add on the way in.
-        energy_loss=free.energy_loss - change.restitution * (e + free.restitution),
-        error=jax.lax.stop_gradient(error + peaks),
     )

@@ -23,7 +23,6 @@ from ..._coupled.rows import rows_of
 from ..._impact import Status
 from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, laws_of, least_speed
 from ..arrays.flight import Flying, accelerations
-from ..result import SolvedBy
 from .friction import Arms, Lane, arms_of, coefficient_of, friction_impulse
 from .instantaneous import Choice, ImpactOutcome, Meeting, driven_work, meeting_of, second_velocity
 from .oblique import oblique
@@ -257,7 +256,7 @@ def soft(
         error=clean.error_estimate,
         wall_work=impulse * meeting.driven
         + driven_work(layout, numbers, choice, meeting, velocity),
-        solved_by=(int(SolvedBy.CLOSED_FORM) + rebound.solved_by).astype(closing.dtype),
+        solved_by=rebound.solved_by.astype(closing.dtype),
         status=rebound.status.astype(closing.dtype),
     )
     if halves is None:

@@ -1,1 +1,0 @@
-"""The change of a free impact by a weak push."""
