@@ -115,12 +115,14 @@ def bounce(
     require_broadcast(
         law=law, contact=contact, height=height, gravity=gravity, rest_velocity=rest_velocity
     )
-    drop = _Drop(law, contact, height, gravity, rest_velocity, gravity_in_contact, v0 == "peak")
+    drop = _BallAndGround(
+        law, contact, height, gravity, rest_velocity, gravity_in_contact, v0 == "peak"
+    )
     run = _to_rest(drop, how) if bounces is None else _bounce(drop, bounces, how)
     return checked(run, throw, "bounce")
 
 
-def _to_rest(drop: _Drop, how: AbstractMethod) -> Bounce:
+def _to_rest(drop: _BallAndGround, how: AbstractMethod) -> Bounce:
     """Follow every ball to rest if it comes to rest within `_MOST` touches.
 
     Traced numbers, and a caller that compiles, get `ROOM` touches.
@@ -178,7 +180,7 @@ def _trim(run: Bounce) -> Bounce:
     return dataclasses.replace(run, **listed)
 
 
-class _Drop(NamedTuple):
+class _BallAndGround(NamedTuple):
     """A ball and its ground, as given.
 
     `felt` is True if gravity acts in contact, `peak` if damping refers to the largest closing speed
@@ -194,7 +196,7 @@ class _Drop(NamedTuple):
     peak: bool
 
 
-def _start(drop: _Drop, method: AbstractMethod) -> tuple[BounceRun, Landing | None]:
+def _start(drop: _BallAndGround, method: AbstractMethod) -> tuple[BounceRun, Landing | None]:
     """Return the shared data of the touches, and the first touch if it determines all others."""
     run = _run(drop)
     if drop.felt or not restitution_is_constant(drop.law, drop.contact):
@@ -216,13 +218,13 @@ def _constant(contact: Contact, run: BounceRun, first: Landing, count: int) -> B
 
 @functools.partial(quick, most=FEW)
 def _more(
-    drop: _Drop, run: BounceRun, left: Left, method: AbstractMethod, count: int = ROOM
+    drop: _BallAndGround, run: BounceRun, left: Left, method: AbstractMethod, count: int = ROOM
 ) -> tuple[Left, Touches]:
     return one_by_one(drop.law, drop.contact, run, left, method, drop.peak, count)
 
 
 @functools.partial(quick, most=FEW)
-def _bounce(drop: _Drop, count: int, method: AbstractMethod) -> Bounce:
+def _bounce(drop: _BallAndGround, count: int, method: AbstractMethod) -> Bounce:
     run, first = _start(drop, method)
     if first is not None:
         return _constant(drop.contact, run, first, count)
@@ -235,7 +237,7 @@ def _exponent(contact: Contact) -> float | Array:
     return n if isinstance(n, float) else jnp.where(EXPONENT.holds(n), n, EXPONENT.inside)
 
 
-def _run(drop: _Drop) -> BounceRun:
+def _run(drop: _BallAndGround) -> BounceRun:
     law, contact, height, gravity, rest, gravity_in_contact, _ = drop
     valid = POSITIVE.holds(height) & POSITIVE.holds(gravity)
     height, gravity = jnp.where(valid, height, 1), jnp.where(valid, gravity, 1)

@@ -38,7 +38,7 @@ def specialised(value: ArrayLike, name: str, allowed: Range) -> Specialised:
     return Specialised(None, as_parameter(value, name, allowed))
 
 
-class _OfNumbers(type(eqx.Module)):
+class _ExampleMeta(type(eqx.Module)):
     """Builds modules of this package from Python numbers in a third of Equinox's time: all with the
     same options have the structure of an example. Classes of users may treat numbers otherwise.
     """
@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     OfNumbers = eqx.Module
 else:
 
-    class OfNumbers(eqx.Module, metaclass=_OfNumbers):
+    class OfNumbers(eqx.Module, metaclass=_ExampleMeta):
         """A module whose numbers are fields declared with `parameter`."""
 
 

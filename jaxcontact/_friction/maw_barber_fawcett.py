@@ -108,7 +108,7 @@ def full_sliding(chi: Lane, alpha: Lane) -> Lane:
 _Flags = tuple[Bool[Array, "..."], ...]
 
 
-class _Curve(NamedTuple):
+class _ReboundCurve(NamedTuple):
     """The pieces of ψ2(ψ1) at χ and α: where they end, ψ2 at their starts, and the loss of sliding.
 
     `rows` holds the coefficients of one degree for the five pieces, (degrees, 5, ...).
@@ -151,7 +151,7 @@ def _of_shape(x: Lane, shape: tuple[int, ...], dtype: Any) -> Lane:
     return jnp.broadcast_to(x.reshape((1,) * (len(shape) - x.ndim) + x.shape), shape)
 
 
-def _rebound(psi: Lane, curve: _Curve) -> Lane:
+def _rebound(psi: Lane, curve: _ReboundCurve) -> Lane:
     split, centre, touch, middle, full = curve.ends
     passed = (psi >= split, psi >= centre, psi >= touch, psi >= middle)
     none, least = jnp.zeros_like(centre), jnp.finfo(psi.dtype).tiny
@@ -209,7 +209,7 @@ def _derivative(count: int) -> np.ndarray:
     return np.polynomial.chebyshev.chebder(np.eye(count))
 
 
-def _curve(chi: Lane, alpha: Lane) -> _Curve:
+def _curve(chi: Lane, alpha: Lane) -> _ReboundCurve:
     weak = alpha <= onset(chi)
     elastic, turn = _without_damping(chi, weak)
     damped, length = _with_damping(chi, alpha, weak)
@@ -229,7 +229,7 @@ def _curve(chi: Lane, alpha: Lane) -> _Curve:
     )
     at_end = rows.sum(axis=0)
     at_centre = centre * at_end[1]
-    return _Curve(
+    return _ReboundCurve(
         ends=(turn * centre, centre, touch, touch + MIDDLE * (full - touch), full),
         starts=(at_centre, at_centre + at_end[2]),
         loss=2 * chi * (1 + e),

@@ -96,7 +96,7 @@ def trajectory(
     return _trajectory(problem, stepping_method(method), samples)
 
 
-class _Path(NamedTuple):
+class _PathSamples(NamedTuple):
     t: Array
     x: Array
     v: Array
@@ -153,7 +153,7 @@ _NEWTON = 30
 """Three are usual. Where time stands still at the end, an error is halved each time."""
 
 
-def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
+def _path(motion: Motion, how: Event, many: bool, samples: int) -> _PathSamples:
     # Imported here, because it needs diffrax.
     from .methods.event_solve import Solve, solve_legs, was_followed
 
@@ -192,7 +192,7 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
     if motion.may_return:
         on = onward(motion, end, deepest)
         converged = converged & (settled | ~on.returns)
-    return _Path(
+    return _PathSamples(
         t=fractions * end.t,
         x=depth.at[0].set(0),
         v=jax.vmap(motion.velocity)(states),

@@ -44,11 +44,11 @@ class ByLanes(eqx.Module, Generic[Out]):
             return self.batched(lanes, eqx.combine(*along), *eqx.combine(numbers, rest, fixed))
 
         few, many = of(self.few), of(self.many)
-        return _Choice(few, many, 1, _any, batch if self.batched else None)(numbers, rest)
+        return _FewOrMany(few, many, 1, _any, batch if self.batched else None)(numbers, rest)
 
 
 @dataclasses.dataclass(frozen=True)
-class _Choice:
+class _FewOrMany:
     """The choice of `few(numbers, rest)` or `many`, within `lanes` so far. `vary` maps flags of the
     arguments that differ along an axis to those of the outcomes. A derivative is taken of both
     functions, not of their batched forms. `batch`: see `ByLanes.batched`. `slopes`: a derivative,
@@ -107,7 +107,7 @@ class _Choice:
         elif self.batch is not None:
             batch = functools.partial(self._lanes_around, size, along, out_axes)
         if lanes < MANY or self.slopes:
-            many = _Choice(few, many, lanes, self.vary, batch, self.slopes)
+            many = _FewOrMany(few, many, lanes, self.vary, batch, self.slopes)
         out = many(*given)
         return out, jax.tree.broadcast(vary, out)
 
@@ -171,7 +171,7 @@ class _Choice:
         # Written-out slopes of 1,000 lanes by e, K and n took a minute instead of 0.07 s.
         own = self.batch is not None
         few, many = pushed(self.few), pushed(self.many)
-        slopes = _Choice(few, many, self.lanes, vary, batch if own else None, own)
+        slopes = _FewOrMany(few, many, self.lanes, vary, batch if own else None, own)
         return slopes((tuple(moving), tuple(split(list(changes))[0])), (still, rest))
 
 

@@ -61,7 +61,7 @@ def land(field: Field, packed: Packed, last: Marched) -> tuple[Record, Bool[Arra
     return chosen(arrived, end, last.after), smooth
 
 
-class _Search(NamedTuple):
+class _EndSearch(NamedTuple):
     """A moment of the step, its distance from the end, and a bracket of the end. `low` and `high`
     hold values and slopes of the guards at the bracket, by the fraction of the step.
     """
@@ -96,7 +96,7 @@ def _searched(
         rate = jax.tree.map(lambda change: change * length, frozen.rate(state))
         return jnp.stack(jax.jvp(lambda s: jnp.stack(frozen.guards(s)), (state,), (rate,)))
 
-    def narrow(at: _Search) -> _Search:
+    def narrow(at: _EndSearch) -> _EndSearch:
         fraction = _crossing(at)
         there, _ = step(*searched, fraction * length)
         now = look(stop(there))
@@ -107,7 +107,7 @@ def _searched(
         begin, end = jnp.where(open_, fraction, at.begin), jnp.where(open_, at.end, fraction)
         # The distance is bounded by the length of the bracket, which counts if the slope is zero.
         off = jnp.where(slope == 0, jnp.inf, jnp.abs(ratio(value, slope)))
-        return _Search(
+        return _EndSearch(
             at.count + 1,
             there,
             jnp.minimum(off, (end - begin) / close),
@@ -119,7 +119,7 @@ def _searched(
             closed,
         )
 
-    def unsettled(at: _Search) -> Bool[Array, ""]:
+    def unsettled(at: _EndSearch) -> Bool[Array, ""]:
         # The last step from here is exact, except across a corner or a clamp.
         near = close
         if field.smooth:
@@ -128,7 +128,7 @@ def _searched(
 
     zero = jnp.zeros_like(length)
     low, high = packed.each(look, *stop((last.before, last.after)))
-    begin = _Search(zero, last.after, zero + 1, zero + 1, zero, zero + 1, low, high, ends)
+    begin = _EndSearch(zero, last.after, zero + 1, zero + 1, zero, zero + 1, low, high, ends)
     at = jax.lax.while_loop(unsettled, narrow, varying(length, begin))
     there, found = at.there, at.count < _ITERATIONS
     if packed.backwards:
@@ -151,7 +151,7 @@ def _foremost(values: Array, closed: Flags) -> Array:
     return jnp.argmin(jnp.where(closed, values, jnp.inf))
 
 
-def _crossing(at: _Search) -> Number:
+def _crossing(at: _EndSearch) -> Number:
     """Return the root of the most negative guard, by a cubic of the moment in its value. It is the
     middle of the bracket if that root lies outside.
     """

@@ -46,7 +46,7 @@ class Marched(NamedTuple):
     path: Record | None = None
 
 
-class _Way(NamedTuple):
+class _March(NamedTuple):
     now: Marched
     size: Number
     tries: Int[Array, ""]
@@ -70,10 +70,10 @@ def march(
     def guards(vector: Record) -> Array:
         return packed.guards(field, vector)
 
-    def unfinished(way: _Way) -> Bool[Array, ""]:
+    def unfinished(way: _March) -> Bool[Array, ""]:
         return ~jnp.any(way.now.closed) & (way.tries < tolerance.max_steps)
 
-    def advance(way: _Way) -> _Way:
+    def advance(way: _March) -> _March:
         last = way.now
         here = last.after
         there, error = step(field, here, way.size)
@@ -100,7 +100,7 @@ def march(
         # The eighth root by square roots takes a quarter of the time of a power.
         root = jnp.sqrt(jnp.sqrt(jnp.sqrt(off)))
         factor = jnp.clip(_SAFETY / root, least, most)
-        return _Way(now, way.size * factor, way.tries + 1)
+        return _March(now, way.size * factor, way.tries + 1)
 
     none = jnp.zeros((), int)
     closed = jnp.zeros(jax.eval_shape(guards, start).shape, bool)
@@ -110,7 +110,7 @@ def march(
         path = jax.tree.map(lambda leaf: jnp.zeros((slots, *leaf.shape), leaf.dtype), start)
     first = Marched(start, start, closed, none, begun, path)
     size = jnp.asarray(_FIRST, packed.tau(start).dtype) * stop(tolerance.rtol) ** (1 / _ORDER)
-    begin = varying(packed.tau(start), _Way(first, size, none))
+    begin = varying(packed.tau(start), _March(first, size, none))
     return jax.lax.while_loop(unfinished, advance, begin).now
 
 

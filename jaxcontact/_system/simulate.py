@@ -53,7 +53,7 @@ _ENDINGS = {
 """The endings of a run by the status of its solve; NOT_CONVERGED for all others."""
 
 
-class _Readout(NamedTuple):
+class _RunNumbers(NamedTuple):
     """All numbers of a run but the states at given times."""
 
     contacts: SystemContacts
@@ -260,7 +260,7 @@ def _pieces(
 
 
 @quick
-def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None) -> _Readout:
+def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None) -> _RunNumbers:
     """Return the table of contacts, the ending, and the distances of the margin."""
     total = jnp.sum(end.log.touches) + jnp.sum(problem.state.closed)
     full = total > room if room is not None else jnp.asarray(False)
@@ -289,7 +289,7 @@ def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None)
     if problem.mechanics.system.sticks:
         phases = SystemPhases(**phases_of(end.log, problem.state))
     contacts = SystemContacts(**blank)
-    return _Readout(contacts, status, reached, between, slowest, ends, final, phases)
+    return _RunNumbers(contacts, status, reached, between, slowest, ends, final, phases)
 
 
 def _is_singular(problem: SystemProblem, state: SystemState) -> Flag:

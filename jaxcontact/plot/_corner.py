@@ -30,7 +30,7 @@ _MOST_POINTS = 2000
 _NORMAL, _DRAWN = ORANGE, BLUE
 
 
-class _Normal(NamedTuple):
+class _NormalApproximation(NamedTuple):
     """The normal approximation of a fit."""
 
     names: tuple[str, ...]
@@ -121,7 +121,7 @@ def corner(
     return grid
 
 
-def _drawable(result: Any, names: Any) -> _Normal | _Drawn:
+def _drawable(result: Any, names: Any) -> _NormalApproximation | _Drawn:
     """Return the drawable form of a result; ValueError if nothing can be drawn."""
     if isinstance(result, Posterior):
         chosen = _names(names, result.names, result.names)
@@ -147,7 +147,9 @@ def _drawable(result: Any, names: Any) -> _Normal | _Drawn:
                 "which has none."
             )
     place = [result.names.index(name) for name in chosen]
-    return _Normal(chosen, result.values[place], result.covariance[np.ix_(place, place)])
+    return _NormalApproximation(
+        chosen, result.values[place], result.covariance[np.ix_(place, place)]
+    )
 
 
 def _names(value: Any, all_names: tuple[str, ...], usual: tuple[str, ...]) -> tuple[str, ...]:

@@ -145,7 +145,7 @@ def _differentiable(form: SpringForm) -> Callable[[Lane, Lane, Lane], SliderPhas
     return solve
 
 
-class _Between(NamedTuple):
+class _PhaseEnd(NamedTuple):
     """Lanes between two phases: ψ, v, the sign of sliding, `stop` and `slip` so far, done, good."""
 
     sliding: SlidingPhase
@@ -164,7 +164,7 @@ def _solve(psi1: Lane, chi: Lane, alpha: Lane, form: SpringForm) -> SliderPhases
     fixed_chi, fixed_normal = stop_gradient((chi, normal))
     last = -fixed_normal.e
 
-    def pair(carry: tuple[_Between, jax.Array]) -> tuple[_Between, jax.Array]:
+    def pair(carry: tuple[_PhaseEnd, jax.Array]) -> tuple[_PhaseEnd, jax.Array]:
         course, count = carry
         sliding = course.sliding
         v, lasts = stop_gradient(sliding).end(fixed_chi, fixed_normal, form)
@@ -178,7 +178,7 @@ def _solve(psi1: Lane, chi: Lane, alpha: Lane, form: SpringForm) -> SliderPhases
         # A spring without force is at its limit only at separation, and does not slide any more.
         parted = jnp.abs(z) <= 8 * jnp.finfo(z.dtype).eps
         slid = SlidingPhase(sliding.psi_at(-normal.e, chi), -normal.e, sliding.sign)
-        new = _Between(
+        new = _PhaseEnd(
             sliding=choose(lasts, slid, onward),
             stop=jnp.where(count > 0, course.stop, jnp.where(lasts, last, v)),
             slip=stop_gradient(jnp.where(lasts, sliding.start, onward.start)),
@@ -188,7 +188,7 @@ def _solve(psi1: Lane, chi: Lane, alpha: Lane, form: SpringForm) -> SliderPhases
         return choose(course.done, course, new), count + 1
 
     one = jnp.ones_like(psi1)
-    touch = _Between(SlidingPhase(psi1, one, one), one, one, one < 0, one > 0)
+    touch = _PhaseEnd(SlidingPhase(psi1, one, one), one, one, one < 0, one > 0)
     course, _ = jax.lax.while_loop(
         lambda carry: jnp.any(~carry[0].done) & (carry[1] <= _MOST_PAIRS),
         pair,

@@ -54,7 +54,7 @@ def _rule() -> tuple[np.ndarray, ...]:
 _NODES, _MATRIX, _INVERSE, _COEFFICIENTS = _rule()
 
 
-class _Step(NamedTuple):
+class _ImplicitStep(NamedTuple):
     """A step of `size` from a state, and the increments of the state at the nodes."""
 
     start: State
@@ -65,7 +65,7 @@ class _Step(NamedTuple):
 class _Progress(NamedTuple):
     """The last accepted step, the size of the next one, and the progress of the leg."""
 
-    last: _Step
+    last: _ImplicitStep
     next_size: Number
     count: Int[Array, ""]
     met: Bool[Array, ""]
@@ -125,7 +125,7 @@ def _solved(
     """Return the end of a leg, whether an event ended it, and the steps; none unless `needed`."""
     nothing = jax.tree.map(lambda leaf: jnp.zeros(_STAGES, leaf.dtype), start)
     first = _Progress(
-        last=_Step(start, jnp.zeros_like(start.t), nothing),
+        last=_ImplicitStep(start, jnp.zeros_like(start.t), nothing),
         next_size=0.1 / jax.lax.stop_gradient(motion.stiffness(start)),
         count=jnp.zeros((), int),
         met=jnp.asarray(False),
@@ -188,11 +188,11 @@ def _force_is_lost(motion: Motion, state: State) -> Bool[Array, ""]:
     )
 
 
-def _after(step: _Step) -> State:
+def _after(step: _ImplicitStep) -> State:
     return jax.tree.map(lambda start, change: start + change[-1], step.start, step.increments)
 
 
-def _nodes_of(step: _Step) -> State:
+def _nodes_of(step: _ImplicitStep) -> State:
     return jax.tree.map(operator.add, _repeated(step.start), step.increments)
 
 
@@ -200,7 +200,7 @@ def _repeated(state: State) -> State:
     return jax.tree.map(lambda leaf: jnp.full(_STAGES, leaf), state)
 
 
-def _within(step: _Step, fraction: Number) -> State:
+def _within(step: _ImplicitStep, fraction: Number) -> State:
     """Return the state at a fraction of a step."""
     at = 2 * fraction - 1
     values = [jnp.ones_like(at), at]
@@ -248,7 +248,7 @@ def _eliminated(matrix: Float[Array, "N N"], right: Float[Array, " N"]) -> Float
 
 def _collocated(
     motion: Motion, start: State, compressing: Flag, size: Number
-) -> tuple[_Step, Bool[Array, ""]]:
+) -> tuple[_ImplicitStep, Bool[Array, ""]]:
     """Return one step of Radau's method, and whether Newton's iteration converged."""
     dtype = start.w.dtype
     inverse, eye = jnp.asarray(_INVERSE, dtype), jnp.eye(2, dtype=dtype)
@@ -301,10 +301,10 @@ def _collocated(
         scales[0] * z[:, 0], scales[1] * z[:, 1], small_product(matrix, change.t), loss
     )
     good = (moved <= close) & jnp.all(jnp.isfinite(z))
-    return _Step(start, size, increments), good
+    return _ImplicitStep(start, size, increments), good
 
 
-def _error(motion: Motion, step: _Step) -> Number:
+def _error(motion: Motion, step: _ImplicitStep) -> Number:
     """Return the highest Legendre coefficient relative to the largest increment of the step."""
 
     def of(increments: Array, least: Number) -> Number:
@@ -315,14 +315,14 @@ def _error(motion: Motion, step: _Step) -> Number:
     return jnp.maximum(of(step.increments.w, least[0]), of(step.increments.u, least[1]))
 
 
-def _closing(motion: Motion, step: _Step, compressing: Flag) -> Bool[Array, "nodes gaps"]:
+def _closing(motion: Motion, step: _ImplicitStep, compressing: Flag) -> Bool[Array, "nodes gaps"]:
     """Return which gaps that are open at the start are closed at which node."""
     before = jnp.stack(motion.gaps(step.start, compressing))
     after = jnp.stack(jax.vmap(lambda s: motion.gaps(s, compressing))(_nodes_of(step)), 1)
     return (before > 0)[None, :] & ~(after > 0)
 
 
-def _node_beyond(motion: Motion, step: _Step, compressing: Flag, closing: Array) -> Number:
+def _node_beyond(motion: Motion, step: _ImplicitStep, compressing: Flag, closing: Array) -> Number:
     """Return a fraction of a step slightly beyond the first gap that closes, from its chord."""
     first = jnp.argmax(jnp.any(closing, 1))
     nodes = jnp.asarray(np.concatenate([[0.0], _NODES]), step.size.dtype)
@@ -338,7 +338,9 @@ def _node_beyond(motion: Motion, step: _Step, compressing: Flag, closing: Array)
     return jax.lax.stop_gradient(jnp.where(jnp.any(closing), between, 1))
 
 
-def _landing(motion: Motion, step: _Step, compressing: Flag, met: Bool[Array, ""]) -> Number:
+def _landing(
+    motion: Motion, step: _ImplicitStep, compressing: Flag, met: Bool[Array, ""]
+) -> Number:
     """Return the fraction of a step at which the first gap closes; 1 if none does."""
     closing = _closing(motion, step, compressing)
     first = jnp.argmax(jnp.any(closing, 1))

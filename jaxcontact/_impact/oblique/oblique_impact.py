@@ -209,7 +209,7 @@ _ENDED = 1e-9
 """A w below which the end of a phase is the end of the contact."""
 
 
-class _State(NamedTuple):
+class _SlidingState(NamedTuple):
     """w and v of the normal motion (x = w^k), ψ of the slip, and the spring's variable
     s in stick: φ, or φ/x^(n-1) for "displacement".
     """
@@ -220,17 +220,17 @@ class _State(NamedTuple):
     spring: Number
 
 
-class _Numbers(NamedTuple):
+class _ObliqueNumbers(NamedTuple):
     form: AbstractForm
     exponent: Any
     psi: Number
     chi: Number
 
 
-class _Phase(eqx.Module):
+class _SlidingMotion(eqx.Module):
     """The motion in one phase: `sign` is that of the slip, 0 in stick."""
 
-    numbers: _Numbers
+    numbers: _ObliqueNumbers
     sign: Number
     held: str = eqx.field(static=True)
 
@@ -254,7 +254,7 @@ class _Phase(eqx.Module):
             return jnp.ones_like(w)
         return jnp.maximum(w, 0) ** (self.numbers.form.order(n) * (n - 1))
 
-    def stick_rate(self, state: _State, spring: Number) -> Number:
+    def stick_rate(self, state: _SlidingState, spring: Number) -> Number:
         """Return ds/dτ in stick."""
         n = self._n
         k = self.numbers.form.order(n)
@@ -269,20 +269,20 @@ class _Phase(eqx.Module):
             unloads, (n - 1) * state.v * spring / jnp.where(unloads, state.w, 1), 0
         )
 
-    def rate(self, state: _State) -> _State:
+    def rate(self, state: _SlidingState) -> _SlidingState:
         k, force = self.numbers.form.order(self._n), self.normal_force(state.w, state.v)
         sliding = self.sign != 0
         phi = jnp.where(sliding, self.sign * force, self.lever(state.w) * state.spring)
         pace = state.w ** (k - 1)
         sticks = jnp.where(sliding, 0, self.stick_rate(state, state.spring))
-        return _State(state.v / k, -pace * force, -2 * self.numbers.chi * pace * phi, sticks)
+        return _SlidingState(state.v / k, -pace * force, -2 * self.numbers.chi * pace * phi, sticks)
 
     def limit(self, w: Number, v: Number) -> Number:
         """Return the largest |s|, that of slip."""
         lever = self.lever(w)
         return self.normal_force(w, v) / jnp.where(lever > 0, lever, 1)
 
-    def guards(self, state: _State) -> tuple[Number, ...]:
+    def guards(self, state: _SlidingState) -> tuple[Number, ...]:
         slope, n = self.rate(state), self._n
         most, grows = jax.jvp(self.limit, (state.w, state.v), (slope.w, slope.v))
         pulled = self.sign * self.stick_rate(state, self.sign * most)
@@ -297,15 +297,15 @@ class _Phase(eqx.Module):
         slips = most - jnp.abs(state.spring)
         return state.w, jnp.where(self.sign != 0, goes_on, slips)
 
-    def continued(self, inside: _State) -> _Phase:
+    def continued(self, inside: _SlidingState) -> _SlidingMotion:
         return self
 
-    def jumps(self, inside: _State, end: _State, closed: Array) -> Bool[Array, ""]:
+    def jumps(self, inside: _SlidingState, end: _SlidingState, closed: Array) -> Bool[Array, ""]:
         return jnp.asarray(False)
 
 
-class _Followed(NamedTuple):
-    state: _State
+class _PhaseChain(NamedTuple):
+    state: _SlidingState
     sign: Number
     count: Int[Array, ""]
     done: Bool[Array, ""]
@@ -318,7 +318,7 @@ def follow(
     lanes: Lanes, spring: ScaledSpring, held: str, how: Event, e: Array
 ) -> TangentialOutcome:
     """Return the outcome of a spring and slider beside the normal motion of any form."""
-    numbers = _Numbers(lanes.form, lanes.exponent, spring.psi, spring.chi)
+    numbers = _ObliqueNumbers(lanes.form, lanes.exponent, spring.psi, spring.chi)
     course = over_lanes(with_sensitivity(eqx.Partial(_course, held=held, how=how)), numbers)
     slid = (course.count == 1) & (course.sign > 0)
     return TangentialOutcome(
@@ -330,18 +330,18 @@ def follow(
     )
 
 
-def _possible(course: _Followed, spring: ScaledSpring) -> Bool[Array, "..."]:
+def _possible(course: _PhaseChain, spring: ScaledSpring) -> Bool[Array, "..."]:
     """Return whether the tangential impulse is at most μ times the normal one."""
     most = 2 * spring.chi * (1 - course.state.v)
     return jnp.abs(course.state.psi - spring.psi) <= (1 + _ROUNDING) * most
 
 
-def _course(numbers: _Numbers, *, held: str, how: Event) -> _Followed:
+def _course(numbers: _ObliqueNumbers, *, held: str, how: Event) -> _PhaseChain:
     zero = jnp.zeros_like(numbers.psi)
     rtol, atol = how.tolerances(zero.dtype)
     tolerance = Tolerance(jnp.asarray(_SAFETY * rtol, zero.dtype), _SAFETY * atol, how.max_steps)
-    begin = _State(zero, zero + 1, numbers.psi, zero)
-    first = _Phase(numbers, zero, held)
+    begin = _SlidingState(zero, zero + 1, numbers.psi, zero)
+    first = _SlidingMotion(numbers, zero, held)
     n = numbers.exponent.value
     k = numbers.form.order(n)
     touch = first.normal_force(zero + _TOUCH ** (1 / k), zero + 1)
@@ -350,15 +350,15 @@ def _course(numbers: _Numbers, *, held: str, how: Event) -> _Followed:
     slides = eager * numbers.psi * _TOUCH**n > touch
     sign = jax.lax.stop_gradient(jnp.where(slides, zero + 1, zero))
     none = jnp.zeros((), int)
-    start = _Followed(
+    start = _PhaseChain(
         begin, sign, none, none > 0, none > 0, jnp.where(slides, zero, zero + 1), zero - 1
     )
 
-    def unfinished(course: _Followed) -> Bool[Array, ""]:
+    def unfinished(course: _PhaseChain) -> Bool[Array, ""]:
         return ~course.done & (course.count < _PHASES)
 
-    def advance(course: _Followed) -> _Followed:
-        phase = _Phase(numbers, course.sign, held)
+    def advance(course: _PhaseChain) -> _PhaseChain:
+        phase = _SlidingMotion(numbers, course.sign, held)
         packed = Packed.of(course.state)
         last = march(phase, packed, tolerance, (), lambda seen, before, now: seen)
         end, _ = land(phase, packed, last)
@@ -369,7 +369,7 @@ def _course(numbers: _Numbers, *, held: str, how: Event) -> _Followed:
         spring = jnp.where(sliding, course.sign * most, state.spring)
         sign = jax.lax.stop_gradient(jnp.where(sliding, 0, jnp.where(spring < 0, -1.0, 1.0)))
         opened = sliding & (course.count == 0)
-        return _Followed(
+        return _PhaseChain(
             state=state._replace(spring=spring),
             sign=jnp.where(over, course.sign, sign.astype(spring.dtype)),
             count=course.count + 1,

@@ -29,7 +29,7 @@ from ..pair_impact.rolling import flying_at_start
 from .slopes import Done, Entering, Matrices, flat, row_call, row_hit, row_numbers, two_of, unflat
 
 
-class _Row(NamedTuple):
+class _ReplayedRow(NamedTuple):
     """A row of the log; whether it `counts`, and the `slot` of its matrix."""
 
     values: LogNumbers
@@ -44,8 +44,8 @@ class _Ways(NamedTuple):
     its output.
     """
 
-    hit: Callable[[_Row, Flying], ImpactOutcome] | None
-    call: Callable[[_Row, Entering], Done] | None
+    hit: Callable[[_ReplayedRow, Flying], ImpactOutcome] | None
+    call: Callable[[_ReplayedRow, Entering], Done] | None
 
 
 def push_tangents(
@@ -60,7 +60,7 @@ def push_tangents(
     """Return the tangents of the figures; each row is solved again for its own."""
     leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
 
-    def hit(row: _Row, before: Flying) -> ImpactOutcome:
+    def hit(row: _ReplayedRow, before: Flying) -> ImpactOutcome:
         strike, place = row_hit(layout, rules, *row[:3], tolerance)
 
         def of(leaves: Any, before: Flying) -> ImpactOutcome:
@@ -68,7 +68,7 @@ def push_tangents(
 
         return jax.jvp(of, (leaves, place), (along, before))[1]
 
-    def coupled(row: _Row, entering: Entering) -> Done:
+    def coupled(row: _ReplayedRow, entering: Entering) -> Done:
         solve, place = row_call(layout, rules, *row[:3], tolerance)
 
         def of(leaves: Any, entering: Entering) -> Done:
@@ -93,12 +93,12 @@ def chain_matrices(
     """Return the tangents of the figures by the matrices of the rows."""
     hits, calls = matrices.hits, matrices.calls
 
-    def hit(row: _Row, before: Flying) -> ImpactOutcome:
+    def hit(row: _ReplayedRow, before: Flying) -> ImpactOutcome:
         assert hits is not None
         start = flat((row_numbers(layout, along, two_of(layout, row.facts)), before))
         return unflat(hits[row.slot] @ start, row.values.outcome)
 
-    def coupled(row: _Row, entering: Entering) -> Done:
+    def coupled(row: _ReplayedRow, entering: Entering) -> Done:
         called, at = row.facts.call, row.values.coupled
         assert calls is not None and called is not None and at is not None
         start = flat((row_numbers(layout, along, index_of(layout, called.decided.seats)), entering))
@@ -128,7 +128,7 @@ def _chain(
     ways: _Ways,
     slot: Int[Array, " K"],
 ) -> LogNumbers:
-    def impact(carry: _Tangents, row: _Row) -> tuple[_Tangents, LogNumbers]:
+    def impact(carry: _Tangents, row: _ReplayedRow) -> tuple[_Tangents, LogNumbers]:
         assert ways.hit is not None
         values, facts, counts, _ = row
         first, second = facts.choice.first, jnp.minimum(facts.choice.second, layout.spheres - 1)
@@ -145,7 +145,7 @@ def _chain(
         together = jax.tree.map(jnp.zeros_like, values.coupled)
         return carry._replace(spheres=moved), LogNumbers(before, outcome, together)
 
-    def together(carry: _Tangents, row: _Row) -> tuple[_Tangents, LogNumbers]:
+    def together(carry: _Tangents, row: _ReplayedRow) -> tuple[_Tangents, LogNumbers]:
         assert ways.call is not None and carry.coupled is not None
         values, members = row.values, rules.members
         called, at = row.facts.call, values.coupled
@@ -173,10 +173,10 @@ def _chain(
         moved, held = with_rows((carry.spheres, carry.held), index, (after, latched))
         return _Tangents(moved, end, held), figures
 
-    def nothing(carry: _Tangents, row: _Row) -> tuple[_Tangents, LogNumbers]:
+    def nothing(carry: _Tangents, row: _ReplayedRow) -> tuple[_Tangents, LogNumbers]:
         return carry, jax.tree.map(jnp.zeros_like, row.values)
 
-    def pass_row(carry: _Tangents, row: _Row) -> tuple[_Tangents, LogNumbers]:
+    def pass_row(carry: _Tangents, row: _ReplayedRow) -> tuple[_Tangents, LogNumbers]:
         other = nothing if ways.hit is None else impact
         if ways.call is None:
             return other(carry, row)
@@ -185,7 +185,7 @@ def _chain(
         this, that = row._replace(counts=is_call), row._replace(counts=row.counts & ~is_call)
         return jax.lax.cond(is_call, lambda: together(carry, this), lambda: other(carry, that))
 
-    rows = _Row(*log, jnp.arange(log.facts.tied.shape[0]) < written, slot)
+    rows = _ReplayedRow(*log, jnp.arange(log.facts.tied.shape[0]) < written, slot)
     return jax.lax.scan(pass_row, _initial_tangents(layout, numbers, log, along), rows)[1]
 
 

@@ -101,7 +101,7 @@ def find_next_events(
         if layout.shaken:
             leaves = jnp.where(layout.shaken_row(who) < len(layout.shaken), jnp.inf, leaves)
 
-    columns = [_Columns(times, closing, jnp.broadcast_to(names, size))]
+    columns = [_OtherBodies(times, closing, jnp.broadcast_to(names, size))]
     those = _Those(who, position, velocity, pull, now, end)
     if layout.shaken:
         shaken, bound = _of_shaken(layout, numbers, those)
@@ -137,7 +137,7 @@ def find_next_events(
     return event
 
 
-class _Columns(NamedTuple):
+class _OtherBodies(NamedTuple):
     """Contacts with other bodies, (M, C) each: `times` from now, closing speeds, and numbers."""
 
     times: Float[Array, "M C"]
@@ -156,7 +156,9 @@ class _Those(NamedTuple):
     end: Number
 
 
-def _of_walls(layout: SceneLayout, numbers: Numbers, state: RunState, those: _Those) -> _Columns:
+def _of_walls(
+    layout: SceneLayout, numbers: Numbers, state: RunState, those: _Those
+) -> _OtherBodies:
     """Return the contacts of spheres with walls on which they do not rest."""
     who, position, velocity, pull, now, end = those
     count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
@@ -195,12 +197,12 @@ def _of_walls(layout: SceneLayout, numbers: Numbers, state: RunState, those: _Th
         swing = motion.velocity(now + reached) - motion.speed
         rises = rises - jnp.where(jnp.asarray(layout.vibrating)[None], swing, 0)
     names = jnp.arange(count, count + layout.walls)[None]
-    return _Columns(wall, -rises, jnp.broadcast_to(names, wall.shape))
+    return _OtherBodies(wall, -rises, jnp.broadcast_to(names, wall.shape))
 
 
 def _of_shaken(
     layout: SceneLayout, numbers: Numbers, those: _Those
-) -> tuple[_Columns, Float[Array, " M"]]:
+) -> tuple[_OtherBodies, Float[Array, " M"]]:
     """Return the contacts of spheres with shaken fixed ones, and a time limit for other images.
     Before that time no other image of these is met.
     """
@@ -234,7 +236,7 @@ def _of_shaken(
             given = (apart[..., axis], rate[..., axis], most, distance, numbers.period[axis])
             bound = jnp.minimum(bound, jnp.min(image_horizon(*given), axis=-1))
     names = jnp.broadcast_to(shaken[None], shape)
-    return _Columns(times, closing, names), jnp.where(moves, bound, jnp.inf)
+    return _OtherBodies(times, closing, names), jnp.where(moves, bound, jnp.inf)
 
 
 def _moves(numbers: Numbers, who: Int[Array, " M"]) -> Bool[Array, " M"]:
