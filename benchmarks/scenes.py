@@ -1,11 +1,8 @@
-"""Run time of whole scenes against their error.
+"""Costs of whole scenes: `python benchmarks/scenes.py [--out FILE] [--only GROUP]`.
 
-`python benchmarks/scenes.py [--out FILE] [--only GROUP]`
-
-The package is compared with SciPy and plain diffrax, both restarted at events. Each uses the
-loosest tolerance that reaches the error. The study then measures the cost of an instantaneous
-impact and of a gradient, in steps and in values, the gain by skipping unneeded parts (`--only
-skips`), and beds (`--only beds`). Only ratios are meaningful; beds are in CPU time, with compiling.
+The cost of an instantaneous impact and of a gradient, in empty steps and in values; the gain by
+skipping unneeded parts; and beds, in CPU time with compiling. Other ways beside ours are in
+benchmarks/run_time_error.py.
 """
 
 from __future__ import annotations
@@ -21,81 +18,125 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import scene_skips
-from scene_costs import best, gradient_cost, impact_cost
 from study import machine
-from time_and_error.line_scenes import Fixed, Line, by_diffrax, by_scipy, line, oblique, scene_of
 
 import jaxcontact as jc
-
-ERROR = 1e-9
-"""Wanted of final velocities, relative to the largest speed at the start."""
-
-REFERENCE = 2.3e-14
-"""The tolerance of the reference, the least that SciPy takes."""
-
-LADDER = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)
-BETWEEN = (6.0, 3.0, 2.0)
-"""What the first tolerance that reaches the error is multiplied by, to find the loosest one."""
+from jaxcontact._scene.arrays.arrays import layout_of
+from jaxcontact._scene.arrays.from_scene import inputs_of, scene_numbers
+from jaxcontact._scene.contact_times.cells import grid_of
+from jaxcontact._scene.engine.log import Log, blank_log
+from jaxcontact._scene.engine.loop import advance, initial_state
+from jaxcontact._scene.engine.state import Rules, RunState
 
 
-def compared(name: str, line: Line) -> list[dict]:
-    """One scene by all ways, each at the loosest tolerance that reaches the error."""
-    truth = by_scipy(line, REFERENCE)
-    fixed, scale = Fixed(line), np.max(np.abs(line.velocity))
-    counted = jc.simulate(scene_of(line), line.duration, v0="touch").impacts
-    room = len(counted) + 2
+def best(function: Callable, repeats: int = 5) -> tuple[float, float, np.ndarray]:
+    """Seconds of the first call more than the best of the others, that best, and the result."""
+    start = time.perf_counter()
+    result = jax.block_until_ready(function())
+    first = time.perf_counter() - start
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        jax.block_until_ready(function())
+        times.append(time.perf_counter() - start)
+    return max(first - min(times), 0.0), min(times), np.asarray(result)
 
-    @functools.partial(jax.jit, static_argnums=1)
-    def ours(velocity, rtol):
-        run = jc.simulate(
-            scene_of(line, velocity), line.duration, rtol=rtol, v0="touch", max_impacts=room
-        )
-        return run.velocity[-1].ravel()
 
-    given = jnp.asarray(line.velocity)
-    ways: dict[str, Callable] = {
-        "jaxcontact, jitted": lambda rtol: ours(given, rtol),
-        "jaxcontact, from Python": lambda rtol: (
-            jc.simulate(scene_of(line), line.duration, rtol=rtol, v0="touch").velocity[-1].ravel()
-        ),
-        "diffrax Dopri8, restarted": functools.partial(by_diffrax, fixed, line.longest),
-        "scipy DOP853, restarted": lambda rtol: by_scipy(line, rtol),
-    }
-    rows = []
-    for way, solve in ways.items():
-        row = {"scene": name, "way": way, "impacts": len(counted), "reached": False}
+def hard_box(count: int) -> jc.Scene:
+    """Elastic discs on a lattice in a box, a tenth of it full, with random velocities."""
+    side = int(np.ceil(np.sqrt(count)))
+    radius = 0.5
+    spacing = radius * np.sqrt(np.pi / 0.1)
+    rng = np.random.default_rng(0)
+    places = [((k % side + 0.5) * spacing, (k // side + 0.5) * spacing) for k in range(count)]
+    speeds = rng.standard_normal((count, 2))
+    spheres = [jc.Sphere(radius, 1.0, x, v) for x, v in zip(places, speeds, strict=True)]
+    box = jc.Box([0.0, 0.0], [side * spacing] * 2)
+    return jc.Scene([*spheres, box], jc.ExactRestitution(e=1.0))
 
-        def tried(rtol: float, solve: Callable = solve) -> dict:
-            compile_s, seconds, found = best(functools.partial(solve, rtol), 5)
-            error = float(np.max(np.abs(found - truth)) / scale)
-            told = {"rtol": rtol, "compile_s": compile_s, "seconds": seconds, "error": error}
-            return told | {"reached": error <= ERROR}
 
-        for rtol in LADDER:
-            row |= tried(rtol)
-            if row["reached"]:
-                break
-        between = BETWEEN if row["reached"] and row["rtol"] < LADDER[0] else ()
-        finer = (tried(factor * row["rtol"]) for factor in between)
-        row |= next((found for found in finer if found["reached"]), {})
-        rows.append(row)
-    # In turn, each for at least a tenth of a second, so that other load affects all of them
-    # equally.
-    for _ in range(8):
-        for row in rows:
-            often = max(3, int(0.1 / row["seconds"]))
-            seconds = best(functools.partial(ways[row["way"]], row["rtol"]), often)[1]
-            row["seconds"] = min(row["seconds"], seconds)
-    for row in rows:
-        row["times_ours"] = row["seconds"] / rows[0]["seconds"]
-        print(
-            f"{name:24}{row['way']:28} rtol {row['rtol']:.0e}  error {row['error']:.0e}"
-            f"  {1e3 * row['seconds']:10.3f} ms  ({row['compile_s']:.1f} s before)", flush=True
-        )  # fmt: skip
-    return rows
+def empty(state: RunState, log: Log, rows: int) -> tuple[RunState, Log]:
+    """A loop that writes two rows of a state and one of a log, and decides nothing."""
+
+    def step(k, carry):
+        state, log = carry
+        count = state.time.shape[0]
+        i, j = k % count, (k + 1) % count
+
+        def put(all):
+            if all.ndim == 0:
+                return all + 1 if jnp.issubdtype(all.dtype, jnp.integer) else all
+            return all.at[i].set(all[j]).at[j].set(all[i])
+
+        state = jax.tree.map(put, state)
+        return state, jax.tree.map(lambda all: all.at[k].set(all[k - 1]), log)
+
+    return jax.lax.fori_loop(1, rows, step, (state, log))
+
+
+def impact_cost(count: int, impacts: int) -> dict:
+    """What an instantaneous impact costs among so many bodies, in empty steps of a loop.
+
+    By the difference of two lengths, so that the price of the call drops out.
+    """
+    scene = hard_box(count)
+    layout = layout_of(scene)
+    numbers, _ = scene_numbers(inputs_of(scene), layout, contacts=False, soft=False)
+    rules = Rules(False, "peak", 0)
+    end, tolerance = jnp.asarray(1e6), jnp.asarray(1e-9)
+    state = eqx.filter_jit(initial_state)(layout, numbers, rules, grid_of(layout, numbers))
+    jitted = eqx.filter_jit(advance)
+    nothing = jax.jit(empty, static_argnums=2)
+
+    def of(rows: int) -> tuple[float, float, float]:
+        log = blank_log(rows, layout, numbers.dtype, 0)
+        run = functools.partial(jitted, layout, numbers, rules, state, log, end, tolerance)
+        compile_s, seconds, written = best(lambda: run()[2], 5)
+        # With a full cell the run would stop early and seem fast.
+        assert int(written) == rows
+        _, without, _ = best(lambda: nothing(state, log, rows)[0].time, 5)
+        return compile_s, seconds, without
+
+    compile_s, long, long_empty = of(impacts)
+    _, short, short_empty = of(impacts // 8)
+    rest = impacts - impacts // 8
+    each, step = (long - short) / rest, (long_empty - short_empty) / rest
+    row = {"bodies": count, "impacts": impacts, "us_impact": 1e6 * each, "us_step": 1e6 * step}
+    row |= {"steps": each / step, "compile_s": compile_s}
+    print(
+        f"an impact among {count:5}: {row['steps']:6.1f} empty steps of {row['us_step']:.2f} us",
+        flush=True,
+    )
+    return row
+
+
+def gradient_cost(count: int, impacts: int) -> dict:
+    """A reverse gradient of one scalar by all velocities at the start, in values."""
+    scene = hard_box(count)
+    places = np.stack([s.position for s in scene.spheres])
+    speeds = jnp.stack([s.velocity for s in scene.spheres])
+    end = 0.25
+    while len(times := jc.simulate(scene, end, instantaneous=True).impacts.time) <= impacts:
+        end *= 2
+    end = float(times[impacts - 1] + times[impacts]) / 2
+
+    def scalar(velocity):
+        spheres = [jc.Sphere(0.5, 1.0, places[k], velocity[k]) for k in range(count)]
+        moved = jc.Scene([*spheres, scene.bodies[-1]], jc.ExactRestitution(e=1.0))
+        run = jc.simulate(moved, end, instantaneous=True, max_impacts=impacts + 1)
+        return jnp.sum(jnp.square(run.position[-1]))
+
+    value, gradient = jax.jit(scalar), jax.jit(jax.grad(scalar))
+    _, one, _ = best(lambda: value(speeds), 9)
+    compile_s, two, _ = best(lambda: gradient(speeds), 9)
+    row = {"bodies": count, "impacts": impacts, "value_s": one, "gradient_s": two}
+    row |= {"ratio": two / one, "compile_s": compile_s}
+    print(f"a gradient among {count:5}, {impacts} impacts: {two / one:5.2f} values", flush=True)
+    return row
 
 
 def beds() -> list[dict]:
@@ -117,11 +158,6 @@ def beds() -> list[dict]:
 
 
 GROUPS: dict[str, Callable[[], list[dict]]] = {
-    "runs": lambda: [
-        *compared("line, gaps of 0.1 m", line(0.1, 1e9, 15.0)),
-        *compared("line, gaps of 1e-5 m", line(1e-5, 1e9, 0.02)),
-        *compared("oblique pair, 4e-3", oblique(4e-3)),
-    ],
     "impacts": lambda: [impact_cost(2, 4096), impact_cost(128, 2048), impact_cost(2048, 512)],
     "gradients": lambda: [gradient_cost(2, 64), gradient_cost(128, 256)],
     "skips": scene_skips.rows,

@@ -38,7 +38,7 @@ def pages() -> list[Path]:
 
 def numbers() -> dict[str, str]:
     """Return every number by name, as it is written."""
-    parts = _choice(), _coverage(), _fits(), _instruments(), _times(), _mechanisms(), _lanes()
+    parts = _choice(), _coverage(), _instruments(), _times(), _mechanisms(), _lanes()
     parts = *parts, _friction(), _many()
     return {"laws": _laws()} | {name: text for part in parts for name, text in part.items()}
 
@@ -81,16 +81,6 @@ def _coverage() -> dict[str, str]:
         if what != "no better grid point"
     ]
     return {"least_held": _percent(min(shares))}
-
-
-def _fits() -> dict[str, str]:
-    found = _result("fits")["coverage"]
-    short = {"law.c": "held_c", "contact.stiffness": "held_stiffness"}
-    short["contact.exponent"] = "held_exponent"
-    shares = found["coverage"]
-    return {"held_draws": f"{found['draws']:,}"} | {
-        name: f"{100 * shares[parameter]:.1f}" for parameter, name in short.items()
-    }
 
 
 def _instruments() -> dict[str, str]:
