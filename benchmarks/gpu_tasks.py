@@ -19,7 +19,7 @@ from benchmarks.oblique_impacts.problems import CHI, elastic, spheres
 from benchmarks.time_and_error import by_diffrax
 from benchmarks.time_and_error.line_scenes import by_scipy, oblique, scene_of
 from benchmarks.time_and_error.problems import PROBLEMS, SEED, Problem, function_of, worst
-from jaxcontact._friction.slider.phases import slider_phases
+from jaxcontact._friction.phases import slider_phases
 
 DRAWN = 100_000
 """Different lanes of a batch; a larger one repeats them."""

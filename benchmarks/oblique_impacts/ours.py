@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
-from jaxcontact._friction.slider.phases import slider_phases
+from jaxcontact._friction.phases import slider_phases
 
 from .problems import MOBILITY, MU, Lanes
 

@@ -34,7 +34,7 @@ from .base import (
     Tangential,
     TangentialOutcome,
 )
-from .slider.phases import slider_phases
+from .phases import slider_phases
 
 
 class HasSpring(Protocol):

@@ -27,7 +27,7 @@ from .._text.failure import checked
 from .._text.progress import TellRun
 from .mechanics import Mechanics, Vector, solve_mass
 from .problem import SystemLog, SystemProblem, SystemState
-from .readout.reading import (
+from .reading import (
     SystemStates,
     contacts_of,
     phases_of,
@@ -35,7 +35,7 @@ from .readout.reading import (
     solved,
     solved_from_start,
 )
-from .readout.result import SystemContacts, SystemMargin, SystemPhases, SystemRun, read_states
+from .result import SystemContacts, SystemMargin, SystemPhases, SystemRun, read_states
 from .solve import SystemEnd, SystemRules
 from .start import StartChecks, require_shapes, require_start, start_of
 from .system import System

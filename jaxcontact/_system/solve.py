@@ -9,8 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._coupled.carry import Carry, CoupledSolve
 from .._coupled.energies import attracts, ends_of
 from .._coupled.field import TIME, WORK, Look, LoopRules
+from .._coupled.loop import CoupledStart, first_carry
 from .._coupled.modes import (
     NOT_CONVERGED,
     NOT_FINITE,
@@ -23,9 +25,7 @@ from .._coupled.modes import (
     Number,
     PerContact,
 )
-from .._coupled.steps.carry import Carry, CoupledSolve
-from .._coupled.steps.loop import CoupledStart, first_carry
-from .._coupled.steps.step import advance
+from .._coupled.step import advance
 from .field import SystemField
 from .problem import Scales, SystemLog, SystemProblem, SystemState, empty_log, scales_of, with_event
 

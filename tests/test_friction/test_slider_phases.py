@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxcontact._forms import restitution_of
-from jaxcontact._friction.slider.phases import slider_phases
+from jaxcontact._friction.phases import slider_phases
 from tests.oracle.spring_and_slider import psi2 as by_scipy
 
 FORMS = ("force", "displacement", "rescaled")

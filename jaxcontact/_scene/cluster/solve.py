@@ -13,13 +13,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..._contact import Contact
+from ..._coupled.carry import Carry, CoupledSolve
 from ..._coupled.clock import ContactClock
 from ..._coupled.energies import attracts
 from ..._coupled.field import TIME, WORK, LoopRules
+from ..._coupled.loop import CoupledStart, first_carry, run_to_end, status_of
 from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Flag, Modes, Number
 from ..._coupled.rows import rows_of
-from ..._coupled.steps.carry import Carry, CoupledSolve
-from ..._coupled.steps.loop import CoupledStart, first_carry, run_to_end, status_of
 from ..._functions import ratio
 from ..._impact.derivatives import with_sensitivity
 from ..._laws import AbstractLaw

@@ -27,8 +27,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._coupled.carry import State, factor, onward
 from ..._coupled.modes import Flag, Index, Number
-from ..._coupled.steps.carry import State, factor, onward
 from ..._entry import Specialised
 from ..._forms import AbstractForm, AbstractPlasticForm
 from ..._functions import varying

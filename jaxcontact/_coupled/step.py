@@ -9,14 +9,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..._solver.runge_kutta import step_and_slope
-from ..clock import ContactClock, choose_clock
-from ..field import NO_SLOPES, TIME, TOGETHER, Grip, Look, W
-from ..interpolation import highest, to_root
-from ..modes import APART, CHANGED, NOT_FINITE, REDUNDANT, TIME_IS_UP, Flags, Number
-from ..rows import rows_of
+from .._solver.runge_kutta import step_and_slope
 from .carry import Carry, Changed, CoupledSolve, factor, onward
+from .clock import ContactClock, choose_clock
+from .field import NO_SLOPES, TIME, TOGETHER, Grip, Look, W
 from .grips import change_grips, renewed, slips_within
+from .interpolation import highest, to_root
+from .modes import APART, CHANGED, NOT_FINITE, REDUNDANT, TIME_IS_UP, Flags, Number
+from .rows import rows_of
 
 _NEAR = 0.4
 """A power of rounding, relative to the step: the distance to an event that its cubic bridges."""

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..._solver.march import _SAFETY, _SHRINKS
-from ..clock import ContactClock
-from ..field import AbstractCoupledField, Look
-from ..modes import Flag, Flags, Index, Modes, Number, PerContact, Units
+from .._solver.march import _SAFETY, _SHRINKS
+from .clock import ContactClock
+from .field import AbstractCoupledField, Look
+from .modes import Flag, Flags, Index, Modes, Number, PerContact, Units
 
 _BEGIN = 0.35
 _BEGIN_FOR = 1e-8

@@ -12,14 +12,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..._coupled.energies import ends_of, in_contact, stored_energy
-from ..._coupled.modes import SLOWEST, TIME_IS_UP, Number
-from ..._coupled.rows import rows_of
-from ..._impact.derivatives import with_sensitivity
-from ..._laws import adhesion_below, force_of_closed
-from ..problem import SystemLog, SystemProblem, SystemState
-from ..solve import SystemEnd, SystemRules, solve_system
-from ..start import start_of
+from .._coupled.energies import ends_of, in_contact, stored_energy
+from .._coupled.modes import SLOWEST, TIME_IS_UP, Number
+from .._coupled.rows import rows_of
+from .._impact.derivatives import with_sensitivity
+from .._laws import adhesion_below, force_of_closed
+from .problem import SystemLog, SystemProblem, SystemState
+from .solve import SystemEnd, SystemRules, solve_system
+from .start import start_of
 
 
 class SystemStates(NamedTuple):

@@ -11,14 +11,14 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from ..._coupled.modes import Index, Number
-from ..._entry import as_parameter, rendered, shown
-from ..._program import quick
-from ..._scene.readout.columns import write_csv
-from ..._scene.result import Ending
-from ..._text.failure import Flagged
-from ..._text.words import abridged, text_table
-from ..problem import SystemLog, SystemProblem
+from .._coupled.modes import Index, Number
+from .._entry import as_parameter, rendered, shown
+from .._program import quick
+from .._scene.readout.columns import write_csv
+from .._scene.result import Ending
+from .._text.failure import Flagged
+from .._text.words import abridged, text_table
+from .problem import SystemLog, SystemProblem
 from .reading import SystemStates, growth_of, states_at
 
 if TYPE_CHECKING:

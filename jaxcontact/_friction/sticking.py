@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax.lax import stop_gradient
 from jaxtyping import Array, Bool, Float
 
-from ..._solver.runge_kutta import step_written_out
+from .._solver.runge_kutta import step_written_out
 
 Lane = Float[Array, "..."]
 Flag = Bool[Array, "..."]

@@ -8,10 +8,10 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from ..field import TOGETHER, Grip, Look, W
-from ..interpolation import highest
-from ..modes import REDUNDANT, Flag, Flags
 from .carry import Carry, Changed, CoupledSolve
+from .field import TOGETHER, Grip, Look, W
+from .interpolation import highest
+from .modes import REDUNDANT, Flag, Flags
 
 _stop = jax.lax.stop_gradient
 

@@ -18,10 +18,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..clock import LONG_AGO, ContactClock, choose_clock
-from ..field import TIME, Grip, Look
-from ..modes import APART, NOT_CONVERGED, PAUSED, TIME_IS_UP, Flag, Index, Modes, Number, PerContact
 from .carry import Carry, CoupledSolve
+from .clock import LONG_AGO, ContactClock, choose_clock
+from .field import TIME, Grip, Look
+from .modes import APART, NOT_CONVERGED, PAUSED, TIME_IS_UP, Flag, Index, Modes, Number, PerContact
 from .step import advance, with_w
 
 _stop = jax.lax.stop_gradient

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 from jax.lax import stop_gradient
 from jaxtyping import ArrayLike
 
-from ..._forms import restitution_of, slopes_along
-from ..._functions import log_remainder
+from .._forms import restitution_of, slopes_along
+from .._functions import log_remainder
 from .sticking import FORMS, Flag, Lane, SpringForm, SpringState, Stuck, choose, loads, stick
 
 # Steps of order 3 from one side. The error of the outcome is of second order in that of the root.

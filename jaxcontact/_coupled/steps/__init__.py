@@ -1,1 +1,0 @@
-"""The steps of a coupled solve, from event to event."""

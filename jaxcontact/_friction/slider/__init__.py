@@ -1,1 +1,0 @@
-"""One spring and slider, phase by phase."""

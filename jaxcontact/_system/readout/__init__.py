@@ -1,1 +1,0 @@
-"""Readout of a finished run of a mechanism: contacts, states, files."""
