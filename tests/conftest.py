@@ -94,6 +94,9 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker("nightly")
         if item.nodeid.startswith(_CORE):
             item.add_marker("core")
+    named = any("::" in argument for argument in config.args)
+    if not named and (lost := _without_case(items)):
+        raise pytest.UsageError(f"slow() names cases that do not exist: {', '.join(sorted(lost))}")
     left = [item for item in items if _is_left_out(item)]
     # `args_source` is not available in workers.
     everything = [pathlib.Path(name).resolve() for name in config.args] == [_TESTS]
@@ -102,7 +105,7 @@ def pytest_collection_modifyitems(config, items):
             f"{len(left)} of {len(items)} tests are slow: more than a twentieth"
         )
     # Tests named on the command line, or selected with -m, are never deselected.
-    if any("::" in argument for argument in config.args):
+    if named:
         return
     asked = config.option.markexpr
     out = set() if "slow" in asked else set(left)
@@ -111,6 +114,17 @@ def pytest_collection_modifyitems(config, items):
     if out:
         config.hook.pytest_deselected(items=[item for item in items if item in out])
         items[:] = [item for item in items if item not in out]
+
+
+def _without_case(items):
+    """Return what `slow("id", ...)` names and no case of the function is called."""
+    named = {
+        f"{item.nodeid.partition('[')[0]}[{case}]"
+        for item in items
+        for mark in item.iter_markers("slow")
+        for case in mark.args
+    }
+    return named - {item.nodeid for item in items}
 
 
 def _is_left_out(item):

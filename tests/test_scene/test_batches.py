@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._coupled.steps import step as _coupled_step
+from jaxcontact._coupled import step as _coupled_step
 from jaxcontact._scene.pair_impact import radial as _radial
 from tests.oracle.scene_oracle import Ball, Spring, run
 

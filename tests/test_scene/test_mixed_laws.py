@@ -98,7 +98,6 @@ measured 6e-15 and 3e-11."""
 @pytest.mark.slow(
     "Hertz by its closed form, or by its force",
     "Hertz, or a damping of 0",
-    "a slightly oblique pair by its formula, or not",
     "four balls at rest, or hopping",
     "one shared law, or a table of equal ones",
     reason="two soft scenes",
