@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._sweep.planning import plan as _plan
 
 CONTACT = jc.Contact(1.0, 1e8)
 E = np.linspace(0.1, 1.0, 10)
@@ -127,15 +126,6 @@ def test_objects_are_passed_on_as_they_are(how, other):
         assert table.fixed["how"] is given
         assert table.select(e=0.5).fixed["how"] is given
         assert "fixed   how = " in repr(table)
-
-
-def test_an_equal_object_is_not_traced_again(monkeypatch):
-    traced = []
-    trace = _plan.program_of
-    monkeypatch.setattr(_plan, "program_of", lambda *given: traced.append(1) or trace(*given))
-    for power, times in ((2, 1), (2, 1), (3, 2)):
-        jc.sweep(lambda e, how: e * how.exponent, e=[0.5], how=Power(power))
-        assert len(traced) == times
 
 
 def test_select(table):
