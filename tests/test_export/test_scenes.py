@@ -265,7 +265,7 @@ def test_arguments_are_named():
             exported(scene(), "lammps", **words)
     with pytest.raises(ValueError, match=r"`time_step` must be at most .*'exudyn'"):
         exported(scene(), "exudyn", time_step=0.01)
-    assert scene_engines() == ["drake", "exudyn", "lammps", "mujoco"]
+    assert list(scene_engines()) == ["drake", "exudyn", "lammps", "mujoco"]
 
 
 def test_speeds_follow_from_the_scene():
