@@ -30,13 +30,13 @@ from tests.test_export.two_balls import (
 
 
 def exported(made_of, engine, **words):
-    given = {"times": TIMES, "velocity": SPEEDS}
+    given = {"times": TIMES, "velocity": SPEEDS, "tolerance": 0.01}
     return jc.export_scene(made_of, engine, TIMES[-1], **{**given, **words})
 
 
 @pytest.fixture(scope="module")
 def lammps():
-    return exported(scene(), "lammps")
+    return jc.export_scene(scene(), "lammps", TIMES[-1], times=TIMES, velocity=SPEEDS)
 
 
 def test_lammps_has_the_stiffness_of_each_pair(lammps):

@@ -24,7 +24,7 @@ import jaxcontact as jc
 from jaxcontact._sweep.planning.blocks import Workers
 from jaxcontact._sweep.store import BlockStore
 from tests.test_sweep import lanes
-from tests.test_sweep.lanes import ROOT, arrays_of, durations, many, outcome, same
+from tests.test_sweep.lanes import ROOT, arrays_of, many, outcome, same
 
 pytest.importorskip("zarr")
 
@@ -60,6 +60,10 @@ def made(tmp_path_factory):
 def store(made, tmp_path):
     """A finished store."""
     return shutil.copytree(made, tmp_path / "sweep.zarr")
+
+
+def slower(e, v):
+    return outcome(e, v / 2)
 
 
 def swapped(e, v):
@@ -136,7 +140,7 @@ def test_a_finished_store_is_read(store, written, whole, change):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"fn": durations}, "`function` ('outcome' there, 'durations' here)"),
+        ({"fn": slower}, "`function` ('outcome' there, 'slower' here)"),
         ({"fn": lambda e, v: outcome(e, 2 * v)}, "`program`"),
         ({"fn": swapped}, "`outputs` (["),
         ({"v": jnp.linspace(0.0, 5, 8)}, "`axes.v.numbers`"),
