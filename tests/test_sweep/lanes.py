@@ -101,9 +101,13 @@ def same_but_for_a_constant():
         for name, c in constants.items()
         if kind is plain or np.asarray(c).dtype == float
     }
-    keys = {"0": jax.random.key(0), "1": jax.random.key(1), "rbg": jax.random.key(0, impl="rbg")}
+    keys = {"0": jax.random.key(0), "1": jax.random.key(1)}
+    # Keys with the same data.
+    keys |= {impl: jax.random.key(0, impl=impl) for impl in ("rbg", "unsafe_rbg")}
     for name, key in keys.items():
-        functions[f"random {name}"] = lambda x, key=key: x + jax.random.normal(key)
+        functions[f"random {name}"] = lambda x, key=key: (
+            x + jax.random.normal(jax.random.fold_in(key, 3))
+        )
     for law in (jc.HuGuo(e=0.5), jc.HuGuo(e=0.6), jc.Flores(e=0.5)):
         functions[repr(law)] = lambda x, law=law: jc.restitution(law, contact(), x)
     return functions

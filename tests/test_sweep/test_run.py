@@ -1,6 +1,5 @@
 """A running sweep: its reports, its interruption, and its compilations."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -156,18 +155,6 @@ def test_another_sweep_of_a_function_compiles_nothing():
 def test_a_solve_that_fields_share_is_compiled_once():
     plan = _plan.plan_of(summary, grid_of(None, {"e": [0.1, 0.2], "v": [1.0, 2.0]}))
     assert [group.flags for group in plan.groups] == [True, False]
-
-
-def test_a_function_without_a_hash():
-    class Scaled(eqx.Module):
-        factor: jax.Array
-
-        def __call__(self, e):
-            return self.factor * e
-
-    for factor in (2.0, 3.0):
-        function = Scaled(jnp.asarray(factor))
-        np.testing.assert_array_equal(jc.sweep(function, e=[1.0, 2.0]).value, [factor, 2 * factor])
 
 
 def test_later_blocks_have_the_precision_of_the_caller():

@@ -42,18 +42,20 @@ class ProgramKey:
 
 def key_of(program: Program) -> ProgramKey:
     """Return the key of a program; it is the same in every process."""
-    parts: list[bytes] = []
-    whole = True
+    digest, whole = hashlib.blake2b(digest_size=16), True
     for step in program.steps:
         kind = step.primitive.name
         whole = whole and not _OPAQUE.search(kind)
-        parts.append(kind.encode())
+        _add(digest, kind.encode())
         for name in sorted(step.params):
             opaque, text, *constants = _described(step.params[name])
             whole = whole and (name == "rule" or not opaque)
-            parts += [f"{name}={text}".encode(), *constants]
-        parts += [*map(_of_place, step.reads), str(step.writes).encode()]
-    return ProgramKey(_digest([*parts, *map(_of_place, program.outputs)]), whole)
+            _add(digest, f"{name}={text}".encode(), *constants)
+        for place in (*step.reads, str(step.writes)):
+            _add(digest, _of_place(place))
+    for place in program.outputs:
+        _add(digest, _of_place(place))
+    return ProgramKey(digest.hexdigest(), whole)
 
 
 def _described(value: Any) -> tuple[Any, ...]:
@@ -82,23 +84,28 @@ def _constants(program: core.ClosedJaxpr | core.Jaxpr) -> Iterator[Any]:
         yield from (value for value in literals if np.ndim(value))
 
 
-def _of_place(where: Place) -> bytes:
+def _of_place(where: Place | str) -> bytes:
     return _bytes(where.value) if isinstance(where, Constant) else str(where).encode()
 
 
 def _bytes(value: Any) -> bytes:
-    if not isinstance(jnp.result_type(value), np.dtype):
-        # A key of random numbers is represented by its data.
-        value = jax.random.key_data(value)
+    kind = jnp.result_type(value)
+    if not isinstance(kind, np.dtype):
+        # A key of random numbers is represented by its generator and its data.
+        return str(kind).encode() + _bytes(jax.random.key_data(value))
     array = np.asarray(value)
     return f"{array.dtype}{array.shape}".encode() + array.tobytes()
 
 
-def _digest(parts: Iterable[bytes]) -> str:
-    digest = hashlib.blake2b(digest_size=16)
+def _add(digest: hashlib.blake2b, *parts: bytes) -> None:
     for part in parts:
         digest.update(len(part).to_bytes(8, "little"))
         digest.update(part)
+
+
+def _digest(values: np.ndarray) -> str:
+    digest = hashlib.blake2b(digest_size=16)
+    _add(digest, np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()
 
 
@@ -124,7 +131,7 @@ def signature_of(
                 "dtype": str(i.values.dtype),
                 "from": repr(i.values.reshape(-1)[0].item()),
                 "to": repr(i.values.reshape(-1)[-1].item()),
-                "numbers": _digest([np.ascontiguousarray(i.values).tobytes()]),
+                "numbers": _digest(i.values),
             }
             for i in grid.inputs
         },
