@@ -112,50 +112,48 @@ def rows_of(table: SweepTable) -> Iterator[str]:
         for place in np.ndindex(column.own_shape)
     )
     yield head.getvalue()
-    cells = [_Cells(name, column, table.shape) for name, column in columns]
     lanes = math.prod(table.shape)
+    ready = [
+        _texts(name, column.values) if _REPEATED * math.prod(column.stored.shape) <= lanes else None
+        for name, column in columns
+    ]
     for start in range(0, lanes, _ROWS):
         rows = np.arange(start, min(start + _ROWS, lanes))
         where = np.unravel_index(rows, table.shape) if table.shape else ()
-        texts = [text for cell in cells for text in cell.texts(where, len(rows))]
-        yield "\n".join(map(",".join, zip(*texts, strict=True))) + "\n"
+        cells = [
+            text
+            for (name, column), texts in zip(columns, ready, strict=True)
+            for text in _cells(name, column, texts, where, len(rows))
+        ]
+        yield "\n".join(map(",".join, zip(*cells, strict=True))) + "\n"
 
 
-class _Cells:
-    """The texts of one column."""
+def _cells(
+    name: str, column: SweepColumn, ready: np.ndarray | None, lanes: Lanes, count: int
+) -> Iterator[list[str]]:
+    """Yield the texts in some lanes, one list for each of the column's numbers per lane."""
+    texts = _texts(name, _read(column, lanes)) if ready is None else ready[_place(column, lanes)]
+    texts = np.broadcast_to(texts, (count, *column.own_shape))
+    keep = np.ones(count, bool)
+    for mask in column.masks:
+        keep &= _read(mask, lanes)
+    if not keep.all():
+        keep = within(keep, (0,), range(texts.ndim))
+        texts = np.where(keep, texts, _texts(name, np.asarray(column.otherwise)))
+    texts = texts.reshape(count, -1)
+    return (texts[:, k].tolist() for k in range(texts.shape[1]))
 
-    def __init__(self, name: str, column: SweepColumn, shape: Sequence[int]):
-        self.status, self.column = name == "status", column
-        self.otherwise = self._made(np.asarray(column.otherwise)) if column.masks else np.array("")
-        repeated = _REPEATED * math.prod(column.stored.shape) <= math.prod(shape)
-        self.ready = self._made(column.values) if repeated else None
 
-    def texts(self, lanes: Lanes, count: int) -> Iterator[list[str]]:
-        """Return the texts in some lanes, one list for each of the column's numbers per lane."""
-        if self.ready is not None:
-            texts = self.ready[_place(self.column, lanes)]
-        else:
-            texts = self._made(_read(self.column, lanes))
-        texts = np.broadcast_to(texts, (count, *self.column.own_shape))
-        keep = np.ones(count, bool)
-        for mask in self.column.masks:
-            keep &= _read(mask, lanes)
-        if not keep.all():
-            keep = within(keep, (0,), range(texts.ndim))
-            texts = np.where(keep, texts, self.otherwise)
-        texts = texts.reshape(count, -1)
-        return (texts[:, k].tolist() for k in range(texts.shape[1]))
-
-    def _made(self, values: np.ndarray) -> np.ndarray:
-        """Convert each number to the shortest text that restores it in its own precision."""
-        plain = values.reshape(-1)
-        if self.status and set(np.unique(plain)) <= set(Status):
-            texts = [Status(code).name for code in plain.tolist()]
-        elif plain.dtype in (np.float64, np.int64, np.int32, bool):
-            texts = list(map(repr, plain.tolist()))
-        else:
-            texts = plain.astype(str).tolist()
-        return np.array(texts, object).reshape(values.shape)
+def _texts(name: str, values: np.ndarray) -> np.ndarray:
+    """Convert each number to the shortest text that restores it in its own precision."""
+    plain = values.reshape(-1)
+    if name == "status" and set(np.unique(plain)) <= set(Status):
+        texts = [Status(code).name for code in plain.tolist()]
+    elif plain.dtype in (np.float64, np.int64, np.int32, bool):
+        texts = list(map(repr, plain.tolist()))
+    else:
+        texts = plain.astype(str).tolist()
+    return np.array(texts, object).reshape(values.shape)
 
 
 def _place(column: SweepColumn, lanes: Lanes) -> tuple[np.ndarray, ...]:

@@ -21,7 +21,7 @@ from .export import attributes_of
 from .planning.axes import SweepGrid
 from .planning.blocks import Arrays, Block, Part, Workers, shape_of
 from .skip import Dependence, flag_key, is_flag
-from .store import Stored, StoredCoordinate, open_store
+from .store import Stored, coordinate, open_store
 from .table import SweepColumn
 
 
@@ -179,7 +179,7 @@ def collect_stored(
         {key: _form(part, grid, leaves.get(key)) for key, part in first.items()},
         [{part.array.key: _place(part) for part in block.parts} for block in blocks],
         {
-            i.name: StoredCoordinate(grid.dims[i.dim], i.values, attributes_of(i.name))
+            i.name: coordinate(grid.dims[i.dim], i.values, attributes_of(i.name))
             for i in grid.inputs
             if i.dim is not None
         },

@@ -31,28 +31,22 @@ _UNWRITTEN = {"f": np.nan, "c": np.nan, "i": -1}
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """The format of one array of a store: named dimensions, and the chunk that a block fills."""
+    """The format of one array of a store: named dimensions, and the chunk that a block fills.
+
+    A coordinate has `values`, which are written once.
+    """
 
     dims: tuple[str, ...]
     shape: tuple[int, ...]
     chunk: tuple[int, ...]
     dtype: np.dtype
     attributes: Mapping[str, Any] = field(default_factory=dict)
+    values: np.ndarray | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class StoredCoordinate:
-    """Numbers along one dimension, written once."""
-
-    dim: str
-    values: np.ndarray
-    attributes: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def form(self) -> Stored:
-        """The format of the array; all of it is one chunk."""
-        shape = self.values.shape
-        return Stored((self.dim,), shape, shape, self.values.dtype, self.attributes)
+def coordinate(dim: str, values: np.ndarray, attributes: Mapping[str, Any] | None = None) -> Stored:
+    """Return the format of numbers along one dimension; all of them are one chunk."""
+    return Stored((dim,), values.shape, values.shape, values.dtype, attributes or {}, values)
 
 
 class BlockStore:
@@ -104,7 +98,7 @@ def open_store(
     signature: Mapping[str, Any],
     arrays: Mapping[str, Stored],
     blocks: Sequence[Mapping[str, Place]],
-    coordinates: Mapping[str, StoredCoordinate],
+    coordinates: Mapping[str, Stored],
 ) -> BlockStore:
     """Open the store at `path`, created if missing; `blocks` lists the part filled by each block.
 
@@ -124,9 +118,7 @@ def open_store(
             "Argument `store` must be a new path or the store of this same sweep, but "
             f"{path} differs in {odd}. Choose another path, or delete it."
         )
-    wanted = {name: _describe(form) for name, form in arrays.items()}
-    for name, c in coordinates.items():
-        wanted[name] = _describe(c.form) | {"checksum": _checksum({"": c.values})}
+    wanted = {name: _describe(form) for name, form in (*arrays.items(), *coordinates.items())}
     wanted[_CHECKSUMS] = _describe(Stored(("",), (len(blocks),), (1,), np.dtype("uint64")))
     there = {
         name: _readable(lambda n=name: _describe_stored(group, n, n in coordinates))
@@ -159,12 +151,14 @@ def local_folder(path: Any) -> Path:
 
 def _describe(form: Stored) -> dict[str, Any]:
     """Return the properties that determine how the bytes of an array are read."""
+    values = form.values
     return {
         "dims": [dim or None for dim in form.dims],
         "shape": form.shape,
         "chunk": form.chunk,
         "dtype": str(form.dtype),
         "attributes": form.attributes,
+        **({} if values is None else {"checksum": _checksum({"": values})}),
     }
 
 
@@ -178,15 +172,13 @@ def _readable(read: Callable[[], Read]) -> Read | None:
         return None
 
 
-def _describe_stored(group: zarr.Group, name: str, coordinate: bool) -> dict[str, Any]:
+def _describe_stored(group: zarr.Group, name: str, with_values: bool) -> dict[str, Any]:
     """Return the same properties of an existing array."""
     array: Any = group[name]
     names: Any = array.metadata.dimension_names or [None] * len(array.shape)
-    form = Stored(names, array.shape, array.chunks, array.dtype, dict(array.attrs))
-    description = _describe(form)
-    if coordinate:
-        description["checksum"] = _checksum({"": np.asarray(array[...])})
-    return json.loads(json.dumps(description))
+    values = np.asarray(array[...]) if with_values else None
+    form = Stored(names, array.shape, array.chunks, array.dtype, dict(array.attrs), values)
+    return json.loads(json.dumps(_describe(form)))
 
 
 def _zarr() -> Any:
@@ -211,7 +203,7 @@ def _create(
     signature: Mapping[str, Any],
     arrays: Mapping[str, Stored],
     count: int,
-    coordinates: Mapping[str, StoredCoordinate],
+    coordinates: Mapping[str, Stored],
 ) -> None:
     """Create an empty store beside `path` and move it there as a whole.
 
@@ -223,12 +215,11 @@ def _create(
     new = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
     try:
         # xarray reads the names of coordinates that are not dimensions from here.
-        others = " ".join(name for name, c in coordinates.items() if name != c.dim)
+        others = " ".join(name for name, c in coordinates.items() if c.dims != (name,))
         attributes = {_SIGNATURE: signature, **({"coordinates": others} if others else {})}
         group = zarr.create_group(new, zarr_format=3, attributes=attributes)
-        forms = dict(arrays) | {name: coordinate.form for name, coordinate in coordinates.items()}
-        for name, form in forms.items():
-            group.create_array(
+        for name, form in (*arrays.items(), *coordinates.items()):
+            array: Any = group.create_array(
                 name,
                 shape=form.shape,
                 chunks=form.chunk,
@@ -237,9 +228,8 @@ def _create(
                 dimension_names=form.dims,
                 attributes=dict(form.attributes),
             )
-        for name, coordinate in coordinates.items():
-            array: Any = group[name]
-            array[:] = coordinate.values
+            if form.values is not None:
+                array[:] = form.values
         # In its own group, so that it is not read as a result.
         group.create_array(_CHECKSUMS, shape=(count,), chunks=(1,), dtype="uint64", fill_value=0)
         os.rename(new, path)

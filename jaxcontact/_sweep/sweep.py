@@ -28,7 +28,8 @@ from .._text.words import wrapped
 from .export import dataset, write_csv
 from .planning.axes import SweepGrid, check_call, grid_of
 from .planning.blocks import Order, Workers, blocks_of, shape_of, workers_of
-from .planning.plan import VALUE, Plan, plan_of, signature_of
+from .planning.plan import VALUE, Plan, plan_of
+from .planning.signature import signature_of
 from .run import Results, collect, collect_stored, compute
 from .skip import Group, flag_key
 from .store import local_folder
@@ -238,11 +239,10 @@ def sweep(
     sweep early with a warning: lanes that were not computed are NaN and NOT_CONVERGED, and
     `table.complete` is False.
 
-    The same `fn` swept again over axes of other numbers is not traced again. Functions are the same
-    if their code is equal, including everything it reads from the closure and the globals. Your own
-    functions, classes and modules are followed. A lambda typed again is therefore the same, and one
-    that reads a changed number is not. A function that reads objects with a hidden state (a file, a
-    lock) is traced each time.
+    `fn` is traced once a call, and not compiled again over axes of other numbers. Functions are the
+    same if JAX traces them to the same program with the same constants, in one process and for a
+    store in any other. A lambda typed again is therefore the same, and one that reads a changed
+    number is not. A function that calls back to Python (`jax.pure_callback`) is compiled each time.
 
     Returns a `Sweep`. Bad lanes are flagged in `.status`; their neighbours are unaffected. Raises
     ValueError for an argument that `fn` does not take or lacks, and for axes that are not numbers.
@@ -262,6 +262,12 @@ def sweep(
     check_call(fn, grid)
     workers = workers_of(mesh)
     plan = plan_of(fn, grid)
+    if folder is not None and any(map(plan.program.holds, ("pure_callback", "io_callback"))):
+        warnings.warn(
+            "Argument `fn` calls back to Python, whose code a store does not record: delete the "
+            "store after a change of it.",
+            stacklevel=2,
+        )
     most = batch_size or _lanes_at_once(plan)
     with progress_of(progress if workers.process == 0 else False, "lanes", "sweep") as tell:
         if reduce is not None:
@@ -272,7 +278,8 @@ def sweep(
             if folder is None:
                 results = collect(blocks, grid, workers, tell)
             else:
-                signature = signature_of(plan, _name_of(fn), grid, most)
+                constants = {f.name: f.constant for f in plan.fields if not f.arrays}
+                signature = signature_of(plan.key, _name_of(fn), plan.leaves, constants, grid, most)
                 results = collect_stored(
                     folder, signature, plan.leaves, blocks, grid, workers, tell
                 )

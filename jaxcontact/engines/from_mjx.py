@@ -40,13 +40,7 @@ def from_mjx(
     Raises ImportError without MJX, which `pip install mujoco-mjx` installs, and ValueError for
     anything but a model. Source: mujoco.readthedocs.io/en/stable/mjx.html.
     """
-    try:
-        import mujoco  # pyright: ignore[reportMissingImports]
-        from mujoco import mjx  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise ImportError("from_mjx needs MJX, which `pip install mujoco-mjx` installs") from error
-    if not isinstance(model, mujoco.MjModel):
-        raise ValueError(f"Argument `model` must be a `MjModel`, but is {rendered(model)}.")
+    _, mjx = mujoco_and_mjx("from_mjx", model)
     require_function("gap", gap)
     engine, plain = mjx.put_model(model), mjx.make_data(model)
 
@@ -92,6 +86,18 @@ def from_mjx(
     )
     start = jnp.asarray(model.qpos0)
     return system, SystemStart(position=start, velocity=jnp.zeros(model.nv, start.dtype))
+
+
+def mujoco_and_mjx(caller: str, model: Any) -> tuple[Any, Any]:
+    """Return both modules; ImportError without them, ValueError for anything but a `MjModel`."""
+    try:
+        import mujoco  # pyright: ignore[reportMissingImports]
+        from mujoco import mjx  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise ImportError(f"{caller} needs MJX, which `pip install mujoco-mjx` installs") from error
+    if not isinstance(model, mujoco.MjModel):
+        raise ValueError(f"Argument `model` must be a `MjModel`, but is {rendered(model)}.")
+    return mujoco, mjx
 
 
 _FREE, _BALL = 0, 1

@@ -12,16 +12,18 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .. import AbstractLaw, Contact
-from ..extend import refuses_unknown, rendered, require_contact, require_count, require_exponent
+from ..extend import refuses_unknown, rendered
 from .inside.interval import (
     Action,
     EnginePairs,
-    action_of,
+    LawInside,
     first_speeds,
+    law_inside,
+    numbers_of,
     pairs_of,
     relaxed,
     require_per_pair,
-    require_steppable,
+    require_same,
 )
 
 Carry = Float[Array, " points"]
@@ -33,13 +35,11 @@ _BASE = 6
 
 
 class _LawInJaxSim(NamedTuple):
-    """The law and JaxSim. `found` are the fields of contact parameters with its points alone, and
-    `part` is that of `action_of`.
+    """The law, and JaxSim. `found` are the fields of contact parameters with its points alone, and
+    `part` is that of `LawInside.act`.
     """
 
-    law: AbstractLaw
-    contact: Contact
-    substeps: int
+    inside: LawInside
     jaxsim: Any
     found: dict[str, Any]
     part: float
@@ -135,8 +135,8 @@ class TerrainForce:
 
     def _act(self, model: Any, at: _AtPoints, carry: Carry) -> tuple[Forces, Action]:
         """Return the forces on the links in the world, and the action of the law."""
-        law, contact, substeps, jaxsim, _, part = self._parts
-        action = action_of(law, contact, at.pairs, carry, model.time_step, substeps, part)
+        inside, jaxsim, _, part = self._parts
+        action = inside.act(at.pairs, carry, model.time_step, part)
         forces = jaxsim.api.contact.link_forces_from_contact_forces(
             self._finder(model), contact_forces=action.force[:, None] * at.wrenches
         )
@@ -152,12 +152,7 @@ class TerrainForce:
         """Return the points of a state. XLA shares what `js.model.step` computes of it again."""
         jaxsim = self._parts.jaxsim
         js = jaxsim.api
-        if jax.tree.structure(model) != jax.tree.structure(self.model):
-            # Another model may have contacts of JaxSim beside those of the law.
-            raise ValueError(
-                "Argument `model` must be the `model` of this object, with any numbers, but is "
-                f"another {type(model).__name__}."
-            )
+        require_same(model, self.model)
         world, mixed = (
             dataclasses.replace(data, velocity_representation=kind)
             for kind in (jaxsim.VelRepr.Inertial, jaxsim.VelRepr.Mixed)
@@ -250,8 +245,7 @@ def contact_force(
         raise ImportError(
             "contact_force needs JaxSim, which `pip install jaxsim` installs"
         ) from error
-    require_exponent(require_steppable(law), require_contact(contact))
-    substeps = require_count("substeps", substeps, 1)
+    inside = law_inside(law, contact, substeps)
     if not isinstance(model, jaxsim.api.model.JaxSimModel):
         raise ValueError(f"Argument `model` must be a `JaxSimModel`, but is {rendered(model)}.")
     parts = {"SemiImplicitEuler": 1.0, "RungeKutta4": 0.5}
@@ -263,7 +257,7 @@ def contact_force(
     body = model.kin_dyn_parameters.contact_parameters.body
     enabled = np.array(model.kin_dyn_parameters.contact_parameters.enabled, bool)
     names = model.link_names()
-    ours = enabled & np.isin(body, _numbers(names, links))
+    ours = enabled & np.isin(body, numbers_of("links", links, names))
     if not ours.any():
         raise ValueError("Argument `model` must have collidable points of these links.")
     require_per_pair(law, contact, int(ours.sum()), "points (`TerrainForce.points`)")
@@ -282,19 +276,8 @@ def contact_force(
     return TerrainForce(
         model=stepped,
         points=tuple(names[body[k]] for k in np.flatnonzero(ours)),
-        _parts=_LawInJaxSim(law, contact, substeps, jaxsim, found, parts[model.integrator.name]),
+        _parts=_LawInJaxSim(inside, jaxsim, found, parts[model.integrator.name]),
     )
-
-
-def _numbers(names: tuple[str, ...], links: Sequence[str] | None) -> list[int]:
-    if links is None:
-        return list(range(len(names)))
-    if isinstance(links, str) or not links or any(name not in names for name in links):
-        raise ValueError(
-            f"Argument `links` must be a list of names of links of the model, but is "
-            f"{rendered(links)}."
-        )
-    return [names.index(name) for name in links]
 
 
 def _with_points(model: Any, fields: dict[str, Any]) -> Any:

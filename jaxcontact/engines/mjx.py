@@ -13,17 +13,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .. import AbstractLaw, Contact
-from ..extend import refuses_unknown, rendered, require_contact, require_count, require_exponent
-from .from_mjx import rate_of
+from ..extend import refuses_unknown
+from .from_mjx import mujoco_and_mjx, rate_of
 from .inside.interval import (
     Action,
     EnginePairs,
-    action_of,
+    LawInside,
     first_speeds,
+    law_inside,
+    numbers_of,
     pairs_of,
     relaxed,
     require_per_pair,
-    require_steppable,
+    require_same,
 )
 
 Carry = Float[Array, " pairs"]
@@ -44,13 +46,11 @@ _RUNGE_KUTTA = 1
 
 
 class _Parts(NamedTuple):
-    """The law and MJX. `finder` and `plain` are a model and data with the contacts of the law,
+    """The law, and MJX. `finder` and `plain` are a model and data with the contacts of the law,
     `chosen` their numbers, and `rate` the rate of the joint positions.
     """
 
-    law: AbstractLaw
-    contact: Contact
-    substeps: int
+    inside: LawInside
     mjx: Any
     finder: Any
     plain: Any
@@ -102,9 +102,8 @@ class ContactForce:
     def _act(self, model: Any, data: Any, carry: Carry) -> tuple[Float[Array, " nv"], Action]:
         """Return the generalised force, and the action of the law."""
         pairs, jacobian = self._pairs(model, data)
-        law, contact, substeps = self._parts[:3]
         part = 0.5 if int(model.opt.integrator) == _RUNGE_KUTTA else 1.0
-        action = action_of(law, contact, pairs, carry, model.opt.timestep, substeps, part)
+        action = self._parts.inside.act(pairs, carry, model.opt.timestep, part)
         return -action.force @ jacobian, action
 
     def _pairs(self, model: Any, data: Any) -> tuple[EnginePairs, Float[Array, "pairs nv"]]:
@@ -114,12 +113,7 @@ class ContactForce:
         """
         parts = self._parts
         mjx = parts.mjx
-        if jax.tree.structure(model) != jax.tree.structure(self.model):
-            # Another model may have contacts of MuJoCo beside those of the law.
-            raise ValueError(
-                "Argument `model` must be the `model` of this object, with any numbers, but is "
-                f"another {type(model).__name__}."
-            )
+        require_same(model, self.model)
         now = mjx.fwd_velocity(model, mjx.fwd_position(model, data))
         now = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, now))
         # The numbers of the given model, with the contacts that it lacks.
@@ -171,23 +165,15 @@ def contact_force(
     `WetRestitution`, numbers of another shape, other geoms, or a model that drops contacts. Source:
     mujoco.readthedocs.io/en/stable/mjx.html.
     """
-    try:
-        import mujoco  # pyright: ignore[reportMissingImports]
-        from mujoco import mjx  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise ImportError(
-            "contact_force needs MJX, which `pip install mujoco-mjx` installs"
-        ) from error
-    require_exponent(require_steppable(law), require_contact(contact))
-    substeps = require_count("substeps", substeps, 1)
-    if not isinstance(model, mujoco.MjModel):
-        raise ValueError(f"Argument `model` must be a `MjModel`, but is {rendered(model)}.")
+    mujoco, mjx = mujoco_and_mjx("contact_force", model)
+    inside = law_inside(law, contact, substeps)
     for name in ("max_contact_points", "max_geom_pairs"):
         if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name) >= 0:
             raise ValueError(
                 f"Argument `model` must keep all contacts, but has the custom numeric {name!r}."
             )
-    ours = _numbers(mujoco, model, geoms)
+    named = [model.geom(k).name or None for k in range(model.ngeom)]
+    ours = np.array(numbers_of("geoms", geoms, named), int)
     finder, stepped = copy.copy(model), copy.copy(model)
     contact_off = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     finder.opt.disableflags &= ~contact_off
@@ -195,8 +181,8 @@ def contact_force(
         stepped.opt.disableflags |= contact_off
     else:
         stepped.geom_contype[ours] = stepped.geom_conaffinity[ours] = 0
-        named = np.isin(model.pair_geom1, ours) | np.isin(model.pair_geom2, ours)
-        stepped.pair_margin[named] = -1 / mujoco.mjMINVAL
+        pairs = np.isin(model.pair_geom1, ours) | np.isin(model.pair_geom2, ours)
+        stepped.pair_margin[pairs] = -1 / mujoco.mjMINVAL
     # A trace around this has no part in the numbers of a model.
     with jax.ensure_compile_time_eval(), relaxed():
         engine, plain = mjx.put_model(finder), mjx.make_data(finder)
@@ -208,22 +194,8 @@ def contact_force(
         return ContactForce(
             model=mjx.put_model(stepped),
             pairs=_names(mujoco, model, found[chosen]),
-            _parts=_Parts(law, contact, substeps, mjx, engine, plain, chosen, rate),
+            _parts=_Parts(inside, mjx, engine, plain, chosen, rate),
         )
-
-
-def _numbers(mujoco: Any, model: Any, geoms: Sequence[str] | None) -> np.ndarray:
-    if geoms is None:
-        return np.arange(model.ngeom)
-    texts = not isinstance(geoms, str) and all(isinstance(name, str) for name in geoms)
-    of = mujoco.mjtObj.mjOBJ_GEOM
-    numbers = [mujoco.mj_name2id(model, of, name) for name in geoms] if texts else []
-    if not numbers or min(numbers) < 0:
-        raise ValueError(
-            f"Argument `geoms` must be a list of names of geoms of the model, but is "
-            f"{rendered(geoms)}."
-        )
-    return np.array(numbers)
 
 
 def _names(mujoco: Any, model: Any, pairs: np.ndarray) -> tuple[tuple[str, str], ...]:

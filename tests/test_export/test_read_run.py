@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from jaxcontact.engines.scenes.engine import scene_engine
 from tests.test_export.two_balls import BALLS, GRAVITY, LAW, SPUN, STIFFNESS, TIMES, rolling, scene
 
 DUMP = """ITEM: UNITS
@@ -89,13 +90,15 @@ def test_a_run_that_ends_early_is_refused(dump):
 
 def test_a_dump_that_ends_within_a_frame_is_incomplete(dump):
     """Wherever it ends: at every byte of the second frame."""
-    whole, first = dump.read_text(), len(FRAMES[0])
+    whole, first, made = dump.read_text(), len(FRAMES[0]), rolling()
     for end in range(first + 1, len(whole)):
         if whole[:end] == FRAMES[0] + "ITEM: UNITS\n" or whole[:end].endswith("\nsi\n"):
             continue  # Nothing of the frame is there, which `duration` shows.
         dump.write_text(whole[:end])
         with pytest.raises(ValueError, match="is incomplete: it ends within frame 2"):
-            jc.read_run(dump, "lammps", rolling(), duration=0.5)
+            scene_engine("lammps").read(dump, made)
+    with pytest.raises(ValueError, match="is incomplete: it ends within frame 2"):
+        jc.read_run(dump, "lammps", made, duration=0.5)
 
 
 def test_outputs_in_another_order_and_missing_ones_are_refused(tmp_path):

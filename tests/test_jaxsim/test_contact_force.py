@@ -1,7 +1,6 @@
 """Bodies in JaxSim with the contacts of this package: e, derivatives, joints, refusals."""
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
-from tests.test_impact.support import both_jacobians
+from tests.test_inside.rebound import GRAVITY, require_derivatives
 
 pytestmark = pytest.mark.engines
 
@@ -28,12 +27,6 @@ SPEEDS = (0.5, 1.0, 3.0)
 
 ERROR = 0.01
 """Of e, which the time step is chosen for."""
-
-DIFFERENCES = 1e-4
-"""Of derivatives from central differences, over the height: 4e-11 measured."""
-
-CONVERGED = 0.01
-"""Of height and derivatives from those of one impact under gravity: 1e-4 and 3e-3 measured."""
 
 TURNED = 1e-3
 """Of height, velocity and turning after an impact: 4e-4 measured, and half with half the step."""
@@ -99,34 +92,12 @@ def test_a_ball_has_the_restitution_of_its_law():
 
 
 def test_derivatives_of_the_rebound_height():
-    gravity = 9.81
-    model, start = made(BALL, points=[49], gravity=gravity), jnp.array([0.0, 0.0])
+    model = made(BALL, points=[49], gravity=GRAVITY)
 
-    def law_and_contact(x):
-        return jc.HuGuo(e=0.8 * (1 + x[0])), jc.Contact(0.5, 1e6 * (1 + x[1]))
+    def end(*given):
+        return [x[-1] for x in moved(model, *given, 120)]
 
-    def height(x):
-        law, contact = law_and_contact(x)
-        step = 1e-3
-        z, v = moved(model, law, contact, step, 0.05, 1 - gravity * step / 2, 120)
-        # Velocities of the semi-implicit steps are half a step old.
-        return z[-1] + (v[-1] - gravity * step / 2) ** 2 / (2 * gravity)
-
-    def expected(x):
-        law, contact = law_and_contact(x)
-        fallen = jnp.sqrt(1 + 2 * gravity * 0.05)
-        hit = jc.impact(law, contact, fallen, external_force=gravity * contact.mass)
-        return hit.rebound_velocity**2 / (2 * gravity)
-
-    small = 1e-5
-    shifts = small * jnp.array([[1.0, 0], [-1, 0], [0, 1], [0, -1], [0, 0]])
-    heights, ahead, back = jax.jit(jax.vmap(partial(both_jacobians, height)))(shifts)
-    differences = (heights[0:4:2] - heights[1:4:2]) / (2 * small)
-    np.testing.assert_allclose(ahead[4], differences, atol=DIFFERENCES * heights[4])
-    np.testing.assert_allclose(back[4], ahead[4], rtol=1e-9, atol=1e-12)
-    truth, wanted = jax.jacfwd(lambda x: 2 * (expected(x),), has_aux=True)(start)
-    np.testing.assert_allclose(heights[4], wanted, rtol=CONVERGED)
-    np.testing.assert_allclose(ahead[4], truth, atol=CONVERGED * float(truth[0]))
+    require_derivatives(end, 0.05)
 
 
 def test_a_body_that_turns_about_a_point_off_its_centre():

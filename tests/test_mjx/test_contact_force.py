@@ -1,14 +1,12 @@
 """Balls in MJX with the contacts of this package: e, derivatives, several bodies, refusals."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxcontact as jc
-from tests.test_impact.support import both_jacobians
+from tests.test_inside.rebound import GRAVITY, require_derivatives
 
 pytestmark = pytest.mark.engines
 
@@ -35,12 +33,6 @@ SPEEDS = (0.5, 1.0, 3.0)
 
 ERROR = 0.01
 """Of e, which the time step is chosen for."""
-
-DIFFERENCES = 1e-4
-"""Of derivatives from central differences, over the height: 5e-9 measured."""
-
-CONVERGED = 0.01
-"""Of height and derivatives from those of one impact under gravity: 2e-3 and 6e-3 measured."""
 
 REST = 1e-6
 """In m, of the depth at rest: 5e-9 measured."""
@@ -99,33 +91,13 @@ def test_a_ball_has_the_restitution_of_its_law(laws, contact):
 
 
 def test_derivatives_of_the_rebound_height():
-    model, gravity = made(gravity=-9.81), 9.81
-    step, start = 1e-3, jnp.array([0.0, 0.0])
+    model = made(gravity=-GRAVITY)
 
-    def law_and_contact(x):
-        return jc.HuGuo(e=0.8 * (1 + x[0])), jc.Contact(0.5, 1e6 * (1 + x[1]))
+    def end(law, contact, step, height, velocity):
+        q, v = moved(model, law, contact, step, height, velocity, 200)
+        return q[-1, 2] - 0.05, v[-1, 2]
 
-    def height(x):
-        law, contact = law_and_contact(x)
-        q, v = moved(model, law, contact, step, 0.1, 1 - gravity * step / 2, 200)
-        # Velocities of the semi-implicit steps are half a step old.
-        return q[-1, 2] - 0.05 + (v[-1, 2] - gravity * step / 2) ** 2 / (2 * gravity)
-
-    def expected(x):
-        law, contact = law_and_contact(x)
-        fallen = jnp.sqrt(1 + 2 * gravity * 0.1)
-        hit = jc.impact(law, contact, fallen, external_force=gravity * contact.mass)
-        return hit.rebound_velocity**2 / (2 * gravity)
-
-    small = 1e-5
-    shifts = small * jnp.array([[1.0, 0], [-1, 0], [0, 1], [0, -1], [0, 0]])
-    heights, ahead, back = jax.jit(jax.vmap(partial(both_jacobians, height)))(shifts)
-    differences = (heights[0:4:2] - heights[1:4:2]) / (2 * small)
-    np.testing.assert_allclose(ahead[4], differences, atol=DIFFERENCES * heights[4])
-    np.testing.assert_allclose(back[4], ahead[4], rtol=1e-9, atol=1e-12)
-    truth, wanted = jax.jacfwd(lambda x: 2 * (expected(x),), has_aux=True)(start)
-    np.testing.assert_allclose(heights[4], wanted, rtol=CONVERGED)
-    np.testing.assert_allclose(ahead[4], truth, atol=CONVERGED * float(truth[0]))
+    require_derivatives(end, 0.1)
 
 
 def test_mujoco_keeps_the_other_geoms():

@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
+from jaxcontact._sweep.planning.axes import grid_of
+from jaxcontact._sweep.planning.plan import plan_of
 
 
 def contact():
@@ -66,6 +68,54 @@ def folded():
         return total + float(np.sum(block.duration))
 
     return jc.sweep(outcome, e=e, v=1.0, batch_size=10, reduce=(0.0, add), progress=False).value
+
+
+def digest_of(function):
+    """What identifies a function of one number."""
+    return plan_of(function, grid_of(None, {"x": [1.0]})).key.digest
+
+
+def same_but_for_a_constant():
+    """Functions of one number by name. Each differs from another in a constant, or in its place."""
+    long = np.arange(3000.0)
+    near = np.where(long == 1500, np.nextafter(1500, 0), long)  # A text would leave it out.
+    constants = {
+        **{repr(x): x for x in (0.1, float(np.nextafter(0.1, 1)), 0.0, -0.0, np.nan, 2, True)},
+        **{repr(x): x for x in (np.float32(0.1), np.int32(2))},
+        **{"pair": np.ones(2), "column": np.ones((2, 1)), "single": np.ones(2, np.float32)},
+        **{"zeros": np.zeros(2), "negative": -np.zeros(2), "long": long, "near": near},
+    }
+
+    def plain(c):
+        return lambda x: jnp.asarray(c) * jnp.asarray(x, jnp.result_type(c))
+
+    def loop(c):
+        return lambda x: jax.lax.fori_loop(0, 3, lambda _, y: jnp.sum(jnp.asarray(c) * y) + x, x)
+
+    def branch(c):
+        return lambda x: jax.lax.cond(x > 0, loop(c), jnp.sin, x)
+
+    functions = {
+        f"{kind.__name__} {name}": kind(c)
+        for kind in (plain, loop, branch)
+        for name, c in constants.items()
+        if kind is plain or np.asarray(c).dtype == float
+    }
+    keys = {"0": jax.random.key(0), "1": jax.random.key(1)}
+    # Keys with the same data.
+    keys |= {impl: jax.random.key(0, impl=impl) for impl in ("rbg", "unsafe_rbg")}
+    for name, key in keys.items():
+        functions[f"random {name}"] = lambda x, key=key: (
+            x + jax.random.normal(jax.random.fold_in(key, 3))
+        )
+    for law in (jc.HuGuo(e=0.5), jc.HuGuo(e=0.6), jc.Flores(e=0.5)):
+        functions[repr(law)] = lambda x, law=law: jc.restitution(law, contact(), x)
+    return functions
+
+
+def digests():
+    """Of all these functions, by name."""
+    return {name: digest_of(function) for name, function in same_but_for_a_constant().items()}
 
 
 def arrays_of(table):

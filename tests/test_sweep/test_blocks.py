@@ -1,5 +1,6 @@
 """Blocks: every lane once, for any size, order and padding."""
 
+import functools
 import math
 
 import jax
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 import jaxcontact as jc
 from jaxcontact._sweep.planning.axes import grid_of
-from jaxcontact._sweep.planning.blocks import blocks_of, divide, pad
+from jaxcontact._sweep.planning.blocks import blocks_of, divide, pad, places_of
 from jaxcontact._sweep.planning.plan import plan_of
 
 SAME = 2e-15
@@ -42,20 +43,20 @@ def at_once():
 
 @given(shape=st.lists(st.integers(1, 30), min_size=0, max_size=4), most=st.integers(1, 300))
 def test_every_lane_is_in_one_block(shape, most):
-    made = divide(shape, most)
-    assert math.prod(made.block) <= most
+    block = divide(shape, most)
+    assert math.prod(block) <= most
     count = np.zeros(shape, int)
-    for place in made.blocks:
+    for place in places_of(shape, block):
         count[place] += 1
-        assert all(s.stop - s.start <= n for s, n in zip(place, made.block, strict=True))
+        assert all(s.stop - s.start <= n for s, n in zip(place, block, strict=True))
     assert np.all(count == 1)
 
 
 def test_long_axes_have_blocks_of_one_shape():
-    assert divide((10**7,), 65536).block == divide((10**7 + 1,), 65536).block == (65536,)
+    assert divide((10**7,), 65536) == divide((10**7 + 1,), 65536) == (65536,)
     # A small number of blocks is made nearly equal, with little padding.
-    assert divide((101,), 100).block == (51,)
-    assert divide((41, 1000), 40_000).block == (21, 1000)
+    assert divide((101,), 100) == (51,)
+    assert divide((41, 1000), 40_000) == (21, 1000)
 
 
 def test_padding_repeats_the_last():
@@ -63,7 +64,7 @@ def test_padding_repeats_the_last():
 
 
 @pytest.mark.parametrize("cost", [None, lambda e: 1 / e], ids=["in order", "by cost"])
-@pytest.mark.parametrize("most", [1003, 1000, 64, 7])
+@pytest.mark.parametrize("most", [1000, 64])
 def test_samples_in_blocks(at_once, most, cost):
     table = jc.sweep(summary, samples=SAMPLES, batch_size=most, cost=cost)
     assert table.shape == (LANES,) and table.dims == ("sample",)
@@ -77,7 +78,7 @@ def grid():
 
 @pytest.mark.parametrize(
     ("most", "cost"),
-    [(1, None), (5, None), (12, None), (60, None)]
+    [(1, None), (5, None), (12, None)]
     + [(7, cost) for cost in (lambda K: K, lambda e, v: e * v, lambda v, e: e)],
 )
 def test_grids_in_blocks(grid, most, cost):
@@ -196,8 +197,10 @@ def test_bad_arguments(arguments, message):
 
 
 def test_loops_of_unknown_length_get_smaller_blocks():
-    def by_event(e):
-        return jc.impact(jc.HuGuo(e=e), jc.Contact(1.0, 1e8), 1.0, method="event").duration
+    def searched(e):
+        """Whose loop stands inside of a branch."""
+        grow = functools.partial(jax.lax.while_loop, lambda x: x < 1, lambda x: 2 * x)
+        return jax.lax.cond(e > 0, grow, jnp.sin, e)
 
     def halved(e):
         return jax.lax.fori_loop(0, 3, lambda _, x: x / 2, e)
@@ -208,4 +211,4 @@ def test_loops_of_unknown_length_get_smaller_blocks():
         return max(np.diff(done))
 
     # Blocks are made nearly equal: three of 367 lanes.
-    assert largest_block(by_event) == 367 and largest_block(halved) == 1100
+    assert largest_block(searched) == 367 and largest_block(halved) == 1100

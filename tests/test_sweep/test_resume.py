@@ -4,6 +4,7 @@ The files of docs/cluster: two processes as Slurm starts them, one of which is k
 """
 
 import dataclasses
+import json
 import os
 import random
 import re
@@ -23,7 +24,7 @@ import jaxcontact as jc
 from jaxcontact._sweep.planning.blocks import Workers
 from jaxcontact._sweep.store import BlockStore
 from tests.test_sweep import lanes
-from tests.test_sweep.lanes import ROOT, arrays_of, durations, many, outcome, same
+from tests.test_sweep.lanes import ROOT, arrays_of, many, outcome, same
 
 pytest.importorskip("zarr")
 
@@ -61,6 +62,10 @@ def store(made, tmp_path):
     return shutil.copytree(made, tmp_path / "sweep.zarr")
 
 
+def slower(e, v):
+    return outcome(e, v / 2)
+
+
 def swapped(e, v):
     """The same program, whose outputs have each other's names."""
     fields = vars(outcome(e, v))
@@ -81,14 +86,16 @@ def files(path):
 
 # Slow enough to be interrupted in the middle.
 SLOW = """
-import time
+import json, time
+print(json.dumps(digests()), flush=True)
 many(store=sys.argv[1], progress=lambda done, total: time.sleep(0.3))
 """
 
 
 def test_a_killed_sweep_goes_on_where_it_was(tmp_path, written, whole):
     path = tmp_path / "sweep.zarr"
-    child = subprocess.Popen([*lanes.script(SLOW), path], cwd=ROOT)
+    command = [*lanes.script(SLOW), path]
+    child = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     try:
         while len(finished(path)) < 3:
             assert child.poll() is None
@@ -96,6 +103,8 @@ def test_a_killed_sweep_goes_on_where_it_was(tmp_path, written, whole):
     finally:
         child.kill()
     assert child.wait() == -signal.SIGKILL
+    # Both processes name a program alike.
+    assert json.loads(child.communicate()[0]) == lanes.digests()
     there, seen = len(finished(path)), []
     resumed = many(store=path, progress=lambda done, total: seen.append((done, total)))
     blocks = len(finished(path))
@@ -131,7 +140,7 @@ def test_a_finished_store_is_read(store, written, whole, change):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"fn": durations}, "`function` ('outcome' there, 'durations' here)"),
+        ({"fn": slower}, "`function` ('outcome' there, 'slower' here)"),
         ({"fn": lambda e, v: outcome(e, 2 * v)}, "`program`"),
         ({"fn": swapped}, "`outputs` (["),
         ({"v": jnp.linspace(0.0, 5, 8)}, "`axes.v.numbers`"),
@@ -144,7 +153,7 @@ def test_a_finished_store_is_read(store, written, whole, change):
 def test_another_sweep_is_refused(store, monkeypatch, change, words):
     before = files(store)
     if change is None:
-        monkeypatch.setattr("jaxcontact._sweep.planning.plan.version", lambda: "0.0.1")
+        monkeypatch.setattr("jaxcontact._sweep.planning.signature.version", lambda: "0.0.1")
     with pytest.raises(ValueError, match="Argument `store` must be") as error:
         many(store=store, **(change or {}))
     assert words in str(error.value)

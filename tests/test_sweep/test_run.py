@@ -1,6 +1,5 @@
 """A running sweep: its reports, its interruption, and its compilations."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -105,26 +104,26 @@ def made_of(e, v):
     return {"e": jc.restitution(jc.HuGuo(e=e)), "v": jnp.sqrt(v) * e}
 
 
-def test_the_same_function_is_traced_once(monkeypatch):
-    traced = []
-    trace = _plan.program_of
-    monkeypatch.setattr(_plan, "program_of", lambda *given: traced.append(1) or trace(*given))
+def test_the_same_function_is_analysed_once(monkeypatch):
+    analysed = []
+    analysis = _plan.analysis_of
+    monkeypatch.setattr(_plan, "analysis_of", lambda *x: analysed.append(1) or analysis(*x))
     # A unique value, not shared with another test.
     factor = 17.0
 
     def again():
-        return lambda e, v: factor * made_of(e, v)["v"]
+        return lambda e, v, how=None: factor * made_of(e, v)["v"]
 
     for size in (3, 3, 4):
         jc.sweep(again(), e=np.linspace(0.1, 1, size), v=[1.0, 2.0])
-    assert len(traced) == 1
-    # Other fixed numbers do not change the program.
+    assert len(analysed) == 1
+    # Other fixed numbers do not change the program, nor do objects that it does not read.
     for v in (1.0, 2.0, 3.0):
-        jc.sweep(again(), e=[0.5], v=v)
-    assert len(traced) == 2
+        jc.sweep(again(), e=[0.5], v=v, how=object())
+    assert len(analysed) == 2
     factor = 18.0
     jc.sweep(again(), e=[0.5], v=1.0)
-    assert len(traced) == 3
+    assert len(analysed) == 3
 
 
 def test_another_sweep_of_a_function_compiles_nothing():
@@ -156,18 +155,6 @@ def test_another_sweep_of_a_function_compiles_nothing():
 def test_a_solve_that_fields_share_is_compiled_once():
     plan = _plan.plan_of(summary, grid_of(None, {"e": [0.1, 0.2], "v": [1.0, 2.0]}))
     assert [group.flags for group in plan.groups] == [True, False]
-
-
-def test_a_function_without_a_hash():
-    class Scaled(eqx.Module):
-        factor: jax.Array
-
-        def __call__(self, e):
-            return self.factor * e
-
-    for factor in (2.0, 3.0):
-        function = Scaled(jnp.asarray(factor))
-        np.testing.assert_array_equal(jc.sweep(function, e=[1.0, 2.0]).value, [factor, 2 * factor])
 
 
 def test_later_blocks_have_the_precision_of_the_caller():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._sweep.store import Stored, StoredCoordinate, open_store
+from jaxcontact._sweep.store import Stored, coordinate, open_store
 from tests.test_sweep.lanes import ROOT, same
 
 zarr = pytest.importorskip("zarr")
@@ -25,9 +25,9 @@ ARRAYS = {
 PLACES = [(slice(a, min(a + 4, 10)), slice(b, min(b + 5, 7))) for a in (0, 4, 8) for b in (0, 5)]
 BLOCKS = [{"duration": place, "status": place} for place in PLACES] + [{"flag": ()}]
 COORDINATES = {
-    "e": StoredCoordinate("e", np.linspace(0.1, 1, 10)),
-    "v": StoredCoordinate("v", np.arange(7.0), {"units": "m/s"}),
-    "mass": StoredCoordinate("v", np.arange(7.0), {"units": "kg"}),
+    "e": coordinate("e", np.linspace(0.1, 1, 10)),
+    "v": coordinate("v", np.arange(7.0), {"units": "m/s"}),
+    "mass": coordinate("v", np.arange(7.0), {"units": "kg"}),
 }
 
 RNG = np.random.default_rng(0)
@@ -153,7 +153,7 @@ def entry(name, key, value):
     return change
 
 
-def coordinate(path):
+def altered_coordinate(path):
     zarr.open_group(path, mode="r+")["v"][3] = -3.0
 
 
@@ -173,7 +173,7 @@ def coordinate(path):
         (entry("e", "attributes", {"units": "K"}), "`e.attributes.units` ('K' there, none here)"),
         (entry("blocks/checksum", "shape", [3]), "`blocks/checksum.shape` ([3] there, [7] here)"),
         (entry("", "zarr_format", 7), "must be a new path or the store of a sweep"),
-        (coordinate, "was altered: `v.checksum`"),
+        (altered_coordinate, "was altered: `v.checksum`"),
         (lambda path: shutil.rmtree(path / "status"), "lacks 'status'"),
     ],
 )

@@ -44,11 +44,6 @@ class SweepGrid:
         """The number of lanes."""
         return math.prod(self.shape)
 
-    @property
-    def kinds(self) -> tuple[tuple[str, int | None, np.dtype], ...]:
-        """All properties of the inputs that a compiled function depends on."""
-        return tuple((i.name, i.dim, i.values.dtype) for i in self.inputs)
-
     def part(self, place: Sequence[slice]) -> SweepGrid:
         """Return the grid at some indices of each dimension."""
         inputs = tuple(

@@ -28,32 +28,15 @@ Order = Callable[[Group], np.ndarray]
 """Order of computation of the lanes of a group, counted in C order."""
 
 
-@dataclass(frozen=True)
-class Blocks:
-    """A grid of lanes, divided into blocks that are compiled for one shape.
+_FEW = 8
+
+
+def divide(shape: Sequence[int], most: int) -> tuple[int, ...]:
+    """Return the shape of the blocks of at most `most` lanes that divide a grid of this shape.
 
     Leading dimensions are divided first. In C order a block is then one contiguous piece of the
     result. Quantities that depend on leading dimensions only are computed for few values per block.
     """
-
-    shape: tuple[int, ...]
-    block: tuple[int, ...]
-
-    @property
-    def blocks(self) -> list[tuple[slice, ...]]:
-        """The lanes of every block; the last one along a dimension may be shorter."""
-        edges = [
-            [slice(start, min(start + step, length)) for start in range(0, length, step)]
-            for length, step in zip(self.shape, self.block, strict=True)
-        ]
-        return list(itertools.product(*edges))
-
-
-_FEW = 8
-
-
-def divide(shape: Sequence[int], most: int) -> Blocks:
-    """Divide a grid into blocks of at most `most` lanes."""
     block = []
     left = max(most, 1)
     for length in reversed(shape):
@@ -66,7 +49,17 @@ def divide(shape: Sequence[int], most: int) -> Blocks:
             step = math.ceil(length / pieces)
         block.append(step)
         left = left // step if pieces == 1 else 1
-    return Blocks(tuple(shape), tuple(reversed(block)))
+    return tuple(reversed(block))
+
+
+def places_of(shape: Sequence[int], block: Sequence[int]) -> Iterator[tuple[slice, ...]]:
+    """Yield the lanes of every block; the last one along a dimension may be shorter."""
+    return itertools.product(
+        *(
+            [slice(start, min(start + step, length)) for start in range(0, length, step)]
+            for length, step in zip(shape, block, strict=True)
+        )
+    )
 
 
 def pad(values: np.ndarray, piece: slice, length: int) -> np.ndarray:
@@ -140,14 +133,14 @@ def blocks_of(
 def _in_place(group: Group, grid: SweepGrid, most: int, numbers: Iterator[int]) -> Iterator[Block]:
     shape = shape_of(group.dims, grid)
     # Arrays along separate dimensions need no division: none has the size of the product.
-    made = divide(shape, math.prod(shape) if group.apart else most)
+    block = divide(shape, math.prod(shape) if group.apart else most)
     inputs = [grid.inputs[i] for i in group.inputs]
 
     def arguments(place: tuple[slice, ...]) -> list[np.ndarray]:
-        pieces = dict(zip(group.dims, zip(place, made.block, strict=True), strict=True))
+        pieces = dict(zip(group.dims, zip(place, block, strict=True), strict=True))
         return [i.values if i.dim is None else pad(i.values, *pieces[i.dim]) for i in inputs]
 
-    for place in made.blocks:
+    for place in places_of(shape, block):
         along = dict(zip(group.dims, place, strict=True))
         parts = [
             Part(
@@ -166,7 +159,7 @@ def _in_place(group: Group, grid: SweepGrid, most: int, numbers: Iterator[int]) 
 def _blocks_in_order(
     group: Group, grid: SweepGrid, most: int, order: np.ndarray, numbers: Iterator[int]
 ) -> Iterator[Block]:
-    made = divide((len(order),), most)
+    lanes = divide((len(order),), most)
     shape = shape_of(group.dims, grid)
     inputs = [grid.inputs[i] for i in group.inputs]
 
@@ -174,10 +167,10 @@ def _blocks_in_order(
         return dict(zip(group.dims, np.unravel_index(lanes, shape), strict=True))
 
     def arguments(piece: slice) -> list[np.ndarray]:
-        at = places(pad(order, piece, made.block[0]))
+        at = places(pad(order, piece, lanes[0]))
         return [i.values if i.dim is None else i.values[at[i.dim]] for i in inputs]
 
-    for (piece,) in made.blocks:
+    for (piece,) in places_of((len(order),), lanes):
         at = places(order[piece])
         parts = [
             Part(number, array, (piece.stop - piece.start,), tuple(at[d] for d in array.dims))

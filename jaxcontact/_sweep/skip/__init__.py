@@ -5,6 +5,7 @@ from .program import Constant as Constant
 from .program import Place as Place
 from .program import Program as Program
 from .program import program_of as program_of
+from .program import programs_in as programs_in
 from .work import Analysis as Analysis
 from .work import Array as Array
 from .work import Group as Group

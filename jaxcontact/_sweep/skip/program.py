@@ -54,7 +54,9 @@ class Program:
 
     def holds(self, primitive: str) -> bool:
         """Return whether the program contains this primitive, also in a loop or a branch."""
-        return primitive in _primitives(self.steps)
+        inner = programs_in(step.params for step in self.steps)
+        every = itertools.chain(self.steps, *(program.eqns for program in inner))
+        return any(step.primitive.name == primitive for step in every)
 
 
 def program_of(function: Callable[..., Any], inputs: Sequence[jax.ShapeDtypeStruct]) -> Program:
@@ -101,13 +103,13 @@ def _body(eqn: core.JaxprEqn) -> tuple[core.Jaxpr, Sequence[Any]] | None:
     return (body, ()) if isinstance(body, core.Jaxpr) and not body.constvars else None
 
 
-def _primitives(steps: Iterable[Step | core.JaxprEqn]) -> Iterator[str]:
-    """Yield the names of all primitives, including those in bodies of loops and branches."""
-    for step in steps:
-        yield step.primitive.name
-        for part in jax.tree.leaves(step.params, is_leaf=lambda x: isinstance(x, _PROGRAMS)):
-            if isinstance(part, _PROGRAMS):
-                yield from _primitives(part.eqns)
+def programs_in(params: Iterable[Any]) -> Iterator[core.ClosedJaxpr | core.Jaxpr]:
+    """Yield the programs in parameters of primitives (loops and branches), and those in these."""
+    for part in jax.tree.leaves(list(params), is_leaf=lambda x: isinstance(x, _PROGRAMS)):
+        if isinstance(part, _PROGRAMS):
+            yield part
+            for eqn in part.eqns:
+                yield from programs_in(eqn.params.values())
 
 
 def steps_needed(steps: Sequence[Step], outputs: Iterable[Place]) -> tuple[set[int], set[int]]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,7 +13,15 @@ import jax.scipy.linalg
 from jaxtyping import Array, Float
 
 from ... import AbstractLaw, Contact, WetRestitution
-from ...extend import force_of, ranges, rendered, require_law
+from ...extend import (
+    force_of,
+    ranges,
+    rendered,
+    require_contact,
+    require_count,
+    require_exponent,
+    require_law,
+)
 
 PerPair = Float[Array, " pairs"]
 
@@ -231,27 +239,60 @@ def first_speeds(pairs: EnginePairs) -> PerPair:
     return jnp.where(pairs.gaps.depth > 0, jnp.maximum(pairs.gaps.speed, 0), 0)
 
 
-def action_of(
-    law: AbstractLaw,
-    contact: Contact,
-    pairs: EnginePairs,
-    touch_speed: PerPair,
-    step: Float[Array, ""],
-    substeps: int,
-    part: float,
-) -> Action:
-    """Follow the contacts through a step of an engine.
+class LawInside(NamedTuple):
+    """A law in the steps of an engine."""
 
-    The engine moves a body of constant acceleration a by h v + `part` h² a: 1 in semi-implicit
-    steps, ½ in those of Runge and Kutta.
+    law: AbstractLaw
+    contact: Contact
+    substeps: int
+
+    def act(
+        self, pairs: EnginePairs, touch_speed: PerPair, step: Float[Array, ""], part: float
+    ) -> Action:
+        """Follow the contacts through a step of an engine.
+
+        The engine moves a body of constant acceleration a by h v + `part` h² a: 1 in semi-implicit
+        steps, ½ in those of Runge and Kutta.
+        """
+        gaps = pairs.gaps
+        # Such a body is on an exact parabola, on which its speed is that of another time.
+        gaps = gaps._replace(speed=gaps.speed + (part - 0.5) * step * gaps.acceleration)
+        push = push_of(self.law, self.contact, gaps, touch_speed, step, self.substeps)
+        # The engine moves the bodies as if the mean force had acted all the time.
+        shift = pairs.answers @ (part * step * push.impulse - push.shift)
+        return Action(push.impulse / step, shift, push.touch_speed)
+
+
+def law_inside(law: AbstractLaw, contact: Contact, substeps: int) -> LawInside:
+    """Return a law that can act inside of an engine; ValueError for any other, and bad numbers."""
+    require_exponent(require_steppable(law), require_contact(contact))
+    return LawInside(law, contact, require_count("substeps", substeps, 1))
+
+
+def require_same(model: Any, own: Any) -> None:
+    """Raise ValueError for another model, which may have the engine's contacts beside the law's."""
+    if jax.tree.structure(model) != jax.tree.structure(own):
+        raise ValueError(
+            "Argument `model` must be the `model` of this object, with any numbers, but is "
+            f"another {type(model).__name__}."
+        )
+
+
+def numbers_of(
+    parts: str, given: Sequence[str] | None, names: Sequence[str | None]
+) -> Sequence[int]:
+    """Return the numbers of the given names of `parts` (geoms, links), or all; ValueError for
+    others.
     """
-    gaps = pairs.gaps
-    # Such a body is on an exact parabola, on which its speed is that of another time.
-    gaps = gaps._replace(speed=gaps.speed + (part - 0.5) * step * gaps.acceleration)
-    push = push_of(law, contact, gaps, touch_speed, step, substeps)
-    # The engine moves the bodies as if the mean force had acted all the time.
-    shift = pairs.answers @ (part * step * push.impulse - push.shift)
-    return Action(push.impulse / step, shift, push.touch_speed)
+    if given is None:
+        return range(len(names))
+    known = not isinstance(given, str) and all(isinstance(x, str) and x in names for x in given)
+    if not known or not given:
+        raise ValueError(
+            f"Argument `{parts}` must be a list of names of {parts} of the model, but is "
+            f"{rendered(given)}."
+        )
+    return [names.index(name) for name in given]
 
 
 @contextlib.contextmanager

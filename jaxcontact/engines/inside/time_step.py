@@ -17,13 +17,10 @@ from ...extend import (
     problem_of,
     refuses_unknown,
     rendered,
-    require_contact,
-    require_count,
-    require_exponent,
     require_number,
     traced,
 )
-from .interval import Gaps, StepMotion, require_steppable, start_of, substep
+from .interval import Gaps, StepMotion, law_inside, start_of, substep
 
 _ERROR = Range(low=0.0, high=1.0, low_open=True, high_open=True)
 
@@ -69,9 +66,8 @@ def time_step(
                 "`grad`. Call `time_step` outside, with the numbers that have the shortest "
                 "contact, and use its result inside."
             )
-    require_exponent(require_steppable(law), require_contact(contact))
+    substeps = law_inside(law, contact, substeps).substeps
     require_number("error", error, _ERROR)
-    substeps = require_count("substeps", substeps, 1)
     speeds = np.atleast_1d(as_numbers(velocity, "velocity"))
     if speeds.ndim > 1 or not speeds.size or not np.all((speeds > 0) & np.isfinite(speeds)):
         raise ValueError(

@@ -1,23 +1,20 @@
-"""Engines for whole scenes: their interface, their register, and the parts of their scripts."""
+"""Engines for whole scenes: their interface, and the parts of their scripts."""
 
 from __future__ import annotations
 
 import abc
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from ... import AbstractFriction, AbstractLaw, Scene
 from ...extend import AbstractAdhesive, rendered, require_choice, states_in_csv, words
+from ..engine import Engine, engine_of, engines
 from ..result import Export
 from .model import SceneModel, Touch
-
-_ENGINES: dict[str, SceneEngine] = {}
-
-Kind = TypeVar("Kind", bound="SceneEngine")
 
 
 class EqualSteps(NamedTuple):
@@ -30,16 +27,15 @@ class EqualSteps(NamedTuple):
     outputs: int
 
 
-class SceneEngine(abc.ABC):
+class SceneEngine(Engine):
     """An engine that runs whole scenes.
 
-    `name` is that of `jc.export`, whose parameters it uses. `output` is the file that a run writes,
+    A contact has the parameters of its `draft`. `output` is the file that a run writes,
     `command` runs the model. `merges`: whether one set of parameters serves spheres of any size, if
     e and the material allow. `constant`: whether its e does not depend on speed. `adhesive` has the
     laws with adhesion that the engine has itself.
     """
 
-    name: ClassVar[str]
     output: ClassVar[str] = "run.csv"
     command: ClassVar[str] = "python run.py"
     merges: ClassVar[bool] = False
@@ -71,20 +67,14 @@ class SceneEngine(abc.ABC):
         return states_in_csv(path)
 
 
-def register_scene_engine(kind: type[Kind]) -> type[Kind]:
-    """Register a `SceneEngine` under its `name` for `export_scene`; a decorator of its class."""
-    _ENGINES[kind.name] = kind()
-    return kind
-
-
 def scene_engine(name: str) -> SceneEngine:
     """Return the registered engine of this name. Raises ValueError if there is none."""
-    return _ENGINES[require_choice("engine", name, scene_engines())]
+    return scene_engines()[require_choice("engine", name, list(scene_engines()))]
 
 
-def scene_engines() -> list[str]:
-    """Return the names of all registered engines."""
-    return sorted(_ENGINES)
+def scene_engines() -> dict[str, SceneEngine]:
+    """Return all registered engines that run whole scenes, by name."""
+    return {x.name: x for x in map(engine_of, engines()) if isinstance(x, SceneEngine)}
 
 
 def refuse_adhesion(model: SceneModel, engine: SceneEngine) -> None:

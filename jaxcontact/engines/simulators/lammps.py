@@ -20,8 +20,9 @@ from ...extend import (
     require_number,
 )
 from ..at_time_step import Scheme
-from ..engine import Draft, Engine, Wanted, matched_stiffness, register_engine
-from .rigid_body import clamped_sphere, pulling_dashpot
+from ..engine import Draft, Wanted, matched_stiffness, register_engine
+from .dashpots import clamped_sphere, pulling_dashpot
+from .lammps_scene import LammpsScene
 
 
 class TsujiWithoutRoot(AbstractOscillator):
@@ -208,13 +209,11 @@ def _dmt(wanted: Wanted, law: DMT, radius: float) -> Draft:
 
 
 @register_engine
-class Lammps(Engine):
+class Lammps(LammpsScene):
     """The pair_coeff line of granular: k_n = K/√R (hertz) or K (hooke), and the damping.
 
     A `DMT` is exported as it is. LAMMPS' jkr is another law than `JKR`, which is refused.
     """
-
-    name = "lammps"
 
     def draft(self, wanted: Wanted, *, radius: float, damping: str | None = None) -> Draft:
         radius = require_number("radius", radius, POSITIVE)

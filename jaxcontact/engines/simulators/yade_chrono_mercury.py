@@ -9,8 +9,9 @@ from ... import Contact, Luding
 from ...extend import POSITIVE, Range, require_number
 from ..at_time_step import Scheme
 from ..engine import Draft, Engine, Wanted, as_luding, register_engine
-from .rigid_body import clamped_sphere, pulling_dashpot
+from .dashpots import PULLS, clamped_sphere, pulling_dashpot
 
+_NOT_RUN = "Not run: MercuryDPM is not a Python package."
 _POISSON = Range(low=-1.0, high=0.5, low_open=True, inside=0.3)
 
 
@@ -130,7 +131,7 @@ def _plastic(wanted: Wanted, law: Luding, radius: float | None) -> Draft:
         limit=(
             "The same law at all speeds, for all masses, and with a slope for this effective "
             "radius. computeTimeStep is then shorter than needed: k2max is that of an overlap of "
-            "the whole sphere. Not run: MercuryDPM is not a Python package."
+            f"the whole sphere. {_NOT_RUN}"
         ),
         source=(
             "LinearPlasticViscoelasticInteraction.cc of bitbucket.org/mercurydpm; Luding 2008, "
@@ -167,11 +168,7 @@ class MercuryDPM(Engine):
                 f"species->setDissipation({dissipation:.12g});"
             ),
             scheme=Scheme.SEMI_IMPLICIT,
-            limit=(
-                "Linear: the duration is that of the law at this speed; the force differs, it "
-                "jumps at touch and pulls at the end. e is the same at all speeds, for this "
-                "effective mass. Not run: MercuryDPM is not a Python package."
-            ),
+            limit=f"{PULLS}. e is the same at all speeds, for this effective mass. {_NOT_RUN}",
             source=(
                 "LinearViscoelasticInteraction.cc of bitbucket.org/mercurydpm; Anagnostopoulos "
                 "1988, doi 10.1002/eqe.4290160311"

@@ -1,13 +1,13 @@
-"""Simulators of rigid bodies whose contacts are springs with dashpots.
+"""Springs with dashpots: the laws, and Bullet and Newton, which have them.
 
-Bullet has contacts with stiffness and damping; its rigid-body restitution is not exported. MuJoCo
-has a soft constraint, a spring and a dashpot if its impedance is constant. Newton's semi-implicit
-solver has springs with dashpots on approach only.
+Bullet has contacts with stiffness and damping; its rigid-body restitution is not exported. Newton's
+semi-implicit solver has springs with dashpots on approach only.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -17,6 +17,12 @@ from ... import AntypovElliott, Contact, KelvinVoigt
 from ...extend import NOT_NEGATIVE, AbstractOscillator, parameter
 from ..at_time_step import Scheme
 from ..engine import Draft, Engine, Wanted, matched_stiffness, register_engine
+
+LINEAR = (
+    "Linear: the duration is that of the law at this speed; the force differs, it jumps at touch"
+)
+PULLS = f"{LINEAR} and pulls at the end"
+"""Of a spring with a dashpot, which only pushes, or also pulls."""
 
 _LEAST = math.exp(-2)
 """Restitution of a damped Hertz contact without tension at critical damping. The codes set ζ = -ln
@@ -71,6 +77,17 @@ def clamped_sphere(wanted: Wanted, where: str, instead: str) -> tuple[AntypovEll
     return law, matched_stiffness(wanted, 1.5, law), nominal
 
 
+def pushing_dashpot(wanted: Wanted) -> tuple[float, float]:
+    """Return K in N/m and ζ of the law F = K δ + c δ' while positive."""
+    law = KelvinVoigt(e=jnp.asarray(wanted.restitution), tension=False)
+    return matched_stiffness(wanted, 1.0, law), float(law.damping_ratio())
+
+
+def pasted(parameters: Mapping[str, float]) -> str:
+    """Return parameters as keyword arguments."""
+    return ", ".join(f"{name}={value:.12g}" for name, value in parameters.items())
+
+
 @register_engine
 class Bullet(Engine):
     """contactStiffness and contactDamping: F = K δ + C δ' while positive.
@@ -81,82 +98,24 @@ class Bullet(Engine):
     name = "bullet"
 
     def draft(self, wanted: Wanted) -> Draft:
-        law = KelvinVoigt(e=jnp.asarray(wanted.restitution), tension=False)
-        zeta = float(law.damping_ratio())
-        stiffness = matched_stiffness(wanted, 1.0, law)
+        stiffness, zeta = pushing_dashpot(wanted)
         damping = 2 * zeta * math.sqrt(stiffness) * math.sqrt(wanted.mass)
         of_each = {"contactStiffness": 2 * stiffness, "contactDamping": max(0.0, damping / 2)}
-        pasted = ", ".join(f"{name}={value:.12g}" for name, value in of_each.items())
         return Draft(
             model="contactStiffness and contactDamping",
             law=SpringAndDashpot(rate=jnp.asarray(damping / wanted.mass)),
             contact=Contact(wanted.mass, stiffness, 1.0),
             parameters=of_each,
             units={"contactStiffness": "N/m", "contactDamping": "N s/m"},
-            snippet=f"pybullet.changeDynamics(body, -1, linearDamping=0, {pasted})",
+            snippet=f"pybullet.changeDynamics(body, -1, linearDamping=0, {pasted(of_each)})",
             steps=600,
             expected_error=0.009,
             limit=(
                 "for both bodies, with restitution 0: rigid-body restitution loses up to all of "
-                "its value to the gap at the step of touch. Linear: the duration is that of the "
-                "law at this speed; the force differs, it jumps at touch. e is the same at all "
+                f"its value to the gap at the step of touch. {LINEAR}. e is the same at all "
                 "speeds, for this mass. The time step must resolve the contact."
             ),
             source="changeDynamics in the PyBullet Quickstart Guide, pybullet.org; "
-            "Schwager & Pöschel 2007, doi 10.1007/s10035-007-0065-z",
-        )
-
-
-# MuJoCo's own default at the start of a contact.
-IMPEDANCE = 0.9
-
-STEPS = 400
-"""Steps per contact at which it was measured."""
-
-
-@register_engine
-class MuJoCo(Engine):
-    """solref and solimp: with constant impedance a contact obeys δ'' = -k δ - b δ', without
-    tension.
-
-    This is Kelvin-Voigt without tension per unit of mass. ζ = b/(2√k) follows from e in closed
-    form, and k from the duration.
-    """
-
-    name = "mujoco"
-
-    def draft(self, wanted: Wanted) -> Draft:
-        law = KelvinVoigt(e=jnp.asarray(wanted.restitution), tension=False)
-        zeta = float(law.damping_ratio())
-        stiffness = matched_stiffness(wanted, 1.0, law)
-        k = stiffness / wanted.mass
-        damping = 2 * zeta * math.sqrt(k)
-        parameters = {"stiffness": k, "damping": damping, "dampratio": zeta, "impedance": IMPEDANCE}
-        units = {"stiffness": "1/s^2", "damping": "1/s", "dampratio": "", "impedance": ""}
-        return Draft(
-            model="solref in the direct format, constant solimp",
-            law=SpringAndDashpot(rate=jnp.asarray(damping)),
-            contact=Contact(wanted.mass, stiffness, 1.0),
-            parameters=parameters,
-            units=units,
-            # 0 - damping, because -0.0 would print as -0.
-            snippet=(
-                f'<option timestep="{wanted.duration / STEPS:.3g}"/>\n'
-                "<default>\n"
-                f'  <geom solref="{-k:.12g} {0 - damping:.12g}" '
-                f'solimp="{IMPEDANCE:g} {IMPEDANCE:g} 0.001 0.5 2"/>\n'
-                "</default>"
-            ),
-            steps=STEPS,
-            expected_error=0.009,
-            scheme=Scheme.SEMI_IMPLICIT,
-            limit=(
-                "for both geoms, here by default. Linear: the duration is that of the law at "
-                "this speed; the force differs, it jumps at touch. e is the same at all speeds "
-                "and masses. The time step must resolve the contact; the usual steps of "
-                "milliseconds do not."
-            ),
-            source="mujoco.readthedocs.io/en/stable/modeling.html#solver-parameters; "
             "Schwager & Pöschel 2007, doi 10.1007/s10035-007-0065-z",
         )
 
@@ -184,22 +143,20 @@ class Newton(Engine):
         stiffness = matched_stiffness(wanted, 1.0, scaled)
         damping = 2 * float(zeta) * math.sqrt(stiffness) * math.sqrt(wanted.mass)
         parameters = {"ke": stiffness, "kd": max(0.0, damping)}
-        pasted = ", ".join(f"{name}={value:.12g}" for name, value in parameters.items())
         return Draft(
             model="SolverSemiImplicit",
             law=ApproachDashpot(rate=jnp.asarray(damping / wanted.mass)),
             contact=Contact(wanted.mass, stiffness, 1.0),
             parameters=parameters,
             units={"ke": "N/m", "kd": "N s/m"},
-            snippet=f"newton.ModelBuilder.ShapeConfig({pasted})",
+            snippet=f"newton.ModelBuilder.ShapeConfig({pasted(parameters)})",
             steps=1800,
             expected_error=0.009,
             scheme=Scheme.SEMI_IMPLICIT,
             limit=(
                 "for both shapes, each with these numbers (Newton takes their means), and no "
-                "margin. Linear: the duration is that of the law at this speed; the force "
-                "differs, it jumps at touch. e is the same at all speeds, for this mass. The "
-                "time step must resolve the contact. For SolverMuJoCo export to engine mujoco; "
+                f"margin. {LINEAR}. e is the same at all speeds, for this mass. The time step must "
+                "resolve the contact. For SolverMuJoCo export to engine mujoco; "
                 "other solvers are not supported."
             ),
             source="eval_body_contact in newton/_src/solvers/semi_implicit/kernels_contact.py, "

@@ -1,24 +1,26 @@
-"""MuJoCo: a model in MJCF, with a script that runs it and writes the table."""
+"""MuJoCo: solref and solimp, and a model in MJCF with a script that runs it."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
+import jax.numpy as jnp
 import numpy as np
 
-from .... import RigidCoulomb
-from ...result import Export
-from ...simulators.rigid_body import IMPEDANCE
-from ..engine import (
-    EqualSteps,
-    SceneEngine,
-    refuse_all,
-    refuse_friction,
-    register_scene_engine,
-    script,
-    spaced,
-)
-from ..model import SceneModel, Touch
+from ... import Contact, RigidCoulomb
+from ..at_time_step import Scheme
+from ..engine import Draft, Wanted, register_engine
+from ..result import Export
+from ..scenes.engine import EqualSteps, SceneEngine, refuse_all, refuse_friction, script, spaced
+from ..scenes.model import SceneModel, Touch
+from .dashpots import LINEAR, SpringAndDashpot, pushing_dashpot
+
+_IMPEDANCE = 0.9
+"""MuJoCo's own default at the start of a contact."""
+
+_STEPS = 400
+"""Steps per contact at which it was measured."""
 
 _MOST = 100
 """Largest number of spheres: each pair of bodies has an entry of its own."""
@@ -69,14 +71,51 @@ table.write()
 """
 
 
-@register_scene_engine
-class MuJoCoScene(SceneEngine):
-    """A pair of geoms for each pair of bodies, with the solref of their effective mass.
+@register_engine
+class MuJoCo(SceneEngine):
+    """solref and solimp: with constant impedance a contact obeys δ'' = -k δ - b δ', without
+    tension.
 
-    Friction is that of `noslip`, by Coulomb's law with the normal force of the soft contact.
+    This is Kelvin-Voigt without tension per unit of mass. ζ = b/(2√k) follows from e in closed
+    form, and k from the duration. A scene has a pair of geoms for each pair of bodies, with the
+    solref of their effective mass. Friction is that of `noslip`, by Coulomb's law with the normal
+    force of the soft contact.
     """
 
     name = "mujoco"
+
+    def draft(self, wanted: Wanted) -> Draft:
+        stiffness, zeta = pushing_dashpot(wanted)
+        k = stiffness / wanted.mass
+        damping = 2 * zeta * math.sqrt(k)
+        parameters = {
+            "stiffness": k,
+            "damping": damping,
+            "dampratio": zeta,
+            "impedance": _IMPEDANCE,
+        }
+        units = {"stiffness": "1/s^2", "damping": "1/s", "dampratio": "", "impedance": ""}
+        return Draft(
+            model="solref in the direct format, constant solimp",
+            law=SpringAndDashpot(rate=jnp.asarray(damping)),
+            contact=Contact(wanted.mass, stiffness, 1.0),
+            parameters=parameters,
+            units=units,
+            snippet=(
+                f'<option timestep="{wanted.duration / _STEPS:.3g}"/>\n'
+                f"<default>\n  <geom {_solver(parameters)}/>\n</default>"
+            ),
+            steps=_STEPS,
+            expected_error=0.009,
+            scheme=Scheme.SEMI_IMPLICIT,
+            limit=(
+                f"for both geoms, here by default. {LINEAR}. e is the same at all speeds and "
+                "masses. The time step must resolve the contact; the usual steps of milliseconds "
+                "do not."
+            ),
+            source="mujoco.readthedocs.io/en/stable/modeling.html#solver-parameters; "
+            "Schwager & Pöschel 2007, doi 10.1007/s10035-007-0065-z",
+        )
 
     def refuse(self, model: SceneModel) -> None:
         refuse_all(model, "MuJoCo", shells=True, periodic=True, motion=True)
@@ -94,6 +133,15 @@ class MuJoCoScene(SceneEngine):
         numbers = {"PLACE": model.position}
         run = script(title, ["import mujoco"], numbers, _RUN, model, steps)
         return {"scene.xml": _xml(model, exports, steps), "run.py": run}
+
+
+def _solver(parameters: Mapping[str, float]) -> str:
+    """Return the attributes of a soft contact in the direct format."""
+    # 0 - damping, because -0.0 would print as -0.
+    return (
+        f'solref="{-parameters["stiffness"]:.12g} {0 - parameters["damping"]:.12g}" '
+        f'solimp="{_IMPEDANCE:g} {_IMPEDANCE:g} 0.001 0.5 2"'
+    )
 
 
 def _xml(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: EqualSteps) -> str:
@@ -133,13 +181,9 @@ def _xml(model: SceneModel, exports: Mapping[tuple[int, int], Export], steps: Eq
             pair = min(first, second), max(first, second)
             made = exports.get(pair)
             if made is not None:
-                stiffness, damping = (made.parameters[x] for x in ("stiffness", "damping"))
                 friction = _friction(_mu(model.touches[pair]), steps)
-                pairs.append(
-                    f'    <pair geom1="{other}" geom2="{name}" {friction} '
-                    f'solref="{-stiffness:.12g} {0 - damping:.12g}" '
-                    f'solimp="{IMPEDANCE:g} {IMPEDANCE:g} 0.001 0.5 2"/>'
-                )
+                solver = _solver(made.parameters)
+                pairs.append(f'    <pair geom1="{other}" geom2="{name}" {friction} {solver}/>')
     rubs = "" if model.scene.friction is None else f" {_FRICTION}"
     lines = [
         '<mujoco model="scene">',
@@ -201,5 +245,5 @@ def _friction(mu: float, steps: EqualSteps) -> str:
         return 'condim="1"'
     return (
         f'condim="3" friction="{mu:.12g} {mu:.12g}" '
-        f'solreffriction="-1 {-IMPEDANCE / steps.length:.12g}"'
+        f'solreffriction="-1 {-_IMPEDANCE / steps.length:.12g}"'
     )

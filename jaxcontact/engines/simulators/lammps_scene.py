@@ -1,4 +1,4 @@
-"""LAMMPS: input and data file for pair_style granular and fix wall/gran/region."""
+"""A scene in LAMMPS: input and data file for pair_style granular and fix wall/gran/region."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 import numpy as np
 
-from .... import (
+from ... import (
     DMT,
     AbstractLaw,
     AntypovElliott,
@@ -24,10 +24,10 @@ from .... import (
     WaltonFriction,
     impact,
 )
-from ....extend import rendered
-from ...result import Export
-from ..engine import EqualSteps, SceneEngine, register_scene_engine, spaced
-from ..model import Moving, SceneModel, Touch
+from ...extend import rendered
+from ..result import Export
+from ..scenes.engine import EqualSteps, SceneEngine, spaced
+from ..scenes.model import Moving, SceneModel, Touch
 
 _MOST = 40
 """Largest number of atom types; each pair of them has a line of its own."""
@@ -61,7 +61,6 @@ _ELASTIC = 1 - 1e-6
 """Largest e beside Coulomb friction, whose force below the limit is a multiple of the damping."""
 
 
-@register_scene_engine
 class LammpsScene(SceneEngine):
     """One atom type for each group of spheres, and one fix for each wall and kind of contact."""
 

@@ -1,23 +1,24 @@
-"""Drake: a world in SDF, with a script that runs it and writes the table."""
+"""Drake: contact properties, and a world in SDF with a script that runs it and writes the table."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
+import jax.numpy as jnp
 import numpy as np
 
-from .... import RigidCoulomb
-from ...result import Export
-from ..engine import (
-    EqualSteps,
-    SceneEngine,
-    refuse_all,
-    refuse_friction,
-    register_scene_engine,
-    script,
-    spaced,
-)
-from ..model import SceneModel
+from ... import Contact, Damped, MarhefkaOrin, RigidCoulomb, exact_damping_factor
+from ...extend import require_choice
+from ..at_time_step import Scheme
+from ..engine import Draft, Wanted, matched_stiffness, register_engine
+from ..result import Export
+from ..scenes.engine import EqualSteps, SceneEngine, refuse_all, refuse_friction, script, spaced
+from ..scenes.model import SceneModel
+from .dashpots import LINEAR, SpringAndDashpot, pushing_dashpot
+
+_DRAKE = "drake.mit.edu/doxygen_cxx/group__compliant__contact.html"
+_APPROXIMATIONS = "lagged", "similar", "sap"
 
 _SAME = 1e-6
 """Largest relative difference of parameters that count as the same."""
@@ -63,12 +64,46 @@ table.write()
 """
 
 
-@register_scene_engine
-class DrakeScene(SceneEngine):
-    """A model for each body; every geometry has the same contact properties."""
+@register_engine
+class Drake(SceneEngine):
+    """Drake's point contact F = k δ (1 + d δ'): α = d v0, so d = α(e)/v0, exactly.
+
+    This is the law of Marhefka and Orin with a = (2/3) d. The approximation "sap" has the law F = k
+    (δ + τ δ') while positive, which is Kelvin-Voigt without tension. A scene has a model for each
+    body; every geometry has the same contact properties.
+    """
 
     name = "drake"
     constant = False
+
+    def draft(self, wanted: Wanted, *, discrete_contact_approximation: str = "lagged") -> Draft:
+        name = "discrete_contact_approximation"
+        if require_choice(name, discrete_contact_approximation, _APPROXIMATIONS) == "sap":
+            return _sap(wanted)
+        alpha = exact_damping_factor(wanted.restitution)
+        dissipation = float(alpha) / wanted.velocity
+        stiffness = matched_stiffness(wanted, 1.0, Damped(alpha=alpha))
+        # Two geometries in series: each has twice the stiffness and the same dissipation.
+        of_each = 2 * stiffness
+        parameters = {"hunt_crossley_dissipation": dissipation, "point_contact_stiffness": of_each}
+        return Draft(
+            model="point contact",
+            law=MarhefkaOrin(a=jnp.asarray(dissipation / 1.5)),
+            contact=Contact(wanted.mass, stiffness, 1.0),
+            parameters=parameters,
+            units={"hunt_crossley_dissipation": "s/m", "point_contact_stiffness": "N/m"},
+            snippet=_tags(parameters, "\n  "),
+            steps=1000,
+            expected_error=0.006,
+            limit=(
+                "for both geometries, each with these numbers. e falls with speed. A discrete "
+                "plant adds damping of first order in the time step; a continuous one "
+                "(time_step=0) does not. Contact approximation lagged or similar; for sap ask for "
+                "discrete_contact_approximation=sap."
+            ),
+            scheme=Scheme.IMPLICIT,
+            source=f"{_DRAKE}; Hunt & Crossley 1975, doi 10.1115/1.3423596",
+        )
 
     def refuse(self, model: SceneModel) -> None:
         refuse_all(model, "Drake", shells=True, periodic=True, motion=True)
@@ -106,6 +141,40 @@ class DrakeScene(SceneEngine):
         return {"scene.sdf": _sdf(model, exports), "run.py": run}
 
 
+def _tags(parameters: Mapping[str, float], between: str = "") -> str:
+    """Return contact properties in SDF."""
+    tags = [f"{between}<drake:{name}>{x:.12g}</drake:{name}>" for name, x in parameters.items()]
+    end = between.rstrip(" ") + "</drake:proximity_properties>"
+    return f"<drake:proximity_properties>{''.join(tags)}{end}"
+
+
+def _sap(wanted: Wanted) -> Draft:
+    stiffness, zeta = pushing_dashpot(wanted)
+    # δ'' = -ω² (δ + τ δ'), and 2 ζ ω = ω² τ.
+    rate = math.sqrt(stiffness / wanted.mass)
+    relaxation = max(0.0, 2 * zeta / rate)
+    # Two geometries in series: their relaxation times add.
+    parameters = {"relaxation_time": relaxation / 2, "point_contact_stiffness": 2 * stiffness}
+    return Draft(
+        model="point contact, discrete_contact_approximation sap",
+        law=SpringAndDashpot(rate=jnp.asarray(relaxation * rate**2)),
+        contact=Contact(wanted.mass, stiffness, 1.0),
+        parameters=parameters,
+        units={"relaxation_time": "s", "point_contact_stiffness": "N/m"},
+        snippet=_tags(parameters, "\n  "),
+        scheme=Scheme.IMPLICIT,
+        limit=(
+            f"for both geometries, each with these numbers. {LINEAR}. e is the same at all speeds, "
+            "for this mass. Only for a discrete plant; sap lowers a stiffness that its "
+            "time step does not resolve. Not run."
+        ),
+        source=(
+            f"{_DRAKE}; contact_properties.cc of github.com/RobotLocomotion/drake; Castro et al. "
+            "2021, arXiv 2110.10107; Schwager & Pöschel 2007, doi 10.1007/s10035-007-0065-z"
+        ),
+    )
+
+
 def _properties(model: SceneModel, exports: Mapping[tuple[int, int], Export]) -> str:
     """Return the contact properties of every geometry.
 
@@ -132,8 +201,7 @@ def _properties(model: SceneModel, exports: Mapping[tuple[int, int], Export]) ->
         "mu_dynamic": mu,
         "mu_static": mu,
     }
-    lines = [f"<drake:{name}>{value:.12g}</drake:{name}>" for name, value in entries.items()]
-    return "<drake:proximity_properties>" + "".join(lines) + "</drake:proximity_properties>"
+    return _tags(entries)
 
 
 def _sdf(model: SceneModel, exports: Mapping[tuple[int, int], Export]) -> str:

@@ -1,25 +1,32 @@
-"""Exudyn: a script with a contact connector for each pair of bodies."""
+"""Exudyn: its connector, and a script with one for each pair of bodies of a scene."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from .... import AbstractLaw, Luding, RegularizedCoulomb
-from ....extend import rendered
-from ...engine import as_luding
-from ...result import Export
-from ..engine import (
-    EqualSteps,
-    SceneEngine,
-    refuse_all,
-    refuse_friction,
-    register_scene_engine,
-    script,
+from ... import (
+    AbstractHuntCrossley,
+    AbstractLaw,
+    CarvalhoMartins,
+    Contact,
+    Gonthier,
+    HuntCrossley,
+    Luding,
+    RegularizedCoulomb,
+    exact_damping_factor,
 )
-from ..model import SceneModel, Touch
+from ...extend import RESTITUTION, concrete, parameter, rendered
+from ..engine import Draft, Wanted, as_luding, register_engine
+from ..result import Export
+from ..scenes.engine import EqualSteps, SceneEngine, refuse_all, refuse_friction, script
+from ..scenes.model import SceneModel, Touch
+from .dashpots import PULLS, pasted, pulling_dashpot
 
 _MOST = 30
 """Largest number of spheres: each pair of bodies has a connector of its own."""
@@ -131,12 +138,159 @@ table.write()
 """
 
 
-@register_scene_engine
-class ExudynScene(SceneEngine):
-    """A rigid body for each sphere; walls are large triangles, or large spheres if plastic."""
+class GonthierCarvalhoMartins(AbstractHuntCrossley):
+    """Exudyn's impactModel 2: α of Carvalho and Martins for e > 1/3, of Gonthier et al. below.
+
+    `e` in (0, 1] is the restitutionCoefficient of the connector. The two formulas agree at e = 1/3.
+    Source: ObjectContactSphereSphere in Exudyn's documentation, exudyn.readthedocs.io.
+    """
+
+    e: Float[Array, "..."] = parameter("e", RESTITUTION)
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: Any = None
+    ) -> Float[Array, "..."]:
+        above = CarvalhoMartins(e=self.e).damping_factor()
+        return jnp.where(self.e > 1 / 3, above, Gonthier(e=self.e).damping_factor())
+
+
+def _of_both(alpha: float) -> float:
+    """Return the e whose α is that of Carvalho and Martins (above 1/3) or of Gonthier et al."""
+    # Both are quadratic in e: 3(1-e)(11-e) = 2α(1+9e), and 1-e² = αe. Their α agree at e = 1/3.
+    if alpha < 8 / 3:
+        half = 6 + 3 * alpha
+        constant = 11 - 2 * alpha / 3
+        return constant / (half + math.sqrt(half**2 - constant))
+    return 2 / (alpha + math.sqrt(alpha**2 + 4))
+
+
+# For each impactModel: its law, the e for a given α, and its source.
+_MODELS = {
+    1: (HuntCrossley, lambda alpha: 1 - alpha / 1.5, "Hunt & Crossley 1975, doi 10.1115/1.3423596"),
+    2: (
+        GonthierCarvalhoMartins,
+        _of_both,
+        "Gonthier et al. 2004, doi 10.1023/B:MUBO.0000029392.21648.bc; "
+        "Carvalho & Martins 2019, doi 10.1016/j.mechmachtheory.2019.04.018",
+    ),
+}
+
+
+def _plastic(wanted: Wanted, law: Luding) -> Draft:
+    """Return Exudyn's model 0: K δ, back K (δ - λ δ_m)/(1-λ), and at least -k_adh δ."""
+    if float(law.slope) != 0:
+        raise ValueError(
+            "Argument `law` must have the slope 0 for engine 'exudyn', but has "
+            f"{float(law.slope):g} 1/m; to match its restitution alone, give `impact_model=2`."
+        )
+    parameters = {
+        "contactStiffness": wanted.stiffness,
+        "contactStiffnessExponent": 1.0,
+        "contactPlasticityRatio": 1 - 1 / float(law.ratio),
+        "adhesionCoefficient": float(law.adhesion) * wanted.stiffness,
+        "adhesionExponent": 1.0,
+    }
+    return Draft(
+        model="ObjectContactSphereSphere, impactModel 0",
+        law=law,
+        contact=Contact(wanted.mass, wanted.stiffness, 1.0),
+        parameters=parameters,
+        units=dict(zip(parameters, ("N/m", "", "", "N/m", ""), strict=True)),
+        snippet=f"{pasted(parameters)}, contactDamping=0, impactModel=0",
+        steps=200,
+        expected_error=0.004,
+        limit="The same law at all speeds, for all masses. The bodies must start apart.",
+        source=(
+            "ObjectContactSphereSphere, exudyn.readthedocs.io; Luding 2008, "
+            "doi 10.1007/s10035-008-0099-x"
+        ),
+    )
+
+
+def _dashpot(wanted: Wanted) -> Draft:
+    """Return Exudyn's model 0 with damping: K δ + d δ', which may pull."""
+    law, stiffness, damping = pulling_dashpot(wanted)
+    parameters = {
+        "contactStiffness": stiffness,
+        "contactStiffnessExponent": 1.0,
+        "contactDamping": damping,
+    }
+    return Draft(
+        model="ObjectContactSphereSphere, impactModel 0",
+        law=law,
+        contact=Contact(wanted.mass, stiffness, 1.0),
+        parameters=parameters,
+        units=dict(zip(parameters, ("N/m", "", "N s/m"), strict=True)),
+        snippet=f"{pasted(parameters)}, impactModel=0",
+        steps=800,
+        expected_error=0.008,
+        limit=(
+            f"{PULLS}. e is the same at all speeds, for this mass. The bodies must start apart."
+        ),
+        source=(
+            "ObjectContactSphereSphere, exudyn.readthedocs.io; Anagnostopoulos 1988, "
+            "doi 10.1002/eqe.4290160311"
+        ),
+    )
+
+
+@register_engine
+class Exudyn(SceneEngine):
+    """Exudyn's ObjectContactSphereSphere, with the coefficient for which its α is α(e).
+
+    A `Luding` or `WaltonBraun` is exported as it is, unless an `impact_model` of 1 or 2 is given. A
+    scene has a rigid body for each sphere; walls are large triangles, or large spheres if plastic.
+    """
 
     name = "exudyn"
     adhesive: ClassVar[tuple[type[AbstractLaw], ...]] = (Luding,)
+
+    def draft(self, wanted: Wanted, *, impact_model: int | None = None) -> Draft:
+        if impact_model is not None and concrete(impact_model) not in (0, *_MODELS):
+            raise ValueError(
+                f"Argument `impact_model` must be 0, 1 or 2, but is {rendered(impact_model)}."
+            )
+        if not impact_model and (law := as_luding(wanted.law)) is not None:
+            return _plastic(wanted, law)
+        if impact_model == 0:
+            return _dashpot(wanted)
+        impact_model = 2 if impact_model is None else int(impact_model)
+        alpha = float(exact_damping_factor(wanted.restitution))
+        kind, inverse, source = _MODELS[impact_model]
+        nominal = inverse(alpha)
+        if not nominal > 0:
+            raise ValueError(
+                "Argument `impact_model` must be 2 here, but is 1, which delivers at least "
+                f"0.48774: {wanted.restitution:g} is wanted."
+            )
+        return Draft(
+            model=f"ObjectContactSphereSphere, impactModel {impact_model}",
+            law=kind(e=jnp.asarray(nominal)),
+            contact=Contact(wanted.mass, wanted.stiffness, wanted.exponent),
+            parameters={
+                "restitutionCoefficient": nominal,
+                "contactStiffness": wanted.stiffness,
+                "contactStiffnessExponent": wanted.exponent,
+            },
+            units={
+                "restitutionCoefficient": "",
+                "contactStiffness": f"N/m^{wanted.exponent:g}",
+                "contactStiffnessExponent": "",
+            },
+            snippet=(
+                f"contactStiffness={wanted.stiffness:.12g}, "
+                f"contactStiffnessExponent={wanted.exponent:.12g}, contactDamping=0, "
+                f"restitutionCoefficient={nominal:.12g}, impactModel={impact_model}"
+            ),
+            steps=50,
+            expected_error=0.002,
+            limit=(
+                "e does not depend on speed, down to minimumImpactVelocity: the connector stores "
+                "the speed at touch. The bodies must start apart: a ball that starts in touch is "
+                "never damped."
+            ),
+            source=f"ObjectContactSphereSphere, exudyn.readthedocs.io; {source}",
+        )
 
     def refuse(self, model: SceneModel) -> None:
         refuse_all(model, "Exudyn", periodic=True, motion=True)
@@ -199,7 +353,7 @@ def _contact(model: SceneModel, exports: Mapping, first: int, second: int) -> di
     if pair not in exports:
         return None
     made = exports[pair]
-    words = {**made.parameters, "contactDamping": 0.0, "impactModel": 0 if _plastic(made) else 2}
+    words = {**made.parameters, "contactDamping": 0.0, "impactModel": 0 if _is_plastic(made) else 2}
     friction = model.touches[pair].friction
     if isinstance(friction, RegularizedCoulomb):
         words["dynamicFriction"] = float(friction.mu)
@@ -230,7 +384,7 @@ def _shells(model: SceneModel, exports: Mapping) -> list[tuple]:
     return found
 
 
-def _plastic(made: Export) -> bool:
+def _is_plastic(made: Export) -> bool:
     return "contactPlasticityRatio" in made.parameters
 
 
