@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact.lab.calibration.full_report import report, side_by_side_rows
+from jaxcontact.lab.calibration.report import report, side_by_side
 from jaxcontact.lab.choice.kind import Estimate
 
 DRAG = jc.Drag(mass=0.0027, radius=0.02, coefficient=0.5)
@@ -139,7 +139,7 @@ def test_how_the_file_was_read_is_told(blue):
 
 def test_laws_are_compared_that_were_fitted_with_and_without_marked_pairs(blue):
     """A pair more may allow a law with a parameter more."""
-    _, rows = side_by_side_rows(blue)
+    rows = side_by_side(blue)[1].rows
     few = dataclasses.replace(blue.choice, laws=blue.choice.laws[1:])
     assert len(rows) == 2 * len(blue.choice.laws)
-    assert side_by_side_rows(dataclasses.replace(blue, choice=few))[1] == rows[2:]
+    assert side_by_side(dataclasses.replace(blue, choice=few))[1].rows == rows[2:]

@@ -17,8 +17,7 @@ from jaxtyping import Float
 from ... import AbstractLaw, Contact, get_law, list_laws
 from ...extend import describe, parameters_of, read_whole, require_path, write_all
 from ..choice.kinds import kind_of_law, law_in
-from .full_report import report
-from .short_report import short
+from .report import report, short
 from .summary_data import SummaryData
 
 VERSION = 6
