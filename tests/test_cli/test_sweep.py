@@ -10,8 +10,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact.lab.cli import main
-from jaxcontact.lab.cli.commands.sweep import span
-from jaxcontact.lab.cli.options import assignment
+from jaxcontact.lab.cli.options import assignment, span
 
 SAME = 1e-15
 """The same impacts in other batches: measured 2e-16."""
