@@ -8,7 +8,7 @@ from ...extend import AT_BOUND, counted
 from ..choice.kind import Estimate
 from ..choice.law_choice import ChoiceData
 from ..recordings import FROM_FILE, LAYOUTS
-from .report_parts import Fact, Listing, Part, Row, Rows, Sentences
+from .report_parts import Fact, Listing, Part, Row, Rows
 from .summary_data import SummaryData
 from .verdict import (
     bounces,
@@ -77,7 +77,7 @@ def data(s: SummaryData) -> list[Fact]:
         elif any(law.errors_by == "readings" for law in s.choice.laws):
             origin = layout.known_errors[0]
         facts.append(Fact("Scatter", f"{said} ({origin})"))
-    return [fact for fact in facts if fact.said]
+    return facts
 
 
 def _drag_sentence(s: SummaryData) -> str:
@@ -182,8 +182,7 @@ def fits(s: SummaryData) -> list[Part]:
             "the scatter was fitted to the same pairs about a free trend: a reduced chi² near 1 "
             "means that a law describes them as well as that trend; it does not test the noise"
         )
-    if not s.few:
-        parts.append(Fact("", note))
+    parts.append(Fact("", "" if s.few else note))
     aicc = {one.name: one.aicc for one in s.choice.candidates}
     for law in s.choice.laws:
         rows = [(one.name, str(one)) for one in law.estimates]
@@ -242,7 +241,7 @@ def choice(s: SummaryData) -> list[Part]:
             ("law", "describes the data", "parameters", "ΔAICc", "held out"),
             *(rows, "<<>>>", s.choice.table().splitlines()),
         ),
-        *(Fact("", said) for said in verdicts if said),
+        *(Fact("", said) for said in verdicts),
     ]
 
 
@@ -292,13 +291,10 @@ def side_by_side(s: SummaryData) -> list[Part]:
             chi2 = f"{law.reduced_chi2:.2f}", f"{every.reduced_chi2:.3g}"
             rows.append(("  reduced chi²", *chi2))
     bad = [law.kind for law in s.with_marked.laws if not law.converged]
-    last = [f"NOT converged with the marked pairs: {', '.join(bad)}"] if bad else []
+    last = f"NOT converged with the marked pairs: {', '.join(bad)}" if bad else ""
     header = ("", f"without ({s.choice.count})", f"with ({s.with_marked.count})")
-    return [
-        Sentences("With and without the marked pairs"),
-        Rows(header, rows),
-        Sentences("", last),
-    ]
+    title = Fact("Compared", "results without and with the marked pairs")
+    return [title, Rows(header, rows), Fact("", last)]
 
 
 def open_questions(s: SummaryData) -> list[Part]:
@@ -308,4 +304,5 @@ def open_questions(s: SummaryData) -> list[Part]:
     lines = [f"{law.kind}: {law.unidentified}" for law in s.choice.laws]
     if len(s.given) < 2:
         lines.append("--stiffness determines c, and with --mass also A (in Python: arguments)")
-    return [Sentences("Not determined by e(v) alone", lines)]
+    title = Fact("Open", "what e(v) alone does not determine")
+    return [title, *(Fact("", line) for line in lines)]

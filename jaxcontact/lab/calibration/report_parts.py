@@ -18,7 +18,7 @@ _WIDTH = 100
 class Fact:
     """A sentence beside its heading, or, without one, the continuation of the fact before.
 
-    The text is cut after `most` lines; 0 prints all.
+    The text is cut after `most` lines; 0 prints all. Nothing is shown of an empty sentence.
     """
 
     head: str
@@ -92,22 +92,7 @@ class Listing:
         return joined([element("h3", self.title), Rows((), self.rows).html()])
 
 
-@dataclasses.dataclass(frozen=True)
-class Sentences:
-    """Sentences below a heading, each on a line of its own."""
-
-    heading: str
-    said: Sequence[str] = ()
-
-    def text(self) -> list[str]:
-        return [*filter(None, [self.heading]), *(f"  {one}" for one in self.said)]
-
-    def html(self) -> Html:
-        heading = element("h3", self.heading) if self.heading else ""
-        return joined([heading, paragraphs(*self.said)])
-
-
-Part = Fact | Rows | Listing | Sentences
+Part = Fact | Rows | Listing
 
 
 class Html(str):

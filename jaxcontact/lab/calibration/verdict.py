@@ -32,7 +32,7 @@ def source(s: SummaryData) -> str:
 
 def verdict(s: SummaryData) -> list[Fact]:
     """Return the law, the data, what may be wrong, and the next step."""
-    facts = [
+    return [
         Fact("Law", law_sentence(s)),
         Fact("In Python", law_in_python(s)),
         Fact("Data", data_sentence(s)),
@@ -40,7 +40,6 @@ def verdict(s: SummaryData) -> list[Fact]:
         Fact("Caution", "; ".join(cautions(s)), _CAUTION),
         Fact("Next", s.choice.next_measurement),
     ]
-    return [fact for fact in facts if fact.said]
 
 
 def headlines(s: SummaryData) -> list[str]:
