@@ -36,10 +36,10 @@ BAD_RANGES = {
 }
 
 
-@pytest.mark.parametrize("text", BAD_RANGES)
-def test_bad_ranges(text):
-    with pytest.raises(argparse.ArgumentTypeError, match=BAD_RANGES[text]):
-        span(text)
+def test_bad_ranges():
+    for text, words in BAD_RANGES.items():
+        with pytest.raises(argparse.ArgumentTypeError, match=words):
+            span(text)
 
 
 def test_csv(tmp_path, capsys):
