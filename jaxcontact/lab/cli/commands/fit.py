@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ....extend import Stages
@@ -71,92 +71,88 @@ _OUTCOMES = ("e", "duration", "max_force")
 
 
 class _Problem(NamedTuple):
-    """The columns of a problem, the required ones among them, and its fit.
+    """The columns of a problem, and those that it needs: all, and one of some.
 
-    A problem without columns reads a recording. A table needs `one_of` some columns.
+    A problem without columns reads a recording.
     """
 
-    fit: Callable[[argparse.Namespace, Mapping[str, Any]], Fit]
     columns: tuple[str, ...] = ()
     needed: tuple[str, ...] = ()
     one_of: tuple[str, ...] = ()
 
 
-def _impacts(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
-    from .... import fit_impacts
-
-    law, exponent = _law(arguments)
-    columns = {name: data[name] for name in ("velocity", *_OUTCOMES) if name in data}
-    sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, columns).items()}
-    how = _fixed(arguments) | _robust(arguments)
-    if "sigma" in data and not sigmas:
-        sigmas = {"sigma_e": data["sigma"]}
-    if "weights" in data and not sigmas:
-        how["weights"] = {"e": data["weights"]}
-    return fit_impacts(law, contact_asked(arguments, exponent), **columns, **sigmas, **how)
+_PROBLEMS = {
+    "impacts": _Problem(("velocity", *_OUTCOMES, "sigma", "ball"), ("velocity",), _OUTCOMES),
+    "damping": _Problem(("velocity", "e", "sigma", "ball"), ("velocity", "e")),
+    "energy_loss": _Problem(("e_in", "e_out"), ("e_in", "e_out")),
+    "record": _Problem(("time", "force", "indentation"), ("time",), ("force", "indentation")),
+    "bounces": _Problem(),
+}
 
 
-def _damping(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
-    from .... import fit_damping
-
-    sigma = {"e": data["sigma"]} if "sigma" in data else {}
-    sigma |= _sigmas(arguments, {"e": data["e"]})
-    how = _robust(arguments) | ({"sigma": sigma["e"]} if sigma else {})
-    contact = contact_asked(arguments, arguments.exponent or 1.5)
-    return fit_damping(contact, data["velocity"], data["e"], **how)
-
-
-def _energy_loss(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
-    from .... import fit_energy_loss
-
-    return fit_energy_loss(data["e_in"], data.get("e_out"), **_robust(arguments))
-
-
-def _record(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
-    import numpy as np
-
-    from ...records.fit_record import fit_record
-    from ...records.low_pass import LowPass
-
-    law, exponent = _law(arguments)
-    if arguments.velocity is None:
-        raise InputError("--velocity is needed, as the closing speed at which the fit starts")
-    sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
-    contact = contact_asked(arguments, exponent)
-    columns = {name: values for name, values in data.items() if name != "time"}
-    how = _fixed(arguments) | _robust(arguments) | {"start_time": arguments.start_time}
-    cutoff: Any = arguments.low_pass
-    if cutoff is not None:
-        if math.isinf(cutoff):  # without HZ
-            cutoff = 0.1 / float(np.median(np.diff(data["time"])))
-        filtered = "force" if "force" in columns else "indentation"
-        how[f"low_pass_{filtered}"] = LowPass(cutoff)
-    return fit_record(law, contact, data["time"], arguments.velocity, **columns, **sigmas, **how)
-
-
-def _bounces(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
-    from .... import Contact
+def _fit(arguments: argparse.Namespace, columns: Mapping[str, Any]) -> Fit:
+    """Call the public function of the problem with its law, its contact and its columns."""
+    from .... import Contact, Huber, fit_damping, fit_energy_loss, fit_impacts
     from ....extend import STANDARD_GRAVITY
     from ...bounces import fit_bounces
+    from ...records.fit_record import fit_record
 
+    how: dict[str, Any] = {"throw": False} | ({"loss": Huber()} if arguments.robust else {})
+    how |= columns
+    if arguments.problem == "energy_loss":
+        return fit_energy_loss(**how)
+    if arguments.problem == "damping":
+        sigmas = _sigmas(arguments, ["e"])
+        how |= {"sigma": sigmas["e"]} if sigmas else {}
+        return fit_damping(contact_asked(arguments, arguments.exponent or 1.5), **how)
     law, exponent = _law(arguments)
-    # e(v) of most laws does not depend on them.
-    contact = Contact(arguments.mass or 1.0, arguments.stiffness or 1.0, exponent)
-    how = {"gravity": arguments.gravity or STANDARD_GRAVITY, "drag": drag_asked(arguments)}
-    return fit_bounces(law, contact, **data, **how, **_robust(arguments))
+    if arguments.problem == "bounces":
+        # e(v) of most laws does not depend on them.
+        contact = Contact(arguments.mass or 1.0, arguments.stiffness or 1.0, exponent)
+        how |= {"gravity": arguments.gravity or STANDARD_GRAVITY, "drag": drag_asked(arguments)}
+        return fit_bounces(law, contact, **how)
+    sigma, weights = how.pop("sigma", None), how.pop("weights", None)
+    sigmas = _sigmas(arguments, [name for name in columns if name in how])
+    how |= {f"sigma_{name}": value for name, value in sigmas.items()}
+    how |= {"fixed": ("mass", *arguments.hold)} if arguments.hold else {}
+    contact = contact_asked(arguments, exponent)
+    if arguments.problem == "record":
+        if arguments.velocity is None:
+            raise InputError("--velocity is needed, as the closing speed at which the fit starts")
+        how |= {"start_time": arguments.start_time, "velocity": arguments.velocity}
+        return fit_record(law, contact, **how, **_low_pass(arguments, columns))
+    if not sigmas and sigma is not None:
+        how["sigma_e"] = sigma
+    elif not sigmas and weights is not None:
+        how["weights"] = {"e": weights}
+    return fit_impacts(law, contact, **how)
 
 
-_PROBLEMS = {
-    "impacts": _Problem(
-        _impacts, ("velocity", *_OUTCOMES, "sigma", "ball"), ("velocity",), _OUTCOMES
-    ),
-    "damping": _Problem(_damping, ("velocity", "e", "sigma", "ball"), ("velocity", "e")),
-    "energy_loss": _Problem(_energy_loss, ("e_in", "e_out"), ("e_in", "e_out")),
-    "record": _Problem(
-        _record, ("time", "force", "indentation"), ("time",), ("force", "indentation")
-    ),
-    "bounces": _Problem(_bounces),
-}
+def _low_pass(arguments: argparse.Namespace, columns: Mapping[str, Any]) -> dict[str, Any]:
+    import numpy as np
+
+    from ...records.low_pass import LowPass
+
+    cutoff: Any = arguments.low_pass
+    if cutoff is None:
+        return {}
+    if math.isinf(cutoff):  # without HZ
+        cutoff = 0.1 / float(np.median(np.diff(columns["time"])))
+    return {f"low_pass_{'force' if 'force' in columns else 'indentation'}": LowPass(cutoff)}
+
+
+def _sigmas(arguments: argparse.Namespace, columns: Sequence[str]) -> dict[str, float]:
+    from ....extend import did_you_mean
+
+    sigmas = dict(arguments.sigma)
+    for name in sigmas:
+        if name not in columns:
+            raise InputError(
+                f"--sigma {name}: the columns are {', '.join(columns)}."
+                f"{did_you_mean(name, columns)}"
+            )
+    return sigmas
+
 
 OPTIONS = f"""
 PROBLEM | choice {" ".join(_PROBLEMS)} | see below
@@ -186,7 +182,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> Output:
     source, values, notes = read
     progress("compiling and fitting")
     with input_errors(lambda text: f"{source}: {text}"):
-        result = problem.fit(arguments, values)
+        result = _fit(arguments, values)
     shown = [f"{arguments.problem} of {source}", f"  read as: {'; '.join(notes)}"]
     data = {
         "problem": arguments.problem,
@@ -298,25 +294,3 @@ def _law(arguments: argparse.Namespace) -> tuple[AbstractLaw, float]:
     exponent = exponent_asked(arguments)
     with input_errors():
         return get_law(arguments.law, **parameters), exponent
-
-
-def _sigmas(arguments: argparse.Namespace, data: Mapping[str, Any]) -> dict[str, float]:
-    from ....extend import did_you_mean
-
-    sigmas = dict(arguments.sigma)
-    for name in sigmas:
-        if name not in data:
-            raise InputError(
-                f"--sigma {name}: the columns are {', '.join(data)}.{did_you_mean(name, data)}"
-            )
-    return sigmas
-
-
-def _fixed(arguments: argparse.Namespace) -> dict[str, Any]:
-    return {"fixed": ("mass", *arguments.hold)} if arguments.hold else {}
-
-
-def _robust(arguments: argparse.Namespace) -> dict[str, Any]:
-    from .... import Huber
-
-    return {"throw": False} | ({"loss": Huber()} if arguments.robust else {})
