@@ -11,7 +11,7 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from ...extend import VARIABLE, Stages, write_all
@@ -108,6 +108,7 @@ def _parser() -> Parser:
         "--completion", action=Completion, choices=SHELLS, help="print a completion script and exit"
     )
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
+    parser.commands = commands.choices
     for name, command in _COMMANDS.items():
         texts = {"description": command.DESCRIPTION, "epilog": command.EPILOG}
         parser_of_command = commands.add_parser(name, help=command.SUMMARY, **texts)
@@ -138,6 +139,7 @@ class Parser(argparse.ArgumentParser):
         how = {"formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False} | how
         super().__init__(*arguments, **how)
         self._given: list[str] = []
+        self.commands: Mapping[Any, Parser] = {}
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse as argparse does, and keep the arguments for messages."""
@@ -148,7 +150,7 @@ class Parser(argparse.ArgumentParser):
         """Parse as argparse does, but report an unknown option from its subcommand."""
         parsed, unknown = self.parse_known_args(args, namespace)
         if unknown:
-            command = self._commands().get(getattr(parsed, "command", None), self)
+            command = self.commands.get(getattr(parsed, "command", None), self)
             command.error(command.unknown(unknown))
         return parsed
 
@@ -174,13 +176,6 @@ class Parser(argparse.ArgumentParser):
 
     def _options(self) -> list[str]:
         return [name for action in self._actions for name in action.option_strings]
-
-    def _commands(self) -> dict[Any, Parser]:
-        commands: dict[Any, Parser] = {}
-        for action in self._actions:
-            if isinstance(action, argparse._SubParsersAction):
-                commands |= action.choices
-        return commands
 
 
 def closest(word: str, words: Iterable[str]) -> str | None:
@@ -211,7 +206,7 @@ class Completion(argparse.Action):
         from ...engines import engines
 
         names = {"law": list_laws(), "engine": engines()}
-        for command in parser._commands().values():
+        for command in parser.commands.values():
             for action in command._actions:
                 if action.metavar == "FILE":
                     action.complete = shtab.FILE
