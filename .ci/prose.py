@@ -24,6 +24,11 @@ PLACES = ("jaxcontact", "docs", "README.md", "CONTRIBUTING.md")
 PRINTED = ("SUMMARY", "DESCRIPTION", "EPILOG", "_EPILOG")
 """Names of constants that the command line prints."""
 
+TABLES = ("OPTIONS", "TABLE", "AIR", "GRAVITY")
+"""Names of tables of options, whose last column the command line prints."""
+
+_COLUMNS = re.compile(r"^[^|\n]*\|[^|\n]*\|", re.MULTILINE)
+
 LONGEST = 30
 """Words of a sentence; in a list after a colon, words of a member."""
 
@@ -89,6 +94,8 @@ def texts_of(path: Path) -> Iterator[tuple[int, str]]:
                 yield from _strings(printed)
             case ast.Assign(targets=[ast.Name(id=name)], value=printed) if name in PRINTED:
                 yield from _strings(printed)
+            case ast.Assign(targets=[ast.Name(id=name)], value=printed) if name in TABLES:
+                yield from ((at, _COLUMNS.sub("- ", text)) for at, text in _strings(printed))
     blocks: dict[int, list[str]] = {}
     last, first = -1, 0
     for token in tokenize.generate_tokens(io.StringIO(source).readline):

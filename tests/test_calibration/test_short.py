@@ -10,9 +10,9 @@ import jaxcontact as jc
 from jaxcontact._fit import Candidate
 from jaxcontact._fit.compare import _verdict
 from jaxcontact.lab.calibration import summary_data
-from jaxcontact.lab.calibration.full_report import equivalents_sentence, marking_rule
-from jaxcontact.lab.calibration.short_report import cautions, headlines, law_sentence
+from jaxcontact.lab.calibration.report import equivalents_sentence, marking_rule
 from jaxcontact.lab.calibration.summary_data import AtSpeed, PairSummary, RecordingSummary
+from jaxcontact.lab.calibration.verdict import cautions, headlines, law_sentence
 from jaxcontact.lab.choice.certainty import Curve, Line
 from jaxcontact.lab.choice.equivalent_e import Asked
 from jaxcontact.lab.choice.kind import Estimate

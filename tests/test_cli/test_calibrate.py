@@ -23,28 +23,6 @@ def good(tmp_path):
     return path
 
 
-def test_the_shipped_ball(tmp_path, capsys):
-    out = tmp_path / "new" / "folder"
-    assert main(["calibrate", "--law", "all", "--out", str(out), "--at", "2", "--at=6"]) == 0
-    printed = capsys.readouterr()
-    lines = printed.out.splitlines()
-    assert "ball blue" in lines[0] and len(lines) <= 25
-    assert lines[2].startswith("e = 0.8799 ± 0.0017 (95 %) at 0.675 to 3.2 m/s")
-    assert lines[3].startswith("e = 0.8799 ± 0.0017 (95 %) at 2 m/s")
-    assert lines[4].startswith("e = 0.8799 ") and "no pair is so fast" in lines[4]
-    assert "294 pairs" in printed.out and "23" in printed.out
-    assert str(out / NUMBERS) in printed.out
-    # The first line of progress comes before any compilation.
-    assert printed.err.startswith("[  0.0 s] reading the recording")
-    assert "fitting Kuwabara-Kono" in printed.err
-    assert sorted(p.name for p in out.iterdir()) == [NUMBERS, FIGURE]
-    data = json.loads((out / NUMBERS).read_text())
-    assert data["recording"]["ball"] == "blue"
-    assert sum(pair["marked"] for pair in data["pairs"]) == 23
-    assert isinstance(jc.load_calibration(out / NUMBERS).law, jc.ExactRestitution)
-    assert (out / FIGURE).read_bytes().startswith(b"\x89PNG")
-
-
 def test_reports_of_a_file_of_ones_own(good, tmp_path, capsys):
     """By their endings; a mass or a radius alone leaves the drag in, which is said."""
     text, page = tmp_path / "a.txt", tmp_path / "a.html"

@@ -10,54 +10,40 @@ from jaxcontact._text.files import write_all
 from jaxcontact.lab.cli.options import InputError, output_path
 
 
-def test_all_are_written(tmp_path):
+def test_all_are_written_as_the_umask_lets_others_read(tmp_path):
     contents = {tmp_path / "a" / "x": b"1", tmp_path / "y": b"2"}
-    write_all(contents | {tmp_path / "z": lambda file: file.write(b"12")})
+    old = os.umask(0o027)
+    try:
+        write_all(contents | {tmp_path / "z": lambda file: file.write(b"12")})
+    finally:
+        os.umask(old)
     assert {path: path.read_bytes() for path in contents} == contents
     assert (tmp_path / "z").read_bytes() == b"12"
     assert {p.name for p in tmp_path.iterdir()} == {"a", "y", "z"}
+    assert (tmp_path / "y").stat().st_mode & 0o777 == 0o640
 
 
-def test_others_may_read_what_the_umask_lets_them(tmp_path):
-    old = os.umask(0o027)
-    try:
-        write_all({tmp_path / "x": b"1"})
-    finally:
-        os.umask(old)
-    assert (tmp_path / "x").stat().st_mode & 0o777 == 0o640
+FULL, STOPPED, REFUSED = OSError(28, "No space left on device"), KeyboardInterrupt(), OSError("no")
 
 
-def test_a_failure_leaves_the_old_and_no_scraps(tmp_path):
+@pytest.mark.parametrize("failure", [TypeError(), FULL, STOPPED, REFUSED], ids=repr)
+def test_a_failure_leaves_the_old_and_no_scraps(tmp_path, monkeypatch, failure):
+    """Of the content, the disk and the user while writing; or while renaming."""
     old = tmp_path / "x"
     old.write_bytes(b"old")
-    with pytest.raises(TypeError):
-        write_all({old: b"new", tmp_path / "y": "no bytes"})
-    assert old.read_bytes() == b"old"
-    assert [p.name for p in tmp_path.iterdir()] == ["x"]
 
-
-def test_a_failure_while_renaming_leaves_no_scraps(tmp_path, monkeypatch):
-    def refuse(source, target):
-        raise PermissionError("no")
-
-    monkeypatch.setattr(os, "replace", refuse)
-    with pytest.raises(PermissionError):
-        write_all({tmp_path / "x": b"1", tmp_path / "y": b"2"})
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_a_full_disk_or_an_interrupt_leaves_the_old(tmp_path, failure):
-    (tmp_path / "x").write_bytes(b"old")
-
-    def fail(file):
-        file.write(b"half")
+    def fail(*unused):
         raise failure
 
+    contents: dict = {tmp_path / "y": b"new", old: fail}
+    if failure is REFUSED:
+        monkeypatch.setattr(os, "replace", fail)
+        contents[old] = b"new"
+    if isinstance(failure, TypeError):
+        contents[old] = "no bytes"
     with pytest.raises(type(failure)):
-        write_all({tmp_path / "y": b"new", tmp_path / "x": fail})
-    assert [p.name for p in tmp_path.iterdir()] == ["x"]
-    assert (tmp_path / "x").read_bytes() == b"old"
+        write_all(contents)
+    assert old.read_bytes() == b"old" and [p.name for p in tmp_path.iterdir()] == ["x"]
 
 
 def test_a_folder_a_pipe_and_a_device_are_not_replaced(tmp_path):

@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from jaxcontact.lab.cli import main
 
@@ -42,15 +41,12 @@ def test_other_parameters(capsys):
     assert half["parameters"] == {"c": 2.5e7}
 
 
-@pytest.mark.parametrize(
-    ("suffix", "start"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")]
-)
-def test_the_text_and_a_figure(tmp_path, capsys, suffix, start):
-    path = tmp_path / f"figure.{suffix}"
+def test_the_text_and_a_figure(tmp_path, capsys):
+    path = tmp_path / "figure.svg"
     assert main([*EXAMPLE, "--plot", str(path)]) == 0
     out = capsys.readouterr().out
     assert all(words in out for words in ("parameter e       0.7\n", "restitution       0.697"))
-    assert "separated" in out and path.read_bytes().startswith(start)
+    assert "separated" in out and path.read_bytes().startswith(b"<?xml")
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 

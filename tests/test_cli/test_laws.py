@@ -7,6 +7,7 @@ import pytest
 
 from jaxcontact._laws import list_laws
 from jaxcontact.lab.cli import main
+from jaxcontact.lab.cli.commands.laws import table
 
 # Delivered e for e = .9 .7 .5 .3 .1, to four decimals, from the energy balance in 40 digits.
 PUBLISHED = {
@@ -21,53 +22,35 @@ PUBLISHED = {
 
 FOUR_DECIMALS = 5.1e-5
 
+WITHOUT_E = set(
+    "hertz damped constant_damping marhefka_orin energy_loss kuwabara_kono power_damping "
+    "thornton_plastic viscoplastic walton_braun luding dmt jkr power_restitution bridges "
+    "wet_restitution linear_dashpot step_damping".split()
+)
+
 
 @pytest.fixture(scope="module")
 def rows():
-    from jaxcontact.lab.cli.commands.laws import table
-
     return {row["law"]: row for row in table()}
 
 
-def test_every_law_is_there_with_its_source(rows):
+def test_every_law_is_there_with_its_source_and_what_it_delivers(rows):
     assert list(rows) == list_laws()
-    for row in rows.values():
-        assert row["formula"] and row["source"]
+    assert all(row["formula"] and row["source"] for row in rows.values())
+    assert {name for name, row in rows.items() if row["delivers"] is None} <= WITHOUT_E
+    delivered = {
+        name: list(row["delivers"].values()) for name, row in rows.items() if row["delivers"]
+    }
+    assert all(e is not None and 0 <= e <= 1 for numbers in delivered.values() for e in numbers)
+    for law, numbers in PUBLISHED.items():
+        np.testing.assert_allclose(delivered[law], numbers, atol=FOUR_DECIMALS, err_msg=law)
 
 
-@pytest.mark.parametrize("law", PUBLISHED)
-def test_what_they_deliver(rows, law):
-    np.testing.assert_allclose(
-        list(rows[law]["delivers"].values()), PUBLISHED[law], atol=FOUR_DECIMALS
-    )
-
-
-WITHOUT_E = (
-    "hertz damped constant_damping marhefka_orin energy_loss kuwabara_kono power_damping "
-    "thornton_plastic viscoplastic walton_braun luding dmt jkr power_restitution bridges "
-    "wet_restitution linear_dashpot step_damping"
-).split()
-
-
-def test_every_law_with_e_delivers_something(rows):
-    for name, row in rows.items():
-        if row["delivers"] is None:
-            assert name in WITHOUT_E
-        else:
-            assert all(e is not None and 0 <= e <= 1 for e in row["delivers"].values())
-
-
-def test_the_table(capsys):
+def test_the_text_and_the_json(rows, capsys):
     assert main(["laws", "--quiet"]) == 0
-    out = capsys.readouterr().out
-    line = next(line for line in out.splitlines() if line.startswith("hu_guo"))
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
     for text in ("3(1-e)/(2e)", "0.8999", "0.6973", "0.4877", "0.2707", "0.0741", "Hu & Guo 2015"):
-        assert text in line
-    hertz = next(line for line in out.splitlines() if line.startswith("hertz"))
-    assert hertz.split().count("-") == 5
-
-
-def test_json_is_strict(capsys):
+        assert text in lines["hu_guo"]
+    assert lines["hertz"].split().count("-") == 5
     assert main(["laws", "--json", "--quiet"]) == 0
-    rows = json.loads(capsys.readouterr().out)
-    assert [row["law"] for row in rows] == list_laws()
+    assert json.loads(capsys.readouterr().out) == list(rows.values())

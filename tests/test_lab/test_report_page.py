@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact.lab.report_page.sections import Html, element, table
+from jaxcontact.lab import report_page
+from jaxcontact.lab.calibration.report_parts import Html, Rows, element
 from tests.test_lab.simulate import recording
 
 EVIL = "ball<script>alert(1)</script>"
@@ -103,9 +104,7 @@ def test_the_verdict_comes_first_and_everything_is_said(page, calibrated):
 
 
 def test_parameters_for_simulators(calibrated, monkeypatch):
-    from jaxcontact.lab.report_page import sections
-
-    monkeypatch.setattr(sections, "engines", lambda: ["exudyn", "simbody", "yade"])
+    monkeypatch.setattr(report_page, "engines", lambda: ["exudyn", "simbody", "yade"])
     law, contact = jc.ExactRestitution(e=0.88), jc.Contact(mass=0.03, stiffness=1e5)
 
     class Known:
@@ -116,17 +115,17 @@ def test_parameters_for_simulators(calibrated, monkeypatch):
 
     Known.law = law
     told = []
-    text = Page(sections.simulators(Known(), None, told.append)).text
+    text = Page(report_page.simulators(Known(), None, told.append)).text
     assert told == [f"inverting the law of {name}" for name in ("exudyn", "simbody", "yade")]
     own = jc.export(law, contact, [0.5, 1.0, 2.0], engine="exudyn")
     assert own.snippet in text and "largest error of e, 0.5 to 2 m/sbelow 0.0001" in text
     assert text.count("needs the radius of the ball") == 2
-    text = Page(sections.simulators(Known(), 0.02, told.append)).text
+    text = Page(report_page.simulators(Known(), 0.02, told.append)).text
     own = jc.export(law, contact, [0.5, 1.0, 2.0], engine="simbody", radius=0.02)
     assert own.snippet in text and f"{np.max(np.abs(own.error)):.4f}" in text
     assert "Not possible" not in text
     Known.law = None
-    assert "No fit converged" in sections.simulators(Known(), None, told.append)
+    assert "No fit converged" in report_page.simulators(Known(), None, told.append)
 
 
 def test_other_endings_and_bad_arguments(calibrated, tmp_path):
@@ -155,5 +154,6 @@ def test_it_prints_on_paper(page):
 def test_text_is_escaped_once():
     assert element("p", "a < b & c", class_='"') == '<p class="&quot;">a &lt; b &amp; c</p>'
     assert element("p", Html("<b>x</b>")) == "<p><b>x</b></p>"
-    assert "<td>&lt;i&gt;</td>" in table(("", "n"), [("<i>", "1")])
-    assert '<th colspan="2"' in table(("", "n"), [("all",)]) and table(("a",), []) == ""
+    table = Rows(("", "n"), [("<i>", "1")], "<>").html()
+    assert '<td>&lt;i&gt;</td><td class="number">1</td>' in table
+    assert Rows(("a",), []).html() == "" and Rows(("a",), []).text() == []

@@ -17,8 +17,7 @@ from jaxtyping import Float
 from ... import AbstractLaw, Contact, get_law, list_laws
 from ...extend import describe, parameters_of, read_whole, require_path, write_all
 from ..choice.kinds import kind_of_law, law_in
-from .full_report import report
-from .short_report import short
+from .report import report, short
 from .summary_data import SummaryData
 
 VERSION = 6
@@ -53,7 +52,8 @@ class CalibrationSummary(SummaryData):  # noqa: D101 (that of its data)
 
     def to_json(self) -> str:
         """Return the text that `save` writes."""
-        return dumps(self, CalibrationSummary, VERSION)
+        whole = {"format_version": VERSION, **_encode(self, CalibrationSummary, "")}
+        return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
     def __export__(
         self, contact: Contact | None
@@ -93,33 +93,22 @@ def load_calibration(path: str | os.PathLike[str]) -> CalibrationSummary:
     """
     file = require_path("path", path)
     try:
+        text = read_whole(file).decode("utf-8")
+        data = json.loads(text, parse_constant=lambda name: _refuse("", f"holds {name}"))
+        if not isinstance(data, dict) or "format_version" not in data:
+            raise FormatError("format_version is missing")
+        if data.pop("format_version") != VERSION:
+            raise FormatError(f"format_version must be {VERSION}")
         with jax.enable_x64(True):
-            return loads(read_whole(file).decode("utf-8"), CalibrationSummary, VERSION)
+            return _decode(data, CalibrationSummary, "")
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{file}: is not JSON: {error}") from error
     except (FormatError, UnicodeDecodeError) as error:
         raise ValueError(f"{file}: {error}") from error
 
 
 class FormatError(ValueError):
     """A file whose content does not match the format; the message names the field."""
-
-
-def dumps(value: Any, cls: type[Any], version: int) -> str:
-    """Return the fields of a dataclass as JSON text; raise ValueError for a non-finite number."""
-    whole = {"format_version": version, **_encode(value, cls, "")}
-    return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def loads(text: str, cls: type[Any], version: int) -> Any:
-    """Return the dataclass encoded in JSON text; raise FormatError for fields that differ."""
-    try:
-        data = json.loads(text, parse_constant=lambda name: _refuse("", f"holds {name}"))
-    except json.JSONDecodeError as error:
-        raise FormatError(f"is not JSON: {error}") from error
-    if not isinstance(data, dict) or "format_version" not in data:
-        raise FormatError("format_version is missing")
-    if data.pop("format_version") != version:
-        raise FormatError(f"format_version must be {version}")
-    return _decode(data, cls, "")
 
 
 def _refuse(where: str, what: str) -> typing.NoReturn:
@@ -135,6 +124,8 @@ def _required_type(hint: Any, value: Any) -> Any:
 
 
 def _hints(cls: Any) -> dict[str, Any]:
+    if cls is Contact:
+        return dict.fromkeys(("mass", "stiffness", "exponent"), float)
     hints = typing.get_type_hints(cls)
     return {field.name: hints[field.name] for field in dataclasses.fields(cls)}
 
@@ -147,9 +138,9 @@ def _encode(value: Any, hint: Any, where: str) -> Any:
     if origin is dict:
         return {name: _encode(v, inner[1], f"{where}.{name}") for name, v in value.items()}
     if hint is AbstractLaw:
-        return _law_numbers(value)
-    if hint is Contact:
-        return {name: float(getattr(value, name)) for name in _CONTACT}
+        law = next(n for n in list_laws() if describe(n).cls is type(value))
+        parameters = {p: float(getattr(value, p)) for p in parameters_of(law)}
+        return {"name": law, "parameters": parameters, "tension": value.tension}
     if dataclasses.is_dataclass(hint):
         return {
             name: _encode(getattr(value, name), own, f"{where}.{name}")
@@ -173,10 +164,6 @@ def _decode(value: Any, hint: Any, where: str) -> Any:
         return {name: _decode(v, inner[1], f"{where}.{name}") for name, v in value.items()}
     if hint is AbstractLaw:
         return _law_of(value, where)
-    if hint is Contact:
-        _check_fields(value, _CONTACT, where)
-        numbers = {name: _decode(value[name], float, f"{where}.{name}") for name in _CONTACT}
-        return _construct(lambda: Contact(**numbers), where)
     if dataclasses.is_dataclass(hint):
         hints = _hints(hint)
         _check_fields(value, hints, where)
@@ -207,15 +194,6 @@ def _check_fields(value: Any, wanted: Any, where: str) -> None:
     for name in wanted:
         if name not in value:
             _refuse(f"{where}.{name}", "is missing")
-
-
-_CONTACT = ("mass", "stiffness", "exponent")
-
-
-def _law_numbers(law: AbstractLaw) -> dict[str, Any]:
-    name = next(n for n in list_laws() if describe(n).cls is type(law))
-    parameters = {p: float(getattr(law, p)) for p in parameters_of(name)}
-    return {"name": name, "parameters": parameters, "tension": law.tension}
 
 
 def _law_of(value: Any, where: str) -> AbstractLaw:

@@ -31,6 +31,16 @@ class AtSpeed:
     least: float
     most: float
 
+    @property
+    def known(self) -> bool:
+        """True if the interval is known."""
+        return self.low is not None
+
+    @property
+    def half(self) -> float:
+        """Half the width of the interval; 0 if it is unknown."""
+        return 0.0 if self.low is None or self.high is None else (self.high - self.low) / 2
+
 
 def at_speeds(
     fit: Fit, others: Iterable[Fit], kept: np.ndarray, asked: Sequence[float]

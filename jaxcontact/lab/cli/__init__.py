@@ -11,18 +11,19 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from ...extend import VARIABLE, Stages
+from ...extend import VARIABLE, Stages, write_all
 from .commands import calibrate, design, explore, export, fit, impact, laws, paper, scene, sweep
-from .options import InputError
+from .options import InputError, add_options, print_json
 
 SHELLS = ("bash", "zsh")
 
 _CHOICE = re.compile(r"invalid choice: '(.*?)' \(choose from (.*)\)")
 
-# Each has SUMMARY, DESCRIPTION and EPILOG, `add_options(parser)` and `run(arguments, progress)`.
+# Each has SUMMARY, DESCRIPTION, EPILOG and OPTIONS, and `run(arguments, progress)`, which returns
+# its output or raises InputError or OSError.
 _COMMANDS = {
     "calibrate": calibrate,
     "fit": fit,
@@ -35,6 +36,13 @@ _COMMANDS = {
     "scene": scene,
     "paper": paper,
 }
+
+_GENERAL = """
+# options of every command
+--json | flag | print the result as JSON instead of text
+--quiet | flag | no progress on stderr
+--no-cache | flag | keep no compiled programs for the next command
+"""
 
 _INTERRUPTED = 130  # shell convention: 128 plus the signal number
 
@@ -69,9 +77,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not arguments.no_cache:
         keep_programs()
     try:
-        code = arguments.run(arguments, Stages(quiet=arguments.quiet))
+        output = arguments.run(arguments, Stages(quiet=arguments.quiet))
+        write_all(output.files)
+        if arguments.json:
+            print_json(output.data)
+        else:
+            print(*output.shown, sep="\n")
         sys.stdout.flush()
-        return code
+        return output.code
     except BrokenPipeError:
         # The reader (such as `| head`) has closed the pipe. Python's final flush goes to the null
         # device, which avoids a second error.
@@ -95,18 +108,11 @@ def _parser() -> Parser:
         "--completion", action=Completion, choices=SHELLS, help="print a completion script and exit"
     )
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
+    parser.commands = commands.choices
     for name, command in _COMMANDS.items():
         texts = {"description": command.DESCRIPTION, "epilog": command.EPILOG}
         parser_of_command = commands.add_parser(name, help=command.SUMMARY, **texts)
-        command.add_options(parser_of_command)
-        general = parser_of_command.add_argument_group("options of every command")
-        general.add_argument(
-            "--json", action="store_true", help="print the result as JSON instead of text"
-        )
-        general.add_argument("--quiet", action="store_true", help="no progress on stderr")
-        general.add_argument(
-            "--no-cache", action="store_true", help="keep no compiled programs for the next command"
-        )
+        add_options(parser_of_command, command.OPTIONS + _GENERAL)
         parser_of_command.set_defaults(run=command.run)
     return parser
 
@@ -133,6 +139,7 @@ class Parser(argparse.ArgumentParser):
         how = {"formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False} | how
         super().__init__(*arguments, **how)
         self._given: list[str] = []
+        self.commands: Mapping[Any, Parser] = {}
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse as argparse does, and keep the arguments for messages."""
@@ -143,7 +150,7 @@ class Parser(argparse.ArgumentParser):
         """Parse as argparse does, but report an unknown option from its subcommand."""
         parsed, unknown = self.parse_known_args(args, namespace)
         if unknown:
-            command = self._commands().get(getattr(parsed, "command", None), self)
+            command = self.commands.get(getattr(parsed, "command", None), self)
             command.error(command.unknown(unknown))
         return parsed
 
@@ -169,13 +176,6 @@ class Parser(argparse.ArgumentParser):
 
     def _options(self) -> list[str]:
         return [name for action in self._actions for name in action.option_strings]
-
-    def _commands(self) -> dict[Any, Parser]:
-        commands: dict[Any, Parser] = {}
-        for action in self._actions:
-            if isinstance(action, argparse._SubParsersAction):
-                commands |= action.choices
-        return commands
 
 
 def closest(word: str, words: Iterable[str]) -> str | None:
@@ -206,7 +206,7 @@ class Completion(argparse.Action):
         from ...engines import engines
 
         names = {"law": list_laws(), "engine": engines()}
-        for command in parser._commands().values():
+        for command in parser.commands.values():
             for action in command._actions:
                 if action.metavar == "FILE":
                     action.complete = shtab.FILE

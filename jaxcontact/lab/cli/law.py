@@ -1,63 +1,44 @@
-"""A law and a contact on the command line: the options, and checks of their values."""
+"""The options of a law, a contact, air and a table of numbers, and checks of their values."""
 
 from __future__ import annotations
 
 import argparse
-import functools
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from .options import InputError, assignment, positive
+from .options import InputError
 
 if TYPE_CHECKING:
-    from ... import Contact
+    from ... import Contact, Drag
+
+TABLE = """
+--columns NAME=COLUMN,... | | columns by number or heading: speed=2,e=5; a unit may follow the name:
+    'speed [mm/s]=2'
+--decimal | choice . , | decimal mark, if the file is ambiguous
+--sheet NAME | | sheet of a spreadsheet, by name or number from 1
+"""
+
+AIR = """
+--radius M | positive | radius of the ball in m
+--drag-coefficient CD | positive | 0.4 to 0.5 for a sphere
+--air-density KG/M3 | positive | in kg/m³ (default: 1.204)
+"""
+GRAVITY = "--gravity M/S2 | positive | gravity in m/s² (default: 9.81)\n"
+IN_AIR = "# air drag: quadratic drag; corrected in the flights if all three are given\n"
 
 
-def add_law_and_contact(
-    parser: argparse.ArgumentParser,
-    *,
-    number: Callable[[str], Any],
-    size: Callable[[str], Any],
-    form: tuple[str, str],
-    defaults: dict[str, float] | None = None,
-    needed: bool = True,
-    velocity: bool = True,
-) -> None:
-    """Add the options of a law, a contact and a closing speed.
-
-    `number` reads a parameter of the law, and `size` a number of the contact. `form` holds the
-    VALUE that help shows for NAME=VALUE, and an example. Without `defaults` the contact numbers are
-    required, and a law always is, unless not `needed`. `velocity`: whether there is a closing
-    speed.
-    """
-    value, example = form
-    parser.add_argument(
-        "--law", metavar="NAME", required=needed, help="name of the law; see `jaxcontact laws`"
-    )
-    parser.add_argument("--e", metavar="E", type=number, help="parameter e of the law")
-    parser.add_argument(
-        "--param",
-        metavar=f"NAME={value}",
-        type=functools.partial(assignment, read=number, form=value),
-        action="append",
-        default=[],
-        help=f"another parameter of the law, in SI units (such as {example}); may be repeated",
-    )
-    for name, metavar, words in (
-        ("mass", "KG", "effective mass in kg"),
-        ("stiffness", "K", "K of K δⁿ, in N/mⁿ"),
-        ("velocity", "V", "closing speed in m/s"),
-    ):
-        if name == "velocity" and not velocity:
-            continue
-        default = f" (default: {defaults[name]:g})" if defaults else ""
-        must = needed and not defaults
-        parser.add_argument(
-            f"--{name}", metavar=metavar, type=size, required=must, help=words + default
-        )
-    parser.add_argument(
-        "--exponent", metavar="N", type=positive, help="n of K δⁿ (default: the law's own, or 1.5)"
-    )
+def law_options(*, required: bool = True, velocity: bool = True) -> str:
+    """Return the options of a law, a contact and, if asked for, a closing speed."""
+    must = ", required" if required else ""
+    speed = f"--velocity V | positive{must} | closing speed in m/s\n" if velocity else ""
+    return f"""
+--law NAME | {must} | name of the law; see `jaxcontact laws`
+--e E | number | parameter e of the law
+--param NAME=NUMBER ... | number | another parameter of the law, in SI units (such as c=1e6); may be
+    repeated
+--mass KG | positive{must} | effective mass in kg
+--stiffness K | positive{must} | K of K δⁿ, in N/mⁿ
+{speed}--exponent N | positive | n of K δⁿ (default: the law's own, or 1.5)
+"""
 
 
 def law_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -80,10 +61,9 @@ def law_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
     wanted = parameters_of(arguments.law)
     for name in parameters:
         if name not in wanted:
-            takes = ", ".join(wanted) or "none"
             raise InputError(
-                f"{arguments.law} has no parameter {name}; its parameters: {takes}."
-                f"{did_you_mean(name, wanted)}"
+                f"{arguments.law} has no parameter {name}; its parameters: "
+                f"{', '.join(wanted) or 'none'}.{did_you_mean(name, wanted)}"
             )
     missing = [name for name in wanted if name not in parameters]
     if missing:
@@ -96,10 +76,10 @@ def contact_asked(arguments: argparse.Namespace, exponent: float) -> Contact:
     """Return the contact of `--mass` and `--stiffness`; raise InputError if one is missing."""
     from ... import Contact
 
-    missing = [name for name in ("mass", "stiffness") if getattr(arguments, name) is None]
+    missing = [f"--{name}" for name in ("mass", "stiffness") if getattr(arguments, name) is None]
     if missing:
-        options = " and ".join(f"--{name}" for name in missing)
-        raise InputError(f"{options} is needed" if len(missing) == 1 else f"{options} are needed")
+        verb = "is" if len(missing) == 1 else "are"
+        raise InputError(f"{' and '.join(missing)} {verb} needed")
     return Contact(arguments.mass, arguments.stiffness, exponent)
 
 
@@ -115,3 +95,38 @@ def exponent_asked(arguments: argparse.Namespace) -> float:
             f"but got {exponent:g}"
         )
     return exponent
+
+
+def drag_asked(arguments: argparse.Namespace) -> Drag | None:
+    """Return the drag if mass, radius and coefficient are given, otherwise None.
+
+    Raises InputError for a coefficient or a density of air without the others.
+    """
+    from ... import Drag
+    from ...extend import AIR_DENSITY
+
+    missing, air = _missing(arguments), (arguments.drag_coefficient, arguments.air_density)
+    if not missing:
+        return Drag(arguments.mass, arguments.radius, air[0], air[1] or AIR_DENSITY)
+    names = ("--drag-coefficient", "--air-density")
+    useless = [name for name, value in zip(names, air, strict=True) if value is not None]
+    if useless:
+        raise InputError(
+            f"{' and '.join(useless)} alone cannot correct for drag: "
+            f"also give {' and '.join(missing)}"
+        )
+    return None
+
+
+def drag_notes(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Return the note that drag is left out, if only a mass or a radius is given."""
+    missing = _missing(arguments)
+    if not missing or (arguments.mass is None and arguments.radius is None):
+        return ()
+    return (f"air drag is left out: its correction also needs {' and '.join(missing)}",)
+
+
+def _missing(arguments: argparse.Namespace) -> list[str]:
+    names = ("mass", "radius", "drag_coefficient")
+    given = vars(arguments)
+    return [f"--{name.replace('_', '-')}" for name in names if given[name] is None]

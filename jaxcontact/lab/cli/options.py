@@ -1,37 +1,79 @@
-"""Options of several commands, checked on entry; results as JSON, and output files."""
+"""Options as tables, the values they read, errors in words of options, and output."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import json
 import math
 import pathlib
 import re
-from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
-from ...extend import is_special
+from ...extend import is_special, wrapped
 
 if TYPE_CHECKING:
     import numpy as np
-
-    from ... import Drag
 
 
 class InputError(ValueError):
     """Invalid input of the user; the message is shown to the user."""
 
 
-@contextlib.contextmanager
-def input_errors(said: Callable[[str], str] = str) -> Iterator[None]:
-    """Make each ValueError of a block one of the input, with its text as `said` here."""
-    try:
-        yield
-    except InputError:
-        raise
-    except ValueError as error:
-        raise InputError(said(str(error))) from error
+class Output(NamedTuple):
+    """What a command prints, line by line or as JSON, what it writes, and its exit code."""
+
+    shown: Sequence[object]
+    data: Any
+    files: Mapping[pathlib.Path, bytes | Callable[[BinaryIO], object]] = {}
+    code: int = 0
+
+
+def written(files: Mapping[pathlib.Path, object]) -> str:
+    """Return the line that names the written files."""
+    return "\n".join(wrapped("Written", ", ".join(map(str, files))))
+
+
+def add_options(parser: argparse.ArgumentParser, table: str) -> None:
+    """Add the options of a table with lines `--name VALUE | kind, how | help`.
+
+    The kind reads the VALUE, or that of NAME=VALUE: one of `KINDS`, `choice` with its words, or
+    nothing for a text; `flag` has none. `how` is `required` or `= default`. A [VALUE] is optional,
+    and `VALUE ...` may be repeated. An indented line continues the help; `# title: words` begins a
+    group.
+    """
+    place: Any = parser
+    for line in filter(None, re.sub(r"\n +", " ", table).splitlines()):
+        if line.startswith("#"):
+            place = parser.add_argument_group(*line.strip("# ").split(": "))
+            continue
+        left, kinds, words = (part.strip() for part in line.split("|", 2))
+        how = kinds.split(", ")
+        kind, *choices = how[0].split() or [""]
+        name, *value = left.strip("[]").split()
+        settings: dict[str, Any] = {"help": words, "required": "required" in how}
+        if not name.startswith("-"):
+            settings = {"help": words, "metavar": name}
+            if left.startswith("["):
+                settings["nargs"] = "*" if value else "?"
+            name = name.lower()
+        elif value:
+            settings["metavar"] = value[0].strip("[]")
+        form = settings.get("metavar", "").partition("=")[2]
+        if read := KINDS.get(kind):
+            settings["type"] = functools.partial(assignment, read=read, form=form) if form else read
+        if kind == "choice":
+            settings["choices"] = tuple(choices)
+        elif kind == "flag":
+            settings["action"] = "store_true"
+        elif value[1:]:
+            settings |= {"action": "append", "default": []}
+        elif value and left.startswith("-") and left.endswith("]"):
+            settings |= {"nargs": "?", "const": math.inf if read else ""}
+        default = next((one[1:].strip() for one in how if one.startswith("=")), None)
+        place.add_argument(name, **settings | ({"default": default} if default else {}))
 
 
 def positive(text: str) -> float:
@@ -82,108 +124,76 @@ def span(text: str) -> float | np.ndarray:
     return np.geomspace(low, high, int(parts[2]))
 
 
-def add_table_options(parser: argparse.ArgumentParser) -> None:
-    """Add `--columns`, `--decimal` and `--sheet`."""
-    parser.add_argument(
-        "--columns",
-        metavar="NAME=COLUMN,...",
-        help="columns by number or heading: speed=2,e=5; a unit may follow the name: "
-        "'speed [mm/s]=2'",
-    )
-    parser.add_argument(
-        "--decimal", choices=(".", ","), help="decimal mark, if the file is ambiguous"
-    )
-    parser.add_argument(
-        "--sheet", metavar="NAME", help="sheet of a spreadsheet, by name or number from 1"
-    )
+def plain_value(text: str) -> int | float | str:
+    """Return a whole number, a number, or the text itself."""
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(text)
+    return text
+
+
+KINDS: dict[str, Callable[[str], Any]] = {
+    "positive": positive,
+    "number": number,
+    "count": int,
+    "range": span,
+    "value": plain_value,
+}
+
+
+@contextlib.contextmanager
+def input_errors(said: Callable[[str], str] = str) -> Iterator[None]:
+    """Make each ValueError of a block one of the input, with its text as `said` here."""
+    try:
+        yield
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(said(str(error))) from error
+
+
+def naming(options: str, **others: str) -> Callable[[str], str]:
+    """Return a function that puts options in place of the arguments that an error names.
+
+    `others` are the options for arguments of another name.
+    """
+    names = {name: name for name in options.split()} | others
+
+    def option(found: re.Match[str]) -> str:
+        if found[1] not in names:
+            return found[0]
+        return f"--{names[found[1]].replace('_', '-')}{found[2] and ' ' + found[2]}"
+
+    return lambda text: re.sub(r'(?:Argument )?`(\w+)=?((?:"[^"]*")?)`', option, text)
+
+
+READ = "columns decimal ball rate sheet"
+"""Options of a reader."""
 
 
 def table_asked(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the arguments of a reader for these options."""
+    """Return the arguments of a reader for the options of a table."""
     return {name: getattr(arguments, name) for name in ("columns", "decimal", "sheet")}
 
 
-def in_options(text: str) -> str:
-    """Return the error of a reader, with options in place of arguments."""
-    text = re.sub(r'`(columns|decimal)="([^"]*)"`', r'--\1 "\2"', text)
-    text = re.sub(r"Argument `(columns|decimal|layout|ball|rate|sheet)`", r"--\1", text)
-    return re.sub(r"`(rate|ball|sheet)=?`", r"--\1", text)
-
-
-def add_air_options(parser: argparse.ArgumentParser, *, mass: str | None = None) -> None:
-    """Add `--gravity` and the drag options; `--mass` with these words, if it is not yet defined."""
-    air = parser.add_argument_group(
-        "air drag", "quadratic drag; corrected in the flights if all three are given"
-    )
-    parser.add_argument(
-        "--gravity", metavar="M/S2", type=positive, help="gravity in m/s² (default: 9.81)"
-    )
-    if mass is not None:
-        air.add_argument("--mass", metavar="KG", type=positive, help=mass)
-    for name, metavar, words in (
-        ("--radius", "M", "radius of the ball in m"),
-        ("--drag-coefficient", "CD", "0.4 to 0.5 for a sphere"),
-        ("--air-density", "KG/M3", "in kg/m³ (default: 1.204)"),
-    ):
-        air.add_argument(name, metavar=metavar, type=positive, help=words)
-
-
-def gravity_asked(arguments: argparse.Namespace) -> float:
-    from ...extend import STANDARD_GRAVITY
-
-    return STANDARD_GRAVITY if arguments.gravity is None else arguments.gravity
-
-
-def drag_asked(arguments: argparse.Namespace) -> Drag | None:
-    """Return the drag if mass, radius and coefficient are given, otherwise None.
-
-    Raises InputError for a coefficient or a density of air without the others.
-    """
-    from ... import Drag
-    from ...extend import AIR_DENSITY
-
-    missing = _missing(arguments)
-    if not missing:
-        density = AIR_DENSITY if arguments.air_density is None else arguments.air_density
-        return Drag(arguments.mass, arguments.radius, arguments.drag_coefficient, density)
-    own = {
-        "--drag-coefficient": arguments.drag_coefficient,
-        "--air-density": arguments.air_density,
-    }
-    useless = [name for name, value in own.items() if value is not None]
-    if useless:
-        raise InputError(
-            f"{' and '.join(useless)} alone cannot correct for drag: "
-            f"also give {' and '.join(missing)}"
-        )
-    return None
-
-
-def drag_notes(arguments: argparse.Namespace) -> tuple[str, ...]:
-    """Return the note that drag is left out, if only a mass or a radius is given."""
-    missing = _missing(arguments)
-    if not missing or (arguments.mass is None and arguments.radius is None):
-        return ()
-    return (f"air drag is left out: its correction also needs {' and '.join(missing)}",)
-
-
-def _missing(arguments: argparse.Namespace) -> list[str]:
-    named = {
-        "--mass": arguments.mass,
-        "--radius": arguments.radius,
-        "--drag-coefficient": arguments.drag_coefficient,
-    }
-    return [name for name, value in named.items() if value is None]
+def refuse(arguments: argparse.Namespace, names: Sequence[str], why: str) -> None:
+    """Raise InputError if one of the options is given."""
+    for name in names:
+        if getattr(arguments, name) not in (None, "all", []):
+            raise InputError(f"--{name.replace('_', '-')} {why}")
 
 
 def print_json(result: Any) -> None:
-    """Print a result of dicts, lists, texts, numbers and arrays."""
-    print(json.dumps(plain(result), indent=1, ensure_ascii=False, allow_nan=False))
+    """Print a result of dicts, lists, texts, numbers and arrays; a text as it is."""
+    if isinstance(result, str):
+        print(result, end="")
+    else:
+        print(json.dumps(plain(result), indent=1, ensure_ascii=False, allow_nan=False))
 
 
 def plain(value: Any) -> Any:
     """Convert arrays to lists, numbers to Python's, and non-finite ones to None."""
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {str(name): plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
@@ -195,6 +205,19 @@ def plain(value: Any) -> Any:
 
     # The remaining values are arrays and numbers of NumPy and JAX.
     return plain(np.asarray(value).tolist())
+
+
+def fields(result: object, names: str) -> dict[str, Any]:
+    """Return some attributes of a result, for JSON."""
+    return {name: getattr(result, name) for name in names.split()}
+
+
+def output_folder(name: str) -> pathlib.Path:
+    """Return the folder of `--out`, which may be missing; raise InputError for a file."""
+    path = pathlib.Path(name)
+    if path.exists() and not path.is_dir():
+        raise InputError(f"--out {path} is not a folder")
+    return path
 
 
 def output_path(option: str, name: str, suffixes: Sequence[str]) -> pathlib.Path:

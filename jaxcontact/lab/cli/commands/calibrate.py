@@ -8,31 +8,26 @@ import dataclasses
 import io
 import os
 import pathlib
-import re
-from typing import TYPE_CHECKING
+from typing import Any
 
-from ....extend import Stages, progress_of, wrapped, write_all
+from ....extend import Stages, progress_of, wrapped
+from ..law import AIR, GRAVITY, IN_AIR, TABLE, drag_asked, drag_notes
 from ..options import (
+    READ,
     InputError,
-    add_air_options,
-    add_table_options,
-    drag_asked,
-    drag_notes,
-    gravity_asked,
-    in_options,
+    Output,
     input_errors,
+    naming,
+    output_folder,
     output_path,
-    positive,
-    print_json,
+    refuse,
     table_asked,
+    written,
 )
-
-if TYPE_CHECKING:
-    from .... import Drag
 
 FIGURE = "calibration.png"
 NUMBERS = "calibration.json"
-TABLE = "calibration.csv"
+CSV = "calibration.csv"
 SOUND = "sound.png"
 RECORD = "record.png"
 TRACK = "track.png"
@@ -123,87 +118,60 @@ are those of `--ball NAME`. The file calibration.csv holds all rows; no other fi
 exit codes: 0 done; 1 a fit did not converge (everything is written); 2 bad input, nothing written.
 """
 
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "file", nargs="?", metavar="FILE", help="recording (default: the shipped one)"
-    )
-    parser.add_argument(
-        "--law",
-        metavar="NAME",
-        default="all",
-        help="law to fit (default: all of nine kinds)",
-    )
-    parser.add_argument(
-        "--ball",
-        metavar="NAME",
-        help="ball to use if the file holds several (default for the shipped file: blue); "
-        f"{ALL} fits one --law to each, and writes {TABLE}",
-    )
-    add_table_options(parser)
-    parser.add_argument(
-        "--out",
-        metavar="DIR",
-        default=".",
-        help=f"folder for {FIGURE} and {NUMBERS}, made if missing (default: the current one)",
-    )
-    add_air_options(parser, mass="mass of the ball in kg (also used for A, and for records)")
-    follow = "Hertz stiffness in N/m^(3/2); determines c, and with --mass also A"
-    for name, metavar, words in (
-        ("--stiffness", "K", follow),
-        ("--rate", "HZ", "readings of a record, or frames of a video, per second"),
-        ("--exponent", "N", "exponent n of the force of a record (default: 1.5)"),
-        ("--restitution", "E", "e of oblique impacts, without a column of it"),
-        ("--tangential-ratio", "KAPPA", "tangential over normal stiffness, for oblique impacts"),
-    ):
-        parser.add_argument(name, metavar=metavar, type=positive, help=words)
-    parser.add_argument(
-        "--report",
-        metavar="FILE",
-        nargs="?",
-        const="",
-        help="also write a report: .html, one page with pictures and settings for simulators, "
-        f".md, .txt or .json; without FILE {REPORT} beside the figure",
-    )
-    parser.add_argument(
-        "--at",
-        metavar="V",
-        type=positive,
-        action="append",
-        default=[],
-        help="also print e at this approach speed in m/s; may be repeated",
-    )
-    parser.add_argument(
-        "--details",
-        action="store_true",
-        help="print everything: marked pairs, parameters of all laws, their comparison",
-    )
+OPTIONS = f"""
+[FILE] | | recording (default: the shipped one)
+--law NAME | = {ALL} | law to fit (default: all of nine kinds)
+--ball NAME | | ball to use if the file holds several (default for the shipped file: blue); {ALL}
+    fits one --law to each, and writes {CSV}
+{TABLE}
+--out DIR | = . | folder for {FIGURE} and {NUMBERS}, made if missing (default: the current
+    one)
+{GRAVITY}
+--stiffness K | positive | Hertz stiffness in N/m^(3/2); determines c, and with --mass also A
+--rate HZ | positive | readings of a record, or frames of a video, per second
+--exponent N | positive | exponent n of the force of a record (default: 1.5)
+--restitution E | positive | e of oblique impacts, without a column of it
+--tangential-ratio KAPPA | positive | tangential over normal stiffness, for oblique impacts
+--report [FILE] | | also write a report: .html, one page with pictures and settings for
+    simulators, .md, .txt or .json; without FILE {REPORT} beside the figure
+--at V ... | positive | also print e at this approach speed in m/s; may be repeated
+--details | flag | print everything: marked pairs, parameters of all laws, their comparison
+{IN_AIR}
+--mass KG | positive | mass of the ball in kg (also used for A, and for records)
+{AIR}"""
 
 
-def run(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Calibrate; return 0, or 1 if a fit did not converge. Raises InputError, OSError."""
+def run(arguments: argparse.Namespace, progress: Stages) -> Output:
+    """Calibrate a ball, every ball of a table, or the friction of oblique impacts."""
     progress("reading the recording")
-    if is_friction(arguments):
-        return run_friction(arguments, progress)
-    if arguments.ball == ALL:
-        return run_every_ball(arguments, drag_asked(arguments), progress)
-    from ....extend import render
-    from ....plot import calibration, record, sound, track
-    from ...calibration.calibrate import calibrate
-    from ...recordings import RecordingError, read_recording
+    from ...calibration.calibrate_friction import is_oblique
 
-    out = pathlib.Path(arguments.out)
-    page = _page(arguments.report, out)
-    if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out} is not a folder")
-    with input_errors(_in_options):
+    if arguments.file is not None and is_oblique(arguments.file, **table_asked(arguments)):
+        return _friction(arguments, progress)
+    table = "a table with an angle or a tangential velocity, and an outcome"
+    refuse(arguments, _OWN, f"is for oblique impacts only: {table}")
+    if arguments.ball == ALL:
+        return _every_ball(arguments, progress)
+    return _one_ball(arguments, progress)
+
+
+def _one_ball(arguments: argparse.Namespace, progress: Stages) -> Output:
+    """Return the laws of one ball, with pictures and a report."""
+    from .... import plot
+    from ....extend import STANDARD_GRAVITY, render
+    from ...calibration.calibrate import calibrate
+    from ...recordings import read_recording
+
+    page = _page(arguments.report, pathlib.Path(arguments.out))
+    out = output_folder(arguments.out)
+    with input_errors(_named):
         how = {"ball": arguments.ball, "rate": arguments.rate} | table_asked(arguments)
         recording = read_recording(arguments.file, **how)
     drag = None if recording.layout.fitted else drag_asked(arguments)
     if recording.layout.uses_flight:
         notes = (*drag_notes(arguments), *recording.notes)
         recording = dataclasses.replace(recording, notes=notes)
-    try:
+    with input_errors(_named):
         result = calibrate(
             recording,
             laws=arguments.law,
@@ -211,64 +179,51 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             mass=arguments.mass,
             stiffness=arguments.stiffness,
             exponent=arguments.exponent,
-            gravity=gravity_asked(arguments),
+            gravity=arguments.gravity or STANDARD_GRAVITY,
             at=arguments.at,
             progress=progress,
         )
-    except RecordingError as error:
-        raise InputError(in_options(str(error))) from error
-    except ValueError as error:
-        # The parser has checked the numbers. The remaining errors are a law that cannot be fitted
-        # to e(v), and missing numbers of a record.
-        option = re.match(r"Argument `(mass|stiffness|exponent|law)s?`", str(error))
-        if option:
-            raise InputError(str(error).replace(option[0], f"--{option[1]}", 1)) from error
-        raise InputError(f"--law: {error}") from error
     progress("drawing and writing")
-    figure = render(lambda f: calibration(result, ax=f.add_subplot()), (7.0, 4.6), out / FIGURE)
-    files = {out / FIGURE: figure, out / NUMBERS: result.to_json().encode()}
+
+    def picture(name: str, draw: Any, of: Any, size: tuple[float, float], axes: int = 1) -> None:
+        files[out / name] = render(lambda f: draw(of, ax=f.subplots(axes)), size, out / name)
+
+    files: dict[pathlib.Path, bytes] = {}
+    picture(FIGURE, plot.calibration, result, (7.0, 4.6))
+    files[out / NUMBERS] = result.to_json().encode()
     if recording.sound is not None:
-        picture = render(lambda f: sound(recording, ax=f.add_subplot()), (8.0, 4.0), out / SOUND)
-        files[out / SOUND] = picture
+        picture(SOUND, plot.sound, recording, (8.0, 4.0))
     if recording.tracks:
-        picture = render(lambda f: track(recording, ax=f.add_subplot()), (8.0, 4.0), out / TRACK)
-        files[out / TRACK] = picture
+        picture(TRACK, plot.track, recording, (8.0, 4.0))
     if result.impacts:
-        picture = render(lambda f: record(result, ax=f.subplots(2)), (8.0, 7.0), out / RECORD)
-        files[out / RECORD] = picture
+        picture(RECORD, plot.record, result, (8.0, 7.0), axes=2)
     if page is not None:
         from ...report_page import content_of
 
-        picture = pathlib.Path(os.path.relpath(out / FIGURE, page.parent)).as_posix()
-        files[page] = content_of(result, page, arguments.radius, progress, picture)
-    write_all(files)
-    if arguments.json:
-        print(files[out / NUMBERS].decode(), end="")
-    else:
-        print(result.report() if arguments.details else result)
-        print("\n".join(wrapped("Written", ", ".join(map(str, files)))))
-    return 0 if result.converged else 1
+        link = pathlib.Path(os.path.relpath(out / FIGURE, page.parent)).as_posix()
+        files[page] = content_of(result, page, arguments.radius, progress, link)
+    shown = result.report() if arguments.details else result
+    numbers = files[out / NUMBERS].decode()
+    return Output([shown, written(files)], numbers, files, 0 if result.converged else 1)
 
 
-def _in_options(text: str) -> str:
-    """Return the error of a reader, with options in place of arguments."""
-    text = in_options(text)
-    return (
-        f"{text}, or fit one --law to each with --ball {ALL}" if "choose one with" in text else text
-    )
+def _named(text: str) -> str:
+    """Return an error with options in place of arguments."""
+    text = naming(f"{READ} mass stiffness exponent", laws="law")(text)
+    each = f", or fit one --law to each with --ball {ALL}" if "choose one with" in text else ""
+    return text + each
 
 
 def _page(name: str | None, out: pathlib.Path) -> pathlib.Path | None:
     """Return the file of `--report`, None without it; raise InputError for another extension."""
-    if name is None:
-        return None
     if not name:
-        return out / REPORT
+        return None if name is None else out / REPORT
     from ...report_page import PDF, SUFFIXES
 
-    if pathlib.Path(name).suffix.lower() == ".pdf":
-        raise InputError(f"--report {name}: {PDF.format(pathlib.Path(name).stem)}")
-    if pathlib.Path(name).suffix.lower() not in SUFFIXES and pathlib.Path(name).exists():
+    path = pathlib.Path(name)
+    if path.suffix.lower() == ".pdf":
+        raise InputError(f"--report {name}: {PDF.format(path.stem)}")
+    if path.suffix.lower() not in SUFFIXES and path.exists():
         raise InputError(
             f"--report {name}: is this the recording? Then put it first: "
             f"`jaxcontact calibrate {name} --report`"
@@ -276,36 +231,25 @@ def _page(name: str | None, out: pathlib.Path) -> pathlib.Path | None:
     return output_path("--report", name, SUFFIXES)
 
 
-_OF_ONE = "report", "exponent"
-"""Options of the calibration of one ball."""
-
-
-def run_every_ball(arguments: argparse.Namespace, drag: Drag | None, progress: Stages) -> int:
-    """Fit one law to each ball; return 0, or 1 if a fit did not converge.
-
-    Raises InputError, OSError.
-    """
+def _every_ball(arguments: argparse.Namespace, progress: Stages) -> Output:
+    """Return one law of each ball, a row for each."""
     from .... import FitStatus
-    from ....extend import Flight
+    from ....extend import STANDARD_GRAVITY, Flight
     from ...calibration.every_ball import calibrate_each, row_of, text_of
     from ...recordings import read_recordings
 
-    for name in _OF_ONE:
-        if getattr(arguments, name) is not None:
-            raise InputError(f"--{name} is for one ball, but --ball is {ALL}")
+    drag = drag_asked(arguments)
+    refuse(arguments, ("report", "exponent"), f"is for one ball, but --ball is {ALL}")
     if arguments.law == "all":
         raise InputError(
             f"--ball {ALL} fits one law to each ball: choose it, as in --law constant_damping or, "
             "for a constant e, --law exact"
         )
-    out = pathlib.Path(arguments.out)
-    if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out} is not a folder")
-    file = out / TABLE
+    file = output_folder(arguments.out) / CSV
     if arguments.file is not None and file.exists() and file.samefile(arguments.file):
-        raise InputError(f"--out {out}: {TABLE} there is the file that is read")
-    how = table_asked(arguments) | {"rate": arguments.rate}
-    with input_errors(in_options):
+        raise InputError(f"--out {file.parent}: {CSV} there is the file that is read")
+    with input_errors(naming(READ)):
+        how = table_asked(arguments) | {"rate": arguments.rate}
         recordings = read_recordings(arguments.file, **how)
     first = next(iter(recordings.values()))
     notes = [one for one in first.notes if all(one in ball.notes for ball in recordings.values())]
@@ -316,13 +260,13 @@ def run_every_ball(arguments: argparse.Namespace, drag: Drag | None, progress: S
         raise InputError(f"--ball {ALL}: {first.source} is a record of one ball")
     progress(f"compiling, and fitting {len(recordings):,} balls")
     with (
-        input_errors(lambda text: text.replace("Argument `laws`", "--law")),
+        input_errors(naming("", laws="law")),
         progress_of(False if arguments.quiet else None, "balls", "calibrate") as tell,
     ):
         fits = calibrate_each(
             recordings,
             arguments.law,
-            flight=Flight(gravity_asked(arguments), drag),
+            flight=Flight(arguments.gravity or STANDARD_GRAVITY, drag),
             mass=arguments.mass,
             stiffness=arguments.stiffness,
             at=arguments.at,
@@ -330,22 +274,18 @@ def run_every_ball(arguments: argparse.Namespace, drag: Drag | None, progress: S
         )
     rows = [row_of(one) for one in fits]
     header = max(rows, key=len)
-    rows = [{name: row.get(name) for name in header} for row in rows]
     text = io.StringIO()
     writer = csv.DictWriter(text, header, lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    write_all({file: text.getvalue().encode()})
-    if arguments.json:
-        whole = {"source": first.source, "law": arguments.law, "read_as": notes}
-        print_json({**whole, "balls": rows})
-    else:
-        print(f"{arguments.law} for each ball of {first.source}")
-        print(text_of(fits, whole=arguments.details))
-        if notes:
-            print("\n".join(wrapped("Read as", "; ".join(notes))))
-        print("\n".join(wrapped("Written", str(file))))
-    return 1 if any(one.status == FitStatus.NOT_CONVERGED for one in fits) else 0
+    files = {file: text.getvalue().encode()}
+    read_as = wrapped("Read as", "; ".join(notes))
+    title = f"{arguments.law} for each ball of {first.source}"
+    shown = [title, text_of(fits, whole=arguments.details), *read_as, written(files)]
+    balls = [{name: row.get(name) for name in header} for row in rows]
+    data = {"source": first.source, "law": arguments.law, "read_as": notes, "balls": balls}
+    poor = any(one.status == FitStatus.NOT_CONVERGED for one in fits)
+    return Output(shown, data, files, 1 if poor else 0)
 
 
 _OWN = "restitution", "tangential_ratio"
@@ -353,35 +293,16 @@ _BOUNCES = (
     *("law", "mass", "stiffness", "rate", "exponent", "report", "at", "gravity"),
     *("drag_coefficient", "air_density"),
 )
-"""Options that do not apply to oblique impacts."""
+"""Options of oblique impacts, and of the others alone."""
 
 
-def is_friction(arguments: argparse.Namespace) -> bool:
-    """Return whether the file holds oblique impacts; InputError for their options beside others."""
-    from ...calibration.calibrate_friction import is_oblique
-
-    if arguments.file is not None and is_oblique(arguments.file, **table_asked(arguments)):
-        return True
-    for name in _OWN:
-        if getattr(arguments, name) is not None:
-            raise InputError(
-                f"--{name.replace('_', '-')} is for oblique impacts only: a table with an angle or "
-                "a tangential velocity, and an outcome"
-            )
-    return False
-
-
-def run_friction(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Fit friction laws; return 0, or 1 if a fit did not converge. Raises InputError, OSError."""
+def _friction(arguments: argparse.Namespace, progress: Stages) -> Output:
+    """Return the friction laws of oblique impacts."""
     from ...calibration.calibrate_friction import calibrate_friction
 
-    for name in _BOUNCES:
-        if getattr(arguments, name) not in (None, "all", []):
-            raise InputError(f"--{name.replace('_', '-')} does not apply to oblique impacts")
-    out = pathlib.Path(arguments.out)
-    if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out} is not a folder")
-    with input_errors(_oblique_in_options):
+    refuse(arguments, _BOUNCES, "does not apply to oblique impacts")
+    file = output_folder(arguments.out) / NUMBERS
+    with input_errors(naming(f"{READ} radius {' '.join(_OWN)}")):
         result = calibrate_friction(
             arguments.file,
             restitution=arguments.restitution,
@@ -392,17 +313,5 @@ def run_friction(arguments: argparse.Namespace, progress: Stages) -> int:
             **table_asked(arguments),
         )
     numbers = result.to_json()
-    write_all({out / NUMBERS: numbers.encode()})
-    if arguments.json:
-        print(numbers, end="")
-    else:
-        print(result)
-        print("\n".join(wrapped("Written", str(out / NUMBERS))))
-    return 0 if result.converged else 1
-
-
-def _oblique_in_options(text: str) -> str:
-    """Return an error with options in place of arguments."""
-    for name in (*_OWN, "radius"):
-        text = text.replace(f"Argument `{name}`", f"--{name.replace('_', '-')}")
-    return in_options(text)
+    files = {file: numbers.encode()}
+    return Output([result, written(files)], numbers, files, 0 if result.converged else 1)

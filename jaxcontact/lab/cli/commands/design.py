@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import functools
-import re
 from typing import Any
 
 from ....extend import Stages
-from ..law import add_law_and_contact, contact_asked, exponent_asked, law_parameters
-from ..options import InputError, assignment, input_errors, number, positive, print_json, span
+from ..law import contact_asked, exponent_asked, law_options, law_parameters
+from ..options import InputError, Output, fields, input_errors, naming
 
 SUMMARY = "plan the next measurements"
 
@@ -34,45 +32,19 @@ exit codes: 0 done; 2 bad input.
 
 _QUANTITIES = ("e", "duration", "max_force")
 
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    form = "NUMBER", "c=1e6"
-    add_law_and_contact(parser, number=number, size=positive, form=form, velocity=False)
-    parser.add_argument(
-        "--speeds",
-        metavar="RANGE",
-        type=span,
-        required=True,
-        help="available closing speeds in m/s: FROM:TO:COUNT or FROM:TO:COUNT:log",
-    )
-    parser.add_argument(
-        "--sigma",
-        metavar="QUANTITY=NUMBER",
-        type=functools.partial(assignment, read=positive, form="NUMBER"),
-        action="append",
-        required=True,
-        help=f"of {', '.join(_QUANTITIES)}; may be repeated",
-    )
-    parser.add_argument(
-        "--readings", metavar="N", type=int, default=8, help="number of readings (default: 8)"
-    )
-    parser.add_argument(
-        "--goal",
-        metavar="NAME",
-        default="all",
-        help='a parameter ("law.e", "contact.stiffness"), or all of them (default)',
-    )
-    parser.add_argument("--against", metavar="LAW", help="a law to distinguish from --law, instead")
-    parser.add_argument(
-        "--hold",
-        metavar="NAME",
-        action="append",
-        help="a known number, besides the mass; may be repeated",
-    )
+OPTIONS = f"""{law_options(velocity=False)}
+--speeds RANGE | range, required | available closing speeds in m/s: FROM:TO:COUNT or
+    FROM:TO:COUNT:log
+--sigma QUANTITY=NUMBER ... | positive, required | of {", ".join(_QUANTITIES)}; may be repeated
+--readings N | count, = 8 | number of readings (default: 8)
+--goal NAME | = all | a parameter ("law.e", "contact.stiffness"), or all of them (default)
+--against LAW | | a law to distinguish from --law, instead
+--hold NAME ... | | a known number, besides the mass; may be repeated
+"""
 
 
-def run(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Design the readings and print them. Raises InputError."""
+def run(arguments: argparse.Namespace, progress: Stages) -> Output:
+    """Return the designed readings."""
     progress("compiling and planning")
     import numpy as np
 
@@ -97,8 +69,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
                 f"{did_you_mean(arguments.against, constant_laws())}"
             )
         goal = get_law(arguments.against, e=parameters.get("e", 0.7))
-    fixed = ("mass", *(arguments.hold or ()))
-    with input_errors(_in_options):
+    with input_errors(naming("speeds readings goal hold sigma", candidates="speeds", fixed="hold")):
         plan = design(
             get_law(arguments.law, **parameters),
             contact,
@@ -106,24 +77,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             candidates=np.atleast_1d(arguments.speeds),
             readings=arguments.readings,
             goal=goal,
-            fixed=fixed,
+            fixed=("mass", *arguments.hold),
         )
-    if arguments.json:
-        print_json(
-            {
-                "velocity": plan.velocity,
-                "quantity": plan.quantity,
-                "standard_errors": plan.standard_errors,
-                "even": plan.even,
-                "noncentrality": plan.noncentrality,
-                "meaning": plan.meaning,
-            }
-        )
-    else:
-        print(plan)
-    return 0
-
-
-def _in_options(text: str) -> str:
-    text = text.replace("`candidates`", "`speeds`").replace("`fixed`", "`hold`")
-    return re.sub(r"(Argument )?`(speeds|readings|goal|hold|sigma)`", r"--\2", text)
+    names = "velocity quantity standard_errors even noncentrality meaning"
+    return Output([plan], fields(plan, names))

@@ -6,7 +6,7 @@ import argparse
 import webbrowser
 
 from ....extend import Stages, users_folder, write_all
-from ..options import InputError, output_path, print_json
+from ..options import InputError, Output, output_path
 
 SUMMARY = "interactive page: e, n and damping of each law"
 
@@ -21,17 +21,13 @@ example: jaxcontact explore --out explore.html --no-open
 exit codes: 0 done; 2 bad input.
 """
 
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--out",
-        metavar="FILE",
-        help="where to write the page (default: explore.html among the user's cached files)",
-    )
-    parser.add_argument("--no-open", action="store_true", help="write the page only")
+OPTIONS = """
+--out FILE | | where to write the page (default: explore.html among the user's cached files)
+--no-open | flag | write the page only
+"""
 
 
-def run(arguments: argparse.Namespace, progress: Stages) -> int:
+def run(arguments: argparse.Namespace, progress: Stages) -> Output:
     """Write the page, and open it unless `--no-open` is given."""
     from ...explore import page
 
@@ -43,8 +39,5 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         raise InputError("--out is needed, as no cached files are kept")
     write_all({file: page().encode()})
     opened = not arguments.no_open and webbrowser.open(file.resolve().as_uri())
-    if arguments.json:
-        print_json({"file": str(file), "opened": opened})
-    else:
-        print(f"{file}{'' if opened else ': open it in a browser'}")
-    return 0
+    shown = f"{file}{'' if opened else ': open it in a browser'}"
+    return Output([shown], {"file": str(file), "opened": opened})

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import functools
+import re
 from typing import TYPE_CHECKING, Any
 
 from ....extend import Stages
-from ..law import add_law_and_contact, contact_asked, exponent_asked, law_parameters
-from ..options import InputError, assignment, input_errors, number, positive, print_json, span
+from ..law import contact_asked, exponent_asked, law_options, law_parameters
+from ..options import InputError, Output, fields, input_errors, naming
 
 if TYPE_CHECKING:
     from .... import Contact, Export
@@ -43,53 +43,20 @@ contacts. It is available for drake, lammps, mercurydpm, mujoco and newton.
 exit codes: 0 done; 2 bad input, or a restitution that the engine's law cannot deliver.
 """
 
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--engine", metavar="NAME", required=True, help="the simulator; see below")
-    parser.add_argument(
-        "--from", dest="calibration", metavar="FILE", help="a calibration, instead of a law"
-    )
-    form = "NUMBER", "c=1e6"
-    add_law_and_contact(
-        parser, number=number, size=positive, form=form, needed=False, velocity=False
-    )
-    parser.add_argument(
-        "--velocity", metavar="V", type=span, help="closing speed in m/s, or FROM:TO:COUNT[:log]"
-    )
-    parser.add_argument(
-        "--radius", metavar="M", type=positive, help="effective radius in m, R1 R2/(R1+R2)"
-    )
-    parser.add_argument(
-        "--option",
-        metavar="NAME=VALUE",
-        type=functools.partial(assignment, read=_value, form="VALUE"),
-        action="append",
-        default=[],
-        help="another option of the engine; may be repeated",
-    )
-    parser.add_argument(
-        "--time-step", metavar="S", type=positive, help="also print e at steps of S seconds"
-    )
-    parser.add_argument(
-        "--within",
-        metavar="E",
-        type=positive,
-        default=0.01,
-        help="error of e up to which the parameters hold (default: 0.01)",
-    )
+OPTIONS = f"""
+--engine NAME | required | the simulator; see below
+--from FILE | | a calibration, instead of a law
+{law_options(required=False, velocity=False)}
+--velocity V | range | closing speed in m/s, or FROM:TO:COUNT[:log]
+--radius M | positive | effective radius in m, R1 R2/(R1+R2)
+--option NAME=VALUE ... | value | another option of the engine; may be repeated
+--time-step S | positive | also print e at steps of S seconds
+--within E | positive, = 0.01 | error of e up to which the parameters hold (default: 0.01)
+"""
 
 
-def _value(text: str) -> Any:
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            pass
-    return text
-
-
-def run(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Export and print. Raises InputError, OSError."""
+def run(arguments: argparse.Namespace, progress: Stages) -> Output:
+    """Return the export, with the speeds over which it holds."""
     progress("compiling and inverting the engine's law")
     from .... import export
     from ....extend import wrapped
@@ -105,33 +72,31 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         at_step = None
         if arguments.time_step is not None:
             at_step = result.at_time_step(arguments.time_step, arguments.within)
-    if arguments.json:
-        stepped = {} if at_step is None else {"at_time_step": vars(at_step)}
-        print_json(_dict(result, holds) | stepped)
-    else:
-        print(_text(result))
-        print(holds)
-        print()
-        if at_step is not None:
-            print(at_step)
-            print()
-        for head, text in (("Limit", result.limit), ("Source", result.source)):
-            print("\n".join(wrapped(head, text, indent=9)))
-    return 0
+    shown = [*_lines(result), holds, ""] + ([] if at_step is None else [at_step, ""])
+    for head, text in (("Limit", result.limit), ("Source", result.source)):
+        shown += wrapped(head, text, indent=9)
+    names = "engine model snippet parameters units velocity target delivered error duration"
+    data = fields(result, f"{names} time_step expected_error")
+    span = {"within": holds.within, "from": holds.low, "to": holds.high}
+    data["holds"] = span | fields(holds, "velocity target delivered")
+    data |= fields(result, "limit source")
+    if at_step is not None:
+        data["at_time_step"] = vars(at_step)
+    return Output(shown, data)
 
 
 def _law_and_contact(arguments: argparse.Namespace) -> tuple[Any, Contact | None]:
     from .... import get_law
 
-    if (arguments.calibration is None) == (arguments.law is None):
+    file = getattr(arguments, "from")
+    if (file is None) == (arguments.law is None):
         raise InputError("give either --law, with its parameters, or --from FILE")
     if arguments.law is None:
         from ...calibration.summary import load_calibration
 
         with input_errors():
-            calibration = load_calibration(arguments.calibration)
-        options = [name for name in ("mass", "stiffness") if getattr(arguments, name) is not None]
-        if not options:
+            calibration = load_calibration(file)
+        if arguments.mass is None and arguments.stiffness is None:
             return calibration, None
         # Numbers not given here come from the calibration; otherwise they are required.
         for name in ("mass", "stiffness"):
@@ -147,64 +112,22 @@ def _law_and_contact(arguments: argparse.Namespace) -> tuple[Any, Contact | None
 
 
 def _in_options(text: str) -> str:
-    import re
-
     text = text.replace("Give `contact=Contact(mass, stiffness)`", "Give --mass and --stiffness")
-    text = re.sub(
-        r"`(mass|stiffness|radius|engine|velocity|law)`", lambda found: f"--{found[1]}", text
-    )
     text = text.replace("Argument `contact` is needed: this calibration", "the calibration")
+    text = naming("mass stiffness radius engine velocity law")(text)
     text = re.sub(r"Arguments? (--|`)", r"\1", text).replace(", but is None.", "")
     return re.sub(r"`(\w+)`", r"--option \1", text) if "engine" in text else text
 
 
-def _text(result: Export) -> str:
+def _lines(result: Export) -> list[Any]:
     from ....extend import quantity, text_table
 
     rows = [(name, f"{x:.9g} {result.units[name]}") for name, x in result.parameters.items()]
     rows.append(("duration of contact", quantity("duration", f"{result.duration:.4g}")))
+    step = "unknown: the export uses the formula of the engine, which was not run"
     if result.time_step is not None and result.expected_error is not None:
         error = f"for an error of e of {result.expected_error:.1%}"
-        words = f"{result.time_step:.3g} s or less, {error}"
-        rows.append(("time step", words))
-    else:
-        rows.append(
-            ("time step", "unknown: the export uses the formula of the engine, which was not run")
-        )
-    lines = [
-        f"{result.engine}: {result.model}",
-        "",
-        *result.snippet.splitlines(),
-        "",
-        *text_table(rows, indent=2),
-        *result.by_speed(),
-        "",
-    ]
-    return "\n".join(lines)
-
-
-def _dict(result: Export, holds: Any) -> dict[str, Any]:
-    return {
-        "engine": result.engine,
-        "model": result.model,
-        "snippet": result.snippet,
-        "parameters": dict(result.parameters),
-        "units": dict(result.units),
-        "velocity": result.velocity,
-        "target": result.target,
-        "delivered": result.delivered,
-        "error": result.error,
-        "duration": result.duration,
-        "time_step": result.time_step,
-        "expected_error": result.expected_error,
-        "holds": {
-            "within": holds.within,
-            "from": holds.low,
-            "to": holds.high,
-            "velocity": holds.velocity,
-            "target": holds.target,
-            "delivered": holds.delivered,
-        },
-        "limit": result.limit,
-        "source": result.source,
-    }
+        step = f"{result.time_step:.3g} s or less, {error}"
+    rows.append(("time step", step))
+    lines = [f"{result.engine}: {result.model}", "", *result.snippet.splitlines(), ""]
+    return [*lines, *text_table(rows, indent=2), *result.by_speed(), ""]

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import functools
 import math
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ....extend import Stages
-from ..law import add_law_and_contact, contact_asked, exponent_asked, law_parameters
-from ..options import (
-    InputError,
-    add_air_options,
-    add_table_options,
-    assignment,
+from ..law import (
+    AIR,
+    GRAVITY,
+    IN_AIR,
+    TABLE,
+    contact_asked,
     drag_asked,
     drag_notes,
-    gravity_asked,
-    in_options,
-    input_errors,
-    number,
-    positive,
-    print_json,
-    table_asked,
+    exponent_asked,
+    law_options,
+    law_parameters,
 )
+from ..options import READ, InputError, Output, fields, input_errors, naming, refuse, table_asked
 
 if TYPE_CHECKING:
     from .... import AbstractLaw, Fit
@@ -66,235 +61,208 @@ exit codes: 0 done; 1 the fit did not converge; 2 bad input.
 _START = 0.7
 """Start of the parameter e of a law, if it is not given."""
 
-_FAST = math.inf
-"""A low-pass filter without a cut-off, which then starts at a tenth of the readings per second."""
-
 _ONLY = {
     "bounces": ("rate", "gravity", "radius", "drag_coefficient", "air_density"),
     "record": ("start_time", "low_pass"),
 }
 """Options of one problem."""
 
+_OUTCOMES = ("e", "duration", "max_force")
 
-@dataclasses.dataclass(frozen=True)
-class _Problem:
-    """The columns of a problem, the required ones among them, and its fit."""
 
-    columns: tuple[str, ...]
-    needed: tuple[str, ...]
-    fit: Callable[[argparse.Namespace, Mapping[str, Any]], Fit]
+class _Problem(NamedTuple):
+    """The columns of a problem, and those that it needs: all, and one of some.
+
+    A problem without columns reads a recording.
+    """
+
+    columns: tuple[str, ...] = ()
+    needed: tuple[str, ...] = ()
     one_of: tuple[str, ...] = ()
 
 
-def _impacts(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
-    import numpy as np
-
-    from .... import fit_impacts
-    from ...pairs.outliers import marked_in
-
-    law, exponent = _law(arguments)
-    data = dict(data)
-    sigma = data.pop("sigma", None)
-    sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
-    how = _fixed(arguments) | _robust(arguments)
-    if sigma is not None and not sigmas:
-        sigmas = {"sigma_e": sigma}
-    if not sigmas and data.keys() == {"velocity", "e"}:
-        # Errors are the same fraction of each e, as in `calibrate`, to third order in ln e.
-        product = data["e"] * marked_in(data["velocity"], data["e"])[1]
-        how["weights"] = {"e": np.where(product > 0, product, np.inf) ** -1.0}
-    return fit_impacts(law, contact_asked(arguments, exponent), **data, **sigmas, **how)
-
-
-def _damping(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
-    from .... import fit_damping
-
-    sigma = {"e": data["sigma"]} if "sigma" in data else {}
-    sigma |= _sigmas(arguments, {"e": data["e"]})
-    how: dict[str, Any] = {"sigma": sigma["e"]} if sigma else {}
-    how |= _robust(arguments)
-    contact = contact_asked(arguments, arguments.exponent or 1.5)
-    return fit_damping(contact, data["velocity"], data["e"], **how)
-
-
-def _energy_loss(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
-    from .... import fit_energy_loss
-
-    return fit_energy_loss(data["e_in"], data.get("e_out"), **_robust(arguments))
-
-
-def _record(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
-    import numpy as np
-
-    from ...records.fit_record import fit_record
-    from ...records.low_pass import LowPass
-
-    law, exponent = _law(arguments)
-    if arguments.velocity is None:
-        raise InputError("--velocity is needed, as the closing speed at which the fit starts")
-    sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
-    contact = contact_asked(arguments, exponent)
-    columns = {name: values for name, values in data.items() if name != "time"}
-    how = _fixed(arguments) | _robust(arguments) | {"start_time": arguments.start_time}
-    if (cutoff := arguments.low_pass) is not None:
-        tenth = 0.1 / float(np.median(np.diff(data["time"])))
-        filtered = "force" if "force" in columns else "indentation"
-        start: Any = cutoff if cutoff < _FAST else tenth
-        how[f"low_pass_{filtered}"] = LowPass(start)
-    return fit_record(law, contact, data["time"], arguments.velocity, **columns, **sigmas, **how)
-
-
-def _bounces(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
-    import numpy as np
-
-    from .... import Contact
-    from ...bounces import fit_bounces
-
-    law, exponent = _law(arguments)
-    # e(v) of most laws does not depend on them.
-    contact = Contact(arguments.mass or 1.0, arguments.stiffness or 1.0, exponent)
-    first, second = (np.array(data[name]) for name in ("first", "second"))
-    drag = drag_asked(arguments)
-    how = {"gravity": gravity_asked(arguments), "drag": drag} | _robust(arguments)
-    how |= {name: data[name] for name in ("sigma", "correlation") if name in data}
-    return fit_bounces(law, contact, first, second, kind=str(data["kind"]), **how)
-
-
 _PROBLEMS = {
-    "impacts": _Problem(
-        ("velocity", "e", "duration", "max_force", "sigma", "ball"),
-        ("velocity",),
-        _impacts,
-        ("e", "duration", "max_force"),
-    ),
-    "damping": _Problem(("velocity", "e", "sigma", "ball"), ("velocity", "e"), _damping),
-    "energy_loss": _Problem(("e_in", "e_out"), ("e_in", "e_out"), _energy_loss),
-    "record": _Problem(
-        ("time", "force", "indentation"), ("time",), _record, ("force", "indentation")
-    ),
-    "bounces": _Problem((), (), _bounces),
+    "impacts": _Problem(("velocity", *_OUTCOMES, "sigma", "ball"), ("velocity",), _OUTCOMES),
+    "damping": _Problem(("velocity", "e", "sigma", "ball"), ("velocity", "e")),
+    "energy_loss": _Problem(("e_in", "e_out"), ("e_in", "e_out")),
+    "record": _Problem(("time", "force", "indentation"), ("time",), ("force", "indentation")),
+    "bounces": _Problem(),
 }
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("problem", metavar="PROBLEM", choices=tuple(_PROBLEMS), help="see below")
-    parser.add_argument("file", metavar="FILE", help="text, spreadsheet or parquet, with columns")
-    form = "NUMBER", "c=1e6"
-    add_law_and_contact(parser, number=number, size=positive, form=form, needed=False)
-    parser.add_argument(
-        "--sigma",
-        metavar="COLUMN=NUMBER",
-        type=functools.partial(assignment, read=positive, form="NUMBER"),
-        action="append",
-        default=[],
-        help="standard deviation of a column in SI units, of duration and max_force relative; for "
-        "all columns or none; may be repeated",
-    )
-    parser.add_argument(
-        "--hold", metavar="NAME", action="append", help="hold a number; may be repeated"
-    )
-    parser.add_argument(
-        "--robust",
-        action="store_true",
-        help="Huber's loss: outliers such as wrong triggers count less",
-    )
-    parser.add_argument("--ball", metavar="NAME", help="ball to use where the file holds several")
-    for name, metavar, read, words in (
-        ("--rate", "HZ", positive, "frames of a video per second, for bounces"),
-        ("--start-time", "S", number, "time of touch in s at which the fit of a record starts"),
-    ):
-        parser.add_argument(name, metavar=metavar, type=read, help=words)
-    parser.add_argument(
-        "--low-pass",
-        metavar="HZ",
-        type=positive,
-        nargs="?",
-        const=_FAST,
-        help="low-pass filter of the instrument of a record: its cut-off is fitted from HZ "
-        "(default: a tenth of the readings per second); left out if it does not lower AICc",
-    )
-    add_air_options(parser)
-    add_table_options(parser)
+def _fit(arguments: argparse.Namespace, columns: Mapping[str, Any]) -> Fit:
+    """Call the public function of the problem with its law, its contact and its columns."""
+    from .... import Contact, Huber, fit_damping, fit_energy_loss, fit_impacts
+    from ....extend import STANDARD_GRAVITY
+    from ...bounces import fit_bounces
+    from ...records.fit_record import fit_record
+
+    how: dict[str, Any] = {"throw": False} | ({"loss": Huber()} if arguments.robust else {})
+    how |= columns
+    if arguments.problem == "energy_loss":
+        return fit_energy_loss(**how)
+    if arguments.problem == "damping":
+        sigmas = _sigmas(arguments, ["e"])
+        how |= {"sigma": sigmas["e"]} if sigmas else {}
+        return fit_damping(contact_asked(arguments, arguments.exponent or 1.5), **how)
+    law, exponent = _law(arguments)
+    if arguments.problem == "bounces":
+        # e(v) of most laws does not depend on them.
+        contact = Contact(arguments.mass or 1.0, arguments.stiffness or 1.0, exponent)
+        how |= {"gravity": arguments.gravity or STANDARD_GRAVITY, "drag": drag_asked(arguments)}
+        return fit_bounces(law, contact, **how)
+    sigma, weights = how.pop("sigma", None), how.pop("weights", None)
+    sigmas = _sigmas(arguments, [name for name in columns if name in how])
+    how |= {f"sigma_{name}": value for name, value in sigmas.items()}
+    how |= {"fixed": ("mass", *arguments.hold)} if arguments.hold else {}
+    contact = contact_asked(arguments, exponent)
+    if arguments.problem == "record":
+        if arguments.velocity is None:
+            raise InputError("--velocity is needed, as the closing speed at which the fit starts")
+        how |= {"start_time": arguments.start_time, "velocity": arguments.velocity}
+        return fit_record(law, contact, **how, **_low_pass(arguments, columns))
+    if not sigmas and sigma is not None:
+        how["sigma_e"] = sigma
+    elif not sigmas and weights is not None:
+        how["weights"] = {"e": weights}
+    return fit_impacts(law, contact, **how)
 
 
-def run(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Fit and print; return 0, or 1 if the fit did not converge. Raises InputError, OSError."""
+def _low_pass(arguments: argparse.Namespace, columns: Mapping[str, Any]) -> dict[str, Any]:
+    import numpy as np
+
+    from ...records.low_pass import LowPass
+
+    cutoff: Any = arguments.low_pass
+    if cutoff is None:
+        return {}
+    if math.isinf(cutoff):  # without HZ
+        cutoff = 0.1 / float(np.median(np.diff(columns["time"])))
+    return {f"low_pass_{'force' if 'force' in columns else 'indentation'}": LowPass(cutoff)}
+
+
+def _sigmas(arguments: argparse.Namespace, columns: Sequence[str]) -> dict[str, float]:
+    from ....extend import did_you_mean
+
+    sigmas = dict(arguments.sigma)
+    for name in sigmas:
+        if name not in columns:
+            raise InputError(
+                f"--sigma {name}: the columns are {', '.join(columns)}."
+                f"{did_you_mean(name, columns)}"
+            )
+    return sigmas
+
+
+OPTIONS = f"""
+PROBLEM | choice {" ".join(_PROBLEMS)} | see below
+FILE | | text, spreadsheet or parquet, with columns
+{law_options(required=False)}
+--sigma COLUMN=NUMBER ... | positive | standard deviation of a column in SI units, of duration and
+    max_force relative; for all columns or none; may be repeated
+--hold NAME ... | | hold a number; may be repeated
+--robust | flag | Huber's loss: outliers such as wrong triggers count less
+--ball NAME | | ball to use where the file holds several
+--rate HZ | positive | frames of a video per second, for bounces
+--start-time S | number | time of touch in s at which the fit of a record starts
+--low-pass [HZ] | positive | low-pass filter of the instrument of a record: its cut-off is fitted
+    from HZ (default: a tenth of the readings per second); left out if it does not lower AICc
+{GRAVITY}{TABLE}{IN_AIR}{AIR}"""
+
+
+def run(arguments: argparse.Namespace, progress: Stages) -> Output:
+    """Return the fit."""
     progress("reading the file")
     problem = _PROBLEMS[arguments.problem]
     for only, names in _ONLY.items():
-        for name in names if arguments.problem != only else ():
-            if getattr(arguments, name) is not None:
-                raise InputError(f"--{name.replace('_', '-')} is for {only} only")
-    source, data, notes = _read_data(arguments, problem)
+        if arguments.problem != only:
+            refuse(arguments, names, f"is for {only} only")
+    with input_errors(naming(READ)):
+        read = (_read_columns if problem.columns else _read_bounces)(arguments, problem)
+    source, values, notes = read
     progress("compiling and fitting")
     with input_errors(lambda text: f"{source}: {text}"):
-        result = problem.fit(arguments, data)
-    if arguments.json:
-        print_json(_dict(arguments, source, result, notes))
-    else:
-        print(f"{arguments.problem} of {source}")
-        if notes:
-            print(f"  read as: {'; '.join(notes)}")
-        print(result.summary())
-    return 0 if result.converged else 1
+        result = _fit(arguments, values)
+    shown = [f"{arguments.problem} of {source}", f"  read as: {'; '.join(notes)}"]
+    data = {
+        "problem": arguments.problem,
+        "source": source,
+        "read_as": notes,
+        **fields(result, "converged reason"),
+        "parameters": dict(zip(result.names, result.values.tolist(), strict=True)),
+        "units": dict(zip(result.names, result.problem.space.units, strict=True)),
+        "standard_errors": dict(result.standard_errors),
+        "adequate": result.adequate if result.converged else None,
+        "unidentified": [str(direction) for direction in result.unidentified],
+        "at_bound": result.at_bound,
+        "degrees_of_freedom": result.dof,
+        "notes": result.notes,
+    }
+    shown = [*shown[: 2 if notes else 1], result.summary()]
+    return Output(shown, data, code=0 if result.converged else 1)
 
 
-def _read_data(
-    arguments: argparse.Namespace, problem: _Problem
-) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
+_Read = tuple[str, Mapping[str, Any], tuple[str, ...]]
+"""The source, the columns, and the notes on how they were read."""
+
+
+def _read_columns(arguments: argparse.Namespace, problem: _Problem) -> _Read:
     from ...recordings import FROM_FILE, read_columns
 
-    how = table_asked(arguments)
-    with input_errors(in_options):
-        if not problem.columns:
-            return _read_bounces(arguments, how)
-        how["ball"] = arguments.ball
-        read = read_columns(arguments.file, problem.columns, needed=problem.needed, **how)
+    how = table_asked(arguments) | {"ball": arguments.ball}
+    read = read_columns(arguments.file, problem.columns, needed=problem.needed, **how)
     if problem.one_of and not any(name in read.values for name in problem.one_of):
         raise InputError(
             f"{arguments.file}: one of the columns {', '.join(problem.one_of)} is needed; if a "
             f'column holds it, name it, as in --columns "{problem.one_of[0]}=2"'
         )
-    values, notes = read.values, read.notes
-    lone = [name for name in ("e", "duration", "max_force") if name in values] == ["e"]
-    if arguments.problem == "impacts" and "sigma" in values and not lone:
-        values = {name: column for name, column in values.items() if name != "sigma"}
+    values, notes = dict(read.values), read.notes
+    if arguments.problem != "impacts":
+        return read.source, values, notes
+    lone = [name for name in _OUTCOMES if name in values] == ["e"]
+    if not lone and values.pop("sigma", None) is not None:
         notes = (
             *(note for note in notes if note != FROM_FILE),
             "the standard deviations are not used, since not all columns have them",
         )
-        read = dataclasses.replace(read, values=values, notes=notes)
-    if arguments.problem == "impacts" and "e" in values:
-        values, notes = _without_marked(read)
+    if "e" in values:
+        values, notes = _without_marked(read, values, notes, lone)
     return read.source, values, notes
 
 
-def _without_marked(read: TableColumns) -> tuple[Mapping[str, Any], tuple[str, ...]]:
-    """Return the columns without the rows that `calibrate` marks, and the notes."""
+def _without_marked(
+    read: TableColumns, values: dict[str, Any], notes: tuple[str, ...], lone: bool
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return the columns without the rows that `calibrate` marks, and the notes.
+
+    A `lone` e without standard deviations has weights: as in `calibrate`, errors are the same
+    fraction of each e, to third order in ln e.
+    """
     import numpy as np
 
     from ...pairs.outliers import marked_in
 
-    columns = read.values
-    marked, _ = marked_in(columns["velocity"], columns["e"], columns.get("sigma"))
-    if not marked.any():
-        return read.values, read.notes
-    numbers = [str(row) for row, off in zip(read.rows, marked, strict=True) if off]
-    note = f"e off the trend and left out, as in `calibrate`: row {', '.join(numbers)}"
-    e = np.where(marked, np.nan, read.values["e"])
-    return {**read.values, "e": e}, (*read.notes, note)
+    marked, trend = marked_in(values["velocity"], values["e"], values.get("sigma"))
+    values["e"] = np.where(marked, np.nan, values["e"])
+    if lone and "sigma" not in values:
+        product = values["e"] * trend
+        values["weights"] = np.where(product > 0, product, np.inf) ** -1.0
+    if marked.any():
+        numbers = [str(row) for row, off in zip(read.rows, marked, strict=True) if off]
+        left_out = f"e off the trend and left out, as in `calibrate`: row {', '.join(numbers)}"
+        notes = (*notes, left_out)
+    return values, notes
 
 
-def _read_bounces(
-    arguments: argparse.Namespace, how: Mapping[str, Any]
-) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
+def _read_bounces(arguments: argparse.Namespace, problem: _Problem) -> _Read:
     """Return the flights before and after each bounce; `calibrate` handles pairs off the trend."""
     import numpy as np
 
     from ....extend import Flight
     from ...recordings import make_pairs, read_recording
 
-    recording = read_recording(arguments.file, ball=arguments.ball, rate=arguments.rate, **how)
+    how = table_asked(arguments) | {"ball": arguments.ball, "rate": arguments.rate}
+    recording = read_recording(arguments.file, **how)
     pairs = make_pairs(recording, Flight())
     flights = recording.layout.flights(pairs.records)
     if flights is None:
@@ -303,7 +271,7 @@ def _read_bounces(
             "impacts` or `jaxcontact calibrate`"
         )
     kind, first, second = flights
-    data: dict[str, Any] = {"kind": kind, "first": first, "second": second}
+    data: dict[str, Any] = {"first": np.array(first), "second": np.array(second), "kind": str(kind)}
     # The pairs of a track share errors of its floor and scale, which scatter cannot show.
     if pairs.covariance is not None and (pairs.absolute or recording.tracks):
         size = np.sqrt(np.diag(pairs.covariance))
@@ -319,52 +287,10 @@ def _law(arguments: argparse.Namespace) -> tuple[AbstractLaw, float]:
         raise InputError(
             "--law is needed, as the law from which the fit starts; see `jaxcontact laws`"
         )
-    registered = arguments.law in list_laws()
-    if registered and arguments.e is None and "e" in parameters_of(arguments.law):
-        arguments.e = None if "e" in dict(arguments.param) else _START
+    has_e = arguments.law in list_laws() and "e" in parameters_of(arguments.law)
+    if has_e and arguments.e is None and "e" not in dict(arguments.param):
+        arguments.e = _START
     parameters = law_parameters(arguments)
     exponent = exponent_asked(arguments)
     with input_errors():
         return get_law(arguments.law, **parameters), exponent
-
-
-def _sigmas(arguments: argparse.Namespace, data: Mapping[str, Any]) -> dict[str, float]:
-    from ....extend import did_you_mean
-
-    sigmas = dict(arguments.sigma)
-    for name in sigmas:
-        if name not in data:
-            raise InputError(
-                f"--sigma {name}: the columns are {', '.join(data)}.{did_you_mean(name, data)}"
-            )
-    return sigmas
-
-
-def _fixed(arguments: argparse.Namespace) -> dict[str, Any]:
-    return {} if arguments.hold is None else {"fixed": ("mass", *arguments.hold)}
-
-
-def _robust(arguments: argparse.Namespace) -> dict[str, Any]:
-    from .... import Huber
-
-    return {"throw": False} | ({"loss": Huber()} if arguments.robust else {})
-
-
-def _dict(
-    arguments: argparse.Namespace, source: str, result: Fit, notes: tuple[str, ...]
-) -> dict[str, Any]:
-    return {
-        "problem": arguments.problem,
-        "source": source,
-        "read_as": notes,
-        "converged": result.converged,
-        "reason": result.reason,
-        "parameters": dict(zip(result.names, result.values.tolist(), strict=True)),
-        "units": dict(zip(result.names, result.problem.space.units, strict=True)),
-        "standard_errors": dict(result.standard_errors),
-        "adequate": result.adequate if result.converged else None,
-        "unidentified": [str(direction) for direction in result.unidentified],
-        "at_bound": result.at_bound,
-        "degrees_of_freedom": result.dof,
-        "notes": result.notes,
-    }

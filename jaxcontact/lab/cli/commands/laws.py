@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from ....extend import Stages, text_table
-from ..options import print_json
+from ..options import Output
 
 ASKED = (0.9, 0.7, 0.5, 0.3, 0.1)
 
@@ -23,20 +23,21 @@ EPILOG = """\
 exit codes: 0 done; 2 bad input.
 """
 
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add no options beyond those of every command."""
+OPTIONS = ""
 
 
-def run(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Print the table."""
+def run(arguments: argparse.Namespace, progress: Stages) -> Output:
+    """Return the table."""
     progress("compiling and solving an impact for each law and e")
     rows = table()
-    if arguments.json:
-        print_json(rows)
-    else:
-        print(_text(rows))
-    return 0
+    header = ("law", "α(e), or the force", *(f"e = {e:g}" for e in ASKED), "source")
+    cells = []
+    for row in rows:
+        delivered = row["delivers"] or {}
+        numbers = [delivered.get(f"{e:g}") for e in ASKED]
+        shown = ("-" if e is None else f"{e:.4f}" for e in numbers)
+        cells.append((row["law"], row["formula"], *shown, row["source"]))
+    return Output(text_table(cells, header=header, rule=True), rows)
 
 
 def table() -> list[dict[str, Any]]:
@@ -67,14 +68,3 @@ def table() -> list[dict[str, Any]]:
         }
         for law in map(describe, list_laws())
     ]
-
-
-def _text(rows: list[dict[str, Any]]) -> str:
-    header = ("law", "α(e), or the force", *(f"e = {e:g}" for e in ASKED), "source")
-    cells = []
-    for row in rows:
-        delivered = row["delivers"] or {}
-        numbers = [delivered.get(f"{e:g}") for e in ASKED]
-        shown = ("-" if e is None else f"{e:.4f}" for e in numbers)
-        cells.append((row["law"], row["formula"], *shown, row["source"]))
-    return "\n".join(text_table(cells, header=header, rule=True))

@@ -8,8 +8,8 @@ import io
 import pathlib
 from typing import TYPE_CHECKING
 
-from ....extend import Stages, write_all
-from ..options import InputError, print_json
+from ....extend import Stages
+from ..options import InputError, Output, fields, output_folder
 
 if TYPE_CHECKING:
     from ....paper import Reproduction
@@ -29,29 +29,25 @@ Without names, everything: fig3 to fig6, fig8 to fig10, and `bouncing`, the ball
 exit codes: 0 done; 1 a published number differs for no stated reason; 2 bad input, nothing written.
 """
 
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("figures", metavar="FIGURE", nargs="*", help="names, such as fig6")
-    parser.add_argument(
-        "--out", metavar="DIR", default="paper", help="where to write (default: paper)"
-    )
+OPTIONS = """
+[FIGURE ...] | | names, such as fig6
+--out DIR | = paper | where to write (default: paper)
+"""
 
 
-def run(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Make the requested figures and write them. Raises InputError, OSError."""
+def run(arguments: argparse.Namespace, progress: Stages) -> Output:
+    """Return the published numbers beside ours, and the files of the requested figures."""
     from .... import paper
     from ....extend import did_you_mean
 
-    names = arguments.figures or list(paper.FIGURES)
+    names = arguments.figure or list(paper.FIGURES)
     for name in names:
         if name not in paper.FIGURES:
             raise InputError(
                 f"{name!r} is not a figure; the figures are {', '.join(paper.FIGURES)}."
                 f"{did_you_mean(name, paper.FIGURES)}"
             )
-    folder = pathlib.Path(arguments.out)
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"--out {arguments.out}: is a file")
+    folder = output_folder(arguments.out)
     files: dict[pathlib.Path, bytes] = {}
     for name in names:
         progress(f"making {name}")
@@ -60,23 +56,9 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     numbers = paper.numbers()
     table = paper.markdown(numbers)
     files[folder / "numbers.md"] = table.encode()
-    write_all(files)
-    if arguments.json:
-        print_json(
-            [
-                {
-                    **number.published._asdict(),
-                    "ours": number.ours,
-                    "difference": number.difference,
-                    "agrees": number.agrees,
-                }
-                for number in numbers
-            ]
-        )
-    else:
-        print(table, end="")
-        print(f"\n{len(files)} files in {folder}")
-    return 0 if all(number.agrees or number.published.differs for number in numbers) else 1
+    rows = [one.published._asdict() | fields(one, "ours difference agrees") for one in numbers]
+    good = all(one.agrees or one.published.differs for one in numbers)
+    return Output([table, f"{len(files)} files in {folder}"], rows, files, 0 if good else 1)
 
 
 def _files_of(folder: pathlib.Path, name: str, result: Reproduction) -> dict[pathlib.Path, bytes]:

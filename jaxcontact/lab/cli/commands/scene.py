@@ -9,8 +9,8 @@ import tempfile
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from ....extend import FIGURES, Stages, write_all
-from ..options import InputError, input_errors, output_path, positive, print_json
+from ....extend import FIGURES, Stages
+from ..options import InputError, Output, fields, input_errors, output_folder, output_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,8 +25,8 @@ MOVING = (".gif",)
 _WIDTH, _LOW, _HIGH = 6.4, 2.6, 7.2
 """Width, and least and largest height, of a figure in inches."""
 
-_ENERGY = 2.4
-"""Height in inches of the energy plot, below that of the paths."""
+_SQUARE, _ENERGY = 4.4, 2.4
+"""Heights in inches of a plot of space before it is drawn, and of the energy below it."""
 
 SUMMARY = "many bodies from impact to impact, from a file"
 
@@ -68,63 +68,42 @@ misses the tolerance (it says by how much), and everything is written; 2 bad inp
 the engine cannot express, nothing written.
 """
 
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", nargs="?", metavar="FILE", help="the scene, as TOML")
-    parser.add_argument(
-        "--example", metavar="NAME", help="a scene that ships with the package: line, table or box"
-    )
-    parser.add_argument("--show", action="store_true", help="print the file instead of running it")
-    parser.add_argument(
-        "--out", metavar="DIR", help=f"write {RUN} and {IMPACTS} into this folder, made if missing"
-    )
-    parser.add_argument(
-        "--to",
-        metavar="ENGINE",
-        help="write a model for this engine into --out, instead of running the scene: drake, "
-        "exudyn, lammps or mujoco",
-    )
-    parser.add_argument(
-        "--time-step", metavar="S", type=positive, help="with --to: the engine's time step in s"
-    )
-    parser.add_argument(
-        "--tolerance",
-        metavar="E",
-        type=positive,
-        help="with --to: error of e that the model may have (default: 0.001)",
-    )
-    words = "draw the paths, and the energy below them; .png, .pdf or .svg"
-    parser.add_argument("--plot", metavar="FILE", help=words)
-    parser.add_argument("--animate", metavar="FILE", help="draw an animation; .gif")
-    parser.add_argument(
-        "--axes",
-        metavar="XZ",
-        help="two axes to draw, such as xy or xz (default in three dimensions: xz)",
-    )
+OPTIONS = f"""
+[FILE] | | the scene, as TOML
+--example NAME | | a scene that ships with the package: line, table or box
+--show | flag | print the file instead of running it
+--out DIR | | write {RUN} and {IMPACTS} into this folder, made if missing
+--to ENGINE | | write a model for this engine into --out, instead of running the scene: drake,
+    exudyn, lammps or mujoco
+--time-step S | positive | with --to: the engine's time step in s
+--tolerance E | positive | with --to: error of e that the model may have (default: 0.001)
+--plot FILE | | draw the paths, and the energy below them; .png, .pdf or .svg
+--animate FILE | | draw an animation; .gif
+--axes XZ | | two axes to draw, such as xy or xz (default in three dimensions: xz)
+"""
 
 
-def run(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Run the scene, print it, and write the requested files. Raises InputError, OSError."""
+def run(arguments: argparse.Namespace, progress: Stages) -> Output:
+    """Run the scene; return its log and the requested files."""
     progress("reading the scene")
     from .... import Ending, read_scene, simulate
     from ....extend import examples
 
     if (arguments.file is None) == (arguments.example is None):
         raise InputError(f"give either a FILE or --example {', '.join(examples())}")
-    out = pathlib.Path(arguments.out or ".")
-    if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out} is not a folder")
+    out = output_folder(arguments.out or ".")
     plot = output_path("--plot", arguments.plot, FIGURES) if arguments.plot else None
     film = output_path("--animate", arguments.animate, MOVING) if arguments.animate else None
     with input_errors(lambda text: text.replace("Argument `example`", "--example")):
         scene, how = read_scene(arguments.file, example=arguments.example)
     if arguments.show:
         text = examples().get(arguments.example)
-        print(pathlib.Path(arguments.file).read_text() if text is None else text, end="")
-        return 0
+        text = pathlib.Path(arguments.file).read_text() if text is None else text
+        return Output([text.removesuffix("\n")], text)
     if arguments.to is not None:
         return _export(arguments, scene, how, progress)
-    _refuse_options_of_models(arguments)
+    if arguments.time_step or arguments.tolerance:
+        raise InputError("--time-step and --tolerance are those of --to, which is missing")
     axes = _axes(arguments.axes, scene.dimensions)
     progress("compiling and running the scene")
     with input_errors(lambda text: f"{arguments.file or arguments.example}: {text}"):
@@ -141,29 +120,22 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     if film and drawable:
         progress("drawing the moving picture")
         files[film] = _moving(done, axes)
-    write_all(files)
-    if arguments.json:
-        print_json(
-            {
-                "status": Ending(int(done.status)).name,
-                "reached": done.reached,
-                "bodies": done.impacts.names,
-                "impacts": done.impacts.to_dict(),
-                "files": list(map(str, files)),
-            }
-        )
-    else:
-        print(done)
-        print(done.impacts)
-        if files:
-            print(f"Written    {', '.join(map(str, files))}")
-    return 0 if int(done.status) == Ending.COMPLETED else 1
+    names = list(map(str, files))
+    shown = [done, done.impacts] + ([f"Written    {', '.join(names)}"] if files else [])
+    data = {
+        "status": Ending(int(done.status)).name,
+        "reached": done.reached,
+        "bodies": done.impacts.names,
+        "impacts": done.impacts.to_dict(),
+        "files": names,
+    }
+    return Output(shown, data, files, 0 if int(done.status) == Ending.COMPLETED else 1)
 
 
 def _export(
     arguments: argparse.Namespace, scene: Scene, how: dict[str, Any], progress: Stages
-) -> int:
-    """Write the model of the scene for an engine, and print what it is."""
+) -> Output:
+    """Write the model of the scene for an engine, and return what it is."""
     from ....engines.scenes import export_scene
 
     if arguments.out is None:
@@ -181,20 +153,10 @@ def _export(
             tolerance=arguments.tolerance or 1e-3,
         )
     made.write(arguments.out)
-    if arguments.json:
-        names = "engine command output time_step steps velocity tolerance expected_error".split()
-        files = [str(pathlib.Path(arguments.out) / name) for name in made.files]
-        print_json({name: getattr(made, name) for name in names} | {"files": files})
-    else:
-        print(made)
-        print(f"Written    {arguments.out}")
-    return 0 if made.keeps_tolerance else 1
-
-
-def _refuse_options_of_models(arguments: argparse.Namespace) -> None:
-    """Raise InputError for options that only a model for an engine has."""
-    if arguments.time_step or arguments.tolerance:
-        raise InputError("--time-step and --tolerance are those of --to, which is missing")
+    data = fields(made, "engine command output time_step steps velocity tolerance expected_error")
+    data["files"] = [str(pathlib.Path(arguments.out) / name) for name in made.files]
+    shown = [made, f"Written    {arguments.out}"]
+    return Output(shown, data, code=0 if made.keeps_tolerance else 1)
 
 
 def _axes(text: str | None, dimensions: int) -> tuple[int, ...] | None:
@@ -222,7 +184,7 @@ def _picture(done: Run, axes: tuple[int, ...] | None, file: pathlib.Path) -> byt
         figure.set_size_inches(_WIDTH, tall + _ENERGY)
         upper.get_gridspec().set_height_ratios((tall, _ENERGY))
 
-    return render(fill, (_WIDTH, 4.4 + _ENERGY), file)
+    return render(fill, (_WIDTH, _SQUARE + _ENERGY), file)
 
 
 def _moving(done: Run, axes: tuple[int, ...] | None) -> bytes:
@@ -232,7 +194,7 @@ def _moving(done: Run, axes: tuple[int, ...] | None) -> bytes:
 
     from ....plot import animate
 
-    figure = Figure(figsize=(_WIDTH, 4.4), layout="constrained")
+    figure = Figure(figsize=(_WIDTH, _SQUARE), layout="constrained")
     FigureCanvasAgg(figure)
     ax = figure.add_subplot()
     animation = animate(done, axes=axes, ax=ax)
@@ -247,6 +209,6 @@ def _moving(done: Run, axes: tuple[int, ...] | None) -> bytes:
 def _height(ax: Axes) -> float:
     """Return the height in inches that a plot of space needs for its limits."""
     if ax.get_aspect() != 1.0:
-        return 4.4
+        return _SQUARE
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
     return min(max(_WIDTH * (top - bottom) / (right - left) + 0.5, _LOW), _HIGH)

@@ -8,15 +8,13 @@ import importlib.util
 import math
 import pathlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
-from ....extend import FIGURES, Stages, write_all
-from ..law import add_law_and_contact, exponent_asked, law_parameters
-from ..options import InputError, output_path, print_json, span
+from ....extend import FIGURES, Stages
+from ..law import exponent_asked, law_parameters
+from ..options import InputError, Output, output_path
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from .... import Impact, Sweep
 
 SUMMARY = "impacts over ranges of parameters, as a table and a map"
@@ -41,33 +39,32 @@ written.
 _CONTACT = {"mass": 1.0, "stiffness": 1e8, "velocity": 1.0}
 """Defaults; the restitution often depends on none of them."""
 
+OPTIONS = """
+--law NAME | required | name of the law; see `jaxcontact laws`
+--e E | range | parameter e of the law
+--param NAME=RANGE ... | range | another parameter of the law, in SI units (such as
+    c=1e5:1e7:50:log); may be repeated
+--mass KG | range, = 1 | effective mass in kg (default: 1)
+--stiffness K | range, = 1e8 | K of K δⁿ, in N/mⁿ (default: 1e+08)
+--velocity V | range, = 1 | closing speed in m/s (default: 1)
+--exponent N | positive | n of K δⁿ (default: the law's own, or 1.5)
+--out FILE | required | the table to write; .nc or .csv
+--plot FILE | | draw a field, 6.4 in by 4.4 in; .png, .pdf or .svg
+--field NAME | = restitution | to draw (default: restitution)
+"""
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    form = "RANGE", "c=1e5:1e7:50:log"
-    add_law_and_contact(parser, number=span, size=span, form=form, defaults=_CONTACT)
-    parser.add_argument(
-        "--out", metavar="FILE", required=True, help="the table to write; .nc or .csv"
-    )
-    words = "draw a field, 6.4 in by 4.4 in; .png, .pdf or .svg"
-    parser.add_argument("--plot", metavar="FILE", help=words)
-    parser.add_argument(
-        "--field", metavar="NAME", default="restitution", help="to draw (default: restitution)"
-    )
 
-
-def run(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Sweep over the given ranges and write the table. Raises InputError, OSError."""
+def run(arguments: argparse.Namespace, progress: Stages) -> Output:
+    """Sweep over the given ranges, and return the table and its files."""
     import numpy as np
 
     out = output_path("--out", arguments.out, (".nc", ".csv"))
-    if out.suffix.lower() == ".nc" and importlib.util.find_spec("xarray") is None:
+    netcdf = out.suffix.lower() == ".nc"
+    if netcdf and importlib.util.find_spec("xarray") is None:
         raise InputError(
             f"--out {out}: NetCDF needs xarray (pip install 'jaxcontact[data]'); .csv does not"
         )
-    parameters: dict[str, Any] = law_parameters(arguments) | {
-        name: default if getattr(arguments, name) is None else getattr(arguments, name)
-        for name, default in _CONTACT.items()
-    }
+    parameters = law_parameters(arguments) | {n: getattr(arguments, n) for n in _CONTACT}
     plot = _plot(arguments, parameters)
     function = _function(arguments, parameters)
     from .... import Status, sweep
@@ -76,38 +73,32 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     progress(f"compiling and solving {lanes:,} impacts")
     table = sweep(function, progress=False if arguments.quiet else None, **parameters)
     progress("writing")
-    contents: dict[pathlib.Path, bytes | Callable[[BinaryIO], object]] = {}
-    if out.suffix.lower() == ".nc":
-        contents[out] = bytes(table.to_xarray().to_netcdf(engine="scipy"))
-    else:
-        contents[out] = table.to_csv
+    whole = bytes(table.to_xarray().to_netcdf(engine="scipy")) if netcdf else table.to_csv
+    files = {out: whole}
     if plot is not None:
         from ....extend import render
         from ....plot import sweep as draw
 
-        def fill(figure: Figure) -> None:
+        def fill(figure: Any) -> None:
             draw(table, field=arguments.field, ax=figure.subplots())
 
-        contents[plot] = render(fill, (6.4, 4.4), plot)
-    write_all(contents)
-    beyond = _beyond(table)
-    if arguments.json:
-        print_json(
-            {
-                "axes": table.axes,
-                "fields": list(table.fields),
-                "status": {Status(code).name: n for code, n in table.status_counts().items()},
-                "beyond": beyond,
-                "complete": table.complete,
-                "files": list(map(str, contents)),
-            }
+        files[plot] = render(fill, (6.4, 4.4), plot)
+    shown: list[object] = [table]
+    beyond, counts = _beyond(table), table.status_counts()
+    if beyond:
+        shown.append(
+            f"  beyond  {beyond:,} separated impacts have numbers too large for double precision"
         )
-    else:
-        print(table)
-    if beyond and not arguments.json:
-        print(f"  beyond  {beyond:,} separated impacts have numbers too large for double precision")
-    failed = Status.NOT_CONVERGED in table.status_counts()
-    return 1 if failed or beyond or not table.complete else 0
+    data = {
+        "axes": table.axes,
+        "fields": list(table.fields),
+        "status": {Status(code).name: n for code, n in counts.items()},
+        "beyond": beyond,
+        "complete": table.complete,
+        "files": list(map(str, files)),
+    }
+    poor = Status.NOT_CONVERGED in counts or beyond or not table.complete
+    return Output(shown, data, files, 1 if poor else 0)
 
 
 def _beyond(table: Sweep) -> int:
@@ -146,20 +137,16 @@ def _function(arguments: argparse.Namespace, parameters: dict[str, Any]) -> Call
     from .... import Contact, get_law, impact
     from ....extend import POSITIVE, SPEED, parameters_of
 
-    names = [name for name in parameters if name not in _CONTACT]
+    own = parameters_of(arguments.law)
     exponent = exponent_asked(arguments)
 
     def impact_of(**numbers: Any) -> Impact:
-        law = get_law(arguments.law, **{name: numbers[name] for name in names})
+        law = get_law(arguments.law, **{name: numbers[name] for name in own})
         contact = Contact(numbers["mass"], numbers["stiffness"], exponent)
         return impact(law, contact, numbers["velocity"])
 
     impact_of.__name__ = arguments.law
-    allowed = {
-        **parameters_of(arguments.law),
-        **dict.fromkeys(("mass", "stiffness"), POSITIVE),
-        "velocity": SPEED,
-    }
+    allowed = {**own, "mass": POSITIVE, "stiffness": POSITIVE, "velocity": SPEED}
     for name, value in parameters.items():
         if isinstance(value, float) and not allowed[name].holds(value):
             raise InputError(f"{name} must be in {allowed[name]}, but is {value:g}")
