@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from .tables.grid import RecordingError
-from .tables.heading import Meaning, words
-from .tables.sheet import Row, Sheet
+from .tables.heading import Meaning
+from .tables.sheet import RecordingError, Row, Sheet
 
 Floats = Float[np.ndarray, " n"]
 
@@ -129,7 +128,7 @@ def _gain(time: Floats, value: Floats, frequency: float) -> float:
 
 
 CLOCK = Meaning(
-    words("time, t, abs time, absolute time, elapsed time, time stamp, timestamp, x value"), "s"
+    "time, t, abs time, absolute time, elapsed time, time stamp, timestamp, x value", "s"
 )
 
 _SLOWEST = 2e-3

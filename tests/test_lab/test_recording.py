@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
-from jaxcontact.lab.layouts.heights import STICKS
+from jaxcontact.lab.layouts.speeds import STICKS
 from jaxcontact.lab.recordings import LAYOUTS
 from tests.test_lab.sources import SOURCES, columns_of, opened, read
 

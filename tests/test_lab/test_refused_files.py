@@ -34,6 +34,7 @@ REFUSED = {
     "t,h\n0,1\n.1,.9\n": r"column h: is a track of 2 frames, too few .*; if these are heights of "
     r'successive flights, say so with `columns="height_m=\.\.\."`',
     "intervalls\n.4\n": r"no known column; .*; did you mean 'interval_s'\?",
+    "5,\tbounce\n6,\tbounce\n": "row 1: has 2 columns and no header; name them",
     b"%PDF-1.7": "is a PDF; save the table as CSV",
     b"\x1f\x8b\x08": "is compressed",
     b"PK\x03\x04": "is a spreadsheet that cannot be read",

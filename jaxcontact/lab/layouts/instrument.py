@@ -5,16 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from ...extend import Flight, Words, counted, span
 from ..signals import CLOCK, Doubtful, Floats, Trace, column_of, even, hum_of, noise_of
-from ..tables.grid import RecordingError
-from ..tables.heading import Meaning, words
-from ..tables.sheet import Row
+from ..tables.heading import Meaning
+from ..tables.sheet import RecordingError, Row
 from .layout import Layout, Paired, Record
 
 _SHOWN = 6
@@ -99,9 +97,7 @@ class Records(Layout[RecordedImpact]):
     meanings: ClassVar[Mapping[str, Meaning]]
     made_of: ClassVar[str]
     fitted = True
-    instead: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {"time": "; or give `rate`, the readings per second"}
-    )
+    instead: ClassVar[Mapping[str, str]] = {"time": "; or give `rate`, the readings per second"}
     pair_words: ClassVar[Words] = ("impact", "impacts")
     cluster_words: ClassVar[Words] = ("impact", "impacts")
     pair_rule = "each impact found in the record is one"
@@ -113,10 +109,10 @@ class Records(Layout[RecordedImpact]):
 
     def __init_subclass__(cls, quantity: str, headings: str, unit: str, must_say: str = "") -> None:
         cls.name = cls.quantity = quantity
-        cls.columns = cls.measured = ("time", quantity)
-        meaning = Meaning(words(headings), unit, must_say=must_say)
-        cls.meanings = MappingProxyType({"time": CLOCK, quantity: meaning})
+        cls.measured = ("time", quantity)
+        cls.meanings = {"time": CLOCK, quantity: Meaning(headings, unit, must_say=must_say)}
         cls.made_of = f"impacts in a record of {quantity}"
+        super().__init_subclass__()
 
     def at_rate(self, rate: float | None) -> Records:
         return self  # its times already include the rate

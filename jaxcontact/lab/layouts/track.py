@@ -6,13 +6,12 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ...extend import Flight, Words, counted, span, too_long
-from ..tables.heading import Meaning, words
+from ..tables.heading import Meaning
 from ..tables.sheet import Row, Sheet
 from ..track.model import Drop, Frames, Track
 from .intervals import ratios_of
@@ -52,41 +51,34 @@ class Tracks(Layout[Flown]):
     rate: float | None = None
 
     name = "track"
-    columns: ClassVar[tuple[str, ...]] = ("ball", "trial", "time", "frame", "x", "y")
     measured: ClassVar[tuple[str, ...]] = ("time", "y")
-    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType(
-        {
-            "ball": Meaning((*LABELS["ball"].words, *words("particle, track, track id"))),
-            "trial": LABELS["trial"],
-            "time": Meaning(words("time, t, timestamp, time stamp, elapsed time"), "s"),
-            "frame": Meaning(
-                words("frame, frame number, frame no, frame nr, frame index, frame id, frame idx")
-            ),
-            "x": Meaning(
-                words(
-                    "x, x position, position x, pos x, x pos, x coordinate, cx, center x, "
-                    "centre x, x center, x centre, ball x, horizontal position"
-                ),
-                "m",
-                or_unit="px",
-            ),
-            "y": Meaning(
-                words(
-                    "y, height, height m, h, z, y position, position y, pos y, y pos, "
-                    "y coordinate, cy, center y, centre y, y center, y centre, ball y, "
-                    "vertical position"
-                ),
-                "m",
-                or_unit="px",
-            ),
-        }
-    )
+    meanings: ClassVar[Mapping[str, Meaning]] = {
+        "ball": Meaning(f"{LABELS['ball'].names}, particle, track, track id"),
+        "trial": LABELS["trial"],
+        "time": Meaning("time, t, timestamp, time stamp, elapsed time", "s"),
+        "frame": Meaning(
+            "frame, frame number, frame no, frame nr, frame index, frame id, frame idx"
+        ),
+        "x": Meaning(
+            "x, x position, position x, pos x, x pos, x coordinate, cx, center x, "
+            "centre x, x center, x centre, ball x, horizontal position",
+            "m",
+            or_unit="px",
+        ),
+        "y": Meaning(
+            "y, height, height m, h, z, y position, position y, pos y, y pos, "
+            "y coordinate, cy, center y, centre y, y center, y centre, ball y, "
+            "vertical position",
+            "m",
+            or_unit="px",
+        ),
+    }
     reading_error: ClassVar[ReadingError | None] = ReadingError("s", "ms", 1e3, "each flight time")
     uses_flight = True
-    flight: ClassVar[tuple[str, str] | None] = ("intervals", "seconds")
-    instead: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {"time": "; or give the `rate` in frames per second: rows are frames"}
-    )
+    flight: ClassVar[tuple[str, str, str] | None] = ("intervals", "seconds", "seconds")
+    instead: ClassVar[Mapping[str, str]] = {
+        "time": "; or give the `rate` in frames per second: rows are frames"
+    }
     made_of = "flight times between the impacts of a track"
     pair_words: ClassVar[Words] = ("impact between two flights", "impacts between two flights")
     cluster_words: ClassVar[Words] = ("drop", "drops")

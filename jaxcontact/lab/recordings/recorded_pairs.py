@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...extend import Flight
 from ..layouts.layout import Layout, Record
 from ..pairs.pairs import Ints, Pairs
-from ..tables.grid import RecordingError
+from ..tables.sheet import RecordingError
 from .recording import Recording
 
 

@@ -5,26 +5,22 @@ from __future__ import annotations
 import bisect
 import dataclasses
 import functools
-import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
-from typing import IO, Any, ClassVar, NamedTuple
-
-import numpy as np
+from typing import IO, Any, NamedTuple
 
 from ...extend import POSITIVE, did_you_mean, rendered, require_choice, require_number
-from ..layouts.intervals import Interval, Intervals
 from ..layouts.layout import LAYOUTS, Layout, Record
+from ..layouts.sound import intervals_in
 from ..layouts.track import counts_frames, tracks_of, with_frames
-from ..signals import CLOCK, column_of, even, with_clock
-from ..sound.audio import Sound
-from ..tables.heading import Meaning, unused_notes, words
+from ..signals import with_clock
+from ..sound.audio import Sound, sound_in
+from ..tables.heading import Meaning, unused_notes
 from ..tables.match import Match, Told, as_told, check_usual, unknown_name
-from ..tables.sheet import Row, Sheet, sheet_of
+from ..tables.sheet import Sheet
+from ..tables.source import sheet_of
 from ..track.model import Track
 from .layout_of import layout_of
-from .sound_file import heard, sound_in
 from .wide import as_trials
 
 _SHIPPED_BALL = "blue"
@@ -153,8 +149,9 @@ def read_recording(
         )
     if (found := sound_in(source)) is not None:
         _check_sound(layout, ball, {**told, **({} if decimal is None else {"decimal": 1})}, rate)
-        sound, intervals, words = heard(*found)
-        return Recording(found[0], LAYOUTS["intervals"], "", tuple(intervals), tuple(words), sound)
+        records, layout_used = intervals_in(*found), LAYOUTS["intervals"]
+        notes = layout_used.notes(records)
+        return Recording(found[0], layout_used, "", tuple(records), notes, records[0].sound)
     if ball is None and source is None and not values:
         ball = _SHIPPED_BALL
     rate = None if rate is None else require_number("rate", rate, POSITIVE)
@@ -195,7 +192,8 @@ class _Read(NamedTuple):
         sheet, found, layout = self.sheet, self.found, self.layout
         unused = unused_notes(sheet.names, found.places)
         notes = (*found.notes(), *sheet.notes, *layout.notes(records), *unused)
-        return Recording(sheet.source, layout, ball, tuple(records), notes, sound_of(records))
+        sound = getattr(records[0], "sound", None)
+        return Recording(sheet.source, layout, ball, tuple(records), notes, sound)
 
 
 def _read(
@@ -322,73 +320,3 @@ def _check_sound(
             "Argument `rate` must be None for a sound, whose file holds it, but is "
             f"{rendered(rate)}."
         )
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Heard(Interval):
-    """The time between two bounces detected in a `sound`, and the notes on it."""
-
-    sound: Sound
-    told: tuple[str, ...]
-
-
-class Samples(Intervals):
-    """Samples of a sound over time, in any unit, as written by interfaces with a microphone."""
-
-    name = "sound"
-    columns: ClassVar[tuple[str, ...]] = ("time", "sound")
-    measured: ClassVar[tuple[str, ...]] = columns
-    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType(
-        {
-            "time": CLOCK,
-            "sound": Meaning(
-                words(
-                    "sound, audio, sound pressure, sound level, microphone, mic, amplitude, "
-                    "waveform, recording"
-                )
-            ),
-        }
-    )
-    instead: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {"time": "; or give `rate`, the samples per second"}
-    )
-    made_of = "intervals between the bounces in a sound"
-
-    def fits(self, made: Match, sheet: Sheet) -> bool:
-        return True
-
-    def at_rate(self, rate: float | None) -> Samples:
-        return self  # its times already include the rate
-
-    def read(self, rows: Sequence[Row]) -> list[Interval]:
-        from ..sound.audio import Audio
-
-        if not rows:
-            return []
-        samples = column_of(rows, "sound")
-        time, _ = even(rows, column_of(rows, "time"))
-        samples = samples - np.median(samples)
-        size = float(np.max(np.abs(samples)))
-        if size == 0:
-            rows[0].refuse("sound", "is the same everywhere")
-        samples = samples[:, None] / size
-        rate = (time.size - 1) / float(time[-1] - time[0])
-        # Written times are rounded; instruments sample at whole rates.
-        rate = float(round(rate)) if abs(rate - round(rate)) < 1e-4 * math.sqrt(rate) else rate
-        audio = Audio(
-            *(rate, time.size, 1, "a column of samples"),
-            lambda start, count: samples[start : start + count],
-        )
-        sound, records, told = heard(rows[0].source, audio)
-        fields = [
-            {f.name: getattr(one, f.name) for f in dataclasses.fields(one)} for one in records
-        ]
-        return [Heard(**one, sound=sound, told=tuple(told)) for one in fields]
-
-    def notes(self, records: Sequence[Interval]) -> tuple[str, ...]:
-        return next((one.told for one in records if isinstance(one, Heard)), ())
-
-
-def sound_of(records: Sequence[object]) -> Sound | None:
-    """Return the sound in which intervals were detected, None without one."""
-    return next((one.sound for one in records if isinstance(one, Heard)), None)

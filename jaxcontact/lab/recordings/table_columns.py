@@ -9,19 +9,22 @@ from typing import Any
 import numpy as np
 
 from ...extend import Floats, require_choice
-from ..layouts.heights import SIGMA_E, VELOCITY, E
 from ..layouts.instrument import Forces
 from ..layouts.layout import LABELS
+from ..layouts.speeds import SIGMA_E, VELOCITY, E
 from ..signals import CLOCK
-from ..tables.heading import FROM_FILE, Meaning, suggestion, words
+from ..tables.heading import FROM_FILE, Meaning, suggestion
 from ..tables.match import Match, as_told, check_usual, match, unknown_name
-from ..tables.sheet import Sheet, sheet_of
+from ..tables.sheet import Sheet
+from ..tables.source import sheet_of
 from .recording import chosen_ball, headings_of
 
 _SHOWN = 6
 """Largest number of unused columns that a note names."""
 
-_NORMAL = words("normal velocity, normal speed, vn, v n, normal velocity before, v n before")
+_NORMAL = Meaning(
+    "normal velocity, normal speed, vn, v n, normal velocity before, v n before", "m/s"
+)
 """Beside an angle, these are not the speed."""
 
 COLUMNS: Mapping[str, Meaning] = {
@@ -30,66 +33,52 @@ COLUMNS: Mapping[str, Meaning] = {
     "sigma": dataclasses.replace(SIGMA_E, like="e"),
     "ball": LABELS["ball"],
     "duration": Meaning(
-        words(
-            "duration, contact time, contact duration, duration of contact, collision time, tc, t c"
-        ),
+        "duration, contact time, contact duration, duration of contact, collision time, tc, t c",
         "s",
     ),
     "max_force": Meaning(
-        words("max force, maximum force, largest force, peak force, fmax, f max, force max"), "N"
+        "max force, maximum force, largest force, peak force, fmax, f max, force max", "N"
     ),
-    "e_in": Meaning(words("e in, ein, e asked, asked, input e, input restitution"), ""),
-    "e_out": Meaning(
-        words("e out, eout, e delivered, delivered, output e, output restitution"), ""
-    ),
+    "e_in": Meaning("e in, ein, e asked, asked, input e, input restitution", ""),
+    "e_out": Meaning("e out, eout, e delivered, delivered, output e, output restitution", ""),
     "time": CLOCK,
     "force": Forces.meanings["force"],
     "indentation": Meaning(
-        words("indentation, displacement, deformation, penetration, compression, depth, δ, x"), "m"
+        "indentation, displacement, deformation, penetration, compression, depth, δ, x", "m"
     ),
     "angle": Meaning(
-        words(
-            "angle, impact angle, angle of impact, incidence, angle of incidence, incidence angle, "
-            "incident angle, angle before, θ, theta"
-        ),
+        "angle, impact angle, angle of impact, incidence, angle of incidence, incidence angle, "
+        "incident angle, angle before, θ, theta",
         "rad",
         must_say="deg or rad",
     ),
     "speed": dataclasses.replace(
-        VELOCITY, words=tuple(one for one in VELOCITY.words if one not in _NORMAL)
+        VELOCITY, names=", ".join(one for one in VELOCITY.words if one not in _NORMAL.words)
     ),
-    "normal_velocity": Meaning(_NORMAL, "m/s"),
+    "normal_velocity": _NORMAL,
     "tangential_velocity": Meaning(
-        words(
-            "tangential velocity, tangential speed, vt, v t, tangential velocity before, v t before"
-        ),
+        "tangential velocity, tangential speed, vt, v t, tangential velocity before, v t before",
         "m/s",
     ),
     "tangential_restitution": Meaning(
-        words(
-            "tangential restitution, tangential coefficient of restitution, tangential cor, "
-            "vt'/vt, v t'/v t, v t after/v t, v t after / v t, et, e t, tangential velocity ratio, "
-            "tangential speed ratio"
-        ),
+        "tangential restitution, tangential coefficient of restitution, tangential cor, "
+        "vt'/vt, v t'/v t, v t after/v t, v t after / v t, et, e t, tangential velocity ratio, "
+        "tangential speed ratio",
         "",
     ),
     "tangential_rebound": Meaning(
-        words(
-            "tangential rebound, tangential velocity after, tangential speed after, vt', v t', "
-            "v t after, tangential rebound velocity, tangential rebound speed"
-        ),
+        "tangential rebound, tangential velocity after, tangential speed after, vt', v t', "
+        "v t after, tangential rebound velocity, tangential rebound speed",
         "m/s",
     ),
     "rebound_angle": Meaning(
-        words("rebound angle, angle of rebound, angle after, reflection angle, θ', theta'"),
+        "rebound angle, angle of rebound, angle after, reflection angle, θ', theta'",
         "rad",
         must_say="deg or rad",
     ),
     "rebound_spin": Meaning(
-        words(
-            "rebound spin, spin, spin after, angular velocity, angular velocity after, "
-            "rotational velocity, rotational speed, ω, ω', omega, omega', rotation"
-        ),
+        "rebound spin, spin, spin after, angular velocity, angular velocity after, "
+        "rotational velocity, rotational speed, ω, ω', omega, omega', rotation",
         "rad/s",
     ),
 }

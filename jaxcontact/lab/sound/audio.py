@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import os
 import pathlib
 import struct
 import tempfile
 import warnings
 import wave
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+
+from ...extend import require_path
 
 Samples = Float[np.ndarray, "frames channels"]
 
@@ -52,6 +55,32 @@ class Audio(NamedTuple):
 def is_sound(start: bytes) -> bool:
     """Return whether a file with these first bytes is a sound recording of any kind."""
     return _kind(start) is not None
+
+
+def sound_in(source: Any) -> tuple[str, pathlib.Path | bytes] | None:
+    """Return name and content of a sound file, None for other files; the first bytes decide.
+
+    An open file is read from its current position, which is restored if it is not a sound.
+    """
+    if isinstance(source, str | os.PathLike):
+        path = require_path("source", source)
+        try:
+            with path.open("rb") as file:
+                start = file.read(16)
+        except OSError:
+            return None  # the reader of tables reports it
+        return (str(path), path) if is_sound(start) else None
+    if isinstance(source, io.TextIOBase) or not hasattr(source, "seek"):
+        return None
+    try:
+        place, start = source.tell(), source.read(16)
+        source.seek(place)
+    except (OSError, ValueError):
+        return None
+    if not isinstance(start, bytes) or not is_sound(start):
+        return None
+    name = getattr(source, "name", None)
+    return name if isinstance(name, str) else "the sound", source.read()
 
 
 def _kind(start: bytes) -> str | None:

@@ -8,15 +8,16 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
-from .grid import Grid, Known, Line, RecordingError, grid_of, known_cells, with_points
+from .grid import Known, grid_of, known_cells, with_points
+from .sheet import Line, RecordingError, Sheet, sheet_of_rows
 
 _HOW = "pip install 'jaxcontact[data]', or save as CSV"
 
 
 def workbook_grid(
     data: bytes, source: str, known: Known, decimal: str | None, sheet: str | int | None
-) -> tuple[Grid, str]:
-    """Return the table of a spreadsheet, and its source with the name of the sheet.
+) -> Sheet:
+    """Return the table of a spreadsheet, with the name of the sheet in its source.
 
     It is the one called `sheet` (or numbered, from 1), otherwise the only one with at least half as
     many known headings as any. Several with equal headings are one table of parts, whose rows
@@ -46,22 +47,21 @@ def workbook_grid(
         # phyphox adds "Metadata Device" and "Metadata Time".
         tables = [n for n in names if not n.startswith("Metadata")] or names
         read = [n for n in tables if 2 * score[n] >= max(score[n] for n in tables)]
-    grids: list[Grid] = []
+    grids: list[Sheet] = []
     for name in read:
-        rows, commas = with_points(filled[name], f"{source}, sheet {name!r}", decimal, apart=False)
-        grids.append(grid_of(rows, known, ["with decimal commas"] * commas))
+        place = f"{source}, sheet {name!r}"
+        rows, commas = with_points(filled[name], place, decimal, apart=False)
+        own = source if len(names) == 1 else place
+        grids.append(grid_of(rows, known, own, ["with decimal commas"] * commas))
     if any(grid.names != grids[0].names for grid in grids):
         told = "; ".join(f"{n!r} ({', '.join(g.names)})" for n, g in zip(read, grids, strict=True))
         problem = f"has sheets with different headings, {told}; choose one with `sheet=`"
         raise RecordingError(problem, source)
-    grid = _joined(grids, read) if len(grids) > 1 else grids[0]
-    grid = dataclasses.replace(grid, sheets=tuple(read))
-    if len(names) == 1:
-        return grid, source
+    grid = _joined(grids, read, source) if len(grids) > 1 else grids[0]
     left = _named([name for name in names if name not in read])
     notes = [f"sheet{'s' * (len(read) > 1)} {_named(read)}", *[f"not read: {left}"] * bool(left)]
-    place = f"{source}, sheet {read[0]!r}" if len(read) == 1 else source
-    return dataclasses.replace(grid, notes=(*notes, *grid.notes)), place
+    notes = [*notes * (len(names) > 1), *grid.notes]
+    return dataclasses.replace(grid, sheets=tuple(read), notes=tuple(notes))
 
 
 def _called(sheet: str | int, names: Sequence[str], source: str) -> str:
@@ -78,16 +78,20 @@ def _named(names: Sequence[str]) -> str:
     return ", ".join(map(repr, names))
 
 
-def _joined(grids: Sequence[Grid], names: Sequence[str]) -> Grid:
+def _joined(sheets: Sequence[Sheet], names: Sequence[str], source: str) -> Sheet:
     """Return tables with equal headings as one of several parts."""
-    rows, repeats, told = list(grids[0].rows), [*grids[0].repeats], []
-    for name, grid in zip(names[1:], grids[1:], strict=True):
+    rows: list[Line] = []
+    repeats, told = [], []
+    for name, sheet in zip(names, sheets, strict=True):
         ahead = rows[-1][0] if rows else 0
-        repeats += [ahead + 1, *(ahead + k for k in grid.repeats)]
-        rows += [(ahead + k, cells) for k, cells in grid.rows]
-        told.append(f"row 1 of {name!r} is row {ahead + 1}")
-    notes = (*grids[0].notes, *told)
-    return dataclasses.replace(grids[0], rows=rows, repeats=tuple(repeats), notes=notes)
+        if name != names[0]:
+            repeats.append(ahead + 1)
+            told.append(f"row 1 of {name!r} is row {ahead + 1}")
+        repeats += [ahead + k for k in sheet.repeats]
+        rows += [(ahead + k, cells) for k, cells in sheet.lines(range(len(sheet.names)))]
+    one = sheets[0]
+    notes = [*one.notes, *told]
+    return sheet_of_rows(source, list(one.names), one.header_row, rows, notes, repeats)
 
 
 def _lines(rows: list[list[Any]]) -> list[Line]:
