@@ -16,7 +16,7 @@ from ..layouts.track import counts_frames, tracks_of, with_frames
 from ..signals import with_clock
 from ..sound.audio import Sound, sound_in
 from ..tables.heading import Meaning, unused_notes
-from ..tables.match import Match, Told, as_told, check_usual, unknown_name
+from ..tables.match import Match, Told, as_told, check_usual
 from ..tables.sheet import Sheet
 from ..tables.source import sheet_of
 from ..track.model import Track
@@ -134,7 +134,8 @@ def read_recording(
         require_choice("layout", layout, LAYOUTS)
     if decimal is not None:
         require_choice("decimal", decimal, (".", ","))
-    told: Told = {} if columns is None else as_told(columns)
+    meanings = _meanings()
+    told = as_told(columns, meanings.values())
     if ball is not None and not isinstance(ball, str):
         if source is not None or not values:
             raise ValueError(
@@ -148,14 +149,15 @@ def read_recording(
             f"{rendered(columns)}."
         )
     if (found := sound_in(source)) is not None:
-        _check_sound(layout, ball, {**told, **({} if decimal is None else {"decimal": 1})}, rate)
+        no_columns = not told and decimal is None
+        _check_sound(layout, rate, ball=ball is not None, columns=not no_columns)
         records, layout_used = intervals_in(*found), LAYOUTS["intervals"]
         notes = layout_used.notes(records)
         return Recording(found[0], layout_used, "", tuple(records), notes, records[0].sound)
     if ball is None and source is None and not values:
         ball = _SHIPPED_BALL
     rate = None if rate is None else require_number("rate", rate, POSITIVE)
-    read = _read(source, values, layout, told, decimal, rate, sheet)
+    read = _read(source, values, layout, told, decimal, rate, sheet, meanings)
     chosen = chosen_ball(ball, [(one.ball, one.row) for one in read.records], read.sheet)
     return read.of(chosen, [record for record in read.records if record.ball == chosen])
 
@@ -171,8 +173,9 @@ def read_recordings(
     """Read the recordings of all balls in a table, by name; arguments as of `read_recording`."""
     if sound_in(source) is not None:
         raise ValueError("Argument `ball` must be None for a sound, which has no columns.")
-    told: Told = {} if columns is None else as_told(columns)
-    read = _read(source, {}, None, told, decimal, rate, sheet)
+    meanings = _meanings()
+    told = as_told(columns, meanings.values())
+    read = _read(source, {}, None, told, decimal, rate, sheet, meanings)
     balls: dict[str, list[Record]] = {}
     for record in read.records:
         balls.setdefault(record.ball, []).append(record)
@@ -196,6 +199,11 @@ class _Read(NamedTuple):
         return Recording(sheet.source, layout, ball, tuple(records), notes, sound)
 
 
+def _meanings() -> dict[str, dict[str, Meaning]]:
+    """Return the meanings of the columns of each layout."""
+    return {one.name: {name: one.meaning(name) for name in one.columns} for one in LAYOUTS.values()}
+
+
 def _read(
     source: Any,
     values: Mapping[str, Any],
@@ -204,13 +212,16 @@ def _read(
     decimal: str | None,
     rate: float | None,
     sheet_name: str | int | None,
+    meanings: Mapping[str, Mapping[str, Meaning]],
 ) -> _Read:
     """Read the columns of a file, a data frame, or arrays."""
-    meanings = {
-        one.name: {name: one.meaning(name) for name in one.columns} for one in LAYOUTS.values()
-    }
     every = {name: meaning for one in meanings.values() for name, meaning in one.items()}
-    _refuse_unknown_columns(values, told, meanings, every)
+    for name in values:
+        if name not in every:
+            raise ValueError(
+                f"Argument `{name}` is no known column; these are {', '.join(every)}."
+                f"{did_you_mean(name, every)}"
+            )
     sheet = sheet_of(source, values, headings_of(every), decimal, sheet_name)
     # Places that are told are those of the table as it is.
     sheet = sheet if told else as_trials(sheet)
@@ -220,15 +231,11 @@ def _read(
         sheet = with_frames(sheet, rate)
     sheet = _with_trials(sheet, every, told)
     meant, found = layout_of(sheet, layout, told, meanings)
-    if len(sheet.sheets) > 1 and "trial" not in meant.columns and "time" in meant.columns:
-        named = ", ".join(map(repr, sheet.sheets))
-        raise sheet.fault(f"holds a record in each of {named}; choose one with `sheet=`", "time")
+    if "trial" not in meant.columns and "time" in meant.columns:
+        sheet.require_one()
     meant = meant.at_rate(rate)
-    rows, left_out = meant.select(found.rows(sheet))
+    rows, left_out = meant.select(found.rows(sheet, meant.columns[-1]))
     sheet = dataclasses.replace(sheet, notes=(*sheet.notes, *left_out))
-    if not rows:
-        what = "columns" if sheet.header_row is None else "a header"
-        raise sheet.fault(f"holds {what} but no measurement", meant.columns[-1])
     records = [] if meant.fitted else meant.read(rows)
     if not sheet.by_keyword:
         check_usual(rows, meanings[meant.name])
@@ -249,24 +256,6 @@ def headings_of(meanings: Mapping[str, Meaning]) -> Callable[[str], bool]:
         )
 
     return lambda text: isinstance(text, str) and is_heading(text)
-
-
-def _refuse_unknown_columns(
-    values: Mapping[str, Any],
-    told: Told,
-    meanings: Mapping[str, Mapping[str, Meaning]],
-    every: Mapping[str, Meaning],
-) -> None:
-    """Raise ValueError for a keyword, or a name in `columns`, that no layout has."""
-    for name in values:
-        if name not in every:
-            raise ValueError(
-                f"Argument `{name}` is no known column; these are {', '.join(every)}."
-                f"{did_you_mean(name, every)}"
-            )
-    for name in told:
-        if not any(key == name or meaning.heading(name) for key, meaning in every.items()):
-            raise ValueError(unknown_name(name, meanings.values()))
 
 
 def chosen_ball(ball: str | None, places: Sequence[tuple[str, int]], sheet: Sheet) -> str:
@@ -304,19 +293,16 @@ def _with_trials(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> S
     )
 
 
-def _check_sound(
-    layout: str | None, ball: Any, told: Mapping[str, Any], rate: float | None
-) -> None:
+def _check_sound(layout: str | None, rate: float | None, *, ball: bool, columns: bool) -> None:
     """Raise ValueError for arguments that do not apply to a sound."""
+    given = {"ball": ball, "columns or decimal": columns}
     if layout not in (None, "intervals"):
-        raise ValueError(
-            f"Argument `layout` must be None or 'intervals' for a sound, but is {rendered(layout)}."
-        )
-    for name, there in (("ball", ball is not None), ("columns or decimal", bool(told))):
-        if there:
-            raise ValueError(f"Argument `{name}` must be None for a sound, which has no columns.")
-    if rate is not None:
-        raise ValueError(
-            "Argument `rate` must be None for a sound, whose file holds it, but is "
-            f"{rendered(rate)}."
-        )
+        problem = f"`layout` must be None or 'intervals' for a sound, but is {rendered(layout)}"
+    elif any(given.values()):
+        name = next(name for name, there in given.items() if there)
+        problem = f"`{name}` must be None for a sound, which has no columns"
+    elif rate is not None:
+        problem = f"`rate` must be None for a sound, whose file holds it, but is {rendered(rate)}"
+    else:
+        return
+    raise ValueError(f"Argument {problem}.")

@@ -204,6 +204,12 @@ class Sheet:
             for number, cells in self.lines(list(places.values()))
         ]
 
+    def require_one(self) -> None:
+        """Raise RecordingError if several sheets hold times, which are those of several records."""
+        if len(self.sheets) > 1:
+            named = ", ".join(map(repr, self.sheets))
+            raise self.fault(f"holds a record in each of {named}; choose one with `sheet=`", "time")
+
     def fault(self, problem: str, column: str | None, row: int | None = None) -> RecordingError:
         """Return the error for a fault in a row, by default in the header."""
         return RecordingError(problem, self.source, row or self.header_row, column)
