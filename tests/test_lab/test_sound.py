@@ -143,7 +143,10 @@ def test_what_holds_no_bounces_is_refused_with_what_was_found():
     refused("holds samples that are not finite", file_of(bad, rate, 4, coding=3))
     refused("has 2000 samples per second, but at least 4000", file_of(noise, 2000))
     refused(r"is MPEG-4 \(m4a\), .*ffmpeg", io.BytesIO(b"\0\0\0 ftypM4A " + bytes(100)))
-    refused("is a WAV file that cannot be read", io.BytesIO(b"RIFF\x10\0\0\0WAVEfmt "))
+    whole = file_of(noise, rate).getvalue()
+    without_channels = whole[:22] + b"\0\0" + whole[24:]
+    for content in (b"RIFF\x10\0\0\0WAVEfmt ", whole[:36], without_channels):
+        refused("is a WAV file that cannot be read", io.BytesIO(content))
     for words, how in (
         ("`layout` must be None or 'intervals' for a sound", {"layout": "heights"}),
         ("`ball` must be None for a sound", {"ball": "blue"}),

@@ -28,6 +28,9 @@ _BLOCK = 1 << 18
 _FOREIGN = {"MPEG-4 (m4a)": (4, b"ftyp"), "WMA": (0, b"\x30\x26\xb2\x75")}
 _HOW = "convert it to WAV or FLAC, as with `ffmpeg -i recording bounce.wav`"
 
+_UNREADABLE = ValueError, EOFError, RuntimeError, OSError, ArithmeticError, NameError, struct.error
+"""Errors of readers; SciPy's is a NameError if no samples follow the header."""
+
 
 class SoundError(ValueError):
     """A fault of a sound recording, without the name of its file."""
@@ -107,9 +110,9 @@ def open_sound(source: pathlib.Path | bytes) -> Audio:
         raise SoundError(f"is {kind}, which cannot be read; {_HOW}")
     try:
         audio = (_wave(source) or _by_scipy(source)) if kind == "WAV" else _by_soundfile(source)
-    except (ValueError, EOFError, RuntimeError, OSError, struct.error) as error:
-        if isinstance(error, SoundError):
-            raise
+    except SoundError:
+        raise
+    except _UNREADABLE as error:
         raise SoundError(f"is a {kind} file that cannot be read ({error}); {_HOW}") from error
     if audio is None:
         problem = f"is {kind}, which needs soundfile (pip install 'jaxcontact[sound]', or {_HOW})"
