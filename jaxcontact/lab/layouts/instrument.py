@@ -114,9 +114,6 @@ class Records(Layout[RecordedImpact]):
         cls.made_of = f"impacts in a record of {quantity}"
         super().__init_subclass__()
 
-    def at_rate(self, rate: float | None) -> Records:
-        return self  # its times already include the rate
-
     def read(self, rows: Sequence[Row]) -> list[RecordedImpact]:
         clock, value = column_of(rows, "time"), column_of(rows, self.quantity)
         time, notes = even(rows, clock)
@@ -146,8 +143,7 @@ class Records(Layout[RecordedImpact]):
                 f"{trace.time[-1] - trace.time[0]:.3g} s"
             )
         else:
-            told = "; ".join(f"at {one.time:.4g} s {one.why}" for one in trace.doubtful[:_SHOWN])
-            problem = f"no usable impact was found: {told}"
+            problem = f"no usable impact was found: {_doubts(trace)}"
             if any("readings of the contact" in one.why for one in trace.doubtful):
                 problem += (
                     f"; a contact needs at least {LEAST_READINGS} readings, better 50: sample "
@@ -176,10 +172,9 @@ class Records(Layout[RecordedImpact]):
             f"{shown(self.quantity, trace.noise)}",
         ]
         if trace.doubtful:
-            told = "; ".join(f"at {one.time:.4g} s {one.why}" for one in trace.doubtful[:_SHOWN])
             left = len(trace.doubtful) - _SHOWN
             more = f" and {left} more" if left > 0 else ""
-            notes.append(f"doubtful and not used: {len(trace.doubtful)} ({told}{more})")
+            notes.append(f"doubtful and not used: {len(trace.doubtful)} ({_doubts(trace)}{more})")
         return tuple(notes)
 
     def pair(self, records: Sequence[RecordedImpact], flight: Flight) -> Paired[RecordedImpact]:
@@ -187,6 +182,10 @@ class Records(Layout[RecordedImpact]):
             "holds records of impacts, whose e needs a fit; use `calibrate(recording, mass=...)`",
             "the recording",
         )
+
+
+def _doubts(trace: Trace) -> str:
+    return "; ".join(f"at {one.time:.4g} s {one.why}" for one in trace.doubtful[:_SHOWN])
 
 
 class Forces(
@@ -260,15 +259,12 @@ def cut(quantity: str, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
     if smooth.max() - middle < middle - smooth.min():
         value, smooth, middle = -value, -smooth, -middle
         notes.append("sign reversed, since contacts are negative in the file")
-    noise = noise_of(value)
-    width = _width(smooth, middle)
+    noise, width = noise_of(value), _width(smooth, middle)
     level = _level(value, width)
     hum = hum_of(time, value, _quiet(smooth - level, noise, width), noise)
     if hum is not None:
         value = value - hum.value
-        noise = noise_of(value)
-        smooth = median_filter(value, 3)
-        width = _width(smooth, float(np.median(value)))
+        noise, width = noise_of(value), _width(median_filter(value, 3), float(np.median(value)))
         level = _level(value, width)
         size = shown(quantity, hum.amplitude)
         notes.append(f"hum of {hum.frequency:.1f} Hz subtracted, {size} in amplitude")

@@ -25,7 +25,7 @@ from ...extend import (
 )
 from ..signals import CLOCK
 from ..sound.audio import Sound
-from ..tables.heading import FROM_FILE, Meaning, deviation_of
+from ..tables.heading import Meaning, deviation_of
 from ..tables.match import Match
 from ..tables.sheet import Row, Sheet
 from .layout import (
@@ -211,7 +211,7 @@ class Intervals(Layout[Interval]):
 
     def notes(self, records: Sequence[Interval]) -> tuple[str, ...]:
         told = dict.fromkeys(note for one in records for note in one.told)
-        return (*told, *[FROM_FILE] * (bool(records) and records[0].sigma is not None))
+        return (*told, *super().notes(records))
 
     def pair(self, records: Sequence[Interval], flight: Flight) -> Paired[Interval]:
         couples = couples_of(records)

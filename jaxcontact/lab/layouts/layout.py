@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from ...extend import Flight, Floats, Words, span
-from ..tables.heading import Meaning
+from ..tables.heading import FROM_FILE, Meaning
 from ..tables.match import Match
 from ..tables.sheet import Row, Sheet
 
@@ -176,7 +176,8 @@ class Layout(abc.ABC, Generic[R]):
 
     def notes(self, records: Sequence[R]) -> tuple[str, ...]:
         """Return notes on the processing of records, beyond the reading of their columns."""
-        return ()
+        sigma = getattr(records[0], "sigma", None) if records else None
+        return () if sigma is None else (FROM_FILE,)
 
     @abc.abstractmethod
     def pair(self, records: Sequence[R], flight: Flight) -> Paired[R]:
@@ -218,7 +219,7 @@ class Layout(abc.ABC, Generic[R]):
 
     def at_rate(self, rate: float | None) -> Layout[R]:
         """Return the layout at `rate` readings per second; raise ValueError if it has no rate."""
-        if rate is None:
+        if rate is None or "time" in self.measured:  # times already include the rate
             return self
         raise ValueError(
             f"Argument `rate` must be None for {self.made_of}, which have no sampling rate, but "

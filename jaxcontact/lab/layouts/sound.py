@@ -14,8 +14,7 @@ from ...extend import counted
 from ..signals import CLOCK, column_of, even
 from ..sound.audio import Audio, Sound, SoundError
 from ..tables.heading import Meaning
-from ..tables.match import Match
-from ..tables.sheet import RecordingError, Row, Sheet
+from ..tables.sheet import RecordingError, Row
 from .intervals import Interval, Intervals, Timing
 
 _CONTACT = 4e-4
@@ -107,12 +106,6 @@ class Samples(Intervals):
     measured: ClassVar[tuple[str, ...]] = ("time", "sound")
     instead: ClassVar[Mapping[str, str]] = {"time": "; or give `rate`, the samples per second"}
     made_of = "intervals between the bounces in a sound"
-
-    def fits(self, made: Match, sheet: Sheet) -> bool:
-        return True
-
-    def at_rate(self, rate: float | None) -> Samples:
-        return self  # its times already include the rate
 
     def read(self, rows: Sequence[Row]) -> list[Interval]:
         if not rows:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from ...extend import MEASURED_RESTITUTION, Flight, Words, in_percent
-from ..tables.heading import FROM_FILE, Meaning, deviation_of
+from ..tables.heading import Meaning, deviation_of
 from ..tables.sheet import Row
 from .layout import LABELS, Layout, Paired, ReadingError, Record, rows_as_pairs
 
@@ -86,9 +86,6 @@ class RestitutionTable(Layout[MeasuredRestitution]):
             )
             rows[i].refuse("restitution", f"{e[i]:g} is above 1.2, the largest plausible e{guess}")
         return points
-
-    def notes(self, records: Sequence[MeasuredRestitution]) -> tuple[str, ...]:
-        return (FROM_FILE,) if records and records[0].sigma is not None else ()
 
     def pair(
         self, records: Sequence[MeasuredRestitution], flight: Flight

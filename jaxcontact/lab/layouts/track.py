@@ -23,7 +23,7 @@ _FEWEST = 10
 _Name = tuple[str, str]
 """Names of a ball and of a trial."""
 
-_MISSING = ("", "nan", "none", "na", "n/a", "null", "-")
+_MISSING = ("nan", "none", "na", "n/a", "null", "-")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -316,11 +316,8 @@ def frames_of(rows: Sequence[Row], clock: Clock) -> Frames:
 def _place(row: Row, column: str) -> float:
     """Return a position; NaN if the ball was not detected."""
     value = row.values[column]
-    if value is None or value != value:
-        return math.nan
-    if isinstance(value, str) and value.strip().casefold() in _MISSING:
-        return math.nan
-    return row.real(column)
+    missing = isinstance(value, str) and value.strip().casefold() in _MISSING
+    return math.nan if missing else row.real(column)
 
 
 def _is_count(rows: Sequence[Row], column: str) -> bool:

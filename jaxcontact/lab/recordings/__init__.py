@@ -14,9 +14,9 @@ from ..layouts.track import Tracks
 from ..layouts.track import tracks_of as tracks_of
 from ..tables.heading import FROM_FILE as FROM_FILE
 from ..tables.sheet import RecordingError as RecordingError
-from .recorded_pairs import RecordedPairs as RecordedPairs
-from .recorded_pairs import make_pairs as make_pairs
+from .recording import RecordedPairs as RecordedPairs
 from .recording import Recording as Recording
+from .recording import make_pairs as make_pairs
 from .recording import read_recording as read_recording
 from .recording import read_recordings as read_recordings
 from .table_columns import COLUMNS as COLUMNS

@@ -1,23 +1,28 @@
-"""Recordings of one bouncing ball, read from any source with columns."""
+"""Recordings of one bouncing ball, read from any source, and the pairs (speed, e) in them."""
 
 from __future__ import annotations
 
 import bisect
 import dataclasses
 import functools
+import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import IO, Any, NamedTuple
 
-from ...extend import POSITIVE, did_you_mean, rendered, require_choice, require_number
+import numpy as np
+from numpy.typing import NDArray
+
+from ...extend import POSITIVE, Flight, did_you_mean, rendered, require_choice, require_number
 from ..layouts.layout import LAYOUTS, Layout, Record
 from ..layouts.sound import intervals_in
 from ..layouts.track import counts_frames, tracks_of, with_frames
+from ..pairs.pairs import Ints, Pairs
 from ..signals import with_clock
 from ..sound.audio import Sound, sound_in
 from ..tables.heading import Meaning, unused_notes
 from ..tables.match import Match, Told, as_told, check_usual
-from ..tables.sheet import Sheet
+from ..tables.sheet import RecordingError, Sheet
 from ..tables.source import sheet_of
 from ..track.model import Track
 from .layout_of import layout_of
@@ -306,3 +311,74 @@ def _check_sound(layout: str | None, rate: float | None, *, ball: bool, columns:
     else:
         return
     raise ValueError(f"Argument {problem}.")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RecordedPairs(Pairs):
+    """Pairs of a recording.
+
+    `first_row` and `second_row` are the rows of `source` from which a pair was made (equal for one
+    row). Reading errors are in `layout.reading_error.unit`. `records` are those of each pair;
+    `unpaired` counts the records that make no pair.
+    """
+
+    source: str
+    layout: Layout[Any]
+    ball: str
+    first_row: Ints
+    second_row: Ints
+    records: tuple[tuple[Record, ...], ...]
+    flight: Flight
+    unpaired: int
+
+    @property
+    def words(self) -> tuple[str, str]:
+        return self.layout.pair_words
+
+    @property
+    def owner(self) -> str:
+        return f" of {self.ball}" if self.ball else ""
+
+    @property
+    def rule(self) -> str:
+        return self.layout.pair_rule
+
+    @property
+    def from_flights(self) -> bool:
+        return self.layout.uses_flight
+
+    def guess(self, flagged: NDArray[np.bool_], e: float) -> Mapping[int, str]:
+        return self.layout.guess(self.records, flagged, e)
+
+    def where(self, keep: NDArray[np.bool_]) -> RecordedPairs:
+        records = tuple(itertools.compress(self.records, keep))
+        kept = super().where(keep)
+        assert isinstance(kept, RecordedPairs)
+        return dataclasses.replace(kept, records=records)
+
+    def fault(self, problem: str) -> ValueError:
+        last = int(self.second_row.max()) if len(self) else None
+        return RecordingError(problem, self.source, last, self.layout.columns[-1])
+
+
+def make_pairs(recording: Recording, flight: Flight) -> RecordedPairs:
+    """Return the pairs in a recording: e = launch speed/landing speed, at the landing speed.
+
+    Speeds follow from the readings by `flight`, unless the layout gives them.
+    """
+    made = recording.layout.pair(recording.records, flight)
+    order = {name: number for number, name in enumerate(dict.fromkeys(made.clusters))}
+    fields = made._asdict()
+    clusters, records = fields.pop("clusters"), tuple(fields.pop("records"))
+    return RecordedPairs(
+        **fields,
+        source=recording.source,
+        layout=recording.layout,
+        ball=recording.ball,
+        first_row=np.array([some[0].row for some in records], np.int64),
+        second_row=np.array([some[-1].row for some in records], np.int64),
+        cluster=np.array([order[name] for name in clusters], np.int64),
+        cluster_names=tuple(order),
+        records=records,
+        flight=flight,
+    )

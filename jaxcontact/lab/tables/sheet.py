@@ -87,22 +87,22 @@ class Row:
 
         `if_zero` is the advice that follows the refusal of a zero.
         """
-        text, number = self._number(column, "a number")
-        if not math.isfinite(number):
-            self.refuse(column, f"{text!r} is not a finite number")
+        text, number = self._finite(column)
         if number <= 0:
             self.refuse(column, f"must be positive, but is {text}{'' if number else if_zero}")
         return self._in_si(column, number)
 
     def real(self, column: str) -> float:
         """Return the value as a finite number in SI units; NaN for an empty cell."""
-        value = self.values[column]
-        if value is None or value != value or (isinstance(value, str) and not value.strip()):
+        if is_empty(self.values[column]):
             return math.nan
+        return self._in_si(column, self._finite(column)[1])
+
+    def _finite(self, column: str) -> tuple[str, float]:
         text, number = self._number(column, "a number")
         if not math.isfinite(number):
             self.refuse(column, f"{text!r} is not a finite number")
-        return self._in_si(column, number)
+        return text, number
 
     def _in_si(self, column: str, number: float) -> float:
         heading = self.headings.get(column)
@@ -140,6 +140,11 @@ class Row:
 
 
 _CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d{1,2}(?:[.,]\d+)?)")
+
+
+def is_empty(cell: Any) -> bool:
+    """Return whether a cell is missing, NaN or blank."""
+    return cell is None or cell != cell or (isinstance(cell, str) and not cell.strip())
 
 
 def seconds_in(text: str) -> float:
