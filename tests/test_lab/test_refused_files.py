@@ -5,7 +5,7 @@ import io
 import pytest
 
 import jaxcontact as jc
-from tests.test_lab.written import written
+from tests.test_lab.sources import written
 
 TABLE = "velocity,restitution\n1.0,0.9\n2.0,0.88\n"
 INTERVALS = "bounce,interval_s\n1,.4\n2,.36\n"

@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
-from tests.test_lab.sources import refused
-from tests.test_lab.written import written
+from tests.test_lab.sources import refused, written
 
 T = np.array([0.52, 0.97, 1.36, 1.70, 2.0])
 """Instants of bounces, whose intervals shrink by 0.87 or so."""

@@ -9,7 +9,7 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._flight import Flight
 from jaxcontact.lab.recordings import make_pairs, read_columns
-from tests.test_lab.written import lines, workbook
+from tests.test_lab.sources import lines, workbook
 
 DROPS = {"first": [0.5, 0.45, 0.4], "second": [0.6, 0.5, 0.42]}
 

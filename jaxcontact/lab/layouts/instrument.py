@@ -299,17 +299,16 @@ def _width(smooth: Floats, middle: float) -> int:
 def _half(height: Floats, top: int) -> tuple[float, float]:
     """Return the positions at half height around a peak, in numbers of readings."""
     half = height[top] / 2
-    below = np.flatnonzero(height[: top + 1] < half)
-    left = float(below[-1]) if below.size else 0.0
-    if below.size:
-        a, b = height[below[-1]], height[below[-1] + 1]
-        left += float((half - a) / (b - a))
-    below = np.flatnonzero(height[top:] < half)
-    right = float(height.size - 1)
-    if below.size:
-        k = top + int(below[0])
-        right = k - float((half - height[k]) / (height[k - 1] - height[k]))
-    return left, right
+
+    def crossing(side: Floats) -> float:
+        """Return the distance from the peak, the first of `side`, to half of its height."""
+        below = np.flatnonzero(side < half)
+        if not below.size:
+            return side.size - 1.0
+        k = int(below[0])
+        return k - float((half - side[k]) / (side[k - 1] - side[k]))
+
+    return top - crossing(height[top::-1]), top + crossing(height[top:])
 
 
 def _level(value: Floats, width: int) -> Floats:

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ...extend import rendered, written_unit
+from ...extend import Unit, rendered, written_unit
 from .heading import Heading
 
 
@@ -56,7 +56,10 @@ class Row:
 
     def has_unit(self, column: str) -> bool:
         """Return whether the unit of a column is written in its heading."""
-        return column in self.headings and self.headings[column].unit is not None
+        return self._unit(column) is not None
+
+    def _unit(self, column: str) -> Unit | None:
+        return self.headings[column].unit if column in self.headings else None
 
     @property
     def place(self) -> tuple[str, int]:
@@ -105,8 +108,8 @@ class Row:
         return text, number
 
     def _in_si(self, column: str, number: float) -> float:
-        heading = self.headings.get(column)
-        return number if heading is None or heading.unit is None else heading.unit.to_si(number)
+        unit = self._unit(column)
+        return number if unit is None else unit.to_si(number)
 
     def count(self, column: str) -> int:
         """Return the value as a non-negative integer."""
@@ -121,7 +124,10 @@ class Row:
         text, value = self.text(column), self.values[column]
         try:
             if isinstance(value, str):
-                return text, seconds_in(value) if self._is_time(column) else float(value)
+                unit, heading = self._unit(column), self.headings.get(column)
+                # Clock times have no unit that needs conversion.
+                clock = heading is not None and heading.is_time and not (unit and unit.converts)
+                return text, seconds_in(value) if clock else float(value)
             # `float` would accept bytes and flags, and lose digits of a longdouble.
             if isinstance(value, bytes | bytearray | bool | np.bool_):
                 raise TypeError
@@ -131,12 +137,6 @@ class Row:
         except (TypeError, ValueError, OverflowError):
             written = "; write the unit in the heading instead" * _has_unit(value)
             self.refuse(column, f"{rendered(text)} is not {kind}{written}")
-
-    def _is_time(self, column: str) -> bool:
-        """Return whether a column holds times without a unit that needs conversion."""
-        heading = self.headings.get(column)
-        unit = None if heading is None else heading.unit
-        return heading is not None and heading.is_time and not (unit and unit.converts)
 
 
 _CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d{1,2}(?:[.,]\d+)?)")

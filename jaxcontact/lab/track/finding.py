@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage, signal
 
+from ..signals import Doubtful
 from .fitting import LEAST_FRAMES, MAD, Guess, fit_drop
-from .model import Drop, Floats, Frames, Skipped, Track
+from .model import Drop, Floats, Frames, Track
 
 _STANDS_OUT = 8.0
 """Standard deviations by which a ball must rise between two impacts."""
@@ -288,13 +289,13 @@ def _count(track: Track) -> int:
 
 def _fit_drops(frames: Frames, found: FoundDrops) -> Track:
     drops: list[Drop] = []
-    skipped = [Skipped(time, "no flights on both sides") for time in found.others]
+    skipped = [Doubtful(time, "no flights on both sides") for time in found.others]
     for guess in found.guesses:
         drop = fit_drop(frames, guess)
         impacts = guess.times[1:-1]
         why = "no parabolas" if drop is None else _doubt(drop)
         if drop is None or why:
-            skipped += [Skipped(float(time), why) for time in impacts]
+            skipped += [Doubtful(float(time), why) for time in impacts]
         else:
             drops.append(drop)
     skipped.sort()
