@@ -36,9 +36,14 @@ def times(recording: jc.Recording) -> np.ndarray:
 
 
 @functools.cache
+def recorded() -> jc.Recording:
+    """The clear drop."""
+    return jc.read_recording(file_of(truth().samples, truth().rate))
+
+
 def heard() -> np.ndarray:
     """The times in the clear drop."""
-    return times(jc.read_recording(file_of(truth().samples, truth().rate)))
+    return times(recorded())
 
 
 def file_of(samples: np.ndarray, rate: int, width: int = 2, *, coding: int = 1) -> io.BytesIO:
@@ -240,8 +245,7 @@ def test_the_covariance_of_pairs_is_that_of_their_times():
 
 
 def test_the_picture_has_marks():
-    recording = jc.read_recording(io.BytesIO(as_wave(truth())))
-    ax = jc.plot.sound(recording)
+    ax = jc.plot.sound(recorded())
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert "bounce, used" in labels
     assert ax.get_xlabel() == "time $t$ / s"
