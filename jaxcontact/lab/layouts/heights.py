@@ -98,7 +98,7 @@ class Heights(Drops[Rebound]):
     """Drop and rebound heights: in vacuum e = √(h₁/h₀) at approach speed √(2 g h₀)."""
 
     name = "heights"
-    record = Rebound
+    record: ClassVar[type[Release]] = Rebound
     meanings: ClassVar[Mapping[str, Meaning]] = {
         "ball": LABELS["ball"],
         "drop_height_m": DROP_HEIGHT,
@@ -151,7 +151,7 @@ class Stops(Drops[Stop]):
     """
 
     name = "stops"
-    record = Stop
+    record: ClassVar[type[Release]] = Stop
     meanings: ClassVar[Mapping[str, Meaning]] = {
         "ball": LABELS["ball"],
         "trial": LABELS["trial"],
