@@ -14,7 +14,7 @@ import numpy as np
 
 import jaxcontact as jc
 from jaxcontact.lab.tables.grid import is_number
-from jaxcontact.lab.tables.sheet import sheet_of
+from jaxcontact.lab.tables.source import sheet_of
 
 ROWS = 100_000
 

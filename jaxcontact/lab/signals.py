@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from .tables.grid import RecordingError
-from .tables.heading import Meaning, words
-from .tables.sheet import Row, Sheet
+from .tables.heading import Meaning
+from .tables.sheet import RecordingError, Row, Sheet
 
 Floats = Float[np.ndarray, " n"]
 
@@ -101,8 +100,7 @@ def hum_of(time: Floats, value: Floats, quiet: np.ndarray, noise: float) -> Hum 
     t, y = (x[at[: count * width]].reshape(count, width).mean(axis=1) for x in (time, value))
     y = y - np.median(y)
     grid = np.arange(-_AROUND, _AROUND, 1 / (8 * length)) if 8 * length * _AROUND > 1 else [0.0]
-    tries = [(_gain(t, y, f + float(d)), f + float(d)) for f in _MAINS for d in grid]
-    gain, frequency = max(tries)
+    gain, frequency = max((_gain(t, y, f + d), float(f + d)) for f in _MAINS for d in grid)
     if gain * width < _CLEAR * noise**2:
         return None
     top = 0.5 / step
@@ -129,7 +127,7 @@ def _gain(time: Floats, value: Floats, frequency: float) -> float:
 
 
 CLOCK = Meaning(
-    words("time, t, abs time, absolute time, elapsed time, time stamp, timestamp, x value"), "s"
+    "time, t, abs time, absolute time, elapsed time, time stamp, timestamp, x value", "s"
 )
 
 _SLOWEST = 2e-3
@@ -158,18 +156,18 @@ def with_clock(sheet: Sheet, rate: float) -> Sheet:
 def column_of(rows: Sequence[Row], name: str) -> Floats:
     """Return a column (n,) as numbers in SI units; raise RecordingError for the first fault."""
     heading = rows[0].headings.get(name)
+    unit = None if heading is None else heading.unit
     try:
         # Convert all at once; the row itself reports a single fault.
         found = np.array([row.values[name] for row in rows]).astype(float)
-        if found.ndim != 1 or not np.isfinite(found).all():
-            raise ValueError
+        if found.ndim == 1 and np.isfinite(found).all():
+            return found if unit is None or not unit.converts else found * unit.times / unit.by
     except (TypeError, ValueError, OverflowError):
-        found = np.array([row.real(name) for row in rows])
-        if (gone := np.isnan(found)).any():
-            rows[int(np.argmax(gone))].refuse(name, "is empty")
-        return found
-    unit = None if heading is None else heading.unit
-    return found if unit is None or not unit.converts else found * unit.times / unit.by
+        pass
+    found = np.array([row.real(name) for row in rows])
+    if (gone := np.isnan(found)).any():
+        rows[int(np.argmax(gone))].refuse(name, "is empty")
+    return found
 
 
 def even(rows: Sequence[Row], time: Floats) -> tuple[Floats, tuple[str, ...]]:

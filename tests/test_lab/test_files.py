@@ -9,8 +9,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact.lab.recordings import LAYOUTS
-from tests.test_lab.sources import refused
-from tests.test_lab.written import german, lines, open_document, parquet, workbook, written
+from tests.test_lab.sources import german, lines, open_document, parquet, refused, workbook, written
 
 V, E = (1.0, 2.0, 2.5), (0.9, 0.85, 0.8)
 ROWS = list(zip(V, E, strict=True))

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
-from jaxcontact.lab.layouts.heights import STICKS
+from jaxcontact.lab.layouts.speeds import STICKS
 from jaxcontact.lab.recordings import LAYOUTS
 from tests.test_lab.sources import SOURCES, columns_of, opened, read
 
@@ -210,28 +210,6 @@ def test_a_missing_value_is_named(column, missing):
     columns[column][1] = missing
     for read_columns in (jc.read_recording, lambda c: jc.read_recording(pd.DataFrame(c))):
         assert fault(read_columns, columns).endswith(f"row 2, column {column}: is empty")
-
-
-FAULTS = {
-    "": "f.csv, row 1: is empty",
-    "a,b\n1,2\n": "f.csv, row 1, column a: no known column; one of these sets is needed: interv",
-    "velocity,restitution\n": "f.csv, row 1, column restitution: holds a header but no measurement",
-    "velocity,velocity\n1,2\n": "f.csv, row 1, column velocity: appears twice",
-    TABLE + "3.0\n": "f.csv, row 4, column restitution: is empty",
-    TABLE + "3.0,0.8,7\n": "f.csv, row 4, column restitution: has 3 fields where the header has 2",
-    INTERVALS
-    + "a,1,1,2,0.3\n": "f.csv, row 4, column bounce: bounce 2 of this trial is already in row",
-    "velocity,restitution\n1,nan\n": "f.csv, row 2, column restitution: 'nan' is not a finite",
-    INTERVALS + "a,1,1,x,0.3\n": "f.csv, row 4, column bounce: 'x' is not a whole number",
-    INTERVALS + "a,1,1,1.5,0.3\n": "f.csv, row 4, column bounce: '1.5' is not a whole number",
-    INTERVALS + "a,1,1,-1,0.3\n": "f.csv, row 4, column bounce: must not be negative, but is -1",
-    'velocity,restitution\n1,"0.9': "f.csv, row 2: is not a CSV file",
-}
-
-
-@pytest.mark.parametrize("text", FAULTS)
-def test_a_fault_is_named(text):
-    assert fault(read, text).startswith(FAULTS[text])
 
 
 ROW = [1.0, 2.0]

@@ -5,8 +5,10 @@ import io
 import pytest
 
 import jaxcontact as jc
-from tests.test_lab.written import written
+from tests.test_lab.sources import written
 
+TABLE = "velocity,restitution\n1.0,0.9\n2.0,0.88\n"
+INTERVALS = "bounce,interval_s\n1,.4\n2,.36\n"
 REFUSED = {
     "0.8\n0.6\n0.45\n": r"row 1: one column without a header may hold heights of successive "
     r"flights in m \(then e is about 0.87\) or intervals between impacts in s "
@@ -34,6 +36,19 @@ REFUSED = {
     "t,h\n0,1\n.1,.9\n": r"column h: is a track of 2 frames, too few .*; if these are heights of "
     r'successive flights, say so with `columns="height_m=\.\.\."`',
     "intervalls\n.4\n": r"no known column; .*; did you mean 'interval_s'\?",
+    "5,\tbounce\n6,\tbounce\n": "row 1: has 2 columns and no header; name them",
+    "": "row 1: is empty",
+    "a,b\n1,2\n": "row 1, column a: no known column; one of these sets is needed: interv",
+    "velocity,restitution\n": "row 1, column restitution: holds a header but no measurement",
+    "velocity,velocity\n1,2\n": "row 1, column velocity: appears twice",
+    f"{TABLE}3.0\n": "row 4, column restitution: is empty",
+    f"{TABLE}3.0,0.8,7\n": "row 4, column restitution: has 3 fields where the header has 2",
+    f"{TABLE}1,nan\n": "row 4, column restitution: 'nan' is not a finite",
+    f"{INTERVALS}2,.3\n": "row 4, column bounce: bounce 2 of this trial is already in row",
+    f"{INTERVALS}x,.3\n": "row 4, column bounce: 'x' is not a whole number",
+    f"{INTERVALS}1.5,.3\n": "row 4, column bounce: '1.5' is not a whole number",
+    f"{INTERVALS}-1,.3\n": "row 4, column bounce: must not be negative, but is -1",
+    'velocity,restitution\n1,"0.9': r"row 2: is not a CSV file \(",
     b"%PDF-1.7": "is a PDF; save the table as CSV",
     b"\x1f\x8b\x08": "is compressed",
     b"PK\x03\x04": "is a spreadsheet that cannot be read",
@@ -44,8 +59,10 @@ REFUSED = {
 
 @pytest.mark.parametrize("content", REFUSED)
 def test_what_is_refused_says_why_and_what_to_do(content, tmp_path):
-    with pytest.raises(jc.RecordingError, match=REFUSED[content]):
-        jc.read_recording(written(tmp_path, "f.csv", content))
+    path = written(tmp_path, "f.csv", content)
+    with pytest.raises(jc.RecordingError, match=REFUSED[content]) as caught:
+        jc.read_recording(path)
+    assert str(caught.value).startswith(f"{path}")
 
 
 def test_units_alone_are_no_header():

@@ -36,9 +36,14 @@ def times(recording: jc.Recording) -> np.ndarray:
 
 
 @functools.cache
+def recorded() -> jc.Recording:
+    """The clear drop."""
+    return jc.read_recording(file_of(truth().samples, truth().rate))
+
+
 def heard() -> np.ndarray:
     """The times in the clear drop."""
-    return times(jc.read_recording(file_of(truth().samples, truth().rate)))
+    return times(recorded())
 
 
 def file_of(samples: np.ndarray, rate: int, width: int = 2, *, coding: int = 1) -> io.BytesIO:
@@ -143,7 +148,10 @@ def test_what_holds_no_bounces_is_refused_with_what_was_found():
     refused("holds samples that are not finite", file_of(bad, rate, 4, coding=3))
     refused("has 2000 samples per second, but at least 4000", file_of(noise, 2000))
     refused(r"is MPEG-4 \(m4a\), .*ffmpeg", io.BytesIO(b"\0\0\0 ftypM4A " + bytes(100)))
-    refused("is a WAV file that cannot be read", io.BytesIO(b"RIFF\x10\0\0\0WAVEfmt "))
+    whole = file_of(noise, rate).getvalue()
+    without_channels = whole[:22] + b"\0\0" + whole[24:]
+    for content in (b"RIFF\x10\0\0\0WAVEfmt ", whole[:36], without_channels):
+        refused("is a WAV file that cannot be read", io.BytesIO(content))
     for words, how in (
         ("`layout` must be None or 'intervals' for a sound", {"layout": "heights"}),
         ("`ball` must be None for a sound", {"ball": "blue"}),
@@ -237,8 +245,7 @@ def test_the_covariance_of_pairs_is_that_of_their_times():
 
 
 def test_the_picture_has_marks():
-    recording = jc.read_recording(io.BytesIO(as_wave(truth())))
-    ax = jc.plot.sound(recording)
+    ax = jc.plot.sound(recorded())
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert "bounce, used" in labels
     assert ax.get_xlabel() == "time $t$ / s"

@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
-from tests.test_lab.sources import refused
-from tests.test_lab.written import written
+from tests.test_lab.sources import refused, written
 
 T = np.array([0.52, 0.97, 1.36, 1.70, 2.0])
 """Instants of bounces, whose intervals shrink by 0.87 or so."""
@@ -23,6 +22,7 @@ INSTANTS = {
     "labels of Audacity": LABELS,
     "labels without a name, in German": LABELS.replace("bounce", "").replace(".", ","),
     "labels with frequencies": LABELS.replace("bounce\n", "b\n\\\t500\t2000\n"),
+    "labels by the clock": "".join(f"0:{t:05.2f}\t0:{t:05.2f}\tbounce\n" for t in T),
     "labels of Sonic Visualiser": "".join(f"{t},New Point\n" for t in T),
     "markers of Audition": "Name\tStart\tDuration\tTime Format\tType\tDescription\n"
     + "".join(f"Marker {k}\t0:{t:06.3f}\t0:00.000\tdecimal\tCue\t\n" for k, t in enumerate(T)),

@@ -7,8 +7,9 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
-from jaxcontact.lab.recordings import read_columns
-from tests.test_lab.written import lines, workbook
+from jaxcontact._flight import Flight
+from jaxcontact.lab.recordings import make_pairs, read_columns
+from tests.test_lab.sources import lines, workbook
 
 DROPS = {"first": [0.5, 0.45, 0.4], "second": [0.6, 0.5, 0.42]}
 
@@ -42,7 +43,8 @@ def test_equal_sheets_are_trials_and_others_are_chosen():
     assert numbers(whole) == [*DROPS.values()]
     said = "; ".join(whole.notes)
     assert "sheets 'first', 'second'; not read: 'About'; row 1 of 'second' is row 5" in said
-    assert jc.calibrate(whole, laws="exact").pairs[-1].rows == (7, 8)
+    pairs = make_pairs(whole, Flight())
+    assert (pairs.first_row[-1], pairs.second_row[-1]) == (7, 8)
     mixed = workbook(*drops, table)
     told = r"different headings, 'first' \(interval \(s\)\);.* 'Table' \(v, e\); .* `sheet=`"
     refused(told, mixed)
@@ -135,9 +137,8 @@ def test_places_need_a_rate_only():
     flight = np.concatenate([[0.9], np.diff(landings)])[np.searchsorted(landings, time)]
     rows = np.column_stack([0.1 * time, 9.81 / 2 * since * (flight - since)])
     found = read(lines("x (m),y (m)", rows, number="{:.6f}".format), rate=60)
-    pairs = jc.calibrate(found, laws="exact").pairs
     # The fit states errors of .0009 to .0027.
-    np.testing.assert_allclose([one.restitution for one in pairs], 0.8, rtol=2e-3)
+    np.testing.assert_allclose(make_pairs(found, Flight()).restitution, 0.8, rtol=2e-3)
     assert "rows are frames, 60 per second" in found.notes
 
 

@@ -14,8 +14,8 @@ from jaxtyping import ArrayLike
 from ... import AbstractFriction, Contact, ExactRestitution, RoundBodies
 from ...extend import POSITIVE, RESTITUTION, Floats, as_parameter, require_kind, require_number
 from ..oblique.choose_friction import FrictionChoice, choose_friction
+from ..recordings import RecordingError
 from ..recordings.table_columns import read_columns
-from ..tables.grid import RecordingError
 
 OUTCOMES = "tangential_restitution", "tangential_rebound", "rebound_angle", "rebound_spin"
 BEFORE = "angle", "speed", "normal_velocity", "tangential_velocity"

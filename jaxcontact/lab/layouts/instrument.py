@@ -5,16 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from ...extend import Flight, Words, counted, span
 from ..signals import CLOCK, Doubtful, Floats, Trace, column_of, even, hum_of, noise_of
-from ..tables.grid import RecordingError
-from ..tables.heading import Meaning, words
-from ..tables.sheet import Row
+from ..tables.heading import Meaning
+from ..tables.sheet import RecordingError, Row
 from .layout import Layout, Paired, Record
 
 _SHOWN = 6
@@ -99,9 +97,7 @@ class Records(Layout[RecordedImpact]):
     meanings: ClassVar[Mapping[str, Meaning]]
     made_of: ClassVar[str]
     fitted = True
-    instead: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {"time": "; or give `rate`, the readings per second"}
-    )
+    instead: ClassVar[Mapping[str, str]] = {"time": "; or give `rate`, the readings per second"}
     pair_words: ClassVar[Words] = ("impact", "impacts")
     cluster_words: ClassVar[Words] = ("impact", "impacts")
     pair_rule = "each impact found in the record is one"
@@ -113,13 +109,10 @@ class Records(Layout[RecordedImpact]):
 
     def __init_subclass__(cls, quantity: str, headings: str, unit: str, must_say: str = "") -> None:
         cls.name = cls.quantity = quantity
-        cls.columns = cls.measured = ("time", quantity)
-        meaning = Meaning(words(headings), unit, must_say=must_say)
-        cls.meanings = MappingProxyType({"time": CLOCK, quantity: meaning})
+        cls.measured = ("time", quantity)
+        cls.meanings = {"time": CLOCK, quantity: Meaning(headings, unit, must_say=must_say)}
         cls.made_of = f"impacts in a record of {quantity}"
-
-    def at_rate(self, rate: float | None) -> Records:
-        return self  # its times already include the rate
+        super().__init_subclass__()
 
     def read(self, rows: Sequence[Row]) -> list[RecordedImpact]:
         clock, value = column_of(rows, "time"), column_of(rows, self.quantity)
@@ -150,8 +143,7 @@ class Records(Layout[RecordedImpact]):
                 f"{trace.time[-1] - trace.time[0]:.3g} s"
             )
         else:
-            told = "; ".join(f"at {one.time:.4g} s {one.why}" for one in trace.doubtful[:_SHOWN])
-            problem = f"no usable impact was found: {told}"
+            problem = f"no usable impact was found: {_doubts(trace)}"
             if any("readings of the contact" in one.why for one in trace.doubtful):
                 problem += (
                     f"; a contact needs at least {LEAST_READINGS} readings, better 50: sample "
@@ -180,10 +172,9 @@ class Records(Layout[RecordedImpact]):
             f"{shown(self.quantity, trace.noise)}",
         ]
         if trace.doubtful:
-            told = "; ".join(f"at {one.time:.4g} s {one.why}" for one in trace.doubtful[:_SHOWN])
             left = len(trace.doubtful) - _SHOWN
             more = f" and {left} more" if left > 0 else ""
-            notes.append(f"doubtful and not used: {len(trace.doubtful)} ({told}{more})")
+            notes.append(f"doubtful and not used: {len(trace.doubtful)} ({_doubts(trace)}{more})")
         return tuple(notes)
 
     def pair(self, records: Sequence[RecordedImpact], flight: Flight) -> Paired[RecordedImpact]:
@@ -191,6 +182,10 @@ class Records(Layout[RecordedImpact]):
             "holds records of impacts, whose e needs a fit; use `calibrate(recording, mass=...)`",
             "the recording",
         )
+
+
+def _doubts(trace: Trace) -> str:
+    return "; ".join(f"at {one.time:.4g} s {one.why}" for one in trace.doubtful[:_SHOWN])
 
 
 class Forces(
@@ -264,15 +259,12 @@ def cut(quantity: str, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
     if smooth.max() - middle < middle - smooth.min():
         value, smooth, middle = -value, -smooth, -middle
         notes.append("sign reversed, since contacts are negative in the file")
-    noise = noise_of(value)
-    width = _width(smooth, middle)
+    noise, width = noise_of(value), _width(smooth, middle)
     level = _level(value, width)
     hum = hum_of(time, value, _quiet(smooth - level, noise, width), noise)
     if hum is not None:
         value = value - hum.value
-        noise = noise_of(value)
-        smooth = median_filter(value, 3)
-        width = _width(smooth, float(np.median(value)))
+        noise, width = noise_of(value), _width(median_filter(value, 3), float(np.median(value)))
         level = _level(value, width)
         size = shown(quantity, hum.amplitude)
         notes.append(f"hum of {hum.frequency:.1f} Hz subtracted, {size} in amplitude")
@@ -307,17 +299,16 @@ def _width(smooth: Floats, middle: float) -> int:
 def _half(height: Floats, top: int) -> tuple[float, float]:
     """Return the positions at half height around a peak, in numbers of readings."""
     half = height[top] / 2
-    below = np.flatnonzero(height[: top + 1] < half)
-    left = float(below[-1]) if below.size else 0.0
-    if below.size:
-        a, b = height[below[-1]], height[below[-1] + 1]
-        left += float((half - a) / (b - a))
-    below = np.flatnonzero(height[top:] < half)
-    right = float(height.size - 1)
-    if below.size:
-        k = top + int(below[0])
-        right = k - float((half - height[k]) / (height[k - 1] - height[k]))
-    return left, right
+
+    def crossing(side: Floats) -> float:
+        """Return the distance from the peak, the first of `side`, to half of its height."""
+        below = np.flatnonzero(side < half)
+        if not below.size:
+            return side.size - 1.0
+        k = int(below[0])
+        return k - float((half - side[k]) / (side[k - 1] - side[k]))
+
+    return top - crossing(height[top::-1]), top + crossing(height[top:])
 
 
 def _level(value: Floats, width: int) -> Floats:

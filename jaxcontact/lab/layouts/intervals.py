@@ -5,8 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -22,14 +21,25 @@ from ...extend import (
     launch_speed,
     length_guess,
     not_shrinking,
-    span,
     too_long,
 )
 from ..signals import CLOCK
-from ..tables.heading import FROM_FILE, Meaning, deviation_of, words
+from ..sound.audio import Sound
+from ..tables.heading import Meaning, deviation_of
 from ..tables.match import Match
 from ..tables.sheet import Row, Sheet
-from .layout import DROP_HEIGHT, LABELS, Layout, Paired, ReadingError, Record, adjacent, bounces_of
+from .layout import (
+    DROP_HEIGHT,
+    LABELS,
+    Layout,
+    Paired,
+    ReadingError,
+    TrialRecord,
+    bounces_of,
+    chains_of,
+    couples_of,
+    unpaired,
+)
 
 _TOLERANCE = 0.06
 _LATE_TOLERANCE = 0.25  # fraction of the deviation that a late trigger would explain
@@ -41,8 +51,6 @@ _CONTRADICTS = 30.0
 
 It is a factor of five in e. Bounces missing before the first record do not reach it.
 """
-
-Group = tuple[str, float | None, str]
 
 
 class Timing(NamedTuple):
@@ -57,65 +65,67 @@ class Timing(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Interval(Record):
+class Interval(TrialRecord):
     """Time in s between impacts `bounce` and `bounce + 1` of one trial.
 
     `drop_height` in m is None if it was not given. `timing` is None if the errors of the times are
     unknown. `sigma` is the standard deviation in s of the interval, None if it was not given.
+    `told` are notes on its origin, and `sound` is that in which it was detected, if any.
     """
 
-    drop_height: float | None
-    trial: str
-    bounce: int
-    timing: Timing | None = dataclasses.field(default=None, kw_only=True)
-    sigma: float | None = dataclasses.field(default=None, kw_only=True)
+    _: dataclasses.KW_ONLY
+    drop_height: float | None = None
+    timing: Timing | None = None
+    sigma: float | None = None
+    told: tuple[str, ...] = ()
+    sound: Sound | None = dataclasses.field(default=None, compare=False, repr=False)
     seconds: float
 
     @property
-    def group(self) -> Group:
+    def group(self) -> tuple[str, float | None, str]:
         """Key of the trial; two successive intervals of a group make a pair."""
         return self.ball, self.drop_height, self.trial
 
+    def errors(self, longest: float) -> Iterator[tuple[Hashable, float]]:
+        """Yield the known errors in s by their sources, which intervals may share.
 
-_STEP = words("dt, δt, delta t, time step, step")
+        The duration of contact is unknown but scales as v^(-1/5) (Hertz), with the speed of the
+        `longest` interval in s; the sound of the impact is delayed with it.
+        """
+        if self.sigma is not None:
+            yield (self.group, self.bounce), self.sigma
+        elif self.timing is not None:
+            yield (self.group, self.bounce), -self.timing.start
+            yield (self.group, self.bounce + 1), self.timing.end
+            yield self.group, (self.seconds / longest) ** -0.2 * self.timing.contact
+
+
+_STEP = Meaning("dt, δt, delta t, time step, step", "s")
 
 
 class Intervals(Layout[Interval]):
     """Successive bounce intervals: in vacuum e = T₂/T₁ at approach speed g T₁/2."""
 
     name = "intervals"
-    columns: ClassVar[tuple[str, ...]] = (
-        "ball",
-        "drop_height_m",
-        "trial",
-        "bounce",
-        "sigma",
-        "interval_s",
-    )
+    meanings: ClassVar[Mapping[str, Meaning]] = {
+        "ball": LABELS["ball"],
+        "drop_height_m": DROP_HEIGHT,
+        "trial": LABELS["trial"],
+        "bounce": LABELS["bounce"],
+        "sigma": deviation_of(
+            "interval_s", ("t", "dt", "interval", "interval s", "flight time", "time"), "s"
+        ),
+        "interval_s": Meaning(
+            "interval, interval s, bounce interval, time between bounces, time between impacts, "
+            f"flight time, time of flight, t flight, lap time, lap duration, {_STEP.names}",
+            "s",
+        ),
+    }
     measured: ClassVar[tuple[str, ...]] = ("interval_s",)
-    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType(
-        {
-            **LABELS,
-            "drop_height_m": DROP_HEIGHT,
-            "interval_s": Meaning(
-                (
-                    *words(
-                        "interval, interval s, bounce interval, time between bounces, "
-                        "time between impacts, flight time, time of flight, t flight, lap time, "
-                        "lap duration"
-                    ),
-                    *_STEP,
-                ),
-                "s",
-            ),
-            "sigma": deviation_of(
-                "interval_s", ("t", "dt", "interval", "interval s", "flight time", "time"), "s"
-            ),
-        }
-    )
+    spans: ClassVar[Mapping[str, tuple[str, str]]] = {"intervals": ("seconds", "s")}
+    flight: ClassVar[tuple[str, str, str] | None] = ("intervals", "seconds", "seconds")
     reading_error: ClassVar[ReadingError | None] = ReadingError("s", "ms", 1e3, "each trigger time")
     uses_flight = True
-    flight: ClassVar[tuple[str, str] | None] = ("intervals", "seconds")
     made_of = "successive bounce intervals"
     pair_words: ClassVar[Words] = ("pair of successive intervals", "pairs of successive intervals")
     cluster_words: ClassVar[Words] = ("trial", "trials")
@@ -130,7 +140,7 @@ class Intervals(Layout[Interval]):
     @staticmethod
     def is_step(text: str) -> bool:
         """Return whether a heading may denote the steps of any clock."""
-        return Meaning(_STEP, "s").heading(text) is not None
+        return _STEP.heading(text) is not None
 
     def fits(self, made: Match, sheet: Sheet) -> bool:
         """Return False for a generic word for time steps beside a column of times."""
@@ -155,16 +165,16 @@ class Intervals(Layout[Interval]):
         return [row for row in rows if row.number not in gone], (note,) * bool(gone)
 
     def read(self, rows: Sequence[Row]) -> list[Interval]:
-        groups = interval_groups(rows)
         records = [
             Interval(
-                *(group[0], row.number, *group[1:], bounce, row.positive("interval_s")),
+                *(ball, row.number, trial, bounce),
+                drop_height=height,
+                seconds=row.positive("interval_s"),
                 sigma=row.positive("sigma") if "sigma" in row.values else None,
             )
-            for row, group, bounce in zip(rows, groups, bounces_of(rows, groups), strict=True)
+            for row, (ball, height, trial), bounce in bounces_of(rows)
         ]
-        if records:
-            self.check(rows, records, "interval_s")
+        self.check(rows, records, "interval_s")
         return records
 
     def check(self, rows: Sequence[Row], records: Sequence[Interval], column: str) -> None:
@@ -172,7 +182,7 @@ class Intervals(Layout[Interval]):
         if records and (why := too_long([record.seconds for record in records])):
             word = column.partition("_")[0]
             rows[0].refuse(column, why + f", or write the unit in the heading, '{word} [ms]'")
-        if (factor := not_shrinking(chains_of(records))) is not None:
+        if (factor := not_shrinking(chains_of(records, "seconds"))) is not None:
             rows[0].refuse(column, _no_ball(factor, records, column))
         self._check_drops(rows, records)
 
@@ -197,25 +207,21 @@ class Intervals(Layout[Interval]):
         )
 
     def facts(self, records: Sequence[Interval]) -> Mapping[str, str]:
-        return {
-            "trials": str(len({record.group for record in records})),
-            "intervals": span([record.seconds for record in records], "s"),
-        }
+        return {"trials": str(len({one.group for one in records})), **super().facts(records)}
 
     def notes(self, records: Sequence[Interval]) -> tuple[str, ...]:
-        return (FROM_FILE,) if records and records[0].sigma is not None else ()
+        told = dict.fromkeys(note for one in records for note in one.told)
+        return (*told, *super().notes(records))
 
     def pair(self, records: Sequence[Interval], flight: Flight) -> Paired[Interval]:
-        couples = adjacent(records, lambda one: (one.group, one.bounce))
+        couples = couples_of(records)
         t1, t2 = np.array([[one.seconds for one in couple] for couple in couples]).reshape(-1, 2).T
         landing, restitution, p, q = ratios_of(t1, t2, flight)
         # Three trigger times n₁, n₂, n₃ make two intervals. With independent errors of the
         # triggers, ln e = (n₃ - n₂) p - (n₂ - n₁) q, whose variance over σ² is 2 (p² + q² + p q).
-        factor, covariance = 2 * (p**2 + q**2 + p * q), _known(couples, p, q)
-        square = 0.0 if covariance is None else _mean_square(couples)
-        if couples and couples[0][0].sigma is not None:
-            covariance, square = _by_sigma(couples, p, q)
-        if covariance is not None:
+        factor, square = 2 * (p**2 + q**2 + p * q), _mean_square(couples)
+        covariance = None if square is None else _covariance(couples, p, q)
+        if square is not None and covariance is not None:
             factor = np.diag(covariance) / square
         return Paired(
             velocity=landing,
@@ -223,9 +229,9 @@ class Intervals(Layout[Interval]):
             reading_factor=factor,
             clusters=[_trial(first) for first, _ in couples],
             records=couples,
-            unpaired=len(records) - len({id(record) for couple in couples for record in couple}),
+            unpaired=unpaired(records, couples),
             covariance=covariance,
-            reading=math.sqrt(square),
+            reading=math.sqrt(square or 0.0),
             absolute=bool(couples) and couples[0][0].sigma is not None,
         )
 
@@ -240,30 +246,6 @@ class Intervals(Layout[Interval]):
             near = [at.get((group, bounce + step), math.nan) for step in range(-2, 4)]
             guesses[k] = _trigger_fault(near, e)
         return guesses
-
-
-def interval_groups(rows: Sequence[Row]) -> list[Group]:
-    """Return ball, drop height and trial of each row."""
-    return [
-        (
-            row.place[0],
-            row.positive("drop_height_m") if "drop_height_m" in row.values else None,
-            row.text("trial", "1"),
-        )
-        for row in rows
-    ]
-
-
-def chains_of(records: Sequence[Interval]) -> list[Floats]:
-    """Return the intervals of each trial that are contiguous, in order."""
-    chains: list[list[Interval]] = []
-    order = {group: k for k, group in enumerate(dict.fromkeys(one.group for one in records))}
-    for record in sorted(records, key=lambda one: (order[one.group], one.bounce)):
-        last = chains[-1][-1] if chains else None
-        if last is None or (last.group, last.bounce + 1) != (record.group, record.bounce):
-            chains.append([])
-        chains[-1].append(record)
-    return [np.array([one.seconds for one in chain]) for chain in chains]
 
 
 def _no_ball(factor: float, records: Sequence[Interval], column: str) -> str:
@@ -307,76 +289,33 @@ def ratios_of(t1: Floats, t2: Floats, flight: Flight) -> Ratios:
     return Ratios(landing, u2 / landing, expected_slope / expected, slope1 * landing_slope / t1)
 
 
-def _known(couples: Sequence[tuple[Interval, Interval]], p: Floats, q: Floats) -> Floats | None:
-    """Return the covariance (n, n) of ln e from known errors of times, or None.
+def _mean_square(couples: Sequence[tuple[Interval, Interval]]) -> float | None:
+    """Return the mean square of the known errors of triggers, in s²; None if some are unknown.
 
-    ln e = p T₂ - q T₁ to first order, with p and q of shape (n,). Successive intervals share a
-    time. Each interval includes a contact besides the flight. Its duration is unknown but scales as
-    v^(-1/5) (Hertz), and the sound of the impact is delayed with it.
+    An interval has two triggers.
     """
-    known = [one.timing for couple in couples for one in couple]
-    if not known or any(one is None for one in known):
+    both = {(one.group, one.bounce): one.sigma for couple in couples for one in couple}
+    sigma = [one for one in both.values() if one is not None]
+    times = [one.timing for couple in couples for one in couple if one.timing is not None]
+    if sigma:
+        return float(np.mean(np.square(sigma))) / 2
+    if not couples or len(times) < 2 * len(couples):
         return None
-    places: dict[tuple[Group, int], int] = {}
-    sigma: list[float] = []
-    slopes: list[dict[int, float]] = []
-    contacts: dict[Group, list[float]] = {}
-    longest: dict[Group, float] = {}
+    return float(np.mean([(one.start**2 + one.end**2) / 2 for one in times]))
+
+
+def _covariance(couples: Sequence[tuple[Interval, Interval]], p: Floats, q: Floats) -> Floats:
+    """Return the covariance (n, n) of ln e = p T₂ - q T₁, with p and q (n,), from known errors."""
+    longest: dict[Hashable, float] = {}
     for one, _ in couples:
         longest[one.group] = max(longest.get(one.group, 0.0), one.seconds)
-
-    def place(group: Group, bounce: int, error: float) -> int:
-        if (group, bounce) not in places:
-            places[group, bounce] = len(sigma)
-            sigma.append(error)
-        return places[group, bounce]
-
-    for k, couple in enumerate(couples):
-        row: dict[int, float] = {}
-        for one, slope in zip(couple, (-q[k], p[k]), strict=True):
-            assert one.timing is not None  # for the type checker
-            for bounce, error, sign in (
-                (one.bounce, one.timing.start, -1),
-                (one.bounce + 1, one.timing.end, 1),
-            ):
-                column = place(one.group, bounce, error)
-                row[column] = row.get(column, 0.0) + sign * slope
-            share = (one.seconds / longest[one.group]) ** -0.2
-            own = contacts.setdefault(one.group, [0.0] * len(couples))
-            own[k] += slope * share * one.timing.contact
-        slopes.append(row)
-    matrix = np.zeros((len(couples), len(sigma)))
-    for k, row in enumerate(slopes):
-        matrix[k, list(row)] = list(row.values())
-    matrix *= sigma
-    shared = np.array(list(contacts.values()))
-    return matrix @ matrix.T + shared.T @ shared
-
-
-def _by_sigma(
-    couples: Sequence[tuple[Interval, Interval]], p: Floats, q: Floats
-) -> tuple[Floats, float]:
-    """Return the covariance (n, n) of ln e, and the mean square trigger error in s².
-
-    Errors of intervals are independent, and two successive pairs share an interval. An interval has
-    two triggers.
-    """
-    number: dict[tuple[Group, int], int] = {}
-    sigma: list[float] = []
-    slopes = np.zeros((len(couples), 2 * len(couples)))
+    effects: dict[Hashable, Floats] = {}
     for k, couple in enumerate(couples):
         for one, slope in zip(couple, (-q[k], p[k]), strict=True):
-            place = number.setdefault((one.group, one.bounce), len(number))
-            if place == len(sigma):
-                sigma.append(one.sigma or 0.0)
-            slopes[k, place] = slope * sigma[place]
-    return slopes @ slopes.T, float(np.mean(np.square(sigma))) / 2
-
-
-def _mean_square(couples: Sequence[tuple[Interval, Interval]]) -> float:
-    """Return the mean square of the known errors of times, in s²."""
-    known = [one.timing for couple in couples for one in couple if one.timing is not None]
-    return float(np.mean([(one.start**2 + one.end**2) / 2 for one in known]))
+            for source, error in one.errors(longest[one.group]):
+                effects.setdefault(source, np.zeros(len(couples)))[k] += slope * error
+    each = np.array(list(effects.values()))
+    return each.T @ each
 
 
 def _trial(interval: Interval) -> str:

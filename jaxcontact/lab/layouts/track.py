@@ -6,25 +6,21 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from types import MappingProxyType
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ...extend import Flight, Words, counted, span, too_long
-from ..tables.heading import Meaning, words
+from ...extend import STANDARD_GRAVITY, Flight, Words, counted, span, too_long, with_error
+from ..tables.heading import Meaning
 from ..tables.sheet import Row, Sheet
 from ..track.model import Drop, Frames, Track
 from .intervals import ratios_of
 from .layout import LABELS, Layout, Paired, ReadingError, Record
-from .track_words import camera_notes, shown_e, skipped_notes, wrong_lengths
 
 _FEWEST = 10
+_SHOWN = 6
 
-_Name = tuple[str, str]
-"""Names of a ball and of a trial."""
-
-_MISSING = ("", "nan", "none", "na", "n/a", "null", "-")
+_MISSING = ("nan", "none", "na", "n/a", "null", "-")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -52,41 +48,33 @@ class Tracks(Layout[Flown]):
     rate: float | None = None
 
     name = "track"
-    columns: ClassVar[tuple[str, ...]] = ("ball", "trial", "time", "frame", "x", "y")
     measured: ClassVar[tuple[str, ...]] = ("time", "y")
-    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType(
-        {
-            "ball": Meaning((*LABELS["ball"].words, *words("particle, track, track id"))),
-            "trial": LABELS["trial"],
-            "time": Meaning(words("time, t, timestamp, time stamp, elapsed time"), "s"),
-            "frame": Meaning(
-                words("frame, frame number, frame no, frame nr, frame index, frame id, frame idx")
-            ),
-            "x": Meaning(
-                words(
-                    "x, x position, position x, pos x, x pos, x coordinate, cx, center x, "
-                    "centre x, x center, x centre, ball x, horizontal position"
-                ),
-                "m",
-                or_unit="px",
-            ),
-            "y": Meaning(
-                words(
-                    "y, height, height m, h, z, y position, position y, pos y, y pos, "
-                    "y coordinate, cy, center y, centre y, y center, y centre, ball y, "
-                    "vertical position"
-                ),
-                "m",
-                or_unit="px",
-            ),
-        }
-    )
+    meanings: ClassVar[Mapping[str, Meaning]] = {
+        "ball": Meaning(f"{LABELS['ball'].names}, particle, track, track id"),
+        "trial": LABELS["trial"],
+        "time": Meaning("time, t, timestamp, time stamp, elapsed time", "s"),
+        "frame": Meaning(
+            "frame, frame number, frame no, frame nr, frame index, frame id, frame idx"
+        ),
+        "x": Meaning(
+            "x, x position, position x, pos x, x pos, x coordinate, cx, center x, centre x, "
+            "x center, x centre, ball x, horizontal position",
+            "m",
+            or_unit="px",
+        ),
+        "y": Meaning(
+            "y, height, height m, h, z, y position, position y, pos y, y pos, y coordinate, cy, "
+            "center y, centre y, y center, y centre, ball y, vertical position",
+            "m",
+            or_unit="px",
+        ),
+    }
     reading_error: ClassVar[ReadingError | None] = ReadingError("s", "ms", 1e3, "each flight time")
     uses_flight = True
-    flight: ClassVar[tuple[str, str] | None] = ("intervals", "seconds")
-    instead: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {"time": "; or give the `rate` in frames per second: rows are frames"}
-    )
+    flight: ClassVar[tuple[str, str, str] | None] = ("intervals", "seconds", "seconds")
+    instead: ClassVar[Mapping[str, str]] = {
+        "time": "; or give the `rate` in frames per second: rows are frames"
+    }
     made_of = "flight times between the impacts of a track"
     pair_words: ClassVar[Words] = ("impact between two flights", "impacts between two flights")
     cluster_words: ClassVar[Words] = ("drop", "drops")
@@ -109,14 +97,14 @@ class Tracks(Layout[Flown]):
 
         if not rows:
             return []
-        names: dict[_Name, list[Row]] = {}
+        names: dict[tuple[str, str], list[Row]] = {}
         for row in rows:
             names.setdefault((row.place[0], row.text("trial", "1")), []).append(row)
-        clock = clock_of(rows, self.rate)
+        column, step = clock_of(rows, self.rate)
         records: list[Flown] = []
         empty: list[tuple[Frames, Track | None]] = []
         for (ball, trial), own in names.items():
-            frames = frames_of(own, clock)
+            frames = frames_of(own, column, step)
             track = follow(frames) if frames.time.size >= _FEWEST else None
             if track is None or not track.drops:
                 empty.append((frames, track))
@@ -131,7 +119,7 @@ class Tracks(Layout[Flown]):
     def _check(self, rows: Sequence[Row], records: Sequence[Flown]) -> None:
         if why := too_long([record.seconds for record in records]):
             rows[0].refuse("time", f"{why}, or write the unit in the heading, 'time [ms]'")
-        if why := wrong_lengths(drops_of(records)):
+        if why := _wrong_lengths(drops_of(records)):
             rows[0].refuse("y", why)
 
     def facts(self, records: Sequence[Flown]) -> Mapping[str, str]:
@@ -143,13 +131,13 @@ class Tracks(Layout[Flown]):
             "drops": str(len(drops)),
             "impacts": str(sum(drop.impact.size for drop in drops)),
             "flights": span([record.seconds for record in records], "s"),
-            "e": shown_e(drops),
+            "e": _shown_e(drops),
         }
 
     def notes(self, records: Sequence[Flown]) -> tuple[str, ...]:
         drops, tracks = drops_of(records), tracks_of(records)
         rate = () if self.rate is None else (f"times by frames, {self.rate:g} per second",)
-        return (*rate, *camera_notes(drops), *skipped_notes(tracks))
+        return (*rate, *_camera_notes(drops), *_skipped_notes(tracks))
 
     def pair(self, records: Sequence[Flown], flight: Flight) -> Paired[Flown]:
         of: dict[int, list[Flown]] = {}
@@ -201,7 +189,7 @@ def with_frames(sheet: Sheet, rate: float) -> Sheet:
 
 def drops_of(records: Iterable[Any]) -> list[Drop]:
     """Return the drops of flights, each once."""
-    return list({id(one.drop): one.drop for one in records if isinstance(one, Flown)}.values())
+    return list({id(one.drop): one.drop for one in records}.values())
 
 
 def tracks_of(records: Iterable[Any]) -> tuple[Track, ...]:
@@ -252,15 +240,8 @@ def _nothing(frames: Frames, track: Track | None) -> str:
     )
 
 
-class Clock(NamedTuple):
-    """The `column` that gives the time of a frame, in steps of `step` s."""
-
-    column: str
-    step: float
-
-
-def clock_of(rows: Sequence[Row], rate: float | None) -> Clock:
-    """Return the clock of a track: frame numbers with a `rate`, otherwise times.
+def clock_of(rows: Sequence[Row], rate: float | None) -> tuple[str, float]:
+    """Return the column that gives the time of a frame, in which steps in s: frames with a `rate`.
 
     A column of times that counts 0, 1, 2, ... numbers frames. Raises RecordingError for frame
     numbers without a rate, and for times with one.
@@ -275,12 +256,12 @@ def clock_of(rows: Sequence[Row], rate: float | None) -> Clock:
                 "counts 0, 1, 2, ...; are these frames? then give the frames per second as "
                 "`rate`, or write the unit in the heading, 'time [s]'",
             )
-        return Clock("time", 1.0)
+        return "time", 1.0
     if "frame" in there:
-        return Clock("frame", 1 / rate)
+        return "frame", 1 / rate
     if rows[0].has_unit("time") or not _is_count(rows, "time"):
         rows[0].refuse("time", f"gives times already; leave `rate` out, which is {rate:g}")
-    return Clock("time", 1 / rate)
+    return "time", 1 / rate
 
 
 def _unit(rows: Sequence[Row]) -> str:
@@ -293,7 +274,7 @@ def _unit(rows: Sequence[Row]) -> str:
     return units.get("y", "")
 
 
-def frames_of(rows: Sequence[Row], clock: Clock) -> Frames:
+def frames_of(rows: Sequence[Row], column: str, step: float) -> Frames:
     """Return the frames in which the ball was detected, in order."""
     along = "x" in rows[0].values
     found = []
@@ -302,10 +283,10 @@ def frames_of(rows: Sequence[Row], clock: Clock) -> Frames:
         x = _place(row, "x") if along else 0.0
         if math.isnan(x + y):
             continue
-        t = row.real(clock.column)
+        t = row.real(column)
         if math.isnan(t):
-            row.refuse(clock.column, "is empty")
-        found.append((t * clock.step, x, y, row.number))
+            row.refuse(column, "is empty")
+        found.append((t * step, x, y, row.number))
     found.sort()
     values = np.array(found).reshape(-1, 4)
     same = np.flatnonzero(np.diff(values[:, 0]) <= 0)
@@ -313,8 +294,8 @@ def frames_of(rows: Sequence[Row], clock: Clock) -> Frames:
         number = int(values[same[0] + 1, 3])
         row = next(one for one in rows if one.number == number)
         row.refuse(
-            clock.column,
-            f"has two positions at {row.text(clock.column)}; name several balls in a column "
+            column,
+            f"has two positions at {row.text(column)}; name several balls in a column "
             "`particle`, and choose one with `ball=`",
         )
     x = values[:, 1] if along else None
@@ -324,11 +305,8 @@ def frames_of(rows: Sequence[Row], clock: Clock) -> Frames:
 def _place(row: Row, column: str) -> float:
     """Return a position; NaN if the ball was not detected."""
     value = row.values[column]
-    if value is None or value != value:
-        return math.nan
-    if isinstance(value, str) and value.strip().casefold() in _MISSING:
-        return math.nan
-    return row.real(column)
+    missing = isinstance(value, str) and value.strip().casefold() in _MISSING
+    return math.nan if missing else row.real(column)
 
 
 def _is_count(rows: Sequence[Row], column: str) -> bool:
@@ -336,3 +314,137 @@ def _is_count(rows: Sequence[Row], column: str) -> bool:
     values = np.sort([row.real(column) for row in rows])
     whole = bool(np.all(values == np.round(values)))
     return whole and values.size > 1 and float(np.median(np.diff(np.unique(values)))) == 1
+
+
+_MOST_WRONG = 1.5
+"""Factor by which heights in m contradict g; a misplaced length reference cannot explain it."""
+
+_SURE = 3.0
+
+
+def _mean(values: Sequence[float], errors: Sequence[float]) -> tuple[float, float]:
+    """Return the mean weighted by errors, and its standard error."""
+    weight = np.array(errors) ** -2.0
+    return float(weight @ np.array(values) / weight.sum()), float(weight.sum() ** -0.5)
+
+
+def _fall(drops: Sequence[Drop]) -> tuple[float, float]:
+    return _mean([d.camera.fall for d in drops], [d.camera.fall_error for d in drops])
+
+
+def _camera_notes(drops: Sequence[Drop]) -> tuple[str, ...]:
+    """Return notes on impacts and frames, and on scale and tilt of the camera."""
+    impacts = sum(drop.impact.size for drop in drops)
+    off = sum(int(drop.off.sum()) for drop in drops)
+    errors = [1e3 * one for drop in drops for one in drop.error]
+    notes = [
+        f"{counted(impacts, ('impact', 'impacts'))} in {counted(len(drops), ('drop', 'drops'))}, "
+        f"timed to {span(errors, 'ms')}",
+        f"{counted(off, ('frame', 'frames'))} off the parabolas left out",
+    ]
+    if any(drop.frames.sign < 0 for drop in drops):
+        notes.append("heights are counted downwards, as the ball falls to larger ones")
+    return (*notes, _scale(drops), _tilt(drops), *_nearer(drops), *_air(drops))
+
+
+def _scale(drops: Sequence[Drop]) -> str:
+    """Return the scale of lengths implied by the known g."""
+    fall, error = _fall(drops)
+    unit = drops[0].frames.unit
+    known = f"at g = {STANDARD_GRAVITY:g} m/s²"
+    if unit == "m":
+        off, spread = fall / STANDARD_GRAVITY - 1, error / STANDARD_GRAVITY
+        told = f"the ball falls with {with_error(fall, error)} m/s²"
+        if abs(off) <= _SURE * spread:
+            return f"{told}, which agrees with g = {STANDARD_GRAVITY:g}"
+        word = "long" if off > 0 else "short"
+        return (
+            f"{told}, but g is {STANDARD_GRAVITY:g}: lengths are {100 * abs(off):.2g} % too "
+            f"{word}; speeds do not use them, but times and g"
+        )
+    scale = 1e3 * STANDARD_GRAVITY / fall
+    word = "a pixel" if unit == "px" else "a unit of height"
+    return f"{word} is {with_error(scale, scale * error / fall)} mm, {known}"
+
+
+def _tilt(drops: Sequence[Drop]) -> str:
+    tilts = [
+        (math.degrees(d.camera.tilt), math.degrees(d.camera.tilt_error))
+        for d in drops
+        if d.camera.tilt is not None and d.camera.tilt_error is not None
+    ]
+    if not tilts:
+        return "without x a rolled camera cannot be detected, and biases e of a drifting ball"
+    tilt, error = _mean(*zip(*tilts, strict=True))
+    side = "left" if tilt > 0 else "right"
+    return f"the vertical leans to the {side} by {with_error(abs(tilt), error)}°, corrected"
+
+
+def _nearer(drops: Sequence[Drop]) -> tuple[str, ...]:
+    """Return whether the floor rises in the picture, and whether e could be separated from it."""
+    several = [drop for drop in drops if drop.impact.size > 1]
+    notes = []
+    if len(several) < len(drops):
+        notes.append("with one impact e cannot be separated from a floor that rises in the picture")
+    if several:
+        rise, error = _mean(*zip(*[drop.rise for drop in several], strict=True))
+        growth, spread = _mean(*zip(*[drop.growth for drop in several], strict=True))
+        unit = f" {drops[0].frames.unit}".rstrip()
+        if abs(rise) > _SURE * error:
+            word = "rises" if rise > 0 else "sinks"
+            notes.append(
+                f"the floor {word} in the picture by {with_error(abs(rise), error)}{unit} in a "
+                "second (floor not level, or ball nearer): corrected"
+            )
+        if abs(growth) > _SURE * spread:
+            word = "nearer" if growth > 0 else "farther away"
+            shown = with_error(100 * abs(growth), 100 * spread)
+            notes.append(f"the ball comes {word}, by {shown} % in a second: corrected")
+    return tuple(notes)
+
+
+def _air(drops: Sequence[Drop]) -> tuple[str, ...]:
+    """Return the drag if significant; with drag, the way down takes longer than up."""
+    beta, error = _mean(*zip(*[drop.air for drop in drops if drop.air], strict=True))
+    if beta <= _SURE * error:
+        return ()
+    speed = STANDARD_GRAVITY / math.sqrt(beta)
+    told = with_error(speed, speed * error / beta / 2)
+    return (f"air drag in the flights: terminal speed {told} m/s",)
+
+
+def _skipped_notes(tracks: Sequence[Track]) -> tuple[str, ...]:
+    """Return the impacts that are not used, and why."""
+    skipped = [one for track in tracks for one in track.skipped]
+    if not skipped:
+        return ()
+    told = "; ".join(f"at {one.time:.3f} s, {one.why}" for one in skipped[:_SHOWN])
+    more = f" and {len(skipped) - _SHOWN} more" if len(skipped) > _SHOWN else ""
+    return (f"doubtful and not used: {len(skipped)} ({told}{more})",)
+
+
+def _wrong_lengths(drops: Sequence[Drop]) -> str:
+    """Return why heights in m contradict g, with a guess; "" if they agree."""
+    fall, _ = _fall(drops)
+    ratio = fall / STANDARD_GRAVITY
+    if drops[0].frames.unit != "m" or 1 / _MOST_WRONG < ratio < _MOST_WRONG:
+        return ""
+    slow = f"are times of slow motion, {ratio**-0.5:.3g} times too long? or " if ratio < 1 else ""
+    return (
+        f"falls with {fall:.3g} m/s², but g is {STANDARD_GRAVITY:g}; {slow}are lengths in another "
+        "unit? then write it in the heading, 'y [px]' if unknown"
+    )
+
+
+def _shown_e(drops: Sequence[Drop]) -> str:
+    """Return e of the first impacts in vacuum, with standard errors."""
+    told = []
+    for drop in drops:
+        seconds = drop.seconds
+        for k in range(drop.impact.size):
+            slope = np.zeros(seconds.size)
+            slope[k], slope[k + 1] = -1 / seconds[k], 1 / seconds[k + 1]
+            e = float(seconds[k + 1] / seconds[k])
+            told.append(with_error(e, e * math.sqrt(float(slope @ drop.covariance @ slope))))
+    more = ", ..." if len(told) > _SHOWN else ""
+    return ", ".join(told[:_SHOWN]) + more

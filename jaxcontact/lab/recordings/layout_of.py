@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from ..layouts.layout import LABELS, LAYOUTS, Layout
-from ..tables.grid import RecordingError
 from ..tables.heading import Meaning, suggestion
 from ..tables.match import Match, Told, match
-from ..tables.sheet import Sheet
+from ..tables.sheet import RecordingError, Sheet
 
 _UNIT_ALONE = re.compile(r"\[[^\]]*\]")
 

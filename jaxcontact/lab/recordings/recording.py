@@ -1,30 +1,31 @@
-"""Recordings of one bouncing ball, read from any source with columns."""
+"""Recordings of one bouncing ball, read from any source, and the pairs (speed, e) in them."""
 
 from __future__ import annotations
 
 import bisect
 import dataclasses
 import functools
-import math
+import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
-from typing import IO, Any, ClassVar, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...extend import POSITIVE, did_you_mean, rendered, require_choice, require_number
-from ..layouts.intervals import Interval, Intervals
+from ...extend import POSITIVE, Flight, did_you_mean, rendered, require_choice, require_number
 from ..layouts.layout import LAYOUTS, Layout, Record
+from ..layouts.sound import intervals_in
 from ..layouts.track import counts_frames, tracks_of, with_frames
-from ..signals import CLOCK, column_of, even, with_clock
-from ..sound.audio import Sound
-from ..tables.heading import Meaning, unused_notes, words
-from ..tables.match import Match, Told, as_told, check_usual, unknown_name
-from ..tables.sheet import Row, Sheet, sheet_of
+from ..pairs.pairs import Ints, Pairs
+from ..signals import with_clock
+from ..sound.audio import Sound, sound_in
+from ..tables.heading import Meaning, unused_notes
+from ..tables.match import Match, Told, as_told, check_usual
+from ..tables.sheet import RecordingError, Sheet
+from ..tables.source import sheet_of
 from ..track.model import Track
 from .layout_of import layout_of
-from .sound_file import heard, sound_in
 from .wide import as_trials
 
 _SHIPPED_BALL = "blue"
@@ -138,7 +139,8 @@ def read_recording(
         require_choice("layout", layout, LAYOUTS)
     if decimal is not None:
         require_choice("decimal", decimal, (".", ","))
-    told: Told = {} if columns is None else as_told(columns)
+    meanings = _meanings()
+    told = as_told(columns, meanings.values())
     if ball is not None and not isinstance(ball, str):
         if source is not None or not values:
             raise ValueError(
@@ -152,13 +154,15 @@ def read_recording(
             f"{rendered(columns)}."
         )
     if (found := sound_in(source)) is not None:
-        _check_sound(layout, ball, {**told, **({} if decimal is None else {"decimal": 1})}, rate)
-        sound, intervals, words = heard(*found)
-        return Recording(found[0], LAYOUTS["intervals"], "", tuple(intervals), tuple(words), sound)
+        no_columns = not told and decimal is None
+        _check_sound(layout, rate, ball=ball is not None, columns=not no_columns)
+        records, layout_used = intervals_in(*found), LAYOUTS["intervals"]
+        notes = layout_used.notes(records)
+        return Recording(found[0], layout_used, "", tuple(records), notes, records[0].sound)
     if ball is None and source is None and not values:
         ball = _SHIPPED_BALL
     rate = None if rate is None else require_number("rate", rate, POSITIVE)
-    read = _read(source, values, layout, told, decimal, rate, sheet)
+    read = _read(source, values, layout, told, decimal, rate, sheet, meanings)
     chosen = chosen_ball(ball, [(one.ball, one.row) for one in read.records], read.sheet)
     return read.of(chosen, [record for record in read.records if record.ball == chosen])
 
@@ -174,8 +178,9 @@ def read_recordings(
     """Read the recordings of all balls in a table, by name; arguments as of `read_recording`."""
     if sound_in(source) is not None:
         raise ValueError("Argument `ball` must be None for a sound, which has no columns.")
-    told: Told = {} if columns is None else as_told(columns)
-    read = _read(source, {}, None, told, decimal, rate, sheet)
+    meanings = _meanings()
+    told = as_told(columns, meanings.values())
+    read = _read(source, {}, None, told, decimal, rate, sheet, meanings)
     balls: dict[str, list[Record]] = {}
     for record in read.records:
         balls.setdefault(record.ball, []).append(record)
@@ -195,7 +200,13 @@ class _Read(NamedTuple):
         sheet, found, layout = self.sheet, self.found, self.layout
         unused = unused_notes(sheet.names, found.places)
         notes = (*found.notes(), *sheet.notes, *layout.notes(records), *unused)
-        return Recording(sheet.source, layout, ball, tuple(records), notes, sound_of(records))
+        sound = getattr(records[0], "sound", None)
+        return Recording(sheet.source, layout, ball, tuple(records), notes, sound)
+
+
+def _meanings() -> dict[str, dict[str, Meaning]]:
+    """Return the meanings of the columns of each layout."""
+    return {one.name: {name: one.meaning(name) for name in one.columns} for one in LAYOUTS.values()}
 
 
 def _read(
@@ -206,13 +217,16 @@ def _read(
     decimal: str | None,
     rate: float | None,
     sheet_name: str | int | None,
+    meanings: Mapping[str, Mapping[str, Meaning]],
 ) -> _Read:
     """Read the columns of a file, a data frame, or arrays."""
-    meanings = {
-        one.name: {name: one.meaning(name) for name in one.columns} for one in LAYOUTS.values()
-    }
     every = {name: meaning for one in meanings.values() for name, meaning in one.items()}
-    _refuse_unknown_columns(values, told, meanings, every)
+    for name in values:
+        if name not in every:
+            raise ValueError(
+                f"Argument `{name}` is no known column; these are {', '.join(every)}."
+                f"{did_you_mean(name, every)}"
+            )
     sheet = sheet_of(source, values, headings_of(every), decimal, sheet_name)
     # Places that are told are those of the table as it is.
     sheet = sheet if told else as_trials(sheet)
@@ -222,15 +236,11 @@ def _read(
         sheet = with_frames(sheet, rate)
     sheet = _with_trials(sheet, every, told)
     meant, found = layout_of(sheet, layout, told, meanings)
-    if len(sheet.sheets) > 1 and "trial" not in meant.columns and "time" in meant.columns:
-        named = ", ".join(map(repr, sheet.sheets))
-        raise sheet.fault(f"holds a record in each of {named}; choose one with `sheet=`", "time")
+    if "trial" not in meant.columns and "time" in meant.columns:
+        sheet.require_one()
     meant = meant.at_rate(rate)
-    rows, left_out = meant.select(found.rows(sheet))
+    rows, left_out = meant.select(found.rows(sheet, meant.columns[-1]))
     sheet = dataclasses.replace(sheet, notes=(*sheet.notes, *left_out))
-    if not rows:
-        what = "columns" if sheet.header_row is None else "a header"
-        raise sheet.fault(f"holds {what} but no measurement", meant.columns[-1])
     records = [] if meant.fitted else meant.read(rows)
     if not sheet.by_keyword:
         check_usual(rows, meanings[meant.name])
@@ -251,24 +261,6 @@ def headings_of(meanings: Mapping[str, Meaning]) -> Callable[[str], bool]:
         )
 
     return lambda text: isinstance(text, str) and is_heading(text)
-
-
-def _refuse_unknown_columns(
-    values: Mapping[str, Any],
-    told: Told,
-    meanings: Mapping[str, Mapping[str, Meaning]],
-    every: Mapping[str, Meaning],
-) -> None:
-    """Raise ValueError for a keyword, or a name in `columns`, that no layout has."""
-    for name in values:
-        if name not in every:
-            raise ValueError(
-                f"Argument `{name}` is no known column; these are {', '.join(every)}."
-                f"{did_you_mean(name, every)}"
-            )
-    for name in told:
-        if not any(key == name or meaning.heading(name) for key, meaning in every.items()):
-            raise ValueError(unknown_name(name, meanings.values()))
 
 
 def chosen_ball(ball: str | None, places: Sequence[tuple[str, int]], sheet: Sheet) -> str:
@@ -306,89 +298,87 @@ def _with_trials(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> S
     )
 
 
-def _check_sound(
-    layout: str | None, ball: Any, told: Mapping[str, Any], rate: float | None
-) -> None:
+def _check_sound(layout: str | None, rate: float | None, *, ball: bool, columns: bool) -> None:
     """Raise ValueError for arguments that do not apply to a sound."""
+    given = {"ball": ball, "columns or decimal": columns}
     if layout not in (None, "intervals"):
-        raise ValueError(
-            f"Argument `layout` must be None or 'intervals' for a sound, but is {rendered(layout)}."
-        )
-    for name, there in (("ball", ball is not None), ("columns or decimal", bool(told))):
-        if there:
-            raise ValueError(f"Argument `{name}` must be None for a sound, which has no columns.")
-    if rate is not None:
-        raise ValueError(
-            "Argument `rate` must be None for a sound, whose file holds it, but is "
-            f"{rendered(rate)}."
-        )
+        problem = f"`layout` must be None or 'intervals' for a sound, but is {rendered(layout)}"
+    elif any(given.values()):
+        name = next(name for name, there in given.items() if there)
+        problem = f"`{name}` must be None for a sound, which has no columns"
+    elif rate is not None:
+        problem = f"`rate` must be None for a sound, whose file holds it, but is {rendered(rate)}"
+    else:
+        return
+    raise ValueError(f"Argument {problem}.")
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Heard(Interval):
-    """The time between two bounces detected in a `sound`, and the notes on it."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RecordedPairs(Pairs):
+    """Pairs of a recording.
 
-    sound: Sound
-    told: tuple[str, ...]
+    `first_row` and `second_row` are the rows of `source` from which a pair was made (equal for one
+    row). Reading errors are in `layout.reading_error.unit`. `records` are those of each pair;
+    `unpaired` counts the records that make no pair.
+    """
+
+    source: str
+    layout: Layout[Any]
+    ball: str
+    first_row: Ints
+    second_row: Ints
+    records: tuple[tuple[Record, ...], ...]
+    flight: Flight
+    unpaired: int
+
+    @property
+    def words(self) -> tuple[str, str]:
+        return self.layout.pair_words
+
+    @property
+    def owner(self) -> str:
+        return f" of {self.ball}" if self.ball else ""
+
+    @property
+    def rule(self) -> str:
+        return self.layout.pair_rule
+
+    @property
+    def from_flights(self) -> bool:
+        return self.layout.uses_flight
+
+    def guess(self, flagged: NDArray[np.bool_], e: float) -> Mapping[int, str]:
+        return self.layout.guess(self.records, flagged, e)
+
+    def where(self, keep: NDArray[np.bool_]) -> RecordedPairs:
+        records = tuple(itertools.compress(self.records, keep))
+        kept = super().where(keep)
+        assert isinstance(kept, RecordedPairs)
+        return dataclasses.replace(kept, records=records)
+
+    def fault(self, problem: str) -> ValueError:
+        last = int(self.second_row.max()) if len(self) else None
+        return RecordingError(problem, self.source, last, self.layout.columns[-1])
 
 
-class Samples(Intervals):
-    """Samples of a sound over time, in any unit, as written by interfaces with a microphone."""
+def make_pairs(recording: Recording, flight: Flight) -> RecordedPairs:
+    """Return the pairs in a recording: e = launch speed/landing speed, at the landing speed.
 
-    name = "sound"
-    columns: ClassVar[tuple[str, ...]] = ("time", "sound")
-    measured: ClassVar[tuple[str, ...]] = columns
-    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType(
-        {
-            "time": CLOCK,
-            "sound": Meaning(
-                words(
-                    "sound, audio, sound pressure, sound level, microphone, mic, amplitude, "
-                    "waveform, recording"
-                )
-            ),
-        }
+    Speeds follow from the readings by `flight`, unless the layout gives them.
+    """
+    made = recording.layout.pair(recording.records, flight)
+    order = {name: number for number, name in enumerate(dict.fromkeys(made.clusters))}
+    fields = made._asdict()
+    clusters, records = fields.pop("clusters"), tuple(fields.pop("records"))
+    return RecordedPairs(
+        **fields,
+        source=recording.source,
+        layout=recording.layout,
+        ball=recording.ball,
+        first_row=np.array([some[0].row for some in records], np.int64),
+        second_row=np.array([some[-1].row for some in records], np.int64),
+        cluster=np.array([order[name] for name in clusters], np.int64),
+        cluster_names=tuple(order),
+        records=records,
+        flight=flight,
     )
-    instead: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {"time": "; or give `rate`, the samples per second"}
-    )
-    made_of = "intervals between the bounces in a sound"
-
-    def fits(self, made: Match, sheet: Sheet) -> bool:
-        return True
-
-    def at_rate(self, rate: float | None) -> Samples:
-        return self  # its times already include the rate
-
-    def read(self, rows: Sequence[Row]) -> list[Interval]:
-        from ..sound.audio import Audio
-
-        if not rows:
-            return []
-        samples = column_of(rows, "sound")
-        time, _ = even(rows, column_of(rows, "time"))
-        samples = samples - np.median(samples)
-        size = float(np.max(np.abs(samples)))
-        if size == 0:
-            rows[0].refuse("sound", "is the same everywhere")
-        samples = samples[:, None] / size
-        rate = (time.size - 1) / float(time[-1] - time[0])
-        # Written times are rounded; instruments sample at whole rates.
-        rate = float(round(rate)) if abs(rate - round(rate)) < 1e-4 * math.sqrt(rate) else rate
-        audio = Audio(
-            *(rate, time.size, 1, "a column of samples"),
-            lambda start, count: samples[start : start + count],
-        )
-        sound, records, told = heard(rows[0].source, audio)
-        fields = [
-            {f.name: getattr(one, f.name) for f in dataclasses.fields(one)} for one in records
-        ]
-        return [Heard(**one, sound=sound, told=tuple(told)) for one in fields]
-
-    def notes(self, records: Sequence[Interval]) -> tuple[str, ...]:
-        return next((one.told for one in records if isinstance(one, Heard)), ())
-
-
-def sound_of(records: Sequence[object]) -> Sound | None:
-    """Return the sound in which intervals were detected, None without one."""
-    return next((one.sound for one in records if isinstance(one, Heard)), None)

@@ -9,19 +9,21 @@ from typing import Any
 import numpy as np
 
 from ...extend import Floats, require_choice
-from ..layouts.heights import SIGMA_E, VELOCITY, E
 from ..layouts.instrument import Forces
 from ..layouts.layout import LABELS
+from ..layouts.speeds import SIGMA_E, VELOCITY, E
 from ..signals import CLOCK
-from ..tables.heading import FROM_FILE, Meaning, suggestion, words
-from ..tables.match import Match, as_told, check_usual, match, unknown_name
-from ..tables.sheet import Sheet, sheet_of
+from ..tables.heading import FROM_FILE, Meaning, suggestion
+from ..tables.match import as_told, check_usual, match
+from ..tables.source import sheet_of
 from .recording import chosen_ball, headings_of
 
 _SHOWN = 6
 """Largest number of unused columns that a note names."""
 
-_NORMAL = words("normal velocity, normal speed, vn, v n, normal velocity before, v n before")
+_NORMAL = Meaning(
+    "normal velocity, normal speed, vn, v n, normal velocity before, v n before", "m/s"
+)
 """Beside an angle, these are not the speed."""
 
 COLUMNS: Mapping[str, Meaning] = {
@@ -30,66 +32,52 @@ COLUMNS: Mapping[str, Meaning] = {
     "sigma": dataclasses.replace(SIGMA_E, like="e"),
     "ball": LABELS["ball"],
     "duration": Meaning(
-        words(
-            "duration, contact time, contact duration, duration of contact, collision time, tc, t c"
-        ),
+        "duration, contact time, contact duration, duration of contact, collision time, tc, t c",
         "s",
     ),
     "max_force": Meaning(
-        words("max force, maximum force, largest force, peak force, fmax, f max, force max"), "N"
+        "max force, maximum force, largest force, peak force, fmax, f max, force max", "N"
     ),
-    "e_in": Meaning(words("e in, ein, e asked, asked, input e, input restitution"), ""),
-    "e_out": Meaning(
-        words("e out, eout, e delivered, delivered, output e, output restitution"), ""
-    ),
+    "e_in": Meaning("e in, ein, e asked, asked, input e, input restitution", ""),
+    "e_out": Meaning("e out, eout, e delivered, delivered, output e, output restitution", ""),
     "time": CLOCK,
     "force": Forces.meanings["force"],
     "indentation": Meaning(
-        words("indentation, displacement, deformation, penetration, compression, depth, δ, x"), "m"
+        "indentation, displacement, deformation, penetration, compression, depth, δ, x", "m"
     ),
     "angle": Meaning(
-        words(
-            "angle, impact angle, angle of impact, incidence, angle of incidence, incidence angle, "
-            "incident angle, angle before, θ, theta"
-        ),
+        "angle, impact angle, angle of impact, incidence, angle of incidence, incidence angle, "
+        "incident angle, angle before, θ, theta",
         "rad",
         must_say="deg or rad",
     ),
     "speed": dataclasses.replace(
-        VELOCITY, words=tuple(one for one in VELOCITY.words if one not in _NORMAL)
+        VELOCITY, names=", ".join(one for one in VELOCITY.words if one not in _NORMAL.words)
     ),
-    "normal_velocity": Meaning(_NORMAL, "m/s"),
+    "normal_velocity": _NORMAL,
     "tangential_velocity": Meaning(
-        words(
-            "tangential velocity, tangential speed, vt, v t, tangential velocity before, v t before"
-        ),
+        "tangential velocity, tangential speed, vt, v t, tangential velocity before, v t before",
         "m/s",
     ),
     "tangential_restitution": Meaning(
-        words(
-            "tangential restitution, tangential coefficient of restitution, tangential cor, "
-            "vt'/vt, v t'/v t, v t after/v t, v t after / v t, et, e t, tangential velocity ratio, "
-            "tangential speed ratio"
-        ),
+        "tangential restitution, tangential coefficient of restitution, tangential cor, "
+        "vt'/vt, v t'/v t, v t after/v t, v t after / v t, et, e t, tangential velocity ratio, "
+        "tangential speed ratio",
         "",
     ),
     "tangential_rebound": Meaning(
-        words(
-            "tangential rebound, tangential velocity after, tangential speed after, vt', v t', "
-            "v t after, tangential rebound velocity, tangential rebound speed"
-        ),
+        "tangential rebound, tangential velocity after, tangential speed after, vt', v t', "
+        "v t after, tangential rebound velocity, tangential rebound speed",
         "m/s",
     ),
     "rebound_angle": Meaning(
-        words("rebound angle, angle of rebound, angle after, reflection angle, θ', theta'"),
+        "rebound angle, angle of rebound, angle after, reflection angle, θ', theta'",
         "rad",
         must_say="deg or rad",
     ),
     "rebound_spin": Meaning(
-        words(
-            "rebound spin, spin, spin after, angular velocity, angular velocity after, "
-            "rotational velocity, rotational speed, ω, ω', omega, omega', rotation"
-        ),
+        "rebound spin, spin, spin after, angular velocity, angular velocity after, "
+        "rotational velocity, rotational speed, ω, ω', omega, omega', rotation",
         "rad/s",
     ),
 }
@@ -128,18 +116,19 @@ def read_columns(
     if decimal is not None:
         require_choice("decimal", decimal, (".", ","))
     meanings = {name: COLUMNS[name] for name in names}
-    told = {} if columns is None else as_told(columns)
-    for key in told:
-        if not any(key == name or one.heading(key) for name, one in meanings.items()):
-            raise ValueError(unknown_name(key, [meanings]))
-
+    told = as_told(columns, [meanings])
     table = sheet_of(source, {}, headings_of(meanings), decimal, sheet)
     found = match(table, meanings, told)
     assert found is not None  # every assigned name is known
-    _require_columns(table, found, needed, meanings)
-    rows = found.rows(table)
-    if not rows:
-        raise table.fault("holds a header but no measurement", next(iter(needed), None))
+    for name in needed:
+        if name not in found.places:
+            guesses = (suggestion(text, {name: meanings[name]}) for text in table.names if text)
+            problem = (
+                f"is missing; the columns {', '.join(needed)} are needed; if a column holds it, "
+                f'name it, as in `columns="{name}=1"`{next(filter(None, guesses), "")}'
+            )
+            raise table.fault(problem, name)
+    rows = found.rows(table, next(iter(needed), None))
     said = [name for name in found.places if meanings[name].must_say]
     check_usual(rows, {name: meanings[name] for name in (*needed, *said)})
     if "ball" in found.places and not every_ball:
@@ -147,29 +136,10 @@ def read_columns(
         rows = [row for row in rows if row.place[0] == chosen]
     numbers = [name for name in found.places if name != "ball"]
     values = {name: np.array([row.real(name) for row in rows]) for name in numbers}
-    if len(table.sheets) > 1 and "time" in found.places:
-        named = ", ".join(map(repr, table.sheets))
-        raise table.fault(f"holds a record in each of {named}; choose one with `sheet=`", "time")
-    own = [FROM_FILE] * ("sigma" in found.places)
-    notes = (*found.notes(), *table.notes, *own, *_unused_notes(table, found))
-    return TableColumns(table.source, values, notes, tuple(row.number for row in rows))
-
-
-def _require_columns(
-    table: Sheet, found: Match, needed: Sequence[str], meanings: Mapping[str, Meaning]
-) -> None:
-    for name in needed:
-        if name not in found.places:
-            guesses = (suggestion(text, {name: meanings[name]}) for text in table.names if text)
-            guess = next(filter(None, guesses), "")
-            problem = (
-                f"is missing; the columns {', '.join(needed)} are needed; if a column holds it, "
-                f'name it, as in `columns="{name}=1"`{guess}'
-            )
-            raise table.fault(problem, name)
-
-
-def _unused_notes(table: Sheet, found: Match) -> list[str]:
+    if "time" in found.places:
+        table.require_one()
+    notes = [*found.notes(), *table.notes, *[FROM_FILE] * ("sigma" in found.places)]
     left = [one for k, one in enumerate(table.names) if one and k not in found.places.values()]
     more = f" and {len(left) - _SHOWN} more" * (len(left) > _SHOWN)
-    return [f"not used: {', '.join(left[:_SHOWN])}{more}"] * bool(left)
+    notes += [f"not used: {', '.join(left[:_SHOWN])}{more}"] * bool(left)
+    return TableColumns(table.source, values, tuple(notes), tuple(row.number for row in rows))

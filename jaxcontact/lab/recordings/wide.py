@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..layouts.layout import DROP_HEIGHT, LABELS, LAYOUTS
-from ..tables.sheet import Sheet
+from ..tables.sheet import Sheet, is_empty
 
 _NUMBERED = re.compile(r"(.*?[^\W\d_])[\s_.#]*(\d+)(\s*[\[({/].*)?")
 _COPY = re.compile(r"(.+)\.\d+")
@@ -86,7 +86,7 @@ def _stacked(
     for k, part in enumerate(wide.parts, 1):
         for number, cells in sheet.lines([*wide.shared, *part]):
             # Parts may have fewer rows than others.
-            if all(_is_empty(cell) for cell in cells[len(wide.shared) :]):
+            if all(is_empty(cell) for cell in cells[len(wide.shared) :]):
                 continue
             own = {"trial": f"row {number}" if succession else k, "bounce": k}
             rows.append((number, [*cells, *(own[label] for label in labels)]))
@@ -155,10 +155,6 @@ def _unit(text: str) -> str:
     return found[0].strip() if found else ""
 
 
-def _is_empty(cell: Any) -> bool:
-    return cell is None or cell != cell or (isinstance(cell, str) and not cell.strip())
-
-
 def _is_drop(name: str) -> bool:
     """Return whether a column beside numbered ones holds drop heights."""
     return bool(DROP_HEIGHT.heading(name) or re.match(r"height\b", name, re.IGNORECASE))
@@ -183,7 +179,7 @@ def _ratios(sheet: Sheet, columns: list[int]) -> tuple[float, float]:
     """Return the median ratio of a column to the one before, and of a row; 1 for texts."""
     try:
         rows = [
-            [np.nan if _is_empty(cell) else float(cell) for cell in cells]
+            [np.nan if is_empty(cell) else float(cell) for cell in cells]
             for _, cells in sheet.lines(columns)
         ]
     except (TypeError, ValueError):

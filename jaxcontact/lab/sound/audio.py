@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import os
 import pathlib
 import struct
 import tempfile
 import warnings
 import wave
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+
+from ...extend import require_path
 
 Samples = Float[np.ndarray, "frames channels"]
 
@@ -24,6 +27,9 @@ _BLOCK = 1 << 18
 
 _FOREIGN = {"MPEG-4 (m4a)": (4, b"ftyp"), "WMA": (0, b"\x30\x26\xb2\x75")}
 _HOW = "convert it to WAV or FLAC, as with `ffmpeg -i recording bounce.wav`"
+
+_UNREADABLE = ValueError, EOFError, RuntimeError, OSError, ArithmeticError, NameError, struct.error
+"""Errors of readers; SciPy's is a NameError if no samples follow the header."""
 
 
 class SoundError(ValueError):
@@ -54,6 +60,32 @@ def is_sound(start: bytes) -> bool:
     return _kind(start) is not None
 
 
+def sound_in(source: Any) -> tuple[str, pathlib.Path | bytes] | None:
+    """Return name and content of a sound file, None for other files; the first bytes decide.
+
+    An open file is read from its current position, which is restored if it is not a sound.
+    """
+    if isinstance(source, str | os.PathLike):
+        path = require_path("source", source)
+        try:
+            with path.open("rb") as file:
+                start = file.read(16)
+        except OSError:
+            return None  # the reader of tables reports it
+        return (str(path), path) if is_sound(start) else None
+    if isinstance(source, io.TextIOBase) or not hasattr(source, "seek"):
+        return None
+    try:
+        place, start = source.tell(), source.read(16)
+        source.seek(place)
+    except (OSError, ValueError):
+        return None
+    if not isinstance(start, bytes) or not is_sound(start):
+        return None
+    name = getattr(source, "name", None)
+    return name if isinstance(name, str) else "the sound", source.read()
+
+
 def _kind(start: bytes) -> str | None:
     if start[:4] in (b"RIFF", b"RF64", b"RIFX") and start[8:12] == b"WAVE":
         return "WAV"
@@ -78,9 +110,9 @@ def open_sound(source: pathlib.Path | bytes) -> Audio:
         raise SoundError(f"is {kind}, which cannot be read; {_HOW}")
     try:
         audio = (_wave(source) or _by_scipy(source)) if kind == "WAV" else _by_soundfile(source)
-    except (ValueError, EOFError, RuntimeError, OSError, struct.error) as error:
-        if isinstance(error, SoundError):
-            raise
+    except SoundError:
+        raise
+    except _UNREADABLE as error:
         raise SoundError(f"is a {kind} file that cannot be read ({error}); {_HOW}") from error
     if audio is None:
         problem = f"is {kind}, which needs soundfile (pip install 'jaxcontact[sound]', or {_HOW})"

@@ -285,11 +285,11 @@ def _drop(
         for number, one in zip(series.number, found, strict=True)
         if one.clear > CLEAR and math.isfinite(one.error)
     }
-    if not _three_in_a_row(known):
+    if not _triples(known):
         return (), []
     # Weaker impacts are searched again at the times that the clearest ones predict.
     sure = {number: one for number, one in known.items() if one.clear > _SURE * CLEAR}
-    known = sure if _three_in_a_row(sure) else known
+    known = sure if _triples(sure) else known
     _extend(filters, shape, known)
     numbers = sorted(known)
     again, _ = timed(
@@ -297,24 +297,24 @@ def _drop(
         [known[k].time for k in numbers],
         int(np.argmax([known[k].amplitude for k in numbers])),
     )
-    doubtful, good = [], {}
-    for number, one in zip(numbers, again, strict=True):
-        if one.clear > _EXPECTED and one.error < _UNSURE:
-            good[number] = one
-        else:
-            why = f"its time is known only to {1e3 * one.error:.2g} ms"
-            doubtful.append(Other(one.time, _level(one), why, doubtful=True))
-    while (number := _misfit(good)) is not None:
+    good, doubtful = dict(zip(numbers, again, strict=True)), []
+
+    def reject(number: int, why: str) -> None:
         one = good.pop(number)
-        why = "too early or too late for its series"
         doubtful.append(Other(one.time, _level(one), why, doubtful=True))
-    if _usual_ratio(good) > _MOST_EVEN:
+
+    for number, one in zip(numbers, again, strict=True):
+        if not (one.clear > _EXPECTED and one.error < _UNSURE):
+            reject(number, f"its time is known only to {1e3 * one.error:.2g} ms")
+    while (number := _misfit(good)) is not None:
+        reject(number, "too early or too late for its series")
+    triples = _triples(good)
+    ratios = [(three.time - two.time) / (two.time - one.time) for _, one, two, three in triples]
+    if not ratios or np.median(ratios) > _MOST_EVEN:
         return (), []
     for number in sorted(good):
         if not {number - 1, number + 1} & good.keys():
-            one = good.pop(number)
-            why = "those before and after it are missing"
-            doubtful.append(Other(one.time, _level(one), why, doubtful=True))
+            reject(number, "those before and after it are missing")
     first = min(good, default=1)
     drop = tuple(
         HeardBounce(number - first + 1, one.time, one.error, _level(one))
@@ -374,28 +374,21 @@ def _expected(known: dict[int, Timed], number: int) -> tuple[float, float, float
     ratio = float(np.median(near[:3]))
     spread = float(np.ptp(np.log(near[:5]))) if len(near) > 2 else math.inf
     k = min(flights, key=lambda one: abs(one + 0.5 - number))
-    if number > k:
-        time, flight = known[k + 1].time, flights[k]
-        for _ in range(number - k - 1):
-            flight *= ratio
-            time += flight
-    else:
-        time, flight = known[k].time, flights[k]
-        for _ in range(k - number):
-            flight /= ratio
-            time -= flight
+    later, flight = number > k, flights[k]
+    time = known[k + later].time
+    for _ in range(abs(number - k - later)):
+        flight = flight * ratio if later else flight / ratio
+        time += flight if later else -flight
     return time, flight, spread
 
 
-def _three_in_a_row(known: dict[int, Timed]) -> bool:
-    return any(k + 1 in known and k + 2 in known for k in known)
-
-
-def _usual_ratio(good: dict[int, Timed]) -> float:
-    """Return the median ratio of successive flights; infinite without any."""
-    triples = [(good[k], good[k + 1], good[k + 2]) for k in good if {k + 1, k + 2} <= good.keys()]
-    ratios = [(three.time - two.time) / (two.time - one.time) for one, two, three in triples]
-    return float(np.median(ratios)) if ratios else math.inf
+def _triples(good: dict[int, Timed]) -> list[tuple[int, Timed, Timed, Timed]]:
+    """Return each three impacts in succession, with the number of the first."""
+    return [
+        (k, one, good[k + 1], good[k + 2])
+        for k, one in good.items()
+        if {k + 1, k + 2} <= good.keys()
+    ]
 
 
 def _misfit(good: dict[int, Timed]) -> int | None:
@@ -405,12 +398,10 @@ def _misfit(good: dict[int, Timed]) -> int | None:
     and the scatter of the ratios.
     """
     found = []
-    for k in good:
-        if k + 1 in good and k + 2 in good:
-            one, two, three = (good[k + step] for step in range(3))
-            t1, t2 = two.time - one.time, three.time - two.time
-            variance = (one.error / t1) ** 2 + (two.error * (1 / t1 + 1 / t2)) ** 2
-            found.append((k, math.log(t2 / t1), variance + (three.error / t2) ** 2))
+    for k, one, two, three in _triples(good):
+        t1, t2 = two.time - one.time, three.time - two.time
+        variance = (one.error / t1) ** 2 + (two.error * (1 / t1 + 1 / t2)) ** 2
+        found.append((k, math.log(t2 / t1), variance + (three.error / t2) ** 2))
     worst, most = None, 1.0
     for k, own, variance in found:
         others = sorted((one for one in found if one[0] != k), key=lambda one: abs(one[0] - k))[:5]

@@ -1,38 +1,16 @@
-"""The cells of a table before its columns have a meaning, and the error of a recording."""
+"""Tables from rows of cells: which row is the heading, which belong to it, and decimal marks."""
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from ...extend import written_unit
-
-
-class RecordingError(ValueError):
-    """A fault in a recording, with its `source`, `row` and `column` (None if not applicable).
-
-    `problem` is the message without the location. In a file `row` is the line, counting the header;
-    in columns of values it counts measurements from 1.
-    """
-
-    def __init__(
-        self, problem: str, source: str, row: int | None = None, column: str | None = None
-    ):
-        self.problem: str = problem
-        self.source: str = source
-        self.row: int | None = row
-        self.column: str | None = column
-        place = [source, f"row {row}" if row else "", f"column {column}" if column else ""]
-        super().__init__(f"{', '.join(filter(None, place))}: {problem}")
-
+from .sheet import Line, RecordingError, Sheet, sheet_of_rows
 
 Known = Callable[[str], bool]
 """Test whether a text may be the heading of a column."""
-
-Line = tuple[int, list[Any]]
-"""The number of a row in its file, and its cells: texts, numbers, None."""
 
 _NUMBER = re.compile(
     r"[+-]?(\d+[.,]?\d*|[.,]\d+)(e[+-]?\d+)?|\d+(:\d{1,2}){1,2}([.,]\d+)?", re.IGNORECASE
@@ -62,22 +40,6 @@ _OTHER_UNITS = frozenset(
 """Units of columns that are not read."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Grid:
-    """The headings of a table and its rows; `header_row` is None if no row is a heading.
-
-    `notes` say how the file was read, if not in the plainest way. `repeats` are the rows that
-    repeat the headings. `sheets` are the sheets of a spreadsheet that were read.
-    """
-
-    names: list[str]
-    header_row: int | None
-    rows: list[Line]
-    notes: tuple[str, ...] = ()
-    repeats: tuple[int, ...] = ()
-    sheets: tuple[str, ...] = ()
-
-
 def is_number(cell: Any) -> bool:
     """Return whether a cell holds a number with decimal point or comma, or a time as mm:ss.cc."""
     return _NUMBER.fullmatch(cell) is not None if isinstance(cell, str) else cell is not None
@@ -88,14 +50,13 @@ def known_cells(cells: Sequence[Any], known: Known) -> int:
 
     A unit is not a heading: N is the newton, not the number of a bounce.
     """
-    if is_number(cells[0]) and cells[0] != "":
-        return 0  # the usual row
+    # The first cell of the usual row is a number.
     if any(is_number(cell) for cell in cells if cell != ""):
         return 0
     return sum(bool(cell) and known(cell) and written_unit(str(cell)) is None for cell in cells)
 
 
-def grid_of(rows: list[Line], known: Known, notes: Sequence[str] = ()) -> Grid:
+def grid_of(rows: list[Line], known: Known, source: str, notes: Sequence[str] = ()) -> Sheet:
     """Split the rows of a file into headings and measurements.
 
     The heading is the row with most known words. Without any, it is the row above the first
@@ -115,31 +76,23 @@ def grid_of(rows: list[Line], known: Known, notes: Sequence[str] = ()) -> Grid:
         first -= 1
         names = _with_units(names, rows[first][1])
     if at is None:
-        return Grid(names, None, below, tuple(notes))
+        return sheet_of_rows(source, names, None, below, notes)
     notes = [*notes, *_left_out_notes(rows[:first], "above the headings")]
-    below, repeats = _without_repeats(below, rows[at][1])
+    start, heading = rows[at][1][:1], _texts(rows[at][1])
+    repeats = [k for k, (_, c) in enumerate(below) if c[:1] == start and _texts(c) == heading]
     if repeats:
-        shown = ", ".join(map(str, repeats[:6])) + ", ..." * (len(repeats) > 6)
-        notes.append(f"headings repeated in row{'s' * (len(repeats) > 1)} {shown} left out")
+        # A row of units may follow each of them.
+        units = {k + 1 for k in repeats if k + 1 < len(below) and _are_units(below[k + 1][1])}
+        lines = [below[k][0] for k in repeats]
+        below = [row for k, row in enumerate(below) if k not in {*repeats, *units}]
+        shown = ", ".join(map(str, lines[:6])) + ", ..." * (len(lines) > 6)
+        notes.append(f"headings repeated in row{'s' * (len(lines) > 1)} {shown} left out")
+        repeats = lines
     end = len(below)
     while end > 1 and _is_summary(below[end - 1][1], len(names)):
         end -= 1
     notes += _left_out_notes(below[end:], "below the measurements")
-    return Grid(names, number, below[:end], tuple(notes), repeats)
-
-
-def _without_repeats(
-    below: list[Line], heading: Sequence[Any]
-) -> tuple[list[Line], tuple[int, ...]]:
-    """Return the rows that do not repeat the heading, and the numbers of those that do."""
-    texts, start = _texts(heading), heading[:1]
-    repeats = [
-        k for k, (_, cells) in enumerate(below) if cells[:1] == start and _texts(cells) == texts
-    ]
-    # A row of units may follow each of them.
-    gone = {*repeats, *(k + 1 for k in repeats if _are_units(_cells(below, k + 1)))}
-    rest = [row for k, row in enumerate(below) if k not in gone]
-    return rest, tuple(below[k][0] for k in repeats)
+    return sheet_of_rows(source, names, number, below[:end], notes, repeats)
 
 
 def _left_out_notes(rows: Sequence[Line], where: str) -> list[str]:
@@ -148,10 +101,6 @@ def _left_out_notes(rows: Sequence[Line], where: str) -> list[str]:
         return []
     several = f"rows {rows[0][0]} to {rows[-1][0]}" if len(rows) > 1 else f"row {rows[0][0]}"
     return [f"{several} {where} left out"]
-
-
-def _cells(rows: Sequence[Line], k: int) -> Sequence[Any]:
-    return rows[k][1] if k < len(rows) else ()
 
 
 def _texts(cells: Sequence[Any]) -> list[str]:
@@ -187,8 +136,7 @@ def _heading(rows: list[Line], known: Known) -> int | None:
     if any(scores):
         return scores.index(max(scores))
     numeric = (k for k, (_, cells) in enumerate(rows) if any(map(is_number, filter(None, cells))))
-    first = next(numeric, len(rows))
-    above = first - 1 if first < len(rows) else 0
+    above = next(numeric, 1) - 1
     if above > 0 and _are_units(rows[above][1]):
         above -= 1
     return None if above < 0 or _are_units(rows[above][1]) else above
@@ -209,56 +157,27 @@ def _are_units(cells: Sequence[Any]) -> bool:
     return 2 * unknown < len(texts)
 
 
-class _Marks(NamedTuple):
-    """Marks in the numbers of a table, each with the row and text that shows it first.
-
-    `sure`: whether some comma can only be decimal. `written`: whether any text has a comma.
-    `simple`: whether every text with a comma is a number with that comma alone.
-    """
-
-    comma: tuple[int, str] | None
-    point: tuple[int, str] | None
-    sure: bool
-    written: bool
-    simple: bool
-
-
-def _marks(rows: list[Line]) -> _Marks:
+def _decimal_mark(rows: list[Line], source: str, *, apart: bool) -> str:
+    """Return the decimal mark; raise RecordingError if it is ambiguous."""
     comma: tuple[int, str] | None = None
     point: tuple[int, str] | None = None
-    sure = written = False
-    simple = True
+    sure = False  # whether some comma can only be decimal
     for k, cells in rows:
         for c in cells:
             if not isinstance(c, str):
                 continue
-            if "," not in c:
-                if point is None and "." in c and _POINT.fullmatch(c):
-                    point = k, c
-                continue
-            written = True
-            # Shortcut for the usual number, without the cost of patterns.
-            if sure and c.lstrip("+-").replace(",", "", 1).isdecimal():
-                continue
-            if one := _COMMA.fullmatch(c) or _THOUSANDS[","].fullmatch(c):
-                comma = comma or (k, c)
-                sure = sure or not _EITHER.fullmatch(c)
-            simple = simple and one is not None and "." not in c
-            if point is None and "." in c and _THOUSANDS["."].fullmatch(c):
+            if "," in c and not sure and (_COMMA.fullmatch(c) or _THOUSANDS[","].fullmatch(c)):
+                comma, sure = comma or (k, c), not _EITHER.fullmatch(c)
+            pattern = _THOUSANDS["."] if "," in c else _POINT
+            if "." in c and point is None and pattern.fullmatch(c):
                 point = k, c
-    return _Marks(comma, point, sure, written, simple)
-
-
-def _decimal_mark(found: _Marks, source: str, *, apart: bool) -> str:
-    """Return the decimal mark. Raise RecordingError if it is ambiguous."""
-    comma, point = found.comma, found.point
     if comma and point and not apart:
         problem = (
             f"{point[1]!r} has a decimal point, and {comma[1]!r} in row {comma[0]} a decimal "
             'comma or a mark of thousands; say which with `decimal=","` or `decimal="."`'
         )
         raise RecordingError(problem, source, point[0])
-    if comma and not found.sure and not apart:
+    if comma and not sure and not apart:
         row, text = comma
         problem = (
             f"{text!r} may be {text.replace(',', '.')} or {text.replace(',', '')}; say which "
@@ -270,16 +189,12 @@ def _decimal_mark(found: _Marks, source: str, *, apart: bool) -> str:
 
 def _with_point(cell: Any, mark: str) -> Any:
     """Return a cell with a decimal point, if it is a number with the given mark."""
-    if not isinstance(cell, str) or "," not in cell:
-        # 1.234 with decimal commas is 1234.
-        dotted = mark == "," and isinstance(cell, str) and "." in cell
-        return cell.replace(".", "") if dotted and _THOUSANDS[","].fullmatch(cell) else cell
-    if mark == ".":
-        return cell.replace(",", "") if _THOUSANDS["."].fullmatch(cell) else cell
-    if _COMMA.fullmatch(cell):
+    if not isinstance(cell, str) or not ("," in cell or (mark == "," and "." in cell)):
+        return cell
+    if mark == "," and _COMMA.fullmatch(cell):
         return cell.replace(",", ".")
-    if _THOUSANDS[","].fullmatch(cell):
-        return cell.replace(".", "").replace(",", ".")
+    if _THOUSANDS[mark].fullmatch(cell):  # 1.234 with decimal commas is 1234
+        return cell.replace("." if mark == "," else ",", "").replace(",", ".")
     return cell
 
 
@@ -291,14 +206,7 @@ def with_points(
     `decimal` is the mark given by the user, if any. `apart` is True if commas separate columns, so
     that no number contains one. Raises RecordingError if the marks are ambiguous.
     """
-    found = _marks(rows)
-    mark = _decimal_mark(found, source, apart=apart) if decimal is None else decimal
-    if not found.written:
+    if not any(isinstance(cell, str) and "," in cell for _, cells in rows for cell in cells):
         return rows, False
-    if found.simple and mark == "," and found.point is None:
-        # The usual case, in a third of the time.
-        return [
-            (k, [c.replace(",", ".") if isinstance(c, str) else c for c in cells])
-            for k, cells in rows
-        ], True
+    mark = _decimal_mark(rows, source, apart=apart) if decimal is None else decimal
     return [(k, [_with_point(cell, mark) for cell in cells]) for k, cells in rows], mark == ","

@@ -14,15 +14,16 @@ from ...extend import Unit, nearest, written_unit
 
 @dataclasses.dataclass(frozen=True)
 class Meaning:
-    """The recognised headings of a column: `words`, and the SI `unit`, None for labels and counts.
+    """The recognised headings of a column: `names`, separated by commas, and the SI `unit`.
 
+    The unit is None for labels and counts, "" for pure numbers.
     `or_unit` is an alternative unit. Numbers without a written unit whose median exceeds `usual`
     are refused; `usual_words` describe them in the message. `must_say` names units, one of which
     must be written. Without a written unit, that of the column `like` is used. `remarks`: whether
     brackets may hold text other than a unit.
     """
 
-    words: tuple[str, ...] = ()
+    names: str = ""
     unit: str | None = None
     usual: float = math.inf
     usual_words: str = ""
@@ -31,18 +32,20 @@ class Meaning:
     like: str = ""
     remarks: bool = True
 
+    @functools.cached_property
+    def words(self) -> tuple[str, ...]:
+        """The names in lower case, with one blank between words."""
+        return tuple(map(_plain, self.names.split(","))) if self.names else ()
+
     def heading(self, text: str) -> Heading | None:
         """Return the heading if it has this meaning: words and unit (if any) match."""
         for words, unit in _readings(text):
             if self._matches(words) and (unit is None or self._accepts(unit)):
                 return Heading(text, unit)
         # "Restitution (e)": two names of one quantity, or a remark after the name of a label.
-        found = _BRACKETS.fullmatch(text.strip())
-        if not self.remarks:
-            return None
-        if found and self._matches(found[1]) and self.unknown_unit(text) is None:
-            return Heading(text)
-        return None
+        found = _BRACKETS.fullmatch(text.strip()) if self.remarks else None
+        remark = found and self._matches(found[1]) and self.unknown_unit(text) is None
+        return Heading(text) if remark else None
 
     def unknown_unit(self, text: str) -> str | None:
         """Return the text in brackets after matching words if it is no suitable unit."""
@@ -79,11 +82,6 @@ class Heading:
     text: str
     unit: Unit | None = None
     is_time: bool = False
-
-
-def words(text: str) -> tuple[str, ...]:
-    """Return the words of a `Meaning` from a text that separates them by commas."""
-    return tuple(map(_plain, text.split(",")))
 
 
 _BRACKETS = re.compile(r"(.*?)\s*[\[({]([^\])}]*)[\])}]")
@@ -124,33 +122,11 @@ def suggestion(text: str, meanings: Mapping[str, Meaning]) -> str:
 FROM_FILE = "errors are the standard deviations in the file"
 """The note of a recording with standard deviations."""
 
-_BASES = (
-    "sigma",
-    "σ",
-    "std",
-    "std dev",
-    "stdev",
-    "stddev",
-    "sd",
-    "standard deviation",
-    "standard error",
-    "standard uncertainty",
-    "uncertainty",
-    "unc",
-    "u",
-    "s",
-    "err",
-    "error",
-    "±",
-    "+/-",
-    "+-",
-    "δ",
-    "delta",
-)
-_BARE = words(
+_BARE = (
     "sigma, σ, std, std dev, stdev, stddev, sd, standard deviation, standard uncertainty, "
     "uncertainty, ±, +/-, +-, error, err, u"
 )
+_BASES = f"{_BARE}, standard error, unc, s, δ, delta".split(", ")
 _DEVIATION = re.compile(
     r"(σ|sigma|std\.?|st\.? ?dev|stdev|stddev|sd|standard (deviation|error|uncertainty)|"
     r"uncertainty|unc\.?|u ?\(|±|\+/-|\+-)(?![a-z]{3})|.*[\s_(](std|sd|sigma|σ|err|unc|uncertainty|"
@@ -166,12 +142,12 @@ def is_bare(text: str) -> bool:
 
 def deviation_of(column: str, names: Iterable[str], unit: str) -> Meaning:
     """Return the meaning of standard deviations of a `column`, also under its short `names`."""
-    made = [*_BARE]
+    made = [_BARE]
     for base in _BASES:
         for name in names:
-            made += words(f"{base} {name}, {base}({name}), {name} {base}, {base} of {name}")
-            made += words(f"{base}{name}") if len(base) == 1 and base not in "su" else ()
-    return Meaning(tuple(dict.fromkeys(made)), unit, like=column, remarks=False)
+            made += [f"{base} {name}", f"{base}({name})", f"{name} {base}", f"{base} of {name}"]
+            made += [f"{base}{name}"] if len(base) == 1 and base not in "su" else []
+    return Meaning(", ".join(made), unit, like=column, remarks=False)
 
 
 def unused_notes(names: Sequence[str], used: Mapping[str, int]) -> tuple[str, ...]:

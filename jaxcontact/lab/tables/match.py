@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,9 +23,14 @@ class Match:
     places: Mapping[str, int]
     headings: Mapping[str, Heading]
 
-    def rows(self, sheet: Sheet) -> list[Row]:
-        """Return the rows of a sheet by the names of the layout."""
-        return sheet.rows(self.places, self.headings)
+    def rows(self, sheet: Sheet, last: str | None) -> list[Row]:
+        """Return the rows of a sheet, at least one, by the names of the layout, of which one is
+        `last`.
+        """
+        if rows := sheet.rows(self.places, self.headings):
+            return rows
+        what = "columns" if sheet.header_row is None else "a header"
+        raise sheet.fault(f"holds {what} but no measurement", last)
 
     def notes(self) -> tuple[str, ...]:
         """Return which headings were assigned or converted, if not the column's name."""
@@ -40,8 +45,13 @@ class Match:
         return tuple(told)
 
 
-def as_told(columns: Any) -> Told:
-    """Return the columns of "speed=2,e=5" or of a dict; raise ValueError for other input."""
+def as_told(columns: Any, meanings: Collection[Mapping[str, Meaning]]) -> Told:
+    """Return the columns of "speed=2,e=5" or of a dict, {} for None.
+
+    Raises ValueError for other input, and for columns that have none of the meanings.
+    """
+    if columns is None:
+        return {}
     given = columns
     if isinstance(columns, str):
         parts = [part.partition("=") for part in columns.split(",") if part.strip()]
@@ -57,6 +67,13 @@ def as_told(columns: Any) -> Told:
             "Argument `columns` must map names to columns, by number or heading, as in "
             f"'speed=2,e=5' or {{'speed': 2, 'e': 'COR'}}, but is {rendered(columns)}."
         )
+    for key in given:
+        if not any(_find_meaning(key, one) for one in meanings):
+            every = {name: meaning for one in meanings for name, meaning in one.items()}
+            raise ValueError(
+                f"Argument `columns` names {key!r}, which is no known column; these are "
+                f"{', '.join(every)}{suggestion(key, every)}."
+            )
     return {
         name: int(place) if isinstance(place, str) and place.isdecimal() else place
         for name, place in given.items()
@@ -113,10 +130,12 @@ def _only_place(
         _check_beside(sheet, found[0], meaning, meanings, places)
     if len(found) > 1:
         first, second = (sheet.names[k] for k in found[:2])
-        problem = f"appears twice in the header{_say(name, found[0])}"
-        if first != second:
-            problem = f"may be {name}, as may column {first}{_say(name, found[0])}"
-        raise sheet.fault(problem, second)
+        twice = first == second
+        problem = (
+            "appears twice in the header" if twice else f"may be {name}, as may column {first}"
+        )
+        choice = f'choose one with `columns="{name}={found[0] + 1}"`'
+        raise sheet.fault(f"{problem}; {choice}", second)
     return found[0] if found else None
 
 
@@ -159,10 +178,6 @@ def _find_meaning(key: str, meanings: Mapping[str, Meaning]) -> tuple[str, Headi
     return None
 
 
-def _say(name: str, place: int) -> str:
-    return f'; choose one with `columns="{name}={place + 1}"`'
-
-
 def _place(sheet: Sheet, place: int | str) -> int:
     if isinstance(place, int):
         if not 1 <= place <= len(sheet.names):
@@ -178,34 +193,23 @@ def _place(sheet: Sheet, place: int | str) -> int:
 def check_usual(rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> None:
     """Refuse implausible numbers without a written unit."""
     for name, meaning in meanings.items():
-        if meaning.must_say and rows and name in rows[0].values and not rows[0].has_unit(name):
-            text = rows[0].headings[name].text or name
-            units = meaning.must_say.split(" or ")
-            told = " or ".join(f"'{text} [{unit}]'" for unit in units)
+        if not rows or name not in rows[0].values or rows[0].has_unit(name):
+            continue
+        text = rows[0].headings[name].text if name in rows[0].headings else ""
+        text = text or name
+        if meaning.must_say:
+            told = " or ".join(f"'{text} [{unit}]'" for unit in meaning.must_say.split(" or "))
             rows[0].refuse(
                 name, f"has no unit, {meaning.must_say}; write it in the heading, {told}"
             )
-        if not np.isfinite(meaning.usual) or not rows or name not in rows[0].values:
-            continue
-        if rows[0].has_unit(name):
+        if not np.isfinite(meaning.usual):
             continue
         middle = float(np.median([row.positive(name) for row in rows]))
-        if middle <= meaning.usual:
-            continue
-        shown = rows[0].headings[name].text if name in rows[0].headings else name
-        small = {"m": "cm" if middle < 1000 else "mm", "m/s": "mm/s"}[meaning.unit or "m"]
-        rows[0].refuse(
-            name,
-            f"half of the values are {middle:g} or more, in {meaning.unit} {meaning.usual_words}; "
-            f"are they in {small}? write the unit in the heading, '{shown or name} [{small}]', or "
-            f"'{shown or name} [{meaning.unit}]' if they are right",
-        )
-
-
-def unknown_name(key: str, meanings: Iterable[Mapping[str, Meaning]]) -> str:
-    """Return the message for a column that no layout has."""
-    every = {name: meaning for one in meanings for name, meaning in one.items()}
-    return (
-        f"Argument `columns` names {key!r}, which is no known column; these are "
-        f"{', '.join(every)}{suggestion(key, every)}."
-    )
+        if middle > meaning.usual:
+            small = {"m": "cm" if middle < 1000 else "mm", "m/s": "mm/s"}[meaning.unit or "m"]
+            rows[0].refuse(
+                name,
+                f"half of the values are {middle:g} or more, in {meaning.unit} "
+                f"{meaning.usual_words}; are they in {small}? write the unit in the heading, "
+                f"'{text} [{small}]', or '{text} [{meaning.unit}]' if they are right",
+            )

@@ -15,7 +15,8 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from .grid import Grid, Known, Line, RecordingError, grid_of, is_number, known_cells, with_points
+from .grid import Known, grid_of, is_number, known_cells, with_points
+from .sheet import Line, RecordingError, Sheet, seconds_in, sheet_of_rows
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -35,28 +36,21 @@ def decoded(data: bytes, source: str) -> tuple[str, str]:
     UTF-16 is detected by its byte order mark or its zeros. Other bytes that are not UTF-8 are read
     as Windows-1252, which includes Latin-1. Raises RecordingError for bytes that are not text.
     """
-    for mark, encoding in _MARKS:
-        if data.startswith(mark):
-            return _decode(data, encoding, source), "" if "8" in encoding else "UTF-16"
-    if b"\0" in data[:200]:
+    encoding = next((name for mark, name in _MARKS if data.startswith(mark)), "")
+    if not encoding and b"\0" in data[:200]:
         # One byte of most characters in UTF-16 is zero: the second in little endian.
-        encoding = "utf-16-le" if data[1:200:2].count(0) > data[0:200:2].count(0) else "utf-16-be"
-        return _decode(data, encoding, source), "UTF-16"
+        little = data[1:200:2].count(0) > data[0:200:2].count(0)
+        encoding = "utf-16-le" if little else "utf-16-be"
     try:
-        return data.decode("utf-8"), ""
-    except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace"), "Latin-1"
-
-
-def _decode(data: bytes, encoding: str, source: str) -> str:
-    try:
-        text = data.decode(encoding)
+        text = data.decode(encoding or "utf-8")
     except UnicodeDecodeError as error:
+        if not encoding:
+            return data.decode("cp1252", errors="replace"), "Latin-1"
         row = data[: error.start].count(b"\n") + 1
         raise RecordingError(f"is not {encoding.upper()} text", source, row) from error
-    if any(ord(c) < 9 for c in text[:200]):
+    if encoding and any(ord(c) < 9 for c in text[:200]):
         raise RecordingError("is neither text nor a spreadsheet", source)
-    return text
+    return text, "UTF-16" if "16" in encoding else ""
 
 
 class _Reading(NamedTuple):
@@ -68,50 +62,59 @@ class _Reading(NamedTuple):
     error: RecordingError | None = None
 
 
-def text_grid(text: str, source: str, known: Known, decimal: str | None = None) -> Grid:
+def text_grid(
+    text: str, source: str, known: Known, decimal: str | None, notes: Sequence[str]
+) -> Sheet:
     """Return the table in a text; raise RecordingError if it cannot be read unambiguously."""
     lines = text.removeprefix("\ufeff").splitlines(keepends=True)
     named = re.fullmatch(r"sep=(.)\s*", lines[0]) if lines else None
     if named:
         lines[0] = "\n"  # Excel writes its separator like this
     comments = [k for k, line in enumerate(lines) if _COMMENT.match(line)]
-    aside = set(comments)
-    data = ["\n" if k in aside else line for k, line in enumerate(lines)]
+    data = list(lines)
+    for k in comments:
+        data[k] = "\n"
     if not any(line.strip(" \t\r\n,;|") for line in data):
         raise RecordingError("is empty; a header with the column names is needed", source, 1)
     allowed = [named[1]] if named else [s for s in _SEPARATORS if s != "," or decimal != ","]
-    best = _best_reading(data, allowed, source, known)
-    if best.separator == ",":
-        _one_number_or_two(best.rows, source, known, decimal)
-    above = [(k + 1, lines[k]) for k in comments if best.rows and k + 1 < best.rows[0][0]]
-    rows = [*_commented_heading(above, best, source, known), *best.rows]
-    rows, commas = with_points(rows, source, decimal, apart=best.separator == ",")
-    notes = [f"separated by {_SEPARATORS.get(best.separator, repr(best.separator))}"] * (
-        best.separator not in ("", ",")
-    ) + ["with decimal commas"] * commas
+    separator, rows = _best_reading(data, allowed, source, known)
+    if separator == ",":
+        _one_number_or_two(rows, source, known, decimal)
+    above = [k for k in comments if rows and k + 1 < rows[0][0]]
+    if above and not any(known_cells(cells, known) for _, cells in rows):
+        # The last comment above the numbers may be the heading (`numpy.savetxt`).
+        words = _COMMENT.sub("", lines[above[-1]]).strip().strip('"')
+        heading = [cells for _, cells in _split([words], separator or " ", source)[0]]
+        rows = [*((above[-1] + 1, cells) for cells in heading if known_cells(cells, known)), *rows]
+    rows, commas = with_points(rows, source, decimal, apart=separator == ",")
+    if separator not in ("", ","):
+        notes = [*notes, f"separated by {_SEPARATORS.get(separator, repr(separator))}"]
+    notes = [*notes, *["with decimal commas"] * commas]
     if (found := _labels(rows)) is not None:
-        names, rows = found
-        return Grid(names, None, rows, (*notes, "labels of an audio editor"))
-    return grid_of(rows, known, notes)
+        return sheet_of_rows(
+            source, found[0], None, found[1], [*notes, "labels of an audio editor"]
+        )
+    return grid_of(rows, known, source, notes)
 
 
 def _best_reading(
     data: list[str], separators: Sequence[str], source: str, known: Known
-) -> _Reading:
-    """Return the reading by the most fitting separator; raise its error if it has one."""
+) -> tuple[str, list[Line]]:
+    """Return the most fitting separator, "" without one, and the rows; raise their error."""
     # The beginning of a long file decides.
     readings = [_reading(data[:_ENOUGH], separator, source, known) for separator in separators]
     best = max(readings, key=lambda one: one.score)
     if best.score[1] == 0:
         # There is one column with every separator.
-        rows = [(k, [line.strip().strip('"')]) for k, line in enumerate(data, 1) if line.strip()]
-        return _Reading("", rows, (0, 0.0))
+        return "", [
+            (k, [line.strip().strip('"')]) for k, line in enumerate(data, 1) if line.strip()
+        ]
+    rows, error = best.rows, best.error
     if len(data) > _ENOUGH:
         rows, error = _split(data, best.separator, source)
-        best = best._replace(rows=rows, error=error)
-    if best.error:
-        raise best.error
-    return best
+    if error:
+        raise error
+    return best.separator, rows
 
 
 def _labels(rows: list[Line]) -> tuple[list[str], list[Line]] | None:
@@ -120,37 +123,27 @@ def _labels(rows: list[Line]) -> tuple[list[str], list[Line]] | None:
     Audacity writes "0.52, 0.52, bounce", for some labels with a line of frequencies after a
     backslash.
     """
-    rows = [row for row in rows if row[1][0] != "\\"]
     made: list[Line] = []
     for row, cells in rows:
-        texts = [cell for cell in cells if not is_number(cell)]
-        times = cells[: len(cells) - len(texts)]
-        if not 1 <= len(times) <= 2 or cells[len(times) :] != texts or len(texts) > 1:
+        if cells[0] == "\\":
+            continue
+        times = list(itertools.takewhile(is_number, cells))
+        texts = cells[len(times) :]
+        if not 1 <= len(times) <= 2 or len(texts) > 1 or any(map(is_number, texts)):
             return None
-        made.append((row, [*(float(one) for one in times), *(texts or [""])]))
-    starts, widths = [cells[0] for _, cells in made], {len(cells) for _, cells in made}
-    if len(widths) != 1 or any(b <= a for a, b in itertools.pairwise(starts)):
+        try:
+            made.append((row, [*map(seconds_in, times), *(texts or [""])]))
+        except ValueError:  # 5, is not a number
+            return None
+    if len({len(cells) for _, cells in made}) != 1:
         return None
-    stretches = widths == {3}
-    if stretches and any(cells[1] < cells[0] for _, cells in made):
+    ranges = len(made[0][1]) == 3
+    lasting = [cells[1] - cells[0] for _, cells in made] if ranges else [1.0]
+    growing = all(b[1][0] > a[1][0] for a, b in itertools.pairwise(made))
+    named = any(cells[-1] for _, cells in made) or not any(lasting)
+    if not growing or min(lasting) < 0 or not named:
         return None
-    if not any(cells[-1] for _, cells in made) and not (
-        stretches and all(cells[0] == cells[1] for _, cells in made)
-    ):
-        return None
-    return ["start time", *["end of label"] * stretches, "label"], made
-
-
-def _commented_heading(
-    above: list[tuple[int, str]], read: _Reading, source: str, known: Known
-) -> list[Line]:
-    """Return the last comment above the numbers if it is the heading (`numpy.savetxt`)."""
-    if not above or any(known_cells(cells, known) for _, cells in read.rows):
-        return []
-    number, line = above[-1]
-    words = _COMMENT.sub("", line).strip().strip('"')
-    rows, _ = _split([words], read.separator or " ", source)
-    return [(number, cells) for _, cells in rows if known_cells(cells, known)]
+    return ["start time", *["end of label"] * ranges, "label"], made
 
 
 def _reading(data: list[str], separator: str, source: str, known: Known) -> _Reading:

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage, signal
 
+from ..signals import Doubtful
 from .fitting import LEAST_FRAMES, MAD, Guess, fit_drop
-from .model import Drop, Floats, Frames, Skipped, Track
+from .model import Drop, Floats, Frames, Track
 
 _STANDS_OUT = 8.0
 """Standard deviations by which a ball must rise between two impacts."""
@@ -71,33 +72,86 @@ class FoundDrops(NamedTuple):
     others: list[float]
 
 
+class _Side(NamedTuple):
+    """The parabola beside a lowest point: height and speed there, and its farthest frame."""
+
+    height: float
+    speed: float
+    reach: int
+
+
+class _Heights(NamedTuple):
+    """Heights (n,) over time, their noise, and which frames are no spikes."""
+
+    time: Floats
+    height: Floats
+    noise: float
+    good: np.ndarray
+
+    @property
+    def step(self) -> float:
+        return float(np.median(np.diff(self.time)))
+
+    def between(self, first: int, last: int) -> np.ndarray:
+        """Return the good frames between two lowest points."""
+        at = np.arange(first + 1, last)
+        return at[self.good[at]]
+
+    def beside(self, low: int, side: int) -> np.ndarray:
+        """Return the good frames before a lowest point (`side` -1) or after it, nearest first."""
+        at = np.arange(low - 1, -1, -1) if side < 0 else np.arange(low + 1, self.time.size)
+        return at[self.good[at]]
+
+    def flight(self, at: np.ndarray, low: int, fall: float) -> tuple[_Side, Floats, Floats]:
+        """Fit frames with a known acceleration; return also residuals and times since `low`."""
+        since = self.time[at] - self.time[low]
+        columns = np.stack([np.ones_like(since), since], axis=1)
+        values = self.height[at] + fall * since**2 / 2
+        found, _, _ = trimmed(columns, values)
+        return _Side(float(found[0]), float(found[1]), low), values - columns @ found, since
+
+    def line(self, first: int, last: int, side: int, fall: float) -> _Side | None:
+        """Return height and speed at one end of a part (`side` -1: the last); None if too short.
+
+        Only the half of a long part near that end counts, since a ball may be held at the other.
+        """
+        at = self.between(first, last)[::side]
+        if at.size < LEAST_FRAMES - 1:
+            return None
+        at = at[: max(LEAST_FRAMES, at.size // 2)]
+        return self.flight(at, last if side < 0 else first, fall)[0]
+
+    def sides(self, lows: list[int], k: int, fall: float) -> tuple[_Side | None, _Side | None]:
+        """Return the flights to and from the lowest point number `k`."""
+        before = lows[k - 1] if k else 0
+        after = lows[k + 1] if k + 1 < len(lows) else self.time.size - 1
+        return self.line(before, lows[k], -1, fall), self.line(lows[k], after, 1, fall)
+
+
 def find(time: Floats, height: Floats) -> FoundDrops:
     """Find the drops in a track whose heights (n,) increase upwards."""
     noise = noise_of(height)
-    good = _without_spikes(time, height, noise)
-    lows = _lowest(time, height, good, noise)
+    seen = _Heights(time, height, noise, _without_spikes(time, height, noise))
+    lows = _lowest(seen)
     while True:
-        parts = [
-            _part(time, height, a, b, good)
-            for a, b in zip([0, *lows], [*lows, time.size - 1], strict=True)
-        ]
-        fall = _common_fall(parts)
-        if fall is None:
-            fall = _fall_of_one(time, height, good, lows, noise)
+        ends = zip([0, *lows], [*lows, time.size - 1], strict=True)
+        parts = [_part(seen, first, last) for first, last in ends]
+        fall = _common_fall(parts) or _fall_of_one(seen, lows)
         if fall is None:
             return FoundDrops([], [float(time[k]) for k in lows])
         # A point that a ball passes without turning is not an impact.
-        bad = [k for k in lows if not _turns(time, height, good, lows, k, fall)]
-        if not bad:
+        both = [seen.sides(lows, k, fall) for k in range(len(lows))]
+        turns = [d is not None and u is not None and d.speed < 0 < u.speed for d, u in both]
+        if all(turns):
             break
-        lows = [k for k in lows if k not in bad]
+        lows = [k for k, turn in zip(lows, turns, strict=True) if turn]
         if not lows:
             return FoundDrops([], [])
     guesses, taken = [], set()
     inner = parts[1:-1]
     usual = float(np.median([p.noise for p in inner if _fits(p, fall)] or [noise]))
     for run in _runs(time, lows, [_fits(part, fall) for part in inner]):
-        made = guess_of(time, height, good, run, fall, max(usual, 1e-12))
+        made = _guess_of(seen, run, fall, max(usual, 1e-12))
         if made is not None:
             guesses.append(made)
             taken.update(run)
@@ -118,59 +172,50 @@ def _without_spikes(time: Floats, height: Floats, noise: float) -> np.ndarray:
         at = np.arange(n)[:, None] + side * np.array([1, 2, 3])
         there = np.all((at >= 0) & (at < n), axis=1)
         at = np.clip(at, 0, n - 1)
-        t, y = time[at], height[at]
-        a, b, c = t.T
-        now = time
+        t = time[at].T
         with np.errstate(divide="ignore", invalid="ignore"):
             weight = np.stack(
                 [
-                    (now - b) * (now - c) / ((a - b) * (a - c)),
-                    (now - a) * (now - c) / ((b - a) * (b - c)),
-                    (now - a) * (now - b) / ((c - a) * (c - b)),
+                    (time - b) * (time - c) / ((a - b) * (a - c))
+                    for a, b, c in (t, t[[1, 0, 2]], t[[2, 0, 1]])
                 ],
                 axis=1,
             )
-            off = np.abs(height - np.sum(weight * y, axis=1))
+            off = np.abs(height - np.sum(weight * height[at], axis=1))
             limit = _SPIKE * noise * np.sqrt(1 + np.sum(weight**2, axis=1))
         good |= there & (off <= limit)
     return good
 
 
-def _lowest(time: Floats, height: Floats, good: np.ndarray, noise: float) -> list[int]:
+def _lowest(seen: _Heights) -> list[int]:
     """Return the frames of the lowest points, between which the ball rises detectably."""
-    at = np.flatnonzero(good)
+    at, height = np.flatnonzero(seen.good), seen.height
     if at.size < 2 * LEAST_FRAMES:
         return []
-    step = float(np.median(np.diff(time)))
-    size = max(int(_SMOOTH / step) // 2 * 2 + 1, 1)
+    size = max(int(_SMOOTH / seen.step) // 2 * 2 + 1, 1)
     smooth = ndimage.median_filter(height[at], size, mode="nearest")
-    rise = _STANDS_OUT * noise / math.sqrt(size)
+    rise = _STANDS_OUT * seen.noise / math.sqrt(size)
     peaks, _ = signal.find_peaks(-smooth, prominence=max(rise, 1e-3 * float(np.ptp(smooth))))
     # Use the lowest frame itself, near that of the average.
-    found = []
-    for k in peaks:
-        low, high = max(k - size // 2, 0), k + size // 2 + 1
-        found.append(int(at[low + np.argmin(height[at[low:high]])]))
-    return sorted(set(found))
+    near = [at[max(k - size // 2, 0) : k + size // 2 + 1] for k in peaks]
+    return sorted({int(some[np.argmin(height[some])]) for some in near})
 
 
-def _part(time: Floats, height: Floats, first: int, last: int, good: np.ndarray) -> _Part:
+def _part(seen: _Heights, first: int, last: int) -> _Part:
     """Return the best parabola between two lowest points, which are excluded."""
-    at = np.arange(first + 1, last)
-    at = at[good[at]]
+    at = seen.between(first, last)
     if at.size < LEAST_FRAMES:
         return _Part(first + 1, last, math.nan, math.inf, math.nan, 0.0)
-    t = time[at] - time[at].mean()
+    t = seen.time[at] - seen.time[at].mean()
     scale = max(float(np.max(np.abs(t))), 1e-300)
     columns = np.stack([np.ones_like(t), t / scale, (t / scale) ** 2], axis=1)
-    coefficients, keep, noise = trimmed(columns, height[at])
+    coefficients, keep, noise = trimmed(columns, seen.height[at])
     error = math.inf
     if keep.sum() > 3:
         size = np.linalg.pinv(columns[keep].T @ columns[keep])[2, 2]
         error = 2 * max(noise, 1e-300) * math.sqrt(size) / scale**2
-    return _Part(
-        first + 1, last, -2 * float(coefficients[2]) / scale**2, error, noise, float(keep.mean())
-    )
+    fall = -2 * float(coefficients[2]) / scale**2
+    return _Part(first + 1, last, fall, error, noise, float(keep.mean()))
 
 
 def _common_fall(parts: list[_Part]) -> float | None:
@@ -193,45 +238,22 @@ def _fits(part: _Part, fall: float) -> bool:
     return off <= _ALIKE * fall + _ERRORS * part.error and part.share >= SHARE
 
 
-def _fall_of_one(
-    time: Floats, height: Floats, good: np.ndarray, lows: list[int], noise: float
-) -> float | None:
+def _fall_of_one(seen: _Heights, lows: list[int]) -> float | None:
     """Return the acceleration if no flight is complete, from the ways to and from an impact."""
-    falls = []
+    falls, sizes = [], []
     for k in lows:
         for side in (-1, 1):
-            at = _way(height, good, k, side)
+            # From the lowest point to near the highest on this side.
+            at = seen.beside(k, side)
+            rise = seen.height[at] - seen.height[k]
+            at = at[: np.argmax(rise >= _NEAR * rise.max())] if at.size >= LEAST_FRAMES else at
             if at.size < LEAST_FRAMES:
                 continue
-            part = _part(time, height, int(at.min()) - 1, int(at.max()) + 1, good)
+            part = _part(seen, int(at.min()) - 1, int(at.max()) + 1)
             if part.fall > 0 and part.error < 0.3 * part.fall:
-                falls.append((part.fall, at.size))
-    if not falls:
-        return None
-    return float(np.average([f for f, _ in falls], weights=[n for _, n in falls]))
-
-
-def _way(height: Floats, good: np.ndarray, low: int, side: int) -> np.ndarray:
-    """Return the frames from the lowest point to near the highest on one side."""
-    at = np.arange(low - 1, -1, -1) if side < 0 else np.arange(low + 1, height.size)
-    at = at[good[at]]
-    if at.size < LEAST_FRAMES:
-        return at
-    rise = height[at] - height[low]
-    above = np.flatnonzero(rise >= _NEAR * rise.max())
-    return at[: above[0]]
-
-
-def _turns(
-    time: Floats, height: Floats, good: np.ndarray, lows: list[int], low: int, fall: float
-) -> bool:
-    """Return whether a ball moves down to a lowest point, and up from it."""
-    k = lows.index(low)
-    before = lows[k - 1] if k else 0
-    after = lows[k + 1] if k + 1 < len(lows) else time.size - 1
-    down = line(time, height, good, before, low, -1, fall)
-    up = line(time, height, good, low, after, 1, fall)
-    return down is not None and up is not None and down[1] < 0 < up[1]
+                falls.append(part.fall)
+                sizes.append(at.size)
+    return float(np.average(falls, weights=sizes)) if falls else None
 
 
 def _runs(time: Floats, lows: list[int], good: list[bool]) -> list[list[int]]:
@@ -267,13 +289,13 @@ def _count(track: Track) -> int:
 
 def _fit_drops(frames: Frames, found: FoundDrops) -> Track:
     drops: list[Drop] = []
-    skipped = [Skipped(time, "no flights on both sides") for time in found.others]
+    skipped = [Doubtful(time, "no flights on both sides") for time in found.others]
     for guess in found.guesses:
         drop = fit_drop(frames, guess)
         impacts = guess.times[1:-1]
         why = "no parabolas" if drop is None else _doubt(drop)
         if drop is None or why:
-            skipped += [Skipped(float(time), why) for time in impacts]
+            skipped += [Doubtful(float(time), why) for time in impacts]
         else:
             drops.append(drop)
     skipped.sort()
@@ -298,14 +320,6 @@ def _doubt(drop: Drop) -> str:
     return ""
 
 
-class _Side(NamedTuple):
-    """The parabola beside a lowest point: height and speed there, and its farthest frame."""
-
-    height: float
-    speed: float
-    reach: int
-
-
 def trimmed(columns: np.ndarray, values: Floats) -> tuple[Floats, np.ndarray, float]:
     """Fit least squares without outliers, found iteratively; return also the noise of the rest."""
     keep = np.ones(values.size, bool)
@@ -321,105 +335,53 @@ def trimmed(columns: np.ndarray, values: Floats) -> tuple[Floats, np.ndarray, fl
     return found, keep, math.sqrt(float(np.sum(rest[keep] ** 2)) / freedom)
 
 
-def line(
-    time: Floats, height: Floats, good: np.ndarray, first: int, last: int, side: int, fall: float
-) -> tuple[float, float] | None:
-    """Return height and speed at one end of a part with known acceleration (`side` -1: the last).
-
-    Only the half of a long part near that end counts, since a ball may be held at the other.
-    """
-    at = np.arange(first + 1, last)
-    at = at[good[at]]
-    if at.size < LEAST_FRAMES - 1:
-        return None
-    at = at[::side]
-    at = at[: max(LEAST_FRAMES, at.size // 2)]
-    since = time[at] - time[last if side < 0 else first]
-    columns = np.stack([np.ones_like(since), since], axis=1)
-    found, _, _ = trimmed(columns, height[at] + fall * since**2 / 2)
-    return float(found[0]), float(found[1])
-
-
-def guess_of(
-    time: Floats, height: Floats, good: np.ndarray, run: list[int], fall: float, noise: float
-) -> Guess | None:
+def _guess_of(seen: _Heights, run: list[int], fall: float, noise: float) -> Guess | None:
     """Return the drop around a run of lowest points; None if there is no flight before or after.
 
     Lines are fitted to heights beside lowest points, after removal of the known acceleration.
     """
-    step = float(np.median(np.diff(time)))
-    edges = [_edge(time, height, good, run[0], -1, fall, noise)]
-    edges.append(_edge(time, height, good, run[-1], 1, fall, noise))
-    impacts, floors = [], []
+    begin, finish = _edge(seen, run[0], -1, fall, noise), _edge(seen, run[-1], 1, fall, noise)
+    times, floors = [], []
     for k, low in enumerate(run):
-        left = (
-            edges[0]
-            if k == 0
-            else _Side(*_none_to_nan(line(time, height, good, run[k - 1], low, -1, fall)), low)
-        )
-        right = (
-            edges[1]
-            if k == len(run) - 1
-            else _Side(*_none_to_nan(line(time, height, good, low, run[k + 1], 1, fall)), low)
-        )
+        left, right = seen.sides(run, k, fall)
+        left, right = begin if k == 0 else left, finish if k == len(run) - 1 else right
+        times.append(float(seen.time[low]))
         if left is not None and right is not None and right.speed > left.speed:
             # Both have the same acceleration: they meet where two lines do.
             since = (left.height - right.height) / (right.speed - left.speed)
-            since = float(np.clip(since, -2 * step, 2 * step))
+            since = float(np.clip(since, -2 * seen.step, 2 * seen.step))
             floors.append(left.height + left.speed * since - fall * since**2 / 2)
-            impacts.append(float(time[low]) + since)
-        else:
-            impacts.append(float(time[low]))
-    floor = float(np.median(floors)) if floors else float(np.median(height[run]))
-    times = list(impacts)
+            times[-1] += since
+    floor = float(np.median(floors or seen.height[run]))
     low, high = run[0], run[-1] + 1
-    if edges[0] is not None:
-        times.insert(0, times[0] - 2 * max(-edges[0].speed, 1e-9) / fall)
-        low = edges[0].reach
-    if edges[1] is not None:
-        times.append(times[-1] + 2 * max(edges[1].speed, 1e-9) / fall)
-        high = edges[1].reach + 1
+    if begin is not None:
+        times.insert(0, times[0] - 2 * max(-begin.speed, 1e-9) / fall)
+        low = begin.reach
+    if finish is not None:
+        times.append(times[-1] + 2 * max(finish.speed, 1e-9) / fall)
+        high = finish.reach + 1
     if len(times) < 3 or not np.all(np.diff(times) > 0):
         return None
     return Guess(np.array(times), floor, fall, noise, low, high)
 
 
-def _none_to_nan(line: tuple[float, float] | None) -> tuple[float, float]:
-    return (math.nan, math.nan) if line is None else line
-
-
-def _edge(
-    time: Floats,
-    height: Floats,
-    good: np.ndarray,
-    low: int,
-    side: int,
-    fall: float,
-    noise: float,
-) -> _Side | None:
+def _edge(seen: _Heights, low: int, side: int, fall: float, noise: float) -> _Side | None:
     """Return the flight before the first impact or after the last, as far as it is a parabola.
 
     The range grows by 40 % as long as most of its frames lie on the parabola.
     """
-    step = float(np.median(np.diff(time)))
-    at = np.arange(low - 1, -1, -1) if side < 0 else np.arange(low + 1, time.size)
-    at = at[good[at] & (np.abs(time[at] - time[low]) > 0.6 * step)]
+    at = seen.beside(low, side)
+    at = at[np.abs(seen.time[at] - seen.time[low]) > 0.6 * seen.step]
     if at.size < LEAST_FRAMES:
         return None
-    count, best = max(LEAST_FRAMES, int(_BEGIN / step)), None
+    count, best = max(LEAST_FRAMES, int(_BEGIN / seen.step)), None
     while True:
         some = at[:count]
-        since = time[some] - time[low]
-        columns = np.stack([np.ones_like(since), since], axis=1)
-        values = height[some] + fall * since**2 / 2
-        found, _, _ = trimmed(columns, values)
-        rest = np.abs(values - columns @ found)
-        allowed = 5 * noise + 0.02 * fall * since**2
-        on = rest <= allowed
-        if (found[1] < 0) != (side < 0) or on.mean() < SHARE or on[-3:].sum() == 0:
+        found, off, since = seen.flight(some, low, fall)
+        on = np.abs(off) <= 5 * noise + 0.02 * fall * since**2
+        if (found.speed < 0) != (side < 0) or on.mean() < SHARE or on[-3:].sum() == 0:
             break
-        far = some[on][-1]
-        best = _Side(float(found[0]), float(found[1]), int(far))
+        best = found._replace(reach=int(some[on][-1]))
         if count >= at.size:
             break
         count = min(max(count + 1, int(1.4 * count)), at.size)

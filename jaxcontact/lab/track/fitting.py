@@ -81,22 +81,15 @@ def search(
 
     `sigma` (axes,) or (n, axes).
     """
-    nearer = nearer_errors(model, start)
+    prior = _prior(model, start)
 
     def residuals(vector: Floats) -> Floats:
         rest = (seen - model.places(vector, time)[0]) / sigma
-        known = (
-            (vector[model.contact] - CONTACT) / CONTACT_ERROR,
-            (vector[model.power] - POWER) / POWER_ERROR,
-            vector[model.air] / AIR_ERROR,
-            vector[model.rise] / nearer[0],
-            vector[model.growth] / nearer[1],
-        )
-        return np.append(rest, np.multiply(known, firmly))
+        return np.append(rest, (vector[prior.place] - prior.mean) / prior.error * firmly)
 
     def slope(vector: Floats) -> np.ndarray:
-        found = slope_of(model, vector, time, sigma, nearer)
-        found[-5:] *= firmly
+        found = _slope_of(model, vector, time, sigma, prior)
+        found[-prior.place.size :] *= firmly
         return found
 
     if not np.isfinite(residuals(start)).all():
@@ -117,28 +110,30 @@ def search(
     return found.x if good and np.isfinite(found.x).all() else None
 
 
-def nearer_errors(model: Model, vector: Floats) -> tuple[float, float]:
-    """Return the prior standard deviations of σ and γ about 0."""
+class _Prior(NamedTuple):
+    """Parameters known beforehand: their places in the vector, means and standard deviations."""
+
+    place: np.ndarray
+    mean: Floats
+    error: Floats
+
+
+def _prior(model: Model, vector: Floats) -> _Prior:
     growth = (NEARER if model.flights > 2 else LEVEL) / (model.last - model.first)
     whole = float(np.max(np.diff(vector[: model.flights + 1])))
-    return growth * abs(vector[model.fall]) * whole**2 / 8, growth
+    rise = growth * abs(vector[model.fall]) * whole**2 / 8
+    place = np.array([model.contact, model.power, model.air, model.rise, model.growth])
+    error = np.array([CONTACT_ERROR, POWER_ERROR, AIR_ERROR, rise, growth])
+    return _Prior(place, np.array([CONTACT, POWER, 0.0, 0.0, 0.0]), error)
 
 
-def slope_of(
-    model: Model,
-    vector: Floats,
-    time: Floats,
-    sigma: np.ndarray,
-    nearer: tuple[float, float],
+def _slope_of(
+    model: Model, vector: Floats, time: Floats, sigma: np.ndarray, prior: _Prior
 ) -> np.ndarray:
     """Return the derivative of the residuals, including those of the prior."""
     _, slope = model.places(vector, time)
-    slope = (-slope / sigma[..., None]).reshape(-1, model.size)
-    known = np.zeros((5, model.size))
-    known[0, model.contact], known[1, model.power] = 1 / CONTACT_ERROR, 1 / POWER_ERROR
-    known[2, model.air] = 1 / AIR_ERROR
-    known[3, model.rise], known[4, model.growth] = 1 / nearer[0], 1 / nearer[1]
-    return np.concatenate([slope, known])
+    known = np.eye(model.size)[prior.place] / prior.error[:, None]
+    return np.concatenate([(-slope / sigma[..., None]).reshape(-1, model.size), known])
 
 
 def scatter(model: Model, vector: Floats, time: Floats, seen: np.ndarray) -> Floats:
@@ -366,7 +361,7 @@ def _result(
     # Scale both errors by the residuals, with the degrees of freedom.
     freedom = max(residual.size - model.size, 1) / residual.size
     sigma = np.sqrt(np.mean(residual**2, axis=0) / freedom)
-    slope = slope_of(model, vector, time[used], sigma, nearer_errors(model, vector))
+    slope = _slope_of(model, vector, time[used], sigma, _prior(model, vector))
     size = np.linalg.norm(slope, axis=0)
     size[size == 0] = 1.0
     covariance = np.linalg.pinv((slope / size).T @ (slope / size)) / np.outer(size, size)
@@ -374,13 +369,11 @@ def _result(
     start, end = ends.T
     lasting = ends_slope[:, 1] - ends_slope[:, 0]
     error = np.sqrt(np.diag(covariance))
-    tilt, fall = model.tilt, model.fall
-    camera = Camera(
-        float(vector[fall]),
-        float(error[fall]),
-        float(vector[tilt]) if model.along else None,
-        float(error[tilt]) if model.along else None,
-    )
+
+    def known(place: int) -> tuple[float, float]:
+        return float(vector[place]), float(error[place])
+
+    tilt = known(model.tilt) if model.along else (None, None)
     whole = (time >= time[used][0]) & (time <= time[used][-1])
     fitted = np.where(whole[:, None], places, math.nan)
     return Drop(
@@ -391,10 +384,10 @@ def _result(
         impact=vector[1:flights].copy(),
         error=error[1:flights],
         floor=model.places(vector, vector[1:flights])[0][:, 0],
-        camera=camera,
-        air=None if model.shape else (float(vector[model.air]), float(error[model.air])),
-        rise=(float(vector[model.rise]), float(error[model.rise])),
-        growth=(float(vector[model.growth]), float(error[model.growth])),
+        camera=Camera(*known(model.fall), *tilt),
+        air=None if model.shape else known(model.air),
+        rise=known(model.rise),
+        growth=known(model.growth),
         noise=(float(sigma[1]) if model.along else None, float(sigma[0])),
         used=used,
         off=off,

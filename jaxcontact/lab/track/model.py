@@ -27,6 +27,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..signals import Doubtful
+
 Floats = Float[np.ndarray, " n"]
 
 
@@ -105,20 +107,13 @@ class Drop:
         return self.end - self.start
 
 
-class Skipped(NamedTuple):
-    """An impact that is not used: its time in s, and why."""
-
-    time: float
-    why: str
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Track:
     """The track of one ball: its `frames`, the detected `drops`, and `skipped` impacts."""
 
     frames: Frames
     drops: tuple[Drop, ...]
-    skipped: tuple[Skipped, ...]
+    skipped: tuple[Doubtful, ...]
 
 
 Shape = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
