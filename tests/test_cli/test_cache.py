@@ -64,7 +64,7 @@ def test_no_cache_keeps_nothing(no_store, monkeypatch, tmp_path):
     assert getattr(jax.config, OWN) is None and not (tmp_path / "none").exists()
 
 
-LOADED = "/jax/compilation_cache/cache_hits"
+STORE = "/jax/compilation_cache/cache_"
 LIBRARY = f"""
 import sys
 import jax
@@ -74,17 +74,20 @@ jax.monitoring.register_event_listener(lambda event, **_: events.append(event))
 import jaxcontact as jc
 folder = jc.cache(sys.argv[1])
 jc.impact(jc.HuGuo(e=0.7), jc.Contact(1.0, 1.4e8), 4.2)
-print(events.count({LOADED!r}), folder)
+print(events.count({STORE!r} + "hits"), events.count({STORE!r} + "misses"), folder)
 """
 
 
 def test_programs_are_kept_loaded_and_made_again_if_damaged(tmp_path):
-    """By the command, by a process of a library user, and by the command again."""
+    """By the command, by two processes of a library user, and by the command again."""
+    every = {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
     command = ("-m", "jaxcontact", *EXAMPLE)
     first = printed_by(*command, **{VARIABLE: str(tmp_path)})
     kept = programs(tmp_path)
-    count, folder = printed_by("-c", LIBRARY, tmp_path).split()
-    assert int(count) > 0 and folder.startswith(str(tmp_path)) and kept
+    loaded, compiled, folder = printed_by("-c", LIBRARY, tmp_path, **every).split()
+    assert int(loaded) > 0 and int(compiled) > 0 and folder.startswith(str(tmp_path)) and kept
+    more, compiled, _ = printed_by("-c", LIBRARY, tmp_path, **every).split()
+    assert int(more) >= int(loaded) and compiled == "0"
     assert kept.items() <= programs(tmp_path).items()
     # The largest, which needs the others, is damaged; they stay as they are.
     damaged = max(kept, key=lambda path: path.stat().st_size)
