@@ -81,8 +81,8 @@ SLOPES = 1e-5
 """Of derivative and value, at steps of 3e-4 and rtol 1e-10, hence 1e-10/3e-4 times the growth of a
 perturbation. Measured 5e-6."""
 READ = 3e-4
-"""Of largest force and depth, whose values are read between steps. Measured 1.6e-4, which falls with
-longer steps of the differences."""
+"""Of largest force and depth, whose values are read between steps. Measured 1.6e-4, which falls
+with longer steps of the differences."""
 SAME = 1e-6
 """Of numbers beside those of another program; largest depths differ by 2e-8."""
 
