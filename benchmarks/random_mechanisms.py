@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import functools
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -258,15 +258,22 @@ class Compared(NamedTuple):
     books: np.ndarray
 
 
+def outcomes(name: str, x: Numbers, along: Numbers, shift: float = 0.0, **how: Any) -> Any:
+    """Return columns, their slopes along directions, and the rest, so far along them."""
+    moved = jax.tree.map(lambda a, d: a + shift * d, x, along)
+    return jax.tree.map(np.asarray, program(name, **how)(moved, along))
+
+
 def compared(name: str, x: Numbers, along: Numbers, **how: Any) -> Compared:
-    """Compare derivatives with differences. Of values f and slopes f' at -h, 0 and h Simpson's rule
-    h (f'(-h) + 4 f'(0) + f'(h))/3 is f(h) - f(-h) up to h⁵.
+    """Compare derivatives with differences."""
+    return beside_differences(outcomes(name, x, along, s, **how) for s in (0.0, STEP, -STEP))
+
+
+def beside_differences(runs: Iterable[Any]) -> Compared:
+    """Compare the slopes of outcomes at 0, h and -h. Of values f and slopes f' at -h, 0 and h
+    Simpson's rule h (f'(-h) + 4 f'(0) + f'(h))/3 is f(h) - f(-h) up to h⁵.
     """
-    shifts = np.repeat([0.0, STEP, -STEP], len(x.duration))
-    every = jax.tree.map(lambda a: np.concatenate([a, a, a]), (x, along))
-    moved = jax.tree.map(lambda a, d: a + shifts.reshape(-1, *[1] * (a.ndim - 1)) * d, *every)
-    found = jax.tree.map(np.asarray, program(name, **how)(moved, every[1]))
-    table, slopes, others = jax.tree.map(lambda a: a.reshape(3, -1, *a.shape[1:]), found)
+    table, slopes, others = jax.tree.map(lambda *rows: np.stack(rows), *runs)
     valid = others["valid"][0]
     columns = others["valid"], others["gap"], np.isnan(table["duration"])
     differ = np.any([np.any(column != column[:1], axis=0) for column in columns], axis=0)

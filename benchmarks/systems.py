@@ -3,7 +3,7 @@
 A double pendulum beside a wall, up to its fifth touch, and a slider-crank with clearance in a
 joint, up to its fifth. Each method runs at several tolerances. The error is that of the time of the
 last touch, relative to the duration; the reference is this package at its finest tolerance, whose
-digits `tests/test_system/test_published.py` compares with published ones. Compile time is left out.
+digits `tests/test_system/test_agreement.py` compares with published ones. Compile time is left out.
 SciPy and plain diffrax are restarted at every event, as a user would; numba is a Dormand-Prince
 method of order 5 by hand, with the Illinois method at events. Then follow the time of a lane among
 1,000 slider-cranks, and the price of derivatives 3 and 20 contacts deep. Ratios of times in one run

@@ -6,9 +6,9 @@
 The faults are drawn once, by seed, over all rooms in proportion to their lines and evenly over five
 kinds. None is replaced afterwards. A fault that changes no behaviour counts as a survivor and is
 explained in `REASONS`. Each is planted in a copy of the tree. The tests of its room run first, then
-those of the rooms that import it, up to the first failure. The copies share a compilation cache for
-the duration of the run. Results are stored in build/mutations. A survivor is run again after the
-tests have changed, everything after the package has changed.
+those of the rooms that import it, up to the first failure, the quick ones of tests/times.md before
+the others. Results are stored in build/mutations, with a compilation cache. A survivor is run again
+after the tests have changed, everything after the package has changed.
 
 The usual tools do not fit. mutmut imports once and forks for every fault, which fails with JAX's
 threads, and it wraps each function in another, which changes the trace. cosmic-ray has one test
@@ -17,23 +17,17 @@ command for all faults and cannot sample over rooms.
 
 import argparse
 import ast
-import contextlib
 import hashlib
 import importlib.util
 import json
 import os
-import queue
 import re
 import shutil
-import signal
 import subprocess
 import sys
-import threading
 import time
-import xml.etree.ElementTree as ElementTree
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +36,7 @@ from tests.mutate_faults import KINDS, SCOPE, Fault, plant, room_of, sample
 ROOT = Path(__file__).parents[1]
 PACKAGE = "jaxcontact"
 STATE = ROOT / "build" / "mutations"
-TABLE = ROOT / "tests" / "mutations.md"
+TABLE, TIMES = (ROOT / "tests" / name for name in ("mutations.md", "times.md"))
 
 # Reasons why survivors are not gaps in the tests, by their change as listed in the table.
 REASONS: dict[str, str] = {
@@ -137,53 +131,29 @@ def tree(target: Path) -> Path:
     return target
 
 
-class Pytest:
-    """Runs pytest in copies of the tree; setting `stop` ends all runs."""
+STALL = 600
+"""Seconds after which a test counts as hanging."""
 
-    def __init__(self, state: Path, stall: float):
-        self.state, self.stall, self.stop = state, stall, threading.Event()
 
-    def __call__(self, where: Path, *arguments: str) -> tuple[int | None, str]:
-        """The exit status, None where no test ended for `stall` seconds, and what was printed."""
-        log, temporary = where.with_suffix(".log"), where.with_suffix(".tmp")
-        temporary.mkdir(parents=True, exist_ok=True)
-        environment = os.environ | {
-            "PYTHONPATH": str(where),
-            "TMPDIR": str(temporary),
-            "JAXCONTACT_TEST_CACHE": str(self.state / "cache"),
-        }
-        # The trees are used for many runs.
-        environment.pop("PYTHONDONTWRITEBYTECODE", None)
-        command = [sys.executable, "-u", "-m", "pytest", "-q", "-p", "no:cacheprovider", "--tb=no"]
-        with open(log, "wb") as out:
-            process = subprocess.Popen(
-                [*command, *arguments],
-                cwd=where,
-                env=environment,
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-            size, since = 0, time.monotonic()
-            try:
-                while process.poll() is None and not self.stop.wait(0.2):
-                    if log.stat().st_size != size:
-                        size, since = log.stat().st_size, time.monotonic()
-                    if time.monotonic() - since > self.stall:
-                        break
-                status = process.poll()
-            finally:
-                with contextlib.suppress(ProcessLookupError):
-                    os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
-                shutil.rmtree(temporary, ignore_errors=True)
-        return status, log.read_text(encoding="utf-8", errors="replace")
+def pytest_in(where: Path, *arguments: str) -> tuple[int, str]:
+    """The exit status of tests of a copy of the tree on two workers, and what they printed."""
+    cache = {"PYTHONPATH": str(where), "JAXCONTACT_TEST_CACHE": str(STATE / "cache")}
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "-p", "no:cacheprovider", "--tb=no"]
+    limits = f"faulthandler_timeout={STALL}", "faulthandler_exit_on_timeout=true"
+    options = [part for limit in limits for part in ("-o", limit)]
+    done = subprocess.run(
+        [*command, *options, *arguments],
+        cwd=where, env=os.environ | cache, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return done.returncode, done.stdout
 
 
 def trial(
-    fault: Fault, where: Path, files: Iterable[list[str]], pytest: Pytest
-) -> tuple[str, str] | None:
+    fault: Fault,
+    where: Path,
+    files: Iterable[list[str]],
+    pytest: Callable[..., tuple[int, str]] = pytest_in,
+) -> tuple[str, str]:
     """Plants a fault, runs the tests stage by stage and takes the fault out: outcome and test."""
     path = where / fault.path
     source = path.read_text(encoding="utf-8")
@@ -197,10 +167,6 @@ def trial(
     try:
         for stage in filter(None, files):
             status, printed = pytest(where, "-x", *stage)
-            if pytest.stop.is_set():
-                return None
-            if status is None:
-                return "killed", f"no test ended for {pytest.stall:.0f} s"
             if status not in (0, 5):  # 5: nothing to run in these files
                 failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", printed, re.MULTILINE)
                 return "killed", failed[1] if failed else printed.strip().splitlines()[-1]
@@ -213,46 +179,19 @@ def run(
     drawn: list[Fault],
     results: Path,
     marks: dict[str, str],
-    jobs: int,
-    one: Callable[[Fault, int], tuple[str, str] | None],
-    stop: threading.Event,
+    one: Callable[[Fault], tuple[str, str]],
 ) -> None:
-    """Runs the faults that have no result and writes each result as it comes.
-
-    `one` runs a fault in a numbered tree, and gives None when it was stopped.
-    """
+    """Runs the faults that have no result with `one` and writes each result as it comes."""
     done = known(results, marks, drawn)
-    trees: queue.Queue[int] = queue.Queue()
-    for number in range(jobs):
-        trees.put(number)
-    lock = threading.Lock()
-
-    def work(fault: Fault) -> None:
-        number, start = trees.get(), time.monotonic()
-        try:
-            ended = one(fault, number)
-        finally:
-            trees.put(number)
-        if ended is None:
-            return
+    for fault in (x for x in drawn if x.key not in done):
+        start = time.monotonic()
+        outcome, test = one(fault)
         seconds = round(time.monotonic() - start, 1)
-        told = {"key": fault.key, "outcome": ended[0], "test": ended[1], "seconds": seconds}
-        with lock:
-            with open(results, "a", encoding="utf-8") as out:
-                out.write(json.dumps(marks | told) + "\n")
-            done[fault.key] = told
-            count = sum(x.key in done for x in drawn)
-            print(f"{count}/{len(drawn)} {' '.join(ended)} in {seconds} s: {fault.key}", flush=True)
-
-    with ThreadPoolExecutor(jobs) as pool:
-        futures = [pool.submit(work, x) for x in drawn if x.key not in done]
-        try:
-            for future in futures:
-                future.result()
-        except BaseException:
-            stop.set()
-            pool.shutdown(cancel_futures=True)
-            raise
+        done[fault.key] = {"key": fault.key, "outcome": outcome, "test": test, "seconds": seconds}
+        with open(results, "a", encoding="utf-8") as out:
+            out.write(json.dumps(marks | done[fault.key]) + "\n")
+        count = sum(x.key in done for x in drawn)
+        print(f"{count}/{len(drawn)} {outcome} {test} in {seconds} s: {fault.key}", flush=True)
 
 
 def known(
@@ -273,24 +212,10 @@ def known(
     return found
 
 
-def baseline(state: Path, marks: dict[str, str], jobs: int) -> dict[str, float]:
-    """Seconds of each test without a fault; stops where one fails, and fills the cache."""
-    kept = state / "baseline.json"
-    if kept.exists() and (held := json.loads(kept.read_text()))["marks"] == marks:
-        return held["seconds"]
-    print("all tests without a fault", flush=True)
-    report = state / "baseline.xml"
-    status, printed = Pytest(state, 1800.0)(
-        tree(state / "tree0"), f"-n{jobs}", f"--junitxml={report}", "-o", "junit_family=xunit1"
-    )
-    if status != 0:
-        sys.exit(f"The tests fail without a fault:\n{printed[-3000:]}")
-    seconds = {
-        f"{x.get('file')}::{x.get('name')}": float(x.get("time", 0))
-        for x in ElementTree.parse(report).iter("testcase")
-    }
-    kept.write_text(json.dumps({"marks": marks, "seconds": seconds}))
-    return seconds
+def seconds_of_files() -> dict[str, float]:
+    """CPU seconds of the test files, as `.ci/times.py` has written them."""
+    rows = re.findall(r"^\| (tests/\S+\.py) \| ([\d.]+) \|", TIMES.read_text(), re.MULTILINE)
+    return {path: float(seconds) for path, seconds in rows}
 
 
 def _cell(text: str, most: int = 90) -> str:
@@ -298,9 +223,7 @@ def _cell(text: str, most: int = 90) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
-def table(
-    drawn: list[Fault], done: dict[str, dict[str, Any]], minutes: float, commit: str = "unknown"
-) -> str:
+def table(drawn: list[Fault], done: dict[str, dict[str, Any]], commit: str = "unknown") -> str:
     """The results as Markdown: counts, all faults, and why the survivors survive."""
     rows = sorted(
         ((x, done.get(x.key, {"outcome": "not run", "test": "", "seconds": 0})) for x in drawn),
@@ -308,6 +231,7 @@ def table(
     )
     counts = Counter((fault.kind, x["outcome"]) for fault, x in rows)
     total = Counter(x["outcome"] for _, x in rows)
+    minutes = sum(x["seconds"] for _, x in rows) / 60
     lines = [
         "# Do the tests fail when the package is wrong?",
         "",
@@ -342,57 +266,39 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--count", type=int, default=60, help="faults in all (60)")
     parser.add_argument("--seed", type=int, default=0, help="of the draw (0)")
-    parser.add_argument("--jobs", type=int, default=2, help="faults at a time (2)")
-    parser.add_argument("--first", type=int, help="run no more than the first of those drawn")
-    parser.add_argument("--no-baseline", action="store_true", help="run no tests without a fault")
     parser.add_argument("--list", action="store_true", help="print the faults, run none")
     parser.add_argument("--table", action="store_true", help=f"write {TABLE.name}, run none")
     asked = parser.parse_args()
-    # Stop the running pytest processes as well.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit("stopped"))
-    begun = time.monotonic()
     sources = read(ROOT, PACKAGE)
     tests = {x: text for x, text in read(ROOT, "tests").items() if "mutate" not in x}
     marks = {"package": digest(sources), "tests": digest(tests)}
-    drawn = sample(sources, asked.count, asked.seed)
-    results, clock = STATE / "results.jsonl", STATE / "minutes.json"
+    drawn, results = sample(sources, asked.count, asked.seed), STATE / "results.jsonl"
     if asked.list:
         print("\n".join(x.key for x in drawn))
         return
-    STATE.mkdir(parents=True, exist_ok=True)
-    minutes = json.loads(clock.read_text()) if clock.exists() else {}
-    spent = minutes.get(marks["package"], 0.0)
     if asked.table:
         head = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
         commit = subprocess.run(head, check=True, capture_output=True, text=True).stdout.strip()
         done = known(results, marks, drawn)
-        TABLE.write_text(table(drawn, done, spent, commit), encoding="utf-8")
+        TABLE.write_text(table(drawn, done, commit), encoding="utf-8")
         return
+    STATE.mkdir(parents=True, exist_ok=True)
+    seconds, direct, copy = seconds_of_files(), importers(sources), tree(STATE / "tree")
     try:
-        each = {} if asked.no_baseline else baseline(STATE, marks, asked.jobs)
-        seconds: dict[str, float] = defaultdict(float)
-        for name, its in each.items():
-            seconds[name.split("::")[0]] += its
-        # A fault that makes one test this slow counts as a hang.
-        pytest = Pytest(STATE, 300.0 + 2.0 * max(each.values(), default=0.0))
-        direct = importers(sources)
-        trees = [tree(STATE / f"tree{i}") for i in range(asked.jobs)]
-
-        def one(fault: Fault, number: int) -> tuple[str, str] | None:
-            return trial(
-                fault, trees[number], stages(fault, sources, direct, tests, seconds), pytest
-            )
-
-        run(drawn[: asked.first], results, marks, asked.jobs, one, pytest.stop)
-        if len(known(results, marks, drawn)) == len(drawn):
-            shutil.rmtree(STATE / "cache", ignore_errors=True)
+        if not known(results, marks, drawn):
+            print("all tests without a fault", flush=True)
+            status, printed = pytest_in(copy)
+            if status != 0:
+                sys.exit(f"The tests fail without a fault:\n{printed[-3000:]}")
+        run(
+            drawn, results, marks,
+            lambda fault: trial(fault, copy, stages(fault, sources, direct, tests, seconds)),
+        )  # fmt: skip
+        shutil.rmtree(STATE / "cache", ignore_errors=True)
     except KeyboardInterrupt:
         sys.exit("stopped: the same command goes on from here")
     finally:
-        for x in STATE.glob("tree*"):
-            shutil.rmtree(x) if x.is_dir() else x.unlink()
-        minutes[marks["package"]] = spent + (time.monotonic() - begun) / 60
-        clock.write_text(json.dumps(minutes))
+        shutil.rmtree(copy)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 All other tests rely on `tests/oracle/reference.json`. These tests verify that file.
 """
 
+import dataclasses
 import itertools
 import json
 import math
@@ -35,8 +36,7 @@ def assert_close(left: oracle.Impact, right: oracle.Impact, tolerance: mpf) -> N
 
 @pytest.mark.parametrize(
     ("alpha", "n"),
-    [(alpha, "1.5") for alpha in ("-0.2", "0", "1e-8", "0.3", "5", "40")]
-    + [(alpha, n) for alpha in ("-0.2", "0", "40") for n in ("1", "3")],
+    [(alpha, "1.5") for alpha in ("-0.2", "0", "1e-8", "5")] + [("40", "1"), ("-0.2", "3")],
 )
 def test_energy_integral_and_equation_of_motion_agree(alpha, n):
     by_motion = oracle.hunt_crossley_by_motion(alpha, n)
@@ -83,8 +83,7 @@ def test_small_damping_follows_its_expansion():
 # --- the oscillators ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("n", ["1", "1.5"])
-@pytest.mark.parametrize("zeta", ["0.1", "0.5", "0.975"])
+@pytest.mark.parametrize(("zeta", "n"), [("0.1", "1.5"), ("0.5", "1"), ("0.975", "1")])
 def test_restitution_with_tension_is_the_linear_oscillators(zeta, n):
     impact = oracle.oscillator(zeta, n, "tension")
     with mp.workdps(oracle.DIGITS + 10):
@@ -96,7 +95,7 @@ def test_restitution_with_tension_is_the_linear_oscillators(zeta, n):
 
 
 @pytest.mark.parametrize("n", ["1", "1.5"])
-@pytest.mark.parametrize("zeta", ["0.05", "0.7", "1", "1.001", "5", "50"])
+@pytest.mark.parametrize("zeta", ["0.05", "0.7", "1", "1.001", "50"])
 def test_restitution_without_tension_is_schwager_and_poeschels(zeta, n):
     impact = oracle.oscillator(zeta, n, "clamped")
     with mp.workdps(oracle.DIGITS + 20):
@@ -110,7 +109,7 @@ def test_restitution_without_tension_is_schwager_and_poeschels(zeta, n):
 
 
 def test_damping_on_approach_only_gives_back_what_the_spring_took():
-    for zeta in ("0.2", "1", "1000"):
+    for zeta in ("0.2", "1000"):
         impact = oracle.oscillator(zeta, "1.5", "approach")
         elastic = oracle.hunt_crossley("0", "1.5")
         with mp.workdps(oracle.DIGITS + 10):
@@ -238,7 +237,7 @@ def test_series_do_not_depend_on_order_or_precision(function, args):
 
 def test_slopes_of_the_restitution_follow_its_equation():
     # Differentiate alpha (1 + e) = ln((1 + alpha)/(1 - alpha e)) by hand.
-    for alpha in ("0.3", "5", "20"):
+    for alpha in ("0.3", "20"):
         e = oracle.hunt_crossley(alpha, "1.5").e
         slope = oracle.derivative(oracle.hunt_crossley, (alpha, "1.5"), 0)["e"]
         with mp.workdps(40):
@@ -275,31 +274,27 @@ def test_the_file_holds_the_whole_grid_and_nothing_else():
     assert {k: [r["args"] for r in rows] for k, rows in STORED["cases"].items()} == wanted
 
 
-def live() -> list:
-    """A handful of the grid: every function, and both ends of the parameter where it costs
-    little.
-    """
-    chosen = {
-        ("hunt_crossley", "0", "1.5"),
-        ("hunt_crossley", "1.6e6", "3"),
-        ("oscillator", ".95", "1.5", "tension"),
-        ("oscillator", ".999", "1", "clamped"),
-        ("oscillator", "0", "1.5", "approach"),
-        ("kuwabara_kono", "0", "1.5", False),
-        ("kuwabara_kono", "3", "1.5", True),
-        ("with_gravity", "2", "1.5", ".5"),
-    }
-    found = [job for job in jobs() if (job.function, *job.args.values()) in chosen]
-    assert len(found) == len(chosen)
-    return found
+LIVE = {
+    ("hunt_crossley", "0", "1.5"): 2,
+    ("hunt_crossley", "1.6e6", "3"): 0,
+    ("oscillator", ".95", "1.5", "tension"): 0,
+    ("oscillator", ".999", "1", "clamped"): 1,
+    ("oscillator", "0", "1.5", "approach"): 1,
+    ("kuwabara_kono", "0", "1.5", False): 1,
+    ("kuwabara_kono", "3", "1.5", True): 0,
+    ("with_gravity", "2", "1.5", ".5"): 1,
+}
+"""Some of the grid: every function, and both ends of the parameter; with derivatives up to an order
+where they cost little.
+"""
 
 
-@pytest.mark.parametrize(
-    "job", live(), ids=lambda j: f"{j.function}-{'-'.join(map(str, j.args.values()))}"
-)
-def test_stored_answers_are_what_the_oracle_says_today(job):
+@pytest.mark.parametrize("case", LIVE, ids=lambda case: "-".join(map(str, case)))
+def test_stored_answers_are_what_the_oracle_says_today(case):
+    (job,) = (job for job in jobs() if (job.function, *job.args.values()) == case)
     stored = next(r for r in STORED["cases"][job.function] if r["args"] == job.args)
-    fresh = row(job)
+    by = {"d": job.slopes[-1:] * (LIVE[case] > 0), "d2": job.curvatures * (LIVE[case] > 1)}
+    fresh = row(dataclasses.replace(job, slopes=by["d"], curvatures=by["d2"]))
 
     def agree(a: list, b: list, tolerance: mpf) -> None:
         for x, y in zip(a, b, strict=True):
@@ -309,10 +304,9 @@ def test_stored_answers_are_what_the_oracle_says_today(job):
 
     with mp.workdps(40):
         agree(stored["value"], fresh["value"], STORED_VALUE)
-        for key in ("d", "d2"):
-            assert stored.get(key, {}).keys() == fresh.get(key, {}).keys()
-            for name, slopes in stored.get(key, {}).items():
-                agree(slopes, fresh[key][name], STORED_SLOPE)
+        for key, names in by.items():
+            for name in names:
+                agree(stored[key][name], fresh[key][name], STORED_SLOPE)
     assert stored.get("settled", False) == fresh.get("settled", False)
 
 

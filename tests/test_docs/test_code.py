@@ -1,4 +1,4 @@
-"""The code of the pages runs and prints the output shown; their commands are valid."""
+"""The code of the pages and of the README runs and prints the output shown; commands are valid."""
 
 import re
 import shlex
@@ -12,6 +12,7 @@ from jaxcontact.lab.cli import _parser, main
 
 # Pages whose code is run elsewhere: one has its own test, one is run by the script of its plots.
 ELSEWHERE = {"sweeps.md": "tests/test_sweep/test_store.py", "plots.md": "docs/plots.py"}
+README = DOCS.parent / "README.md"
 PAGES = [page for page in pages() if page.name not in ELSEWHERE]
 
 
@@ -49,7 +50,7 @@ def test_the_command_prints_what_the_page_shows(tmp_path, monkeypatch, capsys):
 
 def commands():
     """The lines that begin with `jaxcontact`, continued ones joined, with the page of each."""
-    for page in [*sorted(DOCS.rglob("*.md")), DOCS.parent / "README.md"]:
+    for page in [*sorted(DOCS.rglob("*.md")), README]:
         for block in re.findall(r"```bash\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
             for line in block.replace("\\\n", "").splitlines():
                 if line.strip().startswith("jaxcontact "):
@@ -63,3 +64,25 @@ def test_the_commands_are_understood():
         arguments = shlex.split(command, comments=True)[1:]
         if arguments[0] != "--completion":
             assert _parser().parse_args(arguments).command, f"{page}: {command}"
+
+
+def test_the_code_prints_what_the_readme_says():
+    # The type promotion of readers, not the strict one of the tests.
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        ((block, printed),) = run(README)
+    assert block.shown is not None
+    assert digits(printed) == digits(block.shown)
+
+
+@pytest.mark.parametrize("name", ["main", "test"])
+def test_the_commands_are_one_line_each(name):
+    text = README.read_text(encoding="utf-8")
+    found = re.findall(rf"<!-- command: {name} -->\n```bash\n(.*?)```", text, re.DOTALL)
+    assert len(found) == 1
+    assert found[0].count("\n") == 1
+
+
+def test_what_the_readme_links_to_is_there():
+    for target in re.findall(r"\]\(([^)#]+)\)", README.read_text(encoding="utf-8")):
+        if not target.startswith("http"):
+            assert (README.parent / target).exists(), target

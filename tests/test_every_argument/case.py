@@ -90,13 +90,14 @@ class Case:
 def case(label, groups, function=None, /, staged=False, untested="", **good):
     """A case of a public name, to which a comma may add what tells it from others.
 
-    `groups` has the names of arguments by the kinds that are legal. A required argument that is not
-    given is the usual one.
+    `groups` has legal kinds with the names of arguments, "POSITIVE or None: mass; FLAG: throw". A
+    required argument that is not given is the usual one.
     """
     function = function or operator.attrgetter(label.split(",")[0])(jc)
-    names = [name for some in groups.values() for name in some.split()]
+    pairs = [group.split(": ") for group in groups.split("; ") if group]
+    names = [name for _, some in pairs for name in some.split()]
     assert len(set(names)) == len(names), label
-    legal = {name: kinds_of(words) for words, some in groups.items() for name in some.split()}
+    legal = {name: kinds_of(words) for words, some in pairs for name in some.split()}
     for name, one in inspect.signature(function).parameters.items():
         needed = one.default is one.empty and one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)
         if needed and name in USUAL:

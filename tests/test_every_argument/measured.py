@@ -10,7 +10,7 @@ from tests.test_every_argument.fits import a_fit
 from tests.test_every_argument.kinds import CONTACT, LAW
 
 MEASURED = jc.read_recording(velocity=V, restitution=OUT)
-BOTH = {"law": "law", "contact": "contact"}
+BOTH = "law: law; contact: contact"
 IMPACTS = {"law": LAW, "velocity": V}
 RECORDED = {"law": LAW, "time": V}
 HOW = {"velocity": V, "e": OUT}
@@ -40,57 +40,40 @@ def cases():
     return [
         case(
             "fit_damping",
-            {
-                "contact": "contact",
-                "NOTHING": "velocity e method",
-                "FLAG": "power",
-                "POSITIVE or None": "sigma",
-            },
+            "contact: contact; NOTHING: velocity e method; FLAG: power; POSITIVE or None: sigma",
             **HOW,
         ),
         case(
             "fit_energy_loss",
-            {
-                COLUMN: "e_in",
-                "None": "e_out",
-                "SEED or None": "degree",
-                "contact or None": "contact",
-                "NOTHING": "method",
-            },
+            f"{COLUMN}: e_in; None: e_out; SEED or None: degree; contact or None: contact; "
+            "NOTHING: method",
         ),
         case(
             "learn_law",
-            {COLUMN: "e_in", "None": "e_out", "NOTHING": "shape method"}
-            | {"contact or None": "contact"},
+            f"{COLUMN}: e_in; None: e_out; NOTHING: shape method; contact or None: contact",
         ),
         case(
             "fit_impacts",
-            BOTH | {"NOTHING": "velocity method", "None": "e duration", "empty list": "fixed"},
+            f"{BOTH}; NOTHING: velocity method; None: e duration; empty list: fixed",
             **IMPACTS | {"e": OUT, "duration": OUT},
         ),
-        case("fit_impacts, one column", {"POSITIVE or None": "sigma_e"}, **IMPACTS, e=OUT),
+        case("fit_impacts, one column", "POSITIVE or None: sigma_e", **IMPACTS, e=OUT),
         case(
             "fit_impacts, the other column",
-            {"POSITIVE or None": "sigma_duration"},
+            "POSITIVE or None: sigma_duration",
             **IMPACTS,
             duration=OUT,
         ),
         case(
             "fit_impacts, peak forces",
-            {"POSITIVE or None": "sigma_max_force", "NOTHING": "max_force"},
+            "POSITIVE or None: sigma_max_force; NOTHING: max_force",
             **IMPACTS,
             max_force=OUT,
         ),
         case(
             "design",
-            BOTH
-            | {
-                "NOTHING": "sigma method",
-                SPEEDS: "candidates",
-                "WHOLE": "readings",
-                "law": "law goal",
-                "empty list": "fixed",
-            },
+            f"contact: contact; NOTHING: sigma method; {SPEEDS}: candidates; WHOLE: readings; "
+            "law: law goal; empty list: fixed",
             **{
                 "law": LAW,
                 "sigma": {"e": 0.1, "duration": 0.1, "max_force": 0.1},
@@ -100,116 +83,86 @@ def cases():
         method(
             jc.Design(V, ("e",) * len(V), noncentrality=1.0),
             "readings_for",
-            {"POSITIVE": "noncentrality"},
+            "POSITIVE: noncentrality",
         ),
         case(
             "fit_bounces",
-            BOTH
-            | {
-                "NOTHING": "first second kind method",
-                "POSITIVE": "gravity",
-                "None": "drag",
-                "empty list": "fixed",
-            },
+            f"{BOTH}; NOTHING: first second kind method; POSITIVE: gravity; None: drag; "
+            "empty list: fixed",
             **{"law": LAW, "first": V, "second": OUT},
         ),
         case(
             "fit_record",
-            BOTH
-            | {
-                "NOTHING": "time force",
-                "POSITIVE": "velocity",
-                "None": "indentation low_pass_force",
-                "POSITIVE or None": "sigma_force",
-                "REAL or None": "start_time",
-                "empty list": "fixed",
-            },
+            f"{BOTH}; NOTHING: time force; POSITIVE: velocity; None: indentation low_pass_force; "
+            "POSITIVE or None: sigma_force; REAL or None: start_time; empty list: fixed",
             **RECORDED,
             force=OUT,
         ),
         case(
             "fit_record, indentation",
-            {"POSITIVE or None": "sigma_indentation", "None": "low_pass_indentation"},
+            "POSITIVE or None: sigma_indentation; None: low_pass_indentation",
             **RECORDED,
             indentation=OUT,
         ),
-        case("LowPass", {"POSITIVES": "cutoff", "WHOLE": "order"}, cutoff=100.0),
+        case("LowPass", "POSITIVES: cutoff; WHOLE: order", cutoff=100.0),
         case(
             "fit_velocity_profile",
-            {
-                "NOTHING": "indentation velocity",
-                "None": "weights",
-                "FLAG": "squared",
-                "POSITIVE": "start",
-            },
+            "NOTHING: indentation velocity; None: weights; FLAG: squared; POSITIVE: start",
             indentation=V - V[0],
             velocity=V[::-1] - V[0],
         ),
         case(
             "choose_law",
-            {
-                "contact": "contact",
-                "NOTHING": "velocity e laws",
-                "POSITIVE or None": "sigma weights",
-                "None": "groups duration max_force sigma_duration sigma_max_force",
-                "FLAG": "mark_outliers",
-            },
+            "contact: contact; NOTHING: velocity e laws; POSITIVE or None: sigma weights; "
+            "None: groups duration max_force sigma_duration sigma_max_force; FLAG: mark_outliers",
             **HOW,
         ),
-        case("choose_law, stages", {STAGES: "progress"}, untested=CLASSES, **HOW),
+        case("choose_law, stages", f"{STAGES}: progress", untested=CLASSES, **HOW),
         case(
             "choose_law, contact times",
-            {"None": "duration max_force"},
+            "None: duration max_force",
             **HOW,
             duration=OUT,
             max_force=OUT,
         ),
         case(
             "choose_law, contact times with known noise",
-            {"POSITIVE": "sigma sigma_duration"},
+            "POSITIVE: sigma sigma_duration",
             **HOW | {"duration": OUT, "sigma": 0.1, "sigma_duration": 0.1},
         ),
-        *(method(choice, name, {"None": "kind"}) for name in ("law", "contact_of")),
-        method(choice, "law_fit", {"NOTHING": "kind"}),
-        method(choice, "curve", {"NOTHING": "kind", SPEEDS: "speeds"}, kind="constant e", speeds=V),
+        *(method(choice, name, "None: kind") for name in ("law", "contact_of")),
+        method(choice, "law_fit", "NOTHING: kind"),
+        method(choice, "curve", f"NOTHING: kind; {SPEEDS}: speeds", kind="constant e", speeds=V),
         case(
             "calibrate",
-            {
-                "NOTHING": "recording laws",
-                "None": "drag exponent",
-                "POSITIVE or None": "mass stiffness",
-                "POSITIVE": "gravity",
-                f"{SPEEDS} or POSITIVE or shape (0,) or empty list": "at",
-                STAGES: "progress",
-            },
+            "NOTHING: recording laws; None: drag exponent; POSITIVE or None: mass stiffness; "
+            f"POSITIVE: gravity; {SPEEDS} or POSITIVE or shape (0,) or empty list: at; "
+            f"{STAGES}: progress",
             untested=CLASSES,
             recording=MEASURED,
         ),
-        method(blank(jc.Calibration), "save", {"NAME": "path"}),
-        case("load_calibration", {"NAME": "path"}),
-        case("Drag", {"POSITIVE": "mass radius coefficient air_density"}, coefficient=0.5),
-        method(jc.Drag(1.0, 1.0, 1.0), "terminal_speed", {"POSITIVE": "gravity"}),
-        case("Rational", {"WHOLE": "degree"}),
-        case("Spline", {"WHOLE": "intervals", "INSIDE or zero": "low"}),
-        case("Network", {"WHOLE": "width", "SEED": "seed"}),
-        *(method(shape, "law", {"E": "e"}, staged=True) for shape in (jc.Rational(), jc.Spline())),
-        case("read_recording", {"None": "source layout ball columns decimal rate sheet"}),
-        case("read_recording, record", {"NOTHING": "force rate"}, force=RECORD, rate=1000.0),
+        method(blank(jc.Calibration), "save", "NAME: path"),
+        case("load_calibration", "NAME: path"),
+        case("Drag", "POSITIVE: mass radius coefficient air_density", coefficient=0.5),
+        method(jc.Drag(1.0, 1.0, 1.0), "terminal_speed", "POSITIVE: gravity"),
+        case("Rational", "WHOLE: degree"),
+        case("Spline", "WHOLE: intervals; INSIDE or zero: low"),
+        case("Network", "WHOLE: width; SEED: seed"),
+        *(method(shape, "law", "E: e", staged=True) for shape in (jc.Rational(), jc.Spline())),
+        case("read_recording", "None: source layout ball columns decimal rate sheet"),
+        case("read_recording, record", "NOTHING: force rate", force=RECORD, rate=1000.0),
         case(
             "read_recording, track",
-            {"NOTHING": "frame y", "WHOLE": "rate"},
+            "NOTHING: frame y; WHOLE: rate",
             **{"frame": list(range(40)), "y": TRACK, "rate": 60.0},
         ),
         case(
-            "read_recording, columns",
-            {"NOTHING": "velocity restitution"},
-            velocity=V,
-            restitution=OUT,
+            "read_recording, columns", "NOTHING: velocity restitution", velocity=V, restitution=OUT
         ),
         # Text may be a number, as it is in a file. No ball has growing intervals.
         case(
             "read_recording, column of intervals",
-            {"list of text or ONE": "interval_s", "None or empty text": "ball"},
+            "list of text or ONE: interval_s; None or empty text: ball",
             interval_s=V[::-1],
         ),
     ]

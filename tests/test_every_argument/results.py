@@ -36,7 +36,7 @@ _NO_NUMBERS = (
 
 # That an impact among several speeds is bad is known when it is solved.
 SPEEDS = "POSITIVE or THREE or ONE or with nan"
-IMPACT = {"law": "law", "contact": "contact", "NOTHING": "engine"}
+IMPACT = "law: law; contact: contact; NOTHING: engine"
 GIVEN = {"contact": CONTACT, "velocity": 1.0}
 
 
@@ -68,80 +68,61 @@ def cases():
         # To other simulators
         case(
             "mjx.time_step",
-            {
-                "law": "law",
-                "contact": "contact",
-                f"{SPEEDS} but with nan or range": "velocity",
-                "INSIDE": "error",
-                "WHOLE": "substeps",
-            },
+            f"law: law; contact: contact; {SPEEDS} but with nan or range: velocity; "
+            "INSIDE: error; WHOLE: substeps",
         ),
-        case("export", IMPACT | {SPEEDS: "velocity"}, engine="drake", **GIVEN),
+        case("export", f"{IMPACT}; {SPEEDS}: velocity", engine="drake", **GIVEN),
         *(
             case(f"export, {engine}", groups, **{"law": LAW, "engine": engine} | GIVEN | good)
             for engine, groups, good in (
-                ("lammps", {"POSITIVE": "radius", "None": "damping"}, {"radius": 1.0}),
-                ("simbody", {"POSITIVE": "radius"}, {}),
-                ("yade", {"INSIDE or None or zero": "poisson_ratio"}, {"radius": 1.0}),
-                ("drake", {"None": "discrete_contact_approximation"}, {}),
-                ("exudyn", {"None or zero": "impact_model"}, {}),
-                ("adams", {"POSITIVE or None": "d", "None": "length"}, {}),
+                ("lammps", "POSITIVE: radius; None: damping", {"radius": 1.0}),
+                ("simbody", "POSITIVE: radius", {}),
+                ("yade", "INSIDE or None or zero: poisson_ratio", {"radius": 1.0}),
+                ("drake", "None: discrete_contact_approximation", {}),
+                ("exudyn", "None or zero: impact_model", {}),
+                ("adams", "POSITIVE or None: d; None: length", {}),
             )
         ),
-        method(exported, "holds", {"POSITIVE": "within"}),
-        method(of_steps, "at_time_step", {"POSITIVE": "time_step within"}, time_step=1e-3),
+        method(exported, "holds", "POSITIVE: within"),
+        method(of_steps, "at_time_step", "POSITIVE: time_step within", time_step=1e-3),
         # Pictures
         case(
             "plot.trajectory",
-            {"NOTHING": "path x y", "None": "ax", "TEXT or None": "label"},
+            "NOTHING: path x y; None: ax; TEXT or None: label",
             path=_path(),
             ax=_axes(),
         ),
         case(
             "plot.law",
-            {
-                "law": "law",
-                "contact or None": "contact",
-                "POSITIVE or None": "velocity",
-                "None": "ax",
-                "TEXT or None": "label",
-            },
+            "law: law; contact or None: contact; POSITIVE or None: velocity; None: ax; "
+            "TEXT or None: label",
             contact=CONTACT,
             velocity=1.0,
         ),
         case(
             "plot.impact",
-            {"NOTHING": "path", "None": "hit ax", "TEXT or None": "label"},
+            "NOTHING: path; None: hit ax; TEXT or None: label",
             path=_path(),
             ax=_axes(1, 3),
         ),
-        case("plot.save", {"NOTHING": "ax file dpi"}, ax=_axes(), file=_PICTURE),
+        case("plot.save", "NOTHING: ax file dpi", ax=_axes(), file=_PICTURE),
         case(
             "report",
-            {
-                "NOTHING": "calibration file",
-                "POSITIVE or None": "radius",
-                "PROGRESS or None": "progress",
-            },
+            "NOTHING: calibration file; POSITIVE or None: radius; PROGRESS or None: progress",
             calibration=blank(jc.Calibration),
             file="page.html",
         ),
         case(
             "plot.fit",
-            {
-                "NOTHING": "result",
-                "THREE or ONE or None or with nan": "x",
-                "INSIDE": "level",
-                "None": "ax",
-            },
+            "NOTHING: result; THREE or ONE or None or with nan: x; INSIDE: level; None: ax",
             result=fitted,
             ax=_axes(),
         ),
-        case("plot.residuals", {"NOTHING": "result", "None": "ax"}, result=fitted),
+        case("plot.residuals", "NOTHING: result; None: ax", result=fitted),
         *(
             case(
                 f"plot.{name}",
-                {"NOTHING": "result", "None": "names ax", "INSIDE": "level"},
+                "NOTHING: result; None: names ax; INSIDE: level",
                 result=fitted,
                 **good,
             )
@@ -149,36 +130,31 @@ def cases():
         ),
         case(
             "sweep",
-            {
-                "function": "fn",
-                "None": "samples mesh reduce cost",
-                "WHOLE or None": "batch_size",
-                "NAME or None": "store",
-                "PROGRESS or None": "progress",
-            },
+            "function: fn; None: samples mesh reduce cost; WHOLE or None: batch_size; "
+            "NAME or None: store; PROGRESS or None: progress",
             untested="CALLABLE",
             **{"fn": _doubled, "e": np.linspace(0, 1, 3), "progress": False},
         ),
         case(
             "sweep, axis",
-            {_SWEPT: "e"},
+            f"{_SWEPT}: e",
             untested=" or ".join(KINDS.keys() - kinds_of(_SWEPT) - kinds_of(_NO_NUMBERS)),
             **{"fn": _doubled, "e": 0.5, "progress": False},
         ),
-        method(_table(), "select", {"INSIDE or zero": "e", "None": "method"}, e=0.5),
-        method(_table(), "to_csv", {"NAME": "path"}),
-        case("plot.sweep", {"NOTHING": "table", "None": "field x ax"}, table=_table(), ax=_axes()),
+        method(_table(), "select", "INSIDE or zero: e; None: method", e=0.5),
+        method(_table(), "to_csv", "NAME: path"),
+        case("plot.sweep", "NOTHING: table; None: field x ax", table=_table(), ax=_axes()),
         *(
-            case(f"plot.{name}", {"NOTHING": "result", "None": "ax"}, result=blank(kind))
+            case(f"plot.{name}", "NOTHING: result; None: ax", result=blank(kind))
             for name, kind in (("calibration", jc.Calibration), ("choice", jc.LawChoice))
         ),
         *(
-            case(f"plot.{name}", {"NOTHING": "recording", "None": "ax"}, recording=recording)
+            case(f"plot.{name}", "NOTHING: recording; None: ax", recording=recording)
             for name, recording in (
                 ("sound", _heard()),
                 ("track", jc.read_recording(time=np.arange(40) / 60, y=TRACK)),
                 ("record", jc.read_recording(force=RECORD, rate=1e3)),
             )
         ),
-        case("paper.markdown", {"empty list": "table"}),
+        case("paper.markdown", "empty list: table"),
     ]

@@ -9,7 +9,7 @@ import jaxcontact as jc
 from tests.test_every_argument.case import UNSOLVED, Blank, case
 
 FRICTION = jc.RegularizedCoulomb(mu=0.1, v_d=0.01)
-CONTACT = {"law": "law", "POSITIVES": "stiffness", "EXPONENT": "exponent", "NOTHING": "friction"}
+CONTACT = "law: law; POSITIVES: stiffness; EXPONENT: exponent; NOTHING: friction"
 # Three numbers are checked when the mechanism starts.
 MAYBE_THREE = "THREE or with nan"
 
@@ -59,14 +59,15 @@ def _drawn(draw, **given):
     return draw(**({"run": a_run()} | given))
 
 
-def drawn(name, **more):
+def drawn(name, more=""):
     draw = functools.partial(_drawn, getattr(jc.plot, name))
-    groups = {"NOTHING": "run", "None": "ax"} | more
-    return case(f"plot.{name}", groups, draw, ax=plt.figure().add_subplot())
+    return case(
+        f"plot.{name}", f"NOTHING: run; None: ax; {more}", draw, ax=plt.figure().add_subplot()
+    )
 
 
 def mechanism(name, positive, groups):
-    groups = {"law or None": "law", "POSITIVES": "stiffness", "POSITIVE": positive} | groups
+    groups = f"law or None: law; POSITIVES: stiffness; POSITIVE: {positive}; {groups}"
     return case(f"systems.{name}", groups, law=UNSOLVED)
 
 
@@ -76,66 +77,50 @@ def cases():
     return [
         case(
             "System",
-            CONTACT | {"CALLABLE": "mass force gap slip", "CALLABLE or None": "rate"},
+            f"{CONTACT}; CALLABLE: mass force gap slip; CALLABLE or None: rate",
             mass=mass,
             force=force,
             **ROUGH,
         ),
         case(
             "System.from_lagrangian",
-            CONTACT | {"CALLABLE": "lagrangian gap slip", "CALLABLE or None": "forces"},
+            f"{CONTACT}; CALLABLE: lagrangian gap slip; CALLABLE or None: forces",
             lagrangian=lagrangian,
             **ROUGH,
         ),
         case(
             "simulate, a mechanism",
-            {
-                "NOTHING": "model",
-                "POSITIVE": "duration v0",
-                MAYBE_THREE: "position velocity",
-                "ONE or None or tuple or range": "times",
-                "INSIDE": "rtol",
-                "ONE or THREE or empty list or shape (0,)": "breakpoints",
-                "WHOLE or None": "max_impacts",
-                "FLAG": "throw",
-            },
+            f"NOTHING: model; POSITIVE: duration v0; {MAYBE_THREE}: position velocity; "
+            "ONE or None or tuple or range: times; INSIDE: rtol; "
+            "ONE or THREE or empty list or shape (0,): breakpoints; WHOLE or None: max_impacts; "
+            "FLAG: throw",
             **{"model": system, "duration": 10.0, "position": [0.0] * 3, "velocity": [0.0] * 3},
         ),
         case(
             "SystemRun.at",
-            {"REALS but shape (2, 3) or DataFrame": "time"},
+            "REALS but shape (2, 3) or DataFrame: time",
             functools.partial(jc.SystemRun.at, Blank()),
             staged=True,
         ),
-        case("SystemRun.to_csv", {"NAME": "path"}, lambda path: a_run().to_csv(path)),
+        case("SystemRun.to_csv", "NAME: path", lambda path: a_run().to_csv(path)),
         *(drawn(name) for name in ("gaps", "forces")),
-        drawn("phase", zero="coordinate"),
-        case("SystemContacts.to_csv", {"NAME": "path"}, lambda path: a_run().contacts.to_csv(path)),
-        mechanism(
-            "double_pendulum", "", {"NOTHING": "masses lengths angles", "REAL": "gravity wall"}
-        ),
+        drawn("phase", "zero: coordinate"),
+        case("SystemContacts.to_csv", "NAME: path", lambda path: a_run().contacts.to_csv(path)),
+        mechanism("double_pendulum", "", "NOTHING: masses lengths angles; REAL: gravity wall"),
         mechanism(
             "slider_crank",
             "clearance inertia bearing",
-            {"NOTHING": "lengths masses", "None": "friction", "REAL": "speed"},
+            "NOTHING: lengths masses; None: friction; REAL: speed",
         ),
         mechanism(
             "slider_in_guide",
             "clearance",
-            {"NOTHING": "lengths half_sizes", "None": "friction", "REAL": "gravity"}
-            | {MAYBE_THREE: "masses inertias speeds"},
+            "NOTHING: lengths half_sizes; None: friction; REAL: gravity; "
+            f"{MAYBE_THREE}: masses inertias speeds",
         ),
         mechanism(
-            "bouncing_rod",
-            "mass length radius",
-            {"None": "friction", "REAL": "gravity height angle"},
+            "bouncing_rod", "mass length radius", "None: friction; REAL: gravity height angle"
         ),
-        mechanism(
-            "shaken_incline",
-            "mass",
-            {"NOTHING": "shaking", "None": "friction", "REAL": "tilt gravity"},
-        ),
-        mechanism(
-            "impact_damper", "clearance", {"NOTHING": "masses shaking", "REAL": "spring damping"}
-        ),
+        mechanism("shaken_incline", "mass", "NOTHING: shaking; None: friction; REAL: tilt gravity"),
+        mechanism("impact_damper", "clearance", "NOTHING: masses shaking; REAL: spring damping"),
     ]

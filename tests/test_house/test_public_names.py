@@ -1,6 +1,8 @@
-"""Names that were public at the last release still exist and take the same arguments."""
+"""Names that were public at the last release still exist and take the same arguments. All are
+listed, and loaded on first use.
+"""
 
-import shutil
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -44,32 +46,52 @@ def test_what_breaks_is_told(now, told):
     assert faults(before, {"f": ["a", "b", "later", "*", "new", "d"], "g": []}) == []
 
 
-PACKAGE = Path(__file__).parents[2] / "jaxcontact"
+ROOT = Path(jaxcontact.__file__).parent
 
-_ASKED = """
-import importlib, pkgutil
-import jaxcontact as jc
 
-assert importlib.util.find_spec("jaxcontact.lab") is None
-commands = "jaxcontact.lab.cli", "jaxcontact.__main__"
-for module in pkgutil.walk_packages(jc.__path__, "jaxcontact."):
-    if not module.name.startswith(commands):
-        importlib.import_module(module.name)
-for name in jc.__all__:
-    try:
-        getattr(jc, name)
-    except ModuleNotFoundError:
-        print(name)
+def test_names_load_on_first_use():
+    """Each with its room and what that needs, pictures with theirs, and all of them where they are
+    listed. One process, in this order.
+    """
+    code = """
+import sys, jaxcontact as jc, jaxcontact.lab.cli
+assert not {"jax", "numpy", "matplotlib"} & set(sys.modules), "--help would wait"
+assert not hasattr(jc, "nonsense")
+loaded = lambda: {name.split(".")[1] for name in sys.modules if name.startswith("jaxcontact.")}
+jc.HuGuo, jc.Contact, jc.impact, jc.fit
+late = {"_scene", "_system", "_sweep", "_inverse", "engines", "_bounce", "plot", "systems"}
+assert not loaded() & late and "jaxcontact.lab.calibration" not in sys.modules, loaded()
+heavy = "diffrax matplotlib optax optimistix pandas scipy tqdm xarray".split()
+assert not set(heavy) & set(sys.modules), "an impact would wait"
+import jax
+assert not jax.config.jax_enable_x64
+assert jc.plot is sys.modules["jaxcontact.plot"] and callable(jc.plot.trajectory)
+assert jc.plot.fit.__module__.startswith("jaxcontact.plot") and callable(jc.paper.fig6)
+names = {}
+exec("from jaxcontact import *", names)
+assert set(jc.__all__) <= set(names) and set(jc.__all__) <= set(dir(jc))
 """
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT.parent)
 
 
-def test_without_the_laboratory_everything_else_imports(tmp_path):
-    copy = tmp_path / "jaxcontact"
-    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("lab", "__pycache__"))
-    done = subprocess.run(
-        [sys.executable, "-c", _ASKED], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == sorted(
-        name for name, room in jaxcontact._HOME.items() if room.startswith("lab")
-    )
+def imported_names(path: Path, body: list[ast.stmt]) -> dict[str, str]:
+    """Return the names that are imported as themselves, each with its room. A star stands for all
+    that the room itself imports so.
+    """
+    found: dict[str, str] = {}
+    for node in body:
+        for alias in node.names if isinstance(node, ast.ImportFrom) else ():
+            if alias.name == "*":
+                room = path.parent / node.module / "__init__.py"
+                of_room = imported_names(room, ast.parse(room.read_text()).body)
+                found |= dict.fromkeys(of_room, node.module)
+            elif alias.asname == alias.name:
+                found[alias.name] = node.module
+    return found
+
+
+def test_names_are_listed_where_they_live():
+    """The list that checkers read and the one that is used are the same."""
+    path = ROOT / "__init__.py"
+    (block,) = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.If)]
+    assert imported_names(path, block.body) == jaxcontact._HOME

@@ -1,5 +1,7 @@
 """What runs of mechanisms are compared with: SciPy restarted at events, and central differences."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,8 +11,11 @@ DIFFERENCES = 2e-6
 """Central differences of a run at rtol 1e-11 are right to about this, relative to the largest."""
 
 
-def assert_slopes_are_differences(function, vector, step):
-    """Compare the slopes of both modes, for steps relative to the numbers. Return the values."""
+@functools.cache
+def linearised(function):
+    """Return a program for values and slopes of a function of a vector, and for the weights and the
+    weighted slopes of the other mode.
+    """
 
     def every(vector):
         value, forward = jax.linearize(function, vector)
@@ -18,7 +23,12 @@ def assert_slopes_are_differences(function, vector, step):
         slopes = jax.vmap(forward, out_axes=-1)(jnp.eye(vector.size))
         return value, slopes, weights, jax.linear_transpose(forward, vector)(weights)[0]
 
-    solve = jax.jit(every)
+    return jax.jit(every)
+
+
+def assert_slopes_are_differences(function, vector, step):
+    """Compare the slopes of both modes, for steps relative to the numbers. Return the values."""
+    solve = linearised(function)
     value, forward, weights, reverse = map(np.asarray, solve(vector))
     assert np.all(np.isfinite(value))
     np.testing.assert_allclose(reverse, weights @ forward, rtol=1e-9)

@@ -1,6 +1,5 @@
 """Contacts with necks, or that remember their largest indentation: bodies on walls beside SciPy."""
 
-import functools
 from typing import NamedTuple
 
 import jax
@@ -13,9 +12,8 @@ from tests.oracle import luding_chain, neck_chain, plastic_chain
 BY_SCIPY = 1e-10
 BY_SCIPY_PLASTIC = 5e-10
 """Of the speed in m/s at rtol 1e-10 beside steps at 1e-12: measured 3e-12 and 3e-11."""
-SLOPES = 1e-4
-SLOPES_PLASTIC = 1e-5
-"""Beside central differences of SciPy with steps of 1e-4: measured 5e-6 and 1.4e-6."""
+SLOPES = 1e-5
+"""Beside central differences of SciPy with steps of 1e-4: measured 1.4e-6."""
 
 
 class Body(NamedTuple):
@@ -63,16 +61,11 @@ SHAKE = 20.0
 
 
 def test_a_neck_that_is_shaken_apart_twice():
-    def followed(part):
-        return by_scipy(neck_chain.follow, NECK, NECKED, SHAKE * part)
-
-    speed = functools.partial(simulated, NECKED, jc.JKR(pull_off=NECK.pull_off))
-    slope, (speed, lost) = jax.jit(jax.jacfwd(speed, has_aux=True))(SHAKE)
-    found = followed(1.0)
+    speed, (_, lost) = simulated(NECKED, jc.JKR(pull_off=NECK.pull_off), SHAKE)
+    found = by_scipy(neck_chain.follow, NECK, NECKED, SHAKE)
     assert len(found.moments[0]) == 4
     np.testing.assert_allclose(speed, -found.velocity[0], atol=BY_SCIPY)
     np.testing.assert_allclose(lost[:2], NECK.lost, rtol=1e-9)
-    np.testing.assert_allclose(slope, difference(followed, 5e-6) / SHAKE, atol=SLOPES)
 
 
 def test_powder_that_is_shaken():
@@ -106,6 +99,6 @@ def test_a_body_that_is_pressed_again():
     assert found.reloads[0] > 0
     np.testing.assert_allclose(speed, -found.velocity[0], atol=BY_SCIPY_PLASTIC)
     slope = difference(lambda part: followed(part, 1.0), 1e-4 / YIELDS) / YIELDS
-    np.testing.assert_allclose(by_yield, slope, atol=SLOPES_PLASTIC)
+    np.testing.assert_allclose(by_yield, slope, atol=SLOPES)
     slope = difference(lambda part: followed(1.0, part))
-    np.testing.assert_allclose(by_push * PUSH, slope, atol=SLOPES_PLASTIC)
+    np.testing.assert_allclose(by_push * PUSH, slope, atol=SLOPES)

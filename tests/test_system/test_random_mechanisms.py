@@ -13,6 +13,7 @@ from scipy.special import ellipk
 
 import jaxcontact as jc
 from benchmarks import random_mechanisms
+from tests.oracle.stored import stored
 
 SHALLOW = 1e-9
 """The least depth in m that must be seen."""
@@ -70,39 +71,50 @@ def test_gaps_that_wiggle_within_a_step_are_seen():
     np.testing.assert_allclose(times[seen], np.arcsin(1 - 1e-6) / rates[seen], rtol=1e-6)
 
 
-EACH = 8
-"""Mechanisms for each law: two that move, two at rest, two pressed, two that touch."""
-LEFT_OUT = 6
-"""Contacts of each law whose sequence or slope changes within the differences: at most 3 of 25."""
+EACH = {"HuGuo": 8, "KelvinVoigt, no tension": 12, "Luding": 14, "JKR": 14}
+"""Mechanisms for each law, in turn moving, at rest, pressed and touching."""
+LEFT_OUT = 0.24
+"""The share of contacts whose sequence or slope changes within the differences: at most 9 of 45."""
 BOOKS = 1e-10
 """Of the energy, at rtol 1e-10. Measured 7e-12."""
 SLOPES = 1e-5
 """Of derivative and value, at steps of 3e-4 and rtol 1e-10, hence 1e-10/3e-4 times the growth of a
-perturbation. Measured 1.2e-6."""
+perturbation. Measured 5e-6."""
 READ = 3e-4
-"""Of largest force and depth, whose values are read between steps. Measured 5e-5, which falls with
-longer steps of the differences."""
+"""Of largest force and depth, whose values are read between steps. Measured 1.6e-4, which falls
+with longer steps of the differences."""
 SAME = 1e-6
 """Of numbers beside those of another program; largest depths differ by 2e-8."""
+
+
+@stored()
+def neighbours(name, x, along):
+    """The outcomes of a mechanism a step forwards and a step backwards."""
+    numbers = random_mechanisms.Numbers(*x), random_mechanisms.Numbers(*along)
+    steps = random_mechanisms.STEP, -random_mechanisms.STEP
+    return [random_mechanisms.outcomes(name, *numbers, step) for step in steps]
 
 
 @functools.cache
 def found(name):
     random = np.random.default_rng(0)
-    x = random_mechanisms.drawn(random, name, EACH)
-    return x, random_mechanisms.compared(name, x, random_mechanisms.directions(random, x))
+    x = random_mechanisms.drawn(random, name, EACH[name])
+    along, rows = random_mechanisms.directions(random, x), []
+    for k in range(EACH[name]):
+        one = [jax.tree.map(lambda a, k=k: a[k : k + 1], each) for each in (x, along)]
+        rows.append([random_mechanisms.outcomes(name, *one), *neighbours(name, *one)])
+    runs = jax.tree.map(lambda *each: np.concatenate(each), *rows)
+    return x, random_mechanisms.beside_differences(runs)
 
 
-@pytest.mark.parametrize(
-    "name", ["HuGuo", "KelvinVoigt, no tension", "ThorntonPlastic", "Luding", "JKR"]
-)
+@pytest.mark.parametrize("name", EACH)
 def test_derivatives_of_the_contact_table(name):
     _, runs = found(name)
     valid, sound = runs.others["valid"], runs.sound
     assert set(runs.others["status"]) <= {jc.Ending.COMPLETED, jc.Ending.TOO_MANY_IMPACTS}
     assert np.max(runs.books) < BOOKS
     assert np.sum(sound) >= 10
-    assert np.sum(valid & ~sound) <= LEFT_OUT
+    assert np.sum(valid & ~sound) <= LEFT_OUT * np.sum(valid)
     # A contact in progress at the end has neither.
     ends = np.isfinite(runs.table["duration"])
     np.testing.assert_array_equal(np.isfinite(runs.table["restitution"]), ends)
@@ -115,9 +127,9 @@ def test_derivatives_of_the_contact_table(name):
 
 def test_plain_calls_give_the_same():
     """The numbers of calls from Python are those of the program."""
-    x, runs = found("HuGuo")
+    x, runs = found("JKR")
     for k, kind in enumerate(random_mechanisms.KINDS):
-        alone = random_mechanisms.simulated("HuGuo", jax.tree.map(lambda a, k=k: a[k], x))
+        alone = random_mechanisms.simulated("JKR", jax.tree.map(lambda a, k=k: a[k], x))
         table, keep = alone.contacts.to_dict(), runs.others["valid"][k]
         for column in random_mechanisms.COLUMNS:
             expected, words = runs.table[column][k][keep], f"{kind} {column}"

@@ -213,11 +213,11 @@ def test_shaken_incline_turns_where_its_slip_is_zero():
 def test_rods_whose_ends_both_stick_are_named():
     """Both friction forces hold the same motion."""
     system, start = jc.systems.bouncing_rod(friction=jc.RigidCoulomb(0.5), height=0.1, angle=0.0)
-    run = jc.simulate(system, 0.3, **start, throw=False)
+    run = jc.simulate(system, 0.3, **start, v0=0.1, throw=False)
     assert run.status == jc.Ending.REDUNDANT_STICKING
     assert float(run.reached) == pytest.approx(np.sqrt(2 * 0.09 / G), rel=1e-9)
     with pytest.raises(jc.NumericalError, match=r"REDUNDANT_STICKING\. .*Remove a gap"):
-        jc.simulate(system, 0.3, **start)
+        jc.simulate(system, 0.3, **start, v0=0.1)
 
 
 @pytest.mark.parametrize("mu", [1.2, 2.0])
