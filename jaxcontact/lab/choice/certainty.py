@@ -216,18 +216,12 @@ class Curve:
         return np.exp(np.polynomial.chebyshev.chebval(place, self.coefficients))
 
 
-class _Linear(NamedTuple):
-    """A linear least-squares fit: coefficients, its squares, and the covariance."""
-
-    coefficients: np.ndarray
-    squares: Squares
-    covariance: Float[np.ndarray, "k k"]
-
-
-def _fitted(fit: FitData, columns: Float[np.ndarray, "n k"]) -> _Linear:
+def _fitted(
+    fit: FitData, columns: Float[np.ndarray, "n k"]
+) -> tuple[Float[np.ndarray, " k"], Squares, Float[np.ndarray, "k k"]]:
     """Fit columns to ln e, the first n data of a fit, with their weights and groups.
 
-    The covariance is NaN if it is singular.
+    Return the coefficients, their squares, and their covariance, NaN if it is singular.
     """
     points = len(columns)
     factor, whitener = np.asarray(fit.problem.factor)[:points], fit.problem.whitener
@@ -250,15 +244,17 @@ def _fitted(fit: FitData, columns: Float[np.ndarray, "n k"]) -> _Linear:
         number = None if fit.groups is None else fit.groups[:points][used]
         if number is not None and len(np.unique(number)) >= LEAST_GROUPS:
             covariance = sandwich(inverse, weighted * z[:, None], number)
-    return _Linear(coefficients, Squares(float(z @ z) / 2, z, n - k), covariance)
+    return coefficients, Squares(float(z @ z) / 2, z, n - k), covariance
 
 
 def line_of(fit: FitData, velocity: Floats) -> Line:
     """Return the line through the data of a fit of ln e, with their weights and groups."""
-    found = _fitted(fit, np.stack([np.ones_like(velocity), velocity], axis=1))
-    error = math.sqrt(found.covariance[1, 1]) if found.covariance[1, 1] >= 0 else math.nan
-    level, slope = map(float, found.coefficients)
-    return Line(level, slope, error if math.isfinite(error) else None)
+    columns = np.stack([np.ones_like(velocity), velocity], axis=1)
+    (level, slope), _, covariance = _fitted(fit, columns)
+    variance = float(covariance[1, 1])
+    return Line(
+        float(level), float(slope), math.sqrt(variance) if 0 <= variance < math.inf else None
+    )
 
 
 def curve_of(fits: Iterable[FitData], velocity: Floats) -> Curve:
@@ -272,20 +268,21 @@ def curve_of(fits: Iterable[FitData], velocity: Floats) -> Curve:
     degrees = columns.shape[1]
     found = {}
     for k in range(1, degrees + 1):
-        one = _fitted(fit, columns[:, :k])
-        found.setdefault(criteria_of(one.squares.loss, k, factor, fit._absolute)[0], (k, one))
+        coefficients, squares, _ = _fitted(fit, columns[:, :k])
+        aicc = criteria_of(squares.loss, k, factor, fit._absolute)[0]
+        found.setdefault(aicc, (k, coefficients, squares))
     aicc = min(found)
-    k, best = found[aicc]
+    k, coefficients, squares = found[aicc]
     # Contact times and forces are other data, with another criterion.
     known = math.isfinite(aicc) and fit.data.size == velocity.size
     laws = [(one, criteria(one)) for one in fits if one.converged and known]
     better = bool(laws) and all(
         lowest - aicc > CLEAR_AICC
         # A curve that does not contain the law can approach it along one more direction.
-        and degrees * excess_p(best.squares, law, max(k - own, 0) + 1) < BETTER
+        and degrees * excess_p(squares, law, max(k - own, 0) + 1) < BETTER
         for law, (own, lowest, _) in laws
     )
-    return Curve(tuple(map(float, best.coefficients)), *ends, aicc if known else None, better)
+    return Curve(tuple(map(float, coefficients)), *ends, aicc if known else None, better)
 
 
 def _place(velocity: Floats, slowest: float, fastest: float) -> Floats:
