@@ -334,9 +334,8 @@ def fit_bounces(
 class WrongPairs(AbstractErrors[Fit, dict[str, Any]]):
     """Pairs off the fit by more than `THRESHOLD` robust standard deviations, which are left out.
 
-    A wrong trigger is not scatter: however small its weight, it biases the fit. The first fit
-    leaves out what lies off a trend without a law, and the next ones what lies off the previous
-    fit, until the pairs stay the same. `options` are those of `fit`.
+    However small its weight, a wrong trigger biases the fit. The first fit leaves out what lies off
+    a trend without a law, the next ones what lies off the previous fit. `options` are of `fit`.
     """
 
     rounds = 10

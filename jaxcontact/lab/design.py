@@ -49,10 +49,7 @@ _SAME = 1e-6
 def minimax(
     off: Float[np.ndarray, " n"], slopes: Float[np.ndarray, "n k"], reach: float | None = None
 ) -> tuple[Float[np.ndarray, " k"], float, Float[np.ndarray, " n"]]:
-    """Return the change (k,) of at most `reach` with the least largest |off + slopes @ change|.
-
-    Also that largest value, and the multipliers of the rows with it.
-    """
+    """Return the change (k,) of the least largest |off + slopes @ change|, that, and multipliers."""
     # Imported here, since `linprog` loads half of SciPy.
     from scipy.optimize import linprog
 
@@ -65,10 +62,7 @@ def minimax(
 
 
 class Rival(NamedTuple):
-    """The `readings` (n,) of a model at `speeds`, with noise `size`, and the other law.
-
-    Quantities follow each other in the order of the model.
-    """
+    """The `readings` (n,) of a model at `speeds`, with noise `size`, and the other law."""
 
     model: Outcome
     other: ImpactModel

@@ -129,22 +129,17 @@ def test_times_and_forces_of_plastic_spheres(speed):
     assert found.max_force[0] == pytest.approx(force, rel=ORACLE)
 
 
-def test_a_stiffness_moves_the_law_and_leaves_its_curve():
-    """What a fit of contact times and forces relies on."""
-    hard, speeds = jc.Contact(1.0, 7.0), np.array([0.2, 1.0, 3.0])
+def test_another_contact_moves_the_law_and_leaves_its_curve():
+    """What a fit of contact times and forces relies on; e(v) depends on combinations alone."""
+    hard, speeds = jc.Contact(0.3, 7e4), np.array([0.2, 1.0, 3.0])
     for kind in KINDS.values():
         start = kind.starts(0.7, UNIT, 1.5)[0]
-        moved = kind.moved(start, UNIT, hard)
-        own = {name: float(value) for name, value in moved.items()}
-        assert kind.starts(0.7, hard, 1.5)[0] == pytest.approx(own, rel=1e-14)
-        law = kind.law_of(moved, 1.5)
-        if kind.law != "kuwabara_kono":  # its own combination is tested below
-            e = np.asarray(jc.restitution(law, hard, speeds))
-            found = np.asarray(e_of(kind, start, 1.0, 1.0, 1.5, speeds))
-            np.testing.assert_allclose(found[e > 0], e[e > 0], rtol=1e-12)
-            assert np.all((found[e == 0] > 0) & (found[e == 0] < LITTLE))
-        else:
-            assert pytest.approx(start["A"]) == law.A * 7**0.4
+        moved = {name: float(value) for name, value in kind.moved(start, UNIT, hard).items()}
+        assert kind.starts(0.7, hard, 1.5)[0] == pytest.approx(moved, rel=1e-14)
+        e = np.asarray(jc.restitution(kind.law_of(moved, 1.5), hard, speeds))
+        found = np.asarray(e_of(kind, start, 1.0, 1.0, 1.5, speeds))
+        np.testing.assert_allclose(found[e > 0], e[e > 0], rtol=1e-12)
+        assert np.all((found[e == 0] > 0) & (found[e == 0] < LITTLE))
 
 
 STICKING = {
@@ -173,16 +168,6 @@ def test_a_search_comes_back_from_numbers_with_which_bodies_stick(law):
     assert np.all(np.isfinite(hit.duration)) and np.all(np.isfinite(hit.max_force))
 
 
-def of_any_contact(seed, number):
-    """Random parameters (60,) whose identified combination, `number`(p), is in a good range."""
-    rng = np.random.default_rng(seed)
-    names = {"law": (0, 0), "K": (4, 10), "m": (-4, 1), "v": (-2, 1)}
-    p = {name: 10 ** rng.uniform(*powers, 60) for name, powers in names.items()}
-    # The law's own parameter compensates for the others.
-    p["law"] *= rng.uniform(0.005, 1.9, 60) / number(p)
-    return {name: jnp.asarray(value) for name, value in p.items()}
-
-
 @pytest.mark.parametrize("yields", [0.2, 0.3, 1.0])
 def test_yield_below_the_slowest_speed_is_found(yields):
     """A search from a yield speed above the data sees no plastic loss: it ended at constant c."""
@@ -191,22 +176,6 @@ def test_yield_below_the_slowest_speed_is_found(yields):
     choice = jc.choose_law(contact, speeds, e, laws="viscoplastic", mark_outliers=False)
     found = choice.fits["viscous and plastic"].params
     assert found["yield_speed"] == pytest.approx(yields, rel=1e-6)
-
-
-COMBINATIONS = {
-    "kuwabara_kono": ("A", lambda p: p["law"] * (p["K"] / p["m"]) ** 0.4 * p["v"] ** 0.2),
-    "constant_damping": ("c", lambda p: p["law"] / p["K"] * p["v"]),
-}
-
-
-@pytest.mark.parametrize("law", COMBINATIONS)
-def test_the_curve_depends_on_one_combination(law):
-    name, number = COMBINATIONS[law]
-    p = of_any_contact(1, number)
-    made = jc.get_law(law, **{name: p["law"]})
-    solved = jc.restitution(made, jc.Contact(p["m"], p["K"]), p["v"])
-    curved = e_of(KINDS[law], {name: number(p)}, 1.0, 1.0, 1.0, np.ones(60))
-    np.testing.assert_allclose(curved, solved, rtol=1e-12)
 
 
 # The kinks of a clamped force between steps: measured 7e-6.
@@ -277,9 +246,7 @@ def test_kinds_to_compare():
     wide = {kind.law for kind in others if kind.contains(constant)}
     assert wide == {"power_damping", "wet_restitution", "power_restitution"}
     assert laws("bridges", 2.0) == ["exact", "bridges"]
-    for bad in ("linear_dashpot", "step_damping"):
+    refused = {"linear_dashpot": 1.0, "step_damping": 1.0, "nonsense": 1.5, "damped": 1.5}
+    for bad, exponent in refused.items():
         with pytest.raises(ValueError, match=f"`laws` must be one of all, exact.*{bad}"):
-            kinds_of(bad, 1.0)
-    for bad in ("nonsense", "damped"):
-        with pytest.raises(ValueError, match=f"`laws` must be one of all, exact.*{bad}"):
-            kinds_of(bad, 1.5)
+            kinds_of(bad, exponent)

@@ -307,8 +307,7 @@ def only_constant(table: ChoiceTable, kind: Kind) -> LawChoice:
 def with_known_errors(table: ChoiceTable) -> ChoiceTable:
     """Return a table of few pairs with the known errors of their readings, for a mean e.
 
-    The errors stay relative, of independent pairs, if readings have no known errors or the pairs in
-    use differ by more than theirs.
+    Errors stay relative, of independent pairs, if they are unknown or the pairs differ by more.
     """
     pairs, use, whole = table.pairs, table.use, table.pairs.covariance
     errors = table.errors._replace(correlation=None, absolute=False)

@@ -193,11 +193,7 @@ _AT_JUMP = 1e-6
 
 
 class Regimes(NamedTuple):
-    """How many of the impacts that were measured slid throughout, by a friction law.
-
-    `margin` is the least distance of an impact to a jump of its outcome or slope, None for laws
-    without jumps.
-    """
+    """How many of the measured impacts slid throughout; the least distance to a jump, or None."""
 
     slid: int
     count: int

@@ -113,7 +113,7 @@ def deviations(
 ) -> tuple[Floats, Noise]:
     """Return residuals (n,) over the robust noise of those to `keep`, and this noise.
 
-    Their standard deviations are at least `least`, and `more` is an independent error.
+    Standard deviations are at least `least`, with `more` in addition.
     """
     noise = estimate_noise(residual[keep], reading_factor[keep], robust=True)
     size = np.maximum(noise.sigma(reading_factor), least)
@@ -160,10 +160,7 @@ def _off_curve(pairs: Pairs) -> NDArray[np.bool_]:
 def marked_in(
     velocity: Floats, e: Floats, sigma: Floats | None = None
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Return which rows (n,) of a table are marked, and e on the trend; NaN in `e` is no row.
-
-    `sigma` is the standard deviation of e.
-    """
+    """Return which rows (n,) of a table are marked, and e on the trend; NaN in `e` is no row."""
     there = (velocity > 0) & (e > 0)
     marked = np.zeros(e.shape, bool)
     if there.sum() < LEAST_PAIRS:

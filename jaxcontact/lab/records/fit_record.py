@@ -350,10 +350,7 @@ def without_a_needless_filter(
 
 
 def level_in(reading: Column) -> float:
-    """Return the level of a force without contact: the median of the quiet readings before it.
-
-    Without such readings it is the median of those after it, or else the least reading.
-    """
+    """Return the level without contact: the median of quiet readings before it, or after it."""
     top, half = int(np.argmax(reading)), (reading.max() + np.median(reading)) / 2
     width, below = int(np.count_nonzero(reading > half)), np.flatnonzero(reading <= half)
     # From touch to half of the peak a force takes less time than it stays above that.

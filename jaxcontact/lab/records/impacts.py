@@ -224,11 +224,7 @@ _NUMBERS = "velocity", "restitution", "duration", "max_force", "stiffness"
 
 
 class Fitted(NamedTuple):
-    """Results of the impacts in a record.
-
-    The pairs, the largest forces, the covariance (n, 2, 2) of ln e and of the logarithm of the
-    force, the fits, and the notes.
-    """
+    """The impacts in a record; `covariance` is that of ln e and the logarithm of the force."""
 
     pairs: RecordedPairs
     fits: tuple[ImpactFit, ...]

@@ -182,10 +182,7 @@ def _plateau(y: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
 
 
 class BeyondLimits(AbstractErrors[Fit, dict[str, Any]]):
-    """Readings at a limit that the fit puts beyond it, which are left out: they have no residual.
-
-    `sizes` are the "sigma" or the "weights" of the columns.
-    """
+    """Readings at a limit that the fit puts beyond it, which have no residual and are left out."""
 
     rounds = 1
 
