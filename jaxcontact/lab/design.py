@@ -49,7 +49,7 @@ _SAME = 1e-6
 def minimax(
     off: Float[np.ndarray, " n"], slopes: Float[np.ndarray, "n k"], reach: float | None = None
 ) -> tuple[Float[np.ndarray, " k"], float, Float[np.ndarray, " n"]]:
-    """Return the change (k,) of the least largest |off + slopes @ change|, that, and multipliers."""
+    """Return the change of the least largest |off + slopes @ change|, that, and multipliers."""
     # Imported here, since `linprog` loads half of SciPy.
     from scipy.optimize import linprog
 
