@@ -27,10 +27,10 @@ import jaxcontact as jc
 from benchmarks.record_truths import GRAVITY, Truth, draw
 from benchmarks.study import command
 from jaxcontact._flight import Flight
-from jaxcontact.lab.choice.kinds import ConstantC, ConstantE
+from jaxcontact.lab.choice.kinds import kinds_of
 from jaxcontact.lab.choice.table import ChoiceTable
 from jaxcontact.lab.pairs.pairs import LEAST_PAIRS
-from jaxcontact.lab.records.all_impacts import Fitted, errors_of_impacts, fitted_impacts
+from jaxcontact.lab.records.impacts import Fitted, errors_of_impacts, fitted_impacts
 
 SEED = 31
 DRAWS = 380
@@ -105,7 +105,8 @@ def one_law(truth: Truth, found: Fitted) -> dict:
 
     The fit of the true kind of law is made as `calibrate` makes it, without the others.
     """
-    kind = ConstantE() if truth.kind == "constant e" else ConstantC()
+    constant_e, constant_c = kinds_of("constant_damping", 1.5)
+    kind = constant_e if truth.kind == "constant e" else constant_c
     keep = np.ones(len(found.fits), bool)
     few = len(keep) < LEAST_PAIRS
     errors = errors_of_impacts(found, keep)._replace(absolute=few)

@@ -21,7 +21,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .. import AbstractLaw, AbstractMethod, Contact, Drag, Fit, Huber, Positive, fit, restitution
 from ..extend import (
@@ -50,8 +50,7 @@ from ..extend import (
     transforms_of,
     with_transforms,
 )
-from .pairs.outliers import THRESHOLD, mark
-from .pairs.pairs import estimate_noise
+from .pairs.outliers import THRESHOLD, deviations, mark, unusable
 from .pairs.shared_noise import shared_noise, widening
 
 Column = Float[np.ndarray, " n"]
@@ -67,33 +66,28 @@ _SAME = 0.01
 
 
 class Shared(NamedTuple):
-    """The errors that pairs share, and their words.
+    """The errors that pairs share: their covariance (n, n) for errors of 1 s or 1 m, and notes.
 
-    `shape` (n, n) is the covariance for shared errors of 1 s or 1 m, None if no two pairs share
-    one. `words` report both errors, for numbers in ms or mm and in %. `notes` are additional notes.
+    `shape` is None if no two pairs share one.
     """
 
     shape: Float[np.ndarray, "n n"] | None
-    words: str
     notes: tuple[str, ...] = ()
 
 
 class ReadingErrors(AbstractErrors[Fit, dict[str, Any]]):
     """Errors of `first` and `second` readings that pairs share, and the scatter of the bounces.
 
-    `shared_by` returns the shared errors from the readings and the second readings that the fit
-    expects. Nothing is estimated if no two pairs share an error, or from too few or too many pairs.
+    Nothing is estimated if no two pairs share an error, or from too few or too many pairs.
     """
 
     rounds = 6
 
-    def __init__(
-        self, first: Column, second: Column, shared_by: Callable[[Column, Column, Column], Shared]
-    ):
+    def __init__(self, first: Column, second: Column, kind: str):
         self.first: Column = first
         self.second: Column = second
-        self.shared_by: Callable[[Column, Column, Column], Shared] = shared_by
-        self._shared, self._noise, self._settled = Shared(None, ""), None, False
+        self._kind = _KINDS[kind]
+        self._shared, self._noise, self._settled = Shared(None), None, False
 
     def estimate(self, found: Fit) -> dict[str, Any] | None:
         """Return the weights and the correlation of the pairs."""
@@ -102,7 +96,7 @@ class ReadingErrors(AbstractErrors[Fit, dict[str, Any]]):
         if self._settled or not enough or not found.converged:
             return None
         expected = np.where(used, np.exp(np.asarray(found.predict())), np.nan)
-        self._shared = self.shared_by(self.first, self.second, expected)
+        self._shared = self._kind.shared(self.first, self.second, expected)
         if self._shared.shape is None:
             return None
         last, noise = self._noise, shared_noise(found, used, self._shared.shape)
@@ -126,7 +120,7 @@ class ReadingErrors(AbstractErrors[Fit, dict[str, Any]]):
         )
         return dataclasses.replace(
             found,
-            notes=(*found.notes, shared.words.format(*both), *shared.notes),
+            notes=(*found.notes, self._kind.errors.format(*both), *shared.notes),
             covariance=found.covariance * wider,
             _wider=np.full(len(found.names), wider),
         )
@@ -139,10 +133,9 @@ def by_triggers(first: Column, second: Column, expected: Column) -> Shared:
     second intervals (NaN for a pair without weight) give the ratios within a run; the length of the
     run sets their scale.
     """
-    words = "errors of triggers {:.2g} ms, scatter of ln e {:.2g} %"
     follows = np.concatenate([[False], second[:-1] == first[1:]])
     if not follows.any():
-        return Shared(None, words)
+        return Shared(None)
     good = np.isfinite(expected)
     chained = follows & good & np.concatenate([[False], good[:-1]])
     slopes = np.zeros((first.size, first.size + 2 * np.count_nonzero(~follows)))
@@ -156,14 +149,14 @@ def by_triggers(first: Column, second: Column, expected: Column) -> Shared:
         slopes[rows, at + 2] = 1 / after
     alone = "standard errors exclude differences between trials, as there is only one trial"
     one = np.count_nonzero(~follows) == 1
-    return Shared(slopes @ slopes.T, words, (alone,) if one else ())
+    return Shared(slopes @ slopes.T, (alone,) if one else ())
 
 
 def by_height(first: Column, second: Column, expected: Column) -> Shared:
     """Return the errors that drops share: all from one height share its error."""
     same = first[:, None] == first
     shape = None if np.array_equal(same, np.eye(first.size)) else same / np.outer(first, first)
-    return Shared(shape, "errors of drop heights {:.2g} mm, scatter of ln h {:.2g} %")
+    return Shared(shape)
 
 
 _MOST_WRONG = 0.4
@@ -178,27 +171,29 @@ def _landing_after(time: Any, gravity: Any, b: Any) -> Any:
 
 
 class _Kind(NamedTuple):
-    """Functions of one kind of readings.
+    """One kind of readings: the landing speed from the first, and the second from a launch speed.
 
-    `landing` gives the landing speed from the first reading. `launch` and `second` convert between
-    launch speed and second reading. `shared` gives the errors that pairs share, and `shown` the
-    presentation of both readings.
+    `launch` is the inverse of `second`. `shared` gives the errors that pairs share from both
+    readings and the expected second ones, and `errors` their sizes in words, in ms or mm and in %.
     """
 
     landing: Callable[..., Any]
     launch: Callable[..., Any]
     second: Callable[..., Any]
-    shared: Callable[..., Shared]
+    shared: Callable[[Column, Column, Column], Shared]
+    errors: str
     shown: Mapping[str, Shown]
 
 
 _KINDS = {
     "intervals": _Kind(
         *(_landing_after, launch_speed, duration, by_triggers),
+        "errors of triggers {:.2g} ms, scatter of ln e {:.2g} %",
         {"x": Shown("time", "flight before"), "": Shown("time", "flight after", logarithm=True)},
     ),
     "heights": _Kind(
         *(speed_after_drop, speed_to_reach, height_reached, by_height),
+        "errors of drop heights {:.2g} mm, scatter of ln h {:.2g} %",
         {"x": Shown("height", "drop"), "": Shown("height", "rebound", logarithm=True)},
     ),
 }
@@ -327,37 +322,27 @@ def fit_bounces(
     if isinstance(given.get("loss"), Huber):
         velocity = flight.evaluate(_KINDS[kind].landing, before)[0]
         launch = flight.evaluate(_KINDS[kind].launch, after)[0]
-        wrong = WrongPairs(Readings(before, after, velocity, launch / velocity), given)
+        wrong = WrongPairs(before, after, velocity, launch / velocity, given)
         found = refit(wrong, fitted(**wrong.weights()), again)
     else:
         found = fitted()
     if any(given.get(name) is not None for name in _OWN_ERRORS):
         return found
-    return refit(ReadingErrors(before, after, _KINDS[kind].shared), found, again)
-
-
-class Readings(NamedTuple):
-    """Two successive readings, and the speed and the restitution between them (n,)."""
-
-    first: Column
-    second: Column
-    velocity: Column
-    restitution: Column
+    return refit(ReadingErrors(before, after, kind), found, again)
 
 
 class WrongPairs(AbstractErrors[Fit, dict[str, Any]]):
     """Pairs off the fit by more than `THRESHOLD` robust standard deviations, which are left out.
 
-    A wrong trigger is not scatter: however small its weight, it biases the fit. The first fit
-    leaves out what lies off a trend without a law, so that it starts near its end. The next ones
-    leave out what lies off the previous fit, until the pairs stay the same. `options` are those of
-    `fit`.
+    However small its weight, a wrong trigger biases the fit. The first fit leaves out what lies off
+    a trend without a law, the next ones what lies off the previous fit. `options` are of `fit`.
     """
 
     rounds = 10
 
-    def __init__(self, readings: Readings, options: dict[str, Any]):
-        first, second, velocity, e = readings
+    def __init__(
+        self, first: Column, second: Column, velocity: Column, e: Column, options: dict[str, Any]
+    ):
         # Use the expected reading: a short reading would widen its own tolerance.
         usual = first * np.median(second / first)
         self._second, self._factor = np.log(second), first**-2.0 + usual**-2.0
@@ -366,16 +351,20 @@ class WrongPairs(AbstractErrors[Fit, dict[str, Any]]):
 
     def weights(self) -> dict[str, Any]:
         """Return the arguments of `fit` with zero weight for the pairs left out."""
-        return _without_weight(self._keep, self._options)
+        keep, sigma, weights = self._keep, *map(self._options.get, ("sigma", "weights"))
+        if sigma is not None:
+            return {"sigma": np.where(keep, for_each(sigma, "sigma", keep.size), np.inf)}
+        if weights is not None:
+            weights = for_each(weights, "weights", keep.size, zero=True)
+        return {"weights": np.where(keep, 1.0 if weights is None else weights, 0.0)}
 
     def estimate(self, found: Fit) -> dict[str, Any] | None:
         """Return the weights without the pairs off this fit."""
         if not found.converged:
             return None
         residual = np.asarray(found.predict()) - self._second
-        keep = self._keep
-        noise = estimate_noise(residual[keep], self._factor[keep], robust=True)
-        self._keep = np.abs(residual) <= THRESHOLD * noise.sigma(self._factor)
+        deviation, _ = deviations(residual, self._factor, self._keep)
+        self._keep = np.abs(deviation) <= THRESHOLD
         if self._keep.tobytes() in self._seen:
             return None
         self._seen.add(self._keep.tobytes())
@@ -383,27 +372,10 @@ class WrongPairs(AbstractErrors[Fit, dict[str, Any]]):
 
     def finish(self, found: Fit) -> Fit:
         """Return the fit with the number of pairs left out; not converged if they are too many."""
-        return _note_wrong_pairs(found, int(np.count_nonzero(~self._keep)), self._keep.size)
-
-
-def _without_weight(keep: Bool[np.ndarray, " n"], how: dict[str, Any]) -> dict[str, Any]:
-    """Return the arguments of `fit` with zero weight for other pairs."""
-    if how.get("sigma") is not None:
-        sigma = for_each(how["sigma"], "sigma", keep.size)
-        return {"sigma": np.where(keep, sigma, np.inf)}
-    given = how.get("weights")
-    weights = 1.0 if given is None else for_each(given, "weights", keep.size, zero=True)
-    return {"weights": np.where(keep, weights, 0.0)}
-
-
-def _note_wrong_pairs(found: Fit, wrong: int, count: int) -> Fit:
-    if not wrong:
-        return found
-    pairs = f"{wrong} of {count} pairs lie more than {THRESHOLD:g} standard deviations off"
-    if wrong <= _MOST_WRONG * count:
+        wrong, count = int(np.count_nonzero(~self._keep)), self._keep.size
+        if not wrong:
+            return found
+        pairs = f"{wrong} of {count} pairs lie more than {THRESHOLD:g} standard deviations off"
+        if wrong > _MOST_WRONG * count:
+            return unusable(found, f"{pairs}: the recording cannot be used")
         return dataclasses.replace(found, notes=(*found.notes, f"{pairs} and are left out"))
-    reason = f"{pairs}: the recording cannot be used"
-    unknown = np.full_like(found.covariance, np.nan)
-    return dataclasses.replace(
-        found, converged=False, reason=reason, covariance=unknown, unidentified=()
-    )

@@ -6,14 +6,14 @@ import collections
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from .. import AbstractLaw, AbstractMethod, Contact, fit
+from .. import AbstractLaw, AbstractMethod, Contact, Fit, fit
 from ..extend import (
     POSITIVE,
     AbstractTransform,
@@ -46,95 +46,88 @@ _SAME = 1e-6
 """Difference of two laws in units of the noise below which they are the same."""
 
 
-def telling_apart(
-    model: Outcome,
-    other: ImpactModel,
-    speeds: np.ndarray,
-    readings: np.ndarray,
-    size: np.ndarray,
-    transforms: dict[str, AbstractTransform],
-) -> np.ndarray:
-    """Return the share of each candidate in the plan that separates another law from `readings`.
-
-    The parameters of the other law minimise its largest difference. The multipliers of the
-    candidates with that difference are the best plan; under it, these parameters are also those of
-    least squares (Atkinson & Fedorov 1975). Solved by successive linear programmes.
-    """
+def minimax(
+    off: Float[np.ndarray, " n"], slopes: Float[np.ndarray, "n k"], reach: float | None = None
+) -> tuple[Float[np.ndarray, " k"], float, Float[np.ndarray, " n"]]:
+    """Return the change of the least largest |off + slopes @ change|, that, and multipliers."""
     # Imported here, since `linprog` loads half of SciPy.
     from scipy.optimize import linprog
 
-    fields = model.fields
-    data = dict(zip(fields, readings.reshape(len(fields), -1), strict=True))
-    sigma = dict(zip(fields, size.reshape(len(fields), -1), strict=True))
-    found = fit(model, data, other, x=speeds, sigma=sigma, transforms=transforms, throw=False)
-    if not found.converged:
-        raise ValueError(
-            "Argument `goal` must be a law that can be fitted to the other, but its fit did not "
-            f"converge: {found.reason}."
-        )
-    space, theta, reach = found.problem.space, found._theta, _REACH
-    slopes, off = _differences(model, space, theta, speeds, readings, size)
-    share = np.full(len(off), 1 / len(off))
-    for _ in range(_ROUNDS):
-        if np.max(np.abs(off)) < _SAME:
-            return share
-        # |off + slopes @ change| <= bound for each candidate, with the least bound.
-        rows = np.concatenate([slopes, -slopes])
-        limits = [(-reach, reach)] * theta.size + [(0, None)]
-        cost = np.append(np.zeros(theta.size), 1.0)
-        upper = np.column_stack([rows, -np.ones(len(rows))])
-        made = linprog(cost, upper, np.concatenate([-off, off]), bounds=limits)
-        multipliers = -made.ineqlin.marginals
-        share = multipliers.reshape(2, -1).sum(axis=0)
-        largest = np.max(np.abs(off))
-        if largest - made.fun <= _SETTLED * largest:
-            break
-        there = _differences(model, space, theta + made.x[:-1], speeds, readings, size)
-        if np.max(np.abs(there[1])) < largest:
-            theta, (slopes, off) = theta + made.x[:-1], there
-        else:
-            reach = np.max(np.abs(made.x[:-1])) / 4
-    return share / share.sum()
+    rows, k = np.concatenate([slopes, -slopes]), slopes.shape[1]
+    limits = [(None if reach is None else -reach, reach)] * k + [(0, None)]
+    upper = np.column_stack([rows, -np.ones(len(rows))])
+    cost = np.append(np.zeros(k), 1.0)
+    made = linprog(cost, upper, np.concatenate([-off, off]), bounds=limits)
+    return made.x[:-1], float(made.fun), -made.ineqlin.marginals.reshape(2, -1).sum(axis=0)
 
 
-def _differences(
-    model: Outcome,
-    space: Space,
-    theta: np.ndarray,
-    speeds: np.ndarray,
-    readings: np.ndarray,
-    size: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the derivatives of a law's readings, and its differences, in units of noise."""
-    slopes, own = readings_of(model, space, theta, speeds)
-    return slopes / size[:, None], (own - readings) / size
+class Rival(NamedTuple):
+    """The `readings` (n,) of a model at `speeds`, with noise `size`, and the other law."""
 
+    model: Outcome
+    other: ImpactModel
+    speeds: np.ndarray
+    readings: np.ndarray
+    size: np.ndarray
+    transforms: dict[str, AbstractTransform]
 
-def distance_of(
-    model: Outcome,
-    other: ImpactModel,
-    speeds: np.ndarray,
-    readings: np.ndarray,
-    size: np.ndarray,
-    counts: np.ndarray,
-    transforms: dict[str, AbstractTransform],
-) -> float:
-    """Return λ of a plan, with the other law fitted to its readings."""
-    fields = model.fields
-    data = dict(zip(fields, readings.reshape(len(fields), -1), strict=True))
-    weights = dict(zip(fields, (counts / size**2).reshape(len(fields), -1), strict=True))
-    found = fit(model, data, other, x=speeds, weights=weights, transforms=transforms, throw=False)
-    distance = 2 * found.loss if found.converged else math.nan
-    return 0.0 if distance < counts.sum() * _SAME**2 else distance
+    def fit(self, **how: np.ndarray) -> Fit:
+        """Fit the other law to the readings, with their `sigma` or `weights`."""
+        fields = self.model.fields
+
+        def by_field(values: np.ndarray) -> dict[str, np.ndarray]:
+            return dict(zip(fields, values.reshape(len(fields), -1), strict=True))
+
+        options: Any = {name: by_field(values) for name, values in how.items()}
+        options |= {"x": self.speeds, "transforms": self.transforms, "throw": False}
+        return fit(self.model, by_field(self.readings), self.other, **options)
+
+    def differences(self, space: Space, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the other law's slopes and its differences, in units of noise."""
+        slopes, own = readings_of(self.model, space, theta, self.speeds)
+        return slopes / self.size[:, None], (own - self.readings) / self.size
+
+    def shares(self) -> np.ndarray:
+        """Return the share of each candidate in the plan that separates the other law.
+
+        The parameters of the other law minimise its largest difference. The multipliers of the
+        candidates with that difference are the best plan; under it, these parameters are also those
+        of least squares (Atkinson & Fedorov 1975). Solved by successive linear programmes.
+        """
+        found = self.fit(sigma=self.size)
+        if not found.converged:
+            raise ValueError(
+                "Argument `goal` must be a law that can be fitted to the other, but its fit did "
+                f"not converge: {found.reason}."
+            )
+        space, theta, reach = found.problem.space, found._theta, _REACH
+        slopes, off = self.differences(space, theta)
+        share = np.full(len(off), 1 / len(off))
+        for _ in range(_ROUNDS):
+            largest = np.max(np.abs(off))
+            if largest < _SAME:
+                return share
+            change, bound, share = minimax(off, slopes, reach)
+            if largest - bound <= _SETTLED * largest:
+                break
+            there = self.differences(space, theta + change)
+            if np.max(np.abs(there[1])) < largest:
+                theta, (slopes, off) = theta + change, there
+            else:
+                reach = np.max(np.abs(change)) / 4
+        return share / share.sum()
+
+    def distance(self, counts: np.ndarray) -> float:
+        """Return λ of a plan, with the other law fitted to its readings."""
+        found = self.fit(weights=counts / self.size**2)
+        distance = 2 * found.loss if found.converged else math.nan
+        return 0.0 if distance < counts.sum() * _SAME**2 else distance
 
 
 def readings_of(
     model: Outcome, space: Space, theta: np.ndarray, speeds: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return d reading/d(free coordinate) of all candidates, and the readings.
-
-    Quantities follow each other in the order of the model.
-    """
+    """Return d reading/d(free coordinate) of all candidates, and the readings."""
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         slopes, readings = _compiled(model, space, jnp.asarray(theta), jnp.asarray(speeds))
     return np.asarray(slopes), np.asarray(readings)
@@ -279,13 +272,11 @@ def design(
     size = np.repeat(list(errors.values()), speeds.size)
     if isinstance(goal, AbstractLaw):
         other = ImpactModel(goal, contact)
-        problem = model, other, speeds, expected, size
-        transforms = _transforms(other, fixed, None)
-        share = telling_apart(*problem, transforms)
+        rival = Rival(model, other, speeds, expected, size, _transforms(other, fixed, None))
+        share = rival.shares()
         counts = shared_out(np.where(share > _RARE * share.max(), share, 0), count)
         rows = np.repeat(np.arange(size.size), counts)
-        distance = distance_of(*problem, counts, transforms)
-        told = {"noncentrality": distance, "readable": tuple(errors)}
+        told = {"noncentrality": rival.distance(counts), "readable": tuple(errors)}
         return Design(velocity[rows], tuple(quantity[rows].tolist()), **told)
     choices = [ALL, *space.names]
     require_choice("goal", goal, choices)
@@ -366,23 +357,18 @@ _GAIN = 1e-9
 _FLOOR = 1e-12
 """Regularisation for too few readings, relative to the information of all candidates."""
 
-Matrices = Float[np.ndarray, "m k k"]
-Criterion = Callable[[Matrices], Float[np.ndarray, " m"]]
+Criterion = Callable[[Float[np.ndarray, "m k k"]], Float[np.ndarray, " m"]]
 """A function of information matrices that is minimised."""
 
 
-def by_volume(information: Matrices) -> Float[np.ndarray, " m"]:
+def by_volume(information: Float[np.ndarray, "m k k"]) -> Float[np.ndarray, " m"]:
     """Return -ln det M/k: the mean logarithm of the squared axes of the error ellipsoid."""
     return -np.linalg.slogdet(information)[1] / information.shape[-1]
 
 
 def by_parameter(index: int) -> Criterion:
     """Return the criterion ln (M⁻¹)_ii, of the squared standard error of one parameter."""
-
-    def criterion(information: Matrices) -> Float[np.ndarray, " m"]:
-        return np.log(np.linalg.inv(information)[:, index, index])
-
-    return criterion
+    return lambda information: np.log(np.linalg.inv(information)[:, index, index])
 
 
 def best_rows(

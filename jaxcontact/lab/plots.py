@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,7 +48,7 @@ def calibration(result: Calibration, *, ax: Axes | None = None) -> Axes:
     v, e = pairs.velocity, pairs.restitution
     low, high = frame_of(e[~flagged])
     draw_points(ax, v[~flagged], e[~flagged], "kept")
-    _draw_marked(ax, v[flagged], e[flagged], (low, high))
+    _draw_marked(ax, v[flagged], e[flagged], low, high)
     speeds = np.linspace(v[~flagged].min(), v[~flagged].max(), _FINE)
     styles = curves_of(result.choice)
     for law in result.choice.laws:
@@ -68,21 +68,14 @@ def calibration(result: Calibration, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _draw_marked(ax: Axes, v: np.ndarray, e: np.ndarray, frame: tuple[float, float]) -> None:
-    low, high = frame
+def _draw_marked(ax: Axes, v: np.ndarray, e: np.ndarray, low: float, high: float) -> None:
     edge = 0.02 * (high - low)
     inside = (e >= low + edge) & (e <= high - edge)
-    label = f"left out ({len(e)})"
-    groups = (
-        ("x", inside, e),
-        ("^", e > high - edge, np.full_like(e, high - edge)),
-        ("v", e < low + edge, np.full_like(e, low + edge)),
-    )
-    for marker, which, height in groups:
+    label, shown = f"left out ({len(e)})", np.clip(e, low + edge, high - edge)
+    for marker, which in (("x", inside), ("^", e > high - edge), ("v", e < low + edge)):
         if which.any():
-            ax.plot(
-                v[which], height[which], marker, color=LEFT_OUT, ms=6, clip_on=False, label=label
-            )
+            style: dict[str, Any] = {"color": LEFT_OUT, "ms": 6, "clip_on": False, "label": label}
+            ax.plot(v[which], shown[which], marker, **style)
             label = "_"  # one entry in the legend
 
 
@@ -136,24 +129,27 @@ def _whole(ax: Axes, impacts: list[RecordedImpact]) -> Axes:
     tops = [float(trace.value[one.start : one.stop].max()) for one in impacts]
     touches = [float(trace.time[0] + one.touch * trace.step) for one in impacts]
     ax.plot(touches, tops, "v", color=_USED, ms=6, ls="none", label="impact, used")
-    for one, touch, top in zip(impacts, touches, tops, strict=True):
-        ax.annotate(
-            str(one.number),
-            (touch, top),
-            (0, 5),
-            textcoords="offset points",
-            ha="center",
-            fontsize="small",
-            color=_USED,
-        )
+    _numbered(ax, [one.number for one in impacts], touches, tops)
     if trace.doubtful:
         times = [one.time for one in trace.doubtful]
         height = np.interp(times, trace.time, trace.level)
         ax.plot(times, height, "x", color=_DOUBTFUL, ms=6, ls="none", label="doubtful, not used")
     ax.set_ylim(top=float(trace.value.max()) + 0.12 * float(np.ptp(trace.value)))
+    return _over_time(ax, _LABEL[trace.quantity])
+
+
+def _numbered(ax: Axes, numbers: Iterable[int], x: Any, y: Any, below: bool = False) -> None:
+    """Write numbers above points, or below them."""
+    va, shift = ("top", -6) if below else ("baseline", 5)
+    place: Any = {"ha": "center", "va": va, "textcoords": "offset points"}
+    for number, *at in zip(numbers, x, y, strict=True):
+        ax.annotate(str(number), (at[0], at[1]), (0, shift), fontsize="small", color=_USED, **place)
+
+
+def _over_time(ax: Axes, label: str) -> Axes:
     ax.set_xlabel("time $t$ / s")
-    ax.set_ylabel(_LABEL[trace.quantity])
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, fontsize="small")
+    ax.set_ylabel(label)
+    legend_above(ax)
     return ax
 
 
@@ -200,11 +196,9 @@ def sound(recording: Recording, *, ax: Axes | None = None) -> Axes:
     at = np.arange(0, level.size, width)
     ax.plot(time[at], np.maximum.reduceat(level, at), color=_LINE, lw=0.8)
     top = float(level.max())
+    used = [one.time for drop in heard.drops for one in drop]
     groups = (
-        (
-            *("v", _USED, "bounce, used"),
-            [one.time for drop in heard.drops for one in drop],
-        ),
+        ("v", _USED, "bounce, used", used),
         ("x", _DOUBTFUL, "doubtful, not used", [o.time for o in heard.others if o.doubtful]),
         (".", _SOUND, "other sound", [o.time for o in heard.others if not o.doubtful]),
     )
@@ -212,18 +206,12 @@ def sound(recording: Recording, *, ax: Axes | None = None) -> Axes:
         if times:
             height = np.full(len(times), top * (1 + _ABOVE * (3 - row)))
             ax.plot(times, height, marker, color=colour, ms=6, mew=1.5, ls="none", label=label)
-    for drop in heard.drops:
-        for one in (drop[0], drop[-1]):
-            place = one.time, top * (1 + 3.5 * _ABOVE)
-            ax.annotate(
-                str(one.number), place, ha="center", va="bottom", fontsize="small", color=_USED
-            )
+    ends = [one for drop in heard.drops for one in (drop[0], drop[-1])]
+    height = np.full(len(ends), top * (1 + 3 * _ABOVE))
+    _numbered(ax, [one.number for one in ends], [one.time for one in ends], height)
     ax.set_ylim(min(0.0, float(np.quantile(level, 0.05))), top * (1 + 6 * _ABOVE))
     ax.set_xlim(0, heard.seconds)
-    ax.set_xlabel("time $t$ / s")
-    ax.set_ylabel("level over the noise / dB")
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, fontsize="small")
-    return ax
+    return _over_time(ax, "level over the noise / dB")
 
 
 _UNIT = {"": "", "m": " / m", "px": " / px"}
@@ -262,10 +250,7 @@ def track(recording: Recording | Calibration, *, ax: Axes | None = None) -> Axes
     ax.set_ylim(*sorted((frames.sign * low, frames.sign * high)))
     if frames.sign < 0:
         ax.invert_yaxis()
-    ax.set_xlabel("time $t$ / s")
-    ax.set_ylabel(f"height{_UNIT[frames.unit]}")
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, fontsize="small")
-    return ax
+    return _over_time(ax, f"height{_UNIT[frames.unit]}")
 
 
 def _frames(ax: Axes, track: Track, labels: bool) -> None:
@@ -273,14 +258,11 @@ def _frames(ax: Axes, track: Track, labels: bool) -> None:
     used, off = (
         np.any([getattr(drop, name) for drop in track.drops], axis=0) for name in ("used", "off")
     )
+    open_circle = {"marker": "o", "ms": 2.5, "mfc": "none", "mew": 0.6, "color": _LINE}
     groups = (
         (used, {"marker": ".", "ms": 4, "color": _USED}, "frame, used"),
         (off, {"marker": "x", "ms": 5, "color": _DOUBTFUL}, "frame off the parabolas"),
-        (
-            ~used & ~off,
-            {"marker": "o", "ms": 2.5, "mfc": "none", "mew": 0.6, "color": _LINE},
-            "other frame",
-        ),
+        (~used & ~off, open_circle, "other frame"),
     )
     for where, style, label in groups:
         if where.any():
@@ -297,17 +279,8 @@ def _drop(ax: Axes, drop: Drop) -> None:
     order = np.argsort(time)
     ax.plot(time[order], sign * height[order], color=_PARABOLA, lw=0.8)
     ax.plot(drop.impact, sign * drop.floor, "^", color=_USED, ms=6)
-    for number, place in enumerate(zip(drop.impact, sign * drop.floor, strict=True), 1):
-        ax.annotate(
-            str(number),
-            place,
-            (0, -6),
-            textcoords="offset points",
-            ha="center",
-            va="top",
-            fontsize="small",
-            color=_USED,
-        )
+    count = range(1, len(drop.impact) + 1)
+    _numbered(ax, count, drop.impact, sign * drop.floor, below=True)
 
 
 def _range(drops: Sequence[Drop]) -> tuple[float, float]:

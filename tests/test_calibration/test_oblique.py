@@ -47,6 +47,7 @@ def off(friction):
     return [float(np.sqrt(np.nanmean(np.square(x)))) for x in (ratio, -hit.spin[0] - SPIN)]
 
 
+@pytest.mark.slow("displacement", "rescaled", reason="the springs once more in another form")
 @pytest.mark.parametrize("name", NOTHING_FITTED)
 def test_published_rebounds_with_nothing_fitted(name):
     friction, ratio, spin = NOTHING_FITTED[name]
@@ -121,7 +122,7 @@ def test_truths_return_from_far_starts_within_their_errors(name):
     """Every fit converges, also where the lowest loss is at a jump between stick and slip."""
     truth, start, values = TRUTHS[name]
     deviations, jumps = [], 0
-    for seed in range(25):
+    for seed in range(12):
         ratio = synthetic(truth, 0.02, seed)
         fit = jc.fit_oblique(E_LAW, CONTACT, **SPEEDS, friction=start, tangential_restitution=ratio)
         assert fit.converged
@@ -147,9 +148,10 @@ def test_exact_data_of_several_columns_with_missing_readings():
 
 
 def test_sliding_alone_determines_nothing_but_mu():
-    steep = {name: x[-6:] for name, x in SPEEDS.items()}
-    ratio = synthetic(jc.RigidCoulomb(0.05), 0.01, 3)[-6:]
-    found = jc.choose_friction(E_LAW, CONTACT, **steep, tangential_restitution=ratio, friction=LAWS)
+    ratio = synthetic(jc.RigidCoulomb(0.05), 0.01, 3)
+    ratio[:6] = np.nan
+    how = SPEEDS | {"tangential_restitution": ratio, "friction": LAWS}
+    found = jc.choose_friction(E_LAW, CONTACT, **how)
     assert found.best == "rigid Coulomb" and found.rivals == ("Walton",)
     assert "do not distinguish it from Walton" in found.verdict
     assert "6 of 6 impacts slid throughout: only μ follows" in repr(found)

@@ -10,7 +10,7 @@ from scipy import stats
 
 import jaxcontact as jc
 from benchmarks import choice_confusion
-from jaxcontact.lab.choice.certainty import excess_p, standing_of
+from jaxcontact.lab.choice.certainty import Certainty, excess_p
 from jaxcontact.lab.choice.kinds import kinds_of
 
 CONTACT = jc.Contact(mass=0.03, stiffness=1e6)
@@ -113,7 +113,7 @@ def test_a_curve_beyond_all_laws_leaves_the_choice_open():
     """The curve of a linear dashpot is almost that of c as a power of v."""
     e = np.asarray(jc.restitution(jc.LinearDashpot(c=5.0), CONTACT, SPEED[::2]))
     found = jc.choose_law(CONTACT, SPEED[::2], e * (1 + 0.03 * SCATTER[::2]))
-    assert not found.sure and standing_of(found.fits, found._kinds, found.best).sure
+    assert not found.sure and Certainty(found.fits, found._kinds).standing(found.best).sure
     assert "not sure: a free smooth curve has an AICc lower" in found.verdict
 
 
@@ -149,7 +149,7 @@ def test_what_keeps_it_open_is_said():
     noisy = jc.choose_law(CONTACT, SPEED, 1 - 0.05 * SPEED**0.2 + 0.5 * SCATTER)
     assert not noisy.sure
     kinds = {kind.name: kind for kind in noisy._kinds}
-    standing = standing_of(noisy.fits, noisy._kinds, noisy.best)
+    standing = Certainty(noisy.fits, noisy._kinds).standing(noisy.best)
     assert set(standing.rivals) >= {"Kuwabara-Kono", "1 - b v^p"} - {noisy.best}
     assert all(name in noisy.verdict for name in standing.rivals)
     assert standing.containing == {

@@ -40,9 +40,9 @@ def test_one_trial_says_what_it_cannot_tell():
 
 
 def flights(wrong):
-    """Twenty trials of a ball with e = 0.85, of whose triggers a share is missed or spurious."""
+    """180 pairs of a ball with e = 0.85, of whose triggers a share is missed or spurious."""
     random, first, second, trial = np.random.default_rng(7), [], [], []
-    for number in range(20):
+    for number in range(25):
         times = np.concatenate([[0], np.cumsum(0.8 * 0.85 ** np.arange(10))])
         times += 2e-4 * random.normal(size=11)
         kept = times[random.random(11) > wrong / 2]
@@ -50,7 +50,8 @@ def flights(wrong):
         t = np.diff(np.sort([*kept, *extra]))
         first, second = [*first, *t[:-1]], [*second, *t[1:]]
         trial += [number] * (len(t) - 1)
-    return {"first": np.array(first), "second": np.array(second), "groups": trial}
+    table = {"first": np.array(first), "second": np.array(second), "groups": trial}
+    return {name: column[:180] for name, column in table.items()}
 
 
 def test_wrong_triggers_are_left_out():

@@ -36,7 +36,7 @@ def nothing_is_compiled(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     for module, name in [
         ("lab.design", "best_rows"),
-        ("lab.design", "telling_apart"),
+        ("lab.design", "Rival"),
         ("lab.oblique.fit_oblique", "_predicted"),
         ("engines.scenes.export_scene", "matched"),
         ("_fit.fit", "find"),

@@ -16,41 +16,34 @@ from ... import Contact, Drag
 from ...extend import (
     POSITIVE,
     STANDARD_GRAVITY,
-    Candidate,
     Flight,
     as_numbers,
     column,
-    counted,
     parameters_of,
     require_kind,
     require_number,
     stages_of,
 )
-from ..choice.certainty import Curve, Line, line_of
 from ..choice.choose_law import about_the_law, choose
-from ..choice.equivalent_e import asked_of, delivered_by_laws
-from ..choice.kind import AbstractKind
 from ..choice.kinds import kinds_of
 from ..choice.law_choice import LawChoice, kind_asked
 from ..choice.table import ChoiceTable, errors_of
-from ..pairs.outliers import THRESHOLD, Outliers, Trend, find_outliers
-from ..pairs.pairs import LEAST_PAIRS, RELATIVE_FLOOR, Noise, Pairs
+from ..pairs.outliers import THRESHOLD, Outliers, find_outliers
+from ..pairs.pairs import LEAST_PAIRS
 from ..recordings import RecordedPairs, Recording, make_pairs
-from ..records.all_impacts import (
+from ..records.impacts import (
+    ImpactFit,
     errors_of_impacts,
     exponent_of,
     fitted_impacts,
     require_mass,
     summaries,
 )
-from ..records.one_impact import ImpactFit
 from .summary import CalibrationSummary
 from .summary_data import PairSummary, RecordingSummary, SpeedBand, at_speeds
 
 _SPEED_BANDS = 5
 _PACKAGES = ("jaxcontact", "jax", "optimistix", "numpy")
-
-_UNKNOWN = "the error of a single pair is unknown"
 
 
 @dataclasses.dataclass(frozen=True, repr=False, kw_only=True)
@@ -131,7 +124,9 @@ def calibrate(
         else:
             pairs = make_pairs(recording, flight)
             pairs.needs_enough(least=1)
-        outliers = _outliers_in(pairs, tell)
+        if len(pairs) >= LEAST_PAIRS:
+            tell(f"searching {len(pairs)} pairs for spurious and missed triggers")
+        outliers = find_outliers(pairs)
         keep = ~outliers.flagged
         if impacts is None:
             errors, options = errors_of(pairs, outliers, keep), {}
@@ -139,7 +134,7 @@ def calibrate(
             errors, options = errors_of_impacts(impacts, keep), {"groups": None}
         word = pairs.layout.cluster_words[0]
         table = ChoiceTable(pairs, keep, errors, contact, frozenset(given), options, word)
-        chosen = functools.partial(_choose_from, kinds=kinds, tell=tell)
+        chosen = functools.partial(choose, kinds=kinds, progress=tell)
         choice, outliers = about_the_law(table, outliers, chosen)
         keep, with_marked = ~outliers.flagged, choice
         if not keep.all():
@@ -182,26 +177,6 @@ def calibrate(
         outliers=outliers,
         impact_fits=fits,
     )
-
-
-def _outliers_in(pairs: RecordedPairs, tell: Callable[[str], None]) -> Outliers:
-    if len(pairs) < LEAST_PAIRS:
-        return none_marked(pairs)
-    tell(f"searching {len(pairs)} pairs for spurious and missed triggers")
-    return find_outliers(pairs)
-
-
-def _choose_from(
-    table: ChoiceTable, kinds: tuple[AbstractKind, ...], tell: Callable[[str], None]
-) -> LawChoice:
-    """Return the choice among `kinds` for a table; of too few pairs, a constant e."""
-    forces, count = bool(table.errors.others), int(table.use.sum())
-    if count < LEAST_PAIRS:
-        # Few impacts have the errors of their readings.
-        table = dataclasses.replace(table, errors=table.errors._replace(absolute=True))
-    if count < LEAST_PAIRS and (not forces or count == 1):
-        return only_constant(table if forces else with_known_errors(table), kinds[0])
-    return choose(table, kinds=kinds, progress=tell)
 
 
 def _errors(choice: LawChoice, kind: str) -> dict[str, float | None]:
@@ -264,71 +239,3 @@ def _version(package: str) -> str | None:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
         return None  # run from a source tree that was never installed
-
-
-def none_marked(pairs: Pairs) -> Outliers:
-    """Return outliers with no pair marked: with so few pairs a wrong one cannot be identified."""
-    level = float(np.median(np.log(pairs.restitution)))
-    nothing = np.zeros(len(pairs))
-    noise = Noise(RELATIVE_FLOOR, 0.0)
-    return Outliers(nothing > 0, nothing, {}, Trend("constant", level, 0.0), noise)
-
-
-def with_known_errors(table: ChoiceTable) -> ChoiceTable:
-    """Return a table of few pairs with the known errors of their readings, for a mean e.
-
-    The errors stay relative, of independent pairs, if readings have no known errors or the pairs in
-    use differ by more than theirs.
-    """
-    pairs, use, whole = table.pairs, table.use, table.pairs.covariance
-    errors = table.errors._replace(correlation=None, absolute=False)
-    if whole is not None:
-        size = np.sqrt(np.diag(whole))
-        own, y = whole[np.ix_(use, use)], np.log(pairs.restitution[use])
-        inverse = np.linalg.pinv(own)
-        left = y - (inverse @ y).sum() / inverse.sum()
-        if left @ inverse @ left <= len(y) - 1 + 1e-9:
-            correlation = whole / np.outer(size, size)
-            errors = errors._replace(sigma=size, correlation=correlation, absolute=True)
-    known = frozenset[str]()
-    return dataclasses.replace(table, errors=errors, known=known, options={"groups": None})
-
-
-def only_constant(table: ChoiceTable, kind: AbstractKind) -> LawChoice:
-    """Fit a constant e, the mean of the few pairs of a table; with forces, the stiffness too."""
-    pairs, v, known = table.pairs, table.velocity, table.errors.absolute
-    found = table.fit(kind)
-    law = table.law_fit(kind, found)
-    if not known and len(v) == 1:
-        lacking = [dataclasses.replace(one, lacking=_UNKNOWN) for one in law.estimates]
-        law = dataclasses.replace(law, estimates=tuple(lacking))
-    k = len(found.names)
-    bic = 2 * found.loss + k * math.log((1 + len(table.errors.others.values)) * len(v))
-    constant = law.estimates[0]
-    told = found.adequacy
-    level = float(np.log(constant.value))
-    words = pairs.words
-    line = Line(level, 0.0, None) if len(v) == 1 else line_of(found, np.asarray(table.data["x"]))
-    return LawChoice(
-        count=len(v),
-        candidates=(
-            Candidate(
-                *(kind.name, k, found.loss, 2 * found.loss + 2 * k, bic, None, None),
-                *(found.converged, told.adequate, told.p),
-            ),
-        ),
-        best=kind.name if found.converged else None,
-        sure=False,
-        verdict=f"Use {kind.name}: {law.said}. {counted(len(v), words)} cannot distinguish laws.",
-        laws=(law,),
-        line=line,
-        free=Curve((level,), float(v.min()), float(v.max()), None, better=False),
-        asked=asked_of(constant.value, constant.standard_error, delivered_by_laws()),
-        next_measurement=f"a choice among laws needs at least {LEAST_PAIRS} {words[1]}, over the "
-        f"range of speeds in your simulation; {pairs.rule}",
-        fits={kind.name: found},
-        _kinds=(kind,),
-        contact=table.contact,
-        reference=table.reference,
-        marked=~table.use,
-    )

@@ -50,10 +50,7 @@ def is_oblique(source: Any, **how: Any) -> bool:
 
 
 def read_rebounds(source: Any, **how: Any) -> ObliqueTable:
-    """Read a table of oblique impacts; `how` as in `read_columns`.
-
-    Raises RecordingError and ValueError as that does, and for missing columns.
-    """
+    """Read a table of oblique impacts; `how` as in `read_columns`, which may raise."""
     read = read_columns(source, _NAMES, needed=(), **how)
     there = dict(read.values)
     normal, tangential = _speeds(read.source, there)

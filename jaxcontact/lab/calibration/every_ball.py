@@ -11,7 +11,7 @@ import numpy as np
 
 from ... import Contact, FitStatus
 from ...extend import Flight, counted, parameters_of, text_table, with_error
-from ..choice.kind import AbstractKind, Estimate, is_identifiable
+from ..choice.kind import Estimate, Kind, is_identifiable
 from ..choice.kinds import kinds_of
 from ..choice.table import ChoiceTable, errors_of
 from ..pairs.outliers import find_outliers
@@ -51,11 +51,7 @@ def calibrate_each(
     at: Sequence[float],
     tell: Callable[..., None],
 ) -> list[BallFit]:
-    """Fit one law to each ball; without speeds `at`, e is given at the median of all speeds.
-
-    All balls share the compiled search. A ball that cannot be fitted is flagged. Raises ValueError
-    for a law that cannot be fitted to e(v).
-    """
+    """Fit one law to each ball; without speeds `at`, e is given at the median of all speeds."""
     kind = next(one for one in kinds_of(law, 1.5) if one.law == law)
     numbers = {"mass": mass, "stiffness": stiffness}
     known = frozenset(name for name, value in numbers.items() if value is not None)
@@ -75,7 +71,7 @@ def calibrate_each(
 def _fit_of(
     ball: str,
     pairs: RecordedPairs,
-    kind: AbstractKind,
+    kind: Kind,
     contact: Contact,
     known: frozenset[str],
     at: Sequence[float],
@@ -100,7 +96,7 @@ def _fit_of(
         count,
         left_out,
         # e at a speed is in `at`, with its interval.
-        tuple(one for one in estimates if one.name != kind.at_speed(at[0])),
+        tuple(one for one in estimates if one.name != kind.at_speed.format(at[0])),
         at_speeds(fit, [], table.velocity, at)[2:],
         fit.adequate,
         table.reference if "reference" in parameters_of(kind.law) else None,
@@ -123,10 +119,7 @@ def row_of(fit: BallFit) -> dict[str, Any]:
 
 
 def text_of(fits: Sequence[BallFit], *, whole: bool) -> str:
-    """Return the counts, the spread of each number over the balls, and the table of balls.
-
-    The table is cut after some balls, unless `whole`.
-    """
+    """Return counts, the spread of each number, and the table of balls, cut unless `whole`."""
     counts = FitStatus.names_of(np.array([int(one.status) for one in fits]))
     poor = sum(one.adequate is False for one in fits)
     told = f"; the law does not describe {poor:,}" if poor else ""

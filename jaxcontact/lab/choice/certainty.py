@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -23,7 +24,7 @@ from ...extend import (
     listed,
     sandwich,
 )
-from .kind import AbstractKind
+from .kind import Kind
 
 EXCLUDED = 0.01
 """p below which a law is excluded; a right law is excluded by a wrong one at most this often."""
@@ -55,55 +56,78 @@ class Standing:
     """Laws that prevent certainty: not excluded, or clearly better."""
 
 
-def standing_of(fits: Mapping[str, Fit], kinds: Sequence[AbstractKind], kind: str) -> Standing:
-    """Return the standing of one kind among all that were fitted."""
-    by_name = {one.name: one for one in kinds}
-    own, found, reduced = by_name[kind], fits[kind], reduced_of(fits, kinds)
-    containing = frozenset(name for name, one in by_name.items() if one.contains(own))
-    rivals = [
-        name
-        for name, other in by_name.items()
-        if name != kind and name not in reduced and _keeps_open(found, own, fits[name], other)
-    ]
-    good = found.converged and found.adequate is True and len(fits) > 1
-    return Standing(good and not rivals, kind, containing, tuple(rivals))
+@dataclasses.dataclass(frozen=True)
+class Certainty:
+    """Which of the fitted `kinds` the data exclude."""
+
+    fits: Mapping[str, Fit]
+    kinds: Sequence[Kind]
+
+    @functools.cached_property
+    def reduced(self) -> dict[str, str]:
+        """The laws whose fit is no better than that of a special case, and the latter."""
+        converged = [kind for kind in self.kinds if self.fits[kind.name].converged]
+        own = {kind.name: criteria(self.fits[kind.name]) for kind in converged}
+        return {
+            kind.name: other.name
+            for kind in converged
+            for other in converged
+            if kind.contains(other)
+            for (k, aicc, _), (least, lower, _) in [(own[kind.name], own[other.name])]
+            if k <= least and aicc > lower - SAME
+        }
+
+    def standing(self, kind: str) -> Standing:
+        """Return the standing of one kind among all."""
+        by_name, found = {one.name: one for one in self.kinds}, self.fits[kind]
+        own = by_name[kind]
+        containing = frozenset(name for name, one in by_name.items() if one.contains(own))
+        rivals = tuple(
+            name
+            for name, other in by_name.items()
+            if name != kind and name not in self.reduced
+            if _keeps_open(found, own, self.fits[name], other)
+        )
+        good = found.converged and found.adequate is True and len(self.fits) > 1
+        return Standing(good and not rivals, kind, containing, rivals)
+
+    @functools.cached_property
+    def sure(self) -> Standing | None:
+        """The standing of the one law that is sure, or None."""
+        found = (self.standing(kind.name) for kind in self.kinds)
+        return next((one for one in found if one.sure), None)
+
+    def sentence(
+        self, best: str | None, sure: Standing | None, said: Collection[str | None], beyond: bool
+    ) -> str:
+        """Return whether the choice of `best` is sure, as a sentence that follows the verdict.
+
+        `said` are the laws that the verdict already calls indistinguishable from it. `beyond`:
+        whether a free curve may describe the data better than any law.
+        """
+        if sure is not None and len(self.fits) == 2:
+            (other,) = self.fits.keys() - {sure.kind}
+            how = f"excluded (p < {EXCLUDED:g})"
+            if other in sure.containing:
+                how = f"not clearly better (p ≥ {BETTER:g})"
+            return f" The choice is sure between the two: {other} is {how}."
+        if sure is not None:
+            but = " that does not contain it" if sure.containing else ""
+            return f" The choice is sure: every other law{but} is excluded (p < {EXCLUDED:g} each)."
+        if best is None or self.fits[best].adequate is False:
+            return ""
+        open_ = " The choice is not sure: "
+        rivals = self.standing(best).rivals
+        if rest := [name for name in rivals if name not in said]:
+            return f"{open_}{listed(rest)} {'is' if len(rest) == 1 else 'are'} not ruled out."
+        if rivals:
+            return ""
+        if self.fits[best].adequate is None:
+            return f"{open_}the fit could not be tested."
+        return f"{open_}a free smooth curve has an AICc lower by more than 2." if beyond else ""
 
 
-def reduced_of(fits: Mapping[str, FitData], kinds: Sequence[AbstractKind]) -> dict[str, str]:
-    """Return the laws whose fit is no better than that of a special case, and the latter.
-
-    These fits have no more identifiable parameters than the special case.
-    """
-    converged = [kind for kind in kinds if fits[kind.name].converged]
-    return {
-        kind.name: other.name
-        for kind in converged
-        for other in converged
-        if kind.contains(other) and _same(fits[kind.name], fits[other.name])
-    }
-
-
-def _same(fit: FitData, special: FitData) -> bool:
-    (k, aicc, _), (least, lower, _) = criteria(fit), criteria(special)
-    return k <= least and aicc > lower - SAME
-
-
-def sure_of(fits: Mapping[str, Fit], kinds: Sequence[AbstractKind]) -> Standing | None:
-    """Return the one law that is sure, or None."""
-    found = (standing_of(fits, kinds, kind.name) for kind in kinds)
-    return next((one for one in found if one.sure), None)
-
-
-def rivals_of(
-    fits: Mapping[str, Fit], kinds: Sequence[AbstractKind], best: str | None, sure: Standing | None
-) -> tuple[str, ...]:
-    """Return the converged laws other than the best that are not ruled out."""
-    if best is None or sure is not None:
-        return ()
-    return tuple(n for n in standing_of(fits, kinds, best).rivals if fits[n].converged)
-
-
-def _keeps_open(found: FitData, own: AbstractKind, fit: FitData, other: AbstractKind) -> bool:
+def _keeps_open(found: FitData, own: Kind, fit: FitData, other: Kind) -> bool:
     """Return whether another law, which may contain this one, prevents certainty."""
     if not (found.converged and fit.converged):
         return True
@@ -151,45 +175,6 @@ def _by_trial(better: FitData | Squares, worse: FitData, gain: float, numbers: i
     return float(fdtrc(numbers, count - 1, gain / numbers / noise)) if noise > 0 else 0.0
 
 
-def sure_sentence(
-    fits: Mapping[str, Fit],
-    kinds: Sequence[AbstractKind],
-    best: str | None,
-    sure: Standing | None,
-    said: Collection[str | None],
-    *,
-    beyond: bool,
-) -> str:
-    """Return whether the choice of `best` is sure, as a sentence that follows the verdict.
-
-    `said` are the laws that the verdict already calls indistinguishable from it. `beyond`: whether
-    a free curve may describe the data better than any law.
-    """
-    if sure is not None and len(fits) == 2:
-        (other,) = fits.keys() - {sure.kind}
-        how = f"excluded (p < {EXCLUDED:g})"
-        if other in sure.containing:
-            how = f"not clearly better (p ≥ {BETTER:g})"
-        return f" The choice is sure between the two: {other} is {how}."
-    if sure is not None:
-        but = " that does not contain it" if sure.containing else ""
-        return f" The choice is sure: every other law{but} is excluded (p < {EXCLUDED:g} each)."
-    if best is None or fits[best].adequate is False:
-        return ""
-    standing = standing_of(fits, kinds, best)
-    rest = [name for name in standing.rivals if name not in said]
-    if rest:
-        verb = "is" if len(rest) == 1 else "are"
-        return f" The choice is not sure: {listed(rest)} {verb} not ruled out."
-    if standing.rivals:
-        return ""
-    if fits[best].adequate is None:
-        return " The choice is not sure: the fit could not be tested."
-    if beyond:
-        return " The choice is not sure: a free smooth curve has an AICc lower by more than 2."
-    return ""
-
-
 _MOST = 6
 """Largest degree of the free curve; laws do not have more turns within the data."""
 
@@ -227,95 +212,77 @@ class Curve:
 
     def __call__(self, velocity: Floats) -> Floats:
         """Return e at closing speeds (n,) in m/s."""
-        return np.exp(np.polynomial.chebyshev.chebval(self._place(velocity), self.coefficients))
-
-    def _place(self, velocity: Floats) -> Floats:
-        return _place(velocity, self.slowest, self.fastest)
+        place = _place(velocity, self.slowest, self.fastest)
+        return np.exp(np.polynomial.chebyshev.chebval(place, self.coefficients))
 
 
-class _Linear(NamedTuple):
-    """A linear least-squares fit: coefficients, its squares, and the covariance."""
+def _fitted(
+    fit: FitData, columns: Float[np.ndarray, "n k"]
+) -> tuple[Float[np.ndarray, " k"], Squares, Float[np.ndarray, "k k"]]:
+    """Fit columns to ln e, the first n data of a fit, with their weights and groups.
 
-    coefficients: np.ndarray
-    squares: Squares
-    covariance: Float[np.ndarray, "k k"]
-
-
-class _Data(NamedTuple):
-    """ln e of a fit, roots of its weights, groups, whether the noise is known, and the whitener."""
-
-    y: Floats
-    factor: Floats
-    groups: np.ndarray | None
-    absolute: bool
-    whitener: Float[np.ndarray, "n n"] | None
-
-    def fitted(self, columns: Float[np.ndarray, "n k"]) -> _Linear:
-        """Fit columns; the covariance is NaN if it is singular."""
-        used = self.factor > 0
-        weighted = columns * self.factor[:, None]
-        y = np.where(used, self.y, 0) * self.factor
-        if self.whitener is not None:
-            weighted, y = self.whitener @ weighted, self.whitener @ y
-        weighted, y = weighted[used], y[used]
-        n, k = weighted.shape
-        coefficients, _, rank, _ = np.linalg.lstsq(weighted, y)
-        z = weighted @ coefficients - y
-        covariance = np.full((k, k), np.nan)
-        if rank == k and n > k:
-            inverse = np.linalg.inv(weighted.T @ weighted)
-            covariance = inverse * (1.0 if self.absolute else float(z @ z) / (n - k))
-            number = None if self.groups is None else self.groups[used]
-            if number is not None and len(np.unique(number)) >= LEAST_GROUPS:
-                covariance = sandwich(inverse, weighted * z[:, None], number)
-        return _Linear(coefficients, Squares(float(z @ z) / 2, z, n - k), covariance)
-
-
-def _data_of(fit: FitData, n: int) -> _Data:
-    """Return the first column of n points, which is ln e."""
-    groups = None if fit.groups is None else fit.groups[:n]
-    whitener = fit.problem.whitener
-    # Other columns are uncorrelated. The first column's part is the corner, because the factor is
-    # lower triangular.
-    own = None if whitener is None else np.asarray(whitener)[:n, :n]
-    return _Data(fit.data[:n], np.asarray(fit.problem.factor)[:n], groups, fit._absolute, own)
+    Return the coefficients, their squares, and their covariance, NaN if it is singular.
+    """
+    points = len(columns)
+    factor, whitener = np.asarray(fit.problem.factor)[:points], fit.problem.whitener
+    used = factor > 0
+    weighted = columns * factor[:, None]
+    y = np.where(used, fit.data[:points], 0) * factor
+    if whitener is not None:
+        # Other data are uncorrelated. The part of ln e is the corner, because the factor is lower
+        # triangular.
+        own = np.asarray(whitener)[:points, :points]
+        weighted, y = own @ weighted, own @ y
+    weighted, y = weighted[used], y[used]
+    n, k = weighted.shape
+    coefficients, _, rank, _ = np.linalg.lstsq(weighted, y)
+    z = weighted @ coefficients - y
+    covariance = np.full((k, k), np.nan)
+    if rank == k and n > k:
+        inverse = np.linalg.inv(weighted.T @ weighted)
+        covariance = inverse * (1.0 if fit._absolute else float(z @ z) / (n - k))
+        number = None if fit.groups is None else fit.groups[:points][used]
+        if number is not None and len(np.unique(number)) >= LEAST_GROUPS:
+            covariance = sandwich(inverse, weighted * z[:, None], number)
+    return coefficients, Squares(float(z @ z) / 2, z, n - k), covariance
 
 
 def line_of(fit: FitData, velocity: Floats) -> Line:
     """Return the line through the data of a fit of ln e, with their weights and groups."""
-    data = _data_of(fit, len(velocity))
-    found = data.fitted(np.stack([np.ones_like(velocity), velocity], axis=1))
-    error = math.sqrt(found.covariance[1, 1]) if found.covariance[1, 1] >= 0 else math.nan
-    level, slope = map(float, found.coefficients)
-    return Line(level, slope, error if math.isfinite(error) else None)
+    columns = np.stack([np.ones_like(velocity), velocity], axis=1)
+    (level, slope), _, covariance = _fitted(fit, columns)
+    variance = float(covariance[1, 1])
+    return Line(
+        float(level), float(slope), math.sqrt(variance) if 0 <= variance < math.inf else None
+    )
 
 
 def curve_of(fits: Iterable[FitData], velocity: Floats) -> Curve:
     """Return the free curve through the data of fits of ln e, with their weights."""
     fit, *_ = fits = tuple(fits)
-    data = _data_of(fit, len(velocity))
-    v = velocity[data.factor > 0]
+    factor = np.asarray(fit.problem.factor)[: len(velocity)]
+    v, factor = velocity[factor > 0], factor[factor > 0]
     ends = float(v.min()), float(v.max())
-    n = len(v)
-    most = min(_MOST, n - 1, len(np.unique(v)) - 1)
+    most = min(_MOST, len(v) - 1, len(np.unique(v)) - 1)
     columns = np.polynomial.chebyshev.chebvander(_place(velocity, *ends), max(most, 0))
-    degrees, factor = columns.shape[1], data.factor[data.factor > 0]
+    degrees = columns.shape[1]
     found = {}
     for k in range(1, degrees + 1):
-        one = data.fitted(columns[:, :k])
-        found.setdefault(criteria_of(one.squares.loss, k, factor, fit._absolute)[0], (k, one))
+        coefficients, squares, _ = _fitted(fit, columns[:, :k])
+        aicc = criteria_of(squares.loss, k, factor, fit._absolute)[0]
+        found.setdefault(aicc, (k, coefficients, squares))
     aicc = min(found)
-    k, best = found[aicc]
+    k, coefficients, squares = found[aicc]
     # Contact times and forces are other data, with another criterion.
     known = math.isfinite(aicc) and fit.data.size == velocity.size
     laws = [(one, criteria(one)) for one in fits if one.converged and known]
     better = bool(laws) and all(
         lowest - aicc > CLEAR_AICC
         # A curve that does not contain the law can approach it along one more direction.
-        and degrees * excess_p(best.squares, law, max(k - own, 0) + 1) < BETTER
+        and degrees * excess_p(squares, law, max(k - own, 0) + 1) < BETTER
         for law, (own, lowest, _) in laws
     )
-    return Curve(tuple(map(float, best.coefficients)), *ends, aicc if known else None, better)
+    return Curve(tuple(map(float, coefficients)), *ends, aicc if known else None, better)
 
 
 def _place(velocity: Floats, slowest: float, fastest: float) -> Floats:

@@ -16,10 +16,12 @@ from ...extend import (
     CLEAR_AICC,
     MEASURED_RESTITUTION,
     POSITIVE,
+    Candidate,
     SearchKeywords,
     as_weights,
     column,
     compared,
+    counted,
     criteria,
     for_each,
     groups_of,
@@ -32,16 +34,15 @@ from ...extend import (
     takes,
     undecided,
 )
-from ..design import shared_out
+from ..design import minimax, shared_out
 from ..pairs.outliers import Outliers, find_outliers
-from ..pairs.pairs import LEAST_PAIRS, Pairs, pairs_of
-from .certainty import curve_of, line_of, reduced_of, rivals_of, sure_of, sure_sentence
+from ..pairs.pairs import LEAST_PAIRS, Pairs, pairs_of, standardised
+from .certainty import Certainty, Curve, Line, curve_of, line_of
 from .equivalent_e import Grid, asked_of, delivered_by_laws
-from .kind import AbstractKind, is_identifiable, padded
+from .kind import Kind, is_identifiable, padded
 from .kinds import kinds_of
 from .law_choice import LawChoice, LawFit
-from .outcomes import columns_of
-from .table import ChoiceTable, errors_of
+from .table import ChoiceTable, columns_of, errors_of
 
 _CLOSER = 0.5
 """Ratio of the scatters about a law and about a trend below which the trend misses the curve."""
@@ -186,10 +187,7 @@ def about_the_law(
 
 
 def _off_laws(pairs: Pairs, now: Any, found: Outliers) -> list[Outliers]:
-    """Return the pairs off the best law, and off each other law that describes the data.
-
-    Return nothing if the best does not, unless its scatter is `_CLOSER` than that about the trend.
-    """
+    """Return the pairs off the best law, and off each other law that describes the data."""
     good = {
         kind: found.off_law(pairs, kind, *fit.predict_with_error())
         for kind, fit in now.fits.items()
@@ -204,10 +202,22 @@ def _off_laws(pairs: Pairs, now: Any, found: Outliers) -> list[Outliers]:
 
 
 def choose(
-    table: ChoiceTable, *, kinds: tuple[AbstractKind, ...], progress: Callable[[str], None]
+    table: ChoiceTable, *, kinds: tuple[Kind, ...], progress: Callable[[str], None]
 ) -> LawChoice:
-    """Choose among `kinds` on the pairs of a table."""
-    every, kinds = kinds, tuple(filter(table.determines, kinds))
+    """Choose among `kinds` on the pairs of a table; of too few pairs, the first, a constant e."""
+    forces, count = bool(table.errors.others), len(table.velocity)
+    if count < LEAST_PAIRS:
+        # Few impacts have the errors of their readings.
+        table = dataclasses.replace(table, errors=table.errors._replace(absolute=True))
+    if count < LEAST_PAIRS and (not forces or count == 1):
+        return only_constant(table, kinds[0])
+    return _compared(table, kinds, progress)
+
+
+def _compared(
+    table: ChoiceTable, every: tuple[Kind, ...], progress: Callable[[str], None]
+) -> LawChoice:
+    kinds = tuple(filter(table.determines, every))
     if len(kinds) < 2:
         names, pairs = [kind.name for kind in every], table.pairs
         raise pairs.fault(
@@ -216,7 +226,8 @@ def choose(
         )
     fits, laws, grid = _fits_of(table, kinds, progress)
     first, x = fits[kinds[0].name], np.asarray(table.data["x"])
-    reduced = reduced_of(fits, kinds)
+    certainty = Certainty(fits, kinds)
+    reduced = certainty.reduced
     laws = tuple(dataclasses.replace(law, reduced_to=reduced.get(law.kind, "")) for law in laws)
     said = {law.kind: law.said for law in laws}
     free = curve_of(fits.values(), x)
@@ -224,7 +235,7 @@ def choose(
     left_out = [kind.name for kind in every if kind not in kinds]
     lowest = min((criteria(one)[1] for one in fits.values() if one.converged), default=0.0)
     beyond = free.aicc is not None and lowest - free.aicc > CLEAR_AICC
-    standing = None if left_out or beyond else sure_of(fits, kinds)
+    standing = None if left_out or beyond else certainty.sure
     comparison = compared(
         fits,
         table.bands(first),
@@ -240,36 +251,106 @@ def choose(
     if standing is not None:
         rivals = [name for name in rivals if name in standing.containing]
     verdict = comparison.verdict
-    verdict += sure_sentence(fits, kinds, best, standing, {best, *rivals}, beyond=beyond)
+    verdict += certainty.sentence(best, standing, {best, *rivals}, beyond)
     if left_out:
         verdict += f" More points are needed to compare {listed(left_out)}."
-    constant, v = laws[0].constant, table.velocity
-    return LawChoice(
-        count=len(v),
+    v, open_laws = table.velocity, ()
+    if best is not None and standing is None:
+        # The laws that are not ruled out.
+        open_laws = tuple(n for n in certainty.standing(best).rivals if fits[n].converged)
+    return _choice(
+        table,
+        kinds,
+        (fits, laws, grid),
         candidates=comparison.candidates,
         best=best,
         sure=standing is not None,
         verdict=verdict,
-        laws=laws,
-        line=line_of(first, x),
         free=free,
-        asked=asked_of(constant.value, constant.standard_error, grid),
         next_measurement=what_settles(fits, best, rivals, (float(v.min()), float(v.max()))),
-        rivals=rivals_of(fits, kinds, best, standing),
+        rivals=open_laws,
+    )
+
+
+_UNKNOWN = "the error of a single pair is unknown"
+
+
+def only_constant(table: ChoiceTable, kind: Kind) -> LawChoice:
+    """Fit a constant e, the mean of the few pairs of a table; with forces, the stiffness too."""
+    pairs, v = table.pairs, table.velocity
+    if not table.errors.others:
+        table = with_known_errors(table)
+    fits, (law,), grid = _fits_of(table, (kind,), lambda text: None)
+    found, words = fits[kind.name], pairs.words
+    if not table.errors.absolute and len(v) == 1:
+        lacking = [dataclasses.replace(one, lacking=_UNKNOWN) for one in law.estimates]
+        law = dataclasses.replace(law, estimates=tuple(lacking))
+    k = len(found.names)
+    bic = 2 * found.loss + k * math.log((1 + len(table.errors.others.values)) * len(v))
+    criteria = kind.name, k, found.loss, 2 * found.loss + 2 * k, bic, None, None
+    level, told = math.log(law.constant.value), found.adequacy
+    choice = _choice(
+        table,
+        (kind,),
+        (fits, (law,), grid),
+        candidates=(Candidate(*criteria, found.converged, told.adequate, told.p),),
+        best=kind.name if found.converged else None,
+        sure=False,
+        verdict=f"Use {kind.name}: {law.said}. {counted(len(v), words)} cannot distinguish laws.",
+        free=Curve((level,), float(v.min()), float(v.max()), None, better=False),
+        next_measurement=f"a choice among laws needs at least {LEAST_PAIRS} {words[1]}, over the "
+        f"range of speeds in your simulation; {pairs.rule}",
+    )
+    return choice if len(v) > 1 else dataclasses.replace(choice, line=Line(level, 0.0, None))
+
+
+def with_known_errors(table: ChoiceTable) -> ChoiceTable:
+    """Return a table of few pairs with the known errors of their readings, for a mean e.
+
+    Errors stay relative, of independent pairs, if they are unknown or the pairs differ by more.
+    """
+    pairs, use, whole = table.pairs, table.use, table.pairs.covariance
+    errors = table.errors._replace(correlation=None, absolute=False)
+    if whole is not None:
+        size, correlation = standardised(whole)
+        own, y = whole[np.ix_(use, use)], np.log(pairs.restitution[use])
+        inverse = np.linalg.pinv(own)
+        left = y - (inverse @ y).sum() / inverse.sum()
+        if left @ inverse @ left <= len(y) - 1 + 1e-9:
+            errors = errors._replace(sigma=size, correlation=correlation, absolute=True)
+    known = frozenset[str]()
+    return dataclasses.replace(table, errors=errors, known=known, options={"groups": None})
+
+
+Fitted = tuple[dict[str, Fit], tuple[LawFit, ...], Grid]
+
+
+def _choice(
+    table: ChoiceTable, kinds: tuple[Kind, ...], fitted: Fitted, **compared: Any
+) -> LawChoice:
+    """Return the choice of a table, with the comparison of the fits."""
+    fits, laws, grid = fitted
+    constant = laws[0].constant
+    return LawChoice(
+        count=len(table.velocity),
+        laws=laws,
+        line=line_of(fits[kinds[0].name], np.asarray(table.data["x"])),
+        asked=asked_of(constant.value, constant.standard_error, grid),
         fits=fits,
         _kinds=kinds,
         contact=table.contact,
         reference=table.reference,
         marked=~table.use,
+        **compared,
     )
 
 
 def _fits_of(
-    table: ChoiceTable, kinds: tuple[AbstractKind, ...], progress: Callable[[str], None]
-) -> tuple[dict[str, Fit], tuple[LawFit, ...], Grid]:
+    table: ChoiceTable, kinds: tuple[Kind, ...], progress: Callable[[str], None]
+) -> Fitted:
     """Fit all kinds; return the fits, the same in words, and the e of laws of constant e."""
 
-    def fitted(kind: AbstractKind) -> tuple[Fit, LawFit]:
+    def fitted(kind: Kind) -> tuple[Fit, LawFit]:
         found = table.fit(kind)
         return found, table.law_fit(kind, found)
 
@@ -289,10 +370,9 @@ def what_settles(
 ) -> str:
     """Return where and how often to measure e to separate the best law from its nearest rival.
 
-    Minimax: the law with more parameters is taken as right, as fitted. The other law is refitted to
-    minimise its maximum deviation between the slowest and the fastest speed. The speeds are those
-    where that maximum occurs (see `design`). Returns "" if the choice is clear, or if the best law
-    does not describe the data.
+    Minimax: the law with more parameters is taken as right. The other law is refitted to minimise
+    its maximum deviation; the speeds are those where it occurs. Returns "" if the choice is clear,
+    or if the best law does not describe the data.
     """
     if best is None or not rivals or fits[best].adequate is False:
         return ""
@@ -327,22 +407,11 @@ def what_settles(
 def _least_distance(
     right: Fit, other: Fit, speeds: Float[np.ndarray, " m"]
 ) -> tuple[float, Float[np.ndarray, " m"]]:
-    """Return the minimax difference of ln e, and the shares of the readings.
-
-    The difference is linear in the parameters of the other law.
-    """
-    from scipy.optimize import linprog
-
+    """Return the minimax difference of ln e, linear in parameters, and shares of the readings."""
     at = padded(speeds, speeds[0])
     truth = right.linearised(at)[0][: len(speeds)]
     curve, slopes = (part[: len(speeds)] for part in other.linearised(at))
-    off, k = curve - truth, slopes.shape[1]
     # Scale parameters of different units by their effect, for the linear programme.
     size = np.abs(slopes).max(axis=0)
-    slopes = slopes / np.where(size > 0, size, 1)
-    upper = np.column_stack([np.concatenate([slopes, -slopes]), -np.ones(2 * len(off))])
-    cost = np.append(np.zeros(k), 1.0)
-    limits = [(None, None)] * k + [(0, None)]
-    made = linprog(cost, upper, np.concatenate([-off, off]), bounds=limits)
-    share = -made.ineqlin.marginals.reshape(2, -1).sum(axis=0)
-    return float(made.fun), share / share.sum() if share.sum() > 0 else share
+    _, distance, share = minimax(curve - truth, slopes / np.where(size > 0, size, 1))
+    return distance, share / share.sum() if share.sum() > 0 else share

@@ -42,8 +42,7 @@ Grid = tuple[list[str], np.ndarray, np.ndarray]
 def delivered_by_laws() -> Grid:
     """Return names of laws, a grid of e (laws, points) over the whole range, and the delivered e.
 
-    A registered law of one parameter e is left out if its delivered e depends on more, or does not
-    increase with e.
+    A law is left out if its delivered e depends on more than e, or does not increase with it.
     """
     names = constant_laws()
     # 0 itself may be out of range; no real e is so small.
@@ -54,11 +53,7 @@ def delivered_by_laws() -> Grid:
 
 
 def asked_of(delivered: float, standard_error: float | None, grid: Grid) -> tuple[Asked, ...]:
-    """Return the e to set in each law to deliver the restitution `delivered` ± `standard_error`.
-
-    At a constant e every law has one equivalent in every other. e(v) cannot distinguish them;
-    convenience or the contact time decides. `grid` is that of `delivered_by_laws`.
-    """
+    """Return the e to set in each law to deliver the restitution `delivered` ± `standard_error`."""
     names, place, e = grid
     low, high, *_ = _around(place, e, delivered)
     place, rows = _on_grid(names, low, high)

@@ -6,10 +6,9 @@ Mass and stiffness only convert these combinations to c and A.
 
 from __future__ import annotations
 
-import abc
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -63,40 +62,55 @@ class Combination(NamedTuple):
     needs: frozenset[str] = frozenset()
 
 
-@dataclasses.dataclass(frozen=True)
-class AbstractKind(abc.ABC):
+Start = Callable[[float, float], Mapping[str, float]]
+"""Combinations whose curve passes near an e at a speed in m/s."""
+
+
+def _of_law(law: Any, contact: Contact, velocity: Array) -> Array:
+    return law.restitution_at(velocity)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Kind:
     """A kind of law: its e(v) from a few parameters, and their meaning.
 
     `law` is the registered name of a law of this kind, `name` the kind in a few words, and
-    `unidentified` what e(v) leaves open. `parameters` are those of the law, in its order. Kinds are
-    hashable, since they select compiled code.
+    `unidentified` what e(v) leaves open. `parameters` are those of the law, in its order. A search
+    begins at `start`, and at each of `also`; the best end counts. `curve` gives e of a law at
+    speeds (n,), or one e. `special`: the names of kinds all of whose curves are also curves of this
+    kind. `exponent`: the only one of a contact for which the curve is known, None if any. `outcome`
+    gives `duration` and `max_force` of impacts of a law. `at_speed`: the name of e at a typical
+    speed, "" if it is a parameter. Kinds select compiled code, and there is one of each.
     """
 
     law: str
     name: str
-    unidentified: ClassVar[str]
-    parameters: ClassVar[Mapping[str, Combination]]
-    special: ClassVar[tuple[type[AbstractKind], ...]] = ()
-    """Kinds all of whose curves are also curves of this kind."""
-    exponent: ClassVar[float | None] = None
-    """The only exponent of a contact for which the curve is known; None if it serves any."""
+    unidentified: str
+    parameters: Mapping[str, Combination]
+    start: Start
+    also: tuple[Start, ...] = ()
+    curve: Callable[[Any, Contact, Array], Array] = _of_law
+    special: tuple[str, ...] = ()
+    exponent: float | None = None
+    outcome: Callable[[Any, Contact, Array], Any] = impact
+    at_speed: str = "e at {:.2f} m/s"
 
     @property
     def transforms(self) -> dict[str, AbstractTransform]:
         """The ranges of the parameters."""
         return {name: one.range for name, one in self.parameters.items()}
 
-    def contains(self, other: AbstractKind) -> bool:
+    def contains(self, other: Kind) -> bool:
         """Return whether every curve of another kind is one of this kind."""
-        return type(other) in self.special
-
-    @abc.abstractmethod
-    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Return parameters whose curve passes near `e` at the speed `reference` in m/s."""
+        # The name of a constant e may end with that of its law.
+        return other.name.startswith(self.special)
 
     def starts(self, e: float, contact: Contact, reference: float) -> list[dict[str, float]]:
-        """Return the parameters from which the searches begin, of which the best one counts."""
-        return [self.start(e, contact, reference)]
+        """Return the parameters from which searches begin; the first curve passes near `e`."""
+        size = float(contact.mass), float(contact.stiffness)
+        combined = (one(e, reference) for one in (self.start, *self.also))
+        scales = {name: one.scale(*size) for name, one in self.parameters.items()}
+        return [{name: x * scales[name] for name, x in one.items()} for one in combined]
 
     def law_of(self, params: Params, reference: Any) -> AbstractLaw:
         """Return the law of these parameters; `reference` in m/s is that of a power law's c."""
@@ -114,27 +128,16 @@ class AbstractKind(abc.ABC):
         e = self.curve(self.law_of(params, reference), contact, velocity)
         return jnp.broadcast_to(e, velocity.shape)
 
-    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
-        """Return e of a law of this kind at speeds (n,), or at all; here as the law gives it."""
-        return law.restitution_at(velocity)
-
     def moved(self, params: Params, contact: Contact, other: Contact) -> Params:
         """Return the parameters that give the same e(v) in another contact."""
         ratios = other.mass / contact.mass, other.stiffness / contact.stiffness
         scaled = {name: one.scale for name, one in self.parameters.items() if one.needs}
         return {**params, **{name: params[name] * scale(*ratios) for name, scale in scaled.items()}}
 
-    def outcome(self, law: Any, contact: Contact, velocity: Array) -> Any:
-        """Return `duration` and `max_force` of impacts of a law of this kind."""
-        return impact(law, contact, velocity)
-
     def estimates(
         self, fit: FitData, contact: Contact, known: frozenset[str], speed: float
     ) -> tuple[Estimate, ...]:
-        """Return what e(v) determines, e at a typical speed, and what `known` adds.
-
-        `known` names the contact numbers that were given, "mass" and "stiffness".
-        """
+        """Return what e(v) determines, e at a typical speed, and what the `known` contact adds."""
         good = is_identifiable(fit)
 
         def estimate(parameter: str, name: str, scale: float, unit: str) -> Estimate:
@@ -148,39 +151,57 @@ class AbstractKind(abc.ABC):
             found.append(estimate(parameter, one.name, scale, one.unit))
             if one.needs and known >= one.needs:
                 own.append(estimate(parameter, parameter, 1.0, one.own_unit))
-        if name := self.at_speed(speed):
+        if name := self.at_speed.format(speed):
             e, error = delivered(fit, np.array([speed]))
             found.append(Estimate(name, float(e[0]), float(error[0]) if good else None, ""))
         if "stiffness" in fit.names:
             own = [estimate("stiffness", "K", 1.0, "N/m^n")]
         return (*found, *own)
 
-    def at_speed(self, speed: float) -> str:
-        """Return the name of e at a speed in m/s; "" if it is a parameter."""
-        return f"e at {speed:.2f} m/s"
 
+class LogOutcomes(eqx.Module):
+    """ln e(v) of a kind of law; with other `fields` a tuple of it and their logarithms.
 
-class LogRestitution(eqx.Module):
-    """ln e(v) of a kind of law, for comparison with the measured ln e."""
+    These are contact time in s and largest force in N. With them the stiffness is a parameter in
+    addition to those of the law.
+    """
 
-    is_formula: ClassVar[bool] = True
-    shown: ClassVar[Mapping[str, Shown]] = {
-        "x": Shown("velocity"),
-        "": Shown("restitution", logarithm=True),
-    }
-    kind: AbstractKind = eqx.field(static=True)
+    kind: Kind = eqx.field(static=True)
     contact: Contact
     reference: Float[Array, ""]
+    fields: tuple[str, ...] = eqx.field(static=True, default=())
 
-    def __call__(self, params: Params, velocity: Float[Array, " n"]) -> Float[Array, " n"]:
-        return jnp.log(self.kind.restitution(params, self.contact, self.reference, velocity))
+    @property
+    def is_formula(self) -> bool:
+        """True if no impact is solved."""
+        return not self.fields
+
+    @property
+    def shown(self) -> dict[str, Shown]:
+        """The presentation of the columns, which are numbered if there are several."""
+        columns = ("restitution", *self.fields)
+        names = map(str, range(len(columns))) if self.fields else ("",)
+        shown = {name: Shown(one, logarithm=True) for name, one in zip(names, columns, strict=True)}
+        return {"x": Shown("velocity"), **shown}
+
+    def __call__(self, params: Params, velocity: Float[Array, " n"]) -> Any:
+        log_e = jnp.log(self.kind.restitution(params, self.contact, self.reference, velocity))
+        if not self.fields:
+            return log_e
+        contact = with_stiffness(self.contact, params)
+        law = self.kind.law_of(self.kind.moved(params, self.contact, contact), self.reference)
+        hit = self.kind.outcome(law, contact, velocity)
+        return log_e, *(jnp.log(getattr(hit, name)) for name in self.fields)
+
+
+def with_stiffness(contact: Contact, params: Params) -> Contact:
+    """Return the contact with the fitted stiffness, if it was fitted."""
+    stiffness = params.get("stiffness", contact.stiffness)
+    return Contact(contact.mass, stiffness, contact.exponent)
 
 
 def is_identifiable(fit: FitData) -> bool:
-    """Return whether the data determine the logarithm or logit of every parameter.
-
-    The limit of its standard error is `WIDEST_LOGARITHM`.
-    """
+    """Return whether the data determine the logarithm or logit of every parameter."""
     return bool(np.all(fit.scaled_errors < WIDEST_LOGARITHM))
 
 

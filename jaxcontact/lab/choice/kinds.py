@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
+import functools
 import math
 import operator
-from collections.abc import Mapping
-from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -17,7 +15,7 @@ from jaxtyping import Array, Float
 
 from ... import AbstractLaw, Between, Contact, Damped, Free, Positive, impact, restitution
 from ...extend import LOSS, constant_laws, describe, did_you_mean, force_of, rendered, scale_of
-from .kind import AbstractKind, Combination
+from .kind import Combination, Kind, Start
 
 _STEPS = 256
 
@@ -102,290 +100,189 @@ def _kept_above_zero(left: Array) -> Array:
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class ConstantE(AbstractKind):
-    """The same e at every speed, as delivered by the law `law` of one parameter e."""
+def _at_once(law: Any, contact: Contact, velocity: Array) -> Array:
+    """Return e of a damping factor: one formula, which compiles in half the time."""
+    return restitution(Damped(alpha=law.damping_factor(contact, velocity)))
 
-    law: str = "exact"
-    name: str = "constant e"
-    unidentified = "mass, stiffness and exponent: e does not depend on them"
-    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
-        {"e": Combination(Between(0, 1), "e")}
-    )
 
-    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        return {"e": e}
+def _power_of_loss(law: Any, contact: Contact, velocity: Array) -> Array:
+    """Return the curve, kept above 0, where its logarithm is defined."""
+    return jnp.maximum(law.restitution_at(velocity), _LEAST_E)
 
-    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
-        """Return the delivered e, the same at every speed."""
+
+def _wet(law: Any, contact: Contact, velocity: Array) -> Array:
+    return law.e * _kept_above_zero(1 - law.critical_speed / velocity)
+
+
+def _wet_outcome(law: Any, contact: Contact, velocity: Array) -> Any:
+    """Return contact time and force; for bodies that stick those of the least e."""
+    return impact(Damped(alpha=law.damping_factor(contact, velocity)), contact, velocity)
+
+
+def _adhesive(law: Any, contact: Contact, velocity: Array) -> Array:
+    sticking = law.sticking_speed(contact)
+    return jnp.sqrt(_kept_above_zero(1 - jnp.square(sticking / velocity)))
+
+
+def _adhesive_outcome(law: Any, contact: Contact, velocity: Array) -> Any:
+    """Return contact time and force; for bodies that stick those of the slowest that part."""
+    slowest = _ABOVE_STICKING * law.sticking_speed(contact)
+    return impact(law, contact, jnp.maximum(velocity, slowest))
+
+
+def _two_losses(viscous: float) -> Start:
+    """Return the start of two losses, of which the viscous one has this share of ln e."""
+    return lambda e, v: {**_PLASTIC.start(e ** (1 - viscous), v), **_DAMPED.start(e**viscous, v)}
+
+
+@functools.cache
+def constant_e(law: str = "exact") -> Kind:
+    """Return the kind with the same e at every speed, as a law of one parameter e delivers it."""
+    exact = law == "exact"
+    return Kind(
+        law,
+        "constant e" if exact else f"constant e ({law})",
+        "mass, stiffness and exponent: e does not depend on them",
+        {"e": Combination(Between(0, 1), "e")},
+        start=lambda e, v: {"e": e},
         # The exact law delivers its parameter by definition, so nothing is compiled.
-        return law.e if self.law == "exact" else restitution(law)
-
-    def at_speed(self, speed: float) -> str:
-        return "" if self.law == "exact" else "e delivered"
-
-
-@dataclasses.dataclass(frozen=True)
-class ConstantC(AbstractKind):
-    """A constant damping factor c: α = c v/K."""
-
-    law: str = "constant_damping"
-    name: str = "constant c"
-    unidentified = "c and K separately, and m: e(v) determines only c/K"
-    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
-        {"c": Combination(Positive(), "c/K", "s/m", _spring, "N s/m^(5/2)", _STIFFNESS)}
+        curve=lambda law, contact, velocity: law.e if exact else restitution(law),
+        at_speed="" if exact else "e delivered",
     )
 
-    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Return the c of Hu and Guo's α = 3(1-e)/(2e), which nearly delivers e."""
-        return {"c": 1.5 * (1 - e) / e * float(contact.stiffness) / reference}
 
-    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
-        # Without contact and speed `restitution` is one formula, which compiles in half the time.
-        return restitution(Damped(alpha=law.damping_factor(contact, velocity)))
+_DAMPED = Kind(
+    "constant_damping",
+    "constant c",
+    "c and K separately, and m: e(v) determines only c/K",
+    {"c": Combination(Positive(), "c/K", "s/m", _spring, "N s/m^(5/2)", _STIFFNESS)},
+    # Hu and Guo's α = 3(1-e)/(2e) nearly delivers e.
+    start=lambda e, v: {"c": 1.5 * (1 - e) / e / v},
+    curve=_at_once,
+)
 
+# r = v_y/v by a formula that is 1 at e = 1, and near e⁴ far beyond yielding.
+_PLASTIC = Kind(
+    "thornton_plastic",
+    "elastic-plastic",
+    "yield pressure, E, R and m separately: e(v) determines only the yield speed",
+    {"yield_speed": Combination(Positive(), "yield speed", "m/s")},
+    start=lambda e, v: {"yield_speed": e**4 * (1 - 0.6 * (1 - e) ** 0.3) * v},
+    exponent=_HERTZ,
+)
 
-@dataclasses.dataclass(frozen=True)
-class PowerOfSpeed(ConstantC):
-    """A damping factor that is a power of the closing speed: α = c (v/v_r)^p v/K."""
+_EMPIRICAL = "mass, stiffness and exponent: the curve is empirical"
 
-    law: str = "power_damping"
-    name: str = "c as a power of v"
-    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
-        {**ConstantC.parameters, "power": _POWER}
-    )
-    special: ClassVar[tuple[type[AbstractKind], ...]] = (ConstantE, ConstantC)
-
-    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Return a constant c."""
-        return super().start(e, contact, reference) | {"power": 0.0}
-
-
-@dataclasses.dataclass(frozen=True)
-class Viscoelastic(AbstractKind):
-    """Kuwabara and Kono's law for n = 3/2: e depends on A (K/m)^(2/5) v^(1/5)."""
-
-    law: str = "kuwabara_kono"
-    name: str = "Kuwabara-Kono"
-    unidentified = "A, K and m separately: e(v) determines only A (K/m)^(2/5)"
-    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
-        {"A": Combination(Positive(), "A (K/m)^(2/5)", "(m/s)^(-1/5)", _depth, "s", _BOTH)}
-    )
-    exponent: ClassVar[float | None] = _HERTZ
-
-    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Return A of 1 - e ≈ 1.15344 (3/2) A (K/m)^(2/5) v^(1/5), capped for large losses."""
-        strength = min((1 - e) / 1.73, 0.4) / reference**0.2
-        return {"A": strength * _depth(float(contact.mass), float(contact.stiffness))}
-
-    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
-        """Return e by the series of the law's form."""
-        return restitution(law, contact, velocity)
-
-
-@dataclasses.dataclass(frozen=True)
-class Plastic(AbstractKind):
-    """Thornton's elastic-plastic spheres: e depends on the yield speed alone."""
-
-    law: str = "thornton_plastic"
-    name: str = "elastic-plastic"
-    unidentified = "yield pressure, E, R and m separately: e(v) determines only the yield speed"
-    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
-        {"yield_speed": Combination(Positive(), "yield speed", "m/s")}
-    )
-    exponent: ClassVar[float | None] = _HERTZ
-
-    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Return r = v_y/v from a formula that is 1 at e = 1 and near e⁴ far beyond yielding."""
-        ratio = e**4 * (1 - 0.6 * (1 - e) ** 0.3)
-        return {"yield_speed": ratio * reference}
-
-
-@dataclasses.dataclass(frozen=True)
-class PowerOfLoss(AbstractKind):
-    """A loss that is a power of the closing speed: e = 1 - b (v/v_r)^p."""
-
-    law: str = "power_restitution"
-    name: str = "1 - b v^p"
-    unidentified = "mass, stiffness and exponent: the curve is empirical"
-    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
-        {"loss": Combination(Between(0, 1), "b"), "power": _POWER}
-    )
-    special: ClassVar[tuple[type[AbstractKind], ...]] = (ConstantE,)
-
-    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Return a constant e."""
-        return {"loss": 1 - e, "power": 0.0}
-
-    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
-        """Return the curve, kept above 0, where its logarithm is defined."""
-        return jnp.maximum(super().curve(law, contact, velocity), _LEAST_E)
-
-
-@dataclasses.dataclass(frozen=True)
-class PowerOfRestitution(AbstractKind):
-    """A restitution that falls as a power of the closing speed: e = min(1, a (v/v_r)^-p)."""
-
-    law: str = "bridges"
-    name: str = "a v^-p"
-    unidentified: ClassVar[str] = PowerOfLoss.unidentified
-    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
-        {"a": Combination(Positive(), "a"), "power": _POWER}
-    )
-    special: ClassVar[tuple[type[AbstractKind], ...]] = (ConstantE,)
-
-    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Return a constant e."""
-        return {"a": e, "power": 0.0}
-
-
-@dataclasses.dataclass(frozen=True)
-class Dashpot(AbstractKind):
-    """A linear dashpot parallel to Hertz's force: e depends on c/(m^(3/5) K^(2/5)) v^(-1/5)."""
-
-    law: str = "linear_dashpot"
-    name: str = "linear dashpot"
-    unidentified = "c, K and m separately: e(v) determines only c/(m^(3/5) K^(2/5))"
-    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
-        {
-            "c": Combination(
-                Positive(), "c/(m^(3/5) K^(2/5))", "(m/s)^(1/5)", _dashpot, "N s/m", _BOTH
-            )
-        }
-    )
-    exponent: ClassVar[float | None] = _HERTZ
-
-    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Return c of ln e = -1.6 c/(m^(3/5) K^(2/5)) v^(-1/5), which nearly delivers e."""
-        scale = _dashpot(contact.mass, contact.stiffness)
-        return {"c": -math.log(e) / 1.6 * reference**0.2 * scale}
-
-    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
-        return clamped_restitution(law, contact, velocity)
-
-
-@dataclasses.dataclass(frozen=True)
-class Stepped(Dashpot):
-    """Adams' IMPACT with Hertz's force: e also depends on d (K/m)^(2/5) v^(-4/5)."""
-
-    law: str = "step_damping"
-    name: str = "step damping"
-    unidentified = "c_max, d, K and m separately: e(v) determines only two combinations"
-    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
-        {
-            "c_max": Dashpot.parameters["c"]._replace(name="c_max/(m^(3/5) K^(2/5))"),
-            "d": Combination(Positive(), "d (K/m)^(2/5)", "(m/s)^(4/5)", _depth, "m", _BOTH),
-        }
-    )
-
-    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Return d as 0.3 of the elastic indentation, and c_max."""
-        depth = 0.3 * reference**0.8 * _depth(float(contact.mass), float(contact.stiffness))
-        return {"c_max": 1.1 * super().start(e, contact, reference)["c"], "d": depth}
-
-
-@dataclasses.dataclass(frozen=True)
-class ViscousAndPlastic(AbstractKind):
-    """Elastic-plastic spheres with Hunt and Crossley's damping: e depends on v_y/v and c v/K."""
-
-    law: str = "viscoplastic"
-    name: str = "viscous and plastic"
-    unidentified = "c and K separately; yield pressure, E, R and m: e(v) determines v_y and c/K"
-    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
-        {**Plastic.parameters, **ConstantC.parameters}
-    )
-    special: ClassVar[tuple[type[AbstractKind], ...]] = (ConstantC, Plastic)
-    exponent: ClassVar[float | None] = _HERTZ
-
-    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Return most of ln e for the viscous loss."""
-        return self._shared(_VISCOUS_SHARE, e, contact, reference)
-
-    def starts(self, e: float, contact: Contact, reference: float) -> list[dict[str, float]]:
-        """Return several shares of ln e for the two losses.
-
-        The plastic loss ends at the yield speed. A search that starts with it above the data does
-        not see it, and stops at a constant c.
-        """
-        return [self._shared(share, e, contact, reference) for share in (_VISCOUS_SHARE, 0.3, 0.02)]
-
-    def _shared(
-        self, viscous: float, e: float, contact: Contact, reference: float
-    ) -> dict[str, float]:
-        plastic = Plastic().start(e ** (1 - viscous), contact, reference)
-        return {**plastic, **ConstantC().start(e**viscous, contact, reference)}
-
-    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
-        return restitution(law, contact, velocity)
-
-
-@dataclasses.dataclass(frozen=True)
-class Wet(AbstractKind):
-    """Bodies with a film of liquid: e (1 - v_c/v)."""
-
-    law: str = "wet_restitution"
-    name: str = "wet"
-    unidentified = "viscosity, radius, mass and St_c separately: e(v) determines the dry e and v_c"
-    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
+SPEED_DEPENDENT: tuple[Kind, ...] = (
+    _DAMPED,
+    Kind(
+        "power_damping",
+        "c as a power of v",
+        _DAMPED.unidentified,
+        {**_DAMPED.parameters, "power": _POWER},
+        start=lambda e, v: {**_DAMPED.start(e, v), "power": 0.0},
+        curve=_at_once,
+        special=("constant e", "constant c"),
+    ),
+    # 1 - e ≈ 1.15344 (3/2) A (K/m)^(2/5) v^(1/5), capped for large losses.
+    Kind(
+        "kuwabara_kono",
+        "Kuwabara-Kono",
+        "A, K and m separately: e(v) determines only A (K/m)^(2/5)",
+        {"A": Combination(Positive(), "A (K/m)^(2/5)", "(m/s)^(-1/5)", _depth, "s", _BOTH)},
+        start=lambda e, v: {"A": min((1 - e) / 1.73, 0.4) / v**0.2},
+        curve=restitution,
+        exponent=_HERTZ,
+    ),
+    _PLASTIC,
+    # The plastic loss ends at the yield speed. A search that starts with it above the data does not
+    # see it, and stops at a constant c.
+    Kind(
+        "viscoplastic",
+        "viscous and plastic",
+        "c and K separately; yield pressure, E, R and m: e(v) determines v_y and c/K",
+        {**_PLASTIC.parameters, **_DAMPED.parameters},
+        start=_two_losses(_VISCOUS_SHARE),
+        also=(_two_losses(0.3), _two_losses(0.02)),
+        curve=restitution,
+        special=("constant c", "elastic-plastic"),
+        exponent=_HERTZ,
+    ),
+    # The film takes a fifth of the loss.
+    Kind(
+        "wet_restitution",
+        "wet",
+        "viscosity, radius, mass and St_c separately: e(v) determines the dry e and v_c",
         {
             "e": Combination(Between(0, 1), "dry e"),
             "critical_speed": Combination(Positive(), "v_c", "m/s"),
-        }
-    )
-    special: ClassVar[tuple[type[AbstractKind], ...]] = (ConstantE,)
-
-    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Return a film that takes a fifth of the loss."""
-        dry = e**0.8
-        return {"e": dry, "critical_speed": (1 - e / dry) * reference}
-
-    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
-        """Return the curve, continued above 0, where its logarithm is defined."""
-        return law.e * _kept_above_zero(1 - law.critical_speed / velocity)
-
-    def outcome(self, law: Any, contact: Contact, velocity: Array) -> Any:
-        """Return those of the least e for bodies that stick."""
-        return impact(Damped(alpha=law.damping_factor(contact, velocity)), contact, velocity)
-
-
-@dataclasses.dataclass(frozen=True)
-class Adhesive(AbstractKind):
-    """Elastic spheres with a neck (JKR): e = √(1 - (v_s/v)²)."""
-
-    law: str = "jkr"
-    name: str = "adhesive (JKR)"
-    unidentified = "pull-off force, K and m separately: e(v) determines the sticking speed"
-    parameters: ClassVar[Mapping[str, Combination]] = MappingProxyType(
+        },
+        start=lambda e, v: {"e": e**0.8, "critical_speed": (1 - e / e**0.8) * v},
+        curve=_wet,
+        special=("constant e",),
+        outcome=_wet_outcome,
+    ),
+    # v_s = v √(1 - e²).
+    Kind(
+        "jkr",
+        "adhesive (JKR)",
+        "pull-off force, K and m separately: e(v) determines the sticking speed",
         {
             "pull_off": Combination(
                 Positive(), "F_po/(m³K²)^(1/5)", "(m/s)^(6/5)", _dashpot, "N", _BOTH
             )
-        }
-    )
-    exponent: ClassVar[float | None] = _HERTZ
-
-    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Return the pull-off force of v_s = v √(1 - e²)."""
-        lost = (1 - e) * (1 + e) * reference**2 / (2 * LOSS)
-        return {"pull_off": lost**0.6 * float(_dashpot(contact.mass, contact.stiffness))}
-
-    def curve(self, law: Any, contact: Contact, velocity: Array) -> Array:
-        """Return the curve, continued above 0, where its logarithm is defined."""
-        sticking = law.sticking_speed(contact)
-        return jnp.sqrt(_kept_above_zero(1 - jnp.square(sticking / velocity)))
-
-    def outcome(self, law: Any, contact: Contact, velocity: Array) -> Any:
-        """Return those of the slowest bodies that part for bodies that stick."""
-        slowest = _ABOVE_STICKING * law.sticking_speed(contact)
-        return impact(law, contact, jnp.maximum(velocity, slowest))
-
-
-SPEED_DEPENDENT: tuple[AbstractKind, ...] = (
-    *(ConstantC(), PowerOfSpeed(), Viscoelastic(), Plastic()),
-    *(ViscousAndPlastic(), Wet(), Adhesive(), PowerOfLoss()),
+        },
+        start=lambda e, v: {"pull_off": ((1 - e) * (1 + e) * v**2 / (2 * LOSS)) ** 0.6},
+        curve=_adhesive,
+        exponent=_HERTZ,
+        outcome=_adhesive_outcome,
+    ),
+    Kind(
+        "power_restitution",
+        "1 - b v^p",
+        _EMPIRICAL,
+        {"loss": Combination(Between(0, 1), "b"), "power": _POWER},
+        start=lambda e, v: {"loss": 1 - e, "power": 0.0},
+        curve=_power_of_loss,
+        special=("constant e",),
+    ),
 )
 
-ON_REQUEST: tuple[AbstractKind, ...] = (PowerOfRestitution(), Dashpot(), Stepped())
+_DASHPOT = Combination(Positive(), "c/(m^(3/5) K^(2/5))", "(m/s)^(1/5)", _dashpot, "N s/m", _BOTH)
+
+ON_REQUEST: tuple[Kind, ...] = (
+    Kind(
+        "bridges",
+        "a v^-p",
+        _EMPIRICAL,
+        {"a": Combination(Positive(), "a"), "power": _POWER},
+        start=lambda e, v: {"a": e, "power": 0.0},
+        special=("constant e",),
+    ),
+    # ln e = -1.6 c/(m^(3/5) K^(2/5)) v^(-1/5) nearly delivers e.
+    Kind(
+        "linear_dashpot",
+        "linear dashpot",
+        "c, K and m separately: e(v) determines only c/(m^(3/5) K^(2/5))",
+        {"c": _DASHPOT},
+        start=lambda e, v: {"c": -math.log(e) / 1.6 * v**0.2},
+        curve=clamped_restitution,
+        exponent=_HERTZ,
+    ),
+    # d is 0.3 of the elastic indentation.
+    Kind(
+        "step_damping",
+        "step damping",
+        "c_max, d, K and m separately: e(v) determines only two combinations",
+        {
+            "c_max": _DASHPOT._replace(name="c_max/(m^(3/5) K^(2/5))"),
+            "d": Combination(Positive(), "d (K/m)^(2/5)", "(m/s)^(4/5)", _depth, "m", _BOTH),
+        },
+        start=lambda e, v: {"c_max": -1.1 * math.log(e) / 1.6 * v**0.2, "d": 0.3 * v**0.8},
+        curve=clamped_restitution,
+        exponent=_HERTZ,
+    ),
+)
 """Kinds that are compared only if their law is named.
 
 Few tables of e(v) separate a v^-p from the curve of plastic spheres, which falls as v^(-1/4). If
@@ -393,7 +290,7 @@ both were compared, no choice of either would be sure. The curves of dashpots ha
 """
 
 
-def kinds_of(laws: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
+def kinds_of(laws: str, exponent: float | Array) -> tuple[Kind, ...]:
     """Return the kinds to compare: a constant e first, then one or all speed-dependent kinds.
 
     `laws` "all" compares the exact constant e with all of them, except those on request. The name
@@ -413,17 +310,14 @@ def kinds_of(laws: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
             f"Argument `laws` must be one of {', '.join(choices)}, but is {rendered(laws)}.{meant}"
         )
     if laws == "all":
-        return (ConstantE(), *others)
-    if laws in by_law:
-        return (ConstantE(), by_law[laws])
-    name = "constant e" if laws == "exact" else f"constant e ({laws})"
-    return (ConstantE(laws, name), *others)
+        return (constant_e(), *others)
+    return (constant_e(), by_law[laws]) if laws in by_law else (constant_e(laws), *others)
 
 
-def kind_of_law(law: AbstractLaw) -> AbstractKind:
+def kind_of_law(law: AbstractLaw) -> Kind:
     """Return the kind with the e(v) of a law."""
     kinds = (*SPEED_DEPENDENT, *ON_REQUEST)
-    return next((one for one in kinds if describe(one.law).cls is type(law)), ConstantE())
+    return next((one for one in kinds if describe(one.law).cls is type(law)), constant_e())
 
 
 def law_in(law: AbstractLaw, old: Contact, new: Contact) -> AbstractLaw:

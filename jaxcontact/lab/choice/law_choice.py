@@ -14,13 +14,12 @@ from ... import AbstractLaw, Contact, Fit
 from ...extend import POSITIVE, Candidate, Floats, column, counted, require_choice, table
 from .certainty import Curve, Line
 from .equivalent_e import Asked
-from .kind import AbstractKind, Estimate, delivered
-from .outcomes import with_stiffness
+from .kind import Estimate, Kind, delivered, with_stiffness
 
 _NUMBERS = "number", "numbers"
 
 _CONSTANT = "e", "e delivered"
-"""Names of the estimate of a constant e, as in `ConstantE`."""
+"""Names of the estimate of a constant e, as in `constant_e`."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,6 +135,22 @@ def kind_asked(choice: ChoiceData, laws: str) -> str | None:
     return {one.law: one.kind for one in choice.laws}.get(laws, choice.best)
 
 
+def chosen_fit(
+    argument: str, name: str | None, best: str | None, fits: Mapping[str, Fit]
+) -> tuple[str, Fit]:
+    """Return the name and the fit of a candidate, by default of the `best` one.
+
+    Raises ValueError for an unknown name, and if its fit did not converge.
+    """
+    chosen = best if name is None else name
+    if chosen is None:
+        raise ValueError("No fit converged, so there is no best law; see `fits`.")
+    found = fits[require_choice(argument, chosen, fits)]
+    if not found.converged:
+        raise ValueError(f"The fit of {chosen} did not converge: {found.reason}.")
+    return chosen, found
+
+
 @dataclasses.dataclass(frozen=True, repr=False)
 class LawChoice(ChoiceData):
     """All kinds of laws on one table of e(v): how well each describes it, and its parameters.
@@ -148,7 +163,7 @@ class LawChoice(ChoiceData):
     """
 
     fits: Mapping[str, Fit]
-    _kinds: tuple[AbstractKind, ...]
+    _kinds: tuple[Kind, ...]
     contact: Contact
     reference: float
     marked: np.ndarray
@@ -173,14 +188,8 @@ class LawChoice(ChoiceData):
         with jax.enable_x64(True):
             return with_stiffness(self.contact, self._of(kind)[1].params)
 
-    def _of(self, kind: str | None) -> tuple[AbstractKind, Fit]:
-        chosen = self.best if kind is None else kind
-        if chosen is None:
-            raise ValueError("No fit converged, so there is no best law; see `fits`.")
-        require_choice("kind", chosen, self.fits)
-        found = self.fits[chosen]
-        if not found.converged:
-            raise ValueError(f"The fit of {chosen} did not converge: {found.reason}.")
+    def _of(self, kind: str | None) -> tuple[Kind, Fit]:
+        chosen, found = chosen_fit("kind", kind, self.best, self.fits)
         return next(k for k in self._kinds if k.name == chosen), found
 
     def curve(self, kind: str, speeds: ArrayLike) -> tuple[Floats, Floats]:

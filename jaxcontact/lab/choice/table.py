@@ -1,4 +1,4 @@
-"""The pairs of a choice among laws, with their errors and contact, and the fit of one kind."""
+"""The measured columns of a choice among laws, their errors and contact; the fit of one kind."""
 
 from __future__ import annotations
 
@@ -10,18 +10,95 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import ArrayLike
 from numpy.typing import NDArray
 
 from ... import Contact, Fit, Positive, fit
-from ...extend import Floats
+from ...extend import POSITIVE, Column, Floats, column, for_each, rendered
 from ..pairs.outliers import Outliers
-from ..pairs.pairs import RELATIVE_FLOOR, Noise, Pairs, estimate_noise, scatter_beside
-from .kind import AbstractKind, LogRestitution, is_identifiable, padded
+from ..pairs.pairs import (
+    RELATIVE_FLOOR,
+    Noise,
+    Pairs,
+    estimate_noise,
+    scatter_beside,
+    standardised,
+)
+from .kind import Kind, LogOutcomes, is_identifiable, padded
 from .law_choice import LawFit
-from .outcomes import NONE, Columns, LogOutcomes
 
 _BANDS = 4
 """Bands of speed that are left out in turn; each holds at least one pair."""
+
+_TREND = 2
+"""Degree of the trend of ln(contact time) or ln(force) over ln v, for the scatter."""
+
+
+class Columns(NamedTuple):
+    """Logarithms of what was measured beside e, by name, and their standard deviations.
+
+    A missing reading has an infinite standard deviation.
+    """
+
+    values: dict[str, Column]
+    sigma: dict[str, Column]
+
+    def __bool__(self) -> bool:
+        return bool(self.values)
+
+
+NONE = Columns({}, {})
+
+
+def columns_of(
+    given: dict[str, tuple[ArrayLike | None, ArrayLike | None]],
+    beside: tuple[str, Column],
+    sigma: ArrayLike | None,
+    weights: ArrayLike | None,
+) -> Columns:
+    """Return the given columns; their relative errors are given, or scatter about a smooth trend.
+
+    Raises ValueError for columns out of range, and for standard deviations of only some of them.
+    """
+    values, sizes = {}, {}
+    for name, (measured, error) in given.items():
+        if measured is None:
+            if error is not None:
+                raise ValueError(
+                    f"Argument `sigma_{name}` must be None without `{name}`, but is "
+                    f"{rendered(error)}."
+                )
+            continue
+        if weights is not None:
+            raise ValueError(
+                f"Argument `weights` must be None with `{name}`, whose noise is another, but is "
+                f"{rendered(weights)}; give `sigma` and `sigma_{name}`, or neither."
+            )
+        if (error is None) != (sigma is None):
+            missing = f"sigma_{name}" if error is None else "sigma"
+            raise ValueError(
+                f"Arguments `sigma` and `sigma_{name}` must be given both or neither, but "
+                f"`{missing}` is None."
+            )
+        readings = np.log(column(measured, name, POSITIVE, beside, gaps=True))
+        there = np.isfinite(readings)
+        if error is None:
+            size = np.full(len(readings), _scatter(readings[there], beside[1][there]))
+        else:
+            size = for_each(error, f"sigma_{name}", len(readings))
+        values[name] = np.where(there, readings, 0.0)
+        sizes[name] = np.where(there, size, np.inf)
+    return Columns(values, sizes)
+
+
+def _scatter(readings: Column, velocity: Column) -> float:
+    """Return the standard deviation of readings about a polynomial of ln v."""
+    degree = min(_TREND, len(np.unique(velocity)) - 1, len(readings) - 2)
+    if degree < 0:
+        return 1.0
+    trend = np.polynomial.Polynomial.fit(np.log(velocity), readings, degree)
+    left = readings - trend(np.log(velocity))
+    return max(float(np.sqrt(left @ left / (len(left) - degree - 1))), RELATIVE_FLOOR)
 
 
 class PairErrors(NamedTuple):
@@ -47,11 +124,10 @@ def errors_of(pairs: Pairs, outliers: Outliers, keep: NDArray[np.bool_]) -> Pair
     """
     good, trend = pairs.where(keep), outliers.trend
     if pairs.absolute and pairs.covariance is not None:
-        size = np.sqrt(np.diag(pairs.covariance))
+        size, correlation = standardised(pairs.covariance)
         if not pairs.reading:  # to third order, σ/√(e e₀) of ln e is the σ of e
             size = size * np.sqrt(pairs.restitution / np.exp(trend(pairs.velocity)))
         usual = 0.0 if pairs.reading else float(np.median(size[keep]))
-        correlation = pairs.covariance / np.outer(size, size)
         alone = not np.any(np.triu(correlation, 1))
         return PairErrors(Noise(usual, pairs.reading), size, True, None if alone else correlation)
     if pairs.covariance is not None and good.covariance is not None:
@@ -59,8 +135,7 @@ def errors_of(pairs: Pairs, outliers: Outliers, keep: NDArray[np.bool_]) -> Pair
             np.log(good.restitution), trend.columns(good.velocity), good.covariance
         )
         whole = pairs.covariance + max(relative, RELATIVE_FLOOR) ** 2 * np.eye(len(pairs))
-        size = np.sqrt(np.diag(whole))
-        correlation = whole / np.outer(size, size)
+        size, correlation = standardised(whole)
         return PairErrors(Noise(relative, pairs.reading), size, correlation=correlation)
     residual = np.log(good.restitution) - trend(good.velocity)
     noise = estimate_noise(residual, good.reading_factor, robust=False)
@@ -119,10 +194,7 @@ class ChoiceTable:
         return {**data, "x": x, "groups": self._groups(len(columns)), **self.options}
 
     def _groups(self, columns: int) -> NDArray[np.int64]:
-        """Return the trial number of each padded point.
-
-        Readings of one impact are independent; those of a trial may be correlated.
-        """
+        """Return the trial number of each padded point; readings of one impact are independent."""
         trial = self.pairs.cluster
         own = padded(trial, -1)
         if len(np.unique(trial)) < len(trial):
@@ -139,7 +211,7 @@ class ChoiceTable:
         used = np.asarray(found.problem.factor) > 0
         return np.tile(parts, used.size // parts.shape[1]) & used
 
-    def determines(self, kind: AbstractKind) -> bool:
+    def determines(self, kind: Kind) -> bool:
         """Return whether AICc is finite: n > k + 1 readings, one more for unknown noise."""
         others = self.errors.others
         readings = len(self.velocity)
@@ -147,7 +219,7 @@ class ChoiceTable:
         numbers = len(kind.transforms) + bool(others)
         return readings > numbers + (1 if self.errors.absolute else 2)
 
-    def fit(self, kind: AbstractKind) -> Fit:
+    def fit(self, kind: Kind) -> Fit:
         """Fit a kind of law; with contact times or peak forces, the stiffness too."""
         fields = tuple(self.errors.others.values)
         typical = min(max(float(np.median(self.pairs.restitution[self.use])), 0.05), 0.999)
@@ -155,8 +227,7 @@ class ChoiceTable:
         # Threads do not inherit the precision in which a caller made the contact.
         with jax.enable_x64(True):
             starts = kind.starts(typical, self.contact, self.reference)
-            shared = kind, self.contact, jnp.asarray(self.reference)
-            model: Any = LogOutcomes(*shared, fields) if fields else LogRestitution(*shared)
+            model = LogOutcomes(kind, self.contact, jnp.asarray(self.reference), fields)
         if fields:
             transforms["stiffness"] = Positive()
         found = []
@@ -166,7 +237,7 @@ class ChoiceTable:
             found.append(fit(model, start=start, transforms=transforms, throw=False, **self.data))
         return min(found, key=lambda one: (not one.converged, one.loss))
 
-    def law_fit(self, kind: AbstractKind, found: Fit) -> LawFit:
+    def law_fit(self, kind: Kind, found: Fit) -> LawFit:
         """Return the fit of a kind as plain numbers and words."""
         measured = self.pairs.restitution[self.use]
         at_pairs = measured * np.exp(found.residuals[: len(self.use)][self.use])

@@ -28,12 +28,12 @@ from ...extend import (
     compared,
     counted,
     rendered,
-    require_choice,
     stages_of,
     table,
     takes,
     undecided,
 )
+from ..choice.law_choice import chosen_fit
 from .fit_oblique import columns_of, fitted
 from .measurements import Measurements, ObliqueModel, measurements
 
@@ -80,13 +80,7 @@ class FrictionChoice:
 
         Raises ValueError for an unknown name, and if its fit did not converge.
         """
-        chosen = self.best if name is None else name
-        if chosen is None:
-            raise ValueError("No fit converged, so there is no best law; see `fits`.")
-        found = self.fits[require_choice("name", chosen, self.fits)]
-        if not found.converged:
-            raise ValueError(f"The fit of {chosen} did not converge: {found.reason}.")
-        return found.params
+        return chosen_fit("name", name, self.best, self.fits)[1].params
 
     def table(self) -> str:
         """Return the laws with their parameters and criteria; lower is better."""
@@ -118,11 +112,17 @@ def candidates_of(
 ) -> tuple[dict[str, AbstractFriction], dict[str, str]]:
     """Return the friction laws to compare by name, and those that do not apply, with the reason.
 
-    Without `given` ones these are rigid Coulomb, Walton and Maw-Barber-Fawcett. The last has the
-    ratio of the contact, which is fitted if it is unknown.
+    Raises ValueError for `given` laws that are no such dict.
     """
     if given is not None:
-        return _given(given), {}
+        good = isinstance(given, Mapping) and len(given) > 1
+        good = good and all(isinstance(one, AbstractFriction) for one in given.values())
+        if not good or not all(isinstance(name, str) for name in given):
+            raise ValueError(
+                "Argument `friction` must be None or a dict of at least two friction laws by name, "
+                f"but is {rendered(given)}."
+            )
+        return dict(given), {}
     ratio = _RATIO if there.model.contact.tangential_ratio is None else None
     laws: dict[str, AbstractFriction] = {
         "rigid Coulomb": RigidCoulomb(_MU),
@@ -142,18 +142,6 @@ def _refusal(law: AbstractFriction, there: Measurements) -> str:
     except ValueError as error:
         return str(error)
     return ""
-
-
-def _given(laws: Any) -> dict[str, AbstractFriction]:
-    """Return friction laws given by name; raise ValueError for anything else."""
-    good = isinstance(laws, Mapping) and len(laws) > 1
-    good = good and all(isinstance(one, AbstractFriction) for one in laws.values())
-    if not good or not all(isinstance(name, str) for name in laws):
-        raise ValueError(
-            "Argument `friction` must be None or a dict of at least two friction laws by name, but "
-            f"is {rendered(laws)}."
-        )
-    return dict(laws)
 
 
 _DEGREES = np.arange(1.0, 86.0)
@@ -237,14 +225,18 @@ def choose_friction(
     there = measurements(law, contact, velocity, tangential_velocity, bodies, columns)
     laws, left_out = candidates_of(friction, there)
     _require_enough(laws, there)
-    tell, options = stages_of(progress), dict(how)
+    tell, options = stages_of(progress), {**how, "throw": False}
     reweighs = options.get("noise") is None
     options["noise"] = "common" if reweighs else options["noise"]
-    fits = _fits(laws, there, options, tell)
+    fits = {}
+    for name, one in laws.items():
+        tell(f"fitting {name}")
+        fits[name] = fitted(one, there, options)
     if reweighs and len(there.table["data"]) > 1 and "sigma" not in there.table:
         for _ in range(_ROUNDS):
-            there = there.reweighed(_best_residuals(fits))
-            fits = _fits(laws, there, options, lambda text: None)
+            best = min(fits.values(), key=lambda fit: (not fit.converged, fit.loss))
+            there = there.reweighed(best.residuals)
+            fits = {name: fitted(one, there, options) for name, one in laws.items()}
     comparison = compared(
         fits,
         _parts(there),
@@ -278,24 +270,6 @@ def _require_enough(laws: Mapping[str, AbstractFriction], there: Measurements) -
             f"Argument {held} must hold at least {most + _SPARE} readings to compare friction laws "
             f"of up to {counted(most, _NUMBERS)}, but holds {count}; `fit_oblique` fits one law."
         )
-
-
-def _fits(
-    laws: Mapping[str, AbstractFriction],
-    there: Measurements,
-    options: dict[str, Any],
-    tell: Callable[[str], None],
-) -> dict[str, Fit]:
-    fits = {}
-    for name, law in laws.items():
-        tell(f"fitting {name}")
-        fits[name] = fitted(law, there, options | {"throw": False})
-    return fits
-
-
-def _best_residuals(fits: Mapping[str, Fit]) -> np.ndarray:
-    best = min(fits.values(), key=lambda fit: (not fit.converged, fit.loss))
-    return best.residuals
 
 
 def _parts(there: Measurements) -> Bool[np.ndarray, "folds n"]:

@@ -60,9 +60,8 @@ def _with(friction: Friction, names: Sequence[str], numbers: Any) -> Friction:
 def lowest(friction: Friction, there: Measurements, fixed: frozenset[str]) -> Friction:
     """Return the friction law whose numbers on a grid have the lowest loss.
 
-    The loss of laws without a tangential spring has flat parts, where all impacts stick or all
-    slide, and several minima. A search by derivatives from any start may end in one of them. The
-    numbers of the given law are on the grid; `fixed` ones and arrays stay.
+    The loss of laws without a tangential spring has flat parts and several minima, in which a
+    search by derivatives may end. Numbers that are `fixed`, and arrays, stay.
     """
     numbers = {
         name: allowed
@@ -123,10 +122,7 @@ def _residuals(problem: eqx.Module, thetas: Float[Array, "lanes k"]) -> Float[Ar
 
 
 def lowest_around(found: FitData) -> np.ndarray:
-    """Return the coordinates (k,) of the lowest loss around the end of a search.
-
-    Changes in random directions are tried, whose size halves whenever none of them is better.
-    """
+    """Return the coordinates (k,) of the lowest loss, by random changes of decreasing size."""
     random, theta = np.random.default_rng(0), found._theta
     size, best = _WIDE, np.inf
     while size > _CLOSE:
@@ -151,8 +147,7 @@ def residuals_at(found: FitData, lanes: np.ndarray) -> np.ndarray:
 def at_jump(found: Fit) -> Fit:
     """Return a fit at the lowest loss around the end of its search, as converged.
 
-    The curvature of the loss is that of differences over one standard error to both sides, because
-    the slopes of the two sides differ.
+    The slopes of the two sides differ, so the curvature is that over one standard error of each.
     """
     theta = lowest_around(found)
     k = len(theta)
@@ -198,11 +193,7 @@ _AT_JUMP = 1e-6
 
 
 class Regimes(NamedTuple):
-    """How many of the impacts that were measured slid throughout, by a friction law.
-
-    `margin` is the least distance of an impact to a jump of its outcome or slope, None for laws
-    without jumps.
-    """
+    """How many of the measured impacts slid throughout; the least distance to a jump, or None."""
 
     slid: int
     count: int

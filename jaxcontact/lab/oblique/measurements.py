@@ -91,8 +91,7 @@ class ObliqueModel(eqx.Module):
     def rebound(self, friction: AbstractFriction, x: Mapping[str, Array]) -> MeasuredRebound:
         """Return the rebounds of impacts at the speeds x, as `oblique_impact` does.
 
-        A friction law with a formula needs nothing of the normal motion but e and α. The fit then
-        compiles the formula alone.
+        A friction law with a formula needs only e and α of the normal motion; it compiles alone.
         """
         velocity, before = x["velocity"], x["tangential_velocity"]
         given, sliding, problem = self._problem(friction, x)
@@ -182,7 +181,6 @@ def measurements(
     """Return checked measurements; `columns` holds values and standard deviations by name.
 
     Without standard deviations the error of each column is taken as the same fraction of its size.
-    Raises ValueError that names the argument and the first bad point.
     """
     require_law(law)
     require_contact(contact)

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import Fit
 from ...extend import Floats
 from .pairs import LEAST_PAIRS, RELATIVE_FLOOR, Noise, Pairs, estimate_noise, mad_sigma, pairs_of
 
@@ -96,11 +97,35 @@ class Outliers:
         """
         n, keep = len(pairs), ~self.flagged
         residual = np.log(pairs.restitution) - log_e[:n]
-        noise = estimate_noise(residual[keep], pairs.reading_factor[keep], robust=True)
-        size = np.maximum(noise.sigma(pairs.reading_factor), _known_errors(pairs))
-        deviation = residual / np.hypot(size, np.where(keep, 0.0, error[:n]))
+        more = np.where(keep, 0.0, error[:n])
+        known = _known_errors(pairs)
+        deviation, noise = deviations(residual, pairs.reading_factor, keep, known, more)
         off = (np.abs(deviation) > THRESHOLD) & (self.flagged | (keep.sum() >= _LINE_POINTS))
         return Outliers(off, deviation, {}, self.trend, noise, law)
+
+
+def deviations(
+    residual: Floats,
+    reading_factor: Floats,
+    keep: NDArray[np.bool_],
+    least: Floats | float = 0.0,
+    more: Floats | float = 0.0,
+) -> tuple[Floats, Noise]:
+    """Return residuals (n,) over the robust noise of those to `keep`, and this noise.
+
+    Standard deviations are at least `least`, with `more` in addition.
+    """
+    noise = estimate_noise(residual[keep], reading_factor[keep], robust=True)
+    size = np.maximum(noise.sigma(reading_factor), least)
+    return residual / np.hypot(size, more), noise
+
+
+def unusable(found: Fit, reason: str) -> Fit:
+    """Return a fit as not converged for this reason, without standard errors."""
+    unknown = np.full_like(found.covariance, np.nan)
+    return dataclasses.replace(
+        found, converged=False, reason=reason, covariance=unknown, unidentified=()
+    )
 
 
 def _known_errors(pairs: Pairs) -> Floats:
@@ -110,10 +135,7 @@ def _known_errors(pairs: Pairs) -> Floats:
 
 
 def _off_curve(pairs: Pairs) -> NDArray[np.bool_]:
-    """Return which pairs also lie off a smooth curve.
-
-    It is a polynomial of ln v, by Tukey's biweight from the curve of least absolute deviations.
-    """
+    """Return which pairs also lie off a polynomial of ln v, by Tukey's biweight from an L1 fit."""
     n, y = len(pairs), np.log(pairs.restitution)
     degree = min(_BENDS, n // 4, len(np.unique(pairs.velocity)) - 1)
     place = np.log(pairs.velocity)
@@ -132,17 +154,13 @@ def _off_curve(pairs: Pairs) -> NDArray[np.bool_]:
             weight = np.square(np.clip(1 - np.square(residual / (_BIWEIGHT * scale)), 0, None))
     keep = np.abs(residual) <= THRESHOLD * max(mad_sigma(residual), RELATIVE_FLOOR)
     # Readings differ in their noise.
-    noise = estimate_noise(residual[keep], pairs.reading_factor[keep], robust=True)
-    return np.abs(residual) > THRESHOLD * noise.sigma(pairs.reading_factor)
+    return np.abs(deviations(residual, pairs.reading_factor, keep)[0]) > THRESHOLD
 
 
 def marked_in(
     velocity: Floats, e: Floats, sigma: Floats | None = None
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Return which rows (n,) of a table are marked, and e on the trend; NaN in `e` is no row.
-
-    `sigma` is the standard deviation of e.
-    """
+    """Return which rows (n,) of a table are marked, and e on the trend; NaN in `e` is no row."""
     there = (velocity > 0) & (e > 0)
     marked = np.zeros(e.shape, bool)
     if there.sum() < LEAST_PAIRS:
@@ -157,8 +175,13 @@ def find_outliers(pairs: Pairs) -> Outliers:
     """Mark pairs as `mark` does, and guess the causes.
 
     In a table, pairs on a smooth curve are not marked, because e(v) may be steep and curved.
-    Recordings of flights have spurious triggers, and speeds in a narrow range.
+    Recordings of flights have spurious triggers, and speeds in a narrow range. Among fewer than
+    `LEAST_PAIRS` a wrong one cannot be identified.
     """
+    if len(pairs) < LEAST_PAIRS:
+        level = Trend("constant", float(np.median(np.log(pairs.restitution))), 0.0)
+        nothing = np.zeros(len(pairs))
+        return Outliers(nothing > 0, nothing, {}, level, Noise(RELATIVE_FLOOR, 0.0))
     known = _known_errors(pairs)
     found = mark(pairs.velocity, pairs.restitution, pairs.reading_factor, known)
     if found.flagged.any() and not pairs.from_flights:
@@ -187,9 +210,7 @@ def mark(
     seen: set[bytes] = set()
     while True:
         trend = _robust_trend(kinds, velocity[keep], y[keep])
-        residual = y - trend(velocity)
-        noise = estimate_noise(residual[keep], reading_factor[keep], robust=True)
-        deviation = residual / np.maximum(noise.sigma(reading_factor), least)
+        deviation, noise = deviations(y - trend(velocity), reading_factor, keep, least)
         keep = np.abs(deviation) <= THRESHOLD
         # The marks may alternate between two sets: stop when a set recurs.
         if keep.tobytes() in seen:

@@ -100,6 +100,12 @@ class Pairs:
         return ValueError(problem)
 
 
+def standardised(covariance: Floats) -> tuple[Floats, Floats]:
+    """Return the standard deviations (n,) and the correlation (n, n) of a covariance."""
+    size = np.sqrt(np.diag(covariance))
+    return size, covariance / np.outer(size, size)
+
+
 def pairs_of(velocity: Floats, restitution: Floats, sigma: Floats | None = None) -> Pairs:
     """Return pairs of columns (n,); `sigma` are standard deviations of e, all of their noise."""
     count = len(velocity)

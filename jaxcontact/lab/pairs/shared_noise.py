@@ -14,6 +14,7 @@ from scipy.special import stdtrit
 
 from ... import Fit
 from ...extend import basis_of
+from .pairs import standardised
 
 _ODDS = np.concatenate([[0], np.geomspace(1e-2, 1e6, 40)])
 _SHARES = _ODDS / (1 + _ODDS)
@@ -44,20 +45,6 @@ class SharedNoise(NamedTuple):
     unit: float
 
 
-class _Shares(NamedTuple):
-    """V(s) of all shares in the eigenvectors of B, where it is the diagonal `variance` (s, n).
-
-    `slope` (n, rank) spans what the parameters can move. `inverse` (s, rank, rank) is that of
-    XᵀV⁻¹X, and `volume` (s,) the contribution of its determinant and that of V to the likelihood.
-    """
-
-    vectors: Float[np.ndarray, "n n"]
-    variance: Float[np.ndarray, "s n"]
-    slope: Float[np.ndarray, "n rank"]
-    inverse: Float[np.ndarray, "s rank rank"]
-    volume: Float[np.ndarray, " s"]
-
-
 class _Seen(NamedTuple):
     """Results of draws of residuals (n, draws).
 
@@ -73,6 +60,53 @@ class _Seen(NamedTuple):
     whole: Float[np.ndarray, "k draws"]
 
 
+class _Shares:
+    """V(s) of all shares beside a fit, linearised about its end.
+
+    In the `vectors` of B it is the diagonal `variance` (s, n). `slope` (n, rank) spans what the
+    parameters can move, and `to_parameters` (k, rank) leads back to them. `inverse` (s, rank, rank)
+    is that of XᵀV⁻¹X, and `volume` (s,) the contribution of its determinant and that of V to the
+    likelihood. `unit` is the mean variance of the given B, and `residual` (n, 1) that of the fit.
+    """
+
+    def __init__(
+        self, found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, "n n"]
+    ) -> None:
+        slope = slope_of(found)[used]
+        basis, length = basis_of(slope), np.linalg.norm(slope, axis=0)
+        told = (length > 0) & np.isfinite(found.errors)
+        inverse = np.linalg.pinv(slope[:, length > 0] / length[length > 0])
+        self.to_parameters: np.ndarray = (inverse @ basis)[told[length > 0]]
+        self.residual: np.ndarray = found.residuals[used][:, None]
+        self.unit: float = float(np.mean(np.diag(shape)[used]))
+        size, self.vectors = np.linalg.eigh((shape / self.unit)[np.ix_(used, used)])
+        self.variance: np.ndarray = (1 - _SHARES)[:, None] + _SHARES[:, None] * np.maximum(size, 0)
+        self.slope: np.ndarray = self.vectors.T @ basis
+        information = np.einsum("sn,na,nb->sab", 1 / self.variance, self.slope, self.slope)
+        volume = np.sum(np.log(self.variance), axis=1) + np.linalg.slogdet(information)[1]
+        self.inverse: np.ndarray = np.linalg.inv(information)
+        self.volume: np.ndarray = -volume / 2
+
+    def weigh(self, r: Float[np.ndarray, "n draws"]) -> _Seen:
+        """Return what draws of residuals make of shares and parameters."""
+        r, precision = self.vectors.T @ r, 1 / self.variance
+        pull = np.stack([precision @ (column[:, None] * r) for column in self.slope.T], axis=1)
+        moved = self.inverse @ pull
+        left = np.maximum(precision @ r**2 - np.sum(pull * moved, axis=1), _NOTHING)
+        n, rank = self.slope.shape
+        log = -(n - rank) / 2 * np.log(left) + self.volume[:, None]
+        weight = _PRIOR[:, None] * np.exp(log - log.max(axis=0))
+        weight /= weight.sum(axis=0)
+        moved = self.to_parameters @ moved
+        covariance = self.to_parameters @ self.inverse @ self.to_parameters.T
+        spread = np.diagonal(covariance, axis1=1, axis2=2)[:, :, None] * left[:, None] / (n - rank)
+        middle = np.einsum("sd,skd->kd", weight, moved)
+        whole = np.einsum("sd,skd->kd", weight, spread + (moved - middle) ** 2)
+        angle = _ANGLES @ weight
+        at, draws = np.argmin(np.abs(_ANGLES[:, None] - angle), axis=0), np.arange(angle.size)
+        return _Seen(weight, angle, moved[at, :, draws].T, spread[at, :, draws].T, whole)
+
+
 def shared_noise(
     found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, "n n"]
 ) -> SharedNoise:
@@ -82,13 +116,11 @@ def shared_noise(
     linearised about its end (Patterson & Thompson 1971, doi 10.1093/biomet/58.3.545). The angle of
     the two standard deviations is averaged with the weight L.
     """
-    unit = float(np.mean(np.diag(shape)[used]))
-    shares, to_parameters, residual = _linearise(found, used, shape / unit)
-    angle = _weigh_shares(shares, to_parameters, residual[:, None]).angle[0]
-    share = float(np.sin(angle) ** 2)
-    whole = (1 - share) * np.eye(used.size) + share * shape / unit
-    size = np.sqrt(np.diag(whole))
-    return SharedNoise(size**2, whole / np.outer(size, size), share, unit)
+    shares = _Shares(found, used, shape)
+    share = float(np.sin(shares.weigh(shares.residual).angle[0]) ** 2)
+    whole = (1 - share) * np.eye(used.size) + share * shape / shares.unit
+    size, correlation = standardised(whole)
+    return SharedNoise(size**2, correlation, share, shares.unit)
 
 
 def widening(found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, "n n"]) -> float:
@@ -99,17 +131,13 @@ def widening(found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, 
     its likelihood, and simulated again with that average (prepivoting: Beran 1987, doi
     10.1093/biomet/74.3.457).
     """
-    unit = float(np.mean(np.diag(shape)[used]))
-    shares, to_parameters, residual = _linearise(found, used, shape / unit)
-    seen = _weigh_shares(shares, to_parameters, residual[:, None])
+    shares = _Shares(found, used, shape)
+    seen = shares.weigh(shares.residual)
     n, rank = shares.slope.shape
-    draws = int(_DRAWS * min(1, _MANY / n))
-    noise = np.random.default_rng(0).normal(size=(n, draws))
+    noise = np.random.default_rng(0).normal(size=(n, int(_DRAWS * min(1, _MANY / n))))
     ratios, weights = [], []
     for variance in shares.variance[::_EVERY]:
-        one = _weigh_shares(
-            shares, to_parameters, shares.vectors @ (np.sqrt(variance)[:, None] * noise)
-        )
+        one = shares.weigh(shares.vectors @ (np.sqrt(variance)[:, None] * noise))
         ratios.append(np.log(np.maximum(np.abs(one.moved), _NOTHING) / np.sqrt(one.whole)))
         weights.append(one.weight)
 
@@ -133,49 +161,3 @@ def slope_of(found: Fit) -> Float[np.ndarray, "n k"]:
     if whitener is not None:
         slope = np.linalg.solve(np.asarray(whitener), slope)
     return slope / np.where(factor > 0, factor, 1)[:, None]
-
-
-def _linearise(
-    found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, "n n"]
-) -> tuple[_Shares, Float[np.ndarray, "k rank"], Float[np.ndarray, " n"]]:
-    """Linearise the fit about its end.
-
-    Returns all shares, the parameters from coordinates of the slope, and the residuals.
-    """
-    slope = slope_of(found)[used]
-    basis = basis_of(slope)
-    length = np.linalg.norm(slope, axis=0)
-    told = (length > 0) & np.isfinite(found.errors)
-    inverse = np.linalg.pinv(slope[:, length > 0] / length[length > 0])
-    to_parameters = (inverse @ basis)[told[length > 0]]
-    return _shares_of(shape[np.ix_(used, used)], basis), to_parameters, found.residuals[used]
-
-
-def _shares_of(shape: Float[np.ndarray, "n n"], slope: Float[np.ndarray, "n rank"]) -> _Shares:
-    size, vectors = np.linalg.eigh(shape)
-    variance = (1 - _SHARES)[:, None] + _SHARES[:, None] * np.maximum(size, 0)
-    slope = vectors.T @ slope
-    information = np.einsum("sn,na,nb->sab", 1 / variance, slope, slope)
-    volume = np.sum(np.log(variance), axis=1) + np.linalg.slogdet(information)[1]
-    return _Shares(vectors, variance, slope, np.linalg.inv(information), -volume / 2)
-
-
-def _weigh_shares(
-    shares: _Shares, to_parameters: Float[np.ndarray, "k rank"], r: Float[np.ndarray, "n draws"]
-) -> _Seen:
-    r, precision = shares.vectors.T @ r, 1 / shares.variance
-    pull = np.stack([precision @ (column[:, None] * r) for column in shares.slope.T], axis=1)
-    moved = shares.inverse @ pull
-    left = np.maximum(precision @ r**2 - np.sum(pull * moved, axis=1), _NOTHING)
-    n, rank = shares.slope.shape
-    log = -(n - rank) / 2 * np.log(left) + shares.volume[:, None]
-    weight = _PRIOR[:, None] * np.exp(log - log.max(axis=0))
-    weight /= weight.sum(axis=0)
-    moved = to_parameters @ moved
-    covariance = to_parameters @ shares.inverse @ to_parameters.T
-    spread = np.diagonal(covariance, axis1=1, axis2=2)[:, :, None] * left[:, None] / (n - rank)
-    middle = np.einsum("sd,skd->kd", weight, moved)
-    whole = np.einsum("sd,skd->kd", weight, spread + (moved - middle) ** 2)
-    angle = _ANGLES @ weight
-    at, draws = np.argmin(np.abs(_ANGLES[:, None] - angle), axis=0), np.arange(angle.size)
-    return _Seen(weight, angle, moved[at, :, draws].T, spread[at, :, draws].T, whole)

@@ -34,6 +34,7 @@ from ...extend import (
     transforms_of,
     with_transforms,
 )
+from ..pairs.outliers import unusable
 from .instrument_errors import InstrumentErrors, require_filterable
 from .low_pass import BeyondLimits, Course, LowPass, limits_of
 
@@ -349,10 +350,7 @@ def without_a_needless_filter(
 
 
 def level_in(reading: Column) -> float:
-    """Return the level of a force without contact: the median of the quiet readings before it.
-
-    Without such readings it is the median of those after it, or else the least reading.
-    """
+    """Return the level without contact: the median of quiet readings before it, or after it."""
     top, half = int(np.argmax(reading)), (reading.max() + np.median(reading)) / 2
     width, below = int(np.count_nonzero(reading > half)), np.flatnonzero(reading <= half)
     # From touch to half of the peak a force takes less time than it stays above that.
@@ -363,13 +361,25 @@ def level_in(reading: Column) -> float:
 
 
 def touch_in(time: Column, reading: Column) -> float:
-    """Return the approximate time in s at which a reading without its level begins to rise.
-
-    It is searched back from the peak: noise before the contact has peaks of its own.
-    """
+    """Return the approximate time in s, back from the peak, at which a reading begins to rise."""
     top = int(np.argmax(reading))
     below = np.flatnonzero(reading[: top + 1] <= _TOUCHED * reading[top])
     return float(time[below[-1] if below.size else 0])
+
+
+def duration_ratio(n: float) -> float:
+    """Return v T over the largest indentation of a contact without damping.
+
+    `T = 2√π/(n+1) Γ(1/(n+1))/Γ(1/(n+1) + 1/2) ((n+1) m/(2 K v^(n-1)))^(1/(n+1))`.
+    """
+    part = 1 / (n + 1)
+    return 2 * math.sqrt(math.pi) * part * math.gamma(part) / math.gamma(part + 0.5)
+
+
+def stiffness_of(mass: float, n: float, speed: float, duration: float) -> float:
+    """Return the stiffness in N/m^n with this duration in s, without damping."""
+    ratio = duration_ratio(n)
+    return mass / (2 * (1 / (n + 1)) * speed ** (n - 1)) * (ratio / duration) ** (n + 1)
 
 
 def near(
@@ -379,17 +389,14 @@ def near(
 
     Numbers that are `held`, by their full names, stay, and so does a stiffness whose contact is not
     longer or shorter by a factor of `far`. `reading` is without the level before the contact.
-
-    Without damping `T = 2√π/(n+1) Γ(1/(n+1))/Γ(1/(n+1) + 1/2) ((n+1) m/(2 K v^(n-1)))^(1/(n+1))`.
     """
     contact, speed = start.contact, float(start.velocity)
     mass, stiffness, n = (float(getattr(contact, f)) for f in ("mass", "stiffness", "exponent"))
     width = np.sum(np.gradient(time)[reading > reading.max() / 2]) if time.size > 1 else 0.0
-    duration, part = float(width) / _HALF, 1 / (n + 1)
+    duration = float(width) / _HALF
     if "contact.stiffness" in held or not (reading.max() > 0 and 0 < duration < math.inf):
         return start
-    whole = 2 * math.sqrt(math.pi) * part * math.gamma(part) / math.gamma(part + 0.5)
-    better = mass / (2 * part * speed ** (n - 1)) * (whole / duration) ** (n + 1)
+    better = stiffness_of(mass, n, speed, duration)
     if abs(math.log(better / stiffness)) <= (n + 1) * math.log(far):
         return start
     start = eqx.tree_at(lambda s: s.contact.stiffness, start, jnp.asarray(better))
@@ -422,8 +429,5 @@ def without_a_contact_elsewhere(found: Fit, data: dict[str, Column]) -> Fit:
                 f"its contact misses that of the record: it describes {part:.0f} % of the {name}; "
                 "start from another stiffness, speed or `start_time`"
             )
-            unknown = np.full_like(found.covariance, np.nan)
-            return dataclasses.replace(
-                found, converged=False, reason=reason, covariance=unknown, unidentified=()
-            )
+            return unusable(found, reason)
     return found

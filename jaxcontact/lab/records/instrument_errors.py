@@ -62,18 +62,6 @@ _ORDINALS = {2: "nd", 3: "rd"}
 _ROUNDED, _NOTHING = 1e-9, 1e-300
 
 
-class _Column(NamedTuple):
-    """A column of a record: rows in the fit, step (0 without) and known standard deviations (n,).
-
-    The standard deviations are None if the fit estimates the noise.
-    """
-
-    name: str
-    rows: slice
-    step: float
-    sigma: Column | None
-
-
 class _Noise(NamedTuple):
     """Standard deviations (n,) of readings, their correlation (n, n) and their full errors.
 
@@ -91,17 +79,12 @@ def require_filterable(name: str, readings: Column | None) -> None:
     if readings is None:
         raise ValueError(f"Argument `low_pass_{name}` must be None without `{name}`.")
     if readings.size > _MOST:
+        every = math.ceil(readings.size / _MOST)
         raise ValueError(
             f"Argument `{name}` must have at most {_MOST} readings with `low_pass_{name}`, but "
-            f"has {readings.size}; give {_thin(readings.size)}, as a filter leaves little between "
-            "them."
+            f"has {readings.size}; give every {every}{_ORDINALS.get(every, 'th')}, as a filter "
+            "leaves little between them."
         )
-
-
-def _thin(size: int) -> str:
-    """Return the thinning that reduces the readings to the size of a matrix, as text."""
-    every = math.ceil(size / _MOST)
-    return f"every {every}{_ORDINALS.get(every, 'th')}"
 
 
 def step_of(readings: Column) -> float:
@@ -157,10 +140,7 @@ class InstrumentErrors(AbstractErrors[Fit, dict[str, Any]]):
     rounds = 6
 
     def __init__(
-        self,
-        table: Mapping[str, Mapping[str, Any]],
-        time: Column,
-        limits: Mapping[str, Limits],
+        self, table: Mapping[str, Mapping[str, Any]], time: Column, limits: Mapping[str, Limits]
     ):
         self._columns = [
             _Column(
@@ -168,76 +148,149 @@ class InstrumentErrors(AbstractErrors[Fit, dict[str, Any]]):
                 slice(i * time.size, (i + 1) * time.size),
                 step_of(readings[~limits[name].at_limit]),
                 table["sigma"][name] if "sigma" in table else None,
+                time,
             )
             for i, (name, readings) in enumerate(table["data"].items())
         ]
-        self._time, self._last = time, np.zeros(0)
+        self._last = np.zeros(0)
         self._noises: dict[str, _Noise] = {}
 
     def estimate(self, found: Fit) -> dict[str, Any] | None:
         """Return the standard deviations and the correlation of the readings."""
         if not found.converged:
             return None
-        noises = {one.name: _noise_of(found, one, self._time) for one in self._columns}
+        noises = {one.name: one.noise_of(found) for one in self._columns}
         self._noises = {name: noise for name, noise in noises.items() if noise is not None}
-        errors, numbers = _errors(self._columns, self._noises)
+        errors, numbers = self._errors()
         last, self._last = self._last, numbers
         same = last.size > 0 and np.max(np.abs(numbers - last)) < _SAME
         return None if same or not errors else errors
+
+    def _errors(self) -> tuple[dict[str, Any], Float[np.ndarray, " numbers"]]:
+        """Return the arguments of `fit`, {} if the noise is as given, and all their numbers."""
+        errors: dict[str, Any] = {}
+        for one in self._columns:
+            noise = self._noises.get(one.name)
+            if noise is not None and noise.correlation is not None:
+                whole = errors.setdefault("correlation", np.eye(self._columns[-1].rows.stop))
+                whole[one.rows, one.rows] = noise.correlation
+        sigmas = {one.name: one.sigma for one in self._columns if one.sigma is not None}
+        for name in sigmas.keys() & self._noises.keys():
+            sigmas[name] = np.where(np.isfinite(sigmas[name]), self._noises[name].size, np.inf)
+        if sigmas and self._noises:
+            errors["sigma"] = sigmas
+        sizes = [np.log(one[np.isfinite(one)]) for one in sigmas.values()]
+        return errors, np.concatenate([errors.get("correlation", np.zeros(0)).ravel(), *sizes])
 
     def finish(self, found: Fit) -> Fit:
         """Return the fit with the errors that rounding shares, and notes on steps."""
         if not found.converged:
             return found
         if any(noise.whole is not None for noise in self._noises.values()):
-            found = with_shared(found, _errors_of_z(found, self._columns, self._noises))
+            found = with_shared(found, self._errors_of_z(found))
         said = [
             f"readings of {one.name} are rounded to steps of {one.step:.3g}, {part:.2g} of their "
             "scatter: their noise includes the rounding"
             for one in self._columns
-            if (part := one.step / _scatter(found, one)) > _NOTICED
+            if (part := one.step / one.scatter(found)) > _NOTICED
         ]
         return dataclasses.replace(found, notes=(*found.notes, *said))
 
+    def _errors_of_z(self, found: Fit) -> SharedErrors:
+        """Return the errors of standardised residuals with weight, including shared rounding."""
+        factor, whitener = np.asarray(found.problem.factor), found.problem.whitener
+        used, own = factor > 0, np.full(factor.size, found.noise)
+        roots = [np.zeros((factor.size, 0))]
+        for column in self._columns:
+            rows, noise = column.rows, self._noises.get(column.name)
+            if noise is None or (whole := noise.whole) is None:
+                continue
+            root = np.zeros((factor.size, whole.root.shape[1]))
+            root[rows] = whole.root * factor[rows, None]
+            if column.filter_of(found) is not None:
+                # Only filtered noise is whitened, and it has no error of its own.
+                root[rows] = np.asarray(whitener)[rows, rows] @ root[rows]
+            own[rows] = whole.own * factor[rows] ** 2
+            roots.append(root)
+        return SharedErrors(own[used], np.concatenate(roots, axis=1)[used])
 
-def _scatter(found: Fit, column: _Column) -> float:
-    """Return the standard deviation of the residuals of a column."""
-    return max(float(np.sqrt(np.nanmean(found.residuals[column.rows] ** 2))), _NOTHING)
 
+class _Column(NamedTuple):
+    """A column of a record: rows in the fit, step (0 without) and known standard deviations (n,).
 
-def _noise_of(found: Fit, column: _Column, time: Column) -> _Noise | None:
-    """Return the noise of a column; None if its readings are independent and as given."""
-    factor = np.asarray(found.problem.factor)
-    used = np.zeros(factor.size, bool)
-    used[column.rows] = factor[column.rows] > 0
-    step = column.step if column.step > _NOTICED * _scatter(found, column) else 0.0
-    if column.sigma is None:
-        total = found.noise / float(np.median(factor[used])) ** 2
-        alone = max(total - step**2 / 12, (_LEAST * step) ** 2)
-        sigma = np.full(time.size, math.sqrt(alone))
-    else:
-        sigma = np.where(np.isfinite(column.sigma), column.sigma, 1.0)
-    low_pass: LowPass | None = getattr(found.params, f"low_pass_{column.name}")
-    if low_pass is None and not step:
-        return None
-    passed = None
-    if low_pass is not None:
-        shape = np.eye(factor.size)
-        shape[column.rows, column.rows] = behind = low_pass.correlation(time)
-        # With steps, the unfiltered part of the noise is their rounding.
-        share = _PASSED if step else shared_noise(found, used, shape).share
-        passed = (1 - share) * np.eye(time.size) + share * behind
-    whole = None
-    if step and (passed is not None or step > _SHARED * np.median(sigma)):
-        expected = np.asarray(found.predict()[column.name])
-        if column.sigma is None:
-            sigma = np.full(time.size, step * _part_of(found, used, passed, expected, column))
-        whole = _rounding_errors(sigma, passed, expected, step)
-    size = np.sqrt(sigma**2 + step**2 / 12)
-    if passed is not None:
-        passed = passed * np.outer(sigma / size, sigma / size)
-        np.fill_diagonal(passed, 1)
-    return _Noise(size, passed, whole)
+    The standard deviations are None if the fit estimates the noise.
+    """
+
+    name: str
+    rows: slice
+    step: float
+    sigma: Column | None
+    time: Column
+
+    def filter_of(self, found: Fit) -> LowPass | None:
+        return getattr(found.params, f"low_pass_{self.name}")
+
+    def scatter(self, found: Fit) -> float:
+        """Return the standard deviation of the residuals."""
+        return max(float(np.sqrt(np.nanmean(found.residuals[self.rows] ** 2))), _NOTHING)
+
+    def noise_of(self, found: Fit) -> _Noise | None:
+        """Return the noise; None if the readings are independent and as given."""
+        factor, count = np.asarray(found.problem.factor), self.time.size
+        used = np.zeros(factor.size, bool)
+        used[self.rows] = factor[self.rows] > 0
+        step = self.step if self.step > _NOTICED * self.scatter(found) else 0.0
+        low_pass = self.filter_of(found)
+        if low_pass is None and not step:
+            return None
+        if self.sigma is None:
+            total = found.noise / float(np.median(factor[used])) ** 2
+            alone = max(total - step**2 / 12, (_LEAST * step) ** 2)
+            sigma = np.full(count, math.sqrt(alone))
+        else:
+            sigma = np.where(np.isfinite(self.sigma), self.sigma, 1.0)
+        passed = None
+        if low_pass is not None:
+            shape = np.eye(factor.size)
+            shape[self.rows, self.rows] = behind = low_pass.correlation(self.time)
+            # With steps, the unfiltered part of the noise is their rounding.
+            share = _PASSED if step else shared_noise(found, used, shape).share
+            passed = (1 - share) * np.eye(count) + share * behind
+        whole = None
+        if step and (passed is not None or step > _SHARED * np.median(sigma)):
+            expected = np.asarray(found.predict()[self.name])
+            if self.sigma is None:
+                sigma = np.full(count, step * self._part_of(found, used, passed, expected))
+            whole = _rounding_errors(sigma, passed, expected, step)
+        size = np.sqrt(sigma**2 + step**2 / 12)
+        if passed is not None:
+            passed = passed * np.outer(sigma / size, sigma / size)
+            np.fill_diagonal(passed, 1)
+        return _Noise(size, passed, whole)
+
+    def _part_of(
+        self,
+        found: Fit,
+        used: Bool[np.ndarray, " n"],
+        passed: Float[np.ndarray, "n n"] | None,
+        expected: Column,
+    ) -> float:
+        """Return the noise before rounding, in steps, by restricted likelihood.
+
+        The size of the residuals alone does not determine it, because readings share rounding
+        errors that the parameters follow. Its logarithm is averaged with the likelihood.
+        """
+        residual = found.residuals[used] / self.step
+        seen = np.column_stack([basis_of(slope_of(found)[used]), residual])
+        rows = np.flatnonzero(used) - self.rows.start
+        some = None if passed is None else passed[np.ix_(rows, rows)]
+        expected = expected[rows] / self.step
+        logs = np.array([
+            _log_likelihood(_rounding_errors(np.full(rows.size, part), some, expected, 1.0), seen)
+            for part in _PARTS
+        ])  # fmt: skip
+        weight = np.exp(logs - logs.max())
+        return float(np.exp(weight @ np.log(_PARTS) / weight.sum()))
 
 
 def _rounding_errors(
@@ -249,32 +302,6 @@ def _rounding_errors(
     noise = passed * np.outer(sigma, sigma)
     root = np.linalg.cholesky(noise + rounding(noise, expected, step))
     return SharedErrors(np.zeros(sigma.size), root)
-
-
-def _part_of(
-    found: Fit,
-    used: Bool[np.ndarray, " n"],
-    passed: Float[np.ndarray, "n n"] | None,
-    expected: Column,
-    column: _Column,
-) -> float:
-    """Return the noise of a column before rounding, in steps, by restricted likelihood.
-
-    The size of the residuals alone does not determine it, because readings share rounding errors
-    that the parameters follow. Its logarithm is averaged with the likelihood under a flat prior.
-    """
-    seen = np.column_stack([basis_of(slope_of(found)[used]), found.residuals[used] / column.step])
-    rows = np.flatnonzero(used) - column.rows.start
-    some = None if passed is None else passed[np.ix_(rows, rows)]
-    expected = expected[rows] / column.step
-    logs = np.array(
-        [
-            _log_likelihood(_rounding_errors(np.full(rows.size, part), some, expected, 1.0), seen)
-            for part in _PARTS
-        ]
-    )
-    weight = np.exp(logs - logs.max())
-    return float(np.exp(weight @ np.log(_PARTS) / weight.sum()))
 
 
 def _log_likelihood(errors: SharedErrors, seen: Float[np.ndarray, "n k+1"]) -> float:
@@ -294,46 +321,3 @@ def _log_likelihood(errors: SharedErrors, seen: Float[np.ndarray, "n k+1"]) -> f
     moved, pull = products[:-1, :-1], products[:-1, -1]
     left = products[-1, -1] - pull @ np.linalg.solve(moved, pull)
     return -float(left + volume + np.linalg.slogdet(moved)[1]) / 2
-
-
-def _errors(
-    columns: list[_Column], noises: Mapping[str, _Noise]
-) -> tuple[dict[str, Any], Float[np.ndarray, " numbers"]]:
-    """Return the arguments of `fit` for the noise of columns, and all their numbers.
-
-    The arguments are empty if the noise is as given.
-    """
-    errors: dict[str, Any] = {}
-    filtered = [
-        one for one in columns if one.name in noises and noises[one.name].correlation is not None
-    ]
-    if filtered:
-        errors["correlation"] = np.eye(columns[-1].rows.stop)
-    for one in filtered:
-        errors["correlation"][one.rows, one.rows] = noises[one.name].correlation
-    sigmas = {one.name: one.sigma for one in columns if one.sigma is not None}
-    for name in sigmas.keys() & noises.keys():
-        sigmas[name] = np.where(np.isfinite(sigmas[name]), noises[name].size, np.inf)
-    if sigmas and noises:
-        errors["sigma"] = sigmas
-    sizes = [np.log(one[np.isfinite(one)]) for one in sigmas.values()]
-    return errors, np.concatenate([errors.get("correlation", np.zeros(0)).ravel(), *sizes])
-
-
-def _errors_of_z(found: Fit, columns: list[_Column], noises: Mapping[str, _Noise]) -> SharedErrors:
-    """Return the errors of standardised residuals with weight, including shared rounding."""
-    factor, whitener = np.asarray(found.problem.factor), found.problem.whitener
-    used, own = factor > 0, np.full(factor.size, found.noise)
-    roots = [np.zeros((factor.size, 0))]
-    for column in columns:
-        rows, noise = column.rows, noises.get(column.name)
-        if noise is None or (whole := noise.whole) is None:
-            continue
-        root = np.zeros((factor.size, whole.root.shape[1]))
-        root[rows] = whole.root * factor[rows, None]
-        if getattr(found.params, f"low_pass_{column.name}") is not None:
-            # Only filtered noise is whitened, and it has no error of its own.
-            root[rows] = np.asarray(whitener)[rows, rows] @ root[rows]
-        own[rows] = whole.own * factor[rows] ** 2
-        roots.append(root)
-    return SharedErrors(own[used], np.concatenate(roots, axis=1)[used])

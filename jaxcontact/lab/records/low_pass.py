@@ -155,11 +155,7 @@ class Limits(NamedTuple):
 
 
 def limits_of(readings: Float[np.ndarray, " n"], *, two_sided: bool) -> Limits:
-    """Return the limits that a column of readings shows; the low one only if `two_sided`.
-
-    A limit is a value that no reading exceeds, that at least three successive readings have, and
-    that they reach abruptly.
-    """
+    """Return the limits that a column of readings shows; the low one only if `two_sided`."""
     at_high = _plateau(readings)
     at_low = _plateau(-readings) if two_sided else np.zeros_like(at_high)
     high = float(readings.max()) if at_high.any() else np.inf
@@ -186,10 +182,7 @@ def _plateau(y: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
 
 
 class BeyondLimits(AbstractErrors[Fit, dict[str, Any]]):
-    """Readings at a limit that the fit puts beyond it, which are left out: they have no residual.
-
-    `sizes` are the "sigma" or the "weights" of the columns.
-    """
+    """Readings at a limit that the fit puts beyond it, which have no residual and are left out."""
 
     rounds = 1
 

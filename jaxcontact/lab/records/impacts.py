@@ -1,23 +1,218 @@
-"""All impacts in a record, as pairs of speed and e with their largest forces, and their notes."""
+"""The impacts in an instrument record: the fit of each, and all as pairs with their errors."""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
-from ... import Contact
-from ...extend import EXPONENT, STANDARD_GRAVITY, Flight, rendered, require_number
+from ... import AbstractLaw, Contact, Damped, Fit, impact
+from ...extend import (
+    EXPONENT,
+    MEASURED_RESTITUTION,
+    STANDARD_GRAVITY,
+    Flight,
+    rendered,
+    require_number,
+)
 from ..calibration.summary_data import ImpactSummary
-from ..choice.outcomes import Columns
-from ..choice.table import PairErrors
+from ..choice.table import Columns, PairErrors
 from ..pairs.pairs import LEAST_PAIRS, Noise, scatter_beside
 from ..recordings import RecordedImpact, RecordedPairs, Recording, RecordingError
-from .one_impact import ImpactFit, fitted_impact, with_free_exponent
+from .fit_record import duration_ratio, fit_record, stiffness_of
+from .low_pass import limits_of
+
+_LENGTH = 512
+"""Readings of every fit, so that all share one compiled program.
+
+Longer windows are averaged, shorter ones padded with readings of zero weight.
+"""
+
+_LEAST_E, _MOST_E = 0.1, 0.99
+_WRONG = 0.01
+"""Probability below which the fitted force law does not describe the readings."""
+
+OUTCOMES = "restitution", "duration", "max_force"
+
+
+class FittedNumber(NamedTuple):
+    """A number of one impact and its standard error."""
+
+    value: float
+    error: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ImpactFit:
+    """One impact of a record, fitted by F = K δ^n (1 + α δ'/v₀).
+
+    `impact` holds the readings. `fit` is the fit (see `fit_record`) of the `reading` (n,) over the
+    `time` (n,) in s. Results are `velocity` in m/s, `restitution`, `duration` in s, `max_force` in
+    N and `stiffness` in N/m^n. `covariance` (2, 2) is that of ln e and the logarithm of the largest
+    force, at the fitted speed.
+    """
+
+    impact: RecordedImpact
+    fit: Fit
+    time: Float[np.ndarray, " n"]
+    reading: Float[np.ndarray, " n"]
+    velocity: FittedNumber
+    restitution: FittedNumber
+    duration: FittedNumber
+    max_force: FittedNumber
+    stiffness: FittedNumber
+    covariance: Float[np.ndarray, "2 2"]
+
+    @property
+    def adequate(self) -> bool | None:
+        """True if the fit describes the readings (false alarm rate 1 %); None if undecided."""
+        p = self.fit.adequacy.p
+        return None if p is None else p >= _WRONG
+
+    @property
+    def touch(self) -> float:
+        """The time in s at which the contact begins."""
+        return float(self.fit.params.start_time)
+
+
+def fitted_impact(one: RecordedImpact, contact: Contact) -> ImpactFit | str:
+    """Fit an impact with mass and exponent of `contact`; return the reason on failure."""
+    time, reading = _shorten(one)
+    found = _fit_of(one, time, reading, *_start(one, time, reading, contact))
+    if not found.converged:
+        return f"its fit did not converge ({found.reason})"
+    at = [found.names.index(name) for name in ("law.alpha", "contact.stiffness", "velocity")]
+    covariance = found.covariance[np.ix_(at, at)]
+    if not np.isfinite(covariance).all():
+        return "its record does not determine speed, stiffness and damping"
+    point = jnp.asarray(found.values[np.array(at)])
+    with jax.enable_x64(True):
+        mass = jnp.asarray(float(contact.mass))
+        logs, slope = _outcomes(point, mass, float(contact.exponent))
+    logs, slope = np.asarray(logs), np.asarray(slope)
+    errors = np.sqrt(np.diag(slope @ covariance @ slope.T))
+    numbers = [
+        FittedNumber(math.exp(a), math.exp(a) * float(s)) for a, s in zip(logs, errors, strict=True)
+    ]
+    if numbers[0].value > MEASURED_RESTITUTION.high:
+        return f"its e would be {numbers[0].value:.3g}"
+    touch = float(found.params.start_time)
+    if not time[0] < touch < touch + numbers[1].value < time[-1]:
+        return "its contact extends beyond the free part of the record"
+    # At the fitted speed: an error of the speed moves the stiffness with it, but not the force.
+    ahead = slope[[0, 2]].copy()
+    ahead[:, 2] = 0
+    error = np.sqrt(np.diag(covariance))
+    return ImpactFit(
+        one,
+        found,
+        time,
+        reading,
+        velocity=FittedNumber(float(point[2]), float(error[2])),
+        restitution=numbers[0],
+        duration=numbers[1],
+        max_force=numbers[2],
+        stiffness=FittedNumber(float(point[1]), float(error[1])),
+        covariance=ahead @ covariance @ ahead.T,
+    )
+
+
+@functools.partial(jax.jit, static_argnums=2)
+def _outcomes(
+    point: Float[Array, " 3"], mass: Float[Array, ""], exponent: float
+) -> tuple[Float[Array, " 3"], Float[Array, "3 3"]]:
+    """Return ln of e, contact time and largest force, and their slopes by α, K and v₀."""
+
+    def logs(point: Float[Array, " 3"]) -> Float[Array, " 3"]:
+        alpha, stiffness, velocity = point
+        hit = impact(Damped(alpha=alpha), Contact(mass, stiffness, exponent), velocity)
+        return jnp.log(jnp.stack([getattr(hit, name) for name in OUTCOMES]))
+
+    return logs(point), jax.jacfwd(logs)(point)
+
+
+def _shorten(one: RecordedImpact) -> tuple[np.ndarray, np.ndarray]:
+    """Return the window of an impact, averaged down if it is longer than a fit takes."""
+    time, reading = one.time, one.reading
+    width = math.ceil(time.size / _LENGTH)
+    if width == 1:
+        return time, reading
+    if limits_of(reading, two_sided=False).at_limit.any():
+        # A mean across the edge of a plateau is not a reading.
+        return time[::width], reading[::width]
+    count = time.size // width
+    means = (x[: count * width].reshape(count, width).mean(axis=1) for x in (time, reading))
+    return tuple(means)  # pyright: ignore[reportReturnType]
+
+
+def _scale(one: RecordedImpact, mass: float) -> float:
+    """Return the factor from the readings to a force, or to the indentation."""
+    return mass if one.trace.quantity == "acceleration" else 1.0
+
+
+def _start(
+    one: RecordedImpact, time: np.ndarray, reading: np.ndarray, contact: Contact
+) -> tuple[AbstractLaw, Contact, float, float]:
+    """Return law, contact, speed and touch from the impulse and its centre.
+
+    It uses m v₀ T = ∫ F (T - t) dt and e = t̄/(T - t̄).
+    """
+    touch, long = float(one.trace.time[0] + one.touch * one.trace.step), one.duration
+    inside = (time >= touch) & (time <= touch + long)
+    mass, n = float(contact.mass), float(contact.exponent)
+    t, step = time[inside] - touch, float(time[1] - time[0])
+    y = _scale(one, mass) * reading[inside]
+    if one.trace.quantity == "indentation":
+        speed, e = duration_ratio(n) * float(y.max()) / long, 0.8
+    else:
+        impulse = max(float(y.sum()) * step, 1e-300)
+        middle = min(max(float(t @ y) * step / impulse / long, 0.1), 0.499)
+        e = middle / (1 - middle)
+        speed = impulse * (1 - middle) / mass
+    e = min(max(e, _LEAST_E), _MOST_E)
+    law = Damped(alpha=jnp.asarray(1.5 * (1 - e) / e))
+    stiffness = stiffness_of(mass, n, speed, long)
+    return law, Contact(mass, stiffness, contact.exponent), speed, touch
+
+
+def with_free_exponent(one: ImpactFit) -> Fit:
+    """Fit the same readings with the exponent n free."""
+    found = one.fit.params
+    with jax.enable_x64(True):
+        n = jnp.asarray(float(found.contact.exponent))
+        free = Contact(found.contact.mass, found.contact.stiffness, n)
+    start = found.law, free, float(found.velocity), float(found.start_time)
+    return _fit_of(one.impact, one.time, one.reading, *start)
+
+
+def _fit_of(
+    one: RecordedImpact,
+    time: np.ndarray,
+    reading: np.ndarray,
+    law: AbstractLaw,
+    contact: Contact,
+    velocity: float,
+    touch: float,
+) -> Fit:
+    """Fit a window padded with readings of zero weight."""
+    count = time.size
+    step = float(time[-1] - time[0]) / (count - 1)
+    time = np.concatenate([time, time[-1] + step * np.arange(1, _LENGTH - count + 1)])
+    filled = np.zeros(_LENGTH)
+    filled[:count] = _scale(one, float(contact.mass)) * reading
+    weight = np.where(np.arange(_LENGTH) < count, float(np.abs(filled).max()) ** -2.0, 0.0)
+    column = "indentation" if one.trace.quantity == "indentation" else "force"
+    how: Any = {column: filled, "start_time": touch, "weights": {column: weight}}
+    return fit_record(law, contact, time, velocity, throw=False, **how)
+
 
 _AT_REST = 10
 """Least number of readings, and of standard errors, for the weight of a resting body."""
@@ -29,11 +224,7 @@ _NUMBERS = "velocity", "restitution", "duration", "max_force", "stiffness"
 
 
 class Fitted(NamedTuple):
-    """Results of the impacts in a record.
-
-    The pairs, the largest forces, the covariance (n, 2, 2) of ln e and of the logarithm of the
-    force, the fits, and the notes.
-    """
+    """The impacts in a record; `covariance` is that of ln e and the logarithm of the force."""
 
     pairs: RecordedPairs
     fits: tuple[ImpactFit, ...]
@@ -46,10 +237,7 @@ class Fitted(NamedTuple):
 def fitted_impacts(
     recording: Recording, contact: Contact, flight: Flight, tell: Callable[[str], None]
 ) -> Fitted:
-    """Fit each impact of a recording with the mass and exponent of `contact`.
-
-    Raises RecordingError if no impact can be fitted.
-    """
+    """Fit each impact with mass and exponent of `contact`; raise RecordingError if none can be."""
     good: list[ImpactFit] = []
     bad: list[str] = []
     records: list[RecordedImpact] = list(recording.records)  # pyright: ignore[reportAssignmentType]
@@ -76,11 +264,7 @@ def fitted_impacts(
 
 
 def errors_of_impacts(found: Fitted, keep: np.ndarray) -> PairErrors:
-    """Return the errors of ln e and ln(force) about trends of the impacts `keep`.
-
-    Each may scatter from impact to impact about a power of the speed, in addition to the reading
-    errors.
-    """
+    """Return the errors of ln e and ln(force): of readings, and about powers of the speed."""
     values = np.log(np.stack([found.pairs.restitution, found.force]))
     variance = np.diagonal(found.covariance, axis1=1, axis2=2).T
     scatter = [0.0, 0.0]
