@@ -71,18 +71,19 @@ def test_gaps_that_wiggle_within_a_step_are_seen():
     np.testing.assert_allclose(times[seen], np.arcsin(1 - 1e-6) / rates[seen], rtol=1e-6)
 
 
-EACH = {"HuGuo": 8, "KelvinVoigt, no tension": 12, "Luding": 14, "JKR": 14}
-"""Mechanisms for each law, in turn moving, at rest, pressed and touching."""
-LEFT_OUT = 0.24
-"""The share of contacts whose sequence or slope changes within the differences: at most 9 of 45."""
+LAWS = "HuGuo", "KelvinVoigt, no tension", "ThorntonPlastic", "Luding", "JKR"
+EACH = 8
+"""Mechanisms for each law: two that move, two at rest, two pressed, two that touch."""
+LEFT_OUT = 6
+"""Contacts of each law whose sequence or slope changes within the differences: at most 3 of 25."""
 BOOKS = 1e-10
 """Of the energy, at rtol 1e-10. Measured 7e-12."""
 SLOPES = 1e-5
 """Of derivative and value, at steps of 3e-4 and rtol 1e-10, hence 1e-10/3e-4 times the growth of a
-perturbation. Measured 5e-6."""
+perturbation. Measured 1.2e-6."""
 READ = 3e-4
-"""Of largest force and depth, whose values are read between steps. Measured 1.6e-4, which falls
-with longer steps of the differences."""
+"""Of largest force and depth, whose values are read between steps. Measured 5e-5, which falls with
+longer steps of the differences."""
 SAME = 1e-6
 """Of numbers beside those of another program; largest depths differ by 2e-8."""
 
@@ -98,23 +99,23 @@ def neighbours(name, x, along):
 @functools.cache
 def found(name):
     random = np.random.default_rng(0)
-    x = random_mechanisms.drawn(random, name, EACH[name])
+    x = random_mechanisms.drawn(random, name, EACH)
     along, rows = random_mechanisms.directions(random, x), []
-    for k in range(EACH[name]):
+    for k in range(EACH):
         one = [jax.tree.map(lambda a, k=k: a[k : k + 1], each) for each in (x, along)]
         rows.append([random_mechanisms.outcomes(name, *one), *neighbours(name, *one)])
     runs = jax.tree.map(lambda *each: np.concatenate(each), *rows)
     return x, random_mechanisms.beside_differences(runs)
 
 
-@pytest.mark.parametrize("name", EACH)
+@pytest.mark.parametrize("name", LAWS)
 def test_derivatives_of_the_contact_table(name):
     _, runs = found(name)
     valid, sound = runs.others["valid"], runs.sound
     assert set(runs.others["status"]) <= {jc.Ending.COMPLETED, jc.Ending.TOO_MANY_IMPACTS}
     assert np.max(runs.books) < BOOKS
     assert np.sum(sound) >= 10
-    assert np.sum(valid & ~sound) <= LEFT_OUT * np.sum(valid)
+    assert np.sum(valid & ~sound) <= LEFT_OUT
     # A contact in progress at the end has neither.
     ends = np.isfinite(runs.table["duration"])
     np.testing.assert_array_equal(np.isfinite(runs.table["restitution"]), ends)
