@@ -31,11 +31,19 @@ from .problem.problem import FitProblem, Huber, place_of, shapes_of
 from .problem.space import Space, space_of
 from .problem.target import Target, groups_of, target_of, whitener_of
 from .result import Fit
-from .search.inference import infer
-from .search.levenberg_marquardt import MOST_STEPS, PATIENCE, SearchOptions
-from .search.minimum import SearchEnd, find, find_all, in_numpy, start_scale, with_step
+from .search.minimum import (
+    MOST_STEPS,
+    PATIENCE,
+    SearchEnd,
+    SearchOptions,
+    find,
+    find_all,
+    in_numpy,
+    start_scale,
+    with_step,
+)
 from .search.noise import BY_COLUMN, COMMON, ColumnErrors, columns_of, refit, refuse_between
-from .search.verdict import at_bound_of, creeping, falling, refuse_unused, verdict
+from .search.verdict import at_bound_of, creeping, falling, infer, refuse_unused, verdict
 
 _END = 40.0
 """A logit whose value rounds to 1 in double precision, where the slope is 0."""
@@ -162,7 +170,7 @@ def fit(
             errors = ColumnErrors(problem, columns_of(problem, noise))
             found = refit(errors, found, lambda last, new: find(new, last.theta, options))
             problem, settled = errors.problem, errors.settled
-        result = result_of(problem, found, theta, target, ends, names, options, settled)
+        result = result_of(problem, found, theta, target.absolute, ends, names, options, settled)
     return checked(result, throw, "fit")
 
 
@@ -251,15 +259,14 @@ def result_of(
     problem: FitProblem,
     found: SearchEnd,
     start: np.ndarray,
-    target: Target,
+    absolute: bool,
     ends: np.ndarray,
     groups: np.ndarray | None,
     options: SearchOptions,
     settled: bool,
 ) -> Fit:
     """Return the end of a search as a fit: its verdict and its standard errors."""
-    space = problem.space
-    used = target.factor > 0
+    space, y, used = problem.space, np.asarray(problem.y), np.asarray(problem.factor) > 0
     at_bound = at_bound_of(space, found, start, used)
     if at_bound.any():
         free = np.where(at_bound, 0, found.jacobian)
@@ -267,7 +274,7 @@ def result_of(
     converged, reason = verdict(found, at_bound, space, options.max_steps)
     if converged and not settled:
         converged, reason = False, "the noise of the data did not settle"
-    inference = infer(problem, found, at_bound, target.absolute, groups)
+    inference = infer(problem, found, at_bound, absolute, groups)
     if converged and (falls := falling(problem, found, start, inference.unidentified)) is not None:
         converged = False
         reason = f"a saddle or a maximum: the loss falls along {falls}; start elsewhere"
@@ -275,7 +282,7 @@ def result_of(
         unknown = np.full_like(inference.covariance, np.nan)
         inference = inference._replace(covariance=unknown, unidentified=())
     with np.errstate(divide="ignore", invalid="ignore"):
-        residuals = np.where(used, found.prediction - target.y, np.nan)
+        residuals = np.where(used, found.prediction - y, np.nan)
     steps = int(found.steps)
     return Fit(
         params=space.tree_of(found.values),
@@ -289,12 +296,12 @@ def result_of(
         steps=steps,
         **inference._asdict(),
         starts=ends,
-        data=np.where(used, target.y, np.nan),
+        data=np.where(used, y, np.nan),
         groups=groups,
         problem=problem,
         _theta=found.theta,
         _jacobian=np.where(at_bound | ~np.isfinite(found.jacobian), 0, found.jacobian),
-        _absolute=target.absolute,
+        _absolute=absolute,
         _rtol=float(options.rtol),
     )
 

@@ -10,8 +10,7 @@ import numpy as np
 from .data import FitData, why_no_error
 from .uncertainty.adequacy import Adequacy, adequacy_of
 from .uncertainty.bootstrap import bootstrap
-from .uncertainty.interval import confidence_band, interval, prediction_band
-from .uncertainty.profile import profile
+from .uncertainty.interval import confidence_band, interval, prediction_band, profile
 
 
 @dataclasses.dataclass(frozen=True, repr=False)

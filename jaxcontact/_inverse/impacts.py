@@ -101,17 +101,15 @@ def fit_impacts(
     return fit(model, start=start, x=v, **(table | given))
 
 
-def holds(owner: Any, name: Any) -> bool:
-    """Return whether a model, law or contact has a field of this name."""
-    fields = {field.name.lstrip("_") for field in dataclasses.fields(owner)}
-    return isinstance(name, str) and name in fields and name != "tension"
-
-
 def full_name(start: Any, name: Any) -> str | None:
     """Return the name of a number with its owner, "law.c" of "c"; None for unknown names."""
+    if not isinstance(name, str):
+        return None
     for prefix, owner in (("", start), ("contact.", start.contact), ("law.", start.law)):
-        if isinstance(name, str) and holds(owner, name.removeprefix(prefix)):
-            return prefix + name.removeprefix(prefix)
+        own = name.removeprefix(prefix)
+        fields = {field.name.lstrip("_") for field in dataclasses.fields(owner)}
+        if own in fields and own != "tension":
+            return prefix + own
     return None
 
 

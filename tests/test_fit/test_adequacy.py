@@ -155,16 +155,6 @@ def test_the_verdict_has_no_unit():
     assert reverse.adequate == plain.adequate
 
 
-def test_points_without_weight_do_not_count():
-    y = 1 + 2 * X + drawn(25, 9)[0]
-    y[::5] += 100
-    weights = np.ones(25)
-    weights[::5] = 0
-    some = jc.fit(line, y, FLAT, x=X, weights=weights)
-    few = jc.fit(line, y[weights > 0], FLAT, x=X[weights > 0])
-    assert some.adequacy.structure_p == pytest.approx(few.adequacy.structure_p)
-
-
 @pytest.mark.slow(reason="a study of 400 fits")
 def test_each_column_has_an_order_and_a_noise_of_its_own():
     alarms, seen = 0, 0

@@ -122,11 +122,15 @@ def test_a_product_is_determined_and_its_factors_are_not():
     assert found.dof == 48
 
 
+def slope_first(p, x):
+    return p[0] * x + p[1]
+
+
 @pytest.mark.parametrize("y", [2.0, 0.3, 1e5 / 3, -7e-9])
 def test_fewer_points_than_numbers_of_an_array(y):
     """The line meets the point to rounding, which must not be taken for a slope of the loss."""
     start = np.array([1.0, 0.0])
-    found = jc.fit(lambda p, x: p[0] * x + p[1], [y], start, x=np.array([3.0]), sigma=0.1)
+    found = jc.fit(slope_first, [y], start, x=np.array([3.0]), sigma=0.1)
     (direction,) = found.unidentified
     assert found.converged and found.loss < 1e-20 * max(1, y**2)
     # A line may rotate about its one point: the offset changes by -3 if the slope changes by 1.
@@ -134,18 +138,21 @@ def test_fewer_points_than_numbers_of_an_array(y):
     assert slope / offset == pytest.approx(-1 / 3)
 
 
+def through_zero(a, x):
+    return a * x
+
+
 @pytest.mark.parametrize("transform", [jc.Free(), jc.Positive(), jc.Between(1.0, 5.0)])
 def test_a_transform_changes_neither_the_start_nor_the_errors(transform):
     """The data are met at the start: a first step from elsewhere would show in the history."""
     x = np.linspace(1, 2, 40)
     how = {"x": x, "transforms": transform}
-    found = jc.fit(lambda a, x: jnp.exp(a * x), np.exp(2.0 * x), 2.0, **how)
+    found = jc.fit(through_zero, 2 * x, 2.0, **how)
     assert found.history[0] < 1e-20 and found.params == pytest.approx(2.0, rel=1e-13)
     y = 2 * x + 0.01 * np.random.default_rng(0).normal(size=40)
     best = np.sum(x * y) / np.sum(x**2)
     error = np.sqrt(np.sum((y - best * x) ** 2) / 39 / np.sum(x**2))
-    found = jc.fit(lambda a, x: a * x, y, 1.9, **how)
-    assert found.errors[0] == pytest.approx(error, rel=1e-8)
+    assert jc.fit(through_zero, y, 1.9, **how).errors[0] == pytest.approx(error, rel=1e-8)
 
 
 def test_a_number_that_runs_to_its_bound_is_put_there():
@@ -220,6 +227,7 @@ def test_points_without_weight_do_not_count_and_others_are_named():
     assert np.allclose(found.values, short.values, rtol=1e-9) and found.dof == short.dof == 45
     assert np.allclose(found.covariance, short.covariance, rtol=1e-7)
     assert np.isnan(found.residuals[[3, 8]]).all()
+    assert found.adequacy.structure_p == pytest.approx(short.adequacy.structure_p)
 
 
 def test_a_fit_that_is_not_finished_says_so():

@@ -56,15 +56,6 @@ def test_the_profile_of_huber_agrees_with_its_standard_error():
     assert (high - low) / 2 == pytest.approx(result.standard_errors["b"], rel=LARGE_SAMPLE)
 
 
-@pytest.mark.parametrize("scale", [1e-12, 1e6])
-def test_the_unit_of_the_data_does_not_matter(scale):
-    y = 2.5 * np.exp(-1.3 * X) + 0.5 + 0.01 * np.random.default_rng(0).normal(size=80)
-    start, how = {"a": 1.0, "b": 1.0, "c": 0.0}, {"x": X, "transforms": {"scale": jc.Fixed()}}
-    one, other = (jc.fit(scaled, y * s, start | {"scale": s}, **how) for s in (1.0, scale))
-    assert one.converged and other.converged
-    np.testing.assert_allclose(other.values, one.values, rtol=SAME)
-
-
 def test_more_named_numbers_than_points_are_refused():
     x, start = X[:3], {"scale": 1.0, "a": 1.0, "b": 1.0, "c": 0.0}
     with pytest.raises(ValueError, match=r"has numbers to fit \(4: a, b, c, scale\), but holds 3"):

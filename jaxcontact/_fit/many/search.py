@@ -17,8 +17,7 @@ from jaxtyping import Int
 
 from ..._program import quick, side_by_side
 from ..problem.problem import FitProblem
-from ..search.levenberg_marquardt import SearchOptions, end_of
-from ..search.minimum import SearchEnd, assessed, in_numpy
+from ..search.minimum import SearchEnd, SearchOptions, assessed, end_of, in_numpy
 from ..search.trust_region import Search, begin, least_squares
 
 _FIRST, _MORE = 8, 1.5
@@ -41,10 +40,13 @@ class Balls(NamedTuple):
 
     def problem(self, shared: FitProblem) -> FitProblem:
         """Return the problem of one ball."""
-        pairs = zip(self.others, shared.space.others, strict=True)
-        others = [x if own is None else own for own, x in pairs]
-        space = dataclasses.replace(shared.space, others=others)
+        space = dataclasses.replace(shared.space, others=self.others_in(shared))
         return dataclasses.replace(shared, x=self.x, y=self.y, factor=self.factor, space=space)
+
+    def others_in(self, shared: FitProblem) -> list[Any]:
+        """Return the numbers that are not fitted, with those that all balls share."""
+        pairs = zip(self.others, shared.space.others, strict=True)
+        return [x if own is None else own for own, x in pairs]
 
 
 def rows_of(tree: Any, rows: Any) -> Any:
@@ -70,7 +72,7 @@ def _advanced(
         lane, search = given
         problem = lane.problem(shared)
         search = least_squares(problem, search, limit, options.report)
-        return search, assessed(problem, *end_of(search), options)
+        return search, assessed(problem, end_of(problem, search), options.rtol)
 
     return jax.lax.map(one, (lanes, search), batch_size=group)
 

@@ -4,6 +4,7 @@ for all, or one for each.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import jax
@@ -69,13 +70,11 @@ def tables_of(balls: Any, data: Any, x: Any, sigma: Any, weights: Any) -> Tables
     good = spread > 0 if sigma is not None else (spread >= 0) & np.isfinite(spread)
     with np.errstate(all="ignore"):
         factor = 1 / spread if sigma is not None else np.sqrt(spread)
-    real = _flat(layout, [np.ones(c.shape, bool) for c in columns])
-    if layout.rows is not None:
-        assert layout.length is not None
-        inside = np.arange(layout.rows.shape[1]) < layout.length[:, None]
-        parts = [np.broadcast_to(inside.reshape(*inside.shape, *[1] * (c.ndim - 1)),
-                                 (*inside.shape, *c.shape[1:])) for c in columns]  # fmt: skip
-        real = np.concatenate([part.reshape(len(inside), -1) for part in parts], axis=1)
+    real = np.ones(y.shape, bool)
+    if layout.length is not None:
+        inside = np.arange(layout.length.max()) < layout.length[:, None]
+        parts = [np.repeat(inside, math.prod(c.shape[1:]), axis=1) for c in columns]
+        real = np.concatenate(parts, axis=1)
     good &= (factor == 0) | np.isfinite(y)
     valid = (good | ~real).all(axis=1) & ((factor > 0) & real).any(axis=1)
     factor = np.where(real & valid[:, None], factor, 0.0)

@@ -75,19 +75,6 @@ def prior_of(prior: Any, space: Space) -> Prior:
     return Prior(jnp.asarray(given), jnp.asarray(mean), jnp.asarray(width), density)
 
 
-def centre_of(prior: Prior, space: Space, place: int) -> float:
-    """Return the free coordinate of the mean of a parameter, moved inside its bounds."""
-    low, high = float(space.low[place]), float(space.high[place])
-    inside = min(float(prior.width[place]), (high - low) / 4)
-    value = float(np.clip(prior.mean[place], low + inside, high - inside))
-    return space.coordinates[place].to_free(value, low, high)
-
-
-def curvature(prior: Prior, space: Space, theta: Float[Array, " k"]) -> Float[Array, "k k"]:
-    """Return the second derivative of minus the logarithm of the density."""
-    return -jax.hessian(lambda at: prior(space, at))(theta)
-
-
 class Height(NamedTuple):
     """The log density, its gradient (m,), and minus the curvature (m, m) of the data's part."""
 
@@ -117,13 +104,12 @@ class Density(eqx.Module):
         theta, scale = phi[:k], jnp.exp(phi[k]) if self.free else jnp.ones(())
         point = problem.at(theta)
         u, used = point.z / scale, problem.factor > 0
-        limit = jnp.inf if problem.threshold is None else problem.threshold
-        pull = jnp.clip(u, -limit, limit)
+        pull = jnp.clip(u, -problem.limit, problem.limit)
         slope = jnp.where(jnp.isfinite(point.jacobian), point.jacobian, 0) / scale
         before, drift = jax.value_and_grad(lambda at: self.prior(problem.space, at))(theta)
         value = before - jnp.sum(jnp.square(shortened(u, problem.threshold))) / 2
         gradient = drift - slope.T @ pull
-        inside = slope * (jnp.abs(u) <= limit)[:, None]
+        inside = slope * (jnp.abs(u) <= problem.limit)[:, None]
         information = inside.T @ inside
         if self.free:
             count = jnp.sum(used).astype(float)
@@ -148,7 +134,8 @@ class Density(eqx.Module):
 def height(density: Density, phi: Float[Array, " m"]) -> tuple[Height, Float[Array, "k k"]]:
     """Return the height of a density, and the curvature of its prior."""
     space = density.problem.space
-    return density.at(phi), curvature(density.prior, space, phi[: len(space.names)])
+    theta = phi[: len(space.names)]
+    return density.at(phi), -jax.hessian(lambda at: density.prior(space, at))(theta)
 
 
 _STEPS = 100

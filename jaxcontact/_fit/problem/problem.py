@@ -93,6 +93,11 @@ class FitProblem(eqx.Module):
     shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     whitener: Float[Array, "n n"] | None = None
 
+    @property
+    def limit(self) -> Any:
+        """The threshold of Huber's loss; infinite for squares."""
+        return np.inf if self.threshold is None else self.threshold
+
     def prediction(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
         """Return the prediction as one vector.
 

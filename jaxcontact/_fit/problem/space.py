@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -19,80 +19,49 @@ from ..._text.units import meaning
 from ..._text.words import first_few
 
 
-class Coordinate(NamedTuple):
-    """Conversion between a bounded value and a free number; it selects code, the bounds are data.
+class AbstractTransform:
+    """The range of a fitted parameter: `Free`, `Positive`, `Between` or `Fixed`.
 
-    `label` precedes the name of a parameter in this coordinate. `has_unit`: a change of 1 means the
-    same everywhere, as for a logarithm or a logit. The functions take (value, low, high), or (free
-    number, low, high). `slope` is dvalue/dfree at a value, and `log_slope` its logarithm at a free
-    number.
+    Its class converts between a value and the free number that is fitted; it selects code, and the
+    bounds `low` and `high` are data. `label` precedes the name of a parameter in this coordinate.
+    `has_unit`: a change of 1 means the same everywhere, as for a logarithm or a logit. The
+    functions take (value, low, high), or (free number, low, high). `slope` is dvalue/dfree at a
+    value, and `log_slope` its logarithm at a free number.
     """
 
-    label: str
-    has_unit: bool
-    bounded_above: bool
-    to_free: Callable[[float, float, float], float]
-    to_value: Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
-    slope: Callable[[Any, float, float], Any]
-    log_slope: Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
-
-
-IDENTITY = Coordinate(
-    label="",
-    has_unit=False,
-    bounded_above=False,
-    to_free=lambda value, low, high: value,
-    to_value=lambda free, low, high: free,
-    slope=lambda value, low, high: np.ones_like(value),
-    log_slope=lambda free, low, high: jnp.zeros_like(free),
-)
-LOGARITHM = Coordinate(
-    label="ln ",
-    has_unit=True,
-    bounded_above=False,
-    to_free=lambda value, low, high: math.log(value),
-    to_value=lambda free, low, high: jnp.exp(free),
-    slope=lambda value, low, high: value,
-    log_slope=lambda free, low, high: free,
-)
-LOGIT = Coordinate(
-    label="logit ",
-    has_unit=True,
-    bounded_above=True,
-    to_free=lambda value, low, high: math.log((value - low) / (high - value)),
-    to_value=lambda free, low, high: low + (high - low) * jax.nn.sigmoid(free),
-    slope=lambda value, low, high: (value - low) * (high - value) / (high - low),
-    log_slope=lambda free, low, high: (
-        jnp.log(high - low) + jax.nn.log_sigmoid(free) + jax.nn.log_sigmoid(-free)
-    ),
-)
-
-
-class AbstractTransform:
-    """The range of a fitted parameter: `Free`, `Positive`, `Between` or `Fixed`."""
-
-    coordinate: Coordinate = IDENTITY
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """The open interval (low, high) of the values."""
-        return -math.inf, math.inf
+    low: float
+    high: float
+    label: ClassVar[str]
+    has_unit: ClassVar[bool] = True
+    bounded_above: ClassVar[bool] = False
+    to_free: ClassVar[Callable[[float, float, float], float]]
+    to_value: ClassVar[Callable[[jax.Array, jax.Array, jax.Array], jax.Array]]
+    slope: ClassVar[Callable[[Any, float, float], Any]]
+    log_slope: ClassVar[Callable[[jax.Array, jax.Array, jax.Array], jax.Array]]
 
 
 @dataclasses.dataclass(frozen=True)
 class Free(AbstractTransform):
     """Any real number, fitted directly."""
 
+    low, high = -math.inf, math.inf
+    label, has_unit = "", False
+    to_free = staticmethod(lambda value, low, high: value)
+    to_value = staticmethod(lambda free, low, high: free)
+    slope = staticmethod(lambda value, low, high: np.ones_like(value))
+    log_slope = staticmethod(lambda free, low, high: jnp.zeros_like(free))
+
 
 @dataclasses.dataclass(frozen=True)
 class Positive(AbstractTransform):
     """A number above 0; its logarithm is fitted."""
 
-    coordinate = LOGARITHM
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        return 0.0, math.inf
+    low, high = 0.0, math.inf
+    label = "ln "
+    to_free = staticmethod(lambda value, low, high: math.log(value))
+    to_value = staticmethod(lambda free, low, high: jnp.exp(free))
+    slope = staticmethod(lambda value, low, high: value)
+    log_slope = staticmethod(lambda free, low, high: free)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,7 +74,15 @@ class Between(AbstractTransform):
 
     low: float
     high: float
-    coordinate = LOGIT
+    label, bounded_above = "logit ", True
+    to_free = staticmethod(lambda value, low, high: math.log((value - low) / (high - value)))
+    to_value = staticmethod(lambda free, low, high: low + (high - low) * jax.nn.sigmoid(free))
+    slope = staticmethod(lambda value, low, high: (value - low) * (high - value) / (high - low))
+    log_slope = staticmethod(
+        lambda free, low, high: (
+            jnp.log(high - low) + jax.nn.log_sigmoid(free) + jax.nn.log_sigmoid(-free)
+        )
+    )
 
     def __post_init__(self) -> None:
         for name in ("low", "high"):
@@ -114,10 +91,6 @@ class Between(AbstractTransform):
             raise ValueError(
                 f"Argument `high` must be above `low`, but they are {self.high!r} and {self.low!r}."
             )
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        return self.low, self.high
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,7 +119,7 @@ class Space(eqx.Module):
     held: Float[Array, " k"]
     others: list[Any]
     structure: Any = eqx.field(static=True)
-    coordinates: tuple[Coordinate, ...] = eqx.field(static=True)
+    coordinates: tuple[type[AbstractTransform], ...] = eqx.field(static=True)
     shapes: tuple[tuple[int, ...] | None, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
     units: tuple[str, ...] = eqx.field(static=True)
@@ -162,15 +135,18 @@ class Space(eqx.Module):
         columns = zip(self.coordinates, theta, self.low, self.high, strict=True)
         return jnp.stack([coordinate.log_slope(*column) for coordinate, *column in columns])
 
-    def tree_of(self, values: Float[Array, " k"]) -> Any:
-        """Return the pytree with the fitted numbers `values`."""
-        leaves, others, at = [], iter(self.others), 0
+    def tree_of(self, values: Float[Array, "*lanes k"], others: list[Any] | None = None) -> Any:
+        """Return the pytree with the fitted numbers `values`, and other leaves if given."""
+        leaves, at = [], 0
+        others_left = iter(self.others if others is None else others)
         for shape in self.shapes:
             if shape is None:
-                leaves.append(next(others))
+                leaves.append(next(others_left))
                 continue
             end = at + math.prod(shape)
-            leaves.append(jnp.asarray(values[at:end].reshape(shape)))
+            leaf = values[..., at:end].reshape((*values.shape[:-1], *shape))
+            # Transferred, not converted: JAX would compile a program for each new shape.
+            leaves.append(leaf if isinstance(leaf, jax.Array) else jax.device_put(leaf))
             at = end
         return jax.tree.unflatten(self.structure, leaves)
 
@@ -209,7 +185,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
             f"Argument `start` must be a tree of numbers, but is {rendered(start)}."
         ) from error
     chosen = _leaf_transforms(start, transforms)
-    numbers: list[_Number] = []
+    numbers: list[tuple[str, str, type[AbstractTransform], tuple[float, float], float]] = []
     shapes, others = [], []
     for (path, leaf), given in zip(paths, chosen, strict=True):
         if not _is_end(given):
@@ -222,12 +198,20 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
             shapes.append(None)
             others.append(jnp.asarray(float(leaf)) if type(leaf) is float else leaf)
             continue
-        array, unit = as_numbers(leaf, "start"), _unit_of(start, path)
+        array, unit, name = as_numbers(leaf, "start"), _unit_of(start, path), _name_of(path)
+        bounds, coordinate = (transform.low, transform.high), type(transform)
+        allowed = Range(*bounds, low_open=True, high_open=True)
         shapes.append(array.shape)
-        numbers += [
-            _number(path, index, unit, float(array[index]), transform)
-            for index in np.ndindex(array.shape)
-        ]
+        for index in np.ndindex(array.shape):
+            place = name + (f"[{', '.join(map(str, index))}]" if index else "")
+            value = float(array[index])
+            if not allowed.holds(value):
+                raise ValueError(
+                    f"Argument `start` must have {place or 'its number'} in {allowed}, where it "
+                    f"can move, but it is {value!r}."
+                )
+            free = coordinate.to_free(value, *bounds)
+            numbers.append((place or "parameter", unit, coordinate, bounds, free))
     if not numbers:
         raise ValueError(f"Argument `start` must hold a number to fit, but is {rendered(start)}.")
     names, units, coordinates, ends, theta = zip(*numbers, strict=True)
@@ -242,37 +226,6 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
     held = jnp.asarray(np.full(len(names), np.nan))
     keys = coordinates, tuple(shapes), names, units
     return Space(low, high, held, others, structure, *keys), np.array(theta)
-
-
-class _Number(NamedTuple):
-    """A number to fit: name, unit, coordinate, bounds, and its free coordinate at the start."""
-
-    name: str
-    unit: str
-    coordinate: Coordinate
-    bounds: tuple[float, float]
-    theta: float
-
-
-def _number(
-    path: tuple[Any, ...],
-    index: tuple[int, ...],
-    unit: str,
-    value: float,
-    transform: AbstractTransform,
-) -> _Number:
-    """Return the number at an index of a leaf; raise ValueError if it is outside its bounds."""
-    name = _name_of(path) + (f"[{', '.join(map(str, index))}]" if index else "")
-    bounds, coordinate = transform.bounds, transform.coordinate
-    allowed = Range(*bounds, low_open=True, high_open=True)
-    if not allowed.holds(value):
-        raise ValueError(
-            f"Argument `start` must have {name or 'its number'} in {allowed}, where it can move, "
-            f"but it is {value!r}."
-        )
-    return _Number(
-        name or "parameter", unit, coordinate, bounds, coordinate.to_free(value, *bounds)
-    )
 
 
 def names_in(tree: Any) -> list[str]:

@@ -36,13 +36,13 @@ def target_of(data: Any, sigma: Any, weights: Any) -> Target:
     if y.size == 0:
         raise ValueError(f"Argument `data` must hold a number, but is {rendered(data)}.")
     if sigma is not None:
-        given = _spread(sigma, data, "sigma")
+        given = _spread(sigma, y.size, "sigma")
         _refuse(~(given > 0), given, "sigma", "positive (inf leaves a point out)")
         factor = 1 / given
     else:
         given = np.ones_like(y)
         if weights is not None:
-            given = _spread(as_weights(weights), data, "weights")
+            given = _spread(as_weights(weights), y.size, "weights")
         _refuse(~((given >= 0) & np.isfinite(given)), given, "weights", "finite and not negative")
         factor = np.sqrt(given)
     used = factor > 0
@@ -62,24 +62,25 @@ def groups_of(names: Any, count: int, argument: str = "groups") -> np.ndarray | 
     if names is None:
         return None
     given = None if isinstance(names, np.ma.MaskedArray) else as_array(names)
-    if given is None or given.dtype.kind in "Vc":
-        raise _no_names(names, count, argument)
-    given = given.ravel()
-    if given.dtype == object and not all(isinstance(x, str | int | float) for x in given):
-        raise _no_names(names, count, argument)
+    given = np.array(1j) if given is None else given.ravel()
+    mixed = given.dtype == object and not all(isinstance(x, str | int | float) for x in given)
     # NaN stands for a missing name.
-    if given.dtype.kind in "fO" and any(x != x for x in given):
-        raise _no_names(names, count, argument)
-    if given.size != count:
+    missing = not mixed and given.dtype.kind in "fO" and any(x != x for x in given)
+    try:
+        if given.dtype.kind in "Vc" or mixed or missing:
+            raise TypeError("no names")
+        number = np.unique(given, return_inverse=True)[1]  # mixed texts and numbers have no order
+    except TypeError as error:
+        raise ValueError(
+            f"Argument `{argument}` must have one name for each of the {count} points, all numbers "
+            f"or all texts, but is {rendered(names)}."
+        ) from error
+    if number.size != count:
         raise ValueError(
             f"Argument `{argument}` must have one name for each of the {count} points, but has "
-            f"{given.size}: it is {rendered(names)}."
+            f"{number.size}: it is {rendered(names)}."
         )
-    try:
-        return np.unique(given, return_inverse=True)[1]
-    except TypeError as error:
-        # Mixed texts and numbers have no order.
-        raise _no_names(names, count, argument) from error
+    return number
 
 
 def whitener_of(correlation: Any, used: np.ndarray) -> np.ndarray | None:
@@ -107,33 +108,20 @@ def whitener_of(correlation: Any, used: np.ndarray) -> np.ndarray | None:
     return np.linalg.solve(factor, np.eye(n))
 
 
-def _no_names(names: Any, count: int, argument: str) -> ValueError:
-    return ValueError(
-        f"Argument `{argument}` must have one name for each of the {count} points, all numbers or "
-        f"all texts, but is {rendered(names)}."
-    )
-
-
-def _flat(tree: Any, name: str) -> np.ndarray:
-    """Return all numbers of a tree as one vector."""
-    leaves = [as_numbers(leaf, name).ravel() for leaf in jax.tree.leaves(tree)]
-    return np.concatenate(leaves) if leaves else np.zeros(0)
-
-
 def _vector(tree: Any, name: str) -> np.ndarray:
+    """Return all numbers of a tree as one vector."""
     try:
-        return _flat(tree, name)
+        leaves = [as_numbers(leaf, name).ravel() for leaf in jax.tree.leaves(tree)]
     except (TypeError, ValueError) as error:
         raise ValueError(
             f"Argument `{name}` must hold real numbers, but is {rendered(tree)}."
         ) from error
+    return np.concatenate(leaves) if leaves else np.zeros(0)
 
 
-def _spread(value: Any, data: Any, name: str) -> np.ndarray:
+def _spread(value: Any, count: int, name: str) -> np.ndarray:
     """Return one number for each point, from a number for all or a tree like the data."""
-    count = _flat(data, "data").size
-    number = concrete(value)
-    if number is not None:
+    if concrete(value) is not None:
         return np.full(count, as_numbers(value, name))
     given = _vector(value, name)
     if given.size != count:

@@ -13,10 +13,8 @@ from jaxtyping import Array, Float
 from ..._entry import FRACTION, require_count, require_number
 from ..data import FitData
 from ..problem.problem import FitProblem
-from ..search.levenberg_marquardt import SearchOptions
-from ..search.minimum import SearchEnd, found_from
-
-_STEPS = 100
+from ..search.minimum import SearchEnd, SearchOptions, found_from
+from .interval import MOST_REFITS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,9 +74,9 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
             # A new key: the same one would draw the same numbers again.
             key = jax.random.fold_in(jax.random.key(seed), 1)
             shared = jax.random.normal(key, (draws, root.shape[1])) @ root.T
-            used = np.flatnonzero(fit.problem.factor)
+            used = np.flatnonzero(fit._used)
             noise = noise.at[:, used].set(noise[:, used] * np.sqrt(size)[None, :] + shared)
-        options = SearchOptions(jnp.asarray(fit._rtol), max_steps=_STEPS)
+        options = SearchOptions(jnp.asarray(fit._rtol), max_steps=MOST_REFITS)
         found = _refits(fit.problem, jnp.asarray(fit._theta), noise, options)
         good = jnp.all(found.still, axis=1) & jnp.isfinite(found.loss)
     return Bootstrap(fit.names, np.asarray(found.values), np.asarray(good))

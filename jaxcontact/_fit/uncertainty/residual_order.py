@@ -45,32 +45,13 @@ _REPLICATED = 4
 
 @dataclasses.dataclass(frozen=True)
 class Column:
-    """Points measured along one variable: their indices in its order, and shared values.
+    """Points measured along one variable: their indices in its order.
 
-    `level` is equal for points that share a value of the variable.
+    `places`: where in this order each value of the variable starts.
     """
 
     order: Int[np.ndarray, " m"]
-    level: Int[np.ndarray, " m"]
-
-
-@dataclasses.dataclass(frozen=True)
-class _Places:
-    """Points of a column in the order of their places, and where each place starts."""
-
-    order: Int[np.ndarray, " m"]
-    start: Int[np.ndarray, " places"]
-    factor: Float[np.ndarray, " m"]
-
-    @staticmethod
-    def of(column: Column, factor: Float[np.ndarray, " n"]) -> _Places:
-        start = np.flatnonzero(np.diff(column.level, prepend=-1))
-        return _Places(column.order, start, factor[column.order])
-
-    def between(self, z: Float[np.ndarray, "draws n"]) -> Float[np.ndarray, " draws"]:
-        """Return the sum of squares of the part common to all points of a place."""
-        shared = np.add.reduceat(z[:, self.order] * self.factor, self.start, axis=1)
-        return np.sum(shared**2 / np.add.reduceat(self.factor**2, self.start), axis=1)
+    places: Int[np.ndarray, " values"]
 
 
 class Statistics:
@@ -92,8 +73,8 @@ class Statistics:
             if (waves := _slow_waves(columns, model, count)) is not None
             and self._dof - waves.shape[1] >= _LEAST
         ]
-        self._places = [_Places.of(column, factor) for column in columns]
-        self.pure = n - sum(places.start.size for places in self._places)
+        self._factor = factor
+        self.pure = n - sum(column.places.size for column in columns)
         self.repeated = self.pure >= _REPLICATED and self._dof > self.pure
 
     def __bool__(self) -> bool:
@@ -113,8 +94,11 @@ class Statistics:
 
         It is 0 if repeated points are the same to rounding, which does not determine their noise.
         """
-        total = np.sum(z**2, axis=1)
-        between = sum(places.between(z) for places in self._places)
+        total, between = np.sum(z**2, axis=1), np.zeros(len(z))
+        for c in self._columns:
+            weight = self._factor[c.order]
+            shared = np.add.reduceat(z[:, c.order] * weight, c.places, axis=1)
+            between += np.sum(shared**2 / np.add.reduceat(weight**2, c.places), axis=1)
         within = total - between
         told = within > _ROUNDING * total
         within = np.where(told, within, 1) / self.pure
@@ -222,7 +206,9 @@ def _left(
 
 def _rank(values: Float[np.ndarray, "kinds draws"]) -> Float[np.ndarray, "kinds draws"]:
     """Return for each statistic the share of draws that are as large, up to rounding."""
-    # Drawn signs may repeat the residuals themselves, and leave some statistics unchanged.
-    least = values - _ROUNDING * np.abs(values)
-    below = [np.searchsorted(np.sort(row), one) for row, one in zip(values, least, strict=True)]
-    return 1 - np.stack(below) / values.shape[1]
+    below = np.empty_like(values)
+    for row, ranks in zip(values, below, strict=True):
+        order = np.argsort(row)
+        # Drawn signs may repeat the residuals themselves, and leave some statistics unchanged.
+        ranks[order] = np.searchsorted(row[order], row[order] - _ROUNDING * np.abs(row[order]))
+    return 1 - below / values.shape[1]
