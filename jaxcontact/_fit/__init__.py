@@ -14,6 +14,7 @@ from .data import FitData as FitData
 from .data import SharedErrors as SharedErrors
 from .data import has_trials as has_trials
 from .data import why_no_error as why_no_error
+from .fit import Fit as Fit
 from .fit import fit as fit
 from .many.fit_many import Fits as Fits
 from .many.fit_many import FitStatus as FitStatus
@@ -30,7 +31,6 @@ from .problem.space import Space as Space
 from .problem.space import names_in as names_in
 from .problem.space import space_of as space_of
 from .problem.target import groups_of as groups_of
-from .result import Fit as Fit
 from .search.minimum import basis_of as basis_of
 from .search.noise import AbstractErrors as AbstractErrors
 from .search.noise import refit as refit

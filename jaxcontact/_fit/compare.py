@@ -16,8 +16,8 @@ from jaxtyping import ArrayLike, Bool, Float
 from .._entry import rendered, require_count
 from .._text.words import text_table
 from .data import FitData
+from .fit import Fit
 from .problem.target import groups_of, whitener_of
-from .result import Fit
 from .search.minimum import SearchOptions, find, in_numpy
 from .search.verdict import LEAST_GROUPS
 from .uncertainty.adequacy import shown
@@ -316,11 +316,7 @@ def _verdict(
     )
     values = f": {parameters(best.name)}" if parameters else ""
     if best.adequate is False:
-        assert best.p is not None  # for the type checker
-        them = " or ".join(c.name for c in good if c.adequate is not False)
-        head = f"The best is {best.name}" if best is first else f"{best.name} comes as close as any"
-        text = f"{head}{values}. But it does not describe the data ({shown(best.p)})"
-        text += f"; {them} may." if them else ", and no other fit does."
+        text = _none_describes(best, first, good, values)
     else:
         alone = len(equal) == 1 and best is first
         if best.adequate is None:
@@ -359,6 +355,15 @@ def _other_measures(
     if judged and not any(c in equal for c in equally):
         text += f" But {left_out} that were left out are predicted best by {held.name}."
     return text
+
+
+def _none_describes(best: Candidate, first: Candidate, good: list[Candidate], values: str) -> str:
+    """Return the sentence that the best fit does not describe the data, and which others may."""
+    assert best.p is not None  # for the type checker
+    them = " or ".join(c.name for c in good if c.adequate is not False)
+    head = f"The best is {best.name}" if best is first else f"{best.name} comes as close as any"
+    rest = f"; {them} may" if them else ", and no other fit does"
+    return f"{head}{values}. But it does not describe the data ({shown(best.p)}){rest}."
 
 
 def _distance(c: Candidate, first: Candidate, group: str) -> str:

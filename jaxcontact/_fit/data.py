@@ -157,6 +157,12 @@ class FitData(Flagged):
         return self.problem.x if x is None else place_like(x, self.problem.x)
 
 
+def require_converged(fit: FitData, what: str) -> None:
+    """Raise ValueError for a fit that did not converge, which has no `what`."""
+    if not fit.converged:
+        raise ValueError(f"A fit that did not converge has no {what}: {fit.reason}.")
+
+
 def has_trials(fit: FitData) -> bool:
     """Return whether some group holds several points, whose errors may be correlated."""
     trials = fit._trials

@@ -88,11 +88,7 @@ def column(
     least: int = 1,
     gaps: bool = False,
 ) -> Column:
-    """Return a measured column (n,) with every number in range; with `gaps`, NaN marks a gap.
-
-    `beside` is the name of another column, and the column itself, of the same length. Raises
-    ValueError that names the first bad point.
-    """
+    """Return a measured column (n,) with every number in range; with `gaps`, NaN marks a gap."""
     array = as_numbers(value, name)
     if array.ndim != 1 or array.size < least:
         enough = f" with at least {least} points" if least > 1 else ""

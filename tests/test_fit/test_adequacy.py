@@ -33,6 +33,7 @@ def drawn(n, seed):
 @pytest.mark.slow(
     "{}-200",
     "{'sigma': 0.1}-200",
+    "{'sigma': 0.1}-8",
     "{'loss': Huber(threshold=1.345)}-200",
     "{'loss': Huber(threshold=1.345)}-25",
     "{'loss': Huber(threshold=1.345)}-8",

@@ -99,7 +99,7 @@ def test_unknown_noise_gives_students_t(unknown):
 
 def on_a_grid(weight, sigma):
     """Means of c, e and their squares and product by integration over (ln c, logit e)."""
-    u, v = np.meshgrid(np.linspace(-8, 3, 801), np.linspace(-6, 14, 801), indexing="ij")
+    u, v = np.meshgrid(np.linspace(-8, 3, 401), np.linspace(-6, 14, 401), indexing="ij")
     c, e = np.exp(u), 1 / (1 + np.exp(-v))
     z = (e[..., None] * np.exp(-c[..., None] * SPEEDS) - DECAYED) / sigma
     density = np.exp(-np.sum(z**2, axis=-1) / 2) * weight(c, e) * e * (1 - e)
@@ -188,7 +188,7 @@ def test_hubers_noise_is_a_distribution():
     result = jc.posterior(found)
     assert result.converged, result.reason
     scale = 1 / float(found.problem.factor[0])
-    p, s = np.meshgrid(np.linspace(-6, 8, 701), np.geomspace(0.05, 50, 701), indexing="ij")
+    p, s = np.meshgrid(np.linspace(-6, 8, 401), np.geomspace(0.05, 50, 401), indexing="ij")
     u = np.abs(data - p[..., None]) / (s * scale)[..., None]
     loss = np.where(u < 1.345, u**2 / 2, 1.345 * u - 1.345**2 / 2).sum(axis=-1)
     density = np.exp(-loss - 8 * np.log(s))
@@ -252,10 +252,10 @@ def test_one_compilation_for_all_data(unknown, known, normal, compiled):
     compiled.clear()
     again = jc.posterior(other, draws=700, warmup=333, seed=4)
     assert again.converged and not compiled
-    repeated, others = jc.posterior(known), jc.posterior(known, seed=1)
+    repeated, others = (jc.posterior(known, draws=200, seed=seed).samples for seed in (0, 1))
     for name in known.names:
-        assert np.array_equal(normal.samples[name], repeated.samples[name])
-    assert not np.array_equal(normal.samples["slope"], others.samples["slope"])
+        assert np.array_equal(normal.samples[name][:, :200], repeated[name])
+    assert not np.array_equal(repeated["slope"], others["slope"])
 
 
 def test_the_result_in_words_and_trees(known, normal):

@@ -22,9 +22,8 @@ from ..._entry import (
 from ..._text.failure import Flagged, WordedEnum
 from ..._text.progress import progress_of
 from ..._text.words import text_table
-from ..fit import check_loss, result_of, set_to_bound
+from ..fit import Fit, check_loss, result_of, set_to_bound
 from ..problem.problem import FitProblem, Huber
-from ..result import Fit
 from ..search.minimum import MOST_STEPS, SearchEnd, SearchOptions, decomposed
 from ..search.verdict import creeping, near_bound, noise_of, refuse_unused
 from .search import Balls, BlockSize, rows_of, search_all

@@ -172,17 +172,22 @@ def root_of(information: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
 
 
 def find_mode(density: Density, start: Float[np.ndarray, " m"], held: int | None = None) -> Mode:
-    """Find the mode by damped Gauss-Newton steps, which include the curvature of the prior.
-
-    The coordinate `held` stays fixed.
-    """
+    """Find the mode, with one coordinate `held`, by damped Gauss-Newton steps with the prior."""
     free = np.arange(len(start)) != held
     unit = density.problem.space.has_unit
     unit = np.append(unit, True) if density.free else unit
     at, damping = np.asarray(start, float), 1e-3
-    here, prior = _height(density, at)
+
+    def height_at(at: np.ndarray) -> tuple[Height, np.ndarray, np.ndarray]:
+        """Return the height, the curvature of the prior, and that of both together."""
+        here, prior = jax.tree.map(np.asarray, height(density, jnp.asarray(at)))
+        whole, k = np.array(here.information), len(prior)
+        whole[:k, :k] += np.where(np.isfinite(prior), prior, 0)
+        return here, prior, whole
+
+    here, prior, both = height_at(at)
     for _ in range(_STEPS):
-        whole = _sum(here.information, prior) * np.where(np.outer(free, free), 1, 0)
+        whole = both * np.outer(free, free)
         size = np.sqrt(np.abs(np.diag(whole)))
         size = np.where(unit, np.maximum(size, _SHORTEST), np.where(size > 0, size, 1))
         values, vectors = np.linalg.eigh(whole / np.outer(size, size))
@@ -191,20 +196,9 @@ def find_mode(density: Density, start: Float[np.ndarray, " m"], held: int | None
         step = free * (vectors @ (along / values) / size)
         if step @ here.gradient < _GAIN and damping < 1:
             break
-        there, other = _height(density, at + step)
+        there, *curvatures = height_at(at + step)
         if there.value > here.value:
-            at, here, prior, damping = at + step, there, other, damping / 10
+            at, here, damping, (prior, both) = at + step, there, damping / 10, curvatures
         else:
             damping *= 10
-    return Mode(at, root_of(_sum(here.information, prior)), prior, float(here.value))
-
-
-def _height(density: Density, at: Float[np.ndarray, " m"]) -> tuple[Height, np.ndarray]:
-    return jax.tree.map(np.asarray, height(density, jnp.asarray(at)))
-
-
-def _sum(information: Any, prior: np.ndarray) -> np.ndarray:
-    whole = np.array(information)
-    k = len(prior)
-    whole[:k, :k] += np.where(np.isfinite(prior), prior, 0)
-    return whole
+    return Mode(at, root_of(both), prior, float(here.value))

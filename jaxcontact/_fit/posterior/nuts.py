@@ -61,10 +61,7 @@ class Chains(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """q and φ (chains, draws, m), the parameters (chains, draws, k), and counts.
-
-    The counts are divergences and evaluations of the density.
-    """
+    """q and φ (chains, draws, m), the parameters (chains, draws, k); and two counts."""
 
     q: Float[np.ndarray, "chains draws m"]
     phi: Float[np.ndarray, "chains draws m"]
@@ -74,10 +71,7 @@ class Draws(NamedTuple):
 
 
 def draw(density: Density, mode: Mode, chains: int, warmup: int, draws: int, seed: int) -> Draws:
-    """Draw from chains that began far apart, after a warm-up.
-
-    In the warm-up all chains together find step size and covariance.
-    """
+    """Draw from chains that began far apart, after a warm-up."""
     init, _, final = _averaging()
     frame = Frame(jnp.asarray(mode.centre), jnp.asarray(mode.root))
     key = jax.random.key(seed)
@@ -145,10 +139,7 @@ def _starting_states(density: Density, frame: Frame, key: Array, chains: int) ->
 def _draw_batch(
     density: Density, frame: Frame, now: Chains, key: Array, count: Array, adapting: Array
 ) -> tuple[Chains, tuple[Array, Array, Array], Array]:
-    """Draw the next `count` samples, at most `_AT_ONCE`.
-
-    Returns the chains; q, φ and values; and divergences and evaluations.
-    """
+    """Draw the next `count` samples, at most `_AT_ONCE`."""
     import blackjax
 
     kernel, log_density = blackjax.nuts.build_kernel(), _in(density, frame)

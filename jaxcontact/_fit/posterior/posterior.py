@@ -22,7 +22,7 @@ from ..._entry import (
     require_number,
 )
 from ..._text.words import first_few, text_table
-from ..data import FitData, has_trials
+from ..data import FitData, has_trials, require_converged
 from ..search.minimum import SINGULAR
 from ..search.verdict import Direction
 from ..uncertainty.adequacy import adequacy_of
@@ -219,8 +219,7 @@ def posterior(
 
 
 def _check(fit: FitData) -> None:
-    if not fit.converged:
-        raise ValueError(f"A fit that did not converge has no posterior: {fit.reason}.")
+    require_converged(fit, "posterior")
     if has_trials(fit):
         raise ValueError(
             "Argument `fit` must have independent points for a posterior, but has `groups` of "

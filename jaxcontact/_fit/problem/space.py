@@ -98,15 +98,6 @@ class Fixed(AbstractTransform):
     """A number that is not fitted."""
 
 
-def of_range(allowed: Range) -> AbstractTransform:
-    """Return the transform of a parameter that declares its range."""
-    if math.isinf(allowed.low) and math.isinf(allowed.high):
-        return Free()
-    if allowed.low == 0 and math.isinf(allowed.high):
-        return Positive()
-    return Between(allowed.low, allowed.high)
-
-
 class Space(eqx.Module):
     """Free coordinates θ (k,) of the fitted numbers in a pytree of parameters.
 
@@ -173,11 +164,7 @@ class Space(eqx.Module):
 
 
 def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
-    """Return the space of the numbers in `start`, and the coordinates of its values.
-
-    Raises ValueError for a start outside its bounds, one that is not finite, transforms that do not
-    match, and a start without a number to fit.
-    """
+    """Return the space of the numbers in `start`, and the coordinates of its values."""
     try:
         paths, structure = jax.tree.flatten_with_path(start)
     except (TypeError, ValueError) as error:  # keys of a dict that have no order
@@ -301,7 +288,11 @@ def _is_end(x: Any) -> bool:
 def _declared_transform(start: Any, path: tuple[Any, ...]) -> AbstractTransform:
     """Return the transform for the range that a module declares for its field."""
     allowed = _declaration(start, path).get("allowed")
-    return Free() if allowed is None else of_range(allowed)
+    if allowed is None or (math.isinf(allowed.low) and math.isinf(allowed.high)):
+        return Free()
+    if allowed.low == 0 and math.isinf(allowed.high):
+        return Positive()
+    return Between(allowed.low, allowed.high)
 
 
 def _unit_of(start: Any, path: tuple[Any, ...]) -> str:

@@ -67,11 +67,12 @@ Numbers = Any
 
 
 class SearchEnd(NamedTuple):
-    """The end of a search: its `Path`, and the numbers at its last point.
+    """The end of a search: its best point, its course, and the numbers at that point.
 
-    `z` are the standardised residuals, `jacobian` is dz/dθ, `values` are the parameters, and
-    `prediction` is that of all points. `step` is the remaining Gauss-Newton step, and `allowed` the
-    largest negligible one, for each coordinate.
+    `history` is the loss after each step (NaN beyond), and `stopped` whether the search ended by
+    itself. `z` are the standardised residuals, `jacobian` is dz/dθ, `values` are the parameters,
+    and `prediction` is that of all points. `step` is the remaining Gauss-Newton step, and `allowed`
+    the largest negligible one, for each coordinate.
     """
 
     theta: Float[Numbers, " k"]
@@ -228,10 +229,7 @@ def with_step(
     rtol: Float[Numbers, ""],
     xp: Any,
 ) -> SearchEnd:
-    """Return `found` with its remaining step by a Jacobian; zero columns hold coordinates.
-
-    `xp` is JAX while it is compiled, otherwise NumPy.
-    """
+    """Return `found` with its remaining step by a Jacobian; zero columns hold coordinates."""
     r = shortened(found.z, problem.threshold, xp)
     usable = shortened_slope(found.z, jacobian, problem.threshold, xp)
     used = problem.factor > 0

@@ -43,10 +43,7 @@ class AbstractErrors(abc.ABC, Generic[F, E]):
 
 
 def refit(errors: AbstractErrors[F, E], found: F, search: Callable[[F, E], F]) -> F:
-    """Estimate the errors and fit again, in turns, until the errors settle.
-
-    `search` returns the fit with other errors, from the last fit and the errors.
-    """
+    """Estimate the errors and fit again by `search(last, errors)`, in turns, until they settle."""
     for _ in range(errors.rounds):
         estimated = errors.estimate(found)
         if estimated is None:

@@ -5,7 +5,7 @@ identifiable, and the uncertainty of the parameters.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -75,17 +75,6 @@ class Direction:
             sign = ("" if part > 0 else "-") if not text else (" + " if part > 0 else " - ")
             text += f"{sign}{size}{self.labels[name]}"
         return text
-
-
-class Inference(NamedTuple):
-    """The covariance (k, k) of the parameters, NaN if not identifiable, and its grounds."""
-
-    covariance: np.ndarray
-    unidentified: tuple[Direction, ...]
-    at_bound: tuple[str, ...]
-    dof: int
-    noise: float
-    by_group: bool
 
 
 def at_bound_of(space: Space, found: SearchEnd, start: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -195,12 +184,8 @@ def refuse_unused(problem: FitProblem, found: SearchEnd) -> None:
 
 
 def infer(
-    problem: FitProblem,
-    found: SearchEnd,
-    at_bound: np.ndarray,
-    absolute: bool,
-    groups: np.ndarray | None,
-) -> Inference:
+    problem: FitProblem, found: SearchEnd, at_bound: np.ndarray, absolute: bool, groups: Any
+) -> dict[str, Any]:
     """Return Laplace's approximation Cov θ = s² (JᵀJ)⁻¹, converted to the parameters by dx/dθ.
 
     s² is 1 for known noise and Σz²/(n-k) otherwise. For Huber's loss it is Σψ²/(n-k)/(mean ψ')² in
@@ -210,6 +195,7 @@ def infer(
     1986, doi 10.1093/biomet/73.1.13). It is NaN for a parameter that one group alone
     determines, which the fit meets exactly. Directions in which JᵀJ is singular come from a
     singular value decomposition of the scaled columns. A parameter at its bound is held.
+    The result holds the fields of a fit that follow.
     """
     finite = np.isfinite(found.jacobian).all()
     jacobian = found.jacobian if finite else np.zeros_like(found.jacobian)
@@ -234,7 +220,8 @@ def infer(
     covariance[lost] = np.nan
     covariance[:, lost] = np.nan
     ran = tuple(np.array(problem.space.names, object)[at_bound])
-    return Inference(covariance, directions, ran, dof, float(noise), by_group)
+    grounds = {"dof": dof, "noise": float(noise), "by_group": by_group}
+    return grounds | {"covariance": covariance, "unidentified": directions, "at_bound": ran}
 
 
 def noise_of(

@@ -136,14 +136,17 @@ def adequacy_of(fit: FitData) -> Adequacy:
     # Scale-free statistics are independent of χ² (Basu); those of repeated points are not.
     independent = [structure_p, chi2_p if fit._absolute or structure_p is None else None]
     p = _combine([one for one in independent if one is not None])
-    reason = ""
-    if p is None and trial is not None:
-        reason = "too few trials, or too little overlap of their x"
-    elif p is None:
-        few = f"{fit.dof} degrees of freedom" if fit.dof > 1 else "one degree of freedom"
-        reason = f"{few}, and the noise is unknown"
+    reason = "" if p is not None else _lacking(fit.dof, in_trials=trial is not None)
     adequate = None if p is None else p >= LEVEL
     return Adequacy(adequate, p, ratio, chi2_p, structure_p, along, reason)
+
+
+def _lacking(dof: int, *, in_trials: bool) -> str:
+    """Return why nothing could be tested."""
+    if in_trials:
+        return "too few trials, or too little overlap of their x"
+    few = f"{dof} degrees of freedom" if dof > 1 else "one degree of freedom"
+    return f"{few}, and the noise is unknown"
 
 
 def _scatter(
@@ -259,10 +262,7 @@ def _signs(
 
 
 def _combine(p: list[float]) -> float | None:
-    """Return Fisher's combination of independent probabilities.
-
-    -2 Σ ln p is a χ² with two degrees of freedom for each.
-    """
+    """Return Fisher's combination of independent probabilities."""
     if not p:
         return None
     if len(p) == 1 or 0 in p:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..._entry import FRACTION, require_count, require_number
-from ..data import FitData
+from ..data import FitData, require_converged
 from ..problem.problem import FitProblem
 from ..search.minimum import SearchEnd, SearchOptions, found_from
 from .interval import MOST_REFITS
@@ -58,8 +58,7 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
     """
     draws = require_count("draws", draws, 2)
     seed = require_count("seed", seed, 0)
-    if not fit.converged:
-        raise ValueError(f"A fit that did not converge has no bootstrap: {fit.reason}.")
+    require_converged(fit, "bootstrap")
     if not np.isfinite(fit.noise):
         raise ValueError(
             "Argument `sigma` of `fit` must be given for a bootstrap without degrees of freedom, "

@@ -23,7 +23,7 @@ from ..._entry import (
     require_number,
 )
 from ..._program import quick
-from ..data import FitData
+from ..data import FitData, require_converged
 from ..problem.problem import FitProblem
 from ..search.minimum import SearchOptions, found_from
 from ..search.verdict import creeping
@@ -118,8 +118,7 @@ def profile(
     require_choice("name", name, fit.names)
     points = require_count("points", points, 2)
     span = require_number("span", span, POSITIVE)
-    if not fit.converged:
-        raise ValueError(f"A fit that did not converge has no profile: {fit.reason}.")
+    require_converged(fit, "profile")
     place = fit.names.index(name)
     low, high = float(fit.problem.space.low[place]), float(fit.problem.space.high[place])
     best = float(fit.values[place])
@@ -212,7 +211,7 @@ def interval(fit: FitData, level: float = 0.95) -> dict[str, tuple[float, float]
     Source: Bates & Watts (1988), doi 10.1002/9780470316757, ch. 6.
     """
     level = require_number("level", level, FRACTION)
-    _require_converged(fit, "intervals")
+    require_converged(fit, "intervals")
     space, quantile, error = fit.problem.space, _quantile(fit, level), fit.scaled_errors
     ends = np.stack([np.asarray(space.low), np.asarray(space.high)])
     known = np.isfinite(error) & np.isfinite(quantile)
@@ -248,7 +247,7 @@ def confidence_band(
     Source: Seber & Wild (1989), doi 10.1002/0471725315, ch. 5.
     """
     level = require_number("level", level, FRACTION)
-    _require_converged(fit, "bands")
+    require_converged(fit, "bands")
     curve, error = fit.predict_with_error(x)
     half = _quantile(fit, level) * error
     return curve - half, curve + half
@@ -265,7 +264,7 @@ def prediction_band(
     `confidence_band` does, and for a `sigma` that is not positive or has another shape.
     """
     level = require_number("level", level, FRACTION)
-    _require_converged(fit, "bands")
+    require_converged(fit, "bands")
     curve, error = fit.predict_with_error(x)
     spread = scatter(fit)
     if sigma is not None:
@@ -287,11 +286,6 @@ def scatter(fit: FitData) -> np.ndarray:
     """Return the standard deviation of each reading (n,); NaN for one without weight."""
     size = np.sqrt(fit.noise) / np.where(fit._used, fit._factor, 1)
     return np.where(fit._used, size, np.nan)
-
-
-def _require_converged(fit: FitData, what: str) -> None:
-    if not fit.converged:
-        raise ValueError(f"A fit that did not converge has no {what}: {fit.reason}.")
 
 
 def _quantile(fit: FitData, level: float) -> float:

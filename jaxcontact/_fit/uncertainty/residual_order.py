@@ -81,9 +81,15 @@ class Statistics:
         return bool(self._waves)
 
     def __call__(self, z: Float[np.ndarray, "draws n"]) -> Float[np.ndarray, "kinds draws"]:
-        z = z / self._sizes(z)
-        total = np.sum(z**2, axis=1)
-        found = [self._share(z @ waves, total) for waves in self._waves]
+        # Root mean squares by column, because instruments differ in their noise.
+        z = z.copy()
+        for c in self._columns:
+            size = np.sqrt(np.mean(z[:, c.order] ** 2, axis=1, keepdims=True))
+            z[:, c.order] /= np.where(size > 0, size, 1)
+        total, found = np.sum(z**2, axis=1), []
+        for waves in self._waves:
+            m, part = waves.shape[1], np.sum((z @ waves) ** 2, axis=1)
+            found.append((part / m) / ((total - part) / (self._dof - m)))
         found.append(sum(_of_neighbours(z[:, c.order]) for c in self._columns) / total)
         if self.repeated:
             found.append(self.lack_of_fit(z))
@@ -104,27 +110,11 @@ class Statistics:
         within = np.where(told, within, 1) / self.pure
         return np.where(told, between / (self._dof - self.pure) / within, 0)
 
-    def _share(self, parts: Float[np.ndarray, "draws m"], total: np.ndarray) -> np.ndarray:
-        m = parts.shape[1]
-        waves = np.sum(parts**2, axis=1)
-        return (waves / m) / ((total - waves) / (self._dof - m))
-
-    def _sizes(self, z: Float[np.ndarray, "draws n"]) -> Float[np.ndarray, "draws n"]:
-        """Return root mean squares, by column, because instruments differ in their noise."""
-        sizes = np.ones_like(z)
-        for c in self._columns:
-            size = np.sqrt(np.mean(z[:, c.order] ** 2, axis=1, keepdims=True))
-            sizes[:, c.order] = np.where(size > 0, size, 1)
-        return sizes
-
 
 def _slow_waves(
     columns: Sequence[Column], model: Float[np.ndarray, "n k"], count: int
 ) -> Float[np.ndarray, "n m"] | None:
-    """Return the slowest waves along each column that the model does not describe, orthonormal.
-
-    Returns None if that many do not exist.
-    """
+    """Return the slowest waves along each column that the model does not describe, orthonormal."""
     n, k = model.shape
     found: list[np.ndarray] = []
     for column in columns:
