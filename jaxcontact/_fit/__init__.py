@@ -3,7 +3,6 @@
 from .compare import CLEAR_AICC as CLEAR_AICC
 from .compare import SAME as SAME
 from .compare import Candidate as Candidate
-from .compare import Comparison as Comparison
 from .compare import compare_fits as compare_fits
 from .compare import compared as compared
 from .compare import criteria as criteria
@@ -37,7 +36,6 @@ from .search.noise import refit as refit
 from .search.noise import with_shared as with_shared
 from .search.verdict import AT_BOUND as AT_BOUND
 from .search.verdict import LEAST_GROUPS as LEAST_GROUPS
-from .search.verdict import Direction as Direction
 from .search.verdict import sandwich as sandwich
 from .uncertainty.bootstrap import Bootstrap as Bootstrap
 from .uncertainty.interval import Profile as Profile

@@ -291,18 +291,3 @@ def test_the_sandwich_over_groups_is_that_of_the_definition(free):
     # Too few groups do not determine the correlation in them.
     few = jc.fit(decay, DECAY, START, x=X, groups=np.repeat(np.arange(5), 10))
     assert not few.by_group and np.allclose(few.covariance, free.covariance)
-
-
-def test_errors_that_groups_share_are_seen():
-    rng = np.random.default_rng(0)
-    groups = np.repeat(np.arange(20), 5)
-    x = rng.uniform(0, 1, 100)
-    pulls = {False: [], True: []}
-    for _ in range(100):
-        y = 2 * x + 1 + rng.normal(size=20)[groups] + 0.1 * rng.normal(size=100)
-        for by_group in pulls:
-            truth = {"a": 1.0, "b": 2.0}
-            found = jc.fit(line, y, truth, x=x, groups=groups if by_group else None)
-            pulls[by_group].append((found.params["a"] - 1) / found.standard_errors["a"])
-    # Points of a group share an error: errors that ignore this are too small, by 1.56.
-    assert 0.8 < np.std(pulls[True]) < 1.35 < 1.45 < np.std(pulls[False])

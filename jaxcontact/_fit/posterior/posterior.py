@@ -26,8 +26,7 @@ from ..data import FitData, has_trials, require_converged
 from ..search.minimum import SINGULAR
 from ..search.verdict import Direction
 from ..uncertainty.adequacy import adequacy_of
-from .density import Density, Mode, find_mode, prior_of, root_of
-from .nuts import Draws, draw
+from .density import Density, Draws, Mode, draw, find_mode, prior_of, root_of
 
 _TAILS = 0.05, 0.95
 _FEWEST = 4

@@ -135,7 +135,8 @@ class Space(eqx.Module):
                 leaves.append(next(others_left))
                 continue
             end = at + math.prod(shape)
-            leaf = values[..., at:end].reshape((*values.shape[:-1], *shape))
+            part = values[at:end] if values.ndim == 1 else values[..., at:end]
+            leaf = part.reshape((*values.shape[:-1], *shape))
             # Transferred, not converted: JAX would compile a program for each new shape.
             leaves.append(leaf if isinstance(leaf, jax.Array) else jax.device_put(leaf))
             at = end

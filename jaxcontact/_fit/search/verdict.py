@@ -157,7 +157,7 @@ def refuse_unused(problem: FitProblem, found: SearchEnd) -> None:
     without = np.flatnonzero(~np.any(found.jacobian, axis=0))
     if not without.size:
         return
-    leaves, structure = jax.tree.flatten(problem.space.tree_of(jnp.asarray(found.values)))
+    leaves, structure = jax.tree.flatten(problem.space.tree_of(found.values))
     fitted = [i for i, shape in enumerate(problem.space.shapes) if shape is not None]
 
     def of_fitted(numbers: list[jax.Array]) -> list[jax.Array]:
