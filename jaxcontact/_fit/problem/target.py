@@ -54,13 +54,14 @@ def groups_of(names: Any, count: int, argument: str = "groups") -> np.ndarray | 
     if names is None:
         return None
     given = None if isinstance(names, np.ma.MaskedArray) else as_array(names)
-    given = np.array(1j) if given is None else given.ravel()
-    mixed = given.dtype == object and not all(isinstance(x, str | int | float) for x in given)
-    # NaN stands for a missing name.
-    missing = not mixed and given.dtype.kind in "fO" and any(x != x for x in given)
     try:
-        if given.dtype.kind in "Vc" or mixed or missing:
+        if given is None or given.dtype.kind in "Vc":
             raise TypeError("no names")
+        given = given.ravel()
+        if given.dtype == object and not all(isinstance(x, str | int | float) for x in given):
+            raise TypeError("names of other types")
+        if given.dtype.kind in "fO" and any(x != x for x in given):
+            raise TypeError("a missing name, which is NaN")
         number = np.unique(given, return_inverse=True)[1]  # mixed texts and numbers have no order
     except TypeError as error:
         raise ValueError(
