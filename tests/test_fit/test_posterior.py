@@ -81,7 +81,7 @@ def test_a_line_with_known_noise_has_a_normal_posterior(known, normal):
 
 
 def test_unknown_noise_gives_students_t(unknown):
-    result = jc.posterior(unknown, draws=4000)
+    result = jc.posterior(unknown)
     assert result.converged and unknown.dof == 5
     assert result.names == ("offset", "slope", "noise")
     for i, name in enumerate(unknown.names):

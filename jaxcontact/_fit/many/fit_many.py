@@ -26,7 +26,7 @@ from ..fit import Fit, check_loss, result_of, set_to_bound
 from ..problem.problem import FitProblem, Huber
 from ..search.minimum import MOST_STEPS, SearchEnd, SearchOptions, decomposed
 from ..search.verdict import creeping, near_bound, noise_of, refuse_unused
-from .search import Balls, BlockSize, rows_of, search_all
+from .search import Balls, block_sizes, rows_of, search_all
 from .tables import Starts, Tables, starts_of, tables_of
 
 _NAMED = 5
@@ -211,7 +211,7 @@ def fit_many(
             predict, starts.space, first.x, first.y, first.factor, threshold, reverse, tables.shapes
         )
         options = SearchOptions(jnp.asarray(rtol), max_steps=most)
-        blocks = BlockSize.of(len(tables.balls), most_at_once)
+        blocks = block_sizes(len(tables.balls), most_at_once)
         ends, histories = search_all(shared, lanes, options, blocks, tell)
         # A number is unused if its column of the Jacobian is zero for all balls.
         refuse_unused(shared, rows_of(ends, 0)._replace(jacobian=np.any(ends.jacobian, axis=0)))

@@ -194,7 +194,7 @@ def starts_of(start: Any, transforms: Any, own: bool, count: int) -> Starts:
     valid = np.all((values > low) & (values < high), axis=1)
     ends = list(zip(space.coordinates, low.tolist(), high.tolist(), strict=True))
     theta = np.array([
-        [c.to_free(v, *end) for (c, *end), v in zip(ends, row, strict=True)]
+        [c._to_free(v, *end) for (c, *end), v in zip(ends, row, strict=True)]
         for row in np.where(valid[:, None], values, values[np.argmax(valid)]).tolist()
     ])  # fmt: skip
     others = [a for a, is_fitted in zip(arrays, fitted, strict=True) if not is_fitted]

@@ -273,7 +273,7 @@ def _mode_with_prior(fit: FitData, density: Density, prior: Any) -> Mode:
         low, high = float(space.low[i]), float(space.high[i])
         inside = min(float(given.width[i]), (high - low) / 4)
         mean = float(np.clip(given.mean[i], low + inside, high - inside))
-        start[i] = space.coordinates[i].to_free(mean, low, high)
+        start[i] = space.coordinates[i]._to_free(mean, low, high)
     mode = find_mode(density, start)
     _refuse_open(fit, mode.prior, prior)
     return mode

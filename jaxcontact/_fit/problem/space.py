@@ -25,8 +25,8 @@ class AbstractTransform:
     Its class converts between a value and the free number that is fitted; it selects code, and the
     bounds `low` and `high` are data. `label` precedes the name of a parameter in this coordinate.
     `has_unit`: a change of 1 means the same everywhere, as for a logarithm or a logit. The
-    functions take (value, low, high), or (free number, low, high). `slope` is dvalue/dfree at a
-    value, and `log_slope` its logarithm at a free number.
+    functions take (value, low, high), or (free number, low, high). `_slope` is dvalue/dfree at a
+    value, and `_log_slope` its logarithm at a free number.
     """
 
     low: float
@@ -34,10 +34,10 @@ class AbstractTransform:
     label: ClassVar[str]
     has_unit: ClassVar[bool] = True
     bounded_above: ClassVar[bool] = False
-    to_free: ClassVar[Callable[[float, float, float], float]]
-    to_value: ClassVar[Callable[[jax.Array, jax.Array, jax.Array], jax.Array]]
-    slope: ClassVar[Callable[[Any, float, float], Any]]
-    log_slope: ClassVar[Callable[[jax.Array, jax.Array, jax.Array], jax.Array]]
+    _to_free: ClassVar[Callable[[float, float, float], float]]
+    _to_value: ClassVar[Callable[[jax.Array, jax.Array, jax.Array], jax.Array]]
+    _slope: ClassVar[Callable[[Any, float, float], Any]]
+    _log_slope: ClassVar[Callable[[jax.Array, jax.Array, jax.Array], jax.Array]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,10 +46,10 @@ class Free(AbstractTransform):
 
     low, high = -math.inf, math.inf
     label, has_unit = "", False
-    to_free = staticmethod(lambda value, low, high: value)
-    to_value = staticmethod(lambda free, low, high: free)
-    slope = staticmethod(lambda value, low, high: np.ones_like(value))
-    log_slope = staticmethod(lambda free, low, high: jnp.zeros_like(free))
+    _to_free = staticmethod(lambda value, low, high: value)
+    _to_value = staticmethod(lambda free, low, high: free)
+    _slope = staticmethod(lambda value, low, high: np.ones_like(value))
+    _log_slope = staticmethod(lambda free, low, high: jnp.zeros_like(free))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,10 +58,10 @@ class Positive(AbstractTransform):
 
     low, high = 0.0, math.inf
     label = "ln "
-    to_free = staticmethod(lambda value, low, high: math.log(value))
-    to_value = staticmethod(lambda free, low, high: jnp.exp(free))
-    slope = staticmethod(lambda value, low, high: value)
-    log_slope = staticmethod(lambda free, low, high: free)
+    _to_free = staticmethod(lambda value, low, high: math.log(value))
+    _to_value = staticmethod(lambda free, low, high: jnp.exp(free))
+    _slope = staticmethod(lambda value, low, high: value)
+    _log_slope = staticmethod(lambda free, low, high: free)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,10 +75,10 @@ class Between(AbstractTransform):
     low: float
     high: float
     label, bounded_above = "logit ", True
-    to_free = staticmethod(lambda value, low, high: math.log((value - low) / (high - value)))
-    to_value = staticmethod(lambda free, low, high: low + (high - low) * jax.nn.sigmoid(free))
-    slope = staticmethod(lambda value, low, high: (value - low) * (high - value) / (high - low))
-    log_slope = staticmethod(
+    _to_free = staticmethod(lambda value, low, high: math.log((value - low) / (high - value)))
+    _to_value = staticmethod(lambda free, low, high: low + (high - low) * jax.nn.sigmoid(free))
+    _slope = staticmethod(lambda value, low, high: (value - low) * (high - value) / (high - low))
+    _log_slope = staticmethod(
         lambda free, low, high: (
             jnp.log(high - low) + jax.nn.log_sigmoid(free) + jax.nn.log_sigmoid(-free)
         )
@@ -118,13 +118,13 @@ class Space(eqx.Module):
     def values(self, theta: Float[Array, " k"]) -> Float[Array, " k"]:
         """Return the fitted numbers themselves, in the order of their names."""
         columns = zip(self.coordinates, theta, self.low, self.high, strict=True)
-        moved = jnp.stack([coordinate.to_value(*column) for coordinate, *column in columns])
+        moved = jnp.stack([coordinate._to_value(*column) for coordinate, *column in columns])
         return jnp.where(jnp.isnan(self.held), moved, self.held)
 
     def log_slopes(self, theta: Float[Array, " k"]) -> Float[Array, " k"]:
         """Return ln dx/dθ (k,), of each number by its own coordinate."""
         columns = zip(self.coordinates, theta, self.low, self.high, strict=True)
-        return jnp.stack([coordinate.log_slope(*column) for coordinate, *column in columns])
+        return jnp.stack([coordinate._log_slope(*column) for coordinate, *column in columns])
 
     def tree_of(self, values: Float[Array, "*lanes k"], others: list[Any] | None = None) -> Any:
         """Return the pytree with the fitted numbers `values`, and other leaves if given."""
@@ -146,7 +146,7 @@ class Space(eqx.Module):
         """Return dx/dθ (k, ...) at values (k, ...), of each number by its own coordinate."""
         bounds = np.asarray(self.low), np.asarray(self.high)
         columns = zip(self.coordinates, values, *bounds, strict=True)
-        return np.array([coordinate.slope(*column) for coordinate, *column in columns])
+        return np.array([coordinate._slope(*column) for coordinate, *column in columns])
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -198,7 +198,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
                     f"Argument `start` must have {place or 'its number'} in {allowed}, where it "
                     f"can move, but it is {value!r}."
                 )
-            free = coordinate.to_free(value, *bounds)
+            free = coordinate._to_free(value, *bounds)
             numbers.append((place or "parameter", unit, coordinate, bounds, free))
     if not numbers:
         raise ValueError(f"Argument `start` must hold a number to fit, but is {rendered(start)}.")

@@ -246,11 +246,8 @@ def confidence_band(
 
     Source: Seber & Wild (1989), doi 10.1002/0471725315, ch. 5.
     """
-    level = require_number("level", level, FRACTION)
-    require_converged(fit, "bands")
-    curve, error = fit.predict_with_error(x)
-    half = _quantile(fit, level) * error
-    return curve - half, curve + half
+    curve, error, quantile = _curve(fit, x, level)
+    return curve - quantile * error, curve + quantile * error
 
 
 def prediction_band(
@@ -263,9 +260,7 @@ def prediction_band(
     the median of their column if `x` is given and they differ. Raises ValueError as
     `confidence_band` does, and for a `sigma` that is not positive or has another shape.
     """
-    level = require_number("level", level, FRACTION)
-    require_converged(fit, "bands")
-    curve, error = fit.predict_with_error(x)
+    curve, error, quantile = _curve(fit, x, level)
     spread = scatter(fit)
     if sigma is not None:
         spread = as_numbers(sigma, "sigma")
@@ -278,8 +273,15 @@ def prediction_band(
         columns = np.split(spread, np.cumsum([math.prod(s) for s in fit.problem.shapes])[:-1])
         sizes = [np.size(leaf) for leaf in jax.tree.leaves(fit.predict(x))]
         spread = np.repeat([np.nanmedian(column) for column in columns], sizes)
-    half = _quantile(fit, level) * np.hypot(error, spread)
+    half = quantile * np.hypot(error, spread)
     return curve - half, curve + half
+
+
+def _curve(fit: FitData, x: Any, level: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the prediction, its standard error, and the factor of a band."""
+    level = require_number("level", level, FRACTION)
+    require_converged(fit, "bands")
+    return *fit.predict_with_error(x), _quantile(fit, level)
 
 
 def scatter(fit: FitData) -> np.ndarray:
