@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.fit_truths import bounces, drops, records, trials
-from jaxcontact._fit.uncertainty.profile import held_at, quantile_of
+from jaxcontact._fit.uncertainty.interval import held_at, quantile_of
 
 HERE = Path(__file__).parent
 RESULT = HERE / "fit_coverage.json"

@@ -11,16 +11,15 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import ArrayLike, Bool, Float
 
 from .._entry import rendered, require_count
 from .._text.words import text_table
 from .data import FitData
+from .fit import Fit
 from .problem.target import groups_of, whitener_of
-from .result import Fit
-from .search.inference import LEAST_GROUPS
-from .search.levenberg_marquardt import SearchOptions
-from .search.minimum import find, in_numpy
+from .search.minimum import SearchOptions, find, in_numpy
+from .search.verdict import LEAST_GROUPS
 from .uncertainty.adequacy import shown
 
 CLEAR_AICC = 2.0
@@ -102,15 +101,12 @@ def table(
         for c in candidates
     ]
     lines = text_table(rows, header=head, align="<>>>>><")
-    notes = ["", *map(_note, candidates)]
+    notes = [
+        "  not converged" if not c.converged else "  *" if c.adequate is False else ""
+        for c in candidates
+    ]
     wrong = ["* does not describe the data"] if "  *" in notes else []
-    return [line + note for line, note in zip(lines, notes, strict=True)] + wrong
-
-
-def _note(c: Candidate) -> str:
-    if not c.converged:
-        return "  not converged"
-    return "  *" if c.adequate is False else ""
+    return [line + note for line, note in zip(lines, ["", *notes], strict=True)] + wrong
 
 
 def compare_fits(
@@ -134,7 +130,7 @@ def compare_fits(
     folds = require_count("folds", folds, 2)
     seed = require_count("seed", seed, 0)
     _check(fits)
-    used = np.asarray(next(iter(fits.values())).problem.factor) > 0
+    used = next(iter(fits.values()))._used
     return compared(fits, _parts(used, folds, groups, seed))
 
 
@@ -157,18 +153,26 @@ def compared(
     _check(fits)
     names = sorted(fits, key=lambda name: (not fits[name].converged, criteria(fits[name])[1]))
     first = fits[names[0]]
-    found = tuple(_candidate(name, fits[name], first, parts) for name in names)
-    named = tuple(c for c in found if c.name not in unnamed)
+    found = []
+    for name in names:
+        fit, told = fits[name], fits[name].adequacy
+        behind = None if fit is first else advantage(first, fit)
+        k, aicc, bic = criteria(fit)
+        measures = {"aicc": aicc, "bic": bic, "held_out": _held_out(fit, parts), "behind": behind}
+        verdict = {"converged": fit.converged, "adequate": told.adequate, "p": told.p}
+        found.append(Candidate(name, k, fit.loss, **measures, **verdict))
+    named = [c for c in found if c.name not in unnamed]
     equal = undecided(named, first)
     if among is not None:
         equal = [c for c in named if c.converged and c.name in among]
-    return Comparison(found, *_verdict(named, equal, list(fits), parameters, left_out, group))
+    return Comparison(
+        tuple(found), *_verdict(named, equal, list(fits), parameters, left_out, group)
+    )
 
 
 def criteria(fit: FitData) -> tuple[int, float, float]:
     """Return the number of identifiable parameters, AICc and BIC, as defined in `compare_fits`."""
-    factor = np.asarray(fit.problem.factor)
-    factor = factor[factor > 0]
+    factor = fit._factor[fit._used]
     k = len(factor) - fit.dof
     return k, *criteria_of(fit.loss, k, factor, fit._absolute)
 
@@ -196,24 +200,12 @@ def advantage(fit: FitData, other: FitData) -> float | None:
     each group. The result is the total over its standard error. It is None with fewer than
     `LEAST_GROUPS` groups, or if the two fits are the same.
     """
-    if fit.groups is None:
-        return None
-    used = np.asarray(fit.problem.factor) > 0
-    place = np.unique(fit.groups[used], return_inverse=True)[1]
-    scale = float(np.mean(fit.z**2) + np.mean(other.z**2)) / 2
-    if place.max() + 1 < LEAST_GROUPS or not scale > 0:
+    place, scale = fit._trials, float(np.mean(fit.z**2) + np.mean(other.z**2)) / 2
+    if place is None or place.max() + 1 < LEAST_GROUPS or not scale > 0:
         return None
     gain = np.bincount(place, weights=(other.z**2 - fit.z**2) / (2 * scale))
     spread = math.sqrt(len(gain) * float(np.var(gain, ddof=1)))
     return float(np.sum(gain)) / spread if spread > 0 else None
-
-
-def has_trials(fit: FitData) -> bool:
-    """Return whether some group holds several points, whose errors may be correlated."""
-    if fit.groups is None:
-        return False
-    number = fit.groups[np.asarray(fit.problem.factor) > 0]
-    return len(np.unique(number)) < len(number)
 
 
 def _check(fits: Mapping[str, Fit]) -> None:
@@ -224,7 +216,7 @@ def _check(fits: Mapping[str, Fit]) -> None:
         raise ValueError(f"Argument `fits` must hold at least two fits, but holds {len(fits)}.")
     first = next(iter(fits.values())).problem
     for name, fit in fits.items():
-        if not _same(fit.problem.whitener, first.whitener):
+        if not np.array_equal(np.asarray(fit.problem.whitener), np.asarray(first.whitener)):
             raise ValueError(
                 "Argument `fits` must hold fits with the same `correlation`, but that of "
                 f"{name!r} differs."
@@ -236,12 +228,6 @@ def _check(fits: Mapping[str, Fit]) -> None:
             raise ValueError(
                 f"Argument `fits` must hold fits to the same data, but {name!r} has {why}."
             )
-
-
-def _same(one: Array | None, other: Array | None) -> bool:
-    if one is None or other is None:
-        return one is other
-    return np.array_equal(one, other)
 
 
 def _parts(
@@ -261,34 +247,25 @@ def _parts(
     return (fold[number] == np.arange(folds)[:, None]) & used
 
 
-def _candidate(name: str, fit: Fit, first: Fit, parts: Bool[np.ndarray, "folds n"]) -> Candidate:
-    k, aicc, bic = criteria(fit)
-    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        held_out = _held_out(fit, parts)
-    behind = None if fit is first else advantage(first, fit)
-    told = fit.adequacy
-    criterion = fit.loss, aicc, bic, held_out, behind
-    return Candidate(name, k, *criterion, fit.converged, told.adequate, told.p)
-
-
 def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
     """Return √(mean z²) of points, each by the fit without its part; None if one failed."""
     square, whole = 0.0, in_numpy(fit.problem)
     whitener, whole = whole.whitener, dataclasses.replace(whole, whitener=None)
-    for out in parts:
-        # Other weights share the compiled search of the fit itself.
-        weights = np.where(out, 0, np.asarray(fit.problem.factor))
-        fewer = eqx.tree_at(lambda p: p.factor, fit.problem, jnp.asarray(weights))
-        if whitener is not None:
-            # Whiten the remaining points only: points without weight must not count as exact.
-            factor = np.linalg.solve(whitener, np.eye(len(whitener)))
-            rest = whitener_of(factor @ factor.T, weights > 0)
-            fewer = eqx.tree_at(lambda p: p.whitener, fewer, jnp.asarray(rest))
-        found = find(fewer, fit._theta, SearchOptions(jnp.asarray(fit._rtol)))
-        if not np.all(found.still):
-            return None
-        z = whole.standardised(found.prediction, np)
-        square += float(np.sum(z[out] ** 2))
+    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        for out in parts:
+            # Other weights share the compiled search of the fit itself.
+            weights = np.where(out, 0, fit._factor)
+            fewer = eqx.tree_at(lambda p: p.factor, fit.problem, jnp.asarray(weights))
+            if whitener is not None:
+                # Whiten the remaining points only: points without weight must not count as exact.
+                factor = np.linalg.solve(whitener, np.eye(len(whitener)))
+                rest = whitener_of(factor @ factor.T, weights > 0)
+                fewer = eqx.tree_at(lambda p: p.whitener, fewer, jnp.asarray(rest))
+            found = find(fewer, fit._theta, SearchOptions(jnp.asarray(fit._rtol)))
+            if not np.all(found.still):
+                return None
+            z = whole.standardised(found.prediction, np)
+            square += float(np.sum(z[out] ** 2))
     return math.sqrt(square / np.count_nonzero(parts))
 
 
@@ -300,7 +277,8 @@ def undecided(found: Sequence[Candidate], fit: FitData) -> list[Candidate]:
     few points AICc prefers fits of few parameters.
     """
     good = [c for c in found if c.converged]
-    most = _DOUBTLESS * _points_of_a_group(fit)
+    trials = fit._trials
+    most = _DOUBTLESS * (1.0 if trials is None else len(trials) / (int(trials.max()) + 1))
     equal = [
         c
         for c in good
@@ -315,15 +293,8 @@ def undecided(found: Sequence[Candidate], fit: FitData) -> list[Candidate]:
     return undecided(may, fit) if may and not set(may) & set(equal) else equal
 
 
-def _points_of_a_group(fit: FitData) -> float:
-    if fit.groups is None:
-        return 1.0
-    number = fit.groups[np.asarray(fit.problem.factor) > 0]
-    return len(number) / len(np.unique(number))
-
-
 def _verdict(
-    found: tuple[Candidate, ...],
+    found: list[Candidate],
     equal: list[Candidate],
     order: list[str],
     parameters: Callable[[str], str] | None,
@@ -335,7 +306,7 @@ def _verdict(
     if not good:
         return None, "No fit converged."
     first = good[0]
-    least = {c.k: _least(equal, c.k) + SAME for c in equal}
+    least = {c.k: min(x.aicc for x in equal if x.k == c.k) + SAME for c in equal}
     best = min(
         equal,
         key=lambda c: (
@@ -386,20 +357,13 @@ def _other_measures(
     return text
 
 
-def _least(equal: list[Candidate], k: int) -> float:
-    """Return the lowest AICc with k parameters."""
-    return min(c.aicc for c in equal if c.k == k)
-
-
 def _none_describes(best: Candidate, first: Candidate, good: list[Candidate], values: str) -> str:
     """Return the sentence that the best fit does not describe the data, and which others may."""
-    them = [c.name for c in good if c.adequate is not False]
     assert best.p is not None  # for the type checker
-    head = f"The best is {best.name}{values}"
-    if best is not first:
-        head = f"{best.name} comes as close as any{values}"
-    rest = f"; {' or '.join(them)} may" if them else ", and no other fit does"
-    return f"{head}. But it does not describe the data ({shown(best.p)}){rest}."
+    them = " or ".join(c.name for c in good if c.adequate is not False)
+    head = f"The best is {best.name}" if best is first else f"{best.name} comes as close as any"
+    rest = f"; {them} may" if them else ", and no other fit does"
+    return f"{head}{values}. But it does not describe the data ({shown(best.p)}){rest}."
 
 
 def _distance(c: Candidate, first: Candidate, group: str) -> str:

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from .._program import quick
 from .._text.failure import Flagged
 from .problem.problem import FitProblem, evaluated, flattened, place_like
-from .search.inference import Direction
+from .search.verdict import Direction
 
 
 class SharedErrors(NamedTuple):
@@ -105,9 +105,25 @@ class FitData(Flagged):
     @property
     def z(self) -> np.ndarray:
         """The whitened standardised residuals of the points with weight, in their order."""
-        factor, whitener = np.asarray(self.problem.factor), self.problem.whitener
-        z = np.where(factor > 0, self.residuals, 0) * factor
-        return (z if whitener is None else np.asarray(whitener) @ z)[factor > 0]
+        z = np.where(self._used, self.residuals, 0) * self._factor
+        whitener = self.problem.whitener
+        return (z if whitener is None else np.asarray(whitener) @ z)[self._used]
+
+    @property
+    def _factor(self) -> np.ndarray:
+        """The factor √w or 1/σ of each point."""
+        return np.asarray(self.problem.factor)
+
+    @property
+    def _used(self) -> np.ndarray:
+        """The mask of the points with weight."""
+        return self._factor > 0
+
+    @property
+    def _trials(self) -> np.ndarray | None:
+        """The number of the group of each point with weight; None without groups."""
+        groups = None if self.groups is None else self.groups[self._used]
+        return None if groups is None else np.unique(groups, return_inverse=True)[1]
 
     @property
     def correlation(self) -> np.ndarray:
@@ -139,6 +155,18 @@ class FitData(Flagged):
 
     def _place(self, x: Any) -> Any:
         return self.problem.x if x is None else place_like(x, self.problem.x)
+
+
+def require_converged(fit: FitData, what: str) -> None:
+    """Raise ValueError for a fit that did not converge, which has no `what`."""
+    if not fit.converged:
+        raise ValueError(f"A fit that did not converge has no {what}: {fit.reason}.")
+
+
+def has_trials(fit: FitData) -> bool:
+    """Return whether some group holds several points, whose errors may be correlated."""
+    trials = fit._trials
+    return trials is not None and int(trials.max()) + 1 < len(trials)
 
 
 def why_no_error(fit: FitData, name: str) -> str:

@@ -1,8 +1,9 @@
-"""`fit`: check the arguments, search, and assess the end of the search."""
+"""`fit`: check the arguments, search, and assess the end of the search; and its result."""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import inspect
 from collections.abc import Callable, Iterator
@@ -27,21 +28,90 @@ from .._entry import (
 from .._text.failure import checked
 from .._text.progress import progress_of
 from .._text.words import first_few
+from .data import FitData, why_no_error
 from .problem.problem import FitProblem, Huber, place_of, shapes_of
 from .problem.space import Space, space_of
-from .problem.target import Target, groups_of, target_of, whitener_of
-from .result import Fit
-from .search.inference import infer
-from .search.levenberg_marquardt import MOST_STEPS, PATIENCE, SearchOptions
-from .search.minimum import SearchEnd, find, find_all, in_numpy, start_scale, with_step
+from .problem.target import groups_of, target_of, whitener_of
+from .search.minimum import (
+    MOST_STEPS,
+    PATIENCE,
+    SearchEnd,
+    SearchOptions,
+    find,
+    find_all,
+    in_numpy,
+    start_scale,
+    with_step,
+)
 from .search.noise import BY_COLUMN, COMMON, ColumnErrors, columns_of, refit, refuse_between
-from .search.verdict import at_bound_of, creeping, falling, refuse_unused, verdict
+from .search.verdict import at_bound_of, creeping, falling, infer, refuse_unused, verdict
+from .uncertainty.adequacy import Adequacy, adequacy_of
+from .uncertainty.bootstrap import bootstrap
+from .uncertainty.interval import confidence_band, interval, prediction_band, profile
 
 _END = 40.0
 """A logit whose value rounds to 1 in double precision, where the slope is 0."""
 
 _MOST_GRADIENT_STEPS = 10_000
 LEVENBERG_MARQUARDT = "levenberg-marquardt"
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Fit(FitData):
+    __doc__ = FitData.__doc__
+
+    bootstrap = bootstrap
+    confidence_band = confidence_band
+    interval = interval
+    prediction_band = prediction_band
+    profile = profile
+
+    @functools.cached_property
+    def adequacy(self) -> Adequacy:
+        """The tests whether the model describes the data, computed on first use."""
+        return adequacy_of(self)
+
+    @property
+    def adequate(self) -> bool | None:
+        """True if the model describes the data; None if undecided."""
+        return self.adequacy.adequate
+
+    def summary(self) -> str:
+        """Return the fit in words, with a line for each parameter."""
+        good = "converged" if self.converged else "NOT CONVERGED"
+        points = np.count_nonzero(self.problem.factor)
+        lines = [
+            f"Fit: {good} in {self.steps} steps, {self.reason}",
+            f"  loss {self.loss:.6g}, {points} points, {self.dof} degrees of freedom",
+        ]
+        if self.converged:
+            verdict = str(self.adequacy)
+            first = self.adequate is False
+            lines.insert(
+                0 if first else 2, verdict[0].upper() + verdict[1:] if first else f"  {verdict}"
+            )
+        width = max(map(len, self.names))
+        lines += [
+            f"  {name:{width}}  {f'{value:.9g} {unit}'.rstrip()}{self._certainty(name)}"
+            for name, value, unit in zip(
+                self.names, self.values, self.problem.space.units, strict=True
+            )
+        ]
+        lines += [f"  not identifiable: a change of {d}" for d in self.unidentified]
+        lines += [f"  {note}" for note in self.notes]
+        return "\n".join(lines)
+
+    def _certainty(self, name: str) -> str:
+        if not self.converged:
+            return ""
+        if name in self.at_bound:
+            return "  at its bound"
+        error = self.standard_errors[name]
+        if not np.isnan(error):
+            return f"  ± {error:.2g}" + (", were the model right" if self.adequate is False else "")
+        return f"  {why_no_error(self, name)}"
+
+    __repr__ = summary
 
 
 def fit(
@@ -133,26 +203,26 @@ def fit(
         jax.enable_x64(True),
         jax.numpy_dtype_promotion("standard"),
     ):
-        target = target_of(data, sigma, weights)
-        names = groups_of(groups, target.y.size)
-        whitener = whitener_of(correlation, target.factor > 0)
+        y, factor = target_of(data, sigma, weights)
+        names = groups_of(groups, y.size)
+        whitener = whitener_of(correlation, factor > 0)
         space, theta = space_of(start, transforms)
-        _refuse_too_many(space, target)
+        _refuse_too_many(space, int((factor > 0).sum()))
         problem = FitProblem(
             predict,
             space,
             place_of(x),
-            jnp.asarray(target.y),
-            jnp.asarray(target.factor),
+            jnp.asarray(y),
+            jnp.asarray(factor),
             jnp.asarray(float(loss.threshold)) if isinstance(loss, Huber) else None,
             reverse,
             shapes_of(data),
             whitener if whitener is None else jnp.asarray(whitener),
         )
-        if noise == BY_COLUMN:
-            refuse_between(columns_of(problem, noise), whitener)
+        refuse_between(columns_of(problem, noise), whitener)
         options = SearchOptions(jnp.asarray(rtol), by_gradient, most, patience, tell)
-        rough, ends = _first_guess(problem, theta, options, starts, spread, seed)
+        away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
+        rough, ends = _first_guess(problem, theta, options, away)
         found = find(problem, rough, options)
         _check_start(problem, theta, found)
         refuse_unused(problem, found)
@@ -162,22 +232,16 @@ def fit(
             errors = ColumnErrors(problem, columns_of(problem, noise))
             found = refit(errors, found, lambda last, new: find(new, last.theta, options))
             problem, settled = errors.problem, errors.settled
-        result = result_of(problem, found, theta, target, ends, names, options, settled)
+        result = result_of(problem, found, theta, sigma is not None, ends, names, options, settled)
     return checked(result, throw, "fit")
 
 
 def _first_guess(
-    problem: FitProblem,
-    theta: np.ndarray,
-    options: SearchOptions,
-    starts: int,
-    spread: float,
-    seed: int,
+    problem: FitProblem, theta: np.ndarray, options: SearchOptions, away: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the search starts, the best end of many starts, and the losses at their ends."""
-    if starts == 1:
+    """Return where the search starts, the best end of many starts, and losses at their ends."""
+    if not len(away):
         return theta, np.zeros(0)
-    away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
     lanes = np.stack([theta, *(theta + away * start_scale(problem, theta))])
     found = find_all(problem, lanes, options._replace(tell=None))
     ends = np.where(np.isfinite(found.loss), found.loss, np.inf)
@@ -206,12 +270,11 @@ def check_loss(loss: Any) -> None:
         )
 
 
-def _refuse_too_many(space: Space, target: Target) -> None:
+def _refuse_too_many(space: Space, points: int) -> None:
     """Raise ValueError if there are more named numbers to fit than points with weight.
 
     This is not a mistake for the weights in an array, as in a network.
     """
-    points = int((target.factor > 0).sum())
     free = [n for n, held in zip(space.names, np.isnan(space.held), strict=True) if held]
     if len(free) > points and not any(space.shapes):
         raise ValueError(
@@ -251,15 +314,14 @@ def result_of(
     problem: FitProblem,
     found: SearchEnd,
     start: np.ndarray,
-    target: Target,
+    absolute: bool,
     ends: np.ndarray,
     groups: np.ndarray | None,
     options: SearchOptions,
     settled: bool,
 ) -> Fit:
     """Return the end of a search as a fit: its verdict and its standard errors."""
-    space = problem.space
-    used = target.factor > 0
+    space, y, used = problem.space, np.asarray(problem.y), np.asarray(problem.factor) > 0
     at_bound = at_bound_of(space, found, start, used)
     if at_bound.any():
         free = np.where(at_bound, 0, found.jacobian)
@@ -267,15 +329,16 @@ def result_of(
     converged, reason = verdict(found, at_bound, space, options.max_steps)
     if converged and not settled:
         converged, reason = False, "the noise of the data did not settle"
-    inference = infer(problem, found, at_bound, target.absolute, groups)
-    if converged and (falls := falling(problem, found, start, inference.unidentified)) is not None:
+    inference = infer(problem, found, at_bound, absolute, groups)
+    falls = falling(problem, found, start, inference["unidentified"]) if converged else None
+    if falls is not None:
         converged = False
         reason = f"a saddle or a maximum: the loss falls along {falls}; start elsewhere"
     if not converged:
-        unknown = np.full_like(inference.covariance, np.nan)
-        inference = inference._replace(covariance=unknown, unidentified=())
+        unknown = np.full_like(inference["covariance"], np.nan)
+        inference |= {"covariance": unknown, "unidentified": ()}
     with np.errstate(divide="ignore", invalid="ignore"):
-        residuals = np.where(used, found.prediction - target.y, np.nan)
+        residuals = np.where(used, found.prediction - y, np.nan)
     steps = int(found.steps)
     return Fit(
         params=space.tree_of(found.values),
@@ -287,14 +350,14 @@ def result_of(
         converged=converged,
         reason=reason,
         steps=steps,
-        **inference._asdict(),
+        **inference,
         starts=ends,
-        data=np.where(used, target.y, np.nan),
+        data=np.where(used, y, np.nan),
         groups=groups,
         problem=problem,
         _theta=found.theta,
         _jacobian=np.where(at_bound | ~np.isfinite(found.jacobian), 0, found.jacobian),
-        _absolute=target.absolute,
+        _absolute=absolute,
         _rtol=float(options.rtol),
     )
 

@@ -1,7 +1,7 @@
 """Laws from measured arrays: c, β and the parameters of any law, from e(v) and other results."""
 
-from .damping import fit_damping as fit_damping
-from .damping import fit_energy_loss as fit_energy_loss
+from .impacts import fit_damping as fit_damping
+from .impacts import fit_energy_loss as fit_energy_loss
 from .impacts import fit_impacts as fit_impacts
 from .learned_law import AbstractShape as AbstractShape
 from .learned_law import Network as Network

@@ -88,11 +88,7 @@ def column(
     least: int = 1,
     gaps: bool = False,
 ) -> Column:
-    """Return a measured column (n,) with every number in range; with `gaps`, NaN marks a gap.
-
-    `beside` is the name of another column, and the column itself, of the same length. Raises
-    ValueError that names the first bad point.
-    """
+    """Return a measured column (n,) with every number in range; with `gaps`, NaN marks a gap."""
     array = as_numbers(value, name)
     if array.ndim != 1 or array.size < least:
         enough = f" with at least {least} points" if least > 1 else ""
@@ -159,21 +155,12 @@ def measured(
         name: column(values, name, allowed, beside, gaps=gaps)
         for name, (values, _, allowed) in there.items()
     }
-    sigmas = _sigmas_of({name: sigma for name, (_, sigma, _) in given.items()}, data)
-    if sigmas:
-        return {"data": data, "sigma": _fill_gaps(data, sigmas, np.inf)}
-    weights = {name: weight(values) for name, values in data.items()}
-    return {"data": data, "weights": _fill_gaps(data, weights, 0.0)}
-
-
-def _sigmas_of(given: Mapping[str, Any], data: Mapping[str, Column]) -> dict[str, Column]:
-    """Return the standard deviations of all columns, or none."""
-    sigmas = {name: sigma for name, sigma in given.items() if sigma is not None}
-    for name, sigma in sigmas.items():
-        if name not in data:
-            raise ValueError(
-                f"Argument `sigma_{name}` must be None without `{name}`, but is {rendered(sigma)}."
-            )
+    sigmas = {name: sigma for name, (_, sigma, _) in given.items() if sigma is not None}
+    for name in sigmas.keys() - data.keys():
+        raise ValueError(
+            f"Argument `sigma_{name}` must be None without `{name}`, but is "
+            f"{rendered(sigmas[name])}."
+        )
     if sigmas and len(sigmas) < len(data):
         both = " and ".join(f"`sigma_{name}`" for name in data)
         every = "both columns" if len(data) == 2 else "all columns"
@@ -182,7 +169,12 @@ def _sigmas_of(given: Mapping[str, Any], data: Mapping[str, Column]) -> dict[str
             f"Arguments {both} must be given for {every} or for none, but `sigma_{missing}` "
             "is None."
         )
-    return {n: for_each(sigma, f"sigma_{n}", data[n].size) for n, sigma in sigmas.items()}
+    numbers: dict[str, Any] = {name: weight(values) for name, values in data.items()}
+    if sigmas:
+        numbers = {n: for_each(sigmas[n], f"sigma_{n}", data[n].size) for n in data}
+    gap = np.inf if sigmas else 0.0
+    filled = {name: np.where(np.isnan(data[name]), gap, numbers[name]) for name in data}
+    return {"data": data, "sigma" if sigmas else "weights": filled}
 
 
 def with_transforms(own: Mapping[str, Any], how: Mapping[str, Any]) -> dict[str, Any]:
@@ -204,13 +196,6 @@ def with_transforms(own: Mapping[str, Any], how: Mapping[str, Any]) -> dict[str,
             f"{', '.join(own)}, but names {', '.join(twice)}."
         )
     return {**how, "transforms": {**own, **(given or {})}}
-
-
-def _fill_gaps(
-    data: dict[str, Column], numbers: Mapping[str, Any], missing: float
-) -> dict[str, Column]:
-    """Return `numbers` for each point of the columns, and `missing` for gaps."""
-    return {name: np.where(np.isnan(data[name]), missing, numbers[name]) for name in data}
 
 
 def for_each(value: Any, name: str, length: int, *, zero: bool = False) -> Column:

@@ -1,6 +1,7 @@
 """The choice of a law: the right kind wins, and the equivalent e of every law is listed."""
 
 import importlib.resources
+import pickle
 
 import jax
 import numpy as np
@@ -48,6 +49,7 @@ def test_the_law_that_made_the_data_is_used(choices, kind, name, value):
     # The equivalent e of all laws is printed where a constant e is used.
     said = repr(found)
     assert ("hu_guo" in said) == (kind == "constant e") and "ΔBIC" in said
+    assert repr(pickle.loads(pickle.dumps(found))) == said
     fit = found.fits[kind]
     assert abs(fit.params[name] - value) < 4 * fit.standard_errors[name]
     # The other one-parameter laws are far off.

@@ -6,7 +6,7 @@ import numpy as np
 
 import jaxcontact as jc
 from jaxcontact._fit import Bootstrap
-from jaxcontact._fit.uncertainty.profile import Profile
+from jaxcontact._fit.uncertainty.interval import Profile
 from tests.test_every_argument.case import V, case, method
 
 

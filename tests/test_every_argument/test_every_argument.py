@@ -44,7 +44,7 @@ def nothing_is_compiled(monkeypatch, tmp_path):
         ("_fit.many.fit_many", "search_all"),
         ("_fit.compare", "find"),
         ("_fit.uncertainty.bootstrap", "_refits"),
-        ("_fit.uncertainty.profile", "_held"),
+        ("_fit.uncertainty.interval", "_held"),
         ("_fit.posterior.posterior", "find_mode"),
         ("_fit.posterior.posterior", "draw"),
         ("_friction.maw_barber_fawcett", "_odd_curve"),

@@ -1,4 +1,8 @@
-"""`fit` against other fitters, closed forms and simulations."""
+"""`fit` against other fitters, closed forms and simulations, and fits that could claim too much:
+saddles, ends of wide intervals, zero weights.
+"""
+
+import pickle
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +12,7 @@ import pytest
 from scipy import optimize, stats
 
 import jaxcontact as jc
+from jaxcontact._fit import AbstractErrors, refit
 from tests.test_fit.curves import FLAT, decay, line
 
 RNG = np.random.default_rng(3)
@@ -41,6 +46,7 @@ def test_parameters_and_covariance_are_those_of_scipy(free):
     assert free.loss == pytest.approx(np.sum(free.residuals**2) / 2, rel=1e-12)
     assert free.history[-1] == pytest.approx(free.loss, rel=1e-12) and len(free.history) > 3
     assert np.allclose(free.predict(X[:3]), free.predict()[:3])
+    assert str(pickle.loads(pickle.dumps(free))) == str(free)
 
 
 @pytest.mark.parametrize("optimizer", [optax.adam(0.05), optax.lbfgs()], ids=["adam", "lbfgs"])
@@ -70,18 +76,6 @@ def test_a_line_is_the_closed_form():
     weighted = jc.fit(line, LINE, FLAT, x=X, weights=7 / sigma**2)
     assert np.allclose(weighted.values, found.values, rtol=1e-9)
     assert np.allclose(weighted.covariance, 2 * found.loss / 48 * covariance, rtol=1e-8)
-
-
-def test_the_power_of_the_energy_loss_comes_back():
-    e = jnp.linspace(0.1, 1, 100)
-
-    def delivered(p, e):
-        return jc.restitution(jc.EnergyLoss(e=e, beta=p["beta"]))
-
-    data = delivered({"beta": 2.3}, e)
-    for start, transforms in ((2.0, None), (3.1, jc.Positive())):
-        found = jc.fit(delivered, data, {"beta": start}, x=e, transforms=transforms)
-        assert found.converged and abs(found.params["beta"] - 2.3) < RECOVERED
 
 
 def test_a_law_is_a_tree_of_parameters():
@@ -122,11 +116,15 @@ def test_a_product_is_determined_and_its_factors_are_not():
     assert found.dof == 48
 
 
+def slope_first(p, x):
+    return p[0] * x + p[1]
+
+
 @pytest.mark.parametrize("y", [2.0, 0.3, 1e5 / 3, -7e-9])
 def test_fewer_points_than_numbers_of_an_array(y):
     """The line meets the point to rounding, which must not be taken for a slope of the loss."""
     start = np.array([1.0, 0.0])
-    found = jc.fit(lambda p, x: p[0] * x + p[1], [y], start, x=np.array([3.0]), sigma=0.1)
+    found = jc.fit(slope_first, [y], start, x=np.array([3.0]), sigma=0.1)
     (direction,) = found.unidentified
     assert found.converged and found.loss < 1e-20 * max(1, y**2)
     # A line may rotate about its one point: the offset changes by -3 if the slope changes by 1.
@@ -134,18 +132,21 @@ def test_fewer_points_than_numbers_of_an_array(y):
     assert slope / offset == pytest.approx(-1 / 3)
 
 
+def through_zero(a, x):
+    return a * x
+
+
 @pytest.mark.parametrize("transform", [jc.Free(), jc.Positive(), jc.Between(1.0, 5.0)])
 def test_a_transform_changes_neither_the_start_nor_the_errors(transform):
     """The data are met at the start: a first step from elsewhere would show in the history."""
     x = np.linspace(1, 2, 40)
     how = {"x": x, "transforms": transform}
-    found = jc.fit(lambda a, x: jnp.exp(a * x), np.exp(2.0 * x), 2.0, **how)
+    found = jc.fit(through_zero, 2 * x, 2.0, **how)
     assert found.history[0] < 1e-20 and found.params == pytest.approx(2.0, rel=1e-13)
     y = 2 * x + 0.01 * np.random.default_rng(0).normal(size=40)
     best = np.sum(x * y) / np.sum(x**2)
     error = np.sqrt(np.sum((y - best * x) ** 2) / 39 / np.sum(x**2))
-    found = jc.fit(lambda a, x: a * x, y, 1.9, **how)
-    assert found.errors[0] == pytest.approx(error, rel=1e-8)
+    assert jc.fit(through_zero, y, 1.9, **how).errors[0] == pytest.approx(error, rel=1e-8)
 
 
 def test_a_number_that_runs_to_its_bound_is_put_there():
@@ -220,6 +221,7 @@ def test_points_without_weight_do_not_count_and_others_are_named():
     assert np.allclose(found.values, short.values, rtol=1e-9) and found.dof == short.dof == 45
     assert np.allclose(found.covariance, short.covariance, rtol=1e-7)
     assert np.isnan(found.residuals[[3, 8]]).all()
+    assert found.adequacy.structure_p == pytest.approx(short.adequacy.structure_p)
 
 
 def test_a_fit_that_is_not_finished_says_so():
@@ -294,16 +296,80 @@ def test_the_sandwich_over_groups_is_that_of_the_definition(free):
     assert not few.by_group and np.allclose(few.covariance, free.covariance)
 
 
-def test_errors_that_groups_share_are_seen():
-    rng = np.random.default_rng(0)
-    groups = np.repeat(np.arange(20), 5)
-    x = rng.uniform(0, 1, 100)
-    pulls = {False: [], True: []}
-    for _ in range(100):
-        y = 2 * x + 1 + rng.normal(size=20)[groups] + 0.1 * rng.normal(size=100)
-        for by_group in pulls:
-            truth = {"a": 1.0, "b": 2.0}
-            found = jc.fit(line, y, truth, x=x, groups=groups if by_group else None)
-            pulls[by_group].append((found.params["a"] - 1) / found.standard_errors["a"])
-    # Points of a group share an error: errors that ignore this are too small, by 1.56.
-    assert 0.8 < np.std(pulls[True]) < 1.35 < 1.45 < np.std(pulls[False])
+UNIT = np.linspace(0, 1, 80)
+NOISE = np.random.default_rng(4).standard_t(2, size=80)
+LARGE_SAMPLE = 0.03
+"""Measured: 0.2 % to 1.1 % for six seeds; forgetting the curvature of Huber's loss gives 14 %."""
+
+
+def scaled(p, x):
+    return p["scale"] * decay(p, x)
+
+
+@pytest.mark.parametrize(
+    ("shape", "slope"), [(lambda a: a**2, 3.0), (jnp.cos, -1.0)], ids=["square", "cosine"]
+)
+def test_a_maximum_is_no_fit(shape, slope):
+    result = jc.fit(lambda p, x: shape(p["a"]) * x, slope * UNIT, {"a": 0.0}, x=UNIT, throw=False)
+    assert not result.converged
+    assert "saddle or a maximum" in result.reason
+
+
+def test_a_number_the_data_tell_well_is_not_at_the_end_of_a_wide_interval():
+    y = 100 * UNIT + 0.1 * np.random.default_rng(4).normal(size=80)
+    free, bounded = (
+        jc.fit(lambda p, x: p * x, y, 1e4, x=UNIT, transforms=transform)
+        for transform in (None, jc.Between(0, 1e9))
+    )
+    assert bounded.converged and not bounded.at_bound
+    np.testing.assert_allclose(bounded.values, free.values, rtol=SAME)
+    np.testing.assert_allclose(bounded.covariance, free.covariance, rtol=SAME)
+
+
+def test_huber_counts_the_points_that_have_weight():
+    y = 1 + 2 * UNIT + 0.1 * NOISE
+    some = jc.fit(line, y, FLAT, x=UNIT, weights=np.arange(80) % 2.0, loss=jc.Huber())
+    few = jc.fit(line, y[1::2], FLAT, x=UNIT[1::2], loss=jc.Huber())
+    np.testing.assert_allclose(some.covariance, few.covariance, rtol=SAME)
+
+
+def test_the_profile_of_huber_agrees_with_its_standard_error():
+    x = np.linspace(0, 1, 2000)
+    y = 1 + 2 * x + 0.1 * np.random.default_rng(0).standard_t(2, size=2000)
+    result = jc.fit(line, y, FLAT, x=x, loss=jc.Huber())
+    low, high = result.profile("b").interval(0.6827)
+    assert (high - low) / 2 == pytest.approx(result.standard_errors["b"], rel=LARGE_SAMPLE)
+
+
+def test_more_named_numbers_than_points_are_refused():
+    x, start = UNIT[:3], {"scale": 1.0, "a": 1.0, "b": 1.0, "c": 0.0}
+    with pytest.raises(ValueError, match=r"has numbers to fit \(4: a, b, c, scale\), but holds 3"):
+        jc.fit(scaled, 2 * x, start, x=x)
+    # A point without weight does not count, and a fixed parameter is not fitted.
+    how = {"x": x, "transforms": {"scale": jc.Fixed(), "b": jc.Fixed()}}
+    with pytest.raises(ValueError, match=r"\(2: a, c\), but holds 1"):
+        jc.fit(scaled, 2 * x, start, weights=[1.0, 0.0, 0.0], **how)
+    assert jc.fit(scaled, 2 * x, start, weights=[1.0, 1.0, 0.0], **how).dof == 0
+    # An array may have more numbers than there are points.
+    powers = np.stack([UNIT[1:3], UNIT[1:3] ** 2, UNIT[1:3] ** 3])
+    assert jc.fit(lambda p, x: p @ x, UNIT[1:3], np.ones(3), x=powers).unidentified
+
+
+class Halving(AbstractErrors[float, float]):
+    """A fit of 16 is halved until it is at most `enough`."""
+
+    rounds = 5
+
+    def __init__(self, enough):
+        self.enough = enough
+
+    def estimate(self, found):
+        return None if found <= self.enough else found / 2
+
+    def finish(self, found):
+        return -found
+
+
+@pytest.mark.parametrize(("enough", "end"), [(16.0, -16.0), (3.0, -2.0), (0.0, -0.5)])
+def test_it_ends_when_the_errors_settle_or_after_its_rounds(enough, end):
+    assert refit(Halving(enough), 16.0, lambda last, errors: min(last, errors)) == end

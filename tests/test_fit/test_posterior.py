@@ -1,4 +1,4 @@
-"""`posterior` against closed forms and integrals over grids."""
+"""`posterior` against closed forms and integrals over grids, and its diagnostics."""
 
 import dataclasses
 import sys
@@ -11,6 +11,7 @@ from scipy import integrate, optimize, stats
 
 import jaxcontact as jc
 from jaxcontact._fit.posterior.density import Density, find_mode, prior_of
+from jaxcontact._fit.posterior.posterior import r_hat_and_effective
 
 OFF = 4.0
 """Monte Carlo standard errors: 48 numbers are compared, one of them is beyond 4 by chance once in
@@ -80,7 +81,7 @@ def test_a_line_with_known_noise_has_a_normal_posterior(known, normal):
 
 
 def test_unknown_noise_gives_students_t(unknown):
-    result = jc.posterior(unknown, draws=4000)
+    result = jc.posterior(unknown)
     assert result.converged and unknown.dof == 5
     assert result.names == ("offset", "slope", "noise")
     for i, name in enumerate(unknown.names):
@@ -98,7 +99,7 @@ def test_unknown_noise_gives_students_t(unknown):
 
 def on_a_grid(weight, sigma):
     """Means of c, e and their squares and product by integration over (ln c, logit e)."""
-    u, v = np.meshgrid(np.linspace(-8, 3, 801), np.linspace(-6, 14, 801), indexing="ij")
+    u, v = np.meshgrid(np.linspace(-8, 3, 401), np.linspace(-6, 14, 401), indexing="ij")
     c, e = np.exp(u), 1 / (1 + np.exp(-v))
     z = (e[..., None] * np.exp(-c[..., None] * SPEEDS) - DECAYED) / sigma
     density = np.exp(-np.sum(z**2, axis=-1) / 2) * weight(c, e) * e * (1 - e)
@@ -187,7 +188,7 @@ def test_hubers_noise_is_a_distribution():
     result = jc.posterior(found)
     assert result.converged, result.reason
     scale = 1 / float(found.problem.factor[0])
-    p, s = np.meshgrid(np.linspace(-6, 8, 701), np.geomspace(0.05, 50, 701), indexing="ij")
+    p, s = np.meshgrid(np.linspace(-6, 8, 401), np.geomspace(0.05, 50, 401), indexing="ij")
     u = np.abs(data - p[..., None]) / (s * scale)[..., None]
     loss = np.where(u < 1.345, u**2 / 2, 1.345 * u - 1.345**2 / 2).sum(axis=-1)
     density = np.exp(-loss - 8 * np.log(s))
@@ -251,10 +252,10 @@ def test_one_compilation_for_all_data(unknown, known, normal, compiled):
     compiled.clear()
     again = jc.posterior(other, draws=700, warmup=333, seed=4)
     assert again.converged and not compiled
-    repeated, others = jc.posterior(known), jc.posterior(known, seed=1)
+    repeated, others = (jc.posterior(known, draws=200, seed=seed).samples for seed in (0, 1))
     for name in known.names:
-        assert np.array_equal(normal.samples[name], repeated.samples[name])
-    assert not np.array_equal(normal.samples["slope"], others.samples["slope"])
+        assert np.array_equal(normal.samples[name][:, :200], repeated[name])
+    assert not np.array_equal(repeated["slope"], others["slope"])
 
 
 def test_the_result_in_words_and_trees(known, normal):
@@ -269,3 +270,55 @@ def test_the_result_in_words_and_trees(known, normal):
     assert offset.split()[0] == "offset" and slope.split()[2:4] == ["±", f"{known.errors[1]:.2g}"]
     bad = dataclasses.replace(normal, fit=jc.fit(line, 1e9 * X**3, START, x=X, sigma=1e7))
     assert repr(bad).startswith("The model does not describe the data: χ²/dof")
+
+
+def autoregressive(rng, rho, chains, count):
+    x = rng.normal(size=(chains, count))
+    for i in range(1, count):
+        x[:, i] = rho * x[:, i - 1] + np.sqrt(1 - rho**2) * x[:, i]
+    return x
+
+
+def some():
+    """Chains, and what ArviZ 0.23.4 says of them: rhat, and the lower of ess bulk and tail."""
+    rng = np.random.default_rng(0)
+    levels, slow = np.arange(4)[:, None], np.cumsum(rng.normal(size=(4, 400)), axis=1)
+    return {
+        "independent": rng.normal(size=(4, 500)),
+        "slow": slow,
+        "alternating": autoregressive(rng, -0.5, 4, 500),
+        "odd": autoregressive(rng, 0.9, 4, 1001),
+        "apart": rng.normal(size=(4, 300)) + levels,
+        "of other widths": rng.normal(size=(3, 301)) * (1 + levels[:3]),
+        "heavy tails": rng.standard_cauchy(size=(4, 200)),
+        "ties": np.round(rng.normal(size=(2, 100)), 1),
+        "five": rng.normal(size=(4, 5)),
+    }
+
+
+ARVIZ = {
+    "independent": (0.999840608379, 1969.00141944),
+    "slow": (2.18670278653, 5.23848886635),
+    "alternating": (1.000559944, 1949.04550658),
+    "odd": (1.01234068136, 181.073515134),
+    "apart": (1.56228949073, 7.07604830958),
+    "of other widths": (1.13392721766, 190.243188935),
+    "heavy tails": (1.0004450047, 729.53663306),
+    "ties": (0.998822245998, 180.122675985),
+    "five": (1.39153756815, 19.2659197225),
+}
+
+
+@pytest.mark.parametrize("name", some())
+def test_as_arviz(name):
+    assert r_hat_and_effective(some()[name]) == pytest.approx(ARVIZ[name], rel=1e-9)
+
+
+def test_too_few_or_constant_draws_have_none():
+    for x in (np.ones((4, 100)), np.zeros((4, 3)), np.full((4, 9), np.nan)):
+        assert np.isnan(r_hat_and_effective(x)).all()
+
+
+def test_chains_that_do_not_move_differ():
+    ratio, count = r_hat_and_effective(np.ones((4, 100)) * np.arange(4)[:, None])
+    assert ratio > 1e9 and count < 5

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float, Int
+from jaxtyping import ArrayLike, Float, Int
 
 from ..._entry import (
     POSITIVE,
@@ -23,14 +22,11 @@ from ..._entry import (
 from ..._text.failure import Flagged, WordedEnum
 from ..._text.progress import progress_of
 from ..._text.words import text_table
-from ..fit import check_loss, result_of, set_to_bound
+from ..fit import Fit, check_loss, result_of, set_to_bound
 from ..problem.problem import FitProblem, Huber
-from ..problem.target import Target
-from ..result import Fit
-from ..search.levenberg_marquardt import MOST_STEPS, SearchOptions
-from ..search.minimum import SINGULAR, SearchEnd
-from ..search.verdict import creeping, near_bound, refuse_unused
-from .search import Balls, BlockSize, rows_of, search_all
+from ..search.minimum import MOST_STEPS, SearchEnd, SearchOptions, decomposed
+from ..search.verdict import creeping, near_bound, noise_of, refuse_unused
+from .search import Balls, block_sizes, rows_of, search_all
 from .tables import Starts, Tables, starts_of, tables_of
 
 _NAMED = 5
@@ -120,53 +116,33 @@ class Fits(Flagged):
     __repr__ = summary
 
 
-class Assessed(NamedTuple):
-    """Which ends are `plain`: converged, away from bounds, with all parameters determined.
-
-    Their covariance, degrees of freedom and noise are those of `infer`; others are NaN or 0.
-    """
-
-    plain: Bool[np.ndarray, " B"]
-    covariance: Float[np.ndarray, "B k k"]
-    dof: Int[np.ndarray, " B"]
-    noise: Float[np.ndarray, " B"]
-
-
 def assess(
     shared: FitProblem, tables: Tables, ends: SearchEnd, theta: Float[np.ndarray, "B k"]
-) -> Assessed:
-    """Return the verdict on every end."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return which ends are plain: converged, away from bounds, with all parameters determined.
+
+    Also return covariance (B, k, k), degrees of freedom and noise as of `infer`; others have NaN
+    or 0.
+    """
     space, k = shared.space, theta.shape[1]
     finite = np.isfinite(ends.jacobian).all(axis=(1, 2)) & np.isfinite(ends.loss)
     jacobian = np.where(finite[:, None, None], ends.jacobian, 0)
-    length = np.linalg.norm(jacobian, axis=1)
-    scaled = jacobian / np.where(length > 0, length, 1)[:, None, :]
-    if scaled.shape[1] < k:
-        scaled = np.concatenate([scaled, np.zeros((len(scaled), k - scaled.shape[1], k))], axis=1)
-    _, s, vt = np.linalg.svd(scaled, full_matrices=False)
-    ranked = (length > 0).all(axis=1) & (s > SINGULAR * s.max(axis=1, keepdims=True)).all(axis=1)
+    _, s, vt, scale, known, kept = decomposed(jacobian)
+    ranked = (s.shape[1] == k) & known.all(axis=1) & kept.all(axis=1)
     below, above = near_bound(space, ends, theta)
     aside = below | above | creeping(space, ends.step) | ~ends.still
     plain = finite & ranked & ~aside.any(axis=1)
 
     used = tables.factor > 0
-    threshold = np.inf if shared.threshold is None else float(shared.threshold)
-    size = np.abs(ends.z)
-    inside = np.sum(used & (size <= threshold), axis=1) / np.maximum(used.sum(axis=1), 1)
     dof = np.where(plain, used.sum(axis=1) - k, 0)
+    noise, _ = noise_of(shared, ends.z, used, dof, tables.absolute)
     with np.errstate(all="ignore"):
-        squares = np.sum(np.where(used, np.minimum(size, threshold), 0) ** 2, axis=1)
-        noise = squares / dof / inside**2
-        basis = np.swapaxes(vt, 1, 2) / s[:, None, :] / length[:, :, None]
+        basis = np.swapaxes(vt, 1, 2) / s[:, None, :] / scale[:, :, None]
         stretch = space.stretch(ends.values.T).T
-        if tables.absolute and shared.threshold is None:
-            noise = np.ones_like(noise)
-        else:
-            noise = np.where((dof > 0) & (inside > 0), noise, np.nan)
         covariance = noise[:, None, None] * (basis @ np.swapaxes(basis, 1, 2))
         covariance = covariance * stretch[:, :, None] * stretch[:, None, :]
     covariance = np.where(plain[:, None, None], covariance, np.nan)
-    return Assessed(plain, covariance, dof, np.where(plain, noise, np.nan))
+    return plain, covariance, dof, np.where(plain, noise, np.nan)
 
 
 def fit_many(
@@ -227,8 +203,7 @@ def fit_many(
         jax.numpy_dtype_promotion("standard"),
     ):
         tables = tables_of(balls, data, x, sigma, weights)
-        count = len(tables.balls)
-        starts = starts_of(start, transforms, own_start, count)
+        starts = starts_of(start, transforms, own_start, len(tables.balls))
         threshold = jnp.asarray(float(loss.threshold)) if isinstance(loss, Huber) else None
         lanes = Balls(tables.x, tables.y, tables.factor, starts.theta, starts.others)
         first = jax.tree.map(jnp.asarray, rows_of(lanes, 0))
@@ -236,16 +211,11 @@ def fit_many(
             predict, starts.space, first.x, first.y, first.factor, threshold, reverse, tables.shapes
         )
         options = SearchOptions(jnp.asarray(rtol), max_steps=most)
-        blocks = BlockSize.of(count, most_at_once)
+        blocks = block_sizes(len(tables.balls), most_at_once)
         ends, histories = search_all(shared, lanes, options, blocks, tell)
-        refuse_unused(shared, _of_all(ends))
-        made = _Made(shared, tables, starts, lanes, options, ends, histories)
-        return made.fits()
-
-
-def _of_all(ends: SearchEnd) -> SearchEnd:
-    """Return an end whose Jacobian has a column of zeros only where those of all balls have."""
-    return rows_of(ends, 0)._replace(jacobian=np.any(ends.jacobian, axis=0))
+        # A number is unused if its column of the Jacobian is zero for all balls.
+        refuse_unused(shared, rows_of(ends, 0)._replace(jacobian=np.any(ends.jacobian, axis=0)))
+        return _Made(shared, tables, starts, lanes, options, ends, histories).fits()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -263,9 +233,8 @@ class _Made:
     def fits(self) -> Fits:
         """Return the result: ends that are not plain are assessed one by one, as `fit` does."""
         ends, space, valid = self.ends, self.starts.space, self.tables.valid & self.starts.valid
-        found = assess(self.shared, self.tables, ends, self.starts.theta)
-        values, covariance, loss = ends.values.copy(), found.covariance, ends.loss.copy()
-        dof, noise, steps = found.dof, found.noise, ends.steps.copy()
+        plain, covariance, dof, noise = assess(self.shared, self.tables, ends, self.starts.theta)
+        values, loss, steps = ends.values.copy(), ends.loss.copy(), ends.steps.copy()
         status = np.full(len(valid), int(FitStatus.CONVERGED), np.int8)
         reasons = ["no step is left"] * len(valid)
         few = (self.tables.factor > 0).sum(axis=1) < len(space.names)
@@ -280,46 +249,27 @@ class _Made:
             for i in np.flatnonzero(which):
                 reasons[i] = kind.words.rstrip(".")
         odd = {}
-        for i in np.flatnonzero((status == 0) & ~found.plain).tolist():
+        for i in np.flatnonzero((status == 0) & ~plain).tolist():
             odd[i] = fit = self.single(i)
             values[i], covariance[i], loss[i] = fit.values, fit.covariance, fit.loss
             dof[i], noise[i], steps[i], reasons[i] = fit.dof, fit.noise, fit.steps, fit.reason
-            status[i] = _status_of(fit)
+            if not fit.converged:
+                status[i] = FitStatus.NOT_CONVERGED
+            elif fit.at_bound:
+                status[i] = FitStatus.AT_BOUND
+            elif fit.unidentified:
+                status[i] = FitStatus.NOT_IDENTIFIABLE
         bad = status >= FitStatus.NOT_CONVERGED
         values[bad], covariance[bad], loss[bad], noise[bad] = (np.nan,) * 4
         dof[bad] = 0
+        others = self.lanes.others_in(self.shared)
+        others = [jax.device_put(x) if isinstance(x, np.ndarray) else x for x in others]
+        params, numbers = space.tree_of(values, others), (values, covariance, loss, dof, noise)
         return Fits(
-            self.tables.balls,
-            self._params(values),
-            space.names,
-            values,
-            covariance,
-            loss,
-            dof,
-            noise,
-            steps,
-            status,
-            tuple(reasons),
+            *(self.tables.balls, params, space.names, *numbers, steps, status, tuple(reasons)),
             space.units,
             lambda i: odd[i] if i in odd else self.single(i),
         )
-
-    def _params(self, values: np.ndarray) -> Any:
-        """Return the structure of the start, whose numbers have a first axis of the balls."""
-        space = self.starts.space
-        pairs = zip(self.starts.others, space.others, strict=True)
-        others = iter([x if own is None else own for own, x in pairs])
-        leaves, at = [], 0
-        for shape in space.shapes:
-            if shape is None:
-                leaves.append(next(others))
-                continue
-            end = at + math.prod(shape)
-            leaves.append(values[:, at:end].reshape(-1, *shape))
-            at = end
-        # Transferred, not converted: JAX would compile a program for each new shape.
-        leaves = [jax.device_put(x) if isinstance(x, np.ndarray) else x for x in leaves]
-        return jax.tree.unflatten(space.structure, leaves)
 
     def single(self, i: int) -> Fit:
         """Return the fit of one ball, without the points that fill its row."""
@@ -336,23 +286,12 @@ class _Made:
             jacobian=end.jacobian[real],
             prediction=end.prediction[real],
         )
-        target = Target(lane.y[real], lane.factor[real], tables.absolute)
-        own = lane._replace(x=x, y=target.y, factor=target.factor)
+        own = lane._replace(x=x, y=lane.y[real], factor=lane.factor[real])
         with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-            problem = jax.tree.map(_in_jax, own.problem(self.shared))
-            problem = dataclasses.replace(problem, shapes=shapes)
-            theta = self.starts.theta[i]
+            problem = jax.tree.map(
+                lambda x: jnp.asarray(x) if isinstance(x, np.ndarray | np.generic) else x,
+                dataclasses.replace(own.problem(self.shared), shapes=shapes),
+            )
+            theta, how = self.starts.theta[i], (tables.absolute, np.zeros(0), None, self.options)
             end = set_to_bound(problem, end, theta, self.options)
-            return result_of(problem, end, theta, target, np.zeros(0), None, self.options, True)
-
-
-def _in_jax(leaf: Any) -> Any:
-    return jnp.asarray(leaf) if isinstance(leaf, np.ndarray | np.generic) else leaf
-
-
-def _status_of(fit: Fit) -> FitStatus:
-    if not fit.converged:
-        return FitStatus.NOT_CONVERGED
-    if fit.at_bound:
-        return FitStatus.AT_BOUND
-    return FitStatus.CONVERGED if not fit.unidentified else FitStatus.NOT_IDENTIFIABLE
+            return result_of(problem, end, theta, *how, True)

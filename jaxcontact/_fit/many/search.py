@@ -17,8 +17,7 @@ from jaxtyping import Int
 
 from ..._program import quick, side_by_side
 from ..problem.problem import FitProblem
-from ..search.levenberg_marquardt import SearchOptions, end_of
-from ..search.minimum import SearchEnd, assessed, in_numpy
+from ..search.minimum import SearchEnd, SearchOptions, assessed, end_of, in_numpy
 from ..search.trust_region import Search, begin, least_squares
 
 _FIRST, _MORE = 8, 1.5
@@ -41,10 +40,13 @@ class Balls(NamedTuple):
 
     def problem(self, shared: FitProblem) -> FitProblem:
         """Return the problem of one ball."""
-        pairs = zip(self.others, shared.space.others, strict=True)
-        others = [x if own is None else own for own, x in pairs]
-        space = dataclasses.replace(shared.space, others=others)
+        space = dataclasses.replace(shared.space, others=self.others_in(shared))
         return dataclasses.replace(shared, x=self.x, y=self.y, factor=self.factor, space=space)
+
+    def others_in(self, shared: FitProblem) -> list[Any]:
+        """Return the numbers that are not fitted, with those that all balls share."""
+        pairs = zip(self.others, shared.space.others, strict=True)
+        return [x if own is None else own for own, x in pairs]
 
 
 def rows_of(tree: Any, rows: Any) -> Any:
@@ -70,31 +72,24 @@ def _advanced(
         lane, search = given
         problem = lane.problem(shared)
         search = least_squares(problem, search, limit, options.report)
-        return search, assessed(problem, *end_of(search), options)
+        return search, assessed(problem, end_of(problem, search), options.rtol)
 
     return jax.lax.map(one, (lanes, search), batch_size=group)
 
 
-class BlockSize(NamedTuple):
-    """Numbers of balls: those that one call advances, and those in lockstep, a divisor of them.
+def block_sizes(count: int, asked: int | None) -> tuple[int, int]:
+    """Return the numbers of balls that one call advances, and of those in lockstep, a divisor.
 
-    A call holds the interpreter for about a millisecond. In lockstep each ball waits for the
-    slowest.
+    They are those for this kind of device, or for blocks of `asked` balls. A call holds the
+    interpreter for about a millisecond. In lockstep each ball waits for the slowest.
     """
-
-    block: int
-    group: int
-
-    @staticmethod
-    def of(count: int, asked: int | None) -> BlockSize:
-        """Return the sizes for this kind of device, or for blocks of `asked` balls."""
-        device = _default_device()
-        on_cpu = getattr(device, "platform", device or jax.default_backend()) == "cpu"
-        block, group = (_BLOCK, _GROUP) if on_cpu else (_BLOCK_ON_GPU, _BLOCK_ON_GPU)
-        block = block if asked is None else asked
-        # Few balls fill no block: a power of two does not compile again for one more.
-        block = min(block, 1 << (count - 1).bit_length())
-        return BlockSize(block, math.gcd(block, group))
+    device = _default_device()
+    on_cpu = getattr(device, "platform", device or jax.default_backend()) == "cpu"
+    block, group = (_BLOCK, _GROUP) if on_cpu else (_BLOCK_ON_GPU, _BLOCK_ON_GPU)
+    block = block if asked is None else asked
+    # Few balls fill no block: a power of two does not compile again for one more.
+    block = min(block, 1 << (count - 1).bit_length())
+    return block, math.gcd(block, group)
 
 
 def _default_device() -> Any:
@@ -107,14 +102,14 @@ def search_all(
     shared: FitProblem,
     lanes: Balls,
     options: SearchOptions,
-    blocks: BlockSize,
+    blocks: tuple[int, int],
     tell: Callable[[int, int], None],
 ) -> tuple[SearchEnd, list[np.ndarray]]:
     """Return the ends of the searches of all lanes, and the loss after each step of each lane.
 
     `tell` is called with the number of finished lanes and of all. The ends hold no history.
     """
-    count, portion = len(lanes.y), _PORTION * blocks.block
+    count, portion = len(lanes.y), _PORTION * blocks[0]
     ends: list[SearchEnd] = []
     histories: list[np.ndarray] = []
     for first in range(0, count, portion):
@@ -126,10 +121,10 @@ def search_all(
 
 
 def _portion(
-    shared: FitProblem, lanes: Balls, options: SearchOptions, blocks: BlockSize
+    shared: FitProblem, lanes: Balls, options: SearchOptions, blocks: tuple[int, int]
 ) -> SearchEnd:
     """Return the ends of some lanes, which are packed into blocks again and again."""
-    block, count = blocks.block, len(lanes.y)
+    (block, group), count = blocks, len(lanes.y)
     known: Any = ()
     device = _default_device()
     active, limit = np.arange(count), _FIRST
@@ -149,7 +144,7 @@ def _portion(
                 search = in_numpy(_begun(shared, mine, options.max_steps))
             # Lanes that only fill the block make no step.
             search = search._replace(ended=search.ended | (np.arange(block) >= len(some)))
-            moved = _advanced(shared, mine, search, np.asarray(limit), options, blocks.group)
+            moved = _advanced(shared, mine, search, np.asarray(limit), options, group)
         return rows_of(in_numpy(moved), slice(len(some)))
 
     while active.size:

@@ -4,16 +4,17 @@ for all, or one for each.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..._entry import POSITIVE, as_array, as_numbers, as_weights, concrete, rendered, require_number
+from ..._entry import POSITIVE, as_array, as_numbers, concrete, rendered, require_number
 from ..problem.problem import as_place
 from ..problem.space import Space, space_of
-from ..problem.target import groups_of
+from ..problem.target import factor_of, groups_of, spread_of
 
 
 class Tables(NamedTuple):
@@ -46,13 +47,8 @@ class _Layout(NamedTuple):
 
 
 def tables_of(balls: Any, data: Any, x: Any, sigma: Any, weights: Any) -> Tables:
-    """Return the data of every ball.
-
-    Raises ValueError for what is no number, for columns that do not match, and for a single `sigma`
-    or weight out of range.
-    """
-    if sigma is not None and weights is not None:
-        raise ValueError("Argument `weights` must be None with `sigma`, but both are given.")
+    """Return the data of every ball."""
+    name, value = spread_of(sigma, weights)
     columns = [as_numbers(leaf, "data") for leaf in jax.tree.leaves(data)]
     if not columns or not columns[0].size:
         raise ValueError(f"Argument `data` must hold a number, but is {rendered(data)}.")
@@ -64,33 +60,22 @@ def tables_of(balls: Any, data: Any, x: Any, sigma: Any, weights: Any) -> Tables
             f"{rendered(data)}."
         )
     layout = _layout_of(balls, count)
-    given = _spread(sigma, weights, data, columns)
+    given = _spread(name, value, data, columns)
     spread, y = (_flat(layout, parts) for parts in (given, columns))
-    good = spread > 0 if sigma is not None else (spread >= 0) & np.isfinite(spread)
-    with np.errstate(all="ignore"):
-        factor = 1 / spread if sigma is not None else np.sqrt(spread)
-    real = _flat(layout, [np.ones(c.shape, bool) for c in columns])
-    if layout.rows is not None:
-        assert layout.length is not None
-        inside = np.arange(layout.rows.shape[1]) < layout.length[:, None]
-        parts = [np.broadcast_to(inside.reshape(*inside.shape, *[1] * (c.ndim - 1)),
-                                 (*inside.shape, *c.shape[1:])) for c in columns]  # fmt: skip
-        real = np.concatenate([part.reshape(len(inside), -1) for part in parts], axis=1)
+    factor, good = factor_of(spread, name == "sigma")
+    real = np.ones(y.shape, bool)
+    if layout.length is not None:
+        inside = np.arange(layout.length.max()) < layout.length[:, None]
+        parts = [np.repeat(inside, math.prod(c.shape[1:]), axis=1) for c in columns]
+        real = np.concatenate(parts, axis=1)
     good &= (factor == 0) | np.isfinite(y)
     valid = (good | ~real).all(axis=1) & ((factor > 0) & real).any(axis=1)
     factor = np.where(real & valid[:, None], factor, 0.0)
     width = () if layout.rows is None else layout.rows.shape[1:]
-    return Tables(
-        layout.balls,
-        np.where(factor > 0, y, 0.0),
-        factor,
-        _places(x, layout, count),
-        real,
-        layout.length,
-        tuple((*width, *c.shape[1:]) or (1,) for c in columns),
-        valid,
-        sigma is not None,
-    )
+    shapes = tuple((*width, *c.shape[1:]) or (1,) for c in columns)
+    y, places = np.where(factor > 0, y, 0.0), _places(x, layout, count)
+    table = real, layout.length, shapes, valid, name == "sigma"
+    return Tables(layout.balls, y, factor, places, *table)
 
 
 def _layout_of(balls: Any, count: int) -> _Layout:
@@ -118,10 +103,8 @@ def _refuse_other_lengths(name: str, value: Any, columns: list[np.ndarray], coun
         )
 
 
-def _spread(sigma: Any, weights: Any, data: Any, columns: list[np.ndarray]) -> list[np.ndarray]:
+def _spread(name: str, value: Any, data: Any, columns: list[np.ndarray]) -> list[np.ndarray]:
     """Return one σ or weight for each number, from one for all or a tree like the data."""
-    name = "weights" if sigma is None else "sigma"
-    value = as_weights(weights) if sigma is None else sigma
     if value is None:
         return [np.ones_like(column) for column in columns]
     if concrete(value) is not None:
@@ -172,10 +155,7 @@ class Starts(NamedTuple):
 
 
 def starts_of(start: Any, transforms: Any, own: bool, count: int) -> Starts:
-    """Return the starts of `count` balls; with `own`, arrays have a first axis of the balls.
-
-    Raises ValueError like `space_of`, if no ball has a valid start.
-    """
+    """Return the starts of `count` balls; with `own`, arrays have a first axis of the balls."""
     if not own:
         space, theta = space_of(start, transforms)
         shared: list[np.ndarray | None] = [None] * len(space.others)
@@ -193,7 +173,16 @@ def starts_of(start: Any, transforms: Any, own: bool, count: int) -> Starts:
         own = [x if a is None else a[ball] for x, a in zip(leaves, arrays, strict=True)]
         return jax.tree.unflatten(structure, own)
 
-    space = _first_space(of, transforms, count)
+    refused = None
+    for ball in range(count):
+        try:
+            space = space_of(of(ball), transforms)[0]
+            break
+        except ValueError as error:
+            refused = refused or error
+    else:
+        assert refused is not None  # for the type checker
+        raise refused
     fitted = [shape is not None for shape in space.shapes]
     columns = [
         np.broadcast_to(x if a is None else a, (count, *(shape or ()))).reshape(count, -1)
@@ -205,20 +194,8 @@ def starts_of(start: Any, transforms: Any, own: bool, count: int) -> Starts:
     valid = np.all((values > low) & (values < high), axis=1)
     ends = list(zip(space.coordinates, low.tolist(), high.tolist(), strict=True))
     theta = np.array([
-        [c.to_free(v, *end) for (c, *end), v in zip(ends, row, strict=True)]
+        [c._to_free(v, *end) for (c, *end), v in zip(ends, row, strict=True)]
         for row in np.where(valid[:, None], values, values[np.argmax(valid)]).tolist()
     ])  # fmt: skip
     others = [a for a, is_fitted in zip(arrays, fitted, strict=True) if not is_fitted]
     return Starts(space, theta, others, valid)
-
-
-def _first_space(of: Any, transforms: Any, count: int) -> Space:
-    """Return the space of the first ball with a valid start."""
-    refused = None
-    for ball in range(count):
-        try:
-            return space_of(of(ball), transforms)[0]
-        except ValueError as error:
-            refused = refused or error
-    assert refused is not None
-    raise refused

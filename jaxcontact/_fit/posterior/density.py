@@ -1,5 +1,5 @@
-"""The prior and the posterior density of the free coordinates of a fit, its largest value, and the
-normal approximation there.
+"""The posterior density of the free coordinates of a fit: its prior, its mode with the normal
+approximation there, and draws from it by the no-U-turn sampler.
 """
 
 from __future__ import annotations
@@ -75,19 +75,6 @@ def prior_of(prior: Any, space: Space) -> Prior:
     return Prior(jnp.asarray(given), jnp.asarray(mean), jnp.asarray(width), density)
 
 
-def centre_of(prior: Prior, space: Space, place: int) -> float:
-    """Return the free coordinate of the mean of a parameter, moved inside its bounds."""
-    low, high = float(space.low[place]), float(space.high[place])
-    inside = min(float(prior.width[place]), (high - low) / 4)
-    value = float(np.clip(prior.mean[place], low + inside, high - inside))
-    return space.coordinates[place].to_free(value, low, high)
-
-
-def curvature(prior: Prior, space: Space, theta: Float[Array, " k"]) -> Float[Array, "k k"]:
-    """Return the second derivative of minus the logarithm of the density."""
-    return -jax.hessian(lambda at: prior(space, at))(theta)
-
-
 class Height(NamedTuple):
     """The log density, its gradient (m,), and minus the curvature (m, m) of the data's part."""
 
@@ -117,13 +104,12 @@ class Density(eqx.Module):
         theta, scale = phi[:k], jnp.exp(phi[k]) if self.free else jnp.ones(())
         point = problem.at(theta)
         u, used = point.z / scale, problem.factor > 0
-        limit = jnp.inf if problem.threshold is None else problem.threshold
-        pull = jnp.clip(u, -limit, limit)
+        pull = jnp.clip(u, -problem.limit, problem.limit)
         slope = jnp.where(jnp.isfinite(point.jacobian), point.jacobian, 0) / scale
         before, drift = jax.value_and_grad(lambda at: self.prior(problem.space, at))(theta)
         value = before - jnp.sum(jnp.square(shortened(u, problem.threshold))) / 2
         gradient = drift - slope.T @ pull
-        inside = slope * (jnp.abs(u) <= limit)[:, None]
+        inside = slope * (jnp.abs(u) <= problem.limit)[:, None]
         information = inside.T @ inside
         if self.free:
             count = jnp.sum(used).astype(float)
@@ -148,7 +134,8 @@ class Density(eqx.Module):
 def height(density: Density, phi: Float[Array, " m"]) -> tuple[Height, Float[Array, "k k"]]:
     """Return the height of a density, and the curvature of its prior."""
     space = density.problem.space
-    return density.at(phi), curvature(density.prior, space, phi[: len(space.names)])
+    theta = phi[: len(space.names)]
+    return density.at(phi), -jax.hessian(lambda at: density.prior(space, at))(theta)
 
 
 _STEPS = 100
@@ -185,17 +172,22 @@ def root_of(information: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
 
 
 def find_mode(density: Density, start: Float[np.ndarray, " m"], held: int | None = None) -> Mode:
-    """Find the mode by damped Gauss-Newton steps, which include the curvature of the prior.
-
-    The coordinate `held` stays fixed.
-    """
+    """Find the mode, with one coordinate `held`, by damped Gauss-Newton steps with the prior."""
     free = np.arange(len(start)) != held
     unit = density.problem.space.has_unit
     unit = np.append(unit, True) if density.free else unit
     at, damping = np.asarray(start, float), 1e-3
-    here, prior = _height(density, at)
+
+    def height_at(at: np.ndarray) -> tuple[Height, np.ndarray, np.ndarray]:
+        """Return the height, the curvature of the prior, and that of both together."""
+        here, prior = jax.tree.map(np.asarray, height(density, jnp.asarray(at)))
+        whole, k = np.array(here.information), len(prior)
+        whole[:k, :k] += np.where(np.isfinite(prior), prior, 0)
+        return here, prior, whole
+
+    here, prior, both = height_at(at)
     for _ in range(_STEPS):
-        whole = _sum(here.information, prior) * np.where(np.outer(free, free), 1, 0)
+        whole = both * np.outer(free, free)
         size = np.sqrt(np.abs(np.diag(whole)))
         size = np.where(unit, np.maximum(size, _SHORTEST), np.where(size > 0, size, 1))
         values, vectors = np.linalg.eigh(whole / np.outer(size, size))
@@ -204,20 +196,188 @@ def find_mode(density: Density, start: Float[np.ndarray, " m"], held: int | None
         step = free * (vectors @ (along / values) / size)
         if step @ here.gradient < _GAIN and damping < 1:
             break
-        there, other = _height(density, at + step)
+        there, *curvatures = height_at(at + step)
         if there.value > here.value:
-            at, here, prior, damping = at + step, there, other, damping / 10
+            at, here, damping, (prior, both) = at + step, there, damping / 10, curvatures
         else:
             damping *= 10
-    return Mode(at, root_of(_sum(here.information, prior)), prior, float(here.value))
+    return Mode(at, root_of(both), prior, float(here.value))
 
 
-def _height(density: Density, at: Float[np.ndarray, " m"]) -> tuple[Height, np.ndarray]:
-    return jax.tree.map(np.asarray, height(density, jnp.asarray(at)))
+_AT_ONCE = 100
+"""Draws of one call of the compiled program, which any number of draws then shares."""
+
+_DEPTH = 8
+"""Most doublings of a trajectory. Chains wait for each other, so a long one costs all."""
+
+_ACCEPTANCE = 0.95
+"""Target acceptance of the step size. At 0.9 a few draws of every skewed density diverge.
+
+An example is the density of a logarithm near its bound.
+"""
+
+_SPREAD = 2.0
+"""Spread of the starts, in standard deviations of the normal approximation.
+
+Chains that begin far apart and end alike do not depend on their starts.
+"""
+
+_HALVINGS = 8
+_DEEPEST = 10.0
+"""Largest depth of a start below the mode, per coordinate; a normal density falls by 2 on average.
+
+If the approximation is far too wide, a chain farther out would never return.
+"""
+
+_WINDOWS = 0.2, 0.5, 1.0
+"""Ends of the phases of the warm-up: approach, covariance, and step size for that covariance."""
+
+_PRIOR_DRAWS = 10
+"""Weight of the normal approximation in a covariance, in draws."""
 
 
-def _sum(information: Any, prior: np.ndarray) -> np.ndarray:
-    whole = np.array(information)
-    k = len(prior)
-    whole[:k, :k] += np.where(np.isfinite(prior), prior, 0)
-    return whole
+class Whitened(eqx.Module):
+    """A density in coordinates q in which it is nearly standard normal: φ = centre + root q."""
+
+    density: Density
+    centre: Float[Array, " m"]
+    root: Float[Array, "m m"]
+
+    def __call__(self, q: Float[Array, " m"]) -> Float[Array, ""]:
+        return self.density(self.centre + self.root @ q)
+
+
+class Chains(NamedTuple):
+    """State of the chains: that of the sampler, that of its step size, and the draws so far."""
+
+    state: Any
+    step: Any
+    number: Any
+
+
+class Draws(NamedTuple):
+    """q and φ (chains, draws, m), the parameters (chains, draws, k); and two counts."""
+
+    q: Float[np.ndarray, "chains draws m"]
+    phi: Float[np.ndarray, "chains draws m"]
+    values: Float[np.ndarray, "chains draws k"]
+    divergences: int
+    evaluations: int
+
+
+def draw(density: Density, mode: Mode, chains: int, warmup: int, draws: int, seed: int) -> Draws:
+    """Draw from chains that began far apart, after a warm-up."""
+    init, _, final = _averaging()
+    whitened = Whitened(density, jnp.asarray(mode.centre), jnp.asarray(mode.root))
+    key = jax.random.key(seed)
+    step = jax.tree.map(_number, init(jnp.asarray(0.5)))
+    now = Chains(_starting_states(whitened, key, chains), step, jnp.zeros((), int))
+    evaluations, done = chains * (_HALVINGS + 1), 0
+    for part in _WINDOWS:
+        count = round(part * warmup) - done
+        done += count
+        now, drawn = _draw_batches(whitened, now, key, count, True)
+        evaluations += drawn.evaluations
+        if part == _WINDOWS[1] and drawn.q.size:
+            whitened, now = _whiten(whitened, now, drawn.q.reshape(-1, drawn.q.shape[-1]))
+        if done < warmup:
+            now = now._replace(step=jax.tree.map(_number, init(final(now.step))))
+    _, drawn = _draw_batches(whitened, now, key, draws, False)
+    return drawn._replace(evaluations=evaluations + drawn.evaluations)
+
+
+def _averaging() -> Any:
+    from blackjax.adaptation.step_size import dual_averaging_adaptation
+
+    return dual_averaging_adaptation(_ACCEPTANCE)
+
+
+def _number(x: Any) -> Array:
+    return jnp.asarray(x, float)
+
+
+def _draw_batches(
+    whitened: Whitened, now: Chains, key: Array, count: int, adapting: bool
+) -> tuple[Chains, Draws]:
+    """Draw `count` samples of each chain in batches; return the chains and the draws."""
+    chains, m = now.state.position.shape
+    k = len(whitened.density.problem.space.names)
+    parts = [[np.zeros((0, chains, size))] for size in (m, m, k)]
+    counts = np.zeros(2, int)
+    for begin in range(0, count, _AT_ONCE):
+        some = min(_AT_ONCE, count - begin)
+        flags = jnp.asarray(some), jnp.asarray(adapting)
+        now, new, counted = _draw_batch(whitened, now, key, *flags)
+        counts += np.asarray(counted)
+        for part, more in zip(parts, new, strict=True):
+            part.append(np.asarray(more)[:some])
+    q, phi, values = (np.concatenate(part).swapaxes(0, 1) for part in parts)
+    return now, Draws(q, phi, values, int(counts[0]), int(counts[1]))
+
+
+@quick
+def _starting_states(whitened: Whitened, key: Array, chains: int) -> Any:
+    """Return states of chains around the mode, nearer if the density is too low farther out."""
+    import blackjax
+
+    m = len(whitened.centre)
+    away = _SPREAD * jax.random.normal(jax.random.fold_in(key, 0), (chains, m))
+    nearer = jnp.append(0.5 ** jnp.arange(_HALVINGS), 0)
+    starts = nearer[:, None, None] * away
+    states = jax.vmap(jax.vmap(lambda q: blackjax.nuts.init(q, whitened)))(starts)
+    lowest = states.logdensity[-1] - _DEEPEST * m
+    first = jnp.argmax(states.logdensity >= lowest, axis=0)
+    return jax.tree.map(lambda x: x[first, jnp.arange(chains)], states)
+
+
+@eqx.filter_jit
+def _draw_batch(
+    whitened: Whitened, now: Chains, key: Array, count: Array, adapting: Array
+) -> tuple[Chains, tuple[Array, Array, Array], Array]:
+    """Draw the next `count` samples, at most `_AT_ONCE`."""
+    import blackjax
+
+    kernel = blackjax.nuts.build_kernel()
+    _, update, final = _averaging()
+    chains, m = now.state.position.shape
+    unit = jnp.ones(m)
+
+    def advance(i: Array, carry: tuple) -> tuple:
+        now, q, counted = carry
+        keys = jax.random.split(jax.random.fold_in(key, now.number + 1), chains)
+        size = jnp.where(adapting, jnp.exp(now.step.log_step_size), final(now.step))
+
+        def one(key: Array, state: Any) -> tuple[Any, Any]:
+            return kernel(key, state, whitened, size, unit, _DEPTH)
+
+        state, info = jax.vmap(one)(keys, now.state)
+        accepted = jnp.mean(jnp.nan_to_num(info.acceptance_rate))
+        step = jax.tree.map(_number, update(now.step, accepted))
+        step = jax.tree.map(lambda new, old: jnp.where(adapting, new, old), step, now.step)
+        now = Chains(state, step, now.number + 1)
+        # Chains wait for the longest trajectory.
+        cost = chains * jnp.max(info.num_integration_steps)
+        counted += jnp.stack([jnp.sum(info.is_divergent), cost])
+        return now, q.at[i].set(state.position), counted
+
+    start = now, jnp.zeros((_AT_ONCE, chains, m)), jnp.zeros(2, int)
+    now, q, counted = jax.lax.fori_loop(0, count, advance, start)
+    phi = whitened.centre + q @ whitened.root.T
+    space = whitened.density.problem.space
+    values = jax.vmap(jax.vmap(space.values))(phi[..., : len(space.names)])
+    return now, (q, phi, values), counted
+
+
+def _whiten(known: Whitened, now: Chains, q: np.ndarray) -> tuple[Whitened, Chains]:
+    """Return coordinates in which the draws q (n, m) are nearly standard normal, and the chains."""
+    centre = q.mean(axis=0)
+    scatter = (q - centre).T @ (q - centre) + _PRIOR_DRAWS * np.eye(len(centre))
+    root = np.linalg.cholesky(scatter / (len(q) + _PRIOR_DRAWS))
+    state = now.state
+    position = np.linalg.solve(root, (np.asarray(state.position) - centre).T).T
+    state = state._replace(
+        position=jnp.asarray(position),
+        logdensity_grad=jnp.asarray(np.asarray(state.logdensity_grad) @ root),
+    )
+    whole = known.centre + known.root @ centre, known.root @ root
+    return Whitened(known.density, *whole), now._replace(state=state)

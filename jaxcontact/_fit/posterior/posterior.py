@@ -22,12 +22,11 @@ from ..._entry import (
     require_number,
 )
 from ..._text.words import first_few, text_table
-from ..data import FitData
-from ..search.inference import Direction
+from ..data import FitData, has_trials, require_converged
 from ..search.minimum import SINGULAR
+from ..search.verdict import Direction
 from ..uncertainty.adequacy import adequacy_of
-from .density import Density, Mode, centre_of, find_mode, prior_of, root_of
-from .nuts import Draws, draw
+from .density import Density, Draws, Mode, draw, find_mode, prior_of, root_of
 
 _TAILS = 0.05, 0.95
 _FEWEST = 4
@@ -209,7 +208,9 @@ def posterior(
         known = prior_of(prior, fit.problem.space)
         if prior is None:
             _refuse_open(fit, np.zeros((len(fit.names),) * 2), prior)
-        _require_extra()
+        for module, name in (("blackjax", "blackjax"), ("arviz_stats", "arviz-stats")):
+            if importlib.util.find_spec(module) is None:
+                raise ImportError(f"`posterior` needs {name}: pip install 'jaxcontact[posterior]'.")
         density = Density(fit.problem, known, not fit._absolute)
         mode = _mode_of(fit, density) if prior is None else _mode_with_prior(fit, density, prior)
         drawn = draw(density, mode, chains, warmup, draws, seed)
@@ -217,10 +218,8 @@ def posterior(
 
 
 def _check(fit: FitData) -> None:
-    if not fit.converged:
-        raise ValueError(f"A fit that did not converge has no posterior: {fit.reason}.")
-    used = np.asarray(fit.problem.factor) > 0
-    if fit.groups is not None and len(np.unique(fit.groups[used])) < used.sum():
+    require_converged(fit, "posterior")
+    if has_trials(fit):
         raise ValueError(
             "Argument `fit` must have independent points for a posterior, but has `groups` of "
             "correlated ones, which would make it too narrow; its standard errors allow for them."
@@ -238,7 +237,7 @@ def _check(fit: FitData) -> None:
             "Argument `sigma` of `fit` must be given for a posterior without degrees of freedom, "
             "which leave the size of the noise unknown."
         )
-    data = np.linalg.norm((fit.data * np.asarray(fit.problem.factor))[used])
+    data = np.linalg.norm((fit.data * fit._factor)[fit._used])
     if np.linalg.norm(fit.z) <= _ROUNDING * data:
         raise ValueError(
             "Argument `sigma` of `fit` must be given for a posterior of an exact fit, which "
@@ -246,18 +245,11 @@ def _check(fit: FitData) -> None:
         )
 
 
-def _require_extra() -> None:
-    for module, name in (("blackjax", "blackjax"), ("arviz_stats", "arviz-stats")):
-        if importlib.util.find_spec(module) is None:
-            raise ImportError(f"`posterior` needs {name}: pip install 'jaxcontact[posterior]'.")
-
-
 def _start(fit: FitData, density: Density) -> np.ndarray:
     """Return the best parameters, and the most probable noise there."""
     if not density.free:
         return fit._theta
-    threshold = density.problem.threshold
-    pull = np.clip(fit.z, *((-np.inf, np.inf) if threshold is None else (-threshold, threshold)))
+    pull = np.clip(fit.z, -float(fit.problem.limit), float(fit.problem.limit))
     return np.append(fit._theta, np.log(np.mean(pull * fit.z)) / 2)
 
 
@@ -266,22 +258,22 @@ def _mode_of(fit: FitData, density: Density) -> Mode:
     centre = _start(fit, density)
     k = len(fit._theta)
     scale = np.exp(centre[k]) if density.free else 1.0
-    used = np.asarray(fit.problem.factor) > 0
-    threshold = np.inf if fit.problem.threshold is None else float(fit.problem.threshold)
+    inside = fit._jacobian[fit._used][np.abs(fit.z) <= float(fit.problem.limit) * scale] / scale
     information = np.zeros((len(centre),) * 2)
-    inside = fit._jacobian[used][np.abs(fit.z) <= threshold * scale] / scale
     information[:k, :k] = inside.T @ inside
     if density.free:
-        information[k, k] = 2 * used.sum()
+        information[k, k] = 2 * fit._used.sum()
     return Mode(centre, root_of(information), np.zeros((k, k)))
 
 
 def _mode_with_prior(fit: FitData, density: Density, prior: Any) -> Mode:
-    start, space = _start(fit, density).copy(), fit.problem.space
-    for name in fit.at_bound:
-        place = fit.names.index(name)
-        if density.prior.given[place]:
-            start[place] = centre_of(density.prior, space, place)
+    start, space, given = _start(fit, density).copy(), fit.problem.space, density.prior
+    for i in (i for i, name in enumerate(fit.names) if name in fit.at_bound and given.given[i]):
+        # From its bound a parameter begins at the mean of its prior, moved inside.
+        low, high = float(space.low[i]), float(space.high[i])
+        inside = min(float(given.width[i]), (high - low) / 4)
+        mean = float(np.clip(given.mean[i], low + inside, high - inside))
+        start[i] = space.coordinates[i]._to_free(mean, low, high)
     mode = find_mode(density, start)
     _refuse_open(fit, mode.prior, prior)
     return mode
@@ -322,28 +314,10 @@ def _result(fit: FitData, density: Density, mode: Mode, drawn: Draws) -> Posteri
         samples[name] = np.exp(drawn.phi[..., k])
     checked = {name: r_hat_and_effective(x) for name, x in samples.items()}
     ratio, count = ({name: pair[i] for name, pair in checked.items()} for i in (0, 1))
-    faults = _faults(ratio, count, drawn, _open_bounds(density, mode, drawn))
-    fine = f"R-hat up to {_ratio(max(ratio.values()))}, {min(count.values()):.0f} effective samples"
-    return Posterior(
-        samples=samples,
-        r_hat=ratio,
-        effective_samples=count,
-        divergences=drawn.divergences,
-        evaluations=drawn.evaluations,
-        converged=not faults,
-        reason="; ".join(faults) or fine,
-        fit=fit,
-    )
-
-
-def _faults(
-    ratio: dict[str, float], count: dict[str, float], drawn: Draws, lost: list[str]
-) -> list[str]:
-    """Return why the draws are not reliable; `lost` are the parameters with an open bound."""
     mixed = [name for name in ratio if not ratio[name] < LARGEST_R_HAT]
     few = [name for name in count if not count[name] >= FEWEST_EFFECTIVE]
     faults = []
-    if lost:
+    if lost := _open_bounds(density, mode, drawn):
         faults.append(f"the data do not exclude the bound of {first_few(lost)}: give a `prior`")
     if mixed:
         worst = float(np.max([ratio[n] for n in mixed]))
@@ -353,7 +327,9 @@ def _faults(
     if few:
         least = float(np.min([count[n] for n in few]))
         faults.append(f"{least:.0f} effective samples of {first_few(few)}, of {FEWEST_EFFECTIVE}")
-    return faults
+    fine = f"R-hat up to {_ratio(max(ratio.values()))}, {min(count.values()):.0f} effective samples"
+    reason, counts = "; ".join(faults) or fine, (drawn.divergences, drawn.evaluations)
+    return Posterior(samples, ratio, count, *counts, not faults, reason, fit)
 
 
 def _open_bounds(density: Density, mode: Mode, drawn: Draws) -> list[str]:

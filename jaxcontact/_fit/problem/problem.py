@@ -38,10 +38,7 @@ class Huber:
 def shortened(
     z: Float[Array, " n"], threshold: Float[Array, ""] | None, xp: Any = jnp
 ) -> Float[Array, " n"]:
-    """Return residuals whose squares are twice the loss: z itself, or ±√(2ρ(z)).
-
-    `xp` is JAX or NumPy.
-    """
+    """Return residuals whose squares are twice the loss (z, or ±√(2ρ(z))), by JAX or NumPy."""
     if threshold is None:
         return z
     far = xp.abs(z) > threshold
@@ -93,11 +90,13 @@ class FitProblem(eqx.Module):
     shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     whitener: Float[Array, "n n"] | None = None
 
-    def prediction(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
-        """Return the prediction as one vector.
+    @property
+    def limit(self) -> Any:
+        """The threshold of Huber's loss; infinite for squares."""
+        return np.inf if self.threshold is None else self.threshold
 
-        Raises ValueError, while it is traced, unless it has the shapes of the data.
-        """
+    def prediction(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
+        """Return the prediction as one vector; raise ValueError unless it has the data's shapes."""
         got = evaluated(self.predict, self.space.tree_of(self.space.values(theta)), self.x)
         shapes = shapes_of(got)
         if shapes != self.shapes:
@@ -108,10 +107,7 @@ class FitProblem(eqx.Module):
         return flattened(got)
 
     def standardised(self, prediction: Float[Array, " n"], xp: Any = jnp) -> Float[Array, " n"]:
-        """Return z = (prediction - data)/σ, zero for points without weight, whitened.
-
-        `xp` is JAX, or NumPy for a problem whose arrays are in it.
-        """
+        """Return z = (prediction - data)/σ, zero for points without weight, whitened."""
         used = self.factor > 0
         z = xp.where(used, xp.where(used, prediction - self.y, 0) * self.factor, 0)
         return z if self.whitener is None else self.whitener @ z

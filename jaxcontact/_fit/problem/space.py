@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -19,80 +19,49 @@ from ..._text.units import meaning
 from ..._text.words import first_few
 
 
-class Coordinate(NamedTuple):
-    """Conversion between a bounded value and a free number; it selects code, the bounds are data.
+class AbstractTransform:
+    """The range of a fitted parameter: `Free`, `Positive`, `Between` or `Fixed`.
 
-    `label` precedes the name of a parameter in this coordinate. `has_unit`: a change of 1 means the
-    same everywhere, as for a logarithm or a logit. The functions take (value, low, high), or (free
-    number, low, high). `slope` is dvalue/dfree at a value, and `log_slope` its logarithm at a free
-    number.
+    Its class converts between a value and the free number that is fitted; it selects code, and the
+    bounds `low` and `high` are data. `label` precedes the name of a parameter in this coordinate.
+    `has_unit`: a change of 1 means the same everywhere, as for a logarithm or a logit. The
+    functions take (value, low, high), or (free number, low, high). `_slope` is dvalue/dfree at a
+    value, and `_log_slope` its logarithm at a free number.
     """
 
-    label: str
-    has_unit: bool
-    bounded_above: bool
-    to_free: Callable[[float, float, float], float]
-    to_value: Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
-    slope: Callable[[Any, float, float], Any]
-    log_slope: Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
-
-
-IDENTITY = Coordinate(
-    label="",
-    has_unit=False,
-    bounded_above=False,
-    to_free=lambda value, low, high: value,
-    to_value=lambda free, low, high: free,
-    slope=lambda value, low, high: np.ones_like(value),
-    log_slope=lambda free, low, high: jnp.zeros_like(free),
-)
-LOGARITHM = Coordinate(
-    label="ln ",
-    has_unit=True,
-    bounded_above=False,
-    to_free=lambda value, low, high: math.log(value),
-    to_value=lambda free, low, high: jnp.exp(free),
-    slope=lambda value, low, high: value,
-    log_slope=lambda free, low, high: free,
-)
-LOGIT = Coordinate(
-    label="logit ",
-    has_unit=True,
-    bounded_above=True,
-    to_free=lambda value, low, high: math.log((value - low) / (high - value)),
-    to_value=lambda free, low, high: low + (high - low) * jax.nn.sigmoid(free),
-    slope=lambda value, low, high: (value - low) * (high - value) / (high - low),
-    log_slope=lambda free, low, high: (
-        jnp.log(high - low) + jax.nn.log_sigmoid(free) + jax.nn.log_sigmoid(-free)
-    ),
-)
-
-
-class AbstractTransform:
-    """The range of a fitted parameter: `Free`, `Positive`, `Between` or `Fixed`."""
-
-    coordinate: Coordinate = IDENTITY
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """The open interval (low, high) of the values."""
-        return -math.inf, math.inf
+    low: float
+    high: float
+    label: ClassVar[str]
+    has_unit: ClassVar[bool] = True
+    bounded_above: ClassVar[bool] = False
+    _to_free: ClassVar[Callable[[float, float, float], float]]
+    _to_value: ClassVar[Callable[[jax.Array, jax.Array, jax.Array], jax.Array]]
+    _slope: ClassVar[Callable[[Any, float, float], Any]]
+    _log_slope: ClassVar[Callable[[jax.Array, jax.Array, jax.Array], jax.Array]]
 
 
 @dataclasses.dataclass(frozen=True)
 class Free(AbstractTransform):
     """Any real number, fitted directly."""
 
+    low, high = -math.inf, math.inf
+    label, has_unit = "", False
+    _to_free = staticmethod(lambda value, low, high: value)
+    _to_value = staticmethod(lambda free, low, high: free)
+    _slope = staticmethod(lambda value, low, high: np.ones_like(value))
+    _log_slope = staticmethod(lambda free, low, high: jnp.zeros_like(free))
+
 
 @dataclasses.dataclass(frozen=True)
 class Positive(AbstractTransform):
     """A number above 0; its logarithm is fitted."""
 
-    coordinate = LOGARITHM
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        return 0.0, math.inf
+    low, high = 0.0, math.inf
+    label = "ln "
+    _to_free = staticmethod(lambda value, low, high: math.log(value))
+    _to_value = staticmethod(lambda free, low, high: jnp.exp(free))
+    _slope = staticmethod(lambda value, low, high: value)
+    _log_slope = staticmethod(lambda free, low, high: free)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,7 +74,15 @@ class Between(AbstractTransform):
 
     low: float
     high: float
-    coordinate = LOGIT
+    label, bounded_above = "logit ", True
+    _to_free = staticmethod(lambda value, low, high: math.log((value - low) / (high - value)))
+    _to_value = staticmethod(lambda free, low, high: low + (high - low) * jax.nn.sigmoid(free))
+    _slope = staticmethod(lambda value, low, high: (value - low) * (high - value) / (high - low))
+    _log_slope = staticmethod(
+        lambda free, low, high: (
+            jnp.log(high - low) + jax.nn.log_sigmoid(free) + jax.nn.log_sigmoid(-free)
+        )
+    )
 
     def __post_init__(self) -> None:
         for name in ("low", "high"):
@@ -115,23 +92,10 @@ class Between(AbstractTransform):
                 f"Argument `high` must be above `low`, but they are {self.high!r} and {self.low!r}."
             )
 
-    @property
-    def bounds(self) -> tuple[float, float]:
-        return self.low, self.high
-
 
 @dataclasses.dataclass(frozen=True)
 class Fixed(AbstractTransform):
     """A number that is not fitted."""
-
-
-def of_range(allowed: Range) -> AbstractTransform:
-    """Return the transform of a parameter that declares its range."""
-    if math.isinf(allowed.low) and math.isinf(allowed.high):
-        return Free()
-    if allowed.low == 0 and math.isinf(allowed.high):
-        return Positive()
-    return Between(allowed.low, allowed.high)
 
 
 class Space(eqx.Module):
@@ -146,7 +110,7 @@ class Space(eqx.Module):
     held: Float[Array, " k"]
     others: list[Any]
     structure: Any = eqx.field(static=True)
-    coordinates: tuple[Coordinate, ...] = eqx.field(static=True)
+    coordinates: tuple[type[AbstractTransform], ...] = eqx.field(static=True)
     shapes: tuple[tuple[int, ...] | None, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
     units: tuple[str, ...] = eqx.field(static=True)
@@ -154,23 +118,27 @@ class Space(eqx.Module):
     def values(self, theta: Float[Array, " k"]) -> Float[Array, " k"]:
         """Return the fitted numbers themselves, in the order of their names."""
         columns = zip(self.coordinates, theta, self.low, self.high, strict=True)
-        moved = jnp.stack([coordinate.to_value(*column) for coordinate, *column in columns])
+        moved = jnp.stack([coordinate._to_value(*column) for coordinate, *column in columns])
         return jnp.where(jnp.isnan(self.held), moved, self.held)
 
     def log_slopes(self, theta: Float[Array, " k"]) -> Float[Array, " k"]:
         """Return ln dx/dθ (k,), of each number by its own coordinate."""
         columns = zip(self.coordinates, theta, self.low, self.high, strict=True)
-        return jnp.stack([coordinate.log_slope(*column) for coordinate, *column in columns])
+        return jnp.stack([coordinate._log_slope(*column) for coordinate, *column in columns])
 
-    def tree_of(self, values: Float[Array, " k"]) -> Any:
-        """Return the pytree with the fitted numbers `values`."""
-        leaves, others, at = [], iter(self.others), 0
+    def tree_of(self, values: Float[Array, "*lanes k"], others: list[Any] | None = None) -> Any:
+        """Return the pytree with the fitted numbers `values`, and other leaves if given."""
+        leaves, at = [], 0
+        others_left = iter(self.others if others is None else others)
         for shape in self.shapes:
             if shape is None:
-                leaves.append(next(others))
+                leaves.append(next(others_left))
                 continue
             end = at + math.prod(shape)
-            leaves.append(jnp.asarray(values[at:end].reshape(shape)))
+            part = values[at:end] if values.ndim == 1 else values[..., at:end]
+            leaf = part.reshape((*values.shape[:-1], *shape))
+            # Transferred, not converted: JAX would compile a program for each new shape.
+            leaves.append(leaf if isinstance(leaf, jax.Array) else jax.device_put(leaf))
             at = end
         return jax.tree.unflatten(self.structure, leaves)
 
@@ -178,7 +146,7 @@ class Space(eqx.Module):
         """Return dx/dθ (k, ...) at values (k, ...), of each number by its own coordinate."""
         bounds = np.asarray(self.low), np.asarray(self.high)
         columns = zip(self.coordinates, values, *bounds, strict=True)
-        return np.array([coordinate.slope(*column) for coordinate, *column in columns])
+        return np.array([coordinate._slope(*column) for coordinate, *column in columns])
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -197,11 +165,7 @@ class Space(eqx.Module):
 
 
 def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
-    """Return the space of the numbers in `start`, and the coordinates of its values.
-
-    Raises ValueError for a start outside its bounds, one that is not finite, transforms that do not
-    match, and a start without a number to fit.
-    """
+    """Return the space of the numbers in `start`, and the coordinates of its values."""
     try:
         paths, structure = jax.tree.flatten_with_path(start)
     except (TypeError, ValueError) as error:  # keys of a dict that have no order
@@ -209,7 +173,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
             f"Argument `start` must be a tree of numbers, but is {rendered(start)}."
         ) from error
     chosen = _leaf_transforms(start, transforms)
-    numbers: list[_Number] = []
+    numbers: list[tuple[str, str, type[AbstractTransform], tuple[float, float], float]] = []
     shapes, others = [], []
     for (path, leaf), given in zip(paths, chosen, strict=True):
         if not _is_end(given):
@@ -222,12 +186,20 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
             shapes.append(None)
             others.append(jnp.asarray(float(leaf)) if type(leaf) is float else leaf)
             continue
-        array, unit = as_numbers(leaf, "start"), _unit_of(start, path)
+        array, unit, name = as_numbers(leaf, "start"), _unit_of(start, path), _name_of(path)
+        bounds, coordinate = (transform.low, transform.high), type(transform)
+        allowed = Range(*bounds, low_open=True, high_open=True)
         shapes.append(array.shape)
-        numbers += [
-            _number(path, index, unit, float(array[index]), transform)
-            for index in np.ndindex(array.shape)
-        ]
+        for index in np.ndindex(array.shape):
+            place = name + (f"[{', '.join(map(str, index))}]" if index else "")
+            value = float(array[index])
+            if not allowed.holds(value):
+                raise ValueError(
+                    f"Argument `start` must have {place or 'its number'} in {allowed}, where it "
+                    f"can move, but it is {value!r}."
+                )
+            free = coordinate._to_free(value, *bounds)
+            numbers.append((place or "parameter", unit, coordinate, bounds, free))
     if not numbers:
         raise ValueError(f"Argument `start` must hold a number to fit, but is {rendered(start)}.")
     names, units, coordinates, ends, theta = zip(*numbers, strict=True)
@@ -242,37 +214,6 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
     held = jnp.asarray(np.full(len(names), np.nan))
     keys = coordinates, tuple(shapes), names, units
     return Space(low, high, held, others, structure, *keys), np.array(theta)
-
-
-class _Number(NamedTuple):
-    """A number to fit: name, unit, coordinate, bounds, and its free coordinate at the start."""
-
-    name: str
-    unit: str
-    coordinate: Coordinate
-    bounds: tuple[float, float]
-    theta: float
-
-
-def _number(
-    path: tuple[Any, ...],
-    index: tuple[int, ...],
-    unit: str,
-    value: float,
-    transform: AbstractTransform,
-) -> _Number:
-    """Return the number at an index of a leaf; raise ValueError if it is outside its bounds."""
-    name = _name_of(path) + (f"[{', '.join(map(str, index))}]" if index else "")
-    bounds, coordinate = transform.bounds, transform.coordinate
-    allowed = Range(*bounds, low_open=True, high_open=True)
-    if not allowed.holds(value):
-        raise ValueError(
-            f"Argument `start` must have {name or 'its number'} in {allowed}, where it can move, "
-            f"but it is {value!r}."
-        )
-    return _Number(
-        name or "parameter", unit, coordinate, bounds, coordinate.to_free(value, *bounds)
-    )
 
 
 def names_in(tree: Any) -> list[str]:
@@ -348,7 +289,11 @@ def _is_end(x: Any) -> bool:
 def _declared_transform(start: Any, path: tuple[Any, ...]) -> AbstractTransform:
     """Return the transform for the range that a module declares for its field."""
     allowed = _declaration(start, path).get("allowed")
-    return Free() if allowed is None else of_range(allowed)
+    if allowed is None or (math.isinf(allowed.low) and math.isinf(allowed.high)):
+        return Free()
+    if allowed.low == 0 and math.isinf(allowed.high):
+        return Positive()
+    return Between(allowed.low, allowed.high)
 
 
 def _unit_of(start: Any, path: tuple[Any, ...]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -13,48 +13,40 @@ from ..._text.words import first_few
 _ROUNDED = 1e-9
 
 
-class Target(NamedTuple):
-    """Measured values y (n,), and the factor √w or 1/σ (n,) of each residual.
-
-    `absolute`: the factors are 1/σ, and the noise is known.
-    """
-
-    y: np.ndarray
-    factor: np.ndarray
-    absolute: bool
-
-
-def target_of(data: Any, sigma: Any, weights: Any) -> Target:
-    """Return the data as one vector.
-
-    Raises ValueError for data that are not numbers, or not finite where they count, and for invalid
-    `sigma` or `weights`.
-    """
-    if sigma is not None and weights is not None:
-        raise ValueError("Argument `weights` must be None with `sigma`, but both are given.")
+def target_of(data: Any, sigma: Any, weights: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return measured values y (n,), and the factor √w or 1/σ (n,) of each residual."""
+    name, value = spread_of(sigma, weights)
     y = _vector(data, "data")
     if y.size == 0:
         raise ValueError(f"Argument `data` must hold a number, but is {rendered(data)}.")
-    if sigma is not None:
-        given = _spread(sigma, data, "sigma")
-        _refuse(~(given > 0), given, "sigma", "positive (inf leaves a point out)")
-        factor = 1 / given
-    else:
-        given = np.ones_like(y)
-        if weights is not None:
-            given = _spread(as_weights(weights), data, "weights")
-        _refuse(~((given >= 0) & np.isfinite(given)), given, "weights", "finite and not negative")
-        factor = np.sqrt(given)
+    given = np.ones_like(y) if value is None else _spread(value, y.size, name)
+    known = name == "sigma"
+    factor, good = factor_of(given, known)
+    allowed = "positive (inf leaves a point out)" if known else "finite and not negative"
+    _refuse(~good, given, name, allowed)
     used = factor > 0
     if not used.any():
         raise ValueError(
-            f"Argument `weights` must not be zero everywhere, but is {rendered(weights)}."
-            if sigma is None
-            else f"Argument `sigma` must not be infinite everywhere, but is {rendered(sigma)}."
+            f"Argument `{name}` must not be {'infinite' if known else 'zero'} everywhere, but is "
+            f"{rendered(sigma if known else weights)}."
         )
     allowed = "finite; give a point the weight 0 to leave it out"
     _refuse(used & ~np.isfinite(y), y, "data", allowed)
-    return Target(np.where(used, y, 0.0), factor, sigma is not None)
+    return np.where(used, y, 0.0), factor
+
+
+def spread_of(sigma: Any, weights: Any) -> tuple[str, Any]:
+    """Return the name and the value of the one that is given; raise ValueError for both."""
+    if sigma is not None and weights is not None:
+        raise ValueError("Argument `weights` must be None with `sigma`, but both are given.")
+    return ("weights", as_weights(weights)) if sigma is None else ("sigma", sigma)
+
+
+def factor_of(spread: np.ndarray, known: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return 1/σ of a known σ, or √w of a weight w, and which of them are valid."""
+    with np.errstate(all="ignore"):
+        factor = 1 / spread if known else np.sqrt(spread)
+    return factor, spread > 0 if known else (spread >= 0) & np.isfinite(spread)
 
 
 def groups_of(names: Any, count: int, argument: str = "groups") -> np.ndarray | None:
@@ -62,31 +54,30 @@ def groups_of(names: Any, count: int, argument: str = "groups") -> np.ndarray | 
     if names is None:
         return None
     given = None if isinstance(names, np.ma.MaskedArray) else as_array(names)
-    if given is None or given.dtype.kind in "Vc":
-        raise _no_names(names, count, argument)
-    given = given.ravel()
-    if given.dtype == object and not all(isinstance(x, str | int | float) for x in given):
-        raise _no_names(names, count, argument)
-    # NaN stands for a missing name.
-    if given.dtype.kind in "fO" and any(x != x for x in given):
-        raise _no_names(names, count, argument)
-    if given.size != count:
+    try:
+        if given is None or given.dtype.kind in "Vc":
+            raise TypeError("no names")
+        given = given.ravel()
+        if given.dtype == object and not all(isinstance(x, str | int | float) for x in given):
+            raise TypeError("names of other types")
+        if given.dtype.kind in "fO" and any(x != x for x in given):
+            raise TypeError("a missing name, which is NaN")
+        number = np.unique(given, return_inverse=True)[1]  # mixed texts and numbers have no order
+    except TypeError as error:
+        raise ValueError(
+            f"Argument `{argument}` must have one name for each of the {count} points, all numbers "
+            f"or all texts, but is {rendered(names)}."
+        ) from error
+    if number.size != count:
         raise ValueError(
             f"Argument `{argument}` must have one name for each of the {count} points, but has "
-            f"{given.size}: it is {rendered(names)}."
+            f"{number.size}: it is {rendered(names)}."
         )
-    try:
-        return np.unique(given, return_inverse=True)[1]
-    except TypeError as error:
-        # Mixed texts and numbers have no order.
-        raise _no_names(names, count, argument) from error
+    return number
 
 
 def whitener_of(correlation: Any, used: np.ndarray) -> np.ndarray | None:
-    """Return the inverse (n, n) of the lower factor of a correlation, of the points `used`.
-
-    Raises ValueError unless it is a correlation: symmetric, 1 on the diagonal, positive definite.
-    """
+    """Return the inverse (n, n) of the lower factor of a correlation, of the points `used`."""
     if correlation is None:
         return None
     given, n = as_numbers(correlation, "correlation"), used.size
@@ -107,33 +98,20 @@ def whitener_of(correlation: Any, used: np.ndarray) -> np.ndarray | None:
     return np.linalg.solve(factor, np.eye(n))
 
 
-def _no_names(names: Any, count: int, argument: str) -> ValueError:
-    return ValueError(
-        f"Argument `{argument}` must have one name for each of the {count} points, all numbers or "
-        f"all texts, but is {rendered(names)}."
-    )
-
-
-def _flat(tree: Any, name: str) -> np.ndarray:
-    """Return all numbers of a tree as one vector."""
-    leaves = [as_numbers(leaf, name).ravel() for leaf in jax.tree.leaves(tree)]
-    return np.concatenate(leaves) if leaves else np.zeros(0)
-
-
 def _vector(tree: Any, name: str) -> np.ndarray:
+    """Return all numbers of a tree as one vector."""
     try:
-        return _flat(tree, name)
+        leaves = [as_numbers(leaf, name).ravel() for leaf in jax.tree.leaves(tree)]
     except (TypeError, ValueError) as error:
         raise ValueError(
             f"Argument `{name}` must hold real numbers, but is {rendered(tree)}."
         ) from error
+    return np.concatenate(leaves) if leaves else np.zeros(0)
 
 
-def _spread(value: Any, data: Any, name: str) -> np.ndarray:
+def _spread(value: Any, count: int, name: str) -> np.ndarray:
     """Return one number for each point, from a number for all or a tree like the data."""
-    count = _flat(data, "data").size
-    number = concrete(value)
-    if number is not None:
+    if concrete(value) is not None:
         return np.full(count, as_numbers(value, name))
     given = _vector(value, name)
     if given.size != count:

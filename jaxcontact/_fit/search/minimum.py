@@ -1,7 +1,10 @@
-"""A search and the numbers for its verdict, compiled together."""
+"""A search for the minimum by Levenberg-Marquardt or an optimiser of optax, and the numbers for its
+verdict, compiled together.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,8 +15,17 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._program import quick, soon_options
 from ..problem.problem import FitProblem, Point, shortened, shortened_slope
-from .levenberg_marquardt import Path, SearchOptions, search
-from .trust_region import scale_of
+from .trust_region import Search, begin, least_squares, scale_of
+
+MOST_STEPS = 500
+"""Default steps of Levenberg-Marquardt."""
+
+PATIENCE = 200
+"""Steps without gain after which a gradient method stops."""
+
+_LEVEL = 1e-12
+"""Least relative decrease of the loss that a gradient method counts as gain."""
+
 
 SINGULAR = 1e-7
 """Relative singular value of the Jacobian, with unit columns, that counts as zero.
@@ -31,16 +43,36 @@ COARSE = 1e-2
 """Remaining step of a logarithm or logit that counts, even if rounding hides it."""
 
 
+class SearchOptions(NamedTuple):
+    """Search options: an optax `optimizer`, or None for Levenberg-Marquardt.
+
+    `rtol` decides convergence; it is an array, so that another value does not recompile. `tell` is
+    called with the number of each step and its loss.
+    """
+
+    rtol: Float[Array, ""]
+    optimizer: Any = None
+    max_steps: int = MOST_STEPS
+    patience: int = PATIENCE
+    tell: Callable[[Any, Any], Any] | None = None
+
+    def report(self, step: Array, loss: Array) -> None:
+        """Call `tell`, if given, from compiled code."""
+        if self.tell is not None:
+            jax.debug.callback(self.tell, step, loss)
+
+
 Numbers = Any
 """Arrays: of JAX while a search is compiled, of NumPy when its end is assessed."""
 
 
 class SearchEnd(NamedTuple):
-    """The end of a search: its `Path`, and the numbers at its last point.
+    """The end of a search: its best point, its course, and the numbers at that point.
 
-    `z` are the standardised residuals, `jacobian` is dz/dθ, `values` are the parameters, and
-    `prediction` is that of all points. `step` is the remaining Gauss-Newton step, and `allowed` the
-    largest negligible one, for each coordinate.
+    `history` is the loss after each step (NaN beyond), and `stopped` whether the search ended by
+    itself. `z` are the standardised residuals, `jacobian` is dz/dθ, `values` are the parameters,
+    and `prediction` is that of all points. `step` is the remaining Gauss-Newton step, and `allowed`
+    the largest negligible one, for each coordinate.
     """
 
     theta: Float[Numbers, " k"]
@@ -61,28 +93,73 @@ class SearchEnd(NamedTuple):
         return abs(self.step) <= self.allowed
 
 
-def found_from(problem: FitProblem, start: Float[Array, " k"], options: SearchOptions) -> SearchEnd:
-    """Search from `start`, and compute the distance of its end from a minimum."""
-    return assessed(problem, *search(problem, start, options), options)
+def end_of(problem: FitProblem, search: Search) -> SearchEnd:
+    """Return the end of a search of Levenberg-Marquardt, which is not assessed."""
+    here = search.here
+    return _end(problem, here.theta, search.history, search.step, search.ended, here.point)
 
 
-def assessed(problem: FitProblem, path: Path, end: Point, options: SearchOptions) -> SearchEnd:
-    """Return the end of a search with its distance from a minimum."""
-    return _assess(problem, _with_values(problem, path, end), options.rtol, jnp)
+def _end(
+    problem: FitProblem, theta: Array, history: Array, steps: Array, stopped: Array, point: Point
+) -> SearchEnd:
+    course = theta, history, steps, stopped, theta[0]
+    return SearchEnd(
+        *course, point.z, point.jacobian, problem.space.values(theta), point.prediction
+    )
 
 
-def _run_search(
+def _searched(problem: FitProblem, start: Float[Array, " k"], options: SearchOptions) -> SearchEnd:
+    """Minimise from `start` until the loss no longer falls, or for `max_steps`."""
+    if options.optimizer is not None:
+        return _gradient_descent(problem, start, options)
+    begun = begin(problem, start, options.max_steps)
+    return end_of(problem, least_squares(problem, begun, options.max_steps, options.report))
+
+
+def _gradient_descent(
     problem: FitProblem, start: Float[Array, " k"], options: SearchOptions
 ) -> SearchEnd:
-    return _with_values(problem, *search(problem, start, options))
+    import optax
+
+    optimizer = optax.with_extra_args_support(options.optimizer)
+
+    def unfinished(carry: tuple) -> Array:
+        _, _, _, _, idle, _, step = carry
+        return (idle < options.patience) & (step < options.max_steps)
+
+    def advance(carry: tuple) -> tuple:
+        theta, state, best, lowest, idle, history, step = carry
+        loss, gradient = jax.value_and_grad(problem.loss)(theta)
+        better = loss < lowest * (1 - _LEVEL)
+        # The best point is kept even if the gain is too small to count.
+        lower = loss < lowest
+        best, lowest = jnp.where(lower, theta, best), jnp.where(lower, loss, lowest)
+        changes, state = optimizer.update(
+            gradient, state, theta, value=loss, grad=gradient, value_fn=problem.loss
+        )
+        options.report(step, loss)
+        moved = jnp.asarray(optax.apply_updates(theta, changes))
+        # A step into a region without finite values returns to the best point.
+        theta = jnp.where(jnp.all(jnp.isfinite(moved)) & jnp.isfinite(loss), moved, best)
+        idle = jnp.where(better, 0, idle + 1)
+        return theta, state, best, lowest, idle, history.at[step].set(loss), step + 1
+
+    history = jnp.full(options.max_steps, jnp.nan, start.dtype)
+    zero = jnp.zeros((), int)
+    first = (start, optimizer.init(start), start, jnp.asarray(jnp.inf), zero, history, zero)
+    _, _, best, _, idle, history, step = jax.lax.while_loop(unfinished, advance, first)
+    return _end(problem, best, history, step, idle >= options.patience, problem.at(best))
 
 
-def _with_values(problem: FitProblem, path: Path, end: Point) -> SearchEnd:
-    values = problem.space.values(path.theta)
-    return SearchEnd(*path, path.theta[0], end.z, end.jacobian, values, end.prediction)
+def found_from(problem: FitProblem, start: Float[Array, " k"], options: SearchOptions) -> SearchEnd:
+    """Search from `start`, and compute the distance of its end from a minimum."""
+    return assessed(problem, _searched(problem, start, options), options.rtol)
 
 
-def _assess(problem: FitProblem, found: SearchEnd, rtol: Float[Numbers, ""], xp: Any) -> SearchEnd:
+def assessed(
+    problem: FitProblem, found: SearchEnd, rtol: Float[Numbers, ""], xp: Any = jnp
+) -> SearchEnd:
+    """Return the end of a search with its loss and its distance from a minimum."""
     loss = xp.sum(xp.square(shortened(found.z, problem.threshold, xp))) / 2
     return with_step(problem, found._replace(loss=loss), found.jacobian, rtol, xp)
 
@@ -90,10 +167,10 @@ def _assess(problem: FitProblem, found: SearchEnd, rtol: Float[Numbers, ""], xp:
 _FEW_POINTS = 1000
 """Largest number of data whose fit takes longer to compile than to run."""
 
-_compiled = eqx.filter_jit(_run_search)
-_quickly_compiled = quick(_run_search)
-_soon_compiled = quick(_run_search, options=soon_options)
-_compiled_all = eqx.filter_jit(eqx.filter_vmap(_run_search, in_axes=(None, 0, None)))
+_compiled = eqx.filter_jit(_searched)
+_quickly_compiled = quick(_searched)
+_soon_compiled = quick(_searched, options=soon_options)
+_compiled_all = eqx.filter_jit(eqx.filter_vmap(_searched, in_axes=(None, 0, None)))
 
 
 def find(problem: FitProblem, start: Float[np.ndarray, " k"], options: SearchOptions) -> SearchEnd:
@@ -108,7 +185,7 @@ def find(problem: FitProblem, start: Float[np.ndarray, " k"], options: SearchOpt
         searched = _quickly_compiled
     found = in_numpy(searched(problem, jnp.asarray(start), options))
     with np.errstate(all="ignore"):
-        return _assess(in_numpy(problem), found, np.asarray(options.rtol), np)
+        return assessed(in_numpy(problem), found, np.asarray(options.rtol), np)
 
 
 def find_all(
@@ -152,10 +229,7 @@ def with_step(
     rtol: Float[Numbers, ""],
     xp: Any,
 ) -> SearchEnd:
-    """Return `found` with its remaining step by a Jacobian; zero columns hold coordinates.
-
-    `xp` is JAX while it is compiled, otherwise NumPy.
-    """
+    """Return `found` with its remaining step by a Jacobian; zero columns hold coordinates."""
     r = shortened(found.z, problem.threshold, xp)
     usable = shortened_slope(found.z, jacobian, problem.threshold, xp)
     used = problem.factor > 0
@@ -189,14 +263,28 @@ def _gauss_newton(
 
     They are its standard error, and its change by a rounding of the residuals by `blur`.
     """
-    length = xp.linalg.norm(jacobian, axis=0)
-    known = length > 0
-    scale = xp.where(known, length, 1)
-    u, s, vt = xp.linalg.svd(jacobian / scale[None, :], full_matrices=False)
-    kept = s > SINGULAR * xp.max(s)
+    u, s, vt, scale, known, kept = decomposed(jacobian, xp)
     inverse = xp.where(kept, 1 / xp.where(kept, s, 1), 0)
     step = -(vt.T @ (inverse * (u.T @ r))) / scale
     freedom = xp.maximum(used - xp.sum(kept), 1)
     noise = xp.linalg.norm(r) / xp.sqrt(freedom)
     spread = xp.sqrt(xp.sum(xp.square(vt.T * inverse[None, :]), axis=1)) / scale
     return xp.where(known, step, 0), noise * spread, blur * spread
+
+
+def decomposed(jacobian: Float[Numbers, "*lanes n k"], xp: Any = np) -> tuple[Numbers, ...]:
+    """Return U, s, Vᵀ of Jacobians whose columns are divided by their lengths, and these.
+
+    Also return which columns have a length (otherwise it is 1), and which s count.
+    """
+    length = xp.linalg.norm(jacobian, axis=-2)
+    known = length > 0
+    scale = xp.where(known, length, 1)
+    u, s, vt = xp.linalg.svd(jacobian / scale[..., None, :], full_matrices=False)
+    return u, s, vt, scale, known, s > SINGULAR * s[..., :1]
+
+
+def basis_of(jacobian: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n rank"]:
+    """Return an orthonormal basis of the directions that the parameters can move."""
+    u, *_, kept = decomposed(jacobian)
+    return u[:, kept]

@@ -15,8 +15,7 @@ from jaxtyping import Float, Int
 
 from ..data import FitData, SharedErrors
 from ..problem.problem import FitProblem
-from .inference import basis_of
-from .minimum import SINGULAR, SearchEnd
+from .minimum import SearchEnd, basis_of, decomposed
 
 F = TypeVar("F")
 E = TypeVar("E")
@@ -44,10 +43,7 @@ class AbstractErrors(abc.ABC, Generic[F, E]):
 
 
 def refit(errors: AbstractErrors[F, E], found: F, search: Callable[[F, E], F]) -> F:
-    """Estimate the errors and fit again, in turns, until the errors settle.
-
-    `search` returns the fit with other errors, from the last fit and the errors.
-    """
+    """Estimate the errors and fit again by `search(last, errors)`, in turns, until they settle."""
     for _ in range(errors.rounds):
         estimated = errors.estimate(found)
         if estimated is None:
@@ -99,8 +95,11 @@ class ColumnErrors(AbstractErrors[SearchEnd, FitProblem]):
         self.problem, self.columns, self.settled = problem, columns, False
         self._relative = np.asarray(problem.factor)
         used, count = self._relative > 0, int(columns.max()) + 1
-        scatter = [_scatter(problem, used & (columns == c)) for c in range(count)]
-        self._least, self._scale = np.array(scatter) * _LEAST, None
+        # The scatter of the data of each column, in units of what the fit assumed.
+        y = np.asarray(problem.y * problem.factor)
+        inside = [y[used & (columns == c)] for c in range(count)]
+        self._least = np.array([part.std() if part.size else 0.0 for part in inside]) * _LEAST
+        self._scale = None
 
     def estimate(self, found: SearchEnd) -> FitProblem | None:
         """Return the problem with the weights of the new noise."""
@@ -136,11 +135,6 @@ def _sizes(
     return np.sqrt(np.where(free > _SAME, squares / np.maximum(free, _SAME), 0))
 
 
-def _scatter(problem: FitProblem, rows: np.ndarray) -> float:
-    """Return the scatter of the data of a column, in units of what the fit assumed."""
-    return float(np.std(np.asarray(problem.y * problem.factor)[rows])) if rows.any() else 0.0
-
-
 def with_shared(fit: _F, shared: SharedErrors) -> _F:
     """Return the fit with standard errors for z of the errors `shared`, of the points with weight.
 
@@ -149,12 +143,8 @@ def with_shared(fit: _F, shared: SharedErrors) -> _F:
     standard errors that are too small. So it weights its points as if they were independent. Only
     standard errors, intervals and adequacy include the correlation.
     """
-    jacobian = fit._jacobian[np.asarray(fit.problem.factor) > 0]
-    length = np.linalg.norm(jacobian, axis=0)
-    moves = (length > 0) & ~np.isin(fit.names, fit.at_bound)
-    inverse = np.zeros((len(length), len(jacobian)))
-    inverse[moves] = np.linalg.pinv(jacobian[:, moves] / length[moves], rcond=SINGULAR)
-    inverse[moves] /= length[moves, None]
+    u, s, vt, scale, _, kept = decomposed(fit._jacobian[fit._used])
+    inverse = (vt[kept].T / s[kept]) @ u[:, kept].T / scale[:, None]
     stretch = fit.problem.space.stretch(fit.values)
     together = inverse @ shared.root
     covariance = (inverse * shared.own) @ inverse.T + together @ together.T

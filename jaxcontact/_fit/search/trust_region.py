@@ -188,10 +188,7 @@ def _sizes(problem: FitProblem, here: Here) -> Float[Array, " k"]:
 
 
 def scale_of(problem: FitProblem, point: Point) -> Float[Array, " k"]:
-    """Return the change of each free coordinate that moves the prediction by the size of the data.
-
-    Logarithms and logits have their own unit, which is 1.
-    """
+    """Return the change of each coordinate that moves the prediction by the size of the data."""
     slope = shortened_slope(point.z, point.jacobian, problem.threshold)
     length = jnp.linalg.norm(slope, axis=0)
     change = jnp.where(length > 0, _unit(problem, point) / _positive(length), 1)

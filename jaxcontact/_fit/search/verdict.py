@@ -1,18 +1,36 @@
-"""Tests whether the end of a search is a minimum, which parameters ran to a bound, and which
-numbers a prediction never uses.
+"""The verdict on the end of a search: minimum or not, bounds, combinations that are not
+identifiable, and the uncertainty of the parameters.
 """
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ..._text.words import first_few
 from ..problem.problem import FitProblem, evaluated
 from ..problem.space import Space
-from .inference import Direction
-from .minimum import SearchEnd, losses, start_scale
+from .minimum import SearchEnd, decomposed, losses, start_scale
+
+_PART = 1e-3
+"""Relative component in an open direction above which a parameter is not identifiable.
+
+An open direction leaves the prediction unchanged; the component is relative to the largest.
+"""
+
+_LONE = 1e-6
+"""Share of a parameter's sensitivity to the data, from all but one group, below which that group
+alone determines it. A law with a kink ignores the points beyond it: their share is 0. For spheres
+that adhere, from 1.0005 to 5 times the sticking speed, it is 5e-5 at 25 speeds.
+"""
+
+LEAST_GROUPS = 8
+"""Fewest groups of points whose scatter gives standard errors."""
 
 AT_BOUND = "at the bound"
 """Ending of the reason if parameters ran to a bound."""
@@ -37,6 +55,26 @@ _FALL = 1e-5
 
 _ROUNDING = 16 * float(np.finfo(float).eps)
 """Rounding of a residual, relative to the terms of its difference."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Direction:
+    """A change of parameters that leaves the prediction unchanged.
+
+    `components` by name, the largest is 1: the change of an unbounded parameter, or of the
+    logarithm or logit of a bounded one. Prints as "ln K + 1.00 ln m".
+    """
+
+    components: dict[str, float]
+    labels: dict[str, str]
+
+    def __str__(self) -> str:
+        text = ""
+        for name, part in self.components.items():
+            size = "" if abs(abs(part) - 1) < 5e-3 else f"{abs(part):.2g} "
+            sign = ("" if part > 0 else "-") if not text else (" + " if part > 0 else " - ")
+            text += f"{sign}{size}{self.labels[name]}"
+        return text
 
 
 def at_bound_of(space: Space, found: SearchEnd, start: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -119,7 +157,7 @@ def refuse_unused(problem: FitProblem, found: SearchEnd) -> None:
     without = np.flatnonzero(~np.any(found.jacobian, axis=0))
     if not without.size:
         return
-    leaves, structure = jax.tree.flatten(problem.space.tree_of(jnp.asarray(found.values)))
+    leaves, structure = jax.tree.flatten(problem.space.tree_of(found.values))
     fitted = [i for i, shape in enumerate(problem.space.shapes) if shape is not None]
 
     def of_fitted(numbers: list[jax.Array]) -> list[jax.Array]:
@@ -143,3 +181,106 @@ def refuse_unused(problem: FitProblem, found: SearchEnd) -> None:
             "Argument `start` must hold numbers that the prediction uses, but does not use "
             f"{first_few(names)}; leave out what is not fitted, or hold it by `transforms`."
         )
+
+
+def infer(
+    problem: FitProblem, found: SearchEnd, at_bound: np.ndarray, absolute: bool, groups: Any
+) -> dict[str, Any]:
+    """Return Laplace's approximation Cov θ = s² (JᵀJ)⁻¹, converted to the parameters by dx/dθ.
+
+    s² is 1 for known noise and Σz²/(n-k) otherwise. For Huber's loss it is Σψ²/(n-k)/(mean ψ')² in
+    both cases (Huber & Ronchetti 2009, Eq. 7.86, doi 10.1002/9780470434697). With at least
+    `LEAST_GROUPS` groups of points, the sandwich (JᵀJ)⁻¹ Σ_g s_g s_gᵀ (JᵀJ)⁻¹ C/(C-1) of the scores
+    s_g = Σ Jᵀψ of C groups is used. It is valid for any correlation within a group (Liang & Zeger
+    1986, doi 10.1093/biomet/73.1.13). It is NaN for a parameter that one group alone
+    determines, which the fit meets exactly. Directions in which JᵀJ is singular come from a
+    singular value decomposition of the scaled columns. A parameter at its bound is held.
+    The result holds the fields of a fit that follow.
+    """
+    finite = np.isfinite(found.jacobian).all()
+    jacobian = found.jacobian if finite else np.zeros_like(found.jacobian)
+    inverse, rank, directions, lost = _invert(jacobian, at_bound, problem.space)
+    used = np.asarray(problem.factor) > 0
+    dof = int(used.sum()) - rank
+    noise, inside = noise_of(problem, found.z, used, dof, absolute)
+    number = np.zeros(int(used.sum()), int) if groups is None else groups[used]
+    by_group = len(np.unique(number)) >= LEAST_GROUPS
+    if by_group:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bread = inverse / inside
+        pull = np.clip(found.z[used], -float(problem.limit), float(problem.limit))
+        scatter = sandwich(bread, jacobian[used] * pull[:, None], number)
+        own = np.zeros((int(number.max()) + 1, len(lost)))
+        np.add.at(own, number, np.square(jacobian[used] @ inverse))
+        lost |= own.max(0) > (1 - _LONE) * own.sum(0)
+    else:
+        scatter = noise * inverse
+    stretch = problem.space.stretch(found.values)
+    covariance = scatter * np.outer(stretch, stretch)
+    covariance[lost] = np.nan
+    covariance[:, lost] = np.nan
+    ran = tuple(np.array(problem.space.names, object)[at_bound])
+    grounds = {"dof": dof, "noise": float(noise), "by_group": by_group}
+    return grounds | {"covariance": covariance, "unidentified": directions, "at_bound": ran}
+
+
+def noise_of(
+    problem: FitProblem, z: np.ndarray, used: np.ndarray, dof: Any, absolute: bool
+) -> tuple[Any, Any]:
+    """Return s² of residuals (..., n), see `infer`, and the mean ψ' of those `used`."""
+    # Squares are Huber's loss without a threshold: ψ = z, ψ' = 1.
+    size, threshold = np.abs(z), float(problem.limit)
+    inside = np.sum(used & (size <= threshold), axis=-1) / np.maximum(used.sum(axis=-1), 1)
+    if absolute and problem.threshold is None:
+        return np.ones_like(inside), inside
+    with np.errstate(all="ignore"):
+        squares = np.sum(np.where(used, np.minimum(size, threshold), 0) ** 2, axis=-1)
+        noise = squares / dof / inside**2
+    return np.where((np.asarray(dof) > 0) & (inside > 0), noise, np.nan), inside
+
+
+def _invert(
+    jacobian: Float[np.ndarray, "n k"], held: np.ndarray, space: Space
+) -> tuple[Float[np.ndarray, "k k"], int, tuple[Direction, ...], np.ndarray]:
+    """Return (JᵀJ)⁻¹ without singular directions and held parameters, and the rank.
+
+    Also return the singular directions, and which parameters (k,) are held or take part in one.
+    """
+    k = len(held)
+    length = np.linalg.norm(jacobian, axis=0)
+    flat = ~held & (length == 0)
+    directions = [_direction({int(i): 1.0}, space) for i in np.flatnonzero(flat)]
+    lost, inverse = held | flat, np.zeros((k, k))
+    order = np.flatnonzero(~lost)
+    if not len(order):
+        return inverse, 0, tuple(directions), lost
+    # With fewer points than parameters, rows of zeros make every open direction appear.
+    spare = np.zeros((max(len(order) - len(jacobian), 0), len(order)))
+    _, s, vt, *_, good = decomposed(np.concatenate([jacobian[:, order], spare]))
+    for row in vt[~good]:
+        change = row / length[order]
+        share = np.abs(row) > _PART * np.abs(row).max()
+        change = change / np.abs(change).max() * np.sign(change[np.argmax(share)])
+        parts = {int(order[i]): float(change[i]) for i in np.flatnonzero(share)}
+        directions.append(_direction(parts, space))
+        lost[order[share]] = True
+    basis = vt[good] / s[good, None] / length[order]
+    inverse[np.ix_(order, order)] = basis.T @ basis
+    return inverse, int(good.sum()), tuple(directions), lost
+
+
+def sandwich(
+    bread: Float[np.ndarray, "k k"], scores: Float[np.ndarray, "n k"], number: np.ndarray
+) -> Float[np.ndarray, "k k"]:
+    """Return the covariance from the scores of points in groups; `number` (n,) is their group."""
+    summed = np.zeros((int(number.max()) + 1, scores.shape[1]))
+    np.add.at(summed, number, scores)
+    count = len(np.unique(number))
+    return bread @ (summed.T @ summed) @ bread * (count / (count - 1))
+
+
+def _direction(parts: dict[int, float], space: Space) -> Direction:
+    return Direction(
+        {space.names[i]: part for i, part in parts.items()},
+        {space.names[i]: space.labels[i] for i in parts},
+    )

@@ -10,8 +10,9 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..data import FitData
-from ..search.inference import LEAST_GROUPS, basis_of
+from ..data import FitData, has_trials
+from ..search.minimum import basis_of
+from ..search.verdict import LEAST_GROUPS
 from .residual_order import DRAWS, Column, Statistics, chance, share_left
 
 LEVEL = 0.05
@@ -49,12 +50,12 @@ class Adequacy:
     `reason`.
     """
 
-    adequate: bool | None
-    p: float | None
-    chi2_per_dof: float | None
-    chi2_p: float | None
-    structure_p: float | None
-    along: str
+    adequate: bool | None = None
+    p: float | None = None
+    chi2_per_dof: float | None = None
+    chi2_p: float | None = None
+    structure_p: float | None = None
+    along: str = "their order"
     reason: str = ""
 
     def __str__(self) -> str:
@@ -101,36 +102,32 @@ def adequacy_of(fit: FitData) -> Adequacy:
     (1932) for the combination.
     """
     columns, along = _columns(fit)
-    unknown = Adequacy(None, None, None, None, None, along)
     if not fit.converged:
-        return dataclasses.replace(unknown, reason="the fit did not converge")
+        return Adequacy(along=along, reason="the fit did not converge")
     if fit.dof < 1:
-        return dataclasses.replace(unknown, reason="no degree of freedom is left")
-    problem = fit.problem
-    factor = np.asarray(problem.factor)
-    used = factor > 0
-    threshold = np.inf if problem.threshold is None else float(problem.threshold)
-    z = np.clip(fit.z, -threshold, threshold)
+        return Adequacy(along=along, reason="no degree of freedom is left")
+    limit = float(fit.problem.limit)
+    z, squares = np.clip(fit.z, -limit, limit), np.isinf(limit)
     if _is_exact(fit, z):
         reason = "the residuals are below one part in a million"
-        return dataclasses.replace(unknown, adequate=True, reason=reason)
-    model, left, trial = basis_of(fit._jacobian[used]), z, _trials(fit, used)
+        return Adequacy(True, along=along, reason=reason)
+    model, left = basis_of(fit._jacobian[fit._used]), z
+    trial = fit._trials if has_trials(fit) else None
     many = trial if trial is not None and trial.max() + 1 >= LEAST_GROUPS else None
-    told = many is not None or problem.threshold is None
+    told = many is not None or squares
     if trial is not None and many is None and told:
         # The part common to all trials; shifts of each trial would hide it in any order of them.
         same, shifted = (
-            basis_of(np.concatenate([model, _shifts(fit, used, one)], axis=1))
+            basis_of(np.concatenate([model, _shifts(fit, one)], axis=1))
             for one in (np.zeros_like(trial), trial)
         )
         told = share_left(columns, same, shifted) >= _WITHIN
         model, left = shifted, z - shifted @ (shifted.T @ z)
-    statistics = Statistics(columns, model, factor[used])
-    ratio, chi2_p = None, None
-    if problem.threshold is None:
+    statistics = Statistics(columns, model, fit._factor[fit._used])
+    ratio, chi2_p, structure_p = None, None, None
+    if squares:
         ratio, chi2_p = _scatter(fit, z, statistics, alone=trial is None and fit._shared is None)
-    structure_p = None
-    if trial is None and problem.threshold is not None:
+    elif trial is None:
         trial = many = np.arange(len(z))
         told = True
     if statistics and told:
@@ -139,28 +136,9 @@ def adequacy_of(fit: FitData) -> Adequacy:
     # Scale-free statistics are independent of χ² (Basu); those of repeated points are not.
     independent = [structure_p, chi2_p if fit._absolute or structure_p is None else None]
     p = _combine([one for one in independent if one is not None])
-    if p is None:
-        reason = _lacking(fit.dof, in_trials=trial is not None)
-        return dataclasses.replace(unknown, chi2_per_dof=ratio, reason=reason)
-    return Adequacy(p >= LEVEL, p, ratio, chi2_p, structure_p, along)
-
-
-def _scatter(
-    fit: FitData, z: Float[np.ndarray, " n"], statistics: Statistics, *, alone: bool
-) -> tuple[float | None, float | None]:
-    """Return the scatter beside known noise or repeated points, and its probability.
-
-    Only points that are `alone`, without correlation, have a known distribution.
-    """
-    if fit._absolute:
-        ratio = float(z @ z) / fit.dof
-        return ratio, _above_chi2(fit.dof, ratio * fit.dof) if alone else None
-    if not (statistics.repeated and alone):
-        return None, None
-    ratio = float(statistics.lack_of_fit(z[None, :])[0]) or None
-    if ratio is None:
-        return None, None
-    return ratio, _above_f(fit.dof - statistics.pure, statistics.pure, ratio)
+    reason = "" if p is not None else _lacking(fit.dof, in_trials=trial is not None)
+    adequate = None if p is None else p >= LEVEL
+    return Adequacy(adequate, p, ratio, chi2_p, structure_p, along, reason)
 
 
 def _lacking(dof: int, *, in_trials: bool) -> str:
@@ -171,9 +149,29 @@ def _lacking(dof: int, *, in_trials: bool) -> str:
     return f"{few}, and the noise is unknown"
 
 
+def _scatter(
+    fit: FitData, z: Float[np.ndarray, " n"], statistics: Statistics, *, alone: bool
+) -> tuple[float | None, float | None]:
+    """Return the scatter beside known noise or repeated points, and its probability.
+
+    Only points that are `alone`, without correlation, have a known distribution.
+    """
+    ratio = float(z @ z) / fit.dof if fit._absolute else 0.0
+    if not fit._absolute and statistics.repeated and alone:
+        ratio = float(statistics.lack_of_fit(z[None, :])[0])
+    if not alone or (ratio == 0 and not fit._absolute):
+        return (ratio if fit._absolute else None), None
+    # SciPy takes half a second to load, so it is imported only if needed.
+    from scipy.special import fdtrc, gammaincc
+
+    if fit._absolute:
+        return ratio, float(gammaincc(fit.dof / 2, ratio * fit.dof / 2))
+    return ratio, float(fdtrc(fit.dof - statistics.pure, statistics.pure, ratio))
+
+
 def _columns(fit: FitData) -> tuple[list[Column], str]:
     """Return the used points of each column in the order of its variable, and its name."""
-    used = np.asarray(fit.problem.factor) > 0
+    used = fit._used
     number = np.cumsum(used) - 1
     numbers = [
         np.asarray(x)
@@ -191,19 +189,18 @@ def _columns(fit: FitData) -> tuple[list[Column], str]:
             along = "x"
         if len(inside):
             order = inside[np.argsort(place[inside], kind="stable")]
-            level = np.unique(place[order], return_inverse=True)[1]
-            columns.append(Column(number[at + order], level))
+            places = np.unique(place[order], return_index=True)[1]
+            columns.append(Column(number[at + order], places))
         at += size
     return columns, along
 
 
 def _is_exact(fit: FitData, z: np.ndarray) -> bool:
-    factor = np.asarray(fit.problem.factor)
     # Columns have their own units.
     ends = np.cumsum([math.prod(shape) for shape in fit.problem.shapes])[:-1]
     parts = [
         (y[w > 0], w[w > 0])
-        for y, w in zip(np.split(fit.data, ends), np.split(factor, ends), strict=True)
+        for y, w in zip(np.split(fit.data, ends), np.split(fit._factor, ends), strict=True)
     ]
     parts = [(y, w) for y, w in parts if y.size]
     spread, size = (
@@ -214,23 +211,13 @@ def _is_exact(fit: FitData, z: np.ndarray) -> bool:
     return bool(np.linalg.norm(z) <= _EXACT * scale)
 
 
-def _trials(fit: FitData, used: np.ndarray) -> np.ndarray | None:
-    """Return the trial number of each used point; None if every point is its own trial."""
-    if fit.groups is None:
-        return None
-    trial = np.unique(fit.groups[used], return_inverse=True)[1]
-    return trial if trial.max() + 1 < len(trial) else None
-
-
-def _shifts(
-    fit: FitData, used: np.ndarray, trial: np.ndarray
-) -> Float[np.ndarray, "n trials*columns"]:
+def _shifts(fit: FitData, trial: np.ndarray) -> Float[np.ndarray, "n trials*columns"]:
     """Return the change of z by a shift of all points of a trial, in one column of the data."""
-    factor, whitener = np.asarray(fit.problem.factor), fit.problem.whitener
+    used, whitener = fit._used, fit.problem.whitener
     column = np.repeat(*np.transpose([(i, math.prod(s)) for i, s in enumerate(fit.problem.shapes)]))
     kind = np.unique(np.stack([column[used], trial]), axis=1, return_inverse=True)[1].ravel()
     shifts = np.zeros((used.size, kind.max() + 1))
-    shifts[np.flatnonzero(used), kind] = factor[used]
+    shifts[np.flatnonzero(used), kind] = fit._factor[used]
     return (shifts if whitener is None else np.asarray(whitener) @ shifts)[used]
 
 
@@ -275,26 +262,10 @@ def _signs(
 
 
 def _combine(p: list[float]) -> float | None:
-    """Return Fisher's combination of independent probabilities.
-
-    -2 Σ ln p is a χ² with two degrees of freedom for each.
-    """
+    """Return Fisher's combination of independent probabilities."""
     if not p:
         return None
     if len(p) == 1 or 0 in p:
         return min(p)
     half = -sum(math.log(one) for one in p)
     return math.exp(-half) * sum(half**k / math.factorial(k) for k in range(len(p)))
-
-
-# SciPy takes half a second to load, so it is imported only if needed.
-def _above_chi2(dof: int, chi2: float) -> float:
-    from scipy.special import gammaincc
-
-    return float(gammaincc(dof / 2, chi2 / 2))
-
-
-def _above_f(upper: int, lower: int, ratio: float) -> float:
-    from scipy.special import fdtrc
-
-    return float(fdtrc(upper, lower, ratio))

@@ -11,12 +11,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..._entry import FRACTION, require_count, require_number
-from ..data import FitData
+from ..data import FitData, require_converged
 from ..problem.problem import FitProblem
-from ..search.levenberg_marquardt import SearchOptions
-from ..search.minimum import SearchEnd, found_from
-
-_STEPS = 100
+from ..search.minimum import SearchEnd, SearchOptions, found_from, in_numpy
+from .interval import MOST_REFITS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,28 +58,28 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
     """
     draws = require_count("draws", draws, 2)
     seed = require_count("seed", seed, 0)
-    if not fit.converged:
-        raise ValueError(f"A fit that did not converge has no bootstrap: {fit.reason}.")
+    require_converged(fit, "bootstrap")
     if not np.isfinite(fit.noise):
         raise ValueError(
             "Argument `sigma` of `fit` must be given for a bootstrap without degrees of freedom, "
             "which leave the size of the noise unknown."
         )
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        noise = jax.random.normal(jax.random.key(seed), (draws, fit.data.size))
+        # In NumPy: each JAX operation outside a compiled function is a program.
+        noise = np.array(jax.random.normal(jax.random.key(seed), (draws, fit.data.size)))
         if fit._shared is None:
-            noise = noise * np.sqrt(fit.noise)
+            noise *= np.sqrt(fit.noise)
         else:
             size, root = fit._shared
             # A new key: the same one would draw the same numbers again.
             key = jax.random.fold_in(jax.random.key(seed), 1)
-            shared = jax.random.normal(key, (draws, root.shape[1])) @ root.T
-            used = np.flatnonzero(fit.problem.factor)
-            noise = noise.at[:, used].set(noise[:, used] * np.sqrt(size)[None, :] + shared)
-        options = SearchOptions(jnp.asarray(fit._rtol), max_steps=_STEPS)
-        found = _refits(fit.problem, jnp.asarray(fit._theta), noise, options)
-        good = jnp.all(found.still, axis=1) & jnp.isfinite(found.loss)
-    return Bootstrap(fit.names, np.asarray(found.values), np.asarray(good))
+            shared = np.asarray(jax.random.normal(key, (draws, root.shape[1]))) @ root.T
+            noise[:, fit._used] = noise[:, fit._used] * np.sqrt(size) + shared
+        options = SearchOptions(jnp.asarray(fit._rtol), max_steps=MOST_REFITS)
+        theta = jnp.asarray(fit._theta)
+        found = in_numpy(_refits(fit.problem, theta, jnp.asarray(noise), options))
+    good = np.all(found.still, axis=1) & np.isfinite(found.loss)
+    return Bootstrap(fit.names, found.values, good)
 
 
 @eqx.filter_jit

@@ -1,17 +1,35 @@
-"""Confidence intervals of the parameters, and bands of the prediction."""
+"""Profile likelihoods, confidence intervals from them, and bands of the prediction."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from typing import Any, NamedTuple
+import statistics
+from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
 
-from ..._entry import FRACTION, POSITIVE, as_numbers, rendered, require_number
-from ..data import FitData
-from .profile import held_at, quantile_of
+from ..._entry import (
+    FRACTION,
+    POSITIVE,
+    as_numbers,
+    rendered,
+    require_choice,
+    require_count,
+    require_number,
+)
+from ..._program import quick
+from ..data import FitData, require_converged
+from ..problem.problem import FitProblem
+from ..search.minimum import SearchOptions, found_from
+from ..search.verdict import creeping
+
+MOST_REFITS = 100
+"""Most steps of the fits near a best one."""
 
 _ROUNDS = 30
 _ASIDE = 0.05
@@ -27,6 +45,153 @@ _FAR = 40.0
 
 _FREE_FAR = 1e6
 """Distance in standard errors of a number without a unit that is beyond all data."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Profile:
+    """The lowest loss (points,) with one parameter held at each of `values` (points,).
+
+    `deviation` (points,) is ±√(2 (loss - best)/s²), which is a straight line through the best value
+    where the normal approximation holds. s² is the variance of the standardised residuals. Points
+    whose fit of the other parameters did not converge are NaN.
+    """
+
+    name: str
+    best: float
+    values: np.ndarray
+    loss: np.ndarray
+    deviation: np.ndarray
+    dof: int
+    absolute: bool
+
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Return where the deviation is the quantile of a normal distribution, or of Student's t.
+
+        Student's t has `dof` degrees of freedom. An end beyond the profiled values is infinite.
+        """
+        # Imported here, since interpolation loads half of SciPy.
+        from scipy.interpolate import PchipInterpolator
+
+        wanted = self.quantile(level)
+        good = np.isfinite(self.deviation)
+        y, order = np.unique([*self.deviation[good], 0.0], return_index=True)
+        x = np.array([*self.values[good], self.best])[order]
+        curve = PchipInterpolator(y, x, extrapolate=False)
+        low, high = float(curve(-wanted)), float(curve(wanted))
+        return (-np.inf if np.isnan(low) else low, np.inf if np.isnan(high) else high)
+
+    def quantile(self, level: float) -> float:
+        """Return the deviation at the ends of an interval."""
+        return quantile_of(self.absolute, self.dof, require_number("level", level, FRACTION))
+
+    def __repr__(self) -> str:
+        low, high = self.interval()
+        return f"Profile of {self.name}: {self.best:.9g}, 95 % in [{low:.6g}, {high:.6g}]"
+
+
+def quantile_of(absolute: bool, dof: int, level: float) -> float:
+    """Return the quantile of a normal distribution for known noise, otherwise of Student's t.
+
+    It is NaN without degrees of freedom.
+    """
+    tail = (1 + level) / 2
+    if absolute:
+        return statistics.NormalDist().inv_cdf(tail)
+    # SciPy takes half a second to load.
+    from scipy.special import stdtrit
+
+    return float(stdtrit(dof, tail)) if dof > 0 else math.nan
+
+
+def profile(
+    fit: FitData, name: str, values: ArrayLike | None = None, *, points: int = 41, span: float = 4.0
+) -> Profile:
+    """Return the profile likelihood of one parameter: the lowest loss with it held at each value.
+
+    By default `points` values over `span` standard errors to both sides, inside the bounds. Returns
+    a `Profile`, whose `interval(level)` needs no normal approximation. Raises ValueError for an
+    unknown name, for one without a standard error if no values are given, and for a fit that did
+    not converge.
+
+    Source: Venzon & Moolgavkar (1988), doi 10.2307/2347496.
+    """
+    require_choice("name", name, fit.names)
+    points = require_count("points", points, 2)
+    span = require_number("span", span, POSITIVE)
+    require_converged(fit, "profile")
+    place = fit.names.index(name)
+    low, high = float(fit.problem.space.low[place]), float(fit.problem.space.high[place])
+    best = float(fit.values[place])
+    if values is None:
+        error = fit.standard_errors[name]
+        if not np.isfinite(error):
+            raise ValueError(
+                f"Argument `values` must be given for {name}, which has no standard error."
+            )
+        at = best + np.linspace(-span, span, points) * error
+        at = at[(at > low) & (at < high)]
+    else:
+        at = np.sort(as_numbers(values, "values").ravel())
+        if not at.size or not (np.isfinite(at) & (at > low) & (at < high)).all():
+            raise ValueError(
+                f"Argument `values` must be finite and in ({low:g}, {high:g}), at least one, but "
+                f"is {rendered(values)}."
+            )
+    rows = np.full((at.size, fit.values.size), np.nan)
+    rows[:, place] = at
+    deviation, loss = held_at(fit, rows, np.tile(fit._theta, (at.size, 1)))
+    deviation *= np.sign(at - best)
+    return Profile(name, best, at, loss, deviation, fit.dof, fit._absolute)
+
+
+def held_at(
+    fit: FitData, held: Float[np.ndarray, "lanes k"], starts: Float[np.ndarray, "lanes k"]
+) -> tuple[Float[np.ndarray, " lanes"], Float[np.ndarray, " lanes"]]:
+    """Return √(2 (loss - best)/s²) and the lowest loss with some numbers `held` (NaN: free).
+
+    Both are NaN if the fit of the others did not converge.
+    """
+    loss, converged, step = _refit(fit, held, starts)
+    out = creeping(fit.problem.space, step) & np.isnan(held) & ~converged[:, None]
+    if out.any():
+        bound = np.where(step > 0, fit.problem.space.high, fit.problem.space.low)
+        there, met, _ = _refit(fit, np.where(out, bound, held), starts)
+        # Lanes without a creeping coordinate are unchanged.
+        better = met & (there <= loss)
+        loss, converged = np.where(better, there, loss), better | converged
+    loss = np.where(converged, loss, np.nan)
+    # The rise of twice the loss at one standard error. The curvature of Huber's loss is mean ψ'
+    # times that of squares.
+    unit = fit.noise * float(np.mean(np.abs(fit.z) <= float(fit.problem.limit)))
+    if fit._wider is not None:
+        # A lane holds the one parameter that it profiles.
+        unit = unit * fit._wider[np.argmax(~np.isnan(held), axis=1)]
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(2 * np.maximum(loss - fit.loss, 0) / unit), loss
+
+
+def _refit(fit: FitData, held: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, ...]:
+    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        options = SearchOptions(jnp.asarray(fit._rtol), max_steps=MOST_REFITS)
+        found = _held(fit.problem, jnp.asarray(held), jnp.asarray(starts), options)
+    return tuple(map(np.asarray, found))
+
+
+@quick
+def _held(
+    problem: FitProblem,
+    held: Float[Array, "lanes k"],
+    starts: Float[Array, "lanes k"],
+    options: SearchOptions,
+) -> tuple[Float[Array, " lanes"], Bool[Array, " lanes"], Float[Array, "lanes k"]]:
+    """Return the losses, which of them have converged, and the remaining steps."""
+
+    def one(held: Float[Array, " k"], start: Float[Array, " k"]) -> tuple[Array, Array, Array]:
+        found = found_from(eqx.tree_at(lambda p: p.space.held, problem, held), start, options)
+        good = jnp.all(found.still) & jnp.isfinite(found.loss)
+        return found.loss, good, found.step
+
+    return jax.vmap(one)(held, starts)
 
 
 def interval(fit: FitData, level: float = 0.95) -> dict[str, tuple[float, float]]:
@@ -46,25 +211,26 @@ def interval(fit: FitData, level: float = 0.95) -> dict[str, tuple[float, float]
     Source: Bates & Watts (1988), doi 10.1002/9780470316757, ch. 6.
     """
     level = require_number("level", level, FRACTION)
-    _require_converged(fit, "intervals")
-    space = fit.problem.space
-    bounds = np.stack([np.asarray(space.low), np.asarray(space.high)])
-    quantile = _quantile(fit, level)
-    error = fit.scaled_errors
+    require_converged(fit, "intervals")
+    space, quantile, error = fit.problem.space, _quantile(fit, level), fit.scaled_errors
+    ends = np.stack([np.asarray(space.low), np.asarray(space.high)])
     known = np.isfinite(error) & np.isfinite(quantile)
-    ends = bounds.copy()
     if fit.by_group:
         theta = fit._theta + np.array([[-1.0], [1.0]]) * np.where(known, quantile * error, 0)
-        ends = np.where(known, _values(fit, theta), bounds)
+        ends = np.where(known, _values(fit, theta), ends)
     else:
-        at_bound = np.array([name in fit.at_bound for name in fit.names])
-        free = known | (at_bound & np.isfinite(quantile))
-        sides = [(i, sign) for i in map(int, np.flatnonzero(free)) for sign in (-1, 1)]
-        lanes = [(i, sign) for i, sign in sides if not (at_bound[i] and _outwards(fit, i, sign))]
+        at_bound = np.isin(fit.names, fit.at_bound)
+        # The side of a parameter at its bound that lies outside has no end to find.
+        outwards = np.where(space.bounded_above & (fit._theta > 0), 1, -1)
+        lanes = [
+            (i, side)
+            for i in np.flatnonzero(known | (at_bound & np.isfinite(quantile))).tolist()
+            for side in (0, 1)
+            if not (at_bound[i] and 2 * side - 1 == outwards[i])
+        ]
         if lanes:
-            found = _ends(fit, np.array(lanes), np.where(known, error, np.nan), quantile)
-            for (i, sign), end in zip(lanes, found, strict=True):
-                ends[(sign + 1) // 2, i] = end
+            at, side = np.array(lanes).T
+            ends[side, at] = _ends(fit, at, side, np.where(known, error, np.nan), quantile)
     return {name: (float(ends[0, i]), float(ends[1, i])) for i, name in enumerate(fit.names)}
 
 
@@ -80,11 +246,8 @@ def confidence_band(
 
     Source: Seber & Wild (1989), doi 10.1002/0471725315, ch. 5.
     """
-    level = require_number("level", level, FRACTION)
-    _require_converged(fit, "bands")
-    curve, error = fit.predict_with_error(x)
-    half = _quantile(fit, level) * error
-    return curve - half, curve + half
+    curve, error, quantile = _curve(fit, x, level)
+    return curve - quantile * error, curve + quantile * error
 
 
 def prediction_band(
@@ -97,9 +260,7 @@ def prediction_band(
     the median of their column if `x` is given and they differ. Raises ValueError as
     `confidence_band` does, and for a `sigma` that is not positive or has another shape.
     """
-    level = require_number("level", level, FRACTION)
-    _require_converged(fit, "bands")
-    curve, error = fit.predict_with_error(x)
+    curve, error, quantile = _curve(fit, x, level)
     spread = scatter(fit)
     if sigma is not None:
         spread = as_numbers(sigma, "sigma")
@@ -112,27 +273,27 @@ def prediction_band(
         columns = np.split(spread, np.cumsum([math.prod(s) for s in fit.problem.shapes])[:-1])
         sizes = [np.size(leaf) for leaf in jax.tree.leaves(fit.predict(x))]
         spread = np.repeat([np.nanmedian(column) for column in columns], sizes)
-    half = _quantile(fit, level) * np.hypot(error, spread)
+    half = quantile * np.hypot(error, spread)
     return curve - half, curve + half
+
+
+def _curve(fit: FitData, x: Any, level: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the prediction, its standard error, and the factor of a band."""
+    level = require_number("level", level, FRACTION)
+    require_converged(fit, "bands")
+    return *fit.predict_with_error(x), _quantile(fit, level)
 
 
 def scatter(fit: FitData) -> np.ndarray:
     """Return the standard deviation of each reading (n,); NaN for one without weight."""
-    factor = np.asarray(fit.problem.factor)
-    used = factor > 0
-    return np.where(used, np.sqrt(fit.noise) / np.where(used, factor, 1), np.nan)
-
-
-def _require_converged(fit: FitData, what: str) -> None:
-    if not fit.converged:
-        raise ValueError(f"A fit that did not converge has no {what}: {fit.reason}.")
+    size = np.sqrt(fit.noise) / np.where(fit._used, fit._factor, 1)
+    return np.where(fit._used, size, np.nan)
 
 
 def _quantile(fit: FitData, level: float) -> float:
     """Return the factor of a standard error; NaN without a degree of freedom."""
-    if fit.by_group and fit.groups is not None:
-        used = np.asarray(fit.problem.factor) > 0
-        return quantile_of(False, len(np.unique(fit.groups[used])) - 1, level)
+    if fit.by_group and fit._trials is not None:
+        return quantile_of(False, int(fit._trials.max()), level)
     return quantile_of(fit._absolute, fit.dof, level)
 
 
@@ -142,68 +303,45 @@ def _values(fit: FitData, theta: np.ndarray) -> np.ndarray:
         return np.asarray(jax.vmap(fit.problem.space.values)(jnp.asarray(theta)))
 
 
-def _outwards(fit: FitData, i: int, sign: int) -> bool:
-    """Return whether this side of a parameter at its bound lies outside the bound."""
-    space = fit.problem.space
-    above = space.bounded_above[i] and fit._theta[i] > 0
-    return (sign > 0) == above
+def _ends(
+    fit: FitData, at: np.ndarray, side: np.ndarray, error: np.ndarray, quantile: float
+) -> np.ndarray:
+    """Return where the deviation of a parameter is the quantile, for lanes (parameter, side).
 
-
-class _Ray(NamedTuple):
-    """Searches (lanes,) for interval ends of parameters `at` to one `side`, -1 or 1.
-
-    A distance along a ray is one of the parameter's free coordinate. `drift` (lanes, k) is the
-    accompanying change of the others, to first order. `stride` is the distance at which the end is
-    expected; beyond `limit` the end is the `bound`.
+    A distance along a lane is one of the parameter's free coordinate; the others follow to first
+    order. Beyond `limit` the end is the bound.
     """
-
-    at: np.ndarray
-    side: np.ndarray
-    drift: np.ndarray
-    stride: np.ndarray
-    limit: np.ndarray
-    bound: np.ndarray
-
-
-def _rays(fit: FitData, lanes: np.ndarray, error: np.ndarray, quantile: float) -> _Ray:
-    space = fit.problem.space
-    at, side = lanes[:, 0], lanes[:, 1].astype(float)
-    known = np.isfinite(error[at])
+    space, lanes, error = fit.problem.space, np.arange(at.size), error[at]
+    known = np.isfinite(error)
     # From its bound, which is far out, a parameter first returns to the middle.
-    stride = np.where(known, quantile * np.where(known, error[at], 1), np.abs(fit._theta[at]))
-    limit = np.where(space.has_unit[at], np.maximum(_FAR, 2 * stride), _FREE_FAR * stride)
-    limit = np.where(known, limit, 2 * stride)
+    probe = np.where(known, quantile * np.where(known, error, 1), np.abs(fit._theta[at]))
+    limit = np.where(space.has_unit[at], np.maximum(_FAR, 2 * probe), _FREE_FAR * probe)
+    limit = np.where(known, limit, 2 * probe)
     stretch = space.stretch(fit.values)
     with np.errstate(invalid="ignore", divide="ignore"):
         together = fit.covariance[at] / np.diag(fit.covariance)[at, None]
         drift = np.nan_to_num(together * (stretch[at, None] / stretch), posinf=0, neginf=0)
-    drift[np.arange(at.size), at] = 1
+    drift[lanes, at] = 1
+    drift *= np.where(side > 0, 1.0, -1.0)[:, None]
     bound = np.where(side > 0, np.asarray(space.high)[at], np.asarray(space.low)[at])
-    return _Ray(at, side, drift, stride, limit, bound)
-
-
-def _ends(fit: FitData, lanes: np.ndarray, error: np.ndarray, quantile: float) -> np.ndarray:
-    """Return where the deviation of a parameter is the quantile, for lanes (parameter, side)."""
-    ray = _rays(fit, lanes, error, quantile)
-    rows = np.arange(ray.at.size), ray.at
-    inside, inner = np.zeros(ray.at.size), np.zeros(ray.at.size)
-    outside, outer = np.full(ray.at.size, np.inf), np.full(ray.at.size, np.nan)
-    probe, end, done = ray.stride, outer, np.zeros(ray.at.size, bool)
+    inside, inner = np.zeros((2, at.size))
+    outside, outer = np.full(at.size, np.inf), np.full(at.size, np.nan)
+    end, done = outer, np.zeros(at.size, bool)
     for _ in range(_ROUNDS):
-        theta = fit._theta + ray.drift * (ray.side * probe)[:, None]
+        theta = fit._theta + drift * probe[:, None]
         held = np.full_like(theta, np.nan)
-        held[rows] = _values(fit, theta)[rows]
+        held[lanes, at] = _values(fit, theta)[lanes, at]
         deviation, _ = held_at(fit, held, theta)
         below = deviation < quantile
-        met, beyond = abs(deviation / quantile - 1) < _MET, below & (probe >= ray.limit)
-        end = np.where(done, end, np.where(met, held[rows], np.where(beyond, ray.bound, end)))
+        met, beyond = abs(deviation / quantile - 1) < _MET, below & (probe >= limit)
+        end = np.where(done, end, np.where(met, held[lanes, at], np.where(beyond, bound, end)))
         done |= met | beyond
         if done.all():
             break
         # A failed probe counts as one that went too far.
         inside, inner = np.where(below, [probe, deviation], [inside, inner])
         outside, outer = np.where(below, [outside, outer], [probe, deviation])
-        probe = np.minimum(_between(inside, inner, outside, outer, quantile), ray.limit)
+        probe = np.minimum(_between(inside, inner, outside, outer, quantile), limit)
     return end
 
 

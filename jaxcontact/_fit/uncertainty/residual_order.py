@@ -45,32 +45,13 @@ _REPLICATED = 4
 
 @dataclasses.dataclass(frozen=True)
 class Column:
-    """Points measured along one variable: their indices in its order, and shared values.
+    """Points measured along one variable: their indices in its order.
 
-    `level` is equal for points that share a value of the variable.
+    `places`: where in this order each value of the variable starts.
     """
 
     order: Int[np.ndarray, " m"]
-    level: Int[np.ndarray, " m"]
-
-
-@dataclasses.dataclass(frozen=True)
-class _Places:
-    """Points of a column in the order of their places, and where each place starts."""
-
-    order: Int[np.ndarray, " m"]
-    start: Int[np.ndarray, " places"]
-    factor: Float[np.ndarray, " m"]
-
-    @staticmethod
-    def of(column: Column, factor: Float[np.ndarray, " n"]) -> _Places:
-        start = np.flatnonzero(np.diff(column.level, prepend=-1))
-        return _Places(column.order, start, factor[column.order])
-
-    def between(self, z: Float[np.ndarray, "draws n"]) -> Float[np.ndarray, " draws"]:
-        """Return the sum of squares of the part common to all points of a place."""
-        shared = np.add.reduceat(z[:, self.order] * self.factor, self.start, axis=1)
-        return np.sum(shared**2 / np.add.reduceat(self.factor**2, self.start), axis=1)
+    places: Int[np.ndarray, " values"]
 
 
 class Statistics:
@@ -92,17 +73,23 @@ class Statistics:
             if (waves := _slow_waves(columns, model, count)) is not None
             and self._dof - waves.shape[1] >= _LEAST
         ]
-        self._places = [_Places.of(column, factor) for column in columns]
-        self.pure = n - sum(places.start.size for places in self._places)
+        self._factor = factor
+        self.pure = n - sum(column.places.size for column in columns)
         self.repeated = self.pure >= _REPLICATED and self._dof > self.pure
 
     def __bool__(self) -> bool:
         return bool(self._waves)
 
     def __call__(self, z: Float[np.ndarray, "draws n"]) -> Float[np.ndarray, "kinds draws"]:
-        z = z / self._sizes(z)
-        total = np.sum(z**2, axis=1)
-        found = [self._share(z @ waves, total) for waves in self._waves]
+        # Root mean squares by column, because instruments differ in their noise.
+        z = z.copy()
+        for c in self._columns:
+            size = np.sqrt(np.mean(z[:, c.order] ** 2, axis=1, keepdims=True))
+            z[:, c.order] /= np.where(size > 0, size, 1)
+        total, found = np.sum(z**2, axis=1), []
+        for waves in self._waves:
+            m, part = waves.shape[1], np.sum((z @ waves) ** 2, axis=1)
+            found.append((part / m) / ((total - part) / (self._dof - m)))
         found.append(sum(_of_neighbours(z[:, c.order]) for c in self._columns) / total)
         if self.repeated:
             found.append(self.lack_of_fit(z))
@@ -113,34 +100,21 @@ class Statistics:
 
         It is 0 if repeated points are the same to rounding, which does not determine their noise.
         """
-        total = np.sum(z**2, axis=1)
-        between = sum(places.between(z) for places in self._places)
+        total, between = np.sum(z**2, axis=1), np.zeros(len(z))
+        for c in self._columns:
+            weight = self._factor[c.order]
+            shared = np.add.reduceat(z[:, c.order] * weight, c.places, axis=1)
+            between += np.sum(shared**2 / np.add.reduceat(weight**2, c.places), axis=1)
         within = total - between
         told = within > _ROUNDING * total
         within = np.where(told, within, 1) / self.pure
         return np.where(told, between / (self._dof - self.pure) / within, 0)
 
-    def _share(self, parts: Float[np.ndarray, "draws m"], total: np.ndarray) -> np.ndarray:
-        m = parts.shape[1]
-        waves = np.sum(parts**2, axis=1)
-        return (waves / m) / ((total - waves) / (self._dof - m))
-
-    def _sizes(self, z: Float[np.ndarray, "draws n"]) -> Float[np.ndarray, "draws n"]:
-        """Return root mean squares, by column, because instruments differ in their noise."""
-        sizes = np.ones_like(z)
-        for c in self._columns:
-            size = np.sqrt(np.mean(z[:, c.order] ** 2, axis=1, keepdims=True))
-            sizes[:, c.order] = np.where(size > 0, size, 1)
-        return sizes
-
 
 def _slow_waves(
     columns: Sequence[Column], model: Float[np.ndarray, "n k"], count: int
 ) -> Float[np.ndarray, "n m"] | None:
-    """Return the slowest waves along each column that the model does not describe, orthonormal.
-
-    Returns None if that many do not exist.
-    """
+    """Return the slowest waves along each column that the model does not describe, orthonormal."""
     n, k = model.shape
     found: list[np.ndarray] = []
     for column in columns:
@@ -222,7 +196,9 @@ def _left(
 
 def _rank(values: Float[np.ndarray, "kinds draws"]) -> Float[np.ndarray, "kinds draws"]:
     """Return for each statistic the share of draws that are as large, up to rounding."""
-    # Drawn signs may repeat the residuals themselves, and leave some statistics unchanged.
-    least = values - _ROUNDING * np.abs(values)
-    below = [np.searchsorted(np.sort(row), one) for row, one in zip(values, least, strict=True)]
-    return 1 - np.stack(below) / values.shape[1]
+    below = np.empty_like(values)
+    for row, ranks in zip(values, below, strict=True):
+        order = np.argsort(row)
+        # Drawn signs may repeat the residuals themselves, and leave some statistics unchanged.
+        ranks[order] = np.searchsorted(row[order], row[order] - _ROUNDING * np.abs(row[order]))
+    return 1 - below / values.shape[1]
