@@ -81,7 +81,7 @@ def impacts(law, contact, velocity=1.0, **options):
 
     given, hits = jax.tree.map(filled, given), []
     for row in range(rows):
-        law, contact, velocity, push = jax.tree.map(lambda x, row=row: x[row], given)
+        law, contact, velocity, push = jax.tree.map(lambda x, row=row: jnp.asarray(x[row]), given)
         hits.append(jc.impact(law, contact, velocity, external_force=push, **options))
     return jax.tree.map(lambda *x: np.concatenate(x)[:count].reshape(asked), *hits)
 

@@ -1,4 +1,7 @@
-"""First derivatives in both modes, second ones of the closed form, against the oracle."""
+"""First derivatives in both modes, second ones of the closed form, against the oracle.
+
+Derivatives of concrete numbers outside `jit` equal those inside, for every transformation.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -7,8 +10,10 @@ import pytest
 from mpmath import mp, mpf
 
 import jaxcontact as jc
+from tests.oracle.stored import stored
 from tests.test_impact import units
 from tests.test_impact.support import column, given_ratio, grid, outcome, scaled, slopes, values
+from tests.test_impact.test_warm_calls import work_of
 
 TOLERANCE = {"exact": 1e-11, "event": 1e-7, "phase": 1e-7}
 """Relative to the derivative or, where that is small, to 1e-3 of its unit: measured 2e-14, 3e-8
@@ -38,6 +43,7 @@ class Threefold(jc.AbstractHuntCrossley):
         return self.alpha + sum(part.damping_factor(contact, velocity) for part in parts)
 
 
+@stored()
 def energy_loss_numbers(n, beta):
     """g, dg/dβ and dg/dn of α = g (1-e)/e, from the integral itself."""
 
@@ -63,7 +69,7 @@ def problem(largest: float):
     }
     p = {k: np.resize(np.array(x), alpha.shape) for k, x in places.items()}
     g, g_beta, g_n = np.array(
-        [energy_loss_numbers(n, b) for n, b in zip(p["n"], p["beta"], strict=True)]
+        [energy_loss_numbers(float(n), float(b)) for n, b in zip(p["n"], p["beta"], strict=True)]
     ).T
     # Fractions of α for which no derivative is a difference of large numbers.
     by_e, by_c = 0.2 * alpha, 0.5 * alpha
@@ -196,3 +202,125 @@ def test_slopes_of_a_strongly_damped_impact_are_the_same_in_other_units():
         along = [x if j == k else np.zeros_like(x) for j in range(2)]
         one, other = jax.jvp(restitution, tuple(given.values()), tuple(along))[1]
         assert abs(one / other - 1) < TOLERANCE["event"]
+
+
+# --- Of concrete numbers --------------------------------------------------------------------------
+
+
+ROUNDING = {np.float64: 1e-12, np.float32: 2e-5}
+"""Relative: one program is compiled for the value and the slopes, and rounds otherwise."""
+
+NUMBERS = (0.6, 1.3, 1.4e8, 4.2)  # e, mass, stiffness and speed
+
+
+def observed(e, mass=1.3, stiffness=1.4e8, speed=4.2):
+    hit = jc.impact(jc.HuGuo(e=e), jc.Contact(mass, stiffness), speed)
+    return jnp.stack([hit.restitution, hit.duration * 1e3, hit.max_force / 1e4])
+
+
+def total(*numbers):
+    return observed(*numbers).sum()
+
+
+def without_times(*numbers):
+    """For second derivatives, whose program of a duration takes seconds."""
+    return observed(*numbers)[::2]
+
+
+EVERY = (0, 1, 2, 3)
+ALONG = (1.0, 0.0, 1e7, -0.3)
+TRANSFORMS = {
+    "grad": lambda f: jax.grad(lambda *x: f(*x).sum(), EVERY),
+    "jacfwd": lambda f: jax.jacfwd(f, EVERY),
+    "jacrev": lambda f: jax.jacrev(f, EVERY),
+    "jvp": lambda f: lambda *x: jax.jvp(f, x, ALONG),
+    "linearize": lambda f: lambda *x: jax.linearize(f, *x)[1](*ALONG),
+    "grad of jit": lambda f: jax.grad(jax.jit(lambda *x: f(*x).sum()), EVERY),
+    "of one": jax.jacfwd,
+}
+TWICE = {
+    "hessian": lambda f: jax.jacfwd(jax.grad(lambda *x: f(*x).sum())),
+    "reverse over forward": lambda f: jax.grad(lambda *x: jax.jacfwd(f)(*x).sum()),
+}
+
+
+@pytest.fixture(scope="module")
+def within():
+    """Of every transform, by one program: value, slopes by all numbers, and twice by e."""
+
+    @jax.jit
+    def everything(*numbers):
+        twice = jax.hessian(lambda *x: without_times(*x).sum())(*numbers)
+        return observed(*numbers), jnp.stack(jax.jacfwd(observed, EVERY)(*numbers)), twice
+
+    value, slopes, twice = everything(*NUMBERS)
+    along = np.array(ALONG) @ slopes
+    return {
+        "grad": slopes.sum(axis=1),
+        "jacfwd": slopes,
+        "jacrev": slopes,
+        "jvp": [value, along],
+        "linearize": along,
+        "grad of jit": slopes.sum(axis=1),
+        "of one": slopes[0],
+        "hessian": twice,
+        "reverse over forward": twice,
+    }
+
+
+@pytest.mark.parametrize("name", [*TRANSFORMS, *TWICE])
+def test_a_derivative_is_that_within_a_program(name, within):
+    of = TRANSFORMS[name](observed) if name in TRANSFORMS else TWICE[name](without_times)
+    found = of(*NUMBERS)
+    np.testing.assert_allclose(found, within[name], rtol=ROUNDING[np.float64])
+
+
+def test_in_single_precision(within):
+    found = jax.jacfwd(observed, EVERY)(*(jnp.float32(x) for x in NUMBERS))
+    assert {x.dtype for x in found} == {jnp.dtype("float32")}
+    np.testing.assert_allclose(found, within["jacfwd"], rtol=ROUNDING[np.float32])
+
+
+def test_batches_of_derivatives_and_derivatives_of_batches():
+    e = jnp.linspace(0.3, 0.9, 4)
+    singly = [jax.grad(total)(x) for x in e]
+    np.testing.assert_allclose(jax.vmap(jax.grad(total))(e), singly, rtol=ROUNDING[np.float64])
+    batch = jax.grad(lambda e: jax.vmap(total)(e).sum())(e)
+    np.testing.assert_allclose(batch, singly, rtol=ROUNDING[np.float64])
+
+
+@pytest.mark.slow("event", reason="the event solve is compiled twice, for ten seconds")
+@pytest.mark.parametrize("method", ["event", "phase"])
+def test_of_a_solve_beside_flags_and_counts(method):
+    def solved(e, push):
+        how = {} if method == "phase" else {"external_force": push}
+        hit = jc.impact(jc.HuGuo(e=e), jc.Contact(1.0, 1e8), 1.0, method=method, **how)
+        return hit.restitution + hit.duration * 1e3, (hit.status, hit.steps, hit.error_estimate)
+
+    take = jax.value_and_grad(solved, (0, 1), has_aux=True)
+    (value, aux), slopes = take(0.6, 30.0)
+    (want, want_aux), want_slopes = jax.jit(take)(0.6, 30.0)
+    np.testing.assert_allclose([value, *slopes], [want, *want_slopes], rtol=1e-10)
+    assert jax.tree.map(jnp.result_type, aux) == jax.tree.map(jnp.result_type, want_aux)
+    assert int(aux[0]) == int(want_aux[0])
+
+
+def test_a_law_that_closes_over_a_number_beneath_the_derivative():
+    """A number that is no argument of the program has no slope there."""
+
+    def force(e, speed):
+        class Mine(jc.AbstractHuntCrossley):
+            number: jax.Array
+
+            def damping_factor(self, contact=None, velocity=None):
+                return self.number * (1 - e) / e
+
+        return jc.impact(Mine(number=jnp.asarray(1.5)), jc.Contact(1.0, 1e8), speed).max_force
+
+    found, want = (f(0.6, 2.0) for f in (jax.grad(force, (0, 1)), jax.jit(jax.grad(force, (0, 1)))))
+    np.testing.assert_allclose(found, want, rtol=ROUNDING[np.float64])
+
+
+def test_a_warm_derivative_compiles_and_traces_nothing_of_the_solve():
+    jax.grad(total)(0.6)
+    assert "trace_to_jaxpr" not in work_of(lambda: jax.grad(total)(0.7))
