@@ -14,6 +14,7 @@ from tests.oracle.spring_and_slider import psi2 as by_scipy
 FORMS = ("force", "displacement", "rescaled")
 NU_3 = 49 / 34  # χ of like spheres with ν = .3
 NU_0 = 7 / 4
+TANGENT = (0.3, -0.7, 0.2)
 LANES = 256  # more than one group; every call has this shape, so that a form compiles once
 
 # Worst of the eleven: 1.2e-12, by the steps of order 8.
@@ -35,15 +36,17 @@ SINGLE = 1e-5
 
 @functools.cache
 def program(form):
-    """The outcome, and the slopes of ψ2."""
+    """The outcome, the slopes of ψ2, and that along `TANGENT` in forward mode."""
 
     def psi2(*numbers):
         outcome = slider_phases(*numbers, form)
         return outcome.psi2, outcome
 
     def both(*numbers):
-        value, back, outcome = jax.vjp(psi2, *numbers, has_aux=True)
-        return outcome, back(jnp.ones_like(value))
+        value, along, outcome = jax.linearize(psi2, *numbers, has_aux=True)
+        back = jax.linear_transpose(along, *numbers)
+        ahead = along(*(jnp.full_like(x, t) for x, t in zip(numbers, TANGENT, strict=True)))
+        return outcome, back(jnp.ones_like(value)), ahead
 
     return jax.jit(both)
 
@@ -60,7 +63,8 @@ def solve(form, *numbers):
 
 def slopes_of(form, *numbers):
     numbers, count = filled(*numbers)
-    return jax.tree.map(lambda x: np.asarray(x[:count]), program(form)(*numbers))
+    outcome, slopes, _ = program(form)(*numbers)
+    return jax.tree.map(lambda x: np.asarray(x)[:count], (outcome, slopes))
 
 
 def random_lanes(count, least_alpha=0.0):
@@ -152,14 +156,11 @@ def test_derivatives_are_continuous_at_transitions(form):
             assert np.all(np.abs(slope - slope[2]) <= change(np.abs(gap)) + ROOT)
 
 
-def test_forward_and_reverse_mode_agree():
+@pytest.mark.parametrize("form", FORMS)
+def test_forward_and_reverse_mode_agree(form):
     lanes, _ = filled(*random_lanes(LANES))
-    tangents = [jnp.full(LANES, x) for x in (0.3, -0.7, 0.2)]
-    forward = jax.jit(
-        lambda *lanes: jax.jvp(lambda *x: slider_phases(*x, "force").psi2, lanes, tuple(tangents))
-    )(*lanes)[1]
-    _, slopes = slopes_of("force", *lanes)
-    both = sum(s * t for s, t in zip(slopes, tangents, strict=True))
+    _, slopes, forward = program(form)(*lanes)
+    both = sum(np.asarray(s) * t for s, t in zip(slopes, TANGENT, strict=True))
     np.testing.assert_allclose(forward, both, rtol=1e-13, atol=1e-13)
 
 

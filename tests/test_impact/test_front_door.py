@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxcontact as jc
-from tests.test_impact.support import finite
+from tests.test_impact.support import finite, impacts
 
 CONTACT = jc.Contact(0.7, 3e8)
 LAW = jc.HuGuo(e=0.6)
@@ -43,11 +43,11 @@ LANES = [GOOD, *(GOOD | bad for bad in BAD), GOOD | {"e": 0.9}]
 
 
 def batch(lanes, name):
-    return jnp.array([x[name] for x in lanes])
+    return np.array([x[name] for x in lanes])
 
 
-def solve(p, method):
-    return jc.impact(jc.HuGuo(e=p["e"]), jc.Contact(p["m"], p["K"]), p["v"], method=method)
+def solve(p, method, by=impacts):
+    return by(jc.HuGuo(e=p["e"]), jc.Contact(p["m"], p["K"]), p["v"], method=method)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -58,7 +58,7 @@ def test_bad_lanes_are_flagged_and_their_neighbours_untouched(method):
     assert (hit.status[good] == jc.Status.SEPARATED).all()
     assert (hit.status[~good] == jc.Status.INVALID_INPUT).all()
     for f in NUMBERS:
-        value = np.asarray(getattr(hit, f))
+        value = getattr(hit, f)
         assert np.isfinite(value[good]).all() and np.isnan(value[~good]).all(), f
     harmless = [x if ok else GOOD for x, ok in zip(LANES, good, strict=True)]
     without = solve({k: batch(harmless, k) for k in names}, method)
@@ -73,7 +73,7 @@ def test_bad_lanes_spoil_no_derivative(method):
 
     def total(shared, own, is_shared):
         p = {k: jnp.where(is_shared[k], shared[k], own[k]) for k in names}
-        hit = solve(p, method)
+        hit = solve(p, method, by=jc.impact)
         good = hit.status == jc.Status.SEPARATED
         numbers = hit.restitution + 1e3 * hit.duration + 1e-5 * hit.max_force
         return jnp.sum(jnp.where(good, numbers, 0))
@@ -99,18 +99,19 @@ def test_lanes_that_did_not_converge_spoil_no_derivative():
 
 
 def test_bad_exponents_and_forces_are_flagged():
-    n = jnp.array([1.5, 0.9, 3.1, np.nan, 2.0, np.inf])
-    hit = jc.impact(LAW, jc.Contact(0.7, 3e8, n), 1.3)
-    assert (hit.status == jnp.array([0, 3, 3, 3, 0, 3])).all()
-    alone = jc.impact(LAW, jc.Contact(0.7, 3e8, 2.0), 1.3)
+    n = np.array([1.5, 0.9, 3.1, np.nan, 2.0, np.inf])
+    hit = impacts(LAW, jc.Contact(0.7, 3e8, n), 1.3)
+    assert (hit.status == [0, 3, 3, 3, 0, 3]).all()
+    alone = impacts(LAW, jc.Contact(0.7, 3e8, 2.0), 1.3)
     assert np.isclose(hit.duration[4], alone.duration, rtol=1e-13, atol=0)
-    linear = jc.impact(jc.KelvinVoigt(e=0.6), jc.Contact(0.7, 3e8, n.at[4].set(1.0)), 1.3)
-    assert (linear.status == jnp.array([3, 3, 3, 3, 0, 3])).all()
-    forces = jnp.array([9.8, np.nan, np.inf, 0.0])
-    pushed = jc.impact(LAW, CONTACT, 1.3, external_force=forces)
-    assert (pushed.status == jnp.array([0, 3, 3, 0])).all()
+    n[4] = 1
+    linear = impacts(jc.KelvinVoigt(e=0.6), jc.Contact(0.7, 3e8, n), 1.3)
+    assert (linear.status == [3, 3, 3, 3, 0, 3]).all()
+    forces = np.array([9.8, np.nan, np.inf, 0.0])
+    pushed = impacts(LAW, CONTACT, 1.3, external_force=forces)
+    assert (pushed.status == [0, 3, 3, 0]).all()
     # A force that is an array is accepted with any value.
-    free = jc.impact(LAW, CONTACT, 1.3)
+    free = impacts(LAW, CONTACT, 1.3)
     assert free.method == "exact" and pushed.method == "event"
     assert np.isclose(pushed.duration[3], free.duration, rtol=1e-8, atol=0)
 
@@ -125,8 +126,8 @@ class Negative(jc.AbstractHuntCrossley):
 
 
 def test_a_damping_factor_of_the_users_is_checked():
-    hit = jc.impact(Negative(jnp.array([0.3, -0.1, np.nan, np.inf])), CONTACT, 1.3)
-    assert (hit.status == jnp.array([0, 3, 3, 3])).all()
+    hit = impacts(Negative(np.array([0.3, -0.1, np.nan, np.inf])), CONTACT, 1.3)
+    assert (hit.status == [0, 3, 3, 3]).all()
 
 
 # --- What raises ----------------------------------------------------------------------------------
@@ -206,7 +207,7 @@ def test_an_adjoint_of_the_users_agrees_with_the_default():
 
 
 def test_too_few_steps_are_not_converged():
-    hit = jc.impact(jc.HuGuo(e=jnp.array([0.6, 0.01])), CONTACT, 1.3, method=jc.Event(max_steps=5))
+    hit = impacts(jc.HuGuo(e=np.array([0.6, 0.01])), CONTACT, 1.3, method=jc.Event(max_steps=5))
     assert (hit.status == jc.Status.NOT_CONVERGED).all()
     for f in NUMBERS:
         assert np.isnan(getattr(hit, f)).all(), f
@@ -238,9 +239,8 @@ def test_shapes_broadcast(method):
     leaves = [leaf for leaf in jax.tree.leaves(hit) if eqx.is_array(leaf)]
     assert len(leaves) >= len(NUMBERS) + 1
     assert all(leaf.shape == (3, 4) for leaf in leaves)
-    one = jc.impact(jc.HuGuo(e=0.7), CONTACT, 3.0, method=method)
+    one = impacts(jc.HuGuo(e=0.7), CONTACT, 3.0, method=method)
     for f in NUMBERS:
-        assert getattr(one, f).shape == ()
         # Vector code rounds differently (measured 4e-16), which changes adaptive steps.
         rtol = 1e-8 if method == "event" else 1e-12
         assert np.isclose(getattr(hit, f)[1, 2], getattr(one, f), rtol=rtol, atol=0), f
@@ -248,7 +248,7 @@ def test_shapes_broadcast(method):
 
 
 def test_the_summary_reads_well():
-    hit = jc.impact(LAW, CONTACT, jnp.array([1.3, -1.0]))
+    hit = impacts(LAW, CONTACT, np.array([1.3, -1.0]))
     text = repr(lane(hit, 0))
     assert text.startswith("Impact by method 'exact'\n") and "separated" in text and "m/s" in text
     assert "1 separated, 1 invalid_input" in repr(hit)
@@ -281,8 +281,8 @@ def test_scaling(mass, stiffness, velocity, e):
 @given(st.floats(0, 1e5), st.floats(1e-6, 1e3))
 @settings(max_examples=20)
 def test_more_damping_means_less_rebound_and_a_longer_shallower_contact(alpha, more):
-    law = jc.Damped(alpha=jnp.array([alpha, alpha * (1 + 1e-6) + more]))
-    hit = jc.impact(law, CONTACT, 1.3)
+    law = jc.Damped(alpha=np.array([alpha, alpha * (1 + 1e-6) + more]))
+    hit = impacts(law, CONTACT, 1.3)
     assert hit.restitution[1] < hit.restitution[0]
     assert hit.max_indentation[1] < hit.max_indentation[0]
     assert hit.duration[1] >= hit.duration[0] * (1 - 1e-13)
