@@ -74,7 +74,7 @@ def test_without_tension_it_parts_where_the_force_vanishes():
 
 
 def test_inertia_ends_what_is_not_linear():
-    hit = linear(np.array([0.1, 2.0, 2.05, 5.0]), 1.2)
+    hit = linear(np.array([0.1, 2.0, 2.05, 5.0]), np.array([1.2]))
     assert (hit.status == jc.Status.SEPARATED).all()
     assert (np.diff(hit.restitution) < 0).all() and (hit.restitution > 0).all()
 
@@ -125,7 +125,7 @@ def test_it_is_that_of_newtons_equation(name):
     np.testing.assert_allclose(hit.min_force, want, rtol=SAMPLED)
 
 
-@pytest.mark.slow("kuwabara_kono", reason="derivatives of an event solve, 15 s of CPU")
+@pytest.mark.slow("kelvin_voigt", "kuwabara_kono", reason="derivatives of one more event solve")
 @pytest.mark.parametrize("name", LAWS)
 def test_an_event_solve_finds_the_same(name):
     made, numbers, n = LAWS[name]

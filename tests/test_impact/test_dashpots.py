@@ -185,6 +185,7 @@ def clamped_lanes(n, kind=float):
     return c_max[:5], d[:5], np.asarray(found)[:, :5], np.asarray(slopes)[:, :5]
 
 
+@pytest.mark.slow("single", reason="as in double precision; derivatives of an event solve")
 @pytest.mark.parametrize(
     ("n", "kind", "tolerance"),
     [(1.5, float, SHARP), (1.0, float, SHARP), (1.5, "float32", SHARP_32)],
