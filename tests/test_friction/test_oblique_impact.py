@@ -97,9 +97,8 @@ def pairs(name):
     )
     place = np.array([1.0, 1.5, 1.0, 2.0, 2.0, 0.6, 0.5, -0.3, 1.0])
     steps = 1e-5 * np.diag(place)
-    lanes = np.vstack(
-        [np.column_stack([random, np.ones(1000)]), place + steps, place - steps, place]
-    )
+    random = np.column_stack([random, np.ones(1000)])
+    lanes = np.vstack([random, place + steps, place - steps, place, place])
 
     def outcome(numbers):
         r1, r2, m1, m2, v, vt, w1, w2, factor = numbers
@@ -114,9 +113,8 @@ def pairs(name):
 
     solve = slopes_of_lanes(outcome)
     # A thousand lanes have a form of their own, whose slopes take longer to compile.
-    halves = [solve(half) for half in np.split(lanes[:-1], 2)]
-    last = solve(np.repeat(lanes[-1:], len(lanes) // 2, axis=0))
-    return lanes, *(np.concatenate([*x, y[:1]]) for *x, y in zip(*halves, last, strict=True))
+    halves = [solve(half) for half in np.split(lanes, 2)]
+    return lanes, *map(np.concatenate, zip(*halves, strict=True))
 
 
 @pytest.mark.parametrize("name", laws_of_friction())

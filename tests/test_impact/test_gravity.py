@@ -18,6 +18,7 @@ from jaxcontact._impact.methods import event_solve
 from jaxcontact._impact.motion.ending import balance_of
 from jaxcontact._impact.motion.motion import State
 from tests import oracle
+from tests.oracle import FIELDS
 from tests.oracle.stored import stored
 from tests.test_impact.support import (
     UNIT,
@@ -89,9 +90,11 @@ def test_strong_damping_creeps_to_rest():
 
 def test_out_of_steps_before_the_turn_is_no_rest():
     """Little speed is left there, and the elastic energy must be counted."""
-    contact, forces = jc.Contact(1.0, 1.0), jnp.array([0.01, 0.1, 1.0])
-    hit = jc.impact(jc.Hertz(), contact, 1.0, external_force=forces, method=jc.Event(max_steps=14))
-    assert (hit.status == jc.Status.NOT_CONVERGED).all() and np.isnan(hit.max_indentation).all()
+    forces, how = np.array([0.01, 0.1, 1.0]), jc.Event(max_steps=14)
+    hit = impacts(jc.Hertz(), UNIT[1.5], external_force=forces, method=how)
+    assert (hit.status == jc.Status.NOT_CONVERGED).all()
+    for name in FIELDS:
+        assert np.isnan(getattr(hit, "restitution" if name == "e" else name)).all(), name
 
 
 def test_a_push_delays_and_a_pull_hastens():
@@ -105,16 +108,6 @@ def test_a_push_delays_and_a_pull_hastens():
     # At x = 0 the constant force has done no work, so e is 1 without damping.
     assert np.allclose(elastic.restitution, 1, rtol=PROMISE)
     assert np.abs(elastic.energy_loss).max() <= LOSS * 0.5 * 0.7 * 0.3**2
-
-
-def test_a_pull_that_the_contact_may_not_follow():
-    # For 1 + α v/v0 < 0 the force is zero, unless the law may pull; then the contact lasts longer.
-    clamped, pulling = (
-        impacts(jc.Damped(alpha=2.0, tension=tension), UNIT[1.5], external_force=-0.5)
-        for tension in (False, True)
-    )
-    assert clamped.status == pulling.status == jc.Status.SEPARATED
-    assert pulling.duration >= clamped.duration * (1 - PROMISE)
 
 
 @stored()
@@ -289,6 +282,7 @@ def test_a_conservative_law_returns_all_under_any_force():
     assert (hit.energy_loss >= 0).all() and (hit.energy_loss < 1e-60).all()
 
 
+@pytest.mark.slow(reason="a bounce with a program of its own: see the test above")
 def test_a_dropped_ball_of_hertz_never_rises():
     heights = jnp.array([1e-12, 1e-10, 1e-8])
     run = jc.bounce(jc.Hertz(), jc.Contact(1.0, 1.4e8), height=heights, gravity_in_contact=True)

@@ -287,14 +287,3 @@ def test_strong_damping_under_a_pull():
     weak, law = np.array([-1e-9, -2e-9, -100.0]), jc.Viscoplastic(yield_speed=0.1, c=2e10)
     hit = impacts(law, HERTZ, 0.5, external_force=weak)
     np.testing.assert_array_equal(hit.status, [2, 2, 0])
-
-
-@pytest.mark.parametrize("law", [jc.ThorntonPlastic, functools.partial(jc.Viscoplastic, c=0.0)])
-def test_derivatives_of_one_time(law):
-    """A single impact has a program of its own, with α = 0 as a constant."""
-
-    def time(speed):
-        return jc.impact(law(yield_speed=0.3), HERTZ, speed).duration
-
-    differences = (time(2.0 + 1e-5) - time(2.0 - 1e-5)) / 2e-5
-    np.testing.assert_allclose(jax.grad(time)(2.0), differences, rtol=SLOPES)

@@ -146,7 +146,6 @@ class Square(jc.AbstractHuntCrossley):
 
 SAME = 1e-14  # the same number on two ways: measured 1e-15
 EVENT = 1e-8  # event solves with tolerance 1e-9: measured 5e-10
-SLOPE = 1e-6  # a derivative of one with 1e-11, against its own differences: measured 5e-8
 
 
 def test_own_law_in_general_form():
@@ -162,14 +161,6 @@ def test_own_law_in_general_form():
     path = jc.trajectory(law, CONTACT, 1.5, samples=20)
     np.testing.assert_allclose(path.velocity[-1], -hit.rebound_velocity, rtol=EVENT)
     np.testing.assert_allclose(path.energy.total, 0.1 * 1.5**2, rtol=EVENT)
-
-    def e(c):
-        return jc.impact(Dashpot(c=c), CONTACT, 1.5, method=jc.Event(rtol=1e-11)).restitution
-
-    cs = jnp.array([1e5, 4e5, 4e5 + 40, 4e5 - 40])
-    batch, slopes = jax.vmap(jax.value_and_grad(e))(cs)
-    np.testing.assert_allclose(batch[1], hit.restitution, rtol=EVENT)
-    np.testing.assert_allclose(slopes[1], (batch[2] - batch[3]) / 80, rtol=SLOPE)
 
 
 def test_own_law_in_the_family():
