@@ -6,8 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import jaxcontact as jc
 from jaxcontact._impact import restitutions
@@ -309,37 +307,3 @@ def test_many_laws_at_once():
         assert np.allclose(got, wanted, rtol=1e-14, atol=0, equal_nan=True)
     assert np.allclose(kelvin_voigt[:-1], ASKED, rtol=1e-14, atol=0)
     assert np.isnan(kelvin_voigt[-1])
-
-
-# --- Properties -----------------------------------------------------------------------------------
-
-positive = st.floats(1e-4, 1e4)
-
-
-@given(positive, positive, positive, st.floats(0.01, 1.0))
-@settings(max_examples=20)
-def test_scaling(mass, stiffness, velocity, e):
-    law, place = jc.Flores(e=jnp.array(e)), [jnp.array(x) for x in (mass, stiffness, velocity)]
-    hit = jc.impact(law, jc.Contact(place[0], place[1]), place[2])
-    unit = jc.impact(law, jc.Contact(jnp.array(1.0), jnp.array(1.0)), jnp.array(1.0))
-    assert hit.restitution == unit.restitution
-    length = (mass * velocity**2 / stiffness) ** 0.4
-    assert np.isclose(hit.duration, unit.duration * length / velocity, rtol=1e-12)
-    lost = 0.5 * mass * velocity**2 * (1 - float(hit.restitution) ** 2)
-    assert np.isclose(hit.energy_loss, lost, rtol=1e-10, atol=1e-12 * mass * velocity**2)
-    assert hit.energy_loss >= 0
-    # The elastic contact is the shortest: 3.218 of its units.
-    assert hit.duration * velocity >= 3.218 * length
-    assert hit.rebound_velocity == hit.restitution * velocity
-
-
-@given(st.floats(0, 1e5), st.floats(1e-6, 1e3))
-@settings(max_examples=20)
-def test_more_damping_means_less_rebound_and_a_longer_shallower_contact(alpha, more):
-    law = jc.Damped(alpha=np.array([alpha, alpha * (1 + 1e-6) + more]))
-    hit = impacts(law, CONTACT, 1.3)
-    assert hit.restitution[1] < hit.restitution[0]
-    assert hit.max_indentation[1] < hit.max_indentation[0]
-    assert hit.duration[1] >= hit.duration[0] * (1 - 1e-13)
-    assert hit.compression_time[1] < hit.compression_time[0] * (1 + 1e-13)
-    assert (hit.max_force > 0).all() and (hit.compression_time < hit.duration).all()

@@ -104,7 +104,8 @@ def test_formulas_and_quadratures(r, alpha):
     expected = np.transpose([by_energy(*pair) for pair in pairs])
     roots = (1.25 * np.square(r)) ** 0.2
     damping = None if alpha is None else np.array(alpha)
-    found = jax.jit(lambda *given: YieldingForm(*given).solve(1.5))(roots, damping)
+    solve = jax.jit(lambda root, alpha: YieldingForm(root=root, alpha=alpha).solve(1.5))
+    found = solve(roots, damping)
     times = [found.duration, found.compression_time]
     np.testing.assert_allclose(found.restitution, expected[0], rtol=FORMULA)
     np.testing.assert_allclose(times, expected[1:3], rtol=QUADRATURE)

@@ -56,6 +56,12 @@ def test_more_damping_never_gives_more_rebound(family, method, numbers):
     e, lost = hit.restitution[good], hit.energy_loss[good]
     assert np.all((e >= 0) & (e <= 1)) and np.all((lost >= 0) & (lost <= 0.5))
     assert np.all(np.diff(e) <= ORDER * e[1:])
+    if (family, method) == ("hunt_crossley", "auto"):
+        # The contact is shallower and lasts longer.
+        assert np.all(np.diff(hit.max_indentation) <= 1e-13)
+        assert np.all(np.diff(hit.duration) >= -1e-13 * hit.duration[1:])
+        assert np.all(np.diff(hit.compression_time) <= 1e-13)
+        assert (hit.max_force > 0).all() and (hit.compression_time < hit.duration).all()
     # Weakly damped lanes are never flagged.
     assert np.all(good[numbers < 0.1])
 
@@ -95,6 +101,8 @@ def test_units_drop_out(numbers, m, k, v):
         np.testing.assert_allclose(
             getattr(hit, name), expected, rtol=UNITS, atol=TINY, err_msg=name
         )
+    # The elastic contact is the shortest: 3.218 of its units.
+    assert np.all(unit.duration >= 3.218)
 
 
 @given(numbers=lanes(st.floats(-6, 1.3).map(lambda x: 10**x)))

@@ -110,6 +110,7 @@ def test_a_traced_exponent_in_closed_form():
 ALPHAS = [0.0, 0.3, 2.0, 14.4]
 
 
+@pytest.mark.slow("phase", reason="slopes of one more solve; values in a test below")
 @pytest.mark.parametrize("method", ["event", "phase"])
 def test_the_other_methods(method):
     some = [c for a in ALPHAS for c in grid("hunt_crossley", n=1.5, alpha=a)]
