@@ -12,7 +12,17 @@ from mpmath import mp, mpf
 import jaxcontact as jc
 from tests.oracle.stored import stored
 from tests.test_impact import units
-from tests.test_impact.support import column, given_ratio, grid, outcome, scaled, slopes, values
+from tests.test_impact.support import (
+    both_jacobians,
+    column,
+    given_ratio,
+    grid,
+    outcome,
+    scaled,
+    slopes,
+    slopes_of_lanes,
+    values,
+)
 from tests.test_impact.test_warm_calls import work_of
 
 TOLERANCE = {"exact": 1e-11, "event": 1e-7, "phase": 1e-7}
@@ -88,52 +98,33 @@ def problem(largest: float):
     return some, p, of_alpha
 
 
-def both_modes(solve, p):
-    """The outcome and its slopes by every number in `p`, forward and in reverse, by one solve."""
-    outcome, forward = jax.linearize(solve, p)
-    backward = jax.linear_transpose(forward, p)
-
-    def basis(tree):
-        return dict(zip(tree, jnp.eye(len(tree)), strict=True))
-
-    ahead, back = jax.vmap(forward)(basis(p)), jax.vmap(backward)(basis(outcome))[0]
-    return (
-        outcome,
-        {f: dict(zip(p, ahead[f], strict=True)) for f in outcome},
-        {f: {by: back[by][i] for by in p} for i, f in enumerate(outcome)},
-    )
-
-
-def quantities(hit):
-    return {"e": hit.restitution} | {f: getattr(hit, f) for f in units.QUANTITIES if f != "e"}
-
-
 @pytest.mark.slow("event-False", "phase-False", reason="derivatives of solves by all parameters")
 @pytest.mark.parametrize(
     ("method", "traced"), [("exact", True), ("exact", False), ("event", False), ("phase", False)]
 )
 def test_first_derivatives_by_every_parameter(method, traced):
     some, p, of_alpha = problem(RANGE[method])
-    parameters = {k: jnp.asarray(x) for k, x in p.items() if traced or k != "n"}
+    names = [k for k in p if traced or k != "n"]
 
-    def solve(p):
-        contact = jc.Contact(p["m"], p["K"], p["n"] if traced else 1.5)
-        law = Threefold(
-            p["alpha"], jc.EnergyLoss(e=p["e"], beta=p["beta"]), jc.ConstantDamping(c=p["c"])
-        )
-        return quantities(jc.impact(law, contact, p["v"], method=METHODS[method]))
+    def solve(numbers):
+        p = {"n": 1.5} | dict(zip(names, numbers, strict=True))
+        loss, constant = jc.EnergyLoss(e=p["e"], beta=p["beta"]), jc.ConstantDamping(c=p["c"])
+        law, contact = Threefold(p["alpha"], loss, constant), jc.Contact(p["m"], p["K"], p["n"])
+        hit = outcome(jc.impact(law, contact, p["v"], method=METHODS[method]))
+        return jnp.stack([hit[f] for f in units.QUANTITIES])
 
+    lanes = jnp.stack([p[k] for k in names], axis=1)
     # Not under `jit`: XLA compiles the parts of an impact faster one by one.
-    got, forward, reverse = jax.vmap(lambda p: both_modes(solve, p))(parameters)
+    got, *both = jax.vmap(lambda p: both_jacobians(solve, p))(lanes)
     value, by_alpha, by_n = values(some), slopes(some, "alpha"), slopes(some, "n")
-    for f in units.QUANTITIES:
+    for i, f in enumerate(units.QUANTITIES):
         in_si = np.float64(units.unit(f, p) * value[f])
-        assert np.allclose(got[f], in_si, rtol=TOLERANCE[method], atol=0), f
-        for by in parameters:
+        assert np.allclose(got[:, i], in_si, rtol=TOLERANCE[method], atol=0), f
+        for j, by in enumerate(names):
             want = units.slope(f, by, p, value[f], by_alpha[f], by_n[f], of_alpha[by])
             size = np.maximum(np.abs(want), SMALL * units.natural(f, by, p))
-            for mode, slope in (("forward", forward), ("reverse", reverse)):
-                error = np.max(np.abs(np.asarray(slope[f][by]) - want) / size)
+            for mode, slope in zip(("forward", "reverse"), both, strict=True):
+                error = np.max(np.abs(np.asarray(slope)[:, i, j] - want) / size)
                 assert error <= TOLERANCE[method], f"d {f}/d {by}, {mode}: {error:.2e}"
 
 
@@ -171,19 +162,13 @@ def test_oscillators_by_their_damping_ratio(ending):
     some = grid("oscillator", ending=ending, n=1.5)
 
     def solve(zeta):
-        return outcome(scaled(given_ratio(zeta, ending), 1.5))
-
-    @jax.jit
-    def everything(zeta):
-        ones = jnp.ones_like(zeta)
-        solved, back = jax.vjp(solve, zeta)
-        zeros = jax.tree.map(jnp.zeros_like, solved)
-        reverse = {f: back(zeros | {f: ones})[0] for f in units.QUANTITIES}
-        return jax.jvp(solve, (zeta,), (ones,))[1], reverse
+        found = outcome(scaled(given_ratio(zeta[0], ending), 1.5))
+        return jnp.stack([found[f] for f in units.QUANTITIES])
 
     zeta = column(some, "zeta")
-    for slope in everything(zeta):
-        assert_slopes(slope, slopes(some, "zeta"), FIRST, zeta, "slope")
+    for slope in slopes_of_lanes(solve)(zeta[:, None])[1:]:
+        found = dict(zip(units.QUANTITIES, slope[..., 0].T, strict=True))
+        assert_slopes(found, slopes(some, "zeta"), FIRST, zeta, "slope")
 
 
 def test_slopes_of_a_strongly_damped_impact_are_the_same_in_other_units():
