@@ -13,7 +13,6 @@ import jaxcontact as jc
 from tests.oracle.stored import stored
 from tests.test_impact import units
 from tests.test_impact.support import (
-    both_jacobians,
     column,
     given_ratio,
     grid,
@@ -113,9 +112,7 @@ def test_first_derivatives_by_every_parameter(method, traced):
         hit = outcome(jc.impact(law, contact, p["v"], method=METHODS[method]))
         return jnp.stack([hit[f] for f in units.QUANTITIES])
 
-    lanes = jnp.stack([p[k] for k in names], axis=1)
-    # Not under `jit`: XLA compiles the parts of an impact faster one by one.
-    got, *both = jax.vmap(lambda p: both_jacobians(solve, p))(lanes)
+    got, *both = slopes_of_lanes(solve)(np.stack([p[k] for k in names], axis=1))
     value, by_alpha, by_n = values(some), slopes(some, "alpha"), slopes(some, "n")
     for i, f in enumerate(units.QUANTITIES):
         in_si = np.float64(units.unit(f, p) * value[f])
@@ -124,7 +121,7 @@ def test_first_derivatives_by_every_parameter(method, traced):
             want = units.slope(f, by, p, value[f], by_alpha[f], by_n[f], of_alpha[by])
             size = np.maximum(np.abs(want), SMALL * units.natural(f, by, p))
             for mode, slope in zip(("forward", "reverse"), both, strict=True):
-                error = np.max(np.abs(np.asarray(slope)[:, i, j] - want) / size)
+                error = np.max(np.abs(slope[:, i, j] - want) / size)
                 assert error <= TOLERANCE[method], f"d {f}/d {by}, {mode}: {error:.2e}"
 
 
