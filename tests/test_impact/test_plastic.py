@@ -177,9 +177,9 @@ def followed(name):
 
 
 @stored()
-def of_a_pair(name, until):
+def of_a_pair(name, duration):
     """e, when the gap opens, and the largest force; both bodies have twice the effective mass."""
-    found = follow([LAWS[name][2]], [0.6, 0.6], [0.0], [1.0, -1.0], until)
+    found = follow([LAWS[name][2]], [0.6, 0.6], [0.0], [1.0, -1.0], 3 * duration)
     return (found.velocity[1] - found.velocity[0]) / 2, found.opening[0], found.strongest[0]
 
 
@@ -187,7 +187,7 @@ def of_a_pair(name, until):
 def test_impacts_beside_scipy(name):
     """A free impact, from touch to the end of its force, where the bodies are still indented."""
     hit = solved(name, "exact")
-    e, opening, strongest = of_a_pair(name, float(f"{3 * hit.duration:.2g}"))
+    e, opening, strongest = of_a_pair(name, float(hit.duration))
     np.testing.assert_allclose(hit.restitution, e, rtol=BY_SCIPY)
     np.testing.assert_allclose(hit.energy_loss, 0.6 * (1 - e**2), atol=BY_SCIPY)
     if name != "viscoplastic":
