@@ -66,7 +66,7 @@ settings.load_profile("jaxcontact")
 _LONG = (
     "test_random_mechanisms test_friction_soft test_chains test_force_ends test_weight "
     "test_friction_coupled test_friction_gradients test_soft_runs test_every_argument "
-    "test_every_law test_float32 test_between_roundings test_oblique_impact test_dashpots"
+    "test_every_law test_rounding test_oblique_impact test_dashpots test_gravity"
 ).split()
 _PLACE = {name: place for place, name in enumerate(_LONG)}
 

@@ -1,6 +1,5 @@
 """Shared by these tests: the oracle's grid as arrays, its names for an outcome, and units."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -45,9 +44,9 @@ def grid(function: str, **fixed):
     return [c for c in cases(function) if all(c.args[k] == x for k, x in fixed.items())]
 
 
-def column(some, name: str) -> jax.Array:
+def column(some, name: str) -> np.ndarray:
     """An argument of the cases, as an array."""
-    return jnp.array([c.args[name] for c in some])
+    return np.array([c.args[name] for c in some], float)
 
 
 def values(some) -> dict[str, np.ndarray]:
@@ -58,6 +57,33 @@ def slopes(some, by: str, table: str = "d") -> dict[str, np.ndarray]:
     """A derivative of the outcome, case by case; NaN where the outcome has a kink."""
     rows = [getattr(c, table)[by] for c in some]
     return {f: np.array([np.nan if r[f] is None else r[f] for r in rows]) for f in FIELDS}
+
+
+LANES = 16  # as many as the oracle has for one exponent
+
+
+def impacts(law, contact, velocity=1.0, **options):
+    """`jc.impact` of a row of numbers, in single precision if one of them is, as NumPy arrays.
+
+    All numbers fill `LANES` lanes a call, so that calls of one form, exponent and method share a
+    program.
+    """
+    push = options.pop("external_force", None)
+    given = jax.tree.map(np.asarray, (law, contact, velocity, push))
+    leaves = jax.tree.leaves(given)
+    kind = np.float32 if any(x.dtype == np.float32 for x in leaves) else float
+    asked = np.broadcast_shapes(*(x.shape for x in leaves))
+    (count,) = asked or (1,)
+    rows = -(-count // LANES)
+
+    def filled(x):
+        return np.resize(np.broadcast_to(x.astype(kind), count), (rows, LANES))
+
+    given, hits = jax.tree.map(filled, given), []
+    for row in range(rows):
+        law, contact, velocity, push = jax.tree.map(lambda x, row=row: jnp.asarray(x[row]), given)
+        hits.append(jc.impact(law, contact, velocity, external_force=push, **options))
+    return jax.tree.map(lambda *x: np.concatenate(x)[:count].reshape(asked), *hits)
 
 
 def outcome(hit, initial_energy=0.5) -> dict[str, jax.Array]:
@@ -110,7 +136,7 @@ def central(solve, at, k, h):
 
 
 def finite(tree) -> bool:
-    return all(bool(jnp.all(jnp.isfinite(x))) for x in jax.tree.leaves(tree) if eqx.is_array(x))
+    return all(np.isfinite(x).all() for x in jax.tree.leaves(tree))
 
 
 def assert_same(found, wanted, names, at=(), **within):

@@ -1,4 +1,7 @@
-"""First derivatives in both modes, second ones of the closed form, against the oracle."""
+"""First derivatives in both modes, second ones of the closed form, against the oracle.
+
+Derivatives of concrete numbers outside `jit` equal those inside, for every transformation.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -7,8 +10,19 @@ import pytest
 from mpmath import mp, mpf
 
 import jaxcontact as jc
+from tests.oracle.stored import stored
 from tests.test_impact import units
-from tests.test_impact.support import column, given_ratio, grid, outcome, scaled, slopes, values
+from tests.test_impact.support import (
+    column,
+    given_ratio,
+    grid,
+    outcome,
+    scaled,
+    slopes,
+    slopes_of_lanes,
+    values,
+)
+from tests.test_impact.test_warm_calls import work_of
 
 TOLERANCE = {"exact": 1e-11, "event": 1e-7, "phase": 1e-7}
 """Relative to the derivative or, where that is small, to 1e-3 of its unit: measured 2e-14, 3e-8
@@ -38,6 +52,7 @@ class Threefold(jc.AbstractHuntCrossley):
         return self.alpha + sum(part.damping_factor(contact, velocity) for part in parts)
 
 
+@stored()
 def energy_loss_numbers(n, beta):
     """g, dg/dβ and dg/dn of α = g (1-e)/e, from the integral itself."""
 
@@ -63,7 +78,7 @@ def problem(largest: float):
     }
     p = {k: np.resize(np.array(x), alpha.shape) for k, x in places.items()}
     g, g_beta, g_n = np.array(
-        [energy_loss_numbers(n, b) for n, b in zip(p["n"], p["beta"], strict=True)]
+        [energy_loss_numbers(float(n), float(b)) for n, b in zip(p["n"], p["beta"], strict=True)]
     ).T
     # Fractions of α for which no derivative is a difference of large numbers.
     by_e, by_c = 0.2 * alpha, 0.5 * alpha
@@ -82,52 +97,31 @@ def problem(largest: float):
     return some, p, of_alpha
 
 
-def both_modes(solve, p):
-    """The outcome and its slopes by every number in `p`, forward and in reverse, by one solve."""
-    outcome, forward = jax.linearize(solve, p)
-    backward = jax.linear_transpose(forward, p)
-
-    def basis(tree):
-        return dict(zip(tree, jnp.eye(len(tree)), strict=True))
-
-    ahead, back = jax.vmap(forward)(basis(p)), jax.vmap(backward)(basis(outcome))[0]
-    return (
-        outcome,
-        {f: dict(zip(p, ahead[f], strict=True)) for f in outcome},
-        {f: {by: back[by][i] for by in p} for i, f in enumerate(outcome)},
-    )
-
-
-def quantities(hit):
-    return {"e": hit.restitution} | {f: getattr(hit, f) for f in units.QUANTITIES if f != "e"}
-
-
 @pytest.mark.slow("event-False", "phase-False", reason="derivatives of solves by all parameters")
 @pytest.mark.parametrize(
     ("method", "traced"), [("exact", True), ("exact", False), ("event", False), ("phase", False)]
 )
 def test_first_derivatives_by_every_parameter(method, traced):
     some, p, of_alpha = problem(RANGE[method])
-    parameters = {k: jnp.asarray(x) for k, x in p.items() if traced or k != "n"}
+    names = [k for k in p if traced or k != "n"]
 
-    def solve(p):
-        contact = jc.Contact(p["m"], p["K"], p["n"] if traced else 1.5)
-        law = Threefold(
-            p["alpha"], jc.EnergyLoss(e=p["e"], beta=p["beta"]), jc.ConstantDamping(c=p["c"])
-        )
-        return quantities(jc.impact(law, contact, p["v"], method=METHODS[method]))
+    def solve(numbers):
+        p = {"n": 1.5} | dict(zip(names, numbers, strict=True))
+        loss, constant = jc.EnergyLoss(e=p["e"], beta=p["beta"]), jc.ConstantDamping(c=p["c"])
+        law, contact = Threefold(p["alpha"], loss, constant), jc.Contact(p["m"], p["K"], p["n"])
+        hit = outcome(jc.impact(law, contact, p["v"], method=METHODS[method]))
+        return jnp.stack([hit[f] for f in units.QUANTITIES])
 
-    # Not under `jit`: XLA compiles the parts of an impact faster one by one.
-    got, forward, reverse = jax.vmap(lambda p: both_modes(solve, p))(parameters)
+    got, *both = slopes_of_lanes(solve)(np.stack([p[k] for k in names], axis=1))
     value, by_alpha, by_n = values(some), slopes(some, "alpha"), slopes(some, "n")
-    for f in units.QUANTITIES:
+    for i, f in enumerate(units.QUANTITIES):
         in_si = np.float64(units.unit(f, p) * value[f])
-        assert np.allclose(got[f], in_si, rtol=TOLERANCE[method], atol=0), f
-        for by in parameters:
+        assert np.allclose(got[:, i], in_si, rtol=TOLERANCE[method], atol=0), f
+        for j, by in enumerate(names):
             want = units.slope(f, by, p, value[f], by_alpha[f], by_n[f], of_alpha[by])
             size = np.maximum(np.abs(want), SMALL * units.natural(f, by, p))
-            for mode, slope in (("forward", forward), ("reverse", reverse)):
-                error = np.max(np.abs(np.asarray(slope[f][by]) - want) / size)
+            for mode, slope in zip(("forward", "reverse"), both, strict=True):
+                error = np.max(np.abs(slope[:, i, j] - want) / size)
                 assert error <= TOLERANCE[method], f"d {f}/d {by}, {mode}: {error:.2e}"
 
 
@@ -165,19 +159,13 @@ def test_oscillators_by_their_damping_ratio(ending):
     some = grid("oscillator", ending=ending, n=1.5)
 
     def solve(zeta):
-        return outcome(scaled(given_ratio(zeta, ending), 1.5))
-
-    @jax.jit
-    def everything(zeta):
-        ones = jnp.ones_like(zeta)
-        solved, back = jax.vjp(solve, zeta)
-        zeros = jax.tree.map(jnp.zeros_like, solved)
-        reverse = {f: back(zeros | {f: ones})[0] for f in units.QUANTITIES}
-        return jax.jvp(solve, (zeta,), (ones,))[1], reverse
+        found = outcome(scaled(given_ratio(zeta[0], ending), 1.5))
+        return jnp.stack([found[f] for f in units.QUANTITIES])
 
     zeta = column(some, "zeta")
-    for slope in everything(zeta):
-        assert_slopes(slope, slopes(some, "zeta"), FIRST, zeta, "slope")
+    for slope in slopes_of_lanes(solve)(zeta[:, None])[1:]:
+        found = dict(zip(units.QUANTITIES, slope[..., 0].T, strict=True))
+        assert_slopes(found, slopes(some, "zeta"), FIRST, zeta, "slope")
 
 
 def test_slopes_of_a_strongly_damped_impact_are_the_same_in_other_units():
@@ -196,3 +184,125 @@ def test_slopes_of_a_strongly_damped_impact_are_the_same_in_other_units():
         along = [x if j == k else np.zeros_like(x) for j in range(2)]
         one, other = jax.jvp(restitution, tuple(given.values()), tuple(along))[1]
         assert abs(one / other - 1) < TOLERANCE["event"]
+
+
+# --- Of concrete numbers --------------------------------------------------------------------------
+
+
+ROUNDING = {np.float64: 1e-12, np.float32: 2e-5}
+"""Relative: one program is compiled for the value and the slopes, and rounds otherwise."""
+
+NUMBERS = (0.6, 1.3, 1.4e8, 4.2)  # e, mass, stiffness and speed
+
+
+def observed(e, mass=1.3, stiffness=1.4e8, speed=4.2):
+    hit = jc.impact(jc.HuGuo(e=e), jc.Contact(mass, stiffness), speed)
+    return jnp.stack([hit.restitution, hit.duration * 1e3, hit.max_force / 1e4])
+
+
+def total(*numbers):
+    return observed(*numbers).sum()
+
+
+def without_times(*numbers):
+    """For second derivatives, whose program of a duration takes seconds."""
+    return observed(*numbers)[::2]
+
+
+EVERY = (0, 1, 2, 3)
+ALONG = (1.0, 0.0, 1e7, -0.3)
+TRANSFORMS = {
+    "grad": lambda f: jax.grad(lambda *x: f(*x).sum(), EVERY),
+    "jacfwd": lambda f: jax.jacfwd(f, EVERY),
+    "jacrev": lambda f: jax.jacrev(f, EVERY),
+    "jvp": lambda f: lambda *x: jax.jvp(f, x, ALONG),
+    "linearize": lambda f: lambda *x: jax.linearize(f, *x)[1](*ALONG),
+    "grad of jit": lambda f: jax.grad(jax.jit(lambda *x: f(*x).sum()), EVERY),
+    "of one": jax.jacfwd,
+}
+TWICE = {
+    "hessian": lambda f: jax.jacfwd(jax.grad(lambda *x: f(*x).sum())),
+    "reverse over forward": lambda f: jax.grad(lambda *x: jax.jacfwd(f)(*x).sum()),
+}
+
+
+@pytest.fixture(scope="module")
+def within():
+    """Of every transform, by one program: value, slopes by all numbers, and twice by e."""
+
+    @jax.jit
+    def everything(*numbers):
+        twice = jax.hessian(lambda *x: without_times(*x).sum())(*numbers)
+        return observed(*numbers), jnp.stack(jax.jacfwd(observed, EVERY)(*numbers)), twice
+
+    value, slopes, twice = everything(*NUMBERS)
+    along = np.array(ALONG) @ slopes
+    return {
+        "grad": slopes.sum(axis=1),
+        "jacfwd": slopes,
+        "jacrev": slopes,
+        "jvp": [value, along],
+        "linearize": along,
+        "grad of jit": slopes.sum(axis=1),
+        "of one": slopes[0],
+        "hessian": twice,
+        "reverse over forward": twice,
+    }
+
+
+@pytest.mark.parametrize("name", [*TRANSFORMS, *TWICE])
+def test_a_derivative_is_that_within_a_program(name, within):
+    of = TRANSFORMS[name](observed) if name in TRANSFORMS else TWICE[name](without_times)
+    found = of(*NUMBERS)
+    np.testing.assert_allclose(found, within[name], rtol=ROUNDING[np.float64])
+
+
+def test_in_single_precision(within):
+    found = jax.jacfwd(observed, EVERY)(*(jnp.float32(x) for x in NUMBERS))
+    assert {x.dtype for x in found} == {jnp.dtype("float32")}
+    np.testing.assert_allclose(found, within["jacfwd"], rtol=ROUNDING[np.float32])
+
+
+def test_batches_of_derivatives_and_derivatives_of_batches():
+    e = jnp.linspace(0.3, 0.9, 4)
+    singly = [jax.grad(total)(x) for x in e]
+    np.testing.assert_allclose(jax.vmap(jax.grad(total))(e), singly, rtol=ROUNDING[np.float64])
+    batch = jax.grad(lambda e: jax.vmap(total)(e).sum())(e)
+    np.testing.assert_allclose(batch, singly, rtol=ROUNDING[np.float64])
+
+
+@pytest.mark.slow("event", reason="the event solve is compiled twice, for ten seconds")
+@pytest.mark.parametrize("method", ["event", "phase"])
+def test_of_a_solve_beside_flags_and_counts(method):
+    def solved(e, push):
+        how = {} if method == "phase" else {"external_force": push}
+        hit = jc.impact(jc.HuGuo(e=e), jc.Contact(1.0, 1e8), 1.0, method=method, **how)
+        return hit.restitution + hit.duration * 1e3, (hit.status, hit.steps, hit.error_estimate)
+
+    take = jax.value_and_grad(solved, (0, 1), has_aux=True)
+    (value, aux), slopes = take(0.6, 30.0)
+    (want, want_aux), want_slopes = jax.jit(take)(0.6, 30.0)
+    np.testing.assert_allclose([value, *slopes], [want, *want_slopes], rtol=1e-10)
+    assert jax.tree.map(jnp.result_type, aux) == jax.tree.map(jnp.result_type, want_aux)
+    assert int(aux[0]) == int(want_aux[0])
+
+
+def test_a_law_that_closes_over_a_number_beneath_the_derivative():
+    """A number that is no argument of the program has no slope there."""
+
+    def force(e, speed):
+        class Mine(jc.AbstractHuntCrossley):
+            number: jax.Array
+
+            def damping_factor(self, contact=None, velocity=None):
+                return self.number * (1 - e) / e
+
+        return jc.impact(Mine(number=jnp.asarray(1.5)), jc.Contact(1.0, 1e8), speed).max_force
+
+    found, want = (f(0.6, 2.0) for f in (jax.grad(force, (0, 1)), jax.jit(jax.grad(force, (0, 1)))))
+    np.testing.assert_allclose(found, want, rtol=ROUNDING[np.float64])
+
+
+def test_a_warm_derivative_compiles_and_traces_nothing_of_the_solve():
+    jax.grad(total)(0.6)
+    assert "trace_to_jaxpr" not in work_of(lambda: jax.grad(total)(0.7))

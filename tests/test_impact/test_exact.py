@@ -15,6 +15,7 @@ from mpmath import mp, mpf
 import jaxcontact as jc
 from tests import oracle
 from tests.oracle import FIELDS, kuwabara_kono
+from tests.oracle.stored import stored
 from tests.oracle.viscoelastic_series import FILE
 from tests.test_impact import units
 from tests.test_impact.support import (
@@ -24,6 +25,7 @@ from tests.test_impact.support import (
     errors,
     family,
     grid,
+    impacts,
     outcome,
     scaled,
     slopes,
@@ -45,7 +47,8 @@ TOLERANCES = {
 
 FAMILIES = [("hunt_crossley", {})]
 FAMILIES += [("oscillator", {"ending": ending}) for ending in ("tension", "clamped", "approach")]
-EXPONENTS = [{"n": n} for n in (1.0, 1.25, 1.5, 2.0, 3.0)] + [{}]
+# All other exponents are those of the traced one.
+EXPONENTS = [{"n": n} for n in (1.0, 1.5, 3.0)] + [{}]
 
 
 @pytest.mark.parametrize(
@@ -91,8 +94,8 @@ def assert_front_door(hit, want, p):
 
 def test_hunt_crossley_in_si_units():
     some = [c for a in ALPHAS for c in grid("hunt_crossley", n=1.5, alpha=a)]
-    contact = jc.Contact(jnp.asarray(POINTS["m"]), jnp.asarray(POINTS["K"]))
-    hit = jc.impact(jc.Damped(alpha=jnp.array(ALPHAS)), contact, jnp.asarray(POINTS["v"]))
+    contact = jc.Contact(POINTS["m"], POINTS["K"])
+    hit = impacts(jc.Damped(alpha=np.array(ALPHAS)), contact, POINTS["v"])
     assert_front_door(hit, in_si(values(some), POINTS), POINTS)
 
 
@@ -106,18 +109,24 @@ OSCILLATORS = {
 }
 
 
+@stored()
+def by_the_oracle(name, e):
+    _, n, ratio, ending = OSCILLATORS[name]
+    with mp.workdps(50):
+        solved = oracle.oscillator(ratio(mpf(e)), n, ending)
+    return np.array([float(getattr(solved, f)) for f in FIELDS])
+
+
 @pytest.mark.parametrize("name", OSCILLATORS)
 def test_oscillator_laws_in_si_units(name):
-    law, n, ratio, ending = OSCILLATORS[name]
+    law, n, *_ = OSCILLATORS[name]
     options = {"tension": False} if name == "kelvin_voigt_clamped" else {}
     asked = [0.2, 0.6, 0.9]
-    with mp.workdps(50):
-        solved = [oracle.oscillator(ratio(mpf(e)), n, ending) for e in asked]
-    scaled = {f: np.array([float(getattr(s, f)) for s in solved]) for f in oracle.FIELDS}
+    numbers = np.transpose([by_the_oracle(name, e) for e in asked])
     p = {k: x[:3] for k, x in POINTS.items()} | {"n": np.full(3, n)}
-    contact = jc.Contact(jnp.asarray(p["m"]), jnp.asarray(p["K"]), n)
-    hit = jc.impact(law(e=jnp.array(asked), **options), contact, jnp.asarray(p["v"]))
-    assert_front_door(hit, in_si(scaled, p), p)
+    contact = jc.Contact(p["m"], p["K"], n)
+    hit = impacts(law(e=np.array(asked), **options), contact, p["v"])
+    assert_front_door(hit, in_si(dict(zip(FIELDS, numbers, strict=True)), p), p)
     if name.startswith(("kelvin_voigt", "antypov")):
         assert np.allclose(hit.restitution, asked, rtol=FORMULA, atol=0)
 
@@ -138,8 +147,8 @@ def law(a, tension):
     return jc.KuwabaraKono(A=a, tension=tension)
 
 
-def solved(a, tension, **options):
-    return outcome(jc.impact(law(a, tension), UNIT[1.5], 1.0, **options))
+def solved(a, tension):
+    return outcome(jc.impact(law(a, tension), UNIT[1.5], 1.0))
 
 
 LANES = 256  # of every call, so that all share one program; the last ones are filled
@@ -162,7 +171,7 @@ def program(tension):
     compiled = jax.jit(all_of)
 
     def padded(a):
-        filled = jnp.asarray(np.append(a, np.full(LANES - len(a), 0.3)))
+        filled = np.append(a, np.full(LANES - len(a), 0.3))
         return jax.tree.map(lambda x: np.asarray(x)[: len(a)], compiled(filled))
 
     return padded
@@ -185,7 +194,7 @@ def test_the_stored_cases(tension):
 
 @pytest.mark.parametrize("tension", [True, False])
 def test_second_derivatives(tension):
-    a = jnp.array([1e-3, 0.3, 1.9, 2.8, 6.0, 40.0])
+    a = np.array([1e-3, 0.3, 1.9, 2.8, 6.0, 40.0])
     h = 1e-5 * a
     _, _, second = program(tension)(a)
     (_, high, _), (_, low, _) = (program(tension)(a + sign * h) for sign in (1, -1))
@@ -198,7 +207,7 @@ def test_second_derivatives(tension):
 def test_pieces_fit_together(tension):
     """The value, slope and second derivative of both pieces where they meet."""
     a = np.array(ENDS[1:])
-    below, above = (program(tension)(jnp.asarray(np.nextafter(a, to))) for to in (0, np.inf))
+    below, above = (program(tension)(np.nextafter(a, to)) for to in (0, np.inf))
     for order, tolerance in enumerate((1e-14, 1e-12, 1e-10)):
         for f in FIELDS:
             np.testing.assert_allclose(
@@ -206,27 +215,33 @@ def test_pieces_fit_together(tension):
             )
 
 
+@stored()
+def by_taylor(a, tension):
+    found = kuwabara_kono(a, "1.5", tension)
+    return np.array([float(getattr(found, f)) for f in FIELDS])
+
+
 @pytest.mark.parametrize(("a", "tension"), [("0.37", True), ("4.4", True), ("2.3", False)])
 def test_new_cases_of_the_oracle(a, tension):
-    want = kuwabara_kono(float(a), "1.5", tension)
-    got = program(tension)(jnp.array([float(a)]))[0]
-    found = errors(got, {f: np.array([getattr(want, f)]) for f in FIELDS})
+    want = by_taylor(float(a), tension)
+    got = program(tension)(np.array([float(a)]))[0]
+    found = errors(got, dict(zip(FIELDS, want[:, None], strict=True)))
     assert_within(found, EXACT)
 
 
 @pytest.mark.parametrize("tension", [True, False])
 def test_an_event_solve_knows_nothing_of_the_series(tension):
-    a = jnp.asarray(np.append(0.0, np.geomspace(1e-4, 30, 63)))
-    event = solved(a, tension, method=jc.Event(rtol=1e-12))
+    a = np.append(0.0, np.geomspace(1e-4, 30, 63))
+    event = outcome(impacts(law(a, tension), UNIT[1.5], method=jc.Event(rtol=1e-12)))
     assert_within(errors(program(tension)(a)[0], event), dict.fromkeys(FIELDS, EVENT), a)
 
 
 def test_the_limits_of_strong_damping():
-    a = jnp.array([10.0, 1e3, 1e6, 1e12, 1e20])
+    a = np.array([10.0, 1e3, 1e6, 1e12, 1e20])
     pulling, clamped = program(True)(a)[0], program(False)(a)[0]
     # The creep back is independent of the impact: e a^5 and (duration/a - 5 ln a) become constants.
     np.testing.assert_allclose(pulling["e"] * a**5, 0.67929306393648530, rtol=1e-12)
-    rest = np.asarray(pulling["duration"] / a - 5 * jnp.log(a))
+    rest = pulling["duration"] / a - 5 * np.log(a)
     assert np.ptp(rest[2:]) < 1e-7 and rest[4] == pytest.approx(-0.35936705665442545, abs=1e-10)
     for name in ("max_indentation", "compression_time", "max_force"):
         np.testing.assert_array_equal(pulling[name], clamped[name])
@@ -236,19 +251,17 @@ def test_the_limits_of_strong_damping():
 
 
 def test_single_precision():
-    a = np.append(0, np.geomspace(1e-5, 1e3, 200))
+    a = np.append(0, np.geomspace(1e-5, 1e3, 200)).astype(np.float32)
     for tension in (True, False):
-        contact = jc.Contact(*jnp.ones(2, jnp.float32), 1.5)
-        lanes = jnp.asarray(a, jnp.float32)
-        got = outcome(jc.impact(law(lanes, tension), contact, jnp.float32(1)))
-        want = program(tension)(jnp.asarray(lanes, float))[0]
-        assert all(got[f].dtype == jnp.float32 for f in FIELDS)
+        got = outcome(impacts(law(a, tension), UNIT[1.5]))
+        want = program(tension)(a.astype(float))[0]
+        assert all(got[f].dtype == np.float32 for f in FIELDS)
         assert_within(errors(got, want), dict.fromkeys(FIELDS, SINGLE), a)
 
 
 def test_bad_lanes_are_flagged():
-    a = jnp.array([0.3, -0.1, jnp.nan, jnp.inf, 0.3])
-    hit = jc.impact(law(a, True), UNIT[1.5], 1.0)
+    a = np.array([0.3, -0.1, np.nan, np.inf, 0.3])
+    hit = impacts(law(a, True), UNIT[1.5])
     good = np.array([True, False, False, False, True])
     assert ((hit.status == jc.Status.SEPARATED) == good).all()
     assert (np.isfinite(hit.restitution) == good).all()

@@ -1,20 +1,16 @@
 """Properties of every law for any damping and push: energy, order, units.
 
-Each family of forces is one compiled function of a fixed number of lanes, which hypothesis fills.
+Each family of forces has one program of a fixed number of lanes, which hypothesis fills.
 """
 
-import functools
-
-import equinox as eqx
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxcontact as jc
-from tests.test_impact.support import given_ratio
+from tests.test_impact.support import LANES, given_ratio, impacts
 
-LANES = 16
 UNITS = 1e-12  # powers of numbers up to 1e±12: measured 2e-14
 TINY = np.finfo(float).tiny  # what is smaller is flushed to zero
 AGREE = 1e-8  # rEADME's bound of event solves, which is ten times that of the phase method
@@ -36,23 +32,14 @@ def lanes(one):
     return st.lists(one, min_size=LANES, max_size=LANES).map(np.array)
 
 
-@functools.cache
-def solved(family, method, pushed=False):
-    """Impacts of a family, compiled once."""
+def solved(family, method, number, mass=1.0, stiffness=1.0, velocity=1.0, push=None):
     law_of, n = FAMILIES[family]
-
-    @eqx.filter_jit
-    def solve(number, mass, stiffness, velocity, push):
-        contact = jc.Contact(mass, stiffness, n)
-        force = push if pushed else None
-        law = law_of(number)
-        return jc.impact(law, contact, velocity, external_force=force, method=method)
-
-    return lambda number, *rest: solve(*np.broadcast_arrays(number, *(rest or (1.0,) * 4)))
+    contact = jc.Contact(mass, stiffness, n)
+    return impacts(law_of(number), contact, velocity, external_force=push, method=method)
 
 
 def parted(hit):
-    return np.asarray(hit.status) == jc.Status.SEPARATED
+    return hit.status == jc.Status.SEPARATED
 
 
 @pytest.mark.parametrize(("family", "method"), ROUTES)
@@ -61,11 +48,20 @@ def parted(hit):
 def test_more_damping_never_gives_more_rebound(family, method, numbers):
     """Nor is energy gained: e ≤ 1, and what is lost is between none and all."""
     numbers = np.sort(numbers)
-    hit = solved(family, method)(numbers)
+    if (family, method) == ("kuwabara_kono", "event"):
+        # Stronger damping by event takes seconds: see test_rounding.
+        numbers = np.minimum(numbers, 1e2)
+    hit = solved(family, method, numbers)
     good = parted(hit)
-    e, lost = np.asarray(hit.restitution)[good], np.asarray(hit.energy_loss)[good]
+    e, lost = hit.restitution[good], hit.energy_loss[good]
     assert np.all((e >= 0) & (e <= 1)) and np.all((lost >= 0) & (lost <= 0.5))
     assert np.all(np.diff(e) <= ORDER * e[1:])
+    if (family, method) == ("hunt_crossley", "auto"):
+        # The contact is shallower and lasts longer.
+        assert np.all(np.diff(hit.max_indentation) <= 1e-13)
+        assert np.all(np.diff(hit.duration) >= -1e-13 * hit.duration[1:])
+        assert np.all(np.diff(hit.compression_time) <= 1e-13)
+        assert (hit.max_force > 0).all() and (hit.compression_time < hit.duration).all()
     # Weakly damped lanes are never flagged.
     assert np.all(good[numbers < 0.1])
 
@@ -75,9 +71,9 @@ def test_more_damping_never_gives_more_rebound(family, method, numbers):
 )
 @settings(max_examples=25)
 def test_a_push_gives_no_energy_to_a_contact_that_ends_where_it_began(numbers, push):
-    hit = solved("hunt_crossley", "event", True)(numbers, 1.0, 1.0, 1.0, push)
+    hit = solved("hunt_crossley", "event", numbers, push=push)
     good = parted(hit)
-    e, lost = np.asarray(hit.restitution)[good], np.asarray(hit.energy_loss)[good]
+    e, lost = hit.restitution[good], hit.energy_loss[good]
     assert np.all((e >= 0) & (lost >= 0))
     # A pulled contact separates where its force vanishes, at δ > 0, before the pull has done its
     # work.
@@ -88,9 +84,9 @@ def test_a_push_gives_no_energy_to_a_contact_that_ends_where_it_began(numbers, p
 @settings(max_examples=25)
 def test_units_drop_out(numbers, m, k, v):
     """Over 24 orders of magnitude: α alone decides, and the rest scales."""
-    hit = solved("hunt_crossley", "auto")(numbers, m, k, np.maximum(v, 1e-6), 1.0)
-    unit = solved("hunt_crossley", "auto")(numbers)
     v = np.maximum(v, 1e-6)
+    hit = solved("hunt_crossley", "auto", numbers, m, k, v)
+    unit = solved("hunt_crossley", "auto", numbers)
     length = (m / k) ** 0.4 * v**0.8
     np.testing.assert_array_equal(hit.restitution, unit.restitution)
     for name, scale in {
@@ -101,25 +97,28 @@ def test_units_drop_out(numbers, m, k, v):
         "energy_loss": m * v**2,
         "rebound_velocity": v,
     }.items():
-        expected = np.asarray(getattr(unit, name)) * scale
+        expected = getattr(unit, name) * scale
         np.testing.assert_allclose(
             getattr(hit, name), expected, rtol=UNITS, atol=TINY, err_msg=name
         )
+    # The elastic contact is the shortest: 3.218 of its units.
+    assert np.all(unit.duration >= 3.218)
 
 
 @given(numbers=lanes(st.floats(-6, 1.3).map(lambda x: 10**x)))
 @settings(max_examples=25)
 def test_the_methods_agree(numbers):
     """Down to e = 0.03; what the phase method does not reach, it flags."""
-    exact, event = (solved("hunt_crossley", how)(numbers) for how in ("auto", "event"))
-    phase = solved("hunt_crossley", "phase")(numbers)
+    exact, event, phase = (
+        solved("hunt_crossley", how, numbers) for how in ("auto", "event", "phase")
+    )
     assert exact.method == "exact" and parted(exact).all() and parted(event).all()
     for other in (event, phase):
         good = parted(other)
         for name in ("restitution", "duration", "compression_time", "max_indentation", "max_force"):
-            found, expected = (np.asarray(getattr(hit, name))[good] for hit in (other, exact))
+            found, expected = (getattr(hit, name)[good] for hit in (other, exact))
             np.testing.assert_allclose(found, expected, rtol=AGREE, err_msg=name)
-    assert parted(phase)[np.asarray(exact.restitution) > 0.1].all()
+    assert parted(phase)[exact.restitution > 0.1].all()
 
 
 radius = st.floats(-4, 1).map(lambda x: 10**x)

@@ -1,5 +1,6 @@
 """The event-terminated solve itself: fields with closed forms, and its two forms of a step."""
 
+import functools
 import itertools
 from typing import NamedTuple
 
@@ -61,8 +62,9 @@ def solved(field, start, marching=march, **options):
     return packed.moment(end), jnp.any(last.closed) & smooth
 
 
-@pytest.mark.parametrize("marching", [march, march_by_diffrax])
-@pytest.mark.parametrize("one_way", [True, False])
+@pytest.mark.parametrize(
+    ("one_way", "marching"), [(True, march), (False, march), (False, march_by_diffrax)]
+)
 def test_the_end_and_its_derivatives(one_way, marching):
     def end(omega):
         field = Swing(omega, one_way)
@@ -120,14 +122,23 @@ def test_a_batch_ends_as_each_lane_alone_does():
             over_starts(omega[0], start),
             jax.vmap(with_slopes)(omega, start),
             jax.vmap(over_starts, (0, None))(omega[:3], start),
-            jax.vmap(over_starts, (0, None))(omega, start[:3]),
         )
 
     both = np.arange(9), np.arange(9)
-    parts = np.s_[:, 0], np.s_[0], both, np.s_[:3], np.s_[:, :3]
+    parts = np.s_[:, 0], np.s_[0], both, np.s_[:3]
     for part, found in zip(parts, batches(omega, start), strict=True):
         for batch, cells in zip(*map(jax.tree.leaves, (found, every)), strict=True):
             np.testing.assert_allclose(batch, cells[part], 1e-13, 1e-13)
+
+
+@functools.cache
+def curvature(twice, method):
+    """The second derivative of a duration by e."""
+
+    def duration(e):
+        return jc.impact(jc.HuGuo(e=e), jc.Contact(1.0, 1e5), 1.0, method=method).duration
+
+    return jax.jit(jax.vmap(twice(duration)))(jnp.linspace(0.3, 0.8, 8))
 
 
 @pytest.mark.parametrize(
@@ -135,15 +146,7 @@ def test_a_batch_ends_as_each_lane_alone_does():
 )
 def test_reverse_mode_and_then(twice):
     """Either mode, as the closed form has it. Measured: 3e-9."""
-    e = jnp.linspace(0.3, 0.8, 8)
-
-    def duration(e, method):
-        return jc.impact(jc.HuGuo(e=e), jc.Contact(1.0, 1e5), 1.0, method=method).duration
-
-    def curvature(method):
-        return jax.jit(jax.vmap(twice(lambda e: duration(e, method))))(e)
-
-    np.testing.assert_allclose(curvature("event"), curvature("exact"), 1e-7)
+    np.testing.assert_allclose(curvature(twice, "event"), curvature(jax.hessian, "exact"), 1e-7)
 
 
 def test_many_lanes_are_computed_by_another_form():

@@ -1,5 +1,6 @@
-"""A call with compiled programs only runs them."""
+"""New numbers never trigger a compilation, warm calls only run, and no program calls the host."""
 
+import functools
 import importlib
 import sys
 
@@ -9,15 +10,6 @@ import jax.numpy as jnp
 import pytest
 
 import jaxcontact as jc
-
-LAW, CONTACT = jc.HuGuo(e=0.7), jc.Contact(1.0, 1.4e8)
-
-CALLS = {
-    "impact": lambda speed: jc.impact(LAW, CONTACT, speed),
-    "phase": lambda speed: jc.impact(LAW, CONTACT, speed, method="phase"),
-    "restitution": lambda speed: jc.restitution(LAW),
-    "restitution of a speed": lambda speed: jc.restitution(LAW, CONTACT, speed),
-}
 
 INLINE = 1_000
 """XLA runs a program of fewer estimated operations in the caller's thread: 950 so, 1,499 not."""
@@ -47,16 +39,80 @@ def test_the_counter_counts():
     assert "trace_to_jaxpr" in work_of(lambda: jax.jit(lambda x: jnp.cos(x) + 17.0)(1.0))
 
 
+_traced = []
+
+
+class Counting(jc.AbstractLaw):
+    """Kelvin and Voigt's force by a user who counts how often it is traced."""
+
+    c: jax.Array | float
+    tension = True
+
+    def force(self, indentation, velocity, contact, impact_velocity):
+        _traced.append(1)
+        return contact.stiffness * indentation + self.c * velocity
+
+
+def hu_guo(e, mass, stiffness, velocity, **options):
+    law, contact = jc.HuGuo(e=e), jc.Contact(mass, stiffness)
+    return jc.impact(law, contact, velocity, **options)
+
+
+NUMBERS = [(0.5, 1.0, 1e8, 2.0), (0.6, 0.03, 3e5, 0.1), (1, 2, 10**9, 1)]
+
+
+def arrays(numbers):
+    return [jnp.asarray(float(x)) for x in numbers]
+
+
+CALLS = {
+    **{method: functools.partial(hu_guo, method=method) for method in ("exact", "phase", "event")},
+    "push": lambda e, m, K, v: hu_guo(e, m, K, v, external_force=m),
+    "traced exponent": lambda e, m, K, v: jc.impact(
+        jc.HuGuo(e=e), jc.Contact(m, K, jnp.asarray(1 + float(e) / 2)), v
+    ),
+    "restitution": lambda e, m, K, v: jc.restitution(jc.HuGuo(e=e)),
+    "restitution in place": lambda e, m, K, v: jc.restitution(jc.HuGuo(e=e), jc.Contact(m, K), v),
+    "restitution of a speed": lambda e, m, K, v: jc.restitution(
+        jc.ConstantDamping(c=K), jc.Contact(m, K), v
+    ),
+    "a user's law": lambda e, m, K, v: jc.trajectory(Counting(c=e), jc.Contact(m, 1e6, 1.0), v),
+}
+# Outside of their programs these compute nothing.
+PLAIN = {"exact", "phase", "restitution", "restitution in place"}
+
+
 @pytest.mark.parametrize("name", CALLS)
-def test_a_warm_call_computes_nothing_by_itself(name):
-    CALLS[name](3.0)
-    assert work_of(lambda: CALLS[name](4.0)) == []
+def test_new_numbers_compile_nothing(name, compiled):
+    CALLS[name](*NUMBERS[0])
+    traced = len(_traced)
+    assert name != "a user's law" or traced > 0
+    jnp.asarray(1.0)  # JAX makes an array of a number by a program of its own
+    compiled.clear()
+    # A whole number is another type in a law that does not convert it.
+    for numbers in NUMBERS[1:2] if name == "a user's law" else NUMBERS[1:]:
+        CALLS[name](*numbers)
+        CALLS[name](*arrays(numbers))
+    assert not compiled and len(_traced) == traced
+    if name in PLAIN:
+        assert work_of(lambda: CALLS[name](*NUMBERS[1])) == []
+
+
+def test_another_shape_or_exponent_does_compile(compiled):
+    hu_guo(*NUMBERS[0])
+    for call in (
+        lambda: hu_guo(*arrays(NUMBERS[0])[:3], jnp.arange(1.0, 18.0)),
+        lambda: jc.impact(jc.HuGuo(e=0.5), jc.Contact(1.0, 1e8, 1.4375), 2.0),
+    ):
+        compiled.clear()
+        call()
+        assert compiled
 
 
 @pytest.mark.parametrize("n", [1.5, jnp.asarray(1.5)], ids=["static", "leaf"])
 def test_an_impact_by_formula_needs_no_other_thread(n):
     impact = importlib.import_module("jaxcontact._impact.impact")
-    problem = impact.problem_of(LAW, jc.Contact(1.0, 1.4e8, n), 3.0)
+    problem = impact.problem_of(jc.HuGuo(e=0.7), jc.Contact(1.0, 1.4e8, n), 3.0)
     run = jax.jit(lambda problem: impact._begun(problem, impact.method_of("exact")))
     assert run.lower(problem).compile().cost_analysis()["flops"] < INLINE
 
@@ -69,3 +125,105 @@ def test_objects_are_those_that_equinox_builds():
     for wrong in (True, 5.0, "1.5", None):
         with pytest.raises(ValueError, match="`exponent`"):
             jc.Contact(1.0, 2.0, wrong)
+
+
+PLACE = {"e": jnp.asarray(0.6), "K": jnp.asarray(3e8), "v": jnp.asarray(1.3)}
+
+
+def callbacks(jaxpr):
+    """The names of all primitives that call the host, however deep they stand."""
+    found = []
+    for equation in jaxpr.eqns:
+        if "callback" in equation.primitive.name:
+            found.append(equation.primitive.name)
+        for inner in jax.tree.leaves(list(equation.params.values()), is_leaf=_is_program):
+            if _is_program(inner):
+                found += callbacks(getattr(inner, "jaxpr", inner))
+    return found
+
+
+def _is_program(x):
+    return hasattr(x, "eqns") or hasattr(x, "jaxpr")
+
+
+def everything(solve):
+    """Value, both derivatives, and all of it for a batch, as one program."""
+
+    def point(p):
+        return solve(p), jax.jacfwd(solve)(p), jax.grad(solve)(p)
+
+    def program(p):
+        return point(p), jax.vmap(point)(jax.tree.map(lambda x: jnp.stack([x, x]), p))
+
+    return jax.make_jaxpr(program)(PLACE).jaxpr
+
+
+def contact(p):
+    return jc.Contact(0.7, p["K"])
+
+
+def total(hit):
+    return hit.restitution + hit.duration + hit.max_force + hit.compression_time
+
+
+def trajectory(p):
+    path = jc.trajectory(jc.KuwabaraKono(A=1e-6 * p["e"]), contact(p), p["v"], samples=3)
+    return jnp.sum(path.indentation + path.energy.dissipated)
+
+
+def bounce(p, **options):
+    run = jc.bounce(jc.HuGuo(e=p["e"]), contact(p), p["v"], bounces=2, **options)
+    return jnp.sum(run.height + run.time)
+
+
+PROGRAMS = {
+    **{
+        method: lambda p, method=method: total(
+            jc.impact(jc.HuGuo(e=p["e"]), contact(p), p["v"], method=method)
+        )
+        for method in ("exact", "phase", "event")
+    },
+    "pushed": lambda p: total(
+        jc.impact(jc.HuGuo(e=p["e"]), contact(p), p["v"], external_force=p["e"])
+    ),
+    "viscoelastic": lambda p: total(
+        jc.impact(jc.KuwabaraKono(A=1e-6 * p["e"]), contact(p), p["v"])
+    ),
+    "restitution": lambda p: (
+        jc.restitution(jc.HuGuo(e=p["e"]))
+        + jc.restitution(jc.ConstantDamping(c=1e7), contact(p), p["v"])
+    ),
+    "trajectory": trajectory,
+    "bounce": bounce,
+    "bounce with gravity in contact": lambda p: bounce(p, gravity_in_contact=True),
+}
+
+
+QUICK = {"exact", "viscoelastic", "restitution", "bounce"}
+
+
+@pytest.mark.slow(*(PROGRAMS.keys() - QUICK), reason="value, jacfwd and grad alone and in a batch")
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_no_program_has_a_callback(name):
+    assert callbacks(everything(PROGRAMS[name])) == []
+
+
+def test_a_callback_is_found():
+    @jax.custom_jvp
+    def square(x):
+        return x**2
+
+    @square.defjvp
+    def derivative(primals, tangents):
+        # Deep inside, and in the derivative only, like the error check of a linear solve.
+        def slope(x):
+            return jax.pure_callback(lambda x: 2 * x, x, x, vmap_method="sequential")
+
+        (x,), (dx,) = primals, tangents
+        return square(x), jax.lax.cond(x > 0, slope, lambda x: 2 * x, x) * dx
+
+    def planted(p):
+        return square(p["e"])
+
+    assert callbacks(jax.make_jaxpr(planted)(PLACE).jaxpr) == []
+    assert callbacks(everything(planted))

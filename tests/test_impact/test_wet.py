@@ -7,7 +7,7 @@ import pytest
 
 import jaxcontact as jc
 from tests.oracle.stored import stored
-from tests.test_impact.support import assert_same, central, slopes_of_lanes
+from tests.test_impact.support import assert_same, central, impacts, slopes_of_lanes
 from tests.test_laws.table import exact_alpha
 
 LUBRICATION = 1e-14  # beside the equation of the film at 25 digits, by 1 - v_c/v0: measured 4e-16
@@ -61,7 +61,7 @@ STICKS = SPEEDS <= 0.1
 
 
 def test_slow_bodies_stick():
-    hit = jc.impact(LAW, CONTACT, SPEEDS)
+    hit = impacts(LAW, CONTACT, SPEEDS)
     expected = [max(0, 0.9 * (1 - 0.1 / v)) for v in SPEEDS]
     np.testing.assert_allclose(hit.restitution, expected, rtol=FORMULA)
     np.testing.assert_array_equal(hit.status, np.where(STICKS, 1, 0))
@@ -72,7 +72,7 @@ def test_slow_bodies_stick():
         np.testing.assert_array_equal(np.isnan(getattr(hit, name)), STICKS)
     # A single impact that sticks raises nothing.
     assert jc.impact(LAW, CONTACT, 0.05).status == jc.Status.SETTLED
-    followed = jc.impact(LAW, CONTACT, SPEEDS, method="event")
+    followed = impacts(LAW, CONTACT, SPEEDS, method="event")
     np.testing.assert_allclose(followed.restitution, expected, rtol=FORMULA)
     np.testing.assert_array_equal(followed.status, hit.status)
 
@@ -116,8 +116,7 @@ def test_derivatives_in_both_modes():
 
 def test_the_force_is_that_of_the_exact_law():
     """Above v_c the impact is that of `ExactRestitution`; at v_c the force stays finite."""
-    hit = jc.impact(LAW, CONTACT, 0.3)
-    exact = jc.impact(jc.ExactRestitution(e=0.6), CONTACT, 0.3)
+    hit, exact = (impacts(law, CONTACT, 0.3) for law in (LAW, jc.ExactRestitution(e=0.6)))
     names = ("duration", "compression_time", "max_force", "max_indentation", "energy_loss")
     assert_same(hit, exact, names, rtol=FORMULA)
     with mp.workdps(30):

@@ -44,16 +44,17 @@ def test_scalars_out_of_range(name, argument):
 @pytest.mark.parametrize(("name", "argument"), ARGUMENTS)
 def test_arrays_out_of_range_pass(name, argument):
     law = LAWS[name]
-    good = dict(zip(law.names, law.parameters[0], strict=True))
-    _, numbers = bad_numbers(name, argument)
-    mixed = jnp.array([*numbers, NAN, good[argument]])
-    made = law.cls(**(good | {argument: mixed}))
-    np.testing.assert_array_equal(getattr(made, argument), mixed)
+    # In lanes of all parameters, so that those of a law share its program.
+    lanes = {one: np.full(5, x) for one, x in zip(law.names, law.parameters[0], strict=True)}
+    bad = [*bad_numbers(name, argument)[1], NAN]
+    lanes[argument][: len(bad)] = bad
+    made = law.cls(**lanes)
+    np.testing.assert_array_equal(getattr(made, argument), lanes[argument])
     # They have no formula; `impact` flags their lanes.
     if name in ("kuwabara_kono", "linear_dashpot", "step_damping"):
         return
     found = jc.restitution(made, jc.Contact(1.0, 1e8, law.exponent), 1.0)
-    np.testing.assert_array_equal(np.isnan(found), [True] * (len(numbers) + 1) + [False])
+    np.testing.assert_array_equal(np.isnan(found), np.arange(5) < len(bad))
     assert 0 < found[-1] < 1 or (name == "dmt" and found[-1] == 1)
 
 
