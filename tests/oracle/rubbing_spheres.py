@@ -12,6 +12,8 @@ import math
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from tests.oracle.stored import stored
+
 APART, STICKS, SLIPS = range(3)
 
 
@@ -235,3 +237,10 @@ class RubbingSpheres:
             sticks.terminal, sticks.direction = True, -1
             tests.append((sticks, k, STICKS))
         return tests
+
+
+@stored()
+def integrated(radius, mass, gravity, start, duration, law, more):
+    """Velocities and spins of solid spheres at the end; the law has K, α, μ and κ."""
+    found = RubbingSpheres(radius, mass, 0.4 * mass * radius**2, gravity, *law, **more)
+    return found.run(*start, duration)[1:3]

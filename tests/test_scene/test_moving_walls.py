@@ -264,26 +264,25 @@ def test_arguments_of_a_function_that_are_no_numbers():
 def test_a_wall_that_exceeds_its_acceleration_is_flagged():
     """d = c t³ has the acceleration 6 c t; a jerk within an interval is seen by what it moved."""
 
-    def cubic(t, c):
-        return -c * t**3
-
-    def kick(t, width):
-        return -1e-3 * jax.nn.sigmoid((t - 0.1234567) / width)
+    def cubic_or_kick(t, args):
+        c, kick = args
+        return -c * t**3 - kick * jax.nn.sigmoid((t - 0.1234567) / 1e-7)
 
     times = np.array([0.0, 0.1, 0.19, 0.3])
 
-    def run_of(*motion):
-        return go(over(jc.Prescribed(*motion), 0.5, LAW), 0.4, times=times, throw=False)
+    def run_of(most, *args):
+        motion = jc.Prescribed(cubic_or_kick, most, args)
+        return go(over(motion, 0.5, LAW), 0.4, times=times, throw=False)
 
-    run = run_of(cubic, 1.2, 1.0)
+    run = run_of(1.2, 1.0, 0.0)
     assert run.status == jc.Ending.WALL_TOO_ABRUPT
     assert 0.2 <= run.reached < 0.2 + 2 * 0.4 / 4096
     fallen = 0.5 + RADIUS - GRAVITY / 2 * times[:3] ** 2
     np.testing.assert_allclose(run.position[:3, 0, 0], fallen, rtol=EXACT)
     assert np.all(np.isnan(run.position[3])) and "wall too abrupt" in str(run)
-    assert run_of(cubic, 1.2, 0.4).status == jc.Ending.COMPLETED
+    assert run_of(1.2, 0.4, 0.0).status == jc.Ending.COMPLETED
     # The sampled times are 1e-4 s apart.
-    run = run_of(kick, 1e3, 1e-7)
+    run = run_of(1e3, 0.0, 1e-3)
     assert run.status == jc.Ending.WALL_TOO_ABRUPT
     assert abs(run.reached - 0.1234567) < 0.4 / 4096
 

@@ -20,22 +20,12 @@ BALLS = {
 @pytest.mark.parametrize(("law", "mass", "stiffness", "n", "height"), BALLS.values(), ids=BALLS)
 def test_a_scene_of_one_ball_bounces_as_bounce_does(law, mass, stiffness, n, height):
     """With the defaults of both: damping refers to the largest closing speed."""
-    known = jc.bounce(
-        law,
-        jc.Contact(mass, stiffness, n),
-        height,
-        gravity_in_contact=True,
-        method=jc.Event(rtol=1e-10),
-    )
+    contact, how = jc.Contact(mass, stiffness, n), jc.Event(rtol=1e-10)
+    known = jc.bounce(law, contact, height, gravity_in_contact=True, method=how)
     assert known.at_rest
     rests = known.status.shape[0] - 1
-    scene = jc.Scene(
-        [jc.Sphere(0.01, mass, position=[height + 0.01]), jc.Plane([0.0], [1.0])],
-        law,
-        stiffness=stiffness,
-        exponent=n,
-        gravity=[-9.81],
-    )
+    bodies = [jc.Sphere(0.01, mass, position=[height + 0.01]), jc.Plane([0.0], [1.0])]
+    scene = jc.Scene(bodies, law, stiffness=stiffness, exponent=n, gravity=[-9.81])
     run = jc.simulate(scene, float(known.rest_time) + 0.2)
     hits = run.impacts.to_dict()
     assert len(run.impacts) == rests + 1
@@ -43,12 +33,9 @@ def test_a_scene_of_one_ball_bounces_as_bounce_does(law, mass, stiffness, n, hei
     rebound = hits["closing_speed"] * hits["restitution"]
     # That of `bounce` is at δ = 0; here it is where the force vanishes, from where the ball flies.
     flown = known.restitution * known.impact_velocity + 9.81 * (known.return_time - known.duration)
-    for ours, theirs, what in (
-        (hits["time"], known.time, "time"),
-        (rebound, flown, "rebound velocity"),
-        (hits["duration"], known.duration, "duration"),
-    ):
-        np.testing.assert_allclose(ours[:rests], theirs[:rests], rtol=SAME, err_msg=what)
+    ours, theirs = (hits["time"], rebound, hits["duration"]), (known.time, flown, known.duration)
+    for one, other in zip(ours, theirs, strict=True):
+        np.testing.assert_allclose(one[:rests], other[:rests], rtol=SAME)
     np.testing.assert_allclose(hits["time"][rests], known.rest_time, rtol=SAME)
     # It continues, and oscillates about the static indentation.
     assert np.isnan(hits["restitution"][rests])

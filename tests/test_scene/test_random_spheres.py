@@ -222,7 +222,7 @@ def test_every_law(law, rtol):
 
 def test_units_do_not_matter():
     """Closing speeds of 1e-9 and 1e-12 m/s, and of 1e9."""
-    for number in ALIKE[:4]:
+    for number in ALIKE[:2]:
         known = simulated(drawn(number), 1e-6)[1:]
         for length, time, mass in ((1e-3, 1e6, 1e-9), (1e-3, 1e9, 1e-9), (1e3, 1e-6, 1e9)):
             found = simulated(drawn(number), 1e-6, length, time, mass)[1:]
