@@ -33,10 +33,7 @@ def drawn(n, seed):
 @pytest.mark.slow(
     "{}-200",
     "{'sigma': 0.1}-200",
-    "{'sigma': 0.1}-8",
     "{'loss': Huber(threshold=1.345)}-200",
-    "{'loss': Huber(threshold=1.345)}-25",
-    "{'loss': Huber(threshold=1.345)}-8",
     reason="a study of 200 fits",
 )
 @pytest.mark.parametrize("n", [8, 25, 200])

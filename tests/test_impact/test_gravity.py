@@ -169,7 +169,6 @@ def test_a_settled_neighbour_spoils_no_derivative():
     assert jnp.isfinite(jax.grad(total)(0.02))
 
 
-@pytest.mark.slow(reason="2048 steps of another solver")
 def test_another_solver_settles_too():
     hit = jc.impact(
         jc.HuGuo(e=0.6),

@@ -60,7 +60,7 @@ SOLVERS = {
 }
 
 
-@pytest.mark.slow("other", "stiff", reason="solvers of another order, whose programs are their own")
+@pytest.mark.slow("stiff", reason="a solver of another order, whose programs are its own")
 @pytest.mark.parametrize("name", SOLVERS)
 def test_hunt_crossley_at_any_damping(name):
     options, tolerance, words = SOLVERS[name]
@@ -371,7 +371,6 @@ class Classical(jc.AbstractMethod):
 CRUDE = 3e-3
 
 
-@pytest.mark.slow(reason="a solver of the user's own: its programs are its own")
 @pytest.mark.parametrize("force", [None, 100.0])
 def test_a_method_of_the_users(force):
     law, how = jc.HuGuo(e=jnp.array([0.5, 0.7, 0.9])), Classical(step=1e-3)

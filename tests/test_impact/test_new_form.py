@@ -210,7 +210,6 @@ def test_what_rests_on_it():
     np.testing.assert_allclose(run.restitution, expected["restitution"], rtol=FORMULA)
 
 
-@pytest.mark.slow(reason="derivatives by every method in one test")
 def test_derivatives():
     def outcome(c, method):
         hit = jc.impact(Dashpot(c=c), CONTACT, SPEED, method=method)
