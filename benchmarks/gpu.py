@@ -269,7 +269,7 @@ def first_calls(quick: bool, clock: Clock, result: Result) -> None:
         row = {"group": FIRST, "what": call, "platform": name}
         try:
             clock.check()
-            spent, _ = weight.seconds(
+            spent, _ = weight.times_of(
                 weight.PROGRAMS[call],
                 "perf_counter",
                 max(clock.left(), 1.0),

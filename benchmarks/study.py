@@ -98,6 +98,8 @@ class Study:
     whole: bool = False
     """Whether the page is made of the result as a whole."""
     text: Callable[[Any], str] = by_indent
+    ending: str = ".json"
+    """Another one is that of a result for people, which is not read again."""
 
     @property
     def name(self) -> str:
@@ -105,7 +107,7 @@ class Study:
 
     @property
     def path(self) -> Path:
-        return HERE / f"{self.name}.json"
+        return HERE / f"{self.name}{self.ending}"
 
     def result(self) -> Any:
         """Return the stored result."""
@@ -161,7 +163,7 @@ class Study:
         parser.add_argument("--into", type=Path, default=HERE, help="folder of the result")
         asked = vars(parser.parse_args(given))
         path = asked.pop("into") / self.path.name
-        forget = asked.pop("fresh") or not path.exists()
+        forget = asked.pop("fresh") or not path.exists() or self.ending != ".json"
         known = None if forget else json.loads(path.read_text(encoding="utf-8"))
         if not asked.pop("page", False):
             found = measure(known, **asked)

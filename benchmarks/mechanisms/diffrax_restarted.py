@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import optimistix
 
-from mechanisms.problems import Problem
+from .problems import Problem
 
 
 def call_of(problem: Problem, rtol: float) -> Callable[[], jax.Array]:

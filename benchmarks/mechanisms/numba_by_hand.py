@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numba
 import numpy as np
 
-from mechanisms.problems import Problem
+from .problems import Problem
 
 
 def call_of(problem: Problem, rtol: float) -> Callable[[], list[float]]:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from mechanisms.problems import Problem
+from .problems import Problem
 
 
 def call_of(problem: Problem, rtol: float) -> Callable[[], list[float]]:
