@@ -17,21 +17,9 @@ import numpy as np
 import optimistix as optx
 from scipy.integrate import solve_ivp
 
-from . import boxed_gas, hard_scenes
-from .hard_scenes import (
-    AMPLITUDE,
-    CELL,
-    DAMPING,
-    DROP,
-    DURATION,
-    FREQUENCY,
-    GAS,
-    GRAVITY,
-    LENGTH,
-    PHASE,
-    RATE,
-    E,
-)
+from . import gases, hard_scenes
+from .gases import CELL, DURATION, GAS
+from .hard_scenes import AMPLITUDE, DAMPING, DROP, FREQUENCY, GRAVITY, LENGTH, PHASE, RATE, E
 
 LONGEST = 0.01
 """s; of the gases' steps."""
@@ -154,12 +142,11 @@ def _flight_by_diffrax(t, x, v, rtol, periodic):
 
 
 _FLIGHTS = {"scipy": _flight_by_scipy, "diffrax": _flight_by_diffrax}
-_STARTS = {True: hard_scenes.gas, False: boxed_gas.discs}
 
 
 def gas(by: str, periodic: bool, rtol: float) -> np.ndarray:
     """Final velocities of a gas, flight after flight."""
-    t, (x, v), fly = 0.0, _STARTS[periodic](), _FLIGHTS[by]
+    t, (x, v), fly = 0.0, gases.discs(periodic), _FLIGHTS[by]
     while t < DURATION:
         t, x, struck = fly(t, x, v, rtol, periodic)
         if struck:

@@ -14,8 +14,8 @@ import numpy as np
 
 import jaxcontact as jc
 
-from . import boxed_gas, restarted
 from . import engine_scenes as engines
+from . import gases, restarted
 from . import hard_scenes as hard
 from .line_scenes import Fixed, Line, by_diffrax, by_scipy, chain, line, oblique, scene_of
 from .measure import NotPossibleError
@@ -96,6 +96,20 @@ def _soft(name: str, title: str, made: Line, **more: Callable[[float], Any]) -> 
     )
 
 
+def _gas(name: str, title: str, periodic: bool) -> Scene:
+    """Hard discs from impact to impact: final velocities."""
+    solvers = {
+        "jitted": functools.partial(gases.by_package, periodic),
+        "diffrax": functools.partial(restarted.gas, "diffrax", periodic),
+        "scipy": functools.partial(restarted.gas, "scipy", periodic),
+        "numba": functools.partial(gases.by_numba, periodic),
+        **({} if periodic else {"billiards": gases.by_billiards}),
+    }
+    once = ("jitted", "numba", "billiards")
+    truth = functools.partial(gases.truth, periodic)
+    return Scene(name, title, solvers, truth, once=once, cannot=_TAKE_TIME)
+
+
 ROOM = 48
 _APART = line(0.1, 1e9, 15.0)
 SCENES = (
@@ -135,33 +149,9 @@ SCENES = (
         once=("jitted", "numba"),
         cannot=_TAKE_TIME,
     ),
-    Scene(
-        "gas",
-        "gas of 32 balls, periodic",
-        {
-            "jitted": hard.gas_by_package,
-            "diffrax": functools.partial(restarted.gas, "diffrax", True),
-            "scipy": functools.partial(restarted.gas, "scipy", True),
-            "numba": hard.gas_by_numba,
-        },
-        hard.gas_truth,
-        once=("jitted", "numba"),
-        cannot=_TAKE_TIME,
-    ),
-    Scene(
-        "boxed",
-        "gas of 32 balls in a box",
-        {
-            "jitted": boxed_gas.by_package,
-            "diffrax": functools.partial(restarted.gas, "diffrax", False),
-            "scipy": functools.partial(restarted.gas, "scipy", False),
-            "numba": boxed_gas.by_numba,
-            "billiards": boxed_gas.by_billiards,
-        },
-        boxed_gas.truth,
-        once=("jitted", "numba", "billiards"),
-        cannot=_TAKE_TIME,
-    ),
+    *(_gas(*named) for named in (
+        ("gas", "gas of 32 balls, periodic", True), ("boxed", "gas of 32 balls in a box", False),
+    )),
 )  # fmt: skip
 
 
@@ -172,7 +162,7 @@ def _build(scene: Scene, lanes: np.ndarray, *, solver: str) -> Solve:
     return scene.solvers[solver]
 
 
-_FILES = ("scenes.py", "line_scenes.py", "hard_scenes.py", "restarted.py", "boxed_gas.py")
+_FILES = ("scenes.py", "line_scenes.py", "hard_scenes.py", "restarted.py", "gases.py")
 _ENGINES = ("engine_scenes.py", "by_exudyn.py", "by_mujoco.py")
 STEPS = (10, 30, 100, 300)
 
