@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,7 +20,7 @@ from . import gases, restarted
 from . import hard_scenes as hard
 from .line_scenes import Fixed, Line, by_diffrax, by_scipy, chain, line, oblique, scene_of
 from .measure import NotPossibleError
-from .running import measure
+from .running import run_cases
 from .store import Store
 from .way import Solve, Way
 
@@ -192,15 +193,13 @@ SMALL = (("rest", "scipy"), ("table", "numba"))
 
 def run(store: Store, only: str = "", small: bool = False) -> None:
     """Measure what the store lacks."""
-    pairs = [(scene, solver) for scene in SCENES for solver in WAYS]
-    if small:
-        pairs = [(s, solver) for s, solver in pairs if (s.name, solver) in SMALL]
-    pairs = [pair for pair in pairs if only.lower() in WAYS[pair[1]].name.lower()]
-    for count, (scene, solver) in enumerate(pairs, 1):
-        way = WAYS[solver]
+    cases = []
+    for scene, (solver, way) in itertools.product(SCENES, WAYS.items()):
+        if only.lower() not in way.name.lower() or (small and (scene.name, solver) not in SMALL):
+            continue
         if solver in scene.once or solver not in scene.solvers:
             way = dataclasses.replace(way, settings=(0.0,), word="")
         elif small:
             way = dataclasses.replace(way, settings=way.settings[-1:])
-        measure(store, "scenes", scene, way, "", 1, f"[{count}/{len(pairs)}]")
-        jax.clear_caches()
+        cases.append((scene, way, (1,)))
+    run_cases(store, "scenes", cases)
