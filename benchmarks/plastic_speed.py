@@ -27,12 +27,12 @@ jax.config.update("jax_enable_x64", True)
 import diffrax
 import jax.numpy as jnp
 import numpy as np
-import optimistix
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
 from benchmarks.study import Study, lines
 from benchmarks.time_and_error.measure import timed
+from benchmarks.until_event import ending, until
 from tests.oracle.neck_chain import Neck
 from tests.oracle.plastic_chain import thornton, walton_braun
 
@@ -143,13 +143,10 @@ def truth(case: Force, push: float) -> np.ndarray:
         for leg in range(2):
             end = 0.0 if leg == 0 else float(case.end(jnp.asarray(most)))
 
-            def event(t: float, y: Any, leg: int = leg, end: float = end) -> float:
-                return y[1] if leg == 0 else y[0] - end
-
-            event.terminal, event.direction = True, -1
+            over = ending(lambda t, y, leg=leg, end=end: y[1] if leg == 0 else y[0] - end)
             run = solve_ivp(
                 lambda t, y, most=most: [y[1], push - case.known(y[0], y[1], most)],
-                (t, 1e3), y, method="DOP853", rtol=1e-13, atol=1e-16, events=event, max_step=0.1,
+                (t, 1e3), y, method="DOP853", rtol=1e-13, atol=1e-16, events=over, max_step=0.1,
             )  # fmt: skip
             t, y = run.t_events[0][0], run.y_events[0][0]
             most = y[0] if case.law.remembers else 0.0
@@ -159,22 +156,10 @@ def truth(case: Force, push: float) -> np.ndarray:
 
 def by_diffrax(case: Force, push: float, solver: Any) -> Callable[[Any, Any], Any]:
     def leg(y: Any, most: Any, rtol: Any, event: Callable[[Any], Any]) -> tuple[Any, Any, Any]:
-        found = diffrax.diffeqsolve(
-            diffrax.ODETerm(
-                lambda t, y, args: jnp.stack([y[1], push - case.force(y[0], y[1], most)])
-            ),
-            solver(),
-            0.0,
-            1e3,
-            0.01,
-            y,
-            stepsize_controller=diffrax.PIDController(rtol=rtol, atol=rtol),
-            event=diffrax.Event(
-                lambda t, y, args, **_: event(y), optimistix.Newton(1e-13, 1e-13), direction=False
-            ),
-            max_steps=16_384,
-            throw=False,
-        )
+        found = until(
+            lambda t, y, args: jnp.stack([y[1], push - case.force(y[0], y[1], most)]), y,
+            lambda t, y, args, **_: event(y), rtol, solver=solver(), atol=1.0, most=16_384,
+        )  # fmt: skip
         ended = found.result == diffrax.RESULTS.event_occurred
         return found.ts[-1], found.ys[-1], ended
 

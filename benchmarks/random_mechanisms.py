@@ -30,6 +30,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.study import Study, lines
+from benchmarks.until_event import ending
 
 KINDS = "moving", "at rest", "pressed", "touching"
 COLUMNS = (
@@ -334,11 +335,7 @@ def by_scipy(name: str, x: Numbers) -> list[tuple[int, float, float]]:
         touches.append((k, t, closing[k]))
 
     def event_of(k: int) -> Callable[..., float]:
-        def event(t: float, y: np.ndarray) -> float:
-            return at(t, y)[3][k] / x.unit
-
-        event.terminal, event.direction = True, 1 if closed[k] else -1
-        return event
+        return ending(lambda t, y: at(t, y)[3][k] / x.unit, 1 if closed[k] else -1)
 
     moment = x
     if x.touching:

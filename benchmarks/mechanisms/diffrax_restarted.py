@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import diffrax
 import jax
 import jax.numpy as jnp
-import optimistix
 
+from ..until_event import until
 from .problems import Problem
 
 
 def call_of(problem: Problem, rtol: float) -> Callable[[], jax.Array]:
     """A scan over phases, each one solve that ends where any gap changes its sign."""
     system, n = problem.system, problem.start["position"].shape[0]
-    solver, root = diffrax.Dopri8(), optimistix.Newton(1e-12, 1e-12)
-    control = diffrax.PIDController(rtol=rtol, atol=rtol * 1e-3)
     m = system.gap(0.0, problem.start["position"], None).shape[0]
 
     def gaps(t, y):
@@ -38,25 +35,15 @@ def call_of(problem: Problem, rtol: float) -> Callable[[], jax.Array]:
 
         return of
 
-    event = diffrax.Event([condition(k) for k in range(m)], root, direction=False)
+    ends = [condition(k) for k in range(m)]
 
     def phase(carry, _):
         t, y, closed, speed = carry
         # A small step off the event that has just been met.
-        first = 1e-9 * problem.duration
-        end = diffrax.diffeqsolve(
-            diffrax.ODETerm(right),
-            solver,
-            t,
-            problem.duration,
-            first,
-            y,
-            args=(closed, speed),
-            event=event,
-            stepsize_controller=control,
-            max_steps=10_000,
-            throw=False,
-        )
+        end = until(
+            right, y, ends, rtol, args=(closed, speed), start=t, stop=problem.duration,
+            first=1e-9 * problem.duration, newton=1e-12, most=10_000,
+        )  # fmt: skip
         t, y = end.ts[-1], end.ys[-1]
         met = jnp.stack(end.event_mask) & (t < problem.duration)
         touches = met & ~closed

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numba
 import numpy as np
+from scipy.integrate import RK45
 
 from .problems import Problem
 
@@ -13,16 +14,8 @@ from .problems import Problem
 def call_of(problem: Problem, rtol: float) -> Callable[[], list[float]]:
     equations = numba.njit(problem.equations)
     stiffness, alpha = problem.stiffness, problem.alpha
-    nodes = np.array([0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1])
-    weights = np.zeros((7, 6))
-    weights[1, :1] = [1 / 5]
-    weights[2, :2] = [3 / 40, 9 / 40]
-    weights[3, :3] = [44 / 45, -56 / 15, 32 / 9]
-    weights[4, :4] = [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729]
-    weights[5, :5] = [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656]
-    weights[6] = [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84]
-    lower = [5179 / 57600, 0, 7571 / 16695, 393 / 640, -92097 / 339200, 187 / 2100, 1 / 40]
-    differs = np.append(weights[6], 0) - np.array(lower)
+    nodes, weights = np.append(RK45.C, 1.0), np.vstack([np.pad(RK45.A, ((0, 0), (0, 1))), RK45.B])
+    differs = -RK45.E
 
     @numba.njit
     def right(t, y, closed, speed):

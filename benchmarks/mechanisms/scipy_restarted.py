@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from ..until_event import ending
 from .problems import Problem
 
 
@@ -27,11 +28,8 @@ def call_of(problem: Problem, rtol: float) -> Callable[[], list[float]]:
             return np.concatenate([y[n:], np.linalg.solve(mass, force + gradient.T @ push)])
 
         def event_of(k):
-            def event(t, y):
-                return problem.equations(t, y[:n], y[n:])[2][k]
-
-            event.terminal, event.direction = True, 1 if closed[k] else -1
-            return event
+            side = 1 if closed[k] else -1
+            return ending(lambda t, y: problem.equations(t, y[:n], y[n:])[2][k], side)
 
         while t < problem.duration:
             events = [event_of(k) for k in range(m)]

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import diffrax
 import jax
 import jax.numpy as jnp
-import optimistix
 
+from ..until_event import until
 from .problems import Lanes
 
 
@@ -26,15 +25,10 @@ def call_of(lanes: Lanes, rtol: float) -> Callable[[], jax.Array]:
     def parts(t, y, args, **_):
         return y[0]
 
-    event = diffrax.Event(parts, optimistix.Newton(1e-12, 1e-12), direction=False)
-    control = diffrax.PIDController(rtol=rtol, atol=rtol * 1e-3)
-
     def impact(psi, chi, alpha):
-        end = diffrax.diffeqsolve(
-            diffrax.ODETerm(right), diffrax.Dopri8(), 0.0, 20.0, 1e-3,
-            jnp.stack([0 * psi, 1 + 0 * psi, psi, 0 * psi]), args=(chi, alpha), event=event,
-            stepsize_controller=control, max_steps=4096, throw=False,
-        )  # fmt: skip
+        start = jnp.stack([0 * psi, 1 + 0 * psi, psi, 0 * psi])
+        how = {"args": (chi, alpha), "stop": 20.0, "first": 1e-3, "newton": 1e-12, "most": 4096}
+        end = until(right, start, parts, rtol, **how)
         return end.ys[-1][2]
 
     program = jax.jit(jax.vmap(impact))

@@ -8,12 +8,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from ..until_event import ending
 from .problems import Lanes
-
-
-def _falls(function: Callable) -> Callable:
-    function.terminal, function.direction = True, -1
-    return function
 
 
 def _impact(psi: float, chi: float, alpha: float, rtol: float) -> float:
@@ -25,7 +21,7 @@ def _impact(psi: float, chi: float, alpha: float, rtol: float) -> float:
     def pull(y, sign):
         return sign * y[2] - (1 + alpha * y[1]) * (y[1] - 2 / 3 * alpha * y[0] ** 5)
 
-    parts = _falls(lambda s, y: y[0])
+    parts = ending(lambda s, y: y[0])
     y, sign = np.array([0.0, 1.0, psi, 0.0]), 1.0
     slides = pull(y, sign) > 0
     for _ in range(12):
@@ -37,9 +33,9 @@ def _impact(psi: float, chi: float, alpha: float, rtol: float) -> float:
             return v / 2, -(w**4) * (1 + alpha * v), -2 * chi * w * phi, grows
 
         if slides:
-            ends = _falls(lambda s, y, sign=sign: pull(y, sign))
+            ends = ending(lambda s, y, sign=sign: pull(y, sign))
         else:
-            ends = _falls(lambda s, y: force(y) - abs(y[3]))
+            ends = ending(lambda s, y: force(y) - abs(y[3]))
         go = solve_ivp(
             right, (0, 20), y, "DOP853", events=(parts, ends), rtol=rtol, atol=rtol * 1e-2
         )

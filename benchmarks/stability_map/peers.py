@@ -16,9 +16,9 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from scipy.integrate import solve_ivp
 
+from ..until_event import ending, until
 from .collocation import Array
 from .kinds import KINDS, SETTLED, Truth
 from .motion_oracle import solve
@@ -80,10 +80,7 @@ def by_scipy(kind: str, way: str) -> tuple[Array, Array]:
                 raise TooManyCallsError
             return y[1], push - force(max(y[0], 0.0), y[1], damping, np)
 
-        def apart(t, y, damping=damping):
-            return _gap(kind, y[0], y[1], damping, np)
-
-        apart.terminal, apart.direction = True, -1
+        apart = ending(lambda t, y, damping=damping: _gap(kind, y[0], y[1], damping, np))
         try:
             with np.errstate(all="ignore"):
                 end = solve_ivp(
@@ -110,22 +107,12 @@ def by_diffrax(kind: str, way: str) -> tuple[Array, Array]:
             pull = jnp.where(y[0] > 0, force(x, y[1], damping, jnp), 0.0)
             return jnp.stack([y[1], push - pull])
 
-        return diffrax.diffeqsolve(
-            diffrax.ODETerm(rate),
-            diffrax.Tsit5(),
-            0.0,
-            LONGEST,
-            1e-3,
-            jnp.array([0.0, 1.0]),
-            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
-            event=diffrax.Event(
-                lambda t, y, args, **_: _gap(kind, y[0], y[1], damping, jnp),
-                optx.Newton(1e-10, 1e-10),
-                direction=False,
-            ),
-            max_steps=16_384,
-            throw=False,
-        )
+        def gap(t, y, args, **_):
+            return _gap(kind, y[0], y[1], damping, jnp)
+
+        how = {"atol": 1.0, "stop": LONGEST, "first": 1e-3, "newton": 1e-10, "most": 16_384}
+        start = jnp.array([0.0, 1.0])
+        return until(rate, start, gap, tolerance, solver=diffrax.Tsit5(), **how)
 
     solution = jax.jit(jax.vmap(one))(*map(jnp.asarray, _grid()))
     met = np.asarray(solution.result == diffrax.RESULTS.event_occurred)

@@ -19,6 +19,7 @@ import jaxcontact as jc
 from tests.oracle import with_gravity
 from tests.oracle.moving_table import FREQUENCY, GRAVITY, RATE, bounces, over, sine
 
+from ..until_event import ending
 from .by_numba import kernel
 from .by_scipy import apart
 
@@ -66,10 +67,7 @@ def rest_by_scipy(rtol: float) -> float:
             x = max(x, 0.0)
             return v, push - x * math.sqrt(x) * max(1 + DAMPING * v, 0.0)
 
-        def turns(t, y):
-            return y[1]
-
-        turns.terminal, turns.direction = True, 1
+        turns = ending(lambda t, y: y[1], 1)
         end = solve_ivp(
             rate, (0, 1e3), (0, 1), "DOP853", events=(apart, turns), rtol=rtol, atol=rtol,
             first_step=0.01,
@@ -128,10 +126,7 @@ def table_by_scipy(rtol: float) -> float:
     """Flights by solve_ivp up to the event of a touch."""
     place, speed = sine(AMPLITUDE, PHASE)
 
-    def gap(t, y):
-        return y[0] - place(t)
-
-    gap.terminal, gap.direction = True, -1
+    gap = ending(lambda t, y: y[0] - place(t))
     t, y = 0.0, np.array([DROP, 0.0])
     while t < LENGTH:
         # A longer step would miss a touch of a shaking table.
