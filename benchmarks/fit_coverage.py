@@ -24,7 +24,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
-from benchmarks.fit_truths import bounces, drops, records, trials
+from benchmarks.fit_truths import bounces, drops, held, records, trials
 from benchmarks.study import Study
 from jaxcontact._fit.uncertainty.profile import held_at, quantile_of
 
@@ -73,7 +73,7 @@ def curve_of(model, truth, ends, sigma, transforms, n, known) -> Draw:
         new = there + sigma * random.normal(size=places.size)
         if not found.converged:
             return dict.fromkeys([*truth, "curve", "new reading"])
-        held = holds(found, truth)
+        shown = held(found, truth)
         for name, band, value in (
             ("curve", found.confidence_band, there),
             ("new reading", found.prediction_band, new),
@@ -81,15 +81,10 @@ def curve_of(model, truth, ends, sigma, transforms, n, known) -> Draw:
             low, high = band(places)
             # One place per draw, so that the draws are independent.
             i = int(random.integers(places.size))
-            held[name] = bool(low[i] <= value[i] <= high[i])
-        return held
+            shown[name] = bool(low[i] <= value[i] <= high[i])
+        return shown
 
     return draw
-
-
-def holds(found: jc.Fit, truth: dict[str, float]) -> dict[str, bool | None]:
-    ends = found.interval()
-    return {name: bool(ends[name][0] <= value <= ends[name][1]) for name, value in truth.items()}
 
 
 def record_cells() -> Iterator[tuple[str, Draw]]:
@@ -109,8 +104,8 @@ def beyond(found: jc.Fit, truth: dict[str, float]) -> dict[str, bool | None]:
     rows = np.diag([truth.get(name, np.nan) for name in found.names])
     rows[rows == 0] = np.nan
     deviation, _ = held_at(found, rows, np.tile(found._theta, (len(rows), 1)))
-    held = deviation <= quantile_of(found._absolute, found.dof, 0.95)
-    return {name: bool(held[found.names.index(name)]) for name in truth}
+    inside = deviation <= quantile_of(found._absolute, found.dof, 0.95)
+    return {name: bool(inside[found.names.index(name)]) for name in truth}
 
 
 def cells() -> dict[str, Draw]:
