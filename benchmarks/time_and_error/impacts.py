@@ -10,14 +10,13 @@ from .by_scipy import SCIPY
 from .ours import OURS
 from .problems import PROBLEMS
 from .running import named, run_cases, sweep
-from .stepping import STEPPING
 from .store import Store
 
-WAYS = (*OURS, *DIFFRAX, *SCIPY, *NUMBA, *STEPPING)
+WAYS = (*OURS, *DIFFRAX, *SCIPY, *NUMBA)
 BATCHES = (1, 100, 100_000)
 SWEPT = "hunt_crossley"
 """The problem on which a way's options are chosen, in the largest batch."""
-SMALL = ("exact", "diffrax Tsit5", "scipy DOP853", "numba 8(5,3), regularised", "velocity Verlet")
+SMALL = ("exact", "diffrax Tsit5", "scipy DOP853", "numba 8(5,3), regularised")
 SMALL_BATCH = 20
 
 

@@ -23,7 +23,6 @@ FAMILY_FILES = {
     "diffrax": ("by_diffrax.py",),
     "scipy": ("by_scipy.py",),
     "numba": ("by_numba.py", "pairs.py"),
-    "stepping": ("stepping.py",),
     "engines": (),
 }
 
