@@ -92,7 +92,7 @@ class Study:
     """
 
     file: str
-    words: str
+    words: str | None
     tables: Callable[[Any], str | dict[str, str]] | None = None
     page: str | None = None
     whole: bool = False

@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +29,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
+from benchmarks.mechanisms import peers
 from benchmarks.mechanisms.problems import Problem, problems
 from benchmarks.study import Study, lines
 from benchmarks.time_and_error.measure import timed
@@ -55,19 +55,12 @@ def ours_in_jit(problem: Problem, rtol: float) -> Callable[[], jax.Array]:
     return lambda: touches(problem.start)
 
 
-def by_peer(name: str) -> Callable[[Problem, float], Callable[[], Any]]:
-    """Return a peer's method, imported when it is called."""
-    return lambda problem, rtol: import_module(f"benchmarks.mechanisms.{name}").call_of(
-        problem, rtol
-    )
-
-
 METHODS = {
     "jaxcontact": ours,
     "jaxcontact, in jit": ours_in_jit,
-    "SciPy DOP853, restarted": by_peer("scipy_restarted"),
-    "diffrax Dopri8, restarted": by_peer("diffrax_restarted"),
-    "numba, by hand": by_peer("numba_by_hand"),
+    "SciPy DOP853, restarted": peers.by_scipy,
+    "diffrax Dopri8, restarted": peers.by_diffrax,
+    "numba, by hand": peers.by_numba,
 }
 
 

@@ -164,6 +164,7 @@ def _build(scene: Scene, lanes: np.ndarray, *, solver: str) -> Solve:
 
 
 _FILES = ("scenes.py", "line_scenes.py", "hard_scenes.py", "restarted.py", "gases.py")
+_FILES += ("../until_event.py",)
 _ENGINES = ("engine_scenes.py", "by_exudyn.py", "by_mujoco.py")
 STEPS = (10, 30, 100, 300)
 

@@ -1,15 +1,44 @@
-"""SciPy with events: slip and stick by `solve_ivp`, restarted where one ends."""
+"""One spring and slider by general solvers: diffrax, and SciPy with events."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from ..until_event import ending
+from ..until_event import ending, until
 from .problems import Lanes
+
+
+def by_diffrax(lanes: Lanes, rtol: float) -> Callable[[], jax.Array]:
+    """Plain diffrax: the limit of friction is switched inside the right-hand side."""
+
+    def right(s, y, args):
+        (w, v, psi, phi), (chi, alpha) = y, args
+        most = w**3 * (1 + alpha * v)
+        slope = w * w * (1 + alpha * v) * (1.5 * v - alpha * w**5)
+        grows, sign = 1.5 * w * w * psi, jnp.sign(phi)
+        slips = (jnp.abs(phi) >= most) & (sign * grows > slope)
+        rate = jnp.where(slips, sign * slope, grows)
+        held = jnp.clip(phi, -jnp.abs(most), jnp.abs(most))
+        return jnp.stack([v / 2, -(w**4) * (1 + alpha * v), -2 * chi * w * held, rate])
+
+    def parts(t, y, args, **_):
+        return y[0]
+
+    def impact(psi, chi, alpha):
+        start = jnp.stack([0 * psi, 1 + 0 * psi, psi, 0 * psi])
+        how = {"args": (chi, alpha), "stop": 20.0, "first": 1e-3, "newton": 1e-12, "most": 4096}
+        end = until(right, start, parts, rtol, **how)
+        return end.ys[-1][2]
+
+    program = jax.jit(jax.vmap(impact))
+    given = [jnp.asarray(x) for x in (lanes.psi, lanes.chi, lanes.alpha)]
+    return lambda: program(*given)
 
 
 def _impact(psi: float, chi: float, alpha: float, rtol: float) -> float:
@@ -47,6 +76,7 @@ def _impact(psi: float, chi: float, alpha: float, rtol: float) -> float:
     return math.nan
 
 
-def call_of(lanes: Lanes, rtol: float) -> Callable[[], np.ndarray]:
+def by_scipy(lanes: Lanes, rtol: float) -> Callable[[], np.ndarray]:
+    """SciPy with events: slip and stick by `solve_ivp`, restarted where one ends."""
     rows = list(zip(lanes.psi, lanes.chi, lanes.alpha, strict=True))
     return lambda: np.array([_impact(*row, rtol) for row in rows])
