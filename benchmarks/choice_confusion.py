@@ -27,9 +27,7 @@ cells whose name contains a text, `--into` selects another folder.
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import json
 import sys
 import time
 import zlib
@@ -46,10 +44,9 @@ from scipy.stats import f as fisher
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
+from benchmarks.study import Study
 from jaxcontact._fit import LEAST_GROUPS
 
-HERE = Path(__file__).parent
-RESULT = HERE / "choice_confusion.json"
 SEED = 1
 SIZES = 6, 12, 25, 60, 200
 NOISES = "constant", "proportional", "by trial"
@@ -314,29 +311,18 @@ def more(cell: dict[str, Any], name: str, what: tuple[str, int, str, str], table
 NOTHING = dict.fromkeys(("tables", *COUNTS), 0)
 
 
-def main(given: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--tables", type=int, default=8, help="in each of the cells")
-    parser.add_argument("--only", default="")
-    parser.add_argument("--fresh", action="store_true")
-    parser.add_argument("--into", type=Path, default=HERE, help="folder of the result")
-    arguments = parser.parse_args(given)
-    path = arguments.into / RESULT.name
-    result: dict[str, Any] = {"seed": SEED, "cells": {}}
-    if path.exists() and not arguments.fresh:
-        result = json.loads(path.read_text())
-    arguments.into.mkdir(parents=True, exist_ok=True)
-    chosen = [one for one in cells() if arguments.only in one[0]]
+def measure(known: dict | None, tables: int, only: str) -> Iterator[dict[str, Any]]:
+    result = known or {"seed": SEED, "cells": {}}
+    chosen = [one for one in cells() if only in one[0]]
     begun = time.perf_counter()
     # One table of every cell, then the next: an interrupted run has covered all cells.
-    for tables in range(1, arguments.tables + 1):
+    for count in range(1, tables + 1):
         for name, what in chosen:
             cell = result["cells"].setdefault(name, NOTHING | {"sure": {}})
             with jax.enable_x64(True):
-                more(cell, name, what, tables)
-            path.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")
-        print(f"{tables} tables a cell, {time.perf_counter() - begun:.0f} s", flush=True)
-    print(json.dumps(shares(result), indent=1, ensure_ascii=False))
+                more(cell, name, what, count)
+            yield result
+        print(f"{count} tables a cell, {time.perf_counter() - begun:.0f} s", flush=True)
 
 
 def shares(result: dict[str, Any]) -> dict[str, dict[str, float]]:
@@ -363,5 +349,8 @@ def confusion(result: dict[str, Any]) -> dict[str, Counter]:
     return found
 
 
+STUDY = Study(__file__, __doc__)
+
 if __name__ == "__main__":
-    main()
+    options = {"--tables": {"type": int, "default": 8, "help": "in each of the cells"}}
+    STUDY.command(measure, options | {"--only": {"default": ""}})

@@ -14,6 +14,8 @@ import jax
 import numpy as np
 
 import jaxcontact as jc
+from benchmarks.study import lines
+from benchmarks.time_and_error.measure import timed
 
 CONTACT = jc.Contact(mass=1.0, stiffness=1e4)
 LAW = jc.HuGuo(e=0.8)
@@ -75,12 +77,8 @@ def measured():
     for name, (function, at) in (LOOPS | SOFT).items():
         lowered, start = jax.jit(function).lower(at), time.process_time()
         program, compiling = lowered.compile(), time.process_time() - start
-        best, until = np.inf, time.perf_counter() + 2
-        while time.perf_counter() < until:
-            start = time.perf_counter()
-            result = jax.block_until_ready(program(at))
-            best = min(best, time.perf_counter() - start)
-        rows[name] = best, compiling, np.asarray(result).ravel().tolist()
+        row, result = timed(lambda program=program, at=at: program(at), True)
+        rows[name] = row["seconds"], compiling, np.asarray(result).ravel().tolist()
     return rows
 
 
@@ -92,12 +90,12 @@ def main():
         json.loads(subprocess.check_output(command, env={**os.environ, "JAXCONTACT_FAST_LOOPS": f}))
         for f in ("0", "1")
     )
-    print("| program | times as fast | compiling, ratio | difference |\n|---|---|---|---|")
+    cells = []
     for name, (slow, first, one) in off.items():
         fast, second, other = on[name]
         apart = np.max(np.abs(np.subtract(one, other))) / np.max(np.abs(one))
-        print(f"| {name} | {slow / fast:.1f} | {second / first:.2f} | {apart:.0e} |")
-    return None
+        cells.append([name, f"{slow / fast:.1f}", f"{second / first:.2f}", f"{apart:.0e}"])
+    return print(lines(["program", "times as fast", "compiling, ratio", "difference"], cells))
 
 
 if __name__ == "__main__":

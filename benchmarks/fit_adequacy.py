@@ -13,14 +13,12 @@ choice_confusion.py. `--draws` sets the number of draws, `--into` selects anothe
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
-import json
 import math
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +29,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
-from benchmarks import choice_confusion, nist
+from benchmarks import choice_confusion, fit_coverage, fit_design, nist
+from benchmarks.study import Study, lines, table
 
-HERE = Path(__file__).parent
-RESULT = HERE / "fit_adequacy.json"
-PAGE = HERE.parent / "docs" / "trust.md"
-OTHERS = "coverage", "design"
 SEED = 1
 SIGMA = 0.1
 LEVELS = {8: 2000, 25: 2000, 200: 2000, 2000: 2000}
@@ -138,37 +133,26 @@ def cells(model: str) -> list[str]:
     return [name for name in MISFITS if (model, name) != ("parabola", "square")]
 
 
-def study(draws: int, into: Path) -> None:
+def measure(known: dict | None, draws: int) -> Iterator[dict[str, Any]]:
     random = np.random.default_rng(SEED)
-    result: dict[str, Any] = {
-        "seed": SEED,
-        "python": platform.python_version(),
-        "levels": {},
-        "power": [],
-        "curves": {},
-    }
-
-    def write() -> None:
-        into.mkdir(parents=True, exist_ok=True)
-        (into / RESULT.name).write_text(json.dumps(result, indent=1) + "\n")
-
+    result: dict[str, Any] = {"seed": SEED, "python": platform.python_version()}
+    result |= {"levels": {}, "power": [], "curves": {}}
     few = max(draws // 5, 1)
-    for n, known in ((25, False), (100, False), (25, True), (100, True)):
-        curve = [power(random, "line", "square", n, size, known, few) for size in CURVE]
-        result["curves"][f"{n} points, σ {'known' if known else 'unknown'}"] = curve
-        print(n, known, curve, flush=True)
-    for n, size, known in WANTED:
+    for n, known_size in ((25, False), (100, False), (25, True), (100, True)):
+        curve = [power(random, "line", "square", n, size, known_size, few) for size in CURVE]
+        result["curves"][f"{n} points, σ {'known' if known_size else 'unknown'}"] = curve
+        print(n, known_size, curve, flush=True)
+    for n, size, known_size in WANTED:
         shares = {
-            f"{model} + {name}": power(random, model, name, n, size, known, few)
+            f"{model} + {name}": power(random, model, name, n, size, known_size, few)
             for model in ("line", "parabola")
             for name in cells(model)
         }
-        worst = min(shares, key=shares.__getitem__)
-        row = {"points": n, "lambda": size, "known": known, "draws": few, "shares": shares}
+        row = {"points": n, "lambda": size, "known": known_size, "draws": few, "shares": shares}
         result["power"].append(row)
-        print(n, size, known, worst, shares[worst], flush=True)
-        write()
-    for kind in ("unknown", "sigma", "huber", "repeated", "trials", "decay"):
+        print(n, size, known_size, min(shares.items(), key=lambda one: one[1]), flush=True)
+        yield result
+    for kind in KINDS:
         sizes = [n for n in LEVELS if n < 2000 or kind == "unknown"]
         if kind in ("repeated", "trials"):
             sizes = [32, 200]
@@ -176,62 +160,47 @@ def study(draws: int, into: Path) -> None:
             share = level(random, kind, n, draws)
             result["levels"].setdefault(kind, {})[str(n)] = {"share": share, "draws": draws}
             print(kind, n, share, flush=True)
-            write()
+            yield result
+
+
+KINDS = {
+    "unknown": "σ unknown",
+    "sigma": "σ known",
+    "huber": "Huber's loss",
+    "repeated": "four points at each x",
+    "trials": "trials of four points, correlated",
+    "decay": "a decay instead of a line",
+}
 
 
 def page(result: dict[str, Any]) -> str:
     """docs/trust.md: words from fit_adequacy.md, and the tables of a result."""
-    kinds = {
-        "unknown": "σ unknown",
-        "sigma": "σ known",
-        "huber": "Huber's loss",
-        "repeated": "four points at each x",
-        "trials": "trials of four points, correlated",
-        "decay": "a decay instead of a line",
-    }
     sizes = sorted({int(n) for row in result["levels"].values() for n in row})
-    levels = table(
-        ["false alarms in %", *(f"n = {n}" for n in sizes)],
-        [
-            [name, *(percent(result["levels"][kind].get(str(n), {}).get("share")) for n in sizes)]
-            for kind, name in kinds.items()
-        ],
-    )
-    rows = []
-    for one in result["power"]:
-        shares = one["shares"]
-        worst = min(shares, key=shares.__getitem__)
-        low = [f"{name} {percent(share)}" for name, share in shares.items() if share < 0.95]
-        noise = "known" if one["known"] else "unknown"
-        mean = percent(sum(shares.values()) / len(shares))
-        least = f"{percent(shares[worst])} ({worst})"
-        rows.append([str(one["points"]), str(one["lambda"]), noise, mean, least, ", ".join(low)])
-    power = table(["points", "λ", "σ", "mean, %", "least, %", "below 95 %"], rows)
-    curves = table(
-        ["seen in %, λ =", *map(str, CURVE)],
-        [[name, *map(percent, shares)] for name, shares in result["curves"].items()],
-    )
+    levels = [
+        [name, *(percent(result["levels"][kind].get(str(n), {}).get("share")) for n in sizes)]
+        for kind, name in KINDS.items()
+    ]
+    curves = [[name, *map(percent, shares)] for name, shares in result["curves"].items()]
     draws = {row["draws"] for kind in result["levels"].values() for row in kind.values()}
-    words = (HERE / "fit_adequacy.md").read_text()
-    coverage, plans = (json.loads((HERE / f"fit_{name}.json").read_text()) for name in OTHERS)
-    choice = json.loads(choice_confusion.RESULT.read_text())
-    problems = json.loads(nist.RESULT.read_text())
+    words = Path(__file__).with_suffix(".md").read_text()
+    coverage, plans = fit_coverage.STUDY.result(), fit_design.STUDY.result()
+    choice, problems = choice_confusion.STUDY.result(), nist.STUDY.result()
     numbers = {
-        "NIST": nist.table(problems, table),
+        "NIST": nist.table(problems),
         "NIST_LEAST": f"{min(row['digits'] for row in problems):.1f}",
         "CHOICE_SEED": str(choice["seed"]),
         "CHOICE_TABLES": f"{sum(cell['tables'] for cell in choice['cells'].values()):,}",
         "CONFUSION": confusion_table(choice),
         "SURE": sure_table(choice),
         **right_numbers(choice),
-        "LEVELS": levels,
-        "POWER": power,
-        "CURVES": curves,
+        "LEVELS": lines(["false alarms in %", *(f"n = {n}" for n in sizes)], levels),
+        "POWER": table(POWER, result["power"]),
+        "CURVES": lines(["seen in %, λ =", *map(str, CURVE)], curves),
         "DRAWS": f"{max(draws):,}",
         "FEW": f"{result['power'][0]['draws']:,}",
         "SEED": str(result["seed"]),
         "COVERAGE_SEED": str(coverage["seed"]),
-        "COVERAGE": coverage_table(coverage),
+        "COVERAGE": table(COVERAGE, coverage["cells"].items()),
         "DESIGN": design_table(plans),
         "DESIGN_DRAWS": str(plans["draws"]),
         "EXAMPLE": printed(words.split("```python\n")[1].split("```")[0]),
@@ -239,6 +208,24 @@ def page(result: dict[str, Any]) -> str:
     for name, text in numbers.items():
         words = words.replace("{" + name + "}", text)
     return words
+
+
+def of_shares(shares: dict[str, float]) -> tuple[float, str, str]:
+    """The mean of some shares, the least one, and those below 95 %."""
+    worst = min(shares, key=shares.__getitem__)
+    low = (f"{name} {percent(share)}" for name, share in shares.items() if share < 0.95)
+    mean = sum(shares.values()) / len(shares)
+    return mean, f"{percent(shares[worst])} ({worst})", ", ".join(low)
+
+
+POWER: dict[str, Callable[[dict], Any]] = {
+    "points": lambda row: row["points"],
+    "λ": lambda row: row["lambda"],
+    "σ": lambda row: "known" if row["known"] else "unknown",
+    "mean, %": lambda row: percent(of_shares(row["shares"])[0]),
+    "least, %": lambda row: of_shares(row["shares"])[1],
+    "below 95 %": lambda row: of_shares(row["shares"])[2],
+}
 
 
 def confusion_table(result: dict[str, Any]) -> str:
@@ -251,7 +238,7 @@ def confusion_table(result: dict[str, Any]) -> str:
         count = sums.get(truth, {"tables": 1})["tables"]
         of = [percent(counts[kind] / count) if counts[kind] else "" for kind in kinds]
         rows.append([truth, *of, percent(1 - counts.total() / count)])
-    return table(["truth", *kinds, "not sure"], rows)
+    return lines(["truth", *kinds, "not sure"], rows)
 
 
 def sure_table(result: dict[str, Any]) -> str:
@@ -265,8 +252,7 @@ def sure_table(result: dict[str, Any]) -> str:
         good = percent(right) if right is None or right >= 0.8 else f"**{percent(right)}**"
         rows.append([part, str(sums["tables"]), text, strict, str(sums["clear"]), good])
     header = ["tables", "number", "sure and wrong, %", "strict"]
-    header += ["clear", "of these sure and right, %"]
-    return table(header, rows)
+    return lines([*header, "clear", "of these sure and right, %"], rows)
 
 
 def right_numbers(result: dict[str, Any]) -> dict[str, str]:
@@ -289,16 +275,21 @@ def _place(part: tuple[str, Any]) -> int:
     return [*first, *rest, *(f"e {level}" for level in choice_confusion.LEVELS)].index(part[0])
 
 
-def coverage_table(result: dict[str, Any]) -> str:
-    rows = []
-    for name, cell in result["cells"].items():
-        held = []
-        for what, share in cell["shares"].items():
-            wanted = share >= 0.99 if what == "no better grid point" else 0.93 <= share <= 0.97
-            text = percent(share) if wanted else f"**{percent(share)}**"
-            held.append(f"{what} {text}")
-        rows.append([name, f"{cell['draws']:,}", percent(cell["converged"]), ", ".join(held)])
-    return table(["data", "fits", "converged, %", "held, %"], rows)
+def held(shares: dict[str, float]) -> str:
+    """The shares of intervals that hold the truth, in bold where they are not as wanted."""
+    found = []
+    for what, share in shares.items():
+        wanted = share >= 0.99 if what == "no better grid point" else 0.93 <= share <= 0.97
+        found.append(f"{what} {percent(share)}" if wanted else f"{what} **{percent(share)}**")
+    return ", ".join(found)
+
+
+COVERAGE: dict[str, Callable[[tuple[str, dict]], Any]] = {
+    "data": lambda cell: cell[0],
+    "fits": lambda cell: f"{cell[1]['draws']:,}",
+    "converged, %": lambda cell: percent(cell[1]["converged"]),
+    "held, %": lambda cell: held(cell[1]["shares"]),
+}
 
 
 def design_table(result: dict[str, Any]) -> str:
@@ -309,7 +300,7 @@ def design_table(result: dict[str, Any]) -> str:
             ratio = f"{seen / expected:.2f}"
             rows.append([name, parameter, f"{expected:.3g}", ratio, f"{even:.3g}"])
     header = ["plan", "parameter", "± expected", "seen/expected", "± spread evenly"]
-    return table(header, rows)
+    return lines(header, rows)
 
 
 def printed(code: str) -> str:
@@ -323,22 +314,12 @@ def percent(share: float | None) -> str:
     return "" if share is None else f"{100 * share:.1f}"
 
 
-def table(header: list[str], rows: list[list[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+STUDY = Study(__file__, __doc__, page, "trust", whole=True)
 
 
 def main(given: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=2000, help="fits a cell; power: a fifth")
-    parser.add_argument("--into", type=Path, default=HERE, help="folder of the result")
-    parser.add_argument("--page", action="store_true", help="only the page, from the result")
-    arguments = parser.parse_args(given)
-    if arguments.page:
-        result = json.loads((arguments.into / RESULT.name).read_text())
-        (PAGE if arguments.into == HERE else arguments.into / PAGE.name).write_text(page(result))
-    else:
-        study(arguments.draws, arguments.into)
+    draws = {"type": int, "default": 2000, "help": "fits a cell; power: a fifth"}
+    STUDY.command(measure, {"--draws": draws}, given)
 
 
 if __name__ == "__main__":

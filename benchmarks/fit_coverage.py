@@ -10,8 +10,6 @@ docs/trust.md from the result.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import sys
 import time
@@ -26,11 +24,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
-from benchmarks.fit_truths import bounces, drops, records, trials
+from benchmarks.fit_truths import bounces, drops, held, records, trials
+from benchmarks.study import Study
 from jaxcontact._fit.uncertainty.interval import held_at, quantile_of
 
-HERE = Path(__file__).parent
-RESULT = HERE / "fit_coverage.json"
 SEED = 1
 WANTED = 0.93, 0.97
 
@@ -76,7 +73,7 @@ def curve_of(model, truth, ends, sigma, transforms, n, known) -> Draw:
         new = there + sigma * random.normal(size=places.size)
         if not found.converged:
             return dict.fromkeys([*truth, "curve", "new reading"])
-        held = holds(found, truth)
+        shown = held(found, truth)
         for name, band, value in (
             ("curve", found.confidence_band, there),
             ("new reading", found.prediction_band, new),
@@ -84,15 +81,10 @@ def curve_of(model, truth, ends, sigma, transforms, n, known) -> Draw:
             low, high = band(places)
             # One place per draw, so that the draws are independent.
             i = int(random.integers(places.size))
-            held[name] = bool(low[i] <= value[i] <= high[i])
-        return held
+            shown[name] = bool(low[i] <= value[i] <= high[i])
+        return shown
 
     return draw
-
-
-def holds(found: jc.Fit, truth: dict[str, float]) -> dict[str, bool | None]:
-    ends = found.interval()
-    return {name: bool(ends[name][0] <= value <= ends[name][1]) for name, value in truth.items()}
 
 
 def record_cells() -> Iterator[tuple[str, Draw]]:
@@ -112,8 +104,8 @@ def beyond(found: jc.Fit, truth: dict[str, float]) -> dict[str, bool | None]:
     rows = np.diag([truth.get(name, np.nan) for name in found.names])
     rows[rows == 0] = np.nan
     deviation, _ = held_at(found, rows, np.tile(found._theta, (len(rows), 1)))
-    held = deviation <= quantile_of(found._absolute, found.dof, 0.95)
-    return {name: bool(held[found.names.index(name)]) for name in truth}
+    inside = deviation <= quantile_of(found._absolute, found.dof, 0.95)
+    return {name: bool(inside[found.names.index(name)]) for name in truth}
 
 
 def cells() -> dict[str, Draw]:
@@ -148,26 +140,22 @@ def shown(cell: dict) -> str:
     return f"converged {100 * cell['converged']:.1f}; " + ", ".join(parts)
 
 
-def main(given: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=2000)
-    parser.add_argument("--only", default="")
-    parser.add_argument("--fresh", action="store_true")
-    parser.add_argument("--into", type=Path, default=HERE, help="folder of the result")
-    arguments = parser.parse_args(given)
-    path = arguments.into / RESULT.name
-    result = {"seed": SEED, "cells": {}}
-    if path.exists() and not arguments.fresh:
-        result = json.loads(path.read_text())
+def measure(known: dict | None, draws: int, only: str) -> Iterator[dict]:
+    result = known or {"seed": SEED, "cells": {}}
     for name, draw in cells().items():
-        draws = arguments.draws // 4 if name.startswith("bounces") else arguments.draws
-        done = result["cells"].get(name, {}).get("draws") == draws
-        if arguments.only not in name or done:
-            continue
-        result["cells"][name] = cell = run(name, draw, draws, SEED)
-        print(f"{name}: {shown(cell)}", flush=True)
-        arguments.into.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")
+        count = draws // 4 if name.startswith("bounces") else draws
+        if only in name and result["cells"].get(name, {}).get("draws") != count:
+            result["cells"][name] = cell = run(name, draw, count, SEED)
+            print(f"{name}: {shown(cell)}", flush=True)
+            yield result
+
+
+STUDY = Study(__file__, __doc__)
+
+
+def main(given: list[str] | None = None) -> None:
+    options = {"--draws": {"type": int, "default": 2000}, "--only": {"default": ""}}
+    STUDY.command(measure, options, given)
 
 
 if __name__ == "__main__":

@@ -8,17 +8,18 @@ another folder.
 
 from __future__ import annotations
 
-import argparse
-import json
+import sys
 from pathlib import Path
 
 import jax
 import numpy as np
 
-import jaxcontact as jc
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-HERE = Path(__file__).parent
-RESULT = HERE / "fit_design.json"
+import jaxcontact as jc
+from benchmarks.study import Study
+
 SEED = 1
 SPEEDS = np.geomspace(0.05, 5, 30)
 NOISE = {"e": 0.01, "duration": 0.02, "max_force": 0.03}
@@ -71,19 +72,20 @@ def spread(name: str, draws: int) -> dict:
     }
 
 
-def main(given: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=500)
-    parser.add_argument("--into", type=Path, default=HERE, help="folder of the result")
-    arguments = parser.parse_args(given)
-    result = {"seed": SEED, "draws": arguments.draws, "plans": {}}
+def measure(known: dict | None, draws: int) -> dict:
+    result: dict = {"seed": SEED, "draws": draws, "plans": {}}
     for name in PLANS:
-        result["plans"][name] = one = spread(name, arguments.draws)
+        result["plans"][name] = one = spread(name, draws)
         ratios = {p: round(one["seen"][p] / one["expected"][p], 3) for p in one["seen"]}
         print(f"{name}: seen/expected {ratios}", flush=True)
-    arguments.into.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(result, indent=1, ensure_ascii=False) + "\n"
-    (arguments.into / RESULT.name).write_text(text)
+    return result
+
+
+STUDY = Study(__file__, __doc__)
+
+
+def main(given: list[str] | None = None) -> None:
+    STUDY.command(measure, {"--draws": {"type": int, "default": 500}}, given)
 
 
 if __name__ == "__main__":

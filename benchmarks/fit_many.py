@@ -2,32 +2,28 @@
 
 Tables of e(v) with noise of 0.01, each of its own ball and speeds, to which the damping c (v/v_r)^p
 is fitted. Loop and `fit_many` take turns on the same tables, both after their first call. The
-difference of their parameters is in standard errors. `--balls` is the number of balls, and `--out`
-another file. The result is fit_many.json, and the table of docs/calibrate.md is printed.
+difference of their parameters is in standard errors. `--page` writes the table of
+docs/calibrate.md.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-# Also works when run as a file.
-sys.path.insert(0, str(ROOT))
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
-from benchmarks.time_and_error import store
+from benchmarks.study import Study, lines, machine
 
-RESULT = ROOT / "benchmarks" / "fit_many.json"
 BALLS, POINTS, NOISE, REPEATS = 1000, 20, 0.01, 3
 START = {"c": 3e4, "power": 0.0}
 HOW = {"sigma": NOISE, "transforms": {"c": jc.Positive()}}
@@ -101,29 +97,23 @@ def compare(balls: int, repeats: int = REPEATS) -> Row:
 def table(row: Row) -> str:
     """Return the table of the page."""
     balls = row["balls"]
-    lines = [
-        ("", "loop over `jc.fit`", "`jc.fit_many`"),
-        ("---", "---", "---"),
-        ("first call", f"{row['first_fit_s']:.2g} s", f"{row['first_many_s']:.2g} s"),
-        (f"{balls:,} balls", f"{row['loop_s']:.2g} s", f"{row['many_s']:.2g} s"),
-        ("one ball", *(f"{1e3 * row[name] / balls:.2g} ms" for name in ("loop_s", "many_s"))),
-    ]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    return lines(
+        ["", "loop over `jc.fit`", "`jc.fit_many`"],
+        [
+            ("first call", f"{row['first_fit_s']:.2g} s", f"{row['first_many_s']:.2g} s"),
+            (f"{balls:,} balls", f"{row['loop_s']:.2g} s", f"{row['many_s']:.2g} s"),
+            ("one ball", *(f"{1e3 * row[name] / balls:.2g} ms" for name in ("loop_s", "many_s"))),
+        ],
+    )
 
 
-def main() -> None:
-    """Measure, write the result and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--balls", type=int, default=BALLS, help="number of balls")
-    parser.add_argument("--out", type=Path, default=RESULT, help="JSON file to write")
-    arguments = parser.parse_args()
-    row = compare(arguments.balls)
-    machine = store.machine()
-    machine = {name: machine[name] for name in ("processor", "cores", "jax") if name in machine}
-    arguments.out.write_text(json.dumps({"machine": machine, **row}, indent=1) + "\n")
-    print(table(row))
+def measure(known: Row | None, balls: int) -> Row:
+    row = compare(balls)
+    return {"machine": {name: machine()[name] for name in ("processor", "cores", "jax")}, **row}
 
+
+STUDY = Study(__file__, __doc__, table, "calibrate")
 
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
-    main()
+    STUDY.command(measure, {"--balls": {"type": int, "default": BALLS}})

@@ -29,6 +29,14 @@ def force_of(depth: np.ndarray, speed: np.ndarray) -> np.ndarray:
     return STIFFNESS * power + DAMPING * power * speed
 
 
+def held(found: jc.Fit, truth: dict[str, float]) -> dict[str, bool | None]:
+    """Whether the 95 % interval of each parameter holds its truth; None without a fit."""
+    if not found.converged:
+        return dict.fromkeys(truth)
+    ends = found.interval()
+    return {name: bool(ends[name][0] <= value <= ends[name][1]) for name, value in truth.items()}
+
+
 @functools.cache
 def motion() -> tuple[Callable[[np.ndarray], np.ndarray], float, float]:
     """Indentation and its rate over the time since touch, by SciPy, and both at the end."""
@@ -217,7 +225,6 @@ def bounces_fit(random: np.random.Generator, ball: str, wrong: float) -> dict[st
     )
     if not found.converged:
         return {name: None, "no better grid point": None}
-    low, high = found.interval()[name]
     factor, speed = np.asarray(found.problem.factor), GRAVITY * first / 2
 
     def loss(value: float) -> float:
@@ -228,7 +235,7 @@ def bounces_fit(random: np.random.Generator, ball: str, wrong: float) -> dict[st
     best = loss(float(found.values[0]))
     # Interpolation blurs a loss by less than this.
     better = min(map(loss, grid)) < best * (1 - 1e-6)
-    return {name: bool(low <= truth <= high), "no better grid point": not better}
+    return held(found, {name: truth}) | {"no better grid point": not better}
 
 
 NOISES = {"mixed": (3e-4, 0.004), "triggers": (1e-3, 0.001), "scatter": (1e-4, 0.01)}
@@ -258,10 +265,7 @@ def trials_fit(
         second.append(np.diff(times)[1:])
     columns = np.concatenate(first), np.concatenate(second)
     found = jc.fit_bounces(start, CONTACT, *columns, gravity=GRAVITY, throw=False)
-    if not found.converged:
-        return {name: None}
-    low, high = found.interval()[name]
-    return {name: bool(low <= truth <= high)}
+    return held(found, {name: truth})
 
 
 PINGPONG = jc.Drag(mass=0.0027, radius=0.02, coefficient=0.5)
@@ -295,7 +299,4 @@ def drops_fit(random: np.random.Generator, off: float) -> dict[str, bool | None]
         fixed=("mass", "stiffness"),
         throw=False,
     )
-    if not found.converged:
-        return dict.fromkeys(truth)
-    ends = found.interval()
-    return {name: bool(ends[name][0] <= value <= ends[name][1]) for name, value in truth.items()}
+    return held(found, truth)

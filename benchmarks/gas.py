@@ -1,4 +1,4 @@
-"""Gases of hard spheres against published values: `python benchmarks/gas.py [--out FILE]`.
+"""Gases of hard spheres against published values: `python benchmarks/gas.py`.
 
 In a periodic cell with instantaneous impacts and several seeds, the study measures an elastic gas:
 its mean free time, its pressure and its energy conservation. It then measures how two slightly
@@ -7,8 +7,7 @@ dissipative gases cool while they are homogeneous. Errors are those of the mean 
 
 from __future__ import annotations
 
-import argparse
-import json
+import sys
 from pathlib import Path
 
 import jax
@@ -18,9 +17,12 @@ jax.config.update("jax_enable_x64", True)
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import curve_fit
-from study import machine
+
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
+from benchmarks.study import Study, machine_in_short
 
 DIAMETER, DENSITY = 1.0, 0.5
 MEAN_FREE_TIME = 0.13031
@@ -148,44 +150,35 @@ def summary(name: str, runs: list[dict], key: str, published: float, source: str
     return row
 
 
-def main() -> None:
-    """Print the tables; with --out also write them as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, help="JSON file to write")
-    parser.add_argument("--seeds", type=int, default=5)
-    arguments = parser.parse_args()
-    seeds = range(arguments.seeds)
-    elastic = [equilibrium(1000, 100_000, seed) for seed in seeds]
-    for run in elastic:
-        print(run, flush=True)
-    haff = [cooling(jc.ExactRestitution(e=E), None, 1000, 3900.0, seed) for seed in seeds]
-    for run in haff:
-        print(run, flush=True)
+def measure(known: dict | None, seeds: int) -> dict:
     soft, stiffness = viscoelastic()
-    slow = [cooling(soft, stiffness, 500, 5300.0, seed) for seed in seeds]
-    for run in slow:
-        print(run, flush=True)
-    worst = max(run["energy"] for run in elastic)
-    print(f"energy over {elastic[0]['impacts']} elastic impacts: {worst:.1e}")
-    rows = [
-        summary("mean free time, ρσ³ = 0.5", elastic, "mean_free_time", MEAN_FREE_TIME, "Lue 2005"),
-        summary(
-            "PV/NkT, ρσ³ = 0.5", elastic, "pressure", carnahan_starling(DENSITY),
-            "Carnahan & Starling 1969",
+    hard = jc.ExactRestitution(e=E)
+    runs = {
+        "elastic": lambda seed: equilibrium(1000, 100_000, seed),
+        "constant": lambda seed: cooling(hard, None, 1000, 3900.0, seed),
+        "viscoelastic": lambda seed: cooling(soft, stiffness, 500, 5300.0, seed),
+    }
+    found: dict[str, list[dict]] = {name: [] for name in runs}
+    for name, run in runs.items():
+        for seed in range(seeds):
+            found[name].append(run(seed))
+            print(found[name][-1], flush=True)
+    pressure, cooled = carnahan_starling(DENSITY), "exponent of cooling"
+    published = (
+        ("mean free time, ρσ³ = 0.5", "elastic", "mean_free_time", MEAN_FREE_TIME, "Lue 2005"),
+        ("PV/NkT, ρσ³ = 0.5", "elastic", "pressure", pressure, "Carnahan & Starling 1969"),
+        (f"{cooled}, e = 0.9", "constant", "exponent", 2.0, "Haff 1983"),
+        (
+            *(f"{cooled}, 1 - e = 0.03 v^(1/5)", "viscoelastic", "exponent"),
+            *(5 / 3, "Schwager & Pöschel 1998"),
         ),
-        summary("exponent of cooling, e = 0.9", haff, "exponent", 2.0, "Haff 1983"),
-        summary(
-            "exponent of cooling, 1 - e = 0.03 v^(1/5)", slow, "exponent", 5 / 3,
-            "Schwager & Pöschel 1998",
-        ),
-    ]  # fmt: skip
-    if arguments.out:
-        table = {
-            "machine": machine(), "table": rows, "energy_drift": worst, "elastic": elastic,
-            "constant": haff, "viscoelastic": slow,
-        }  # fmt: skip
-        arguments.out.write_text(json.dumps(table, indent=1) + "\n")
+    )
+    rows = [summary(name, found[runs], *rest) for name, runs, *rest in published]
+    worst = max(run["energy"] for run in found["elastic"])
+    return {"machine": machine_in_short(), "table": rows, "energy_drift": worst, **found}
 
+
+STUDY = Study(__file__, __doc__)
 
 if __name__ == "__main__":
-    main()
+    STUDY.command(measure, {"--seeds": {"type": int, "default": 5}})

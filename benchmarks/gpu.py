@@ -7,8 +7,8 @@ docs/gpu.md at the end.
 
     XLA_PYTHON_CLIENT_PREALLOCATE=false python benchmarks/gpu.py --limit 280
 
-`--quick` takes small sizes, `--only` the groups of that name, `--out` and `--page` other files.
-`--write` makes the page of a result that is there.
+`--quick` takes small sizes, `--only` the groups of that name, `--into` another folder. `--page`
+makes the page of a result that is there.
 """
 
 from __future__ import annotations
@@ -26,9 +26,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-# Also works when run as a file.
-sys.path.insert(0, str(ROOT))
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jax
 import numpy as np
@@ -36,9 +35,9 @@ import numpy as np
 from benchmarks import weight
 from benchmarks.gpu_page import page
 from benchmarks.gpu_tasks import TASKS, Task
+from benchmarks.study import DOCS, Study, put, with_machine
 from benchmarks.time_and_error import store
 
-RESULT, PAGE = ROOT / "benchmarks" / "gpu.json", ROOT / "docs" / "gpu.md"
 REPEATS = 3
 SLOW = 4.0
 """Seconds from which a call is not repeated."""
@@ -82,10 +81,7 @@ class Result:
     def keep(self, row: Row) -> None:
         self.rows.append(row)
         print(json.dumps(row), flush=True)
-        lines = ",\n".join(map(json.dumps, self.rows))
-        beside = self.path.with_suffix(".part")
-        beside.write_text(f'{{"machine": {json.dumps(self.machine)},\n"rows": [\n{lines}\n]}}\n')
-        beside.replace(self.path)
+        put(self.path, with_machine(self.machine, self.rows))
 
 
 def devices() -> dict[str, jax.Device]:
@@ -269,7 +265,7 @@ def first_calls(quick: bool, clock: Clock, result: Result) -> None:
         row = {"group": FIRST, "what": call, "platform": name}
         try:
             clock.check()
-            spent, _ = weight.seconds(
+            spent, _ = weight.times_of(
                 weight.PROGRAMS[call],
                 "perf_counter",
                 max(clock.left(), 1.0),
@@ -285,24 +281,27 @@ def first_calls(quick: bool, clock: Clock, result: Result) -> None:
             result.keep(row)
 
 
+STUDY = Study(__file__, __doc__, page, "gpu", whole=True)
+
+
 def main(asked: list[str] | None = None) -> None:
     """Measure, write the rows and the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=RESULT, help="JSON file to write")
-    parser.add_argument("--page", type=Path, default=PAGE, help="page to write")
+    parser.add_argument("--into", type=Path, help="folder of the result and of the page")
     parser.add_argument("--limit", type=float, default=3600.0, help="seconds; then no row starts")
     parser.add_argument("--quick", action="store_true", help="small sizes")
     parser.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="groups")
-    parser.add_argument("--write", action="store_true", help="only the page, of a known result")
+    parser.add_argument("--page", action="store_true", help="only the page, of a known result")
     arguments = parser.parse_args(asked)
-    if not arguments.write:
-        clock, result = Clock(arguments.limit), Result(arguments.out, arguments.only)
+    out = arguments.into / "gpu.json" if arguments.into else STUDY.path
+    if not arguments.page:
+        clock, result = Clock(arguments.limit), Result(out, arguments.only)
         for group in arguments.only:
             if group == FIRST:
                 first_calls(arguments.quick, clock, result)
             else:
                 measure_group(group, arguments.quick, clock, result)
-    arguments.page.write_text(page(json.loads(arguments.out.read_text())))
+    STUDY.show(json.loads(out.read_text()), arguments.into or DOCS)
 
 
 if __name__ == "__main__":

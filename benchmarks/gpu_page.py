@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from benchmarks.study import lines
+
 Row = dict[str, Any]
 MECHANISMS = "slider-crank, 1.6 ms", "double pendulum, 2.5 s"
 
@@ -88,9 +90,10 @@ def findings(rows: list[Row], machine: Row) -> Iterable[str]:
     if not best:
         yield "**This result has no rows of a GPU**: it is the short form, on a CPU.\n"
         return
+    both = "table of Maw, Barber and Fawcett", "spring and slider"
     said = [
-        of_impacts(best, rows),
-        of_friction(best, rows),
+        of_runs("Impacts in float64", ("exact", "event", "event, with a push"), best, rows, True),
+        of_runs("Oblique impacts with friction, ψ2(ψ1)", both, best, rows, True),
         of_runs("Scenes of three discs and a plane", ("instantaneous", "soft"), best, rows),
         of_runs("Mechanisms", MECHANISMS, best, rows),
         of_first_calls(rows),
@@ -100,28 +103,16 @@ def findings(rows: list[Row], machine: Row) -> Iterable[str]:
         yield f"- {failures} of {len(rows)} rows failed or did not start; they state why.\n"
 
 
-def of_impacts(best: dict[str, Row], rows: list[Row]) -> str:
-    told = []
-    for what in ("exact", "event", "event, with a push"):
-        row = best.get(what)
-        if row:
-            rate = f"{what} {count(row['rate'])} a second{times_cpu(row, rows)}"
-            told.append(f"{rate}, error {row['error']:.0e}")
-    return f"Impacts in float64: {'; '.join(told)}." if told else ""
-
-
-def of_friction(best: dict[str, Row], rows: list[Row]) -> str:
-    told = [
-        f"{what} {count(row['rate'])} a second{times_cpu(row, rows)}, error {row['error']:.0e}"
-        for what in ("table of Maw, Barber and Fawcett", "spring and slider")
-        if (row := best.get(what))
-    ]
-    return f"Oblique impacts with friction, ψ2(ψ1): {'; '.join(told)}." if told else ""
-
-
-def of_runs(title: str, names: tuple[str, ...], best: dict[str, Row], rows: list[Row]) -> str:
+def of_runs(
+    title: str,
+    names: tuple[str, ...],
+    best: dict[str, Row],
+    rows: list[Row],
+    errors: bool = False,
+) -> str:
     told = [
         f"{what} {count(row['rate'])} a second{times_cpu(row, rows)}"
+        + (f", error {row['error']:.0e}" if errors else "")
         for what in names
         if (row := best.get(what))
     ]
@@ -179,19 +170,8 @@ def count(x: float) -> str:
 def table(rows: list[Row]) -> str:
     """The rows of a group, those of a CPU below those of the GPU."""
     unit = rows[0]["unit"]
-    head = (
-        "what",
-        unit,
-        "precision",
-        "device",
-        "time",
-        f"{unit}/s",
-        "× CPU",
-        "error",
-        "compile",
-        "cores",
-    )
-    return lines(head, [cells(row, rows) for row in rows])
+    head = ["what", unit, "precision", "device", "time", f"{unit}/s", "× CPU", "error", "compile"]
+    return lines([*head, "cores"], [cells(row, rows) for row in rows]) + "\n"
 
 
 def cells(row: Row, rows: list[Row]) -> list[str]:
@@ -235,9 +215,8 @@ def first_table(rows: list[Row]) -> str:
         )
 
     calls = dict.fromkeys(row["what"] for row in rows)
-    return lines(
-        ("call", "GPU", "CPU"), [[call, of(call, "gpu"), of(call, "cpu")] for call in calls]
-    )
+    found = [[call, of(call, "gpu"), of(call, "cpu")] for call in calls]
+    return lines(["call", "GPU", "CPU"], found) + "\n"
 
 
 def duration(seconds: float) -> str:
@@ -245,9 +224,3 @@ def duration(seconds: float) -> str:
         if seconds >= size:
             return f"{seconds / size:.3g} {unit}"
     return f"{seconds / 1e-6:.3g} µs"
-
-
-def lines(head: Iterable[str], body: Iterable[Iterable[str]]) -> str:
-    head = list(head)
-    rows = [head, ["---"] * len(head), *body]
-    return "".join(f"| {' | '.join(row)} |\n" for row in rows)

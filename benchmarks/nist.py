@@ -8,6 +8,7 @@ Source: the Statistical Reference Datasets of the National Institute of Standard
 from __future__ import annotations
 
 import json
+import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -22,10 +23,13 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import optimize
 
-import jaxcontact as jc
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-HERE = Path(__file__).parent
-DATA, RESULT = HERE / "nist_data.json", HERE / "nist.json"
+import jaxcontact as jc
+from benchmarks.study import Study, by_line, lines
+
+DATA = Path(__file__).with_name("nist_data.json")
 CERTIFIED, ENOUGH = 11, 6
 """Digits that NIST gives, and that count as found."""
 
@@ -146,7 +150,7 @@ def by_scipy(name: str, problem: dict[str, Any], start: list[float], best: bool)
     return digits(values, problem["certified"])
 
 
-def table(rows: list[dict[str, Any]], of: Callable[[list[str], list[list[str]]], str]) -> str:
+def table(rows: list[dict[str, Any]]) -> str:
     """A line for each problem and its two starts; what does not reach 6 digits is in bold."""
 
     def shown(number: float | None) -> str:
@@ -154,20 +158,20 @@ def table(rows: list[dict[str, Any]], of: Callable[[list[str], list[list[str]]],
             return "**gives up**"
         return f"{number:.1f}" if number >= ENOUGH else f"**{max(number, 0):.1f}**"
 
-    lines = []
+    found = []
     for one, two in zip(rows[::2], rows[1::2], strict=True):
-        cells = [one["problem"], str(one["parameters"])]
+        cells = [one["problem"], one["parameters"]]
         for row in (one, two):
-            found = shown(row["digits"]) if row["converged"] else "**says no**"
-            cells += [f"{found} ({row['steps']})", shown(row["scipy"]), shown(row["scipy at best"])]
-        lines.append(cells)
+            digits = shown(row["digits"]) if row["converged"] else "**says no**"
+            cells += [f"{digits} ({row['steps']})", shown(row["scipy"])]
+            cells.append(shown(row["scipy at best"]))
+        found.append(cells)
     header = ["jc.fit (steps)", "SciPy", "SciPy at best"]
-    return of(
-        ["problem", "parameters", *(f"start {n}: {h}" for n in (1, 2) for h in header)], lines
-    )
+    starts = [f"start {n}: {h}" for n in (1, 2) for h in header]
+    return lines(["problem", "parameters", *starts], found)
 
 
-def main() -> None:
+def measure(known: list | None) -> list[dict[str, Any]]:
     rows = []
     for name, problem in problems().items():
         for number, start in enumerate(problem["starts"], 1):
@@ -175,10 +179,12 @@ def main() -> None:
             row |= by_jaxcontact(name, problem, start)
             row["scipy"] = by_scipy(name, problem, start, best=False)
             row["scipy at best"] = by_scipy(name, problem, start, best=True)
-            print(json.dumps(row), flush=True)
+            print(row, flush=True)
             rows.append(row)
-    RESULT.write_text("[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n")
+    return rows
 
+
+STUDY = Study(__file__, __doc__, text=by_line)
 
 if __name__ == "__main__":
-    main()
+    STUDY.command(measure)

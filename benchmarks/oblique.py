@@ -9,14 +9,14 @@ benchmarks/oblique.json, which `python benchmarks/run_time_error.py --page` puts
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jax
 
@@ -24,27 +24,28 @@ jax.config.update("jax_enable_x64", True)
 
 from benchmarks.oblique_impacts.groups import GROUPS, SMALL, WHOLE
 from benchmarks.oblique_impacts.page import section
-from benchmarks.time_and_error.store import machine
+from benchmarks.study import Study, machine
 
-RESULT = Path(__file__).with_suffix(".json")
+
+def measure(known: dict | None, group: str | None, small: bool) -> Iterator[dict[str, Any]]:
+    result = known or {"groups": {}}
+    hardware = {key: machine()[key] for key in ("processor", "cores", "commit")}
+    for name in [group] if group else GROUPS:
+        rows = GROUPS[name](SMALL if small else WHOLE)
+        load = round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None
+        result["groups"][name] = {"rows": rows, "machine": hardware, "load": load}
+        yield result
+
+
+STUDY = Study(__file__, __doc__, lambda result: "\n".join(section(result)))
+OPTIONS = {
+    "group": {"nargs": "?", "choices": GROUPS, "help": "one group; all by default"},
+    "--small": {"action": "store_true", "help": "a few lanes of each group"},
+}
 
 
 def main(words: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("group", nargs="?", choices=GROUPS, help="one group; all by default")
-    parser.add_argument("--small", action="store_true", help="a few lanes of each group")
-    parser.add_argument("--out", type=Path, default=RESULT, help="the JSON file")
-    arguments = parser.parse_args(words)
-    out = arguments.out
-    result = json.loads(out.read_text()) if out.exists() else {"groups": {}}
-    for name in [arguments.group] if arguments.group else GROUPS:
-        rows = GROUPS[name](SMALL if arguments.small else WHOLE)
-        known = machine()
-        hardware = {key: known[key] for key in ("processor", "cores", "commit")}
-        load = round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None
-        result["groups"][name] = {"rows": rows, "machine": hardware, "load": load}
-        out.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")
-    print("\n".join(section(result)))
+    STUDY.command(measure, OPTIONS, words)
 
 
 if __name__ == "__main__":

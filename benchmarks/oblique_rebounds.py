@@ -9,8 +9,7 @@ of like materials: for ν = 0, and the largest for ν up to 0.5.
 
 from __future__ import annotations
 
-import json
-import time
+import sys
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,9 +21,13 @@ jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
 import numpy as np
 
-import jaxcontact as jc
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-RESULT = Path(__file__).with_suffix(".json")
+import jaxcontact as jc
+from benchmarks.study import Study
+from benchmarks.time_and_error.measure import timed
+
 MU, RADIUS, SPEED = 0.092, 2.5e-3, 3.9
 OXIDE = jc.Material(youngs_modulus=380e9, poisson_ratio=0.23, density=4000.0)
 GLASS = jc.Material(youngs_modulus=70e9, poisson_ratio=0.25)
@@ -38,7 +41,7 @@ LAWS = {
     "rescaled": jc.SpringSlider(mu=MU, form="rescaled"),
     "mbf": jc.MawBarberFawcett(mu=MU),
 }
-LANES, REPEATS = 20_000, 15
+LANES = 20_000
 
 
 class Points(NamedTuple):
@@ -86,30 +89,24 @@ def of_law(friction: Any) -> dict[str, float]:
     off = ratio[:count] - seen.ratio, spin[count : angles.size] - seen.spin
     rms, rms_spin = (float(np.sqrt(np.mean(np.square(x)))) for x in off)
     many = np.linspace(0.1, 60, LANES)
-    seconds = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        jax.block_until_ready(rebound(friction, many))
-        seconds.append(time.perf_counter() - start)
-    return {"rms": rms, "rms_spin": rms_spin, "us": 1e6 * min(seconds) / LANES}
+    spent, _ = timed(lambda: rebound(friction, many), True)
+    return {"rms": rms, "rms_spin": rms_spin, "us": 1e6 * spent["seconds"] / LANES}
 
 
-def main() -> None:
-    """Measure all laws, and write the result."""
+def measure(known: dict | None) -> dict[str, Any]:
     laws = {}
     for name, law in LAWS.items():
         laws[name] = of_law(law)
         print(name, laws[name], flush=True)
     nu = np.linspace(0, 0.5, 51)
-    names = "displacement", "force", "rescaled", "mbf"
-    ratio = 2 * (1 - nu) / (2 - nu)
     back = {}
-    for name in names:
-        shares = np.asarray(returned(LAWS[name], ratio))
+    for name in ("displacement", "force", "rescaled", "mbf"):
+        shares = np.asarray(returned(LAWS[name], 2 * (1 - nu) / (2 - nu)))
         back[name] = {"at_zero": float(shares[0]), "largest": float(shares.max())}
-    print(back)
-    RESULT.write_text(json.dumps({"laws": laws, "returned": back}, indent=1) + "\n")
+    return {"laws": laws, "returned": back}
 
+
+STUDY = Study(__file__, __doc__)
 
 if __name__ == "__main__":
-    main()
+    STUDY.command(measure)

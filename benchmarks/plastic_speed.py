@@ -5,21 +5,20 @@ diffrax solves (δ, δ') from touch to the turn and from there to the end, each 
 `vmap` over a thousand lanes at a time. For every way the cheapest setting with an error of at most
 1e-8 counts, of e and of the duration. The truth of nine lanes is SciPy's DOP853 at 1e-13.
 
-The result is plastic_speed.json, and the table of docs/plastic.md is printed.
+`--page` writes the table of docs/plastic.md.
 """
 
 from __future__ import annotations
 
-import json
+import itertools
 import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-ROOT = Path(__file__).resolve().parents[1]
-# Also works when run as a file.
-sys.path.insert(0, str(ROOT))
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jax
 
@@ -28,15 +27,15 @@ jax.config.update("jax_enable_x64", True)
 import diffrax
 import jax.numpy as jnp
 import numpy as np
-import optimistix
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
+from benchmarks.study import Study, lines
 from benchmarks.time_and_error.measure import timed
+from benchmarks.until_event import ending, until
 from tests.oracle.neck_chain import Neck
 from tests.oracle.plastic_chain import thornton, walton_braun
 
-RESULT = ROOT / "benchmarks" / "plastic_speed.json"
 LANES, CHECKED = 10_000, 9
 ENOUGH = 1e-8
 PUSH = 0.05
@@ -144,13 +143,10 @@ def truth(case: Force, push: float) -> np.ndarray:
         for leg in range(2):
             end = 0.0 if leg == 0 else float(case.end(jnp.asarray(most)))
 
-            def event(t: float, y: Any, leg: int = leg, end: float = end) -> float:
-                return y[1] if leg == 0 else y[0] - end
-
-            event.terminal, event.direction = True, -1
+            over = ending(lambda t, y, leg=leg, end=end: y[1] if leg == 0 else y[0] - end)
             run = solve_ivp(
                 lambda t, y, most=most: [y[1], push - case.known(y[0], y[1], most)],
-                (t, 1e3), y, method="DOP853", rtol=1e-13, atol=1e-16, events=event, max_step=0.1,
+                (t, 1e3), y, method="DOP853", rtol=1e-13, atol=1e-16, events=over, max_step=0.1,
             )  # fmt: skip
             t, y = run.t_events[0][0], run.y_events[0][0]
             most = y[0] if case.law.remembers else 0.0
@@ -160,22 +156,10 @@ def truth(case: Force, push: float) -> np.ndarray:
 
 def by_diffrax(case: Force, push: float, solver: Any) -> Callable[[Any, Any], Any]:
     def leg(y: Any, most: Any, rtol: Any, event: Callable[[Any], Any]) -> tuple[Any, Any, Any]:
-        found = diffrax.diffeqsolve(
-            diffrax.ODETerm(
-                lambda t, y, args: jnp.stack([y[1], push - case.force(y[0], y[1], most)])
-            ),
-            solver(),
-            0.0,
-            1e3,
-            0.01,
-            y,
-            stepsize_controller=diffrax.PIDController(rtol=rtol, atol=rtol),
-            event=diffrax.Event(
-                lambda t, y, args, **_: event(y), optimistix.Newton(1e-13, 1e-13), direction=False
-            ),
-            max_steps=16_384,
-            throw=False,
-        )
+        found = until(
+            lambda t, y, args: jnp.stack([y[1], push - case.force(y[0], y[1], most)]), y,
+            lambda t, y, args, **_: event(y), rtol, solver=solver(), atol=1.0, most=16_384,
+        )  # fmt: skip
         ended = found.result == diffrax.RESULTS.event_occurred
         return found.ts[-1], found.ys[-1], ended
 
@@ -248,27 +232,18 @@ def cheapest(found: list[dict[str, Any]], law: str, push: float, way: str) -> di
 
 def table(found: list[dict[str, Any]]) -> str:
     """Return the table of docs/plastic.md: times of plain diffrax over ours, and both errors."""
-    lines = ["| law | push | method | diffrax over ours | our error | error of diffrax |"]
-    lines.append("|---|---|---|---|---|---|")
-    for law in CASES:
-        for push in (PUSH, 0.0):
-            other = cheapest(found, law, push, "diffrax")
-            for way in ("event", "exact"):
-                mine = cheapest(found, law, push, way)
-                if mine is None or other is None:
-                    continue
-                ratio = f"{other['us'] / mine['us']:.2g}"
-                errors = f"{mine['error']:.0e} | {other['error']:.0e}"
-                word = "yes" if push else "no"
-                lines.append(f"| `{law}` | {word} | {way} | {ratio} | {errors} |")
-    return "\n".join(lines)
+    cells = []
+    for law, push, way in itertools.product(CASES, (PUSH, 0.0), ("event", "exact")):
+        other, mine = (cheapest(found, law, push, name) for name in ("diffrax", way))
+        if mine is not None and other is not None:
+            ratio = f"{other['us'] / mine['us']:.2g}"
+            errors = f"{mine['error']:.0e}", f"{other['error']:.0e}"
+            cells.append([f"`{law}`", "yes" if push else "no", way, ratio, *errors])
+    heads = ["law", "push", "method", "diffrax over ours", "our error", "error of diffrax"]
+    return lines(heads, cells, "---")
 
 
-def main() -> None:
-    found = rows()
-    RESULT.write_text(json.dumps({"lanes": LANES, "rows": found}, indent=1) + "\n")
-    print(table(found))
-
+STUDY = Study(__file__, __doc__, lambda found: table(found["rows"]), "plastic")
 
 if __name__ == "__main__":
-    main()
+    STUDY.command(lambda known: {"lanes": LANES, "rows": rows()})

@@ -10,10 +10,9 @@ differences. For laws without memory touches are compared with SciPy's, restarte
 
 from __future__ import annotations
 
-import argparse
 import functools
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,6 +29,8 @@ from scipy.integrate import solve_ivp
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
+from benchmarks.study import Study, lines
+from benchmarks.until_event import ending
 
 KINDS = "moving", "at rest", "pressed", "touching"
 COLUMNS = (
@@ -341,11 +342,7 @@ def by_scipy(name: str, x: Numbers) -> list[tuple[int, float, float]]:
         touches.append((k, t, closing[k]))
 
     def event_of(k: int) -> Callable[..., float]:
-        def event(t: float, y: np.ndarray) -> float:
-            return at(t, y)[3][k] / x.unit
-
-        event.terminal, event.direction = True, 1 if closed[k] else -1
-        return event
+        return ending(lambda t, y: at(t, y)[3][k] / x.unit, 1 if closed[k] else -1)
 
     moment = x
     if x.touching:
@@ -390,33 +387,41 @@ def beside_scipy(name: str, x: Numbers, count: int) -> tuple[int, float]:
     return same, worst
 
 
-def main(words: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--each", type=int, default=200, help="mechanisms for each law")
-    parser.add_argument("--scipy", type=int, default=20, help="of them beside SciPy")
-    parser.add_argument("--laws", nargs="*", default=list(LAWS), choices=list(LAWS))
-    parser.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".md"))
-    arguments = parser.parse_args(words)
-    titles = ["law", "mechanisms", "contacts", "left out", "failed", "energy", *COLUMNS]
-    lines = [[*titles, "SciPy's touches", "deviation"]]
-    lines.append(["---"] * len(lines[0]))
-    for name in arguments.laws:
-        random = np.random.default_rng(1)
-        x = drawn(random, name, arguments.each)
-        runs = compared(name, x, directions(random, x))
-        valid, sound = runs.others["valid"], runs.sound
-        counts = [len(valid), valid.sum(), (valid & ~sound).sum()]
-        row = [name, *map(str, counts), str(np.sum(runs.others["status"] > 1))]
-        rows = {c: sound & np.isfinite(runs.table[c]) for c in COLUMNS}
-        worst = [np.max(np.where(rows[c], runs.deviation[c], 0)) for c in COLUMNS]
-        row += [f"{z:.0e}" for z in [np.max(runs.books), *worst]]
-        same, off = beside_scipy(name, x, arguments.scipy) if name in FORCES else (0, 0.0)
-        lines.append([*row, str(same or ""), f"{off:.0e}" if same else ""])
-        print(" | ".join(lines[-1]), flush=True)
-        table = "\n".join("| " + " | ".join(line) + " |" for line in lines)
-        heading = HEADING.replace("{EACH}", str(arguments.each))
-        arguments.out.write_text(f"{heading}\n{table}\n")
+def row_of(name: str, each: int, scipy: int) -> list[str]:
+    """Return the row of a law: counts, the imbalance of energy, and the largest deviations."""
+    random = np.random.default_rng(1)
+    x = drawn(random, name, each)
+    runs = compared(name, x, directions(random, x))
+    valid, sound = runs.others["valid"], runs.sound
+    rows = {c: sound & np.isfinite(runs.table[c]) for c in COLUMNS}
+    worst = [np.max(np.where(rows[c], runs.deviation[c], 0)) for c in COLUMNS]
+    same, off = beside_scipy(name, x, scipy) if name in FORCES else (0, 0.0)
+    counts = len(valid), valid.sum(), (valid & ~sound).sum(), np.sum(runs.others["status"] > 1)
+    errors = [f"{z:.0e}" for z in [np.max(runs.books), *worst]]
+    return [name, *map(str, counts), *errors, str(same or ""), f"{off:.0e}" if same else ""]
 
+
+def measure(known: None, each: int, scipy: int, laws: list[str]) -> Iterator[tuple[int, list]]:
+    rows = []
+    for name in laws:
+        rows.append(row_of(name, each, scipy))
+        print(" | ".join(rows[-1]), flush=True)
+        yield each, rows
+
+
+def page(found: tuple[int, list[list[str]]]) -> str:
+    each, rows = found
+    heads = ["law", "mechanisms", "contacts", "left out", "failed", "energy", *COLUMNS]
+    table = lines([*heads, "SciPy's touches", "deviation"], rows)
+    return f"{HEADING.replace('{EACH}', str(each))}\n{table}"
+
+
+STUDY = Study(__file__, __doc__, text=page, ending=".md")
+OPTIONS = {
+    "--each": {"type": int, "default": 200, "help": "mechanisms for each law"},
+    "--scipy": {"type": int, "default": 20, "help": "of them beside SciPy"},
+    "--laws": {"nargs": "*", "default": list(LAWS), "choices": list(LAWS)},
+}
 
 if __name__ == "__main__":
-    main()
+    STUDY.command(measure, OPTIONS)

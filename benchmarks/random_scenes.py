@@ -13,9 +13,8 @@ continues; `--fresh` starts over. `--only` runs the given number of scenes and w
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import jax
@@ -28,10 +27,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
+from benchmarks.study import Study, by_line, table
 from tests.oracle.random_scenes import DURATION, GRAVITY, LAWS, RandomScene, answers, drawn
 
-HERE = Path(__file__).parent
-RESULT, PAGE = HERE / "random_scenes.json", HERE.parent / "docs" / "scenes_how.md"
 TOLERANCES = 1e-6, 1e-9
 MOST = 10
 """Of the error beside what was estimated: beyond, the estimate is wrong."""
@@ -68,58 +66,47 @@ def compared(given: RandomScene, known: dict, rtol: float) -> dict[str, float]:
     }
 
 
+COLUMNS: dict[str, Callable[[tuple[str, float, list[dict]]], str]] = {
+    "law": lambda of: f"`{of[0]}`",
+    "rtol": lambda of: f"{of[1]:g}",
+    "runs": lambda of: f"{len(of[2])}",
+    "completed": lambda of: f"{sum(row['completed'] for row in of[2])}",
+    "touches": lambda of: f"{sum(row['touches'] for row in of[2])}",
+    "error / (rtol G), median": lambda of: f"{np.median([row['error'] for row in of[2]]):.2g}",
+    "99 %": lambda of: f"{np.percentile([row['error'] for row in of[2]], 99):.2g}",
+    "largest": lambda of: f"{max(row['error'] for row in of[2]):.2g}",
+    "error / (estimate G), largest": lambda of: f"{max(beside(of[2])):.2g}",
+    "above ten": lambda of: f"{sum(not x <= MOST for x in beside(of[2]))}",
+}
+
+
+def beside(rows: list[dict]) -> list[float]:
+    return [row["beside_estimate"] for row in rows]
+
+
 def page(rows: dict[str, dict]) -> str:
     """The table: a line for each law and tolerance."""
-    lines = [
-        "| law | rtol | runs | completed | touches | error / (rtol G), median | 99 % | largest "
-        "| error / (estimate G), largest | above ten |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for law in LAWS:
-        for rtol in TOLERANCES:
-            of_it = [
-                row
-                for key, row in rows.items()
-                if key.endswith(f" {rtol:g}") and LAWS[int(key.split()[0]) % len(LAWS)] == law
-            ]
-            if not of_it:
-                continue
-            error = np.array([row["error"] for row in of_it])
-            beside = np.array([row["beside_estimate"] for row in of_it])
-            counted = [len(of_it), sum(row["completed"] for row in of_it)]
-            counted.append(sum(row["touches"] for row in of_it))
-            shown = [f"{x:.2g}" for x in (*np.percentile(error, [50, 99]), error.max())]
-            shown += [f"{beside.max():.2g}", str(int(np.sum(~(beside <= MOST))))]
-            lines.append(f"| `{law}` | {rtol:g} | {' | '.join([*map(str, counted), *shown])} |")
-    return "\n".join(lines)
+    found: dict[tuple[str, float], list[dict]] = {(law, t): [] for law in LAWS for t in TOLERANCES}
+    for key, row in rows.items():
+        number, rtol = key.split()
+        found[LAWS[int(number) % len(LAWS)], float(rtol)].append(row)
+    return table(COLUMNS, [(*of, some) for of, some in found.items() if some], "---")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--fresh", action="store_true")
-    parser.add_argument("--only", type=int)
-    parser.add_argument("--page", action="store_true")
-    arguments = parser.parse_args()
-    rows = json.loads(RESULT.read_text()) if RESULT.exists() and not arguments.fresh else {}
-    if arguments.page:
-        begin, end = "<!-- table of benchmarks/random_scenes.py -->", "<!-- end of table -->"
-        before, _, rest = PAGE.read_text().partition(begin)
-        PAGE.write_text(f"{before}{begin}\n{page(rows)}\n{end}{rest.partition(end)[2]}")
-        return
-    known = answers()
+def measure(known: dict | None, only: int | None) -> Iterator[dict[str, dict]]:
+    rows, every = known or {}, answers()
     # Scenes that share a program run one after another.
-    order = sorted(known, key=lambda k: (int(k) % (2 * len(LAWS)), int(k)))
-    for number in order[: arguments.only]:
+    order = sorted(every, key=lambda k: (int(k) % (2 * len(LAWS)), int(k)))
+    for number in order[:only]:
         for rtol in TOLERANCES:
             key = f"{number} {rtol:g}"
-            if key in rows:
-                continue
-            rows[key] = compared(drawn(int(number)), known[number], rtol)
-            print(key, rows[key], flush=True)
-        if not arguments.only:
-            lines = (f'"{key}": {json.dumps(row)}' for key, row in rows.items())
-            RESULT.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+            if key not in rows:
+                rows[key] = compared(drawn(int(number)), every[number], rtol)
+                print(key, rows[key], flush=True)
+                yield rows
 
+
+STUDY = Study(__file__, __doc__, page, "scenes_how", text=by_line)
 
 if __name__ == "__main__":
-    main()
+    STUDY.command(measure, {"--only": {"type": int}}, trial="only")

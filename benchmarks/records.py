@@ -10,10 +10,9 @@ The results are written to benchmarks/records.json. `--only N` draws fewer and w
 
 from __future__ import annotations
 
-import json
 import math
 import sys
-import time
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -25,7 +24,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.record_truths import GRAVITY, Truth, draw
-from benchmarks.study import command
+from benchmarks.study import Study, parts, percent, table
+from benchmarks.study_of_draws import ONLY, SURE, grouped, inside, middle, share
 from jaxcontact._flight import Flight
 from jaxcontact.lab.choice.kinds import kinds_of
 from jaxcontact.lab.choice.table import ChoiceTable
@@ -36,7 +36,6 @@ SEED = 31
 DRAWS = 380
 EMPTY = 100
 STANDS_OUT = 10.0
-SURE = 1.959964
 FEW = 20
 
 
@@ -61,11 +60,6 @@ def found_in(truth: Truth, recording: jc.Recording | None) -> tuple[np.ndarray, 
         len(recording.records[0].trace.doubtful),
         int((~near.any(axis=1)).sum()),
     )
-
-
-def inside(value: float, error: float, truth: float, quantile: float = SURE) -> bool:
-    """Whether the 95 % interval holds the truth."""
-    return bool(abs(value - truth) <= quantile * error)
 
 
 def calibrated(truth: Truth, recording: jc.Recording) -> dict:
@@ -165,8 +159,8 @@ def summary(rows: list[dict]) -> dict:
     each = [one for row in rows if row["fitted"] for one in row["each"]]
     whole = [row["whole"] for row in rows if row["fitted"] and row["whole"]["converged"]]
 
-    def share(some: list[dict], name: str) -> float | None:
-        return sum(one[name] for one in some) / len(some) if some else None
+    def of(some: list[dict], name: str) -> float | None:
+        return share([one[name] for one in some])
 
     return {
         "records": len(rows),
@@ -175,91 +169,65 @@ def summary(rows: list[dict]) -> dict:
         "found": sum(row["found"] for row in rows) / max(sum(row["strong"] for row in rows), 1),
         "none invented": sum(not row["invented"] for row in rows) / max(len(rows), 1),
         "impacts fitted": len(each),
-        "e of each": share(each, "e"),
-        "v of each": share(each, "v"),
-        "K of each": share(each, "K"),
-        "described": share(each, "adequate"),
-        "exponent agrees": share([row for row in rows if row["fitted"]], "exponent"),
-        "error of e, median": float(np.median([one["error"] for one in each])) if each else None,
-        "e of all": share(whole, "e"),
-        "K of all": share(whole, "K"),
-        "half interval of e, median": (
-            float(np.median([one["half e"] for one in whole])) if whole else None
-        ),
-        "half interval of K, median": (
-            float(np.median([one["half K"] for one in whole])) if whole else None
-        ),
+        "e of each": of(each, "e"),
+        "v of each": of(each, "v"),
+        "K of each": of(each, "K"),
+        "described": of(each, "adequate"),
+        "exponent agrees": of([row for row in rows if row["fitted"]], "exponent"),
+        "error of e, median": middle([one["error"] for one in each]),
+        "e of all": of(whole, "e"),
+        "K of all": of(whole, "K"),
+        "half interval of e, median": middle([one["half e"] for one in whole]),
+        "half interval of K, median": middle([one["half K"] for one in whole]),
     }
 
 
-def study(draws: int, empty: int) -> dict:
-    """All records: whole, and by what was done to them."""
-    begin, rows = time.process_time(), []
+GROUPS: dict[str, Callable[[dict], bool]] = {
+    "1 impact": lambda row: row.get("n") == 1,
+    "2 or 3 impacts": lambda row: row.get("n") in (2, 3),
+    "4 impacts and more": lambda row: row.get("n", 0) > 3,
+    "20 to 100 readings a contact": lambda row: row["per contact"] < 100,
+    "100 to 500": lambda row: row["per contact"] >= 100,
+    "noise of 0.2 to 1 %": lambda row: row["noise"] < 0.01,
+    "1 to 5 %": lambda row: row["noise"] >= 0.01,
+    "with hum": lambda row: row["hum"] > 0,
+    "cut off by the instrument": lambda row: row["clipped"],
+    "the ball lies there at the end": lambda row: row["lies"],
+    "a constant e": lambda row: row["kind"] == "constant e",
+    "a constant c": lambda row: row["kind"] == "constant c",
+}
+
+
+def measure(known: dict | None, only: int | None) -> dict:
+    """All records, whole and by what was done to them, and those without impacts."""
+    found, rows, seconds = grouped(SEED, one_of, summary, GROUPS, {}, DRAWS, 0, only)
+    empty = max(only // 10, 5) if only else EMPTY
     nothing = (draw(np.random.default_rng([SEED, 1, k]), impacts=False) for k in range(empty))
     quiet = sum(read(one) is None for one in nothing)
-    for k in range(draws):
-        rows.append(one_of(np.random.default_rng([SEED, k])))
-        if k % 10 == 9:
-            print(k + 1, json.dumps(summary(rows)), file=sys.stderr, flush=True)
-    seconds = time.process_time() - begin
-    parts = {
-        "1 impact": [row for row in rows if row.get("n") == 1],
-        "2 or 3 impacts": [row for row in rows if row.get("n") in (2, 3)],
-        "4 impacts and more": [row for row in rows if row.get("n", 0) > 3],
-        "20 to 100 readings a contact": [row for row in rows if row["per contact"] < 100],
-        "100 to 500": [row for row in rows if row["per contact"] >= 100],
-        "noise of 0.2 to 1 %": [row for row in rows if row["noise"] < 0.01],
-        "1 to 5 %": [row for row in rows if row["noise"] >= 0.01],
-        "with hum": [row for row in rows if row["hum"] > 0],
-        "cut off by the instrument": [row for row in rows if row["clipped"]],
-        "the ball lies there at the end": [row for row in rows if row["lies"]],
-        "a constant e": [row for row in rows if row["kind"] == "constant e"],
-        "a constant c": [row for row in rows if row["kind"] == "constant c"],
-    }
     return {
-        "seed": SEED,
+        "seed": found.pop("seed"),
         "draws": len(rows),
-        "all": summary(rows),
-        **{name: summary(some) for name, some in parts.items()},
+        **found,
         "records without impacts": empty,
-        "of them none is invented": quiet / max(empty, 1),
-        "seconds of one core": round(seconds, 1),
+        "of them none is invented": quiet / empty,
+        "seconds of one core": seconds,
     }
 
 
-def page(result: dict) -> str:
-    """The table of docs/records.md."""
-    head = (
-        "| records | impacts | found | none invented | e of each | v of each | e of all | K of all "
-        "| half interval of e | of K |"
-    )
-    lines = [head, "|---|" + "---:|" * 9]
+def known_of(name: str, digits: str = ".1f") -> Callable[[dict], str]:
+    return lambda row: percent(row[name], row["fitted"] < FEW, digits)
 
-    def percent(number: float | None, few: bool = False) -> str:
-        return "-" if number is None or few else f"{100 * number:.1f} %"
 
-    for name, row in result.items():
-        if not isinstance(row, dict):
-            continue
-        few = row["fitted"] < FEW
-        cells = (
-            f"{name}: {row['records']}",
-            str(row["impacts"]),
-            percent(row["found"]),
-            percent(row["none invented"]),
-            percent(row["e of each"], few),
-            percent(row["v of each"], few),
-            percent(row["e of all"], few),
-            percent(row["K of all"], few),
-            *(
-                "-" if few else f"{100 * row[f'half interval of {one}, median']:.2g} %"
-                for one in ("e", "K")
-            ),
-        )
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
-
+COLUMNS = {
+    "records": lambda row: f"{row['name']}: {row['records']}",
+    "impacts": lambda row: row["impacts"],
+    "found": lambda row: percent(row["found"]),
+    "none invented": lambda row: percent(row["none invented"]),
+    **{name: known_of(name) for name in ("e of each", "v of each", "e of all", "K of all")},
+    "half interval of e": known_of("half interval of e, median", ".2g"),
+    "of K": known_of("half interval of K, median", ".2g"),
+}
+STUDY = Study(__file__, __doc__, lambda found: table(COLUMNS, parts(found), "---:"), "records")
 
 if __name__ == "__main__":
-    title = __doc__.split("\n")[0]
-    command("records", study, page, draws=DRAWS, others=EMPTY, title=title)
+    STUDY.command(measure, ONLY, trial="only")

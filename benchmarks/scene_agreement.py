@@ -5,31 +5,28 @@ Compared are the instants of the impacts, and velocities, spins and energy at a 
 body touches another. Two more scenes miss their tolerance by the error that their export states.
 `OBLIQUE` has single impacts with `RigidCoulomb`, of which the rebounds are compared.
 
-Needs `pip install '.[engines]'`. The result is scene_agreement.json; the tables of docs/export.md
-are printed. All runs take some ten minutes on two cores, most of it to compile the growth of runs.
+Needs `pip install '.[engines]'`. `--page` writes the tables of docs/export.md.
+All runs take some ten minutes on two cores, most of it to compile the growth of runs.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-# Also works when run as a file.
-sys.path.insert(0, str(ROOT))
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jax
 import numpy as np
 
 import jaxcontact as jc
+from benchmarks.study import Study, lines, table
 from tests.test_export.run import run_scene
-
-RESULT = ROOT / "benchmarks" / "scene_agreement.json"
 
 TIMES = np.linspace(0, 0.2, 201)
 FREE = 180
@@ -384,7 +381,7 @@ def oblique() -> dict[str, Any]:
         return {"oblique": rows, "soft_friction": of_soft_friction(Path(folder))}
 
 
-def main() -> None:
+def measure(known: dict | None) -> dict[str, Any]:
     jax.config.update("jax_enable_x64", True)
     rows, missed = [], {}
     for engine, make in CASES:
@@ -393,61 +390,62 @@ def main() -> None:
             row = agreement(engine, make, Path(folder), own)
         rows.append(row | {"growth": float(margin.growth)})
         print(rows[-1], flush=True)
-    for name, measure in MISSES.items():
+    for name, run in MISSES.items():
         with tempfile.TemporaryDirectory() as folder:
-            made, errors = measure(Path(folder))
+            made, errors = run(Path(folder))
         missed[name] = {"expected_error": made.expected_error, "errors": errors}
-    found = {"tolerance": TOLERANCE, "rows": rows, "missed": missed, **oblique()}
-    RESULT.write_text(json.dumps(found, indent=1) + "\n")
-    print(tables(found), oblique_table(found), sep="\n\n")
+    return {"tolerance": TOLERANCE, "rows": rows, "missed": missed, **oblique()}
 
 
 def _short(number: float) -> str:
     return f"{number:.2g}" if number < 10 else f"{number:.0f}"
 
 
-def tables(found: dict[str, Any]) -> str:
-    """Return the tables of docs/export.md."""
-    titles = {make.__name__: str(make.__doc__) for _, make in CASES}
-    heads = ["engine", "scene", "impacts", "velocity, mm/s", "spin, mm/s", "energy", "impact, ms"]
-    heads += ["rival, ms", "bound, mm/s"]
-    lines = [heads, ["---"] * len(heads)]
-    for row in found["rows"]:
-        bound = row["growth"] * row["expected_error"] * row["closing"]
-        spin = _short(1e3 * row["spin"]) if "spin" in row else ""
-        rival = _short(1e3 * row["margin"]) if np.isfinite(row["margin"]) else "none"
-        line = [f"`{row['engine']}`", titles[row["scene"]], str(row["impacts"])]
-        line += [_short(1e3 * row["velocity"]), spin, f"{_short(100 * row['energy'])} %"]
-        lines.append([*line, _short(1e3 * row["time"]), rival, _short(1e3 * bound)])
-    more = [["beyond the tolerance", "expected error of e", "measured"], ["---"] * 3]
-    for name, row in found["missed"].items():
-        largest = max(map(abs, row["errors"]))
-        more.append([name, f"{row['expected_error']:.3g}", f"{largest:.3g}"])
-    return "\n\n".join(
-        "\n".join(f"| {' | '.join(line)} |" for line in part) for part in (lines, more)
-    )
+TITLES = {make.__name__: str(make.__doc__) for _, make in CASES}
+COLUMNS: dict[str, Callable[[dict[str, Any]], Any]] = {
+    "engine": lambda row: f"`{row['engine']}`",
+    "scene": lambda row: TITLES[row["scene"]],
+    "impacts": lambda row: row["impacts"],
+    "velocity, mm/s": lambda row: _short(1e3 * row["velocity"]),
+    "spin, mm/s": lambda row: _short(1e3 * row["spin"]) if "spin" in row else "",
+    "energy": lambda row: f"{_short(100 * row['energy'])} %",
+    "impact, ms": lambda row: _short(1e3 * row["time"]),
+    "rival, ms": lambda row: _short(1e3 * row["margin"]) if np.isfinite(row["margin"]) else "none",
+    "bound, mm/s": lambda row: _short(1e3 * row["growth"] * row["expected_error"] * row["closing"]),
+}
+BEYOND: dict[str, Callable[[tuple[str, dict[str, Any]]], str]] = {
+    "beyond the tolerance": lambda miss: miss[0],
+    "expected error of e": lambda miss: f"{miss[1]['expected_error']:.3g}",
+    "measured": lambda miss: f"{max(map(abs, miss[1]['errors'])):.3g}",
+}
 
 
 def oblique_table(found: dict[str, Any]) -> str:
     """Return the table of the oblique impacts, and a sentence on MuJoCo's soft friction."""
-    heads = [
-        "engine",
-        "impact",
-        *(["contact, ms", "normal, mm/s", "across, mm/s", "spin, mm/s"] * 2),
-    ]
-    lines = [heads, ["---"] * len(heads)]
+    heads = ["contact, ms", "normal, mm/s", "across, mm/s", "spin, mm/s"]
+    rows = []
     for row in found["oblique"]:
-        line = [f"`{row['engine']}`", row["name"]]
-        for kind in ("soft", "hard"):
-            numbers = (row[kind][name] for name in ("duration", "normal", "slip", "spin"))
-            line += ["0" if number < 1e-9 else f"{1e3 * number:.2g}" for number in numbers]
-        lines.append(line)
-    table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        names = ("duration", "normal", "slip", "spin")
+        numbers = [row[kind][name] for kind in ("soft", "hard") for name in names]
+        shown = ["0" if number < 1e-9 else f"{1e3 * number:.2g}" for number in numbers]
+        rows.append([f"`{row['engine']}`", row["name"], *shown])
     return (
-        f"{table}\n\nMuJoCo's own soft friction, in place of `noslip`, changes e = 0.7 by "
-        f"{found['soft_friction']:.2f}\nin an impact of the ball on the plane with a slip of 1 m/s."
+        f"{lines(['engine', 'impact', *heads, *heads], rows)}\n\nMuJoCo's own soft friction, in "
+        f"place of `noslip`, changes e = 0.7 by {found['soft_friction']:.2f}\nin an impact of the "
+        "ball on the plane with a slip of 1 m/s."
     )
 
 
+def tables(found: dict[str, Any]) -> dict[str, str]:
+    """Return the tables of docs/export.md."""
+    return {
+        "": table(COLUMNS, found["rows"]),
+        ", beyond": table(BEYOND, found["missed"].items()),
+        ", oblique": oblique_table(found),
+    }
+
+
+STUDY = Study(__file__, __doc__, tables, "export")
+
 if __name__ == "__main__":
-    main()
+    STUDY.command(measure)

@@ -1,4 +1,4 @@
-"""Costs of whole scenes: `python benchmarks/scenes.py [--out FILE] [--only GROUP]`.
+"""Costs of whole scenes: `python benchmarks/scenes.py [--only GROUP]`.
 
 The cost of an instantaneous impact and of a gradient, in empty steps and in values; the gain by
 skipping unneeded parts; and beds, in CPU time with compiling. Other ways beside ours are in
@@ -7,9 +7,8 @@ benchmarks/run_time_error.py.
 
 from __future__ import annotations
 
-import argparse
 import functools
-import json
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -21,10 +20,14 @@ jax.config.update("jax_enable_x64", True)
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-import scene_skips
-from study import machine
+
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
+from benchmarks import scene_skips
+from benchmarks.study import Study, machine_in_short
+from benchmarks.time_and_error.measure import timed
 from jaxcontact._scene.arrays.arrays import layout_of
 from jaxcontact._scene.arrays.from_scene import inputs_of, scene_numbers
 from jaxcontact._scene.contact_times.cells import grid_of
@@ -33,17 +36,10 @@ from jaxcontact._scene.engine.loop import advance, initial_state
 from jaxcontact._scene.engine.state import Rules, RunState
 
 
-def best(function: Callable, repeats: int = 5) -> tuple[float, float, np.ndarray]:
+def best(function: Callable) -> tuple[float, float, np.ndarray]:
     """Seconds of the first call more than the best of the others, that best, and the result."""
-    start = time.perf_counter()
-    result = jax.block_until_ready(function())
-    first = time.perf_counter() - start
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        jax.block_until_ready(function())
-        times.append(time.perf_counter() - start)
-    return max(first - min(times), 0.0), min(times), np.asarray(result)
+    row, answer = timed(function, True)
+    return row["compile_s"], row["seconds"], np.asarray(answer)
 
 
 def hard_box(count: int) -> jc.Scene:
@@ -95,10 +91,10 @@ def impact_cost(count: int, impacts: int) -> dict:
     def of(rows: int) -> tuple[float, float, float]:
         log = blank_log(rows, layout, numbers.dtype, 0)
         run = functools.partial(jitted, layout, numbers, rules, state, log, end, tolerance)
-        compile_s, seconds, written = best(lambda: run()[2], 5)
+        compile_s, seconds, written = best(lambda: run()[2])
         # With a full cell the run would stop early and seem fast.
         assert int(written) == rows
-        _, without, _ = best(lambda: nothing(state, log, rows)[0].time, 5)
+        _, without, _ = best(lambda: nothing(state, log, rows)[0].time)
         return compile_s, seconds, without
 
     compile_s, long, long_empty = of(impacts)
@@ -131,8 +127,8 @@ def gradient_cost(count: int, impacts: int) -> dict:
         return jnp.sum(jnp.square(run.position[-1]))
 
     value, gradient = jax.jit(scalar), jax.jit(jax.grad(scalar))
-    _, one, _ = best(lambda: value(speeds), 9)
-    compile_s, two, _ = best(lambda: gradient(speeds), 9)
+    _, one, _ = best(lambda: value(speeds))
+    compile_s, two, _ = best(lambda: gradient(speeds))
     row = {"bodies": count, "impacts": impacts, "value_s": one, "gradient_s": two}
     row |= {"ratio": two / one, "compile_s": compile_s}
     print(f"a gradient among {count:5}, {impacts} impacts: {two / one:5.2f} values", flush=True)
@@ -165,19 +161,13 @@ GROUPS: dict[str, Callable[[], list[dict]]] = {
 }
 
 
-def main() -> None:
-    """Print the tables; with --out also write them as JSON, over those of the same groups."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, help="JSON file to write")
-    parser.add_argument("--only", choices=GROUPS, help="one group of rows")
-    arguments = parser.parse_args()
-    groups = {k: rows() for k, rows in GROUPS.items() if arguments.only in (None, k)}
-    print(about := machine())
-    if arguments.out:
-        known = json.loads(arguments.out.read_text()) if arguments.out.exists() else {}
-        table = known | {"machine": about} | groups
-        arguments.out.write_text(json.dumps(table, indent=1) + "\n")
+def measure(known: dict | None, only: str | None) -> dict:
+    """The groups that are asked for, over those of an earlier result."""
+    groups = {k: rows() for k, rows in GROUPS.items() if only in (None, k)}
+    return (known or {}) | {"machine": machine_in_short()} | groups
 
+
+STUDY = Study(__file__, __doc__)
 
 if __name__ == "__main__":
-    main()
+    STUDY.command(measure, {"--only": {"choices": GROUPS, "help": "one group of rows"}})

@@ -13,7 +13,7 @@ import io
 import itertools
 import math
 import sys
-import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.sound_truths import Truth, as_wave, draw
-from benchmarks.study import command
+from benchmarks.study import Study, parts, percent, table
+from benchmarks.study_of_draws import ONLY, grouped, quantiles
 from jaxcontact._flight import Flight
 from jaxcontact.lab.choice.table import errors_of
 from jaxcontact.lab.pairs.outliers import find_outliers
@@ -33,7 +34,7 @@ from jaxcontact.lab.recordings import make_pairs
 
 SEED = 20
 DRAWS = 2000
-OTHERS = 200
+EACH = 200
 SAME = 3e-3
 """In s: a time that is further from every impact is invented."""
 
@@ -124,74 +125,48 @@ def summary(rows: list[dict]) -> dict:
     }
 
 
-def study(draws: int, others: int) -> dict:
-    """All recordings: whole, by noise, and the other two kinds."""
-    begin = time.process_time()
-    rows = [one_of(np.random.default_rng([SEED, k])) for k in range(draws)]
-    seconds = time.process_time() - begin
-    by_level = {
-        f"{low} to {high} dB": summary([row for row in rows if low <= row["snr"] < high])
+GROUPS: dict[str, Callable[[dict], bool]] = {
+    **{
+        f"{low} to {high} dB": lambda row, low=low, high=high: low <= row["snr"] < high
         for low, high in itertools.pairwise(LEVELS)
-    }
-    spread = {
-        "no scatter of e": summary([row for row in rows if row["scatter"] == 0]),
-        "scatter of e": summary([row for row in rows if row["scatter"] > 0]),
-        "4 to 6 pairs": summary([row for row in rows if 4 <= row["pairs"] <= 6]),
-        "7 pairs and more": summary([row for row in rows if row["pairs"] > 6]),
-        "8 to 16 kHz": summary([row for row in rows if row["rate"] <= 16000]),
-        "22 to 48 kHz": summary([row for row in rows if row["rate"] > 16000]),
-    }
-    speech = [one_of(np.random.default_rng([SEED, 1, k]), speech=True) for k in range(others)]
-    silent = [one_of(np.random.default_rng([SEED, 2, k]), bounces=False) for k in range(others)]
-    talk = [
-        one_of(np.random.default_rng([SEED, 3, k]), bounces=False, speech=True)
-        for k in range(others)
-    ]
+    },
+    "no scatter of e": lambda row: row["scatter"] == 0,
+    "scatter of e": lambda row: row["scatter"] > 0,
+    "4 to 6 pairs": lambda row: 4 <= row["pairs"] <= 6,
+    "7 pairs and more": lambda row: row["pairs"] > 6,
+    "8 to 16 kHz": lambda row: row["rate"] <= 16000,
+    "22 to 48 kHz": lambda row: row["rate"] > 16000,
+}
+OTHERS = {
+    "with speech": {"speech": True},
+    "no ball": {"bounces": False},
+    "speech, no ball": {"bounces": False, "speech": True},
+}
+
+
+def measure(known: dict | None, only: int | None) -> dict:
+    """All recordings: whole, in groups, and the other kinds."""
+    found, rows, seconds = grouped(SEED, one_of, summary, GROUPS, OTHERS, DRAWS, EACH, only)
     return {
-        "seed": SEED,
-        "all": summary(rows),
-        **by_level,
-        **spread,
-        "with speech": summary(speech),
-        "no ball": summary(silent),
-        "speech, no ball": summary(talk),
+        **found,
         "seconds of sound": sum(row["seconds"] for row in rows),
-        "seconds of one core": round(seconds, 1),
-        "off, quantiles of 5, 25, 50, 75, 95 %": list(
-            np.quantile(
-                [row["off"] for row in rows if row["fitted"]], (0.05, 0.25, 0.5, 0.75, 0.95)
-            )
-        ),
+        "seconds of one core": seconds,
+        **quantiles(rows),
     }
 
 
-def page(result: dict) -> str:
-    """The table of docs/sound.md."""
-    head = (
-        "| recordings | of them fitted | e in its 95 % interval | median half interval of e "
-        "| bounces above 6 dB | found | found and used | none invented |"
-    )
-    lines = [head, "|---|" + "---:|" * 7]
-    for name, row in result.items():
-        if not isinstance(row, dict):
-            continue
-        half = row["half interval of e, relative, median"]
-        few = row["fitted"] < FEW
-        bounces = row["bounces above 6 dB"]
-        cells = (
-            f"{name}: {row['recordings']}",
-            str(row["fitted"]),
-            "-" if few else f"{100 * row['in interval']:.1f} %",
-            "-" if few else f"{100 * half:.2g} %",
-            str(bounces),
-            f"{100 * row['found']:.1f} %" if bounces else "-",
-            f"{100 * row['found and used']:.1f} %" if bounces else "-",
-            f"{100 * row['none invented']:.1f} %",
-        )
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
-
+HALF = "half interval of e, relative, median"
+COLUMNS = {
+    "recordings": lambda row: f"{row['name']}: {row['recordings']}",
+    "of them fitted": lambda row: row["fitted"],
+    "e in its 95 % interval": lambda row: percent(row["in interval"], row["fitted"] < FEW),
+    "median half interval of e": lambda row: percent(row[HALF], row["fitted"] < FEW, ".2g"),
+    "bounces above 6 dB": lambda row: row["bounces above 6 dB"],
+    "found": lambda row: percent(row["found"], not row["bounces above 6 dB"]),
+    "found and used": lambda row: percent(row["found and used"], not row["bounces above 6 dB"]),
+    "none invented": lambda row: percent(row["none invented"]),
+}
+STUDY = Study(__file__, __doc__, lambda found: table(COLUMNS, parts(found), "---:"), "sound")
 
 if __name__ == "__main__":
-    title = __doc__.split("\n")[0]
-    command("sound", study, page, draws=DRAWS, others=OTHERS, title=title)
+    STUDY.command(measure, ONLY, trial="only")

@@ -9,9 +9,8 @@ continues; a job answered by other code or with other lanes is run again. `--fre
 `--one-seed` draws the first only, `--workers` is the number of processes, `--into` selects another
 folder for the results.
 
-Other parts: `--slopes`, first derivatives; `--balance`, a million lanes without an oracle;
-`--laws`, every law of the registry by its own class; `--peers`, the alternatives of users, with
-Exudyn and MuJoCo if installed. `--page` writes the page and the pictures from the files.
+Other parts: `--slopes`, first derivatives; `--laws`, every law of the registry by its own
+class; `--peers`, the alternatives of users. `--page` writes the tables and the pictures.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
+import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -30,18 +30,21 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-from stability_map.code import fingerprint
-from stability_map.grid import Job, all_jobs, by_table, lanes_of, scaled
-from stability_map.package_lanes import answers
-from stability_map.verdict import judge, record
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-HERE = Path(__file__).parent
+from benchmarks.stability_map.code import fingerprint
+from benchmarks.stability_map.grid import Job, all_jobs, by_table, lanes_of, scaled
+from benchmarks.stability_map.package_lanes import answers
+from benchmarks.stability_map.verdict import judge, record
+from benchmarks.study import HERE, by_line, put
+
 SEED = 1
-RESULT, SEEDED = HERE / "stability.json", HERE / "stability_seed.json"
-PEERS = HERE / "stability_peers.json"
-SLOPES = HERE / "stability_slopes.json"
-BALANCE = HERE / "stability_balance.json"
-LAWS = HERE / "stability_laws.json"
+FILES = {
+    name: HERE / f"stability{'_' if name else ''}{name}.json"
+    for name in ("", "seed", "laws", "slopes", "peers")
+}
+"""The results of the first and the second seed, and of the other parts."""
 
 
 def run_group(run_one: Callable[[Job], dict[str, Any]], jobs: list[Job]) -> list[dict[str, Any]]:
@@ -63,24 +66,6 @@ def run(job: Job) -> dict[str, Any]:
     return found
 
 
-def run_slopes_of(job: Job) -> dict[str, Any]:
-    from stability_map.slopes import run_slopes
-
-    return run_slopes(job)
-
-
-def run_balance_of(job: Job) -> dict[str, Any]:
-    from stability_map.balance import run_balance
-
-    return run_balance(job)
-
-
-def run_law_of(question: Any) -> dict[str, Any]:
-    from stability_map.public_laws import run_law
-
-    return run_law(question)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--fresh", action="store_true", help="forget what was computed before")
@@ -89,43 +74,25 @@ def main() -> None:
     parser.add_argument("--one-seed", action="store_true", help="no second seed")
     parser.add_argument("--workers", type=int, default=2, help="processes")
     parser.add_argument("--page", action="store_true", help="only the page and its pictures")
-    parser.add_argument("--peers", action="store_true", help="only what users would write instead")
-    parser.add_argument("--slopes", action="store_true", help="only the first derivatives")
-    parser.add_argument("--balance", action="store_true", help="only the lanes without an oracle")
-    parser.add_argument("--laws", action="store_true", help="only the laws by their own classes")
+    for part in ("slopes", "laws", "peers"):
+        how = {"action": "store_const", "const": part, "help": "only this part"}
+        parser.add_argument(f"--{part}", dest="part", **how)
     parser.add_argument("--into", type=Path, default=HERE, help="folder of the results")
     arguments = parser.parse_args()
+    from benchmarks.stability_map import page, peers, public_laws, slopes
+
     if arguments.page:
-        from stability_map.page import write
-
-        paths = {
-            "known": RESULT,
-            "seeded": SEEDED,
-            "peers": PEERS,
-            "slopes": SLOPES,
-            "balance": BALANCE,
-            "laws": LAWS,
-        }
-        write(**{name: _read(path) for name, path in paths.items()})
-    elif arguments.peers:
-        from stability_map.peers import run_all
-
-        PEERS.write_text(_compact(run_all(_read(PEERS), arguments.only)))
-    elif arguments.laws:
-        from stability_map.public_laws import law_jobs
-
-        _run_all(run_law_of, [[question] for question in law_jobs()], {0: LAWS}, arguments)
-    elif arguments.balance:
-        from stability_map.balance import balance_jobs
-
-        groups = [[job] for job in balance_jobs(arguments.lanes)]
-        _run_all(run_balance_of, groups, {groups[0][0].seed: BALANCE}, arguments)
-    elif arguments.slopes:
-        from stability_map.slopes import slope_jobs
-
-        _run_all(run_slopes_of, [[job] for job in slope_jobs()], {0: SLOPES}, arguments)
+        page.write(**{name or "known": _read(path) for name, path in FILES.items()})
+    elif arguments.part == "peers":
+        put(FILES["peers"], by_line(peers.run_all(_read(FILES["peers"]), arguments.only)))
+    elif arguments.part == "laws":
+        groups = [[question] for question in public_laws.law_jobs()]
+        _run_all(public_laws.run_law, groups, {0: FILES["laws"]}, arguments)
+    elif arguments.part == "slopes":
+        groups = [[job] for job in slopes.slope_jobs()]
+        _run_all(slopes.run_slopes, groups, {0: FILES["slopes"]}, arguments)
     else:
-        outs = {0: RESULT} if arguments.one_seed else {0: RESULT, SEED: SEEDED}
+        outs = {0: FILES[""]} if arguments.one_seed else {0: FILES[""], SEED: FILES["seed"]}
         groups = [
             [
                 replace(job, lanes=max(int(job.lanes * arguments.lanes), 256), seed=seed)
@@ -176,18 +143,11 @@ def _run_all(
                 print(f"[{count}/{left}] {job.name}{seed}: {words}", flush=True)
             for seed, out in outs.items():
                 names = [name for name in order if name in known[seed]]
-                out.write_text(_compact({name: known[seed][name] for name in names}))
+                put(out, by_line({name: known[seed][name] for name in names}))
 
 
 def _read(path: Path) -> dict[str, Any]:
     return json.loads(path.read_text()) if path.exists() else {}
-
-
-def _compact(known: dict[str, Any]) -> str:
-    """A job a line: the file stays small, and its changes can be read."""
-    return (
-        "{\n" + ",\n".join(f"{json.dumps(k)}: {json.dumps(v)}" for k, v in known.items()) + "\n}\n"
-    )
 
 
 if __name__ == "__main__":

@@ -12,11 +12,9 @@ are what counts. `--page` prints the tables of the last run.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
+import sys
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +24,16 @@ jax.config.update("jax_enable_x64", True)
 
 import jax.numpy as jnp
 import numpy as np
-from mechanisms.problems import Problem, problems
-from time_and_error.measure import timed
+
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
+from benchmarks.mechanisms import peers
+from benchmarks.mechanisms.problems import Problem, problems
+from benchmarks.study import Study, lines
+from benchmarks.time_and_error.measure import timed
 
-RESULT = Path(__file__).with_suffix(".json")
 TOLERANCES = (1e-5, 1e-7, 1e-9, 1e-11)
 PEERS_TOO = (1e-13,)
 """A finer tolerance for peers, whose errors are larger at the same one."""
@@ -53,17 +55,12 @@ def ours_in_jit(problem: Problem, rtol: float) -> Callable[[], jax.Array]:
     return lambda: touches(problem.start)
 
 
-def by_peer(name: str) -> Callable[[Problem, float], Callable[[], Any]]:
-    """Return a peer's method, imported when it is called."""
-    return lambda problem, rtol: import_module(f"mechanisms.{name}").call_of(problem, rtol)
-
-
 METHODS = {
     "jaxcontact": ours,
     "jaxcontact, in jit": ours_in_jit,
-    "SciPy DOP853, restarted": by_peer("scipy_restarted"),
-    "diffrax Dopri8, restarted": by_peer("diffrax_restarted"),
-    "numba, by hand": by_peer("numba_by_hand"),
+    "SciPy DOP853, restarted": peers.by_scipy,
+    "diffrax Dopri8, restarted": peers.by_diffrax,
+    "numba, by hand": peers.by_numba,
 }
 
 
@@ -110,7 +107,7 @@ def prices() -> list[dict[str, float]]:
     return rows
 
 
-def measure(only: str) -> list[dict[str, Any]]:
+def measure_rows(only: str) -> list[dict[str, Any]]:
     rows = []
     for name, problem in problems().items():
         exact = np.asarray(ours(problem, 1e-12)())[4]
@@ -134,40 +131,31 @@ def measure(only: str) -> list[dict[str, Any]]:
 
 
 def table(result: dict[str, Any]) -> str:
-    lines = [
-        "| mechanism | method | rtol | ms | error of the fifth touch |",
-        "|---|---|---|---|---|",
-    ]
+    cells = []
     for row in result["rows"]:
-        if "failed" in row:
-            numbers = f"failed: {row['failed']} |"
-        else:
-            numbers = f"{row['ms']:.3g} | {row['error']:.1e}"
-        lines.append(f"| {row['problem']} | {row['method']} | {row['rtol']:.0e} | {numbers} |")
+        numbers = [f"failed: {row.get('failed')}", ""]
+        if "failed" not in row:
+            numbers = [f"{row['ms']:.3g}", f"{row['error']:.1e}"]
+        cells.append([row["problem"], row["method"], f"{row['rtol']:.0e}", *numbers])
     batch = result["lanes"]
-    lines.append(
+    words = [
         f"\nA slider-crank of 1.6 ms alone: {batch['alone']:.3g} ms; one of 1,000 in a batch: "
         f"{batch['lane']:.3g} ms, with touches within {batch['difference_s']:.0e} s of those alone."
-    )
-    lines += [
+    ]
+    words += [
         f"The derivative by e, {row['depth']} contacts deep, takes {row['forward']:.2g} times the "
         f"value forward and {row['reverse']:.2g} times in reverse."
         for row in result["prices"]
     ]
-    return "\n".join(lines)
+    heads = ["mechanism", "method", "rtol", "ms", "error of the fifth touch"]
+    return "\n".join([lines(heads, cells, "---"), *words])
 
 
-def main(words: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", default="", help="methods whose name contains this")
-    parser.add_argument("--page", action="store_true", help="print the table of the last run")
-    parser.add_argument("--out", type=Path, default=RESULT, help="the JSON file")
-    arguments = parser.parse_args(words)
-    if not arguments.page:
-        result = {"rows": measure(arguments.only), "lanes": lanes(), "prices": prices()}
-        arguments.out.write_text(json.dumps(result, indent=1) + "\n")
-    print(table(json.loads(arguments.out.read_text())))
+def measure(known: dict | None, only: str) -> dict[str, Any]:
+    return {"rows": measure_rows(only), "lanes": lanes(), "prices": prices()}
 
+
+STUDY = Study(__file__, __doc__, table)
 
 if __name__ == "__main__":
-    main()
+    STUDY.command(measure, {"--only": {"default": "", "help": "methods whose name contains this"}})

@@ -9,9 +9,8 @@ invented, and the smallest closing speed of a touch that was seen. `--pendula` s
 
 from __future__ import annotations
 
-import argparse
 import functools
-import json
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,9 +22,12 @@ jax.config.update("jax_enable_x64", True)
 import numpy as np
 from scipy.integrate import solve_ivp
 
-import jaxcontact as jc
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-RESULT = Path(__file__).with_suffix(".json")
+import jaxcontact as jc
+from benchmarks.study import Study
+
 DURATION, STEP = 2.0, 1e-3
 TOLERANCES = 1e-6, 1e-9, 1e-12
 SHALLOW = 1e-9
@@ -129,13 +131,9 @@ def batch(
     return rows
 
 
-def main(words: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pendula", type=int, default=10_000)
-    parser.add_argument("--out", type=Path, default=RESULT, help="the JSON file")
-    arguments = parser.parse_args(words)
+def measure(known: list | None, pendula: int) -> list[dict[str, Any]]:
     random = np.random.default_rng(0)
-    found = [batch(random, BATCH) for _ in range(max(arguments.pendula // BATCH, 1))]
+    found = [batch(random, BATCH) for _ in range(max(pendula // BATCH, 1))]
     rows = []
     for of_rtol in zip(*found, strict=True):
         counts = ("touched", "missed", "free", "invented")
@@ -144,8 +142,10 @@ def main(words: list[str] | None = None) -> None:
         row["slowest_seen_m_per_s"] = min(x["slowest"] for x in of_rtol)
         rows.append({"rtol": of_rtol[0]["rtol"]} | row)
         print(rows[-1], flush=True)
-    arguments.out.write_text(json.dumps(rows, indent=1) + "\n")
+    return rows
 
+
+STUDY = Study(__file__, __doc__)
 
 if __name__ == "__main__":
-    main()
+    STUDY.command(measure, {"--pendula": {"type": int, "default": 10_000}})

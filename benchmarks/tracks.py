@@ -13,7 +13,6 @@ from __future__ import annotations
 import io
 import math
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,18 +23,18 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.sound import constant_e
-from benchmarks.study import command
+from benchmarks.study import Study, parts, percent, table
+from benchmarks.study_of_draws import ONLY, grouped, inside, middle, quantiles, share
 from benchmarks.track_truths import GRAVITY, Truth, draw
 from jaxcontact._flight import Flight
 from jaxcontact.lab.recordings import make_pairs, tracks_of
 
 SEED = 47
 DRAWS = 800
-OTHERS = 80
+EACH = 80
 FRAMES, STANDS_OUT = 5, 10.0
 """A clear impact has so many frames of both flights, which rise so many times the noise."""
 
-SURE = 1.959964
 FEW = 20
 
 
@@ -55,11 +54,6 @@ def flight_of(truth: Truth) -> Flight:
     drag = jc.Drag(mass=1.0, radius=1.0, coefficient=1.0)
     mass = (truth.terminal / drag.terminal_speed(GRAVITY)) ** 2
     return Flight(GRAVITY, jc.Drag(mass=mass, radius=1.0, coefficient=1.0))
-
-
-def inside(value: float, error: float, truth: float) -> bool:
-    """Whether the 95 % interval holds the truth."""
-    return bool(abs(value - truth) <= SURE * error)
 
 
 def clear(truth: Truth) -> np.ndarray:
@@ -131,12 +125,6 @@ def summary(rows: list[dict]) -> dict:
     cameras = [one for row in rows for one in row["cameras"]]
     tilts = [one for one in cameras if one[1] is not None]
 
-    def share(values: list) -> float | None:
-        return sum(bool(one) for one in values) / len(values) if values else None
-
-    def middle(values: list) -> float | None:
-        return float(np.median(values)) if values else None
-
     return {
         "tracks": len(rows),
         "clear impacts": visible,
@@ -171,66 +159,41 @@ GROUPS: dict[str, Callable[[dict], bool]] = {
 }
 
 
-def study(draws: int, others: int) -> dict:
+OTHERS = {
+    "in air, known": {"air": True},
+    "heights alone, camera rolled by up to 3°": {"kind": "heights", "rolled": 3.0},
+    "let go and caught, no impact": {"bounces": False},
+    "a pendulum, no impact": {"bounces": False, "swings": True},
+    "the floor rises by 2.3 % of the first height": {"rises": 0.023},
+    "the ball comes nearer by 2.3 %": {"nearer": 0.023},
+}
+
+
+def measure(known: dict | None, only: int | None) -> dict:
     """All tracks: whole, in groups, and the other kinds."""
-    begin = time.process_time()
-    rows = [one_of(np.random.default_rng([SEED, k])) for k in range(draws)]
-    kinds = {
-        "in air, known": {"air": True},
-        "heights alone, camera rolled by up to 3°": {"kind": "heights", "rolled": 3.0},
-        "let go and caught, no impact": {"bounces": False},
-        "a pendulum, no impact": {"bounces": False, "swings": True},
-        "the floor rises by 2.3 % of the first height": {"rises": 0.023},
-        "the ball comes nearer by 2.3 %": {"nearer": 0.023},
-    }
-    more = {
-        name: summary([one_of(np.random.default_rng([SEED, k, j]), **how) for j in range(others)])
-        for k, (name, how) in enumerate(kinds.items(), 1)
-    }
-    off = [row["off"] for row in rows if row["fitted"]]
-    return {
-        "seed": SEED,
-        "all": summary(rows),
-        **{name: summary([row for row in rows if group(row)]) for name, group in GROUPS.items()},
-        **more,
-        "frames": sum(row["frames"] for row in rows),
-        "seconds of one core": round(time.process_time() - begin, 1),
-        "off, quantiles of 5, 25, 50, 75, 95 %": (
-            list(np.quantile(off, (0.05, 0.25, 0.5, 0.75, 0.95))) if off else []
-        ),
-    }
+    found, rows, seconds = grouped(SEED, one_of, summary, GROUPS, OTHERS, DRAWS, EACH, only)
+    frames = sum(row["frames"] for row in rows)
+    return {**found, "frames": frames, "seconds of one core": seconds, **quantiles(rows)}
 
 
-def page(result: dict) -> str:
-    """The table of docs/tracks.md."""
-    head = (
-        "| tracks | clear impacts | found | none invented | e of an impact in its interval "
-        "| constant e in its interval | scale | tilt | median error of e of an impact |"
-    )
-    lines = [head, "|---|" + "---:|" * 8]
+def known_of(name: str, count: str, digits: str = ".1f") -> Callable[[dict], str]:
+    return lambda row: percent(row[name], row[count] < FEW, digits)
 
-    def percent(value: float | None, count: int, digits: int = 1) -> str:
-        return "-" if value is None or count < FEW else f"{100 * value:.{digits}f} %"
 
-    for name, row in result.items():
-        if not isinstance(row, dict):
-            continue
-        impacts, cameras = row["impacts"], row["cameras"]
-        cells = (
-            f"{name}: {row['tracks']}",
-            str(row["clear impacts"]),
-            percent(row["found"], row["clear impacts"]),
-            percent(row["none invented"], row["tracks"]),
-            percent(row["e of an impact in its interval"], impacts),
-            percent(row["constant e in its interval"], row["fitted"]),
-            percent(row["scale in its interval"], cameras),
-            percent(row["tilt in its interval"], cameras),
-            percent(row["error of e of an impact, relative, median"], impacts, 2),
-        )
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
-
+COLUMNS = {
+    "tracks": lambda row: f"{row['name']}: {row['tracks']}",
+    "clear impacts": lambda row: row["clear impacts"],
+    "found": known_of("found", "clear impacts"),
+    "none invented": known_of("none invented", "tracks"),
+    "e of an impact in its interval": known_of("e of an impact in its interval", "impacts"),
+    "constant e in its interval": known_of("constant e in its interval", "fitted"),
+    "scale": known_of("scale in its interval", "cameras"),
+    "tilt": known_of("tilt in its interval", "cameras"),
+    "median error of e of an impact": known_of(
+        "error of e of an impact, relative, median", "impacts", ".2f"
+    ),
+}
+STUDY = Study(__file__, __doc__, lambda found: table(COLUMNS, parts(found), "---:"), "tracks")
 
 if __name__ == "__main__":
-    title = __doc__.split("\n")[0]
-    command("tracks", study, page, draws=DRAWS, others=OTHERS, title=title)
+    STUDY.command(measure, ONLY, trial="only")

@@ -5,12 +5,11 @@ the number of programs. For one set of versions it is the same on every machine.
 process that has imported the package, optimises nothing and stores no program. `--seconds` runs it
 again with a user's settings, for the CPU time of the first call and of the fastest later one.
 Solves of one impact by plain diffrax serve as comparison. `--only` selects the rows whose name
-contains a text, `--out` also writes JSON.
+contains a text. The result is weight.json, which is not kept in git.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import json
 import os
@@ -20,6 +19,11 @@ import tempfile
 from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
+
+# Works from another folder too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks.study import Study
 
 START = """
 import time
@@ -274,7 +278,7 @@ def counted_here() -> bool:
     return all(version(name) == at for name, at in COUNTED_AT.items())
 
 
-def seconds(
+def times_of(
     program: str, clock: str = "process_time", limit: float | None = None, **more: str
 ) -> tuple[float, float]:
     """The time of a first call without imports and what comes before it, and the best later one.
@@ -295,38 +299,31 @@ def seconds(
         return first, later
 
 
-def printed(row: dict) -> str:
-    time = f"{row['seconds']:8.2f}{row['later_ms']:10.3f}" if "seconds" in row else ""
-    return (
-        f"{row['call']:44}{row['instructions']:8,}{row['programs']:5}{row['largest']:8,}"
-        f"{row['equations']:8,}{time}"
-    )
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", default="", help="rows whose name contains this text")
-    parser.add_argument("--seconds", action="store_true", help="CPU seconds of each call, too")
-    parser.add_argument("--out", type=Path, help="write JSON as well")
-    asked = parser.parse_args()
-    times = ("CPU s", "later ms") if asked.seconds else ("", "")
+def measure(known: dict | None, only: str, seconds: bool) -> dict:
+    times = ("CPU s", "later ms") if seconds else ("", "")
     head = "call", "instr.", "progs", "largest", "jaxpr", *times
     print("{:44}{:>8}{:>5}{:>8}{:>8}{:>8}{:>10}".format(*head))
     rows = []
     with imported() as run_copy:
         for name, program in PROGRAMS.items():
-            if asked.only not in name:
+            if only not in name:
                 continue
             row: dict = {"call": name, **weight(program, run_copy)}
-            if asked.seconds:
-                first, later = seconds(program)
+            counts = "{call:44}{instructions:8,}{programs:5}{largest:8,}{equations:8,}"
+            if seconds:
+                first, later = times_of(program)
                 row |= {"seconds": round(first, 2), "later_ms": round(1e3 * later, 3)}
+                counts += "{seconds:8.2f}{later_ms:10.3f}"
             rows.append(row)
-            print(printed(row), flush=True)
-    if asked.out:
-        found = {"versions": {name: version(name) for name in VERSIONS}, "rows": rows}
-        asked.out.write_text(json.dumps(found, indent=1) + "\n")
+            print(counts.format(**row), flush=True)
+    return {"versions": {name: version(name) for name in VERSIONS}, "rows": rows}
 
+
+OPTIONS = {
+    "--only": {"default": "", "help": "rows whose name contains this text"},
+    "--seconds": {"action": "store_true", "help": "CPU seconds of each call, too"},
+}
+STUDY = Study(__file__, __doc__)
 
 if __name__ == "__main__":
-    main()
+    STUDY.command(measure, OPTIONS)

@@ -22,6 +22,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
 from benchmarks import choice_confusion
+from benchmarks.study import percent
 from benchmarks.time_and_error.reading import FAMILIES, cheapest, number, some
 
 MARK = re.compile(r"<!--(?P<name>[a-z_]+)-->(?P<text>.*?)<!--/-->", re.DOTALL)
@@ -47,10 +48,6 @@ def _result(name: str) -> Any:
     return json.loads((ROOT / "benchmarks" / f"{name}.json").read_text(encoding="utf-8"))
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %"
-
-
 def _laws() -> str:
     """Return the number of laws in words."""
     from jaxcontact import list_laws
@@ -65,9 +62,9 @@ def _choice() -> dict[str, str]:
     wrong = {name: parts[name]["wrong"] / parts[name]["tables"] for name in parts}
     truth = max(choice_confusion.TRUTHS, key=lambda name: wrong.get(name, 0.0))
     return {
-        "sure_and_wrong": _percent(wrong["all"]),
+        "sure_and_wrong": percent(wrong["all"]),
         "choice_tables": f"{parts['all']['tables']:,}",
-        "worst_sure_and_wrong": _percent(wrong[truth]),
+        "worst_sure_and_wrong": percent(wrong[truth]),
     }
 
 
@@ -80,7 +77,7 @@ def _coverage() -> dict[str, str]:
         for what, share in cell["shares"].items()
         if what != "no better grid point"
     ]
-    return {"least_held": _percent(min(shares))}
+    return {"least_held": percent(min(shares))}
 
 
 def _instruments() -> dict[str, str]:
@@ -98,8 +95,8 @@ def _instruments() -> dict[str, str]:
     for name, (draws, held, width) in keys.items():
         row = _result(name)["all"]
         found[f"{name}_draws"] = f"{row[draws]:,}"
-        found[f"{name}_found"] = _percent(row["found"])
-        found[f"{name}_held"] = _percent(row[held])
+        found[f"{name}_found"] = percent(row["found"])
+        found[f"{name}_held"] = percent(row[held])
         found[f"{name}_width"] = f"{100 * row[width]:.2g} %"
     return found
 

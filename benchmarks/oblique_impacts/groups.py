@@ -12,7 +12,7 @@ import numpy as np
 import jaxcontact as jc
 from tests.elastic_rebound import rebounds
 
-from . import by_diffrax, by_lammps, by_mujoco, by_scipy, ours, phases_by_numba, springs_by_numba
+from . import by_lammps, by_mujoco, ours, phases_by_numba, solvers, springs_by_numba
 from .problems import CHI, Lanes, Method, elastic, errors, side_by_side, spheres
 
 Rows = list[dict[str, Any]]
@@ -111,7 +111,7 @@ def slider(size: Size) -> Rows:
     ]  # fmt: skip
     few = lanes.first(size.scipy)
     for rtol in (1e-8, 1e-10):
-        call = by_scipy.call_of(few, rtol)
+        call = solvers.by_scipy(few, rtol)
         methods.append(Method("SciPy with events", f"rtol {rtol:g}", call, size.scipy, wrong))
     return side_by_side("spring and slider", methods)
 
@@ -125,7 +125,7 @@ def stepped(size: Size) -> Rows:
         return errors(answer, truth)
 
     event = ours.whole(lanes, "slider", "event")
-    plain = by_diffrax.call_of(lanes, 1e-9)
+    plain = solvers.by_diffrax(lanes, 1e-9)
     return side_by_side(
         "spring and slider, small batch",
         [

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
+
+from ..study import Columns, table
 
 Row = dict[str, Any]
 
@@ -36,7 +39,7 @@ def section(result: dict[str, Any]) -> list[str]:
     rows = [row for group in groups.values() for row in group["rows"]]
     lines = ["## Oblique impacts", "", *verdict(rows), "", *_WORDS.split("\n"), ""]
     lines += ['<details markdown="1"><summary>All rows</summary>', ""]
-    lines += [*_table(rows), "", "</details>", ""]
+    lines += [_table(rows), "", "</details>", ""]
     loads = {str(group["load"]) for group in groups.values()}
     known = next(iter(groups.values()))["machine"]
     commits = ", ".join(sorted({group["machine"]["commit"] for group in groups.values()}))
@@ -169,20 +172,24 @@ def _winner(mine: Row, peer: Row) -> str:
     )
 
 
-def _table(rows: list[Row]) -> list[str]:
-    lines = [
-        "| case | method | setting | impacts | µs, clock | µs, processor | time ratio | error "
-        "| median error | above 1e-9 |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
+def _shown(name: str, form: str) -> Callable[[Row], str]:
+    return lambda row: format(row[name], form) if "error" in row else "–"
+
+
+def _table(rows: list[Row]) -> str:
     first: dict[str, Row] = {}
     for row in rows:
-        mine = first.setdefault(row["case"], row)
-        has = "error" in row
-        cells = [
-            row["case"], row["method"], row["setting"], f"{row['lanes']:,}", f"{row['us']:g}",
-            f"{row['cpu_us']:g}", _times(row, mine), f"{row['error']:.1e}" if has else "–",
-            f"{row['median']:.1e}" if has else "–", f"{row['above']:.0%}" if has else "–",
-        ]  # fmt: skip
-        lines.append("| " + " | ".join(cells) + " |")
-    return lines
+        first.setdefault(row["case"], row)
+    columns: Columns = {
+        "case": lambda row: row["case"],
+        "method": lambda row: row["method"],
+        "setting": lambda row: row["setting"],
+        "impacts": lambda row: f"{row['lanes']:,}",
+        "µs, clock": lambda row: f"{row['us']:g}",
+        "µs, processor": lambda row: f"{row['cpu_us']:g}",
+        "time ratio": lambda row: _times(row, first[row["case"]]),
+        "error": _shown("error", ".1e"),
+        "median error": _shown("median", ".1e"),
+        "above 1e-9": _shown("above", ".0%"),
+    }
+    return table(columns, rows, "---")

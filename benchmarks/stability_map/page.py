@@ -18,7 +18,6 @@ from matplotlib.colors import BoundaryNorm
 
 from .code import fingerprint
 from .collocation import Array
-from .peers import WAYS
 from .verdict import CLASSES, DAMPING_EDGES, FLAGGED_WITHOUT_NEED, WRONG
 
 DECADES = np.arange(-16, 2)
@@ -128,9 +127,7 @@ def draw_peers(known: dict[str, Any], path: Path) -> None:
     rows: dict[str, dict[str, dict[str, Any]]] = {}
     for name, result in known.items():
         kind, way = name.split("/", 1)
-        # The two engines share a row.
-        row = "engines" if name in WAYS else kind
-        rows.setdefault(row, {})[f"{way}\n{NAMES[kind]}"] = result
+        rows.setdefault(kind, {})[f"{way}\n{NAMES[kind]}"] = result
     across = max(len(ways) for ways in rows.values())
     fig, axes = plt.subplots(
         len(rows),
@@ -152,7 +149,7 @@ def draw_peers(known: dict[str, Any], path: Path) -> None:
         line[0].set_ylabel("damping", fontsize=8)
     for ax in axes[-1]:
         ax.set_xlabel("push Γ", fontsize=8)
-    title = "What users would write instead, n = 3/2 (MuJoCo: n = 1), damping against push"
+    title = "What users would write instead, n = 3/2, damping against push"
     _finish(fig, axes, image, path, title, flagged="failed")
 
 
@@ -177,22 +174,13 @@ matplotlib.use("Agg")
 DOCS = Path(__file__).parents[2] / "docs"
 _MARK = "<!-- results: made by benchmarks/stability.py --page -->"
 DEFECTS = (CLASSES[WRONG], CLASSES[FLAGGED_WITHOUT_NEED])
-_ENGINES = """\
-Exudyn's sphere contact is Hunt and Crossley's law with tension. It runs with 50 steps in a contact
-and default settings, and with 5,000 steps. MuJoCo's soft contact is the linear law without tension.
-It runs with its default of ten steps in a time constant, and with a thousand. MuJoCo keeps the
-impedance's share of an external force from the contact, nine tenths by default. `finest` has the
-smallest impedance, 10⁻⁴, the integrator RK4 and no solver tolerance. Contacts of more than 100,000
-steps count as failed.
-"""
 
 
 def write(
     known: dict[str, Any],
-    seeded: dict[str, Any],
+    seed: dict[str, Any],
     peers: dict[str, Any],
     slopes: dict[str, Any],
-    balance: dict[str, Any],
     laws: dict[str, Any],
 ) -> None:
     """Write the pictures, and the tables below the mark; the words above it are kept.
@@ -211,9 +199,8 @@ def write(
     sections = (
         (count_table, known),
         (worst_table, known),
-        (seeded_table, seeded),
+        (seeded_table, seed),
         (law_table, laws),
-        (balance_table, balance),
         (slope_table, slopes),
         (peer_table, peers),
     )
@@ -310,35 +297,6 @@ def worst_table(known: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def balance_table(balance: dict[str, Any]) -> str:
-    """The lanes without an oracle, and the worst of those that do not agree."""
-    names = ("lanes", "separated", "settled", "flagged", "energy misses", "method misses")
-    lines = [
-        "## Without an oracle",
-        "",
-        "Energies must add up, and two methods must agree. They must agree to the documented "
-        "accuracy, or to",
-        "the effect of a relative change of 10⁻⁸ of damping or push. Flagged: by either method.",
-        "",
-        *_head("kind", "motion", *names),
-    ]
-    sums = dict.fromkeys(names, 0)
-    for (kind, motion, *_), jobs in _groups(balance).items():
-        counts = {c: sum(job[c] for job in jobs.values()) for c in names}
-        sums = {c: sums[c] + counts[c] for c in names}
-        lines.append(_row(NAMES[kind], motion, *counts.values()))
-    lines.append(_row("all", "", *sums.values()))
-    worst = [(name, lane) for name, job in balance.items() for lane in job["worst"][:1]]
-    if worst:
-        lines += ["", "The largest error of every job that has one:", ""]
-        lines += _head("job", "damping", "n", "push", "e", "and", "miss", "times allowed")
-        for name, lane in worst:
-            both = [_short(e) for e in lane["e"]]
-            numbers = _numbers(lane, "damping", "n", "push")
-            lines.append(_row(name, *numbers, *both, lane["miss"], _times(lane)))
-    return "\n".join(lines) + "\n"
-
-
 def _groups(known: dict[str, Any]) -> dict[tuple[str, ...], dict[str, dict[str, Any]]]:
     """Jobs by kind, motion, method and precision: all exponents together."""
     groups: dict[tuple[str, ...], dict[str, dict[str, Any]]] = {}
@@ -386,11 +344,8 @@ def slope_table(slopes: dict[str, Any]) -> str:
 def peer_table(peers: dict[str, Any]) -> str:
     """What users would write instead."""
     names = list(next(iter(peers.values()))["counts"])
-    lines = ["## General solvers and engines", ""]
-    if any(name in WAYS for name in peers):
-        lines.append(_ENGINES)
-    lines += _head("force and way", *names)
+    lines = ["## General solvers", "", *_head("force and way", *names)]
     for name, way in peers.items():
         lines.append(_row(name, *(way["counts"][n] for n in names)))
-    lines += ["", "![Errors of general solvers and engines](stability_peers.png)"]
+    lines += ["", "![Errors of general solvers](stability_peers.png)"]
     return "\n".join(lines) + "\n"

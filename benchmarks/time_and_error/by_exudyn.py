@@ -10,9 +10,8 @@ import numpy as np
 from .rebounds import MASS, RADIUS, SPEED, Drop
 
 
-def ball(drop: Drop, gap: float) -> tuple[Any, int]:
-    """A ball over one that is held still, which stands for the plane: the force knows no radius."""
-    import exudyn
+def touch(system: Any, ball: Any, other: Any, gap: float, radii: list[float], **law: Any) -> None:
+    """A contact of a ball with another one; None: with one that is held still, for a plane."""
     from exudyn.utilities import (
         MarkerBodyPosition,
         MarkerBodyRigid,
@@ -20,29 +19,36 @@ def ball(drop: Drop, gap: float) -> tuple[Any, int]:
         ObjectContactSphereSphere,
     )
 
+    moving = system.AddMarker(MarkerBodyPosition(bodyNumber=ball))
+    if other is None:
+        held = system.AddMarker(MarkerBodyRigid(bodyNumber=system.CreateGround()))
+        markers = [held, moving]
+    else:
+        markers = [moving, system.AddMarker(MarkerBodyPosition(bodyNumber=other))]
+    memory = NodeGenericData(initialCoordinates=[gap, 0, 0, 0], numberOfDataCoordinates=4)
+    system.AddObject(
+        ObjectContactSphereSphere(
+            markerNumbers=markers,
+            nodeNumber=system.AddNode(memory),
+            spheresRadii=radii,
+            dynamicFriction=0.0,
+            **law,
+        )
+    )
+
+
+def ball(drop: Drop, gap: float) -> tuple[Any, int]:
+    """A ball over one that is held still, which stands for the plane: the force knows no radius."""
+    import exudyn
+
     system = exudyn.SystemContainer().AddSystem()
-    ground = system.CreateGround()
     moving = system.CreateMassPoint(
         referencePosition=[0, 0, 2 * RADIUS + gap],
         initialVelocity=[0, 0, -SPEED],
         mass=MASS,
         gravity=[0, 0, 0],
     )
-    markers = [
-        system.AddMarker(MarkerBodyRigid(bodyNumber=ground)),
-        system.AddMarker(MarkerBodyPosition(bodyNumber=moving)),
-    ]
-    memory = NodeGenericData(initialCoordinates=[gap, 0, 0, 0], numberOfDataCoordinates=4)
-    system.AddObject(
-        ObjectContactSphereSphere(
-            markerNumbers=markers,
-            nodeNumber=system.AddNode(memory),
-            spheresRadii=[RADIUS, RADIUS],
-            dynamicFriction=0.0,
-            impactModel=2,
-            **drop.numbers,
-        )
-    )
+    touch(system, moving, None, gap, [RADIUS, RADIUS], impactModel=2, **drop.numbers)
     system.Assemble()
     return system, moving
 

@@ -16,7 +16,7 @@ from tests.oracle import derivative, hunt_crossley
 from . import by_diffrax, by_scipy
 from .by_numba import in_parallel, kernel
 from .problems import SEED, function_of
-from .running import chosen, measure, sweep
+from .running import named, run_cases, sweep
 from .store import Store
 from .way import LADDER, Solve, Way
 
@@ -210,14 +210,9 @@ WAYS = (
 
 def run(store: Store, only: str = "", small: bool = False) -> None:
     """Measure what the store lacks, options first."""
-    task = Slopes()
-    ways = [way for way in WAYS if only.lower() in way.name.lower()]
-    if small:
-        ways = [way for way in ways if way.name in SMALL]
-    else:
-        sweep(store, "slope options", task, ways, BATCHES[-1])
-    for count, way in enumerate(ways, 1):
-        for batch in (SMALL_BATCH,) if small else BATCHES:
-            options = chosen(store, "slope options", way)
-            measure(store, "derivatives", task, way, options, batch, f"[{count}/{len(ways)}]")
-        jax.clear_caches()
+    ways = named(WAYS, only, SMALL if small else None)
+    if not small:
+        sweep(store, "slope options", Slopes(), ways, BATCHES[-1])
+    batches = (SMALL_BATCH,) if small else BATCHES
+    cases = [(Slopes(), way, batches) for way in ways]
+    run_cases(store, "derivatives", cases, "slope options")

@@ -11,7 +11,7 @@ import numpy as np
 import jaxcontact as jc
 from tests.oracle.moving_table import GRAVITY
 
-from .by_exudyn import settings_of
+from .by_exudyn import settings_of, touch
 from .by_mujoco import contact_of
 from .engines import needs
 from .hard_scenes import DAMPING, HEIGHT, STIFFNESS
@@ -40,39 +40,27 @@ def _contact_time(line: Line) -> float:
     return float(np.min(2.94 * (mass * speed**2 / line.stiffness) ** 0.4 / speed))
 
 
-def _touch(system: Any, markers: list[int], gap: float, radii: list[float], **law: Any) -> None:
-    from exudyn.utilities import NodeGenericData, ObjectContactSphereSphere
-
-    memory = NodeGenericData(initialCoordinates=[gap, 0, 0, 0], numberOfDataCoordinates=4)
-    system.AddObject(
-        ObjectContactSphereSphere(
-            markerNumbers=markers,
-            nodeNumber=system.AddNode(memory),
-            spheresRadii=radii,
-            dynamicFriction=0.0,
-            contactStiffnessExponent=1.5,
-            impactModel=1,
-            **law,
-        )
-    )
+_HUNT_CROSSLEY = {"impactModel": 1, "contactStiffnessExponent": 1.5}
+"""Its impactModel 1 has α = (3/2)(1 - e)."""
 
 
 def _three(x: np.ndarray) -> list[float]:
     return [*map(float, x), *[0.0] * (3 - len(x))]
 
 
-def _solve(system: Any, duration: float, count: int) -> None:
+def _solve(system: Any, duration: float, count: int, written: float | None = None) -> None:
+    """Steps of one length; sensors are `written` at the end, or so often in s."""
     import exudyn
 
     settings = settings_of(duration / count, count)
+    settings.solutionSettings.sensorsWritePeriod = written or duration
     system.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.RK44)
 
 
 def line_by_exudyn(line: Line, steps: float) -> np.ndarray:
-    """Its impactModel 1 has α = (3/2)(1 - e): with e for this α its law is the scene's."""
+    """With e for the α of the scene its law is the scene's."""
     needs("exudyn")
     import exudyn
-    from exudyn.utilities import MarkerBodyPosition
 
     count = _counted(line.duration, _contact_time(line), steps)
     system = exudyn.SystemContainer().AddSystem()
@@ -82,25 +70,23 @@ def line_by_exudyn(line: Line, steps: float) -> np.ndarray:
         )
         for x, v, m in zip(line.position, line.velocity, line.mass, strict=True)
     ]
-    markers = [system.AddMarker(MarkerBodyPosition(bodyNumber=ball)) for ball in balls]
     law = {"restitutionCoefficient": 1 - line.alpha / 1.5, "contactStiffness": line.stiffness}
     for i, j in zip(*pairs_of(line), strict=True):
         radii = [float(line.radius[i]), float(line.radius[j])]
         gap = float(np.linalg.norm(line.position[i] - line.position[j])) - sum(radii)
-        _touch(system, [markers[i], markers[j]], gap, radii, **law)
+        touch(system, balls[i], balls[j], gap, radii, **law, **_HUNT_CROSSLEY)
     system.Assemble()
     _solve(system, line.duration, count)
     kind = exudyn.OutputVariableType.Velocity
     dimensions = line.position.shape[1]
-    found = [system.GetObjectOutputBody(ball, kind)[:dimensions] for ball in balls]
-    return np.concatenate(found)
+    return np.concatenate([system.GetObjectOutputBody(b, kind)[:dimensions] for b in balls])
 
 
 def rest_by_exudyn(steps: float) -> float:
     """The last touch of the ball, on a straight line between two steps."""
     needs("exudyn")
     import exudyn
-    from exudyn.utilities import MarkerBodyPosition, MarkerBodyRigid, SensorBody
+    from exudyn.utilities import SensorBody
 
     radius, mass = 0.1, 1.0
     speed = math.sqrt(2 * GRAVITY * HEIGHT)
@@ -108,26 +94,17 @@ def rest_by_exudyn(steps: float) -> float:
     duration = 3.0
     count = _counted(duration, contact, steps)
     system = exudyn.SystemContainer().AddSystem()
-    ground = system.CreateGround()
     ball = system.CreateMassPoint(
         referencePosition=[0, 0, 2 * radius + HEIGHT], mass=mass, gravity=[0, 0, -GRAVITY]
     )
-    markers = [
-        system.AddMarker(MarkerBodyRigid(bodyNumber=ground)),
-        system.AddMarker(MarkerBodyPosition(bodyNumber=ball)),
-    ]
     law = {"restitutionCoefficient": 1 - DAMPING / 1.5, "contactStiffness": STIFFNESS}
-    _touch(system, markers, HEIGHT, [radius, radius], **law)
+    touch(system, ball, None, HEIGHT, [radius, radius], **law, **_HUNT_CROSSLEY)
+    kind = exudyn.OutputVariableType.Position
     sensor = system.AddSensor(
-        SensorBody(
-            bodyNumber=ball, storeInternal=True,
-            outputVariableType=exudyn.OutputVariableType.Position,
-        )
-    )  # fmt: skip
+        SensorBody(bodyNumber=ball, storeInternal=True, outputVariableType=kind)
+    )
     system.Assemble()
-    settings = settings_of(duration / count, count)
-    settings.solutionSettings.sensorsWritePeriod = duration / count
-    system.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.RK44)
+    _solve(system, duration, count, duration / count)
     record = system.GetSensorStoredData(sensor)
     t, gap = record[:, 0], record[:, 3] - 2 * radius
     last = np.flatnonzero((gap[:-1] > 0) & (gap[1:] <= 0))[-1]

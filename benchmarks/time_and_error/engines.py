@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import itertools
 from collections.abc import Callable
@@ -18,7 +17,7 @@ import jaxcontact as jc
 from . import by_drake, by_exudyn, by_jaxsim, by_lammps, by_mujoco
 from .measure import NotPossibleError
 from .rebounds import MASS, SPEED, STIFFNESS, Rebound, converged, drops
-from .running import chosen, measure, sweep
+from .running import named, run_cases, sweep
 from .store import Store
 from .way import Solve, Way
 
@@ -153,14 +152,9 @@ SMALL = ("ExactRestitution, exact", "Exudyn, explicit", "MuJoCo")
 
 def run(store: Store, only: str = "", small: bool = False) -> None:
     """Measure what the store lacks, options first."""
-    ways = [way for way in WAYS if only.lower() in way.name.lower()]
-    if small:
-        ways = [dataclasses.replace(w, settings=w.settings[:1]) for w in ways if w.name in SMALL]
-    else:
+    ways = named(WAYS, only, SMALL if small else None, slice(1))
+    if not small:
         sweep(store, "engine options", TASKS[-1], ways, BALLS[0])
-    pairs = list(itertools.product(ways, TASKS))
-    for count, (way, task) in enumerate(pairs, 1):
-        for balls in BALLS[:1] if small else BALLS:
-            options = chosen(store, "engine options", way)
-            measure(store, "engines", task, way, options, balls, f"[{count}/{len(pairs)}]")
-        jax.clear_caches()
+    balls = BALLS[:1] if small else BALLS
+    cases = [(task, way, balls) for way, task in itertools.product(ways, TASKS)]
+    run_cases(store, "engines", cases, "engine options")

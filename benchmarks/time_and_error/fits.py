@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 from typing import Any
 
-import jax
 import numpy as np
 from scipy import optimize
 from scipy.integrate import solve_ivp
@@ -19,7 +19,7 @@ from .by_numba import in_parallel, kernel
 from .fit_record_code import sampler
 from .fit_tasks import MASS, SPEED, STIFFNESS, UNIT, Found, Record, Table
 from .problems import PROBLEMS, function_of
-from .running import chosen, measure, sweep
+from .running import named, run_cases, sweep
 from .store import Store
 from .way import Solve, Way
 
@@ -210,22 +210,15 @@ TASKS = ((Table(), 20), (Table(), 1000), (Record(), 2000))
 
 def run(store: Store, only: str = "", small: bool = False) -> None:
     """Measure what the store lacks, options first."""
-    ways = [way for way in WAYS if only.lower() in way.name.lower()]
-    tasks = TASKS
-    if small:
-        ways = [dataclasses.replace(w, settings=w.settings[-1:]) for w in ways if w.name in SMALL]
-        tasks = ((Table(), 5),)
-    else:
+    ways = named(WAYS, only, SMALL if small else None, slice(-1, None))
+    if not small:
         sweep(store, "fit options", Table(), ways, 20)
-    for count, ((task, points), way) in enumerate(
-        ((pair, way) for pair in tasks for way in ways), 1
-    ):
+    cases = []
+    for (task, points), way in itertools.product(((Table(), 5),) if small else TASKS, ways):
         if task.name == Table.name and way.family in FEWER:
             way = dataclasses.replace(way, most=FEWER[way.family])
-        options = chosen(store, "fit options", way)
-        head = f"[{count}/{len(tasks) * len(ways)}]"
-        measure(store, "fits", task, way, options, points, head)
-        jax.clear_caches()
+        cases.append((task, way, (points,)))
+    run_cases(store, "fits", cases, "fit options")
 
 
 SMALL = ("jc.fit_damping, jc.fit_record", "lmfit over numba")

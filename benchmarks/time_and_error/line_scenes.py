@@ -9,14 +9,14 @@ import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from scipy.integrate import DOP853, solve_ivp
 
 import jaxcontact as jc
+
+from ..until_event import ending, until
 
 
 class Line(NamedTuple):
@@ -102,12 +102,7 @@ def accelerated(xp, line: Line, y, closed, speed):
 
 def ends(line: Line, k: int, sign: int) -> Callable:
     """The event at which a pair opens (1) or touches (-1)."""
-
-    def gap(t, y):
-        return sign * geometry(np, line, y)[0][k]
-
-    gap.terminal, gap.direction = True, -1
-    return gap
+    return ending(lambda t, y: sign * geometry(np, line, y)[0][k])
 
 
 def _events(line: Line, closed: np.ndarray) -> list[Callable]:
@@ -158,24 +153,12 @@ def _segment(fixed: Fixed, rtol, longest, t, y, closed, speed):
         return of
 
     count = len(line.mass) - 1
-    solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(lambda t, y, args: accelerated(jnp, line, y, *args)),
-        diffrax.Dopri8(),
-        t,
-        line.duration,
-        None,
-        y,
-        args=(closed, speed),
-        # During a flight it would step over the touch and the following opening.
-        stepsize_controller=diffrax.PIDController(rtol=rtol, atol=1e-3 * rtol, dtmax=longest),
-        event=None
-        if line.alpha == 0
-        else diffrax.Event(
-            [gap(k) for k in range(count)], optx.Newton(1e-13, 1e-13), direction=False
-        ),
-        max_steps=100_000,
-        throw=False,
-    )
+    # During a flight a longer step would go over the touch and the following opening.
+    solution = until(
+        lambda t, y, args: accelerated(jnp, line, y, *args), y,
+        None if line.alpha == 0 else [gap(k) for k in range(count)], rtol,
+        args=(closed, speed), start=t, stop=line.duration, first=None, longest=longest,
+    )  # fmt: skip
     happens = closed & False if line.alpha == 0 else jnp.stack(solution.event_mask)
     y = solution.ys[-1]
     speed = jnp.where(happens & ~closed, geometry(jnp, line, y)[1], speed)

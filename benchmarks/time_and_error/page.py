@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..oblique_impacts.page import section as oblique_section
+from ..study import lines as table
 from .impacts import BATCHES
 from .pictures import draw
 from .reading import QUIET, Row, batches_of, cheapest, closest, number, problems_of, some, ways_of
@@ -68,7 +69,12 @@ def _mechanisms(measured: dict[str, Any]) -> list[str]:
         if "ms" in row
     ]
     problems = problems_of(rows)
-    lines = [
+    cells = []
+    for way in ways_of(rows):
+        ours = [some(rows, way=way, problem=problem) for problem in problems]
+        cells.append([way, *(_cell(each, (1e-6, 1e-9, 1e-12)) for each in ours)])
+    heads = ["way: ms within an error of 1e-6 / 1e-9 / 1e-12", *problems]
+    return [
         "## Mechanisms",
         "",
         "The time until the fifth touch of a double pendulum beside a wall and of a slider-crank",
@@ -76,12 +82,9 @@ def _mechanisms(measured: dict[str, Any]) -> list[str]:
         "relative to the duration. All methods are of one run of `benchmarks/systems.py`; numba is",
         "written by hand for each mechanism. [Mechanisms](systems.md) has ratios and derivatives.",
         "",
-        *_head("way: ms within an error of 1e-6 / 1e-9 / 1e-12", *problems),
+        table(heads, cells, "---"),
+        "",
     ]
-    for way in ways_of(rows):
-        ours = [some(rows, way=way, problem=problem) for problem in problems]
-        lines.append(_row(way, *(_cell(each, (1e-6, 1e-9, 1e-12)) for each in ours)))
-    return [*lines, ""]
 
 
 def _shown_first(store: Store, path: Path, titles: dict[str, str]) -> None:
@@ -116,8 +119,7 @@ def _section(section: Section, rows: list[Row], options: list[Row], picture: str
         here = some(rows, batch=batch)
         what = f"{section.unit}, within an error of {asked}"
         several = f"{section.batch} {batch:,}: " if len(batches_of(rows)) > 1 else ""
-        table = _table(section, here, [*rows, *options])
-        lines += _folded(_capital(several + what), table)
+        lines += _folded(_capital(several + what), [_table(section, here, [*rows, *options])])
     lines += section.more(rows)
     reasons = _reasons(section, rows)
     if reasons:
@@ -204,16 +206,16 @@ def _reached(rows: list[Row]) -> str:
     return f"{number(best['cost'])} at {best['error']:.0e}" if best else "failed"
 
 
-def _table(section: Section, rows: list[Row], everywhere: list[Row]) -> list[str]:
+def _table(section: Section, rows: list[Row], everywhere: list[Row]) -> str:
     """Return a line per method; a cell has the time for every error asked for."""
     problems = problems_of(rows)
-    names = [section.titles[p] for p in problems]
-    lines = _head("way", *names, "compile/s", "peak/MiB", "measured")
+    cells = []
     for way in ways_of(rows):
         ours = some(rows, way=way)
-        cells = [_cell(some(ours, problem=p), section.errors) for p in problems]
-        lines.append(_row(way, *cells, *_costs(ours, some(everywhere, way=way))))
-    return lines
+        times = [_cell(some(ours, problem=p), section.errors) for p in problems]
+        cells.append([way, *times, *_costs(ours, some(everywhere, way=way))])
+    names = [section.titles[p] for p in problems]
+    return table(["way", *names, "compile/s", "peak/MiB", "measured"], cells, "---")
 
 
 def _cell(rows: list[Row], errors: tuple[float, ...]) -> str:
@@ -258,11 +260,3 @@ def _reasons(section: Section, rows: list[Row]) -> list[str]:
         at = "" if whole else f" at {', '.join(f'{s:g}' for s in sorted(settings))}"
         lines.append(f"- {way}, {', '.join(where)}{at}: {reason}")
     return lines
-
-
-def _head(*names: str) -> list[str]:
-    return [_row(*names), "|" + "---|" * len(names)]
-
-
-def _row(*cells: Any) -> str:
-    return "| " + " | ".join(map(str, cells)) + " |"

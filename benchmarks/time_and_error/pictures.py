@@ -17,7 +17,6 @@ COLOURS = {
     "numba": ("tab:blue",),
     "diffrax": ("tab:green",),
     "scipy": ("tab:orange",),
-    "stepping": ("0.5",),
     # They are many, and all of another kind than the rest.
     "engines": (
         *("tab:purple", "tab:brown", "tab:olive", "tab:cyan", "navy", "darkgreen", "black"),

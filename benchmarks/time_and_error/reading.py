@@ -11,7 +11,6 @@ FAMILIES = {
     "numba": "numba",
     "diffrax": "plain diffrax",
     "scipy": "SciPy",
-    "stepping": "time steps as engines make them",
     "engines": "another simulator",
 }
 

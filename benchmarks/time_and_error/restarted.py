@@ -10,49 +10,19 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from scipy.integrate import solve_ivp
 
-from . import boxed_gas, hard_scenes
-from .hard_scenes import (
-    AMPLITUDE,
-    CELL,
-    DAMPING,
-    DROP,
-    DURATION,
-    FREQUENCY,
-    GAS,
-    GRAVITY,
-    LENGTH,
-    PHASE,
-    RATE,
-    E,
-)
+from ..until_event import ending, until
+from . import gases, hard_scenes
+from .gases import CELL, DURATION, GAS
+from .hard_scenes import AMPLITUDE, DAMPING, DROP, FREQUENCY, GRAVITY, LENGTH, PHASE, RATE, E
 
 LONGEST = 0.01
 """s; of the gases' steps."""
-_NEWTON = optx.Newton(1e-13, 1e-13)
 _FIRST, _SECOND = np.triu_indices(GAS, 1)
-
-
-def _solved(rate, ends, directions, until, y, rtol, longest, start=0.0, first=None):
-    """A solve by diffrax up to the first of some events."""
-    return diffrax.diffeqsolve(
-        diffrax.ODETerm(rate),
-        diffrax.Dopri8(),
-        start,
-        until,
-        first,
-        y,
-        stepsize_controller=diffrax.PIDController(rtol=rtol, atol=1e-3 * rtol, dtmax=longest),
-        event=diffrax.Event(ends, _NEWTON, direction=directions),
-        max_steps=100_000,
-        throw=False,
-    )
 
 
 @jax.jit
@@ -65,7 +35,7 @@ def _bounce(push, rtol):
         return jnp.stack([y[1], push - force * jnp.maximum(1 + DAMPING * y[1], 0.0)])
 
     ends = [lambda t, y, args, **_: y[0], lambda t, y, args, **_: y[1]]
-    found = _solved(rate, ends, [False, True], 1e3, jnp.array([0.0, 1.0]), rtol, None, first=0.01)
+    found = until(rate, jnp.array([0.0, 1.0]), ends, rtol, direction=[False, True])
     return jnp.where(found.event_mask[0], -found.ys[-1, 1], 0.0), found.ts[-1]
 
 
@@ -78,9 +48,9 @@ def _flight(t, y, rtol):
     def gap(t, y, args, **_):
         return y[0] - AMPLITUDE * jnp.sin(RATE * t + PHASE)
 
-    found = _solved(
-        lambda t, y, _: jnp.stack([y[1], -GRAVITY + 0 * y[1]]),
-        gap, False, LENGTH, y, rtol, 0.1 / FREQUENCY, start=t,
+    found = until(
+        lambda t, y, _: jnp.stack([y[1], -GRAVITY + 0 * y[1]]), y, gap, rtol,
+        start=t, stop=LENGTH, first=None, longest=0.1 / FREQUENCY,
     )  # fmt: skip
     t, y = found.ts[-1], found.ys[-1]
     moves = AMPLITUDE * RATE * jnp.cos(RATE * t + PHASE)
@@ -132,10 +102,7 @@ def _struck(x: np.ndarray, v: np.ndarray, periodic: bool) -> np.ndarray:
 def _flight_by_scipy(t: float, x: np.ndarray, v: np.ndarray, rtol: float, periodic: bool) -> Any:
     speed = v.ravel()
 
-    def ends(t, y):
-        return np.min(_gaps(np, y.reshape(x.shape), v, periodic))
-
-    ends.terminal, ends.direction = True, -1
+    ends = ending(lambda t, y: np.min(_gaps(np, y.reshape(x.shape), v, periodic)))
     found = solve_ivp(
         lambda t, y: speed, (t, DURATION), x.ravel(), "DOP853", events=ends, rtol=rtol,
         atol=1e-3 * rtol, max_step=LONGEST,
@@ -145,21 +112,19 @@ def _flight_by_scipy(t: float, x: np.ndarray, v: np.ndarray, rtol: float, period
 
 @functools.partial(jax.jit, static_argnums=4)
 def _flight_by_diffrax(t, x, v, rtol, periodic):
-    found = _solved(
-        lambda t, y, _: v,
-        lambda t, y, args, **_: jnp.min(_gaps(jnp, y, v, periodic)),
-        False, DURATION, x, rtol, LONGEST, start=t,
+    found = until(
+        lambda t, y, _: v, x, lambda t, y, args, **_: jnp.min(_gaps(jnp, y, v, periodic)), rtol,
+        start=t, stop=DURATION, first=None, longest=LONGEST,
     )  # fmt: skip
     return found.ts[-1], found.ys[-1], found.event_mask
 
 
 _FLIGHTS = {"scipy": _flight_by_scipy, "diffrax": _flight_by_diffrax}
-_STARTS = {True: hard_scenes.gas, False: boxed_gas.discs}
 
 
 def gas(by: str, periodic: bool, rtol: float) -> np.ndarray:
     """Final velocities of a gas, flight after flight."""
-    t, (x, v), fly = 0.0, _STARTS[periodic](), _FLIGHTS[by]
+    t, (x, v), fly = 0.0, gases.discs(periodic), _FLIGHTS[by]
     while t < DURATION:
         t, x, struck = fly(t, x, v, rtol, periodic)
         if struck:

@@ -23,7 +23,6 @@ FAMILY_FILES = {
     "diffrax": ("by_diffrax.py",),
     "scipy": ("by_scipy.py",),
     "numba": ("by_numba.py", "pairs.py"),
-    "stepping": ("stepping.py",),
     "engines": (),
 }
 
@@ -74,6 +73,29 @@ def chosen(store: Store, group: str, way: Way) -> str:
     if not good:
         return next(iter(way.variants))
     return min(good, key=lambda row: row["cost"])["options"]
+
+
+def named(
+    ways: Iterable[Way], only: str, small: Iterable[str] | None = None, some: slice = slice(None)
+) -> list[Way]:
+    """The ways whose name contains a text. With `small` those named there, with some settings."""
+    found = [way for way in ways if only.lower() in way.name.lower()]
+    if small is None:
+        return found
+    return [dataclasses.replace(w, settings=w.settings[some]) for w in found if w.name in small]
+
+
+def run_cases(
+    store: Store, group: str, cases: list[tuple[Task, Way, Iterable[int]]], options: str = ""
+) -> None:
+    """Measure what the store lacks of tasks and ways, each in its batches, by chosen options."""
+    for count, (task, way, batches) in enumerate(cases, 1):
+        for batch in batches:
+            if way.batches is None or batch in way.batches:
+                variant = chosen(store, options, way) if options else ""
+                measure(store, group, task, way, variant, batch, f"[{count}/{len(cases)}]")
+        # A process can hold a few hundred programs.
+        jax.clear_caches()
 
 
 def measure(

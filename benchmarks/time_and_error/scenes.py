@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,12 +15,12 @@ import numpy as np
 
 import jaxcontact as jc
 
-from . import boxed_gas, restarted
 from . import engine_scenes as engines
+from . import gases, restarted
 from . import hard_scenes as hard
 from .line_scenes import Fixed, Line, by_diffrax, by_scipy, chain, line, oblique, scene_of
 from .measure import NotPossibleError
-from .running import measure
+from .running import run_cases
 from .store import Store
 from .way import Solve, Way
 
@@ -96,6 +97,20 @@ def _soft(name: str, title: str, made: Line, **more: Callable[[float], Any]) -> 
     )
 
 
+def _gas(name: str, title: str, periodic: bool) -> Scene:
+    """Hard discs from impact to impact: final velocities."""
+    solvers = {
+        "jitted": functools.partial(gases.by_package, periodic),
+        "diffrax": functools.partial(restarted.gas, "diffrax", periodic),
+        "scipy": functools.partial(restarted.gas, "scipy", periodic),
+        "numba": functools.partial(gases.by_numba, periodic),
+        **({} if periodic else {"billiards": gases.by_billiards}),
+    }
+    once = ("jitted", "numba", "billiards")
+    truth = functools.partial(gases.truth, periodic)
+    return Scene(name, title, solvers, truth, once=once, cannot=_TAKE_TIME)
+
+
 ROOM = 48
 _APART = line(0.1, 1e9, 15.0)
 SCENES = (
@@ -135,33 +150,9 @@ SCENES = (
         once=("jitted", "numba"),
         cannot=_TAKE_TIME,
     ),
-    Scene(
-        "gas",
-        "gas of 32 balls, periodic",
-        {
-            "jitted": hard.gas_by_package,
-            "diffrax": functools.partial(restarted.gas, "diffrax", True),
-            "scipy": functools.partial(restarted.gas, "scipy", True),
-            "numba": hard.gas_by_numba,
-        },
-        hard.gas_truth,
-        once=("jitted", "numba"),
-        cannot=_TAKE_TIME,
-    ),
-    Scene(
-        "boxed",
-        "gas of 32 balls in a box",
-        {
-            "jitted": boxed_gas.by_package,
-            "diffrax": functools.partial(restarted.gas, "diffrax", False),
-            "scipy": functools.partial(restarted.gas, "scipy", False),
-            "numba": boxed_gas.by_numba,
-            "billiards": boxed_gas.by_billiards,
-        },
-        boxed_gas.truth,
-        once=("jitted", "numba", "billiards"),
-        cannot=_TAKE_TIME,
-    ),
+    *(_gas(*named) for named in (
+        ("gas", "gas of 32 balls, periodic", True), ("boxed", "gas of 32 balls in a box", False),
+    )),
 )  # fmt: skip
 
 
@@ -172,7 +163,8 @@ def _build(scene: Scene, lanes: np.ndarray, *, solver: str) -> Solve:
     return scene.solvers[solver]
 
 
-_FILES = ("scenes.py", "line_scenes.py", "hard_scenes.py", "restarted.py", "boxed_gas.py")
+_FILES = ("scenes.py", "line_scenes.py", "hard_scenes.py", "restarted.py", "gases.py")
+_FILES += ("../until_event.py",)
 _ENGINES = ("engine_scenes.py", "by_exudyn.py", "by_mujoco.py")
 STEPS = (10, 30, 100, 300)
 
@@ -202,15 +194,13 @@ SMALL = (("rest", "scipy"), ("table", "numba"))
 
 def run(store: Store, only: str = "", small: bool = False) -> None:
     """Measure what the store lacks."""
-    pairs = [(scene, solver) for scene in SCENES for solver in WAYS]
-    if small:
-        pairs = [(s, solver) for s, solver in pairs if (s.name, solver) in SMALL]
-    pairs = [pair for pair in pairs if only.lower() in WAYS[pair[1]].name.lower()]
-    for count, (scene, solver) in enumerate(pairs, 1):
-        way = WAYS[solver]
+    cases = []
+    for scene, (solver, way) in itertools.product(SCENES, WAYS.items()):
+        if only.lower() not in way.name.lower() or (small and (scene.name, solver) not in SMALL):
+            continue
         if solver in scene.once or solver not in scene.solvers:
             way = dataclasses.replace(way, settings=(0.0,), word="")
         elif small:
             way = dataclasses.replace(way, settings=way.settings[-1:])
-        measure(store, "scenes", scene, way, "", 1, f"[{count}/{len(pairs)}]")
-        jax.clear_caches()
+        cases.append((scene, way, (1,)))
+    run_cases(store, "scenes", cases)

@@ -99,8 +99,7 @@ constant push.
 - *exact*, *phase* and *event* are `jc.impact` in a `jax.jit`; its other results are not used.
 - The peers solve the scaled problem, so units do not affect them. diffrax and SciPy locate the end
   by an event on their interpolant. numba repeats the last step until it ends at zero.
-- *regularised* is what an expert would write, in w = √δ and dτ = dt/w. Verlet and Euler use equal
-  steps."""
+- *regularised* is what an expert would write, in w = √δ and dτ = dt/w."""
 
 _DERIVATIVES = f"""\
 All six derivatives of restitution and duration by e, K and n. The law is Hunt and Crossley's with

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 
+from ..study import lines as table
 from .reading import FAMILIES, Row, batches_of, busy, cheapest, number, problems_of, some
 from .sections import SECTIONS, Section
 
@@ -35,13 +36,7 @@ def _verdict(section: Section, rows: list[Row]) -> str:
         return ""
     problems = problems_of(rows)
     head = [section.batch.rstrip(":"), "error", *(section.titles[p] for p in problems)]
-    lines = [
-        '<details markdown="1"><summary>Fastest method for each error, and the time ratio of '
-        "jaxcontact (or of the next one)</summary>",
-        "",
-        "| " + " | ".join(head) + " |",
-        "|" + "---|" * len(head),
-    ]
+    every = []
     ratios: dict[str, dict[str, list[float]]] = {}
     for batch, error in itertools.product(batches_of(rows), ERRORS):
         cells = []
@@ -56,10 +51,17 @@ def _verdict(section: Section, rows: list[Row]) -> str:
                 first, other = _against(found)
                 times = found[other]["cost"] / found[first]["cost"]
                 ratios.setdefault(first, {}).setdefault(where, []).append(times)
-        lines.append("| " + " | ".join([f"{batch:,}", f"{error:g}", *cells]) + " |")
+        every.append([f"{batch:,}", f"{error:g}", *cells])
+    shown = table(head, every, "---")
+    lines = [
+        '<details markdown="1"><summary>Fastest method for each error, and the time ratio of '
+        "jaxcontact (or of the next one)</summary>",
+        "",
+        shown,
+    ]
     if sum(map(busy, rows)) > len(rows) / 2:
         lines += ["", "Measured on a busy machine: ratios are uncertain by a factor of several."]
-    if any("†" in line for line in lines):
+    if "†" in shown:
         lines += [
             "",
             "† One of the two was measured on a busy machine and is faster than shown.",

@@ -20,7 +20,7 @@ LADDER = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 class Way:
     """`build(task, lanes, **options)` prepares a batch and returns its solver.
 
-    `family`: who answers ("ours", "diffrax", "scipy", "numba", "stepping"). `settings`: the ladder,
+    `family`: who answers ("ours", "diffrax", "scipy", "numba", "engines"). `settings`: the ladder,
     named by `word`. `variants`: its options by name, of which a sweep chooses; the first one is the
     default. `most`: lanes of a batch that are measured; a larger batch is scaled from them.
     `needs`: a library it cannot do without. `compiled`: whether a first call compiles.

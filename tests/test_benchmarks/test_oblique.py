@@ -43,7 +43,7 @@ def test_every_method_answers(tmp_path):
     from benchmarks.oblique import main
 
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        main(["--small", "--out", str(tmp_path / "oblique.json")])
+        main(["--small", "--into", str(tmp_path)])
     result = json.loads((tmp_path / "oblique.json").read_text())
     rows = [row for group in result["groups"].values() for row in group["rows"]]
     methods = {row["method"] for row in rows}

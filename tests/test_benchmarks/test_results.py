@@ -1,5 +1,6 @@
 """Stored results of benchmarks: pages show them, and they keep what is promised."""
 
+import importlib
 import json
 
 import jax
@@ -17,6 +18,7 @@ from benchmarks import (
     scene_agreement,
     touches,
 )
+from benchmarks.study import DOCS, Study, by_line
 
 FORCES = 1e-12
 """Of the forces that diffrax and SciPy integrate: measured 2e-13."""
@@ -29,34 +31,57 @@ ERRORS["ours, for 1 %, 8 substeps"] = 0.01
 
 
 def result(benchmark):
-    return json.loads(benchmark.RESULT.read_text())
+    return benchmark.STUDY.result()
 
 
-@pytest.mark.parametrize(
-    ("benchmark", "page", "shown"),
-    [
-        (fit_many, "calibrate", lambda found: [fit_many.table(found)]),
-        (lammps_adhesion, "plastic", lambda found: [lammps_adhesion.table(found["rows"])]),
-        (lammps_bed, "export", lambda found: [lammps_bed.table(found)]),
-        (laws_inside, "engines", lambda found: [laws_inside.engines(), laws_inside.table(found)]),
-        (memory_map, "stability", lambda found: [memory_map.page(found)]),
-        (plastic_speed, "plastic", lambda found: [plastic_speed.table(found["rows"])]),
-        (
-            scene_agreement,
-            "export",
-            lambda found: [scene_agreement.tables(found), scene_agreement.oblique_table(found)],
-        ),
-    ],
+STUDIES = (
+    "fit_adequacy fit_many gpu lammps_adhesion lammps_bed laws_inside memory_map plastic_speed "
+    "random_scenes records scene_agreement sound tracks"
 )
-def test_the_page_has_the_tables(benchmark, page, shown):
-    text = (laws_inside.ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
-    assert all(table in text for table in shown(result(benchmark)))
+
+
+@pytest.mark.parametrize("name", STUDIES.split())
+def test_the_page_has_the_tables(name):
+    study = importlib.import_module(f"benchmarks.{name}").STUDY
+    text = (DOCS / f"{study.page}.md").read_text(encoding="utf-8")
+    shown = study.shown(study.result())
+    if study.whole:
+        # What its example prints is compared in test_fit_coverage.py.
+        ours, there = (page.split("```") for page in (shown[""], text))
+        assert ours[:3] + ours[4:] == there[:3] + there[4:] and "{" not in ours[-1]
+    else:
+        assert shown and study.on_page(text, study.result()) == text
+        assert all(table.count("\n") > 1 for table in shown.values())
+        with pytest.raises(ValueError, match=rf"{study.page}.md must have .*{name}.py"):
+            study.on_page("a page", study.result())
+
+
+def test_a_trial_writes_nothing_and_an_interrupted_study_goes_on(tmp_path, capsys):
+    study = Study("some.py", "Some study.", text=by_line)
+
+    def counts(known, only):
+        known = known or {}
+        for k in range(only or 3):
+            if f"{k}" not in known:
+                print(f"measures {k}")
+                yield known | {f"{k}": {"square": k * k}}
+                known[f"{k}"] = {"square": k * k}
+
+    options = {"--only": {"type": int}}
+    into = ["--into", str(tmp_path)]
+    study.command(counts, options, ["--only", "2", *into], trial="only")
+    assert not list(tmp_path.iterdir()) and "measures 1" in capsys.readouterr().out
+    for told in ("measures 0\nmeasures 1\nmeasures 2\n", ""):
+        study.command(counts, options, into, trial="only")
+        assert capsys.readouterr().out == told
+    written = (tmp_path / "some.json").read_text()
+    assert json.loads(written)["2"] == {"square": 4} and written.count("\n") == 5
 
 
 def test_laws_inside_of_engines_keep_what_they_promise():
     found = result(laws_inside)
     versions = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
-    assert versions in (laws_inside.ROOT / "docs" / "engines.md").read_text(encoding="utf-8")
+    assert versions in (DOCS / "engines.md").read_text(encoding="utf-8")
     for row in found["rows"]:
         for cell in row["e"] if row["contact"] in ERRORS else ():
             worst = max(abs(cell[end] / cell["asked"] - 1) for end in ("low", "high"))

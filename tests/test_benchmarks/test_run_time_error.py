@@ -22,7 +22,6 @@ REACHED = {
     "numba": 1e-4,
     "diffrax": 1e-3,
     "scipy": 1e-4,
-    "stepping": 1e-1,
     # Ten steps per contact, for installed engines.
     "engines": 1e-1,
 }

@@ -227,7 +227,7 @@ def test_the_study_in_seconds(tmp_path):
 
 
 def test_the_committed_study_has_all_cells():
-    result = json.loads(choice_confusion.RESULT.read_text())
+    result = choice_confusion.STUDY.result()
     assert set(result["cells"]) == {name for name, _ in choice_confusion.cells()}
     truths = choice_confusion.TRUTHS.values()
     kinds = {kind.name: kind for kind in kinds_of("all", 1.5)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import functools
 import math
 import operator
@@ -312,6 +313,15 @@ def kinds_of(laws: str, exponent: float | Array) -> tuple[Kind, ...]:
     if laws == "all":
         return (constant_e(), *others)
     return (constant_e(), by_law[laws]) if laws in by_law else (constant_e(laws), *others)
+
+
+def _named(law: str) -> Kind:
+    kinds = {kind.law: kind for kind in (*SPEED_DEPENDENT, *ON_REQUEST)}
+    return kinds.get(law) or constant_e(law)
+
+
+# There is one of each kind: a pickle holds its law.
+copyreg.pickle(Kind, lambda kind: (_named, (kind.law,)))
 
 
 def kind_of_law(law: AbstractLaw) -> Kind:

@@ -1,0 +1,162 @@
+"""Gases of 32 discs of unit diameter and mass, in a periodic cell or in a box with four walls."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxcontact as jc
+
+from .engines import needs
+
+GAS, CELL, DURATION = 32, 8.0, 3.0
+
+
+@functools.cache
+def discs(periodic: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Places and velocities."""
+    discs = jc.random_spheres(
+        GAS, low=[0.0, 0.0], high=[CELL, CELL], radius=0.5, mass=1.0, speed=1.0, seed=0,
+        periodic=[CELL, CELL] if periodic else None,
+    )  # fmt: skip
+    return tuple(np.array([np.asarray(getattr(d, k)) for d in discs]) for k in _STATE)
+
+
+_STATE = ("position", "velocity")
+
+
+@functools.cache
+def _jitted(periodic: bool) -> Any:
+    place, _ = discs(periodic)
+    box = [] if periodic else [jc.Box([0.0, 0.0], [CELL, CELL])]
+    cell = {"periodic": [CELL, CELL]} if periodic else {}
+
+    def run(velocity):
+        made = [jc.Sphere(0.5, 1.0, x, v) for x, v in zip(place, velocity, strict=True)]
+        scene = jc.Scene([*made, *box], jc.ExactRestitution(e=1.0), **cell)
+        found = jc.simulate(scene, DURATION, instantaneous=True, max_impacts=256)
+        return found.velocity[-1]
+
+    return jax.jit(run)
+
+
+def by_package(periodic: bool, rtol: float) -> jax.Array:
+    return _jitted(periodic)(jnp.asarray(discs(periodic)[1]))
+
+
+def by_billiards(rtol: float) -> np.ndarray:
+    """The package of that name: from impact to impact, in Python, between walls."""
+    needs("billiards")
+    from billiards import Billiard
+    from billiards.obstacles import InfiniteWall
+
+    corners = [(0, 0), (CELL, 0), (CELL, CELL), (0, CELL)]
+    walls = [InfiniteWall(a, b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
+    table = Billiard(walls)
+    for x, v in zip(*discs(False), strict=True):
+        table.add_ball(x, v, 0.5, 1.0)
+    table.evolve(DURATION)
+    return table.balls_velocity
+
+
+def _collide(x: Any, v: Any, duration: float, periodic: bool) -> Any:
+    """From impact to impact, every pair and wall searched anew; numba compiles it."""
+    count, t = len(x), 0.0
+    cell, walls, images = (CELL, 0, 1) if periodic else (0.0, 2, 0)
+    while True:
+        soonest, first, second = duration - t, -1, -1
+        for i in range(count):
+            for k in range(walls):
+                # The wall in the disc's direction: -1 and -2 stand for the two axes.
+                to = CELL - 0.5 - x[i, k] if v[i, k] > 0 else 0.5 - x[i, k]
+                wait = to / v[i, k] if v[i, k] != 0 else math.inf
+                if wait < soonest:
+                    soonest, first, second = wait, i, -1 - k
+            for j in range(i):
+                dx, dy = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1]
+                wx, wy = v[i, 0] - v[j, 0], v[i, 1] - v[j, 1]
+                # The pair and its images in the neighbouring cells.
+                for k in range(-images, images + 1):
+                    for m in range(-images, images + 1):
+                        px = dx - cell * (math.floor(dx / CELL + 0.5) + k)
+                        py = dy - cell * (math.floor(dy / CELL + 0.5) + m)
+                        b = px * wx + py * wy
+                        if b < 0:
+                            w = wx * wx + wy * wy
+                            root = b * b - w * (px * px + py * py - 1)
+                            if root > 0:
+                                wait = (-b - math.sqrt(root)) / w
+                                if wait < soonest:
+                                    soonest, first, second = wait, i, j
+        for i in range(count):
+            x[i, 0] += v[i, 0] * soonest
+            x[i, 1] += v[i, 1] * soonest
+        t += soonest
+        if first < 0:
+            return v
+        if second < 0:
+            v[first, -1 - second] *= -1
+            continue
+        px, py = x[first, 0] - x[second, 0], x[first, 1] - x[second, 1]
+        px -= cell * math.floor(px / CELL + 0.5)
+        py -= cell * math.floor(py / CELL + 0.5)
+        size = px * px + py * py
+        b = px * (v[first, 0] - v[second, 0]) + py * (v[first, 1] - v[second, 1])
+        for k, sign in ((first, -1), (second, 1)):
+            v[k, 0] += sign * b * px / size
+            v[k, 1] += sign * b * py / size
+
+
+@functools.cache
+def _code() -> Any:
+    import numba
+
+    return numba.njit(_collide)
+
+
+def by_numba(periodic: bool, rtol: float) -> np.ndarray:
+    place, velocity = discs(periodic)
+    return _code()(place.copy(), velocity.copy(), DURATION, periodic)
+
+
+@functools.cache
+def truth(periodic: bool) -> np.ndarray:
+    """All pairs, images and walls at once in extended precision, which leaves rounding no room to
+    grow.
+    """
+    x, v = (rows.astype(np.longdouble) for rows in discs(periodic))
+    first, second = np.triu_indices(GAS, 1)
+    images = CELL * np.stack(np.meshgrid(*[np.arange(-1, 2)] * 2), -1).reshape(1, 9, 2)
+    images = images if periodic else 0 * images[:, :1]
+    left, half = np.longdouble(DURATION), np.longdouble(0.5)
+    walls = np.full(x.shape, np.inf)
+
+    def nearest(apart: np.ndarray) -> np.ndarray:
+        return apart - CELL * np.round(apart / CELL) if periodic else apart
+
+    while True:
+        apart = nearest(x[first] - x[second])[:, None] - images
+        closing = (v[first] - v[second])[:, None]
+        b, w = np.sum(apart * closing, -1), np.sum(closing * closing, -1)
+        square = b * b - w * (np.sum(apart * apart, -1) - 1)
+        meets = (b < 0) & (square > 0)
+        waits = np.where(meets, (-b - np.sqrt(np.where(meets, square, 0))) / w, np.inf).min(axis=1)
+        if not periodic:
+            walls = (np.where(v > 0, CELL - half, half) - x) / v
+        pair, side = np.argmin(waits), np.unravel_index(np.argmin(walls), walls.shape)
+        wait = min(waits[pair], walls[side], left)
+        x, left = x + v * wait, left - wait
+        if left <= 0:
+            return v.astype(float)
+        if walls[side] < waits[pair]:
+            v[side] *= -1
+            continue
+        i, j = first[pair], second[pair]
+        apart = nearest(x[i] - x[j])
+        change = apart * np.sum(apart * (v[i] - v[j])) / np.sum(apart * apart)
+        v[i], v[j] = v[i] - change, v[j] + change
