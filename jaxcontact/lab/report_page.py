@@ -199,7 +199,7 @@ def simulators(s: CalibrationSummary, radius: float | None, tell: Callable[[str]
     if missing:
         words = " and ".join(f"--{name}" for name in missing)
         return paragraphs(
-            "a simulator also needs the mass and the stiffness of the contact, which e(v) does "
+            "A simulator also needs the mass and the stiffness of the contact, which e(v) does "
             f"not determine: give {words} (in Python {' and '.join(missing)} of calibrate); this "
             f"section then lists the settings for {', '.join(engines())}, and e(v) does not change"
         )
