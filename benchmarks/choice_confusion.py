@@ -32,7 +32,7 @@ import sys
 import time
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -351,6 +351,11 @@ def confusion(result: dict[str, Any]) -> dict[str, Counter]:
 
 STUDY = Study(__file__, __doc__)
 
-if __name__ == "__main__":
+
+def main(words: Sequence[str] | None = None) -> None:
     options = {"--tables": {"type": int, "default": 8, "help": "in each of the cells"}}
-    STUDY.command(measure, options | {"--only": {"default": ""}})
+    STUDY.command(measure, options | {"--only": {"default": ""}}, words)
+
+
+if __name__ == "__main__":
+    main()

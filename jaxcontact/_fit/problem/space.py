@@ -44,8 +44,10 @@ class AbstractTransform:
 class Free(AbstractTransform):
     """Any real number, fitted directly."""
 
-    low, high = -math.inf, math.inf
-    label, has_unit = "", False
+    low: float = dataclasses.field(default=-math.inf, init=False, repr=False)
+    high: float = dataclasses.field(default=math.inf, init=False, repr=False)
+    label: ClassVar[str] = ""
+    has_unit: ClassVar[bool] = False
     _to_free = staticmethod(lambda value, low, high: value)
     _to_value = staticmethod(lambda free, low, high: free)
     _slope = staticmethod(lambda value, low, high: np.ones_like(value))
@@ -56,8 +58,9 @@ class Free(AbstractTransform):
 class Positive(AbstractTransform):
     """A number above 0; its logarithm is fitted."""
 
-    low, high = 0.0, math.inf
-    label = "ln "
+    low: float = dataclasses.field(default=0.0, init=False, repr=False)
+    high: float = dataclasses.field(default=math.inf, init=False, repr=False)
+    label: ClassVar[str] = "ln "
     _to_free = staticmethod(lambda value, low, high: math.log(value))
     _to_value = staticmethod(lambda free, low, high: jnp.exp(free))
     _slope = staticmethod(lambda value, low, high: value)
@@ -74,7 +77,8 @@ class Between(AbstractTransform):
 
     low: float
     high: float
-    label, bounded_above = "logit ", True
+    label: ClassVar[str] = "logit "
+    bounded_above: ClassVar[bool] = True
     _to_free = staticmethod(lambda value, low, high: math.log((value - low) / (high - value)))
     _to_value = staticmethod(lambda free, low, high: low + (high - low) * jax.nn.sigmoid(free))
     _slope = staticmethod(lambda value, low, high: (value - low) * (high - value) / (high - low))
