@@ -39,6 +39,11 @@ class AbstractTransform:
     _slope: ClassVar[Callable[[Any, float, float], Any]]
     _log_slope: ClassVar[Callable[[jax.Array, jax.Array, jax.Array], jax.Array]]
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The ends of the range."""
+        return self.low, self.high
+
 
 @dataclasses.dataclass(frozen=True)
 class Free(AbstractTransform):

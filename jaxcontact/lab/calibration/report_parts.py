@@ -38,8 +38,11 @@ class Fact:
         return [*lines[: self.most - 1], " " * 11 + last]
 
     def html(self) -> Html:
-        term = element("dt", self.head) if self.head else ""
-        return element("dl", term, element("dd", sentence(self.said))) if self.said else Html("")
+        if not self.said:
+            return Html("")
+        if not self.head:
+            return element("p", sentence(self.said))
+        return element("dl", element("dt", self.head), element("dd", sentence(self.said)))
 
 
 @dataclasses.dataclass(frozen=True)
