@@ -126,7 +126,8 @@ def lower_budgets() -> None:
     rows = []
     for name, most in map(str.split, BUDGETS.read_text().splitlines()):
         found = int(_rows[f"tests/{name}"]["programs"])
-        rows.append(f"{name} {found if 1.1 * found < int(most) else most}\n")
+        # A test that starts pytest in another process leaves these numbers alone.
+        rows.append(f"{name} {found if 0 < 1.1 * found < int(most) else most}\n")
     BUDGETS.write_text("".join(rows))
 
 
