@@ -6,7 +6,7 @@
 JAX says when it begins and ends to trace, to lower and to compile. What remains is running, the
 references of the tests, and pytest itself. Time of programs that a test starts counts as remaining.
 Each file begins without any program, as if it ran alone. tests/programs.txt holds the number of
-programs that a file may compile; a whole run lowers the numbers that it finds too high by a tenth.
+programs that a file may compile; a whole run lowers numbers more than a tenth above its own.
 """
 
 from __future__ import annotations
@@ -125,9 +125,9 @@ def lower_budgets() -> None:
     """Nothing is raised or added here: that is written by hand, and read by a reviewer."""
     rows = []
     for name, most in map(str.split, BUDGETS.read_text().splitlines()):
-        found = int(_rows[f"tests/{name}"]["programs"])
-        # A test that starts pytest in another process leaves these numbers alone.
-        rows.append(f"{name} {found if 0 < 1.1 * found < int(most) else most}\n")
+        # Runs differ by a few. A pytest that a test starts counts none.
+        found = int(1.1 * _rows[f"tests/{name}"]["programs"]) + 1
+        rows.append(f"{name} {found if 1 < found < int(most) else most}\n")
     BUDGETS.write_text("".join(rows))
 
 
