@@ -66,8 +66,7 @@ settings.load_profile("jaxcontact")
 _LONG = (
     "test_random_mechanisms test_chains test_rounding test_weight test_friction_soft "
     "test_friction_gradients test_friction_coupled test_derivatives test_necks_and_memories "
-    "test_every_argument test_agreement test_force_ends test_gravity test_soft_runs "
-    "test_bounce_contact"
+    "test_every_argument test_agreement test_force_ends test_gravity test_soft_runs"
 ).split()
 _PLACE = {name: place for place, name in enumerate(_LONG)}
 
