@@ -22,7 +22,7 @@ from pathlib import Path
 
 DOCS = Path(__file__).parent
 BLOCK = re.compile(
-    r"^(?:<!-- (?P<how>.*?) -->\n)?```python\n(?P<code>.*?)^```$"
+    r"^(?:<!-- (?P<how>[^\n]*) -->\n)?```python\n(?P<code>.*?)^```$"
     r"(?:\n\n```text\n(?P<shown>.*?)^```$)?",
     re.DOTALL | re.MULTILINE,
 )
