@@ -170,7 +170,7 @@ def _landing_after(time: Any, gravity: Any, b: Any) -> Any:
     return landing_speed(launch_speed(time, gravity, b), gravity, b)
 
 
-class _Kind(NamedTuple):
+class _ReadingKind(NamedTuple):
     """One kind of readings: the landing speed from the first, and the second from a launch speed.
 
     `launch` is the inverse of `second`. `shared` gives the errors that pairs share from both
@@ -186,12 +186,12 @@ class _Kind(NamedTuple):
 
 
 _KINDS = {
-    "intervals": _Kind(
+    "intervals": _ReadingKind(
         *(_landing_after, launch_speed, duration, by_triggers),
         "errors of triggers {:.2g} ms, scatter of ln e {:.2g} %",
         {"x": Shown("time", "flight before"), "": Shown("time", "flight after", logarithm=True)},
     ),
-    "heights": _Kind(
+    "heights": _ReadingKind(
         *(speed_after_drop, speed_to_reach, height_reached, by_height),
         "errors of drop heights {:.2g} mm, scatter of ln h {:.2g} %",
         {"x": Shown("height", "drop"), "": Shown("height", "rebound", logarithm=True)},

@@ -35,7 +35,7 @@ class Tables(NamedTuple):
     absolute: bool
 
 
-class _Layout(NamedTuple):
+class _BallRows(NamedTuple):
     """Where the points of each ball are: rows (B, width) of columns; None if they are so stored."""
 
     balls: np.ndarray
@@ -78,10 +78,10 @@ def tables_of(balls: Any, data: Any, x: Any, sigma: Any, weights: Any) -> Tables
     return Tables(layout.balls, y, factor, places, *table)
 
 
-def _layout_of(balls: Any, count: int) -> _Layout:
+def _layout_of(balls: Any, count: int) -> _BallRows:
     number = groups_of(balls, count, "balls")
     if number is None:
-        return _Layout(np.arange(count), None, None)
+        return _BallRows(np.arange(count), None, None)
     # In the order in which they first appear.
     first = np.sort(np.unique(number, return_index=True)[1])
     place = np.empty(len(first), int)
@@ -91,7 +91,7 @@ def _layout_of(balls: Any, count: int) -> _Layout:
     within = np.minimum(np.arange(length.max()), length[:, None] - 1)
     names = as_array(balls)
     assert names is not None
-    return _Layout(names.ravel()[first], order[start[:, None] + within], length)
+    return _BallRows(names.ravel()[first], order[start[:, None] + within], length)
 
 
 def _refuse_other_lengths(name: str, value: Any, columns: list[np.ndarray], count: int) -> None:
@@ -126,13 +126,13 @@ def _spread(name: str, value: Any, data: Any, columns: list[np.ndarray]) -> list
         ) from error
 
 
-def _flat(layout: _Layout, columns: list[np.ndarray]) -> np.ndarray:
+def _flat(layout: _BallRows, columns: list[np.ndarray]) -> np.ndarray:
     """Return columns as one vector for each ball."""
     parts = [layout.of(column) for column in columns]
     return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
 
 
-def _places(x: Any, layout: _Layout, count: int) -> Any:
+def _places(x: Any, layout: _BallRows, count: int) -> Any:
     # In NumPy: JAX would compile a program for each new shape.
     try:
         columns = jax.tree.map(lambda leaf: np.asarray(as_place(leaf)), x)

@@ -60,7 +60,7 @@ class Here(NamedTuple):
         return jnp.sum(jnp.square(self.r))
 
 
-class _Trial(NamedTuple):
+class _ProposedStep(NamedTuple):
     """A point θ to evaluate, and the step to it, apart from a correction.
 
     `length` is that of the scaled step. `promise` is the fall of the sum of squares predicted by
@@ -87,7 +87,7 @@ class Search(NamedTuple):
     """
 
     here: Here
-    trial: _Trial
+    trial: _ProposedStep
     radius: Float[Array, ""]
     last: Float[Array, ""]
     refused: Int[Array, ""]
@@ -104,7 +104,7 @@ def begin(problem: FitProblem, start: Float[Array, " k"], max_steps: int) -> Sea
     shapes = jax.eval_shape(functools.partial(_point, problem), start)
     point = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
     here = Here(start, point, point.z, point.jacobian, none)
-    trial = _Trial(start, none, zero, zero, zero, no)
+    trial = _ProposedStep(start, none, zero, zero, zero, no)
     return Search(here, trial, zero, jnp.asarray(jnp.inf), count, history, count, no)
 
 
@@ -219,8 +219,8 @@ def _positive(x: Array) -> Array:
 
 
 def _next(
-    here: Here, trial: _Trial, radius: Array, bend: Float[Array, " n"], may: Bool[Array, ""]
-) -> _Trial:
+    here: Here, trial: _ProposedStep, radius: Array, bend: Float[Array, " n"], may: Bool[Array, ""]
+) -> _ProposedStep:
     """Return the step from `here` within the radius, or the correction of the last one.
 
     The correction is used if it `may` be and is short. It follows from `bend`, the deviation of the
@@ -241,7 +241,7 @@ def _next(
     length = jnp.linalg.norm(ahead)
     promise = jnp.sum(jnp.square(s * (vt @ ahead))) + 2 * damping * jnp.square(length)
     step = ahead / scale
-    usual = _Trial(here.theta + step, step, length, damping, promise, jnp.asarray(False))
+    usual = _ProposedStep(here.theta + step, step, length, damping, promise, jnp.asarray(False))
     bent = trial._replace(theta=here.theta + trial.step + aside / scale, corrected=may)
     return _where(may, bent, usual)
 

@@ -62,7 +62,7 @@ _ORDINALS = {2: "nd", 3: "rd"}
 _ROUNDED, _NOTHING = 1e-9, 1e-300
 
 
-class _Noise(NamedTuple):
+class _CorrelatedNoise(NamedTuple):
     """Standard deviations (n,) of readings, their correlation (n, n) and their full errors.
 
     A fit weighs by the correlation (None without one). `whole` holds all errors if rounding shares
@@ -143,7 +143,7 @@ class InstrumentErrors(AbstractErrors[Fit, dict[str, Any]]):
         self, table: Mapping[str, Mapping[str, Any]], time: Column, limits: Mapping[str, Limits]
     ):
         self._columns = [
-            _Column(
+            _RecordColumn(
                 name,
                 slice(i * time.size, (i + 1) * time.size),
                 step_of(readings[~limits[name].at_limit]),
@@ -153,7 +153,7 @@ class InstrumentErrors(AbstractErrors[Fit, dict[str, Any]]):
             for i, (name, readings) in enumerate(table["data"].items())
         ]
         self._last = np.zeros(0)
-        self._noises: dict[str, _Noise] = {}
+        self._noises: dict[str, _CorrelatedNoise] = {}
 
     def estimate(self, found: Fit) -> dict[str, Any] | None:
         """Return the standard deviations and the correlation of the readings."""
@@ -215,7 +215,7 @@ class InstrumentErrors(AbstractErrors[Fit, dict[str, Any]]):
         return SharedErrors(own[used], np.concatenate(roots, axis=1)[used])
 
 
-class _Column(NamedTuple):
+class _RecordColumn(NamedTuple):
     """A column of a record: rows in the fit, step (0 without) and known standard deviations (n,).
 
     The standard deviations are None if the fit estimates the noise.
@@ -234,7 +234,7 @@ class _Column(NamedTuple):
         """Return the standard deviation of the residuals."""
         return max(float(np.sqrt(np.nanmean(found.residuals[self.rows] ** 2))), _NOTHING)
 
-    def noise_of(self, found: Fit) -> _Noise | None:
+    def noise_of(self, found: Fit) -> _CorrelatedNoise | None:
         """Return the noise; None if the readings are independent and as given."""
         factor, count = np.asarray(found.problem.factor), self.time.size
         used = np.zeros(factor.size, bool)
@@ -266,7 +266,7 @@ class _Column(NamedTuple):
         if passed is not None:
             passed = passed * np.outer(sigma / size, sigma / size)
             np.fill_diagonal(passed, 1)
-        return _Noise(size, passed, whole)
+        return _CorrelatedNoise(size, passed, whole)
 
     def _part_of(
         self,

@@ -50,7 +50,7 @@ _BEGIN = 0.03
 """Time in s beside an impact during which a ball flies freely."""
 
 
-class _Part(NamedTuple):
+class _Arc(NamedTuple):
     """The frames from `low` to below `high` between two lowest points, and their best parabola.
 
     `fall` is its acceleration and `error` the standard error, `noise` the scatter, and `share` the
@@ -80,7 +80,7 @@ class _Side(NamedTuple):
     reach: int
 
 
-class _Heights(NamedTuple):
+class _TrackedHeights(NamedTuple):
     """Heights (n,) over time, their noise, and which frames are no spikes."""
 
     time: Floats
@@ -131,7 +131,7 @@ class _Heights(NamedTuple):
 def find(time: Floats, height: Floats) -> FoundDrops:
     """Find the drops in a track whose heights (n,) increase upwards."""
     noise = noise_of(height)
-    seen = _Heights(time, height, noise, _without_spikes(time, height, noise))
+    seen = _TrackedHeights(time, height, noise, _without_spikes(time, height, noise))
     lows = _lowest(seen)
     while True:
         ends = zip([0, *lows], [*lows, time.size - 1], strict=True)
@@ -187,7 +187,7 @@ def _without_spikes(time: Floats, height: Floats, noise: float) -> np.ndarray:
     return good
 
 
-def _lowest(seen: _Heights) -> list[int]:
+def _lowest(seen: _TrackedHeights) -> list[int]:
     """Return the frames of the lowest points, between which the ball rises detectably."""
     at, height = np.flatnonzero(seen.good), seen.height
     if at.size < 2 * LEAST_FRAMES:
@@ -201,11 +201,11 @@ def _lowest(seen: _Heights) -> list[int]:
     return sorted({int(some[np.argmin(height[some])]) for some in near})
 
 
-def _part(seen: _Heights, first: int, last: int) -> _Part:
+def _part(seen: _TrackedHeights, first: int, last: int) -> _Arc:
     """Return the best parabola between two lowest points, which are excluded."""
     at = seen.between(first, last)
     if at.size < LEAST_FRAMES:
-        return _Part(first + 1, last, math.nan, math.inf, math.nan, 0.0)
+        return _Arc(first + 1, last, math.nan, math.inf, math.nan, 0.0)
     t = seen.time[at] - seen.time[at].mean()
     scale = max(float(np.max(np.abs(t))), 1e-300)
     columns = np.stack([np.ones_like(t), t / scale, (t / scale) ** 2], axis=1)
@@ -215,10 +215,10 @@ def _part(seen: _Heights, first: int, last: int) -> _Part:
         size = np.linalg.pinv(columns[keep].T @ columns[keep])[2, 2]
         error = 2 * max(noise, 1e-300) * math.sqrt(size) / scale**2
     fall = -2 * float(coefficients[2]) / scale**2
-    return _Part(first + 1, last, fall, error, noise, float(keep.mean()))
+    return _Arc(first + 1, last, fall, error, noise, float(keep.mean()))
 
 
-def _common_fall(parts: list[_Part]) -> float | None:
+def _common_fall(parts: list[_Arc]) -> float | None:
     """Return the acceleration that most frames between impacts have, or None."""
     some = [p for p in parts[1:-1] if p.fall > 0 and p.error < 0.5 * p.fall]
     if not some:
@@ -230,7 +230,7 @@ def _common_fall(parts: list[_Part]) -> float | None:
     return float(fall[order][np.searchsorted(total, total[-1] / 2)])
 
 
-def _fits(part: _Part, fall: float) -> bool:
+def _fits(part: _Arc, fall: float) -> bool:
     """Return whether a part has the curvature of the flights."""
     if not part.high - part.low >= LEAST_FRAMES or not np.isfinite(part.fall):
         return False
@@ -238,7 +238,7 @@ def _fits(part: _Part, fall: float) -> bool:
     return off <= _ALIKE * fall + _ERRORS * part.error and part.share >= SHARE
 
 
-def _fall_of_one(seen: _Heights, lows: list[int]) -> float | None:
+def _fall_of_one(seen: _TrackedHeights, lows: list[int]) -> float | None:
     """Return the acceleration if no flight is complete, from the ways to and from an impact."""
     falls, sizes = [], []
     for k in lows:
@@ -335,7 +335,7 @@ def trimmed(columns: np.ndarray, values: Floats) -> tuple[Floats, np.ndarray, fl
     return found, keep, math.sqrt(float(np.sum(rest[keep] ** 2)) / freedom)
 
 
-def _guess_of(seen: _Heights, run: list[int], fall: float, noise: float) -> Guess | None:
+def _guess_of(seen: _TrackedHeights, run: list[int], fall: float, noise: float) -> Guess | None:
     """Return the drop around a run of lowest points; None if there is no flight before or after.
 
     Lines are fitted to heights beside lowest points, after removal of the known acceleration.
@@ -365,7 +365,7 @@ def _guess_of(seen: _Heights, run: list[int], fall: float, noise: float) -> Gues
     return Guess(np.array(times), floor, fall, noise, low, high)
 
 
-def _edge(seen: _Heights, low: int, side: int, fall: float, noise: float) -> _Side | None:
+def _edge(seen: _TrackedHeights, low: int, side: int, fall: float, noise: float) -> _Side | None:
     """Return the flight before the first impact or after the last, as far as it is a parabola.
 
     The range grows by 40 % as long as most of its frames lie on the parabola.

@@ -110,7 +110,7 @@ def search(
     return found.x if good and np.isfinite(found.x).all() else None
 
 
-class _Prior(NamedTuple):
+class _Beforehand(NamedTuple):
     """Parameters known beforehand: their places in the vector, means and standard deviations."""
 
     place: np.ndarray
@@ -118,17 +118,17 @@ class _Prior(NamedTuple):
     error: Floats
 
 
-def _prior(model: Model, vector: Floats) -> _Prior:
+def _prior(model: Model, vector: Floats) -> _Beforehand:
     growth = (NEARER if model.flights > 2 else LEVEL) / (model.last - model.first)
     whole = float(np.max(np.diff(vector[: model.flights + 1])))
     rise = growth * abs(vector[model.fall]) * whole**2 / 8
     place = np.array([model.contact, model.power, model.air, model.rise, model.growth])
     error = np.array([CONTACT_ERROR, POWER_ERROR, AIR_ERROR, rise, growth])
-    return _Prior(place, np.array([CONTACT, POWER, 0.0, 0.0, 0.0]), error)
+    return _Beforehand(place, np.array([CONTACT, POWER, 0.0, 0.0, 0.0]), error)
 
 
 def _slope_of(
-    model: Model, vector: Floats, time: Floats, sigma: np.ndarray, prior: _Prior
+    model: Model, vector: Floats, time: Floats, sigma: np.ndarray, prior: _Beforehand
 ) -> np.ndarray:
     """Return the derivative of the residuals, including those of the prior."""
     _, slope = model.places(vector, time)

@@ -70,7 +70,7 @@ _ONLY = {
 _OUTCOMES = ("e", "duration", "max_force")
 
 
-class _Problem(NamedTuple):
+class _FitInput(NamedTuple):
     """The columns of a problem, and those that it needs: all, and one of some.
 
     A problem without columns reads a recording.
@@ -82,11 +82,11 @@ class _Problem(NamedTuple):
 
 
 _PROBLEMS = {
-    "impacts": _Problem(("velocity", *_OUTCOMES, "sigma", "ball"), ("velocity",), _OUTCOMES),
-    "damping": _Problem(("velocity", "e", "sigma", "ball"), ("velocity", "e")),
-    "energy_loss": _Problem(("e_in", "e_out"), ("e_in", "e_out")),
-    "record": _Problem(("time", "force", "indentation"), ("time",), ("force", "indentation")),
-    "bounces": _Problem(),
+    "impacts": _FitInput(("velocity", *_OUTCOMES, "sigma", "ball"), ("velocity",), _OUTCOMES),
+    "damping": _FitInput(("velocity", "e", "sigma", "ball"), ("velocity", "e")),
+    "energy_loss": _FitInput(("e_in", "e_out"), ("e_in", "e_out")),
+    "record": _FitInput(("time", "force", "indentation"), ("time",), ("force", "indentation")),
+    "bounces": _FitInput(),
 }
 
 
@@ -206,7 +206,7 @@ _Read = tuple[str, Mapping[str, Any], tuple[str, ...]]
 """The source, the columns, and the notes on how they were read."""
 
 
-def _read_columns(arguments: argparse.Namespace, problem: _Problem) -> _Read:
+def _read_columns(arguments: argparse.Namespace, problem: _FitInput) -> _Read:
     from ...recordings import FROM_FILE, read_columns
 
     how = table_asked(arguments) | {"ball": arguments.ball}
@@ -254,7 +254,7 @@ def _without_marked(
     return values, notes
 
 
-def _read_bounces(arguments: argparse.Namespace, problem: _Problem) -> _Read:
+def _read_bounces(arguments: argparse.Namespace, problem: _FitInput) -> _Read:
     """Return the flights before and after each bounce; `calibrate` handles pairs off the trend."""
     import numpy as np
 
