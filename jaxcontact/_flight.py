@@ -67,6 +67,8 @@ class Drag:
 class Flight:
     """Flights over a level floor: gravity in m/s², and the drag (None for vacuum).
 
+    Its formulas take speeds, times or heights, g, and b (None in vacuum); `evaluate` those of it.
+
     Raises ValueError unless `gravity` is positive and finite, and `drag` a `Drag` or None.
     """
 
@@ -103,6 +105,69 @@ class Flight:
             pair = _with_log_slope(formula, x, np.float64(self.gravity), self.rate)
         return np.array(pair[0])[: len(values)], np.array(pair[1])[: len(values)]
 
+    @staticmethod
+    def duration(launch: Lane, gravity: Lane, b: Rate) -> Lane:
+        """Return the time from a launch to the landing: (atan s + asinh s)/(g √b), s = √b u."""
+        vacuum = 2 * launch / gravity
+        return vacuum if b is None else vacuum * _duration_factor(b * jnp.square(launch))
+
+    @staticmethod
+    def launch_speed(time: Lane, gravity: Lane, b: Rate) -> Lane:
+        """Return the launch speed of a flight that lasts `time`: the inverse of `duration`."""
+        vacuum = gravity * time / 2
+        return vacuum if b is None else vacuum * _launch_factor(b * jnp.square(vacuum))
+
+    @staticmethod
+    def landing_speed(launch: Lane, gravity: Lane, b: Rate) -> Lane:
+        """Return the landing speed after a launch at u: u/√(1 + b u²), for any gravity."""
+        return launch if b is None else launch / jnp.sqrt(1 + b * jnp.square(launch))
+
+    @staticmethod
+    def speed_after_drop(height: Lane, gravity: Lane, b: Rate) -> Lane:
+        """Return the landing speed of a fall from rest at h: w² = (1 - e^(-2 g h b))/b."""
+        square = 2 * gravity * height
+        return jnp.sqrt(square if b is None else square * kappa(-b * square))
+
+    @staticmethod
+    def speed_to_reach(height: Lane, gravity: Lane, b: Rate) -> Lane:
+        """Return the launch speed of a flight that rises to h: u² = (e^(2 g h b) - 1)/b."""
+        square = 2 * gravity * height
+        return jnp.sqrt(square if b is None else square * kappa(b * square))
+
+    @staticmethod
+    def height_reached(launch: Lane, gravity: Lane, b: Rate) -> Lane:
+        """Return the height of a flight launched at u = `launch`: ln(1 + b u²)/(2 g b)."""
+        square = jnp.square(launch)
+        vacuum = square / (2 * gravity)
+        return vacuum if b is None else vacuum * log1p_over(b * square)
+
+    @staticmethod
+    def time_to_fall(height: Lane, gravity: Lane, b: Rate) -> Lane:
+        """Return the time of a fall from rest at h = `height`: acosh(e^(g h b))/(g √b)."""
+        if b is None:
+            return jnp.sqrt(2 * height / gravity)
+        speed = Flight.speed_to_reach(height, gravity, b)
+        return speed / gravity * _over_root(jnp.arcsinh, _ASINH_SERIES, b * jnp.square(speed))
+
+    @staticmethod
+    def height_after(time: Lane, launch: Lane, gravity: Lane, b: Rate) -> Lane:
+        """Return the height above the launch at `time` ≥ 0 after it; negative below the launch.
+
+        The rise lasts t_up = atan(s)/(g √b), s = √b u, with ln(cos θ + s sin θ)/(g b), θ = √b g t.
+        The fall from the height reached is ln cosh(√b g (t - t_up))/(g b). In vacuum the height is
+        t (u - g t/2).
+        """
+        if b is None:
+            return time * (launch - gravity * time / 2)
+        top = launch / gravity * _over_root(jnp.arctan, _ATAN_SERIES, b * jnp.square(launch))
+        up, down = jnp.minimum(time, top), jnp.maximum(time - top, 0)
+        # 1 - cos θ = 2 sin²(θ/2) keeps the digits of short times.
+        angle = b * jnp.square(gravity * up)
+        half = gravity * up / 2 * jnp.square(sinc_root(angle / 4))
+        rise = up * (launch * sinc_root(angle) - half)
+        fall = gravity * jnp.square(down) / 2 * _fall_factor(b * jnp.square(gravity * down))
+        return rise * log1p_over(b * gravity * rise) - fall
+
 
 @functools.partial(jax.jit, static_argnums=0)
 def _with_log_slope(
@@ -110,73 +175,6 @@ def _with_log_slope(
 ) -> tuple[Lane, Lane]:
     y, slope = jax.jvp(lambda x: formula(x, gravity, b), (x,), (x,))
     return y, slope / y
-
-
-def duration(launch: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Return the time from a launch at `launch` to the landing: (atan s + asinh s)/(g √b), s = √b
-    u.
-    """
-    vacuum = 2 * launch / gravity
-    return vacuum if b is None else vacuum * _duration_factor(b * jnp.square(launch))
-
-
-def launch_speed(time: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Return the launch speed of a flight that lasts `time`: the inverse of `duration`."""
-    vacuum = gravity * time / 2
-    return vacuum if b is None else vacuum * _launch_factor(b * jnp.square(vacuum))
-
-
-def landing_speed(launch: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Return the landing speed of a flight launched at u = `launch`: u/√(1 + b u²), for any
-    gravity.
-    """
-    return launch if b is None else launch / jnp.sqrt(1 + b * jnp.square(launch))
-
-
-def speed_after_drop(height: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Return the landing speed of a fall from rest at h = `height`: w² = (1 - e^(-2 g h b))/b."""
-    square = 2 * gravity * height
-    return jnp.sqrt(square if b is None else square * kappa(-b * square))
-
-
-def speed_to_reach(height: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Return the launch speed of a flight that rises to h = `height`: u² = (e^(2 g h b) - 1)/b."""
-    square = 2 * gravity * height
-    return jnp.sqrt(square if b is None else square * kappa(b * square))
-
-
-def height_reached(launch: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Return the height of a flight launched at u = `launch`: ln(1 + b u²)/(2 g b)."""
-    square = jnp.square(launch)
-    vacuum = square / (2 * gravity)
-    return vacuum if b is None else vacuum * log1p_over(b * square)
-
-
-def time_to_fall(height: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Return the time of a fall from rest at h = `height`: acosh(e^(g h b))/(g √b)."""
-    if b is None:
-        return jnp.sqrt(2 * height / gravity)
-    speed = speed_to_reach(height, gravity, b)
-    return speed / gravity * _over_root(jnp.arcsinh, _ASINH_SERIES, b * jnp.square(speed))
-
-
-def height_after(time: Lane, launch: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Return the height above the launch at `time` ≥ 0 after it; negative below the launch.
-
-    The rise lasts t_up = atan(s)/(g √b), s = √b u, with ln(cos θ + s sin θ)/(g b), θ = √b g t. The
-    fall from the height reached is ln cosh(√b g (t - t_up))/(g b). In vacuum the height is t (u - g
-    t/2).
-    """
-    if b is None:
-        return time * (launch - gravity * time / 2)
-    top = launch / gravity * _over_root(jnp.arctan, _ATAN_SERIES, b * jnp.square(launch))
-    up, down = jnp.minimum(time, top), jnp.maximum(time - top, 0)
-    # 1 - cos θ = 2 sin²(θ/2) keeps the digits of short times.
-    angle = b * jnp.square(gravity * up)
-    half = gravity * up / 2 * jnp.square(sinc_root(angle / 4))
-    rise = up * (launch * sinc_root(angle) - half)
-    fall = gravity * jnp.square(down) / 2 * _fall_factor(b * jnp.square(gravity * down))
-    return rise * log1p_over(b * gravity * rise) - fall
 
 
 def _over_root(inverse: Callable[[Lane], Lane], series: Sequence[float], z: Lane) -> Lane:

@@ -71,14 +71,6 @@ if _TYPE_CHECKING:
     from ._flight import STANDARD_GRAVITY as STANDARD_GRAVITY
     from ._flight import Flight as Flight
     from ._flight import Floats as Floats
-    from ._flight import duration as duration
-    from ._flight import height_after as height_after
-    from ._flight import height_reached as height_reached
-    from ._flight import landing_speed as landing_speed
-    from ._flight import launch_speed as launch_speed
-    from ._flight import speed_after_drop as speed_after_drop
-    from ._flight import speed_to_reach as speed_to_reach
-    from ._flight import time_to_fall as time_to_fall
     from ._forms import LOSS as LOSS
     from ._forms import scale_of as scale_of
     from ._friction.base import require_friction as require_friction
@@ -172,15 +164,12 @@ _ROOMS = {
         "require_kind require_number require_path"
     ),
     "_fit": (
-        "AT_BOUND AbstractErrors AbstractTransform CLEAR_AICC Candidate FitData LEAST_GROUPS "
-        "SAME SharedErrors Space basis_of compared criteria criteria_of groups_of has_trials "
-        "refit sandwich scatter space_of table undecided why_no_error with_shared"
+        "AT_BOUND AbstractErrors AbstractTransform CLEAR_AICC Candidate FitData LEAST_GROUPS SAME "
+        "SharedErrors Space basis_of compared criteria criteria_of groups_of has_trials refit "
+        "sandwich scatter space_of table undecided why_no_error with_shared"
     ),
     "_fit.fit": "ColumnKeywords FitKeywords SearchKeywords takes",
-    "_flight": (
-        "AIR_DENSITY Flight Floats STANDARD_GRAVITY duration height_after height_reached "
-        "landing_speed launch_speed speed_after_drop speed_to_reach time_to_fall"
-    ),
+    "_flight": "AIR_DENSITY Flight Floats STANDARD_GRAVITY",
     "_forms": "LOSS scale_of",
     "_friction.base": "require_friction",
     "_friction.spring_slider": "ratio_of",

@@ -9,7 +9,7 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._entry import as_parameter, require_broadcast, shown
-from .._flight import duration, height_after
+from .._flight import Flight
 from .._impact import Status
 from .._text.failure import Flagged
 from .._text.units import quantity
@@ -90,14 +90,14 @@ class Bounce(Flagged, eqx.Module):
             return jnp.take_along_axis(of_touches(field), last, axis=-1)
 
         gravity = of_run(self.gravity)
-        drop = height_after(jnp.maximum(time, 0), jnp.zeros_like(time), gravity, None)
+        drop = Flight.height_after(jnp.maximum(time, 0), jnp.zeros_like(time), gravity, None)
         falling = of_run(self.drop_height) + drop
         resting = of_last(self.status) == int(Status.SETTLED)
         leaves = of_last(self.time) + jnp.where(resting, 0, of_last(self.return_time))
         speed = of_last(self.restitution * self.impact_velocity)
         flown = jnp.maximum(time - leaves, 0)
-        flying = height_after(flown, speed, gravity, None)
-        unknown = (touched == self.time.shape[-1]) & (flown > duration(speed, gravity, None))
+        flying = Flight.height_after(flown, speed, gravity, None)
+        unknown = (touched == self.time.shape[-1]) & (flown > Flight.duration(speed, gravity, None))
         # Rounding may place the end of a flight below the ground.
         flying = jnp.where(unknown, jnp.nan, jnp.maximum(flying, 0))
         return jnp.where(touched == 0, falling, jnp.where(resting, 0, flying))

@@ -32,19 +32,13 @@ from ..extend import (
     Flight,
     Shown,
     column,
-    duration,
     for_each,
-    height_reached,
-    landing_speed,
-    launch_speed,
     method_of,
     not_shrinking,
     refit,
     require_choice,
     require_contact,
     require_law,
-    speed_after_drop,
-    speed_to_reach,
     takes,
     too_long,
     transforms_of,
@@ -167,7 +161,7 @@ A wrong trigger corrupts two or three pairs, and medians are robust up to half.
 
 
 def _landing_after(time: Any, gravity: Any, b: Any) -> Any:
-    return landing_speed(launch_speed(time, gravity, b), gravity, b)
+    return Flight.landing_speed(Flight.launch_speed(time, gravity, b), gravity, b)
 
 
 class _ReadingKind(NamedTuple):
@@ -187,12 +181,12 @@ class _ReadingKind(NamedTuple):
 
 _KINDS = {
     "intervals": _ReadingKind(
-        *(_landing_after, launch_speed, duration, by_triggers),
+        *(_landing_after, Flight.launch_speed, Flight.duration, by_triggers),
         "errors of triggers {:.2g} ms, scatter of ln e {:.2g} %",
         {"x": Shown("time", "flight before"), "": Shown("time", "flight after", logarithm=True)},
     ),
     "heights": _ReadingKind(
-        *(speed_after_drop, speed_to_reach, height_reached, by_height),
+        *(Flight.speed_after_drop, Flight.speed_to_reach, Flight.height_reached, by_height),
         "errors of drop heights {:.2g} mm, scatter of ln h {:.2g} %",
         {"x": Shown("height", "drop"), "": Shown("height", "rebound", logarithm=True)},
     ),

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxcontact import _flight as flight
 from jaxcontact._flight import Drag, Flight
 from tests.test_calibration import oracle
 
@@ -43,14 +42,14 @@ def flown(times, launch, b):
 def everything(u, h, t, g, b):
     """All formulas at once: they share one compiled function."""
     return {
-        "duration": flight.duration(u, g, b),
-        "launch_speed": flight.launch_speed(t, g, b),
-        "landing_speed": flight.landing_speed(u, g, b),
-        "height_reached": flight.height_reached(u, g, b),
-        "speed_to_reach": flight.speed_to_reach(h, g, b),
-        "speed_after_drop": flight.speed_after_drop(h, g, b),
-        "time_to_fall": flight.time_to_fall(h, g, b),
-        "height_after": flight.height_after(t, u, g, b),
+        "duration": Flight.duration(u, g, b),
+        "launch_speed": Flight.launch_speed(t, g, b),
+        "landing_speed": Flight.landing_speed(u, g, b),
+        "height_reached": Flight.height_reached(u, g, b),
+        "speed_to_reach": Flight.speed_to_reach(h, g, b),
+        "speed_after_drop": Flight.speed_after_drop(h, g, b),
+        "time_to_fall": Flight.time_to_fall(h, g, b),
+        "height_after": Flight.height_after(t, u, g, b),
     }
 
 
@@ -76,7 +75,7 @@ def test_flights_are_those_of_the_motion(b):
         np.testing.assert_allclose(got[name], value, rtol=INTEGRATION, err_msg=name)
     np.testing.assert_allclose(got["height_after"], 0, atol=INTEGRATION)
     # On the way up, on the way down, and below the launch.
-    path = jax.jit(flight.height_after)
+    path = jax.jit(Flight.height_after)
     for launch in (0.0, 0.7, 9.0):
         times = np.linspace(0, 1 + 3 * launch / G, 40)
         got = path(times, np.float64(launch), G, b)
@@ -85,7 +84,7 @@ def test_flights_are_those_of_the_motion(b):
 
 
 def test_a_long_fall_ends_at_the_terminal_speed():
-    height = flight.height_after(jnp.asarray([1e3, 1e3 + 1]), jnp.asarray(2.0), G, jnp.asarray(0.3))
+    height = Flight.height_after(jnp.asarray([1e3, 1e3 + 1]), jnp.asarray(2.0), G, jnp.asarray(0.3))
     np.testing.assert_allclose(-np.diff(height), 0.3**-0.5, rtol=LONG)
 
 
@@ -96,14 +95,14 @@ def test_formulas_undo_each_other_at_any_drag():
     @jax.jit
     @jax.vmap
     def back(b):
-        rise = flight.height_reached(u, G, b)
-        landing = flight.speed_after_drop(rise, G, b) / flight.landing_speed(u, G, b)
-        time = flight.duration(u, G, b)
+        rise = Flight.height_reached(u, G, b)
+        landing = Flight.speed_after_drop(rise, G, b) / Flight.landing_speed(u, G, b)
+        time = Flight.duration(u, G, b)
         return (
-            flight.launch_speed(time, G, b),
-            flight.speed_to_reach(rise, G, b),
+            Flight.launch_speed(time, G, b),
+            Flight.speed_to_reach(rise, G, b),
             landing * u,
-            (1 + flight.height_after(time - flight.time_to_fall(rise, G, b), u, G, b) - rise) * u,
+            (1 + Flight.height_after(time - Flight.time_to_fall(rise, G, b), u, G, b) - rise) * u,
         )
 
     for got in back(jnp.asarray(b)):
@@ -198,11 +197,11 @@ def test_values_and_logarithmic_slopes_of_readings(drag):
     time = np.geomspace(0.02, 2, 300)
     step = 1e-5
     with jax.enable_x64(False):
-        speed, slope = path.evaluate(flight.launch_speed, time)
-        high, low = (path.evaluate(flight.launch_speed, time * np.exp(s))[0] for s in (step, -step))
-        back, _ = path.evaluate(flight.duration, speed)
-        few, _ = path.evaluate(flight.launch_speed, time[:3])
-        none, _ = path.evaluate(flight.launch_speed, time[:0])
+        speed, slope = path.evaluate(Flight.launch_speed, time)
+        high, low = (path.evaluate(Flight.launch_speed, time * np.exp(s))[0] for s in (step, -step))
+        back, _ = path.evaluate(Flight.duration, speed)
+        few, _ = path.evaluate(Flight.launch_speed, time[:3])
+        none, _ = path.evaluate(Flight.launch_speed, time[:0])
     assert speed.dtype == slope.dtype == np.float64
     np.testing.assert_allclose(slope, np.log(high / low) / (2 * step), rtol=DIFFERENCES)
     np.testing.assert_allclose(back, time, rtol=INVERSE)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._flight import duration, landing_speed
+from jaxcontact._flight import Flight
 from jaxcontact.lab.bounces import BounceModel, NextFlight, by_triggers
 from jaxcontact.lab.recordings import read_recording
 from tests.test_calibration import oracle
@@ -44,7 +44,7 @@ def readings(e, kind, coefficient=None, speed=SPEED):
         b = vt**-2
     if kind == "intervals":
         launch = speed / np.sqrt(1 - (speed / vt) ** 2)
-        return np.asarray(duration(launch, G, b)), np.asarray(duration(after, G, b))
+        return np.asarray(Flight.duration(launch, G, b)), np.asarray(Flight.duration(after, G, b))
     if b is None:
         return speed**2 / (2 * G), after**2 / (2 * G)
     falls, rises = -np.log1p(-((speed / vt) ** 2)), np.log1p((after / vt) ** 2)
@@ -188,8 +188,8 @@ def test_shared_triggers_are_counted_once():
     b = BALL.terminal_speed(G) ** -2
     random, speeds, pulls = np.random.default_rng(3), [4.0], []
     for _ in range(10):
-        speeds.append(0.9 * float(landing_speed(speeds[-1], G, b)))
-    triggers = np.concatenate([[0], np.cumsum(duration(np.array(speeds), G, b))])
+        speeds.append(0.9 * float(Flight.landing_speed(speeds[-1], G, b)))
+    triggers = np.concatenate([[0], np.cumsum(Flight.duration(np.array(speeds), G, b))])
     for _ in range(DRAWS):
         times = np.diff(triggers + 1e-3 * random.normal(size=(4, 12)))
         read = times[:, :-1].ravel(), times[:, 1:].ravel()

@@ -5,7 +5,7 @@ import importlib.resources
 import numpy as np
 import pytest
 
-from jaxcontact._flight import Drag, Flight, landing_speed, launch_speed
+from jaxcontact._flight import Drag, Flight
 from jaxcontact._text.words import counted
 from jaxcontact.lab.recordings import RecordingError, make_pairs, read_recording
 from tests.test_lab.simulate import time_to_rest
@@ -80,8 +80,8 @@ def test_the_reading_factor_is_the_variance_that_trigger_errors_make(drag):
     expected = jitter**2 * make_pairs(read_recording(interval_s=true), flight).reading_factor
     triggers = np.concatenate([[0], np.cumsum(true)])
     times = np.diff(triggers + jitter * rng.standard_normal((40_000, 4)), axis=1)
-    launch = launch_speed(times, flight.gravity, flight.rate)
-    landing = landing_speed(launch[:, :-1], flight.gravity, flight.rate)
+    launch = Flight.launch_speed(times, flight.gravity, flight.rate)
+    landing = Flight.landing_speed(launch[:, :-1], flight.gravity, flight.rate)
     log_e = np.asarray(np.log(launch[:, 1:] / landing))
     np.testing.assert_allclose(log_e.var(axis=0), expected, rtol=MONTE_CARLO)
 

@@ -19,13 +19,8 @@ from ...extend import (
     Flight,
     Floats,
     Words,
-    duration,
-    landing_speed,
     length_guess,
     not_shrinking,
-    speed_after_drop,
-    speed_to_reach,
-    time_to_fall,
 )
 from ..tables.heading import Meaning
 from ..tables.sheet import Row
@@ -81,8 +76,8 @@ def _speeds(before: Floats, after: Floats, flight: Flight) -> tuple[Floats, Floa
 
     As for intervals, the noise is computed at the expected reading.
     """
-    landing, _ = flight.evaluate(speed_after_drop, before)
-    launch, _ = flight.evaluate(speed_to_reach, after)
+    landing, _ = flight.evaluate(flight.speed_after_drop, before)
+    launch, _ = flight.evaluate(flight.speed_to_reach, after)
     expected = before * (np.median(after / before) if len(before) else 1.0)
     return landing, launch / landing, expected
 
@@ -191,8 +186,8 @@ class Stops(Drops[Stop]):
 
     def pair(self, records: Sequence[Stop], flight: Flight) -> Paired[Stop]:
         height, time = np.array([(one.drop_height, one.seconds) for one in records]).T
-        landing, _ = flight.evaluate(speed_after_drop, height)
-        fall, _ = flight.evaluate(time_to_fall, height)
+        landing, _ = flight.evaluate(flight.speed_after_drop, height)
+        fall, _ = flight.evaluate(flight.time_to_fall, height)
         e = (time - fall) / (time + fall)
         if flight.drag is not None:
             e = _in_air(e, landing, time - fall, flight)
@@ -215,8 +210,8 @@ def _in_air(e: Floats, landing: Floats, bouncing: Floats, flight: Flight) -> Flo
         total, speed = np.zeros_like(e), landing
         for _ in range(_BOUNCES):
             speed = e * speed
-            total = total + flight.evaluate(duration, speed)[0]
-            speed = flight.evaluate(landing_speed, speed)[0]
+            total = total + flight.evaluate(flight.duration, speed)[0]
+            speed = flight.evaluate(flight.landing_speed, speed)[0]
         return np.log((total + 2 * e * speed / flight.gravity / (1 - e)) / bouncing)
 
     # ln((1-e)/e) is nearly linear in the logarithm of the time.

@@ -17,8 +17,6 @@ from ...extend import (
     Flight,
     Floats,
     Words,
-    landing_speed,
-    launch_speed,
     length_guess,
     not_shrinking,
     too_long,
@@ -283,9 +281,9 @@ def ratios_of(t1: Floats, t2: Floats, flight: Flight) -> Ratios:
     # The noise is computed at the expected interval, not at the reading. Otherwise intervals read
     # too short would get less weight than those read too long, and the fit would be biased.
     expected = t1 * (np.median(t2 / t1) if len(t1) else 1.0)
-    launch, slope = flight.evaluate(launch_speed, np.concatenate([t1, t2, expected]))
+    launch, slope = flight.evaluate(flight.launch_speed, np.concatenate([t1, t2, expected]))
     (u1, u2, _), (slope1, _, expected_slope) = np.split(launch, 3), np.split(slope, 3)
-    landing, landing_slope = flight.evaluate(landing_speed, u1)
+    landing, landing_slope = flight.evaluate(flight.landing_speed, u1)
     return Ratios(landing, u2 / landing, expected_slope / expected, slope1 * landing_slope / t1)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 from scipy.optimize import least_squares
 
-from ...extend import Flight, height_after, launch_speed
+from ...extend import Flight
 from .model import Camera, Drop, Floats, Frames, Model, Shape
 
 CONTACT, CONTACT_ERROR = 2e-3, 4e-3
@@ -415,7 +415,8 @@ def shape_of(flight: Flight) -> Shape:
 @jax.jit
 def _height(since: Array, whole: Array, gravity: Array, b: Array) -> tuple[Array, Array, Array]:
     def height(since: Array, whole: Array) -> Array:
-        return height_after(since, launch_speed(whole, gravity, b), gravity, b) / gravity
+        launch = Flight.launch_speed(whole, gravity, b)
+        return Flight.height_after(since, launch, gravity, b) / gravity
 
     one, zero = jnp.ones_like(since), jnp.zeros_like(since)
     value, by_since = jax.jvp(height, (since, whole), (one, zero))
