@@ -10,24 +10,18 @@ from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
 if _TYPE_CHECKING:
-    from ._cache import VARIABLE as VARIABLE
     from ._cache import users_folder as users_folder
-    from ._contact import EXPONENT as EXPONENT
     from ._contact import require_contact as require_contact
-    from ._entry import FRACTION as FRACTION
     from ._entry import NOT_NEGATIVE as NOT_NEGATIVE
     from ._entry import POSITIVE as POSITIVE
     from ._entry import REAL as REAL
     from ._entry import RESTITUTION as RESTITUTION
-    from ._entry import RESTITUTION_FROM_ZERO as RESTITUTION_FROM_ZERO
     from ._entry import Range as Range
     from ._entry import as_array as as_array
     from ._entry import as_numbers as as_numbers
-    from ._entry import as_parameter as as_parameter
     from ._entry import as_weights as as_weights
     from ._entry import concrete as concrete
     from ._entry import did_you_mean as did_you_mean
-    from ._entry import nearest as nearest
     from ._entry import parameter as parameter
     from ._entry import ranges as ranges
     from ._entry import refuses_unknown as refuses_unknown
@@ -35,43 +29,33 @@ if _TYPE_CHECKING:
     from ._entry import require_choice as require_choice
     from ._entry import require_count as require_count
     from ._entry import require_flag as require_flag
-    from ._entry import require_function as require_function
     from ._entry import require_kind as require_kind
     from ._entry import require_number as require_number
     from ._entry import require_path as require_path
-    from ._fit import AT_BOUND as AT_BOUND
     from ._fit import CLEAR_AICC as CLEAR_AICC
     from ._fit import LEAST_GROUPS as LEAST_GROUPS
-    from ._fit import SAME as SAME
     from ._fit import AbstractErrors as AbstractErrors
     from ._fit import AbstractTransform as AbstractTransform
     from ._fit import Candidate as Candidate
+    from ._fit import Comparison as Comparison
     from ._fit import FitData as FitData
     from ._fit import SharedErrors as SharedErrors
     from ._fit import Space as Space
     from ._fit import basis_of as basis_of
     from ._fit import compared as compared
-    from ._fit import criteria as criteria
     from ._fit import criteria_of as criteria_of
     from ._fit import groups_of as groups_of
-    from ._fit import has_trials as has_trials
     from ._fit import refit as refit
     from ._fit import sandwich as sandwich
-    from ._fit import scatter as scatter
     from ._fit import space_of as space_of
-    from ._fit import table as table
-    from ._fit import undecided as undecided
-    from ._fit import why_no_error as why_no_error
     from ._fit import with_shared as with_shared
     from ._fit.fit import ColumnKeywords as ColumnKeywords
     from ._fit.fit import FitKeywords as FitKeywords
     from ._fit.fit import SearchKeywords as SearchKeywords
     from ._fit.fit import takes as takes
-    from ._flight import AIR_DENSITY as AIR_DENSITY
     from ._flight import STANDARD_GRAVITY as STANDARD_GRAVITY
     from ._flight import Flight as Flight
     from ._flight import Floats as Floats
-    from ._forms import LOSS as LOSS
     from ._forms import scale_of as scale_of
     from ._friction.base import require_friction as require_friction
     from ._friction.spring_slider import ratio_of as ratio_of
@@ -80,14 +64,8 @@ if _TYPE_CHECKING:
     from ._impact import restitution_is_constant as restitution_is_constant
     from ._impact import restitutions as restitutions
     from ._impact.front_door import SPEED as SPEED
-    from ._impact.front_door import lanes_of as lanes_of
-    from ._impact.front_door import uniform as uniform
-    from ._impact.oblique.bodies import NamedShape as NamedShape
     from ._impact.oblique.bodies import require_bodies as require_bodies
-    from ._impact.oblique.front_door import Given as Given
-    from ._impact.oblique.front_door import SlidingStart as SlidingStart
-    from ._impact.oblique.front_door import given_of as given_of
-    from ._impact.oblique.front_door import sliding_of as sliding_of
+    from ._impact.oblique.front_door import sliding_problem as sliding_problem
     from ._impact.result import NUMBERS as NUMBERS
     from ._inverse.columns import EVEN as EVEN
     from ._inverse.columns import MEASURED_RESTITUTION as MEASURED_RESTITUTION
@@ -111,27 +89,21 @@ if _TYPE_CHECKING:
     from ._laws import parameters_of as parameters_of
     from ._laws import require_law as require_law
     from ._laws.base import require_exponent as require_exponent
-    from ._laws.surface_adhesion import AbstractAdhesive as AbstractAdhesive
     from ._program import quick as quick
     from ._program import side_by_side as side_by_side
     from ._program import traced as traced
     from ._scene.bodies.bodies import words as words
-    from ._scene.bodies.motion import AbstractMotion as AbstractMotion
     from ._scene.file import examples as examples
     from ._scene.readout.columns import states_in_csv as states_in_csv
-    from ._scene.simulate import simulate_scene as simulate_scene
     from ._text.files import FIGURES as FIGURES
-    from ._text.files import is_special as is_special
     from ._text.files import read_whole as read_whole
     from ._text.files import write_all as write_all
     from ._text.progress import Stages as Stages
     from ._text.progress import progress_of as progress_of
-    from ._text.progress import progress_of_run as progress_of_run
     from ._text.progress import stages_of as stages_of
     from ._text.units import Shown as Shown
     from ._text.units import Unit as Unit
     from ._text.units import label as label
-    from ._text.units import meaning as meaning
     from ._text.units import quantity as quantity
     from ._text.units import written_unit as written_unit
     from ._text.words import Words as Words
@@ -147,36 +119,32 @@ if _TYPE_CHECKING:
     from .plot._drawing.save import render as render
     from .plot._drawing.style import CURVES as CURVES
     from .plot._drawing.style import DATA as DATA
-    from .plot._drawing.style import GUIDE as GUIDE
-    from .plot._drawing.style import LEFT_OUT as LEFT_OUT
     from .plot._drawing.style import axes_for as axes_for
     from .plot._drawing.style import axes_of as axes_of
     from .plot._drawing.style import legend_above as legend_above
-    from .systems._numbers import SystemStart as SystemStart
 
 _ROOMS = {
-    "_cache": "VARIABLE users_folder",
-    "_contact": "EXPONENT require_contact",
+    "_cache": "users_folder",
+    "_contact": "require_contact",
     "_entry": (
-        "FRACTION NOT_NEGATIVE POSITIVE REAL RESTITUTION RESTITUTION_FROM_ZERO Range as_array "
-        "as_numbers as_parameter as_weights concrete did_you_mean nearest parameter ranges "
-        "refuses_unknown rendered require_choice require_count require_flag require_function "
-        "require_kind require_number require_path"
+        "NOT_NEGATIVE POSITIVE REAL RESTITUTION Range as_array as_numbers as_weights concrete "
+        "did_you_mean parameter ranges refuses_unknown rendered require_choice require_count "
+        "require_flag require_kind require_number require_path"
     ),
     "_fit": (
-        "AT_BOUND AbstractErrors AbstractTransform CLEAR_AICC Candidate FitData LEAST_GROUPS SAME "
-        "SharedErrors Space basis_of compared criteria criteria_of groups_of has_trials refit "
-        "sandwich scatter space_of table undecided why_no_error with_shared"
+        "AbstractErrors AbstractTransform CLEAR_AICC Candidate Comparison FitData LEAST_GROUPS "
+        "SharedErrors Space basis_of compared criteria_of groups_of refit sandwich space_of "
+        "with_shared"
     ),
     "_fit.fit": "ColumnKeywords FitKeywords SearchKeywords takes",
-    "_flight": "AIR_DENSITY Flight Floats STANDARD_GRAVITY",
-    "_forms": "LOSS scale_of",
+    "_flight": "Flight Floats STANDARD_GRAVITY",
+    "_forms": "scale_of",
     "_friction.base": "require_friction",
     "_friction.spring_slider": "ratio_of",
     "_impact": "method_of problem_of restitution_is_constant restitutions",
-    "_impact.front_door": "SPEED lanes_of uniform",
-    "_impact.oblique.bodies": "NamedShape require_bodies",
-    "_impact.oblique.front_door": "Given SlidingStart given_of sliding_of",
+    "_impact.front_door": "SPEED",
+    "_impact.oblique.bodies": "require_bodies",
+    "_impact.oblique.front_door": "sliding_problem",
     "_impact.result": "NUMBERS",
     "_inverse.columns": (
         "Column EVEN MEASURED_RESTITUTION column for_each in_percent length_guess measured "
@@ -185,21 +153,17 @@ _ROOMS = {
     "_inverse.impacts": "ImpactModel Outcome full_name transforms_of",
     "_laws": "AbstractOscillator constant_laws describe force_of parameters_of require_law",
     "_laws.base": "require_exponent",
-    "_laws.surface_adhesion": "AbstractAdhesive",
     "_program": "quick side_by_side traced",
     "_scene.bodies.bodies": "words",
-    "_scene.bodies.motion": "AbstractMotion",
     "_scene.file": "examples",
     "_scene.readout.columns": "states_in_csv",
-    "_scene.simulate": "simulate_scene",
-    "_text.files": "FIGURES is_special read_whole write_all",
-    "_text.progress": "Stages progress_of progress_of_run stages_of",
-    "_text.units": "Shown Unit label meaning quantity written_unit",
+    "_text.files": "FIGURES read_whole write_all",
+    "_text.progress": "Stages progress_of stages_of",
+    "_text.units": "Shown Unit label quantity written_unit",
     "_text.words": "Words counted listed markdown_table span text_table with_error wrapped",
     "plot._drawing.labels": "put_label",
     "plot._drawing.save": "image_of render",
-    "plot._drawing.style": "CURVES DATA GUIDE LEFT_OUT axes_for axes_of legend_above",
-    "systems._numbers": "SystemStart",
+    "plot._drawing.style": "CURVES DATA axes_for axes_of legend_above",
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names.split()}
 

@@ -3,16 +3,12 @@
 from .compare import CLEAR_AICC as CLEAR_AICC
 from .compare import SAME as SAME
 from .compare import Candidate as Candidate
+from .compare import Comparison as Comparison
 from .compare import compare_fits as compare_fits
 from .compare import compared as compared
-from .compare import criteria as criteria
-from .compare import criteria_of as criteria_of
-from .compare import table as table
-from .compare import undecided as undecided
 from .data import FitData as FitData
 from .data import SharedErrors as SharedErrors
-from .data import has_trials as has_trials
-from .data import why_no_error as why_no_error
+from .data import criteria_of as criteria_of
 from .fit import Fit as Fit
 from .fit import fit as fit
 from .many.fit_many import Fits as Fits
@@ -39,4 +35,3 @@ from .search.verdict import LEAST_GROUPS as LEAST_GROUPS
 from .search.verdict import sandwich as sandwich
 from .uncertainty.bootstrap import Bootstrap as Bootstrap
 from .uncertainty.interval import Profile as Profile
-from .uncertainty.interval import scatter as scatter

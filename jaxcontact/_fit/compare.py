@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float
+from jaxtyping import ArrayLike, Bool
 
 from .._entry import rendered, require_count
 from .._text.words import text_table
@@ -78,13 +78,21 @@ class Comparison:
     verdict: str
 
     def __repr__(self) -> str:
-        return "\n".join([*table(self.candidates), self.verdict])
+        return f"{self.table()}\n{self.verdict}"
+
+    def table(self, parameters: Callable[[str], str] | None = None) -> str:
+        """Return the candidates as a table, with their `parameters` in words if given."""
+        return "\n".join(_table(self.candidates, parameters))
+
+    def undecided(self, fit: FitData) -> tuple[str, ...]:
+        """Return the names of the fits that the data do not distinguish from that of lowest AICc.
+
+        `fit` is any of them, whose groups are those of all.
+        """
+        return tuple(one.name for one in _undecided(self.candidates, fit))
 
 
-def table(
-    candidates: tuple[Candidate, ...], parameters: Callable[[str], str] | None = None
-) -> list[str]:
-    """Return the candidates as lines of text, with their `parameters` in words if given."""
+def _table(candidates: tuple[Candidate, ...], parameters: Callable[[str], str] | None) -> list[str]:
     head = ("", "k", "loss", "ΔAICc", "ΔBIC", "held out", *(["parameters"] if parameters else []))
     aicc = min(c.aicc for c in candidates)
     bic = min(c.bic for c in candidates)
@@ -148,49 +156,26 @@ def compared(
 
     `parameters` gives those of a fit in words, for the verdict. `left_out` and `group` are the
     verdict's words for the parts and the groups. `among` names the fits that describe the data
-    equally well, by default those of `undecided`. The verdict does not name the `unnamed`.
+    equally well, by default the undecided ones. The verdict does not name the `unnamed`.
     """
     _check(fits)
-    names = sorted(fits, key=lambda name: (not fits[name].converged, criteria(fits[name])[1]))
+    names = sorted(fits, key=lambda name: (not fits[name].converged, fits[name].criteria[1]))
     first = fits[names[0]]
     found = []
     for name in names:
         fit, told = fits[name], fits[name].adequacy
         behind = None if fit is first else advantage(first, fit)
-        k, aicc, bic = criteria(fit)
+        k, aicc, bic = fit.criteria
         measures = {"aicc": aicc, "bic": bic, "held_out": _held_out(fit, parts), "behind": behind}
         verdict = {"converged": fit.converged, "adequate": told.adequate, "p": told.p}
         found.append(Candidate(name, k, fit.loss, **measures, **verdict))
     named = [c for c in found if c.name not in unnamed]
-    equal = undecided(named, first)
+    equal = _undecided(named, first)
     if among is not None:
         equal = [c for c in named if c.converged and c.name in among]
     return Comparison(
         tuple(found), *_verdict(named, equal, list(fits), parameters, left_out, group)
     )
-
-
-def criteria(fit: FitData) -> tuple[int, float, float]:
-    """Return the number of identifiable parameters, AICc and BIC, as defined in `compare_fits`."""
-    factor = fit._factor[fit._used]
-    k = len(factor) - fit.dof
-    return k, *criteria_of(fit.loss, k, factor, fit._absolute)
-
-
-def criteria_of(
-    loss: float, k: int, factor: Float[np.ndarray, " n"], absolute: bool
-) -> tuple[float, float]:
-    """Return AICc and BIC of ½ Σ z² with k parameters; z are residuals times `factor`."""
-    n = len(factor)
-    if absolute:
-        deviance, counted = 2 * loss, k
-    else:
-        # Data without noise are fitted exactly; the logarithm needs a positive number. The sum of
-        # the logarithms of the weights cancels their common scale.
-        scale = 2 * float(np.sum(np.log(factor)))
-        deviance, counted = n * math.log(max(2 * loss / n, 1e-300)) - scale, k + 1
-    small = 2 * counted * (counted + 1) / (n - counted - 1) if n > counted + 1 else math.inf
-    return deviance + 2 * counted + small, deviance + counted * math.log(n)
 
 
 def advantage(fit: FitData, other: FitData) -> float | None:
@@ -269,12 +254,11 @@ def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
     return math.sqrt(square / np.count_nonzero(parts))
 
 
-def undecided(found: Sequence[Candidate], fit: FitData) -> list[Candidate]:
+def _undecided(found: Sequence[Candidate], fit: FitData) -> list[Candidate]:
     """Return the fits that the data do not distinguish from the one of lowest AICc.
 
-    `fit` is any of them, whose groups are those of all. If none of these describes the data, they
-    are chosen among the fits that may. Those must be closer to the data, or nearly as good. With
-    few points AICc prefers fits of few parameters.
+    If none of these describes the data, they are chosen among the fits that may. Those must be
+    closer to the data, or nearly as good. With few points AICc prefers fits of few parameters.
     """
     good = [c for c in found if c.converged]
     trials = fit._trials
@@ -290,7 +274,7 @@ def undecided(found: Sequence[Candidate], fit: FitData) -> list[Candidate]:
         for c in good
         if c.adequate is not False and (c.loss < good[0].loss or c.aicc - good[0].aicc < most)
     ]
-    return undecided(may, fit) if may and not set(may) & set(equal) else equal
+    return _undecided(may, fit) if may and not set(may) & set(equal) else equal
 
 
 def _verdict(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, NamedTuple
 
 import jax
@@ -110,6 +111,34 @@ class FitData(Flagged):
         return (z if whitener is None else np.asarray(whitener) @ z)[self._used]
 
     @property
+    def scatter(self) -> np.ndarray:
+        """The standard deviation of each reading (n,); NaN for one without weight."""
+        size = np.sqrt(self.noise) / np.where(self._used, self._factor, 1)
+        return np.where(self._used, size, np.nan)
+
+    @property
+    def criteria(self) -> tuple[int, float, float]:
+        """The number of identifiable parameters, AICc and BIC, as defined in `compare_fits`."""
+        factor = self._factor[self._used]
+        k = len(factor) - self.dof
+        return k, *criteria_of(self.loss, k, factor, self._absolute)
+
+    @property
+    def has_trials(self) -> bool:
+        """True if some group holds several points, whose errors may be correlated."""
+        trials = self._trials
+        return trials is not None and int(trials.max()) + 1 < len(trials)
+
+    def why_no_error(self, name: str) -> str:
+        """Return why a parameter has no standard error, in words."""
+        if self.dof < 1 and not self._absolute:
+            return "without a standard error: no degree of freedom is left"
+        known = [*self.at_bound, *(n for one in self.unidentified for n in one.components)]
+        if not self.by_group or name in known or not np.isnan(self.standard_errors[name]):
+            return "not identifiable"
+        return "without a standard error: one point or group alone determines it"
+
+    @property
     def _factor(self) -> np.ndarray:
         """The factor √w or 1/σ of each point."""
         return np.asarray(self.problem.factor)
@@ -157,26 +186,26 @@ class FitData(Flagged):
         return self.problem.x if x is None else place_like(x, self.problem.x)
 
 
+def criteria_of(
+    loss: float, k: int, factor: Float[np.ndarray, " n"], absolute: bool
+) -> tuple[float, float]:
+    """Return AICc and BIC of ½ Σ z² with k parameters; z are residuals times `factor`."""
+    n = len(factor)
+    if absolute:
+        deviance, counted = 2 * loss, k
+    else:
+        # Data without noise are fitted exactly; the logarithm needs a positive number. The sum of
+        # the logarithms of the weights cancels their common scale.
+        scale = 2 * float(np.sum(np.log(factor)))
+        deviance, counted = n * math.log(max(2 * loss / n, 1e-300)) - scale, k + 1
+    small = 2 * counted * (counted + 1) / (n - counted - 1) if n > counted + 1 else math.inf
+    return deviance + 2 * counted + small, deviance + counted * math.log(n)
+
+
 def require_converged(fit: FitData, what: str) -> None:
     """Raise ValueError for a fit that did not converge, which has no `what`."""
     if not fit.converged:
         raise ValueError(f"A fit that did not converge has no {what}: {fit.reason}.")
-
-
-def has_trials(fit: FitData) -> bool:
-    """Return whether some group holds several points, whose errors may be correlated."""
-    trials = fit._trials
-    return trials is not None and int(trials.max()) + 1 < len(trials)
-
-
-def why_no_error(fit: FitData, name: str) -> str:
-    """Return why a parameter has no standard error, in words."""
-    if fit.dof < 1 and not fit._absolute:
-        return "without a standard error: no degree of freedom is left"
-    known = [*fit.at_bound, *(n for one in fit.unidentified for n in one.components)]
-    if not fit.by_group or name in known or not np.isnan(fit.standard_errors[name]):
-        return "not identifiable"
-    return "without a standard error: one point or group alone determines it"
 
 
 @quick

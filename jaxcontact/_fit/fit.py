@@ -28,7 +28,7 @@ from .._entry import (
 from .._text.failure import checked
 from .._text.progress import progress_of
 from .._text.words import first_few
-from .data import FitData, why_no_error
+from .data import FitData
 from .problem.problem import FitProblem, Huber, place_of, shapes_of
 from .problem.space import Space, space_of
 from .problem.target import groups_of, target_of, whitener_of
@@ -109,7 +109,7 @@ class Fit(FitData):
         error = self.standard_errors[name]
         if not np.isnan(error):
             return f"  ± {error:.2g}" + (", were the model right" if self.adequate is False else "")
-        return f"  {why_no_error(self, name)}"
+        return f"  {self.why_no_error(name)}"
 
     __repr__ = summary
 

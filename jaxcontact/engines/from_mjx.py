@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from .. import AbstractFriction, AbstractLaw, System
-from ..extend import SystemStart, refuses_unknown, rendered, require_function
+from ..extend import refuses_unknown, rendered
+from ..systems import SystemStart
 from .inside.interval import relaxed
 
 
@@ -41,7 +42,8 @@ def from_mjx(
     anything but a model. Source: mujoco.readthedocs.io/en/stable/mjx.html.
     """
     _, mjx = mujoco_and_mjx("from_mjx", model)
-    require_function("gap", gap)
+    if not callable(gap):
+        raise ValueError(f"Argument `gap` must be a function, but is {rendered(gap)}.")
     engine, plain = mjx.put_model(model), mjx.make_data(model)
 
     def at(q: Array, v: Array | None = None) -> Any:

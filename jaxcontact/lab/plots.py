@@ -10,8 +10,6 @@ import numpy as np
 from ..extend import (
     CURVES,
     DATA,
-    GUIDE,
-    LEFT_OUT,
     axes_for,
     axes_of,
     legend_above,
@@ -28,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _LINE, _USED, _DOUBTFUL = "#999999", "#0072B2", "#D55E00"
-_SOUND, _PARABOLA = "#777777", "#000000"
+_SOUND, _PARABOLA, _LEFT_OUT = "#777777", "#000000", "#CC79A7"
 _FINE, _POINTS = 200, 4000
 _ROOM = 0.35
 _MANY = 60
@@ -74,7 +72,7 @@ def _draw_marked(ax: Axes, v: np.ndarray, e: np.ndarray, low: float, high: float
     label, shown = f"left out ({len(e)})", np.clip(e, low + edge, high - edge)
     for marker, which in (("x", inside), ("^", e > high - edge), ("v", e < low + edge)):
         if which.any():
-            style: dict[str, Any] = {"color": LEFT_OUT, "ms": 6, "clip_on": False, "label": label}
+            style: dict[str, Any] = {"color": _LEFT_OUT, "ms": 6, "clip_on": False, "label": label}
             ax.plot(v[which], shown[which], marker, **style)
             label = "_"  # one entry in the legend
 
@@ -318,7 +316,7 @@ def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
         curve, _ = result.curve(candidate.name, fine)
         thick = 2.6 if place == 0 else 1.4
         ax.plot(fine, curve, lw=thick, label=label, zorder=3, **styles[candidate.name])
-    free = {"color": GUIDE, "lw": 4, "alpha": 0.5, "zorder": 2, "label": "free curve, no law"}
+    free = {"color": _LINE, "lw": 4, "alpha": 0.5, "zorder": 2, "label": "free curve, no law"}
     ax.plot(fine, result.free(fine), **free)
     ax.set_ylim(*frame_of(np.exp(log_e[used])))
     if wide:

@@ -22,7 +22,7 @@ from ..._entry import (
     require_number,
 )
 from ..._text.words import first_few, text_table
-from ..data import FitData, has_trials, require_converged
+from ..data import FitData, require_converged
 from ..search.minimum import SINGULAR
 from ..search.verdict import Direction
 from ..uncertainty.adequacy import adequacy_of
@@ -219,7 +219,7 @@ def posterior(
 
 def _check(fit: FitData) -> None:
     require_converged(fit, "posterior")
-    if has_trials(fit):
+    if fit.has_trials:
         raise ValueError(
             "Argument `fit` must have independent points for a posterior, but has `groups` of "
             "correlated ones, which would make it too narrow; its standard errors allow for them."

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..data import FitData, has_trials
+from ..data import FitData
 from ..search.minimum import basis_of
 from ..search.verdict import LEAST_GROUPS
 from .residual_order import DRAWS, Column, Statistics, chance, share_left
@@ -112,7 +112,7 @@ def adequacy_of(fit: FitData) -> Adequacy:
         reason = "the residuals are below one part in a million"
         return Adequacy(True, along=along, reason=reason)
     model, left = basis_of(fit._jacobian[fit._used]), z
-    trial = fit._trials if has_trials(fit) else None
+    trial = fit._trials if fit.has_trials else None
     many = trial if trial is not None and trial.max() + 1 >= LEAST_GROUPS else None
     told = many is not None or squares
     if trial is not None and many is None and told:

@@ -261,7 +261,7 @@ def prediction_band(
     `confidence_band` does, and for a `sigma` that is not positive or has another shape.
     """
     curve, error, quantile = _curve(fit, x, level)
-    spread = scatter(fit)
+    spread = fit.scatter
     if sigma is not None:
         spread = as_numbers(sigma, "sigma")
         if spread.shape not in ((), curve.shape) or not POSITIVE.holds(spread).all():
@@ -282,12 +282,6 @@ def _curve(fit: FitData, x: Any, level: float) -> tuple[np.ndarray, np.ndarray, 
     level = require_number("level", level, FRACTION)
     require_converged(fit, "bands")
     return *fit.predict_with_error(x), _quantile(fit, level)
-
-
-def scatter(fit: FitData) -> np.ndarray:
-    """Return the standard deviation of each reading (n,); NaN for one without weight."""
-    size = np.sqrt(fit.noise) / np.where(fit._used, fit._factor, 1)
-    return np.where(fit._used, size, np.nan)
 
 
 def _quantile(fit: FitData, level: float) -> float:

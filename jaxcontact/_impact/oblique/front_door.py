@@ -14,7 +14,7 @@ from ..._entry import Range, as_number, is_valid, rendered, require_broadcast, s
 from ..._friction import AbstractFriction
 from ..._friction.base import Tangential, require_friction
 from ..._laws import AbstractLaw
-from ..front_door import Lanes, Problem, problem_of
+from ..front_door import Lanes, Problem, lanes_of, problem_of, uniform
 from .bodies import NamedShape, RoundBodies, require_bodies
 
 TANGENTIAL = Range(inside=0.0)
@@ -123,3 +123,21 @@ def sliding_of(given: Given) -> SlidingStart:
     return SlidingStart(
         velocity, spins, slip, sign, bodies.mobility(mass), bodies.arms(mass), mass, valid
     )
+
+
+def sliding_problem(
+    law: AbstractLaw,
+    contact: Contact,
+    velocity: ArrayLike,
+    tangential_velocity: ArrayLike,
+    friction: AbstractFriction,
+    bodies: Any,
+    e: Array,
+) -> tuple[AbstractFriction, SlidingStart, Tangential]:
+    """Return the friction law, and the tangential motion of impacts without spin: at touch, and as
+    a scaled problem. `e` is the restitution of the normal motion.
+    """
+    speeds = law, contact, velocity, tangential_velocity
+    given = uniform(given_of(*speeds, friction, bodies, (0.0, 0.0)))
+    sliding = sliding_of(given)
+    return given.friction, sliding, sliding.problem(lanes_of(given.problem), e, given.ratio)

@@ -22,7 +22,7 @@ from ...extend import (
 )
 from .interval import Gaps, StepMotion, law_inside, start_of, substep
 
-_ERROR = Range(low=0.0, high=1.0, low_open=True, high_open=True)
+ERROR = Range(low=0.0, high=1.0, low_open=True, high_open=True)
 
 _PHASES = 16
 """Examined positions within a substep at which a ball may touch."""
@@ -67,7 +67,7 @@ def time_step(
                 "contact, and use its result inside."
             )
     substeps = law_inside(law, contact, substeps).substeps
-    require_number("error", error, _ERROR)
+    require_number("error", error, ERROR)
     speeds = np.atleast_1d(as_numbers(velocity, "velocity"))
     if speeds.ndim > 1 or not speeds.size or not np.all((speeds > 0) & np.isfinite(speeds)):
         raise ValueError(

@@ -10,8 +10,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ... import AbstractFriction, AbstractLaw, Scene
-from ...extend import AbstractAdhesive, rendered, require_choice, states_in_csv, words
+from ... import DMT, JKR, AbstractFriction, AbstractLaw, Scene
+from ...extend import rendered, require_choice, states_in_csv, words
 from ..engine import Engine, engine_of, engines
 from ..result import Export
 from .model import SceneModel, Touch
@@ -80,7 +80,7 @@ def scene_engines() -> dict[str, SceneEngine]:
 def refuse_adhesion(model: SceneModel, engine: SceneEngine) -> None:
     """Raise ValueError if a law pulls in another way than the engine, or beside friction."""
     for law in model.scene.law.values:
-        pulls = law.ends_apart or law.forgets or isinstance(law, AbstractAdhesive)
+        pulls = law.ends_apart or law.forgets or isinstance(law, DMT | JKR)
         if pulls and not isinstance(law, engine.adhesive):
             raise ValueError(
                 f"Argument `scene` must have laws without adhesion for engine {engine.name!r}, "

@@ -14,24 +14,22 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from ... import Ending, EngineRun, Scene, impact
+from ... import Ending, EngineRun, Scene, impact, simulate
 from ...extend import (
-    FRACTION,
     POSITIVE,
     as_numbers,
-    progress_of_run,
     refuses_unknown,
     rendered,
     require_kind,
     require_number,
     require_path,
     restitution_is_constant,
-    simulate_scene,
     text_table,
     write_all,
 )
 from ..at_time_step import TimeStepRestitution, restitution_in_steps
 from ..export import export
+from ..inside.time_step import ERROR
 from ..result import Export
 from .engine import EqualSteps, SceneEngine, refuse_adhesion, scene_engine
 from .model import SceneModel, Touch, scene_model
@@ -148,7 +146,7 @@ def export_scene(
     model_of = scene_engine(engine)
     require_kind("scene", scene, Scene, "a `Scene`")
     duration = require_number("duration", duration, POSITIVE)
-    tolerance = require_number("tolerance", tolerance, FRACTION)
+    tolerance = require_number("tolerance", tolerance, ERROR)
     outputs, ends = _outputs(times, duration), require_range(velocity)
     with jax.enable_x64(True):
         model = scene_model(scene, merges=model_of.merges)
@@ -246,20 +244,9 @@ def _simulated(model: SceneModel, duration: float) -> tuple[float, float] | None
         return None
     # Friction changes them little, and has no outcome for some laws.
     scene = eqx.tree_at(lambda x: x.friction, model.scene, None, is_leaf=lambda x: x is None)
-    with progress_of_run(False) as tell:
-        run = simulate_scene(
-            scene,
-            duration,
-            times=None,
-            rtol=1e-6,
-            # Adhesion with memory has no instantaneous impacts.
-            instantaneous=not any(law.forgets for law in scene.law.values),
-            v0="peak",
-            max_impacts=None,
-            max_cluster=None,
-            tell=tell,
-            throw=False,
-        )
+    # Adhesion with memory has no instantaneous impacts.
+    rigid = not any(law.forgets for law in scene.law.values)
+    run = simulate(scene, duration, rtol=1e-6, instantaneous=rigid, progress=False, throw=False)
     speeds = run.impacts.to_dict()["closing_speed"]
     if not len(speeds) or int(run.status) == Ending.INVALID_INPUT:
         return None

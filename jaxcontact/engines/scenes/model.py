@@ -14,7 +14,7 @@ from jax.core import Tracer
 from jaxtyping import Float, Int
 
 from ... import AbstractFriction, AbstractLaw, Contact, Material, Scene, Shell, Sphere, SpringSlider
-from ...extend import AbstractMotion, ratio_of, rendered, restitution_is_constant, words
+from ...extend import ratio_of, rendered, restitution_is_constant, words
 
 
 class Moving(NamedTuple):
@@ -281,7 +281,7 @@ def _walls(scene: Scene, groups: _Groups) -> tuple[list[FlatWall], list[RoundWal
     return flat, shells
 
 
-def _moving(scene: Scene, body: int, motion: AbstractMotion | None, normal: Any) -> Moving | None:
+def _moving(scene: Scene, body: int, motion: Any, normal: Any) -> Moving | None:
     """Return a prescribed motion in space; a single amplitude acts along the normal."""
     if motion is None:
         return None

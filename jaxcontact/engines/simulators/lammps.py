@@ -13,8 +13,8 @@ from scipy.optimize import root_scalar
 from ... import DMT, JKR, AbstractLaw, AntypovElliott, Contact, KuwabaraKono, Tsuji, restitution
 from ...extend import (
     POSITIVE,
-    RESTITUTION_FROM_ZERO,
     AbstractOscillator,
+    Range,
     parameter,
     require_choice,
     require_number,
@@ -33,7 +33,7 @@ class TsujiWithoutRoot(AbstractOscillator):
     Source: the page of pair_style granular, docs.lammps.org/pair_granular.html.
     """
 
-    e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
+    e: Float[Array, "..."] = parameter("e", Range(low=0.0, high=1.0, inside=0.5))
     tension = True
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 

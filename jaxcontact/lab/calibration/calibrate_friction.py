@@ -8,11 +8,12 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
 from ... import AbstractFriction, Contact, ExactRestitution, RoundBodies
-from ...extend import POSITIVE, RESTITUTION, Floats, as_parameter, require_kind, require_number
+from ...extend import RESTITUTION, Floats, require_kind, require_number
 from ..oblique.choose_friction import FrictionChoice, choose_friction
 from ..recordings import RecordingError
 from ..recordings.table_columns import read_columns
@@ -207,14 +208,12 @@ def calibrate_friction(
         raise ValueError(
             f"Argument `radius` must be given in m, as {table.source} holds spins, but is None."
         )
-    if tangential_ratio is not None:
-        tangential_ratio = as_parameter(tangential_ratio, "tangential_ratio", POSITIVE)
     bodies = shape if radius is None else RoundBodies(radius, shape=shape)  # pyright: ignore[reportArgumentType]
     with jax.enable_x64(True):
         # The outcome depends on neither mass nor stiffness.
         contact = Contact(1.0, 1.0, tangential_ratio=tangential_ratio)
         choice = choose_friction(
-            ExactRestitution(as_parameter(e, "restitution", RESTITUTION)),
+            ExactRestitution(jnp.asarray(e)),
             contact,
             table.normal,
             table.tangential,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 
-from ...extend import AT_BOUND, counted
+from ...extend import counted
 from ..choice.kind import Estimate
 from ..choice.law_choice import ChoiceData
 from ..recordings import FROM_FILE, LAYOUTS
@@ -195,7 +195,7 @@ def fits(s: SummaryData) -> list[Part]:
         rows.append(("converged", f"{answer}, in {law.steps} steps: {law.reason}"))
         if law.converged and not law.identifiable and not s.few:
             why = "the data do not determine every parameter"
-            if law.reason.endswith(AT_BOUND):
+            if law.reason.endswith("at the bound"):
                 why = "the best value lies at the edge of the law's range"
             rows.append(("identifiable", f"NO: {why}"))
             if law.reduced_to:

@@ -16,11 +16,8 @@ from ... import Fit
 from ...extend import (
     CLEAR_AICC,
     LEAST_GROUPS,
-    SAME,
     FitData,
-    criteria,
     criteria_of,
-    has_trials,
     listed,
     sandwich,
 )
@@ -31,6 +28,9 @@ EXCLUDED = 0.01
 
 BETTER = 0.05
 """p below which a law is clearly better than its special case, or a free curve than a law."""
+
+_SAME = 5e-3
+"""Difference of AICc that is only rounding."""
 
 
 class Squares(NamedTuple):
@@ -67,14 +67,14 @@ class Certainty:
     def reduced(self) -> dict[str, str]:
         """The laws whose fit is no better than that of a special case, and the latter."""
         converged = [kind for kind in self.kinds if self.fits[kind.name].converged]
-        own = {kind.name: criteria(self.fits[kind.name]) for kind in converged}
+        own = {kind.name: self.fits[kind.name].criteria for kind in converged}
         return {
             kind.name: other.name
             for kind in converged
             for other in converged
             if kind.contains(other)
             for (k, aicc, _), (least, lower, _) in [(own[kind.name], own[other.name])]
-            if k <= least and aicc > lower - SAME
+            if k <= least and aicc > lower - _SAME
         }
 
     def standing(self, kind: str) -> Standing:
@@ -161,7 +161,7 @@ def excess_p(better: FitData | Squares, worse: FitData, numbers: int) -> float:
 
 def _by_trial(better: FitData | Squares, worse: FitData, gain: float, numbers: int) -> float:
     """Return the probability by trial; 0 if every point is its own trial."""
-    if not has_trials(worse):
+    if not worse.has_trials:
         return 0.0
     assert worse.groups is not None  # for the type checker
     used = np.asarray(worse.problem.factor) > 0
@@ -275,7 +275,7 @@ def curve_of(fits: Iterable[FitData], velocity: Floats) -> Curve:
     k, coefficients, squares = found[aicc]
     # Contact times and forces are other data, with another criterion.
     known = math.isfinite(aicc) and fit.data.size == velocity.size
-    laws = [(one, criteria(one)) for one in fits if one.converged and known]
+    laws = [(one, one.criteria) for one in fits if one.converged and known]
     better = bool(laws) and all(
         lowest - aicc > CLEAR_AICC
         # A curve that does not contain the law can approach it along one more direction.

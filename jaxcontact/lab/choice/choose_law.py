@@ -22,17 +22,14 @@ from ...extend import (
     column,
     compared,
     counted,
-    criteria,
     for_each,
     groups_of,
     listed,
     require_contact,
     require_flag,
-    scatter,
     side_by_side,
     stages_of,
     takes,
-    undecided,
 )
 from ..design import minimax, shared_out
 from ..pairs.outliers import Outliers, find_outliers
@@ -233,7 +230,7 @@ def _compared(
     free = curve_of(fits.values(), x)
     # Certainty needs fits of all laws, and data that no other curve may describe better.
     left_out = [kind.name for kind in every if kind not in kinds]
-    lowest = min((criteria(one)[1] for one in fits.values() if one.converged), default=0.0)
+    lowest = min((one.criteria[1] for one in fits.values() if one.converged), default=0.0)
     beyond = free.aicc is not None and lowest - free.aicc > CLEAR_AICC
     standing = None if left_out or beyond else certainty.sure
     comparison = compared(
@@ -246,8 +243,7 @@ def _compared(
         unnamed=reduced,
     )
     best = comparison.best
-    equal = undecided(comparison.candidates, first)
-    rivals = [c.name for c in equal if c.name not in {best, *reduced}]
+    rivals = [name for name in comparison.undecided(first) if name not in {best, *reduced}]
     if standing is not None:
         rivals = [name for name in rivals if name in standing.containing]
     verdict = comparison.verdict
@@ -386,7 +382,7 @@ def what_settles(
     speeds = np.geomspace(low, high, _PLACES)
     distance, share = _least_distance(fits[right], fits[other], speeds)
     # The noise of e, which is the first column.
-    noise = float(np.nanmedian(scatter(fits[right])[: len(fits[right].problem.x)]))
+    noise = float(np.nanmedian(fits[right].scatter[: len(fits[right].problem.x)]))
     between = f"to distinguish {best} from {rivals[0]}"
     count = math.inf if distance == 0 else math.ceil(_WANTED * (noise / distance) ** 2)
     if count > _MANY:

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ... import AbstractLaw, Contact, get_law, impact
-from ...extend import AbstractTransform, FitData, Shown, parameters_of, why_no_error, with_error
+from ...extend import AbstractTransform, FitData, Shown, parameters_of, with_error
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Kind:
         def estimate(parameter: str, name: str, scale: float, unit: str) -> Estimate:
             error = fit.standard_errors[parameter] / scale if good else None
             value = float(fit.params[parameter]) / scale
-            return Estimate(name, value, error, unit, why_no_error(fit, parameter))
+            return Estimate(name, value, error, unit, fit.why_no_error(parameter))
 
         found, own = [], []
         for parameter, one in self.parameters.items():

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ... import AbstractLaw, Between, Contact, Damped, Free, Positive, impact, restitution
-from ...extend import LOSS, constant_laws, describe, did_you_mean, force_of, rendered, scale_of
+from ...extend import constant_laws, describe, did_you_mean, force_of, rendered, scale_of
 from .kind import Combination, Kind, Start
 
 _STEPS = 256
@@ -63,6 +63,9 @@ _LEAST_LEFT = 1e-4
 
 _ABOVE_STICKING = 1 + 1e-6
 """The slowest speed at which a contact ends, over the sticking speed."""
+
+_LOSS = 3 ** (-4 / 3) * (4 / 15 + 0.4 * 4 ** (4 / 3))
+"""Energy that a neck takes, scaled, see `JKR`."""
 
 _VISCOUS_SHARE = 0.8
 """The share of ln e from which a search for two losses begins; with less it may miss the damping
@@ -233,7 +236,7 @@ SPEED_DEPENDENT: tuple[Kind, ...] = (
                 Positive(), "F_po/(m³K²)^(1/5)", "(m/s)^(6/5)", _dashpot, "N", _BOTH
             )
         },
-        start=lambda e, v: {"pull_off": ((1 - e) * (1 + e) * v**2 / (2 * LOSS)) ** 0.6},
+        start=lambda e, v: {"pull_off": ((1 - e) * (1 + e) * v**2 / (2 * _LOSS)) ** 0.6},
         curve=_adhesive,
         exponent=_HERTZ,
         outcome=_adhesive_outcome,

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from ... import AbstractLaw, Contact, Fit
-from ...extend import POSITIVE, Candidate, Floats, column, counted, require_choice, table
+from ...extend import POSITIVE, Candidate, Comparison, Floats, column, counted, require_choice
 from .certainty import Curve, Line
 from .equivalent_e import Asked
 from .kind import Estimate, Kind, delivered, with_stiffness
@@ -127,7 +127,8 @@ class ChoiceData:
 
     def table(self) -> str:
         """Return the kinds of laws with their parameters and criteria; lower is better."""
-        return "\n".join(table(self.candidates, lambda kind: self.law_fit(kind).said))
+        same = Comparison(self.candidates, self.best, self.verdict)
+        return same.table(lambda kind: self.law_fit(kind).said)
 
 
 def kind_asked(choice: ChoiceData, laws: str) -> str | None:

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from ...extend import VARIABLE, Stages, write_all
+from ...extend import Stages, write_all
 from .commands import calibrate, design, explore, export, fit, impact, laws, paper, scene, sweep
 from .options import InputError, add_options, print_json
 
@@ -52,7 +52,7 @@ exit codes: 0 done; 1 done, but something did not converge; 2 bad input, and not
 
 Results go to stdout, as text or with --json as JSON; progress and errors go to stderr.
 
-Compiled programs are kept in the user's cache folder for the next command. {VARIABLE}
+Compiled programs are kept in the user's cache folder for the next command. JAXCONTACT_CACHE
 sets another folder; an empty value switches the cache off, as --no-cache does.
 
 completion: `jaxcontact --completion bash` (or zsh) prints a script for your shell to source.

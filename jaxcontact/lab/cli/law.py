@@ -103,11 +103,10 @@ def drag_asked(arguments: argparse.Namespace) -> Drag | None:
     Raises InputError for a coefficient or a density of air without the others.
     """
     from ... import Drag
-    from ...extend import AIR_DENSITY
 
     missing, air = _missing(arguments), (arguments.drag_coefficient, arguments.air_density)
     if not missing:
-        return Drag(arguments.mass, arguments.radius, air[0], air[1] or AIR_DENSITY)
+        return Drag(arguments.mass, arguments.radius, air[0], air[1] or Drag.air_density)
     names = ("--drag-coefficient", "--air-density")
     useless = [name for name, value in zip(names, air, strict=True) if value is not None]
     if useless:

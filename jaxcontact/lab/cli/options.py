@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
-from ...extend import is_special, wrapped
+from ...extend import wrapped
 
 if TYPE_CHECKING:
     import numpy as np
@@ -226,7 +226,7 @@ def output_path(option: str, name: str, suffixes: Sequence[str]) -> pathlib.Path
     if path.suffix.lower() not in suffixes:
         allowed = " or ".join([*filter(None, [", ".join(suffixes[:-1])]), suffixes[-1]])
         raise InputError(f"{option} {name}: the name must end in {allowed}")
-    if is_special(path):
+    if path.exists() and not path.is_file():
         kind = "folder" if path.is_dir() else "pipe or a device"
         raise InputError(f"{option} {name}: is a {kind}")
     return path

@@ -24,14 +24,13 @@ from ... import (
 )
 from ...extend import (
     Candidate,
+    Comparison,
     SearchKeywords,
     compared,
     counted,
     rendered,
     stages_of,
-    table,
     takes,
-    undecided,
 )
 from ..choice.law_choice import chosen_fit
 from .fit_oblique import columns_of, fitted
@@ -84,7 +83,8 @@ class FrictionChoice:
 
     def table(self) -> str:
         """Return the laws with their parameters and criteria; lower is better."""
-        return "\n".join(table(self.candidates, lambda name: said(self.fits[name])))
+        same = Comparison(self.candidates, self.best, self.verdict)
+        return same.table(lambda name: said(self.fits[name]))
 
     @property
     def headline(self) -> str:
@@ -244,7 +244,7 @@ def choose_friction(
         left_out="impacts",
         group="impact",
     )
-    equal = [c.name for c in undecided(comparison.candidates, next(iter(fits.values())))]
+    equal = comparison.undecided(next(iter(fits.values())))
     rivals = tuple(name for name in equal if name != comparison.best)
     where = ""
     if comparison.best is not None and all(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(law)):

@@ -25,22 +25,16 @@ from ...extend import (
     POSITIVE,
     REAL,
     Column,
-    Given,
-    NamedShape,
     Range,
     Shown,
-    SlidingStart,
     as_numbers,
     column,
-    given_of,
-    lanes_of,
     measured,
     rendered,
     require_bodies,
     require_contact,
     require_law,
-    sliding_of,
-    uniform,
+    sliding_problem,
 )
 
 Lane = Float[Array, "..."]
@@ -70,7 +64,7 @@ class ObliqueModel(eqx.Module):
 
     law: AbstractLaw
     contact: Contact
-    bodies: RoundBodies | NamedShape
+    bodies: Any  # as `require_bodies` returns them
     fields: tuple[str, ...] = eqx.field(static=True)
     shown: ClassVar[Mapping[str, Shown]] = {
         name: Shown(name) for name in ("tangential_restitution", "rebound_angle", "rebound_spin")
@@ -103,7 +97,7 @@ class ObliqueModel(eqx.Module):
             return MeasuredRebound(
                 hit.tangential_velocity, velocity * e, spin, hit.impulse_ratio, hit.margin
             )
-        found = given.friction.rebound(problem)
+        found = given.rebound(problem)
         slip = found.slip
         if found.converged is not None:
             slip = jnp.where(found.converged, slip, jnp.nan)
@@ -124,20 +118,18 @@ class ObliqueModel(eqx.Module):
                 "beside this normal force its motion is followed by event solves, which take long; "
                 "name it in `friction` to compare it"
             )
-        return given.friction.rebound(problem).slip
+        return given.rebound(problem).slip
 
     @property
     def _bodies(self) -> RoundBodies | str:
-        return self.bodies.name if isinstance(self.bodies, NamedShape) else self.bodies
+        return getattr(self.bodies, "name", self.bodies)
 
     def _problem(
         self, friction: AbstractFriction, x: Mapping[str, Array]
-    ) -> tuple[Given, SlidingStart, Tangential]:
+    ) -> tuple[AbstractFriction, Any, Tangential]:
         speeds = self.law, self.contact, x["velocity"], x["tangential_velocity"]
-        given = uniform(given_of(*speeds, friction, self._bodies, (0.0, 0.0)))
-        e = restitution(self.law, self.contact, x["velocity"])
-        sliding = sliding_of(given)
-        return given, sliding, sliding.problem(lanes_of(given.problem), e, given.ratio)
+        e = restitution(*speeds[:3])
+        return sliding_problem(*speeds, friction, self._bodies, e)
 
 
 _ANGLE = Range(low=-np.pi / 2, high=np.pi / 2, inside=0.0)
@@ -235,7 +227,7 @@ def _require_slip(data: dict[str, Column], slip: Column) -> None:
         )
 
 
-def _require_spin(spin: Column, shapes: RoundBodies | NamedShape, bodies: Any) -> None:
+def _require_spin(spin: Column, shapes: Any, bodies: Any) -> None:
     """Raise ValueError for a spin without a radius, and for one of the other sign."""
     if not shapes.radii:
         raise ValueError(

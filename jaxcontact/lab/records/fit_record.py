@@ -20,7 +20,6 @@ from ...extend import (
     ColumnKeywords,
     Shown,
     column,
-    criteria,
     for_each,
     force_of,
     measured,
@@ -308,7 +307,7 @@ def criterion(found: Fit) -> float:
     """Return the AICc of a fit, with the determinant of the correlation of its noise."""
     whitener = found.problem.whitener
     volume = 0.0 if whitener is None else -2 * float(np.sum(np.log(np.diag(whitener))))
-    return criteria(found)[1] + volume
+    return found.criteria[1] + volume
 
 
 def without_a_needless_filter(

@@ -16,10 +16,10 @@ from jaxtyping import Array, Float
 
 from ... import AbstractLaw, Contact, Damped, Fit, impact
 from ...extend import (
-    EXPONENT,
     MEASURED_RESTITUTION,
     STANDARD_GRAVITY,
     Flight,
+    ranges,
     rendered,
     require_number,
 )
@@ -307,7 +307,7 @@ def exponent_of(recording: Recording, exponent: float | None) -> float:
             "Argument `exponent` must be None where e is measured and no force, but is "
             f"{rendered(exponent)}."
         )
-    return require_number("exponent", exponent, EXPONENT)
+    return require_number("exponent", exponent, ranges(Contact)["exponent"])
 
 
 def require_mass(recording: Recording, mass: float | None, stiffness: float | None) -> None:

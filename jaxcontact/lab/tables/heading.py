@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import functools
 import math
 import re
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 
-from ...extend import Unit, nearest, written_unit
+from ...extend import Unit, written_unit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,8 +116,8 @@ def suggestion(text: str, meanings: Mapping[str, Meaning]) -> str:
     known = {word: word for one in meanings.values() for word in one.words}
     known |= {_plain(name): name for name in meanings}
     stem = _plain(re.sub(r"[\[({/].*", "", text)) or _plain(text)
-    near = nearest(stem, (word for word in known if len(word) > 2))
-    return f"; did you mean {known[near]!r}?" if near and near != stem else ""
+    near = difflib.get_close_matches(stem, [word for word in known if len(word) > 2], n=1)
+    return f"; did you mean {known[near[0]]!r}?" if near and near != [stem] else ""
 
 
 FROM_FILE = "errors are the standard deviations in the file"

@@ -30,8 +30,8 @@ MARKERS = "o", "s", "^", "D", "v", "P"
 BODIES = BLUE, ORANGE, GREEN, VERMILLION, SKY, PURPLE
 """Colours of spheres, in order; black is reserved for marks."""
 
-DATA, LEFT_OUT, GUIDE = "#555555", PURPLE, "#999999"
-"""Colours of used points, of unused points, and of guide lines."""
+DATA, GUIDE = "#555555", "#999999"
+"""Colours of points and of guide lines."""
 
 _LETTER, _HANDLE = 0.06, 0.5
 """Width of a letter and of the line sample in a legend, in inches."""

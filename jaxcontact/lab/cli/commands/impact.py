@@ -6,7 +6,7 @@ import argparse
 import math
 import sys
 
-from ....extend import FIGURES, Stages, meaning, quantity, text_table
+from ....extend import FIGURES, Stages, quantity, text_table
 from ..law import exponent_asked, law_options, law_parameters
 from ..options import InputError, Output, input_errors, output_path
 
@@ -87,6 +87,6 @@ def run(arguments: argparse.Namespace, progress: Stages) -> Output:
         "status": status.name,
         "method": hit.method,
     }
-    units = {name: meaning(name)[1] for name in ("mass", "stiffness", "velocity", *numbers)}
-    data["units"] = {name: unit for name, unit in units.items() if unit}
+    named = "mass", "stiffness", "velocity", *numbers
+    data["units"] = {name: unit for name in named if (unit := quantity(name, "").strip())}
     return Output([head, *text_table(rows, indent=2)], data, files, 0 if complete else 1)
