@@ -69,7 +69,6 @@ if _TYPE_CHECKING:
     from ._impact.result import NUMBERS as NUMBERS
     from ._inverse.columns import EVEN as EVEN
     from ._inverse.columns import MEASURED_RESTITUTION as MEASURED_RESTITUTION
-    from ._inverse.columns import Column as Column
     from ._inverse.columns import column as column
     from ._inverse.columns import for_each as for_each
     from ._inverse.columns import in_percent as in_percent
@@ -80,13 +79,11 @@ if _TYPE_CHECKING:
     from ._inverse.columns import with_transforms as with_transforms
     from ._inverse.impacts import ImpactModel as ImpactModel
     from ._inverse.impacts import Outcome as Outcome
-    from ._inverse.impacts import full_name as full_name
     from ._inverse.impacts import transforms_of as transforms_of
     from ._laws import AbstractOscillator as AbstractOscillator
     from ._laws import constant_laws as constant_laws
     from ._laws import describe as describe
     from ._laws import force_of as force_of
-    from ._laws import parameters_of as parameters_of
     from ._laws import require_law as require_law
     from ._laws.base import require_exponent as require_exponent
     from ._program import quick as quick
@@ -147,11 +144,11 @@ _ROOMS = {
     "_impact.oblique.front_door": "sliding_problem",
     "_impact.result": "NUMBERS",
     "_inverse.columns": (
-        "Column EVEN MEASURED_RESTITUTION column for_each in_percent length_guess measured "
-        "not_shrinking too_long with_transforms"
+        "EVEN MEASURED_RESTITUTION column for_each in_percent length_guess measured not_shrinking "
+        "too_long with_transforms"
     ),
-    "_inverse.impacts": "ImpactModel Outcome full_name transforms_of",
-    "_laws": "AbstractOscillator constant_laws describe force_of parameters_of require_law",
+    "_inverse.impacts": "ImpactModel Outcome transforms_of",
+    "_laws": "AbstractOscillator constant_laws describe force_of require_law",
     "_laws.base": "require_exponent",
     "_program": "quick side_by_side traced",
     "_scene.bodies.bodies": "words",

@@ -226,7 +226,7 @@ def fit_impacts(
     return fit(model, start=start, x=v, **(table | given))
 
 
-def full_name(start: Any, name: Any) -> str | None:
+def _full_name(start: Any, name: Any) -> str | None:
     """Return the name of a number with its owner, "law.c" of "c"; None for unknown names."""
     if not isinstance(name, str):
         return None
@@ -238,11 +238,14 @@ def full_name(start: Any, name: Any) -> str | None:
     return None
 
 
-def transforms_of(start: Any, fixed: tuple[str, ...]) -> dict[str, AbstractTransform]:
+def transforms_of(
+    start: Any, fixed: tuple[str, ...], beside: Any = None
+) -> dict[str, AbstractTransform]:
     """Return the transforms of the numbers of a model.
 
-    `fixed` names numbers of the model, its contact or its law, as "c" or as "law.c". A number that
-    is None or static, such as an exponent that is not an array, is never fitted.
+    `fixed` names numbers of the model, its contact or its law, as "c" or as "law.c"; it may also
+    name those of another model `beside` it. A number that is None or static, such as an exponent
+    that is not an array, is never fitted.
     """
     transforms: dict[str, AbstractTransform] = {}
     if not isinstance(start.contact.exponent, float):
@@ -254,7 +257,9 @@ def transforms_of(start: Any, fixed: tuple[str, ...]) -> dict[str, AbstractTrans
         )
     known = names_in(start)
     for given in fixed:
-        name = full_name(start, given)
+        name = _full_name(start, given)
+        if name is None and beside is not None and _full_name(beside, given) is not None:
+            continue
         if name is None:
             raise ValueError(
                 "Argument `fixed` must name numbers of the law or the contact "

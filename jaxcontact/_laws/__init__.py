@@ -50,7 +50,6 @@ from .registry import constant_laws as constant_laws
 from .registry import describe as describe
 from .registry import get_law as get_law
 from .registry import list_laws as list_laws
-from .registry import parameters_of as parameters_of
 from .registry import register_law as register_law
 from .restitution_of_speed import Bridges as Bridges
 from .restitution_of_speed import PowerRestitution as PowerRestitution

@@ -22,6 +22,11 @@ class Description:
     source: str
     valid: str
 
+    @property
+    def parameters(self) -> dict[str, Range]:
+        """The parameters of the law with the range of each."""
+        return ranges(self.cls)
+
 
 _REGISTRY: dict[str, Description] = {}
 
@@ -78,7 +83,7 @@ def get_law(name: str, **parameters: Any) -> AbstractLaw:
     fields = {field.name for field in dataclasses.fields(law)}
     for given in parameters:
         if given not in fields:
-            takes = ", ".join(ranges(law)) or "none"
+            takes = ", ".join(describe(name).parameters) or "none"
             raise TypeError(
                 f"{name} has no parameter {given!r}; its parameters: {takes}."
                 f"{did_you_mean(given, fields)}"
@@ -93,9 +98,4 @@ def list_laws() -> list[str]:
 
 def constant_laws() -> list[str]:
     """Return the names of the laws with e as their only parameter."""
-    return [name for name in list_laws() if list(parameters_of(name)) == ["e"]]
-
-
-def parameters_of(name: str) -> dict[str, Range]:
-    """Return the parameters of the law called `name` with the range of each."""
-    return ranges(describe(name).cls)
+    return [name for name in list_laws() if list(describe(name).parameters) == ["e"]]

@@ -23,7 +23,7 @@ from .._entry import (
     require_path,
 )
 from .._friction import AbstractFriction
-from .._laws import AbstractLaw, get_law, list_laws, parameters_of
+from .._laws import AbstractLaw, describe, get_law, list_laws
 from .._text.files import read_whole
 from .bodies.bodies import AbstractBody
 from .bodies.motion import AbstractMotion, Steady, Vibration
@@ -202,7 +202,7 @@ def _law(place: _Place, value: Any) -> AbstractLaw:
     table = {"name": value} if isinstance(value, str) else dict(place.require_table("'law'", value))
     name = str(table.pop("name", None))
     place.require_known("'name' of the law", name, list_laws())
-    wanted = parameters_of(name)
+    wanted = describe(name).parameters
     for key in table:
         place.require_known(f"a parameter of {name}", key, wanted)
     for key in wanted:

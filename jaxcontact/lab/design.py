@@ -21,7 +21,6 @@ from ..extend import (
     Outcome,
     Space,
     column,
-    full_name,
     quick,
     rendered,
     require_choice,
@@ -264,15 +263,15 @@ def design(
     count = require_count("readings", readings, 1)
     with jax.enable_x64(True):
         model, start = Outcome(method, tuple(errors)), ImpactModel(law, contact)
-        space, theta = space_of(start, _transforms(start, fixed, goal))
+        other = ImpactModel(goal, contact) if isinstance(goal, AbstractLaw) else None
+        space, theta = space_of(start, transforms_of(start, fixed, other))
     slopes, expected = readings_of(model, space, theta, speeds)
     if not (np.isfinite(slopes).all() and np.isfinite(expected).all()):
         raise ValueError("Argument `candidates` must be speeds whose impacts can be solved.")
     quantity, velocity = np.repeat(list(errors), speeds.size), np.tile(speeds, len(errors))
     size = np.repeat(list(errors.values()), speeds.size)
-    if isinstance(goal, AbstractLaw):
-        other = ImpactModel(goal, contact)
-        rival = Rival(model, other, speeds, expected, size, _transforms(other, fixed, None))
+    if other is not None:
+        rival = Rival(model, other, speeds, expected, size, transforms_of(other, fixed, start))
         share = rival.shares()
         counts = shared_out(np.where(share > _RARE * share.max(), share, 0), count)
         rows = np.repeat(np.arange(size.size), counts)
@@ -305,21 +304,6 @@ def _sigma(given: Any) -> dict[str, float]:
         )
     there = [name for name in QUANTITIES if name in given]
     return {name: require_number(f'sigma["{name}"]', given[name], POSITIVE) for name in there}
-
-
-def _transforms(
-    model: ImpactModel, fixed: tuple[str, ...], other: Any
-) -> dict[str, AbstractTransform]:
-    """Return the transforms of a model; some `fixed` names may belong only to the other law."""
-    names: Any = fixed
-    if isinstance(other, str) or not isinstance(names, list | tuple | set | frozenset):
-        return transforms_of(model, fixed)
-    own = tuple(name for name in names if full_name(model, name) is not None)
-    unknown = set(names) - set(own) if other is not None else set()
-    # `transforms_of` refuses a name that neither law has.
-    rival: Any = None if other is None else ImpactModel(other, model.contact)
-    all_known = all(full_name(rival, name) is not None for name in unknown)
-    return transforms_of(model, own if all_known else tuple(names))
 
 
 def _check(scaled: np.ndarray, space: Space, count: int, sigma: Any) -> None:

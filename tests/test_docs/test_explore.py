@@ -80,7 +80,7 @@ def library():
     """Restitution, force, time and indentation by law, from the package alone."""
     laws = json.loads(GRIDS.read_text(encoding="utf-8"))["laws"]
     assert set(laws) == {
-        name for name in jc.list_laws() if list(jc._laws.parameters_of(name)) == ["e"]
+        name for name in jc.list_laws() if list(jc._laws.describe(name).parameters) == ["e"]
     }
     made = {name: jc.get_law(name, e=E) for name in laws}
     family = [name for name, law in made.items() if isinstance(law, jc.AbstractHuntCrossley)]

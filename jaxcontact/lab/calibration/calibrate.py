@@ -19,7 +19,7 @@ from ...extend import (
     Flight,
     as_numbers,
     column,
-    parameters_of,
+    describe,
     require_kind,
     require_number,
     stages_of,
@@ -182,7 +182,7 @@ def calibrate(
 def _errors(choice: LawChoice, kind: str) -> dict[str, float | None]:
     """Return the standard errors of the parameters of a law, None if not identifiable."""
     errors, fitted = choice.fits[kind].standard_errors, choice.law_fit(kind)
-    names = [name for name in parameters_of(fitted.law) if name in errors]
+    names = [name for name in describe(fitted.law).parameters if name in errors]
     return {name: errors[name] if fitted.identifiable else None for name in names}
 
 

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from ... import Contact, FitStatus
-from ...extend import Flight, counted, parameters_of, text_table, with_error
+from ...extend import Flight, counted, describe, text_table, with_error
 from ..choice.kind import Estimate, Kind, is_identifiable
 from ..choice.kinds import kinds_of
 from ..choice.table import ChoiceTable, errors_of
@@ -99,7 +99,7 @@ def _fit_of(
         tuple(one for one in estimates if one.name != kind.at_speed.format(at[0])),
         at_speeds(fit, [], table.velocity, at)[2:],
         fit.adequate,
-        table.reference if "reference" in parameters_of(kind.law) else None,
+        table.reference if "reference" in describe(kind.law).parameters else None,
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ... import AbstractLaw, Contact, get_law, list_laws
-from ...extend import describe, parameters_of, read_whole, require_path, write_all
+from ...extend import describe, read_whole, require_path, write_all
 from ..choice.kinds import kind_of_law, law_in
 from .report import report, short
 from .summary_data import SummaryData
@@ -139,7 +139,7 @@ def _encode(value: Any, hint: Any, where: str) -> Any:
         return {name: _encode(v, inner[1], f"{where}.{name}") for name, v in value.items()}
     if hint is AbstractLaw:
         law = next(n for n in list_laws() if describe(n).cls is type(value))
-        parameters = {p: float(getattr(value, p)) for p in parameters_of(law)}
+        parameters = {p: float(getattr(value, p)) for p in describe(law).parameters}
         return {"name": law, "parameters": parameters, "tension": value.tension}
     if dataclasses.is_dataclass(hint):
         return {
@@ -202,7 +202,7 @@ def _law_of(value: Any, where: str) -> AbstractLaw:
     if name not in list_laws():
         _refuse(f"{where}.name", f"must be one of {', '.join(list_laws())}, but is {name!r}")
     _expect(tension, bool, "true or false", f"{where}.tension")
-    given, wanted = value["parameters"], parameters_of(name)
+    given, wanted = value["parameters"], describe(name).parameters
     _check_fields(given, wanted, f"{where}.parameters")
     numbers = {p: _decode(given[p], float, f"{where}.parameters.{p}") for p in wanted}
     return _construct(lambda: get_law(name, **numbers, tension=tension), where)

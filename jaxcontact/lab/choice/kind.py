@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ... import AbstractLaw, Contact, get_law, impact
-from ...extend import AbstractTransform, FitData, Shown, parameters_of, with_error
+from ...extend import AbstractTransform, FitData, Shown, describe, with_error
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Kind:
     def law_of(self, params: Params, reference: Any) -> AbstractLaw:
         """Return the law of these parameters; `reference` in m/s is that of a power law's c."""
         given = {**params, "reference": reference}
-        return get_law(self.law, **{name: given[name] for name in parameters_of(self.law)})
+        return get_law(self.law, **{name: given[name] for name in describe(self.law).parameters})
 
     def serves(self, exponent: float | Array) -> bool:
         """Return whether the curve is known for a contact with this exponent."""

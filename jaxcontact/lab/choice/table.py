@@ -14,7 +14,7 @@ from jaxtyping import ArrayLike
 from numpy.typing import NDArray
 
 from ... import Contact, Fit, Positive, fit
-from ...extend import POSITIVE, Column, Floats, column, for_each, rendered
+from ...extend import POSITIVE, Floats, column, for_each, rendered
 from ..pairs.outliers import Outliers
 from ..pairs.pairs import (
     RELATIVE_FLOOR,
@@ -40,8 +40,8 @@ class Columns(NamedTuple):
     A missing reading has an infinite standard deviation.
     """
 
-    values: dict[str, Column]
-    sigma: dict[str, Column]
+    values: dict[str, Floats]
+    sigma: dict[str, Floats]
 
     def __bool__(self) -> bool:
         return bool(self.values)
@@ -52,7 +52,7 @@ NONE = Columns({}, {})
 
 def columns_of(
     given: dict[str, tuple[ArrayLike | None, ArrayLike | None]],
-    beside: tuple[str, Column],
+    beside: tuple[str, Floats],
     sigma: ArrayLike | None,
     weights: ArrayLike | None,
 ) -> Columns:
@@ -91,7 +91,7 @@ def columns_of(
     return Columns(values, sizes)
 
 
-def _scatter(readings: Column, velocity: Column) -> float:
+def _scatter(readings: Floats, velocity: Floats) -> float:
     """Return the standard deviation of readings about a polynomial of ln v."""
     degree = min(_TREND, len(np.unique(velocity)) - 1, len(readings) - 2)
     if degree < 0:

@@ -44,7 +44,7 @@ def law_options(*, required: bool = True, velocity: bool = True) -> str:
 def law_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the law's parameters, from `--e` and `--param`; raise InputError unless complete."""
     from ... import list_laws
-    from ...extend import did_you_mean, parameters_of
+    from ...extend import describe, did_you_mean
 
     if arguments.law not in list_laws():
         raise InputError(
@@ -58,7 +58,7 @@ def law_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
         if "e" in parameters:
             raise InputError("--param: e is already given by --e")
         parameters["e"] = arguments.e
-    wanted = parameters_of(arguments.law)
+    wanted = describe(arguments.law).parameters
     for name in parameters:
         if name not in wanted:
             raise InputError(

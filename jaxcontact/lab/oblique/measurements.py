@@ -24,7 +24,7 @@ from ...extend import (
     NOT_NEGATIVE,
     POSITIVE,
     REAL,
-    Column,
+    Floats,
     Range,
     Shown,
     as_numbers,
@@ -142,17 +142,17 @@ class Measurements:
     """The `model` of the outcomes, the speeds `x`, and `table`, the data and weights of `fit`."""
 
     model: ObliqueModel
-    x: dict[str, Column]
+    x: dict[str, Floats]
     table: dict[str, Any]
 
     @property
-    def factor(self) -> dict[str, Column]:
+    def factor(self) -> dict[str, Floats]:
         """The factor (n,) of each residual, by column; 0 for missing readings."""
         if "sigma" in self.table:
             return {name: 1 / sigma for name, sigma in self.table["sigma"].items()}
         return {name: np.sqrt(weight) for name, weight in self.table["weights"].items()}
 
-    def reweighed(self, residuals: Column) -> Measurements:
+    def reweighed(self, residuals: Floats) -> Measurements:
         """Return the measurements with the noise of each column from residuals of all points."""
         parts = np.split(residuals, len(self.factor))
         weights = {}
@@ -194,7 +194,7 @@ def measurements(
     return Measurements(model, {"velocity": v, "tangential_velocity": slip}, table)
 
 
-def _inverse_size(values: Column) -> float:
+def _inverse_size(values: Floats) -> float:
     """Return the weight of a column, the inverse of its mean square."""
     size = float(np.mean(np.square(values[np.isfinite(values)])))
     return 1 / size if size > 0 else 1.0
@@ -214,7 +214,7 @@ def _require_radians(angle: Any) -> None:
         )
 
 
-def _require_slip(data: dict[str, Column], slip: Column) -> None:
+def _require_slip(data: dict[str, Floats], slip: Floats) -> None:
     """Raise ValueError for a ratio v_t'/v_t of a head-on impact."""
     if "tangential_restitution" not in data:
         return
@@ -227,7 +227,7 @@ def _require_slip(data: dict[str, Column], slip: Column) -> None:
         )
 
 
-def _require_spin(spin: Column, shapes: Any, bodies: Any) -> None:
+def _require_spin(spin: Floats, shapes: Any, bodies: Any) -> None:
     """Raise ValueError for a spin without a radius, and for one of the other sign."""
     if not shapes.radii:
         raise ValueError(

@@ -281,13 +281,13 @@ def _read_bounces(arguments: argparse.Namespace, problem: _FitInput) -> _Read:
 
 def _law(arguments: argparse.Namespace) -> tuple[AbstractLaw, float]:
     from .... import get_law, list_laws
-    from ....extend import parameters_of
+    from ....extend import describe
 
     if arguments.law is None:
         raise InputError(
             "--law is needed, as the law from which the fit starts; see `jaxcontact laws`"
         )
-    has_e = arguments.law in list_laws() and "e" in parameters_of(arguments.law)
+    has_e = arguments.law in list_laws() and "e" in describe(arguments.law).parameters
     if has_e and arguments.e is None and "e" not in dict(arguments.param):
         arguments.e = _START
     parameters = law_parameters(arguments)

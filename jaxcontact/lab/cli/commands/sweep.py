@@ -135,9 +135,9 @@ def _plot(arguments: argparse.Namespace, parameters: dict[str, Any]) -> pathlib.
 def _function(arguments: argparse.Namespace, parameters: dict[str, Any]) -> Callable[..., Impact]:
     """Return a function of one impact; raise InputError if a single number is out of range."""
     from .... import Contact, get_law, impact
-    from ....extend import POSITIVE, SPEED, parameters_of
+    from ....extend import POSITIVE, SPEED, describe
 
-    own = parameters_of(arguments.law)
+    own = describe(arguments.law).parameters
     exponent = exponent_asked(arguments)
 
     def impact_of(**numbers: Any) -> Impact:
