@@ -106,7 +106,6 @@ if _TYPE_CHECKING:
     from ._text.words import Words as Words
     from ._text.words import counted as counted
     from ._text.words import listed as listed
-    from ._text.words import markdown_table as markdown_table
     from ._text.words import span as span
     from ._text.words import text_table as text_table
     from ._text.words import with_error as with_error
@@ -157,7 +156,7 @@ _ROOMS = {
     "_text.files": "FIGURES read_whole write_all",
     "_text.progress": "Stages progress_of stages_of",
     "_text.units": "Shown Unit label quantity written_unit",
-    "_text.words": "Words counted listed markdown_table span text_table with_error wrapped",
+    "_text.words": "Words counted listed span text_table with_error wrapped",
     "plot._drawing.labels": "put_label",
     "plot._drawing.save": "image_of render",
     "plot._drawing.style": "CURVES DATA axes_for axes_of legend_above",

@@ -44,7 +44,7 @@ REASONS: dict[str, str] = {
     "always sets it, and the type checker asks for one",
     "jaxcontact/_impact/methods/phase.py, solve_phase.advance.rate: 1 → 2": "a divisor that only "
     "keeps lanes finite which are flagged in the same line",
-    "jaxcontact/paper/_figures/impact_figures.py, module: 0 → 1": "where dashes of a line begin",
+    "jaxcontact/paper/_compression.py, module: 0 → 1": "where dashes of a line begin",
 }
 
 

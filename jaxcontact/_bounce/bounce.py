@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from .. import _flight as flight
 from .._contact import EXPONENT, Contact, require_contact
 from .._entry import (
     POSITIVE,
@@ -25,6 +24,7 @@ from .._entry import (
     require_flag,
     sanitised,
 )
+from .._flight import Flight
 from .._impact import (
     AbstractMethod,
     Landing,
@@ -241,7 +241,7 @@ def _run(drop: _BallAndGround) -> BounceRun:
     law, contact, height, gravity, rest, gravity_in_contact, _ = drop
     valid = POSITIVE.holds(height) & POSITIVE.holds(gravity)
     height, gravity = jnp.where(valid, height, 1), jnp.where(valid, gravity, 1)
-    speed = flight.speed_after_drop(height, gravity, None)
+    speed = Flight.speed_after_drop(height, gravity, None)
     # The shape and precision of the result of `impact`.
     problem = uniform(problem_of(law, contact, speed))
     shape, dtype = problem.shape, problem.velocity.dtype
@@ -311,9 +311,9 @@ def _assemble(touches: Touches, run: BounceRun, constant_e: Array | None) -> Bou
     settled = status == int(Status.SETTLED)
     gravity = run.gravity[..., None]
     rebound = touches.restitution * touches.speed
-    away = touches.return_time + flight.duration(rebound, gravity, None)
+    away = touches.return_time + Flight.duration(rebound, gravity, None)
     # The first touch ends the fall; each later one ends a contact and a flight.
-    fall = flight.time_to_fall(run.height, run.gravity, None)[..., None]
+    fall = Flight.time_to_fall(run.height, run.gravity, None)[..., None]
     time = jnp.cumsum(jnp.concatenate([fall, away[..., :-1]], axis=-1), axis=-1)
     rests = jnp.any(settled, axis=-1)
     first_rest = jnp.argmax(settled, axis=-1, keepdims=True)
@@ -325,7 +325,7 @@ def _assemble(touches: Touches, run: BounceRun, constant_e: Array | None) -> Bou
         lost = jnp.where(ends, 1 - constant_e, 1)
         # The launch speeds e v, e² v, ... add up to e v/(1 - e).
         launches = constant_e * speed / lost
-        remaining = jnp.where(ends, flight.duration(launches, run.gravity, None), jnp.inf)
+        remaining = jnp.where(ends, Flight.duration(launches, run.gravity, None), jnp.inf)
     # Without a last touch, a time after all touches depends on the whole run.
     rest_time = jnp.take_along_axis(time, first_rest, axis=-1)[..., 0]
     rest_time = jnp.where(rests, rest_time, time[..., -1] + away[..., -1])
@@ -344,7 +344,7 @@ def _assemble(touches: Touches, run: BounceRun, constant_e: Array | None) -> Bou
         return_time=of_touches(jnp.where(leaves, touches.return_time, jnp.inf)),
         impact_velocity=of_touches(touches.speed),
         restitution=of_touches(touches.restitution),
-        height=of_touches(flight.height_reached(rebound, gravity, None)),
+        height=of_touches(Flight.height_reached(rebound, gravity, None)),
         status=status,
         at_rest=at_rest,
         rest_time=_nan_unless(rest_time, at_rest),

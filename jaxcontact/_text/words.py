@@ -71,14 +71,6 @@ def abridged(rows: Sequence[Sequence[str]], most: int = 13) -> list[Sequence[str
     return rows if len(rows) <= most else [*rows[: most - 1], ["..."], rows[-1]]
 
 
-def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return the lines of a table in Markdown."""
-    lines = [
-        "|" + "".join(f" {cell} |" if cell else " |" for cell in row) for row in (header, *rows)
-    ]
-    return [lines[0], "|" + "---|" * len(header), *lines[1:]]
-
-
 def wrapped(
     head: str, text: str, *, width: int = 100, indent: int = 11, lead: str = ""
 ) -> list[str]:

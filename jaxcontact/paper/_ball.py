@@ -4,6 +4,7 @@ and 10. Beyond the paper: the ball followed to rest, with and without gravity in
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import jax.numpy as jnp
@@ -11,8 +12,18 @@ import numpy as np
 
 from .. import Contact, Damped, HuGuo, Status, bounce, get_law
 from ..extend import label
-from ._figures.style import FOUR_LAWS, RESTITUTIONS, SHADES, VELOCITY, legend_above, sheet
-from ._impacts import Reproduction, SolvedImpacts, Table, cache_by_precision, long_table, solve
+from ._drawing import (
+    FOUR_LAWS,
+    RESTITUTIONS,
+    SHADES,
+    VELOCITY,
+    Panel,
+    Reproduction,
+    Table,
+    drawn,
+    long_table,
+)
+from ._impacts import cache_by_precision, solve
 
 MASS, RADIUS, HEIGHT, GRAVITY, STIFFNESS = 1.0, 0.1, 1.0, 9.8, 1.4e8
 """Table 2, in kg, m, m, m/s² and N/m^1.5."""
@@ -27,7 +38,7 @@ SAMPLES = 200
 
 
 @cache_by_precision
-def impacts() -> SolvedImpacts:
+def impacts() -> SimpleNamespace:
     """Solve the twenty impacts, shape (4, 5) for laws and restitutions, without gravity as in the
     paper.
 
@@ -71,10 +82,9 @@ def bouncing() -> Reproduction:
     Tables: "height"; "touches", of both runs of each e; "rest", with the time of rest, the number
     of bounces, and the total times of contacts and of unlisted flights.
     """
-    law = HuGuo(e=jnp.asarray(RESTITUTIONS))
-    contact = Contact(mass=MASS, stiffness=STIFFNESS)
-    with_gravity = {"gravity": GRAVITY, "bounces": BOUNCES}
-    runs = [bounce(law, contact, DROP, gravity_in_contact=felt, **with_gravity) for felt in _FELT]
+    law, contact = HuGuo(e=jnp.asarray(RESTITUTIONS)), Contact(mass=MASS, stiffness=STIFFNESS)
+    how = {"gravity": GRAVITY, "bounces": BOUNCES}
+    runs = [bounce(law, contact, DROP, gravity_in_contact=felt, **how) for felt in _FELT]
 
     def both(field: str) -> np.ndarray:
         """Return a field of both runs; NaN for a run without it."""
@@ -85,22 +95,20 @@ def bouncing() -> Reproduction:
     left = both("status") == int(Status.SEPARATED)
     speed, restitution = both("impact_velocity"), both("restitution")
     heights = np.asarray(runs[1].height_at(jnp.asarray(_SECONDS)))
-    figure, (top, bottom) = sheet(2, 1, height=4.2)
-    for i, e in enumerate(RESTITUTIONS):
+    above, below = [], []
+    for i, (e, shade) in enumerate(SHADES.items()):
         if e < 1:
-            look: dict[str, Any] = {"color": SHADES[e], "linewidth": 0.9}
-            top.plot(_SECONDS, heights[i], label=f"e = {e:.1f}", **look)
-            curves = zip(left[:, i], speed[:, i], restitution[:, i], (":", ".-"), strict=True)
-            for listed, x, y, line in curves:
-                bottom.plot(x[listed], y[listed], line, markersize=3, **look)
-    top.set_xlabel(label("time"))
-    top.set_ylabel(label("height"))
-    bottom.set_xscale("log")
-    bottom.set_xlabel(label("impact_velocity", "speed at touch"))
-    bottom.set_ylabel(label("restitution"))
-    legend_above(figure, top, columns=4)
+            look: dict[str, Any] = {"color": shade, "lw": 0.9, "label": f"e = {e:.1f}"}
+            above.append((_SECONDS, heights[i], look))
+            for k, (line, marker) in enumerate(((":", ""), ("-", "."))):
+                listed, style = left[k, i], {**look, "ls": line, "marker": marker, "ms": 3}
+                below.append((speed[k, i, listed], restitution[k, i, listed], style))
+    axes = {"xlabel": label("impact_velocity", "speed at touch"), "xscale": "log"}
+    panels = [
+        Panel(above, {"xlabel": label("time"), "ylabel": label("height")}),
+        Panel(below, {**axes, "ylabel": label("restitution")}),
+    ]
     felt, e_in = np.array(_FELT), np.array(RESTITUTIONS)
-    height = {f"e_{e:g}_m": heights[i] for i, e in enumerate(RESTITUTIONS)}
     touches = {
         "gravity_in_contact": felt[:, None, None],
         "e_in": e_in[:, None],
@@ -122,53 +130,47 @@ def bouncing() -> Reproduction:
         "rest_velocity_m_per_s": both("rest_velocity"),
         "rest_indentation_m": both("rest_indentation"),
     }
+    height = {f"e_{e:g}_m": row for e, row in zip(RESTITUTIONS, heights, strict=True)}
     tables = {
         "height": {"time_s": _SECONDS, **height},
         "touches": long_table(touches),
         "rest": long_table(rest),
     }
-    return Reproduction(figure, tables)
+    return Reproduction(drawn(panels, height=4.4), tables)
 
 
-_MILLI, _KILO = 1e3, 1e-3
-
-_TIME = label("time", prefix="m")
-_DEFORMATION = label("indentation", "deformation", prefix="m")
+_TIME = "time", 1e3, label("time", prefix="m")
+_DEFORMATION = "indentation", 1e3, label("indentation", "deformation", prefix="m")
 
 
 def fig8() -> Reproduction:
     """Plot deformation against time; tables "curves" and "ball", the outcome of all impacts."""
-    solved = impacts()
-    x, y = _MILLI * solved.time, _MILLI * solved.indentation
-    return _panels(solved, x, y, _TIME, _DEFORMATION)
+    return _panels(_TIME, _DEFORMATION)
 
 
 def fig9() -> Reproduction:
     """Plot deformation velocity against time; tables as for `fig8`."""
-    solved = impacts()
-    return _panels(solved, _MILLI * solved.time, solved.velocity, _TIME, VELOCITY)
+    return _panels(_TIME, ("velocity", 1.0, VELOCITY))
 
 
 def fig10() -> Reproduction:
     """Plot contact force against deformation, the hysteresis loops; tables as for `fig8`."""
+    return _panels(_DEFORMATION, ("force", 1e-3, label("force", prefix="k")))
+
+
+def _panels(*axes: tuple[str, float, str]) -> Reproduction:
+    """Plot two fields of the impacts, each with the factor of its unit and its label."""
     solved = impacts()
-    x, y = _MILLI * solved.indentation, _KILO * solved.force
-    return _panels(solved, x, y, _DEFORMATION, label("force", prefix="k"))
-
-
-def _panels(
-    solved: SolvedImpacts, x: np.ndarray, y: np.ndarray, across: str, up: str
-) -> Reproduction:
-    figure, axes = sheet(2, 2, height=4.1, sharex=True, sharey=True)
-    for i, (law, ax) in enumerate(zip(FOUR_LAWS, axes, strict=True)):
-        for j, e in enumerate(RESTITUTIONS):
-            ax.plot(x[i, j], y[i, j], color=SHADES[e], linewidth=1.1, label=f"e = {e:.1f}")
-        ax.title.set_text(f"({law.panel}) {law.name}")
-    for ax in axes[2:]:
-        ax.set_xlabel(across)
-    for ax in axes[::2]:
-        ax.set_ylabel(up)
-    legend_above(figure, axes[0], columns=3)
+    x, y = (factor * getattr(solved, name) for name, factor, _ in axes)
+    panels = []
+    for i, law in enumerate(FOUR_LAWS):
+        lines = [
+            (x[i, j], y[i, j], {"color": shade, "lw": 1.1, "label": f"e = {e:.1f}"})
+            for j, (e, shade) in enumerate(SHADES.items())
+        ]
+        frame = {"xlabel": axes[0][2]} if i >= 2 else {}
+        frame |= {} if i % 2 else {"ylabel": axes[1][2]}
+        panels.append(Panel(lines, frame, f"({law.panel}) {law.name}"))
     curves = {
         "law": np.array([[[law.key]] for law in FOUR_LAWS]),
         "e_in": np.array(RESTITUTIONS)[:, None],
@@ -177,4 +179,5 @@ def _panels(
         "velocity_m_per_s": solved.velocity,
         "force_N": solved.force,
     }
+    figure = drawn(panels, 2, height=4.1, legend=3, share="xy")
     return Reproduction(figure, {"curves": long_table(curves), "ball": ball_table()})

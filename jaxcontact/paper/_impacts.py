@@ -1,45 +1,22 @@
-"""Impacts solved for a figure, the two impacts of Eq. 15, and the result of figure functions."""
+"""Impacts solved for a figure, and the two impacts of Eq. 15 with Fig. 3."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
 from .. import AbstractHuntCrossley, ConstantDamping, Contact, impact, trajectory
-from ..extend import text_table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ..extend import NUMBERS, label
+from ._drawing import VELOCITY, Panel, Reproduction, drawn, long_table
 
 
-class SolvedImpacts(NamedTuple):
-    """A batch of impacts in SI units, from touch to separation.
-
-    Paths (..., samples): `time`, `indentation`, `velocity` and `force`. The other fields (...) are
-    α, the outcome, and the force at the turn.
-    """
-
-    time: np.ndarray
-    indentation: np.ndarray
-    velocity: np.ndarray
-    force: np.ndarray
-    alpha: np.ndarray
-    turning_force: np.ndarray
-    restitution: np.ndarray
-    rebound_velocity: np.ndarray
-    duration: np.ndarray
-    compression_time: np.ndarray
-    max_indentation: np.ndarray
-    max_force: np.ndarray
-    energy_loss: np.ndarray
-
-
-def cache_by_precision(make: Callable[[], SolvedImpacts]) -> Callable[[], SolvedImpacts]:
+def cache_by_precision(make: Callable[[], SimpleNamespace]) -> Callable[[], SimpleNamespace]:
     """Return `make` as a function that runs once for each precision of JAX."""
     once = functools.cache(lambda precision: make())
     return functools.wraps(make)(lambda: once(jnp.result_type(float)))
@@ -47,15 +24,18 @@ def cache_by_precision(make: Callable[[], SolvedImpacts]) -> Callable[[], Solved
 
 def solve(
     law: AbstractHuntCrossley, contact: Contact, velocity: ArrayLike, samples: int
-) -> SolvedImpacts:
-    """Solve the impacts of a batch of laws or speeds, with `samples` points each."""
-    path = trajectory(law, contact, velocity, samples=samples)
-    hit = impact(law, contact, velocity)
-    turn = law.force(hit.max_indentation, 0.0, contact, velocity)
-    moments = [path.time, path.indentation, path.velocity, path.force]
-    moments += [law.damping_factor(contact, velocity), turn]
-    outcome = [getattr(hit, name) for name in SolvedImpacts._fields[len(moments) :]]
-    return SolvedImpacts(*map(np.asarray, moments + outcome))
+) -> SimpleNamespace:
+    """Return a batch of impacts in SI units, from touch to separation, as NumPy arrays.
+
+    Paths (..., samples): `time`, `indentation`, `velocity` and `force`. The others (...) are
+    `alpha`, the numbers of an `Impact`, and `turning_force`, that at the turn.
+    """
+    path, hit = trajectory(law, contact, velocity, samples=samples), impact(law, contact, velocity)
+    found = {name: getattr(path, name) for name in ("time", "indentation", "velocity", "force")}
+    found |= {name: getattr(hit, name) for name in NUMBERS}
+    found["alpha"] = law.damping_factor(contact, velocity)
+    found["turning_force"] = law.force(hit.max_indentation, 0.0, contact, velocity)
+    return SimpleNamespace(**{name: np.asarray(value) for name, value in found.items()})
 
 
 class Case(NamedTuple):
@@ -71,6 +51,7 @@ CASES = (
     Case("case 1, 0.8 m/s", c=2.0e9, velocity=0.8, beta=2.408),
     Case("case 2, 0.1 m/s", c=2.0e10, velocity=0.1, beta=2.395),
 )
+NUMBER = np.arange(1, len(CASES) + 1)
 
 MASS, STIFFNESS = 0.033, 1.07e10
 """Mass and stiffness of both cases, in kg and N/m^1.5: a steel sphere of radius 10 mm."""
@@ -81,35 +62,54 @@ RADIUS, YOUNGS_MODULUS, POISSON_RATIO = 0.01, 2.07e11, 0.3
 SAMPLES = 801
 """Samples of each impact: cubics through them give δ' to 7e-9 of v0, worst next to touch."""
 
+MICRO = 1e6
+_DEFORMATION = label("indentation", "deformation", prefix="µ")
+
 
 @cache_by_precision
-def impacts() -> SolvedImpacts:
+def impacts() -> SimpleNamespace:
     """Solve the two cases in JAX's precision, with the outcome in closed form."""
     law = ConstantDamping(c=jnp.asarray([case.c for case in CASES]))
     speed = jnp.asarray([case.velocity for case in CASES])
     return solve(law, Contact(mass=MASS, stiffness=STIFFNESS), speed, SAMPLES)
 
 
-Table = dict[str, np.ndarray]
-"""Named columns of equal length; names end in their SI unit if they have one: `time_s`."""
+def fig3() -> Reproduction:
+    """Plot the whole impact of both cases, with the turn as a dotted line.
 
-
-def long_table(columns: Mapping[str, np.typing.ArrayLike]) -> Table:
-    """Return a table of columns that broadcast: one row per element, the last axis fastest."""
-    arrays = np.broadcast_arrays(*map(np.asarray, columns.values()))
-    return dict(zip(columns, map(np.ravel, arrays), strict=True))
-
-
-class Reproduction(NamedTuple):
-    """A figure, and its numbers as named tables, which the command writes as CSV."""
-
-    figure: Figure
-    tables: dict[str, Table]
-
-    def __repr__(self) -> str:
-        lines = [
-            [name, f"{len(next(iter(table.values())))} rows", ", ".join(table)]
-            for name, table in self.tables.items()
-        ]
-        header = ["tables", "", "columns"]
-        return "\n".join(["Reproduction", *text_table(lines, header=header, align="<><", indent=2)])
+    Tables: "motion" (case, time, deformation, velocity) and "impact". The latter lists for each
+    case α = c v0/K, the delivered restitution, the duration, and the time and depth of the turn.
+    """
+    solved, above, below = impacts(), [], []
+    for i, case in enumerate(CASES):
+        time, v0 = MICRO * solved.time[i], case.velocity
+        black = {"color": "black", "linewidth": 1.2}
+        zero = None, 0, {"color": "0.7", "linewidth": 0.6}
+        turn = MICRO * solved.compression_time[i], None, {"color": "0.5", "ls": ":", "lw": 0.8}
+        frame = {"xlim": (0, time[-1]), "ylim": (-1.1 * v0, 1.1 * v0), "yticks": [-v0, 0, v0]}
+        above.append(Panel([zero, (time, solved.velocity[i], black), turn], frame, case.label))
+        frame = {"xlim": (0, time[-1]), "ylim": (0, None), "xlabel": label("time", prefix="µ")}
+        below.append(Panel([(time, MICRO * solved.indentation[i], black), turn], frame))
+    figure = drawn([*above, *below], 2, height=3.0)
+    for ax in figure.axes:
+        ax.locator_params(axis="x", nbins=4)
+    for ax, words in zip(figure.axes[::2], (VELOCITY, _DEFORMATION), strict=True):
+        ax.set_ylabel(words)
+    for ax in figure.axes[:2]:
+        ax.tick_params(labelbottom=False)
+    motion = {
+        "case": NUMBER[:, None],
+        "time_s": solved.time,
+        "deformation_m": solved.indentation,
+        "velocity_m_per_s": solved.velocity,
+    }
+    outcome = {
+        "case": NUMBER,
+        "impact_velocity_m_per_s": np.array([case.velocity for case in CASES]),
+        "alpha": solved.alpha,
+        "restitution": solved.restitution,
+        "duration_s": solved.duration,
+        "compression_time_s": solved.compression_time,
+        "max_deformation_m": solved.max_indentation,
+    }
+    return Reproduction(figure, {"motion": long_table(motion), "impact": outcome})

@@ -4,14 +4,16 @@ beside them.
 
 from __future__ import annotations
 
+from decimal import Decimal
+from fractions import Fraction
 from typing import NamedTuple
 
 import jax.numpy as jnp
 
 from .. import Contact, Material, get_law
-from ..extend import markdown_table, rendered
+from ..extend import rendered
 from . import _ball, _impacts
-from ._figures.impact_figures import fig4
+from ._compression import fig4
 
 
 class Published(NamedTuple):
@@ -29,32 +31,34 @@ class Published(NamedTuple):
     differs: str = ""
 
 
+def _printed(name: str, where: str, text: str, unit: str = "", differs: str = "") -> Published:
+    if "/" in text:
+        return Published(name, where, text, float(Fraction(text)), 0.0, unit, differs)
+    last = int(Decimal(text).as_tuple().exponent)
+    half = float(Decimal(5).scaleb(last - 1))
+    return Published(name, where, text, float(text), half, unit, differs)
+
+
 _REGRESSION = (
     "the paper does not give the spacing of its points; the value lies in the band over samplings"
 )
+_SPHERES = "0.033 kg is the mass of one sphere; the effective mass of the two spheres of K is half"
+_NO_LAW = "no law of Table 1 gives it: they give 1.52e10 to 1.90e10"
 
 PUBLISHED = (
-    Published(
-        "stiffness of two steel spheres", "Eq. 2-3, sec. 4", "1.07e10", 1.07e10, 5e7, "N/m^1.5"
-    ),
-    Published(
-        *("mass of the steel example", "sec. 4", "0.033", 0.033, 5e-4, "kg"),
-        "0.033 kg is the mass of one sphere; the effective mass of the two spheres of K is half",
-    ),
-    Published("e of case 1", "sec. 4", "0.9", 0.9, 5e-2),
-    Published("e of case 2", "sec. 4", "0.9", 0.9, 5e-2),
-    Published(
-        *("c of case 2 by Eq. 37 at e = 0.9", "sec. 4", "2.0e10", 2.0e10, 5e8, "N s/m^2.5"),
-        "no law of Table 1 gives it: they give 1.52e10 to 1.90e10",
-    ),
-    Published("β of case 1", "Eq. 22", "2.408", 2.408, 5e-4, "", _REGRESSION),
-    Published("β of case 2", "Eq. 22", "2.395", 2.395, 5e-4, "", _REGRESSION),
-    Published("∫ u^1.5 √(1-u^2.5) du", "Eq. 27-28", "4/15", 4 / 15, 0.0),
-    Published("α e/(1-e) of Hu-Guo", "Eq. 37, Table 1", "3/2", 1.5, 0.0),
-    Published("α e/(1-e) of Flores et al.", "Table 1", "8/5", 1.6, 0.0),
-    Published("α/(1-e²) of Lankarani-Nikravesh", "Table 1", "3/4", 0.75, 0.0),
-    Published("α/(1-e) of Hunt-Crossley", "Table 1", "3/2", 1.5, 0.0),
-    Published("speed at contact", "Eq. 41-42", "4.2", 4.2, 5e-2, "m/s"),
+    _printed("stiffness of two steel spheres", "Eq. 2-3, sec. 4", "1.07e10", "N/m^1.5"),
+    _printed("mass of the steel example", "sec. 4", "0.033", "kg", _SPHERES),
+    _printed("e of case 1", "sec. 4", "0.9"),
+    _printed("e of case 2", "sec. 4", "0.9"),
+    _printed("c of case 2 by Eq. 37 at e = 0.9", "sec. 4", "2.0e10", "N s/m^2.5", _NO_LAW),
+    _printed("β of case 1", "Eq. 22", "2.408", "", _REGRESSION),
+    _printed("β of case 2", "Eq. 22", "2.395", "", _REGRESSION),
+    _printed("∫ u^1.5 √(1-u^2.5) du", "Eq. 27-28", "4/15"),
+    _printed("α e/(1-e) of Hu-Guo", "Eq. 37, Table 1", "3/2"),
+    _printed("α e/(1-e) of Flores et al.", "Table 1", "8/5"),
+    _printed("α/(1-e²) of Lankarani-Nikravesh", "Table 1", "3/4"),
+    _printed("α/(1-e) of Hunt-Crossley", "Table 1", "3/2"),
+    _printed("speed at contact", "Eq. 41-42", "4.2", "m/s"),
 )
 
 _DENSITY = 7850.0
@@ -85,57 +89,44 @@ class Number(NamedTuple):
 
 def numbers() -> tuple[Number, ...]:
     """Return every published number with the computed one, in the order of the paper."""
-    ours = _ours()
-    return tuple(Number(published, ours[published.name]) for published in PUBLISHED)
+    return tuple(map(Number, PUBLISHED, _ours()))
 
 
 def markdown(table: tuple[Number, ...]) -> str:
     """Return published and computed numbers as a Markdown table; ValueError for anything else."""
-    rows = table if isinstance(table, list | tuple) else [None]
-    if not all(isinstance(row, Number) for row in rows):
+    given = table if isinstance(table, list | tuple) else [None]
+    if not all(isinstance(row, Number) for row in given):
         raise ValueError(
             f"Argument `table` must hold numbers as `numbers` gives them, but is {rendered(table)}."
         )
-    header = ("number", "where", "published", "ours", "difference", "")
-    rows = [
-        (
-            *(number.published.name, number.published.where),
-            f"{number.published.printed} {number.published.unit}".rstrip(),
-            *(f"{number.ours:.6g}", f"{number.difference:+.2g}"),
-            "agrees" if number.agrees else number.published.differs,
-        )
-        for number in table
-    ]
-    return "\n".join(markdown_table(header, rows)) + "\n"
+    lines = ["| number | where | published | ours | difference | |", "|---|---|---|---|---|---|"]
+    for one in table:
+        known = one.published
+        cells = known.name, known.where, f"{known.printed} {known.unit}".rstrip()
+        cells += f"{one.ours:.6g}", f"{one.difference:+.2g}"
+        lines.append(f"| {' | '.join(cells)} | {'agrees' if one.agrees else known.differs} |")
+    return "\n".join(lines) + "\n"
 
 
-def _ours() -> dict[str, float]:
+def _ours() -> tuple[float, ...]:
+    """Return the computed numbers, in the order of `PUBLISHED`."""
     steel = Material(*map(jnp.asarray, (_impacts.YOUNGS_MODULUS, _impacts.POISSON_RATIO, _DENSITY)))
     spheres = Contact.sphere_sphere(_impacts.RADIUS, _impacts.RADIUS, steel, steel)
-    cases = _impacts.impacts()
-    beta = fig4().tables["band"]["beta"]
+    mass, stiffness, speed = _impacts.MASS, _impacts.STIFFNESS, _impacts.CASES[1].velocity
+
+    def alpha(name: str, e: float = 0.5, **more: float) -> float:
+        law = get_law(name, e=e, **more)
+        return float(law.damping_factor(Contact(mass, stiffness), speed))
+
     e = 0.5
-    # α = (1-e)/e / (5/2 I): the integral by the family with the velocity profile of Eq. 24.
-    integral = (1 - e) / e / (2.5 * float(get_law("energy_loss", e=e, beta=2.5).damping_factor()))
-    second = _impacts.CASES[1]
-    steel_case = Contact(mass=_impacts.MASS, stiffness=_impacts.STIFFNESS)
-    alpha = float(get_law("hu_guo", e=0.9).damping_factor(steel_case, second.velocity))
-
-    def factor(name: str, function: float) -> float:
-        return float(get_law(name, e=e).damping_factor()) / function
-
-    return {
-        "stiffness of two steel spheres": float(spheres.stiffness),
-        "mass of the steel example": float(spheres.mass),
-        "e of case 1": float(cases.restitution[0]),
-        "e of case 2": float(cases.restitution[1]),
-        "c of case 2 by Eq. 37 at e = 0.9": alpha * _impacts.STIFFNESS / second.velocity,
-        "β of case 1": float(beta[0]),
-        "β of case 2": float(beta[1]),
-        "∫ u^1.5 √(1-u^2.5) du": integral,
-        "α e/(1-e) of Hu-Guo": factor("hu_guo", (1 - e) / e),
-        "α e/(1-e) of Flores et al.": factor("flores", (1 - e) / e),
-        "α/(1-e²) of Lankarani-Nikravesh": factor("lankarani_nikravesh", 1 - e * e),
-        "α/(1-e) of Hunt-Crossley": factor("hunt_crossley", 1 - e),
-        "speed at contact": _ball.SPEED,
-    }
+    return (
+        *(float(spheres.stiffness), float(spheres.mass)),
+        *map(float, _impacts.impacts().restitution),
+        alpha("hu_guo", 0.9) * stiffness / speed,
+        *map(float, fig4().tables["band"]["beta"]),
+        # α = (1-e)/e / (5/2 I): the integral by the family with the velocity profile of Eq. 24.
+        (1 - e) / e / (2.5 * alpha("energy_loss", beta=2.5)),
+        *(alpha("hu_guo") / ((1 - e) / e), alpha("flores") / ((1 - e) / e)),
+        *(alpha("lankarani_nikravesh") / (1 - e * e), alpha("hunt_crossley") / (1 - e)),
+        _ball.SPEED,
+    )

@@ -5,7 +5,7 @@ import itertools
 import pytest
 from matplotlib.text import Text
 
-from jaxcontact.paper._figures.style import legend_above, sheet
+from jaxcontact.paper._drawing import legend_above, sheet
 
 PIXEL = 1.0
 """What two neighbouring boxes may share by rounding."""
@@ -34,6 +34,8 @@ def faults(figure):
             found.append(f"{first!r} lies on {second!r}")
     for legend in figure.legends:
         box = legend.get_window_extent()
+        if box.x0 < page.x0 - PIXEL or box.x1 > page.x1 + PIXEL:
+            found.append("the legend is cut off")
         for ax in figure.axes:
             data = ax.get_window_extent()
             if min(box.x1, data.x1) > max(box.x0, data.x0) + PIXEL and box.y0 < data.y1 - PIXEL:

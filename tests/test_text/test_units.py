@@ -6,7 +6,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._text.units import label, meaning, quantity
-from jaxcontact._text.words import markdown_table, text_table, wrapped
+from jaxcontact._text.words import text_table, wrapped
 
 # Self-explanatory names, and names that are not quantities.
 PLAIN = {"restitution", "status", "method", "solver"}
@@ -49,15 +49,6 @@ def test_columns_are_as_wide_as_their_widest_cell():
     ]
     assert text_table([("a", "b"), ("cc", "d")], gap=1) == ["a  b", "cc d"]
     assert text_table([]) == []
-
-
-def test_markdown():
-    assert markdown_table(("name", ""), [("x", "1"), ("y", "")]) == [
-        "| name | |",
-        "|---|---|",
-        "| x | 1 |",
-        "| y | |",
-    ]
 
 
 def test_wrapped_text():
