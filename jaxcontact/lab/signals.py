@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from jaxtyping import Float
@@ -191,6 +191,10 @@ def even(rows: Sequence[Row], time: Floats) -> tuple[Floats, tuple[str, ...]]:
     if mean > 0 and np.max(np.abs(time - grid)) <= _UNEVEN * mean:
         same = np.allclose(time, grid, rtol=0, atol=1e-3 * mean)
         return grid, () if same else ("times taken as even, since they are rounded",)
+    _refuse_uneven(rows, time, steps, step)
+
+
+def _refuse_uneven(rows: Sequence[Row], time: Floats, steps: Floats, step: float) -> NoReturn:
     bad = int(np.argmin(steps)) + 1
     if steps[bad - 1] <= 0:
         rows[bad].refuse(

@@ -254,8 +254,8 @@ def _simulated(model: SceneModel, duration: float) -> tuple[float, float] | None
 
 
 def _estimate(model: SceneModel, duration: float) -> float:
-    moving = [m for m in model.motions.values() if m is not None]
-    moving += [wall.motion for wall in (*model.flat, *model.round) if wall.motion is not None]
+    motions = *model.motions.values(), *(wall.motion for wall in (*model.flat, *model.round))
+    moving = filter(None, motions)
     fastest = [np.linalg.norm(m.speed) + m.rate * np.linalg.norm(m.amplitude) for m in moving]
     middle = model.velocity.mean(axis=0)
     spread = 2 * float(np.max(np.linalg.norm(model.velocity - middle, axis=1)))

@@ -63,8 +63,7 @@ def read_run(
             f"{path} must have {count[0]} spheres in {count[1]}D, as `scene` has, but has the "
             f"shape {states['position'].shape[1:]}."
         )
-    if len(states["time"]) > 1:
-        _require_order(path, states["time"])
+    _require_order(path, states["time"])
     if duration is not None:
         _require_end(path, states["time"], duration)
     _require_start(path, model, states)
@@ -83,7 +82,8 @@ def read_run(
 def _require_order(path: Path, time: np.ndarray) -> None:
     """Raise ValueError unless outputs follow each other, and none is missing."""
     between = np.diff(time)
-    wrong = (between <= 0) | (between > _MISSING * np.median(between))
+    typical = np.median(between) if between.size else 0.0
+    wrong = (between <= 0) | (between > _MISSING * typical)
     if wrong.any():
         k = int(np.argmax(wrong))
         raise ValueError(

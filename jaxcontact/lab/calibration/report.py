@@ -6,7 +6,7 @@ import textwrap
 
 from ...extend import counted
 from ..choice.kind import Estimate
-from ..choice.law_choice import ChoiceData
+from ..choice.law_choice import ChoiceData, LawFit
 from ..recordings import FROM_FILE, LAYOUTS
 from .report_parts import Fact, Listing, Part, Row, Rows
 from .summary_data import SummaryData
@@ -184,24 +184,26 @@ def fits(s: SummaryData) -> list[Part]:
         )
     parts.append(Fact("", "" if s.few else note))
     aicc = {one.name: one.aicc for one in s.choice.candidates}
-    for law in s.choice.laws:
-        rows = [(one.name, str(one)) for one in law.estimates]
-        chi2 = f"reduced chi² {law.reduced_chi2:.2f}"
-        rows.append(("residual", f"rms of e {law.rms:.4f}; {chi2}; AICc {aicc[law.kind]:.1f}"))
-        if law.converged:
-            word = {True: "yes", False: "NO", None: "undecided"}[law.adequate]
-            rows.append(("describes them", f"{word}: {law.grounds}"))
-        answer = "yes" if law.converged else "NO"
-        rows.append(("converged", f"{answer}, in {law.steps} steps: {law.reason}"))
-        if law.converged and not law.identifiable and not s.few:
-            why = "the data do not determine every parameter"
-            if law.reason.endswith("at the bound"):
-                why = "the best value lies at the edge of the law's range"
-            rows.append(("identifiable", f"NO: {why}"))
-            if law.reduced_to:
-                rows.append(("", f"the fit is that of {law.reduced_to}, its special case"))
-        parts.append(Listing(law.kind, rows))
-    return parts
+    return parts + [Listing(law.kind, _fit(law, aicc[law.kind], s.few)) for law in s.choice.laws]
+
+
+def _fit(law: LawFit, aicc: float, few: bool) -> list[tuple[str, str]]:
+    rows = [(one.name, str(one)) for one in law.estimates]
+    chi2 = f"reduced chi² {law.reduced_chi2:.2f}"
+    rows.append(("residual", f"rms of e {law.rms:.4f}; {chi2}; AICc {aicc:.1f}"))
+    if law.converged:
+        word = {True: "yes", False: "NO", None: "undecided"}[law.adequate]
+        rows.append(("describes them", f"{word}: {law.grounds}"))
+    answer = "yes" if law.converged else "NO"
+    rows.append(("converged", f"{answer}, in {law.steps} steps: {law.reason}"))
+    if law.converged and not law.identifiable and not few:
+        why = "the data do not determine every parameter"
+        if law.reason.endswith("at the bound"):
+            why = "the best value lies at the edge of the law's range"
+        rows.append(("identifiable", f"NO: {why}"))
+        if law.reduced_to:
+            rows.append(("", f"the fit is that of {law.reduced_to}, its special case"))
+    return rows
 
 
 def by_speed(s: SummaryData) -> list[Part]:

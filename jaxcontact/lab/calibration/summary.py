@@ -74,10 +74,11 @@ class CalibrationSummary(SummaryData):  # noqa: D101 (that of its data)
                 f"does not determine {kind.unidentified}. Give `contact=Contact(mass, "
                 f"stiffness)`, or calibrate with {words}."
             )
-        law = self.law if contact is None else law_in(self.law, self.contact, contact)
         kept = [pair.velocity for pair in self.pairs if not pair.marked]
         speeds = np.geomspace(min(kept), max(kept), _SPEEDS)
-        return law, self.contact if contact is None else contact, speeds
+        if contact is None:
+            return self.law, self.contact, speeds
+        return law_in(self.law, self.contact, contact), contact, speeds
 
     def __repr__(self) -> str:
         return short(self)

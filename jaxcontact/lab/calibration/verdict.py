@@ -6,6 +6,7 @@ import math
 import statistics
 
 from ...extend import counted, listed, span, with_error
+from ..choice.law_choice import ChoiceData, LawFit
 from ..recordings import LAYOUTS
 from .report_parts import Fact, Rows
 from .summary_data import AtSpeed, SummaryData, contact_note
@@ -164,21 +165,24 @@ def law_sentence(s: SummaryData) -> str:
         return ". ".join(said) + "."
     if choice.best is not None and choice.best != law.kind:
         said.append(f"This law was requested; the best of the compared laws is {choice.best}")
-    if law.adequate is None:
-        said.append(f"It could not be tested: {law.grounds}")
-    elif law.adequate:
-        said.append("It describes the data")
-    else:
-        good = [one.kind for one in choice.laws if one.adequate is True]
-        others = ", and no other law does" if len(choice.laws) > 1 else ""
-        if good:
-            others = f"; {listed(good)} {'does' if len(good) == 1 else 'do'}"
-        said.append(f"It does not describe the data ({law.grounds}){others}")
+    said.append(_describes(law, choice))
     if choice.best == law.kind and choice.sure:
         said.append("The choice is sure: every other law is ruled out or contains this one")
     elif choice.best == law.kind and choice.rivals:
         said.append(f"Not ruled out: {listed(choice.rivals)}")
     return ". ".join(said) + "."
+
+
+def _describes(law: LawFit, choice: ChoiceData) -> str:
+    if law.adequate is None:
+        return f"It could not be tested: {law.grounds}"
+    if law.adequate:
+        return "It describes the data"
+    good = [one.kind for one in choice.laws if one.adequate is True]
+    others = ", and no other law does" if len(choice.laws) > 1 else ""
+    if good:
+        others = f"; {listed(good)} {'does' if len(good) == 1 else 'do'}"
+    return f"It does not describe the data ({law.grounds}){others}"
 
 
 def law_in_python(s: SummaryData) -> str:
@@ -207,15 +211,16 @@ def judged_by(s: SummaryData) -> str:
 
 def cautions(s: SummaryData) -> list[str]:
     """Return short warnings on what may be wrong."""
-    warnings = []
     failed = [one.kind for one in (*s.choice.laws, *s.with_marked.laws) if not one.converged]
-    if failed:
-        warnings.append(f"NOT converged, do not use: {', '.join(dict.fromkeys(failed))}")
-    if s.few and any(pair.restitution > 1 and not pair.marked for pair in s.pairs):
-        warnings.append("e is above 1 in a pair: a trigger may be missing")
-    if s.choice.better_possible:
-        warnings.append("a free smooth curve fits better than every law: a better law is possible")
-    line, in_air = s.choice.line, LAYOUTS[s.recording.layout].uses_flight and s.drag is None
-    if in_air and line.slope_error is not None and line.slope <= -2 * line.slope_error:
-        warnings.append("air drag is not corrected and may cause the decrease of e with speed")
-    return warnings
+    in_air = LAYOUTS[s.recording.layout].uses_flight and s.drag is None
+    above = s.few and any(pair.restitution > 1 and not pair.marked for pair in s.pairs)
+    better = s.choice.better_possible
+    warnings = {
+        f"NOT converged, do not use: {', '.join(dict.fromkeys(failed))}": failed,
+        "e is above 1 in a pair: a trigger may be missing": above,
+        "a free smooth curve fits better than every law: a better law is possible": better,
+        "air drag is not corrected and may cause the decrease of e with speed": (
+            in_air and s.choice.line.falls
+        ),
+    }
+    return [text for text, holds in warnings.items() if holds]

@@ -85,7 +85,7 @@ class Certainty:
         rivals = tuple(
             name
             for name, other in by_name.items()
-            if name != kind and name not in self.reduced
+            if name not in {kind, *self.reduced}
             if _keeps_open(found, own, self.fits[name], other)
         )
         good = found.converged and found.adequate is True and len(self.fits) > 1
@@ -191,6 +191,11 @@ class Line:
     level: float
     slope: float
     slope_error: float | None
+
+    @property
+    def falls(self) -> bool:
+        """True if the slope is negative by two standard errors."""
+        return self.slope_error is not None and self.slope <= -2 * self.slope_error
 
 
 @dataclasses.dataclass(frozen=True)

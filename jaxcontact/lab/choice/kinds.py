@@ -307,11 +307,14 @@ def kinds_of(laws: str, exponent: float | Array) -> tuple[Kind, ...]:
     by_law = {kind.law: kind for kind in (*others, *asked)}
     choices = ["all", *constant_laws(), *by_law]
     if not isinstance(laws, str) or laws not in choices:
-        names = {kind.name: kind.law for kind in by_law.values()}
-        of_kind = names.get(laws) if isinstance(laws, str) else None
-        meant = f" Did you mean {of_kind!r}?" if of_kind else did_you_mean(laws, choices)
+        meant = [
+            f" Did you mean {kind.law!r}?"
+            for kind in by_law.values()
+            if repr(kind.name) == rendered(laws)
+        ]
         raise ValueError(
-            f"Argument `laws` must be one of {', '.join(choices)}, but is {rendered(laws)}.{meant}"
+            f"Argument `laws` must be one of {', '.join(choices)}, but is {rendered(laws)}."
+            f"{meant[0] if meant else did_you_mean(laws, choices)}"
         )
     if laws == "all":
         return (constant_e(), *others)

@@ -104,7 +104,7 @@ def _bounces_in(rows: Sequence[Row]) -> tuple[Sequence[Row], tuple[str, ...]]:
         return rows, ()
     labels = [str(row.values["label"] or "").strip().casefold() for row in rows]
     mine = [row for row, text in zip(rows, labels, strict=True) if _BOUNCE.fullmatch(text)]
-    others = dict.fromkeys(text for text in labels if not _BOUNCE.fullmatch(text))
+    others = dict.fromkeys(itertools.filterfalse(_BOUNCE.fullmatch, labels))
     if not mine or not others:
         return rows, ()
     shown = ", ".join(f"'{text}'" for text in itertools.islice(others, 6))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import re
 from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -292,9 +293,10 @@ def _mean_square(couples: Sequence[tuple[Interval, Interval]]) -> float | None:
 
     An interval has two triggers.
     """
-    both = {(one.group, one.bounce): one.sigma for couple in couples for one in couple}
+    every = [*itertools.chain(*couples)]
+    both = {(one.group, one.bounce): one.sigma for one in every}
     sigma = [one for one in both.values() if one is not None]
-    times = [one.timing for couple in couples for one in couple if one.timing is not None]
+    times = [one.timing for one in every if one.timing is not None]
     if sigma:
         return float(np.mean(np.square(sigma))) / 2
     if not couples or len(times) < 2 * len(couples):

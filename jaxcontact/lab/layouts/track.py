@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -387,8 +388,8 @@ def _nearer(drops: Sequence[Drop]) -> tuple[str, ...]:
     if len(several) < len(drops):
         notes.append("with one impact e cannot be separated from a floor that rises in the picture")
     if several:
-        rise, error = _mean(*zip(*[drop.rise for drop in several], strict=True))
-        growth, spread = _mean(*zip(*[drop.growth for drop in several], strict=True))
+        rise, error = _mean(*zip(*map(operator.attrgetter("rise"), several), strict=True))
+        growth, spread = _mean(*zip(*map(operator.attrgetter("growth"), several), strict=True))
         unit = f" {drops[0].frames.unit}".rstrip()
         if abs(rise) > _SURE * error:
             word = "rises" if rise > 0 else "sinks"

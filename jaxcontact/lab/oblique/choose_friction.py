@@ -115,14 +115,7 @@ def candidates_of(
     Raises ValueError for `given` laws that are no such dict.
     """
     if given is not None:
-        good = isinstance(given, Mapping) and len(given) > 1
-        good = good and all(isinstance(one, AbstractFriction) for one in given.values())
-        if not good or not all(isinstance(name, str) for name in given):
-            raise ValueError(
-                "Argument `friction` must be None or a dict of at least two friction laws by name, "
-                f"but is {rendered(given)}."
-            )
-        return dict(given), {}
+        return _by_name(given), {}
     ratio = _RATIO if there.model.contact.tangential_ratio is None else None
     laws: dict[str, AbstractFriction] = {
         "rigid Coulomb": RigidCoulomb(_MU),
@@ -131,6 +124,17 @@ def candidates_of(
     }
     left_out = {name: why for name, law in laws.items() if (why := _refusal(law, there))}
     return {name: law for name, law in laws.items() if name not in left_out}, left_out
+
+
+def _by_name(given: Any) -> dict[str, AbstractFriction]:
+    kinds = {str: given, AbstractFriction: given.values()} if isinstance(given, Mapping) else {}
+    good = all(isinstance(one, kind) for kind, several in kinds.items() for one in several)
+    if not kinds or not good or len(given) < 2:
+        raise ValueError(
+            "Argument `friction` must be None or a dict of at least two friction laws by name, but "
+            f"is {rendered(given)}."
+        )
+    return dict(given)
 
 
 def _refusal(law: AbstractFriction, there: Measurements) -> str:
@@ -232,7 +236,7 @@ def choose_friction(
     for name, one in laws.items():
         tell(f"fitting {name}")
         fits[name] = fitted(one, there, options)
-    if reweighs and len(there.table["data"]) > 1 and "sigma" not in there.table:
+    if reweighs and there.unlike:
         for _ in range(_ROUNDS):
             best = min(fits.values(), key=lambda fit: (not fit.converged, fit.loss))
             there = there.reweighed(best.residuals)

@@ -299,8 +299,7 @@ def fitted(friction: AbstractFriction, there: Measurements, how: dict[str, Any])
     """Return the fit of a friction law to measurements, with notes on what they determine."""
     how = with_transforms({}, how)
     if how.get("noise") is None:
-        several = len(there.table["data"]) > 1 and "sigma" not in there.table
-        how["noise"] = "by column" if several else "common"
+        how["noise"] = "by column" if there.unlike else "common"
     held = {name for name, one in how["transforms"].items() if isinstance(one, Fixed)}
     start = lowest(friction, there, frozenset(held))
     found = fit(there.model, start=start, x=there.x, **(there.table | how))

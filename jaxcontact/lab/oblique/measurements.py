@@ -152,6 +152,11 @@ class Measurements:
             return {name: 1 / sigma for name, sigma in self.table["sigma"].items()}
         return {name: np.sqrt(weight) for name, weight in self.table["weights"].items()}
 
+    @property
+    def unlike(self) -> bool:
+        """True if there are several columns, with unknown errors."""
+        return len(self.table["data"]) > 1 and "sigma" not in self.table
+
     def reweighed(self, residuals: Floats) -> Measurements:
         """Return the measurements with the noise of each column from residuals of all points."""
         parts = np.split(residuals, len(self.factor))

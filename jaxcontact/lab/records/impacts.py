@@ -392,14 +392,12 @@ def _flights(good: list[ImpactFit], flight: Flight) -> list[str]:
     if not ratios or max(ratios) > 2 or min(ratios) < 0.5 or np.ptp(ratios) > 0.1:
         return []
     off = 100 * (float(np.median(ratios)) - 1)
-    if good[0].impact.trace.quantity == "force":
-        what = "smaller" if off > 0 else "larger"
-        guess = f"; they would agree with a {what} mass" if abs(off) > 3 else ""
-    else:
-        guess = ""
+    side, mass = ("above", "smaller") if off > 0 else ("below", "larger")
+    guess = ""
+    if good[0].impact.trace.quantity == "force" and abs(off) > 3:
+        guess = f"; they would agree with a {mass} mass"
     return [
-        f"flights between impacts give speeds {abs(off):.1f} % "
-        f"{'above' if off > 0 else 'below'} those of the records{guess}"
+        f"flights between impacts give speeds {abs(off):.1f} % {side} those of the records{guess}"
     ]
 
 

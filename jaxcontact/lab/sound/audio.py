@@ -9,6 +9,7 @@ import dataclasses
 import io
 import os
 import pathlib
+import re
 import struct
 import tempfile
 import warnings
@@ -25,7 +26,18 @@ Samples = Float[np.ndarray, "frames channels"]
 
 _BLOCK = 1 << 18
 
-_FOREIGN = {"MPEG-4 (m4a)": (4, b"ftyp"), "WMA": (0, b"\x30\x26\xb2\x75")}
+_KINDS = {
+    "WAV": b"(RIFF|RF64|RIFX).{4}WAVE",
+    # A table may also begin with a word such as "FORMAT" or "ID3".
+    "AIFF": b"FORM.{4}AIF[FC]",
+    "FLAC": b"fLaC",
+    "OGG": b"OggS\0",
+    "CAF": b"caff\0",
+    # A version tag, or a frame of MPEG layer III; 0xFFFE is the byte order mark of UTF-16.
+    "MP3": b"ID3[\2-\4]|\xff[\xfb\xfa\xf3\xf2\xe3\xe2]",
+}
+"""The first bytes of each kind that is read."""
+_FOREIGN = {"MPEG-4 (m4a)": b".{4}ftyp", "WMA": b"\x30\x26\xb2\x75"}
 _HOW = "convert it to WAV or FLAC, as with `ffmpeg -i recording bounce.wav`"
 
 _UNREADABLE = ValueError, EOFError, RuntimeError, OSError, ArithmeticError, NameError, struct.error
@@ -87,19 +99,8 @@ def sound_in(source: Any) -> tuple[str, pathlib.Path | bytes] | None:
 
 
 def _kind(start: bytes) -> str | None:
-    if start[:4] in (b"RIFF", b"RF64", b"RIFX") and start[8:12] == b"WAVE":
-        return "WAV"
-    # A table may also begin with a word such as "FORMAT" or "ID3".
-    if start[:4] == b"FORM" and start[8:12] in (b"AIFF", b"AIFC"):
-        return "AIFF"
-    for mark, name in ((b"fLaC", "FLAC"), (b"OggS\0", "OGG"), (b"caff\0", "CAF")):
-        if start.startswith(mark):
-            return name
-    # A version tag, or a frame of MPEG layer III; 0xFFFE is the byte order mark of UTF-16.
-    tagged = start[:3] == b"ID3" and start[3:4] in (b"\2", b"\3", b"\4")
-    if tagged or start[:2] in {b"\xff" + bytes([x]) for x in b"\xfb\xfa\xf3\xf2\xe3\xe2"}:
-        return "MP3"
-    return next((k for k, (at, mark) in _FOREIGN.items() if start[at:].startswith(mark)), None)
+    kinds = _KINDS | _FOREIGN
+    return next((name for name, mark in kinds.items() if re.match(mark, start, re.DOTALL)), None)
 
 
 def open_sound(source: pathlib.Path | bytes) -> Audio:

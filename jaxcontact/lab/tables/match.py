@@ -193,23 +193,23 @@ def _place(sheet: Sheet, place: int | str) -> int:
 def check_usual(rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> None:
     """Refuse implausible numbers without a written unit."""
     for name, meaning in meanings.items():
-        if not rows or name not in rows[0].values or rows[0].has_unit(name):
-            continue
-        text = rows[0].headings[name].text if name in rows[0].headings else ""
-        text = text or name
-        if meaning.must_say:
-            told = " or ".join(f"'{text} [{unit}]'" for unit in meaning.must_say.split(" or "))
-            rows[0].refuse(
-                name, f"has no unit, {meaning.must_say}; write it in the heading, {told}"
-            )
-        if not np.isfinite(meaning.usual):
-            continue
-        middle = float(np.median([row.positive(name) for row in rows]))
-        if middle > meaning.usual:
-            small = {"m": "cm" if middle < 1000 else "mm", "m/s": "mm/s"}[meaning.unit or "m"]
-            rows[0].refuse(
-                name,
-                f"half of the values are {middle:g} or more, in {meaning.unit} "
-                f"{meaning.usual_words}; are they in {small}? write the unit in the heading, "
-                f"'{text} [{small}]', or '{text} [{meaning.unit}]' if they are right",
-            )
+        if rows and name in rows[0].values and not rows[0].has_unit(name):
+            _check_usual(rows, name, meaning)
+
+
+def _check_usual(rows: Sequence[Row], name: str, meaning: Meaning) -> None:
+    text = (rows[0].headings[name].text if name in rows[0].headings else "") or name
+    if meaning.must_say:
+        told = " or ".join(f"'{text} [{unit}]'" for unit in meaning.must_say.split(" or "))
+        rows[0].refuse(name, f"has no unit, {meaning.must_say}; write it in the heading, {told}")
+    if not np.isfinite(meaning.usual):
+        return
+    middle = float(np.median([row.positive(name) for row in rows]))
+    if middle > meaning.usual:
+        small = {"m": "cm" if middle < 1000 else "mm", "m/s": "mm/s"}[meaning.unit or "m"]
+        rows[0].refuse(
+            name,
+            f"half of the values are {middle:g} or more, in {meaning.unit} "
+            f"{meaning.usual_words}; are they in {small}? write the unit in the heading, "
+            f"'{text} [{small}]', or '{text} [{meaning.unit}]' if they are right",
+        )

@@ -75,13 +75,13 @@ class Row:
             if (text := value.strip()) in ("", "<NA>"):
                 self.refuse(column, "is empty")
             return text
-        if not isinstance(value, int | float) and np.ndim(value) > 0:
+        if np.ndim(value) > 0:
             self.refuse(column, f"{rendered(value)} is not a single value")
         # 1.0 names the same trial as 1.
         whole = isinstance(value, float) and value.is_integer()
         text = str(int(value) if whole else value).strip()
         # NaN, None and pandas' <NA> mark missing values; a text "nan" is an invalid number.
-        if value is None or text in ("", "<NA>") or value != value:
+        if text in ("", "<NA>", "None") or value != value:
             self.refuse(column, "is empty")
         return text
 
