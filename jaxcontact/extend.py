@@ -2,7 +2,7 @@
 
 They check arguments, word messages and columns, describe laws, and draw in the style of the plots.
 The laboratory and the engines take these and the public names from the core, nothing else. Each
-name is loaded on first use.
+name is loaded on first use; docs/extend.md says what each is for.
 """
 
 from importlib import import_module as _import_module
@@ -71,7 +71,6 @@ if _TYPE_CHECKING:
     from ._inverse.columns import MEASURED_RESTITUTION as MEASURED_RESTITUTION
     from ._inverse.columns import column as column
     from ._inverse.columns import for_each as for_each
-    from ._inverse.columns import in_percent as in_percent
     from ._inverse.columns import length_guess as length_guess
     from ._inverse.columns import measured as measured
     from ._inverse.columns import not_shrinking as not_shrinking
@@ -143,8 +142,8 @@ _ROOMS = {
     "_impact.oblique.front_door": "sliding_problem",
     "_impact.result": "NUMBERS",
     "_inverse.columns": (
-        "EVEN MEASURED_RESTITUTION column for_each in_percent length_guess measured not_shrinking "
-        "too_long with_transforms"
+        "EVEN MEASURED_RESTITUTION column for_each length_guess measured not_shrinking too_long "
+        "with_transforms"
     ),
     "_inverse.impacts": "ImpactModel Outcome transforms_of",
     "_laws": "AbstractOscillator constant_laws describe force_of require_law",

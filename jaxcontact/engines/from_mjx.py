@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from .. import AbstractFriction, AbstractLaw, System
-from ..extend import refuses_unknown, rendered
+from ..extend import refuses_unknown, rendered, require_kind
 from ..systems import SystemStart
 from .inside.interval import relaxed
 
@@ -97,8 +97,7 @@ def mujoco_and_mjx(caller: str, model: Any) -> tuple[Any, Any]:
         from mujoco import mjx  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise ImportError(f"{caller} needs MJX, which `pip install mujoco-mjx` installs") from error
-    if not isinstance(model, mujoco.MjModel):
-        raise ValueError(f"Argument `model` must be a `MjModel`, but is {rendered(model)}.")
+    require_kind("model", model, mujoco.MjModel, "a `MjModel`")
     return mujoco, mjx
 
 

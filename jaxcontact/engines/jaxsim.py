@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .. import AbstractLaw, Contact
-from ..extend import refuses_unknown, rendered
+from ..extend import refuses_unknown, require_kind
 from .inside.interval import (
     Action,
     EnginePairs,
@@ -246,8 +246,7 @@ def contact_force(
             "contact_force needs JaxSim, which `pip install jaxsim` installs"
         ) from error
     inside = law_inside(law, contact, substeps)
-    if not isinstance(model, jaxsim.api.model.JaxSimModel):
-        raise ValueError(f"Argument `model` must be a `JaxSimModel`, but is {rendered(model)}.")
+    require_kind("model", model, jaxsim.api.model.JaxSimModel, "a `JaxSimModel`")
     parts = {"SemiImplicitEuler": 1.0, "RungeKutta4": 0.5}
     if model.integrator.name not in parts:
         raise ValueError(

@@ -95,11 +95,9 @@ def record(recording: Recording | Calibration, *, ax: Any = None) -> Any:
     calibration. Returns the axes, new ones if `ax` is None. Raises ValueError for other recordings,
     and for invalid axes.
     """
-    fits = recording.impact_fits if isinstance(recording, Calibration) else ()
-    impacts: list[RecordedImpact] = []
-    if isinstance(recording, Calibration):
-        impacts = [one.impact for one in fits]
-    elif isinstance(recording, Recording) and recording.layout.fitted:
+    fits = getattr(recording, "impact_fits", ())
+    impacts: list[RecordedImpact] = [one.impact for one in fits]
+    if isinstance(recording, Recording) and recording.layout.fitted:
         impacts = list(recording.records)  # pyright: ignore[reportAssignmentType]
     if not impacts:
         raise ValueError(

@@ -4,6 +4,7 @@ import re
 
 import jaxcontact as jc
 from docs.run_code import DOCS
+from jaxcontact import extend
 
 ENTRY = re.compile(r"^::: jaxcontact\.([\w.]+)$", re.MULTILINE)
 CODE = re.compile(r"^```(?:python|text)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -71,3 +72,8 @@ IN_FULL = {"AbstractLaw", "AbstractHuntCrossley", "AbstractForm", "ScaledImpact"
 def test_what_is_written_in_full_is():
     text = (DOCS / "extend.md").read_text(encoding="utf-8")
     assert all(f"jc.{name}" in text for name in IN_FULL)
+
+
+def test_every_name_of_extend_is_told():
+    text = (DOCS / "extend.md").read_text(encoding="utf-8")
+    assert [name for name in extend.__all__ if f"`{name}`" not in text] == []

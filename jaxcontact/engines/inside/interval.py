@@ -286,7 +286,7 @@ def numbers_of(
     """
     if given is None:
         return range(len(names))
-    known = not isinstance(given, str) and all(isinstance(x, str) and x in names for x in given)
+    known = not isinstance(given, str) and all(x in names for x in given)
     if not known or not given:
         raise ValueError(
             f"Argument `{parts}` must be a list of names of {parts} of the model, but is "

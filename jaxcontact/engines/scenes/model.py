@@ -7,14 +7,12 @@ import functools
 import math
 from typing import Any, NamedTuple, cast
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Float, Int
 
 from ... import AbstractFriction, AbstractLaw, Contact, Material, Scene, Shell, Sphere, SpringSlider
-from ...extend import ratio_of, rendered, restitution_is_constant, words
+from ...extend import ratio_of, rendered, restitution_is_constant, traced, words
 
 
 class Moving(NamedTuple):
@@ -192,7 +190,7 @@ def scene_model(scene: Scene, *, merges: bool) -> SceneModel:
 
 def _require_plain(scene: Scene) -> None:
     """Raise ValueError for traced numbers and the end of a run."""
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
+    if traced(scene):
         raise ValueError("Argument `scene` must have concrete numbers, but is traced.")
     if scene._start is not None:
         raise ValueError(

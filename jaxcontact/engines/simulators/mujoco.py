@@ -218,7 +218,7 @@ def _unit_of_mass(model: SceneModel) -> float:
 
 
 def _mu(touch: Touch) -> float:
-    return float(touch.friction.mu) if isinstance(touch.friction, RigidCoulomb) else 0.0
+    return float(getattr(touch.friction, "mu", 0.0))
 
 
 def _require_mu(model: SceneModel, exports: Mapping[tuple[int, int], Export], unit: float) -> None:

@@ -171,7 +171,7 @@ def _decode(value: Any, hint: Any, where: str) -> Any:
         numbers = {n: _decode(value[n], own, f"{where}.{n}") for n, own in hints.items()}
         return _construct(lambda: hint(**numbers), where)  # pyright: ignore[reportCallIssue]
     if hint is float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if type(value) not in (int, float):
             _refuse(where, f"must be a number, but is {value!r}")
         try:
             return float(value)

@@ -275,7 +275,7 @@ def cut(quantity: str, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
         after = found[k + 1].touch if k + 1 < len(found) else math.inf
         made = _add_window(one, before, after, value.size)
         why = made if isinstance(made, str) else _doubt(made, found, mean, value, noise)
-        if isinstance(made, str) or why:
+        if why:
             doubtful.append(Doubtful(float(time[min(max(int(one.touch), 0), time.size - 1)]), why))
         else:
             good.append(made)

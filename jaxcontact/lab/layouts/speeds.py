@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...extend import MEASURED_RESTITUTION, Flight, Words, in_percent
+from ...extend import MEASURED_RESTITUTION, Flight, Words
 from ..tables.heading import Meaning, deviation_of
 from ..tables.sheet import Row
 from .layout import LABELS, Layout, Paired, ReadingError, Record, rows_as_pairs
@@ -81,7 +81,7 @@ class RestitutionTable(Layout[MeasuredRestitution]):
             i = int(np.argmax(high))
             guess = (
                 "; is it in percent? then divide by 100, or write the unit in the heading, 'e [%]'"
-                if in_percent(e)
+                if np.median(e) > 2 and e.max() <= 120
                 else ""
             )
             rows[i].refuse("restitution", f"{e[i]:g} is above 1.2, the largest plausible e{guess}")

@@ -94,8 +94,13 @@ def sound_in(source: Any) -> tuple[str, pathlib.Path | bytes] | None:
         return None
     if not isinstance(start, bytes) or not is_sound(start):
         return None
-    name = getattr(source, "name", None)
-    return name if isinstance(name, str) else "the sound", source.read()
+    return name_of(source, "the sound"), source.read()
+
+
+def name_of(file: Any, otherwise: str) -> str:
+    """Return the name of an open file, which may be a number or missing."""
+    name = getattr(file, "name", None)
+    return name if isinstance(name, str) else otherwise
 
 
 def _kind(start: bytes) -> str | None:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...extend import as_array, read_whole, rendered, require_path
-from ..sound.audio import is_sound
+from ..sound.audio import is_sound, name_of
 from .grid import Known, grid_of, known_cells, with_points
 from .sheet import Line, RecordingError, Sheet, sheet_of_rows
 from .text_file import decoded, text_grid
@@ -46,9 +46,12 @@ def sheet_of(
     sheet of a spreadsheet.
     """
     from_file = functools.partial(_from_file, known=known, decimal=decimal, sheet=sheet)
-    if sheet is not None and not (
-        isinstance(source, str | os.PathLike) or callable(getattr(source, "read", None))
-    ):
+    path = isinstance(source, str | os.PathLike)
+    # Classes of data frames and files have these attributes too.
+    own = not isinstance(source, type)
+    frame = own and hasattr(source, "columns") and hasattr(source, "__getitem__")
+    readable = own and callable(getattr(source, "read", None))
+    if sheet is not None and not (path or readable):
         raise ValueError(f"Argument `sheet` must be None without a file, but is {rendered(sheet)}.")
     if columns:
         if source is not None:
@@ -61,19 +64,15 @@ def sheet_of(
         shipped = importlib.resources.files("jaxcontact.data") / _SHIPPED_FILE
         name = f"{_SHIPPED_FILE} (shipped with the package)"
         return from_file(shipped.read_bytes, name)
-    if isinstance(source, str | os.PathLike):
-        path = require_path("source", source)
-        return from_file(lambda: read_whole(path), str(path))
+    if path:
+        file = require_path("source", source)
+        return from_file(lambda: read_whole(file), str(file))
     if isinstance(source, Mapping):
         return _from_columns("the dict", source)
-    frame = hasattr(source, "columns") and hasattr(source, "__getitem__")
-    # Classes of data frames have these attributes too.
-    if frame and not isinstance(source, type):
+    if frame:
         return _from_columns("the data frame", source)
-    if callable(getattr(source, "read", None)) and not isinstance(source, type):
-        name = getattr(source, "name", None)
-        name = name if isinstance(name, str) else "the text"
-        return from_file(source.read, name)
+    if readable:
+        return from_file(source.read, name_of(source, "the text"))
     raise ValueError(
         "Argument `source` must be a path, an open file, a dict of columns, a data frame or "
         f"None, but is {rendered(source)}."
@@ -247,7 +246,7 @@ def _cell(value: Any) -> Any:
     # A duration is a number of seconds. A date is not a measurement; its text shows that.
     if isinstance(value, datetime.timedelta):
         return value.total_seconds()
-    return value if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+    return value if type(value) in (int, float) else str(value)
 
 
 def _parquet_columns(data: bytes, source: str) -> dict[str, Any]:
