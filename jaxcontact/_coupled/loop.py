@@ -12,12 +12,13 @@ The stages and the step control are those of `_solver`. docs/rooms.md says why t
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from .._functions import moving
 from .carry import Carry, CoupledSolve
 from .clock import LONG_AGO, ContactClock, choose_clock
 from .field import TIME, Grip, Look
@@ -43,8 +44,11 @@ class CoupledStart(NamedTuple):
     step: Number | None = None
 
 
-def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
-    """Return the initial state of the loop."""
+_NO_SLOPES = "size", "free", "last_size", "last_error", "whole", "cruise", "error"
+
+
+def first_carry(solve: CoupledSolve, start: CoupledStart, numbers: Any) -> Carry:
+    """Return the initial state of the loop; all but sizes depends on `numbers` later."""
     field, modes, finest, begin = solve.field, start.modes, solve.finest, solve.begin
     zero = jnp.zeros((), start.y.dtype)
     nobody, none = jnp.zeros_like(modes.closed), jnp.zeros_like(modes.latched)
@@ -80,7 +84,7 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
     over = jnp.where(field.until <= 0, TIME_IS_UP, -1)
     if not field.rules.flies:
         over = jnp.where(jnp.any(modes.closed), over, APART)
-    return Carry(
+    first = Carry(
         y=with_w(start.y, w),
         modes=modes,
         clock=clock,
@@ -104,6 +108,7 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
         status=over.astype(jnp.int32),
         renew=renew,
     )
+    return moving(numbers, first)._replace(**{name: getattr(first, name) for name in _NO_SLOPES})
 
 
 def run_to_end(solve: CoupledSolve, first: Carry) -> Carry:

@@ -24,6 +24,7 @@ from .products import swept as swept
 from .roots import bracketed_root as bracketed_root
 from .roots import expanded_root as expanded_root
 from .roots import implicit_root as implicit_root
+from .roots import moving as moving
 from .roots import ratio as ratio
 from .roots import varying as varying
 from .roots import with_implicit_derivative as with_implicit_derivative

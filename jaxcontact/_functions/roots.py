@@ -8,8 +8,10 @@ import functools
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 Tree = TypeVar("Tree")
@@ -24,6 +26,34 @@ def varying(number: Float[Array, ""], tree: Tree) -> Tree:
     """
     either = jnp.isnan(jax.lax.stop_gradient(number))
     return jax.tree.map(lambda leaf: jnp.where(either, leaf, leaf), tree)
+
+
+def moving(numbers: Any, tree: Tree) -> Tree:
+    """Return `tree` unchanged, but its floats formally have slopes if any of `numbers` does.
+
+    Like `varying`: without slopes at the start JAX takes the derivative of a loop once more.
+    """
+    given, floats = (eqx.filter(x, eqx.is_inexact_array) for x in (numbers, tree))
+    return eqx.combine(_moving(given, floats), tree)
+
+
+@jax.custom_jvp
+def _moving(given: Any, floats: Tree) -> Tree:
+    return floats
+
+
+@functools.partial(_moving.defjvp, symbolic_zeros=True)
+def _moving_rule(primals: Any, tangents: Any) -> Any:
+    along = [t for t in jax.tree.leaves(tangents[0]) if not isinstance(t, SymbolicZero)]
+    if not along:
+        return primals[1], tangents[1]
+    none = 0 * along[0].ravel()[0]
+
+    def slope(tangent: Any) -> Any:
+        blank = isinstance(tangent, SymbolicZero)
+        return jnp.broadcast_to(none, tangent.shape) if blank else tangent
+
+    return primals[1], jax.tree.map(slope, tangents[1])
 
 
 Lane = Float[Array, "..."]

@@ -26,6 +26,7 @@ from .._coupled.modes import (
     PerContact,
 )
 from .._coupled.step import advance
+from .._functions import moving
 from .field import SystemField
 from .problem import Scales, SystemLog, SystemProblem, SystemState, empty_log, scales_of, with_event
 
@@ -99,7 +100,11 @@ def solve_system(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
     log = empty_log(problem.state, rules.rows)
     stops = problem.stops
 
-    first = SystemEnd(problem.state, log, running, zero, nothing, painleve)
+    state = moving(problem, problem.state)._replace(step=problem.state.step)
+    rows = moving(problem, log.states)._replace(step=log.states.step)
+    first = SystemEnd(
+        state, log._replace(states=rows), running, zero, moving(problem, nothing), painleve
+    )
     if stops.shape[0] == 1:
         return _solve_to_stop(problem, rules, first, stops[0])
 
@@ -157,7 +162,7 @@ def _solve_to_stop(
         to_the_end=jnp.asarray(True),
         supplied=state.work,
     )
-    first = first_carry(solve, _start(solve, state))
+    first = first_carry(solve, _start(solve, state), (problem, state))
     loop = _Loop(first, scales, state.touch_speed, state.max_depth, begun.log, begun.painleve)
 
     def unfinished(loop: _Loop) -> Flag:
@@ -254,7 +259,7 @@ def _advance(solve: _SystemSolve, loop: _Loop) -> _Loop:
     after = after._replace(status=status.astype(jnp.int32))
     painleve = loop.painleve
     if painleve is not None:
-        painleve = jnp.minimum(painleve, solve.field.painleve(_stop(after.y), after.modes))
+        painleve = jnp.minimum(painleve, _stop(solve.field.painleve(after.y, after.modes)))
     loop = loop._replace(
         carry=after, touch_speed=touch_speed, max_depth=max_depth, painleve=painleve
     )

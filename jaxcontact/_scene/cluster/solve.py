@@ -57,7 +57,7 @@ def solve_cluster(problem: ClusterProblem, rules: LoopRules, in_line: bool) -> C
         problem=problem,
         frame=frame,
     )
-    first = first_carry(solve, _start(solve))
+    first = first_carry(solve, _start(solve), problem)
     end = run_to_end(solve, first)
     return _assess(solve, first, end, *_state_at(solve, end))
 

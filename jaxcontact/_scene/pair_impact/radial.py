@@ -31,7 +31,7 @@ from ..._coupled.carry import State, factor, onward
 from ..._coupled.modes import Flag, Index, Number
 from ..._entry import Specialised
 from ..._forms import AbstractForm, AbstractPlasticForm
-from ..._functions import varying
+from ..._functions import moving, varying
 from ..._impact.motion.motion import Motion
 from ..._impact.motion.motion import State as Moving
 from ..._solver.runge_kutta import step_and_slope
@@ -285,6 +285,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     static, creeping = problem.rest()
     start = problem.start()
     zero = jnp.zeros_like(start[_T])
+    none = moving(problem, zero)
     # A strong outward pull ends a contact early, at x of the order of its inverse.
     early = jnp.sqrt(1 + jnp.abs(frozen.push) + jnp.abs(frozen.swirl))
     begin = jnp.asarray(0.1, dtype) / early
@@ -297,9 +298,9 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         free=begin,
         whole=zero,
         max_force=problem.force(start, jnp.asarray(_RISES)),
-        max_indentation=zero,
-        duration=zero,
-        delivered=zero,
+        max_indentation=none,
+        duration=none,
+        delivered=none,
         error=zero,
         steps=jnp.zeros((), jnp.int32),
         done=problem.skip > 0,
