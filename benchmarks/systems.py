@@ -1,4 +1,4 @@
-"""Mechanisms with contacts, run time against error: `python benchmarks/systems.py`.
+"""Mechanisms with contacts, run time against error: `python -m benchmarks systems`.
 
 A double pendulum beside a wall, up to its fifth touch, and a slider-crank with clearance in a
 joint, up to its fifth. Each method runs at several tolerances. The error is that of the time of the
@@ -7,26 +7,18 @@ digits `tests/test_system/test_agreement.py` compares with published ones. Compi
 SciPy and plain diffrax are restarted at every event, as a user would; numba is a Dormand-Prince
 method of order 5 by hand, with the Illinois method at events. Then follow the time of a lane among
 1,000 slider-cranks, and the price of derivatives 3 and 20 contacts deep. Ratios of times in one run
-are what counts. `--page` prints the tables of the last run.
+are what counts.
 """
 
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import jax.numpy as jnp
 import numpy as np
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.mechanisms import peers
@@ -155,7 +147,5 @@ def measure(known: dict | None, only: str) -> dict[str, Any]:
     return {"rows": measure_rows(only), "lanes": lanes(), "prices": prices()}
 
 
-STUDY = Study(__file__, __doc__, table)
-
-if __name__ == "__main__":
-    STUDY.command(measure, {"--only": {"default": "", "help": "methods whose name contains this"}})
+OPTIONS = {"--only": {"default": "", "help": "methods whose name contains this"}}
+STUDY = Study(__file__, __doc__, measure, table, options=OPTIONS)

@@ -1,30 +1,23 @@
-"""Coverage of intervals of e, scale and tilt for video tracks: `python benchmarks/tracks.py`.
+"""Coverage of intervals of e, scale and tilt for video tracks: `python -m benchmarks tracks`.
 
 Tracks are simulated with known impacts (see track_truths.py) and read as a user would; the constant
 e is fitted like `calibrate`. The study counts the impacts found, tracks with an invented impact,
 and the coverage of 95 % intervals. These cover the e of each impact and of all, the scale and the
-tilt. Tracks without an impact, in air, and of a rolled camera without x follow. The results are
-written to benchmarks/tracks.json. `--only N` draws fewer and writes nothing, `--page` writes the
-table of docs/tracks.md from the result.
+tilt. Tracks without an impact, in air, and of a rolled camera without x follow.
 """
 
 from __future__ import annotations
 
 import io
 import math
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import jaxcontact as jc
 from benchmarks.sound import constant_e
-from benchmarks.study import Study, parts, percent, table
-from benchmarks.study_of_draws import ONLY, grouped, inside, middle, quantiles, share
+from benchmarks.study import percent
+from benchmarks.study_of_draws import grouped, inside, middle, quantiles, share, study_of
 from benchmarks.track_truths import GRAVITY, Truth, draw
 from jaxcontact._flight import Flight
 from jaxcontact.lab.recordings import make_pairs, tracks_of
@@ -193,7 +186,4 @@ COLUMNS = {
         "error of e of an impact, relative, median", "impacts", ".2f"
     ),
 }
-STUDY = Study(__file__, __doc__, lambda found: table(COLUMNS, parts(found), "---:"), "tracks")
-
-if __name__ == "__main__":
-    STUDY.command(measure, ONLY, trial="only")
+STUDY = study_of(__file__, __doc__, measure, COLUMNS)

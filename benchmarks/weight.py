@@ -1,11 +1,10 @@
-"""Work of the compiler in a first call: `python benchmarks/weight.py`.
+"""Work of the compiler in a first call: `python -m benchmarks weight`.
 
 The weight of a call is the number of HLO instructions of all its programs before optimisation, and
 the number of programs. For one set of versions it is the same on every machine. Each row is a fresh
 process that has imported the package, optimises nothing and stores no program. `--seconds` runs it
 again with a user's settings, for the CPU time of the first call and of the fastest later one.
-Solves of one impact by plain diffrax serve as comparison. `--only` selects the rows whose name
-contains a text. The result is weight.json, which is not kept in git.
+Solves of one impact by plain diffrax serve as comparison. weight.json is not kept in git.
 """
 
 from __future__ import annotations
@@ -19,9 +18,6 @@ import tempfile
 from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.study import Study
 
@@ -323,7 +319,4 @@ OPTIONS = {
     "--only": {"default": "", "help": "rows whose name contains this text"},
     "--seconds": {"action": "store_true", "help": "CPU seconds of each call, too"},
 }
-STUDY = Study(__file__, __doc__)
-
-if __name__ == "__main__":
-    STUDY.command(measure, OPTIONS)
+STUDY = Study(__file__, __doc__, measure, options=OPTIONS)

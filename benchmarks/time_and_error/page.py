@@ -7,19 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from ..oblique_impacts.page import section as oblique_section
+from ..study import HERE
 from ..study import lines as table
 from .impacts import BATCHES
-from .pictures import draw
+from .pictures import draw as draw_rows
 from .reading import QUIET, Row, batches_of, cheapest, closest, number, problems_of, some, ways_of
 from .running import GOOD
 from .sections import SECTIONS, Section
-from .store import Store
 from .verdict import when_to_use_what
 
 _HEAD = """\
 # Run time against error
 
-Page made by `python benchmarks/run_time_error.py` from
+Page made by `python -m benchmarks run_time_error` from
 [run_time_error.json](../benchmarks/run_time_error.json). {machine}
 
 Compare ratios; the times are those of this machine.
@@ -38,27 +38,42 @@ Compare ratios; the times are those of this machine.
 FIRST = ("hunt_crossley", "own")
 
 
-def write(store: Store, docs: Path, name: str) -> None:
-    """The page, and a figure for every group that has rows."""
-    measured = {s.group: list(store.group(s.group).values()) for s in SECTIONS}
-    parts = [_HEAD.format(machine=_machine(store.machine)), when_to_use_what(measured)]
-    titles: dict[str, str] = {}
+def _group(known: dict[str, Any], name: str) -> list[Row]:
+    return some(known["rows"].values(), group=name)
+
+
+def written(known: dict[str, Any]) -> str:
+    measured = {s.group: _group(known, s.group) for s in SECTIONS}
+    parts = [_HEAD.format(machine=_machine(known["machine"])), when_to_use_what(measured)]
     for section in SECTIONS:
-        rows = list(store.group(section.group).values())
-        titles |= section.titles
+        rows = measured[section.group]
         if rows:
-            picture = f"{name}_{section.group}.png"
-            draw(rows, section.titles, docs / picture, section.unit, section.title, section.batch)
-            swept = list(store.group(section.options).values())
-            parts.append(_section(section, rows, swept, picture))
+            parts.append(_section(section, rows, _group(known, section.options)))
         else:
             parts.append(f"## {section.title}\n\nNot measured yet.\n")
-    _shown_first(store, docs / f"{name}.png", titles)
-    for beside, section_of in (("systems", _mechanisms), ("oblique", oblique_section)):
-        path = store.path.with_name(f"{beside}.json")
-        if path.exists():
-            parts.append("\n".join(section_of(json.loads(path.read_text()))))
-    (docs / f"{name}.md").write_text("\n".join(parts))
+    for name, section_of in (("systems", _mechanisms), ("oblique", oblique_section)):
+        parts.append("\n".join(section_of(json.loads((HERE / f"{name}.json").read_text()))))
+    return "\n".join(parts)
+
+
+def draw(known: dict[str, Any], docs: Path) -> None:
+    """A figure for every group that has rows, and the diagram of the README: a law with a formula
+    and one without, in the largest batch.
+    """
+    titles: dict[str, str] = {}
+    for section in SECTIONS:
+        titles |= section.titles
+        if rows := _group(known, section.group):
+            path = docs / _picture(section)
+            draw_rows(rows, section.titles, path, section.unit, section.title, section.batch)
+    batch = some(_group(known, "impacts"), batch=BATCHES[-1])
+    if rows := [row for name in FIRST for row in some(batch, problem=name)]:
+        head = f"One of {BATCHES[-1]:,} impacts"
+        draw_rows(rows, titles, docs / "run_time_error.png", "µs an impact", head)
+
+
+def _picture(section: Section) -> str:
+    return f"run_time_error_{section.group}.png"
 
 
 def _mechanisms(measured: dict[str, Any]) -> list[str]:
@@ -87,14 +102,6 @@ def _mechanisms(measured: dict[str, Any]) -> list[str]:
     ]
 
 
-def _shown_first(store: Store, path: Path, titles: dict[str, str]) -> None:
-    """The diagram of the README: a law with a formula and one without, in the largest batch."""
-    rows = list(store.group("impacts").values())
-    rows = [r for name in FIRST for r in some(rows, batch=BATCHES[-1], problem=name)]
-    if rows:
-        draw(rows, titles, path, "µs an impact", f"One of {BATCHES[-1]:,} impacts")
-
-
 def _machine(known: dict[str, Any]) -> str:
     libraries = ", ".join(
         f"{k} {known[k]}"
@@ -109,8 +116,15 @@ def _machine(known: dict[str, Any]) -> str:
     )
 
 
-def _section(section: Section, rows: list[Row], options: list[Row], picture: str) -> str:
-    lines = [f"## {section.title}", "", section.words, "", f"![{section.title}]({picture})", ""]
+def _section(section: Section, rows: list[Row], options: list[Row]) -> str:
+    lines = [
+        f"## {section.title}",
+        "",
+        section.words,
+        "",
+        f"![{section.title}]({_picture(section)})",
+        "",
+    ]
     caption = _caption(section, rows, options)
     lines += [_busy(rows), ""]
     lines += _folded("Options of each method", [caption]) if caption else []

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import fit_coverage, fit_design
-from benchmarks.fit_adequacy import main, printed
+from benchmarks.fit_adequacy import STUDY, printed
 
 HERE = Path(fit_coverage.__file__).parent
 DRAWS = 200
@@ -39,7 +39,7 @@ def test_a_cell_of_each_kind_runs(tmp_path):
     # Of bounces a quarter of the draws is taken.
     draws = {"record, force, noise unknown": "1", "bounces, constant e, 10": "4", "heights, ": "1"}
     for name, few in draws.items():
-        fit_coverage.main(["--draws", few, "--only", name, "--into", str(tmp_path)])
+        fit_coverage.STUDY.command(["--draws", few, "--only", name, "--into", str(tmp_path)])
     found = json.loads((tmp_path / "fit_coverage.json").read_text())["cells"]
     assert len(found) == 4 and all(cell["converged"] > 0 for cell in found.values())
     assert set(json.loads((HERE / "fit_coverage.json").read_text())["cells"]) <= set(
@@ -49,7 +49,7 @@ def test_a_cell_of_each_kind_runs(tmp_path):
 
 def test_a_plan_is_simulated(tmp_path, monkeypatch):
     monkeypatch.setattr(fit_design, "PLANS", dict([*fit_design.PLANS.items()][:1]))
-    fit_design.main(["--draws", "3", "--into", str(tmp_path)])
+    fit_design.STUDY.command(["--draws", "3", "--into", str(tmp_path)])
     (plan,) = json.loads((tmp_path / "fit_design.json").read_text())["plans"].values()
     assert plan["converged"] == 1 and set(plan["seen"]) == set(plan["expected"])
 
@@ -60,7 +60,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "trust.md"
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
-    main(["--draws", "1", "--into", str(folder)])
+    STUDY.command(["--draws", "1", "--into", str(folder)])
     return folder
 
 

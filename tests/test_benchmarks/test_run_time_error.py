@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from benchmarks.run_time_error import main
+from benchmarks.run_time_error import STUDY
 from benchmarks.time_and_error.engines import _thrown
 from benchmarks.time_and_error.problems import PROBLEMS, truth, worst
 from benchmarks.time_and_error.rebounds import ASKED, MASS, RADIUS, SPEED, Rebound, jaxsim_law
@@ -35,7 +35,7 @@ def measured(into, *asked):
 
     # Peers are run as their users run them.
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        main([*asked, "--small", "--into", str(into)])
+        STUDY.command([*asked, "--small", "--into", str(into)])
     return into
 
 
