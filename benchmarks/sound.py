@@ -19,7 +19,7 @@ from scipy.special import stdtrit
 import jaxcontact as jc
 from benchmarks.sound_truths import Truth, as_wave, draw
 from benchmarks.study import percent
-from benchmarks.study_of_draws import grouped, quantiles, study_of
+from benchmarks.study_of_draws import grouped, study_of
 from jaxcontact._flight import Flight
 from jaxcontact.lab.choice.table import errors_of
 from jaxcontact.lab.pairs.outliers import find_outliers
@@ -86,7 +86,7 @@ def one_of(random: np.random.Generator, **how: bool) -> dict:
     invented = [t for t in used if not (truth.time.size and np.min(abs(truth.time - t)) < SAME)]
     found = None if recording is None else constant_e(recording)
     return {
-        "snr": truth.words["snr"],
+        "snr": truth.snr,
         "rate": truth.rate,
         "scatter": truth.scatter,
         "strong": int(strong.sum()),
@@ -95,10 +95,8 @@ def one_of(random: np.random.Generator, **how: bool) -> dict:
         "invented": bool(invented),
         "fitted": found is not None,
         "holds": found is not None and bool(abs(found[0] - math.log(truth.e)) <= found[1]),
-        "off": None if found is None else (found[0] - math.log(truth.e)) / found[1],
         "half": None if found is None else found[1],
         "pairs": 0 if found is None else found[2],
-        "seconds": truth.samples.size / truth.rate,
     }
 
 
@@ -140,13 +138,7 @@ OTHERS = {
 
 def measure(known: dict | None, only: int | None) -> dict:
     """All recordings: whole, in groups, and the other kinds."""
-    found, rows, seconds = grouped(SEED, one_of, summary, GROUPS, OTHERS, DRAWS, EACH, only)
-    return {
-        **found,
-        "seconds of sound": sum(row["seconds"] for row in rows),
-        "seconds of one core": seconds,
-        **quantiles(rows),
-    }
+    return grouped(SEED, one_of, summary, GROUPS, OTHERS, DRAWS, EACH, only)
 
 
 HALF = "half interval of e, relative, median"

@@ -24,18 +24,17 @@ LAST_FLIGHT = 0.02
 
 class Truth(NamedTuple):
     """What was simulated: samples (n,) from -1 to 1, the times of impact (m,) in s, the level (m,)
-    of each over the noise in dB, and over noise and reverberation; the restitution, the scatter of
-    ln e, and what else was done.
+    of each over the noise in dB; the restitution, the scatter of ln e, and the level of the first
+    bounce over the noise in dB.
     """
 
     rate: int
     samples: np.ndarray
     time: np.ndarray
     level: np.ndarray
-    above_all: np.ndarray
     e: float
     scatter: float
-    words: dict[str, float]
+    snr: float
 
 
 def draw(random: np.random.Generator, *, speech: bool = False, bounces: bool = True) -> Truth:
@@ -61,14 +60,11 @@ def draw(random: np.random.Generator, *, speech: bool = False, bounces: bool = T
         dry[at : at + sound.size] += sound[: dry.size - at]
         own.append(np.mean(sound[: round(LOUDNESS * rate)] ** 2))
     dry = dry[:n]
-    room, words = _room(random, rate)
+    room = _room(random, rate)
     wet = signal.oaconvolve(dry, room)[:n] if room.size > 1 else dry
     snr = random.uniform(10, 40)
     level = np.sqrt(own[0]) * 10 ** (-snr / 20)
     noise = level * _noise(random, n, rate)
-    rest = wet - dry
-    near = [int(t * rate) for t in time]
-    tail = [np.mean(rest[max(k - round(LOUDNESS * rate), 0) : k] ** 2) if k else 0 for k in near]
     x = (wet if bounces else 0) + noise
     if random.random() < 0.7:
         x = x + level * 10 ** random.uniform(-0.5, 0.5) * _hum(random, n, rate)
@@ -76,23 +72,12 @@ def draw(random: np.random.Generator, *, speech: bool = False, bounces: bool = T
         x = x + np.sqrt(own[0]) * 10 ** (-random.uniform(6, 20) / 20) * _speech(random, n, rate)
     x = x / np.max(np.abs(x)) * 10 ** random.uniform(-1.5, -0.05)
     if random.random() < 0.15:
-        words["clipped"] = 1.0
         most = np.max(np.abs(x)) * random.uniform(0.4, 0.9)
         x = np.clip(x, -most, most)
     over = 10 * np.log10(np.array(own) / level**2)
-    all_noise = level**2 + np.array(tail)
     if not bounces:
-        time, over, all_noise, own = time[:0], over[:0], all_noise[:0], own[:0]
-    return Truth(
-        rate,
-        np.round(x * 32767) / 32768,
-        time,
-        over,
-        10 * np.log10(np.array(own) / all_noise),
-        e,
-        scatter,
-        {**words, "snr": snr},
-    )
+        time, over = time[:0], over[:0]
+    return Truth(rate, np.round(x * 32767) / 32768, time, over, e, scatter, snr)
 
 
 class _Ball(NamedTuple):
@@ -133,10 +118,9 @@ def _ball(random: np.random.Generator, rate: int) -> _Ball:
     return _Ball(random, frequency, decay, weight, contact, random.uniform(0.0, 0.2), samples)
 
 
-def _room(random: np.random.Generator, rate: int) -> tuple[np.ndarray, dict[str, float]]:
+def _room(random: np.random.Generator, rate: int) -> np.ndarray:
     """The response of a room: the direct sound, a tail of noise, and sometimes one echo."""
     rt60 = random.uniform(0.0, 0.5)
-    words = {"rt60": rt60}
     response = np.zeros(max(round(rt60 * rate), 1))
     if rt60 > 3e-3:
         t = np.arange(response.size) / rate
@@ -147,9 +131,8 @@ def _room(random: np.random.Generator, rate: int) -> tuple[np.ndarray, dict[str,
             k = round(random.uniform(0.01, 0.06) * rate)
             if k < response.size:
                 response[k] += random.uniform(0.3, 0.7)
-                words["echo"] = 1.0
     response[0] = 1.0
-    return response, words
+    return response
 
 
 def _noise(random: np.random.Generator, n: int, rate: int) -> np.ndarray:

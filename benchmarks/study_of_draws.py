@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,6 @@ import numpy as np
 from benchmarks.study import Columns, Study, parts, table
 
 SURE = 1.959964
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 _ONLY = {"--only": {"type": int, "help": "so many draws, and write nothing"}}
 
 Row = dict[str, Any]
@@ -31,13 +29,6 @@ def middle(values: Sequence[float]) -> float | None:
     return float(np.median(values)) if values else None
 
 
-def quantiles(rows: list[Row]) -> dict[str, list[float]]:
-    """How far the fits are off, in halves of their intervals."""
-    off = [row["off"] for row in rows if row["fitted"]]
-    found = np.quantile(off, QUANTILES).tolist() if off else []
-    return {"off, quantiles of 5, 25, 50, 75, 95 %": found}
-
-
 def grouped(
     seed: int,
     one_of: Callable[..., Row],
@@ -47,23 +38,20 @@ def grouped(
     draws: int,
     each: int,
     only: int | None,
-) -> tuple[dict[str, Any], list[Row], float]:
+) -> dict[str, Any]:
     """Draw recordings and sum them up: all, by group, and those of other kinds.
 
-    Every recording has a generator of its own. Return the sums, the rows of the main kind, and the
-    seconds that they took.
+    Every recording has a generator of its own.
     """
     if only:
         draws, each = only, max(only // 10, 5)
-    begin = time.process_time()
     rows = [one_of(np.random.default_rng([seed, k])) for k in range(draws)]
-    seconds = round(time.process_time() - begin, 1)
     found: dict[str, Any] = {"seed": seed, "all": summary(rows)}
     found |= {name: summary([r for r in rows if group(r)]) for name, group in groups.items()}
     for k, (name, how) in enumerate(others.items(), 1):
         some = (np.random.default_rng([seed, k, j]) for j in range(each))
         found[name] = summary([one_of(random, **how) for random in some])
-    return found, rows, seconds
+    return found
 
 
 def study_of(file: str, words: str | None, measure: Callable[..., Any], columns: Columns) -> Study:
