@@ -28,7 +28,7 @@ from benchmarks import weight
 from benchmarks.gpu_page import page
 from benchmarks.gpu_tasks import TASKS, Task
 from benchmarks.study import Study, put, with_machine
-from benchmarks.time_and_error import store
+from benchmarks.time_and_error import running
 
 REPEATS = 3
 SLOW = 4.0
@@ -87,7 +87,7 @@ def devices() -> dict[str, jax.Device]:
 def machine() -> Row:
     """The card, its driver, the host, the versions and the date."""
     try:
-        host = dict(store.machine())
+        host = dict(running.machine())
     except OSError:
         # Without git.
         host = {"jax": jax.__version__, "cores": os.cpu_count()}

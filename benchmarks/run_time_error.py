@@ -18,7 +18,7 @@ import jax
 
 from benchmarks.study import Study
 from benchmarks.time_and_error import derivatives, engines, fits, impacts, page, scenes
-from benchmarks.time_and_error.store import Store
+from benchmarks.time_and_error.running import Store
 
 GROUPS: dict[str, Callable[[Store, str, bool], None]] = {
     "impacts": impacts.run,

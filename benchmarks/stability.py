@@ -24,8 +24,7 @@ from typing import Any
 import jax
 
 from benchmarks.stability_map.code import fingerprint
-from benchmarks.stability_map.grid import Job, all_jobs, by_table, lanes_of, scaled
-from benchmarks.stability_map.package_lanes import answers
+from benchmarks.stability_map.grid import Job, all_jobs, answers, by_table, lanes_of, scaled
 from benchmarks.stability_map.verdict import judge, record
 from benchmarks.study import HERE, Study, by_line, put
 

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
+from .measure import Solve, Way
 from .problems import Problem, function_of
-from .way import Solve, Way
 
 LONGEST = 1e3
 """Scaled time at which a solve counts as failed."""

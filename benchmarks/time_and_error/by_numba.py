@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from .measure import Solve, Way
 from .pairs import EIGHTH, FIFTH, Pair, step_source
 from .problems import Problem
-from .way import Solve, Way
 
 THREADS = 2
 FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}

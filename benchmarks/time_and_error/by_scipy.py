@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from .measure import LADDER, Solve, Way
 from .problems import CHECKED, Problem, function_of
-from .way import LADDER, Solve, Way
 
 LONGEST = 1e3
 

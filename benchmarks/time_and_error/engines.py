@@ -15,11 +15,9 @@ import numpy as np
 import jaxcontact as jc
 
 from . import by_jaxsim, by_simulators
-from .measure import NotPossibleError
+from .measure import NotPossibleError, Solve, Way
 from .rebounds import MASS, SPEED, STIFFNESS, Rebound, converged, drops
-from .running import named, run_cases, sweep
-from .store import Store
-from .way import Solve, Way
+from .running import Store, named, run_cases, sweep
 
 BALLS = (5, 500)
 """In one call: one of each e, and a hundred."""

@@ -18,10 +18,8 @@ import jaxcontact as jc
 from . import gases, restarted
 from . import hard_scenes as hard
 from .line_scenes import Fixed, Line, by_diffrax, by_scipy, chain, line, oblique, scene_of
-from .measure import NotPossibleError
-from .running import run_cases
-from .store import Store
-from .way import Solve, Way
+from .measure import NotPossibleError, Solve, Way
+from .running import Store, run_cases
 
 REFERENCE = 2.3e-14
 """The tolerance of references by SciPy, the least that it takes."""

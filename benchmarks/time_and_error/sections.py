@@ -14,12 +14,12 @@ from .engines import WAYS as ENGINE_WAYS
 from .fit_tasks import Record, Table
 from .fits import WAYS as FIT_WAYS
 from .impacts import WAYS as IMPACT_WAYS
+from .measure import Way
 from .problems import CHECKED, PROBLEMS
 from .reading import Row, some, ways_of
 from .rebounds import ASKED, converged
 from .scenes import SCENES
 from .scenes import WAYS as SCENE_WAYS
-from .way import Way
 
 
 def _keywords(way: Way) -> dict[str, Any]:

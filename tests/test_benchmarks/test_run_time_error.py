@@ -9,12 +9,11 @@ import pytest
 import jaxcontact as jc
 from benchmarks.run_time_error import STUDY
 from benchmarks.time_and_error.engines import _thrown
+from benchmarks.time_and_error.measure import Way
 from benchmarks.time_and_error.problems import PROBLEMS, truth, worst
 from benchmarks.time_and_error.rebounds import ASKED, MASS, RADIUS, SPEED, Rebound, jaxsim_law
-from benchmarks.time_and_error.running import measure
+from benchmarks.time_and_error.running import Store, measure
 from benchmarks.time_and_error.sections import law_and_step
-from benchmarks.time_and_error.store import Store
-from benchmarks.time_and_error.way import Way
 
 # Accuracy that every method must reach with the finest setting of the short form.
 REACHED = {
