@@ -17,10 +17,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy import signal
-from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
 from benchmarks.study import Study
+from benchmarks.until_event import contact
 from jaxcontact._fit.uncertainty.interval import held_at, quantile_of
 
 MASS, STIFFNESS, DAMPING, SPEED = 0.2, 5e7, 6e6, 1.5
@@ -51,17 +51,10 @@ def held(found: jc.Fit, truth: dict[str, float]) -> dict[str, bool | None]:
 @functools.cache
 def motion() -> tuple[Callable[[np.ndarray], np.ndarray], float, float]:
     """Indentation and its rate over the time since touch, by SciPy, and both at the end."""
-
-    def rate(t, y):
-        return [y[1], -force_of(y[0], y[1]) / MASS]
-
-    def apart(t, y):
-        return y[0]
-
-    apart.terminal, apart.direction = True, -1
-    run = solve_ivp(
-        rate, (0, 1), (0, SPEED), "DOP853", events=apart, dense_output=True, rtol=1e-12, atol=1e-14
-    )
+    run = contact(
+        lambda x, v: -force_of(x, v) / MASS, 1e-12, speed=SPEED, stop=1.0, atol=1e-2, first=None,
+        dense_output=True,
+    )  # fmt: skip
     return run.sol, run.t[-1], run.y[1, -1]
 
 

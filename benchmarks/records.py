@@ -16,11 +16,11 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from scipy.integrate import solve_ivp
 from scipy.special import stdtrit
 
 import jaxcontact as jc
 from benchmarks.study import SURE, grouped, inside, middle, percent, share, study_of
+from benchmarks.until_event import contact
 from jaxcontact._flight import Flight
 from jaxcontact.lab.choice.kinds import kinds_of
 from jaxcontact.lab.choice.table import ChoiceTable
@@ -54,21 +54,11 @@ def impact(mass: float, stiffness: float, a: float, speed: float) -> tuple[np.nd
     scale = (mass * speed**2 / stiffness) ** 0.4
     unit = scale / speed
 
-    def rate(_: float, state: np.ndarray) -> list[float]:
-        # In units of the speed, and of the indentation of an elastic collision.
-        return [state[1], -(max(state[0], 0.0) ** 1.5) * (1 + a * speed * state[1])]
-
-    def apart(_: float, state: np.ndarray) -> float:
-        return state[0]
-
-    apart.terminal, apart.direction = True, -1  # pyright: ignore[reportFunctionMemberAccess]
-    found = solve_ivp(
-        *(rate, (0, 60), [0.0, 1.0]),
-        **{"method": "DOP853", "rtol": 1e-10, "atol": 1e-13},
-        events=apart,
+    # In units of the speed, and of the indentation of an elastic collision.
+    found = contact(
+        lambda x, v: -(x**1.5) * (1 + a * speed * v), 1e-10, atol=1e-3, stop=60, first=1e-3,
         dense_output=True,
-        first_step=1e-3,
-    )
+    )  # fmt: skip
     t = np.linspace(0, found.t[-1], 4000)
     depth, velocity = found.sol(t)
     force = np.maximum(depth, 0) ** 1.5 * (1 + a * speed * velocity)

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from scipy import optimize
-from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
 from benchmarks.time_and_error import by_scipy
@@ -20,6 +19,7 @@ from benchmarks.time_and_error.measure import Solve, Way
 from benchmarks.time_and_error.pairs import EIGHTH, step_source
 from benchmarks.time_and_error.problems import PROBLEMS, function_of
 from benchmarks.time_and_error.running import Store, named, run_cases, sweep
+from benchmarks.until_event import contact
 
 _CODE = """
 def rate(x, v, p):
@@ -104,18 +104,10 @@ def table_by_numba(alphas: np.ndarray, rtol: float) -> np.ndarray:
 
 def record_by_scipy(since: np.ndarray, alpha: float, rtol: float) -> np.ndarray:
     """Scaled force at scaled times, from SciPy's dense output."""
-
-    def rate(t, y):
-        x, v = y.tolist()
-        x = max(x, 0.0)
-        return v, -x * math.sqrt(x) * (1 + alpha * v)
-
     inside = since > 0
-    found = solve_ivp(
-        rate, (0, since[-1]), (0, 1), "DOP853", t_eval=since[inside], rtol=rtol, atol=rtol,
-        first_step=0.01, events=by_scipy.apart,
-    )  # fmt: skip
-    x, v = found.y
+    x, v = contact(
+        lambda x, v: -x * math.sqrt(x) * (1 + alpha * v), rtol, stop=since[-1], t_eval=since[inside]
+    ).y
     x = np.maximum(x, 0)
     force = np.zeros(since.size)
     # Readings omitted after the end have no force.

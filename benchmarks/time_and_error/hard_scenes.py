@@ -19,9 +19,8 @@ import jaxcontact as jc
 from tests.oracle import with_gravity
 from tests.oracle.moving_table import FREQUENCY, GRAVITY, RATE, bounces, over, sine
 
-from ..until_event import ending
+from ..until_event import apart, contact, ending
 from .by_numba import kernel
-from .by_scipy import apart
 
 # A ball that falls and comes to rest: seven or eight bounces, with increasing effect of its weight.
 HEIGHT, DAMPING, STIFFNESS = 0.05, 0.6, 1e4
@@ -61,17 +60,14 @@ def rest(one: Any) -> float:
 
 
 def rest_by_scipy(rtol: float) -> float:
-    def one(push):
-        def rate(t, y):
-            x, v = y.tolist()
-            x = max(x, 0.0)
-            return v, push - x * math.sqrt(x) * max(1 + DAMPING * v, 0.0)
+    turns = ending(lambda t, y: y[1], 1)
 
-        turns = ending(lambda t, y: y[1], 1)
-        end = solve_ivp(
-            rate, (0, 1e3), (0, 1), "DOP853", events=(apart, turns), rtol=rtol, atol=rtol,
-            first_step=0.01,
-        )  # fmt: skip
+    def one(push):
+        end = contact(
+            lambda x, v: push - x * math.sqrt(x) * max(1 + DAMPING * v, 0.0),
+            rtol,
+            ends=(apart, turns),
+        )
         if end.t_events[0].size == 0:
             return 0.0, math.inf
         return -end.y_events[0][0, 1], end.t_events[0][0]

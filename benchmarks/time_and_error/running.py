@@ -83,8 +83,8 @@ GOOD = 1e-6
 FAMILY_FILES = {
     "ours": ("impacts.py",),
     "alone": ("impacts.py",),
-    "diffrax": ("by_diffrax.py",),
-    "scipy": ("by_scipy.py",),
+    "diffrax": ("by_diffrax.py", "../until_event.py"),
+    "scipy": ("by_scipy.py", "../until_event.py"),
     "numba": ("by_numba.py", "pairs.py"),
     "engines": (),
 }
