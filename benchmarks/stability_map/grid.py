@@ -6,11 +6,9 @@ All jobs, with their numbers of lanes.
 from __future__ import annotations
 
 import itertools
-import sys
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -20,6 +18,7 @@ import numpy as np
 import jaxcontact as jc
 from benchmarks.stability_map.collocation import EXTENDED, Array
 from benchmarks.stability_map.kinds import KINDS, QUANTITIES
+from tests.test_impact.support import given_ratio
 
 CONCRETE = (1.0, 1.5, 2.0, 3.0)
 STRONGEST_PUSH = 1e4
@@ -191,7 +190,6 @@ def by_table(jobs: list[Job]) -> list[list[Job]]:
     return list(groups.values())
 
 
-ROOT = Path(__file__).resolve().parents[2]
 AT_ONCE = 512
 
 
@@ -202,10 +200,6 @@ def law_of(kind_name: str, damping: Any) -> jc.AbstractLaw:
         return jc.Damped(alpha=damping, tension=kind.tension)
     if kind.family == "kuwabara_kono":
         return jc.KuwabaraKono(A=damping, tension=kind.tension)
-    # Those of the tests, like the oracle in the benchmark of sweeps.
-    sys.path.insert(0, str(ROOT))
-    from tests.test_impact.support import given_ratio
-
     ending = "approach" if kind.approach else "tension" if kind.tension else "clamped"
     return given_ratio(damping, ending)
 
@@ -216,26 +210,19 @@ def answers(job: Job, lanes: Lanes) -> tuple[Array, dict[str, Array]]:
     for index in blocks(job, lanes.damping):
         hit = _solve(job, lanes, index)
         status[index] = np.asarray(hit.status)
-        named = dict(
-            zip(
-                QUANTITIES,
-                (
-                    hit.restitution,
-                    hit.duration,
-                    hit.compression_time,
-                    hit.max_indentation,
-                    hit.max_force,
-                ),
-                strict=True,
-            )
-        )
-        for q, value in named.items():
-            found[q][index] = np.asarray(value)
-    scale = units_of(lanes)
-    unit = dict(
-        zip(QUANTITIES, (1, scale.time, scale.time, scale.length, scale.force), strict=True)
-    )
-    return status, {q: values / unit[q] for q, values in found.items()}
+        for q, value in outcomes(hit).items():
+            found[q][index] = value
+    return status, in_units(found, units_of(lanes))
+
+
+def outcomes(hit: jc.Impact) -> dict[str, Array]:
+    names = ("restitution", *QUANTITIES[1:])
+    return {q: np.asarray(getattr(hit, name)) for q, name in zip(QUANTITIES, names, strict=True)}
+
+
+def in_units(found: dict[str, Array], unit: Units) -> dict[str, Array]:
+    units = (1, unit.time, unit.time, unit.length, unit.force)
+    return {q: found[q].astype(EXTENDED) / x for q, x in zip(QUANTITIES, units, strict=True)}
 
 
 def blocks(job: Job, damping: Array) -> Iterator[Array]:
