@@ -1,7 +1,7 @@
 """Oblique impacts, run time against error: `python -m benchmarks oblique [GROUP]`.
 
 The table of Maw, Barber and Fawcett beside the same springs in numba; one spring and slider beside
-numba by hand, SciPy with events and diffrax; LAMMPS and MuJoCo with the errors that they reach. The
+numba by hand, SciPy with events and diffrax; LAMMPS with the errors that it reaches. The
 methods of a group run in turn in one process, and the best of several calls counts.
 `python -m benchmarks run_time_error --page` puts the result on its page.
 """
@@ -21,7 +21,6 @@ import numpy as np
 import jaxcontact as jc
 from benchmarks.oblique_impacts import (
     by_lammps,
-    by_mujoco,
     phases_by_numba,
     solvers,
     springs_by_numba,
@@ -249,7 +248,7 @@ def forms(size: Size) -> Rows:
 
 
 def engines(size: Size) -> Rows:
-    """LAMMPS beside the same spring and slider, MuJoCo beside the spheres that it stands for."""
+    """LAMMPS beside the same spring and slider."""
     psi = np.linspace(0.25, 5.5, size.balls)
     one = np.ones_like(psi)
     rows: Rows = []
@@ -263,33 +262,11 @@ def engines(size: Size) -> Rows:
             call = by_lammps.call_of(psi, name, steps)
             methods.append(Method(f"LAMMPS {name}", f"{steps} steps", call, len(psi), wrong))
         rows += side_by_side(f"engine: {form}", methods)
-    if importlib.util.find_spec("mujoco"):
-        alpha = float(jc.exact_damping_factor(by_mujoco.ASKED))
-        mine = by_table(psi, CHI, alpha)
-        exact = np.asarray(mine())
-        methods = [Method("jc.tangential_rebound", "", mine, len(psi))]
-        for damped in (False, True):
-            for steps in (100, 2000):
-                name = "MuJoCo" + (", solreffriction" if damped else "")
-                call = by_mujoco.call_of(psi, steps, damped)
-                wrong = partial(_of_mujoco, exact=exact)
-                methods.append(Method(name, f"{steps} steps", call, len(psi), wrong))
-        rows += side_by_side("engine: spheres", methods)
     return rows
 
 
 def _wrong(answer: Any, exact: np.ndarray) -> dict[str, float]:
     return errors(answer, exact)
-
-
-def _of_mujoco(answer: Any, exact: np.ndarray) -> dict[str, float]:
-    psi, e = answer
-    apart = np.abs(e - by_mujoco.ASKED)
-    return errors(psi, exact) | {
-        "restitution": float(e[np.argmax(apart)]),
-        "least": float(psi.min()),
-        "least_exact": float(exact.min()),
-    }
 
 
 GROUPS: dict[str, Callable[[Size], Rows]] = {

@@ -190,7 +190,7 @@ class Study:
                     put(path, self.text(found))
         if trial:
             print(by_indent(found))
-        elif self.tables and (self.whole or path.parent == HERE):
+        elif found is not None and self.tables and (self.whole or path.parent == HERE):
             self.show(found, DOCS if path.parent == HERE else path.parent)
 
 

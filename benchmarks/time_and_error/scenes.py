@@ -15,7 +15,7 @@ import numpy as np
 
 import jaxcontact as jc
 
-from . import gases, restarted
+from . import gases
 from . import hard_scenes as hard
 from .line_scenes import Fixed, Line, by_diffrax, by_scipy, chain, line, oblique, scene_of
 from .measure import NotPossibleError, Solve, Way
@@ -87,8 +87,6 @@ def _gas(name: str, title: str, periodic: bool) -> Scene:
     """Hard discs from impact to impact: final velocities."""
     solvers = {
         "jitted": functools.partial(gases.by_package, periodic),
-        "diffrax": functools.partial(restarted.gas, "diffrax", periodic),
-        "scipy": functools.partial(restarted.gas, "scipy", periodic),
         "numba": functools.partial(gases.by_numba, periodic),
         **({} if periodic else {"billiards": gases.by_billiards}),
     }
@@ -111,7 +109,7 @@ SCENES = (
         "bouncing to rest",
         {
             "jitted": hard.rest_by_package,
-            "diffrax": restarted.rest_by_diffrax,
+            "diffrax": hard.rest_by_diffrax,
             "scipy": hard.rest_by_scipy,
             "numba": hard.rest_by_numba,
         },
@@ -122,7 +120,7 @@ SCENES = (
         "ball on a shaking table",
         {
             "jitted": hard.table_by_package,
-            "diffrax": restarted.table_by_diffrax,
+            "diffrax": hard.table_by_diffrax,
             "scipy": hard.table_by_scipy,
             "numba": hard.table_by_numba,
         },
@@ -142,7 +140,7 @@ def _build(scene: Scene, lanes: np.ndarray, *, solver: str) -> Solve:
     return scene.solvers[solver]
 
 
-_FILES = ("scenes.py", "line_scenes.py", "hard_scenes.py", "restarted.py", "gases.py")
+_FILES = ("scenes.py", "line_scenes.py", "hard_scenes.py", "gases.py")
 _FILES += ("../until_event.py",)
 
 

@@ -151,7 +151,7 @@ extended precision. The error is that of final velocities.
 
 - SciPy and diffrax restart at touches and openings. In flights diffrax has a longest step, found by
   trial, without which it misses contacts (the shortest ones, at ε = 0.001, also with it). Both have
-  a longest step in the gases and over the table.
+  a longest step over the table.
 - *By hand* means numba code for this scene only.
 - Scenes in engines are [beside `simulate`](export.md#agreement-with-jcsimulate).
 - *billiards* is the one event-driven simulator of hard discs on PyPI. It has no periodic cell, so
