@@ -83,7 +83,6 @@ def compare(balls: int, repeats: int = REPEATS) -> Row:
         "ratio": seconds["loop_s"] / seconds["many_s"],
         "converged": int(ok.sum()),
         "away": float(np.max(away[known])),
-        "error_away": float(np.max(np.abs(ours[known] / errors[known] - 1))),
         "held": dict(zip(many.names, held.tolist(), strict=True)),
     }
 

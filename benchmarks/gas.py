@@ -113,14 +113,11 @@ def cooling(
         return start - exponent * np.log1p(np.exp(rate) * t)
 
     start = (hot[0], 2.0, -np.log(since[100]))
-    (start, exponent, rate), _ = curve_fit(law_of, since, hot, p0=start)
+    (_, exponent, _), _ = curve_fit(law_of, since, hot, p0=start)
     return {
         "seed": seed,
         "impacts": most,
         "exponent": float(exponent),
-        "tau": float(np.exp(-rate)),
-        "cooled": float(np.exp(hot[-1])),
-        "rms": float(np.std(hot - law_of(since, start, exponent, rate))),
     }
 
 

@@ -346,8 +346,6 @@ def measure(name: str, method: str, precision: str, count: int) -> dict[str, Any
         "flagged": int(np.sum(flagged)),
         "wrong": int(np.sum(~right & ~flagged)),
         "error": float(np.max(np.where(flagged, 0, error))),
-        "sticks": int(np.sum(truth.sticks)),
-        "least_e": float(np.min(truth.restitution)),
     }
 
 

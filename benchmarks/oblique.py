@@ -22,7 +22,6 @@ import jaxcontact as jc
 from benchmarks.oblique_impacts import (
     by_lammps,
     phases_by_numba,
-    solvers,
     springs_by_numba,
 )
 from benchmarks.oblique_impacts.page import section
@@ -32,6 +31,8 @@ from benchmarks.oblique_impacts.problems import (
     MU,
     Lanes,
     Method,
+    by_diffrax,
+    by_scipy,
     elastic,
     errors,
     side_by_side,
@@ -195,7 +196,7 @@ def slider(size: Size) -> Rows:
     ]  # fmt: skip
     few = lanes.first(size.scipy)
     for rtol in (1e-8, 1e-10):
-        call = solvers.by_scipy(few, rtol)
+        call = by_scipy(few, rtol)
         methods.append(Method("SciPy with events", f"rtol {rtol:g}", call, size.scipy, wrong))
     return side_by_side("spring and slider", methods)
 
@@ -209,7 +210,7 @@ def stepped(size: Size) -> Rows:
         return errors(answer, truth)
 
     event = whole(lanes, "slider", "event")
-    plain = solvers.by_diffrax(lanes, 1e-9)
+    plain = by_diffrax(lanes, 1e-9)
     return side_by_side(
         "spring and slider, small batch",
         [

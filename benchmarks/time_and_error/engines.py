@@ -14,7 +14,7 @@ import numpy as np
 
 import jaxcontact as jc
 
-from . import by_jaxsim, by_simulators
+from . import by_simulators
 from .measure import NotPossibleError, Solve, Way
 from .rebounds import MASS, SPEED, STIFFNESS, Rebound, converged, drops
 from .running import Store, named, run_cases, sweep
@@ -63,7 +63,7 @@ def _ours(task: Rebound, asked: np.ndarray, *, method: Callable[[float], Any]) -
     return lambda setting: (run(e, setting), asked)
 
 
-_FILES = ("engines.py", "rebounds.py", "by_simulators.py", "by_jaxsim.py")
+_FILES = ("engines.py", "rebounds.py", "by_simulators.py")
 _FILES += ("../../tests/test_export/drops.py",)
 
 
@@ -125,7 +125,7 @@ WAYS = (
         variants=_named("integrator", "Euler", "RK4"), most=500, **_FIXED,
     ),
     _way(
-        "JaxSim", "jaxsim", by_jaxsim.solver, "jaxsim",
+        "JaxSim", "jaxsim", by_simulators.by_jaxsim, "jaxsim",
         variants=_named("integrator", "RungeKutta4", "SemiImplicitEuler"), most=500, **_FIXED,
     ),
 )  # fmt: skip

@@ -13,10 +13,9 @@ from scipy import optimize
 
 import jaxcontact as jc
 from benchmarks.time_and_error import by_scipy
-from benchmarks.time_and_error.by_numba import FAST, in_parallel, kernel
+from benchmarks.time_and_error.by_numba import EIGHTH, FAST, in_parallel, kernel, step_source
 from benchmarks.time_and_error.fit_tasks import MASS, SPEED, STIFFNESS, UNIT, Found, Record, Table
 from benchmarks.time_and_error.measure import Solve, Way
-from benchmarks.time_and_error.pairs import EIGHTH, step_source
 from benchmarks.time_and_error.problems import PROBLEMS, function_of
 from benchmarks.time_and_error.running import Store, named, run_cases, sweep
 from benchmarks.until_event import contact

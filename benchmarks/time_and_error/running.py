@@ -85,7 +85,7 @@ FAMILY_FILES = {
     "alone": ("impacts.py",),
     "diffrax": ("by_diffrax.py", "../until_event.py"),
     "scipy": ("by_scipy.py", "../until_event.py"),
-    "numba": ("by_numba.py", "pairs.py"),
+    "numba": ("by_numba.py",),
     "engines": (),
 }
 

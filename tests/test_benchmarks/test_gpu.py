@@ -6,7 +6,7 @@ import jax
 import pytest
 
 from benchmarks import gpu
-from benchmarks.gpu_page import page
+from benchmarks.gpu import page
 from benchmarks.gpu_tasks import TASKS
 from jaxcontact._program import compiled
 
