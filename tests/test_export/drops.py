@@ -6,16 +6,12 @@ the contact and its number of steps. It also contains the start above the plane 
 step. The answer is the list of rebound speeds over closing speeds. There is no gravity.
 
 A function builds the model of a case and returns the throw, which may be repeated. A case may have
-options of a method, and the `count` of steps that are run: twice those of the contact without it.
+options of a method, and the `count` of steps that are run.
 """
 
 import json
 import math
 import sys
-
-
-def count_of(case):
-    return case.get("count", 2 * case["steps"])
 
 
 def drake(case):
@@ -65,7 +61,7 @@ def drake(case):
         plant.SetFreeBodyPose(context, body, RigidTransform([0, 0, height]))
         plant.SetFreeBodySpatialVelocity(context, body, down)
         simulator.Initialize()
-        simulator.AdvanceTo(count_of(case) * step)
+        simulator.AdvanceTo(case["count"] * step)
         return plant.EvalBodySpatialVelocityInWorld(context, body).translational()[2]
 
     return throw
@@ -95,7 +91,7 @@ def mujoco(case):
     def throw():
         engine.mj_resetData(model, data)
         data.qvel[0] = -case["velocity"]
-        engine.mj_step(model, data, count_of(case))
+        engine.mj_step(model, data, case["count"])
         return data.qvel[0]
 
     return throw
@@ -188,8 +184,8 @@ def exudyn(case):
     )
     system.Assemble()
     settings = engine.SimulationSettings()
-    settings.timeIntegration.endTime = count_of(case) * step
-    settings.timeIntegration.numberOfSteps = count_of(case)
+    settings.timeIntegration.endTime = case["count"] * step
+    settings.timeIntegration.numberOfSteps = case["count"]
     # It shortens a step to end at touch; its own shortest step is 1e-8 s.
     settings.timeIntegration.minimumStepSize = 1e-9 * step
     settings.timeIntegration.verboseMode = 0
@@ -236,7 +232,7 @@ def lammps(case):
 if __name__ == "__main__":
     drops = (bullet, drake, exudyn, lammps, mujoco, newton)
     drop = {one.__name__: one for one in drops}[sys.argv[1]]
-    cases = json.load(sys.stdin)
+    cases = [{"count": 2 * case["steps"], **case} for case in json.load(sys.stdin)]
     delivered = [float(drop(case)()) / case["velocity"] for case in cases]
     # On a separate line, after any output of the engine.
     print("\n" + json.dumps(delivered))
