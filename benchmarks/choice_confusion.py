@@ -1,4 +1,4 @@
-"""Rate at which `choose_law` is sure of a wrong law: `python benchmarks/choice_confusion.py`.
+"""Rate at which `choose_law` is sure of a wrong law: `python -m benchmarks choice_confusion`.
 
 Tables of e over the closing speed are simulated from twelve true laws, two of which the choice
 does not contain. They have 6 to 200 points, with e near 1 and near 0. The noise has constant size,
@@ -19,29 +19,22 @@ A table is clear if the best law that does not contain the truth misses it by
 
     λ = Σ (misfit left after the best fit / σ)² ≥ 40.
 
-Each finished table is counted in benchmarks/choice_confusion.json, and an interrupted run continues
-from there; `--fresh` starts over. `--tables` sets the number of tables in a cell, `--only` runs the
-cells whose name contains a text, `--into` selects another folder.
-`python benchmarks/fit_adequacy.py --page` writes docs/trust.md from the result.
+An interrupted run continues. `python -m benchmarks fit_adequacy --page` writes docs/trust.md from
+the result.
 """
 
 from __future__ import annotations
 
 import itertools
-import sys
 import time
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from scipy.stats import f as fisher
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.study import Study
@@ -349,13 +342,8 @@ def confusion(result: dict[str, Any]) -> dict[str, Counter]:
     return found
 
 
-STUDY = Study(__file__, __doc__)
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    options = {"--tables": {"type": int, "default": 8, "help": "in each of the cells"}}
-    STUDY.command(measure, options | {"--only": {"default": ""}}, words)
-
-
-if __name__ == "__main__":
-    main()
+OPTIONS = {
+    "--tables": {"type": int, "default": 8, "help": "in each of the cells"},
+    "--only": {"default": "", "help": "cells whose name contains this"},
+}
+STUDY = Study(__file__, __doc__, measure, options=OPTIONS)

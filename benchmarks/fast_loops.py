@@ -1,7 +1,7 @@
 """Loops with and without the flag of `jaxcontact.fast_loops`, each in a process of its own.
 
-`python -m benchmarks.fast_loops` prints ratios of the times of a call and of the CPU times of
-compiling it, and the largest relative difference of results.
+Ratios of the times of a call and of the CPU times of compiling it, and the largest relative
+difference of results.
 """
 
 import json
@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 import jaxcontact as jc
-from benchmarks.study import lines
+from benchmarks.study import ROOT, Study, by_line, lines
 from benchmarks.time_and_error.measure import timed
 
 CONTACT = jc.Contact(mass=1.0, stiffness=1e4)
@@ -72,7 +72,6 @@ SOFT = {"soft scene of 3 discs": (scene_of(instantaneous=False), 0.1)}
 
 
 def measured():
-    jax.config.update("jax_enable_x64", True)
     rows = {}
     for name, (function, at) in (LOOPS | SOFT).items():
         lowered, start = jax.jit(function).lower(at), time.process_time()
@@ -82,21 +81,30 @@ def measured():
     return rows
 
 
-def main():
-    if "--here" in sys.argv:
-        return print(json.dumps(measured()))
-    command = [sys.executable, "-m", "benchmarks.fast_loops", "--here"]
+HERE = "import json; from benchmarks.fast_loops import measured; print(json.dumps(measured()))"
+
+
+def measure(known):
     off, on = (
-        json.loads(subprocess.check_output(command, env={**os.environ, "JAXCONTACT_FAST_LOOPS": f}))
-        for f in ("0", "1")
+        json.loads(
+            subprocess.check_output(
+                [sys.executable, "-c", HERE],
+                cwd=ROOT,
+                env={**os.environ, "JAXCONTACT_FAST_LOOPS": flag, "JAX_ENABLE_X64": "1"},
+            )
+        )
+        for flag in ("0", "1")
     )
     cells = []
     for name, (slow, first, one) in off.items():
         fast, second, other = on[name]
         apart = np.max(np.abs(np.subtract(one, other))) / np.max(np.abs(one))
-        cells.append([name, f"{slow / fast:.1f}", f"{second / first:.2f}", f"{apart:.0e}"])
-    return print(lines(["program", "times as fast", "compiling, ratio", "difference"], cells))
+        cells.append([name, f"{slow / fast:.1f}", f"{second / first:.2f}", f"{apart:.1g}"])
+    return cells
 
 
-if __name__ == "__main__":
-    main()
+def table(cells):
+    return lines(["program", "times as fast", "compiling, ratio", "difference"], cells)
+
+
+STUDY = Study(__file__, __doc__, measure, table, "accuracy", text=by_line)

@@ -1,6 +1,6 @@
 """Time to read tables of 100,000 rows, compared with a reader written for their format.
 
-Run `python -m benchmarks.files`. The reference uses `str.split` and `float` for each line, handles
+The reference uses `str.split` and `float` for each line, handles
 a decimal comma or a time if the format has one, and checks nothing.
 """
 
@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 import jaxcontact as jc
+from benchmarks.study import Study, lines
 from jaxcontact.lab.tables.grid import is_number
 from jaxcontact.lab.tables.source import sheet_of
 
@@ -77,7 +78,7 @@ def by_hand(text: str, line: Callable[[str], list[float]]) -> np.ndarray:
     return np.array([line(one) for one in lines if is_number(one[0])])
 
 
-def measured(text: str, line: Callable[[str], list[float]]) -> tuple[float, float, float]:
+def measured(text: str, line: Callable[[str], list[float]]) -> list[float]:
     """Processor seconds by hand, for the columns of a file, and for the recording in it."""
     times = []
     for read in (
@@ -88,17 +89,19 @@ def measured(text: str, line: Callable[[str], list[float]]) -> tuple[float, floa
         start = time.process_time()
         read()
         times.append(time.process_time() - start)
-    return times[0], times[1], times[2]
+    return times
 
 
-def main() -> None:
+def measure(known: None) -> dict[str, list[float]]:
     jc.read_recording(io.StringIO(forms(6000)["commas"][0]))  # imports SciPy
-    print(f"{ROWS} rows; s of CPU     by hand  text to columns  recording")
-    for name, (text, line) in forms().items():
-        hand, sheet, whole = measured(text, line)
-        late = "" if whole - hand < LIMIT else "  MORE THAN ALLOWED"
-        print(f"{name:26} {hand:7.2f}  {sheet:15.2f}  {whole:9.2f}{late}")
+    return {name: measured(text, line) for name, (text, line) in forms().items()}
 
 
-if __name__ == "__main__":
-    main()
+def rows(found: dict[str, list[float]]) -> str:
+    late = {name: "" if whole - hand < LIMIT else "yes" for name, (hand, _, whole) in found.items()}
+    cells = [[name, *(f"{x:.2f}" for x in times), late[name]] for name, times in found.items()]
+    heads = ["s of CPU", "by hand", "text to columns", "recording", "more than allowed"]
+    return lines(heads, cells)
+
+
+STUDY = Study(__file__, __doc__, measure, rows)

@@ -1,4 +1,4 @@
-"""Rate at which right and wrong models are called inadequate: `python benchmarks/fit_adequacy.py`.
+"""Rate at which right and wrong models are called inadequate: `python -m benchmarks fit_adequacy`.
 
 Levels: right models, with false alarms at 5 %. Power: a smooth misfit of known size is added to a
 line or a parabola,
@@ -6,9 +6,8 @@ line or a parabola,
     λ = Σ (misfit left after the best fit / σ)²,
 
 and the fraction of fits that are called inadequate is counted. Every draw is a call of `jc.fit`, as
-a user makes it. The results are written to benchmarks/fit_adequacy.json. `--page` writes
-docs/trust.md from it and from the results of fit_coverage.py, fit_design.py and
-choice_confusion.py. `--draws` sets the number of draws, `--into` selects another folder.
+a user makes it. docs/trust.md is written from the result and from those of fit_coverage.py,
+fit_design.py, choice_confusion.py and nist.py.
 """
 
 from __future__ import annotations
@@ -17,16 +16,12 @@ import contextlib
 import io
 import math
 import platform
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks import choice_confusion, fit_coverage, fit_design, nist
@@ -314,13 +309,5 @@ def percent(share: float | None) -> str:
     return "" if share is None else f"{100 * share:.1f}"
 
 
-STUDY = Study(__file__, __doc__, page, "trust", whole=True)
-
-
-def main(given: list[str] | None = None) -> None:
-    draws = {"type": int, "default": 2000, "help": "fits a cell; power: a fifth"}
-    STUDY.command(measure, {"--draws": draws}, given)
-
-
-if __name__ == "__main__":
-    main()
+OPTIONS = {"--draws": {"type": int, "default": 2000, "help": "fits a cell; power: a fifth"}}
+STUDY = Study(__file__, __doc__, measure, page, "trust", OPTIONS, whole=True)

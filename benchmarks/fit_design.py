@@ -1,21 +1,13 @@
-"""Accuracy of plans of measurements: `python benchmarks/fit_design.py`.
+"""Accuracy of plans of measurements: `python -m benchmarks fit_design`.
 
 For each plan 500 measurements are simulated and fitted as a user would. The standard deviation of
-each parameter over the fits is compared with the standard error expected by the plan. The results
-are written to benchmarks/fit_design.json. `--draws` sets the number of fits, `--into` selects
-another folder.
+each parameter over the fits is compared with the standard error expected by the plan.
 """
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import jax
 import numpy as np
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.study import Study
@@ -81,12 +73,5 @@ def measure(known: dict | None, draws: int) -> dict:
     return result
 
 
-STUDY = Study(__file__, __doc__)
-
-
-def main(given: list[str] | None = None) -> None:
-    STUDY.command(measure, {"--draws": {"type": int, "default": 500}}, given)
-
-
-if __name__ == "__main__":
-    main()
+OPTIONS = {"--draws": {"type": int, "default": 500}}
+STUDY = Study(__file__, __doc__, measure, options=OPTIONS)

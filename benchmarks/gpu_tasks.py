@@ -15,7 +15,7 @@ import numpy as np
 import jaxcontact as jc
 from benchmarks import fit_many, weight
 from benchmarks.oblique_impacts.problems import CHI, elastic, spheres
-from benchmarks.oblique_impacts.solvers import by_scipy as springs_by_scipy
+from benchmarks.oblique_impacts.problems import by_scipy as springs_by_scipy
 from benchmarks.time_and_error import by_diffrax
 from benchmarks.time_and_error.line_scenes import by_scipy, oblique, scene_of
 from benchmarks.time_and_error.problems import PROBLEMS, SEED, Problem, function_of, worst

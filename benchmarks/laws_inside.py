@@ -1,8 +1,8 @@
 """One ball in MJX, Brax and JaxSim, by their own contacts and by a law of ours in MJX and JaxSim.
 
-`python benchmarks/laws_inside.py` needs `pip install mujoco-mjx brax jaxsim`. The ball of 0.5 kg
+`python -m benchmarks laws_inside` needs `pip install mujoco-mjx brax jaxsim`. The ball of 0.5 kg
 meets a plane at 0.5, 1 and 3 m/s, without gravity, from four positions within a step; e shall be
-0.8 and 0.5. `--page` writes the tables of docs/engines.md.
+0.8 and 0.5.
 
 - MJX by default: the solref (0.02, 1) that every model has. There is no parameter e.
 - MJX with numbers of `jc.export`: a spring and a dashpot by solref, as long as the contact at
@@ -25,15 +25,10 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
-import sys
 import time
 from collections.abc import Callable, Iterator
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jax
 import jax.numpy as jnp
@@ -329,7 +324,6 @@ def engines() -> str:
 
 
 def measure(known: dict[str, Any] | None) -> Iterator[dict[str, Any]]:
-    jax.config.update("jax_enable_x64", True)
     found = known or {"rows": []}
     for name in ("jax", "mujoco", "mujoco-mjx", "brax", "jaxsim"):
         # Kept rows need no engine.
@@ -344,7 +338,4 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
     return {"": table(COLUMNS, found["rows"]), ", engines": engines()}
 
 
-STUDY = Study(__file__, __doc__, tables, "engines")
-
-if __name__ == "__main__":
-    STUDY.command(measure)
+STUDY = Study(__file__, __doc__, measure, tables, "engines")

@@ -1,27 +1,19 @@
-"""Right, flagged and wrong impacts of laws with a memory: `python benchmarks/memory_map.py`.
+"""Right, flagged and wrong impacts of laws with a memory: `python -m benchmarks memory_map`.
 
 Every lane has its own mass, stiffness and speed over the whole range of the package, and its own
 parameters: from an elastic contact to e near 0, and for JKR to bodies that stick. The truths are
-quadratures over the indentation in extended precision, which share no code with the package. The
-result is benchmarks/memory_map.json, and a section of docs/stability.md with `--page`.
+quadratures over the indentation in extended precision, which share no code with the package.
 """
 
 from __future__ import annotations
 
 import itertools
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-
-jax.config.update("jax_enable_x64", True)
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.study import Study, table
@@ -354,8 +346,6 @@ def measure(name: str, method: str, precision: str, count: int) -> dict[str, Any
         "flagged": int(np.sum(flagged)),
         "wrong": int(np.sum(~right & ~flagged)),
         "error": float(np.max(np.where(flagged, 0, error))),
-        "sticks": int(np.sum(truth.sticks)),
-        "least_e": float(np.min(truth.restitution)),
     }
 
 
@@ -404,7 +394,4 @@ def measure_all(known: list | None) -> list[dict[str, Any]]:
     return rows
 
 
-STUDY = Study(__file__, __doc__, lambda rows: table(COLUMNS, rows, "---"), "stability")
-
-if __name__ == "__main__":
-    STUDY.command(measure_all)
+STUDY = Study(__file__, __doc__, measure_all, lambda rows: table(COLUMNS, rows, "---"), "stability")

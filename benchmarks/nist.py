@@ -1,4 +1,4 @@
-"""NIST's nonlinear regression problems by `jc.fit` and SciPy: `python benchmarks/nist.py`.
+"""NIST's nonlinear regression problems by `jc.fit` and SciPy: `python -m benchmarks nist`.
 
 `nist_data.json` contains 27 problems with two starts each, and parameters certified to 11 digits.
 Source: the Statistical Reference Datasets of the National Institute of Standards and Technology
@@ -8,23 +8,15 @@ Source: the Statistical Reference Datasets of the National Institute of Standard
 from __future__ import annotations
 
 import json
-import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jax
-
-if __name__ == "__main__":
-    jax.config.update("jax_enable_x64", True)
-
 import jax.numpy as jnp
 import numpy as np
 from scipy import optimize
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.study import Study, by_line, lines
@@ -184,7 +176,4 @@ def measure(known: list | None) -> list[dict[str, Any]]:
     return rows
 
 
-STUDY = Study(__file__, __doc__, text=by_line)
-
-if __name__ == "__main__":
-    STUDY.command(measure)
+STUDY = Study(__file__, __doc__, measure, text=by_line)

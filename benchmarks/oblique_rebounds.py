@@ -1,4 +1,4 @@
-"""Friction laws beside the rebounds of Kharaz et al.: `python benchmarks/oblique_rebounds.py`.
+"""Friction laws beside the rebounds of Kharaz et al.: `python -m benchmarks oblique_rebounds`.
 
 The table ships with the package (see jaxcontact/data/SOURCES.md). Nothing is fitted: μ is that of
 the paper, β0 of Walton's law that of Foerster et al. (1994) for glass, κ that of the materials, and
@@ -9,20 +9,12 @@ of like materials: for ν = 0, and the largest for ν up to 0.5.
 
 from __future__ import annotations
 
-import sys
 from importlib.resources import files
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import jax.numpy as jnp
 import numpy as np
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.study import Study
@@ -106,7 +98,4 @@ def measure(known: dict | None) -> dict[str, Any]:
     return {"laws": laws, "returned": back}
 
 
-STUDY = Study(__file__, __doc__)
-
-if __name__ == "__main__":
-    STUDY.command(measure)
+STUDY = Study(__file__, __doc__, measure)

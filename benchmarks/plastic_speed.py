@@ -1,30 +1,20 @@
-"""Plastic and adhesive impacts beside plain diffrax: `python benchmarks/plastic_speed.py`.
+"""Plastic and adhesive impacts beside plain diffrax: `python -m benchmarks plastic_speed`.
 
 Ten thousand impacts under a small push, which no formula solves, and the same without it. Plain
 diffrax solves (δ, δ') from touch to the turn and from there to the end, each with an event, by
 `vmap` over a thousand lanes at a time. For every way the cheapest setting with an error of at most
 1e-8 counts, of e and of the duration. The truth of nine lanes is SciPy's DOP853 at 1e-13.
-
-`--page` writes the table of docs/plastic.md.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import diffrax
+import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -243,7 +233,8 @@ def table(found: list[dict[str, Any]]) -> str:
     return lines(heads, cells, "---")
 
 
-STUDY = Study(__file__, __doc__, lambda found: table(found["rows"]), "plastic")
+def measure(known: dict[str, Any] | None) -> dict[str, Any]:
+    return {"lanes": LANES, "rows": rows()}
 
-if __name__ == "__main__":
-    STUDY.command(lambda known: {"lanes": LANES, "rows": rows()})
+
+STUDY = Study(__file__, __doc__, measure, lambda found: table(found["rows"]), "plastic")

@@ -1,4 +1,4 @@
-"""Random mechanisms with every kind of law: `python benchmarks/random_mechanisms.py --each 200`.
+"""Random mechanisms with every kind of law: `python -m benchmarks random_mechanisms --each 200`.
 
 Each has two coordinates, a mass matrix that depends on them, springs, dampers, a drive, a push that
 begins at a breakpoint, and two gaps, one with a moving wall. A quarter starts moving, at rest
@@ -11,22 +11,14 @@ differences. For laws without memory touches are compared with SciPy's, restarte
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.study import Study, lines
@@ -44,7 +36,7 @@ BENDS = 1e-2
 
 HEADING = """# Random mechanisms
 
-By `python benchmarks/random_mechanisms.py --each {EACH}`, at rtol 1e-10. The columns from
+By `python -m benchmarks random_mechanisms --each {EACH}`, at rtol 1e-10. The columns from
 `time` on are the largest deviations of derivatives from differences, relative to derivative and
 value; those of largest force and depth show the interpolation between steps. Contacts are left out
 from the first one on whose gap or slope changes within the differences. Runs end after eight.
@@ -416,12 +408,9 @@ def page(found: tuple[int, list[list[str]]]) -> str:
     return f"{HEADING.replace('{EACH}', str(each))}\n{table}"
 
 
-STUDY = Study(__file__, __doc__, text=page, ending=".md")
 OPTIONS = {
     "--each": {"type": int, "default": 200, "help": "mechanisms for each law"},
     "--scipy": {"type": int, "default": 20, "help": "of them beside SciPy"},
     "--laws": {"nargs": "*", "default": list(LAWS), "choices": list(LAWS)},
 }
-
-if __name__ == "__main__":
-    STUDY.command(measure, OPTIONS)
+STUDY = Study(__file__, __doc__, measure, options=OPTIONS, text=page, ending=".md")

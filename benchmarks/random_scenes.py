@@ -1,4 +1,4 @@
-"""Random scenes compared with Newton's equations: `python benchmarks/random_scenes.py`.
+"""Random scenes compared with Newton's equations: `python -m benchmarks random_scenes`.
 
 Three and four discs in a box under gravity, five laws, at `rtol` 1e-6 and 1e-9. Their final states
 come from tests/oracle/random_scenes.py, which is independent of the library and has up to a
@@ -6,25 +6,14 @@ thousand scenes. A run magnifies the error of each impact. An error is therefore
 `rtol` times the growth of a perturbation, and with the error estimate of the impacts times that
 growth.
 
-The result is written after every scene to benchmarks/random_scenes.json, and an interrupted run
-continues; `--fresh` starts over. `--only` runs the given number of scenes and writes nothing,
-`--page` writes the table of docs/scenes_how.md.
+An interrupted run continues. `--only` runs the given number of scenes and writes nothing.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
-
-import jax
-
-jax.config.update("jax_enable_x64", True)
 
 import numpy as np
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.study import Study, by_line, table
@@ -106,7 +95,5 @@ def measure(known: dict | None, only: int | None) -> Iterator[dict[str, dict]]:
                 yield rows
 
 
-STUDY = Study(__file__, __doc__, page, "scenes_how", text=by_line)
-
-if __name__ == "__main__":
-    STUDY.command(measure, {"--only": {"type": int}}, trial="only")
+OPTIONS = {"--only": {"type": int}}
+STUDY = Study(__file__, __doc__, measure, page, "scenes_how", OPTIONS, trial="only", text=by_line)

@@ -1,27 +1,22 @@
 """Exported scenes in their engines, beside `jc.simulate`.
 
-`python benchmarks/scene_agreement.py` runs every scene of `CASES` in its engine, with 201 outputs.
+`python -m benchmarks scene_agreement` runs every scene of `CASES` in its engine, with 201 outputs.
 Compared are the instants of the impacts, and velocities, spins and energy at a moment at which no
 body touches another. Two more scenes miss their tolerance by the error that their export states.
 `OBLIQUE` has single impacts with `RigidCoulomb`, of which the rebounds are compared.
 
-Needs `pip install '.[engines]'`. `--page` writes the tables of docs/export.md.
-All runs take some ten minutes on two cores, most of it to compile the growth of runs.
+Needs `pip install '.[engines]'`. All runs take some ten minutes on two cores, most of it to compile
+the growth of runs.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-import jax
 import numpy as np
 
 import jaxcontact as jc
@@ -382,7 +377,6 @@ def oblique() -> dict[str, Any]:
 
 
 def measure(known: dict | None) -> dict[str, Any]:
-    jax.config.update("jax_enable_x64", True)
     rows, missed = [], {}
     for engine, make in CASES:
         own, margin = of_simulate(engine, make)
@@ -445,7 +439,4 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
     }
 
 
-STUDY = Study(__file__, __doc__, tables, "export")
-
-if __name__ == "__main__":
-    STUDY.command(measure)
+STUDY = Study(__file__, __doc__, measure, tables, "export")

@@ -1,5 +1,9 @@
 """What all studies share: their command, their result in JSON, and their tables on pages.
 
+`python -m benchmarks NAME` measures and writes benchmarks/NAME.json, and shows the tables. `--page`
+shows those of the known result, `--fresh` begins again where a study goes on, `--into` selects
+another folder. `--help` has the options of a study.
+
 A study is in benchmarks/NAME.py, its result in benchmarks/NAME.json, and each of its tables in a
 page of docs/ between two comments. The columns of a table are data: a heading, and the text of a
 cell from a row.
@@ -18,6 +22,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -93,8 +99,19 @@ class Study:
 
     file: str
     words: str | None
+    measure: Callable[..., Any]
+    """Gets the earlier result (None if there is none) and the options, and returns a result. One
+    that can be interrupted yields what it has after each part.
+    """
     tables: Callable[[Any], str | dict[str, str]] | None = None
     page: str | None = None
+    options: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
+    trial: str = ""
+    """An option by which less is measured, and nothing is written."""
+    draw: Callable[[Any, Path], None] | None = None
+    """Draws the figures of the page into its folder."""
+    keeps: bool = False
+    """Whether `measure` writes the result: it gets the path, and whether to begin again."""
     whole: bool = False
     """Whether the page is made of the result as a whole."""
     text: Callable[[Any], str] = by_indent
@@ -133,48 +150,48 @@ class Study:
             print(*self.shown(result).values(), sep="\n\n")
             return
         page = docs / f"{self.page}.md"
+        if self.draw:
+            self.draw(result, docs)
         if self.whole:
             text = self.shown(result)[""]
         else:
             text = self.on_page(page.read_text("utf-8"), result)
         page.write_text(text, encoding="utf-8")
 
-    def command(
-        self,
-        measure: Callable[..., Any],
-        options: Mapping[str, Mapping[str, Any]] | None = None,
-        given: Sequence[str] | None = None,
-        trial: str = "",
-    ) -> None:
-        """Measure and write, or show the result that is there (`--page`).
-
-        `measure(known, ...)` gets the earlier result (None if there is none) and the options, and
-        returns a result. One that can be interrupted yields what it has after each part. `trial`
-        is an option by which less is measured, and nothing is written.
-        """
+    def command(self, given: Sequence[str] | None = None) -> None:
+        """Measure and write, or show the result that is there (`--page`)."""
         parser = argparse.ArgumentParser(
-            description=self.words, formatter_class=argparse.RawDescriptionHelpFormatter
+            f"python -m benchmarks {self.name}",
+            description=self.words,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        for name, how in (options or {}).items():
+        for name, how in self.options.items():
             parser.add_argument(name, **how)
         if self.tables:
             parser.add_argument("--page", action="store_true", help="only show the tables")
         parser.add_argument("--fresh", action="store_true", help="forget what was measured before")
         parser.add_argument("--into", type=Path, default=HERE, help="folder of the result")
         asked = vars(parser.parse_args(given))
-        path = asked.pop("into") / self.path.name
-        forget = asked.pop("fresh") or not path.exists() or self.ending != ".json"
-        known = None if forget else json.loads(path.read_text(encoding="utf-8"))
-        if not asked.pop("page", False):
-            found = measure(known, **asked)
-            for known in found if isinstance(found, Iterator) else [found]:
-                if not (trial and asked[trial]):
-                    put(path, self.text(known))
-            if trial and asked[trial]:
-                print(by_indent(known))
-                return
-        if self.tables and (self.whole or path.parent == HERE):
-            self.show(known, DOCS if path.parent == HERE else path.parent)
+        path, fresh = asked.pop("into") / self.path.name, asked.pop("fresh")
+        only_page, trial = asked.pop("page", False), asked.get(self.trial)
+
+        def known() -> Any:
+            there = path.exists() and self.ending == ".json"
+            return json.loads(path.read_text(encoding="utf-8")) if there else None
+
+        if self.keeps and not only_page:
+            self.measure(path, fresh, **asked)
+        if self.keeps or only_page:
+            found = known()
+        else:
+            measured = self.measure(None if fresh else known(), **asked)
+            for found in measured if isinstance(measured, Iterator) else [measured]:
+                if not trial:
+                    put(path, self.text(found))
+        if trial:
+            print(by_indent(found))
+        elif found is not None and self.tables and (self.whole or path.parent == HERE):
+            self.show(found, DOCS if path.parent == HERE else path.parent)
 
 
 @functools.cache
@@ -234,3 +251,56 @@ def _commit() -> str:
     changed = git("status", "--porcelain", "--untracked-files=no", "--", "jaxcontact", "benchmarks")
     changed = [x for x in changed.splitlines() if not x.endswith(".json")]
     return git("rev-parse", "--short=10", "HEAD") + (" with changes" if changed else "")
+
+
+SURE = 1.959964
+_ONLY = {"--only": {"type": int, "help": "so many draws, and write nothing"}}
+
+Row = dict[str, Any]
+
+
+def inside(value: float, error: float, truth: float, quantile: float = SURE) -> bool:
+    """Whether the 95 % interval holds the truth."""
+    return bool(abs(value - truth) <= quantile * error)
+
+
+def share(values: Sequence[Any]) -> float | None:
+    return sum(map(bool, values)) / len(values) if values else None
+
+
+def middle(values: Sequence[float]) -> float | None:
+    return float(np.median(values)) if values else None
+
+
+def grouped(
+    seed: int,
+    one_of: Callable[..., Row],
+    summary: Callable[[list[Row]], Row],
+    groups: Mapping[str, Callable[[Row], bool]],
+    others: Mapping[str, Mapping[str, Any]],
+    draws: int,
+    each: int,
+    only: int | None,
+) -> dict[str, Any]:
+    """Draw recordings and sum them up: all, by group, and those of other kinds.
+
+    Every recording has a generator of its own.
+    """
+    if only:
+        draws, each = only, max(only // 10, 5)
+    rows = [one_of(np.random.default_rng([seed, k])) for k in range(draws)]
+    found: dict[str, Any] = {"seed": seed, "all": summary(rows)}
+    found |= {name: summary([r for r in rows if group(r)]) for name, group in groups.items()}
+    for k, (name, how) in enumerate(others.items(), 1):
+        some = (np.random.default_rng([seed, k, j]) for j in range(each))
+        found[name] = summary([one_of(random, **how) for random in some])
+    return found
+
+
+def study_of(file: str, words: str | None, measure: Callable[..., Any], columns: Columns) -> Study:
+    """Return the study, whose page has its name."""
+
+    def shown(result: Any) -> str:
+        return table(columns, parts(result), "---:")
+
+    return Study(file, words, measure, shown, Path(file).stem, _ONLY, trial="only")

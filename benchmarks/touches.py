@@ -1,4 +1,4 @@
-"""Does a mechanism miss a touch? 10,000 random double pendula: `python benchmarks/touches.py`.
+"""Does a mechanism miss a touch? 10,000 random double pendula: `python -m benchmarks touches`.
 
 Each pendulum swings from random angles for 2 s. Its wall stands at the farthest place that a mass
 reaches in this time, but for a random depth of 1e-9 to 1e-2 m: two thirds of the walls are touched,
@@ -10,20 +10,12 @@ invented, and the smallest closing speed of a touch that was seen. `--pendula` s
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import numpy as np
 from scipy.integrate import solve_ivp
-
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.study import Study
@@ -145,7 +137,5 @@ def measure(known: list | None, pendula: int) -> list[dict[str, Any]]:
     return rows
 
 
-STUDY = Study(__file__, __doc__)
-
-if __name__ == "__main__":
-    STUDY.command(measure, {"--pendula": {"type": int, "default": 10_000}})
+OPTIONS = {"--pendula": {"type": int, "default": 10_000}}
+STUDY = Study(__file__, __doc__, measure, options=OPTIONS)

@@ -1,11 +1,10 @@
-"""Work of the compiler in a first call: `python benchmarks/weight.py`.
+"""Work of the compiler in a first call: `python -m benchmarks weight`.
 
 The weight of a call is the number of HLO instructions of all its programs before optimisation, and
 the number of programs. For one set of versions it is the same on every machine. Each row is a fresh
 process that has imported the package, optimises nothing and stores no program. `--seconds` runs it
 again with a user's settings, for the CPU time of the first call and of the fastest later one.
-Solves of one impact by plain diffrax serve as comparison. `--only` selects the rows whose name
-contains a text. The result is weight.json, which is not kept in git.
+weight.json is not kept in git.
 """
 
 from __future__ import annotations
@@ -20,22 +19,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
-# Works from another folder too.
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from benchmarks.study import Study
 
-START = """
+OURS = """
 import time
 import jax
 jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
 import numpy as np
-"""
-
-OURS = (
-    START
-    + """
 import jaxcontact as jc
 law, contact = jc.HuGuo(e=.5), jc.Contact(1., 1.4e8)
 time_s = np.linspace(0, 1.4e-3, 200)
@@ -72,38 +63,6 @@ def moved(mechanism, duration):
 
 three = [[-.6, .3], [.1, .2], [.62, .1]]
 """
-)
-
-# x = w², dt = w dτ of docs/theory_methods.md, as an expert writes it with diffrax.
-DIFFRAX = (
-    START
-    + """
-import diffrax
-import optimistix
-
-def slopes(t, y, e):
-    alpha, (w, v, _) = 1.5 * (1 - e) / e, y
-    return jnp.stack([v / 2, -w**4 * (1 + alpha * v), w])
-
-event = diffrax.Event(
-    lambda t, y, args, **_: y[0],
-    optimistix.Newton(1e-10, 1e-10),
-    direction=False,
-)
-
-def restitution(e, adjoint):
-    start = jnp.array([0., 1., 0.])
-    return -diffrax.diffeqsolve(
-        diffrax.ODETerm(slopes), diffrax.Dopri8(), 0., 1e4, .1, start, e, event=event,
-        stepsize_controller=diffrax.PIDController(1e-9, 1e-9), adjoint=adjoint,
-    ).ys[-1, 1]
-
-forward, reverse = diffrax.ForwardMode(), diffrax.RecursiveCheckpointAdjoint()
-value = jax.jit(lambda e: restitution(e, reverse))
-slope_forward = jax.jit(jax.jacfwd(lambda e: restitution(e, forward)))
-slope_reverse = jax.jit(jax.grad(lambda e: restitution(e, reverse)))
-"""
-)
 
 CALLS = {
     "impact, exact": "jc.impact(law, contact, 4.2)",
@@ -131,15 +90,7 @@ CALLS = {
     "slider-crank with clearance": "moved(jc.systems.slider_crank, 1e-3)",
     "double pendulum: gradient": "jax.grad(swung)(9.81)",
 }
-PLAIN = {
-    "plain diffrax, Dopri8": "value(.5)",
-    "plain diffrax: forward gradient": "slope_forward(.5)",
-    "plain diffrax: reverse gradient": "slope_reverse(.5)",
-}
-PROGRAMS = {
-    **{name: OURS + call for name, call in CALLS.items()},
-    **{name: DIFFRAX + call for name, call in PLAIN.items()},
-}
+PROGRAMS = {name: OURS + call for name, call in CALLS.items()}
 COUNTED_AT = {"jax": "0.10.2", "diffrax": "0.7.2", "equinox": "0.13.8", "optimistix": "0.1.0"}
 """The versions that the budgets are counted at: another one brings other programs."""
 
@@ -323,7 +274,4 @@ OPTIONS = {
     "--only": {"default": "", "help": "rows whose name contains this text"},
     "--seconds": {"action": "store_true", "help": "CPU seconds of each call, too"},
 }
-STUDY = Study(__file__, __doc__)
-
-if __name__ == "__main__":
-    STUDY.command(measure, OPTIONS)
+STUDY = Study(__file__, __doc__, measure, options=OPTIONS)

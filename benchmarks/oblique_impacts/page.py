@@ -22,7 +22,8 @@ spring of the form "force" (LAMMPS `mindlin/force`), which the package solves by
   spring-sliders is the code by hand at its finest tolerance, on all lanes. A test compares it with
   14 digits of a solve in extended precision.
 - LAMMPS is compared with the same spring and slider, so its error is that of its steps. MuJoCo has
-  no tangential spring; it is compared with MBF's spheres of e = 0.9.
+  no tangential spring; its rebounds are beside those of
+  [`RigidCoulomb`](export.md#rebounds-with-coulomb-friction).
 - *numba, by hand* has formulas in slip, Taylor series of order 16 in stick, and roots of their
   polynomials for the events, on all cores. *numba, springs* has steps of second order, on
   all cores. *numba, fronts of slip* has no springs to count, but needs an elastic impact.
@@ -122,15 +123,6 @@ def _engines(rows: list[Row]) -> list[str]:
             for row in lammps
         )
         lines.append(f"- LAMMPS, worst error of ψ2: {words}.")
-    mujoco = [row for row in cases if row["method"].startswith("MuJoCo")]
-    mujoco = [row for row in mujoco if row["setting"] == "2000 steps"]
-    for row in mujoco:
-        lines.append(
-            f"- {row['method']}, {row['setting']}: error {row['error']:.2g}; the least ψ2 is "
-            f"{row['least']:.2g} instead of {row['least_exact']:.2g}"
-            f"{', so it never reverses' if row['least'] > -0.01 else ''}; e is "
-            f"{row['restitution']:.2f} where it is farthest from the 0.90 asked for."
-        )
     return lines
 
 

@@ -1,1 +1,1 @@
-"""The workers of `python benchmarks/stability.py`; its oracles share no code with jaxcontact."""
+"""The workers of `python -m benchmarks stability`; its oracles share no code with jaxcontact."""

@@ -7,12 +7,18 @@ from __future__ import annotations
 
 import itertools
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
-from .collocation import EXTENDED, Array
-from .kinds import KINDS
+import jaxcontact as jc
+from benchmarks.stability_map.collocation import EXTENDED, Array
+from benchmarks.stability_map.kinds import KINDS, QUANTITIES
+from tests.test_impact.support import given_ratio
 
 CONCRETE = (1.0, 1.5, 2.0, 3.0)
 STRONGEST_PUSH = 1e4
@@ -182,3 +188,59 @@ def by_table(jobs: list[Job]) -> list[list[Job]]:
         shared = not job.pushed and KINDS[job.kind].has_table(job.exponent)
         groups.setdefault((job.kind, job.exponent) if shared else job, []).append(job)
     return list(groups.values())
+
+
+AT_ONCE = 512
+
+
+def law_of(kind_name: str, damping: Any) -> jc.AbstractLaw:
+    """The law of a kind with its number."""
+    kind = KINDS[kind_name]
+    if kind.family == "hunt_crossley":
+        return jc.Damped(alpha=damping, tension=kind.tension)
+    if kind.family == "kuwabara_kono":
+        return jc.KuwabaraKono(A=damping, tension=kind.tension)
+    ending = "approach" if kind.approach else "tension" if kind.tension else "clamped"
+    return given_ratio(damping, ending)
+
+
+def answers(job: Job, lanes: Lanes) -> tuple[Array, dict[str, Array]]:
+    """Status and outcomes in scaled units, the same number of lanes in every call."""
+    status, found = np.zeros(job.lanes, int), {q: np.zeros(job.lanes, EXTENDED) for q in QUANTITIES}
+    for index in blocks(job, lanes.damping):
+        hit = _solve(job, lanes, index)
+        status[index] = np.asarray(hit.status)
+        for q, value in outcomes(hit).items():
+            found[q][index] = value
+    return status, in_units(found, units_of(lanes))
+
+
+def outcomes(hit: jc.Impact) -> dict[str, Array]:
+    names = ("restitution", *QUANTITIES[1:])
+    return {q: np.asarray(getattr(hit, name)) for q, name in zip(QUANTITIES, names, strict=True)}
+
+
+def in_units(found: dict[str, Array], unit: Units) -> dict[str, Array]:
+    units = (1, unit.time, unit.time, unit.length, unit.force)
+    return {q: found[q].astype(EXTENDED) / x for q, x in zip(QUANTITIES, units, strict=True)}
+
+
+def blocks(job: Job, damping: Array) -> Iterator[Array]:
+    """The lanes in blocks of one size, each of similar damping: they take as long as their slowest.
+
+    The last one is filled up with its last lane.
+    """
+    order, at_once = np.argsort(damping, kind="stable"), min(AT_ONCE, job.lanes)
+    for start in range(0, damping.size, at_once):
+        yield order[np.minimum(np.arange(start, start + at_once), damping.size - 1)]
+
+
+def _solve(job: Job, lanes: Lanes, index: Array) -> jc.Impact:
+    def of(numbers: Array) -> jax.Array:
+        return jnp.asarray(numbers[index])
+
+    n = of(lanes.n) if job.exponent is None else job.exponent
+    contact = jc.Contact(of(lanes.mass), of(lanes.stiffness), n)
+    force = of(lanes.push) if job.pushed else None
+    law = law_of(job.kind, of(lanes.damping))
+    return jc.impact(law, contact, of(lanes.speed), method=job.method, external_force=force)

@@ -1,4 +1,4 @@
-"""docs/stability_tables.md and the pictures of the stability map, from the results.
+"""The tables of docs/stability_tables.md and the pictures of the stability map, from the results.
 
 In a picture colour is the decade of the largest error; hatched: flagged.
 """
@@ -11,12 +11,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import BoundaryNorm
 
-from .code import fingerprint
+from ..study import lines
 from .collocation import Array
 from .verdict import CLASSES, DAMPING_EDGES, FLAGGED_WITHOUT_NEED, WRONG
 
@@ -168,112 +167,95 @@ def _finish(
     plt.close(fig)
 
 
-matplotlib.use("Agg")
-
-
-DOCS = Path(__file__).parents[2] / "docs"
-_MARK = "<!-- results: made by benchmarks/stability.py --page -->"
 DEFECTS = (CLASSES[WRONG], CLASSES[FLAGGED_WITHOUT_NEED])
 
 
-def write(
+def draw(
     known: dict[str, Any],
     seed: dict[str, Any],
-    peers: dict[str, Any],
-    slopes: dict[str, Any],
     laws: dict[str, Any],
+    slopes: dict[str, Any],
+    peers: dict[str, Any],
+    docs: Path,
 ) -> None:
-    """Write the pictures, and the tables below the mark; the words above it are kept.
-
-    An empty result has no section.
-    """
-    if known:
-        for precision in ("float64", "float32"):
-            draw_pushed(known, DOCS / f"stability_pushed_{precision}.png", precision)
-            draw_free(known, DOCS / f"stability_free_{precision}.png", precision)
-    if peers:
-        draw_peers(peers, DOCS / "stability_peers.png")
-    page = DOCS / "stability_tables.md"
-    title = "# Tables of the stability map\n\n"
-    above = page.read_text().split(_MARK)[0] if page.exists() else title
-    sections = (
-        (count_table, known),
-        (worst_table, known),
-        (seeded_table, seed),
-        (law_table, laws),
-        (slope_table, slopes),
-        (peer_table, peers),
-    )
-    below = [text for table, results in sections if results and (text := table(results))]
-    page.write_text(above + _MARK + "\n\n" + "\n".join(below))
+    for precision in ("float64", "float32"):
+        draw_pushed(known, docs / f"stability_pushed_{precision}.png", precision)
+        draw_free(known, docs / f"stability_free_{precision}.png", precision)
+    draw_peers(peers, docs / "stability_peers.png")
 
 
-def count_table(known: dict[str, Any]) -> str:
-    return (
-        "\n".join(["## Counts", "", *_answered_by(known), *_counts(known, all_groups=True)]) + "\n"
-    )
+def tables(
+    known: dict[str, Any],
+    seed: dict[str, Any],
+    laws: dict[str, Any],
+    slopes: dict[str, Any],
+    peers: dict[str, Any],
+) -> str:
+    seeds = sorted({job["asked"][1] for job in seed.values()})
+    named = f" (seed {seeds[0]})" if len(seeds) == 1 else ""
+    parts = [
+        "## Counts",
+        _answered_by(known),
+        _counts(known, all_groups=True),
+        *_worst(known),
+        "## On a second seed",
+        f"{len(seed):,} jobs with other random lanes{named}. Groups without a row have no wrong "
+        "lane and no\nlane flagged without need.",
+        _answered_by(seed),
+        _counts(seed, all_groups=False),
+        "## Every law by its own class",
+        "Laws with their own parameters, in SI units. The formulas were written again from the "
+        "publications,\nwithout the package.",
+        _answered_by(laws),
+        _of_laws(laws),
+        "## First derivatives",
+        _of_slopes(slopes),
+        "## General solvers",
+        _of_peers(peers),
+        "![Errors of general solvers](stability_peers.png)",
+    ]
+    return "\n" + "\n\n".join(parts)
 
 
-def _answered_by(known: dict[str, Any]) -> list[str]:
+def _table(heads: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    shown = ([f"{c:,}" if isinstance(c, int) else str(c) for c in row] for row in rows)
+    return lines(heads, shown, "---")
+
+
+def _answered_by(known: dict[str, Any]) -> str:
     """Which code has answered how many jobs."""
     codes = Counter(job.get("code", "older code") for job in known.values())
-    words = ", ".join(f"{count} by {code}" for code, count in codes.most_common())
-    return [f"Jobs by version of the code: {words}. The current version is {fingerprint()}.", ""]
+    return (
+        f"Jobs by version of the code: {', '.join(f'{n} by {c}' for c, n in codes.most_common())}."
+    )
 
 
-def seeded_table(seeded: dict[str, Any]) -> str:
-    """The sum of another seed, and what it does not find in order."""
-    seeds = sorted({job["asked"][1] for job in seeded.values() if "asked" in job})
-    named = f" (seed {seeds[0]})" if len(seeds) == 1 else ""
-    lines = [
-        "## On a second seed",
-        "",
-        f"{len(seeded):,} jobs with other random lanes{named}. Groups without a row have no wrong "
-        "lane and no",
-        "lane flagged without need.",
-        "",
-        *_answered_by(seeded),
-        *_counts(seeded, all_groups=False),
-    ]
-    return "\n".join(lines) + "\n"
+def _sum(jobs: Iterable[dict[str, Any]]) -> list[int]:
+    """The lanes of some jobs, and those of each class."""
+    counts = [sum(job["counts"][c] for job in jobs) for c in CLASSES]
+    return [sum(job["lanes"] for job in jobs), *counts]
 
 
-def law_table(laws: dict[str, Any]) -> str:
-    """Every law by its own class."""
-    lines = [
-        "## Every law by its own class",
-        "",
-        "Laws with their own parameters, in SI units. The formulas were written again from the "
-        "publications,",
-        "without the package.",
-        "",
-        *_answered_by(laws),
-        *_head("law", "motion", "lanes", *CLASSES),
-    ]
-    sums = dict.fromkeys(CLASSES, 0)
+def _of_laws(laws: dict[str, Any]) -> str:
+    rows = []
     for name, job in laws.items():
         law, motion = name.rsplit(", ", 1)
-        sums = {c: sums[c] + job["counts"][c] for c in CLASSES}
-        lines.append(_row(f"`{law}`", motion, job["lanes"], *job["counts"].values()))
-    lines.append(_row("all", "", sum(sums.values()), *sums.values()))
-    return "\n".join(lines) + "\n"
+        rows.append([f"`{law}`", motion, *_sum([job])])
+    rows.append(["all", "", *_sum(laws.values())])
+    return _table(["law", "motion", "lanes", *CLASSES], rows)
 
 
-def _counts(known: dict[str, Any], *, all_groups: bool) -> list[str]:
-    """Lines of a table: a row for every group of jobs, or for those with a defect, and the sum."""
-    lines = _head("kind", "motion", "method", "precision", "lanes", *CLASSES)
-    sums = dict.fromkeys(CLASSES, 0)
+def _counts(known: dict[str, Any], *, all_groups: bool) -> str:
+    """A row for every group of jobs, or for those with a defect, and the sum."""
+    rows = []
     for (kind, *rest), jobs in _groups(known).items():
-        counts = {c: sum(job["counts"][c] for job in jobs.values()) for c in CLASSES}
-        sums = {c: sums[c] + counts[c] for c in CLASSES}
-        if all_groups or any(counts[c] for c in DEFECTS):
-            lanes = sum(job["lanes"] for job in jobs.values())
-            lines.append(_row(NAMES[kind], *rest, lanes, *counts.values()))
-    lines.append(_row("all", "", "", "", sum(sums.values()), *sums.values()))
-    return lines
+        if all_groups or any(job["counts"][c] for job in jobs.values() for c in DEFECTS):
+            rows.append([NAMES[kind], *rest, *_sum(jobs.values())])
+    rows.append(["all", "", "", "", *_sum(known.values())])
+    return _table(["kind", "motion", "method", "precision", "lanes", *CLASSES], rows)
 
 
-def worst_table(known: dict[str, Any]) -> str:
+def _worst(known: dict[str, Any]) -> list[str]:
     """The worst defect of every group of jobs; nothing where there is none."""
     rows = []
     for jobs in _groups(known).values():
@@ -281,20 +263,14 @@ def worst_table(known: dict[str, Any]) -> str:
             lanes = [(name, lane) for name, job in jobs.items() for lane in job["worst"][klass][:1]]
             if lanes:
                 name, lane = max(lanes, key=lambda pair: _size(pair[1]["times allowed"]))
-                numbers = _numbers(lane, "damping", "n", "push", "true e")
-                times = "" if klass != CLASSES[WRONG] else _times(lane)
-                rows.append(_row(name, klass, *numbers, lane["worst"] if times else "", times))
+                numbers = [_short(lane[name]) for name in ("damping", "n", "push", "true e")]
+                told = [lane["worst"], _times(lane)] if klass == CLASSES[WRONG] else ["", ""]
+                rows.append([name, klass, *numbers, *told])
     if not rows:
-        return ""
-    lines = [
-        "## Worst lanes",
-        "",
-        "The largest error of every row of the counts, in units of the allowed error.",
-        "",
-        *_head("job", "class", "damping", "n", "push", "true e", "quantity", "times allowed"),
-        *rows,
-    ]
-    return "\n".join(lines) + "\n"
+        return []
+    heads = ["job", "class", "damping", "n", "push", "true e", "quantity", "times allowed"]
+    words = "The largest error of every row of the counts, in units of the allowed error."
+    return ["## Worst lanes", words, _table(heads, rows)]
 
 
 def _groups(known: dict[str, Any]) -> dict[tuple[str, ...], dict[str, dict[str, Any]]]:
@@ -304,18 +280,6 @@ def _groups(known: dict[str, Any]) -> dict[tuple[str, ...], dict[str, dict[str, 
         kind, _, motion, method, precision = name.split("/")
         groups.setdefault((kind, motion, method, precision), {})[name] = job
     return groups
-
-
-def _head(*names: str) -> list[str]:
-    return [_row(*names), "|" + "---|" * len(names)]
-
-
-def _row(*cells: Any) -> str:
-    return "| " + " | ".join(f"{c:,}" if isinstance(c, int) else str(c) for c in cells) + " |"
-
-
-def _numbers(lane: dict[str, Any], *names: str) -> list[str]:
-    return [_short(lane[name]) for name in names]
 
 
 def _short(x: float | None) -> str:
@@ -331,21 +295,17 @@ def _times(lane: dict[str, Any]) -> str:
     return "∞" if lane["times allowed"] is None else _short(lane["times allowed"])
 
 
-def slope_table(slopes: dict[str, Any]) -> str:
-    """First derivatives of restitution and duration."""
+def _of_slopes(slopes: dict[str, Any]) -> str:
     names = ("lanes", "right", "flagged", "wrong", "median error")
-    lines = ["## First derivatives", "", *_head("job", *names, "worst")]
-    for name, job in slopes.items():
-        worst = _times(job["worst"][0]) if job["worst"] else ""
-        lines.append(_row(name, *(job[k] for k in names), worst))
-    return "\n".join(lines) + "\n"
+    rows = [
+        [name, *(job[k] for k in names), _times(job["worst"][0]) if job["worst"] else ""]
+        for name, job in slopes.items()
+    ]
+    return _table(["job", *names, "worst"], rows)
 
 
-def peer_table(peers: dict[str, Any]) -> str:
+def _of_peers(peers: dict[str, Any]) -> str:
     """What users would write instead."""
     names = list(next(iter(peers.values()))["counts"])
-    lines = ["## General solvers", "", *_head("force and way", *names)]
-    for name, way in peers.items():
-        lines.append(_row(name, *(way["counts"][n] for n in names)))
-    lines += ["", "![Errors of general solvers](stability_peers.png)"]
-    return "\n".join(lines) + "\n"
+    rows = [[name, *(way["counts"][n] for n in names)] for name, way in peers.items()]
+    return _table(["force and way", *names], rows)

@@ -18,8 +18,17 @@ from scipy.special import beta as beta_function
 import jaxcontact as jc
 
 from .collocation import EXTENDED, Array
-from .grid import MASS, SPEED, STIFFNESS, STRONGEST_PUSH, Job, Lanes, units_of
-from .kinds import QUANTITIES
+from .grid import (
+    MASS,
+    SPEED,
+    STIFFNESS,
+    STRONGEST_PUSH,
+    Job,
+    Lanes,
+    in_units,
+    outcomes,
+    units_of,
+)
 from .verdict import judge, record
 
 LANES = 512
@@ -292,17 +301,7 @@ def run_law(question: Question) -> dict[str, Any]:
         jnp.asarray(speed),
         external_force=jnp.asarray(force) if question.pushed else None,
     )
-    found = (
-        (hit.restitution, 1),
-        (hit.duration, unit.time),
-        (hit.compression_time, unit.time),
-        (hit.max_indentation, unit.length),
-        (hit.max_force, unit.force),
-    )
-    got = {
-        q: np.asarray(values).astype(EXTENDED) / of
-        for q, (values, of) in zip(QUANTITIES, found, strict=True)
-    }
+    got = in_units(outcomes(hit), unit)
     # All forms except that of Kuwabara and Kono have closed forms for free impacts.
     closed = not question.pushed and law.family != "kuwabara_kono"
     kind = _kind(question)

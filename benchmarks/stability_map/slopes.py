@@ -19,10 +19,9 @@ import jaxcontact as jc
 
 from .collocation import EXTENDED, Array
 from .free_table import ROUNDING, free
-from .grid import Job, Lanes, lanes_of, scaled, units_of
+from .grid import Job, Lanes, lanes_of, law_of, scaled, units_of
 from .kinds import KINDS, SEPARATED, Truth
 from .motion_oracle import solve
-from .package_lanes import law_of
 
 ASKED = ("e", "duration")
 BOUNDS = {("exact", "float64"): 1e-11, ("event", "float64"): 1e-7}

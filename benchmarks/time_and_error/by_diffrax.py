@@ -9,13 +9,11 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 
+from ..until_event import until
+from .measure import Solve, Way
 from .problems import Problem, function_of
-from .way import Solve, Way
 
-LONGEST = 1e3
-"""Scaled time at which a solve counts as failed."""
 CHUNK = 1000
 
 
@@ -41,28 +39,10 @@ def impact(
         x = jnp.where(touching, x, 0.0)
         return jnp.stack([y[1], acceleration(x, root, y[1], *numbers)])
 
-    controller = diffrax.PIDController(
-        rtol=rtol,
-        atol=atol * rtol,
-        pcoeff=proportional,
-        icoeff=1.0 if proportional == 0 else 0.4,
-    )
-    solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(rate),
-        solver,
-        0.0,
-        LONGEST,
-        0.01,
-        jnp.array([0.0, 1.0]),
-        args=numbers,
-        stepsize_controller=controller,
-        event=diffrax.Event(
-            lambda t, y, args, **_: y[0], optx.Newton(1e-13, 1e-13), direction=False
-        ),
-        adjoint=diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint,
-        max_steps=16_384,
-        throw=False,
-    )
+    solution = until(
+        rate, jnp.array([0.0, 1.0]), lambda t, y, args, **_: y[0], rtol, solver=solver,
+        args=numbers, atol=atol, most=16_384, proportional=proportional, adjoint=adjoint,
+    )  # fmt: skip
     ended = solution.result == diffrax.RESULTS.event_occurred
     return (
         jnp.where(ended, -solution.ys[-1, 1], jnp.nan),

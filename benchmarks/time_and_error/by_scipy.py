@@ -7,35 +7,19 @@ import math
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
+from ..until_event import contact
+from .measure import LADDER, Solve, Way
 from .problems import CHECKED, Problem, function_of
-from .way import LADDER, Solve, Way
-
-LONGEST = 1e3
-
-
-def apart(t: float, y: Any) -> float:
-    return y[0]
-
-
-apart.terminal, apart.direction = True, -1
 
 
 def impact(
     acceleration: Any, numbers: tuple[float, ...], rtol: float, method: str, atol: float = 1.0
 ) -> tuple[float, float]:
     """e and duration of one lane; NaN where no end was found. `atol` in units of `rtol`."""
-
-    def rate(t, y):
-        x, v = y.tolist()
-        x = max(x, 0.0)
-        return v, acceleration(x, math.sqrt(x), v, *numbers)
-
-    end = solve_ivp(
-        rate, (0, LONGEST), (0, 1), method, events=apart, rtol=rtol, atol=atol * rtol,
-        first_step=0.01,
-    )  # fmt: skip
+    end = contact(
+        lambda x, v: acceleration(x, math.sqrt(x), v, *numbers), rtol, method=method, atol=atol
+    )
     if end.status != 1:
         return math.nan, math.nan
     return -end.y_events[0][0, 1], end.t_events[0][0]

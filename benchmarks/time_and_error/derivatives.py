@@ -15,10 +15,9 @@ from tests.oracle import derivative, hunt_crossley
 
 from . import by_diffrax, by_scipy
 from .by_numba import in_parallel, kernel
+from .measure import LADDER, Solve, Way
 from .problems import SEED, function_of
-from .running import named, run_cases, sweep
-from .store import Store
-from .way import LADDER, Solve, Way
+from .running import Store, named, run_cases, sweep
 
 STIFFNESS, EXPONENT = 2.0, 1.5
 """K ≠ 1, so that the derivative by n sees its unit."""

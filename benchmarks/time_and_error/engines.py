@@ -14,12 +14,10 @@ import numpy as np
 
 import jaxcontact as jc
 
-from . import by_drake, by_exudyn, by_jaxsim, by_lammps, by_mujoco
-from .measure import NotPossibleError
+from . import by_simulators
+from .measure import NotPossibleError, Solve, Way
 from .rebounds import MASS, SPEED, STIFFNESS, Rebound, converged, drops
-from .running import named, run_cases, sweep
-from .store import Store
-from .way import Solve, Way
+from .running import Store, named, run_cases, sweep
 
 BALLS = (5, 500)
 """In one call: one of each e, and a hundred."""
@@ -46,7 +44,8 @@ def _thrown(
 ) -> Solve:
     needs(library)
     law = np.array([converged(engine, float(e), task.exported) for e in asked])
-    run = build(drops(engine, asked, task.exported), **how)
+    own = {"engine": engine} if build is by_simulators.solver else {}
+    run = build(drops(engine, asked, task.exported), **own, **how)
     return lambda setting: (run(setting), law)
 
 
@@ -64,21 +63,13 @@ def _ours(task: Rebound, asked: np.ndarray, *, method: Callable[[float], Any]) -
     return lambda setting: (run(e, setting), asked)
 
 
-def _conservative(task: Rebound, asked: np.ndarray) -> Solve:
-    needs("jax-md")
-    raise ValueError("its contacts have potentials and no damping: e is 1")
+_FILES = ("engines.py", "rebounds.py", "by_simulators.py")
+_FILES += ("../../tests/test_export/drops.py",)
 
 
-def _way(
-    name: str, engine: str, build: Callable[..., Any], library: str, file: str, **rest: Any
-) -> Way:
-    return Way(
-        name,
-        "engines",
-        functools.partial(_thrown, engine=engine, build=build, library=library),
-        files=("engines.py", "rebounds.py", file),
-        **rest,
-    )
+def _way(name: str, engine: str, build: Callable[..., Any], library: str, **rest: Any) -> Way:
+    thrown = functools.partial(_thrown, engine=engine, build=build, library=library)
+    return Way(name, "engines", thrown, files=_FILES, **rest)
 
 
 def _named(option: str, *values: str) -> dict[str, dict[str, Any]]:
@@ -86,7 +77,6 @@ def _named(option: str, *values: str) -> dict[str, dict[str, Any]]:
 
 
 _FIXED: dict[str, Any] = {"settings": STEPS, "word": "steps a contact"}
-_FILES = ("engines.py", "rebounds.py")
 WAYS = (
     Way(
         "ExactRestitution, exact",
@@ -104,47 +94,39 @@ WAYS = (
         files=_FILES,
     ),
     _way(
-        "Exudyn, explicit", "exudyn", by_exudyn.solver, "exudyn", "by_exudyn.py",
+        "Exudyn, explicit", "exudyn", by_simulators.solver, "exudyn",
         variants=_named("scheme", "RK44", "VelocityVerlet", "ExplicitMidpoint", "DOPRI5"),
         most=5, **_FIXED,
     ),
     _way(
-        "Exudyn, implicit", "exudyn", by_exudyn.solver, "exudyn", "by_exudyn.py",
-        variants=_named("scheme", "TrapezoidalIndex2", "GeneralizedAlpha"),
-        most=5, **_FIXED,
+        "Exudyn, implicit", "exudyn", by_simulators.solver, "exudyn",
+        variants=_named("scheme", "TrapezoidalIndex2", "GeneralizedAlpha"), most=5, **_FIXED,
     ),
     _way(
-        "Drake, discrete", "drake", by_drake.discrete, "drake", "by_drake.py",
+        "Drake, discrete", "drake", by_simulators.solver, "drake",
         variants=_named("approximation", "lagged", "similar"), most=5, **_FIXED,
     ),
     _way(
-        "Drake, continuous, explicit", "drake", by_drake.continuous, "drake", "by_drake.py",
+        "Drake, continuous, explicit", "drake", by_simulators.solver, "drake",
         variants=_named("scheme", "runge_kutta3", "runge_kutta5", "bogacki_shampine3"),
         most=5, settings=ACCURACIES, word="accuracy",
     ),
     _way(
-        "Drake, continuous, implicit", "drake", by_drake.continuous, "drake", "by_drake.py",
+        "Drake, continuous, implicit", "drake", by_simulators.solver, "drake",
         variants=_named("scheme", "radau3", "implicit_euler"),
         most=5, settings=ACCURACIES[:3], word="accuracy",
     ),
     _way(
-        "MuJoCo", "mujoco", by_mujoco.solver, "mujoco", "by_mujoco.py",
+        "MuJoCo", "mujoco", by_simulators.solver, "mujoco",
         variants=_named("integrator", "Euler", "implicitfast", "RK4"), most=5, **_FIXED,
     ),
     _way(
-        "MJX", "mujoco", by_mujoco.by_mjx, "mujoco-mjx", "by_mujoco.py",
+        "MJX", "mujoco", by_simulators.by_mjx, "mujoco-mjx",
         variants=_named("integrator", "Euler", "RK4"), most=500, **_FIXED,
     ),
     _way(
-        "LAMMPS", "lammps", by_lammps.solver, "lammps", "by_lammps.py", most=500, **_FIXED,
-    ),
-    _way(
-        "JaxSim", "jaxsim", by_jaxsim.solver, "jaxsim", "by_jaxsim.py",
+        "JaxSim", "jaxsim", by_simulators.by_jaxsim, "jaxsim",
         variants=_named("integrator", "RungeKutta4", "SemiImplicitEuler"), most=500, **_FIXED,
-    ),
-    Way(
-        "JAX MD", "engines", _conservative, settings=(0.0,), word="",
-        files=_FILES, most=5,
     ),
 )  # fmt: skip
 SMALL = ("ExactRestitution, exact", "Exudyn, explicit", "MuJoCo")

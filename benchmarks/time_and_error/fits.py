@@ -10,18 +10,62 @@ from typing import Any
 
 import numpy as np
 from scipy import optimize
-from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
+from benchmarks.time_and_error import by_scipy
+from benchmarks.time_and_error.by_numba import EIGHTH, FAST, in_parallel, kernel, step_source
+from benchmarks.time_and_error.fit_tasks import MASS, SPEED, STIFFNESS, UNIT, Found, Record, Table
+from benchmarks.time_and_error.measure import Solve, Way
+from benchmarks.time_and_error.problems import PROBLEMS, function_of
+from benchmarks.time_and_error.running import Store, named, run_cases, sweep
+from benchmarks.until_event import contact
 
-from . import by_scipy
-from .by_numba import in_parallel, kernel
-from .fit_record_code import sampler
-from .fit_tasks import MASS, SPEED, STIFFNESS, UNIT, Found, Record, Table
-from .problems import PROBLEMS, function_of
-from .running import named, run_cases, sweep
-from .store import Store
-from .way import Solve, Way
+_CODE = """
+def rate(x, v, p):
+    x = max(x, 0.0)
+    return v, -x * sqrt(x) * (1 + p * v)
+
+{step}
+
+def sampled(since, alpha, rtol):
+    force = zeros(len(since))
+    x, v, t = 0.0, 1.0, 0.0
+    xk0, vk0 = rate(x, v, alpha)
+    h = 0.01
+    for i in range(len(since)):
+        if since[i] <= 0:
+            continue
+        while t < since[i]:
+            left = since[i] - t
+            last = h >= left
+            length = left if last else h
+            xn, vn, xk, vk, size = step(x, v, xk0, vk0, length, rtol, rtol, alpha)
+            if size <= 1:
+                x, v, xk0, vk0 = xn, vn, xk, vk
+                t = since[i] if last else t + length
+            # A step that a sample cut short says nothing against a longer one.
+            if size > 1 or not last:
+                h = length * min(5.0, max(0.2, 0.9 * size ** -0.125)) if size > 0 else 5 * length
+            elif size < 0.1:
+                h = max(h, 2 * length)
+        if x <= 0:
+            break
+        force[i] = x * sqrt(x) * (1 + alpha * v)
+    return force
+"""
+
+
+@functools.cache
+def sampler() -> Any:
+    """`sampled(since, alpha, rtol)`: scaled force at scaled times, zero outside the contact."""
+    import numba
+
+    scope: dict[str, Any] = {"sqrt": math.sqrt, "zeros": np.zeros}
+    exec(_CODE.format(step=step_source(EIGHTH, "x v", "p")), scope)
+    for name in ("rate", "step", "sampled"):
+        scope[name] = numba.njit(fastmath=FAST)(scope[name])
+    return scope["sampled"]
+
 
 START = 0.7
 """What fits start from, in parts of the truth or of what is known."""
@@ -59,18 +103,10 @@ def table_by_numba(alphas: np.ndarray, rtol: float) -> np.ndarray:
 
 def record_by_scipy(since: np.ndarray, alpha: float, rtol: float) -> np.ndarray:
     """Scaled force at scaled times, from SciPy's dense output."""
-
-    def rate(t, y):
-        x, v = y.tolist()
-        x = max(x, 0.0)
-        return v, -x * math.sqrt(x) * (1 + alpha * v)
-
     inside = since > 0
-    found = solve_ivp(
-        rate, (0, since[-1]), (0, 1), "DOP853", t_eval=since[inside], rtol=rtol, atol=rtol,
-        first_step=0.01, events=by_scipy.apart,
-    )  # fmt: skip
-    x, v = found.y
+    x, v = contact(
+        lambda x, v: -x * math.sqrt(x) * (1 + alpha * v), rtol, stop=since[-1], t_eval=since[inside]
+    ).y
     x = np.maximum(x, 0)
     force = np.zeros(since.size)
     # Readings omitted after the end have no force.
@@ -163,7 +199,7 @@ _METHODS = {
     "lm, two points": {"method": "lm"},
     "lm, three points": {"method": "lm", "jac": "3-point"},
 }
-_FILES = ("fits.py", "fit_tasks.py", "fit_record_code.py")
+_FILES = ("fits.py", "fit_tasks.py")
 _OURS = {"table": ours_of_table, "record": ours_of_record}
 
 

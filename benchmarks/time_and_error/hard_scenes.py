@@ -1,6 +1,6 @@
 """Scenes by other means: a ball that bounces to rest, and one on a shaking table.
 
-Each has its truth, the package's solution, and a physicist's code with SciPy or numba.
+Each has its truth, the package's solution, and a physicist's code with SciPy, numba or diffrax.
 """
 
 from __future__ import annotations
@@ -16,12 +16,10 @@ from mpmath import mp, mpf
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
+from benchmarks.time_and_error.by_numba import kernel
+from benchmarks.until_event import apart, contact, ending, until
 from tests.oracle import with_gravity
 from tests.oracle.moving_table import FREQUENCY, GRAVITY, RATE, bounces, over, sine
-
-from ..until_event import ending
-from .by_numba import kernel
-from .by_scipy import apart
 
 # A ball that falls and comes to rest: seven or eight bounces, with increasing effect of its weight.
 HEIGHT, DAMPING, STIFFNESS = 0.05, 0.6, 1e4
@@ -61,17 +59,14 @@ def rest(one: Any) -> float:
 
 
 def rest_by_scipy(rtol: float) -> float:
-    def one(push):
-        def rate(t, y):
-            x, v = y.tolist()
-            x = max(x, 0.0)
-            return v, push - x * math.sqrt(x) * max(1 + DAMPING * v, 0.0)
+    turns = ending(lambda t, y: y[1], 1)
 
-        turns = ending(lambda t, y: y[1], 1)
-        end = solve_ivp(
-            rate, (0, 1e3), (0, 1), "DOP853", events=(apart, turns), rtol=rtol, atol=rtol,
-            first_step=0.01,
-        )  # fmt: skip
+    def one(push):
+        end = contact(
+            lambda x, v: push - x * math.sqrt(x) * max(1 + DAMPING * v, 0.0),
+            rtol,
+            ends=(apart, turns),
+        )
         if end.t_events[0].size == 0:
             return 0.0, math.inf
         return -end.y_events[0][0, 1], end.t_events[0][0]
@@ -193,3 +188,43 @@ def table_by_numba(steps: float) -> float:
 @functools.cache
 def table_truth() -> float:
     return bounces(sine(AMPLITUDE, PHASE), DROP, E, LENGTH)[2]
+
+
+@jax.jit
+def _impact_by_diffrax(push, rtol):
+    """e and duration, scaled; 0 for e of a ball that stays."""
+
+    def rate(t, y, _):
+        x = jnp.where(y[0] > 0, y[0], 1.0)
+        force = jnp.where(y[0] > 0, x * jnp.sqrt(x), 0.0)
+        return jnp.stack([y[1], push - force * jnp.maximum(1 + DAMPING * y[1], 0.0)])
+
+    ends = [lambda t, y, args, **_: y[0], lambda t, y, args, **_: y[1]]
+    found = until(rate, jnp.array([0.0, 1.0]), ends, rtol, direction=[False, True])
+    return jnp.where(found.event_mask[0], -found.ys[-1, 1], 0.0), found.ts[-1]
+
+
+def rest_by_diffrax(rtol: float) -> float:
+    return rest(lambda push: map(float, _impact_by_diffrax(push, rtol)))
+
+
+@jax.jit
+def _flight(t, y, rtol):
+    def gap(t, y, args, **_):
+        return y[0] - AMPLITUDE * jnp.sin(RATE * t + PHASE)
+
+    found = until(
+        lambda t, y, _: jnp.stack([y[1], -GRAVITY + 0 * y[1]]), y, gap, rtol,
+        start=t, stop=LENGTH, first=None, longest=0.1 / FREQUENCY,
+    )  # fmt: skip
+    t, y = found.ts[-1], found.ys[-1]
+    moves = AMPLITUDE * RATE * jnp.cos(RATE * t + PHASE)
+    after = moves + E * (moves - y[1])
+    return t, y.at[1].set(jnp.where(found.event_mask, after, y[1]))
+
+
+def table_by_diffrax(rtol: float) -> float:
+    t, y = 0.0, jnp.array([DROP, 0.0])
+    while t < LENGTH:
+        t, y = _flight(t, y, rtol)
+    return float(y[1])

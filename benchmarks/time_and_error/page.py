@@ -2,24 +2,149 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 from typing import Any
 
-from ..oblique_impacts.page import section as oblique_section
-from ..study import lines as table
-from .impacts import BATCHES
-from .pictures import draw
-from .reading import QUIET, Row, batches_of, cheapest, closest, number, problems_of, some, ways_of
-from .running import GOOD
-from .sections import SECTIONS, Section
-from .store import Store
-from .verdict import when_to_use_what
+from benchmarks.oblique_impacts.page import section as oblique_section
+from benchmarks.study import HERE
+from benchmarks.study import lines as table
+from benchmarks.time_and_error.impacts import BATCHES
+from benchmarks.time_and_error.pictures import draw as draw_rows
+from benchmarks.time_and_error.reading import (
+    FAMILIES,
+    QUIET,
+    Row,
+    batches_of,
+    busy,
+    cheapest,
+    closest,
+    number,
+    problems_of,
+    some,
+    ways_of,
+)
+from benchmarks.time_and_error.running import GOOD
+from benchmarks.time_and_error.sections import SECTIONS, Section
+
+ERRORS = (1e-3, 1e-6, 1e-9, 1e-12)
+_ALWAYS = """\
+**Other criteria**
+
+- Only **jaxcontact** flags wrong lanes and gives derivatives without user code.
+- **SciPy** does not compile. For a few impacts, once, it finishes before JAX has compiled.
+- **numba** needs a kernel with step control, end and derivatives for every kind of motion. It is
+  worth that if one motion is solved again and again, one at a time.
+- **Engines** are for machines, joints, robots, and heaps with friction. Use Exudyn if a contact
+  must be right: its law is one of this package's, and its explicit steps are the cheapest here. Use
+  Drake's continuous integrators if the error must be controlled, LAMMPS for thousands of grains,
+  and MJX for thousands of robots on an accelerator. `jc.export` gives the parameters with which
+  their contacts rebound at the right e.
+- **billiards** is for watching hard discs in a plane.
+"""
+
+
+def when_to_use_what(measured: dict[str, list[Row]]) -> str:
+    """Return a table and sentences for every group that has rows."""
+    parts = [_verdict(section, measured[section.group]) for section in SECTIONS]
+    return "\n".join(["## When to use what\n", *filter(None, parts), _ALWAYS])
+
+
+def _verdict(section: Section, rows: list[Row]) -> str:
+    if not rows:
+        return ""
+    problems = problems_of(rows)
+    head = [section.batch.rstrip(":"), "error", *(section.titles[p] for p in problems)]
+    every = []
+    ratios: dict[str, dict[str, list[float]]] = {}
+    for batch, error in itertools.product(batches_of(rows), ERRORS):
+        cells = []
+        for problem in problems:
+            here = some(rows, batch=batch, problem=problem)
+            found = fastest(here, error)
+            cells.append(_first_of(found) if here else "")
+            if len(found) > 1 and "ours" in found and not _unequal(found):
+                where = section.titles[problem]
+                if len(batches_of(some(rows, problem=problem))) > 1:
+                    where += f", {section.batch} {batch:,}"
+                first, other = _against(found)
+                times = found[other]["cost"] / found[first]["cost"]
+                ratios.setdefault(first, {}).setdefault(where, []).append(times)
+        every.append([f"{batch:,}", f"{error:g}", *cells])
+    shown = table(head, every, "---")
+    lines = [
+        '<details markdown="1"><summary>Fastest method for each error, and the time ratio of '
+        "jaxcontact (or of the next one)</summary>",
+        "",
+        shown,
+    ]
+    if sum(map(busy, rows)) > len(rows) / 2:
+        lines += ["", "Measured on a busy machine: ratios are uncertain by a factor of several."]
+    if "†" in shown:
+        lines += [
+            "",
+            "† One of the two was measured on a busy machine and is faster than shown.",
+        ]
+    lines += ["", "</details>", ""]
+    return "\n".join([f"**{section.title}**", "", *_sentences(ratios), "", *lines])
+
+
+def fastest(rows: list[Row], error: float) -> dict[str, Row]:
+    """Return the cheapest row of every family within an error, fastest first."""
+    families = {
+        family: row
+        for family in FAMILIES
+        if (row := cheapest(some(rows, family=family), error)) is not None
+    }
+    return dict(sorted(families.items(), key=lambda pair: pair[1]["cost"]))
+
+
+def _against(found: dict[str, Row]) -> tuple[str, str]:
+    """Return the fastest family and the one it is compared with: the package, or the next one."""
+    first, second = list(found)[:2]
+    return first, second if first == "ours" else "ours"
+
+
+def _unequal(found: dict[str, Row]) -> bool:
+    """Return whether only one of the two compared was measured on a busy machine."""
+    first, other = _against(found)
+    return busy(found[first]) != busy(found[other])
+
+
+def _first_of(found: dict[str, Row]) -> str:
+    if not found:
+        return "none"
+    told = next(iter(found.values()))["way"]
+    if "ours" not in found:
+        return f"{told}; jaxcontact does not reach it"
+    if len(found) == 1:
+        return f"{told}; no other"
+    first, other = _against(found)
+    name = found[other]["way"] if first == "ours" else FAMILIES["ours"]
+    ratio = number(found[other]["cost"] / found[first]["cost"])
+    return f"{told}; {name} × {ratio}{' †' if _unequal(found) else ''}"
+
+
+def _sentences(ratios: dict[str, dict[str, list[float]]]) -> list[str]:
+    """Return for every family where it is the fastest that reaches the error, and by how much."""
+    lines = []
+    for family in (family for family in FAMILIES if family in ratios):
+        than = "the next one" if family == "ours" else FAMILIES["ours"]
+        where = "; ".join(f"{name} {_span(times)}" for name, times in ratios[family].items())
+        lines.append(f"- **{FAMILIES[family]}** is fastest (speed ratio to {than}): {where}.")
+    return lines
+
+
+def _span(times: list[float]) -> str:
+    low, high = number(min(times)), number(max(times))
+    return f"({low})" if low == high else f"({low} to {high})"
+
 
 _HEAD = """\
 # Run time against error
 
-Page made by `python benchmarks/run_time_error.py` from
+Page made by `python -m benchmarks run_time_error` from
 [run_time_error.json](../benchmarks/run_time_error.json). {machine}
 
 Compare ratios; the times are those of this machine.
@@ -38,27 +163,42 @@ Compare ratios; the times are those of this machine.
 FIRST = ("hunt_crossley", "own")
 
 
-def write(store: Store, docs: Path, name: str) -> None:
-    """The page, and a figure for every group that has rows."""
-    measured = {s.group: list(store.group(s.group).values()) for s in SECTIONS}
-    parts = [_HEAD.format(machine=_machine(store.machine)), when_to_use_what(measured)]
-    titles: dict[str, str] = {}
+def _group(known: dict[str, Any], name: str) -> list[Row]:
+    return some(known["rows"].values(), group=name)
+
+
+def written(known: dict[str, Any]) -> str:
+    measured = {s.group: _group(known, s.group) for s in SECTIONS}
+    parts = [_HEAD.format(machine=_machine(known["machine"])), when_to_use_what(measured)]
     for section in SECTIONS:
-        rows = list(store.group(section.group).values())
-        titles |= section.titles
+        rows = measured[section.group]
         if rows:
-            picture = f"{name}_{section.group}.png"
-            draw(rows, section.titles, docs / picture, section.unit, section.title, section.batch)
-            swept = list(store.group(section.options).values())
-            parts.append(_section(section, rows, swept, picture))
+            parts.append(_section(section, rows, _group(known, section.options)))
         else:
             parts.append(f"## {section.title}\n\nNot measured yet.\n")
-    _shown_first(store, docs / f"{name}.png", titles)
-    for beside, section_of in (("systems", _mechanisms), ("oblique", oblique_section)):
-        path = store.path.with_name(f"{beside}.json")
-        if path.exists():
-            parts.append("\n".join(section_of(json.loads(path.read_text()))))
-    (docs / f"{name}.md").write_text("\n".join(parts))
+    for name, section_of in (("systems", _mechanisms), ("oblique", oblique_section)):
+        parts.append("\n".join(section_of(json.loads((HERE / f"{name}.json").read_text()))))
+    return "\n".join(parts)
+
+
+def draw(known: dict[str, Any], docs: Path) -> None:
+    """A figure for every group that has rows, and the diagram of the README: a law with a formula
+    and one without, in the largest batch.
+    """
+    titles: dict[str, str] = {}
+    for section in SECTIONS:
+        titles |= section.titles
+        if rows := _group(known, section.group):
+            path = docs / _picture(section)
+            draw_rows(rows, section.titles, path, section.unit, section.title, section.batch)
+    batch = some(_group(known, "impacts"), batch=BATCHES[-1])
+    if rows := [row for name in FIRST for row in some(batch, problem=name)]:
+        head = f"One of {BATCHES[-1]:,} impacts"
+        draw_rows(rows, titles, docs / "run_time_error.png", "µs an impact", head)
+
+
+def _picture(section: Section) -> str:
+    return f"run_time_error_{section.group}.png"
 
 
 def _mechanisms(measured: dict[str, Any]) -> list[str]:
@@ -87,14 +227,6 @@ def _mechanisms(measured: dict[str, Any]) -> list[str]:
     ]
 
 
-def _shown_first(store: Store, path: Path, titles: dict[str, str]) -> None:
-    """The diagram of the README: a law with a formula and one without, in the largest batch."""
-    rows = list(store.group("impacts").values())
-    rows = [r for name in FIRST for r in some(rows, batch=BATCHES[-1], problem=name)]
-    if rows:
-        draw(rows, titles, path, "µs an impact", f"One of {BATCHES[-1]:,} impacts")
-
-
 def _machine(known: dict[str, Any]) -> str:
     libraries = ", ".join(
         f"{k} {known[k]}"
@@ -109,8 +241,15 @@ def _machine(known: dict[str, Any]) -> str:
     )
 
 
-def _section(section: Section, rows: list[Row], options: list[Row], picture: str) -> str:
-    lines = [f"## {section.title}", "", section.words, "", f"![{section.title}]({picture})", ""]
+def _section(section: Section, rows: list[Row], options: list[Row]) -> str:
+    lines = [
+        f"## {section.title}",
+        "",
+        section.words,
+        "",
+        f"![{section.title}]({_picture(section)})",
+        "",
+    ]
     caption = _caption(section, rows, options)
     lines += [_busy(rows), ""]
     lines += _folded("Options of each method", [caption]) if caption else []

@@ -52,11 +52,6 @@ def _exudyn(e: float, duration: float) -> Numbers:
     }  # fmt: skip
 
 
-def _lammps(e: float, duration: float) -> Numbers:
-    # It takes e: damping coeff_restitution.
-    return {"k_n": STIFFNESS / math.sqrt(RADIUS), "e": e}
-
-
 def _mujoco(e: float, duration: float) -> Numbers:
     # It takes a damping ratio, which e determines for an oscillator.
     zeta = -math.log(e) / math.hypot(math.pi, math.log(e))
@@ -94,12 +89,10 @@ class _Engine(NamedTuple):
     own: Callable[[float, float], Numbers]
     law: Callable[..., Callable[..., float]]
     pulls: bool = True
-    options: Mapping[str, Any] = {}
 
 
 ENGINES = {
     "exudyn": _Engine(_exudyn, documented.exudyn),
-    "lammps": _Engine(_lammps, documented.lammps, options={"radius": RADIUS}),
     "mujoco": _Engine(_mujoco, documented.mujoco, pulls=False),
     "drake": _Engine(_drake, documented.drake),
     "jaxsim": _Engine(_jaxsim, jaxsim_law),
@@ -120,10 +113,7 @@ def numbers(engine: str, e: float, exported: bool) -> tuple[Numbers, float]:
         return ENGINES[engine].own(e, _free(e)), _free(e)
     if engine == "jaxsim":
         return _jaxsim_exported(e), _free(e)
-    found = jc.export(
-        jc.ExactRestitution(e=e), jc.Contact(MASS, STIFFNESS), SPEED, engine=engine,
-        **ENGINES[engine].options,
-    )  # fmt: skip
+    found = jc.export(jc.ExactRestitution(e=e), jc.Contact(MASS, STIFFNESS), SPEED, engine=engine)
     more = {"contactStiffnessExponent": 1.5} if engine == "exudyn" else {}
     return {**more, **found.parameters}, found.duration
 

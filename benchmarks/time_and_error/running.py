@@ -4,25 +4,88 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import hashlib
+import json
+import math
 import os
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any, Protocol
 
 import jax
 import numpy as np
 
-from .measure import NotPossibleError, timed
-from .store import Store, code_of
-from .way import Way
+from benchmarks import study
+from benchmarks.stability_map.code import fingerprint, without_words
+from benchmarks.time_and_error.measure import NotPossibleError, Way, timed
+from benchmarks.time_and_error.problems import SEED
+
+HERE = Path(__file__).parent
+
+
+class Store:
+    """Rows by key. One that other code has measured counts as missing, or a busier machine.
+
+    `busiest`: the load average above which a time is not kept.
+    """
+
+    def __init__(self, path: Path, fresh: bool = False, busiest: float = math.inf):
+        self.path, self.busiest = path, busiest
+        known = json.loads(path.read_text()) if path.exists() and not fresh else {}
+        self.rows: dict[str, dict[str, Any]] = known.get("rows", {})
+        self.machine: dict[str, Any] = known.get("machine") or machine()
+
+    def lacks(self, key: str, code: str) -> bool:
+        row = self.rows.get(key, {})
+        return row.get("code") != code or self.busy(row)
+
+    def busy(self, row: dict[str, Any]) -> bool:
+        """Whether the machine had too much else to do."""
+        return (row.get("load") or 0) > self.busiest
+
+    def keep(self, key: str, row: dict[str, Any]) -> None:
+        """Write all rows."""
+        self.rows[key] = row
+        self.machine = machine()
+        study.put(self.path, study.with_machine(self.machine, self.rows))
+
+    def group(self, group: str) -> dict[str, dict[str, Any]]:
+        """The rows of a group."""
+        return {k: row for k, row in self.rows.items() if row["group"] == group}
+
+
+# Engines affect their own rows only.
+_NO_MATTER = ("commit", "memory_gib", "engines")
+
+
+@functools.cache
+def code_of(files: Iterable[str], package: bool, engines: bool = False) -> str:
+    """Ten digits that change with the code of a row, its libraries and the machine."""
+    digest = hashlib.sha256()
+    for name in ("measure.py", "problems.py", *files):
+        digest.update(without_words((HERE / name).read_text()).encode())
+    hardware = {k: v for k, v in machine().items() if k not in _NO_MATTER}
+    digest.update(json.dumps(hardware, sort_keys=True).encode())
+    if package:
+        digest.update(fingerprint().encode())
+    if engines:
+        digest.update(json.dumps(machine()["engines"], sort_keys=True).encode())
+    return digest.hexdigest()[:10]
+
+
+def machine() -> dict[str, Any]:
+    """Hardware, versions, commit, seed."""
+    return study.machine() | {"seed": SEED}
+
 
 GOOD = 1e-6
 """The error at which options are compared."""
 FAMILY_FILES = {
-    "ours": ("ours.py",),
-    "alone": ("ours.py",),
-    "diffrax": ("by_diffrax.py",),
-    "scipy": ("by_scipy.py",),
-    "numba": ("by_numba.py", "pairs.py"),
+    "ours": ("impacts.py",),
+    "alone": ("impacts.py",),
+    "diffrax": ("by_diffrax.py", "../until_event.py"),
+    "scipy": ("by_scipy.py", "../until_event.py"),
+    "numba": ("by_numba.py",),
     "engines": (),
 }
 
@@ -42,7 +105,7 @@ class Task(Protocol):
 
 def code(way: Way) -> str:
     return code_of(
-        ("way.py", *FAMILY_FILES[way.family], *way.files),
+        (*FAMILY_FILES[way.family], *way.files),
         way.family in ("ours", "alone"),
         way.family == "engines",
     )

@@ -1,4 +1,4 @@
-"""Scenes: the package; SciPy, diffrax and numba from event to event; engines, and billiards."""
+"""Scenes: the package; SciPy, diffrax and numba from event to event; and billiards."""
 
 from __future__ import annotations
 
@@ -15,14 +15,11 @@ import numpy as np
 
 import jaxcontact as jc
 
-from . import engine_scenes as engines
-from . import gases, restarted
+from . import gases
 from . import hard_scenes as hard
 from .line_scenes import Fixed, Line, by_diffrax, by_scipy, chain, line, oblique, scene_of
-from .measure import NotPossibleError
-from .running import run_cases
-from .store import Store
-from .way import Solve, Way
+from .measure import NotPossibleError, Solve, Way
+from .running import Store, run_cases
 
 REFERENCE = 2.3e-14
 """The tolerance of references by SciPy, the least that it takes."""
@@ -43,8 +40,6 @@ class Scene:
     scale: float = 0.0
     once: tuple[str, ...] = field(default=())
     """Solvers whose answer depends on no setting."""
-    cannot: dict[str, str] = field(default_factory=dict)
-    """Why others have no answer."""
     whole: bool = True
 
     def lanes(self, count: int) -> np.ndarray:
@@ -56,16 +51,10 @@ class Scene:
         return {"error_state": float(np.max(np.abs(np.asarray(answer) - truth)) / scale)}
 
 
-_DRAKE = "its force is K δ (1 + d δ'), of another exponent, and e falls with speed"
-_MUJOCO = (
-    "its contact is a spring and a dashpot; only in a line of balls apart e is all that counts"
-)
-_HARD = "its contacts take time, and here they take none"
 _BILLIARDS = "billiards is of discs in a plane, elastic, between walls, without gravity"
-_TAKE_TIME = dict.fromkeys(("exudyn", "drake", "mujoco"), _HARD)
 
 
-def _soft(name: str, title: str, made: Line, **more: Callable[[float], Any]) -> Scene:
+def _soft(name: str, title: str, made: Line) -> Scene:
     """Spheres in contact that take time: final velocities."""
     fixed = Fixed(made)
     how: dict[str, Any] = {"v0": "touch", "max_cluster": len(made.mass)}
@@ -88,12 +77,9 @@ def _soft(name: str, title: str, made: Line, **more: Callable[[float], Any]) -> 
             "python": plain,
             "diffrax": functools.partial(by_diffrax, fixed, made.longest),
             "scipy": functools.partial(by_scipy, made),
-            "exudyn": functools.partial(engines.line_by_exudyn, made),
-            **more,
         },
         functools.cache(lambda: by_scipy(made, REFERENCE)),
         float(np.max(np.abs(made.velocity))),
-        cannot={"drake": _DRAKE, "mujoco": _MUJOCO},
     )
 
 
@@ -101,23 +87,17 @@ def _gas(name: str, title: str, periodic: bool) -> Scene:
     """Hard discs from impact to impact: final velocities."""
     solvers = {
         "jitted": functools.partial(gases.by_package, periodic),
-        "diffrax": functools.partial(restarted.gas, "diffrax", periodic),
-        "scipy": functools.partial(restarted.gas, "scipy", periodic),
         "numba": functools.partial(gases.by_numba, periodic),
         **({} if periodic else {"billiards": gases.by_billiards}),
     }
     once = ("jitted", "numba", "billiards")
     truth = functools.partial(gases.truth, periodic)
-    return Scene(name, title, solvers, truth, once=once, cannot=_TAKE_TIME)
+    return Scene(name, title, solvers, truth, once=once)
 
 
 ROOM = 48
-_APART = line(0.1, 1e9, 15.0)
 SCENES = (
-    _soft(
-        "line", "five unequal balls in a line, apart", _APART,
-        mujoco=functools.partial(engines.line_by_mujoco, _APART),
-    ),
+    _soft("line", "five unequal balls in a line, apart", line(0.1, 1e9, 15.0)),
     _soft("near", "the same, gaps of 1e-5 m", line(1e-5, 1e9, 0.02)),
     _soft("chain", "ten touching balls", chain(10)),
     *(
@@ -129,26 +109,23 @@ SCENES = (
         "bouncing to rest",
         {
             "jitted": hard.rest_by_package,
-            "diffrax": restarted.rest_by_diffrax,
+            "diffrax": hard.rest_by_diffrax,
             "scipy": hard.rest_by_scipy,
             "numba": hard.rest_by_numba,
-            "exudyn": engines.rest_by_exudyn,
         },
         hard.rest_truth,
-        cannot={"drake": _DRAKE, "mujoco": _MUJOCO},
     ),
     Scene(
         "table",
         "ball on a shaking table",
         {
             "jitted": hard.table_by_package,
-            "diffrax": restarted.table_by_diffrax,
+            "diffrax": hard.table_by_diffrax,
             "scipy": hard.table_by_scipy,
             "numba": hard.table_by_numba,
         },
         hard.table_truth,
         once=("jitted", "numba"),
-        cannot=_TAKE_TIME,
     ),
     *(_gas(*named) for named in (
         ("gas", "gas of 32 balls, periodic", True), ("boxed", "gas of 32 balls in a box", False),
@@ -159,23 +136,17 @@ SCENES = (
 def _build(scene: Scene, lanes: np.ndarray, *, solver: str) -> Solve:
     if solver not in scene.solvers:
         otherwise = _BILLIARDS if solver == "billiards" else "nobody wrote it for this scene"
-        raise NotPossibleError(scene.cannot.get(solver, otherwise))
+        raise NotPossibleError(otherwise)
     return scene.solvers[solver]
 
 
-_FILES = ("scenes.py", "line_scenes.py", "hard_scenes.py", "restarted.py", "gases.py")
+_FILES = ("scenes.py", "line_scenes.py", "hard_scenes.py", "gases.py")
 _FILES += ("../until_event.py",)
-_ENGINES = ("engine_scenes.py", "by_exudyn.py", "by_mujoco.py")
-STEPS = (10, 30, 100, 300)
 
 
 def _way(name: str, family: str, solver: str, settings: tuple[float, ...], **rest: Any) -> Way:
     build = functools.partial(_build, solver=solver)
-    files = (*_FILES, *_ENGINES) if family == "engines" else _FILES
-    return Way(name, family, build, settings=settings, files=files, **rest)
-
-
-_FIXED: dict[str, Any] = {"word": "steps a contact", "compiled": False}
+    return Way(name, family, build, settings=settings, files=_FILES, **rest)
 
 
 WAYS = {
@@ -184,9 +155,6 @@ WAYS = {
     "diffrax": _way("diffrax Dopri8, restarted", "diffrax", "diffrax", LADDER),
     "scipy": _way("scipy DOP853, restarted", "scipy", "scipy", LADDER, compiled=False),
     "numba": _way("numba, by hand", "numba", "numba", LADDER, needs="numba"),
-    "exudyn": _way("Exudyn, explicit", "engines", "exudyn", STEPS, **_FIXED),
-    "mujoco": _way("MuJoCo", "engines", "mujoco", STEPS, **_FIXED),
-    "drake": _way("Drake", "engines", "drake", STEPS, **_FIXED),
     "billiards": _way("billiards", "engines", "billiards", (0.0,), word="", compiled=False),
 }
 SMALL = (("rest", "scipy"), ("table", "numba"))

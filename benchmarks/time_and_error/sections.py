@@ -14,12 +14,12 @@ from .engines import WAYS as ENGINE_WAYS
 from .fit_tasks import Record, Table
 from .fits import WAYS as FIT_WAYS
 from .impacts import WAYS as IMPACT_WAYS
+from .measure import Way
 from .problems import CHECKED, PROBLEMS
 from .reading import Row, some, ways_of
 from .rebounds import ASKED, converged
 from .scenes import SCENES
 from .scenes import WAYS as SCENE_WAYS
-from .way import Way
 
 
 def _keywords(way: Way) -> dict[str, Any]:
@@ -112,9 +112,9 @@ _ENGINES = f"""\
 A ball of 1 kg strikes a plane at 4.2 m/s, without gravity. It must rebound at the requested e:
 {", ".join(f"{e:g}" for e in ASKED)}. Every engine uses its own contact, in two ways:
 
-- *As its documents say.* Exudyn (impact model 2) and LAMMPS (`coeff_restitution`) take e. MuJoCo
-  and MJX take a damping ratio, here that of an oscillator with this e. Drake and JaxSim (exponents
-  of Hunt and Crossley's force) take a damping, here (3/2)(1 - e)/v, from the paper that they name.
+- *As its documents say.* Exudyn (impact model 2) takes e. MuJoCo and MJX take a damping ratio, here
+  that of an oscillator with this e. Drake and JaxSim (exponents of Hunt and Crossley's force) take
+  a damping, here (3/2)(1 - e)/v, from the paper that they name.
 - *Numbers by jaxcontact.* Parameters from `jc.export`, for JaxSim from the same closed relation.
 
 The error of the law is that of the engine's documented formula, solved by SciPy, without steps. The
@@ -122,9 +122,9 @@ error of the step is between the engine and its formula. The tables count the la
 touches at a different part of a step for each e.
 
 Times cover the steps alone, for the contact and a third more; the model is built before. Exudyn,
-MuJoCo and Drake simulate one ball after another, LAMMPS a hundred in a box for each e, MJX and
-JaxSim all at once. JaxSim has point contacts only: a box on four corners. *ExactRestitution* is
-`jc.impact` in a `jax.jit`."""
+MuJoCo and Drake simulate one ball after another, MJX and JaxSim all at once. JaxSim has point
+contacts only: a box on four corners. *ExactRestitution* is `jc.impact` in a `jax.jit`. JAX MD has
+no damping. The e of LAMMPS is [beside ours](plastic.md#beside-lammps)."""
 
 _FITS = """\
 Parameters from data without noise, so that the error is that of the method. One fit is c of Hunt
@@ -151,10 +151,9 @@ extended precision. The error is that of final velocities.
 
 - SciPy and diffrax restart at touches and openings. In flights diffrax has a longest step, found by
   trial, without which it misses contacts (the shortest ones, at ε = 0.001, also with it). Both have
-  a longest step in the gases and over the table.
+  a longest step over the table.
 - *By hand* means numba code for this scene only.
-- Exudyn (RK44, impact model 1, whose law this is) and MuJoCo use equal steps; their times include
-  building the model. MuJoCo runs the line with contacts of 5 ms.
+- Scenes in engines are [beside `simulate`](export.md#agreement-with-jcsimulate).
 - *billiards* is the one event-driven simulator of hard discs on PyPI. It has no periodic cell, so
   it runs in the box."""
 

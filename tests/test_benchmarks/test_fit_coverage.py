@@ -3,14 +3,13 @@ inadequate.
 """
 
 import json
-from pathlib import Path
 
 import pytest
 
 from benchmarks import fit_coverage, fit_design
-from benchmarks.fit_adequacy import main, printed
+from benchmarks.fit_adequacy import STUDY, printed
+from benchmarks.study import DOCS
 
-HERE = Path(fit_coverage.__file__).parent
 DRAWS = 200
 LEAST = 0.904
 """Three standard deviations of a share of 200 draws below 95 %."""
@@ -39,28 +38,23 @@ def test_a_cell_of_each_kind_runs(tmp_path):
     # Of bounces a quarter of the draws is taken.
     draws = {"record, force, noise unknown": "1", "bounces, constant e, 10": "4", "heights, ": "1"}
     for name, few in draws.items():
-        fit_coverage.main(["--draws", few, "--only", name, "--into", str(tmp_path)])
+        fit_coverage.STUDY.command(["--draws", few, "--only", name, "--into", str(tmp_path)])
     found = json.loads((tmp_path / "fit_coverage.json").read_text())["cells"]
     assert len(found) == 4 and all(cell["converged"] > 0 for cell in found.values())
-    assert set(json.loads((HERE / "fit_coverage.json").read_text())["cells"]) <= set(
-        fit_coverage.cells()
-    )
+    assert set(fit_coverage.STUDY.result()["cells"]) <= set(fit_coverage.cells())
 
 
 def test_a_plan_is_simulated(tmp_path, monkeypatch):
     monkeypatch.setattr(fit_design, "PLANS", dict([*fit_design.PLANS.items()][:1]))
-    fit_design.main(["--draws", "3", "--into", str(tmp_path)])
+    fit_design.STUDY.command(["--draws", "3", "--into", str(tmp_path)])
     (plan,) = json.loads((tmp_path / "fit_design.json").read_text())["plans"].values()
     assert plan["converged"] == 1 and set(plan["seen"]) == set(plan["expected"])
-
-
-PAGE = Path(__file__).parents[2] / "docs" / "trust.md"
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
-    main(["--draws", "1", "--into", str(folder)])
+    STUDY.command(["--draws", "1", "--into", str(folder)])
     return folder
 
 
@@ -72,7 +66,7 @@ def test_every_cell_is_there(results):
 
 
 def test_the_example_prints_what_the_page_says():
-    _, code, _, said, _ = PAGE.read_text().split("```")
+    _, code, _, said, _ = (DOCS / "trust.md").read_text().split("```")
     got = printed(code.removeprefix("python\n")).splitlines()
     want = said.removeprefix("text\n").rstrip().splitlines()
     assert got[0] == want[0]

@@ -6,8 +6,6 @@ import jax
 import pytest
 
 from benchmarks import gpu
-from benchmarks.gpu_page import page
-from benchmarks.gpu_tasks import TASKS
 from jaxcontact._program import compiled
 
 # Measured 3e-15 and 2e-7.
@@ -21,10 +19,10 @@ def measured(tmp_path, monkeypatch, usual_promotion):
     def none(size, precision, platform):
         raise MemoryError("no | room")
 
-    exact = next(task for task in TASKS if task.what == "exact")
+    exact = next(task for task in gpu.TASKS if task.what == "exact")
     monkeypatch.setattr(gpu, "TASKS", (exact._replace(make=none, what="broken"), exact))
     with jax.numpy_rank_promotion("allow"):
-        gpu.main(["--quick", "--only", "impacts", "--into", str(tmp_path)])
+        gpu.STUDY.command(["--quick", "--only", "impacts", "--into", str(tmp_path)])
     return json.loads((tmp_path / "gpu.json").read_text()), (tmp_path / "gpu.md").read_text()
 
 
@@ -42,14 +40,14 @@ def test_rows_have_an_error_and_a_failed_one_its_reason(measured):
 def rows_of(tmp_path, *asked):
     """The rows of the short form, by their group and name."""
     with jax.numpy_rank_promotion("allow"):
-        gpu.main(["--quick", "--into", str(tmp_path), *asked])
+        gpu.STUDY.command(["--quick", "--into", str(tmp_path), *asked])
     rows = json.loads((tmp_path / "gpu.json").read_text())["rows"]
     return {(row["group"], row["what"]): row for row in rows}
 
 
 def test_calls_that_are_no_single_program_run(tmp_path, monkeypatch, usual_promotion):
     """A sweep and fits of many balls, which choose their own blocks."""
-    chosen = [task for task in TASKS if task.whole and "event" not in task.what]
+    chosen = [task for task in gpu.TASKS if task.whole and "event" not in task.what]
     monkeypatch.setattr(gpu, "TASKS", chosen)
     rows = rows_of(tmp_path, "--only", "sweeps", "fits")
     assert len(rows) == 2
@@ -76,7 +74,7 @@ def test_the_page_compares_with_the_best_rate_of_the_cpu(measured):
     result, _ = measured
     row = next(r for r in result["rows"] if r.get("rate") and r["precision"] == "float64")
     faster = row | {"platform": "gpu", "rate": 7 * row["rate"]}
-    written = page({"machine": result["machine"], "rows": [*result["rows"], faster]})
+    written = gpu.page({"machine": result["machine"], "rows": [*result["rows"], faster]})
     assert "(7 times the CPU)" in written
 
 

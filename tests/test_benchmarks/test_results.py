@@ -35,8 +35,8 @@ def result(benchmark):
 
 
 STUDIES = (
-    "fit_adequacy fit_many gpu lammps_adhesion lammps_bed laws_inside memory_map plastic_speed "
-    "random_scenes records scene_agreement sound tracks"
+    "fast_loops fit_adequacy fit_many gpu lammps_adhesion lammps_bed laws_inside memory_map "
+    "plastic_speed random_scenes run_time_error records scene_agreement sound stability tracks"
 )
 
 
@@ -57,8 +57,6 @@ def test_the_page_has_the_tables(name):
 
 
 def test_a_trial_writes_nothing_and_an_interrupted_study_goes_on(tmp_path, capsys):
-    study = Study("some.py", "Some study.", text=by_line)
-
     def counts(known, only):
         known = known or {}
         for k in range(only or 3):
@@ -68,11 +66,12 @@ def test_a_trial_writes_nothing_and_an_interrupted_study_goes_on(tmp_path, capsy
                 known[f"{k}"] = {"square": k * k}
 
     options = {"--only": {"type": int}}
+    study = Study("some.py", "", counts, options=options, trial="only", text=by_line)
     into = ["--into", str(tmp_path)]
-    study.command(counts, options, ["--only", "2", *into], trial="only")
+    study.command(["--only", "2", *into])
     assert not list(tmp_path.iterdir()) and "measures 1" in capsys.readouterr().out
     for told in ("measures 0\nmeasures 1\nmeasures 2\n", ""):
-        study.command(counts, options, into, trial="only")
+        study.command(into)
         assert capsys.readouterr().out == told
     written = (tmp_path / "some.json").read_text()
     assert json.loads(written)["2"] == {"square": 4} and written.count("\n") == 5

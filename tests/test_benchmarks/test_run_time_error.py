@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from benchmarks.run_time_error import main
+from benchmarks.run_time_error import STUDY
 from benchmarks.time_and_error.engines import _thrown
+from benchmarks.time_and_error.measure import Way
 from benchmarks.time_and_error.problems import PROBLEMS, truth, worst
 from benchmarks.time_and_error.rebounds import ASKED, MASS, RADIUS, SPEED, Rebound, jaxsim_law
-from benchmarks.time_and_error.running import measure
+from benchmarks.time_and_error.running import Store, measure
 from benchmarks.time_and_error.sections import law_and_step
-from benchmarks.time_and_error.store import Store
-from benchmarks.time_and_error.way import Way
+from benchmarks.until_event import contact
 
 # Accuracy that every method must reach with the finest setting of the short form.
 REACHED = {
@@ -35,7 +35,7 @@ def measured(into, *asked):
 
     # Peers are run as their users run them.
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        main([*asked, "--small", "--into", str(into)])
+        STUDY.command([*asked, "--small", "--into", str(into)])
     return into
 
 
@@ -145,21 +145,9 @@ def test_which_rows_count_as_missing(tmp_path):
 @pytest.mark.parametrize("name", ["own", "pushed"])
 def test_truth_of_the_laws_that_the_oracle_does_not_store(name):
     """Beside SciPy's solve of the package's force, or of what is typed here again."""
-    from scipy.integrate import solve_ivp
-
     p = float(PROBLEMS[name].number(0.5))
-    force = {"own": lambda x, v: -(x**1.5 + x**2.5 + p * x * v), "pushed": lambda x, v: p - x**1.5}[
-        name
-    ]
-
-    def apart(t, y):
-        return y[0]
-
-    apart.terminal, apart.direction = True, -1
-    end = solve_ivp(
-        lambda t, y: (y[1], force(max(y[0], 0), y[1])),
-        (0, 20), (0, 1), "DOP853", events=apart, rtol=1e-12, atol=1e-13,
-    )  # fmt: skip
+    force = {"own": lambda x, v: -(x**1.5 + x**2.5 + p * x * v), "pushed": lambda x, v: p - x**1.5}
+    end = contact(force[name], 1e-12, atol=0.1)
     want = truth(name, (p,))
     assert worst([-end.y_events[0][0, 1]], want[0]) < 1e-9
     assert worst([end.t_events[0][0]], want[1]) < 1e-9

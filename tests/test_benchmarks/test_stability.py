@@ -12,10 +12,9 @@ import jaxcontact as jc
 from benchmarks import memory_map
 from benchmarks.stability_map.code import without_words
 from benchmarks.stability_map.free_table import free
-from benchmarks.stability_map.grid import Job, lanes_of, scaled
+from benchmarks.stability_map.grid import AT_ONCE, Job, answers, blocks, lanes_of, scaled
 from benchmarks.stability_map.kinds import KINDS, QUANTITIES, SETTLED
 from benchmarks.stability_map.motion_oracle import solve
-from benchmarks.stability_map.package_lanes import AT_ONCE, answers, blocks
 from benchmarks.stability_map.public_laws import law_jobs, run_law
 from benchmarks.stability_map.verdict import CLASSES, FLAGGED_WITHOUT_NEED, RIGHT, WRONG, judge
 from tests.oracle import cases

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from benchmarks.fit_truths import (
+from benchmarks.fit_coverage import (
     DAMPING,
     DEPTH_ZERO,
     FORCE_ZERO,

@@ -7,7 +7,7 @@ import pytest
 from scipy import integrate, signal
 
 import jaxcontact as jc
-from benchmarks import fit_truths as truths
+from benchmarks import fit_coverage as truths
 from jaxcontact.lab.records.instrument_errors import rounding, rounding_of_white_noise, step_of
 from jaxcontact.lab.records.low_pass import Course
 

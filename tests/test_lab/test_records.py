@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from benchmarks.record_truths import draw, impact
-from benchmarks.records import found_in, one_of, read, summary
+from benchmarks.records import draw, found_in, impact, one_of, read, summary
 from jaxcontact.lab.calibration.report import impacts
 from jaxcontact.lab.cli import main
 from jaxcontact.lab.layouts.instrument import RecordedImpact

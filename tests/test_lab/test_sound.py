@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from benchmarks.sound import constant_e, one_of, summary
-from benchmarks.sound_truths import Truth, as_wave, draw
+from benchmarks.sound import Truth, as_wave, constant_e, draw, one_of, summary
 from jaxcontact.lab.pairs.pairs import scatter_beside
 from jaxcontact.lab.recordings import read_columns
 from jaxcontact.lab.sound.listening import listen

@@ -10,8 +10,7 @@ from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
 from benchmarks.sound import constant_e
-from benchmarks.track_truths import GRAVITY, Truth, draw
-from benchmarks.tracks import clear, each_impact, flight_of, one_of, summary
+from benchmarks.tracks import GRAVITY, Truth, clear, draw, each_impact, flight_of, one_of, summary
 from jaxcontact._flight import Flight
 from jaxcontact.lab.recordings import make_pairs
 from jaxcontact.lab.track.model import Drop, Model, lagging, parabola, slowed

@@ -15,9 +15,9 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
-from benchmarks import track_truths
-from benchmarks.record_truths import impact
-from benchmarks.sound_truths import as_wave, draw
+from benchmarks import tracks
+from benchmarks.records import impact
+from benchmarks.sound import as_wave, draw
 from jaxcontact.lab.cli import main
 
 E = 0.8
@@ -142,7 +142,7 @@ def test_a_sound(run, tmp_path):
 
 
 def test_a_video(run, tmp_path):
-    truth = track_truths.draw(np.random.default_rng([0, TRACKED]), kind="trackpy")
+    truth = tracks.draw(np.random.default_rng([0, TRACKED]), kind="trackpy")
     (tmp_path / "ball.csv").write_text(truth.text)
     options = "--rate 120 --law constant_damping"
     code, _, err = run("jaxcontact calibrate ball.csv --quiet")

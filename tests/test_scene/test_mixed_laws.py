@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from benchmarks.scene_skips import SKIPS
+from benchmarks.scenes import SKIPS
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.test_scene.support import spheres
 

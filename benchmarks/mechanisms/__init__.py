@@ -1,1 +1,0 @@
-"""Mechanisms and what a user would write for them instead."""
