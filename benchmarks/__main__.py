@@ -7,10 +7,8 @@ from pathlib import Path
 
 import jax
 
-# Worker processes import this, too.
-jax.config.update("jax_enable_x64", True)
-
 if __name__ == "__main__":
+    jax.config.update("jax_enable_x64", True)
     here = Path(__file__).parent
     files = {path.stem: path for path in here.rglob("*.py") if "\nSTUDY = " in path.read_text()}
     if sys.argv[1:2] not in [[name] for name in files]:
