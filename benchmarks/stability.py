@@ -55,6 +55,8 @@ def draw(known: dict[str, Any], docs: Path) -> None:
 
 def run_group(run_one: Callable[[Job], dict[str, Any]], jobs: list[Job]) -> list[dict[str, Any]]:
     """Jobs one after another in one process, whose tables and programs they share."""
+    # A worker begins without.
+    jax.config.update("jax_enable_x64", True)
     found = [run_one(job) for job in jobs]
     # A process can hold a few hundred programs.
     jax.clear_caches()

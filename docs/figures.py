@@ -20,7 +20,7 @@ import jaxcontact as jc
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from benchmarks import oblique_rebounds as rebounds
-from benchmarks.sound import as_wave, draw
+from benchmarks.lab.sound import as_wave, draw
 
 HERE = Path(__file__).parent
 # Okabe and Ito's colours, safe for colour blindness.

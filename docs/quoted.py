@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[1]
 # Also works when run as a file.
 sys.path.insert(0, str(ROOT))
 
-from benchmarks import choice_confusion
+from benchmarks.lab import choice_confusion
 from benchmarks.study import percent
 from benchmarks.time_and_error.reading import FAMILIES, cheapest, number, some
 

@@ -18,17 +18,7 @@ from scipy.special import beta as beta_function
 import jaxcontact as jc
 
 from .collocation import EXTENDED, Array
-from .grid import (
-    MASS,
-    SPEED,
-    STIFFNESS,
-    STRONGEST_PUSH,
-    Job,
-    Lanes,
-    in_units,
-    outcomes,
-    units_of,
-)
+from .grid import MASS, SPEED, STIFFNESS, STRONGEST_PUSH, Job, Lanes, in_units, outcomes, units_of
 from .verdict import judge, record
 
 LANES = 512

@@ -279,7 +279,6 @@ def _busy(rows: list[Row]) -> str:
     """Return the load of the machine while a group was measured, and its effect."""
     times = [row for row in rows if "cost" in row]
     loads = sorted(row["load"] for row in times if row.get("load") is not None)
-    older = len(times) - len(loads)
     told = []
     if loads:
         middle = loads[len(loads) // 2]
@@ -294,11 +293,6 @@ def _busy(rows: list[Row]) -> str:
                 "be several times too long. Errors are not affected. "
                 f"`--busiest {QUIET:g}` measures such rows again."
             )
-    if older and loads:
-        told.append(
-            f"{older} rows are of an earlier run, on a quiet machine, that recorded no load; "
-            "those of the package are of its code at that time."
-        )
     return " ".join(told)
 
 

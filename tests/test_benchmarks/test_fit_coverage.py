@@ -23,8 +23,7 @@ def test_intervals_and_bands_hold_the_truth(name):
     assert all(share >= LEAST for share in cell["shares"].values()), cell["shares"]
 
 
-FEW = 30
-LEAST_OF_FEW = 0.83
+FEW, LEAST_OF_FEW = 30, 0.83
 
 
 @pytest.mark.parametrize("noise", ["triggers", "scatter"])

@@ -8,16 +8,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from benchmarks import (
-    fit_many,
-    lammps_adhesion,
-    lammps_bed,
-    laws_inside,
-    memory_map,
-    plastic_speed,
-    scene_agreement,
-    touches,
-)
+from benchmarks import fit_many, memory_map, plastic_speed, touches
+from benchmarks.engines import lammps_adhesion, lammps_bed, laws_inside, scene_agreement
 from benchmarks.study import DOCS, Study, by_line
 
 FORCES = 1e-12
@@ -35,8 +27,9 @@ def result(benchmark):
 
 
 STUDIES = (
-    "fast_loops fit_adequacy fit_many gpu lammps_adhesion lammps_bed laws_inside memory_map "
-    "plastic_speed random_scenes run_time_error records scene_agreement sound stability tracks"
+    "fast_loops fit_adequacy fit_many gpu memory_map plastic_speed random_scenes run_time_error "
+    "stability engines.lammps_adhesion engines.lammps_bed engines.laws_inside "
+    "engines.scene_agreement lab.records lab.sound lab.tracks"
 )
 
 

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 import jaxcontact as jc
-from benchmarks import choice_confusion
+from benchmarks.lab import choice_confusion
 from jaxcontact.lab.choice.certainty import Certainty, excess_p
 from jaxcontact.lab.choice.kinds import kinds_of
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from benchmarks.tracks import draw
+from benchmarks.lab.tracks import draw
 from jaxcontact import paper
 from jaxcontact.lab.cli import _COMMANDS, _parser, main
 

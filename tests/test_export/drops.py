@@ -3,10 +3,9 @@
 It is a separate program, so that an engine's warnings, threads and crashes stay out of the tests. A
 case contains the text to paste (`snippet`), the mass, radius and speed of the ball, the duration of
 the contact and its number of steps. It also contains the start above the plane as a fraction of a
-step. The answer is the list of rebound speeds over closing speeds. There is no gravity.
-
-A function builds the model of a case and returns the throw, which may be repeated. A case may have
-options of a method, and the `count` of steps that are run.
+step. The answer is the list of rebound speeds over closing speeds. There is no gravity. A function
+builds the model of a case and returns the throw, which may be repeated. A case may have options of
+a method, and the `count` of steps that are run.
 """
 
 import json

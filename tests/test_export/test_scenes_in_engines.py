@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from benchmarks.scene_agreement import (
+from benchmarks.engines.scene_agreement import (
     CASES,
     HARDER,
     OBLIQUE,

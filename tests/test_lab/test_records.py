@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from benchmarks.records import draw, found_in, impact, one_of, read, summary
+from benchmarks.lab.records import draw, found_in, impact, one_of, read, summary
 from jaxcontact.lab.calibration.report import impacts
 from jaxcontact.lab.cli import main
 from jaxcontact.lab.layouts.instrument import RecordedImpact
@@ -289,7 +289,7 @@ DRAWS, EMPTY = 15, 5
 
 
 def test_impacts_of_the_study_are_found():
-    """A part of benchmarks/records.py without its fits; the whole finds more than 99 %."""
+    """A part of benchmarks/lab/records.py without its fits; the whole finds more than 99 %."""
     strong = found = invented = 0
     for k in range(DRAWS):
         truth = draw(np.random.default_rng([7, k]))

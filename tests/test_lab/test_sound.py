@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from benchmarks.sound import Truth, as_wave, constant_e, draw, one_of, summary
+from benchmarks.lab.sound import Truth, as_wave, constant_e, draw, one_of, summary
 from jaxcontact.lab.pairs.pairs import scatter_beside
 from jaxcontact.lab.recordings import read_columns
 from jaxcontact.lab.sound.listening import listen
@@ -188,7 +188,7 @@ def test_a_long_recording_is_read_in_blocks(tmp_path):
 
 
 def test_small_study():
-    """A small form of benchmarks/sound.py; speech is no ball."""
+    """A small form of benchmarks/lab/sound.py; speech is no ball."""
     found = summary([one_of(np.random.default_rng([7, k])) for k in range(60)])
     assert found["none invented"] >= 0.93 and found["found"] >= 0.9
     assert found["fitted"] >= 35

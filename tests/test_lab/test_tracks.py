@@ -9,8 +9,17 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
-from benchmarks.sound import constant_e
-from benchmarks.tracks import GRAVITY, Truth, clear, draw, each_impact, flight_of, one_of, summary
+from benchmarks.lab.sound import constant_e
+from benchmarks.lab.tracks import (
+    GRAVITY,
+    Truth,
+    clear,
+    draw,
+    each_impact,
+    flight_of,
+    one_of,
+    summary,
+)
 from jaxcontact._flight import Flight
 from jaxcontact.lab.recordings import make_pairs
 from jaxcontact.lab.track.model import Drop, Model, lagging, parabola, slowed
@@ -283,7 +292,7 @@ def test_drag_in_its_first_order_is_that_of_the_equation_of_motion():
 
 
 def test_small_study():
-    """A small form of benchmarks/tracks.py; the whole finds more than 95 %."""
+    """A small form of benchmarks/lab/tracks.py; the whole finds more than 95 %."""
     found = summary([one_of(np.random.default_rng([7, k])) for k in range(12)])
     assert found["clear impacts"] >= 25 and found["found"] >= 0.9
     assert found["none invented"] == 1

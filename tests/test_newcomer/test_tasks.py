@@ -15,9 +15,9 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
-from benchmarks import tracks
-from benchmarks.records import impact
-from benchmarks.sound import as_wave, draw
+from benchmarks.lab import tracks
+from benchmarks.lab.records import impact
+from benchmarks.lab.sound import as_wave, draw
 from jaxcontact.lab.cli import main
 
 E = 0.8

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 import jaxcontact as jc
-from benchmarks.sound import constant_e
+from benchmarks.lab.sound import constant_e
 from benchmarks.study import grouped, inside, middle, percent, share, study_of
 from jaxcontact._flight import Flight
 from jaxcontact.lab.recordings import make_pairs, tracks_of
