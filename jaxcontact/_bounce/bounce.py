@@ -171,8 +171,7 @@ def _falls(speed: Array, left: Left, run: BounceRun, listed: int) -> bool:
 def _trim(run: Bounce) -> Bounce:
     """Return a run without touches at which all balls rest already, and `ROOM` for endless ones."""
     status = np.asarray(run.status)
-    settled = np.any(status == int(Status.SETTLED), axis=-1)
-    lasts = np.where(settled, np.argmax(status == int(Status.SETTLED), axis=-1) + 1, 1)
+    lasts = np.argmax(status == int(Status.SETTLED), axis=-1) + 1  # 1 without rest
     endless = np.any(status[..., -1] == int(Status.SEPARATED))
     count = max(int(np.max(lasts)), ROOM if endless else 1)
     listed = {name: np.asarray(getattr(run, name))[..., :count] for name in TOUCHES}
