@@ -86,7 +86,8 @@ def test_nothing_sleeps_where_something_comes():
 def test_a_racket():
     """A ball at rest leaves at (1 + e) times the speed of what hits it."""
     law, speed = jc.HuGuo(e=0.7), 0.02
-    run = under_a_piston(law, 0.61, speed, 0.0, gap=0.1)
+    # A pull that moves nothing, so that the scenes share their program.
+    run = under_a_piston(law, 0.61, speed, 1e-12, gap=0.1)
     gained = (1 + float(jc.restitution(law))) * speed
     np.testing.assert_allclose(run.impacts.closing_speed[0], speed, rtol=SOFT)
     np.testing.assert_allclose(run.velocity[0, 1, 0], -gained, rtol=SOFT)
