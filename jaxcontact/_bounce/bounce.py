@@ -135,14 +135,13 @@ def _to_rest(drop: _BallAndGround, how: AbstractMethod) -> Bounce:
     if first is not None:
         count = _count_needed(np.asarray(first.impact.restitution), run)
         return _trim(_constant(drop.contact, run, first, count))
-    left, parts = begin(run), []
-    while True:
+    left, falls, parts = begin(run), True, []
+    while falls:
         speed = left.speed
         left, touches = _more(drop, run, left, how)
         parts.append(touches)
-        if not _falls(speed, left, run, len(parts) * ROOM):
-            break
-    touches = jax.tree.map(lambda *part: jnp.concatenate(part, axis=-1), *parts)
+        falls = _falls(speed, left, run, len(parts) * ROOM)
+    touches = jax.tree.map(lambda *part: np.concatenate(part, axis=-1), *parts)
     return _trim(_assemble(touches, run, None))
 
 
@@ -172,12 +171,11 @@ def _falls(speed: Array, left: Left, run: BounceRun, listed: int) -> bool:
 def _trim(run: Bounce) -> Bounce:
     """Return a run without touches at which all balls rest already, and `ROOM` for endless ones."""
     status = np.asarray(run.status)
-    settled = np.any(status == int(Status.SETTLED), axis=-1)
-    lasts = np.where(settled, np.argmax(status == int(Status.SETTLED), axis=-1) + 1, 1)
+    lasts = np.argmax(status == int(Status.SETTLED), axis=-1) + 1  # 1 without rest
     endless = np.any(status[..., -1] == int(Status.SEPARATED))
     count = max(int(np.max(lasts)), ROOM if endless else 1)
-    listed = {name: getattr(run, name)[..., :count] for name in TOUCHES}
-    return dataclasses.replace(run, **listed)
+    listed = {name: np.asarray(getattr(run, name))[..., :count] for name in TOUCHES}
+    return dataclasses.replace(run, **jax.device_put(listed))
 
 
 class _BallAndGround(NamedTuple):

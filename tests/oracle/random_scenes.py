@@ -4,6 +4,7 @@ The answers of up to a thousand scenes are stored. ``python -m tests.oracle.rand
 the missing ones (by ``many_discs``, without ``jaxcontact``; half an hour on one free core).
 """
 
+import functools
 import json
 import math
 from dataclasses import dataclass
@@ -162,6 +163,7 @@ def solved(numbers: list[int]) -> dict[str, dict]:
     }
 
 
+@functools.cache
 def answers() -> dict[str, dict]:
     """Those that are stored, by the number of the scene."""
     return json.loads(ANSWERS.read_text()) if ANSWERS.exists() else {}

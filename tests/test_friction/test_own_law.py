@@ -37,20 +37,26 @@ class GrowingFriction(jc.AbstractFriction):
         return slip, jnp.where(slip > 0, strength * path.force, 0)
 
 
-OWN = GrowingFriction(mu=jnp.asarray(0.05), c=jnp.asarray(0.02))
+MU, C = 0.05, 0.02
+OWN = GrowingFriction(mu=jnp.asarray(MU), c=jnp.asarray(C))
 ALONG = np.array([-3.0, 0.4, 0.7, 1.2, 3.0, 5.0])
 
 
 def needed(before, after):
     """The normal impulse per mass in m/s that takes a slip from one speed to another."""
-    return np.log((OWN.mu + OWN.c * before) / (OWN.mu + OWN.c * after)) / (MOBILITY * OWN.c)
+    return np.log((MU + C * before) / (MU + C * after)) / (MOBILITY * C)
+
+
+def hits():
+    hit = jc.oblique_impact(LAW, CONTACT, VELOCITY, ALONG, friction=OWN)
+    return jax.tree.map(np.asarray, hit)
 
 
 def test_the_slip_needs_the_impulse_of_the_impact():
-    hit = jc.oblique_impact(LAW, CONTACT, VELOCITY, ALONG, friction=OWN)
-    impulse = VELOCITY * (1 + np.asarray(hit.normal.restitution))
+    hit = hits()
+    impulse = VELOCITY * (1 + hit.normal.restitution)
     before, after = np.abs(ALONG), np.abs(hit.slip_velocity)
-    slides = np.asarray(needed(before, 0.0) > impulse)
+    slides = needed(before, 0.0) > impulse
     assert list(slides) == [True, False, False, True, True, True]
     assert needed(before, after)[slides] == pytest.approx(impulse[slides], rel=ROUNDING)
     assert not after[~slides].any()
@@ -68,17 +74,17 @@ def test_its_derivative_is_that_of_the_closed_form():
     after = float(slip(OWN.mu, OWN.c, 3.0))
     by_mu, by_along = jax.jit(jax.grad(slip, argnums=(0, 2)))(OWN.mu, OWN.c, 3.0)
     # From the logarithm in `needed`, whose value stays.
-    first, last = float(OWN.mu + OWN.c * 3.0), float(OWN.mu + OWN.c * after)
+    first, last = MU + C * 3.0, MU + C * after
     assert by_along == pytest.approx(last / first, rel=ROUNDING)
-    assert by_mu == pytest.approx((last / first - 1) / float(OWN.c), rel=ROUNDING)
+    assert by_mu == pytest.approx((last / first - 1) / C, rel=ROUNDING)
 
 
 def test_the_impulse_over_time_is_that_of_the_outcome():
     path = jc.oblique_trajectory(LAW, CONTACT, VELOCITY, ALONG, friction=OWN, samples=401)
-    hit = jc.oblique_impact(LAW, CONTACT, VELOCITY, ALONG, friction=OWN)
-    assert path.slip_velocity[:, -1] == pytest.approx(np.asarray(hit.slip_velocity), abs=1e-6)
+    path, hit = jax.tree.map(np.asarray, path), hits()
+    assert path.slip_velocity[:, -1] == pytest.approx(hit.slip_velocity, abs=1e-6)
     impulse = np.trapezoid(path.friction, path.time, axis=-1)
-    lost = (ALONG - np.asarray(hit.tangential_velocity)) * 0.05
+    lost = (ALONG - hit.tangential_velocity) * 0.05
     assert impulse == pytest.approx(lost, rel=SAMPLED)
 
 

@@ -55,10 +55,13 @@ def program(form):
     return jax.jit(both)
 
 
+restitution = jax.jit(restitution_of)
+
+
 def filled(*numbers):
     """Return the numbers as arrays of LANES, and how many of them count."""
     numbers = np.broadcast_arrays(*numbers)
-    return [jnp.asarray(np.resize(x, LANES), float) for x in numbers], numbers[0].size
+    return [jnp.asarray(np.resize(x, LANES).astype(float)) for x in numbers], numbers[0].size
 
 
 def solve(form, *numbers):
@@ -106,7 +109,7 @@ def test_agrees_with_an_independent_solve(form):
     expected = [by_scipy(*lane, form) for lane in np.transpose(lanes)[:40].tolist()]
     np.testing.assert_allclose(got.psi2[:40], expected, rtol=0, atol=BESIDE_SCIPY)
     # Friction neither exceeds its limit nor outlasts the contact.
-    e = np.asarray(restitution_of(jnp.asarray(alpha)))
+    e = np.asarray(restitution(alpha))
     assert np.all(np.abs(got.psi2 - psi1) <= 2 * chi * (1 + e) + FORMULA)
     assert np.all((got.stop >= -e) & (got.stop <= 1) & (got.slip >= -e) & (got.slip <= 1))
 
@@ -114,7 +117,7 @@ def test_agrees_with_an_independent_solve(form):
 @pytest.mark.parametrize("form", FORMS)
 def test_gross_slip_is_the_rigid_formula(form):
     alpha = np.array([0.0, 0.3, 1.0, 2.0])
-    e = np.asarray(restitution_of(jnp.asarray(alpha)))
+    e = np.asarray(restitution(alpha))
     got = solve(form, 12.0, 1.5, alpha)
     np.testing.assert_allclose(got.psi2, 12 - 3 * (1 + e), rtol=0, atol=FORMULA)
     np.testing.assert_array_equal(got.stop, -e)
@@ -195,22 +198,28 @@ def test_energy():
 def test_single_precision():
     lanes, _ = filled(*random_lanes(LANES))
     double = solve("rescaled", *lanes).psi2
-    single = program("rescaled")(*(x.astype(jnp.float32) for x in lanes))[0]
+    narrow = (np.asarray(x, np.float32) for x in lanes)
+    single = jax.jit(functools.partial(slider_phases, form="rescaled"))(*narrow)
     assert single.psi2.dtype == jnp.float32
     assert single.converged.all()
     np.testing.assert_allclose(single.psi2, double, rtol=0, atol=SINGLE)
 
 
 def test_shapes_and_vmap():
-    assert slider_phases(0.5, NU_3, 0.0, "force").psi2.shape == ()
-    psi1 = jnp.array([0.5, 1.5, 4.0])
-    apart = jax.vmap(lambda x: slider_phases(x, NU_3, 0.3, "force").psi2)(psi1)
+    def psi2(x):
+        return slider_phases(x, NU_3, 0.3, "force").psi2
+
+    assert jax.eval_shape(psi2, 0.5).shape == ()
+    psi1 = np.array([0.5, 1.5, 4.0])
+    apart = jax.jit(jax.vmap(psi2))(psi1)
     np.testing.assert_allclose(apart, solve("force", psi1, NU_3, 0.3).psi2, rtol=0, atol=1e-13)
 
 
 # --- Followed in time -----------------------------------------------------------------------------
 
-EVENT = 1e-9  # of ψ2; the default tolerance. Measured: 1.5e-11 (force), 4e-10 (others)
+EVENT = 1e-9  # of ψ2; the default tolerance. Measured: 1e-11
+EVENT_SLOPE = 1e-5  # Measured: 3e-6 beside the touch
+SPRINGS = 6e-4  # by which a row of springs may exceed its limit, relative. Measured: 4.7e-4
 PATH = 2e-5  # of the slip at touch, with 200 samples. Measured: 1.7e-5
 
 RATIO, DRAW = 0.8, np.random.default_rng(5)
@@ -218,65 +227,43 @@ SLIPS = np.concatenate([[0.02, 0.3], DRAW.uniform(0, 7, 30)])
 CONTACT = jc.Contact(mass=1.0, stiffness=1.0, exponent=1.5)
 
 
-def hits(form, **how):
-    friction = jc.SpringSlider(1.0, RATIO, form)
-    return jc.oblique_impact(jc.Damped(alpha=0.3), CONTACT, 1.0, SLIPS, friction=friction, **how)
+SLIDERS = {form: jc.SpringSlider(1.0, RATIO, form) for form in FORMS}
+ROWS = SLIDERS | {"table": jc.MawBarberFawcett(1.0, RATIO)}
+GIVEN = jc.Damped(alpha=0.3), CONTACT, 1.0, SLIPS
 
 
-@functools.cache
-def by_event():
-    """Slip velocities of the form "force" and their slopes, by one program: as `hits`, and beside
-    the slip from which an undamped contact slides at touch.
+def hits(friction):
+    return jax.tree.map(np.asarray, jc.oblique_impact(*GIVEN, friction=friction))
+
+
+def test_event_solves_agree_with_phases():
+    """With their slopes, also beside the slip from which an undamped contact slides at touch. Of
+    the form "rescaled", which is "force" up to the turn and "displacement" after it.
     """
 
     def after(slip, alpha):
         given = jc.Damped(alpha), CONTACT, 1.0, slip
-        hit = jc.oblique_impact(*given, friction=jc.SpringSlider(1.0, RATIO), method="event")
+        hit = jc.oblique_impact(*given, friction=SLIDERS["rescaled"], method="event")
         return hit.slip_velocity, (hit.slip, hit.ok)
 
     near = (1 + np.array([-1e-7, 1e-7])) / RATIO
     slips, alpha = np.append(SLIPS, near), np.append(np.full(SLIPS.size, 0.3), [0.0, 0.0])
     program = jax.jit(jax.vmap(jax.value_and_grad(after, has_aux=True)))
-    return jax.tree.map(np.asarray, program(slips, alpha))
-
-
-@pytest.mark.parametrize("form", ["force", "rescaled"])
-def test_event_solves_agree_with_phases(form):
+    (found, (slip, ok)), slopes = jax.tree.map(np.asarray, program(slips, alpha))
+    phase, (by_slip, *_) = slopes_of("rescaled", RATIO * slips, 3.5 * RATIO / 2, alpha)
     # Slips near full sliding end with both rates near zero, where an end may be missed.
-    phase = hits(form)
-    if form == "force":
-        (after, (slip, ok)), _ = by_event()
-        after, slip = after[:-2], slip[:-2]
-    else:
-        event = hits(form, method="event")
-        after, slip, ok = event.slip_velocity, event.slip, event.ok
-    assert ok.all() and phase.ok.all()
-    error = RATIO * np.abs(np.array(after - phase.slip_velocity))
-    assert error.max() < EVENT
-    assert np.array_equal(slip, phase.slip)
+    assert ok.all() and np.array_equal(slip[:-2], hits(SLIDERS["rescaled"]).slip)
+    np.testing.assert_allclose(RATIO * found, phase.psi2, rtol=0, atol=EVENT)
+    np.testing.assert_allclose(slopes, by_slip, rtol=0, atol=EVENT_SLOPE)
 
 
-def test_slopes_of_event_solves_are_continuous_at_touch():
-    near = by_event()[1][-2:]
-    assert near[0] == pytest.approx(near[1], abs=2e-3)
-
-
-@pytest.mark.parametrize("form", ["force", "displacement", "rescaled"])
-def test_a_trajectory_ends_at_the_outcome(form):
-    friction = jc.SpringSlider(1.0, RATIO, form)
-    path = jc.oblique_trajectory(jc.Damped(alpha=0.3), CONTACT, 1.0, SLIPS, friction=friction)
-    error = np.array(path.slip_velocity[:, -1] - hits(form).slip_velocity)
+@pytest.mark.parametrize("name", ROWS)
+def test_a_trajectory_ends_at_the_outcome(name):
+    path = jax.tree.map(np.asarray, jc.oblique_trajectory(*GIVEN, friction=ROWS[name]))
+    error = path.slip_velocity[:, -1] - hits(ROWS[name]).slip_velocity
     assert (np.abs(error) / np.maximum(SLIPS, 1)).max() < PATH
-    assert (np.abs(path.friction) <= path.force * (1 + 1e-12)).all()
-
-
-def test_a_row_of_springs_along_a_trajectory_ends_at_the_table():
-    friction = jc.MawBarberFawcett(1.0, RATIO)
-    given = jc.Damped(alpha=0.3), CONTACT, 1.0, SLIPS
-    path = jc.oblique_trajectory(*given, friction=friction)
-    hit = jc.oblique_impact(*given, friction=friction)
-    error = np.array(path.slip_velocity[:, -1] - hit.slip_velocity)
-    assert (np.abs(error) / np.maximum(SLIPS, 1)).max() < PATH
+    over = SPRINGS if name == "table" else 1e-12
+    assert (np.abs(path.friction) <= path.force * (1 + over)).all()
 
 
 def test_any_normal_law_is_followed():

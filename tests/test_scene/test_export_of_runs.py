@@ -4,7 +4,9 @@ import csv
 import io
 import sys
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -28,7 +30,8 @@ def run():
 @pytest.fixture(scope="module")
 def batch():
     """Two lanes with room for eight impacts, of which they need two."""
-    return jax.vmap(lambda e: fall(e, max_impacts=8))(np.array([0.5, 0.6]))
+    runs = eqx.filter_jit(jax.vmap(lambda e: fall(e, max_impacts=8)))
+    return runs(jnp.array([0.5, 0.6]))
 
 
 def test_a_run_as_a_dataset(run, tmp_path):
@@ -94,7 +97,7 @@ def test_csv(run, tmp_path):
 
 def test_what_is_padded_is_left_out(batch):
     pytest.importorskip("xarray")
-    lane = jax.tree.map(lambda x: x[0], batch)
+    lane = jax.device_put(jax.tree.map(lambda x: np.asarray(x)[0], batch))
     assert len(lane.impacts) == 8
     assert lane.to_xarray().sizes["impact"] == len(lane.impacts.to_dataframe()) == 2
     text = io.BytesIO()

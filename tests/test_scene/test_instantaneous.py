@@ -21,14 +21,14 @@ are few. A gas is chaotic, so that another processor's rounding is another seed.
 FLOOR = jc.Plane([0.0, 0.0], [0.0, 1.0], name="floor")
 
 
-def dropped(duration, **how):
+def dropped(middle, duration):
     ball = jc.Sphere(0.01, 0.03, [0.0, 1.01], name="ball")
     scene = jc.Scene([ball, FLOOR], jc.ExactRestitution(e=0.9), gravity=[0.0, -9.81])
-    return go(scene, duration, **how)
+    return go(scene, duration, times=[0.0, middle, duration])
 
 
 def test_a_bouncing_ball_after_44_impacts():
-    run = dropped(8.5)
+    run = dropped(8.0, 8.5)
     assert len(run.impacts) == 44
     height = run.position[-1, 0, 1] - 0.01
     assert abs(height - 5.565551008992671e-6) < EXACT
@@ -37,7 +37,7 @@ def test_a_bouncing_ball_after_44_impacts():
 
 
 def test_the_bounces_come_to_an_end_and_the_ball_rests():
-    run = dropped(9.0, times=[0.0, 8.7, 9.0])
+    run = dropped(8.7, 9.0)
     last = run.impacts.to_dict()
     assert last["solved_by"][-1] == jc.SolvedBy.SERIES
     assert np.sum(last["solved_by"] == jc.SolvedBy.SERIES) == 1
@@ -72,11 +72,11 @@ def test_a_ball_in_a_corner_meets_both_walls():
     np.testing.assert_allclose(run.position[-1, 0], [0.4, 0.4], rtol=1e-14)
 
 
-def line(place, speed, law=None):
-    """Five equal balls on an axis, the last ones far away. Scenes of a law share their programs."""
+def line(place, speed, e=1.0):
+    """Five equal balls on an axis, the last ones far away, so that all share their programs."""
     far = [90.0 + k for k in range(5 - len(place))]
     balls = in_a_line(0.1, 1.0, [*place, *far], [*speed, *[0.0] * len(far)])
-    return jc.Scene(balls, law or jc.Hertz())
+    return jc.Scene(balls, jc.ExactRestitution(e=e))
 
 
 def test_a_cradle():
@@ -163,9 +163,9 @@ def test_a_gas_of_hard_spheres_has_its_mean_free_time():
 
 
 def test_two_orders_of_the_same_scene_agree():
-    """Names and order of the bodies are no physics: the first twenty impacts agree to 1e-10."""
+    """The order of the bodies is no physics: the first twenty impacts agree to 1e-10."""
     scene = gas(6, 2, False)
-    turned = jc.Scene(scene.bodies[::-1], jc.Hertz())
+    turned = jc.Scene([*scene.spheres[::-1], scene.bodies[-1]], jc.Hertz())
     one, other = go(scene, 3.0), go(turned, 3.0)
     assert min(len(one.impacts), len(other.impacts)) > 20
     np.testing.assert_allclose(one.impacts.time[:20], other.impacts.time[:20], rtol=1e-10)
@@ -214,7 +214,7 @@ def test_a_fixed_sphere_under_gravity():
 
 def test_what_accumulates_elsewhere_stops_and_is_flagged():
     """Three balls, the outer ones heavy and closing in: an inelastic collapse."""
-    scene = line([-1.0, 0.0, 1.0], [1.0, 0.0, -1.3], jc.ExactRestitution(e=0.05))
+    scene = line([-1.0, 0.0, 1.0], [1.0, 0.0, -1.3], e=0.05)
     run = go(scene, 3.0, times=[0.1, 3.0], throw=False)
     assert run.status == jc.Ending.ACCUMULATED
     assert np.all(np.isfinite(run.position[0])) and np.all(np.isnan(run.position[1]))
@@ -222,7 +222,7 @@ def test_what_accumulates_elsewhere_stops_and_is_flagged():
 
 
 def test_tables_read_well():
-    run = dropped(1.0)
+    run = dropped(0.5, 1.0)
     assert "1 impact" in str(run.impacts) and "ball - floor" in str(run.impacts)
     assert "completed" in str(run) and "44.2945" not in str(run)
     assert set(run.impacts.to_dict()) >= {"time", "first", "second", "face", "restitution"}

@@ -228,11 +228,12 @@ class _ObliqueNumbers(NamedTuple):
 
 
 class _SlidingMotion(eqx.Module):
-    """The motion in one phase: `sign` is that of the slip, 0 in stick."""
+    """The motion in one phase: `sign` is that of the slip, 0 in stick; `loads` of "rescaled"."""
 
     numbers: _ObliqueNumbers
     sign: Number
     held: str = eqx.field(static=True)
+    loads: Any = None
 
     one_way = False
     smooth = True
@@ -263,11 +264,10 @@ class _SlidingMotion(eqx.Module):
         grows = n * jnp.maximum(state.w, 0) ** (k * n - 1) * state.psi
         if self.held == "force":
             return grows
-        # While unloading a force that is held falls with the radius of the contact.
-        unloads = (state.v < 0) & (state.w > 0)
-        return grows + jnp.where(
-            unloads, (n - 1) * state.v * spring / jnp.where(unloads, state.w, 1), 0
-        )
+        # While unloading a held force falls with the contact's radius. Its kink ends a phase.
+        unloads = (state.v <= 0) & (state.w > 0) & ~self.loads
+        falls = (n - 1) * state.v * spring / jnp.where(unloads, state.w, 1)
+        return grows + jnp.where(unloads, falls, 0)
 
     def rate(self, state: _SlidingState) -> _SlidingState:
         k, force = self.numbers.form.order(self._n), self.normal_force(state.w, state.v)
@@ -290,12 +290,11 @@ class _SlidingMotion(eqx.Module):
         # it would have no slope.
         k = self.numbers.form.order(n)
         inside = state.w > 0
-        unit = jnp.where(inside, state.w, 1) ** (
-            k - 1 if self.held == "displacement" else k * n - 1
-        )
+        power = k - 1 if self.held == "displacement" else k * n - 1
+        unit = jnp.where(inside, state.w, 1) ** power
         goes_on = jnp.where(inside, (pulled - grows) / unit, 1)
-        slips = most - jnp.abs(state.spring)
-        return state.w, jnp.where(self.sign != 0, goes_on, slips)
+        ends = state.w, jnp.where(self.sign != 0, goes_on, most - jnp.abs(state.spring))
+        return ends if self.loads is None else (*ends, jnp.where(self.loads, state.v, 1))
 
     def continued(self, inside: _SlidingState) -> _SlidingMotion:
         return self
@@ -321,19 +320,15 @@ def follow(
     numbers = _ObliqueNumbers(lanes.form, lanes.exponent, spring.psi, spring.chi)
     course = over_lanes(with_sensitivity(eqx.Partial(_course, held=held, how=how)), numbers)
     slid = (course.count == 1) & (course.sign > 0)
+    # The tangential impulse is at most μ times the normal one.
+    most = (1 + _ROUNDING) * 2 * spring.chi * (1 - course.state.v)
     return TangentialOutcome(
         slip=spring.slip(course.state.psi),
         slid=slid | spring.free,
         stop=jnp.where(slid, -e, course.stop),
         start=jnp.where(slid, -e, course.start),
-        converged=course.converged & _possible(course, spring),
+        converged=course.converged & (jnp.abs(course.state.psi - spring.psi) <= most),
     )
-
-
-def _possible(course: _PhaseChain, spring: ScaledSpring) -> Bool[Array, "..."]:
-    """Return whether the tangential impulse is at most μ times the normal one."""
-    most = 2 * spring.chi * (1 - course.state.v)
-    return jnp.abs(course.state.psi - spring.psi) <= (1 + _ROUNDING) * most
 
 
 def _course(numbers: _ObliqueNumbers, *, held: str, how: Event) -> _PhaseChain:
@@ -358,7 +353,8 @@ def _course(numbers: _ObliqueNumbers, *, held: str, how: Event) -> _PhaseChain:
         return ~course.done & (course.count < _PHASES)
 
     def advance(course: _PhaseChain) -> _PhaseChain:
-        phase = _SlidingMotion(numbers, course.sign, held)
+        loads = (course.sign == 0) & (course.state.v > 0) if held == "rescaled" else None
+        phase = _SlidingMotion(numbers, course.sign, held, loads)
         packed = Packed.of(course.state)
         last = march(phase, packed, tolerance, (), lambda seen, before, now: seen)
         end, _ = land(phase, packed, last)
@@ -367,7 +363,12 @@ def _course(numbers: _ObliqueNumbers, *, held: str, how: Event) -> _PhaseChain:
         sliding = course.sign != 0
         most = phase.limit(state.w, state.v)
         spring = jnp.where(sliding, course.sign * most, state.spring)
-        sign = jax.lax.stop_gradient(jnp.where(sliding, 0, jnp.where(spring < 0, -1.0, 1.0)))
+        sticks = sliding
+        if loads is not None:
+            # It sticks on after the turn, from v = 0 without rounding.
+            turned = last.closed[2] & (state.v < phase.guards(state)[1])
+            state, sticks = state._replace(v=jnp.where(turned, 0, state.v)), sliding | turned
+        sign = jax.lax.stop_gradient(jnp.where(sticks, 0, jnp.where(spring < 0, -1.0, 1.0)))
         opened = sliding & (course.count == 0)
         return _PhaseChain(
             state=state._replace(spring=spring),
@@ -376,7 +377,7 @@ def _course(numbers: _ObliqueNumbers, *, held: str, how: Event) -> _PhaseChain:
             done=over | ~arrived,
             converged=over & arrived,
             stop=jnp.where(opened, state.v, course.stop),
-            start=jnp.where(sliding, course.start, state.v),
+            start=jnp.where(sticks, course.start, state.v),
         )
 
     return jax.lax.while_loop(unfinished, advance, start)

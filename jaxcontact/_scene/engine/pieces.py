@@ -38,8 +38,7 @@ of a coupled solve with six slots; no other capacity was measured. It is not a t
 programs round differently, and a script must reproduce its numbers."""
 
 _RUN: dict[Any, float] = {}
-"""The number of impacts of each kind that have run in a quickly compiled program; infinite once the
-faster one is compiled."""
+"""The number of impacts of each kind in a quickly compiled program; infinite after the faster."""
 
 
 @eqx.filter_jit
@@ -95,7 +94,7 @@ def from_python(
     wanted, room = rules, min(_MOST_GROWN, layout.spheres) if grows else 0
     # With many spheres, periodic axes or friction most scenes need no coupled solve. The program is
     # then one without, until a coupled solve is needed.
-    within = numbers.start is not None and numbers.start.leans
+    numbers, within = _resumed(layout, numbers, rules)
     lean = not all_fit(layout, rules.members) or layout.frictions is not None
     if lean and not within:
         rules = Rules(rules.soft, rules.v0, 0)
@@ -116,7 +115,9 @@ def from_python(
         inputs_now = (layout, numbers, rules, state, valid, end, tolerance)
         state, log, written, ahead = _piece(tell, total, *inputs_now)
         if int(state.status) == CROWDED and 0 < rules.members < room:
-            places = rules.members, _more_places(layout, rules.members)
+            wider = min(2 * rules.members, layout.spheres)
+            # A sphere keeps its place, so that as many places as spheres are one more.
+            places = rules.members, wider + all_fit(layout, wider)
             rules = Rules(rules.soft, rules.v0, places[1])
             blank = _with_places(layout, numbers, rules.members, before)
             coupling = in_places(layout, before.coupling, blank.coupling, places)
@@ -136,12 +137,12 @@ def from_python(
     return rules, LoopOutcome(log, written, state.status, state.now, ahead, valid)
 
 
-def _more_places(layout: SceneLayout, members: int) -> int:
-    """Return a larger capacity. A sphere keeps its place, so that it is not the number of spheres,
-    for which each one has its own.
-    """
-    more = min(2 * members, layout.spheres)
-    return more + all_fit(layout, more)
+def _resumed(layout: SceneLayout, numbers: Numbers, rules: Rules) -> tuple[Numbers, bool]:
+    """Return the numbers less a start that the state holds, and whether it rests or is solved."""
+    start = numbers.start
+    if start is not None and start.underway is None and (rules.soft or layout.settles):
+        numbers = eqx.tree_at(lambda numbers: numbers.start, numbers, None)
+    return numbers, start is not None and start.leans
 
 
 def _piece(tell: TellRun, total: int, *inputs: Any) -> tuple[RunState, Log, Array, Array]:
