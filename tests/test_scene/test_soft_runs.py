@@ -7,10 +7,12 @@ import functools
 import sys
 
 import equinox as eqx
+import jax
 import numpy as np
 import pytest
 
 import jaxcontact as jc
+from jaxcontact._scene.engine import pieces
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.test_scene.support import bodies_of, in_a_line, missing, spheres
 
@@ -299,7 +301,15 @@ def test_crowds_are_refused_or_given_room(monkeypatch):
     """Nine balls, three of which touch at once, where a coupled solve has room for two. Another
     impact was before, in a log with fewer places.
     """
-    monkeypatch.setattr(sys.modules["jaxcontact._scene.engine.pieces"], "_PIECE", 1)
+    piece, states = pieces._quickly, []
+
+    def noted(*inputs):
+        ended = piece(*inputs)
+        states.append([jax.tree.map(jax.typeof, state) for state in (inputs[3], ended[0])])
+        return ended
+
+    monkeypatch.setattr(pieces, "_PIECE", 1)
+    monkeypatch.setattr(pieces, "_quickly", noted)
     places, speeds = [-0.5, 0.0, 0.2, *map(float, range(2, 8))], [0.0] * 9
     speeds[0], speeds[7] = 1.0, 9.0
     scene = jc.Scene(in_a_line(0.1, 1.0, places, speeds), jc.Hertz(), stiffness=1e6)
@@ -317,3 +327,5 @@ def test_crowds_are_refused_or_given_room(monkeypatch):
     assert hits["first"].tolist() == [7, 0, 1] or hits["first"].tolist() == [7, 1, 0]
     np.testing.assert_allclose(hits["time"], [0.8 / 9, 0.3, 0.3], atol=1e-12)
     np.testing.assert_allclose(hits["restitution"][0], 1, rtol=1e-12)
+    # The next piece has the program of the first.
+    assert len(states) > 6 and all(before == after for before, after in states)
