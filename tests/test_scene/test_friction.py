@@ -297,17 +297,13 @@ def test_a_cue_ball_with_follow():
     assert np.max(np.abs(run.velocity[-1, :, 1:])) < FORMULA
 
 
-def test_a_run_continues_from_its_end():
-    """Spins and sliding go on; the moment at which rolling begins is the same."""
+def test_a_run_continues_from_its_end(tmp_path):
+    """Spins and sliding go on; the moment at which rolling begins is the same. Files have them."""
     whole = go(on_a_belt([2.0, 0.0]), 1.0)
     second = go(go(on_a_belt([2.0, 0.0]), 0.05).final, 0.95)
     np.testing.assert_allclose(second.velocity[-1], whole.velocity[-1], rtol=FORMULA)
     np.testing.assert_allclose(second.spin[-1], whole.spin[-1], rtol=FORMULA)
-
-
-def test_files_have_the_spins(tmp_path):
-    run = go(on_a_belt([2.0, 0.0]), 0.3)
-    for table, words in ((run, "spin[0]"), (run.impacts, "slip_after")):
+    for table, words in ((whole, "spin[0]"), (whole.impacts, "slip_after")):
         table.to_csv(tmp_path / "table.csv")
         assert words in (tmp_path / "table.csv").read_text().splitlines()[0]
 

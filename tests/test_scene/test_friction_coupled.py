@@ -2,6 +2,7 @@
 their invariants.
 """
 
+import functools
 import itertools
 
 import jax
@@ -70,6 +71,7 @@ def six_balls(
     return jc.simulate(scene, duration, v0="touch", rtol=rtol)
 
 
+@functools.cache
 def three_discs(mu):
     """A disc hits another one that nearly touches a third: two contacts at once, three modes. The
     run of two such rows far from each other, one with a ramp and one with springs.
@@ -78,13 +80,9 @@ def three_discs(mu):
     return six_balls([*RADIUS, *RADIUS], [*MASS, *MASS], *state, 0.25, mu=mu)
 
 
-@pytest.fixture(scope="module")
-def rows():
-    return three_discs(MU)
-
-
 @pytest.mark.parametrize("ramp", [None, 0.05], ids=["spring", "ramp"])
-def test_three_discs_agree_with_an_integration(ramp, rows):
+def test_three_discs_agree_with_an_integration(ramp):
+    rows = three_discs(MU)
     part = slice(3, 6) if ramp is None else slice(0, 3)
     place, speed = (np.asarray(x[-1, part, :2]) for x in (rows.position, rows.velocity))
     spin = np.asarray(rows.spin[-1, part, 2])
@@ -256,16 +254,15 @@ the way in the duration of 4e-5 s; a tangential spring leaves .3 m/s."""
 MISSED = 2e-11
 """Energy in J that runs of some J miss at the default tolerance: measured 5e-12."""
 
-
-NAMES = [f"disc {k}" for k in range(6)]
-FRICTIONS = jc.WaltonFriction(0.3, 0.4), jc.MawBarberFawcett(0.2, 0.8), RAMP
-FRICTIONS = dict(zip(NAMES, (*FRICTIONS, jc.SpringSlider(MU, ratio=KAPPA)), strict=False))
+FRICTIONS = [jc.WaltonFriction(0.3, 0.4), jc.MawBarberFawcett(0.2, 0.8), RAMP]
+FRICTIONS += [jc.SpringSlider(MU, ratio=KAPPA)]
 
 
 def around_a_peg(place, speed, spin, low, high, peg, *, radius, mass, mu, e, stiffness):
     """Discs, a peg and a box. Four discs have a friction law of their own on the peg."""
-    laws = {(name, "peg"): law for name, law in FRICTIONS.items()}
-    discs = spheres(radius, mass, place, speed, spin, NAMES[: len(place)])
+    names = [f"disc {k}" for k in range(len(place))]
+    laws = {(name, "peg"): law for name, law in zip(names, FRICTIONS, strict=False)}
+    discs = spheres(radius, mass, place, speed, spin, names)
     peg = jc.Sphere(0.2, None, peg, fixed=True, name="peg")
     return jc.Scene(
         [*discs, peg, jc.Box(low, high)], jc.HuGuo(e=e), stiffness=stiffness,
@@ -276,14 +273,14 @@ def around_a_peg(place, speed, spin, low, high, peg, *, radius, mass, mu, e, sti
 def test_hard_contacts_have_the_instantaneous_outcome():
     """Five discs meet a peg from all sides, each by another law."""
     angle = 0.3 + 2 * np.pi / 5 * np.arange(5)
-    out, along = np.stack([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]).mT
-    state, far = (0.32 * out, 0.3 * along - out, [5.0] * 5), [9.0, 9.0]
-    hard, rigid = (
-        how(around_a_peg(
-            *state, np.negative(far), far, [0.0, 0.0], radius=0.1, mass=0.5, mu=0.4, e=0.7,
-            stiffness=stiffness,
-        ), 0.06) for how, stiffness in ((jc.simulate, 1e12), (go, 1e6))
-    )  # fmt: skip
+    out = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    state, far = (0.32 * out, 0.3 * out[:, ::-1] * [-1, 1] - out, 5.0), [9.0, 9.0]
+    how = {"radius": 0.1, "mass": 0.5, "mu": 0.4, "e": 0.7}
+
+    def scene(stiffness):
+        return around_a_peg(*state, np.negative(far), far, [0, 0], stiffness=stiffness, **how)
+
+    hard, rigid = jc.simulate(scene(1e12), 0.06), go(scene(1e6), 0.06)
     assert list(hard.impacts.solved_by) == [jc.SolvedBy.COUPLED] * 5 and len(rigid.impacts) == 5
     np.testing.assert_allclose(hard.velocity[-1], rigid.velocity[-1], atol=LIMIT)
     np.testing.assert_allclose(0.1 * hard.spin[-1], 0.1 * rigid.spin[-1], atol=LIMIT)

@@ -40,8 +40,7 @@ def dropped(height=HEIGHT):
     return above_a_floor([(0.0, RADIUS + height), (0.0, 50.0)], np.zeros((2, 2)))
 
 
-def followed(scene, duration, times=None):
-    return jc.simulate(scene, duration, rtol=1e-10, times=times)
+followed = functools.partial(jc.simulate, rtol=1e-10)
 
 
 def test_a_bouncing_ball_sticks():
@@ -73,7 +72,7 @@ def test_a_run_is_the_path_of_the_ball_and_continues_from_a_stretched_neck():
     speed, touch = float(np.sqrt(2 * GRAVITY * HEIGHT)), np.sqrt(2 * HEIGHT / GRAVITY)
     path = jc.trajectory(LAW, CONTACT, speed, samples=99, external_force=MASS * GRAVITY)
     times = np.array([0.0, *(touch + path.time[1:-1]), 0.2])
-    whole = followed(dropped(), 0.2, times)
+    whole = followed(dropped(), 0.2, times=times)
     depth = RADIUS - np.asarray(whole.position[:, 0, 1])
     np.testing.assert_allclose(depth[1:-1], path.indentation[1:-1], atol=1e-11)
     np.testing.assert_allclose(-whole.velocity[1:-1, 0, 1], path.velocity[1:-1], atol=1e-9)

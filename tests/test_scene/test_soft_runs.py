@@ -75,10 +75,6 @@ def soft(balls, walls, gravity, alpha, stiffness=K):
     return jc.Scene(bodies, jc.Damped(alpha=alpha), stiffness=stiffness, gravity=gravity)
 
 
-def scene_of(name):
-    return soft(*RUNS[name][:4])
-
-
 @functools.cache
 def reference(name):
     balls, walls, gravity, alpha, duration = RUNS[name]
@@ -92,7 +88,7 @@ def reference(name):
 @pytest.mark.parametrize("name", RUNS)
 def test_runs_end_where_newtons_equations_do(name, rtol):
     balls, _, _, _, duration = RUNS[name]
-    exact, found = reference(name), jc.simulate(scene_of(name), duration, rtol=rtol)
+    exact, found = reference(name), jc.simulate(soft(*RUNS[name][:4]), duration, rtol=rtol)
     assert found.status == jc.Ending.COMPLETED
     speed = max(np.abs(b.velocity).max() for b in balls) or 1.0
     velocity, position = (x[-1, : len(balls)] for x in (found.velocity, found.position))
