@@ -130,21 +130,21 @@ SLOPES = 1e-7
 """Of their slopes by speed, relative. Measured 3e-8."""
 
 
-@pytest.mark.parametrize("metal", ["thornton", "hu guo"])
-def test_coupled_contacts_end_as_impacts_alone(metal):
+@pytest.mark.parametrize(("metal", "until"), [("thornton", 1.5e-3), ("hu guo", 0.01)])
+def test_coupled_contacts_end_as_impacts_alone(metal, until):
     """The force vanishes before they open. Two balls of three touch; the third is so near that all
-    are solved together.
+    are solved together, but not touched yet.
     """
     laws, places = lead_and_steel(0.1, 0.03), np.array([0.0, 0.0201, 0.0403])
-    law = laws["lead", "lead"] if metal == "thornton" else laws["default"]
+    speeds = np.array([0.5, -0.5, 0.0])
+    law = laws["lead", "lead"]
+    if metal == "hu guo":
+        law, places, speeds = laws["default"], -places[::-1], np.array([0.0, 0.5, -0.5])
 
     def table(v):
-        if metal == "thornton":
-            balls = in_a_line(0.01, 0.02, places, [v / 2, -v / 2, 0 * v], METALS)
-        else:
-            balls = in_a_line(0.01, 0.02, -places[::-1], [0 * v, v / 2, -v / 2], METALS)
-        hit = jc.simulate(jc.Scene(balls, laws, stiffness=1e7, exponent=1.5), 0.1).impacts
-        return jnp.stack([hit.restitution[0], hit.duration[0]]), hit.solved_by[0]
+        balls = in_a_line(0.01, 0.02, places, v * speeds, METALS)
+        hit = jc.simulate(jc.Scene(balls, laws, stiffness=1e7, exponent=1.5), until).impacts
+        return jnp.stack([hit.restitution[0], hit.duration[0]]), hit.solved_by
 
     def alone(v):
         hit = jc.impact(law, jc.Contact(0.01, 1e7), v)
@@ -153,22 +153,6 @@ def test_coupled_contacts_end_as_impacts_alone(metal):
     speed = (jnp.array(1.0),), (jnp.array(1.0),)
     value, slope, way = jax.jvp(table, *speed, has_aux=True)
     expected, rate = jax.jvp(alone, *speed)
-    assert way == jc.SolvedBy.COUPLED
+    assert way.tolist() == [jc.SolvedBy.COUPLED]
     np.testing.assert_allclose(value, expected, rtol=BESIDE)
     np.testing.assert_allclose(slope, rate, rtol=SLOPES, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("count", "width"),
-    [(5, 0.09), pytest.param(6, 0.1, marks=pytest.mark.slow(reason="a larger bed"))],
-)
-def test_beds_complete(count, width):
-    """A clamped force has a kink, which an event may lie behind: it stopped these beds."""
-    box = {"low": [0.0, 0.0], "high": [width, 0.3]}
-    discs = jc.random_spheres(count, **box, radius=0.02, mass=0.02, speed=0.1, seed=3)
-    law, friction = jc.HuGuo(e=0.6), jc.RigidCoulomb(mu=0.3)
-    scene = jc.Scene(
-        [*discs, jc.Box(**box)], law, stiffness=1e6, gravity=[0.0, -9.81], friction=friction
-    )
-    run = jc.simulate(scene, 0.6)
-    assert run.status == jc.Ending.COMPLETED and len(run.impacts) > 30

@@ -1,20 +1,23 @@
 """Derivatives of a run: exact ones, forward against reverse, and finite differences. Those of soft
-impacts against differences of Newton's equations.
+impacts against differences of Newton's equations, also where a run begins inside contacts. The
+growth of a change of the start.
 """
 
 import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxcontact as jc
+from jaxcontact._scene.derivative import differentiable_run
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.test_impact.support import both_jacobians
-from tests.test_scene.support import central, fourth, go, in_a_line, spheres
+from tests.test_scene.support import central, fourth, go, in_a_line, missing, spheres
 
 MODES = 1e-9
 """Forward against reverse, relative to the largest entry: measured 1e-15."""
@@ -310,3 +313,211 @@ def test_all_that_a_run_gives_has_its_derivatives_by_both_modes():
     size = np.abs(found).max(axis=1, keepdims=True)
     assert len(_on_a_lift(LIFT).impacts) == 2
     assert np.all(np.abs(forward - found) <= OF_A_RUN * size)
+
+
+STEP = 1e-4
+"""Of central differences, whose error is 1e-8, relative."""
+
+AT_REST = 1e-8
+"""Of places, speeds and work, beside statics."""
+
+SLOPES_AT_REST = 1e-7
+"""Of their derivatives: measured 2e-8. A solve whose end in time has a derivative of its own is
+1e-4 off."""
+
+GOES_ON = 1e-10
+"""Of a run in two parts, relative."""
+
+BRIEFLY, BY_DURATION = 1e-6, 1e-6
+"""In s, and of differences over it, relative: measured 1.4e-7."""
+
+SPEED, UNTIL = 0.2, 0.016
+
+
+def _ends(scale, duration=UNTIL, **more):
+    """A ball on a lift, amid its contact, and two high above it amid theirs, which is isolated;
+    stiffness and speeds vary together.
+    """
+    balls = [
+        jc.Sphere(0.1, 1.0, [0.11], [-0.5]),
+        jc.Sphere(0.1, 1.0, [5.0], [20.0 + scale]),
+        jc.Sphere(0.1, 2.0, [5.21], [20.0]),
+    ]
+    lift = jc.Plane([0.0], [1.0], motion=jc.Steady([SPEED * scale]))
+    scene = jc.Scene([*balls, lift], jc.HuGuo(e=0.5), stiffness=1e6 * scale, gravity=[-9.81])
+    return jc.simulate(scene, duration, rtol=1e-11, **more)
+
+
+def _numbers(run, first=None):
+    """What a run gives, less what the `first` part of it did, and with its energies."""
+    lost = jnp.sum(jnp.where(run.impacts.valid, run.impacts.energy_loss, 0))
+    work, time = run.wall_work, run.impacts.time[:2]
+    if first is not None:
+        lost = lost - jnp.sum(first.impacts.energy_loss)
+        work, time = work - first.wall_work, time - UNTIL
+    numbers = [run.position[-1, 0], run.velocity[-1, 0], work[None], run.position[-1, 1:]]
+    numbers += [run.velocity[-1, 1:], run.energy[-1:], lost[None], time]
+    return jnp.concatenate([jnp.ravel(x) for x in numbers])
+
+
+@pytest.mark.slow(reason="derivatives of a soft run in two pieces")
+def test_a_run_goes_on_from_contacts_with_their_derivatives():
+    """All that a run goes on from varies, the indentation and v0 as well; to flight and to rest."""
+    parts = [eqx.partition(_ends(1 + h).final, eqx.is_inexact_array) for h in (STEP, -STEP, 0)]
+    rest = parts[2][1]
+    moves = jax.tree.map(lambda a, b: (a - b) / (2 * STEP), parts[0][0], parts[1][0])
+    assert np.any(moves._start.contacts.state.indentation != 0)
+    assert eqx.combine(*parts[2])._start.underway.partner.tolist() == [-1, 2, 1]
+
+    @jax.jit
+    def both(numbers, along, duration):
+        def end(x):
+            return jc.simulate(eqx.combine(x, rest), duration, rtol=1e-11, max_impacts=8)
+
+        return jax.jvp(lambda x: _numbers(end(x)), (numbers,), (along,))
+
+    value, found = both(parts[2][0], moves, 0.03)
+    first = _ends(1.0)
+    expected = _numbers(_ends(1.0, UNTIL + 0.03), first)
+    np.testing.assert_allclose(value, expected, rtol=GOES_ON)
+    # Both contacts are in both parts, each with its loss there.
+    assert np.all(expected[-2:] < 0)
+    assert missing(first) < GOES_ON * first.energy[0]
+    # It is up again.
+    assert float(value[1]) > SPEED + 0.05
+    after = [both(numbers, moves, 0.03)[0] for numbers, _ in parts[:2]]
+    np.testing.assert_allclose(found, (after[0] - after[1]) / (2 * STEP), rtol=DIFFERENCES)
+    # It is carried: only its lift and its indentation vary then.
+    duration = 1.5
+    value, found = both(parts[2][0], moves, duration)
+    np.testing.assert_allclose(value[1], SPEED, atol=AT_REST)
+    sinks = 2 / 3 * (9.81 / 1e6) ** (2 / 3)
+    np.testing.assert_allclose(found[0], SPEED * (UNTIL + duration) + sinks, rtol=SLOPES_AT_REST)
+    np.testing.assert_allclose(found[1], SPEED, rtol=SLOPES_AT_REST)
+    slope = central(lambda h: float(_ends(1 + h).velocity[-1, 0, 0]), STEP)
+    # Speed times the transferred momentum and the weight, and their variations.
+    gives = SPEED * (SPEED - float(first.velocity[-1, 0, 0]) + 9.81 * duration)
+    np.testing.assert_allclose(value[2], gives, rtol=AT_REST)
+    np.testing.assert_allclose(found[2], gives + SPEED * (SPEED - slope), rtol=SLOPES_AT_REST)
+
+
+def test_a_derivative_by_the_duration_includes_the_contact_forces():
+    """At the end of a run inside contacts, coupled and isolated; beside differences."""
+
+    def end(duration):
+        run = _ends(1.0, duration, max_impacts=8)
+        return jnp.concatenate([run.position[-1, :, 0], run.velocity[-1, :, 0], run.energy[-1:]])
+
+    # The differences are those of the same program.
+    both = jax.jit(lambda duration: jax.jvp(end, (duration,), (1.0,)))
+    along, slope = both(UNTIL)[1], central(lambda h: both(UNTIL + h)[0], BRIEFLY)
+    assert np.abs(along[3]) > 10 * 9.81
+    np.testing.assert_allclose(along, slope, rtol=BY_DURATION)
+
+
+EXACT = 1e-6
+"""Against the largest singular value by other means: measured 1e-9."""
+
+OF_GROWTH = 1e-5
+"""Against differences of the run itself: measured 3e-8."""
+
+FLIGHT, RADII = 3.0, 1.0
+
+
+def largest(matrix, unit):
+    """The largest singular value of a matrix for positions and velocities, in these units."""
+    unit = np.diag(unit)
+    return np.linalg.svd(unit @ matrix @ np.linalg.inv(unit))[1][0]
+
+
+def between_pins(offset, duration, room=16):
+    """A ball that goes to and fro between two fixed ones."""
+    far = RADII + FLIGHT / 2
+    pins = [jc.Sphere(0.9, None, [x, 0.0], fixed=True) for x in (-far, far)]
+    ball = jc.Sphere(0.1, 1.0, [offset, 0.0], [1.0, 0.0])
+    return go(jc.Scene([ball, *pins], jc.Hertz()), duration, max_impacts=room, throw=False)
+
+
+def of_a_billiard(hits, duration):
+    """By the matrices of what is perpendicular to the path: flights, and hits of curved walls."""
+    path = flight(duration)
+    if hits:
+        hit = np.array([[1, 0], [2 / RADII, 1]])
+        last = duration - FLIGHT / 2 - FLIGHT * (hits - 1)
+        between = np.linalg.matrix_power(hit @ flight(FLIGHT), hits - 1)
+        path = flight(last) @ between @ hit @ flight(FLIGHT / 2)
+    return largest(path, [1, duration])
+
+
+def flight(length):
+    return np.array([[1, length], [0, 1]])
+
+
+def test_a_billiard():
+    """Every hit multiplies by the eigenvalue 1 + l/r + √((l/r)² + 2 l/r)."""
+    durations = FLIGHT * np.array([0.1, 1, 2, 3, 4, 5])
+    runs = jax.vmap(functools.partial(between_pins, 0.0))(jnp.asarray(durations))
+    growth = runs.margin.growth
+    exact = [of_a_billiard(hits, duration) for hits, duration in enumerate(durations)]
+    np.testing.assert_allclose(growth, exact, rtol=EXACT)
+    assert exact[0] == pytest.approx((1 + np.sqrt(5)) / 2)
+    ratio = FLIGHT / RADII
+    each = 1 + ratio + np.sqrt(ratio * (ratio + 2))
+    # The duration itself is the unit of the effect of velocities.
+    np.testing.assert_allclose(growth[5] / growth[4] * 4 / 5, each, rtol=0.03)
+    # A single run from Python gives the same; one without values has no growth here.
+    one = between_pins(0.0, float(durations[3]))
+    np.testing.assert_allclose(one.margin.growth, exact[3], rtol=EXACT)
+    short = between_pins(0.0, float(durations[3]), room=1)
+    assert short.status == jc.Ending.TOO_MANY_IMPACTS and np.isnan(short.margin.growth)
+
+
+def three(start):
+    """Three balls, a fixed one and a floor under gravity."""
+    balls = spheres(0.1, [1.0, 1.5, 0.7], *start)
+    pin = jc.Sphere(0.2, None, [0.35, 0.35], fixed=True)
+    floor = jc.Plane([0.0, -0.3], [0.02, 1.0])
+    return go(jc.Scene([*balls, pin, floor], jc.ExactRestitution(e=0.8), gravity=[0.1, -9.0]), 0.9)
+
+
+def test_growth_against_differences_of_the_run():
+    start = np.array([[[0.0, 1.0], [0.8, 1.1], [-0.5, 0.8]], [[1.0, 0.0], [-0.8, 0.1], [0.4, 0.2]]])
+    run = three(start)
+    assert len(run.impacts) == 4 and np.min(run.margin.time) > 0.01
+
+    def end(h, way):
+        found = three(start + h * way)
+        return np.stack([found.position[-1, :3], found.velocity[-1, :3]]).ravel()
+
+    ways = np.eye(start.size).reshape(-1, *start.shape)
+    columns = [central(functools.partial(end, way=way), 1e-6) for way in ways]
+    found = largest(np.array(columns).T, np.repeat([1.0, 0.9], 6))
+    np.testing.assert_allclose(run.margin.growth, found, rtol=OF_GROWTH)
+
+
+def test_the_growth_shares_its_program_with_a_gradient(monkeypatch):
+    used, program = [], differentiable_run.matrices
+    count = lambda *of, **how: used.append(1) or program(*of, **how)  # noqa: E731
+    monkeypatch.setattr(differentiable_run, "matrices", count)
+
+    def end(speed):
+        balls = in_a_line(0.1, [1.0, 2.0], [0.0, 1.0], [speed, 0.0])
+        return go(jc.Scene(balls, jc.ExactRestitution(e=0.9)), 2.0)
+
+    assert end(jnp.asarray(1.0)).margin.growth > 1
+    assert jax.grad(lambda speed: end(speed).position[-1, 1, 0])(1.0) > 0 and used == [1]
+
+
+@pytest.mark.slow(reason="the growth through a soft scene")
+def test_a_soft_impact():
+    """Two equal balls head-on exchange velocities u apart: x1 = y - 2 R + w T + u D/2 at the end,
+    and x2 = x + 2 R + v T - u D/2, with a duration D ~ u^(-1/5) of the impact.
+    """
+    end = 2.0
+    scene = jc.Scene(in_a_line(0.1, 1.0, [0.0, 1.0], [1.0, 0.0]), jc.Hertz(), stiffness=1e4)
+    run = jc.simulate(scene, end)
+    part = 0.4 * float(run.impacts.duration[0])
+    assert part > 0.01
+    slope = [[0, 1, part, end - part], [1, 0, end - part, part], [0, 0, 0, 1], [0, 0, 1, 0]]
+    found = largest(np.array(slope), [1, 1, end, end])
+    np.testing.assert_allclose(run.margin.growth, found, rtol=EXACT)

@@ -142,7 +142,7 @@ def fill_cells(
     order = jnp.argsort(row, stable=True)
     ranked = row[order]
     place = jnp.arange(count) - jnp.searchsorted(ranked, ranked, side="left").astype(int)
-    table = jnp.full((grid.cells, grid.capacity), -1)
+    table = jnp.full((grid.cells, grid.capacity), -1, int)
     table = table.at[ranked, place].set(order, mode="drop")
     full = ~lattice.fits | jnp.any(place >= grid.capacity)
     return Cells(grid, lattice, cell, table, full)

@@ -65,7 +65,7 @@ def identity_slots(layout: SceneLayout, numbers: Numbers) -> Int[Array, " N"]:
 
 def empty_slots(layout: SceneLayout, numbers: Numbers, members: int) -> Slots:
     """Return seats with no sphere present."""
-    who = jnp.full(members, layout.spheres)
+    who = jnp.full(members, layout.spheres, int)
     if all_fit(layout, members):
         who = identity_slots(layout, numbers)
     return Slots(who, who < 0, jnp.zeros((members, layout.dimensions), numbers.dtype))

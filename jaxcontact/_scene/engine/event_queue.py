@@ -39,7 +39,7 @@ def reset_events(
 
 def stale_events(time: Float[Array, " M"]) -> Events:
     """Return events marked out of date, to be searched at given times."""
-    far, none = jnp.full_like(time, jnp.inf), jnp.full(time.shape, OUT_OF_DATE)
+    far, none = jnp.full_like(time, jnp.inf), jnp.full(time.shape, OUT_OF_DATE, int)
     return Events(time, none, jnp.zeros_like(none), far, far)
 
 

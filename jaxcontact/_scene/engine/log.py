@@ -129,9 +129,9 @@ def no_impact(layout: SceneLayout, dtype: Any) -> ImpactOutcome:
 
 def blank_choice(layout: SceneLayout, dtype: Any) -> Choice:
     """Return a placeholder choice."""
-    zero, no = jnp.asarray(0), jnp.asarray(False)
+    zero, no = jnp.zeros((), int), jnp.asarray(False)
     image, time = jnp.zeros(layout.dimensions, dtype), jnp.zeros((), dtype)
-    return Choice(zero, zero, jnp.full(2, -1), image, time, no)
+    return Choice(zero, zero, jnp.full(2, -1, int), image, time, no)
 
 
 def blank_calls(
@@ -144,7 +144,7 @@ def blank_calls(
     none = jnp.zeros((), dtype)
     pairs = jnp.zeros(slot_pairs(layout, members)[0].shape, bool)
     integers = jnp.zeros(members, int)
-    nobody = jnp.full(members, layout.spheres)
+    nobody = jnp.full(members, layout.spheres, int)
     seats, change = Slots(nobody, integers > 0, vector), no_change(layout, members)
     decided = Call(no, None, seats, change, pairs, none, no)
     turning = rubbed = None

@@ -213,8 +213,8 @@ def _one_log(
     coupled solve get blank rows for calls, and those with fewer places more of them.
     """
     total = sum(count for _, count in pieces)
-    # Logs whose lengths are powers of two share the programs that read them.
-    room = 1 << max(total - 1, 0).bit_length()
+    # Logs of one piece's length, or of a larger power of two, share the programs that read them.
+    room = max(_PIECE, 1 << max(total - 1, 0).bit_length())
     blank = _blank(1, layout, numbers.dtype, rules.members)
 
     def repeat(tree: Any, rows: int) -> Any:
