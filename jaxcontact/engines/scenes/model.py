@@ -325,9 +325,7 @@ def _touch(scene: Scene, first: BodyGroup, second: BodyGroup) -> Touch:
     known = bool(pair) and stiffness is None
     ratio = 4 * soft / sum(group.shear or 0.0 for group in pair) if known else None
     if stiffness is None:
-        if (first.compliance is None and not first.wall) or (
-            second.compliance is None and not second.wall
-        ):
+        if any(group.compliance is None and not group.wall for group in (first, second)):
             raise ValueError(
                 "Argument `scene` must have a `stiffness`, or a material for every sphere, as an "
                 "engine follows contacts in time, but has neither."
