@@ -118,11 +118,11 @@ class Engine(abc.ABC):
             if name not in takes:
                 raise ValueError(
                     f"Argument `{name}` must be an option of engine {self.name!r}, which takes "
-                    f"{', '.join(f'`{name}`' for name in takes) or 'none'}."
+                    f"{', '.join(map('`{}`'.format, takes)) or 'none'}."
                     f"{did_you_mean(name, takes)}"
                 )
         for name, default in takes.items():
-            if default is inspect.Parameter.empty and name not in chosen:
+            if chosen.get(name, default) is inspect.Parameter.empty:
                 raise ValueError(
                     f"Argument `{name}` is needed for engine {self.name!r}, but is None."
                 )

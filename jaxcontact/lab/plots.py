@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -226,7 +227,7 @@ def track(recording: Recording | Calibration, *, ax: Axes | None = None) -> Axes
     """
     tracks: tuple[Track, ...] = ()
     if isinstance(recording, Calibration):
-        tracks = tracks_of(one for pair in recording.recorded_pairs.records for one in pair)
+        tracks = tracks_of(itertools.chain(*recording.recorded_pairs.records))
     elif isinstance(recording, Recording):
         tracks = recording.tracks
     ax = axes_of(ax, figsize=(8.0, 4.0))

@@ -12,6 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ... import AbstractLaw, Contact, Status, impact
 from ...extend import (
+    POSITIVE,
     Range,
     as_numbers,
     problem_of,
@@ -59,17 +60,11 @@ def time_step(
     which are also those made under `jit`. Also for arguments out of range, for an impact without a
     rebound, and for an error that 4096 substeps in a contact do not reach.
     """
-    for name, value in (("law", law), ("contact", contact), ("velocity", velocity)):
-        if traced(value):
-            raise ValueError(
-                f"Argument `{name}` must have concrete numbers, but is traced by `jit`, `vmap` or "
-                "`grad`. Call `time_step` outside, with the numbers that have the shortest "
-                "contact, and use its result inside."
-            )
+    _require_known(law=law, contact=contact, velocity=velocity)
     substeps = law_inside(law, contact, substeps).substeps
     require_number("error", error, ERROR)
     speeds = np.atleast_1d(as_numbers(velocity, "velocity"))
-    if speeds.ndim > 1 or not speeds.size or not np.all((speeds > 0) & np.isfinite(speeds)):
+    if speeds.ndim > 1 or not speeds.size or not POSITIVE.holds(speeds).all():
         raise ValueError(
             "Argument `velocity` must be one positive speed, or several of the shape (n,), but is "
             f"{rendered(velocity)}."
@@ -81,7 +76,7 @@ def time_step(
     with jax.enable_x64(True), jax.ensure_compile_time_eval():
         hits = impact(law, contact, jnp.asarray(speeds), throw=False)
         target, duration = np.asarray(hits.restitution), np.asarray(hits.duration)
-        if not (np.all(np.asarray(hits.status) == Status.SEPARATED) and np.all(target > 0)):
+        if not np.all((np.asarray(hits.status) == Status.SEPARATED) & (target > 0)):
             raise ValueError(
                 "Arguments `law`, `contact` and `velocity` must make an impact with a rebound, but "
                 f"e is {target}."
@@ -120,3 +115,13 @@ def _rebounds(
 
     now = jax.lax.while_loop(going, advance, (0, start_of(gaps, still)))[1]
     return (-now.speed / speed).reshape(depth.shape)
+
+
+def _require_known(**arguments: Any) -> None:
+    for name, value in arguments.items():
+        if traced(value):
+            raise ValueError(
+                f"Argument `{name}` must have concrete numbers, but is traced by `jit`, `vmap` or "
+                "`grad`. Call `time_step` outside, with the numbers that have the shortest "
+                "contact, and use its result inside."
+            )

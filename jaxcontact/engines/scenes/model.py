@@ -7,7 +7,6 @@ import functools
 import math
 from typing import Any, NamedTuple, cast
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -134,8 +133,8 @@ class SceneModel:
 
 
 def in_space(values: Any) -> Float[np.ndarray, " 3"]:
-    """Return one to three numbers as three, with zeros at the end."""
-    given = np.atleast_1d(np.asarray(values, float))
+    """Return one to three numbers as three, with zeros at the end; zeros for None."""
+    given = np.atleast_1d(np.asarray(0.0 if values is None else values, float))
     return np.pad(given, (0, 3 - given.shape[0]))
 
 
@@ -158,28 +157,17 @@ def scene_model(scene: Scene, *, merges: bool) -> SceneModel:
         for row, k in enumerate(rows)
         if spheres[row].fixed
     }
-    mass = _masses(spheres)
-    radius = np.array([float(sphere.radius) for sphere in spheres])
-    group = np.array([groups.sphere(k, r, m) for k, r, m in zip(rows, radius, mass, strict=True)])
-    given = (sphere.inertia for sphere in spheres)
-    solid = 0.4 * mass * radius**2
-    inertia = [i if own is None else float(own) for i, own in zip(solid, given, strict=True)]
+    numbers = _numbers(spheres)
+    group = np.array([*map(groups.sphere, rows, numbers["radius"], numbers["mass"])])
     flat, shells = _walls(scene, groups)
     periods: Any = (*(None if p is None else float(p) for p in scene.periodic), None, None)[:3]
     return SceneModel(
         scene=scene,
-        position=np.array([in_space(s.place) for s in spheres]),
-        velocity=np.array(
-            [np.zeros(3) if s.velocity is None else in_space(s.velocity) for s in spheres]
-        ),
-        spin=np.array([_spin(sphere) for sphere in spheres]),
-        radius=radius,
-        mass=mass,
-        inertia=np.array(inertia),
+        **numbers,
         group=group,
         body=np.array(rows),
         motions=motions,
-        gravity=np.zeros(3) if scene.gravity is None else in_space(scene.gravity),
+        gravity=in_space(scene.gravity),
         periods=periods,
         groups=tuple(groups.made),
         flat=tuple(flat),
@@ -197,6 +185,20 @@ def _require_plain(scene: Scene) -> None:
             "Argument `scene` must start without contacts in progress or balls that rest, but is "
             "the end of a run."
         )
+
+
+def _numbers(spheres: tuple[Sphere, ...]) -> dict[str, np.ndarray]:
+    """Return the arrays of `SceneModel` with a row for each sphere."""
+    radius, mass = np.array([float(sphere.radius) for sphere in spheres]), _masses(spheres)
+    solid = zip(0.4 * mass * radius**2, (sphere.inertia for sphere in spheres), strict=True)
+    return {
+        "position": np.array([in_space(sphere.place) for sphere in spheres]),
+        "velocity": np.array([in_space(sphere.velocity) for sphere in spheres]),
+        "spin": np.array([_spin(sphere) for sphere in spheres]),
+        "radius": radius,
+        "mass": mass,
+        "inertia": np.array([usual if own is None else float(own) for usual, own in solid]),
+    }
 
 
 def _masses(spheres: tuple[Sphere, ...]) -> Float[np.ndarray, " N"]:
@@ -318,25 +320,25 @@ def _touch(scene: Scene, first: BodyGroup, second: BodyGroup) -> Touch:
         return None if table is None else table.values[table.table[first.kind][second.kind]]
 
     radius = 1 / (first.curvature + second.curvature)
-    pair = [group for group in (first, second) if group.compliance is not None]
-    soft = sum(group.compliance or 0.0 for group in pair)
     stiffness = of(scene.stiffness)
     # `simulate` takes the materials for friction only where it takes them for the stiffness.
-    known = bool(pair) and stiffness is None
-    ratio = 4 * soft / sum(group.shear or 0.0 for group in pair) if known else None
+    known: Any = None
     if stiffness is None:
-        if (first.compliance is None and not first.wall) or (
-            second.compliance is None and not second.wall
-        ):
-            raise ValueError(
-                "Argument `scene` must have a `stiffness`, or a material for every sphere, as an "
-                "engine follows contacts in time, but has neither."
-            )
-        stiffness = 4 / 3 * math.sqrt(radius) / soft
+        soft, shear = _compliances(first, second)
+        stiffness, known = 4 / 3 * math.sqrt(radius) / soft, 4 * soft / shear
     friction = of(scene.friction)
-    if isinstance(friction, SpringSlider):
-        ratio = float(ratio_of(friction, None if ratio is None else jnp.asarray(ratio)))
+    ratio = ratio_of(friction, known) if isinstance(friction, SpringSlider) else known
     mass = 1 / (first.inverse_mass + second.inverse_mass)
     exponent = float(scene.exponent)
     contact = Contact(mass, float(stiffness), exponent)
-    return Touch(of(scene.law), contact, radius, friction, ratio)
+    return Touch(of(scene.law), contact, radius, friction, None if ratio is None else float(ratio))
+
+
+def _compliances(*pair: BodyGroup) -> tuple[float, float]:
+    """Return the sums of the compliances and of the shear compliances of two groups, in 1/Pa."""
+    if any(group.compliance is None and not group.wall for group in pair):
+        raise ValueError(
+            "Argument `scene` must have a `stiffness`, or a material for every sphere, as an "
+            "engine follows contacts in time, but has neither."
+        )
+    return sum(group.compliance or 0.0 for group in pair), sum(group.shear or 0.0 for group in pair)

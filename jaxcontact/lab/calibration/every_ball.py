@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -53,8 +54,7 @@ def calibrate_each(
 ) -> list[BallFit]:
     """Fit one law to each ball; without speeds `at`, e is given at the median of all speeds."""
     kind = next(one for one in kinds_of(law, 1.5) if one.law == law)
-    numbers = {"mass": mass, "stiffness": stiffness}
-    known = frozenset(name for name, value in numbers.items() if value is not None)
+    known = frozenset(itertools.compress(("mass", "stiffness"), (mass, stiffness)))
     with jax.enable_x64(True):
         contact = Contact(mass or 1.0, stiffness or 1.0, exponent=1.5)
         every = {ball: make_pairs(one, flight) for ball, one in recordings.items()}

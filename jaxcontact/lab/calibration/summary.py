@@ -171,15 +171,19 @@ def _decode(value: Any, hint: Any, where: str) -> Any:
         numbers = {n: _decode(value[n], own, f"{where}.{n}") for n, own in hints.items()}
         return _construct(lambda: hint(**numbers), where)  # pyright: ignore[reportCallIssue]
     if hint is float:
-        if type(value) not in (int, float):
-            _refuse(where, f"must be a number, but is {value!r}")
-        try:
-            return float(value)
-        except OverflowError:
-            _refuse(where, "must be finite, but is too large")
+        return _number(value, where)
     if type(value) is not hint:
         _refuse(where, f"must be of type {hint.__name__}, but is {value!r}")
     return value
+
+
+def _number(value: Any, where: str) -> float:
+    if type(value) not in (int, float):
+        _refuse(where, f"must be a number, but is {value!r}")
+    try:
+        return float(value)
+    except OverflowError:
+        _refuse(where, "must be finite, but is too large")
 
 
 def _expect(value: Any, kind: type, name: str, where: str) -> None:

@@ -302,8 +302,8 @@ def kinds_of(laws: str, exponent: float | Array) -> tuple[Kind, ...]:
     name of a law with parameter e makes that law deliver the constant e. Kinds that are unknown for
     the exponent are left out. Raises ValueError for any other name.
     """
-    others = tuple(kind for kind in SPEED_DEPENDENT if kind.serves(exponent))
-    asked = tuple(kind for kind in ON_REQUEST if kind.serves(exponent))
+    serves = operator.methodcaller("serves", exponent)
+    others, asked = tuple(filter(serves, SPEED_DEPENDENT)), filter(serves, ON_REQUEST)
     by_law = {kind.law: kind for kind in (*others, *asked)}
     choices = ["all", *constant_laws(), *by_law]
     if not isinstance(laws, str) or laws not in choices:

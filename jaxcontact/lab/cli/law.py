@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 from typing import TYPE_CHECKING, Any
 
 from .options import InputError
@@ -59,13 +60,12 @@ def law_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
             raise InputError("--param: e is already given by --e")
         parameters["e"] = arguments.e
     wanted = describe(arguments.law).parameters
-    for name in parameters:
-        if name not in wanted:
-            raise InputError(
-                f"{arguments.law} has no parameter {name}; its parameters: "
-                f"{', '.join(wanted) or 'none'}.{did_you_mean(name, wanted)}"
-            )
-    missing = [name for name in wanted if name not in parameters]
+    for name in itertools.filterfalse(wanted.__contains__, parameters):
+        raise InputError(
+            f"{arguments.law} has no parameter {name}; its parameters: "
+            f"{', '.join(wanted) or 'none'}.{did_you_mean(name, wanted)}"
+        )
+    missing = [*itertools.filterfalse(parameters.__contains__, wanted)]
     if missing:
         how = ", ".join("--e E" if name == "e" else f"--param {name}=NUMBER" for name in missing)
         raise InputError(f"{arguments.law} also needs {how}")

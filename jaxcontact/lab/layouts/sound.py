@@ -38,20 +38,7 @@ def intervals_in(name: str, source: pathlib.Path | bytes | Audio) -> list[Interv
         raise RecordingError(f"cannot be read ({error.strerror or error})", name) from error
     if not sound.drops:
         raise RecordingError(_nothing(sound), name)
-    counts = " and ".join(str(len(drop)) for drop in sound.drops)
-    drops = "1 drop" if len(sound.drops) == 1 else f"{len(sound.drops)} drops"
-    errors = [1e3 * one.error for drop in sound.drops for one in drop]
-    notes = [
-        f"sound ({sound.words}, {_long(sound)} s)",
-        f"{drops} of {counts} bounces, timed to {min(errors):.2g} to {max(errors):.2g} ms",
-    ]
-    maybe = [one for one in sound.others if one.doubtful]
-    rest = [one for one in sound.others if not one.doubtful]
-    for some, words in ((maybe, "doubtful and not used"), (rest, "other sounds, not used")):
-        if some:
-            shown = ", ".join(f"{one.time:.3f}" for one in some[:_SHOWN])
-            more = f" and {len(some) - _SHOWN} more" if len(some) > _SHOWN else ""
-            notes.append(f"{words}: {len(some)}, at {shown}{more} s")
+    notes = _notes(sound)
     found = [
         (str(trial), one, two)
         for trial, drop in enumerate(sound.drops, 1)
@@ -63,7 +50,7 @@ def intervals_in(name: str, source: pathlib.Path | bytes | Audio) -> list[Interv
             *("", row, trial, one.number),
             seconds=two.time - one.time,
             timing=Timing(one.error, two.error, _CONTACT),
-            told=tuple(notes),
+            told=notes,
             sound=sound,
         )
         for row, (trial, one, two) in enumerate(found, 1)
@@ -72,6 +59,21 @@ def intervals_in(name: str, source: pathlib.Path | bytes | Audio) -> list[Interv
 
 def _long(sound: Sound) -> str:
     return f"{sound.seconds:.3g}" if sound.seconds < 100 else f"{sound.seconds:.0f}"
+
+
+def _notes(sound: Sound) -> tuple[str, ...]:
+    counts = " and ".join(map(str, map(len, sound.drops)))
+    errors = [1e3 * one.error for one in itertools.chain(*sound.drops)]
+    notes = [
+        f"sound ({sound.words}, {_long(sound)} s)",
+        f"{counted(len(sound.drops), ('drop', 'drops'))} of {counts} bounces, timed to "
+        f"{min(errors):.2g} to {max(errors):.2g} ms",
+    ]
+    for doubtful, words in ((True, "doubtful and not used"), (False, "other sounds, not used")):
+        if times := [f"{one.time:.3f}" for one in sound.others if one.doubtful is doubtful]:
+            more = f" and {len(times) - _SHOWN} more" if len(times) > _SHOWN else ""
+            notes.append(f"{words}: {len(times)}, at {', '.join(times[:_SHOWN])}{more} s")
+    return tuple(notes)
 
 
 def _nothing(sound: Sound) -> str:

@@ -376,9 +376,10 @@ def _expected(known: dict[int, Timed], number: int) -> tuple[float, float, float
     k = min(flights, key=lambda one: abs(one + 0.5 - number))
     later, flight = number > k, flights[k]
     time = known[k + later].time
+    growth, sign = (ratio, 1) if later else (1 / ratio, -1)
     for _ in range(abs(number - k - later)):
-        flight = flight * ratio if later else flight / ratio
-        time += flight if later else -flight
+        flight *= growth
+        time += sign * flight
     return time, flight, spread
 
 

@@ -211,7 +211,7 @@ def _read_columns(arguments: argparse.Namespace, problem: _FitInput) -> _Read:
 
     how = table_asked(arguments) | {"ball": arguments.ball}
     read = read_columns(arguments.file, problem.columns, needed=problem.needed, **how)
-    if problem.one_of and not any(name in read.values for name in problem.one_of):
+    if problem.one_of and read.values.keys().isdisjoint(problem.one_of):
         raise InputError(
             f"{arguments.file}: one of the columns {', '.join(problem.one_of)} is needed; if a "
             f'column holds it, name it, as in --columns "{problem.one_of[0]}=2"'
@@ -219,7 +219,7 @@ def _read_columns(arguments: argparse.Namespace, problem: _FitInput) -> _Read:
     values, notes = dict(read.values), read.notes
     if arguments.problem != "impacts":
         return read.source, values, notes
-    lone = [name for name in _OUTCOMES if name in values] == ["e"]
+    lone = {*_OUTCOMES} & values.keys() == {"e"}
     if not lone and values.pop("sigma", None) is not None:
         notes = (
             *(note for note in notes if note != FROM_FILE),
