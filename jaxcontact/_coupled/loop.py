@@ -12,13 +12,12 @@ The stages and the step control are those of `_solver`. docs/rooms.md says why t
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .._functions import moving
 from .carry import Carry, CoupledSolve
 from .clock import LONG_AGO, ContactClock, choose_clock
 from .field import TIME, Grip, Look
@@ -44,11 +43,8 @@ class CoupledStart(NamedTuple):
     step: Number | None = None
 
 
-_NO_SLOPES = "size", "free", "last_size", "last_error", "whole", "cruise", "error"
-
-
-def first_carry(solve: CoupledSolve, start: CoupledStart, numbers: Any) -> Carry:
-    """Return the initial state of the loop; all but sizes depends on `numbers` later."""
+def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
+    """Return the initial state of the loop."""
     field, modes, finest, begin = solve.field, start.modes, solve.finest, solve.begin
     zero = jnp.zeros((), start.y.dtype)
     nobody, none = jnp.zeros_like(modes.closed), jnp.zeros_like(modes.latched)
@@ -84,7 +80,7 @@ def first_carry(solve: CoupledSolve, start: CoupledStart, numbers: Any) -> Carry
     over = jnp.where(field.until <= 0, TIME_IS_UP, -1)
     if not field.rules.flies:
         over = jnp.where(jnp.any(modes.closed), over, APART)
-    first = Carry(
+    return Carry(
         y=with_w(start.y, w),
         modes=modes,
         clock=clock,
@@ -108,7 +104,6 @@ def first_carry(solve: CoupledSolve, start: CoupledStart, numbers: Any) -> Carry
         status=over.astype(jnp.int32),
         renew=renew,
     )
-    return moving(numbers, first)._replace(**{name: getattr(first, name) for name in _NO_SLOPES})
 
 
 def run_to_end(solve: CoupledSolve, first: Carry) -> Carry:

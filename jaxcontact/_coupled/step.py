@@ -163,13 +163,14 @@ def _try_step(solve: CoupledSolve, c: Carry, size: Number) -> _Attempt:
     now, slope = field.look_along(y, modes, clock, toward)
     if field.rules.flies:
         # A gap that is not finite is no motion either.
-        error = error + 0 * _stop(jnp.sum(now.depth + now.second))
+        error = error + 0 * jnp.sum(now.depth + now.second)
     # No choice of a step has a derivative.
     before, after = _stop((c.look, now))
     passing, used = y[TIME] - c.y[TIME], field.used
     lasts = _stop(passing)
-    noise = field.noise(y, finest)
-    hidden, shorter = _stop(field.hidden(lasts, before, after, modes, clock.leaving, noise))
+    hidden, shorter = field.hidden(
+        lasts, before, after, modes, clock.leaving, field.noise(y, finest)
+    )
     grazed = jnp.any(used & hidden)
     if field.rules.peak:
         # A closing speed that exceeds its peak and falls again may be hidden, too.

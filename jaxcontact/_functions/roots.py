@@ -34,26 +34,20 @@ def moving(numbers: Any, tree: Tree) -> Tree:
     Like `varying`: without slopes at the start JAX takes the derivative of a loop once more.
     """
     given, floats = (eqx.filter(x, eqx.is_inexact_array) for x in (numbers, tree))
-    return eqx.combine(_moving(given, floats), tree)
+    same = jax.custom_jvp(lambda given, floats: floats)
 
+    def slopes(primals: Any, tangents: Any) -> Any:
+        along = [t for t in jax.tree.leaves(tangents[0]) if type(t) is not SymbolicZero and t.size]
+        none = 0 * along[0].ravel()[0] if along else 0
 
-@jax.custom_jvp
-def _moving(given: Any, floats: Tree) -> Tree:
-    return floats
+        def slope(tangent: Any) -> Any:
+            blank = bool(along) and type(tangent) is SymbolicZero
+            return jnp.broadcast_to(none, tangent.shape) if blank else tangent
 
+        return primals[1], jax.tree.map(slope, tangents[1])
 
-@functools.partial(_moving.defjvp, symbolic_zeros=True)
-def _moving_rule(primals: Any, tangents: Any) -> Any:
-    along = [t for t in jax.tree.leaves(tangents[0]) if not isinstance(t, SymbolicZero)]
-    if not along:
-        return primals[1], tangents[1]
-    none = 0 * along[0].ravel()[0]
-
-    def slope(tangent: Any) -> Any:
-        blank = isinstance(tangent, SymbolicZero)
-        return jnp.broadcast_to(none, tangent.shape) if blank else tangent
-
-    return primals[1], jax.tree.map(slope, tangents[1])
+    same.defjvp(slopes, symbolic_zeros=True)
+    return eqx.combine(same(given, floats), tree)
 
 
 Lane = Float[Array, "..."]

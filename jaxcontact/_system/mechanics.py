@@ -61,15 +61,9 @@ class Friction(NamedTuple):
     redundant: Flag
 
 
-class Held(NamedTuple):
-    """Forces that hold contacts, and whether others would hold them as well."""
-
-    force: PerContact
-    redundant: Flag
-
-
-def hold(matrix: Float[Array, "m m"], sticks: Flags, needed: PerContact) -> Held:
-    """Return the λ of the contacts that stick, Σ_l A_kl λ_l = b_k, and 0 for all others.
+def hold(matrix: Float[Array, "m m"], sticks: Flags, needed: PerContact) -> tuple[PerContact, Flag]:
+    """Return the λ of the contacts that stick, Σ_l A_kl λ_l = b_k, and 0 for all others; and
+    whether other forces would hold them as well.
 
     `matrix` A = J_t M⁻¹ J_tᵀ is symmetric and not negative. A contact whose row follows from those
     before it has λ = 0: others already hold it.
@@ -91,7 +85,7 @@ def hold(matrix: Float[Array, "m m"], sticks: Flags, needed: PerContact) -> Held
         rows = rows - (rows[:, k] - unit[k])[:, None] * pivot[None]
         independent.append(fine)
     free = jnp.stack(independent)
-    return Held(jnp.where(acts & free, rows[:, m], 0) / root, jnp.any(acts & ~free))
+    return jnp.where(acts & free, rows[:, m], 0) / root, jnp.any(acts & ~free)
 
 
 def inverses(
@@ -203,9 +197,7 @@ class Mechanics(eqx.Module):
         self, friction: RegularizedCoulomb, t: Number, q: Vector, v: Vector, force: PerContact
     ) -> Vector:
         """Return the generalised friction forces of a ramp."""
-        slip = self.system.slip
-        assert slip is not None
-        speeds, pull = jax.vjp(lambda v: slip(t, q, v, self.args), v)
+        speeds, pull = jax.vjp(lambda v: self.slip(t, q, v), v)
         return pull(friction.force(force, speeds))[0]
 
     def slip(self, t: Number, q: Vector, v: Vector) -> Array:
@@ -220,9 +212,7 @@ class Mechanics(eqx.Module):
 
     def slips(self, t: Number, q: Vector, v: Vector) -> tuple[PerContact, Float[Array, "m n"]]:
         """Return slip speeds, and their Jacobian by v."""
-        slip = self.system.slip
-        assert slip is not None
-        speeds, pull = jax.vjp(lambda v: slip(t, q, v, self.args), v)
+        speeds, pull = jax.vjp(lambda v: self.slip(t, q, v), v)
         return speeds, jax.vmap(pull)(jnp.eye(speeds.shape[0], dtype=speeds.dtype))[0]
 
     def slide(self, t: Number, q: Vector, v: Vector) -> PerContact:
@@ -267,21 +257,19 @@ class Mechanics(eqx.Module):
         Sliding contacts have the friction ∓μF. Those that stick have the forces with which their
         slip speeds do not change.
         """
-        slip, (t, q, v) = self.system.slip, at
-        assert slip is not None
         sliding = -slide * limit
         free, response = inverses(mass, drive + sliding @ jacobian, jacobian)
-        along = jnp.ones_like(t), self.rate(t, q, v), free
-        speeds, rates = jax.jvp(lambda t, q, v: slip(t, q, v, self.args), at, along)
+        along = jnp.ones_like(at[0]), self.rate(*at), free
+        speeds, rates = jax.jvp(self.slip, at, along)
         matrix, sticks = jacobian @ response, slide == 0
-        held = hold(matrix, sticks, -rates)
-        rates = jnp.where(sticks, 0, rates + matrix @ held.force)
+        held, redundant = hold(matrix, sticks, -rates)
+        rates = jnp.where(sticks, 0, rates + matrix @ held)
         return Friction(
-            force=jnp.where(sticks, held.force, sliding),
-            acceleration=free + response @ held.force,
+            force=jnp.where(sticks, held, sliding),
+            acceleration=free + response @ held,
             slip=speeds,
             slip_rate=rates,
-            redundant=held.redundant,
+            redundant=redundant,
         )
 
     def painleve(self, t: Number, q: Vector, v: Vector, slide: PerContact) -> PerContact:

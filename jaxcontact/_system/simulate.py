@@ -107,14 +107,10 @@ def simulate_system(
     # One row more than contacts need shows whether there is another contact.
     rules = SystemRules(peak, 2 * (min(room, ROOM) if plain else room) + 1)
     end = _pieces(problem, rules, most, tell) if plain else _from_start(problem, rules)
-    capacity = None if plain and most is None else room
-    readout = _read(problem, end, valid, capacity)
+    readout = _read(problem, end, valid, None if plain and most is None else room)
     if plain:
-        kept = int(np.sum(np.asarray(readout.contacts.valid)))
-        trimmed = jax.tree.map(lambda x: np.asarray(x)[:kept], readout.contacts)
-        readout = readout._replace(
-            contacts=jax.device_put(trimmed), phases=_trimmed(readout.phases)
-        )
+        contacts, phases = map(_trimmed, (readout.contacts, readout.phases))
+        readout = readout._replace(contacts=contacts, phases=phases)
     states = readout.ends
     if times is not None:
         states = read_states(problem, end.log, readout.reached, peak, times)
@@ -133,12 +129,10 @@ def simulate_system(
     return checked(run, throw, "simulate")
 
 
-def _trimmed(phases: SystemPhases | None) -> SystemPhases | None:
-    """Return phases without blank rows."""
-    if phases is None:
-        return None
-    kept = int(np.sum(np.asarray(phases.valid)))
-    return jax.device_put(jax.tree.map(lambda x: np.asarray(x)[:kept], phases))
+def _trimmed(table: Any) -> Any:
+    """Return a table, if there is one, without blank rows."""
+    kept = 0 if table is None else int(np.sum(np.asarray(table.valid)))
+    return jax.device_put(jax.tree.map(lambda x: np.asarray(x)[:kept], table))
 
 
 def _vector(name: str, value: Any) -> Array:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import operator
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -100,11 +102,7 @@ def solve_system(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
     log = empty_log(problem.state, rules.rows)
     stops = problem.stops
 
-    state = moving(problem, problem.state)._replace(step=problem.state.step)
-    rows = moving(problem, log.states)._replace(step=log.states.step)
-    first = SystemEnd(
-        state, log._replace(states=rows), running, zero, moving(problem, nothing), painleve
-    )
+    first = SystemEnd(problem.state, log, running, zero, nothing, painleve)
     if stops.shape[0] == 1:
         return _solve_to_stop(problem, rules, first, stops[0])
 
@@ -122,6 +120,8 @@ def solve_system(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
         status = jnp.where(more, running, end.status)
         return end._replace(state=end.state._replace(time=time), status=status)
 
+    steps = operator.attrgetter("state.step", "log.states.step")
+    first = eqx.tree_at(steps, moving(problem, first), steps(first))
     return jax.lax.while_loop(unfinished, to_next, first)
 
 
@@ -150,7 +150,7 @@ def _solve_to_stop(
         until=(stop - state.time) / units.time,
         used=jnp.ones_like(state.closed),
         start=state.time,
-        last=_just_before(stop),
+        last=_stop(jnp.nextafter(_stop(stop), jnp.full_like(stop, -jnp.inf))),
         ends=ends_of(mechanics.system.law, problem.contact, units.length, state.closed.shape[0]),
     )
     solve = _SystemSolve(
@@ -162,8 +162,10 @@ def _solve_to_stop(
         to_the_end=jnp.asarray(True),
         supplied=state.work,
     )
-    first = first_carry(solve, _start(solve, state), (problem, state))
+    first = first_carry(solve, _start(solve, state))
     loop = _Loop(first, scales, state.touch_speed, state.max_depth, begun.log, begun.painleve)
+    still = operator.attrgetter("scales", "log.states.step")
+    loop = eqx.tree_at(still, moving((problem, state), loop), still(loop))
 
     def unfinished(loop: _Loop) -> Flag:
         c = loop.carry
@@ -214,14 +216,8 @@ def _in_larger_units(solve: _SystemSolve, loop: _Loop) -> _Loop:
     return loop._replace(carry=carry, scales=loop.scales.grown(by))
 
 
-def _just_before(stop: Number) -> Number:
-    """Return the last time before a stop."""
-    return _stop(jnp.nextafter(_stop(stop), jnp.full_like(stop, -jnp.inf)))
-
-
 def _start(solve: _SystemSolve, state: SystemState) -> CoupledStart:
     scales, units = solve.field.scales, solve.units
-    zero = jnp.zeros((), state.position.dtype)
     q, v = state.position / scales.position, state.velocity / scales.velocity
     latched, mass = state.latched / units.speed, state.mass
     springs = None if state.spring is None else state.spring / units.force
@@ -230,7 +226,9 @@ def _start(solve: _SystemSolve, state: SystemState) -> CoupledStart:
     if solve.field.rules.fades:
         modes = modes._replace(faded=state.closed & (state.force_until > state.since))
     return CoupledStart(
-        y=solve.field.pack(q, v, state.lost / units.energy, [zero, zero, zero], springs),
+        y=solve.field.pack(
+            q, v, state.lost / units.energy, [jnp.zeros_like(state.time)] * 3, springs
+        ),
         modes=modes,
         since=state.since,
         force_until=state.force_until,
@@ -259,7 +257,7 @@ def _advance(solve: _SystemSolve, loop: _Loop) -> _Loop:
     after = after._replace(status=status.astype(jnp.int32))
     painleve = loop.painleve
     if painleve is not None:
-        painleve = jnp.minimum(painleve, _stop(solve.field.painleve(after.y, after.modes)))
+        painleve = jnp.minimum(painleve, solve.field.painleve(_stop(after.y), after.modes))
     loop = loop._replace(
         carry=after, touch_speed=touch_speed, max_depth=max_depth, painleve=painleve
     )

@@ -61,7 +61,9 @@ def run_of(law_of, exponent, rtol, x):
     end; and the energy that is missing there.
     """
     how = {"law": law_of(x.number), "stiffness": x.stiffness, "exponent": exponent}
-    start = {"position": x.position[None], "velocity": -x.speed[None], "args": x}
+    # A derivative takes time by the count of numbers that vary.
+    args = x._replace(number=None, duration=None, stiffness=None, speed=None, position=None)
+    start = {"position": x.position[None], "velocity": -x.speed[None], "args": args}
     system = jc.System(mass, pushed, height, **how)
     run = jc.simulate(system, x.duration, **start, rtol=rtol, max_impacts=8)
     names = "restitution", "duration", "max_force", "time", "closing_speed"
@@ -178,7 +180,7 @@ def test_slopes_behind_a_dashpot_are_exact():
 
 def test_largest_force_of_a_contact_that_the_run_ends_in():
     """It is the force at the end, whose slopes the states have, too."""
-    by_height, by_duration = solved(jc.HuGuo, 1e-11)[1][1:3, [2, 5]]
+    by_height, by_duration = solved(jc.HuGuo, 1e-12)[1][1:3, [2, 5]]
     np.testing.assert_allclose(by_height, -30603.6255, rtol=1e-7)
     np.testing.assert_allclose(by_duration, 13660.1401, rtol=1e-7)
 

@@ -62,14 +62,9 @@ def rested(tilt):
     return [0.0, -((G * np.cos(tilt) / STIFFNESS) ** (2 / 3)), 0.0]
 
 
-def phases(run):
-    keep = np.asarray(run.phases.valid)
-    return np.asarray(run.phases.time)[keep], np.asarray(run.phases.direction)[keep]
-
-
 def assert_phases(run, times, directions, **tolerance):
-    np.testing.assert_array_equal(phases(run)[1], directions)
-    np.testing.assert_allclose(phases(run)[0], times, **tolerance)
+    np.testing.assert_array_equal(run.phases.direction, directions)
+    np.testing.assert_allclose(run.phases.time, times, **tolerance)
 
 
 @pytest.mark.parametrize("part", [0.9, 1.1])
@@ -137,7 +132,7 @@ def test_block_on_a_shaken_incline_is_that_of_scipy():
     assert len(touches) == 1 and len(found) > 11
     assert_same_phases(run, found, end, 0.6)
     # In stick the slip speed stays at rounding and tolerance.
-    times, directions = phases(run)
+    times, directions = map(np.asarray, (run.phases.time, run.phases.direction))
     at = np.asarray(run.states.time)
     sticks = directions[np.searchsorted(times, at, side="right") - 1] == 0
     speeds = np.asarray(run.states.velocity)[:, 0] - 0.15 * np.cos(30 * at)

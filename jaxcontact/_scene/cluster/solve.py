@@ -20,7 +20,7 @@ from ..._coupled.field import TIME, WORK, LoopRules
 from ..._coupled.loop import CoupledStart, first_carry, run_to_end, status_of
 from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Flag, Modes, Number
 from ..._coupled.rows import rows_of
-from ..._functions import ratio
+from ..._functions import moving, ratio
 from ..._impact.derivatives import with_sensitivity
 from ..._laws import AbstractLaw
 from .equations import ASLEEP, ClusterPairs, ClusterState, Drive, PerBody
@@ -57,8 +57,10 @@ def solve_cluster(problem: ClusterProblem, rules: LoopRules, in_line: bool) -> C
         problem=problem,
         frame=frame,
     )
-    first = first_carry(solve, _start(solve), problem)
-    end = run_to_end(solve, first)
+    first = first_carry(solve, _start(solve))
+    sizes = "size", "free", "last_size", "last_error", "whole", "cruise", "error"
+    kept = {name: getattr(first, name) for name in sizes}
+    end = run_to_end(solve, moving(problem, first)._replace(**kept))
     return _assess(solve, first, end, *_state_at(solve, end))
 
 

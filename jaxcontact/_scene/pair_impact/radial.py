@@ -285,7 +285,6 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     static, creeping = problem.rest()
     start = problem.start()
     zero = jnp.zeros_like(start[_T])
-    none = moving(problem, zero)
     # A strong outward pull ends a contact early, at x of the order of its inverse.
     early = jnp.sqrt(1 + jnp.abs(frozen.push) + jnp.abs(frozen.swirl))
     begin = jnp.asarray(0.1, dtype) / early
@@ -298,9 +297,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         free=begin,
         whole=zero,
         max_force=problem.force(start, jnp.asarray(_RISES)),
-        max_indentation=none,
-        duration=none,
-        delivered=none,
+        **dict.fromkeys(("max_indentation", "duration", "delivered"), moving(problem, zero)),
         error=zero,
         steps=jnp.zeros((), jnp.int32),
         done=problem.skip > 0,
