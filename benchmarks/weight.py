@@ -200,9 +200,9 @@ def run(program: str, limit: float | None = None, **more: str) -> None:
 # Imports take longer than most calls. A copy of this process has them, and nothing compiled yet.
 IMPORTED = """
 import json, os, sys
-import jax
+import diffrax, jax
 import jaxcontact as jc
-jc.bounce, jc.fit_damping, jc.fit_record, jc.impact, jc.simulate, jc.trajectory
+jc.bounce, jc.fit_damping, jc.fit_record, jc.impact, jc.simulate, jc.systems, jc.trajectory
 for line in sys.stdin:
     program, settings = json.loads(line)
     copy = os.fork()

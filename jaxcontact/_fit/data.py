@@ -134,7 +134,7 @@ class FitData(Flagged):
     def predict(self, x: Any = None) -> Any:
         """Return the prediction of the best parameters, at the data's x or at others."""
         with jax.enable_x64(True):
-            return evaluated(self.problem.predict, self.params, self._place(x))
+            return _predicted(self.problem.predict, self.params, self._place(x))
 
     def predict_with_error(self, x: Any = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the flattened prediction (n,) and its standard error √(g Cov gᵀ).
@@ -177,6 +177,9 @@ def why_no_error(fit: FitData, name: str) -> str:
     if not fit.by_group or name in known or not np.isnan(fit.standard_errors[name]):
         return "not identifiable"
     return "without a standard error: one point or group alone determines it"
+
+
+_predicted = quick(evaluated)
 
 
 @quick

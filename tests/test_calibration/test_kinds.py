@@ -122,9 +122,9 @@ def test_times_and_forces_of_plastic_spheres(speed):
     e, duration, force = oracle.plastic(0.3, 0.01, 1e6, speed)
     v = jnp.asarray([speed])
     found = jc.impact(jc.ThorntonPlastic(yield_speed=0.3), contact, v)
-    assert KINDS["thornton_plastic"].restitution({"yield_speed": 0.3}, contact, 1.0, v) == (
-        pytest.approx(e, rel=ORACLE)
-    )
+    kind = KINDS["thornton_plastic"]
+    e_found = e_of(kind, {"yield_speed": 0.3}, contact.mass, contact.stiffness, 1.0, v)
+    assert e_found == pytest.approx(e, rel=ORACLE)
     assert found.duration[0] == pytest.approx(duration, rel=ORACLE)
     assert found.max_force[0] == pytest.approx(force, rel=ORACLE)
 
@@ -164,7 +164,7 @@ def test_a_search_comes_back_from_numbers_with_which_bodies_stick(law):
 
     log_e, slope = both(jnp.asarray(params[last]))
     assert np.all(np.diff(log_e) > 0) and np.all(slope < 0)
-    hit = kind.outcome(kind.law_of(params, 1.0), UNIT, speeds)
+    hit = jax.jit(lambda v: kind.outcome(kind.law_of(params, 1.0), UNIT, v))(speeds)
     assert np.all(np.isfinite(hit.duration)) and np.all(np.isfinite(hit.max_force))
 
 

@@ -289,7 +289,7 @@ class _Made:
         own = lane._replace(x=x, y=lane.y[real], factor=lane.factor[real])
         with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
             problem = jax.tree.map(
-                lambda x: jnp.asarray(x) if isinstance(x, np.ndarray | np.generic) else x,
+                lambda x: jax.device_put(x) if isinstance(x, np.ndarray | np.generic) else x,
                 dataclasses.replace(own.problem(self.shared), shapes=shapes),
             )
             theta, how = self.starts.theta[i], (tables.absolute, np.zeros(0), None, self.options)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._entry import POSITIVE, as_parameter, real_array, rendered, require_number
+from ..._entry import POSITIVE, as_own, as_parameter, real_array, rendered, require_number
 from .space import Space
 
 
@@ -140,7 +140,7 @@ class FitProblem(eqx.Module):
 
 def place_of(x: Any) -> Any:
     """Return the tree of arrays `x` of a prediction; raise ValueError if JAX cannot hold it."""
-    return jax.tree.map(lambda leaf: jnp.asarray(as_place(leaf)), x)
+    return jax.tree.map(lambda leaf: as_own(as_place(leaf)), x)
 
 
 def as_place(leaf: Any) -> Any:
