@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable, Mapping
-from typing import ClassVar, Unpack
+from typing import Any, ClassVar, Unpack
 
 import equinox as eqx
 import jax
@@ -134,7 +134,8 @@ class AbstractShape(eqx.Module):
         return Damped(alpha=_factor(self, asked))
 
 
-_factor = eqx.filter_jit(lambda shape, e: shape(e) * (1 - e) / e, inline=True)
+_jit: Any = eqx.filter_jit  # its type omits the options of `jax.jit`
+_factor = _jit(lambda shape, e: shape(e) * (1 - e) / e, inline=True)
 
 
 class Rational(AbstractShape):
@@ -193,9 +194,11 @@ class Network(AbstractShape):
 
     def __init__(self, width: int = 8, seed: int = 0):
         width, seed = require_count("width", width, 1), require_count("seed", seed, 0)
-        key, sizes = jax.random.key(seed), ("scalar", "scalar", width, 2)
-        made = eqx.filter_jit(lambda key: eqx.nn.MLP(*sizes, jax.nn.tanh, key=key))
-        self.network = made(key)
+
+        def made(key: Array) -> eqx.nn.MLP:
+            return eqx.nn.MLP("scalar", "scalar", width, 2, jax.nn.tanh, key=key)
+
+        self.network = eqx.filter_jit(made)(jax.random.key(seed))
 
     def __call__(self, e: Float[Array, "..."]) -> Float[Array, "..."]:
         flat = jax.vmap(lambda e: self.network(2 * e - 1))(jnp.ravel(e))

@@ -161,7 +161,7 @@ def next_angle(best: Fit, rivals: Sequence[Fit], there: Measurements) -> str:
     model = dataclasses.replace(there.model, fields=("tangential_restitution",))
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         curves = [
-            np.asarray(_curve(model, fit.params, x)["tangential_restitution"])
+            np.asarray(_curve(model, fit.params, jax.device_put(x))["tangential_restitution"])
             for fit in (best, *rivals)
         ]
     apart = np.min([np.abs(curve - curves[0]) for curve in curves[1:]], axis=0)

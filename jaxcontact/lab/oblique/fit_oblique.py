@@ -74,7 +74,9 @@ def lowest(friction: Friction, there: Measurements, fixed: frozenset[str]) -> Fr
     axes = [_tried(name, float(getattr(friction, name)), one) for name, one in numbers.items()]
     grid = np.array(list(itertools.product(*axes)))
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        outcome = _predicted(there.model, friction, tuple(numbers), grid, there.x)
+        outcome = _predicted(
+            there.model, friction, tuple(numbers), *jax.device_put((grid, there.x))
+        )
     loss = np.zeros(len(grid))
     for name, values in there.table["data"].items():
         factor = there.factor[name]
@@ -146,7 +148,7 @@ def lowest_around(found: FitData) -> np.ndarray:
 def residuals_at(found: FitData, lanes: np.ndarray) -> np.ndarray:
     """Return the standardised residuals (lanes, n) at coordinates (lanes, k)."""
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        return np.asarray(_residuals(found.problem, lanes))
+        return np.asarray(_residuals(found.problem, jax.device_put(lanes)))
 
 
 def at_jump(found: Fit) -> Fit:
@@ -231,7 +233,7 @@ def regimes_of(friction: AbstractFriction, there: Measurements) -> Regimes:
     """Return the regimes of the measured impacts by a friction law."""
     used = np.any([factor > 0 for factor in there.factor.values()], axis=0)
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        after = _rebound(there.model, friction, there.x)
+        after = _rebound(there.model, friction, jax.device_put(there.x))
     # A ramp slides at any speed; in full sliding the impulse has the ratio μ.
     slid = np.asarray(after.impulse_ratio) > np.asarray(friction.mu) * (1 - _ROUNDING)
     margin = None if after.margin is None else float(np.min(np.asarray(after.margin)[used]))
