@@ -87,11 +87,8 @@ def _from_python(value: Any, name: str, allowed: Range) -> Array:
 
 
 def as_own(value: Any) -> Array:
-    """Convert to a JAX array that shares no memory with an array of NumPy, as `device_put` may.
-
-    Unlike `asarray` this compiles nothing, for any shape.
-    """
-    return value if isinstance(value, jax.Array) else jax.device_put(np.array(value))
+    """Return a JAX array that shares no memory with `value`; `asarray` would compile a copy."""
+    return jax.device_put(np.array(value))
 
 
 def as_numbers(value: Any, name: str) -> np.ndarray:

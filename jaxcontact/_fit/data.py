@@ -15,6 +15,8 @@ from .._text.failure import Flagged
 from .problem.problem import FitProblem, evaluated, flattened, place_like
 from .search.verdict import Direction
 
+_predicted = quick(evaluated)
+
 
 class SharedErrors(NamedTuple):
     """Errors of n points with covariance V = diag(own) + R Rᵀ.
@@ -177,9 +179,6 @@ def why_no_error(fit: FitData, name: str) -> str:
     if not fit.by_group or name in known or not np.isnan(fit.standard_errors[name]):
         return "not identifiable"
     return "without a standard error: one point or group alone determines it"
-
-
-_predicted = quick(evaluated)
 
 
 @quick

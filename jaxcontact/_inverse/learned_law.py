@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Unpack
+from typing import ClassVar, Unpack
 
 import equinox as eqx
 import jax
@@ -92,8 +92,8 @@ def _rational_start(shape: Rational, asked: Column, wanted: Column) -> Rational:
     pole and a zero cancel. Source: Sanathanan & Koerner (1963), doi 10.1109/TAC.1963.1105517.
     """
     asked, wanted = np.clip([asked, wanted], _LOWEST, 1)[:, asked < 1]  # at 1 any g delivers 1
-    m, one = shape.above.size, np.ones_like(wanted)
-    alpha, slope = jax.jvp(exact_damping_factor, (wanted,), (one,))
+    m, (e, one) = shape.above.size, jax.device_put((wanted, np.ones_like(wanted)))
+    alpha, slope = jax.jvp(exact_damping_factor, (e,), (one,))
     ratio = (1 - asked) / asked
     g, weight = np.asarray(alpha, float) / ratio, ratio / np.abs(np.asarray(slope, float))
     basis, grid = (
@@ -134,8 +134,7 @@ class AbstractShape(eqx.Module):
         return Damped(alpha=_factor(self, asked))
 
 
-_jit: Any = eqx.filter_jit  # its type omits the options of `jax.jit`
-_factor = _jit(lambda shape, e: shape(e) * (1 - e) / e, inline=True)
+_factor = eqx.filter_jit(lambda g, e: g(e) * (1 - e) / e, inline=True)  # pyright: ignore
 
 
 class Rational(AbstractShape):
@@ -194,11 +193,8 @@ class Network(AbstractShape):
 
     def __init__(self, width: int = 8, seed: int = 0):
         width, seed = require_count("width", width, 1), require_count("seed", seed, 0)
-
-        def made(key: Array) -> eqx.nn.MLP:
-            return eqx.nn.MLP("scalar", "scalar", width, 2, jax.nn.tanh, key=key)
-
-        self.network = eqx.filter_jit(made)(jax.random.key(seed))
+        made = eqx.filter_jit(eqx.nn.MLP)
+        self.network = made("scalar", "scalar", width, 2, jax.nn.tanh, key=jax.random.key(seed))
 
     def __call__(self, e: Float[Array, "..."]) -> Float[Array, "..."]:
         flat = jax.vmap(lambda e: self.network(2 * e - 1))(jnp.ravel(e))

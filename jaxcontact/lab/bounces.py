@@ -166,10 +166,6 @@ A wrong trigger corrupts two or three pairs, and medians are robust up to half.
 """
 
 
-def _landing_after(time: Any, gravity: Any, b: Any) -> Any:
-    return landing_speed(launch_speed(time, gravity, b), gravity, b)
-
-
 class _Kind(NamedTuple):
     """One kind of readings: the landing speed from the first, and the second from a launch speed.
 
@@ -187,7 +183,8 @@ class _Kind(NamedTuple):
 
 _KINDS = {
     "intervals": _Kind(
-        *(_landing_after, launch_speed, duration, by_triggers),
+        lambda time, g, b: landing_speed(launch_speed(time, g, b), g, b),
+        *(launch_speed, duration, by_triggers),
         "errors of triggers {:.2g} ms, scatter of ln e {:.2g} %",
         {"x": Shown("time", "flight before"), "": Shown("time", "flight after", logarithm=True)},
     ),

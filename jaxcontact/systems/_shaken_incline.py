@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -85,12 +84,6 @@ def shaken_incline(
         friction=RigidCoulomb(jnp.asarray(0.3)) if friction is None else friction,
         slip=InclineSlip(**numbers),
     )
-    return system, start(_at_rest(numbers, system.stiffness), [0.0, 0.0])
-
-
-@jax.jit
-def _at_rest(numbers: dict[str, Array], stiffness: Array) -> list[Array]:
-    """Return the place where the weight presses the mass into the incline."""
     weight = numbers["mass"] * numbers["gravity"] * jnp.cos(numbers["tilt"])
-    depth = (weight / stiffness) ** (2 / 3)
-    return [jnp.zeros_like(depth), -depth]
+    depth = (weight / system.stiffness) ** (2 / 3)
+    return system, start([jnp.zeros_like(depth), -depth], [0.0, 0.0])

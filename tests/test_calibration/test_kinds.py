@@ -9,7 +9,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact.lab.choice.kind import LogOutcomes
-from jaxcontact.lab.choice.kinds import kinds_of
+from jaxcontact.lab.choice.kinds import kinds_of, law_in
 from tests.test_calibration import oracle
 
 ORACLE = 1e-7
@@ -136,7 +136,8 @@ def test_another_contact_moves_the_law_and_leaves_its_curve():
         start = kind.starts(0.7, UNIT, 1.5)[0]
         moved = {name: float(value) for name, value in kind.moved(start, UNIT, hard).items()}
         assert kind.starts(0.7, hard, 1.5)[0] == pytest.approx(moved, rel=1e-14)
-        e = np.asarray(jc.restitution(kind.law_of(moved, 1.5), hard, speeds))
+        law = law_in(kind.law_of(start, 1.5), UNIT, hard)
+        e = np.asarray(jc.restitution(law, hard, speeds))
         found = np.asarray(e_of(kind, start, 1.0, 1.0, 1.5, speeds))
         np.testing.assert_allclose(found[e > 0], e[e > 0], rtol=1e-12)
         assert np.all((found[e == 0] > 0) & (found[e == 0] < LITTLE))

@@ -165,14 +165,11 @@ class ProgramFacts:
         """Return the dimensions that a slot may depend on."""
         return dims_of(self.facts[slot])
 
-    def _reads(self, step: Step, changed: Mapping[int, Fact]) -> list[Fact]:
-        return [self._fact(where, changed) for where in step.reads]
-
     def _after(self, step: Step, changed: Mapping[int, Fact]) -> dict[int, Fact]:
         """Return the facts about the values written by a step; an array without elements has no
         value.
         """
-        reads = self._reads(step, changed)
+        reads = [self._fact(where, changed) for where in step.reads]
         return {
             slot: dims_of(*reads) if 0 in self.program.shapes[slot].shape else fact
             for slot, fact in zip(step.writes, after(step, reads), strict=True)

@@ -74,9 +74,8 @@ def lowest(friction: Friction, there: Measurements, fixed: frozenset[str]) -> Fr
     axes = [_tried(name, float(getattr(friction, name)), one) for name, one in numbers.items()]
     grid = np.array(list(itertools.product(*axes)))
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        outcome = _predicted(
-            there.model, friction, tuple(numbers), *jax.device_put((grid, there.x))
-        )
+        given = jax.device_put((grid, there.x))
+        outcome = _predicted(there.model, friction, tuple(numbers), *given)
     loss = np.zeros(len(grid))
     for name, values in there.table["data"].items():
         factor = there.factor[name]
