@@ -112,8 +112,8 @@ BUDGETS = {
     "impact with a push": Budget(4_800, 4),
     "trajectory": Budget(3_500, 3),
     "bounce with weight in contact": Budget(4_800, 3),
-    "fit_damping": Budget(2_000, 8),
-    "fit_record": Budget(8_500, 12),
+    "fit_damping": Budget(2_000, 5),
+    "fit_record": Budget(8_500, 7),
     "scene of 3 discs and a plane, instantaneous": Budget(3_300, 6),
     "scene of 3 discs and a plane, soft": Budget(11_500, 6),
     "scene with a moving wall": Budget(4_000, 6),
@@ -151,9 +151,9 @@ def run(program: str, limit: float | None = None, **more: str) -> None:
 # Imports take longer than most calls. A copy of this process has them, and nothing compiled yet.
 IMPORTED = """
 import json, os, sys
-import jax
+import diffrax, jax
 import jaxcontact as jc
-jc.bounce, jc.fit_damping, jc.fit_record, jc.impact, jc.simulate, jc.trajectory
+jc.bounce, jc.fit_damping, jc.fit_record, jc.impact, jc.simulate, jc.systems, jc.trajectory
 for line in sys.stdin:
     program, settings = json.loads(line)
     copy = os.fork()

@@ -30,6 +30,7 @@ from .numbers import Range as Range
 from .numbers import as_array as as_array
 from .numbers import as_number as as_number
 from .numbers import as_numbers as as_numbers
+from .numbers import as_own as as_own
 from .numbers import as_parameter as as_parameter
 from .numbers import as_weights as as_weights
 from .numbers import concrete as concrete

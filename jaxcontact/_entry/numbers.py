@@ -83,8 +83,12 @@ def _from_python(value: Any, name: str, allowed: Range) -> Array:
         return as_leaf(float(value))
     # Without double precision JAX would wrap large integers around.
     whole = jnp.issubdtype(plain.dtype, jnp.integer)
-    # Unlike `asarray` this compiles nothing, for any shape.
-    return jax.device_put(plain.astype(float) if whole else plain)
+    return as_own(plain.astype(float) if whole else plain)
+
+
+def as_own(value: Any) -> Array:
+    """Return a JAX array that shares no memory with `value`; `asarray` would compile a copy."""
+    return jax.device_put(np.array(value))
 
 
 def as_numbers(value: Any, name: str) -> np.ndarray:

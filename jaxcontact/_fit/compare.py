@@ -240,12 +240,12 @@ def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
         for out in parts:
             # Other weights share the compiled search of the fit itself.
             weights = np.where(out, 0, fit._factor)
-            fewer = eqx.tree_at(lambda p: p.factor, fit.problem, jnp.asarray(weights))
+            fewer = eqx.tree_at(lambda p: p.factor, fit.problem, jax.device_put(weights))
             if whitener is not None:
                 # Whiten the remaining points only: points without weight must not count as exact.
                 factor = np.linalg.solve(whitener, np.eye(len(whitener)))
                 rest = whitener_of(factor @ factor.T, weights > 0)
-                fewer = eqx.tree_at(lambda p: p.whitener, fewer, jnp.asarray(rest))
+                fewer = eqx.tree_at(lambda p: p.whitener, fewer, jax.device_put(rest))
             found = find(fewer, fit._theta, SearchOptions(jnp.asarray(fit._rtol)))
             if not np.all(found.still):
                 return None

@@ -16,6 +16,8 @@ from .._text.failure import Flagged
 from .problem.problem import FitProblem, evaluated, flattened, place_like
 from .search.verdict import Direction
 
+_predicted = quick(evaluated)
+
 
 class SharedErrors(NamedTuple):
     """Errors of n points with covariance V = diag(own) + R Rᵀ.
@@ -163,7 +165,7 @@ class FitData(Flagged):
     def predict(self, x: Any = None) -> Any:
         """Return the prediction of the best parameters, at the data's x or at others."""
         with jax.enable_x64(True):
-            return evaluated(self.problem.predict, self.params, self._place(x))
+            return _predicted(self.problem.predict, self.params, self._place(x))
 
     def predict_with_error(self, x: Any = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the flattened prediction (n,) and its standard error √(g Cov gᵀ).

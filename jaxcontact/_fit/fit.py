@@ -212,12 +212,12 @@ def fit(
             predict,
             space,
             place_of(x),
-            jnp.asarray(y),
-            jnp.asarray(factor),
+            jax.device_put(y),
+            jax.device_put(factor),
             jnp.asarray(float(loss.threshold)) if isinstance(loss, Huber) else None,
             reverse,
             shapes_of(data),
-            whitener if whitener is None else jnp.asarray(whitener),
+            whitener if whitener is None else jax.device_put(whitener),
         )
         refuse_between(columns_of(problem, noise), whitener)
         options = SearchOptions(jnp.asarray(rtol), by_gradient, most, patience, tell)

@@ -92,8 +92,8 @@ def _rational_start(shape: Rational, asked: Column, wanted: Column) -> Rational:
     pole and a zero cancel. Source: Sanathanan & Koerner (1963), doi 10.1109/TAC.1963.1105517.
     """
     asked, wanted = np.clip([asked, wanted], _LOWEST, 1)[:, asked < 1]  # at 1 any g delivers 1
-    e, m = jnp.asarray(wanted), shape.above.size
-    alpha, slope = jax.jvp(exact_damping_factor, (e,), (jnp.ones_like(e),))
+    m, (e, one) = shape.above.size, jax.device_put((wanted, np.ones_like(wanted)))
+    alpha, slope = jax.jvp(exact_damping_factor, (e,), (one,))
     ratio = (1 - asked) / asked
     g, weight = np.asarray(alpha, float) / ratio, ratio / np.abs(np.asarray(slope, float))
     basis, grid = (
@@ -131,7 +131,10 @@ class AbstractShape(eqx.Module):
         Raises ValueError for a Python scalar out of range.
         """
         asked = as_parameter(e, "e", RESTITUTION)
-        return Damped(alpha=self(asked) * (1 - asked) / asked)
+        return Damped(alpha=_factor(self, asked))
+
+
+_factor = eqx.filter_jit(lambda g, e: g(e) * (1 - e) / e, inline=True)  # pyright: ignore
 
 
 class Rational(AbstractShape):
@@ -145,8 +148,8 @@ class Rational(AbstractShape):
 
     def __init__(self, degree: int = 6):
         degree = require_count("degree", degree, 1)
-        self.above = jnp.asarray(np.concatenate([[1.25, 0.25], np.zeros(degree - 1)]))
-        self.below = jnp.zeros(degree)
+        self.above = jax.device_put(np.concatenate([[1.25, 0.25], np.zeros(degree - 1)]))
+        self.below = jax.device_put(np.zeros(degree))
 
     def __call__(self, e: Float[Array, "..."]) -> Float[Array, "..."]:
         t = 2 * e - 1
@@ -166,7 +169,7 @@ class Spline(AbstractShape):
 
     def __init__(self, intervals: int = 80, low: float = 0.0):
         intervals = require_count("intervals", intervals, _SHORTEST_SPLINE)
-        self.weights = jnp.full(intervals + 3, 1.25)
+        self.weights = jax.device_put(np.full(intervals + 3, 1.25))
         self.low = require_number("low", low, _BELOW_ONE)
 
     def __call__(self, e: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -190,8 +193,8 @@ class Network(AbstractShape):
 
     def __init__(self, width: int = 8, seed: int = 0):
         width, seed = require_count("width", width, 1), require_count("seed", seed, 0)
-        key = jax.random.key(seed)
-        self.network = eqx.nn.MLP("scalar", "scalar", width, 2, jax.nn.tanh, key=key)
+        made = eqx.filter_jit(eqx.nn.MLP)
+        self.network = made("scalar", "scalar", width, 2, jax.nn.tanh, key=jax.random.key(seed))
 
     def __call__(self, e: Float[Array, "..."]) -> Float[Array, "..."]:
         flat = jax.vmap(lambda e: self.network(2 * e - 1))(jnp.ravel(e))

@@ -128,7 +128,7 @@ def readings_of(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return d reading/d(free coordinate) of all candidates, and the readings."""
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        slopes, readings = _compiled(model, space, jnp.asarray(theta), jnp.asarray(speeds))
+        slopes, readings = _compiled(model, space, *jax.device_put((theta, speeds)))
     return np.asarray(slopes), np.asarray(readings)
 
 

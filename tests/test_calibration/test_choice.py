@@ -147,17 +147,6 @@ def test_a_law_that_is_its_special_case_is_not_named(choices):
             assert wide not in choice.rivals
 
 
-def test_single_precision_is_no_hindrance(choices):
-    e = truth("constant c") + SCATTER
-    with jax.enable_x64(False):
-        found = jc.choose_law(CONTACT, SPEED, e)
-    same = choices["constant c"].candidates
-    for ours, theirs in zip(found.candidates, same, strict=True):
-        assert ours.name == theirs.name and ours.aicc == pytest.approx(theirs.aicc, rel=1e-12)
-        if theirs.held_out is not None:
-            assert ours.held_out == pytest.approx(theirs.held_out, rel=SAME)
-
-
 def test_the_picture_has_the_data_and_a_curve_for_each_kind(choices):
     choice = choices["Kuwabara-Kono"]
     points, drawn, *others, last = jc.plot.choice(choice).get_lines()

@@ -82,7 +82,7 @@ def test_fits_are_the_same_by_other_methods(method):
 def test_beta_of_e_delivers_what_is_asked_for():
     found = jc.fit_energy_loss(ASKED, degree=16)
     assert found.converged and np.abs(found.residuals).max() < 1e-6
-    beta = found.problem.predict.beta(found.params, ASKED[:-1])
+    beta = eqx.filter_jit(found.problem.predict.beta)(found.params, ASKED[:-1])
     # At each e it must be the β for which α is the exact one.
     ratio = 2.5 / np.asarray(beta)
     alpha = (1 - ASKED[:-1]) / ASKED[:-1] / (ratio * special.beta(ratio, 1.5))
@@ -223,11 +223,11 @@ def test_what_cannot_be_compared():
 
 def test_shapes_have_slopes_at_the_ends():
     # cos(k arccos t) had the slope NaN at e = 1, and an infinite one at e = 0.
-    shape = jc.Rational(3)
+    slope = jax.jit(jax.grad(lambda e: jc.Rational(3)(e)))
     for e in (0.0, 1.0):
-        assert jax.grad(lambda e: shape(e))(e) == pytest.approx(0.5, rel=1e-12)
+        assert slope(e) == pytest.approx(0.5, rel=1e-12)
     model = jc.fit_energy_loss(np.linspace(0.3, 1, 20), degree=2).problem.predict
-    params = {"log_beta": jnp.array([0.9, 0.1, 0.05])}
+    params = {"log_beta": np.array([0.9, 0.1, 0.05])}
     # T_1' = 1 and T_2' = 4 at t = 1, and dt/de = 2/0.7.
-    slope = jax.grad(lambda e: jnp.log(model.beta(params, e)))(1.0)
+    slope = jax.jit(jax.grad(lambda e: jnp.log(model.beta(params, e))))(1.0)
     assert slope == pytest.approx((0.1 + 4 * 0.05) * 2 / 0.7, rel=1e-12)

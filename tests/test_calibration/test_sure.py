@@ -85,8 +85,9 @@ def test_one_point_beyond_a_kink_gives_no_standard_error(seed):
     assert "one point or group alone determines it" in fit.summary()
 
 
-def test_double_precision_of_the_callers_thread_alone(plastic):
+def test_single_precision_and_double_of_the_callers_thread_alone(plastic):
     """The fits run in other threads, which have only the settings of the process."""
+    e = PLASTIC * (1 + SCATTER)
 
     def process(x64, promotion):
         jax.config.update("jax_enable_x64", x64)
@@ -94,12 +95,15 @@ def test_double_precision_of_the_callers_thread_alone(plastic):
 
     process(False, "standard")
     try:
+        single = jc.choose_law(CONTACT, SPEED, e)
         with jax.enable_x64(True):
-            contact = jc.Contact(mass=0.03, stiffness=1e6)
-            found = jc.choose_law(contact, SPEED, PLASTIC * (1 + SCATTER))
+            double = jc.choose_law(jc.Contact(mass=0.03, stiffness=1e6), SPEED, e)
     finally:
         process(True, "strict")
-    assert found.verdict == plastic.verdict
+    for found in (single, double):
+        assert found.verdict == plastic.verdict
+        aicc = [[one.aicc for one in choice.candidates] for choice in (found, plastic)]
+        np.testing.assert_allclose(*aicc, rtol=1e-12)
 
 
 def test_laws_with_too_many_parameters_for_the_data_are_named():

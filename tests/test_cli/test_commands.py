@@ -314,23 +314,6 @@ def test_export_of_a_law_and_of_a_calibration(tmp_path, capsys):
     assert "restitutionCoefficient=0.69" in text and "e is within 0.01 of the law's" in text
 
 
-def test_the_same_e_with_another_contact():
-    """Of each kind of law: c/K, and A (K/m)^(2/5), stay."""
-    from jaxcontact.lab.choice.kinds import law_in
-
-    old, new = jc.Contact(1.0, 1.0), jc.Contact(0.2, 3e6)
-    for law in (
-        jc.ConstantDamping(c=0.3),
-        jc.PowerDamping(c=0.3, power=-0.4, reference=1.5),
-        jc.ExactRestitution(e=0.6),
-    ):
-        before = jc.impact(law, old, 2.0).restitution
-        after = jc.impact(law_in(law, old, new), new, 2.0).restitution
-        assert float(after) == pytest.approx(float(before), rel=1e-12)
-    moved = law_in(jc.KuwabaraKono(A=0.1), old, new)
-    assert float(moved.A) * (3e6 / 0.2) ** 0.4 == pytest.approx(0.1, rel=1e-12)
-
-
 def test_completion_knows_commands_options_and_laws(capsys):
     from jaxcontact.engines import engines
 

@@ -17,6 +17,18 @@ def test_scalars_of_numpy_are_concrete_exponents(kind):
     assert isinstance(jc.Contact(1.0, 1.0, kind(2)).exponent, float)
 
 
+def test_arrays_are_copied():
+    """Also where JAX could share their memory: at an address that is a multiple of 64 bytes."""
+    raw = np.zeros(16)
+    at = -raw.ctypes.data % 64 // 8
+    mine = raw[at : at + 8]
+    mine[:] = np.linspace(0.1, 0.8, 8)
+    law, was = jc.HuGuo(e=mine), mine.copy()
+    found = jc.fit(lambda a, x: a * x, 2 * was, 1.0, x=mine)
+    mine[:] = 1.0
+    assert np.array_equal(law.e, was) and np.array_equal(found.problem.x, was)
+
+
 def test_flags_are_weights():
     """They keep a point or leave it out, as ones and zeros do."""
     x = np.linspace(0, 1, 5)

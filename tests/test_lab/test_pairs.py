@@ -2,6 +2,7 @@
 
 import importlib.resources
 
+import jax
 import numpy as np
 import pytest
 
@@ -80,9 +81,9 @@ def test_the_reading_factor_is_the_variance_that_trigger_errors_make(drag):
     expected = jitter**2 * make_pairs(read_recording(interval_s=true), flight).reading_factor
     triggers = np.concatenate([[0], np.cumsum(true)])
     times = np.diff(triggers + jitter * rng.standard_normal((40_000, 4)), axis=1)
-    launch = Flight.launch_speed(times, flight.gravity, flight.rate)
-    landing = Flight.landing_speed(launch[:, :-1], flight.gravity, flight.rate)
-    log_e = np.asarray(np.log(launch[:, 1:] / landing))
+    launch = jax.jit(Flight.launch_speed)(times, flight.gravity, flight.rate)
+    landing = jax.jit(Flight.landing_speed)(launch, flight.gravity, flight.rate)
+    log_e = np.log(np.asarray(launch)[:, 1:] / np.asarray(landing)[:, :-1])
     np.testing.assert_allclose(log_e.var(axis=0), expected, rtol=MONTE_CARLO)
 
 

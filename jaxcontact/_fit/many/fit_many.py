@@ -206,10 +206,9 @@ def fit_many(
         starts = starts_of(start, transforms, own_start, len(tables.balls))
         threshold = jnp.asarray(float(loss.threshold)) if isinstance(loss, Huber) else None
         lanes = Balls(tables.x, tables.y, tables.factor, starts.theta, starts.others)
-        first = jax.tree.map(jnp.asarray, rows_of(lanes, 0))
-        shared = FitProblem(
-            predict, starts.space, first.x, first.y, first.factor, threshold, reverse, tables.shapes
-        )
+        first = jax.device_put(rows_of(lanes, 0))
+        at, how = (first.x, first.y, first.factor), (threshold, reverse, tables.shapes)
+        shared = FitProblem(predict, starts.space, *at, *how)
         options = SearchOptions(jnp.asarray(rtol), max_steps=most)
         blocks = block_sizes(len(tables.balls), most_at_once)
         ends, histories = search_all(shared, lanes, options, blocks, tell)
@@ -289,7 +288,7 @@ class _Made:
         own = lane._replace(x=x, y=lane.y[real], factor=lane.factor[real])
         with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
             problem = jax.tree.map(
-                lambda x: jnp.asarray(x) if isinstance(x, np.ndarray | np.generic) else x,
+                lambda x: jax.device_put(x) if isinstance(x, np.ndarray | np.generic) else x,
                 dataclasses.replace(own.problem(self.shared), shapes=shapes),
             )
             theta, how = self.starts.theta[i], (tables.absolute, np.zeros(0), None, self.options)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._entry import POSITIVE, as_parameter, real_array, rendered, require_number
+from ..._entry import POSITIVE, as_own, as_parameter, real_array, rendered, require_number
 from .space import Space
 
 
@@ -140,15 +140,16 @@ class FitProblem(eqx.Module):
 
 def place_of(x: Any) -> Any:
     """Return the tree of arrays `x` of a prediction; raise ValueError if JAX cannot hold it."""
-    return jax.tree.map(lambda leaf: jnp.asarray(as_place(leaf)), x)
+    return jax.tree.map(as_place, x)
 
 
 def as_place(leaf: Any) -> Any:
     """Return an array of `x` of a prediction; raise ValueError if JAX cannot hold it."""
     # A prediction may index by flags, or compute with complex numbers.
     flags = isinstance(leaf, bool | np.bool_) or (type(leaf) is np.ndarray and leaf.dtype == bool)
-    known = flags or isinstance(leaf, jax.Array) or np.iscomplexobj(leaf)
-    return leaf if known else real_array(leaf, "x")
+    if isinstance(leaf, jax.Array):
+        return leaf
+    return as_own(leaf if flags or np.iscomplexobj(leaf) else real_array(leaf, "x"))
 
 
 def place_like(x: Any, known: Any) -> Any:

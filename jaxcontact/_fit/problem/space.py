@@ -219,8 +219,8 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
             "twice."
         )
     # Assembled in NumPy: each JAX operation outside a compiled function is a program.
-    low, high = (jnp.asarray(end) for end in np.asarray(ends, float).T)
-    held = jnp.asarray(np.full(len(names), np.nan))
+    low, high = jax.device_put(tuple(np.array(ends, float).T))
+    held = jax.device_put(np.full(len(names), np.nan))
     keys = coordinates, tuple(shapes), names, units
     return Space(low, high, held, others, structure, *keys), np.array(theta)
 

@@ -183,7 +183,7 @@ def find(problem: FitProblem, start: Float[np.ndarray, " k"], options: SearchOpt
     searched = _soon_compiled if formula else _compiled
     if problem.y.size <= _FEW_POINTS:
         searched = _quickly_compiled
-    found = in_numpy(searched(problem, jnp.asarray(start), options))
+    found = in_numpy(searched(problem, jax.device_put(start), options))
     with np.errstate(all="ignore"):
         return assessed(in_numpy(problem), found, np.asarray(options.rtol), np)
 
@@ -192,7 +192,7 @@ def find_all(
     problem: FitProblem, starts: Float[np.ndarray, "lanes k"], options: SearchOptions
 ) -> SearchEnd:
     """Return the ends of searches from many starts at once, with only their loss assessed."""
-    found = in_numpy(_compiled_all(problem, jnp.asarray(starts), options))
+    found = in_numpy(_compiled_all(problem, jax.device_put(starts), options))
     with np.errstate(all="ignore"):
         r = shortened(found.z, in_numpy(problem.threshold), np)
         return found._replace(loss=np.sum(np.square(r), axis=1) / 2)

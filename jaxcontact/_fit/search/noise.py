@@ -96,7 +96,7 @@ class ColumnErrors(AbstractErrors[SearchEnd, FitProblem]):
         self._relative = np.asarray(problem.factor)
         used, count = self._relative > 0, int(columns.max()) + 1
         # The scatter of the data of each column, in units of what the fit assumed.
-        y = np.asarray(problem.y * problem.factor)
+        y = np.asarray(problem.y) * self._relative
         inside = [y[used & (columns == c)] for c in range(count)]
         self._least = np.array([part.std() if part.size else 0.0 for part in inside]) * _LEAST
         self._scale = None

@@ -8,7 +8,6 @@ import dataclasses
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -120,9 +119,8 @@ def falling(
     size = np.maximum(np.where(space.has_unit, 1, np.abs(theta)), start_scale(problem, start))
     change = np.array([[one.components.get(name, 0) for name in space.names] for one in directions])
     change *= _ASIDE / np.max(np.abs(change) / size, axis=1, keepdims=True)
-    aside = np.asarray(
-        losses(problem, jnp.asarray(theta + np.stack([change, -change])).reshape(-1, len(theta)))
-    ).reshape(2, -1)
+    sides = (theta + np.stack([change, -change])).reshape(-1, len(theta))
+    aside = np.asarray(losses(problem, jax.device_put(sides))).reshape(2, -1)
     # If the data are met to rounding, the loss is only rounding.
     factor = np.asarray(problem.factor)
     used = factor > 0

@@ -76,8 +76,8 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
             shared = np.asarray(jax.random.normal(key, (draws, root.shape[1]))) @ root.T
             noise[:, fit._used] = noise[:, fit._used] * np.sqrt(size) + shared
         options = SearchOptions(jnp.asarray(fit._rtol), max_steps=MOST_REFITS)
-        theta = jnp.asarray(fit._theta)
-        found = in_numpy(_refits(fit.problem, theta, jnp.asarray(noise), options))
+        theta, noise = jax.device_put((fit._theta, noise))
+        found = in_numpy(_refits(fit.problem, theta, noise, options))
     good = np.all(found.still, axis=1) & np.isfinite(found.loss)
     return Bootstrap(fit.names, found.values, good)
 

@@ -173,7 +173,7 @@ def held_at(
 def _refit(fit: FitData, held: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, ...]:
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         options = SearchOptions(jnp.asarray(fit._rtol), max_steps=MOST_REFITS)
-        found = _held(fit.problem, jnp.asarray(held), jnp.asarray(starts), options)
+        found = _held(fit.problem, *jax.device_put((held, starts)), options)
     return tuple(map(np.asarray, found))
 
 

@@ -8,7 +8,6 @@ from typing import Any, Unpack
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Bool
 
@@ -165,9 +164,8 @@ def next_angle(best: Fit, rivals: Sequence[Fit], there: Measurements) -> str:
     x = {"velocity": speed * np.cos(angle), "tangential_velocity": speed * np.sin(angle)}
     model = dataclasses.replace(there.model, fields=("tangential_restitution",))
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        places = {name: jnp.asarray(values) for name, values in x.items()}
         curves = [
-            np.asarray(_curve(model, fit.params, places)["tangential_restitution"])
+            np.asarray(_curve(model, fit.params, jax.device_put(x))["tangential_restitution"])
             for fit in (best, *rivals)
         ]
     apart = np.min([np.abs(curve - curves[0]) for curve in curves[1:]], axis=0)

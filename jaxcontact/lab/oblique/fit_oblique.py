@@ -74,8 +74,8 @@ def lowest(friction: Friction, there: Measurements, fixed: frozenset[str]) -> Fr
     axes = [_tried(name, float(getattr(friction, name)), one) for name, one in numbers.items()]
     grid = np.array(list(itertools.product(*axes)))
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        x = {name: jnp.asarray(values) for name, values in there.x.items()}
-        outcome = _predicted(there.model, friction, tuple(numbers), jnp.asarray(grid), x)
+        given = jax.device_put((grid, there.x))
+        outcome = _predicted(there.model, friction, tuple(numbers), *given)
     loss = np.zeros(len(grid))
     for name, values in there.table["data"].items():
         factor = there.factor[name]
@@ -121,6 +121,12 @@ def _residuals(problem: eqx.Module, thetas: Float[Array, "lanes k"]) -> Float[Ar
     return jax.vmap(problem.residual)(thetas)  # pyright: ignore[reportAttributeAccessIssue]
 
 
+@eqx.filter_jit
+def _there(problem: Any, theta: Float[Array, " k"]) -> tuple[Any, Array, Array]:
+    values = problem.space.values(theta)
+    return problem.space.tree_of(values), values, problem.prediction(theta)
+
+
 def lowest_around(found: FitData) -> np.ndarray:
     """Return the coordinates (k,) of the lowest loss, by random changes of decreasing size."""
     random, theta = np.random.default_rng(0), found._theta
@@ -141,7 +147,7 @@ def lowest_around(found: FitData) -> np.ndarray:
 def residuals_at(found: FitData, lanes: np.ndarray) -> np.ndarray:
     """Return the standardised residuals (lanes, n) at coordinates (lanes, k)."""
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        return np.asarray(_residuals(found.problem, jnp.asarray(lanes)))
+        return np.asarray(_residuals(found.problem, jax.device_put(lanes)))
 
 
 def at_jump(found: Fit) -> Fit:
@@ -165,9 +171,8 @@ def at_jump(found: Fit) -> Fit:
         covariance = noise * np.linalg.inv(square)
         step = np.clip(np.sqrt(np.diag(covariance)), _LEAST, 1.0)
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        values = np.asarray(found.problem.space.values(jnp.asarray(theta)))
-        params = found.problem.space.tree_of(jnp.asarray(values))
-        prediction = np.asarray(found.problem.prediction(jnp.asarray(theta)))
+        params, values, prediction = _there(found.problem, jax.device_put(theta))
+        values, prediction = np.asarray(values), np.asarray(prediction)
     stretch = found.problem.space.stretch(values)
     used = np.asarray(found.problem.factor) > 0
     return dataclasses.replace(
@@ -227,7 +232,7 @@ def regimes_of(friction: AbstractFriction, there: Measurements) -> Regimes:
     """Return the regimes of the measured impacts by a friction law."""
     used = np.any([factor > 0 for factor in there.factor.values()], axis=0)
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        after = _rebound(there.model, friction, {n: jnp.asarray(x) for n, x in there.x.items()})
+        after = _rebound(there.model, friction, jax.device_put(there.x))
     # A ramp slides at any speed; in full sliding the impulse has the ratio μ.
     slid = np.asarray(after.impulse_ratio) > np.asarray(friction.mu) * (1 - _ROUNDING)
     margin = None if after.margin is None else float(np.min(np.asarray(after.margin)[used]))

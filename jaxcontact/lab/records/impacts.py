@@ -93,10 +93,9 @@ def fitted_impact(one: RecordedImpact, contact: Contact) -> ImpactFit | str:
     covariance = found.covariance[np.ix_(at, at)]
     if not np.isfinite(covariance).all():
         return "its record does not determine speed, stiffness and damping"
-    point = jnp.asarray(found.values[np.array(at)])
+    point = found.values[np.array(at)]
     with jax.enable_x64(True):
-        mass = jnp.asarray(float(contact.mass))
-        logs, slope = _outcomes(point, mass, float(contact.exponent))
+        logs, slope = _outcomes(point, np.float64(contact.mass), float(contact.exponent))
     logs, slope = np.asarray(logs), np.asarray(slope)
     errors = np.sqrt(np.diag(slope @ covariance @ slope.T))
     numbers = [
