@@ -224,7 +224,7 @@ def test_auto_is_the_cheapest_right_method():
     assert viscoelastic.method == "event" and viscoelastic.steps is not None
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["exact", "event"])
 def test_shapes_broadcast(method):
     law = jc.HuGuo(e=jnp.array([[0.5], [0.7], [0.9]]))
     hit = jc.impact(law, CONTACT, jnp.array([1.0, 2.0, 3.0, 4.0]), method=method)

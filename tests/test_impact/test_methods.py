@@ -12,6 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mpmath import mp, mpf
 
 import jaxcontact as jc
@@ -20,6 +22,7 @@ from tests import oracle
 from tests.oracle import FIELDS
 from tests.oracle.stored import stored
 from tests.test_impact.support import (
+    DAMPING,
     UNIT,
     assert_within,
     column,
@@ -28,6 +31,7 @@ from tests.test_impact.support import (
     given_ratio,
     grid,
     impacts,
+    lanes,
     values,
 )
 
@@ -80,11 +84,10 @@ def test_hunt_crossley_at_any_damping(name):
         np.testing.assert_allclose(in_si.duration, duration, rtol=PROMISE)
 
 
-# Exponents between these are those of the traced one, below; viscoelastic spheres that pull those
-# of `test_a_law_of_the_users`, and of test_exact at rtol 1e-12.
+# Exponents between these are those of the traced one, below.
 FORCES = [
     *(("hunt_crossley", {"n": n}) for n in (1.0, 3.0)),
-    ("kuwabara_kono", {"tension": False}),
+    *(("kuwabara_kono", {"tension": tension}) for tension in (True, False)),
     *(("oscillator", {"ending": end, "n": 1.5}) for end in ("tension", "clamped", "approach")),
     *(("oscillator", {"ending": end, "n": 1.0}) for end in ("tension", "clamped")),
 ]
@@ -257,6 +260,99 @@ def test_oscillators_lose_little_to_many_digits(method, ending):
     assert np.allclose(2 * hit.energy_loss, want, rtol=LOSS[method], atol=0)
 
 
+# --- Properties for any damping: energy, order, units ---------------------------------------------
+
+UNITS = 1e-12  # powers of numbers up to 1e±12: measured 2e-14
+TINY = np.finfo(float).tiny  # what is smaller is flushed to zero
+AGREE = 1e-8  # README's bound of event solves, which is ten times that of the phase method
+ORDER = 2e-8  # two neighbours may err by AGREE in opposite directions
+
+FAMILIES = {
+    "hunt_crossley": (lambda x: jc.Damped(alpha=x), 1.5),
+    "oscillator": (lambda x: given_ratio(x, "tension"), 1.5),
+    "clamped oscillator": (lambda x: given_ratio(x, "clamped"), 1.5),
+    "kuwabara_kono": (lambda x: jc.KuwabaraKono(A=x), 1.5),
+}
+ROUTES = [(family, method) for family in FAMILIES for method in ("auto", "event")]
+
+SCALE = st.floats(-12, 12).map(lambda x: 10**x)
+
+
+def solved(family, method, number, mass=1.0, stiffness=1.0, velocity=1.0):
+    law_of, n = FAMILIES[family]
+    contact = jc.Contact(mass, stiffness, n)
+    return impacts(law_of(number), contact, velocity, method=method)
+
+
+def parted(hit):
+    return hit.status == jc.Status.SEPARATED
+
+
+@pytest.mark.parametrize(("family", "method"), ROUTES)
+@given(numbers=lanes(DAMPING))
+@settings(max_examples=15)
+def test_more_damping_never_gives_more_rebound(family, method, numbers):
+    """Nor is energy gained: e ≤ 1, and what is lost is between none and all."""
+    numbers = np.sort(numbers)
+    if (family, method) == ("kuwabara_kono", "event"):
+        # Stronger damping by event takes seconds: see test_rounding.
+        numbers = np.minimum(numbers, 1e2)
+    hit = solved(family, method, numbers)
+    good = parted(hit)
+    e, lost = hit.restitution[good], hit.energy_loss[good]
+    assert np.all((e >= 0) & (e <= 1)) and np.all((lost >= 0) & (lost <= 0.5))
+    assert np.all(np.diff(e) <= ORDER * e[1:])
+    if (family, method) == ("hunt_crossley", "auto"):
+        # The contact is shallower and lasts longer.
+        assert np.all(np.diff(hit.max_indentation) <= 1e-13)
+        assert np.all(np.diff(hit.duration) >= -1e-13 * hit.duration[1:])
+        assert np.all(np.diff(hit.compression_time) <= 1e-13)
+        assert (hit.max_force > 0).all() and (hit.compression_time < hit.duration).all()
+    # Weakly damped lanes are never flagged.
+    assert np.all(good[numbers < 0.1])
+
+
+@given(numbers=lanes(DAMPING), m=lanes(SCALE), k=lanes(SCALE), v=lanes(SCALE))
+@settings(max_examples=25)
+def test_units_drop_out(numbers, m, k, v):
+    """Over 24 orders of magnitude: α alone decides, and the rest scales."""
+    v = np.maximum(v, 1e-6)
+    hit = solved("hunt_crossley", "auto", numbers, m, k, v)
+    unit = solved("hunt_crossley", "auto", numbers)
+    length = (m / k) ** 0.4 * v**0.8
+    np.testing.assert_array_equal(hit.restitution, unit.restitution)
+    for name, scale in {
+        "duration": length / v,
+        "compression_time": length / v,
+        "max_indentation": length,
+        "max_force": k * length**1.5,
+        "energy_loss": m * v**2,
+        "rebound_velocity": v,
+    }.items():
+        expected = getattr(unit, name) * scale
+        np.testing.assert_allclose(
+            getattr(hit, name), expected, rtol=UNITS, atol=TINY, err_msg=name
+        )
+    # The elastic contact is the shortest: 3.218 of its units.
+    assert np.all(unit.duration >= 3.218)
+
+
+@given(numbers=lanes(st.floats(-6, 1.3).map(lambda x: 10**x)))
+@settings(max_examples=25)
+def test_the_methods_agree(numbers):
+    """Down to e = 0.03; what the phase method does not reach, it flags."""
+    exact, event, phase = (
+        solved("hunt_crossley", how, numbers) for how in ("auto", "event", "phase")
+    )
+    assert exact.method == "exact" and parted(exact).all() and parted(event).all()
+    for other in (event, phase):
+        good = parted(other)
+        for name in ("restitution", "duration", "compression_time", "max_indentation", "max_force"):
+            found, expected = (getattr(hit, name)[good] for hit in (other, exact))
+            np.testing.assert_allclose(found, expected, rtol=AGREE, err_msg=name)
+    assert parted(phase)[exact.restitution > 0.1].all()
+
+
 # --- Method objects -------------------------------------------------------------------------------
 
 CONTACT = jc.Contact(0.7, 3e8)
@@ -375,7 +471,7 @@ CRUDE = 3e-3
 def test_a_method_of_the_users(force):
     law, how = jc.HuGuo(e=jnp.array([0.5, 0.7, 0.9])), Classical(step=1e-3)
     hit = jc.impact(law, CONTACT, 1.3, method=how, external_force=force)
-    known = jc.impact(law, CONTACT, 1.3, external_force=force)
+    known = impacts(law, CONTACT, 1.3, external_force=force)
     assert hit.method == "classical" and known.method != "classical"
     for name in ("restitution", "duration", "compression_time", "max_indentation", "max_force"):
         np.testing.assert_allclose(getattr(hit, name), getattr(known, name), rtol=CRUDE)

@@ -365,13 +365,3 @@ def test_derivatives_by_a_traced_exponent():
     # Differences of order six of the oracle, with steps of 2e-3 and 1e-4. Measured 4e-13.
     assert e == pytest.approx(-7.608526760e-6, abs=1e-11)
     assert duration == pytest.approx(0.303636830147, rel=1e-9)
-
-
-def test_a_force_that_was_not_followed_to_its_largest_is_flagged():
-    """A creep to rest was known from its speed, and the push returned for the largest force."""
-    law, contact = given_ratio(np.array(500.0), "clamped"), jc.Contact(1.0, 1.0, 3.0)
-    hit = impacts(law, contact, method=jc.Event(max_steps=40), external_force=1e4)
-    assert hit.status == jc.Status.NOT_CONVERGED
-    hit = impacts(law, contact, method="event", external_force=1e4)
-    assert hit.status == jc.Status.SETTLED
-    assert hit.max_force == pytest.approx(13994.75, rel=1e-5)

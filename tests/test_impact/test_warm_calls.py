@@ -147,13 +147,13 @@ def _is_program(x):
 
 
 def everything(solve):
-    """Value, both derivatives, and all of it for a batch, as one program."""
+    """The value, alone and with both derivatives in a batch, as one program."""
 
     def point(p):
         return solve(p), jax.jacfwd(solve)(p), jax.grad(solve)(p)
 
     def program(p):
-        return point(p), jax.vmap(point)(jax.tree.map(lambda x: jnp.stack([x, x]), p))
+        return solve(p), jax.vmap(point)(jax.tree.map(lambda x: jnp.stack([x, x]), p))
 
     return jax.make_jaxpr(program)(PLACE).jaxpr
 
