@@ -268,9 +268,7 @@ def test_nothing_is_solved_where_the_series_serve():
 
     assert "while" not in str(jax.make_jaxpr(lambda a: impact(a, 1.5))(0.3))
     # Another exponent, or a traced one, is solved.
-    assert (
-        jax.eval_shape(
-            lambda n: jc.impact(law(0.3, True), jc.Contact(1.0, 1.0, n), 1.0), jnp.array(1.5)
-        ).method
-        == "event"
-    )
+    for n in (2.0, jnp.array(1.5)):
+        contact = jc.Contact(1.0, 1.0, n)
+        traced = jax.eval_shape(lambda at=contact: jc.impact(law(0.3, True), at, 1.0))
+        assert traced.method == "event" and traced.steps is not None

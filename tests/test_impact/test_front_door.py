@@ -174,12 +174,6 @@ def test_scalars_out_of_range_raise(make, words):
         assert word in str(caught.value)
 
 
-def test_no_default_is_checked_away_by_tracing():
-    # The same value, traced: a flag instead of an error.
-    hit = jax.jit(lambda v: jc.impact(LAW, CONTACT, v))(-1.0)
-    assert hit.status == jc.Status.INVALID_INPUT
-
-
 # --- Options --------------------------------------------------------------------------------------
 
 # Two orders of the same steps; measured 4e-15 and 6e-14.
@@ -210,18 +204,6 @@ def test_no_external_force_is_the_free_path():
     for none in (None, 0, 0.0):
         hit = jc.impact(LAW, CONTACT, 1.3, external_force=none)
         assert hit.method == "exact" and same(hit, free)
-
-
-def test_auto_is_the_cheapest_right_method():
-    # Known while tracing, so nothing is compiled.
-    def traced(law, contact=CONTACT):
-        return jax.eval_shape(lambda: jc.impact(law, contact, 1.3))
-
-    assert traced(LAW).method == "exact"
-    assert traced(jc.AntypovElliott(e=0.6)).method == "exact"
-    assert traced(jc.KuwabaraKono(A=1e-6)).method == "exact"
-    viscoelastic = traced(jc.KuwabaraKono(A=1e-6), SOFTER)
-    assert viscoelastic.method == "event" and viscoelastic.steps is not None
 
 
 @pytest.mark.parametrize("method", ["exact", "event"])

@@ -273,13 +273,6 @@ def test_a_conservative_law_returns_all_under_any_force():
     assert (hit.energy_loss >= 0).all() and (hit.energy_loss < 1e-60).all()
 
 
-@pytest.mark.slow(reason="a bounce with a program of its own: see the test above")
-def test_a_dropped_ball_of_hertz_never_rises():
-    heights = jnp.array([1e-12, 1e-10, 1e-8])
-    run = jc.bounce(jc.Hertz(), jc.Contact(1.0, 1.4e8), height=heights, gravity_in_contact=True)
-    assert (run.height <= heights[:, None] * (1 + 1e-12)).all()
-
-
 @pytest.mark.parametrize("tension", [True, False])
 def test_no_energy_is_gained(tension):
     """e² ≤ 1 + 2Γδ: a contact without tension ends at δ > 0, where the push has done work."""
@@ -308,9 +301,8 @@ def test_a_push_gives_no_energy_to_a_contact_that_ends_where_it_began(numbers, p
 
 def test_what_little_damping_takes_under_a_strong_pull():
     """The pull alone moves the bodies, v² = 1 - 2Γx, until the force vanishes at 1 + αv = 0."""
-    alpha, pull = np.array([5.0, 300.0, 1e4]), 1e4
-    contact = jc.Contact(1.0, 1.0, np.array([3.0]))
-    hit = impacts(jc.Damped(alpha=alpha), contact, external_force=-pull)
+    alpha, pull = np.array([5.0, 300.0, 1e4]), 1e6
+    hit = impacts(jc.Damped(alpha=alpha), UNIT[1.5], external_force=-pull)
 
     def depth(v):
         return (1 - v * v) / (2 * pull)
@@ -318,8 +310,8 @@ def test_what_little_damping_takes_under_a_strong_pull():
     with mp.workdps(oracle.DIGITS):
         want = [
             float(
-                mp.quad(lambda v, a=a: a * v**2 * depth(v) ** 3 / pull, [-1 / mpf(a), 1])
-                + depth(1 / mpf(a)) ** 4 / 4
+                mp.quad(lambda v, a=a: a * v**2 * depth(v) ** 1.5 / pull, [-1 / mpf(a), 1])
+                + depth(1 / mpf(a)) ** 2.5 / 2.5
             )
             for a in alpha.tolist()
         ]
