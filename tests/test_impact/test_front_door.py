@@ -77,7 +77,7 @@ def test_bad_lanes_spoil_no_derivative(method):
         numbers = hit.restitution + 1e3 * hit.duration + 1e-5 * hit.max_force
         return jnp.sum(jnp.where(good, numbers, 0))
 
-    gradient = jax.grad(total, argnums=(0, 1))
+    gradient = jax.jit(jax.grad(total, argnums=(0, 1)))
     shared = {k: jnp.array(GOOD[k]) for k in names}
     own = {k: batch(LANES, k) for k in names}
     for varied in ("ev", "Km"):
@@ -94,10 +94,10 @@ def test_lanes_that_did_not_converge_spoil_no_derivative():
         hit = jc.impact(law, jc.Contact(p["m"], p["K"]), p["v"], method="phase")
         return hit.duration[0] + 0 * jnp.sum(jnp.nan_to_num(hit.duration))
 
-    assert finite(jax.grad(total)({k: jnp.array(GOOD[k]) for k in "Kmv"}))
+    assert finite(jax.jit(jax.grad(total))({k: GOOD[k] for k in "Kmv"}))
 
 
-def test_bad_exponents_and_forces_are_flagged():
+def test_bad_exponents_are_flagged():
     n = np.array([1.5, 0.9, 3.1, np.nan, 2.0, np.inf])
     hit = impacts(LAW, jc.Contact(0.7, 3e8, n), 1.3)
     assert (hit.status == [0, 3, 3, 3, 0, 3]).all()
@@ -106,13 +106,6 @@ def test_bad_exponents_and_forces_are_flagged():
     n[4] = 1
     linear = impacts(jc.KelvinVoigt(e=0.6), jc.Contact(0.7, 3e8, n), 1.3)
     assert (linear.status == [3, 3, 3, 3, 0, 3]).all()
-    forces = np.array([9.8, np.nan, np.inf, 0.0])
-    pushed = impacts(LAW, CONTACT, 1.3, external_force=forces)
-    assert (pushed.status == [0, 3, 3, 0]).all()
-    # A force that is an array is accepted with any value.
-    free = impacts(LAW, CONTACT, 1.3)
-    assert free.method == "exact" and pushed.method == "event"
-    assert np.isclose(pushed.duration[3], free.duration, rtol=1e-8, atol=0)
 
 
 class Negative(jc.AbstractHuntCrossley):

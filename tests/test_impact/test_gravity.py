@@ -81,6 +81,16 @@ def test_a_slow_bounce_settles():
     assert 0.97 * free < hit.restitution[-1] < free
 
 
+def test_bad_forces_are_flagged():
+    forces = np.array([WEIGHT, np.nan, np.inf, 0.0])
+    pushed = impacts(jc.HuGuo(e=0.6), BALL, external_force=forces)
+    assert (pushed.status == [0, 3, 3, 0]).all()
+    # A force that is an array is accepted with any value.
+    free = impacts(jc.HuGuo(e=0.6), BALL)
+    assert free.method == "exact" and pushed.method == "event"
+    assert np.isclose(pushed.duration[3], free.duration, rtol=PROMISE, atol=0)
+
+
 def test_strong_damping_creeps_to_rest():
     hit = impacts(jc.Damped(1e4), BALL, np.array([1e-6, 1e-5]), external_force=WEIGHT)
     static = (WEIGHT / 1e6) ** (2 / 3)
@@ -340,4 +350,5 @@ def test_a_solve_that_missed_something_is_flagged(monkeypatch):
     hit = jc.impact(law, UNIT[1.5], 1.0, method=how, throw=False)
     path = jc.trajectory(law, UNIT[1.5], 1.0, samples=3, method=how)
     assert hit.status == jc.Status.NOT_CONVERGED and np.isnan(hit.restitution)
-    assert path.status == jc.Status.NOT_CONVERGED and np.isnan(path.velocity).all()
+    assert path.status == jc.Status.NOT_CONVERGED
+    assert np.isnan([path.time, path.velocity, path.force]).all()

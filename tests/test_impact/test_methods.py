@@ -135,6 +135,13 @@ def test_a_traced_exponent():
     assert_solved(hit, some, OTHER_EXPONENTS, alpha)
 
 
+def test_a_weakly_damped_contact_pulls_just_before_its_end():
+    """Its last step ends at x = 0 up to rounding, on either side."""
+    law = jc.KuwabaraKono(A=np.array([1e-6, 1e-4, 1e-3]))
+    exact, event = (impacts(law, UNIT[1.5], method=m).min_force for m in ("exact", "event"))
+    np.testing.assert_allclose(event, exact, rtol=PROMISE)
+
+
 # --- The phase angle ------------------------------------------------------------------------------
 
 # Range in which every published law of the family has e ≥ 0.1, with n = 3/2; measured 4.6e-10. The
