@@ -28,12 +28,15 @@ from tests.test_impact.support import (
     column,
     errors_of,
     family,
+    finite,
     given_ratio,
     grid,
     impacts,
     lanes,
     values,
 )
+
+NUMBERS = ("restitution", "duration", "compression_time", "max_indentation", "max_force")
 
 # --- Event solves ---------------------------------------------------------------------------------
 
@@ -354,10 +357,76 @@ def test_the_methods_agree(numbers):
     assert exact.method == "exact" and parted(exact).all() and parted(event).all()
     for other in (event, phase):
         good = parted(other)
-        for name in ("restitution", "duration", "compression_time", "max_indentation", "max_force"):
+        for name in NUMBERS:
             found, expected = (getattr(hit, name)[good] for hit in (other, exact))
             np.testing.assert_allclose(found, expected, rtol=AGREE, err_msg=name)
     assert parted(phase)[exact.restitution > 0.1].all()
+
+
+# --- Bad lanes -----------------------------------------------------------------------------------
+
+METHODS = ["exact", "phase", "event"]
+GOOD = {"e": 0.6, "K": 3e8, "m": 0.7, "v": 1.3}
+BAD = [
+    *({"v": x} for x in (0.0, -1.0, 1e-10, np.nan, np.inf)),
+    *({"e": x} for x in (0.0, -0.2, 1.01, np.nan, np.inf)),
+    *({"K": x} for x in (0.0, -3e8, np.nan, np.inf)),
+    *({"m": x} for x in (0.0, -0.7, np.nan, np.inf)),
+]
+BATCH = [GOOD, *(GOOD | bad for bad in BAD), GOOD | {"e": 0.9}]
+
+
+def columns(rows):
+    return {k: np.array([x[k] for x in rows]) for k in GOOD}
+
+
+def solve(p, method, by=impacts):
+    return by(jc.HuGuo(e=p["e"]), jc.Contact(p["m"], p["K"]), p["v"], method=method)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_bad_lanes_are_flagged_and_their_neighbours_untouched(method):
+    hit = solve(columns(BATCH), method)
+    good = np.array([x in (BATCH[0], BATCH[-1]) for x in BATCH])
+    assert (hit.status[good] == jc.Status.SEPARATED).all()
+    assert (hit.status[~good] == jc.Status.INVALID_INPUT).all()
+    for f in (*NUMBERS, "rebound_velocity", "energy_loss"):
+        value = getattr(hit, f)
+        assert np.isfinite(value[good]).all() and np.isnan(value[~good]).all(), f
+    harmless = [x if ok else GOOD for x, ok in zip(BATCH, good, strict=True)]
+    without = solve(columns(harmless), method)
+    assert eqx.tree_equal(*(jax.tree.map(lambda x: x[good], x) for x in (hit, without)))
+
+
+@pytest.mark.slow("event", "phase", reason="derivatives of solves in lanes that fail")
+@pytest.mark.parametrize("method", METHODS)
+def test_bad_lanes_spoil_no_derivative(method):
+    """Neither that of their neighbours nor that of what all lanes share."""
+
+    def total(shared, own, is_shared):
+        p = {k: jnp.where(is_shared[k], shared[k], own[k]) for k in GOOD}
+        hit = solve(p, method, by=jc.impact)
+        good = hit.status == jc.Status.SEPARATED
+        numbers = hit.restitution + 1e3 * hit.duration + 1e-5 * hit.max_force
+        return jnp.sum(jnp.where(good, numbers, 0))
+
+    gradient = jax.jit(jax.grad(total, argnums=(0, 1)))
+    shared, own = jax.tree.map(jnp.asarray, GOOD), columns(BATCH)
+    for varied in ("ev", "Km"):
+        of_shared, of_own = gradient(shared, own, {k: k not in varied for k in GOOD})
+        assert finite((of_shared, of_own))
+        for k in GOOD:
+            kept = of_own[k][jnp.array([0, -1])] if k in varied else of_shared[k]
+            assert (kept != 0).all(), k
+
+
+def test_lanes_that_did_not_converge_spoil_no_derivative():
+    def total(p):
+        law = jc.Damped(alpha=jnp.array([0.5, 1e6]))
+        hit = jc.impact(law, jc.Contact(p["m"], p["K"]), p["v"], method="phase")
+        return hit.duration[0] + 0 * jnp.sum(jnp.nan_to_num(hit.duration))
+
+    assert finite(jax.jit(jax.grad(total))({k: GOOD[k] for k in "Kmv"}))
 
 
 # --- Method objects -------------------------------------------------------------------------------
@@ -480,7 +549,7 @@ def test_a_method_of_the_users(force):
     hit = jc.impact(law, CONTACT, 1.3, method=how, external_force=force)
     known = impacts(law, CONTACT, 1.3, external_force=force)
     assert hit.method == "classical" and known.method != "classical"
-    for name in ("restitution", "duration", "compression_time", "max_indentation", "max_force"):
+    for name in NUMBERS:
         np.testing.assert_allclose(getattr(hit, name), getattr(known, name), rtol=CRUDE)
     if force is None:
         e = jc.restitution(law, CONTACT, 1.3, method=how)
