@@ -32,6 +32,7 @@ from tests.oracle.stored import stored
 # them. 600 digits are lost, twice 60 by the step, and many remain.
 REFERENCE_DIGITS = 900
 STEP = "1e-60"
+FEWER = 300  # for a function that does not cancel
 
 VALUE = 5e-15
 """Relative error of a value: measured 2e-15 (sinh of 100 in sinc_root), 5e-16 elsewhere."""
@@ -60,10 +61,10 @@ def derivatives(function, points):
     return [np.asarray(part) for part in everything(jnp.asarray(points))]
 
 
-def reference(function, points):
+def reference(function, points, digits=REFERENCE_DIGITS):
     """The same three in mpmath by central differences; `function` knows its removable points."""
     rows = []
-    with mp.workdps(REFERENCE_DIGITS):
+    with mp.workdps(digits):
         h = mp.mpf(STEP)
         for x in map(mp.mpf, points):
             low, mid, high = function(x - h), function(x), function(x + h)
@@ -138,7 +139,8 @@ FUNCTIONS = {
 def test_values_slopes_and_curvatures(name):
     function, exact, points = FUNCTIONS[name]
     *found, back = derivatives(function, points)
-    expected = reference(exact, points)
+    digits = FEWER if name == "half_gamma_ratio" else REFERENCE_DIGITS
+    expected = reference(exact, points, digits)
     for order, tolerance in enumerate((VALUE, FIRST, SECOND)):
         np.testing.assert_allclose(found[order], expected[order], rtol=tolerance, err_msg=order)
     np.testing.assert_allclose(back, expected[1], rtol=FIRST)

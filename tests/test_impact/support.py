@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from hypothesis import strategies as st
 
 import jaxcontact as jc
 from jaxcontact._laws import AbstractOscillator
@@ -60,6 +61,13 @@ def slopes(some, by: str, table: str = "d") -> dict[str, np.ndarray]:
 
 
 LANES = 16  # as many as the oracle has for one exponent
+
+DAMPING = st.one_of(st.floats(-6, 6).map(lambda x: 10**x), st.sampled_from([0.0, 1e-300, 1e6]))
+
+
+def lanes(one):
+    """Rows of numbers by hypothesis, which fill one program."""
+    return st.lists(one, min_size=LANES, max_size=LANES).map(np.array)
 
 
 def impacts(law, contact, velocity=1.0, **options):

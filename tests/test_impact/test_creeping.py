@@ -89,11 +89,6 @@ LAWS = {
 }
 
 
-def least(name, p, method):
-    made, _, n = LAWS[name]
-    return impacts(made(p), UNIT[n], method=method).min_force
-
-
 @stored()
 def sampled(name, p, n, duration):
     """The least force of SciPy's motion. Samples are close together near the end, where a weakly
@@ -142,18 +137,12 @@ def test_an_event_solve_finds_the_same(name):
     np.testing.assert_allclose(event[1], exact[1], rtol=10 * STEPPED)
 
 
-def test_a_weakly_damped_contact_pulls_just_before_its_end():
-    """Its last step ends at x = 0 up to rounding, on either side."""
-    weak = np.array([1e-6, 1e-4, 1e-3])
-    exact, event = (least("kuwabara_kono", weak, method) for method in ("exact", "event"))
-    np.testing.assert_allclose(event, exact, rtol=STEPPED)
-
-
 def test_a_linear_dashpot_lets_go_with_all_its_force():
     """-2ζ e at n = 1 for ζ < 1/2, where the force jumps to zero."""
     e = np.array([0.99, 0.3, 1.0])
     zeta = -np.log(e) / np.hypot(np.pi, np.log(e))
-    np.testing.assert_allclose(least("kelvin_voigt", e, "exact"), -2 * zeta * e, rtol=1e-14)
+    least = impacts(jc.KelvinVoigt(e=e), UNIT[1.0]).min_force
+    np.testing.assert_allclose(least, -2 * zeta * e, rtol=1e-14)
 
 
 def test_it_is_printed_where_a_contact_may_pull():

@@ -171,11 +171,11 @@ def test_many_lanes_are_computed_by_another_form():
     for function, expected in zip((sine, slope, jax.jacfwd(slope)), exact, strict=True):
         for lanes, name in ((5, "few"), (2000, "many")):
             counts.update(few=0, many=0)
-            found = jax.vmap(function)(x[:lanes])
+            found = jax.jit(jax.vmap(function))(x[:lanes])
             np.testing.assert_allclose(found, expected[:lanes], 1e-14, 1e-15)
             assert counts[name] > 0
             assert name == "many" or counts["many"] == 0
-    nested = jax.vmap(jax.vmap(sine))(x.reshape(40, 50))
+    nested = jax.jit(jax.vmap(jax.vmap(sine)))(x.reshape(40, 50))
     assert counts["many"] > 0
     np.testing.assert_allclose(nested.reshape(-1), exact[0], 1e-14)
 

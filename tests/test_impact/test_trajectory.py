@@ -142,12 +142,6 @@ def test_gravity_and_settling():
     assert finite((path.time, path.force))
 
 
-def test_too_few_steps_are_flagged():
-    path = jc.trajectory(HU_GUO, CONTACT, SPEED, method=jc.Event(max_steps=4))
-    assert path.status == jc.Status.NOT_CONVERGED
-    assert np.isnan(path.time).all() and np.isnan(path.force).all()
-
-
 def test_a_contact_without_tension_never_pulls():
     law = jc.KuwabaraKono(A=4e-5, tension=False)
     path = jc.trajectory(law, CONTACT, SPEED)

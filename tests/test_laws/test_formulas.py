@@ -116,16 +116,16 @@ def slope(law, row, argument):
 
 
 @pytest.mark.parametrize("kind", ["float32", "float64"])
-@pytest.mark.parametrize("e", [0.9, 0.5, 0.05])
-def test_a_derivative_by_no_closing_speed_is_zero(e, kind):
+def test_a_derivative_by_no_closing_speed_is_zero(kind):
     """Below its floor v0 does not matter; there the damping is so large that slopes overflow."""
-    number = functools.partial(jnp.asarray, dtype=kind)
-    contact = jc.Contact(number(0.5), number(1e8), 1.5)
+    number = functools.partial(np.asarray, dtype=kind)
 
-    def force(v0):
-        return jc.Flores(e=number(e)).force(number(1e-3), number(1.0), contact, v0)
+    def force(v0, e):
+        contact = jc.Contact(number(0.5), number(1e8), 1.5)
+        return jc.Flores(e=e).force(number(1e-3), number(1.0), contact, v0)
 
-    assert jax.grad(force)(number(0.0)) == jax.jacfwd(force)(number(0.0)) == 0
+    both = jax.vmap(lambda v0, e: (jax.grad(force)(v0, e), jax.jacfwd(force)(v0, e)))
+    np.testing.assert_array_equal(jax.jit(both)(number([0.0] * 3), number([0.9, 0.5, 0.05])), 0)
 
 
 FORMULA = 2e-15
@@ -182,9 +182,10 @@ def test_what_laws_deliver(name):
     law = VARIANTS[name].make(jnp.linspace(0.9, 0.1, len(digits)))
     found = jc.restitution(law)
     np.testing.assert_allclose(found, np.array(digits) * unit, rtol=0, atol=0.51 * unit)
-    # Another program may round differently: measured 1.1e-16.
-    placed = jc.restitution(law, CONTACT, 1.0)
-    np.testing.assert_allclose(placed, found, rtol=4 * np.finfo(float).eps)
+    if name in ("flores", "thornton"):  # of either family
+        # Another program may round differently: measured 1.1e-16.
+        placed = jc.restitution(law, CONTACT, 1.0)
+        np.testing.assert_allclose(placed, found, rtol=4 * np.finfo(float).eps)
 
 
 EXACT = 1e-13
@@ -226,21 +227,22 @@ SMALL_LOSS = {
 
 
 def test_small_losses():
-    """To first order 1 - e = 2 alpha/3: alpha' = -3/2 at e = 1 loses as much as it should."""
+    """To first order 1 - e = 2 alpha/3: alpha' = -3/2 at e = 1 loses as much as it should.
+
+    That the restitution of any alpha has the slope -2/3 at 0 is in test_elementary.
+    """
 
     @jax.jit
     def slopes(e):
-        both = {}
-        for name in SMALL_LOSS:
-            both[name] = (
-                jax.grad(lambda e, name=name: jc.get_law(name, e=e).damping_factor())(e),
-                jax.grad(lambda e, name=name: jc.restitution(jc.get_law(name, e=e)))(e),
-            )
-        return both
+        return {
+            name: jax.grad(lambda e, name=name: jc.get_law(name, e=e).damping_factor())(e)
+            for name in SMALL_LOSS
+        }, jax.grad(lambda e: jc.restitution(jc.Flores(e=e)))(e)
 
-    for name, (factor, delivered) in slopes(jnp.asarray(1.0)).items():
+    factors, delivered = slopes(jnp.asarray(1.0))
+    for name, factor in factors.items():
         np.testing.assert_allclose(factor, -1.5 * SMALL_LOSS[name], rtol=FORMULA, err_msg=name)
-        np.testing.assert_allclose(delivered, SMALL_LOSS[name], rtol=FORMULA, err_msg=name)
+    np.testing.assert_allclose(delivered, SMALL_LOSS["flores"], rtol=FORMULA)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from tests.test_laws.table import ALPHA_OF_E, FAMILY, LAWS, VARIANTS
+from tests.test_laws.table import ALPHA_OF_E, LAWS, VARIANTS
 
 ROUNDING = 1e-14  # a few products: measured 7e-16
 
@@ -118,32 +118,6 @@ def test_the_force_does_not_depend_on_the_unit_of_speed(name):
     np.testing.assert_allclose(force, 1e8 * 1e-3**1.5 * (1 + alpha), rtol=ROUNDING)
     assert np.isfinite(law.force(1e-3, 1.0, contact, 0.0))
     assert np.isfinite(law.force(np.float32(1e-3), np.float32(1), contact, np.float32(0)))
-
-
-@pytest.mark.parametrize("law", [jc.ConstantDamping(c=1e8), jc.MarhefkaOrin(a=0.5)])
-def test_laws_without_memory_have_no_threshold(law):
-    contact = jc.Contact(mass=1.0, stiffness=1e8)
-    speeds = jnp.array([0.0, 1e-300, 1e-9, 1e-3, 5.0])
-    force = law.force(1e-3, 0.4, contact, speeds)
-    np.testing.assert_allclose(force, force[-1], rtol=ROUNDING)
-    assert force[-1] > 1e8 * 1e-3**1.5
-
-
-@pytest.mark.parametrize("name", FAMILY)
-def test_pull_is_a_choice(name):
-    law = LAWS[name]
-    contact = jc.Contact(mass=1.0, stiffness=1e8)
-    rates = jnp.array([-1e3, 1.0])
-    default = law.make(*law.parameters[1])
-    assert default.tension is False
-    clamped = default.force(1e-3, rates, contact, 1.0)
-    pulling = law.cls(**dict(zip(law.names, law.parameters[1], strict=True)), tension=True)
-    free = pulling.force(1e-3, rates, contact, 1.0)
-    assert clamped[1] == free[1] > 0
-    if name == "hertz":
-        assert clamped[0] == free[0] > 0
-    else:
-        assert clamped[0] == 0 and free[0] < 0
 
 
 def test_which_laws_pull_by_default():
