@@ -10,8 +10,9 @@ from jaxtyping import ArrayLike
 from ._entry import (
     FRACTION,
     POSITIVE,
+    is_list,
+    refusal,
     refuses_unknown,
-    rendered,
     require_count,
     require_flag,
     require_number,
@@ -153,9 +154,7 @@ def simulate(
     from ._system import System, simulate_system
 
     if not isinstance(model, System):
-        raise ValueError(
-            f"Argument `model` must be a `Scene` or a `System`, but is {rendered(model)}."
-        )
+        raise refusal("model", "be a `Scene` or a `System`", model)
     _refuse("a `System`", **from_scene)
     length = one_number(duration, "duration", POSITIVE)
     with progress_of_run(progress) as tell:
@@ -176,7 +175,7 @@ def simulate(
 
 
 def _is_empty(value: Any) -> bool:
-    return isinstance(value, tuple | list) and len(value) == 0
+    return is_list(value) and len(value) == 0
 
 
 def _given(name: str, value: Any) -> Any:

@@ -71,15 +71,12 @@ def step_in_loop(
     def stage(slopes: State, at: tuple[Array, Array]) -> tuple[State, None]:
         index, weights = at
         slope = rate(moved(weights, slopes))
-        return jax.tree.map(functools.partial(_put, index), slopes, slope), None
+        # Unlike `at`, this does not check the index at every stage.
+        put = jax.lax.dynamic_update_index_in_dim
+        return jax.tree.map(lambda rows, row: put(rows, row, index, 0), slopes, slope), None
 
     slopes, _ = jax.lax.scan(stage, buffer, (jnp.arange(stages), jnp.asarray(rule.matrix)))
     return moved(rule.solution, slopes), changed(rule.error, slopes)
-
-
-def _put(index: Array, buffer: Array, slope: Array) -> Array:
-    # Unlike `at`, this does not check the index at every stage.
-    return jax.lax.dynamic_update_index_in_dim(buffer, slope, index, 0)
 
 
 def step_and_slope(

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from .._entry import (
+    refusal,
     rendered,
     require_choice,
     require_count,
@@ -370,10 +371,7 @@ def _reduce(
     except (TypeError, ValueError):
         fold = value = None
     if not callable(fold):
-        raise ValueError(
-            "Argument `reduce` must be a pair (start, fold) with a function, "
-            f"but is {rendered(reduce)}."
-        )
+        raise refusal("reduce", "be a pair (start, fold) with a function", reduce)
     groups, function = (plan.whole,), _name_of(fn)
     done = 0
     try:

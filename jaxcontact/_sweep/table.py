@@ -92,7 +92,7 @@ class SweepColumn:
             kinds, numbers = np.unique(self.array(shape), return_counts=True)
             return dict(zip(kinds.tolist(), numbers.tolist(), strict=True))
         lanes = math.prod(shape)
-        free = lanes // math.prod(shape[d] for d in used)
+        free = lanes // math.prod(map(shape.__getitem__, used))
         kept = free * math.prod(int(np.count_nonzero(mask.values)) for mask in self.masks)
         kinds, numbers = np.unique(self.values, return_counts=True)
         counts = {k: kept * n for k, n in zip(kinds.tolist(), numbers.tolist(), strict=True)}

@@ -145,7 +145,7 @@ def _solve_to_stop(
         until=(stop - state.time) / units.time,
         used=jnp.ones_like(state.closed),
         start=state.time,
-        last=_just_before(stop),
+        last=_stop(jnp.nextafter(_stop(stop), jnp.full_like(stop, -jnp.inf))),
         ends=ends_of(mechanics.system.law, problem.contact, units.length, state.closed.shape[0]),
     )
     solve = _SystemSolve(
@@ -207,11 +207,6 @@ def _in_larger_units(solve: _SystemSolve, loop: _Loop) -> _Loop:
         renew=renew if renew is None or not field.rules.sticks else renew | grows,
     )
     return loop._replace(carry=carry, scales=loop.scales.grown(by))
-
-
-def _just_before(stop: Number) -> Number:
-    """Return the last time before a stop."""
-    return _stop(jnp.nextafter(_stop(stop), jnp.full_like(stop, -jnp.inf)))
 
 
 def _start(solve: _SystemSolve, state: SystemState) -> CoupledStart:

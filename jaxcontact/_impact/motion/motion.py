@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..._entry import Specialised
+from ..._entry import Specialised, static_value
 from ..._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
 from ..._functions import power
 from ..._solver.runge_kutta import step
@@ -85,7 +85,7 @@ class Motion(eqx.Module):
     def order(self) -> int:
         """The k of x = w^k."""
         known = self.form.damping(self.n, jnp.asarray(True)) is not None
-        if self.smooth and not isinstance(self.n, float) and known and self.momentum is None:
+        if self.smooth and static_value(self.n) is None and known and self.momentum is None:
             return _SMOOTH
         return self.form.order(self.n)
 
@@ -194,7 +194,7 @@ class Motion(eqx.Module):
         change = -self.pull(state, compressing)
         if self.softness is not None:
             softness, p = self.softness
-            if not (isinstance(p, float) and p == 0):
+            if static_value(p) != 0:
                 change = change + softness * p * signed_power(w, k * p - 1) * velocity
         if self.push is not None:
             change = change + self.push * clock
@@ -440,7 +440,7 @@ class Motion(eqx.Module):
             return jnp.where(state.w < 0, jnp.minimum(pulling, state.w), pulling)
         softness, p = self.softness
         c, _ = self.damping_back()
-        if isinstance(p, float) and p == 0:
+        if static_value(p) == 0:
             gap = jnp.where(softness > 0, state.u, 1 + c * velocity)
             # Beyond x = 0 time may run back, and the gap may open again. Only earlier states show
             # whether it had closed. Here it counts as closed, but not earlier than x = 0.

@@ -139,15 +139,11 @@ def in_branch(wanted: Flag, of: Callable[[], Any]) -> Any:
 
     def yes() -> Any:
         out = of()
-        kinds[:] = [jax.tree.map(lambda x: (jnp.shape(x), jnp.result_type(x)), out)]
+        kinds[:] = [jax.eval_shape(lambda: out)]
         return out
 
     def no() -> Any:
         # JAX traces this branch after the other one.
-        return jax.tree.map(lambda kind: jnp.zeros(*kind), kinds[0], is_leaf=_is_kind)
+        return jax.tree.map(jnp.zeros_like, kinds[0])
 
     return jax.lax.cond(wanted, yes, no)
-
-
-def _is_kind(kind: Any) -> bool:
-    return type(kind) is tuple

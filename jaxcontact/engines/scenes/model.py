@@ -13,7 +13,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float, Int
 
-from ... import AbstractFriction, AbstractLaw, Contact, Material, Scene, Shell, Sphere, SpringSlider
+from ... import AbstractFriction, AbstractLaw, Contact, Material, Scene, Shell, Sphere
 from ...extend import AbstractMotion, ratio_of, rendered, restitution_is_constant, words
 
 
@@ -336,7 +336,7 @@ def _touch(scene: Scene, first: BodyGroup, second: BodyGroup) -> Touch:
             )
         stiffness = 4 / 3 * math.sqrt(radius) / soft
     friction = of(scene.friction)
-    if isinstance(friction, SpringSlider):
+    if friction is not None and friction.kind == "spring":
         ratio = float(ratio_of(friction, None if ratio is None else jnp.asarray(ratio)))
     mass = 1 / (first.inverse_mass + second.inverse_mass)
     exponent = float(scene.exponent)
