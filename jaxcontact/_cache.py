@@ -8,8 +8,6 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
-from ._entry import refusal
-
 VARIABLE = "JAXCONTACT_CACHE"
 """Names another folder; if empty, nothing is kept. JAX's own variable takes precedence."""
 
@@ -69,7 +67,11 @@ def _programs_in(parent: str | os.PathLike[str]) -> Path:
     except (OSError, TypeError, ValueError):
         writable = False
     if not writable:
-        raise refusal("folder", "be a folder that can be written to", parent)
+        from ._entry import rendered
+
+        raise ValueError(
+            f"Argument `folder` must be a folder that can be written to, but is {rendered(parent)}."
+        )
     return folder
 
 

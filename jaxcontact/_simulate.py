@@ -135,9 +135,8 @@ def simulate(
     from_scene = {"instantaneous": instantaneous, "max_cluster": max_cluster}
     of_system = {"position": position, "velocity": velocity, "args": args}
     if isinstance(model, Scene):
-        _refuse(
-            "a `Scene`", **of_system, breakpoints=None if _is_empty(breakpoints) else breakpoints
-        )
+        empty = is_list(breakpoints) and not breakpoints
+        _refuse("a `Scene`", **of_system, breakpoints=None if empty else breakpoints)
         with progress_of_run(progress) as tell:
             return simulate_scene(
                 model,
@@ -172,10 +171,6 @@ def simulate(
             tell=tell,
             throw=require_flag("throw", throw),
         )
-
-
-def _is_empty(value: Any) -> bool:
-    return is_list(value) and len(value) == 0
 
 
 def _given(name: str, value: Any) -> Any:

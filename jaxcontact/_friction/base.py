@@ -126,7 +126,12 @@ class AbstractFriction(eqx.Module):
     @property
     def creep(self) -> Lane | None:
         """The slip speed in m/s up to which the force of a ramp grows; None without a ramp."""
-        return None
+        return getattr(self, "v_d", None) if self.kind == "ramp" else None
+
+    @property
+    def is_followed(self) -> bool:
+        """Whether coupled contacts of a scene have the outcome that `rebound` gives."""
+        return False
 
     def require_for_system(self) -> None:
         """Raise ValueError for numbers that a `System` must not have."""

@@ -99,8 +99,9 @@ class RegularizedCoulomb(AbstractFriction):
         self.v_d = as_parameter(v_d, "v_d", POSITIVE)
 
     @property
-    def creep(self) -> Lane:
-        return self.v_d
+    def is_followed(self) -> bool:
+        # A subclass may have another outcome.
+        return type(self) is RegularizedCoulomb
 
     def force(
         self, normal: Float[Array, " contacts"], slip: Float[Array, "contacts ..."]

@@ -194,6 +194,10 @@ class SpringSlider(AbstractFriction):
     def held(self) -> str:
         return self.form
 
+    @property
+    def is_followed(self) -> bool:
+        return self.form == "force"
+
     def require_for_system(self) -> None:
         if self.ratio is None:
             raise ValueError(

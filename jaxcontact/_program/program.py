@@ -47,7 +47,7 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
         return _differentiable(_of_leaves(function, structure), kinds)
 
     def repeated(structure: Any, leaves: list) -> Any:
-        known = computed.get(structure)
+        known = computed.get(structure) if untraced() else None
         # `leaf.shape` takes five times as long.
         several = known and any(type(x) is not float and x.aval.shape for x in leaves)
         return known(*leaves) if known and not several else None
@@ -66,7 +66,7 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
         leaves, structure = jax.tree.flatten((numbers, *choices))
         plain = _are_numbers(*map(type, leaves))
         if again:
-            return repeated(structure, leaves) if plain and untraced() else None
+            return repeated(structure, leaves) if plain else None
         if all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(choices)):
             if plain:
                 return of_numbers(structure, leaves)

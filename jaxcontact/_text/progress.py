@@ -10,8 +10,6 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
-from .._entry import refusal
-
 _PATIENCE = 1.0
 """Seconds; work that ends sooner shows no bar."""
 _TERMINAL, _FILE = 0.2, 10.0
@@ -124,7 +122,7 @@ def progress_of_run(wanted: bool | Listener | None) -> Iterator[TellRun]:
 def require_progress(wanted: Any, arguments: str = "two numbers") -> None:
     """Raise ValueError for values that `progress_of` or `stages_of` does not accept."""
     # Imported here, so that --help of the command line does not wait for JAX.
-    from .._entry import as_flag
+    from .._entry import as_flag, refusal
 
     if not callable(wanted) and wanted is not None and as_flag(wanted) is None:
         raise refusal("progress", f"be True, False, None or a function of {arguments}", wanted)

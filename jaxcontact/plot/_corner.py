@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -140,7 +141,8 @@ def _drawable(result: Any, names: Any) -> _NormalApproximation | _Drawn:
         raise ValueError(
             f"Argument `result` must be a fit that converged, but it did not: {result.reason}."
         )
-    certain = tuple(n for n, error in result.standard_errors.items() if np.isfinite(error))
+    errors = result.standard_errors
+    certain = tuple(itertools.compress(errors, np.isfinite([*errors.values()])))
     if names is None and not certain:
         raise ValueError(
             "Argument `result` must be a fit with standard errors, but no parameter has one."
@@ -152,7 +154,7 @@ def _drawable(result: Any, names: Any) -> _NormalApproximation | _Drawn:
                 f"Argument `names` must name parameters with a standard error, but names {name}, "
                 "which has none."
             )
-    place = [result.names.index(name) for name in chosen]
+    place = list(map(result.names.index, chosen))
     return _NormalApproximation(
         chosen, result.values[place], result.covariance[np.ix_(place, place)]
     )

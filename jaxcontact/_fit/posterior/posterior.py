@@ -330,12 +330,12 @@ def _faults(
     if lost:
         faults.append(f"the data do not exclude the bound of {first_few(lost)}: give a `prior`")
     if mixed:
-        worst = float(np.max([ratio[n] for n in mixed]))
+        worst = float(np.max(list(map(ratio.__getitem__, mixed))))
         faults.append(f"chains differ in {first_few(mixed)}, R-hat up to {_ratio(worst)}")
     if drawn.divergences:
         faults.append(f"{drawn.divergences} of {drawn.phi[..., 0].size} draws diverged")
     if few:
-        least = float(np.min([count[n] for n in few]))
+        least = float(np.min(list(map(count.__getitem__, few))))
         faults.append(f"{least:.0f} effective samples of {first_few(few)}, of {FEWEST_EFFECTIVE}")
     return faults
 

@@ -321,20 +321,21 @@ class Motion(eqx.Module):
         Both are 1 unless damping is strong. A creeping contact without tension ends where forces
         cancel that differ little all the way. Before the turn little speed is left.
         """
-        form = self.form
-        clamped = not (form.tension or form.never_pulls)
-        ending = form.creeping_excess(self.n) if clamped else 1.0
+        form, ending = self.form, 1.0
         # With strong damping the coordinate is small at touch and on all of the way.
         momentum = self.momentum
         speed = form.creeping_speed(self.n) if momentum is None else self.momentum_at_touch()
-        if self.order == 1 and form.tension and momentum is None:
+        if form.tension:
             # For k = 1 a slow way out ends at a speed as small as e.
             tiny = math.sqrt(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny)
-            if self.always_parts:
-                speed = tiny
-            elif self.push is not None:
-                speed = jnp.where(self.push < 0, tiny, speed)
-        if self.push is not None and self.form.never_pulls and not form.tension:
+            if self.order == 1 and momentum is None:
+                if self.always_parts:
+                    speed = tiny
+                elif self.push is not None:
+                    speed = jnp.where(self.push < 0, tiny, speed)
+        elif not form.never_pulls:
+            ending = form.creeping_excess(self.n)
+        elif self.push is not None:
             # Under a weak pull the force falls to the size of the pull before it vanishes.
             speed = speed * jnp.where(self.push < 0, jnp.clip(-self.push, 1e-12, 1), 1)
         return self._fastest() * ending, speed

@@ -152,17 +152,13 @@ def coefficient_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) ->
 
 def is_followed(numbers: Numbers) -> bool:
     """Return whether all friction laws act alike in isolated and in coupled contacts."""
-    return numbers.rotation is None or all(map(_is_followed, numbers.rotation.laws))
-
-
-def _is_followed(law: AbstractFriction) -> bool:
-    return law.held == "force" or law.kind == "ramp"
+    return numbers.rotation is None or all(law.is_followed for law in numbers.rotation.laws)
 
 
 def has_impulse(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Flag:
     """Return whether the friction of bodies i and j is the impulse of a law's formula."""
     assert numbers.rotation is not None
-    return _by_pair(layout, [not _is_followed(law) for law in numbers.rotation.laws], i, j)
+    return _by_pair(layout, [not law.is_followed for law in numbers.rotation.laws], i, j)
 
 
 def spring_ratio_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Number:

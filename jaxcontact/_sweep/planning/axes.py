@@ -6,6 +6,7 @@ import dataclasses
 import inspect
 import math
 import numbers
+import operator
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -159,7 +160,7 @@ def _takes(function: Callable[..., Any]) -> list[str] | None:
 def check_call(function: Callable[..., Any], grid: SweepGrid) -> None:
     """Raise ValueError if `function` cannot be called with the inputs as keywords."""
     require_function("fn", function)
-    names = [i.name for i in grid.inputs] + [name for name, _ in grid.static]
+    names = [*map(operator.attrgetter("name"), grid.inputs), *dict(grid.static)]
     takes = _takes(function)
     for name in names:
         if takes is not None and name not in takes:
