@@ -130,7 +130,7 @@ class AbstractFriction(eqx.Module):
 
     @property
     def is_followed(self) -> bool:
-        """Whether coupled contacts of a scene have the outcome that `rebound` gives."""
+        """True if coupled contacts of a scene have the outcome that `rebound` gives."""
         return False
 
     def require_for_system(self) -> None:
