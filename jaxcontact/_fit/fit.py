@@ -187,8 +187,7 @@ def fit(
     trust region: Moré (1978), doi 10.1007/BFb0067700.
     """
     require_function("predict", predict)
-    huber = threshold_of(loss)
-    _check(optimizer)
+    huber = _check(loss, optimizer)
     if require_choice("noise", noise, (COMMON, BY_COLUMN)) == BY_COLUMN and sigma is not None:
         raise ValueError("Argument `noise` must be 'common' with `sigma`, but is 'by column'.")
     starts, seed = require_count("starts", starts, 1), require_count("seed", seed, 0)
@@ -209,17 +208,16 @@ def fit(
         whitener = whitener_of(correlation, factor > 0)
         space, theta = space_of(start, transforms)
         _refuse_too_many(space, int((factor > 0).sum()))
-        threshold, inverse = jax.tree.map(jnp.asarray, (huber, whitener))
         problem = FitProblem(
             predict,
             space,
             place_of(x),
             jnp.asarray(y),
             jnp.asarray(factor),
-            threshold,
+            jax.tree.map(jnp.asarray, huber),
             reverse,
             shapes_of(data),
-            inverse,
+            jax.tree.map(jnp.asarray, whitener),
         )
         refuse_between(columns_of(problem, noise), whitener)
         options = SearchOptions(jnp.asarray(rtol), by_gradient, most, patience, tell)
@@ -251,13 +249,15 @@ def _first_guess(
     return found.theta[best] if np.isfinite(ends[best]) else lanes[0], ends
 
 
-def _check(optimizer: Any) -> None:
+def _check(loss: Any, optimizer: Any) -> float | None:
+    threshold = threshold_of(loss)
     # A class has the functions of its objects, but is not an optimiser.
     parts = () if isinstance(optimizer, type) else ("init", "update")
     is_optax = bool(parts) and all(callable(getattr(optimizer, part, None)) for part in parts)
     is_ours = isinstance(optimizer, str) and optimizer == LEVENBERG_MARQUARDT
     if not is_optax and not is_ours:
         raise refusal("optimizer", f"be {LEVENBERG_MARQUARDT!r} or an optax optimiser", optimizer)
+    return threshold
 
 
 def threshold_of(loss: Any) -> float | None:

@@ -26,7 +26,7 @@ Dims = frozenset[int]
 
 
 @dataclass(eq=False, slots=True)
-class Fact:
+class SlotFact:
     """Fact about an array: the number that all of it is, or the dimensions it may depend on."""
 
     dims: Dims = frozenset()
@@ -45,7 +45,7 @@ class Fact:
     __hash__ = None  # pyright: ignore[reportAssignmentType]
 
 
-def dims_of(*facts: Fact) -> Dims:
+def dims_of(*facts: SlotFact) -> Dims:
     """Return the dimensions that one or several facts together may depend on."""
     return frozenset().union(*(fact.dims for fact in facts))
 
@@ -73,39 +73,39 @@ _PASS_NAN = {
 }
 
 
-def of_constant(value: Any) -> Fact:
+def of_constant(value: Any) -> SlotFact:
     # A key of random numbers, for example, is not a number, so it has no known value.
     if not isinstance(jnp.result_type(value), np.dtype):
-        return Fact()
+        return SlotFact()
     plain = np.asarray(value)
     if plain.dtype.kind not in "biuf" or plain.size == 0:
-        return Fact()
+        return SlotFact()
     first = plain.reshape(-1)[0]
-    return Fact(value=first) if bool(np.all(_same(plain, first))) else Fact()
+    return SlotFact(value=first) if bool(np.all(_same(plain, first))) else SlotFact()
 
 
-def after(step: Step, reads: list[Fact]) -> list[Fact]:
+def after(step: Step, reads: list[SlotFact]) -> list[SlotFact]:
     """Return the facts about what a step writes, by the first rule that applies."""
     rules = _RULES.get(step.primitive.name), _general
     found = (rule(step, reads) for rule in rules if rule is not None)
     facts = next((facts for facts in found if facts is not None), None)
-    return [Fact(dims_of(*reads))] * len(step.writes) if facts is None else facts
+    return [SlotFact(dims_of(*reads))] * len(step.writes) if facts is None else facts
 
 
-def _general(step: Step, reads: list[Fact]) -> list[Fact] | None:
+def _general(step: Step, reads: list[SlotFact]) -> list[SlotFact] | None:
     name, constants = step.primitive.name, [fact.value for fact in reads if fact.known]
     if name in _PASS_NAN and any(map(np.isnan, constants)):
-        return [Fact(value=constants[0].dtype.type("nan"))]
+        return [SlotFact(value=constants[0].dtype.type("nan"))]
     if constants and name in _RESHAPES:
         return reads
     if len(constants) < len(reads) or name not in _FOLDED:
         return None
     with np.errstate(all="ignore"):
         value = _FOLDED[name](*constants)
-    return [Fact(value=value)] if _machines_agree(name, [*constants, value]) else None
+    return [SlotFact(value=value)] if _machines_agree(name, [*constants, value]) else None
 
 
-def _selected(step: Step, reads: list[Fact]) -> list[Fact] | None:
+def _selected(step: Step, reads: list[SlotFact]) -> list[SlotFact] | None:
     """Return the selected case, if it is known or makes no difference."""
     which, *cases = reads
     if which.known:
@@ -114,14 +114,14 @@ def _selected(step: Step, reads: list[Fact]) -> list[Fact] | None:
     return cases[:1] if alike else None
 
 
-def _decided(step: Step, reads: list[Fact]) -> list[Fact] | None:
+def _decided(step: Step, reads: list[SlotFact]) -> list[SlotFact] | None:
     """Return the outcome of a conjunction or disjunction, if one operand decides it."""
     decisive = np.bool_(step.primitive.name == "or")
     flags = (fact.value for fact in reads if fact.known and fact.value.dtype == bool)
-    return [Fact(value=decisive)] if any(flag == decisive for flag in flags) else None
+    return [SlotFact(value=decisive)] if any(flag == decisive for flag in flags) else None
 
 
-def _converted(step: Step, reads: list[Fact]) -> list[Fact] | None:
+def _converted(step: Step, reads: list[SlotFact]) -> list[SlotFact] | None:
     if not reads[0].known:
         return None
     value, dtype = reads[0].value, np.dtype(step.params["new_dtype"])
@@ -129,10 +129,10 @@ def _converted(step: Step, reads: list[Fact]) -> list[Fact] | None:
     if dtype.kind != "f" and not (dtype.kind in "biu" and value.dtype.kind in "biu"):
         return None
     with np.errstate(over="ignore"):
-        return [Fact(value=value.astype(dtype))]
+        return [SlotFact(value=value.astype(dtype))]
 
 
-_RULES: dict[str, Callable[[Step, list[Fact]], list[Fact] | None]] = {
+_RULES: dict[str, Callable[[Step, list[SlotFact]], list[SlotFact] | None]] = {
     "optimization_barrier": lambda step, reads: reads,
     "select_n": _selected,
     "and": _decided,
@@ -171,13 +171,13 @@ class ProgramFacts:
 
     def __init__(self, program: Program, inputs: Sequence[Dims]):
         self.program = program
-        self._constants: dict[Constant, Fact] = {}
+        self._constants: dict[Constant, SlotFact] = {}
         self._made: dict[Any, Constant] = {}
         self._users: dict[int, list[int]] = {}
         for number, step in enumerate(program.steps):
             for slot in slots_in(step.reads):
                 self._users.setdefault(slot, []).append(number)
-        self.facts: dict[int, Fact] = dict(enumerate(map(Fact, inputs)))
+        self.facts: dict[int, SlotFact] = dict(enumerate(map(SlotFact, inputs)))
         for step in program.steps:
             self.facts.update(self._after(step, {}))
 
@@ -185,29 +185,29 @@ class ProgramFacts:
         """Return the dimensions that a slot may depend on."""
         return self.facts[slot].dims
 
-    def _reads(self, step: Step, changed: Mapping[int, Fact]) -> list[Fact]:
+    def _reads(self, step: Step, changed: Mapping[int, SlotFact]) -> list[SlotFact]:
         return [self._fact(where, changed) for where in step.reads]
 
-    def _after(self, step: Step, changed: Mapping[int, Fact]) -> dict[int, Fact]:
+    def _after(self, step: Step, changed: Mapping[int, SlotFact]) -> dict[int, SlotFact]:
         """Return the facts about the values written by a step; an array without elements has no
         value.
         """
         reads = self._reads(step, changed)
         return {
-            slot: Fact(dims_of(*reads)) if 0 in self.program.shapes[slot].shape else fact
+            slot: SlotFact(dims_of(*reads)) if 0 in self.program.shapes[slot].shape else fact
             for slot, fact in zip(step.writes, after(step, reads), strict=True)
         }
 
-    def _fact(self, where: Place, changed: Mapping[int, Fact]) -> Fact:
+    def _fact(self, where: Place, changed: Mapping[int, SlotFact]) -> SlotFact:
         if isinstance(where, Constant):
             if where not in self._constants:
                 self._constants[where] = of_constant(where.value)
             return self._constants[where]
         return changed[where] if where in changed else self.facts[where]
 
-    def assume(self, slots: Iterable[int], value: bool = True) -> dict[int, Fact]:
+    def assume(self, slots: Iterable[int], value: bool = True) -> dict[int, SlotFact]:
         """Return the facts that change if the flags `slots` have the given value."""
-        changed: dict[int, Fact] = dict.fromkeys(slots, Fact(value=np.bool_(value)))
+        changed: dict[int, SlotFact] = dict.fromkeys(slots, SlotFact(value=np.bool_(value)))
         assumed = set(changed)
         waiting = [number for slot in assumed for number in self._users.get(slot, ())]
         heapq.heapify(waiting)
@@ -224,12 +224,12 @@ class ProgramFacts:
                         heapq.heappush(waiting, user)
         return changed
 
-    def outputs(self, slots: Iterable[int] = (), value: bool = True) -> list[Fact]:
+    def outputs(self, slots: Iterable[int] = (), value: bool = True) -> list[SlotFact]:
         """Return the facts about the outputs if the flags `slots` have the given value."""
         changed = self.assume(slots, value)
         return [self._fact(where, changed) for where in self.program.outputs]
 
-    def _constant(self, slot: int, fact: Fact) -> Constant:
+    def _constant(self, slot: int, fact: SlotFact) -> Constant:
         kind = self.program.shapes[slot]
         value = np.full(kind.shape, fact.value, kind.dtype)
         # The same object for the same constant, so that equal steps compare equal.
@@ -308,7 +308,7 @@ def _fewest(i: int, slots: list[int], order: list[int], dims_left: Callable) -> 
 
 def range_checks(reading: ProgramFacts) -> list[int]:
     """Return flags that compare an input with a number, and without which every output is NaN."""
-    program, nan = reading.program, Fact(value=np.float64("nan"))
+    program, nan = reading.program, SlotFact(value=np.float64("nan"))
     floats = [i for i, where in enumerate(program.outputs) if program.is_float(where)]
 
     def decides(slot: int) -> bool:
@@ -341,7 +341,7 @@ def _flags(reading: ProgramFacts) -> dict[int, Dims]:
     return {slot: reading.dims(slot) for slot in flags if reading.dims(slot)}
 
 
-def _common(i: int, ends: Mapping[int, list[Fact]]) -> tuple[list[int], Any]:
+def _common(i: int, ends: Mapping[int, list[SlotFact]]) -> tuple[list[int], Any]:
     """Return the flags that lead to the most common known number of output i, and that number."""
     constants = {slot: facts[i] for slot, facts in ends.items() if facts[i].known}
     if not constants:
