@@ -20,6 +20,7 @@ from ._entry import (
     is_plain,
     optional_parameter,
     parameter,
+    refusal,
     refuses_unknown,
     rendered,
     require_broadcast,
@@ -236,9 +237,8 @@ class Contact(OfNumbers):
         require_broadcast(radius=inner, socket_radius=outer, sphere=sphere, socket=socket)
         # Plain numbers are compared: under `jit` the arrays made from them cannot be.
         if is_plain(radius) and is_plain(socket_radius) and not socket_radius > radius:
-            raise ValueError(
-                f"Argument `socket_radius` must be larger than `radius` = {rendered(radius)}, "
-                f"but is {rendered(socket_radius)}."
+            raise refusal(
+                "socket_radius", f"be larger than `radius` = {rendered(radius)}", socket_radius
             )
         wider = outer > inner
         clearance = jnp.where(wider, outer - inner, 1)

@@ -10,8 +10,9 @@ from jaxtyping import ArrayLike
 from ._entry import (
     FRACTION,
     POSITIVE,
+    is_list,
+    refusal,
     refuses_unknown,
-    rendered,
     require_count,
     require_flag,
     require_number,
@@ -134,7 +135,7 @@ def simulate(
     from_scene = {"instantaneous": instantaneous, "max_cluster": max_cluster}
     of_system = {"position": position, "velocity": velocity, "args": args}
     if isinstance(model, Scene):
-        empty = isinstance(breakpoints, tuple | list) and not breakpoints
+        empty = is_list(breakpoints) and not breakpoints
         _refuse("a `Scene`", **of_system, breakpoints=None if empty else breakpoints)
         with progress_of_run(progress) as tell:
             return simulate_scene(
@@ -152,9 +153,7 @@ def simulate(
     from ._system import System, simulate_system
 
     if not isinstance(model, System):
-        raise ValueError(
-            f"Argument `model` must be a `Scene` or a `System`, but is {rendered(model)}."
-        )
+        raise refusal("model", "be a `Scene` or a `System`", model)
     _refuse("a `System`", **from_scene)
     length = one_number(duration, "duration", POSITIVE)
     with progress_of_run(progress) as tell:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from .._entry import as_parameter, require_broadcast, shown
+from .._entry import as_parameter, require_broadcast, shown, traced
 from .._flight import Flight
 from .._impact import Status
 from .._text.failure import Flagged
 from .._text.units import quantity
+from .._text.words import counted
 
 TOUCHES = (
     *("time", "duration", "return_time", "impact_velocity"),
@@ -120,7 +120,7 @@ class Bounce(Flagged, eqx.Module):
     def _status_words(self) -> str:
         """Return how the balls ended, counted by ball."""
         status, at_rest = self.status, self.at_rest
-        if any(isinstance(x, Tracer) or not eqx.is_array(x) for x in (status, at_rest)):
+        if traced(status, at_rest) or not all(map(eqx.is_array, (status, at_rest))):
             return str(status)
         status, at_rest = np.asarray(status), np.asarray(at_rest)
         bounces = np.sum(status == int(Status.SEPARATED), axis=-1)
@@ -133,8 +133,8 @@ class Bounce(Flagged, eqx.Module):
                 least, most = np.min(bounces[chosen]), np.max(bounces[chosen])
                 count = f"{least}" if least == most else f"{least} to {most}"
                 word = "bounce" if least == most == 1 else "bounces"
-                balls = int(np.sum(chosen))
-                head = f"{balls} {'ball' if balls == 1 else 'balls'} " if many else ""
+                balls = counted(int(np.sum(chosen)), ("ball", "balls"))
+                head = f"{balls} " if many else ""
                 words.append(f"{head}{what} {count} {word}")
         bad = last[~at_rest & ~flying]
         if bad.size:

@@ -51,23 +51,23 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
     touching, renew = ContactClock(jnp.asarray(True), nobody), None
     if field.rules.jumps or field.rules.sticks:
         renew = jnp.asarray(field.rules.sticks)
+    press = none if field.rules.fades else None
     if field.rules.sticks:
         # The first step, of no length, finds the rest.
-        press = none if field.rules.fades else None
         at, grip = field.approach(start.y, touching), Grip(none, none, none)
         here, slope = Look(*at, none, none, grip, press), Look(None, None, none, none, grip, press)
     else:
         here = field.look(start.y, modes, touching)
         force = field.force_slope(modes, (here.depth, here.rate), (here.rate, here.second))
-        slope = Look(None, None, none, force, press=none if field.rules.fades else None)
+        slope = Look(None, None, none, force, press=press)
+        if field.rules.peak:
+            # v0 follows a closing speed that is the largest so far and increases.
+            largest = modes.closed & (here.rate >= modes.latched - 16 * finest)
+            rising = modes.rising | (largest & (here.second > 0))
+            modes = modes._replace(rising=field.refers_to_peak(rising))
     if field.rules.forgets and modes.deepest is not None:
         pulls = ~modes.loads & (here.depth < field.least(modes.deepest))
         modes = modes._replace(adheres=modes.closed & pulls)
-    if field.rules.peak and not field.rules.sticks:
-        # v0 follows a closing speed that is the largest so far and increases.
-        largest = modes.closed & (here.rate >= modes.latched - 16 * finest)
-        rising = modes.rising | (largest & (here.second > 0))
-        modes = modes._replace(rising=field.refers_to_peak(rising))
     # True if a contact begins just now, up to rounding.
     just = jnp.abs(start.since - solve.start) <= 8 * finest * jnp.abs(solve.start)
     just = jnp.any(modes.closed & just)

@@ -29,6 +29,11 @@ SLOWEST = 1e-9
 """The least v0 in units of speed; v0 = 0 would have no damping."""
 
 
+def least_v0(v0: str | float) -> float:
+    """Return the least v0 in m/s, if it is given as a number; 0 for "peak" and "touch"."""
+    return 0.0 if isinstance(v0, str) else v0
+
+
 class Units(NamedTuple):
     """The units of length in m, speed in m/s and mass in kg, and derived ones."""
 

@@ -108,7 +108,7 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
     status = jnp.where(happens[-1], TIME_IS_UP, status)
 
     new = records | {
-        "y": onwards["y"],
+        "y": onwards.pop("y"),
         "modes": modes,
         "touched": changed.touched,
         "look": changed.now,
@@ -119,13 +119,11 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
         name: jax.tree.map(lambda a, b: jnp.where(events.taken, a, b), value, getattr(c, name))
         for name, value in new.items()
     }
-    steps = {name: value for name, value in onwards.items() if name != "y"}
-    slides = changed.slides
-    slides = None if slides is None else events.taken & slides
-    changes = Changes(events.taken & touches, events.taken & opens, slides)
+    happened = touches, opens, changed.slides
+    changes = Changes(*jax.tree.map(lambda flags: events.taken & flags, happened))
     carry = c._replace(
         **kept,
-        **steps,
+        **onwards,
         error=c.error + jnp.where(events.taken, trial.error * solve.tolerance, 0),
         steps=c.steps + 1,
     )
@@ -265,7 +263,8 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
     meets = each["gap"]
     # At the event the depth is that from which the clock continues.
     depth, closing = field.approach(y, c.clock)
-    there, along = (look._replace(depth=None, rate=None) for look in (trial.now, trial.slope))
+    there = trial.now._replace(depth=None, rate=None)
+    along = trial.slope._replace(depth=None, rate=None)
     moved = jax.tree.map(lambda x, pace: x + events.moved * pace, there, along)
     now = moved._replace(depth=depth, rate=closing)
     # Gaps that are zero within rounding close and open together; noise would decide otherwise.

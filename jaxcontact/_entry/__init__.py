@@ -2,8 +2,10 @@
 
 from .choices import as_flag as as_flag
 from .choices import did_you_mean as did_you_mean
+from .choices import is_list as is_list
 from .choices import nearest as nearest
 from .choices import not_modelled as not_modelled
+from .choices import refusal as refusal
 from .choices import refuses_unknown as refuses_unknown
 from .choices import rendered as rendered
 from .choices import require_choice as require_choice
@@ -12,6 +14,7 @@ from .choices import require_function as require_function
 from .choices import require_kind as require_kind
 from .choices import require_path as require_path
 from .choices import shown as shown
+from .choices import traced as traced
 from .module_fields import OfNumbers as OfNumbers
 from .module_fields import Specialised as Specialised
 from .module_fields import is_valid as is_valid
@@ -32,6 +35,7 @@ from .numbers import as_number as as_number
 from .numbers import as_numbers as as_numbers
 from .numbers import as_own as as_own
 from .numbers import as_parameter as as_parameter
+from .numbers import as_parameters as as_parameters
 from .numbers import as_weights as as_weights
 from .numbers import concrete as concrete
 from .numbers import flag_array as flag_array
@@ -40,3 +44,4 @@ from .numbers import real_array as real_array
 from .numbers import require_broadcast as require_broadcast
 from .numbers import require_count as require_count
 from .numbers import require_number as require_number
+from .numbers import static_value as static_value

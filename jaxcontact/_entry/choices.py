@@ -11,7 +11,7 @@ import os
 import pathlib
 import re
 from collections.abc import Callable, Iterable
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeGuard, TypeVar
 
 import equinox as eqx
 import jax
@@ -36,9 +36,24 @@ def rendered(value: Any) -> str:
     return f"{text[:_BEGINNING]}... (of type `{kind}`{more})"
 
 
+def refusal(name: str, must: str, value: Any, more: str = "") -> ValueError:
+    """Return the error of an argument: what it must be, what it is, and `more`."""
+    return ValueError(f"Argument `{name}` must {must}, but is {rendered(value)}.{more}")
+
+
+def traced(*trees: Any) -> bool:
+    """Return whether trees hold a traced number."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def is_list(value: Any) -> TypeGuard[list | tuple]:
+    """Return whether a value is a list or a tuple."""
+    return isinstance(value, list | tuple)
+
+
 def shown(value: Any) -> str:
     """Return a number in readable form; arrays shortened, traced values by their type."""
-    if not eqx.is_array(value) or isinstance(value, Tracer):
+    if not eqx.is_array(value) or traced(value):
         return eqx.tree_pformat(value)
     if value.ndim == 0:
         return f"{value.item():.9g}"
@@ -60,7 +75,7 @@ def require_flag(name: str, value: Any) -> bool:
     """Convert a flag to True or False; ValueError for anything else."""
     flag = as_flag(value)
     if flag is None:
-        raise ValueError(f"Argument `{name}` must be True or False, but is {rendered(value)}.")
+        raise refusal(name, "be True or False", value)
     return flag
 
 
@@ -68,9 +83,8 @@ def require_choice(name: str, value: Any, choices: Iterable[str]) -> str:
     """Return `value` if it is one of a few names; otherwise ValueError lists them."""
     known = tuple(choices)
     if not isinstance(value, str) or value not in known:
-        raise ValueError(
-            f"Argument `{name}` must be one of {', '.join(map(repr, known))}, "
-            f"but is {rendered(value)}.{did_you_mean(value, known)}"
+        raise refusal(
+            name, f"be one of {', '.join(map(repr, known))}", value, did_you_mean(value, known)
         )
     return value
 
@@ -93,14 +107,14 @@ def did_you_mean(given: Any, known: Iterable[str]) -> str:
 def require_kind(name: str, value: Any, kind: type[Kind], allowed: str) -> Kind:
     """Return `value` if it is an instance of `kind`; ValueError names `allowed` otherwise."""
     if not isinstance(value, kind):
-        raise ValueError(f"Argument `{name}` must be {allowed}, but is {rendered(value)}.")
+        raise refusal(name, f"be {allowed}", value)
     return value
 
 
 def require_function(name: str, value: Any) -> Callable[..., Any]:
     """Return `value` if it is callable; ValueError for anything else."""
     if not callable(value):
-        raise ValueError(f"Argument `{name}` must be a function, but is {rendered(value)}.")
+        raise refusal(name, "be a function", value)
     return value
 
 
@@ -108,7 +122,7 @@ def require_path(name: str, value: Any) -> pathlib.Path:
     """Return the path of a file; ValueError for anything but text or an `os.PathLike`."""
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str) or not text or "\0" in text:
-        raise ValueError(f"Argument `{name}` must be the path of a file, but is {rendered(value)}.")
+        raise refusal(name, "be the path of a file", value)
     return pathlib.Path(text)
 
 

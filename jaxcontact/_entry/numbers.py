@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from typing import Any, TypeGuard
 
@@ -12,7 +13,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike
 
-from .choices import rendered
+from .choices import refusal, rendered
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,6 +63,11 @@ def as_parameter(value: ArrayLike, name: str, allowed: Range = REAL) -> Array:
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
 
+def as_parameters(tree: Any, name: str) -> Any:
+    """Convert the plain numbers of a tree to arrays."""
+    return jax.tree.map(lambda leaf: as_parameter(leaf, name) if is_plain(leaf) else leaf, tree)
+
+
 # A Python number stays weakly typed and takes the precision of the arrays it is combined with. The
 # compiled identity creates an array in a third of the time of `jnp.asarray`.
 as_leaf = jax.jit(lambda number: number, inline=True)
@@ -78,7 +84,7 @@ def _from_python(value: Any, name: str, allowed: Range) -> Array:
     plain = real_array(value, name)
     scalar = plain.ndim == 0 and not isinstance(value, np.ndarray)
     if scalar and not allowed.holds(float(plain)):
-        raise ValueError(f"Argument `{name}` must be in {allowed}, but is {rendered(value)}.")
+        raise refusal(name, f"be in {allowed}", value)
     if isinstance(value, int | float):
         return as_leaf(float(value))
     # Without double precision JAX would wrap large integers around.
@@ -138,10 +144,12 @@ def _is_real(dtype: Any) -> bool:
 
 
 def _not_a_number(value: Any, name: str) -> ValueError:
-    return ValueError(
-        f"Argument `{name}` must be a real number or an array of real numbers, of at most 64 bits, "
-        f"but is {rendered(value)}."
-    )
+    return refusal(name, "be a real number or an array of real numbers, of at most 64 bits", value)
+
+
+def static_value(number: Any) -> float | None:
+    """Return a number that is known while tracing and specialises code; None for an array."""
+    return number if isinstance(number, float) else None
 
 
 def is_plain(value: Any) -> TypeGuard[int | float | np.integer | np.floating]:
@@ -164,9 +172,7 @@ def require_number(name: str, value: Any, allowed: Range = REAL, otherwise: str 
     except OverflowError:
         number = math.nan
     if not allowed.holds(number):
-        raise ValueError(
-            f"Argument `{name}` must be a number in {allowed}{otherwise}, but is {rendered(value)}."
-        )
+        raise refusal(name, f"be a number in {allowed}{otherwise}", value)
     return number
 
 
@@ -176,20 +182,17 @@ def require_count(name: str, value: Any, least: int) -> int:
     whole = isinstance(number, int) and number >= least
     if not isinstance(number, int) or not whole or number.bit_length() > _MOST_BITS:
         size = f" and at most {_MOST_BITS} bits" if whole else ""
-        raise ValueError(
-            f"Argument `{name}` must be a whole number of at least {least}{size}, "
-            f"but is {rendered(value)}."
-        )
+        raise refusal(name, f"be a whole number of at least {least}{size}", value)
     return number
 
 
 def require_broadcast(**given: Any) -> tuple[int, ...]:
     """Return the shape to which all numbers in the arguments broadcast; ValueError without one."""
-    if all(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(list(given.values()))):
+    if not any(map(np.ndim, jax.tree.leaves(list(given.values())))):
         return ()
     shapes = {name: [np.shape(leaf) for leaf in jax.tree.leaves(v)] for name, v in given.items()}
     try:
-        return np.broadcast_shapes(*(shape for one in shapes.values() for shape in one))
+        return np.broadcast_shapes(*itertools.chain(*shapes.values()))
     except ValueError as error:
         parts = {name: ", ".join(map(str, one)) for name, one in shapes.items() if any(one)}
         raise ValueError(

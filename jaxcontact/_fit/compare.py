@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Bool
 
-from .._entry import rendered, require_count
+from .._entry import refusal, require_count
 from .._text.words import text_table
 from .data import FitData
 from .fit import Fit
@@ -94,8 +94,7 @@ class Comparison:
 
 def _table(candidates: tuple[Candidate, ...], parameters: Callable[[str], str] | None) -> list[str]:
     head = ("", "k", "loss", "ΔAICc", "ΔBIC", "held out", *(["parameters"] if parameters else []))
-    aicc = min(c.aicc for c in candidates)
-    bic = min(c.bic for c in candidates)
+    aicc, bic = (min(map(operator.attrgetter(of), candidates)) for of in ("aicc", "bic"))
     rows = [
         (
             c.name,
@@ -109,10 +108,8 @@ def _table(candidates: tuple[Candidate, ...], parameters: Callable[[str], str] |
         for c in candidates
     ]
     lines = text_table(rows, header=head, align="<>>>>><")
-    notes = [
-        "  not converged" if not c.converged else "  *" if c.adequate is False else ""
-        for c in candidates
-    ]
+    marks: dict[bool | None, str] = {False: "  *", True: "", None: ""}
+    notes = [marks[c.adequate] if c.converged else "  not converged" for c in candidates]
     wrong = ["* does not describe the data"] if "  *" in notes else []
     return [line + note for line, note in zip(lines, ["", *notes], strict=True)] + wrong
 
@@ -196,7 +193,7 @@ def advantage(fit: FitData, other: FitData) -> float | None:
 def _check(fits: Mapping[str, Fit]) -> None:
     held = fits.values() if isinstance(fits, Mapping) else [None]
     if not all(isinstance(one, Fit) for one in held):
-        raise ValueError(f"Argument `fits` must be a dict of fits, but is {rendered(fits)}.")
+        raise refusal("fits", "be a dict of fits", fits)
     if len(fits) < 2:
         raise ValueError(f"Argument `fits` must hold at least two fits, but holds {len(fits)}.")
     first = next(iter(fits.values())).problem
@@ -336,7 +333,7 @@ def _other_measures(
     error, held = min(judged, key=operator.itemgetter(0), default=(0.0, best))
     # Errors that print alike count as equal.
     equally = [c for e, c in judged if f"{e:.4g}" == f"{error:.4g}"]
-    if judged and not any(c in equal for c in equally):
+    if judged and set(equally).isdisjoint(equal):
         text += f" But {left_out} that were left out are predicted best by {held.name}."
     return text
 

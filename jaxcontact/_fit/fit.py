@@ -17,8 +17,8 @@ from jaxtyping import ArrayLike
 from .._entry import (
     POSITIVE,
     as_flag,
+    refusal,
     refuses_unknown,
-    rendered,
     require_choice,
     require_count,
     require_flag,
@@ -187,7 +187,7 @@ def fit(
     trust region: Moré (1978), doi 10.1007/BFb0067700.
     """
     require_function("predict", predict)
-    _check(loss, optimizer)
+    huber = _check(loss, optimizer)
     if require_choice("noise", noise, (COMMON, BY_COLUMN)) == BY_COLUMN and sigma is not None:
         raise ValueError("Argument `noise` must be 'common' with `sigma`, but is 'by column'.")
     starts, seed = require_count("starts", starts, 1), require_count("seed", seed, 0)
@@ -214,7 +214,7 @@ def fit(
             place_of(x),
             jax.device_put(y),
             jax.device_put(factor),
-            jnp.asarray(float(loss.threshold)) if isinstance(loss, Huber) else None,
+            huber if huber is None else jnp.asarray(huber),
             reverse,
             shapes_of(data),
             whitener if whitener is None else jax.device_put(whitener),
@@ -228,7 +228,7 @@ def fit(
         refuse_unused(problem, found)
         found = set_to_bound(problem, found, theta, options)
         settled = True
-        if sigma is None and (isinstance(loss, Huber) or noise == BY_COLUMN):
+        if sigma is None and (huber is not None or noise == BY_COLUMN):
             errors = ColumnErrors(problem, columns_of(problem, noise))
             found = refit(errors, found, lambda last, new: find(new, last.theta, options))
             problem, settled = errors.problem, errors.settled
@@ -249,25 +249,24 @@ def _first_guess(
     return found.theta[best] if np.isfinite(ends[best]) else lanes[0], ends
 
 
-def _check(loss: Any, optimizer: Any) -> None:
-    check_loss(loss)
+def _check(loss: Any, optimizer: Any) -> float | None:
+    threshold = threshold_of(loss)
     # A class has the functions of its objects, but is not an optimiser.
     parts = () if isinstance(optimizer, type) else ("init", "update")
     is_optax = bool(parts) and all(callable(getattr(optimizer, part, None)) for part in parts)
     is_ours = isinstance(optimizer, str) and optimizer == LEVENBERG_MARQUARDT
     if not is_optax and not is_ours:
-        raise ValueError(
-            f"Argument `optimizer` must be {LEVENBERG_MARQUARDT!r} or an optax optimiser, but is "
-            f"{rendered(optimizer)}."
-        )
+        raise refusal("optimizer", f"be {LEVENBERG_MARQUARDT!r} or an optax optimiser", optimizer)
+    return threshold
 
 
-def check_loss(loss: Any) -> None:
-    """Raise ValueError for a loss of another kind."""
-    if not isinstance(loss, Huber) and not (isinstance(loss, str) and loss == "squares"):
-        raise ValueError(
-            f"Argument `loss` must be 'squares' or a `Huber`, but is {rendered(loss)}."
-        )
+def threshold_of(loss: Any) -> float | None:
+    """Return Huber's threshold; None for squares. Raises ValueError for a loss of another kind."""
+    if isinstance(loss, Huber):
+        return float(loss.threshold)
+    if not isinstance(loss, str) or loss != "squares":
+        raise refusal("loss", "be 'squares' or a `Huber`", loss)
+    return None
 
 
 def _refuse_too_many(space: Space, points: int) -> None:

@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
-from .._entry import RESTITUTION, as_parameter
+from .._entry import RESTITUTION, as_parameter, static_value
 from .._functions import (
     expanded_root,
     implicit_root,
@@ -103,7 +103,7 @@ class HuntCrossleyForm(AbstractForm):
     def solve(self, n: Exponent) -> ScaledImpact:
         """Return restitution and extrema by formula, the two times by quadrature."""
         alpha = self.alpha
-        if not isinstance(n, float):
+        if static_value(n) is None:
             alpha, n = jnp.broadcast_arrays(alpha, n)
         compression, rebound, e = lanewise(_course, alpha, n)
         return ScaledImpact(

@@ -9,9 +9,10 @@ from typing import TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
+from .._entry import static_value
+from .._functions import nonzero
 from .base import Exponent, Lane
 
 UNROLL = 2
@@ -105,7 +106,7 @@ def _double_exponential(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def n_is_one(n: Exponent) -> bool:
     """Return whether n is known to be 1, where the time integrals are formulas."""
-    return isinstance(n, float) and n == 1.0
+    return static_value(n) == 1.0
 
 
 Out = TypeVar("Out")
@@ -120,7 +121,7 @@ def slopes_along(
     slopes are computed forward together with the value. They multiply tangents in forward mode and
     cotangents in reverse mode. Every primal is one number, or one number per lane.
     """
-    varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
+    varying = [i for i, t in enumerate(tangents) if nonzero(t)]
     along = [tangents[i] for i in varying]
 
     def of_varying(*numbers: jax.Array) -> Out:

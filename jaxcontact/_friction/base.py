@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -101,10 +101,13 @@ class AbstractFriction(eqx.Module):
     - `rebound(problem)`: the `TangentialOutcome` of a `Tangential` problem of arrays, without `if`;
     - optionally `along(problem, path)`: slip and friction over time, for `oblique_trajectory`. The
       path has scaled `time`, `indentation`, `velocity` (1 to -e) and `force`, moments on axis 0;
-    - optionally `uncovered(problem)`: why a problem has no outcome, for the error.
+    - optionally `uncovered(problem)`: why a problem has no outcome, for the error;
+    - optionally `kind`, for contacts that last: "rigid" ones stick and slip, "spring" ones too by a
+      spring of the ratio `kappa`, and those of a "ramp" have a `force(normal, slip)` in N.
     """
 
     mu: eqx.AbstractVar[Float[Array, "..."]]
+    kind: ClassVar[Literal["impulse", "rigid", "ramp", "spring"]] = "impulse"
 
     def has_formula(self, problem: Tangential) -> bool:
         """Return whether `rebound` applies; otherwise the motion is followed by an event solve."""
@@ -114,6 +117,24 @@ class AbstractFriction(eqx.Module):
     def held(self) -> str | None:
         """How one spring holds its force, a form of `SpringSlider`; None for other laws."""
         return None
+
+    @property
+    def kappa(self) -> Lane | None:
+        """The stiffness ratio κ of the law; None for that of the contact."""
+        return getattr(self, "ratio", None)
+
+    @property
+    def creep(self) -> Lane | None:
+        """The slip speed in m/s up to which the force of a ramp grows; None without a ramp."""
+        return getattr(self, "v_d", None) if self.kind == "ramp" else None
+
+    @property
+    def is_followed(self) -> bool:
+        """True if coupled contacts of a scene have the outcome that `rebound` gives."""
+        return False
+
+    def require_for_system(self) -> None:
+        """Raise ValueError for numbers that a `System` must not have."""
 
     @property
     def substeps(self) -> int:

@@ -26,6 +26,7 @@ class RigidCoulomb(AbstractFriction):
     friction, doi 10.1115/1.3171712.
     """
 
+    kind = "rigid"
     mu: Float[Array, "..."] = parameter("mu", NOT_NEGATIVE)
 
     @refuses_unknown
@@ -88,6 +89,7 @@ class RegularizedCoulomb(AbstractFriction):
     out of range. Source: Pennestrì et al. (2016), doi 10.1007/s11071-015-2485-3.
     """
 
+    kind = "ramp"
     mu: Float[Array, "..."] = parameter("mu", NOT_NEGATIVE)
     v_d: Float[Array, "..."] = parameter("v_d", POSITIVE)
 
@@ -95,6 +97,11 @@ class RegularizedCoulomb(AbstractFriction):
     def __init__(self, mu: ArrayLike, v_d: ArrayLike):
         self.mu = as_parameter(mu, "mu", NOT_NEGATIVE)
         self.v_d = as_parameter(v_d, "v_d", POSITIVE)
+
+    @property
+    def is_followed(self) -> bool:
+        # A subclass may have another outcome.
+        return type(self) is RegularizedCoulomb
 
     def force(
         self, normal: Float[Array, " contacts"], slip: Float[Array, "contacts ..."]

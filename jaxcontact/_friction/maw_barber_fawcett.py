@@ -29,7 +29,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._entry import (
@@ -43,7 +42,7 @@ from .._entry import (
     require_broadcast,
 )
 from .._forms import restitution_of
-from .._functions import chebyshev, contraction
+from .._functions import chebyshev, contraction, nonzero
 from .base import AbstractFriction, Lane, NormalPath, Tangential, TangentialOutcome
 from .spring_slider import hertzian, spring_of, springs_along
 
@@ -195,10 +194,10 @@ def _series_jvp(primals: tuple, tangents: tuple) -> tuple[Lane, Lane]:
     rows, passed, x = primals
     rows_change, _, x_change = tangents
     change = jnp.zeros_like(x)
-    if not isinstance(x_change, SymbolicZero):
+    if nonzero(x_change):
         slopes = contraction(jnp.asarray(_derivative(len(rows)), rows.dtype), rows)
         change = change + _series(slopes, passed, x) * x_change
-    if not isinstance(rows_change, SymbolicZero):
+    if nonzero(rows_change):
         change = change + chebyshev([_chosen(passed, row) for row in rows_change], x)
     return _series(rows, passed, x), change
 

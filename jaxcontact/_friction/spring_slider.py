@@ -9,7 +9,7 @@ trajectories. Outcomes are solved by phases and tables.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -24,6 +24,7 @@ from .._entry import (
     parameter,
     refuses_unknown,
     require_choice,
+    static_value,
 )
 from .base import (
     AbstractFriction,
@@ -37,22 +38,9 @@ from .base import (
 from .phases import slider_phases
 
 
-class HasSpring(Protocol):
-    """The part of a friction law that scales the tangential motion."""
-
-    @property
-    def mu(self) -> Lane:
-        """The coefficient μ."""
-        ...
-
-    @property
-    def ratio(self) -> Lane | None:
-        """The stiffness ratio κ; None for that of the contact."""
-
-
-def ratio_of(law: HasSpring, of_contact: Lane | None) -> Lane:
+def ratio_of(law: AbstractFriction, of_contact: Lane | None) -> Lane:
     """Return κ of the law, or that of the contact. Raises ValueError if both are None."""
-    kappa = of_contact if law.ratio is None else law.ratio
+    kappa = of_contact if law.kappa is None else law.kappa
     if kappa is None:
         raise ValueError(
             f"Argument `ratio` of `{type(law).__name__}` must be given, or the contact be built "
@@ -61,7 +49,7 @@ def ratio_of(law: HasSpring, of_contact: Lane | None) -> Lane:
     return kappa
 
 
-def spring_of(law: HasSpring, problem: Tangential) -> ScaledSpring:
+def spring_of(law: AbstractFriction, problem: Tangential) -> ScaledSpring:
     """Return the scaled numbers. Raises ValueError without a stiffness ratio."""
     kappa = ratio_of(law, problem.ratio)
     free = law.mu <= 0
@@ -72,8 +60,7 @@ def spring_of(law: HasSpring, problem: Tangential) -> ScaledSpring:
 
 def hertzian(problem: Tangential) -> bool:
     """Return whether the normal force is x^(3/2) (1 + αx')."""
-    n = problem.exponent
-    return problem.alpha is not None and isinstance(n, float) and n == 1.5
+    return problem.alpha is not None and static_value(problem.exponent) == 1.5
 
 
 _SPRINGS = 128
@@ -183,6 +170,7 @@ class SpringSlider(AbstractFriction):
     10.1016/j.powtec.2011.01.013.
     """
 
+    kind = "spring"
     mu: Float[Array, "..."] = parameter("mu", NOT_NEGATIVE)
     ratio: Float[Array, "..."] | None = optional_parameter("ratio", POSITIVE, "-")
     form: Literal["force", "displacement", "rescaled"] = eqx.field(static=True, default="force")
@@ -205,6 +193,22 @@ class SpringSlider(AbstractFriction):
     @property
     def held(self) -> str:
         return self.form
+
+    @property
+    def is_followed(self) -> bool:
+        return self.form == "force"
+
+    def require_for_system(self) -> None:
+        if self.ratio is None:
+            raise ValueError(
+                "Argument `ratio` of the `SpringSlider` of a `System` must be given, as it has no "
+                "materials, but is None."
+            )
+        if self.form != "force":
+            raise ValueError(
+                'Argument `form` of the `SpringSlider` of a `System` must be "force", but is '
+                f'"{self.form}".'
+            )
 
     @property
     def substeps(self) -> int:

@@ -10,6 +10,7 @@ from .elementary import kappa_and_psi as kappa_and_psi
 from .elementary import log1p_over as log1p_over
 from .elementary import log_remainder as log_remainder
 from .elementary import log_remainder_over as log_remainder_over
+from .elementary import nonzero as nonzero
 from .elementary import power as power
 from .elementary import psi as psi
 from .elementary import sinc_root as sinc_root

@@ -97,6 +97,11 @@ def kappa(z: Float[Array, "..."]) -> Float[Array, "..."]:
     return kappa_and_psi(z)[0]
 
 
+def nonzero(tangent: Any) -> bool:
+    """Return whether a tangent of a rule with symbolic zeros is not one of them."""
+    return not isinstance(tangent, SymbolicZero)
+
+
 @jax.custom_jvp
 def speed_of(y: Float[Array, "..."], alpha: Float[Array, "..."]) -> Float[Array, "..."]:
     """Return (e^(αy) - 1)/α, the speed of y = ln(1 + αv)/α; y itself at α = 0.
@@ -116,19 +121,17 @@ def _speed_of_jvp(primals: tuple, tangents: tuple) -> tuple:
     change = [
         slope() * tangent
         for slope, tangent in zip(
-            (lambda: jnp.exp(alpha * y), lambda: jnp.square(y) * _kappa_slope(alpha * y)),
+            # κ'(z) = κ(z) - ψ(z)
+            (
+                lambda: jnp.exp(alpha * y),
+                lambda: jnp.square(y) * operator.sub(*kappa_and_psi(alpha * y)),
+            ),
             tangents,
             strict=True,
         )
-        if not isinstance(tangent, SymbolicZero)
+        if nonzero(tangent)
     ]
     return speed_of(y, alpha), functools.reduce(operator.add, change)
-
-
-def _kappa_slope(z: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Return κ'(z) = κ(z) - ψ(z)."""
-    first, second = kappa_and_psi(z)
-    return first - second
 
 
 def log1p_over(u: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -8,8 +8,9 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
+
+from .elementary import nonzero
 
 
 def contraction(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -60,8 +61,8 @@ def _small_product_jvp(primals: tuple, tangents: tuple) -> tuple:
 
 def _product_jvp(value: Product, change: Product, primals: tuple, tangents: tuple) -> tuple:
     (a, b), (da, db) = primals, tangents
-    changes = [] if isinstance(da, SymbolicZero) else [change(da, b)]
-    changes += [] if isinstance(db, SymbolicZero) else [change(a, db)]
+    changes = [change(da, b)] if nonzero(da) else []
+    changes += [change(a, db)] if nonzero(db) else []
     return value(a, b), functools.reduce(operator.add, changes)
 
 

@@ -10,9 +10,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.custom_derivatives import SymbolicZero
 
-from .._functions import contraction
+from .._functions import contraction, nonzero
 from .._solver.chunks import CHUNK, in_chunks
 
 In = TypeVar("In")
@@ -82,7 +81,7 @@ def _transposable(solve: Callable[..., Any], place: int, chunk: int) -> Callable
     solved = jax.custom_jvp(in_chunks(plain, chunk))
 
     def rule(primals: tuple[jax.Array, ...], tangents: tuple) -> tuple[Any, Any]:
-        varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
+        varying = [i for i, t in enumerate(tangents) if nonzero(t)]
         along = jnp.concatenate([tangents[i].reshape(-1) for i in varying])
         carried = functools.partial(_slopes_along, plain, varying)
         few = along.size <= _FEW

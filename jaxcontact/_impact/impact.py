@@ -78,11 +78,9 @@ def impact(
     of the laws.
     """
     throw = throw is True or require_flag("throw", throw)
-    how, begun = method_of(method), None
+    how = method_of(method)
     formula = how if external_force is None and type(how).has_formula else None
-    ours = type(contact) is Contact and issubclass(type(law), AbstractLaw)
-    if ours and external_force is None and type(velocity) is float and SPEED.holds(velocity):
-        begun = _begun(Problem(law, contact.normal, velocity, None), formula, again=True)
+    begun = _begun_again(law, contact, velocity, formula) if external_force is None else None
     if begun is None:
         problem = problem_of(law, contact, velocity, external_force)
         # Under differentiation one program is used, since the second of two would differentiate by
@@ -90,6 +88,14 @@ def impact(
         begun = _at_once(problem, how) if traced(problem) else _begun(problem, formula)
     found = _on_cores(begun, how) if isinstance(begun, Lanes) else begun
     return checked(found, throw, "impact")
+
+
+def _begun_again(law: Any, contact: Any, velocity: Any, method: AbstractMethod | None) -> Any:
+    """Return `_begun` of scalars whose structure was computed before; None for others."""
+    ours = type(contact) is Contact and issubclass(type(law), AbstractLaw)
+    if not ours or type(velocity) is not float or not SPEED.holds(velocity):
+        return None
+    return _begun(Problem(law, contact.normal, velocity, None), method, again=True)
 
 
 @program

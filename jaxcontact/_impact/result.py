@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import equinox as eqx
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from .._entry import shown
+from .._entry import shown, traced
 from .._text.failure import Flagged, WordedEnum
 from .._text.units import quantity
 
@@ -74,7 +73,7 @@ class Impact(Flagged, eqx.Module):
 
 def show(value: Array) -> str:
     """Return a number in words, or the shape of an array and its range."""
-    if isinstance(value, Tracer) or not eqx.is_array(value) or value.ndim == 0:
+    if traced(value) or not eqx.is_array(value) or value.ndim == 0:
         return shown(value)
     array = np.asarray(value)
     good = array[np.isfinite(array)]

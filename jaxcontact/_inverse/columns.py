@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from .._entry import RESTITUTION, Range, as_numbers, rendered
+from .._entry import RESTITUTION, Range, as_numbers, refusal, rendered
 from .._flight import STANDARD_GRAVITY, Floats
 from .._text.units import Shown
 
@@ -157,10 +157,7 @@ def measured(
     }
     sigmas = {name: sigma for name, (_, sigma, _) in given.items() if sigma is not None}
     for name in sigmas.keys() - data.keys():
-        raise ValueError(
-            f"Argument `sigma_{name}` must be None without `{name}`, but is "
-            f"{rendered(sigmas[name])}."
-        )
+        raise refusal(f"sigma_{name}", f"be None without `{name}`", sigmas[name])
     if sigmas and len(sigmas) < len(data):
         both = " and ".join(f"`sigma_{name}`" for name in data)
         every = "both columns" if len(data) == 2 else "all columns"
@@ -185,9 +182,8 @@ def with_transforms(own: Mapping[str, Any], how: Mapping[str, Any]) -> dict[str,
     """
     given = how.get("transforms")
     if given is not None and not isinstance(given, dict):
-        raise ValueError(
-            "Argument `transforms` must be a dict of transforms by name beside those of this "
-            f"problem, but is {rendered(given)}."
+        raise refusal(
+            "transforms", "be a dict of transforms by name beside those of this problem", given
         )
     twice = [name for name in given or {} if name in own]
     if twice:
@@ -215,5 +211,5 @@ def for_each(value: Any, name: str, length: int, *, zero: bool = False) -> Colum
     if not good.all() or not counts.any():
         allowed = "finite and not negative" if zero else "positive (inf leaves a point out)"
         allowed += ", and leave some point in"
-        raise ValueError(f"Argument `{name}` must be {allowed}, but is {rendered(value)}.")
+        raise refusal(name, f"be {allowed}", value)
     return np.broadcast_to(array, (length,))

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import EXPONENT, Contact, require_contact
-from .._entry import POSITIVE, did_you_mean, rendered, require_count, require_flag
+from .._entry import POSITIVE, did_you_mean, refusal, rendered, require_count, require_flag
 from .._fit import AbstractTransform, Between, Fit, Fixed, Positive, fit, names_in
 from .._fit.fit import ColumnKeywords, FitKeywords, takes
 from .._functions import chebyshev
@@ -251,10 +251,7 @@ def transforms_of(
     if not isinstance(start.contact.exponent, float):
         transforms["contact.exponent"] = Between(EXPONENT.low, EXPONENT.high)
     if not isinstance(fixed, list | tuple | set | frozenset):
-        raise ValueError(
-            "Argument `fixed` must be a tuple of names of numbers of the law or the contact, but "
-            f"is {rendered(fixed)}."
-        )
+        raise refusal("fixed", "be a tuple of names of numbers of the law or the contact", fixed)
     known = names_in(start)
     for given in fixed:
         name = _full_name(start, given)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact, require_contact
-from .._entry import RESTITUTION, Range, as_parameter, rendered, require_count, require_number
+from .._entry import RESTITUTION, Range, as_parameter, refusal, require_count, require_number
 from .._fit import Fit, fit
 from .._fit.fit import FitKeywords, takes
 from .._forms import exact_damping_factor
@@ -74,10 +74,7 @@ def learn_law(
         require_contact(contact)
     if not isinstance(shape, AbstractShape):
         if not isinstance(shape, str) or shape not in SHAPES:
-            raise ValueError(
-                f"Argument `shape` must be one of {', '.join(map(repr, SHAPES))} or a shape, but "
-                f"is {rendered(shape)}."
-            )
+            raise refusal("shape", f"be one of {', '.join(map(repr, SHAPES))} or a shape", shape)
         shape = SHAPES[shape](float(asked.min()))
     if isinstance(shape, Rational):
         shape = _rational_start(shape, asked, wanted)

@@ -15,6 +15,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._entry import (
     OfNumbers,
     as_parameter,
+    refusal,
     rendered,
     require_broadcast,
     require_flag,
@@ -325,7 +326,7 @@ def require_contact_like(value: Any) -> None:
     """Raise ValueError unless `value` has a mass, a stiffness and an exponent."""
     # Checked by attributes, because `Contact` belongs to a room above the laws.
     if not all(hasattr(value, name) for name in ("mass", "stiffness", "exponent")):
-        raise ValueError(f"Argument `contact` must be a `Contact`, but is {rendered(value)}.")
+        raise refusal("contact", "be a `Contact`", value)
 
 
 def contact_for(contact: Contact | None, law: AbstractLaw) -> Contact:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._entry import NOT_NEGATIVE, POSITIVE, parameter
+from .._entry import NOT_NEGATIVE, POSITIVE, parameter, static_value
 from .._forms import AbstractForm, DashpotForm, Exponent, OscillatorForm
 from .._functions import power
 from .base import AbstractLaw, force_arguments, needed
@@ -62,7 +62,7 @@ class LinearDashpot(AbstractLaw):
     def form(self, contact: Contact | None, scale: Scale | None) -> AbstractForm:
         contact, scale = needed(contact, "contact", self), needed(scale, "velocity", self)
         a = self.c * scale.time / contact.mass
-        if isinstance(contact.exponent, float) and contact.exponent == 1:
+        if static_value(contact.exponent) == 1:
             return OscillatorForm(zeta=a / 2, tension=self.tension, approach_only=False)
         return DashpotForm(a=a, tension=self.tension)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._entry import RESTITUTION, RESTITUTION_FROM_ZERO, parameter
+from .._entry import RESTITUTION, RESTITUTION_FROM_ZERO, parameter, static_value
 from .._forms import Exponent, OscillatorForm
 from .._functions import arc_over_sine, horner, implicit_root, power
 from .base import AbstractLaw, force_arguments
@@ -30,7 +30,7 @@ class AbstractOscillator(AbstractLaw):
     """True if the damping acts only while the bodies approach."""
 
     def jumps(self, exponent: Exponent) -> bool:
-        return not (isinstance(exponent, float) and exponent > 1)
+        return not (static_value(exponent) or 0) > 1
 
     @abc.abstractmethod
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from .._entry import Range, did_you_mean, ranges, rendered, require_kind
+from .._entry import Range, did_you_mean, ranges, refusal, require_kind
 from .base import AbstractLaw
 
 _Law = TypeVar("_Law", bound=type[AbstractLaw])
@@ -44,13 +44,12 @@ def register_law(
     for word, text in {"formula": formula, "source": source, "valid": valid}.items():
         require_kind(word, text, str, "a text")
     if not isinstance(name, str) or not name:
-        raise ValueError(f"Argument `name` must be a name for the law, but is {rendered(name)}.")
+        raise refusal("name", "be a name for the law", name)
 
     def register(cls: _Law) -> _Law:
         if not (isinstance(cls, type) and issubclass(cls, AbstractLaw)):
-            raise ValueError(
-                "Argument `cls` must be a subclass of `AbstractLaw`, the class that is registered, "
-                f"but is {rendered(cls)}."
+            raise refusal(
+                "cls", "be a subclass of `AbstractLaw`, the class that is registered", cls
             )
         known = _REGISTRY.get(name)
         if known is not None and known.cls.__qualname__ != cls.__qualname__:
@@ -69,7 +68,7 @@ def describe(name: str) -> Description:
     if not isinstance(name, str) or name not in _REGISTRY:
         known = ", ".join(_REGISTRY)
         guess = did_you_mean(name, _REGISTRY)
-        raise ValueError(f"Argument `name` must be one of {known}, but is {rendered(name)}.{guess}")
+        raise refusal("name", f"be one of {known}", name, guess)
     return _REGISTRY[name]
 
 

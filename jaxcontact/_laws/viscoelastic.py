@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._entry import NOT_NEGATIVE, parameter
+from .._entry import NOT_NEGATIVE, parameter, static_value
 from .._forms import (
     AbstractForm,
     Exponent,
@@ -53,7 +53,7 @@ class KuwabaraKono(AbstractLaw):
     tension = True
 
     def jumps(self, exponent: Exponent) -> bool:
-        return not (isinstance(exponent, float) and exponent > 1)
+        return not (static_value(exponent) or 0) > 1
 
     def force(
         self,
@@ -70,9 +70,9 @@ class KuwabaraKono(AbstractLaw):
     def form(self, contact: Contact | None, scale: Scale | None) -> AbstractForm:
         exponent = needed(contact, "contact", self).exponent
         a = self.A / needed(scale, "velocity", self).time
-        if isinstance(exponent, float) and exponent == 1:
+        if static_value(exponent) == 1:
             # The linear spring and dashpot has a closed form.
             return OscillatorForm(zeta=a / 2, tension=self.tension, approach_only=False)
-        if isinstance(exponent, float) and exponent == 1.5:
+        if static_value(exponent) == 1.5:
             return ViscoelasticSpheresForm(a=a, tension=self.tension)
         return ViscoelasticForm(a=a, tension=self.tension)

@@ -1,5 +1,6 @@
 """Compiled functions with little call overhead, and derivatives outside of a trace."""
 
+from .._entry import traced as traced
 from .compiled import FEW as FEW
 from .compiled import quick as quick
 from .compiled import side_by_side as side_by_side
@@ -8,5 +9,4 @@ from .linear import Map as Map
 from .outside import Found as Found
 from .outside import derived as derived
 from .outside import outside as outside
-from .outside import traced as traced
 from .program import program as program

@@ -23,14 +23,10 @@ import jax
 import jax.core
 from jax.custom_derivatives import SymbolicZero
 
+from .._entry import traced
 from .linear import Map
 
 Out = TypeVar("Out")
-
-
-def traced(tree: Any) -> bool:
-    """Return whether a tree holds a traced number."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def known_beneath(leaves: list[Any]) -> bool:
@@ -45,7 +41,7 @@ def known_beneath(leaves: list[Any]) -> bool:
         return primals, along
 
     look = with_rule(lambda *numbers: numbers, rule)
-    look(*(leaf for leaf in leaves if isinstance(leaf, jax.core.Tracer)))
+    look(*filter(traced, leaves))
     return known == [True]
 
 

@@ -13,6 +13,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 
+from .._entry import traced
 from .compiled import FEW, quick_options, soon_options, untraced
 from .outside import known_beneath, with_rule
 
@@ -45,26 +46,31 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
     def with_slopes(structure: Any, kinds: tuple[Any, ...]) -> Callable[..., Out] | None:
         return _differentiable(_of_leaves(function, structure), kinds)
 
+    def repeated(structure: Any, leaves: list) -> Any:
+        known = computed.get(structure) if untraced() else None
+        # `leaf.shape` takes five times as long.
+        several = known and any(type(x) is not float and x.aval.shape for x in leaves)
+        return known(*leaves) if known and not several else None
+
+    def of_numbers(structure: Any, leaves: list) -> Out:
+        few = sum(1 if type(leaf) is float else leaf.size for leaf in leaves) <= FEW
+        soon = few and untraced()
+        run = with_numbers(structure, soon)
+        found = run(*leaves)
+        if soon and len(computed) < _MOST_STRUCTURES:
+            computed[structure] = run
+        return found
+
     @functools.wraps(function)
     def call(numbers: Any, *choices: Any, again: bool = False) -> Any:
         leaves, structure = jax.tree.flatten((numbers, *choices))
         plain = _are_numbers(*map(type, leaves))
         if again:
-            known = computed.get(structure) if plain and untraced() else None
-            # `leaf.shape` takes five times as long.
-            several = known and any(type(x) is not float and x.aval.shape for x in leaves)
-            return known(*leaves) if known and not several else None
+            return repeated(structure, leaves) if plain else None
         if all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(choices)):
             if plain:
-                few = sum(1 if type(leaf) is float else leaf.size for leaf in leaves) <= FEW
-                soon = few and untraced()
-                run = with_numbers(structure, soon)
-                found = run(*leaves)
-                if soon and len(computed) < _MOST_STRUCTURES:
-                    computed[structure] = run
-                return found
-            one = (type(x) is float or (isinstance(x, jax.Array) and x.ndim == 0) for x in leaves)
-            if all(one) and known_beneath(leaves):
+                return of_numbers(structure, leaves)
+            if all(map(_is_single, leaves)) and known_beneath(leaves):
                 differentiable = with_slopes(structure, tuple(map(jax.typeof, leaves)))
                 if differentiable is not None:
                     return differentiable(*leaves)
@@ -72,6 +78,10 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
         return with_choices(given, *choices)
 
     return call
+
+
+def _is_single(leaf: Any) -> bool:
+    return type(leaf) is float or (isinstance(leaf, jax.Array) and leaf.ndim == 0)
 
 
 def _of_leaves(function: Callable[..., Out], structure: Any) -> Callable[..., Out]:
@@ -93,13 +103,13 @@ def _differentiable(
     if it depends on tracers that are not arguments, which would have no slopes. An example is a law
     that a user defines under a derivative.
     """
-    traced = jax.jit(function)
-    if any(isinstance(x, jax.core.Tracer) for x in jax.make_jaxpr(traced)(*kinds).consts):
+    solved = jax.jit(function)
+    if traced(jax.make_jaxpr(solved)(*kinds).consts):
         return None
 
     @functools.cache
     def with_slopes(moves: tuple[bool, ...]) -> Callable[..., tuple[Out, list[list[jax.Array]]]]:
-        return jax.jit(functools.partial(_slopes, traced, moves), compiler_options=quick_options())
+        return jax.jit(functools.partial(_slopes, solved, moves), compiler_options=quick_options())
 
     def rule(primals: tuple, along: tuple) -> tuple[Out, Out]:
         moving = [_plain(tangent) for tangent in along if tangent is not None]
@@ -109,7 +119,7 @@ def _differentiable(
         structure = jax.tree.structure(eqx.filter(outcome, eqx.is_inexact_array))
         return outcome, jax.tree.unflatten(structure, _sums(slopes, moving))
 
-    return with_rule(lambda *numbers: traced(*numbers), rule)
+    return with_rule(lambda *numbers: solved(*numbers), rule)
 
 
 def _plain(number: Any) -> Any:

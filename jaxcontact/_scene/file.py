@@ -16,6 +16,7 @@ from .._entry import (
     POSITIVE,
     nearest,
     not_modelled,
+    refusal,
     rendered,
     require_choice,
     require_count,
@@ -70,9 +71,8 @@ def read_scene(
     file, the table and the key. Raises OSError for a file that cannot be read.
     """
     if (file is None) == (example is None):
-        raise ValueError(
-            "Argument `file` must be the path of a file where no `example` is given, and None "
-            f"where one is, but is {rendered(file)}."
+        raise refusal(
+            "file", "be the path of a file where no `example` is given, and None where one is", file
         )
     if example is None:
         path = require_path("file", file)
@@ -131,41 +131,48 @@ class _Place(NamedTuple):
             raise self.error(str(error)) from error
 
 
+def _arguments_of(function: Callable[..., Any], *others: str) -> list[str]:
+    return [name for name in inspect.signature(function).parameters if name not in others]
+
+
 def _scene_of(top: _Place, content: dict[str, Any]) -> tuple[Scene, dict[str, Any]]:
-    kinds = {cls.__name__.lower(): cls for cls in AbstractBody.__subclasses__()}
-    for_scene = [n for n in inspect.signature(Scene).parameters if n != "bodies"]
     # Progress output is not part of a file.
-    for_run = [
-        n for n in inspect.signature(simulate_scene).parameters if n not in ("scene", "tell")
-    ]
-    tables = [*kinds, random_spheres.__name__, "pair", "material"]
+    for_scene = _arguments_of(Scene, "bodies")
+    for_run = _arguments_of(simulate_scene, "scene", "tell")
+    known = [*for_run, *for_scene, *_BODIES, "pair", "material"]
     for name in content:
-        top.require_known("a key or table", name, [*for_run, *for_scene, *tables])
-    materials = {
-        name: top.inside(f"[material.{name}]").call(Material, _table_of(top, name, table))
-        for name, table in top.require_table("'material'", content.get("material", {})).items()
-    }
+        top.require_known("a key or table", name, known)
+    of_scene = {name: content[name] for name in for_scene if name in content}
+    of_run = {name: content[name] for name in for_run if name in content}
+    bodies = _bodies(top, content)
+    if "periodic" in of_scene:
+        of_scene["periodic"] = _periodic(top, of_scene["periodic"])
+    of_scene |= _by_pair(top, content)
+    if "law" not in of_scene:
+        raise top.error("the key 'law' must be given, but is missing.")
+    scene = top.call(Scene, {"bodies": bodies, **of_scene})
+    return scene, _run_arguments(top, of_run)
+
+
+_BODIES: dict[str, Callable[..., Any]] = {
+    **{cls.__name__.lower(): cls for cls in AbstractBody.__subclasses__()},
+    random_spheres.__name__: random_spheres,
+}
+
+
+def _bodies(top: _Place, content: Mapping[str, Any]) -> list[AbstractBody]:
+    """Return the bodies of a file, kind by kind."""
+    given = top.require_table("'material'", content.get("material", {}))
+    materials = {}
+    for name, table in given.items():
+        entries = top.require_table(f"'material.{name}'", table)
+        materials[name] = top.inside(f"[material.{name}]").call(Material, entries)
     bodies: list[AbstractBody] = []
     for kind, listed in content.items():
-        if kind in kinds or kind == random_spheres.__name__:
-            for place, table in _tables(top, kind, listed):
-                entries = _resolve(place, table, materials)
-                if kind in kinds:
-                    bodies.append(place.call(kinds[kind], entries))
-                else:
-                    bodies.extend(place.call(random_spheres, entries))
-    scene_given = {name: content[name] for name in for_scene if name in content}
-    if "periodic" in scene_given:
-        scene_given["periodic"] = _periodic(top, scene_given["periodic"])
-    scene_given |= _by_pair(top, content, scene_given)
-    if "law" not in scene_given:
-        raise top.error("the key 'law' must be given, but is missing.")
-    scene = top.call(Scene, {"bodies": bodies, **scene_given})
-    return scene, _run_arguments(top, {name: content[name] for name in for_run if name in content})
-
-
-def _table_of(top: _Place, name: str, value: Any) -> dict[str, Any]:
-    return top.require_table(f"'material.{name}'", value)
+        for place, table in _tables(top, kind, listed) if kind in _BODIES else ():
+            made = place.call(_BODIES[kind], _resolve(place, table, materials))
+            bodies += [made] if isinstance(made, AbstractBody) else made
+    return bodies
 
 
 def _tables(top: _Place, kind: str, listed: Any) -> Iterable[tuple[_Place, dict[str, Any]]]:
@@ -222,39 +229,50 @@ def _friction(place: _Place, value: Any) -> AbstractFriction:
     return place.call(kinds[name], table)
 
 
-def _by_pair(top: _Place, content: Mapping[str, Any], entries: Mapping[str, Any]) -> dict[str, Any]:
+_READERS: dict[str, Callable[[_Place, Any], Any]] = {
+    "law": _law,
+    "friction": _friction,
+    "stiffness": lambda place, value: value,
+}
+
+
+def _by_pair(top: _Place, content: Mapping[str, Any]) -> dict[str, Any]:
     """Return the law, the stiffness and the friction of a scene: one for all, or by pair with a
     default.
     """
-    arguments: dict[str, Any] = {}
-    if "law" in entries:
-        arguments["law"] = _law(top.inside("[law]"), entries["law"])
-    if "stiffness" in entries:
-        arguments["stiffness"] = entries["stiffness"]
-    if "friction" in entries:
-        arguments["friction"] = _friction(top.inside("[friction]"), entries["friction"])
-    read = {"law": _law, "friction": _friction, "stiffness": lambda place, value: value}
-    tables: dict[str, dict[Any, Any]] = {name: {} for name in read}
+    arguments = {
+        name: read(top.inside(f"[{name}]"), content[name])
+        for name, read in _READERS.items()
+        if name in content
+    }
+    tables: dict[str, dict[Any, Any]] = {}
     for place, table in _tables(top, "pair", content.get("pair", [])):
-        for name in table:
-            place.require_known("a key", name, ["bodies", *tables])
-        bodies = table.get("bodies")
-        pair = tuple(bodies) if isinstance(bodies, list) else ()
-        if len(pair) != 2 or not all(isinstance(name, str) for name in pair):
-            raise place.error(f"'bodies' must be two names, but is {rendered(bodies)}.")
-        if len(table) < 2:
-            raise place.error(
-                "a 'law', a 'stiffness' or a 'friction' must be given, but all are missing."
-            )
-        for name in tables:
-            if pair in tables[name] and name in table:
-                raise place.error(f"'bodies' must name a pair once, but is {rendered(bodies)}.")
-            if name in table:
-                tables[name][pair] = read[name](place, table[name])
+        pair = _pair(place, table)
+        for name in filter(table.__contains__, _READERS):
+            values = tables.setdefault(name, {})
+            if pair in values:
+                raise place.error(
+                    f"'bodies' must name a pair once, but is {rendered(table['bodies'])}."
+                )
+            values[pair] = _READERS[name](place, table[name])
     for name, table in tables.items():
-        if table:
-            arguments[name] = table | ({DEFAULT: arguments[name]} if name in arguments else {})
+        arguments[name] = table | ({DEFAULT: arguments[name]} if name in arguments else {})
     return arguments
+
+
+def _pair(place: _Place, table: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of a pair, from its table."""
+    for name in table:
+        place.require_known("a key", name, ["bodies", *_READERS])
+    bodies = table.get("bodies")
+    pair = tuple(bodies) if isinstance(bodies, list) else ()
+    if len(pair) != 2 or not all(isinstance(name, str) for name in pair):
+        raise place.error(f"'bodies' must be two names, but is {rendered(bodies)}.")
+    if len(table) < 2:
+        raise place.error(
+            "a 'law', a 'stiffness' or a 'friction' must be given, but all are missing."
+        )
+    return pair
 
 
 def _periodic(place: _Place, value: Any) -> list[Any]:

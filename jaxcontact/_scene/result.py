@@ -9,7 +9,6 @@ from typing import Any, BinaryIO, NamedTuple, TextIO
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from .._program import traced as traced
@@ -168,7 +167,7 @@ class Impacts(eqx.Module):
         write_csv(self._in_words(), path)
 
     def __repr__(self) -> str:
-        if isinstance(self.time, Tracer) or not eqx.is_array(self.time) or self.time.ndim != 1:
+        if traced(self.time) or not eqx.is_array(self.time) or self.time.ndim != 1:
             return f"Impacts({eqx.tree_pformat(self.time)})"
         columns = self.to_dict()
         count = len(columns["time"])

@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._coupled.modes import Index, Number
-from .._entry import as_parameter, rendered, shown
+from .._entry import as_parameter, refusal, shown
 from .._program import derived
 from .._text.failure import Flagged
-from .bodies.bodies import AbstractBody
+from .bodies.bodies import AbstractBody, spheres_of
 from .bodies.scene import Scene
 from .engine.log import RunRecord
 from .readout.columns import state_columns, write_csv
@@ -103,9 +103,7 @@ class Run(Flagged, eqx.Module):
         """
         times = as_parameter(time, "time")
         if times.ndim > 1:
-            raise ValueError(
-                f"Argument `time` must be a number or a list of numbers, but is {rendered(time)}."
-            )
+            raise refusal("time", "be a number or a list of numbers", time)
         if traced(times):
             return states_at(self._record, times.reshape(-1))
         return states_at(self._record, jax.device_put(np.asarray(times).reshape(-1)))
@@ -128,13 +126,11 @@ class Run(Flagged, eqx.Module):
         end = self.at(self.duration)
         state = end if traced(end) else jax.tree.map(np.asarray, end)
         position, velocity = state.position[0], state.velocity[0]
-        spin = None if state.spin is None else state.spin[0]
+        spin = [None] * len(position) if state.spin is None else state.spin[0]
         bodies = list(self.scene.bodies)
-        for k, sphere in enumerate(self.scene.spheres):
-            place = self._record.layout.body[k]
+        for k, (place, sphere) in enumerate(spheres_of(bodies)):
             if sphere.motion is None:
-                turned = None if spin is None else spin[k]
-                state_of_it = jax.device_put((position[k], velocity[k], turned))
+                state_of_it = jax.device_put((position[k], velocity[k], spin[k]))
                 bodies[place] = sphere.moved_to(*state_of_it)
         bodies = [_later(body, self.duration) for body in bodies]
         if start is not None and not traced(self.status):
@@ -246,26 +242,26 @@ def dataset(
             "to_xarray needs xarray, which comes with `pip install 'jaxcontact[data]'`"
         ) from error
     columns = impacts.to_dict()
+    impact_time = columns.pop("time")
     arrays: dict[str, Any] = {
         "position": (("time", "sphere", "axis"), np.asarray(states.position)),
         "velocity": (("time", "sphere", "axis"), np.asarray(states.velocity)),
         "energy": (("time",), np.asarray(states.energy)),
         "body_name": (("body",), list(impacts.names)),
     }
-    arrays |= {name: (("impact",), column) for name, column in columns.items() if name != "time"}
+    arrays |= {name: (("impact",), column) for name, column in columns.items()}
     if states.spin is not None:
         axes = ("time", "sphere", "axis")[: states.spin.ndim]
         arrays["spin"] = (axes, np.asarray(states.spin))
-    masses = [sphere.known_mass() for sphere in scene.spheres]
     coordinates: dict[str, Any] = {
         "time": (("time",), np.asarray(states.time)),
         "sphere": (("sphere",), list(bodies)),
         "axis": (("axis",), list("xyz"[: scene.dimensions])),
         "name": (("sphere",), [impacts.names[k] for k in bodies]),
         "radius": (("sphere",), [float(sphere.radius) for sphere in scene.spheres]),
-        "mass": (("sphere",), [np.inf if mass is None else float(mass) for mass in masses]),
+        "mass": (("sphere",), [float(sphere.known_mass() or np.inf) for sphere in scene.spheres]),
         "body": (("body",), np.arange(len(impacts.names))),
-        "impact_time": (("impact",), columns["time"]),
+        "impact_time": (("impact",), impact_time),
     }
     arrays, coordinates = (
         {name: (*column, _attributes(name)) for name, column in group.items()}

@@ -9,14 +9,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, ArrayLike
 
 from .._entry import (
     FRACTION,
     POSITIVE,
     as_parameter,
-    rendered,
+    refusal,
     require_choice,
     require_count,
     require_flag,
@@ -71,34 +70,22 @@ def simulate_scene(
     if not soft:
         for law in scene.law.values:
             require_no_adhesion(law, "where impacts are instantaneous")
-    room_for = MOST if max_cluster is None else require_count("max_cluster", max_cluster, 2)
-    most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
+    max_cluster = _count("max_cluster", max_cluster, 2)
+    most = _count("max_impacts", max_impacts, 1)
     at = times_of(times, length)
     moves = traced(at)
     layout = layout_of(scene)
-    if max_cluster is None:
-        room_for = _places_of(scene, room_for)
-    if room_for <= MOST or room_for != _places_of(scene, 0):
-        room_for = min(room_for, layout.spheres)
+    room_for = _room_for(scene, max_cluster, layout)
     scene = _usable_start(scene, soft, room_for)
     require_clear_of_each_other(scene.bodies, length)
     rules = Rules(soft, rule, room_for if soft else 0)
     plain = not traced((scene, length, at))
-    start: RunState | None = None
     if plain:
         tell.says("compiling")
-        *numbers_of_it, start = _prepare(inputs_of(scene), layout, rules, length, at)
+        *prepared, start = _prepare(inputs_of(scene), layout, rules, length, at)
     else:
-        began: list[RunState] = []
-
-        def prepare(*arguments: Any) -> tuple[tuple[Any, ...], None]:
-            *numbers_seen, state = _prepare_traced(*arguments)
-            began[:] = [state]
-            return tuple(numbers_seen), None
-
-        numbers_of_it = derived(_traced_numbers, scene, layout, rules, length, at, decide=prepare)
-        start = began[0] if began else None
-    numbers, valid, length, at, last = numbers_of_it
+        prepared, start = _prepare_outside(scene, layout, rules, length, at)
+    numbers, valid, length, at, last = prepared
     within = jax.device_put(np.asarray(tolerance, numbers.dtype))
     grows = max_cluster is None and _places_of(scene, 0) == 0
     # A call of the coupled solve ends when any pair touches or opens.
@@ -117,14 +104,10 @@ def simulate_scene(
     record = RunRecord(layout, numbers, ended, within, outcome, last, length)
     contents = read_run(record, at, room, moves)
     impacts = dataclasses.replace(contents.impacts, names=names_of(scene.bodies))
-    status = contents.status
-    if not traced(status) and some_impact_gains(record, impacts):
-        done = np.asarray(status) == Ending.COMPLETED
-        status = jax.device_put(np.where(done, Ending.GAINED, status).astype(status.dtype))
     run = Run(
         **contents.now._asdict(),
         impacts=impacts,
-        status=status,
+        status=_status_with_gains(contents.status, record, impacts),
         reached=contents.reached,
         wall_work=contents.work,
         sliding_loss=contents.sliding_loss,
@@ -136,6 +119,38 @@ def simulate_scene(
     return checked(run, throw, "simulate")
 
 
+def _count(name: str, value: Any, least: int) -> int | None:
+    return None if value is None else require_count(name, value, least)
+
+
+def _prepare_outside(scene: Scene, *arguments: Any) -> tuple[tuple, RunState | None]:
+    """Return the numbers of a traced scene, and its first state unless this is known only later."""
+    began: list[RunState] = []
+
+    def prepare(*arguments: Any) -> tuple[tuple[Any, ...], None]:
+        *numbers_seen, state = _prepare_traced(*arguments)
+        began[:] = [state]
+        return tuple(numbers_seen), None
+
+    numbers = derived(_traced_numbers, scene, *arguments, decide=prepare)
+    return numbers, began[0] if began else None
+
+
+def _status_with_gains(status: Array, record: RunRecord, impacts: Impacts) -> Array:
+    if traced(status) or not some_impact_gains(record, impacts):
+        return status
+    done = np.asarray(status) == Ending.COMPLETED
+    return jax.device_put(np.where(done, Ending.GAINED, status).astype(status.dtype))
+
+
+def _room_for(scene: Scene, asked: int | None, layout: SceneLayout) -> int:
+    """Return the capacity of the coupled solve: as asked, or that in which the scene starts."""
+    room = _places_of(scene, MOST) if asked is None else asked
+    if room <= MOST or room != _places_of(scene, 0):
+        room = min(room, layout.spheres)
+    return room
+
+
 def _places_of(scene: Scene, otherwise: int) -> int:
     """Return the capacity of the coupled solve that a scene starts in, else `otherwise`."""
     contacts = None if scene._start is None else scene._start.contacts
@@ -144,18 +159,16 @@ def _places_of(scene: Scene, otherwise: int) -> int:
 
 def _usable_start(scene: Scene, soft: bool, members: int) -> Scene:
     """Return the scene with its start state removed where that is not used."""
-    start = scene._start
+    start, places = scene._start, _places_of(scene, members)
     if start is None or start.soft == soft:
-        if start is not None and start.contacts is not None:
-            places = start.contacts.who.shape[0]
-            if places != members and not traced(start) and not bool(start.contacts.active):
-                return eqx.tree_at(lambda scene: scene._start, scene, start.without_contacts())
-            if places != members:
-                raise ValueError(
-                    "Argument `max_cluster` must be that of the run that ended in contact, "
-                    f"{places}, but is {members}."
-                )
-        return scene
+        if start is None or start.contacts is None or places == members:
+            return scene
+        if not traced(start) and not bool(start.contacts.active):
+            return eqx.tree_at(lambda scene: scene._start, scene, start.without_contacts())
+        raise ValueError(
+            "Argument `max_cluster` must be that of the run that ended in contact, "
+            f"{places}, but is {members}."
+        )
     if start.soft:
         raise ValueError(
             "Argument `instantaneous` must be False for a scene that goes on from soft contacts, "
@@ -178,23 +191,21 @@ def require_v0(value: Any) -> str | float:
 def times_of(value: Any, duration: Array) -> Array:
     """Return the output times; raises ValueError unless they ascend within the duration."""
     if value is None:
-        if isinstance(duration, Tracer):
+        if traced(duration):
             return jnp.stack([jnp.zeros_like(duration), duration])
         end = np.asarray(duration)
         return jax.device_put(np.stack([np.zeros_like(end), end]))
     times = as_parameter(value, "times")
     if times.ndim != 1 or times.shape[0] == 0:
-        raise ValueError(f"Argument `times` must be a list of numbers, but is {rendered(value)}.")
-    if isinstance(times, Tracer):
+        raise refusal("times", "be a list of numbers", value)
+    if traced(times):
         return times
     plain = np.asarray(times)
-    if not (np.all(np.isfinite(plain)) and np.all(np.diff(plain) > 0)):
-        raise ValueError(f"Argument `times` must ascend, but is {rendered(value)}.")
-    late = not isinstance(duration, Tracer) and plain[-1] > float(duration)
+    if not np.all(np.isfinite(plain)) & np.all(np.diff(plain) > 0):
+        raise refusal("times", "ascend", value)
+    late = not traced(duration) and plain[-1] > float(duration)
     if plain[0] < 0 or late:
-        raise ValueError(
-            f"Argument `times` must lie between 0 and the duration, but is {rendered(value)}."
-        )
+        raise refusal("times", "lie between 0 and the duration", value)
     return times
 
 

@@ -12,6 +12,8 @@ import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun, new_jaxpr_eqn
 from jax.interpreters import batching, mlir, partial_eval
 
+from .._entry import traced
+
 Out = TypeVar("Out")
 
 CHUNK = 64
@@ -36,10 +38,10 @@ def in_chunks(
         return function
 
     def call(*arrays: jax.Array) -> Out:
-        traced, shapes = jax.make_jaxpr(function, return_shape=True)(*arrays)
-        if any(isinstance(x, jax.core.Tracer) for x in traced.consts):
+        jaxpr, shapes = jax.make_jaxpr(function, return_shape=True)(*arrays)
+        if traced(jaxpr.consts):
             return function(*arrays)
-        outcome = _in_chunks.bind(*arrays, traced=traced, chunk=chunk, lanes=lanes)
+        outcome = _in_chunks.bind(*arrays, traced=jaxpr, chunk=chunk, lanes=lanes)
         return jax.tree.unflatten(jax.tree.structure(shapes), outcome)
 
     return call
@@ -55,7 +57,7 @@ def _batched(
     one, lanes = jaxpr_as_fun(given["traced"]), given["lanes"]
     moves = [axis is not None for axis in axes]
     arrays = [x if a is None else jnp.moveaxis(x, a, 0) for x, a in zip(arrays, axes, strict=True)]
-    size = next(x.shape[0] for x in itertools.compress(arrays, moves))
+    size = next(itertools.compress(arrays, moves)).shape[0]
     chunk = max(1, given["chunk"] // lanes)
     several = jax.vmap(one, in_axes=[0 if moved else None for moved in moves])
     if chunk > 1 and size < _LEAST * chunk:
@@ -75,7 +77,7 @@ def _batched(
     if chunk == 1:
         outcome = jax.lax.map(of_chunk, moving)
     else:
-        outcome = jax.lax.map(of_chunk, [cut(x) for x in moving])
+        outcome = jax.lax.map(of_chunk, list(map(cut, moving)))
         outcome = [out.reshape(-1, *out.shape[2:])[:size] for out in outcome]
     return outcome, [0] * len(outcome)
 

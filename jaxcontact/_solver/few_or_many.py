@@ -11,7 +11,8 @@ from typing import Any, Generic, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.custom_derivatives import SymbolicZero
+
+from .._functions import nonzero
 
 Out = TypeVar("Out")
 
@@ -102,10 +103,11 @@ class _FewOrMany:
         )
         batch, lanes = None, self.lanes * size if any(jax.tree.leaves(along)) else self.lanes
         # Where only directions of a derivative differ, lanes may still follow.
-        if self.batch is not None and size >= SEVERAL and all(jax.tree.leaves(vary)):
-            few = functools.partial(self.batch, size, along)
-        elif self.batch is not None:
-            batch = functools.partial(self._lanes_around, size, along, out_axes)
+        if self.batch is not None:
+            if size >= SEVERAL and all(jax.tree.leaves(vary)):
+                few = functools.partial(self.batch, size, along)
+            else:
+                batch = functools.partial(self._lanes_around, size, along, out_axes)
         if lanes < MANY or self.slopes:
             many = _FewOrMany(few, many, lanes, self.vary, batch, self.slopes)
         out = many(*given)
@@ -127,7 +129,7 @@ class _FewOrMany:
         return jax.vmap(batch, in_axes=axes, out_axes=out_axes, axis_size=size)(*given)
 
     def _with_slopes(self, structure: Any, leaves: list, rest: Any, changes: list) -> Any:
-        moves = [not isinstance(change, SymbolicZero) for change in changes]
+        moves = [nonzero(change) for change in changes]
 
         def split(leaves: list) -> tuple[list, list]:
             pairs = list(zip(leaves, moves, strict=True))

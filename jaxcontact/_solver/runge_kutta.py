@@ -72,8 +72,8 @@ def step_in_loop(
         index, weights = at
         slope = rate(moved(weights, slopes))
         # Unlike `at`, this does not check the index at every stage.
-        put = functools.partial(jax.lax.dynamic_update_index_in_dim, index=index, axis=0)
-        return jax.tree.map(put, slopes, slope), None
+        put = jax.lax.dynamic_update_index_in_dim
+        return jax.tree.map(lambda rows, row: put(rows, row, index, 0), slopes, slope), None
 
     slopes, _ = jax.lax.scan(stage, buffer, (jnp.arange(stages), jnp.asarray(rule.matrix)))
     return moved(rule.solution, slopes), changed(rule.error, slopes)

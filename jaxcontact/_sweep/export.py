@@ -107,7 +107,7 @@ def rows_of(table: SweepTable) -> Iterator[str]:
     columns += (table.columns() | {"status": table.status_column}).items()
     head = io.StringIO()
     csv.writer(head, lineterminator="\n").writerow(
-        name + (f"[{','.join(map(str, place))}]" if place else "")
+        f"{name}[{','.join(map(str, place))}]".removesuffix("[]")
         for name, column in columns
         for place in np.ndindex(column.own_shape)
     )

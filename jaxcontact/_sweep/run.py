@@ -81,6 +81,10 @@ def _results(
         yield block, dict(zip([part.array.key for part in block.parts], results, strict=True))
 
 
+def _lanes_in(blocks: Sequence[Block]) -> int:
+    return sum(block.lanes for block in blocks)
+
+
 def work_off(
     missing: Sequence[Block],
     blocks: Sequence[Block],
@@ -98,8 +102,8 @@ def work_off(
     missing, without which no result is usable, or if other processes wait for the rest.
     """
     left = {block.number: block for block in missing}
-    total = sum(block.lanes for block in blocks)
-    done = total - sum(block.lanes for block in missing)
+    total = _lanes_in(blocks)
+    done = total - _lanes_in(missing)
     try:
         for block, results in compute(missing, workers, exchange=exchange):
             if results:
@@ -191,7 +195,7 @@ def collect_stored(
     def keep(block: Block, results: Arrays) -> None:
         store.write(block.number, results)
 
-    resumed = 1 - sum(block.lanes for block in missing) / sum(block.lanes for block in blocks)
+    resumed = 1 - _lanes_in(missing) / _lanes_in(blocks)
     note = f"{100 * resumed:.0f} % from the store" if resumed else ""
     left, done = work_off(missing, blocks, workers, tell, keep, exchange=False, note=note)
     if left:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import itertools
 import json
 import os
 import shutil
@@ -210,7 +211,7 @@ def _create(
     If several processes do so at the same time, the first store is used.
     """
     zarr = _zarr()
-    made = [folder for folder in path.parents if not folder.exists()]
+    made = list(itertools.filterfalse(Path.exists, path.parents))
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
     try:

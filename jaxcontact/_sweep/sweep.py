@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from .._entry import (
+    refusal,
     rendered,
     require_choice,
     require_count,
@@ -33,7 +34,7 @@ from .planning.signature import signature_of
 from .run import Results, collect, collect_stored, compute
 from .skip import Group, flag_key
 from .store import local_folder
-from .table import OutputField, SweepColumn, SweepTable, within
+from .table import OutputField, SweepColumn, SweepTable, dims_in, within
 
 if TYPE_CHECKING:
     import xarray
@@ -135,10 +136,9 @@ class Sweep(SweepTable):
             lines += _entry("fixed", fixed)
         fields = []
         for name, column in self.columns().items():
-            dims = {d for part in (column, *column.masks) for d in part.dims}
-            over = ", ".join(self.dims[d] for d in sorted(dims))
-            shape = f" {column.own_shape}" if column.own_shape else ""
-            fields.append(f"{name}({over}){shape}")
+            dims = sorted(set(dims_in(column, *column.masks)))
+            over = ", ".join(map(self.dims.__getitem__, dims))
+            fields.append(f"{name}({over}) {column.own_shape}".removesuffix(" ()"))
         lines += _entry("fields", ", ".join(fields) or "none")
         counts = ", ".join(f"{n:,} {_status(code)}" for code, n in self.status_counts().items())
         lines += _entry("status", counts)
@@ -370,10 +370,7 @@ def _reduce(
     except (TypeError, ValueError):
         fold = value = None
     if not callable(fold):
-        raise ValueError(
-            "Argument `reduce` must be a pair (start, fold) with a function, "
-            f"but is {rendered(reduce)}."
-        )
+        raise refusal("reduce", "be a pair (start, fold) with a function", reduce)
     groups, function = (plan.whole,), _name_of(fn)
     done = 0
     try:

@@ -84,15 +84,20 @@ class SweepColumn:
         dims = tuple(d - (d > dim) for d in self.dims if d != dim)
         return SweepColumn(dims, values, masks, self.otherwise).simplify()
 
+    def is_nan(self) -> np.ndarray:
+        """Return where a lane holds a NaN, along the column's dimensions."""
+        nan = np.isnan(self.values)
+        return np.asarray(nan.any(tuple(range(len(self.dims), nan.ndim))))
+
     def counts(self, shape: Sequence[int]) -> dict[Any, int]:
         """Count each value; the whole array is expanded only if parts share dimensions."""
         shape = tuple(shape)
-        used = [d for part in (self, *self.masks) for d in part.dims]
+        used = dims_in(self, *self.masks)
         if len(used) > len(set(used)):
             kinds, numbers = np.unique(self.array(shape), return_counts=True)
             return dict(zip(kinds.tolist(), numbers.tolist(), strict=True))
         lanes = math.prod(shape)
-        free = lanes // math.prod(shape[d] for d in used)
+        free = lanes // math.prod(map(shape.__getitem__, used))
         kept = free * math.prod(int(np.count_nonzero(mask.values)) for mask in self.masks)
         kinds, numbers = np.unique(self.values, return_counts=True)
         counts = {k: kept * n for k, n in zip(kinds.tolist(), numbers.tolist(), strict=True)}
@@ -101,6 +106,11 @@ class SweepColumn:
             kind = np.asarray(self.otherwise).item()
             counts[kind] = counts.get(kind, 0) + bad
         return {kind: number for kind, number in counts.items() if number}
+
+
+def dims_in(*columns: SweepColumn) -> list[int]:
+    """Return the dimensions of columns, in order."""
+    return [dim for column in columns for dim in column.dims]
 
 
 def within(array: np.ndarray, dims: Sequence[int], among: Sequence[int]) -> np.ndarray:
@@ -196,12 +206,10 @@ class SweepTable:
         checks = tuple(mask for mask in self._checks if not mask.values.all())
         masks = [mask for c in floats for mask in c.masks if not any(map(mask.same, checks))]
         masks += self._computed
-        dims = tuple(sorted({d for part in (*floats, *masks) for d in part.dims}))
-        lost = np.zeros(tuple(self.shape[d] for d in dims), bool)
+        dims = tuple(sorted(set(dims_in(*floats, *masks))))
+        lost = np.zeros(tuple(map(self.shape.__getitem__, dims)), bool)
         for column in floats:
-            nan = np.isnan(column.values)
-            own_axes = tuple(range(len(column.dims), nan.ndim))
-            lost |= within(np.asarray(nan.any(own_axes)), column.dims, dims)
+            lost |= within(column.is_nan(), column.dims, dims)
         for mask in masks:
             lost |= ~within(mask.values, mask.dims, dims)
         codes = np.where(lost, int(Status.NOT_CONVERGED), int(Status.SEPARATED)).astype(np.int32)

@@ -28,7 +28,6 @@ from .._coupled.springs import (
     spring_motion,
     tangential_stiffness,
 )
-from .._friction import SpringSlider
 from .._laws import adhesion_below, energies_of, force_of_closed, pressing, shrunk_memory
 from .mechanics import SLIDES_ON, Friction, Mechanics, Opening, SystemMotion, Vector
 from .problem import Scales
@@ -105,9 +104,8 @@ class SystemField(AbstractCoupledField):
     ) -> SpringMotion:
         """Return the motion of springs from depths, their rates and their second rates."""
         units, (depth, rate, second) = self.scales.contact, looks
-        friction, mechanics = self.mechanics.system.friction, self.mechanics
-        assert isinstance(friction, SpringSlider) and friction.ratio is not None
-        stiffness = tangential_stiffness(friction.ratio, self.contact, units.length * depth)
+        mechanics = self.mechanics
+        stiffness = tangential_stiffness(mechanics.spring[1], self.contact, units.length * depth)
         stiffness = jnp.where(modes.closed, stiffness * (units.length / units.force), 0)
         grows = mechanics.limit(self.force_slope(modes, (depth, rate), (rate, second)))
         limit, slides = (mechanics.limit(force), grows), modes.slide == 1
@@ -116,9 +114,8 @@ class SystemField(AbstractCoupledField):
 
     def _reach(self, depth: PerContact, rate: PerContact) -> PerContact:
         """Return μ/(n κ) (δ + |δ'|); see `spring_motion`."""
-        friction = self.mechanics.system.friction
-        assert isinstance(friction, SpringSlider) and friction.ratio is not None
-        return friction.mu / (self.contact.exponent * friction.ratio) * changing(depth, rate)
+        mu, kappa = self.mechanics.spring
+        return mu / (self.contact.exponent * kappa) * changing(depth, rate)
 
     def _second(self, at: tuple[Number, Vector, Vector], motion: SystemMotion) -> PerContact:
         """Return the second rates of depths in units of the solve."""
@@ -243,16 +240,15 @@ class SystemField(AbstractCoupledField):
     ) -> Settled:
         """Return the state after events of contacts with tangential springs."""
         at, units, before = self.moment(y), self.scales.contact, modes.slide
-        friction = self.mechanics.system.friction
-        assert before is not None and isinstance(friction, SpringSlider)
-        assert friction.ratio is not None
+        assert before is not None
+        mu, kappa = self.mechanics.spring
         gap, opening = self.mechanics.gaps(*at)
         depth, rate, slip = -gap / units.length, -opening / units.speed, self._slip(at)
         limit = self.mechanics.limit(self.force(depth, rate, modes))
         small = jnp.full_like(depth, SMALL)
         stiff = self.contact.stiffness * (units.length * small) ** self.contact.exponent
         hardening = units.force * self.force(small, rate, modes) / stiff
-        slips = slides_at_touch(friction.ratio, slip, rate, friction.mu, hardening)
+        slips = slides_at_touch(kappa, slip, rate, mu, hardening)
         events, reach = (touches, changes, slips), self._reach(depth, rate)
         springs, slide = settled_springs(springs, slip, limit, before, events, reach)
         changed = modes.closed & (slide != before) | touches

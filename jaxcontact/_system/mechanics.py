@@ -14,7 +14,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._coupled.modes import Flag, Flags, Number, PerContact
-from .._friction import RegularizedCoulomb
 from .system import System
 
 _LARGE = 8
@@ -86,14 +85,6 @@ def hold(matrix: Float[Array, "m m"], sticks: Flags, needed: PerContact) -> tupl
         independent.append(fine)
     free = jnp.stack(independent)
     return jnp.where(acts & free, rows[:, m], 0) / root, jnp.any(acts & ~free)
-
-
-def inverses(
-    mass: Float[Array, "n n"], drive: Float[Array, " n"], jacobian: Float[Array, "m n"]
-) -> tuple[Float[Array, " n"], Float[Array, "n m"]]:
-    """Return M⁻¹ times the generalised forces `drive`, and M⁻¹ J_tᵀ."""
-    columns = solve_mass(mass, jnp.concatenate([drive[:, None], jacobian.T], axis=1))
-    return columns[:, 0], columns[:, 1:]
 
 
 Vector = Float[Array, " n"]
@@ -173,8 +164,9 @@ class Mechanics(eqx.Module):
         along = jnp.ones_like(t), self.rate(t, q, v)
         mass, changes = jax.jvp(mass_at, (t, q), along)
         others = self.system.force(t, q, v, self.args)
-        if isinstance(self.system.friction, RegularizedCoulomb):
-            others = others + self.ramp(self.system.friction, t, q, v, force)
+        law = self.system.friction
+        if law is not None and law.kind == "ramp":
+            others = others + self.ramp(law, t, q, v, force)
         if springs is not None:
             speeds, tangential = jax.vjp(lambda v: self.slip(t, q, v), v)
             others = others + tangential(springs.reshape(speeds.shape))[0]
@@ -193,9 +185,7 @@ class Mechanics(eqx.Module):
         power = jnp.sum(others * v) + jnp.sum(v * (changes @ v)) / 2 - surfaces
         return SystemMotion(acceleration, power, friction)
 
-    def ramp(
-        self, friction: RegularizedCoulomb, t: Number, q: Vector, v: Vector, force: PerContact
-    ) -> Vector:
+    def ramp(self, friction: Any, t: Number, q: Vector, v: Vector, force: PerContact) -> Vector:
         """Return the generalised friction forces of a ramp."""
         speeds, pull = jax.vjp(lambda v: self.slip(t, q, v), v)
         return pull(friction.force(force, speeds))[0]
@@ -204,6 +194,13 @@ class Mechanics(eqx.Module):
         """Return slip speeds (m,) or (m, 2)."""
         assert self.system.slip is not None
         return self.system.slip(t, q, v, self.args)
+
+    @property
+    def spring(self) -> tuple[Array, Array]:
+        """Return μ and κ of tangential springs."""
+        friction = self.system.friction
+        assert friction is not None and friction.kappa is not None
+        return friction.mu, friction.kappa
 
     def limit(self, force: PerContact) -> PerContact:
         """Return the largest friction forces μF in N."""
@@ -258,7 +255,9 @@ class Mechanics(eqx.Module):
         slip speeds do not change.
         """
         sliding = -slide * limit
-        free, response = inverses(mass, drive + sliding @ jacobian, jacobian)
+        forces = (drive + sliding @ jacobian)[:, None]
+        columns = solve_mass(mass, jnp.concatenate([forces, jacobian.T], axis=1))
+        free, response = columns[:, 0], columns[:, 1:]
         along = jnp.ones_like(at[0]), self.rate(*at), free
         speeds, rates = jax.jvp(self.slip, at, along)
         matrix, sticks = jacobian @ response, slide == 0

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._coupled.modes import Index, Number
-from .._entry import as_parameter, rendered, shown
+from .._entry import as_parameter, refusal, shown, traced
 from .._program import quick
 from .._scene.readout.columns import write_csv
 from .._scene.result import Ending
@@ -125,7 +124,7 @@ class SystemContacts(eqx.Module):
         write_csv(self.to_dict(), path)
 
     def __repr__(self) -> str:
-        if isinstance(self.time, Tracer) or not eqx.is_array(self.time) or self.time.ndim != 1:
+        if traced(self.time) or not eqx.is_array(self.time) or self.time.ndim != 1:
             return f"SystemContacts({eqx.tree_pformat(self.time)})"
         columns = self.to_dict()
         count = len(columns["time"])
@@ -159,7 +158,7 @@ class SystemPhases(eqx.Module):
         return self.time.shape[-1]
 
     def __repr__(self) -> str:
-        if isinstance(self.time, Tracer) or not eqx.is_array(self.time) or self.time.ndim != 1:
+        if traced(self.time) or not eqx.is_array(self.time) or self.time.ndim != 1:
             return f"SystemPhases({eqx.tree_pformat(self.time)})"
         keep = np.flatnonzero(np.asarray(self.valid))
         words = {0: "sticks", 1: "slides forwards", -1: "slides backwards"}
@@ -259,9 +258,7 @@ class SystemRun(Flagged, eqx.Module):
         """
         times = as_parameter(time, "time")
         if times.ndim > 1:
-            raise ValueError(
-                f"Argument `time` must be a number or a list of numbers, but is {rendered(time)}."
-            )
+            raise refusal("time", "be a number or a list of numbers", time)
         margin = self.margin
         times = jnp.reshape(times, -1).astype(self.reached.dtype)
         return read_states(margin._problem, margin._log, self.reached, margin._peak, times)
@@ -306,7 +303,7 @@ class SystemRun(Flagged, eqx.Module):
             "status": Ending.names_of(self.status).replace("_", " "),
         }
         least = self.margin.painleve
-        plain = eqx.is_array(least) and not isinstance(least, Tracer)
+        plain = eqx.is_array(least) and not traced(least)
         if plain and np.any(np.asarray(least) <= 0):
             lines["painleve"] = f"{shown(least)}, soft contacts decide"
         return "SystemRun\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())

@@ -19,22 +19,16 @@ from .._coupled.modes import (
     Flag,
     Index,
     Number,
+    least_v0,
 )
-from .._entry import as_parameter, is_plain, rendered
+from .._entry import as_parameter, as_parameters, is_list, is_plain, refusal
 from .._program import quick, traced
 from .._scene.result import Ending, nan_unless
 from .._text.failure import checked
 from .._text.progress import TellRun
 from .mechanics import Mechanics, Vector, solve_mass
 from .problem import SystemLog, SystemProblem, SystemState
-from .reading import (
-    SystemStates,
-    contacts_of,
-    phases_of,
-    reading_of,
-    solved,
-    solved_from_start,
-)
+from .reading import SystemStates, contacts_of, phases_of, reading_of, solved, solved_from_start
 from .result import SystemContacts, SystemMargin, SystemPhases, SystemRun, read_states
 from .solve import SystemEnd, SystemRules
 from .start import StartChecks, require_shapes, require_start, start_of
@@ -82,16 +76,16 @@ def simulate_system(
     throw: bool,
 ) -> SystemRun:
     """Simulate a mechanism; see `simulate`."""
-    q, v = (_vector(name, x) for name, x in (("position", position), ("velocity", velocity)))
+    q, v = _vector("position", position), _vector("velocity", velocity)
     dtype = jnp.result_type(q, v)
-    args = jax.tree.map(lambda leaf: as_parameter(leaf, "args") if is_plain(leaf) else leaf, args)
+    args = as_parameters(args, "args")
     system, args, q, v, length, times = _cast(dtype, (system, args, q, v, length, times))
     gaps = require_shapes(Mechanics(system, args), q, v)
     numbers_of = (system.law, system.stiffness, system._exponent)
     spread = _for_each(gaps, numbers_of)
     system = eqx.tree_at(lambda s: (s.law, s.stiffness, s._exponent), system, spread)
     mechanics = Mechanics(system, args)
-    peak, floor = v0 == "peak", np.asarray(0.0 if isinstance(v0, str) else v0, dtype)
+    peak, floor = v0 == "peak", np.asarray(least_v0(v0), dtype)
     stops = _stops(breakpoints, length, dtype)
     within = np.asarray(max(tolerance / 100, 20 * float(jnp.finfo(dtype).eps)), dtype)
     numbers = jax.device_put((floor, within))
@@ -139,7 +133,7 @@ def _vector(name: str, value: Any) -> Array:
     """Return a vector of numbers; raise ValueError otherwise."""
     vector = as_parameter(value, name)
     if vector.ndim != 1 or vector.shape[0] == 0:
-        raise ValueError(f"Argument `{name}` must be a list of numbers, but is {rendered(value)}.")
+        raise refusal(name, "be a list of numbers", value)
     return vector
 
 
@@ -172,21 +166,17 @@ def _for_each(gaps: int, numbers: Any) -> Any:
 
 def _stops(breakpoints: Any, length: Array, dtype: Any) -> Array:
     """Return the times at which the force may jump within the run, and its end."""
-    none = isinstance(breakpoints, tuple | list) and len(breakpoints) == 0
+    none = is_list(breakpoints) and len(breakpoints) == 0
     given: Any = np.zeros(0) if none else breakpoints
     points = as_parameter(given, "breakpoints")
     if points.ndim != 1:
-        raise ValueError(
-            f"Argument `breakpoints` must be a list of times, but is {rendered(breakpoints)}."
-        )
+        raise refusal("breakpoints", "be a list of times", breakpoints)
     if traced((points, length)):
         inside = jnp.clip(points.astype(dtype), 0, length)
         return jnp.concatenate([jnp.sort(inside), length[None]])
     inside, end = np.asarray(points, dtype), np.asarray(length, dtype)
     if not (np.all(np.isfinite(inside)) and np.all(inside >= 0)):
-        raise ValueError(
-            f"Argument `breakpoints` must be at least 0, but is {rendered(breakpoints)}."
-        )
+        raise refusal("breakpoints", "be at least 0", breakpoints)
     inside = np.unique(inside[(inside > 0) & (inside < end)])
     return jax.device_put(np.append(inside, end))
 
@@ -232,13 +222,16 @@ def _pieces(
         ):
             break
         rest = eqx.tree_at(lambda p: p.state, rest, end.state)
-    if len(pieces) == 1:
-        return end
+    return end if len(pieces) == 1 else _one_end(pieces)
+
+
+def _one_end(pieces: list[SystemEnd]) -> SystemEnd:
+    """Return the end of a run in several pieces, with the log of all."""
 
     def joined(*parts: Array) -> np.ndarray:
         return np.concatenate([np.asarray(part) for part in parts])
 
-    logs = [piece.log for piece in pieces]
+    end, logs = pieces[-1], [piece.log for piece in pieces]
     count = sum(int(log.count) for log in logs)
     states, touches, opens = jax.tree.map(
         joined, *((log.states, log.touches, log.opens) for log in logs)

@@ -5,6 +5,7 @@ follow from them, by name.
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -17,7 +18,6 @@ from jaxtyping import Array, Bool, Float
 from .._contact import Contact
 from .._coupled.modes import Flag, Number, PerContact
 from .._coupled.springs import SMALL, slides_at_touch
-from .._friction import SpringSlider
 from .._laws import force_of
 from .mechanics import SLIDES_ON, Mechanics, Opening, Vector
 from .problem import SystemState
@@ -161,14 +161,13 @@ def _settled(
 
 def _with_springs(mechanics: Mechanics, state: SystemState, opening: Opening) -> SystemState:
     """Return the state with tangential springs, and 1 for contacts that slip, 0 for others."""
-    friction, system, law = mechanics.system.friction, mechanics.system, _law_at(mechanics, state)
-    assert isinstance(friction, SpringSlider) and friction.ratio is not None
+    (mu, kappa), system, law = mechanics.spring, mechanics.system, _law_at(mechanics, state)
     slip = mechanics.slip(state.time, state.position, state.velocity)
     slip = slip.reshape(opening.gap.shape[0], -1)
     # The force of a spring in progress is not known; it begins without.
     depth = SMALL * law.unit
     hardening = law.force(depth) / (system.stiffness * depth**system.exponent)
-    slips = slides_at_touch(friction.ratio, slip, state.closing, friction.mu, hardening)
+    slips = slides_at_touch(kappa, slip, state.closing, mu, hardening)
     slides = state.closed & (opening.gap >= 0) & slips
     return state._replace(slide=slides.astype(slip.dtype), spring=jnp.zeros_like(slip))
 
@@ -195,7 +194,7 @@ def require_shapes(mechanics: Mechanics, q: Array, v: Array) -> int:
     arrays, others = eqx.partition((mechanics, q, v), eqx.is_array)
     shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), arrays)
     flat = map(jax.tree.flatten, (shapes, others))
-    key = tuple((tuple(leaves), structure) for leaves, structure in flat)
+    key = tuple((structure, tuple(leaves)) for leaves, structure in flat)
     try:
         hash(key)
     except TypeError:
@@ -204,10 +203,9 @@ def require_shapes(mechanics: Mechanics, q: Array, v: Array) -> int:
 
 
 @functools.lru_cache(maxsize=16)
-def _gaps_of(key: tuple[tuple[tuple, Any], ...]) -> int:
+def _gaps_of(key: tuple[tuple[Any, tuple], ...]) -> int:
     """Check functions by tracing, once for each system and each shape of its numbers."""
-    trees = (jax.tree.unflatten(structure, leaves) for leaves, structure in key)
-    mechanics, q, v = eqx.combine(*trees)
+    mechanics, q, v = eqx.combine(*itertools.starmap(jax.tree.unflatten, key))
     system, t = mechanics.system, jax.ShapeDtypeStruct((), q.dtype)
 
     def shape(name: str, *at: Any) -> tuple[int, ...]:
@@ -231,7 +229,9 @@ def _gaps_of(key: tuple[tuple[tuple, Any], ...]) -> int:
                 f"Function `{name}` must return the shape {expected}, but returns {got}."
             )
 
-    if system.rate is None and q.shape != v.shape:
+    if system.rate is not None:
+        require("rate", shape("rate", t, q, v), q.shape)
+    elif q.shape != v.shape:
         raise ValueError(
             f"Argument `velocity` must have the shape of `position`, {q.shape}, unless the system "
             f"has a `rate`, but has {v.shape}."
@@ -252,8 +252,6 @@ def _gaps_of(key: tuple[tuple[tuple, Any], ...]) -> int:
                 f"Function `slip` must return the shape {gaps} with `RigidCoulomb`, but returns "
                 f"{slip}; in space use `SpringSlider`."
             )
-    if system.rate is not None:
-        require("rate", shape("rate", t, q, v), q.shape)
     for number in jax.tree.leaves(system.friction):
         if number.shape not in ((), (1,), gaps):
             raise ValueError(
@@ -266,38 +264,38 @@ def _gaps_of(key: tuple[tuple[tuple, Any], ...]) -> int:
 def require_start(checks: StartChecks, has_v0: bool) -> None:
     """Raise ValueError for a start from which no motion follows."""
     found = jax.tree.map(np.asarray, checks)
-    if not found.finite:
-        raise ValueError("Arguments `position` and `velocity` must be finite, but are not.")
-    if not found.symmetric:
-        raise ValueError(
-            "Function `mass` must return a symmetric matrix, but does not at the start."
-        )
-    if not found.definite:
-        raise ValueError(
-            "Function `mass` must return a positive definite matrix at the start, but does not."
-        )
+    _require(found.finite, "Arguments `position` and `velocity` must be finite, but are not.")
+    returns = "Function `mass` must return a"
+    _require(found.symmetric, f"{returns} symmetric matrix, but does not at the start.")
+    _require(found.definite, f"{returns} positive definite matrix at the start, but does not.")
     for k, (gap, fine, pressed, idle) in enumerate(
         zip(found.gaps, found.gradients, found.pressed, found.idle, strict=True)
     ):
-        if not np.isfinite(gap):
-            raise ValueError(f"Function `gap` must be finite, but gap {k} is {gap} at the start.")
-        if not fine:
-            raise ValueError(
-                f"The gradient of `gap` must be finite, but that of gap {k} is not at the start."
-            )
-        if pressed and not has_v0:
-            raise ValueError(
-                f"Gap {k} is {gap} m at the start, in contact for some time, so that the speed at "
-                'its touch is unknown; pass v0="peak" or a number.'
-            )
-        if idle:
-            why = "does not close, so that its closing speed has no peak; pass `v0` as a number."
-            raise ValueError(f"Gap {k} is {gap} m at the start and {why}")
-    if not found.force:
-        raise ValueError("Function `force` must be finite, but is not at the start.")
-    if not found.affine:
-        raise ValueError(
-            "Function `slip` must be affine in v, as all speeds are, but is not at the start."
+        here = f"Gap {k} is {gap} m at the start"
+        _require(
+            np.isfinite(gap), f"Function `gap` must be finite, but gap {k} is {gap} at the start."
         )
-    if not found.quadratic:
-        raise ValueError("Function `lagrangian` must be quadratic in v, but is not at the start.")
+        _require(
+            fine, f"The gradient of `gap` must be finite, but that of gap {k} is not at the start."
+        )
+        _require(
+            has_v0 or not pressed,
+            f"{here}, in contact for some time, so that the speed at its touch is unknown; pass "
+            'v0="peak" or a number.',
+        )
+        _require(
+            not idle,
+            f"{here} and does not close, so that its closing speed has no peak; pass `v0` as a "
+            "number.",
+        )
+    for name, holds, what in (
+        ("force", found.force, "be finite, but is"),
+        ("slip", found.affine, "be affine in v, as all speeds are, but is"),
+        ("lagrangian", found.quadratic, "be quadratic in v, but is"),
+    ):
+        _require(holds, f"Function `{name}` must {what} not at the start.")
+
+
+def _require(holds: Any, words: str) -> None:
+    if not holds:
+        raise ValueError(words)

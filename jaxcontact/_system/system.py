@@ -15,7 +15,7 @@ from .._entry import (
     POSITIVE,
     Specialised,
     as_parameter,
-    is_plain,
+    as_parameters,
     parameter,
     refuses_unknown,
     require_function,
@@ -23,7 +23,7 @@ from .._entry import (
     shown,
     specialised,
 )
-from .._friction import AbstractFriction, RegularizedCoulomb, RigidCoulomb, SpringSlider
+from .._friction import AbstractFriction
 from .._laws import AbstractLaw, require_law, require_no_adhesion
 
 
@@ -76,30 +76,19 @@ def _function(name: str, value: Any) -> Any:
     if not isinstance(value, eqx.Module):
         return PlainFunction(require_function(name, value))
     require_function(name, value)
-    return jax.tree.map(lambda leaf: as_parameter(leaf, name) if is_plain(leaf) else leaf, value)
+    return as_parameters(value, name)
 
 
 def _require_friction(friction: Any) -> None:
     """Raise ValueError for a friction law that no mechanism can have."""
     allowed = "a `RigidCoulomb`, a `SpringSlider` or a `RegularizedCoulomb`"
     friction = require_kind("friction", friction, AbstractFriction, allowed)
-    if isinstance(friction, SpringSlider):
-        if friction.ratio is None:
-            raise ValueError(
-                "Argument `ratio` of the `SpringSlider` of a `System` must be given, as it has no "
-                "materials, but is None."
-            )
-        if friction.form != "force":
-            raise ValueError(
-                'Argument `form` of the `SpringSlider` of a `System` must be "force", but is '
-                f'"{friction.form}".'
-            )
-        return
-    if not isinstance(friction, RigidCoulomb | RegularizedCoulomb):
+    if friction.kind == "impulse":
         raise ValueError(
             f"Argument `friction` of a `System` must be {allowed}, but is a "
             f"`{type(friction).__name__}`, which gives the outcome of an impact and no force."
         )
+    friction.require_for_system()
 
 
 class System(eqx.Module):
@@ -212,12 +201,12 @@ class System(eqx.Module):
     @property
     def rigid(self) -> bool:
         """True if contacts that stick do not move at all."""
-        return isinstance(self.friction, RigidCoulomb)
+        return self.friction is not None and self.friction.kind == "rigid"
 
     @property
     def springs(self) -> bool:
         """True if contacts have tangential springs."""
-        return isinstance(self.friction, SpringSlider)
+        return self.friction is not None and self.friction.kind == "spring"
 
     @property
     def exponent(self) -> float | Float[Array, "..."]:

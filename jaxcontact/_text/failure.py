@@ -7,11 +7,11 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Self, TypeVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Bool
+
+from .._entry import traced
 
 Result = TypeVar("Result", bound="Flagged")
 
@@ -33,7 +33,7 @@ class WordedEnum(enum.IntEnum):
     @classmethod
     def names_of(cls, status: Any) -> str:
         """Return the names of values, with counts if there are several lanes."""
-        if isinstance(status, Tracer) or not eqx.is_array(status):
+        if traced(status) or not eqx.is_array(status):
             return str(status)
         kinds, counts = np.unique(np.asarray(status), return_counts=True)
         names = [cls(int(kind)).name.lower() for kind in kinds]
@@ -57,11 +57,11 @@ class Flagged:
 
     def _why(self) -> str | None:
         """Return why a single finished result failed; None for any other."""
-        if isinstance(status := self.status, Tracer) or status.ndim > type(self)._axes:
+        if traced(status := self.status) or status.ndim > type(self)._axes:
             return None
         last = int(np.asarray(status).flat[-1])
         # Most calls succeed, and a search of all leaves takes as long as a small solve.
-        if last not in self._failures or any(isinstance(x, Tracer) for x in jax.tree.leaves(self)):
+        if last not in self._failures or traced(self):
             return None
         kind = self._failures[self._failures.index(last)]
         return f"{kind.name}. {kind.words}"

@@ -122,13 +122,10 @@ def progress_of_run(wanted: bool | Listener | None) -> Iterator[TellRun]:
 def require_progress(wanted: Any, arguments: str = "two numbers") -> None:
     """Raise ValueError for values that `progress_of` or `stages_of` does not accept."""
     # Imported here, so that --help of the command line does not wait for JAX.
-    from .._entry import as_flag, rendered
+    from .._entry import as_flag, refusal
 
     if not callable(wanted) and wanted is not None and as_flag(wanted) is None:
-        raise ValueError(
-            f"Argument `progress` must be True, False, None or a function of {arguments}, "
-            f"but is {rendered(wanted)}."
-        )
+        raise refusal("progress", f"be True, False, None or a function of {arguments}", wanted)
 
 
 def _is_shown(wanted: Any) -> bool:

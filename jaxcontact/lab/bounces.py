@@ -160,10 +160,6 @@ A wrong trigger corrupts two or three pairs, and medians are robust up to half.
 """
 
 
-def _landing_after(time: Any, gravity: Any, b: Any) -> Any:
-    return Flight.landing_speed(Flight.launch_speed(time, gravity, b), gravity, b)
-
-
 class _ReadingKind(NamedTuple):
     """One kind of readings: the landing speed from the first, and the second from a launch speed.
 
@@ -181,7 +177,8 @@ class _ReadingKind(NamedTuple):
 
 _KINDS = {
     "intervals": _ReadingKind(
-        *(_landing_after, Flight.launch_speed, Flight.duration, by_triggers),
+        lambda t, g, b: Flight.landing_speed(Flight.launch_speed(t, g, b), g, b),
+        *(Flight.launch_speed, Flight.duration, by_triggers),
         "errors of triggers {:.2g} ms, scatter of ln e {:.2g} %",
         {"x": Shown("time", "flight before"), "": Shown("time", "flight after", logarithm=True)},
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -10,10 +11,18 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtri
 
-from .._entry import FRACTION, as_array, rendered, require_choice, require_kind, require_number
+from .._entry import (
+    FRACTION,
+    as_array,
+    is_list,
+    refusal,
+    require_choice,
+    require_kind,
+    require_number,
+)
 from .._fit import Fit, FitData, Posterior
 from ._drawing.labels import put_few_ticks
-from ._drawing.style import BLACK, BLUE, GUIDE, ORANGE, axes_for, axes_of
+from ._drawing.style import BLACK, BLUE, GUIDE, ORANGE, axes_for, axes_of, one_or_several
 
 _PANEL = 1.9
 """Side of a panel in inches."""
@@ -127,14 +136,13 @@ def _drawable(result: Any, names: Any) -> _NormalApproximation | _Drawn:
         chosen = _names(names, result.names, result.names)
         return _Drawn(chosen, np.stack([result.samples[name].ravel() for name in chosen]))
     if not isinstance(result, FitData):
-        raise ValueError(
-            f"Argument `result` must be a `Fit` or a `Posterior`, but is {rendered(result)}."
-        )
+        raise refusal("result", "be a `Fit` or a `Posterior`", result)
     if not result.converged:
         raise ValueError(
             f"Argument `result` must be a fit that converged, but it did not: {result.reason}."
         )
-    certain = tuple(n for n, error in result.standard_errors.items() if np.isfinite(error))
+    errors = result.standard_errors
+    certain = tuple(itertools.compress(errors, np.isfinite([*errors.values()])))
     if names is None and not certain:
         raise ValueError(
             "Argument `result` must be a fit with standard errors, but no parameter has one."
@@ -146,7 +154,7 @@ def _drawable(result: Any, names: Any) -> _NormalApproximation | _Drawn:
                 f"Argument `names` must name parameters with a standard error, but names {name}, "
                 "which has none."
             )
-    place = [result.names.index(name) for name in chosen]
+    place = list(map(result.names.index, chosen))
     return _NormalApproximation(
         chosen, result.values[place], result.covariance[np.ix_(place, place)]
     )
@@ -155,11 +163,8 @@ def _drawable(result: Any, names: Any) -> _NormalApproximation | _Drawn:
 def _names(value: Any, all_names: tuple[str, ...], usual: tuple[str, ...]) -> tuple[str, ...]:
     if value is None:
         return usual
-    if not isinstance(value, list | tuple) or not value:
-        raise ValueError(
-            f"Argument `names` must be a list of names of parameters or None, but is "
-            f"{rendered(value)}."
-        )
+    if not is_list(value) or not value:
+        raise refusal("names", "be a list of names of parameters or None", value)
     return tuple(require_choice("names", name, all_names) for name in value)
 
 
@@ -173,9 +178,7 @@ def _grid(value: Any, k: int) -> np.ndarray:
         return pyplot.subplots(k, k, squeeze=False, **figure)[1]
     grid = as_array(value, object)
     if grid is None or grid.size != k * k:
-        raise ValueError(
-            f"Argument `ax` must be {k} x {k} axes of matplotlib or None, but is {rendered(value)}."
-        )
+        raise refusal("ax", f"be {k} x {k} axes of matplotlib or None", value)
     return np.array([axes_of(ax) for ax in grid.ravel()]).reshape(k, k)
 
 
@@ -264,14 +267,12 @@ def profile(
             "Argument `result` must have a parameter with a standard error, but has none."
         )
     chosen = fitted if names is None else [names] if isinstance(names, str) else names
-    if not isinstance(chosen, list | tuple) or not chosen or not all(x in fitted for x in chosen):
-        raise ValueError(
-            f"Argument `names` must be some of {', '.join(fitted)}, but is {rendered(names)}."
-        )
+    if not is_list(chosen) or not chosen or not all(map(fitted.__contains__, chosen)):
+        raise refusal("names", f"be some of {', '.join(fitted)}", names)
     all_axes = axes_for(ax, len(chosen), "parameter")
     intervals = result.interval(level)
-    curves = [result.profile(name, points=_POINTS) for name in chosen]
-    for axes, curve in zip(all_axes, curves, strict=True):
+    for axes, name in zip(all_axes, chosen, strict=True):
+        curve = result.profile(name, points=_POINTS)
         error = result.standard_errors[curve.name]
         axes.plot(curve.values, np.square((curve.values - curve.best) / error), "--", color=GUIDE)
         axes.plot(curve.values, np.square(curve.deviation), color=BLUE, ls="-")
@@ -283,4 +284,4 @@ def profile(
         axes.set_xlim(curve.values[0], curve.values[-1])
         put_few_ticks(axes.xaxis, curve.name)
     all_axes[0].set_ylabel("2 (loss - best)/s²")
-    return np.array(all_axes) if len(curves) > 1 else all_axes[0]
+    return one_or_several(all_axes)

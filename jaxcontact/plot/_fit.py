@@ -13,7 +13,7 @@ from .._entry import FRACTION, as_numbers, rendered, require_kind, require_numbe
 from .._fit import Fit, FitData
 from .._text.units import Shown, meaning
 from ._drawing.labels import put_label
-from ._drawing.style import CURVES, DATA, GUIDE, MARKERS, axes_for, legend_above
+from ._drawing.style import CURVES, DATA, GUIDE, MARKERS, axes_for, legend_above, one_or_several
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,7 +89,7 @@ def fit(
         put_label(axes.xaxis, over.name, over.words)
         put_label(axes.yaxis, own.name, own.words)
     legend_above(all_axes[0])
-    return np.array(all_axes) if len(shapes) > 1 else all_axes[0]
+    return one_or_several(all_axes)
 
 
 def _scales(axes: Axes, wide: bool, positive: np.ndarray | None) -> None:

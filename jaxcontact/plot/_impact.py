@@ -14,7 +14,7 @@ from .._scene import EngineRun, Run
 from .._text.units import quantity
 from ._drawing.labels import put_label
 from ._drawing.path import path_of, require_one_run
-from ._drawing.style import BLACK, GUIDE, SKY, axes_for, axes_of, legend_above
+from ._drawing.style import BLACK, GUIDE, SKY, axes_for, axes_of, legend_above, require_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,8 +39,7 @@ def trajectory(
     require_choice("x", x, _QUANTITIES)
     require_choice("y", y, _QUANTITIES)
     require_one_path(path)
-    if label is not None:
-        require_kind("label", label, str, "a text or None")
+    require_label(label)
     ax = axes_of(ax)
     ax.plot(np.asarray(getattr(path, x)), np.asarray(getattr(path, y)), label=label)
     put_label(ax.xaxis, x, x)
@@ -86,8 +85,7 @@ def impact(
     values, and for anything but a trajectory, impact, text and axes.
     """
     require_one_path(path)
-    if label is not None:
-        require_kind("label", label, str, "a text or None")
+    require_label(label)
     if hit is not None:
         require_kind("hit", hit, Impact, "an `Impact` (see `impact`) or None")
         if np.ndim(hit.restitution) > 0:
@@ -102,14 +100,14 @@ def impact(
     loop.fill(path.indentation, path.force, color=colour, alpha=0.12, lw=0)
     speed.axhline(0, color=GUIDE, lw=0.8, zorder=1)
     if hit is not None:
-        across = [(loop, hit.max_force), (force, hit.max_force), (speed, -hit.rebound_velocity)]
-        up = [(loop, hit.max_indentation)]
-        up += [(one, at) for one in (force, speed) for at in (hit.compression_time, hit.duration)]
-        for line, where in (("axhline", across), ("axvline", up)):
-            for picture, at in where:
-                # A contact that settles has an infinite duration.
-                if np.isfinite(at):
-                    getattr(picture, line)(float(at), color=colour, ls=":", lw=0.9, zorder=1)
+        marks = [(loop.axhline, hit.max_force), (loop.axvline, hit.max_indentation)]
+        marks += [(force.axhline, hit.max_force), (speed.axhline, -hit.rebound_velocity)]
+        marks += [(force.axvline, hit.compression_time), (force.axvline, hit.duration)]
+        marks += [(speed.axvline, hit.compression_time), (speed.axvline, hit.duration)]
+        for draw, at in marks:
+            # A contact that settles has an infinite duration.
+            if np.isfinite(at):
+                draw(float(at), color=colour, ls=":", lw=0.9, zorder=1)
         lost = quantity("energy_loss", f"{float(hit.energy_loss):.3g}")
         words = f"$e$ = {float(hit.restitution):.3f}, {lost} lost"
         speed.set_title(words, loc="left", fontsize="small")

@@ -9,12 +9,12 @@ import jax
 import numpy as np
 
 from .._contact import Contact, require_contact
-from .._entry import POSITIVE, ranges, require_kind, require_number
+from .._entry import POSITIVE, ranges, require_number
 from .._impact import restitution, restitution_is_constant, trajectory
 from .._laws import AbstractLaw, require_law
 from .._text.units import label as words_of
 from ._drawing.labels import put_label
-from ._drawing.style import GUIDE, axes_for, legend_above
+from ._drawing.style import GUIDE, axes_for, legend_above, require_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,8 +54,7 @@ def law(
     anything but a law, contact, number and axes.
     """
     require_law(law)
-    if label is not None:
-        require_kind("label", label, str, "a text or None")
+    require_label(label)
     if contact is not None:
         require_contact(contact)
     if any(np.ndim(leaf) for leaf in jax.tree.leaves((law, contact))):
@@ -74,7 +73,9 @@ def law(
         factors = _damping(law, contact, velocity)
         path = _path(law, contact, velocity)
     loop, e_axes, alpha_axes = axes = pictures or axes_for(None, 3, "picture")
-    (line,) = loop.plot(*_loop(path, contact), label=repr(law) if label is None else label)
+    x, y = np.asarray(path.indentation), np.asarray(path.force)
+    x, y = (x, y) if contact is not None else (x / x.max(), y / y.max())
+    (line,) = loop.plot(x, y, label=repr(law) if label is None else label)
     style = {"color": line.get_color(), "ls": line.get_linestyle()}
     here = float(law.e) if has_e else velocity  # pyright: ignore[reportAttributeAccessIssue]
     e_axes.plot(places, curve, **style)
@@ -123,11 +124,6 @@ def _path(law: AbstractLaw, contact: Contact | None, velocity: float | None) -> 
             f"Argument `law` must have an impact that ends, but that of {law!r} has none."
         )
     return path
-
-
-def _loop(path: Any, contact: Contact | None) -> tuple[np.ndarray, np.ndarray]:
-    x, y = np.asarray(path.indentation), np.asarray(path.force)
-    return (x, y) if contact is not None else (x / x.max(), y / y.max())
 
 
 def _words(axes: list[Axes], contact: Contact | None, has_e: bool) -> None:

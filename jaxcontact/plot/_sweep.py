@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._entry import rendered, require_kind
+from .._entry import refusal, rendered, require_kind
 from .._sweep import Sweep
 from .._sweep.planning.axes import SAMPLE
 from .._text.units import label
@@ -48,7 +48,7 @@ def sweep(
             f"{table.dims}; `select` some."
         )
     if x is not None and not (isinstance(x, str) and x in table.axes):
-        raise ValueError(f"Argument `x` must be one of {tuple(table.axes)}, but is {rendered(x)}.")
+        raise refusal("x", f"be one of {tuple(table.axes)}", x)
     ax = axes_of(ax)
     if x is None and len(table.dims) == 2:
         _map(ax, table, name, values)

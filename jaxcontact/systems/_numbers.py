@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._entry import POSITIVE, REAL, Range, as_parameter, rendered
+from .._entry import POSITIVE, REAL, Range, as_parameter, refusal
 from .._program import traced
 
 
@@ -27,7 +27,7 @@ def _of_shape(name: str, value: Any, shape: tuple[int, ...], allowed: Range) -> 
     numbers = as_parameter(value, name, allowed)
     if numbers.shape != shape:
         many = "one number" if shape == () else f"{shape[0]} numbers"
-        raise ValueError(f"Argument `{name}` must be {many}, but is {rendered(value)}.")
+        raise refusal(name, f"be {many}", value)
     return numbers
 
 

@@ -13,7 +13,7 @@ from jaxtyping import ArrayLike, Float, Int
 
 from ..._entry import (
     POSITIVE,
-    rendered,
+    refusal,
     require_count,
     require_flag,
     require_function,
@@ -22,7 +22,7 @@ from ..._entry import (
 from ..._text.failure import Flagged, WordedEnum
 from ..._text.progress import progress_of
 from ..._text.words import text_table
-from ..fit import Fit, check_loss, result_of, set_to_bound
+from ..fit import Fit, result_of, set_to_bound, threshold_of
 from ..problem.problem import FitProblem, Huber
 from ..search.minimum import MOST_STEPS, SearchEnd, SearchOptions, decomposed
 from ..search.verdict import creeping, near_bound, noise_of, refuse_unused
@@ -85,10 +85,7 @@ class Fits(Flagged):
         """
         places = np.flatnonzero(self.balls == ball)
         if len(places) != 1:
-            raise ValueError(
-                f"Argument `ball` must be one of `balls`, such as {self.balls.tolist()[0]!r}, but "
-                f"is {rendered(ball)}."
-            )
+            raise refusal("ball", f"be one of `balls`, such as {self.balls.tolist()[0]!r}", ball)
         i = int(places[0])
         if self.status[i] > FitStatus.NOT_CONVERGED:
             raise ValueError(f"Argument `ball` must have a fit, but {ball!r}: {self.reasons[i]}.")
@@ -190,8 +187,8 @@ def fit_many(
     for columns that do not match, and for a number that no prediction uses.
     """
     require_function("predict", predict)
-    check_loss(loss)
-    if isinstance(loss, Huber) and sigma is None:
+    huber = threshold_of(loss)
+    if huber is not None and sigma is None:
         raise ValueError("Argument `sigma` must be given with a `Huber` loss, but is None.")
     own_start, reverse = require_flag("own_start", own_start), require_flag("reverse", reverse)
     rtol = require_number("rtol", rtol, POSITIVE)
@@ -204,7 +201,7 @@ def fit_many(
     ):
         tables = tables_of(balls, data, x, sigma, weights)
         starts = starts_of(start, transforms, own_start, len(tables.balls))
-        threshold = jnp.asarray(float(loss.threshold)) if isinstance(loss, Huber) else None
+        threshold = jax.tree.map(jnp.asarray, huber)
         lanes = Balls(tables.x, tables.y, tables.factor, starts.theta, starts.others)
         first = jax.device_put(rows_of(lanes, 0))
         at, how = (first.x, first.y, first.factor), (threshold, reverse, tables.shapes)
@@ -252,12 +249,9 @@ class _Made:
             odd[i] = fit = self.single(i)
             values[i], covariance[i], loss[i] = fit.values, fit.covariance, fit.loss
             dof[i], noise[i], steps[i], reasons[i] = fit.dof, fit.noise, fit.steps, fit.reason
-            if not fit.converged:
-                status[i] = FitStatus.NOT_CONVERGED
-            elif fit.at_bound:
-                status[i] = FitStatus.AT_BOUND
-            elif fit.unidentified:
-                status[i] = FitStatus.NOT_IDENTIFIABLE
+            odds = {FitStatus.NOT_CONVERGED: not fit.converged, FitStatus.AT_BOUND: fit.at_bound}
+            odds[FitStatus.NOT_IDENTIFIABLE] = fit.unidentified
+            status[i] = next(filter(odds.get, odds), status[i])
         bad = status >= FitStatus.NOT_CONVERGED
         values[bad], covariance[bad], loss[bad], noise[bad] = (np.nan,) * 4
         dof[bad] = 0

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..._entry import POSITIVE, as_array, as_numbers, concrete, rendered, require_number
+from ..._entry import POSITIVE, as_array, as_numbers, concrete, refusal, rendered, require_number
 from ..problem.problem import as_place
 from ..problem.space import Space, space_of
 from ..problem.target import factor_of, groups_of, spread_of
@@ -51,14 +51,11 @@ def tables_of(balls: Any, data: Any, x: Any, sigma: Any, weights: Any) -> Tables
     name, value = spread_of(sigma, weights)
     columns = [as_numbers(leaf, "data") for leaf in jax.tree.leaves(data)]
     if not columns or not columns[0].size:
-        raise ValueError(f"Argument `data` must hold a number, but is {rendered(data)}.")
+        raise refusal("data", "hold a number", data)
     count = len(columns[0]) if columns[0].ndim else 0
     _refuse_other_lengths("data", data, columns, count)
     if balls is None and any(column.ndim < 2 for column in columns):
-        raise ValueError(
-            "Argument `data` must have the axes (balls, points) without `balls`, but is "
-            f"{rendered(data)}."
-        )
+        raise refusal("data", "have the axes (balls, points) without `balls`", data)
     layout = _layout_of(balls, count)
     given = _spread(name, value, data, columns)
     spread, y = (_flat(layout, parts) for parts in (given, columns))
@@ -137,7 +134,7 @@ def _places(x: Any, layout: _BallRows, count: int) -> Any:
     try:
         columns = jax.tree.map(lambda leaf: np.asarray(as_place(leaf)), x)
     except TypeError as error:  # an array of JAX without numbers
-        raise ValueError(f"Argument `x` must hold numbers, but is {rendered(x)}.") from error
+        raise refusal("x", "hold numbers", x) from error
     _refuse_other_lengths("x", x, jax.tree.leaves(columns), count)
     return jax.tree.map(layout.of, columns)
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..._entry import POSITIVE, rendered, require_number
+from ..._entry import POSITIVE, is_list, rendered, require_number
 from ..._program import quick
 from ..problem.problem import FitProblem, shortened
 from ..problem.space import Space
@@ -57,7 +57,7 @@ def prior_of(prior: Any, space: Space) -> Prior:
                     f"Argument `prior` must name fitted numbers, {', '.join(space.names)}, but "
                     f"names {rendered(name)}."
                 )
-            if not isinstance(pair, tuple | list) or len(pair) != 2:
+            if not is_list(pair) or len(pair) != 2:
                 raise ValueError(
                     f"Argument `prior` must hold (mean, standard deviation) for {name}, but holds "
                     f"{rendered(pair)}."

@@ -296,7 +296,7 @@ def _refuse_open(fit: FitData, curvature: np.ndarray, prior: Any) -> None:
     change = basis @ vectors[:, 0]
     change /= change[np.argmax(np.abs(change))]
     parts = {name: float(x) for name, x in zip(names, change, strict=True) if abs(x) > _SHOWN}
-    bound = next((name for name in parts if name in fit.at_bound), None)
+    bound = next(filter(fit.at_bound.__contains__, parts), None)
     what = f"{bound} (at its bound)" if bound else f"a change of {Direction(parts, labels)}"
     raise ValueError(
         f"Argument `prior` must determine {what}, since the data do not: give mean and standard "
@@ -314,22 +314,30 @@ def _result(fit: FitData, density: Density, mode: Mode, drawn: Draws) -> Posteri
         samples[name] = np.exp(drawn.phi[..., k])
     checked = {name: r_hat_and_effective(x) for name, x in samples.items()}
     ratio, count = ({name: pair[i] for name, pair in checked.items()} for i in (0, 1))
+    faults = _faults(ratio, count, drawn, _open_bounds(density, mode, drawn))
+    fine = f"R-hat up to {_ratio(max(ratio.values()))}, {min(count.values()):.0f} effective samples"
+    reason, counts = "; ".join(faults) or fine, (drawn.divergences, drawn.evaluations)
+    return Posterior(samples, ratio, count, *counts, not faults, reason, fit)
+
+
+def _faults(
+    ratio: dict[str, float], count: dict[str, float], drawn: Draws, lost: list[str]
+) -> list[str]:
+    """Return why the draws do not stand for the distribution, in words."""
     mixed = [name for name in ratio if not ratio[name] < LARGEST_R_HAT]
     few = [name for name in count if not count[name] >= FEWEST_EFFECTIVE]
     faults = []
-    if lost := _open_bounds(density, mode, drawn):
+    if lost:
         faults.append(f"the data do not exclude the bound of {first_few(lost)}: give a `prior`")
     if mixed:
-        worst = float(np.max([ratio[n] for n in mixed]))
+        worst = float(np.max(list(map(ratio.__getitem__, mixed))))
         faults.append(f"chains differ in {first_few(mixed)}, R-hat up to {_ratio(worst)}")
     if drawn.divergences:
         faults.append(f"{drawn.divergences} of {drawn.phi[..., 0].size} draws diverged")
     if few:
-        least = float(np.min([count[n] for n in few]))
+        least = float(np.min(list(map(count.__getitem__, few))))
         faults.append(f"{least:.0f} effective samples of {first_few(few)}, of {FEWEST_EFFECTIVE}")
-    fine = f"R-hat up to {_ratio(max(ratio.values()))}, {min(count.values()):.0f} effective samples"
-    reason, counts = "; ".join(faults) or fine, (drawn.divergences, drawn.evaluations)
-    return Posterior(samples, ratio, count, *counts, not faults, reason, fit)
+    return faults
 
 
 def _open_bounds(density: Density, mode: Mode, drawn: Draws) -> list[str]:

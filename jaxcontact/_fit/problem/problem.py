@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._entry import POSITIVE, as_own, as_parameter, real_array, rendered, require_number
+from ..._entry import POSITIVE, as_own, as_parameter, real_array, refusal, require_number
 from .space import Space
 
 
@@ -160,7 +160,7 @@ def place_like(x: Any, known: Any) -> Any:
     wanted, got = jax.tree.structure(known), jax.tree.structure(place)
     if wanted != got:
         what = "None, as in the fit" if known is None else f"a tree like that of the fit, {wanted}"
-        raise ValueError(f"Argument `x` must be {what}, but is {rendered(x)}.")
+        raise refusal("x", f"be {what}", x)
     return place
 
 

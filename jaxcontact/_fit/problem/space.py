@@ -14,7 +14,7 @@ import numpy as np
 from jax.tree_util import DictKey, FlattenedIndexKey, GetAttrKey, SequenceKey
 from jaxtyping import Array, Float
 
-from ..._entry import Range, as_numbers, rendered, require_number
+from ..._entry import Range, as_numbers, refusal, rendered, require_number
 from ..._text.units import meaning
 from ..._text.words import first_few
 
@@ -178,9 +178,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
     try:
         paths, structure = jax.tree.flatten_with_path(start)
     except (TypeError, ValueError) as error:  # keys of a dict that have no order
-        raise ValueError(
-            f"Argument `start` must be a tree of numbers, but is {rendered(start)}."
-        ) from error
+        raise refusal("start", "be a tree of numbers", start) from error
     chosen = _leaf_transforms(start, transforms)
     numbers: list[tuple[str, str, type[AbstractTransform], tuple[float, float], float]] = []
     shapes, others = [], []
@@ -210,7 +208,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
             free = coordinate._to_free(value, *bounds)
             numbers.append((place or "parameter", unit, coordinate, bounds, free))
     if not numbers:
-        raise ValueError(f"Argument `start` must hold a number to fit, but is {rendered(start)}.")
+        raise refusal("start", "hold a number to fit", start)
     names, units, coordinates, ends, theta = zip(*numbers, strict=True)
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..._entry import as_array, as_numbers, as_weights, concrete, rendered
+from ..._entry import as_array, as_numbers, as_weights, concrete, refusal, rendered
 from ..._text.words import first_few
 
 _ROUNDED = 1e-9
@@ -18,7 +18,7 @@ def target_of(data: Any, sigma: Any, weights: Any) -> tuple[np.ndarray, np.ndarr
     name, value = spread_of(sigma, weights)
     y = _vector(data, "data")
     if y.size == 0:
-        raise ValueError(f"Argument `data` must hold a number, but is {rendered(data)}.")
+        raise refusal("data", "hold a number", data)
     given = np.ones_like(y) if value is None else _spread(value, y.size, name)
     known = name == "sigma"
     factor, good = factor_of(given, known)
@@ -92,9 +92,7 @@ def whitener_of(correlation: Any, used: np.ndarray) -> np.ndarray | None:
     try:
         factor = np.linalg.cholesky(whole)
     except np.linalg.LinAlgError as error:
-        raise ValueError(
-            f"Argument `correlation` must be positive definite, but is {rendered(correlation)}."
-        ) from error
+        raise refusal("correlation", "be positive definite", correlation) from error
     return np.linalg.solve(factor, np.eye(n))
 
 
@@ -103,9 +101,7 @@ def _vector(tree: Any, name: str) -> np.ndarray:
     try:
         leaves = [as_numbers(leaf, name).ravel() for leaf in jax.tree.leaves(tree)]
     except (TypeError, ValueError) as error:
-        raise ValueError(
-            f"Argument `{name}` must hold real numbers, but is {rendered(tree)}."
-        ) from error
+        raise refusal(name, "hold real numbers", tree) from error
     return np.concatenate(leaves) if leaves else np.zeros(0)
 
 

@@ -240,7 +240,14 @@ def with_step(
     # Zero data have no scale of rounding: use the loss at the start.
     blur = _ROUNDING * xp.where(data > 0, data + terms, xp.sqrt(2 * found.history[0]))
     r = xp.where(xp.isfinite(r), r, 0)
-    step, error, resolution = _gauss_newton(usable, r, xp.sum(used), blur, xp)
+    # The step to the minimum of |r + J p|. Its errors are the standard error of coordinates, and
+    # its change by a rounding of the residuals by `blur`.
+    u, s, vt, scale, known, kept = decomposed(usable, xp)
+    inverse = xp.where(kept, 1 / xp.where(kept, s, 1), 0)
+    step = xp.where(known, -(vt.T @ (inverse * (u.T @ r))) / scale, 0)
+    freedom = xp.maximum(xp.sum(used) - xp.sum(kept), 1)
+    spread = xp.sqrt(xp.sum(xp.square(vt.T * inverse[None, :]), axis=1)) / scale
+    error, resolution = xp.linalg.norm(r) / xp.sqrt(freedom) * spread, blur * spread
     # Steps of a logarithm or a logit are absolute.
     size = xp.where(problem.space.has_unit, 1, xp.maximum(xp.abs(found.theta), error))
     # After a search that was cut off, a small step is no evidence: in a curved valley each step is
@@ -250,26 +257,6 @@ def with_step(
     resolution = xp.where(problem.space.has_unit, xp.minimum(resolution, COARSE), resolution)
     allowed = xp.maximum(xp.maximum(rtol * size, enough), resolution)
     return found._replace(step=step, allowed=allowed)
-
-
-def _gauss_newton(
-    jacobian: Float[Numbers, "n k"],
-    r: Float[Numbers, " n"],
-    used: Int[Numbers, ""],
-    blur: Numbers,
-    xp: Any,
-) -> tuple[Float[Numbers, " k"], Float[Numbers, " k"], Float[Numbers, " k"]]:
-    """Return the step to the minimum of |r + J p|, with errors of each coordinate.
-
-    They are its standard error, and its change by a rounding of the residuals by `blur`.
-    """
-    u, s, vt, scale, known, kept = decomposed(jacobian, xp)
-    inverse = xp.where(kept, 1 / xp.where(kept, s, 1), 0)
-    step = -(vt.T @ (inverse * (u.T @ r))) / scale
-    freedom = xp.maximum(used - xp.sum(kept), 1)
-    noise = xp.linalg.norm(r) / xp.sqrt(freedom)
-    spread = xp.sqrt(xp.sum(xp.square(vt.T * inverse[None, :]), axis=1)) / scale
-    return xp.where(known, step, 0), noise * spread, blur * spread
 
 
 def decomposed(jacobian: Float[Numbers, "*lanes n k"], xp: Any = np) -> tuple[Numbers, ...]:

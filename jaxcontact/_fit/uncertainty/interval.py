@@ -17,7 +17,7 @@ from ..._entry import (
     FRACTION,
     POSITIVE,
     as_numbers,
-    rendered,
+    refusal,
     require_choice,
     require_count,
     require_number,
@@ -133,10 +133,7 @@ def profile(
     else:
         at = np.sort(as_numbers(values, "values").ravel())
         if not at.size or not (np.isfinite(at) & (at > low) & (at < high)).all():
-            raise ValueError(
-                f"Argument `values` must be finite and in ({low:g}, {high:g}), at least one, but "
-                f"is {rendered(values)}."
-            )
+            raise refusal("values", f"be finite and in ({low:g}, {high:g}), at least one", values)
     rows = np.full((at.size, fit.values.size), np.nan)
     rows[:, place] = at
     deviation, loss = held_at(fit, rows, np.tile(fit._theta, (at.size, 1)))
@@ -265,9 +262,8 @@ def prediction_band(
     if sigma is not None:
         spread = as_numbers(sigma, "sigma")
         if spread.shape not in ((), curve.shape) or not POSITIVE.holds(spread).all():
-            raise ValueError(
-                f"Argument `sigma` must be positive, one number or one for each of {curve.size}, "
-                f"but is {rendered(sigma)}."
+            raise refusal(
+                "sigma", f"be positive, one number or one for each of {curve.size}", sigma
             )
     elif x is not None:
         columns = np.split(spread, np.cumsum([math.prod(s) for s in fit.problem.shapes])[:-1])

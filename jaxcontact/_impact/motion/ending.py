@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from ..._entry import static_value
 from ..._forms import AbstractPlasticForm, Flag, JKRForm
 from ..._functions import power
 from .motion import Motion, Number, State
@@ -90,12 +91,18 @@ def at_end(motion: Motion, end: State, arrived: Bool[Array, ""], max_indentation
     softness = motion.softness
     if motion.form.tension or motion.one_way or softness is None:
         return end
-    _, p = softness
-    if motion.push is not None and not (isinstance(p, float) and p == 0):
-        end = _where_force_vanishes(motion, end, parted, max_indentation)
+    strength, p = softness
+    if motion.push is not None and static_value(p) != 0:
+        # A weakly damped contact ends at x^p = -c v, with the speed from the energies. After a
+        # strong push the speed has the rounding of a much larger one. The place inherits it, and
+        # the work of the push over that place is a part of e.
+        for _ in range(_ROUNDS):
+            speed = balance_of(motion, end, max_indentation).restitution
+            place = power(motion.damping_back()[0] * speed, 1 / (motion.order * p))
+            end = end._replace(w=jnp.where(parted & (strength == 0), place, end.w))
     rate = motion.rate(end, jnp.asarray(False))
     sooner = jnp.abs(end.u * rate.w) < jnp.abs(end.w * rate.u)
-    vanished = (softness[0] > 0) & sooner & ~motion.settled(end)
+    vanished = (strength > 0) & sooner & ~motion.settled(end)
     return end._replace(u=jnp.where(vanished, 0, end.u))
 
 
@@ -104,23 +111,6 @@ def _at_touch(motion: Motion, end: State, parted: Bool[Array, ""]) -> State:
     if motion.momentum is None:
         touching = touching._replace(u=motion.velocity(end) + motion.creep(touching.w))
     return jax.tree.map(functools.partial(jnp.where, parted), touching, end)
-
-
-def _where_force_vanishes(
-    motion: Motion, end: State, parted: Bool[Array, ""], max_indentation: Number
-) -> State:
-    """Return the end of a weakly damped contact at x^p = -c v, with the speed from the energies.
-    After a strong push the speed has the rounding of a much larger one. The place inherits it, and
-    the work of the push over that place is a part of e.
-    """
-    assert motion.softness is not None
-    softness, p = motion.softness
-    weak = parted & (softness == 0)
-    for _ in range(_ROUNDS):
-        speed = balance_of(motion, end, max_indentation).restitution
-        place = power(motion.damping_back()[0] * speed, 1 / (motion.order * p))
-        end = end._replace(w=jnp.where(weak, place, end.w))
-    return end
 
 
 class NeckMotion(Motion):

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..._entry import Specialised
+from ..._entry import Specialised, static_value
 from ..._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
 from ..._functions import power
 from ..._solver.runge_kutta import step
@@ -85,7 +85,7 @@ class Motion(eqx.Module):
     def order(self) -> int:
         """The k of x = w^k."""
         known = self.form.damping(self.n, jnp.asarray(True)) is not None
-        if self.smooth and not isinstance(self.n, float) and known and self.momentum is None:
+        if self.smooth and static_value(self.n) is None and known and self.momentum is None:
             return _SMOOTH
         return self.form.order(self.n)
 
@@ -194,7 +194,7 @@ class Motion(eqx.Module):
         change = -self.pull(state, compressing)
         if self.softness is not None:
             softness, p = self.softness
-            if not (isinstance(p, float) and p == 0):
+            if static_value(p) != 0:
                 change = change + softness * p * signed_power(w, k * p - 1) * velocity
         if self.push is not None:
             change = change + self.push * clock
@@ -321,20 +321,21 @@ class Motion(eqx.Module):
         Both are 1 unless damping is strong. A creeping contact without tension ends where forces
         cancel that differ little all the way. Before the turn little speed is left.
         """
-        form = self.form
-        clamped = not (form.tension or form.never_pulls)
-        ending = form.creeping_excess(self.n) if clamped else 1.0
+        form, ending = self.form, 1.0
         # With strong damping the coordinate is small at touch and on all of the way.
         momentum = self.momentum
         speed = form.creeping_speed(self.n) if momentum is None else self.momentum_at_touch()
-        if self.order == 1 and form.tension and momentum is None:
+        if form.tension:
             # For k = 1 a slow way out ends at a speed as small as e.
             tiny = math.sqrt(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny)
-            if self.always_parts:
-                speed = tiny
-            elif self.push is not None:
-                speed = jnp.where(self.push < 0, tiny, speed)
-        if self.push is not None and self.form.never_pulls and not form.tension:
+            if self.order == 1 and momentum is None:
+                if self.always_parts:
+                    speed = tiny
+                elif self.push is not None:
+                    speed = jnp.where(self.push < 0, tiny, speed)
+        elif not form.never_pulls:
+            ending = form.creeping_excess(self.n)
+        elif self.push is not None:
             # Under a weak pull the force falls to the size of the pull before it vanishes.
             speed = speed * jnp.where(self.push < 0, jnp.clip(-self.push, 1e-12, 1), 1)
         return self._fastest() * ending, speed
@@ -440,7 +441,7 @@ class Motion(eqx.Module):
             return jnp.where(state.w < 0, jnp.minimum(pulling, state.w), pulling)
         softness, p = self.softness
         c, _ = self.damping_back()
-        if isinstance(p, float) and p == 0:
+        if static_value(p) == 0:
             gap = jnp.where(softness > 0, state.u, 1 + c * velocity)
             # Beyond x = 0 time may run back, and the gap may open again. Only earlier states show
             # whether it had closed. Here it counts as closed, but not earlier than x = 0.

@@ -10,7 +10,16 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..._contact import Contact
-from ..._entry import Range, as_number, is_valid, rendered, require_broadcast, sanitised
+from ..._entry import (
+    Range,
+    as_number,
+    is_list,
+    is_valid,
+    refusal,
+    require_broadcast,
+    sanitised,
+    static_value,
+)
 from ..._friction import AbstractFriction
 from ..._friction.base import Tangential, require_friction
 from ..._laws import AbstractLaw
@@ -67,15 +76,13 @@ def given_of(
 
 def _spins(spin: Any, turning: int) -> tuple[Any, Any]:
     """Return both spins as numbers; ValueError if one is of a body that has no radius."""
-    if not isinstance(spin, tuple | list) or len(spin) != 2:
-        raise ValueError(f"Argument `spin` must be two numbers (ω1, ω2), but is {rendered(spin)}.")
+    if not is_list(spin) or len(spin) != 2:
+        raise refusal("spin", "be two numbers (ω1, ω2)", spin)
     first, second = (as_number(one, "spin", TANGENTIAL) for one in spin)
     for k, one in enumerate((first, second)):
-        if k >= turning and not (isinstance(one, float) and one == 0):
+        if k >= turning and static_value(one) != 0:
             needs = "`bodies` with radii" if turning == 0 else "`other_radius` of the bodies"
-            raise ValueError(
-                f"Argument `spin` must be 0 for ω{k + 1} without {needs}, but is {rendered(spin)}."
-            )
+            raise refusal("spin", f"be 0 for ω{k + 1} without {needs}", spin)
     return first, second
 
 

@@ -19,7 +19,7 @@ from ..._coupled.rows import rows_of
 from ..._entry import Specialised
 from ..._impact import restitution_at_any_speed, restitution_is_constant
 from ..._laws import AbstractLaw
-from ..bodies.bodies import Shell, Sphere, side
+from ..bodies.bodies import Shell, Sphere, Wall, shells_of, side, spheres_of, walls_of
 from ..bodies.mixed_law import MixedLaw, one_of_each
 from ..bodies.overlap import ROUNDINGS
 from ..bodies.scene import Scene
@@ -158,46 +158,45 @@ class Numbers(eqx.Module):
 
 def layout_of(scene: Scene) -> SceneLayout:
     """Return the static part of a scene."""
-    spheres = [k for k, body in enumerate(scene.bodies) if isinstance(body, Sphere)]
-    shells = [k for k, body in enumerate(scene.bodies) if isinstance(body, Shell)]
-    visible, spheres = len(spheres), spheres + shells
-    walls = [(k, wall) for k, body in enumerate(scene.bodies) for wall in body.walls()]
-    order = [*spheres, *(k for k, _ in walls)]
-    motions = [body.motion for body in curved(scene)]
-    table = scene.stiffness
+    numbered = [*spheres_of(scene.bodies), *shells_of(scene.bodies)]
+    walls = walls_of(scene.bodies)
+    order = [k for k, _ in (*numbered, *walls)]
     return SceneLayout(
-        spheres=len(spheres),
-        visible=visible,
+        spheres=len(numbered),
+        visible=len(scene.spheres),
         walls=len(walls),
         dimensions=scene.dimensions,
         body=tuple(order),
-        face=(*(-1,) * len(spheres), *(wall.face for _, wall in walls)),
-        fixed=(*(sphere.fixed for sphere in scene.spheres), *(True,) * len(shells)),
+        face=(*(-1,) * len(numbered), *(wall.face for _, wall in walls)),
+        fixed=tuple(body.fixed for _, body in numbered),
         kinds=tuple(scene._kinds[k] for k in order),
-        laws=() if scene.law.alike else scene.law.table,
-        stiffnesses=() if table is None or table.alike else table.table,
-        constant=tuple(_is_constant(law) for law in scene.law.values),
+        laws=scene.law.by_kind,
+        stiffnesses=() if scene.stiffness is None else scene.stiffness.by_kind,
+        constant=tuple(map(_is_constant, scene.law.values)),
         gravity=scene.gravity is not None,
         periodic=tuple(length is not None for length in scene.periodic),
-        moving=tuple(wall.motion is not None for _, wall in walls),
-        vibrating=tuple(wall.vibrates for _, wall in walls),
-        driven=tuple(k for k, motion in enumerate(motions) if motion is not None),
-        shaken=tuple(k for k, m in enumerate(motions) if m is not None and m.vibrates),
-        frictions=_frictions_of(scene),
+        frictions=None if scene.friction is None else scene.friction.by_kind,
         remembers=any(law.remembers for law in scene.law.values),
+        **_in_motion(walls, curved(scene)),
     )
 
 
-def _frictions_of(scene: Scene) -> tuple[tuple[int, ...], ...] | None:
-    if scene.friction is None:
-        return None
-    return () if scene.friction.alike else scene.friction.table
+def _in_motion(
+    walls: Sequence[tuple[int, Wall]], bodies: Sequence[Sphere | Shell]
+) -> dict[str, tuple]:
+    """Return the part of a layout that says which walls, spheres and shells move."""
+    motions = [(k, body.motion) for k, body in enumerate(bodies) if body.motion is not None]
+    return {
+        "moving": tuple(wall.motion is not None for _, wall in walls),
+        "vibrating": tuple(wall.vibrates for _, wall in walls),
+        "driven": tuple(k for k, _ in motions),
+        "shaken": tuple(k for k, motion in motions if motion.vibrates),
+    }
 
 
 def curved(scene: Scene) -> list[Sphere | Shell]:
     """Return spheres and shells in the order of the engine."""
-    shells = [body for body in scene.bodies if isinstance(body, Shell)]
-    return [*scene.spheres, *shells]
+    return [body for _, body in (*spheres_of(scene.bodies), *shells_of(scene.bodies))]
 
 
 def _is_constant(law: AbstractLaw) -> bool:

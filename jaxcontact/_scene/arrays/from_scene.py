@@ -6,21 +6,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, cast
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array
 
 from ..._coupled.modes import Flag
-from ..._entry import POSITIVE, Specialised, is_valid, sanitised
+from ..._entry import POSITIVE, Specialised, is_valid, sanitised, static_value, traced
 from ..._functions import spin_axes
 from ..._impact import restitution
 from ..bodies.bodies import AbstractBody, Shell, Sphere
-from ..bodies.motion import Along, still
+from ..bodies.motion import AbstractMotion, Along, still
 from ..bodies.scene import Scene
 from .arrays import Numbers, SceneLayout
 from .movers import Movers, Rotation
@@ -80,8 +79,8 @@ def inputs_of(scene: Scene) -> SceneInputs:
     )
 
     def convert(leaf: Any) -> Any:
-        if isinstance(leaf, float) or eqx.is_inexact_array(leaf):
-            return leaf.astype(dtype) if isinstance(leaf, Tracer) else np.asarray(leaf, dtype)
+        if static_value(leaf) is not None or eqx.is_inexact_array(leaf):
+            return leaf.astype(dtype) if traced(leaf) else np.asarray(leaf, dtype)
         return leaf
 
     return jax.tree.map(convert, inputs)
@@ -93,7 +92,7 @@ def _together(bodies: Sequence[AbstractBody], which: Sequence[int]) -> AbstractB
 
     def stack(*values: Any) -> Any:
         # NumPy stacks thousands of bodies at almost no cost, unless something is traced.
-        if any(isinstance(value, Tracer) for value in values):
+        if traced(values):
             return jnp.stack(values)
         return np.stack([np.asarray(value) for value in values])
 
@@ -109,36 +108,24 @@ def scene_numbers(
     stiffness. `soft`: whether impacts take time, so that restitutions are not needed. Raises
     ValueError if a stiffness is needed and none is known.
     """
-    dtype, dimensions, count = parts.dtype, layout.dimensions, layout.spheres
-    curved = [alike for alike in parts.bodies if isinstance(alike.body, Sphere | Shell)]
-
-    def of_spheres(of: Callable[[Any], Any]) -> Any:
-        return _in_order(curved, layout.body[:count], [alike.each(of) for alike in curved])
+    dtype, dimensions = parts.dtype, layout.dimensions
 
     def numbers_in(body: Sphere | Shell) -> tuple[Any, ...]:
+        one = jnp.ones((), dtype)
         if isinstance(body, Shell):
-            return body.place, _velocity(body), -body.radius, jnp.ones((), dtype)
-        mass = None if body.fixed else body.known_mass()
-        return (
-            body.place,
-            _velocity(body),
-            body.radius,
-            jnp.ones((), dtype) if mass is None else mass,
-        )
+            return body.place, _velocity(body), -body.radius, one
+        mass = body.known_mass()
+        return body.place, _velocity(body), body.radius, one if mass is None else mass
 
-    position, velocity, radius, mass = of_spheres(numbers_in)
+    position, velocity, radius, mass = _of_curved(parts, layout, numbers_in)
     free = np.concatenate([~np.array(layout.fixed), np.zeros(layout.walls, bool)])
     heavy = jnp.concatenate([mass, jnp.ones(layout.walls, dtype)])
     normal, offset, moving = _walls_in(parts, layout)
     shaken = {layout.body[k] for k in layout.shaken}
     shaking = [
-        _along(cast(Sphere, alike.body), dimensions) for alike in curved if alike.which[0] in shaken
+        _along(alike.body.motion, dimensions) for alike in parts.bodies if alike.which[0] in shaken
     ]
     valid, laws = _sound_laws(parts.laws, dtype)
-    constant = [
-        jnp.asarray(restitution(law), dtype) if alike and not soft else jnp.zeros((), dtype)
-        for law, alike in zip(laws, layout.constant, strict=True)
-    ]
     gravity = jnp.zeros(dimensions, dtype) if parts.gravity is None else jnp.asarray(parts.gravity)
     held = jnp.sum(gravity[None] * normal, axis=-1, keepdims=True)
     period = _row([np.ones(()) if p is None else p for p in parts.periodic], dtype)
@@ -154,7 +141,7 @@ def scene_numbers(
         gravity=gravity,
         pull=jnp.concatenate([gravity[None], gravity[None] - held * normal]),
         period=period,
-        restitution=jnp.stack(constant),
+        restitution=_restitutions(laws, (False,) * len(laws) if soft else layout.constant, dtype),
         laws=laws,
         stiffness=None if parts.stiffness is None else _row(parts.stiffness, dtype),
         compliance=_compliance(parts, layout, contacts),
@@ -165,8 +152,24 @@ def scene_numbers(
         sound, frictions = _sound_laws(parts.frictions, dtype)
         rotation, more = _rotation(parts, layout, numbers, frictions)
         numbers, valid = dataclasses.replace(numbers, rotation=rotation), valid & sound & more
-    finite = [position, velocity, radius, mass, gravity, period, normal, offset]
+    return numbers, valid & _is_sound(numbers, layout, mass)
+
+
+def _restitutions(laws: Sequence[Any], known: Sequence[bool], dtype: Any) -> Array:
+    """Return the e of the laws of which it is known, and 0 for others."""
+    pairs = zip(laws, known, strict=True)
+    return jnp.stack([jnp.asarray(restitution(law) if yes else 0, dtype) for law, yes in pairs])
+
+
+def _is_sound(numbers: Numbers, layout: SceneLayout, mass: Array) -> Flag:
+    """Return whether the numbers are finite and within their ranges."""
+    radius, valid = numbers.radius, jnp.asarray(True)
     rising = [mass, radius[: layout.visible], -radius[layout.visible :]]
+    finite = [numbers.position, numbers.velocity, radius, mass]
+    finite += [numbers.gravity, numbers.period, numbers.normal, numbers.offset]
+    for axis, around in enumerate(layout.periodic):
+        if around:
+            valid = valid & (numbers.period[axis] > 4 * jnp.max(radius))
     for movers in (numbers.motion, numbers.shaking):
         if movers is not None:
             finite += jax.tree.leaves(eqx.filter(movers, eqx.is_inexact_array))
@@ -176,30 +179,24 @@ def scene_numbers(
         valid = valid & jnp.all(POSITIVE.holds(numbers.stiffness))
     if numbers.compliance is not None:
         valid = valid & jnp.all(numbers.compliance >= 0)
-    for k, length in enumerate(parts.periodic):
-        if length is not None:
-            valid = valid & (period[k] > 4 * jnp.max(radius))
-    return numbers, valid
+    return valid
 
 
 def _rotation(
     parts: SceneInputs, layout: SceneLayout, numbers: Numbers, frictions: tuple[Any, ...]
 ) -> tuple[Rotation, Flag]:
     """Return the numbers that only friction needs, and whether they are valid."""
-    dtype, axes = parts.dtype, spin_axes(layout.dimensions)
-    curved = [alike for alike in parts.bodies if isinstance(alike.body, Sphere | Shell)]
+    dtype, axes, count = parts.dtype, spin_axes(layout.dimensions), layout.spheres
 
     def of(body: Sphere | Shell) -> tuple[Array, Array, Array]:
-        spin, inertia = (None, None) if isinstance(body, Shell) else (body.spin, body.inertia)
+        spin, inertia = body.spin, body.inertia
         return (
             jnp.zeros(axes, dtype) if spin is None else jnp.asarray(spin).reshape(axes),
             jnp.ones((), dtype) if inertia is None else jnp.asarray(inertia),
             jnp.asarray(inertia is not None),
         )
 
-    count = layout.spheres
-    columns = [alike.each(of) for alike in curved]
-    spin, given, is_given = _in_order(curved, layout.body[:count], columns)
+    spin, given, is_given = _of_curved(parts, layout, of)
     solid = 2.5 * numbers.inverse_mass[:count] / jnp.square(numbers.radius)
     turns = jnp.where(is_given, 1 / given, solid)
     shear = None
@@ -229,13 +226,20 @@ def _drift(parts: SceneInputs, layout: SceneLayout) -> Movers | None:
         motion = alike.body.motion
         for k in alike.which:
             in_space = motion is not None and motion.dimensions is not None
-            motions[k] = _along(cast(Any, alike.body), layout.dimensions) if in_space else None
+            motions[k] = _along(motion, layout.dimensions) if in_space else None
     along = [motions[k] for k in layout.body[layout.spheres :]]
     if all(motion is None for motion in along):
         return None
     none = np.zeros(layout.dimensions)
     rest = still()._replace(speed=none, amplitude=none)
     return _movers([rest if motion is None else motion for motion in along], parts.dtype)
+
+
+def _of_curved(parts: SceneInputs, layout: SceneLayout, of: Callable[[Any], Any]) -> Any:
+    """Return a function of each sphere and shell, stacked in the order of the engine."""
+    order = layout.body[: layout.spheres]
+    curved = [alike for alike in parts.bodies if alike.which[0] in order]
+    return _in_order(curved, order, [alike.each(of) for alike in curved])
 
 
 def _flat(arrays: Sequence[Array]) -> Array:
@@ -284,8 +288,7 @@ def _velocity(body: Sphere | Shell) -> Any:
     # The velocity of an accelerated body depends on time and is computed later.
     if body.motion is not None and not body.motion.vibrates:
         return body.motion.along(None).speed
-    velocity = body.velocity if isinstance(body, Sphere) else None
-    return jnp.zeros_like(body.place) if velocity is None else velocity
+    return jnp.zeros_like(body.place) if body.velocity is None else body.velocity
 
 
 def ones_unless(numbers: Numbers, valid: Flag) -> Numbers:
@@ -310,16 +313,16 @@ def _sound_laws(laws: Sequence[Any], dtype: Any) -> tuple[Flag, tuple[Any, ...]]
         valid = valid & is_valid(law)
 
     def convert(leaf: Any) -> Any:
-        leaf = jnp.asarray(leaf) if isinstance(leaf, float) else leaf
+        leaf = leaf if static_value(leaf) is None else jnp.asarray(leaf)
         return leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf
 
     return valid, tuple(jax.tree.map(convert, sanitised(law)) for law in laws)
 
 
-def _along(body: Sphere | Shell, dimensions: int) -> Along:
+def _along(given: AbstractMotion | None, dimensions: int) -> Along:
     """Return the motion of an accelerated body in space."""
-    assert body.motion is not None
-    motion = body.motion.along(None)
+    assert given is not None
+    motion = given.along(None)
     speed, amplitude = (jnp.broadcast_to(x, dimensions) for x in (motion.speed, motion.amplitude))
     return motion._replace(speed=speed, amplitude=amplitude)
 
@@ -337,7 +340,7 @@ def _compliance(inputs: SceneInputs, layout: SceneLayout, needed: bool) -> Array
     if inputs.stiffness is not None:
         return None
     for alike in inputs.bodies:
-        if isinstance(alike.body, Sphere) and alike.body.material is None:
+        if alike.which[0] in layout.body[: layout.visible] and alike.body.material is None:
             if needed:
                 raise ValueError(
                     "Argument `stiffness` of the scene must be given where a sphere has no "

@@ -9,13 +9,20 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 from numpy.typing import NDArray
 
 from ..._contact import Material
 from ..._coupled.modes import Number
-from ..._entry import POSITIVE, refuses_unknown, rendered, require_flag, require_kind
+from ..._entry import (
+    POSITIVE,
+    refusal,
+    refuses_unknown,
+    rendered,
+    require_flag,
+    require_kind,
+    traced,
+)
 from .entry import one_number, spin_in, vector
 from .motion import AbstractMotion, Along, as_numpy, in_space, later, origin, require_motion, shifts
 
@@ -54,18 +61,25 @@ class Wall(NamedTuple):
 class AbstractBody(eqx.Module):
     """A body of a scene: a name, a material, and a place.
 
-    A subclass names the fields that are places, and returns its flat `walls`.
+    A subclass names the fields that are places, and returns its flat `walls`. Impacts move bodies
+    that are not `fixed`.
     """
 
     name: eqx.AbstractVar[str | None]
     material: eqx.AbstractVar[Material | None]
     motion: eqx.AbstractVar[AbstractMotion | None]
     _places: eqx.AbstractClassVar[tuple[str, ...]]
+    fixed = True
 
     @property
     def dimensions(self) -> int:
         """The number of space dimensions."""
         return getattr(self, self._places[0]).shape[0]
+
+    @property
+    def place(self) -> Array:
+        """The first of its places, at time zero."""
+        return origin(getattr(self, self._places[0]), self.motion)
 
     def walls(self) -> list[Wall]:
         """Return the flat walls of the body."""
@@ -147,30 +161,27 @@ class Sphere(AbstractBody):
         self.spin = None if spin is None else spin_in(spin, self.dimensions)
         self.inertia = None if inertia is None else one_number(inertia, "inertia", POSITIVE)
         self.motion = in_space(motion, self.dimensions, "fixed sphere")
-        if self.motion is not None and not self.fixed:
+        if not self.fixed:
+            self._require_mass()
+        given = {"mass": mass, "velocity": velocity, "spin": spin, "inertia": inertia}
+        for other, value in given.items() if self.fixed else ():
+            if value is not None:
+                raise ValueError(
+                    f"Argument `{other}` must be None for a sphere with `fixed=True`, whose mass "
+                    f"is infinite and which does not move or turn, but is {rendered(value)}."
+                )
+
+    def _require_mass(self) -> None:
+        if self.motion is not None:
             raise ValueError(
                 "Argument `motion` must be None for a sphere without `fixed=True`, which moves as "
-                f"it is hit, but is {rendered(motion)}."
+                f"it is hit, but is {rendered(self.motion)}."
             )
-        if self.fixed:
-            given = {"mass": mass, "velocity": velocity, "spin": spin, "inertia": inertia}
-            for other, value in given.items():
-                if value is not None:
-                    raise ValueError(
-                        f"Argument `{other}` must be None for a sphere with `fixed=True`, whose "
-                        "mass is infinite and which does not move or turn, but is "
-                        f"{rendered(value)}."
-                    )
-        elif mass is None and (material is None or material.density is None):
+        if self.mass is None and (self.material is None or self.material.density is None):
             raise ValueError(
                 "Argument `mass` must be given for a sphere whose material has no density, but is "
                 "None; or give `material` with a density, or `fixed=True`."
             )
-
-    @property
-    def place(self) -> Array:
-        """The centre at time zero."""
-        return origin(self.position, self.motion)
 
     def moved_to(self, position: Array, velocity: Array, spin: Array | None = None) -> Sphere:
         """Return the same sphere at another place, with another velocity and spin unless it is
@@ -228,8 +239,8 @@ class Plane(AbstractBody):
         self.point = vector(point, "point")
         self.normal = vector(normal, "normal")
         _require_as_many("normal", normal, self.normal, "point", self.point)
-        if not isinstance(self.normal, Tracer) and not np.any(np.asarray(self.normal)):
-            raise ValueError(f"Argument `normal` must not be zero, but is {rendered(normal)}.")
+        if not traced(self.normal) and not np.any(np.asarray(self.normal)):
+            raise refusal("normal", "not be zero", normal)
         self.motion = require_motion(motion, self.dimensions)
 
     def walls(self) -> list[Wall]:
@@ -272,11 +283,9 @@ class Box(AbstractBody):
         self.low = vector(low, "low", finite=False)
         self.high = vector(high, "high", finite=False)
         _require_as_many("high", high, self.high, "low", self.low)
-        concrete = not isinstance(self.low, Tracer) and not isinstance(self.high, Tracer)
+        concrete = not traced(self.low) and not traced(self.high)
         if concrete and not np.all(np.asarray(self.low) < np.asarray(self.high)):
-            raise ValueError(
-                f"Argument `high` must be above `low` = {rendered(low)}, but is {rendered(high)}."
-            )
+            raise refusal("high", f"be above `low` = {rendered(low)}", high)
         self.motion = in_space(motion, self.dimensions, "box")
 
     def walls(self) -> list[Wall]:
@@ -311,6 +320,7 @@ class Shell(AbstractBody):
     motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
     _places: ClassVar[tuple[str, ...]] = ("centre",)
+    velocity = spin = inertia = None
 
     @refuses_unknown
     def __init__(
@@ -327,17 +337,27 @@ class Shell(AbstractBody):
         self.radius = one_number(radius, "radius", POSITIVE)
         self.motion = in_space(motion, self.dimensions, "shell")
 
-    @property
-    def place(self) -> Array:
-        """The centre at time zero."""
-        return origin(self.centre, self.motion)
-
     def centre_at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the centre (T, D) in m at given times in s; needs concrete numbers."""
         if self.motion is None:
             return np.broadcast_to(np.asarray(self.centre, float), (*time.shape, self.dimensions))
         places = jax.vmap(lambda t: origin(*later(self.centre, self.motion, t)))
         return np.asarray(places(jnp.asarray(time)), float)
+
+
+def spheres_of(bodies: Sequence[AbstractBody]) -> list[tuple[int, Sphere]]:
+    """Return the spheres among bodies, each with its number."""
+    return [(k, body) for k, body in enumerate(bodies) if isinstance(body, Sphere)]
+
+
+def shells_of(bodies: Sequence[AbstractBody]) -> list[tuple[int, Shell]]:
+    """Return the shells among bodies, each with its number."""
+    return [(k, body) for k, body in enumerate(bodies) if isinstance(body, Shell)]
+
+
+def walls_of(bodies: Sequence[AbstractBody]) -> list[tuple[int, Wall]]:
+    """Return the flat walls of bodies, each with the number of its body."""
+    return [(k, wall) for k, body in enumerate(bodies) for wall in body.walls()]
 
 
 def words(bodies: Sequence[AbstractBody], k: int) -> str:
@@ -357,10 +377,7 @@ def names_of(bodies: Sequence[AbstractBody]) -> tuple[str, ...]:
 
 def _require_as_many(name: str, value: Any, numbers: Array, other: str, like: Array) -> None:
     if numbers.shape != like.shape:
-        raise ValueError(
-            f"Argument `{name}` must have as many numbers as `{other}`, which has "
-            f"{like.shape[0]}, but is {rendered(value)}."
-        )
+        raise refusal(name, f"have as many numbers as `{other}`, which has {like.shape[0]}", value)
 
 
 def _wall(face: int, normal: Any, offset: Array, motion: AbstractMotion | None) -> Wall:
@@ -379,8 +396,5 @@ def _material(value: Any) -> Material | None:
     material = require_kind("material", value, Material, "a `Material` or None")
     for leaf in jax.tree.leaves(material):
         if leaf.shape != ():
-            raise ValueError(
-                "Argument `material` must hold one number of each kind, but is "
-                f"{rendered(material)}."
-            )
+            raise refusal("material", "hold one number of each kind", material)
     return material

@@ -14,7 +14,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._coupled.modes import Number
@@ -23,9 +22,11 @@ from ..._entry import (
     REAL,
     as_parameter,
     is_plain,
+    refusal,
     rendered,
     require_function,
     require_kind,
+    traced,
 )
 from ..._program import quick
 from .entry import one_number, vector
@@ -94,7 +95,7 @@ shifts = quick(jax.vmap(UserMotion.place, in_axes=(None, 0)))
 
 def as_numpy(numbers: Array) -> Any:
     """Return concrete numbers as NumPy arrays, which need no compilation, and others unchanged."""
-    return numbers if isinstance(numbers, Tracer) else np.asarray(numbers)
+    return numbers if traced(numbers) else np.asarray(numbers)
 
 
 def still() -> Along:
@@ -201,7 +202,7 @@ class Vibration(AbstractMotion):
 
     def start(self, normal: Array | None) -> Array:
         motion = self.along(normal)
-        sine = jnp.sin if isinstance(motion.phase, Tracer) else np.sin
+        sine = jnp.sin if traced(motion.phase) else np.sin
         return motion.amplitude * sine(motion.phase)
 
     def along(self, normal: Array | None) -> Along:
@@ -223,10 +224,7 @@ def require_motion(value: Any, dimensions: int) -> AbstractMotion | None:
         "motion", value, AbstractMotion, "a `Steady`, a `Vibration`, a `Prescribed` or None"
     )
     if motion.dimensions not in (None, dimensions):
-        raise ValueError(
-            f"Argument `motion` must have {dimensions} numbers, as the body has, but is "
-            f"{rendered(value)}."
-        )
+        raise refusal("motion", f"have {dimensions} numbers, as the body has", value)
     return motion
 
 

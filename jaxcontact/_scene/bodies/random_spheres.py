@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -14,6 +15,8 @@ from ..._contact import Material
 from ..._entry import (
     POSITIVE,
     as_numbers,
+    is_list,
+    refusal,
     refuses_unknown,
     rendered,
     require_count,
@@ -76,34 +79,18 @@ def random_spheres(
     lower = np.asarray(box.low, float)
     size = np.asarray(box.high, float) - lower
     radii = _one_for_each("radius", radius, count)
-    masses = None if mass is None else _one_for_each("mass", mass, count)
-    if material is not None:
-        require_kind("material", material, Material, "a `Material` or None")
-    if masses is None and (material is None or material.density is None):
-        raise ValueError(
-            "Argument `mass` must be given for spheres without a material that has a density, but "
-            "is None."
-        )
+    masses = _weights(mass, material, radii)
     around = _around(periodic, size)
-    rest = ", or None for spheres at rest"
-    thermal = None if speed is None else require_number("speed", speed, POSITIVE, rest)
-    if thermal is not None and count < 2:
-        raise ValueError(
-            "Argument `speed` must be None for a single sphere, which cannot move without a total "
-            f"momentum, but is {rendered(speed)}."
-        )
+    thermal = _thermal_speed(speed, count)
     random = np.random.default_rng(require_count("seed", seed, 0))
     places = lower + _places(random, size, radii, around)
-    velocity: list[Places | None] = [None] * count
+    velocity: Sequence[Places | None] = [None] * count
     if thermal is not None:
-        if masses is None:
-            assert material is not None and material.density is not None
-            masses = float(material.density) * radii**3
         velocity = list(_thermal(random, masses, places.shape, thermal))
     return [
         Sphere(
             radius=float(radii[k]),
-            mass=None if mass is None or masses is None else float(masses[k]),
+            mass=None if mass is None else float(masses[k]),
             position=places[k],
             velocity=velocity[k],
             material=material,
@@ -113,13 +100,39 @@ def random_spheres(
     ]
 
 
+def _weights(mass: ArrayLike | None, material: Any, radii: Places) -> Places:
+    """Return the masses of spheres; without any, R³ times the density of the material."""
+    masses = None if mass is None else _one_for_each("mass", mass, len(radii))
+    if material is not None:
+        require_kind("material", material, Material, "a `Material` or None")
+    if masses is not None:
+        return masses
+    if material is None or material.density is None:
+        raise ValueError(
+            "Argument `mass` must be given for spheres without a material that has a density, but "
+            "is None."
+        )
+    return float(material.density) * radii**3
+
+
+def _thermal_speed(speed: float | None, count: int) -> float | None:
+    if speed is None:
+        return None
+    thermal = require_number("speed", speed, POSITIVE, ", or None for spheres at rest")
+    if count < 2:
+        raise ValueError(
+            "Argument `speed` must be None for a single sphere, which cannot move without a total "
+            f"momentum, but is {rendered(speed)}."
+        )
+    return thermal
+
+
 def _one_for_each(name: str, value: ArrayLike, count: int) -> Places:
     """Return positive numbers (count,) from one for all or one for each."""
     numbers = as_numbers(value, name)
     if numbers.shape not in ((), (count,)) or not np.all(POSITIVE.holds(numbers)):
-        raise ValueError(
-            f"Argument `{name}` must be a number in {POSITIVE}, or {count} of them, one for each "
-            f"sphere, but is {rendered(value)}."
+        raise refusal(
+            name, f"be a number in {POSITIVE}, or {count} of them, one for each sphere", value
         )
     return np.broadcast_to(numbers, (count,))
 
@@ -128,7 +141,7 @@ def _around(periodic: Sequence[float | None] | None, size: Places) -> NDArray[np
     """Return a mask of the periodic axes."""
     if periodic is None:
         return np.zeros(len(size), bool)
-    if not isinstance(periodic, list | tuple) or len(periodic) != len(size):
+    if not is_list(periodic) or len(periodic) != len(size):
         raise ValueError(
             f"Argument `periodic` must be a list with a length or None for each of the {len(size)} "
             f"axes, but is {rendered(periodic)}."

@@ -4,22 +4,34 @@ bodies, or a table by the names of the pair.
 
 from __future__ import annotations
 
+import collections
+import functools
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import EXPONENT
 from ..._coupled.modes import Number
-from ..._entry import POSITIVE, Specialised, is_plain, refuses_unknown, rendered, require_kind
+from ..._entry import (
+    POSITIVE,
+    Specialised,
+    is_list,
+    is_plain,
+    refusal,
+    refuses_unknown,
+    rendered,
+    require_kind,
+    traced,
+)
 from ..._friction import AbstractFriction
 from ..._laws import AbstractLaw, require_no_adhesion
 from ..resume import Start
-from .bodies import AbstractBody, Shell, Sphere, words
+from .bodies import AbstractBody, Sphere, shells_of, spheres_of, walls_of, words
 from .entry import one_number, vector
 from .overlap import require_apart
 
@@ -36,9 +48,10 @@ class PairTable(eqx.Module):
     table: tuple[tuple[int, ...], ...] = eqx.field(static=True)
 
     @property
-    def alike(self) -> bool:
-        """True if one value serves all pairs."""
-        return len(self.values) == 1 and all(k == 0 for row in self.table for k in row)
+    def by_kind(self) -> tuple[tuple[int, ...], ...]:
+        """The table, or () if one value serves all pairs."""
+        alike = len(self.values) == 1 and not any(map(any, self.table))
+        return () if alike else self.table
 
 
 def kinds_of(names: Sequence[str | None]) -> tuple[tuple[str | None, ...], tuple[int, ...]]:
@@ -62,33 +75,40 @@ def pair_table(
     """
     count = len(kinds)
     if not isinstance(given, Mapping):
-        value = check(argument, given)
-        return PairTable((value,), tuple((0,) * count for _ in range(count)))
+        return PairTable((check(argument, given),), ((0,) * count,) * count)
     if not given:
-        raise ValueError(f"Argument `{argument}` must have an entry, but is {rendered(given)}.")
-    default, rows = -1, [[-1] * count for _ in range(count)]
-    for place, key in enumerate(given):
-        if isinstance(key, str) and key == DEFAULT:
-            default = place
-            continue
-        a, b = _kinds_named(argument, key, kinds)
-        if rows[a][b] >= 0:
-            raise ValueError(
-                f"Argument `{argument}` must name a pair once, but names {key} in both orders."
-            )
-        rows[a][b] = rows[b][a] = place
+        raise refusal(argument, "have an entry", given)
+    rows = _rows_named(argument, list(given), kinds)
     values = [check(argument, entry) for entry in given.values()]
-    table = tuple(tuple(default if k < 0 else k for k in row) for row in rows)
-    for a, b in meeting:
-        if table[a][b] < 0:
-            first, second = (
-                "an unnamed body" if kinds[k] is None else repr(kinds[k]) for k in (a, b)
-            )
-            raise ValueError(
-                f"Argument `{argument}` must have an entry for {first} and {second}, which can "
-                f"meet, or a 'default', but is {rendered(given)}."
-            )
-    return PairTable(tuple(values), table)
+    missing = next(((kinds[a], kinds[b]) for a, b in meeting if rows[a][b] < 0), None)
+    if missing is not None:
+        first, second = ("an unnamed body" if kind is None else repr(kind) for kind in missing)
+        raise ValueError(
+            f"Argument `{argument}` must have an entry for {first} and {second}, which can meet, "
+            f"or a 'default', but is {rendered(given)}."
+        )
+    return PairTable(tuple(values), tuple(map(tuple, rows)))
+
+
+def _rows_named(argument: str, keys: list[Any], kinds: Sequence[str | None]) -> list[list[int]]:
+    """Return the place among the keys for each pair of kinds; -1 for pairs without a key."""
+    default = next((k for k, key in enumerate(keys) if _is_default(key)), -1)
+    rows = [[default] * len(kinds) for _ in kinds]
+    named: set[tuple[int, int]] = set()
+    for place, key in enumerate(keys):
+        if place != default:
+            a, b = _kinds_named(argument, key, kinds)
+            if (a, b) in named:
+                raise ValueError(
+                    f"Argument `{argument}` must name a pair once, but names {key} in both orders."
+                )
+            named |= {(a, b), (b, a)}
+            rows[a][b] = rows[b][a] = place
+    return rows
+
+
+def _is_default(key: Any) -> bool:
+    return isinstance(key, str) and key == DEFAULT
 
 
 def _kinds_named(argument: str, key: Any, kinds: Sequence[str | None]) -> tuple[int, int]:
@@ -161,9 +181,8 @@ class Scene(eqx.Module):
         if stiffness is not None:
             self.stiffness = pair_table("stiffness", stiffness, _stiffness, kinds, meeting)
         elif self._exponent.static != 1.5:
-            raise ValueError(
-                "Argument `exponent` must be 1.5 where the stiffness follows from materials "
-                f"(Hertz), but is {rendered(exponent)}."
+            raise refusal(
+                "exponent", "be 1.5 where the stiffness follows from materials (Hertz)", exponent
             )
         self.friction = None
         if friction is not None:
@@ -175,7 +194,7 @@ class Scene(eqx.Module):
         if gravity is not None:
             self.gravity = vector(gravity, "gravity")
             _same_dimensions("gravity", gravity, self.gravity.shape[0], dimensions)
-            if not isinstance(self.gravity, Tracer) and not np.any(np.asarray(self.gravity)):
+            if not traced(self.gravity) and not np.any(np.asarray(self.gravity)):
                 self.gravity = None
         self.periodic = _periodic(periodic, self.bodies, dimensions)
         self._start = None
@@ -194,43 +213,33 @@ class Scene(eqx.Module):
     @property
     def spheres(self) -> tuple[Sphere, ...]:
         """The spheres in the order given; row k of a position belongs to the k-th sphere."""
-        return tuple(body for body in self.bodies if isinstance(body, Sphere))
+        return tuple(sphere for _, sphere in spheres_of(self.bodies))
 
     def __repr__(self) -> str:
-        counts: dict[str, int] = {}
-        for body in self.bodies:
-            kind = type(body).__name__
-            counts[kind] = counts.get(kind, 0) + 1
+        counts = collections.Counter(type(body).__name__ for body in self.bodies)
         bodies = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-        laws = ", ".join(dict.fromkeys(type(law).__name__ for law in self.law.values))
-        rubs = (
-            ""
-            if self.friction is None
-            else "; " + ", ".join(dict.fromkeys(type(law).__name__ for law in self.friction.values))
-        )
-        return f"Scene({bodies}; {self.dimensions}D; {laws}{rubs})"
+        tables = filter(None, (self.law, self.friction))
+        laws = (dict.fromkeys(type(law).__name__ for law in table.values) for table in tables)
+        return f"Scene({bodies}; {self.dimensions}D; {'; '.join(map(', '.join, laws))})"
 
 
 def _bodies(value: Any) -> tuple[AbstractBody, ...]:
-    if not isinstance(value, list | tuple) or not value:
-        raise ValueError(
-            "Argument `bodies` must be a list of `Sphere`, `Plane`, `Box` and `Shell`, but is "
-            f"{rendered(value)}."
-        )
+    allowed = "a list of `Sphere`, `Plane`, `Box` and `Shell`"
+    if not is_list(value) or not value:
+        raise refusal("bodies", f"be {allowed}", value)
     for k, body in enumerate(value):
         if not isinstance(body, AbstractBody):
             raise ValueError(
-                "Argument `bodies` must be a list of `Sphere`, `Plane`, `Box` and `Shell`, but "
-                f"number {k} of it is {rendered(body)}."
+                f"Argument `bodies` must be {allowed}, but number {k} of it is {rendered(body)}."
             )
-    dimensions = [body.dimensions for body in value]
-    for k, count in enumerate(dimensions):
-        if count != dimensions[0]:
+    dimensions = value[0].dimensions
+    for k, body in enumerate(value):
+        if body.dimensions != dimensions:
             raise ValueError(
-                f"Argument `bodies` must be in one space, but {words(value, k)} has {count} "
-                f"dimensions and {words(value, 0)} has {dimensions[0]}."
+                f"Argument `bodies` must be in one space, but {words(value, k)} has "
+                f"{body.dimensions} dimensions and {words(value, 0)} has {dimensions}."
             )
-    if not any(isinstance(body, Sphere) and not body.fixed for body in value):
+    if all(body.fixed for body in value):
         raise ValueError(
             "Argument `bodies` must hold a sphere that is not fixed, but nothing in it moves: "
             f"{rendered([type(body).__name__ for body in value])}."
@@ -240,50 +249,29 @@ def _bodies(value: Any) -> tuple[AbstractBody, ...]:
 
 def _meeting(bodies: Sequence[AbstractBody], kinds: Sequence[int]) -> list[tuple[int, int]]:
     """Return the pairs of kinds that can meet: one of the bodies must move."""
-    count = max(kinds) + 1
-    total, moving = [0] * count, [0] * count
-    for body, kind in zip(bodies, kinds, strict=True):
-        total[kind] += 1
-        moving[kind] += isinstance(body, Sphere) and not body.fixed
-    return [
-        (a, b)
-        for a in range(count)
-        for b in range(a, count)
-        if (moving[a] and total[b] > (a == b)) or (moving[b] and total[a] > (a == b))
-    ]
+    total = collections.Counter(kinds)
+    moving = {kind for body, kind in zip(bodies, kinds, strict=True) if not body.fixed}
+    pairs = itertools.combinations_with_replacement(range(len(total)), 2)
+    return [(a, b) for a, b in pairs if {a, b} & moving and (a != b or total[a] > 1)]
 
 
-def _require_single_numbers(argument: str, law: AbstractLaw | AbstractFriction) -> None:
+def _single(kind: type, allowed: str, argument: str, value: Any) -> Any:
+    """Return a law with one number of each kind; raises ValueError for anything else."""
+    law = require_kind(argument, value, kind, f"{allowed}, or a mapping")
     for leaf in jax.tree.leaves(law):
         if eqx.is_array(leaf) and leaf.shape != ():
-            raise ValueError(
-                f"Argument `{argument}` must hold one number of each kind, but is {rendered(law)}."
-            )
-
-
-def _law(argument: str, value: Any) -> AbstractLaw:
-    law = require_kind(
-        argument, value, AbstractLaw, "a contact law (see `list_laws`), or a mapping"
-    )
-    _require_single_numbers(argument, law)
+            raise refusal(argument, "hold one number of each kind", law)
     return law
 
 
-def _friction(argument: str, value: Any) -> AbstractFriction:
-    law = require_kind(
-        argument, value, AbstractFriction, "a friction law, such as `RigidCoulomb`, or a mapping"
-    )
-    _require_single_numbers(argument, law)
-    return law
+_law = functools.partial(_single, AbstractLaw, "a contact law (see `list_laws`)")
+_friction = functools.partial(_single, AbstractFriction, "a friction law, such as `RigidCoulomb`")
 
 
 def _require_friction_to_turn(bodies: Sequence[AbstractBody], friction: Any) -> None:
     """Raise ValueError for spins without friction, and for friction in one dimension."""
     if friction is not None and bodies[0].dimensions == 1:
-        raise ValueError(
-            "Argument `friction` must be None in one dimension, where nothing slides, but is "
-            f"{rendered(friction)}."
-        )
+        raise refusal("friction", "be None in one dimension, where nothing slides", friction)
     if friction is not None:
         return
     for k, body in enumerate(bodies):
@@ -308,10 +296,7 @@ def _exponent(entry: Any) -> Specialised:
 
 def _same_dimensions(name: str, value: Any, count: int, dimensions: int) -> None:
     if count != dimensions:
-        raise ValueError(
-            f"Argument `{name}` must have {dimensions} numbers, as the bodies have, but is "
-            f"{rendered(value)}."
-        )
+        raise refusal(name, f"have {dimensions} numbers, as the bodies have", value)
 
 
 def _periodic(
@@ -319,34 +304,31 @@ def _periodic(
 ) -> tuple[Array | None, ...]:
     if value is None:
         return (None,) * dimensions
-    if not isinstance(value, list | tuple):
-        raise ValueError(
-            "Argument `periodic` must be a list with a length or None for each axis, but is "
-            f"{rendered(value)}."
-        )
+    if not is_list(value):
+        raise refusal("periodic", "be a list with a length or None for each axis", value)
     _same_dimensions("periodic", value, len(value), dimensions)
     lengths = tuple(None if x is None else one_number(x, "periodic", POSITIVE) for x in value)
-    spheres = [body for body in bodies if isinstance(body, Sphere)]
     for axis, length in enumerate(lengths):
-        if length is None:
-            continue
-        for k, body in enumerate(bodies):
-            if isinstance(body, Shell):
-                raise ValueError(
-                    f"Argument `periodic` must be None beside {words(bodies, k)}, but is "
-                    f"{rendered(value)}."
-                )
-            for wall in body.walls():
-                along = wall.normal[axis]
-                if not isinstance(along, Tracer) and float(along) != 0:
-                    raise ValueError(
-                        f"Argument `periodic` must be None for axis {axis}, along which "
-                        f"{words(bodies, k)} ends the space, but is {rendered(value)}."
-                    )
-        radii = [float(s.radius) for s in spheres if not isinstance(s.radius, Tracer)]
-        if radii and not isinstance(length, Tracer) and not float(length) > 4 * max(radii):
-            raise ValueError(
-                f"Argument `periodic` must be longer than four radii ({4 * max(radii):g}), so "
-                f"that a pair meets by one image at a time, but is {rendered(value)}."
-            )
+        if length is not None:
+            _require_room(value, axis, length, bodies)
     return lengths
+
+
+def _require_room(value: Any, axis: int, length: Array, bodies: Sequence[AbstractBody]) -> None:
+    """Raise ValueError for a body that ends the space along a periodic axis, or is too large."""
+    shells = shells_of(bodies)
+    if shells:
+        raise refusal("periodic", f"be None beside {words(bodies, shells[0][0])}", value)
+    for k, wall in walls_of(bodies):
+        along = wall.normal[axis]
+        if not traced(along) and float(along) != 0:
+            raise ValueError(
+                f"Argument `periodic` must be None for axis {axis}, along which "
+                f"{words(bodies, k)} ends the space, but is {rendered(value)}."
+            )
+    radii = [float(ball.radius) for _, ball in spheres_of(bodies) if not traced(ball.radius)]
+    if radii and not traced(length) and float(length) <= 4 * max(radii):
+        raise ValueError(
+            f"Argument `periodic` must be longer than four radii ({4 * max(radii):g}), so that a "
+            f"pair meets by one image at a time, but is {rendered(value)}."
+        )

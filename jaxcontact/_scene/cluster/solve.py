@@ -18,7 +18,7 @@ from ..._coupled.clock import ContactClock
 from ..._coupled.energies import attracts
 from ..._coupled.field import TIME, WORK, LoopRules
 from ..._coupled.loop import CoupledStart, first_carry, run_to_end, status_of
-from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Flag, Modes, Number
+from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Flag, Modes, Number, least_v0
 from ..._coupled.rows import rows_of
 from ..._functions import moving, ratio
 from ..._impact.derivatives import with_sensitivity
@@ -239,7 +239,7 @@ def cluster(
         state=state,
         until=jnp.asarray(until, dtype),
         tolerance=jax.lax.stop_gradient(tolerance),
-        floor=jnp.asarray(0.0 if isinstance(v0, str) else v0, dtype),
+        floor=jnp.asarray(least_v0(v0), dtype),
         drive=drive,
         to_the_end=jnp.asarray(to_the_end),
         friction=friction,
@@ -276,7 +276,7 @@ def cluster_at_touch(
     closed, rate, zero = closed & pairs.used, -opening, jnp.zeros_like(gap)
     # The depth of a pair that just touches is rounding, but has a derivative.
     depth = jnp.where(closed, jax.lax.stop_gradient(gap) - gap, jnp.minimum(-gap, 0))
-    latched = jnp.maximum(rate, 0.0 if isinstance(v0, str) else v0)
+    latched = jnp.maximum(rate, least_v0(v0))
     return ClusterState(
         time=jnp.zeros((), position.dtype),
         position=position,

@@ -42,18 +42,15 @@ def all_fit(layout: SceneLayout, members: int) -> bool:
 def slot_pairs(layout: SceneLayout, members: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the first and second slot of every pair that can meet, (P,) each; walls come last."""
     by_sphere = all_fit(layout, members) and not in_line(layout)
-    fixed = layout.fixed if by_sphere else (False,) * members
-    pairs = [
-        (i, j)
-        for i in range(members)
-        for j in range(i + 1, members + layout.walls)
-        if j >= members or not in_line(layout) or j == i + 1
-        if not (fixed[i] and (j >= members or fixed[j]))
-    ]
+    fixed = np.zeros(members + layout.walls, bool)
+    fixed[:members], fixed[members:] = layout.fixed if by_sphere else False, True
+    first, second = np.triu_indices(members, 1, members + layout.walls)
+    meet = ~(fixed[first] & fixed[second])
+    if in_line(layout):
+        meet &= (second >= members) | (second == first + 1)
+    first, second = first[meet], second[meet]
     # A fixed sphere comes second.
-    turned = [(j, i) if fixed[i] and j < members else (i, j) for i, j in pairs]
-    first, second = np.array(turned, int).reshape(-1, 2).T
-    return first, second
+    return np.where(fixed[first], second, first), np.where(fixed[first], first, second)
 
 
 def identity_slots(layout: SceneLayout, numbers: Numbers) -> Int[Array, " N"]:

@@ -12,14 +12,13 @@ rest. The energy of the swing counts as lost in the contact.
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from ..._coupled.rows import rows_of
 from ..._coupled.springs import lengths
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying
 from ..arrays.movers import Turning, free_turning
-from ..cluster.equations import ClusterState
 from ..cluster.problem import ClusterEnd
 from ..pair_impact.rolling import compliance_on, footing, on_walls
 from .cluster_slots import Slots, masses, resting_pairs, slot_pairs
@@ -54,7 +53,10 @@ def rest_on_walls(
     sinks = before.velocity + jnp.where(rests, closing[:, None] * foot.normal, 0)
     before = before._replace(velocity=sinks)
     mass, mobility = masses(layout, numbers, seats)[:, None], foot.mobility
-    friction, slides = _springs(layout, members, state, support)
+    on_wall, first = resting_pairs(layout, members, support), slot_pairs(layout, members)[0]
+    slides = jnp.zeros(members, bool).at[first].max(on_wall & (state.rubbing.slides == 1))
+    springs = jnp.where(on_wall[:, None], state.rubbing.spring, 0)
+    friction = jnp.zeros((members, layout.dimensions), springs.dtype).at[first].add(springs)
     compliance = compliance_on(layout, numbers, who, on, foot.height)
     slip = lengths(foot.slip)[:, None]
     # No swing is faster; a body that slides faster does not swing.
@@ -91,15 +93,3 @@ def rest_on_walls(
         rubbed=None if done.rubbed is None else done.rubbed - jnp.sum(gained),
     )
     return done, after.turning, bent & seats.present
-
-
-def _springs(
-    layout: SceneLayout, members: int, state: ClusterState, support: Int[Array, " M"]
-) -> tuple[Float[Array, "M D"], Bool[Array, " M"]]:
-    """Return the friction of members on their walls, and whether they slide."""
-    assert state.rubbing is not None
-    rests, first = resting_pairs(layout, members, support), slot_pairs(layout, members)[0]
-    slides = jnp.zeros(members, bool).at[first].max(rests & (state.rubbing.slides == 1))
-    springs = jnp.where(rests[:, None], state.rubbing.spring, 0)
-    none = jnp.zeros((members, layout.dimensions), springs.dtype)
-    return none.at[first].add(springs), slides

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 
 from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of
-from ..._friction import AbstractFriction, RegularizedCoulomb
+from ..._friction import AbstractFriction
 from ..._friction.base import Tangential, TangentialOutcome
 from ..._functions import cross, swept
 from ..arrays.arrays import Numbers, SceneLayout, contact_of, laws_of, least_speed
@@ -104,7 +104,10 @@ def friction_impulse(
         ratio=_ratio_of(numbers, i, j),
         speed=speed,
     )
-    laws, kind = _frictions_of(layout, numbers, i, j)
+    assert numbers.rotation is not None and layout.frictions is not None
+    laws, kind = numbers.rotation.laws, jnp.asarray(0)
+    if len(laws) > 1:
+        laws, kind = one_of_each(laws, layout.chosen(layout.frictions, i, j))
 
     def of(law: AbstractFriction) -> Callable[[], tuple[Number, Flag]]:
         if not law.has_formula(problem):
@@ -132,17 +135,6 @@ def friction_impulse(
     return impulse, SlipSpeeds(before, kept * before), converged
 
 
-def _frictions_of(
-    layout: SceneLayout, numbers: Numbers, i: Index, j: Index
-) -> tuple[list[AbstractFriction], Index]:
-    """Return a friction law of every kind, and the kind of that of bodies i and j."""
-    assert numbers.rotation is not None and layout.frictions is not None
-    laws = numbers.rotation.laws
-    if len(laws) == 1:
-        return list(laws), jnp.asarray(0)
-    return one_of_each(laws, layout.chosen(layout.frictions, i, j))
-
-
 def _by_pair(layout: SceneLayout, each: list[Any], i: Array, j: Array, dtype: Any = None) -> Array:
     """Return the number of the friction law of bodies i and j, from `each` law."""
     assert layout.frictions is not None
@@ -160,17 +152,13 @@ def coefficient_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) ->
 
 def is_followed(numbers: Numbers) -> bool:
     """Return whether all friction laws act alike in isolated and in coupled contacts."""
-    return numbers.rotation is None or all(map(_is_followed, numbers.rotation.laws))
-
-
-def _is_followed(law: AbstractFriction) -> bool:
-    return law.held == "force" or type(law) is RegularizedCoulomb
+    return numbers.rotation is None or all(law.is_followed for law in numbers.rotation.laws)
 
 
 def has_impulse(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Flag:
     """Return whether the friction of bodies i and j is the impulse of a law's formula."""
     assert numbers.rotation is not None
-    return _by_pair(layout, [not _is_followed(law) for law in numbers.rotation.laws], i, j)
+    return _by_pair(layout, [not law.is_followed for law in numbers.rotation.laws], i, j)
 
 
 def spring_ratio_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Number:
@@ -182,8 +170,8 @@ def spring_ratio_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -
     usual, known = jnp.asarray(_USUAL_RATIO, numbers.dtype), _ratio_of(numbers, i, j)
     if known is not None:
         usual = jnp.where(known > 0, known, usual)
-    own = [getattr(law, "ratio", None) for law in numbers.rotation.laws]
-    return _by_pair(layout, [usual if ratio is None else ratio for ratio in own], i, j)
+    own = [usual if law.kappa is None else law.kappa for law in numbers.rotation.laws]
+    return _by_pair(layout, own, i, j)
 
 
 def _damping_of(
@@ -215,9 +203,9 @@ def ramps_of(
     """Return the speeds v_d of regularised laws, 0 for pairs of other laws."""
     assert numbers.rotation is not None
     laws, none = numbers.rotation.laws, jnp.zeros((), numbers.dtype)
-    if not any(isinstance(law, RegularizedCoulomb) for law in laws):
+    if all(law.creep is None for law in laws):
         return None
-    each = [law.v_d if isinstance(law, RegularizedCoulomb) else none for law in laws]
+    each = [none if law.creep is None else law.creep for law in laws]
     return jax.vmap(lambda i, j: _by_pair(layout, each, i, j))(one, other)
 
 

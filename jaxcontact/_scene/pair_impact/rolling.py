@@ -163,7 +163,9 @@ def on_walls(
     assert flying.turning is not None
     turning = flying.turning
     if not (layout.walls and layout.gravity):
-        return flying._replace(turning=_released(turning)), jnp.zeros(who.shape, bool)
+        still = jax.tree.map(jnp.zeros_like, turning)
+        turning = still._replace(spin=turning.spin, until=jnp.full_like(turning.until, jnp.inf))
+        return flying._replace(turning=turning), jnp.zeros(who.shape, bool)
     on = jnp.maximum(support, 0)
     foot = footing(layout, numbers, who, on, flying)
     walls = layout.spheres + on
@@ -239,9 +241,3 @@ def _length_and_direction(vectors: Float[Array, "M D"]) -> tuple[Array, Array]:
     none = square == 0
     length = jnp.where(none, 0, jnp.sqrt(jnp.where(none, 1, square)))
     return length, vectors / jnp.where(none, 1, length)[:, None]
-
-
-def _released(turning: Turning) -> Turning:
-    """Return the rotation of bodies in flight."""
-    drag, twist = jnp.zeros_like(turning.drag), jnp.zeros_like(turning.twist)
-    return Turning(turning.spin, drag, twist, jnp.full_like(turning.until, jnp.inf))

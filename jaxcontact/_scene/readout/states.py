@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -16,6 +17,7 @@ from ..._functions import ratio
 from ..._program import derived, quick
 from ..arrays.arrays import SceneLayout
 from ..arrays.flight import accelerations
+from ..arrays.movers import Turning
 from ..engine.cluster_slots import slot_pairs
 from ..engine.log import Log, RunRecord, last_call
 from ..pair_impact.friction import is_followed
@@ -118,13 +120,9 @@ def kinematics_at(record: RunRecord, times: Float[Array, " T"]) -> Kinematics:
     if followed:
         return here
     # The motion within an isolated contact whose friction is a formula is not solved.
-    inside = (times[:, None] < last.began) & (last.row >= 0)
-    return jax.tree.map(lambda x: nan_unless(x, _along_axes(~inside, x)), here)
-
-
-def _along_axes(each: Bool[Array, "T N"], value: Array) -> Array:
-    """Return flags for the leading axes of a value: for each sphere, or for all of them."""
-    return each if value.ndim > 1 else jnp.all(each, axis=1)
+    outside = (times[:, None] >= last.began) | (last.row < 0)
+    whole = jnp.all(outside, axis=1)
+    return jax.tree.map(lambda x: nan_unless(x, outside if x.ndim > 1 else whole), here)
 
 
 def kinematics_in_log(
@@ -241,15 +239,17 @@ def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
     entry = order[rank].reshape(wanted.shape)
     turning = start.turning
     if turning is not None:
-        parts = [turning, *(jax.tree.map(lambda x, k=k: x[:, k], after.turning) for k in (0, 1))]
-        if figures.coupled is not None and figures.coupled.turning is not None:
-            called = figures.coupled.turning
-            slots = range(called.until.shape[1])
-            parts += [jax.tree.map(lambda x, k=k: x[:, k], called) for k in slots]
+        trees = [after.turning, None if figures.coupled is None else figures.coupled.turning]
+        parts = [turning, *itertools.chain(*map(_by_slot, filter(None, trees)))]
         turning = rows_of(jax.tree.map(lambda *column: jnp.concatenate(column), *parts), entry)
-    columns = [jnp.concatenate(x) for x in (place, speed, began, support, pairs, held)]
+    columns = tuple(map(jnp.concatenate, (place, speed, began, support, pairs, held)))
     there, fast, since, on, row, v0 = rows_of(columns, entry)
     return Entries(there, fast, since, on, row, v0, turning)
+
+
+def _by_slot(turning: Turning) -> list[Turning]:
+    slots = range(turning.until.shape[1])
+    return [jax.tree.map(lambda x, k=k: x[:, k], turning) for k in slots]
 
 
 def _resting(layout: SceneLayout, log: Log) -> tuple[Int[Array, "K M"], Float[Array, "K M"]]:

@@ -6,6 +6,7 @@ import dataclasses
 import inspect
 import math
 import numbers
+import operator
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..._entry import flag_array, real_array, rendered, require_function
+from ..._entry import flag_array, real_array, refusal, require_function
 
 SAMPLE = "sample"
 """Name of the dimension of aligned samples."""
@@ -88,7 +89,7 @@ def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> Sweep
         lengths[SAMPLE] = len(next(iter(columns.values())))
         inputs += [Input(name, values, 0) for name, values in columns.items()]
     for name, value in axes.items():
-        if value is None or isinstance(value, str | bool | int) or _is_object(value):
+        if isinstance(value, str | bool | int | None) or _is_object(value):
             static.append((name, value))
             continue
         values = _numbers(value, name)
@@ -113,16 +114,10 @@ def _is_object(value: Any) -> bool:
 
 def _samples(samples: Mapping[str, Any]) -> dict[str, np.ndarray]:
     if not isinstance(samples, Mapping) or len(samples) == 0:
-        raise ValueError(
-            "Argument `samples` must be a dict of arrays of one length, with at least one, "
-            f"but is {rendered(samples)}."
-        )
+        raise refusal("samples", "be a dict of arrays of one length, with at least one", samples)
     columns = {str(name): _numbers(values, str(name)) for name, values in samples.items()}
     if any(column.ndim == 0 for column in columns.values()):
-        raise ValueError(
-            "Argument `samples` must be a dict of one-dimensional arrays, "
-            f"but is {rendered(samples)}."
-        )
+        raise refusal("samples", "be a dict of one-dimensional arrays", samples)
     columns = {name: _one_dimensional(column, name) for name, column in columns.items()}
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
@@ -165,7 +160,7 @@ def _takes(function: Callable[..., Any]) -> list[str] | None:
 def check_call(function: Callable[..., Any], grid: SweepGrid) -> None:
     """Raise ValueError if `function` cannot be called with the inputs as keywords."""
     require_function("fn", function)
-    names = [i.name for i in grid.inputs] + [name for name, _ in grid.static]
+    names = [*map(operator.attrgetter("name"), grid.inputs), *dict(grid.static)]
     takes = _takes(function)
     for name in names:
         if takes is not None and name not in takes:

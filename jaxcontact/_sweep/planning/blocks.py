@@ -19,7 +19,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..._entry import rendered
+from ..._entry import refusal
 from ..skip import Array, Group
 from .axes import SweepGrid
 
@@ -234,10 +234,7 @@ class Workers:
 def workers_of(mesh: jax.sharding.Mesh | None) -> Workers:
     """Return the devices of `mesh` in this process, and the processes of JAX."""
     if not isinstance(mesh, jax.sharding.Mesh | None):
-        raise ValueError(
-            f"Argument `mesh` must be a `jax.sharding.Mesh` (see `jax.make_mesh`), but is "
-            f"{rendered(mesh)}."
-        )
+        raise refusal("mesh", "be a `jax.sharding.Mesh` (see `jax.make_mesh`)", mesh)
     devices = () if mesh is None else tuple(mesh.local_devices)
     if mesh is not None and not devices:
         raise ValueError(

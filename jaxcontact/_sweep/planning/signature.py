@@ -48,7 +48,10 @@ def key_of(program: Program) -> ProgramKey:
         whole = whole and not _OPAQUE.search(kind)
         _add(digest, kind.encode())
         for name in sorted(step.params):
-            opaque, text, *constants = _described(step.params[name])
+            value = step.params[name]
+            # JAX keeps the program of a function that it has traced, so that its text serves again.
+            read = _of_program if isinstance(value, core.ClosedJaxpr) else _read
+            opaque, text, *constants = read(value)
             whole = whole and (name == "rule" or not opaque)
             _add(digest, f"{name}={text}".encode(), *constants)
         for place in (*step.reads, str(step.writes)):
@@ -58,15 +61,10 @@ def key_of(program: Program) -> ProgramKey:
     return ProgramKey(digest.hexdigest(), whole)
 
 
-def _described(value: Any) -> tuple[Any, ...]:
+def _read(value: Any) -> tuple[Any, ...]:
     """Return whether a parameter has what its text does not describe, its text, and the constants
     of the programs in it.
     """
-    # JAX keeps the program of a function that it has traced, so that its text serves again.
-    return _of_program(value) if isinstance(value, core.ClosedJaxpr) else _read(value)
-
-
-def _read(value: Any) -> tuple[Any, ...]:
     text = str(value)
     constants = (_bytes(x) for inner in programs_in([value]) for x in _constants(inner))
     return bool(_OPAQUE.search(_RULE.sub("", text))), _ADDRESS.sub("", text), *constants

@@ -20,33 +20,34 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from .program import Constant, Place, Program, Step
+from .program import Constant, Place, Program, Step, slots_in
 
 Dims = frozenset[int]
 
 
-@dataclass(frozen=True, eq=False)
-class Known:
-    """A number, or a non-empty array of copies of this number."""
+@dataclass(eq=False, slots=True)
+class SlotFact:
+    """Fact about an array: the number that all of it is, or the dimensions it may depend on."""
 
-    value: Any
+    dims: Dims = frozenset()
+    value: Any = None
 
-    def __eq__(self, other: object) -> bool:
-        """Return whether `other` is the same number: NaN equals NaN, zeros of different sign
-        differ.
-        """
-        return isinstance(other, Known) and bool(_same(self.value, other.value))
+    @property
+    def known(self) -> bool:
+        return self.value is not None
+
+    def __eq__(self, other: Any) -> bool:
+        """Return whether facts are the same: NaN equals NaN, zeros of different sign differ."""
+        if self.known and other.known:
+            return bool(_same(self.value, other.value))
+        return self.known == other.known and self.dims == other.dims
 
     __hash__ = None  # pyright: ignore[reportAssignmentType]
 
 
-Fact = Known | Dims
-"""Fact about a slot: its value, or else the dimensions it may depend on."""
-
-
-def dims_of(*facts: Fact) -> Dims:
+def dims_of(*facts: SlotFact) -> Dims:
     """Return the dimensions that one or several facts together may depend on."""
-    return frozenset(d for fact in facts if not isinstance(fact, Known) for d in fact)
+    return frozenset().union(*(fact.dims for fact in facts))
 
 
 def _same(first: Any, second: Any) -> Any:
@@ -72,64 +73,84 @@ _PASS_NAN = {
 }
 
 
-def of_constant(value: Any) -> Fact:
+def of_constant(value: Any) -> SlotFact:
     # A key of random numbers, for example, is not a number, so it has no known value.
     if not isinstance(jnp.result_type(value), np.dtype):
-        return frozenset()
+        return SlotFact()
     plain = np.asarray(value)
     if plain.dtype.kind not in "biuf" or plain.size == 0:
-        return frozenset()
+        return SlotFact()
     first = plain.reshape(-1)[0]
-    return Known(first) if bool(np.all(_same(plain, first))) else frozenset()
+    return SlotFact(value=first) if bool(np.all(_same(plain, first))) else SlotFact()
 
 
-def after(step: Step, reads: list[Fact]) -> list[Fact]:
-    name = step.primitive.name
-    if name == "optimization_barrier":
-        return reads
-    if name == "select_n" and (chosen := _chosen(*reads)) is not None:
-        return [chosen]
-    constants = [fact for fact in reads if isinstance(fact, Known)]
-    if name in ("and", "or"):
-        decisive = np.bool_(name == "or")
-        if any(fact.value.dtype == bool and fact.value == decisive for fact in constants):
-            return [Known(decisive)]
-    if name in _PASS_NAN and any(fact.value != fact.value for fact in constants):
-        return [Known(constants[0].value.dtype.type("nan"))]
+def after(step: Step, reads: list[SlotFact]) -> list[SlotFact]:
+    """Return the facts about what a step writes, by the first rule that applies."""
+    rules = _RULES.get(step.primitive.name), _general
+    found = (rule(step, reads) for rule in rules if rule is not None)
+    facts = next((facts for facts in found if facts is not None), None)
+    return [SlotFact(dims_of(*reads))] * len(step.writes) if facts is None else facts
+
+
+def _general(step: Step, reads: list[SlotFact]) -> list[SlotFact] | None:
+    name, constants = step.primitive.name, [fact.value for fact in reads if fact.known]
+    if name in _PASS_NAN and any(map(np.isnan, constants)):
+        return [SlotFact(value=constants[0].dtype.type("nan"))]
     if constants and name in _RESHAPES:
         return reads
-    if constants and name == "convert_element_type":
-        value, dtype = constants[0].value, np.dtype(step.params["new_dtype"])
-        # A fraction or a NaN converted to a whole number depends on the machine.
-        if dtype.kind == "f" or (dtype.kind in "biu" and value.dtype.kind in "biu"):
-            with np.errstate(over="ignore"):
-                return [Known(value.astype(dtype))]
-    if len(constants) == len(reads) and name in _FOLDED:
-        operands = [fact.value for fact in constants]
-        with np.errstate(all="ignore"):
-            value = _FOLDED[name](*operands)
-        if _machines_agree(name, [*operands, value]):
-            return [Known(value)]
-    return [dims_of(*reads)] * len(step.writes)
+    if len(constants) < len(reads) or name not in _FOLDED:
+        return None
+    with np.errstate(all="ignore"):
+        value = _FOLDED[name](*constants)
+    return [SlotFact(value=value)] if _machines_agree(name, [*constants, value]) else None
+
+
+def _selected(step: Step, reads: list[SlotFact]) -> list[SlotFact] | None:
+    """Return the selected case, if it is known or makes no difference."""
+    which, *cases = reads
+    if which.known:
+        return [cases[int(which.value)]]
+    alike = cases[0].known and all(cases[0] == case for case in cases)
+    return cases[:1] if alike else None
+
+
+def _decided(step: Step, reads: list[SlotFact]) -> list[SlotFact] | None:
+    """Return the outcome of a conjunction or disjunction, if one operand decides it."""
+    decisive = np.bool_(step.primitive.name == "or")
+    flags = (fact.value for fact in reads if fact.known and fact.value.dtype == bool)
+    return [SlotFact(value=decisive)] if any(flag == decisive for flag in flags) else None
+
+
+def _converted(step: Step, reads: list[SlotFact]) -> list[SlotFact] | None:
+    if not reads[0].known:
+        return None
+    value, dtype = reads[0].value, np.dtype(step.params["new_dtype"])
+    # A fraction or a NaN converted to a whole number depends on the machine.
+    if dtype.kind != "f" and not (dtype.kind in "biu" and value.dtype.kind in "biu"):
+        return None
+    with np.errstate(over="ignore"):
+        return [SlotFact(value=value.astype(dtype))]
+
+
+_RULES: dict[str, Callable[[Step, list[SlotFact]], list[SlotFact] | None]] = {
+    "optimization_barrier": lambda step, reads: reads,
+    "select_n": _selected,
+    "and": _decided,
+    "or": _decided,
+    "convert_element_type": _converted,
+}
+"""The facts after a primitive; None where only the general rules say more."""
 
 
 def _machines_agree(name: str, numbers: list[Any]) -> bool:
     """Return whether all machines agree; some flush subnormal numbers to zero."""
     floats = [x for x in numbers if x.dtype.kind == "f"]
-    if any(x != 0 and abs(x) < np.finfo(x.dtype).tiny for x in floats):
+    if any(0 < abs(x) < np.finfo(x.dtype).tiny for x in floats):
         return False
-    if any(x == 0 for x in floats[-1:]) and name in ("mul", "max", "min"):
+    if floats and floats[-1] == 0 and name in ("mul", "max", "min"):
         # A product may have underflowed; which of two zeros is larger is undefined.
         return all(x == floats[0] == 0 and np.signbit(x) == np.signbit(floats[0]) for x in floats)
     return True
-
-
-def _chosen(which: Fact, *cases: Fact) -> Fact | None:
-    """Return the selected case, if it is known or makes no difference."""
-    if isinstance(which, Known):
-        return cases[int(which.value)]
-    alike = isinstance(cases[0], Known) and all(cases[0] == case for case in cases)
-    return cases[0] if alike else None
 
 
 _COMPARISONS = {"gt", "ge", "lt", "le", "is_finite"}
@@ -150,41 +171,40 @@ class ProgramFacts:
 
     def __init__(self, program: Program, inputs: Sequence[Dims]):
         self.program = program
-        self._constants: dict[Constant, Fact] = {}
+        self._constants: dict[Constant, SlotFact] = {}
         self._made: dict[Any, Constant] = {}
         self._users: dict[int, list[int]] = {}
         for number, step in enumerate(program.steps):
-            for where in step.reads:
-                if isinstance(where, int):
-                    self._users.setdefault(where, []).append(number)
-        self.facts: dict[int, Fact] = dict(enumerate(inputs))
+            for slot in slots_in(step.reads):
+                self._users.setdefault(slot, []).append(number)
+        self.facts: dict[int, SlotFact] = dict(enumerate(map(SlotFact, inputs)))
         for step in program.steps:
             self.facts.update(self._after(step, {}))
 
     def dims(self, slot: int) -> Dims:
         """Return the dimensions that a slot may depend on."""
-        return dims_of(self.facts[slot])
+        return self.facts[slot].dims
 
-    def _after(self, step: Step, changed: Mapping[int, Fact]) -> dict[int, Fact]:
+    def _after(self, step: Step, changed: Mapping[int, SlotFact]) -> dict[int, SlotFact]:
         """Return the facts about the values written by a step; an array without elements has no
         value.
         """
         reads = [self._fact(where, changed) for where in step.reads]
         return {
-            slot: dims_of(*reads) if 0 in self.program.shapes[slot].shape else fact
+            slot: SlotFact(dims_of(*reads)) if 0 in self.program.shapes[slot].shape else fact
             for slot, fact in zip(step.writes, after(step, reads), strict=True)
         }
 
-    def _fact(self, where: Place, changed: Mapping[int, Fact]) -> Fact:
+    def _fact(self, where: Place, changed: Mapping[int, SlotFact]) -> SlotFact:
         if isinstance(where, Constant):
             if where not in self._constants:
                 self._constants[where] = of_constant(where.value)
             return self._constants[where]
         return changed[where] if where in changed else self.facts[where]
 
-    def assume(self, slots: Iterable[int], value: bool = True) -> dict[int, Fact]:
+    def assume(self, slots: Iterable[int], value: bool = True) -> dict[int, SlotFact]:
         """Return the facts that change if the flags `slots` have the given value."""
-        changed: dict[int, Fact] = dict.fromkeys(slots, Known(np.bool_(value)))
+        changed: dict[int, SlotFact] = dict.fromkeys(slots, SlotFact(value=np.bool_(value)))
         assumed = set(changed)
         waiting = [number for slot in assumed for number in self._users.get(slot, ())]
         heapq.heapify(waiting)
@@ -201,12 +221,12 @@ class ProgramFacts:
                         heapq.heappush(waiting, user)
         return changed
 
-    def outputs(self, slots: Iterable[int] = (), value: bool = True) -> list[Fact]:
+    def outputs(self, slots: Iterable[int] = (), value: bool = True) -> list[SlotFact]:
         """Return the facts about the outputs if the flags `slots` have the given value."""
         changed = self.assume(slots, value)
         return [self._fact(where, changed) for where in self.program.outputs]
 
-    def _constant(self, slot: int, fact: Known) -> Constant:
+    def _constant(self, slot: int, fact: SlotFact) -> Constant:
         kind = self.program.shapes[slot]
         value = np.full(kind.shape, fact.value, kind.dtype)
         # The same object for the same constant, so that equal steps compare equal.
@@ -226,7 +246,7 @@ class ProgramFacts:
             if isinstance(where, Constant):
                 return where
             fact = self._fact(where, changed)
-            if isinstance(fact, Known):
+            if fact.known:
                 return self._constant(where, fact)
             return instead.get(where, where)
 
@@ -234,7 +254,7 @@ class ProgramFacts:
             reads = tuple(resolve(where) for where in step.reads)
             if step.primitive.name == "select_n":
                 which = self._fact(step.reads[0], changed)
-                if isinstance(which, Known):
+                if which.known:
                     instead[step.writes[0]] = reads[1 + int(which.value)]
                     continue
             if step.primitive.name == "optimization_barrier":
@@ -253,70 +273,74 @@ def dependences(reading: ProgramFacts) -> list[Dependence]:
 
     @functools.cache
     def dims_left(conditions: frozenset[int]) -> list[Dims]:
-        return list(map(dims_of, reading.outputs(conditions)))
+        return [fact.dims for fact in reading.outputs(conditions)]
 
     everything = dims_left(frozenset())
-    flags = {slot: dims for slot in _flags(reading.program) if (dims := reading.dims(slot))}
+    flags = _flags(reading)
     # The best case has all flags true. Only flags that lead to it are analysed.
     best = dims_left(frozenset(flags))
     better = [i for i, dims in enumerate(best) if dims < everything[i]]
     worth = [slot for slot in flags if any(not flags[slot] <= best[i] for i in better)]
     refuted = {slot: reading.outputs([slot], False) for slot in worth}
-    results = [Dependence(dims) for dims in everything]
+    results = list(map(Dependence, everything))
     for i in better:
-        conditions, otherwise = _common({slot: ends[i] for slot, ends in refuted.items()})
-        dims = dims_left(frozenset(conditions))[i]
+        conditions, otherwise = _common(i, refuted)
         # Prefer few and cheap conditions: remove those without effect, the widest first.
-        for slot in sorted(conditions, key=lambda slot: -len(flags[slot])):
-            fewer = [other for other in conditions if other != slot]
-            if dims_left(frozenset(fewer))[i] == dims:
-                conditions = fewer
+        widest = sorted(conditions, key=lambda slot: -len(flags[slot]))
+        conditions = _fewest(i, conditions, widest, dims_left)
+        dims = dims_left(frozenset(conditions))[i]
         if dims < everything[i]:
             results[i] = Dependence(dims, tuple(conditions), otherwise)
     return results
 
 
+def _fewest(i: int, slots: list[int], order: list[int], dims_left: Callable) -> list[int]:
+    """Return the slots without those that have no effect on the dimensions left of output i."""
+    dims = dims_left(frozenset(slots))[i]
+    for slot in order:
+        fewer = [other for other in slots if other != slot]
+        slots = fewer if dims_left(frozenset(fewer))[i] == dims else slots
+    return slots
+
+
 def range_checks(reading: ProgramFacts) -> list[int]:
     """Return flags that compare an input with a number, and without which every output is NaN."""
-    program = reading.program
-    bare = set(range(program.inputs))
-    checks = []
-    for step in program.steps:
-        numbers = [where for where in step.reads if isinstance(where, int)]
-        if not numbers or not bare.issuperset(numbers):
-            continue
-        if step.primitive.name in _SAME_NUMBER:
-            bare.update(step.writes)
-        elif step.primitive.name in _COMPARISONS:
-            checks += step.writes
-    floats = [
-        i
-        for i, where in enumerate(program.outputs)
-        if isinstance(where, int) and jnp.issubdtype(program.shapes[where].dtype, jnp.inexact)
-    ]
-    nan = Known(np.float64("nan"))
+    program, nan = reading.program, SlotFact(value=np.float64("nan"))
+    floats = [i for i, where in enumerate(program.outputs) if program.is_float(where)]
 
     def decides(slot: int) -> bool:
         outputs = reading.outputs([slot], False)
         return bool(floats) and all(nan == outputs[i] for i in floats)
 
+    checks = _comparisons_in(program)
     return [slot for slot in checks if program.shapes[slot].shape == () and decides(slot)]
 
 
-def _flags(program: Program) -> list[int]:
+def _comparisons_in(program: Program) -> list[int]:
+    """Return the flags that compare an input, unchanged but for its shape or type."""
+    bare, checks = set(range(program.inputs)), []
+    for step in program.steps:
+        numbers = slots_in(step.reads)
+        if numbers and bare.issuperset(numbers):
+            if step.primitive.name in _SAME_NUMBER:
+                bare.update(step.writes)
+            elif step.primitive.name in _COMPARISONS:
+                checks += step.writes
+    return checks
+
+
+def _flags(reading: ProgramFacts) -> dict[int, Dims]:
+    """Return the flags that depend on a dimension, with their dimensions."""
     # Conjunctions are excluded: their parts serve as well, and each has fewer dimensions.
-    return [
-        slot
-        for step in program.steps
-        if step.primitive.name != "and"
-        for slot in step.writes
-        if program.shapes[slot].shape == () and program.shapes[slot].dtype == bool
-    ]
+    shapes, steps = reading.program.shapes, reading.program.steps
+    slots = [slot for step in steps if step.primitive.name != "and" for slot in step.writes]
+    flags = (slot for slot in slots if shapes[slot].shape == () and shapes[slot].dtype == bool)
+    return {slot: reading.dims(slot) for slot in flags if reading.dims(slot)}
 
 
-def _common(ends: Mapping[int, Fact]) -> tuple[list[int], Any]:
-    """Return the flags that lead to the most common known number, and that number."""
-    constants = {slot: fact for slot, fact in ends.items() if isinstance(fact, Known)}
+def _common(i: int, ends: Mapping[int, list[SlotFact]]) -> tuple[list[int], Any]:
+    """Return the flags that lead to the most common known number of output i, and that number."""
+    constants = {slot: facts[i] for slot, facts in ends.items() if facts[i].known}
     if not constants:
         return [], None
     counts = Counter(str(fact.value) for fact in constants.values())

@@ -16,7 +16,6 @@ _CALLS = {
     *("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call"),
     *("remat2", "checkpoint"),
 }
-_PROGRAMS = core.ClosedJaxpr, core.Jaxpr
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +27,11 @@ class Constant:
 
 Place = int | Constant
 """Location of a number: a slot, or a constant."""
+
+
+def slots_in(places: Iterable[Place]) -> list[int]:
+    """Return the slots among places."""
+    return [place for place in places if isinstance(place, int)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +55,10 @@ class Program:
     outputs: tuple[Place, ...]
     pure: bool
     """True if it has no side effects."""
+
+    def is_float(self, where: Place) -> bool:
+        """Return whether a place is a slot for floats."""
+        return any(jnp.issubdtype(self.shapes[k].dtype, jnp.inexact) for k in slots_in([where]))
 
     def holds(self, primitive: str) -> bool:
         """Return whether the program contains this primitive, also in a loop or a branch."""
@@ -105,22 +113,25 @@ def _body(eqn: core.JaxprEqn) -> tuple[core.Jaxpr, Sequence[Any]] | None:
 
 def programs_in(params: Iterable[Any]) -> Iterator[core.ClosedJaxpr | core.Jaxpr]:
     """Yield the programs in parameters of primitives (loops and branches), and those in these."""
-    for part in jax.tree.leaves(list(params), is_leaf=lambda x: isinstance(x, _PROGRAMS)):
-        if isinstance(part, _PROGRAMS):
-            yield part
-            for eqn in part.eqns:
-                yield from programs_in(eqn.params.values())
+    for part in filter(_is_program, jax.tree.leaves(list(params), is_leaf=_is_program)):
+        yield part
+        for eqn in part.eqns:
+            yield from programs_in(eqn.params.values())
+
+
+def _is_program(part: Any) -> bool:
+    return isinstance(part, core.ClosedJaxpr | core.Jaxpr)
 
 
 def steps_needed(steps: Sequence[Step], outputs: Iterable[Place]) -> tuple[set[int], set[int]]:
     """Return the numbers of the steps that `outputs` need, and the input slots that they need."""
-    wanted = {out for out in outputs if isinstance(out, int)}
+    wanted = set(slots_in(outputs))
     numbers = set()
     for number, step in reversed(list(enumerate(steps))):
         if not wanted.isdisjoint(step.writes):
             numbers.add(number)
             wanted.difference_update(step.writes)
-            wanted.update(read for read in step.reads if isinstance(read, int))
+            wanted.update(slots_in(step.reads))
     return numbers, wanted
 
 
@@ -134,10 +145,10 @@ class SharedSteps:
 
     def add(self, steps: Sequence[Step], output: Place) -> Place:
         """Add one version; return its output as a slot of the shared steps."""
-        where: dict[int, int] = {}
+        where: dict[Place, Place] = {}
 
         def share(place: Place) -> Place:
-            return place if isinstance(place, Constant) else where.get(place, place)
+            return where.get(place, place)
 
         for step in steps:
             reads = tuple(map(share, step.reads))

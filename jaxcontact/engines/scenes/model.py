@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from jaxtyping import Float, Int
 
-from ... import AbstractFriction, AbstractLaw, Contact, Material, Scene, Shell, Sphere, SpringSlider
+from ... import AbstractFriction, AbstractLaw, Contact, Material, Scene, Shell, Sphere
 from ...extend import ratio_of, rendered, restitution_is_constant, traced, words
 
 
@@ -322,12 +322,13 @@ def _touch(scene: Scene, first: BodyGroup, second: BodyGroup) -> Touch:
     radius = 1 / (first.curvature + second.curvature)
     stiffness = of(scene.stiffness)
     # `simulate` takes the materials for friction only where it takes them for the stiffness.
-    known: Any = None
+    ratio: Any = None
     if stiffness is None:
         soft, shear = _compliances(first, second)
-        stiffness, known = 4 / 3 * math.sqrt(radius) / soft, 4 * soft / shear
+        stiffness, ratio = 4 / 3 * math.sqrt(radius) / soft, 4 * soft / shear
     friction = of(scene.friction)
-    ratio = ratio_of(friction, known) if isinstance(friction, SpringSlider) else known
+    if friction is not None and friction.kind == "spring":
+        ratio = ratio_of(friction, ratio)
     mass = 1 / (first.inverse_mass + second.inverse_mass)
     exponent = float(scene.exponent)
     contact = Contact(mass, float(stiffness), exponent)

@@ -194,7 +194,7 @@ def _properties(model: SceneModel, exports: Mapping[tuple[int, int], Export]) ->
     stiffness = float(found["point_contact_stiffness"].min())
     friction = next(iter(model.touches.values())).friction
     # Of two surfaces Drake takes the harmonic mean, which for equal ones is that of each.
-    mu = float(getattr(friction, "mu", 0.0))
+    mu = 0.0 if friction is None else float(friction.mu)
     entries = {
         "hunt_crossley_dissipation": float(dissipation[0]),
         "point_contact_stiffness": stiffness,

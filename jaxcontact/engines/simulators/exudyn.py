@@ -355,9 +355,9 @@ def _contact(model: SceneModel, exports: Mapping, first: int, second: int) -> di
     made = exports[pair]
     words = {**made.parameters, "contactDamping": 0.0, "impactModel": 0 if _is_plastic(made) else 2}
     friction = model.touches[pair].friction
-    if isinstance(friction, RegularizedCoulomb):
+    if friction is not None and friction.creep is not None:
         words["dynamicFriction"] = float(friction.mu)
-        words["frictionProportionalZone"] = float(friction.v_d)
+        words["frictionProportionalZone"] = float(friction.creep)
     return words
 
 

@@ -18,9 +18,7 @@ from ... import (
     AntypovElliott,
     MawBarberFawcett,
     RegularizedCoulomb,
-    RigidCoulomb,
     Scene,
-    SpringSlider,
     WaltonFriction,
     impact,
 )
@@ -72,7 +70,7 @@ class LammpsScene(SceneEngine):
 
     def refuse(self, model: SceneModel) -> None:
         for friction in () if model.scene.friction is None else model.scene.friction.values:
-            if not isinstance(friction, RigidCoulomb | SpringSlider):
+            if friction.kind not in ("rigid", "spring"):
                 why = _OTHERS.get(type(friction), "which LAMMPS does not have")
                 raise ValueError(
                     "Argument `scene` must have the friction law `RigidCoulomb` or `SpringSlider` "
@@ -98,7 +96,7 @@ class LammpsScene(SceneEngine):
             return (radius,)
         # A pull at the end would count as a normal force for friction.
         limited = {"damping": "limit_damping", **radius}
-        if isinstance(touch.friction, RigidCoulomb):
+        if touch.friction is not None and touch.friction.kind == "rigid":
             return (limited,)
         if float(touch.contact.exponent) == 1:
             return ({"damping": "mass_velocity", **radius},)
@@ -229,18 +227,19 @@ def _contact(made: Export, touch: Touch, step: float) -> str:
     _, _, tail = made.snippet.partition("pair_coeff * * ")
     normal, tangential = tail.split()[0], "linear_nohistory 0 0"
     damping = tail.partition(tangential)[2]
-    if isinstance(touch.friction, RigidCoulomb):
+    friction = touch.friction
+    if friction is not None and friction.kind == "rigid":
         numbers["e"] = min(numbers["e"], _ELASTIC)
         multiple = 1 / (_MOBILITY * step * _damping_rate(made, numbers["e"]))
-        tangential = f"linear_nohistory {multiple:.12g} {float(touch.friction.mu):.12g}"
-    if isinstance(touch.friction, SpringSlider):
+        tangential = f"linear_nohistory {multiple:.12g} {float(friction.mu):.12g}"
+    if friction is not None and friction.held is not None:
         assert touch.ratio is not None
         stiffness = touch.ratio * made.parameters["k_n"]
         model = "linear_history"
         if normal == "hertz":
             # f' = κ (3/2) K √δ u, and LAMMPS has k_t √(R δ) u with K = k_n √R.
-            stiffness, model = 1.5 * stiffness, _TANGENTIAL[touch.friction.form]
-        tangential = f"{model} {stiffness:.12g} 0 {float(touch.friction.mu):.12g}"
+            stiffness, model = 1.5 * stiffness, _TANGENTIAL[friction.held]
+        tangential = f"{model} {stiffness:.12g} 0 {float(friction.mu):.12g}"
     values = " ".join(f"{value:.12g}" for value in numbers.values())
     return f"{normal} {values} tangential {tangential}{damping}"
 

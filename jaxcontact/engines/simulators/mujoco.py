@@ -218,7 +218,7 @@ def _unit_of_mass(model: SceneModel) -> float:
 
 
 def _mu(touch: Touch) -> float:
-    return float(getattr(touch.friction, "mu", 0.0))
+    return 0.0 if touch.friction is None else float(touch.friction.mu)
 
 
 def _require_mu(model: SceneModel, exports: Mapping[tuple[int, int], Export], unit: float) -> None:

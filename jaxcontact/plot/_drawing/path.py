@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..._entry import concrete, rendered, require_kind
-from ..._scene import EngineRun, Run, Shell, Sphere
-from ..._scene.bodies.bodies import AbstractBody
+from ..._entry import concrete, is_list, refusal, require_kind
+from ..._scene import EngineRun, Run, Shell
+from ..._scene.bodies.bodies import AbstractBody, spheres_of
 from ..._scene.bodies.overlap import minimum_image
 from ..._scene.result import Ending
 
@@ -110,8 +110,7 @@ def radii(run: Run | EngineRun) -> np.ndarray:
 
 def rows_of_spheres(run: Run | EngineRun) -> dict[int, int]:
     """Return the row of each sphere by its number among the bodies."""
-    bodies = enumerate(run.scene.bodies)
-    return {k: row for row, k in enumerate(k for k, body in bodies if isinstance(body, Sphere))}
+    return {k: row for row, (k, _) in enumerate(spheres_of(run.scene.bodies))}
 
 
 def touches(run: Run | EngineRun) -> tuple[np.ndarray, np.ndarray]:
@@ -155,14 +154,14 @@ def axes_shown(value: Any, dimensions: int) -> tuple[int, ...]:
     """Return the axes of a plot: all, or two that are named; ValueError for anything else."""
     if value is None and dimensions < 3:
         return tuple(range(dimensions))
-    named = value if isinstance(value, list | tuple) else ()
+    named = value if is_list(value) else ()
     numbers = tuple(concrete(number) for number in named)
     sound = all(isinstance(number, int) and 0 <= number < dimensions for number in numbers)
-    if dimensions == 1 or len(numbers) != 2 or not sound or numbers[0] == numbers[1]:
+    if dimensions == 1 or [len(numbers), len(set(numbers))] != [2, 2] or not sound:
         allowed = {
             1: "None for a run in one dimension",
             2: "two different numbers of 0 and 1, or None, for a run in two dimensions",
             3: "two different numbers of 0, 1 and 2, such as (0, 2), for a run in three dimensions",
         }[dimensions]
-        raise ValueError(f"Argument `axes` must be {allowed}, but is {rendered(value)}.")
+        raise refusal("axes", f"be {allowed}", value)
     return numbers  # pyright: ignore[reportReturnType]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..._entry import Range, as_array, rendered, require_number, require_path
+from ..._entry import Range, as_array, refusal, require_number, require_path
 from ..._text.files import FIGURES, write_all
 
 if TYPE_CHECKING:
@@ -48,10 +48,7 @@ def save(ax: Any, file: str | os.PathLike[str], *, dpi: float = 200.0) -> None:
     path = require_path("file", file)
     dpi = require_number("dpi", dpi, _DPI)
     if path.suffix.lower() not in FIGURES:
-        raise ValueError(
-            f"Argument `file` must end in {', '.join(FIGURES[:-1])} or {FIGURES[-1]}, but is "
-            f"{rendered(file)}."
-        )
+        raise refusal("file", f"end in {', '.join(FIGURES[:-1])} or {FIGURES[-1]}", file)
     write_all({path: image_of(_figure_of(ax), path.suffix[1:].lower(), dpi=dpi)})
 
 
@@ -63,7 +60,7 @@ def _figure_of(value: Any) -> Figure:
     first = array.flat[0] if array is not None and array.size else value
     figure = first.get_figure(root=True) if isinstance(first, Axes) else None
     if not isinstance(figure, Figure):
-        raise ValueError(f"Argument `ax` must be axes of a figure, but is {rendered(value)}.")
+        raise refusal("ax", "be axes of a figure", value)
     return figure
 
 

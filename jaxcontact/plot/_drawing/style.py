@@ -5,11 +5,12 @@ in grey.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..._entry import rendered, require_kind
+from ..._entry import is_list, refusal, require_kind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,6 +90,17 @@ def axes_of(ax: Axes | None, *, figsize: tuple[float, float] | None = None) -> A
     return use_curves(require_kind("ax", ax, axes.Axes, "axes of matplotlib or None"))
 
 
+def one_or_several(axes: Sequence[Any]) -> Any:
+    """Return axes as an array, or single ones themselves."""
+    return np.array(axes) if len(axes) > 1 else axes[0]
+
+
+def require_label(label: Any) -> None:
+    """Raise ValueError for anything but a text or None."""
+    if label is not None:
+        require_kind("label", label, str, "a text or None")
+
+
 def axes_for(ax: Any, count: int, each: str = "column of the data") -> list[Axes]:
     """Return axes for each of several columns or other items: given ones, or new ones in a row."""
     if count == 1:
@@ -102,10 +114,7 @@ def axes_for(ax: Any, count: int, each: str = "column of the data") -> list[Axes
     from matplotlib import axes
 
     chosen = list(ax.flat) if isinstance(ax, np.ndarray) else ax
-    several = isinstance(chosen, list | tuple) and all(isinstance(x, axes.Axes) for x in chosen)
+    several = is_list(chosen) and all(isinstance(x, axes.Axes) for x in chosen)
     if not several or len(chosen) != count:
-        raise ValueError(
-            f"Argument `ax` must be {count} axes of matplotlib, one for each {each}, or None, but "
-            f"is {rendered(ax)}."
-        )
+        raise refusal("ax", f"be {count} axes of matplotlib, one for each {each}, or None", ax)
     return [use_curves(picture) for picture in chosen]

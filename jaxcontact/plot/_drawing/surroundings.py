@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from matplotlib.patches import Polygon
 
-from ..._scene import EngineRun, Run, Shell, Sphere
-from ..._scene.bodies.bodies import names_of
+from ..._scene import EngineRun, Run
+from ..._scene.bodies.bodies import names_of, shells_of, spheres_of, walls_of
 from .path import radii, rows_of_spheres
 from .style import BODIES, CURVES
 
@@ -73,11 +73,10 @@ def frame(
             at = offset * normal[axis]
             if low[axis] - reach <= at.max() and at.min() <= high[axis] + reach:
                 low[axis], high[axis] = min(low[axis], at.min()), max(high[axis], at.max())
-    for body in run.scene.bodies:
-        if isinstance(body, Shell):
-            centre, radius = body.centre_at(fine_times(run)), float(body.radius)
-            low = np.minimum(low, np.min(centre, axis=0) - radius)
-            high = np.maximum(high, np.max(centre, axis=0) + radius)
+    for _, shell in shells_of(run.scene.bodies):
+        centre, radius = shell.centre_at(fine_times(run)), float(shell.radius)
+        low = np.minimum(low, np.min(centre, axis=0) - radius)
+        high = np.maximum(high, np.max(centre, axis=0) + radius)
     low, high = low[list(shown)], high[list(shown)]
     margin = _MARGIN * np.max(high - low)
     # A periodic cell has no margin.
@@ -94,27 +93,25 @@ class Edge(NamedTuple):
 
 def edges(run: Run | EngineRun, time: np.ndarray) -> list[Edge]:
     """Return all walls that are flat in a plot, at some times (T,)."""
-    segments = []
-    for body in run.scene.bodies:
-        if isinstance(body, Shell) and run.scene.dimensions == 1:
-            # In one dimension a shell is two walls.
-            for sign in (1.0, -1.0):
-                offset = sign * body.centre_at(time)[:, 0] - float(body.radius)
-                segments.append(Edge(np.array([sign]), offset))
-        for wall in body.walls():
-            segments.append(Edge(np.asarray(wall.normal, float), wall.offset_at(time)))
+    walls = [wall for _, wall in walls_of(run.scene.bodies)]
+    segments = [Edge(np.asarray(wall.normal, float), wall.offset_at(time)) for wall in walls]
+    for _, shell in shells_of(run.scene.bodies) if run.scene.dimensions == 1 else ():
+        # In one dimension a shell is two walls.
+        for sign in (1.0, -1.0):
+            offset = sign * shell.centre_at(time)[:, 0] - float(shell.radius)
+            segments.append(Edge(np.array([sign]), offset))
     return segments
 
 
 def fine_times(run: Run | EngineRun) -> np.ndarray:
     """Return times that resolve every vibration of a body, up to a largest number."""
     bodies = run.scene.bodies
-    motions = [wall.motion for body in bodies for wall in body.walls()]
-    curved = [body.motion for body in bodies if isinstance(body, Sphere | Shell)]
-    motions += [None if motion is None else motion.along(None) for motion in curved]
-    fastest = max((float(m.rate) for m in motions if m is not None), default=0.0)
+    curved = (*spheres_of(bodies), *shells_of(bodies))
+    motions = [wall.motion for _, wall in walls_of(bodies) if wall.motion is not None]
+    motions += [body.motion.along(None) for _, body in curved if body.motion is not None]
+    fastest = max((float(motion.rate) for motion in motions), default=0.0)
     periods = fastest * float(run.reached) / (2 * np.pi)
-    least = 2000 if any(m is not None and m.own is not None for m in motions) else 200
+    least = 2000 if any(motion.own is not None for motion in motions) else 200
     return np.linspace(0, float(run.reached), int(np.clip(_FINE * periods, least, _MOST)))
 
 
@@ -177,17 +174,16 @@ def draw_shells(
     def around(circle: np.ndarray) -> np.ndarray:
         return np.concatenate([corners, circle, corners[:1]])
 
-    for body in run.scene.bodies:
-        if isinstance(body, Shell) and len(shown) == 2:
-            centre = body.centre_at(time)[:, list(shown)]
-            circles = centre[:, None] + float(body.radius) * ring
-            solid = _solid(around(circles[0]), _SOLID, 0.3)
-            ax.add_patch(solid)
-            (line,) = ax.plot(*circles[0].T, color=_EDGE, lw=1.4, ls="-", zorder=0.4)
-            if body.motion is not None and in_film:
-                moving.append((circles, solid, line))
-            elif body.motion is not None:
-                ax.plot(*circles[-1].T, color=_EDGE, lw=1.0, ls="--", zorder=0.4)
+    for _, shell in shells_of(run.scene.bodies) if len(shown) == 2 else ():
+        centre = shell.centre_at(time)[:, list(shown)]
+        circles = centre[:, None] + float(shell.radius) * ring
+        solid = _solid(around(circles[0]), _SOLID, 0.3)
+        ax.add_patch(solid)
+        (line,) = ax.plot(*circles[0].T, color=_EDGE, lw=1.4, ls="-", zorder=0.4)
+        if shell.motion is not None and in_film:
+            moving.append((circles, solid, line))
+        elif shell.motion is not None:
+            ax.plot(*circles[-1].T, color=_EDGE, lw=1.0, ls="--", zorder=0.4)
 
     def move(k: int) -> list[Artist]:
         for circles, solid, line in moving:
