@@ -24,7 +24,7 @@ from scipy.spatial import cKDTree
 import jaxcontact as jc
 from benchmarks.study import Study, percent, table
 from jaxcontact.engines.simulators.lammps import TsujiWithoutRoot
-from tests.test_export.run import run_scene
+from tests.engines.test_export.run import run_scene
 
 COUNT, RADIUS, WIDTH, HEIGHT = 10_000, 0.003, 0.16, 0.22
 """Grains, their radius, and the width and height in m in which those of the bed start."""

@@ -21,7 +21,7 @@ import numpy as np
 
 import jaxcontact as jc
 from benchmarks.study import Study, lines, table
-from tests.test_export.run import run_scene
+from tests.engines.test_export.run import run_scene
 
 TIMES = np.linspace(0, 0.2, 201)
 FREE = 180

@@ -1,4 +1,4 @@
-"""Exudyn, Drake and MuJoCo, by the programs of `tests/test_export/drops.py`; and MJX.
+"""Exudyn, Drake and MuJoCo, by the programs of `tests/engines/test_export/drops.py`; and MJX.
 
 One ball over a plane, and one after another, but for MJX. Models are built once a ladder's step.
 """
@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.time_and_error.rebounds import IMPEDANCE, MASS, RADIUS, SPEED, Drop
-from tests.test_export import drops as programs
+from tests.engines.test_export import drops as programs
 
 _DRAKE = """<drake:proximity_properties><drake:hunt_crossley_dissipation>
   {hunt_crossley_dissipation!r}</drake:hunt_crossley_dissipation><drake:point_contact_stiffness>

@@ -64,7 +64,7 @@ def _ours(task: Rebound, asked: np.ndarray, *, method: Callable[[float], Any]) -
 
 
 _FILES = ("engines.py", "rebounds.py", "by_simulators.py")
-_FILES += ("../../tests/test_export/drops.py",)
+_FILES += ("../../tests/engines/test_export/drops.py",)
 
 
 def _way(name: str, engine: str, build: Callable[..., Any], library: str, **rest: Any) -> Way:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import jaxcontact as jc
-from tests.test_export import engines as documented
+from tests.engines.test_export import engines as documented
 
 MASS, STIFFNESS, SPEED, RADIUS = 1.0, 1.4e8, 4.2, 0.1
 """The ball of Hu and Guo's paper: kg, N/m^(3/2), m/s, and m."""

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jaxcontact._flight import Drag, Flight
-from tests.test_calibration import oracle
+from tests.lab.test_calibration import oracle
 
 G = 9.81
 TABLE_TENNIS = Drag(mass=0.0027, radius=0.02, coefficient=0.5)

@@ -21,10 +21,10 @@ EXEMPT = {
     r"Posterior|Recording|Run|ScaledImpact|SceneExport|States|Sweep|SystemContacts|SystemMargin|SystemPhases|"
     r"SystemRun|SystemStates|Trajectory|VelocityProfile)\(.*\)": ("a result, made by the library"),
     r"Luding\.force\(contact\)": "needs an exponent that the contacts of the table lack",
-    r"FrictionChoice\.friction\(name\)": "see tests/test_calibration/test_oblique.py",
+    r"FrictionChoice\.friction\(name\)": "see tests/lab/test_calibration/test_oblique.py",
     r"Fits\.fit\(ball\)": "see tests/test_fit/test_many.py",
     r"export_scene\(time_step\)|SceneExport\..*|EngineRun\..*|read_run\(.*\)": (
-        "see test_scenes.py and test_read_run.py of tests/test_export"
+        "see test_scenes.py and test_read_run.py of tests/engines/test_export"
     ),
     r"RecordingError\(.*\)": "an error, raised by the library",
     r"paper\.(Number|Published|Reproduction)\(.*\)": "a result, made by the library",
@@ -39,7 +39,7 @@ EXEMPT = {
     r"(Sphere|Plane|Box|Shell)\.after\(.*\)": "called by the library",
     r"(choose_[a-z]+|learn_law|fit_[a-z_]+)\((weights|groups|correlation|transforms|sigma|loss|noise|"
     r"optimizer|starts|spread|seed|max_steps|patience|rtol|reverse|progress|throw)\)": "see `fit`",
-    r"cache\(folder\)": "a setting of the process, in tests/test_cli/test_cache.py",
+    r"cache\(folder\)": "a setting of the process, in tests/lab/test_cli/test_cache.py",
     r"(Prescribed|simulate)\(args\)": "whatever the functions take",
     r"LowPass\.(read|correlation)\(.*\)": "called by the library",
     r"RegularizedCoulomb\.force\(.*\)": "called by the library",

@@ -1,0 +1,260 @@
+"""Bodies in JaxSim with the contacts of this package: e, derivatives, joints, refusals."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jaxcontact as jc
+from tests.engines.test_inside.rebound import GRAVITY, require_derivatives
+
+pytestmark = pytest.mark.engines
+
+# The first and last of the points of a sphere are on the axis y of its collision.
+BALL = """
+<sdf version="1.9"><model name="ball"><link name="body">
+  <inertial><mass>0.5</mass><inertia><ixx>5e-4</ixx><ixy>0</ixy><ixz>0</ixz><iyy>5e-4</iyy>
+    <iyz>0</iyz><izz>5e-4</izz></inertia></inertial>
+  <collision name="shape"><pose>0 0 0 1.5707963267948966 0 0</pose>
+    <geometry><sphere><radius>0.05</radius></sphere></geometry></collision>
+</link></model></sdf>
+"""
+HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
+SPEEDS = (0.5, 1.0, 3.0)
+
+ERROR = 0.01
+"""Of e, which the time step is chosen for."""
+
+TURNED = 1e-3
+"""Of height, velocity and turning after an impact: 4e-4 measured, and half with half the step."""
+
+
+@pytest.fixture(autouse=True)
+def users_promotion():
+    """JaxSim mixes precisions and shapes."""
+    pytest.importorskip("jaxsim")
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        yield
+
+
+def made(text, points=None, **options):
+    """A model of which these points are enabled, or all."""
+    import jaxsim.api as js
+
+    options["integrator"] = js.model.IntegratorType[options.pop("integrator", "SemiImplicitEuler")]
+    model = js.model.JaxSimModel.build_from_model_description(text, is_urdf=False, **options)
+    if points is not None:
+        with model.editable(validate=False) as model:
+            found = model.kin_dyn_parameters.contact_parameters
+            found.enabled = tuple(k in points for k in range(len(found.body)))
+    return model
+
+
+def at_height(model, height, velocity):
+    import jaxsim.api as js
+
+    up = jnp.array([0.0, 0.0, 1.0])
+    return js.data.JaxSimModelData.build(
+        model, base_position=(0.05 + height) * up, base_linear_velocity=-velocity * up
+    )
+
+
+def moved(model, law, contact, step, height, velocity, steps):
+    """Height and vertical velocity (steps,) of a ball that falls at this speed."""
+    acting = jc.jaxsim.contact_force(law, contact, model)
+    engine = dataclasses.replace(acting.model, time_step=step)
+
+    def advance(state, _):
+        data, carry = acting.step(engine, *state)
+        return (data, carry), (data.base_position[2] - 0.05, data.base_velocity[2])
+
+    data = at_height(engine, height, velocity)
+    return jax.lax.scan(advance, (data, acting.init(engine, data)), length=steps)[1]
+
+
+def test_a_ball_has_the_restitution_of_its_law():
+    model = made(BALL, points=[49], gravity=0.0)
+
+    @jax.jit
+    @jax.vmap
+    def rebound(law, step, velocity, phase):
+        speeds = moved(model, law, HERTZ, step, phase * velocity * step, velocity, 40)[1]
+        return speeds[-1] / velocity
+
+    lanes = [(e, v, phase) for e in (0.8, 0.5) for v in SPEEDS for phase in (0.1, 0.6)]
+    steps = [jc.jaxsim.time_step(jc.ExactRestitution(e=e), HERTZ, v) for e, v, _ in lanes]
+    e, v, phase = map(jnp.array, zip(*lanes, strict=True))
+    got = rebound(jc.ExactRestitution(e=e), jnp.array(steps), v, phase)
+    np.testing.assert_allclose(got, e, rtol=ERROR)
+
+
+def test_derivatives_of_the_rebound_height():
+    model = made(BALL, points=[49], gravity=GRAVITY)
+
+    def end(*given):
+        return [x[-1] for x in moved(model, *given, 120)]
+
+    require_derivatives(end, 0.05)
+
+
+def test_a_body_that_turns_about_a_point_off_its_centre():
+    """Beside SciPy. Velocities are in the frame of the body."""
+    import jaxsim
+    import jaxsim.api as js
+
+    model = made(BALL, points=[49], gravity=0.0, integrator="RungeKutta4")
+    law = jc.HuGuo(e=0.5)
+    acting = jc.jaxsim.contact_force(law, HERTZ, model)
+    tilt, turning, fall, step = 0.5, 20.0, 1.0, 1e-4
+    engine = dataclasses.replace(acting.model, time_step=step)
+    height = 0.05 * np.cos(tilt) + 1e-3
+    data = js.data.JaxSimModelData.build(
+        engine,
+        base_position=jnp.array([2.0, 0, height]),
+        base_quaternion=jnp.array([np.cos(tilt / 2), 0, np.sin(tilt / 2), 0]),
+        base_linear_velocity=jnp.array([0.0, 0, -fall]),
+        base_angular_velocity=jnp.array([0.0, turning, 0]),
+    )
+    data = dataclasses.replace(data, velocity_representation=jaxsim.VelRepr.Body)
+
+    @jax.jit
+    def end(data):
+        def advance(state, _):
+            return acting.step(engine, *state), None
+
+        return jax.lax.scan(advance, (data, acting.init(engine, data)), length=150)[0][0]
+
+    after = end(data)
+    assert after.velocity_representation is jaxsim.VelRepr.Body
+    after = dataclasses.replace(after, velocity_representation=jaxsim.VelRepr.Mixed)
+
+    # Height, angle and their rates; the point is 0.05 below the centre, turned by the angle.
+    def closing(y):
+        return -y[2] - 0.05 * np.sin(y[1]) * y[3]
+
+    alpha = float(law.damping_factor(HERTZ, 1.0))
+
+    def touches(t, y, v0=None):
+        return y[0] - 0.05 * np.cos(y[1])
+
+    touches.terminal = True
+
+    def moves(t, y, v0=None):
+        depth = max(-touches(t, y), 0)
+        push = 0 if v0 is None else 1e6 * depth**1.5 * max(1 + alpha * closing(y) / v0, 0)
+        return [y[2], y[3], push / 0.5, push * 0.05 * np.sin(y[1]) / 5e-4]
+
+    exact = {"rtol": 1e-10, "atol": 1e-13, "method": "DOP853"}
+    first = solve_ivp(moves, (0, 0.015), [height, tilt, -fall, turning], events=touches, **exact)
+    begin = first.y[:, -1]
+    v0 = closing(begin)
+    last = solve_ivp(moves, (first.t[-1], 0.015), begin, args=(v0,), max_step=1e-5, **exact)
+    found = [after.base_position[2], after.base_velocity[2], after.base_velocity[4]]
+    np.testing.assert_allclose(found, last.y[[0, 2, 3], -1], rtol=TURNED)
+
+
+def test_the_force_alone_moves_the_body_as_the_step_does():
+    """Beside another force, in the frame of the body."""
+    import jaxsim.api as js
+    from jaxsim import VelRepr
+
+    acting = jc.jaxsim.contact_force(jc.HuGuo(e=0.5), HERTZ, made(BALL, points=[49]))
+    model, pushed = acting.model, jnp.array([[1.0, 2.0, 3.0, 0.1, 0.2, 0.3]])
+
+    @jax.jit
+    def both():
+        data = dataclasses.replace(
+            at_height(model, -0.012, 1.0), velocity_representation=VelRepr.Body
+        )
+        data = data.replace(model, base_quaternion=jnp.array([0.9, 0.1, 0.2, 0.3]))
+        carry = acting.init(model, data)
+        forces, own = acting(model, data, carry, link_forces=pushed)
+        alone = js.model.step(model, data, link_forces=pushed + forces)
+        step, other = acting.step(model, data, carry, link_forces=pushed)
+        return forces, own, other, alone, step
+
+    forces, own, other, alone, step = both()
+    assert jnp.linalg.norm(forces[0, :3]) > 10
+    np.testing.assert_array_equal(own, other)
+    speeds = [dataclasses.replace(x, velocity_representation=VelRepr.Mixed) for x in (alone, step)]
+    np.testing.assert_allclose(speeds[1].base_velocity, speeds[0].base_velocity, atol=1e-10)
+
+
+ARMS = """
+<sdf version="1.9"><model name="arms">
+  <link name="stand"><inertial><mass>1</mass><inertia><ixx>1</ixx><ixy>0</ixy><ixz>0</ixz>
+    <iyy>1</iyy><iyz>0</iyz><izz>1</izz></inertia></inertial></link>
+  <joint name="fixed" type="fixed"><parent>world</parent><child>stand</child></joint>
+  {arms}
+</model></sdf>
+"""
+ARM = """
+  <link name="{name}"><pose>0 {y} 0 0 0 0</pose>
+    <inertial><pose>0.3 0 0 0 0 0</pose><mass>2</mass><inertia><ixx>0.01</ixx><ixy>0</ixy>
+      <ixz>0</ixz><iyy>0.01</iyy><iyz>0</iyz><izz>0.01</izz></inertia></inertial>
+    <collision name="{name}"><pose>0.5 0 0 1.5707963267948966 0 0</pose>
+      <geometry><sphere><radius>0.05</radius></sphere></geometry></collision></link>
+  <joint name="hinge of {name}" type="revolute"><parent>stand</parent><child>{name}</child>
+    <axis><xyz>0 -1 0</xyz><limit><lower>-1</lower><upper>1</upper></limit></axis></joint>
+"""
+
+
+def test_the_effective_mass_of_an_arm_beside_one_of_jaxsim():
+    """The e of a spring and dashpot depends on its mass: here I/l², not that of the contact."""
+    import jaxsim.api as js
+    from jaxsim.rbda.contacts import SoftContactsParams
+    from jaxsim.terrain import FlatTerrain
+
+    text = ARMS.format(arms="".join(ARM.format(name=n, y=y) for n, y in (("ours", 0), ("soft", 1))))
+    model = made(
+        text,
+        points=[49, 99],
+        gravity=0.0,
+        terrain=FlatTerrain.build(-0.05),
+        contact_params=SoftContactsParams.build(K=1e6, D=1e3, mu=0.0),
+    )
+    linear = jc.Contact(mass=0.5, stiffness=1e5, exponent=1)
+    acting = jc.jaxsim.contact_force(
+        jc.KelvinVoigt(e=0.5), linear, model, links=["ours"], substeps=8
+    )
+    assert acting.points == ("ours",)
+    engine = dataclasses.replace(acting.model, time_step=1e-3)
+    # Tip speeds of 1 m/s, 1 mm above the floor.
+    data = js.data.JaxSimModelData.build(
+        engine, joint_positions=jnp.full(2, 2e-3), joint_velocities=jnp.full(2, -2.0)
+    )
+
+    @jax.jit
+    def end(data):
+        def advance(state, _):
+            return acting.step(engine, *state), None
+
+        return jax.lax.scan(advance, (data, acting.init(engine, data)), length=60)[0][0]
+
+    ours, soft = end(data).joint_velocities
+    np.testing.assert_allclose(ours, 2 * 0.5, rtol=ERROR)
+    assert 0.1 < soft < 1.9
+
+
+def test_models_that_cannot_be_followed_are_refused():
+    law = jc.HuGuo(e=0.5)
+    model = made(BALL)
+    acting = jc.jaxsim.contact_force(law, HERTZ, model)
+    assert acting.points == ("body",) * 50
+    with pytest.raises(ValueError, match="the `model` of this object"):
+        acting.init(model, at_height(model, 0.0, 0.0))
+    with pytest.raises(ValueError, match="names of links"):
+        jc.jaxsim.contact_force(law, HERTZ, model, links=["foot"])
+    with pytest.raises(ValueError, match="must be a `JaxSimModel`"):
+        jc.jaxsim.contact_force(law, HERTZ, 3)
+    with pytest.raises(ValueError, match="collidable points"):
+        jc.jaxsim.contact_force(law, HERTZ, acting.model)
+    with pytest.raises(ValueError, match="RungeKutta4Fast"):
+        jc.jaxsim.contact_force(law, HERTZ, made(BALL, integrator="RungeKutta4Fast"))
+    with pytest.raises(ValueError, match=r"`contact.stiffness` .* points .* shape \(2, 2\)"):
+        jc.jaxsim.contact_force(law, jc.Contact(0.5, jnp.ones((2, 2))), model)
+    with pytest.raises(ValueError, match="ThorntonPlastic"):
+        jc.jaxsim.contact_force(jc.ThorntonPlastic(yield_speed=0.1), HERTZ, model)
