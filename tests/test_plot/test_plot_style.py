@@ -11,8 +11,9 @@ import pytest
 from matplotlib import pyplot
 
 import jaxcontact as jc
+from jaxcontact.lab.plots import _LEFT_OUT
 from jaxcontact.plot._drawing.labels import put_label
-from jaxcontact.plot._drawing.style import BODIES, CURVES, DATA, LEFT_OUT, use_curves
+from jaxcontact.plot._drawing.style import BODIES, CURVES, DATA, use_curves
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -58,7 +59,7 @@ def test_curves_are_told_apart():
     assert len(set(lines)) == len(lines)
     for one, other in itertools.combinations(colours[:4], 2):
         assert abs(lab(one)[0] - lab(other)[0]) > GREY
-    for palette in (colours, BODIES, (DATA, LEFT_OUT)):
+    for palette in (colours, BODIES, (DATA, _LEFT_OUT)):
         for one, other in itertools.combinations(palette, 2):
             for seen in (None, DEUTERANOPIA):
                 assert np.linalg.norm(lab(one, seen) - lab(other, seen)) > COLOUR, (one, other)
