@@ -87,7 +87,8 @@ def simulate(
     - `rtol`: the tolerance of each impact, for velocities relative to the closing speed.
     - `instantaneous`: if True, impacts take no time.
     - `v0`: the speed that the damping of a law refers to. "peak" is the largest closing speed since
-      touch, which is the speed at touch in a free impact. "touch" is the speed at touch. A number
+      touch, which is the speed at touch in a free impact. "touch" is the speed at touch; damping
+      grows without bound as it vanishes, so bodies that come to rest take many steps. A number
       in m/s is a lower bound on the speed at touch.
     - `max_impacts`: the capacity for impacts. From Python the default grows as needed, also for
       derivatives. Under `jit` and `vmap` it is fixed (default 256), and `impacts` are padded to it.
