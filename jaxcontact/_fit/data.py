@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .._entry import require_choice
 from .._program import quick
 from .._text.failure import Flagged
 from .problem.problem import FitProblem, evaluated, flattened, place_like
@@ -132,7 +133,11 @@ class FitData(Flagged):
         return trials is not None and int(trials.max()) + 1 < len(trials)
 
     def why_no_error(self, name: str) -> str:
-        """Return why a parameter has no standard error, in words."""
+        """Return why a parameter has no standard error, in words.
+
+        Raises ValueError for a name that is none of `standard_errors`.
+        """
+        require_choice("name", name, self.standard_errors)
         if self.dof < 1 and not self._absolute:
             return "without a standard error: no degree of freedom is left"
         known = [*self.at_bound, *(n for one in self.unidentified for n in one.components)]

@@ -23,6 +23,7 @@ EXEMPT = {
     r"Luding\.force\(contact\)": "needs an exponent that the contacts of the table lack",
     r"FrictionChoice\.friction\(name\)": "see tests/lab/test_calibration/test_oblique.py",
     r"Fits\.fit\(ball\)": "see tests/test_fit/test_many.py",
+    r"Fit\.why_no_error\(name\)": "see tests/test_fit/test_general.py",
     r"export_scene\(time_step\)|SceneExport\..*|EngineRun\..*|read_run\(.*\)": (
         "see test_scenes.py and test_read_run.py of tests/engines/test_export"
     ),

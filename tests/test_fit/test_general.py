@@ -97,6 +97,8 @@ def test_a_law_is_a_tree_of_parameters():
     told = {frozenset(direction.components) for direction in both.unidentified}
     assert told == {frozenset({"[0].c", "[1].stiffness"}), frozenset({"[1].mass"})}
     assert repr(both).count("not identifiable") == 5
+    with pytest.raises(ValueError, match=r"`name` must be one of .* but is 'z'"):
+        both.why_no_error("z")
     ratio = both.params[0].c / both.params[1].stiffness
     assert ratio == pytest.approx(2e7 / 1.4e8, rel=RECOVERED)
 
