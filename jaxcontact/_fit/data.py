@@ -133,10 +133,7 @@ class FitData(Flagged):
         return trials is not None and int(trials.max()) + 1 < len(trials)
 
     def why_no_error(self, name: str) -> str:
-        """Return why a parameter has no standard error, in words.
-
-        Raises ValueError for a name that is none of `standard_errors`.
-        """
+        """Return why a parameter has no standard error; ValueError for an unknown name."""
         require_choice("name", name, self.standard_errors)
         if self.dof < 1 and not self._absolute:
             return "without a standard error: no degree of freedom is left"

@@ -103,7 +103,7 @@ class AbstractFriction(eqx.Module):
       path has scaled `time`, `indentation`, `velocity` (1 to -e) and `force`, moments on axis 0;
     - optionally `uncovered(problem)`: why a problem has no outcome, for the error;
     - optionally `kind`, for contacts that last: "rigid" ones stick and slip, "spring" ones too by a
-      spring of the ratio `kappa`, and those of a "ramp" have a `force(normal, slip)` in N.
+      spring of κ = `ratio`. Those of a "ramp" have a `force(normal, slip)` in N, up to `v_d` m/s.
     """
 
     mu: eqx.AbstractVar[Float[Array, "..."]]
@@ -117,16 +117,6 @@ class AbstractFriction(eqx.Module):
     def held(self) -> str | None:
         """How one spring holds its force, a form of `SpringSlider`; None for other laws."""
         return None
-
-    @property
-    def kappa(self) -> Lane | None:
-        """The stiffness ratio κ of the law; None for that of the contact."""
-        return getattr(self, "ratio", None)
-
-    @property
-    def creep(self) -> Lane | None:
-        """The slip speed in m/s up to which the force of a ramp grows; None without a ramp."""
-        return getattr(self, "v_d", None) if self.kind == "ramp" else None
 
     @property
     def is_followed(self) -> bool:
@@ -161,6 +151,11 @@ class AbstractFriction(eqx.Module):
             if value is not None
         )
         return f"{type(self).__name__}({', '.join(numbers)})"
+
+
+def own_ratio(law: AbstractFriction) -> Lane | None:
+    """Return the stiffness ratio κ of a law; None for that of the contact."""
+    return getattr(law, "ratio", None)
 
 
 def require_friction(value: Any) -> AbstractFriction:

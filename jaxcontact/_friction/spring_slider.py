@@ -34,13 +34,15 @@ from .base import (
     ScaledSpring,
     Tangential,
     TangentialOutcome,
+    own_ratio,
 )
 from .phases import slider_phases
 
 
 def ratio_of(law: AbstractFriction, of_contact: Lane | None) -> Lane:
     """Return κ of the law, or that of the contact. Raises ValueError if both are None."""
-    kappa = of_contact if law.kappa is None else law.kappa
+    own = own_ratio(law)
+    kappa = of_contact if own is None else own
     if kappa is None:
         raise ValueError(
             f"Argument `ratio` of `{type(law).__name__}` must be given, or the contact be built "
@@ -199,11 +201,6 @@ class SpringSlider(AbstractFriction):
         return self.form == "force"
 
     def require_for_system(self) -> None:
-        if self.ratio is None:
-            raise ValueError(
-                "Argument `ratio` of the `SpringSlider` of a `System` must be given, as it has no "
-                "materials, but is None."
-            )
         if self.form != "force":
             raise ValueError(
                 'Argument `form` of the `SpringSlider` of a `System` must be "force", but is '

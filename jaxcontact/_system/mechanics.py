@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._coupled.modes import Flag, Flags, Number, PerContact
+from .._friction.base import own_ratio
 from .system import System
 
 _LARGE = 8
@@ -199,8 +200,9 @@ class Mechanics(eqx.Module):
     def spring(self) -> tuple[Array, Array]:
         """Return μ and κ of tangential springs."""
         friction = self.system.friction
-        assert friction is not None and friction.kappa is not None
-        return friction.mu, friction.kappa
+        kappa = None if friction is None else own_ratio(friction)
+        assert friction is not None and kappa is not None
+        return friction.mu, kappa
 
     def limit(self, force: PerContact) -> PerContact:
         """Return the largest friction forces μF in N."""

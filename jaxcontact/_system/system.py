@@ -79,14 +79,24 @@ def _function(name: str, value: Any) -> Any:
     return as_parameters(value, name)
 
 
+_NEEDS = {"rigid": "mu", "spring": "ratio", "ramp": "force"}
+"""What a friction law of each kind has."""
+
+
 def _require_friction(friction: Any) -> None:
     """Raise ValueError for a friction law that no mechanism can have."""
     allowed = "a `RigidCoulomb`, a `SpringSlider` or a `RegularizedCoulomb`"
     friction = require_kind("friction", friction, AbstractFriction, allowed)
-    if friction.kind == "impulse":
+    needs, name = _NEEDS.get(str(friction.kind)), type(friction).__name__
+    if needs is None:
         raise ValueError(
-            f"Argument `friction` of a `System` must be {allowed}, but is a "
-            f"`{type(friction).__name__}`, which gives the outcome of an impact and no force."
+            f"Argument `friction` of a `System` must be {allowed}, but is a `{name}`, which gives "
+            "the outcome of an impact and no force."
+        )
+    if getattr(friction, needs, None) is None:
+        raise ValueError(
+            f"Argument `{needs}` of the `{name}` of a `System` must be given, as no materials or "
+            "defaults replace it, but is None."
         )
     friction.require_for_system()
 
@@ -101,8 +111,8 @@ class System(eqx.Module):
     - `law`, `stiffness` in N/mⁿ, `exponent` n in [1, 3]: the contact law, with one number for all
       gaps or one for each. A plain number for n is static.
     - `friction`: a `RegularizedCoulomb`; a `SpringSlider` with a `ratio`, of the form "force"; in
-      the plane a `RigidCoulomb`; or None. Contacts of the last two stick and slip. μ is one
-      number, or one for each gap.
+      the plane a `RigidCoulomb`; a law of one's own of such a `kind`; or None. Contacts but those
+      of ramps stick and slip. μ is one number, or one for each gap.
     - `slip(t, q, v, args)`: the tangential speeds in m/s, affine in v; (m,) in the plane, (m, 2) in
       space. Friction needs it.
     - `rate(t, q, v, args)`: q', where q has more numbers than v, as with quaternions. Default: v.

@@ -95,6 +95,18 @@ def rubs(friction, slip=slides):
     return {"friction": friction, "slip": slip}
 
 
+class Own(jc.AbstractFriction):
+    mu: jax.Array
+    kappa: float = 0.5  # the name is free
+
+    def rebound(self, problem):
+        raise NotImplementedError
+
+
+def of_kind(kind):
+    return type("Own", (Own,), {"kind": kind})(jnp.asarray(0.3))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -117,6 +129,9 @@ def rubs(friction, slip=slides):
         (rubs(jc.WaltonFriction(0.3, 0.4)), "WaltonFriction.*outcome of an impact"),
         (rubs(jc.MawBarberFawcett(0.3)), "MawBarberFawcett.*outcome of an impact"),
         (rubs(jc.SpringSlider(0.3)), r"`ratio` of the `SpringSlider`.*no materials"),
+        (rubs(of_kind("glass")), "Own.*outcome of an impact"),
+        (rubs(of_kind("spring")), "`ratio` of the `Own` of a `System` must be given"),
+        (rubs(of_kind("ramp")), "`force` of the `Own` of a `System` must be given"),
         (
             rubs(jc.SpringSlider(0.3, 1.0, form="rescaled")),
             r'`form` of the `SpringSlider`.*"force", but is "rescaled',

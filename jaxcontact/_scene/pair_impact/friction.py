@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Int
 from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of
 from ..._friction import AbstractFriction
-from ..._friction.base import Tangential, TangentialOutcome
+from ..._friction.base import Tangential, TangentialOutcome, own_ratio
 from ..._functions import cross, swept
 from ..arrays.arrays import Numbers, SceneLayout, contact_of, laws_of, least_speed
 from ..bodies.mixed_law import one_of_each
@@ -170,8 +170,8 @@ def spring_ratio_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -
     usual, known = jnp.asarray(_USUAL_RATIO, numbers.dtype), _ratio_of(numbers, i, j)
     if known is not None:
         usual = jnp.where(known > 0, known, usual)
-    own = [usual if law.kappa is None else law.kappa for law in numbers.rotation.laws]
-    return _by_pair(layout, own, i, j)
+    own = map(own_ratio, numbers.rotation.laws)
+    return _by_pair(layout, [usual if ratio is None else ratio for ratio in own], i, j)
 
 
 def _damping_of(
@@ -203,9 +203,10 @@ def ramps_of(
     """Return the speeds v_d of regularised laws, 0 for pairs of other laws."""
     assert numbers.rotation is not None
     laws, none = numbers.rotation.laws, jnp.zeros((), numbers.dtype)
-    if all(law.creep is None for law in laws):
+    ramps = [getattr(law, "v_d", None) if law.kind == "ramp" else None for law in laws]
+    if all(speed is None for speed in ramps):
         return None
-    each = [none if law.creep is None else law.creep for law in laws]
+    each = [none if speed is None else speed for speed in ramps]
     return jax.vmap(lambda i, j: _by_pair(layout, each, i, j))(one, other)
 
 

@@ -354,10 +354,10 @@ def _contact(model: SceneModel, exports: Mapping, first: int, second: int) -> di
         return None
     made = exports[pair]
     words = {**made.parameters, "contactDamping": 0.0, "impactModel": 0 if _is_plastic(made) else 2}
-    friction = model.touches[pair].friction
-    if friction is not None and friction.creep is not None:
+    friction: Any = model.touches[pair].friction
+    if friction is not None and friction.kind == "ramp":
         words["dynamicFriction"] = float(friction.mu)
-        words["frictionProportionalZone"] = float(friction.creep)
+        words["frictionProportionalZone"] = float(friction.v_d)
     return words
 
 
