@@ -64,9 +64,9 @@ settings.load_profile("jaxcontact")
 
 # The longest files run first, so that no worker ends with a long one alone.
 _LONG = (
-    "test_random_mechanisms test_chains test_rounding test_weight "
-    "test_friction_gradients test_friction_coupled test_derivatives test_necks_and_memories "
-    "test_every_argument test_agreement test_force_ends test_gravity test_soft_runs"
+    "test_random_mechanisms test_friction_gradients test_friction_coupled test_rounding "
+    "test_weight test_chains test_soft_runs test_gravity test_gradients test_methods "
+    "test_agreement test_derivatives test_every_argument test_force_ends test_necks_and_memories"
 ).split()
 _PLACE = {name: place for place, name in enumerate(_LONG)}
 
