@@ -210,7 +210,7 @@ def test_contact_times_and_forces_take_part():
 def test_the_study_in_seconds(tmp_path):
     def study(only):
         words = ["--tables", "2", "--only", only, "--into", str(tmp_path)]
-        choice_confusion.STUDY.main(words)
+        choice_confusion.STUDY.command(words)
         return json.loads((tmp_path / "choice_confusion.json").read_text())
 
     for truth in ("constant c", "c rises", "elastic-plastic", "wet"):
