@@ -159,7 +159,7 @@ class System(eqx.Module):
         if (friction is None) != (slip is None):
             missing, given = ("slip", "friction") if slip is None else ("friction", "slip")
             raise ValueError(f"Argument `{missing}` must be given with `{given}`, but is None.")
-        self.friction = friction
+        self.friction = as_parameters(friction, "friction")
         self.slip = None if slip is None else _function("slip", slip)
         self.rate = None if rate is None else _function("rate", rate)
         self._energy = None

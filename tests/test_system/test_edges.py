@@ -28,6 +28,9 @@ def height(t, q, args):
 WEIGHT = 0.05
 """The weight changes e of a soft contact by a few hundredths."""
 
+SLIDES = 1e-13
+"""Two sums of one force over time: measured 4e-15."""
+
 BALL = jc.System(unit, weight, height, law=LAW, stiffness=1e6)
 
 
@@ -100,11 +103,11 @@ class Own(jc.AbstractFriction):
     kappa: float = 0.5  # the name is free
 
     def rebound(self, problem):
-        raise NotImplementedError
+        raise AssertionError("mechanisms do not ask for it")
 
 
-def of_kind(kind):
-    return type("Own", (Own,), {"kind": kind})(jnp.asarray(0.3))
+def of_kind(kind, **more):
+    return type("Own", (Own,), {"kind": kind} | more)(0.3)
 
 
 @pytest.mark.parametrize(
@@ -146,6 +149,17 @@ def test_wrong_systems_are_named(change, message):
     parts = {"mass": unit, "force": weight, "gap": height, "law": LAW, "stiffness": 1e6} | change
     with pytest.raises(ValueError, match=message):
         jc.simulate(jc.System(**parts), 0.1, position=[0.1], velocity=[0.0])
+
+
+@pytest.mark.parametrize("kind", ["rigid", "ramp"])
+def test_a_friction_law_of_ones_own_takes_mu_of_the_impulse(kind):
+    """Of a ball without weight that slides all along, Δv_t = μ Δv_n."""
+    law = of_kind(kind, force=lambda law, normal, slip: -law.mu * normal * jnp.sign(slip))
+    how = rubs(law, lambda t, q, v, args: v[:1]) | {"law": LAW, "stiffness": 1e6}
+    system = jc.System(unit, lambda t, q, v, args: 0 * v, lambda t, q, args: q[1:], **how)
+    run = jc.simulate(system, 0.1, position=[0.0, 0.01], velocity=[5.0, -1.0])
+    along, off = map(float, run.final.velocity)
+    assert along > 0 and 5.0 - along == pytest.approx(0.3 * (off + 1.0), rel=SLIDES)
 
 
 def test_lagrangian_must_be_quadratic():
