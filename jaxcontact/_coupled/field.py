@@ -137,6 +137,11 @@ class AbstractCoupledField(abc.ABC):
     def with_lost(self, y: Array, lost: PerContact) -> Array:
         """Return the state with other losses."""
 
+    def renewed(self, y: Array, touches: Flags) -> Array:
+        """Return the state whose friction starts anew where contacts touch."""
+        del touches
+        return y
+
     def height(self, depth: PerContact) -> PerContact:
         """Return how far contacts of these indentations are from their ends."""
         return depth if self.ends is None else depth - self.ends

@@ -308,7 +308,7 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
         ends = (opens & lasts) | (changes & ~faded)
         faded = (faded ^ changes) & closed & ~touches
     touched = jnp.where(jnp.any(touches), y[TIME], c.touched)
-    y = field.with_lost(y, lost)
+    y = field.renewed(field.with_lost(y, lost), touches)
     modes = field.at_touch(
         y,
         touches,

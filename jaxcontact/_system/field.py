@@ -64,8 +64,8 @@ class SystemField(AbstractCoupledField):
         return jnp.concatenate([q, v, *forces, lost, jnp.stack(rest)])
 
     def springs(self, y: Array) -> Vectors | None:
-        """Return the forces of tangential springs, if there are any."""
-        if not self.mechanics.system.springs:
+        """Return the forces of tangential springs, or the states of friction, if there are any."""
+        if not self.mechanics.system.states:
             return None
         first = self.scales.position.shape[0] + self.scales.velocity.shape[0]
         return y[first : -3 - self.used.shape[0]].reshape(self.used.shape[0], -1)
@@ -83,11 +83,45 @@ class SystemField(AbstractCoupledField):
         normal = units.force * force
         if springs is None:
             return self.mechanics.motion(*at, opening, normal, modes.slide)
+        if not self.rules.sticks:
+            friction = self._own(springs, at, normal, modes)[0]
+            return self.mechanics.motion(*at, opening, normal, springs=friction)
         slip, slides = self._slip(at), modes.slide == 1
         reach = self._reach(-opening.gap / units.length, -opening.rate / units.speed)
         friction = friction_of(springs, slip, self.mechanics.limit(force), slides, reach)
         friction = jnp.where(modes.closed[:, None], units.force * friction, 0)
         return self.mechanics.motion(*at, opening, normal, springs=friction)
+
+    def _own(
+        self, states: Vectors, at: tuple[Number, Vector, Vector], normal: PerContact, modes: Modes
+    ) -> tuple[Vectors, Vectors]:
+        """Return the friction forces in N of a law with states, and their rates in units."""
+        slip, law = self.mechanics.slip(*at), self._friction
+        arguments = normal, slip, (self.unit_of_states * states).reshape(slip.shape)
+        forces, rates = (part.reshape(states.shape) for part in law.force_and_rate(*arguments))
+        rates = self.scales.contact.time / self.unit_of_states * rates
+        closed = modes.closed[:, None]
+        return jnp.where(closed, forces, 0), jnp.where(closed, rates, 0)
+
+    def renewed(self, y: Array, touches: Flags) -> Array:
+        states = self.springs(y)
+        if states is None or self.rules.sticks:
+            return y
+        return self._with_springs(y, jnp.where(touches[:, None], 0, states))
+
+    def _with_springs(self, y: Array, springs: Vectors) -> Array:
+        first = self.scales.position.shape[0] + self.scales.velocity.shape[0]
+        return jnp.concatenate([y[:first], springs.reshape(-1), y[first + springs.size :]])
+
+    @property
+    def unit_of_states(self) -> Number:
+        """The unit of the states of friction: that of force for springs."""
+        return self.scales.contact.force if self.rules.sticks else self._friction.unit
+
+    @property
+    def _friction(self) -> Any:
+        """The law of friction, with what its `kind` demands."""
+        return self.mechanics.system.friction
 
     def _slip(self, at: tuple[Number, Vector, Vector]) -> Vectors:
         """Return slip speeds (m, d) in units of the solve."""
@@ -182,7 +216,9 @@ class SystemField(AbstractCoupledField):
         moving = units.time * jnp.concatenate([q, v])
         supplied = [units.time * rest, jnp.ones_like(rest)]
         springs, bends = self.springs(y), []
-        if springs is not None:
+        if springs is not None and not self.rules.sticks:
+            bends = [self._own(springs, at, units.force * force, modes)[1].reshape(-1)]
+        elif springs is not None:
             looks = depth, rate, self._second(at, motion)
             bends = [self._spring_motion(springs, at, looks, force, modes).rate.reshape(-1)]
         slopes = jnp.concatenate([moving, *bends, lost, jnp.stack(supplied)])
@@ -197,7 +233,7 @@ class SystemField(AbstractCoupledField):
         press = self.pressing(depth, rate, modes) if self.rules.fades else None
         look = Look(depth, rate, self._second(at, motion), force, press=press)
         springs = self.springs(y)
-        if springs is not None:
+        if springs is not None and self.rules.sticks:
             hold = self._spring_motion(springs, at, look[:3], force, modes).hold
             return look._replace(grip=Grip(hold, -jnp.ones_like(hold), hold))
         if motion.friction is None:
@@ -252,8 +288,7 @@ class SystemField(AbstractCoupledField):
         events, reach = (touches, changes, slips), self._reach(depth, rate)
         springs, slide = settled_springs(springs, slip, limit, before, events, reach)
         changed = modes.closed & (slide != before) | touches
-        nq = self.scales.position.shape[0] + self.scales.velocity.shape[0]
-        y = jnp.concatenate([y[:nq], springs.reshape(-1), y[nq + springs.size :]])
+        y = self._with_springs(y, springs)
         return Settled(y, modes._replace(slide=slide), changed, jnp.asarray(False))
 
     def painleve(self, y: Array, modes: Modes) -> Number:
@@ -274,7 +309,7 @@ class SystemField(AbstractCoupledField):
         gaps = self.used.shape[0]
         parts = [speed * lasts, speed, energy, energy, lasts, jnp.ones_like(speed)]
         counts = [nq, nv, gaps, 1, 1, 1]
-        if self.mechanics.system.springs:
+        if self.mechanics.system.states:
             parts.insert(2, energy)
             counts.insert(2, after.shape[0] - nq - nv - gaps - 3)
         scale = jnp.concatenate([jnp.full(k, part) for k, part in zip(counts, parts, strict=True)])

@@ -26,9 +26,9 @@ class SystemState(NamedTuple):
     since then, or `since` itself while it acts. `touch_speed` and `parting` are the closing and the
     opening speed there. `max_force`, `max_depth` and the energy `lost` in J are those since the
     touch. `work` in J is that since the start of the run. `step` in s is the length of the next
-    step. `slide` holds the signs of the slip, 0 for contacts that
-    stick, if contacts stick and slip. `spring` (m, d) in N are the forces of tangential springs.
-    `deepest` in m is the largest indentation of a contact that unloads, 0 for one that loads; None
+    step. `slide` holds the signs of the slip, 0 for contacts that stick, if there are any that do.
+    `spring` (m, d) are the forces of tangential springs in N, or the states of friction. `deepest`
+    in m is the largest indentation of a contact that unloads, 0 for one that loads; None
     unless forces depend on it.
     """
 

@@ -188,8 +188,11 @@ def _in_larger_units(solve: _SystemSolve, loop: _Loop) -> _Loop:
     grows = (pace > _OUTGROWN) & ~jnp.any(c.sought) & ~jnp.any(c.clock.leaving)
     by = _stop(jnp.where(grows, pace, 1))
     # Energies grow by the square; times, w and the numbers for `pressing` do not.
-    energies = field.used.shape[0] + 1
-    powers = np.repeat([1, 2, 0], [c.y.shape[0] - energies - 2, energies, 2])
+    energies, springs = field.used.shape[0] + 1, field.springs(c.y)
+    # States of a friction law have a unit of their own.
+    own = 0 if springs is None or field.rules.sticks else springs.size
+    speeds = c.y.shape[0] - own - energies - 2
+    powers = np.repeat([1, 0, 2, 0], [speeds, own, energies, 2])
     powers = jnp.asarray(powers, c.y.dtype)
 
     def grown(look: Look) -> Look:
@@ -220,7 +223,7 @@ def _start(solve: _SystemSolve, state: SystemState) -> CoupledStart:
     scales, units = solve.field.scales, solve.units
     q, v = state.position / scales.position, state.velocity / scales.velocity
     latched, mass = state.latched / units.speed, state.mass
-    springs = None if state.spring is None else state.spring / units.force
+    springs = None if state.spring is None else state.spring / solve.field.unit_of_states
     deepest = None if state.deepest is None else state.deepest / units.length
     modes = Modes(state.closed, state.rising, latched, mass, state.slide, deepest)
     if solve.field.rules.fades:
@@ -289,7 +292,7 @@ def state_of(solve: _SystemSolve, loop: _Loop) -> SystemState:
         work=solve.supplied + units.energy * c.y[WORK],
         step=_stop(units.time * c.size * 2 * c.y[-1]),
         slide=c.modes.slide,
-        spring=None if springs is None else units.force * springs,
+        spring=None if springs is None else solve.field.unit_of_states * springs,
         deepest=None if c.modes.deepest is None else units.length * c.modes.deepest,
     )
 

@@ -100,7 +100,7 @@ def start_of(
         step=jnp.zeros_like(time),
         deepest=nothing if system.law.remembers else None,
     )
-    if system.springs:
+    if system.states:
         state = _with_springs(mechanics, state, opening)
     elif slide is not None:
         state = state._replace(slide=_settled(mechanics, state, opening, slide))
@@ -161,15 +161,19 @@ def _settled(
 
 def _with_springs(mechanics: Mechanics, state: SystemState, opening: Opening) -> SystemState:
     """Return the state with tangential springs, and 1 for contacts that slip, 0 for others."""
-    (mu, kappa), system, law = mechanics.spring, mechanics.system, _law_at(mechanics, state)
+    system, law = mechanics.system, _law_at(mechanics, state)
     slip = mechanics.slip(state.time, state.position, state.velocity)
     slip = slip.reshape(opening.gap.shape[0], -1)
     # The force of a spring in progress is not known; it begins without.
+    state = state._replace(spring=jnp.zeros_like(slip))
+    if not system.sticks:
+        return state
+    mu, kappa = mechanics.spring
     depth = SMALL * law.unit
     hardening = law.force(depth) / (system.stiffness * depth**system.exponent)
     slips = slides_at_touch(kappa, slip, state.closing, mu, hardening)
     slides = state.closed & (opening.gap >= 0) & slips
-    return state._replace(slide=slides.astype(slip.dtype), spring=jnp.zeros_like(slip))
+    return state._replace(slide=slides.astype(slip.dtype))
 
 
 def _is_quadratic(mechanics: Mechanics, time: Number, q: Vector, v: Vector) -> Flag:

@@ -79,7 +79,7 @@ def _function(name: str, value: Any) -> Any:
     return as_parameters(value, name)
 
 
-_NEEDS = {"rigid": "mu", "spring": "ratio", "ramp": "force"}
+_NEEDS = {"rigid": "mu", "spring": "ratio", "ramp": "force", "state": "force_and_rate"}
 """What a friction law of each kind has."""
 
 
@@ -111,8 +111,8 @@ class System(eqx.Module):
     - `law`, `stiffness` in N/mⁿ, `exponent` n in [1, 3]: the contact law, with one number for all
       gaps or one for each. A plain number for n is static.
     - `friction`: a `RegularizedCoulomb`; a `SpringSlider` with a `ratio`, of the form "force"; in
-      the plane a `RigidCoulomb`; a law of one's own of such a `kind`; or None. Contacts but those
-      of ramps stick and slip. μ is one number, or one for each gap.
+      the plane a `RigidCoulomb`; a law of one's own of such a `kind`, or of "state"; or None.
+      Contacts that are rigid or have springs stick and slip. μ is one number, or one for each gap.
     - `slip(t, q, v, args)`: the tangential speeds in m/s, affine in v; (m,) in the plane, (m, 2) in
       space. Friction needs it.
     - `rate(t, q, v, args)`: q', where q has more numbers than v, as with quaternions. Default: v.
@@ -217,6 +217,11 @@ class System(eqx.Module):
     def springs(self) -> bool:
         """True if contacts have tangential springs."""
         return self.friction is not None and self.friction.kind == "spring"
+
+    @property
+    def states(self) -> bool:
+        """True if the friction of a contact has a state, such as the force of a spring."""
+        return self.friction is not None and self.friction.kind in ("spring", "state")
 
     @property
     def exponent(self) -> float | Float[Array, "..."]:
