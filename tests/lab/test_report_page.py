@@ -99,11 +99,8 @@ def test_the_verdict_comes_first_and_everything_is_said(page, calibrated):
     # The reading of the file, and the excluded rows.
     assert "ms" in summary.recording.notes[0] and summary.recording.notes[0] in text
     assert "Without 5 of 20 trials the law predicts" in text and "by `jaxcontact" not in text
-    last = summary.pairs[-1]
-    assert (
-        f"{last.velocity:.4g}{last.restitution:.4f}"
-        in text.partition(f"{len(summary.pairs)} pairsrows")[2]
-    )
+    last, title = summary.pairs[-1], f"{len(summary.pairs)} pairsrows"
+    assert f"{last.velocity:.4g}{last.restitution:.4f}" in text.partition(title)[2]
     marked = [pair for pair in summary.pairs if pair.marked]
     assert marked and all(", ".join(map(str, pair.rows)) in text for pair in marked)
     # Without mass and stiffness there are no settings for a simulator, and the page states why.
