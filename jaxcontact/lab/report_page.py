@@ -18,6 +18,7 @@ from .. import Export, export
 from ..engines import engines
 from ..extend import (
     POSITIVE,
+    counted,
     quantity,
     rendered,
     require_kind,
@@ -39,7 +40,7 @@ from .calibration.report_parts import (
     paragraphs,
 )
 from .calibration.summary import CalibrationSummary
-from .calibration.verdict import bounces, headlines, title, verdict
+from .calibration.verdict import bounces, headlines, stiffness_said, title, verdict
 from .recordings import tracks_of
 
 if TYPE_CHECKING:
@@ -98,9 +99,12 @@ $body
 """)
 
 
-def page_of(calibration: Calibration, radius: float | None, tell: Callable[[str], None]) -> str:
-    """Return the page of a calibration."""
+def page_of(
+    calibration: Calibration, radius: float | None, tell: Callable[[str], None], command: str
+) -> str:
+    """Return the page of a calibration, with the `command` that made it if there was one."""
     s = calibration
+    by = f", by `{command}`" if command else ""
     tell("drawing")
     drawings = pictures(calibration)
     first, *rest = headlines(s)
@@ -123,9 +127,26 @@ def page_of(calibration: Calibration, radius: float | None, tell: Callable[[str]
         section("For your simulator", simulators(s, radius, tell)),
         section("The laws compared", *compared, *sections.open_questions(s)),
         section("Data processing", *treated),
-        element("footer", paragraphs(f"made with {versions}")),
+        section("Data", _every_pair(s)),
+        element("footer", paragraphs(f"made with {versions}{by}")),
     ]
     return _PAGE.substitute(title=escaped(title(s)), body=joined(body))
+
+
+def _every_pair(s: CalibrationSummary) -> Html:
+    """Return all pairs, hidden until they are asked for."""
+    rows = [
+        (
+            ", ".join(map(str, pair.rows)),
+            f"{pair.velocity:.4g}",
+            f"{pair.restitution:.4f}",
+            "left out" if pair.marked else "",
+        )
+        for pair in s.pairs
+    ]
+    table = Rows(("rows", "v (m/s)", "e", ""), rows, "<>><").html()
+    summary = element("summary", counted(len(rows), ("pair", "pairs")))
+    return element("details", summary, table)
 
 
 def section(title: str, *content: Html | Part) -> Html:
@@ -207,16 +228,24 @@ def simulators(s: CalibrationSummary, radius: float | None, tell: Callable[[str]
     for engine in engines():
         tell(f"inverting the law of {engine}")
         try:
-            parts.append(_engine(_exported(s, engine, radius)))
+            parts.append(_engine(_exported(s, engine, radius), _from_the_data(s)))
         except ValueError as error:
             why = str(error)
             if "`radius` is needed" in why:
                 why = "needs the radius of the ball: give --radius (in Python radius of report)"
             refused.append((engine, why))
     words = "for each simulator, the parameters with the least maximum error of e over the "
+    stiffness = stiffness_said(s)
+    known = f"K = {stiffness}, from the same data" if stiffness else ""
     heading = element("h3", "Not possible") if refused else ""
     others = Rows(("simulator", "why"), refused).html()
-    return joined([paragraphs(f"{words}measured speeds"), *parts, heading, others])
+    return joined([paragraphs(f"{words}measured speeds", known), *parts, heading, others])
+
+
+def _from_the_data(s: CalibrationSummary) -> str:
+    """Return the largest error of e, over the measured speeds, that the data leave in the law."""
+    halves = [one.half for one in s.at if one.measured]
+    return f"± {max(halves):.2g}" if any(halves) else "not known"
 
 
 def _exported(s: CalibrationSummary, engine: str, radius: float | None) -> Export:
@@ -230,7 +259,7 @@ def _exported(s: CalibrationSummary, engine: str, radius: float | None) -> Expor
     return export(s, engine=engine)
 
 
-def _engine(found: Export) -> Html:
+def _engine(found: Export, of_data: str) -> Html:
     speeds, error = np.atleast_1d(found.velocity), np.atleast_1d(found.error)
     rows = [
         (name, f"{value:.6g} {found.units[name]}".rstrip())
@@ -245,6 +274,7 @@ def _engine(found: Export) -> Html:
         step = words, f"{found.time_step:.2g} s"
     rows += [
         (f"largest error of e, {range_of}", off),
+        ("error of the law's e, from the data (95 %)", of_data),
         ("duration of contact", quantity("duration", f"{found.duration:.3g}")),
         step,
     ]
@@ -279,7 +309,7 @@ def report(
 
     `.html` is a page to read, print (on A4, or to PDF from the browser) and send, without scripts
     or external content. It contains: verdict, plots, parameters with standard errors, settings for
-    each simulator, the comparison of laws, and the processing of the data. `.txt` is
+    each simulator, the comparison of laws, the processing of the data, and all pairs. `.txt` is
     `calibration.report()`, `.md` the same as Markdown, and `.json` what `calibration.save` writes.
 
     Arguments: `calibration`, the result of `calibrate`. `file` is written completely or not at all.
@@ -310,8 +340,12 @@ def content_of(
     radius: float | None,
     tell: Callable[[str], None],
     picture: str = "",
+    command: str = "",
 ) -> bytes:
-    """Return the content of a report with this name; Markdown links the `picture` beside it."""
+    """Return the content of a report with this name; Markdown links the `picture` beside it.
+
+    A page names the `command` that made it.
+    """
     kind = file.suffix.lower()
     if kind == ".json":
         return calibration.to_json().encode()
@@ -325,4 +359,4 @@ def content_of(
     drag = calibration.drag
     if radius is None and drag is not None:
         radius = float(drag.radius)
-    return page_of(calibration, radius, tell).encode()
+    return page_of(calibration, radius, tell, command).encode()

@@ -200,6 +200,9 @@ def test_the_report_tells_of_the_impacts(tmp_path):
     text = found.report()
     assert "Impacts    one by one" in text and "agrees with the n = 1.5" in text
     assert "delivers a constant e of 0." in text
+    (line,) = (one for one in text.splitlines() if one.startswith("K = ("))
+    value, error = (float(one) for one in line[5:].partition(")")[0].split(" ± "))
+    assert abs(value - STIFFNESS) < FEW_ERRORS * error / 1.96 and line.endswith("α δ'/v0)")
     assert impacts(found)[1].html().count("<tr>") == 1 + len(SPEEDS)
     found.save(tmp_path / "plate.json")
     loaded = jc.load_calibration(tmp_path / "plate.json")

@@ -10,6 +10,7 @@ import pytest
 import jaxcontact as jc
 from jaxcontact.lab import report_page
 from jaxcontact.lab.calibration.report_parts import Html, Rows, element
+from jaxcontact.lab.calibration.summary_data import AtSpeed
 from tests.lab.simulate import recording
 
 EVIL = "ball<script>alert(1)</script>"
@@ -97,6 +98,9 @@ def test_the_verdict_comes_first_and_everything_is_said(page, calibrated):
             assert str(estimate) in text
     # The reading of the file, and the excluded rows.
     assert "ms" in summary.recording.notes[0] and summary.recording.notes[0] in text
+    assert "Without 5 of 20 trials the law predicts" in text and "by `jaxcontact" not in text
+    last, title = summary.pairs[-1], f"{len(summary.pairs)} pairsrows"
+    assert f"{last.velocity:.4g}{last.restitution:.4f}" in text.partition(title)[2]
     marked = [pair for pair in summary.pairs if pair.marked]
     assert marked and all(", ".join(map(str, pair.rows)) in text for pair in marked)
     # Without mass and stiffness there are no settings for a simulator, and the page states why.
@@ -109,16 +113,23 @@ def test_parameters_for_simulators(calibrated, monkeypatch):
 
     class Known:
         given = "mass", "stiffness"
+        at = tuple(
+            AtSpeed(v, 0.88, 0.88 - v / 100, 0.88 + v / 100, v < 2, 0.8, 0.9) for v in (1, 2)
+        )
+        stiffness_error = 1500.0
 
         def __export__(self, other):
             return law, contact, np.array([0.5, 1.0, 2.0])
 
-    Known.law = law
+    Known.law, Known.contact = law, contact
     told = []
     text = Page(report_page.simulators(Known(), None, told.append)).text
     assert told == [f"inverting the law of {name}" for name in ("exudyn", "simbody", "yade")]
     own = jc.export(law, contact, [0.5, 1.0, 2.0], engine="exudyn")
     assert own.snippet in text and "largest error of e, 0.5 to 2 m/sbelow 0.0001" in text
+    # What lies beyond the measured speeds does not count.
+    assert text.count("error of the law's e, from the data (95 %)± 0.01") == 1
+    assert "K = (1.000e+05 ± 2.9e+03) N/m^1.5 (95 %)" in text
     assert text.count("needs the radius of the ball") == 2
     text = Page(report_page.simulators(Known(), 0.02, told.append)).text
     own = jc.export(law, contact, [0.5, 1.0, 2.0], engine="simbody", radius=0.02)

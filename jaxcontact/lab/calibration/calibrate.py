@@ -25,6 +25,7 @@ from ...extend import (
     stages_of,
 )
 from ..choice.choose_law import about_the_law, choose
+from ..choice.held_out import held_out
 from ..choice.kinds import kinds_of
 from ..choice.law_choice import LawChoice, kind_asked
 from ..choice.table import ChoiceTable, errors_of
@@ -142,12 +143,18 @@ def calibrate(
             with_marked = chosen(every)
     kept_pairs = pairs.where(keep)
     kind = kind_asked(choice, laws)
-    law, standard_errors, at_ends = None, {}, ()
+    law, standard_errors, at_ends, check, stiffness_error = None, {}, (), None, None
     if kind is not None and choice.fits[kind].converged:
         law, contact = choice.law(kind), choice.contact_of(kind)
         standard_errors = _errors(choice, kind)
         others_open = [choice.fits[name] for name in choice.rivals]
         at_ends = at_speeds(choice.fits[kind], others_open, kept_pairs.velocity, asked_at)
+        stiffness_error = choice.fits[kind].standard_errors.get("stiffness")
+        if keep.sum() >= LEAST_PAIRS:
+            of_kind = next(one for one in kinds if one.name == kind)
+            kept = dataclasses.replace(table, use=keep)
+            with jax.enable_x64(True):
+                check = held_out(kept, of_kind, pairs.cluster_names)
     scatter = float(np.median(errors.sigma[keep])) if keep.sum() >= LEAST_PAIRS else None
     if scatter is not None and outliers.about and not (errors.absolute or errors.others):
         # The weights have the scatter about the trend.
@@ -172,6 +179,8 @@ def calibrate(
         impacts=summaries(fits),
         at=at_ends,
         scatter=scatter,
+        check=check,
+        stiffness_error=stiffness_error,
         versions={name: _version(name) for name in _PACKAGES},
         recorded_pairs=pairs,
         outliers=outliers,

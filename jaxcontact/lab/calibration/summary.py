@@ -20,7 +20,7 @@ from ..choice.kinds import kind_of_law, law_in
 from .report import report, short
 from .summary_data import SummaryData
 
-VERSION = 6
+VERSION = 7
 """Version of the file format; raised when a field is added, removed or changes its meaning."""
 
 _SPEEDS = 17
@@ -98,8 +98,11 @@ def load_calibration(path: str | os.PathLike[str]) -> CalibrationSummary:
         data = json.loads(text, parse_constant=lambda name: _refuse("", f"holds {name}"))
         if not isinstance(data, dict) or "format_version" not in data:
             raise FormatError("format_version is missing")
-        if data.pop("format_version") != VERSION:
-            raise FormatError(f"format_version must be {VERSION}")
+        version = data.pop("format_version")
+        if version == VERSION - 1:
+            data |= {"check": None, "stiffness_error": None}
+        elif version != VERSION:
+            raise FormatError(f"format_version must be {VERSION - 1} or {VERSION}")
         with jax.enable_x64(True):
             return _decode(data, CalibrationSummary, "")
     except json.JSONDecodeError as error:

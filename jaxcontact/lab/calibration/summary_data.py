@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ... import AbstractLaw, Contact, Drag, Fit
+from ..choice.held_out import HeldOut
 from ..choice.kind import padded
 from ..choice.law_choice import ChoiceData, LawFit, kind_asked
 from ..pairs.pairs import LEAST_PAIRS, Noise
@@ -156,7 +157,8 @@ class SummaryData:
     impacts in an instrument record. `at` is e of the law at the slowest and the fastest measured
     speed and at those requested. `scatter` is the median standard deviation of ln e of a pair about
     the best law, or about the trend if no law describes the data. It is None for fewer than four
-    pairs.
+    pairs. `check` is the law fitted to three of four trials beside the others, None if there are
+    too few. `stiffness_error` is the standard error of K in N/m^n if it was fitted.
     """
 
     law: AbstractLaw | None
@@ -178,6 +180,8 @@ class SummaryData:
     impacts: tuple[ImpactSummary, ...] = ()
     at: tuple[AtSpeed, ...] = ()
     scatter: float | None = None
+    check: HeldOut | None = None
+    stiffness_error: float | None = None
 
     @property
     def converged(self) -> bool:

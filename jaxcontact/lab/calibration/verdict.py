@@ -35,6 +35,7 @@ def verdict(s: SummaryData) -> list[Fact]:
     """Return the law, the data, what may be wrong, and the next step."""
     return [
         Fact("Law", law_sentence(s)),
+        Fact("Held out", held_out_sentence(s)),
         Fact("In Python", law_in_python(s)),
         Fact("Data", data_sentence(s)),
         Fact("Read as", "; ".join(s.recording.notes), _READ_AS),
@@ -77,6 +78,8 @@ def headlines(s: SummaryData) -> list[str]:
             doubts.append(f"laws that are not ruled out: {_range(point.least, point.most)}")
         end = f" ({'; '.join(doubts)})" if doubts else ""
         lines.append(f"e = {_shown(point, wrong)} at {point.velocity:.4g} m/s{end}")
+    if stiffness := stiffness_said(s):
+        lines.append(f"K = {stiffness}, of F = K δ^n (1 + α δ'/v0)")
     return [*lines, *_meaning(s)]
 
 
@@ -171,6 +174,28 @@ def law_sentence(s: SummaryData) -> str:
     elif choice.best == law.kind and choice.rivals:
         said.append(f"Not ruled out: {listed(choice.rivals)}")
     return ". ".join(said) + "."
+
+
+def stiffness_said(s: SummaryData) -> str:
+    """Return K with its 95 % interval and unit, "" unless it was fitted."""
+    if s.stiffness_error is None or not math.isfinite(s.stiffness_error):
+        return ""
+    value = with_error(float(s.contact.stiffness), 1.96 * s.stiffness_error)
+    return f"({value}) N/m^{float(s.contact.exponent):g} (95 %)"
+
+
+def held_out_sentence(s: SummaryData) -> str:
+    """Return what a law fitted to most trials predicts for the others, and what was measured."""
+    one = s.check
+    if one is None:
+        return ""
+    words = LAYOUTS[s.recording.layout].cluster_words
+    off = "within" if one.agrees else "NOT within"
+    return (
+        f"without {len(one.held)} of {counted(one.trials, words)} the law predicts a mean e of "
+        f"{with_error(one.predicted, one.error)} (95 %) for them; measured was "
+        f"{one.measured:.4f}, {off} the error"
+    )
 
 
 def _describes(law: LawFit, choice: ChoiceData) -> str:

@@ -9,6 +9,7 @@ import argparse
 import difflib
 import os
 import re
+import shlex
 import sys
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -69,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     SystemExit.
     """
     arguments = _parser().parse_args(argv)
+    arguments.line = shlex.join(["jaxcontact", *(sys.argv[1:] if argv is None else argv)])
 
     # Imported after the arguments are checked, so that --help does not wait for JAX.
     import jax

@@ -51,6 +51,14 @@ def test_every_number_comes_back_to_the_last_bit(calibration, saved):
     assert again.read_bytes() == saved.read_bytes()
 
 
+def test_a_file_of_the_version_before_has_no_check(saved):
+    data = json.loads(saved.read_text())
+    del data["check"], data["stiffness_error"]
+    saved.write_text(json.dumps(data | {"format_version": 6}))
+    loaded = jc.load_calibration(saved)
+    assert loaded.check is None and loaded.pairs
+
+
 def test_a_recording_with_trials_and_outliers_comes_back(tmp_path):
     text = recording(lambda v: 0.88, 5).replace(",3,5,", ",3,50,", 1)
     result = jc.calibrate(jc.read_recording(io.StringIO(text)), laws="constant_damping")
@@ -73,7 +81,7 @@ def change(data, path, value):
 DELETE = object()
 
 FAULTS = [
-    (["format_version"], 1, "format_version must be 6"),
+    (["format_version"], 1, "format_version must be 6 or 7"),
     (["format_version"], DELETE, "format_version is missing"),
     (["colour"], "red", "colour is unknown; known are law, contact"),
     (["noise", "pink"], 1.0, "noise.pink is unknown; known are relative, reading"),

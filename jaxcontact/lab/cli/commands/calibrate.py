@@ -201,7 +201,7 @@ def _one_ball(arguments: argparse.Namespace, progress: Stages) -> Output:
         from ...report_page import content_of
 
         link = pathlib.Path(os.path.relpath(out / FIGURE, page.parent)).as_posix()
-        files[page] = content_of(result, page, arguments.radius, progress, link)
+        files[page] = content_of(result, page, arguments.radius, progress, link, arguments.line)
     shown = result.report() if arguments.details else result
     numbers = files[out / NUMBERS].decode()
     return Output([shown, written(files)], numbers, files, 0 if result.converged else 1)
