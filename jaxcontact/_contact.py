@@ -33,8 +33,7 @@ EXPONENT = Range(low=1.0, high=3.0, inside=1.5)
 POISSON = Range(low=-1.0, high=0.5, low_open=True, inside=0.25)
 
 _solid = jax.jit(lambda radius, density: 4 / 3 * jnp.pi * radius**3 * density)
-# The effective one of two radii or masses.
-_together = jax.jit(lambda first, second: first / (first + second) * second)
+_effective = jax.jit(lambda first, second: first / (first + second) * second)
 
 
 class Material(eqx.Module):
@@ -189,10 +188,10 @@ class Contact(OfNumbers):
         second = as_parameter(other_radius, "other_radius", POSITIVE)
         _require_materials(sphere=sphere, other=other)
         require_broadcast(radius=first, other_radius=second, sphere=sphere, other=other)
-        numbers = _hertz(sphere, other, _together(first, second))
+        numbers = _hertz(sphere, other, _effective(first, second))
         if mass is not None:
             return cls(mass, **numbers)
-        return cls(_together(sphere.sphere_mass(first), other.sphere_mass(second)), **numbers)
+        return cls(_effective(sphere.sphere_mass(first), other.sphere_mass(second)), **numbers)
 
     @classmethod
     def sphere_plane(
