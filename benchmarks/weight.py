@@ -15,6 +15,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
@@ -150,10 +151,13 @@ def run(program: str, limit: float | None = None, **more: str) -> None:
 
 # Imports take longer than most calls. A copy of this process has them, and nothing compiled yet.
 IMPORTED = """
-import json, os, sys
-import diffrax, jax
+import gc, json, os, sys
+import diffrax, jax, jax.experimental.multihost_utils, scipy.linalg
+from jaxlib.mlir.dialects import builtin, mhlo
 import jaxcontact as jc
 jc.bounce, jc.fit_damping, jc.fit_record, jc.impact, jc.simulate, jc.systems, jc.trajectory
+gc.disable()
+gc.freeze()
 for line in sys.stdin:
     program, settings = json.loads(line)
     copy = os.fork()
@@ -162,7 +166,7 @@ for line in sys.stdin:
         for name, value in settings.items():
             jax.config.update(name.lower(), value)
         exec(program, {})
-        sys.exit()
+        os._exit(0)
     print(os.waitpid(copy, 0)[1], flush=True)
 """
 
@@ -184,8 +188,8 @@ def imported():
         yield run
 
 
-def equals(files: list[Path]) -> list[int]:
-    """Of each file, how many of its lines define something: instructions, or equations."""
+def equals(files: Iterable[Path]) -> list[int]:
+    """Of each file, how many of its lines define something, an instruction."""
     return [sum(" = " in line for line in file.read_text().splitlines()) for file in files]
 
 
@@ -201,26 +205,18 @@ QUICKLY = " ".join(
 
 
 def weight(program: str, run) -> dict[str, int]:
-    """What a program has the compiler do: instructions, programs, the largest one, equations.
+    """What a program has the compiler do: instructions, programs, the largest one.
 
     `run` is that of `imported`.
     """
-    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as traced:
+    with tempfile.TemporaryDirectory() as folder:
         flags = f"--xla_dump_to={folder} --xla_dump_hlo_as_text {QUICKLY}"
-        run(
-            program,
-            XLA_FLAGS=flags,
-            JAX_DISABLE_MOST_OPTIMIZATIONS=True,
-            JAX_DUMP_IR_TO=traced,
-            JAX_DUMP_IR_MODES="jaxpr",
-        )
-        counts = equals(list(Path(folder).glob("*before_optimizations.txt")))
-        equations = equals([file for file in Path(traced).iterdir() if "jaxpr" in file.name])
+        run(program, XLA_FLAGS=flags, JAX_DISABLE_MOST_OPTIMIZATIONS=True)
+        counts = equals(Path(folder).glob("*before_optimizations.txt"))
     return {
         "instructions": sum(counts),
         "programs": len(counts),
         "largest": max(counts),
-        "equations": sum(equations),
     }
 
 
@@ -252,15 +248,15 @@ def times_of(
 
 def measure(known: dict | None, only: str, seconds: bool) -> dict:
     times = ("CPU s", "later ms") if seconds else ("", "")
-    head = "call", "instr.", "progs", "largest", "jaxpr", *times
-    print("{:44}{:>8}{:>5}{:>8}{:>8}{:>8}{:>10}".format(*head))
+    head = "call", "instr.", "progs", "largest", *times
+    print("{:44}{:>8}{:>5}{:>8}{:>8}{:>10}".format(*head))
     rows = []
     with imported() as run_copy:
         for name, program in PROGRAMS.items():
             if only not in name:
                 continue
             row: dict = {"call": name, **weight(program, run_copy)}
-            counts = "{call:44}{instructions:8,}{programs:5}{largest:8,}{equations:8,}"
+            counts = "{call:44}{instructions:8,}{programs:5}{largest:8,}"
             if seconds:
                 first, later = times_of(program)
                 row |= {"seconds": round(first, 2), "later_ms": round(1e3 * later, 3)}

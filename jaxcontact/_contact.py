@@ -32,6 +32,9 @@ from ._entry import (
 EXPONENT = Range(low=1.0, high=3.0, inside=1.5)
 POISSON = Range(low=-1.0, high=0.5, low_open=True, inside=0.25)
 
+_solid = jax.jit(lambda radius, density: 4 / 3 * jnp.pi * radius**3 * density)
+_effective = jax.jit(lambda first, second: first / (first + second) * second)
+
 
 class Material(eqx.Module):
     """An isotropic elastic material.
@@ -75,7 +78,7 @@ class Material(eqx.Module):
             )
         radius = as_parameter(radius, "radius", POSITIVE)
         require_broadcast(radius=radius, density=self.density)
-        return 4 / 3 * jnp.pi * radius**3 * self.density
+        return _solid(radius, self.density)
 
 
 def require_contact(value: object) -> Contact:
@@ -83,19 +86,28 @@ def require_contact(value: object) -> Contact:
     return require_kind("contact", value, Contact, "a `Contact`")
 
 
-def _require_material(name: str, value: object) -> None:
-    require_kind(name, value, Material, "a `Material`")
+def _require_materials(**given: object) -> None:
+    for name, value in given.items():
+        require_kind(name, value, Material, "a `Material`")
 
 
 @jax.jit
 def _hertz(
     sphere: Material, other: Material | None, radius: Float[Array, "..."]
-) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+) -> dict[str, Float[Array, "..."]]:
     """Return the Hertz stiffness, and 4G*/E*: the tangential stiffness over the normal one."""
     pair = [sphere] if other is None else [sphere, other]
     compliance = functools.reduce(operator.add, (body.compliance for body in pair))
     shear = functools.reduce(operator.add, (body.shear_compliance for body in pair))
-    return 4 / 3 * jnp.sqrt(radius) / compliance, 4 * compliance / shear
+    stiffness = 4 / 3 * jnp.sqrt(radius) / compliance
+    return {"stiffness": stiffness, "tangential_ratio": 4 * compliance / shear}
+
+
+@jax.jit
+def _inside(inner: Float[Array, "..."], outer: Float[Array, "..."]) -> Float[Array, "..."]:
+    wider = outer > inner
+    clearance = jnp.where(wider, outer - inner, 1)
+    return jnp.where(wider, inner / clearance * outer, jnp.nan)
 
 
 class Contact(OfNumbers):
@@ -174,15 +186,12 @@ class Contact(OfNumbers):
         """
         first = as_parameter(radius, "radius", POSITIVE)
         second = as_parameter(other_radius, "other_radius", POSITIVE)
-        # None means a rigid plane or socket; neither of two spheres may be None.
-        _require_material("sphere", sphere)
-        _require_material("other", other)
+        _require_materials(sphere=sphere, other=other)
         require_broadcast(radius=first, other_radius=second, sphere=sphere, other=other)
-        stiffness, ratio = _hertz(sphere, other, first / (first + second) * second)
-        if mass is None:
-            first_mass, second_mass = sphere.sphere_mass(first), other.sphere_mass(second)
-            mass = first_mass / (first_mass + second_mass) * second_mass
-        return cls(mass, stiffness, tangential_ratio=ratio)
+        numbers = _hertz(sphere, other, _effective(first, second))
+        if mass is not None:
+            return cls(mass, **numbers)
+        return cls(_effective(sphere.sphere_mass(first), other.sphere_mass(second)), **numbers)
 
     @classmethod
     def sphere_plane(
@@ -201,14 +210,11 @@ class Contact(OfNumbers):
         scalar out of range or a missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
         doi 10.1017/CBO9781139171731.
         """
-        _require_material("sphere", sphere)
-        if plane is not None:
-            _require_material("plane", plane)
+        _require_materials(sphere=sphere, plane=sphere if plane is None else plane)
         radius = as_parameter(radius, "radius", POSITIVE)
         require_broadcast(radius=radius, sphere=sphere, plane=plane)
         mass = sphere.sphere_mass(radius) if mass is None else mass
-        stiffness, ratio = _hertz(sphere, plane, radius)
-        return cls(mass, stiffness, tangential_ratio=ratio)
+        return cls(mass, **_hertz(sphere, plane, radius))
 
     @classmethod
     def sphere_socket(
@@ -229,20 +235,13 @@ class Contact(OfNumbers):
         ValueError for Python scalars out of range (including R2 ≤ R1) or a missing density. Source:
         Johnson (1985), Contact Mechanics, ch. 4, doi 10.1017/CBO9781139171731.
         """
-        _require_material("sphere", sphere)
-        if socket is not None:
-            _require_material("socket", socket)
+        _require_materials(sphere=sphere, socket=sphere if socket is None else socket)
         inner = as_parameter(radius, "radius", POSITIVE)
         outer = as_parameter(socket_radius, "socket_radius", POSITIVE)
         require_broadcast(radius=inner, socket_radius=outer, sphere=sphere, socket=socket)
         # Plain numbers are compared: under `jit` the arrays made from them cannot be.
         if is_plain(radius) and is_plain(socket_radius) and not socket_radius > radius:
-            raise refusal(
-                "socket_radius", f"be larger than `radius` = {rendered(radius)}", socket_radius
-            )
-        wider = outer > inner
-        clearance = jnp.where(wider, outer - inner, 1)
-        effective = jnp.where(wider, inner / clearance * outer, jnp.nan)
+            wider = f"be larger than `radius` = {rendered(radius)}"
+            raise refusal("socket_radius", wider, socket_radius)
         mass = sphere.sphere_mass(inner) if mass is None else mass
-        stiffness, ratio = _hertz(sphere, socket, effective)
-        return cls(mass, stiffness, tangential_ratio=ratio)
+        return cls(mass, **_hertz(sphere, socket, _inside(inner, outer)))

@@ -6,6 +6,7 @@ import abc
 import math
 from typing import TYPE_CHECKING, Self
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 _LEAST_E = 1e-3
 """The e of the force that stands for bodies that stick; coupled solves resolve its damping."""
+_film = jax.jit(lambda stokes, mu, a, m: 6 * math.pi * mu * jnp.square(a) * stokes / m)
 
 
 class AbstractRestitutionOfSpeed(AbstractHuntCrossley):
@@ -139,9 +141,8 @@ class WetRestitution(AbstractRestitutionOfSpeed):
         stokes = as_parameter(critical_stokes, "critical_stokes", NOT_NEGATIVE)
         mu = as_parameter(viscosity, "viscosity", NOT_NEGATIVE)
         a = as_parameter(radius, "radius", NOT_NEGATIVE)
-        drag = 6 * math.pi * mu * jnp.square(a)
-        dry = as_parameter(e, "e", RESTITUTION)
-        return cls(e=dry, critical_speed=drag * stokes / as_parameter(mass, "mass", POSITIVE))
+        m = as_parameter(mass, "mass", POSITIVE)
+        return cls(e=as_parameter(e, "e", RESTITUTION), critical_speed=_film(stokes, mu, a, m))
 
     def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
         speed = as_parameter(velocity, "velocity")

@@ -57,9 +57,10 @@ def test_a_rebound_that_no_step_can_see_is_flagged(n, method):
     assert hit.status == jc.Status.NOT_CONVERGED and np.isnan(hit.duration)
     duration = np.pi / np.sqrt((1 - 1.999 / 2) * (1 + 1.999 / 2))
     assert linear(1.999, 1.0).duration == pytest.approx(duration, rel=EXACT)
-    law = jc.KuwabaraKono(A=np.array([1.9, 1.999, 2.0, 2.05, 1e4]))
-    status = jc.trajectory(law, jc.Contact(1.0, 1.0, n), 1.0, samples=3).status
-    assert status.tolist() == [jc.Status.SEPARATED] + 4 * [jc.Status.NOT_CONVERGED]
+    if method == "event":
+        law = jc.KuwabaraKono(A=np.array([1.9, 1.999, 2.0, 2.05, 1e4]))
+        status = jc.trajectory(law, UNIT[n], 1.0, samples=3).status
+        assert status.tolist() == [jc.Status.SEPARATED] + 4 * [jc.Status.NOT_CONVERGED]
 
 
 @BY_EVENT

@@ -63,12 +63,13 @@ def test_against_the_oracle(n):
 
 
 BALL = jc.Contact(0.02, 1e6)
+DAMPED = jc.Damped(alpha=1.0)  # e = 0.6
 WEIGHT = 0.02 * 9.81
 
 
 def test_a_slow_bounce_settles():
     velocity = np.array([1e-6, 1e-5, 1e-4, 1e-3, 1.0])
-    hit = impacts(jc.HuGuo(e=0.6), BALL, velocity, external_force=WEIGHT)
+    hit = impacts(DAMPED, BALL, velocity, external_force=WEIGHT)
     assert (hit.status == [1, 1, 1, 1, 0]).all()
     settled = hit.status == jc.Status.SETTLED
     assert np.isinf(hit.duration[settled]).all()
@@ -77,16 +78,16 @@ def test_a_slow_bounce_settles():
     assert np.allclose(hit.energy_loss[settled], energy[settled], rtol=1e-14)
     assert np.isfinite(hit.max_indentation).all() and (hit.max_force > WEIGHT).all()
     # Fast impacts are hardly affected by the weight.
-    free = jc.restitution(jc.HuGuo(e=0.6))
+    free = jc.restitution(DAMPED)
     assert 0.97 * free < hit.restitution[-1] < free
 
 
 def test_bad_forces_are_flagged():
     forces = np.array([WEIGHT, np.nan, np.inf, 0.0])
-    pushed = impacts(jc.HuGuo(e=0.6), BALL, external_force=forces)
+    pushed = impacts(DAMPED, BALL, external_force=forces)
     assert (pushed.status == [0, 3, 3, 0]).all()
     # A force that is an array is accepted with any value.
-    free = impacts(jc.HuGuo(e=0.6), BALL)
+    free = impacts(DAMPED, BALL)
     assert free.method == "exact" and pushed.method == "event"
     assert np.isclose(pushed.duration[3], free.duration, rtol=PROMISE, atol=0)
 
@@ -113,7 +114,7 @@ def test_a_push_delays_and_a_pull_hastens():
     forces = np.array([-4.0, -1.0, 0.0, 1.0, 4.0])
     hit, elastic = (
         impacts(law, jc.Contact(0.7, 3e5), 0.3, external_force=forces)
-        for law in (jc.HuGuo(e=0.6), jc.Damped(0.0))
+        for law in (DAMPED, jc.Damped(0.0))
     )
     assert (hit.status == jc.Status.SEPARATED).all()
     assert (np.diff(hit.duration) > 0).all() and (np.diff(hit.max_indentation) > 0).all()
@@ -175,24 +176,18 @@ def test_derivatives_under_gravity():
 
 def test_a_settled_neighbour_spoils_no_derivative():
     def total(mass):
-        hit = jc.impact(
-            jc.HuGuo(e=0.6), jc.Contact(mass, 1e6), jnp.array([1e-5, 1.0]), external_force=WEIGHT
-        )
+        speeds = jnp.array([1e-5, 1.0])
+        hit = jc.impact(DAMPED, jc.Contact(mass, 1e6), speeds, external_force=WEIGHT)
         return jnp.sum(hit.restitution) + hit.duration[1]
 
-    assert jnp.isfinite(jax.grad(total)(0.02))
+    assert np.isfinite(jax.jit(jax.grad(total))(0.02))
 
 
 def test_another_solver_settles_too():
-    hit = jc.impact(
-        jc.HuGuo(e=0.6),
-        BALL,
-        jnp.array([1e-5, 1.0]),
-        # A method of order five takes many steps.
-        method=jc.Event(solver=diffrax.Tsit5(), max_steps=2048),
-        external_force=WEIGHT,
-    )
-    assert (hit.status == jnp.array([jc.Status.SETTLED, jc.Status.SEPARATED])).all()
+    # A method of order five takes many steps.
+    how = jc.Event(solver=diffrax.Tsit5(), max_steps=2048)
+    hit = impacts(DAMPED, BALL, np.array([1e-5, 1.0]), method=how, external_force=WEIGHT)
+    np.testing.assert_array_equal(hit.status, [jc.Status.SETTLED, jc.Status.SEPARATED])
 
 
 # α, the push, and the duration and e by the oracles here and of benchmarks/stability_map. Bodies
@@ -309,22 +304,23 @@ def test_a_push_gives_no_energy_to_a_contact_that_ends_where_it_began(numbers, p
     assert np.all(e[push[good] > 0] <= 1)
 
 
-def test_what_little_damping_takes_under_a_strong_pull():
-    """The pull alone moves the bodies, v² = 1 - 2Γx, until the force vanishes at 1 + αv = 0."""
-    alpha, pull = np.array([5.0, 300.0, 1e4]), 1e6
-    hit = impacts(jc.Damped(alpha=alpha), UNIT[1.5], external_force=-pull)
+@stored()
+def taken(alpha, pull):
+    """The energy loss where v² = 1 - 2Γx."""
 
     def depth(v):
         return (1 - v * v) / (2 * pull)
 
     with mp.workdps(oracle.DIGITS):
-        want = [
-            float(
-                mp.quad(lambda v, a=a: a * v**2 * depth(v) ** 1.5 / pull, [-1 / mpf(a), 1])
-                + depth(1 / mpf(a)) ** 2.5 / 2.5
-            )
-            for a in alpha.tolist()
-        ]
+        by_damping = mp.quad(lambda v: alpha * v**2 * depth(v) ** 1.5 / pull, [-1 / mpf(alpha), 1])
+        return float(by_damping + depth(1 / mpf(alpha)) ** 2.5 / 2.5)
+
+
+def test_what_little_damping_takes_under_a_strong_pull():
+    """The pull alone moves the bodies, v² = 1 - 2Γx, until the force vanishes at 1 + αv = 0."""
+    alpha, pull = np.array([5.0, 300.0, 1e4]), 1e6
+    hit = impacts(jc.Damped(alpha=alpha), UNIT[1.5], external_force=-pull)
+    want = [taken(a, pull) for a in alpha.tolist()]
     assert np.allclose(hit.energy_loss, want, rtol=PROMISE, atol=0)
 
 

@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import mpmath as mp
 import numpy as np
 import pytest
 
@@ -83,25 +84,24 @@ def test_shapes_broadcast(name):
 @pytest.mark.parametrize("name", VARIANTS)
 def test_single_precision_stays(name):
     law = VARIANTS[name]
-    single = [jnp.asarray([1e-4, -1e-4, 2e-4], jnp.float32), jnp.asarray(0.1, jnp.float32)]
-    m, K, v0 = (jnp.asarray(x, jnp.float32) for x in (0.5, 1e8, 1.0))
-    contact = jc.Contact(mass=m, stiffness=K, exponent=law.exponent)
-    numbers = [jnp.asarray(x, jnp.float32) for x in law.parameters[1]]
-    of_arrays = law.make(*numbers).force(*single, contact, v0)
-    assert of_arrays.dtype == jnp.float32
+    places = jnp.asarray([1e-4, -1e-4, 2e-4], jnp.float32), jnp.asarray(0.1, jnp.float32)
+    numbers = law.parameters[1], 0.5, 1e8, 1.0
+
+    def force(parameters, mass, stiffness, v0):
+        contact = jc.Contact(mass, stiffness, law.exponent)
+        return law.make(*parameters).force(*places, contact, v0)
+
+    found = force(*jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), numbers))
     # Python numbers take the precision of the arrays, in the law, the contact and the speed.
-    of_numbers = law.make(*law.parameters[1]).force(
-        *single, jc.Contact(mass=0.5, stiffness=1e8, exponent=law.exponent), 1.0
-    )
-    assert of_numbers.dtype == jnp.float32
-    double = law.make(*law.parameters[1]).force(
-        *(x.astype(float) for x in single), jc.Contact(0.5, 1e8, law.exponent), 1.0
-    )
-    assert double.dtype == jnp.float64
+    of_numbers = jax.eval_shape(lambda: force(*numbers))
+    assert found.dtype == of_numbers.dtype == jnp.float32
+    parameters, mass, stiffness, v0 = numbers
+    with mp.workdps(30):
+        rest = [mp.mpf(x) for x in (0.1, stiffness, mass, v0, *parameters)]
+        expected = [float(law.force(mp.mpf(d), *rest)) for d in places[0].tolist()]
     # Adhesion and the elastic force nearly cancel.
     rtol = (3 if name.startswith("jkr") else 1) * SINGLE
-    np.testing.assert_allclose(of_arrays, double, rtol=rtol)
-    np.testing.assert_allclose(of_numbers, double, rtol=rtol)
+    np.testing.assert_allclose(found, expected, rtol=rtol)
 
 
 SINGLE = 1e-6  # force in single precision: measured 1.5e-7
