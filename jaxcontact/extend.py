@@ -64,8 +64,8 @@ if _TYPE_CHECKING:
     from ._impact import restitution_is_constant as restitution_is_constant
     from ._impact import restitutions as restitutions
     from ._impact.front_door import SPEED as SPEED
+    from ._impact.front_door import sliding_problem as sliding_problem
     from ._impact.oblique.bodies import require_bodies as require_bodies
-    from ._impact.oblique.front_door import sliding_problem as sliding_problem
     from ._impact.result import NUMBERS as NUMBERS
     from ._inverse.columns import EVEN as EVEN
     from ._inverse.columns import MEASURED_RESTITUTION as MEASURED_RESTITUTION
@@ -137,9 +137,8 @@ _ROOMS = {
     "_friction.base": "require_friction",
     "_friction.spring_slider": "ratio_of",
     "_impact": "method_of problem_of restitution_is_constant restitutions",
-    "_impact.front_door": "SPEED",
+    "_impact.front_door": "SPEED sliding_problem",
     "_impact.oblique.bodies": "require_bodies",
-    "_impact.oblique.front_door": "sliding_problem",
     "_impact.result": "NUMBERS",
     "_inverse.columns": (
         "EVEN MEASURED_RESTITUTION column for_each length_guess measured not_shrinking too_long "

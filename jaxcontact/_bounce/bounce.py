@@ -29,6 +29,7 @@ from .._impact import (
     AbstractMethod,
     Landing,
     Status,
+    common_shape,
     landing,
     method_of,
     problem_of,
@@ -242,9 +243,7 @@ def _run(drop: _BallAndGround) -> BounceRun:
     speed = Flight.speed_after_drop(height, gravity, None)
     # The shape and precision of the result of `impact`.
     problem = uniform(problem_of(law, contact, speed))
-    shape, dtype = problem.shape, problem.velocity.dtype
-    if rest is not None:
-        shape = np.broadcast_shapes(shape, rest.shape)
+    shape, dtype = common_shape((problem, rest)), problem.velocity.dtype
 
     def fill(value: Array) -> Array:
         return jnp.broadcast_to(value, shape).astype(dtype)

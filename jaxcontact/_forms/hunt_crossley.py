@@ -13,9 +13,8 @@ is positive, so nothing cancels at any α.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -37,7 +36,7 @@ from .._functions import (
 )
 from .base import AbstractForm, Exponent, Flag, Lane, Momentum, signed_power, sound_damping
 from .quadrature import integrate, lanewise, to_power
-from .scale import ContactLike, Scale, ScaledImpact
+from .scale import ScaledImpact
 
 
 class HuntCrossleyForm(AbstractForm):
@@ -114,56 +113,6 @@ class HuntCrossleyForm(AbstractForm):
             max_force=_max_force(alpha, n),
             energy_loss=_energy_lost(alpha, e),
         )
-
-
-class StickingForm(HuntCrossleyForm):
-    """The Hunt-Crossley form of an impact that delivers e, or 0 if the bodies stick.
-
-    `delivered` is that e. No member of the family has e = 0: `alpha` is one of a small e there.
-    """
-
-    delivered: Lane
-
-    def restitution(self) -> Lane:
-        return self.delivered
-
-    def solve(self, n: Exponent) -> ScaledImpact:
-        return self.as_delivered(super().solve(n))
-
-    def as_delivered(self, scaled: ScaledImpact) -> ScaledImpact:
-        """Return an impact with e as delivered; bodies that stick have no indentation and force."""
-        sticks = self.delivered <= 0
-
-        def known(value: Lane) -> Lane:
-            return jnp.where(sticks, jnp.nan, value)
-
-        return dataclasses.replace(
-            scaled,
-            restitution=self.delivered + jnp.zeros_like(scaled.restitution),
-            compression_time=known(scaled.compression_time),
-            max_indentation=known(scaled.max_indentation),
-            max_force=known(scaled.max_force),
-            settled=sticks,
-        )
-
-
-class HasDamping(Protocol):
-    """The part of a law's interface that a form with a speed-dependent α uses."""
-
-    def damping_factor(self, contact: Any = None, velocity: Any = None) -> Lane:
-        """Return the α of F = K δⁿ (1 + α δ'/v0)."""
-        ...
-
-
-class SpeedDependentForm(HuntCrossleyForm):
-    """The Hunt-Crossley form with an α that depends on the speed; `alpha` is its value at v0."""
-
-    law: HasDamping
-    contact: ContactLike
-    scale: Scale
-
-    def alpha_at(self, speed: Lane) -> Lane:
-        return self.law.damping_factor(self.contact, self.scale.speed * speed)
 
 
 def rebound_expansion(rho: Lane, alpha: Lane, lost: Lane) -> tuple[Lane, Lane, Lane, Lane]:

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, cast
+from typing import TYPE_CHECKING, cast
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-
-class ContactLike(Protocol):
-    """The numbers of a contact that a form uses: mass in kg, stiffness in N/mⁿ, exponent n."""
-
-    mass: Float[Array, "..."]
-    stiffness: Float[Array, "..."]
-
-    @property
-    def exponent(self) -> Any:
-        """The exponent n, a float if it is concrete."""
+if TYPE_CHECKING:
+    from .._contact import Contact
 
 
 class Scale(eqx.Module):
@@ -34,7 +26,7 @@ class Scale(eqx.Module):
     energy: Float[Array, "..."]
 
 
-def scale_of(contact: ContactLike | None, velocity: Float[Array, "..."]) -> Scale:
+def scale_of(contact: Contact | None, velocity: Float[Array, "..."]) -> Scale:
     """Return the scale of an impact, finite in float32 for all SI values that float32 can hold."""
     if contact is None:
         unknown = cast(Array, None)

@@ -1,5 +1,6 @@
 """A single impact: solution methods and public functions."""
 
+from .derivatives import common_shape as common_shape
 from .front_door import problem_of as problem_of
 from .front_door import uniform as uniform
 from .impact import Landing as Landing

@@ -22,13 +22,18 @@ Out = TypeVar("Out")
 _FEW = 16
 
 
+def common_shape(tree: Any) -> tuple[int, ...]:
+    """Return the broadcast shape of all numbers in `tree`."""
+    return np.broadcast_shapes(*map(np.shape, jax.tree.leaves(tree)))
+
+
 def over_lanes(solve: Callable[[In], Out], problem: In) -> Out:
     """Apply `solve` to every lane of `problem`, whose leaves broadcast against each other. The
     outcome has the broadcast shape. Callers leave leaves that are equal in all lanes unbroadcast,
     so that a batch costs only its distinct problems.
     """
     leaves, structure = jax.tree.flatten(problem)
-    shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
+    shape = common_shape(leaves)
     if shape == ():
         return solve(problem)
     flat = [jnp.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves]

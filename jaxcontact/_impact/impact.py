@@ -32,6 +32,7 @@ from .._laws import AbstractLaw, require_law
 from .._program import program, quick, side_by_side, soon_options, traced
 from .._solver.few_or_many import MANY
 from .._text.failure import checked
+from .derivatives import common_shape
 from .front_door import SPEED, Lanes, Problem, is_known, lanes_of, problem_of, uniform
 from .methods.auto import method_of
 from .methods.method import AbstractMethod
@@ -172,8 +173,7 @@ _run_before: set[Any] = set()
 
 def _on_cores(lanes: Lanes, how: AbstractMethod) -> Impact:
     """Solve lanes, a large batch on a CPU in parts on all cores: XLA runs a loop on one core."""
-    shape, numbers = lanes.shape, (lanes.form, lanes.exponent, lanes.push)
-    distinct = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(numbers)))
+    shape, distinct = lanes.shape, common_shape((lanes.form, lanes.exponent, lanes.push))
     count = min(os.cpu_count() or 1, math.prod(distinct) // MANY, *distinct[:1])
     cpu = jax.default_backend() == "cpu"
     if count < 2 or len(distinct) < len(shape) or distinct[0] < shape[0] or not cpu:
@@ -312,7 +312,7 @@ def _restitution(
     if e is None:
         # Under this jit, unused outputs of the solve are dead code and removed.
         return _solved(lanes, method).restitution
-    return jnp.broadcast_to(jnp.where(lanes.valid, e, jnp.nan), problem.shape)
+    return jnp.broadcast_to(jnp.where(lanes.valid, e, jnp.nan), lanes.shape)
 
 
 def restitution_at_any_speed(

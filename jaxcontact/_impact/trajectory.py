@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,16 +17,13 @@ from .._laws import AbstractLaw
 from .._program import program
 from .front_door import Problem, lanes_of, problem_of
 from .methods.auto import stepping_method
-from .methods.event import Event
+from .methods.event import Event, Solve, Steps, solve_legs
 from .methods.method import AbstractMethod
-from .motion.ending import balance_of
-from .motion.force_return import onward
-from .motion.motion import Motion, Number, State
-from .motion.under_push import force_is_sharp
+from .motion.coordinates import Number, State
+from .motion.ends import Verdict, is_held, on_way_out
+from .motion.equation import Motion
+from .motion.errors import balance_of, force_is_sharp
 from .result import Status
-
-if TYPE_CHECKING:
-    from .methods.event_solve import Steps
 
 
 class Energy(eqx.Module):
@@ -111,8 +108,7 @@ class _PathSamples(NamedTuple):
 def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
     lanes = lanes_of(problem)
     path = how.over(lanes.motion(), eqx.Partial(_path, samples=samples))
-    shape = problem.shape
-    scale = lanes.scale
+    shape, scale = lanes.shape, lanes.scale
     solved = path.converged & jnp.isfinite(path.t[..., -1])
     status = jnp.where(path.settled, int(Status.SETTLED), int(Status.SEPARATED))
     if lanes.may_gain:
@@ -154,9 +150,6 @@ _NEWTON = 30
 
 
 def _path(motion: Motion, how: Event, many: bool, samples: int) -> _PathSamples:
-    # Imported here, because it needs diffrax.
-    from .methods.event_solve import Solve, solve_legs, was_followed
-
     motion = motion.ready()
     legs = solve_legs(motion, Solve(how, many, keep=True)).leg
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
@@ -182,16 +175,14 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _PathSamples:
 
     balance = balance_of(motion, end, deepest)
     states, depth, forces, elastic, losses = jax.vmap(sample)(fractions)
-    converged = was_followed(motion, legs.arrived, end, balance, how)
-    settled = motion.settled(end)
+    rtol, _ = how.tolerances(end.t.dtype)
+    arrived, settled = on_way_out(motion, legs.arrived, end, balance, deepest, rtol)
+    sharp = None
     if motion.push is not None and motion.form.remembers:
-        rtol, _ = how.tolerances(end.t.dtype)
-        converged = converged & (settled | force_is_sharp(motion, end, rtol))
+        sharp = settled | force_is_sharp(motion, end, rtol)
     if motion.form.remembers or motion.adheres:
-        settled = settled | motion.held(end)
-    if motion.may_return:
-        on = onward(motion, end, deepest)
-        converged = converged & (settled | ~on.returns)
+        settled = settled | is_held(motion, end)
+    verdict = Verdict(arrived, settled, sharp=sharp)
     return _PathSamples(
         t=fractions * end.t,
         x=depth.at[0].set(0),
@@ -199,8 +190,8 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _PathSamples:
         force=forces if motion.form.tension else jnp.maximum(forces, 0),
         elastic=elastic,
         loss=losses,
-        converged=converged,
-        settled=settled,
+        converged=verdict.known,
+        settled=verdict.stays,
     )
 
 

@@ -2,6 +2,7 @@
 
 from .base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from .base import AbstractLaw as AbstractLaw
+from .base import GeneralForm as GeneralForm
 from .base import Instant as Instant
 from .base import adhesion_below as adhesion_below
 from .base import end_of as end_of
@@ -21,6 +22,7 @@ from .hunt_crossley import ExactRestitution as ExactRestitution
 from .hunt_crossley import Hertz as Hertz
 from .hunt_crossley import MarhefkaOrin as MarhefkaOrin
 from .hunt_crossley import PowerDamping as PowerDamping
+from .hunt_crossley import SpeedDependentForm as SpeedDependentForm
 from .linear_damping import LinearDashpot as LinearDashpot
 from .linear_damping import StepDamping as StepDamping
 from .luding import Luding as Luding
@@ -32,10 +34,8 @@ from .oscillator import Thornton as Thornton
 from .oscillator import Tsuji as Tsuji
 from .plastic import AbstractElasticPlastic as AbstractElasticPlastic
 from .plastic import AbstractPlastic as AbstractPlastic
-from .plastic import ThorntonPlastic as ThorntonPlastic
-from .plastic import Viscoplastic as Viscoplastic
+from .plastic import AbstractPlasticForm as AbstractPlasticForm
 from .plastic import WaltonBraun as WaltonBraun
-from .plastic import plastic_restitution as plastic_restitution
 from .published import CarvalhoMartins as CarvalhoMartins
 from .published import Flores as Flores
 from .published import Gonthier as Gonthier
@@ -56,4 +56,8 @@ from .restitution_of_speed import PowerRestitution as PowerRestitution
 from .restitution_of_speed import WetRestitution as WetRestitution
 from .surface_adhesion import DMT as DMT
 from .surface_adhesion import JKR as JKR
+from .surface_adhesion import JKRForm as JKRForm
 from .viscoelastic import KuwabaraKono as KuwabaraKono
+from .yielding import ThorntonPlastic as ThorntonPlastic
+from .yielding import Viscoplastic as Viscoplastic
+from .yielding import plastic_restitution as plastic_restitution

@@ -9,6 +9,7 @@ import inspect
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, cast
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -22,7 +23,7 @@ from .._entry import (
     require_kind,
     shown,
 )
-from .._forms import AbstractForm, Exponent, GeneralForm, Scale, scale_of
+from .._forms import AbstractForm, Exponent, Flag, Lane, Scale, scale_of
 
 if TYPE_CHECKING:
     from .._contact import Contact
@@ -219,6 +220,73 @@ class AbstractLaw(OfNumbers):
             if field.name != "tension" or self.tension is not field.default
         )
         return f"{type(self).__name__}({', '.join(numbers)})"
+
+
+class AbstractRateLaw(AbstractLaw):
+    """A law whose force depends on the indentation and its rate, and not on the closing speed."""
+
+    @abc.abstractmethod
+    def _force_at(self, depth: Lane, rate: Lane, contact: Contact) -> Lane:
+        """Return F in N before it is clamped, and zero for δ < 0."""
+
+    def force(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+    ) -> Float[Array, "..."]:
+        """Return F in N, and zero for δ < 0. The closing speed has no influence."""
+        depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
+        force = self._force_at(depth, rate, contact)
+        return force if self.tension else jnp.maximum(force, 0)
+
+
+class GeneralForm(AbstractForm):
+    """f = F(X x, v0 v) in units of m v0²/X, for the SI force F of a law."""
+
+    law: AbstractLaw
+    contact: Contact
+    scale: Scale
+    tension: bool = eqx.field(static=True)
+
+    def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+        scale = self.scale
+        force = self.law.force(scale.length * x, scale.speed * v, self.contact, scale.speed)
+        return as_parameter(force, "force") / scale.force
+
+    @property
+    def may_clamp(self) -> bool:
+        """True if the law may clamp its own force to zero; the package's laws do not clamp here."""
+        return not (self.tension or self.law.tension)
+
+    def continued(self, x: Lane, v: Lane) -> ContinuedForm:
+        """Return the same form, continued from the state (x, v) where the law clamps its force."""
+        return ContinuedForm(
+            law=self.law, contact=self.contact, scale=self.scale, tension=self.tension, x=x, v=v
+        )
+
+
+class ContinuedForm(GeneralForm):
+    """A form whose force follows its tangent at (x, v) wherever the law clamps it to zero.
+
+    A force that is zero beyond the end of a contact has no slope there, but the stages of the last
+    step lie on both sides of the end.
+    """
+
+    x: Lane
+    v: Lane
+
+    @property
+    def may_clamp(self) -> bool:
+        """False: the clamp is replaced."""
+        return False
+
+    def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+        force = functools.partial(super().force, n=n, compressing=compressing)
+        value, change = jax.jvp(force, (self.x, self.v), (x - self.x, v - self.v))
+        clamped = force(x, v)
+        return jnp.where((clamped == 0) & ~compressing, value + change, clamped)
 
 
 def force_of(

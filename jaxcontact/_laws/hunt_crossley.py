@@ -12,14 +12,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, POSITIVE, REAL, RESTITUTION, parameter
-from .._forms import Exponent, HuntCrossleyForm, exact_damping_factor
+from .._forms import Exponent, HuntCrossleyForm, Lane, Scale, exact_damping_factor
 from .._functions import half_gamma_ratio, power
 from .base import AbstractLaw, Instant, contact_for, force_arguments, speed_for
 from .registry import register_law
 
 if TYPE_CHECKING:
     from .._contact import Contact
-    from .._forms import Scale
 
 
 class AbstractHuntCrossley(AbstractLaw):
@@ -78,6 +77,32 @@ class AbstractHuntCrossley(AbstractLaw):
     def form(self, contact: Contact | None, scale: Scale | None) -> HuntCrossleyForm:
         alpha = self.damping_factor(contact, None if scale is None else scale.speed)
         return HuntCrossleyForm(alpha=alpha, tension=self.tension)
+
+
+class AbstractOfRestitution(AbstractHuntCrossley):
+    """A law of the family whose only parameter is e; a subclass states α as a formula of e."""
+
+    e: Float[Array, "..."] = parameter("e", RESTITUTION)
+
+    @abc.abstractmethod
+    def _alpha_of(self, e: Lane) -> Lane:
+        """Return α."""
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        return self._alpha_of(self.e)
+
+
+class SpeedDependentForm(HuntCrossleyForm):
+    """The Hunt-Crossley form with an α that depends on the speed; `alpha` is its value at v0."""
+
+    law: AbstractHuntCrossley
+    contact: Contact
+    scale: Scale
+
+    def alpha_at(self, speed: Lane) -> Lane:
+        return self.law.damping_factor(self.contact, self.scale.speed * speed)
 
 
 @register_law(
@@ -234,7 +259,7 @@ class EnergyLoss(AbstractHuntCrossley):
     source="energy integral of the family; see jaxcontact.exact_damping_factor",
     valid="all e in (0, 1], exactly",
 )
-class ExactRestitution(AbstractHuntCrossley):
+class ExactRestitution(AbstractOfRestitution):
     """The member of the Hunt-Crossley family that delivers exactly its parameter e.
 
     α solves `α(1+e) = ln[(1+α)/(1-αe)]`. `e` in (0, 1]. Raises ValueError for a Python scalar out
@@ -242,9 +267,5 @@ class ExactRestitution(AbstractHuntCrossley):
     10.1115/1.3423596.
     """
 
-    e: Float[Array, "..."] = parameter("e", RESTITUTION)
-
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
-        return exact_damping_factor(self.e)
+    def _alpha_of(self, e: Lane) -> Lane:
+        return exact_damping_factor(e)

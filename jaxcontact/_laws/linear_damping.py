@@ -3,20 +3,40 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from .._entry import NOT_NEGATIVE, POSITIVE, parameter, static_value
-from .._forms import AbstractForm, DashpotForm, Exponent, OscillatorForm
+from .._forms import AbstractForm, Exponent, Flag, Lane, OscillatorForm, Scale, sound_damping
 from .._functions import power
-from .base import AbstractLaw, force_arguments, needed
+from .base import AbstractLaw, AbstractRateLaw, needed
 from .registry import register_law
 
 if TYPE_CHECKING:
     from .._contact import Contact
-    from .._forms import Scale
+
+
+class DashpotForm(AbstractForm):
+    """f = xⁿ + a v for x ≥ 0, with a = c X/(m v0) ≥ 0."""
+
+    a: Lane
+    tension: bool = eqx.field(static=True)
+    creeps_free: ClassVar[bool] = True
+
+    def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent] | None:
+        # With tension and n > 1 a strongly damped contact creeps back without end, a weakly damped
+        # one separates. No formula gives the limit, so the contact is solved like a general force.
+        return None if self.tension else (self.a, n)
+
+    def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+        return power(x, n) + self.a * v
+
+    def sound(self) -> tuple[DashpotForm, Flag]:
+        a, good = sound_damping(self.a)
+        return eqx.tree_at(lambda form: form.a, self, jnp.asarray(a)), good
 
 
 @register_law(
@@ -26,7 +46,7 @@ if TYPE_CHECKING:
     "with tension Anagnostopoulos 1988, doi 10.1002/eqe.4290160311",
     valid="c ≥ 0; e is constant at n = 1, and rises with speed for n > 1",
 )
-class LinearDashpot(AbstractLaw):
+class LinearDashpot(AbstractRateLaw):
     """A spring with a linear dashpot given by its coefficient: F = max(0, K δⁿ + c δ').
 
     `c` ≥ 0 in N s/m. For n = 1 it is the Kelvin-Voigt contact with ζ = c/(2√(Km)) and has its
@@ -46,18 +66,9 @@ class LinearDashpot(AbstractLaw):
     c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE)
     tension = False
 
-    def force(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-    ) -> Float[Array, "..."]:
-        """Return F in N, and zero for δ < 0."""
-        depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
+    def _force_at(self, depth: Lane, rate: Lane, contact: Contact) -> Lane:
         dashpot = jnp.where(depth < 0, 0, self.c * rate)
-        force = contact.stiffness * power(depth, contact.exponent) + dashpot
-        return force if self.tension else jnp.maximum(force, 0)
+        return contact.stiffness * power(depth, contact.exponent) + dashpot
 
     def form(self, contact: Contact | None, scale: Scale | None) -> AbstractForm:
         contact, scale = needed(contact, "contact", self), needed(scale, "velocity", self)
@@ -73,7 +84,7 @@ class LinearDashpot(AbstractLaw):
     source="IMPACT function, Adams Solver documentation, MSC Software",
     valid="c_max ≥ 0, d > 0",
 )
-class StepDamping(AbstractLaw):
+class StepDamping(AbstractRateLaw):
     """The IMPACT function of MSC Adams: F = max(0, K δⁿ + STEP(δ, 0, 0, d, c_max) δ').
 
     STEP(δ, 0, 0, d, c_max) = c_max (δ/d)² (3 - 2 δ/d) rises from 0 at touch to `c_max` ≥ 0 in N s/m
@@ -98,21 +109,12 @@ class StepDamping(AbstractLaw):
     def jumps(self, exponent: Exponent) -> bool:
         return False
 
-    def force(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-    ) -> Float[Array, "..."]:
-        """Return F in N, and zero for δ < 0."""
-        depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
+    def _force_at(self, depth: Lane, rate: Lane, contact: Contact) -> Lane:
         # Beyond d the cubic is not evaluated, because it or its derivative in d may overflow.
         inside = depth <= self.d
         part = jnp.maximum(jnp.where(inside, depth, 1), 0) / jnp.where(inside, self.d, 1)
         damping = self.c_max * jnp.square(part) * (3 - 2 * part)
-        force = contact.stiffness * power(depth, contact.exponent) + damping * rate
-        return force if self.tension else jnp.maximum(force, 0)
+        return contact.stiffness * power(depth, contact.exponent) + damping * rate
 
     def form(self, contact: Contact | None, scale: Scale | None) -> AbstractForm:
         # A clamped force has zero slope at the end of the contact, so the form uses the unclamped

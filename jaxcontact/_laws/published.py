@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
-from .._entry import RESTITUTION, RESTITUTION_FROM_ZERO, parameter
-from .hunt_crossley import AbstractHuntCrossley
+from .._entry import RESTITUTION_FROM_ZERO, parameter
+from .._forms import Lane
+from .hunt_crossley import AbstractOfRestitution
 from .registry import register_law
-
-if TYPE_CHECKING:
-    from .._contact import Contact
 
 
 @register_law(
@@ -21,7 +17,7 @@ if TYPE_CHECKING:
     source="Hunt & Crossley 1975, doi 10.1115/1.3423596",
     valid="e near 1",
 )
-class HuntCrossley(AbstractHuntCrossley):
+class HuntCrossley(AbstractOfRestitution):
     """α = 3(1-e)/2, the small-loss damping of Hunt and Crossley.
 
     `e` in [0, 1]; the law delivers this e only near 1. Raises ValueError for a Python scalar out of
@@ -30,10 +26,8 @@ class HuntCrossley(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
-        return 1.5 * (1 - self.e)
+    def _alpha_of(self, e: Lane) -> Lane:
+        return 1.5 * (1 - e)
 
 
 @register_law(
@@ -42,7 +36,7 @@ class HuntCrossley(AbstractHuntCrossley):
     source="Lankarani & Nikravesh 1990, doi 10.1115/1.2912617",
     valid="e > 0.7",
 )
-class LankaraniNikravesh(AbstractHuntCrossley):
+class LankaraniNikravesh(AbstractOfRestitution):
     """α = 3(1-e²)/4, from the energy loss of an elastic indentation.
 
     `e` in [0, 1]; accurate for e > 0.7. Raises ValueError for a Python scalar out of range. Source:
@@ -51,10 +45,8 @@ class LankaraniNikravesh(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
-        return 0.75 * (1 - self.e) * (1 + self.e)
+    def _alpha_of(self, e: Lane) -> Lane:
+        return 0.75 * (1 - e) * (1 + e)
 
 
 @register_law(
@@ -63,7 +55,7 @@ class LankaraniNikravesh(AbstractHuntCrossley):
     source="Flores et al. 2011, doi 10.1007/s11044-010-9237-4",
     valid="claimed for e > 0.1; -6 % at e = 0.5, -31 % at 0.1",
 )
-class Flores(AbstractHuntCrossley):
+class Flores(AbstractOfRestitution):
     """α = 8(1-e)/(5e), with separate losses for compression and restitution.
 
     `e` in (0, 1]; the law delivers less than e, by 6 % at 0.5. Raises ValueError for a Python
@@ -72,12 +64,8 @@ class Flores(AbstractHuntCrossley):
     38:1135.
     """
 
-    e: Float[Array, "..."] = parameter("e", RESTITUTION)
-
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
-        return 1.6 * (1 - self.e) / self.e
+    def _alpha_of(self, e: Lane) -> Lane:
+        return 1.6 * (1 - e) / e
 
 
 @register_law(
@@ -86,19 +74,15 @@ class Flores(AbstractHuntCrossley):
     source="Hu & Guo 2015, doi 10.1007/s11044-015-9453-z",
     valid="e > 0.5 within 3 %",
 )
-class HuGuo(AbstractHuntCrossley):
+class HuGuo(AbstractOfRestitution):
     """α = 3(1-e)/(2e), from the velocity profile of an elastic indentation in both phases.
 
     `e` in (0, 1]; the law delivers e within 3 % above 0.5. Raises ValueError for a Python scalar
     out of range. Source: Hu & Guo (2015), Multibody Syst. Dyn., doi 10.1007/s11044-015-9453-z.
     """
 
-    e: Float[Array, "..."] = parameter("e", RESTITUTION)
-
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
-        return 1.5 * (1 - self.e) / self.e
+    def _alpha_of(self, e: Lane) -> Lane:
+        return 1.5 * (1 - e) / e
 
 
 @register_law(
@@ -107,7 +91,7 @@ class HuGuo(AbstractHuntCrossley):
     source="Gonthier et al. 2004, doi 10.1023/B:MUBO.0000029392.21648.bc",
     valid="all e; furthest off near 1, exact as e → 0",
 )
-class Gonthier(AbstractHuntCrossley):
+class Gonthier(AbstractOfRestitution):
     """α = (1-e²)/e, a simple fit to the implicit relation between α and e.
 
     `e` in (0, 1]; exact as e → 0, a third too strong as e → 1. Raises ValueError for a Python
@@ -115,12 +99,8 @@ class Gonthier(AbstractHuntCrossley):
     10.1023/B:MUBO.0000029392.21648.bc.
     """
 
-    e: Float[Array, "..."] = parameter("e", RESTITUTION)
-
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
-        return (1 - self.e) * (1 + self.e) / self.e
+    def _alpha_of(self, e: Lane) -> Lane:
+        return (1 - e) * (1 + e) / e
 
 
 @register_law(
@@ -129,7 +109,7 @@ class Gonthier(AbstractHuntCrossley):
     source="Carvalho & Martins 2019, doi 10.1016/j.mechmachtheory.2019.04.018",
     valid="within 0.05 % for e > 0.49, 0.8 % at 1/3",
 )
-class CarvalhoMartins(AbstractHuntCrossley):
+class CarvalhoMartins(AbstractOfRestitution):
     """α = 3(1-e)(11-e)/(2(1+9e)), a rational fit to the exact relation.
 
     `e` in [0, 1]; the law delivers e within 0.05 % above 0.49. Raises ValueError for a Python
@@ -139,10 +119,8 @@ class CarvalhoMartins(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
-        return 1.5 * (1 - self.e) * (11 - self.e) / (1 + 9 * self.e)
+    def _alpha_of(self, e: Lane) -> Lane:
+        return 1.5 * (1 - e) * (11 - e) / (1 + 9 * e)
 
 
 @register_law(
@@ -151,7 +129,7 @@ class CarvalhoMartins(AbstractHuntCrossley):
     source="Herbert & McWhannell 1977, doi 10.1115/1.3439270",
     valid="e > 0.8",
 )
-class HerbertMcWhannell(AbstractHuntCrossley):
+class HerbertMcWhannell(AbstractOfRestitution):
     """α = 6(1-e)/((2e-1)²+3).
 
     `e` in [0, 1]; accurate for e > 0.8. Raises ValueError for a Python scalar out of range. Source:
@@ -160,10 +138,8 @@ class HerbertMcWhannell(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
-        return 6 * (1 - self.e) / (jnp.square(2 * self.e - 1) + 3)
+    def _alpha_of(self, e: Lane) -> Lane:
+        return 6 * (1 - e) / (jnp.square(2 * e - 1) + 3)
 
 
 @register_law(
@@ -172,7 +148,7 @@ class HerbertMcWhannell(AbstractHuntCrossley):
     source="Zhiying & Qishao 2006, J. Dyn. Control 4:294",
     valid="e > 0.4",
 )
-class ZhiyingQishao(AbstractHuntCrossley):
+class ZhiyingQishao(AbstractOfRestitution):
     """α = (3/4)(1-e²) exp(2(1-e)), the law of Lankarani and Nikravesh corrected for strong damping.
 
     `e` in [0, 1]; accurate for e > 0.4. Raises ValueError for a Python scalar out of range. Source:
@@ -181,10 +157,8 @@ class ZhiyingQishao(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
-        return 0.75 * (1 - self.e) * (1 + self.e) * jnp.exp(2 * (1 - self.e))
+    def _alpha_of(self, e: Lane) -> Lane:
+        return 0.75 * (1 - e) * (1 + e) * jnp.exp(2 * (1 - e))
 
 
 @register_law(
@@ -193,7 +167,7 @@ class ZhiyingQishao(AbstractHuntCrossley):
     source="Lee & Wang 1983, J. Mech. Trans. Autom. Des. 105:534",
     valid="half the small-loss damping: delivers (1+e)/2 near 1",
 )
-class LeeWang(AbstractHuntCrossley):
+class LeeWang(AbstractOfRestitution):
     """α = 3(1-e)/4, half the damping that a small loss requires.
 
     `e` in [0, 1]; near 1 the law delivers (1+e)/2. Raises ValueError for a Python scalar out of
@@ -202,7 +176,5 @@ class LeeWang(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
-        return 0.75 * (1 - self.e)
+    def _alpha_of(self, e: Lane) -> Lane:
+        return 0.75 * (1 - e)

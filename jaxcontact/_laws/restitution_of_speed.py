@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import dataclasses
 import math
 from typing import TYPE_CHECKING, Self
 
@@ -11,14 +12,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, POSITIVE, REAL, RESTITUTION, as_parameter, parameter
-from .._forms import StickingForm, exact_damping_factor
+from .._forms import Exponent, HuntCrossleyForm, Lane, Scale, ScaledImpact, exact_damping_factor
 from .base import needed, speed_for
 from .hunt_crossley import AbstractHuntCrossley
 from .registry import register_law
 
 if TYPE_CHECKING:
     from .._contact import Contact
-    from .._forms import Scale
 
 _LEAST_E = 1e-3
 """The e of the force that stands for bodies that stick; coupled solves resolve its damping."""
@@ -90,6 +90,37 @@ class PowerRestitution(AbstractRestitutionOfSpeed):
     def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
         place = as_parameter(velocity, "velocity") / self.reference
         return 1 - self.loss * jnp.exp(self.power * jnp.log(place))
+
+
+class StickingForm(HuntCrossleyForm):
+    """The Hunt-Crossley form of an impact that delivers e, or 0 if the bodies stick.
+
+    `delivered` is that e. No member of the family has e = 0: `alpha` is one of a small e there.
+    """
+
+    delivered: Lane
+
+    def restitution(self) -> Lane:
+        return self.delivered
+
+    def solve(self, n: Exponent) -> ScaledImpact:
+        return self.as_delivered(super().solve(n))
+
+    def as_delivered(self, scaled: ScaledImpact) -> ScaledImpact:
+        """Return an impact with e as delivered; bodies that stick have no indentation and force."""
+        sticks = self.delivered <= 0
+
+        def known(value: Lane) -> Lane:
+            return jnp.where(sticks, jnp.nan, value)
+
+        return dataclasses.replace(
+            scaled,
+            restitution=self.delivered + jnp.zeros_like(scaled.restitution),
+            compression_time=known(scaled.compression_time),
+            max_indentation=known(scaled.max_indentation),
+            max_force=known(scaled.max_force),
+            settled=sticks,
+        )
 
 
 @register_law(

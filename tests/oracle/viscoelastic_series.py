@@ -34,7 +34,7 @@ from mpmath import mp, mpf
 
 from tests.oracle._taylor import Phase, Trace, shoot
 
-FILE = Path(__file__).parents[2] / "jaxcontact" / "_forms" / "viscoelastic_series.json"
+FILE = Path(__file__).parents[2] / "jaxcontact" / "_laws" / "viscoelastic_series.json"
 Function = Callable[[mpf], mpf]
 DIGITS = 40
 

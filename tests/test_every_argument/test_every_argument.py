@@ -65,7 +65,7 @@ def nothing_is_compiled(monkeypatch, tmp_path):
         yield
 
 
-LAWS = "hunt_crossley linear_damping oscillator plastic surface_adhesion viscoelastic"
+LAWS = "base hunt_crossley plastic"
 
 
 @pytest.fixture

@@ -3,6 +3,8 @@
 Energy: never gained, loss accurate to many digits, and the signature of a missed event.
 """
 
+import itertools
+
 import diffrax
 import jax
 import jax.numpy as jnp
@@ -15,9 +17,9 @@ from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
 from jaxcontact._impact.front_door import lanes_of, problem_of
-from jaxcontact._impact.methods import event_solve
-from jaxcontact._impact.motion.ending import balance_of
-from jaxcontact._impact.motion.motion import State
+from jaxcontact._impact.motion import errors
+from jaxcontact._impact.motion.coordinates import State
+from jaxcontact._impact.motion.ends import Verdict
 from tests import oracle
 from tests.oracle import FIELDS
 from tests.oracle.stored import stored
@@ -331,8 +333,8 @@ def test_energies_that_do_not_add_up_are_seen():
         zero, touch = jnp.zeros(()), motion.start()
         # The stated loss by damping is a fifth of the energy, which contradicts this rebound speed.
         end = State(zero, -touch.u, zero, zero + 0.1)
-        errors = (balance_of(motion, at, zero).error for at in (end, touch))
-        return motion.velocity(end), *errors
+        off = (errors.balance_of(motion, at, zero).error for at in (end, touch))
+        return motion.velocity(end), *off
 
     speed, error, none = map(float, numbers())
     assert error == pytest.approx(abs(0.8 - speed**2))
@@ -340,7 +342,7 @@ def test_energies_that_do_not_add_up_are_seen():
 
 
 def test_a_solve_that_missed_something_is_flagged(monkeypatch):
-    monkeypatch.setattr(event_solve, "_IMBALANCE", 1e-9)
+    monkeypatch.setattr(errors, "_IMBALANCE", 1e-9)
     # No other test uses this tolerance, so the programs with the two limits stay distinct.
     law, how = jc.Damped(alpha=0.5), jc.Event(rtol=3e-9)
     hit = jc.impact(law, UNIT[1.5], 1.0, method=how, throw=False)
@@ -348,3 +350,28 @@ def test_a_solve_that_missed_something_is_flagged(monkeypatch):
     assert hit.status == jc.Status.NOT_CONVERGED and np.isnan(hit.restitution)
     assert path.status == jc.Status.NOT_CONVERGED
     assert np.isnan([path.time, path.velocity, path.force]).all()
+
+
+# What is known of a contact: that it was followed to its end, turned inwards, creeps, has too
+# little energy to part, and is not decided by rounding; "." is either.
+VERDICTS = {
+    "..1..": "settled",  # Creep is certain by itself.
+    "..011": "settled",  # Bodies without the energy to part stay, however they move.
+    "..010": "unknown",  # Rounding is as large as what they lack.
+    "0.00.": "unknown",
+    "1.000": "unknown",
+    "11001": "settled",
+    "10001": "separated",
+}
+
+
+def test_every_verdict_on_an_end():
+    assert sum(2 ** row.count(".") for row in VERDICTS) == 2**5
+    for row, want in VERDICTS.items():
+        for flags in itertools.product(*("01" if x == "." else x for x in row)):
+            arrived, settled, creeps, held, sharp = (x == "1" for x in flags)
+            # What cannot hold in an impact is not computed.
+            bare = Verdict(arrived, settled, creeps or None, held or None, None if sharp else False)
+            for verdict in (Verdict(arrived, settled, creeps, held, sharp), bare):
+                stays = "settled" if verdict.stays else "separated"
+                assert (stays if verdict.known else "unknown") == want, flags

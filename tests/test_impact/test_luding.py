@@ -5,7 +5,6 @@ import functools
 import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
-import pytest
 
 import jaxcontact as jc
 from tests.oracle.luding_chain import Powder, follow
@@ -179,12 +178,3 @@ def test_pushes_and_pulls():
     away = -hit.rebound_velocity + push / 0.5 * (0.02 - hit.duration)
     parts = hit.status == 0
     np.testing.assert_allclose(away[parts], np.array(after, float)[parts], rtol=BY_EVENT)
-
-
-def test_an_instantaneous_scene_refuses_it():
-    ball = jc.Sphere(radius=0.01, mass=0.1, position=(0.0,), velocity=(1.0,))
-    wall = jc.Plane(point=(0.1,), normal=(-1.0,))
-    law = jc.Luding(ratio=1.5, slope=0.0, adhesion=0.3)
-    scene = jc.Scene(bodies=[ball, wall], law=law, stiffness=1e5, exponent=1.0)
-    with pytest.raises(ValueError, match="must be a law whose bodies do not stick"):
-        jc.simulate(scene, 1.0, instantaneous=True)

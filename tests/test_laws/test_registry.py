@@ -17,14 +17,6 @@ def registry_as_it_was(monkeypatch):
     monkeypatch.setattr(_registry, "_REGISTRY", dict(_registry._REGISTRY))
 
 
-def test_names_are_in_order_of_registration():
-    names = jc.list_laws()
-    assert len(names) == len(set(names))
-    assert {"hertz", "hu_guo", "kelvin_voigt", "kuwabara_kono"} <= set(names)
-    names.clear()  # a copy
-    assert jc.list_laws()
-
-
 def test_get_law():
     law = jc.get_law("hu_guo", e=0.7)
     assert type(law) is jc.HuGuo and law.e == 0.7 and law.tension is False
@@ -65,6 +57,7 @@ def test_a_cell_may_be_run_twice():
     first, second = cell(0.1), cell(0.2)
     assert first is not second
     assert describe("mine").cls is second
+    jc.list_laws().clear()  # a copy
     assert jc.list_laws().count("mine") == 1
     assert jc.list_laws()[-1] == "mine"
 

@@ -154,8 +154,10 @@ def test_necks_and_memories_in_one_scene():
 
 def test_where_necks_are_refused():
     match = "must be a law whose bodies do not stick"
-    with pytest.raises(ValueError, match=match):
-        jc.simulate(dropped(), 0.1, instantaneous=True)
     discs = spheres(RADIUS, 1.0, [(0.0, 0.0), (0.3, 0.0)], [(0.0, 0.0), (-0.1, 0.0)])
-    with pytest.raises(ValueError, match=match):
-        jc.Scene(bodies=discs, law=LAW, stiffness=1e4, friction=jc.RigidCoulomb(mu=0.1))
+    for law, n in ((LAW, 1.5), (jc.Luding(ratio=1.5, slope=0.0, adhesion=0.3), 1.0)):
+        of = functools.partial(jc.Scene, bodies=discs, law=law, stiffness=1e4, exponent=n)
+        with pytest.raises(ValueError, match=match):
+            jc.simulate(of(), 0.1, instantaneous=True)
+        with pytest.raises(ValueError, match=match):
+            of(friction=jc.RigidCoulomb(mu=0.1))

@@ -21,10 +21,11 @@ from ..._solver import Moment
 from ..._solver.runge_kutta import step_with_error, tableau
 from ..derivatives import over_lanes, with_sensitivity
 from ..front_door import Lanes
-from ..motion.ending import balance_of
-from ..motion.motion import Motion, Number, State
+from ..motion.coordinates import Number, State
+from ..motion.ends import Way
+from ..motion.equation import Motion
+from ..motion.errors import balance_of
 from ..motion.peak import largest_force
-from ..motion.watch import Way
 from .method import AbstractMethod, count_field, tolerance_field
 
 

@@ -22,7 +22,9 @@ from numpy.polynomial import legendre
 
 from ..._forms import Flag, signed_power
 from ..._functions import bracketed_root, ratio, small_product, varying, with_implicit_derivative
-from ..motion.motion import Motion, Number, State
+from ..motion.coordinates import Number, State
+from ..motion.ends import Followed, creeps_to_rest, gaps, is_held
+from ..motion.equation import Motion
 
 _STAGES = 7
 _MOST_STEPS = 400
@@ -73,18 +75,6 @@ class _Progress(NamedTuple):
     shortened: Int[Array, ""]
 
 
-class Followed(NamedTuple):
-    """The ends of both legs, whether events ended them, and the number of steps. `creeps`: whether
-    the bodies creep to rest without a turn.
-    """
-
-    turn: State
-    end: State
-    arrived: Bool[Array, "2"]
-    creeps: Bool[Array, ""]
-    steps: Int[Array, ""]
-
-
 def follow_on(motion: Motion, explicit: Followed, rtol: float) -> Followed:
     """Return both legs after explicit steps, with stuck or stiff ones solved by implicit steps. The
     compression continues from its last state; the way out is solved again from the turn. The way
@@ -114,7 +104,7 @@ def follow_on(motion: Motion, explicit: Followed, rtol: float) -> Followed:
         turn=turn,
         end=end,
         arrived=arrived,
-        creeps=explicit.creeps | (~arrived[0] & motion.creeps_to_rest(turn)),
+        creeps=explicit.creeps | (~arrived[0] & creeps_to_rest(motion, turn)),
         steps=explicit.steps + jnp.sum(steps),
     )
 
@@ -152,7 +142,7 @@ def _solved(
         beyond = _node_beyond(motion, step, compressing, closing)
         last = jax.tree.map(functools.partial(jnp.where, fine), step, progress.last)
         state = _after(last)
-        ends = jnp.where(compressing, motion.creeps_to_rest(state), motion.held(state))
+        ends = jnp.where(compressing, creeps_to_rest(motion, state), is_held(motion, state))
         return _Progress(
             last=last,
             next_size=progress.next_size * jnp.where(again, beyond, factor),
@@ -317,8 +307,8 @@ def _error(motion: Motion, step: _ImplicitStep) -> Number:
 
 def _closing(motion: Motion, step: _ImplicitStep, compressing: Flag) -> Bool[Array, "nodes gaps"]:
     """Return which gaps that are open at the start are closed at which node."""
-    before = jnp.stack(motion.gaps(step.start, compressing))
-    after = jnp.stack(jax.vmap(lambda s: motion.gaps(s, compressing))(_nodes_of(step)), 1)
+    before = jnp.stack(gaps(motion, step.start, compressing))
+    after = jnp.stack(jax.vmap(lambda s: gaps(motion, s, compressing))(_nodes_of(step)), 1)
     return (before > 0)[None, :] & ~(after > 0)
 
 
@@ -329,8 +319,8 @@ def _node_beyond(motion: Motion, step: _ImplicitStep, compressing: Flag, closing
     low, high = nodes[first], nodes[first + 1]
 
     def nearest(fraction: Number) -> Number:
-        gaps = jnp.stack(motion.gaps(_within(step, fraction), compressing))
-        return jnp.min(jnp.where(closing[first], gaps, jnp.inf))
+        left = jnp.stack(gaps(motion, _within(step, fraction), compressing))
+        return jnp.min(jnp.where(closing[first], left, jnp.inf))
 
     before, after = nearest(low), nearest(high)
     share = jnp.where(before > 0, ratio(before, before - after), 1)
@@ -351,8 +341,8 @@ def _landing(
 
     def gap(fraction: Number, *inputs: Any) -> Number:
         step, motion, compressing, which, low, high = inputs
-        gaps = jnp.stack(motion.gaps(_within(step, fraction), compressing))
-        nearest = jnp.min(jnp.where(which, gaps, jnp.inf))
+        left = jnp.stack(gaps(motion, _within(step, fraction), compressing))
+        nearest = jnp.min(jnp.where(which, left, jnp.inf))
         return jnp.where(jnp.any(which), nearest, (low + high) / 2 - fraction)
 
     def find(*inputs: Any) -> Number:

@@ -1,6 +1,8 @@
-"""The largest force along a solved stretch of motion, including between its steps."""
+"""The largest and the least force of a leg, including between its steps; what is recorded of it."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -8,8 +10,73 @@ from jaxtyping import Array, Bool
 
 from ..._functions import bracketed_root, ratio
 from ..._solver import Moment, Packed, Record, chosen, in_time
-from .motion import Motion, Number, State
-from .watch import Nearest, Way
+from .coordinates import Number, State
+from .ends import Dip, Way, creeps_to_rest, may_dip
+from .equation import Motion
+
+
+class Nearest(NamedTuple):
+    """The moment of the largest force so far, and those before and after it, packed. `fresh`:
+    whether the moment after it is still missing.
+    """
+
+    force: Number
+    before: Record
+    at: Record
+    after: Record
+    fresh: Bool[Array, ""]
+
+    def seen(self, last: Record, now: Record, force: Number) -> Nearest:
+        """Return the record with the moment `now`, which follows `last`."""
+        larger = force > self.force
+        return Nearest(
+            force=jnp.where(larger, force, self.force),
+            before=chosen(larger, last, self.before),
+            at=chosen(larger, now, self.at),
+            after=chosen(larger | self.fresh, now, self.after),
+            fresh=larger,
+        )
+
+
+class Watch(NamedTuple):
+    """The largest and the least force; whether the bodies creep to rest; a dip of the force.
+    `least` has -F as its force, and is None if the contact cannot pull. `creeps` and `dip` are None
+    without a push or if the force cannot vanish.
+    """
+
+    nearest: Nearest
+    least: Nearest | None
+    creeps: Bool[Array, ""] | None
+    dip: Dip | None
+
+    @staticmethod
+    def begin(motion: Motion, packed: Packed[State]) -> Watch:
+        """Return an empty record of a motion."""
+        start, zero = packed.start, packed.tau(packed.start)
+        no = jnp.isnan(zero)
+        nearest = Nearest(jnp.full_like(zero, -jnp.inf), start, start, start, no)
+        return Watch(
+            nearest=nearest,
+            least=nearest if motion.may_pull else None,
+            creeps=None if motion.push is None else no,
+            dip=Dip.begin(start, zero) if may_dip(motion) else None,
+        )
+
+    def seen(self, way: Way, packed: Packed[State], last: Record, now: Record) -> Watch:
+        """Return the record with the accepted moment `now`, which follows `last`."""
+        frozen, state = jax.lax.stop_gradient((way.motion, packed.state(now)))
+        creeps, dip = self.creeps, self.dip
+        if creeps is not None:
+            creeps = creeps | creeps_to_rest(frozen, state)
+        if dip is not None:
+            dip = dip.seen(frozen, packed, last, now)
+        force = frozen.force(state, way.compressing)
+        least = self.least
+        if least is not None:
+            # Rounding may put the end below w = 0, where there is no force.
+            inside = state._replace(w=jnp.maximum(state.w, 0))
+            least = least.seen(last, now, -frozen.force(inside, way.compressing))
+        return Watch(self.nearest.seen(last, now, force), least, creeps, dip)
 
 
 def largest_force(way: Way, moments: Moment[State], sign: int = 1) -> Number:

@@ -21,15 +21,22 @@ from ..._laws import AbstractLaw
 from ..._program import program
 from ..._solver import Packed, Tolerance, land, march
 from ..._text.failure import checked
-from ..derivatives import over_lanes, with_sensitivity
-from ..front_door import Lanes, lanes_of, uniform
+from ..derivatives import common_shape, over_lanes, with_sensitivity
+from ..front_door import (
+    Lanes,
+    ObliqueProblem,
+    SlidingStart,
+    lanes_of,
+    oblique_problem_of,
+    sliding_of,
+    uniform,
+)
 from ..impact import summary
 from ..methods.auto import method_of
 from ..methods.event import Event
 from ..methods.method import AbstractMethod
 from ..result import Impact, Status
 from .bodies import RoundBodies
-from .front_door import Given, SlidingStart, given_of, sliding_of
 from .result import ObliqueImpact, Slip
 
 
@@ -70,13 +77,13 @@ def oblique_impact(
     friction law that has no solution for the normal force. Source: Maw, Barber & Fawcett (1976),
     doi 10.1016/0043-1648(76)90201-5, and the references of the friction laws.
     """
-    given = given_of(law, contact, velocity, tangential_velocity, friction, bodies, spin)
+    given = oblique_problem_of(law, contact, velocity, tangential_velocity, friction, bodies, spin)
     throw = require_flag("throw", throw)
     result = _oblique(given, method_of(method))
     return checked(result, throw, "oblique_impact", lambda: _uncovered(given, result))
 
 
-def _uncovered(given: Given, result: ObliqueImpact) -> str | None:
+def _uncovered(given: ObliqueProblem, result: ObliqueImpact) -> str | None:
     """Return why a friction law has no outcome, in words; None if the failure is another one."""
     given, normal = uniform(given), result.normal
     sliding = sliding_of(given)
@@ -88,8 +95,8 @@ def _uncovered(given: Given, result: ObliqueImpact) -> str | None:
 
 
 @program
-def _oblique(given: Given, method: AbstractMethod) -> ObliqueImpact:
-    given, whole = uniform(given), given.shape
+def _oblique(given: ObliqueProblem, method: AbstractMethod) -> ObliqueImpact:
+    given, whole = uniform(given), common_shape(given)
     lanes = dataclasses.replace(lanes_of(given.problem), shape=whole)
     how = method.chosen(lanes.form, pushed=False)
     normal = summary(lanes, how, how.solve(lanes))

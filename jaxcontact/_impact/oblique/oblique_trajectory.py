@@ -15,11 +15,11 @@ from ..._friction import AbstractFriction
 from ..._friction.base import NormalPath
 from ..._laws import AbstractLaw
 from ..._program import program
-from ..front_door import lanes_of, uniform
+from ..derivatives import common_shape
+from ..front_door import ObliqueProblem, lanes_of, oblique_problem_of, sliding_of, uniform
 from ..methods.method import AbstractMethod
 from ..trajectory import Trajectory, trajectory
 from .bodies import RoundBodies
-from .front_door import Given, given_of, sliding_of
 
 
 class ObliqueTrajectory(eqx.Module):
@@ -67,17 +67,16 @@ def oblique_trajectory(
     (`WaltonFriction`). Source: see `oblique_impact`.
     """
     samples = require_count("samples", samples, 2)
-    given = given_of(law, contact, velocity, tangential_velocity, friction, bodies, spin)
+    given = oblique_problem_of(law, contact, velocity, tangential_velocity, friction, bodies, spin)
     fine = (samples - 1) * friction.substeps + 1
     normal = trajectory(law, contact, velocity, samples=fine, method=method)
     return _oblique_trajectory((given, normal))
 
 
 @program
-def _oblique_trajectory(both: tuple[Given, Trajectory]) -> ObliqueTrajectory:
+def _oblique_trajectory(both: tuple[ObliqueProblem, Trajectory]) -> ObliqueTrajectory:
     given, normal = both
-    shape = given.shape
-    given = uniform(given)
+    given, shape = uniform(given), common_shape(given)
     lanes, sliding = lanes_of(given.problem), sliding_of(given)
     friction, scale = sanitised(given.friction), lanes.scale
     units = (scale.time, scale.length, scale.speed, scale.force)

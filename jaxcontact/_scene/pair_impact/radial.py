@@ -30,10 +30,11 @@ import numpy as np
 from ..._coupled.carry import State, factor, onward
 from ..._coupled.modes import Flag, Index, Number
 from ..._entry import Specialised
-from ..._forms import AbstractForm, AbstractPlasticForm
+from ..._forms import AbstractForm
 from ..._functions import moving, varying
-from ..._impact.motion.motion import Motion
-from ..._impact.motion.motion import State as Moving
+from ..._impact.motion.coordinates import State as Moving
+from ..._impact.motion.equation import Motion
+from ..._laws import AbstractPlasticForm
 from ..._solver.runge_kutta import step_and_slope
 
 # The phases of a contact: until the force peak, until the turn, until the force ends, and until the

@@ -1,24 +1,41 @@
-"""The forms of plastic contacts: xⁿ up to yield, then its tangent; unloading is elastic.
+"""Spheres that yield: Hertz's force up to yield, then its tangent; unloading is Hertz's again.
 
-The force depends on x and on the largest indentation x_m of the contact so far. While x = x_m it is
-that of loading, F. From there it follows κ (x - x_p)ⁿ, which is F at x_m and ends at x_p.
-
-Damping multiplies both by 1 + αv, as in the Hunt-Crossley family. Its energy integral `G(v) = ∫ v
-dv/(1+αv)` applies. With W the work of loading and U the energy that unloading returns, `W(x_m) =
-G(1)` and `G(-e) = U(x_m)`. Times are integrals of 1/F over y = ln(1+αv)/α.
+With damping, the energy integral of the Hunt-Crossley family `G(v) = ∫ v dv/(1+αv)` applies. With W
+the work of loading and U the energy that unloading returns, `W(x_m) = G(1)` and `G(-e) = U(x_m)`.
+Times are integrals of 1/F over y = ln(1+αv)/α.
 """
 
 from __future__ import annotations
 
-import abc
-import dataclasses
 import math
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
 
+from .._entry import NOT_NEGATIVE, POSITIVE, as_parameter, parameter
+from .._forms import (
+    Exponent,
+    Flag,
+    Lane,
+    Scale,
+    ScaledImpact,
+    integrate,
+    lanewise,
+    scale_of,
+    sound_damping,
+)
+from .._forms.hunt_crossley import (
+    half_time,
+    peak_velocity,
+    rebound_expansion,
+    rebound_root,
+    restitution_at,
+    slowness,
+    stored_at,
+)
 from .._functions import (
     expanded_root,
     implicit_root,
@@ -28,165 +45,12 @@ from .._functions import (
     psi,
     speed_of,
 )
-from .base import AbstractForm, Exponent, Flag, Lane, signed_power, sound_damping
-from .hunt_crossley import (
-    half_time,
-    peak_velocity,
-    rebound_expansion,
-    rebound_root,
-    restitution_at,
-    slowness,
-    stored_at,
-)
-from .quadrature import integrate, lanewise
-from .scale import ScaledImpact
+from .base import contact_for, needed
+from .plastic import AbstractPlastic, AbstractPlasticForm
+from .registry import register_law
 
-
-class AbstractPlasticForm(AbstractForm):
-    """A contact whose force remembers its largest indentation x_m, `deepest`.
-
-    `alpha` is None without damping. A subclass states its exponent, and the forces of loading and
-    unloading. `deepest` is 0 or None while the contact is loading. `way_back` is the κ and x_p of
-    unloading from it, computed once for all steps.
-    """
-
-    deepest: Lane | None = eqx.field(default=None, kw_only=True)
-    way_back: tuple[Lane, Lane] | None = eqx.field(default=None, kw_only=True)
-    alpha: Lane | None = eqx.field(default=None, kw_only=True)
-    tension: bool = eqx.field(static=True, default=False, kw_only=True)
-    own_exponent: eqx.AbstractVar[float]
-    remembers: ClassVar[bool] = True
-    never_pulls: ClassVar[bool] = True
-
-    @property
-    def follows_phase_angle(self) -> bool:
-        """False: the contact ends at x_p."""
-        return False
-
-    @abc.abstractmethod
-    def loading(self, x: Lane) -> Lane:
-        """Return the force F of loading, without damping, for x ≥ 0."""
-
-    @abc.abstractmethod
-    def work(self, x: Lane) -> Lane:
-        """Return W, the integral of the force of loading from 0 to x."""
-
-    @abc.abstractmethod
-    def unloading(self, deepest: Lane) -> tuple[Lane, Lane]:
-        """Return the κ of unloading from x_m, and the x_p at which it ends."""
-
-    def remembering(self, deepest: Lane) -> AbstractPlasticForm:
-        # A contact that loads has no way back yet.
-        way_back = self.unloading(jnp.where(deepest > 0, deepest, 1))
-        return dataclasses.replace(self, deepest=deepest, way_back=way_back)
-
-    def damped(self, v: Lane) -> Lane | float:
-        """Return the factor 1 + αv of the force."""
-        return 1.0 if self.alpha is None else 1 + self.alpha * v
-
-    def _back(self, x: Lane) -> tuple[Lane, Lane]:
-        """Return the κ of unloading and the distance of x to its end, if the contact unloads."""
-        factor, end = self.unloading(jnp.ones_like(x)) if self.way_back is None else self.way_back
-        return factor, x - end
-
-    def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
-        factor, left = self._back(x)
-        back = factor * signed_power(left, self.own_exponent)
-        return jnp.where(compressing, self.loading(x), back) * self.damped(v)
-
-    def pulling(
-        self, w: Lane, v: Lane, n: Exponent, compressing: Flag, order: int | None = None
-    ) -> Lane:
-        x = w ** (order or self.order(n))
-        gap = self.gap(self.left(x), v, True)
-        return jnp.where(compressing, self.force(x, v, n, compressing), gap)
-
-    def pressing(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
-        # A contact that loads keeps its force.
-        left = jnp.where(compressing, 1, self.left(x))
-        return left if self.alpha is None else jnp.minimum(left, self.damped(v) / (1 + self.alpha))
-
-    def left(self, x: Lane) -> Lane:
-        """Return the distance of x to the end of the way back."""
-        return self._back(x)[1]
-
-    def gap(self, left: Lane, v: Lane, pulled: Flag | bool) -> Lane:
-        """Return what falls through zero at the end of a contact, `left` before x_p.
-
-        Only a pull ends it before x_p, where damping exceeds the elastic force: 1 + αv = 0. While a
-        contact creeps apart at the speed 1/α, that number is smaller than the error of a solve.
-        """
-        if self.alpha is None:
-            return left
-        return jnp.where((left < 0) | jnp.logical_not(pulled), left, left * self.damped(v))
-
-    def loading_at(self, w: Lane, order: int) -> Lane:
-        """Return the force of loading at x = w^k."""
-        return self.loading(w**order)
-
-    def force_at(self, w: Lane, order: int, compressing: Flag) -> Lane:
-        """Return the force without damping at x = x_p + w^k, with x_p = 0 before the turn."""
-        load = self.loading_at(w, order)
-        if self.way_back is None:
-            return load
-        back = self.way_back[0] * signed_power(w, order * self.own_exponent)
-        return jnp.where(compressing, load, back)
-
-    def plastic(self, like: Lane) -> Lane:
-        """Return the x_p of a contact that unloads; 0 for one that loads."""
-        if self.deepest is None or self.way_back is None:
-            return jnp.zeros_like(like)
-        return jnp.where(self.deepest > 0, self.way_back[1], 0)
-
-    def stored(self, w: Lane, n: Exponent, order: int | None = None) -> Lane:
-        """Return the energy that unloading from w returns."""
-        x = w ** (order or self.order(n))
-        # A contact that loads would unload from here.
-        deepest = x if self.deepest is None else jnp.where(self.deepest > 0, self.deepest, x)
-        factor, end = self.unloading(deepest)
-        more = self.own_exponent + 1
-        return factor * power(x - end, more) / more
-
-    def kept(self, deepest: Lane) -> Lane:
-        factor, end = self.unloading(deepest)
-        more = self.own_exponent + 1
-        return self.work(deepest) - factor * power(deepest - end, more) / more
-
-
-class BilinearForm(AbstractPlasticForm):
-    """f = x while loading and κ (x - x_p) on the way back, κ = `factor` + `slope` x_m."""
-
-    factor: Lane
-    slope: Lane
-    own_exponent: ClassVar[float] = 1.0
-
-    def loading(self, x: Lane) -> Lane:
-        return x
-
-    def work(self, x: Lane) -> Lane:
-        return jnp.square(x) / 2
-
-    def unloading(self, deepest: Lane) -> tuple[Lane, Lane]:
-        factor = self.factor + self.slope * deepest
-        return factor, deepest * (1 - 1 / factor)
-
-    def restitution(self) -> Lane:
-        return jax.lax.rsqrt(self.factor + self.slope)
-
-    def solve(self, n: Exponent) -> ScaledImpact:
-        """Return a quarter of each of two oscillations."""
-        factor, e = self.factor + self.slope, self.restitution()
-        one, lost = jnp.ones_like(factor), (self.factor - 1 + self.slope) / factor
-        quarter = math.pi / 2 * one
-        return ScaledImpact(
-            restitution=e,
-            duration=quarter * (1 + e),
-            compression_time=quarter,
-            max_indentation=one,
-            max_force=one,
-            energy_loss=lost,
-            end_indentation=lost,
-        )
+if TYPE_CHECKING:
+    from .._contact import Contact
 
 
 class YieldingForm(AbstractPlasticForm):
@@ -369,3 +233,109 @@ def _times(root: Lane, alpha: Lane | float, unroll: int) -> tuple[Lane, Lane]:
     later = jnp.where(yielded, later, 0)
     factor = jnp.sqrt(power(deepest, 1.5) / force)
     return until_yield + later, half_time(-alpha, rho, 1.5, unroll) * factor**-0.4
+
+
+class AbstractYielding(AbstractPlastic):
+    """Spheres that yield: F = K δ^(3/2) up to δ_y, then its tangent; unloading is Hertz's again."""
+
+    yield_speed: eqx.AbstractVar[Float[Array, "..."]]
+    exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
+
+    def _damping(self, contact: Contact) -> Float[Array, "..."] | None:
+        """Return the damping of F (1 + a δ') in s/m; None without."""
+        return None
+
+    def _over_stiffness(self, contact: Contact) -> YieldingForm:
+        # The work up to the indentation at yield is the energy of an impact at v_y.
+        length = scale_of(contact, self.yield_speed).length
+        return YieldingForm(root=1.25**0.2 * jnp.sqrt(length), alpha=self._damping(contact))
+
+    def _root(self, speed: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Return √y, y = (5r²/4)^(2/5) with r = v_y/v0."""
+        return (1.25 * jnp.square(self.yield_speed / speed)) ** 0.2
+
+
+@register_law(
+    "thornton_plastic",
+    formula="K δ^(3/2) up to δ_y, then its tangent; back K_u (δ - δ_p)^(3/2)",
+    source="Thornton 1997, doi 10.1115/1.2787319",
+    valid="n = 3/2; elastic below v_y and perfectly plastic beyond; then e ~ v0^(-1/4)",
+)
+class ThorntonPlastic(AbstractYielding):
+    """Elastic-plastic spheres of Thornton: e = 1 up to the yield speed v_y, decreasing above.
+
+    `yield_speed` v_y > 0 in m/s is the largest speed of an elastic impact. It determines the
+    indentation at yield, (2/5) K δ_y^(5/2) = m v_y²/2. Up to there F = K δ^(3/2); beyond, the
+    pressure stays and F = K δ_y^(3/2) + (3/2) K √δ_y (δ - δ_y). The way back from the largest
+    indentation δ_m is that of a sphere of larger radius with the same contact area:
+    F = K_u (δ - δ_p)^(3/2), (K_u/K)² = K δ_m^(3/2)/F_m, and it ends at δ_p = δ_m - F_m/(K √δ_m).
+
+    Hence `e = √(6√3/5) √(1-r²/6) [r/(r + 2√(6/5-r²/5))]^(1/4)` with `r = v_y/v0`, which approaches
+    1.18499 r^(1/4). Spheres of effective radius R, modulus E and mass m whose contact yields at the
+    pressure p have `v_y = 3.194 √(p⁵ R³/(E⁴ m))`. The exponent is 3/2. e is a formula, and the
+    times are quadratures.
+
+    Raises ValueError for a Python scalar out of range, for `tension=True`, and, where it is used,
+    for another exponent. Source: Thornton (1997), J. Appl. Mech. 64:383, doi 10.1115/1.2787319;
+    Johnson (1985), Contact Mechanics, doi 10.1017/CBO9781139171731.
+    """
+
+    yield_speed: Float[Array, "..."] = parameter("yield_speed", POSITIVE, "m/s")
+
+    @property
+    def damped(self) -> bool:
+        return False
+
+    def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
+        """Return e at closing speeds in m/s; ValueError for anything that is not a number."""
+        return plastic_restitution(self.yield_speed, as_parameter(velocity, "velocity"))
+
+    def form(self, contact: Contact | None, scale: Scale | None) -> YieldingForm:
+        return YieldingForm(root=self._root(needed(scale, "velocity", self).speed))
+
+
+@register_law(
+    "viscoplastic",
+    formula="F (1 + (c/K) δ') with the F of thornton_plastic",
+    source="Thornton 1997, doi 10.1115/1.2787319; Hunt & Crossley 1975, doi 10.1115/1.3423596",
+    valid="n = 3/2; c ≥ 0; damped below v_y, damped and plastic beyond",
+)
+class Viscoplastic(AbstractYielding):
+    """Thornton's elastic-plastic spheres with the damping of Hunt and Crossley.
+
+    The force of `ThorntonPlastic` times 1 + (c/K) δ', in compression and on the way back.
+    `yield_speed` v_y > 0 in m/s states the indentation at yield, as there; damped spheres need a
+    little more than v_y to reach it. `c` ≥ 0 in N s/m^(n+1) is that of `ConstantDamping`, whose
+    contact this is below yield. The exponent is 3/2. e is a formula of α = c v0/K and v_y/v0, and
+    the times are quadratures.
+
+    Raises ValueError for a Python scalar out of range, for `tension=True`, and, where it is used,
+    for another exponent. Source: Thornton (1997), J. Appl. Mech. 64:383, doi 10.1115/1.2787319;
+    Hunt & Crossley (1975), J. Appl. Mech. 42:440, doi 10.1115/1.3423596.
+    """
+
+    yield_speed: Float[Array, "..."] = parameter("yield_speed", POSITIVE, "m/s")
+    c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE, "N s/m^(n+1)")
+
+    def _damping(self, contact: Contact) -> Float[Array, "..."]:
+        return self.c / contact.stiffness
+
+    def form(self, contact: Contact | None, scale: Scale | None) -> YieldingForm:
+        speed = needed(scale, "velocity", self).speed
+        alpha = speed * self._damping(contact_for(contact, self))
+        return YieldingForm(root=self._root(speed), alpha=alpha)
+
+
+def plastic_restitution(
+    yield_speed: Float[Array, "..."], velocity: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """Return e of Thornton's spheres; NaN for a yield speed that is not positive."""
+    # The slope in r is zero at r = 1, so the two parts join smoothly.
+    plastic = velocity > yield_speed
+    r = jnp.where(plastic, yield_speed / jnp.where(plastic, velocity, 1), 1)
+    r = jnp.where(yield_speed > 0, r, jnp.nan)
+    root = jnp.sqrt((6 - jnp.square(r)) / 5)
+    e = math.sqrt(1.2 * math.sqrt(3)) * jnp.sqrt(1 - jnp.square(r) / 6)
+    e *= jnp.sqrt(jnp.sqrt(r / (r + 2 * root)))
+    # Clip a rounding error above 1.
+    return jnp.where(r == 1, 1, jnp.minimum(e, 1))
