@@ -6,12 +6,12 @@ import dataclasses
 from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from .._entry import NOT_NEGATIVE, POSITIVE, parameter, static_value
 from .._forms import AbstractForm, DashpotForm, Exponent, OscillatorForm
 from .._functions import power
-from .base import AbstractLaw, force_arguments, needed
+from .base import AbstractDampedLaw, AbstractLaw, Instant, force_arguments, needed
 from .registry import register_law
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     "with tension Anagnostopoulos 1988, doi 10.1002/eqe.4290160311",
     valid="c ≥ 0; e is constant at n = 1, and rises with speed for n > 1",
 )
-class LinearDashpot(AbstractLaw):
+class LinearDashpot(AbstractDampedLaw):
     """A spring with a linear dashpot given by its coefficient: F = max(0, K δⁿ + c δ').
 
     `c` ≥ 0 in N s/m. For n = 1 it is the Kelvin-Voigt contact with ζ = c/(2√(Km)) and has its
@@ -46,18 +46,10 @@ class LinearDashpot(AbstractLaw):
     c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE)
     tension = False
 
-    def force(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-    ) -> Float[Array, "..."]:
-        """Return F in N, and zero for δ < 0."""
-        depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
+    def _whole_force(self, at: Instant) -> Float[Array, "..."]:
+        contact, (depth, rate, _) = at.contact, force_arguments(*at)
         dashpot = jnp.where(depth < 0, 0, self.c * rate)
-        force = contact.stiffness * power(depth, contact.exponent) + dashpot
-        return force if self.tension else jnp.maximum(force, 0)
+        return contact.stiffness * power(depth, contact.exponent) + dashpot
 
     def form(self, contact: Contact | None, scale: Scale | None) -> AbstractForm:
         contact, scale = needed(contact, "contact", self), needed(scale, "velocity", self)
@@ -73,7 +65,7 @@ class LinearDashpot(AbstractLaw):
     source="IMPACT function, Adams Solver documentation, MSC Software",
     valid="c_max ≥ 0, d > 0",
 )
-class StepDamping(AbstractLaw):
+class StepDamping(AbstractDampedLaw):
     """The IMPACT function of MSC Adams: F = max(0, K δⁿ + STEP(δ, 0, 0, d, c_max) δ').
 
     STEP(δ, 0, 0, d, c_max) = c_max (δ/d)² (3 - 2 δ/d) rises from 0 at touch to `c_max` ≥ 0 in N s/m
@@ -98,21 +90,13 @@ class StepDamping(AbstractLaw):
     def jumps(self, exponent: Exponent) -> bool:
         return False
 
-    def force(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-    ) -> Float[Array, "..."]:
-        """Return F in N, and zero for δ < 0."""
-        depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
+    def _whole_force(self, at: Instant) -> Float[Array, "..."]:
+        contact, (depth, rate, _) = at.contact, force_arguments(*at)
         # Beyond d the cubic is not evaluated, because it or its derivative in d may overflow.
         inside = depth <= self.d
         part = jnp.maximum(jnp.where(inside, depth, 1), 0) / jnp.where(inside, self.d, 1)
         damping = self.c_max * jnp.square(part) * (3 - 2 * part)
-        force = contact.stiffness * power(depth, contact.exponent) + damping * rate
-        return force if self.tension else jnp.maximum(force, 0)
+        return contact.stiffness * power(depth, contact.exponent) + damping * rate
 
     def form(self, contact: Contact | None, scale: Scale | None) -> AbstractForm:
         # A clamped force has zero slope at the end of the contact, so the form uses the unclamped

@@ -10,12 +10,12 @@ import abc
 from typing import TYPE_CHECKING, ClassVar
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from .._entry import RESTITUTION, RESTITUTION_FROM_ZERO, parameter, static_value
 from .._forms import Exponent, OscillatorForm
 from .._functions import arc_over_sine, horner, implicit_root, power
-from .base import AbstractLaw, force_arguments
+from .base import AbstractDampedLaw, Instant, force_arguments
 from .registry import register_law
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .._forms import Scale
 
 
-class AbstractOscillator(AbstractLaw):
+class AbstractOscillator(AbstractDampedLaw):
     """A law whose regularised form is the linear oscillator; a subclass returns ζ."""
 
     approach_only: ClassVar[bool] = False
@@ -36,19 +36,9 @@ class AbstractOscillator(AbstractLaw):
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
         """Return the damping ratio ζ ≥ 0 of the regularised oscillator, dimensionless."""
 
-    def force(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-    ) -> Float[Array, "..."]:
-        """Return F = K δⁿ + 2ζ √((n+1)/2) √(Km) δ^((n-1)/2) δ' in N, and zero for δ < 0.
-
-        The closing speed has no influence. At δ = 0 the derivative in δ is infinite for 1 < n < 3
-        and is defined to be that of the elastic part.
-        """
-        depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
+    def _whole_force(self, at: Instant) -> Float[Array, "..."]:
+        # At δ = 0 the derivative in δ is infinite for 1 < n < 3 and is that of the elastic part.
+        contact, (depth, rate, _) = at.contact, force_arguments(*at)
         n = contact.exponent
         if self.approach_only:
             rate = jnp.maximum(rate, 0)
@@ -59,8 +49,7 @@ class AbstractOscillator(AbstractLaw):
             * jnp.sqrt(contact.stiffness)
             * jnp.sqrt(contact.mass)
         )
-        force = contact.stiffness * power(depth, n) + damping * rate * power(depth, (n - 1) / 2)
-        return force if self.tension else jnp.maximum(force, 0)
+        return contact.stiffness * power(depth, n) + damping * rate * power(depth, (n - 1) / 2)
 
     def form(self, contact: Contact | None, scale: Scale | None) -> OscillatorForm:
         zeta = self.damping_ratio(contact)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from .._entry import NOT_NEGATIVE, parameter, static_value
 from .._forms import (
@@ -16,7 +15,7 @@ from .._forms import (
     ViscoelasticSpheresForm,
 )
 from .._functions import power
-from .base import AbstractLaw, force_arguments, needed
+from .base import AbstractDampedLaw, Instant, force_arguments, needed
 from .registry import register_law
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     source="Kuwabara & Kono 1987, doi 10.1143/JJAP.26.1230",
     valid="A ≥ 0; 1-e grows as v0^(1/5)",
 )
-class KuwabaraKono(AbstractLaw):
+class KuwabaraKono(AbstractDampedLaw):
     """Viscoelastic spheres: F = K (δⁿ + n A δ^(n-1) δ'), K (δ^(3/2) + (3/2) A √δ δ') for Hertz.
 
     `A` ≥ 0 is a material time in s. Restitution falls with speed. For a Hertz contact 1 - e ≈
@@ -55,17 +54,10 @@ class KuwabaraKono(AbstractLaw):
     def jumps(self, exponent: Exponent) -> bool:
         return not (static_value(exponent) or 0) > 1
 
-    def force(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-    ) -> Float[Array, "..."]:
-        depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
+    def _whole_force(self, at: Instant) -> Float[Array, "..."]:
+        contact, (depth, rate, _) = at.contact, force_arguments(*at)
         n = contact.exponent
-        force = contact.stiffness * (power(depth, n) + n * self.A * power(depth, n - 1) * rate)
-        return force if self.tension else jnp.maximum(force, 0)
+        return contact.stiffness * (power(depth, n) + n * self.A * power(depth, n - 1) * rate)
 
     def form(self, contact: Contact | None, scale: Scale | None) -> AbstractForm:
         exponent = needed(contact, "contact", self).exponent
