@@ -95,6 +95,9 @@ class Changed(NamedTuple):
     redundant: Flag | None = None
 
 
+SIZES = "size", "free", "last_size", "last_error", "whole", "cruise", "error"
+"""The numbers of a `Carry` that choose steps, which have no slopes."""
+
 State = Float[Array, " numbers"]
 
 

@@ -122,8 +122,8 @@ class AbstractCoupledField(abc.ABC):
         """Return indentations and their rates. The leaving contact has the depth of the clock."""
 
     @abc.abstractmethod
-    def force(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
-        """Return the forces of the closed contacts."""
+    def whole_force(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
+        """Return the forces of the closed contacts as if none had vanished."""
 
     @abc.abstractmethod
     def pressing(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
@@ -141,6 +141,23 @@ class AbstractCoupledField(abc.ABC):
         """Return the state whose friction starts anew where contacts touch."""
         del touches
         return y
+
+    def force(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
+        """Return the forces of the closed contacts. One that vanishes within a step becomes a pull
+        up to its event, so that forces are smooth.
+        """
+        force = self.whole_force(depth, rate, modes)
+        return force if modes.faded is None else jnp.where(modes.faded, 0, force)
+
+    def power(
+        self, force: PerContact, depth: PerContact, rate: PerContact, modes: Modes
+    ) -> PerContact:
+        """Return the power that damping takes from contacts with these forces."""
+        still = self.whole_force(depth, jnp.zeros_like(rate), modes)
+        if modes.faded is not None:
+            # Beyond their way back plastic contacts have no elastic force.
+            still = jnp.maximum(still, jnp.minimum(force, 0))
+        return (force - still) * rate
 
     def height(self, depth: PerContact) -> PerContact:
         """Return how far contacts of these indentations are from their ends."""
@@ -308,6 +325,16 @@ class AbstractCoupledField(abc.ABC):
             passed.append(self.used & modes.closed & sure)
         slips = [] if at.grip is None else [self._slips(modes, at.grip)]
         return (gaps < 0) & jnp.concatenate([*passed, *slips, last])
+
+    def may_dip(self, modes: Modes) -> Bool[Array, " events"]:
+        """Return which gaps a step tests for a fall through zero and back. Those of touches and
+        openings have a test of their own, `hidden`.
+        """
+        closed, last = self.used & modes.closed, jnp.zeros(1, bool)
+        kinds = {"gap": jnp.zeros_like(closed), "peak": self.refers_to_peak(closed & ~modes.rising)}
+        if modes.adheres is not None:
+            kinds["forgets"] = closed & ~modes.loads
+        return jnp.concatenate([*(kinds.get(kind, closed) for kind in self.rules.events), last])
 
     def _slips(self, modes: Modes, grip: Grip) -> Flags:
         """Return which contacts may have changed between stick and slip."""

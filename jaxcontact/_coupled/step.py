@@ -13,9 +13,8 @@ from .._solver.runge_kutta import step_and_slope
 from .carry import Carry, Changed, CoupledSolve, factor, onward
 from .clock import ContactClock, choose_clock
 from .field import NO_SLOPES, TIME, TOGETHER, Grip, Look, W
-from .grips import change_grips, renewed, slips_within
 from .interpolation import highest, to_root
-from .modes import APART, CHANGED, NOT_FINITE, REDUNDANT, TIME_IS_UP, Flags, Number
+from .modes import APART, CHANGED, NOT_FINITE, REDUNDANT, TIME_IS_UP, Flag, Flags, Number
 from .rows import rows_of
 
 _NEAR = 0.4
@@ -28,15 +27,14 @@ _stop = jax.lax.stop_gradient
 
 
 class _Attempt(NamedTuple):
-    """A trial step. `y` is its end, and `error` is in units of the allowed error; `fine` if
-    accepted. `outset` and `toward` are the slopes at its ends. `now` holds the quantities at its
-    end, and `slope` their slopes. If `grazed`, an event may be hidden in the step, and the
-    `shorter` part of it is tried next.
+    """A trial step. `y` is its end, and `error` is in units of the allowed error. `outset` and
+    `toward` are the slopes at its ends. `now` holds the quantities at its end, and `slope` their
+    slopes. If `grazed`, a touch or an opening may be hidden in the step. The `shorter` part of a
+    step that hides an event is tried next.
     """
 
     y: Array
     error: Array
-    fine: Array
     outset: Array
     toward: Array
     now: Look
@@ -47,12 +45,15 @@ class _Attempt(NamedTuple):
 
 
 class _StepEvents(NamedTuple):
-    """The events of a step. `event`: whether it ends on one. `taken`: whether it is accepted.
-    `happens` marks the events on which it ends. `next_one` is the distance to the first of the
-    `sought` events. `y` is `moved` in s from the end of the trial.
+    """The events of a step. `fine`: whether it is accurate and hides none. `grazed`: whether it may
+    hide one. `event`: whether it ends on one. `taken`: whether it is accepted. `happens` marks the
+    events on which it ends. `next_one` is the distance to the first of the `sought` events. `y` is
+    `moved` in s from the end of the trial.
     """
 
     y: Array
+    fine: Array
+    grazed: Array
     moved: Array
     event: Array
     taken: Array
@@ -111,7 +112,6 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
         "y": onwards.pop("y"),
         "modes": modes,
         "touched": changed.touched,
-        "look": changed.now,
         "dropped": changed.dropped,
         "status": status.astype(jnp.int32),
     }
@@ -135,7 +135,7 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
     if renew is not None and jumps is not None:
         jumps = jumps if redundant is None else jumps & ~redundant
         carry = carry._replace(renew=events.taken & jumps)
-        again = renewed(solve, c, trial.now, records["slope"], redundant)
+        again = _renewed(solve, c, trial.now, records["slope"], redundant)
         carry = jax.tree.map(lambda a, b: jnp.where(renew, a, b), again, carry)
     return carry, changes
 
@@ -159,47 +159,24 @@ def _try_step(solve: CoupledSolve, c: Carry, size: Number) -> _Attempt:
     allowed = field.allowed(*_stop((c.y, y)), solve.tolerance, finest)
     error = jnp.max(jnp.abs(_stop(error)) / allowed)
     now, slope = field.look_along(y, modes, clock, toward)
-    if field.rules.flies:
-        # A gap that is not finite is no motion either.
-        error = error + 0 * jnp.sum(now.depth + now.second)
     # No choice of a step has a derivative.
     before, after = _stop((c.look, now))
-    passing, used = y[TIME] - c.y[TIME], field.used
+    if field.rules.flies:
+        # A gap that is not finite is no motion either.
+        error = error + 0 * jnp.sum(after.depth + after.second)
+    passing = y[TIME] - c.y[TIME]
     lasts = _stop(passing)
     hidden, shorter = field.hidden(
         lasts, before, after, modes, clock.leaving, field.noise(y, finest)
     )
-    grazed = jnp.any(used & hidden)
-    if field.rules.peak:
-        # A closing speed that exceeds its peak and falls again may be hidden, too.
-        faster, _ = highest(lasts, before.rate, before.second, after.rate, after.second)
-        hidden = field.refers_to_peak(modes.closed & ~modes.rising & (after.second < 0))
-        grazed = grazed | jnp.any(used & hidden & (faster > modes.latched + finest**TOGETHER))
-    if field.rules.remembers and modes.deepest is not None:
-        # A contact may unload and load again, or go deeper and come back.
-        deeper, _ = highest(lasts, before.depth, before.rate, after.depth, after.rate)
-        slower, _ = highest(lasts, -before.rate, -before.second, -after.rate, -after.second)
-        small = finest**TOGETHER
-        hidden = (after.rate < 0) & (deeper > modes.deepest + small)
-        hidden = jnp.where(modes.loads, (after.rate > 0) & (slower > small), hidden)
-        if modes.adheres is not None:
-            # It may also begin to follow its adhesion, or turn back from there, and return.
-            lower, _ = highest(lasts, -before.depth, -before.rate, -after.depth, -after.rate)
-            faster, _ = highest(lasts, before.rate, before.second, after.rate, after.second)
-            begins = ~modes.adheres & (lower > small - field.least(modes.deepest))
-            back = modes.adheres & (after.rate < 0) & (faster > small)
-            hidden = hidden | (~modes.loads & ((begins & (after.rate > 0)) | back))
-        grazed = grazed | jnp.any(used & modes.closed & hidden)
-    if field.rules.sticks:
-        grazed = grazed | jnp.any(used & modes.closed & slips_within(c, now.grip, slope.grip))
-    fine = (error <= 1) & (~grazed | (size < 1e-6))
-    return _Attempt(y, error, fine, outset, toward, now, slope, passing, grazed, shorter)
+    grazed = jnp.any(field.used & hidden)
+    return _Attempt(y, error, outset, toward, now, slope, passing, grazed, shorter)
 
 
 def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     """Find the first event of a step, and move the state to it if it is near."""
     field, modes, clock = solve.field, c.modes, c.clock
-    y, toward, outset, fine = trial.y, trial.toward, trial.outset, trial.fine
+    y, toward, outset = trial.y, trial.toward, trial.outset
     finest, until = solve.finest, field.until
     together, near = finest**TOGETHER, finest**_NEAR
     fixed = field.fixed(modes)
@@ -211,6 +188,11 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     falling = last.slope._replace(depth=last.look.rate, rate=last.look.second, force=None)
     earlier = jax.tree.map(lambda x: 2 * last.y[W] * x, falling)
     fell = field.gaps(modes, clock, earlier, begun[W], NO_SLOPES, -begun[TIME])
+    # A gap may fall through zero and come back within a step.
+    dip, inside = highest(c.size, -before, -fell, *_stop((-gaps, -fall)))
+    hidden = field.may_dip(modes) & inside & (dip > together)
+    grazed = trial.grazed | jnp.any(hidden)
+    fine = (trial.error <= 1) & (~grazed | (c.size < 1e-6))
     crossed = field.has_passed(modes, trial.now, gaps)
     if c.renew is not None:
         crossed = crossed & ~c.renew
@@ -252,7 +234,9 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     bends = jnp.where(c.size > math.sqrt(finest), bends, 0)
     moved = jnp.where(event, moved, 0)
     y = y + moved * (toward + moved * bends)
-    return _StepEvents(y, moved, event, taken, happens, sought, seeking, anything, next_one, whole)
+    return _StepEvents(
+        y, fine, grazed, moved, event, taken, happens, sought, seeking, anything, next_one, whole
+    )
 
 
 def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepEvents) -> Changed:
@@ -328,7 +312,53 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
     changed = Changed(y, modes, touches, opens, ends, now, touched, dropped, jumps=jumps)
     if not field.rules.sticks:
         return changed
-    return change_grips(solve, changed, now.grip, each["sticks"])
+    return _change_grips(solve, changed, now.grip, each["sticks"])
+
+
+def _change_grips(
+    solve: CoupledSolve, changed: Changed, grip: Grip | None, happens: Flags
+) -> Changed:
+    """Apply the changes between stick and slip that an event brings."""
+    assert grip is not None
+    field, before = solve.field, changed.modes
+    event = jnp.any(changed.touches | changed.opens | happens)
+    settled = field.settled(changed.y, before, changed.touches, happens, grip.friction)
+    y, modes, slides = jax.tree.map(
+        lambda new, old: jnp.where(event, new, old),
+        (settled.y, settled.modes, settled.slides),
+        (changed.y, before, jnp.zeros_like(happens)),
+    )
+    jumps = jnp.any(slides) if changed.jumps is None else changed.jumps | jnp.any(slides)
+    return changed._replace(
+        y=y, modes=modes, slides=slides, jumps=jumps, redundant=settled.redundant
+    )
+
+
+def _renewed(
+    solve: CoupledSolve, before: Carry, now: Look, slope: Look, redundant: Flag | None
+) -> Carry:
+    """Return the state after a jump of the forces, of which `now` and `slope` are known.
+
+    They are those of a step of no length, so that no other part of the program computes them.
+    """
+    modes, status = before.modes, before.status
+    if solve.field.rules.peak:
+        # With the accelerations the closing speed may begin or cease to rise.
+        largest = modes.closed & (now.rate >= modes.latched - 16 * solve.finest)
+        rising = solve.field.refers_to_peak((modes.rising | largest) & (now.second > 0))
+        falls = modes.rising & ~rising
+        latched = jnp.where(falls, jnp.maximum(now.rate, 0), modes.latched)
+        modes = modes._replace(rising=rising, latched=latched)
+    if redundant is not None:
+        status = jnp.where(redundant, REDUNDANT, status).astype(jnp.int32)
+    return before._replace(
+        modes=modes,
+        look=now,
+        slope=slope,
+        steps=before.steps + 1,
+        status=status,
+        renew=jnp.asarray(False),
+    )
 
 
 def _onward(
@@ -341,14 +371,14 @@ def _onward(
     w: Array,
 ) -> dict[str, Any]:
     """Return the next step, and its clock."""
-    field, error, fine, event = solve.field, trial.error, trial.fine, events.event
+    field, error, fine, event = solve.field, trial.error, events.fine, events.event
     begin = solve.begin
     next_one, anything, seeking = events.next_one, events.anything, events.seeking
     any_touch, opens = jnp.any(changed.touches), jnp.any(changed.opens)
     # If steps have become harder, the next one is expected to be harder again.
     trend = c.size / c.last_size * ((c.last_error + 1e-6) / (error + 1e-6)) ** (1 / 8)
     grown = c.size * factor(error) * jnp.where(fine, jnp.clip(trend, 0.7, 1.0), 1)
-    grown = jnp.where(trial.grazed, c.size * trial.shorter, grown)
+    grown = jnp.where(events.grazed, c.size * trial.shorter, grown)
     size, free = onward(c.size, c.free, grown, next_one, fine, anything, seeking)
     free = jnp.where(event & any_touch, begin, free)
     size = jnp.where(event, free, size)
@@ -400,6 +430,10 @@ def _records(
     press = None if now.press is None else zero
     at_opening = Look(None, None, zero, zero, none, press)
     per_time = jax.tree.map(lambda a, b: jnp.where(safe, a, b), per_time, at_opening)
+    if now.press is not None:
+        # Before a touch it is not that of the contact.
+        now = now._replace(press=jnp.where(touches, 1, now.press))
+        per_time = per_time._replace(press=jnp.where(touches, 0, per_time.press))
     strongest = solve.field.strongest(passing, (c.look, c.slope), (now, per_time), modes)
     strongest = jnp.where(modes.closed, units.force * strongest, 0)
     fresh = jnp.where(touches, 0, 1).astype(zero.dtype)
@@ -407,6 +441,7 @@ def _records(
     if changed.modes.faded is not None:
         acts = acts & ~changed.modes.faded
     return {
+        "look": now,
         "slope": per_time,
         "since": since,
         "force_until": jnp.where(acts, since, jnp.where(ends, time, c.force_until)),

@@ -173,12 +173,14 @@ class AbstractLaw(OfNumbers):
         raise NotImplementedError
 
     def _force_of_closed(self, at: Instant, deepest: ArrayLike | None) -> Float[Array, "..."]:
-        """Return the force for `force_of_closed`."""
-        # Only laws that end apart have these two.
-        raise NotImplementedError
+        """Return the force for `force_of_closed`, of a law that fades or ends apart."""
+        if self.remembers and deepest is not None:
+            return self._force_after(at, deepest)
+        return self.force(*at)
 
     def _end_indentation(self, contact: Contact) -> Float[Array, "..."]:
         """Return the δ ≤ 0 in m at which a contact ends."""
+        # Only laws that end apart have this.
         raise NotImplementedError
 
     def _energies(
@@ -222,12 +224,12 @@ class AbstractLaw(OfNumbers):
         return f"{type(self).__name__}({', '.join(numbers)})"
 
 
-class AbstractRateLaw(AbstractLaw):
-    """A law whose force depends on the indentation and its rate, and not on the closing speed."""
+class AbstractDampedLaw(AbstractLaw):
+    """A law whose damping may pull, which counts as zero unless the law has tension."""
 
     @abc.abstractmethod
-    def _force_at(self, depth: Lane, rate: Lane, contact: Contact) -> Lane:
-        """Return F in N before it is clamped, and zero for δ < 0."""
+    def _whole_force(self, at: Instant) -> Float[Array, "..."]:
+        """Return the force in N as it is with tension."""
 
     def force(
         self,
@@ -236,10 +238,27 @@ class AbstractRateLaw(AbstractLaw):
         contact: Contact,
         impact_velocity: ArrayLike,
     ) -> Float[Array, "..."]:
-        """Return F in N, and zero for δ < 0. The closing speed has no influence."""
-        depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
-        force = self._force_at(depth, rate, contact)
-        return force if self.tension else jnp.maximum(force, 0)
+        """Return the force F of the class in N, and zero for δ < 0. Without `tension` a pull counts
+        as zero.
+        """
+        force = self._whole_force(Instant(indentation, velocity, contact, impact_velocity))
+        return force if self.tension else jnp.where(force < 0, 0, force)
+
+    def _force_of_closed(self, at: Instant, deepest: ArrayLike | None) -> Float[Array, "..."]:
+        del deepest
+        return self._whole_force(at)
+
+
+class AbstractRateLaw(AbstractDampedLaw):
+    """A law whose force depends on the indentation and its rate, and not on the closing speed."""
+
+    @abc.abstractmethod
+    def _force_at(self, depth: Lane, rate: Lane, contact: Contact) -> Lane:
+        """Return F in N before it is clamped, and zero for δ < 0."""
+
+    def _whole_force(self, at: Instant) -> Float[Array, "..."]:
+        depth, rate, _ = force_arguments(*at)
+        return self._force_at(depth, rate, at.contact)
 
 
 class GeneralForm(AbstractForm):
@@ -318,11 +337,14 @@ def force_of_closed(
     impact_velocity: ArrayLike,
     deepest: ArrayLike | None = None,
 ) -> Float[Array, "..."]:
-    """Return `force_of` for a contact known to be closed. If the law `ends_apart`, the force
-    continues beyond its end, smoothly in √(δ - δ_end).
+    """Return `force_of` for a contact known to be closed, whose force has not vanished. It
+    continues smoothly beyond its end: if the law `ends_apart` in √(δ - δ_end), and if it `fades` as
+    a pull, unless a user's law counts that as zero itself.
     """
     at = Instant(indentation, velocity, contact, impact_velocity)
-    return law._force_of_closed(at, deepest) if law.ends_apart else force_of(law, *at, deepest)
+    if law.ends_apart or law.fades:
+        return law._force_of_closed(at, deepest)
+    return force_of(law, *at, deepest)
 
 
 def pressing(

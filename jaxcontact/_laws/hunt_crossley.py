@@ -14,14 +14,14 @@ from jaxtyping import Array, ArrayLike, Float
 from .._entry import NOT_NEGATIVE, POSITIVE, REAL, RESTITUTION, parameter
 from .._forms import Exponent, HuntCrossleyForm, Lane, Scale, exact_damping_factor
 from .._functions import half_gamma_ratio, power
-from .base import AbstractLaw, Instant, contact_for, force_arguments, speed_for
+from .base import AbstractDampedLaw, Instant, contact_for, force_arguments, speed_for
 from .registry import register_law
 
 if TYPE_CHECKING:
     from .._contact import Contact
 
 
-class AbstractHuntCrossley(AbstractLaw):
+class AbstractHuntCrossley(AbstractDampedLaw):
     """A law F = K δⁿ (1 + α δ'/v0), solved in closed form; a subclass returns α.
 
     In a free impact 1 + α δ'/v0 stays positive. An external pull can make it negative. The force is
@@ -47,19 +47,9 @@ class AbstractHuntCrossley(AbstractLaw):
         neither. Raises ValueError if one is needed and missing.
         """
 
-    def force(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-    ) -> Float[Array, "..."]:
-        """Return F = K δⁿ max(0, 1 + α δ'/v0) in N, and zero for δ < 0.
-
-        v0 has a floor, the square root of the smallest normal number, which keeps α/v0 finite in
-        any system of units. With `tension=True` the force is not clamped.
-        """
-        depth, rate, speed = force_arguments(indentation, velocity, contact, impact_velocity)
+    def _whole_force(self, at: Instant) -> Float[Array, "..."]:
+        # v0 has a floor, which keeps α/v0 finite in any system of units.
+        contact, (depth, rate, speed) = at.contact, force_arguments(*at)
         least = math.sqrt(jnp.finfo(speed.dtype).tiny)
         # `where`, not `maximum`: the derivative by the floor overflows, and 0 times infinity is
         # NaN.
@@ -67,7 +57,7 @@ class AbstractHuntCrossley(AbstractLaw):
         elastic = contact.stiffness * power(depth, contact.exponent)
         damping = self.damping_factor(contact, speed) / speed
         factor = 1 + damping * rate
-        return elastic * (factor if self.tension else jnp.maximum(factor, 0))
+        return elastic * factor
 
     def _pressing(self, at: Instant, deepest: ArrayLike | None) -> Float[Array, "..."]:
         speed = jnp.asarray(at.impact_velocity)

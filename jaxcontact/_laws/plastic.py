@@ -182,7 +182,8 @@ class AbstractPlastic(AbstractLaw):
         if largest is not None:
             most = as_parameter(largest, "largest")
             deepest = jnp.where(depth >= most, 0, most)
-        return self._force_after(Instant(depth, velocity, contact, impact_velocity), deepest)
+        force = self._force_after(Instant(depth, velocity, contact, impact_velocity), deepest)
+        return jnp.maximum(force, 0)
 
     def _force_after(self, at: Instant, deepest: ArrayLike) -> Float[Array, "..."]:
         depth, rate, _ = force_arguments(*at)
@@ -190,7 +191,7 @@ class AbstractPlastic(AbstractLaw):
         deepest = jnp.asarray(deepest)
         form = self._over_stiffness(at.contact).remembering(deepest)
         force = form.force(jnp.maximum(depth, 0), rate, form.own_exponent, deepest <= 0)
-        return at.contact.stiffness * jnp.maximum(force, 0)
+        return at.contact.stiffness * force
 
     def _energies(
         self, indentation: ArrayLike, contact: Contact, speed: ArrayLike, largest: ArrayLike

@@ -196,7 +196,7 @@ class SystemField(AbstractCoupledField):
         deepest = None if memory is None else units.length * memory
         return law, *arguments, units.speed * speed, deepest
 
-    def force(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
+    def whole_force(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
         force = force_of_closed(*self._at(depth, rate, modes)) / self.scales.contact.force
         return jnp.where(modes.closed, force, 0)
 
@@ -208,11 +208,10 @@ class SystemField(AbstractCoupledField):
         opening = self.mechanics.opening(*at)
         depth, rate = self._along(opening.gap, opening.rate, y, clock)
         force = self.force(depth, rate, modes)
-        still = self.force(depth, jnp.zeros_like(rate), modes)
         motion = self._motion(y, at, opening, force, modes)
         q = self.mechanics.rate(*at) / self.scales.position
         v = motion.acceleration / self.scales.velocity
-        lost, rest = (force - still) * rate, motion.power / units.energy
+        lost, rest = self.power(force, depth, rate, modes), motion.power / units.energy
         moving = units.time * jnp.concatenate([q, v])
         supplied = [units.time * rest, jnp.ones_like(rest)]
         springs, bends = self.springs(y), []

@@ -117,7 +117,7 @@ def reading_of(problem: SystemProblem, state: SystemState) -> SystemStates:
     if system.law.forgets and deepest is not None:
         deepest = jnp.where(depth < adhesion_below(system.law, deepest), -deepest, deepest)
     force = force_of_closed(system.law, depth, -opening, contact, speed, deepest)
-    force = jnp.where(state.closed, force, 0)
+    force = jnp.where(state.closed & (system.law.tension | (force >= 0)), force, 0)
     stored = jnp.sum(stored_energy(system.law, contact, depth, speed, state.deepest))
     energy = system._energy
     moving = mechanics.kinetic(*at) if energy is None else energy(*at, mechanics.args)

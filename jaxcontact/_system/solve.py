@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._coupled.carry import Carry, CoupledSolve
+from .._coupled.carry import SIZES, Carry, CoupledSolve
 from .._coupled.energies import attracts, ends_of
 from .._coupled.field import TIME, WORK, Look, LoopRules
 from .._coupled.loop import CoupledStart, first_carry
@@ -164,7 +164,8 @@ def _solve_to_stop(
     )
     first = first_carry(solve, _start(solve, state))
     loop = _Loop(first, scales, state.touch_speed, state.max_depth, begun.log, begun.painleve)
-    still = operator.attrgetter("scales", "log.states.step")
+    sizes = (f"carry.{name}" for name in SIZES)
+    still = operator.attrgetter("scales", "log.states.step", *sizes)
     loop = eqx.tree_at(still, moving((problem, state), loop), still(loop))
 
     def unfinished(loop: _Loop) -> Flag:

@@ -86,7 +86,7 @@ class MixedLaw(AbstractLaw):
 
     def _force_of_closed(self, at: Instant, deepest: ArrayLike | None) -> Float[Array, "..."]:
         # The other laws are not defined at δ < 0.
-        pressed = at._replace(indentation=jnp.maximum(at.indentation, 0))
+        pressed = at._replace(indentation=jnp.maximum(at.indentation, 0)) if self.ends_apart else at
         moments = ((law, at if law.ends_apart else pressed) for law in self.laws)
         forces = (force_of_closed(law, *moment, deepest) for law, moment in moments)
         return self._chosen(*forces)

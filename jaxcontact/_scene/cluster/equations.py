@@ -222,8 +222,8 @@ class Touching(eqx.Module):
         memory = modes.memory
         return self.law, *arguments, None if memory is None else units.length * memory
 
-    def force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
-        """Return the forces of the closed pairs."""
+    def whole_force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
+        """Return the forces of the closed pairs as if none had vanished."""
         force = force_of_closed(*self._at(depth, rate, modes)) / self.units.force
         return jnp.where(modes.closed & self.pairs.used, force, 0)
 
@@ -293,29 +293,14 @@ class Touching(eqx.Module):
         relative = self._between(acceleration)
         return -jnp.sum(geometry.normal * relative, axis=1) - geometry.swirl
 
-    def motion(
-        self,
-        at: Geometry,
-        velocity: PerBody,
-        modes: Modes,
-        time: Number,
-        turning: tuple[Spins, PerBody] | None,
-    ) -> tuple[Pushes, PerPair, PerPair, Number]:
-        """Return the forces on the bodies and of the pairs, the damping power of each pair, and the
-        power supplied. Weight and prescribed bodies supply that power.
-        """
-        force = self.force(at.depth, at.rate, modes)
-        lost = jnp.zeros_like(force)
-        if self.law.damped:
-            still = self.force(at.depth, lost, modes)
-            lost = (force - still) * at.rate
-        pushes = self.pushes(at, force, time, modes, turning)
+    def supplied(self, at: Geometry, velocity: PerBody, time: Number, pushes: Pushes) -> Number:
+        """Return the power that weight and prescribed bodies supply."""
         free = (self.inverse_mass > 0)[:, None]
         weight = self.acceleration / jnp.where(free, self.inverse_mass[:, None], 1)
         work = jnp.sum(jnp.where(free, weight, -pushes.pushed) * velocity)
         if pushes.rub is not None and self.friction is not None:
             work = work + jnp.sum(pushes.rub.force * self.friction.drift(time, at.normal))
-        return pushes, force, lost, work
+        return work
 
     def kinetic(self, velocity: PerBody) -> Number:
         """Return ½ Σ m v² of the free bodies."""

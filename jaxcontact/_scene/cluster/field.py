@@ -105,8 +105,11 @@ class ClusterField(AbstractCoupledField):
         """Return d/ds of a state."""
         velocity, at = self.parts.velocity(y), self.geometry(y, clock)
         turning, system = self._turning(y), self.system
-        pushes, force, lost, work = system.motion(at, velocity, modes, y[TIME], turning)
-        pace, rubbed = 2 * y[W], None
+        force, pace, rubbed = self.force(at.depth, at.rate, modes), 2 * y[W], None
+        pushes = system.pushes(at, force, y[TIME], modes, turning)
+        work, lost = system.supplied(at, velocity, y[TIME], pushes), jnp.zeros_like(force)
+        if system.law.damped:
+            lost = self.power(force, at.depth, at.rate, modes)
         rest = [pace * work, pace, clock.rate(at.rate)]
         if pushes.rub is not None and turning is not None:
             rub, friction = pushes.rub, system.friction
@@ -135,7 +138,7 @@ class ClusterField(AbstractCoupledField):
     def look(self, y: Array, modes: Modes, clock: ContactClock) -> Look:
         """Return the quantities of one state."""
         at, turning = self.geometry(y, clock), self._turning(y)
-        force = self.system.force(at.depth, at.rate, modes)
+        force = self.force(at.depth, at.rate, modes)
         pushes = self.system.pushes(at, force, y[TIME], modes, turning)
         second, press = self.system.second(at, pushes.acceleration), None
         if self.rules.fades:
@@ -174,8 +177,8 @@ class ClusterField(AbstractCoupledField):
         at = self.geometry(y, clock)
         return at.depth, at.rate
 
-    def force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
-        return self.system.force(depth, rate, modes)
+    def whole_force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
+        return self.system.whole_force(depth, rate, modes)
 
     def pressing(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
         return self.system.pressing(depth, rate, modes)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..._contact import Contact
-from ..._coupled.carry import Carry, CoupledSolve
+from ..._coupled.carry import SIZES, Carry, CoupledSolve
 from ..._coupled.clock import ContactClock
 from ..._coupled.energies import attracts
 from ..._coupled.field import TIME, WORK, LoopRules
@@ -58,8 +58,7 @@ def solve_cluster(problem: ClusterProblem, rules: LoopRules, in_line: bool) -> C
         frame=frame,
     )
     first = first_carry(solve, _start(solve))
-    sizes = "size", "free", "last_size", "last_error", "whole", "cruise", "error"
-    kept = {name: getattr(first, name) for name in sizes}
+    kept = {name: getattr(first, name) for name in SIZES}
     end = run_to_end(solve, moving(problem, first)._replace(**kept))
     return _assess(solve, first, end, *_state_at(solve, end))
 
