@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from jaxcontact._flight import Drag, Flight
-from jaxcontact._text.words import counted
 from jaxcontact.lab.recordings import RecordingError, make_pairs, read_recording
 from tests.lab.simulate import time_to_rest
 from tests.lab.sources import opened
@@ -133,11 +132,6 @@ def test_pairs_that_were_left_out_are_counted():
     pairs.needs_enough()
     with pytest.raises(RecordingError, match=r"2 usable pairs .*; 2 more are off the trend"):
         pairs.where(pairs.velocity < 3).needs_enough(marked=2)
-
-
-def test_words_follow_the_number():
-    trials = ("trial", "trials")
-    assert [counted(n, trials) for n in (0, 1, 2)] == ["0 trials", "1 trial", "2 trials"]
 
 
 @pytest.mark.parametrize("e", [0.3, 0.6, 0.9])

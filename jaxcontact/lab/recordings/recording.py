@@ -7,6 +7,7 @@ import dataclasses
 import functools
 import itertools
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import IO, Any, NamedTuple
 
@@ -249,13 +250,17 @@ def _read(
     return _Read(sheet, meant, found, records)
 
 
+_NUMBERS = re.compile(r"(?=.*\d)(?:[\d\s.,;:|+-]|(?<=\d)[eE](?=[\d+-]))*")
+"""Rows of numbers, with any separator: no heading has them alone."""
+
+
 def headings_of(meanings: Mapping[str, Meaning]) -> Callable[[str], bool]:
     """Return a function that tests whether a cell is a heading with one of the meanings."""
 
     # A text is tested with every separator that it might have.
     @functools.cache
     def is_heading(text: str) -> bool:
-        return any(
+        return _NUMBERS.fullmatch(text) is None and any(
             text == name or meaning.heading(text) or meaning.unknown_unit(text)
             for name, meaning in meanings.items()
         )
