@@ -153,3 +153,7 @@ def test_the_time_to_rest_contains_the_fall(e):
     np.testing.assert_allclose(off, 0, atol=3e-3)
     with pytest.raises(RecordingError, match=r"0.4 s does not exceed the time of a fall from 1 m"):
         read_recording(drop_height_m=[1.0], rest_time_s=[0.4])
+    # On the moon the fall alone takes 1.11 s.
+    recording = read_recording(drop_height_m=[1.0, 1.0], rest_time_s=[1.2, 0.9])
+    with pytest.raises(RecordingError, match=r"^row 2, column rest_time_s: 0.9 s .*, 1.11 s;"):
+        make_pairs(recording, Flight(1.62))
