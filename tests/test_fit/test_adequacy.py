@@ -36,8 +36,11 @@ def drawn(n, seed):
     "{'loss': Huber(threshold=1.345)}-200",
     reason="a study of 200 fits",
 )
-@pytest.mark.parametrize("n", [8, 25, 200])
-@pytest.mark.parametrize("how", [{}, {"sigma": SIGMA}, {"loss": jc.Huber()}], ids=str)
+@pytest.mark.parametrize(
+    ("how", "n"),
+    [({}, 25), *((how, n) for how in ({}, {"sigma": SIGMA}, {"loss": jc.Huber()}) for n in (8, 200))],
+    ids=str,
+)
 def test_a_right_model_is_called_wrong_in_five_per_cent(n, how):
     x = np.linspace(-1, 1, n)
     fits = (jc.fit(line, 1 + 2 * x + noise, FLAT, x=x, **how) for noise in drawn(n, n))
