@@ -30,6 +30,7 @@ from .layout_of import layout_of
 from .wide import as_trials
 
 _SHIPPED_BALL = "blue"
+_NUMBERS = re.compile(r"(?=.*\d)(?:[\d\s.,;:|+-]|(?<=\d)[eE](?=[\d+-]))*")
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -250,14 +251,10 @@ def _read(
     return _Read(sheet, meant, found, records)
 
 
-_NUMBERS = re.compile(r"(?=.*\d)(?:[\d\s.,;:|+-]|(?<=\d)[eE](?=[\d+-]))*")
-"""Rows of numbers, with any separator: no heading has them alone."""
-
-
 def headings_of(meanings: Mapping[str, Meaning]) -> Callable[[str], bool]:
     """Return a function that tests whether a cell is a heading with one of the meanings."""
 
-    # A text is tested with every separator that it might have.
+    # A text is tested with every separator that it might have, and so are rows of numbers.
     @functools.cache
     def is_heading(text: str) -> bool:
         return _NUMBERS.fullmatch(text) is None and any(
