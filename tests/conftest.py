@@ -25,6 +25,9 @@ os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
 # Of each error that passes through JAX, the filter of its traceback looks up the file of each frame
 # on the disk, which takes longer than to find the error: a third of tests/test_every_argument.
 os.environ.setdefault("JAX_TRACEBACK_FILTERING", "off")
+# Threads of OpenBLAS that wait for work take more time than small matrices: an eigenvalue problem
+# of 180 rows 25 times as much.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Programs are compiled once here and run a few times. The compiler's optimisations cost more time
 # than they save. Its newer way to emit loops takes half the time of a compilation. Set this
 # variable to 0 to run the tests with the compiler settings of users.

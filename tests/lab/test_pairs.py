@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from jaxcontact._flight import Drag, Flight
-from jaxcontact._text.words import counted
 from jaxcontact.lab.recordings import RecordingError, make_pairs, read_recording
 from tests.lab.simulate import time_to_rest
 from tests.lab.sources import opened
@@ -135,11 +134,6 @@ def test_pairs_that_were_left_out_are_counted():
         pairs.where(pairs.velocity < 3).needs_enough(marked=2)
 
 
-def test_words_follow_the_number():
-    trials = ("trial", "trials")
-    assert [counted(n, trials) for n in (0, 1, 2)] == ["0 trials", "1 trial", "2 trials"]
-
-
 @pytest.mark.parametrize("e", [0.3, 0.6, 0.9])
 def test_the_time_to_rest_contains_the_fall(e):
     """Against flights added one by one, in vacuum and in air."""
@@ -159,3 +153,7 @@ def test_the_time_to_rest_contains_the_fall(e):
     np.testing.assert_allclose(off, 0, atol=3e-3)
     with pytest.raises(RecordingError, match=r"0.4 s does not exceed the time of a fall from 1 m"):
         read_recording(drop_height_m=[1.0], rest_time_s=[0.4])
+    # On the moon the fall alone takes 1.11 s.
+    recording = read_recording(drop_height_m=[1.0, 1.0], rest_time_s=[1.2, 0.9])
+    with pytest.raises(RecordingError, match=r"^row 2, column rest_time_s: 0.9 s .*, 1.11 s;"):
+        make_pairs(recording, Flight(1.62))

@@ -1,5 +1,7 @@
 """Adequacy of a model: levels, power, and probabilities known in closed form."""
 
+import itertools
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ SEEN = 0.9
 """A reduced form of the 95 % that benchmarks/fit_adequacy.py counts: 200 draws leave 1.5 %."""
 X = np.linspace(-1, 1, 25)
 SIGMA = 0.1
+NOISES = {}, {"sigma": SIGMA}, {"loss": jc.Huber()}
 
 
 def both(p, x):
@@ -36,8 +39,7 @@ def drawn(n, seed):
     "{'loss': Huber(threshold=1.345)}-200",
     reason="a study of 200 fits",
 )
-@pytest.mark.parametrize("n", [8, 25, 200])
-@pytest.mark.parametrize("how", [{}, {"sigma": SIGMA}, {"loss": jc.Huber()}], ids=str)
+@pytest.mark.parametrize(("how", "n"), [({}, 25), *itertools.product(NOISES, (8, 200))], ids=str)
 def test_a_right_model_is_called_wrong_in_five_per_cent(n, how):
     x = np.linspace(-1, 1, n)
     fits = (jc.fit(line, 1 + 2 * x + noise, FLAT, x=x, **how) for noise in drawn(n, n))

@@ -368,31 +368,3 @@ def test_a_tree_without_circles_passes(tmp_path):
     # A law, in a lower room, annotates the contact.
     above = {"_contact.py": "from ._laws._base import x", "_laws/_registry.py": "x = 1"}
     assert circles(build(tmp_path, GOOD | above)) == []
-
-
-MOST_LINES = 120
-"""Of a function, without its docstring."""
-
-
-def long_functions(root: Path) -> list[str]:
-    found = []
-    for path in sorted(root.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                first = node.body[0]
-                told = ast.get_docstring(node) is not None
-                docstring = (first.end_lineno or 0) - first.lineno + 1 if told else 0
-                lines = (node.end_lineno or 0) - node.lineno + 1 - docstring
-                if lines > MOST_LINES:
-                    found.append(f"{path.relative_to(root)}: {node.name} has {lines} lines")
-    return found
-
-
-def test_no_function_is_long():
-    assert long_functions(ROOT) == []
-
-
-def test_a_long_function_is_seen(tmp_path):
-    body = "".join("    x = 1\n" for _ in range(MOST_LINES))
-    (tmp_path / "a.py").write_text(f'def f():\n    """Told."""\n{body}')
-    assert long_functions(tmp_path) == ["a.py: f has 121 lines"]

@@ -108,8 +108,3 @@ def test_a_law_without_a_damping_factor():
     assert not axes[2].has_data() and "no damping factor" in axes[2].texts[0].get_text()
     with pytest.raises(ValueError, match="must hold scalars"):
         jc.plot.law(jc.HuGuo(e=np.array([0.3, 0.5])))
-
-
-def test_unknown_attributes_are_errors():
-    with pytest.raises(AttributeError, match="'jaxcontact' has no attribute 'nonsense'"):
-        _ = jc.nonsense

@@ -8,7 +8,6 @@ from matplotlib.colors import LogNorm
 
 import jaxcontact as jc
 
-CONTACT = jc.Contact(mass=1.0, stiffness=1.4e8)
 E, V = np.linspace(0.1, 1, 9), np.geomspace(0.01, 10, 12)
 
 

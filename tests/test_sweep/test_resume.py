@@ -205,7 +205,7 @@ def test_xarray_opens_the_store(store, whole):
     assert np.array_equal(table.v, np.linspace(0, 4, 9))
     assert table.duration.attrs["units"] == "s"
     assert table.restitution.dims == ("e",)
-    assert set(table) == set(whole)
+    assert set(table) == set(whole) and set(table.coords) == {"e", "v"}
     for name, values in table.items():
         every = values
         for flag in values.attrs.get("valid_where", "").split():

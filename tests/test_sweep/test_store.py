@@ -236,19 +236,6 @@ def test_the_first_of_two_that_create_it_wins(path, monkeypatch):
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_xarray_reads_it(path):
-    xarray = pytest.importorskip("xarray")
-    filled(path)
-    table = xarray.open_zarr(path, consolidated=False, chunks=None)
-    assert set(table.data_vars) == {"duration", "status", "flag"}
-    assert set(table.coords) == {"e", "v", "mass"}
-    assert table.duration.dims == ("e", "v")
-    assert (table.duration.attrs["units"], table.v.attrs["units"]) == ("s", "m/s")
-    assert table.status.dtype == np.int32
-    assert np.array_equal(table.duration, WHOLE["duration"], equal_nan=True)
-    assert np.array_equal(table.e, COORDINATES["e"].values)
-
-
 def test_what_is_not_written_yet_cannot_be_taken_for_a_result(path):
     arrays = opened(path).arrays
     assert np.isnan(arrays["duration"][...]).all()

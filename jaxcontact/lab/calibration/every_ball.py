@@ -160,8 +160,8 @@ def _cells(fit: BallFit) -> dict[str, tuple[float, float | None]]:
     """Return value and printed error of each number: standard errors, half intervals of e(v)."""
     cells = {_named(one): (one.value, one.standard_error) for one in fit.estimates}
     for one in fit.at:
-        half = None if one.low is None or one.high is None else (one.high - one.low) / 2
-        cells[f"e at {one.velocity:g} m/s (95 %)"] = one.restitution, half
+        name = f"e at {one.velocity:g} m/s (95 %)"
+        cells[name] = one.restitution, one.half if one.known else None
     return cells
 
 

@@ -191,11 +191,10 @@ def _fit(law: LawFit, aicc: float, few: bool) -> list[tuple[str, str]]:
     rows = [(one.name, str(one)) for one in law.estimates]
     chi2 = f"reduced chi² {law.reduced_chi2:.2f}"
     rows.append(("residual", f"rms of e {law.rms:.4f}; {chi2}; AICc {aicc:.1f}"))
+    words = {True: "yes", False: "NO", None: "undecided"}
     if law.converged:
-        word = {True: "yes", False: "NO", None: "undecided"}[law.adequate]
-        rows.append(("describes them", f"{word}: {law.grounds}"))
-    answer = "yes" if law.converged else "NO"
-    rows.append(("converged", f"{answer}, in {law.steps} steps: {law.reason}"))
+        rows.append(("describes them", f"{words[law.adequate]}: {law.grounds}"))
+    rows.append(("converged", f"{words[law.converged]}, in {law.steps} steps: {law.reason}"))
     if law.converged and not law.identifiable and not few:
         why = "the data do not determine every parameter"
         if law.reason.endswith("at the bound"):

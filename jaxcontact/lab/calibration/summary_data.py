@@ -9,7 +9,7 @@ import numpy as np
 
 from ... import AbstractLaw, Contact, Drag, Fit
 from ..choice.held_out import HeldOut
-from ..choice.kind import padded
+from ..choice.kind import delivered, padded
 from ..choice.law_choice import ChoiceData, LawFit, kind_asked
 from ..pairs.pairs import LEAST_PAIRS, Noise
 
@@ -49,27 +49,23 @@ def at_speeds(
     """Return e at the slowest and the fastest `kept` speed (m/s), and at those `asked`."""
     ends = float(kept.min()), float(kept.max())
     speeds = np.array([*ends, *asked])
-    n, at = len(speeds), padded(speeds, ends[0])
-    # ln e comes before contact times and forces.
-    curve = np.exp(np.asarray(fit.predict_with_error(at)[0])[:n])
-    low, high = (np.exp(side[:n]) for side in fit.confidence_band(at))
+    curves = np.array([delivered(one, speeds)[0] for one in (fit, *others) if one.converged])
+    band = fit.confidence_band(padded(speeds, ends[0]))
+    low, high = np.exp(np.asarray(band)[:, : len(speeds)])
     # Identical readings do not determine their error.
     known = np.isfinite(low) & np.isfinite(high) & (high > low) & (len(fit.at_bound) == 0)
-    all_curves = np.array(
-        [curve, *(np.exp(one.predict_with_error(at)[0][:n]) for one in others if one.converged)]
-    )
     return tuple(
         AtSpeed(
             velocity=float(speeds[i]),
-            restitution=float(curve[i]),
+            restitution=float(curves[0, i]),
             low=float(low[i]) if known[i] else None,
             # No law delivers more than 1.
             high=min(float(high[i]), 1.0) if known[i] else None,
             measured=ends[0] <= speeds[i] <= ends[1],
-            least=float(all_curves[:, i].min()),
-            most=float(all_curves[:, i].max()),
+            least=float(curves[:, i].min()),
+            most=float(curves[:, i].max()),
         )
-        for i in range(n)
+        for i in range(len(speeds))
     )
 
 

@@ -375,15 +375,13 @@ def what_settles(
     # With equal numbers of parameters, the best is taken as right.
     right, other = sorted((best, rivals[0]), key=lambda name: -len(fits[name].names))
     low, high = ends
+    between = f"to distinguish {best} from {rivals[0]}"
     if not high > low:
-        return (
-            f"to distinguish {best} from {rivals[0]}, measure e at speeds other than {low:.3g} m/s"
-        )
+        return f"{between}, measure e at speeds other than {low:.3g} m/s"
     speeds = np.geomspace(low, high, _PLACES)
     distance, share = _least_distance(fits[right], fits[other], speeds)
     # The noise of e, which is the first column.
     noise = float(np.nanmedian(fits[right].scatter[: len(fits[right].problem.x)]))
-    between = f"to distinguish {best} from {rivals[0]}"
     count = math.inf if distance == 0 else math.ceil(_WANTED * (noise / distance) ** 2)
     if count > _MANY:
         most = f"{100 * distance:.1g} % of e at most"

@@ -23,7 +23,7 @@ from ...extend import (
     not_shrinking,
 )
 from ..tables.heading import Meaning
-from ..tables.sheet import Row
+from ..tables.sheet import RecordingError, Row
 from .layout import (
     DROP_HEIGHT,
     LABELS,
@@ -136,6 +136,13 @@ class Stop(Release):
 
     seconds: float
 
+    def too_short_for(self, fall: float) -> str:
+        """Return why the time cannot include a fall of `fall` s."""
+        return (
+            f"{self.seconds:g} s does not exceed the time of a fall from {self.drop_height:g} m, "
+            f"{fall:.3g} s; rest times count from the release until the ball rests"
+        )
+
 
 class Stops(Drops[Stop]):
     """Drops and total times to rest: t = √(2h/g)(1 + e)/(1 - e), including the fall.
@@ -173,12 +180,7 @@ class Stops(Drops[Stop]):
         for row, one in zip(rows, records, strict=True):
             fall = math.sqrt(2 * one.drop_height / STANDARD_GRAVITY)
             if one.seconds <= fall:
-                row.refuse(
-                    "rest_time_s",
-                    f"{one.seconds:g} s does not exceed the time of a fall from "
-                    f"{one.drop_height:g} m, {fall:.3g} s; rest times count from the release "
-                    "until the ball rests",
-                )
+                row.refuse("rest_time_s", one.too_short_for(fall))
         return records
 
     def notes(self, records: Sequence[Stop]) -> tuple[str, ...]:
@@ -188,6 +190,9 @@ class Stops(Drops[Stop]):
         height, time = np.array([(one.drop_height, one.seconds) for one in records]).T
         landing, _ = flight.evaluate(flight.speed_after_drop, height)
         fall, _ = flight.evaluate(flight.time_to_fall, height)
+        for one, own in zip(records, fall, strict=True):
+            if one.seconds <= own:  # with this gravity, or in air
+                raise RecordingError(one.too_short_for(own), "", one.row, "rest_time_s")
         e = (time - fall) / (time + fall)
         if flight.drag is not None:
             e = _in_air(e, landing, time - fall, flight)

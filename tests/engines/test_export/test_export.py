@@ -135,15 +135,6 @@ def test_adams_law_is_exported_as_it_is():
     assert np.max(np.abs(found.error)) < SINGLE
 
 
-def test_another_method_agrees():
-    law = jc.HuGuo(e=0.5)
-    found = export(law, CONTACT, SPEED, engine="exudyn")
-    hit = jc.impact(found.law, found.contact, SPEED, method="event")
-    assert found.target == pytest.approx(float(jc.restitution(law)), rel=CLOSED)
-    assert float(hit.restitution) == pytest.approx(found.target, rel=EVENT)
-    assert float(hit.duration) == pytest.approx(found.duration, rel=EVENT)
-
-
 @pytest.mark.parametrize("engine", ["bullet", "drake", "mercurydpm", "mujoco", "newton"])
 def test_a_linear_engine_is_as_long_in_contact(engine):
     law = jc.ExactRestitution(e=0.4)

@@ -23,15 +23,10 @@ from benchmarks.engines.scene_agreement import (
     of_soft_friction,
     rebound,
 )
-from tests.engines.test_export.run import missing, run_scene
+from tests.engines.test_export.run import needed, run_scene
 from tests.oracle.stored import stored
 
 pytestmark = pytest.mark.engines
-
-
-def needed(engine):
-    if reason := missing(engine):
-        pytest.fail(reason)
 
 
 # Of a few impacts at up to 1 m/s, and the flights between them, in m/s and in m.

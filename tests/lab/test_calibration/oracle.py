@@ -64,29 +64,6 @@ def kuwabara_kono(kappa: float) -> Callable[[float], float]:
     return law
 
 
-def flown(launch: float, gravity: float, b: float) -> tuple[float, float, float]:
-    """(height, duration, landing speed) of a flight, by integration of v' = -g (1 + b v|v|)."""
-
-    def top(t, state):
-        return state[1]
-
-    def floor(t, state):
-        return state[0]
-
-    top.direction = floor.direction = -1
-    floor.terminal = True
-    run = solve_ivp(
-        lambda t, state: [state[1], -gravity * (1 + b * state[1] * abs(state[1]))],
-        (0, 100),
-        [0.0, launch],
-        method="DOP853",
-        rtol=1e-12,
-        atol=1e-14,
-        events=(top, floor),
-    )
-    return run.y_events[0][0][0], run.t_events[1][0], -run.y_events[1][0][1]
-
-
 @stored()
 def plastic(yield_speed: float, mass: float, stiffness: float, v: float):
     """e, contact time and peak force of Thornton's force over indentation, by integration."""

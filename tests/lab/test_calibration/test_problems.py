@@ -184,28 +184,6 @@ def test_numbers_are_held_by_the_names_that_are_printed():
         transforms_of(model, ("law.c_max",))
 
 
-def test_fits_are_compared():
-    x = np.linspace(0, 3, 60)
-    y = 2 * np.exp(-x) + 0.01 * np.random.default_rng(2).normal(size=60)
-    curves = {
-        "decay": (lambda p, x: p[0] * jnp.exp(-p[1] * x), [1.0, 0.5]),
-        "decay and floor": (lambda p, x: p[0] * jnp.exp(-p[1] * x) + p[2], [1.0, 0.5, 0.0]),
-        "constant": (lambda p, x: p[0] + 0 * x, [1.0]),
-    }
-    fits = {name: jc.fit(f, y, start, x=x, sigma=0.01) for name, (f, start) in curves.items()}
-    found = jc.compare_fits(fits)
-    by_name = {candidate.name: candidate for candidate in found.candidates}
-    best, *_, worst = by_name
-    assert worst == "constant" and found.verdict.startswith(f"Use {best}, which describes")
-    for name, fit in fits.items():
-        one, k = by_name[name], len(fit.names)
-        aicc = 2 * fit.loss + 2 * k + 2 * k * (k + 1) / (60 - k - 1)
-        assert one.k == k and one.aicc == pytest.approx(aicc, rel=1e-12)
-        assert one.bic == pytest.approx(2 * fit.loss + k * np.log(60), rel=1e-12)
-    assert by_name["decay"].held_out == pytest.approx(1, abs=0.3)
-    assert by_name["constant"].held_out > 5 and "held out" in repr(found)
-
-
 def test_what_cannot_be_compared():
     def level(y, **how):
         return jc.fit(lambda a, x: a + 0 * x, y, 0.0, x=np.zeros(5), **how)

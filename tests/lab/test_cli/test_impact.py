@@ -33,15 +33,6 @@ def test_the_example(capsys):
     assert 0 < found["compression_time"] < found["duration"]
 
 
-def test_other_parameters(capsys):
-    contact = ("--mass", "1", "--stiffness", "1e8", "--velocity", "2")
-    half = numbers(capsys, "impact", "--law", "constant_damping", "--param", "c=2.5e7", *contact)
-    damped = numbers(capsys, "impact", "--law", "damped", "--param", "alpha=0.5", *contact)
-    # α = c v/K = 0.5 is the same impact.
-    np.testing.assert_allclose(half["restitution"], damped["restitution"], rtol=1e-12)
-    assert half["parameters"] == {"c": 2.5e7}
-
-
 def test_the_text_and_a_figure(tmp_path, capsys):
     path = tmp_path / "figure.svg"
     assert main([*EXAMPLE, "--plot", str(path)]) == 0
