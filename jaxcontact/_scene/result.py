@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._program import traced as traced
-from .._text.columns import Rows, digits
+from .._text.columns import EventTable, digits
 from .._text.failure import WordedEnum
 
 
@@ -74,7 +74,7 @@ class SolvedBy(enum.IntEnum):
     or it lasted."""
 
 
-class Impacts(Rows, eqx.Module):
+class Impacts(EventTable, eqx.Module):
     """The impacts of a run in order of time, one for each row of the arrays (K,).
 
     - `time`: of touch, in s.

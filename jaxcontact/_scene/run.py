@@ -109,7 +109,8 @@ class Run(WrittenAsCsv, Flagged, eqx.Module):
         after it. Values are NaN outside the run, and beyond the time that a flagged run reached.
         Raises ValueError for non-numbers and for more than one axis.
         """
-        return states_at(self._record, as_times(time))
+        times = as_times(time)
+        return states_at(self._record, times)
 
     @property
     def margin(self) -> Margin:

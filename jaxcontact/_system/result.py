@@ -14,7 +14,7 @@ from .._entry import shown, traced
 from .._program import quick
 from .._scene.result import Ending, cells_of_contacts
 from .._text.columns import (
-    Rows,
+    EventTable,
     WrittenAsCsv,
     as_times,
     dataset,
@@ -55,7 +55,7 @@ _AXES = {
 }
 
 
-class SystemContacts(Rows, eqx.Module):
+class SystemContacts(EventTable, eqx.Module):
     """The contacts of a run in the order of their touches, one for each row of the arrays (K,).
 
     - `gap`: its number among the gaps.
@@ -89,7 +89,7 @@ class SystemContacts(Rows, eqx.Module):
         return {"touch/s": touch, "gap": gap, **cells_of_contacts(columns)}
 
 
-class SystemPhases(Rows, eqx.Module):
+class SystemPhases(EventTable, eqx.Module):
     """The phases in which closed contacts stick or slide, one for each row of the arrays (P,).
 
     - `gap`: its number among the gaps.
@@ -202,7 +202,8 @@ class SystemRun(WrittenAsCsv, Flagged, eqx.Module):
         time that a flagged run reached. Raises ValueError for non-numbers and for more than one
         axis.
         """
-        margin, times = self.margin, as_times(time).astype(self.reached.dtype)
+        times, margin = as_times(time), self.margin
+        times = times.astype(self.reached.dtype)
         return read_states(margin._problem, margin._log, self.reached, margin._peak, times)
 
     def to_xarray(self) -> xarray.Dataset:

@@ -43,7 +43,7 @@ class WrittenAsCsv:
         write_csv(path, columns, [list(columns.values())])
 
 
-class Rows(WrittenAsCsv):
+class EventTable(WrittenAsCsv):
     """Events (K,) of a run, a row each, of which those that are `valid` count."""
 
     time: Any

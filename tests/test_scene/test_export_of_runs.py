@@ -82,10 +82,9 @@ def test_csv(run, tmp_path):
     head, *rows = csv.reader((tmp_path / "run.csv").read_text().splitlines())
     places = ("[0,0]", "[0,1]", "[1,0]", "[1,1]")
     assert head == ["time", "energy", *(x + k for x in ("position", "velocity") for k in places)]
-    numbers = (run.time, run.energy, run.position, run.velocity)
-    np.testing.assert_array_equal(
-        np.array(rows, float), np.hstack([x.reshape(5, -1) for x in numbers])
-    )
+    fields = run.time, run.energy, run.position, run.velocity
+    numbers = np.hstack([x.reshape(5, -1) for x in fields])
+    np.testing.assert_array_equal(np.array(rows, float), numbers)
     rows = list(csv.DictReader((tmp_path / "impacts.csv").read_text().splitlines()))
     assert [row["second_name"] for row in rows] == ["floor, wooden"] * 2
     np.testing.assert_array_equal([float(row["time"]) for row in rows], run.impacts.time)

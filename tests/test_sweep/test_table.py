@@ -215,10 +215,9 @@ def test_csv(table, tmp_path):
 
 
 def test_csv_numbers_every_status_if_one_has_no_name(tmp_path):
-    x = np.arange(20_000.0)
-    jc.sweep(lambda x: {"status": jnp.where(x < 17_000, 0, 7)}, x=x).to_csv(tmp_path / "x.csv")
-    rows = (tmp_path / "x.csv").read_text().split()[1:]
-    assert len(rows) == 20_000 and {row.split(",")[1] for row in rows} == {"0", "7"}
+    table = jc.sweep(lambda x: {"status": jnp.where(x < 2, 0, 7)}, x=np.arange(4.0))
+    table.to_csv(tmp_path / "x.csv")
+    assert (tmp_path / "x.csv").read_text() == "x,status\n0.0,0\n1.0,0\n2.0,7\n3.0,7\n"
 
 
 def test_csv_of_samples_with_own_shapes(tmp_path):

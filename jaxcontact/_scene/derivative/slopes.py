@@ -155,7 +155,7 @@ def _by_body(numbers: Numbers) -> list[Any]:
 
 
 _VARY_BY_WALL = False, False, True, False, True
-"""Whether the numbers of walls vary in the arrays of `_by_body`: the compliances do."""
+"""For the arrays of `_by_body`, if the numbers of walls vary: the compliances do."""
 
 
 def _without_bodies(numbers: Numbers) -> Numbers:

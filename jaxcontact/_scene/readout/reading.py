@@ -228,8 +228,9 @@ def work_of(record: RunRecord, status: Index, reached: Number) -> Number:
 
 
 def _at_rest_on_walls(record: RunRecord, reached: Number) -> tuple[Flying, Any, Any, Any, Any]:
-    """Return all spheres before each of their events, and at the end of the run, along one axis:
-    their state, who they are, the walls on which they rest, how long, and which of them do.
+    """Return all spheres before each of their events, and at the end of the run, along one axis.
+    The values are their state, who they are, the walls on which they rest, how long, and a mask of
+    those that do.
     """
     layout, (figures, facts) = record.layout, record.log
     choice, before, together = facts.choice, figures.before, figures.coupled

@@ -349,9 +349,9 @@ def _in_contacts(
 def resume_impact(
     record: RunRecord, row: Index, until: Number, needed: Flag
 ) -> tuple[Slots, ClusterState]:
-    """Return the seats of the bodies of an impact and their state at a time, solved again: an
-    isolated impact from its touch, a coupled one from the start of the call of that row. Both are
-    calls of the coupled solve, so that it is compiled once. It has no members unless `needed`.
+    """Return the seats of the bodies of an impact and their state at a time, solved again. An
+    isolated impact starts at its touch, a coupled one at the start of the call of that row. Both
+    are calls of the coupled solve, so that it is compiled once. It has no members unless `needed`.
     """
     layout, numbers, (figures, facts) = record.layout, record.numbers, record.log
     members, yes = record.rules.members or min(2, layout.spheres), jnp.asarray(True)
