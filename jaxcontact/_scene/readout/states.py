@@ -233,7 +233,7 @@ def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
         members = seats.who.shape[1]
         resting, latched = _resting(layout, record.log)
         calls = (
-            end.position[:, :members] + seats.shift * numbers.period,
+            end.position[:, :members] + seats.shift * numbers.period[None, None],
             *(end.velocity[:, :members], each(end.time, seats.who), resting),
             *(jnp.full(seats.who.shape, -1), latched, figures.coupled.turning),
         )
@@ -299,7 +299,7 @@ def _in_contacts(
     lanes = []
     if is_followed(numbers):
         row = jnp.maximum(last.row, 0)
-        is_first = rows_of(facts.choice.first, row) == jnp.arange(count)
+        is_first = rows_of(facts.choice.first, row) == jnp.arange(count)[None]
         lanes.append((row, (times[:, None] < last.began) & (last.row >= 0) & is_first))
     if facts.call is not None and together is not None:
         row, active = last_call(record.log, record.outcome.written, times)
