@@ -90,7 +90,7 @@ if _TYPE_CHECKING:
     from ._program import traced as traced
     from ._scene.bodies.bodies import words as words
     from ._scene.file import examples as examples
-    from ._scene.readout.columns import states_in_csv as states_in_csv
+    from ._text.columns import states_in_csv as states_in_csv
     from ._text.files import FIGURES as FIGURES
     from ._text.files import read_whole as read_whole
     from ._text.files import write_all as write_all
@@ -150,7 +150,7 @@ _ROOMS = {
     "_program": "quick side_by_side traced",
     "_scene.bodies.bodies": "words",
     "_scene.file": "examples",
-    "_scene.readout.columns": "states_in_csv",
+    "_text.columns": "states_in_csv",
     "_text.files": "FIGURES read_whole write_all",
     "_text.progress": "Stages progress_of stages_of",
     "_text.units": "Shown Unit label quantity written_unit",

@@ -10,6 +10,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 from .._entry import as_parameter, require_broadcast, shown, traced
 from .._flight import Flight
 from .._impact import Status
+from .._text.columns import in_lines
 from .._text.failure import Flagged
 from .._text.units import quantity
 from .._text.words import counted
@@ -115,7 +116,7 @@ class Bounce(Flagged, eqx.Module):
             "rest_indentation": quantity("rest_indentation", shown(self.rest_indentation)),
             "status": self._status_words(),
         }
-        return "Bounce\n" + "\n".join(f"  {name:<17}{text}" for name, text in numbers.items())
+        return in_lines("Bounce", numbers, 17)
 
     def _status_words(self) -> str:
         """Return how the balls ended, counted by ball."""

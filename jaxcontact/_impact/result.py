@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._entry import shown, traced
+from .._text.columns import in_lines
 from .._text.failure import Flagged, WordedEnum
 from .._text.units import quantity
 
@@ -66,9 +67,8 @@ class Impact(Flagged, eqx.Module):
         if self.min_force is not None:
             texts["min_force"] = quantity("min_force", show(self.min_force))
         texts["status"] = Status.names_of(self.status)
-        lines = (f"  {name:<17}{text}" for name, text in texts.items())
         solver = "" if self.solver is None else f", {self.solver}"
-        return "\n".join([f"Impact by method {self.method!r}{solver}", *lines])
+        return in_lines(f"Impact by method {self.method!r}{solver}", texts, 17)
 
 
 def show(value: Array) -> str:

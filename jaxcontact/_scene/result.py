@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import enum
-import os
-from typing import Any, BinaryIO, NamedTuple, TextIO
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,9 +12,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._program import traced as traced
+from .._text.columns import EventTable, digits
 from .._text.failure import WordedEnum
-from .._text.words import abridged, text_table
-from .readout.columns import write_csv
 
 
 class Ending(WordedEnum):
@@ -75,7 +74,7 @@ class SolvedBy(enum.IntEnum):
     or it lasted."""
 
 
-class Impacts(eqx.Module):
+class Impacts(EventTable, eqx.Module):
     """The impacts of a run in order of time, one for each row of the arrays (K,).
 
     - `time`: of touch, in s.
@@ -118,25 +117,9 @@ class Impacts(eqx.Module):
     slip: Float[Array, " K"] | None = None
     slip_after: Float[Array, " K"] | None = None
 
-    def __len__(self) -> int:
-        return self.time.shape[-1]
+    _events = "impact", "impacts"
 
-    def to_dict(self) -> dict[str, np.ndarray]:
-        """Return the columns of the valid rows as NumPy arrays by name. Raises ValueError for a
-        batch of runs: select one with `jax.tree.map`.
-        """
-        keep = np.asarray(self.valid)
-        if keep.ndim != 1:
-            raise ValueError(
-                "The impacts must be those of one run, but are a batch of the shape "
-                f"{keep.shape[:-1]}; `jax.tree.map(lambda x: x[0], run)` takes the first run."
-            )
-        given = {k: v for k, v in vars(self).items() if k != "names" and v is not None}
-        columns = {k: np.asarray(v)[keep] for k, v in given.items()}
-        del columns["valid"]
-        return columns
-
-    def _in_words(self) -> dict[str, np.ndarray]:
+    def _columns(self) -> dict[str, np.ndarray]:
         """Return the columns of `to_dict` with the names of bodies, and `solved_by` by name."""
         columns, names = self.to_dict(), np.array(self.names)
         words = {}
@@ -158,38 +141,36 @@ class Impacts(eqx.Module):
             raise ImportError(
                 "to_dataframe needs pandas, which comes with `pip install 'jaxcontact[data]'`"
             ) from error
-        return pandas.DataFrame(self._in_words())
+        return pandas.DataFrame(self._columns())
 
-    def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
-        """Write the valid rows as CSV, with the names of bodies and ways. `path` is an open file or
-        a file name. A named file appears whole or not at all.
-        """
-        write_csv(self._in_words(), path)
-
-    def __repr__(self) -> str:
-        if traced(self.time) or not eqx.is_array(self.time) or self.time.ndim != 1:
-            return f"Impacts({eqx.tree_pformat(self.time)})"
+    def _cells(self) -> dict[str, Iterable[str]]:
         columns = self.to_dict()
-        count = len(columns["time"])
-        header = ["time/s", "bodies", "closing/(m/s)", "e", "duration/s", "force/N", "lost/J", "by"]
-        rows = []
-        for k in range(count):
-            face = "" if columns["face"][k] < 0 else f" face {columns['face'][k]}"
-            tied = " (tied)" if columns["tied"][k] else ""
-            rows.append(
-                [
-                    f"{columns['time'][k]:.9g}",
-                    f"{self.names[columns['first'][k]]} - {self.names[columns['second'][k]]}{face}",
-                    f"{columns['closing_speed'][k]:.6g}",
-                    f"{columns['restitution'][k]:.6g}",
-                    f"{columns['duration'][k]:.6g}",
-                    f"{columns['max_force'][k]:.6g}",
-                    f"{columns['energy_loss'][k]:.6g}",
-                    SolvedBy(int(columns["solved_by"][k])).name.lower().replace("_", " ") + tied,
-                ]
-            )
-        lines = text_table(abridged(rows), header=header, indent=2, rule=True)
-        return "\n".join([f"{count} impact{'s' * (count != 1)}", *lines])
+        pairs = zip(*(columns[name] for name in ("first", "second", "face")), strict=True)
+        ways = zip(columns["solved_by"], columns["tied"], strict=True)
+        return {
+            "time/s": digits(columns["time"], 9),
+            "bodies": [
+                f"{self.names[a]} - {self.names[b]}" + ("" if face < 0 else f" face {face}")
+                for a, b, face in pairs
+            ],
+            **cells_of_contacts(columns),
+            "by": [
+                SolvedBy(int(way)).name.lower().replace("_", " ") + (" (tied)" if tied else "")
+                for way, tied in ways
+            ],
+        }
+
+
+def cells_of_contacts(columns: Mapping[str, np.ndarray]) -> dict[str, Iterable[str]]:
+    """Return what is printed of every contact, in a scene or a mechanism."""
+    printed = {
+        "closing/(m/s)": "closing_speed",
+        "e": "restitution",
+        "duration/s": "duration",
+        "force/N": "max_force",
+        "lost/J": "energy_loss",
+    }
+    return {head: digits(columns[name]) for head, name in printed.items()}
 
 
 class States(NamedTuple):

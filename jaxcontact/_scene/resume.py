@@ -75,7 +75,3 @@ class Start(eqx.Module):
         if underway is None and not self.leans:
             return None
         return Start(self.support, self.held, self.contacts, underway, self.soft)
-
-    def without_contacts(self) -> Start:
-        """Return the same start without a coupled solve."""
-        return Start(self.support, self.held, None, self.underway, self.soft)

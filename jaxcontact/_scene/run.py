@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -13,13 +12,21 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._coupled.modes import Index, Number
-from .._entry import as_parameter, refusal, shown
+from .._entry import shown
 from .._program import derived
+from .._text.columns import (
+    WrittenAsCsv,
+    as_times,
+    dataset,
+    flag_attributes,
+    in_lines,
+    quantity_attributes,
+    state_columns,
+)
 from .._text.failure import Flagged
 from .bodies.bodies import AbstractBody, spheres_of
 from .bodies.scene import Scene
 from .engine.log import RunRecord
-from .readout.columns import state_columns, write_csv
 from .readout.final_scene import final_start
 from .readout.margin import Margin
 from .readout.states import states_at
@@ -57,7 +64,7 @@ _MEANING = {
 }
 
 
-class Run(Flagged, eqx.Module):
+class Run(WrittenAsCsv, Flagged, eqx.Module):
     """The motion of a scene, as `simulate` returns it.
 
     N is the number of spheres, in the order given, including fixed ones.
@@ -75,7 +82,8 @@ class Run(Flagged, eqx.Module):
       without friction.
 
     `at(times)` returns the state at any times. `final` is the scene at the end, from which another
-    run continues.
+    run continues. `to_csv` writes a row for each time: `time`, `energy`, then `position[k,d]` and
+    `velocity[k,d]` of sphere k along axis d, and with friction `spin[k]` or `spin[k,d]`.
     """
 
     time: Float[Array, " T"]
@@ -101,12 +109,8 @@ class Run(Flagged, eqx.Module):
         after it. Values are NaN outside the run, and beyond the time that a flagged run reached.
         Raises ValueError for non-numbers and for more than one axis.
         """
-        times = as_parameter(time, "time")
-        if times.ndim > 1:
-            raise refusal("time", "be a number or a list of numbers", time)
-        if traced(times):
-            return states_at(self._record, times.reshape(-1))
-        return states_at(self._record, jax.device_put(np.asarray(times).reshape(-1)))
+        times = as_times(time)
+        return states_at(self._record, times)
 
     @property
     def margin(self) -> Margin:
@@ -153,30 +157,39 @@ class Run(Flagged, eqx.Module):
         xarray, which `pip install 'jaxcontact[data]'` installs. Raises ValueError for a batch of
         runs.
         """
-        return dataset(
-            self.scene,
-            States(self.time, self.position, self.velocity, self.energy, self.spin),
-            self.impacts,
-            bodies=self._record.layout.body[: self._record.layout.visible],
-            status=self.status,
-            reached=self.reached,
-            wall_work=self.wall_work,
-        )
+        columns = self.impacts.to_dict()
+        coordinates = {"time": ("time", np.asarray(self.time))}
+        axes = ("time", "sphere", "axis")
+        arrays = {
+            "position": (axes, np.asarray(self.position)),
+            "velocity": (axes, np.asarray(self.velocity)),
+            "energy": (("time",), np.asarray(self.energy)),
+            "body_name": (("body",), list(self.impacts.names)),
+        }
+        impact_time = columns.pop("time")
+        arrays |= {name: (("impact",), column) for name, column in columns.items()}
+        if self.spin is not None:
+            arrays["spin"] = axes[: self.spin.ndim], np.asarray(self.spin)
+        names, spheres = self.impacts.names, self.scene.spheres
+        layout = self._record.layout
+        bodies = layout.body[: layout.visible]
+        masses = [float(sphere.known_mass() or np.inf) for sphere in spheres]
+        coordinates |= {
+            "sphere": ("sphere", list(bodies)),
+            "axis": ("axis", list("xyz"[: self.scene.dimensions])),
+            "name": ("sphere", [names[k] for k in bodies]),
+            "radius": ("sphere", [float(sphere.radius) for sphere in spheres]),
+            "mass": ("sphere", masses),
+            "body": ("body", np.arange(len(names))),
+            "impact_time": ("impact", impact_time),
+        }
+        words = Ending.names_of(self.status).replace("_", " ")
+        reached, work = float(self.reached), float(self.wall_work)
+        attributes = {"status": words, "reached": reached, "wall_work": work}
+        return dataset(arrays, coordinates, attributes, _attributes)
 
-    def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
-        """Write a CSV table with a row for each time.
-
-        The columns are `time` in s, `energy` in J, then `position[k,d]` in m and `velocity[k,d]` in
-        m/s of sphere k along axis d. With friction `spin[k]`, in three dimensions `spin[k,d]`, in
-        rad/s follows. `path` is an open file or a file name. A named file appears
-        whole or not at all. Raises ValueError for a batch of runs. `impacts.to_csv` writes the
-        impacts.
-        """
-        if self.time.ndim != 1:
-            raise ValueError(
-                f"The run must be a single one, but is a batch of the shape {self.time.shape[:-1]}."
-            )
-        write_csv(state_columns(self), path)
+    def _columns(self) -> dict[str, np.ndarray]:
+        return state_columns(self)
 
     def __repr__(self) -> str:
         steps = self.position.shape
@@ -193,7 +206,7 @@ class Run(Flagged, eqx.Module):
         if springs:
             why = "contacts that lasted or were of several bodies"
             lines["friction"] = f"a spring for its law in {springs} {why}"
-        return "Run\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
+        return in_lines("Run", lines)
 
 
 def _check_known(underway: Underway, position: Array | np.ndarray, time: Array) -> None:
@@ -222,70 +235,14 @@ def _later(body: AbstractBody, time: Array) -> AbstractBody:
     return each(jax.device_put, body.after(time))
 
 
-def dataset(
-    scene: Scene,
-    states: States,
-    impacts: Impacts,
-    *,
-    bodies: tuple[int, ...],
-    status: Array,
-    reached: Array,
-    wall_work: Array,
-) -> xarray.Dataset:
-    """Return the states and impacts of a single run as a dataset. `bodies` are the numbers of its
-    spheres. Raises ImportError without xarray, ValueError for a batch of runs.
-    """
-    try:
-        import xarray
-    except ImportError as error:
-        raise ImportError(
-            "to_xarray needs xarray, which comes with `pip install 'jaxcontact[data]'`"
-        ) from error
-    columns = impacts.to_dict()
-    impact_time = columns.pop("time")
-    arrays: dict[str, Any] = {
-        "position": (("time", "sphere", "axis"), np.asarray(states.position)),
-        "velocity": (("time", "sphere", "axis"), np.asarray(states.velocity)),
-        "energy": (("time",), np.asarray(states.energy)),
-        "body_name": (("body",), list(impacts.names)),
-    }
-    arrays |= {name: (("impact",), column) for name, column in columns.items()}
-    if states.spin is not None:
-        axes = ("time", "sphere", "axis")[: states.spin.ndim]
-        arrays["spin"] = (axes, np.asarray(states.spin))
-    coordinates: dict[str, Any] = {
-        "time": (("time",), np.asarray(states.time)),
-        "sphere": (("sphere",), list(bodies)),
-        "axis": (("axis",), list("xyz"[: scene.dimensions])),
-        "name": (("sphere",), [impacts.names[k] for k in bodies]),
-        "radius": (("sphere",), [float(sphere.radius) for sphere in scene.spheres]),
-        "mass": (("sphere",), [float(sphere.known_mass() or np.inf) for sphere in scene.spheres]),
-        "body": (("body",), np.arange(len(impacts.names))),
-        "impact_time": (("impact",), impact_time),
-    }
-    arrays, coordinates = (
-        {name: (*column, _attributes(name)) for name, column in group.items()}
-        for group in (arrays, coordinates)
-    )
-    attributes: dict[str, Any] = {"status": Ending.names_of(status).replace("_", " ")}
-    attributes |= {"reached": float(reached), "wall_work": float(wall_work)}
-    return xarray.Dataset(arrays, coordinates, attributes)
-
-
 def _attributes(name: str) -> dict[str, Any]:
-    """Return the attributes of a quantity: long name and unit, or the names of its flags."""
     if name == "solved_by":
-        return {
-            "long_name": "how the impact was solved",
-            "flag_values": [int(way) for way in SolvedBy],
-            "flag_meanings": " ".join(way.name.lower() for way in SolvedBy),
-        }
-    words, unit = _MEANING.get(name, ("", ""))
-    return ({"long_name": words} if words else {}) | ({"units": unit} if unit else {})
+        return flag_attributes("how the impact was solved", SolvedBy)
+    return quantity_attributes(*_MEANING.get(name, ()))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class EngineRun:
+class EngineRun(WrittenAsCsv):
     """The motion of a scene at the output times of another engine, as `read_run` returns it.
 
     `time` (T,) in s, `position` (T, N, D) in m, `velocity` (T, N, D) in m/s and `spin` in rad/s are
@@ -307,12 +264,8 @@ class EngineRun:
         """The last output time in s."""
         return float(self.time[-1])
 
-    def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
-        """Write a CSV table with a row for each time, with the columns of `Run.to_csv`.
-
-        `path` is an open file or a file name. A named file appears whole or not at all.
-        """
-        write_csv(state_columns(self), path)
+    def _columns(self) -> dict[str, np.ndarray]:
+        return state_columns(self)
 
     def __repr__(self) -> str:
         count, spheres, dimensions = self.position.shape

@@ -80,11 +80,17 @@ def simulate_scene(
     require_clear_of_each_other(scene.bodies, length)
     rules = Rules(soft, rule, room_for if soft else 0)
     plain = not traced((scene, length, at))
+    start: RunState | None = None
+
+    def prepare(scene: Scene, *arguments: Any) -> tuple[tuple[Any, ...], None]:
+        nonlocal start
+        *prepared, start = _prepare(inputs_of(scene), *arguments)
+        return tuple(prepared), None
+
+    given = scene, layout, rules, not plain, length, at
     if plain:
         tell.says("compiling")
-        *prepared, start = _prepare(inputs_of(scene), layout, rules, length, at)
-    else:
-        prepared, start = _prepare_outside(scene, layout, rules, length, at)
+    prepared = prepare(*given)[0] if plain else derived(_numbers_of, *given, decide=prepare)
     numbers, valid, length, at, last = prepared
     within = jax.device_put(np.asarray(tolerance, numbers.dtype))
     grows = max_cluster is None and _places_of(scene, 0) == 0
@@ -123,19 +129,6 @@ def _count(name: str, value: Any, least: int) -> int | None:
     return None if value is None else require_count(name, value, least)
 
 
-def _prepare_outside(scene: Scene, *arguments: Any) -> tuple[tuple, RunState | None]:
-    """Return the numbers of a traced scene, and its first state unless this is known only later."""
-    began: list[RunState] = []
-
-    def prepare(*arguments: Any) -> tuple[tuple[Any, ...], None]:
-        *numbers_seen, state = _prepare_traced(*arguments)
-        began[:] = [state]
-        return tuple(numbers_seen), None
-
-    numbers = derived(_traced_numbers, scene, *arguments, decide=prepare)
-    return numbers, began[0] if began else None
-
-
 def _status_with_gains(status: Array, record: RunRecord, impacts: Impacts) -> Array:
     if traced(status) or not some_impact_gains(record, impacts):
         return status
@@ -164,7 +157,8 @@ def _usable_start(scene: Scene, soft: bool, members: int) -> Scene:
         if start is None or start.contacts is None or places == members:
             return scene
         if not traced(start) and not bool(start.contacts.active):
-            return eqx.tree_at(lambda scene: scene._start, scene, start.without_contacts())
+            start = dataclasses.replace(start, contacts=None)
+            return eqx.tree_at(lambda scene: scene._start, scene, start)
         raise ValueError(
             "Argument `max_cluster` must be that of the run that ended in contact, "
             f"{places}, but is {members}."
@@ -210,41 +204,29 @@ def times_of(value: Any, duration: Array) -> Array:
 
 
 @quick
-def _prepare(
-    inputs: SceneInputs, layout: SceneLayout, rules: Rules, *times: Array
-) -> tuple[Any, ...]:
+def _prepare(inputs: SceneInputs, layout: SceneLayout, rules: Rules, *others: Any) -> tuple:
     """Return the values of `_numbers` and the state at the start."""
-    prepared = _numbers(inputs, layout, rules, *times)
+    prepared = _numbers(inputs, layout, rules, *others)
     return *prepared, initial_state(layout, prepared[0], rules)
 
 
 @quick
-def _prepare_traced(
-    scene: Scene, layout: SceneLayout, rules: Rules, *times: Array
-) -> tuple[Any, ...]:
-    """Return the values of `_prepare` for a scene under differentiation."""
-    prepared = _traced_numbers(None, scene, layout, rules, *times)
-    return *prepared, initial_state(layout, prepared[0], rules)
-
-
-@quick
-def _traced_numbers(
-    choice: None, scene: Scene, layout: SceneLayout, *arguments: Any
-) -> tuple[Any, ...]:
-    """Return the values of `_numbers` for a scene with unchecked values, which may overlap."""
-    numbers, valid, length, *rest = _numbers(inputs_of(scene), layout, *arguments)
-    valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
-    valid = valid & POSITIVE.holds(length)
-    return ones_unless(numbers, valid), valid, length, *rest
+def _numbers_of(choice: None, scene: Scene, *others: Any) -> tuple:
+    return _numbers(inputs_of(scene), *others)
 
 
 def _numbers(
-    inputs: SceneInputs, layout: SceneLayout, rules: Rules, length: Array, times: Array
+    inputs: SceneInputs,
+    layout: SceneLayout,
+    rules: Rules,
+    unchecked: bool,
+    length: Array,
+    times: Array,
 ) -> tuple[Numbers, Array, Array, Array, Array]:
     """Return the numbers of a scene and their validity, the duration, the times and the last time.
 
     Duration and times have the precision of the numbers. The last time is earlier than the duration
-    if a motion exceeds its bound.
+    if a motion exceeds its bound. Bodies with `unchecked` values may overlap.
     """
     contacts = rules.soft or not all(layout.constant)
     numbers, valid = scene_numbers(inputs, layout, contacts, rules.soft)
@@ -254,6 +236,10 @@ def _numbers(
     for movers in (numbers.motion, numbers.shaking):
         if movers is not None:
             last = jnp.minimum(last, movers.kept_until(length))
+    if unchecked:
+        valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
+        valid = valid & POSITIVE.holds(length)
+        numbers = ones_unless(numbers, valid)
     return numbers, valid, length, times, last
 
 

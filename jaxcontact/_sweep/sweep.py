@@ -7,7 +7,7 @@ import math
 import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any, BinaryIO, Self, TextIO
+from typing import TYPE_CHECKING, Any, Self
 
 import jax
 import numpy as np
@@ -20,9 +20,9 @@ from .._entry import (
     require_count,
     require_function,
     require_number,
-    require_path,
 )
 from .._impact import Status
+from .._text.columns import File
 from .._text.progress import Listener, Tell, progress_of
 from .._text.units import quantity
 from .._text.words import wrapped
@@ -116,13 +116,13 @@ class Sweep(SweepTable):
         """
         return dataset(self)
 
-    def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
+    def to_csv(self, path: File) -> None:
         """Write a long table, one row per lane: its axes, then its fields.
 
         `path` names a file, which is written completely or not at all, or is an open file. The
         status is written by name. Every number is written so that it reads back exactly.
         """
-        write_csv(self, path if hasattr(path, "write") else require_path("path", path))
+        write_csv(self, path)
 
     def __repr__(self) -> str:
         lengths = " × ".join(f"{name} {n}" for name, n in zip(self.dims, self.shape, strict=True))

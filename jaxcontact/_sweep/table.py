@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -63,6 +63,30 @@ class SweepColumn:
             keep &= within(mask.values, mask.dims, dims)
         result[~keep] = self.otherwise
         return result
+
+    def converted(self, convert: Callable[[np.ndarray], np.ndarray]) -> SweepColumn:
+        """Return the column with other numbers, or texts, in place of its own."""
+        otherwise = None if self.otherwise is None else convert(np.asarray(self.otherwise))
+        return replace(self, stored=convert(self.values), otherwise=otherwise)
+
+    def at(self, lanes: Sequence[np.ndarray], count: int) -> np.ndarray:
+        """Return the numbers in `count` lanes, given by their index along each dimension."""
+        values = np.broadcast_to(self._read(lanes), (count, *self.own_shape))
+        keep = np.ones(count, bool)
+        for mask in self.masks:
+            keep &= mask._read(lanes)
+        if keep.all():
+            return values
+        keep = within(keep, (0,), range(values.ndim))
+        return np.where(keep, values, np.asarray(self.otherwise, values.dtype))
+
+    def _read(self, lanes: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the stored numbers in some lanes; from disk, read only the part that has them."""
+        if not self.dims:
+            return self.values
+        first, *others = (lanes[dim] for dim in self.dims)
+        low, high = int(first.min()), int(first.max())
+        return np.asarray(self.stored[low : high + 1])[(first - low, *others)]
 
     def simplify(self) -> SweepColumn:
         """Return the column without redundant masks, and with masks over its dimensions applied."""

@@ -44,34 +44,27 @@ class SystemStates(NamedTuple):
     work: Float[Array, " T"]
 
 
-def solved(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
-    """Return the end of a solve, differentiable in both modes."""
-    numbers, static = eqx.partition(problem, eqx.is_array)
-    return with_sensitivity(eqx.Partial(_solve, static=static, rules=rules), 1)(numbers)
-
-
-def solved_from_start(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
-    """Return the end of a run from its position and velocity alone, of which the rest of the state
-    follows: fewer numbers vary.
+def solved(problem: SystemProblem, rules: SystemRules, from_start: bool = False) -> SystemEnd:
+    """Return the end of a solve, differentiable in both modes. `from_start`: the rest of the state
+    follows from position and velocity alone, so that fewer numbers vary.
     """
-    numbers, static = eqx.partition(eqx.tree_at(lambda p: p.state, problem, None), eqx.is_array)
-    state = problem.state
-    start = (state.time, state.position, state.velocity)
-    solve = eqx.Partial(_solve_from_start, static=static, rules=rules)
+    start, state = None, problem.state
+    if from_start:
+        start = state.time, state.position, state.velocity
+        problem = eqx.tree_at(lambda p: p.state, problem, None)
+    numbers, static = eqx.partition(problem, eqx.is_array)
+    solve = eqx.Partial(_solve, static=static, rules=rules)
     return with_sensitivity(solve, 1)((numbers, start))
 
 
-def _solve_from_start(given: Any, static: SystemProblem, rules: SystemRules) -> SystemEnd:
+def _solve(given: Any, static: SystemProblem, rules: SystemRules) -> SystemEnd:
     numbers, start = given
     problem = eqx.combine(numbers, static)
-    time, q, v = start
-    state, _ = start_of(problem.mechanics, time, q, v, problem.floor, rules.peak)
-    whole = eqx.tree_at(lambda p: p.state, problem, state, is_leaf=lambda leaf: leaf is None)
-    return solve_system(whole, rules)
-
-
-def _solve(numbers: SystemProblem, static: SystemProblem, rules: SystemRules) -> SystemEnd:
-    return solve_system(eqx.combine(numbers, static), rules)
+    if start is not None:
+        time, q, v = start
+        state, _ = start_of(problem.mechanics, time, q, v, problem.floor, rules.peak)
+        problem = eqx.tree_at(lambda p: p.state, problem, state, is_leaf=lambda leaf: leaf is None)
+    return solve_system(problem, rules)
 
 
 def states_at(
@@ -139,11 +132,9 @@ def growth_of(problem: SystemProblem, peak: bool, rows: int) -> Number:
     mechanics, state = problem.mechanics, problem.state
     lasts = problem.stops[-1] - state.time
     inertia = jnp.diagonal(mechanics.mass(state.time, state.position))
-    if state.position.shape == state.velocity.shape:
-        place, pace = jnp.sqrt(inertia), jnp.sqrt(inertia) * lasts
-    else:
-        place, pace = jnp.ones_like(state.position), jnp.sqrt(inertia) * lasts
-    scale = jnp.concatenate([place, pace])
+    alike = state.position.shape == state.velocity.shape
+    place = jnp.sqrt(inertia) if alike else jnp.ones_like(state.position)
+    scale = jnp.concatenate([place, jnp.sqrt(inertia) * lasts])
     count = state.position.shape[0]
 
     def outcome(start: Array) -> Array:
@@ -188,8 +179,7 @@ def contacts_of(log: SystemLog, end: SystemState, rows: int | None) -> dict[str,
         "energy_loss": column("lost"),
         "valid": valid,
     }
-    order = jnp.argsort(jnp.where(valid, touch, jnp.inf), stable=True)[:rows]
-    return {name: values[order] for name, values in columns.items()}
+    return _in_order(columns, rows)
 
 
 def phases_of(log: SystemLog, start: SystemState) -> dict[str, Array]:
@@ -210,5 +200,10 @@ def phases_of(log: SystemLog, start: SystemState) -> dict[str, Array]:
         "direction": rows.slide.ravel().astype(jnp.int32),
         "valid": valid,
     }
-    order = jnp.argsort(jnp.where(valid, columns["time"], jnp.inf), stable=True)
+    return _in_order(columns, None)
+
+
+def _in_order(columns: dict[str, Array], rows: int | None) -> dict[str, Array]:
+    """Return the columns in order of time, cut to `rows`; blank rows are last."""
+    order = jnp.argsort(jnp.where(columns["valid"], columns["time"], jnp.inf), stable=True)[:rows]
     return {name: values[order] for name, values in columns.items()}

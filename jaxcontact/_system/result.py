@@ -2,79 +2,60 @@
 
 from __future__ import annotations
 
-import os
-from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._coupled.modes import Index, Number
-from .._entry import as_parameter, refusal, shown, traced
+from .._entry import shown, traced
 from .._program import quick
-from .._scene.readout.columns import write_csv
-from .._scene.result import Ending
+from .._scene.result import Ending, cells_of_contacts
+from .._text.columns import (
+    EventTable,
+    WrittenAsCsv,
+    as_times,
+    dataset,
+    digits,
+    in_lines,
+    quantity_attributes,
+    state_columns,
+)
 from .._text.failure import Flagged
-from .._text.words import abridged, text_table
 from .problem import SystemLog, SystemProblem
 from .reading import SystemStates, growth_of, states_at
 
 if TYPE_CHECKING:
     import xarray
 
-_STATES = {
-    "position": ("coordinate", "position q", ""),
-    "velocity": ("speed", "velocity v", ""),
-    "gap": ("gap_number", "gap, negative in contact", "m"),
-    "closing_speed": ("gap_number", "closing speed", "m/s"),
-    "force": ("gap_number", "contact force", "N"),
-    "energy": (None, "energy of the motion and of contacts", "J"),
-    "work": (None, "work since the start", "J"),
+_MEANING = {
+    "time": ("time", "s"),
+    "position": ("position q", ""),
+    "velocity": ("velocity v", ""),
+    "gap": ("gap, negative in contact", "m"),
+    "closing_speed": ("closing speed", "m/s"),
+    "force": ("contact force", "N"),
+    "energy": ("energy of the motion and of contacts", "J"),
+    "work": ("work since the start", "J"),
+    "contact_gap": ("number of the gap", ""),
+    "contact_time": ("time of touch", "s"),
+    "contact_closing_speed": ("closing speed at touch", "m/s"),
+    "contact_restitution": ("restitution delivered", "1"),
+    "contact_duration": ("duration of contact", "s"),
+    "contact_max_force": ("largest force", "N"),
+    "contact_max_depth": ("largest indentation", "m"),
+    "contact_energy_loss": ("energy lost", "J"),
 }
-_CONTACTS = {
-    "gap": ("number of the gap", ""),
-    "time": ("time of touch", "s"),
-    "closing_speed": ("closing speed at touch", "m/s"),
-    "restitution": ("restitution delivered", "1"),
-    "duration": ("duration of contact", "s"),
-    "max_force": ("largest force", "N"),
-    "max_depth": ("largest indentation", "m"),
-    "energy_loss": ("energy lost", "J"),
+_AXES = {
+    "position": ("coordinate",),
+    "velocity": ("speed",),
+    **dict.fromkeys(("gap", "closing_speed", "force"), ("gap_number",)),
 }
 
 
-def dataset(
-    states: SystemStates, contacts: dict[str, np.ndarray], status: str, reached: Array
-) -> xarray.Dataset:
-    """Return the states and contacts of a single run as a dataset. Raises ImportError without
-    xarray.
-    """
-    try:
-        import xarray
-    except ImportError as error:
-        raise ImportError(
-            "to_xarray needs xarray, which comes with `pip install 'jaxcontact[data]'`"
-        ) from error
-    arrays: dict[str, Any] = {}
-    for name, (axis, words, unit) in _STATES.items():
-        axes = ("time",) if axis is None else ("time", axis)
-        arrays[name] = (axes, np.asarray(getattr(states, name)), _attributes(words, unit))
-    for name, (words, unit) in _CONTACTS.items():
-        arrays[f"contact_{name}"] = (("contact",), contacts[name], _attributes(words, unit))
-    time = (("time",), np.asarray(states.time), _attributes("time", "s"))
-    return xarray.Dataset(arrays, {"time": time}, {"status": status, "reached": float(reached)})
-
-
-def _attributes(words: str, unit: str) -> dict[str, str]:
-    return {"long_name": words} | ({"units": unit} if unit else {})
-
-
-if TYPE_CHECKING:
-    import xarray
-
-
-class SystemContacts(eqx.Module):
+class SystemContacts(EventTable, eqx.Module):
     """The contacts of a run in the order of their touches, one for each row of the arrays (K,).
 
     - `gap`: its number among the gaps.
@@ -100,46 +81,15 @@ class SystemContacts(eqx.Module):
     energy_loss: Float[Array, " K"]
     valid: Bool[Array, " K"]
 
-    def __len__(self) -> int:
-        return self.time.shape[-1]
+    _events = "contact", "contacts"
 
-    def to_dict(self) -> dict[str, np.ndarray]:
-        """Return the columns of the valid rows as NumPy arrays by name. Raises ValueError for a
-        batch of runs.
-        """
-        keep = np.asarray(self.valid)
-        if keep.ndim != 1:
-            raise ValueError(
-                "The contacts must be those of one run, but are a batch of the shape "
-                f"{keep.shape[:-1]}; `jax.tree.map(lambda x: x[0], run)` takes the first run."
-            )
-        columns = {name: np.asarray(column)[keep] for name, column in vars(self).items()}
-        del columns["valid"]
-        return columns
-
-    def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
-        """Write the valid rows as CSV. `path` is an open file or a file name. A named file appears
-        whole or not at all. Raises ValueError for a batch of runs.
-        """
-        write_csv(self.to_dict(), path)
-
-    def __repr__(self) -> str:
-        if traced(self.time) or not eqx.is_array(self.time) or self.time.ndim != 1:
-            return f"SystemContacts({eqx.tree_pformat(self.time)})"
+    def _cells(self) -> dict[str, Iterable[str]]:
         columns = self.to_dict()
-        count = len(columns["time"])
-        header = ["touch/s", "gap", "closing/(m/s)", "e", "duration/s", "force/N", "lost/J"]
-        names = ("closing_speed", "restitution", "duration", "max_force", "energy_loss")
-        rows = [
-            [f"{columns['time'][k]:.9g}", str(columns["gap"][k])]
-            + [f"{columns[name][k]:.6g}" for name in names]
-            for k in range(count)
-        ]
-        lines = text_table(abridged(rows), header=header, indent=2, rule=True)
-        return "\n".join([f"{count} contact{'s' * (count != 1)}", *lines])
+        touch, gap = digits(columns["time"], 9), map(str, columns["gap"])
+        return {"touch/s": touch, "gap": gap, **cells_of_contacts(columns)}
 
 
-class SystemPhases(eqx.Module):
+class SystemPhases(EventTable, eqx.Module):
     """The phases in which closed contacts stick or slide, one for each row of the arrays (P,).
 
     - `gap`: its number among the gaps.
@@ -154,19 +104,14 @@ class SystemPhases(eqx.Module):
     direction: Int[Array, " P"]
     valid: Bool[Array, " P"]
 
-    def __len__(self) -> int:
-        return self.time.shape[-1]
+    _events = "phase", "phases"
 
-    def __repr__(self) -> str:
-        if traced(self.time) or not eqx.is_array(self.time) or self.time.ndim != 1:
-            return f"SystemPhases({eqx.tree_pformat(self.time)})"
-        keep = np.flatnonzero(np.asarray(self.valid))
+    def _cells(self) -> dict[str, Iterable[str]]:
+        columns = self.to_dict()
         words = {0: "sticks", 1: "slides forwards", -1: "slides backwards"}
-        rows = [
-            [f"{self.time[k]:.9g}", str(self.gap[k]), words[int(self.direction[k])]] for k in keep
-        ]
-        lines = text_table(abridged(rows), header=["start/s", "gap", "phase"], indent=2, rule=True)
-        return "\n".join([f"{len(keep)} phase{'s' * (len(keep) != 1)}", *lines])
+        phases = [words[int(direction)] for direction in columns["direction"]]
+        start, gap = digits(columns["time"], 9), map(str, columns["gap"])
+        return {"start/s": start, "gap": gap, "phase": phases}
 
 
 class SystemMargin(eqx.Module):
@@ -206,7 +151,7 @@ class SystemMargin(eqx.Module):
         return f"SystemMargin(time={shown(self.time)} s, closing_speed={speed} m/s{least})"
 
 
-class SystemRun(Flagged, eqx.Module):
+class SystemRun(WrittenAsCsv, Flagged, eqx.Module):
     """The motion of a mechanism, as `simulate` returns it.
 
     - `states`: `SystemStates` at the times asked for, the start and the end by default.
@@ -218,7 +163,8 @@ class SystemRun(Flagged, eqx.Module):
       the imbalance of the energy if that is larger.
 
     `at(times)` returns the states at any times. `final` holds time, position and velocity at the
-    end.
+    end. `to_csv` writes a row for each time: `time`, `energy` and `work`, then `position[k]`,
+    `velocity[k]`, `gap[k]`, `closing_speed[k]` and `force[k]`.
     """
 
     states: SystemStates
@@ -256,11 +202,8 @@ class SystemRun(Flagged, eqx.Module):
         time that a flagged run reached. Raises ValueError for non-numbers and for more than one
         axis.
         """
-        times = as_parameter(time, "time")
-        if times.ndim > 1:
-            raise refusal("time", "be a number or a list of numbers", time)
-        margin = self.margin
-        times = jnp.reshape(times, -1).astype(self.reached.dtype)
+        times, margin = as_times(time), self.margin
+        times = times.astype(self.reached.dtype)
         return read_states(margin._problem, margin._log, self.reached, margin._peak, times)
 
     def to_xarray(self) -> xarray.Dataset:
@@ -271,26 +214,22 @@ class SystemRun(Flagged, eqx.Module):
         `contact_`. Raises ImportError without xarray, which `pip install 'jaxcontact[data]'`
         installs. Raises ValueError for a batch of runs.
         """
-        status = Ending.names_of(self.status).replace("_", " ")
-        return dataset(self.states, self.contacts.to_dict(), status, self.reached)
+        arrays = {
+            name: (("time", *_AXES.get(name, ())), np.asarray(values))
+            for name, values in self.states._asdict().items()
+        }
+        coordinates = {"time": arrays.pop("time")}
+        for name, column in self.contacts.to_dict().items():
+            arrays[f"contact_{name}"] = ("contact",), column
+        words = Ending.names_of(self.status).replace("_", " ")
+        attributes = {"status": words, "reached": float(self.reached)}
+        return dataset(
+            arrays, coordinates, attributes, lambda name: quantity_attributes(*_MEANING[name])
+        )
 
-    def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
-        """Write a CSV table with a row for each time.
-
-        The columns are `time` in s, `energy` and `work` in J, then `position[k]`, `velocity[k]`,
-        `gap[k]` in m, `closing_speed[k]` in m/s and `force[k]` in N. `path` is an open file or a
-        file name. A named file appears whole or not at all. Raises ValueError for a batch of runs.
-        `contacts.to_csv` writes the contacts.
-        """
-        if self.time.ndim != 1:
-            raise ValueError(
-                f"The run must be a single one, but is a batch of the shape {self.time.shape[:-1]}."
-            )
-        columns = {name: np.asarray(getattr(self.states, name)) for name in _SINGLE}
-        for name in _SEVERAL:
-            values = np.asarray(getattr(self.states, name))
-            columns |= {f"{name}[{k}]": values[:, k] for k in range(values.shape[1])}
-        write_csv(columns, path)
+    def _columns(self) -> dict[str, np.ndarray]:
+        several = "position", "velocity", "gap", "closing_speed", "force"
+        return state_columns(self.states, ("time", "energy", "work", *several))
 
     def __repr__(self) -> str:
         lines = {
@@ -306,11 +245,8 @@ class SystemRun(Flagged, eqx.Module):
         plain = eqx.is_array(least) and not traced(least)
         if plain and np.any(np.asarray(least) <= 0):
             lines["painleve"] = f"{shown(least)}, soft contacts decide"
-        return "SystemRun\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
+        return in_lines("SystemRun", lines)
 
-
-_SINGLE = ("time", "energy", "work")
-_SEVERAL = ("position", "velocity", "gap", "closing_speed", "force")
 
 _growth: Any = quick(growth_of)
 read_states: Any = eqx.filter_jit(states_at)

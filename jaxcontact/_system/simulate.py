@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -28,7 +29,7 @@ from .._text.failure import checked
 from .._text.progress import TellRun
 from .mechanics import Mechanics, Vector, solve_mass
 from .problem import SystemLog, SystemProblem, SystemState
-from .reading import SystemStates, contacts_of, phases_of, reading_of, solved, solved_from_start
+from .reading import SystemStates, contacts_of, phases_of, reading_of, solved
 from .result import SystemContacts, SystemMargin, SystemPhases, SystemRun, read_states
 from .solve import SystemEnd, SystemRules
 from .start import StartChecks, require_shapes, require_start, start_of
@@ -199,7 +200,7 @@ _COMPILED: set[Any] = set()
 """The kinds of problems for which `_solved` is compiled."""
 
 _solved = eqx.filter_jit(solved)
-_from_start = eqx.filter_jit(solved_from_start)
+_from_start = eqx.filter_jit(functools.partial(solved, from_start=True))
 
 
 def _pieces(

@@ -106,6 +106,7 @@ def cases():
         *(drawn(name) for name in ("gaps", "forces")),
         drawn("phase", "zero: coordinate"),
         case("SystemContacts.to_csv", "NAME: path", lambda path: a_run().contacts.to_csv(path)),
+        case("SystemPhases.to_csv", "NAME: path", jc.SystemPhases(*[jnp.ones(1, bool)] * 4).to_csv),
         mechanism("double_pendulum", "", "NOTHING: masses lengths angles; REAL: gravity wall"),
         mechanism(
             "slider_crank",

@@ -79,18 +79,13 @@ def test_impacts_as_a_data_frame(run):
 def test_csv(run, tmp_path):
     run.to_csv(tmp_path / "run.csv")
     run.impacts.to_csv(tmp_path / "impacts.csv")
-    with open(tmp_path / "run.csv", newline="") as file:
-        head, *rows = csv.reader(file)
-    names = [
-        f"{name}[{k},{d}]" for name in ("position", "velocity") for k in (0, 1) for d in (0, 1)
-    ]
-    assert head == ["time", "energy", *names]
-    numbers = np.array(rows, float)
-    np.testing.assert_array_equal(numbers[:, 0], run.time)
-    np.testing.assert_array_equal(numbers[:, 2:6], run.position.reshape(5, 4))
-    np.testing.assert_array_equal(numbers[:, 6:], run.velocity.reshape(5, 4))
-    with open(tmp_path / "impacts.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
+    head, *rows = csv.reader((tmp_path / "run.csv").read_text().splitlines())
+    places = ("[0,0]", "[0,1]", "[1,0]", "[1,1]")
+    assert head == ["time", "energy", *(x + k for x in ("position", "velocity") for k in places)]
+    fields = run.time, run.energy, run.position, run.velocity
+    numbers = np.hstack([x.reshape(5, -1) for x in fields])
+    np.testing.assert_array_equal(np.array(rows, float), numbers)
+    rows = list(csv.DictReader((tmp_path / "impacts.csv").read_text().splitlines()))
     assert [row["second_name"] for row in rows] == ["floor, wooden"] * 2
     np.testing.assert_array_equal([float(row["time"]) for row in rows], run.impacts.time)
 

@@ -203,10 +203,8 @@ def test_pickles(table):
 
 
 def test_csv(table, tmp_path):
-    path = tmp_path / "table.csv"
-    table.to_csv(path)
-    with open(path, newline="") as file:
-        rows = list(csv.DictReader(file))
+    table.to_csv(tmp_path / "table.csv")
+    rows = list(csv.DictReader((tmp_path / "table.csv").read_text().splitlines()))
     assert len(rows) == 30
     assert list(rows[0])[:3] == ["e", "v", "restitution"]
     columns = {name: table[name] for name in ("restitution", "duration", "max_force")}
@@ -214,6 +212,12 @@ def test_csv(table, tmp_path):
         column = np.array([float(row[name]) for row in rows]).reshape(table.shape)
         np.testing.assert_array_equal(column, np.broadcast_to(expected, table.shape))
     assert [row["status"] for row in rows[:3]] == ["SEPARATED", "SEPARATED", "INVALID_INPUT"]
+
+
+def test_csv_numbers_every_status_if_one_has_no_name(tmp_path):
+    table = jc.sweep(lambda x: {"status": jnp.where(x < 2, 0, 7)}, x=np.arange(4.0))
+    table.to_csv(tmp_path / "x.csv")
+    assert (tmp_path / "x.csv").read_text() == "x,status\n0.0,0\n1.0,0\n2.0,7\n3.0,7\n"
 
 
 def test_csv_of_samples_with_own_shapes(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import equinox as eqx
 from jaxtyping import Array, Float, Int
 
+from ..._text.columns import in_lines
 from ..._text.failure import Flagged, WordedEnum
 from ..._text.units import quantity
 from ..result import Impact, Status, show
@@ -69,5 +70,4 @@ class ObliqueImpact(Flagged, eqx.Module):
         texts["restitution"] = show(self.normal.restitution)
         texts["slip"] = Slip.names_of(self.slip)
         texts["status"] = Status.names_of(self.status)
-        lines = (f"  {name:<20}{text}" for name, text in texts.items())
-        return "\n".join([f"ObliqueImpact by method {self.method!r}", *lines])
+        return in_lines(f"ObliqueImpact by method {self.method!r}", texts, 20)

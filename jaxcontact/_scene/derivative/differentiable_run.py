@@ -5,6 +5,7 @@ which is replayed.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -47,36 +48,31 @@ def differentiable_run(
             outcome = _shorten(outcome)
         return Found((arrays, outcome), (rules, _is_by_formula(outcome)))
 
+    def record_of(scene: RunInputs, found: Found) -> RunRecord:
+        layout, numbers, _, last, tolerance = scene
+        ended = rules if found.choice is None else found.choice[0]
+        return RunRecord(layout, numbers, ended, tolerance, found.value[1], last, last)
+
+    def changes(record: RunRecord, moved: Numbers, figures: LogNumbers) -> tuple[Any, LoopOutcome]:
+        still: LoopOutcome = jax.tree.map(lambda _: None, record.outcome)
+        return moved, still._replace(log=still.log._replace(figures=figures))
+
     def slopes(scene: RunInputs, found: Found) -> Callable[[Any], Any]:
-        rules, by_formula = found.choice
-        layout, numbers, _, _, tolerance = scene
-        _, outcome = found.value
-        if traced(outcome.written):
+        record = record_of(scene, found)
+        if traced(record.outcome.written):
             # A `vmap` over tangents alone, between two derivatives, turns everything into tracers.
             return lambda along: along_with(scene, found, along)
-        parts = (layout, rules, numbers, outcome.log, *_kinds(outcome), tolerance)
-        traced_parts = numbers, outcome, derived(_matrices, by_formula, *parts)
-        data, static = eqx.partition(traced_parts, eqx.is_array)
+        chained = record, derived(_matrices, found.choice[1], record, *_kinds(record.outcome))
+        data, static = eqx.partition(chained, eqx.is_array)
         leaves, structure = jax.tree.flatten(static)
-        map = Map(_chain, (layout, rules, tuple(leaves), structure))
-
-        def move(along: RunInputs) -> tuple[Numbers, LoopOutcome]:
-            still: LoopOutcome = jax.tree.map(lambda _: None, outcome)
-            like = eqx.filter(numbers, eqx.is_inexact_array), outcome.log.figures
-            moved, figures = map(data, along[1], like)
-            return moved, still._replace(log=still.log._replace(figures=figures))
-
-        return move
+        map = Map(_chain, (tuple(leaves), structure))
+        like = eqx.filter(record.numbers, eqx.is_inexact_array), record.log.figures
+        return lambda along: changes(record, *map(data, along[1], like))
 
     def along_with(scene: RunInputs, found: Found, along: RunInputs) -> tuple[Numbers, LoopOutcome]:
-        layout, numbers, _, _, tolerance = scene
-        _, outcome = found.value
-        ended = rules if found.choice is None else found.choice[0]
-        still: LoopOutcome = jax.tree.map(lambda _: None, outcome)
-        rows = (outcome.log, outcome.written, tolerance)
-        moved = _whole(along[1], numbers)
-        figures = _pushed(layout, ended, numbers, *rows, moved)
-        return moved, still._replace(log=still.log._replace(figures=figures))
+        record = record_of(scene, found)
+        moved = _whole(along[1], record.numbers)
+        return changes(record, moved, _pushed(record, moved))
 
     found = outside(find, slopes, along_with, inputs)
     arrays, outcome = found.value
@@ -87,11 +83,11 @@ def differentiable_run(
 _pushed = eqx.filter_jit(push_tangents)
 
 
-def row_matrices(record: RunRecord) -> tuple[LoopOutcome, Matrices]:
-    """Return the outcome of a single run as a gradient uses it, and the matrices of its rows."""
+def row_matrices(record: RunRecord) -> tuple[RunRecord, Matrices]:
+    """Return a single run as a gradient uses it, and the matrices of its rows."""
     outcome = _shorten(record.outcome)
-    parts = (record.layout, record.rules, record.numbers, outcome.log, *_kinds(outcome))
-    return outcome, _matrices(None, _is_by_formula(outcome), *parts, record.tolerance)
+    record = dataclasses.replace(record, outcome=outcome)
+    return record, _matrices(None, _is_by_formula(outcome), record, *_kinds(outcome))
 
 
 def _is_by_formula(outcome: LoopOutcome) -> bool:
@@ -139,12 +135,10 @@ def _matrices(choice: None, by_formula: bool, *inputs: Any) -> Matrices:
 
 
 def _chain(static: Any, data: Any, along: Numbers) -> tuple[Numbers, LogNumbers]:
-    layout, rules, leaves, structure = static
-    numbers, outcome, matrices = eqx.combine(data, jax.tree.unflatten(structure, leaves))
-    along = _whole(along, numbers)
-    return along, chain_matrices(
-        layout, rules, numbers, outcome.log, outcome.written, matrices, along
-    )
+    leaves, structure = static
+    record, matrices = eqx.combine(data, jax.tree.unflatten(structure, leaves))
+    along = _whole(along, record.numbers)
+    return along, chain_matrices(record, matrices, along)
 
 
 def _whole(along: Numbers, numbers: Numbers) -> Numbers:

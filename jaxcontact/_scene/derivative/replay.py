@@ -16,17 +16,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from ..._coupled.modes import Flag, Index, Number
+from ..._coupled.modes import Flag, Index
 from ..._coupled.rows import rows_of, with_rows
-from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.arrays import Numbers
 from ..arrays.flight import Flying, where_each
 from ..cluster.equations import ClusterState
 from ..engine.cluster_slots import index_of, rearrange, slot_pairs
-from ..engine.log import ClusterNumbers, Log, LogDecisions, LogNumbers
-from ..engine.state import Rules
+from ..engine.log import ClusterNumbers, LogDecisions, LogNumbers, RunRecord
 from ..pair_impact.instantaneous import ImpactOutcome
 from ..pair_impact.rolling import flying_at_start
-from .slopes import Done, Entering, Matrices, flat, row_call, row_hit, row_numbers, two_of, unflat
+from .slopes import Done, Entering, Matrices, flat, row_function, row_numbers, two_of, unflat
 
 
 class _ReplayedRow(NamedTuple):
@@ -38,76 +37,49 @@ class _ReplayedRow(NamedTuple):
     slot: Index
 
 
-class _Ways(NamedTuple):
-    """The maps of tangents through a row; None if there are no such rows. `hit` maps the tangents
-    of the bodies before an impact to those of its outcome. `call` maps those of a call's input to
-    its output.
-    """
-
-    hit: Callable[[_ReplayedRow, Flying], ImpactOutcome] | None
-    call: Callable[[_ReplayedRow, Entering], Done] | None
+_Way = Callable[[_ReplayedRow, Any], Any]
+"""A map of the tangents before a row to those of its outcome."""
 
 
-def push_tangents(
-    layout: SceneLayout,
-    rules: Rules,
-    numbers: Numbers,
-    log: Log,
-    written: Index,
-    tolerance: Number,
-    along: Numbers,
-) -> LogNumbers:
+def push_tangents(record: RunRecord, along: Numbers) -> LogNumbers:
     """Return the tangents of the figures; each row is solved again for its own."""
-    leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
+    leaves, rest = eqx.partition(record.numbers, eqx.is_inexact_array)
 
-    def hit(row: _ReplayedRow, before: Flying) -> ImpactOutcome:
-        strike, place = row_hit(layout, rules, *row[:3], tolerance)
+    def way(is_call: bool) -> _Way:
+        def moved(row: _ReplayedRow, entering: Any) -> Any:
+            solve, place, _ = row_function(record, *row[:3], is_call)
 
-        def of(leaves: Any, before: Flying) -> ImpactOutcome:
-            return strike(eqx.combine(leaves, rest), before)
+            def of(leaves: Any, entering: Any) -> Any:
+                return solve(eqx.combine(leaves, rest), entering)
 
-        return jax.jvp(of, (leaves, place), (along, before))[1]
+            return jax.jvp(of, (leaves, place), (along, entering))[1]
 
-    def coupled(row: _ReplayedRow, entering: Entering) -> Done:
-        solve, place = row_call(layout, rules, *row[:3], tolerance)
+        return moved
 
-        def of(leaves: Any, entering: Entering) -> Done:
-            return solve(eqx.combine(leaves, rest), entering)
-
-        return jax.jvp(of, (leaves, place), (along, entering))[1]
-
-    ways = _Ways(hit, None if log.facts.call is None else coupled)
-    slot = jnp.arange(log.facts.tied.shape[0])
-    return _chain(layout, rules, numbers, log, written, along, ways, slot)
+    slot = jnp.arange(record.log.facts.tied.shape[0])
+    has_calls = record.log.facts.call is not None
+    return _chain(record, along, way(False), way(True) if has_calls else None, slot)
 
 
-def chain_matrices(
-    layout: SceneLayout,
-    rules: Rules,
-    numbers: Numbers,
-    log: Log,
-    written: Index,
-    matrices: Matrices,
-    along: Numbers,
-) -> LogNumbers:
+def chain_matrices(record: RunRecord, matrices: Matrices, along: Numbers) -> LogNumbers:
     """Return the tangents of the figures by the matrices of the rows."""
-    hits, calls = matrices.hits, matrices.calls
+    layout = record.layout
 
     def hit(row: _ReplayedRow, before: Flying) -> ImpactOutcome:
-        assert hits is not None
+        assert matrices.hits is not None
         start = flat((row_numbers(layout, along, two_of(layout, row.facts)), before))
-        return unflat(hits[row.slot] @ start, row.values.outcome)
+        return unflat(matrices.hits[row.slot] @ start, row.values.outcome)
 
     def coupled(row: _ReplayedRow, entering: Entering) -> Done:
         called, at = row.facts.call, row.values.coupled
-        assert calls is not None and called is not None and at is not None
+        assert matrices.calls is not None and called is not None and at is not None
         start = flat((row_numbers(layout, along, index_of(layout, called.decided.seats)), entering))
         place = entering.spheres.position
         like = Done(at.began, at.end, at.work, place, at.turning, at.rubbed)
-        return unflat(calls[row.slot] @ start, like)
+        return unflat(matrices.calls[row.slot] @ start, like)
 
-    ways = _Ways(None if hits is None else hit, None if calls is None else coupled)
-    return _chain(layout, rules, numbers, log, written, along, ways, matrices.slot)
+    ways = None if matrices.hits is None else hit, None if matrices.calls is None else coupled
+    return _chain(record, along, *ways, matrices.slot)
 
 
 class _Tangents(NamedTuple):
@@ -119,24 +91,22 @@ class _Tangents(NamedTuple):
 
 
 def _chain(
-    layout: SceneLayout,
-    rules: Rules,
-    numbers: Numbers,
-    log: Log,
-    written: Index,
-    along: Numbers,
-    ways: _Ways,
-    slot: Int[Array, " K"],
+    record: RunRecord, along: Numbers, hit: _Way | None, call: _Way | None, slot: Int[Array, " K"]
 ) -> LogNumbers:
+    """Return the tangents of the figures by the maps of isolated impacts and of calls; None if
+    there are no such rows.
+    """
+    layout, members = record.layout, record.rules.members
+
     def impact(carry: _Tangents, row: _ReplayedRow) -> tuple[_Tangents, LogNumbers]:
-        assert ways.hit is not None
+        assert hit is not None
         values, facts, counts, _ = row
         first, second = facts.choice.first, jnp.minimum(facts.choice.second, layout.spheres - 1)
         is_sphere = facts.choice.second < layout.spheres
         who = jnp.stack([first, jnp.where(is_sphere, second, first)])
         before = rows_of(carry.spheres, who)
         outcome, before = jax.tree.map(
-            lambda x: jnp.where(counts, x, jnp.zeros_like(x)), (ways.hit(row, before), before)
+            lambda x: jnp.where(counts, x, jnp.zeros_like(x)), (hit(row, before), before)
         )
 
         rows = jnp.stack([counts, counts & is_sphere])
@@ -146,16 +116,15 @@ def _chain(
         return carry._replace(spheres=moved), LogNumbers(before, outcome, together)
 
     def together(carry: _Tangents, row: _ReplayedRow) -> tuple[_Tangents, LogNumbers]:
-        assert ways.call is not None and carry.coupled is not None
-        values, members = row.values, rules.members
-        called, at = row.facts.call, values.coupled
+        assert call is not None and carry.coupled is not None
+        called, values, at = row.facts.call, row.values, row.values.coupled
         assert called is not None and at is not None
         seats = called.decided.seats
         who, index = jnp.minimum(seats.who, layout.spheres - 1), index_of(layout, seats)
         # In the slots of this call; before it they may have held other bodies.
         before = rearrange(carry.coupled, called.decided.change, members)
         spheres, held = rows_of((carry.spheres, carry.held), who)
-        done = ways.call(row, Entering(spheres, held, before))
+        done = call(row, Entering(spheres, held, before))
         began, end, work = done.began, done.end, done.work
 
         time, velocity = jnp.broadcast_to(end.time, (members,)), end.velocity[:members]
@@ -177,31 +146,27 @@ def _chain(
         return carry, jax.tree.map(jnp.zeros_like, row.values)
 
     def pass_row(carry: _Tangents, row: _ReplayedRow) -> tuple[_Tangents, LogNumbers]:
-        other = nothing if ways.hit is None else impact
-        if ways.call is None:
+        other = nothing if hit is None else impact
+        if call is None:
             return other(carry, row)
         assert row.facts.call is not None
         is_call = row.facts.call.is_call & row.counts
         this, that = row._replace(counts=is_call), row._replace(counts=row.counts & ~is_call)
         return jax.lax.cond(is_call, lambda: together(carry, this), lambda: other(carry, that))
 
-    rows = _ReplayedRow(*log, jnp.arange(log.facts.tied.shape[0]) < written, slot)
-    return jax.lax.scan(pass_row, _initial_tangents(layout, numbers, log, along), rows)[1]
+    rows = _ReplayedRow(*record.log, record.counts, slot)
+    return jax.lax.scan(pass_row, _initial_tangents(record, along), rows)[1]
 
 
-def _start_of_spheres(layout: SceneLayout, numbers: Numbers, along: Numbers) -> Flying:
-    """Return the tangents of all spheres at the start of a run."""
+def _initial_tangents(record: RunRecord, along: Numbers) -> _Tangents:
+    layout, numbers, log = record.layout, record.numbers, record.log
     leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
 
-    def of(leaves: Any) -> Flying:
+    def begun(leaves: Any) -> Flying:
         return flying_at_start(layout, eqx.combine(leaves, rest))
 
-    return jax.jvp(of, (leaves,), (along,))[1]
-
-
-def _initial_tangents(layout: SceneLayout, numbers: Numbers, log: Log, along: Numbers) -> _Tangents:
+    start = jax.jvp(begun, (leaves,), (along,))[1]
     held = jnp.zeros(layout.spheres, along.position.dtype)
-    start = _start_of_spheres(layout, numbers, along)
     coupled = None
     if log.figures.coupled is not None:
         coupled = jax.tree.map(lambda x: jnp.zeros_like(x[0]), log.figures.coupled.end)

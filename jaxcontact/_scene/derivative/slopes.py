@@ -15,19 +15,18 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from ..._coupled.modes import Flag, Number
+from ..._coupled.modes import Flag
 from ..._coupled.rows import rows_of
 from ..arrays.arrays import Numbers, SceneLayout
 from ..arrays.flight import Flying
-from ..arrays.movers import Rotation, Turning
+from ..arrays.movers import Turning
 from ..cluster.equations import ClusterState
 from ..cluster.solve import MOST_STEPS
 from ..engine.cluster_slots import in_place, index_of, slot_pairs
 from ..engine.coupled import as_flags, as_numbers, call, walls_under, work_of_walls
 from ..engine.event_queue import in_branch
-from ..engine.log import Log, LogDecisions, LogNumbers
+from ..engine.log import LogDecisions, LogNumbers, RunRecord
 from ..engine.rest_on_walls import rest_on_walls
-from ..engine.state import Rules
 from ..pair_impact.instantaneous import ImpactOutcome, hit, two_that_meet
 from ..pair_impact.rolling import or_roll, with_friction_at_rest
 from ..pair_impact.soft import soft
@@ -54,25 +53,38 @@ class Entering(NamedTuple):
     before: ClusterState
 
 
-def row_hit(
-    layout: SceneLayout,
-    rules: Rules,
+def row_function(
+    record: RunRecord,
     values: LogNumbers,
     facts: LogDecisions,
     counts: Flag,
-    tolerance: Number,
+    is_call: bool,
     by_formula: bool = False,
+) -> tuple[Callable[[Numbers, Any], Any], Any, Int[Array, " M"]]:
+    """Return a row as a function of the numbers of the scene and of its input; this input, and the
+    spheres of the row, N or more where there is none.
+    """
+    if is_call:
+        assert facts.call is not None
+        who = index_of(record.layout, facts.call.decided.seats)
+        return *_row_call(record, values, facts, counts), who
+    return *_row_hit(record, values, facts, counts, by_formula), two_of(record.layout, facts)
+
+
+def _row_hit(
+    record: RunRecord, values: LogNumbers, facts: LogDecisions, counts: Flag, by_formula: bool
 ) -> tuple[Callable[[Numbers, Flying], ImpactOutcome], Flying]:
     """Return the impact of a row as a function, and the bodies before it. Rows without an impact
     use two approaching bodies.
     """
+    layout, rules = record.layout, record.rules
     choice = facts.choice
     place = two_that_meet(layout, choice.time)
     before = jax.tree.map(lambda a, b: jnp.where(counts, a, b), values.before, place)
 
     def strike(numbers: Numbers, before: Flying) -> ImpactOutcome:
         if rules.soft:
-            outcome = soft(layout, numbers, before, choice, tolerance, counts, by_formula)
+            outcome = soft(layout, numbers, before, choice, record.tolerance, counts, by_formula)
         else:
             outcome = hit(layout, numbers, before, choice)
         if layout.frictions is None:
@@ -83,15 +95,11 @@ def row_hit(
     return strike, before
 
 
-def row_call(
-    layout: SceneLayout,
-    rules: Rules,
-    values: LogNumbers,
-    facts: LogDecisions,
-    counts: Flag,
-    tolerance: Number,
+def _row_call(
+    record: RunRecord, values: LogNumbers, facts: LogDecisions, counts: Flag
 ) -> tuple[Callable[[Numbers, Entering], Done], Entering]:
     """Return the call of a row as a function, and its input."""
+    layout, rules = record.layout, record.rules
     row, at, members = facts.call, values.coupled, rules.members
     assert row is not None and at is not None
     # The time of rest, and that of the last step, depend on rounding. This solve would stop at
@@ -108,7 +116,7 @@ def row_call(
         spheres, held, before = entering
         began, done = call(
             layout, numbers, members, spheres, row.support, held, as_flags(before),
-            decided.where(counts), tolerance, rules.v0, max_steps=2 * MOST_STEPS,
+            decided.where(counts), record.tolerance, rules.v0, max_steps=2 * MOST_STEPS,
         )  # fmt: skip
         on_wall = (at.end.closed > 0.5) & row.rest & (slot_pairs(layout, members)[1] >= members)
         support = walls_under(layout, members, on_wall)
@@ -128,87 +136,73 @@ def two_of(layout: SceneLayout, facts: LogDecisions) -> Int[Array, "2"]:
 
 
 class RowNumbers(NamedTuple):
-    """The numbers of a scene on which a row depends. These are the numbers of its spheres, and
-    shared ones: walls, gravity, laws. The positions of shaken fixed spheres are also shared. The
-    numbers of rotation are None without friction.
+    """The numbers of a scene on which a row depends. `own` are those of its spheres, one array for
+    each of `_by_body`. Others are shared: `walls` for the same arrays, the positions of `shaken`
+    fixed spheres, and the `rest`, such as gravity and laws.
     """
 
-    radius: Float[Array, " M"]
-    inverse_mass: Float[Array, " M"]
-    compliance: Float[Array, " M"] | None
-    of_walls: Float[Array, " W"] | None
+    own: list[Float[Array, " M"] | None]
+    walls: list[Float[Array, " W"] | None]
     shaken: Float[Array, "K D"] | None
-    inverse_inertia: Float[Array, " M"] | None
-    shear: tuple[Float[Array, " M"], Float[Array, " W"]] | None
     rest: Numbers
+
+
+def _by_body(numbers: Numbers) -> list[Any]:
+    """Return the arrays with a number for each sphere, most also for each wall; None if missing."""
+    rotation = numbers.rotation
+    turns = [] if rotation is None else [rotation.inverse_inertia, rotation.shear_compliance]
+    return [numbers.radius, numbers.inverse_mass, numbers.compliance, *turns]
+
+
+_VARY_BY_WALL = False, False, True, False, True
+"""For the arrays of `_by_body`, if the numbers of walls vary: the compliances do."""
+
+
+def _without_bodies(numbers: Numbers) -> Numbers:
+    """Return the floats that belong to no sphere."""
+    floats, rotation = eqx.filter(numbers, eqx.is_inexact_array), numbers.rotation
+    blank: dict[str, Any] = dict.fromkeys(
+        ("position", "velocity", "radius", "inverse_mass", "compliance", "start")
+    )
+    if rotation is not None:
+        turns = dict.fromkeys(("spin", "inverse_inertia", "shear_compliance"))
+        blank["rotation"] = dataclasses.replace(floats.rotation, **turns)
+    return dataclasses.replace(floats, **blank)
 
 
 def row_numbers(layout: SceneLayout, numbers: Numbers, who: Int[Array, " M"]) -> RowNumbers:
     """Return the numbers of some spheres; zeros for empty slots."""
 
-    def at(all: Array) -> Array:
-        return all.at[who].get(mode="fill", fill_value=0)
+    def at(all: Array | None) -> Array | None:
+        return None if all is None else all[:spheres].at[who].get(mode="fill", fill_value=0)
 
-    compliance, shaken = numbers.compliance, None
+    spheres, shaken, columns = layout.spheres, None, _by_body(numbers)
     if layout.shaken:
         shaken = numbers.position[jnp.asarray(layout.shaken)]
-    spheres, rotation = layout.spheres, numbers.rotation
-    shear = None if rotation is None else rotation.shear_compliance
-    return RowNumbers(
-        at(numbers.radius),
-        at(numbers.inverse_mass[:spheres]),
-        None if compliance is None else at(compliance[:spheres]),
-        None if compliance is None else compliance[spheres:],
-        shaken,
-        None if rotation is None else at(rotation.inverse_inertia[:spheres]),
-        None if shear is None else (at(shear[:spheres]), shear[spheres:]),
-        dataclasses.replace(
-            eqx.filter(numbers, eqx.is_inexact_array),
-            position=None, velocity=None, radius=None, inverse_mass=None, compliance=None,
-            start=None, rotation=_shared(rotation),
-        ),
-    )  # fmt: skip
-
-
-def _shared(rotation: Rotation | None) -> Rotation | None:
-    """Return the numbers of friction that belong to no sphere."""
-    if rotation is None:
-        return None
-    floats = eqx.filter(rotation, eqx.is_inexact_array)
-    return dataclasses.replace(floats, spin=None, inverse_inertia=None, shear_compliance=None)
+    walls = [
+        all[spheres:] if varies and all is not None else None
+        for all, varies in zip(columns, _VARY_BY_WALL, strict=False)
+    ]
+    return RowNumbers(list(map(at, columns)), walls, shaken, _without_bodies(numbers))
 
 
 def with_own(
     layout: SceneLayout, numbers: Numbers, who: Int[Array, " M"], own: RowNumbers
 ) -> Numbers:
     """Return the numbers of a scene with those of a row inserted."""
-
-    def put(all: Array, new: Array) -> Array:
-        return all.at[who].set(new, mode="drop", unique_indices=True)
-
-    spheres, position, compliance = layout.spheres, numbers.position, numbers.compliance
+    spheres, position = layout.spheres, numbers.position
     if own.shaken is not None:
         position = position.at[jnp.asarray(layout.shaken)].set(own.shaken)
-    inverse = numbers.inverse_mass
-    inverse = jnp.concatenate([put(inverse[:spheres], own.inverse_mass), inverse[spheres:]])
-    if compliance is not None and own.compliance is not None and own.of_walls is not None:
-        compliance = jnp.concatenate([put(compliance[:spheres], own.compliance), own.of_walls])
-    rotation = numbers.rotation
-    if rotation is not None and own.inverse_inertia is not None:
-        turns, shear = rotation.inverse_inertia, rotation.shear_compliance
-        turns = jnp.concatenate([put(turns[:spheres], own.inverse_inertia), turns[spheres:]])
-        if shear is not None and own.shear is not None:
-            shear = jnp.concatenate([put(shear[:spheres], own.shear[0]), own.shear[1]])
-        rotation = dataclasses.replace(rotation, inverse_inertia=turns, shear_compliance=shear)
-    kept = dataclasses.replace(
-        numbers,
-        position=position,
-        radius=put(numbers.radius, own.radius),
-        inverse_mass=inverse,
-        compliance=compliance,
-        rotation=rotation,
-    )
-    return eqx.combine(own.rest, kept)
+
+    def put(all: Array | None, mine: Array | None, walls: Array | None) -> Array | None:
+        if all is None or mine is None:
+            return all
+        new = all[:spheres].at[who].set(mine, mode="drop", unique_indices=True)
+        return jnp.concatenate([new, all[spheres:] if walls is None else walls])
+
+    columns = map(put, _by_body(numbers), own.own, own.walls)
+    kept = eqx.tree_at(_by_body, numbers, list(columns), is_leaf=lambda leaf: leaf is None)
+    return eqx.combine(own.rest, dataclasses.replace(kept, position=position))
 
 
 class Matrices(NamedTuple):
@@ -252,27 +246,17 @@ class Kept(NamedTuple):
 
 
 def matrices(
-    layout: SceneLayout,
-    rules: Rules,
-    numbers: Numbers,
-    log: Log,
+    record: RunRecord,
     hits: Kept | None,
     calls: Kept | None,
     slot: Int[Array, " K"],
-    tolerance: Number,
     by_formula: bool,
 ) -> Matrices:
     """Return the matrices of all rows, each with respect to its own inputs."""
+    layout, numbers = record.layout, record.numbers
 
     def of(values: LogNumbers, facts: LogDecisions, counts: Array, is_call: bool) -> Array:
-        entry: Any
-        if is_call:
-            row, entry = row_call(layout, rules, values, facts, counts, tolerance)
-            assert facts.call is not None
-            who = index_of(layout, facts.call.decided.seats)
-        else:
-            row, entry = row_hit(layout, rules, values, facts, counts, tolerance, by_formula)
-            who = two_of(layout, facts)
+        row, entry, who = row_function(record, values, facts, counts, is_call, by_formula)
         start, unravel = ravel_pytree(_without_flags((row_numbers(layout, numbers, who), entry)))
 
         def outcome(vector: Array) -> Array:
@@ -290,7 +274,7 @@ def matrices(
             return None
 
         def matrix_of_row(k: Array, counts: Array) -> Array:
-            values, facts = rows_of(log, k)
+            values, facts = rows_of(record.log, k)
             return in_branch(counts, lambda: of(values, facts, counts, is_call))
 
         return jax.lax.map(lambda rows: matrix_of_row(*rows), kept)

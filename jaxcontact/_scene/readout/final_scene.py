@@ -15,8 +15,7 @@ from ..engine.log import RunRecord
 from ..engine.state import Coupling
 from ..pair_impact.friction import is_followed
 from ..resume import Contacts, Start, Underway
-from .inside_contacts import Entries
-from .states import last_impacts
+from .states import Entries, last_impacts
 
 
 @quick

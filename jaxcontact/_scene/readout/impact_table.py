@@ -25,18 +25,22 @@ from ..result import Ending, Impacts, SolvedBy, nan_unless
 
 def table_of(
     record: RunRecord, status: Index, rows: int | None
-) -> tuple[Impacts, tuple[Array, Array], Index]:
+) -> tuple[Impacts, tuple[Array, Array], Index, Array | None]:
     """Return the impacts in order of time, without names, padded to `rows`.
 
     The second value holds the smallest time between rivals and the smallest closing speed, see
-    `Margin`. The third is the number of impacts. Without `rows` there is one row for every row of
-    the log and every pair of a coupled solve.
+    `Margin`. The third is the number of impacts, the fourth the energy in J that friction takes in
+    coupled contacts that are not in the table. Without `rows` there is one row for every row of the
+    log and every pair of a coupled solve.
     """
-    table, layout = _isolated_impacts(record), record.layout
-    if record.calls is not None:
-        table = jax.tree.map(
-            lambda *parts: jnp.concatenate(parts), table, _coupled_contacts(record)
-        )
+    table, layout, beside = _isolated_impacts(record), record.layout, None
+    if record.calls is not None and record.log.figures.coupled is not None:
+        contacts, together = _coupled_contacts(record), record.log.figures.coupled
+        table = jax.tree.map(lambda *parts: jnp.concatenate(parts), table, contacts)
+        if together.end.rubbing is not None:
+            listed = jnp.where(contacts.valid, together.end.rubbing.taken.reshape(-1), 0)
+            taken = jnp.sum(jnp.where(record.counts, together.rubbed, 0))
+            beside = taken - jnp.sum(listed)
     total = jnp.sum(table.valid)
     order = jnp.argsort(jnp.where(table.valid, table.time, jnp.inf), stable=True)[:rows]
     table = rows_of(table, order)
@@ -58,7 +62,7 @@ def table_of(
     nearest = jnp.min(rival, initial=jnp.inf)
     slowest = jnp.min(jnp.where(usable, table.closing_speed, jnp.inf), initial=jnp.inf)
     impacts = jax.tree.map(flag, table)
-    return impacts, (nearest, slowest), total
+    return impacts, (nearest, slowest), total, beside
 
 
 def _began_in(together: ClusterNumbers, counts: Bool[Array, " K"]) -> Int[Array, "K P"]:
@@ -125,15 +129,6 @@ def _isolated_impacts(record: RunRecord) -> Impacts:
     )  # fmt: skip
 
 
-def taken_beside(record: RunRecord) -> Array:
-    """Return the energy in J that friction takes in coupled contacts that are not in the table."""
-    together = record.log.figures.coupled
-    assert together is not None and together.end.rubbing is not None
-    every, counted = _coupled_contacts(record), together.end.rubbing.taken.reshape(-1)
-    total = jnp.sum(jnp.where(record.counts, together.rubbed, 0))
-    return total - jnp.sum(jnp.where(every.valid, counted, 0))
-
-
 def _coupled_contacts(record: RunRecord) -> Impacts:
     """Return the contacts that ended or came to rest in coupled solves, without lasting rest."""
     layout, numbers, is_call = record.layout, record.numbers, record.calls
@@ -175,23 +170,10 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
         sliding = speeds_of(at_touch, at_end)
     shape = opened.shape
     nothing = jnp.zeros(shape, numbers.dtype)
+    doubt = _doubt(together, is_call, since) / closing
+    stays = (rests | lasts) & ~_was_at_rest(layout, numbers, called, together, since)
     columns = Impacts(
-        end.since,
-        body,
-        other,
-        other,
-        end.latched,
-        e,
-        duration,
-        end.max_force,
-        lost,
-        nothing,
-        way,
-        _doubt(together, is_call, since) / closing,
-        jnp.zeros(shape, bool),
-        counts
-        & (opened | ((rests | lasts) & ~_was_at_rest(layout, numbers, called, together, since))),
-        (),
-        *sliding,
-    )
+        end.since, body, other, other, end.latched, e, duration, end.max_force, lost, nothing, way,
+        doubt, jnp.zeros(shape, bool), counts & (opened | stays), (), *sliding,
+    )  # fmt: skip
     return jax.tree.map(lambda x: x.reshape(-1), columns)

@@ -22,7 +22,7 @@ from ..derivative.slopes import Matrices
 from ..engine.log import Log, LogNumbers, RunRecord
 from ..engine.state import Rules
 from ..result import Ending, nan_unless, traced
-from .states import any_inside, kinematics_at, kinematics_in_log
+from .states import any_inside, kinematics_at
 
 _MOST = 24
 """The largest number of directions in the bidiagonalisation."""
@@ -78,8 +78,7 @@ def _growth(record: RunRecord) -> Array:
         coupled = call is not None and bool(np.any(np.asarray(call.is_call)))
         inside = inside and bool(jnp.any(_each(_ends_inside, record)))
         if record.length.ndim == 0:
-            outcome, matrices = row_matrices(record)
-            record = dataclasses.replace(record, outcome=outcome)
+            record, matrices = row_matrices(record)
     if not coupled and matrices is None:
         figures, facts = record.log
         log = Log(figures._replace(coupled=None), facts._replace(call=None))
@@ -128,16 +127,15 @@ def _largest(record: RunRecord, inside: bool, matrices: Matrices | None) -> Arra
         outcome = record.outcome._replace(log=log._replace(figures=figures))
         there = eqx.combine(floats, numbers)
         varied, at = dataclasses.replace(record, numbers=there, outcome=outcome), end[None]
-        states = kinematics_at(varied, at) if inside else kinematics_in_log(varied, at)[0]
+        states = kinematics_at(varied, at, inside)[0]
         return jnp.stack([states.position[0, free], states.velocity[0, free] * end])
 
     def moved(change: Array) -> Array:
         floats, along = jax.jvp(begun, (start,), (change,))
-        of_rows = (layout, record.rules, numbers, log, record.outcome.written)
         if matrices is None:
-            rows = push_tangents(*of_rows, record.tolerance, along)
+            rows = push_tangents(record, along)
         else:
-            rows = chain_matrices(*of_rows, matrices, along)
+            rows = chain_matrices(record, matrices, along)
         return jax.jvp(ended, (floats, log.figures), (along, rows))[1]
 
     place, speed = numbers.position, numbers.velocity

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from ..._coupled.energies import stored_energy
 from ..._coupled.modes import Index, Number
@@ -27,14 +27,12 @@ from ..engine.log import RunRecord
 from ..pair_impact.instantaneous import Choice, meeting_of, second_velocity, two_that_meet
 from ..pair_impact.rolling import begins_to_roll, footing, give_way
 from ..result import Ending, Impacts, States, nan_unless, traced
-from .impact_table import table_of, taken_beside
+from .impact_table import table_of
 from .states import (
     has_forces_at,
     last_impacts,
     states_as_numpy,
     states_at,
-    states_in_log,
-    states_in_log_as_numpy,
     states_of,
 )
 
@@ -82,11 +80,13 @@ def _from_log(
     """
     count, length = times.shape[0], np.asarray(record.length)
     ends = np.stack([np.zeros_like(length), length])
-    every, inside = states_in_log_as_numpy(record, np.concatenate([np.asarray(times), ends]))
-    inside, cut = bool(np.any(inside[:count])), bool(np.any(inside[count:]))
-    now = states_as_numpy(record, times) if inside else jax.tree.map(lambda x: x[:count], every)
+    every, flags = states_as_numpy(record, np.concatenate([np.asarray(times), ends]), False)
+    inside, cut = bool(np.any(flags[:count])), bool(np.any(flags[count:]))
+    now = jax.tree.map(lambda x: x[:count], every)
+    if inside:
+        now = states_as_numpy(record, times, True)[0]
     if cut:
-        record = clip_to_run(record, jax.device_put(states_as_numpy(record, ends)))
+        record = clip_to_run(record, jax.device_put(states_as_numpy(record, ends, True)[0]))
     inside = inside or (moves and has_forces_at(record, times))
     return _without_states(record)._replace(now=jax.device_put(now)), (inside, cut)
 
@@ -101,10 +101,9 @@ def _by_choice(
     """Return the results from one program with the parts chosen, or with all parts."""
     if choice is not None:
         inside, cut = choice
-        now = states_of(record, times) if inside else states_in_log(record, times)[0]
-        return _contents(
-            clip_to_run(record, states_at(record, record.ends)) if cut else record, now, None
-        )
+        if cut:
+            record = clip_to_run(record, states_at(record, record.ends))
+        return _contents(record, states_of(record, times, inside)[0], None)
     if not record.rules.soft:
         return _contents(record, states_at(record, times), rows)
     # One program for all times.
@@ -117,12 +116,11 @@ def _by_choice(
 
 def _contents(record: RunRecord, now: Any, rows: int | None) -> RunContents:
     status, reached = record.ending()
-    impacts, nearest, total = table_of(record, status, rows)
+    impacts, nearest, total, beside = table_of(record, status, rows)
     work, sliding_loss = work_of(record, status, reached), None
     if record.layout.frictions is not None:
         carried, lost = friction_at_rest(record, reached)
-        if record.calls is not None:
-            lost = lost + taken_beside(record)
+        lost = lost if beside is None else lost + beside
         work, sliding_loss = work + carried, lost + 0 * work
     return RunContents(status, reached, now, impacts, nearest, total, work, sliding_loss)
 
@@ -229,9 +227,10 @@ def work_of(record: RunRecord, status: Index, reached: Number) -> Number:
     return nan_unless(work, complete)
 
 
-def spheres_at_rest(record: RunRecord, reached: Number) -> list[tuple]:
-    """Return all spheres before each of their events, and at the end of the run. A part has their
-    state, who they are, the walls on which they rest or -1, how long, and which of them count.
+def _at_rest_on_walls(record: RunRecord, reached: Number) -> tuple[Flying, Any, Any, Any, Any]:
+    """Return all spheres before each of their events, and at the end of the run, along one axis.
+    The values are their state, who they are, the walls on which they rest, how long, and a mask of
+    those that do.
     """
     layout, (figures, facts) = record.layout, record.log
     choice, before, together = facts.choice, figures.before, figures.coupled
@@ -239,20 +238,27 @@ def spheres_at_rest(record: RunRecord, reached: Number) -> list[tuple]:
     who = jnp.stack([choice.first, choice.second], axis=1)
     counts = record.counts[:, None] & (who < layout.spheres)
     lasted = figures.outcome.time[:, None] - before.time
-    parts = [(before, who, choice.support, lasted, counts)]
+    parts: list[Any] = []
     if facts.call is not None and together is not None:
         # Members of a coupled solve, until they join it.
         called = facts.call
-        came = called.decided.change.joined | called.decided.starts[:, None]
-        joins = record.counts[:, None] & called.is_call[:, None] & called.decided.seats.present
-        lasted = together.began.time[:, None] - together.spheres.time
-        who = called.decided.seats.who
-        parts.append((together.spheres, who, called.support, lasted, joins & came))
-        parts[0] = (*parts[0][:-1], counts & ~called.is_call[:, None])
+        seats = called.decided.seats
+        joins = called.decided.change.joined | called.decided.starts[:, None]
+        joins = joins & (record.counts & called.is_call)[:, None] & seats.present
+        waited = together.began.time[:, None] - together.spheres.time
+        parts.append((together.spheres, seats.who, called.support, waited, joins))
+        counts = counts & ~called.is_call[:, None]
     last, everyone = last_impacts(record, reached[None]), jnp.arange(layout.spheres)[None]
     now = Flying(last.position, last.velocity, last.began, last.turning)
     parts.append((now, everyone, last.support, reached - last.began, jnp.ones_like(everyone, bool)))
-    return parts
+
+    def joined(*columns: Array) -> Array:
+        return jnp.concatenate([x.reshape(-1, *x.shape[2:]) for x in columns])
+
+    of_rows = before, who, choice.support, lasted, counts
+    flying, who, support, lasted, counts = jax.tree.map(joined, of_rows, *parts)
+    rests = counts & (support >= 0)
+    return flying, jnp.minimum(who, layout.spheres - 1), jnp.maximum(support, 0), lasted, rests
 
 
 def _work_at_rest(record: RunRecord, reached: Number) -> Number:
@@ -261,31 +267,38 @@ def _work_at_rest(record: RunRecord, reached: Number) -> Number:
     assert numbers.motion is not None
     mass = ratio(1.0, numbers.inverse_mass[: layout.spheres])
     power = -jnp.sum(numbers.normal * numbers.gravity[None], axis=-1) * numbers.motion.speed
-    total = jnp.zeros((), numbers.dtype)
-    for _, who, support, lasted, counts in spheres_at_rest(record, reached):
-        lifts = power[jnp.maximum(support, 0)] * mass[jnp.minimum(who, layout.spheres - 1)]
-        total = total + jnp.sum(jnp.where(counts & (support >= 0), lifts * lasted, 0))
-    return total
+    _, who, on, lasted, rests = _at_rest_on_walls(record, reached)
+    return jnp.sum(jnp.where(rests, power[on] * mass[who] * lasted, 0))
 
 
 def friction_at_rest(record: RunRecord, reached: Number) -> tuple[Number, Number]:
     """Return the work of walls by friction on spheres at rest on them, and the energy lost by
     sliding on them, in J.
+
+    A friction a = F/m gives a sphere the power m a·(u + w). The wall, which moves at w along
+    itself, does m a·w of it, and -m a·u is lost. The slip u changes at a constant rate until the
+    next event.
     """
-    layout, (figures, facts) = record.layout, record.log
+    layout, numbers, (figures, facts) = record.layout, record.numbers, record.log
     if not layout.walls or not (layout.settles or record.rules.members):
-        zero = jnp.zeros((), record.numbers.dtype)
+        zero = jnp.zeros((), numbers.dtype)
         return zero, zero
-    # With one axis for all spheres of all rows.
-    parts = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), spheres_at_rest(record, reached))
-    done = [_of(record, *part) for part in parts]
-    work, loss = (sum(column) for column in zip(*done, strict=True))
+    flying, who, on, lasted, rests = _at_rest_on_walls(record, reached)
+    assert flying.turning is not None
+    inverse = rows_of(numbers.inverse_mass, who)
+    rests = rests & (inverse > 0)
+    foot, drag = footing(layout, numbers, who, on, flying), flying.turning.drag
+    lasted = jnp.where(rests, lasted, 0)[:, None]
+    force = drag / jnp.where(inverse > 0, inverse, 1)[:, None]
+    way = foot.slip * lasted + foot.slip_rate(drag) * jnp.square(lasted) / 2
+    work = jnp.sum(jnp.where(rests[:, None], force * foot.drift * lasted, 0))
+    loss = jnp.sum(jnp.where(rests[:, None], -force * way, 0))
     if record.rules.soft and layout.gravity:
         rolls = record.counts & begins_to_roll(layout, facts.choice)
         rolls = rolls if record.calls is None else rolls & ~record.calls
         first = jax.tree.map(lambda x: x[:, 0], figures.before)
         loss = loss + jnp.sum(jnp.where(rolls, _fallen(record, first, facts.choice), 0))
-    return jnp.asarray(work), jnp.asarray(loss)
+    return work, loss
 
 
 def _fallen(record: RunRecord, sliding: Flying, choice: Choice) -> Array:
@@ -295,31 +308,3 @@ def _fallen(record: RunRecord, sliding: Flying, choice: Choice) -> Array:
     inverse = rows_of(numbers.inverse_mass, choice.first)
     slope = rows_of(numbers.pull, jnp.maximum(support, 0) + 1)
     return jnp.sum(slope * way, axis=1) / jnp.where(inverse > 0, inverse, 1)
-
-
-def _of(
-    record: RunRecord,
-    flying: Flying,
-    who: Int[Array, " M"],
-    support: Int[Array, " M"],
-    lasted: Array,
-    counts: Bool[Array, " M"],
-) -> tuple[Number, Number]:
-    """Return the work of walls by friction, and the energy lost, in one part of a run.
-
-    A friction a = F/m gives a sphere the power m a·(u + w). The wall, which moves at w along
-    itself, does m a·w of it, and -m a·u is lost. The slip u changes at a constant rate until the
-    next event.
-    """
-    layout, numbers = record.layout, record.numbers
-    assert flying.turning is not None
-    sure = jnp.minimum(who, layout.spheres - 1)
-    inverse = rows_of(numbers.inverse_mass, sure)
-    rests = counts & (support >= 0) & (inverse > 0)
-    on = jnp.maximum(support, 0)
-    foot, drag = footing(layout, numbers, sure, on, flying), flying.turning.drag
-    lasted = jnp.where(rests, lasted, 0)[:, None]
-    force = drag / jnp.where(inverse > 0, inverse, 1)[:, None]
-    way = foot.slip * lasted + foot.slip_rate(drag) * jnp.square(lasted) / 2
-    work = jnp.where(rests[:, None], force * foot.drift * lasted, 0)
-    return jnp.sum(work), jnp.sum(jnp.where(rests[:, None], -force * way, 0))

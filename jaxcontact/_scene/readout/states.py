@@ -1,33 +1,71 @@
-"""The state of all spheres at any time, read from the log of a run."""
+"""The states of all spheres at any time, from the log of a run; within a contact solved again from
+its touch.
+"""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from ..._coupled.modes import Flag
-from ..._coupled.rows import rows_of
+from ..._coupled.energies import stored_energy
+from ..._coupled.modes import Flag, Index, Number
+from ..._coupled.rows import rows_of, with_rows
 from ..._functions import ratio
 from ..._program import derived, quick
-from ..arrays.arrays import SceneLayout
-from ..arrays.flight import accelerations
+from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, law_of
+from ..arrays.flight import Flying, accelerations
 from ..arrays.movers import Turning
-from ..engine.cluster_slots import slot_pairs
+from ..cluster.equations import ClusterState
+from ..engine.cluster_slots import (
+    Slots,
+    all_fit,
+    empty_slots,
+    in_line,
+    index_of,
+    joins,
+    no_change,
+    slot_pairs,
+)
+from ..engine.coupled import Call, as_flags, blank_state, call, contact_energy, meets
 from ..engine.log import Log, RunRecord, last_call
 from ..pair_impact.friction import is_followed
+from ..pair_impact.instantaneous import Choice
 from ..pair_impact.rolling import flying_at_start
 from ..result import States, nan_unless, traced
-from .inside_contacts import Entries, Kinematics, at_rest, energy_at_ends, in_contacts
 
 _LEAST, _FEW = 512, 128
 """The least number of times in a program, and the largest number of spheres for which it applies.
 With it a run, its plots and its animations share one program."""
+
+
+class Kinematics(NamedTuple):
+    """Positions and velocities (T, N, D), and the elastic energy `stored` in contacts (T,). `spin`
+    (T, N, S) is None without friction.
+    """
+
+    position: Float[Array, "T N D"]
+    velocity: Float[Array, "T N D"]
+    stored: Float[Array, " T"]
+    spin: Float[Array, "T N S"] | None = None
+
+
+class Entries(NamedTuple):
+    """The last event of every sphere before given times, (T, N). `row` is that of the log, or -1.
+    `held` is the v0 of a sphere at rest. For a sphere within an isolated impact, `began` lies in
+    the future.
+    """
+
+    position: Array
+    velocity: Array
+    began: Array
+    support: Array
+    row: Array
+    held: Array
+    turning: Turning | None = None
 
 
 def states_at(record: RunRecord, times: Float[Array, " T"]) -> States:
@@ -36,31 +74,27 @@ def states_at(record: RunRecord, times: Float[Array, " T"]) -> States:
 
 
 def _states_by_choice(record: RunRecord, times: Array, moves: bool) -> tuple[States, bool]:
-    now, inside = states_in_log_as_numpy(record, times)
+    now, inside = states_as_numpy(record, times, False)
     cut = bool(np.any(inside))
-    now = jax.device_put(states_as_numpy(record, times) if cut else now)
-    return now, cut or (moves and has_forces_at(record, times))
+    if cut:
+        now = states_as_numpy(record, times, True)[0]
+    return jax.device_put(now), cut or (moves and has_forces_at(record, times))
 
 
-def states_in_log_as_numpy(record: RunRecord, times: ArrayLike) -> tuple[States, np.ndarray]:
-    """Return `states_in_log` as NumPy arrays, with one program for all small numbers of times."""
-    least = _LEAST if record.layout.spheres <= _FEW else 1
-    return _by_room(states_in_log, record, times, least)
+def _states_at(inside: bool | None, record: RunRecord, times: Array, moves: bool) -> States:
+    return states_of(record, times, record.rules.soft if inside is None else inside)[0]
 
 
-def states_as_numpy(record: RunRecord, times: ArrayLike) -> States:
-    """Return `states_of` as NumPy arrays."""
-    return _by_room(states_of, record, times, 1)
-
-
-def _by_room(
-    read: Callable[[RunRecord, Array], Any], record: RunRecord, times: ArrayLike, least: int
-) -> Any:
+def states_as_numpy(record: RunRecord, times: ArrayLike, followed: bool) -> tuple[States, Any]:
+    """Return `states_of` as NumPy arrays. All small numbers of times share one program if the
+    motion inside contacts is not `followed`.
+    """
     numbers = np.asarray(times, record.numbers.dtype)
     count = numbers.shape[0]
+    least = _LEAST if record.layout.spheres <= _FEW and not followed else 1
     padded = np.zeros(max(least, 1 << (count - 1).bit_length()), numbers.dtype)
     padded[:count] = numbers
-    result = read(record, jax.device_put(padded))
+    result = states_of(record, jax.device_put(padded), followed)
     return jax.tree.map(lambda x: np.asarray(x)[:count], result)
 
 
@@ -71,29 +105,13 @@ def has_forces_at(record: RunRecord, times: Float[Array, " T"]) -> bool:
     return bool(any_inside(record, times, True))
 
 
-def _states_at(inside: bool | None, record: RunRecord, times: Array, moves: bool) -> States:
-    if record.rules.soft if inside is None else inside:
-        return states_of(record, times)
-    return states_in_log(record, times)[0]
-
-
 @quick
-def states_in_log(record: RunRecord, times: Float[Array, " T"]) -> tuple[States, Bool[Array, " T"]]:
-    """Return the states outside of contacts, and which of the times are inside one."""
+def states_of(
+    record: RunRecord, times: Float[Array, " T"], followed: bool
+) -> tuple[States, Bool[Array, " T"] | None]:
+    """Return the values of `kinematics_at` as public states."""
     times = times.astype(record.numbers.dtype)
-    states, inside = kinematics_in_log(record, times)
-    return _states(record, times, states), inside
-
-
-@quick
-def states_of(record: RunRecord, times: Float[Array, " T"]) -> States:
-    """Return the states at any times, including inside contacts."""
-    times = times.astype(record.numbers.dtype)
-    return _states(record, times, kinematics_at(record, times))
-
-
-def _states(record: RunRecord, times: Array, states: Kinematics) -> States:
-    position, velocity, stored, spin = states
+    (position, velocity, stored, spin), inside = kinematics_at(record, times, followed)
     energy = _energy_of(record, position, velocity) + stored
     valid = (times >= 0) & (times <= record.ending()[1])
     if spin is not None and record.numbers.rotation is not None:
@@ -102,44 +120,38 @@ def _states(record: RunRecord, times: Array, states: Kinematics) -> States:
         spin = spin[..., 0] if record.layout.dimensions == 2 else spin
     position, velocity = (x[:, : record.layout.visible] for x in (position, velocity))
     position, velocity, energy = (nan_unless(x, valid) for x in (position, velocity, energy))
-    return States(times, position, velocity, energy, spin)
+    return States(times, position, velocity, energy, spin), inside
 
 
-def kinematics_at(record: RunRecord, times: Float[Array, " T"]) -> Kinematics:
-    """Return the states at given times; at an instantaneous impact those after it. The last impact
-    of each sphere is found by binary search in a list sorted by sphere and time. This avoids an
-    array of times, spheres and impacts. Inside a contact the motion is solved from the touch.
-    """
-    if not record.rules.soft:
-        return kinematics_in_log(record, times)[0]
-    last = last_impacts(record, times)
-    here = _in_flight(record, times, last)
-    followed = is_followed(record.numbers)
-    if followed or record.rules.members:
-        here = _with_prescribed(record, times, in_contacts(record, times, last, here))
-    if followed:
-        return here
-    # The motion within an isolated contact whose friction is a formula is not solved.
-    outside = (times[:, None] >= last.began) | (last.row < 0)
-    whole = jnp.all(outside, axis=1)
-    return jax.tree.map(lambda x: nan_unless(x, outside if x.ndim > 1 else whole), here)
+def kinematics_at(
+    record: RunRecord, times: Float[Array, " T"], followed: bool
+) -> tuple[Kinematics, Bool[Array, " T"] | None]:
+    """Return the states at given times; at an instantaneous impact those after it. If `followed`,
+    those inside contacts are solved. Otherwise only the states outside of contacts, and at the end
+    of a coupled call, are right; the second value flags the times inside.
 
-
-def kinematics_in_log(
-    record: RunRecord, times: Float[Array, " T"]
-) -> tuple[Kinematics, Bool[Array, " T"]]:
-    """Return the states outside of contacts, and which of the times are inside one. At the end time
-    of a coupled call the state is in the log.
+    The last impact of each sphere is found by binary search in a list sorted by sphere and time.
+    This avoids an array of times, spheres and impacts.
     """
     last = last_impacts(record, times)
     here = _in_flight(record, times, last)
     if not record.rules.soft:
-        return here, times < -jnp.inf
-    inside = _inside(record, times, last)
-    if not record.rules.members:
+        return here, None if followed else times < -jnp.inf
+    if not followed:
+        inside = _inside(record, times, last)
+        if record.rules.members:
+            resting = _at_rest(record, last, here, times, jnp.zeros(last.support.shape, bool))
+            here = here._replace(stored=_energy_at_ends(record, times) + resting)
         return here, inside
-    resting = at_rest(record, last, here, times, jnp.zeros(last.support.shape, bool))
-    return here._replace(stored=energy_at_ends(record, times) + resting), inside
+    solved = is_followed(record.numbers)
+    if solved or record.rules.members:
+        here = _with_prescribed(record, times, _in_contacts(record, times, last, here))
+    if not solved:
+        # The motion within an isolated contact whose friction is a formula is not solved.
+        outside = (times[:, None] >= last.began) | (last.row < 0)
+        whole = jnp.all(outside, axis=1)
+        here = jax.tree.map(lambda x: nan_unless(x, outside if x.ndim > 1 else whole), here)
+    return here, None
 
 
 def _in_flight(record: RunRecord, times: Float[Array, " T"], last: Entries) -> Kinematics:
@@ -195,61 +207,55 @@ def _inside(
 
 def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
     """Return the last events of all spheres; a soft impact counts only after its touch."""
-    layout, numbers, log = record.layout, record.numbers, record.log
-    count, rows = layout.spheres, log.facts.tied.shape[0]
-    figures, facts = log
-    number = jnp.arange(1, rows + 1)
-    blank = number > record.outcome.written
-    is_call = jnp.zeros(rows, bool) if facts.call is None else facts.call.is_call
-    first = jnp.where(blank | is_call, count, facts.choice.first)
-    second = jnp.where(blank | is_call, count, jnp.minimum(facts.choice.second, count))
+    layout, numbers, (figures, facts) = record.layout, record.numbers, record.log
+    count, rows = layout.spheres, facts.tied.shape[0]
+    number, counts = jnp.arange(rows), record.counts
+    is_call = jnp.zeros(rows, bool) if record.calls is None else record.calls
+
+    def each(of_row: Array, like: Array) -> Array:
+        return jnp.broadcast_to(of_row[:, None], like.shape)
+
     start, none = flying_at_start(layout, numbers), jnp.full(count, -1)
-    after = figures.outcome.after
-    bodies = [jnp.arange(count), first, second]
-    numbered = [jnp.zeros(count, int), number, number]
-    place = [start.position, after.position[:, 0], after.position[:, 1]]
-    speed = [start.velocity, after.velocity[:, 0], after.velocity[:, 1]]
-    began = [start.time, after.time[:, 0], after.time[:, 1]]
-    support = [none, facts.support[:, 0], facts.support[:, 1]]
-    held = [start.time] + [jnp.zeros(rows, numbers.dtype)] * 2
+    support, held = none, start.time
     if numbers.start is not None:
-        support[0], held[0] = numbers.start.support, numbers.start.held
-    pairs = [none, number - 1, number - 1]
+        support, held = numbers.start.support, numbers.start.held
+    begins = start.position, start.velocity, start.time, support, none, held, start.turning
+    choice, after = facts.choice, figures.outcome.after
+    pair = jnp.stack([choice.first, jnp.minimum(choice.second, count)], axis=1)
+    who = jnp.where((counts & ~is_call)[:, None], pair, count)
+    hits = (
+        *(after.position, after.velocity, after.time, facts.support),
+        *(each(number, who), jnp.zeros(who.shape, numbers.dtype), after.turning),
+    )
+    parts = [(jnp.arange(count)[None], Entries(*begins)), (who, Entries(*hits))]
     if facts.call is not None and figures.coupled is not None:
         end, seats = figures.coupled.end, facts.call.decided.seats
-        resting, latched = _resting(layout, log)
-        for k in range(seats.who.shape[1]):
-            counts = is_call & ~blank & seats.present[:, k]
-            bodies.append(jnp.where(counts, seats.who[:, k], count))
-            numbered.append(number)
-            place.append(end.position[:, k] + seats.shift[:, k] * numbers.period[None])
-            speed.append(end.velocity[:, k])
-            began.append(end.time)
-            support.append(resting[:, k])
-            held.append(latched[:, k])
-            pairs.append(jnp.full(rows, -1))
-    keys = jnp.concatenate(bodies) * (rows + 1) + jnp.concatenate(numbered)
+        members = seats.who.shape[1]
+        resting, latched = _resting(layout, record.log)
+        calls = (
+            end.position[:, :members] + seats.shift * numbers.period[None, None],
+            *(end.velocity[:, :members], each(end.time, seats.who), resting),
+            *(jnp.full(seats.who.shape, -1), latched, figures.coupled.turning),
+        )
+        who = jnp.where(is_call[:, None] & seats.present, seats.who, count)
+        parts.append((who, Entries(*calls)))
+    # Sorted by sphere, then by the number of the row; the start comes first.
+    keys = [parts[0][0] * (rows + 1)]
+    keys += [who * (rows + 1) + number[:, None] + 1 for who, _ in parts[1:]]
+    keys = jnp.concatenate([key.reshape(-1) for key in keys])
     order = jnp.argsort(keys)
-    happened = jnp.where(blank, jnp.inf, figures.outcome.time)
+    happened = jnp.where(counts, figures.outcome.time, jnp.inf)
     passed = jnp.searchsorted(
         happened, times, side="left" if record.rules.soft else "right"
     ).astype(int)
     wanted = jnp.arange(count)[None] * (rows + 1) + passed[:, None]
     rank = jnp.searchsorted(keys[order], wanted.reshape(-1), side="right") - 1
-    entry = order[rank].reshape(wanted.shape)
-    turning = start.turning
-    if turning is not None:
-        trees = [after.turning, None if figures.coupled is None else figures.coupled.turning]
-        parts = [turning, *itertools.chain(*map(_by_slot, filter(None, trees)))]
-        turning = rows_of(jax.tree.map(lambda *column: jnp.concatenate(column), *parts), entry)
-    columns = tuple(map(jnp.concatenate, (place, speed, began, support, pairs, held)))
-    there, fast, since, on, row, v0 = rows_of(columns, entry)
-    return Entries(there, fast, since, on, row, v0, turning)
 
+    def joined(first: Array, *others: Array) -> Array:
+        return jnp.concatenate([first, *(x.reshape(-1, *x.shape[2:]) for x in others)])
 
-def _by_slot(turning: Turning) -> list[Turning]:
-    slots = range(turning.until.shape[1])
-    return [jax.tree.map(lambda x, k=k: x[:, k], turning) for k in slots]
+    entries = jax.tree.map(joined, *(entries for _, entries in parts))
+    return rows_of(entries, order[rank].reshape(wanted.shape))
 
 
 def _resting(layout: SceneLayout, log: Log) -> tuple[Int[Array, "K M"], Float[Array, "K M"]]:
@@ -275,3 +281,187 @@ def _energy_of(
     kinetic = jnp.sum(jnp.square(velocity), axis=-1) / 2
     weight = jnp.sum(position * numbers.gravity[None, None], axis=-1)
     return jnp.sum(mass[None] * (kinetic - weight), axis=-1)
+
+
+def _in_contacts(
+    record: RunRecord, times: Float[Array, " T"], last: Entries, here: Kinematics
+) -> Kinematics:
+    """Return the states, including spheres in isolated impacts and in coupled solves.
+
+    Each time has N lanes for the isolated impacts, each assigned to its first body. One more lane
+    holds the solve in progress, if the run has any.
+    """
+    layout, numbers, (figures, facts) = record.layout, record.numbers, record.log
+    count, together = layout.spheres, figures.coupled
+    away, nothing = jnp.zeros((count, layout.dimensions), numbers.dtype), jnp.zeros_like(times[0])
+    unturned = None if here.spin is None else jnp.zeros_like(here.spin[0])
+    blank = jnp.zeros(count, bool), away, away, unturned
+    lanes = []
+    if is_followed(numbers):
+        row = jnp.maximum(last.row, 0)
+        is_first = rows_of(facts.choice.first, row) == jnp.arange(count)[None]
+        lanes.append((row, (times[:, None] < last.began) & (last.row >= 0) & is_first))
+    if facts.call is not None and together is not None:
+        row, active = last_call(record.log, record.outcome.written, times)
+        until, ends = rows_of((together.end.time, facts.call.ends), row)
+        lanes.append((row[:, None], (active & ((times < until) | ~ends))[:, None]))
+    rows, active = (jnp.concatenate(column, axis=1) for column in zip(*lanes, strict=True))
+
+    def lane(columns: tuple[Array, Array, Array]) -> tuple:
+        time, row, active = columns
+
+        def solve() -> tuple:
+            seats, state = resume_impact(record, row, time, active)
+            members, late = seats.who.shape[0], time - state.time
+            velocity = state.velocity[:members]
+            place = state.position[:members] + seats.shift * numbers.period[None] + velocity * late
+            spin = None if state.rubbing is None else state.rubbing.spin[:members]
+            new = with_rows(blank, index_of(layout, seats), (seats.present, place, velocity, spin))
+            return *new, contact_energy(layout, numbers, members, seats, state)
+
+        return jax.lax.cond(active, solve, lambda: (*blank, nothing))
+
+    given = jnp.repeat(times, rows.shape[1]), rows.reshape(-1), active.reshape(-1)
+    solved = jax.lax.cond(
+        jnp.any(active),
+        lambda: jax.lax.map(lane, given),
+        lambda: jax.tree.map(
+            lambda x: jnp.zeros((rows.size, *x.shape), x.dtype), (*blank, nothing)
+        ),
+    )
+    who, place, speed, spin, stored = jax.tree.map(
+        lambda x: x.reshape(*rows.shape, *x.shape[1:]), solved
+    )
+
+    def merge(old: Array, new: Array) -> Array:
+        holds = who[..., None]
+        return jnp.where(jnp.any(holds, axis=1), jnp.sum(jnp.where(holds, new, 0), axis=1), old)
+
+    turned = None if here.spin is None else merge(here.spin, spin)
+    moved = merge(here.position, place), merge(here.velocity, speed)
+    there = Kinematics(*moved, jnp.sum(stored, 1), turned)
+    if together is None:
+        return there
+    rest = _at_rest(record, last, here, times, jnp.any(who, axis=1))
+    return there._replace(stored=there.stored + rest)
+
+
+def resume_impact(
+    record: RunRecord, row: Index, until: Number, needed: Flag
+) -> tuple[Slots, ClusterState]:
+    """Return the seats of the bodies of an impact and their state at a time, solved again. An
+    isolated impact starts at its touch, a coupled one at the start of the call of that row. Both
+    are calls of the coupled solve, so that it is compiled once. It has no members unless `needed`.
+    """
+    layout, numbers, (figures, facts) = record.layout, record.numbers, record.log
+    members, yes = record.rules.members or min(2, layout.spheres), jnp.asarray(True)
+    choice, before, called, run = rows_of(
+        (facts.choice, figures.before, facts.call, figures.coupled), row
+    )
+    seats = _seats_of_two(layout, numbers, members, choice, before)
+    is_first, is_second = seats.who == choice.first, seats.who == choice.second
+
+    def seat(pair: Array) -> Array:
+        shape = (members,) + (1,) * (pair.ndim - 1)
+        one, other = is_first.reshape(shape), is_second.reshape(shape)
+        return jnp.where(one, pair[:1], jnp.where(other, pair[1:], jnp.zeros_like(pair[:1])))
+
+    change, closed = joins(layout, members, seats.present), meets(layout, members, seats, choice)
+    decided = Call(yes, choice, seats, change, closed, until, ~yes)
+    none, held = jnp.full(members, -1), jnp.zeros(members, numbers.dtype)
+    blank = blank_state(layout, members, numbers.dtype)
+    entering: Any = jax.tree.map(seat, before), none, held, blank, decided
+    if called is not None and run is not None:
+        again = called.decided._replace(
+            starts=~yes, choice=choice, change=no_change(layout, members), until=until
+        )
+        if layout.frictions is None:
+            # By rounding this solve may find its spheres at rest before the end of the call.
+            again = again._replace(to_the_end=until <= run.end.time)
+        of_call = run.spheres, called.support, run.held, as_flags(run.began), again
+        entering = jax.tree.map(lambda a, b: jnp.where(called.is_call, a, b), of_call, entering)
+    spheres, support, held, began, decided = entering
+    state = call(
+        layout, numbers, members, spheres, support, held, began, decided.where(needed),
+        record.tolerance, record.rules.v0,
+    )[1].state  # fmt: skip
+    if called is not None and run is not None:
+        ended = called.is_call & (until == run.end.time)
+        state = _as_known(ended, as_flags(run.end), state)
+    return decided.seats, state
+
+
+def _as_known(there: Array, known: Any, found: Any) -> Any:
+    """Return a tree with `known` values `there`, since a solve finds the rest at its end or not by
+    rounding, and with the derivatives of `found`.
+    """
+
+    def value(known: Array, still: Array, found: Array) -> Array:
+        if not jnp.issubdtype(found.dtype, jnp.inexact):
+            return jnp.where(there, known, found)
+        return found + jnp.where(there, known - still, 0)
+
+    return jax.tree.map(value, *jax.lax.stop_gradient((known, found)), found)
+
+
+def _energy_at_ends(record: RunRecord, times: Float[Array, " T"]) -> Float[Array, " T"]:
+    """Return the energy stored in contacts in progress, at times when one of their calls ended."""
+    layout, numbers, log = record.layout, record.numbers, record.log
+    rows, lasts = last_call(log, record.outcome.written, times)
+    called, together = log.facts.call, log.figures.coupled
+    assert called is not None and together is not None
+
+    def energy(lane: tuple[Array, Array, Array]) -> Array:
+        time, row, last = lane
+        end, seats, ends = rows_of((together.end, called.decided.seats, called.ends), row)
+        stored = contact_energy(layout, numbers, record.rules.members, seats, as_flags(end))
+        return jnp.where(last & ~ends & (time == end.time), stored, 0)
+
+    return jax.lax.map(energy, (times, rows, lasts))
+
+
+def _at_rest(
+    record: RunRecord, last: Entries, here: Kinematics, times: Float[Array, " T"], elsewhere: Array
+) -> Float[Array, " T"]:
+    """Return the energy (T,) of spheres at rest on walls, except those `elsewhere` (T, N)."""
+    layout, numbers = record.layout, record.numbers
+    if not layout.walls:
+        return jnp.zeros(last.row.shape[0], numbers.dtype)
+
+    def energy(i: Array, support: Array, place: Array, time: Array) -> Array:
+        wall = jnp.maximum(support, 0)
+        height = jnp.sum(place * numbers.normal[wall]) - numbers.walls_at(time, wall).offset
+        contact = known_contact_of(layout, numbers, i, layout.spheres + wall)
+        law = law_of(layout, numbers, i, layout.spheres + wall)
+        depth = jnp.where(support >= 0, numbers.radius[i] - height, 0)
+        return stored_energy(law, contact, depth, jnp.ones_like(depth))
+
+    rests = jnp.where(elsewhere, -1, last.support)
+    everyone = jnp.arange(layout.spheres)
+    each = jax.vmap(jax.vmap(energy, in_axes=(0, 0, 0, None)), in_axes=(None, 0, 0, 0))(
+        everyone, rests, here.position, times
+    )
+    return jnp.sum(each, axis=1)
+
+
+def _seats_of_two(
+    layout: SceneLayout, numbers: Numbers, members: int, choice: Choice, before: Flying
+) -> Slots:
+    """Return the places of the bodies of an isolated impact; the second may be a wall."""
+    blank = empty_slots(layout, numbers, members)
+    if all_fit(layout, members):
+        present = (blank.who == choice.first) | (blank.who == choice.second)
+        return blank._replace(present=present)
+    count = layout.spheres
+    second = jnp.where(choice.second < count, choice.second, count)
+    image = -choice.image
+    two, shift = jnp.stack([choice.first, second]), jnp.stack([jnp.zeros_like(image), image])
+    if in_line(layout):
+        # Neighbours in the order of the line.
+        places = before.position - shift * numbers.period[None]
+        turned = (places[1, 0] < places[0, 0]) & (second < count)
+        two, shift = (jnp.where(turned, x[::-1], x) for x in (two, shift))
+    rest = members - 2
+    who = jnp.concatenate([two, jnp.full(max(rest, 0), count)])[:members]
+    shift = jnp.concatenate([shift, jnp.zeros((max(rest, 0), layout.dimensions), numbers.dtype)])
+    return Slots(who, who < count, shift[:members])
