@@ -5,7 +5,7 @@ import numpy as np
 from tests.oracle import luding_chain, neck_chain, plastic_chain
 from tests.oracle.luding_chain import Powder
 from tests.oracle.neck_chain import Neck
-from tests.oracle.plastic_chain import thornton, walton_braun
+from tests.oracle.plastic_chain import thornton
 from tests.oracle.stored import stored
 
 NECK = Neck(work=2 / (1.5 * np.pi), radius=1.0, modulus=7500.0)
@@ -39,18 +39,13 @@ def _yielding(yields, speed):
     return _pressed([thornton(mass, 2e8, yields, 2e7) for mass in SHARED], speed)
 
 
-def _bilinear(ratio, speed):
-    return _pressed([walton_braun(2e6, ratio, 3e2)] * 3, speed)
-
-
 def _lead_and_steel(yields, speed):
     found, _ = _pressed([thornton(0.015, 2e8, y) for y in (yields, 1e3)], speed, [0.03] * 3)
     return found, True
 
 
 _CHAINS = {
-    "necks": _necks, "powder": _powder, "yielding": _yielding, "bilinear": _bilinear,
-    "lead and steel": _lead_and_steel,
+    "necks": _necks, "powder": _powder, "yielding": _yielding, "lead and steel": _lead_and_steel,
 }  # fmt: skip
 
 

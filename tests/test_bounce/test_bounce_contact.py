@@ -156,6 +156,7 @@ def test_lanes_that_do_not_come_to_rest():
     run = jax.tree.map(np.asarray, jc.bounce(law, contact, height, gravity_in_contact=True))
     assert np.isnan(run.time[1]).all() and (run.status[1] == jc.Status.INVALID_INPUT).all()
     assert np.isnan(run.rest_time[2]) and (run.status[2] == jc.Status.SEPARATED).all()
+    assert run.remaining_flight is None
     # The weight reduces every rebound, and slower ones more.
     e = run.restitution[0, run.status[0] == jc.Status.SEPARATED]
     assert 15 < len(e) < 25

@@ -160,9 +160,8 @@ def mp_speed(y, alpha):
 def test_speed_of():
     alpha, y = (x.ravel() for x in np.meshgrid(ALPHAS, LENGTHS))
     y = np.where(y > 0, y * np.log1p(alpha) / np.where(alpha > 0, alpha, 1), y)
-    found_value = speed_of(jnp.asarray(y), jnp.asarray(alpha))
-    partial = jax.jit(jax.vmap(jax.jacfwd(speed_of, argnums=(0, 1))))
-    found = partial(jnp.asarray(y), jnp.asarray(alpha))
+    found_value = jax.jit(speed_of)(y, alpha)
+    found = jax.jit(jax.vmap(jax.jacfwd(speed_of, argnums=(0, 1))))(y, alpha)
     in_y = reference_partial(mp_speed, y, alpha, 0)
     in_alpha = reference_partial(mp_speed, y, alpha, 1)
     np.testing.assert_allclose(found_value, in_y[0], rtol=VALUE)
@@ -284,6 +283,11 @@ def test_the_regularised_rebound():
     np.testing.assert_allclose(found, exact, rtol=ROOT)
 
 
+def with_slopes(function, at, along):
+    """Values and slopes along a direction, by one program."""
+    return jax.jit(lambda at, along: jax.jvp(function, (at,), (along,)))(at, along)
+
+
 CHEBYSHEV = 1e-13
 """Clenshaw's recurrence against NumPy's, degree 12, values and slopes up to 50: measured 4e-15."""
 
@@ -291,9 +295,7 @@ CHEBYSHEV = 1e-13
 def test_chebyshev_series_and_slopes_are_those_of_numpy():
     coefficients = np.random.default_rng(1).normal(size=13)
     x = np.linspace(-1, 1, 21)
-    value, slope = jax.jvp(
-        lambda x: chebyshev(jnp.asarray(coefficients), x), (jnp.asarray(x),), (jnp.ones(21),)
-    )
+    value, slope = with_slopes(lambda x: chebyshev(jnp.asarray(coefficients), x), x, np.ones(21))
     series = np.polynomial.chebyshev
     np.testing.assert_allclose(value, series.chebval(x, coefficients), atol=CHEBYSHEV)
     expected = series.chebval(x, series.chebder(coefficients))
@@ -305,9 +307,7 @@ def test_chebyshev_series_on_intervals():
     """Each on its own, and the tangent of the last beyond it."""
     ends, rows = [0.0, 1.0, 3.0], np.random.default_rng(3).normal(size=(5, 2))
     x = np.array([0.0, 0.4, 1.0, 1.7, 2.999, 3.0, 4.0, 50.0])
-    value, slope = jax.jvp(
-        lambda x: chebyshev_by_piece(ends, rows.tolist(), x), (jnp.asarray(x),), (jnp.ones(8),)
-    )
+    value, slope = with_slopes(lambda x: chebyshev_by_piece(ends, rows.tolist(), x), x, np.ones(8))
     series = [np.polynomial.Chebyshev(rows[:, k], ends[k : k + 2]) for k in (0, 1)]
     which = [series[int(at >= 1)] for at in x]
     steep = [one.deriv()(min(at, 3.0)) for one, at in zip(which, x, strict=True)]
@@ -324,37 +324,39 @@ BRACKETED = 2e-15
 @pytest.mark.parametrize(("power", "most"), [(1, 1), (3, 14), (7, 20)])
 def test_a_bracketed_root_takes_few_steps(power, most):
     """To rounding, also where one end of the bracket would be kept: c - x^p for c near 0 and 1."""
-    c = jnp.asarray(np.geomspace(1e-3, 0.999, 60))
+    c = np.geomspace(1e-3, 0.999, 60)
 
+    @jax.jit
+    @jax.vmap
     def root(c):
         return bracketed_root(lambda x: c - x**power, c, c - 1, most)
 
-    assert np.allclose(jax.vmap(root)(c), c ** (1 / power), rtol=0, atol=BRACKETED)
+    assert np.allclose(root(c), c ** (1 / power), rtol=0, atol=BRACKETED)
+
+
+by_traced_power = jax.jit(jax.vmap(jax.value_and_grad(power), (0, None)))
 
 
 @pytest.mark.parametrize("p", [0.0, 1.0, 1.5, 2.0])
 def test_a_traced_exponent_is_the_concrete_one(p):
     """At the edge, too: x^0 is 1 at zero, and x^1 has the slope 1."""
-    x = jnp.array([-1.0, 0.0, 0.5, 2.0])
-    concrete = jax.vmap(jax.value_and_grad(lambda x: power(x, p)))(x)
-    traced = jax.jit(jax.vmap(jax.value_and_grad(power), (0, None)))(x, jnp.array(p))
-    for one, other in zip(concrete, traced, strict=True):
+    x = np.array([-1.0, 0.0, 0.5, 2.0])
+    concrete = jax.jit(jax.vmap(jax.value_and_grad(lambda x: power(x, p))))(x)
+    for one, other in zip(concrete, by_traced_power(x, np.array(p)), strict=True):
         np.testing.assert_allclose(other, one, rtol=1e-15)
 
 
 def test_a_product_in_place_is_a_contraction_in_every_batch():
     """Of values and slopes, over directions and lanes, with either of the two arrays in common."""
     random = np.random.default_rng(0)
-    weights = jnp.asarray(random.normal(size=4))
-    slopes = jnp.asarray(random.normal(size=(3, 2, 4, 5)))
+    weights, slopes = random.normal(size=4), random.normal(size=(3, 2, 4, 5))
     both = jax.vmap(jax.vmap(lambda b: product_in_place(weights, b)))
+    value, change = with_slopes(both, slopes, slopes**2)
     expected = np.einsum("s,abst->abt", weights, slopes)
-    np.testing.assert_allclose(both(slopes), expected, rtol=VALUE, atol=VALUE)
-    value, change = jax.jvp(both, (slopes,), (slopes**2,))
-    np.testing.assert_allclose(value, expected, rtol=VALUE, atol=VALUE)
+    for found in (value, jax.jit(both)(slopes)):
+        np.testing.assert_allclose(found, expected, rtol=VALUE, atol=VALUE)
     squares = np.einsum("s,abst->abt", weights, slopes**2)
     np.testing.assert_allclose(change, squares, rtol=VALUE, atol=VALUE)
-    by_weights = jax.vmap(lambda a: product_in_place(a, slopes[0, 0]))(slopes[0, :, :, 0])
-    np.testing.assert_allclose(
-        by_weights, slopes[0, :, :, 0] @ slopes[0, 0], rtol=VALUE, atol=VALUE
-    )
+    rows, one = slopes[0, :, :, 0], slopes[0, 0]
+    by_weights = jax.jit(jax.vmap(lambda a: product_in_place(a, one)))(rows)
+    np.testing.assert_allclose(by_weights, rows @ one, rtol=VALUE, atol=VALUE)

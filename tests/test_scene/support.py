@@ -1,10 +1,24 @@
 """Shared by these tests: scenes of a few numbers, what is missing from a run, and differences."""
 
+import dataclasses
+
+import jax
 import numpy as np
 
 import jaxcontact as jc
 
 GRAVITY = 9.81
+
+SHOWN = "time position velocity energy spin impacts status reached wall_work sliding_loss _nearest"
+
+
+def simulate(scene, duration, **options):
+    """The run of a scene, in NumPy unless it is traced: parts of it then need no programs."""
+    run = jc.simulate(scene, duration, **options)
+    if isinstance(run.position, jax.core.Tracer):
+        return run
+    parts = {name: jax.tree.map(np.asarray, getattr(run, name)) for name in SHOWN.split()}
+    return dataclasses.replace(run, **parts)
 
 
 def go(scene, duration, **options):
@@ -48,3 +62,20 @@ def central(of, step):
 def fourth(of, step):
     """The same of order four."""
     return (8 * (of(step) - of(-step)) - (of(2 * step) - of(-2 * step))) / (12 * step)
+
+
+def check_modes(function, numbers, sizes, step, within):
+    """Check a derivative of weighed ends along a random direction, with steps of these `sizes`: in
+    both modes, and beside differences. Return what else the function returns.
+    """
+    rng = np.random.default_rng(1)
+    way = rng.normal(size=len(numbers)) * sizes
+    # Not under `jit`: one program of all its parts compiles for three times as long.
+    ends, forward, rest = jax.linearize(function, numbers, has_aux=True)
+    weights, along = rng.normal(size=ends.size), np.asarray(forward(way))
+    (slope,) = jax.linear_transpose(forward, numbers)(weights)
+    differences = fourth(lambda h: np.asarray(function(numbers + h * way)[0]), step)
+    np.testing.assert_allclose(along, differences, atol=within * np.max(np.abs(differences)))
+    size = np.abs(weights) @ np.abs(along)
+    np.testing.assert_allclose(np.asarray(slope) @ way, weights @ along, atol=1e-12 * size, rtol=0)
+    return rest

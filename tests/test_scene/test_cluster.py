@@ -122,7 +122,7 @@ in_lanes = jax.jit(jax.vmap(follow, in_axes=(0, 0, 0, None)))
 
 
 def stacked(cases):
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *cases)
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *cases)
 
 
 @functools.cache

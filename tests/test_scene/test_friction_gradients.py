@@ -11,8 +11,7 @@ import pytest
 
 import jaxcontact as jc
 from tests.oracle.rubbing_spheres import integrated
-from tests.test_impact.support import both_jacobians
-from tests.test_scene.support import fourth, missing, spheres
+from tests.test_scene.support import check_modes, fourth, missing, simulate, spheres
 from tests.test_scene.test_friction_coupled import KAPPA, KEPT, MISSED, NUMBERS, compare
 from tests.test_scene.test_gradients import DIFFERENCES
 
@@ -35,11 +34,14 @@ def rolling(numbers):
         [ball, jc.Plane([0.0, 0.0], [0.0, 1.0])], jc.ExactRestitution(e=0.5),
         gravity=jnp.stack([0.0 * g, -g]), friction=jc.RigidCoulomb(mu),
     )  # fmt: skip
-    run = jc.simulate(scene, 1.5, instantaneous=True, max_impacts=4)
+    run = simulate(scene, 1.5, instantaneous=True, max_impacts=4)
     return jnp.stack([run.position[-1, 0, 0], run.velocity[-1, 0, 0], run.spin[-1, 0]])
 
 
-slopes_of_rolling = jax.jit(functools.partial(both_jacobians, rolling))
+@jax.jit
+@functools.partial(jax.jacrev, has_aux=True)
+def slopes_of_rolling(numbers):
+    return (end := rolling(numbers)), end
 
 
 def formula(numbers):
@@ -54,18 +56,17 @@ def formula(numbers):
 def test_the_moment_of_rolling_has_a_derivative():
     numbers = jnp.array([2.0, 3.0, 0.3, 0.1, 9.8])
     exact = jax.jit(jax.jacfwd(formula))(numbers)
-    value, *slopes = slopes_of_rolling(numbers)
+    found, value = slopes_of_rolling(numbers)
     np.testing.assert_allclose(value, formula(numbers), rtol=1e-12)
-    for found in slopes:
-        np.testing.assert_allclose(found, exact, atol=FORMULA * np.max(np.abs(exact)))
+    np.testing.assert_allclose(found, exact, atol=FORMULA * np.max(np.abs(exact)))
 
 
 def test_rolling_has_the_derivative_of_a_slip_that_is_stopped():
     """A ball that just rolls has none of the slip by which its derivatives are taken."""
     exact = np.array([[7.5, -0.3], [5.0, -0.2], [-50.0, 2.0]]) / 7
     for v in (0.0, 2.0):
-        for found in slopes_of_rolling(jnp.array([v, -v / 0.1, 0.3, 0.1, 9.8]))[1:]:
-            np.testing.assert_allclose(found[:, :2], exact, rtol=FORMULA)
+        found = slopes_of_rolling(jnp.array([v, -v / 0.1, 0.3, 0.1, 9.8]))[0]
+        np.testing.assert_allclose(found[:, :2], exact, rtol=FORMULA)
 
 
 def over_a_floor(discs, e, friction, stiffness=1e6, floor=(0.0, 0.0), normal=(0.0, 1.0), shell=1e3):
@@ -79,7 +80,7 @@ def over_a_floor(discs, e, friction, stiffness=1e6, floor=(0.0, 0.0), normal=(0.
 
 def followed(scene, duration, rtol=1e-9, times=None):
     """The run for v0 as at touch, but for slow ones, so that discs come to rest."""
-    return jc.simulate(scene, duration, rtol=rtol, times=times, v0=0.05)
+    return simulate(scene, duration, rtol=rtol, times=times, v0=0.05)
 
 
 SPRING = jc.SpringSlider(0.3, ratio=KAPPA)
@@ -128,54 +129,62 @@ def test_a_wall_that_stands_does_no_work_on_a_ball_at_rest():
     assert abs(run.wall_work) < KEPT and missing(run) < KEPT * run.energy[0]
 
 
-def rebounding(numbers):
-    """A disc that meets a floor under gravity, followed: last velocity and surface speed."""
-    v, w, mu, kappa, e = numbers
-    disc = jc.Sphere(0.1, 0.5, [0.0, 0.101], jnp.stack([v, -1.0 + 0 * v]), spin=w)
-    run = followed(over_a_floor([disc, FAR], e, jc.SpringSlider(mu, ratio=kappa)), 0.015, 1e-10)
-    return jnp.append(run.velocity[-1, 0], run.spin[-1, 0] * 0.1)
+@jax.jit
+def along(v, w):
+    """A velocity along the floor and one towards it, as one program, and so its slopes."""
+    return jnp.stack([v, w])
+
+
+@jax.jit
+def weighed(weights, position, velocity, spin, losses, sliding):
+    """A sum of the place, velocity and surface speed at the end, and all losses."""
+    last = [position[-1, 0, 0], *velocity[-1, 0], spin[-1, 0] * 0.1, jnp.nansum(losses) + sliding]
+    return weights @ jnp.stack(last)
+
+
+def sum_of(run, weights):
+    parts = run.position, run.velocity, run.spin, run.impacts.energy_loss, run.sliding_loss
+    return weighed(weights, *parts)
+
+
+def check(function, numbers, sizes, step):
+    """Check the derivatives of a sum by all numbers beside differences, and return them. Runs of
+    Python numbers share their programs.
+    """
+    found = jax.grad(lambda numbers: function(*numbers))(tuple(map(jnp.asarray, numbers)))
+    for slope, size, way in zip(found, sizes, np.eye(len(numbers)), strict=True):
+        known = fourth(lambda h, way=size * way: float(function(*(numbers + h * way))), step)
+        assert abs(slope * size - known) < DIFFERENCES * max(size, abs(known))
+    return found
 
 
 def test_a_followed_impact_has_derivatives():
-    """It slips, sticks, and slips again. Runs of Python numbers share their programs."""
+    """It slips, sticks, and slips again."""
+    weights = np.array([0.0, 1.0, 0.3, -0.7, 0.0])
+
+    def rebounding(v, w, mu, kappa, e):
+        disc = jc.Sphere(0.1, 0.5, [0.0, 0.101], along(v, -1.0), spin=w)
+        scene = over_a_floor([disc, FAR], e, jc.SpringSlider(mu, ratio=kappa))
+        return sum_of(followed(scene, 0.015, 1e-10), weights)
+
     numbers = np.array([0.5, 2.0, 0.3, 0.8, 0.8])
-    weights = np.array([1.0, 0.3, -0.7])
-    found = jax.grad(lambda numbers: weights @ rebounding(numbers))(jnp.asarray(numbers))
-    for slope, way in zip(found, np.diag(numbers), strict=True):
-
-        def at(h, way=way):
-            return weights @ np.asarray(rebounding(numbers + h * way))
-
-        known = fourth(at, 2e-4)
-        assert abs(slope * np.sum(way) - known) < DIFFERENCES * max(np.sum(way), np.abs(known))
+    check(rebounding, numbers, numbers, 2e-4)
 
 
 def sliding(v, mu, time, rtol=1e-10):
     """The run of a disc that is put on the floor."""
-    disc = jc.Sphere(0.1, 0.5, [0.0, 0.1], jnp.stack([v, 0 * v]))
+    disc = jc.Sphere(0.1, 0.5, [0.0, 0.1], along(v, 0.0))
     return followed(over_a_floor([disc, FAR], 0.3, jc.SpringSlider(mu, ratio=0.8)), time, rtol)
 
 
-def put_down(v, mu, time):
-    """Its place, velocity and surface speed at the end, and all losses."""
-    run = sliding(v, mu, time)
-    lost = jnp.nansum(run.impacts.energy_loss) + run.sliding_loss
-    return jnp.stack([run.position[-1, 0, 0], run.velocity[-1, 0, 0], run.spin[-1, 0] * 0.1, lost])
-
-
-WEIGHTS = np.array([0.8, 1.0, -0.5, 0.7])
-
-
 def check_put_down(v, mu, time):
-    """Check the derivatives by v and μ beside differences, and return them."""
+    """Check the derivatives by v and μ, and return them."""
+    weights = np.array([0.8, 1.0, 0.0, -0.5, 0.7])
 
-    def end(v, mu):
-        return WEIGHTS @ put_down(v, mu, time)
+    def put_down(v, mu):
+        return sum_of(sliding(v, mu, time), weights)
 
-    found = jax.grad(end, (0, 1))(v, mu)
-    slopes = fourth(lambda h: end(v + h, mu), 0.01), fourth(lambda h: end(v, mu + h), 0.01)
-    np.testing.assert_allclose(found, slopes, atol=DIFFERENCES)
-    return found
+    return check(put_down, np.array([v, mu]), np.ones(2), 0.01)
 
 
 def test_a_lasting_slide_has_derivatives():
@@ -225,10 +234,10 @@ def on_a_peg(place, speed, spin, mu, stiffness=1e6, e=0.7):
 @pytest.mark.parametrize("share", [0.5, 0.9])
 def test_a_run_that_ends_within_a_contact_goes_on(share):
     scene = on_a_peg([[0.1, 0.42]], [[0.3, -1.0]], [5.0], 0.05)
-    whole = jc.simulate(scene, 0.08)
+    whole = simulate(scene, 0.08)
     within = whole.impacts.time[0] + share * whole.impacts.duration[0]
-    begun = jc.simulate(scene, float(within))
-    rest = jc.simulate(begun.final, 0.08 - float(within))
+    begun = simulate(scene, float(within))
+    rest = simulate(begun.final, 0.08 - float(within))
     np.testing.assert_allclose(rest.velocity[-1], whole.velocity[-1], atol=LAST)
     np.testing.assert_allclose(0.1 * rest.spin[-1], 0.1 * whole.spin[-1], atol=LAST)
     assert missing(begun) < MISSED and missing(rest) < MISSED
@@ -242,11 +251,11 @@ def test_a_ball_rolls_off_a_peg():
     angle = 0.4
     place = 0.4 * np.array([[np.sin(angle), np.cos(angle)]])
     scene = on_a_peg(place, [[0.0, 0.0]], [0.0], 5.0, 1e8, e=0.3)
-    run = jc.simulate(scene, 1.5)
+    run = simulate(scene, 1.5)
     assert run.ok and run.impacts.solved_by[0] == jc.SolvedBy.SPRING
     assert "a spring for its law in 1 contacts that lasted or were of several bodies" in str(run)
     left = run.impacts.time[-1] + run.impacts.duration[-1]
-    x, y = jc.simulate(scene, float(left)).position[-1, 0]
+    x, y = simulate(scene, float(left)).position[-1, 0]
     assert abs(np.arctan2(x, y) - np.arccos(10 / 17 * np.cos(angle))) < FALLING
     assert missing(run) < MISSED
 
@@ -268,20 +277,14 @@ def bounced(numbers):
     """A ball hits one that nearly touches a peg, on which it falls later: the ends, and how
     contacts were solved.
     """
-    run = jc.simulate(on_a_peg(*parts(numbers)), 0.25, max_impacts=16)
+    run = simulate(on_a_peg(*parts(numbers)), 0.25, max_impacts=16)
     return ends(run.position, run.velocity, run.spin), run.impacts.solved_by
 
 
 def test_derivatives_of_bounces_on_a_peg():
     near = 0.4003 * np.array([np.sin(0.3), np.cos(0.3)])
     state = [0.16, 0.58, *near, 0.2, -2.0, 0.1, -0.2, 5.0, -3.0]
-    numbers, rng = np.array([0.3, 1e6, *state]), np.random.default_rng(1)
-    way, weights = rng.normal(size=12) * np.maximum(np.abs(numbers), 0.1), rng.normal(size=10)
-    # Not under `jit`: one program of all its parts compiles for three times as long.
-    _, forward, ways = jax.linearize(bounced, numbers, has_aux=True)
-    along, (slope,) = forward(way), jax.linear_transpose(forward, numbers)(weights)
+    numbers = np.array([0.3, 1e6, *state])
+    sizes = np.maximum(np.abs(numbers), 0.1)
+    ways = np.asarray(check_modes(bounced, numbers, sizes, 1e-6, SLOPE))
     assert {jc.SolvedBy.COUPLED, jc.SolvedBy.SPRING} == set(ways[ways >= 0].tolist())
-    differences = fourth(lambda h: np.asarray(bounced(numbers + h * way)[0]), 1e-6)
-    size = np.max(np.abs(differences))
-    np.testing.assert_allclose(along, differences, atol=SLOPE * size)
-    np.testing.assert_allclose(slope @ way, weights @ along, rtol=1e-10)

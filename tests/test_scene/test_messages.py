@@ -97,12 +97,10 @@ def test_messages(fault):
         call()
 
 
-def test_overlaps_by_rounding_are_none():
+def test_what_may_overlap():
+    """By rounding, and fixed bodies."""
     third = jc.Sphere(0.1, 1.0, [0.1 + 0.2])
     jc.Scene([jc.Sphere(0.1, 1.0, [0.1]), third, jc.Plane([0.0], [1.0])], LAW)
-
-
-def test_fixed_bodies_may_lie_in_each_other():
     pin = jc.Sphere(0.1, None, [0.0, 0.0], fixed=True)
     scene(pin, pin, ball(1.0), jc.Plane([0.0, 0.15], [0.0, -1.0]))
 

@@ -1,6 +1,5 @@
 """Walls with a prescribed motion: a shaking table, a lift, a moved box, a user's function."""
 
-import functools
 import math
 
 import jax
@@ -23,7 +22,6 @@ from tests.oracle.moving_table import (
     pressed,
     sine,
 )
-from tests.test_impact.support import both_jacobians
 from tests.test_scene.support import central, go, missing
 
 EXACT = 1e-11
@@ -140,27 +138,6 @@ def test_period_one_doubles_where_theory_says():
     before, after = spread(bound * (1 - 1e-3)), spread(bound * (1 + 1e-3))
     assert before[1] < before[0] / 2
     assert after[1] > after[0] * 2
-
-
-def _state(numbers):
-    amplitude, phase, height = numbers
-    run = go(over(jc.Vibration(amplitude, FREQUENCY, phase), height, LAW), 0.2, max_impacts=8)
-    return jnp.stack([run.position[-1, 0, 0], run.velocity[-1, 0, 0], run.wall_work])
-
-
-@pytest.mark.slow(reason="derivatives of a soft scene")
-def test_derivatives_by_the_motion_of_a_table():
-    numbers = np.asarray([1e-4, 0.3, 0.02])
-    _, forward, reverse = jax.jit(functools.partial(both_jacobians, _state))(jnp.asarray(numbers))
-    np.testing.assert_allclose(reverse, forward, rtol=1e-9)
-    for k, step in enumerate([1e-9, 1e-6, 1e-8]):
-
-        def end(h, k=k):
-            *table, height = numbers + h * np.eye(3)[k]
-            return np.array(bounces(sine(*table), height, 0.8, 0.2)[1:])
-
-        # A step of 1e-9 m leaves some seven digits of the reference.
-        np.testing.assert_allclose(forward[:2, k], central(end, step), rtol=1e-5)
 
 
 def _goes_on(speed, velocity, gravity, *, e=0.7, duration=0.02, instantaneous=False):

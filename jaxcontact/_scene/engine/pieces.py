@@ -18,6 +18,7 @@ from ..._text.progress import TellRun
 from ..arrays.arrays import Numbers, SceneLayout
 from ..contact_times.cells import CellGrid, grid_of
 from ..derivative.differentiable_run import RunInputs
+from ..pair_impact.friction import is_followed
 from .cluster_slots import all_fit, in_places
 from .event_queue import reset_events
 from .log import Log, LoopOutcome, blank_log
@@ -50,8 +51,7 @@ def all_at_once(rules: Rules, inputs: RunInputs, grid: CellGrid | None, room: in
     numbers, end = jax.tree.map(
         lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, (numbers, end)
     )
-    given = (layout, numbers, valid, end, tolerance), grid
-    arrays, static = eqx.partition(given, eqx.is_array)
+    arrays, static = eqx.partition(((layout, numbers, valid, end, tolerance), grid), eqx.is_array)
     leaves, structure = jax.tree.flatten(arrays)
 
     def run(*leaves: Array) -> LoopOutcome:
@@ -92,12 +92,7 @@ def from_python(
     layout, numbers, valid, end, tolerance = inputs
     state = _begun(layout, numbers, rules) if start is None else start
     wanted, room = rules, min(_MOST_GROWN, layout.spheres) if grows else 0
-    # With many spheres, periodic axes or friction most scenes need no coupled solve. The program is
-    # then one without, until a coupled solve is needed.
-    numbers, within = _resumed(layout, numbers, rules)
-    lean = not all_fit(layout, rules.members) or layout.frictions is not None
-    if lean and not within:
-        rules = Rules(rules.soft, rules.v0, 0)
+    rules, numbers = _first_rules(layout, numbers, rules), _resumed(layout, numbers, rules)
     places = 0 if state.coupling is None else state.coupling.seats.who.shape[0]
     if not rules.members:
         state = state._replace(coupling=None)
@@ -129,20 +124,28 @@ def from_python(
         total += count
         tell(total, "impacts", float(state.now), float(end))
         if int(state.status) == CROWDED and rules.members < wanted.members:
-            rules = wanted
-            state = _with_places(layout, numbers, rules.members, state)
+            rules, state = wanted, _with_places(layout, numbers, wanted.members, state)
     tell.says("reading the results")
     log = pieces[0][0] if len(pieces) == 1 else _one_log(layout, numbers, rules, pieces)
     written, ahead = jax.device_put((np.asarray(total), np.asarray(more)))
     return rules, LoopOutcome(log, written, state.status, state.now, ahead, valid)
 
 
-def _resumed(layout: SceneLayout, numbers: Numbers, rules: Rules) -> tuple[Numbers, bool]:
-    """Return the numbers less a start that the state holds, and whether it rests or is solved."""
+def _first_rules(layout: SceneLayout, numbers: Numbers, rules: Rules) -> Rules:
+    """Return the rules without a coupled solve, unless it runs or most such scenes need it."""
+    followed, many = is_followed(numbers), not all_fit(layout, rules.members)
+    pressed = layout.gravity and (rules.v0 != "touch" if followed else any(layout.fixed))
+    rubs = layout.frictions is not None and not (pressed or (followed and layout.spheres > 1))
+    leans = numbers.start is not None and numbers.start.leans
+    return rules if leans or not (many or rubs) else Rules(rules.soft, rules.v0, 0)
+
+
+def _resumed(layout: SceneLayout, numbers: Numbers, rules: Rules) -> Numbers:
+    """Return the numbers less a start that the state holds."""
     start = numbers.start
-    if start is not None and start.underway is None and (rules.soft or layout.settles):
-        numbers = eqx.tree_at(lambda numbers: numbers.start, numbers, None)
-    return numbers, start is not None and start.leans
+    if start is None or start.underway is not None or not (rules.soft or layout.settles):
+        return numbers
+    return eqx.tree_at(lambda numbers: numbers.start, numbers, None)
 
 
 def _piece(tell: TellRun, total: int, *inputs: Any) -> tuple[RunState, Log, Array, Array]:
@@ -222,15 +225,12 @@ def _one_log(
 
     def head(log: Log, rows: int) -> Log:
         figures, facts = jax.tree.map(lambda x: np.asarray(x)[:rows], log)
-        if facts.call is None:
-            together, called = repeat((blank.figures.coupled, blank.facts.call), rows)
-            figures, facts = figures._replace(coupled=together), facts._replace(call=called)
-        elif facts.call.decided.seats.who.shape[1] < rules.members:
-            places = facts.call.decided.seats.who.shape[1], rules.members
-            calls = (figures.coupled, facts.call), (blank.figures.coupled, blank.facts.call)
-            together, called = in_places(layout, *calls, places)
-            figures, facts = figures._replace(coupled=together), facts._replace(call=called)
-        return Log(figures, facts)
+        empty, held = (blank.figures.coupled, blank.facts.call), (figures.coupled, facts.call)
+        if held[1] is None:
+            held = repeat(empty, rows)
+        elif (places := held[1].decided.seats.who.shape[1]) < rules.members:
+            held = in_places(layout, held, empty, (places, rules.members))
+        return Log(figures._replace(coupled=held[0]), facts._replace(call=held[1]))
 
     parts = [*(head(*piece) for piece in pieces), repeat(blank, room - total)]
     return jax.device_put(jax.tree.map(lambda *x: np.concatenate(x), *parts))
