@@ -157,7 +157,7 @@ class Run(Flagged, eqx.Module):
             self.scene,
             States(self.time, self.position, self.velocity, self.energy, self.spin),
             self.impacts,
-            bodies=self._record.layout.body[: self._record.layout.visible],
+            bodies=self._record.model.body[: self._record.model.visible],
             status=self.status,
             reached=self.reached,
             wall_work=self.wall_work,

@@ -25,8 +25,8 @@ from .._laws import require_no_adhesion
 from .._program import derived, quick, traced
 from .._text.failure import checked
 from .._text.progress import TellRun
-from .arrays.arrays import Numbers, SceneLayout, first_overlap, layout_of
-from .arrays.from_scene import SceneInputs, inputs_of, ones_unless, scene_numbers
+from .arrays.arrays import SceneArrays, SceneLayout, first_overlap, layout_of
+from .arrays.from_scene import SceneInputs, arrays_of, inputs_of, ones_unless
 from .bodies.bodies import names_of
 from .bodies.entry import one_number
 from .bodies.overlap import require_clear_of_each_other
@@ -85,8 +85,8 @@ def simulate_scene(
         *prepared, start = _prepare(inputs_of(scene), layout, rules, length, at)
     else:
         prepared, start = _prepare_outside(scene, layout, rules, length, at)
-    numbers, valid, length, at, last = prepared
-    within = jax.device_put(np.asarray(tolerance, numbers.dtype))
+    model, valid, length, at, last = prepared
+    within = jax.device_put(np.asarray(tolerance, model.dtype))
     grows = max_cluster is None and _places_of(scene, 0) == 0
     # A call of the coupled solve ends when any pair touches or opens.
     calls = _CALLS if rules.members and not plain else 1
@@ -97,11 +97,11 @@ def simulate_scene(
         return from_python(rules, inputs, start, rows, tell, grows)
 
     def at_once(inputs: RunInputs) -> LoopOutcome:
-        return all_at_once(rules, inputs, None if soft else grid_of(*inputs[:2]), room * calls)
+        return all_at_once(rules, inputs, None if soft else grid_of(inputs[0]), room * calls)
 
-    inputs = (layout, numbers, valid, last, within)
-    ended, numbers, outcome = differentiable_run(rules, inputs, piecewise, at_once)
-    record = RunRecord(layout, numbers, ended, within, outcome, last, length)
+    inputs = (model, valid, last, within)
+    ended, model, outcome = differentiable_run(rules, inputs, piecewise, at_once)
+    record = RunRecord(model, ended, within, outcome, last, length)
     contents = read_run(record, at, room, moves)
     impacts = dataclasses.replace(contents.impacts, names=names_of(scene.bodies))
     run = Run(
@@ -132,8 +132,8 @@ def _prepare_outside(scene: Scene, *arguments: Any) -> tuple[tuple, RunState | N
         began[:] = [state]
         return tuple(numbers_seen), None
 
-    numbers = derived(_traced_numbers, scene, *arguments, decide=prepare)
-    return numbers, began[0] if began else None
+    model = derived(_traced_numbers, scene, *arguments, decide=prepare)
+    return model, began[0] if began else None
 
 
 def _status_with_gains(status: Array, record: RunRecord, impacts: Impacts) -> Array:
@@ -215,7 +215,7 @@ def _prepare(
 ) -> tuple[Any, ...]:
     """Return the values of `_numbers` and the state at the start."""
     prepared = _numbers(inputs, layout, rules, *times)
-    return *prepared, initial_state(layout, prepared[0], rules)
+    return *prepared, initial_state(prepared[0], rules)
 
 
 @quick
@@ -224,7 +224,7 @@ def _prepare_traced(
 ) -> tuple[Any, ...]:
     """Return the values of `_prepare` for a scene under differentiation."""
     prepared = _traced_numbers(None, scene, layout, rules, *times)
-    return *prepared, initial_state(layout, prepared[0], rules)
+    return *prepared, initial_state(prepared[0], rules)
 
 
 @quick
@@ -232,29 +232,29 @@ def _traced_numbers(
     choice: None, scene: Scene, layout: SceneLayout, *arguments: Any
 ) -> tuple[Any, ...]:
     """Return the values of `_numbers` for a scene with unchecked values, which may overlap."""
-    numbers, valid, length, *rest = _numbers(inputs_of(scene), layout, *arguments)
-    valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
+    model, valid, length, *rest = _numbers(inputs_of(scene), layout, *arguments)
+    valid = valid & (first_overlap(jax.lax.stop_gradient(model)) == 0)
     valid = valid & POSITIVE.holds(length)
-    return ones_unless(numbers, valid), valid, length, *rest
+    return ones_unless(model, valid), valid, length, *rest
 
 
 def _numbers(
     inputs: SceneInputs, layout: SceneLayout, rules: Rules, length: Array, times: Array
-) -> tuple[Numbers, Array, Array, Array, Array]:
+) -> tuple[SceneArrays, Array, Array, Array, Array]:
     """Return the numbers of a scene and their validity, the duration, the times and the last time.
 
     Duration and times have the precision of the numbers. The last time is earlier than the duration
     if a motion exceeds its bound.
     """
     contacts = rules.soft or not all(layout.constant)
-    numbers, valid = scene_numbers(inputs, layout, contacts, rules.soft)
-    numbers = ones_unless(numbers, valid)
-    length, times = (jnp.asarray(time, numbers.dtype) for time in (length, times))
+    model, valid = arrays_of(inputs, layout, contacts, rules.soft)
+    model = ones_unless(model, valid)
+    length, times = (jnp.asarray(time, model.dtype) for time in (length, times))
     last = length
-    for movers in (numbers.motion, numbers.shaking):
+    for movers in (model.motion, model.shaking):
         if movers is not None:
             last = jnp.minimum(last, movers.kept_until(length))
-    return numbers, valid, length, times, last
+    return model, valid, length, times, last
 
 
 _SURE = 10
@@ -270,7 +270,7 @@ def some_impact_gains(record: RunRecord, impacts: Impacts) -> bool:
         return False
     # In NumPy, which needs no compilation.
     inverse = np.zeros(len(impacts.names))
-    inverse[np.asarray(record.layout.body)] = np.asarray(record.numbers.inverse_mass)
+    inverse[np.asarray(record.model.body)] = np.asarray(record.model.inverse_mass)
     columns = impacts.to_dict()
     whole = np.isfinite(columns["restitution"]) & (columns["time"] >= 0)
     share = inverse[columns["first"]] + inverse[columns["second"]]

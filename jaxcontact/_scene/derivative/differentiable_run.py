@@ -15,15 +15,15 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from ..._program import Found, Map, derived, outside, quick, traced
-from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.arrays import SceneArrays
 from ..engine.log import LogNumbers, LoopOutcome, RunRecord
 from ..engine.state import Rules
 from ..result import SolvedBy
 from .replay import chain_matrices, push_tangents
 from .slopes import Kept, Matrices, matrices
 
-RunInputs = tuple[SceneLayout, Numbers, Array, Array, Array]
-"""The scene, its numbers, their validity, the end time, and the tolerance."""
+RunInputs = tuple[SceneArrays, Array, Array, Array]
+"""The scene, its validity, the end time, and the tolerance."""
 
 
 def differentiable_run(
@@ -31,7 +31,7 @@ def differentiable_run(
     inputs: RunInputs,
     from_python: Callable[[RunInputs], tuple[Rules, LoopOutcome]],
     at_once: Callable[[RunInputs], LoopOutcome],
-) -> tuple[Rules, Numbers, LoopOutcome]:
+) -> tuple[Rules, SceneArrays, LoopOutcome]:
     """Return the final rules of a run, the numbers of its scene, and its outcome. The numbers are
     those given. They are returned with the log, so that cotangents of both are added within the
     program that transposes the rows.
@@ -39,7 +39,7 @@ def differentiable_run(
     beneath = traced(inputs)
 
     def find(is_traced: bool, inputs: RunInputs) -> Found:
-        arrays = eqx.filter(inputs[1], eqx.is_array)
+        arrays = eqx.filter(inputs[0], eqx.is_array)
         if is_traced:
             return Found((arrays, at_once(inputs)), None)
         rules, outcome = from_python(inputs)
@@ -49,39 +49,41 @@ def differentiable_run(
 
     def slopes(scene: RunInputs, found: Found) -> Callable[[Any], Any]:
         rules, by_formula = found.choice
-        layout, numbers, _, _, tolerance = scene
+        model, _, _, tolerance = scene
         _, outcome = found.value
         if traced(outcome.written):
             # A `vmap` over tangents alone, between two derivatives, turns everything into tracers.
             return lambda along: along_with(scene, found, along)
-        parts = (layout, rules, numbers, outcome.log, *_kinds(outcome), tolerance)
-        traced_parts = numbers, outcome, derived(_matrices, by_formula, *parts)
+        parts = (model, rules, outcome.log, *_kinds(outcome), tolerance)
+        traced_parts = model, outcome, derived(_matrices, by_formula, *parts)
         data, static = eqx.partition(traced_parts, eqx.is_array)
         leaves, structure = jax.tree.flatten(static)
-        map = Map(_chain, (layout, rules, tuple(leaves), structure))
+        map = Map(_chain, (rules, tuple(leaves), structure))
 
-        def move(along: RunInputs) -> tuple[Numbers, LoopOutcome]:
+        def move(along: RunInputs) -> tuple[SceneArrays, LoopOutcome]:
             still: LoopOutcome = jax.tree.map(lambda _: None, outcome)
-            like = eqx.filter(numbers, eqx.is_inexact_array), outcome.log.figures
-            moved, figures = map(data, along[1], like)
+            like = eqx.filter(model, eqx.is_inexact_array), outcome.log.figures
+            moved, figures = map(data, along[0], like)
             return moved, still._replace(log=still.log._replace(figures=figures))
 
         return move
 
-    def along_with(scene: RunInputs, found: Found, along: RunInputs) -> tuple[Numbers, LoopOutcome]:
-        layout, numbers, _, _, tolerance = scene
+    def along_with(
+        scene: RunInputs, found: Found, along: RunInputs
+    ) -> tuple[SceneArrays, LoopOutcome]:
+        model, _, _, tolerance = scene
         _, outcome = found.value
         ended = rules if found.choice is None else found.choice[0]
         still: LoopOutcome = jax.tree.map(lambda _: None, outcome)
         rows = (outcome.log, outcome.written, tolerance)
-        moved = _whole(along[1], numbers)
-        figures = _pushed(layout, ended, numbers, *rows, moved)
+        moved = _whole(along[0], model)
+        figures = _pushed(model, ended, *rows, moved)
         return moved, still._replace(log=still.log._replace(figures=figures))
 
     found = outside(find, slopes, along_with, inputs)
     arrays, outcome = found.value
-    numbers = eqx.combine(arrays, inputs[1])
-    return rules if found.choice is None else found.choice[0], numbers, outcome
+    model = eqx.combine(arrays, inputs[0])
+    return rules if found.choice is None else found.choice[0], model, outcome
 
 
 _pushed = eqx.filter_jit(push_tangents)
@@ -90,7 +92,7 @@ _pushed = eqx.filter_jit(push_tangents)
 def row_matrices(record: RunRecord) -> tuple[LoopOutcome, Matrices]:
     """Return the outcome of a single run as a gradient uses it, and the matrices of its rows."""
     outcome = _shorten(record.outcome)
-    parts = (record.layout, record.rules, record.numbers, outcome.log, *_kinds(outcome))
+    parts = (record.model, record.rules, outcome.log, *_kinds(outcome))
     return outcome, _matrices(None, _is_by_formula(outcome), *parts, record.tolerance)
 
 
@@ -138,16 +140,14 @@ def _matrices(choice: None, by_formula: bool, *inputs: Any) -> Matrices:
     return matrices(*inputs, by_formula=by_formula)
 
 
-def _chain(static: Any, data: Any, along: Numbers) -> tuple[Numbers, LogNumbers]:
-    layout, rules, leaves, structure = static
-    numbers, outcome, matrices = eqx.combine(data, jax.tree.unflatten(structure, leaves))
-    along = _whole(along, numbers)
-    return along, chain_matrices(
-        layout, rules, numbers, outcome.log, outcome.written, matrices, along
-    )
+def _chain(static: Any, data: Any, along: SceneArrays) -> tuple[SceneArrays, LogNumbers]:
+    rules, leaves, structure = static
+    model, outcome, matrices = eqx.combine(data, jax.tree.unflatten(structure, leaves))
+    along = _whole(along, model)
+    return along, chain_matrices(model, rules, outcome.log, outcome.written, matrices, along)
 
 
-def _whole(along: Numbers, numbers: Numbers) -> Numbers:
+def _whole(along: SceneArrays, model: SceneArrays) -> SceneArrays:
     """Return tangents with zeros in place of None."""
-    floats = eqx.filter(numbers, eqx.is_inexact_array)
+    floats = eqx.filter(model, eqx.is_inexact_array)
     return eqx.combine(along, jax.tree.map(jnp.zeros_like, floats))

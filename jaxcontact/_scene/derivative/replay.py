@@ -18,7 +18,7 @@ from jaxtyping import Array, Int
 
 from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of, with_rows
-from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.arrays import SceneArrays
 from ..arrays.flight import Flying, where_each
 from ..cluster.equations import ClusterState
 from ..engine.cluster_slots import index_of, rearrange, slot_pairs
@@ -49,19 +49,18 @@ class _Ways(NamedTuple):
 
 
 def push_tangents(
-    layout: SceneLayout,
+    model: SceneArrays,
     rules: Rules,
-    numbers: Numbers,
     log: Log,
     written: Index,
     tolerance: Number,
-    along: Numbers,
+    along: SceneArrays,
 ) -> LogNumbers:
     """Return the tangents of the figures; each row is solved again for its own."""
-    leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
+    leaves, rest = eqx.partition(model, eqx.is_inexact_array)
 
     def hit(row: _ReplayedRow, before: Flying) -> ImpactOutcome:
-        strike, place = row_hit(layout, rules, *row[:3], tolerance)
+        strike, place = row_hit(model, rules, *row[:3], tolerance)
 
         def of(leaves: Any, before: Flying) -> ImpactOutcome:
             return strike(eqx.combine(leaves, rest), before)
@@ -69,7 +68,7 @@ def push_tangents(
         return jax.jvp(of, (leaves, place), (along, before))[1]
 
     def coupled(row: _ReplayedRow, entering: Entering) -> Done:
-        solve, place = row_call(layout, rules, *row[:3], tolerance)
+        solve, place = row_call(rules, *row[:3], tolerance)
 
         def of(leaves: Any, entering: Entering) -> Done:
             return solve(eqx.combine(leaves, rest), entering)
@@ -78,36 +77,35 @@ def push_tangents(
 
     ways = _Ways(hit, None if log.facts.call is None else coupled)
     slot = jnp.arange(log.facts.tied.shape[0])
-    return _chain(layout, rules, numbers, log, written, along, ways, slot)
+    return _chain(model, rules, log, written, along, ways, slot)
 
 
 def chain_matrices(
-    layout: SceneLayout,
+    model: SceneArrays,
     rules: Rules,
-    numbers: Numbers,
     log: Log,
     written: Index,
     matrices: Matrices,
-    along: Numbers,
+    along: SceneArrays,
 ) -> LogNumbers:
     """Return the tangents of the figures by the matrices of the rows."""
     hits, calls = matrices.hits, matrices.calls
 
     def hit(row: _ReplayedRow, before: Flying) -> ImpactOutcome:
         assert hits is not None
-        start = flat((row_numbers(layout, along, two_of(layout, row.facts)), before))
+        start = flat((row_numbers(along, two_of(model, row.facts)), before))
         return unflat(hits[row.slot] @ start, row.values.outcome)
 
     def coupled(row: _ReplayedRow, entering: Entering) -> Done:
         called, at = row.facts.call, row.values.coupled
         assert calls is not None and called is not None and at is not None
-        start = flat((row_numbers(layout, along, index_of(layout, called.decided.seats)), entering))
+        start = flat((row_numbers(along, index_of(model, called.decided.seats)), entering))
         place = entering.spheres.position
         like = Done(at.began, at.end, at.work, place, at.turning, at.rubbed)
         return unflat(calls[row.slot] @ start, like)
 
     ways = _Ways(None if hits is None else hit, None if calls is None else coupled)
-    return _chain(layout, rules, numbers, log, written, along, ways, matrices.slot)
+    return _chain(model, rules, log, written, along, ways, matrices.slot)
 
 
 class _Tangents(NamedTuple):
@@ -119,20 +117,19 @@ class _Tangents(NamedTuple):
 
 
 def _chain(
-    layout: SceneLayout,
+    model: SceneArrays,
     rules: Rules,
-    numbers: Numbers,
     log: Log,
     written: Index,
-    along: Numbers,
+    along: SceneArrays,
     ways: _Ways,
     slot: Int[Array, " K"],
 ) -> LogNumbers:
     def impact(carry: _Tangents, row: _ReplayedRow) -> tuple[_Tangents, LogNumbers]:
         assert ways.hit is not None
         values, facts, counts, _ = row
-        first, second = facts.choice.first, jnp.minimum(facts.choice.second, layout.spheres - 1)
-        is_sphere = facts.choice.second < layout.spheres
+        first, second = facts.choice.first, jnp.minimum(facts.choice.second, model.spheres - 1)
+        is_sphere = facts.choice.second < model.spheres
         who = jnp.stack([first, jnp.where(is_sphere, second, first)])
         before = rows_of(carry.spheres, who)
         outcome, before = jax.tree.map(
@@ -140,7 +137,7 @@ def _chain(
         )
 
         rows = jnp.stack([counts, counts & is_sphere])
-        rows = jnp.where(rows, who, layout.spheres + jnp.arange(2))
+        rows = jnp.where(rows, who, model.spheres + jnp.arange(2))
         moved = with_rows(carry.spheres, rows, outcome.after)
         together = jax.tree.map(jnp.zeros_like, values.coupled)
         return carry._replace(spheres=moved), LogNumbers(before, outcome, together)
@@ -151,7 +148,7 @@ def _chain(
         called, at = row.facts.call, values.coupled
         assert called is not None and at is not None
         seats = called.decided.seats
-        who, index = jnp.minimum(seats.who, layout.spheres - 1), index_of(layout, seats)
+        who, index = jnp.minimum(seats.who, model.spheres - 1), index_of(model, seats)
         # In the slots of this call; before it they may have held other bodies.
         before = rearrange(carry.coupled, called.decided.change, members)
         spheres, held = rows_of((carry.spheres, carry.held), who)
@@ -160,7 +157,7 @@ def _chain(
 
         time, velocity = jnp.broadcast_to(end.time, (members,)), end.velocity[:members]
         after = Flying(done.place, velocity, time, done.turning)
-        first, second = slot_pairs(layout, members)
+        first, second = slot_pairs(model, members)
         on_wall = (at.end.closed > 0.5) & (second >= members) & called.rest
         latched = jnp.zeros_like(held).at[first].add(jnp.where(on_wall, end.latched, 0))
         nothing = jax.tree.map(jnp.zeros_like, values)
@@ -186,27 +183,27 @@ def _chain(
         return jax.lax.cond(is_call, lambda: together(carry, this), lambda: other(carry, that))
 
     rows = _ReplayedRow(*log, jnp.arange(log.facts.tied.shape[0]) < written, slot)
-    return jax.lax.scan(pass_row, _initial_tangents(layout, numbers, log, along), rows)[1]
+    return jax.lax.scan(pass_row, _initial_tangents(model, log, along), rows)[1]
 
 
-def _start_of_spheres(layout: SceneLayout, numbers: Numbers, along: Numbers) -> Flying:
+def _start_of_spheres(model: SceneArrays, along: SceneArrays) -> Flying:
     """Return the tangents of all spheres at the start of a run."""
-    leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
+    leaves, rest = eqx.partition(model, eqx.is_inexact_array)
 
     def of(leaves: Any) -> Flying:
-        return flying_at_start(layout, eqx.combine(leaves, rest))
+        return flying_at_start(eqx.combine(leaves, rest))
 
     return jax.jvp(of, (leaves,), (along,))[1]
 
 
-def _initial_tangents(layout: SceneLayout, numbers: Numbers, log: Log, along: Numbers) -> _Tangents:
-    held = jnp.zeros(layout.spheres, along.position.dtype)
-    start = _start_of_spheres(layout, numbers, along)
+def _initial_tangents(model: SceneArrays, log: Log, along: SceneArrays) -> _Tangents:
+    held = jnp.zeros(model.spheres, along.position.dtype)
+    start = _start_of_spheres(model, along)
     coupled = None
     if log.figures.coupled is not None:
         coupled = jax.tree.map(lambda x: jnp.zeros_like(x[0]), log.figures.coupled.end)
-    if numbers.start is not None and along.start is not None:
-        underway, moves = numbers.start.underway, along.start.underway
+    if model.start is not None and along.start is not None:
+        underway, moves = model.start.underway, along.start.underway
         if underway is not None and moves is not None:
             led = Flying(moves.position, moves.velocity, moves.time, moves.turning)
             start = where_each(underway.counts, led, start)

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.modes import Flag, Number
 from ..._coupled.rows import rows_of
-from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.arrays import SceneArrays, SceneLayout
 from ..arrays.flight import Flying
 from ..arrays.movers import Rotation, Turning
 from ..cluster.equations import ClusterState
@@ -62,7 +62,7 @@ def row_hit(
     counts: Flag,
     tolerance: Number,
     by_formula: bool = False,
-) -> tuple[Callable[[Numbers, Flying], ImpactOutcome], Flying]:
+) -> tuple[Callable[[SceneArrays, Flying], ImpactOutcome], Flying]:
     """Return the impact of a row as a function, and the bodies before it. Rows without an impact
     use two approaching bodies.
     """
@@ -70,27 +70,26 @@ def row_hit(
     place = two_that_meet(layout, choice.time)
     before = jax.tree.map(lambda a, b: jnp.where(counts, a, b), values.before, place)
 
-    def strike(numbers: Numbers, before: Flying) -> ImpactOutcome:
+    def strike(model: SceneArrays, before: Flying) -> ImpactOutcome:
         if rules.soft:
-            outcome = soft(layout, numbers, before, choice, tolerance, counts, by_formula)
+            outcome = soft(model, before, choice, tolerance, counts, by_formula)
         else:
-            outcome = hit(layout, numbers, before, choice)
-        if layout.frictions is None:
+            outcome = hit(model, before, choice)
+        if model.frictions is None:
             return outcome
-        outcome = or_roll(layout, numbers, before, choice, outcome, rules.soft)
-        return with_friction_at_rest(layout, numbers, choice, outcome, facts.support)[0]
+        outcome = or_roll(model, before, choice, outcome, rules.soft)
+        return with_friction_at_rest(model, choice, outcome, facts.support)[0]
 
     return strike, before
 
 
 def row_call(
-    layout: SceneLayout,
     rules: Rules,
     values: LogNumbers,
     facts: LogDecisions,
     counts: Flag,
     tolerance: Number,
-) -> tuple[Callable[[Numbers, Entering], Done], Entering]:
+) -> tuple[Callable[[SceneArrays, Entering], Done], Entering]:
     """Return the call of a row as a function, and its input."""
     row, at, members = facts.call, values.coupled, rules.members
     assert row is not None and at is not None
@@ -104,17 +103,17 @@ def row_call(
         to_the_end=stops,
     )
 
-    def solve(numbers: Numbers, entering: Entering) -> Done:
+    def solve(model: SceneArrays, entering: Entering) -> Done:
         spheres, held, before = entering
         began, done = call(
-            layout, numbers, members, spheres, row.support, held, as_flags(before),
+            model, members, spheres, row.support, held, as_flags(before),
             decided.where(counts), tolerance, rules.v0, max_steps=2 * MOST_STEPS,
         )  # fmt: skip
-        on_wall = (at.end.closed > 0.5) & row.rest & (slot_pairs(layout, members)[1] >= members)
-        support = walls_under(layout, members, on_wall)
-        done, turning, _ = rest_on_walls(layout, numbers, decided.seats, done, support)
-        work = work_of_walls(layout, numbers, decided.seats, began, done)
-        place = done.state.position[:members] + decided.seats.shift * numbers.period[None]
+        on_wall = (at.end.closed > 0.5) & row.rest & (slot_pairs(model, members)[1] >= members)
+        support = walls_under(model, members, on_wall)
+        done, turning, _ = rest_on_walls(model, decided.seats, done, support)
+        work = work_of_walls(model, decided.seats, began, done)
+        place = done.state.position[:members] + decided.seats.shift * model.period[None]
         states = as_numbers(began), as_numbers(done.state)
         return Done(*states, work, place, turning, done.rubbed)
 
@@ -140,30 +139,30 @@ class RowNumbers(NamedTuple):
     shaken: Float[Array, "K D"] | None
     inverse_inertia: Float[Array, " M"] | None
     shear: tuple[Float[Array, " M"], Float[Array, " W"]] | None
-    rest: Numbers
+    rest: SceneArrays
 
 
-def row_numbers(layout: SceneLayout, numbers: Numbers, who: Int[Array, " M"]) -> RowNumbers:
+def row_numbers(model: SceneArrays, who: Int[Array, " M"]) -> RowNumbers:
     """Return the numbers of some spheres; zeros for empty slots."""
 
     def at(all: Array) -> Array:
         return all.at[who].get(mode="fill", fill_value=0)
 
-    compliance, shaken = numbers.compliance, None
-    if layout.shaken:
-        shaken = numbers.position[jnp.asarray(layout.shaken)]
-    spheres, rotation = layout.spheres, numbers.rotation
+    compliance, shaken = model.compliance, None
+    if model.shaken:
+        shaken = model.position[jnp.asarray(model.shaken)]
+    spheres, rotation = model.spheres, model.rotation
     shear = None if rotation is None else rotation.shear_compliance
     return RowNumbers(
-        at(numbers.radius),
-        at(numbers.inverse_mass[:spheres]),
+        at(model.radius),
+        at(model.inverse_mass[:spheres]),
         None if compliance is None else at(compliance[:spheres]),
         None if compliance is None else compliance[spheres:],
         shaken,
         None if rotation is None else at(rotation.inverse_inertia[:spheres]),
         None if shear is None else (at(shear[:spheres]), shear[spheres:]),
         dataclasses.replace(
-            eqx.filter(numbers, eqx.is_inexact_array),
+            eqx.filter(model, eqx.is_inexact_array),
             position=None, velocity=None, radius=None, inverse_mass=None, compliance=None,
             start=None, rotation=_shared(rotation),
         ),
@@ -178,22 +177,20 @@ def _shared(rotation: Rotation | None) -> Rotation | None:
     return dataclasses.replace(floats, spin=None, inverse_inertia=None, shear_compliance=None)
 
 
-def with_own(
-    layout: SceneLayout, numbers: Numbers, who: Int[Array, " M"], own: RowNumbers
-) -> Numbers:
+def with_own(model: SceneArrays, who: Int[Array, " M"], own: RowNumbers) -> SceneArrays:
     """Return the numbers of a scene with those of a row inserted."""
 
     def put(all: Array, new: Array) -> Array:
         return all.at[who].set(new, mode="drop", unique_indices=True)
 
-    spheres, position, compliance = layout.spheres, numbers.position, numbers.compliance
+    spheres, position, compliance = model.spheres, model.position, model.compliance
     if own.shaken is not None:
-        position = position.at[jnp.asarray(layout.shaken)].set(own.shaken)
-    inverse = numbers.inverse_mass
+        position = position.at[jnp.asarray(model.shaken)].set(own.shaken)
+    inverse = model.inverse_mass
     inverse = jnp.concatenate([put(inverse[:spheres], own.inverse_mass), inverse[spheres:]])
     if compliance is not None and own.compliance is not None and own.of_walls is not None:
         compliance = jnp.concatenate([put(compliance[:spheres], own.compliance), own.of_walls])
-    rotation = numbers.rotation
+    rotation = model.rotation
     if rotation is not None and own.inverse_inertia is not None:
         turns, shear = rotation.inverse_inertia, rotation.shear_compliance
         turns = jnp.concatenate([put(turns[:spheres], own.inverse_inertia), turns[spheres:]])
@@ -201,9 +198,9 @@ def with_own(
             shear = jnp.concatenate([put(shear[:spheres], own.shear[0]), own.shear[1]])
         rotation = dataclasses.replace(rotation, inverse_inertia=turns, shear_compliance=shear)
     kept = dataclasses.replace(
-        numbers,
+        model,
         position=position,
-        radius=put(numbers.radius, own.radius),
+        radius=put(model.radius, own.radius),
         inverse_mass=inverse,
         compliance=compliance,
         rotation=rotation,
@@ -252,9 +249,8 @@ class Kept(NamedTuple):
 
 
 def matrices(
-    layout: SceneLayout,
+    model: SceneArrays,
     rules: Rules,
-    numbers: Numbers,
     log: Log,
     hits: Kept | None,
     calls: Kept | None,
@@ -267,13 +263,13 @@ def matrices(
     def of(values: LogNumbers, facts: LogDecisions, counts: Array, is_call: bool) -> Array:
         entry: Any
         if is_call:
-            row, entry = row_call(layout, rules, values, facts, counts, tolerance)
+            row, entry = row_call(rules, values, facts, counts, tolerance)
             assert facts.call is not None
-            who = index_of(layout, facts.call.decided.seats)
+            who = index_of(model, facts.call.decided.seats)
         else:
-            row, entry = row_hit(layout, rules, values, facts, counts, tolerance, by_formula)
-            who = two_of(layout, facts)
-        start, unravel = ravel_pytree(_without_flags((row_numbers(layout, numbers, who), entry)))
+            row, entry = row_hit(model, rules, values, facts, counts, tolerance, by_formula)
+            who = two_of(model, facts)
+        start, unravel = ravel_pytree(_without_flags((row_numbers(model, who), entry)))
 
         def outcome(vector: Array) -> Array:
             mine, entering = unravel(vector)
@@ -281,7 +277,7 @@ def matrices(
                 flags = entry.before
                 before = entering.before._replace(closed=flags.closed, rising=flags.rising)
                 entering = entering._replace(before=before)
-            return flat(row(with_own(layout, numbers, who, mine), entering))
+            return flat(row(with_own(model, who, mine), entering))
 
         return jax.jacfwd(outcome)(start)
 

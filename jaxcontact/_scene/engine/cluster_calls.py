@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from ..._coupled.modes import APART, AT_REST, PAUSED, TIME_IS_UP, Flag, Number
 from ..._coupled.modes import NOT_CONVERGED as FAILED
 from ..._coupled.rows import rows_of
-from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.arrays import SceneArrays
 from ..arrays.flight import at_once
 from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice
@@ -35,15 +35,10 @@ from .state import (
 
 
 def start_cluster(
-    layout: SceneLayout,
-    numbers: Numbers,
-    before: Coupling,
-    starts: Flag,
-    choice: Choice,
-    closing: Number,
+    model: SceneArrays, before: Coupling, starts: Flag, choice: Choice, closing: Number
 ) -> Coupling:
     """Return the coupling after a touch that is not isolated, if it `starts` or joins a solve."""
-    pace = pace_of(layout, numbers, choice, closing)
+    pace = pace_of(model, choice, closing)
     pace = jnp.where(before.active, jnp.minimum(before.pace, pace), pace)
     after = before._replace(
         active=starts, starts=~before.active, touches=starts, choice=choice, pace=pace
@@ -62,62 +57,56 @@ def cluster_is_next(state: RunState) -> Flag:
 
 
 def step_cluster(
-    layout: SceneLayout,
-    numbers: Numbers,
-    rules: Rules,
-    state: RunState,
-    end: Number,
-    tolerance: Number,
-    needed: Flag,
+    model: SceneArrays, rules: Rules, state: RunState, end: Number, tolerance: Number, needed: Flag
 ) -> tuple[RunState, LogNumbers, LogDecisions, Flag]:
     """Make one call of the coupled solve, until a pair touches or opens or other events are due."""
-    count, members, coupling = layout.spheres, rules.members, state.coupling
+    count, members, coupling = model.spheres, rules.members, state.coupling
     assert coupling is not None
     now = jnp.where(coupling.starts, coupling.choice.time, coupling.state.time)
-    company = select_members(layout, numbers, members, state, now)
+    company = select_members(model, members, state, now)
     seats = company.seats
-    change = member_change(layout, members, coupling.seats, seats, coupling.starts)
-    who, index = jnp.minimum(seats.who, count - 1), index_of(layout, seats)
+    change = member_change(model, members, coupling.seats, seats, coupling.starts)
+    who, index = jnp.minimum(seats.who, count - 1), index_of(model, seats)
     spheres = rows_of(state.flying, who)
     support, held, counts = rows_of((state.support, state.held, state.count), who)
-    there = at_once(layout, numbers, who, spheres, support, now)[0]
-    closed = touching(layout, numbers, members, seats, there, support, now)
-    closed = closed | (coupling.touches & meets(layout, members, seats, coupling.choice))
+    there = at_once(model, who, spheres, support, now)[0]
+    closed = touching(model, members, seats, there, support, now)
+    closed = closed | (coupling.touches & meets(model, members, seats, coupling.choice))
 
     # A sphere that leaves is searched before anything else.
     going_on = coupling._replace(seats=seats)
-    inside = in_cluster(layout, going_on)
-    leaves = in_cluster(layout, coupling) & ~inside & ~coupling.starts
-    events = without_cluster(layout, numbers, going_on, state.events, now)
+    inside = in_cluster(model, going_on)
+    leaves = in_cluster(model, coupling) & ~inside & ~coupling.starts
+    events = without_cluster(model, going_on, state.events, now)
     expected = jnp.where(inside, jnp.inf, jnp.where(leaves, now, events.time))
     events = events._replace(time=expected, partner=jnp.where(leaves, OUT_OF_DATE, events.partner))
-    waiting = jnp.where(state.time > now + simultaneous(numbers, now), state.time, jnp.inf)
+    waiting = jnp.where(state.time > now + simultaneous(model, now), state.time, jnp.inf)
     until = jnp.minimum(jnp.minimum(jnp.min(expected), jnp.min(waiting)), now + company.alone)
     sooner = until < end
     until = jnp.minimum(until, end)
     no = jnp.asarray(False)
     decided = Call(coupling.starts, coupling.choice, seats, change, closed, until, no)
     began, done = call(
-        layout, numbers, members, spheres, support, held, coupling.state,
+        model, members, spheres, support, held, coupling.state,
         decided.where(needed & cluster_is_next(state)), tolerance, rules.v0, derived=False,
     )  # fmt: skip
     status = done.status
     apart, rest = status == APART, status == AT_REST
-    first, second = slot_pairs(layout, members)
+    first, second = slot_pairs(model, members)
     flat = second >= members
     # At rest each sphere in contact is held by one wall.
     on_wall = done.state.closed & flat
-    resting = walls_under(layout, members, on_wall)
+    resting = walls_under(model, members, on_wall)
     supported = jnp.where(rest, resting, -1)
-    done, turning, bent = rest_on_walls(layout, numbers, seats, done, supported)
+    done, turning, bent = rest_on_walls(model, seats, done, supported)
     after = done.state
     ends = apart | rest
     over, unknown = (status == TIME_IS_UP) & ~sooner, no
-    if not is_followed(numbers):
+    if not is_followed(model):
         # The call may also end because a contact lasts, and a friction impulse have no outcome.
         over, unknown = over & (after.time >= end), ~jnp.all(jnp.isfinite(after.velocity))
     failed = (status == FAILED) | ~jnp.isfinite(after.time)
-    latched = jnp.zeros(members, numbers.dtype).at[first].max(jnp.where(on_wall, after.latched, 0))
+    latched = jnp.zeros(members, model.dtype).at[first].max(jnp.where(on_wall, after.latched, 0))
 
     idle = jnp.where(after.time > state.now, 0, state.idle + 1)
     stop = jnp.where(over, OVER, jnp.where(idle > PATIENCE * count, ACCUMULATED, RUNNING))
@@ -125,13 +114,13 @@ def step_cluster(
     if turning is not None:
         stop = jnp.where((rest & jnp.any(bent)) | unknown, FRICTION, stop)
     stop = jnp.where(failed, NOT_CONVERGED, stop)
-    position = after.position[:members] + seats.shift * numbers.period[None]
+    position = after.position[:members] + seats.shift * model.period[None]
     # A bound on the energy stored in contacts: the missing kinetic energy plus the work received.
-    mass = masses(layout, numbers, seats)
+    mass = masses(model, seats)
     motion = [jnp.sum(jnp.square(x.velocity[:members]), axis=-1) for x in (began, after)]
     missing = jnp.sum(mass * (motion[0] - motion[1])) / 2 + jnp.maximum(done.work, 0)
-    if layout.frictions is not None:
-        missing = missing + spin_energy_lost(layout, numbers, seats, began, after)
+    if model.frictions is not None:
+        missing = missing + spin_energy_lost(model, seats, began, after)
     reserve = jnp.maximum(jnp.where(coupling.starts, 0, coupling.reserve) + missing, 0)
     # During the solve nothing else happens to the spheres in it.
     time, later = jnp.broadcast_to(after.time, (members,)), rows_of(events, who)
@@ -146,7 +135,7 @@ def step_cluster(
             support=supported,
             held=jnp.where(rest, latched, 0),
             count=counts + 1,
-            owed=jnp.zeros(members, numbers.dtype),
+            owed=jnp.zeros(members, model.dtype),
             events=jax.tree.map(lambda a, b: jnp.where(ends, a, b), stale_events(time), later),
             **columns,
         )
@@ -157,9 +146,9 @@ def step_cluster(
             coupling=Coupling(~ends, no, no, coupling.choice, seats, coupling.pace, reserve, after),
         )
     )
-    none, zero = no_impact(layout, numbers.dtype), jnp.zeros((), numbers.dtype)
+    none, zero = no_impact(model), jnp.zeros((), model.dtype)
     outcome = none._replace(time=began.time)
-    work = work_of_walls(layout, numbers, seats, began, done)
+    work = work_of_walls(model, seats, began, done)
     states = as_numbers(began), as_numbers(after)
     together = ClusterNumbers(spheres, held, *states, work, done.error, turning, done.rubbed)
     blank, decided = jnp.full(2, -1), decided._replace(choice=None)

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from ..._coupled.modes import Flag, Index, Number
-from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, least_speed, nearest_image
+from ..arrays.arrays import SceneArrays, SceneLayout, known_contact_of, least_speed, nearest_image
 from ..arrays.flight import Flying, at_once
 from ..bodies.bodies import side
 from ..pair_impact.instantaneous import Choice
@@ -41,42 +41,42 @@ class ClusterMembers(NamedTuple):
     crowded: Flag
 
 
-def pace_of(layout: SceneLayout, numbers: Numbers, choice: Choice, closing: Number) -> Number:
+def pace_of(model: SceneArrays, choice: Choice, closing: Number) -> Number:
     """Return about a third of an impact's duration: X/v with X = (μ v²/K)^(1/(n+1)), in s."""
-    contact = known_contact_of(layout, numbers, choice.first, choice.second)
-    return pace_of_contact(contact, jnp.maximum(closing, least_speed(numbers)))
+    contact = known_contact_of(model, choice.first, choice.second)
+    return pace_of_contact(contact, jnp.maximum(closing, least_speed(model)))
 
 
 def select_members(
-    layout: SceneLayout, numbers: Numbers, members: int, state: RunState, now: Number
+    model: SceneArrays, members: int, state: RunState, now: Number
 ) -> ClusterMembers:
     """Return the members of the next call of the coupled solve."""
-    coupling, count = state.coupling, layout.spheres
+    coupling, count = state.coupling, model.spheres
     assert coupling is not None
-    ready = state.time <= now + simultaneous(numbers, now)
-    shift = jnp.zeros((members, layout.dimensions), numbers.dtype)
-    if all_fit(layout, members):
-        who = identity_slots(layout, numbers)
+    ready = state.time <= now + simultaneous(model, now)
+    shift = jnp.zeros((members, model.dimensions), model.dtype)
+    if all_fit(model, members):
+        who = identity_slots(model)
         no = jnp.asarray(False)
         return ClusterMembers(Slots(who, ready[who], shift), jnp.full_like(now, jnp.inf), no)
-    there = at_once(layout, numbers, jnp.arange(count), state.flying, state.support, now)[0]
-    core = _core(layout, coupling)
-    moves = numbers.inverse_mass[:count] > 0
-    mass = jnp.where(moves, 1 / jnp.where(moves, numbers.inverse_mass[:count], 1), 0)
+    there = at_once(model, jnp.arange(count), state.flying, state.support, now)[0]
+    core = _core(model, coupling)
+    moves = model.inverse_mass[:count] > 0
+    mass = jnp.where(moves, 1 / jnp.where(moves, model.inverse_mass[:count], 1), 0)
     kinetic = mass * jnp.sum(jnp.square(there.velocity), axis=-1) / 2
-    if numbers.rotation is not None and there.turning is not None:
-        kinetic = kinetic + numbers.rotation.energy(there.turning.spin)
+    if model.rotation is not None and there.turning is not None:
+        kinetic = kinetic + model.rotation.energy(there.turning.spin)
     flying = jnp.sqrt(jnp.sum(jnp.square(there.velocity), axis=-1))
-    pull = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity)))
+    pull = jnp.sqrt(jnp.sum(jnp.square(model.gravity)))
     more = jnp.where(moves, 2 * pull * coupling.pace, 0)
-    if numbers.motion is not None:
+    if model.motion is not None:
         # A wall gives a body at most twice its own velocity.
-        walls = numbers.motion.fastest(now, coupling.pace)
+        walls = model.motion.fastest(now, coupling.pace)
         more = more + jnp.where(moves, 2 * jnp.max(walls), 0)
     gain = jnp.zeros_like(flying)
-    if numbers.shaking is not None:
-        gain = gain.at[np.array(layout.shaken)].set(numbers.shaking.strongest * coupling.pace)
-    if layout.driven:
+    if model.shaking is not None:
+        gain = gain.at[np.array(model.shaken)].set(model.shaking.strongest * coupling.pace)
+    if model.driven:
         # So does a fixed sphere that moves.
         fast = jnp.where(moves, 0, flying + gain)
         more = jnp.where(moves, more + 2 * jnp.max(fast), gain)
@@ -86,7 +86,7 @@ def select_members(
         sure = jnp.minimum(who, count - 1)
         seated = jnp.arange(members) < filled
         energy = jnp.sum(jnp.where(seated, kinetic[sure], 0)) + coupling.reserve
-        fast = jnp.sqrt(2 * energy * numbers.inverse_mass[sure]) + more[sure]
+        fast = jnp.sqrt(2 * energy * model.inverse_mass[sure]) + more[sure]
         return jnp.where(seated, fast, 0)
 
     def arrivals(who: Array, after: Array, filled: Array) -> Array:
@@ -94,17 +94,15 @@ def select_members(
         sure = jnp.minimum(who, count - 1)
         seated = jnp.arange(members) < filled
         fast = fastest(who, filled)
-        apart = (there.position[sure][:, None] - there.position[None]).reshape(
-            -1, layout.dimensions
-        )
-        apart = nearest_image(layout, numbers, apart)[0].reshape(members, count, layout.dimensions)
+        apart = (there.position[sure][:, None] - there.position[None]).reshape(-1, model.dimensions)
+        apart = nearest_image(model, apart)[0].reshape(members, count, model.dimensions)
         length = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
-        distance = numbers.radius[sure][:, None] + numbers.radius[None]
+        distance = model.radius[sure][:, None] + model.radius[None]
         gap = jnp.maximum(side(distance) * length - distance, 0)
         speed = fast[:, None] + (flying + more)[None]
         reached = after[:, None] + gap / jnp.where(speed > 0, speed, 1)
         rate = there.velocity[sure][:, None] - there.velocity[None]
-        bent = layout.gravity or layout.shaken
+        bent = model.has_gravity or model.shaken
         bend = (more[sure][:, None] + more[None]) if bent else jnp.zeros_like(gap)
         meeting = jnp.sqrt(jnp.sum(jnp.square(rate), axis=-1)) + bend
         closes = (side(distance) * jnp.sum(apart * rate, axis=-1) < 0) | (bend > 0)
@@ -129,16 +127,16 @@ def select_members(
 
     first = jnp.flatnonzero(core, size=members, fill_value=count)
     filled = jnp.minimum(jnp.sum(core), members)
-    start = (first, jnp.zeros(members, numbers.dtype), filled)
+    start = (first, jnp.zeros(members, model.dtype), filled)
     who, after, filled = jax.lax.fori_loop(0, members - 1, one_more, start)
     alone = jnp.min(arrivals(who, after, filled))
     crowded = (jnp.sum(core) > members) | (alone <= coupling.pace / _CALLS)
-    seats, wide = _assign_slots(layout, numbers, there, coupling, who, filled)
-    if any(layout.periodic):
+    seats, wide = _assign_slots(model, there, coupling, who, filled)
+    if any(model.periodic):
         # Only the nearest image of a pair, at half a period or less, may touch. No other image
         # comes as near before two bodies have covered the rest of that half.
-        half = jnp.min(jnp.where(jnp.asarray(layout.periodic), numbers.period, jnp.inf)) / 2
-        radius = numbers.radius[jnp.minimum(seats.who, count - 1)]
+        half = jnp.min(jnp.where(jnp.asarray(model.periodic), model.period, jnp.inf)) / 2
+        radius = model.radius[jnp.minimum(seats.who, count - 1)]
         room = half - 2 * jnp.max(jnp.where(seats.present, jnp.abs(radius), 0))
         speed = jnp.max(fastest(who, filled))
         alone = jnp.minimum(alone, room / 2 / jnp.where(speed > 0, speed, 1))
@@ -160,39 +158,34 @@ def _core(layout: SceneLayout, coupling: Coupling) -> Bool[Array, " N"]:
 
 
 def _assign_slots(
-    layout: SceneLayout,
-    numbers: Numbers,
-    there: Flying,
-    coupling: Coupling,
-    who: Int[Array, " M"],
-    filled: Index,
+    model: SceneArrays, there: Flying, coupling: Coupling, who: Int[Array, " M"], filled: Index
 ) -> tuple[Slots, Flag]:
     """Return the places of the members, in neighbouring images; in a line by their order. The flag
     is True if those in a line span more than half a period: the last might then meet the first.
     """
-    count, members = layout.spheres, who.shape[0]
+    count, members = model.spheres, who.shape[0]
     present = jnp.arange(members) < filled
     sure = jnp.minimum(who, count - 1)
     position = there.position[sure]
     shift = jnp.zeros_like(position)
     wide = jnp.asarray(False)
-    if any(layout.periodic):
+    if any(model.periodic):
         old = coupling.seats
         same = (who[:, None] == old.who[None]) & old.present[None] & present[:, None]
         stays = jnp.any(same, axis=1) & ~coupling.starts
         before = old.shift[jnp.argmax(same, axis=1)]
         # Next to a member that stays, or to the first one.
         anchor = jnp.argmax(stays)
-        base = position[anchor] - jnp.where(stays[anchor], before[anchor], 0) * numbers.period
-        near = nearest_image(layout, numbers, position - base[None])[1]
+        base = position[anchor] - jnp.where(stays[anchor], before[anchor], 0) * model.period
+        near = nearest_image(model, position - base[None])[1]
         shift = jnp.where(stays[:, None], before, near)
-    if in_line(layout):
-        place = (position - shift * numbers.period[None])[:, 0]
-        if any(layout.periodic):
+    if in_line(model):
+        place = (position - shift * model.period[None])[:, 0]
+        if any(model.periodic):
             low = jnp.min(jnp.where(present, place, jnp.inf))
             high = jnp.max(jnp.where(present, place, -jnp.inf))
-            reach = 2 * jnp.max(jnp.where(present, numbers.radius[sure], 0))
-            wide = high - low + reach > numbers.period[0] / 2
+            reach = 2 * jnp.max(jnp.where(present, model.radius[sure], 0))
+            wide = high - low + reach > model.period[0] / 2
         order = jnp.argsort(jnp.where(present, place, jnp.inf))
         who, present, shift = who[order], present[order], shift[order]
     return Slots(jnp.where(present, who, count), present, shift), wide

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.modes import Flag
 from ..._coupled.rows import rows_of
-from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.arrays import SceneArrays, SceneLayout
 from ..cluster.equations import ClusterPairs, ClusterState
 from ..cluster.friction import Rubbing
 
@@ -53,19 +53,19 @@ def slot_pairs(layout: SceneLayout, members: int) -> tuple[np.ndarray, np.ndarra
     return np.where(fixed[first], second, first), np.where(fixed[first], first, second)
 
 
-def identity_slots(layout: SceneLayout, numbers: Numbers) -> Int[Array, " N"]:
+def identity_slots(model: SceneArrays) -> Int[Array, " N"]:
     """Return the sphere of each slot if all spheres have one; in a line, by their order."""
-    if in_line(layout):
-        return jnp.argsort(numbers.position[:, 0])
-    return jnp.arange(layout.spheres)
+    if in_line(model):
+        return jnp.argsort(model.position[:, 0])
+    return jnp.arange(model.spheres)
 
 
-def empty_slots(layout: SceneLayout, numbers: Numbers, members: int) -> Slots:
+def empty_slots(model: SceneArrays, members: int) -> Slots:
     """Return seats with no sphere present."""
-    who = jnp.full(members, layout.spheres, int)
-    if all_fit(layout, members):
-        who = identity_slots(layout, numbers)
-    return Slots(who, who < 0, jnp.zeros((members, layout.dimensions), numbers.dtype))
+    who = jnp.full(members, model.spheres, int)
+    if all_fit(model, members):
+        who = identity_slots(model)
+    return Slots(who, who < 0, jnp.zeros((members, model.dimensions), model.dtype))
 
 
 def index_of(layout: SceneLayout, seats: Slots) -> Int[Array, " M"]:
@@ -92,20 +92,20 @@ def bodies_of(
     return body_at(first), body_at(second)
 
 
-def pairs_of(layout: SceneLayout, numbers: Numbers, members: int, seats: Slots) -> ClusterPairs:
+def pairs_of(model: SceneArrays, members: int, seats: Slots) -> ClusterPairs:
     """Return the pairs; those with an absent body are not used."""
-    first, second = slot_pairs(layout, members)
-    one, other = bodies_of(layout, members, seats.who)
+    first, second = slot_pairs(model, members)
+    one, other = bodies_of(model, members, seats.who)
     flat = second >= members
-    radius = jnp.concatenate([numbers.radius, jnp.zeros(layout.walls, numbers.dtype)])
-    none = jnp.zeros((members, layout.dimensions), numbers.dtype)
-    inside = jnp.concatenate([seats.present, jnp.ones(layout.walls, bool)])
-    moves = numbers.inverse_mass > 0
+    radius = jnp.concatenate([model.radius, jnp.zeros(model.walls, model.dtype)])
+    none = jnp.zeros((members, model.dimensions), model.dtype)
+    inside = jnp.concatenate([seats.present, jnp.ones(model.walls, bool)])
+    moves = model.inverse_mass > 0
     return ClusterPairs(
         first=jnp.asarray(first),
         second=jnp.asarray(second),
         distance=rows_of(radius, one) + rows_of(radius, other),
-        normal=rows_of(jnp.concatenate([none, numbers.normal]), second),
+        normal=rows_of(jnp.concatenate([none, model.normal]), second),
         flat=jnp.asarray(flat),
         used=rows_of(inside, first)
         & rows_of(inside, second)
@@ -217,9 +217,9 @@ def in_places(layout: SceneLayout, old: Any, blank: Any, members: tuple[int, int
     return jax.tree_util.tree_map_with_path(moved, old, blank)
 
 
-def masses(layout: SceneLayout, numbers: Numbers, seats: Slots) -> Float[Array, " M"]:
+def masses(model: SceneArrays, seats: Slots) -> Float[Array, " M"]:
     """Return the masses of the spheres present; 0 for fixed ones."""
-    inverse = rows_of(numbers.inverse_mass, jnp.minimum(seats.who, layout.spheres - 1))
+    inverse = rows_of(model.inverse_mass, jnp.minimum(seats.who, model.spheres - 1))
     free = seats.present & (inverse > 0)
     return jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)
 

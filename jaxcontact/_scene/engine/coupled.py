@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..._coupled.energies import stored_energy
 from ..._coupled.modes import TIME_IS_UP, Flag, Number
 from ..._coupled.rows import rows_of, with_rows
-from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, law_of, nearest_image
+from ..arrays.arrays import SceneArrays, SceneLayout, known_contact_of, law_of, nearest_image
 from ..arrays.flight import Flying, accelerations, at_once
 from ..bodies.motion import UserMotion
 from ..bodies.overlap import ROUNDINGS
@@ -63,13 +63,13 @@ class Call(NamedTuple):
 
 
 def slot_states(
-    layout: SceneLayout, numbers: Numbers, seats: Slots, spheres: Flying, time: Array
+    model: SceneArrays, seats: Slots, spheres: Flying, time: Array
 ) -> tuple[Array, Array]:
     """Return positions and velocities of all slots; a wall is at the foot of its normal."""
-    walls = numbers.walls_at(time)
-    image = spheres.position - seats.shift * numbers.period[None]
-    position = jnp.concatenate([image, walls.offset[:, None] * numbers.normal])
-    driven = walls.velocity[:, None] * numbers.normal
+    walls = model.walls_at(time)
+    image = spheres.position - seats.shift * model.period[None]
+    position = jnp.concatenate([image, walls.offset[:, None] * model.normal])
+    driven = walls.velocity[:, None] * model.normal
     return position, jnp.concatenate([spheres.velocity, driven])
 
 
@@ -88,8 +88,7 @@ def walls_under(layout: SceneLayout, members: int, on_wall: Bool[Array, " P"]) -
 
 
 def touching(
-    layout: SceneLayout,
-    numbers: Numbers,
+    model: SceneArrays,
     members: int,
     seats: Slots,
     there: Flying,
@@ -97,35 +96,32 @@ def touching(
     time: Number,
 ) -> Bool[Array, " P"]:
     """Return the pairs that touch within rounding and do not separate, or are at rest on a wall."""
-    first, second = slot_pairs(layout, members)
-    pairs = pairs_of(layout, numbers, members, seats)
-    position, velocity = slot_states(layout, numbers, seats, there, time)
-    apart = _nearest_images(layout, numbers, pairs, position).between(position)
+    first, second = slot_pairs(model, members)
+    pairs = pairs_of(model, members, seats)
+    position, velocity = slot_states(model, seats, there, time)
+    apart = _nearest_images(model, pairs, position).between(position)
     rate = velocity[first] - velocity[second]
     gap, opening = pairs.gaps(apart, rate)
-    eps = jnp.finfo(numbers.dtype).eps
+    eps = jnp.finfo(model.dtype).eps
     present = seats.present[:, None]
-    scale = jnp.max(jnp.abs(jnp.where(present, there.position, 0))) + jnp.max(numbers.radius)
+    scale = jnp.max(jnp.abs(jnp.where(present, there.position, 0))) + jnp.max(model.radius)
     speed = jnp.max(jnp.abs(jnp.where(present, there.velocity, 0)))
-    if numbers.motion is not None:
+    if model.motion is not None:
         speed = jnp.maximum(speed, jnp.max(jnp.abs(velocity[members:])))
     touches = (gap <= ROUNDINGS * eps * scale) & (opening <= ROUNDINGS * eps * speed)
-    return pairs.used & (touches | resting_pairs(layout, members, support))
+    return pairs.used & (touches | resting_pairs(model, members, support))
 
 
-def _nearest_images(
-    layout: SceneLayout, numbers: Numbers, pairs: ClusterPairs, position: Array
-) -> ClusterPairs:
+def _nearest_images(model: SceneArrays, pairs: ClusterPairs, position: Array) -> ClusterPairs:
     """Return the pairs with the nearest images of their bodies."""
-    if not any(layout.periodic):
+    if not any(model.periodic):
         return pairs
-    shift = nearest_image(layout, numbers, pairs.between(position))[1]
-    return pairs._replace(away=jnp.where(pairs.flat[:, None], 0, shift * numbers.period[None]))
+    shift = nearest_image(model, pairs.between(position))[1]
+    return pairs._replace(away=jnp.where(pairs.flat[:, None], 0, shift * model.period[None]))
 
 
 def call(
-    layout: SceneLayout,
-    numbers: Numbers,
+    model: SceneArrays,
     members: int,
     spheres: Flying,
     support: Int[Array, " M"],
@@ -144,44 +140,44 @@ def call(
     the two bodies.
     """
     seats, change = decided.seats, decided.change
-    who = jnp.minimum(seats.who, layout.spheres - 1)
-    pairs = pairs_of(layout, numbers, members, seats)
-    first, second = slot_pairs(layout, members)
+    who = jnp.minimum(seats.who, model.spheres - 1)
+    pairs = pairs_of(model, members, seats)
+    first, second = slot_pairs(model, members)
 
     # The time of the touch that starts it, or of the end of the last call.
     assert decided.choice is not None
     touch = decided.choice.time
     if derived:
-        touch = _touch(layout, numbers, spheres, decided)
+        touch = _touch(model, spheres, decided)
     time = jnp.where(decided.starts, touch, before.time)
     before = rearrange(before, change, members)
 
     # New bodies come from their flight formulas; their pairs are fresh.
-    there = at_once(layout, numbers, who, spheres, support, time)[0]
-    joined = jnp.concatenate([change.joined, jnp.zeros(layout.walls, bool)])
+    there = at_once(model, who, spheres, support, time)[0]
+    joined = jnp.concatenate([change.joined, jnp.zeros(model.walls, bool)])
     came = (joined | decided.starts)[:, None]
-    position, velocity = slot_states(layout, numbers, seats, there, time)
+    position, velocity = slot_states(model, seats, there, time)
     position = jnp.where(came, position, before.position)
     velocity = jnp.where(came, velocity, before.velocity)
     fresh = decided.starts | change.fresh
-    pairs = _nearest_images(layout, numbers, pairs, position)
+    pairs = _nearest_images(model, pairs, position)
     start = cluster_at_touch(pairs, position, velocity, decided.closed & fresh, v0=v0)
-    rests = resting_pairs(layout, members, support)
-    none = jnp.zeros(members, numbers.dtype)
+    rests = resting_pairs(model, members, support)
+    none = jnp.zeros(members, model.dtype)
     height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
-    sunk = pairs.distance - height + jnp.concatenate([none, numbers.walls_at(time).offset])[second]
+    sunk = pairs.distance - height + jnp.concatenate([none, model.walls_at(time).offset])[second]
     # The start time belongs to one pair. Other pairs that touch then, or join later, do not touch
     # at a time of their own. Their depth carries the derivative.
     since = jnp.zeros_like(start.since) + time
     start = start._replace(
         time=time,
-        rubbing=fresh_rubbing(layout, numbers, seats, there, support, rests),
+        rubbing=fresh_rubbing(model, seats, there, support, rests),
         indentation=jnp.where(rests, sunk, start.indentation),
         latched=jnp.where(rests, rows_of(held, first), start.latched),
         rising=start.rising & ~rests,
         since=since,
         force_until=since,
-        deepest=jnp.zeros_like(since) if layout.remembers else None,
+        deepest=jnp.zeros_like(since) if model.remembers else None,
     )
     begin = start._replace(
         **{
@@ -197,69 +193,69 @@ def call(
         depth = jnp.where(begin.closed, begin.indentation, start.indentation)
         begin = begin._replace(indentation=depth)
 
-    inverse = jnp.where(seats.present, rows_of(numbers.inverse_mass, who), 0)
-    inverse = jnp.concatenate([inverse, numbers.inverse_mass[layout.spheres :]])
-    pull = accelerations(layout, numbers, who, jnp.full(members, -1))
+    inverse = jnp.where(seats.present, rows_of(model.inverse_mass, who), 0)
+    inverse = jnp.concatenate([inverse, model.inverse_mass[model.spheres :]])
+    pull = accelerations(model, who, jnp.full(members, -1))
     pull = jnp.where(seats.present[:, None], pull, 0)
-    pull = jnp.concatenate([pull, jnp.zeros((layout.walls, layout.dimensions), numbers.dtype)])
-    one, other = bodies_of(layout, members, seats.who)
+    pull = jnp.concatenate([pull, jnp.zeros((model.walls, model.dimensions), model.dtype)])
+    one, other = bodies_of(model, members, seats.who)
     # Unused slots get the numbers of a used pair.
     used_pair = jnp.argmax(pairs.used)
     one, other = (jnp.where(pairs.used, body, rows_of(body, used_pair)) for body in (one, other))
-    contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(one, other)
-    law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(one, other)
-    drive = _drive(layout, numbers, seats, begin.time)
+    contact = jax.vmap(lambda i, j: known_contact_of(model, i, j))(one, other)
+    law = jax.vmap(lambda i, j: law_of(model, i, j))(one, other)
+    drive = _drive(model, seats, begin.time)
     bodies, slots = (one, other), (inverse, pull, drive)
     touches, limits = decided.closed & fresh & ~rests, (rests, decided.until, decided.to_the_end)
-    setting = layout, numbers, bodies, pairs
+    setting = model, bodies, pairs
     start, until, impulsive, completed = impulses(setting, contact, slots, begin, limits)
     end = cluster(
         law, contact, pairs, inverse, pull, start, until,
-        rtol=rtol, v0=v0, until_change=True, drive=drive, in_line=in_line(layout),
+        rtol=rtol, v0=v0, until_change=True, drive=drive, in_line=in_line(model),
         to_the_end=decided.to_the_end, max_steps=max_steps,
-        friction=pair_friction(layout, numbers, seats, bodies, touches & pairs.used, impulsive),
+        friction=pair_friction(model, seats, bodies, touches & pairs.used, impulsive),
     )  # fmt: skip
     # The exact time, without rounding, so that no further call is needed.
     over = jnp.where(end.status == TIME_IS_UP, until, end.state.time)
     return begin, completed(end._replace(state=end.state._replace(time=over)))
 
 
-def _touch(layout: SceneLayout, numbers: Numbers, spheres: Flying, decided: Call) -> Number:
+def _touch(model: SceneArrays, spheres: Flying, decided: Call) -> Number:
     """Return the time of the touch that starts a solve."""
     seats, choice = decided.seats, decided.choice
     assert choice is not None
     first = jnp.argmax(seats.who == choice.first)
     # A wall has no slot. The first body replaces it, as another body may be ahead in time.
     second = jnp.argmax(seats.who == choice.second)
-    two = jnp.stack([first, jnp.where(choice.second < layout.spheres, second, first)])
-    nobody = two_that_meet(layout, choice.time)
+    two = jnp.stack([first, jnp.where(choice.second < model.spheres, second, first)])
+    nobody = two_that_meet(model, choice.time)
     struck = jax.tree.map(lambda x, y: jnp.where(decided.starts, x[two], y), spheres, nobody)
     met = choice._replace(second=jnp.where(decided.starts, choice.second, choice.first))
-    return meeting_of(layout, numbers, struck, met).time
+    return meeting_of(model, struck, met).time
 
 
-def _drive(layout: SceneLayout, numbers: Numbers, seats: Slots, time: Array) -> Drive | None:
+def _drive(model: SceneArrays, seats: Slots, time: Array) -> Drive | None:
     """Return the drive of the slots from a time on; None without moving walls or shaken spheres."""
-    walls, spheres = numbers.motion, numbers.shaking
+    walls, spheres = model.motion, model.shaking
     if walls is None and spheres is None:
         return None
-    members, slots = seats.who.shape[0], seats.who.shape[0] + layout.walls
-    strength = jnp.zeros((slots, layout.dimensions), numbers.dtype)
-    rate, phase = jnp.zeros(slots, numbers.dtype), jnp.zeros(slots, numbers.dtype)
-    moves = jnp.asarray((False,) * members + layout.moving)
-    shakes = jnp.asarray((False,) * members + layout.vibrating)
+    members, slots = seats.who.shape[0], seats.who.shape[0] + model.walls
+    strength = jnp.zeros((slots, model.dimensions), model.dtype)
+    rate, phase = jnp.zeros(slots, model.dtype), jnp.zeros(slots, model.dtype)
+    moves = jnp.asarray((False,) * members + model.moving)
+    shakes = jnp.asarray((False,) * members + model.vibrating)
     users: list[tuple[UserMotion, Any]] = []
     if walls is not None:
         push = walls.amplitude * jnp.square(walls.rate)
-        strength = strength.at[members:].set(push[:, None] * numbers.normal)
+        strength = strength.at[members:].set(push[:, None] * model.normal)
         rate = rate.at[members:].set(walls.rate)
         phase = phase.at[members:].set(walls.rate * time + walls.phase)
         users += [(user, members + w) for w, user in enumerate(walls.own) if user is not None]
     if spheres is not None:
         # The slot of each shaken sphere, beyond all slots if it is absent.
-        named = jnp.asarray(layout.shaken)
+        named = jnp.asarray(model.shaken)
         sits = (seats.who[None] == named[:, None]) & seats.present[None]
-        nowhere = slots + jnp.arange(len(layout.shaken))
+        nowhere = slots + jnp.arange(len(model.shaken))
         slot = jnp.where(jnp.any(sits, axis=1), jnp.argmax(sits, axis=1), nowhere)
         push = spheres.amplitude * jnp.square(spheres.rate)[:, None]
         yes = jnp.ones(slot.shape, bool)
@@ -279,18 +275,16 @@ def _drive(layout: SceneLayout, numbers: Numbers, seats: Slots, time: Array) -> 
     )
 
 
-def work_of_walls(
-    layout: SceneLayout, numbers: Numbers, seats: Slots, began: ClusterState, end: ClusterEnd
-) -> Number:
+def work_of_walls(model: SceneArrays, seats: Slots, began: ClusterState, end: ClusterEnd) -> Number:
     """Return the work of moving walls and fixed spheres in one call, in J. It is all work except
     that of gravity.
     """
-    if numbers.motion is None and not layout.driven:
-        return jnp.zeros((), numbers.dtype)
-    mass = masses(layout, numbers, seats)
+    if model.motion is None and not model.driven:
+        return jnp.zeros((), model.dtype)
+    mass = masses(model, seats)
     members = mass.shape[0]
     fall = end.state.position[:members] - began.position[:members]
-    weight = jnp.sum(mass * jnp.sum(fall * numbers.gravity[None], axis=-1))
+    weight = jnp.sum(mass * jnp.sum(fall * model.gravity[None], axis=-1))
     return end.work - weight
 
 
@@ -305,29 +299,28 @@ def as_flags(state: ClusterState) -> ClusterState:
     return state._replace(closed=state.closed > 0.5, rising=state.rising > 0.5)
 
 
-def blank_state(layout: SceneLayout, members: int, dtype: Any) -> ClusterState:
+def blank_state(model: SceneArrays, members: int) -> ClusterState:
     """Return a state of zeros, with all pairs open."""
-    slots, pairs = members + layout.walls, slot_pairs(layout, members)[0].shape[0]
-    vector, each = jnp.zeros((slots, layout.dimensions), dtype), jnp.zeros(pairs, dtype)
+    slots, pairs = members + model.walls, slot_pairs(model, members)[0].shape[0]
+    sizes = (), (slots, model.dimensions), pairs
+    zero, vector, each = (jnp.zeros(size, model.dtype) for size in sizes)
     flags = jnp.zeros(pairs, bool)
-    rubbing = blank_rubbing(layout, slots, pairs, dtype)
+    rubbing = blank_rubbing(model, slots, pairs)
     return ClusterState(
-        jnp.zeros((), dtype), vector, vector, each, flags, flags, each, each, each, each, each,
-        each, rubbing, each if layout.remembers else None,
+        zero, vector, vector, each, flags, flags, each, each, each, each, each, each, rubbing,
+        each if model.remembers else None,
     )  # fmt: skip
 
 
-def contact_energy(
-    layout: SceneLayout, numbers: Numbers, members: int, seats: Slots, state: ClusterState
-) -> Number:
+def contact_energy(model: SceneArrays, members: int, seats: Slots, state: ClusterState) -> Number:
     """Return the elastic energy of all contacts, Σ ∫ F(δ, 0) dδ."""
 
     def energy(
         i: Array, j: Array, depth: Array, closed: Array, speed: Array, deepest: Array | None
     ) -> Array:
-        contact = known_contact_of(layout, numbers, i, j)
-        law = law_of(layout, numbers, i, j)
+        contact = known_contact_of(model, i, j)
+        law = law_of(model, i, j)
         return stored_energy(law, contact, jnp.where(closed, depth, 0), speed, deepest)
 
     columns = (state.indentation, state.closed, state.latched, state.deepest)
-    return jnp.sum(jax.vmap(energy)(*bodies_of(layout, members, seats.who), *columns))
+    return jnp.sum(jax.vmap(energy)(*bodies_of(model, members, seats.who), *columns))

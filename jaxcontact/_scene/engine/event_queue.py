@@ -11,15 +11,14 @@ from jaxtyping import Array, Float, Int
 
 from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of, with_one_or_two
-from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.arrays import SceneArrays, SceneLayout
 from ..contact_times.cells import CellGrid, Cells, Shift, fill_cells, move_sphere, shift_of, staying
 from .next_event import LEAVES, OUT_OF_DATE, find_next_events, flight_at, simultaneous
 from .state import Events, RunState
 
 
 def reset_events(
-    layout: SceneLayout,
-    numbers: Numbers,
+    model: SceneArrays,
     state: RunState,
     now: Number,
     grid: CellGrid | None,
@@ -30,8 +29,8 @@ def reset_events(
     """
     cells = None
     if grid is not None:
-        cells = fill_cells(layout, numbers, grid, flight_at(layout, numbers, state, None, now)[0])
-    events = stale_events(jnp.broadcast_to(now, (layout.spheres,)))
+        cells = fill_cells(model, grid, flight_at(model, state, None, now)[0])
+    events = stale_events(jnp.broadcast_to(now, (model.spheres,)))
     if needed is not None:
         events = jax.tree.map(lambda a, b: jnp.where(needed, a, b), events, state.events)
     return state._replace(cells=cells, events=events)
@@ -55,25 +54,23 @@ class Due(NamedTuple):
     fresh: Flag
 
 
-def next_event(
-    layout: SceneLayout, numbers: Numbers, events: Events, count: Int[Array, " N"]
-) -> Due:
+def next_event(model: SceneArrays, events: Events, count: Int[Array, " N"]) -> Due:
     """Return the event of least time; of simultaneous ones that with the largest closing speed."""
     least = jnp.min(events.time)
-    together = events.time <= least + simultaneous(numbers, least)
+    together = events.time <= least + simultaneous(model, least)
     # Two plain reductions are twice as fast as one that carries an index.
     speed = jnp.where(together, events.speed, -jnp.inf)
-    everyone = jnp.arange(layout.spheres)
-    i = jnp.min(jnp.where(speed == jnp.max(speed), everyone, layout.spheres - 1))
+    everyone = jnp.arange(model.spheres)
+    i = jnp.min(jnp.where(speed == jnp.max(speed), everyone, model.spheres - 1))
     time, partner, met = rows_of((events.time, events.partner, events.count), i)
-    is_sphere = (partner >= 0) & (partner < layout.spheres)
-    is_current = rows_of(count, jnp.clip(partner, 0, layout.spheres - 1)) == met
-    fresh = (partner >= layout.spheres) | (is_sphere & is_current)
+    is_sphere = (partner >= 0) & (partner < model.spheres)
+    is_current = rows_of(count, jnp.clip(partner, 0, model.spheres - 1)) == met
+    fresh = (partner >= model.spheres) | (is_sphere & is_current)
     return Due(least, time, i, partner, fresh)
 
 
 def update_events(
-    layout: SceneLayout, numbers: Numbers, state: RunState, until: Number, end: Number
+    model: SceneArrays, state: RunState, until: Number, end: Number
 ) -> tuple[RunState, Due]:
     """Search stale spheres again until the next event is an impact or is later than `until`. Events
     are searched only here. Two spheres are searched at a time, since both bodies of an impact are
@@ -97,20 +94,20 @@ def update_events(
                 return staying(cells, i)
 
             def shift(cells: Cells = cells) -> Shift:
-                place = flight_at(layout, numbers, here, i[None], now)[0]
-                return shift_of(layout, cells, i, place, due.partner == LEAVES)
+                place = flight_at(model, here, i[None], now)[0]
+                return shift_of(model, cells, i, place, due.partner == LEAVES)
 
             # After an impact a sphere is where it was.
             cells = move_sphere(cells, i, jax.lax.cond(due.partner == OUT_OF_DATE, stay, shift))
             here = here._replace(cells=cells)
         who = rows = i[None]
-        if layout.spheres > _FEW:
-            who, rows = _both(layout, events, i, now)
-        new = in_branch(wanted, lambda: find_next_events(layout, numbers, here, who, now, end))
+        if model.spheres > _FEW:
+            who, rows = _both(model, events, i, now)
+        new = in_branch(wanted, lambda: find_next_events(model, here, who, now, end))
         events = with_one_or_two(events, rows, new)
-        return events, cells, next_event(layout, numbers, events, state.count)
+        return events, cells, next_event(model, events, state.count)
 
-    first = next_event(layout, numbers, state.events, state.count)
+    first = next_event(model, state.events, state.count)
     events, cells, due = jax.lax.while_loop(unfinished, again, (state.events, state.cells, first))
     return state._replace(events=events, cells=cells), due
 

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.modes import Flag, Index, Number
 from ..._functions import spin_axes
-from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.arrays import SceneArrays
 from ..arrays.flight import Flying
 from ..arrays.movers import Turning
 from ..cluster.equations import ClusterState
@@ -99,56 +99,55 @@ class LoopOutcome(NamedTuple):
     valid: Flag
 
 
-def blank_log(rows: int, layout: SceneLayout, dtype: Any, members: int) -> Log:
+def blank_log(rows: int, model: SceneArrays, members: int) -> Log:
     """Return a blank log with some rows, and with room for calls if there are `members`."""
-    each = jnp.zeros(rows, dtype)
+    each = jnp.zeros(rows, model.dtype)
 
     def repeat(row: Any) -> Any:
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (rows, *jnp.shape(x))), row)
 
-    choice = repeat(blank_choice(layout, dtype))
+    choice = repeat(blank_choice(model))
     together = called = None
     if members:
-        together, called = repeat(blank_calls(layout, members, dtype))
+        together, called = repeat(blank_calls(model, members))
     facts = LogDecisions(choice, jnp.zeros((rows, 2), int) - 1, jnp.zeros(rows, bool), each, called)
-    outcome = repeat(no_impact(layout, dtype))
+    outcome = repeat(no_impact(model))
     return Log(LogNumbers(outcome.after, outcome, together), facts)
 
 
-def no_impact(layout: SceneLayout, dtype: Any) -> ImpactOutcome:
+def no_impact(model: SceneArrays) -> ImpactOutcome:
     """Return a placeholder outcome of zeros."""
-    vector, zero = jnp.zeros((2, layout.dimensions), dtype), jnp.zeros((), dtype)
+    dtype, dimensions = model.dtype, model.dimensions
+    vector, zero = jnp.zeros((2, dimensions), dtype), jnp.zeros((), dtype)
     turning = sliding = None
-    if layout.frictions is not None:
-        spin, sliding = jnp.zeros((2, spin_axes(layout.dimensions)), dtype), SlipSpeeds(zero, zero)
+    if model.frictions is not None:
+        spin, sliding = jnp.zeros((2, spin_axes(dimensions)), dtype), SlipSpeeds(zero, zero)
         turning = Turning(spin, vector, spin, vector[:, 0])
     columns: dict[str, Any] = dict.fromkeys(ImpactOutcome._fields, zero)
     columns |= {"after": Flying(vector, vector, vector[:, 0], turning), "sliding": sliding}
     return ImpactOutcome(**columns)
 
 
-def blank_choice(layout: SceneLayout, dtype: Any) -> Choice:
+def blank_choice(model: SceneArrays) -> Choice:
     """Return a placeholder choice."""
     zero, no = jnp.zeros((), int), jnp.asarray(False)
-    image, time = jnp.zeros(layout.dimensions, dtype), jnp.zeros((), dtype)
+    image, time = jnp.zeros(model.dimensions, model.dtype), jnp.zeros((), model.dtype)
     return Choice(zero, zero, jnp.full(2, -1, int), image, time, no)
 
 
-def blank_calls(
-    layout: SceneLayout, members: int, dtype: Any
-) -> tuple[ClusterNumbers, ClusterDecisions]:
+def blank_calls(model: SceneArrays, members: int) -> tuple[ClusterNumbers, ClusterDecisions]:
     """Return one row without a call."""
-    dimensions = layout.dimensions
+    dimensions, dtype = model.dimensions, model.dtype
     vector, each = jnp.zeros((members, dimensions), dtype), jnp.zeros(members, dtype)
-    state, no = as_numbers(blank_state(layout, members, dtype)), jnp.asarray(False)
+    state, no = as_numbers(blank_state(model, members)), jnp.asarray(False)
     none = jnp.zeros((), dtype)
-    pairs = jnp.zeros(slot_pairs(layout, members)[0].shape, bool)
+    pairs = jnp.zeros(slot_pairs(model, members)[0].shape, bool)
     integers = jnp.zeros(members, int)
-    nobody = jnp.full(members, layout.spheres, int)
-    seats, change = Slots(nobody, integers > 0, vector), no_change(layout, members)
+    nobody = jnp.full(members, model.spheres, int)
+    seats, change = Slots(nobody, integers > 0, vector), no_change(model, members)
     decided = Call(no, None, seats, change, pairs, none, no)
     turning = rubbed = None
-    if layout.frictions is not None:
+    if model.frictions is not None:
         spin = jnp.zeros((members, spin_axes(dimensions)), dtype)
         turning, rubbed = Turning(spin, vector, spin, each), none
     spheres = Flying(vector, vector, each, turning)
@@ -178,8 +177,7 @@ class RunRecord(eqx.Module):
     `last`; its requested duration is `length`.
     """
 
-    layout: SceneLayout
-    numbers: Numbers
+    model: SceneArrays
     rules: Rules
     tolerance: Number
     outcome: LoopOutcome
@@ -217,7 +215,7 @@ class RunRecord(eqx.Module):
         crowded = (searched == CROWDED) | (searched == TWO_SUPPORTS)
         status = jnp.where(crowded, int(Ending.CROWDED), status)
         status = jnp.where(searched == NOT_CONVERGED, int(Ending.NOT_CONVERGED), status)
-        if self.layout.frictions is not None:
+        if self.model.frictions is not None:
             status = jnp.where(searched == FRICTION, int(Ending.FRICTION_NOT_MODELLED), status)
         status = jnp.where(~stuck & more, int(Ending.TOO_MANY_IMPACTS), status)
         status = jnp.where(valid, status, int(Ending.INVALID_INPUT))

@@ -19,7 +19,7 @@ from jaxtyping import Array, Int
 from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of, with_row
 from ..._impact import Status
-from ..arrays.arrays import Numbers, SceneLayout, nearest_image
+from ..arrays.arrays import SceneArrays, nearest_image
 from ..arrays.flight import Flying, at_once, where_each
 from ..bodies.overlap import NOISE
 from ..contact_times.cells import CellGrid
@@ -50,53 +50,51 @@ from .state import (
 )
 
 
-def comes_to_rest(
-    layout: SceneLayout, numbers: Numbers, choice: Choice, before: Flying, tolerance: Number
-) -> Flag:
+def comes_to_rest(model: SceneArrays, choice: Choice, before: Flying, tolerance: Number) -> Flag:
     """Return whether a ball comes to rest on a wall. If gravity presses it to a wall and e < 1 is
     constant, it bounces infinitely often in a finite time. Once the next bounce is lower than
     `tolerance` radii, that time is summed.
     """
-    if not layout.settles:
+    if not model.settles:
         return choice.tail
     who = jnp.stack([choice.first, choice.first])
-    velocity = at_once(layout, numbers, who, before, choice.support, choice.time)[0].velocity[0]
-    wall = jnp.clip(choice.second - layout.spheres, 0)
-    face = rows_of(numbers.normal, wall)
-    weight = -jnp.sum(face * numbers.gravity)
-    driven = numbers.walls_at(choice.time, wall).velocity
+    velocity = at_once(model, who, before, choice.support, choice.time)[0].velocity[0]
+    wall = jnp.clip(choice.second - model.spheres, 0)
+    face = rows_of(model.normal, wall)
+    weight = -jnp.sum(face * model.gravity)
+    driven = model.walls_at(choice.time, wall).velocity
     closing = jnp.maximum(driven - jnp.sum(face * velocity), 0)
-    e = numbers.restitution[0]
-    rests = (choice.second >= layout.spheres) & (weight > 0)
-    if layout.laws:
-        law = layout.chosen(layout.laws, choice.first, choice.second)
-        e = rows_of(numbers.restitution, law)
-        rests = rests & rows_of(jnp.asarray(layout.constant), law)
-    if any(layout.vibrating):
+    e = model.restitution[0]
+    rests = (choice.second >= model.spheres) & (weight > 0)
+    if model.law_table:
+        law = model.chosen(model.law_table, choice.first, choice.second)
+        e = rows_of(model.restitution, law)
+        rests = rests & rows_of(jnp.asarray(model.constant), law)
+    if any(model.vibrating):
         # On a shaking wall the bounces do not form a series.
-        rests = rests & ~rows_of(jnp.asarray(layout.vibrating), wall)
-    if layout.frictions is not None:
-        rests = rests & ~begins_to_roll(layout, choice)
-    low = jnp.square(e * closing) <= 2 * weight * tolerance * rows_of(numbers.radius, choice.first)
+        rests = rests & ~rows_of(jnp.asarray(model.vibrating), wall)
+    if model.frictions is not None:
+        rests = rests & ~begins_to_roll(model, choice)
+    low = jnp.square(e * closing) <= 2 * weight * tolerance * rows_of(model.radius, choice.first)
     return rests & (e < 1) & low
 
 
 def supports_after(
-    layout: SceneLayout, numbers: Numbers, choice: Choice, outcome: ImpactOutcome
+    model: SceneArrays, choice: Choice, outcome: ImpactOutcome
 ) -> tuple[Int[Array, "2"], Flag]:
     """Return the walls that support the two bodies after the impact, and whether one needs two."""
     support = choice.support
-    if not (layout.settles or numbers.start is not None):
+    if not (model.settles or model.start is not None):
         return support, jnp.asarray(False)
     velocity, on = outcome.after.velocity, jnp.maximum(support, 0)
-    leaving = jnp.sum(velocity * rows_of(numbers.normal, on), axis=-1)
-    if any(layout.moving):
-        leaving = leaving - rows_of(numbers.walls_at(outcome.time).velocity, on)
+    leaving = jnp.sum(velocity * rows_of(model.normal, on), axis=-1)
+    if any(model.moving):
+        leaving = leaving - rows_of(model.walls_at(outcome.time).velocity, on)
     leaving = jnp.abs(leaving)
     speed = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1)) + outcome.closing
-    kept = (support >= 0) & (leaving <= NOISE * jnp.finfo(numbers.dtype).eps * speed)
+    kept = (support >= 0) & (leaving <= NOISE * jnp.finfo(model.dtype).eps * speed)
     support = jnp.where(kept, support, -1)
-    wall = choice.second - layout.spheres
+    wall = choice.second - model.spheres
     crowded = choice.tail & kept[0] & (support[0] != wall)
     first = jnp.where(choice.tail, wall, support[0])
     return jnp.stack([first, support[1]]), crowded
@@ -107,15 +105,13 @@ SLOW = 2.0**14
 Simultaneous impacts below it have accumulated."""
 
 
-def initial_state(
-    layout: SceneLayout, numbers: Numbers, rules: Rules, grid: CellGrid | None = None
-) -> RunState:
+def initial_state(model: SceneArrays, rules: Rules, grid: CellGrid | None = None) -> RunState:
     """Return the start: all spheres at time zero, all events out of date, with initial contacts."""
-    count, start = layout.spheres, numbers.start
-    spheres = flying_at_start(layout, numbers)
+    count, start = model.spheres, model.start
+    spheres = flying_at_start(model)
     zero = spheres.time
     integers = jnp.zeros(count, int)
-    now = jnp.zeros((), numbers.dtype)
+    now = jnp.zeros((), model.dtype)
     state = RunState(
         spheres.position, spheres.velocity, zero, integers - 1, integers, stale_events(zero),
         now, jnp.zeros((), int), jnp.zeros((), int), zero, zero, None, None,
@@ -124,17 +120,12 @@ def initial_state(
     if start is not None:
         state = state._replace(support=start.support, held=start.held)
     if start is None or start.underway is None:
-        return _first_events(layout, numbers, rules, state, grid)
-    return _resume_impacts(layout, numbers, rules, state, grid, start.underway)
+        return _first_events(model, rules, state, grid)
+    return _resume_impacts(model, rules, state, grid, start.underway)
 
 
 def _resume_impacts(
-    layout: SceneLayout,
-    numbers: Numbers,
-    rules: Rules,
-    state: RunState,
-    grid: CellGrid | None,
-    underway: Underway,
+    model: SceneArrays, rules: Rules, state: RunState, grid: CellGrid | None, underway: Underway
 ) -> RunState:
     """Return a start within isolated impacts. Their touch, before time zero, is the next event of
     the bodies in them.
@@ -143,7 +134,7 @@ def _resume_impacts(
     led = Flying(underway.position, underway.velocity, underway.time, underway.turning)
     spheres = where_each(on, led, state.flying)
     state = state._replace(**spheres._asdict())
-    state = _first_events(layout, numbers, rules, state, grid)
+    state = _first_events(model, rules, state, grid)
     events = state.events
     events = events._replace(
         time=jnp.where(on, underway.touch, events.time),
@@ -154,35 +145,33 @@ def _resume_impacts(
 
 
 def _first_events(
-    layout: SceneLayout, numbers: Numbers, rules: Rules, state: RunState, grid: CellGrid | None
+    model: SceneArrays, rules: Rules, state: RunState, grid: CellGrid | None
 ) -> RunState:
     """Return the start with its initial contacts and its cells."""
-    start = jnp.zeros((), numbers.dtype)
+    start = jnp.zeros((), model.dtype)
     if not rules.members:
-        return reset_events(layout, numbers, state, start, grid)
-    state = with_empty_slots(layout, numbers, rules.members, state)
+        return reset_events(model, state, start, grid)
+    state = with_empty_slots(model, rules.members, state)
     assert state.coupling is not None
-    coupling = resume_cluster(numbers, state.coupling)
+    coupling = resume_cluster(model, state.coupling)
     # The search precedes the first call.
     start = jnp.where(coupling.active, jnp.minimum(coupling.state.time, start), start)
-    state = reset_events(layout, numbers, state._replace(coupling=coupling), start, grid)
+    state = reset_events(model, state._replace(coupling=coupling), start, grid)
     # During a solve nothing else happens to the spheres in it.
-    inside = coupling.active & in_cluster(layout, coupling)
+    inside = coupling.active & in_cluster(model, coupling)
     waits = state.events._replace(time=jnp.where(inside, jnp.inf, state.events.time))
     return state._replace(events=waits)
 
 
-def with_empty_slots(
-    layout: SceneLayout, numbers: Numbers, members: int, state: RunState
-) -> RunState:
+def with_empty_slots(model: SceneArrays, members: int, state: RunState) -> RunState:
     """Return the state with empty slots for a coupled solve. A run without slots that stopped
     because it needed one can continue.
     """
-    no, zero = jnp.asarray(False), jnp.zeros((), numbers.dtype)
-    nobody, seats = blank_choice(layout, numbers.dtype), empty_slots(layout, numbers, members)
+    no, zero = jnp.asarray(False), jnp.zeros((), model.dtype)
+    nobody, seats = blank_choice(model), empty_slots(model, members)
     coupling = Coupling(
         no, no, no, nobody, seats, zero, zero,
-        blank_state(layout, members, numbers.dtype),
+        blank_state(model, members),
     )  # fmt: skip
     return state._replace(coupling=coupling, status=jnp.full_like(state.status, RUNNING))
 
@@ -194,8 +183,7 @@ def has_events_left(state: RunState, end: Number) -> Flag:
 
 
 def advance(
-    layout: SceneLayout,
-    numbers: Numbers,
+    model: SceneArrays,
     rules: Rules,
     state: RunState,
     log: Log,
@@ -216,7 +204,7 @@ def advance(
     def step(carry: tuple[RunState, Due, Log, Array]) -> tuple[RunState, Due, Log, Array]:
         state, due, log, written = carry
         # In a batch a finished run only waits.
-        setting, needed = (layout, numbers, rules, state), unfinished(carry)
+        setting, needed = (model, rules, state), unfinished(carry)
         if state.coupling is None:
             state, figures, facts, fresh = _event(*setting, due, end, tolerance, needed)
         else:
@@ -232,7 +220,7 @@ def advance(
             active, later = state.coupling.active, jnp.minimum(state.coupling.state.time, end)
             until = jnp.where(active, later, end)
             until = jnp.where(cluster_is_next(state), -jnp.inf, until)
-        state, due = update_events(layout, numbers, state, until, end)
+        state, due = update_events(model, state, until, end)
         return state, due, log, written + fresh.astype(written.dtype)
 
     start = jnp.zeros((), int) if written is None else written
@@ -261,8 +249,7 @@ class _SolvedImpact(NamedTuple):
 
 
 def _event(
-    layout: SceneLayout,
-    numbers: Numbers,
+    model: SceneArrays,
     rules: Rules,
     state: RunState,
     due: Due,
@@ -279,7 +266,7 @@ def _event(
         coupling = state.coupling
         until = jnp.where(coupling.active, jnp.minimum(coupling.state.time, end), end)
         needed = needed & ~cluster_is_next(state)
-    count, i, partner = layout.spheres, due.first, due.partner
+    count, i, partner = model.spheres, due.first, due.partner
     fresh = due.fresh & (due.least <= until)
     if state.cells is not None:
         fresh = fresh & ~state.cells.full
@@ -287,7 +274,7 @@ def _event(
     is_sphere = partner < count
     # A wall has no row; the first body replaces it.
     who = jnp.stack([i, jnp.where(is_sphere, jnp.maximum(partner, 0), i)])
-    arguments = (layout, numbers, rules, state, due, who, now, tolerance, fresh & needed)
+    arguments = (model, rules, state, due, who, now, tolerance, fresh & needed)
     met = in_branch(fresh, lambda: _solve_due(*arguments))
     choice, outcome = met.choice, met.outcome
     happens = fresh & met.alone
@@ -311,18 +298,17 @@ def _event(
         state = state._replace(status=jnp.where(starts, CROWDED, state.status))
     elif state.coupling is not None:
         met_then = choice._replace(time=outcome.time)
-        coupling = start_cluster(layout, numbers, state.coupling, starts, met_then, outcome.closing)
+        coupling = start_cluster(model, state.coupling, starts, met_then, outcome.closing)
         state = state._replace(coupling=coupling)
     together = no_call = None
     if state.coupling is not None:
-        together, no_call = blank_calls(layout, rules.members, numbers.dtype)
+        together, no_call = blank_calls(model, rules.members)
     figures = LogNumbers(met.before, outcome, together)
     return state, figures, LogDecisions(choice, met.support, met.tied, met.rival, no_call), happens
 
 
 def _solve_due(
-    layout: SceneLayout,
-    numbers: Numbers,
+    model: SceneArrays,
     rules: Rules,
     state: RunState,
     due: Due,
@@ -335,47 +321,47 @@ def _solve_due(
     partner = due.partner
     columns = (state.flying, state.support, state.count, state.events)
     before, support, met, events = rows_of(columns, who)
-    choice = _choice(layout, numbers, who, partner, before, support, now)
+    choice = _choice(model, who, partner, before, support, now)
     if rules.soft:
-        outcome = soft(layout, numbers, before, choice, tolerance, needed)
-        alone = is_isolated(layout, numbers, rules, state, choice, outcome, now, tolerance)
-        if numbers.start is not None:
+        outcome = soft(model, before, choice, tolerance, needed)
+        alone = is_isolated(model, rules, state, choice, outcome, now, tolerance)
+        if model.start is not None:
             # Impacts that began before the run are known to be isolated.
             alone = alone | ((now < 0) & (outcome.status == 0))
         crowded = jnp.asarray(False)
-        if layout.frictions is not None:
+        if model.frictions is not None:
             # A law without an outcome ends the run.
-            outcome = or_roll(layout, numbers, before, choice, outcome, soft=True)
-            alone = alone | begins_to_roll(layout, choice)
+            outcome = or_roll(model, before, choice, outcome, soft=True)
+            alone = alone | begins_to_roll(model, choice)
             alone = alone | (outcome.status == int(Status.INVALID_INPUT))
-            if is_followed(numbers):
+            if is_followed(model):
                 alone = alone & (outcome.error <= 2 * tolerance)
     else:
-        choice = choice._replace(tail=comes_to_rest(layout, numbers, choice, before, tolerance))
-        outcome = hit(layout, numbers, before, choice)
-        outcome = or_roll(layout, numbers, before, choice, outcome, soft=False)
+        choice = choice._replace(tail=comes_to_rest(model, choice, before, tolerance))
+        outcome = hit(model, before, choice)
+        outcome = or_roll(model, before, choice, outcome, soft=False)
         alone = jnp.asarray(True)
-        support, crowded = supports_after(layout, numbers, choice, outcome)
+        support, crowded = supports_after(model, choice, outcome)
     curves = jnp.asarray(False)
-    if layout.frictions is not None:
-        outcome, curves = with_friction_at_rest(layout, numbers, choice, outcome, support)
+    if model.frictions is not None:
+        outcome, curves = with_friction_at_rest(model, choice, outcome, support)
 
     # An event of the partner that is not an impact does not compete.
     with_first = (events.partner[1] == who[0]) | (events.partner[1] < 0)
     competing = jnp.where(with_first, events.second[1], events.time[1])
-    is_sphere = partner < layout.spheres
+    is_sphere = partner < model.spheres
     rival = jnp.minimum(events.second[0], jnp.where(is_sphere, competing, jnp.inf)) - now
     since = jnp.where(met > 0, now - before.time, jnp.inf)
     rival = jnp.minimum(rival, jnp.min(since))
-    within = simultaneous(numbers, due.least)
+    within = simultaneous(model, due.least)
     tied = rival <= within
 
     idle = jnp.where(now > state.now + within, 0, state.idle + 1)
-    patience = PATIENCE * (layout.spheres + layout.walls)
+    patience = PATIENCE * (model.spheres + model.walls)
 
     stuck = idle > patience
     if not rules.soft:
-        eps = jnp.finfo(numbers.dtype).eps
+        eps = jnp.finfo(model.dtype).eps
         fastest = in_branch(tied, lambda: jnp.max(jnp.sum(jnp.square(state.velocity), axis=-1)))
         slow = outcome.closing <= SLOW * eps * jnp.sqrt(fastest)
         stuck = stuck | (tied & slow & ~choice.tail)
@@ -384,7 +370,7 @@ def _solve_due(
     if not rules.soft:
         # A law that is not solved has no e.
         status = jnp.where(jnp.isnan(outcome.restitution), NOT_CONVERGED, status)
-    if layout.frictions is not None:
+    if model.frictions is not None:
         status = jnp.where(curves | (outcome.status != 0), FRICTION, status)
     return _SolvedImpact(
         before, choice, outcome, support, met + 1, rival, tied, idle, status, alone
@@ -392,8 +378,7 @@ def _solve_due(
 
 
 def _choice(
-    layout: SceneLayout,
-    numbers: Numbers,
+    model: SceneArrays,
     who: Int[Array, "2"],
     partner: Index,
     before: Flying,
@@ -401,9 +386,9 @@ def _choice(
     now: Number,
 ) -> Choice:
     """Return the discrete choices about an impact: its bodies and their image."""
-    image = jnp.zeros(layout.dimensions, numbers.dtype)
-    if any(layout.periodic):
-        place = at_once(layout, numbers, who, before, support, now)[0].position
-        nearest = nearest_image(layout, numbers, (place[0] - place[1])[None])[1][0]
-        image = jnp.where(partner < layout.spheres, nearest, image)
+    image = jnp.zeros(model.dimensions, model.dtype)
+    if any(model.periodic):
+        place = at_once(model, who, before, support, now)[0].position
+        nearest = nearest_image(model, (place[0] - place[1])[None])[1][0]
+        image = jnp.where(partner < model.spheres, nearest, image)
     return Choice(who[0], jnp.maximum(partner, 0), support, image, now, jnp.asarray(False))

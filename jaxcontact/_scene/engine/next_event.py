@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.modes import Number
 from ..._coupled.rows import rows_of, with_rows
-from ..arrays.arrays import Numbers, SceneLayout, nearest_image
+from ..arrays.arrays import SceneArrays, SceneLayout, nearest_image
 from ..arrays.flight import at_once
 from ..bodies.overlap import NOISE, ROUNDINGS
 from ..contact_times.cells import everywhere, leaving, neighbours
@@ -26,44 +26,39 @@ AGAIN, LEAVES, OUT_OF_DATE = -1, -2, -3
 """Markers in place of a partner: search again, leave the cell, or path changed since the search."""
 
 
-def simultaneous(numbers: Numbers, time: Number) -> Number:
+def simultaneous(model: SceneArrays, time: Number) -> Number:
     """Return the largest difference between two times that are equal up to rounding."""
     finite = jnp.where(jnp.isfinite(time), jnp.abs(time), 0)
-    return TIED * jnp.finfo(numbers.dtype).eps * finite
+    return TIED * jnp.finfo(model.dtype).eps * finite
 
 
 def find_next_events(
-    layout: SceneLayout,
-    numbers: Numbers,
-    state: RunState,
-    who: Int[Array, " M"],
-    now: Number,
-    end: Number,
+    model: SceneArrays, state: RunState, who: Int[Array, " M"], now: Number, end: Number
 ) -> Events:
     """Search the next events of some spheres among all bodies, or those of nearby cells."""
-    count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
+    count, eps = model.spheres, jnp.finfo(model.dtype).eps
     others, valid = None, jnp.asarray(True)[None, None]
     names = jnp.arange(count)[None]
     if state.cells is not None:
-        others, valid = neighbours(layout, state.cells, who)
+        others, valid = neighbours(model, state.cells, who)
         names = others
     size = (who.shape[0], names.shape[1])
-    position, velocity, pull = flight_at(layout, numbers, state, who, now)
-    across = flight_at(layout, numbers, state, None if others is None else others.reshape(-1), now)
+    position, velocity, pull = flight_at(model, state, who, now)
+    across = flight_at(model, state, None if others is None else others.reshape(-1), now)
     speeds, all_speeds = (jnp.sqrt(jnp.sum(jnp.square(x), axis=-1)) for x in (velocity, across[1]))
 
     def relative(mine: Array, theirs: Array) -> Array:
-        return mine[:, None] - theirs.reshape(-1, size[1], layout.dimensions)
+        return mine[:, None] - theirs.reshape(-1, size[1], model.dimensions)
 
-    apart = relative(position, across[0]).reshape(-1, layout.dimensions)
-    apart = nearest_image(layout, numbers, apart)[0].reshape(*size, layout.dimensions)
+    apart = relative(position, across[0]).reshape(-1, model.dimensions)
+    apart = nearest_image(model, apart)[0].reshape(*size, model.dimensions)
     rate, bend = relative(velocity, across[1]), relative(pull, across[2])
-    radius = rows_of(numbers.radius, who)[:, None]
-    distance = radius + _of(numbers.radius, others).reshape(-1, size[1])
+    radius = rows_of(model.radius, who)[:, None]
+    distance = radius + _of(model.radius, others).reshape(-1, size[1])
     noise = NOISE * eps * (speeds[:, None] + all_speeds.reshape(-1, size[1]))
-    straight = sphere_time(apart, rate, distance, noise, shells=layout.spheres > layout.visible)
-    stand = sum(layout.fixed) > len(layout.shaken)
-    if layout.gravity and (layout.walls or stand):
+    straight = sphere_time(apart, rate, distance, noise, shells=model.spheres > model.visible)
+    stand = sum(model.fixed) > len(model.shaken)
+    if model.has_gravity and (model.walls or stand):
         bent = jnp.any(bend != 0, axis=-1)
         horizon = jnp.maximum(end - now, 0)
 
@@ -74,45 +69,45 @@ def find_next_events(
     else:
         times = straight
     other = valid & (names != who[:, None])
-    if layout.shaken:
+    if model.shaken:
         # Shaken spheres have columns of their own.
-        other = other & (layout.shaken_row(names) == len(layout.shaken))
-    if any(layout.fixed):
-        all_move = _of(numbers.inverse_mass[:count] > 0, others).reshape(-1, size[1])
-        other = other & (all_move | _moves(numbers, who)[:, None])
+        other = other & (model.shaken_row(names) == len(model.shaken))
+    if any(model.fixed):
+        all_move = _of(model.inverse_mass[:count] > 0, others).reshape(-1, size[1])
+        other = other & (all_move | _moves(model, who)[:, None])
     times = jnp.where(other, times, jnp.inf)
     reached = jnp.where(jnp.isfinite(times), times, 0)[..., None]
     at = apart + (rate + bend / 2 * reached) * reached
     closing = -jnp.sum(at * (rate + bend * reached), axis=-1) / distance
 
-    horizon = jnp.full(who.shape, jnp.inf, numbers.dtype)
-    for axis in range(layout.dimensions):
+    horizon = jnp.full(who.shape, jnp.inf, model.dtype)
+    for axis in range(model.dimensions):
         # Spheres in neighbouring cells have one nearest image.
         cut = state.cells is not None and state.cells.grid.axes[axis]
-        near = size[1] - len(everywhere(layout)) if cut else 0
-        if layout.periodic[axis] and near < size[1]:
+        near = size[1] - len(everywhere(model)) if cut else 0
+        if model.periodic[axis] and near < size[1]:
             away, fast, falls = (x[:, near:, axis] for x in (apart, rate, bend))
-            bound = image_horizon(away, fast, falls, distance[:, near:], numbers.period[axis])
+            bound = image_horizon(away, fast, falls, distance[:, near:], model.period[axis])
             bound = jnp.where(other[:, near:], bound, jnp.inf)
             horizon = jnp.minimum(horizon, jnp.min(bound, axis=-1))
-    leaves = jnp.full(who.shape, jnp.inf, numbers.dtype)
+    leaves = jnp.full(who.shape, jnp.inf, model.dtype)
     if state.cells is not None:
-        leaves = leaving(layout, state.cells, who, position, velocity, pull)
-        if layout.shaken:
-            leaves = jnp.where(layout.shaken_row(who) < len(layout.shaken), jnp.inf, leaves)
+        leaves = leaving(model, state.cells, who, position, velocity, pull)
+        if model.shaken:
+            leaves = jnp.where(model.shaken_row(who) < len(model.shaken), jnp.inf, leaves)
 
     columns = [_OtherBodies(times, closing, jnp.broadcast_to(names, size))]
     those = _Those(who, position, velocity, pull, now, end)
-    if layout.shaken:
-        shaken, bound = _of_shaken(layout, numbers, those)
+    if model.shaken:
+        shaken, bound = _of_shaken(model, those)
         columns.append(shaken)
         horizon = jnp.minimum(horizon, bound)
-    if layout.walls:
-        columns.append(_of_walls(layout, numbers, state, those))
+    if model.walls:
+        columns.append(_of_walls(model, state, those))
     times, closing, names = jax.tree.map(lambda *x: jnp.concatenate(x, axis=-1), *columns)
-    if any(layout.fixed):
+    if any(model.fixed):
         # Spheres in motion find the fixed ones.
-        times = jnp.where(_moves(numbers, who)[:, None], times, jnp.inf)
+        times = jnp.where(_moves(model, who)[:, None], times, jnp.inf)
 
     # Of simultaneous events the fastest closing one is chosen, then the lowest number. The result
     # does not depend on the order of the columns.
@@ -121,19 +116,19 @@ def find_next_events(
     together = times <= least + within
     speed = jnp.max(jnp.where(together, closing, -jnp.inf), axis=-1)
     fastest = together & (closing == speed[:, None])
-    best = jnp.min(jnp.where(fastest, names, count + layout.walls - 1), axis=-1)
+    best = jnp.min(jnp.where(fastest, names, count + model.walls - 1), axis=-1)
     chosen = fastest & (names == best[:, None])
     time = jnp.min(jnp.where(chosen, times, jnp.inf), axis=-1)
     second = jnp.min(jnp.where(chosen, jnp.inf, times), axis=-1)
     met = jnp.where(best < count, rows_of(state.count, jnp.minimum(best, count - 1)), 0)
     event = Events(now + time, best, met, speed, now + second)
-    if state.cells is not None or any(layout.periodic):
+    if state.cells is not None or any(model.periodic):
         early = jnp.minimum(horizon, leaves)
         sooner, reason = early < time, jnp.where(leaves <= horizon, LEAVES, AGAIN)
         before = Events(now + early, reason, met, jnp.full_like(speed, jnp.inf), event.time)
         event = jax.tree.map(lambda a, b: jnp.where(sooner, a, b), before, event)
     if state.coupling is not None:
-        event = without_cluster(layout, numbers, state.coupling, event, now)
+        event = without_cluster(model, state.coupling, event, now)
     return event
 
 
@@ -156,28 +151,26 @@ class _Those(NamedTuple):
     end: Number
 
 
-def _of_walls(
-    layout: SceneLayout, numbers: Numbers, state: RunState, those: _Those
-) -> _OtherBodies:
+def _of_walls(model: SceneArrays, state: RunState, those: _Those) -> _OtherBodies:
     """Return the contacts of spheres with walls on which they do not rest."""
     who, position, velocity, pull, now, end = those
-    count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
-    height = jnp.sum(position[:, None] * numbers.normal[None], axis=-1)
-    walls = numbers.walls_at(now)
-    radius = rows_of(numbers.radius, who)[:, None]
+    count, eps = model.spheres, jnp.finfo(model.dtype).eps
+    height = jnp.sum(position[:, None] * model.normal[None], axis=-1)
+    walls = model.walls_at(now)
+    radius = rows_of(model.radius, who)[:, None]
     gap = height - walls.offset[None] - radius
-    fall = jnp.sum(velocity[:, None] * numbers.normal[None], axis=-1)
-    weight = jnp.sum(pull[:, None] * numbers.normal[None], axis=-1)
+    fall = jnp.sum(velocity[:, None] * model.normal[None], axis=-1)
+    weight = jnp.sum(pull[:, None] * model.normal[None], axis=-1)
     noise = NOISE * eps * jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1))[:, None]
-    motion = None if numbers.motion is None else numbers.motion.in_rows()
+    motion = None if model.motion is None else model.motion.in_rows()
     if motion is not None:
         fall = fall - motion.speed
         noise = noise + NOISE * eps * motion.fastest(now, jnp.zeros_like(now))
-    free = jnp.arange(layout.walls)[None] != rows_of(state.support, who)[:, None]
+    free = jnp.arange(model.walls)[None] != rows_of(state.support, who)[:, None]
     wall = wall_time(gap, fall, weight, noise)
-    if any(layout.vibrating):
+    if any(model.vibrating):
         assert motion is not None
-        shaking = jnp.asarray(layout.vibrating)[None]
+        shaking = jnp.asarray(model.vibrating)[None]
         left = jnp.maximum(end - now, 0)
         noise = jnp.broadcast_to(noise, gap.shape)
         size = jnp.max(jnp.abs(position), axis=-1)[:, None] + radius
@@ -192,33 +185,31 @@ def _of_walls(
         wall = jnp.where(free, wall, left)
     reached = jnp.where(jnp.isfinite(wall), wall, 0)
     rises = fall + weight * reached
-    if any(layout.vibrating):
+    if any(model.vibrating):
         assert motion is not None
         swing = motion.velocity(now + reached) - motion.speed
-        rises = rises - jnp.where(jnp.asarray(layout.vibrating)[None], swing, 0)
-    names = jnp.arange(count, count + layout.walls)[None]
+        rises = rises - jnp.where(jnp.asarray(model.vibrating)[None], swing, 0)
+    names = jnp.arange(count, count + model.walls)[None]
     return _OtherBodies(wall, -rises, jnp.broadcast_to(names, wall.shape))
 
 
-def _of_shaken(
-    layout: SceneLayout, numbers: Numbers, those: _Those
-) -> tuple[_OtherBodies, Float[Array, " M"]]:
+def _of_shaken(model: SceneArrays, those: _Those) -> tuple[_OtherBodies, Float[Array, " M"]]:
     """Return the contacts of spheres with shaken fixed ones, and a time limit for other images.
     Before that time no other image of these is met.
     """
-    assert numbers.shaking is not None
+    assert model.shaking is not None
     who, position, velocity, pull, now, end = those
-    motion, eps = numbers.shaking.in_rows(), jnp.finfo(numbers.dtype).eps
-    shaken = jnp.asarray(layout.shaken)
-    place, speed = numbers.shaken_at(layout, now)
+    motion, eps = model.shaking.in_rows(), jnp.finfo(model.dtype).eps
+    shaken = jnp.asarray(model.shaken)
+    place, speed = model.shaken_at(now)
     shape = (who.shape[0], shaken.shape[0])
-    apart = (position[:, None] - place[None]).reshape(-1, layout.dimensions)
-    apart = nearest_image(layout, numbers, apart)[0].reshape(*shape, layout.dimensions)
+    apart = (position[:, None] - place[None]).reshape(-1, model.dimensions)
+    apart = nearest_image(model, apart)[0].reshape(*shape, model.dimensions)
     rate, bend = (jnp.broadcast_to(x[:, None], apart.shape) for x in (velocity, pull))
-    distance = rows_of(numbers.radius, who)[:, None] + numbers.radius[shaken][None]
+    distance = rows_of(model.radius, who)[:, None] + model.radius[shaken][None]
     fast = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1))[:, None]
     noise = NOISE * eps * (fast + motion.fastest(now, jnp.zeros_like(now)))
-    moves = _moves(numbers, who)
+    moves = _moves(model, who)
     wanted = jnp.broadcast_to(moves[:, None], shape)
     left = jnp.maximum(end - now, 0)
     size = jnp.max(jnp.abs(position), axis=-1)[:, None] + jnp.max(jnp.abs(place), axis=-1)[None]
@@ -228,36 +219,34 @@ def _of_shaken(
     passed, (high, swings) = reached[..., None], motion.swing(now, reached)
     at, closes = apart + (rate + bend / 2 * passed) * passed - high, rate + bend * passed - swings
     closing = -jnp.sum(at * closes, axis=-1) / distance
-    bound = jnp.full(who.shape, jnp.inf, numbers.dtype)
+    bound = jnp.full(who.shape, jnp.inf, model.dtype)
     rate = rate - speed[None]
-    for axis in range(layout.dimensions):
-        if layout.periodic[axis]:
+    for axis in range(model.dimensions):
+        if model.periodic[axis]:
             most = jnp.abs(bend[..., axis]) + motion.strongest
-            given = (apart[..., axis], rate[..., axis], most, distance, numbers.period[axis])
+            given = (apart[..., axis], rate[..., axis], most, distance, model.period[axis])
             bound = jnp.minimum(bound, jnp.min(image_horizon(*given), axis=-1))
     names = jnp.broadcast_to(shaken[None], shape)
     return _OtherBodies(times, closing, names), jnp.where(moves, bound, jnp.inf)
 
 
-def _moves(numbers: Numbers, who: Int[Array, " M"]) -> Bool[Array, " M"]:
+def _moves(model: SceneArrays, who: Int[Array, " M"]) -> Bool[Array, " M"]:
     """Return which spheres are not fixed."""
-    return rows_of(numbers.inverse_mass, who) > 0
+    return rows_of(model.inverse_mass, who) > 0
 
 
-def without_cluster(
-    layout: SceneLayout, numbers: Numbers, coupling: Coupling, events: Events, now: Number
-) -> Events:
+def without_cluster(model: SceneArrays, coupling: Coupling, events: Events, now: Number) -> Events:
     """Return events without those that involve moving spheres of the coupled solve. Those spheres
     leave their flight paths. The others search again at the time of their second best event. A
     fixed sphere stays where it would be anyway.
     """
     seats = coupling.seats
-    moves = numbers.inverse_mass[jnp.minimum(seats.who, layout.spheres - 1)] > 0
+    moves = model.inverse_mass[jnp.minimum(seats.who, model.spheres - 1)] > 0
     # An empty slot is no partner.
-    who = jnp.where(seats.present & coupling.active & moves, seats.who, layout.spheres)
-    is_sphere = events.partner < layout.spheres
+    who = jnp.where(seats.present & coupling.active & moves, seats.who, model.spheres)
+    is_sphere = events.partner < model.spheres
     off = is_sphere & jnp.any(events.partner[:, None] == who[None], axis=1)
-    later = now + simultaneous(numbers, now) + jnp.finfo(numbers.dtype).eps * coupling.pace
+    later = now + simultaneous(model, now) + jnp.finfo(model.dtype).eps * coupling.pace
     return events._replace(
         time=jnp.where(off, jnp.maximum(events.second, later), events.time),
         partner=jnp.where(off, AGAIN, events.partner),
@@ -272,16 +261,12 @@ def in_cluster(layout: SceneLayout, coupling: Coupling) -> Bool[Array, " N"]:
 
 
 def flight_at(
-    layout: SceneLayout,
-    numbers: Numbers,
-    state: RunState,
-    who: Int[Array, " M"] | None,
-    now: Number,
+    model: SceneArrays, state: RunState, who: Int[Array, " M"] | None, now: Number
 ) -> tuple[Float[Array, "M D"], Float[Array, "M D"], Float[Array, "M D"]]:
     """Return current positions, velocities and accelerations of some spheres, or of all."""
     flying = jax.tree.map(lambda all: _of(all, who), state.flying)
-    named = jnp.arange(layout.spheres) if who is None else who
-    there, pull = at_once(layout, numbers, named, flying, _of(state.support, who), now)
+    named = jnp.arange(model.spheres) if who is None else who
+    there, pull = at_once(model, named, flying, _of(state.support, who), now)
     return there.position, there.velocity, pull
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Array
 from ..._program import quick
 from ..._solver.chunks import in_chunks
 from ..._text.progress import TellRun
-from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.arrays import SceneArrays
 from ..contact_times.cells import CellGrid, grid_of
 from ..derivative.differentiable_run import RunInputs
 from .cluster_slots import all_fit, in_places
@@ -46,11 +46,11 @@ def all_at_once(rules: Rules, inputs: RunInputs, grid: CellGrid | None, room: in
     """Run the whole event loop as one program with room for so many impacts. If a cell is full, the
     run continues without cells.
     """
-    layout, numbers, valid, end, tolerance = inputs
-    numbers, end = jax.tree.map(
-        lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, (numbers, end)
+    model, valid, end, tolerance = inputs
+    model, end = jax.tree.map(
+        lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, (model, end)
     )
-    given = (layout, numbers, valid, end, tolerance), grid
+    given = (model, valid, end, tolerance), grid
     arrays, static = eqx.partition(given, eqx.is_array)
     leaves, structure = jax.tree.flatten(arrays)
 
@@ -63,16 +63,16 @@ def all_at_once(rules: Rules, inputs: RunInputs, grid: CellGrid | None, room: in
 
 
 def _whole_loop(rules: Rules, inputs: RunInputs, grid: CellGrid | None, room: int) -> LoopOutcome:
-    layout, numbers, valid, end, tolerance = inputs
+    model, valid, end, tolerance = inputs
     last = jnp.where(valid, end, -1)
-    state = initial_state(layout, numbers, rules, grid)
-    log = blank_log(room, layout, numbers.dtype, rules.members)
-    state, log, written = advance(layout, numbers, rules, state, log, last, tolerance)
+    state = initial_state(model, rules, grid)
+    log = blank_log(room, model, rules.members)
+    state, log, written = advance(model, rules, state, log, last, tolerance)
     if state.cells is not None:
         full = state.cells.full & valid
         now = jnp.maximum(jnp.min(state.events.time), state.now)
-        state = reset_events(layout, numbers, state, now, None, full)
-        state, log, written = advance(layout, numbers, rules, state, log, last, tolerance, written)
+        state = reset_events(model, state, now, None, full)
+        state, log, written = advance(model, rules, state, log, last, tolerance, written)
     more = has_events_left(state, last)
     return LoopOutcome(log, written, state.status, state.now, more, valid)
 
@@ -89,38 +89,38 @@ def from_python(
     outcome. It writes at `most` so many rows. If it `grows`, a piece that needs more places in a
     coupled solve is run again with more.
     """
-    layout, numbers, valid, end, tolerance = inputs
-    state = _begun(layout, numbers, rules) if start is None else start
-    wanted, room = rules, min(_MOST_GROWN, layout.spheres) if grows else 0
+    model, valid, end, tolerance = inputs
+    state = _begun(model, rules) if start is None else start
+    wanted, room = rules, min(_MOST_GROWN, model.spheres) if grows else 0
     # With many spheres, periodic axes or friction most scenes need no coupled solve. The program is
     # then one without, until a coupled solve is needed.
-    numbers, within = _resumed(layout, numbers, rules)
-    lean = not all_fit(layout, rules.members) or layout.frictions is not None
+    model, within = _resumed(model, rules)
+    lean = not all_fit(model, rules.members) or model.frictions is not None
     if lean and not within:
         rules = Rules(rules.soft, rules.v0, 0)
     places = 0 if state.coupling is None else state.coupling.seats.who.shape[0]
     if not rules.members:
         state = state._replace(coupling=None)
     elif places != rules.members:
-        state = _with_places(layout, numbers, rules.members, state)
-    grid = None if rules.soft else grid_of(layout, numbers)
+        state = _with_places(model, rules.members, state)
+    grid = None if rules.soft else grid_of(model)
     if grid is not None:
-        state = _expecting(layout, numbers, state, state.now, grid)
+        state = _expecting(model, state, state.now, grid)
     pieces: list[tuple[Log, int]] = []
     total, more, crowded_at = 0, True, -1.0
     while more and int(state.status) == RUNNING and (most is None or total < most):
         if state.cells is not None and bool(state.cells.full):
-            state, crowded_at = _with_room(layout, numbers, state, crowded_at)
+            state, crowded_at = _with_room(model, state, crowded_at)
         before = state
-        inputs_now = (layout, numbers, rules, state, valid, end, tolerance)
+        inputs_now = (model, rules, state, valid, end, tolerance)
         state, log, written, ahead = _piece(tell, total, *inputs_now)
         if int(state.status) == CROWDED and 0 < rules.members < room:
-            wider = min(2 * rules.members, layout.spheres)
+            wider = min(2 * rules.members, model.spheres)
             # A sphere keeps its place, so that as many places as spheres are one more.
-            places = rules.members, wider + all_fit(layout, wider)
+            places = rules.members, wider + all_fit(model, wider)
             rules = Rules(rules.soft, rules.v0, places[1])
-            blank = _with_places(layout, numbers, rules.members, before)
-            coupling = in_places(layout, before.coupling, blank.coupling, places)
+            blank = _with_places(model, rules.members, before)
+            coupling = in_places(model, before.coupling, blank.coupling, places)
             state = blank._replace(coupling=jax.device_put(coupling))
             continue
         count = int(written) if most is None else min(int(written), most - total)
@@ -130,19 +130,19 @@ def from_python(
         tell(total, "impacts", float(state.now), float(end))
         if int(state.status) == CROWDED and rules.members < wanted.members:
             rules = wanted
-            state = _with_places(layout, numbers, rules.members, state)
+            state = _with_places(model, rules.members, state)
     tell.says("reading the results")
-    log = pieces[0][0] if len(pieces) == 1 else _one_log(layout, numbers, rules, pieces)
+    log = pieces[0][0] if len(pieces) == 1 else _one_log(model, rules, pieces)
     written, ahead = jax.device_put((np.asarray(total), np.asarray(more)))
     return rules, LoopOutcome(log, written, state.status, state.now, ahead, valid)
 
 
-def _resumed(layout: SceneLayout, numbers: Numbers, rules: Rules) -> tuple[Numbers, bool]:
+def _resumed(model: SceneArrays, rules: Rules) -> tuple[SceneArrays, bool]:
     """Return the numbers less a start that the state holds, and whether it rests or is solved."""
-    start = numbers.start
-    if start is not None and start.underway is None and (rules.soft or layout.settles):
-        numbers = eqx.tree_at(lambda numbers: numbers.start, numbers, None)
-    return numbers, start is not None and start.leans
+    start = model.start
+    if start is not None and start.underway is None and (rules.soft or model.settles):
+        model = eqx.tree_at(lambda model: model.start, model, None)
+    return model, start is not None and start.leans
 
 
 def _piece(tell: TellRun, total: int, *inputs: Any) -> tuple[RunState, Log, Array, Array]:
@@ -150,10 +150,10 @@ def _piece(tell: TellRun, total: int, *inputs: Any) -> tuple[RunState, Log, Arra
     saves its own compilation, by the impacts that have run and those that this run, after `total`
     of them, probably has left.
     """
-    _, numbers, rules, state, _, end, _ = inputs
+    model, rules, state, _, end, _ = inputs
     now = float(state.now)
     left = total * (float(end) - now) / now if now > 0 else 0.0
-    kind = jax.tree.structure(inputs[:4]), numbers.dtype
+    kind = jax.tree.structure(inputs[:3]), model.dtype
     swift = ((done := _RUN.get(kind, 0)) + left) * (1 + rules.members) ** 2 >= _PATIENCE
     compiles = kind not in _RUN or (swift and done < math.inf)
     if compiles or not left:
@@ -164,18 +164,12 @@ def _piece(tell: TellRun, total: int, *inputs: Any) -> tuple[RunState, Log, Arra
 
 
 def _onward(
-    layout: SceneLayout,
-    numbers: Numbers,
-    rules: Rules,
-    state: RunState,
-    valid: Array,
-    end: Array,
-    tolerance: Array,
+    model: SceneArrays, rules: Rules, state: RunState, valid: Array, end: Array, tolerance: Array
 ) -> tuple[RunState, Log, Array, Array]:
     """Return a piece with its own log, the number of its rows, and whether events are left."""
     end = jnp.where(valid, end, -1)
-    log = blank_log(_PIECE, layout, numbers.dtype, rules.members)
-    state, log, written = advance(layout, numbers, rules, state, log, end, tolerance)
+    log = blank_log(_PIECE, model, rules.members)
+    state, log, written = advance(model, rules, state, log, end, tolerance)
     return state, log, written, has_events_left(state, end)
 
 
@@ -186,36 +180,32 @@ _with_places = quick(with_empty_slots)
 _blank = quick(blank_log)
 
 
-def _with_room(
-    layout: SceneLayout, numbers: Numbers, state: RunState, before: float
-) -> tuple[RunState, float]:
+def _with_room(model: SceneArrays, state: RunState, before: float) -> tuple[RunState, float]:
     """Return the run with new cells after one was full, and the time at which that was. If they
     were also full at the time `before`, cells are useless and omitted.
     """
     assert state.cells is not None
-    now, position = _here(layout, numbers, state)
+    now, position = _here(model, state)
     useful = float(now) > before
-    grid = grid_of(layout, numbers, position, state.cells.grid) if useful else None
-    return _expecting(layout, numbers, state, now, grid), float(now)
+    grid = grid_of(model, position, state.cells.grid) if useful else None
+    return _expecting(model, state, now, grid), float(now)
 
 
 @quick
-def _here(layout: SceneLayout, numbers: Numbers, state: RunState) -> tuple[Array, Array]:
+def _here(model: SceneArrays, state: RunState) -> tuple[Array, Array]:
     """Return the time of the next event, and the positions of all spheres then."""
     now = jnp.maximum(jnp.min(state.events.time), state.now)
-    return now, flight_at(layout, numbers, state, None, now)[0]
+    return now, flight_at(model, state, None, now)[0]
 
 
-def _one_log(
-    layout: SceneLayout, numbers: Numbers, rules: Rules, pieces: Sequence[tuple[Log, int]]
-) -> Log:
+def _one_log(model: SceneArrays, rules: Rules, pieces: Sequence[tuple[Log, int]]) -> Log:
     """Return the log of several pieces, with blank rows at its end. Pieces from before the first
     coupled solve get blank rows for calls, and those with fewer places more of them.
     """
     total = sum(count for _, count in pieces)
     # Logs of one piece's length, or of a larger power of two, share the programs that read them.
     room = max(_PIECE, 1 << max(total - 1, 0).bit_length())
-    blank = _blank(1, layout, numbers.dtype, rules.members)
+    blank = _blank(1, model, rules.members)
 
     def repeat(tree: Any, rows: int) -> Any:
         return jax.tree.map(lambda x: np.repeat(np.asarray(x), rows, axis=0), tree)
@@ -228,7 +218,7 @@ def _one_log(
         elif facts.call.decided.seats.who.shape[1] < rules.members:
             places = facts.call.decided.seats.who.shape[1], rules.members
             calls = (figures.coupled, facts.call), (blank.figures.coupled, blank.facts.call)
-            together, called = in_places(layout, *calls, places)
+            together, called = in_places(model, *calls, places)
             figures, facts = figures._replace(coupled=together), facts._replace(call=called)
         return Log(figures, facts)
 

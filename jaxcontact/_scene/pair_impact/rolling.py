@@ -22,7 +22,7 @@ from ..._coupled.modes import Flag
 from ..._coupled.rows import rows_of
 from ..._coupled.springs import tangential_stiffness
 from ..._functions import cross, ratio, swept
-from ..arrays.arrays import Numbers, SceneLayout, known_contact_of
+from ..arrays.arrays import SceneArrays, SceneLayout, known_contact_of
 from ..arrays.flight import Flying, at_once
 from ..arrays.movers import Turning, free_turning
 from .friction import coefficient_of, ramps_of, spring_ratio_of, wall_drift
@@ -39,12 +39,7 @@ def begins_to_roll(layout: SceneLayout, choice: Choice) -> Flag:
 
 
 def or_roll(
-    layout: SceneLayout,
-    numbers: Numbers,
-    before: Flying,
-    choice: Choice,
-    outcome: ImpactOutcome,
-    soft: bool,
+    model: SceneArrays, before: Flying, choice: Choice, outcome: ImpactOutcome, soft: bool
 ) -> ImpactOutcome:
     """Return the outcome of an impact, or the end of sliding of the first body, which has no
     impulse.
@@ -52,12 +47,12 @@ def or_roll(
     turning = before.turning
     if turning is None:
         return outcome
-    rolls = begins_to_roll(layout, choice)
+    rolls = begins_to_roll(model, choice)
     until = jnp.where(rolls, turning.until[0], choice.time)
     who = jnp.stack([choice.first, choice.first])
-    after = at_once(layout, numbers, who, before, choice.support, until)[0]
-    if soft and layout.walls and layout.gravity:
-        way = give_way(layout, numbers, who, choice.support, before)
+    after = at_once(model, who, before, choice.support, until)[0]
+    if soft and model.walls and model.has_gravity:
+        way = give_way(model, who, choice.support, before)
         after = after._replace(position=after.position + way)
     nothing = jax.tree.map(jnp.zeros_like, outcome)
     event = nothing._replace(after=after, time=until)
@@ -65,35 +60,31 @@ def or_roll(
 
 
 def with_friction_at_rest(
-    layout: SceneLayout,
-    numbers: Numbers,
-    choice: Choice,
-    outcome: ImpactOutcome,
-    support: Int[Array, "2"],
+    model: SceneArrays, choice: Choice, outcome: ImpactOutcome, support: Int[Array, "2"]
 ) -> tuple[ImpactOutcome, Flag]:
     """Return an event after which the bodies rub on the walls on which they rest, and whether no
     formula holds for that.
     """
-    second = jnp.minimum(choice.second, layout.spheres - 1)
+    second = jnp.minimum(choice.second, model.spheres - 1)
     who = jnp.stack([choice.first, second])
-    rolls = jnp.stack([begins_to_roll(layout, choice), jnp.asarray(False)])
-    after, bent = on_walls(layout, numbers, who, support, outcome.after, rolls)
+    rolls = jnp.stack([begins_to_roll(model, choice), jnp.asarray(False)])
+    after, bent = on_walls(model, who, support, outcome.after, rolls)
     # A wall has no row of its own.
-    bent = bent & jnp.stack([jnp.asarray(True), choice.second < layout.spheres])
+    bent = bent & jnp.stack([jnp.asarray(True), choice.second < model.spheres])
     return outcome._replace(after=after), jnp.any(bent)
 
 
-def flying_at_start(layout: SceneLayout, numbers: Numbers) -> Flying:
+def flying_at_start(model: SceneArrays) -> Flying:
     """Return all spheres at time zero."""
-    count, turning = layout.spheres, None
-    if numbers.rotation is not None:
-        turning = free_turning(numbers.rotation.spin, layout.dimensions)
-    zero = jnp.zeros(count, numbers.dtype)
-    flying = Flying(numbers.position, numbers.velocity, zero, turning)
-    if turning is None or numbers.start is None:
+    count, turning = model.spheres, None
+    if model.rotation is not None:
+        turning = free_turning(model.rotation.spin, model.dimensions)
+    zero = jnp.zeros(count, model.dtype)
+    flying = Flying(model.position, model.velocity, zero, turning)
+    if turning is None or model.start is None:
         return flying
     rolls = jnp.zeros(count, bool)
-    return on_walls(layout, numbers, jnp.arange(count), numbers.start.support, flying, rolls)[0]
+    return on_walls(model, jnp.arange(count), model.start.support, flying, rolls)[0]
 
 
 class Footing(NamedTuple):
@@ -120,16 +111,14 @@ class Footing(NamedTuple):
         return self.slope + self.mobility * drag
 
 
-def footing(
-    layout: SceneLayout, numbers: Numbers, who: Int[Array, " M"], on: Int[Array, " M"], at: Flying
-) -> Footing:
+def footing(model: SceneArrays, who: Int[Array, " M"], on: Int[Array, " M"], at: Flying) -> Footing:
     """Return bodies as they are `at` their own times on walls `on`."""
-    assert at.turning is not None and numbers.rotation is not None
-    normal, slope = rows_of(numbers.normal, on), rows_of(numbers.pull, on + 1)
-    drift = jax.vmap(lambda wall, time, n: wall_drift(numbers, wall, time, n))(on, at.time, normal)
-    turns = rows_of(numbers.rotation.inverse_inertia, who)
-    inverse, spin = rows_of(numbers.inverse_mass, who), at.turning.spin
-    offset = jax.vmap(lambda wall, time: numbers.walls_at(time, wall).offset)(on, at.time)
+    assert at.turning is not None and model.rotation is not None
+    normal, slope = rows_of(model.normal, on), rows_of(model.pull, on + 1)
+    drift = jax.vmap(lambda wall, time, n: wall_drift(model, wall, time, n))(on, at.time, normal)
+    turns = rows_of(model.rotation.inverse_inertia, who)
+    inverse, spin = rows_of(model.inverse_mass, who), at.turning.spin
+    offset = jax.vmap(lambda wall, time: model.walls_at(time, wall).offset)(on, at.time)
     height = jnp.sum(at.position * normal, axis=-1) - offset
     lever = height * turns / jnp.where(inverse > 0, inverse, 1)
     level = at.velocity - jnp.sum(at.velocity * normal, axis=-1, keepdims=True) * normal - drift
@@ -150,8 +139,7 @@ def slips(foot: Footing) -> Bool[Array, " M"]:
 
 
 def on_walls(
-    layout: SceneLayout,
-    numbers: Numbers,
+    model: SceneArrays,
     who: Int[Array, " M"],
     support: Int[Array, " M"],
     flying: Flying,
@@ -162,18 +150,18 @@ def on_walls(
     """
     assert flying.turning is not None
     turning = flying.turning
-    if not (layout.walls and layout.gravity):
+    if not (model.walls and model.has_gravity):
         still = jax.tree.map(jnp.zeros_like, turning)
         turning = still._replace(spin=turning.spin, until=jnp.full_like(turning.until, jnp.inf))
         return flying._replace(turning=turning), jnp.zeros(who.shape, bool)
     on = jnp.maximum(support, 0)
-    foot = footing(layout, numbers, who, on, flying)
-    walls = layout.spheres + on
-    mu = jax.vmap(lambda i, wall: coefficient_of(layout, numbers, i, wall))(who, walls)
-    grip = mu * jnp.maximum(-jnp.sum(foot.normal * numbers.gravity[None], axis=-1), 0)
+    foot = footing(model, who, on, flying)
+    walls = model.spheres + on
+    mu = jax.vmap(lambda i, wall: coefficient_of(model, i, wall))(who, walls)
+    grip = mu * jnp.maximum(-jnp.sum(foot.normal * model.gravity[None], axis=-1), 0)
     speed, along = _length_and_direction(foot.slip)
     steep, down = _length_and_direction(foot.slope)
-    eps = jnp.finfo(numbers.dtype).eps
+    eps = jnp.finfo(model.dtype).eps
     still, rests = rolls | ~slips(foot), support >= 0
     holds = steep <= foot.mobility[:, 0] * grip
     rolling = -foot.slope / foot.mobility
@@ -187,7 +175,7 @@ def on_walls(
     left = speed / jnp.where(stops, -change, 1)
     until = jnp.where(stops, flying.time + left, jnp.inf)
     aside = foot.slope - jnp.sum(foot.slope * along, axis=-1, keepdims=True) * along
-    weight = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity)))
+    weight = jnp.sqrt(jnp.sum(jnp.square(model.gravity)))
     curves = jnp.max(jnp.abs(aside), axis=-1) > _ROUNDINGS * eps * weight
 
     def kept(value: Float[Array, "M ..."]) -> Float[Array, "M ..."]:
@@ -201,17 +189,13 @@ def on_walls(
 
 
 def compliance_on(
-    layout: SceneLayout,
-    numbers: Numbers,
-    who: Int[Array, " M"],
-    on: Int[Array, " M"],
-    height: Float[Array, " M"],
+    model: SceneArrays, who: Int[Array, " M"], on: Int[Array, " M"], height: Float[Array, " M"]
 ) -> Float[Array, "M 1"]:
     """Return 1/k of the springs of bodies at rest on walls; 0 without a spring."""
-    wall = layout.spheres + on
-    depth, ramp = rows_of(numbers.radius, who) - height, ramps_of(layout, numbers, who, wall)
-    contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(who, wall)
-    kappa = jax.vmap(lambda i, j: spring_ratio_of(layout, numbers, i, j))(who, wall)
+    wall = model.spheres + on
+    depth, ramp = rows_of(model.radius, who) - height, ramps_of(model, who, wall)
+    contact = jax.vmap(lambda i, j: known_contact_of(model, i, j))(who, wall)
+    kappa = jax.vmap(lambda i, j: spring_ratio_of(model, i, j))(who, wall)
     stiffness = tangential_stiffness(kappa, contact, depth)
     if ramp is not None:
         stiffness = jnp.where(ramp > 0, 0, stiffness)
@@ -219,19 +203,15 @@ def compliance_on(
 
 
 def give_way(
-    layout: SceneLayout,
-    numbers: Numbers,
-    who: Int[Array, " M"],
-    support: Int[Array, " M"],
-    sliding: Flying,
+    model: SceneArrays, who: Int[Array, " M"], support: Int[Array, " M"], sliding: Flying
 ) -> Float[Array, "M D"]:
     """Return the ways of soft bodies whose springs are released at the end of sliding."""
     assert sliding.turning is not None
     on = jnp.maximum(support, 0)
-    foot = footing(layout, numbers, who, on, sliding)
-    mass = ratio(1.0, rows_of(numbers.inverse_mass, who))[:, None]
+    foot = footing(model, who, on, sliding)
+    mass = ratio(1.0, rows_of(model.inverse_mass, who))[:, None]
     released = mass * (sliding.turning.drag + foot.slope / foot.mobility)
-    way = released * compliance_on(layout, numbers, who, on, foot.height) / foot.mobility
+    way = released * compliance_on(model, who, on, foot.height) / foot.mobility
     return jnp.where((support >= 0)[:, None], way, 0)
 
 

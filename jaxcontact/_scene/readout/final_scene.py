@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from ..._program import quick
-from ..arrays.arrays import Numbers
+from ..arrays.arrays import SceneArrays
 from ..engine.cluster_members import pace_of
 from ..engine.cluster_slots import Slots
 from ..engine.coupled import as_flags, contact_energy
@@ -22,7 +22,7 @@ from .states import last_impacts
 @quick
 def final_start(choice: None, record: RunRecord) -> Start:
     """Return the final state of a run as the start state of another one."""
-    layout, numbers, rules, time = record.layout, record.numbers, record.rules, record.length
+    model, rules, time = record.model, record.rules, record.length
     figures, facts = record.log
     last = jax.tree.map(lambda x: x[0], last_impacts(record, time[None]))
     underway = _underway(record, last) if rules.soft else None
@@ -42,8 +42,8 @@ def final_start(choice: None, record: RunRecord) -> Start:
         who=seats.who,
         present=seats.present,
         shift=seats.shift,
-        pace=pace_of(layout, numbers, met, closing),
-        reserve=contact_energy(layout, numbers, rules.members, seats, state),
+        pace=pace_of(model, met, closing),
+        reserve=contact_energy(model, rules.members, seats, state),
         # The energy lost so far belongs to the finished run.
         state=state._replace(
             time=state.time - time,
@@ -60,7 +60,7 @@ def _underway(record: RunRecord, last: Entries) -> Underway:
     """Return the isolated impacts in progress at the end, with the states before them. Another run
     solves these impacts again from their touch.
     """
-    layout, log, time = record.layout, record.log, record.length
+    layout, log, time = record.model, record.log, record.length
     inside = (last.row >= 0) & (last.began > time)
     row = jnp.maximum(last.row, 0)
     choice, before = jax.tree.map(lambda x: x[row], (log.facts.choice, log.figures.before))
@@ -78,12 +78,12 @@ def _underway(record: RunRecord, last: Entries) -> Underway:
     )
 
 
-def resume_cluster(numbers: Numbers, coupling: Coupling) -> Coupling:
+def resume_cluster(model: SceneArrays, coupling: Coupling) -> Coupling:
     """Return the coupling at the start of a run, with the contacts in progress."""
-    if numbers.start is None or numbers.start.contacts is None:
+    if model.start is None or model.start.contacts is None:
         return coupling
-    contacts, rubbing = numbers.start.contacts, numbers.start.contacts.state.rubbing
-    if rubbing is not None and is_followed(numbers):
+    contacts, rubbing = model.start.contacts, model.start.contacts.state.rubbing
+    if rubbing is not None and is_followed(model):
         # The last run may have had a law with an impulse.
         rubbing = without_halves(rubbing)
     begun = coupling._replace(

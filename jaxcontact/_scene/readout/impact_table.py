@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.modes import Index
 from ..._coupled.rows import rows_of
-from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.arrays import SceneArrays
 from ..cluster.equations import ClusterState
 from ..cluster.friction import HALF
 from ..engine.cluster_slots import Slots, bodies_of, pairs_of, slot_pairs
@@ -32,7 +32,7 @@ def table_of(
     `Margin`. The third is the number of impacts. Without `rows` there is one row for every row of
     the log and every pair of a coupled solve.
     """
-    table, layout = _isolated_impacts(record), record.layout
+    table, layout = _isolated_impacts(record), record.model
     if record.calls is not None:
         table = jax.tree.map(
             lambda *parts: jnp.concatenate(parts), table, _coupled_contacts(record)
@@ -78,11 +78,7 @@ def _doubt(
 
 
 def _was_at_rest(
-    layout: SceneLayout,
-    numbers: Numbers,
-    called: ClusterDecisions,
-    together: ClusterNumbers,
-    since: Int[Array, "K P"],
+    model: SceneArrays, called: ClusterDecisions, together: ClusterNumbers, since: Int[Array, "K P"]
 ) -> Bool[Array, "K P"]:
     """Return whether a sphere already rested on the wall before the contact, and was not hit.
 
@@ -92,14 +88,14 @@ def _was_at_rest(
     """
     seats, lost = called.decided.seats, jax.lax.stop_gradient(together.end.lost)
     members = seats.who.shape[1]
-    first, second = slot_pairs(layout, members)
+    first, second = slot_pairs(model, members)
     at_walls = np.flatnonzero(second >= members)
     sphere, wall = seats.who[:, first[at_walls]], second[at_walls] - members
     then = since[:, at_walls]
     lay = seats.present[then] & (called.support[then] == wall[None, :, None])
     lay = jnp.any(lay & (seats.who[then] == sphere[..., None]), axis=-1)
     square = jnp.sum(jnp.square(together.began.velocity[:, :members]), axis=-1)
-    inverse = numbers.inverse_mass[jnp.minimum(seats.who, layout.spheres - 1)]
+    inverse = model.inverse_mass[jnp.minimum(seats.who, model.spheres - 1)]
     free = seats.present & (inverse > 0)
     motion = jnp.sum(jnp.where(free, square / jnp.where(free, 2 * inverse, 1), 0), axis=1)
     rounding = math.sqrt(jnp.finfo(lost.dtype).eps)
@@ -113,9 +109,9 @@ def _isolated_impacts(record: RunRecord) -> Impacts:
     outcome, facts, valid = record.log.figures.outcome, record.log.facts, record.counts
     if record.calls is not None:
         valid = valid & ~record.calls
-    if record.layout.frictions is not None:
+    if record.model.frictions is not None:
         # The end of sliding on a wall is not an impact.
-        rolls = begins_to_roll(record.layout, facts.choice)
+        rolls = begins_to_roll(record.model, facts.choice)
         valid = valid & ~rolls
     choice, way = facts.choice, outcome.solved_by.astype(int)
     return Impacts(
@@ -136,14 +132,14 @@ def taken_beside(record: RunRecord) -> Array:
 
 def _coupled_contacts(record: RunRecord) -> Impacts:
     """Return the contacts that ended or came to rest in coupled solves, without lasting rest."""
-    layout, numbers, is_call = record.layout, record.numbers, record.calls
+    model, is_call = record.model, record.calls
     called, together = record.log.facts.call, record.log.figures.coupled
     assert called is not None and together is not None and is_call is not None
     seats = called.decided.seats
     rows, members = seats.who.shape
-    body, other = bodies_of(layout, members, seats.who)
+    body, other = bodies_of(model, members, seats.who)
     # A fixed sphere comes second.
-    turned = (other < layout.spheres) & (numbers.inverse_mass[body] == 0)
+    turned = (other < model.spheres) & (model.inverse_mass[body] == 0)
     body, other = jnp.where(turned, other, body), jnp.where(turned, body, other)
     counts = is_call[:, None]
     began, end = together.began, together.end
@@ -160,21 +156,21 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
     lost, sliding, way = end.lost, (None, None), jnp.full(opened.shape, int(SolvedBy.COUPLED))
     if end.rubbing is not None:
         lost = lost + end.rubbing.taken
-        if not is_followed(numbers):
-            springs = has_impulse(layout, numbers, body, other) & (end.rubbing.slides != HALF)
+        if not is_followed(model):
+            springs = has_impulse(model, body, other) & (end.rubbing.slides != HALF)
             way = jnp.where(springs, int(SolvedBy.SPRING), way)
 
         def sliding_at(seats: Slots, state: ClusterState) -> Array:
-            pairs = pairs_of(layout, numbers, members, seats)
-            bodies = bodies_of(layout, members, seats.who)
-            return contact_points(layout, numbers, bodies, pairs, state)[2]
+            pairs = pairs_of(model, members, seats)
+            bodies = bodies_of(model, members, seats.who)
+            return contact_points(model, bodies, pairs, state)[2]
 
         at_start, at_end = (jax.vmap(sliding_at)(seats, state) for state in (began, end))
         # The call in which a contact began starts at its touch, with the same slots.
         at_touch = at_start[since, jnp.arange(since.shape[1])[None]]
         sliding = speeds_of(at_touch, at_end)
     shape = opened.shape
-    nothing = jnp.zeros(shape, numbers.dtype)
+    nothing = jnp.zeros(shape, model.dtype)
     columns = Impacts(
         end.since,
         body,
@@ -189,8 +185,7 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
         way,
         _doubt(together, is_call, since) / closing,
         jnp.zeros(shape, bool),
-        counts
-        & (opened | ((rests | lasts) & ~_was_at_rest(layout, numbers, called, together, since))),
+        counts & (opened | ((rests | lasts) & ~_was_at_rest(model, called, together, since))),
         (),
         *sliding,
     )

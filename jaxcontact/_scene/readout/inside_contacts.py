@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from ..._coupled.energies import stored_energy
 from ..._coupled.rows import rows_of, with_rows
-from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, law_of
+from ..arrays.arrays import SceneArrays, known_contact_of, law_of
 from ..arrays.flight import Flying
 from ..arrays.movers import Turning
 from ..engine.cluster_slots import Slots, all_fit, empty_slots, in_line, index_of, joins, no_change
@@ -55,15 +55,15 @@ def in_contacts(
     isolated impacts, each assigned to its first body. One more lane holds the solve in progress, if
     the run has any.
     """
-    layout, numbers, log, count = record.layout, record.numbers, record.log, record.layout.spheres
+    model, log, count = record.model, record.log, record.model.spheres
     members, together = record.rules.members or min(2, count), log.figures.coupled
     nobody, yes = jnp.zeros(count, bool), jnp.asarray(True)
-    away, nothing = jnp.zeros((count, layout.dimensions), numbers.dtype), jnp.zeros_like(times[0])
+    away, nothing = jnp.zeros((count, model.dimensions), model.dtype), jnp.zeros_like(times[0])
 
     def pair(row: Array, until: Array, who: Array) -> tuple[tuple, Array]:
         """Return the isolated impact of a row as a call, and whether `who` is its first body."""
         choice, before = rows_of((log.facts.choice, log.figures.before), row)
-        seats = _seats_of_two(layout, numbers, members, choice, before)
+        seats = _seats_of_two(model, members, choice, before)
         is_first, is_second = seats.who == choice.first, seats.who == choice.second
 
         def seat(pair: Array) -> Array:
@@ -71,21 +71,21 @@ def in_contacts(
             one, other = is_first.reshape(shape), is_second.reshape(shape)
             return jnp.where(one, pair[:1], jnp.where(other, pair[1:], jnp.zeros_like(pair[:1])))
 
-        change = joins(layout, members, seats.present)
-        closed = meets(layout, members, seats, choice)
+        change = joins(model, members, seats.present)
+        closed = meets(model, members, seats, choice)
         decided = Call(yes, choice, seats, change, closed, until, ~yes)
         spheres = jax.tree.map(seat, before)
-        blank = blank_state(layout, members, numbers.dtype)
-        none, held = jnp.full(members, -1), jnp.zeros(members, numbers.dtype)
+        blank = blank_state(model, members)
+        none, held = jnp.full(members, -1), jnp.zeros(members, model.dtype)
         return (spheres, none, held, blank, decided), who == choice.first
 
     def resume(row: Array, until: Array) -> tuple[tuple, Array]:
         """Return the call of a row up to a time, and whether it lasts until then."""
         run, facts, choice = rows_of((together, log.facts.call, log.facts.choice), row)
         assert run is not None and facts is not None
-        change = no_change(layout, members)
+        change = no_change(model, members)
         decided = facts.decided._replace(starts=~yes, choice=choice, change=change, until=until)
-        if layout.frictions is None:
+        if model.frictions is None:
             # By rounding this solve may find its spheres at rest before the end of the call.
             decided = decided._replace(to_the_end=until <= run.end.time)
         inside = (until < run.end.time) | ~facts.ends
@@ -98,7 +98,7 @@ def in_contacts(
     def lane(columns: tuple[Array, ...]) -> tuple:
         time, who, row, inside, *last = columns
         chosen, active = pair(row, time, who)
-        active = active & inside & is_followed(numbers)
+        active = active & inside & is_followed(model)
         if last:
             coupled, goes_on = resume(last[0], time)
             is_call = who == count
@@ -109,19 +109,19 @@ def in_contacts(
         def solve() -> tuple:
             seats = decided.seats
             state = call(
-                layout, numbers, members, spheres, support, held, before, decided.where(active),
+                model, members, spheres, support, held, before, decided.where(active),
                 record.tolerance, record.rules.v0,
             )[1].state  # fmt: skip
             if last and together is not None:
                 end = as_flags(rows_of(together.end, last[0]))
                 state = _as_known((who == count) & (time == end.time), end, state)
             late = time - state.time
-            index = index_of(layout, seats)
+            index = index_of(model, seats)
             velocity = state.velocity[:members]
-            place = state.position[:members] + seats.shift * numbers.period[None] + velocity * late
+            place = state.position[:members] + seats.shift * model.period[None] + velocity * late
             spin = None if state.rubbing is None else state.rubbing.spin[:members]
             rows = seats.present, place, velocity, spin
-            stored = contact_energy(layout, numbers, members, seats, state)
+            stored = contact_energy(model, members, seats, state)
             return *with_rows(blank, index, rows), stored
 
         return jax.lax.cond(active, solve, lambda: (*blank, nothing))
@@ -182,7 +182,7 @@ def _as_known(there: Array, known: Any, found: Any) -> Any:
 
 def energy_at_ends(record: RunRecord, times: Float[Array, " T"]) -> Float[Array, " T"]:
     """Return the energy stored in contacts in progress, at times when one of their calls ended."""
-    layout, numbers, log = record.layout, record.numbers, record.log
+    model, log = record.model, record.log
     rows, lasts = last_call(log, record.outcome.written, times)
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
@@ -190,7 +190,7 @@ def energy_at_ends(record: RunRecord, times: Float[Array, " T"]) -> Float[Array,
     def energy(lane: tuple[Array, Array, Array]) -> Array:
         time, row, last = lane
         end, seats, ends = rows_of((together.end, called.decided.seats, called.ends), row)
-        stored = contact_energy(layout, numbers, record.rules.members, seats, as_flags(end))
+        stored = contact_energy(model, record.rules.members, seats, as_flags(end))
         return jnp.where(last & ~ends & (time == end.time), stored, 0)
 
     return jax.lax.map(energy, (times, rows, lasts))
@@ -200,44 +200,42 @@ def at_rest(
     record: RunRecord, last: Entries, here: Kinematics, times: Float[Array, " T"], elsewhere: Array
 ) -> Float[Array, " T"]:
     """Return the energy (T,) of spheres at rest on walls, except those `elsewhere` (T, N)."""
-    layout, numbers = record.layout, record.numbers
-    if not layout.walls:
-        return jnp.zeros(last.row.shape[0], numbers.dtype)
+    model = record.model
+    if not model.walls:
+        return jnp.zeros(last.row.shape[0], model.dtype)
 
     def energy(i: Array, support: Array, place: Array, time: Array) -> Array:
         wall = jnp.maximum(support, 0)
-        height = jnp.sum(place * numbers.normal[wall]) - numbers.walls_at(time, wall).offset
-        contact = known_contact_of(layout, numbers, i, layout.spheres + wall)
-        law = law_of(layout, numbers, i, layout.spheres + wall)
-        depth = jnp.where(support >= 0, numbers.radius[i] - height, 0)
+        height = jnp.sum(place * model.normal[wall]) - model.walls_at(time, wall).offset
+        contact = known_contact_of(model, i, model.spheres + wall)
+        law = law_of(model, i, model.spheres + wall)
+        depth = jnp.where(support >= 0, model.radius[i] - height, 0)
         return stored_energy(law, contact, depth, jnp.ones_like(depth))
 
     rests = jnp.where(elsewhere, -1, last.support)
-    everyone = jnp.arange(layout.spheres)
+    everyone = jnp.arange(model.spheres)
     each = jax.vmap(jax.vmap(energy, in_axes=(0, 0, 0, None)), in_axes=(None, 0, 0, 0))(
         everyone, rests, here.position, times
     )
     return jnp.sum(each, axis=1)
 
 
-def _seats_of_two(
-    layout: SceneLayout, numbers: Numbers, members: int, choice: Choice, before: Flying
-) -> Slots:
+def _seats_of_two(model: SceneArrays, members: int, choice: Choice, before: Flying) -> Slots:
     """Return the places of the bodies of an isolated impact; the second may be a wall."""
-    blank = empty_slots(layout, numbers, members)
-    if all_fit(layout, members):
+    blank = empty_slots(model, members)
+    if all_fit(model, members):
         present = (blank.who == choice.first) | (blank.who == choice.second)
         return blank._replace(present=present)
-    count = layout.spheres
+    count = model.spheres
     second = jnp.where(choice.second < count, choice.second, count)
     image = -choice.image
     two, shift = jnp.stack([choice.first, second]), jnp.stack([jnp.zeros_like(image), image])
-    if in_line(layout):
+    if in_line(model):
         # Neighbours in the order of the line.
-        places = before.position - shift * numbers.period[None]
+        places = before.position - shift * model.period[None]
         turned = (places[1, 0] < places[0, 0]) & (second < count)
         two, shift = (jnp.where(turned, x[::-1], x) for x in (two, shift))
     rest = members - 2
     who = jnp.concatenate([two, jnp.full(max(rest, 0), count)])[:members]
-    shift = jnp.concatenate([shift, jnp.zeros((max(rest, 0), layout.dimensions), numbers.dtype)])
+    shift = jnp.concatenate([shift, jnp.zeros((max(rest, 0), model.dimensions), model.dtype)])
     return Slots(who, who < count, shift[:members])

@@ -44,7 +44,7 @@ def _states_by_choice(record: RunRecord, times: Array, moves: bool) -> tuple[Sta
 
 def states_in_log_as_numpy(record: RunRecord, times: ArrayLike) -> tuple[States, np.ndarray]:
     """Return `states_in_log` as NumPy arrays, with one program for all small numbers of times."""
-    least = _LEAST if record.layout.spheres <= _FEW else 1
+    least = _LEAST if record.model.spheres <= _FEW else 1
     return _by_room(states_in_log, record, times, least)
 
 
@@ -56,10 +56,10 @@ def states_as_numpy(record: RunRecord, times: ArrayLike) -> States:
 def _by_room(
     read: Callable[[RunRecord, Array], Any], record: RunRecord, times: ArrayLike, least: int
 ) -> Any:
-    numbers = np.asarray(times, record.numbers.dtype)
-    count = numbers.shape[0]
-    padded = np.zeros(max(least, 1 << (count - 1).bit_length()), numbers.dtype)
-    padded[:count] = numbers
+    model = np.asarray(times, record.model.dtype)
+    count = model.shape[0]
+    padded = np.zeros(max(least, 1 << (count - 1).bit_length()), model.dtype)
+    padded[:count] = model
     result = read(record, jax.device_put(padded))
     return jax.tree.map(lambda x: np.asarray(x)[:count], result)
 
@@ -80,7 +80,7 @@ def _states_at(inside: bool | None, record: RunRecord, times: Array, moves: bool
 @quick
 def states_in_log(record: RunRecord, times: Float[Array, " T"]) -> tuple[States, Bool[Array, " T"]]:
     """Return the states outside of contacts, and which of the times are inside one."""
-    times = times.astype(record.numbers.dtype)
+    times = times.astype(record.model.dtype)
     states, inside = kinematics_in_log(record, times)
     return _states(record, times, states), inside
 
@@ -88,7 +88,7 @@ def states_in_log(record: RunRecord, times: Float[Array, " T"]) -> tuple[States,
 @quick
 def states_of(record: RunRecord, times: Float[Array, " T"]) -> States:
     """Return the states at any times, including inside contacts."""
-    times = times.astype(record.numbers.dtype)
+    times = times.astype(record.model.dtype)
     return _states(record, times, kinematics_at(record, times))
 
 
@@ -96,11 +96,11 @@ def _states(record: RunRecord, times: Array, states: Kinematics) -> States:
     position, velocity, stored, spin = states
     energy = _energy_of(record, position, velocity) + stored
     valid = (times >= 0) & (times <= record.ending()[1])
-    if spin is not None and record.numbers.rotation is not None:
-        energy = energy + jnp.sum(record.numbers.rotation.energy(spin), axis=-1)
-        spin = nan_unless(spin[:, : record.layout.visible], valid)
-        spin = spin[..., 0] if record.layout.dimensions == 2 else spin
-    position, velocity = (x[:, : record.layout.visible] for x in (position, velocity))
+    if spin is not None and record.model.rotation is not None:
+        energy = energy + jnp.sum(record.model.rotation.energy(spin), axis=-1)
+        spin = nan_unless(spin[:, : record.model.visible], valid)
+        spin = spin[..., 0] if record.model.dimensions == 2 else spin
+    position, velocity = (x[:, : record.model.visible] for x in (position, velocity))
     position, velocity, energy = (nan_unless(x, valid) for x in (position, velocity, energy))
     return States(times, position, velocity, energy, spin)
 
@@ -114,7 +114,7 @@ def kinematics_at(record: RunRecord, times: Float[Array, " T"]) -> Kinematics:
         return kinematics_in_log(record, times)[0]
     last = last_impacts(record, times)
     here = _in_flight(record, times, last)
-    followed = is_followed(record.numbers)
+    followed = is_followed(record.model)
     if followed or record.rules.members:
         here = _with_prescribed(record, times, in_contacts(record, times, last, here))
     if followed:
@@ -144,10 +144,10 @@ def kinematics_in_log(
 
 def _in_flight(record: RunRecord, times: Float[Array, " T"], last: Entries) -> Kinematics:
     """Return the states of spheres in flight or at rest."""
-    layout, numbers = record.layout, record.numbers
-    count, dimensions = layout.spheres, layout.dimensions
+    model = record.model
+    count, dimensions = model.spheres, model.dimensions
     who = jnp.tile(jnp.arange(count), times.shape[0])
-    pull, spin = accelerations(layout, numbers, who, last.support.reshape(-1)), None
+    pull, spin = accelerations(model, who, last.support.reshape(-1)), None
     since = (times[:, None] - last.began)[..., None]
     pull = pull.reshape(times.shape[0], count, dimensions)
     if last.turning is not None:
@@ -163,11 +163,11 @@ def _with_prescribed(
     record: RunRecord, times: Float[Array, " T"], states: Kinematics
 ) -> Kinematics:
     """Return the states, with accelerated fixed spheres placed by their motion."""
-    layout, numbers = record.layout, record.numbers
-    if not layout.shaken:
+    model = record.model
+    if not model.shaken:
         return states
-    place, rate = jax.vmap(lambda time: numbers.shaken_at(layout, time))(times)
-    rows = np.array(layout.shaken)
+    place, rate = jax.vmap(lambda time: model.shaken_at(time))(times)
+    rows = np.array(model.shaken)
     return states._replace(
         position=states.position.at[:, rows].set(place),
         velocity=states.velocity.at[:, rows].set(rate),
@@ -195,15 +195,15 @@ def _inside(
 
 def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
     """Return the last events of all spheres; a soft impact counts only after its touch."""
-    layout, numbers, log = record.layout, record.numbers, record.log
-    count, rows = layout.spheres, log.facts.tied.shape[0]
+    model, log = record.model, record.log
+    count, rows = model.spheres, log.facts.tied.shape[0]
     figures, facts = log
     number = jnp.arange(1, rows + 1)
     blank = number > record.outcome.written
     is_call = jnp.zeros(rows, bool) if facts.call is None else facts.call.is_call
     first = jnp.where(blank | is_call, count, facts.choice.first)
     second = jnp.where(blank | is_call, count, jnp.minimum(facts.choice.second, count))
-    start, none = flying_at_start(layout, numbers), jnp.full(count, -1)
+    start, none = flying_at_start(model), jnp.full(count, -1)
     after = figures.outcome.after
     bodies = [jnp.arange(count), first, second]
     numbered = [jnp.zeros(count, int), number, number]
@@ -211,18 +211,18 @@ def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
     speed = [start.velocity, after.velocity[:, 0], after.velocity[:, 1]]
     began = [start.time, after.time[:, 0], after.time[:, 1]]
     support = [none, facts.support[:, 0], facts.support[:, 1]]
-    held = [start.time] + [jnp.zeros(rows, numbers.dtype)] * 2
-    if numbers.start is not None:
-        support[0], held[0] = numbers.start.support, numbers.start.held
+    held = [start.time] + [jnp.zeros(rows, model.dtype)] * 2
+    if model.start is not None:
+        support[0], held[0] = model.start.support, model.start.held
     pairs = [none, number - 1, number - 1]
     if facts.call is not None and figures.coupled is not None:
         end, seats = figures.coupled.end, facts.call.decided.seats
-        resting, latched = _resting(layout, log)
+        resting, latched = _resting(model, log)
         for k in range(seats.who.shape[1]):
             counts = is_call & ~blank & seats.present[:, k]
             bodies.append(jnp.where(counts, seats.who[:, k], count))
             numbered.append(number)
-            place.append(end.position[:, k] + seats.shift[:, k] * numbers.period[None])
+            place.append(end.position[:, k] + seats.shift[:, k] * model.period[None])
             speed.append(end.velocity[:, k])
             began.append(end.time)
             support.append(resting[:, k])
@@ -270,8 +270,8 @@ def _energy_of(
     record: RunRecord, position: Float[Array, "T N D"], velocity: Float[Array, "T N D"]
 ) -> Float[Array, " T"]:
     """Return kinetic energy plus weight of all free spheres, ½ m v² - m g·x, in J."""
-    numbers = record.numbers
-    mass = ratio(1.0, numbers.inverse_mass[: record.layout.spheres])
+    model = record.model
+    mass = ratio(1.0, model.inverse_mass[: record.model.spheres])
     kinetic = jnp.sum(jnp.square(velocity), axis=-1) / 2
-    weight = jnp.sum(position * numbers.gravity[None, None], axis=-1)
+    weight = jnp.sum(position * model.gravity[None, None], axis=-1)
     return jnp.sum(mass[None] * (kinetic - weight), axis=-1)
