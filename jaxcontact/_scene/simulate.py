@@ -75,10 +75,10 @@ def simulate_scene(
     at = times_of(times, length)
     moves = traced(at)
     layout = layout_of(scene)
-    room_for = _room_for(scene, max_cluster, layout)
-    scene = _usable_start(scene, soft, room_for)
+    slots = _slots_for(scene, max_cluster, layout)
+    scene = _usable_start(scene, soft, slots)
     require_clear_of_each_other(scene.bodies, length)
-    rules = Rules(soft, rule, room_for if soft else 0)
+    rules = Rules(soft, rule, slots if soft else 0)
     plain = not traced((scene, length, at))
     if plain:
         tell.says("compiling")
@@ -87,9 +87,9 @@ def simulate_scene(
         prepared, start = _prepare_outside(scene, layout, rules, length, at)
     model, valid, length, at, last = prepared
     within = jax.device_put(np.asarray(tolerance, model.dtype))
-    grows = max_cluster is None and _places_of(scene, 0) == 0
+    grows = max_cluster is None and _slots_of(scene, 0) == 0
     # A call of the coupled solve ends when any pair touches or opens.
-    calls = _CALLS if rules.members and not plain else 1
+    calls = _CALLS if rules.slots and not plain else 1
     room = ROOM if most is None else most
 
     def piecewise(inputs: RunInputs) -> tuple[Rules, LoopOutcome]:
@@ -143,31 +143,31 @@ def _status_with_gains(status: Array, record: RunRecord, impacts: Impacts) -> Ar
     return jax.device_put(np.where(done, Ending.GAINED, status).astype(status.dtype))
 
 
-def _room_for(scene: Scene, asked: int | None, layout: SceneLayout) -> int:
-    """Return the capacity of the coupled solve: as asked, or that in which the scene starts."""
-    room = _places_of(scene, MOST) if asked is None else asked
-    if room <= MOST or room != _places_of(scene, 0):
-        room = min(room, layout.spheres)
-    return room
+def _slots_for(scene: Scene, asked: int | None, layout: SceneLayout) -> int:
+    """Return the slots of the coupled solve: as asked, or those in which the scene starts."""
+    slots = _slots_of(scene, MOST) if asked is None else asked
+    if slots <= MOST or slots != _slots_of(scene, 0):
+        slots = min(slots, layout.spheres)
+    return slots
 
 
-def _places_of(scene: Scene, otherwise: int) -> int:
-    """Return the capacity of the coupled solve that a scene starts in, else `otherwise`."""
+def _slots_of(scene: Scene, otherwise: int) -> int:
+    """Return the number of slots of the coupled solve that a scene starts in, else `otherwise`."""
     contacts = None if scene._start is None else scene._start.contacts
     return otherwise if contacts is None else contacts.who.shape[0]
 
 
-def _usable_start(scene: Scene, soft: bool, members: int) -> Scene:
+def _usable_start(scene: Scene, soft: bool, size: int) -> Scene:
     """Return the scene with its start state removed where that is not used."""
-    start, places = scene._start, _places_of(scene, members)
+    start, slots = scene._start, _slots_of(scene, size)
     if start is None or start.soft == soft:
-        if start is None or start.contacts is None or places == members:
+        if start is None or start.contacts is None or slots == size:
             return scene
         if not traced(start) and not bool(start.contacts.active):
             return eqx.tree_at(lambda scene: scene._start, scene, start.without_contacts())
         raise ValueError(
             "Argument `max_cluster` must be that of the run that ended in contact, "
-            f"{places}, but is {members}."
+            f"{slots}, but is {size}."
         )
     if start.soft:
         raise ValueError(

@@ -1,4 +1,6 @@
-"""A scene as arrays of one precision, for the engine."""
+"""A scene as arrays of one precision, for the engine, and spheres in flight: on parabolas, or in
+prescribed motion.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..._contact import Contact
 from ..._coupled.modes import Index, Number
@@ -24,7 +26,7 @@ from ..bodies.mixed_law import MixedLaw, one_of_each
 from ..bodies.overlap import ROUNDINGS
 from ..bodies.scene import Scene
 from ..resume import Start
-from .movers import Movers, Rotation
+from .movers import Movers, Rotation, Turning
 
 Lane = Float[Array, "..."]
 
@@ -310,3 +312,57 @@ def nearest_image(
     axes = jnp.asarray(model.periodic)[None]
     shift = jnp.where(axes, jnp.round(apart / model.period[None]), 0)
     return apart - shift * model.period[None], shift
+
+
+class Flying(NamedTuple):
+    """Bodies in flight, each at its own `time` (M,): `position` and `velocity` (M, D). In an impact
+    with a wall, the second row repeats the first. `turning` is None without friction.
+    """
+
+    position: Lane
+    velocity: Lane
+    time: Lane
+    turning: Turning | None = None
+
+
+def where_each(counts: Bool[Array, " M"], first: Flying, second: Flying) -> Flying:
+    """Return `first` for each body that `counts`, else `second`."""
+    return jax.tree.map(
+        lambda a, b: jnp.where(counts.reshape(-1, *(1,) * (a.ndim - 1)), a, b), first, second
+    )
+
+
+def accelerations(
+    model: SceneArrays, who: Int[Array, " M"], support: Int[Array, " M"]
+) -> Float[Array, "M D"]:
+    """Return gravity of the free spheres, less the normal part for those that rest on walls."""
+    if not model.has_gravity:
+        return jnp.zeros((who.shape[0], model.dimensions), model.dtype)
+    pull = rows_of(model.pull, support + 1)
+    if any(model.fixed):
+        pull = jnp.where((rows_of(model.inverse_mass, who) > 0)[:, None], pull, 0)
+    return pull
+
+
+def at_once(
+    model: SceneArrays, who: Int[Array, " M"], flying: Flying, support: Int[Array, " M"], time: Lane
+) -> tuple[Flying, Float[Array, "M D"]]:
+    """Return spheres in flight at one time, and their accelerations by gravity, and by friction on
+    the walls on which they rest. Accelerated fixed spheres are placed by their motion, regardless
+    of `flying`.
+    """
+    pull, turning = accelerations(model, who, support), flying.turning
+    passed = (time - flying.time)[:, None]
+    if turning is not None:
+        pull = pull + turning.drag
+        turning = turning._replace(spin=turning.spin + turning.twist * passed)
+    velocity = flying.velocity + pull * passed
+    position = flying.position + (flying.velocity + velocity) / 2 * passed
+    if model.shaken:
+        place, rate = model.shaken_at(time)
+        place, rate = (jnp.concatenate([x, jnp.zeros_like(x[:1])]) for x in (place, rate))
+        row = model.shaken_row(who)
+        shakes = (row < len(model.shaken))[:, None]
+        position = jnp.where(shakes, place[row], position)
+        velocity = jnp.where(shakes, rate[row], velocity)
+    return Flying(position, velocity, jnp.broadcast_to(time, flying.time.shape), turning), pull

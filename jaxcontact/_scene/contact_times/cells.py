@@ -27,7 +27,7 @@ from ..._coupled.modes import Flag, Index
 from ..._program import quick
 from ..arrays.arrays import SceneArrays, SceneLayout
 from ..result import traced
-from .closed_form import wall_time
+from .touch import wall_time
 
 SKIN = 1 / 16
 """The distance beyond the faces of its cell that a sphere may go, in widths of the cell."""

@@ -18,14 +18,13 @@ from jaxtyping import Array, Int
 
 from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of, with_rows
-from ..arrays.arrays import SceneArrays
-from ..arrays.flight import Flying, where_each
+from ..arrays.arrays import Flying, SceneArrays, where_each
 from ..cluster.equations import ClusterState
-from ..engine.cluster_slots import index_of, rearrange, slot_pairs
 from ..engine.log import ClusterNumbers, Log, LogDecisions, LogNumbers
-from ..engine.state import Rules
+from ..engine.rest import flying_at_start
+from ..engine.slots import rearrange, slot_pairs
+from ..engine.state import Rules, index_of
 from ..pair_impact.instantaneous import ImpactOutcome
-from ..pair_impact.rolling import flying_at_start
 from .slopes import Done, Entering, Matrices, flat, row_call, row_hit, row_numbers, two_of, unflat
 
 
@@ -99,7 +98,7 @@ def chain_matrices(
     def coupled(row: _ReplayedRow, entering: Entering) -> Done:
         called, at = row.facts.call, row.values.coupled
         assert calls is not None and called is not None and at is not None
-        start = flat((row_numbers(along, index_of(model, called.decided.seats)), entering))
+        start = flat((row_numbers(along, index_of(model, called.decided.slots)), entering))
         place = entering.spheres.position
         like = Done(at.began, at.end, at.work, place, at.turning, at.rubbed)
         return unflat(calls[row.slot] @ start, like)
@@ -144,21 +143,21 @@ def _chain(
 
     def together(carry: _Tangents, row: _ReplayedRow) -> tuple[_Tangents, LogNumbers]:
         assert ways.call is not None and carry.coupled is not None
-        values, members = row.values, rules.members
+        values, size = row.values, rules.slots
         called, at = row.facts.call, values.coupled
         assert called is not None and at is not None
-        seats = called.decided.seats
-        who, index = jnp.minimum(seats.who, model.spheres - 1), index_of(model, seats)
+        slots = called.decided.slots
+        who, index = jnp.minimum(slots.who, model.spheres - 1), index_of(model, slots)
         # In the slots of this call; before it they may have held other bodies.
-        before = rearrange(carry.coupled, called.decided.change, members)
+        before = rearrange(carry.coupled, called.decided.change)
         spheres, held = rows_of((carry.spheres, carry.held), who)
         done = ways.call(row, Entering(spheres, held, before))
         began, end, work = done.began, done.end, done.work
 
-        time, velocity = jnp.broadcast_to(end.time, (members,)), end.velocity[:members]
+        time, velocity = jnp.broadcast_to(end.time, (size,)), end.velocity[:size]
         after = Flying(done.place, velocity, time, done.turning)
-        first, second = slot_pairs(model, members)
-        on_wall = (at.end.closed > 0.5) & (second >= members) & called.rest
+        first, second = slot_pairs(model, size)
+        on_wall = (at.end.closed > 0.5) & (second >= size) & called.rest
         latched = jnp.zeros_like(held).at[first].add(jnp.where(on_wall, end.latched, 0))
         nothing = jax.tree.map(jnp.zeros_like, values)
         figures = nothing._replace(

@@ -17,19 +17,17 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.modes import Flag, Number
 from ..._coupled.rows import rows_of
-from ..arrays.arrays import SceneArrays, SceneLayout
-from ..arrays.flight import Flying
+from ..arrays.arrays import Flying, SceneArrays, SceneLayout
 from ..arrays.movers import Rotation, Turning
 from ..cluster.equations import ClusterState
 from ..cluster.solve import MOST_STEPS
-from ..engine.cluster_slots import in_place, index_of, slot_pairs
 from ..engine.coupled import as_flags, as_numbers, call, walls_under, work_of_walls
-from ..engine.event_queue import in_branch
 from ..engine.log import Log, LogDecisions, LogNumbers
-from ..engine.rest_on_walls import rest_on_walls
-from ..engine.state import Rules
+from ..engine.rest import or_roll, rest_on_walls, with_friction_at_rest
+from ..engine.search import in_branch
+from ..engine.slots import in_place, slot_pairs
+from ..engine.state import Rules, index_of
 from ..pair_impact.instantaneous import ImpactOutcome, hit, two_that_meet
-from ..pair_impact.rolling import or_roll, with_friction_at_rest
 from ..pair_impact.soft import soft
 
 
@@ -91,7 +89,7 @@ def row_call(
     tolerance: Number,
 ) -> tuple[Callable[[SceneArrays, Entering], Done], Entering]:
     """Return the call of a row as a function, and its input."""
-    row, at, members = facts.call, values.coupled, rules.members
+    row, at, size = facts.call, values.coupled, rules.slots
     assert row is not None and at is not None
     # The time of rest, and that of the last step, depend on rounding. This solve would stop at
     # another time, so it runs to the known one.
@@ -106,14 +104,14 @@ def row_call(
     def solve(model: SceneArrays, entering: Entering) -> Done:
         spheres, held, before = entering
         began, done = call(
-            model, members, spheres, row.support, held, as_flags(before),
+            model, spheres, row.support, held, as_flags(before),
             decided.where(counts), tolerance, rules.v0, max_steps=2 * MOST_STEPS,
         )  # fmt: skip
-        on_wall = (at.end.closed > 0.5) & row.rest & (slot_pairs(model, members)[1] >= members)
-        support = walls_under(model, members, on_wall)
-        done, turning, _ = rest_on_walls(model, decided.seats, done, support)
-        work = work_of_walls(model, decided.seats, began, done)
-        place = done.state.position[:members] + decided.seats.shift * model.period[None]
+        on_wall = (at.end.closed > 0.5) & row.rest & (slot_pairs(model, size)[1] >= size)
+        support = walls_under(model, size, on_wall)
+        done, turning, _ = rest_on_walls(model, decided.slots, done, support)
+        work = work_of_walls(model, decided.slots, began, done)
+        place = done.state.position[:size] + decided.slots.shift * model.period[None]
         states = as_numbers(began), as_numbers(done.state)
         return Done(*states, work, place, turning, done.rubbed)
 
@@ -265,7 +263,7 @@ def matrices(
         if is_call:
             row, entry = row_call(rules, values, facts, counts, tolerance)
             assert facts.call is not None
-            who = index_of(model, facts.call.decided.seats)
+            who = index_of(model, facts.call.decided.slots)
         else:
             row, entry = row_hit(model, rules, values, facts, counts, tolerance, by_formula)
             who = two_of(model, facts)

@@ -8,18 +8,15 @@ import jax.numpy as jnp
 from ..._coupled.modes import APART, AT_REST, PAUSED, TIME_IS_UP, Flag, Number
 from ..._coupled.modes import NOT_CONVERGED as FAILED
 from ..._coupled.rows import rows_of
-from ..arrays.arrays import SceneArrays
-from ..arrays.flight import at_once
+from ..arrays.arrays import SceneArrays, at_once
 from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice
-from .cluster_members import pace_of, select_members
-from .cluster_slots import index_of, masses, member_change, slot_pairs
 from .coupled import Call, as_numbers, call, meets, touching, walls_under, work_of_walls
 from .coupled_friction import spin_energy_lost
-from .event_queue import stale_events
 from .log import ClusterDecisions, ClusterNumbers, LogDecisions, LogNumbers, no_impact
-from .next_event import OUT_OF_DATE, in_cluster, simultaneous, without_cluster
-from .rest_on_walls import rest_on_walls
+from .rest import rest_on_walls
+from .search import OUT_OF_DATE, in_cluster, simultaneous, stale_events, without_cluster
+from .slots import fill_slots, masses, pace_of, slot_change, slot_pairs
 from .state import (
     ACCUMULATED,
     CROWDED,
@@ -31,6 +28,7 @@ from .state import (
     Coupling,
     Rules,
     RunState,
+    index_of,
 )
 
 
@@ -60,45 +58,45 @@ def step_cluster(
     model: SceneArrays, rules: Rules, state: RunState, end: Number, tolerance: Number, needed: Flag
 ) -> tuple[RunState, LogNumbers, LogDecisions, Flag]:
     """Make one call of the coupled solve, until a pair touches or opens or other events are due."""
-    count, members, coupling = model.spheres, rules.members, state.coupling
+    count, size, coupling = model.spheres, rules.slots, state.coupling
     assert coupling is not None
     now = jnp.where(coupling.starts, coupling.choice.time, coupling.state.time)
-    company = select_members(model, members, state, now)
-    seats = company.seats
-    change = member_change(model, members, coupling.seats, seats, coupling.starts)
-    who, index = jnp.minimum(seats.who, count - 1), index_of(model, seats)
+    filled = fill_slots(model, state, now)
+    slots = filled.slots
+    change = slot_change(model, coupling.slots, slots, coupling.starts)
+    who, index = jnp.minimum(slots.who, count - 1), index_of(model, slots)
     spheres = rows_of(state.flying, who)
     support, held, counts = rows_of((state.support, state.held, state.count), who)
     there = at_once(model, who, spheres, support, now)[0]
-    closed = touching(model, members, seats, there, support, now)
-    closed = closed | (coupling.touches & meets(model, members, seats, coupling.choice))
+    closed = touching(model, slots, there, support, now)
+    closed = closed | (coupling.touches & meets(model, slots, coupling.choice))
 
     # A sphere that leaves is searched before anything else.
-    going_on = coupling._replace(seats=seats)
+    going_on = coupling._replace(slots=slots)
     inside = in_cluster(model, going_on)
     leaves = in_cluster(model, coupling) & ~inside & ~coupling.starts
     events = without_cluster(model, going_on, state.events, now)
     expected = jnp.where(inside, jnp.inf, jnp.where(leaves, now, events.time))
     events = events._replace(time=expected, partner=jnp.where(leaves, OUT_OF_DATE, events.partner))
     waiting = jnp.where(state.time > now + simultaneous(model, now), state.time, jnp.inf)
-    until = jnp.minimum(jnp.minimum(jnp.min(expected), jnp.min(waiting)), now + company.alone)
+    until = jnp.minimum(jnp.minimum(jnp.min(expected), jnp.min(waiting)), now + filled.alone)
     sooner = until < end
     until = jnp.minimum(until, end)
     no = jnp.asarray(False)
-    decided = Call(coupling.starts, coupling.choice, seats, change, closed, until, no)
+    decided = Call(coupling.starts, coupling.choice, slots, change, closed, until, no)
     began, done = call(
-        model, members, spheres, support, held, coupling.state,
+        model, spheres, support, held, coupling.state,
         decided.where(needed & cluster_is_next(state)), tolerance, rules.v0, derived=False,
     )  # fmt: skip
     status = done.status
     apart, rest = status == APART, status == AT_REST
-    first, second = slot_pairs(model, members)
-    flat = second >= members
+    first, second = slot_pairs(model, size)
+    flat = second >= size
     # At rest each sphere in contact is held by one wall.
     on_wall = done.state.closed & flat
-    resting = walls_under(model, members, on_wall)
+    resting = walls_under(model, size, on_wall)
     supported = jnp.where(rest, resting, -1)
-    done, turning, bent = rest_on_walls(model, seats, done, supported)
+    done, turning, bent = rest_on_walls(model, slots, done, supported)
     after = done.state
     ends = apart | rest
     over, unknown = (status == TIME_IS_UP) & ~sooner, no
@@ -106,36 +104,36 @@ def step_cluster(
         # The call may also end because a contact lasts, and a friction impulse have no outcome.
         over, unknown = over & (after.time >= end), ~jnp.all(jnp.isfinite(after.velocity))
     failed = (status == FAILED) | ~jnp.isfinite(after.time)
-    latched = jnp.zeros(members, model.dtype).at[first].max(jnp.where(on_wall, after.latched, 0))
+    latched = jnp.zeros(size, model.dtype).at[first].max(jnp.where(on_wall, after.latched, 0))
 
     idle = jnp.where(after.time > state.now, 0, state.idle + 1)
     stop = jnp.where(over, OVER, jnp.where(idle > PATIENCE * count, ACCUMULATED, RUNNING))
-    stop = jnp.where(company.crowded, CROWDED, stop)
+    stop = jnp.where(filled.crowded, CROWDED, stop)
     if turning is not None:
         stop = jnp.where((rest & jnp.any(bent)) | unknown, FRICTION, stop)
     stop = jnp.where(failed, NOT_CONVERGED, stop)
-    position = after.position[:members] + seats.shift * model.period[None]
+    position = after.position[:size] + slots.shift * model.period[None]
     # A bound on the energy stored in contacts: the missing kinetic energy plus the work received.
-    mass = masses(model, seats)
-    motion = [jnp.sum(jnp.square(x.velocity[:members]), axis=-1) for x in (began, after)]
+    mass = masses(model, slots)
+    motion = [jnp.sum(jnp.square(x.velocity[:size]), axis=-1) for x in (began, after)]
     missing = jnp.sum(mass * (motion[0] - motion[1])) / 2 + jnp.maximum(done.work, 0)
     if model.frictions is not None:
-        missing = missing + spin_energy_lost(model, seats, began, after)
+        missing = missing + spin_energy_lost(model, slots, began, after)
     reserve = jnp.maximum(jnp.where(coupling.starts, 0, coupling.reserve) + missing, 0)
     # During the solve nothing else happens to the spheres in it.
-    time, later = jnp.broadcast_to(after.time, (members,)), rows_of(events, who)
+    time, later = jnp.broadcast_to(after.time, (size,)), rows_of(events, who)
     columns = {} if turning is None else {"turning": turning}
     state = (
         state._replace(events=events)
         .replace_rows(
             index,
             position=position,
-            velocity=after.velocity[:members],
+            velocity=after.velocity[:size],
             time=time,
             support=supported,
             held=jnp.where(rest, latched, 0),
             count=counts + 1,
-            owed=jnp.zeros(members, model.dtype),
+            owed=jnp.zeros(size, model.dtype),
             events=jax.tree.map(lambda a, b: jnp.where(ends, a, b), stale_events(time), later),
             **columns,
         )
@@ -143,16 +141,16 @@ def step_cluster(
             now=jnp.maximum(state.now, began.time),
             idle=idle,
             status=stop,
-            coupling=Coupling(~ends, no, no, coupling.choice, seats, coupling.pace, reserve, after),
+            coupling=Coupling(~ends, no, no, coupling.choice, slots, coupling.pace, reserve, after),
         )
     )
     none, zero = no_impact(model), jnp.zeros((), model.dtype)
     outcome = none._replace(time=began.time)
-    work = work_of_walls(model, seats, began, done)
+    work = work_of_walls(model, slots, began, done)
     states = as_numbers(began), as_numbers(after)
     together = ClusterNumbers(spheres, held, *states, work, done.error, turning, done.rubbed)
     blank, decided = jnp.full(2, -1), decided._replace(choice=None)
     called = ClusterDecisions(jnp.asarray(True), support, decided, ends, rest, status == PAUSED)
     figures = LogNumbers(none.after, outcome, together)
     facts = LogDecisions(coupling.choice, blank, no, jnp.full_like(zero, jnp.inf), called)
-    return state, figures, facts, ~company.crowded
+    return state, figures, facts, ~filled.crowded

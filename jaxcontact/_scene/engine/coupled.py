@@ -14,16 +14,25 @@ from jaxtyping import Array, Bool, Float, Int
 from ..._coupled.energies import stored_energy
 from ..._coupled.modes import TIME_IS_UP, Flag, Number
 from ..._coupled.rows import rows_of, with_rows
-from ..arrays.arrays import SceneArrays, SceneLayout, known_contact_of, law_of, nearest_image
-from ..arrays.flight import Flying, accelerations, at_once
+from ..arrays.arrays import (
+    Flying,
+    SceneArrays,
+    SceneLayout,
+    accelerations,
+    at_once,
+    known_contact_of,
+    law_of,
+    nearest_image,
+)
 from ..bodies.motion import UserMotion
 from ..bodies.overlap import ROUNDINGS
 from ..cluster.equations import ClusterPairs, ClusterState, Drive
 from ..cluster.problem import ClusterEnd
 from ..cluster.solve import MOST_STEPS, cluster, cluster_at_touch
 from ..pair_impact.instantaneous import Choice, meeting_of, two_that_meet
-from .cluster_slots import (
-    MemberChange,
+from .coupled_friction import blank_rubbing, fresh_rubbing, impulses, joined_rubbing, pair_friction
+from .slots import (
+    SlotChange,
     Slots,
     bodies_of,
     in_line,
@@ -33,16 +42,15 @@ from .cluster_slots import (
     resting_pairs,
     slot_pairs,
 )
-from .coupled_friction import blank_rubbing, fresh_rubbing, impulses, joined_rubbing, pair_friction
 
 MOST = 8
-"""The default capacity of a coupled solve in spheres."""
+"""The default number of slots of a coupled solve."""
 
 
 class Call(NamedTuple):
     """The discrete choices about one call.
 
-    It `starts` a solve at the touch of `choice`, or continues one. `seats` holds its members, and
+    It `starts` a solve at the touch of `choice`, or continues one. `slots` holds its spheres, and
     `change` the new ones. `closed` (P,) marks the new pairs that are in contact at once. The call
     ends at the time `until` in s, if no event happens before. `to_the_end`: whether it continues at
     rest. In a log the choice is that of the row.
@@ -50,66 +58,66 @@ class Call(NamedTuple):
 
     starts: Flag
     choice: Choice | None
-    seats: Slots
-    change: MemberChange
+    slots: Slots
+    change: SlotChange
     closed: Bool[Array, " P"]
     until: Number
     to_the_end: Flag
 
     def where(self, needed: Flag) -> Call:
-        """Return the call, without members unless `needed`; other lanes of a batch may need one."""
-        seats = self.seats._replace(present=self.seats.present & needed)
-        return self._replace(seats=seats)
+        """Return the call, with empty slots unless `needed`; other lanes may need one."""
+        slots = self.slots._replace(present=self.slots.present & needed)
+        return self._replace(slots=slots)
 
 
 def slot_states(
-    model: SceneArrays, seats: Slots, spheres: Flying, time: Array
+    model: SceneArrays, slots: Slots, spheres: Flying, time: Array
 ) -> tuple[Array, Array]:
     """Return positions and velocities of all slots; a wall is at the foot of its normal."""
     walls = model.walls_at(time)
-    image = spheres.position - seats.shift * model.period[None]
+    image = spheres.position - slots.shift * model.period[None]
     position = jnp.concatenate([image, walls.offset[:, None] * model.normal])
     driven = walls.velocity[:, None] * model.normal
     return position, jnp.concatenate([spheres.velocity, driven])
 
 
-def meets(layout: SceneLayout, members: int, seats: Slots, choice: Choice) -> Bool[Array, " P"]:
+def meets(layout: SceneLayout, slots: Slots, choice: Choice) -> Bool[Array, " P"]:
     """Return the pair of an impact."""
-    one, other = bodies_of(layout, members, seats.who)
+    one, other = bodies_of(layout, slots)
     straight = (choice.first == one) & (choice.second == other)
     return straight | ((choice.first == other) & (choice.second == one))
 
 
-def walls_under(layout: SceneLayout, members: int, on_wall: Bool[Array, " P"]) -> Int[Array, " M"]:
+def walls_under(layout: SceneLayout, size: int, on_wall: Bool[Array, " P"]) -> Int[Array, " M"]:
     """Return the wall of each sphere by its pairs `on_wall`, all with walls; -1 for none."""
-    first, second = slot_pairs(layout, members)
-    walls = jnp.where(on_wall, second - members, -1)
-    return jnp.full(members, -1).at[first].max(walls)
+    first, second = slot_pairs(layout, size)
+    walls = jnp.where(on_wall, second - size, -1)
+    return jnp.full(size, -1).at[first].max(walls)
 
 
 def touching(
     model: SceneArrays,
-    members: int,
-    seats: Slots,
+    slots: Slots,
     there: Flying,
     support: Int[Array, " M"],
     time: Number,
 ) -> Bool[Array, " P"]:
     """Return the pairs that touch within rounding and do not separate, or are at rest on a wall."""
-    first, second = slot_pairs(model, members)
-    pairs = pairs_of(model, members, seats)
-    position, velocity = slot_states(model, seats, there, time)
+    size = slots.size
+    first, second = slot_pairs(model, size)
+    pairs = pairs_of(model, slots)
+    position, velocity = slot_states(model, slots, there, time)
     apart = _nearest_images(model, pairs, position).between(position)
     rate = velocity[first] - velocity[second]
     gap, opening = pairs.gaps(apart, rate)
     eps = jnp.finfo(model.dtype).eps
-    present = seats.present[:, None]
+    present = slots.present[:, None]
     scale = jnp.max(jnp.abs(jnp.where(present, there.position, 0))) + jnp.max(model.radius)
     speed = jnp.max(jnp.abs(jnp.where(present, there.velocity, 0)))
     if model.motion is not None:
-        speed = jnp.maximum(speed, jnp.max(jnp.abs(velocity[members:])))
+        speed = jnp.maximum(speed, jnp.max(jnp.abs(velocity[size:])))
     touches = (gap <= ROUNDINGS * eps * scale) & (opening <= ROUNDINGS * eps * speed)
-    return pairs.used & (touches | resting_pairs(model, members, support))
+    return pairs.used & (touches | resting_pairs(model, support))
 
 
 def _nearest_images(model: SceneArrays, pairs: ClusterPairs, position: Array) -> ClusterPairs:
@@ -122,7 +130,6 @@ def _nearest_images(model: SceneArrays, pairs: ClusterPairs, position: Array) ->
 
 def call(
     model: SceneArrays,
-    members: int,
     spheres: Flying,
     support: Int[Array, " M"],
     held: Float[Array, " M"],
@@ -139,10 +146,10 @@ def call(
     The time of the touch that starts it is known. If its derivative is needed, it is `derived` from
     the two bodies.
     """
-    seats, change = decided.seats, decided.change
-    who = jnp.minimum(seats.who, model.spheres - 1)
-    pairs = pairs_of(model, members, seats)
-    first, second = slot_pairs(model, members)
+    slots, change, size = decided.slots, decided.change, decided.slots.size
+    who = jnp.minimum(slots.who, model.spheres - 1)
+    pairs = pairs_of(model, slots)
+    first, second = slot_pairs(model, size)
 
     # The time of the touch that starts it, or of the end of the last call.
     assert decided.choice is not None
@@ -150,20 +157,20 @@ def call(
     if derived:
         touch = _touch(model, spheres, decided)
     time = jnp.where(decided.starts, touch, before.time)
-    before = rearrange(before, change, members)
+    before = rearrange(before, change)
 
     # New bodies come from their flight formulas; their pairs are fresh.
     there = at_once(model, who, spheres, support, time)[0]
     joined = jnp.concatenate([change.joined, jnp.zeros(model.walls, bool)])
     came = (joined | decided.starts)[:, None]
-    position, velocity = slot_states(model, seats, there, time)
+    position, velocity = slot_states(model, slots, there, time)
     position = jnp.where(came, position, before.position)
     velocity = jnp.where(came, velocity, before.velocity)
     fresh = decided.starts | change.fresh
     pairs = _nearest_images(model, pairs, position)
     start = cluster_at_touch(pairs, position, velocity, decided.closed & fresh, v0=v0)
-    rests = resting_pairs(model, members, support)
-    none = jnp.zeros(members, model.dtype)
+    rests = resting_pairs(model, support)
+    none = jnp.zeros(size, model.dtype)
     height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
     sunk = pairs.distance - height + jnp.concatenate([none, model.walls_at(time).offset])[second]
     # The start time belongs to one pair. Other pairs that touch then, or join later, do not touch
@@ -171,7 +178,7 @@ def call(
     since = jnp.zeros_like(start.since) + time
     start = start._replace(
         time=time,
-        rubbing=fresh_rubbing(model, seats, there, support, rests),
+        rubbing=fresh_rubbing(model, slots, there, support, rests),
         indentation=jnp.where(rests, sunk, start.indentation),
         latched=jnp.where(rests, rows_of(held, first), start.latched),
         rising=start.rising & ~rests,
@@ -193,27 +200,27 @@ def call(
         depth = jnp.where(begin.closed, begin.indentation, start.indentation)
         begin = begin._replace(indentation=depth)
 
-    inverse = jnp.where(seats.present, rows_of(model.inverse_mass, who), 0)
+    inverse = jnp.where(slots.present, rows_of(model.inverse_mass, who), 0)
     inverse = jnp.concatenate([inverse, model.inverse_mass[model.spheres :]])
-    pull = accelerations(model, who, jnp.full(members, -1))
-    pull = jnp.where(seats.present[:, None], pull, 0)
+    pull = accelerations(model, who, jnp.full(size, -1))
+    pull = jnp.where(slots.present[:, None], pull, 0)
     pull = jnp.concatenate([pull, jnp.zeros((model.walls, model.dimensions), model.dtype)])
-    one, other = bodies_of(model, members, seats.who)
+    one, other = bodies_of(model, slots)
     # Unused slots get the numbers of a used pair.
     used_pair = jnp.argmax(pairs.used)
     one, other = (jnp.where(pairs.used, body, rows_of(body, used_pair)) for body in (one, other))
     contact = jax.vmap(lambda i, j: known_contact_of(model, i, j))(one, other)
     law = jax.vmap(lambda i, j: law_of(model, i, j))(one, other)
-    drive = _drive(model, seats, begin.time)
-    bodies, slots = (one, other), (inverse, pull, drive)
+    drive = _drive(model, slots, begin.time)
+    bodies, moved_by = (one, other), (inverse, pull, drive)
     touches, limits = decided.closed & fresh & ~rests, (rests, decided.until, decided.to_the_end)
     setting = model, bodies, pairs
-    start, until, impulsive, completed = impulses(setting, contact, slots, begin, limits)
+    start, until, impulsive, completed = impulses(setting, contact, moved_by, begin, limits)
     end = cluster(
         law, contact, pairs, inverse, pull, start, until,
         rtol=rtol, v0=v0, until_change=True, drive=drive, in_line=in_line(model),
         to_the_end=decided.to_the_end, max_steps=max_steps,
-        friction=pair_friction(model, seats, bodies, touches & pairs.used, impulsive),
+        friction=pair_friction(model, slots, bodies, touches & pairs.used, impulsive),
     )  # fmt: skip
     # The exact time, without rounding, so that no further call is needed.
     over = jnp.where(end.status == TIME_IS_UP, until, end.state.time)
@@ -222,11 +229,11 @@ def call(
 
 def _touch(model: SceneArrays, spheres: Flying, decided: Call) -> Number:
     """Return the time of the touch that starts a solve."""
-    seats, choice = decided.seats, decided.choice
+    slots, choice = decided.slots, decided.choice
     assert choice is not None
-    first = jnp.argmax(seats.who == choice.first)
+    first = jnp.argmax(slots.who == choice.first)
     # A wall has no slot. The first body replaces it, as another body may be ahead in time.
-    second = jnp.argmax(seats.who == choice.second)
+    second = jnp.argmax(slots.who == choice.second)
     two = jnp.stack([first, jnp.where(choice.second < model.spheres, second, first)])
     nobody = two_that_meet(model, choice.time)
     struck = jax.tree.map(lambda x, y: jnp.where(decided.starts, x[two], y), spheres, nobody)
@@ -234,28 +241,28 @@ def _touch(model: SceneArrays, spheres: Flying, decided: Call) -> Number:
     return meeting_of(model, struck, met).time
 
 
-def _drive(model: SceneArrays, seats: Slots, time: Array) -> Drive | None:
+def _drive(model: SceneArrays, slots: Slots, time: Array) -> Drive | None:
     """Return the drive of the slots from a time on; None without moving walls or shaken spheres."""
     walls, spheres = model.motion, model.shaking
     if walls is None and spheres is None:
         return None
-    members, slots = seats.who.shape[0], seats.who.shape[0] + model.walls
-    strength = jnp.zeros((slots, model.dimensions), model.dtype)
-    rate, phase = jnp.zeros(slots, model.dtype), jnp.zeros(slots, model.dtype)
-    moves = jnp.asarray((False,) * members + model.moving)
-    shakes = jnp.asarray((False,) * members + model.vibrating)
+    size, total = slots.size, slots.size + model.walls
+    strength = jnp.zeros((total, model.dimensions), model.dtype)
+    rate, phase = jnp.zeros(total, model.dtype), jnp.zeros(total, model.dtype)
+    moves = jnp.asarray((False,) * size + model.moving)
+    shakes = jnp.asarray((False,) * size + model.vibrating)
     users: list[tuple[UserMotion, Any]] = []
     if walls is not None:
         push = walls.amplitude * jnp.square(walls.rate)
-        strength = strength.at[members:].set(push[:, None] * model.normal)
-        rate = rate.at[members:].set(walls.rate)
-        phase = phase.at[members:].set(walls.rate * time + walls.phase)
-        users += [(user, members + w) for w, user in enumerate(walls.own) if user is not None]
+        strength = strength.at[size:].set(push[:, None] * model.normal)
+        rate = rate.at[size:].set(walls.rate)
+        phase = phase.at[size:].set(walls.rate * time + walls.phase)
+        users += [(user, size + w) for w, user in enumerate(walls.own) if user is not None]
     if spheres is not None:
         # The slot of each shaken sphere, beyond all slots if it is absent.
         named = jnp.asarray(model.shaken)
-        sits = (seats.who[None] == named[:, None]) & seats.present[None]
-        nowhere = slots + jnp.arange(len(model.shaken))
+        sits = (slots.who[None] == named[:, None]) & slots.present[None]
+        nowhere = total + jnp.arange(len(model.shaken))
         slot = jnp.where(jnp.any(sits, axis=1), jnp.argmax(sits, axis=1), nowhere)
         push = spheres.amplitude * jnp.square(spheres.rate)[:, None]
         yes = jnp.ones(slot.shape, bool)
@@ -275,15 +282,14 @@ def _drive(model: SceneArrays, seats: Slots, time: Array) -> Drive | None:
     )
 
 
-def work_of_walls(model: SceneArrays, seats: Slots, began: ClusterState, end: ClusterEnd) -> Number:
+def work_of_walls(model: SceneArrays, slots: Slots, began: ClusterState, end: ClusterEnd) -> Number:
     """Return the work of moving walls and fixed spheres in one call, in J. It is all work except
     that of gravity.
     """
     if model.motion is None and not model.driven:
         return jnp.zeros((), model.dtype)
-    mass = masses(model, seats)
-    members = mass.shape[0]
-    fall = end.state.position[:members] - began.position[:members]
+    mass, size = masses(model, slots), slots.size
+    fall = end.state.position[:size] - began.position[:size]
     weight = jnp.sum(mass * jnp.sum(fall * model.gravity[None], axis=-1))
     return end.work - weight
 
@@ -299,20 +305,20 @@ def as_flags(state: ClusterState) -> ClusterState:
     return state._replace(closed=state.closed > 0.5, rising=state.rising > 0.5)
 
 
-def blank_state(model: SceneArrays, members: int) -> ClusterState:
+def blank_state(model: SceneArrays, size: int) -> ClusterState:
     """Return a state of zeros, with all pairs open."""
-    slots, pairs = members + model.walls, slot_pairs(model, members)[0].shape[0]
-    sizes = (), (slots, model.dimensions), pairs
+    total, pairs = size + model.walls, slot_pairs(model, size)[0].shape[0]
+    sizes = (), (total, model.dimensions), pairs
     zero, vector, each = (jnp.zeros(size, model.dtype) for size in sizes)
     flags = jnp.zeros(pairs, bool)
-    rubbing = blank_rubbing(model, slots, pairs)
+    rubbing = blank_rubbing(model, total, pairs)
     return ClusterState(
         zero, vector, vector, each, flags, flags, each, each, each, each, each, each, rubbing,
         each if model.remembers else None,
     )  # fmt: skip
 
 
-def contact_energy(model: SceneArrays, members: int, seats: Slots, state: ClusterState) -> Number:
+def contact_energy(model: SceneArrays, slots: Slots, state: ClusterState) -> Number:
     """Return the elastic energy of all contacts, Σ ∫ F(δ, 0) dδ."""
 
     def energy(
@@ -323,4 +329,4 @@ def contact_energy(model: SceneArrays, members: int, seats: Slots, state: Cluste
         return stored_energy(law, contact, jnp.where(closed, depth, 0), speed, deepest)
 
     columns = (state.indentation, state.closed, state.latched, state.deepest)
-    return jnp.sum(jax.vmap(energy)(*bodies_of(model, members, seats.who), *columns))
+    return jnp.sum(jax.vmap(energy)(*bodies_of(model, slots), *columns))

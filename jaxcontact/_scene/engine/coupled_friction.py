@@ -17,8 +17,7 @@ from ..._coupled.modes import AT_REST, PAUSED, Flag, Number, PerContact
 from ..._coupled.rows import rows_of
 from ..._coupled.springs import Vectors, lengths
 from ..._functions import ratio, spin_axes
-from ..arrays.arrays import SceneArrays, least_speed
-from ..arrays.flight import Flying
+from ..arrays.arrays import Flying, SceneArrays, least_speed
 from ..arrays.movers import spin_energy
 from ..cluster.equations import ClusterPairs, ClusterState, Drive
 from ..cluster.friction import HALF, PairFriction, Rubbing, in_plane
@@ -35,9 +34,10 @@ from ..pair_impact.friction import (
     spring_ratio_of,
     wall_drift,
 )
-from ..pair_impact.rolling import footing, slips
 from ..pair_impact.soft import coulomb_impulse
-from .cluster_slots import Slots, slot_pairs
+from .rest import footing, slips
+from .slots import pace_of_contact, slot_pairs
+from .state import Slots
 
 Flags = Bool[Array, " P"]
 
@@ -51,7 +51,7 @@ _LASTS = 8
 
 def pair_friction(
     model: SceneArrays,
-    seats: Slots,
+    slots: Slots,
     pairs: tuple[Int[Array, " P"], Int[Array, " P"]],
     begins: Flags,
     impulsive: tuple[Flags, Flags] | None,
@@ -62,12 +62,12 @@ def pair_friction(
     if model.rotation is None:
         return None
     one, other = pairs
-    members = seats.who.shape[0]
-    who = jnp.minimum(seats.who, model.spheres - 1)
+    size = slots.size
+    who = jnp.minimum(slots.who, model.spheres - 1)
     flat = jnp.ones(model.walls, model.dtype)
     turns = rows_of(model.rotation.inverse_inertia, who)
-    turns = jnp.where(seats.present, turns, 0)
-    wall = jnp.maximum(jnp.asarray(slot_pairs(model, members)[1]) - members, 0)
+    turns = jnp.where(slots.present, turns, 0)
+    wall = jnp.maximum(jnp.asarray(slot_pairs(model, size)[1]) - size, 0)
     mu = jax.vmap(lambda i, j: coefficient_of(model, i, j))(one, other)
     if impulsive is not None:
         mu, begins = jnp.where(impulsive[0], 0, mu), impulsive[1]
@@ -84,15 +84,15 @@ def pair_friction(
 
 
 def fresh_rubbing(
-    model: SceneArrays, seats: Slots, there: Flying, support: Int[Array, " M"], rests: Flags
+    model: SceneArrays, slots: Slots, there: Flying, support: Int[Array, " M"], rests: Flags
 ) -> Rubbing | None:
     """Return spins, and the friction of spheres that rest on walls; other pairs have none yet."""
-    members, dtype = seats.who.shape[0], model.dtype
-    first, _ = slot_pairs(model, members)
-    blank = blank_rubbing(model, members + model.walls, first.shape[0])
+    size, dtype = slots.size, model.dtype
+    first, _ = slot_pairs(model, size)
+    blank = blank_rubbing(model, size + model.walls, first.shape[0])
     if there.turning is None or blank is None:
         return None
-    who = jnp.minimum(seats.who, model.spheres - 1)
+    who = jnp.minimum(slots.who, model.spheres - 1)
     still = jnp.zeros((model.walls, spin_axes(model.dimensions)), dtype)
     spin = jnp.concatenate([there.turning.spin, still])
     if not model.walls:
@@ -106,7 +106,7 @@ def fresh_rubbing(
 
 
 def joined_rubbing(
-    fresh: Rubbing | None, before: Rubbing | None, came: Bool[Array, "slots 1"], new: Flags
+    fresh: Rubbing | None, before: Rubbing | None, came: Bool[Array, "S 1"], new: Flags
 ) -> Rubbing | None:
     """Return the state of friction: `fresh` for bodies that `came` and `new` pairs."""
     if fresh is None or before is None:
@@ -114,31 +114,25 @@ def joined_rubbing(
     return jax.tree.map(jnp.where, Rubbing(came, new[:, None], new, new), fresh, before)
 
 
-def blank_rubbing(model: SceneArrays, slots: int, pairs: int) -> Rubbing | None:
+def blank_rubbing(model: SceneArrays, total: int, pairs: int) -> Rubbing | None:
     """Return no friction; None in a scene without."""
     if model.frictions is None:
         return None
-    spin = jnp.zeros((slots, spin_axes(model.dimensions)), model.dtype)
+    spin = jnp.zeros((total, spin_axes(model.dimensions)), model.dtype)
     spring = jnp.zeros((pairs, model.dimensions), model.dtype)
     each = jnp.zeros(pairs, model.dtype)
     return Rubbing(spin, spring, each, each)
 
 
 def spin_energy_lost(
-    model: SceneArrays, seats: Slots, began: ClusterState, end: ClusterState
+    model: SceneArrays, slots: Slots, began: ClusterState, end: ClusterState
 ) -> Number:
-    """Return the energy of rotation that the members lose in a call, in J."""
+    """Return the energy of rotation that the spheres lose in a call, in J."""
     assert began.rubbing is not None and end.rubbing is not None and model.rotation is not None
-    who, members = jnp.minimum(seats.who, model.spheres - 1), seats.who.shape[0]
-    turns = jnp.where(seats.present, rows_of(model.rotation.inverse_inertia, who), 0)
-    before = spin_energy(turns, began.rubbing.spin[:members])
-    return jnp.sum(before - spin_energy(turns, end.rubbing.spin[:members]))
-
-
-def pace_of_contact(contact: Contact, speed: Number) -> Number:
-    """Return X/v at a closing speed, about a third of an impact's duration in s."""
-    n = contact.exponent
-    return (contact.mass / contact.stiffness / speed ** (n - 1)) ** (1 / (n + 1))
+    who, size = jnp.minimum(slots.who, model.spheres - 1), slots.size
+    turns = jnp.where(slots.present, rows_of(model.rotation.inverse_inertia, who), 0)
+    before = spin_energy(turns, began.rubbing.spin[:size])
+    return jnp.sum(before - spin_energy(turns, end.rubbing.spin[:size]))
 
 
 def contact_points(
@@ -218,7 +212,7 @@ def _pressing(pairs: ClusterPairs, along: Vectors, pull: Array, drive: Drive | N
 def impulses(
     setting: tuple[SceneArrays, tuple[Array, Array], ClusterPairs],
     contact: Contact,
-    slots: tuple[Float[Array, " slots"], Float[Array, "slots D"], Drive | None],
+    moved_by: tuple[Float[Array, " S"], Float[Array, "S D"], Drive | None],
     state: ClusterState,
     decided: tuple[Flags, Number, Flag],
 ) -> tuple[ClusterState, Number, tuple[Flags, Flags] | None, Callable[[ClusterEnd], ClusterEnd]]:
@@ -227,12 +221,12 @@ def impulses(
     rubs. Return the state after the first halves, and the longest end of the call in s. Then follow
     these contacts, the others that begin, and a function that adds the second halves to the end.
 
-    The `setting` are the scene, the bodies of pairs, and these. `slots` holds 1/m, gravity and
+    The `setting` are the scene, the bodies of pairs, and these. `moved_by` holds 1/m, gravity and
     drive, and what is `decided` are the pairs at rest, the end of the call, and whether it goes to
     the end. A contact has an impulse if its bodies touch nothing else, and touched faster than
     forces could press them together within a part of the impact.
     """
-    (model, bodies, pairs), (inverse, pull, drive) = setting, slots
+    (model, bodies, pairs), (inverse, pull, drive) = setting, moved_by
     (rests, until, to_the_end), rubbing = decided, state.rubbing
     if rubbing is None or is_followed(model):
         return state, until, None, lambda end: end

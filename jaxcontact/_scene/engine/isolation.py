@@ -10,8 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._coupled.modes import Flag, Number
-from ..arrays.arrays import SceneArrays, nearest_image
-from ..arrays.flight import at_once
+from ..arrays.arrays import SceneArrays, at_once, nearest_image
 from ..bodies.bodies import side
 from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice, ImpactOutcome

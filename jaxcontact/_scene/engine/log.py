@@ -13,23 +13,22 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.modes import Flag, Index, Number
 from ..._functions import spin_axes
-from ..arrays.arrays import SceneArrays
-from ..arrays.flight import Flying
+from ..arrays.arrays import Flying, SceneArrays
 from ..arrays.movers import Turning
 from ..cluster.equations import ClusterState
 from ..pair_impact.friction import SlipSpeeds
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
 from ..result import Ending
-from .cluster_slots import Slots, no_change, slot_pairs
 from .coupled import Call, as_numbers, blank_state
-from .state import CROWDED, FRICTION, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules
+from .slots import no_change, slot_pairs
+from .state import CROWDED, FRICTION, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules, Slots
 
 
 class ClusterNumbers(NamedTuple):
-    """The numbers of a call of the coupled solve. `spheres` are its members before it, with the v0
-    `held` by those at rest. `began` and `end` are its first and last states, with flags as numbers.
-    `work` is that of moving walls in J, and `error` the estimated error in m/s. With friction,
-    `turning` is the rotation of the members after it, and `rubbed` the energy taken in J.
+    """The numbers of a call of the coupled solve. `spheres` are those in its slots, with the v0
+    `held` by those at rest before it. `began` and `end` are its first and last states, with flags
+    as numbers. `work` is that of moving walls in J, and `error` the estimated error in m/s. With
+    friction, `turning` is the rotation of these after it, and `rubbed` the energy taken in J.
     """
 
     spheres: Flying
@@ -99,8 +98,8 @@ class LoopOutcome(NamedTuple):
     valid: Flag
 
 
-def blank_log(rows: int, model: SceneArrays, members: int) -> Log:
-    """Return a blank log with some rows, and with room for calls if there are `members`."""
+def blank_log(rows: int, model: SceneArrays, size: int) -> Log:
+    """Return a blank log with some rows, also of calls if these have slots."""
     each = jnp.zeros(rows, model.dtype)
 
     def repeat(row: Any) -> Any:
@@ -108,8 +107,8 @@ def blank_log(rows: int, model: SceneArrays, members: int) -> Log:
 
     choice = repeat(blank_choice(model))
     together = called = None
-    if members:
-        together, called = repeat(blank_calls(model, members))
+    if size:
+        together, called = repeat(blank_calls(model, size))
     facts = LogDecisions(choice, jnp.zeros((rows, 2), int) - 1, jnp.zeros(rows, bool), each, called)
     outcome = repeat(no_impact(model))
     return Log(LogNumbers(outcome.after, outcome, together), facts)
@@ -135,20 +134,20 @@ def blank_choice(model: SceneArrays) -> Choice:
     return Choice(zero, zero, jnp.full(2, -1, int), image, time, no)
 
 
-def blank_calls(model: SceneArrays, members: int) -> tuple[ClusterNumbers, ClusterDecisions]:
+def blank_calls(model: SceneArrays, size: int) -> tuple[ClusterNumbers, ClusterDecisions]:
     """Return one row without a call."""
     dimensions, dtype = model.dimensions, model.dtype
-    vector, each = jnp.zeros((members, dimensions), dtype), jnp.zeros(members, dtype)
-    state, no = as_numbers(blank_state(model, members)), jnp.asarray(False)
+    vector, each = jnp.zeros((size, dimensions), dtype), jnp.zeros(size, dtype)
+    state, no = as_numbers(blank_state(model, size)), jnp.asarray(False)
     none = jnp.zeros((), dtype)
-    pairs = jnp.zeros(slot_pairs(model, members)[0].shape, bool)
-    integers = jnp.zeros(members, int)
-    nobody = jnp.full(members, model.spheres, int)
-    seats, change = Slots(nobody, integers > 0, vector), no_change(model, members)
-    decided = Call(no, None, seats, change, pairs, none, no)
+    pairs = jnp.zeros(slot_pairs(model, size)[0].shape, bool)
+    integers = jnp.zeros(size, int)
+    nobody = jnp.full(size, model.spheres, int)
+    slots, change = Slots(nobody, integers > 0, vector), no_change(model, size)
+    decided = Call(no, None, slots, change, pairs, none, no)
     turning = rubbed = None
     if model.frictions is not None:
-        spin = jnp.zeros((members, spin_axes(dimensions)), dtype)
+        spin = jnp.zeros((size, spin_axes(dimensions)), dtype)
         turning, rubbed = Turning(spin, vector, spin, each), none
     spheres = Flying(vector, vector, each, turning)
     together = ClusterNumbers(spheres, each, state, state, none, none, turning, rubbed)

@@ -19,23 +19,36 @@ from jaxtyping import Array, Int
 from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of, with_row
 from ..._impact import Status
-from ..arrays.arrays import SceneArrays, nearest_image
-from ..arrays.flight import Flying, at_once, where_each
-from ..bodies.overlap import NOISE
+from ..arrays.arrays import Flying, SceneArrays, at_once, nearest_image, where_each
 from ..contact_times.cells import CellGrid
 from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice, ImpactOutcome, hit
-from ..pair_impact.rolling import begins_to_roll, flying_at_start, or_roll, with_friction_at_rest
 from ..pair_impact.soft import soft
 from ..readout.final_scene import resume_cluster
 from ..resume import Underway
 from .cluster_calls import cluster_is_next, start_cluster, step_cluster
-from .cluster_slots import empty_slots
 from .coupled import blank_state
-from .event_queue import Due, in_branch, reset_events, stale_events, update_events
 from .isolation import is_isolated
 from .log import Log, LogDecisions, LogNumbers, blank_calls, blank_choice
-from .next_event import AGAIN, in_cluster, simultaneous
+from .rest import (
+    begins_to_roll,
+    comes_to_rest,
+    flying_at_start,
+    or_roll,
+    supports_after,
+    with_friction_at_rest,
+)
+from .search import (
+    AGAIN,
+    Due,
+    in_branch,
+    in_cluster,
+    reset_events,
+    simultaneous,
+    stale_events,
+    update_events,
+)
+from .slots import empty_slots
 from .state import (
     ACCUMULATED,
     CROWDED,
@@ -48,57 +61,6 @@ from .state import (
     Rules,
     RunState,
 )
-
-
-def comes_to_rest(model: SceneArrays, choice: Choice, before: Flying, tolerance: Number) -> Flag:
-    """Return whether a ball comes to rest on a wall. If gravity presses it to a wall and e < 1 is
-    constant, it bounces infinitely often in a finite time. Once the next bounce is lower than
-    `tolerance` radii, that time is summed.
-    """
-    if not model.settles:
-        return choice.tail
-    who = jnp.stack([choice.first, choice.first])
-    velocity = at_once(model, who, before, choice.support, choice.time)[0].velocity[0]
-    wall = jnp.clip(choice.second - model.spheres, 0)
-    face = rows_of(model.normal, wall)
-    weight = -jnp.sum(face * model.gravity)
-    driven = model.walls_at(choice.time, wall).velocity
-    closing = jnp.maximum(driven - jnp.sum(face * velocity), 0)
-    e = model.restitution[0]
-    rests = (choice.second >= model.spheres) & (weight > 0)
-    if model.law_table:
-        law = model.chosen(model.law_table, choice.first, choice.second)
-        e = rows_of(model.restitution, law)
-        rests = rests & rows_of(jnp.asarray(model.constant), law)
-    if any(model.vibrating):
-        # On a shaking wall the bounces do not form a series.
-        rests = rests & ~rows_of(jnp.asarray(model.vibrating), wall)
-    if model.frictions is not None:
-        rests = rests & ~begins_to_roll(model, choice)
-    low = jnp.square(e * closing) <= 2 * weight * tolerance * rows_of(model.radius, choice.first)
-    return rests & (e < 1) & low
-
-
-def supports_after(
-    model: SceneArrays, choice: Choice, outcome: ImpactOutcome
-) -> tuple[Int[Array, "2"], Flag]:
-    """Return the walls that support the two bodies after the impact, and whether one needs two."""
-    support = choice.support
-    if not (model.settles or model.start is not None):
-        return support, jnp.asarray(False)
-    velocity, on = outcome.after.velocity, jnp.maximum(support, 0)
-    leaving = jnp.sum(velocity * rows_of(model.normal, on), axis=-1)
-    if any(model.moving):
-        leaving = leaving - rows_of(model.walls_at(outcome.time).velocity, on)
-    leaving = jnp.abs(leaving)
-    speed = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1)) + outcome.closing
-    kept = (support >= 0) & (leaving <= NOISE * jnp.finfo(model.dtype).eps * speed)
-    support = jnp.where(kept, support, -1)
-    wall = choice.second - model.spheres
-    crowded = choice.tail & kept[0] & (support[0] != wall)
-    first = jnp.where(choice.tail, wall, support[0])
-    return jnp.stack([first, support[1]]), crowded
-
 
 SLOW = 2.0**14
 """The limit of closing speeds for accumulation, in rounding errors of the largest speed.
@@ -149,9 +111,9 @@ def _first_events(
 ) -> RunState:
     """Return the start with its initial contacts and its cells."""
     start = jnp.zeros((), model.dtype)
-    if not rules.members:
+    if not rules.slots:
         return reset_events(model, state, start, grid)
-    state = with_empty_slots(model, rules.members, state)
+    state = with_empty_slots(model, rules.slots, state)
     assert state.coupling is not None
     coupling = resume_cluster(model, state.coupling)
     # The search precedes the first call.
@@ -163,15 +125,15 @@ def _first_events(
     return state._replace(events=waits)
 
 
-def with_empty_slots(model: SceneArrays, members: int, state: RunState) -> RunState:
+def with_empty_slots(model: SceneArrays, size: int, state: RunState) -> RunState:
     """Return the state with empty slots for a coupled solve. A run without slots that stopped
     because it needed one can continue.
     """
     no, zero = jnp.asarray(False), jnp.zeros((), model.dtype)
-    nobody, seats = blank_choice(model), empty_slots(model, members)
+    nobody, slots = blank_choice(model), empty_slots(model, size)
     coupling = Coupling(
-        no, no, no, nobody, seats, zero, zero,
-        blank_state(model, members),
+        no, no, no, nobody, slots, zero, zero,
+        blank_state(model, size),
     )  # fmt: skip
     return state._replace(coupling=coupling, status=jnp.full_like(state.status, RUNNING))
 
@@ -302,7 +264,7 @@ def _event(
         state = state._replace(coupling=coupling)
     together = no_call = None
     if state.coupling is not None:
-        together, no_call = blank_calls(model, rules.members)
+        together, no_call = blank_calls(model, rules.slots)
     figures = LogNumbers(met.before, outcome, together)
     return state, figures, LogDecisions(choice, met.support, met.tied, met.rival, no_call), happens
 

@@ -18,15 +18,14 @@ from ..._text.progress import TellRun
 from ..arrays.arrays import SceneArrays
 from ..contact_times.cells import CellGrid, grid_of
 from ..derivative.differentiable_run import RunInputs
-from .cluster_slots import all_fit, in_places
-from .event_queue import reset_events
 from .log import Log, LoopOutcome, blank_log
 from .loop import advance, has_events_left, initial_state, with_empty_slots
-from .next_event import flight_at
+from .search import flight_at, reset_events
+from .slots import all_fit, in_more_slots
 from .state import CROWDED, RUNNING, Rules, RunState
 
 _MOST_GROWN = 32
-"""The largest capacity to which a coupled solve grows automatically."""
+"""The largest number of slots to which a coupled solve grows automatically."""
 
 _PIECE = 256
 """The number of impacts between two returns to Python."""
@@ -34,7 +33,7 @@ _PIECE = 256
 _PATIENCE = 131_072
 """The number of impacts, times the square of one plus the slots, for which the faster program is
 compiled. Measured: it saves that time after 105,000 instantaneous impacts, and after 1,900 calls
-of a coupled solve with six slots; no other capacity was measured. It is not a time: the two
+of a coupled solve with six slots; no other number was measured. It is not a time: the two
 programs round differently, and a script must reproduce its numbers."""
 
 _RUN: dict[Any, float] = {}
@@ -66,7 +65,7 @@ def _whole_loop(rules: Rules, inputs: RunInputs, grid: CellGrid | None, room: in
     model, valid, end, tolerance = inputs
     last = jnp.where(valid, end, -1)
     state = initial_state(model, rules, grid)
-    log = blank_log(room, model, rules.members)
+    log = blank_log(room, model, rules.slots)
     state, log, written = advance(model, rules, state, log, last, tolerance)
     if state.cells is not None:
         full = state.cells.full & valid
@@ -86,23 +85,23 @@ def from_python(
     grows: bool,
 ) -> tuple[Rules, LoopOutcome]:
     """Run one program repeatedly until all impacts are found; return the final rules and the
-    outcome. It writes at `most` so many rows. If it `grows`, a piece that needs more places in a
+    outcome. It writes at `most` so many rows. If it `grows`, a piece that needs more slots in a
     coupled solve is run again with more.
     """
     model, valid, end, tolerance = inputs
     state = _begun(model, rules) if start is None else start
-    wanted, room = rules, min(_MOST_GROWN, model.spheres) if grows else 0
+    wanted, most_slots = rules, min(_MOST_GROWN, model.spheres) if grows else 0
     # With many spheres, periodic axes or friction most scenes need no coupled solve. The program is
     # then one without, until a coupled solve is needed.
     model, within = _resumed(model, rules)
-    lean = not all_fit(model, rules.members) or model.frictions is not None
+    lean = not all_fit(model, rules.slots) or model.frictions is not None
     if lean and not within:
         rules = Rules(rules.soft, rules.v0, 0)
-    places = 0 if state.coupling is None else state.coupling.seats.who.shape[0]
-    if not rules.members:
+    slots = 0 if state.coupling is None else state.coupling.slots.size
+    if not rules.slots:
         state = state._replace(coupling=None)
-    elif places != rules.members:
-        state = _with_places(model, rules.members, state)
+    elif slots != rules.slots:
+        state = _with_slots(model, rules.slots, state)
     grid = None if rules.soft else grid_of(model)
     if grid is not None:
         state = _expecting(model, state, state.now, grid)
@@ -114,13 +113,13 @@ def from_python(
         before = state
         inputs_now = (model, rules, state, valid, end, tolerance)
         state, log, written, ahead = _piece(tell, total, *inputs_now)
-        if int(state.status) == CROWDED and 0 < rules.members < room:
-            wider = min(2 * rules.members, model.spheres)
-            # A sphere keeps its place, so that as many places as spheres are one more.
-            places = rules.members, wider + all_fit(model, wider)
-            rules = Rules(rules.soft, rules.v0, places[1])
-            blank = _with_places(model, rules.members, before)
-            coupling = in_places(model, before.coupling, blank.coupling, places)
+        if int(state.status) == CROWDED and 0 < rules.slots < most_slots:
+            wider = min(2 * rules.slots, model.spheres)
+            # A sphere keeps its slot, so that as many slots as spheres are one more.
+            sizes = rules.slots, wider + all_fit(model, wider)
+            rules = Rules(rules.soft, rules.v0, sizes[1])
+            blank = _with_slots(model, rules.slots, before)
+            coupling = in_more_slots(model, before.coupling, blank.coupling, sizes)
             state = blank._replace(coupling=jax.device_put(coupling))
             continue
         count = int(written) if most is None else min(int(written), most - total)
@@ -128,9 +127,9 @@ def from_python(
         pieces.append((log, count))
         total += count
         tell(total, "impacts", float(state.now), float(end))
-        if int(state.status) == CROWDED and rules.members < wanted.members:
+        if int(state.status) == CROWDED and rules.slots < wanted.slots:
             rules = wanted
-            state = _with_places(model, rules.members, state)
+            state = _with_slots(model, rules.slots, state)
     tell.says("reading the results")
     log = pieces[0][0] if len(pieces) == 1 else _one_log(model, rules, pieces)
     written, ahead = jax.device_put((np.asarray(total), np.asarray(more)))
@@ -154,7 +153,7 @@ def _piece(tell: TellRun, total: int, *inputs: Any) -> tuple[RunState, Log, Arra
     now = float(state.now)
     left = total * (float(end) - now) / now if now > 0 else 0.0
     kind = jax.tree.structure(inputs[:3]), model.dtype
-    swift = ((done := _RUN.get(kind, 0)) + left) * (1 + rules.members) ** 2 >= _PATIENCE
+    swift = ((done := _RUN.get(kind, 0)) + left) * (1 + rules.slots) ** 2 >= _PATIENCE
     compiles = kind not in _RUN or (swift and done < math.inf)
     if compiles or not left:
         tell.says("compiling" if compiles else "running")
@@ -168,7 +167,7 @@ def _onward(
 ) -> tuple[RunState, Log, Array, Array]:
     """Return a piece with its own log, the number of its rows, and whether events are left."""
     end = jnp.where(valid, end, -1)
-    log = blank_log(_PIECE, model, rules.members)
+    log = blank_log(_PIECE, model, rules.slots)
     state, log, written = advance(model, rules, state, log, end, tolerance)
     return state, log, written, has_events_left(state, end)
 
@@ -176,7 +175,7 @@ def _onward(
 _quickly, _swiftly = quick(_onward), eqx.filter_jit(_onward)
 _begun = quick(initial_state)
 _expecting = quick(reset_events)
-_with_places = quick(with_empty_slots)
+_with_slots = quick(with_empty_slots)
 _blank = quick(blank_log)
 
 
@@ -200,12 +199,12 @@ def _here(model: SceneArrays, state: RunState) -> tuple[Array, Array]:
 
 def _one_log(model: SceneArrays, rules: Rules, pieces: Sequence[tuple[Log, int]]) -> Log:
     """Return the log of several pieces, with blank rows at its end. Pieces from before the first
-    coupled solve get blank rows for calls, and those with fewer places more of them.
+    coupled solve get blank rows for calls, and those with fewer slots more of them.
     """
     total = sum(count for _, count in pieces)
     # Logs of one piece's length, or of a larger power of two, share the programs that read them.
     room = max(_PIECE, 1 << max(total - 1, 0).bit_length())
-    blank = _blank(1, model, rules.members)
+    blank = _blank(1, model, rules.slots)
 
     def repeat(tree: Any, rows: int) -> Any:
         return jax.tree.map(lambda x: np.repeat(np.asarray(x), rows, axis=0), tree)
@@ -215,10 +214,10 @@ def _one_log(model: SceneArrays, rules: Rules, pieces: Sequence[tuple[Log, int]]
         if facts.call is None:
             together, called = repeat((blank.figures.coupled, blank.facts.call), rows)
             figures, facts = figures._replace(coupled=together), facts._replace(call=called)
-        elif facts.call.decided.seats.who.shape[1] < rules.members:
-            places = facts.call.decided.seats.who.shape[1], rules.members
+        elif facts.call.decided.slots.size < rules.slots:
+            sizes = facts.call.decided.slots.size, rules.slots
             calls = (figures.coupled, facts.call), (blank.figures.coupled, blank.facts.call)
-            together, called = in_places(model, *calls, places)
+            together, called = in_more_slots(model, *calls, sizes)
             figures, facts = figures._replace(coupled=together), facts._replace(call=called)
         return Log(figures, facts)
 

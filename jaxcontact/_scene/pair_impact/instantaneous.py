@@ -16,8 +16,7 @@ from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of
 from ..._functions import spin_axes
 from ..._impact import Status
-from ..arrays.arrays import SceneArrays, SceneLayout, restitution_of
-from ..arrays.flight import Flying, at_once
+from ..arrays.arrays import Flying, SceneArrays, SceneLayout, at_once, restitution_of
 from ..arrays.movers import free_turning
 from ..bodies.bodies import side
 from ..result import SolvedBy

@@ -21,8 +21,14 @@ import jax.numpy as jnp
 from ..._coupled.modes import Flag, Number
 from ..._coupled.rows import rows_of
 from ..._impact import Status
-from ..arrays.arrays import SceneArrays, known_contact_of, laws_of, least_speed
-from ..arrays.flight import Flying, accelerations
+from ..arrays.arrays import (
+    Flying,
+    SceneArrays,
+    accelerations,
+    known_contact_of,
+    laws_of,
+    least_speed,
+)
 from .friction import Arms, Lane, arms_of, coefficient_of, friction_impulse
 from .instantaneous import Choice, ImpactOutcome, Meeting, driven_work, meeting_of, second_velocity
 from .oblique import oblique

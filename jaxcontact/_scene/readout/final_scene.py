@@ -7,12 +7,11 @@ import jax.numpy as jnp
 
 from ..._program import quick
 from ..arrays.arrays import SceneArrays
-from ..engine.cluster_members import pace_of
-from ..engine.cluster_slots import Slots
 from ..engine.coupled import as_flags, contact_energy
 from ..engine.coupled_friction import without_halves
 from ..engine.log import RunRecord
-from ..engine.state import Coupling
+from ..engine.slots import pace_of
+from ..engine.state import Coupling, Slots
 from ..pair_impact.friction import is_followed
 from ..resume import Contacts, Start, Underway
 from .inside_contacts import Entries
@@ -35,15 +34,15 @@ def final_start(choice: None, record: RunRecord) -> Start:
     last_call, decided, met = jax.tree.map(
         lambda x: x[place], (figures.coupled, facts.call.decided, facts.choice)
     )
-    state, seats, zero = as_flags(last_call.end), decided.seats, jnp.zeros_like(last_call.end.lost)
+    state, slots, zero = as_flags(last_call.end), decided.slots, jnp.zeros_like(last_call.end.lost)
     closing = jnp.max(jnp.where(state.closed, state.latched, 0))
     contacts = Contacts(
         active=(row >= 0) & ~facts.call.ends[place],
-        who=seats.who,
-        present=seats.present,
-        shift=seats.shift,
+        who=slots.who,
+        present=slots.present,
+        shift=slots.shift,
         pace=pace_of(model, met, closing),
-        reserve=contact_energy(model, rules.members, seats, state),
+        reserve=contact_energy(model, slots, state),
         # The energy lost so far belongs to the finished run.
         state=state._replace(
             time=state.time - time,
@@ -88,7 +87,7 @@ def resume_cluster(model: SceneArrays, coupling: Coupling) -> Coupling:
         rubbing = without_halves(rubbing)
     begun = coupling._replace(
         active=contacts.active,
-        seats=Slots(contacts.who, contacts.present, contacts.shift),
+        slots=Slots(contacts.who, contacts.present, contacts.shift),
         pace=contacts.pace,
         reserve=contacts.reserve,
         state=contacts.state._replace(rubbing=rubbing),

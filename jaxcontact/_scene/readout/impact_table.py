@@ -15,11 +15,12 @@ from ..._coupled.rows import rows_of
 from ..arrays.arrays import SceneArrays
 from ..cluster.equations import ClusterState
 from ..cluster.friction import HALF
-from ..engine.cluster_slots import Slots, bodies_of, pairs_of, slot_pairs
 from ..engine.coupled_friction import contact_points, speeds_of
 from ..engine.log import ClusterDecisions, ClusterNumbers, RunRecord
+from ..engine.rest import begins_to_roll
+from ..engine.slots import bodies_of, pairs_of, slot_pairs
+from ..engine.state import Slots
 from ..pair_impact.friction import has_impulse, is_followed
-from ..pair_impact.rolling import begins_to_roll
 from ..result import Ending, Impacts, SolvedBy, nan_unless
 
 
@@ -86,17 +87,17 @@ def _was_at_rest(
     energy loss is rounding, relative to the kinetic energy in the call plus the losses of all
     contacts.
     """
-    seats, lost = called.decided.seats, jax.lax.stop_gradient(together.end.lost)
-    members = seats.who.shape[1]
-    first, second = slot_pairs(model, members)
-    at_walls = np.flatnonzero(second >= members)
-    sphere, wall = seats.who[:, first[at_walls]], second[at_walls] - members
+    slots, lost = called.decided.slots, jax.lax.stop_gradient(together.end.lost)
+    size = slots.size
+    first, second = slot_pairs(model, size)
+    at_walls = np.flatnonzero(second >= size)
+    sphere, wall = slots.who[:, first[at_walls]], second[at_walls] - size
     then = since[:, at_walls]
-    lay = seats.present[then] & (called.support[then] == wall[None, :, None])
-    lay = jnp.any(lay & (seats.who[then] == sphere[..., None]), axis=-1)
-    square = jnp.sum(jnp.square(together.began.velocity[:, :members]), axis=-1)
-    inverse = model.inverse_mass[jnp.minimum(seats.who, model.spheres - 1)]
-    free = seats.present & (inverse > 0)
+    lay = slots.present[then] & (called.support[then] == wall[None, :, None])
+    lay = jnp.any(lay & (slots.who[then] == sphere[..., None]), axis=-1)
+    square = jnp.sum(jnp.square(together.began.velocity[:, :size]), axis=-1)
+    inverse = model.inverse_mass[jnp.minimum(slots.who, model.spheres - 1)]
+    free = slots.present & (inverse > 0)
     motion = jnp.sum(jnp.where(free, square / jnp.where(free, 2 * inverse, 1), 0), axis=1)
     rounding = math.sqrt(jnp.finfo(lost.dtype).eps)
     scale = jax.lax.stop_gradient(motion)[then] + jnp.sum(lost, axis=1, keepdims=True)
@@ -135,9 +136,9 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
     model, is_call = record.model, record.calls
     called, together = record.log.facts.call, record.log.figures.coupled
     assert called is not None and together is not None and is_call is not None
-    seats = called.decided.seats
-    rows, members = seats.who.shape
-    body, other = bodies_of(model, members, seats.who)
+    slots = called.decided.slots
+    rows = slots.who.shape[0]
+    body, other = bodies_of(model, slots)
     # A fixed sphere comes second.
     turned = (other < model.spheres) & (model.inverse_mass[body] == 0)
     body, other = jnp.where(turned, other, body), jnp.where(turned, body, other)
@@ -160,12 +161,12 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
             springs = has_impulse(model, body, other) & (end.rubbing.slides != HALF)
             way = jnp.where(springs, int(SolvedBy.SPRING), way)
 
-        def sliding_at(seats: Slots, state: ClusterState) -> Array:
-            pairs = pairs_of(model, members, seats)
-            bodies = bodies_of(model, members, seats.who)
+        def sliding_at(slots: Slots, state: ClusterState) -> Array:
+            pairs = pairs_of(model, slots)
+            bodies = bodies_of(model, slots)
             return contact_points(model, bodies, pairs, state)[2]
 
-        at_start, at_end = (jax.vmap(sliding_at)(seats, state) for state in (began, end))
+        at_start, at_end = (jax.vmap(sliding_at)(slots, state) for state in (began, end))
         # The call in which a contact began starts at its touch, with the same slots.
         at_touch = at_start[since, jnp.arange(since.shape[1])[None]]
         sliding = speeds_of(at_touch, at_end)

@@ -10,12 +10,12 @@ from jaxtyping import Array, Float
 
 from ..._coupled.energies import stored_energy
 from ..._coupled.rows import rows_of, with_rows
-from ..arrays.arrays import SceneArrays, known_contact_of, law_of
-from ..arrays.flight import Flying
+from ..arrays.arrays import Flying, SceneArrays, known_contact_of, law_of
 from ..arrays.movers import Turning
-from ..engine.cluster_slots import Slots, all_fit, empty_slots, in_line, index_of, joins, no_change
 from ..engine.coupled import Call, as_flags, blank_state, call, contact_energy, meets
 from ..engine.log import RunRecord, last_call
+from ..engine.slots import all_fit, empty_slots, in_line, joins, no_change
+from ..engine.state import Slots, index_of
 from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice
 
@@ -56,34 +56,34 @@ def in_contacts(
     the run has any.
     """
     model, log, count = record.model, record.log, record.model.spheres
-    members, together = record.rules.members or min(2, count), log.figures.coupled
+    size, together = record.rules.slots or min(2, count), log.figures.coupled
     nobody, yes = jnp.zeros(count, bool), jnp.asarray(True)
     away, nothing = jnp.zeros((count, model.dimensions), model.dtype), jnp.zeros_like(times[0])
 
     def pair(row: Array, until: Array, who: Array) -> tuple[tuple, Array]:
         """Return the isolated impact of a row as a call, and whether `who` is its first body."""
         choice, before = rows_of((log.facts.choice, log.figures.before), row)
-        seats = _seats_of_two(model, members, choice, before)
-        is_first, is_second = seats.who == choice.first, seats.who == choice.second
+        slots = _slots_of_two(model, size, choice, before)
+        is_first, is_second = slots.who == choice.first, slots.who == choice.second
 
         def seat(pair: Array) -> Array:
-            shape = (members,) + (1,) * (pair.ndim - 1)
+            shape = (size,) + (1,) * (pair.ndim - 1)
             one, other = is_first.reshape(shape), is_second.reshape(shape)
             return jnp.where(one, pair[:1], jnp.where(other, pair[1:], jnp.zeros_like(pair[:1])))
 
-        change = joins(model, members, seats.present)
-        closed = meets(model, members, seats, choice)
-        decided = Call(yes, choice, seats, change, closed, until, ~yes)
+        change = joins(model, slots.present)
+        closed = meets(model, slots, choice)
+        decided = Call(yes, choice, slots, change, closed, until, ~yes)
         spheres = jax.tree.map(seat, before)
-        blank = blank_state(model, members)
-        none, held = jnp.full(members, -1), jnp.zeros(members, model.dtype)
+        blank = blank_state(model, size)
+        none, held = jnp.full(size, -1), jnp.zeros(size, model.dtype)
         return (spheres, none, held, blank, decided), who == choice.first
 
     def resume(row: Array, until: Array) -> tuple[tuple, Array]:
         """Return the call of a row up to a time, and whether it lasts until then."""
         run, facts, choice = rows_of((together, log.facts.call, log.facts.choice), row)
         assert run is not None and facts is not None
-        change = no_change(model, members)
+        change = no_change(model, size)
         decided = facts.decided._replace(starts=~yes, choice=choice, change=change, until=until)
         if model.frictions is None:
             # By rounding this solve may find its spheres at rest before the end of the call.
@@ -107,21 +107,21 @@ def in_contacts(
         spheres, support, held, before, decided = chosen
 
         def solve() -> tuple:
-            seats = decided.seats
+            slots = decided.slots
             state = call(
-                model, members, spheres, support, held, before, decided.where(active),
+                model, spheres, support, held, before, decided.where(active),
                 record.tolerance, record.rules.v0,
             )[1].state  # fmt: skip
             if last and together is not None:
                 end = as_flags(rows_of(together.end, last[0]))
                 state = _as_known((who == count) & (time == end.time), end, state)
             late = time - state.time
-            index = index_of(model, seats)
-            velocity = state.velocity[:members]
-            place = state.position[:members] + seats.shift * model.period[None] + velocity * late
-            spin = None if state.rubbing is None else state.rubbing.spin[:members]
-            rows = seats.present, place, velocity, spin
-            stored = contact_energy(model, members, seats, state)
+            index = index_of(model, slots)
+            velocity = state.velocity[:size]
+            place = state.position[:size] + slots.shift * model.period[None] + velocity * late
+            spin = None if state.rubbing is None else state.rubbing.spin[:size]
+            rows = slots.present, place, velocity, spin
+            stored = contact_energy(model, slots, state)
             return *with_rows(blank, index, rows), stored
 
         return jax.lax.cond(active, solve, lambda: (*blank, nothing))
@@ -189,8 +189,8 @@ def energy_at_ends(record: RunRecord, times: Float[Array, " T"]) -> Float[Array,
 
     def energy(lane: tuple[Array, Array, Array]) -> Array:
         time, row, last = lane
-        end, seats, ends = rows_of((together.end, called.decided.seats, called.ends), row)
-        stored = contact_energy(model, record.rules.members, seats, as_flags(end))
+        end, slots, ends = rows_of((together.end, called.decided.slots, called.ends), row)
+        stored = contact_energy(model, slots, as_flags(end))
         return jnp.where(last & ~ends & (time == end.time), stored, 0)
 
     return jax.lax.map(energy, (times, rows, lasts))
@@ -220,10 +220,10 @@ def at_rest(
     return jnp.sum(each, axis=1)
 
 
-def _seats_of_two(model: SceneArrays, members: int, choice: Choice, before: Flying) -> Slots:
+def _slots_of_two(model: SceneArrays, size: int, choice: Choice, before: Flying) -> Slots:
     """Return the places of the bodies of an isolated impact; the second may be a wall."""
-    blank = empty_slots(model, members)
-    if all_fit(model, members):
+    blank = empty_slots(model, size)
+    if all_fit(model, size):
         present = (blank.who == choice.first) | (blank.who == choice.second)
         return blank._replace(present=present)
     count = model.spheres
@@ -235,7 +235,7 @@ def _seats_of_two(model: SceneArrays, members: int, choice: Choice, before: Flyi
         places = before.position - shift * model.period[None]
         turned = (places[1, 0] < places[0, 0]) & (second < count)
         two, shift = (jnp.where(turned, x[::-1], x) for x in (two, shift))
-    rest = members - 2
-    who = jnp.concatenate([two, jnp.full(max(rest, 0), count)])[:members]
+    rest = size - 2
+    who = jnp.concatenate([two, jnp.full(max(rest, 0), count)])[:size]
     shift = jnp.concatenate([shift, jnp.zeros((max(rest, 0), model.dimensions), model.dtype)])
-    return Slots(who, who < count, shift[:members])
+    return Slots(who, who < count, shift[:size])

@@ -71,7 +71,7 @@ class Margin(eqx.Module):
 
 def _growth(record: RunRecord) -> Array:
     """Return the growth of a run, or of each run of a batch."""
-    coupled, inside, matrices = record.rules.members > 0, record.rules.soft, None
+    coupled, inside, matrices = record.rules.slots > 0, record.rules.soft, None
     if not traced(record):
         # Only the parts that occurred are compiled.
         call = record.log.facts.call

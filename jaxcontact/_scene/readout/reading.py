@@ -19,13 +19,12 @@ from ..._coupled.modes import Index, Number
 from ..._coupled.rows import rows_of
 from ..._functions import ratio
 from ..._program import derived, quick
-from ..arrays.arrays import known_contact_of, law_of
-from ..arrays.flight import Flying, accelerations
+from ..arrays.arrays import Flying, accelerations, known_contact_of, law_of
 from ..arrays.movers import spin_energy
 from ..bodies.bodies import side
 from ..engine.log import RunRecord
+from ..engine.rest import begins_to_roll, footing, give_way
 from ..pair_impact.instantaneous import Choice, meeting_of, second_velocity, two_that_meet
-from ..pair_impact.rolling import begins_to_roll, footing, give_way
 from ..result import Ending, Impacts, States, nan_unless, traced
 from .impact_table import table_of, taken_beside
 from .states import (
@@ -244,9 +243,9 @@ def spheres_at_rest(record: RunRecord, reached: Number) -> list[tuple]:
         # Members of a coupled solve, until they join it.
         called = facts.call
         came = called.decided.change.joined | called.decided.starts[:, None]
-        joins = record.counts[:, None] & called.is_call[:, None] & called.decided.seats.present
+        joins = record.counts[:, None] & called.is_call[:, None] & called.decided.slots.present
         lasted = together.began.time[:, None] - together.spheres.time
-        who = called.decided.seats.who
+        who = called.decided.slots.who
         parts.append((together.spheres, who, called.support, lasted, joins & came))
         parts[0] = (*parts[0][:-1], counts & ~called.is_call[:, None])
     last, everyone = last_impacts(record, reached[None]), jnp.arange(layout.spheres)[None]
@@ -273,7 +272,7 @@ def friction_at_rest(record: RunRecord, reached: Number) -> tuple[Number, Number
     sliding on them, in J.
     """
     layout, (figures, facts) = record.model, record.log
-    if not layout.walls or not (layout.settles or record.rules.members):
+    if not layout.walls or not (layout.settles or record.rules.slots):
         zero = jnp.zeros((), record.model.dtype)
         return zero, zero
     # With one axis for all spheres of all rows.

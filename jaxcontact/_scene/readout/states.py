@@ -15,13 +15,12 @@ from ..._coupled.modes import Flag
 from ..._coupled.rows import rows_of
 from ..._functions import ratio
 from ..._program import derived, quick
-from ..arrays.arrays import SceneLayout
-from ..arrays.flight import accelerations
+from ..arrays.arrays import SceneLayout, accelerations
 from ..arrays.movers import Turning
-from ..engine.cluster_slots import slot_pairs
 from ..engine.log import Log, RunRecord, last_call
+from ..engine.rest import flying_at_start
+from ..engine.slots import slot_pairs
 from ..pair_impact.friction import is_followed
-from ..pair_impact.rolling import flying_at_start
 from ..result import States, nan_unless, traced
 from .inside_contacts import Entries, Kinematics, at_rest, energy_at_ends, in_contacts
 
@@ -115,7 +114,7 @@ def kinematics_at(record: RunRecord, times: Float[Array, " T"]) -> Kinematics:
     last = last_impacts(record, times)
     here = _in_flight(record, times, last)
     followed = is_followed(record.model)
-    if followed or record.rules.members:
+    if followed or record.rules.slots:
         here = _with_prescribed(record, times, in_contacts(record, times, last, here))
     if followed:
         return here
@@ -136,7 +135,7 @@ def kinematics_in_log(
     if not record.rules.soft:
         return here, times < -jnp.inf
     inside = _inside(record, times, last)
-    if not record.rules.members:
+    if not record.rules.slots:
         return here, inside
     resting = at_rest(record, last, here, times, jnp.zeros(last.support.shape, bool))
     return here._replace(stored=energy_at_ends(record, times) + resting), inside
@@ -216,13 +215,13 @@ def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
         support[0], held[0] = model.start.support, model.start.held
     pairs = [none, number - 1, number - 1]
     if facts.call is not None and figures.coupled is not None:
-        end, seats = figures.coupled.end, facts.call.decided.seats
+        end, slots = figures.coupled.end, facts.call.decided.slots
         resting, latched = _resting(model, log)
-        for k in range(seats.who.shape[1]):
-            counts = is_call & ~blank & seats.present[:, k]
-            bodies.append(jnp.where(counts, seats.who[:, k], count))
+        for k in range(slots.who.shape[1]):
+            counts = is_call & ~blank & slots.present[:, k]
+            bodies.append(jnp.where(counts, slots.who[:, k], count))
             numbered.append(number)
-            place.append(end.position[:, k] + seats.shift[:, k] * model.period[None])
+            place.append(end.position[:, k] + slots.shift[:, k] * model.period[None])
             speed.append(end.velocity[:, k])
             began.append(end.time)
             support.append(resting[:, k])
@@ -248,20 +247,20 @@ def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
 
 
 def _by_slot(turning: Turning) -> list[Turning]:
-    slots = range(turning.until.shape[1])
-    return [jax.tree.map(lambda x, k=k: x[:, k], turning) for k in slots]
+    numbers = range(turning.until.shape[1])
+    return [jax.tree.map(lambda x, k=k: x[:, k], turning) for k in numbers]
 
 
 def _resting(layout: SceneLayout, log: Log) -> tuple[Int[Array, "K M"], Float[Array, "K M"]]:
     """Return the walls that spheres rest on after a call, or -1, and the v0 held."""
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
-    rows, members = called.decided.seats.who.shape
-    first, second = slot_pairs(layout, members)
-    wall = second - members
+    rows, size = called.decided.slots.who.shape
+    first, second = slot_pairs(layout, size)
+    wall = second - size
     closed = (together.end.closed > 0.5) & called.rest[:, None] & jnp.asarray(wall >= 0)[None]
-    none, end = jnp.full((rows, members), -1), together.end
-    zero = jnp.zeros((rows, members), end.latched.dtype)
+    none, end = jnp.full((rows, size), -1), together.end
+    zero = jnp.zeros((rows, size), end.latched.dtype)
     held = zero.at[:, first].max(jnp.where(closed, end.latched, 0))
     return none.at[:, first].max(jnp.where(closed, jnp.asarray(wall)[None], -1)), held
 

@@ -1,4 +1,4 @@
-"""Balls at rest on walls: sliding and rolling by formulas.
+"""Balls at rest on walls: how they come to rest, and how they slide and roll by formulas.
 
 On a wall with the unit normal n that moves at w along itself the contact point slides at
 u = v - w - R ω × n. Gravity has the part g_n into the wall and g_t along it. A friction a = F/m on
@@ -8,6 +8,14 @@ spin it begins to roll after 2 v0/(7 μ g), at ω = 5 v0/(7 R). The formulas hol
 straight line: on a level wall, in the plane, or down a slope. R is the height of the centre, which
 a soft contact lowers. The spring of a soft contact, which slides with a_s and rolls with a_r, gives
 way when sliding ends: the mean of the place moves by m (a_s - a_r)/(λ k).
+
+That spring has no damping, so a ball that rests after a coupled solve swings about its mean motion
+for ever. With the friction f, its mean f_m and the stiffness k,
+
+    u' = λ (f - f_m)/m,   f' = -k u.   The means are v - u/λ and x + (f - f_m)/(k λ).
+
+The formulas continue from them, so that nothing depends on the time at which the ball counts as at
+rest. The energy of the swing counts as lost in the contact.
 """
 
 from __future__ import annotations
@@ -18,18 +26,71 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..._coupled.modes import Flag
+from ..._coupled.modes import Flag, Number
 from ..._coupled.rows import rows_of
-from ..._coupled.springs import tangential_stiffness
+from ..._coupled.springs import lengths, tangential_stiffness
 from ..._functions import cross, ratio, swept
-from ..arrays.arrays import SceneArrays, SceneLayout, known_contact_of
-from ..arrays.flight import Flying, at_once
+from ..arrays.arrays import Flying, SceneArrays, SceneLayout, at_once, known_contact_of
 from ..arrays.movers import Turning, free_turning
-from .friction import coefficient_of, ramps_of, spring_ratio_of, wall_drift
-from .instantaneous import Choice, ImpactOutcome
+from ..bodies.overlap import NOISE
+from ..cluster.problem import ClusterEnd
+from ..pair_impact.friction import coefficient_of, ramps_of, spring_ratio_of, wall_drift
+from ..pair_impact.instantaneous import Choice, ImpactOutcome
+from .slots import masses, resting_pairs, slot_pairs
+from .state import Slots
 
 _ROUNDINGS = 64
 """The rounding errors of a speed below which a ball rolls."""
+
+
+def comes_to_rest(model: SceneArrays, choice: Choice, before: Flying, tolerance: Number) -> Flag:
+    """Return whether a ball comes to rest on a wall. If gravity presses it to a wall and e < 1 is
+    constant, it bounces infinitely often in a finite time. Once the next bounce is lower than
+    `tolerance` radii, that time is summed.
+    """
+    if not model.settles:
+        return choice.tail
+    who = jnp.stack([choice.first, choice.first])
+    velocity = at_once(model, who, before, choice.support, choice.time)[0].velocity[0]
+    wall = jnp.clip(choice.second - model.spheres, 0)
+    face = rows_of(model.normal, wall)
+    weight = -jnp.sum(face * model.gravity)
+    driven = model.walls_at(choice.time, wall).velocity
+    closing = jnp.maximum(driven - jnp.sum(face * velocity), 0)
+    e = model.restitution[0]
+    rests = (choice.second >= model.spheres) & (weight > 0)
+    if model.law_table:
+        law = model.chosen(model.law_table, choice.first, choice.second)
+        e = rows_of(model.restitution, law)
+        rests = rests & rows_of(jnp.asarray(model.constant), law)
+    if any(model.vibrating):
+        # On a shaking wall the bounces do not form a series.
+        rests = rests & ~rows_of(jnp.asarray(model.vibrating), wall)
+    if model.frictions is not None:
+        rests = rests & ~begins_to_roll(model, choice)
+    low = jnp.square(e * closing) <= 2 * weight * tolerance * rows_of(model.radius, choice.first)
+    return rests & (e < 1) & low
+
+
+def supports_after(
+    model: SceneArrays, choice: Choice, outcome: ImpactOutcome
+) -> tuple[Int[Array, "2"], Flag]:
+    """Return the walls that support the two bodies after the impact, and whether one needs two."""
+    support = choice.support
+    if not (model.settles or model.start is not None):
+        return support, jnp.asarray(False)
+    velocity, on = outcome.after.velocity, jnp.maximum(support, 0)
+    leaving = jnp.sum(velocity * rows_of(model.normal, on), axis=-1)
+    if any(model.moving):
+        leaving = leaving - rows_of(model.walls_at(outcome.time).velocity, on)
+    leaving = jnp.abs(leaving)
+    speed = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1)) + outcome.closing
+    kept = (support >= 0) & (leaving <= NOISE * jnp.finfo(model.dtype).eps * speed)
+    support = jnp.where(kept, support, -1)
+    wall = choice.second - model.spheres
+    crowded = choice.tail & kept[0] & (support[0] != wall)
+    first = jnp.where(choice.tail, wall, support[0])
+    return jnp.stack([first, support[1]]), crowded
 
 
 def begins_to_roll(layout: SceneLayout, choice: Choice) -> Flag:
@@ -221,3 +282,69 @@ def _length_and_direction(vectors: Float[Array, "M D"]) -> tuple[Array, Array]:
     none = square == 0
     length = jnp.where(none, 0, jnp.sqrt(jnp.where(none, 1, square)))
     return length, vectors / jnp.where(none, 1, length)[:, None]
+
+
+def rest_on_walls(
+    model: SceneArrays, slots: Slots, done: ClusterEnd, support: Int[Array, " M"]
+) -> tuple[ClusterEnd, Turning | None, Bool[Array, " M"]]:
+    """Return the end of a call, the rotation of its spheres, and which of them slide along a curve,
+    for which there is no formula. `support` are the walls on which they rest, -1 for others.
+    """
+    state, size = done.state, slots.size
+    nobody = jnp.zeros(size, bool)
+    if state.rubbing is None:
+        return done, None, nobody
+    turning = free_turning(state.rubbing.spin[:size], model.dimensions)
+    if not (model.walls and model.has_gravity):
+        return done, turning, nobody
+    who = jnp.minimum(slots.who, model.spheres - 1)
+    position = state.position[:size] + slots.shift * model.period[None]
+    time = jnp.broadcast_to(state.time, (size,))
+    rests, on = (support >= 0)[:, None], jnp.maximum(support, 0)
+    before = Flying(position, state.velocity[:size], time, turning)
+    foot = footing(model, who, on, before)
+    # The residual approach ends, too.
+    walls = rows_of(model.walls_at(state.time).velocity, on)
+    closing = walls - jnp.sum(before.velocity * foot.normal, axis=1)
+    sinks = before.velocity + jnp.where(rests, closing[:, None] * foot.normal, 0)
+    before = before._replace(velocity=sinks)
+    mass, mobility = masses(model, slots)[:, None], foot.mobility
+    on_wall, first = resting_pairs(model, support), slot_pairs(model, size)[0]
+    slides = jnp.zeros(size, bool).at[first].max(on_wall & (state.rubbing.slides == 1))
+    springs = jnp.where(on_wall[:, None], state.rubbing.spring, 0)
+    friction = jnp.zeros((size, model.dimensions), springs.dtype).at[first].add(springs)
+    compliance = compliance_on(model, who, on, foot.height)
+    slip = lengths(foot.slip)[:, None]
+    # No swing is faster; a body that slides faster does not swing.
+    pull = lengths(friction + mass * foot.slope / mobility)[:, None]
+    mean = mobility * jnp.square(pull) * compliance >= mass * jnp.square(slip)
+    swings = ~slides[:, None] | mean
+    after, bent = on_walls(model, who, support, before, swings[:, 0])
+    assert after.turning is not None
+    # Of a swing that slips, the rest of the slip is added.
+    drag = mass * after.turning.drag
+    still_to_go = mass * slip / (2 * mobility * jnp.where(pull > 0, pull, 1)) * foot.slip
+    shift = (friction - drag) * compliance + jnp.where(slides[:, None], still_to_go, 0)
+    shift = jnp.where(swings, shift / mobility, 0)
+    impulse = mass * (after.velocity - before.velocity)
+    gained = jnp.sum(impulse * foot.slip / 2 + mobility * drag * shift, axis=1)
+
+    def with_spheres(all: Array, spheres: Array) -> Array:
+        return jnp.concatenate([spheres, all[size:]])
+
+    rubbing, first = state.rubbing, slot_pairs(model, size)[0]
+    state = state._replace(
+        position=with_spheres(state.position, state.position[:size] + shift),
+        velocity=with_spheres(state.velocity, after.velocity),
+        rubbing=rubbing._replace(
+            spin=with_spheres(rubbing.spin, after.turning.spin),
+            taken=rubbing.taken - jnp.where(resting_pairs(model, support), gained[first], 0),
+        ),
+    )
+    done = done._replace(
+        state=state,
+        # No wall lifts the bodies by the shift.
+        work=done.work + jnp.sum(impulse * foot.drift + mass * foot.slope * shift),
+        rubbed=None if done.rubbed is None else done.rubbed - jnp.sum(gained),
+    )
+    return done, after.turning, bent & slots.present
