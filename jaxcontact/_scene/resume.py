@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._coupled.modes import Flag, Number
 from .arrays.movers import Turning
-from .cluster.equations import ClusterState
+from .cluster.problem import ClusterState
 
 
 class Contacts(NamedTuple):

@@ -19,7 +19,7 @@ from jaxtyping import Array, Int
 from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of, with_rows
 from ..arrays.arrays import Flying, SceneArrays, where_each
-from ..cluster.equations import ClusterState
+from ..cluster.problem import ClusterState
 from ..engine.log import ClusterNumbers, Log, LogDecisions, LogNumbers
 from ..engine.rest import flying_at_start
 from ..engine.slots import rearrange, slot_pairs

@@ -19,7 +19,7 @@ from ..._coupled.modes import Flag, Number
 from ..._coupled.rows import rows_of
 from ..arrays.arrays import Flying, SceneArrays, SceneLayout
 from ..arrays.movers import Rotation, Turning
-from ..cluster.equations import ClusterState
+from ..cluster.problem import ClusterState
 from ..cluster.solve import MOST_STEPS
 from ..engine.coupled import as_flags, as_numbers, call, walls_under, work_of_walls
 from ..engine.log import Log, LogDecisions, LogNumbers
@@ -82,11 +82,7 @@ def row_hit(
 
 
 def row_call(
-    rules: Rules,
-    values: LogNumbers,
-    facts: LogDecisions,
-    counts: Flag,
-    tolerance: Number,
+    rules: Rules, values: LogNumbers, facts: LogDecisions, counts: Flag, tolerance: Number
 ) -> tuple[Callable[[SceneArrays, Entering], Done], Entering]:
     """Return the call of a row as a function, and its input."""
     row, at, size = facts.call, values.coupled, rules.slots
@@ -233,10 +229,13 @@ def unflat(vector: Float[Array, " size"], like: Any) -> Any:
 
 
 def _without_flags(tree: Any) -> Any:
-    def plain(node: Any) -> Any:
-        return node._replace(closed=None, rising=None) if isinstance(node, ClusterState) else node
+    def is_state(node: Any) -> bool:
+        return isinstance(node, ClusterState)
 
-    return jax.tree.map(plain, tree, is_leaf=lambda x: isinstance(x, ClusterState))
+    def plain(node: Any) -> Any:
+        return node._replace(closed=None, rising=None) if is_state(node) else node
+
+    return jax.tree.map(plain, tree, is_leaf=is_state)
 
 
 class Kept(NamedTuple):

@@ -5,8 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from ..._coupled.modes import APART, AT_REST, PAUSED, TIME_IS_UP, Flag, Number
-from ..._coupled.modes import NOT_CONVERGED as FAILED
+from ..._coupled.modes import APART, AT_REST, NOT_CONVERGED, PAUSED, TIME_IS_UP, Flag, Number
 from ..._coupled.rows import rows_of
 from ..arrays.arrays import SceneArrays, at_once
 from ..pair_impact.friction import is_followed
@@ -17,19 +16,7 @@ from .log import ClusterDecisions, ClusterNumbers, LogDecisions, LogNumbers, no_
 from .rest import rest_on_walls
 from .search import OUT_OF_DATE, in_cluster, simultaneous, stale_events, without_cluster
 from .slots import fill_slots, masses, pace_of, slot_change, slot_pairs
-from .state import (
-    ACCUMULATED,
-    CROWDED,
-    FRICTION,
-    NOT_CONVERGED,
-    OVER,
-    PATIENCE,
-    RUNNING,
-    Coupling,
-    Rules,
-    RunState,
-    index_of,
-)
+from .state import PATIENCE, Coupling, LoopStatus, RunState, RunTask, index_of
 
 
 def start_cluster(
@@ -55,9 +42,10 @@ def cluster_is_next(state: RunState) -> Flag:
 
 
 def step_cluster(
-    model: SceneArrays, rules: Rules, state: RunState, end: Number, tolerance: Number, needed: Flag
+    task: RunTask, state: RunState, needed: Flag
 ) -> tuple[RunState, LogNumbers, LogDecisions, Flag]:
     """Make one call of the coupled solve, until a pair touches or opens or other events are due."""
+    model, rules, end = task.model, task.rules, task.end
     count, size, coupling = model.spheres, rules.slots, state.coupling
     assert coupling is not None
     now = jnp.where(coupling.starts, coupling.choice.time, coupling.state.time)
@@ -86,7 +74,7 @@ def step_cluster(
     decided = Call(coupling.starts, coupling.choice, slots, change, closed, until, no)
     began, done = call(
         model, spheres, support, held, coupling.state,
-        decided.where(needed & cluster_is_next(state)), tolerance, rules.v0, derived=False,
+        decided.where(needed & cluster_is_next(state)), task.tolerance, rules.v0, derived=False,
     )  # fmt: skip
     status = done.status
     apart, rest = status == APART, status == AT_REST
@@ -103,15 +91,19 @@ def step_cluster(
     if not is_followed(model):
         # The call may also end because a contact lasts, and a friction impulse have no outcome.
         over, unknown = over & (after.time >= end), ~jnp.all(jnp.isfinite(after.velocity))
-    failed = (status == FAILED) | ~jnp.isfinite(after.time)
+    failed = (status == NOT_CONVERGED) | ~jnp.isfinite(after.time)
     latched = jnp.zeros(size, model.dtype).at[first].max(jnp.where(on_wall, after.latched, 0))
 
     idle = jnp.where(after.time > state.now, 0, state.idle + 1)
-    stop = jnp.where(over, OVER, jnp.where(idle > PATIENCE * count, ACCUMULATED, RUNNING))
-    stop = jnp.where(filled.crowded, CROWDED, stop)
+    stop = jnp.where(
+        over,
+        LoopStatus.OVER,
+        jnp.where(idle > PATIENCE * count, LoopStatus.ACCUMULATED, LoopStatus.RUNNING),
+    )
+    stop = jnp.where(filled.crowded, LoopStatus.CROWDED, stop)
     if turning is not None:
-        stop = jnp.where((rest & jnp.any(bent)) | unknown, FRICTION, stop)
-    stop = jnp.where(failed, NOT_CONVERGED, stop)
+        stop = jnp.where((rest & jnp.any(bent)) | unknown, LoopStatus.FRICTION, stop)
+    stop = jnp.where(failed, LoopStatus.NOT_CONVERGED, stop)
     position = after.position[:size] + slots.shift * model.period[None]
     # A bound on the energy stored in contacts: the missing kinetic energy plus the work received.
     mass = masses(model, slots)

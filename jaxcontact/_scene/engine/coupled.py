@@ -26,8 +26,7 @@ from ..arrays.arrays import (
 )
 from ..bodies.motion import UserMotion
 from ..bodies.overlap import ROUNDINGS
-from ..cluster.equations import ClusterPairs, ClusterState, Drive
-from ..cluster.problem import ClusterEnd
+from ..cluster.problem import ClusterEnd, ClusterPairs, ClusterProblem, ClusterState, Drive
 from ..cluster.solve import MOST_STEPS, cluster, cluster_at_touch
 from ..pair_impact.instantaneous import Choice, meeting_of, two_that_meet
 from .coupled_friction import blank_rubbing, fresh_rubbing, impulses, joined_rubbing, pair_friction
@@ -96,11 +95,7 @@ def walls_under(layout: SceneLayout, size: int, on_wall: Bool[Array, " P"]) -> I
 
 
 def touching(
-    model: SceneArrays,
-    slots: Slots,
-    there: Flying,
-    support: Int[Array, " M"],
-    time: Number,
+    model: SceneArrays, slots: Slots, there: Flying, support: Int[Array, " M"], time: Number
 ) -> Bool[Array, " P"]:
     """Return the pairs that touch within rounding and do not separate, or are at rest on a wall."""
     size = slots.size
@@ -216,12 +211,12 @@ def call(
     touches, limits = decided.closed & fresh & ~rests, (rests, decided.until, decided.to_the_end)
     setting = model, bodies, pairs
     start, until, impulsive, completed = impulses(setting, contact, moved_by, begin, limits)
-    end = cluster(
-        law, contact, pairs, inverse, pull, start, until,
-        rtol=rtol, v0=v0, until_change=True, drive=drive, in_line=in_line(model),
-        to_the_end=decided.to_the_end, max_steps=max_steps,
-        friction=pair_friction(model, slots, bodies, touches & pairs.used, impulsive),
-    )  # fmt: skip
+    friction = pair_friction(model, slots, bodies, touches & pairs.used, impulsive)
+    problem = ClusterProblem(
+        law, contact, pairs, inverse, pull, start, until, rtol, drive, decided.to_the_end, friction
+    )
+    rules = {"v0": v0, "until_change": True, "in_line": in_line(model), "max_steps": max_steps}
+    end = cluster(problem, **rules)
     # The exact time, without rounding, so that no further call is needed.
     over = jnp.where(end.status == TIME_IS_UP, until, end.state.time)
     return begin, completed(end._replace(state=end.state._replace(time=over)))

@@ -19,9 +19,8 @@ from ..._coupled.springs import Vectors, lengths
 from ..._functions import ratio, spin_axes
 from ..arrays.arrays import Flying, SceneArrays, least_speed
 from ..arrays.movers import spin_energy
-from ..cluster.equations import ClusterPairs, ClusterState, Drive
 from ..cluster.friction import HALF, PairFriction, Rubbing, in_plane
-from ..cluster.problem import ClusterEnd
+from ..cluster.problem import ClusterEnd, ClusterPairs, ClusterState, Drive
 from ..pair_impact.friction import (
     Arms,
     SlipSpeeds,

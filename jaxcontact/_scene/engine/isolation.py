@@ -10,31 +10,26 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._coupled.modes import Flag, Number
-from ..arrays.arrays import SceneArrays, at_once, nearest_image
+from ..arrays.arrays import at_once, nearest_image
 from ..bodies.bodies import side
 from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
-from .state import Rules, RunState
+from .state import RunState, RunTask
 
 REACH = 4.0
 """The safety factor on the distance of a third body from an isolated impact."""
 
 
 def is_isolated(
-    model: SceneArrays,
-    rules: Rules,
-    state: RunState,
-    choice: Choice,
-    outcome: ImpactOutcome,
-    now: Number,
-    tolerance: Number,
+    task: RunTask, state: RunState, choice: Choice, outcome: ImpactOutcome, now: Number
 ) -> Flag:
     """Return whether two bodies of a soft scene meet alone, under forces of the pair solution.
 
     Speeds are bounded by the total energy. During the impact no body may cover a quarter of its
-    distance. The velocity of a shaking body may change by at most a tenth of `tolerance`. So may
+    distance. The velocity of a shaking body may change by at most a tenth of the tolerance. So may
     the v0 of the damping, between touch and peak.
     """
+    model, rules, tolerance = task.model, task.rules, task.tolerance
     count = model.spheres
     inverse = model.inverse_mass[:count]
     moves = inverse > 0

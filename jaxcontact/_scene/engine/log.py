@@ -15,13 +15,13 @@ from ..._coupled.modes import Flag, Index, Number
 from ..._functions import spin_axes
 from ..arrays.arrays import Flying, SceneArrays
 from ..arrays.movers import Turning
-from ..cluster.equations import ClusterState
+from ..cluster.problem import ClusterState
 from ..pair_impact.friction import SlipSpeeds
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
 from ..result import Ending
 from .coupled import Call, as_numbers, blank_state
 from .slots import no_change, slot_pairs
-from .state import CROWDED, FRICTION, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules, Slots
+from .state import LoopStatus, Rules, Slots
 
 
 class ClusterNumbers(NamedTuple):
@@ -208,14 +208,16 @@ class RunRecord(eqx.Module):
         """Return the `Ending` of the run and the time up to which its values hold."""
         # A run may end while bodies are in contact.
         searched, valid = self.outcome.status, self.outcome.valid
-        stuck = (searched != RUNNING) & (searched != OVER)
-        more = self.outcome.more & (searched != OVER)
+        stuck = (searched != LoopStatus.RUNNING) & (searched != LoopStatus.OVER)
+        more = self.outcome.more & (searched != LoopStatus.OVER)
         status = jnp.where(stuck, int(Ending.ACCUMULATED), int(Ending.COMPLETED))
-        crowded = (searched == CROWDED) | (searched == TWO_SUPPORTS)
+        crowded = (searched == LoopStatus.CROWDED) | (searched == LoopStatus.TWO_SUPPORTS)
         status = jnp.where(crowded, int(Ending.CROWDED), status)
-        status = jnp.where(searched == NOT_CONVERGED, int(Ending.NOT_CONVERGED), status)
+        status = jnp.where(searched == LoopStatus.NOT_CONVERGED, int(Ending.NOT_CONVERGED), status)
         if self.model.frictions is not None:
-            status = jnp.where(searched == FRICTION, int(Ending.FRICTION_NOT_MODELLED), status)
+            status = jnp.where(
+                searched == LoopStatus.FRICTION, int(Ending.FRICTION_NOT_MODELLED), status
+            )
         status = jnp.where(~stuck & more, int(Ending.TOO_MANY_IMPACTS), status)
         status = jnp.where(valid, status, int(Ending.INVALID_INPUT))
         reached = jnp.where(stuck, self.outcome.now, jnp.where(more | ~valid, -1, self.last))

@@ -49,18 +49,7 @@ from .search import (
     update_events,
 )
 from .slots import empty_slots
-from .state import (
-    ACCUMULATED,
-    CROWDED,
-    FRICTION,
-    NOT_CONVERGED,
-    PATIENCE,
-    RUNNING,
-    TWO_SUPPORTS,
-    Coupling,
-    Rules,
-    RunState,
-)
+from .state import PATIENCE, Coupling, LoopStatus, Rules, RunState, RunTask
 
 SLOW = 2.0**14
 """The limit of closing speeds for accumulation, in rounding errors of the largest speed.
@@ -135,7 +124,7 @@ def with_empty_slots(model: SceneArrays, size: int, state: RunState) -> RunState
         no, no, no, nobody, slots, zero, zero,
         blank_state(model, size),
     )  # fmt: skip
-    return state._replace(coupling=coupling, status=jnp.full_like(state.status, RUNNING))
+    return state._replace(coupling=coupling, status=jnp.full_like(state.status, LoopStatus.RUNNING))
 
 
 def has_events_left(state: RunState, end: Number) -> Flag:
@@ -145,35 +134,30 @@ def has_events_left(state: RunState, end: Number) -> Flag:
 
 
 def advance(
-    model: SceneArrays,
-    rules: Rules,
-    state: RunState,
-    log: Log,
-    end: Number,
-    tolerance: Number,
-    written: Index | None = None,
+    task: RunTask, state: RunState, log: Log, written: Index | None = None
 ) -> tuple[RunState, Log, Index]:
-    """Process impacts up to `end` (inclusive), or until a log or cell is full or the run stuck.
+    """Process impacts up to the end (inclusive), or until a log or cell is full or the run stuck.
     Rows are appended to the `written` ones. Returns the state, the log and the new number of rows.
     """
+    end = task.end
     rows = log.facts.tied.shape[0]
 
     def unfinished(carry: tuple[RunState, Due, Log, Array]) -> Array:
         state, _, _, written = carry
-        more = has_events_left(state, end) & (written < rows) & (state.status == RUNNING)
+        more = has_events_left(state, end) & (written < rows) & (state.status == LoopStatus.RUNNING)
         return more if state.cells is None else more & ~state.cells.full
 
     def step(carry: tuple[RunState, Due, Log, Array]) -> tuple[RunState, Due, Log, Array]:
         state, due, log, written = carry
         # In a batch a finished run only waits.
-        setting, needed = (model, rules, state), unfinished(carry)
+        needed = unfinished(carry)
         if state.coupling is None:
-            state, figures, facts, fresh = _event(*setting, due, end, tolerance, needed)
+            state, figures, facts, fresh = _event(task, state, due, needed)
         else:
             state, figures, facts, fresh = jax.lax.cond(
                 cluster_is_next(state),
-                lambda: step_cluster(*setting, end, tolerance, needed),
-                lambda: _event(*setting, due, end, tolerance, needed),
+                lambda: step_cluster(task, state, needed),
+                lambda: _event(task, state, due, needed),
             )
         log = with_row(log, written, Log(figures, facts))
         until = end
@@ -182,7 +166,7 @@ def advance(
             active, later = state.coupling.active, jnp.minimum(state.coupling.state.time, end)
             until = jnp.where(active, later, end)
             until = jnp.where(cluster_is_next(state), -jnp.inf, until)
-        state, due = update_events(model, state, until, end)
+        state, due = update_events(task.model, state, until, end)
         return state, due, log, written + fresh.astype(written.dtype)
 
     start = jnp.zeros((), int) if written is None else written
@@ -211,18 +195,13 @@ class _SolvedImpact(NamedTuple):
 
 
 def _event(
-    model: SceneArrays,
-    rules: Rules,
-    state: RunState,
-    due: Due,
-    end: Number,
-    tolerance: Number,
-    needed: Flag,
+    task: RunTask, state: RunState, due: Due, needed: Flag
 ) -> tuple[RunState, LogNumbers, LogDecisions, Flag]:
     """Process the impact that is due; the last value is True if there is one. `needed`: whether the
     lane needs it. The arrays of all spheres are read in a branch before they are written; otherwise
     they would be copied.
     """
+    model, rules, end = task.model, task.rules, task.end
     until = end
     if state.coupling is not None:
         coupling = state.coupling
@@ -236,8 +215,7 @@ def _event(
     is_sphere = partner < count
     # A wall has no row; the first body replaces it.
     who = jnp.stack([i, jnp.where(is_sphere, jnp.maximum(partner, 0), i)])
-    arguments = (model, rules, state, due, who, now, tolerance, fresh & needed)
-    met = in_branch(fresh, lambda: _solve_due(*arguments))
+    met = in_branch(fresh, lambda: _solve_due(task, state, due, who, now, fresh & needed))
     choice, outcome = met.choice, met.outcome
     happens = fresh & met.alone
     starts = fresh & ~met.alone
@@ -257,7 +235,7 @@ def _event(
         status=jnp.where(happens, met.status, state.status),
     )
     if rules.soft and state.coupling is None:
-        state = state._replace(status=jnp.where(starts, CROWDED, state.status))
+        state = state._replace(status=jnp.where(starts, LoopStatus.CROWDED, state.status))
     elif state.coupling is not None:
         met_then = choice._replace(time=outcome.time)
         coupling = start_cluster(model, state.coupling, starts, met_then, outcome.closing)
@@ -270,23 +248,16 @@ def _event(
 
 
 def _solve_due(
-    model: SceneArrays,
-    rules: Rules,
-    state: RunState,
-    due: Due,
-    who: Int[Array, "2"],
-    now: Number,
-    tolerance: Number,
-    needed: Flag,
+    task: RunTask, state: RunState, due: Due, who: Int[Array, "2"], now: Number, needed: Flag
 ) -> _SolvedImpact:
     """Compute the impact that is due; unless `needed`, its solve takes no step."""
-    partner = due.partner
+    model, rules, tolerance, partner = task.model, task.rules, task.tolerance, due.partner
     columns = (state.flying, state.support, state.count, state.events)
     before, support, met, events = rows_of(columns, who)
     choice = _choice(model, who, partner, before, support, now)
     if rules.soft:
         outcome = soft(model, before, choice, tolerance, needed)
-        alone = is_isolated(model, rules, state, choice, outcome, now, tolerance)
+        alone = is_isolated(task, state, choice, outcome, now)
         if model.start is not None:
             # Impacts that began before the run are known to be isolated.
             alone = alone | ((now < 0) & (outcome.status == 0))
@@ -327,13 +298,13 @@ def _solve_due(
         fastest = in_branch(tied, lambda: jnp.max(jnp.sum(jnp.square(state.velocity), axis=-1)))
         slow = outcome.closing <= SLOW * eps * jnp.sqrt(fastest)
         stuck = stuck | (tied & slow & ~choice.tail)
-    stuck = jnp.where(stuck, ACCUMULATED, RUNNING)
-    status = jnp.where(crowded, TWO_SUPPORTS, stuck)
+    stuck = jnp.where(stuck, LoopStatus.ACCUMULATED, LoopStatus.RUNNING)
+    status = jnp.where(crowded, LoopStatus.TWO_SUPPORTS, stuck)
     if not rules.soft:
         # A law that is not solved has no e.
-        status = jnp.where(jnp.isnan(outcome.restitution), NOT_CONVERGED, status)
+        status = jnp.where(jnp.isnan(outcome.restitution), LoopStatus.NOT_CONVERGED, status)
     if model.frictions is not None:
-        status = jnp.where(curves | (outcome.status != 0), FRICTION, status)
+        status = jnp.where(curves | (outcome.status != 0), LoopStatus.FRICTION, status)
     return _SolvedImpact(
         before, choice, outcome, support, met + 1, rival, tied, idle, status, alone
     )

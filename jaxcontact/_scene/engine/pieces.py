@@ -22,7 +22,7 @@ from .log import Log, LoopOutcome, blank_log
 from .loop import advance, has_events_left, initial_state, with_empty_slots
 from .search import flight_at, reset_events
 from .slots import all_fit, in_more_slots
-from .state import CROWDED, RUNNING, Rules, RunState
+from .state import LoopStatus, Rules, RunState, RunTask
 
 _MOST_GROWN = 32
 """The largest number of slots to which a coupled solve grows automatically."""
@@ -65,13 +65,14 @@ def _whole_loop(rules: Rules, inputs: RunInputs, grid: CellGrid | None, room: in
     model, valid, end, tolerance = inputs
     last = jnp.where(valid, end, -1)
     state = initial_state(model, rules, grid)
+    task = RunTask(model, rules, last, tolerance)
     log = blank_log(room, model, rules.slots)
-    state, log, written = advance(model, rules, state, log, last, tolerance)
+    state, log, written = advance(task, state, log)
     if state.cells is not None:
         full = state.cells.full & valid
         now = jnp.maximum(jnp.min(state.events.time), state.now)
         state = reset_events(model, state, now, None, full)
-        state, log, written = advance(model, rules, state, log, last, tolerance, written)
+        state, log, written = advance(task, state, log, written)
     more = has_events_left(state, last)
     return LoopOutcome(log, written, state.status, state.now, more, valid)
 
@@ -107,13 +108,13 @@ def from_python(
         state = _expecting(model, state, state.now, grid)
     pieces: list[tuple[Log, int]] = []
     total, more, crowded_at = 0, True, -1.0
-    while more and int(state.status) == RUNNING and (most is None or total < most):
+    while more and int(state.status) == LoopStatus.RUNNING and (most is None or total < most):
         if state.cells is not None and bool(state.cells.full):
             state, crowded_at = _with_room(model, state, crowded_at)
         before = state
         inputs_now = (model, rules, state, valid, end, tolerance)
         state, log, written, ahead = _piece(tell, total, *inputs_now)
-        if int(state.status) == CROWDED and 0 < rules.slots < most_slots:
+        if int(state.status) == LoopStatus.CROWDED and 0 < rules.slots < most_slots:
             wider = min(2 * rules.slots, model.spheres)
             # A sphere keeps its slot, so that as many slots as spheres are one more.
             sizes = rules.slots, wider + all_fit(model, wider)
@@ -127,7 +128,7 @@ def from_python(
         pieces.append((log, count))
         total += count
         tell(total, "impacts", float(state.now), float(end))
-        if int(state.status) == CROWDED and rules.slots < wanted.slots:
+        if int(state.status) == LoopStatus.CROWDED and rules.slots < wanted.slots:
             rules = wanted
             state = _with_slots(model, rules.slots, state)
     tell.says("reading the results")
@@ -168,7 +169,7 @@ def _onward(
     """Return a piece with its own log, the number of its rows, and whether events are left."""
     end = jnp.where(valid, end, -1)
     log = blank_log(_PIECE, model, rules.slots)
-    state, log, written = advance(model, rules, state, log, end, tolerance)
+    state, log, written = advance(RunTask(model, rules, end, tolerance), state, log)
     return state, log, written, has_events_left(state, end)
 
 

@@ -30,8 +30,8 @@ from ..arrays.arrays import (
     nearest_image,
 )
 from ..bodies.bodies import side
-from ..cluster.equations import ClusterPairs, ClusterState
 from ..cluster.friction import Rubbing
+from ..cluster.problem import ClusterPairs, ClusterState
 from ..pair_impact.instantaneous import Choice
 from .search import simultaneous
 from .state import Coupling, RunState, Slots

@@ -10,18 +10,22 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import with_one_or_two, with_rows
-from ..arrays.arrays import Flying, SceneLayout
+from ..arrays.arrays import Flying, SceneArrays, SceneLayout
 from ..arrays.movers import Turning
-from ..cluster.equations import ClusterState
+from ..cluster.problem import ClusterState
 from ..contact_times.cells import Cells
 from ..pair_impact.instantaneous import Choice
 
 PATIENCE = 64
 """The number of impacts for each body without progress in time after which a run stops."""
 
-RUNNING, ACCUMULATED, TWO_SUPPORTS, CROWDED, NOT_CONVERGED, OVER, FRICTION = range(7)
-"""The status of an event loop. OVER: bodies are in contact at the end. FRICTION: it acts where
-no formula is known."""
+
+class LoopStatus:
+    """The status of an event loop. OVER: bodies are in contact at the end. FRICTION: it acts where
+    no formula is known.
+    """
+
+    RUNNING, ACCUMULATED, TWO_SUPPORTS, CROWDED, NOT_CONVERGED, OVER, FRICTION = range(7)
 
 
 class Rules(eqx.Module):
@@ -32,6 +36,15 @@ class Rules(eqx.Module):
     soft: bool = eqx.field(static=True)
     v0: str | float = eqx.field(static=True)
     slots: int = eqx.field(static=True)
+
+
+class RunTask(eqx.Module):
+    """A scene and the rules of its run, its `end` in s, and the `tolerance` of its solves."""
+
+    model: SceneArrays
+    rules: Rules
+    end: Number
+    tolerance: Number
 
 
 class Slots(NamedTuple):

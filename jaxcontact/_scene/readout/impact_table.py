@@ -13,8 +13,8 @@ from jaxtyping import Array, Bool, Float, Int
 from ..._coupled.modes import Index
 from ..._coupled.rows import rows_of
 from ..arrays.arrays import SceneArrays
-from ..cluster.equations import ClusterState
 from ..cluster.friction import HALF
+from ..cluster.problem import ClusterState
 from ..engine.coupled_friction import contact_points, speeds_of
 from ..engine.log import ClusterDecisions, ClusterNumbers, RunRecord
 from ..engine.rest import begins_to_roll

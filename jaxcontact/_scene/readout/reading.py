@@ -91,11 +91,7 @@ def _from_log(
 
 
 def _by_choice(
-    choice: tuple[bool, bool] | None,
-    record: RunRecord,
-    times: Array,
-    rows: int | None,
-    moves: bool,
+    choice: tuple[bool, bool] | None, record: RunRecord, times: Array, rows: int | None, moves: bool
 ) -> RunContents:
     """Return the results from one program with the parts chosen, or with all parts."""
     if choice is not None:
