@@ -21,8 +21,8 @@ from ..arrays.arrays import Flying, SceneArrays, SceneLayout
 from ..arrays.movers import Rotation, Turning
 from ..cluster.problem import ClusterState
 from ..cluster.solve import MOST_STEPS
-from ..engine.coupled import as_flags, as_numbers, call, walls_under, work_of_walls
-from ..engine.log import Log, LogDecisions, LogNumbers
+from ..engine.coupled import call, walls_under, work_of_walls
+from ..engine.log import Log, LogDecisions, LogNumbers, as_flags, as_numbers
 from ..engine.rest import or_roll, rest_on_walls, with_friction_at_rest
 from ..engine.search import in_branch
 from ..engine.slots import in_place, slot_pairs

@@ -19,9 +19,32 @@ from ..cluster.problem import ClusterState
 from ..pair_impact.friction import SlipSpeeds
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
 from ..result import Ending
-from .coupled import Call, as_numbers, blank_state
-from .slots import no_change, slot_pairs
+from .coupled_friction import blank_rubbing
+from .slots import SlotChange, no_change, slot_pairs
 from .state import LoopStatus, Rules, Slots
+
+
+class Call(NamedTuple):
+    """The discrete choices about one call.
+
+    It `starts` a solve at the touch of `choice`, or continues one. `slots` holds its spheres, and
+    `change` the new ones. `closed` (P,) marks the new pairs that are in contact at once. The call
+    ends at the time `until` in s, if no event happens before. `to_the_end`: whether it continues at
+    rest. In a log the choice is that of the row.
+    """
+
+    starts: Flag
+    choice: Choice | None
+    slots: Slots
+    change: SlotChange
+    closed: Bool[Array, " P"]
+    until: Number
+    to_the_end: Flag
+
+    def where(self, needed: Flag) -> Call:
+        """Return the call, with empty slots unless `needed`; other lanes may need one."""
+        slots = self.slots._replace(present=self.slots.present & needed)
+        return self._replace(slots=slots)
 
 
 class ClusterNumbers(NamedTuple):
@@ -132,6 +155,30 @@ def blank_choice(model: SceneArrays) -> Choice:
     zero, no = jnp.zeros((), int), jnp.asarray(False)
     image, time = jnp.zeros(model.dimensions, model.dtype), jnp.zeros((), model.dtype)
     return Choice(zero, zero, jnp.full(2, -1, int), image, time, no)
+
+
+def as_numbers(state: ClusterState) -> ClusterState:
+    """Return the state with its flags as 0 and 1, for a log whose figures have derivatives."""
+    dtype = state.position.dtype
+    return state._replace(closed=state.closed.astype(dtype), rising=state.rising.astype(dtype))
+
+
+def as_flags(state: ClusterState) -> ClusterState:
+    """Return the inverse of `as_numbers`."""
+    return state._replace(closed=state.closed > 0.5, rising=state.rising > 0.5)
+
+
+def blank_state(model: SceneArrays, size: int) -> ClusterState:
+    """Return a state of zeros, with all pairs open."""
+    total, pairs = size + model.walls, slot_pairs(model, size)[0].shape[0]
+    sizes = (), (total, model.dimensions), pairs
+    zero, vector, each = (jnp.zeros(size, model.dtype) for size in sizes)
+    flags = jnp.zeros(pairs, bool)
+    rubbing = blank_rubbing(model, total, pairs)
+    return ClusterState(
+        zero, vector, vector, each, flags, flags, each, each, each, each, each, each, rubbing,
+        each if model.remembers else None,
+    )  # fmt: skip
 
 
 def blank_calls(model: SceneArrays, size: int) -> tuple[ClusterNumbers, ClusterDecisions]:

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 
 from ..._program import quick
 from ..arrays.arrays import SceneArrays
-from ..engine.coupled import as_flags, contact_energy
+from ..engine.coupled import contact_energy
 from ..engine.coupled_friction import without_halves
-from ..engine.log import RunRecord
+from ..engine.log import RunRecord, as_flags
 from ..engine.slots import pace_of
 from ..engine.state import Coupling, Slots
 from ..pair_impact.friction import is_followed

@@ -12,8 +12,8 @@ from ..._coupled.energies import stored_energy
 from ..._coupled.rows import rows_of, with_rows
 from ..arrays.arrays import Flying, SceneArrays, known_contact_of, law_of
 from ..arrays.movers import Turning
-from ..engine.coupled import Call, as_flags, blank_state, call, contact_energy, meets
-from ..engine.log import RunRecord, last_call
+from ..engine.coupled import call, contact_energy, meets
+from ..engine.log import Call, RunRecord, as_flags, blank_state, last_call
 from ..engine.slots import all_fit, empty_slots, in_line, joins, no_change
 from ..engine.state import Slots, index_of
 from ..pair_impact.friction import is_followed
