@@ -23,11 +23,11 @@ from benchmarks.study import Study, machine_in_short
 from benchmarks.time_and_error.measure import timed
 from jaxcontact import AbstractLaw
 from jaxcontact._scene.arrays.arrays import layout_of
-from jaxcontact._scene.arrays.from_scene import inputs_of, scene_numbers
+from jaxcontact._scene.arrays.from_scene import arrays_of, inputs_of
 from jaxcontact._scene.contact_times.cells import grid_of
 from jaxcontact._scene.engine.log import Log, blank_log
 from jaxcontact._scene.engine.loop import advance, initial_state
-from jaxcontact._scene.engine.state import Rules, RunState
+from jaxcontact._scene.engine.state import Rules, RunState, RunTask
 
 ELASTIC = jc.ExactRestitution(e=1.0)
 
@@ -204,17 +204,16 @@ def impact_cost(count: int, impacts: int) -> dict:
     By the difference of two lengths, so that the price of the call drops out.
     """
     scene = hard_box(count)
-    layout = layout_of(scene)
-    numbers, _ = scene_numbers(inputs_of(scene), layout, contacts=False, soft=False)
+    model, _ = arrays_of(inputs_of(scene), layout_of(scene), contacts=False, soft=False)
     rules = Rules(False, "peak", 0)
-    end, tolerance = jnp.asarray(1e6), jnp.asarray(1e-9)
-    state = eqx.filter_jit(initial_state)(layout, numbers, rules, grid_of(layout, numbers))
+    task = RunTask(model, rules, jnp.asarray(1e6), jnp.asarray(1e-9))
+    state = eqx.filter_jit(initial_state)(model, rules, grid_of(model))
     jitted = eqx.filter_jit(advance)
     nothing = jax.jit(empty, static_argnums=2)
 
     def of(rows: int) -> tuple[float, float, float]:
-        log = blank_log(rows, layout, numbers.dtype, 0)
-        run = functools.partial(jitted, layout, numbers, rules, state, log, end, tolerance)
+        log = blank_log(rows, model, 0)
+        run = functools.partial(jitted, task, state, log)
         compile_s, seconds, written = best(lambda: run()[2])
         # With a full cell the run would stop early and seem fast.
         assert int(written) == rows

@@ -10,11 +10,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._coupled.modes import Flag, Number
 from .arrays.movers import Turning
-from .cluster.equations import ClusterState
+from .cluster.problem import ClusterState
 
 
 class Contacts(NamedTuple):
-    """A coupled solve in progress at time zero, if `active`. Its places hold the spheres `who`
+    """A coupled solve in progress at time zero, if `active`. Its slots hold the spheres `who`
     (M,), of which those `present` count. They are shifted by `shift` (M, D) periods. The other
     fields are as in `Coupling`.
     """

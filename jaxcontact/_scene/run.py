@@ -171,8 +171,8 @@ class Run(WrittenAsCsv, Flagged, eqx.Module):
         if self.spin is not None:
             arrays["spin"] = axes[: self.spin.ndim], np.asarray(self.spin)
         names, spheres = self.impacts.names, self.scene.spheres
-        layout = self._record.layout
-        bodies = layout.body[: layout.visible]
+        model = self._record.model
+        bodies = model.body[: model.visible]
         masses = [float(sphere.known_mass() or np.inf) for sphere in spheres]
         coordinates |= {
             "sphere": ("sphere", list(bodies)),

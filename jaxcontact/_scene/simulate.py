@@ -25,8 +25,8 @@ from .._laws import require_no_adhesion
 from .._program import derived, quick, traced
 from .._text.failure import checked
 from .._text.progress import TellRun
-from .arrays.arrays import Numbers, SceneLayout, first_overlap, layout_of
-from .arrays.from_scene import SceneInputs, inputs_of, ones_unless, scene_numbers
+from .arrays.arrays import SceneArrays, SceneLayout, first_overlap, layout_of
+from .arrays.from_scene import SceneInputs, arrays_of, inputs_of, ones_unless
 from .bodies.bodies import names_of
 from .bodies.entry import one_number
 from .bodies.overlap import require_clear_of_each_other
@@ -75,10 +75,10 @@ def simulate_scene(
     at = times_of(times, length)
     moves = traced(at)
     layout = layout_of(scene)
-    room_for = _room_for(scene, max_cluster, layout)
-    scene = _usable_start(scene, soft, room_for)
+    slots = _slots_for(scene, max_cluster, layout)
+    scene = _usable_start(scene, soft, slots)
     require_clear_of_each_other(scene.bodies, length)
-    rules = Rules(soft, rule, room_for if soft else 0)
+    rules = Rules(soft, rule, slots if soft else 0)
     plain = not traced((scene, length, at))
     start: RunState | None = None
 
@@ -91,11 +91,11 @@ def simulate_scene(
     if plain:
         tell.says("compiling")
     prepared = prepare(*given)[0] if plain else derived(_numbers_of, *given, decide=prepare)
-    numbers, valid, length, at, last = prepared
-    within = jax.device_put(np.asarray(tolerance, numbers.dtype))
-    grows = max_cluster is None and _places_of(scene, 0) == 0
+    model, valid, length, at, last = prepared
+    within = jax.device_put(np.asarray(tolerance, model.dtype))
+    grows = max_cluster is None and _slots_of(scene, 0) == 0
     # A call of the coupled solve ends when any pair touches or opens.
-    calls = _CALLS if rules.members and not plain else 1
+    calls = _CALLS if rules.slots and not plain else 1
     room = ROOM if most is None else most
 
     def piecewise(inputs: RunInputs) -> tuple[Rules, LoopOutcome]:
@@ -103,11 +103,11 @@ def simulate_scene(
         return from_python(rules, inputs, start, rows, tell, grows)
 
     def at_once(inputs: RunInputs) -> LoopOutcome:
-        return all_at_once(rules, inputs, None if soft else grid_of(*inputs[:2]), room * calls)
+        return all_at_once(rules, inputs, None if soft else grid_of(inputs[0]), room * calls)
 
-    inputs = (layout, numbers, valid, last, within)
-    ended, numbers, outcome = differentiable_run(rules, inputs, piecewise, at_once)
-    record = RunRecord(layout, numbers, ended, within, outcome, last, length)
+    inputs = (model, valid, last, within)
+    ended, model, outcome = differentiable_run(rules, inputs, piecewise, at_once)
+    record = RunRecord(model, ended, within, outcome, last, length)
     contents = read_run(record, at, room, moves)
     impacts = dataclasses.replace(contents.impacts, names=names_of(scene.bodies))
     run = Run(
@@ -136,32 +136,32 @@ def _status_with_gains(status: Array, record: RunRecord, impacts: Impacts) -> Ar
     return jax.device_put(np.where(done, Ending.GAINED, status).astype(status.dtype))
 
 
-def _room_for(scene: Scene, asked: int | None, layout: SceneLayout) -> int:
-    """Return the capacity of the coupled solve: as asked, or that in which the scene starts."""
-    room = _places_of(scene, MOST) if asked is None else asked
-    if room <= MOST or room != _places_of(scene, 0):
-        room = min(room, layout.spheres)
-    return room
+def _slots_for(scene: Scene, asked: int | None, layout: SceneLayout) -> int:
+    """Return the slots of the coupled solve: as asked, or those in which the scene starts."""
+    slots = _slots_of(scene, MOST) if asked is None else asked
+    if slots <= MOST or slots != _slots_of(scene, 0):
+        slots = min(slots, layout.spheres)
+    return slots
 
 
-def _places_of(scene: Scene, otherwise: int) -> int:
-    """Return the capacity of the coupled solve that a scene starts in, else `otherwise`."""
+def _slots_of(scene: Scene, otherwise: int) -> int:
+    """Return the number of slots of the coupled solve that a scene starts in, else `otherwise`."""
     contacts = None if scene._start is None else scene._start.contacts
     return otherwise if contacts is None else contacts.who.shape[0]
 
 
-def _usable_start(scene: Scene, soft: bool, members: int) -> Scene:
+def _usable_start(scene: Scene, soft: bool, size: int) -> Scene:
     """Return the scene with its start state removed where that is not used."""
-    start, places = scene._start, _places_of(scene, members)
+    start, slots = scene._start, _slots_of(scene, size)
     if start is None or start.soft == soft:
-        if start is None or start.contacts is None or places == members:
+        if start is None or start.contacts is None or slots == size:
             return scene
         if not traced(start) and not bool(start.contacts.active):
             start = dataclasses.replace(start, contacts=None)
             return eqx.tree_at(lambda scene: scene._start, scene, start)
         raise ValueError(
             "Argument `max_cluster` must be that of the run that ended in contact, "
-            f"{places}, but is {members}."
+            f"{slots}, but is {size}."
         )
     if start.soft:
         raise ValueError(
@@ -207,7 +207,7 @@ def times_of(value: Any, duration: Array) -> Array:
 def _prepare(inputs: SceneInputs, layout: SceneLayout, rules: Rules, *others: Any) -> tuple:
     """Return the values of `_numbers` and the state at the start."""
     prepared = _numbers(inputs, layout, rules, *others)
-    return *prepared, initial_state(layout, prepared[0], rules)
+    return *prepared, initial_state(prepared[0], rules)
 
 
 @quick
@@ -222,25 +222,25 @@ def _numbers(
     unchecked: bool,
     length: Array,
     times: Array,
-) -> tuple[Numbers, Array, Array, Array, Array]:
+) -> tuple[SceneArrays, Array, Array, Array, Array]:
     """Return the numbers of a scene and their validity, the duration, the times and the last time.
 
     Duration and times have the precision of the numbers. The last time is earlier than the duration
     if a motion exceeds its bound. Bodies with `unchecked` values may overlap.
     """
     contacts = rules.soft or not all(layout.constant)
-    numbers, valid = scene_numbers(inputs, layout, contacts, rules.soft)
-    numbers = ones_unless(numbers, valid)
-    length, times = (jnp.asarray(time, numbers.dtype) for time in (length, times))
+    model, valid = arrays_of(inputs, layout, contacts, rules.soft)
+    model = ones_unless(model, valid)
+    length, times = (jnp.asarray(time, model.dtype) for time in (length, times))
     last = length
-    for movers in (numbers.motion, numbers.shaking):
+    for movers in (model.motion, model.shaking):
         if movers is not None:
             last = jnp.minimum(last, movers.kept_until(length))
     if unchecked:
-        valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
+        valid = valid & (first_overlap(jax.lax.stop_gradient(model)) == 0)
         valid = valid & POSITIVE.holds(length)
-        numbers = ones_unless(numbers, valid)
-    return numbers, valid, length, times, last
+        model = ones_unless(model, valid)
+    return model, valid, length, times, last
 
 
 _SURE = 10
@@ -256,7 +256,7 @@ def some_impact_gains(record: RunRecord, impacts: Impacts) -> bool:
         return False
     # In NumPy, which needs no compilation.
     inverse = np.zeros(len(impacts.names))
-    inverse[np.asarray(record.layout.body)] = np.asarray(record.numbers.inverse_mass)
+    inverse[np.asarray(record.model.body)] = np.asarray(record.model.inverse_mass)
     columns = impacts.to_dict()
     whole = np.isfinite(columns["restitution"]) & (columns["time"] >= 0)
     share = inverse[columns["first"]] + inverse[columns["second"]]

@@ -9,7 +9,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._scene.arrays.arrays import layout_of
-from jaxcontact._scene.arrays.from_scene import inputs_of, scene_numbers
+from jaxcontact._scene.arrays.from_scene import arrays_of, inputs_of
 from jaxcontact._scene.contact_times.cells import grid_of
 from jaxcontact._scene.engine import pieces as _pieces
 from tests.test_scene.support import central, go, spheres
@@ -172,9 +172,8 @@ def compared(space, run):
 def test_cells_miss_nothing(monkeypatch, kind):
     space, calls = SPACES[kind](), grown(monkeypatch)
     scene = space.scene()
-    layout = layout_of(scene)
-    numbers, _ = eqx.filter_jit(scene_numbers)(inputs_of(scene), layout, False, False)
-    assert grid_of(layout, numbers) is not None
+    model, _ = eqx.filter_jit(arrays_of)(inputs_of(scene), layout_of(scene), False, False)
+    assert grid_of(model) is not None
     times = np.linspace(0, space.duration, 41)
     run = go(scene, space.duration, times=times)
     compared(space, run)

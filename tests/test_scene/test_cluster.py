@@ -11,7 +11,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._coupled.modes import APART, AT_REST, CHANGED, TIME_IS_UP
-from jaxcontact._scene.cluster.equations import ClusterPairs
+from jaxcontact._scene.cluster.problem import ClusterPairs, ClusterProblem
 from jaxcontact._scene.cluster.solve import cluster, cluster_at_touch
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.test_impact.support import both_jacobians
@@ -113,9 +113,8 @@ def follow(case, alpha, until, rtol, v0="peak", **options):
     pairs, inverse, acceleration, position, velocity, closed, mass = case
     start = cluster_at_touch(pairs, position, velocity, closed, v0=v0)
     law, contact = jc.Damped(alpha=alpha), jc.Contact(mass, K)
-    return cluster(
-        law, contact, pairs, inverse, acceleration, start, until, rtol=rtol, v0=v0, **options
-    )
+    problem = ClusterProblem(law, contact, pairs, inverse, acceleration, start, until, rtol)
+    return cluster(problem, v0=v0, **options)
 
 
 in_lanes = jax.jit(jax.vmap(follow, in_axes=(0, 0, 0, None)))
@@ -217,9 +216,8 @@ def clamped_three(start):
     pairs, inverse, acceleration, *_, mass = numbers(LINE, [], None, 3, 3, 1)
     law = jc.AntypovElliott(e=0.5, tension=False)
     contact = jc.Contact(mass, K)
-    return cluster(
-        *(law, contact, pairs, inverse, acceleration, start, FOR_EVER), rtol=1e-9, until_change=True
-    )
+    problem = ClusterProblem(law, contact, pairs, inverse, acceleration, start, FOR_EVER, 1e-9)
+    return cluster(problem, until_change=True)
 
 
 def test_a_solve_goes_on_from_where_it_stopped():
@@ -293,7 +291,8 @@ def outcome(numbers_):
     reduced = 1 / (inverse[pairs.first] + inverse[pairs.second])
     start = cluster_at_touch(pairs, position, velocity, closed)
     law, contact = jc.Damped(alpha=alpha), jc.Contact(reduced, stiffness)
-    end = cluster(law, contact, pairs, inverse, acceleration, start, FOR_EVER, rtol=1e-10)
+    problem = ClusterProblem(law, contact, pairs, inverse, acceleration, start, FOR_EVER, 1e-10)
+    end = cluster(problem)
     state = end.state
     return jnp.concatenate([state.velocity.ravel(), state.position.ravel(), state.time[None]])
 

@@ -13,12 +13,11 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._scene.arrays.arrays import layout_of
-from jaxcontact._scene.arrays.flight import Flying
-from jaxcontact._scene.arrays.from_scene import inputs_of, scene_numbers
-from jaxcontact._scene.engine.cluster_members import select_members
+from jaxcontact._scene.arrays.arrays import Flying, layout_of
+from jaxcontact._scene.arrays.from_scene import arrays_of, inputs_of
 from jaxcontact._scene.engine.coupled import touching
 from jaxcontact._scene.engine.log import blank_calls, blank_choice
+from jaxcontact._scene.engine.slots import fill_slots
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.oracle.shaken_spheres import pressed, sine
 from tests.test_scene.support import bodies_of, central, in_a_line, spheres
@@ -129,9 +128,8 @@ def test_in_a_small_cell_each_pair_has_its_own_images():
     velocity = np.array([[-1.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
     discs = spheres([0.1, 0.1, 0.12], 1.0, place, velocity)
     scene = jc.Scene(discs, jc.Hertz(), stiffness=1e3, periodic=[0.8, 0.8])
-    layout = layout_of(scene)
-    numbers = scene_numbers(inputs_of(scene), layout, contacts=True, soft=False)[0]
-    blank = blank_calls(layout, 3, numbers.dtype)[1].decided
+    model = arrays_of(inputs_of(scene), layout_of(scene), contacts=True, soft=False)[0]
+    blank = blank_calls(model, 3)[1].decided
     nowhere = jnp.full(3, -1)
 
     @jax.jit
@@ -140,22 +138,22 @@ def test_in_a_small_cell_each_pair_has_its_own_images():
         coupling = SimpleNamespace(
             starts=yes,
             touches=yes,
-            choice=blank_choice(layout, numbers.dtype)._replace(second=jnp.asarray(1)),
-            seats=blank.seats,
+            choice=blank_choice(model)._replace(second=jnp.asarray(1)),
+            slots=blank.slots,
             pace=jnp.asarray(0.2),
             reserve=now,
             state=SimpleNamespace(closed=blank.closed),
         )
         columns = spheres._asdict()
         state = SimpleNamespace(**columns, flying=spheres, support=nowhere, coupling=coupling)
-        company = select_members(layout, numbers, 3, state, now)
-        seated = jax.tree.map(lambda x: x[company.seats.who], spheres)
-        return company, touching(layout, numbers, 3, company.seats, seated, nowhere, now)
+        filled = fill_slots(model, state, now)
+        seated = jax.tree.map(lambda x: x[filled.slots.who], spheres)
+        return filled, touching(model, filled.slots, seated, nowhere, now)
 
-    company, touches = met(place, velocity, 0.0)
-    assert not company.crowded and company.alone > 0
-    seats = np.asarray(company.seats.who)[[[0, 1], [0, 2], [1, 2]]]
-    assert {tuple(sorted(pair)) for pair in seats[np.asarray(touches)]} == {(0, 1), (1, 2)}
+    filled, touches = met(place, velocity, 0.0)
+    assert not filled.crowded and filled.alone > 0
+    slots = np.asarray(filled.slots.who)[[[0, 1], [0, 2], [1, 2]]]
+    assert {tuple(sorted(pair)) for pair in slots[np.asarray(touches)]} == {(0, 1), (1, 2)}
 
 
 RING = 6.0

@@ -298,13 +298,13 @@ def test_a_gas_of_soft_elastic_balls_keeps_its_energy():
 
 def test_crowds_are_refused_or_given_room(monkeypatch):
     """Nine balls, three of which touch at once, where a coupled solve has room for two. Another
-    impact was before, in a log with fewer places.
+    impact was before, in a log with fewer slots.
     """
     piece, states = pieces._quickly, []
 
     def noted(*inputs):
         ended = piece(*inputs)
-        states.append([jax.tree.map(jax.typeof, state) for state in (inputs[3], ended[0])])
+        states.append([jax.tree.map(jax.typeof, state) for state in (inputs[2], ended[0])])
         return ended
 
     monkeypatch.setattr(pieces, "_PIECE", 1)

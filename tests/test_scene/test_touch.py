@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jaxcontact._coupled.interpolation import highest
-from jaxcontact._scene.contact_times.closed_form import (
+from jaxcontact._scene.contact_times.touch import (
     curved_time,
     image_horizon,
     sphere_time,

@@ -1,4 +1,6 @@
-"""A scene as arrays of one precision, for the engine."""
+"""A scene as arrays of one precision, for the engine, and spheres in flight: on parabolas, or in
+prescribed motion.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..._contact import Contact
 from ..._coupled.modes import Index, Number
@@ -24,7 +26,7 @@ from ..bodies.mixed_law import MixedLaw, one_of_each
 from ..bodies.overlap import ROUNDINGS
 from ..bodies.scene import Scene
 from ..resume import Start
-from .movers import Movers, Rotation
+from .movers import Movers, Rotation, Turning
 
 Lane = Float[Array, "..."]
 
@@ -36,7 +38,7 @@ class SceneLayout(eqx.Module):
     then the walls. N includes the shells; the first `visible` are true spheres. `body` and `face`
     give the body of the scene and the face of a box for each number.
 
-    `laws` and `stiffnesses` are tables by kind, or () if one law or stiffness serves all.
+    `law_table` and `stiffnesses` are tables by kind, or () if one law or stiffness serves all.
     `constant` marks laws whose restitution is independent of speed. `moving` marks walls in motion,
     and `vibrating` those that are accelerated. `driven` lists the fixed spheres in motion, and
     `shaken` those that are accelerated. `frictions` is the table of friction laws by kind, () if
@@ -52,22 +54,22 @@ class SceneLayout(eqx.Module):
     face: tuple[int, ...] = eqx.field(static=True)
     fixed: tuple[bool, ...] = eqx.field(static=True)
     kinds: tuple[int, ...] = eqx.field(static=True)
-    laws: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    law_table: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     stiffnesses: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     constant: tuple[bool, ...] = eqx.field(static=True)
-    gravity: bool = eqx.field(static=True)
+    has_gravity: bool = eqx.field(static=True)
     periodic: tuple[bool, ...] = eqx.field(static=True)
     moving: tuple[bool, ...] = eqx.field(static=True)
     vibrating: tuple[bool, ...] = eqx.field(static=True)
     driven: tuple[int, ...] = eqx.field(static=True)
     shaken: tuple[int, ...] = eqx.field(static=True)
-    frictions: tuple[tuple[int, ...], ...] | None = eqx.field(static=True, default=None)
-    remembers: bool = eqx.field(static=True, default=False)
+    frictions: tuple[tuple[int, ...], ...] | None = eqx.field(static=True)
+    remembers: bool = eqx.field(static=True)
 
     @property
     def settles(self) -> bool:
         """True if a ball may come to rest on a wall after instantaneous impacts."""
-        return self.walls > 0 and self.gravity and any(self.constant)
+        return self.walls > 0 and self.has_gravity and any(self.constant)
 
     def chosen(self, table: tuple[tuple[int, ...], ...], i: Array, j: Array) -> Array:
         """Return the entry of a table for bodies i and j."""
@@ -88,8 +90,8 @@ class Walls(NamedTuple):
     velocity: Lane
 
 
-class Numbers(eqx.Module):
-    """The numbers of a scene that determine its motion, all of one precision.
+class SceneArrays(SceneLayout):
+    """A scene with the numbers that determine its motion, all of one precision.
 
     For B = N + W bodies: `inverse_mass` is 0 for fixed ones, and `compliance` is that of Hertz's
     contact, None if not needed. `restitution` has a number for each law: its constant e, else 0.
@@ -133,22 +135,20 @@ class Numbers(eqx.Module):
             shift, velocity = rows_of((shift, velocity), which)
         return Walls(offset + shift, velocity)
 
-    def shaken_at(
-        self, layout: SceneLayout, time: Number
-    ) -> tuple[Float[Array, "K D"], Float[Array, "K D"]]:
+    def shaken_at(self, time: Number) -> tuple[Float[Array, "K D"], Float[Array, "K D"]]:
         """Return the positions and velocities of the accelerated fixed spheres at a time."""
         assert self.shaking is not None
-        start = self.position[np.array(layout.shaken)]
+        start = self.position[np.array(self.shaken)]
         return start + self.shaking.shift(time), self.shaking.velocity(time)
 
     def bent_at(
-        self, layout: SceneLayout, who: Index, now: Number, time: Number
+        self, who: Index, now: Number, time: Number
     ) -> tuple[Float[Array, " D"], Float[Array, " D"]]:
         """Return a sphere's deviation from uniform motion between `now` and `time` later. The
         second value is the change of its velocity. Both are zero unless the sphere is `shaken`.
         """
         assert self.shaking is not None
-        row = layout.shaken_row(who)
+        row = self.shaken_row(who)
         high, fast = self.shaking.swing(now, time)
         velocity = self.shaking.velocity(now)
         bent, turned = high - velocity * time, fast - velocity
@@ -170,10 +170,10 @@ def layout_of(scene: Scene) -> SceneLayout:
         face=(*(-1,) * len(numbered), *(wall.face for _, wall in walls)),
         fixed=tuple(body.fixed for _, body in numbered),
         kinds=tuple(scene._kinds[k] for k in order),
-        laws=scene.law.by_kind,
+        law_table=scene.law.by_kind,
         stiffnesses=() if scene.stiffness is None else scene.stiffness.by_kind,
         constant=tuple(map(_is_constant, scene.law.values)),
-        gravity=scene.gravity is not None,
+        has_gravity=scene.gravity is not None,
         periodic=tuple(length is not None for length in scene.periodic),
         frictions=None if scene.friction is None else scene.friction.by_kind,
         remembers=any(law.remembers for law in scene.law.values),
@@ -213,106 +213,156 @@ def _is_constant_by_kind(structure: Any, kinds: tuple[Any, ...]) -> bool:
     return restitution_is_constant(law, None)
 
 
-def contact_of(layout: SceneLayout, numbers: Numbers, i: Array, j: Array) -> Contact | None:
+def contact_of(model: SceneArrays, i: Array, j: Array) -> Contact | None:
     """Return the contact of bodies i and j; None if no stiffness is known."""
-    inverse = rows_of(numbers.inverse_mass, i) + rows_of(numbers.inverse_mass, j)
+    inverse = rows_of(model.inverse_mass, i) + rows_of(model.inverse_mass, j)
     # Two fixed bodies never meet, so any mass serves.
     mass = 1 / jnp.where(inverse > 0, inverse, 1)
-    if numbers.stiffness is not None:
-        stiffness = numbers.stiffness[0]
-        if layout.stiffnesses:
-            stiffness = rows_of(numbers.stiffness, layout.chosen(layout.stiffnesses, i, j))
-        return Contact(mass, stiffness, numbers.exponent.value)
-    if numbers.compliance is None:
+    if model.stiffness is not None:
+        stiffness = model.stiffness[0]
+        if model.stiffnesses:
+            stiffness = rows_of(model.stiffness, model.chosen(model.stiffnesses, i, j))
+        return Contact(mass, stiffness, model.exponent.value)
+    if model.compliance is None:
         return None
-    curvature = jnp.concatenate([1 / numbers.radius, jnp.zeros(layout.walls, numbers.dtype)])
+    curvature = jnp.concatenate([1 / model.radius, jnp.zeros(model.walls, model.dtype)])
     # Hertz's stiffness, from the curvature and the compliance of the pair.
-    (soft, bent), (softer, more) = (rows_of((numbers.compliance, curvature), k) for k in (i, j))
+    (soft, bent), (softer, more) = (rows_of((model.compliance, curvature), k) for k in (i, j))
     return Contact(mass, 4 / 3 / (jnp.sqrt(bent + more) * (soft + softer)))
 
 
-def known_contact_of(layout: SceneLayout, numbers: Numbers, i: Array, j: Array) -> Contact:
+def known_contact_of(model: SceneArrays, i: Array, j: Array) -> Contact:
     """Return the contact of bodies i and j in a scene with known stiffness."""
-    contact = contact_of(layout, numbers, i, j)
+    contact = contact_of(model, i, j)
     assert contact is not None
     return contact
 
 
-def laws_of(
-    layout: SceneLayout, numbers: Numbers, i: Array, j: Array
-) -> tuple[Sequence[AbstractLaw], Index]:
+def laws_of(model: SceneArrays, i: Array, j: Array) -> tuple[Sequence[AbstractLaw], Index]:
     """Return a law of every kind, and the kind of the law of bodies i and j."""
-    if len(numbers.laws) == 1:
-        return numbers.laws, jnp.asarray(0)
-    return one_of_each(numbers.laws, layout.chosen(layout.laws, i, j))
+    if len(model.laws) == 1:
+        return model.laws, jnp.asarray(0)
+    return one_of_each(model.laws, model.chosen(model.law_table, i, j))
 
 
-def law_of(layout: SceneLayout, numbers: Numbers, i: Array, j: Array) -> AbstractLaw:
+def law_of(model: SceneArrays, i: Array, j: Array) -> AbstractLaw:
     """Return the law of bodies i and j, selected through its force."""
-    laws, kind = laws_of(layout, numbers, i, j)
-    return laws[0] if len(laws) == 1 else MixedLaw(tuple(laws), kind.astype(numbers.dtype))
+    laws, kind = laws_of(model, i, j)
+    return laws[0] if len(laws) == 1 else MixedLaw(tuple(laws), kind.astype(model.dtype))
 
 
-def least_speed(numbers: Numbers) -> Number:
+def least_speed(model: SceneArrays) -> Number:
     """Return one rounding error of the scene's speeds in m/s, from the start and from weight."""
-    radius = jnp.max(jnp.abs(numbers.radius))
-    pull = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity))) * radius
-    square = jnp.max(jnp.square(numbers.velocity)) + pull
-    small = jnp.finfo(numbers.dtype)
+    radius = jnp.max(jnp.abs(model.radius))
+    pull = jnp.sqrt(jnp.sum(jnp.square(model.gravity))) * radius
+    square = jnp.max(jnp.square(model.velocity)) + pull
+    small = jnp.finfo(model.dtype)
     return jax.lax.stop_gradient(small.eps * jnp.sqrt(square + math.sqrt(small.tiny)))
 
 
-def restitution_of(
-    layout: SceneLayout, numbers: Numbers, i: Array, j: Array, closing: Lane
-) -> Number:
+def restitution_of(model: SceneArrays, i: Array, j: Array, closing: Lane) -> Number:
     """Return the restitution e of bodies i and j at a closing speed."""
-    which = layout.chosen(layout.laws, i, j) if layout.laws else None
-    if all(layout.constant):
-        return numbers.restitution[0] if which is None else rows_of(numbers.restitution, which)
-    contact = known_contact_of(layout, numbers, i, j)
-    speed = jnp.maximum(closing, least_speed(numbers))
+    which = model.chosen(model.law_table, i, j) if model.law_table else None
+    if all(model.constant):
+        return model.restitution[0] if which is None else rows_of(model.restitution, which)
+    contact = known_contact_of(model, i, j)
+    speed = jnp.maximum(closing, least_speed(model))
 
     def of(k: int) -> Callable[[Lane], Lane]:
-        if layout.constant[k]:
-            return lambda speed: numbers.restitution[k]
-        return lambda speed: restitution_at_any_speed(numbers.laws[k], contact, speed)
+        if model.constant[k]:
+            return lambda speed: model.restitution[k]
+        return lambda speed: restitution_at_any_speed(model.laws[k], contact, speed)
 
     if which is None:
         return of(0)(speed)
-    return jax.lax.switch(which, [of(k) for k in range(len(numbers.laws))], speed)
+    return jax.lax.switch(which, [of(k) for k in range(len(model.laws))], speed)
 
 
-def first_overlap(layout: SceneLayout, numbers: Numbers) -> Number:
+def first_overlap(model: SceneArrays) -> Number:
     """Return the deepest overlap of two bodies beyond rounding, in m; 0 if there is none. It is
     also 0 if the scene continues a run.
     """
-    if numbers.start is not None:
-        return jnp.zeros((), numbers.dtype)
-    rounding = ROUNDINGS * jnp.finfo(numbers.dtype).eps
-    scale = jnp.max(jnp.abs(numbers.position)) + 2 * jnp.max(numbers.radius)
-    moves = numbers.inverse_mass[: layout.spheres] > 0
+    if model.start is not None:
+        return jnp.zeros((), model.dtype)
+    rounding = ROUNDINGS * jnp.finfo(model.dtype).eps
+    scale = jnp.max(jnp.abs(model.position)) + 2 * jnp.max(model.radius)
+    moves = model.inverse_mass[: model.spheres] > 0
 
     def row(i: Index) -> Array:
-        apart = nearest_image(layout, numbers, numbers.position[i][None] - numbers.position)[0]
-        distance = numbers.radius[i] + numbers.radius
+        apart = nearest_image(model, model.position[i][None] - model.position)[0]
+        distance = model.radius[i] + model.radius
         gap = side(distance) * jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1)) - distance
-        counts = (jnp.arange(layout.spheres) != i) & (moves | moves[i])
+        counts = (jnp.arange(model.spheres) != i) & (moves | moves[i])
         deep = jnp.max(jnp.where(counts, -gap, -jnp.inf))
-        for w in range(layout.walls):
-            height = jnp.sum(numbers.position[i] * numbers.normal[w]) - numbers.offset[w]
-            deep = jnp.maximum(deep, jnp.where(moves[i], numbers.radius[i] - height, -jnp.inf))
+        for w in range(model.walls):
+            height = jnp.sum(model.position[i] * model.normal[w]) - model.offset[w]
+            deep = jnp.maximum(deep, jnp.where(moves[i], model.radius[i] - height, -jnp.inf))
         return deep
 
-    deepest = jnp.max(jax.lax.map(row, jnp.arange(layout.spheres)))
+    deepest = jnp.max(jax.lax.map(row, jnp.arange(model.spheres)))
     return jnp.where(deepest > rounding * scale, deepest, 0)
 
 
 def nearest_image(
-    layout: SceneLayout, numbers: Numbers, apart: Float[Array, "N D"]
+    model: SceneArrays, apart: Float[Array, "N D"]
 ) -> tuple[Float[Array, "N D"], Float[Array, "N D"]]:
     """Return distances to the nearest periodic image, and the number of periods subtracted."""
-    if not any(layout.periodic):
+    if not any(model.periodic):
         return apart, jnp.zeros_like(apart)
-    axes = jnp.asarray(layout.periodic)[None]
-    shift = jnp.where(axes, jnp.round(apart / numbers.period[None]), 0)
-    return apart - shift * numbers.period[None], shift
+    axes = jnp.asarray(model.periodic)[None]
+    shift = jnp.where(axes, jnp.round(apart / model.period[None]), 0)
+    return apart - shift * model.period[None], shift
+
+
+class Flying(NamedTuple):
+    """Bodies in flight, each at its own `time` (M,): `position` and `velocity` (M, D). In an impact
+    with a wall, the second row repeats the first. `turning` is None without friction.
+    """
+
+    position: Lane
+    velocity: Lane
+    time: Lane
+    turning: Turning | None = None
+
+
+def where_each(counts: Bool[Array, " M"], first: Flying, second: Flying) -> Flying:
+    """Return `first` for each body that `counts`, else `second`."""
+    return jax.tree.map(
+        lambda a, b: jnp.where(counts.reshape(-1, *(1,) * (a.ndim - 1)), a, b), first, second
+    )
+
+
+def accelerations(
+    model: SceneArrays, who: Int[Array, " M"], support: Int[Array, " M"]
+) -> Float[Array, "M D"]:
+    """Return gravity of the free spheres, less the normal part for those that rest on walls."""
+    if not model.has_gravity:
+        return jnp.zeros((who.shape[0], model.dimensions), model.dtype)
+    pull = rows_of(model.pull, support + 1)
+    if any(model.fixed):
+        pull = jnp.where((rows_of(model.inverse_mass, who) > 0)[:, None], pull, 0)
+    return pull
+
+
+def at_once(
+    model: SceneArrays, who: Int[Array, " M"], flying: Flying, support: Int[Array, " M"], time: Lane
+) -> tuple[Flying, Float[Array, "M D"]]:
+    """Return spheres in flight at one time, and their accelerations by gravity, and by friction on
+    the walls on which they rest. Accelerated fixed spheres are placed by their motion, regardless
+    of `flying`.
+    """
+    pull, turning = accelerations(model, who, support), flying.turning
+    passed = (time - flying.time)[:, None]
+    if turning is not None:
+        pull = pull + turning.drag
+        turning = turning._replace(spin=turning.spin + turning.twist * passed)
+    velocity = flying.velocity + pull * passed
+    position = flying.position + (flying.velocity + velocity) / 2 * passed
+    if model.shaken:
+        place, rate = model.shaken_at(time)
+        place, rate = (jnp.concatenate([x, jnp.zeros_like(x[:1])]) for x in (place, rate))
+        row = model.shaken_row(who)
+        shakes = (row < len(model.shaken))[:, None]
+        position = jnp.where(shakes, place[row], position)
+        velocity = jnp.where(shakes, rate[row], velocity)
+    return Flying(position, velocity, jnp.broadcast_to(time, flying.time.shape), turning), pull

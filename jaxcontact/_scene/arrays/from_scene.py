@@ -21,7 +21,7 @@ from ..._impact import restitution
 from ..bodies.bodies import AbstractBody, Shell, Sphere
 from ..bodies.motion import AbstractMotion, Along, still
 from ..bodies.scene import Scene
-from .arrays import Numbers, SceneLayout
+from .arrays import SceneArrays, SceneLayout
 from .movers import Movers, Rotation
 
 
@@ -99,9 +99,9 @@ def _together(bodies: Sequence[AbstractBody], which: Sequence[int]) -> AbstractB
     return jax.tree.map(stack, *(bodies[k] for k in which))
 
 
-def scene_numbers(
+def arrays_of(
     parts: SceneInputs, layout: SceneLayout, contacts: bool, soft: bool
-) -> tuple[Numbers, Flag]:
+) -> tuple[SceneArrays, Flag]:
     """Return the numbers of a scene, and whether they are valid.
 
     Invalid law parameters are replaced by valid ones. `contacts`: whether every pair needs a
@@ -129,7 +129,8 @@ def scene_numbers(
     gravity = jnp.zeros(dimensions, dtype) if parts.gravity is None else jnp.asarray(parts.gravity)
     held = jnp.sum(gravity[None] * normal, axis=-1, keepdims=True)
     period = _row([np.ones(()) if p is None else p for p in parts.periodic], dtype)
-    numbers = Numbers(
+    model = SceneArrays(
+        **vars(layout),
         position=position,
         velocity=velocity,
         radius=radius,
@@ -150,9 +151,9 @@ def scene_numbers(
     )
     if parts.frictions is not None:
         sound, frictions = _sound_laws(parts.frictions, dtype)
-        rotation, more = _rotation(parts, layout, numbers, frictions)
-        numbers, valid = dataclasses.replace(numbers, rotation=rotation), valid & sound & more
-    return numbers, valid & _is_sound(numbers, layout, mass)
+        rotation, more = _rotation(parts, model, frictions)
+        model, valid = dataclasses.replace(model, rotation=rotation), valid & sound & more
+    return model, valid & _is_sound(model, mass)
 
 
 def _restitutions(laws: Sequence[Any], known: Sequence[bool], dtype: Any) -> Array:
@@ -161,32 +162,32 @@ def _restitutions(laws: Sequence[Any], known: Sequence[bool], dtype: Any) -> Arr
     return jnp.stack([jnp.asarray(restitution(law) if yes else 0, dtype) for law, yes in pairs])
 
 
-def _is_sound(numbers: Numbers, layout: SceneLayout, mass: Array) -> Flag:
+def _is_sound(model: SceneArrays, mass: Array) -> Flag:
     """Return whether the numbers are finite and within their ranges."""
-    radius, valid = numbers.radius, jnp.asarray(True)
-    rising = [mass, radius[: layout.visible], -radius[layout.visible :]]
-    finite = [numbers.position, numbers.velocity, radius, mass]
-    finite += [numbers.gravity, numbers.period, numbers.normal, numbers.offset]
-    for axis, around in enumerate(layout.periodic):
+    radius, valid = model.radius, jnp.asarray(True)
+    rising = [mass, radius[: model.visible], -radius[model.visible :]]
+    finite = [model.position, model.velocity, radius, mass]
+    finite += [model.gravity, model.period, model.normal, model.offset]
+    for axis, around in enumerate(model.periodic):
         if around:
-            valid = valid & (numbers.period[axis] > 4 * jnp.max(radius))
-    for movers in (numbers.motion, numbers.shaking):
+            valid = valid & (model.period[axis] > 4 * jnp.max(radius))
+    for movers in (model.motion, model.shaking):
         if movers is not None:
             finite += jax.tree.leaves(eqx.filter(movers, eqx.is_inexact_array))
             valid = valid & jnp.all(movers.rate >= 0)
     valid = valid & jnp.all(jnp.isfinite(_flat(finite))) & jnp.all(_flat(rising) > 0)
-    if numbers.stiffness is not None:
-        valid = valid & jnp.all(POSITIVE.holds(numbers.stiffness))
-    if numbers.compliance is not None:
-        valid = valid & jnp.all(numbers.compliance >= 0)
+    if model.stiffness is not None:
+        valid = valid & jnp.all(POSITIVE.holds(model.stiffness))
+    if model.compliance is not None:
+        valid = valid & jnp.all(model.compliance >= 0)
     return valid
 
 
 def _rotation(
-    parts: SceneInputs, layout: SceneLayout, numbers: Numbers, frictions: tuple[Any, ...]
+    parts: SceneInputs, model: SceneArrays, frictions: tuple[Any, ...]
 ) -> tuple[Rotation, Flag]:
     """Return the numbers that only friction needs, and whether they are valid."""
-    dtype, axes, count = parts.dtype, spin_axes(layout.dimensions), layout.spheres
+    dtype, axes, count = parts.dtype, spin_axes(model.dimensions), model.spheres
 
     def of(body: Sphere | Shell) -> tuple[Array, Array, Array]:
         spin, inertia = body.spin, body.inertia
@@ -196,22 +197,22 @@ def _rotation(
             jnp.asarray(inertia is not None),
         )
 
-    spin, given, is_given = _of_curved(parts, layout, of)
-    solid = 2.5 * numbers.inverse_mass[:count] / jnp.square(numbers.radius)
+    spin, given, is_given = _of_curved(parts, model, of)
+    solid = 2.5 * model.inverse_mass[:count] / jnp.square(model.radius)
     turns = jnp.where(is_given, 1 / given, solid)
     shear = None
-    if numbers.compliance is not None:
+    if model.compliance is not None:
 
         def shear_of(body: AbstractBody) -> Any:
             material = body.material
             return jnp.zeros((), dtype) if material is None else material.shear_compliance
 
-        shear = _in_order(parts.bodies, layout.body, [x.each(shear_of) for x in parts.bodies])
+        shear = _in_order(parts.bodies, model.body, [x.each(shear_of) for x in parts.bodies])
     rotation = Rotation(
         spin=spin,
-        inverse_inertia=jnp.concatenate([turns, jnp.zeros(layout.walls, dtype)]),
+        inverse_inertia=jnp.concatenate([turns, jnp.zeros(model.walls, dtype)]),
         shear_compliance=shear,
-        drift=_drift(parts, layout),
+        drift=_drift(parts, model),
         laws=frictions,
     )
     return rotation, jnp.all(jnp.isfinite(spin)) & jnp.all(POSITIVE.holds(given))
@@ -291,9 +292,9 @@ def _velocity(body: Sphere | Shell) -> Any:
     return jnp.zeros_like(body.place) if body.velocity is None else body.velocity
 
 
-def ones_unless(numbers: Numbers, valid: Flag) -> Numbers:
+def ones_unless(model: SceneArrays, valid: Flag) -> SceneArrays:
     """Return the numbers, all replaced by 1 if the scene is not valid."""
-    return jax.tree.map(lambda x: jnp.where(valid, x, jnp.ones_like(x)), numbers)
+    return jax.tree.map(lambda x: jnp.where(valid, x, jnp.ones_like(x)), model)
 
 
 def _precision(scene: Scene) -> Any:

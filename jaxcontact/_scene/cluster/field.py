@@ -1,100 +1,244 @@
-"""The equations of a cluster as a field of coupled contacts. A state is one vector."""
+"""Touching bodies as a field of coupled contacts: m_i a_i = m_i g_i + Σ F_k n_k over its pairs.
+
+A pair k has the indentation δ, along the normal n from the second body to the first,
+
+    δ = d - |x_first - x_second|   (spheres),        δ = d - n·(x_first - x_second)   (a plane),
+
+the rate δ' = -n·(v_first - v_second) and the force F(δ, δ', v0) of its law. Everything is in units
+of a length X, a speed V and a mass m of the cluster. Only the law receives SI quantities. A state
+is one vector.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..._contact import Contact
 from ..._coupled.clock import ContactClock
-from ..._coupled.energies import ends_of
+from ..._coupled.energies import ends_of, in_contact, stored_energy
 from ..._coupled.field import TIME, WORK, AbstractCoupledField, Grip, Look, LoopRules, Settled, W
-from ..._coupled.modes import Flags, Index, Modes, Number, Units
+from ..._coupled.modes import AT_REST, PAUSED, SLOWEST, Flags, Index, Modes, Number, Units
 from ..._coupled.springs import SMALL, SpringMotion, settled_springs
+from ..._functions import ratio, small_product
+from ..._laws import (
+    AbstractLaw,
+    adhesion_below,
+    energies_of,
+    force_of_closed,
+    pressing,
+    shrunk_memory,
+)
 from ..bodies.bodies import side
-from .equations import Geometry, PerBody, PerPair, Pushes, Touching, incidence_of, norm, rest_of
-from .friction import Spins, in_plane, spring_pairs
-from .problem import ClusterProblem, scale_drive
+from .friction import Rub, Spins, SpringPairs, in_plane, spring_pairs
+from .problem import (
+    ClusterPairs,
+    ClusterProblem,
+    Drive,
+    PerBody,
+    PerPair,
+    Rubbed,
+    VectorLayout,
+    norm,
+    scale_drive,
+)
+
+ASLEEP = PAUSED + 1
+"""All bodies are at rest, however they support each other, until the time is up."""
+
+_STILL = 100
+"""The limit of speeds and of relative accelerations at rest, in step tolerances."""
 
 
-class Rubbed(NamedTuple):
-    """The part of a state that friction adds: spins, spring forces, and the energies taken."""
-
-    spin: Spins
-    spring: PerBody
-    taken: PerPair
-
-
-class VectorLayout(NamedTuple):
-    """The layout of a state vector. If no contact `loses` energy it has no `lost` part, and without
-    `axes` of spins none of friction.
+class Geometry(NamedTuple):
+    """The geometry of pairs: indentation, its rate, unit normals, and the turning part of δ''. With
+    friction also the velocities of the centres `across` the normals, and the rates n' of those.
     """
 
-    bodies: int
-    dim: int
-    pairs: int
-    loses: bool
-    axes: int = 0
+    depth: PerPair
+    rate: PerPair
+    normal: Float[Array, "pairs dim"]
+    swirl: PerPair
+    across: Float[Array, "pairs dim"] | None = None
+    turns: Float[Array, "pairs dim"] | None = None
 
-    def pack(
-        self,
-        moved: PerBody,
-        velocity: PerBody,
-        rubbed: Rubbed | None,
-        lost: PerPair,
-        rest: list[Number],
-    ) -> Float[Array, " numbers"]:
-        """Return the state vector; `rest` holds the work, the time and w."""
-        taken = [lost] if self.loses else []
-        turning = []
-        if rubbed is not None:
-            turning = [rubbed.spin.ravel(), rubbed.spring.ravel(), rubbed.taken]
-        return jnp.concatenate([moved.ravel(), velocity.ravel(), *turning, *taken, jnp.stack(rest)])
 
-    def moved(self, y: Array) -> PerBody:
-        return y[: self.bodies * self.dim].reshape(self.bodies, self.dim)
+class Pushes(NamedTuple):
+    """The accelerations of the bodies, the sums of the contact forces on them, and their friction,
+    None without.
+    """
 
-    def velocity(self, y: Array) -> PerBody:
-        m = self.bodies * self.dim
-        return y[m : 2 * m].reshape(self.bodies, self.dim)
-
-    def rubbed(self, y: Array) -> Rubbed | None:
-        if not self.axes:
-            return None
-        first = 2 * self.bodies * self.dim
-        spins, springs = self.bodies * self.axes, self.pairs * self.dim
-        part = y[first : first + spins + springs + self.pairs]
-        spin, spring, taken = jnp.split(part, [spins, spins + springs])
-        spring = spring.reshape(self.pairs, self.dim)
-        return Rubbed(spin.reshape(self.bodies, self.axes), spring, taken)
-
-    def lost(self, y: Array) -> PerPair:
-        if not self.loses:
-            return jnp.zeros(self.pairs, y.dtype)
-        return y[-3 - self.pairs : -3]
+    acceleration: PerBody
+    pushed: PerBody
+    rub: Rub | None
 
 
 @dataclasses.dataclass(frozen=True)
 class ClusterField(AbstractCoupledField):
-    """The equations of a cluster for its state as a vector, up to the time `until`. The velocities
-    of the state are relative to its `frame`; `tolerance` is that of a step.
+    """The equations of a cluster in its units, for its state as a vector, up to the time `until`.
+
+    The velocities of the state are relative to its `frame`; `tolerance` is that of a step. `apart`
+    and `start_depth` belong to the start; `apart` has the signed lengths `start`, and is arbitrary
+    for planes. `incidence` is that of the pairs. `in_line`: whether the bodies are spheres and
+    walls in one dimension, without shells. `friction` is None without it, and `ends` if all
+    contacts end at zero indentation.
     """
 
-    system: Touching
+    law: AbstractLaw
+    contact: Contact
+    units: Units
+    pairs: ClusterPairs
+    apart: Float[Array, "pairs dim"]
+    start: PerPair
+    start_depth: PerPair
+    inverse_mass: Float[Array, " bodies"]
+    acceleration: PerBody
+    drive: Drive | None
+    incidence: Float[Array, "pairs bodies"]
+    friction: SpringPairs | None
+    ends: PerPair | None
+    in_line: bool
     parts: VectorLayout
     rules: LoopRules
     until: Number
-    used: Flags
     frame: PerBody
     tolerance: Number
-    ends: PerPair | None
+
+    @property
+    def used(self) -> Flags:
+        """The pairs that are no blank ones."""
+        return self.pairs.used
+
+    def _between(self, vectors: PerBody) -> Float[Array, "pairs dim"]:
+        """Return the vectors of the first bodies minus those of the second."""
+        return small_product(self.incidence, vectors)
+
+    def geometry_of(self, y: Array) -> Geometry:
+        """Return the geometry of all pairs in a state."""
+        pairs, moved, velocity = self.pairs, self.parts.moved(y), self.parts.velocity(y)
+        both = self._between(jnp.concatenate([moved, velocity], axis=1))
+        dim = moved.shape[1]
+        change, relative = both[:, :dim], both[:, dim:]
+        before = self.apart
+        if self.in_line:
+            # Spheres outside of each other keep their order.
+            normal = jnp.where(pairs.flat[:, None], pairs.normal, jnp.sign(before))
+            rate = -(normal * relative)[:, 0]
+            depth = self.start_depth - (normal * change)[:, 0]
+            return Geometry(depth, rate, normal, jnp.zeros_like(depth))
+        now = before + jnp.where(pairs.flat[:, None], 0, change)
+        length = side(pairs.distance) * norm(now)
+        approached = jnp.sum((2 * before + change) * change, axis=1) / (self.start + length)
+        flat = jnp.sum(pairs.normal * change, axis=1)
+        normal = jnp.where(pairs.flat[:, None], pairs.normal, now / length[:, None])
+        rate = -jnp.sum(normal * relative, axis=1)
+        across = relative + rate[:, None] * normal
+        swirl = jnp.where(pairs.flat, 0, jnp.sum(jnp.square(across), axis=1) / length)
+        depth = self.start_depth - jnp.where(pairs.flat, flat, approached)
+        if self.friction is None:
+            return Geometry(depth, rate, normal, swirl)
+        turns = jnp.where(pairs.flat[:, None], 0, across / length[:, None])
+        return Geometry(depth, rate, normal, swirl, across, turns)
 
     def geometry(self, y: Array, clock: ContactClock) -> Geometry:
         """Return the geometry of all pairs; the leaving pair has the depth of the clock."""
-        at = self.system.geometry(self.parts.moved(y), self.parts.velocity(y))
+        at = self.geometry_of(y)
         return at._replace(depth=jnp.where(clock.leaving, self.left_of(y[W]), at.depth))
+
+    def _at(self, depth: PerPair, rate: PerPair, modes: Modes) -> tuple[Any, ...]:
+        """Return the law and its arguments in SI units."""
+        units = self.units
+        speed = jnp.where(modes.rising, jnp.maximum(rate, 0), modes.latched)
+        speed = jnp.maximum(speed, SLOWEST)
+        depth = in_contact(depth, self.ends)
+        if not self.law.damped:
+            rate = jnp.zeros_like(rate)
+        arguments = (units.length * depth, units.speed * rate, self.contact, units.speed * speed)
+        memory = modes.memory
+        return self.law, *arguments, None if memory is None else units.length * memory
+
+    def whole_force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
+        force = force_of_closed(*self._at(depth, rate, modes)) / self.units.force
+        return jnp.where(modes.closed & self.pairs.used, force, 0)
+
+    def pressing(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
+        return pressing(*self._at(depth, rate, modes))
+
+    def stored(self, depth: PerPair, modes: Modes) -> PerPair:
+        """Return ∫ F(δ, 0) dδ of the closed pairs."""
+        units, speed = self.units, jnp.maximum(modes.latched, SLOWEST)
+        depth = jnp.where(modes.closed & self.pairs.used, units.length * depth, 0)
+        deepest = None if modes.deepest is None else units.length * modes.deepest
+        speed = units.speed * speed
+        return stored_energy(self.law, self.contact, depth, speed, deepest) / units.energy
+
+    def least(self, deepest: PerPair) -> PerPair:
+        """Return the depths below which pairs that unload follow their adhesion."""
+        return adhesion_below(self.law, self.units.length * deepest) / self.units.length
+
+    def shrunk(self, depth: PerPair) -> PerPair:
+        """Return the largest indentations of pairs that close again from there."""
+        return shrunk_memory(self.law, self.units.length * depth) / self.units.length
+
+    def kept(self, deepest: PerPair, modes: Modes) -> PerPair:
+        """Return the energy that pairs with these largest indentations do not return."""
+        units, speed = self.units, self.units.speed * jnp.maximum(modes.latched, SLOWEST)
+        largest = units.length * jnp.maximum(deepest, 0)
+        return energies_of(self.law, largest, self.contact, speed, largest)[1] / units.energy
+
+    def torn(self, modes: Modes) -> PerPair:
+        assert self.ends is not None
+        return self.stored(self.ends, modes)
+
+    def pushes(
+        self,
+        geometry: Geometry,
+        force: PerPair,
+        time: Number,
+        modes: Modes,
+        turning: tuple[Spins, PerBody] | None,
+    ) -> Pushes:
+        """Return the forces on the bodies. `turning` holds spins and spring forces."""
+        forces, rub = force[:, None] * geometry.normal, None
+        if self.friction is not None and turning is not None:
+            spin, spring = turning
+            assert geometry.across is not None
+            along = geometry.normal, geometry.across
+            slip = self.friction.slip(geometry.depth, *along, spin, time)
+            reach = self.friction.reach(self.contact, geometry.depth, geometry.rate)
+            spring = in_plane(spring, geometry.normal)
+            rub = Rub(self.friction.force(spring, slip, force, modes, reach), slip)
+            forces = forces + rub.force
+        pushed = small_product(self.incidence.T, forces)
+        acceleration = self.acceleration + self.inverse_mass[:, None] * pushed
+        if self.drive is not None:
+            swing = jnp.sin(self.drive.rate * time + self.drive.phase)
+            acceleration = acceleration - swing[:, None] * self.drive.strength
+            for user, body in self.drive.own:
+                acceleration = acceleration.at[body].add(user.push(time), mode="drop")
+        return Pushes(acceleration, pushed, rub)
+
+    def second(self, geometry: Geometry, acceleration: PerBody) -> PerPair:
+        """Return δ'' of the pairs."""
+        relative = self._between(acceleration)
+        return -jnp.sum(geometry.normal * relative, axis=1) - geometry.swirl
+
+    def supplied(self, at: Geometry, velocity: PerBody, time: Number, pushes: Pushes) -> Number:
+        """Return the power that weight and prescribed bodies supply."""
+        free = (self.inverse_mass > 0)[:, None]
+        weight = self.acceleration / jnp.where(free, self.inverse_mass[:, None], 1)
+        work = jnp.sum(jnp.where(free, weight, -pushes.pushed) * velocity)
+        if pushes.rub is not None and self.friction is not None:
+            work = work + jnp.sum(pushes.rub.force * self.friction.drift(time, at.normal))
+        return work
+
+    def kinetic(self, velocity: PerBody) -> Number:
+        """Return ½ Σ m v² of the free bodies."""
+        return jnp.sum(ratio(1.0, self.inverse_mass)[:, None] * jnp.square(velocity)) / 2
 
     def _turning(self, y: Array) -> tuple[Spins, PerBody] | None:
         """Return spins and spring forces."""
@@ -104,15 +248,15 @@ class ClusterField(AbstractCoupledField):
     def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:
         """Return d/ds of a state."""
         velocity, at = self.parts.velocity(y), self.geometry(y, clock)
-        turning, system = self._turning(y), self.system
+        turning = self._turning(y)
         force, pace, rubbed = self.force(at.depth, at.rate, modes), 2 * y[W], None
-        pushes = system.pushes(at, force, y[TIME], modes, turning)
-        work, lost = system.supplied(at, velocity, y[TIME], pushes), jnp.zeros_like(force)
-        if system.law.damped:
+        pushes = self.pushes(at, force, y[TIME], modes, turning)
+        work, lost = self.supplied(at, velocity, y[TIME], pushes), jnp.zeros_like(force)
+        if self.law.damped:
             lost = self.power(force, at.depth, at.rate, modes)
         rest = [pace * work, pace, clock.rate(at.rate)]
         if pushes.rub is not None and turning is not None:
-            rub, friction = pushes.rub, system.friction
+            rub, friction = pushes.rub, self.friction
             assert friction is not None
             twist = friction.twist(at.depth, at.normal, rub.force)
             springs = self._spring_motion(at, turning[1], pushes, force, modes).rate
@@ -125,13 +269,13 @@ class ClusterField(AbstractCoupledField):
         self, at: Geometry, spring: PerBody, pushes: Pushes, force: PerPair, modes: Modes
     ) -> SpringMotion:
         """Return the motion of springs, which turn with their planes."""
-        system, rub = self.system, pushes.rub
-        assert system.friction is not None and rub is not None and at.turns is not None
-        second = system.second(at, pushes.acceleration)
+        rub = pushes.rub
+        assert self.friction is not None and rub is not None and at.turns is not None
+        second = self.second(at, pushes.acceleration)
         grows = self.force_slope(modes, (at.depth, at.rate), (at.rate, second))
         spring = in_plane(spring, at.normal)
         depth, limit = (at.depth, at.rate), (force, grows)
-        motion = system.friction.motion(system.contact, spring, rub.slip, depth, limit, modes)
+        motion = self.friction.motion(self.contact, spring, rub.slip, depth, limit, modes)
         tilts = jnp.sum(at.turns * spring, axis=1, keepdims=True)
         return motion._replace(rate=motion.rate - at.normal * tilts)
 
@@ -139,8 +283,8 @@ class ClusterField(AbstractCoupledField):
         """Return the quantities of one state."""
         at, turning = self.geometry(y, clock), self._turning(y)
         force = self.force(at.depth, at.rate, modes)
-        pushes = self.system.pushes(at, force, y[TIME], modes, turning)
-        second, press = self.system.second(at, pushes.acceleration), None
+        pushes = self.pushes(at, force, y[TIME], modes, turning)
+        second, press = self.second(at, pushes.acceleration), None
         if self.rules.fades:
             press = self.pressing(at.depth, at.rate, modes)
         look = Look(at.depth, at.rate, second, force, press=press)
@@ -153,19 +297,19 @@ class ClusterField(AbstractCoupledField):
         self, y: Array, modes: Modes, touches: Flags, changes: Flags, friction: PerPair
     ) -> Settled:
         del friction
-        system, parts, before, rubbed = self.system, self.parts, modes.slide, self.parts.rubbed(y)
-        assert before is not None and rubbed is not None and system.friction is not None
-        at = system.geometry(parts.moved(y), parts.velocity(y))
+        parts, before, rubbed = self.parts, modes.slide, self.parts.rubbed(y)
+        assert before is not None and rubbed is not None and self.friction is not None
+        at = self.geometry_of(y)
         assert at.across is not None
-        units, numbers, contact = system.units, system.friction.numbers, system.contact
-        slip = system.friction.slip(at.depth, at.normal, at.across, rubbed.spin, y[TIME])
+        units, numbers, contact = self.units, self.friction.numbers, self.contact
+        slip = self.friction.slip(at.depth, at.normal, at.across, rubbed.spin, y[TIME])
         limit = numbers.mu * self.force(at.depth, at.rate, modes)
         small = jnp.full_like(at.depth, SMALL)
         stiff = contact.stiffness * (units.length * small) ** contact.exponent
         hardening = units.force * self.force(small, at.rate, modes) / stiff
-        slips = system.friction.slips_at_touch(slip, at.rate, hardening)
+        slips = self.friction.slips_at_touch(slip, at.rate, hardening)
         events = touches, changes, slips
-        reach, spring = system.friction.reach(contact, at.depth, at.rate), rubbed.spring
+        reach, spring = self.friction.reach(contact, at.depth, at.rate), rubbed.spring
         springs, slide = settled_springs(spring, slip, limit, before, events, reach)
         changed = modes.closed & (slide != before) | touches
         rubbed = rubbed._replace(spring=springs)
@@ -177,25 +321,6 @@ class ClusterField(AbstractCoupledField):
         at = self.geometry(y, clock)
         return at.depth, at.rate
 
-    def whole_force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
-        return self.system.whole_force(depth, rate, modes)
-
-    def pressing(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
-        return self.system.pressing(depth, rate, modes)
-
-    def kept(self, deepest: PerPair, modes: Modes) -> PerPair:
-        return self.system.kept(deepest, modes)
-
-    def least(self, deepest: PerPair) -> PerPair:
-        return self.system.least(deepest)
-
-    def shrunk(self, depth: PerPair) -> PerPair:
-        return self.system.shrunk(depth)
-
-    def torn(self, modes: Modes) -> PerPair:
-        assert self.ends is not None
-        return self.system.stored(self.ends, modes)
-
     def lost(self, y: Array) -> PerPair:
         return self.parts.lost(y)
 
@@ -205,21 +330,50 @@ class ClusterField(AbstractCoupledField):
         return self.parts.pack(moved, velocity, self.parts.rubbed(y), lost, rest)
 
     def resting(self, y: Array, toward: Array, pace: Number, now: Look, modes: Modes) -> Index:
+        """Return the kind of rest: AT_REST, ASLEEP or -1.
+
+        AT_REST: each body in contact touches one plane, and δ' and δ'' of the pairs vanish. It can
+        then slide by formula. ASLEEP: bodies support each other and all are at rest.
+        """
         moving = self.parts.velocity(y) + self.frame, self.parts.velocity(toward) / pace
         turning, twist = self.parts.rubbed(y), self.parts.rubbed(toward)
         if turning is not None and twist is not None:
             turns = turning.spin, twist.spin / pace
             speeds, paces = zip(moving, turns, strict=True)
             moving = jnp.concatenate(speeds, axis=1), jnp.concatenate(paces, axis=1)
-        along = now.rate, now.second
-        return rest_of(self.system, modes.closed, along, moving, self.tolerance)
+        pairs, closed = self.pairs, modes.closed & self.pairs.used
+        still = jnp.abs(now.rate) + jnp.abs(now.second) < _STILL * self.tolerance
+        at_rest = jnp.all(still | ~closed)
+        # The weight may be tiny relative to contact accelerations; what it moves is not asleep.
+        speed, pace = moving
+        pull = jax.lax.stop_gradient(self.acceleration)
+        weight = jnp.sqrt(jnp.max(jnp.sum(jnp.square(pull), axis=1)))
+        weight = jnp.where(weight > 0, jnp.minimum(weight, 1), 1)
+        stands = jnp.abs(speed) + jnp.abs(pace) / weight < _STILL * self.tolerance
+        # A cluster with a moving fixed sphere is not asleep, either.
+        fixed = (self.inverse_mass == 0)[:, None]
+        asleep = jnp.all(jnp.where(fixed, jnp.abs(speed) < _STILL * self.tolerance, stands))
+        if self.drive is not None:
+            # A body on a shaking wall is never at rest.
+            shakes = self.drive.shakes
+            shaken = shakes[pairs.first] | shakes[pairs.second]
+            at_rest = at_rest & ~jnp.any(closed & shaken)
+            asleep = asleep & ~jnp.any(self.drive.moves)
+        resting = jnp.where(asleep, ASLEEP, -1)
+        if not (self.law.remembers or self.law.ends_apart):
+            # Bodies that rest on planes are followed by formulas, which know no memory and no neck.
+            bodies = jnp.arange(self.inverse_mass.shape[0])
+            planes = closed[:, None] & (pairs.first[:, None] == bodies[None])
+            on_planes = jnp.all(pairs.flat | ~closed) & jnp.all(jnp.sum(planes, axis=0) <= 1)
+            resting = jnp.where(on_planes, AT_REST, resting)
+        return jnp.where(at_rest, resting, -1)
 
     def energy(self, y: Array, modes: Modes) -> Number:
         """Return the energy of bodies and contacts, plus the losses."""
         velocity = self.parts.velocity(y)
-        depth = self.system.geometry(self.parts.moved(y), velocity).depth
-        energy = self.system.kinetic(velocity) + jnp.sum(self.system.stored(depth, modes))
-        rubbed, friction = self.parts.rubbed(y), self.system.friction
+        depth = self.geometry_of(y).depth
+        energy = self.kinetic(velocity) + jnp.sum(self.stored(depth, modes))
+        rubbed, friction = self.parts.rubbed(y), self.friction
         if rubbed is not None and friction is not None:
             energy = energy + friction.energy(rubbed.spin) + jnp.sum(rubbed.taken)
         return energy + jnp.sum(self.parts.lost(y))
@@ -227,13 +381,19 @@ class ClusterField(AbstractCoupledField):
     def turnover(self, y: Array, modes: Modes) -> Number:
         """Return the sum of all energies without their signs, and those of necks at their ends."""
         velocity = self.parts.velocity(y)
-        stored = self.system.stored(
-            self.system.geometry(self.parts.moved(y), velocity).depth, modes
-        )
+        stored = self.stored(self.geometry_of(y).depth, modes)
         contacts = jnp.abs(stored) + jnp.abs(self.parts.lost(y))
         if self.ends is not None:
             contacts = contacts + self.torn(modes)
-        return self.system.kinetic(velocity) + jnp.sum(contacts)
+        return self.kinetic(velocity) + jnp.sum(contacts)
+
+
+def incidence_of(pairs: ClusterPairs, bodies: int, dtype: Any) -> Float[Array, "pairs bodies"]:
+    """Return 1 at the first body of a pair, -1 at the second."""
+    numbered = jnp.arange(bodies)[None]
+    first, second = pairs.first[:, None] == numbered, pairs.second[:, None] == numbered
+    signs = first.astype(dtype) - second.astype(dtype)
+    return jnp.where(pairs.used[:, None], signs, 0)
 
 
 def field_of(
@@ -253,14 +413,14 @@ def field_of(
         who = pairs.first, pairs.second, pairs.flat
         friction = spring_pairs(problem.friction, units, state.time, who, incidence)
         axes = state.rubbing.spin.shape[1]
-    system = Touching(
+    return ClusterField(
         law=law,
         contact=problem.contact,
         units=units,
         pairs=pairs,
         apart=apart,
         start=side(pairs.distance) * norm(apart),
-        depth=state.indentation / units.length,
+        start_depth=state.indentation / units.length,
         inverse_mass=problem.inverse_mass * units.mass,
         acceleration=jnp.where(free, problem.acceleration, 0) / (units.speed / units.time),
         drive=scale_drive(problem.drive, units),
@@ -268,14 +428,9 @@ def field_of(
         friction=friction,
         ends=ends,
         in_line=in_line,
-    )
-    return ClusterField(
-        system=system,
         parts=VectorLayout(bodies, dim, pairs.used.shape[0], loses, axes),
         rules=rules,
         until=(problem.until - state.time) / units.time,
-        used=pairs.used,
         frame=frame / units.speed,
         tolerance=problem.tolerance,
-        ends=ends,
     )

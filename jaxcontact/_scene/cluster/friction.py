@@ -121,12 +121,7 @@ class SpringPairs(NamedTuple):
         return self.numbers.mu / (contact.exponent * self.numbers.ratio) * changing(depth, rate)
 
     def force(
-        self,
-        spring: Vectors,
-        slip: Vectors,
-        normal: PerContact,
-        modes: Modes,
-        reach: PerContact,
+        self, spring: Vectors, slip: Vectors, normal: PerContact, modes: Modes, reach: PerContact
     ) -> Vectors:
         """Return the friction of the closed pairs with the `normal` forces."""
         assert modes.slide is not None

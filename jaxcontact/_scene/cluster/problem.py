@@ -1,4 +1,4 @@
-"""The input of a coupled solve, its units, and its result."""
+"""A coupled solve as data: its pairs, its state, its input with units, and its result."""
 
 from __future__ import annotations
 
@@ -7,18 +7,124 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from ..._coupled.modes import Flag, Index, Number, Units
+from ..._coupled.modes import Index, Number, Units
 from ..._coupled.rows import rows_of
 from ..._laws import end_of
-from .equations import ClusterPairs, ClusterState, Drive, PerBody
-from .friction import PairFriction
+from ..bodies.bodies import side
+from ..bodies.motion import UserMotion
+from .friction import PairFriction, Rubbing, Spins
+
+PerPair = Float[Array, " pairs"]
+PerBody = Float[Array, "bodies dim"]
+
+
+class ClusterPairs(NamedTuple):
+    """The bodies of a cluster that can touch, in P slots.
+
+    - `first`, `second`: their slots. A plane is a second body without inverse mass, at any of its
+      points.
+    - `distance`: in m at touch. R1 + R2, negative in a shell (see `side`), or the radius for a
+      plane.
+    - `normal` (P, D): of a plane, of unit length, to its free side; arbitrary finite numbers for
+      spheres.
+    - `flat`: whether the second body is a plane.
+    - `used`: False for slots without a pair.
+    - `away` (P, D): the offset in m of the image of the second body; None without periodic axes.
+    """
+
+    first: Int[Array, " pairs"]
+    second: Int[Array, " pairs"]
+    distance: PerPair
+    normal: Float[Array, "pairs dim"]
+    flat: Bool[Array, " pairs"]
+    used: Bool[Array, " pairs"]
+    away: Float[Array, "pairs dim"] | None = None
+
+    def between(self, position: PerBody) -> Float[Array, "pairs dim"]:
+        """Return the vectors from the second bodies to the first."""
+        apart = rows_of(position, self.first) - rows_of(position, self.second)
+        return apart if self.away is None else apart - self.away
+
+    def gaps(
+        self, apart: Float[Array, "pairs dim"], relative: Float[Array, "pairs dim"]
+    ) -> tuple[PerPair, PerPair]:
+        """Return the gaps in m, and the rates at which they open. `apart` is as from `between`, and
+        `relative` is its rate.
+        """
+        between = jnp.where(self.flat[:, None] | ~self.used[:, None], 1, apart)
+        length = side(self.distance) * norm(between)
+        height = jnp.sum(apart * self.normal, axis=1)
+        rises = jnp.sum(relative * self.normal, axis=1)
+        along = jnp.sum(between * relative, axis=1) / length
+        gap = jnp.where(self.flat, height, length) - self.distance
+        return gap, jnp.where(self.flat, rises, along)
+
+
+class Drive(NamedTuple):
+    """The accelerations -a sin(ω t + φ) of prescribed bodies, with t from the start.
+
+    `strength` is a (M, D), `rate` ω and `phase` φ are (M,). `moves` and `shakes` (M,) mark bodies
+    that move and that are accelerated. `own` holds users' functions, each with the number of the
+    body that it accelerates, M or larger for an absent one.
+    """
+
+    strength: Float[Array, "bodies dim"]
+    rate: Float[Array, " bodies"]
+    phase: Float[Array, " bodies"]
+    moves: Bool[Array, " bodies"]
+    shakes: Bool[Array, " bodies"]
+    own: tuple[tuple[UserMotion, Index | int], ...]
+
+
+class ClusterState(NamedTuple):
+    """The state of a cluster in SI units, from which a solve can continue.
+
+    `time` is in s; `position` and `velocity` are (M, D). Each pair has an `indentation` δ in m,
+    negative if open. The solve continues from it, since differences of positions have fewer digits.
+    `closed`: whether the pair is in contact. `rising`: whether its v0 still follows δ'; `latched`
+    is that v0 in m/s. `since` in s is the last touch, and `force_until` the end of the force since
+    then, where the bodies part with `parting` in m/s; `since` itself while the force acts.
+    `max_force` and the energy `lost` are those since that touch. `rubbing` is None without
+    friction. `deepest` in m is the largest indentation of a pair that unloads, 0 for one that
+    loads; None unless forces depend on it.
+    """
+
+    time: Number
+    position: PerBody
+    velocity: PerBody
+    indentation: PerPair
+    closed: Bool[Array, " pairs"]
+    rising: Bool[Array, " pairs"]
+    latched: PerPair
+    since: PerPair
+    force_until: PerPair
+    parting: PerPair
+    max_force: PerPair
+    lost: PerPair
+    rubbing: Rubbing | None = None
+    deepest: PerPair | None = None
+
+
+def norm(vectors: Float[Array, "pairs dim"]) -> PerPair:
+    return jnp.sqrt(jnp.sum(jnp.square(vectors), axis=1))
 
 
 class ClusterProblem(NamedTuple):
     """A cluster with its start, in SI units; differentiable with respect to every float.
-    `to_the_end`: whether the solve continues at rest.
+
+    - `law`, `contact`: the law, and effective masses and stiffnesses; scalars or one number a pair.
+    - `pairs`: the pairs that can touch.
+    - `inverse_mass`: in 1/kg, 0 for fixed and prescribed bodies, which keep their velocity.
+    - `acceleration`: of each body by gravity, in m/s².
+    - `state`, `until`: the start, and the end time in s.
+    - `tolerance`: bounds the error of velocities relative to the speeds in the cluster; at least
+      1e-5 in float32. In the solve it is that of a step.
+    - `drive`: the accelerations of prescribed bodies; None if there are none.
+    - `to_the_end`: whether the solve continues at rest.
+    - `friction`: the numbers of friction, with a state that holds its springs; None without.
+    - `floor`: the least v0 in m/s, which follows from its rule.
     """
 
     law: Any
@@ -28,11 +134,11 @@ class ClusterProblem(NamedTuple):
     acceleration: PerBody
     state: ClusterState
     until: Number
-    tolerance: Number
-    floor: Number
-    drive: Drive | None
-    to_the_end: Flag
+    tolerance: Any
+    drive: Drive | None = None
+    to_the_end: Any = False
     friction: PairFriction | None = None
+    floor: Any = 0.0
 
 
 class ClusterEnd(NamedTuple):
@@ -92,3 +198,60 @@ def scale_drive(drive: Drive | None, units: Units) -> Drive | None:
         rate=drive.rate * units.time,
         own=tuple(users),
     )
+
+
+class Rubbed(NamedTuple):
+    """The part of a state that friction adds: spins, spring forces, and the energies taken."""
+
+    spin: Spins
+    spring: PerBody
+    taken: PerPair
+
+
+class VectorLayout(NamedTuple):
+    """The layout of a state vector. If no contact `loses` energy it has no `lost` part, and without
+    `axes` of spins none of friction.
+    """
+
+    bodies: int
+    dim: int
+    pairs: int
+    loses: bool
+    axes: int = 0
+
+    def pack(
+        self,
+        moved: PerBody,
+        velocity: PerBody,
+        rubbed: Rubbed | None,
+        lost: PerPair,
+        rest: list[Number],
+    ) -> Float[Array, " numbers"]:
+        """Return the state vector; `rest` holds the work, the time and w."""
+        taken = [lost] if self.loses else []
+        turning = []
+        if rubbed is not None:
+            turning = [rubbed.spin.ravel(), rubbed.spring.ravel(), rubbed.taken]
+        return jnp.concatenate([moved.ravel(), velocity.ravel(), *turning, *taken, jnp.stack(rest)])
+
+    def moved(self, y: Array) -> PerBody:
+        return y[: self.bodies * self.dim].reshape(self.bodies, self.dim)
+
+    def velocity(self, y: Array) -> PerBody:
+        m = self.bodies * self.dim
+        return y[m : 2 * m].reshape(self.bodies, self.dim)
+
+    def rubbed(self, y: Array) -> Rubbed | None:
+        if not self.axes:
+            return None
+        first = 2 * self.bodies * self.dim
+        spins, springs = self.bodies * self.axes, self.pairs * self.dim
+        part = y[first : first + spins + springs + self.pairs]
+        spin, spring, taken = jnp.split(part, [spins, spins + springs])
+        spring = spring.reshape(self.pairs, self.dim)
+        return Rubbed(spin.reshape(self.bodies, self.axes), spring, taken)
+
+    def lost(self, y: Array) -> PerPair:
+        if not self.loses:
+            return jnp.zeros(self.pairs, y.dtype)
+        return y[-3 - self.pairs : -3]

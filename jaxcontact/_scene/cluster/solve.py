@@ -10,23 +10,28 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
-from ..._contact import Contact
 from ..._coupled.carry import SIZES, Carry, CoupledSolve
 from ..._coupled.clock import ContactClock
 from ..._coupled.energies import attracts
 from ..._coupled.field import TIME, WORK, LoopRules
 from ..._coupled.loop import CoupledStart, first_carry, run_to_end, status_of
-from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Flag, Modes, Number, least_v0
+from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Modes, least_v0
 from ..._coupled.rows import rows_of
 from ..._functions import moving, ratio
 from ..._impact.derivatives import with_sensitivity
-from ..._laws import AbstractLaw
-from .equations import ASLEEP, ClusterPairs, ClusterState, Drive, PerBody
-from .field import ClusterField, Rubbed, field_of
-from .friction import PairFriction, Rubbing
-from .problem import ClusterEnd, ClusterProblem, units_of
+from .field import ASLEEP, ClusterField, field_of
+from .friction import Rubbing
+from .problem import (
+    ClusterEnd,
+    ClusterPairs,
+    ClusterProblem,
+    ClusterState,
+    PerBody,
+    Rubbed,
+    units_of,
+)
 
 _stop = jax.lax.stop_gradient
 
@@ -41,7 +46,7 @@ class _ClusterSolve(CoupledSolve):
 
 
 def solve_cluster(problem: ClusterProblem, rules: LoopRules, in_line: bool) -> ClusterEnd:
-    """Solve a cluster from its state to its end. `in_line`: see `Touching`."""
+    """Solve a cluster from its state to its end. `in_line`: see `ClusterField`."""
     free = (problem.inverse_mass > 0)[:, None]
     velocity = problem.state.velocity
     frame = jnp.sum(jnp.where(free, _stop(velocity), 0), axis=0, keepdims=True)
@@ -106,7 +111,7 @@ def _state_at(solve: _ClusterSolve, end: Carry) -> tuple[ClusterState, Array]:
     """Return the final state of a solve in SI units, and its status."""
     problem, units, parts, frame = solve.problem, solve.units, solve.field.parts, solve.frame
     state, free = problem.state, (problem.inverse_mass > 0)[:, None]
-    at = solve.field.system.geometry(parts.moved(end.y), parts.velocity(end.y))
+    at = solve.field.geometry_of(end.y)
     done = ClusterState(
         time=state.time + units.time * end.y[TIME],
         position=state.position
@@ -155,7 +160,8 @@ def _assess(
     """Return the end with its work and its error estimate, which determines convergence."""
     problem, units, tolerance = solve.problem, solve.units, solve.problem.tolerance
     # The energies at both ends; those of finished contacts are not in the state.
-    field = dataclasses.replace(solve.field, system=_stop(solve.field.system))
+    numbers, static = eqx.partition(vars(solve.field), eqx.is_array)
+    field = dataclasses.replace(solve.field, **eqx.combine(_stop(numbers), static))
     begun, last = _stop((first, end))
     ends = ((c.y, c.modes) for c in (begun, last))
     both = jax.tree.map(lambda *ends: jnp.stack(ends), *ends)
@@ -183,71 +189,44 @@ MOST_STEPS = 4096
 
 
 def cluster(
-    law: AbstractLaw,
-    contact: Contact,
-    pairs: ClusterPairs,
-    inverse_mass: Float[Array, " bodies"],
-    acceleration: PerBody,
-    state: ClusterState,
-    until: Number,
+    problem: ClusterProblem,
     *,
-    rtol: float | Number,
     v0: str | float = "peak",
     until_change: bool = False,
-    drive: Drive | None = None,
     in_line: bool = False,
-    friction: PairFriction | None = None,
-    to_the_end: Flag | bool = False,
     max_steps: int = MOST_STEPS,
 ) -> ClusterEnd:
-    """Follow a cluster of touching bodies until all its pairs are open, or until a time in s.
+    """Follow a cluster of touching bodies until all its pairs are open, or until its end time.
 
-    - `law`, `contact`: the law, and effective masses and stiffnesses; scalars or one number a pair.
-    - `pairs`: the pairs that can touch.
-    - `inverse_mass`: in 1/kg, 0 for fixed and prescribed bodies, which keep their velocity.
-    - `acceleration`: of each body by gravity, in m/s².
-    - `state`, `until`: the start, and the end time in s.
-    - `rtol`: bounds the error of velocities relative to the speeds in the cluster; at least 1e-5 in
-      float32.
     - `v0`: "peak", the largest closing speed since touch; "touch", the speed at touch; a number,
       the least speed at touch in m/s.
     - `until_change`: if True, the solve also ends if a pair touches or opens.
-    - `drive`: the accelerations of prescribed bodies; None if there are none.
     - `in_line`: if True, a shorter computation in one dimension without shells is used.
-    - `friction`: the numbers of friction, with a state that holds its springs; None without.
-    - `to_the_end`: if True, the solve continues at rest.
 
     One lane; batch with `vmap`. Differentiable in both modes: the solve carries the sensitivities
     to all varying numbers. Nothing is raised; see `ClusterEnd.status`.
     """
-    dtype = state.position.dtype
-    pairs_shape = pairs.used.shape
+    state, dtype = problem.state, problem.state.position.dtype
 
     def per_pair(leaf: Any) -> Any:
-        return jnp.broadcast_to(jnp.asarray(leaf, dtype), pairs_shape)
+        return jnp.broadcast_to(jnp.asarray(leaf, dtype), problem.pairs.used.shape)
 
-    law, contact = jax.tree.map(per_pair, (law, contact))
+    law, contact = jax.tree.map(per_pair, (problem.law, problem.contact))
     finest = 20 * float(jnp.finfo(dtype).eps)
-    tolerance = jnp.maximum(jnp.asarray(rtol, dtype) / 100, finest)
-    problem = ClusterProblem(
+    tolerance = jnp.maximum(jnp.asarray(problem.tolerance, dtype) / 100, finest)
+    problem = problem._replace(
         law=law,
         contact=contact,
-        pairs=pairs,
-        inverse_mass=inverse_mass,
-        acceleration=acceleration,
-        state=state,
-        until=jnp.asarray(until, dtype),
-        tolerance=jax.lax.stop_gradient(tolerance),
+        until=jnp.asarray(problem.until, dtype),
+        tolerance=_stop(tolerance),
+        to_the_end=jnp.asarray(problem.to_the_end),
         floor=jnp.asarray(least_v0(v0), dtype),
-        drive=drive,
-        to_the_end=jnp.asarray(to_the_end),
-        friction=friction,
     )
     rules = LoopRules(
         v0 == "peak",
         until_change,
         max_steps,
-        sticks=friction is not None,
+        sticks=problem.friction is not None,
         remembers=law.remembers,
         forgets=law.forgets,
         fades=law.fades,

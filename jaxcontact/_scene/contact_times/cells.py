@@ -25,9 +25,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.modes import Flag, Index
 from ..._program import quick
-from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.arrays import SceneArrays, SceneLayout
 from ..result import traced
-from .closed_form import wall_time
+from .touch import wall_time
 
 SKIN = 1 / 16
 """The distance beyond the faces of its cell that a sphere may go, in widths of the cell."""
@@ -77,17 +77,15 @@ class Cells(eqx.Module):
     full: Flag
 
 
-def lattice_of(
-    layout: SceneLayout, numbers: Numbers, grid: CellGrid, position: Float[Array, "N D"]
-) -> Lattice:
+def lattice_of(model: SceneArrays, grid: CellGrid, position: Float[Array, "N D"]) -> Lattice:
     """Return cells around the spheres, as wide as the filling of the grid requires."""
-    position = position[: layout.visible]
-    cut, periodic = jnp.asarray(grid.axes), jnp.asarray(layout.periodic)
-    least = CLEAR * 2 * jnp.max(numbers.radius) / (1 - 2 * SKIN)
+    position = position[: model.visible]
+    cut, periodic = jnp.asarray(grid.axes), jnp.asarray(model.periodic)
+    least = CLEAR * 2 * jnp.max(model.radius) / (1 - 2 * SKIN)
     low, high = jnp.min(position, axis=0), jnp.max(position, axis=0)
-    length = jnp.where(periodic, numbers.period, high - low)
+    length = jnp.where(periodic, model.period, high - low)
     length = jnp.where(cut, jnp.maximum(length, least), 1)
-    volume = jnp.prod(length) * (grid.filling / layout.visible)
+    volume = jnp.prod(length) * (grid.filling / model.visible)
     width = jnp.maximum(least, volume ** (1 / max(sum(grid.axes), 1)))
     # An invalid scene may have NaN here. The count is limited to the number of cells.
     ratio = jnp.clip(length / width, 1, grid.cells)
@@ -131,14 +129,12 @@ def row_of(
     return row
 
 
-def fill_cells(
-    layout: SceneLayout, numbers: Numbers, grid: CellGrid, position: Float[Array, "N D"]
-) -> Cells:
+def fill_cells(model: SceneArrays, grid: CellGrid, position: Float[Array, "N D"]) -> Cells:
     """Return all spheres in their cells; shells are in none."""
-    count = layout.visible
-    lattice = lattice_of(layout, numbers, grid, position)
-    cell = cells_of(lattice, layout, position)
-    row = jnp.where(lattice.fits, row_of(lattice, layout, grid, cell[:count]), 0)
+    count = model.visible
+    lattice = lattice_of(model, grid, position)
+    cell = cells_of(lattice, model, position)
+    row = jnp.where(lattice.fits, row_of(lattice, model, grid, cell[:count]), 0)
     order = jnp.argsort(row, stable=True)
     ranked = row[order]
     place = jnp.arange(count) - jnp.searchsorted(ranked, ranked, side="left").astype(int)
@@ -255,10 +251,7 @@ _BLOCK = 4
 
 
 def grid_of(
-    layout: SceneLayout,
-    numbers: Numbers,
-    position: Array | None = None,
-    full: CellGrid | None = None,
+    model: SceneArrays, position: Array | None = None, full: CellGrid | None = None
 ) -> CellGrid | None:
     """Return cells for spheres at their positions, by default those at the start.
 
@@ -266,30 +259,30 @@ def grid_of(
     hold too many. After `full` cells there is more room. With traced numbers equal spheres that
     fill a space evenly are assumed.
     """
-    position = numbers.position if position is None else position
-    count, dimensions = layout.visible, layout.dimensions
+    position = model.position if position is None else position
+    count, dimensions = model.visible, model.dimensions
     if count < MANY:
         return None
     cut = (True,) * dimensions
-    if traced((numbers.radius, numbers.period, position)):
+    if traced((model.radius, model.period, position)):
         filling = FILLING[dimensions]
         cells = _power_of_two(2**dimensions * count / filling)
-        return _worth(layout, CellGrid(cut, cells, _blocks(4 * filling + 4), filling))
-    least = np.where(layout.periodic, AROUND, 3)
+        return _worth(model, CellGrid(cut, cells, _blocks(4 * filling + 4), filling))
+    least = np.where(model.periodic, AROUND, 3)
     while any(cut):
         grid = CellGrid(cut, 2**30, 0, FILLING[sum(cut)])
-        lattice = _lattice_of(layout, numbers, grid, position)
+        lattice = _lattice_of(model, grid, position)
         enough = np.asarray(lattice.number) >= least
         if np.all(enough | ~np.array(cut)):
             break
         cut = tuple(bool(x) for x in enough & np.array(cut))
     else:
         return None
-    row = np.asarray(_rows_of(lattice, layout, grid, position))[:count]
+    row = np.asarray(_rows_of(lattice, model, grid, position))[:count]
     most = int(np.max(np.bincount(row)))
     width = np.asarray(lattice.width)[np.array(cut)] * (1 + 2 * SKIN)
     density, volume = _DENSEST[sum(cut)]
-    diameter = 2 * float(np.min(np.asarray(numbers.radius)[:count]))
+    diameter = 2 * float(np.min(np.asarray(model.radius)[:count]))
     packed = density * float(np.prod(width + diameter)) / (volume * diameter ** sum(cut))
     if sum(cut) < dimensions:
         packed = math.inf
@@ -298,7 +291,7 @@ def grid_of(
     if full is not None and full.axes == cut:
         # No smaller than before, so that the programs can be reused.
         cells, capacity = max(cells, full.cells), max(capacity, full.capacity)
-    return _worth(layout, CellGrid(cut, cells, capacity, FILLING[sum(cut)]))
+    return _worth(model, CellGrid(cut, cells, capacity, FILLING[sum(cut)]))
 
 
 _lattice_of = quick(lattice_of)

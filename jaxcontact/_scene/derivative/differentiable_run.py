@@ -16,15 +16,15 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from ..._program import Found, Map, derived, outside, quick, traced
-from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.arrays import SceneArrays
 from ..engine.log import LogNumbers, LoopOutcome, RunRecord
 from ..engine.state import Rules
 from ..result import SolvedBy
 from .replay import chain_matrices, push_tangents
 from .slopes import Kept, Matrices, matrices
 
-RunInputs = tuple[SceneLayout, Numbers, Array, Array, Array]
-"""The scene, its numbers, their validity, the end time, and the tolerance."""
+RunInputs = tuple[SceneArrays, Array, Array, Array]
+"""The scene, its validity, the end time, and the tolerance."""
 
 
 def differentiable_run(
@@ -32,7 +32,7 @@ def differentiable_run(
     inputs: RunInputs,
     from_python: Callable[[RunInputs], tuple[Rules, LoopOutcome]],
     at_once: Callable[[RunInputs], LoopOutcome],
-) -> tuple[Rules, Numbers, LoopOutcome]:
+) -> tuple[Rules, SceneArrays, LoopOutcome]:
     """Return the final rules of a run, the numbers of its scene, and its outcome. The numbers are
     those given. They are returned with the log, so that cotangents of both are added within the
     program that transposes the rows.
@@ -40,7 +40,7 @@ def differentiable_run(
     beneath = traced(inputs)
 
     def find(is_traced: bool, inputs: RunInputs) -> Found:
-        arrays = eqx.filter(inputs[1], eqx.is_array)
+        arrays = eqx.filter(inputs[0], eqx.is_array)
         if is_traced:
             return Found((arrays, at_once(inputs)), None)
         rules, outcome = from_python(inputs)
@@ -49,11 +49,13 @@ def differentiable_run(
         return Found((arrays, outcome), (rules, _is_by_formula(outcome)))
 
     def record_of(scene: RunInputs, found: Found) -> RunRecord:
-        layout, numbers, _, last, tolerance = scene
+        model, _, last, tolerance = scene
         ended = rules if found.choice is None else found.choice[0]
-        return RunRecord(layout, numbers, ended, tolerance, found.value[1], last, last)
+        return RunRecord(model, ended, tolerance, found.value[1], last, last)
 
-    def changes(record: RunRecord, moved: Numbers, figures: LogNumbers) -> tuple[Any, LoopOutcome]:
+    def changes(
+        record: RunRecord, moved: SceneArrays, figures: LogNumbers
+    ) -> tuple[Any, LoopOutcome]:
         still: LoopOutcome = jax.tree.map(lambda _: None, record.outcome)
         return moved, still._replace(log=still.log._replace(figures=figures))
 
@@ -66,18 +68,20 @@ def differentiable_run(
         data, static = eqx.partition(chained, eqx.is_array)
         leaves, structure = jax.tree.flatten(static)
         map = Map(_chain, (tuple(leaves), structure))
-        like = eqx.filter(record.numbers, eqx.is_inexact_array), record.log.figures
-        return lambda along: changes(record, *map(data, along[1], like))
+        like = eqx.filter(record.model, eqx.is_inexact_array), record.log.figures
+        return lambda along: changes(record, *map(data, along[0], like))
 
-    def along_with(scene: RunInputs, found: Found, along: RunInputs) -> tuple[Numbers, LoopOutcome]:
+    def along_with(
+        scene: RunInputs, found: Found, along: RunInputs
+    ) -> tuple[SceneArrays, LoopOutcome]:
         record = record_of(scene, found)
-        moved = _whole(along[1], record.numbers)
+        moved = _whole(along[0], record.model)
         return changes(record, moved, _pushed(record, moved))
 
     found = outside(find, slopes, along_with, inputs)
     arrays, outcome = found.value
-    numbers = eqx.combine(arrays, inputs[1])
-    return rules if found.choice is None else found.choice[0], numbers, outcome
+    model = eqx.combine(arrays, inputs[0])
+    return rules if found.choice is None else found.choice[0], model, outcome
 
 
 _pushed = eqx.filter_jit(push_tangents)
@@ -134,14 +138,14 @@ def _matrices(choice: None, by_formula: bool, *inputs: Any) -> Matrices:
     return matrices(*inputs, by_formula=by_formula)
 
 
-def _chain(static: Any, data: Any, along: Numbers) -> tuple[Numbers, LogNumbers]:
+def _chain(static: Any, data: Any, along: SceneArrays) -> tuple[SceneArrays, LogNumbers]:
     leaves, structure = static
     record, matrices = eqx.combine(data, jax.tree.unflatten(structure, leaves))
-    along = _whole(along, record.numbers)
+    along = _whole(along, record.model)
     return along, chain_matrices(record, matrices, along)
 
 
-def _whole(along: Numbers, numbers: Numbers) -> Numbers:
+def _whole(along: SceneArrays, model: SceneArrays) -> SceneArrays:
     """Return tangents with zeros in place of None."""
-    floats = eqx.filter(numbers, eqx.is_inexact_array)
+    floats = eqx.filter(model, eqx.is_inexact_array)
     return eqx.combine(along, jax.tree.map(jnp.zeros_like, floats))

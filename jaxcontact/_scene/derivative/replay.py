@@ -18,13 +18,13 @@ from jaxtyping import Array, Int
 
 from ..._coupled.modes import Flag, Index
 from ..._coupled.rows import rows_of, with_rows
-from ..arrays.arrays import Numbers
-from ..arrays.flight import Flying, where_each
-from ..cluster.equations import ClusterState
-from ..engine.cluster_slots import index_of, rearrange, slot_pairs
+from ..arrays.arrays import Flying, SceneArrays, where_each
+from ..cluster.problem import ClusterState
 from ..engine.log import ClusterNumbers, LogDecisions, LogNumbers, RunRecord
+from ..engine.rest import flying_at_start
+from ..engine.slots import rearrange, slot_pairs
+from ..engine.state import index_of
 from ..pair_impact.instantaneous import ImpactOutcome
-from ..pair_impact.rolling import flying_at_start
 from .slopes import Done, Entering, Matrices, flat, row_function, row_numbers, two_of, unflat
 
 
@@ -41,9 +41,9 @@ _Way = Callable[[_ReplayedRow, Any], Any]
 """A map of the tangents before a row to those of its outcome."""
 
 
-def push_tangents(record: RunRecord, along: Numbers) -> LogNumbers:
+def push_tangents(record: RunRecord, along: SceneArrays) -> LogNumbers:
     """Return the tangents of the figures; each row is solved again for its own."""
-    leaves, rest = eqx.partition(record.numbers, eqx.is_inexact_array)
+    leaves, rest = eqx.partition(record.model, eqx.is_inexact_array)
 
     def way(is_call: bool) -> _Way:
         def moved(row: _ReplayedRow, entering: Any) -> Any:
@@ -61,19 +61,18 @@ def push_tangents(record: RunRecord, along: Numbers) -> LogNumbers:
     return _chain(record, along, way(False), way(True) if has_calls else None, slot)
 
 
-def chain_matrices(record: RunRecord, matrices: Matrices, along: Numbers) -> LogNumbers:
+def chain_matrices(record: RunRecord, matrices: Matrices, along: SceneArrays) -> LogNumbers:
     """Return the tangents of the figures by the matrices of the rows."""
-    layout = record.layout
 
     def hit(row: _ReplayedRow, before: Flying) -> ImpactOutcome:
         assert matrices.hits is not None
-        start = flat((row_numbers(layout, along, two_of(layout, row.facts)), before))
+        start = flat((row_numbers(along, two_of(along, row.facts)), before))
         return unflat(matrices.hits[row.slot] @ start, row.values.outcome)
 
     def coupled(row: _ReplayedRow, entering: Entering) -> Done:
         called, at = row.facts.call, row.values.coupled
         assert matrices.calls is not None and called is not None and at is not None
-        start = flat((row_numbers(layout, along, index_of(layout, called.decided.seats)), entering))
+        start = flat((row_numbers(along, index_of(along, called.decided.slots)), entering))
         place = entering.spheres.position
         like = Done(at.began, at.end, at.work, place, at.turning, at.rubbed)
         return unflat(matrices.calls[row.slot] @ start, like)
@@ -91,18 +90,22 @@ class _Tangents(NamedTuple):
 
 
 def _chain(
-    record: RunRecord, along: Numbers, hit: _Way | None, call: _Way | None, slot: Int[Array, " K"]
+    record: RunRecord,
+    along: SceneArrays,
+    hit: _Way | None,
+    call: _Way | None,
+    slot: Int[Array, " K"],
 ) -> LogNumbers:
     """Return the tangents of the figures by the maps of isolated impacts and of calls; None if
     there are no such rows.
     """
-    layout, members = record.layout, record.rules.members
+    model, size = record.model, record.rules.slots
 
     def impact(carry: _Tangents, row: _ReplayedRow) -> tuple[_Tangents, LogNumbers]:
         assert hit is not None
         values, facts, counts, _ = row
-        first, second = facts.choice.first, jnp.minimum(facts.choice.second, layout.spheres - 1)
-        is_sphere = facts.choice.second < layout.spheres
+        first, second = facts.choice.first, jnp.minimum(facts.choice.second, model.spheres - 1)
+        is_sphere = facts.choice.second < model.spheres
         who = jnp.stack([first, jnp.where(is_sphere, second, first)])
         before = rows_of(carry.spheres, who)
         outcome, before = jax.tree.map(
@@ -110,7 +113,7 @@ def _chain(
         )
 
         rows = jnp.stack([counts, counts & is_sphere])
-        rows = jnp.where(rows, who, layout.spheres + jnp.arange(2))
+        rows = jnp.where(rows, who, model.spheres + jnp.arange(2))
         moved = with_rows(carry.spheres, rows, outcome.after)
         together = jax.tree.map(jnp.zeros_like, values.coupled)
         return carry._replace(spheres=moved), LogNumbers(before, outcome, together)
@@ -119,18 +122,18 @@ def _chain(
         assert call is not None and carry.coupled is not None
         called, values, at = row.facts.call, row.values, row.values.coupled
         assert called is not None and at is not None
-        seats = called.decided.seats
-        who, index = jnp.minimum(seats.who, layout.spheres - 1), index_of(layout, seats)
+        slots = called.decided.slots
+        who, index = jnp.minimum(slots.who, model.spheres - 1), index_of(model, slots)
         # In the slots of this call; before it they may have held other bodies.
-        before = rearrange(carry.coupled, called.decided.change, members)
+        before = rearrange(carry.coupled, called.decided.change)
         spheres, held = rows_of((carry.spheres, carry.held), who)
         done = call(row, Entering(spheres, held, before))
         began, end, work = done.began, done.end, done.work
 
-        time, velocity = jnp.broadcast_to(end.time, (members,)), end.velocity[:members]
+        time, velocity = jnp.broadcast_to(end.time, (size,)), end.velocity[:size]
         after = Flying(done.place, velocity, time, done.turning)
-        first, second = slot_pairs(layout, members)
-        on_wall = (at.end.closed > 0.5) & (second >= members) & called.rest
+        first, second = slot_pairs(model, size)
+        on_wall = (at.end.closed > 0.5) & (second >= size) & called.rest
         latched = jnp.zeros_like(held).at[first].add(jnp.where(on_wall, end.latched, 0))
         nothing = jax.tree.map(jnp.zeros_like, values)
         figures = nothing._replace(
@@ -158,20 +161,20 @@ def _chain(
     return jax.lax.scan(pass_row, _initial_tangents(record, along), rows)[1]
 
 
-def _initial_tangents(record: RunRecord, along: Numbers) -> _Tangents:
-    layout, numbers, log = record.layout, record.numbers, record.log
-    leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
+def _initial_tangents(record: RunRecord, along: SceneArrays) -> _Tangents:
+    model, log = record.model, record.log
+    leaves, rest = eqx.partition(model, eqx.is_inexact_array)
 
     def begun(leaves: Any) -> Flying:
-        return flying_at_start(layout, eqx.combine(leaves, rest))
+        return flying_at_start(eqx.combine(leaves, rest))
 
     start = jax.jvp(begun, (leaves,), (along,))[1]
-    held = jnp.zeros(layout.spheres, along.position.dtype)
+    held = jnp.zeros(model.spheres, along.position.dtype)
     coupled = None
     if log.figures.coupled is not None:
         coupled = jax.tree.map(lambda x: jnp.zeros_like(x[0]), log.figures.coupled.end)
-    if numbers.start is not None and along.start is not None:
-        underway, moves = numbers.start.underway, along.start.underway
+    if model.start is not None and along.start is not None:
+        underway, moves = model.start.underway, along.start.underway
         if underway is not None and moves is not None:
             led = Flying(moves.position, moves.velocity, moves.time, moves.turning)
             start = where_each(underway.counts, led, start)

@@ -17,18 +17,17 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.modes import Flag
 from ..._coupled.rows import rows_of
-from ..arrays.arrays import Numbers, SceneLayout
-from ..arrays.flight import Flying
+from ..arrays.arrays import Flying, SceneArrays, SceneLayout
 from ..arrays.movers import Turning
-from ..cluster.equations import ClusterState
+from ..cluster.problem import ClusterState
 from ..cluster.solve import MOST_STEPS
-from ..engine.cluster_slots import in_place, index_of, slot_pairs
-from ..engine.coupled import as_flags, as_numbers, call, walls_under, work_of_walls
-from ..engine.event_queue import in_branch
-from ..engine.log import LogDecisions, LogNumbers, RunRecord
-from ..engine.rest_on_walls import rest_on_walls
+from ..engine.coupled import call, walls_under, work_of_walls
+from ..engine.log import LogDecisions, LogNumbers, RunRecord, as_flags, as_numbers
+from ..engine.rest import or_roll, rest_on_walls, with_friction_at_rest
+from ..engine.search import in_branch
+from ..engine.slots import in_place, slot_pairs
+from ..engine.state import index_of
 from ..pair_impact.instantaneous import ImpactOutcome, hit, two_that_meet
-from ..pair_impact.rolling import or_roll, with_friction_at_rest
 from ..pair_impact.soft import soft
 
 
@@ -60,47 +59,47 @@ def row_function(
     counts: Flag,
     is_call: bool,
     by_formula: bool = False,
-) -> tuple[Callable[[Numbers, Any], Any], Any, Int[Array, " M"]]:
+) -> tuple[Callable[[SceneArrays, Any], Any], Any, Int[Array, " M"]]:
     """Return a row as a function of the numbers of the scene and of its input; this input, and the
     spheres of the row, N or more where there is none.
     """
     if is_call:
         assert facts.call is not None
-        who = index_of(record.layout, facts.call.decided.seats)
+        who = index_of(record.model, facts.call.decided.slots)
         return *_row_call(record, values, facts, counts), who
-    return *_row_hit(record, values, facts, counts, by_formula), two_of(record.layout, facts)
+    return *_row_hit(record, values, facts, counts, by_formula), two_of(record.model, facts)
 
 
 def _row_hit(
     record: RunRecord, values: LogNumbers, facts: LogDecisions, counts: Flag, by_formula: bool
-) -> tuple[Callable[[Numbers, Flying], ImpactOutcome], Flying]:
+) -> tuple[Callable[[SceneArrays, Flying], ImpactOutcome], Flying]:
     """Return the impact of a row as a function, and the bodies before it. Rows without an impact
     use two approaching bodies.
     """
-    layout, rules = record.layout, record.rules
+    model, rules = record.model, record.rules
     choice = facts.choice
-    place = two_that_meet(layout, choice.time)
+    place = two_that_meet(model, choice.time)
     before = jax.tree.map(lambda a, b: jnp.where(counts, a, b), values.before, place)
 
-    def strike(numbers: Numbers, before: Flying) -> ImpactOutcome:
+    def strike(model: SceneArrays, before: Flying) -> ImpactOutcome:
         if rules.soft:
-            outcome = soft(layout, numbers, before, choice, record.tolerance, counts, by_formula)
+            outcome = soft(model, before, choice, record.tolerance, counts, by_formula)
         else:
-            outcome = hit(layout, numbers, before, choice)
-        if layout.frictions is None:
+            outcome = hit(model, before, choice)
+        if model.frictions is None:
             return outcome
-        outcome = or_roll(layout, numbers, before, choice, outcome, rules.soft)
-        return with_friction_at_rest(layout, numbers, choice, outcome, facts.support)[0]
+        outcome = or_roll(model, before, choice, outcome, rules.soft)
+        return with_friction_at_rest(model, choice, outcome, facts.support)[0]
 
     return strike, before
 
 
 def _row_call(
     record: RunRecord, values: LogNumbers, facts: LogDecisions, counts: Flag
-) -> tuple[Callable[[Numbers, Entering], Done], Entering]:
+) -> tuple[Callable[[SceneArrays, Entering], Done], Entering]:
     """Return the call of a row as a function, and its input."""
-    layout, rules = record.layout, record.rules
-    row, at, members = facts.call, values.coupled, rules.members
+    rules = record.rules
+    row, at, size = facts.call, values.coupled, rules.slots
     assert row is not None and at is not None
     # The time of rest, and that of the last step, depend on rounding. This solve would stop at
     # another time, so it runs to the known one.
@@ -112,17 +111,17 @@ def _row_call(
         to_the_end=stops,
     )
 
-    def solve(numbers: Numbers, entering: Entering) -> Done:
+    def solve(model: SceneArrays, entering: Entering) -> Done:
         spheres, held, before = entering
         began, done = call(
-            layout, numbers, members, spheres, row.support, held, as_flags(before),
+            model, spheres, row.support, held, as_flags(before),
             decided.where(counts), record.tolerance, rules.v0, max_steps=2 * MOST_STEPS,
         )  # fmt: skip
-        on_wall = (at.end.closed > 0.5) & row.rest & (slot_pairs(layout, members)[1] >= members)
-        support = walls_under(layout, members, on_wall)
-        done, turning, _ = rest_on_walls(layout, numbers, decided.seats, done, support)
-        work = work_of_walls(layout, numbers, decided.seats, began, done)
-        place = done.state.position[:members] + decided.seats.shift * numbers.period[None]
+        on_wall = (at.end.closed > 0.5) & row.rest & (slot_pairs(model, size)[1] >= size)
+        support = walls_under(model, size, on_wall)
+        done, turning, _ = rest_on_walls(model, decided.slots, done, support)
+        work = work_of_walls(model, decided.slots, began, done)
+        place = done.state.position[:size] + decided.slots.shift * model.period[None]
         states = as_numbers(began), as_numbers(done.state)
         return Done(*states, work, place, turning, done.rubbed)
 
@@ -144,23 +143,23 @@ class RowNumbers(NamedTuple):
     own: list[Float[Array, " M"] | None]
     walls: list[Float[Array, " W"] | None]
     shaken: Float[Array, "K D"] | None
-    rest: Numbers
+    rest: SceneArrays
 
 
-def _by_body(numbers: Numbers) -> list[Any]:
+def _by_body(model: SceneArrays) -> list[Any]:
     """Return the arrays with a number for each sphere, most also for each wall; None if missing."""
-    rotation = numbers.rotation
+    rotation = model.rotation
     turns = [] if rotation is None else [rotation.inverse_inertia, rotation.shear_compliance]
-    return [numbers.radius, numbers.inverse_mass, numbers.compliance, *turns]
+    return [model.radius, model.inverse_mass, model.compliance, *turns]
 
 
 _VARY_BY_WALL = False, False, True, False, True
 """For the arrays of `_by_body`, if the numbers of walls vary: the compliances do."""
 
 
-def _without_bodies(numbers: Numbers) -> Numbers:
+def _without_bodies(model: SceneArrays) -> SceneArrays:
     """Return the floats that belong to no sphere."""
-    floats, rotation = eqx.filter(numbers, eqx.is_inexact_array), numbers.rotation
+    floats, rotation = eqx.filter(model, eqx.is_inexact_array), model.rotation
     blank: dict[str, Any] = dict.fromkeys(
         ("position", "velocity", "radius", "inverse_mass", "compliance", "start")
     )
@@ -170,29 +169,27 @@ def _without_bodies(numbers: Numbers) -> Numbers:
     return dataclasses.replace(floats, **blank)
 
 
-def row_numbers(layout: SceneLayout, numbers: Numbers, who: Int[Array, " M"]) -> RowNumbers:
+def row_numbers(model: SceneArrays, who: Int[Array, " M"]) -> RowNumbers:
     """Return the numbers of some spheres; zeros for empty slots."""
 
     def at(all: Array | None) -> Array | None:
         return None if all is None else all[:spheres].at[who].get(mode="fill", fill_value=0)
 
-    spheres, shaken, columns = layout.spheres, None, _by_body(numbers)
-    if layout.shaken:
-        shaken = numbers.position[jnp.asarray(layout.shaken)]
+    spheres, shaken, columns = model.spheres, None, _by_body(model)
+    if model.shaken:
+        shaken = model.position[jnp.asarray(model.shaken)]
     walls = [
         all[spheres:] if varies and all is not None else None
         for all, varies in zip(columns, _VARY_BY_WALL, strict=False)
     ]
-    return RowNumbers(list(map(at, columns)), walls, shaken, _without_bodies(numbers))
+    return RowNumbers(list(map(at, columns)), walls, shaken, _without_bodies(model))
 
 
-def with_own(
-    layout: SceneLayout, numbers: Numbers, who: Int[Array, " M"], own: RowNumbers
-) -> Numbers:
+def with_own(model: SceneArrays, who: Int[Array, " M"], own: RowNumbers) -> SceneArrays:
     """Return the numbers of a scene with those of a row inserted."""
-    spheres, position = layout.spheres, numbers.position
+    spheres, position = model.spheres, model.position
     if own.shaken is not None:
-        position = position.at[jnp.asarray(layout.shaken)].set(own.shaken)
+        position = position.at[jnp.asarray(model.shaken)].set(own.shaken)
 
     def put(all: Array | None, mine: Array | None, walls: Array | None) -> Array | None:
         if all is None or mine is None:
@@ -200,8 +197,8 @@ def with_own(
         new = all[:spheres].at[who].set(mine, mode="drop", unique_indices=True)
         return jnp.concatenate([new, all[spheres:] if walls is None else walls])
 
-    columns = map(put, _by_body(numbers), own.own, own.walls)
-    kept = eqx.tree_at(_by_body, numbers, list(columns), is_leaf=lambda leaf: leaf is None)
+    columns = map(put, _by_body(model), own.own, own.walls)
+    kept = eqx.tree_at(_by_body, model, list(columns), is_leaf=lambda leaf: leaf is None)
     return eqx.combine(own.rest, dataclasses.replace(kept, position=position))
 
 
@@ -253,11 +250,11 @@ def matrices(
     by_formula: bool,
 ) -> Matrices:
     """Return the matrices of all rows, each with respect to its own inputs."""
-    layout, numbers = record.layout, record.numbers
+    model = record.model
 
     def of(values: LogNumbers, facts: LogDecisions, counts: Array, is_call: bool) -> Array:
         row, entry, who = row_function(record, values, facts, counts, is_call, by_formula)
-        start, unravel = ravel_pytree(_without_flags((row_numbers(layout, numbers, who), entry)))
+        start, unravel = ravel_pytree(_without_flags((row_numbers(model, who), entry)))
 
         def outcome(vector: Array) -> Array:
             mine, entering = unravel(vector)
@@ -265,7 +262,7 @@ def matrices(
                 flags = entry.before
                 before = entering.before._replace(closed=flags.closed, rising=flags.rising)
                 entering = entering._replace(before=before)
-            return flat(row(with_own(layout, numbers, who, mine), entering))
+            return flat(row(with_own(model, who, mine), entering))
 
         return jax.jacfwd(outcome)(start)
 

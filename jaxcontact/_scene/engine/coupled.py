@@ -1,132 +1,127 @@
-"""The coupled solve of the spheres near a contact, for everything but isolated impacts. Its slots
-are those of `cluster_slots`: spheres, then walls. Every pair that can meet has a slot, so that
-bodies can join and leave. A call ends when a pair touches or opens, or at a given time.
+"""The coupled solve of the spheres near a contact, for everything but isolated impacts: its start
+and its calls within a run. Every pair that can meet has a slot, so that bodies can join and leave.
+A call ends when a pair touches or opens, or at a given time.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.energies import stored_energy
-from ..._coupled.modes import TIME_IS_UP, Flag, Number
+from ..._coupled.modes import APART, AT_REST, NOT_CONVERGED, PAUSED, TIME_IS_UP, Flag, Number
 from ..._coupled.rows import rows_of, with_rows
-from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, law_of, nearest_image
-from ..arrays.flight import Flying, accelerations, at_once
+from ..arrays.arrays import (
+    Flying,
+    SceneArrays,
+    SceneLayout,
+    accelerations,
+    at_once,
+    known_contact_of,
+    law_of,
+    nearest_image,
+)
 from ..bodies.motion import UserMotion
 from ..bodies.overlap import ROUNDINGS
-from ..cluster.equations import ClusterPairs, ClusterState, Drive
-from ..cluster.problem import ClusterEnd
+from ..cluster.problem import ClusterEnd, ClusterPairs, ClusterProblem, ClusterState, Drive
 from ..cluster.solve import MOST_STEPS, cluster, cluster_at_touch
+from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice, meeting_of, two_that_meet
-from .cluster_slots import (
-    MemberChange,
-    Slots,
+from .coupled_friction import (
+    fresh_rubbing,
+    impulses,
+    joined_rubbing,
+    pair_friction,
+    spin_energy_lost,
+)
+from .log import (
+    Call,
+    ClusterDecisions,
+    ClusterNumbers,
+    LogDecisions,
+    LogNumbers,
+    as_numbers,
+    no_impact,
+)
+from .rest import rest_on_walls
+from .search import OUT_OF_DATE, in_cluster, simultaneous, stale_events, without_cluster
+from .slots import (
     bodies_of,
+    fill_slots,
     in_line,
     masses,
+    pace_of,
     pairs_of,
     rearrange,
     resting_pairs,
+    slot_change,
     slot_pairs,
 )
-from .coupled_friction import blank_rubbing, fresh_rubbing, impulses, joined_rubbing, pair_friction
+from .state import PATIENCE, Coupling, LoopStatus, RunState, RunTask, Slots, index_of
 
 MOST = 8
-"""The default capacity of a coupled solve in spheres."""
-
-
-class Call(NamedTuple):
-    """The discrete choices about one call.
-
-    It `starts` a solve at the touch of `choice`, or continues one. `seats` holds its members, and
-    `change` the new ones. `closed` (P,) marks the new pairs that are in contact at once. The call
-    ends at the time `until` in s, if no event happens before. `to_the_end`: whether it continues at
-    rest. In a log the choice is that of the row.
-    """
-
-    starts: Flag
-    choice: Choice | None
-    seats: Slots
-    change: MemberChange
-    closed: Bool[Array, " P"]
-    until: Number
-    to_the_end: Flag
-
-    def where(self, needed: Flag) -> Call:
-        """Return the call, without members unless `needed`; other lanes of a batch may need one."""
-        seats = self.seats._replace(present=self.seats.present & needed)
-        return self._replace(seats=seats)
+"""The default number of slots of a coupled solve."""
 
 
 def slot_states(
-    layout: SceneLayout, numbers: Numbers, seats: Slots, spheres: Flying, time: Array
+    model: SceneArrays, slots: Slots, spheres: Flying, time: Array
 ) -> tuple[Array, Array]:
     """Return positions and velocities of all slots; a wall is at the foot of its normal."""
-    walls = numbers.walls_at(time)
-    image = spheres.position - seats.shift * numbers.period[None]
-    position = jnp.concatenate([image, walls.offset[:, None] * numbers.normal])
-    driven = walls.velocity[:, None] * numbers.normal
+    walls = model.walls_at(time)
+    image = spheres.position - slots.shift * model.period[None]
+    position = jnp.concatenate([image, walls.offset[:, None] * model.normal])
+    driven = walls.velocity[:, None] * model.normal
     return position, jnp.concatenate([spheres.velocity, driven])
 
 
-def meets(layout: SceneLayout, members: int, seats: Slots, choice: Choice) -> Bool[Array, " P"]:
+def meets(layout: SceneLayout, slots: Slots, choice: Choice) -> Bool[Array, " P"]:
     """Return the pair of an impact."""
-    one, other = bodies_of(layout, members, seats.who)
+    one, other = bodies_of(layout, slots)
     straight = (choice.first == one) & (choice.second == other)
     return straight | ((choice.first == other) & (choice.second == one))
 
 
-def walls_under(layout: SceneLayout, members: int, on_wall: Bool[Array, " P"]) -> Int[Array, " M"]:
+def walls_under(layout: SceneLayout, size: int, on_wall: Bool[Array, " P"]) -> Int[Array, " M"]:
     """Return the wall of each sphere by its pairs `on_wall`, all with walls; -1 for none."""
-    first, second = slot_pairs(layout, members)
-    walls = jnp.where(on_wall, second - members, -1)
-    return jnp.full(members, -1).at[first].max(walls)
+    first, second = slot_pairs(layout, size)
+    walls = jnp.where(on_wall, second - size, -1)
+    return jnp.full(size, -1).at[first].max(walls)
 
 
 def touching(
-    layout: SceneLayout,
-    numbers: Numbers,
-    members: int,
-    seats: Slots,
-    there: Flying,
-    support: Int[Array, " M"],
-    time: Number,
+    model: SceneArrays, slots: Slots, there: Flying, support: Int[Array, " M"], time: Number
 ) -> Bool[Array, " P"]:
     """Return the pairs that touch within rounding and do not separate, or are at rest on a wall."""
-    first, second = slot_pairs(layout, members)
-    pairs = pairs_of(layout, numbers, members, seats)
-    position, velocity = slot_states(layout, numbers, seats, there, time)
-    apart = _nearest_images(layout, numbers, pairs, position).between(position)
+    size = slots.size
+    first, second = slot_pairs(model, size)
+    pairs = pairs_of(model, slots)
+    position, velocity = slot_states(model, slots, there, time)
+    apart = _nearest_images(model, pairs, position).between(position)
     rate = velocity[first] - velocity[second]
     gap, opening = pairs.gaps(apart, rate)
-    eps = jnp.finfo(numbers.dtype).eps
-    present = seats.present[:, None]
-    scale = jnp.max(jnp.abs(jnp.where(present, there.position, 0))) + jnp.max(numbers.radius)
+    eps = jnp.finfo(model.dtype).eps
+    present = slots.present[:, None]
+    scale = jnp.max(jnp.abs(jnp.where(present, there.position, 0))) + jnp.max(model.radius)
     speed = jnp.max(jnp.abs(jnp.where(present, there.velocity, 0)))
-    if numbers.motion is not None:
-        speed = jnp.maximum(speed, jnp.max(jnp.abs(velocity[members:])))
+    if model.motion is not None:
+        speed = jnp.maximum(speed, jnp.max(jnp.abs(velocity[size:])))
     touches = (gap <= ROUNDINGS * eps * scale) & (opening <= ROUNDINGS * eps * speed)
-    return pairs.used & (touches | resting_pairs(layout, members, support))
+    return pairs.used & (touches | resting_pairs(model, support))
 
 
-def _nearest_images(
-    layout: SceneLayout, numbers: Numbers, pairs: ClusterPairs, position: Array
-) -> ClusterPairs:
+def _nearest_images(model: SceneArrays, pairs: ClusterPairs, position: Array) -> ClusterPairs:
     """Return the pairs with the nearest images of their bodies."""
-    if not any(layout.periodic):
+    if not any(model.periodic):
         return pairs
-    shift = nearest_image(layout, numbers, pairs.between(position))[1]
-    return pairs._replace(away=jnp.where(pairs.flat[:, None], 0, shift * numbers.period[None]))
+    shift = nearest_image(model, pairs.between(position))[1]
+    return pairs._replace(away=jnp.where(pairs.flat[:, None], 0, shift * model.period[None]))
 
 
 def call(
-    layout: SceneLayout,
-    numbers: Numbers,
-    members: int,
+    model: SceneArrays,
     spheres: Flying,
     support: Int[Array, " M"],
     held: Float[Array, " M"],
@@ -143,45 +138,45 @@ def call(
     The time of the touch that starts it is known. If its derivative is needed, it is `derived` from
     the two bodies.
     """
-    seats, change = decided.seats, decided.change
-    who = jnp.minimum(seats.who, layout.spheres - 1)
-    pairs = pairs_of(layout, numbers, members, seats)
-    first, second = slot_pairs(layout, members)
+    slots, change, size = decided.slots, decided.change, decided.slots.size
+    who = jnp.minimum(slots.who, model.spheres - 1)
+    pairs = pairs_of(model, slots)
+    first, second = slot_pairs(model, size)
 
     # The time of the touch that starts it, or of the end of the last call.
     assert decided.choice is not None
     touch = decided.choice.time
     if derived:
-        touch = _touch(layout, numbers, spheres, decided)
+        touch = _touch(model, spheres, decided)
     time = jnp.where(decided.starts, touch, before.time)
-    before = rearrange(before, change, members)
+    before = rearrange(before, change)
 
     # New bodies come from their flight formulas; their pairs are fresh.
-    there = at_once(layout, numbers, who, spheres, support, time)[0]
-    joined = jnp.concatenate([change.joined, jnp.zeros(layout.walls, bool)])
+    there = at_once(model, who, spheres, support, time)[0]
+    joined = jnp.concatenate([change.joined, jnp.zeros(model.walls, bool)])
     came = (joined | decided.starts)[:, None]
-    position, velocity = slot_states(layout, numbers, seats, there, time)
+    position, velocity = slot_states(model, slots, there, time)
     position = jnp.where(came, position, before.position)
     velocity = jnp.where(came, velocity, before.velocity)
     fresh = decided.starts | change.fresh
-    pairs = _nearest_images(layout, numbers, pairs, position)
+    pairs = _nearest_images(model, pairs, position)
     start = cluster_at_touch(pairs, position, velocity, decided.closed & fresh, v0=v0)
-    rests = resting_pairs(layout, members, support)
-    none = jnp.zeros(members, numbers.dtype)
+    rests = resting_pairs(model, support)
+    none = jnp.zeros(size, model.dtype)
     height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
-    sunk = pairs.distance - height + jnp.concatenate([none, numbers.walls_at(time).offset])[second]
+    sunk = pairs.distance - height + jnp.concatenate([none, model.walls_at(time).offset])[second]
     # The start time belongs to one pair. Other pairs that touch then, or join later, do not touch
     # at a time of their own. Their depth carries the derivative.
     since = jnp.zeros_like(start.since) + time
     start = start._replace(
         time=time,
-        rubbing=fresh_rubbing(layout, numbers, seats, there, support, rests),
+        rubbing=fresh_rubbing(model, slots, there, support, rests),
         indentation=jnp.where(rests, sunk, start.indentation),
         latched=jnp.where(rests, rows_of(held, first), start.latched),
         rising=start.rising & ~rests,
         since=since,
         force_until=since,
-        deepest=jnp.zeros_like(since) if layout.remembers else None,
+        deepest=jnp.zeros_like(since) if model.remembers else None,
     )
     begin = start._replace(
         **{
@@ -197,69 +192,69 @@ def call(
         depth = jnp.where(begin.closed, begin.indentation, start.indentation)
         begin = begin._replace(indentation=depth)
 
-    inverse = jnp.where(seats.present, rows_of(numbers.inverse_mass, who), 0)
-    inverse = jnp.concatenate([inverse, numbers.inverse_mass[layout.spheres :]])
-    pull = accelerations(layout, numbers, who, jnp.full(members, -1))
-    pull = jnp.where(seats.present[:, None], pull, 0)
-    pull = jnp.concatenate([pull, jnp.zeros((layout.walls, layout.dimensions), numbers.dtype)])
-    one, other = bodies_of(layout, members, seats.who)
+    inverse = jnp.where(slots.present, rows_of(model.inverse_mass, who), 0)
+    inverse = jnp.concatenate([inverse, model.inverse_mass[model.spheres :]])
+    pull = accelerations(model, who, jnp.full(size, -1))
+    pull = jnp.where(slots.present[:, None], pull, 0)
+    pull = jnp.concatenate([pull, jnp.zeros((model.walls, model.dimensions), model.dtype)])
+    one, other = bodies_of(model, slots)
     # Unused slots get the numbers of a used pair.
     used_pair = jnp.argmax(pairs.used)
     one, other = (jnp.where(pairs.used, body, rows_of(body, used_pair)) for body in (one, other))
-    contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(one, other)
-    law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(one, other)
-    drive = _drive(layout, numbers, seats, begin.time)
-    bodies, slots = (one, other), (inverse, pull, drive)
+    contact = jax.vmap(lambda i, j: known_contact_of(model, i, j))(one, other)
+    law = jax.vmap(lambda i, j: law_of(model, i, j))(one, other)
+    drive = _drive(model, slots, begin.time)
+    bodies, moved_by = (one, other), (inverse, pull, drive)
     touches, limits = decided.closed & fresh & ~rests, (rests, decided.until, decided.to_the_end)
-    setting = layout, numbers, bodies, pairs
-    start, until, impulsive, completed = impulses(setting, contact, slots, begin, limits)
-    end = cluster(
-        law, contact, pairs, inverse, pull, start, until,
-        rtol=rtol, v0=v0, until_change=True, drive=drive, in_line=in_line(layout),
-        to_the_end=decided.to_the_end, max_steps=max_steps,
-        friction=pair_friction(layout, numbers, seats, bodies, touches & pairs.used, impulsive),
-    )  # fmt: skip
+    setting = model, bodies, pairs
+    start, until, impulsive, completed = impulses(setting, contact, moved_by, begin, limits)
+    friction = pair_friction(model, slots, bodies, touches & pairs.used, impulsive)
+    problem = ClusterProblem(
+        law, contact, pairs, inverse, pull, start, until, rtol, drive, decided.to_the_end, friction
+    )
+    rules = {"v0": v0, "until_change": True, "in_line": in_line(model), "max_steps": max_steps}
+    end = cluster(problem, **rules)
     # The exact time, without rounding, so that no further call is needed.
     over = jnp.where(end.status == TIME_IS_UP, until, end.state.time)
     return begin, completed(end._replace(state=end.state._replace(time=over)))
 
 
-def _touch(layout: SceneLayout, numbers: Numbers, spheres: Flying, decided: Call) -> Number:
+def _touch(model: SceneArrays, spheres: Flying, decided: Call) -> Number:
     """Return the time of the touch that starts a solve."""
-    seats, choice = decided.seats, decided.choice
+    slots, choice = decided.slots, decided.choice
     assert choice is not None
-    first = jnp.argmax(seats.who == choice.first)
+    first = jnp.argmax(slots.who == choice.first)
     # A wall has no slot. The first body replaces it, as another body may be ahead in time.
-    second = jnp.argmax(seats.who == choice.second)
-    two = jnp.stack([first, jnp.where(choice.second < layout.spheres, second, first)])
-    nobody = two_that_meet(layout, choice.time)
+    second = jnp.argmax(slots.who == choice.second)
+    two = jnp.stack([first, jnp.where(choice.second < model.spheres, second, first)])
+    nobody = two_that_meet(model, choice.time)
     struck = jax.tree.map(lambda x, y: jnp.where(decided.starts, x[two], y), spheres, nobody)
     met = choice._replace(second=jnp.where(decided.starts, choice.second, choice.first))
-    return meeting_of(layout, numbers, struck, met).time
+    return meeting_of(model, struck, met).time
 
 
-def _drive(layout: SceneLayout, numbers: Numbers, seats: Slots, time: Array) -> Drive | None:
+def _drive(model: SceneArrays, slots: Slots, time: Array) -> Drive | None:
     """Return the drive of the slots from a time on; None without moving walls or shaken spheres."""
-    walls, spheres = numbers.motion, numbers.shaking
+    walls, spheres = model.motion, model.shaking
     if walls is None and spheres is None:
         return None
-    members, slots = seats.who.shape[0], seats.who.shape[0] + layout.walls
-    strength = jnp.zeros((slots, layout.dimensions), numbers.dtype)
-    rate, phase = jnp.zeros(slots, numbers.dtype), jnp.zeros(slots, numbers.dtype)
-    moves = jnp.asarray((False,) * members + layout.moving)
-    shakes = jnp.asarray((False,) * members + layout.vibrating)
+    size, total = slots.size, slots.size + model.walls
+    strength = jnp.zeros((total, model.dimensions), model.dtype)
+    rate, phase = jnp.zeros(total, model.dtype), jnp.zeros(total, model.dtype)
+    moves = jnp.asarray((False,) * size + model.moving)
+    shakes = jnp.asarray((False,) * size + model.vibrating)
     users: list[tuple[UserMotion, Any]] = []
     if walls is not None:
         push = walls.amplitude * jnp.square(walls.rate)
-        strength = strength.at[members:].set(push[:, None] * numbers.normal)
-        rate = rate.at[members:].set(walls.rate)
-        phase = phase.at[members:].set(walls.rate * time + walls.phase)
-        users += [(user, members + w) for w, user in enumerate(walls.own) if user is not None]
+        strength = strength.at[size:].set(push[:, None] * model.normal)
+        rate = rate.at[size:].set(walls.rate)
+        phase = phase.at[size:].set(walls.rate * time + walls.phase)
+        users += [(user, size + w) for w, user in enumerate(walls.own) if user is not None]
     if spheres is not None:
         # The slot of each shaken sphere, beyond all slots if it is absent.
-        named = jnp.asarray(layout.shaken)
-        sits = (seats.who[None] == named[:, None]) & seats.present[None]
-        nowhere = slots + jnp.arange(len(layout.shaken))
+        named = jnp.asarray(model.shaken)
+        sits = (slots.who[None] == named[:, None]) & slots.present[None]
+        nowhere = total + jnp.arange(len(model.shaken))
         slot = jnp.where(jnp.any(sits, axis=1), jnp.argmax(sits, axis=1), nowhere)
         push = spheres.amplitude * jnp.square(spheres.rate)[:, None]
         yes = jnp.ones(slot.shape, bool)
@@ -279,55 +274,156 @@ def _drive(layout: SceneLayout, numbers: Numbers, seats: Slots, time: Array) -> 
     )
 
 
-def work_of_walls(
-    layout: SceneLayout, numbers: Numbers, seats: Slots, began: ClusterState, end: ClusterEnd
-) -> Number:
+def work_of_walls(model: SceneArrays, slots: Slots, began: ClusterState, end: ClusterEnd) -> Number:
     """Return the work of moving walls and fixed spheres in one call, in J. It is all work except
     that of gravity.
     """
-    if numbers.motion is None and not layout.driven:
-        return jnp.zeros((), numbers.dtype)
-    mass = masses(layout, numbers, seats)
-    members = mass.shape[0]
-    fall = end.state.position[:members] - began.position[:members]
-    weight = jnp.sum(mass * jnp.sum(fall * numbers.gravity[None], axis=-1))
+    if model.motion is None and not model.driven:
+        return jnp.zeros((), model.dtype)
+    mass, size = masses(model, slots), slots.size
+    fall = end.state.position[:size] - began.position[:size]
+    weight = jnp.sum(mass * jnp.sum(fall * model.gravity[None], axis=-1))
     return end.work - weight
 
 
-def as_numbers(state: ClusterState) -> ClusterState:
-    """Return the state with its flags as 0 and 1, for a log whose figures have derivatives."""
-    dtype = state.position.dtype
-    return state._replace(closed=state.closed.astype(dtype), rising=state.rising.astype(dtype))
-
-
-def as_flags(state: ClusterState) -> ClusterState:
-    """Return the inverse of `as_numbers`."""
-    return state._replace(closed=state.closed > 0.5, rising=state.rising > 0.5)
-
-
-def blank_state(layout: SceneLayout, members: int, dtype: Any) -> ClusterState:
-    """Return a state of zeros, with all pairs open."""
-    slots, pairs = members + layout.walls, slot_pairs(layout, members)[0].shape[0]
-    vector, each = jnp.zeros((slots, layout.dimensions), dtype), jnp.zeros(pairs, dtype)
-    flags = jnp.zeros(pairs, bool)
-    rubbing = blank_rubbing(layout, slots, pairs, dtype)
-    return ClusterState(
-        jnp.zeros((), dtype), vector, vector, each, flags, flags, each, each, each, each, each,
-        each, rubbing, each if layout.remembers else None,
-    )  # fmt: skip
-
-
-def contact_energy(
-    layout: SceneLayout, numbers: Numbers, members: int, seats: Slots, state: ClusterState
-) -> Number:
+def contact_energy(model: SceneArrays, slots: Slots, state: ClusterState) -> Number:
     """Return the elastic energy of all contacts, Σ ∫ F(δ, 0) dδ."""
 
     def energy(
         i: Array, j: Array, depth: Array, closed: Array, speed: Array, deepest: Array | None
     ) -> Array:
-        contact = known_contact_of(layout, numbers, i, j)
-        law = law_of(layout, numbers, i, j)
+        contact = known_contact_of(model, i, j)
+        law = law_of(model, i, j)
         return stored_energy(law, contact, jnp.where(closed, depth, 0), speed, deepest)
 
     columns = (state.indentation, state.closed, state.latched, state.deepest)
-    return jnp.sum(jax.vmap(energy)(*bodies_of(layout, members, seats.who), *columns))
+    return jnp.sum(jax.vmap(energy)(*bodies_of(model, slots), *columns))
+
+
+def start_cluster(
+    model: SceneArrays, before: Coupling, starts: Flag, choice: Choice, closing: Number
+) -> Coupling:
+    """Return the coupling after a touch that is not isolated, if it `starts` or joins a solve."""
+    pace = pace_of(model, choice, closing)
+    pace = jnp.where(before.active, jnp.minimum(before.pace, pace), pace)
+    after = before._replace(
+        active=starts, starts=~before.active, touches=starts, choice=choice, pace=pace
+    )
+    return jax.tree.map(lambda a, b: jnp.where(starts, a, b), after, before)
+
+
+def cluster_is_next(state: RunState) -> Flag:
+    """Return whether the next call of the active solve precedes all events of other spheres. A
+    known touch is part of that call.
+    """
+    coupling = state.coupling
+    assert coupling is not None
+    sooner = coupling.state.time < jnp.min(state.events.time)
+    return coupling.active & (coupling.touches | sooner)
+
+
+def step_cluster(
+    task: RunTask, state: RunState, needed: Flag
+) -> tuple[RunState, LogNumbers, LogDecisions, Flag]:
+    """Make one call of the coupled solve, until a pair touches or opens or other events are due."""
+    model, rules, end = task.model, task.rules, task.end
+    count, size, coupling = model.spheres, rules.slots, state.coupling
+    assert coupling is not None
+    now = jnp.where(coupling.starts, coupling.choice.time, coupling.state.time)
+    filled = fill_slots(model, state, now)
+    slots = filled.slots
+    change = slot_change(model, coupling.slots, slots, coupling.starts)
+    who, index = jnp.minimum(slots.who, count - 1), index_of(model, slots)
+    spheres = rows_of(state.flying, who)
+    support, held, counts = rows_of((state.support, state.held, state.count), who)
+    there = at_once(model, who, spheres, support, now)[0]
+    closed = touching(model, slots, there, support, now)
+    closed = closed | (coupling.touches & meets(model, slots, coupling.choice))
+
+    # A sphere that leaves is searched before anything else.
+    going_on = coupling._replace(slots=slots)
+    inside = in_cluster(model, going_on)
+    leaves = in_cluster(model, coupling) & ~inside & ~coupling.starts
+    events = without_cluster(model, going_on, state.events, now)
+    expected = jnp.where(inside, jnp.inf, jnp.where(leaves, now, events.time))
+    events = events._replace(time=expected, partner=jnp.where(leaves, OUT_OF_DATE, events.partner))
+    waiting = jnp.where(state.time > now + simultaneous(model, now), state.time, jnp.inf)
+    until = jnp.minimum(jnp.minimum(jnp.min(expected), jnp.min(waiting)), now + filled.alone)
+    sooner = until < end
+    until = jnp.minimum(until, end)
+    no = jnp.asarray(False)
+    decided = Call(coupling.starts, coupling.choice, slots, change, closed, until, no)
+    began, done = call(
+        model, spheres, support, held, coupling.state,
+        decided.where(needed & cluster_is_next(state)), task.tolerance, rules.v0, derived=False,
+    )  # fmt: skip
+    status = done.status
+    apart, rest = status == APART, status == AT_REST
+    first, second = slot_pairs(model, size)
+    flat = second >= size
+    # At rest each sphere in contact is held by one wall.
+    on_wall = done.state.closed & flat
+    resting = walls_under(model, size, on_wall)
+    supported = jnp.where(rest, resting, -1)
+    done, turning, bent = rest_on_walls(model, slots, done, supported)
+    after = done.state
+    ends = apart | rest
+    over, unknown = (status == TIME_IS_UP) & ~sooner, no
+    if not is_followed(model):
+        # The call may also end because a contact lasts, and a friction impulse have no outcome.
+        over, unknown = over & (after.time >= end), ~jnp.all(jnp.isfinite(after.velocity))
+    failed = (status == NOT_CONVERGED) | ~jnp.isfinite(after.time)
+    latched = jnp.zeros(size, model.dtype).at[first].max(jnp.where(on_wall, after.latched, 0))
+
+    idle = jnp.where(after.time > state.now, 0, state.idle + 1)
+    stop = jnp.where(
+        over,
+        LoopStatus.OVER,
+        jnp.where(idle > PATIENCE * count, LoopStatus.ACCUMULATED, LoopStatus.RUNNING),
+    )
+    stop = jnp.where(filled.crowded, LoopStatus.CROWDED, stop)
+    if turning is not None:
+        stop = jnp.where((rest & jnp.any(bent)) | unknown, LoopStatus.FRICTION, stop)
+    stop = jnp.where(failed, LoopStatus.NOT_CONVERGED, stop)
+    position = after.position[:size] + slots.shift * model.period[None]
+    # A bound on the energy stored in contacts: the missing kinetic energy plus the work received.
+    mass = masses(model, slots)
+    motion = [jnp.sum(jnp.square(x.velocity[:size]), axis=-1) for x in (began, after)]
+    missing = jnp.sum(mass * (motion[0] - motion[1])) / 2 + jnp.maximum(done.work, 0)
+    if model.frictions is not None:
+        missing = missing + spin_energy_lost(model, slots, began, after)
+    reserve = jnp.maximum(jnp.where(coupling.starts, 0, coupling.reserve) + missing, 0)
+    # During the solve nothing else happens to the spheres in it.
+    time, later = jnp.broadcast_to(after.time, (size,)), rows_of(events, who)
+    columns = {} if turning is None else {"turning": turning}
+    state = (
+        state._replace(events=events)
+        .replace_rows(
+            index,
+            position=position,
+            velocity=after.velocity[:size],
+            time=time,
+            support=supported,
+            held=jnp.where(rest, latched, 0),
+            count=counts + 1,
+            owed=jnp.zeros(size, model.dtype),
+            events=jax.tree.map(lambda a, b: jnp.where(ends, a, b), stale_events(time), later),
+            **columns,
+        )
+        ._replace(
+            now=jnp.maximum(state.now, began.time),
+            idle=idle,
+            status=stop,
+            coupling=Coupling(~ends, no, no, coupling.choice, slots, coupling.pace, reserve, after),
+        )
+    )
+    none, zero = no_impact(model), jnp.zeros((), model.dtype)
+    outcome = none._replace(time=began.time)
+    work = work_of_walls(model, slots, began, done)
+    states = as_numbers(began), as_numbers(after)
+    together = ClusterNumbers(spheres, held, *states, work, done.error, turning, done.rubbed)
+    blank, decided = jnp.full(2, -1), decided._replace(choice=None)
+    called = ClusterDecisions(jnp.asarray(True), support, decided, ends, rest, status == PAUSED)
+    figures = LogNumbers(none.after, outcome, together)
+    facts = LogDecisions(coupling.choice, blank, no, jnp.full_like(zero, jnp.inf), called)
+    return state, figures, facts, ~filled.crowded

@@ -17,12 +17,10 @@ from ..._coupled.modes import AT_REST, PAUSED, Flag, Number, PerContact
 from ..._coupled.rows import rows_of
 from ..._coupled.springs import Vectors, lengths
 from ..._functions import ratio, spin_axes
-from ..arrays.arrays import Numbers, SceneLayout, least_speed
-from ..arrays.flight import Flying
+from ..arrays.arrays import Flying, SceneArrays, least_speed
 from ..arrays.movers import spin_energy
-from ..cluster.equations import ClusterPairs, ClusterState, Drive
 from ..cluster.friction import HALF, PairFriction, Rubbing, in_plane
-from ..cluster.problem import ClusterEnd
+from ..cluster.problem import ClusterEnd, ClusterPairs, ClusterState, Drive
 from ..pair_impact.friction import (
     Arms,
     SlipSpeeds,
@@ -35,9 +33,10 @@ from ..pair_impact.friction import (
     spring_ratio_of,
     wall_drift,
 )
-from ..pair_impact.rolling import footing, slips
 from ..pair_impact.soft import coulomb_impulse
-from .cluster_slots import Slots, slot_pairs
+from .rest import footing, slips
+from .slots import pace_of_contact, slot_pairs
+from .state import Slots
 
 Flags = Bool[Array, " P"]
 
@@ -50,9 +49,8 @@ _LASTS = 8
 
 
 def pair_friction(
-    layout: SceneLayout,
-    numbers: Numbers,
-    seats: Slots,
+    model: SceneArrays,
+    slots: Slots,
     pairs: tuple[Int[Array, " P"], Int[Array, " P"]],
     begins: Flags,
     impulsive: tuple[Flags, Flags] | None,
@@ -60,59 +58,54 @@ def pair_friction(
     """Return the friction of the `pairs` of bodies, of which some touch just now; None without.
     Nothing rubs in contacts with impulses, for which see `impulses`.
     """
-    if numbers.rotation is None:
+    if model.rotation is None:
         return None
     one, other = pairs
-    members = seats.who.shape[0]
-    who = jnp.minimum(seats.who, layout.spheres - 1)
-    flat = jnp.ones(layout.walls, numbers.dtype)
-    turns = rows_of(numbers.rotation.inverse_inertia, who)
-    turns = jnp.where(seats.present, turns, 0)
-    wall = jnp.maximum(jnp.asarray(slot_pairs(layout, members)[1]) - members, 0)
-    mu = jax.vmap(lambda i, j: coefficient_of(layout, numbers, i, j))(one, other)
+    size = slots.size
+    who = jnp.minimum(slots.who, model.spheres - 1)
+    flat = jnp.ones(model.walls, model.dtype)
+    turns = rows_of(model.rotation.inverse_inertia, who)
+    turns = jnp.where(slots.present, turns, 0)
+    wall = jnp.maximum(jnp.asarray(slot_pairs(model, size)[1]) - size, 0)
+    mu = jax.vmap(lambda i, j: coefficient_of(model, i, j))(one, other)
     if impulsive is not None:
         mu, begins = jnp.where(impulsive[0], 0, mu), impulsive[1]
     return PairFriction(
         mu=mu,
-        ratio=jax.vmap(lambda i, j: spring_ratio_of(layout, numbers, i, j))(one, other),
-        ramp=ramps_of(layout, numbers, one, other),
-        radius=jnp.concatenate([rows_of(numbers.radius, who), flat]),
+        ratio=jax.vmap(lambda i, j: spring_ratio_of(model, i, j))(one, other),
+        ramp=ramps_of(model, one, other),
+        radius=jnp.concatenate([rows_of(model.radius, who), flat]),
         inverse_inertia=jnp.concatenate([turns, jnp.zeros_like(flat)]),
         begins=begins,
-        drift=numbers.rotation.drift if layout.walls else None,
+        drift=model.rotation.drift if model.walls else None,
         wall=wall,
     )
 
 
 def fresh_rubbing(
-    layout: SceneLayout,
-    numbers: Numbers,
-    seats: Slots,
-    there: Flying,
-    support: Int[Array, " M"],
-    rests: Flags,
+    model: SceneArrays, slots: Slots, there: Flying, support: Int[Array, " M"], rests: Flags
 ) -> Rubbing | None:
     """Return spins, and the friction of spheres that rest on walls; other pairs have none yet."""
-    members, dtype = seats.who.shape[0], numbers.dtype
-    first, _ = slot_pairs(layout, members)
-    blank = blank_rubbing(layout, members + layout.walls, first.shape[0], dtype)
+    size, dtype = slots.size, model.dtype
+    first, _ = slot_pairs(model, size)
+    blank = blank_rubbing(model, size + model.walls, first.shape[0])
     if there.turning is None or blank is None:
         return None
-    who = jnp.minimum(seats.who, layout.spheres - 1)
-    still = jnp.zeros((layout.walls, spin_axes(layout.dimensions)), dtype)
+    who = jnp.minimum(slots.who, model.spheres - 1)
+    still = jnp.zeros((model.walls, spin_axes(model.dimensions)), dtype)
     spin = jnp.concatenate([there.turning.spin, still])
-    if not layout.walls:
+    if not model.walls:
         return blank._replace(spin=spin)
-    inverse = rows_of(numbers.inverse_mass, who)
+    inverse = rows_of(model.inverse_mass, who)
     force = there.turning.drag / jnp.where(inverse > 0, inverse, 1)[:, None]
-    moves = slips(footing(layout, numbers, who, jnp.maximum(support, 0), there))
+    moves = slips(footing(model, who, jnp.maximum(support, 0), there))
     spring = jnp.where(rests[:, None], rows_of(force, first), 0)
     slides = rests & rows_of(moves, first)
     return blank._replace(spin=spin, spring=spring, slides=slides.astype(dtype))
 
 
 def joined_rubbing(
-    fresh: Rubbing | None, before: Rubbing | None, came: Bool[Array, "slots 1"], new: Flags
+    fresh: Rubbing | None, before: Rubbing | None, came: Bool[Array, "S 1"], new: Flags
 ) -> Rubbing | None:
     """Return the state of friction: `fresh` for bodies that `came` and `new` pairs."""
     if fresh is None or before is None:
@@ -120,36 +113,29 @@ def joined_rubbing(
     return jax.tree.map(jnp.where, Rubbing(came, new[:, None], new, new), fresh, before)
 
 
-def blank_rubbing(layout: SceneLayout, slots: int, pairs: int, dtype: Any) -> Rubbing | None:
+def blank_rubbing(model: SceneArrays, total: int, pairs: int) -> Rubbing | None:
     """Return no friction; None in a scene without."""
-    if layout.frictions is None:
+    if model.frictions is None:
         return None
-    spin = jnp.zeros((slots, spin_axes(layout.dimensions)), dtype)
-    spring = jnp.zeros((pairs, layout.dimensions), dtype)
-    each = jnp.zeros(pairs, dtype)
+    spin = jnp.zeros((total, spin_axes(model.dimensions)), model.dtype)
+    spring = jnp.zeros((pairs, model.dimensions), model.dtype)
+    each = jnp.zeros(pairs, model.dtype)
     return Rubbing(spin, spring, each, each)
 
 
 def spin_energy_lost(
-    layout: SceneLayout, numbers: Numbers, seats: Slots, began: ClusterState, end: ClusterState
+    model: SceneArrays, slots: Slots, began: ClusterState, end: ClusterState
 ) -> Number:
-    """Return the energy of rotation that the members lose in a call, in J."""
-    assert began.rubbing is not None and end.rubbing is not None and numbers.rotation is not None
-    who, members = jnp.minimum(seats.who, layout.spheres - 1), seats.who.shape[0]
-    turns = jnp.where(seats.present, rows_of(numbers.rotation.inverse_inertia, who), 0)
-    before = spin_energy(turns, began.rubbing.spin[:members])
-    return jnp.sum(before - spin_energy(turns, end.rubbing.spin[:members]))
-
-
-def pace_of_contact(contact: Contact, speed: Number) -> Number:
-    """Return X/v at a closing speed, about a third of an impact's duration in s."""
-    n = contact.exponent
-    return (contact.mass / contact.stiffness / speed ** (n - 1)) ** (1 / (n + 1))
+    """Return the energy of rotation that the spheres lose in a call, in J."""
+    assert began.rubbing is not None and end.rubbing is not None and model.rotation is not None
+    who, size = jnp.minimum(slots.who, model.spheres - 1), slots.size
+    turns = jnp.where(slots.present, rows_of(model.rotation.inverse_inertia, who), 0)
+    before = spin_energy(turns, began.rubbing.spin[:size])
+    return jnp.sum(before - spin_energy(turns, end.rubbing.spin[:size]))
 
 
 def contact_points(
-    layout: SceneLayout,
-    numbers: Numbers,
+    model: SceneArrays,
     bodies: tuple[Int[Array, " P"], Int[Array, " P"]],
     pairs: ClusterPairs,
     state: ClusterState,
@@ -169,8 +155,8 @@ def contact_points(
     normal = jnp.where(pairs.flat[:, None], pairs.normal, outwards * safe / length)
 
     def of(i: Array, j: Array, n: Array, flat: Array, d: Array | None) -> tuple[Arms, Array]:
-        drift = wall_drift(numbers, jnp.maximum(j - layout.spheres, 0), state.time, n)
-        return arms_of(layout, numbers, i, j, d), jnp.where(flat, drift, 0)
+        drift = wall_drift(model, jnp.maximum(j - model.spheres, 0), state.time, n)
+        return arms_of(model, i, j, d), jnp.where(flat, drift, 0)
 
     arms, drift = jax.vmap(of)(*bodies, normal, pairs.flat, depth)
     moves = velocity[second] + drift
@@ -223,9 +209,9 @@ def _pressing(pairs: ClusterPairs, along: Vectors, pull: Array, drive: Drive | N
 
 
 def impulses(
-    setting: tuple[SceneLayout, Numbers, tuple[Array, Array], ClusterPairs],
+    setting: tuple[SceneArrays, tuple[Array, Array], ClusterPairs],
     contact: Contact,
-    slots: tuple[Float[Array, " slots"], Float[Array, "slots D"], Drive | None],
+    moved_by: tuple[Float[Array, " S"], Float[Array, "S D"], Drive | None],
     state: ClusterState,
     decided: tuple[Flags, Number, Flag],
 ) -> tuple[ClusterState, Number, tuple[Flags, Flags] | None, Callable[[ClusterEnd], ClusterEnd]]:
@@ -234,19 +220,19 @@ def impulses(
     rubs. Return the state after the first halves, and the longest end of the call in s. Then follow
     these contacts, the others that begin, and a function that adds the second halves to the end.
 
-    The `setting` are the scene, the bodies of pairs, and these. `slots` holds 1/m, gravity and
+    The `setting` are the scene, the bodies of pairs, and these. `moved_by` holds 1/m, gravity and
     drive, and what is `decided` are the pairs at rest, the end of the call, and whether it goes to
     the end. A contact has an impulse if its bodies touch nothing else, and touched faster than
     forces could press them together within a part of the impact.
     """
-    (layout, numbers, bodies, pairs), (inverse, pull, drive) = setting, slots
+    (model, bodies, pairs), (inverse, pull, drive) = setting, moved_by
     (rests, until, to_the_end), rubbing = decided, state.rubbing
-    if rubbing is None or is_followed(numbers):
+    if rubbing is None or is_followed(model):
         return state, until, None, lambda end: end
     first, second, mass = pairs.first, pairs.second, contact.mass
 
     def each(of: Callable[..., Any], *columns: Any) -> Any:
-        return jax.vmap(lambda *row: of(layout, numbers, *row))(*bodies, *columns)
+        return jax.vmap(lambda *row: of(model, *row))(*bodies, *columns)
 
     def points(state: ClusterState) -> tuple:
         depth = jnp.where(state.closed, state.indentation, 0)
@@ -267,7 +253,7 @@ def impulses(
 
     normal, relative, slip, _, arms = at = points(state)
     single, half = _alone(pairs, inverse, state), rubbing.slides == HALF
-    speed = jnp.maximum(jnp.where(single, state.latched, 1), least_speed(numbers))
+    speed = jnp.maximum(jnp.where(single, state.latched, 1), least_speed(model))
     pace = pace_of_contact(contact, speed)
     closing = -jnp.sum(relative * normal, axis=1)
     begins = state.closed & pairs.used & ~rests & (state.since == state.time)
@@ -282,7 +268,7 @@ def impulses(
     lasts = jnp.where(acts, state.since + _LASTS * pace, jnp.inf)
     still = without_halves(began.rubbing)
     # An impulse of the last call may have changed the speed of a touch.
-    fastest = jnp.maximum(closing, least_speed(numbers))
+    fastest = jnp.maximum(closing, least_speed(model))
     latched = jnp.where(begins, fastest, state.latched)
     still = still._replace(slides=jnp.where(acts, 1, still.slides))
     began = began._replace(latched=latched, rubbing=still)
@@ -305,7 +291,7 @@ def impulses(
         ends = acts & (~_alone(pairs, inverse, state) | stops)
         opens, mobility = ~state.closed, arms.tangential[:, None]
         slip = jnp.where(ends[:, None], slip - mobility * turned, 0)
-        speed = jnp.maximum(jnp.where(ends, state.latched, 1), least_speed(numbers))
+        speed = jnp.maximum(jnp.where(ends, state.latched, 1), least_speed(model))
         e = jnp.where(ends, push / (mass * speed) - 1, 0)
         whole, _, known = each(friction_impulse, arms, slip, speed, e)
         whole = jnp.where(known[:, None], whole, jnp.nan)

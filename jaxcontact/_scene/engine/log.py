@@ -13,23 +13,45 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.modes import Flag, Index, Number
 from ..._functions import spin_axes
-from ..arrays.arrays import Numbers, SceneLayout
-from ..arrays.flight import Flying
+from ..arrays.arrays import Flying, SceneArrays
 from ..arrays.movers import Turning
-from ..cluster.equations import ClusterState
+from ..cluster.problem import ClusterState
 from ..pair_impact.friction import SlipSpeeds
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
 from ..result import Ending
-from .cluster_slots import Slots, no_change, slot_pairs
-from .coupled import Call, as_numbers, blank_state
-from .state import CROWDED, FRICTION, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules
+from .coupled_friction import blank_rubbing
+from .slots import SlotChange, no_change, slot_pairs
+from .state import LoopStatus, Rules, Slots
+
+
+class Call(NamedTuple):
+    """The discrete choices about one call.
+
+    It `starts` a solve at the touch of `choice`, or continues one. `slots` holds its spheres, and
+    `change` the new ones. `closed` (P,) marks the new pairs that are in contact at once. The call
+    ends at the time `until` in s, if no event happens before. `to_the_end`: whether it continues at
+    rest. In a log the choice is that of the row.
+    """
+
+    starts: Flag
+    choice: Choice | None
+    slots: Slots
+    change: SlotChange
+    closed: Bool[Array, " P"]
+    until: Number
+    to_the_end: Flag
+
+    def where(self, needed: Flag) -> Call:
+        """Return the call, with empty slots unless `needed`; other lanes may need one."""
+        slots = self.slots._replace(present=self.slots.present & needed)
+        return self._replace(slots=slots)
 
 
 class ClusterNumbers(NamedTuple):
-    """The numbers of a call of the coupled solve. `spheres` are its members before it, with the v0
-    `held` by those at rest. `began` and `end` are its first and last states, with flags as numbers.
-    `work` is that of moving walls in J, and `error` the estimated error in m/s. With friction,
-    `turning` is the rotation of the members after it, and `rubbed` the energy taken in J.
+    """The numbers of a call of the coupled solve. `spheres` are those in its slots, with the v0
+    `held` by those at rest before it. `began` and `end` are its first and last states, with flags
+    as numbers. `work` is that of moving walls in J, and `error` the estimated error in m/s. With
+    friction, `turning` is the rotation of these after it, and `rubbed` the energy taken in J.
     """
 
     spheres: Flying
@@ -99,57 +121,80 @@ class LoopOutcome(NamedTuple):
     valid: Flag
 
 
-def blank_log(rows: int, layout: SceneLayout, dtype: Any, members: int) -> Log:
-    """Return a blank log with some rows, and with room for calls if there are `members`."""
-    each = jnp.zeros(rows, dtype)
+def blank_log(rows: int, model: SceneArrays, size: int) -> Log:
+    """Return a blank log with some rows, also of calls if these have slots."""
+    each = jnp.zeros(rows, model.dtype)
 
     def repeat(row: Any) -> Any:
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (rows, *jnp.shape(x))), row)
 
-    choice = repeat(blank_choice(layout, dtype))
+    choice = repeat(blank_choice(model))
     together = called = None
-    if members:
-        together, called = repeat(blank_calls(layout, members, dtype))
+    if size:
+        together, called = repeat(blank_calls(model, size))
     facts = LogDecisions(choice, jnp.zeros((rows, 2), int) - 1, jnp.zeros(rows, bool), each, called)
-    outcome = repeat(no_impact(layout, dtype))
+    outcome = repeat(no_impact(model))
     return Log(LogNumbers(outcome.after, outcome, together), facts)
 
 
-def no_impact(layout: SceneLayout, dtype: Any) -> ImpactOutcome:
+def no_impact(model: SceneArrays) -> ImpactOutcome:
     """Return a placeholder outcome of zeros."""
-    vector, zero = jnp.zeros((2, layout.dimensions), dtype), jnp.zeros((), dtype)
+    dtype, dimensions = model.dtype, model.dimensions
+    vector, zero = jnp.zeros((2, dimensions), dtype), jnp.zeros((), dtype)
     turning = sliding = None
-    if layout.frictions is not None:
-        spin, sliding = jnp.zeros((2, spin_axes(layout.dimensions)), dtype), SlipSpeeds(zero, zero)
+    if model.frictions is not None:
+        spin, sliding = jnp.zeros((2, spin_axes(dimensions)), dtype), SlipSpeeds(zero, zero)
         turning = Turning(spin, vector, spin, vector[:, 0])
     columns: dict[str, Any] = dict.fromkeys(ImpactOutcome._fields, zero)
     columns |= {"after": Flying(vector, vector, vector[:, 0], turning), "sliding": sliding}
     return ImpactOutcome(**columns)
 
 
-def blank_choice(layout: SceneLayout, dtype: Any) -> Choice:
+def blank_choice(model: SceneArrays) -> Choice:
     """Return a placeholder choice."""
     zero, no = jnp.zeros((), int), jnp.asarray(False)
-    image, time = jnp.zeros(layout.dimensions, dtype), jnp.zeros((), dtype)
+    image, time = jnp.zeros(model.dimensions, model.dtype), jnp.zeros((), model.dtype)
     return Choice(zero, zero, jnp.full(2, -1, int), image, time, no)
 
 
-def blank_calls(
-    layout: SceneLayout, members: int, dtype: Any
-) -> tuple[ClusterNumbers, ClusterDecisions]:
+def as_numbers(state: ClusterState) -> ClusterState:
+    """Return the state with its flags as 0 and 1, for a log whose figures have derivatives."""
+    dtype = state.position.dtype
+    return state._replace(closed=state.closed.astype(dtype), rising=state.rising.astype(dtype))
+
+
+def as_flags(state: ClusterState) -> ClusterState:
+    """Return the inverse of `as_numbers`."""
+    return state._replace(closed=state.closed > 0.5, rising=state.rising > 0.5)
+
+
+def blank_state(model: SceneArrays, size: int) -> ClusterState:
+    """Return a state of zeros, with all pairs open."""
+    total, pairs = size + model.walls, slot_pairs(model, size)[0].shape[0]
+    sizes = (), (total, model.dimensions), pairs
+    zero, vector, each = (jnp.zeros(size, model.dtype) for size in sizes)
+    flags = jnp.zeros(pairs, bool)
+    rubbing = blank_rubbing(model, total, pairs)
+    return ClusterState(
+        zero, vector, vector, each, flags, flags, each, each, each, each, each, each, rubbing,
+        each if model.remembers else None,
+    )  # fmt: skip
+
+
+def blank_calls(model: SceneArrays, size: int) -> tuple[ClusterNumbers, ClusterDecisions]:
     """Return one row without a call."""
-    dimensions = layout.dimensions
-    vector, each = jnp.zeros((members, dimensions), dtype), jnp.zeros(members, dtype)
-    state, no = as_numbers(blank_state(layout, members, dtype)), jnp.asarray(False)
+    dimensions, dtype = model.dimensions, model.dtype
+    vector, each = jnp.zeros((size, dimensions), dtype), jnp.zeros(size, dtype)
+    state, no = as_numbers(blank_state(model, size)), jnp.asarray(False)
     none = jnp.zeros((), dtype)
-    pairs = jnp.zeros(slot_pairs(layout, members)[0].shape, bool)
-    integers = jnp.zeros(members, int)
-    nobody = jnp.full(members, layout.spheres, int)
-    seats, change = Slots(nobody, integers > 0, vector), no_change(layout, members)
-    decided = Call(no, None, seats, change, pairs, none, no)
+    pairs = jnp.zeros(slot_pairs(model, size)[0].shape, bool)
+    integers = jnp.zeros(size, int)
+    nobody = jnp.full(size, model.spheres, int)
+    slots, change = Slots(nobody, integers > 0, vector), no_change(model, size)
+    decided = Call(no, None, slots, change, pairs, none, no)
     turning = rubbed = None
-    if layout.frictions is not None:
-        spin = jnp.zeros((members, spin_axes(dimensions)), dtype)
+    if model.frictions is not None:
+        spin = jnp.zeros((size, spin_axes(dimensions)), dtype)
         turning, rubbed = Turning(spin, vector, spin, each), none
     spheres = Flying(vector, vector, each, turning)
     together = ClusterNumbers(spheres, each, state, state, none, none, turning, rubbed)
@@ -178,8 +223,7 @@ class RunRecord(eqx.Module):
     `last`; its requested duration is `length`.
     """
 
-    layout: SceneLayout
-    numbers: Numbers
+    model: SceneArrays
     rules: Rules
     tolerance: Number
     outcome: LoopOutcome
@@ -211,14 +255,16 @@ class RunRecord(eqx.Module):
         """Return the `Ending` of the run and the time up to which its values hold."""
         # A run may end while bodies are in contact.
         searched, valid = self.outcome.status, self.outcome.valid
-        stuck = (searched != RUNNING) & (searched != OVER)
-        more = self.outcome.more & (searched != OVER)
+        stuck = (searched != LoopStatus.RUNNING) & (searched != LoopStatus.OVER)
+        more = self.outcome.more & (searched != LoopStatus.OVER)
         status = jnp.where(stuck, int(Ending.ACCUMULATED), int(Ending.COMPLETED))
-        crowded = (searched == CROWDED) | (searched == TWO_SUPPORTS)
+        crowded = (searched == LoopStatus.CROWDED) | (searched == LoopStatus.TWO_SUPPORTS)
         status = jnp.where(crowded, int(Ending.CROWDED), status)
-        status = jnp.where(searched == NOT_CONVERGED, int(Ending.NOT_CONVERGED), status)
-        if self.layout.frictions is not None:
-            status = jnp.where(searched == FRICTION, int(Ending.FRICTION_NOT_MODELLED), status)
+        status = jnp.where(searched == LoopStatus.NOT_CONVERGED, int(Ending.NOT_CONVERGED), status)
+        if self.model.frictions is not None:
+            status = jnp.where(
+                searched == LoopStatus.FRICTION, int(Ending.FRICTION_NOT_MODELLED), status
+            )
         status = jnp.where(~stuck & more, int(Ending.TOO_MANY_IMPACTS), status)
         status = jnp.where(valid, status, int(Ending.INVALID_INPUT))
         reached = jnp.where(stuck, self.outcome.now, jnp.where(more | ~valid, -1, self.last))

@@ -19,103 +19,49 @@ from jaxtyping import Array, Int
 from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of, with_row
 from ..._impact import Status
-from ..arrays.arrays import Numbers, SceneLayout, nearest_image
-from ..arrays.flight import Flying, at_once, where_each
-from ..bodies.overlap import NOISE
+from ..arrays.arrays import Flying, SceneArrays, at_once, nearest_image, where_each
 from ..contact_times.cells import CellGrid
 from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice, ImpactOutcome, hit
-from ..pair_impact.rolling import begins_to_roll, flying_at_start, or_roll, with_friction_at_rest
 from ..pair_impact.soft import soft
 from ..readout.final_scene import resume_cluster
 from ..resume import Underway
-from .cluster_calls import cluster_is_next, start_cluster, step_cluster
-from .cluster_slots import empty_slots
-from .coupled import blank_state
-from .event_queue import Due, in_branch, reset_events, stale_events, update_events
+from .coupled import cluster_is_next, start_cluster, step_cluster
 from .isolation import is_isolated
-from .log import Log, LogDecisions, LogNumbers, blank_calls, blank_choice
-from .next_event import AGAIN, in_cluster, simultaneous
-from .state import (
-    ACCUMULATED,
-    CROWDED,
-    FRICTION,
-    NOT_CONVERGED,
-    PATIENCE,
-    RUNNING,
-    TWO_SUPPORTS,
-    Coupling,
-    Rules,
-    RunState,
+from .log import Log, LogDecisions, LogNumbers, blank_calls, blank_choice, blank_state
+from .rest import (
+    begins_to_roll,
+    comes_to_rest,
+    flying_at_start,
+    or_roll,
+    supports_after,
+    with_friction_at_rest,
 )
-
-
-def comes_to_rest(
-    layout: SceneLayout, numbers: Numbers, choice: Choice, before: Flying, tolerance: Number
-) -> Flag:
-    """Return whether a ball comes to rest on a wall. If gravity presses it to a wall and e < 1 is
-    constant, it bounces infinitely often in a finite time. Once the next bounce is lower than
-    `tolerance` radii, that time is summed.
-    """
-    if not layout.settles:
-        return choice.tail
-    who = jnp.stack([choice.first, choice.first])
-    velocity = at_once(layout, numbers, who, before, choice.support, choice.time)[0].velocity[0]
-    wall = jnp.clip(choice.second - layout.spheres, 0)
-    face = rows_of(numbers.normal, wall)
-    weight = -jnp.sum(face * numbers.gravity)
-    driven = numbers.walls_at(choice.time, wall).velocity
-    closing = jnp.maximum(driven - jnp.sum(face * velocity), 0)
-    e = numbers.restitution[0]
-    rests = (choice.second >= layout.spheres) & (weight > 0)
-    if layout.laws:
-        law = layout.chosen(layout.laws, choice.first, choice.second)
-        e = rows_of(numbers.restitution, law)
-        rests = rests & rows_of(jnp.asarray(layout.constant), law)
-    if any(layout.vibrating):
-        # On a shaking wall the bounces do not form a series.
-        rests = rests & ~rows_of(jnp.asarray(layout.vibrating), wall)
-    if layout.frictions is not None:
-        rests = rests & ~begins_to_roll(layout, choice)
-    low = jnp.square(e * closing) <= 2 * weight * tolerance * rows_of(numbers.radius, choice.first)
-    return rests & (e < 1) & low
-
-
-def supports_after(
-    layout: SceneLayout, numbers: Numbers, choice: Choice, outcome: ImpactOutcome
-) -> tuple[Int[Array, "2"], Flag]:
-    """Return the walls that support the two bodies after the impact, and whether one needs two."""
-    support = choice.support
-    if not (layout.settles or numbers.start is not None):
-        return support, jnp.asarray(False)
-    velocity, on = outcome.after.velocity, jnp.maximum(support, 0)
-    leaving = jnp.sum(velocity * rows_of(numbers.normal, on), axis=-1)
-    if any(layout.moving):
-        leaving = leaving - rows_of(numbers.walls_at(outcome.time).velocity, on)
-    leaving = jnp.abs(leaving)
-    speed = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1)) + outcome.closing
-    kept = (support >= 0) & (leaving <= NOISE * jnp.finfo(numbers.dtype).eps * speed)
-    support = jnp.where(kept, support, -1)
-    wall = choice.second - layout.spheres
-    crowded = choice.tail & kept[0] & (support[0] != wall)
-    first = jnp.where(choice.tail, wall, support[0])
-    return jnp.stack([first, support[1]]), crowded
-
+from .search import (
+    AGAIN,
+    Due,
+    in_branch,
+    in_cluster,
+    reset_events,
+    simultaneous,
+    stale_events,
+    update_events,
+)
+from .slots import empty_slots
+from .state import PATIENCE, Coupling, LoopStatus, Rules, RunState, RunTask
 
 SLOW = 2.0**14
 """The limit of closing speeds for accumulation, in rounding errors of the largest speed.
 Simultaneous impacts below it have accumulated."""
 
 
-def initial_state(
-    layout: SceneLayout, numbers: Numbers, rules: Rules, grid: CellGrid | None = None
-) -> RunState:
+def initial_state(model: SceneArrays, rules: Rules, grid: CellGrid | None = None) -> RunState:
     """Return the start: all spheres at time zero, all events out of date, with initial contacts."""
-    count, start = layout.spheres, numbers.start
-    spheres = flying_at_start(layout, numbers)
+    count, start = model.spheres, model.start
+    spheres = flying_at_start(model)
     zero = spheres.time
     integers = jnp.zeros(count, int)
-    now = jnp.zeros((), numbers.dtype)
+    now = jnp.zeros((), model.dtype)
     state = RunState(
         spheres.position, spheres.velocity, zero, integers - 1, integers, stale_events(zero),
         now, jnp.zeros((), int), jnp.zeros((), int), zero, zero, None, None,
@@ -124,17 +70,12 @@ def initial_state(
     if start is not None:
         state = state._replace(support=start.support, held=start.held)
     if start is None or start.underway is None:
-        return _first_events(layout, numbers, rules, state, grid)
-    return _resume_impacts(layout, numbers, rules, state, grid, start.underway)
+        return _first_events(model, rules, state, grid)
+    return _resume_impacts(model, rules, state, grid, start.underway)
 
 
 def _resume_impacts(
-    layout: SceneLayout,
-    numbers: Numbers,
-    rules: Rules,
-    state: RunState,
-    grid: CellGrid | None,
-    underway: Underway,
+    model: SceneArrays, rules: Rules, state: RunState, grid: CellGrid | None, underway: Underway
 ) -> RunState:
     """Return a start within isolated impacts. Their touch, before time zero, is the next event of
     the bodies in them.
@@ -143,7 +84,7 @@ def _resume_impacts(
     led = Flying(underway.position, underway.velocity, underway.time, underway.turning)
     spheres = where_each(on, led, state.flying)
     state = state._replace(**spheres._asdict())
-    state = _first_events(layout, numbers, rules, state, grid)
+    state = _first_events(model, rules, state, grid)
     events = state.events
     events = events._replace(
         time=jnp.where(on, underway.touch, events.time),
@@ -154,37 +95,35 @@ def _resume_impacts(
 
 
 def _first_events(
-    layout: SceneLayout, numbers: Numbers, rules: Rules, state: RunState, grid: CellGrid | None
+    model: SceneArrays, rules: Rules, state: RunState, grid: CellGrid | None
 ) -> RunState:
     """Return the start with its initial contacts and its cells."""
-    start = jnp.zeros((), numbers.dtype)
-    if not rules.members:
-        return reset_events(layout, numbers, state, start, grid)
-    state = with_empty_slots(layout, numbers, rules.members, state)
+    start = jnp.zeros((), model.dtype)
+    if not rules.slots:
+        return reset_events(model, state, start, grid)
+    state = with_empty_slots(model, rules.slots, state)
     assert state.coupling is not None
-    coupling = resume_cluster(numbers, state.coupling)
+    coupling = resume_cluster(model, state.coupling)
     # The search precedes the first call.
     start = jnp.where(coupling.active, jnp.minimum(coupling.state.time, start), start)
-    state = reset_events(layout, numbers, state._replace(coupling=coupling), start, grid)
+    state = reset_events(model, state._replace(coupling=coupling), start, grid)
     # During a solve nothing else happens to the spheres in it.
-    inside = coupling.active & in_cluster(layout, coupling)
+    inside = coupling.active & in_cluster(model, coupling)
     waits = state.events._replace(time=jnp.where(inside, jnp.inf, state.events.time))
     return state._replace(events=waits)
 
 
-def with_empty_slots(
-    layout: SceneLayout, numbers: Numbers, members: int, state: RunState
-) -> RunState:
+def with_empty_slots(model: SceneArrays, size: int, state: RunState) -> RunState:
     """Return the state with empty slots for a coupled solve. A run without slots that stopped
     because it needed one can continue.
     """
-    no, zero = jnp.asarray(False), jnp.zeros((), numbers.dtype)
-    nobody, seats = blank_choice(layout, numbers.dtype), empty_slots(layout, numbers, members)
+    no, zero = jnp.asarray(False), jnp.zeros((), model.dtype)
+    nobody, slots = blank_choice(model), empty_slots(model, size)
     coupling = Coupling(
-        no, no, no, nobody, seats, zero, zero,
-        blank_state(layout, members, numbers.dtype),
+        no, no, no, nobody, slots, zero, zero,
+        blank_state(model, size),
     )  # fmt: skip
-    return state._replace(coupling=coupling, status=jnp.full_like(state.status, RUNNING))
+    return state._replace(coupling=coupling, status=jnp.full_like(state.status, LoopStatus.RUNNING))
 
 
 def has_events_left(state: RunState, end: Number) -> Flag:
@@ -194,36 +133,30 @@ def has_events_left(state: RunState, end: Number) -> Flag:
 
 
 def advance(
-    layout: SceneLayout,
-    numbers: Numbers,
-    rules: Rules,
-    state: RunState,
-    log: Log,
-    end: Number,
-    tolerance: Number,
-    written: Index | None = None,
+    task: RunTask, state: RunState, log: Log, written: Index | None = None
 ) -> tuple[RunState, Log, Index]:
-    """Process impacts up to `end` (inclusive), or until a log or cell is full or the run stuck.
+    """Process impacts up to the end (inclusive), or until a log or cell is full or the run stuck.
     Rows are appended to the `written` ones. Returns the state, the log and the new number of rows.
     """
+    end = task.end
     rows = log.facts.tied.shape[0]
 
     def unfinished(carry: tuple[RunState, Due, Log, Array]) -> Array:
         state, _, _, written = carry
-        more = has_events_left(state, end) & (written < rows) & (state.status == RUNNING)
+        more = has_events_left(state, end) & (written < rows) & (state.status == LoopStatus.RUNNING)
         return more if state.cells is None else more & ~state.cells.full
 
     def step(carry: tuple[RunState, Due, Log, Array]) -> tuple[RunState, Due, Log, Array]:
         state, due, log, written = carry
         # In a batch a finished run only waits.
-        setting, needed = (layout, numbers, rules, state), unfinished(carry)
+        needed = unfinished(carry)
         if state.coupling is None:
-            state, figures, facts, fresh = _event(*setting, due, end, tolerance, needed)
+            state, figures, facts, fresh = _event(task, state, due, needed)
         else:
             state, figures, facts, fresh = jax.lax.cond(
                 cluster_is_next(state),
-                lambda: step_cluster(*setting, end, tolerance, needed),
-                lambda: _event(*setting, due, end, tolerance, needed),
+                lambda: step_cluster(task, state, needed),
+                lambda: _event(task, state, due, needed),
             )
         log = with_row(log, written, Log(figures, facts))
         until = end
@@ -232,7 +165,7 @@ def advance(
             active, later = state.coupling.active, jnp.minimum(state.coupling.state.time, end)
             until = jnp.where(active, later, end)
             until = jnp.where(cluster_is_next(state), -jnp.inf, until)
-        state, due = update_events(layout, numbers, state, until, end)
+        state, due = update_events(task.model, state, until, end)
         return state, due, log, written + fresh.astype(written.dtype)
 
     start = jnp.zeros((), int) if written is None else written
@@ -261,25 +194,19 @@ class _SolvedImpact(NamedTuple):
 
 
 def _event(
-    layout: SceneLayout,
-    numbers: Numbers,
-    rules: Rules,
-    state: RunState,
-    due: Due,
-    end: Number,
-    tolerance: Number,
-    needed: Flag,
+    task: RunTask, state: RunState, due: Due, needed: Flag
 ) -> tuple[RunState, LogNumbers, LogDecisions, Flag]:
     """Process the impact that is due; the last value is True if there is one. `needed`: whether the
     lane needs it. The arrays of all spheres are read in a branch before they are written; otherwise
     they would be copied.
     """
+    model, rules, end = task.model, task.rules, task.end
     until = end
     if state.coupling is not None:
         coupling = state.coupling
         until = jnp.where(coupling.active, jnp.minimum(coupling.state.time, end), end)
         needed = needed & ~cluster_is_next(state)
-    count, i, partner = layout.spheres, due.first, due.partner
+    count, i, partner = model.spheres, due.first, due.partner
     fresh = due.fresh & (due.least <= until)
     if state.cells is not None:
         fresh = fresh & ~state.cells.full
@@ -287,8 +214,7 @@ def _event(
     is_sphere = partner < count
     # A wall has no row; the first body replaces it.
     who = jnp.stack([i, jnp.where(is_sphere, jnp.maximum(partner, 0), i)])
-    arguments = (layout, numbers, rules, state, due, who, now, tolerance, fresh & needed)
-    met = in_branch(fresh, lambda: _solve_due(*arguments))
+    met = in_branch(fresh, lambda: _solve_due(task, state, due, who, now, fresh & needed))
     choice, outcome = met.choice, met.outcome
     happens = fresh & met.alone
     starts = fresh & ~met.alone
@@ -308,92 +234,83 @@ def _event(
         status=jnp.where(happens, met.status, state.status),
     )
     if rules.soft and state.coupling is None:
-        state = state._replace(status=jnp.where(starts, CROWDED, state.status))
+        state = state._replace(status=jnp.where(starts, LoopStatus.CROWDED, state.status))
     elif state.coupling is not None:
         met_then = choice._replace(time=outcome.time)
-        coupling = start_cluster(layout, numbers, state.coupling, starts, met_then, outcome.closing)
+        coupling = start_cluster(model, state.coupling, starts, met_then, outcome.closing)
         state = state._replace(coupling=coupling)
     together = no_call = None
     if state.coupling is not None:
-        together, no_call = blank_calls(layout, rules.members, numbers.dtype)
+        together, no_call = blank_calls(model, rules.slots)
     figures = LogNumbers(met.before, outcome, together)
     return state, figures, LogDecisions(choice, met.support, met.tied, met.rival, no_call), happens
 
 
 def _solve_due(
-    layout: SceneLayout,
-    numbers: Numbers,
-    rules: Rules,
-    state: RunState,
-    due: Due,
-    who: Int[Array, "2"],
-    now: Number,
-    tolerance: Number,
-    needed: Flag,
+    task: RunTask, state: RunState, due: Due, who: Int[Array, "2"], now: Number, needed: Flag
 ) -> _SolvedImpact:
     """Compute the impact that is due; unless `needed`, its solve takes no step."""
-    partner = due.partner
+    model, rules, tolerance, partner = task.model, task.rules, task.tolerance, due.partner
     columns = (state.flying, state.support, state.count, state.events)
     before, support, met, events = rows_of(columns, who)
-    choice = _choice(layout, numbers, who, partner, before, support, now)
+    choice = _choice(model, who, partner, before, support, now)
     if rules.soft:
-        outcome = soft(layout, numbers, before, choice, tolerance, needed)
-        alone = is_isolated(layout, numbers, rules, state, choice, outcome, now, tolerance)
-        if numbers.start is not None:
+        outcome = soft(model, before, choice, tolerance, needed)
+        alone = is_isolated(task, state, choice, outcome, now)
+        if model.start is not None:
             # Impacts that began before the run are known to be isolated.
             alone = alone | ((now < 0) & (outcome.status == 0))
         crowded = jnp.asarray(False)
-        if layout.frictions is not None:
+        if model.frictions is not None:
             # A law without an outcome ends the run.
-            outcome = or_roll(layout, numbers, before, choice, outcome, soft=True)
-            alone = alone | begins_to_roll(layout, choice)
+            outcome = or_roll(model, before, choice, outcome, soft=True)
+            alone = alone | begins_to_roll(model, choice)
             alone = alone | (outcome.status == int(Status.INVALID_INPUT))
-            if is_followed(numbers):
+            if is_followed(model):
                 alone = alone & (outcome.error <= 2 * tolerance)
     else:
-        choice = choice._replace(tail=comes_to_rest(layout, numbers, choice, before, tolerance))
-        outcome = hit(layout, numbers, before, choice)
-        outcome = or_roll(layout, numbers, before, choice, outcome, soft=False)
+        choice = choice._replace(tail=comes_to_rest(model, choice, before, tolerance))
+        outcome = hit(model, before, choice)
+        outcome = or_roll(model, before, choice, outcome, soft=False)
         alone = jnp.asarray(True)
-        support, crowded = supports_after(layout, numbers, choice, outcome)
+        support, crowded = supports_after(model, choice, outcome)
     curves = jnp.asarray(False)
-    if layout.frictions is not None:
-        outcome, curves = with_friction_at_rest(layout, numbers, choice, outcome, support)
+    if model.frictions is not None:
+        outcome, curves = with_friction_at_rest(model, choice, outcome, support)
 
     # An event of the partner that is not an impact does not compete.
     with_first = (events.partner[1] == who[0]) | (events.partner[1] < 0)
     competing = jnp.where(with_first, events.second[1], events.time[1])
-    is_sphere = partner < layout.spheres
+    is_sphere = partner < model.spheres
     rival = jnp.minimum(events.second[0], jnp.where(is_sphere, competing, jnp.inf)) - now
     since = jnp.where(met > 0, now - before.time, jnp.inf)
     rival = jnp.minimum(rival, jnp.min(since))
-    within = simultaneous(numbers, due.least)
+    within = simultaneous(model, due.least)
     tied = rival <= within
 
     idle = jnp.where(now > state.now + within, 0, state.idle + 1)
-    patience = PATIENCE * (layout.spheres + layout.walls)
+    patience = PATIENCE * (model.spheres + model.walls)
 
     stuck = idle > patience
     if not rules.soft:
-        eps = jnp.finfo(numbers.dtype).eps
+        eps = jnp.finfo(model.dtype).eps
         fastest = in_branch(tied, lambda: jnp.max(jnp.sum(jnp.square(state.velocity), axis=-1)))
         slow = outcome.closing <= SLOW * eps * jnp.sqrt(fastest)
         stuck = stuck | (tied & slow & ~choice.tail)
-    stuck = jnp.where(stuck, ACCUMULATED, RUNNING)
-    status = jnp.where(crowded, TWO_SUPPORTS, stuck)
+    stuck = jnp.where(stuck, LoopStatus.ACCUMULATED, LoopStatus.RUNNING)
+    status = jnp.where(crowded, LoopStatus.TWO_SUPPORTS, stuck)
     if not rules.soft:
         # A law that is not solved has no e.
-        status = jnp.where(jnp.isnan(outcome.restitution), NOT_CONVERGED, status)
-    if layout.frictions is not None:
-        status = jnp.where(curves | (outcome.status != 0), FRICTION, status)
+        status = jnp.where(jnp.isnan(outcome.restitution), LoopStatus.NOT_CONVERGED, status)
+    if model.frictions is not None:
+        status = jnp.where(curves | (outcome.status != 0), LoopStatus.FRICTION, status)
     return _SolvedImpact(
         before, choice, outcome, support, met + 1, rival, tied, idle, status, alone
     )
 
 
 def _choice(
-    layout: SceneLayout,
-    numbers: Numbers,
+    model: SceneArrays,
     who: Int[Array, "2"],
     partner: Index,
     before: Flying,
@@ -401,9 +318,9 @@ def _choice(
     now: Number,
 ) -> Choice:
     """Return the discrete choices about an impact: its bodies and their image."""
-    image = jnp.zeros(layout.dimensions, numbers.dtype)
-    if any(layout.periodic):
-        place = at_once(layout, numbers, who, before, support, now)[0].position
-        nearest = nearest_image(layout, numbers, (place[0] - place[1])[None])[1][0]
-        image = jnp.where(partner < layout.spheres, nearest, image)
+    image = jnp.zeros(model.dimensions, model.dtype)
+    if any(model.periodic):
+        place = at_once(model, who, before, support, now)[0].position
+        nearest = nearest_image(model, (place[0] - place[1])[None])[1][0]
+        image = jnp.where(partner < model.spheres, nearest, image)
     return Choice(who[0], jnp.maximum(partner, 0), support, image, now, jnp.asarray(False))

@@ -15,19 +15,18 @@ from jaxtyping import Array
 from ..._program import quick
 from ..._solver.chunks import in_chunks
 from ..._text.progress import TellRun
-from ..arrays.arrays import Numbers, SceneLayout
+from ..arrays.arrays import SceneArrays
 from ..contact_times.cells import CellGrid, grid_of
 from ..derivative.differentiable_run import RunInputs
 from ..pair_impact.friction import is_followed
-from .cluster_slots import all_fit, in_places
-from .event_queue import reset_events
 from .log import Log, LoopOutcome, blank_log
 from .loop import advance, has_events_left, initial_state, with_empty_slots
-from .next_event import flight_at
-from .state import CROWDED, RUNNING, Rules, RunState
+from .search import flight_at, reset_events
+from .slots import all_fit, in_more_slots
+from .state import LoopStatus, Rules, RunState, RunTask
 
 _MOST_GROWN = 32
-"""The largest capacity to which a coupled solve grows automatically."""
+"""The largest number of slots to which a coupled solve grows automatically."""
 
 _PIECE = 256
 """The number of impacts between two returns to Python."""
@@ -35,7 +34,7 @@ _PIECE = 256
 _PATIENCE = 131_072
 """The number of impacts, times the square of one plus the slots, for which the faster program is
 compiled. Measured: it saves that time after 105,000 instantaneous impacts, and after 1,900 calls
-of a coupled solve with six slots; no other capacity was measured. It is not a time: the two
+of a coupled solve with six slots; no other number was measured. It is not a time: the two
 programs round differently, and a script must reproduce its numbers."""
 
 _RUN: dict[Any, float] = {}
@@ -47,11 +46,12 @@ def all_at_once(rules: Rules, inputs: RunInputs, grid: CellGrid | None, room: in
     """Run the whole event loop as one program with room for so many impacts. If a cell is full, the
     run continues without cells.
     """
-    layout, numbers, valid, end, tolerance = inputs
-    numbers, end = jax.tree.map(
-        lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, (numbers, end)
+    model, valid, end, tolerance = inputs
+    model, end = jax.tree.map(
+        lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, (model, end)
     )
-    arrays, static = eqx.partition(((layout, numbers, valid, end, tolerance), grid), eqx.is_array)
+    given = (model, valid, end, tolerance), grid
+    arrays, static = eqx.partition(given, eqx.is_array)
     leaves, structure = jax.tree.flatten(arrays)
 
     def run(*leaves: Array) -> LoopOutcome:
@@ -63,16 +63,17 @@ def all_at_once(rules: Rules, inputs: RunInputs, grid: CellGrid | None, room: in
 
 
 def _whole_loop(rules: Rules, inputs: RunInputs, grid: CellGrid | None, room: int) -> LoopOutcome:
-    layout, numbers, valid, end, tolerance = inputs
+    model, valid, end, tolerance = inputs
     last = jnp.where(valid, end, -1)
-    state = initial_state(layout, numbers, rules, grid)
-    log = blank_log(room, layout, numbers.dtype, rules.members)
-    state, log, written = advance(layout, numbers, rules, state, log, last, tolerance)
+    state = initial_state(model, rules, grid)
+    task = RunTask(model, rules, last, tolerance)
+    log = blank_log(room, model, rules.slots)
+    state, log, written = advance(task, state, log)
     if state.cells is not None:
         full = state.cells.full & valid
         now = jnp.maximum(jnp.min(state.events.time), state.now)
-        state = reset_events(layout, numbers, state, now, None, full)
-        state, log, written = advance(layout, numbers, rules, state, log, last, tolerance, written)
+        state = reset_events(model, state, now, None, full)
+        state, log, written = advance(task, state, log, written)
     more = has_events_left(state, last)
     return LoopOutcome(log, written, state.status, state.now, more, valid)
 
@@ -86,36 +87,36 @@ def from_python(
     grows: bool,
 ) -> tuple[Rules, LoopOutcome]:
     """Run one program repeatedly until all impacts are found; return the final rules and the
-    outcome. It writes at `most` so many rows. If it `grows`, a piece that needs more places in a
+    outcome. It writes at `most` so many rows. If it `grows`, a piece that needs more slots in a
     coupled solve is run again with more.
     """
-    layout, numbers, valid, end, tolerance = inputs
-    state = _begun(layout, numbers, rules) if start is None else start
-    wanted, room = rules, min(_MOST_GROWN, layout.spheres) if grows else 0
-    rules, numbers = _first_rules(layout, numbers, rules), _resumed(layout, numbers, rules)
-    places = 0 if state.coupling is None else state.coupling.seats.who.shape[0]
-    if not rules.members:
+    model, valid, end, tolerance = inputs
+    state = _begun(model, rules) if start is None else start
+    wanted, most_slots = rules, min(_MOST_GROWN, model.spheres) if grows else 0
+    rules, model = _first_rules(model, rules), _resumed(model, rules)
+    slots = 0 if state.coupling is None else state.coupling.slots.size
+    if not rules.slots:
         state = state._replace(coupling=None)
-    elif places != rules.members:
-        state = _with_places(layout, numbers, rules.members, state)
-    grid = None if rules.soft else grid_of(layout, numbers)
+    elif slots != rules.slots:
+        state = _with_slots(model, rules.slots, state)
+    grid = None if rules.soft else grid_of(model)
     if grid is not None:
-        state = _expecting(layout, numbers, state, state.now, grid)
+        state = _expecting(model, state, state.now, grid)
     pieces: list[tuple[Log, int]] = []
     total, more, crowded_at = 0, True, -1.0
-    while more and int(state.status) == RUNNING and (most is None or total < most):
+    while more and int(state.status) == LoopStatus.RUNNING and (most is None or total < most):
         if state.cells is not None and bool(state.cells.full):
-            state, crowded_at = _with_room(layout, numbers, state, crowded_at)
+            state, crowded_at = _with_room(model, state, crowded_at)
         before = state
-        inputs_now = (layout, numbers, rules, state, valid, end, tolerance)
+        inputs_now = (model, rules, state, valid, end, tolerance)
         state, log, written, ahead = _piece(tell, total, *inputs_now)
-        if int(state.status) == CROWDED and 0 < rules.members < room:
-            wider = min(2 * rules.members, layout.spheres)
-            # A sphere keeps its place, so that as many places as spheres are one more.
-            places = rules.members, wider + all_fit(layout, wider)
-            rules = Rules(rules.soft, rules.v0, places[1])
-            blank = _with_places(layout, numbers, rules.members, before)
-            coupling = in_places(layout, before.coupling, blank.coupling, places)
+        if int(state.status) == LoopStatus.CROWDED and 0 < rules.slots < most_slots:
+            wider = min(2 * rules.slots, model.spheres)
+            # A sphere keeps its slot, so that as many slots as spheres are one more.
+            sizes = rules.slots, wider + all_fit(model, wider)
+            rules = Rules(rules.soft, rules.v0, sizes[1])
+            blank = _with_slots(model, rules.slots, before)
+            coupling = in_more_slots(model, before.coupling, blank.coupling, sizes)
             state = blank._replace(coupling=jax.device_put(coupling))
             continue
         count = int(written) if most is None else min(int(written), most - total)
@@ -123,29 +124,29 @@ def from_python(
         pieces.append((log, count))
         total += count
         tell(total, "impacts", float(state.now), float(end))
-        if int(state.status) == CROWDED and rules.members < wanted.members:
-            rules, state = wanted, _with_places(layout, numbers, wanted.members, state)
+        if int(state.status) == LoopStatus.CROWDED and rules.slots < wanted.slots:
+            rules, state = wanted, _with_slots(model, wanted.slots, state)
     tell.says("reading the results")
-    log = pieces[0][0] if len(pieces) == 1 else _one_log(layout, numbers, rules, pieces)
+    log = pieces[0][0] if len(pieces) == 1 else _one_log(model, rules, pieces)
     written, ahead = jax.device_put((np.asarray(total), np.asarray(more)))
     return rules, LoopOutcome(log, written, state.status, state.now, ahead, valid)
 
 
-def _first_rules(layout: SceneLayout, numbers: Numbers, rules: Rules) -> Rules:
+def _first_rules(model: SceneArrays, rules: Rules) -> Rules:
     """Return the rules without a coupled solve, unless it runs or most such scenes need it."""
-    followed, many = is_followed(numbers), not all_fit(layout, rules.members)
-    pressed = layout.gravity and (rules.v0 != "touch" if followed else any(layout.fixed))
-    rubs = layout.frictions is not None and not (pressed or (followed and layout.spheres > 1))
-    leans = numbers.start is not None and numbers.start.leans
+    followed, many = is_followed(model), not all_fit(model, rules.slots)
+    pressed = model.has_gravity and (rules.v0 != "touch" if followed else any(model.fixed))
+    rubs = model.frictions is not None and not (pressed or (followed and model.spheres > 1))
+    leans = model.start is not None and model.start.leans
     return rules if leans or not (many or rubs) else Rules(rules.soft, rules.v0, 0)
 
 
-def _resumed(layout: SceneLayout, numbers: Numbers, rules: Rules) -> Numbers:
-    """Return the numbers less a start that the state holds."""
-    start = numbers.start
-    if start is None or start.underway is not None or not (rules.soft or layout.settles):
-        return numbers
-    return eqx.tree_at(lambda numbers: numbers.start, numbers, None)
+def _resumed(model: SceneArrays, rules: Rules) -> SceneArrays:
+    """Return the model less a start that the state holds."""
+    start = model.start
+    if start is None or start.underway is not None or not (rules.soft or model.settles):
+        return model
+    return eqx.tree_at(lambda model: model.start, model, None)
 
 
 def _piece(tell: TellRun, total: int, *inputs: Any) -> tuple[RunState, Log, Array, Array]:
@@ -153,11 +154,11 @@ def _piece(tell: TellRun, total: int, *inputs: Any) -> tuple[RunState, Log, Arra
     saves its own compilation, by the impacts that have run and those that this run, after `total`
     of them, probably has left.
     """
-    _, numbers, rules, state, _, end, _ = inputs
+    model, rules, state, _, end, _ = inputs
     now = float(state.now)
     left = total * (float(end) - now) / now if now > 0 else 0.0
-    kind = jax.tree.structure(inputs[:4]), numbers.dtype
-    swift = ((done := _RUN.get(kind, 0)) + left) * (1 + rules.members) ** 2 >= _PATIENCE
+    kind = jax.tree.structure(inputs[:3]), model.dtype
+    swift = ((done := _RUN.get(kind, 0)) + left) * (1 + rules.slots) ** 2 >= _PATIENCE
     compiles = kind not in _RUN or (swift and done < math.inf)
     if compiles or not left:
         tell.says("compiling" if compiles else "running")
@@ -167,58 +168,48 @@ def _piece(tell: TellRun, total: int, *inputs: Any) -> tuple[RunState, Log, Arra
 
 
 def _onward(
-    layout: SceneLayout,
-    numbers: Numbers,
-    rules: Rules,
-    state: RunState,
-    valid: Array,
-    end: Array,
-    tolerance: Array,
+    model: SceneArrays, rules: Rules, state: RunState, valid: Array, end: Array, tolerance: Array
 ) -> tuple[RunState, Log, Array, Array]:
     """Return a piece with its own log, the number of its rows, and whether events are left."""
     end = jnp.where(valid, end, -1)
-    log = blank_log(_PIECE, layout, numbers.dtype, rules.members)
-    state, log, written = advance(layout, numbers, rules, state, log, end, tolerance)
+    log = blank_log(_PIECE, model, rules.slots)
+    state, log, written = advance(RunTask(model, rules, end, tolerance), state, log)
     return state, log, written, has_events_left(state, end)
 
 
 _quickly, _swiftly = quick(_onward), eqx.filter_jit(_onward)
 _begun = quick(initial_state)
 _expecting = quick(reset_events)
-_with_places = quick(with_empty_slots)
+_with_slots = quick(with_empty_slots)
 _blank = quick(blank_log)
 
 
-def _with_room(
-    layout: SceneLayout, numbers: Numbers, state: RunState, before: float
-) -> tuple[RunState, float]:
+def _with_room(model: SceneArrays, state: RunState, before: float) -> tuple[RunState, float]:
     """Return the run with new cells after one was full, and the time at which that was. If they
     were also full at the time `before`, cells are useless and omitted.
     """
     assert state.cells is not None
-    now, position = _here(layout, numbers, state)
+    now, position = _here(model, state)
     useful = float(now) > before
-    grid = grid_of(layout, numbers, position, state.cells.grid) if useful else None
-    return _expecting(layout, numbers, state, now, grid), float(now)
+    grid = grid_of(model, position, state.cells.grid) if useful else None
+    return _expecting(model, state, now, grid), float(now)
 
 
 @quick
-def _here(layout: SceneLayout, numbers: Numbers, state: RunState) -> tuple[Array, Array]:
+def _here(model: SceneArrays, state: RunState) -> tuple[Array, Array]:
     """Return the time of the next event, and the positions of all spheres then."""
     now = jnp.maximum(jnp.min(state.events.time), state.now)
-    return now, flight_at(layout, numbers, state, None, now)[0]
+    return now, flight_at(model, state, None, now)[0]
 
 
-def _one_log(
-    layout: SceneLayout, numbers: Numbers, rules: Rules, pieces: Sequence[tuple[Log, int]]
-) -> Log:
+def _one_log(model: SceneArrays, rules: Rules, pieces: Sequence[tuple[Log, int]]) -> Log:
     """Return the log of several pieces, with blank rows at its end. Pieces from before the first
-    coupled solve get blank rows for calls, and those with fewer places more of them.
+    coupled solve get blank rows for calls, and those with fewer slots more of them.
     """
     total = sum(count for _, count in pieces)
     # Logs of one piece's length, or of a larger power of two, share the programs that read them.
     room = max(_PIECE, 1 << max(total - 1, 0).bit_length())
-    blank = _blank(1, layout, numbers.dtype, rules.members)
+    blank = _blank(1, model, rules.slots)
 
     def repeat(tree: Any, rows: int) -> Any:
         return jax.tree.map(lambda x: np.repeat(np.asarray(x), rows, axis=0), tree)
@@ -228,8 +219,8 @@ def _one_log(
         empty, held = (blank.figures.coupled, blank.facts.call), (figures.coupled, facts.call)
         if held[1] is None:
             held = repeat(empty, rows)
-        elif (places := held[1].decided.seats.who.shape[1]) < rules.members:
-            held = in_places(layout, held, empty, (places, rules.members))
+        elif (slots := held[1].decided.slots.size) < rules.slots:
+            held = in_more_slots(model, held, empty, (slots, rules.slots))
         return Log(figures._replace(coupled=held[0]), facts._replace(call=held[1]))
 
     parts = [*(head(*piece) for piece in pieces), repeat(blank, room - total)]

@@ -19,7 +19,7 @@ from ..._coupled.rows import rows_of
 from ..._friction import AbstractFriction
 from ..._friction.base import Tangential, TangentialOutcome, own_ratio
 from ..._functions import cross, swept
-from ..arrays.arrays import Numbers, SceneLayout, contact_of, laws_of, least_speed
+from ..arrays.arrays import SceneArrays, SceneLayout, contact_of, laws_of, least_speed
 from ..bodies.mixed_law import one_of_each
 
 Lane = Float[Array, "..."]
@@ -63,24 +63,21 @@ class Arms(NamedTuple):
         return -jnp.sum(impulse * (slip + self.tangential * impulse / 2))
 
 
-def arms_of(
-    layout: SceneLayout, numbers: Numbers, i: Index, j: Index, depth: Number | None = None
-) -> Arms:
+def arms_of(model: SceneArrays, i: Index, j: Index, depth: Number | None = None) -> Arms:
     """Return the numbers of bodies i and j; a wall has none. A `depth` shortens the arms."""
-    assert numbers.rotation is not None
+    assert model.rotation is not None
     two = jnp.stack([i, j])
-    flat = jnp.zeros(layout.walls, numbers.dtype)
-    radius = rows_of(jnp.concatenate([numbers.radius, flat]), two)
+    flat = jnp.zeros(model.walls, model.dtype)
+    radius = rows_of(jnp.concatenate([model.radius, flat]), two)
     if depth is not None:
-        curved = two < layout.spheres
+        curved = two < model.spheres
         radius = radius - jnp.where(curved, depth / jnp.sum(curved, dtype=depth.dtype), 0)
-    turns, inverse = rows_of((numbers.rotation.inverse_inertia, numbers.inverse_mass), two)
+    turns, inverse = rows_of((model.rotation.inverse_inertia, model.inverse_mass), two)
     return Arms(radius, turns, inverse, jnp.sum(inverse) + jnp.sum(jnp.square(radius) * turns))
 
 
 def friction_impulse(
-    layout: SceneLayout,
-    numbers: Numbers,
+    model: SceneArrays,
     i: Index,
     j: Index,
     arms: Arms,
@@ -90,7 +87,7 @@ def friction_impulse(
 ) -> tuple[Lane, SlipSpeeds, Flag]:
     """Return the impulse (D,) on body i in N s, the slip speeds, and whether the law has one."""
     # A closing speed of zero has no impulse.
-    speed = jnp.maximum(closing, least_speed(numbers))
+    speed = jnp.maximum(closing, least_speed(model))
     square, least = jnp.sum(jnp.square(slip)), jax.lax.stop_gradient(_AT_REST * speed)
     slow = square <= jnp.square(least)
     size = jnp.where(slow, least, jnp.sqrt(jnp.where(slow, 1, square)))
@@ -99,15 +96,15 @@ def friction_impulse(
         slip=size / speed,
         mobility=arms.tangential / jnp.where(inverse > 0, inverse, 1),
         restitution=restitution,
-        alpha=_damping_of(layout, numbers, i, j, speed),
-        exponent=numbers.exponent.value,
-        ratio=_ratio_of(numbers, i, j),
+        alpha=_damping_of(model, i, j, speed),
+        exponent=model.exponent.value,
+        ratio=_ratio_of(model, i, j),
         speed=speed,
     )
-    assert numbers.rotation is not None and layout.frictions is not None
-    laws, kind = numbers.rotation.laws, jnp.asarray(0)
+    assert model.rotation is not None and model.frictions is not None
+    laws, kind = model.rotation.laws, jnp.asarray(0)
     if len(laws) > 1:
-        laws, kind = one_of_each(laws, layout.chosen(layout.frictions, i, j))
+        laws, kind = one_of_each(laws, model.chosen(model.frictions, i, j))
 
     def of(law: AbstractFriction) -> Callable[[], tuple[Number, Flag]]:
         if not law.has_formula(problem):
@@ -144,42 +141,40 @@ def _by_pair(layout: SceneLayout, each: list[Any], i: Array, j: Array, dtype: An
     return rows_of(column, layout.chosen(layout.frictions, i, j))
 
 
-def coefficient_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Number:
+def coefficient_of(model: SceneArrays, i: Index, j: Index) -> Number:
     """Return the friction coefficient μ of bodies i and j."""
-    assert numbers.rotation is not None
-    return _by_pair(layout, [law.mu for law in numbers.rotation.laws], i, j)
+    assert model.rotation is not None
+    return _by_pair(model, [law.mu for law in model.rotation.laws], i, j)
 
 
-def is_followed(numbers: Numbers) -> bool:
+def is_followed(model: SceneArrays) -> bool:
     """Return whether all friction laws act alike in isolated and in coupled contacts."""
-    return numbers.rotation is None or all(law.is_followed for law in numbers.rotation.laws)
+    return model.rotation is None or all(law.is_followed for law in model.rotation.laws)
 
 
-def has_impulse(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Flag:
+def has_impulse(model: SceneArrays, i: Index, j: Index) -> Flag:
     """Return whether the friction of bodies i and j is the impulse of a law's formula."""
-    assert numbers.rotation is not None
-    return _by_pair(layout, [not law.is_followed for law in numbers.rotation.laws], i, j)
+    assert model.rotation is not None
+    return _by_pair(model, [not law.is_followed for law in model.rotation.laws], i, j)
 
 
-def spring_ratio_of(layout: SceneLayout, numbers: Numbers, i: Index, j: Index) -> Number:
+def spring_ratio_of(model: SceneArrays, i: Index, j: Index) -> Number:
     """Return the ratio κ of the tangential spring of bodies i and j in a coupled contact.
 
     Laws without a ratio have that of the materials, or of Poisson's ratio 0.3 if these are unknown.
     """
-    assert numbers.rotation is not None
-    usual, known = jnp.asarray(_USUAL_RATIO, numbers.dtype), _ratio_of(numbers, i, j)
+    assert model.rotation is not None
+    usual, known = jnp.asarray(_USUAL_RATIO, model.dtype), _ratio_of(model, i, j)
     if known is not None:
         usual = jnp.where(known > 0, known, usual)
-    own = map(own_ratio, numbers.rotation.laws)
-    return _by_pair(layout, [usual if ratio is None else ratio for ratio in own], i, j)
+    own = map(own_ratio, model.rotation.laws)
+    return _by_pair(model, [usual if ratio is None else ratio for ratio in own], i, j)
 
 
-def _damping_of(
-    layout: SceneLayout, numbers: Numbers, i: Index, j: Index, speed: Number
-) -> Number | None:
+def _damping_of(model: SceneArrays, i: Index, j: Index, speed: Number) -> Number | None:
     """Return the α of the normal force; None if a law of the scene has none."""
-    laws, kind = laws_of(layout, numbers, i, j)
-    contact = contact_of(layout, numbers, i, j)
+    laws, kind = laws_of(model, i, j)
+    contact = contact_of(model, i, j)
     try:
         each = [jnp.asarray(law.damping_factor(contact, speed), speed.dtype) for law in laws]
     except ValueError:
@@ -187,32 +182,32 @@ def _damping_of(
     return each[0] if len(each) == 1 else rows_of(jnp.stack(each), kind)
 
 
-def _ratio_of(numbers: Numbers, i: Index, j: Index) -> Number | None:
+def _ratio_of(model: SceneArrays, i: Index, j: Index) -> Number | None:
     """Return 4G*/E* of the materials; None if they are not known."""
-    shear = None if numbers.rotation is None else numbers.rotation.shear_compliance
-    if shear is None or numbers.compliance is None:
+    shear = None if model.rotation is None else model.rotation.shear_compliance
+    if shear is None or model.compliance is None:
         return None
-    (soft, sheared), (softer, more) = (rows_of((numbers.compliance, shear), k) for k in (i, j))
+    (soft, sheared), (softer, more) = (rows_of((model.compliance, shear), k) for k in (i, j))
     both = sheared + more
     return 4 * (soft + softer) / jnp.where(both > 0, both, 1)
 
 
 def ramps_of(
-    layout: SceneLayout, numbers: Numbers, one: Int[Array, " P"], other: Int[Array, " P"]
+    model: SceneArrays, one: Int[Array, " P"], other: Int[Array, " P"]
 ) -> Float[Array, " P"] | None:
     """Return the speeds v_d of regularised laws, 0 for pairs of other laws."""
-    assert numbers.rotation is not None
-    laws, none = numbers.rotation.laws, jnp.zeros((), numbers.dtype)
+    assert model.rotation is not None
+    laws, none = model.rotation.laws, jnp.zeros((), model.dtype)
     ramps = [getattr(law, "v_d", None) if law.kind == "ramp" else None for law in laws]
     if all(speed is None for speed in ramps):
         return None
     each = [none if speed is None else speed for speed in ramps]
-    return jax.vmap(lambda i, j: _by_pair(layout, each, i, j))(one, other)
+    return jax.vmap(lambda i, j: _by_pair(model, each, i, j))(one, other)
 
 
-def wall_drift(numbers: Numbers, wall: Index, time: Number, normal: Lane) -> Lane:
+def wall_drift(model: SceneArrays, wall: Index, time: Number, normal: Lane) -> Lane:
     """Return the velocity (D,) of a wall along itself, in m/s."""
-    drift = None if numbers.rotation is None else numbers.rotation.drift
+    drift = None if model.rotation is None else model.rotation.drift
     if drift is None:
         return jnp.zeros_like(normal)
     velocity = rows_of(drift.velocity(time), wall)

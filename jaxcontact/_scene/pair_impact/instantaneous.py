@@ -16,8 +16,7 @@ from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of
 from ..._functions import spin_axes
 from ..._impact import Status
-from ..arrays.arrays import Numbers, SceneLayout, restitution_of
-from ..arrays.flight import Flying, at_once
+from ..arrays.arrays import Flying, SceneArrays, SceneLayout, at_once, restitution_of
 from ..arrays.movers import free_turning
 from ..bodies.bodies import side
 from ..result import SolvedBy
@@ -105,38 +104,38 @@ def _delay(relative: Callable[[Lane], tuple[Lane, Lane]], distance: Lane) -> Lan
     return delay
 
 
-def meeting_of(layout: SceneLayout, numbers: Numbers, before: Flying, choice: Choice) -> Meeting:
+def meeting_of(model: SceneArrays, before: Flying, choice: Choice) -> Meeting:
     """Return the touch of two bodies, with the derivatives of its time and normal."""
-    count = layout.spheres
+    count = model.spheres
     second = jnp.minimum(choice.second, count - 1)
     who = jnp.stack([choice.first, second])
-    if layout.shaken:
+    if model.shaken:
         # Without an impact both bodies are the same one, which must not be written twice.
         nobody = choice.first == choice.second
-        who = jnp.where(nobody, layout.fixed.index(False), who)
-    there, pull = at_once(layout, numbers, who, before, choice.support, choice.time)
-    apart = there.position[0] - there.position[1] - choice.image * numbers.period
+        who = jnp.where(nobody, model.fixed.index(False), who)
+    there, pull = at_once(model, who, before, choice.support, choice.time)
+    apart = there.position[0] - there.position[1] - choice.image * model.period
     rate = there.velocity[0] - there.velocity[1]
     half = (pull[0] - pull[1]) / 2
-    radius = rows_of(numbers.radius, choice.first)
-    distance = radius + rows_of(numbers.radius, second)
+    radius = rows_of(model.radius, choice.first)
+    distance = radius + rows_of(model.radius, second)
     is_wall = choice.second >= count
     driven = jnp.zeros_like(distance)
-    if layout.walls:
+    if model.walls:
         wall = jnp.clip(choice.second - count, 0)
-        face = rows_of(numbers.normal, wall)
+        face = rows_of(model.normal, wall)
         height = jnp.sum(face * there.position[0])
         rise, bend = jnp.sum(face * there.velocity[0]), jnp.sum(face * pull[0])
         distance = jnp.where(is_wall, radius, distance)
 
     def relative(delay: Lane) -> tuple[Lane, Lane]:
         away, rates = apart + (rate + half * delay) * delay, rate + 2 * half * delay
-        if layout.shaken:
-            bent, turned = numbers.bent_at(layout, who[1], choice.time, delay)
+        if model.shaken:
+            bent, turned = model.bent_at(who[1], choice.time, delay)
             away, rates = away - bent, rates - turned
-        if layout.walls:
+        if model.walls:
             # A wall is met at its point below the body along the normal.
-            moving = numbers.walls_at(choice.time + delay, wall)
+            moving = model.walls_at(choice.time + delay, wall)
             above = height + (rise + bend / 2 * delay) * delay - moving.offset
             away = jnp.where(is_wall, face * above, away)
             rates = jnp.where(is_wall, face * (rise + bend * delay - moving.velocity), rates)
@@ -150,28 +149,28 @@ def meeting_of(layout: SceneLayout, numbers: Numbers, before: Flying, choice: Ch
     # Rounding must not put a touch before the events that led to it.
     late = jnp.max(before.time) - time
     time = time + jax.lax.stop_gradient(jnp.maximum(late, 0))
-    if any(layout.moving):
-        driven = jnp.where(is_wall, numbers.walls_at(time, wall).velocity, 0)
-    met = at_once(layout, numbers, who, there, choice.support, time)[0]
+    if any(model.moving):
+        driven = jnp.where(is_wall, model.walls_at(time, wall).velocity, 0)
+    met = at_once(model, who, there, choice.support, time)[0]
     return Meeting(met, normal, closing, time, driven)
 
 
-def hit(layout: SceneLayout, numbers: Numbers, before: Flying, choice: Choice) -> ImpactOutcome:
+def hit(model: SceneArrays, before: Flying, choice: Choice) -> ImpactOutcome:
     """Return an instantaneous impact with the law's e at its closing speed, along the normal.
 
     v1 += (1+e) μ u/m1 n, v2 -= (1+e) μ u/m2 n. Here u > 0 is the closing speed, μ = m1 m2/(m1+m2),
     and n the unit normal from the second body to the first. The energy loss is ½ μ u² (1-e²). A
     wall that moves at w along its normal does the work (1+e) μ u w.
     """
-    meeting = meeting_of(layout, numbers, before, choice)
+    meeting = meeting_of(model, before, choice)
     closing = jnp.maximum(meeting.closing, 0)
-    e = restitution_of(layout, numbers, choice.first, choice.second, closing)
+    e = restitution_of(model, choice.first, choice.second, closing)
     lowered = jnp.where(choice.tail, 0, e)
-    inverse = rows_of(numbers.inverse_mass, jnp.stack([choice.first, choice.second]))
+    inverse = rows_of(model.inverse_mass, jnp.stack([choice.first, choice.second]))
     mass = 1 / jnp.sum(inverse)
     impulse = (1 + lowered) * mass * closing
     push = impulse * meeting.normal
-    sign = jnp.asarray([1.0, -1.0], numbers.dtype)
+    sign = jnp.asarray([1.0, -1.0], model.dtype)
     velocity = meeting.flying.velocity + (sign * inverse)[:, None] * push[None]
     way = jnp.where(choice.tail, int(SolvedBy.SERIES), int(SolvedBy.INSTANTANEOUS))
     outcome = ImpactOutcome(
@@ -179,33 +178,32 @@ def hit(layout: SceneLayout, numbers: Numbers, before: Flying, choice: Choice) -
         time=meeting.time,
         closing=closing,
         restitution=lowered,
-        duration=_tail(layout, numbers, choice, e, closing),
+        duration=_tail(model, choice, e, closing),
         energy_loss=mass * jnp.square(closing) / 2 * (1 - lowered) * (1 + lowered),
         max_force=jnp.full_like(closing, jnp.inf),
         turn=jnp.zeros_like(closing),
         error=jnp.zeros_like(closing),
-        wall_work=impulse * meeting.driven
-        + driven_work(layout, numbers, choice, meeting, velocity),
+        wall_work=impulse * meeting.driven + driven_work(model, choice, meeting, velocity),
         solved_by=way.astype(closing.dtype),
         status=jnp.zeros_like(closing),
     )
     if meeting.flying.turning is None:
         return outcome
-    return _with_friction(layout, numbers, choice, meeting, outcome)
+    return _with_friction(model, choice, meeting, outcome)
 
 
 def _with_friction(
-    layout: SceneLayout, numbers: Numbers, choice: Choice, meeting: Meeting, outcome: ImpactOutcome
+    model: SceneArrays, choice: Choice, meeting: Meeting, outcome: ImpactOutcome
 ) -> ImpactOutcome:
     """Return an instantaneous impact with the impulse of friction added."""
     after, turning, normal = outcome.after, meeting.flying.turning, meeting.normal
     assert turning is not None
-    arms = arms_of(layout, numbers, choice.first, choice.second)
-    carried = second_velocity(layout, numbers, choice, meeting)
+    arms = arms_of(model, choice.first, choice.second)
+    carried = second_velocity(model, choice, meeting)
     slip = arms.slip(normal, meeting.flying.velocity[0] - carried, turning.spin)
     numbers_of_it = outcome.closing, outcome.restitution
     impulse, sliding, converged = friction_impulse(
-        layout, numbers, choice.first, choice.second, arms, slip, *numbers_of_it
+        model, choice.first, choice.second, arms, slip, *numbers_of_it
     )
     moved, turned = arms.kick(normal, impulse)
     driven = jnp.where(arms.inverse_mass[1] > 0, 0, jnp.sum(impulse * carried))
@@ -222,36 +220,32 @@ def _with_friction(
     )
 
 
-def second_velocity(
-    layout: SceneLayout, numbers: Numbers, choice: Choice, meeting: Meeting
-) -> Lane:
+def second_velocity(model: SceneArrays, choice: Choice, meeting: Meeting) -> Lane:
     """Return the velocity (D,) of the second body, sphere or wall, at the touch."""
-    if not layout.walls:
+    if not model.walls:
         return meeting.flying.velocity[1]
-    wall = jnp.clip(choice.second - layout.spheres, 0)
-    drift = wall_drift(numbers, wall, meeting.time, meeting.normal)
+    wall = jnp.clip(choice.second - model.spheres, 0)
+    drift = wall_drift(model, wall, meeting.time, meeting.normal)
     moving = meeting.driven * meeting.normal + drift
-    return jnp.where(choice.second >= layout.spheres, moving, meeting.flying.velocity[1])
+    return jnp.where(choice.second >= model.spheres, moving, meeting.flying.velocity[1])
 
 
-def driven_work(
-    layout: SceneLayout, numbers: Numbers, choice: Choice, meeting: Meeting, after: Lane
-) -> Lane:
+def driven_work(model: SceneArrays, choice: Choice, meeting: Meeting, after: Lane) -> Lane:
     """Return the work m (v' - v)·V of a fixed sphere that moves at V, in J."""
-    if not layout.driven:
+    if not model.driven:
         return jnp.zeros_like(meeting.closing)
-    second = jnp.minimum(choice.second, layout.spheres - 1)
-    drives = (choice.second < layout.spheres) & (numbers.inverse_mass[second] == 0)
-    gained = (after[0] - meeting.flying.velocity[0]) / numbers.inverse_mass[choice.first]
+    second = jnp.minimum(choice.second, model.spheres - 1)
+    drives = (choice.second < model.spheres) & (model.inverse_mass[second] == 0)
+    gained = (after[0] - meeting.flying.velocity[0]) / model.inverse_mass[choice.first]
     return jnp.where(drives, jnp.sum(gained * meeting.flying.velocity[1]), 0)
 
 
-def _tail(layout: SceneLayout, numbers: Numbers, choice: Choice, e: Lane, closing: Lane) -> Lane:
+def _tail(model: SceneArrays, choice: Choice, e: Lane, closing: Lane) -> Lane:
     """Return the duration of the summed bounces, 2 e u/(g (1-e)); 0 without such a series."""
-    if not layout.settles:
+    if not model.settles:
         return jnp.zeros_like(closing)
-    face = rows_of(numbers.normal, jnp.clip(choice.second - layout.spheres, 0))
-    weight = -jnp.sum(face * numbers.gravity)
+    face = rows_of(model.normal, jnp.clip(choice.second - model.spheres, 0))
+    weight = -jnp.sum(face * model.gravity)
     summed = choice.tail & (weight > 0) & (e < 1)
     series = 2 * e * closing / jnp.where(summed, weight * (1 - e), 1)
     return jnp.where(summed, series, 0)

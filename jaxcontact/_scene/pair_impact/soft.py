@@ -21,8 +21,14 @@ import jax.numpy as jnp
 from ..._coupled.modes import Flag, Number
 from ..._coupled.rows import rows_of
 from ..._impact import Status
-from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, laws_of, least_speed
-from ..arrays.flight import Flying, accelerations
+from ..arrays.arrays import (
+    Flying,
+    SceneArrays,
+    accelerations,
+    known_contact_of,
+    laws_of,
+    least_speed,
+)
 from .friction import Arms, Lane, arms_of, coefficient_of, friction_impulse
 from .instantaneous import Choice, ImpactOutcome, Meeting, driven_work, meeting_of, second_velocity
 from .oblique import oblique
@@ -64,8 +70,7 @@ def coulomb_impulse(arms: Arms, slip: Lane, most: Number) -> Lane:
 class HalfImpulses(NamedTuple):
     """The first part of the friction of an impact, and what the second one needs."""
 
-    layout: SceneLayout
-    numbers: Numbers
+    model: SceneArrays
     choice: Choice
     arms: Arms
     slip: Lane
@@ -75,25 +80,20 @@ class HalfImpulses(NamedTuple):
 
     @classmethod
     def of(
-        cls,
-        layout: SceneLayout,
-        numbers: Numbers,
-        choice: Choice,
-        meeting: Meeting,
-        carried: Lane,
+        cls, model: SceneArrays, choice: Choice, meeting: Meeting, carried: Lane
     ) -> HalfImpulses:
         """Return the first half, half of rigid Coulomb friction without a loss in the normal
         motion. `carried` is the velocity of the second body.
         """
         i, j = choice.first, choice.second
-        arms, turning = arms_of(layout, numbers, i, j), meeting.flying.turning
+        arms, turning = arms_of(model, i, j), meeting.flying.turning
         assert turning is not None
         slip = arms.slip(meeting.normal, meeting.flying.velocity[0] - carried, turning.spin)
         inverse = jnp.sum(arms.inverse_mass)
-        most = 2 * coefficient_of(layout, numbers, i, j) * jnp.maximum(meeting.closing, 0)
+        most = 2 * coefficient_of(model, i, j) * jnp.maximum(meeting.closing, 0)
         most = most / jnp.where(inverse > 0, inverse, 1)
         impulse = coulomb_impulse(arms, slip, most) / 2
-        return cls(layout, numbers, choice, arms, slip, meeting.normal, carried, impulse)
+        return cls(model, choice, arms, slip, meeting.normal, carried, impulse)
 
     def at_touch(self, flying: Flying) -> Flying:
         """Return the bodies after the first half."""
@@ -105,13 +105,13 @@ class HalfImpulses(NamedTuple):
         assert after.turning is not None
         i, j, e = choice.first, choice.second, turned.normal_impulse - 1
         whole, sliding, converged = friction_impulse(
-            self.layout, self.numbers, i, j, arms, self.slip, outcome.closing, e
+            self.model, i, j, arms, self.slip, outcome.closing, e
         )
         rest = turned.of(whole - self.impulse)
         slip = arms.slip(turned.after, after.velocity[0] - self._second(after), after.turning.spin)
         lost = arms.lost(self.slip, self.impulse) + arms.lost(slip, rest)
         # The work on a fixed sphere already includes the first half.
-        work = jnp.where(choice.second >= self.layout.spheres, self.impulse + rest, rest)
+        work = jnp.where(choice.second >= self.model.spheres, self.impulse + rest, rest)
         driven = jnp.where(arms.inverse_mass[1] > 0, 0, jnp.sum(work * self.carried))
         bad = (outcome.status == int(Status.SEPARATED)) & ~converged
         return outcome._replace(
@@ -125,7 +125,7 @@ class HalfImpulses(NamedTuple):
 
     def _second(self, after: Flying) -> Lane:
         """Return the velocity of the second body at the separation."""
-        is_wall = self.choice.second >= self.layout.spheres
+        is_wall = self.choice.second >= self.model.spheres
         return jnp.where(is_wall, self.carried, after.velocity[1])
 
     def _doubt(self, outcome: ImpactOutcome, turned: Turned, whole: Lane) -> Number:
@@ -153,8 +153,7 @@ _HEAD_ON = 1e-8
 
 
 def soft(
-    layout: SceneLayout,
-    numbers: Numbers,
+    model: SceneArrays,
     before: Flying,
     choice: Choice,
     rtol: Number,
@@ -171,15 +170,15 @@ def soft(
     If it is not `needed`, as in some lanes of a batch, nothing is solved. `by_formula`: whether the
     radial problem is known to be unnecessary.
     """
-    count = layout.spheres
-    meeting = meeting_of(layout, numbers, before, choice)
+    count = model.spheres
+    meeting = meeting_of(model, before, choice)
     is_wall = choice.second >= count
     second = jnp.minimum(choice.second, count - 1)
     who = jnp.stack([choice.first, second])
     normal = meeting.normal
-    pull = accelerations(layout, numbers, who, choice.support)
-    closing = jnp.maximum(meeting.closing, least_speed(numbers))
-    flying, steady, halves = _begun(layout, numbers, choice, meeting)
+    pull = accelerations(model, who, choice.support)
+    closing = jnp.maximum(meeting.closing, least_speed(model))
+    flying, steady, halves = _begun(model, choice, meeting)
     relative = flying.velocity[0] - steady
     across = relative + meeting.closing * normal
     square = jnp.sum(jnp.square(across))
@@ -188,8 +187,8 @@ def soft(
     straight = square <= jnp.square(_HEAD_ON * closing)
     sideways = jnp.sqrt(jnp.where(straight, 1, square))
     sideways = jnp.where(straight, jax.lax.stop_gradient(_HEAD_ON * closing), sideways)
-    distance = jnp.sum(rows_of(numbers.radius, who))
-    contact = known_contact_of(layout, numbers, choice.first, choice.second)
+    distance = jnp.sum(rows_of(model.radius, who))
+    contact = known_contact_of(model, choice.first, choice.second)
     # A force that presses a body to a wall acts in the contact; its part along the wall does not.
     pressing = jnp.where(is_wall, -jnp.sum(normal * pull[0]), 0)
     pair = (
@@ -200,8 +199,8 @@ def soft(
         pressing * contact.mass,
     )
     # Each kind of law has its own solutions.
-    free = layout.dimensions == 1 and not layout.gravity
-    laws, kind = laws_of(layout, numbers, choice.first, choice.second)
+    free = model.dimensions == 1 and not model.has_gravity
+    laws, kind = laws_of(model, choice.first, choice.second)
     solves = [
         functools.partial(
             oblique, law, rtol=rtol, needed=needed & (kind == number), free=free,
@@ -218,7 +217,7 @@ def soft(
     parting = clean.restitution * closing
     away = parting * along + beside
     passed = clean.elapsed
-    inverse = rows_of(numbers.inverse_mass, jnp.stack([choice.first, choice.second]))
+    inverse = rows_of(model.inverse_mass, jnp.stack([choice.first, choice.second]))
     share = inverse / jnp.sum(inverse)
     # The centre of mass falls freely, or rests if the second body is fixed or a wall.
     drift = share[1] * flying.velocity[0] + share[0] * steady
@@ -226,7 +225,7 @@ def soft(
     moved_by = drift * passed + fall * jnp.square(passed) / 2
     centre = jnp.where(is_wall, 0, 1) * moved_by
     falls = drift + fall * passed
-    image = choice.image * numbers.period
+    image = choice.image * model.period
     middle = share[1] * flying.position[0] + share[0] * (flying.position[1] + image)
     first = middle + centre + share[0] * distance * along
     other = middle + centre - share[1] * distance * along - image
@@ -236,7 +235,7 @@ def soft(
     level = pull[0] - jnp.sum(pull[0] * normal) * normal
     on_wall = flying.position[0] + across * passed + level * jnp.square(passed) / 2
     off_wall = across + level * passed + parting * normal
-    if any(layout.moving):
+    if any(model.moving):
         # These results are in the frame of the wall, which continues at its velocity.
         on_wall, off_wall = on_wall + steady * passed, off_wall + steady
     position = jnp.stack([jnp.where(is_wall, on_wall, first), other])
@@ -254,8 +253,7 @@ def soft(
         max_force=clean.max_force,
         turn=jnp.where(straight, 0, clean.turn),
         error=clean.error_estimate,
-        wall_work=impulse * meeting.driven
-        + driven_work(layout, numbers, choice, meeting, velocity),
+        wall_work=impulse * meeting.driven + driven_work(model, choice, meeting, velocity),
         solved_by=rebound.solved_by.astype(closing.dtype),
         status=rebound.status.astype(closing.dtype),
     )
@@ -274,16 +272,16 @@ def soft(
 
 
 def _begun(
-    layout: SceneLayout, numbers: Numbers, choice: Choice, meeting: Meeting
+    model: SceneArrays, choice: Choice, meeting: Meeting
 ) -> tuple[Flying, Lane, HalfImpulses | None]:
     """Return the bodies after the friction at touch, the velocity of the frame or of the second
     body, and the first half of the friction, None without friction.
     """
-    flying, is_wall = meeting.flying, choice.second >= layout.spheres
+    flying, is_wall = meeting.flying, choice.second >= model.spheres
     if flying.turning is None:
         steady = jnp.where(is_wall, meeting.driven * meeting.normal, flying.velocity[1])
         return flying, steady, None
-    carried = second_velocity(layout, numbers, choice, meeting)
-    halves = HalfImpulses.of(layout, numbers, choice, meeting, carried)
+    carried = second_velocity(model, choice, meeting)
+    halves = HalfImpulses.of(model, choice, meeting, carried)
     flying = halves.at_touch(flying)
     return flying, jnp.where(is_wall, carried, flying.velocity[1]), halves

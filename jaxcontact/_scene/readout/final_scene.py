@@ -6,13 +6,12 @@ import jax
 import jax.numpy as jnp
 
 from ..._program import quick
-from ..arrays.arrays import Numbers
-from ..engine.cluster_members import pace_of
-from ..engine.cluster_slots import Slots
-from ..engine.coupled import as_flags, contact_energy
+from ..arrays.arrays import SceneArrays
+from ..engine.coupled import contact_energy
 from ..engine.coupled_friction import without_halves
-from ..engine.log import RunRecord
-from ..engine.state import Coupling
+from ..engine.log import RunRecord, as_flags
+from ..engine.slots import pace_of
+from ..engine.state import Coupling, Slots
 from ..pair_impact.friction import is_followed
 from ..resume import Contacts, Start, Underway
 from .states import Entries, last_impacts
@@ -21,7 +20,7 @@ from .states import Entries, last_impacts
 @quick
 def final_start(choice: None, record: RunRecord) -> Start:
     """Return the final state of a run as the start state of another one."""
-    layout, numbers, rules, time = record.layout, record.numbers, record.rules, record.length
+    model, rules, time = record.model, record.rules, record.length
     figures, facts = record.log
     last = jax.tree.map(lambda x: x[0], last_impacts(record, time[None]))
     underway = _underway(record, last) if rules.soft else None
@@ -34,15 +33,15 @@ def final_start(choice: None, record: RunRecord) -> Start:
     last_call, decided, met = jax.tree.map(
         lambda x: x[place], (figures.coupled, facts.call.decided, facts.choice)
     )
-    state, seats, zero = as_flags(last_call.end), decided.seats, jnp.zeros_like(last_call.end.lost)
+    state, slots, zero = as_flags(last_call.end), decided.slots, jnp.zeros_like(last_call.end.lost)
     closing = jnp.max(jnp.where(state.closed, state.latched, 0))
     contacts = Contacts(
         active=(row >= 0) & ~facts.call.ends[place],
-        who=seats.who,
-        present=seats.present,
-        shift=seats.shift,
-        pace=pace_of(layout, numbers, met, closing),
-        reserve=contact_energy(layout, numbers, rules.members, seats, state),
+        who=slots.who,
+        present=slots.present,
+        shift=slots.shift,
+        pace=pace_of(model, met, closing),
+        reserve=contact_energy(model, slots, state),
         # The energy lost so far belongs to the finished run.
         state=state._replace(
             time=state.time - time,
@@ -59,11 +58,11 @@ def _underway(record: RunRecord, last: Entries) -> Underway:
     """Return the isolated impacts in progress at the end, with the states before them. Another run
     solves these impacts again from their touch.
     """
-    layout, log, time = record.layout, record.log, record.length
+    model, log, time = record.model, record.log, record.length
     inside = (last.row >= 0) & (last.began > time)
     row = jnp.maximum(last.row, 0)
     choice, before = jax.tree.map(lambda x: x[row], (log.facts.choice, log.figures.before))
-    everyone = jnp.arange(layout.spheres)
+    everyone = jnp.arange(model.spheres)
     is_first = choice.first == everyone
     partner = jnp.where(is_first, choice.second, choice.first)
     mine = jax.tree.map(lambda x: x[everyone, jnp.where(is_first, 0, 1)], before)
@@ -77,17 +76,17 @@ def _underway(record: RunRecord, last: Entries) -> Underway:
     )
 
 
-def resume_cluster(numbers: Numbers, coupling: Coupling) -> Coupling:
+def resume_cluster(model: SceneArrays, coupling: Coupling) -> Coupling:
     """Return the coupling at the start of a run, with the contacts in progress."""
-    if numbers.start is None or numbers.start.contacts is None:
+    if model.start is None or model.start.contacts is None:
         return coupling
-    contacts, rubbing = numbers.start.contacts, numbers.start.contacts.state.rubbing
-    if rubbing is not None and is_followed(numbers):
+    contacts, rubbing = model.start.contacts, model.start.contacts.state.rubbing
+    if rubbing is not None and is_followed(model):
         # The last run may have had a law with an impulse.
         rubbing = without_halves(rubbing)
     begun = coupling._replace(
         active=contacts.active,
-        seats=Slots(contacts.who, contacts.present, contacts.shift),
+        slots=Slots(contacts.who, contacts.present, contacts.shift),
         pace=contacts.pace,
         reserve=contacts.reserve,
         state=contacts.state._replace(rubbing=rubbing),

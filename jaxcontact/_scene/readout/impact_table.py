@@ -12,14 +12,14 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._coupled.modes import Index
 from ..._coupled.rows import rows_of
-from ..arrays.arrays import Numbers, SceneLayout
-from ..cluster.equations import ClusterState
+from ..arrays.arrays import SceneArrays
 from ..cluster.friction import HALF
-from ..engine.cluster_slots import Slots, bodies_of, pairs_of, slot_pairs
+from ..cluster.problem import ClusterState
 from ..engine.coupled_friction import contact_points, speeds_of
 from ..engine.log import ClusterDecisions, ClusterNumbers, RunRecord
+from ..engine.rest import begins_to_roll
+from ..engine.slots import Slots, bodies_of, pairs_of, slot_pairs
 from ..pair_impact.friction import has_impulse, is_followed
-from ..pair_impact.rolling import begins_to_roll
 from ..result import Ending, Impacts, SolvedBy, nan_unless
 
 
@@ -33,7 +33,7 @@ def table_of(
     coupled contacts that are not in the table. Without `rows` there is one row for every row of the
     log and every pair of a coupled solve.
     """
-    table, layout, beside = _isolated_impacts(record), record.layout, None
+    table, model, beside = _isolated_impacts(record), record.model, None
     if record.calls is not None and record.log.figures.coupled is not None:
         contacts, together = _coupled_contacts(record), record.log.figures.coupled
         table = jax.tree.map(lambda *parts: jnp.concatenate(parts), table, contacts)
@@ -47,7 +47,7 @@ def table_of(
     bad = status == int(Ending.INVALID_INPUT)
     valid = table.valid & ~bad
     usable = valid & (status != int(Ending.TOO_MANY_IMPACTS))
-    body, face = jnp.asarray(layout.body), jnp.asarray(layout.face)
+    body, face = jnp.asarray(model.body), jnp.asarray(model.face)
     named = body[table.first], body[table.second], face[table.second]
     table = eqx.tree_at(lambda rows: (rows.first, rows.second, rows.face), table, named)
 
@@ -82,11 +82,7 @@ def _doubt(
 
 
 def _was_at_rest(
-    layout: SceneLayout,
-    numbers: Numbers,
-    called: ClusterDecisions,
-    together: ClusterNumbers,
-    since: Int[Array, "K P"],
+    model: SceneArrays, called: ClusterDecisions, together: ClusterNumbers, since: Int[Array, "K P"]
 ) -> Bool[Array, "K P"]:
     """Return whether a sphere already rested on the wall before the contact, and was not hit.
 
@@ -94,17 +90,17 @@ def _was_at_rest(
     energy loss is rounding, relative to the kinetic energy in the call plus the losses of all
     contacts.
     """
-    seats, lost = called.decided.seats, jax.lax.stop_gradient(together.end.lost)
-    members = seats.who.shape[1]
-    first, second = slot_pairs(layout, members)
-    at_walls = np.flatnonzero(second >= members)
-    sphere, wall = seats.who[:, first[at_walls]], second[at_walls] - members
+    slots, lost = called.decided.slots, jax.lax.stop_gradient(together.end.lost)
+    size = slots.who.shape[1]
+    first, second = slot_pairs(model, size)
+    at_walls = np.flatnonzero(second >= size)
+    sphere, wall = slots.who[:, first[at_walls]], second[at_walls] - size
     then = since[:, at_walls]
-    lay = seats.present[then] & (called.support[then] == wall[None, :, None])
-    lay = jnp.any(lay & (seats.who[then] == sphere[..., None]), axis=-1)
-    square = jnp.sum(jnp.square(together.began.velocity[:, :members]), axis=-1)
-    inverse = numbers.inverse_mass[jnp.minimum(seats.who, layout.spheres - 1)]
-    free = seats.present & (inverse > 0)
+    lay = slots.present[then] & (called.support[then] == wall[None, :, None])
+    lay = jnp.any(lay & (slots.who[then] == sphere[..., None]), axis=-1)
+    square = jnp.sum(jnp.square(together.began.velocity[:, :size]), axis=-1)
+    inverse = model.inverse_mass[jnp.minimum(slots.who, model.spheres - 1)]
+    free = slots.present & (inverse > 0)
     motion = jnp.sum(jnp.where(free, square / jnp.where(free, 2 * inverse, 1), 0), axis=1)
     rounding = math.sqrt(jnp.finfo(lost.dtype).eps)
     scale = jax.lax.stop_gradient(motion)[then] + jnp.sum(lost, axis=1, keepdims=True)
@@ -117,9 +113,9 @@ def _isolated_impacts(record: RunRecord) -> Impacts:
     outcome, facts, valid = record.log.figures.outcome, record.log.facts, record.counts
     if record.calls is not None:
         valid = valid & ~record.calls
-    if record.layout.frictions is not None:
+    if record.model.frictions is not None:
         # The end of sliding on a wall is not an impact.
-        rolls = begins_to_roll(record.layout, facts.choice)
+        rolls = begins_to_roll(record.model, facts.choice)
         valid = valid & ~rolls
     choice, way = facts.choice, outcome.solved_by.astype(int)
     return Impacts(
@@ -131,14 +127,14 @@ def _isolated_impacts(record: RunRecord) -> Impacts:
 
 def _coupled_contacts(record: RunRecord) -> Impacts:
     """Return the contacts that ended or came to rest in coupled solves, without lasting rest."""
-    layout, numbers, is_call = record.layout, record.numbers, record.calls
+    model, is_call = record.model, record.calls
     called, together = record.log.facts.call, record.log.figures.coupled
     assert called is not None and together is not None and is_call is not None
-    seats = called.decided.seats
-    rows, members = seats.who.shape
-    body, other = bodies_of(layout, members, seats.who)
+    slots = called.decided.slots
+    rows = slots.who.shape[0]
+    body, other = bodies_of(model, slots)
     # A fixed sphere comes second.
-    turned = (other < layout.spheres) & (numbers.inverse_mass[body] == 0)
+    turned = (other < model.spheres) & (model.inverse_mass[body] == 0)
     body, other = jnp.where(turned, other, body), jnp.where(turned, body, other)
     counts = is_call[:, None]
     began, end = together.began, together.end
@@ -155,23 +151,23 @@ def _coupled_contacts(record: RunRecord) -> Impacts:
     lost, sliding, way = end.lost, (None, None), jnp.full(opened.shape, int(SolvedBy.COUPLED))
     if end.rubbing is not None:
         lost = lost + end.rubbing.taken
-        if not is_followed(numbers):
-            springs = has_impulse(layout, numbers, body, other) & (end.rubbing.slides != HALF)
+        if not is_followed(model):
+            springs = has_impulse(model, body, other) & (end.rubbing.slides != HALF)
             way = jnp.where(springs, int(SolvedBy.SPRING), way)
 
-        def sliding_at(seats: Slots, state: ClusterState) -> Array:
-            pairs = pairs_of(layout, numbers, members, seats)
-            bodies = bodies_of(layout, members, seats.who)
-            return contact_points(layout, numbers, bodies, pairs, state)[2]
+        def sliding_at(slots: Slots, state: ClusterState) -> Array:
+            pairs = pairs_of(model, slots)
+            bodies = bodies_of(model, slots)
+            return contact_points(model, bodies, pairs, state)[2]
 
-        at_start, at_end = (jax.vmap(sliding_at)(seats, state) for state in (began, end))
+        at_start, at_end = (jax.vmap(sliding_at)(slots, state) for state in (began, end))
         # The call in which a contact began starts at its touch, with the same slots.
         at_touch = at_start[since, jnp.arange(since.shape[1])[None]]
         sliding = speeds_of(at_touch, at_end)
     shape = opened.shape
-    nothing = jnp.zeros(shape, numbers.dtype)
+    nothing = jnp.zeros(shape, model.dtype)
     doubt = _doubt(together, is_call, since) / closing
-    stays = (rests | lasts) & ~_was_at_rest(layout, numbers, called, together, since)
+    stays = (rests | lasts) & ~_was_at_rest(model, called, together, since)
     columns = Impacts(
         end.since, body, other, other, end.latched, e, duration, end.max_force, lost, nothing, way,
         doubt, jnp.zeros(shape, bool), counts & (opened | stays), (), *sliding,

@@ -15,7 +15,7 @@ from jaxtyping import Array
 from ..._coupled.modes import Number
 from ..._entry import shown
 from ..._program import quick
-from ..arrays.arrays import Numbers
+from ..arrays.arrays import SceneArrays
 from ..derivative.differentiable_run import row_matrices
 from ..derivative.replay import chain_matrices, push_tangents
 from ..derivative.slopes import Matrices
@@ -71,7 +71,7 @@ class Margin(eqx.Module):
 
 def _growth(record: RunRecord) -> Array:
     """Return the growth of a run, or of each run of a batch."""
-    coupled, inside, matrices = record.rules.members > 0, record.rules.soft, None
+    coupled, inside, matrices = record.rules.slots > 0, record.rules.soft, None
     if not traced(record):
         # Only the parts that occurred are compiled.
         call = record.log.facts.call
@@ -104,29 +104,29 @@ def _largest(record: RunRecord, inside: bool, matrices: Matrices | None) -> Arra
     its rows each row is solved again.
     """
     record = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, record)
-    layout, numbers, log = record.layout, record.numbers, record.log
+    model, log = record.model, record.log
     end, completed = record.length, record.ending()[0] == int(Ending.COMPLETED)
-    free = np.array([k for k in range(layout.visible) if not layout.fixed[k]], int)
+    free = np.array([k for k in range(model.visible) if not model.fixed[k]], int)
     if free.size == 0:
         return nan_unless(jnp.ones_like(end), completed)
 
-    amid = None if numbers.start is None else numbers.start.underway
+    amid = None if model.start is None else model.start.underway
 
-    def begun(start: Array) -> Numbers:
+    def begun(start: Array) -> SceneArrays:
         moved = {"position": start[0], "velocity": start[1] / end}
-        there = {k: getattr(numbers, k).at[free].set(x) for k, x in moved.items()}
-        there = dataclasses.replace(numbers, **there)
+        there = {k: getattr(model, k).at[free].set(x) for k, x in moved.items()}
+        there = dataclasses.replace(model, **there)
         if amid is not None:
             # A sphere within an impact at the start varies with the state before that impact.
             led = {k: getattr(amid, k).at[free].set(x) for k, x in moved.items()}
             led = amid._replace(**led)
-            there = eqx.tree_at(lambda numbers: numbers.start.underway, there, led)
+            there = eqx.tree_at(lambda model: model.start.underway, there, led)
         return eqx.filter(there, eqx.is_inexact_array)
 
-    def ended(floats: Numbers, figures: LogNumbers) -> Array:
+    def ended(floats: SceneArrays, figures: LogNumbers) -> Array:
         outcome = record.outcome._replace(log=log._replace(figures=figures))
-        there = eqx.combine(floats, numbers)
-        varied, at = dataclasses.replace(record, numbers=there, outcome=outcome), end[None]
+        there = eqx.combine(floats, model)
+        varied, at = dataclasses.replace(record, model=there, outcome=outcome), end[None]
         states = kinematics_at(varied, at, inside)[0]
         return jnp.stack([states.position[0, free], states.velocity[0, free] * end])
 
@@ -138,7 +138,7 @@ def _largest(record: RunRecord, inside: bool, matrices: Matrices | None) -> Arra
             rows = chain_matrices(record, matrices, along)
         return jax.jvp(ended, (floats, log.figures), (along, rows))[1]
 
-    place, speed = numbers.position, numbers.velocity
+    place, speed = model.position, model.velocity
     if amid is not None:
         on = amid.counts[:, None]
         place, speed = jnp.where(on, amid.position, place), jnp.where(on, amid.velocity, speed)

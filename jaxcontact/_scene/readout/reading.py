@@ -19,13 +19,12 @@ from ..._coupled.modes import Index, Number
 from ..._coupled.rows import rows_of
 from ..._functions import ratio
 from ..._program import derived, quick
-from ..arrays.arrays import known_contact_of, law_of
-from ..arrays.flight import Flying, accelerations
+from ..arrays.arrays import Flying, accelerations, known_contact_of, law_of
 from ..arrays.movers import spin_energy
 from ..bodies.bodies import side
 from ..engine.log import RunRecord
+from ..engine.rest import begins_to_roll, footing, give_way
 from ..pair_impact.instantaneous import Choice, meeting_of, second_velocity, two_that_meet
-from ..pair_impact.rolling import begins_to_roll, footing, give_way
 from ..result import Ending, Impacts, States, nan_unless, traced
 from .impact_table import table_of
 from .states import (
@@ -118,7 +117,7 @@ def _contents(record: RunRecord, now: Any, rows: int | None) -> RunContents:
     status, reached = record.ending()
     impacts, nearest, total, beside = table_of(record, status, rows)
     work, sliding_loss = work_of(record, status, reached), None
-    if record.layout.frictions is not None:
+    if record.model.frictions is not None:
         carried, lost = friction_at_rest(record, reached)
         lost = lost if beside is None else lost + beside
         work, sliding_loss = work + carried, lost + 0 * work
@@ -139,10 +138,10 @@ def clip_to_run(record: RunRecord, ends: States) -> RunRecord:
     the states there are `ends`. At a time τ after touch a pair has lost E(0) + W - E(τ) - ∫ F dδ. E
     is kinetic energy plus weight, and W = V·(m Δv - m g τ) is the work of a body that moves at V.
     """
-    layout, numbers, log = record.layout, record.numbers, record.log
+    model, log = record.model, record.log
     last = last_impacts(record, ends.time)
-    rows, everyone = log.facts.tied.shape[0], jnp.arange(layout.visible)
-    row, began = last.row[:, : layout.visible], last.began[:, : layout.visible]
+    rows, everyone = log.facts.tied.shape[0], jnp.arange(model.visible)
+    row, began = last.row[:, : model.visible], last.began[:, : model.visible]
     is_first = log.facts.choice.first[jnp.maximum(row, 0)] == everyone[None]
     inside = (row >= 0) & is_first & (ends.time[:, None] < began)
     inside = inside & (ends.time <= record.ending()[1])[:, None]
@@ -153,15 +152,15 @@ def clip_to_run(record: RunRecord, ends: States) -> RunRecord:
         choice, before = jax.tree.map(
             lambda x: x[jnp.maximum(k, 0)], (log.facts.choice, log.figures.before)
         )
-        safe = two_that_meet(layout, choice.time)
+        safe = two_that_meet(model, choice.time)
         before = jax.tree.map(lambda a, b: jnp.where(on, a, b), before, safe)
-        meeting = meeting_of(layout, numbers, before, choice)
-        second = jnp.minimum(choice.second, layout.spheres - 1)
-        who, is_wall = jnp.stack([choice.first, second]), choice.second >= layout.spheres
+        meeting = meeting_of(model, before, choice)
+        second = jnp.minimum(choice.second, model.spheres - 1)
+        who, is_wall = jnp.stack([choice.first, second]), choice.second >= model.spheres
         touch, passed = meeting.flying, time - meeting.time
-        inverse = jnp.where(jnp.stack([~on, is_wall | ~on]), 0, numbers.inverse_mass[who])
+        inverse = jnp.where(jnp.stack([~on, is_wall | ~on]), 0, model.inverse_mass[who])
         free, mass = inverse > 0, ratio(1.0, inverse)
-        seen = jnp.minimum(who, layout.visible - 1)
+        seen = jnp.minimum(who, model.visible - 1)
         here = Flying(
             jnp.where(free[:, None], position[seen], touch.position + touch.velocity * passed),
             jnp.where(free[:, None], velocity[seen], touch.velocity),
@@ -169,32 +168,32 @@ def clip_to_run(record: RunRecord, ends: States) -> RunRecord:
         )
 
         def energy(state: Flying) -> Array:
-            weight = jnp.sum(state.position * numbers.gravity[None], axis=-1)
+            weight = jnp.sum(state.position * model.gravity[None], axis=-1)
             return jnp.sum(mass * (jnp.sum(jnp.square(state.velocity), axis=-1) / 2 - weight))
 
         carried, lost_spin = meeting.driven * meeting.normal, 0.0
-        if numbers.rotation is not None and touch.turning is not None and spin is not None:
-            carried = second_velocity(layout, numbers, choice, meeting)
+        if model.rotation is not None and touch.turning is not None and spin is not None:
+            carried = second_velocity(model, choice, meeting)
             turned = spin.reshape(-1, touch.turning.spin.shape[-1])[seen]
-            turns = jnp.where(free, numbers.rotation.inverse_inertia[who], 0)
+            turns = jnp.where(free, model.rotation.inverse_inertia[who], 0)
             both = spin_energy(turns, jnp.stack([touch.turning.spin, turned]))
             lost_spin = jnp.sum(both[0] - both[1])
         drives = jnp.where(is_wall, carried, touch.velocity[1])
         drives = jnp.where(is_wall | ~free[1], drives, 0)
-        pull = accelerations(layout, numbers, who[:1], choice.support[:1])[0]
+        pull = accelerations(model, who[:1], choice.support[:1])[0]
         gained = mass[0] * (here.velocity[0] - touch.velocity[0] - pull * passed)
         work = jnp.sum(gained * drives)
-        apart = here.position[0] - here.position[1] - choice.image * numbers.period
-        distance = numbers.radius[choice.first] + numbers.radius[second]
+        apart = here.position[0] - here.position[1] - choice.image * model.period
+        distance = model.radius[choice.first] + model.radius[second]
         length = jnp.sqrt(jnp.sum(jnp.square(jnp.where(on & ~is_wall, apart, 1))))
         depth = distance - side(distance) * length
-        if layout.walls:
-            wall = jnp.clip(choice.second - layout.spheres, 0)
-            height = jnp.sum(numbers.normal[wall] * here.position[0])
-            height = height - numbers.walls_at(time, wall).offset
-            depth = jnp.where(is_wall, numbers.radius[choice.first] - height, depth)
-        contact = known_contact_of(layout, numbers, choice.first, choice.second)
-        law = law_of(layout, numbers, choice.first, choice.second)
+        if model.walls:
+            wall = jnp.clip(choice.second - model.spheres, 0)
+            height = jnp.sum(model.normal[wall] * here.position[0])
+            height = height - model.walls_at(time, wall).offset
+            depth = jnp.where(is_wall, model.radius[choice.first] - height, depth)
+        contact = known_contact_of(model, choice.first, choice.second)
+        law = law_of(model, choice.first, choice.second)
         stored = stored_energy(law, contact, jnp.where(on, depth, 0), meeting.closing)
         lost = energy(touch) + work - energy(here) - stored + lost_spin
         if law.remembers:
@@ -221,7 +220,7 @@ def work_of(record: RunRecord, status: Index, reached: Number) -> Number:
     work = jnp.sum(jnp.where(counts, figures.outcome.wall_work, 0))
     if figures.coupled is not None:
         work = work + jnp.sum(jnp.where(counts, figures.coupled.work, 0))
-    if record.layout.gravity and any(record.layout.moving):
+    if record.model.has_gravity and any(record.model.moving):
         work = work + _work_at_rest(record, reached)
     complete = (status != int(Ending.INVALID_INPUT)) & (status != int(Ending.TOO_MANY_IMPACTS))
     return nan_unless(work, complete)
@@ -232,23 +231,23 @@ def _at_rest_on_walls(record: RunRecord, reached: Number) -> tuple[Flying, Any, 
     The values are their state, who they are, the walls on which they rest, how long, and a mask of
     those that do.
     """
-    layout, (figures, facts) = record.layout, record.log
+    model, (figures, facts) = record.model, record.log
     choice, before, together = facts.choice, figures.before, figures.coupled
     # A wall has no row of its own.
     who = jnp.stack([choice.first, choice.second], axis=1)
-    counts = record.counts[:, None] & (who < layout.spheres)
+    counts = record.counts[:, None] & (who < model.spheres)
     lasted = figures.outcome.time[:, None] - before.time
     parts: list[Any] = []
     if facts.call is not None and together is not None:
         # Members of a coupled solve, until they join it.
         called = facts.call
-        seats = called.decided.seats
+        slots = called.decided.slots
         joins = called.decided.change.joined | called.decided.starts[:, None]
-        joins = joins & (record.counts & called.is_call)[:, None] & seats.present
+        joins = joins & (record.counts & called.is_call)[:, None] & slots.present
         waited = together.began.time[:, None] - together.spheres.time
-        parts.append((together.spheres, seats.who, called.support, waited, joins))
+        parts.append((together.spheres, slots.who, called.support, waited, joins))
         counts = counts & ~called.is_call[:, None]
-    last, everyone = last_impacts(record, reached[None]), jnp.arange(layout.spheres)[None]
+    last, everyone = last_impacts(record, reached[None]), jnp.arange(model.spheres)[None]
     now = Flying(last.position, last.velocity, last.began, last.turning)
     parts.append((now, everyone, last.support, reached - last.began, jnp.ones_like(everyone, bool)))
 
@@ -258,15 +257,15 @@ def _at_rest_on_walls(record: RunRecord, reached: Number) -> tuple[Flying, Any, 
     of_rows = before, who, choice.support, lasted, counts
     flying, who, support, lasted, counts = jax.tree.map(joined, of_rows, *parts)
     rests = counts & (support >= 0)
-    return flying, jnp.minimum(who, layout.spheres - 1), jnp.maximum(support, 0), lasted, rests
+    return flying, jnp.minimum(who, model.spheres - 1), jnp.maximum(support, 0), lasted, rests
 
 
 def _work_at_rest(record: RunRecord, reached: Number) -> Number:
     """Return the work on spheres at rest on walls: the power -m (g·n) w times the duration."""
-    layout, numbers = record.layout, record.numbers
-    assert numbers.motion is not None
-    mass = ratio(1.0, numbers.inverse_mass[: layout.spheres])
-    power = -jnp.sum(numbers.normal * numbers.gravity[None], axis=-1) * numbers.motion.speed
+    model = record.model
+    assert model.motion is not None
+    mass = ratio(1.0, model.inverse_mass[: model.spheres])
+    power = -jnp.sum(model.normal * model.gravity[None], axis=-1) * model.motion.speed
     _, who, on, lasted, rests = _at_rest_on_walls(record, reached)
     return jnp.sum(jnp.where(rests, power[on] * mass[who] * lasted, 0))
 
@@ -279,22 +278,22 @@ def friction_at_rest(record: RunRecord, reached: Number) -> tuple[Number, Number
     itself, does m a·w of it, and -m a·u is lost. The slip u changes at a constant rate until the
     next event.
     """
-    layout, numbers, (figures, facts) = record.layout, record.numbers, record.log
-    if not layout.walls or not (layout.settles or record.rules.members):
-        zero = jnp.zeros((), numbers.dtype)
+    model, (figures, facts) = record.model, record.log
+    if not model.walls or not (model.settles or record.rules.slots):
+        zero = jnp.zeros((), model.dtype)
         return zero, zero
     flying, who, on, lasted, rests = _at_rest_on_walls(record, reached)
     assert flying.turning is not None
-    inverse = rows_of(numbers.inverse_mass, who)
+    inverse = rows_of(model.inverse_mass, who)
     rests = rests & (inverse > 0)
-    foot, drag = footing(layout, numbers, who, on, flying), flying.turning.drag
+    foot, drag = footing(model, who, on, flying), flying.turning.drag
     lasted = jnp.where(rests, lasted, 0)[:, None]
     force = drag / jnp.where(inverse > 0, inverse, 1)[:, None]
     way = foot.slip * lasted + foot.slip_rate(drag) * jnp.square(lasted) / 2
     work = jnp.sum(jnp.where(rests[:, None], force * foot.drift * lasted, 0))
     loss = jnp.sum(jnp.where(rests[:, None], -force * way, 0))
-    if record.rules.soft and layout.gravity:
-        rolls = record.counts & begins_to_roll(layout, facts.choice)
+    if record.rules.soft and model.has_gravity:
+        rolls = record.counts & begins_to_roll(model, facts.choice)
         rolls = rolls if record.calls is None else rolls & ~record.calls
         first = jax.tree.map(lambda x: x[:, 0], figures.before)
         loss = loss + jnp.sum(jnp.where(rolls, _fallen(record, first, facts.choice), 0))
@@ -303,8 +302,8 @@ def friction_at_rest(record: RunRecord, reached: Number) -> tuple[Number, Number
 
 def _fallen(record: RunRecord, sliding: Flying, choice: Choice) -> Array:
     """Return the energies in J that soft balls lose as they give way at the end of sliding."""
-    layout, numbers, support = record.layout, record.numbers, choice.support[:, 0]
-    way = give_way(layout, numbers, choice.first, support, sliding)
-    inverse = rows_of(numbers.inverse_mass, choice.first)
-    slope = rows_of(numbers.pull, jnp.maximum(support, 0) + 1)
+    model, support = record.model, choice.support[:, 0]
+    way = give_way(model, choice.first, support, sliding)
+    inverse = rows_of(model.inverse_mass, choice.first)
+    slope = rows_of(model.pull, jnp.maximum(support, 0) + 1)
     return jnp.sum(slope * way, axis=1) / jnp.where(inverse > 0, inverse, 1)

@@ -16,25 +16,31 @@ from ..._coupled.modes import Flag, Index, Number
 from ..._coupled.rows import rows_of, with_rows
 from ..._functions import ratio
 from ..._program import derived, quick
-from ..arrays.arrays import Numbers, SceneLayout, known_contact_of, law_of
-from ..arrays.flight import Flying, accelerations
+from ..arrays.arrays import (
+    Flying,
+    SceneArrays,
+    SceneLayout,
+    accelerations,
+    known_contact_of,
+    law_of,
+)
 from ..arrays.movers import Turning
-from ..cluster.equations import ClusterState
-from ..engine.cluster_slots import (
+from ..cluster.problem import ClusterState
+from ..engine.coupled import call, contact_energy, meets
+from ..engine.log import Call, Log, RunRecord, as_flags, blank_state, last_call
+from ..engine.rest import flying_at_start
+from ..engine.slots import (
     Slots,
     all_fit,
     empty_slots,
     in_line,
-    index_of,
     joins,
     no_change,
     slot_pairs,
 )
-from ..engine.coupled import Call, as_flags, blank_state, call, contact_energy, meets
-from ..engine.log import Log, RunRecord, last_call
+from ..engine.state import index_of
 from ..pair_impact.friction import is_followed
 from ..pair_impact.instantaneous import Choice
-from ..pair_impact.rolling import flying_at_start
 from ..result import States, nan_unless, traced
 
 _LEAST, _FEW = 512, 128
@@ -89,11 +95,11 @@ def states_as_numpy(record: RunRecord, times: ArrayLike, followed: bool) -> tupl
     """Return `states_of` as NumPy arrays. All small numbers of times share one program if the
     motion inside contacts is not `followed`.
     """
-    numbers = np.asarray(times, record.numbers.dtype)
-    count = numbers.shape[0]
-    least = _LEAST if record.layout.spheres <= _FEW and not followed else 1
-    padded = np.zeros(max(least, 1 << (count - 1).bit_length()), numbers.dtype)
-    padded[:count] = numbers
+    model = np.asarray(times, record.model.dtype)
+    count = model.shape[0]
+    least = _LEAST if record.model.spheres <= _FEW and not followed else 1
+    padded = np.zeros(max(least, 1 << (count - 1).bit_length()), model.dtype)
+    padded[:count] = model
     result = states_of(record, jax.device_put(padded), followed)
     return jax.tree.map(lambda x: np.asarray(x)[:count], result)
 
@@ -110,15 +116,15 @@ def states_of(
     record: RunRecord, times: Float[Array, " T"], followed: bool
 ) -> tuple[States, Bool[Array, " T"] | None]:
     """Return the values of `kinematics_at` as public states."""
-    times = times.astype(record.numbers.dtype)
+    times = times.astype(record.model.dtype)
     (position, velocity, stored, spin), inside = kinematics_at(record, times, followed)
     energy = _energy_of(record, position, velocity) + stored
     valid = (times >= 0) & (times <= record.ending()[1])
-    if spin is not None and record.numbers.rotation is not None:
-        energy = energy + jnp.sum(record.numbers.rotation.energy(spin), axis=-1)
-        spin = nan_unless(spin[:, : record.layout.visible], valid)
-        spin = spin[..., 0] if record.layout.dimensions == 2 else spin
-    position, velocity = (x[:, : record.layout.visible] for x in (position, velocity))
+    if spin is not None and record.model.rotation is not None:
+        energy = energy + jnp.sum(record.model.rotation.energy(spin), axis=-1)
+        spin = nan_unless(spin[:, : record.model.visible], valid)
+        spin = spin[..., 0] if record.model.dimensions == 2 else spin
+    position, velocity = (x[:, : record.model.visible] for x in (position, velocity))
     position, velocity, energy = (nan_unless(x, valid) for x in (position, velocity, energy))
     return States(times, position, velocity, energy, spin), inside
 
@@ -139,12 +145,12 @@ def kinematics_at(
         return here, None if followed else times < -jnp.inf
     if not followed:
         inside = _inside(record, times, last)
-        if record.rules.members:
+        if record.rules.slots:
             resting = _at_rest(record, last, here, times, jnp.zeros(last.support.shape, bool))
             here = here._replace(stored=_energy_at_ends(record, times) + resting)
         return here, inside
-    solved = is_followed(record.numbers)
-    if solved or record.rules.members:
+    solved = is_followed(record.model)
+    if solved or record.rules.slots:
         here = _with_prescribed(record, times, _in_contacts(record, times, last, here))
     if not solved:
         # The motion within an isolated contact whose friction is a formula is not solved.
@@ -156,10 +162,10 @@ def kinematics_at(
 
 def _in_flight(record: RunRecord, times: Float[Array, " T"], last: Entries) -> Kinematics:
     """Return the states of spheres in flight or at rest."""
-    layout, numbers = record.layout, record.numbers
-    count, dimensions = layout.spheres, layout.dimensions
+    model = record.model
+    count, dimensions = model.spheres, model.dimensions
     who = jnp.tile(jnp.arange(count), times.shape[0])
-    pull, spin = accelerations(layout, numbers, who, last.support.reshape(-1)), None
+    pull, spin = accelerations(model, who, last.support.reshape(-1)), None
     since = (times[:, None] - last.began)[..., None]
     pull = pull.reshape(times.shape[0], count, dimensions)
     if last.turning is not None:
@@ -175,11 +181,11 @@ def _with_prescribed(
     record: RunRecord, times: Float[Array, " T"], states: Kinematics
 ) -> Kinematics:
     """Return the states, with accelerated fixed spheres placed by their motion."""
-    layout, numbers = record.layout, record.numbers
-    if not layout.shaken:
+    model = record.model
+    if not model.shaken:
         return states
-    place, rate = jax.vmap(lambda time: numbers.shaken_at(layout, time))(times)
-    rows = np.array(layout.shaken)
+    place, rate = jax.vmap(lambda time: model.shaken_at(time))(times)
+    rows = np.array(model.shaken)
     return states._replace(
         position=states.position.at[:, rows].set(place),
         velocity=states.velocity.at[:, rows].set(rate),
@@ -207,37 +213,37 @@ def _inside(
 
 def last_impacts(record: RunRecord, times: Float[Array, " T"]) -> Entries:
     """Return the last events of all spheres; a soft impact counts only after its touch."""
-    layout, numbers, (figures, facts) = record.layout, record.numbers, record.log
-    count, rows = layout.spheres, facts.tied.shape[0]
+    model, (figures, facts) = record.model, record.log
+    count, rows = model.spheres, facts.tied.shape[0]
     number, counts = jnp.arange(rows), record.counts
     is_call = jnp.zeros(rows, bool) if record.calls is None else record.calls
 
     def each(of_row: Array, like: Array) -> Array:
         return jnp.broadcast_to(of_row[:, None], like.shape)
 
-    start, none = flying_at_start(layout, numbers), jnp.full(count, -1)
+    start, none = flying_at_start(model), jnp.full(count, -1)
     support, held = none, start.time
-    if numbers.start is not None:
-        support, held = numbers.start.support, numbers.start.held
+    if model.start is not None:
+        support, held = model.start.support, model.start.held
     begins = start.position, start.velocity, start.time, support, none, held, start.turning
     choice, after = facts.choice, figures.outcome.after
     pair = jnp.stack([choice.first, jnp.minimum(choice.second, count)], axis=1)
     who = jnp.where((counts & ~is_call)[:, None], pair, count)
     hits = (
         *(after.position, after.velocity, after.time, facts.support),
-        *(each(number, who), jnp.zeros(who.shape, numbers.dtype), after.turning),
+        *(each(number, who), jnp.zeros(who.shape, model.dtype), after.turning),
     )
     parts = [(jnp.arange(count)[None], Entries(*begins)), (who, Entries(*hits))]
     if facts.call is not None and figures.coupled is not None:
-        end, seats = figures.coupled.end, facts.call.decided.seats
-        members = seats.who.shape[1]
-        resting, latched = _resting(layout, record.log)
+        end, slots = figures.coupled.end, facts.call.decided.slots
+        size = slots.who.shape[1]
+        resting, latched = _resting(model, record.log)
         calls = (
-            end.position[:, :members] + seats.shift * numbers.period[None, None],
-            *(end.velocity[:, :members], each(end.time, seats.who), resting),
-            *(jnp.full(seats.who.shape, -1), latched, figures.coupled.turning),
+            end.position[:, :size] + slots.shift * model.period[None, None],
+            *(end.velocity[:, :size], each(end.time, slots.who), resting),
+            *(jnp.full(slots.who.shape, -1), latched, figures.coupled.turning),
         )
-        who = jnp.where(is_call[:, None] & seats.present, seats.who, count)
+        who = jnp.where(is_call[:, None] & slots.present, slots.who, count)
         parts.append((who, Entries(*calls)))
     # Sorted by sphere, then by the number of the row; the start comes first.
     keys = [parts[0][0] * (rows + 1)]
@@ -262,12 +268,12 @@ def _resting(layout: SceneLayout, log: Log) -> tuple[Int[Array, "K M"], Float[Ar
     """Return the walls that spheres rest on after a call, or -1, and the v0 held."""
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
-    rows, members = called.decided.seats.who.shape
-    first, second = slot_pairs(layout, members)
-    wall = second - members
+    rows, size = called.decided.slots.who.shape
+    first, second = slot_pairs(layout, size)
+    wall = second - size
     closed = (together.end.closed > 0.5) & called.rest[:, None] & jnp.asarray(wall >= 0)[None]
-    none, end = jnp.full((rows, members), -1), together.end
-    zero = jnp.zeros((rows, members), end.latched.dtype)
+    none, end = jnp.full((rows, size), -1), together.end
+    zero = jnp.zeros((rows, size), end.latched.dtype)
     held = zero.at[:, first].max(jnp.where(closed, end.latched, 0))
     return none.at[:, first].max(jnp.where(closed, jnp.asarray(wall)[None], -1)), held
 
@@ -276,10 +282,10 @@ def _energy_of(
     record: RunRecord, position: Float[Array, "T N D"], velocity: Float[Array, "T N D"]
 ) -> Float[Array, " T"]:
     """Return kinetic energy plus weight of all free spheres, ½ m v² - m g·x, in J."""
-    numbers = record.numbers
-    mass = ratio(1.0, numbers.inverse_mass[: record.layout.spheres])
+    model = record.model
+    mass = ratio(1.0, model.inverse_mass[: record.model.spheres])
     kinetic = jnp.sum(jnp.square(velocity), axis=-1) / 2
-    weight = jnp.sum(position * numbers.gravity[None, None], axis=-1)
+    weight = jnp.sum(position * model.gravity[None, None], axis=-1)
     return jnp.sum(mass[None] * (kinetic - weight), axis=-1)
 
 
@@ -291,13 +297,13 @@ def _in_contacts(
     Each time has N lanes for the isolated impacts, each assigned to its first body. One more lane
     holds the solve in progress, if the run has any.
     """
-    layout, numbers, (figures, facts) = record.layout, record.numbers, record.log
-    count, together = layout.spheres, figures.coupled
-    away, nothing = jnp.zeros((count, layout.dimensions), numbers.dtype), jnp.zeros_like(times[0])
+    model, (figures, facts) = record.model, record.log
+    count, together = model.spheres, figures.coupled
+    away, nothing = jnp.zeros((count, model.dimensions), model.dtype), jnp.zeros_like(times[0])
     unturned = None if here.spin is None else jnp.zeros_like(here.spin[0])
     blank = jnp.zeros(count, bool), away, away, unturned
     lanes = []
-    if is_followed(numbers):
+    if is_followed(model):
         row = jnp.maximum(last.row, 0)
         is_first = rows_of(facts.choice.first, row) == jnp.arange(count)[None]
         lanes.append((row, (times[:, None] < last.began) & (last.row >= 0) & is_first))
@@ -311,13 +317,13 @@ def _in_contacts(
         time, row, active = columns
 
         def solve() -> tuple:
-            seats, state = resume_impact(record, row, time, active)
-            members, late = seats.who.shape[0], time - state.time
-            velocity = state.velocity[:members]
-            place = state.position[:members] + seats.shift * numbers.period[None] + velocity * late
-            spin = None if state.rubbing is None else state.rubbing.spin[:members]
-            new = with_rows(blank, index_of(layout, seats), (seats.present, place, velocity, spin))
-            return *new, contact_energy(layout, numbers, members, seats, state)
+            slots, state = resume_impact(record, row, time, active)
+            size, late = slots.who.shape[0], time - state.time
+            velocity = state.velocity[:size]
+            place = state.position[:size] + slots.shift * model.period[None] + velocity * late
+            spin = None if state.rubbing is None else state.rubbing.spin[:size]
+            new = with_rows(blank, index_of(model, slots), (slots.present, place, velocity, spin))
+            return *new, contact_energy(model, slots, state)
 
         return jax.lax.cond(active, solve, lambda: (*blank, nothing))
 
@@ -349,46 +355,46 @@ def _in_contacts(
 def resume_impact(
     record: RunRecord, row: Index, until: Number, needed: Flag
 ) -> tuple[Slots, ClusterState]:
-    """Return the seats of the bodies of an impact and their state at a time, solved again. An
+    """Return the slots of the bodies of an impact and their state at a time, solved again. An
     isolated impact starts at its touch, a coupled one at the start of the call of that row. Both
-    are calls of the coupled solve, so that it is compiled once. It has no members unless `needed`.
+    are calls of the coupled solve, so that it is compiled once. No slot is filled unless `needed`.
     """
-    layout, numbers, (figures, facts) = record.layout, record.numbers, record.log
-    members, yes = record.rules.members or min(2, layout.spheres), jnp.asarray(True)
+    model, (figures, facts) = record.model, record.log
+    size, yes = record.rules.slots or min(2, model.spheres), jnp.asarray(True)
     choice, before, called, run = rows_of(
         (facts.choice, figures.before, facts.call, figures.coupled), row
     )
-    seats = _seats_of_two(layout, numbers, members, choice, before)
-    is_first, is_second = seats.who == choice.first, seats.who == choice.second
+    slots = _slots_of_two(model, size, choice, before)
+    is_first, is_second = slots.who == choice.first, slots.who == choice.second
 
-    def seat(pair: Array) -> Array:
-        shape = (members,) + (1,) * (pair.ndim - 1)
+    def placed(pair: Array) -> Array:
+        shape = (size,) + (1,) * (pair.ndim - 1)
         one, other = is_first.reshape(shape), is_second.reshape(shape)
         return jnp.where(one, pair[:1], jnp.where(other, pair[1:], jnp.zeros_like(pair[:1])))
 
-    change, closed = joins(layout, members, seats.present), meets(layout, members, seats, choice)
-    decided = Call(yes, choice, seats, change, closed, until, ~yes)
-    none, held = jnp.full(members, -1), jnp.zeros(members, numbers.dtype)
-    blank = blank_state(layout, members, numbers.dtype)
-    entering: Any = jax.tree.map(seat, before), none, held, blank, decided
+    change, closed = joins(model, slots.present), meets(model, slots, choice)
+    decided = Call(yes, choice, slots, change, closed, until, ~yes)
+    none, held = jnp.full(size, -1), jnp.zeros(size, model.dtype)
+    blank = blank_state(model, size)
+    entering: Any = jax.tree.map(placed, before), none, held, blank, decided
     if called is not None and run is not None:
         again = called.decided._replace(
-            starts=~yes, choice=choice, change=no_change(layout, members), until=until
+            starts=~yes, choice=choice, change=no_change(model, size), until=until
         )
-        if layout.frictions is None:
+        if model.frictions is None:
             # By rounding this solve may find its spheres at rest before the end of the call.
             again = again._replace(to_the_end=until <= run.end.time)
         of_call = run.spheres, called.support, run.held, as_flags(run.began), again
         entering = jax.tree.map(lambda a, b: jnp.where(called.is_call, a, b), of_call, entering)
     spheres, support, held, began, decided = entering
     state = call(
-        layout, numbers, members, spheres, support, held, began, decided.where(needed),
+        model, spheres, support, held, began, decided.where(needed),
         record.tolerance, record.rules.v0,
     )[1].state  # fmt: skip
     if called is not None and run is not None:
         ended = called.is_call & (until == run.end.time)
         state = _as_known(ended, as_flags(run.end), state)
-    return decided.seats, state
+    return decided.slots, state
 
 
 def _as_known(there: Array, known: Any, found: Any) -> Any:
@@ -406,15 +412,15 @@ def _as_known(there: Array, known: Any, found: Any) -> Any:
 
 def _energy_at_ends(record: RunRecord, times: Float[Array, " T"]) -> Float[Array, " T"]:
     """Return the energy stored in contacts in progress, at times when one of their calls ended."""
-    layout, numbers, log = record.layout, record.numbers, record.log
+    model, log = record.model, record.log
     rows, lasts = last_call(log, record.outcome.written, times)
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
 
     def energy(lane: tuple[Array, Array, Array]) -> Array:
         time, row, last = lane
-        end, seats, ends = rows_of((together.end, called.decided.seats, called.ends), row)
-        stored = contact_energy(layout, numbers, record.rules.members, seats, as_flags(end))
+        end, slots, ends = rows_of((together.end, called.decided.slots, called.ends), row)
+        stored = contact_energy(model, slots, as_flags(end))
         return jnp.where(last & ~ends & (time == end.time), stored, 0)
 
     return jax.lax.map(energy, (times, rows, lasts))
@@ -424,44 +430,42 @@ def _at_rest(
     record: RunRecord, last: Entries, here: Kinematics, times: Float[Array, " T"], elsewhere: Array
 ) -> Float[Array, " T"]:
     """Return the energy (T,) of spheres at rest on walls, except those `elsewhere` (T, N)."""
-    layout, numbers = record.layout, record.numbers
-    if not layout.walls:
-        return jnp.zeros(last.row.shape[0], numbers.dtype)
+    model = record.model
+    if not model.walls:
+        return jnp.zeros(last.row.shape[0], model.dtype)
 
     def energy(i: Array, support: Array, place: Array, time: Array) -> Array:
         wall = jnp.maximum(support, 0)
-        height = jnp.sum(place * numbers.normal[wall]) - numbers.walls_at(time, wall).offset
-        contact = known_contact_of(layout, numbers, i, layout.spheres + wall)
-        law = law_of(layout, numbers, i, layout.spheres + wall)
-        depth = jnp.where(support >= 0, numbers.radius[i] - height, 0)
+        height = jnp.sum(place * model.normal[wall]) - model.walls_at(time, wall).offset
+        contact = known_contact_of(model, i, model.spheres + wall)
+        law = law_of(model, i, model.spheres + wall)
+        depth = jnp.where(support >= 0, model.radius[i] - height, 0)
         return stored_energy(law, contact, depth, jnp.ones_like(depth))
 
     rests = jnp.where(elsewhere, -1, last.support)
-    everyone = jnp.arange(layout.spheres)
+    everyone = jnp.arange(model.spheres)
     each = jax.vmap(jax.vmap(energy, in_axes=(0, 0, 0, None)), in_axes=(None, 0, 0, 0))(
         everyone, rests, here.position, times
     )
     return jnp.sum(each, axis=1)
 
 
-def _seats_of_two(
-    layout: SceneLayout, numbers: Numbers, members: int, choice: Choice, before: Flying
-) -> Slots:
+def _slots_of_two(model: SceneArrays, size: int, choice: Choice, before: Flying) -> Slots:
     """Return the places of the bodies of an isolated impact; the second may be a wall."""
-    blank = empty_slots(layout, numbers, members)
-    if all_fit(layout, members):
+    blank = empty_slots(model, size)
+    if all_fit(model, size):
         present = (blank.who == choice.first) | (blank.who == choice.second)
         return blank._replace(present=present)
-    count = layout.spheres
+    count = model.spheres
     second = jnp.where(choice.second < count, choice.second, count)
     image = -choice.image
     two, shift = jnp.stack([choice.first, second]), jnp.stack([jnp.zeros_like(image), image])
-    if in_line(layout):
+    if in_line(model):
         # Neighbours in the order of the line.
-        places = before.position - shift * numbers.period[None]
+        places = before.position - shift * model.period[None]
         turned = (places[1, 0] < places[0, 0]) & (second < count)
         two, shift = (jnp.where(turned, x[::-1], x) for x in (two, shift))
-    rest = members - 2
-    who = jnp.concatenate([two, jnp.full(max(rest, 0), count)])[:members]
-    shift = jnp.concatenate([shift, jnp.zeros((max(rest, 0), layout.dimensions), numbers.dtype)])
-    return Slots(who, who < count, shift[:members])
+    rest = size - 2
+    who = jnp.concatenate([two, jnp.full(max(rest, 0), count)])[:size]
+    shift = jnp.concatenate([shift, jnp.zeros((max(rest, 0), model.dimensions), model.dtype)])
+    return Slots(who, who < count, shift[:size])
