@@ -124,7 +124,8 @@ def energy(run: Run | EngineRun, *, ax: Axes | None = None) -> Axes:
     series of bounces and for a contact that comes to rest it falls at the touch. If both lines
     agree, the energy is accounted for. With moving walls the solid line includes the energy
     supplied by them. The loss by sliding on walls at rest is not in the dashed line. For an
-    `EngineRun` the solid line is kinetic and gravitational energy, and there is no other.
+    `EngineRun` the solid line is kinetic and gravitational energy, joined from sample to sample,
+    and there is no other.
 
     Arguments: a single run; the axes to draw on, new ones if None. Returns the axes. Raises
     ValueError for a batch of runs, a run without values, and for anything but a run.
@@ -133,8 +134,11 @@ def energy(run: Run | EngineRun, *, ax: Axes | None = None) -> Axes:
     path = path_of(run)
     ax = axes_of(ax)
     # Between impacts the energy is constant; at an instantaneous one the value is that after it.
-    ax.plot(path.time, path.energy, drawstyle="steps-post", lw=2.2, color=SKY, label="energy")
-    if isinstance(run, EngineRun):
+    # Nothing is known between the samples of another engine.
+    sampled = isinstance(run, EngineRun)
+    steps = "default" if sampled else "steps-post"
+    ax.plot(path.time, path.energy, drawstyle=steps, lw=2.2, color=SKY, label="energy")
+    if sampled:
         return _labelled(ax, run)
     impacts = run.impacts.to_dict()
     ends = impacts["time"] + np.where(np.isfinite(impacts["duration"]), impacts["duration"], 0.0)

@@ -103,8 +103,8 @@ def cases():
             staged=True,
         ),
         case("SystemRun.to_csv", "NAME: path", lambda path: a_run().to_csv(path)),
-        *(drawn(name) for name in ("gaps", "forces")),
-        drawn("phase", "zero: coordinate"),
+        *(drawn(name, "TEXT or list of text or None: label") for name in ("gaps", "forces")),
+        drawn("phase", "zero: coordinate; None: units; TEXT or list of text or None: label"),
         case("SystemContacts.to_csv", "NAME: path", lambda path: a_run().contacts.to_csv(path)),
         mechanism("double_pendulum", "", "NOTHING: masses lengths angles; REAL: gravity wall"),
         mechanism(
