@@ -61,8 +61,7 @@ def calibration(result: Calibration, *, show: str = "possible", ax: Axes | None 
     bars = bars if len(bars) <= _FEW else np.zeros(len(bars))
     data = _Measured(pairs.velocity, pairs.restitution, result.outliers.flagged, bars, scatter)
     _frame_choice(ax, data, words)
-    names = {one.kind: one.kind for one in result.choice.laws}
-    _draw_laws(ax, result.choice, None if law is None else law.kind, names, data.fine, show)
+    _draw_laws(ax, result.choice, None if law is None else law.kind, {}, data.fine, show)
     legend_above(ax, heading=headlines(result)[0])
     return ax
 
@@ -175,7 +174,7 @@ def _draw_laws(
                 look["label"] = f"{kind} ± 2 standard errors"
             look.setdefault("label", kind)
         ax.plot(v, curve, **look)
-        ends.append((float(curve[-1]), names[kind], look["color"], kind == law))
+        ends.append((float(curve[-1]), names.get(kind, kind), look["color"], kind == law))
     _write_at_ends(ax, float(v[-1]), ends)
 
 

@@ -234,10 +234,9 @@ def _mechanism(
     look = {"colors": [(_LINE, GUIDE)[still] for still in fixed] or _LINE, "linewidths": 2.0}
     lines = LineCollection([], capstyle="round", zorder=2, **look)
     ax.add_collection(lines)
-    dots, tails = [], []
+    dots = []
     for colour, _ in zip(itertools.cycle(BODIES), points[0], strict=False):
         dots += ax.plot([], [], "o", color=colour, ms=5, zorder=4)
-        tails += ax.plot([], [], color=colour, ls="-", lw=1.2, alpha=0.5, zorder=1)
     table = run.contacts.to_dict()
     gap, start = table["gap"].astype(int), table["time"]
     # A contact in progress at the end has no duration.
@@ -247,11 +246,9 @@ def _mechanism(
 
     def show(k: int) -> list[Artist]:
         lines.set_segments(shapes[k])
-        recent = (time >= time[k] - _TAIL * time[-1]) & (time <= time[k])
-        for row, (dot, tail) in enumerate(zip(dots, tails, strict=True)):
-            dot.set_data(*points[k, row, :, None])
-            tail.set_data(*points[recent, row].T)
-        return [lines, *dots, *tails, flash(k, points[k, gap])]
+        for dot, place in zip(dots, points[k], strict=True):
+            dot.set_data(*place[:, None])
+        return [lines, *dots, flash(k, points[k, gap])]
 
     return ax, show
 

@@ -23,13 +23,14 @@ from ._drawing.path import (
     require_one_system_run,
     touches,
 )
-from ._drawing.style import axes_of, legend_above
+from ._drawing.style import axes_of, legend_above, require_label
 from ._drawing.surroundings import colours, draw_levels, draw_walls, frame, labels, lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 NAMES = "xyz"
+Labels = str | Sequence[str] | None
 _WIDTH, _LOW, _HIGH = 6.4, 2.6, 7.2
 """Width of a new figure in inches, and its smallest and largest height."""
 
@@ -134,9 +135,7 @@ _OVER_ALL, _OF_CONTACT = 400, 24
 """The number of points over a run, and within each contact."""
 
 
-def gaps(
-    run: SystemRun, *, label: str | Sequence[str] | None = None, ax: Axes | None = None
-) -> Axes:
+def gaps(run: SystemRun, *, label: Labels = None, ax: Axes | None = None) -> Axes:
     """Draw the gaps of a mechanism over time (m, s).
 
     Arguments: a single run of a `System`; `label`, a name for each gap, "gap 0" and so on if None;
@@ -146,9 +145,7 @@ def gaps(
     return _over_time(run, "gap", label, ax)
 
 
-def forces(
-    run: SystemRun, *, label: str | Sequence[str] | None = None, ax: Axes | None = None
-) -> Axes:
+def forces(run: SystemRun, *, label: Labels = None, ax: Axes | None = None) -> Axes:
     """Draw the contact forces of a mechanism over time (N, s).
 
     Arguments: a single run of a `System`; `label`, a name for each gap, "gap 0" and so on if None;
@@ -163,7 +160,7 @@ def phase(
     coordinate: int = 0,
     *,
     units: Sequence[str] | None = None,
-    label: str | Sequence[str] | None = None,
+    label: str | None = None,
     ax: Axes | None = None,
 ) -> Axes:
     """Draw the speed of a coordinate of a mechanism over its position.
@@ -174,18 +171,17 @@ def phase(
     a run, and for a coordinate that it does not have.
     """
     states, number = _path(run), require_count("coordinate", coordinate, 0)
-    names = None if label is None else _names("label", label, 1)
+    require_label(label)
     written = ("", "") if units is None else _names("units", units, 2)
     count = min(run.position.shape[1], run.velocity.shape[1])
     if number >= count:
         raise ValueError(f"Argument `coordinate` must be below {count}, but is {coordinate}.")
     ax = axes_of(ax)
     line = np.asarray(states.position)[:, number], np.asarray(states.velocity)[:, number]
-    ax.plot(*line, lw=1.2, label=None if names is None else names[0])
+    ax.plot(*line, lw=1.2, label=label)
     for axis, word, unit in zip((ax.xaxis, ax.yaxis), ("position", "speed"), written, strict=True):
         put_label(axis, word, f"{word} {number}", unit)
-    if names is not None:
-        legend_above(ax)
+    legend_above(ax)
     return ax
 
 
@@ -198,9 +194,7 @@ def _names(argument: str, value: Any, count: int) -> list[str]:
     return [require_kind(argument, text, str, words) for text in texts]
 
 
-def _over_time(
-    run: SystemRun, name: str, label: str | Sequence[str] | None, ax: Axes | None
-) -> Axes:
+def _over_time(run: SystemRun, name: str, label: Labels, ax: Axes | None) -> Axes:
     states = _path(run)
     values: Any = np.asarray(getattr(states, name))
     count = values.shape[1]

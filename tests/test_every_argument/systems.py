@@ -104,7 +104,7 @@ def cases():
         ),
         case("SystemRun.to_csv", "NAME: path", lambda path: a_run().to_csv(path)),
         *(drawn(name, "TEXT or list of text or None: label") for name in ("gaps", "forces")),
-        drawn("phase", "zero: coordinate; None: units; TEXT or list of text or None: label"),
+        drawn("phase", "zero: coordinate; None: units; TEXT or None: label"),
         case("SystemContacts.to_csv", "NAME: path", lambda path: a_run().contacts.to_csv(path)),
         mechanism("double_pendulum", "", "NOTHING: masses lengths angles; REAL: gravity wall"),
         mechanism(

@@ -28,11 +28,7 @@ _DOWNWARDS = "s", "m", "m/s"
 
 
 def put_label(
-    axis: Axis,
-    name: str,
-    words: str | None = None,
-    unit: str | None = None,
-    beside: Axis | None = None,
+    axis: Axis, name: str, words: str | None = None, unit: Any = None, beside: Any = None
 ) -> None:
     """Label an axis by the name of its quantity, as in "time / ms", in its `unit` or another one.
 

@@ -6,6 +6,7 @@ import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from ..._entry import concrete, is_list, refusal, require_kind
 from ..._scene import EngineRun, Run, Shell
@@ -82,9 +83,7 @@ def states(run: Run | EngineRun, times: np.ndarray) -> RunPath:
         for axis, length in enumerate(run.scene.periodic):
             if length is not None:
                 whole[..., axis] = np.unwrap(whole[..., axis], axis=0, period=float(length))
-        lines = whole.reshape(len(run.time), -1).T
-        position = np.stack([np.interp(times, run.time, line) for line in lines], axis=1)
-        position = position.reshape(len(times), *whole.shape[1:])
+        position = make_interp_spline(run.time, whole, k=1)(times)
         energy = np.interp(times, run.time, run.energy)
         return RunPath(times, in_cell(run, position), energy, None)
     now = run.at(times)
