@@ -286,6 +286,7 @@ SECTIONS = (
             masses, wall = np.stack([x, y], axis=1), np.array([[-0.3, -2], [-0.3, 0.4]])
             return masses, [np.array([[0, 0], *masses]), wall]
 
+
         film = jc.plot.animate(swing, seconds=2.5, fps=6, draw=draw)
         """,
         ".gif",
