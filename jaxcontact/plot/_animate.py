@@ -188,8 +188,7 @@ def _spheres(
             rim = size[:, None] * np.stack([np.cos(angle[k]), np.sin(angle[k])], axis=-1)
             radius = np.stack([now[k], now[k] + rim], axis=1)
             marks.set_segments([*(radius + away[:, None, None]).reshape(-1, 2, 2)])
-        moved = [*itertools.chain(*circles), *tails, marks, *move_walls(k)]
-        return [*moved, flash(k, where)]
+        return [*itertools.chain(*circles), *tails, marks, *move_walls(k), flash(k, where)]
 
     return ax, show
 
@@ -206,7 +205,6 @@ def _flashes(ax: Axes, time: np.ndarray, start: np.ndarray, end: np.ndarray) -> 
 
     It takes their places (K, 2), and returns the artist. After the end a flash fades.
     """
-    # In front of all bodies, which it does not hide.
     look: dict[str, Any] = {"color": _FLASH, "edgecolor": "#D55E00", "alpha": 0.75, "zorder": 5}
     dots = ax.scatter([], [], **look)
 
