@@ -1,4 +1,4 @@
-"""The figures of the README and of pages: `python docs/figures.py`."""
+"""The figures of the README and of pages: `python docs/figures.py`, with names for some only."""
 
 import io
 import sys
@@ -113,7 +113,7 @@ def pendulum() -> None:
     left.plot([0, *across[0]], [0, *height[0]], color="grey", marker="o", linewidth=1)
     left.set(xlabel="x / m", ylabel="y / m", aspect="equal")
     left.legend(frameon=False, fontsize="small")
-    jc.plot.gaps(run, ax=right)
+    jc.plot.gaps(run, label=["mass 1", "mass 2"], ax=right)
     _save(figure, "systems_pendulum.png", left, right)
 
 
@@ -131,7 +131,7 @@ def crank() -> None:
     left.plot(*bearing, color="black", linestyle="--", linewidth=1)
     left.plot(journal[:, 0], journal[:, 1], color=COLOURS[3], linewidth=1)
     left.set(xlabel="x / mm", ylabel="y / mm", aspect="equal")
-    jc.plot.forces(run, ax=right)
+    jc.plot.forces(run, label="journal and bearing", ax=right)
     _save(figure, "systems_crank.png", left, right)
     print(run)
 
@@ -207,12 +207,27 @@ def sound() -> None:
     print(recording, truth.e)
 
 
+def films() -> None:
+    """Film a double pendulum beside a wall, and rough balls that spin in a box."""
+    system, start = jc.systems.double_pendulum()
+    swing = jc.simulate(system, 2.5, **start)
+    box = {"low": [0.0, 0.0], "high": [1.0, 0.8]}
+    balls = jc.random_spheres(6, **box, radius=0.08, mass=0.1, speed=2.0, seed=3)
+    bodies, rough = [*balls, jc.Box(**box)], jc.RigidCoulomb(mu=0.4)
+    scene = jc.Scene(bodies, jc.HuGuo(e=0.85), friction=rough, gravity=[0.0, -9.81])
+    for name, run in (
+        ("film_mechanism", swing),
+        ("film_scene", jc.simulate(scene, 1.5, instantaneous=True)),
+    ):
+        figure, ax = pyplot.subplots(figsize=(4.2, 4.0), layout="constrained")
+        film = jc.plot.animate(run, seconds=3.2, fps=14, ax=ax)
+        film.save(HERE / f"{name}.gif", dpi=80)
+        print(name, f"{(HERE / f'{name}.gif').stat().st_size / 1000:.0f} kB")
+        pyplot.close(figure)
+
+
 if __name__ == "__main__":
-    bowl()
-    crank()
-    delivered()
-    friction_impact()
-    friction_laws()
-    hu_guo()
-    pendulum()
-    sound()
+    every = (bowl, crank, delivered, films, friction_impact, friction_laws, hu_guo, pendulum, sound)
+    for make in every:
+        if make.__name__ in sys.argv[1:] or not sys.argv[1:]:
+            make()

@@ -151,8 +151,9 @@ SECTIONS = (
     Section(
         "calibration",
         "A calibration",
-        "Kept and marked pairs of the recording that ships with the package, and each law ± 2 "
-        "standard errors.",
+        "The recording that ships with the package: its pairs, those left out, and the chosen law "
+        "± 2 standard errors. The title has e with its 95 % interval. Laws that are not ruled out "
+        'are thin and have their names at the ends of their lines; `show="all"` adds the others.',
         """\
         cal = jc.calibrate(jc.read_recording())
         ax = jc.plot.calibration(cal)
@@ -161,10 +162,10 @@ SECTIONS = (
     Section(
         "choice",
         "The choice among laws",
-        "The law of lowest AICc is the thickest line. The broad grey line is a free smooth curve "
-        "for comparison.",
+        "The law of the verdict is the thickest line. Here the rejected ones are drawn too, in "
+        "grey. The broad grey line is a free smooth curve for comparison.",
         """\
-        ax = jc.plot.choice(cal.choice)
+        ax = jc.plot.choice(cal.choice, show="all")
         """,
     ),
     Section(
@@ -250,11 +251,12 @@ SECTIONS = (
     Section(
         "gaps",
         "The gaps of a mechanism",
-        "A double pendulum beside a wall. A gap is negative in contact.",
+        "A double pendulum beside a wall. A gap is negative in contact. `label` names the lines.",
         """\
         pendulum, start = jc.systems.double_pendulum()
         swing = jc.simulate(pendulum, 2.5, **start)
-        ax = jc.plot.gaps(swing)
+        names = ["upper mass", "lower mass"]
+        ax = jc.plot.gaps(swing, label=names)
         """,
     ),
     Section(
@@ -262,7 +264,7 @@ SECTIONS = (
         "Its contact forces",
         "Each contact has points of its own, so that its peak is shown however short it is.",
         """\
-        ax = jc.plot.forces(swing)
+        ax = jc.plot.forces(swing, label=names)
         """,
     ),
     Section(
@@ -270,13 +272,30 @@ SECTIONS = (
         "Its phase portrait",
         "Speed over position of one coordinate. A contact is a jump of the speed.",
         """\
-        ax = jc.plot.phase(swing, coordinate=1)
+        ax = jc.plot.phase(swing, coordinate=1, units=("rad", "rad/s"))
         """,
+    ),
+    Section(
+        "animate_mechanism",
+        "A film of a mechanism",
+        "Contacts flash. Mechanisms of `jc.systems` have a picture of their own; for others `draw` "
+        "returns points, those where the gaps close first, and lines. The result is the same.",
+        """\
+        def draw(q, args):
+            x, y = np.cumsum([np.sin(q), -np.cos(q)], axis=1)
+            masses, wall = np.stack([x, y], axis=1), np.array([[-0.3, -2], [-0.3, 0.4]])
+            return masses, [np.array([[0, 0], *masses]), wall]
+
+
+        film = jc.plot.animate(swing, seconds=2.5, fps=6, draw=draw)
+        """,
+        ".gif",
     ),
     Section(
         "animate",
         "A moving picture",
-        'Notebooks show it with buttons; `film.save("run.gif", writer="pillow")` writes it.',
+        'Notebooks show it with buttons; `film.save("run.gif")` writes it, as does "run.mp4" with '
+        "ffmpeg. Contacts flash, and spheres that spin have a radius.",
         """\
         film = jc.plot.animate(run, seconds=1.2, fps=10)
         """,
@@ -346,7 +365,7 @@ def draw(only: list[str]) -> None:
         if only and section.name not in only:
             continue
         if section.ending == ".gif":
-            known["film"].save(section.file, writer="pillow", dpi=60)
+            known["film"].save(section.file, dpi=60)
         else:
             jc.plot.save(known["ax"], section.file, dpi=_DPI)
         print(section.file.name, f"{section.file.stat().st_size / 1000:.0f} kB")

@@ -61,7 +61,7 @@ def draw(random: np.random.Generator, *, speech: bool = False, bounces: bool = T
     flights = [first]
     while flights[-1] > LAST_FLIGHT and sum(flights) < 6:
         flights.append(flights[-1] * e * np.exp(scatter * random.normal()))
-    speed = GRAVITY * np.array(flights) / 2 / e  # approach speed, without the scatter
+    speed = GRAVITY * np.array(flights) / 2 / e  # closing speed, without the scatter
     ball = _ball(random, rate)
     # The interval between touches includes the contact.
     whole = np.array(flights) + ball.contact * (speed / speed[0]) ** -0.2

@@ -246,9 +246,9 @@ class EngineRun(WrittenAsCsv):
     """The motion of a scene at the output times of another engine, as `read_run` returns it.
 
     `time` (T,) in s, `position` (T, N, D) in m, `velocity` (T, N, D) in m/s and `spin` in rad/s are
-    those of `Run`, as is `to_csv`; `jc.plot.scene` and `jc.plot.energy` draw both. `energy` (T,) in
-    J is kinetic and gravitational; that stored in contacts is not in it. An engine reports no
-    impacts, and there is no state between the output times.
+    those of `Run`, as is `to_csv`; `scene`, `energy` and `animate` of `jc.plot` draw both. `energy`
+    (T,) in J is kinetic and gravitational; that stored in contacts is not in it. An engine reports
+    no impacts, and there is no state between the output times.
     """
 
     engine: str

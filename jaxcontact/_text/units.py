@@ -69,13 +69,13 @@ def quantity(name: str, number: str) -> str:
     return f"{number} {meaning(name)[1]}".rstrip()
 
 
-def label(name: str, words: str | None = None, *, prefix: str = "") -> str:
+def label(name: str, words: str | None = None, *, prefix: str = "", unit: str | None = None) -> str:
     """Return the label of a figure's axis: "closing speed / (m/s)".
 
-    `words` replace those of the table; `prefix` is that of the unit, "m" for milli.
+    `words` and `unit` replace those of the table; `prefix` is that of the unit, "m" for milli.
     """
-    quantity_words, unit = meaning(name)
-    words = quantity_words if words is None else words
+    quantity_words, usual = meaning(name)
+    words, unit = quantity_words if words is None else words, usual if unit is None else unit
     if not unit:
         return words
     return f"{words} / ({prefix}{unit})" if "/" in unit else f"{words} / {prefix}{unit}"

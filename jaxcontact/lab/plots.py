@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -13,13 +13,16 @@ from ..extend import (
     DATA,
     axes_for,
     axes_of,
+    counted,
     legend_above,
     put_label,
     rendered,
+    require_choice,
     require_kind,
 )
 from .calibration.calibrate import Calibration
-from .choice.law_choice import ChoiceData, LawChoice
+from .calibration.verdict import headlines, scatter_said
+from .choice.law_choice import LawChoice
 from .recordings import RecordedImpact, Recording, tracks_of
 from .track.model import Drop, Track
 
@@ -29,53 +32,181 @@ if TYPE_CHECKING:
 _LINE, _USED, _DOUBTFUL = "#999999", "#0072B2", "#D55E00"
 _SOUND, _PARABOLA, _LEFT_OUT = "#777777", "#000000", "#CC79A7"
 _FINE, _POINTS = 200, 4000
+_SHOW, _SIZE = ("possible", "all"), (7.0, 4.6)
 _ROOM = 0.35
-_MANY = 60
-"""Number of points above which they are drawn smaller."""
+_MANY, _FEW = 60, 12
+"""Number of points above which they are drawn smaller, and up to which they have error bars."""
+
+_LINE_OF_TEXT = 0.16
+"""Height in inches of a line of small text."""
 
 
-def calibration(result: Calibration, *, ax: Axes | None = None) -> Axes:
-    """Draw e over approach speed (m/s): kept and marked pairs, and each fit ± 2 standard errors.
+def calibration(result: Calibration, *, show: str = "possible", ax: Axes | None = None) -> Axes:
+    """Draw e over the closing speed (m/s): the pairs, and the chosen law ± 2 standard errors.
 
-    Marked pairs outside the frame are drawn at its edge as arrows, so that all are visible. Returns
-    the axes, new ones if `ax` is None. Raises ValueError unless `result` is a `Calibration` and
-    `ax` are axes.
+    The title has e with its 95 % interval. Laws that are not ruled out are thin, with their names
+    at the ends of their lines; `show="all"` adds those that are, in grey. Pairs left out are
+    crosses; those beyond the frame are at its edge. Up to twelve pairs with known errors have bars
+    of ± 2 standard errors. Returns the axes, new ones if `ax` is None. Raises ValueError unless
+    `result` is a `Calibration`, `show` is "possible" or "all", and `ax` are axes.
     """
     require_kind("result", result, Calibration, "a `Calibration` (see `calibrate`)")
-    ax = axes_of(ax, figsize=(7.0, 4.6))
-    pairs, flagged = result.recorded_pairs, result.outliers.flagged
-    v, e = pairs.velocity, pairs.restitution
-    low, high = frame_of(e[~flagged])
-    draw_points(ax, v[~flagged], e[~flagged], "kept")
-    _draw_marked(ax, v[flagged], e[flagged], low, high)
-    speeds = np.linspace(v[~flagged].min(), v[~flagged].max(), _FINE)
-    styles = curves_of(result.choice)
-    for law in result.choice.laws:
-        curve, error = result.choice.curve(law.kind, speeds)
-        style = styles[law.kind]
-        ax.plot(speeds, curve, lw=1.8, label=law.kind, **style)
-        if law.identifiable:
-            low_end, high_end = curve - 2 * error, curve + 2 * error
-            ax.fill_between(speeds, low_end, high_end, color=style["color"], alpha=0.16, lw=0)
-    ax.set_ylim(low, high)
-    margin = 0.04 * max(float(np.ptp(v)), 0.1)
-    ax.set_xlim(max(float(v.min()) - margin, 0.0), float(v.max()) + margin)
-    put_label(ax.xaxis, "velocity", "approach speed")
+    require_choice("show", show, _SHOW)
+    ax = axes_of(ax, figsize=_SIZE)
+    pairs, law = result.recorded_pairs, result.chosen
     air = {True: "drag taken out", False: "drag left in"}[pairs.flight.drag is not None]
-    ax.set_ylabel("restitution $e$" + (f" ({air})" if pairs.layout.uses_flight else ""))
-    legend_above(ax)
+    words = f" ({air})" if pairs.layout.uses_flight else ""
+    scatter = "" if result.scatter is None else f", scatter {scatter_said(result.scatter)}"
+    bars = np.array([0.0 if p.error is None else 2 * p.error for p in result.pairs])
+    bars = bars if len(bars) <= _FEW else np.zeros(len(bars))
+    data = _Measured(pairs.velocity, pairs.restitution, result.outliers.flagged, bars, scatter)
+    _frame_choice(ax, data, words)
+    _draw_laws(ax, result.choice, None if law is None else law.kind, {}, data.fine, show)
+    legend_above(ax, heading=headlines(result)[0])
     return ax
 
 
-def _draw_marked(ax: Axes, v: np.ndarray, e: np.ndarray, low: float, high: float) -> None:
-    edge = 0.02 * (high - low)
-    inside = (e >= low + edge) & (e <= high - edge)
-    label, shown = f"left out ({len(e)})", np.clip(e, low + edge, high - edge)
-    for marker, which in (("x", inside), ("^", e > high - edge), ("v", e < low + edge)):
-        if which.any():
-            style: dict[str, Any] = {"color": _LEFT_OUT, "ms": 6, "clip_on": False, "label": label}
-            ax.plot(v[which], shown[which], marker, **style)
-            label = "_"  # one entry in the legend
+def choice(result: LawChoice, *, show: str = "possible", ax: Axes | None = None) -> Axes:
+    """Draw e over the closing speed (m/s): the data, and the curves of the laws.
+
+    The law of the verdict, `result.best`, has the thickest line and a band of ± 2 standard errors.
+    Laws that are not ruled out are thin; `show="all"` adds those that are, in grey. Each has its
+    name and its ΔAICc at the end of its line. The broad grey line is a free smooth curve, not a
+    law. The frame is that of the data.
+
+    Arguments: the result of `choose_law`; `show`, "possible" or "all"; the axes to draw on, new
+    ones if None. Returns the axes. Raises ValueError for anything but these.
+    """
+    require_kind("result", result, LawChoice, "a `LawChoice` (see `choose_law`)")
+    require_choice("show", show, _SHOW)
+    ax = axes_of(ax, figsize=_SIZE)
+    any_fit = next(iter(result.fits.values()))
+    x = np.asarray(any_fit.problem.x)
+    # ln e comes before contact times and forces.
+    log_e = any_fit.data[: len(x)]
+    used = np.isfinite(log_e)
+    marked = int(result.marked.sum())
+    note = f", {marked} left out" if marked else ""
+    none = np.zeros(used.sum())
+    data = _Measured(x[used], np.exp(log_e[used]), none > 0, none, note)
+    _frame_choice(ax, data, "")
+    free = {"color": _LINE, "lw": 5, "alpha": 0.4, "zorder": 1.5, "label": "free curve, no law"}
+    ax.plot(data.fine, result.free(data.fine), ls="-", **free)
+    least = min(candidate.aicc for candidate in result.candidates)
+    names = {one.name: f"{one.name} ({one.aicc - least:.1f})" for one in result.candidates}
+    _draw_laws(ax, result, result.best, names, data.fine, show)
+    sure = "sure" if result.sure else "not sure"
+    legend_above(ax, heading=f"best: {result.best} ({sure}); at the lines: ΔAICc")
+    return ax
+
+
+class _Measured(NamedTuple):
+    """Measured e over speed (m/s), which pairs are left out, error bars, and a note."""
+
+    v: np.ndarray
+    e: np.ndarray
+    out: np.ndarray
+    bars: np.ndarray
+    note: str
+
+    @property
+    def wide(self) -> bool:
+        return bool(self.v.max() > 100 * self.v.min())
+
+    @property
+    def fine(self) -> np.ndarray:
+        """Speeds between the ends of the pairs that are not left out, around a single one."""
+        v = self.v[~self.out]
+        ends = (v.min(), v.max()) if np.ptp(v) > 0 else (0.5 * v[0], 1.5 * v[0])
+        return (np.geomspace if self.wide else np.linspace)(*ends, _FINE)
+
+
+def _frame_choice(ax: Axes, data: _Measured, words: str) -> None:
+    """Draw the pairs, in the frame of those not left out; e above 1 only if a pair is there."""
+    v, kept, bars = (column[~data.out] for column in (data.v, data.e, data.bars))
+    low, high = float(np.min(kept - bars)), float(np.max(kept + bars))
+    room = _ROOM * max(high - low, 0.02)
+    low, high = low - room, high + room
+    high = high if data.e.max() > 1 else min(high, 1.0)
+    look: dict[str, Any] = {"ms": 3.8 if len(kept) > _MANY else 6.0, "ls": "none"}
+    look |= {"clip_on": False, "zorder": 4}
+    label = f"measured ({counted(len(kept), ('pair', 'pairs'))}{data.note})"
+    ax.plot(v, kept, "o", color=DATA, mec="white", mew=0.4, label=label, **look)
+    if bars.any():
+        ax.errorbar(v, kept, bars, fmt="none", ecolor=DATA, elinewidth=1.0, capsize=3, zorder=4)
+    if data.out.any():
+        edge = 0.02 * (high - low)
+        e = np.clip(data.e[data.out], low + edge, high - edge)
+        beyond = int(np.sum((data.e[data.out] < low) | (data.e[data.out] > high)))
+        more = f"; {beyond} beyond the frame" if beyond else ""
+        label = f"left out ({len(e)}{more})"
+        look["ms"] = 6.0
+        ax.plot(data.v[data.out], e, "x", color=_LEFT_OUT, label=label, **look)
+    if data.wide:
+        ax.set_xscale("log")
+    else:
+        ends = np.append(data.v, data.fine[[0, -1]])
+        margin = 0.04 * np.ptp(ends)
+        ax.set_xlim(max(ends.min() - margin, 0.0), ends.max() + margin)
+    ax.set_ylim(low, high)
+    put_label(ax.xaxis, "velocity")
+    ax.set_ylabel("restitution $e$" + words)
+
+
+def _draw_laws(
+    ax: Axes, choice: LawChoice, law: str | None, names: Mapping[str, str], v: Any, show: str
+) -> None:
+    """Draw the curves of the laws, and write their names at the ends of the lines."""
+    ends = []
+    possible = {law, choice.best, *choice.rivals}
+    looks = itertools.cycle(CURVES[1:])
+    for kind in (one.kind for one in choice.laws):
+        if kind not in possible and show != "all":
+            continue
+        curve, error = choice.curve(kind, v)
+        color, line = next(looks) if kind in possible - {law} else (_LINE, ":")
+        look: dict[str, Any] = {"color": color, "ls": line, "lw": 1.1, "zorder": 3.5}
+        if kind == law:
+            look = {"color": CURVES[0][0], "ls": "-", "lw": 2.6, "zorder": 3}
+            if choice.law_fit(kind).identifiable and np.isfinite(error).all():
+                band = {"color": look["color"], "alpha": 0.2, "lw": 0, "zorder": 2}
+                ax.fill_between(v, curve - 2 * error, curve + 2 * error, **band)
+                look["label"] = f"{kind} ± 2 standard errors"
+            look.setdefault("label", kind)
+        ax.plot(v, curve, **look)
+        ends.append((float(curve[-1]), names.get(kind, kind), look["color"], kind == law))
+    _write_at_ends(ax, float(v[-1]), ends)
+
+
+def _write_at_ends(ax: Axes, x: float, ends: list[tuple[float, str, str, bool]]) -> None:
+    """Write names right of the frame at the heights of their lines' ends, one above the other."""
+    (low, high), figure = ax.get_ylim(), ax.get_figure(root=True)
+    assert figure is not None  # created with these axes, or by the user
+    # The legend and the labels take a part of the height.
+    inches = 0.75 * ax.get_position(original=True).height * figure.get_figheight()
+    step = _LINE_OF_TEXT / inches
+    ends = sorted(ends)
+    heights = np.clip([y for y, *_ in ends], low, high)
+    wanted = (heights - low) / (high - low)
+    steps = step * np.arange(len(ends))
+    # Both are at least a step apart, and so is their mean; no name is above or below the frame.
+    up = np.maximum.accumulate(wanted - steps) + steps
+    down = np.minimum.accumulate((wanted - steps)[::-1])[::-1] + steps
+    places = np.clip((up + down) / 2 - steps, 0, max(1 - step * (len(ends) - 1), 0)) + steps
+    for (_, name, color, bold), y, place in zip(ends, heights, places, strict=True):
+        ax.annotate(
+            name,
+            (x, y),
+            (1.03, place),
+            textcoords="axes fraction",
+            arrowprops=dict.fromkeys(("shrinkA", "shrinkB"), 0)
+            | {"arrowstyle": "-", "color": color, "lw": 0.6, "relpos": (0, 0.5)},
+            annotation_clip=False,
+            color=color,
+            fontsize="small",
+            fontweight="bold" if bold else "normal",
+            va="center",
+        )
 
 
 _SHOWN = 6
@@ -287,65 +418,3 @@ def _range(drops: Sequence[Drop]) -> tuple[float, float]:
     low, high = float(fitted.min()), float(max(fitted.max(), used.max()))
     room = _MARGIN * (high - low)
     return low - 1.3 * room, high + room
-
-
-def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
-    """Draw e over the closing speed (m/s): the data, and the curve of each kind of law.
-
-    The law of lowest AICc has the thickest line. The grey line is a free smooth curve, not a law.
-    The frame is that of the data, which the curve of an excluded law may leave.
-    Arguments: the result of `choose_law`; the axes to draw on, new ones if None. Returns the axes.
-    Raises ValueError for anything but a `LawChoice` and axes.
-    """
-    require_kind("result", result, LawChoice, "a `LawChoice` (see `choose_law`)")
-    ax = axes_of(ax, figsize=(7.0, 4.6))
-    any_fit = next(iter(result.fits.values()))
-    x = np.asarray(any_fit.problem.x)
-    # ln e comes before contact times and forces.
-    log_e = any_fit.data[: len(x)]
-    used = np.isfinite(log_e)
-    v = x[used]
-    draw_points(ax, v, np.exp(log_e[used]), "data")
-    wide = v.max() > 100 * v.min()
-    fine = (np.geomspace if wide else np.linspace)(v.min(), v.max(), _FINE)
-    best = min(candidate.aicc for candidate in result.candidates)
-    styles = curves_of(result)
-    for place, candidate in enumerate(result.candidates):
-        label = f"{candidate.name} ({candidate.aicc - best:.1f})"
-        curve, _ = result.curve(candidate.name, fine)
-        thick = 2.6 if place == 0 else 1.4
-        ax.plot(fine, curve, lw=thick, label=label, zorder=3, **styles[candidate.name])
-    free = {"color": _LINE, "lw": 4, "alpha": 0.5, "zorder": 2, "label": "free curve, no law"}
-    ax.plot(fine, result.free(fine), **free)
-    ax.set_ylim(*frame_of(np.exp(log_e[used])))
-    if wide:
-        ax.set_xscale("log")
-    put_label(ax.xaxis, "velocity")
-    ax.set_ylabel("restitution $e$")
-    legend_above(ax, "law (ΔAICc)")
-    return ax
-
-
-def frame_of(e: np.ndarray) -> tuple[float, float]:
-    """Return the lowest and the highest e of a plot of measured e."""
-    low, high = float(e.min()), float(e.max())
-    room = _ROOM * max(high - low, 0.02)
-    return low - room, high + room
-
-
-def draw_points(ax: Axes, v: np.ndarray, e: np.ndarray, label: str) -> None:
-    """Draw measured e over speed, in front of curves and bands, with a light edge."""
-    size = 3.8 if len(v) > _MANY else 6.0
-    look = {"color": DATA, "mec": "white", "mew": 0.4, "ms": size, "zorder": 4}
-    ax.plot(v, e, "o", label=label, **look)
-
-
-def curves_of(choice: ChoiceData) -> dict[str, dict[str, Any]]:
-    """Return the style of the curve of each kind of law, the same in every plot of a choice."""
-    n = len(CURVES)
-    # Beyond the last style a colour comes again with another line.
-    places = [(k % n, (k + n // 2 * (k // n)) % n) for k in range(len(choice.laws))]
-    return {
-        law.kind: {"color": CURVES[colour][0], "ls": CURVES[line][1]}
-        for law, (colour, line) in zip(choice.laws, places, strict=True)
-    }

@@ -186,12 +186,12 @@ def pictures(calibration: Calibration) -> Html:
 
     parts = [
         picture(
-            "Measured e over the approach speed, and each law ± 2 standard errors",
+            "Measured e over the closing speed, and the law ± 2 standard errors",
             lambda ax: plot.calibration(calibration, ax=ax),
         ),
         picture(
-            "The laws by AICc, the best one thickest; the broad grey line is a free curve",
-            lambda ax: plot.choice(calibration.choice, ax=ax),
+            "The laws, the best one thickest; the broad grey line is a free curve",
+            lambda ax: plot.choice(calibration.choice, show="all", ax=ax),
         ),
     ]
     if calibration.impacts:
@@ -352,7 +352,7 @@ def content_of(
     if kind == ".txt":
         return calibration.report().encode()
     if kind == ".md":
-        shown = f"![e over the approach speed]({picture})\n" if picture else ""
+        shown = f"![e over the closing speed]({picture})\n" if picture else ""
         text = calibration.report().partition("\n\n")[2].rstrip()
         whole = f"# {title(calibration)}\n\n```text\n{text}\n```\n\n{shown}"
         return whole.rstrip().encode() + b"\n"

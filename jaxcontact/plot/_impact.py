@@ -13,7 +13,7 @@ from .._impact import Impact, Status, Trajectory
 from .._scene import EngineRun, Run
 from .._text.units import quantity
 from ._drawing.labels import put_label
-from ._drawing.path import path_of, require_one_run
+from ._drawing.path import RunPath, path_of, require_one_run
 from ._drawing.style import BLACK, GUIDE, SKY, axes_for, axes_of, legend_above, require_label
 
 if TYPE_CHECKING:
@@ -124,7 +124,8 @@ def energy(run: Run | EngineRun, *, ax: Axes | None = None) -> Axes:
     series of bounces and for a contact that comes to rest it falls at the touch. If both lines
     agree, the energy is accounted for. With moving walls the solid line includes the energy
     supplied by them. The loss by sliding on walls at rest is not in the dashed line. For an
-    `EngineRun` the solid line is kinetic and gravitational energy, and there is no other.
+    `EngineRun` the solid line is kinetic and gravitational energy, joined from sample to sample,
+    and there is no other.
 
     Arguments: a single run; the axes to draw on, new ones if None. Returns the axes. Raises
     ValueError for a batch of runs, a run without values, and for anything but a run.
@@ -133,9 +134,22 @@ def energy(run: Run | EngineRun, *, ax: Axes | None = None) -> Axes:
     path = path_of(run)
     ax = axes_of(ax)
     # Between impacts the energy is constant; at an instantaneous one the value is that after it.
-    ax.plot(path.time, path.energy, drawstyle="steps-post", lw=2.2, color=SKY, label="energy")
-    if isinstance(run, EngineRun):
-        return _labelled(ax, run)
+    # Nothing is known between the samples of another engine.
+    sampled = isinstance(run, EngineRun)
+    steps: dict[str, Any] = {"drawstyle": "default" if sampled else "steps-post"}
+    ax.plot(path.time, path.energy, lw=2.2, color=SKY, label="energy", **steps)
+    if not sampled:
+        words = "start minus the losses of impacts"
+        ax.plot(*_less_losses(run, path), lw=1.2, ls="--", color=BLACK, label=words, **steps)
+    ax.set_xlim(0, float(run.reached))
+    put_label(ax.xaxis, "time")
+    put_label(ax.yaxis, "energy")
+    legend_above(ax)
+    return ax
+
+
+def _less_losses(run: Run, path: RunPath) -> tuple[np.ndarray, np.ndarray]:
+    """Return times, and the energy at the start less the losses of the impacts so far."""
     impacts = run.impacts.to_dict()
     ends = impacts["time"] + np.where(np.isfinite(impacts["duration"]), impacts["duration"], 0.0)
     order = np.argsort(ends, kind="stable")
@@ -143,21 +157,4 @@ def energy(run: Run | EngineRun, *, ax: Axes | None = None) -> Axes:
     counts = np.isfinite(losses) & (ends <= float(run.reached))
     when = np.concatenate([[0.0], ends[counts], [float(run.reached)]])
     left = path.energy[0] - np.concatenate([[0.0], np.cumsum(losses[counts])])
-    ax.plot(
-        when,
-        np.append(left, left[-1]),
-        drawstyle="steps-post",
-        lw=1.2,
-        ls="--",
-        color=BLACK,
-        label="start minus the losses of impacts",
-    )
-    return _labelled(ax, run)
-
-
-def _labelled(ax: Axes, run: Run | EngineRun) -> Axes:
-    ax.set_xlim(0, float(run.reached))
-    put_label(ax.xaxis, "time")
-    put_label(ax.yaxis, "energy")
-    legend_above(ax)
-    return ax
+    return when, np.append(left, left[-1])

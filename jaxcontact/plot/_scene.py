@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._entry import require_count, require_kind
+from .._entry import is_list, refusal, require_count, require_kind
 from .._scene import EngineRun, Run
 from .._system import SystemRun, SystemStates
 from ._drawing.labels import put_label
@@ -20,15 +20,17 @@ from ._drawing.path import (
     path_of,
     radii,
     require_one_run,
+    require_one_system_run,
     touches,
 )
-from ._drawing.style import axes_of, legend_above
+from ._drawing.style import axes_of, legend_above, require_label
 from ._drawing.surroundings import colours, draw_levels, draw_walls, frame, labels, lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 NAMES = "xyz"
+Labels = str | Sequence[str] | None
 _WIDTH, _LOW, _HIGH = 6.4, 2.6, 7.2
 """Width of a new figure in inches, and its smallest and largest height."""
 
@@ -83,11 +85,11 @@ def frame_axes(ax: Axes, shown: tuple[int, ...], low: np.ndarray, high: np.ndarr
     ax.set_xlim(low[0], high[0])
     ax.set_ylim(low[1], high[1])
     ax.set_aspect("equal")
-    put_label(ax.xaxis, "position", f"${NAMES[shown[0]]}$")
+    pair = (ax.xaxis, ax.yaxis), (ax.yaxis, ax.xaxis)
+    for (axis, other), number in zip(pair, shown, strict=False):
+        put_label(axis, "position", f"${NAMES[number]}$", beside=other)
     if len(shown) == 1:
         ax.set_yticks([])
-    else:
-        put_label(ax.yaxis, "position", f"${NAMES[shown[1]]}$")
 
 
 def _draw_world_lines(ax: Axes, run: Run | EngineRun, path: RunPath) -> None:
@@ -133,62 +135,83 @@ _OVER_ALL, _OF_CONTACT = 400, 24
 """The number of points over a run, and within each contact."""
 
 
-def gaps(run: SystemRun, *, ax: Axes | None = None) -> Axes:
+def gaps(run: SystemRun, *, label: Labels = None, ax: Axes | None = None) -> Axes:
     """Draw the gaps of a mechanism over time (m, s).
 
-    Arguments: a single run of a `System`; the axes to draw on, new ones if None. Returns the axes.
-    Raises ValueError for a batch of runs and for anything but such a run.
+    Arguments: a single run of a `System`; `label`, a name for each gap, "gap 0" and so on if None;
+    the axes to draw on, new ones if None. Returns the axes. Raises ValueError for a batch of runs,
+    another number of names, and for anything but such a run.
     """
-    return _over_time(run, "gap", ax)
+    return _over_time(run, "gap", label, ax)
 
 
-def forces(run: SystemRun, *, ax: Axes | None = None) -> Axes:
+def forces(run: SystemRun, *, label: Labels = None, ax: Axes | None = None) -> Axes:
     """Draw the contact forces of a mechanism over time (N, s).
 
-    Arguments: a single run of a `System`; the axes to draw on, new ones if None. Returns the axes.
-    Raises ValueError for a batch of runs and for anything but such a run.
+    Arguments: a single run of a `System`; `label`, a name for each gap, "gap 0" and so on if None;
+    the axes to draw on, new ones if None. Returns the axes. Raises ValueError for a batch of runs,
+    another number of names, and for anything but such a run.
     """
-    return _over_time(run, "force", ax)
+    return _over_time(run, "force", label, ax)
 
 
-def phase(run: SystemRun, coordinate: int = 0, *, ax: Axes | None = None) -> Axes:
+def phase(
+    run: SystemRun,
+    coordinate: int = 0,
+    *,
+    units: Sequence[str] | None = None,
+    label: str | None = None,
+    ax: Axes | None = None,
+) -> Axes:
     """Draw the speed of a coordinate of a mechanism over its position.
 
-    Arguments: a single run of a `System`; the number of the coordinate; the axes to draw on, new
-    ones if None. Returns the axes. Raises ValueError for a batch of runs, for anything but such a
-    run, and for a coordinate that it does not have.
+    Arguments: a single run of a `System`; the number of the coordinate; the `units` of position and
+    speed, such as ("rad", "rad/s"), for the axes; a `label` for the legend; the axes to draw on,
+    new ones if None. Returns the axes. Raises ValueError for a batch of runs, for anything but such
+    a run, and for a coordinate that it does not have.
     """
     states, number = _path(run), require_count("coordinate", coordinate, 0)
+    require_label(label)
+    written = ("", "") if units is None else _names("units", units, 2)
     count = min(run.position.shape[1], run.velocity.shape[1])
     if number >= count:
         raise ValueError(f"Argument `coordinate` must be below {count}, but is {coordinate}.")
     ax = axes_of(ax)
-    ax.plot(np.asarray(states.position)[:, number], np.asarray(states.velocity)[:, number], lw=1.2)
-    ax.set_xlabel(f"position {number}")
-    ax.set_ylabel(f"speed {number}")
+    line = np.asarray(states.position)[:, number], np.asarray(states.velocity)[:, number]
+    ax.plot(*line, lw=1.2, label=label)
+    for axis, word, unit in zip((ax.xaxis, ax.yaxis), ("position", "speed"), written, strict=True):
+        put_label(axis, word, f"{word} {number}", unit)
+    legend_above(ax)
     return ax
 
 
-def _over_time(run: SystemRun, name: str, ax: Axes | None) -> Axes:
+def _names(argument: str, value: Any, count: int) -> list[str]:
+    """Return so many texts; ValueError for anything else."""
+    texts = list(value) if is_list(value) else [value]
+    words = "a text or None" if count == 1 else f"a list of {count} texts or None"
+    if len(texts) != count:
+        raise refusal(argument, f"be {words}", value)
+    return [require_kind(argument, text, str, words) for text in texts]
+
+
+def _over_time(run: SystemRun, name: str, label: Labels, ax: Axes | None) -> Axes:
     states = _path(run)
-    ax = axes_of(ax)
     values: Any = np.asarray(getattr(states, name))
-    for k in range(values.shape[1]):
-        ax.plot(states.time, values[:, k], lw=1.2, label=f"gap {k}")
+    count = values.shape[1]
+    names = [f"gap {k}" for k in range(count)] if label is None else _names("label", label, count)
+    ax = axes_of(ax)
+    for k, text in enumerate(names):
+        ax.plot(states.time, values[:, k], lw=1.2, label=text)
     ax.set_xlim(0, float(run.reached))
     put_label(ax.xaxis, "time")
-    ax.set_ylabel({"gap": "gap / m", "force": "contact force / N"}[name])
+    put_label(ax.yaxis, *{"gap": ("indentation", "gap"), "force": ("force", "contact force")}[name])
     legend_above(ax)
     return ax
 
 
 def _path(run: SystemRun) -> SystemStates:
     """Return the states of a single run at times that show every contact."""
-    require_kind("run", run, SystemRun, "a `SystemRun`")
-    if run.time.ndim != 1:
-        raise ValueError(
-            f"Argument `run` must be a single run, but is a batch of {run.time.shape[:-1]}."
-        )
+    require_one_system_run(run)
     end, table = float(run.reached), run.contacts.to_dict()
     lasts = np.where(np.isfinite(table["duration"]), table["duration"], end - table["time"])
     inside = table["time"][:, None] + lasts[:, None] * np.linspace(0, 1, _OF_CONTACT)[None]

@@ -6,13 +6,14 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import refuses_unknown
 from .._friction import AbstractFriction
 from .._laws import AbstractLaw, HuGuo
 from .._system import System
-from ._numbers import SystemStart, diagonal, positive, real, start, vector
+from ._numbers import Drawing, SystemStart, circle, diagonal, positive, real, start, vector
 
 
 class Rod(eqx.Module):
@@ -41,6 +42,12 @@ class RodForce(Rod):
 
 
 class RodGap(Rod):
+    def draw(self, t: Any, q: Any, args: Any) -> Drawing:
+        """Return the picture at a time and place, as `jc.plot.animate` takes it."""
+        ends, floor = q[:2] + np.asarray(self.levers(q)), 1.5 * float(self.length)
+        ground = np.array([[-floor, 0], [floor, 0]])
+        return ends - [0, self.radius], [ends, *(circle(x, self.radius) for x in ends), ground]
+
     def __call__(self, t: Array, q: Array, args: Any) -> Array:
         return q[1] + self.levers(q)[:, 1] - self.radius
 

@@ -7,12 +7,13 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import refuses_unknown
 from .._laws import AbstractLaw, HuGuo
 from .._system import System
-from ._numbers import SystemStart, positive, real, start, vector
+from ._numbers import Drawing, SystemStart, positive, real, start, vector
 
 
 class Pendulum(eqx.Module):
@@ -40,6 +41,13 @@ class PendulumForce(Pendulum):
 
 
 class PendulumGap(Pendulum):
+    def draw(self, t: Any, q: Any, args: Any) -> Drawing:
+        """Return the picture at a time and place, as `jc.plot.animate` takes it."""
+        lengths, reach = np.asarray(self.lengths), float(np.sum(self.lengths))
+        masses = np.cumsum(lengths[:, None] * np.stack([np.sin(q), -np.cos(q)], axis=1), axis=0)
+        wall = np.array([[self.wall, -reach], [self.wall, 0.2 * reach]])
+        return masses, [np.concatenate([np.zeros((1, 2)), masses]), wall]
+
     def __call__(self, t: Array, q: Array, args: Any) -> Array:
         return jnp.cumsum(self.lengths * jnp.sin(q)) - self.wall
 

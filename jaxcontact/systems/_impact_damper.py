@@ -7,12 +7,13 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import refuses_unknown
 from .._laws import AbstractLaw, HuGuo
 from .._system import System
-from ._numbers import SystemStart, diagonal, positive, real, start, vector
+from ._numbers import Drawing, SystemStart, diagonal, positive, real, rectangle, start, vector
 
 
 class Damper(eqx.Module):
@@ -39,6 +40,18 @@ class DamperForce(Damper):
 
 
 class DamperGap(Damper):
+    def draw(self, t: Any, q: Any, args: Any) -> Drawing:
+        """Return the picture at a time and place, as `jc.plot.animate` takes it."""
+        size, (amplitude, rate) = float(self.clearance), np.asarray(self.shaking)
+        # The mass is as wide as the clearance; the sides of the box touch it at its height.
+        walls = np.array([[q[0] - size, 0], [q[0] + size, 0]])
+        base = amplitude * np.sin(rate * t) - 4 * size
+        along = np.linspace(base, q[0] - size, 22)
+        spring = np.stack([along, 0.2 * size * np.array([0, *[1, -1] * 10, 0])], axis=1)
+        shaken = np.array([[base, -size], [base, size]])
+        box, mass = (rectangle([x, 0], half) for x, half in ((q[0], size), (q[1], size / 2)))
+        return walls, [box, mass, spring, shaken]
+
     def __call__(self, t: Array, q: Array, args: Any) -> Array:
         return self.clearance / 2 + vector(q[1] - q[0], q[0] - q[1])
 

@@ -56,6 +56,23 @@ def vector(*numbers: Any) -> Array:
     return jnp.stack([jnp.asarray(x) for x in numbers])
 
 
+Drawing = tuple[np.ndarray, list[np.ndarray]]
+"""A picture of a mechanism: points (P, 2), those of the gaps first, and lines (L, 2) in m."""
+
+
+def circle(centre: Any, radius: Any) -> np.ndarray:
+    """Return a circle as a closed line (49, 2)."""
+    angle = np.linspace(0, 2 * np.pi, 49)
+    return np.asarray(centre) + float(radius) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def rectangle(centre: Any, half_sizes: Any, angle: Any = 0.0) -> np.ndarray:
+    """Return a rectangle, turned by an angle in rad, as a closed line (5, 2)."""
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * np.asarray(half_sizes)
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.asarray(centre) + corners @ np.array([[cos, sin], [-sin, cos]])
+
+
 class SystemStart(TypedDict):
     """The start of a mechanism, as `simulate` takes it: `simulate(system, duration, **start)`."""
 

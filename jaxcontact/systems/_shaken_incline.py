@@ -7,13 +7,14 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import refuses_unknown
 from .._friction import AbstractFriction, RigidCoulomb
 from .._laws import AbstractLaw, HuGuo
 from .._system import System
-from ._numbers import SystemStart, diagonal, positive, real, start, vector
+from ._numbers import Drawing, SystemStart, diagonal, positive, real, rectangle, start, vector
 
 
 class Incline(eqx.Module):
@@ -36,6 +37,21 @@ class InclineForce(Incline):
 
 
 class InclineGap(Incline):
+    def draw(self, t: Any, q: Any, args: Any) -> Drawing:
+        """Return the picture at a time and place, as `jc.plot.animate` takes it."""
+        amplitude, rate = np.asarray(self.shaking)
+        size = 4 * float(amplitude) or 0.02
+        down = np.array([np.cos(self.tilt), -np.sin(self.tilt)])
+        away = np.array([-down[1], down[0]])
+        shift = amplitude * np.sin(rate * t)
+        # Marks on the incline show how it moves.
+        marks = shift + size * (np.round((q[0] - shift) / size) + np.arange(-3.0, 4.0))
+        feet = marks[:, None] * down
+        ticks = [np.stack([foot, foot - 0.3 * size * away]) for foot in feet]
+        touch = q[0] * down + q[1] * away
+        block = rectangle(touch + size / 2 * away, [size, size / 2], -float(self.tilt))
+        return touch[None], [block, feet, *ticks]
+
     def __call__(self, t: Array, q: Array, args: Any) -> Array:
         return q[1:]
 

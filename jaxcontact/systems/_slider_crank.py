@@ -15,7 +15,17 @@ from .._friction import AbstractFriction
 from .._laws import AbstractLaw, HuGuo
 from .._program import traced
 from .._system import System
-from ._numbers import SystemStart, diagonal, positive, real, start, vector
+from ._numbers import (
+    Drawing,
+    SystemStart,
+    circle,
+    diagonal,
+    positive,
+    real,
+    rectangle,
+    start,
+    vector,
+)
 
 
 class Crank(eqx.Module):
@@ -50,6 +60,24 @@ class CrankForce(Crank):
 
 
 class CrankGap(Crank):
+    def draw(self, t: Any, q: Any, args: Any) -> Drawing:
+        """Return the picture at a time and place, as `jc.plot.animate` takes it."""
+        (crank, rod), turn = np.asarray(self.lengths), float(self.speed) * t
+        pin = crank * np.array([np.cos(turn), np.sin(turn)])
+        bearing = pin + rod * np.array([np.cos(q[0]), np.sin(q[0])])
+        slider, radius = np.array([q[1], 0]), float(self.bearing)
+        apart = slider - bearing
+        touch = bearing + radius * apart / max(np.hypot(*apart), 1e-30)
+        circles = [circle(bearing, radius), circle(slider, radius - float(self.clearance))]
+        guide = [
+            [x, y * 2.2 * radius]
+            for y in (1, -1)
+            for x in (rod - crank - 3 * radius, rod + crank + 3 * radius)
+        ]
+        links = [np.stack([np.zeros(2), pin]), np.stack([pin, bearing])]
+        block = rectangle(slider, [3 * radius, 2 * radius])
+        return touch[None], [*links, *circles, block, *np.reshape(guide, (2, 2, 2))]
+
     def __call__(self, t: Array, q: Array, args: Any) -> Array:
         x, y = self.journal(t, q)
         square = jnp.square(x) + jnp.square(y)

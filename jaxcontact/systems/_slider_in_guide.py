@@ -7,13 +7,14 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import refuses_unknown
 from .._friction import AbstractFriction
 from .._laws import AbstractLaw, ExactRestitution
 from .._system import System
-from ._numbers import SystemStart, positive, real, start, vector
+from ._numbers import Drawing, SystemStart, positive, real, start, vector
 
 
 class Guided(eqx.Module):
@@ -54,6 +55,19 @@ class GuidedForce(Guided):
 
 
 class GuidedGap(Guided):
+    def draw(self, t: Any, q: Any, args: Any) -> Drawing:
+        """Return the picture at a time and place, as `jc.plot.animate` takes it."""
+        links = np.asarray(self.lengths)[:, None] * np.stack([np.cos(q[:2]), np.sin(q[:2])], axis=1)
+        joints = np.cumsum([[0, 0], *links], axis=0)
+        corners = joints[2] + np.stack(self.corners(jnp.asarray(q)), axis=1)
+        (crank, rod), half = np.asarray(self.lengths), np.asarray(self.half_sizes)
+        height, ends = (
+            half[1] + float(self.clearance),
+            (rod - crank - half[0], rod + crank + half[0]),
+        )
+        guide = [[[x, y] for x in ends] for y in (height, -height)]
+        return corners, [joints, corners[[0, 1, 3, 2, 0]], *np.asarray(guide)]
+
     def __call__(self, t: Array, q: Array, args: Any) -> Array:
         height = jnp.sum(self.lengths * jnp.sin(q[:2])) + self.corners(q)[1]
         side = jnp.asarray([1.0, 1.0, -1.0, -1.0], q.dtype)

@@ -1,4 +1,4 @@
-"""Pairs (approach speed, e) of every layout, with the effect of reading errors."""
+"""Pairs (closing speed, e) of every layout, with the effect of reading errors."""
 
 import importlib.resources
 

@@ -145,7 +145,7 @@ def cases():
         method(_table(), "to_csv", "NAME: path"),
         case("plot.sweep", "NOTHING: table; None: field x ax", table=_table(), ax=_axes()),
         *(
-            case(f"plot.{name}", "NOTHING: result; None: ax", result=blank(kind))
+            case(f"plot.{name}", "NOTHING: result show; None: ax", result=blank(kind))
             for name, kind in (("calibration", jc.Calibration), ("choice", jc.LawChoice))
         ),
         *(

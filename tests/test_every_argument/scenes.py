@@ -24,7 +24,7 @@ def a_run():
     return jc.simulate(jc.Scene([disc], jc.ExactRestitution(e=0.5)), 1.0, instantaneous=True)
 
 
-def _drawn(draw, **given):
+def _drawn(draw, /, **given):
     """A picture of a run that is made when it is needed, not while tests are collected."""
     made = draw(**({"run": a_run()} | given))
     # Matplotlib warns of an animation without any frame, once it is gone.
@@ -109,7 +109,7 @@ def cases():
         case("read_scene", "NAME: file; NOTHING: example"),
         drawn("scene", "None: axes ax"),
         drawn("energy", "None: ax"),
-        drawn("animate", "POSITIVE: seconds; WHOLE: fps; None: axes ax", seconds=1.0, fps=2),
+        drawn("animate", "POSITIVE: seconds; WHOLE: fps; None: draw axes ax", seconds=1.0, fps=2),
         case("Run.to_csv", "NAME: path", lambda path: a_run().to_csv(path)),
         case("Impacts.to_csv", "NAME: path", lambda path: a_run().impacts.to_csv(path)),
         case(

@@ -223,7 +223,7 @@ def data_sentence(s: SummaryData) -> str:
     marked = sum(pair.marked for pair in s.pairs)
     out = f"; {marked} far off {judged_by(s)} left out" if marked else ""
     return (
-        f"{counted(len(s.pairs), ('pair', 'pairs'))} of approach speed and e, from "
+        f"{counted(len(s.pairs), ('pair', 'pairs'))} of closing speed and e, from "
         f"{LAYOUTS[s.recording.layout].made_of}, "
         f"{span([pair.velocity for pair in s.pairs], 'm/s')}{out}"
     )

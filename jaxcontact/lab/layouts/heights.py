@@ -90,7 +90,7 @@ class Rebound(Release):
 
 
 class Heights(Drops[Rebound]):
-    """Drop and rebound heights: in vacuum e = √(h₁/h₀) at approach speed √(2 g h₀)."""
+    """Drop and rebound heights: in vacuum e = √(h₁/h₀) at closing speed √(2 g h₀)."""
 
     name = "heights"
     record: ClassVar[type[Release]] = Rebound
@@ -232,7 +232,7 @@ class Peak(TrialRecord):
 
 
 class Peaks(Layout[Peak]):
-    """Heights of successive flights: in vacuum e = √(h₂/h₁) at approach speed √(2 g h₁)."""
+    """Heights of successive flights: in vacuum e = √(h₂/h₁) at closing speed √(2 g h₁)."""
 
     name = "peaks"
     meanings: ClassVar[Mapping[str, Meaning]] = {

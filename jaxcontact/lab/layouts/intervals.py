@@ -103,7 +103,7 @@ _STEP = Meaning("dt, δt, delta t, time step, step", "s")
 
 
 class Intervals(Layout[Interval]):
-    """Successive bounce intervals: in vacuum e = T₂/T₁ at approach speed g T₁/2."""
+    """Successive bounce intervals: in vacuum e = T₂/T₁ at closing speed g T₁/2."""
 
     name = "intervals"
     meanings: ClassVar[Mapping[str, Meaning]] = {
@@ -268,7 +268,7 @@ def _no_ball(factor: float, records: Sequence[Interval], column: str) -> str:
 class Ratios(NamedTuple):
     """Speed, e and error propagation of n pairs of flights, all (n,).
 
-    The approach speed is in m/s. Errors of the durations T₁ and T₂ enter as d ln e = p dT₂ - q dT₁.
+    The closing speed is in m/s. Errors of the durations T₁ and T₂ enter as d ln e = p dT₂ - q dT₁.
     """
 
     velocity: Floats

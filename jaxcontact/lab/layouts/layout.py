@@ -72,7 +72,7 @@ class ReadingError(NamedTuple):
 class Paired(NamedTuple, Generic[R]):
     """The n pairs that a layout makes of records, all arrays of shape (n,).
 
-    Approach speeds `velocity` are in m/s. `restitution`, `reading_factor`, `covariance`, `reading`
+    Closing speeds `velocity` are in m/s. `restitution`, `reading_factor`, `covariance`, `reading`
     and `absolute` are those of `Pairs`. `clusters` names for each pair the group that shares
     errors. `records` are those of each pair; `unpaired` counts the records that make no pair.
     """

@@ -37,7 +37,7 @@ SIGMA_E = deviation_of(
 
 @dataclasses.dataclass(frozen=True)
 class MeasuredRestitution(Record):
-    """A restitution measured at a known approach speed in m/s, and its standard deviation."""
+    """A restitution measured at a known closing speed in m/s, and its standard deviation."""
 
     velocity: float
     restitution: float
@@ -45,7 +45,7 @@ class MeasuredRestitution(Record):
 
 
 class RestitutionTable(Layout[MeasuredRestitution]):
-    """Rows of approach speed and restitution, used unchanged; a column `ball` is optional."""
+    """Rows of closing speed and restitution, used unchanged; a column `ball` is optional."""
 
     name = "table"
     meanings: ClassVar[Mapping[str, Meaning]] = {

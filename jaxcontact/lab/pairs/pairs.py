@@ -34,7 +34,7 @@ _NEEDED = (
 class Pairs:
     """n measured pairs; every array has the shape (n,).
 
-    `velocity` is the approach speed in m/s and `restitution` the measured e. `reading_factor`
+    `velocity` is the closing speed in m/s and `restitution` the measured e. `reading_factor`
     propagates reading errors: a standard deviation σ gives ln e the variance σ² · `reading_factor`.
     `cluster` numbers the group of pairs that share errors, with the names `cluster_names`. For
     known reading errors, `covariance` (n, n) is the resulting one of ln e, and `reading` their

@@ -92,7 +92,7 @@ def read_recording(
       them, the others are left out;
     - "stops": `drop_height_m` and `rest_time_s`, the time in s from the release until rest;
     - "heights": `drop_height_m` and `rebound_height_m`, a drop and its first rebound in m;
-    - "table": `velocity`, the approach speed in m/s, and `restitution`;
+    - "table": `velocity`, the closing speed in m/s, and `restitution`;
     - "speeds": `velocity` and `rebound_velocity`, the speeds in m/s before and after an impact;
     - "peaks": `height_m`, the heights in m of successive flights of a trial;
     - "force", "acceleration", "indentation": `time` in s and the readings of an instrument in N,

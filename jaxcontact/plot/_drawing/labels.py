@@ -27,16 +27,19 @@ _DOWNWARDS = "s", "m", "m/s"
 """Units that take any prefix, and those that take small prefixes only."""
 
 
-def put_label(axis: Axis, name: str, words: str | None = None) -> None:
-    """Label an axis by the name of its quantity, as in "time / ms".
+def put_label(
+    axis: Axis, name: str, words: str | None = None, unit: Any = None, beside: Any = None
+) -> None:
+    """Label an axis by the name of its quantity, as in "time / ms", in its `unit` or another one.
 
-    A linear axis gets the prefix that suits its largest number. The data and the limits stay in SI
-    units; only the tick labels are divided.
+    A linear axis gets the prefix that suits its largest number, or that of the axis `beside` it.
+    The data and the limits stay in SI units; only the tick labels are divided.
     """
-    power = _power(axis, units.meaning(name)[1])
+    unit = units.meaning(name)[1] if unit is None else unit
+    power = _power((axis, axis if beside is None else beside), unit)
     if power:
         axis.set_major_formatter(_divide_by(power))
-    axis.set_label_text(units.label(name, words, prefix=_PREFIXES.get(power, "")))
+    axis.set_label_text(units.label(name, words, prefix=_PREFIXES.get(power, ""), unit=unit))
 
 
 def _divide_by(power: int) -> Formatter:
@@ -58,11 +61,11 @@ def _divide_by(power: int) -> Formatter:
     return Divided()
 
 
-def _power(axis: Axis, unit: str) -> int:
-    if unit not in (*_BOTH, *_DOWNWARDS) or axis.get_scale() != "linear":
+def _power(axes: tuple[Axis, ...], unit: str) -> int:
+    if unit not in (*_BOTH, *_DOWNWARDS) or axes[0].get_scale() != "linear":
         return 0
     # The limits of the axes include everything drawn before.
-    ends = np.abs(axis.get_view_interval())
+    ends = np.abs([axis.get_view_interval() for axis in axes])
     largest = float(ends.max()) if np.isfinite(ends).all() else 0.0
     if not largest > 0:
         return 0

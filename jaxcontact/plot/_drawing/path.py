@@ -6,23 +6,26 @@ import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from ..._entry import concrete, is_list, refusal, require_kind
 from ..._scene import EngineRun, Run, Shell
 from ..._scene.bodies.bodies import AbstractBody, spheres_of
 from ..._scene.bodies.overlap import minimum_image
 from ..._scene.result import Ending
+from ..._system import SystemRun
 
 _LEAST = 512
 """Smallest number of times at which a run is evaluated for a plot, including its impacts."""
 
 
 class RunPath(NamedTuple):
-    """A run at some times: (T,) in s, (T, N, D) in m and (T,) in J."""
+    """A run at some times: (T,) in s, (T, N, D) in m, (T,) in J, spins in rad/s if it has any."""
 
     time: np.ndarray
     position: np.ndarray
     energy: np.ndarray
+    spin: np.ndarray | None
 
 
 def require_one_run(run: Any) -> Run | EngineRun:
@@ -43,13 +46,23 @@ def require_one_run(run: Any) -> Run | EngineRun:
     return run
 
 
+def require_one_system_run(run: Any) -> SystemRun:
+    """Return a single run of a mechanism that has values; ValueError for anything else."""
+    require_kind("run", run, SystemRun, "a `SystemRun`")
+    if run.time.ndim != 1:
+        raise ValueError(
+            f"Argument `run` must be a single run, but is a batch of {run.time.shape[:-1]}."
+        )
+    return run
+
+
 def path_of(run: Run | EngineRun) -> RunPath:
     """Return a run at evenly spaced times, at its impacts, and at their ends.
 
     A run of another engine has its output times only.
     """
     if isinstance(run, EngineRun):
-        return RunPath(run.time, in_cell(run, run.position), run.energy)
+        return RunPath(run.time, in_cell(run, run.position), run.energy, run.spin)
     impacts, reached = run.impacts.to_dict(), float(run.reached)
     ends = impacts["time"] + impacts["duration"]
     kinks = np.unique([*impacts["time"], *ends[np.isfinite(ends)]])
@@ -60,10 +73,37 @@ def path_of(run: Run | EngineRun) -> RunPath:
     return states(run, np.sort(np.concatenate([even, kinks])))
 
 
-def states(run: Run, times: np.ndarray) -> RunPath:
-    """Return a run at some times; in periodic space each sphere by its image in the first cell."""
+def states(run: Run | EngineRun, times: np.ndarray) -> RunPath:
+    """Return a run at some times; in periodic space each sphere by its image in the first cell.
+
+    Positions of another engine between its output times lie on straight lines.
+    """
+    if isinstance(run, EngineRun):
+        whole = run.position.copy()
+        for axis, length in enumerate(run.scene.periodic):
+            if length is not None:
+                whole[..., axis] = np.unwrap(whole[..., axis], axis=0, period=float(length))
+        position = make_interp_spline(run.time, whole, k=1)(times)
+        energy = np.interp(times, run.time, run.energy)
+        return RunPath(times, in_cell(run, position), energy, None)
     now = run.at(times)
-    return RunPath(times, in_cell(run, np.asarray(now.position)), np.asarray(now.energy))
+    spin = None if now.spin is None else np.asarray(now.spin)
+    return RunPath(times, in_cell(run, np.asarray(now.position)), np.asarray(now.energy), spin)
+
+
+def turned(path: RunPath, times: np.ndarray, shown: tuple[int, ...]) -> np.ndarray | None:
+    """Return the angles (T, N) in rad by which spheres have turned in the plane `shown`.
+
+    None without spin. Between the times of a path, which include its impacts, spins are constant.
+    """
+    if path.spin is None or len(shown) == 1:
+        return None
+    first, second = shown
+    spin = path.spin if path.spin.ndim == 2 else path.spin[..., 3 - first - second]
+    sign = 1.0 if (second - first) % 3 == 1 else -1.0
+    steps = sign * spin[:-1] * np.diff(path.time)[:, None]
+    angle = np.concatenate([np.zeros((1, spin.shape[1])), np.cumsum(steps, axis=0)])
+    return np.stack([np.interp(times, path.time, line) for line in angle.T], axis=1)
 
 
 def in_cell(run: Run | EngineRun, position: np.ndarray) -> np.ndarray:

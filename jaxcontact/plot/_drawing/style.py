@@ -5,6 +5,7 @@ in grey.
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +38,9 @@ DATA, GUIDE = "#555555", "#999999"
 _LETTER, _HANDLE = 0.06, 0.5
 """Width of a letter and of the line sample in a legend, in inches."""
 
+_ROW, _LETTERS = 12.2, 11
+"""Height of a row of a legend in points, and letters of a title in an inch."""
+
 _LAST = 0.85
 """Axes that end to the right of this fraction of a figure have no neighbour there."""
 
@@ -53,8 +57,11 @@ def use_curves(ax: Axes) -> Axes:
     return ax
 
 
-def legend_above(ax: Axes, title: str | None = None) -> None:
-    """Add a legend above the frame, in as many columns as fit; nothing without labels."""
+def legend_above(ax: Axes, title: str | None = None, *, heading: str = "") -> None:
+    """Add a legend above the frame, in as many columns as fit; nothing without labels.
+
+    The `heading` is the title of the axes, above the legend.
+    """
     labels = ax.get_legend_handles_labels()[1]
     if not labels:
         return
@@ -77,6 +84,9 @@ def legend_above(ax: Axes, title: str | None = None) -> None:
         title=title,
         alignment="left",
     )
+    if heading:
+        heading = textwrap.fill(heading, int(_LETTERS * figure.get_figwidth()))
+        ax.set_title(heading, loc="left", fontsize="medium", pad=_ROW * rows + 12)
 
 
 def axes_of(ax: Axes | None, *, figsize: tuple[float, float] | None = None) -> Axes:

@@ -11,7 +11,6 @@ import jaxcontact as jc
 from jaxcontact._laws import registry as _registry
 from jaxcontact.lab.choice import equivalent_e as _asked
 from jaxcontact.lab.choice.equivalent_e import asked_of, delivered_by_laws
-from jaxcontact.lab.plots import curves_of
 from tests.lab.test_calibration.oracle import delivered
 
 CONTACT = jc.Contact(mass=0.03, stiffness=1e6)
@@ -149,15 +148,19 @@ def test_a_law_that_is_its_special_case_is_not_named(choices):
 
 def test_the_picture_has_the_data_and_a_curve_for_each_kind(choices):
     choice = choices["Kuwabara-Kono"]
-    points, drawn, *others, last = jc.plot.choice(choice).get_lines()
-    assert len(others) == 8
-    assert len({str(style) for style in curves_of(choice).values()}) == 9
-    assert last.get_label() == "free curve, no law"
-    assert np.allclose(last.get_ydata(), choice.free(last.get_xdata()))
+    points, free, *curves = jc.plot.choice(choice, show="all").get_lines()
+    assert len(curves) == 9
+    assert free.get_label() == "free curve, no law"
+    assert np.allclose(free.get_ydata(), choice.free(free.get_xdata()))
     assert np.allclose(points.get_ydata(), truth("Kuwabara-Kono") + SCATTER)
-    assert drawn.get_label().startswith("Kuwabara-Kono (") or "power" in drawn.get_label()
+    drawn = max(curves, key=lambda line: line.get_linewidth())
+    # The boldest line is that of the verdict.
+    assert drawn.get_label() == f"{choice.best} ± 2 standard errors"
     want = jc.restitution(jc.KuwabaraKono(A=1e-4), CONTACT, drawn.get_xdata())
     assert np.allclose(drawn.get_ydata(), want, atol=3 * NOISE / np.sqrt(POINTS))
+    possible = jc.plot.choice(choice)
+    assert len(possible.texts) == len({choice.best, *choice.rivals}) < 9
+    assert possible.get_title(loc="left").startswith(f"best: {choice.best} (")
 
 
 @pytest.mark.parametrize("wanted", [0.05, 0.3, 0.88, 0.995, 1.0])

@@ -38,7 +38,7 @@ ALL = "all"
 SUMMARY = "fit laws to a recording of bounces or to oblique impacts"
 
 DESCRIPTION = """\
-Fit laws to a recording of bounces. The command converts it to pairs (approach speed, e), and
+Fit laws to a recording of bounces. The command converts it to pairs (closing speed, e), and
 finds spurious and missed triggers by a robust rule. It compares a constant e with speed-dependent
 laws: constant damping, damping as a power of the speed, Kuwabara-Kono, elastic-plastic spheres
 without and with damping, wet and adhesive bodies, 1 - b v^p. It writes calibration.png and
@@ -63,7 +63,7 @@ one of these sets of columns, with headings by any usual name ("v", "COR", "spee
                                                        stopwatch, labels of an audio editor
   drop_height_m, rest_time_s [ball, trial]             a drop and the time until the ball rests
   drop_height_m, rebound_height_m [ball, trial]        a drop and the height of its first rebound
-  velocity, restitution [ball, sigma]                  approach speed in m/s and e
+  velocity, restitution [ball, sigma]                  closing speed in m/s and e
   velocity, rebound_velocity [ball]                    speeds in m/s before and after an impact
   height_m [ball, trial, bounce]                       heights of successive flights
   y, time | frame [x, ball | particle, trial]          positions of a ball in a video (track), in m,
@@ -88,7 +88,7 @@ per second. Impacts in a record of an instrument (unit of accelerations written:
 --mass; --rate replaces a column of time, and --exponent is the n of the force, 3/2 by default.
 sound.png, track.png and record.png show what was found and fitted.
 
-e from two intervals of a trial with successive bounces: e = T2/T1 at approach speed g T1/2, or with
+e from two intervals of a trial with successive bounces: e = T2/T1 at closing speed g T1/2, or with
 drag by its flight times; from heights: e = sqrt(h1/h0) at sqrt(2 g h0), or with drag. A pair far
 from every law that describes the rest, or else from their trend, is marked and left out; the result
 with it is shown as well.
@@ -134,7 +134,7 @@ OPTIONS = f"""
 --tangential-ratio KAPPA | positive | tangential over normal stiffness, for oblique impacts
 --report [FILE] | | also write a report: .html, one page with pictures and settings for
     simulators, .md, .txt or .json; without FILE {REPORT} beside the figure
---at V ... | positive | also print e at this approach speed in m/s; may be repeated
+--at V ... | positive | also print e at this closing speed in m/s; may be repeated
 --details | flag | print everything: marked pairs, parameters of all laws, their comparison
 {IN_AIR}
 --mass KG | positive | mass of the ball in kg (also used for A, and for records)
