@@ -148,8 +148,10 @@ class RowNumbers(NamedTuple):
 
 def _by_body(model: SceneArrays) -> list[Any]:
     """Return the arrays with a number for each sphere, most also for each wall; None if missing."""
-    rotation = model.rotation
-    turns = [] if rotation is None else [rotation.inverse_inertia, rotation.shear_compliance]
+    turns, rotation = [], model.rotation
+    # `tree_at` wraps a missing rotation.
+    if model.frictions is not None and rotation is not None:
+        turns = [rotation.inverse_inertia, rotation.shear_compliance]
     return [model.radius, model.inverse_mass, model.compliance, *turns]
 
 
