@@ -102,4 +102,5 @@ def _named(status: SweepColumn) -> SweepColumn:
     if not kinds <= set(Status):
         return status.converted(in_words)
     names = np.array([one.name for one in sorted(Status)], object)
-    return status.converted(lambda codes: np.array(names[codes], object))
+    # Statuses of one's own may be flags or floats.
+    return status.converted(lambda codes: np.array(names[codes.astype(int)], object))

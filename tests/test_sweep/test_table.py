@@ -220,6 +220,13 @@ def test_csv_numbers_every_status_if_one_has_no_name(tmp_path):
     assert (tmp_path / "x.csv").read_text() == "x,status\n0.0,0\n1.0,0\n2.0,7\n3.0,7\n"
 
 
+@pytest.mark.parametrize("kind", [bool, float])
+def test_csv_names_statuses_that_are_flags_or_floats(tmp_path, kind):
+    table = jc.sweep(lambda x: {"status": (x < 1).astype(kind)}, x=np.arange(2.0))
+    table.to_csv(tmp_path / "x.csv")
+    assert (tmp_path / "x.csv").read_text() == "x,status\n0.0,SETTLED\n1.0,SEPARATED\n"
+
+
 def test_csv_of_samples_with_own_shapes(tmp_path):
     samples = {"e": [0.3, 0.6], "h": [1.0, 2.0]}
     table = jc.sweep(lambda e, h: jc.bounce(jc.HuGuo(e=e), CONTACT, h, bounces=2), samples=samples)
