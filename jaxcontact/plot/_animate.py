@@ -225,7 +225,7 @@ def _mechanism(
     points, shapes = _pictures(run, time, draw)
     everything = np.concatenate([points.reshape(-1, 2), *itertools.chain(*shapes)])
     low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
-    margin = 0.06 * np.max(high - low)
+    margin = 0.06 * np.max(high - low) or 1.0
     ax = _axes(ax, (0, 1), low - margin, high + margin)
     # Lines that do not move are those of the surroundings.
     fixed = map(np.array_equal, shapes[0], shapes[len(shapes) // 2])
@@ -266,10 +266,12 @@ def _pictures(
         value = draw(q, mechanics.args) if timeless else draw(t, q, mechanics.args)
         try:
             arrays = [np.asarray(x, float) for x in (value[0], *value[1])]
-        except (IndexError, TypeError, ValueError):
+        except (IndexError, KeyError, TypeError, ValueError):
             arrays = [np.zeros(0)]
         if any(x.ndim != 2 or x.shape[-1] != 2 for x in arrays):
             raise refusal("draw", "return points (P, 2) and a list of lines (L, 2)", value)
         points.append(arrays[0])
         shapes.append(arrays[1:])
+        if len(points[0]) != len(points[-1]) or not np.isfinite(np.concatenate(arrays)).any():
+            raise refusal("draw", "return points or lines, and as many points each time", value)
     return np.stack(points), shapes

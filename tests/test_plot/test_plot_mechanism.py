@@ -104,6 +104,12 @@ def test_films_that_cannot_be_made(hopper, tmp_path, monkeypatch):
             jc.plot.animate(hopper, draw=wrong)
     with pytest.raises(ValueError, match="`axes` must be None for a mechanism"):
         jc.plot.animate(hopper, draw=draw, axes=(0, 1))
+    nothing = np.zeros((0, 2))
+    counts = iter(range(9))
+    for wrong in (lambda q, args: (np.ones((next(counts), 2)), []), lambda q, args: (nothing, [])):
+        with pytest.raises(ValueError, match="`draw` must return points or lines, and as many"):
+            jc.plot.animate(hopper, draw=wrong)
+    film_of(hopper, seconds=0.1, draw=lambda q, args: (np.ones((1, 2)), []))  # of no width
     film = film_of(hopper, seconds=0.1, draw=draw)
     monkeypatch.setattr(animation.writers, "is_available", lambda name: name == "pillow")
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
