@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from tests.test_system.references import restarted
+from tests.test_system.references import free_fall, restarted, unit
 
 LAW = jc.HuGuo(e=0.7)
 ALPHA = 1.5 * 0.3 / 0.7
@@ -140,14 +140,6 @@ def test_three_balls_are_those_of_a_scene():
         np.testing.assert_allclose(ours[name], others[name], rtol=1e-6, err_msg=name)
     np.testing.assert_allclose(ours["max_force"], others["max_force"], rtol=1e-3)
     np.testing.assert_allclose(run.final.position, of_scene.position[-1, :, 0], atol=1e-9)
-
-
-def free_fall(t, q, v, args):
-    return jnp.full_like(v, -9.81)
-
-
-def unit(t, q, args):
-    return jnp.eye(q.shape[0], dtype=q.dtype)
 
 
 def moving_floor(t, q, args):
