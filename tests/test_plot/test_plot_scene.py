@@ -132,7 +132,10 @@ def test_a_line_leaves_and_enters_the_cell_without_a_gap(ring):
     assert np.nanmax(np.abs(np.diff(line[:, 0]))) < 0.05
 
 
-def test_space_needs_two_axes(space):
+def test_space_needs_two_axes(space, box):
+    for axes in [(0, 0), (0, 2), (0,), (0.0, 1.0)]:
+        with pytest.raises(ValueError, match="`axes` must be two different numbers of 0 and 1, or"):
+            jc.plot.scene(box, axes=axes)
     with pytest.raises(ValueError, match=r"`axes` must be two different numbers .*\(0, 2\)"):
         jc.plot.scene(space)
     ax = jc.plot.scene(space, axes=(0, 1))
@@ -145,12 +148,6 @@ def test_space_needs_two_axes(space):
     above = jc.plot.scene(space, axes=[2, 0])
     assert solids(above) == []
     assert above.get_xlabel() == "$z$ / m" and above.get_ylabel() == "$x$ / m"
-
-
-@pytest.mark.parametrize("axes", [(0, 0), (0, 2), (0,), (0.0, 1.0)])
-def test_bad_axes(box, axes):
-    with pytest.raises(ValueError, match="`axes` must be two different numbers of 0 and 1, or"):
-        jc.plot.scene(box, axes=axes)
 
 
 def test_energy(box):

@@ -83,11 +83,7 @@ def test_contact_for_all_time_comes_to_rest():
     assert float(run.error_estimate) < 1e-6
 
 
-def slides(t, q, v, args):
-    return v
-
-
-def rubs(friction, slip=slides):
+def rubs(friction, slip=lambda t, q, v, args: v):
     return {"friction": friction, "slip": slip}
 
 
