@@ -67,11 +67,9 @@ def _programs_in(parent: str | os.PathLike[str]) -> Path:
     except (OSError, TypeError, ValueError):
         writable = False
     if not writable:
-        from ._entry import rendered
+        from ._entry import refusal
 
-        raise ValueError(
-            f"Argument `folder` must be a folder that can be written to, but is {rendered(parent)}."
-        )
+        raise refusal("folder", "be a folder that can be written to", parent)
     return folder
 
 

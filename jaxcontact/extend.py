@@ -24,6 +24,7 @@ if _TYPE_CHECKING:
     from ._entry import did_you_mean as did_you_mean
     from ._entry import parameter as parameter
     from ._entry import ranges as ranges
+    from ._entry import refusal as refusal
     from ._entry import refuses_unknown as refuses_unknown
     from ._entry import rendered as rendered
     from ._entry import require_choice as require_choice
@@ -123,8 +124,8 @@ _ROOMS = {
     "_contact": "require_contact",
     "_entry": (
         "NOT_NEGATIVE POSITIVE REAL RESTITUTION Range as_array as_numbers as_weights concrete "
-        "did_you_mean parameter ranges refuses_unknown rendered require_choice require_count "
-        "require_flag require_kind require_number require_path"
+        "did_you_mean parameter ranges refusal refuses_unknown rendered require_choice "
+        "require_count require_flag require_kind require_number require_path"
     ),
     "_fit": (
         "AbstractErrors AbstractTransform CLEAR_AICC Candidate Comparison FitData LEAST_GROUPS "

@@ -183,14 +183,6 @@ def test_a_mass_needs_a_density():
 def test_bad_lanes():
     bad = int(jc.Status.INVALID_INPUT)
     law = jc.HuGuo(e=0.5)
-    good = jc.impact(law, Contact(1.0, 1e8, 1.5), 1.0)
-    K = jnp.array([1e8, -1.0, jnp.nan, 1e8, 1e8, 1e8])
-    m = jnp.array([1.0, 1.0, 1.0, 0.0, jnp.inf, 1.0])
-    n = jnp.array([1.5, 1.5, 1.5, 1.5, 1.5, 3.5])
-    hit = jc.impact(law, Contact(m, K, n), 1.0)
-    np.testing.assert_array_equal(hit.status, [0] + [bad] * 5)
-    np.testing.assert_array_equal(np.isnan(hit.duration), [False] + [True] * 5)
-    np.testing.assert_allclose(hit.duration[0], good.duration, rtol=FAR)
     R2 = jnp.array([0.02, 0.01, 0.005])
     socket = Contact.sphere_socket(0.01, R2, STEEL)
     np.testing.assert_array_equal(np.isnan(socket.stiffness), [False, True, True])
@@ -210,7 +202,6 @@ def test_bad_lanes():
 def test_static_and_traced_exponent():
     static, traced = Contact(1.0, 1e8, 2.0), Contact(1.0, 1e8, jnp.asarray(2.0))
     assert static.exponent == 2.0 and type(static.exponent) is float
-    assert type(Contact(1.0, 1e8, 2).exponent) is float
     assert isinstance(traced.exponent, jax.Array)
     assert len(jax.tree.leaves(static)) == 2 and len(jax.tree.leaves(traced)) == 3
     law = jc.Damped(alpha=0.5)

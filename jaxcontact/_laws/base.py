@@ -17,7 +17,6 @@ from .._entry import (
     OfNumbers,
     as_parameter,
     refusal,
-    rendered,
     require_broadcast,
     require_flag,
     require_kind,
@@ -395,10 +394,8 @@ def require_law(value: object) -> AbstractLaw:
 def require_no_adhesion(law: AbstractLaw, where: str) -> None:
     """Raise ValueError for a law whose bodies stick."""
     if law.ends_apart or law.forgets:
-        raise ValueError(
-            f"Argument `law` must be a law whose bodies do not stick {where}, but is "
-            f"{rendered(law)}. Soft contacts without friction are followed in time."
-        )
+        must = f"be a law whose bodies do not stick {where}"
+        raise refusal("law", must, law, " Soft contacts without friction are followed in time.")
 
 
 def require_exponent(law: AbstractLaw, contact: Contact) -> None:

@@ -73,17 +73,18 @@ _REPEATED = 4
 def write_csv(table: SweepTable, path: File) -> None:
     """Write a long table, one row per lane; a named file is written completely or not at all."""
     along, lanes = table.dims_of_axes(), math.prod(table.shape)
-    listed = {
-        name: SweepColumn((table.dims.index(along[name]),), values)
+    # A result may have the name of an axis.
+    listed = [
+        (name, SweepColumn((table.dims.index(along[name]),), values))
         for name, values in table.axes.items()
-    }
-    listed |= table.columns() | {"status": _named(table.status_column)}
-    heads = [head for name, c in listed.items() for head, _ in numbered(name, c.own_shape)]
+    ]
+    listed += (table.columns() | {"status": _named(table.status_column)}).items()
+    heads = [head for name, c in listed for head, _ in numbered(name, c.own_shape)]
     texts = [
         column.converted(in_words)
         if _REPEATED * math.prod(column.stored.shape) <= lanes
         else column
-        for column in listed.values()
+        for _, column in listed
     ]
 
     def blocks() -> Iterator[list[np.ndarray]]:

@@ -22,6 +22,7 @@ from ..extend import (
     Space,
     column,
     quick,
+    refusal,
     rendered,
     require_choice,
     require_contact,
@@ -298,10 +299,8 @@ def design(
 
 def _sigma(given: Any) -> dict[str, float]:
     if not isinstance(given, Mapping) or not given or not set(given) <= set(QUANTITIES):
-        raise ValueError(
-            f"Argument `sigma` must give standard deviations to some of {', '.join(QUANTITIES)}, "
-            f"but is {rendered(given)}."
-        )
+        must = f"give standard deviations to some of {', '.join(QUANTITIES)}"
+        raise refusal("sigma", must, given)
     there = [name for name in QUANTITIES if name in given]
     return {name: require_number(f'sigma["{name}"]', given[name], POSITIVE) for name in there}
 

@@ -16,6 +16,7 @@ from ..extend import (
     counted,
     legend_above,
     put_label,
+    refusal,
     rendered,
     require_choice,
     require_kind,
@@ -232,10 +233,8 @@ def record(recording: Recording | Calibration, *, ax: Any = None) -> Any:
     if isinstance(recording, Recording) and recording.layout.fitted:
         impacts = list(recording.records)  # pyright: ignore[reportAssignmentType]
     if not impacts:
-        raise ValueError(
-            "Argument `recording` must be that of force, acceleration or indentation over time, or "
-            f"its calibration, but is {rendered(recording)}."
-        )
+        must = "be that of force, acceleration or indentation over time, or its calibration"
+        raise refusal("recording", must, recording)
     if not fits:
         return _whole(axes_of(ax), impacts)
     if ax is None:
@@ -363,10 +362,7 @@ def track(recording: Recording | Calibration, *, ax: Axes | None = None) -> Axes
         tracks = recording.tracks
     ax = axes_of(ax, figsize=(8.0, 4.0))
     if not tracks:
-        raise ValueError(
-            "Argument `recording` must be that of a track, or its calibration, but is "
-            f"{rendered(recording)}."
-        )
+        raise refusal("recording", "be that of a track, or its calibration", recording)
     frames = tracks[0].frames
     for number, one in enumerate(tracks):
         _frames(ax, one, labels=number == 0)

@@ -20,7 +20,7 @@ from ..extend import (
     POSITIVE,
     counted,
     quantity,
-    rendered,
+    refusal,
     require_kind,
     require_number,
     require_path,
@@ -325,10 +325,7 @@ def report(
     if path.suffix.lower() == ".pdf":
         raise ValueError(f"Argument `file` must not end in .pdf: {PDF.format(path.stem)}.")
     if path.suffix.lower() not in SUFFIXES:
-        raise ValueError(
-            f"Argument `file` must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}, but is "
-            f"{rendered(file)}."
-        )
+        raise refusal("file", f"end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}", file)
     if radius is not None:
         radius = require_number("radius", radius, POSITIVE)
     write_all({path: content_of(calibration, path, radius, stages_of(progress))})

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 
 from .. import Contact, Material, get_law
-from ..extend import rendered
+from ..extend import refusal
 from . import _ball, _impacts
 from ._compression import fig4
 
@@ -96,9 +96,7 @@ def markdown(table: tuple[Number, ...]) -> str:
     """Return published and computed numbers as a Markdown table; ValueError for anything else."""
     given = table if isinstance(table, list | tuple) else [None]
     if not all(isinstance(row, Number) for row in given):
-        raise ValueError(
-            f"Argument `table` must hold numbers as `numbers` gives them, but is {rendered(table)}."
-        )
+        raise refusal("table", "hold numbers as `numbers` gives them", table)
     lines = ["| number | where | published | ours | difference | |", "|---|---|---|---|---|---|"]
     for one in table:
         known = one.published

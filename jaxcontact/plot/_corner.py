@@ -137,6 +137,15 @@ def _drawable(result: Any, names: Any) -> _NormalApproximation | _Drawn:
         return _Drawn(chosen, np.stack([result.samples[name].ravel() for name in chosen]))
     if not isinstance(result, FitData):
         raise refusal("result", "be a `Fit` or a `Posterior`", result)
+    chosen = _with_errors(result, names)
+    place = list(map(result.names.index, chosen))
+    return _NormalApproximation(
+        chosen, result.values[place], result.covariance[np.ix_(place, place)]
+    )
+
+
+def _with_errors(result: FitData, names: Any) -> tuple[str, ...]:
+    """Return the named parameters of a fit that converged, or all that have a standard error."""
     if not result.converged:
         raise ValueError(
             f"Argument `result` must be a fit that converged, but it did not: {result.reason}."
@@ -154,10 +163,7 @@ def _drawable(result: Any, names: Any) -> _NormalApproximation | _Drawn:
                 f"Argument `names` must name parameters with a standard error, but names {name}, "
                 "which has none."
             )
-    place = list(map(result.names.index, chosen))
-    return _NormalApproximation(
-        chosen, result.values[place], result.covariance[np.ix_(place, place)]
-    )
+    return chosen
 
 
 def _names(value: Any, all_names: tuple[str, ...], usual: tuple[str, ...]) -> tuple[str, ...]:
@@ -261,14 +267,7 @@ def profile(
     """
     require_kind("result", result, FitData, "a `Fit`")
     level = require_number("level", level, FRACTION)
-    fitted = [name for name, error in result.standard_errors.items() if math.isfinite(error)]
-    if not fitted:
-        raise ValueError(
-            "Argument `result` must have a parameter with a standard error, but has none."
-        )
-    chosen = fitted if names is None else [names] if isinstance(names, str) else names
-    if not is_list(chosen) or not chosen or not all(map(fitted.__contains__, chosen)):
-        raise refusal("names", f"be some of {', '.join(fitted)}", names)
+    chosen = _with_errors(result, [names] if isinstance(names, str) else names)
     all_axes = axes_for(ax, len(chosen), "parameter")
     intervals = result.interval(level)
     for axes, name in zip(all_axes, chosen, strict=True):

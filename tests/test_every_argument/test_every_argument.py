@@ -18,7 +18,6 @@ import pytest
 import jaxcontact as jc
 from tests.test_every_argument.case import Reached, reached
 from tests.test_every_argument.kinds import KINDS
-from tests.test_every_argument.physics import a_bounce
 from tests.test_every_argument.table import EXEMPT, cases
 
 LABELS = sorted(cases())
@@ -268,14 +267,3 @@ def test_whole_numbers_of_numpy_and_jax_count():
     for tenth in (np.float32(0.125), jax.numpy.asarray(0.125), np.array(0.125)):
         assert jc.Event(rtol=tenth) == jc.Event(rtol=0.125)
         assert jc.Huber(tenth) == jc.Huber(0.125)
-
-
-def test_heights_of_one_run_at_many_times():
-    run = a_bounce()
-    height_at = jax.jit(lambda times: run.height_at(times))
-    times = np.array([[0.0, 0.1, 0.2], [0.3, 0.4, 0.5]])
-    heights = height_at(times)
-    assert heights.shape == (2, 3)
-    np.testing.assert_array_equal(heights[1], height_at(times[1]))
-    # The ball is in free fall throughout.
-    assert np.all(np.diff(heights.ravel()) < 0)

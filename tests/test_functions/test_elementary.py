@@ -65,11 +65,11 @@ def reference(function, points, digits=REFERENCE_DIGITS):
     """The same three in mpmath by central differences; `function` knows its removable points."""
     rows = []
     with mp.workdps(digits):
-        h = mp.mpf(STEP)
         for x in map(mp.mpf, points):
+            h = mp.mpf(STEP) * max(1, x)
             low, mid, high = function(x - h), function(x), function(x + h)
             rows.append([mid, (high - low) / (2 * h), (high - 2 * mid + low) / h**2])
-        return [np.array([float(y) for y in column]) for column in zip(*rows, strict=True)]
+        return np.array(rows, float).T
 
 
 def removable(function, at, value):
@@ -162,23 +162,13 @@ def test_speed_of():
     y = np.where(y > 0, y * np.log1p(alpha) / np.where(alpha > 0, alpha, 1), y)
     found_value = jax.jit(speed_of)(y, alpha)
     found = jax.jit(jax.vmap(jax.jacfwd(speed_of, argnums=(0, 1))))(y, alpha)
-    in_y = reference_partial(mp_speed, y, alpha, 0)
-    in_alpha = reference_partial(mp_speed, y, alpha, 1)
+    pairs = list(zip(y, alpha, strict=True))
+    in_y = np.hstack([reference(lambda y, a=a: mp_speed(y, mp.mpf(a)), [y]) for y, a in pairs])
+    in_alpha = np.hstack([reference(lambda a, y=y: mp_speed(mp.mpf(y), a), [a]) for y, a in pairs])
     np.testing.assert_allclose(found_value, in_y[0], rtol=VALUE)
     np.testing.assert_allclose(found[0], in_y[1], rtol=FIRST, atol=ABSOLUTE)
     error = np.abs(np.asarray(found[1]) - in_alpha[1])
     assert np.all(error <= SPEED_BY_ALPHA * np.abs(y))
-
-
-def reference_partial(function, x, y, index):
-    values, slopes = [], []
-    with mp.workdps(REFERENCE_DIGITS):
-        h = mp.mpf(STEP)
-        for a, b in zip(map(mp.mpf, x), map(mp.mpf, y), strict=True):
-            da, db = (h, 0) if index == 0 else (0, h)
-            values.append(float(function(a, b)))
-            slopes.append(float((function(a + da, b + db) - function(a - da, b - db)) / (2 * h)))
-    return np.array(values), np.array(slopes)
 
 
 # --- Scalar roots ---------------------------------------------------------------------------------
@@ -201,22 +191,11 @@ def mp_restitution(alpha):
     raise ArithmeticError("no convergence")
 
 
-def restitution_reference(alphas):
-    rows = []
-    with mp.workdps(REFERENCE_DIGITS):
-        for alpha in map(mp.mpf, alphas):
-            h = mp.mpf(STEP) * max(1, alpha)
-            low, mid, high = (mp_restitution(alpha + k * h) for k in (-1, 0, 1))
-            rows.append((mid, (high - low) / (2 * h), (high - 2 * mid + low) / h**2))
-    return rows
-
-
 DAMPING_FACTORS = [0.0, 1e-300, 1e-12, 1e-6, 1e-3, 0.1, 0.5, 1.0, 2.0, 3.0, 5.0, 20.0, 1e3, 1e6]
 
 
 def test_restitution_of_and_its_derivatives():
-    rows = restitution_reference(DAMPING_FACTORS)
-    expected = np.array([[float(y) for y in row] for row in rows])
+    expected = reference(mp_restitution, DAMPING_FACTORS).T
     np.testing.assert_allclose(expected[0], [1, -2 / 3, 8 / 9], rtol=ROOT)
     *found, back = derivatives(restitution_of, DAMPING_FACTORS)
     np.testing.assert_allclose(np.stack(found, axis=1), expected, rtol=ROOT)
@@ -235,8 +214,8 @@ def damping_reference(e):
         guess = 3 * (1 - e) * (11 - e) / (2 * (1 + 9 * e)) if e > 0.2 else 1 / e
         start, close = (guess, guess * 0.999), mp.mpf("1e-120")
         alpha = mp.findroot(lambda a: mp_restitution(a) - e, start, tol=close)
-    ((_, slope, curvature),) = restitution_reference([alpha])
-    return np.array([float(y) for y in (alpha, 1 / slope, -curvature / slope**3)])
+    ((_, slope, curvature),) = reference(mp_restitution, [alpha]).T
+    return np.array([float(alpha), 1 / slope, -curvature / slope**3])
 
 
 def test_exact_damping_factor_and_its_derivatives():

@@ -445,24 +445,6 @@ def test_a_name_is_short_for_the_object(name):
     assert eqx.tree_equal(by_name, by_object)
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: jc.Event(rtol=1.0), ["rtol", "(0, 1)", "1.0"]),
-        (lambda: jax.jit(lambda x: jc.Event(rtol=x).rtol)(0.1), ["rtol", "(0, 1)", "Tracer"]),
-        (lambda: jc.Event(max_steps=1), ["max_steps", "whole", "1"]),
-        (lambda: jc.Phase(steps=7), ["steps", "even", "7"]),
-        (lambda: jc.trajectory(LAW, CONTACT, 1.0, method="exact"), ["'event'", "'exact'"]),
-        (lambda: jc.trajectory(LAW, CONTACT, 1.0, method=jc.Phase()), ["'event'", "Phase("]),
-    ],
-)
-def test_what_is_refused(make, words):
-    with pytest.raises(ValueError, match="Argument `") as caught:
-        make()
-    for word in words:
-        assert word in str(caught.value)
-
-
 class Static(eqx.Module):
     """A method as a choice, and one as a part of a tree."""
 

@@ -177,6 +177,7 @@ def test_a_law_that_gives_energy_is_flagged():
 def test_restitution_alone():
     e = by_hand(DAMPING)["restitution"]
     np.testing.assert_allclose(jc.restitution(Dashpot(c=DAMPING), CONTACT), e, rtol=FORMULA)
+    np.testing.assert_allclose(jc.restitution(Plain(c=DAMPING), CONTACT, SPEED), e, rtol=EVENT)
     with pytest.raises(ValueError, match="`contact` is needed for `Dashpot`"):
         jc.restitution(Dashpot(c=DAMPING))
     with pytest.raises(ValueError, match="`velocity` is needed for `Plain`"):
@@ -186,10 +187,12 @@ def test_restitution_alone():
 
 
 def test_what_rests_on_it():
-    path = jc.trajectory(Dashpot(c=40.0), CONTACT, SPEED, samples=20)
     expected = by_hand(40.0)
-    np.testing.assert_allclose(path.time[-1], expected["duration"], rtol=EVENT)
-    np.testing.assert_allclose(-path.velocity[-1] / SPEED, expected["restitution"], rtol=EVENT)
+    for law in (Dashpot, Plain):
+        path = jc.trajectory(law(c=40.0), CONTACT, SPEED, samples=20)
+        np.testing.assert_allclose(path.time[-1], expected["duration"], rtol=EVENT)
+        np.testing.assert_allclose(-path.velocity[-1] / SPEED, expected["restitution"], rtol=EVENT)
+        np.testing.assert_allclose(path.energy.total, MASS * SPEED**2 / 2, rtol=EVENT)
     # e is the same at every speed, which `bounce` uses.
     run = jc.bounce(Dashpot(c=40.0), CONTACT, 0.5, bounces=3, rest_velocity=1e-3)
     assert run.remaining_flight is not None

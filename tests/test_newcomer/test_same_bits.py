@@ -19,7 +19,6 @@ import jaxcontact as jc
 ROOT = Path(__file__).parents[2]
 LAW, CONTACT = jc.HuGuo(e=0.7), jc.Contact(1.0, 1e6)
 SPEEDS = np.linspace(0.3, 1.7, 7)
-BALLS = [jc.Sphere(0.05, 0.1, position=[x, 0.3]) for x in (0.0, 0.2)]
 
 
 def impact(**how):
@@ -30,11 +29,15 @@ def impact(**how):
     return outcome
 
 
+def billiard(velocity):
+    balls = [jc.Sphere(0.05, 0.1, [x, 0.3], v) for x, v in ((0.0, velocity), (0.2, None))]
+    bodies = [*balls, jc.Plane([0.0, 0.0], [0.0, 1.0])]
+    return jc.Scene(bodies, LAW, stiffness=1e6, gravity=[0.0, -9.8])
+
+
 def scene(v, instantaneous=True):
-    first = jc.Sphere(0.05, 0.1, position=[0.0, 0.3], velocity=jnp.stack([v, 0 * v]))
-    bodies = [first, BALLS[1], jc.Plane([0.0, 0.0], [0.0, 1.0])]
-    billiard = jc.Scene(bodies, LAW, stiffness=1e6, gravity=[0.0, -9.8])
-    return jc.simulate(billiard, 0.4, instantaneous=instantaneous, max_impacts=16).position[-1]
+    how = {"instantaneous": instantaneous, "max_impacts": 16}
+    return jc.simulate(billiard(jnp.stack([v, 0 * v])), 0.4, **how).position[-1]
 
 
 def mechanism(v):
@@ -84,8 +87,7 @@ def test_the_table_of_the_page_is_true():
 
 
 def test_scenes_and_runs_are_pickled():
-    bodies = [*BALLS, jc.Plane([0.0, 0.0], [0.0, 1.0])]
-    whole = jc.Scene(bodies, LAW, stiffness=1e6, gravity=[0.0, -9.8])
+    whole = billiard(None)
     run = jc.simulate(whole, 0.4, instantaneous=True, max_impacts=16)
     one, again, final = (pickle.loads(pickle.dumps(x)) for x in (whole, run, run.final))
     assert (repr(one), repr(again), repr(final)) == (repr(whole), repr(run), repr(run.final))

@@ -15,7 +15,7 @@ def path():
     return jc.trajectory(jc.HuGuo(e=0.7), CONTACT, 4.2, samples=30)
 
 
-def test_on_given_axes(path):
+def test_on_given_axes_and_on_new_ones(path):
     _, ax = pyplot.subplots()
     assert jc.plot.trajectory(path, x="indentation", y="force", ax=ax, label="Hu-Guo") is ax
     (line,) = ax.get_lines()
@@ -23,16 +23,11 @@ def test_on_given_axes(path):
     np.testing.assert_array_equal(line.get_ydata(), path.force)
     assert line.get_label() == "Hu-Guo"
     assert ax.get_xlabel() == "indentation / mm" and ax.get_ylabel() == "force / kN"
-    jc.plot.trajectory(path, x="indentation", y="force", ax=ax)
-    assert len(ax.get_lines()) == 2
-
-
-def test_on_new_axes(path):
-    ax = jc.plot.trajectory(path)
-    assert ax.get_xlabel() == "time / ms" and ax.get_ylabel() == "force / kN"
+    jc.plot.trajectory(path, ax=ax)
+    assert len(ax.get_lines()) == 2 and ax.get_xlabel() == "time / ms"
     other = jc.plot.trajectory(path, y="velocity")
     assert other is not ax and other.get_ylabel() == "velocity / (m/s)"
-    ax.figure.canvas.draw()
+    other.figure.canvas.draw()
 
 
 def test_a_batch_is_refused(path):

@@ -37,11 +37,6 @@ def texts_of(ax):
     return [text.get_text() for text in ax.texts]
 
 
-def test_it_draws_into_the_axes_it_is_given(blue):
-    _, ax = plt.subplots()
-    assert calibration(blue, ax=ax) is ax
-
-
 def test_every_pair_is_drawn_once_and_inside(blue, ax):
     points = [line for line in ax.lines if line.get_linestyle() == "None"]
     kept, left_out = points
@@ -75,7 +70,9 @@ def test_the_chosen_law_and_those_not_ruled_out(blue, ax):
 
 @pytest.mark.parametrize("size", [(7.0, 4.6), (4.4, 3.9)])
 def test_names_at_the_lines_do_not_overlap_and_the_legend_covers_no_data(blue, size):
-    ax = calibration(blue, show="all", ax=plt.figure(figsize=size, layout="constrained").subplots())
+    given = plt.figure(figsize=size, layout="constrained").subplots()
+    ax = calibration(blue, show="all", ax=given)
+    assert ax is given
     assert sorted(texts_of(ax)) == sorted(law.kind for law in blue.choice.laws)
     ax.figure.canvas.draw()
     frame, figure = ax.get_window_extent(), ax.figure.bbox

@@ -91,12 +91,15 @@ def test_some_names_and_one_that_has_no_error(fitted, drawn):
     covariance[1] = covariance[:, 1] = np.nan
     open_ = dataclasses.replace(fitted, covariance=covariance)
     assert jc.plot.corner(open_).shape == (2, 2)
-    with pytest.raises(ValueError, match="with a standard error, but names e, which has none"):
-        jc.plot.corner(open_, names=["e"])
-    with pytest.raises(ValueError, match="no parameter has one"):
-        jc.plot.corner(dataclasses.replace(fitted, covariance=covariance * np.nan))
-    with pytest.raises(ValueError, match=r"must be a fit that converged, but it did not: no step"):
-        jc.plot.corner(dataclasses.replace(fitted, converged=False))
+    none, stopped = {"covariance": covariance * np.nan}, {"converged": False}
+    for change, names, words in (
+        ({}, ["e"], "with a standard error, but names e, which has none"),
+        (none, None, "no parameter has one"),
+        (stopped, None, r"must be a fit that converged, but it did not: no step"),
+    ):
+        for draw in (jc.plot.corner, jc.plot.profile):
+            with pytest.raises(ValueError, match=words):
+                draw(dataclasses.replace(open_, **change), names=names)
     with pytest.raises(ValueError, match="`ax` must be 3 x 3 axes of matplotlib"):
         jc.plot.corner(fitted, ax=pyplot.figure().subplots(2, 2))
 

@@ -125,6 +125,10 @@ def test_several_columns_have_axes_of_their_own():
         assert np.allclose(axes.lines[1].get_ydata(), found.predict()[name])
     with pytest.raises(ValueError, match="Argument `ax` must be 2 axes of matplotlib"):
         jc.plot.fit(found, ax=[first])
+    axes = jc.plot.residuals(found)
+    assert [text.get_text() for text in axes[2].get_legend().get_texts()] == ["e", "time"]
+    # One of the first 20 is not counted.
+    assert np.array_equal(axes[1].lines[1].get_xdata(), np.arange(19, 39))
 
 
 def test_residuals_over_x_in_order_and_against_normal_ones(fitted):
@@ -148,12 +152,6 @@ def test_residuals_over_x_in_order_and_against_normal_ones(fitted):
         jc.plot.fit(lone)
     with pytest.raises(ValueError, match="3 axes of matplotlib, one for each picture"):
         jc.plot.residuals(fitted, ax=axes[:2])
-
-
-def test_columns_of_residuals_have_names():
-    axes = jc.plot.residuals(jc.fit(both, {"e": Y, "time": -Y}, [0.0, 1.0], x=X))
-    assert [text.get_text() for text in axes[2].get_legend().get_texts()] == ["e", "time"]
-    assert np.array_equal(axes[1].lines[1].get_xdata(), np.arange(20, 40))
 
 
 def test_profiles_of_a_line_are_parabolas(fitted):

@@ -59,7 +59,7 @@ def test_a_film_of_a_mechanism(hopper, tmp_path):
     with Image.open(tmp_path / "hop.gif") as picture:
         assert picture.n_frames == 11
     (ax,) = film.figure.axes
-    dot, lines, flashes = parts(ax)
+    dot, lines, _ = parts(ax)
     for k, time in enumerate(np.linspace(0, DURATION, 11)):
         film._func(k)
         (place,) = hopper.at(time).position
@@ -68,10 +68,6 @@ def test_a_film_of_a_mechanism(hopper, tmp_path):
         np.testing.assert_array_equal(floor, FLOOR)
         np.testing.assert_allclose(arm, [place, place + ARM], atol=EXACT)
         assert ax.get_title(loc="left") == f"$t$ = {time:.3f} s"
-        # The touch at 0.202 s flashes in the frame of 0.22 s alone.
-        late = time - TOUCH
-        shown = 0 < late < 0.05 * DURATION
-        assert len(flashes.get_offsets()) == shown
     # What does not move is lighter.
     light, dark = map(colors.to_rgb, lines.get_colors())
     assert sum(light) > sum(dark)
@@ -138,22 +134,13 @@ def test_a_phase_portrait_has_units(hopper):
         jc.plot.phase(hopper, units="m")
 
 
-def _wall_gaps(points, lines, system):
-    return points[:, 0] - lines[1][0, 0]
-
-
-def _damper_gaps(points, lines, system):
-    _, mass = lines[:2]
-    return mass[:2, 0] @ np.diag([1, -1]) - points[:, 0] * [1, -1]
-
-
-def _incline_gaps(points, lines, system):
+def _incline_gaps(points, lines):
     along = lines[1][-1] - lines[1][0]
     away = np.array([-along[1], along[0]]) / np.hypot(*along)
     return (points - lines[1][0]) @ away
 
 
-def _crank_gaps(points, lines, system):
+def _crank_gaps(points, lines):
     bearing, journal = (np.mean(line[:-1], axis=0) for line in lines[2:4])
     apart = np.hypot(*(journal - bearing))
     # The touch is on the bearing, in the direction of the journal.
@@ -162,20 +149,18 @@ def _crank_gaps(points, lines, system):
     return [np.ptp(lines[2][:, 0]) / 2 - np.ptp(lines[3][:, 0]) / 2 - apart]
 
 
-def _guide_gaps(points, lines, system):
-    upper, lower = lines[2][0, 1], lines[3][0, 1]
-    return [*(upper - points[:2, 1]), *(points[2:, 1] - lower)]
-
-
 @pytest.mark.parametrize(
     ("name", "q", "measured"),
     [
-        ("bouncing_rod", [0.1, 0.2, 0.4], lambda points, lines, system: points[:, 1]),
-        ("double_pendulum", [0.3, -0.2], _wall_gaps),
-        ("impact_damper", [0.002, 0.004], _damper_gaps),
+        ("bouncing_rod", [0.1, 0.2, 0.4], lambda points, lines: points[:, 1]),
+        ("double_pendulum", [0.3, -0.2], lambda points, lines: points[:, 0] - lines[1][0, 0]),
+        ("impact_damper", [0.002, 0.004], lambda x, y: (y[1][:2, 0] - x[:, 0]) * [1, -1]),
         ("shaken_incline", [0.01, 0.003], _incline_gaps),
         ("slider_crank", [-0.0868, 0.1686], _crank_gaps),
-        ("slider_in_guide", [0.5, -0.2, 0.01], _guide_gaps),
+        (
+            *("slider_in_guide", [0.5, -0.2, 0.01]),
+            lambda x, y: np.where(np.arange(4) < 2, y[2][0, 1] - x[:, 1], x[:, 1] - y[3][0, 1]),
+        ),
     ],
 )
 def test_ready_made_mechanisms_draw_their_gaps(name, q, measured):
@@ -185,7 +170,7 @@ def test_ready_made_mechanisms_draw_their_gaps(name, q, measured):
     points, lines = system.gap.draw(t, q, None)
     gaps = np.asarray(system.gap(jnp.asarray(t), jnp.asarray(q), None))
     assert points.shape == (len(gaps), 2)
-    np.testing.assert_allclose(measured(points, lines, system), gaps, atol=1e-12)
+    np.testing.assert_allclose(measured(points, lines), gaps, atol=1e-12)
     after = system.gap.draw(2 * t, q + 0.01, None)[1]
     assert [line.shape for line in after] == [line.shape for line in lines]
 

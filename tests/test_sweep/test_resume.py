@@ -25,6 +25,7 @@ from jaxcontact._sweep.planning.blocks import Workers
 from jaxcontact._sweep.store import BlockStore
 from tests.test_sweep import lanes
 from tests.test_sweep.lanes import ROOT, arrays_of, many, outcome, same
+from tests.test_sweep.test_table import Power
 
 pytest.importorskip("zarr")
 
@@ -159,11 +160,6 @@ def test_another_sweep_is_refused(store, monkeypatch, change, words):
     assert words in str(error.value)
     assert change or "`jaxcontact` ('" in str(error.value)
     assert files(store) == before
-
-
-@dataclasses.dataclass(frozen=True)
-class Power:
-    exponent: int
 
 
 @dataclasses.dataclass(frozen=True)

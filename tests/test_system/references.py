@@ -46,22 +46,34 @@ def derivative(function, at, along):
     return np.imag(function(*moved)) / step
 
 
+def unit(t, q, args):
+    """A mass of 1 kg for each number."""
+    return jnp.eye(q.shape[0], dtype=q.dtype)
+
+
+def free_fall(t, q, v, args):
+    return jnp.full_like(v, -9.81)
+
+
 def restarted(
-    mass, force, gap, start, duration, stiffness, alpha, *, slip=None, mu=0.0, touching=False
-):
+    mass, force, gap, start, duration, stiffness, alpha, *,
+    slip=None, mu=0.0, touching=False, bristles=None,
+):  # fmt: skip
     """Return touches (gap, time, speed), phases (time, what) of gap 0, and the end, by DOP853
     restarted at each event, with v0 at touch.
 
     The functions take numbers that may be complex. A phase is 0 in stick, or the sign of the slip.
+    `bristles` of the normal force, the slip speed and a state, 0 at the touch of gap 0, returns the
+    friction and the rate of the state; there are no phases then.
     """
-    n, t, y = len(start[0]), 0.0, np.concatenate(start)
+    n, t, y = len(start[0]), 0.0, np.concatenate([*start, [0.0] * (bristles is not None)])
     basis, still, count = np.eye(n), np.zeros(n), len(gap(0.0, start[0]))
     closed, speed = np.zeros(count, bool), np.ones(count)
     touches, phases = [], []
 
     def forces(t, y):
         """Return all forces but friction, those of the contacts, and the closing speeds."""
-        q, v = y[:n], y[n:]
+        q, v = y[:n], y[n : 2 * n]
         normal = np.array([derivative(gap, (t, q), (0.0, e)) for e in basis])
         closing = -derivative(gap, (t, q), (1.0, v))
         elastic = stiffness * np.maximum(-gap(t, q), 0) ** 1.5
@@ -69,7 +81,8 @@ def restarted(
         return force(t, q, v) + normal @ pressed, pressed, closing
 
     def tangent(t, y):
-        return np.array([derivative(slip, (t, y[:n], y[n:]), (0.0, still, e)) for e in basis])
+        at = t, y[:n], y[n : 2 * n]
+        return np.array([derivative(slip, at, (0.0, still, e)) for e in basis])
 
     def held(t, y):
         """Return the friction with which the slip speed does not change."""
@@ -78,11 +91,14 @@ def restarted(
         return -derivative(slip, (t, y[:n], y[n:]), moves) / (along @ inverse @ along)
 
     def right(t, y):
-        drive, pressed, _ = forces(t, y)
-        if slip and closed[0]:
+        (drive, pressed, _), bends = forces(t, y), np.zeros(len(y) - 2 * n)
+        if bristles and closed[0]:
+            rubs, bends[0] = bristles(pressed[0], slip(t, y[:n], y[n : 2 * n]), y[-1])
+            drive = drive + tangent(t, y) * rubs
+        elif slip and closed[0]:
             sign = phases[-1][1]
             drive = drive + tangent(t, y) * (-sign * mu * pressed[0] if sign else held(t, y))
-        return np.concatenate([y[n:], np.linalg.solve(mass(t, y[:n]), drive)])
+        return np.concatenate([y[n : 2 * n], np.linalg.solve(mass(t, y[:n]), drive), bends])
 
     def event_of(k):
         def meets(t, y):
@@ -102,6 +118,7 @@ def restarted(
     def touch(k):
         closed[k], speed[k] = True, forces(t, y)[2][k]
         touches.append((k, t, speed[k]))
+        y[2 * n :] = 0.0
         if slip:
             phases.append((t, np.sign(slip(t, y[:n], y[n:]))))
 
@@ -109,7 +126,8 @@ def restarted(
         touch(0)
     how = {"rtol": 1e-12, "atol": 1e-14, "max_step": min(5e-3, duration / 20)}
     while t < duration:
-        events = [event_of(k) for k in range(count)] + [changes] * (slip is not None)
+        phased = slip is not None and bristles is None
+        events = [event_of(k) for k in range(count)] + [changes] * phased
         # The first step that SciPy tries may be absurdly long.
         with np.errstate(all="ignore"):
             end = solve_ivp(right, (t, duration), y, "DOP853", events=events, **how)

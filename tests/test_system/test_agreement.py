@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from tests.test_system.references import restarted
+from tests.test_system.references import free_fall, restarted, unit
 
 LAW = jc.HuGuo(e=0.7)
 ALPHA = 1.5 * 0.3 / 0.7
@@ -32,34 +32,31 @@ def assert_touches_of_scipy(run, mass, force, gap, start, stiffness, duration):
     np.testing.assert_allclose(table["closing_speed"], speeds, rtol=1e-7)
 
 
-def test_impact_damper_is_that_of_scipy():
-    system, start = jc.systems.impact_damper(shaking=(2e-3, 31.6))
-    run = jc.simulate(system, 0.8, **start, rtol=1e-11, v0="touch")
-
-    def gap(t, q):
-        return np.array([0.005 + q[1] - q[0], 0.005 + q[0] - q[1]])
-
-    def force(t, q, v):
-        base, pace = 2e-3 * np.sin(31.6 * t), 2e-3 * 31.6 * np.cos(31.6 * t)
-        return np.array([-1000 * (q[0] - base) - 0.5 * (v[0] - pace), 0])
-
-    start = np.zeros(2), np.zeros(2)
-    assert_touches_of_scipy(run, np.diag([1.0, 0.1]), force, gap, start, 1e7, 0.8)
+def shaken(t, q, v):
+    base, pace = 2e-3 * np.sin(31.6 * t), 2e-3 * 31.6 * np.cos(31.6 * t)
+    return np.array([-1000 * (q[0] - base) - 0.5 * (v[0] - pace), 0])
 
 
-def test_rod_is_that_of_scipy():
-    system, start = jc.systems.bouncing_rod()
-    run = jc.simulate(system, 0.7, **start, rtol=1e-11, v0="touch")
+OF_SCIPY = {
+    "impact damper": (
+        lambda: jc.systems.impact_damper(shaking=(2e-3, 31.6)), 0.8, np.diag([1.0, 0.1]), shaken,
+        lambda t, q: 0.005 + (q[1] - q[0]) * np.array([1, -1]), [0.0, 0.0],
+    ),
+    "rod": (
+        jc.systems.bouncing_rod, 0.7, np.diag([0.1, 0.1, 0.1 * 0.2**2 / 12]),
+        lambda t, q, v: np.array([0.0, -0.981, 0.0]),
+        lambda t, q: q[1] + 0.1 * np.sin(q[2]) * np.array([-1, 1]) - 0.01, [0.0, 0.3, 0.5],
+    ),
+}  # fmt: skip
 
-    def gap(t, q):
-        return q[1] + 0.1 * np.sin(q[2]) * np.array([-1, 1]) - 0.01
 
-    def force(t, q, v):
-        return np.array([0.0, -0.981, 0.0])
-
-    inertia = np.diag([0.1, 0.1, 0.1 * 0.2**2 / 12])
-    start = np.array([0.0, 0.3, 0.5]), np.zeros(3)
-    assert_touches_of_scipy(run, inertia, force, gap, start, 1e7, 0.7)
+@pytest.mark.parametrize("name", OF_SCIPY)
+def test_mechanisms_are_those_of_scipy(name):
+    build, duration, mass, force, gap, place = OF_SCIPY[name]
+    system, start = build()
+    run = jc.simulate(system, duration, **start, rtol=1e-11, v0="touch")
+    first = np.array(place), np.zeros(len(place))
+    assert_touches_of_scipy(run, mass, force, gap, first, 1e7, duration)
 
 
 def lagrangian(t, q, v, args):
@@ -140,14 +137,6 @@ def test_three_balls_are_those_of_a_scene():
         np.testing.assert_allclose(ours[name], others[name], rtol=1e-6, err_msg=name)
     np.testing.assert_allclose(ours["max_force"], others["max_force"], rtol=1e-3)
     np.testing.assert_allclose(run.final.position, of_scene.position[-1, :, 0], atol=1e-9)
-
-
-def free_fall(t, q, v, args):
-    return jnp.full_like(v, -9.81)
-
-
-def unit(t, q, args):
-    return jnp.eye(q.shape[0], dtype=q.dtype)
 
 
 def moving_floor(t, q, args):

@@ -9,16 +9,9 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from tests.test_system.references import free_fall, unit
 
 LAW = jc.HuGuo(e=0.7)
-
-
-def unit(t, q, args):
-    return jnp.eye(q.shape[0], dtype=q.dtype)
-
-
-def weight(t, q, v, args):
-    return jnp.full_like(v, -9.81)
 
 
 def height(t, q, args):
@@ -31,7 +24,7 @@ WEIGHT = 0.05
 SLIDES = 1e-13
 """Two sums of one force over time: measured 4e-15."""
 
-BALL = jc.System(unit, weight, height, law=LAW, stiffness=1e6)
+BALL = jc.System(unit, free_fall, height, law=LAW, stiffness=1e6)
 
 
 def fall(duration=0.1, **how):
@@ -90,11 +83,7 @@ def test_contact_for_all_time_comes_to_rest():
     assert float(run.error_estimate) < 1e-6
 
 
-def slides(t, q, v, args):
-    return v
-
-
-def rubs(friction, slip=slides):
+def rubs(friction, slip=lambda t, q, v, args: v):
     return {"friction": friction, "slip": slip}
 
 
@@ -146,7 +135,7 @@ def of_kind(kind, **more):
     ],
 )
 def test_wrong_systems_are_named(change, message):
-    parts = {"mass": unit, "force": weight, "gap": height, "law": LAW, "stiffness": 1e6} | change
+    parts = {"mass": unit, "force": free_fall, "gap": height, "law": LAW, "stiffness": 1e6} | change
     with pytest.raises(ValueError, match=message):
         jc.simulate(jc.System(**parts), 0.1, position=[0.1], velocity=[0.0])
 

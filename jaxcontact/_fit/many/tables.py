@@ -94,10 +94,8 @@ def _layout_of(balls: Any, count: int) -> _BallRows:
 def _refuse_other_lengths(name: str, value: Any, columns: list[np.ndarray], count: int) -> None:
     if not all(column.ndim and len(column) == count for column in columns):
         like = "the same" if name == "data" else f"as long as that of `data`, {count}"
-        raise ValueError(
-            f"Argument `{name}` must hold arrays, no lists, whose first axis is {like}, that of "
-            f"the balls or points, but is {rendered(value)}."
-        )
+        must = f"hold arrays, no lists, whose first axis is {like}, that of the balls or points"
+        raise refusal(name, must, value)
 
 
 def _spread(name: str, value: Any, data: Any, columns: list[np.ndarray]) -> list[np.ndarray]:

@@ -26,10 +26,8 @@ def target_of(data: Any, sigma: Any, weights: Any) -> tuple[np.ndarray, np.ndarr
     _refuse(~good, given, name, allowed)
     used = factor > 0
     if not used.any():
-        raise ValueError(
-            f"Argument `{name}` must not be {'infinite' if known else 'zero'} everywhere, but is "
-            f"{rendered(sigma if known else weights)}."
-        )
+        must = f"not be {'infinite' if known else 'zero'} everywhere"
+        raise refusal(name, must, sigma if known else weights)
     allowed = "finite; give a point the weight 0 to leave it out"
     _refuse(used & ~np.isfinite(y), y, "data", allowed)
     return np.where(used, y, 0.0), factor
@@ -84,10 +82,8 @@ def whitener_of(correlation: Any, used: np.ndarray) -> np.ndarray | None:
     good = given.shape == (n, n) and np.isfinite(given).all()
     good = good and np.allclose(given, given.T, rtol=0, atol=_ROUNDED)
     if not good or not np.allclose(np.diag(given), 1, rtol=0, atol=_ROUNDED):
-        raise ValueError(
-            f"Argument `correlation` must be a symmetric matrix of shape ({n}, {n}) with 1 on its "
-            f"diagonal, but is {rendered(correlation)}."
-        )
+        must = f"be a symmetric matrix of shape ({n}, {n}) with 1 on its diagonal"
+        raise refusal("correlation", must, correlation)
     whole = np.where(used[:, None] & used, given, np.eye(n))
     try:
         factor = np.linalg.cholesky(whole)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..._entry import rendered
+from ..._entry import refusal, rendered
 from ..._forms import AbstractForm, Lane, ScaledImpact
 from ..front_door import Lanes
 from .event import Event
@@ -65,10 +65,8 @@ def method_of(method: str | AbstractMethod) -> AbstractMethod:
     if isinstance(method, str) and method in NAMED:
         return NAMED[method]
     names = ", ".join(map(repr, NAMED))
-    raise ValueError(
-        f"Argument `method` must be one of {names} or a method object such as "
-        f"`jaxcontact.Event(rtol=1e-11)`, but is {rendered(method)}."
-    )
+    must = f"be one of {names} or a method object such as `jaxcontact.Event(rtol=1e-11)`"
+    raise refusal("method", must, method)
 
 
 def stepping_method(method: str | AbstractMethod) -> Event:

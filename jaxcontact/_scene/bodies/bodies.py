@@ -173,10 +173,8 @@ class Sphere(AbstractBody):
 
     def _require_mass(self) -> None:
         if self.motion is not None:
-            raise ValueError(
-                "Argument `motion` must be None for a sphere without `fixed=True`, which moves as "
-                f"it is hit, but is {rendered(self.motion)}."
-            )
+            must = "be None for a sphere without `fixed=True`, which moves as it is hit"
+            raise refusal("motion", must, self.motion)
         if self.mass is None and (self.material is None or self.material.density is None):
             raise ValueError(
                 "Argument `mass` must be given for a sphere whose material has no density, but is "

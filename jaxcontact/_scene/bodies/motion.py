@@ -310,10 +310,8 @@ class Prescribed(AbstractMotion):
                 f"{rendered(displacement)} cannot be called so: {error}"
             ) from error
         if shape is None or len(shape) > 1 or not 1 <= sum(shape or (1,)) <= 3:
-            raise ValueError(
-                "Argument `displacement` must be a function that returns one number or one to "
-                f"three numbers of floating point, but is {rendered(displacement)}."
-            )
+            must = "be a function that returns one number or one to three numbers of floating point"
+            raise refusal("displacement", must, displacement)
 
     def _shape(self) -> tuple[int, ...] | None:
         """Return the shape of a displacement; None unless it is a floating-point array."""

@@ -18,7 +18,6 @@ from ..._entry import (
     is_list,
     refusal,
     refuses_unknown,
-    rendered,
     require_count,
     require_kind,
     require_number,
@@ -120,10 +119,8 @@ def _thermal_speed(speed: float | None, count: int) -> float | None:
         return None
     thermal = require_number("speed", speed, POSITIVE, ", or None for spheres at rest")
     if count < 2:
-        raise ValueError(
-            "Argument `speed` must be None for a single sphere, which cannot move without a total "
-            f"momentum, but is {rendered(speed)}."
-        )
+        must = "be None for a single sphere, which cannot move without a total momentum"
+        raise refusal("speed", must, speed)
     return thermal
 
 
@@ -142,19 +139,15 @@ def _around(periodic: Sequence[float | None] | None, size: Places) -> NDArray[np
     if periodic is None:
         return np.zeros(len(size), bool)
     if not is_list(periodic) or len(periodic) != len(size):
-        raise ValueError(
-            f"Argument `periodic` must be a list with a length or None for each of the {len(size)} "
-            f"axes, but is {rendered(periodic)}."
-        )
+        must = f"be a list with a length or None for each of the {len(size)} axes"
+        raise refusal("periodic", must, periodic)
     for axis, length in enumerate(periodic):
         if length is None:
             continue
         period = require_number("periodic", length, POSITIVE)
         if not math.isclose(period, size[axis]):
-            raise ValueError(
-                f"Argument `periodic` must be None or the length of the box, {size[axis]:g} along "
-                f"axis {axis}, but is {rendered(periodic)}."
-            )
+            must = f"be None or the length of the box, {size[axis]:g} along axis {axis}"
+            raise refusal("periodic", must, periodic)
     return np.array([length is not None for length in periodic])
 
 

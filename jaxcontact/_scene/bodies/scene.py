@@ -83,10 +83,8 @@ def pair_table(
     missing = next(((kinds[a], kinds[b]) for a, b in meeting if rows[a][b] < 0), None)
     if missing is not None:
         first, second = ("an unnamed body" if kind is None else repr(kind) for kind in missing)
-        raise ValueError(
-            f"Argument `{argument}` must have an entry for {first} and {second}, which can meet, "
-            f"or a 'default', but is {rendered(given)}."
-        )
+        must = f"have an entry for {first} and {second}, which can meet, or a 'default'"
+        raise refusal(argument, must, given)
     return PairTable(tuple(values), tuple(map(tuple, rows)))
 
 
@@ -322,10 +320,8 @@ def _require_room(value: Any, axis: int, length: Array, bodies: Sequence[Abstrac
     for k, wall in walls_of(bodies):
         along = wall.normal[axis]
         if not traced(along) and float(along) != 0:
-            raise ValueError(
-                f"Argument `periodic` must be None for axis {axis}, along which "
-                f"{words(bodies, k)} ends the space, but is {rendered(value)}."
-            )
+            must = f"be None for axis {axis}, along which {words(bodies, k)} ends the space"
+            raise refusal("periodic", must, value)
     radii = [float(ball.radius) for _, ball in spheres_of(bodies) if not traced(ball.radius)]
     if radii and not traced(length) and float(length) <= 4 * max(radii):
         raise ValueError(

@@ -16,7 +16,7 @@ from ... import AbstractLaw, Contact, WetRestitution
 from ...extend import (
     force_of,
     ranges,
-    rendered,
+    refusal,
     require_contact,
     require_count,
     require_exponent,
@@ -66,10 +66,8 @@ def require_steppable(law: object) -> AbstractLaw:
     law = require_law(law)
     # Slow bodies of a wet law stick, although its force lets them go.
     if law.remembers or law.forgets or law.ends_apart or isinstance(law, WetRestitution):
-        raise ValueError(
-            "Argument `law` must be a law without memory inside another engine, and not one of "
-            f"necks or films, but is {rendered(law)}. `simulate` takes it."
-        )
+        must = "be a law without memory inside another engine, and not one of necks or films"
+        raise refusal("law", must, law, " `simulate` takes it.")
     return law
 
 
@@ -288,10 +286,7 @@ def numbers_of(
         return range(len(names))
     known = not isinstance(given, str) and all(x in names for x in given)
     if not known or not given:
-        raise ValueError(
-            f"Argument `{parts}` must be a list of names of {parts} of the model, but is "
-            f"{rendered(given)}."
-        )
+        raise refusal(parts, f"be a list of names of {parts} of the model", given)
     return [names.index(name) for name in given]
 
 

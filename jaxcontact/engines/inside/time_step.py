@@ -16,8 +16,8 @@ from ...extend import (
     Range,
     as_numbers,
     problem_of,
+    refusal,
     refuses_unknown,
-    rendered,
     require_number,
     traced,
 )
@@ -65,10 +65,7 @@ def time_step(
     require_number("error", error, ERROR)
     speeds = np.atleast_1d(as_numbers(velocity, "velocity"))
     if speeds.ndim > 1 or not speeds.size or not POSITIVE.holds(speeds).all():
-        raise ValueError(
-            "Argument `velocity` must be one positive speed, or several of the shape (n,), but is "
-            f"{rendered(velocity)}."
-        )
+        raise refusal("velocity", "be one positive speed, or several of the shape (n,)", velocity)
     if shape := problem_of(law, contact, 1.0).shape:
         raise ValueError(
             f"Arguments `law` and `contact` must be scalars, but have the shape {shape}."

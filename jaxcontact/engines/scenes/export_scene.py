@@ -18,8 +18,8 @@ from ... import Ending, EngineRun, Scene, impact, simulate
 from ...extend import (
     POSITIVE,
     as_numbers,
+    refusal,
     refuses_unknown,
-    rendered,
     require_kind,
     require_number,
     require_path,
@@ -177,14 +177,9 @@ def _outputs(times: ArrayLike | None, duration: float) -> Float[np.ndarray, " T"
     values = as_numbers(times, "times")
     even = values.ndim == 1 and values.size > 1 and values[0] == 0 and values[1] > 0
     if not even or np.ptp(np.diff(values)) > _EVEN * values[1]:
-        raise ValueError(
-            "Argument `times` must be evenly spaced from 0 on for an engine, but is "
-            f"{rendered(times)}."
-        )
+        raise refusal("times", "be evenly spaced from 0 on for an engine", times)
     if values[-1] > duration * (1 + _EVEN):
-        raise ValueError(
-            f"Argument `times` must lie between 0 and the duration, but is {rendered(times)}."
-        )
+        raise refusal("times", "lie between 0 and the duration", times)
     return values
 
 
@@ -197,10 +192,8 @@ def _steps(times: Float[np.ndarray, " T"], longest: float, given: float | None) 
         given = require_number("time_step", given, POSITIVE)
         count = round(between / given)
         if count < 1 or abs(count * given / between - 1) > _EVEN:
-            raise ValueError(
-                f"Argument `time_step` must be a whole fraction of the {between:g} s between two "
-                f"outputs, but is {rendered(given)}."
-            )
+            must = f"be a whole fraction of the {between:g} s between two outputs"
+            raise refusal("time_step", must, given)
     return EqualSteps(between / count, count, len(times) - 1)
 
 
@@ -210,10 +203,8 @@ def require_range(velocity: Any) -> tuple[float, float] | None:
         return None
     ends = as_numbers(velocity, "velocity")
     if ends.shape != (2,) or not (np.isfinite(ends).all() and 0 < ends[0] <= ends[1]):
-        raise ValueError(
-            "Argument `velocity` must be the smallest and the largest closing speed, above 0, "
-            f"but is {rendered(velocity)}."
-        )
+        must = "be the smallest and the largest closing speed, above 0"
+        raise refusal("velocity", must, velocity)
     return float(ends[0]), float(ends[1])
 
 

@@ -21,7 +21,7 @@ from ... import (
     RegularizedCoulomb,
     exact_damping_factor,
 )
-from ...extend import RESTITUTION, concrete, parameter, rendered
+from ...extend import RESTITUTION, concrete, parameter, refusal, rendered
 from ..engine import Draft, Wanted, as_luding, register_engine
 from ..result import Export
 from ..scenes.engine import EqualSteps, SceneEngine, refuse_all, refuse_friction, script
@@ -247,9 +247,7 @@ class Exudyn(SceneEngine):
 
     def draft(self, wanted: Wanted, *, impact_model: int | None = None) -> Draft:
         if impact_model is not None and concrete(impact_model) not in (0, *_MODELS):
-            raise ValueError(
-                f"Argument `impact_model` must be 0, 1 or 2, but is {rendered(impact_model)}."
-            )
+            raise refusal("impact_model", "be 0, 1 or 2", impact_model)
         if not impact_model and (law := as_luding(wanted.law)) is not None:
             return _plastic(wanted, law)
         if impact_model == 0:

@@ -7,6 +7,7 @@ import functools
 import importlib.metadata
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import numpy as np
@@ -26,6 +27,7 @@ from ...extend import (
 )
 from ..choice.choose_law import about_the_law, choose
 from ..choice.held_out import held_out
+from ..choice.kind import Kind
 from ..choice.kinds import kinds_of
 from ..choice.law_choice import LawChoice, kind_asked
 from ..choice.table import ChoiceTable, errors_of
@@ -143,28 +145,18 @@ def calibrate(
             with_marked = chosen(every)
     kept_pairs = pairs.where(keep)
     kind = kind_asked(choice, laws)
-    law, standard_errors, at_ends, check, stiffness_error = None, {}, (), None, None
+    found: dict[str, Any] = {"law": None, "contact": contact, "standard_errors": {}}
     if kind is not None and choice.fits[kind].converged:
-        law, contact = choice.law(kind), choice.contact_of(kind)
-        standard_errors = _errors(choice, kind)
-        others_open = [choice.fits[name] for name in choice.rivals]
-        at_ends = at_speeds(choice.fits[kind], others_open, kept_pairs.velocity, asked_at)
-        stiffness_error = choice.fits[kind].standard_errors.get("stiffness")
-        if keep.sum() >= LEAST_PAIRS:
-            of_kind = next(one for one in kinds if one.name == kind)
-            kept = dataclasses.replace(table, use=keep)
-            with jax.enable_x64(True):
-                check = held_out(kept, of_kind, pairs.cluster_names)
+        of_kind = next(one for one in kinds if one.name == kind)
+        found = _law_of(choice, of_kind, dataclasses.replace(table, use=keep), asked_at)
     scatter = float(np.median(errors.sigma[keep])) if keep.sum() >= LEAST_PAIRS else None
     if scatter is not None and outliers.about and not (errors.absolute or errors.others):
         # The weights have the scatter about the trend.
         scatter *= math.sqrt(choice.law_fit(outliers.about).reduced_chi2)
     fits = () if impacts is None else impacts.fits
     return Calibration(
-        law=law,
-        contact=contact,
+        **found,
         given=given,
-        standard_errors=standard_errors,
         requested=laws,
         recording=_recording(recording, pairs, () if impacts is None else impacts.notes),
         gravity=flight.gravity,
@@ -177,10 +169,7 @@ def calibrate(
         with_marked=with_marked,
         by_speed=_by_speed(kept_pairs, choice),
         impacts=summaries(fits),
-        at=at_ends,
         scatter=scatter,
-        check=check,
-        stiffness_error=stiffness_error,
         versions={name: _version(name) for name in _PACKAGES},
         recorded_pairs=pairs,
         outliers=outliers,
@@ -188,11 +177,24 @@ def calibrate(
     )
 
 
-def _errors(choice: LawChoice, kind: str) -> dict[str, float | None]:
-    """Return the standard errors of the parameters of a law, None if not identifiable."""
-    errors, fitted = choice.fits[kind].standard_errors, choice.law_fit(kind)
-    names = [name for name in describe(fitted.law).parameters if name in errors]
-    return {name: errors[name] if fitted.identifiable else None for name in names}
+def _law_of(choice: LawChoice, kind: Kind, kept: ChoiceTable, asked_at: list[float]) -> Any:
+    """Return the law of a kind as fields of a `Calibration`: its errors, e at speeds, its check."""
+    fit, pairs, fitted = choice.fits[kind.name], kept.pairs, choice.law_fit(kind.name)
+    check = None
+    if kept.use.sum() >= LEAST_PAIRS:
+        with jax.enable_x64(True):
+            check = held_out(kept, kind, pairs.cluster_names)
+    open_fits = [choice.fits[name] for name in choice.rivals]
+    names = [name for name in describe(fitted.law).parameters if name in fit.standard_errors]
+    errors = {name: fit.standard_errors[name] if fitted.identifiable else None for name in names}
+    return {
+        "law": choice.law(kind.name),
+        "contact": choice.contact_of(kind.name),
+        "standard_errors": errors,
+        "at": at_speeds(fit, open_fits, kept.velocity, asked_at),
+        "check": check,
+        "stiffness_error": fit.standard_errors.get("stiffness"),
+    }
 
 
 def _recording(

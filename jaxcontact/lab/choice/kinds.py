@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ... import AbstractLaw, Between, Contact, Damped, Free, Positive, impact, restitution
-from ...extend import constant_laws, describe, did_you_mean, force_of, rendered, scale_of
+from ...extend import constant_laws, describe, did_you_mean, force_of, refusal, rendered, scale_of
 from .kind import Combination, Kind, Start
 
 _STEPS = 256
@@ -312,10 +312,8 @@ def kinds_of(laws: str, exponent: float | Array) -> tuple[Kind, ...]:
             for kind in by_law.values()
             if repr(kind.name) == rendered(laws)
         ]
-        raise ValueError(
-            f"Argument `laws` must be one of {', '.join(choices)}, but is {rendered(laws)}."
-            f"{meant[0] if meant else did_you_mean(laws, choices)}"
-        )
+        must = f"be one of {', '.join(choices)}"
+        raise refusal("laws", must, laws, meant[0] if meant else did_you_mean(laws, choices))
     if laws == "all":
         return (constant_e(), *others)
     return (constant_e(), by_law[laws]) if laws in by_law else (constant_e(laws), *others)

@@ -27,7 +27,7 @@ from ...extend import (
     SearchKeywords,
     compared,
     counted,
-    rendered,
+    refusal,
     stages_of,
     takes,
 )
@@ -129,10 +129,7 @@ def _by_name(given: Any) -> dict[str, AbstractFriction]:
     kinds = {str: given, AbstractFriction: given.values()} if isinstance(given, Mapping) else {}
     good = all(isinstance(one, kind) for kind, several in kinds.items() for one in several)
     if not kinds or not good or len(given) < 2:
-        raise ValueError(
-            "Argument `friction` must be None or a dict of at least two friction laws by name, but "
-            f"is {rendered(given)}."
-        )
+        raise refusal("friction", "be None or a dict of at least two friction laws by name", given)
     return dict(given)
 
 

@@ -30,7 +30,7 @@ from ...extend import (
     as_numbers,
     column,
     measured,
-    rendered,
+    refusal,
     require_bodies,
     require_contact,
     require_law,
@@ -235,10 +235,8 @@ def _require_slip(data: dict[str, Floats], slip: Floats) -> None:
 def _require_spin(spin: Floats, shapes: Any, bodies: Any) -> None:
     """Raise ValueError for a spin without a radius, and for one of the other sign."""
     if not shapes.radii:
-        raise ValueError(
-            "Argument `bodies` must have a radius with `rebound_spin`, as in "
-            f"`bodies=jc.RoundBodies(radius=0.01)`, but is {rendered(bodies)}."
-        )
+        must = "have a radius with `rebound_spin`, as in `bodies=jc.RoundBodies(radius=0.01)`"
+        raise refusal("bodies", must, bodies)
     middle = float(np.nanmedian(spin))
     if middle < 0:
         raise ValueError(

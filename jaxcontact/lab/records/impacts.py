@@ -20,7 +20,7 @@ from ...extend import (
     STANDARD_GRAVITY,
     Flight,
     ranges,
-    rendered,
+    refusal,
     require_number,
 )
 from ..calibration.summary_data import ImpactSummary
@@ -302,20 +302,14 @@ def exponent_of(recording: Recording, exponent: float | None) -> float:
     if exponent is None:
         return 1.5
     if not recording.layout.fitted:
-        raise ValueError(
-            "Argument `exponent` must be None where e is measured and no force, but is "
-            f"{rendered(exponent)}."
-        )
+        raise refusal("exponent", "be None where e is measured and no force", exponent)
     return require_number("exponent", exponent, ranges(Contact)["exponent"])
 
 
 def require_mass(recording: Recording, mass: float | None, stiffness: float | None) -> None:
     """Raise ValueError for a record without a mass, and for a given stiffness, which is fitted."""
     if stiffness is not None:
-        raise ValueError(
-            "Argument `stiffness` must be None for a record, which determines it, but is "
-            f"{rendered(stiffness)}."
-        )
+        raise refusal("stiffness", "be None for a record, which determines it", stiffness)
     if mass is None:
         raise ValueError(
             f"Argument `mass` is needed for a record of {recording.layout.name}. Speeds, e and K "

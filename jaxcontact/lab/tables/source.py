@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...extend import as_array, read_whole, rendered, require_path
+from ...extend import as_array, read_whole, refusal, rendered, require_path
 from ..sound.audio import is_sound, name_of
 from .grid import Known, grid_of, known_cells, with_points
 from .sheet import Line, RecordingError, Sheet, sheet_of_rows
@@ -73,10 +73,8 @@ def sheet_of(
         return _from_columns("the data frame", source)
     if readable:
         return from_file(source.read, name_of(source, "the text"))
-    raise ValueError(
-        "Argument `source` must be a path, an open file, a dict of columns, a data frame or "
-        f"None, but is {rendered(source)}."
-    )
+    must = "be a path, an open file, a dict of columns, a data frame or None"
+    raise refusal("source", must, source)
 
 
 def _from_columns(source: str, columns: Any, *, by_keyword: bool = False) -> Sheet:

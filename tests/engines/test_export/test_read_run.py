@@ -44,6 +44,11 @@ FRAMES = [
 ]
 
 
+def refused(words, *given, **how):
+    with pytest.raises(ValueError, match=words):
+        jc.read_run(*given, **how)
+
+
 @pytest.fixture
 def dump(tmp_path):
     file = tmp_path / "run.dump"
@@ -63,8 +68,7 @@ def test_a_dump_is_read_as_a_run(dump, tmp_path):
     np.testing.assert_array_equal(again.velocity, run.velocity)
     np.testing.assert_array_equal(again.spin, run.spin)
     (tmp_path / "none.csv").write_text("time,x\n0,1\n")
-    with pytest.raises(ValueError, match="has no 'energy'"):
-        jc.read_run(tmp_path / "none.csv", "mujoco", rolling(), duration=0.5)
+    refused("has no 'energy'", tmp_path / "none.csv", "mujoco", rolling(), duration=0.5)
     jc.plot.energy(run)
     assert len(jc.plot.scene(run).patches) > 0
 
@@ -83,8 +87,7 @@ def test_the_output_of_another_scene_is_refused(dump):
         (rolling(SPUN, jc.Sphere(0.02, 0.2, [0.05, 0.06], [0.0, -0.2])), "masses, inertia and gr"),
         (rolling(gravity=[0.0, -1.6]), r"whose masses, .* at 0.5 s, but has 0\.1"),
     ):
-        with pytest.raises(ValueError, match=words):
-            jc.read_run(dump, "lammps", other, duration=0.5)
+        refused(words, dump, "lammps", other, duration=0.5)
 
 
 def test_a_run_that_ends_early_is_refused(dump):
@@ -93,8 +96,7 @@ def test_a_run_that_ends_early_is_refused(dump):
         (FRAMES[1], r"must begin at 0 s, but begins at 0.5 s"),
     ):
         dump.write_text(text)
-        with pytest.raises(ValueError, match=words):
-            jc.read_run(dump, "lammps", rolling(), duration=0.5)
+        refused(words, dump, "lammps", rolling(), duration=0.5)
 
 
 def test_a_dump_that_ends_within_a_frame_is_incomplete(dump):
@@ -106,8 +108,7 @@ def test_a_dump_that_ends_within_a_frame_is_incomplete(dump):
         dump.write_text(whole[:end])
         with pytest.raises(ValueError, match="is incomplete: it ends within frame 2"):
             scene_engine("lammps").read(dump, made)
-    with pytest.raises(ValueError, match="is incomplete: it ends within frame 2"):
-        jc.read_run(dump, "lammps", made, duration=0.5)
+    refused("is incomplete: it ends within frame 2", dump, "lammps", made, duration=0.5)
 
 
 def test_outputs_in_another_order_and_missing_ones_are_refused(tmp_path):
@@ -122,8 +123,7 @@ def test_outputs_in_another_order_and_missing_ones_are_refused(tmp_path):
         ([0, 1, 2, 3], "until `duration`, 0.01 s, but ends at 0.0075 s"),
     ):
         path.write_text("\n".join([head, *(rows[k] for k in order)]) + "\n")
-        with pytest.raises(ValueError, match=words):
-            jc.read_run(path, "exudyn", flight, duration=0.01)
+        refused(words, path, "exudyn", flight, duration=0.01)
 
 
 def test_the_last_of_many_outputs_is_missed(tmp_path):
@@ -136,8 +136,7 @@ def test_the_last_of_many_outputs_is_missed(tmp_path):
     np.testing.assert_array_equal(run.position, own.position)
     assert run.spin is None and "spheres: 2 in 2D" in repr(run)
     path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))
-    with pytest.raises(ValueError, match=r"until `duration`, 0\.01 s, but ends at 0\.00996"):
-        jc.read_run(path, "mujoco", flight, duration=0.01)
+    refused(r"until .* 0\.01 s, but ends at 0\.00996", path, "mujoco", flight, duration=0.01)
 
 
 @pytest.mark.parametrize("cut", [-3, -1])
@@ -147,11 +146,8 @@ def test_a_cut_file_is_refused(tmp_path, cut):
     run.to_csv(path)
     whole = path.read_text()
     path.write_text(whole[:cut])
-    with pytest.raises(ValueError, match=r"run\.csv must be the"):
-        jc.read_run(path, "mujoco", scene(), duration=TIMES[-1])
+    refused(r"run\.csv must be the", path, "mujoco", scene(), duration=TIMES[-1])
     path.write_text(whole.splitlines()[0] + "\n")
-    with pytest.raises(ValueError, match=r"run\.csv must"):
-        jc.read_run(path, "mujoco", scene(), duration=TIMES[-1])
+    refused(r"run\.csv must", path, "mujoco", scene(), duration=TIMES[-1])
     path.write_text("ITEM: TIMESTEP\n0\nITEM: ATOMS id\n")
-    with pytest.raises(ValueError, match=r"run\.csv must"):
-        jc.read_run(path, "lammps", scene(), duration=TIMES[-1])
+    refused(r"run\.csv must", path, "lammps", scene(), duration=TIMES[-1])

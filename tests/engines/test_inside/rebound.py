@@ -18,6 +18,19 @@ CONVERGED = 0.01
 """Of height and derivatives from those of one impact under gravity: 2e-3 and 6e-3 measured."""
 
 
+def after(acting, engine, data, steps):
+    """The state of an engine after so many steps, by one program."""
+
+    @jax.jit
+    def end(data):
+        def advance(state, _):
+            return acting.step(engine, *state), None
+
+        return jax.lax.scan(advance, (data, acting.init(engine, data)), length=steps)[0][0]
+
+    return end(data)
+
+
 def require_derivatives(moved, fall):
     """Check the height of a ball of 0.5 kg that falls at 1 m/s from a height, by e and stiffness.
 

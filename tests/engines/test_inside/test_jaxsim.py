@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
-from tests.engines.test_inside.rebound import GRAVITY, require_derivatives
+from tests.engines.test_inside.rebound import GRAVITY, after, require_derivatives
 
 pytestmark = pytest.mark.engines
 
@@ -119,17 +119,9 @@ def test_a_body_that_turns_about_a_point_off_its_centre():
         base_angular_velocity=jnp.array([0.0, turning, 0]),
     )
     data = dataclasses.replace(data, velocity_representation=jaxsim.VelRepr.Body)
-
-    @jax.jit
-    def end(data):
-        def advance(state, _):
-            return acting.step(engine, *state), None
-
-        return jax.lax.scan(advance, (data, acting.init(engine, data)), length=150)[0][0]
-
-    after = end(data)
-    assert after.velocity_representation is jaxsim.VelRepr.Body
-    after = dataclasses.replace(after, velocity_representation=jaxsim.VelRepr.Mixed)
+    end = after(acting, engine, data, 150)
+    assert end.velocity_representation is jaxsim.VelRepr.Body
+    end = dataclasses.replace(end, velocity_representation=jaxsim.VelRepr.Mixed)
 
     # Height, angle and their rates; the point is 0.05 below the centre, turned by the angle.
     def closing(y):
@@ -152,7 +144,7 @@ def test_a_body_that_turns_about_a_point_off_its_centre():
     begin = first.y[:, -1]
     v0 = closing(begin)
     last = solve_ivp(moves, (first.t[-1], 0.015), begin, args=(v0,), max_step=1e-5, **exact)
-    found = [after.base_position[2], after.base_velocity[2], after.base_velocity[4]]
+    found = [end.base_position[2], end.base_velocity[2], end.base_velocity[4]]
     np.testing.assert_allclose(found, last.y[[0, 2, 3], -1], rtol=TURNED)
 
 
@@ -226,15 +218,7 @@ def test_the_effective_mass_of_an_arm_beside_one_of_jaxsim():
     data = js.data.JaxSimModelData.build(
         engine, joint_positions=jnp.full(2, 2e-3), joint_velocities=jnp.full(2, -2.0)
     )
-
-    @jax.jit
-    def end(data):
-        def advance(state, _):
-            return acting.step(engine, *state), None
-
-        return jax.lax.scan(advance, (data, acting.init(engine, data)), length=60)[0][0]
-
-    ours, soft = end(data).joint_velocities
+    ours, soft = after(acting, engine, data, 60).joint_velocities
     np.testing.assert_allclose(ours, 2 * 0.5, rtol=ERROR)
     assert 0.1 < soft < 1.9
 
@@ -248,13 +232,13 @@ def test_models_that_cannot_be_followed_are_refused():
         acting.init(model, at_height(model, 0.0, 0.0))
     with pytest.raises(ValueError, match="names of links"):
         jc.jaxsim.contact_force(law, HERTZ, model, links=["foot"])
-    with pytest.raises(ValueError, match="must be a `JaxSimModel`"):
-        jc.jaxsim.contact_force(law, HERTZ, 3)
-    with pytest.raises(ValueError, match="collidable points"):
-        jc.jaxsim.contact_force(law, HERTZ, acting.model)
-    with pytest.raises(ValueError, match="RungeKutta4Fast"):
-        jc.jaxsim.contact_force(law, HERTZ, made(BALL, integrator="RungeKutta4Fast"))
-    with pytest.raises(ValueError, match=r"`contact.stiffness` .* points .* shape \(2, 2\)"):
-        jc.jaxsim.contact_force(law, jc.Contact(0.5, jnp.ones((2, 2))), model)
-    with pytest.raises(ValueError, match="ThorntonPlastic"):
-        jc.jaxsim.contact_force(jc.ThorntonPlastic(yield_speed=0.1), HERTZ, model)
+    stiff = jc.Contact(0.5, jnp.ones((2, 2)))
+    for words, given in (
+        ("must be a `JaxSimModel`", (law, HERTZ, 3)),
+        ("collidable points", (law, HERTZ, acting.model)),
+        ("RungeKutta4Fast", (law, HERTZ, made(BALL, integrator="RungeKutta4Fast"))),
+        (r"`contact.stiffness` .* points .* shape \(2, 2\)", (law, stiff, model)),
+        ("ThorntonPlastic", (jc.ThorntonPlastic(yield_speed=0.1), HERTZ, model)),
+    ):
+        with pytest.raises(ValueError, match=words):
+            jc.jaxsim.contact_force(*given)
