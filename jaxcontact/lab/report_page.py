@@ -235,11 +235,9 @@ def simulators(s: CalibrationSummary, radius: float | None, tell: Callable[[str]
                 why = "needs the radius of the ball: give --radius (in Python radius of report)"
             refused.append((engine, why))
     words = "for each simulator, the parameters with the least maximum error of e over the "
-    stiffness = stiffness_said(s)
-    known = f"K = {stiffness}, from the same data" if stiffness else ""
     heading = element("h3", "Not possible") if refused else ""
     others = Rows(("simulator", "why"), refused).html()
-    return joined([paragraphs(f"{words}measured speeds", known), *parts, heading, others])
+    return joined([paragraphs(f"{words}measured speeds", stiffness_said(s)), *parts, heading, others])
 
 
 def _from_the_data(s: CalibrationSummary) -> str:

@@ -79,7 +79,7 @@ def headlines(s: SummaryData) -> list[str]:
         end = f" ({'; '.join(doubts)})" if doubts else ""
         lines.append(f"e = {_shown(point, wrong)} at {point.velocity:.4g} m/s{end}")
     if stiffness := stiffness_said(s):
-        lines.append(f"K = {stiffness}, of F = K δ^n (1 + α δ'/v0)")
+        lines.append(f"{stiffness}, of F = K δ^n (1 + α δ'/v0)")
     return [*lines, *_meaning(s)]
 
 
@@ -181,7 +181,7 @@ def stiffness_said(s: SummaryData) -> str:
     if s.stiffness_error is None or not math.isfinite(s.stiffness_error):
         return ""
     value = with_error(float(s.contact.stiffness), 1.96 * s.stiffness_error)
-    return f"({value}) N/m^{float(s.contact.exponent):g} (95 %)"
+    return f"K = ({value}) N/m^{float(s.contact.exponent):g} (95 %)"
 
 
 def held_out_sentence(s: SummaryData) -> str:
