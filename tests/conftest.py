@@ -198,9 +198,9 @@ def usual_promotion():
     """The promotion that users have, for calls into libraries that do not keep the strict one.
 
     optax's Adam raises a float to an integer count; diffrax's event solve mixes float32 states with
-    float64 times.
+    float64 times; JaxSim and MJX mix precisions and shapes.
     """
-    with jax.numpy_dtype_promotion("standard"):
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         yield
 
 

@@ -3,12 +3,14 @@
 import re
 import shlex
 
-import jax
 import pytest
 
 from docs.run_code import DOCS, digits, pages, run
 from jaxcontact._laws import registry as _registry
 from jaxcontact.lab.cli import _parser, main
+
+# The promotion of readers, not the strict one of the tests.
+pytestmark = pytest.mark.usefixtures("usual_promotion")
 
 # Pages whose code is run elsewhere: one has its own test, one is run by the script of its plots.
 ELSEWHERE = {"sweeps.md": "tests/test_sweep/test_store.py", "plots.md": "docs/plots.py"}
@@ -20,11 +22,9 @@ PAGES = [page for page in pages() if page.name not in ELSEWHERE]
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_the_code_prints_what_the_page_shows(page, monkeypatch):
     monkeypatch.setattr(_registry, "_REGISTRY", dict(_registry._REGISTRY))
-    # The type promotion of readers, not the strict one of the tests.
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        for block, printed in run(page):
-            if block.shown is not None:
-                assert digits(printed) == digits(block.shown), f"line {block.line}"
+    for block, printed in run(page):
+        if block.shown is not None:
+            assert digits(printed) == digits(block.shown), f"line {block.line}"
 
 
 TABLE = re.compile(
@@ -43,8 +43,7 @@ def test_the_command_prints_what_the_page_shows(tmp_path, monkeypatch, capsys):
     for one in found:
         _, *arguments = shlex.split(one["command"])
         (tmp_path / arguments[1]).write_text(one["table"], encoding="utf-8")
-        with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-            assert main(arguments) == 0
+        assert main(arguments) == 0
         assert digits(capsys.readouterr().out) == digits(one["shown"])
 
 
@@ -67,9 +66,7 @@ def test_the_commands_are_understood():
 
 
 def test_the_code_prints_what_the_readme_says():
-    # The type promotion of readers, not the strict one of the tests.
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        ((block, printed),) = run(README)
+    ((block, printed),) = run(README)
     assert block.shown is not None
     assert digits(printed) == digits(block.shown)
 

@@ -31,23 +31,18 @@ def entries() -> dict[str, list[str]]:
     return found
 
 
-def plots() -> set[str]:
-    return {f"plot.{name}" for name in dir(jc.plot) if not name.startswith("_")}
+def names_of(*modules: str) -> set[str]:
+    places = [(module, name) for module in modules for name in dir(getattr(jc, module))]
+    return {f"{module}.{name}" for module, name in places if not name.startswith("_")}
 
 
-def ready_made() -> set[str]:
-    return {
-        f"{module}.{name}"
-        for module in ("jaxsim", "mjx", "systems")
-        for name in dir(getattr(jc, module))
-        if not name.startswith("_")
-    }
+READY_MADE = names_of("jaxsim", "mjx", "systems")
 
 
 def test_every_public_name_is_on_one_page():
     found = entries()
     assert {name for name in found if len(found[name]) > 1} == set()
-    assert {*jc.__all__, *plots(), *ready_made()} == set(found)
+    assert {*jc.__all__, *names_of("plot"), *READY_MADE} == set(found)
 
 
 def test_every_public_name_has_an_example():
@@ -55,7 +50,7 @@ def test_every_public_name_has_an_example():
     # One page of pictures has one of each.
     lacking = [
         name
-        for name in (*jc.__all__, *ready_made())
+        for name in (*jc.__all__, *READY_MADE)
         if not re.search(rf"\b{name}\b", found[name][0]) and name not in IN_FULL
     ]
     assert lacking == []

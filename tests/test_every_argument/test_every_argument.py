@@ -31,7 +31,7 @@ def some_readings(model, space, theta, speeds):
 
 
 @pytest.fixture(autouse=True)
-def nothing_is_compiled(monkeypatch, tmp_path):
+def nothing_is_compiled(monkeypatch, tmp_path, usual_promotion):
     """Searches, bootstraps and profiles count as reached; files go to an empty folder."""
     monkeypatch.chdir(tmp_path)
     for module, name in [
@@ -54,11 +54,7 @@ def nothing_is_compiled(monkeypatch, tmp_path):
         monkeypatch.setattr(importlib.import_module(f"jaxcontact.{module}"), name, reached)
     design = importlib.import_module("jaxcontact.lab.design")
     monkeypatch.setattr(design, "_compiled", some_readings)
-    with (
-        warnings.catch_warnings(),
-        jax.numpy_dtype_promotion("standard"),
-        jax.numpy_rank_promotion("allow"),
-    ):
+    with warnings.catch_warnings():
         # Some conversions of NumPy warn before they fail.
         warnings.simplefilter("ignore")
         yield

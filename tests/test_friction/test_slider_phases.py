@@ -79,14 +79,18 @@ def random_lanes(count, least_alpha=0.0):
     return draw(0, 8, count), draw(0.5, 2.5, count), draw(least_alpha, 2, count)
 
 
+PSI1 = [0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5]
+PSI2 = """.201974558753141 .340631597348631 .408202256698953 .24500755462582 .00282342440602431
+    -.480591960595263 -.879499471177825 -1.1696068083995 -1.33850106873717 -1.3654667034749
+    -1.20326025112982"""
+FORCE_FORM = dict(zip(PSI1, map(float, PSI2.split()), strict=True))
+"""ψ2 of the force form by ψ1 at `NU_3`, of 15 digits by mpmath."""
+
+
 def test_digits_of_the_force_form():
-    psi1 = np.array([0.25, 0.5, 0.75, 1.25, 1.5, 2, 2.5, 3, 3.5, 4, 4.5])
-    psi2 = """.201974558753141 .340631597348631 .408202256698953 .24500755462582 .00282342440602431
-        -.480591960595263 -.879499471177825 -1.1696068083995 -1.33850106873717 -1.3654667034749
-        -1.20326025112982"""
-    got = solve("force", psi1, NU_3, 0.0)
+    got = solve("force", PSI1, NU_3, 0.0)
     assert got.converged.all()
-    np.testing.assert_allclose(got.psi2, [float(x) for x in psi2.split()], rtol=0, atol=DIGITS)
+    np.testing.assert_allclose(got.psi2, list(FORCE_FORM.values()), rtol=0, atol=DIGITS)
 
 
 @pytest.mark.parametrize(

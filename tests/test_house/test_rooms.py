@@ -8,6 +8,7 @@ law its contact), and does not count.
 
 import ast
 import functools
+import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,9 +71,7 @@ class Import:
 
 
 def _is_type_checking(test: ast.expr) -> bool:
-    return (isinstance(test, ast.Name) and test.id.lstrip("_") == "TYPE_CHECKING") or (
-        isinstance(test, ast.Attribute) and test.attr == "TYPE_CHECKING"
-    )
+    return _dotted(test).split(".")[-1].lstrip("_") == "TYPE_CHECKING"
 
 
 def _walk(
@@ -332,9 +331,7 @@ def build(root: Path, files: dict[str, str]) -> Path:
     for name, text in files.items():
         path = root / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        lines = text.splitlines()
-        indent = min((len(x) - len(x.lstrip()) for x in lines if x.strip()), default=0)
-        path.write_text("\n".join(x[indent:] for x in lines))
+        path.write_text(textwrap.dedent(text))
     return root
 
 

@@ -33,11 +33,8 @@ TURNED = 1e-3
 
 
 @pytest.fixture(autouse=True)
-def users_promotion():
-    """JaxSim mixes precisions and shapes."""
+def users_promotion(usual_promotion):
     pytest.importorskip("jaxsim")
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        yield
 
 
 def made(text, points=None, **options):

@@ -8,7 +8,7 @@ import pytest
 import jaxcontact as jc
 from tests.engines.test_inside.rebound import GRAVITY, after, require_derivatives
 
-pytestmark = pytest.mark.engines
+pytestmark = [pytest.mark.engines, pytest.mark.usefixtures("usual_promotion")]
 
 BALL = """
 <mujoco>
@@ -57,8 +57,7 @@ def moved(model, law, contact, step, height, velocity, steps, **options):
         data, carry = acting.step(engine, *state)
         return (data, carry), (data.qpos, data.qvel)
 
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        return jax.lax.scan(advance, (data, acting.init(engine, data)), length=steps)[1]
+    return jax.lax.scan(advance, (data, acting.init(engine, data)), length=steps)[1]
 
 
 @pytest.mark.slow("kelvin_voigt", reason="the arm below rebounds by it, too")
@@ -138,8 +137,7 @@ def test_the_effective_mass_of_an_arm():
     data = mjx.make_data(acting.model)
     # A tip speed of 1 m/s, 1 mm above the floor.
     data = data.replace(qpos=jnp.array([2e-3]), qvel=jnp.array([-2.0]))
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        np.testing.assert_allclose(after(acting, engine, data, 30).qvel, 2 * 0.5, rtol=ERROR)
+    np.testing.assert_allclose(after(acting, engine, data, 30).qvel, 2 * 0.5, rtol=ERROR)
 
 
 def test_models_that_cannot_be_followed_are_refused():

@@ -11,6 +11,9 @@ from benchmarks import fit_coverage as truths
 from jaxcontact.lab.records.instrument_errors import rounding, rounding_of_white_noise, step_of
 from jaxcontact.lab.records.low_pass import Course
 
+# As in a fit, where products of real and complex numbers are allowed.
+pytestmark = pytest.mark.usefixtures("usual_promotion")
+
 END, SPEED, LAST = 1.1e-3, 1.5, -1.0
 PARTS = 127
 DENSE = np.linspace(-2e-3, 4e-3, 120_001)
@@ -28,13 +31,6 @@ def depth():
         return 1e3 * SPEED * (END / jnp.pi * jnp.sin(jnp.pi * t / END) - t)
 
     return Course(jnp.asarray(1e3 * SPEED), inside, END, (-1e3 * SPEED * END, 1e3 * (LAST - SPEED)))
-
-
-@pytest.fixture(autouse=True)
-def as_in_a_fit():
-    """Where products of real and complex numbers are allowed."""
-    with jax.numpy_dtype_promotion("standard"):
-        yield
 
 
 AGREES = 2e-6
