@@ -90,8 +90,9 @@ def _require_friction(friction: Any) -> None:
     needs, name = _NEEDS.get(str(friction.kind)), type(friction).__name__
     if needs is None:
         raise ValueError(
-            f"Argument `friction` of a `System` must be {allowed}, but is a `{name}`, which gives "
-            "the outcome of an impact and no force."
+            f"Argument `friction` of a `System` must be {allowed}, or a law with a `kind` of "
+            f"{', '.join(map(repr, _NEEDS))}, but is a `{name}` of the kind {friction.kind!r}. "
+            "It gives the outcome of an impact and no force."
         )
     if getattr(friction, needs, None) is None:
         raise ValueError(

@@ -121,7 +121,7 @@ def of_kind(kind, **more):
         (rubs(jc.WaltonFriction(0.3, 0.4)), "WaltonFriction.*outcome of an impact"),
         (rubs(jc.MawBarberFawcett(0.3)), "MawBarberFawcett.*outcome of an impact"),
         (rubs(jc.SpringSlider(0.3)), r"`ratio` of the `SpringSlider`.*no materials"),
-        (rubs(of_kind("glass")), "Own.*outcome of an impact"),
+        (rubs(of_kind("glass")), "'state', but is a `Own` of the kind 'glass'.*outcome"),
         (rubs(of_kind("spring")), "`ratio` of the `Own` of a `System` must be given"),
         (rubs(of_kind("ramp")), "`force` of the `Own` of a `System` must be given"),
         (
