@@ -256,6 +256,7 @@ def _gaps_of(key: tuple[tuple[Any, tuple], ...]) -> int:
                 f"Function `slip` must return the shape {gaps} with `RigidCoulomb`, but returns "
                 f"{slip}; in space use `SpringSlider`."
             )
+        _require_states(system, *(jax.ShapeDtypeStruct(size, q.dtype) for size in (gaps, slip)))
     for number in jax.tree.leaves(system.friction):
         if number.shape not in ((), (1,), gaps):
             raise ValueError(
@@ -263,6 +264,20 @@ def _gaps_of(key: tuple[tuple[Any, tuple], ...]) -> int:
                 f"array of the shape {number.shape}."
             )
     return gaps[0]
+
+
+def _require_states(system: System, normal: Any, slip: Any) -> None:
+    """Raise ValueError for a friction law whose forces and rates of states have other shapes."""
+    if not system.states or system.springs:
+        return
+    law: Any = system.friction
+    found = eqx.filter_eval_shape(type(law).force_and_rate, law, normal, slip, slip)
+    shapes = [x.shape for x in jax.tree.leaves(found)]
+    if shapes != [slip.shape, slip.shape]:
+        raise ValueError(
+            f"Function `force_and_rate` must return force and rate of the shape {slip.shape}, but "
+            f"returns {shapes}."
+        )
 
 
 def require_start(checks: StartChecks, has_v0: bool) -> None:

@@ -79,7 +79,12 @@ def _function(name: str, value: Any) -> Any:
     return as_parameters(value, name)
 
 
-_NEEDS = {"rigid": "mu", "spring": "ratio", "ramp": "force", "state": "force_and_rate"}
+_NEEDS = {
+    "rigid": ["mu"],
+    "spring": ["ratio"],
+    "ramp": ["force"],
+    "state": ["force_and_rate", "unit"],
+}
 """What a friction law of each kind has."""
 
 
@@ -94,9 +99,9 @@ def _require_friction(friction: Any) -> None:
             f"{', '.join(map(repr, _NEEDS))}, but is a `{name}` of the kind {friction.kind!r}. "
             "It gives the outcome of an impact and no force."
         )
-    if getattr(friction, needs, None) is None:
+    for missing in (one for one in needs if getattr(friction, one, None) is None):
         raise ValueError(
-            f"Argument `{needs}` of the `{name}` of a `System` must be given, as no materials or "
+            f"Argument `{missing}` of the `{name}` of a `System` must be given, as no materials or "
             "defaults replace it, but is None."
         )
     friction.require_for_system()

@@ -237,7 +237,8 @@ def simulators(s: CalibrationSummary, radius: float | None, tell: Callable[[str]
     words = "for each simulator, the parameters with the least maximum error of e over the "
     heading = element("h3", "Not possible") if refused else ""
     others = Rows(("simulator", "why"), refused).html()
-    return joined([paragraphs(f"{words}measured speeds", stiffness_said(s)), *parts, heading, others])
+    first = paragraphs(f"{words}measured speeds", stiffness_said(s))
+    return joined([first, *parts, heading, others])
 
 
 def _from_the_data(s: CalibrationSummary) -> str:

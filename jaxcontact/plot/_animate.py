@@ -260,7 +260,8 @@ def _pictures(
     if not callable(draw):
         function = "be a function draw(q, args) that returns points and lines of this mechanism"
         raise refusal("draw", function, draw)
-    timeless = len(inspect.signature(draw).parameters) == 2
+    given = inspect.signature(draw).parameters.values()
+    timeless = sum(one.default is one.empty for one in given) == 2
     points, shapes = [], []
     for t, q in zip(time, np.asarray(run.at(time).position), strict=True):
         value = draw(q, mechanics.args) if timeless else draw(t, q, mechanics.args)
