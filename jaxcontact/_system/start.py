@@ -256,7 +256,7 @@ def _gaps_of(key: tuple[tuple[Any, tuple], ...]) -> int:
                 f"Function `slip` must return the shape {gaps} with `RigidCoulomb`, but returns "
                 f"{slip}; in space use `SpringSlider`."
             )
-        _require_states(system, *(jax.ShapeDtypeStruct(size, q.dtype) for size in (gaps, slip)))
+        _require_states(system, jax.ShapeDtypeStruct(gaps, q.dtype), slip)
     for number in jax.tree.leaves(system.friction):
         if number.shape not in ((), (1,), gaps):
             raise ValueError(
@@ -266,16 +266,17 @@ def _gaps_of(key: tuple[tuple[Any, tuple], ...]) -> int:
     return gaps[0]
 
 
-def _require_states(system: System, normal: Any, slip: Any) -> None:
+def _require_states(system: System, normal: Any, slip: tuple[int, ...]) -> None:
     """Raise ValueError for a friction law whose forces and rates of states have other shapes."""
     if not system.states or system.springs:
         return
     law: Any = system.friction
-    found = eqx.filter_eval_shape(type(law).force_and_rate, law, normal, slip, slip)
+    speeds = jax.ShapeDtypeStruct(slip, normal.dtype)
+    found = eqx.filter_eval_shape(type(law).force_and_rate, law, normal, speeds, speeds)
     shapes = [x.shape for x in jax.tree.leaves(found)]
-    if shapes != [slip.shape, slip.shape]:
+    if shapes != [slip, slip]:
         raise ValueError(
-            f"Function `force_and_rate` must return force and rate of the shape {slip.shape}, but "
+            f"Function `force_and_rate` must return force and rate of the shape {slip}, but "
             f"returns {shapes}."
         )
 
