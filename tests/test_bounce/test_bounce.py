@@ -257,8 +257,9 @@ def test_height_at_any_time():
     rise = np.where(height > 0, time + duration + np.sqrt(2 * height / 9.8), 0)
     tops = np.asarray(height_at(jnp.asarray(rise)))
     # One run at times of any shape.
-    one = jax.tree.map(lambda x: x[0], out)
-    np.testing.assert_array_equal(one.height_at(rise[0].reshape(5, 6)).ravel(), tops[0])
+    one = jax.tree.map(lambda x: np.asarray(x)[0], out)
+    again = jax.jit(lambda run, at: run.height_at(at))(one, rise[0].reshape(5, 6))
+    np.testing.assert_array_equal(np.asarray(again).ravel(), tops[0])
     np.testing.assert_allclose(tops[height > 0], height[height > 0], rtol=SERIES)
 
 
