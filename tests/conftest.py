@@ -5,6 +5,7 @@ import gc
 import os
 import pathlib
 import shutil
+import sys
 import tempfile
 from importlib.metadata import version
 
@@ -183,6 +184,9 @@ def room_for_programs(request):
     """
     before = _compiled[0]
     yield
+    # Matplotlib warns of more than twenty figures.
+    if pyplot := sys.modules.get("matplotlib.pyplot"):
+        pyplot.close("all")
     if _is_full():
         jax.clear_caches()
         gc.collect()

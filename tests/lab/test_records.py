@@ -262,7 +262,6 @@ def test_what_a_record_needs_is_said():
 
 
 def test_the_picture(tmp_path):
-    from matplotlib import pyplot
 
     both = jc.plot.record(calibrated())
     marks = [line for line in both[0].lines if line.get_marker() == "v"]
@@ -272,7 +271,6 @@ def test_the_picture(tmp_path):
     assert alone.get_xlabel().startswith("time")
     with pytest.raises(ValueError, match="must be that of force"):
         jc.plot.record(jc.read_recording(interval_s=[0.4]))
-    pyplot.close("all")
 
 
 def test_the_command(tmp_path, capsys):

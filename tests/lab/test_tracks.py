@@ -222,7 +222,6 @@ def test_the_interval_of_a_calibration_holds_e(tmp_path):
 
 
 def test_the_picture_counts_as_the_file_does():
-    from matplotlib import pyplot
 
     ax = jc.plot.track(calibrated())
     bottom, top = ax.get_ylim()
@@ -234,7 +233,6 @@ def test_the_picture_counts_as_the_file_does():
     assert jc.plot.track(recording("heights")).get_ylim()[0] < 0
     with pytest.raises(ValueError, match="must be that of a track, or its calibration"):
         jc.plot.track(jc.read_recording(interval_s=[0.4]))
-    pyplot.close("all")
 
 
 def test_drag_is_taken_out_of_the_flights_and_their_places():

@@ -284,14 +284,12 @@ def test_an_interval_ends_at_one():
 
 
 def test_few_pairs_are_saved_drawn_and_ready_for_export(two, tmp_path):
-    from matplotlib import pyplot
 
     two.save(tmp_path / "two.json")
     loaded = jc.load_calibration(tmp_path / "two.json")
     assert repr(loaded) == repr(two) and loaded.report() == two.report()
     assert loaded.at == two.at
     jc.plot.calibration(two)
-    pyplot.close("all")
     law, contact, speeds = loaded.__export__(jc.Contact(0.1, 1e5))
     assert float(law.e) == float(two.law.e) and contact.mass == 0.1
     assert speeds.min() == pytest.approx(2) and speeds.max() == pytest.approx(3)
