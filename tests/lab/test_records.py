@@ -262,7 +262,6 @@ def test_what_a_record_needs_is_said():
 
 
 def test_the_picture(tmp_path):
-
     both = jc.plot.record(calibrated())
     marks = [line for line in both[0].lines if line.get_marker() == "v"]
     np.testing.assert_allclose(marks[0].get_xdata(), STARTS, atol=3e-4)

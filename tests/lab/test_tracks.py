@@ -222,7 +222,6 @@ def test_the_interval_of_a_calibration_holds_e(tmp_path):
 
 
 def test_the_picture_counts_as_the_file_does():
-
     ax = jc.plot.track(calibrated())
     bottom, top = ax.get_ylim()
     assert bottom > top

@@ -284,7 +284,6 @@ def test_an_interval_ends_at_one():
 
 
 def test_few_pairs_are_saved_drawn_and_ready_for_export(two, tmp_path):
-
     two.save(tmp_path / "two.json")
     loaded = jc.load_calibration(tmp_path / "two.json")
     assert repr(loaded) == repr(two) and loaded.report() == two.report()
