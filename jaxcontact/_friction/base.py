@@ -104,7 +104,7 @@ class AbstractFriction(eqx.Module):
     - optionally `uncovered(problem)`: why a problem has no outcome, for the error;
     - optionally `kind`, for contacts that last: "rigid" ones stick and slip, "spring" ones too by a
       spring of κ = `ratio`. Those of a "ramp" have a `force(normal, slip)` in N, up to `v_d` m/s.
-      In mechanisms those of a "state" have a number z for each slip, 0 at touch, of the size `unit`.
+      In mechanisms those of a "state" have a number z for each slip, 0 at touch, of size `unit`.
       Their `force_and_rate(normal, slip, z)` gives the force in N and z', both shaped as `slip`.
     """
 
