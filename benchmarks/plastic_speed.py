@@ -22,6 +22,7 @@ from scipy.integrate import solve_ivp
 import jaxcontact as jc
 from benchmarks.study import Study, lines
 from benchmarks.time_and_error.measure import timed
+from benchmarks.time_and_error.reading import number
 from benchmarks.until_event import ending, until
 from tests.oracle.neck_chain import Neck
 from tests.oracle.plastic_chain import thornton, walton_braun
@@ -226,7 +227,7 @@ def table(found: list[dict[str, Any]]) -> str:
     for law, push, way in itertools.product(CASES, (PUSH, 0.0), ("event", "exact")):
         other, mine = (cheapest(found, law, push, name) for name in ("diffrax", way))
         if mine is not None and other is not None:
-            ratio = f"{other['us'] / mine['us']:.2g}"
+            ratio = number(other["us"] / mine["us"])
             errors = f"{mine['error']:.0e}", f"{other['error']:.0e}"
             cells.append([f"`{law}`", "yes" if push else "no", way, ratio, *errors])
     heads = ["law", "push", "method", "diffrax over ours", "our error", "error of diffrax"]

@@ -8,6 +8,7 @@ links work unchanged.
 import posixpath
 import re
 import sys
+from html import unescape
 from pathlib import Path
 
 from mkdocs.structure.files import File
@@ -22,6 +23,14 @@ PAGES = {
     "jaxcontact/data/SOURCES.md": "jaxcontact/data/SOURCES.md",
 }
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)#\s]+)")
+# An output of code; or a tag, or a number with its exponent and unit, outside of code.
+PRINTED = re.compile(r'(<div class="language-text highlight">.*?<code>)(.*?)(</code>)', re.DOTALL)
+NUMBER = re.compile(
+    r"<pre.*?</pre>|<[^>]*>|(\d[\d.,]*(?:e[-+]?\d+)?(?:[  ](?:%|million|billion|[µm]?s|mm?|kg)(?!\w))?)",
+    re.DOTALL,
+)
+PICTURE = re.compile(r'(?<=<p>)(<img [^>]*src="([^"]+)"[^>]*>)(?=</p>)')
+LONGEST = 100  # characters of a line of code
 
 
 def on_files(files, config):
@@ -62,6 +71,32 @@ def on_page_markdown(markdown, page, config, files):
     return LINK.sub(moved, markdown)
 
 
+def on_page_content(html, page, config, files):
+    """Wrap printed sentences, keep a number with its unit, and link each picture to itself."""
+    html = PRINTED.sub(lambda x: x[1] + "\n".join(map(_printed, x[2].split("\n"))) + x[3], html)
+    html = NUMBER.sub(lambda x: f'<span class="number">{x[1]}</span>' if x[1] else x[0], html)
+    return PICTURE.sub(r'<a href="\2">\1</a>', html)
+
+
+def _printed(line):
+    text = unescape(re.sub("<[^>]*>", "", line))
+    # The rows of a table have several gaps, and stay under each other.
+    if len(text) <= LONGEST or len(re.findall(r"\S {2,}\S", text)) > 1:
+        return line
+    return f'<span class="sentence">{line}</span>'
+
+
+def _joined(outputs):
+    """Return outputs with what was printed piece by piece as one."""
+    joined = []
+    for output in outputs:
+        if joined and output.output_type == joined[-1].output_type == "stream":
+            joined[-1].text += output.text
+        else:
+            joined.append(output)
+    return joined
+
+
 def _source_of(file):
     """Return the path of a page in the repository."""
     place = file.src_uri
@@ -93,7 +128,7 @@ def _notebook(path, config):
     for cell in notebook.cells:
         if cell.cell_type == "code":
             # Progress bars are written to stderr.
-            cell.outputs = [x for x in cell.outputs if x.get("name") != "stderr"]
+            cell.outputs = _joined(x for x in cell.outputs if x.get("name") != "stderr")
     names = {"output_files_dir": f"{path.stem}_files", "unique_key": path.stem}
     text, found = MarkdownExporter().from_notebook_node(notebook, resources=names)
     yield File.generated(config, f"notebooks/{path.stem}.md", content=text)

@@ -144,10 +144,17 @@ def _span(times: list[float]) -> str:
 _HEAD = """\
 # Run time against error
 
+The time that each solver takes for a given error, on one machine: compare ratios. Lower and further
+to the left is better. [Reading the tables](#reading-the-tables) has the machine and the terms.
+
+![Run time against error of one in 100,000 impacts](run_time_error.png)
+
+"""
+_TERMS = """\
+## Reading the tables
+
 Page made by `python -m benchmarks run_time_error` from
 [run_time_error.json](../benchmarks/run_time_error.json). {machine}
-
-Compare ratios; the times are those of this machine.
 
 - **Times** are the best of several calls, in float64, on all cores that a method can use. Compile
   time has its own column: the first call less the best, the largest of a group.
@@ -169,7 +176,8 @@ def _group(known: dict[str, Any], name: str) -> list[Row]:
 
 def written(known: dict[str, Any]) -> str:
     measured = {s.group: _group(known, s.group) for s in SECTIONS}
-    parts = [_HEAD.format(machine=_machine(known["machine"])), when_to_use_what(measured)]
+    terms = _TERMS.format(machine=_machine(known["machine"]))
+    parts = [_HEAD, when_to_use_what(measured), terms]
     for section in SECTIONS:
         rows = measured[section.group]
         if rows:
@@ -257,7 +265,7 @@ def _section(section: Section, rows: list[Row], options: list[Row]) -> str:
     for batch in batches_of(rows):
         here = some(rows, batch=batch)
         what = f"{section.unit}, within an error of {asked}"
-        several = f"{section.batch} {batch:,}: " if len(batches_of(rows)) > 1 else ""
+        several = f"{section.batch} {batch:,}: " if len(batches_of(rows)) > 1 else "time: "
         lines += _folded(_capital(several + what), [_table(section, here, [*rows, *options])])
     lines += section.more(rows)
     reasons = _reasons(section, rows)

@@ -23,10 +23,10 @@ COLOURS = {
         *("deeppink", "goldenrod"),
     ),
 }
-WIDEST = 5
+WIDEST = 3
 """Panels beside each other, where there is one batch."""
 _STROKES = ("-", "--", ":", "-.")
-_MARKS = "osD^v"
+_MARKS = "osD^vP"
 _LEAST_SPAN = 20
 
 
@@ -39,22 +39,24 @@ def draw(
     batched: str = "batch of",
 ) -> None:
     """One figure of a group; the better is down and left. `batched`: what numbers of lanes mean."""
-    problems, batches = problems_of(rows), batches_of(rows)
-    panels = list(itertools.product(batches, problems))
-    columns = len(problems) if len(batches) > 1 else min(len(problems), WIDEST)
+    batches = batches_of(rows)
+    several = len(batches) > 1
+    every = itertools.product(problems_of(rows), batches)
+    panels = [(p, b, here) for p, b in every if (here := some(rows, batch=b, problem=p))]
+    columns = min(len(panels), len(batches) if several else WIDEST)
     shape = (math.ceil(len(panels) / columns), columns)
-    size = (2.8 * columns + 0.6, 2.5 * shape[0] + 1.8)
     fig, axes = plt.subplots(
-        *shape, figsize=size, sharey=True, sharex="row", layout="constrained", squeeze=False
+        *shape,
+        figsize=(2.3 * columns + 0.6, 2.1 * shape[0] + 1.8),
+        sharey=True,
+        sharex="col" if several else "row",
+        layout="constrained",
+        squeeze=False,
     )
     lines: dict[str, Any] = {}
     for ax in axes.flat[len(panels) :]:
         ax.remove()
-    for ax, (batch, problem) in zip(axes.flat, panels, strict=False):
-        here = some(rows, batch=batch, problem=problem)
-        if not here:
-            ax.remove()
-            continue
+    for ax, (problem, batch, here) in zip(axes.flat, panels, strict=False):
         for way in ways_of(rows):
             points = [row for row in some(here, way=way) if "error" in row]
             if points:
@@ -67,7 +69,7 @@ def draw(
             ax.set_xlim(middle / _LEAST_SPAN, middle * _LEAST_SPAN)
         ax.grid(alpha=0.3)
         ax.tick_params(which="both", labelsize=7)
-        title = titles[problem] + (f", {batched} {batch:,}" if len(batches) > 1 else "")
+        title = titles[problem] + (f"\n{batched} {batch:,}" if several else "")
         ax.set_title(title, fontsize=8)
     fig.supylabel("relative error", fontsize=9)
     # The legend replaces a label of the axis.

@@ -32,10 +32,10 @@ from .calibration.calibrate import Calibration
 from .calibration.report_parts import (
     Fact,
     Html,
+    Listing,
     Part,
     Rows,
     element,
-    escaped,
     joined,
     paragraphs,
 )
@@ -76,6 +76,7 @@ th, td { padding: .2rem .8rem .2rem 0; text-align: left; vertical-align: top;
   border-bottom: 1px solid #ddd; overflow-wrap: normal; }
 th.number, td.number { text-align: right; white-space: nowrap; }
 th { font-weight: 600; }
+code { display: inline-block; max-width: 100%; }
 dl { margin: .5rem 0; } dt { font-weight: 600; } dd { margin: 0 0 .5rem; }
 pre { background: #f4f4f4; padding: .6rem; overflow-x: auto; font-size: .85rem;
   overflow-wrap: normal; }
@@ -130,7 +131,7 @@ def page_of(
         section("Data", _every_pair(s)),
         element("footer", paragraphs(f"made with {versions}{by}")),
     ]
-    return _PAGE.substitute(title=escaped(title(s)), body=joined(body))
+    return _PAGE.substitute(title=html.escape(title(s)), body=joined(body))
 
 
 def _every_pair(s: CalibrationSummary) -> Html:
@@ -235,10 +236,9 @@ def simulators(s: CalibrationSummary, radius: float | None, tell: Callable[[str]
                 why = "needs the radius of the ball: give --radius (in Python radius of report)"
             refused.append((engine, why))
     words = "for each simulator, the parameters with the least maximum error of e over the "
-    heading = element("h3", "Not possible") if refused else ""
-    others = Rows(("simulator", "why"), refused).html()
+    others = Listing("Not possible", refused).html() if refused else ""
     first = paragraphs(f"{words}measured speeds", stiffness_said(s))
-    return joined([first, *parts, heading, others])
+    return joined([first, *parts, others])
 
 
 def _from_the_data(s: CalibrationSummary) -> str:
@@ -261,7 +261,7 @@ def _exported(s: CalibrationSummary, engine: str, radius: float | None) -> Expor
 def _engine(found: Export, of_data: str) -> Html:
     speeds, error = np.atleast_1d(found.velocity), np.atleast_1d(found.error)
     rows = [
-        (name, f"{value:.6g} {found.units[name]}".rstrip())
+        (name, f"{value:.6g} {found.units[name]}".rstrip().replace(" ", "\xa0"))
         for name, value in found.parameters.items()
     ]
     largest = float(np.max(np.abs(error)))
@@ -269,7 +269,7 @@ def _engine(found: Export, of_data: str) -> Html:
     off = "below 0.0001" if largest < _EXACT else f"{largest:.4f}"
     step = "time step", "not known"
     if found.time_step is not None and found.expected_error is not None:
-        words = f"time step, for e within {found.expected_error:.1%}"
+        words = f"time step, for e within {100 * found.expected_error:.1f} %"
         step = words, f"{found.time_step:.2g} s"
     rows += [
         (f"largest error of e, {range_of}", off),

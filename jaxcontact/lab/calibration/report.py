@@ -273,7 +273,7 @@ def line_sentence(choice: ChoiceData) -> str:
             return "a trend with speed needs at least three pairs"
         return "there is only one speed, so a trend with speed is not identifiable"
     return (
-        f"a straight line (no law) has d ln e/dv = {line.slope:+.4f} ± {line.slope_error:.4f} "
+        f"straight line (no law): d ln e/dv = {line.slope:+.4f} ± {line.slope_error:.4f} "
         "per m/s"
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import html
+import re
 import textwrap
 from collections.abc import Iterable, Sequence
 
@@ -12,6 +13,7 @@ from ...extend import text_table, wrapped
 Row = tuple[str, ...]
 
 _WIDTH = 100
+_CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,10 +40,8 @@ class Fact:
         return [*lines[: self.most - 1], " " * 11 + last]
 
     def html(self) -> Html:
-        if not self.said:
-            return Html("")
-        if not self.head:
-            return element("p", sentence(self.said))
+        if not self.said or not self.head:
+            return paragraphs(self.said)
         return element("dl", element("dt", self.head), element("dd", sentence(self.said)))
 
 
@@ -105,8 +105,10 @@ class Html(str):
 
 
 def escaped(content: str) -> Html:
-    """Return the HTML of a text."""
-    return content if isinstance(content, Html) else Html(html.escape(content))
+    """Return the HTML of a text, with options and what stands in backquotes as code."""
+    if isinstance(content, Html):
+        return content
+    return Html(_CODE.sub(r"<code>\1\2</code>", html.escape(content)))
 
 
 def joined(parts: Iterable[str]) -> Html:
@@ -132,5 +134,5 @@ def sentence(words: str) -> str:
     end = "" if words.rstrip().endswith((".", ":", "?")) else "."
     first = words.split(maxsplit=1)[0]
     # A symbol or a name, such as e or interval_s, keeps its case.
-    plain = len(first) > 1 and first.rstrip(",;:").isalpha()
+    plain = len(first) > 1 and first.rstrip(",;:").replace("-", "").isalpha()
     return (words[0].upper() + words[1:] if plain else words) + end

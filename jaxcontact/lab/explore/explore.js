@@ -53,6 +53,7 @@ function impact(family, e, n, given) {
 const names = [...FIRST, ...Object.keys(grids.laws).filter((name) => !FIRST.includes(name))];
 const chosen = new Set(FIRST);
 const style = (k) => ({ stroke: COLOURS[k % COLOURS.length], dash: DASHES[Math.floor(k / COLOURS.length) % DASHES.length] });
+const dashes = ({ dash: [long] }) => (long === undefined ? "solid" : long > 3 ? "dashed" : "dotted");
 
 function curves() {
   const n = Number(at("n").value);
@@ -245,7 +246,7 @@ function fill(id, list, hits) {
       const mark = document.createElement("span");
       mark.className = "mark";
       mark.style.borderColor = law.stroke;
-      mark.style.borderTopStyle = law.dash.length ? "dashed" : "solid";
+      mark.style.borderTopStyle = dashes(law);
       const title = law.exponent ? `${law.title} (n = ${law.exponent})` : law.title;
       const hit = hits[k], cells = [[mark, title], [hit.e.toFixed(4)]];
       if (hit.stuck) cells[1].push(" (sticks)");
@@ -288,6 +289,7 @@ function offer(id, names, laws, chosen) {
     Object.assign(box, { type: "checkbox", checked: chosen.has(name), value: name });
     label.append(box, law.title);
     label.style.borderColor = style(k).stroke;
+    label.style.borderStyle = dashes(style(k));
     box.addEventListener("change", () => {
       if (box.checked) chosen.add(name);
       else chosen.delete(name);

@@ -80,7 +80,7 @@ def test_what_a_reader_needs_is_said(blue):
         "e(v) determines only c/K",
         "standard errors by trial",
         "converged yes",
-        "a straight line (no law)",
+        "straight line (no law): d ln e/dv",
         "In Python ExactRestitution(e=",
         "mass and stiffness not given",
         "--stiffness determines c, and with --mass",
