@@ -23,10 +23,11 @@ PAGES = {
     "jaxcontact/data/SOURCES.md": "jaxcontact/data/SOURCES.md",
 }
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)#\s]+)")
-# An output of code; or a tag, or a number with its exponent and unit, outside of code.
+# An output of code; or, outside of it, a tag, a name or a number with its exponent and unit.
 PRINTED = re.compile(r'(<div class="language-text highlight">.*?<code>)(.*?)(</code>)', re.DOTALL)
-NUMBER = re.compile(
-    r"<pre.*?</pre>|<[^>]*>|(\d[\d.,]*(?:e[-+]?\d+)?(?:[  ](?:%|million|billion|[µm]?s|mm?|kg)(?!\w))?)",
+WHOLE = re.compile(
+    r"<pre.*?</pre>|(<code>[^<]{1,34}</code>|(?<![\w.#&])\d[\d.,]*(?:e-\d+|(?:e[-+]?\d+)? "
+    r"(?:%|million|billion|[µm]?s|mm?|kg)(?!\w)))|<[^>]*>",
     re.DOTALL,
 )
 PICTURE = re.compile(r'(?<=<p>)(<img [^>]*src="([^"]+)"[^>]*>)(?=</p>)')
@@ -72,9 +73,9 @@ def on_page_markdown(markdown, page, config, files):
 
 
 def on_page_content(html, page, config, files):
-    """Wrap printed sentences, keep a number with its unit, and link each picture to itself."""
+    """Wrap printed sentences, keep numbers and names whole, and link each picture to itself."""
     html = PRINTED.sub(lambda x: x[1] + "\n".join(map(_printed, x[2].split("\n"))) + x[3], html)
-    html = NUMBER.sub(lambda x: f'<span class="number">{x[1]}</span>' if x[1] else x[0], html)
+    html = WHOLE.sub(lambda x: f'<span class="whole">{x[1]}</span>' if x[1] else x[0], html)
     return PICTURE.sub(r'<a href="\2">\1</a>', html)
 
 

@@ -58,7 +58,7 @@ def panel(
         dense = 4 if share[row, column] > 0.5 else 2
         box = (column - 0.5, row - 0.5)
         ax.add_patch(plt.Rectangle(box, 1, 1, fill=False, lw=0, hatch="/" * dense, ec="tab:red"))
-    ax.set_title(title, fontsize=9)
+    ax.set_title(title, fontsize=8)
     ticks = list(ticks)
     ax.set_xticks(range(len(ticks)), ticks, fontsize=7)
     rows = [0, *range(2, DAMPING_EDGES.size + 1, 3)]
@@ -69,7 +69,7 @@ def panel(
 
 def draw_pushed(known: dict[str, Any], path: Path, precision: str) -> None:
     """One panel a kind: damping against push, all exponents together, by event."""
-    fig, axes = plt.subplots(2, 4, figsize=(11, 6), layout="constrained")
+    fig, axes = plt.subplots(2, 4, figsize=(9.8, 5.4), layout="constrained")
     ticks = ["-1e4", "", "", "-1e-6", "", "", "0", "", "1e-6", "", "", "1e4"]
     image = None
     for ax, (kind, name) in zip(axes.flat, NAMES.items(), strict=False):
@@ -96,9 +96,10 @@ def draw_free(known: dict[str, Any], path: Path, precision: str) -> None:
     """One panel a kind and method: damping against exponent, free impacts."""
     kinds = [kind for kind in NAMES if kind != "hunt_crossley_tension"]
     methods = ("exact", "event", "phase")
-    fig, axes = plt.subplots(3, len(kinds), figsize=(13, 7.5), layout="constrained", squeeze=False)
+    fig, axes = plt.subplots(3, len(kinds), figsize=(9.5, 6.6), layout="constrained", squeeze=False)
     image = None
     for row, method in zip(axes, methods, strict=True):
+        row[0].set_ylabel("damping", fontsize=8)
         for ax, kind in zip(row, kinds, strict=True):
             columns = []
             for n in ("n=1", "n=1.5", "n=2", "n=3", "n=traced"):
@@ -131,7 +132,7 @@ def draw_peers(known: dict[str, Any], path: Path) -> None:
     fig, axes = plt.subplots(
         len(rows),
         across,
-        figsize=(2.3 * across + 1, 2.9 * len(rows) + 0.5),
+        figsize=(1.6 * across, 2.7 * len(rows)),
         layout="constrained",
         squeeze=False,
     )
@@ -148,7 +149,7 @@ def draw_peers(known: dict[str, Any], path: Path) -> None:
         line[0].set_ylabel("damping", fontsize=8)
     for ax in axes[-1]:
         ax.set_xlabel("push Γ", fontsize=8)
-    title = "What users would write instead, n = 3/2, damping against push"
+    title = "Other solvers, n = 3/2"
     _finish(fig, axes, image, path, title, flagged="failed")
 
 
@@ -161,9 +162,10 @@ def _finish(
     if image is not None:
         bar = fig.colorbar(image, ax=axes, shrink=0.7, ticks=DECADES[::3])
         bar.set_label("largest relative error, $\\log_{10}$", fontsize=8)
+        bar.ax.tick_params(labelsize=8)
     dense = " (dense: most lanes)" if flagged == "flagged" else ""
-    fig.suptitle(f"{title}; hatched: {flagged}{dense}", fontsize=10)
-    fig.savefig(path, dpi=80)
+    fig.suptitle(f"{title}; hatched: {flagged}{dense}; grey: no lanes", fontsize=10)
+    fig.savefig(path, dpi=90)
     plt.close(fig)
 
 
