@@ -5,10 +5,12 @@ links to, get a place in the site. Links are rewritten for the site; in the repo
 links work unchanged.
 """
 
+import logging
 import posixpath
 import re
 import sys
 from html import unescape
+from inspect import isfunction
 from pathlib import Path
 
 from mkdocs.structure.files import File
@@ -31,6 +33,15 @@ WHOLE = re.compile(
     re.DOTALL,
 )
 PICTURE = re.compile(r'(?<=<p>)(<img [^>]*src="([^"]+)"[^>]*>)(?=</p>)')
+# A sentence for readers of the repository.
+NOTE = re.compile(r"^In the repository .*\n", re.MULTILINE)
+# A name of the reference that no signature follows.
+NAKED = re.compile(
+    r'<h3 id="jaxcontact\.(\w+)"(?:(?!</h3>).)*</h3>'
+    r'(?!\s*<div class="[\w -]*(?:signature|overloads))',
+    re.DOTALL,
+)
+LOG = logging.getLogger("mkdocs.plugins.hooks")
 LONGEST = 100  # characters of a line of code
 
 
@@ -69,11 +80,14 @@ def on_page_markdown(markdown, page, config, files):
             posixpath.relpath(place, folder or ".") if files.get_file_from_path(place) else found[1]
         )
 
-    return LINK.sub(moved, markdown)
+    return LINK.sub(moved, NOTE.sub("", markdown))
 
 
 def on_page_content(html, page, config, files):
     """Wrap printed sentences, keep numbers and names whole, and link each picture to itself."""
+    for name in NAKED.findall(html):
+        if isfunction(getattr(sys.modules["jaxcontact"], name, None)):
+            LOG.warning("%s shows %s without its arguments", page.file.src_uri, name)
     html = PRINTED.sub(lambda x: x[1] + "\n".join(map(_printed, x[2].split("\n"))) + x[3], html)
     html = WHOLE.sub(lambda x: f'<span class="whole">{x[1]}</span>' if x[1] else x[0], html)
     return PICTURE.sub(r'<a href="\2">\1</a>', html)

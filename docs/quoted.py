@@ -232,7 +232,12 @@ def _many() -> dict[str, str]:
 
 
 def written(text: str, known: dict[str, str]) -> str:
-    """Return a page with its numbers inserted. Raises KeyError for an unknown name."""
+    """Return a page with its numbers inserted. Raises KeyError for an unknown name.
+
+    A mark at the beginning of a line would end the paragraph, so it goes to the end of the one
+    before.
+    """
+    text = re.sub(r"(?<=[^\n|]) *\n *(?=<!--[a-z_]+-->)", " ", text)
     return MARK.sub(lambda m: f"<!--{m['name']}-->{known[m['name']]}<!--/-->", text)
 
 

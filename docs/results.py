@@ -2,7 +2,8 @@
 
 The public class takes its docstring from a plain data class (`__doc__ = Data.__doc__`), and its
 methods from functions (`interval = interval`). A ready-made fit takes keywords of `fit`
-(`@takes(FitKeywords)`).
+(`@takes(FitKeywords)`). A name that a function shares with its module, as `impact`, is that of the
+function.
 """
 
 import ast
@@ -21,6 +22,12 @@ class Results(griffe.Extension):
             for function in module.functions.values():
                 if not function.is_alias:
                     _show_keywords(function, loader.modules_collection)
+        known = loader.modules_collection
+        for name, member in list(pkg.members.items()):
+            path = member.target_path if member.is_alias else ""
+            while path.startswith("jaxcontact.") and name in known[path].members:
+                path = f"{path}.{name}"
+                pkg.set_member(name, griffe.Alias(name, path))
 
 
 def _modules(module):

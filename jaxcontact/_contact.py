@@ -119,7 +119,7 @@ class Contact(OfNumbers):
       another number triggers a new compilation. An array makes n a leaf, which can be
       differentiated and batched at some cost in speed.
     - `tangential_ratio`: κ > 0, the tangential stiffness over the normal one, for friction with a
-      spring; None if unknown. Contacts of materials have κ = 4G*/E*.
+      spring; None if unknown. Contacts of materials have κ = `4G*/E*`.
 
     All broadcast; mass, stiffness and κ are leaves. Raises ValueError for a Python scalar out of
     range. For Hertz contacts use `sphere_sphere`, `sphere_plane` and `sphere_socket`.

@@ -115,6 +115,6 @@ COLUMNS = {
     "v/v_s": lambda row: f"{row['over_sticking']:g}",
     "e": lambda row: f"{row['e']:.4f}",
     "e, ended at the largest pull": lambda row: f"{row['early']:.4f}" if "early" in row else "",
-    **{f"{steps} steps": lambda row, k=k: f"{row['lammps'][k]:.4f}" for k, steps in enumerate(STEPS)},
+    **{f"{n} steps": lambda row, k=k: f"{row['lammps'][k]:.4f}" for k, n in enumerate(STEPS)},
 }
 STUDY = Study(__file__, __doc__, measure, lambda found: table(COLUMNS, found["rows"]), "plastic")

@@ -76,11 +76,7 @@ def draw_pushed(known: dict[str, Any], path: Path, precision: str) -> None:
         jobs = _select(known, kind, "pushed", precision)
         if jobs:
             decade, flags, total = pooled(jobs)
-            words = (
-                ticks[: decade.shape[1]]
-                if decade.shape[1] == len(ticks)
-                else _push_words(decade.shape[1])
-            )
+            words = ticks if decade.shape[1] == len(ticks) else _push_words(decade.shape[1])
             image = panel(ax, decade, flags, total, name, words)
             ax.set_xlabel("push Γ", fontsize=8)
             ax.set_ylabel("damping", fontsize=8)
@@ -111,7 +107,6 @@ def draw_free(known: dict[str, Any], path: Path, precision: str) -> None:
                 )
                 columns.append(parts)
             if not any(columns):
-                ax.set_axis_off()
                 continue
             size = next(c for c in columns if c)[0].size
             blank = [np.full(size, -99), np.zeros(size, int), np.zeros(size, int)]
@@ -129,13 +124,8 @@ def draw_peers(known: dict[str, Any], path: Path) -> None:
         kind, way = name.split("/", 1)
         rows.setdefault(kind, {})[f"{way}\n{NAMES[kind]}"] = result
     across = max(len(ways) for ways in rows.values())
-    fig, axes = plt.subplots(
-        len(rows),
-        across,
-        figsize=(1.6 * across, 2.7 * len(rows)),
-        layout="constrained",
-        squeeze=False,
-    )
+    size = 1.6 * across, 2.7 * len(rows)
+    fig, axes = plt.subplots(len(rows), across, figsize=size, layout="constrained", squeeze=False)
     image = None
     for line, ways in zip(axes, rows.values(), strict=True):
         for ax, (title, way) in zip(line, ways.items(), strict=False):

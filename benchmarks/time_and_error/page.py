@@ -144,11 +144,9 @@ def _span(times: list[float]) -> str:
 _HEAD = """\
 # Run time against error
 
-The time that each solver takes for a given error, on one machine: compare ratios. Lower and further
-to the left is better. [Reading the tables](#reading-the-tables) has the machine and the terms.
+Lower and further to the left is better; compare ratios. [The terms](#reading-the-tables) are below.
 
 ![Run time against error of one in 100,000 impacts](run_time_error.png)
-
 """
 _TERMS = """\
 ## Reading the tables

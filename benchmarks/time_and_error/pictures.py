@@ -45,14 +45,8 @@ def draw(
     panels = [(p, b, here) for p, b in every if (here := some(rows, batch=b, problem=p))]
     columns = min(len(panels), len(batches) if several else WIDEST)
     shape = (math.ceil(len(panels) / columns), columns)
-    fig, axes = plt.subplots(
-        *shape,
-        figsize=(2.3 * columns + 0.6, 2.1 * shape[0] + 1.8),
-        sharey=True,
-        sharex="col" if several else "row",
-        layout="constrained",
-        squeeze=False,
-    )
+    size = (2.3 * columns + 0.6, 2.2 * shape[0] + 1.8)
+    fig, axes = plt.subplots(*shape, figsize=size, sharey=True, layout="constrained", squeeze=False)
     lines: dict[str, Any] = {}
     for ax in axes.flat[len(panels) :]:
         ax.remove()

@@ -338,7 +338,7 @@ class MawBarberFawcett(AbstractFriction):
     limit of friction within the contact is a choice of modelling.
 
     Arguments: the coefficient `mu` μ ≥ 0; `ratio` κ > 0, the tangential stiffness over the normal
-    one, None for that of the contact's materials, 4G*/E*. Leaves. Raises ValueError for a Python
+    one, None for that of the contact's materials, `4G*/E*`. Leaves. Raises ValueError for a Python
     scalar out of range. Source: Maw, Barber & Fawcett (1976), doi 10.1016/0043-1648(76)90201-5.
     """
 

@@ -161,7 +161,7 @@ class SpringSlider(AbstractFriction):
 
     - `mu`: the coefficient μ ≥ 0.
     - `ratio`: κ > 0, the tangential stiffness over the normal one; None for that of the contact's
-      materials, 4G*/E*.
+      materials, `4G*/E*`.
     - `form`: "force" adds up increments of the force (LAMMPS `mindlin/force`); "displacement" has f
       = κ n K δ^(n-1) ξ, ξ' = u (`mindlin`); "rescaled" is the first while loading and the second
       while unloading (`mindlin_rescale/force`).

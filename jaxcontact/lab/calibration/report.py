@@ -272,10 +272,7 @@ def line_sentence(choice: ChoiceData) -> str:
         if choice.count < 3:
             return "a trend with speed needs at least three pairs"
         return "there is only one speed, so a trend with speed is not identifiable"
-    return (
-        f"straight line (no law): d ln e/dv = {line.slope:+.4f} ± {line.slope_error:.4f} "
-        "per m/s"
-    )
+    return f"straight line (no law): d ln e/dv = {line.slope:+.4f} ± {line.slope_error:.4f} per m/s"
 
 
 def side_by_side(s: SummaryData) -> list[Part]:
