@@ -138,7 +138,7 @@ def crank() -> None:
 
 def friction_impact() -> None:
     """Draw friction and slip of an oblique impact over time, by three friction laws."""
-    figure, axes = pyplot.subplots(2, 2, figsize=(8.4, 4.8), layout="constrained", sharex=True)
+    figure, axes = pyplot.subplots(2, 2, figsize=(6.6, 4.4), layout="constrained", sharex=True)
     for (force, slip), degrees in zip(axes.T, (10, 20), strict=True):
         angle = np.radians(degrees)
         speeds = rebounds.SPEED * np.cos(angle), rebounds.SPEED * np.sin(angle)
@@ -169,7 +169,7 @@ def friction_laws() -> None:
         before = kappa * np.tan(np.radians(degrees)) / rebounds.MU
         return before, before * (1 - 3.5 * (1 - ratio))
 
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(8.4, 3.8), layout="constrained")
+    figure, (left, right) = pyplot.subplots(1, 2, figsize=(6.6, 3.9), layout="constrained")
     for name, (words, look) in FRICTION.items():
         ratio, _ = rebounds.rebound(rebounds.LAWS[name], angle)
         left.plot(*psi(angle, np.asarray(ratio)), **look)
@@ -182,12 +182,11 @@ def friction_laws() -> None:
     dots = {"color": "black", "linestyle": "none", "markersize": 5, "zorder": 3}
     left.plot(*psi(seen.ratio_angle, seen.ratio), marker="o", **dots)
     left.plot(before, after, marker="s", fillstyle="none", label="measured, from the spin", **dots)
-    right.plot(seen.ratio_angle, seen.ratio, marker="o", label="measured", **dots)
+    right.plot(seen.ratio_angle, seen.ratio, marker="o", label="measured, from v_t'/v_t", **dots)
     left.set(xlabel="ψ1", ylabel="ψ2", xlim=(0, 8), ylim=(-2, 2))
     right.set(xlabel="angle from the normal / degrees", ylim=(0.5, 1.02))
     right.set_ylabel("v_t'/v_t", labelpad=8)
-    left.legend(frameon=False, fontsize="small", loc="upper left")
-    right.legend(frameon=False, fontsize="x-small", loc="lower right")
+    figure.legend(loc="outside upper center", ncol=3, frameon=False, fontsize="small")
     _save(figure, "friction_laws.png", left, right)
 
 
