@@ -48,7 +48,7 @@ def delivered() -> None:
     """Draw delivered over requested restitution of each law, and its hysteresis at e = 0.5."""
     asked = jnp.linspace(0.05, 1, 96)
     contact = jc.Contact(mass=1.0, stiffness=1.4e8)
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(8.4, 3.6), layout="constrained")
+    figure, (left, right) = pyplot.subplots(1, 2, figsize=(6.6, 3.7), layout="constrained")
     for (name, law), colour in zip(LAWS, COLOURS, strict=True):
         left.plot(asked, jc.restitution(law(e=asked)), color=colour, label=name)
         path = jc.trajectory(law(e=0.5), contact, 4.2, samples=300)
@@ -57,7 +57,7 @@ def delivered() -> None:
     left.set(
         xlabel="restitution asked for", ylabel="restitution delivered", xlim=(0, 1), ylim=(0, 1)
     )
-    left.legend(frameon=False, fontsize="small", loc="lower right")
+    figure.legend(loc="outside upper center", ncol=3, frameon=False, fontsize="small")
     right.set(
         xlabel="indentation / mm",
         ylabel="force / kN",
@@ -92,7 +92,7 @@ def bowl() -> None:
     )
     run = jc.simulate(scene, duration=1.2)
     figure, (left, right) = pyplot.subplots(
-        1, 2, figsize=(8.4, 4.2), width_ratios=(1, 1), layout="constrained"
+        1, 2, figsize=(6.6, 3.5), width_ratios=(1, 1), layout="constrained"
     )
     jc.plot.scene(run, ax=left)
     jc.plot.energy(run, ax=right)
@@ -106,9 +106,9 @@ def pendulum() -> None:
     run = jc.simulate(system, 2.5, **start, times=np.linspace(0, 2.5, 800))
     across = jnp.cumsum(jnp.sin(run.position), axis=1)
     height = -jnp.cumsum(jnp.cos(run.position), axis=1)
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(8.4, 3.8), layout="constrained")
+    figure, (left, right) = pyplot.subplots(1, 2, figsize=(6.6, 3.5), layout="constrained")
     left.axvline(-0.3, color="black", linewidth=2)
-    for k, colour in enumerate(COLOURS[3:]):
+    for k, colour in enumerate((COLOURS[3], COLOURS[0])):
         left.plot(across[:, k], height[:, k], color=colour, label=f"mass {k + 1}")
     left.plot([0, *across[0]], [0, *height[0]], color="grey", marker="o", linewidth=1)
     left.set(xlabel="x / m", ylabel="y / m", aspect="equal")
@@ -125,7 +125,7 @@ def crank() -> None:
     times = np.linspace(0, turn, 1500)
     run = jc.simulate(system, turn, **start, times=times)
     journal = 1e3 * jnp.stack(jax.vmap(system.gap.journal)(run.time, run.position), axis=1)
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(8.4, 3.8), layout="constrained")
+    figure, (left, right) = pyplot.subplots(1, 2, figsize=(6.6, 3.5), layout="constrained")
     angle = np.linspace(0, 2 * np.pi, 200)
     bearing = clearance * np.cos(angle), clearance * np.sin(angle)
     left.plot(*bearing, color="black", linestyle="--", linewidth=1)
