@@ -281,16 +281,16 @@ def _over_time(ax: Axes, label: str) -> Axes:
 
 
 def _fits(ax: Axes, fits: Any) -> Axes:
-    for k, one in enumerate(fits[:_SHOWN]):
-        trace, color = one.impact.trace, f"C{k}"
+    for one in fits[:_SHOWN]:
+        trace = one.impact.trace
         count = one.time.size
         (predicted,) = one.fit.predict().values()
         scale = float(np.max(np.abs(one.reading)))
         own = float(np.max(np.abs(one.fit.data[:count])))
         since = 1e3 * (one.time - one.touch)
-        ax.plot(since, one.reading, ".", color=color, ms=2.5, alpha=0.6)
         curve = np.asarray(predicted)[:count] * (scale / own if own > 0 else 1)
-        ax.plot(since, curve, color=color, lw=1.2, label=f"{one.impact.number}")
+        (line,) = ax.plot(since, curve, lw=1.2, label=f"{one.impact.number}")
+        ax.plot(since, one.reading, ".", color=line.get_color(), ms=2.5, alpha=0.6, zorder=1)
         ax.set_ylabel(_LABEL[trace.quantity])
     ax.set_xlabel("time since touch / ms")
     ax.legend(frameon=False, fontsize="small", title="impact and its fit", title_fontsize="small")
