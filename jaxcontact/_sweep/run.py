@@ -20,7 +20,8 @@ from .._text.progress import Tell
 from .export import attributes_of
 from .planning.axes import SweepGrid
 from .planning.blocks import Arrays, Block, Part, Workers, shape_of
-from .skip import Dependence, flag_key, is_flag
+from .skip.dependence import Dependence
+from .skip.work import flag_key, is_flag
 from .store import Stored, coordinate, open_store
 from .table import SweepColumn
 

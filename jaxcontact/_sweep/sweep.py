@@ -32,7 +32,7 @@ from .planning.blocks import Order, Workers, blocks_of, shape_of, workers_of
 from .planning.plan import VALUE, Plan, plan_of
 from .planning.signature import signature_of
 from .run import Results, collect, collect_stored, compute
-from .skip import Group, flag_key
+from .skip.work import Group, flag_key
 from .store import local_folder
 from .table import OutputField, SweepColumn, SweepTable, dims_in, within
 

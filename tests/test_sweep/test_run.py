@@ -106,8 +106,8 @@ def made_of(e, v):
 
 def test_the_same_function_is_analysed_once(monkeypatch):
     analysed = []
-    analysis = _plan.analysis_of
-    monkeypatch.setattr(_plan, "analysis_of", lambda *x: analysed.append(1) or analysis(*x))
+    analyst = _plan.Analyst
+    monkeypatch.setattr(_plan, "Analyst", lambda *x: analysed.append(1) or analyst(*x))
     # A unique value, not shared with another test.
     factor = 17.0
 

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..export import version
-from ..skip import Constant, Place, Program, programs_in
+from ..skip.program import Constant, Place, Program, programs_in
 from .axes import SweepGrid
 
 _REMEMBERED = 256
