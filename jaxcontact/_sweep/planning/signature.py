@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import importlib.metadata
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -16,7 +17,6 @@ import jax.extend.core as core
 import jax.numpy as jnp
 import numpy as np
 
-from ..export import version
 from ..skip.program import Constant, Place, Program, programs_in
 from .axes import SweepGrid
 
@@ -105,6 +105,14 @@ def _digest(values: np.ndarray) -> str:
     digest = hashlib.blake2b(digest_size=16)
     _add(digest, np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()
+
+
+def version() -> str:
+    """Return the installed version of this library."""
+    try:
+        return importlib.metadata.version("jaxcontact")
+    except importlib.metadata.PackageNotFoundError:
+        return "(not installed)"
 
 
 def signature_of(
