@@ -75,8 +75,7 @@ _of_program = functools.lru_cache(_REMEMBERED)(_read)
 
 def _constants(program: core.ClosedJaxpr | core.Jaxpr) -> Iterator[Any]:
     """Yield the arrays of a nested program, which its text does not contain."""
-    if isinstance(program, core.ClosedJaxpr):
-        yield from program.consts
+    yield from getattr(program, "consts", ())
     for eqn in program.eqns:
         literals = (atom.val for atom in eqn.invars if isinstance(atom, core.Literal))
         yield from (value for value in literals if np.ndim(value))
