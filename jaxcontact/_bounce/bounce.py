@@ -139,7 +139,7 @@ def _to_rest(drop: _BallAndGround, how: AbstractMethod) -> Bounce:
     left, falls, parts = begin(run), True, []
     while falls:
         speed = left.speed
-        left, touches = _more(drop, run, left, how)
+        left, touches = one_by_one(drop.law, drop.contact, run, left, how, drop.peak, ROOM)
         parts.append(touches)
         falls = _falls(speed, left, run, len(parts) * ROOM)
     touches = jax.tree.map(lambda *part: np.concatenate(part, axis=-1), *parts)
@@ -216,18 +216,12 @@ def _constant(contact: Contact, run: BounceRun, first: Landing, count: int) -> B
 
 
 @functools.partial(quick, most=FEW)
-def _more(
-    drop: _BallAndGround, run: BounceRun, left: Left, method: AbstractMethod, count: int = ROOM
-) -> tuple[Left, Touches]:
-    return one_by_one(drop.law, drop.contact, run, left, method, drop.peak, count)
-
-
-@functools.partial(quick, most=FEW)
 def _bounce(drop: _BallAndGround, count: int, method: AbstractMethod) -> Bounce:
     run, first = _start(drop, method)
     if first is not None:
         return _constant(drop.contact, run, first, count)
-    _, touches = _more(drop, run, begin(run), method, count)
+    about = drop.law, drop.contact, run
+    _, touches = one_by_one(*about, begin(run), method, drop.peak, count)
     return _assemble(touches, run, None)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -12,6 +13,7 @@ from jaxtyping import Array
 from .._contact import Contact
 from .._impact import AbstractMethod, Landing, Status, landing, problem_of
 from .._laws import AbstractLaw
+from .._program import FEW, quick
 
 _SEPARATED, _SETTLED = int(Status.SEPARATED), int(Status.SETTLED)
 
@@ -95,6 +97,7 @@ def alike(first: Landing, run: BounceRun, power: float | Array, count: int) -> T
     )
 
 
+@functools.partial(quick, most=FEW)
 def one_by_one(
     law: AbstractLaw,
     contact: Contact,

@@ -1,4 +1,4 @@
 """Sweeps: a function over grids and samples, computed in blocks, with labelled results."""
 
-from .sweep import Sweep as Sweep
+from .result import Sweep as Sweep
 from .sweep import sweep as sweep

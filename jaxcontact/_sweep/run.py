@@ -17,12 +17,12 @@ import numpy as np
 
 from .._impact import Status
 from .._text.progress import Tell
-from .export import attributes_of
 from .planning.axes import SweepGrid
 from .planning.blocks import Arrays, Block, Part, Workers, shape_of
-from .skip import Dependence, flag_key, is_flag
+from .skip.dependence import Dependence
+from .skip.work import flag_key, is_flag
 from .store import Stored, coordinate, open_store
-from .table import SweepColumn
+from .table import SweepColumn, attributes_of
 
 
 def compute(

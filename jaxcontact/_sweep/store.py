@@ -66,22 +66,16 @@ class BlockStore:
         self.arrays: dict[str, Any] = {name: group[name] for name in names}
         self._checksums: Any = group[_CHECKSUMS]
 
-    def read(self, number: int) -> dict[str, np.ndarray] | None:
-        """Return the arrays of a block, or None if it is not finished."""
-        checksum = _readable(lambda: int(self._checksums[number]))
-        if not checksum:
-            return None
-        arrays = _readable(
-            lambda: {
-                name: np.asarray(self.arrays[name][place])
-                for name, place in self._blocks[number].items()
-            }
-        )
-        return arrays if arrays is not None and _checksum(arrays) == checksum else None
-
     def is_finished(self, number: int) -> bool:
         """Read a block and return whether it is complete."""
-        return self.read(number) is not None
+
+        def matches() -> bool:
+            if not (checksum := int(self._checksums[number])):
+                return False
+            places = self._blocks[number].items()
+            return checksum == _checksum({name: self.arrays[name][at] for name, at in places})
+
+        return bool(_readable(matches))
 
     def lacking(self) -> list[int]:
         """Return the blocks that were never written; the others are not checked."""

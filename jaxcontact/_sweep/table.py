@@ -1,20 +1,19 @@
-"""The named arrays of a sweep, each stored over the dimensions that it depends on and expanded on
-access: plain data, and quantities derived from it.
+"""The columns of a sweep, each stored over the dimensions that it depends on and expanded on
+access, the fields that they make up, and their attributes.
 """
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any
 
-import jax
 import numpy as np
 
 from .._impact import Status
-from .planning.axes import SweepGrid
+from .._text.columns import flag_attributes
+from .._text.units import meaning
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,119 +156,9 @@ class OutputField:
     constant: Any = None
 
 
-class SweepTable:
-    """All fields over a grid, each array stored over the dimensions that it depends on.
-
-    The attributes are those of `Sweep`, and `function`, the name of the swept function. `done` is
-    the fraction of the work that was done: 1, or less after an interrupt. `resumed` is the fraction
-    that was found in the store.
-    """
-
-    def __init__(
-        self,
-        grid: SweepGrid,
-        fields: Sequence[OutputField],
-        columns: Mapping[str, SweepColumn],
-        checks: Sequence[SweepColumn] = (),
-        computed: Sequence[SweepColumn] = (),
-        *,
-        done: float = 1.0,
-        resumed: float = 0.0,
-        function: str = "",
-    ):
-        self.dims: tuple[str, ...] = grid.dims
-        self.shape: tuple[int, ...] = grid.shape
-        self.axes: dict[str, np.ndarray] = {
-            i.name: i.values for i in grid.inputs if i.dim is not None
-        }
-        fixed = {i.name: i.values[()] for i in grid.inputs if i.dim is None}
-        self.fixed: dict[str, Any] = fixed | dict(grid.static)
-        self.function: str = function
-        self.done: float = done
-        self.resumed: float = resumed
-        self.complete: bool = done == 1
-        self._grid = grid
-        self._fields = {field.name: field for field in fields}
-        self._columns = {name: column.simplify() for name, column in columns.items()}
-        self._checks, self._computed = checks, computed
-        self._made: dict[str, Any] = {}
-
-    @property
-    def fields(self) -> tuple[str, ...]:
-        """The names of the fields."""
-        return tuple(self._fields)
-
-    @property
-    def status(self) -> np.ndarray:
-        """Outcome of every lane: the values of `Status`."""
-        if "status" not in self._made:
-            self._made["status"] = self.status_column.array(self.shape)
-        return self._made["status"]
-
-    def __getitem__(self, name: str) -> Any:
-        if name not in self._fields:
-            raise KeyError(f"{name!r} is not a field; the fields are {', '.join(self._fields)}")
-        if name not in self._made:
-            field = self._fields[name]
-            arrays = [self._columns[array].array(self.shape) for array in field.arrays]
-            made = jax.tree.unflatten(field.structure, arrays) if arrays else field.constant
-            self._made[name] = made
-        return self._made[name]
-
-    def columns(self) -> dict[str, SweepColumn]:
-        """Return every array by its name, as compactly as it is stored."""
-        return self._columns
-
-    @functools.cached_property
-    def status_column(self) -> SweepColumn:
-        """The status, as compactly as it is stored."""
-        status = self._columns.get("status")
-        if status is not None:
-            return self._mark_interrupted(status) if self._computed else status
-        floats = [c for c in self._columns.values() if np.issubdtype(c.stored.dtype, np.inexact)]
-        checks = tuple(mask for mask in self._checks if not mask.values.all())
-        masks = [mask for c in floats for mask in c.masks if not any(map(mask.same, checks))]
-        masks += self._computed
-        dims = tuple(sorted(set(dims_in(*floats, *masks))))
-        lost = np.zeros(tuple(map(self.shape.__getitem__, dims)), bool)
-        for column in floats:
-            lost |= within(column.is_nan(), column.dims, dims)
-        for mask in masks:
-            lost |= ~within(mask.values, mask.dims, dims)
-        codes = np.where(lost, int(Status.NOT_CONVERGED), int(Status.SEPARATED)).astype(np.int32)
-        return SweepColumn(dims, codes, checks, int(Status.INVALID_INPUT)).simplify()
-
-    def _mark_interrupted(self, column: SweepColumn) -> SweepColumn:
-        """Return the status from the function, adjusted in lanes that lack any other result."""
-        dims = tuple(range(len(self.shape)))
-        status = np.array(column.array(self.shape))
-        for flags in self._computed:
-            lost = ~np.broadcast_to(within(flags.values, flags.dims, dims), self.shape)
-            status[lost & (status != Status.INVALID_INPUT)] = Status.NOT_CONVERGED
-        return SweepColumn(dims, status)
-
-    def status_counts(self) -> dict[int, int]:
-        """Count the lanes by outcome, the values of `Status`."""
-        return dict(sorted(self.status_column.counts(self.shape).items()))
-
-    def coordinates(self, dim: str) -> np.ndarray:
-        """Return the numbers along a dimension: its axis, or the count of the samples."""
-        return self.axes.get(dim, np.arange(self.shape[self.dims.index(dim)]))
-
-    def dims_of_axes(self) -> dict[str, str]:
-        """Return the dimension along which every axis, or sample, varies."""
-        return {i.name: self.dims[i.dim] for i in self._grid.inputs if i.dim is not None}
-
-    def taken(self, name: str, place: int) -> Self:
-        """Return the table at one index of a dimension, without that dimension."""
-        dim = self.dims.index(name)
-        return type(self)(
-            self._grid.take(dim, place),
-            tuple(self._fields.values()),
-            {name: column.take(dim, place) for name, column in self._columns.items()},
-            [mask.take(dim, place) for mask in self._checks],
-            [flags.take(dim, place) for flags in self._computed],
-            done=self.done,
-            resumed=self.resumed,
-            function=self.function,
-        )
+def attributes_of(name: str) -> dict[str, Any]:
+    """Return the dataset attributes of an axis or a field."""
+    if name == "status":
+        return flag_attributes("status", Status)
+    words, unit = meaning(name)
+    return {"long_name": words, "units": unit or "1"} if unit or words != name else {}

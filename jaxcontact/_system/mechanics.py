@@ -158,19 +158,14 @@ class Mechanics(eqx.Module):
         contacts that stick, if there is rigid friction. `springs` are the friction forces (m, d) in
         N of springs.
         """
-
-        def mass_at(t: Number, q: Vector) -> Array:
-            return self.mass(t, q)
-
         along = jnp.ones_like(t), self.rate(t, q, v)
-        mass, changes = jax.jvp(mass_at, (t, q), along)
+        mass, changes = jax.jvp(self.mass, (t, q), along)
         others = self.system.force(t, q, v, self.args)
-        law = self.system.friction
-        if law is not None and law.kind == "ramp":
-            others = others + self.ramp(law, t, q, v, force)
-        if springs is not None:
+        law: Any = self.system.friction
+        if springs is not None or (law is not None and law.kind == "ramp"):
             speeds, tangential = jax.vjp(lambda v: self.slip(t, q, v), v)
-            others = others + tangential(springs.reshape(speeds.shape))[0]
+            held = law.force(force, speeds) if springs is None else springs.reshape(speeds.shape)
+            others = others + tangential(held)[0]
         (pull,) = opening.pull(force)
         friction = None
         if slide is None:
@@ -185,11 +180,6 @@ class Mechanics(eqx.Module):
         surfaces = jnp.sum(force * opening.rate) - jnp.sum(pull * v)
         power = jnp.sum(others * v) + jnp.sum(v * (changes @ v)) / 2 - surfaces
         return SystemMotion(acceleration, power, friction)
-
-    def ramp(self, friction: Any, t: Number, q: Vector, v: Vector, force: PerContact) -> Vector:
-        """Return the generalised friction forces of a ramp."""
-        speeds, pull = jax.vjp(lambda v: self.slip(t, q, v), v)
-        return pull(friction.force(force, speeds))[0]
 
     def slip(self, t: Number, q: Vector, v: Vector) -> Array:
         """Return slip speeds (m,) or (m, 2)."""

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float
 from .._contact import Contact
 from .._coupled.modes import Flags, Index, Number, PerContact, Units
 from .mechanics import Mechanics, Vector
+from .system import System
 
 
 class SystemState(NamedTuple):
@@ -68,9 +69,13 @@ class SystemProblem(eqx.Module):
     @property
     def contact(self) -> Contact:
         """The contact of every gap, with effective masses at touch."""
-        system, ones = self.mechanics.system, jnp.ones_like(self.state.lost)
-        contact = Contact(self.state.mass, system.stiffness * ones)
-        return eqx.tree_at(lambda c: c._exponent, contact, system._exponent)
+        return contact_of(self.mechanics.system, self.state.mass)
+
+
+def contact_of(system: System, mass: PerContact) -> Contact:
+    """Return the contact of every gap, with these effective masses."""
+    contact = Contact(mass, system.stiffness * jnp.ones_like(mass))
+    return eqx.tree_at(lambda c: c._exponent, contact, system._exponent)
 
 
 class Scales(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -18,7 +18,6 @@ from .._coupled.modes import (
     TIME_IS_UP,
     TOO_MANY_STEPS,
     Flag,
-    Index,
     Number,
     least_v0,
 )
@@ -29,7 +28,7 @@ from .._text.failure import checked
 from .._text.progress import TellRun
 from .mechanics import Mechanics, Vector, solve_mass
 from .problem import SystemLog, SystemProblem, SystemState
-from .reading import SystemStates, contacts_of, phases_of, reading_of, solved
+from .reading import contacts_of, phases_of, reading_of, solved
 from .result import SystemContacts, SystemMargin, SystemPhases, SystemRun, read_states
 from .solve import SystemEnd, SystemRules
 from .start import StartChecks, require_shapes, require_start, start_of
@@ -46,19 +45,6 @@ _ENDINGS = {
     TOO_MANY_STEPS: Ending.TOO_MANY_STEPS,
 }
 """The endings of a run by the status of its solve; NOT_CONVERGED for all others."""
-
-
-class _RunNumbers(NamedTuple):
-    """All numbers of a run but the states at given times."""
-
-    contacts: SystemContacts
-    status: Index
-    reached: Number
-    between: Number
-    slowest: Number
-    ends: SystemStates
-    final: SystemStates
-    phases: SystemPhases | None
 
 
 def simulate_system(
@@ -82,9 +68,8 @@ def simulate_system(
     args = as_parameters(args, "args")
     system, args, q, v, length, times = _cast(dtype, (system, args, q, v, length, times))
     gaps = require_shapes(Mechanics(system, args), q, v)
-    numbers_of = (system.law, system.stiffness, system._exponent)
-    spread = _for_each(gaps, numbers_of)
-    system = eqx.tree_at(lambda s: (s.law, s.stiffness, s._exponent), system, spread)
+    each = functools.partial(_for_each, gaps)
+    system = eqx.tree_at(lambda s: (s.law, s.stiffness, s._exponent), system, replace_fn=each)
     mechanics = Mechanics(system, args)
     peak, floor = v0 == "peak", np.asarray(least_v0(v0), dtype)
     stops = _stops(breakpoints, length, dtype)
@@ -102,24 +87,17 @@ def simulate_system(
     # One row more than contacts need shows whether there is another contact.
     rules = SystemRules(peak, 2 * (min(room, ROOM) if plain else room) + 1)
     end = _pieces(problem, rules, most, tell) if plain else _from_start(problem, rules)
-    readout = _read(problem, end, valid, None if plain and most is None else room)
+    read, least = _read(problem, end, valid, None if plain and most is None else room)
     if plain:
-        contacts, phases = map(_trimmed, (readout.contacts, readout.phases))
-        readout = readout._replace(contacts=contacts, phases=phases)
-    states = readout.ends
+        read["contacts"], read["phases"] = map(_trimmed, (read["contacts"], read["phases"]))
     if times is not None:
-        states = read_states(problem, end.log, readout.reached, peak, times)
+        read["states"] = read_states(problem, end.log, read["reached"], peak, times)
     run = SystemRun(
-        states=states,
-        contacts=readout.contacts,
-        status=readout.status,
-        reached=readout.reached,
         steps=end.steps,
         error_estimate=end.error,
         duration=length,
-        margin=SystemMargin(readout.between, readout.slowest, problem, end.log, peak, end.painleve),
-        final=readout.final,
-        phases=readout.phases,
+        margin=SystemMargin(*least, problem, end.log, peak, end.painleve),
+        **read,
     )
     return checked(run, throw, "simulate")
 
@@ -248,8 +226,12 @@ def _one_end(pieces: list[SystemEnd]) -> SystemEnd:
 
 
 @quick
-def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None) -> _RunNumbers:
-    """Return the table of contacts, the ending, and the distances of the margin."""
+def _read(
+    problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None
+) -> tuple[dict[str, Any], tuple[Number, Number]]:
+    """Return the arguments of a `SystemRun` that are read from its end, with the states at both
+    ends, and the least time between events and closing speed.
+    """
     total = jnp.sum(end.log.touches) + jnp.sum(problem.state.closed)
     full = total > room if room is not None else jnp.asarray(False)
     over = (end.status == TIME_IS_UP) & ~full
@@ -272,12 +254,11 @@ def _read(problem: SystemProblem, end: SystemEnd, valid: Flag, room: int | None)
     ends = jax.vmap(lambda state: reading_of(problem, state))(both)
     good = jnp.stack([valid, valid & over])
     ends = jax.tree.map(lambda x: nan_unless(x, good), ends)
-    final = jax.tree.map(lambda x: x[-1], ends)
-    phases = None
+    read = {"status": status, "reached": reached, "contacts": SystemContacts(**blank)}
+    read |= {"states": ends, "final": jax.tree.map(lambda x: x[-1], ends), "phases": None}
     if problem.mechanics.system.sticks:
-        phases = SystemPhases(**phases_of(end.log, problem.state))
-    contacts = SystemContacts(**blank)
-    return _RunNumbers(contacts, status, reached, between, slowest, ends, final, phases)
+        read["phases"] = SystemPhases(**phases_of(end.log, problem.state))
+    return read, (between, slowest)
 
 
 def _is_singular(problem: SystemProblem, state: SystemState) -> Flag:

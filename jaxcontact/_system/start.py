@@ -15,12 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._contact import Contact
 from .._coupled.modes import Flag, Number, PerContact
 from .._coupled.springs import SMALL, slides_at_touch
 from .._laws import force_of
 from .mechanics import SLIDES_ON, Mechanics, Opening, Vector
-from .problem import SystemState
+from .problem import SystemState, contact_of
 from .system import System
 
 _ROUNDING = 64
@@ -127,33 +126,28 @@ def start_of(
     return state, jax.lax.stop_gradient(checks)
 
 
-class _Law(NamedTuple):
-    """The force of every contact at the start, and its unit of length in m."""
-
-    force: Callable[[PerContact], PerContact]
-    unit: PerContact
-
-
-def _law_at(mechanics: Mechanics, state: SystemState) -> _Law:
-    """Return the forces in N of depths in m, at the closing speeds of the start."""
+def _law_at(
+    mechanics: Mechanics, state: SystemState
+) -> tuple[Callable[[PerContact], PerContact], PerContact]:
+    """Return the forces in N of depths in m, at the closing speeds of the start, and a small depth
+    in m.
+    """
     system, n = mechanics.system, mechanics.system.exponent
-    contact = Contact(state.mass, system.stiffness * jnp.ones_like(state.mass))
-    contact = eqx.tree_at(lambda c: c._exponent, contact, system._exponent)
+    contact = contact_of(system, state.mass)
     least = jnp.finfo(state.mass.dtype).tiny ** 0.25
     speed = jnp.maximum(jnp.where(state.rising, state.closing, state.latched), least)
     unit = (state.mass * jnp.square(speed) / system.stiffness) ** (1 / (n + 1))
-    return _Law(lambda depth: force_of(system.law, depth, state.closing, contact, speed), unit)
+    return lambda depth: force_of(system.law, depth, state.closing, contact, speed), SMALL * unit
 
 
 def _settled(
     mechanics: Mechanics, state: SystemState, opening: Opening, slide: PerContact
 ) -> PerContact:
     """Return the signs of slip at the start, 0 for the contacts that stick."""
-    law, depth = _law_at(mechanics, state), jnp.maximum(-opening.gap, 0)
+    (force_at, small), depth = _law_at(mechanics, state), jnp.maximum(-opening.gap, 0)
     # A contact that begins has no force yet: a small one shows which part of it holds.
     begins = state.closed & (depth <= 0)
-    force = law.force(jnp.where(begins, SMALL * law.unit, depth))
-    force = jnp.where(state.closed, force, 0)
+    force = jnp.where(state.closed, force_at(jnp.where(begins, small, depth)), 0)
     slide = jnp.where(state.closed, slide, SLIDES_ON)
     at = state.time, state.position, state.velocity
     return mechanics.settled(*at, opening, force, slide)[0]
@@ -161,7 +155,7 @@ def _settled(
 
 def _with_springs(mechanics: Mechanics, state: SystemState, opening: Opening) -> SystemState:
     """Return the state with tangential springs, and 1 for contacts that slip, 0 for others."""
-    system, law = mechanics.system, _law_at(mechanics, state)
+    system = mechanics.system
     slip = mechanics.slip(state.time, state.position, state.velocity)
     slip = slip.reshape(opening.gap.shape[0], -1)
     # The force of a spring in progress is not known; it begins without.
@@ -169,8 +163,8 @@ def _with_springs(mechanics: Mechanics, state: SystemState, opening: Opening) ->
     if not system.sticks:
         return state
     mu, kappa = mechanics.spring
-    depth = SMALL * law.unit
-    hardening = law.force(depth) / (system.stiffness * depth**system.exponent)
+    force_at, depth = _law_at(mechanics, state)
+    hardening = force_at(depth) / (system.stiffness * depth**system.exponent)
     slips = slides_at_touch(kappa, slip, state.closing, mu, hardening)
     slides = state.closed & (opening.gap >= 0) & slips
     return state._replace(slide=slides.astype(slip.dtype))

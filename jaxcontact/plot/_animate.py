@@ -30,7 +30,7 @@ from ._drawing.path import (
     turned,
 )
 from ._drawing.style import BODIES, GUIDE, axes_of
-from ._drawing.surroundings import colours, frame, moving_walls
+from ._drawing.surroundings import colours, draw_walls, frame
 from ._scene import frame_axes
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def _spheres(
         reach = 1.5 * np.max(radii(run))
         low, high = np.append(low, -reach), np.append(high, reach)
     ax = _axes(ax, shown, low, high)
-    move_walls = moving_walls(ax, run, shown, time)
+    move_walls = draw_walls(ax, run, shown, time)
     away, size = images(run, shown), radii(run)
     if len(shown) == 1:
         away = _on_paper(away, shown)

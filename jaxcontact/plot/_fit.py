@@ -16,8 +16,6 @@ from ._drawing.labels import put_label
 from ._drawing.style import CURVES, DATA, GUIDE, MARKERS, axes_for, legend_above, one_or_several
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from .. import VelocityProfile
 
 _FINE = 200
@@ -60,7 +58,7 @@ def fit(
     place = np.asarray(x_data)
     used = np.reshape(np.asarray(result.problem.factor) > 0, (len(shapes), size))
     there = place[used.any(axis=0)]
-    wide = bool(np.all(there > 0)) and there.max() > 100 * there.min()
+    wide = _spans(there, 100)
     if x is None:
         x = (np.geomspace if wide else np.linspace)(there.min(), there.max(), _FINE)
     x = as_numbers(x, "x")
@@ -85,19 +83,19 @@ def fit(
             shade = {"color": drawn.get_color(), "alpha": alpha, "lw": 0}
             words = f"{what}, {100 * level:g} %"
             axes.fill_between(x, *back(band[:, column]), label=words, **shade)
-        _scales(axes, wide, back(y[finite]) if own.logarithm else None)
+        if wide:
+            axes.set_xscale("log")
+        if own.logarithm and _spans(back(y[finite]), 10):
+            axes.set_yscale("log")
         put_label(axes.xaxis, over.name, over.words)
         put_label(axes.yaxis, own.name, own.words)
     legend_above(all_axes[0])
     return one_or_several(all_axes)
 
 
-def _scales(axes: Axes, wide: bool, positive: np.ndarray | None) -> None:
-    """Set logarithmic axes if the numbers span decades."""
-    if wide:
-        axes.set_xscale("log")
-    if positive is not None and positive.max() > 10 * positive.min():
-        axes.set_yscale("log")
+def _spans(numbers: np.ndarray, factor: float) -> bool:
+    """Return whether numbers are positive and span more than a factor."""
+    return bool(numbers.max() > factor * numbers.min() > 0)
 
 
 def fit_of(result: object) -> Fit:
@@ -159,8 +157,7 @@ def residuals(result: Fit | VelocityProfile, *, ax: Any = None) -> Any:
     for picture, words in zip(axes[::-1], ("normal quantile", "order"), strict=False):
         picture.set_xlabel(words)
     if over_x:
-        wide = np.asarray(x)[np.any(np.reshape(used, (len(sizes), -1)), axis=0)]
-        if wide.min() > 0 and wide.max() > 100 * wide.min():
+        if _spans(np.asarray(x)[np.any(np.reshape(used, (len(sizes), -1)), axis=0)], 100):
             axes[0].set_xscale("log")
         put_label(axes[0].xaxis, shown[0][0].name, shown[0][0].words)
     axes[0].set_ylabel("(prediction - data)/σ")

@@ -20,7 +20,7 @@ import jax
 import numpy as np
 
 from ..._entry import refusal
-from ..skip import Array, Group
+from ..skip.work import Array, Group
 from .axes import SweepGrid
 
 Arrays = dict[str, np.ndarray]

@@ -12,7 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..skip import Analysis, Program, analysis_of, program_of
+from ..skip.program import Program, program_of
+from ..skip.work import Analysis, Analyst
 from ..table import OutputField
 from .axes import SweepGrid, call
 from .signature import ProgramKey, key_of
@@ -68,7 +69,7 @@ def plan_of(function: Callable[..., Any], grid: SweepGrid) -> Plan:
 @functools.lru_cache(_REMEMBERED)
 def _analysis(request: _Request) -> Analysis:
     along = [dim for dim, _ in request.kinds]
-    return analysis_of(request.program, request.names, along, request.rank)
+    return Analyst(request.program, along, request.rank).analysis(request.names)
 
 
 def fields_of(output: Any) -> tuple[list[OutputField], dict[str, Any]]:

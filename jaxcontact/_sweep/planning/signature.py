@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import importlib.metadata
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -16,8 +17,7 @@ import jax.extend.core as core
 import jax.numpy as jnp
 import numpy as np
 
-from ..export import version
-from ..skip import Constant, Place, Program, programs_in
+from ..skip.program import Constant, Place, Program, programs_in
 from .axes import SweepGrid
 
 _REMEMBERED = 256
@@ -75,8 +75,7 @@ _of_program = functools.lru_cache(_REMEMBERED)(_read)
 
 def _constants(program: core.ClosedJaxpr | core.Jaxpr) -> Iterator[Any]:
     """Yield the arrays of a nested program, which its text does not contain."""
-    if isinstance(program, core.ClosedJaxpr):
-        yield from program.consts
+    yield from getattr(program, "consts", ())
     for eqn in program.eqns:
         literals = (atom.val for atom in eqn.invars if isinstance(atom, core.Literal))
         yield from (value for value in literals if np.ndim(value))
@@ -105,6 +104,14 @@ def _digest(values: np.ndarray) -> str:
     digest = hashlib.blake2b(digest_size=16)
     _add(digest, np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()
+
+
+def version() -> str:
+    """Return the installed version of this library."""
+    try:
+        return importlib.metadata.version("jaxcontact")
+    except importlib.metadata.PackageNotFoundError:
+        return "(not installed)"
 
 
 def signature_of(

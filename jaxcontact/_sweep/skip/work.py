@@ -102,28 +102,22 @@ def is_flag(key: str) -> bool:
     return key.startswith(_FLAGS)
 
 
-def analysis_of(
-    program: Program, names: Sequence[str], along: Sequence[int | None], rank: int
-) -> Analysis:
-    """Decide which arrays of `program` to compute over `rank` dimensions.
-
-    `names` are those of its outputs; `along` holds, for each input, the dimension that it varies
-    along, or None.
-    """
-    return _Analyst(program, along, rank).analysis(names)
-
-
 _Parts = list[tuple[Array, Place]]
 """Arrays, each with the slot that holds it."""
 
 
-class _Analyst:
+class Analyst:
+    """Decides which arrays of `program` to compute over `rank` dimensions; `along` holds, for each
+    input, the dimension that it varies along, or None.
+    """
+
     def __init__(self, program: Program, along: Sequence[int | None], rank: int):
         self.program, self.along, self.all = program, along, frozenset(range(rank))
         self.reading = ProgramFacts(program, [frozenset(() if d is None else (d,)) for d in along])
         self.shared = SharedSteps(program.inputs)
 
     def analysis(self, names: Sequence[str]) -> Analysis:
+        """Return the computation of the outputs, which have these names."""
         program = self.program
         checks = tuple(range_checks(self.reading)) if program.pure else ()
         places = dict(zip(names, program.outputs, strict=True))

@@ -120,10 +120,8 @@ def line_of(run: Run | EngineRun, path: RunPath, row: int) -> tuple[np.ndarray, 
     from outside on the other side. The frame then cuts it off without a gap.
     """
     time, line = path.time, path.position[:, row]
-    lengths = [np.inf if length is None else float(length) for length in run.scene.periodic]
-    finite = np.where(np.isfinite(lengths), lengths, 1.0)
     step = np.diff(line, axis=0)
-    jump = np.where(np.isfinite(lengths), finite * np.round(step / finite), 0.0)
+    jump = step - minimum_image(step, run.scene.periodic)
     at = np.flatnonzero(np.any(jump != 0, axis=1))
     out, back = line[at + 1] - jump[at], line[at] + jump[at]
     added = np.stack([out, np.full_like(out, np.nan), back], axis=1).reshape(-1, line.shape[1])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.patches import Polygon
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
+
+    _Shape = Callable[[int], tuple[np.ndarray, np.ndarray]]
 
 _FIXED = "#777777"
 _SOLID, _SWEPT, _EDGE = "#E0E0E0", "#F1F1F1", "#555555"
@@ -84,22 +87,17 @@ def frame(
     return low - margin * open_end, high + margin * open_end
 
 
-class Edge(NamedTuple):
-    """A flat wall: its unit normal (D,), and its offset n·p (T,) in m at some times."""
-
-    normal: np.ndarray
-    offset: np.ndarray
-
-
-def edges(run: Run | EngineRun, time: np.ndarray) -> list[Edge]:
-    """Return all walls that are flat in a plot, at some times (T,)."""
+def edges(run: Run | EngineRun, time: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the unit normals (D,) of all walls that are flat in a plot, and their offsets n·p (T,)
+    in m at some times (T,).
+    """
     walls = [wall for _, wall in walls_of(run.scene.bodies)]
-    segments = [Edge(np.asarray(wall.normal, float), wall.offset_at(time)) for wall in walls]
+    segments = [(np.asarray(wall.normal, float), wall.offset_at(time)) for wall in walls]
     for _, shell in shells_of(run.scene.bodies) if run.scene.dimensions == 1 else ():
         # In one dimension a shell is two walls.
         for sign in (1.0, -1.0):
             offset = sign * shell.centre_at(time)[:, 0] - float(shell.radius)
-            segments.append(Edge(np.array([sign]), offset))
+            segments.append((np.array([sign]), offset))
     return segments
 
 
@@ -115,119 +113,71 @@ def fine_times(run: Run | EngineRun) -> np.ndarray:
     return np.linspace(0, float(run.reached), int(np.clip(_FINE * periods, least, _MOST)))
 
 
-def shape_of(
-    ax: Axes, normal: np.ndarray, offset: float, shown: tuple[int, ...]
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the ends (2, 2) of a wall's edge, and the corners (K, 2) of the solid behind it.
-
-    Both are within the limits of the axes; one dimension is horizontal. Returns None for a wall
-    that is not seen edge-on.
-    """
-    seen = np.append(normal, 0.0) if len(shown) == 1 else normal[list(shown)]
-    if not np.isclose(np.hypot(*seen), 1.0):
-        return None
-    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    corners = np.array([(left, bottom), (right, bottom), (right, top), (left, top)])
-    along = np.array([-seen[1], seen[0]]) * np.hypot(right - left, top - bottom)
-    middle = corners.mean(axis=0)
-    foot = middle + (offset - seen @ middle) * seen
-    return np.array([foot - along, foot + along]), _clip(corners, seen, offset)
-
-
-def draw_walls(ax: Axes, run: Run | EngineRun, shown: tuple[int, ...]) -> None:
-    """Draw walls and the solid behind them at the end, and lightly the region they swept."""
-    time = fine_times(run)
-    for normal, offset in edges(run, time):
-        shape = shape_of(ax, normal, offset[-1], shown)
-        if shape is None:
-            continue
-        # The solid parts of other walls cover a line where it leaves the free space.
-        ax.plot(*shape[0].T, color=_EDGE, lw=2.4, ls="-", zorder=0.2)
-        ax.add_patch(_solid(shape[1], _SOLID, 0.3))
-        swept = shape_of(ax, normal, offset.max(), shown)
-        if swept is not None and np.ptp(offset) > 0:
-            ax.add_patch(_solid(swept[1], _SWEPT, 0.1))
-    draw_shells(ax, run, shown)
-
-
-def _solid(corners: np.ndarray, colour: str, zorder: float) -> Polygon:
-    return Polygon(_close(corners), facecolor=colour, lw=0, zorder=zorder)
-
-
-def draw_shells(
+def draw_walls(
     ax: Axes, run: Run | EngineRun, shown: tuple[int, ...], time: np.ndarray | None = None
 ) -> Callable[[int], list[Artist]]:
-    """Draw the solid around shells, and return a function that moves them to the k-th time.
+    """Draw walls, shells and the solid around; return a function that moves them to the k-th time.
 
-    Without times, shells are drawn at their start; moving ones also in outline at their end. In one
-    dimension shells are drawn as walls.
+    Without times, walls are drawn at the end, and lightly the region they swept; shells at their
+    start, and moving ones also in outline at their end. In one dimension shells are drawn as walls.
     """
     in_film = time is not None
-    time = np.array([0.0, float(run.reached)]) if time is None else time
+    time = fine_times(run) if time is None else time
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    corners = [(left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)]
+    corners = np.array([(left, bottom), (right, bottom), (right, top), (left, top)])
     # The opposite orientation of the corners makes a hole.
     angle = np.linspace(0, -2 * np.pi, 361)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    moving: list[tuple[np.ndarray, Polygon, Line2D]] = []
+    moving: list[tuple[_Shape, Line2D, Polygon]] = []
 
-    def around(circle: np.ndarray) -> np.ndarray:
-        return np.concatenate([corners, circle, corners[:1]])
+    def flat(normal: np.ndarray, offset: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+        middle = corners.mean(axis=0)
+        foot = middle + (offset[k] - normal @ middle) * normal
+        along = np.array([-normal[1], normal[0]]) * np.hypot(right - left, top - bottom)
+        return np.array([foot - along, foot + along]), _clip(corners, normal, offset[k])
 
-    for _, shell in shells_of(run.scene.bodies) if len(shown) == 2 else ():
-        centre = shell.centre_at(time)[:, list(shown)]
-        circles = centre[:, None] + float(shell.radius) * ring
-        solid = _solid(around(circles[0]), _SOLID, 0.3)
+    def curved(centre: np.ndarray, radius: float, k: int) -> tuple[np.ndarray, np.ndarray]:
+        circle = centre[k] + radius * ring
+        return circle, np.concatenate([corners, corners[:1], circle, corners[:1]])
+
+    def draw(shape: _Shape, k: int, moves: bool, **look: Any) -> bool:
+        """Draw a solid and its edge; return whether the rest of its motion is to be drawn."""
+        edge, corners = shape(k)
+        (line,) = ax.plot(*edge.T, color=_EDGE, ls="-", **look)
+        solid = Polygon(corners, facecolor=_SOLID, lw=0, zorder=0.3)
         ax.add_patch(solid)
-        (line,) = ax.plot(*circles[0].T, color=_EDGE, lw=1.4, ls="-", zorder=0.4)
-        if shell.motion is not None and in_film:
-            moving.append((circles, solid, line))
-        elif shell.motion is not None:
-            ax.plot(*circles[-1].T, color=_EDGE, lw=1.0, ls="--", zorder=0.4)
+        if in_film and moves:
+            moving.append((shape, line, solid))
+        return moves and not in_film
+
+    for normal, offset in edges(run, time):
+        seen = np.append(normal, 0.0) if len(shown) == 1 else normal[list(shown)]
+        # Other walls are not seen edge-on.
+        if not np.isclose(np.hypot(*seen), 1.0):
+            continue
+        wall, moves = functools.partial(flat, seen, offset), bool(np.ptp(offset) > 0)
+        # The solid parts of other walls cover a line where it leaves the free space.
+        if draw(wall, 0 if in_film else -1, moves, lw=2.4, zorder=0.2):
+            swept = wall(int(np.argmax(offset)))[1]
+            ax.add_patch(Polygon(swept, facecolor=_SWEPT, lw=0, zorder=0.1))
+    for _, shell in shells_of(run.scene.bodies) if len(shown) == 2 else ():
+        centre, moves = shell.centre_at(time)[:, list(shown)], shell.motion is not None
+        circle = functools.partial(curved, centre, float(shell.radius))
+        if draw(circle, 0, moves, lw=1.4, zorder=0.4):
+            ax.plot(*circle(-1)[0].T, color=_EDGE, lw=1.0, ls="--", zorder=0.4)
 
     def move(k: int) -> list[Artist]:
-        for circles, solid, line in moving:
-            line.set_data(*circles[k].T)
-            solid.set_xy(_close(around(circles[k])))
+        for shape, line, solid in moving:
+            edge, corners = shape(k)
+            line.set_data(*edge.T)
+            solid.set_xy(corners)
         return [artist for _, *pair in moving for artist in pair]
 
     return move
 
 
-def moving_walls(
-    ax: Axes, run: Run | EngineRun, shown: tuple[int, ...], time: np.ndarray
-) -> Callable[[int], list[Artist]]:
-    """Draw walls, and return a function that moves them to the k-th time."""
-    drawn: list[tuple[Edge, Line2D, Polygon]] = []
-    for edge in edges(run, time):
-        shape = shape_of(ax, edge.normal, edge.offset[0], shown)
-        if shape is None:
-            continue
-        (line,) = ax.plot(*shape[0].T, color=_EDGE, lw=2.4, ls="-", zorder=0.2)
-        solid = _solid(shape[1], _SOLID, 0.3)
-        ax.add_patch(solid)
-        if np.ptp(edge.offset) > 0:
-            drawn.append((edge, line, solid))
-    move_shells = draw_shells(ax, run, shown, time)
-
-    def move(k: int) -> list[Artist]:
-        for edge, line, solid in drawn:
-            shape = shape_of(ax, edge.normal, edge.offset[k], shown)
-            assert shape is not None  # visible at the start
-            line.set_data(*shape[0].T)
-            solid.set_xy(_close(shape[1]))
-        return [artist for _, *pair in drawn for artist in pair] + move_shells(k)
-
-    return move
-
-
-def _close(corners: np.ndarray) -> np.ndarray:
-    """Return corners for a polygon, which requires at least one even if none is visible."""
-    return corners if len(corners) else np.full((1, 2), np.nan)
-
-
 def _clip(polygon: np.ndarray, normal: np.ndarray, offset: float) -> np.ndarray:
-    """Return the part (K, 2) of a convex polygon that lies behind a wall."""
+    """Return the part (K, 2) of a convex polygon that lies behind a wall; NaN if none does."""
     kept = []
     for here, after in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         gap, next_gap = normal @ here - offset, normal @ after - offset
@@ -235,7 +185,7 @@ def _clip(polygon: np.ndarray, normal: np.ndarray, offset: float) -> np.ndarray:
             kept.append(here)
         if gap * next_gap < 0:
             kept.append(here + (after - here) * gap / (gap - next_gap))
-    return np.array(kept).reshape(-1, 2)
+    return np.array(kept or [(np.nan, np.nan)])
 
 
 def draw_levels(ax: Axes, run: Run | EngineRun) -> None:
