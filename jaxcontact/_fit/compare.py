@@ -82,7 +82,28 @@ class Comparison:
 
     def table(self, parameters: Callable[[str], str] | None = None) -> str:
         """Return the candidates as a table, with their `parameters` in words if given."""
-        return "\n".join(_table(self.candidates, parameters))
+        found = self.candidates
+        extra = ["parameters"] if parameters else []
+        head = ("", "k", "loss", "ΔAICc", "ΔBIC", "held out", *extra)
+        aicc, bic = (min(map(operator.attrgetter(of), found)) for of in ("aicc", "bic"))
+        rows = [
+            (
+                c.name,
+                str(c.k),
+                f"{c.loss:.5g}",
+                f"{c.aicc - aicc:.2f}",
+                f"{c.bic - bic:.2f}",
+                "-" if c.held_out is None else f"{c.held_out:.4g}",
+                *([parameters(c.name)] if parameters else []),
+            )
+            for c in found
+        ]
+        lines = text_table(rows, header=head, align="<>>>>><")
+        marks: dict[bool | None, str] = {False: "  *", True: "", None: ""}
+        notes = [marks[c.adequate] if c.converged else "  not converged" for c in found]
+        wrong = ["* does not describe the data"] if "  *" in notes else []
+        lines = [line + note for line, note in zip(lines, ["", *notes], strict=True)]
+        return "\n".join(lines + wrong)
 
     def undecided(self, fit: FitData) -> tuple[str, ...]:
         """Return the names of the fits that the data do not distinguish from that of lowest AICc.
@@ -90,28 +111,6 @@ class Comparison:
         `fit` is any of them, whose groups are those of all.
         """
         return tuple(one.name for one in _undecided(self.candidates, fit))
-
-
-def _table(candidates: tuple[Candidate, ...], parameters: Callable[[str], str] | None) -> list[str]:
-    head = ("", "k", "loss", "ΔAICc", "ΔBIC", "held out", *(["parameters"] if parameters else []))
-    aicc, bic = (min(map(operator.attrgetter(of), candidates)) for of in ("aicc", "bic"))
-    rows = [
-        (
-            c.name,
-            str(c.k),
-            f"{c.loss:.5g}",
-            f"{c.aicc - aicc:.2f}",
-            f"{c.bic - bic:.2f}",
-            "-" if c.held_out is None else f"{c.held_out:.4g}",
-            *([parameters(c.name)] if parameters else []),
-        )
-        for c in candidates
-    ]
-    lines = text_table(rows, header=head, align="<>>>>><")
-    marks: dict[bool | None, str] = {False: "  *", True: "", None: ""}
-    notes = [marks[c.adequate] if c.converged else "  not converged" for c in candidates]
-    wrong = ["* does not describe the data"] if "  *" in notes else []
-    return [line + note for line, note in zip(lines, ["", *notes], strict=True)] + wrong
 
 
 def compare_fits(

@@ -29,10 +29,11 @@ from .._text.failure import checked
 from .._text.progress import progress_of
 from .._text.words import first_few
 from .data import FitData
-from .problem.problem import FitProblem, Huber, place_of, shapes_of
+from .problem.problem import FitProblem, Huber, as_place, shapes_of
 from .problem.space import Space, space_of
 from .problem.target import groups_of, target_of, whitener_of
 from .search.minimum import (
+    FARTHEST,
     MOST_STEPS,
     PATIENCE,
     SearchEnd,
@@ -48,9 +49,6 @@ from .search.verdict import at_bound_of, creeping, falling, infer, refuse_unused
 from .uncertainty.adequacy import Adequacy, adequacy_of
 from .uncertainty.bootstrap import bootstrap
 from .uncertainty.interval import confidence_band, interval, prediction_band, profile
-
-_END = 40.0
-"""A logit whose value rounds to 1 in double precision, where the slope is 0."""
 
 _MOST_GRADIENT_STEPS = 10_000
 LEVENBERG_MARQUARDT = "levenberg-marquardt"
@@ -211,7 +209,7 @@ def fit(
         problem = FitProblem(
             predict,
             space,
-            place_of(x),
+            jax.tree.map(as_place, x),
             jax.device_put(y),
             jax.device_put(factor),
             huber if huber is None else jnp.asarray(huber),
@@ -304,7 +302,7 @@ def set_to_bound(
     out = creeping(space, found.step)
     if not out.any() or not np.isfinite(found.loss):
         return found
-    bound = np.where(space.bounded_above, np.sign(found.step) * _END, start - _END)
+    bound = np.where(space.bounded_above, np.sign(found.step) * FARTHEST, start - FARTHEST)
     there = find(problem, np.where(out, bound, found.theta), options)
     return there if there.loss <= found.loss else found
 

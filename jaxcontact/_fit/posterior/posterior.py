@@ -23,8 +23,8 @@ from ..._entry import (
 )
 from ..._text.words import first_few, text_table
 from ..data import FitData, require_converged
-from ..search.minimum import SINGULAR
-from ..search.verdict import Direction
+from ..search.minimum import ROUNDING, SINGULAR
+from ..search.verdict import FAR, Direction
 from ..uncertainty.adequacy import adequacy_of
 from .density import Density, Draws, Mode, draw, find_mode, prior_of, root_of
 
@@ -53,12 +53,6 @@ def r_hat_and_effective(draws: Float[np.ndarray, "chains draws"]) -> tuple[float
 LARGEST_R_HAT = 1.01
 FEWEST_EFFECTIVE = 400
 """Limits that Vehtari et al. (2021) require for reliable draws."""
-
-_FAR = 18.0
-"""Distance of a logarithm or logit from the mode beyond which it is at a bound."""
-
-_ROUNDING = 16 * float(np.finfo(float).eps)
-"""Fraction of the data below which residuals are rounding."""
 
 _PLACES = 5
 _SHOWN = 1e-3
@@ -238,7 +232,7 @@ def _check(fit: FitData) -> None:
             "which leave the size of the noise unknown."
         )
     data = np.linalg.norm((fit.data * fit._factor)[fit._used])
-    if np.linalg.norm(fit.z) <= _ROUNDING * data:
+    if np.linalg.norm(fit.z) <= ROUNDING * data:
         raise ValueError(
             "Argument `sigma` of `fit` must be given for a posterior of an exact fit, which "
             "leaves the noise unknown."
@@ -355,10 +349,10 @@ def _open_bounds(density: Density, mode: Mode, drawn: Draws) -> list[str]:
     least = find_mode(density, mode.centre).value - np.log(len(draws))
     found = []
     for i in places:
-        far = np.abs(draws[:, i] - mode.centre[i]).max() > _FAR
+        far = np.abs(draws[:, i] - mode.centre[i]).max() > FAR
         for side in (-1, 1) if space.bounded_above[i] else (-1,):
             start = mode.centre.copy()
-            start[i] += side * _FAR
+            start[i] += side * FAR
             far |= find_mode(density, start, int(i)).value > least
         if far:
             found.append(space.labels[i])

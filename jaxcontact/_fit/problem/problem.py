@@ -112,13 +112,10 @@ class FitProblem(eqx.Module):
         z = xp.where(used, xp.where(used, prediction - self.y, 0) * self.factor, 0)
         return z if self.whitener is None else self.whitener @ z
 
-    def residual(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
-        """Return the residuals that are squared and summed."""
-        return shortened(self.standardised(self.prediction(theta)), self.threshold)
-
     def loss(self, theta: Float[Array, " k"]) -> Float[Array, ""]:
-        """Return ½ Σ residual²."""
-        return jnp.sum(jnp.square(self.residual(theta))) / 2
+        """Return half the sum of the squares of shortened residuals."""
+        residual = shortened(self.standardised(self.prediction(theta)), self.threshold)
+        return jnp.sum(jnp.square(residual)) / 2
 
     def at(self, theta: Float[Array, " k"]) -> Point:
         """Return standardised residuals and their derivatives."""
@@ -138,11 +135,6 @@ class FitProblem(eqx.Module):
         return (jax.jacrev if self.reverse else jax.jacfwd)(function, has_aux=True)(at)
 
 
-def place_of(x: Any) -> Any:
-    """Return the tree of arrays `x` of a prediction; raise ValueError if JAX cannot hold it."""
-    return jax.tree.map(as_place, x)
-
-
 def as_place(leaf: Any) -> Any:
     """Return an array of `x` of a prediction; raise ValueError if JAX cannot hold it."""
     # A prediction may index by flags, or compute with complex numbers.
@@ -156,7 +148,7 @@ def place_like(x: Any, known: Any) -> Any:
     """Return another `x` with the structure of the data's, `known`; raise ValueError otherwise."""
     if isinstance(known, jax.Array) and jnp.issubdtype(known.dtype, jnp.floating):
         return as_parameter(x, "x").astype(known.dtype)
-    place = place_of(x)
+    place = jax.tree.map(as_place, x)
     wanted, got = jax.tree.structure(known), jax.tree.structure(place)
     if wanted != got:
         what = "None, as in the fit" if known is None else f"a tree like that of the fit, {wanted}"

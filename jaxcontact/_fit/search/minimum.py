@@ -33,14 +33,18 @@ SINGULAR = 1e-7
 Derivatives of an event solve are accurate to about 1e-7.
 """
 
-_ROUNDING = 16 * float(jnp.finfo(jnp.float64).eps)
-"""Rounding of all residuals together, relative to the terms of their differences."""
+ROUNDING = 16 * float(np.finfo(float).eps)
+"""Rounding of residuals relative to the terms of their differences."""
 
 NEGLIGIBLE = 1e-3
 """Remaining step in standard errors that is negligible."""
 
 COARSE = 1e-2
 """Remaining step of a logarithm or logit that counts, even if rounding hides it."""
+
+
+FARTHEST = 40.0
+"""Distance of a logarithm or logit that is its bound, where its slope is 0, or beyond all data."""
 
 
 class SearchOptions(NamedTuple):
@@ -95,17 +99,16 @@ class SearchEnd(NamedTuple):
 
 def end_of(problem: FitProblem, search: Search) -> SearchEnd:
     """Return the end of a search of Levenberg-Marquardt, which is not assessed."""
-    here = search.here
-    return _end(problem, here.theta, search.history, search.step, search.ended, here.point)
+    here, course = search.here, (search.history, search.step, search.ended)
+    return _end(problem, here.theta, here.point, course)
 
 
 def _end(
-    problem: FitProblem, theta: Array, history: Array, steps: Array, stopped: Array, point: Point
+    problem: FitProblem, theta: Array, point: Point, course: tuple[Array, Array, Array]
 ) -> SearchEnd:
-    course = theta, history, steps, stopped, theta[0]
-    return SearchEnd(
-        *course, point.z, point.jacobian, problem.space.values(theta), point.prediction
-    )
+    z, jacobian, prediction = point
+    here = theta[0], z, jacobian, problem.space.values(theta), prediction
+    return SearchEnd(theta, *course, *here)
 
 
 def _searched(problem: FitProblem, start: Float[Array, " k"], options: SearchOptions) -> SearchEnd:
@@ -148,7 +151,7 @@ def _gradient_descent(
     zero = jnp.zeros((), int)
     first = (start, optimizer.init(start), start, jnp.asarray(jnp.inf), zero, history, zero)
     _, _, best, _, idle, history, step = jax.lax.while_loop(unfinished, advance, first)
-    return _end(problem, best, history, step, idle >= options.patience, problem.at(best))
+    return _end(problem, best, problem.at(best), (history, step, idle >= options.patience))
 
 
 def found_from(problem: FitProblem, start: Float[Array, " k"], options: SearchOptions) -> SearchEnd:
@@ -238,7 +241,7 @@ def with_step(
         for x in (problem.factor * problem.y, problem.factor * found.prediction)
     )
     # Zero data have no scale of rounding: use the loss at the start.
-    blur = _ROUNDING * xp.where(data > 0, data + terms, xp.sqrt(2 * found.history[0]))
+    blur = ROUNDING * xp.where(data > 0, data + terms, xp.sqrt(2 * found.history[0]))
     r = xp.where(xp.isfinite(r), r, 0)
     # The step to the minimum of |r + J p|. Its errors are the standard error of coordinates, and
     # its change by a rounding of the residuals by `blur`.

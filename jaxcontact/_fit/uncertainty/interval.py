@@ -25,7 +25,7 @@ from ..._entry import (
 from ..._program import quick
 from ..data import FitData, require_converged
 from ..problem.problem import FitProblem
-from ..search.minimum import SearchOptions, found_from
+from ..search.minimum import FARTHEST, SearchOptions, found_from
 from ..search.verdict import creeping
 
 MOST_REFITS = 100
@@ -39,9 +39,6 @@ _MET = 1e-3
 
 _STRIDE = 2.0
 """Largest ratio of the distance of a probe to that of the last one."""
-
-_FAR = 40.0
-"""Distance of a logarithm or logit that is its bound, or beyond all data."""
 
 _FREE_FAR = 1e6
 """Distance in standard errors of a number without a unit that is beyond all data."""
@@ -305,7 +302,7 @@ def _ends(
     known = np.isfinite(error)
     # From its bound, which is far out, a parameter first returns to the middle.
     probe = np.where(known, quantile * np.where(known, error, 1), np.abs(fit._theta[at]))
-    limit = np.where(space.has_unit[at], np.maximum(_FAR, 2 * probe), _FREE_FAR * probe)
+    limit = np.where(space.has_unit[at], np.maximum(FARTHEST, 2 * probe), _FREE_FAR * probe)
     limit = np.where(known, limit, 2 * probe)
     stretch = space.stretch(fit.values)
     with np.errstate(invalid="ignore", divide="ignore"):
