@@ -44,7 +44,7 @@ from .search.minimum import (
     start_scale,
     with_step,
 )
-from .search.noise import BY_COLUMN, COMMON, ColumnErrors, columns_of, refit, refuse_between
+from .search.noise import BY_COLUMN, COMMON, ColumnErrors, refit, refuse_between
 from .search.verdict import at_bound_of, creeping, falling, infer, refuse_unused, verdict
 from .uncertainty.adequacy import Adequacy, adequacy_of
 from .uncertainty.bootstrap import bootstrap
@@ -217,7 +217,8 @@ def fit(
             shapes_of(data),
             whitener if whitener is None else jax.device_put(whitener),
         )
-        refuse_between(columns_of(problem, noise), whitener)
+        columns = problem.columns * (noise == BY_COLUMN)
+        refuse_between(columns, whitener)
         options = SearchOptions(jnp.asarray(rtol), by_gradient, most, patience, tell)
         away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
         rough, ends = _first_guess(problem, theta, options, away)
@@ -227,7 +228,7 @@ def fit(
         found = set_to_bound(problem, found, theta, options)
         settled = True
         if sigma is None and (huber is not None or noise == BY_COLUMN):
-            errors = ColumnErrors(problem, columns_of(problem, noise))
+            errors = ColumnErrors(problem, columns)
             found = refit(errors, found, lambda last, new: find(new, last.theta, options))
             problem, settled = errors.problem, errors.settled
         result = result_of(problem, found, theta, sigma is not None, ends, names, options, settled)

@@ -5,6 +5,7 @@ loss: squares, or Huber's loss for data with outliers.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..._entry import POSITIVE, as_own, as_parameter, real_array, refusal, require_number
 from .space import Space
@@ -89,6 +90,12 @@ class FitProblem(eqx.Module):
     reverse: bool = eqx.field(static=True)
     shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     whitener: Float[Array, "n n"] | None = None
+
+    @property
+    def columns(self) -> Int[np.ndarray, " n"]:
+        """The number of the column of each point, that of its leaf of the data."""
+        sizes = [math.prod(shape) for shape in self.shapes]
+        return np.repeat(np.arange(len(sizes)), sizes)
 
     @property
     def limit(self) -> Any:

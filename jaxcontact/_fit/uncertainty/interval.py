@@ -263,9 +263,9 @@ def prediction_band(
                 "sigma", f"be positive, one number or one for each of {curve.size}", sigma
             )
     elif x is not None:
-        columns = np.split(spread, np.cumsum([math.prod(s) for s in fit.problem.shapes])[:-1])
         sizes = [np.size(leaf) for leaf in jax.tree.leaves(fit.predict(x))]
-        spread = np.repeat([np.nanmedian(column) for column in columns], sizes)
+        medians = [np.nanmedian(spread[fit.problem.columns == c]) for c in range(len(sizes))]
+        spread = np.repeat(medians, sizes)
     half = quantile * np.hypot(error, spread)
     return curve - half, curve + half
 
