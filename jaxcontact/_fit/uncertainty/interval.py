@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import operator
 import statistics
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..._entry import (
     FRACTION,
@@ -28,7 +30,7 @@ from ..problem.problem import FitProblem
 from ..search.minimum import FARTHEST, SearchOptions, found_from
 from ..search.verdict import creeping
 
-MOST_REFITS = 100
+_MOST_REFITS = 100
 """Most steps of the fits near a best one."""
 
 _ROUNDS = 30
@@ -145,11 +147,11 @@ def held_at(
 
     Both are NaN if the fit of the others did not converge.
     """
-    loss, converged, step = _refit(fit, held, starts)
+    _, loss, converged, step = refits(fit, _held, "space.held", held, starts)
     out = creeping(fit.problem.space, step) & np.isnan(held) & ~converged[:, None]
     if out.any():
         bound = np.where(step > 0, fit.problem.space.high, fit.problem.space.low)
-        there, met, _ = _refit(fit, np.where(out, bound, held), starts)
+        _, there, met, _ = refits(fit, _held, "space.held", np.where(out, bound, held), starts)
         # Lanes without a creeping coordinate are unchanged.
         better = met & (there <= loss)
         loss, converged = np.where(better, there, loss), better | converged
@@ -164,28 +166,37 @@ def held_at(
         return np.sqrt(2 * np.maximum(loss - fit.loss, 0) / unit), loss
 
 
-def _refit(fit: FitData, held: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, ...]:
+def refits(
+    fit: FitData, compiled: Callable[..., Any], field: str, numbers: np.ndarray, starts: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Return the `ends_of` fits near a fit, by the `compiled` function."""
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        options = SearchOptions(jnp.asarray(fit._rtol), max_steps=MOST_REFITS)
-        found = _held(fit.problem, *jax.device_put((held, starts)), options)
+        options = SearchOptions(jnp.asarray(fit._rtol), max_steps=_MOST_REFITS)
+        found = compiled(fit.problem, field, *jax.device_put((numbers, starts)), options)
     return tuple(map(np.asarray, found))
 
 
-@quick
-def _held(
+def ends_of(
     problem: FitProblem,
-    held: Float[Array, "lanes k"],
+    field: str,
+    numbers: Float[Array, "lanes m"],
     starts: Float[Array, "lanes k"],
     options: SearchOptions,
-) -> tuple[Float[Array, " lanes"], Bool[Array, " lanes"], Float[Array, "lanes k"]]:
-    """Return the losses, which of them have converged, and the remaining steps."""
+) -> tuple[Array, ...]:
+    """Return the values, the losses, which have converged, and the remaining steps of fits, each
+    with other `numbers` in a `field` of the problem.
+    """
 
-    def one(held: Float[Array, " k"], start: Float[Array, " k"]) -> tuple[Array, Array, Array]:
-        found = found_from(eqx.tree_at(lambda p: p.space.held, problem, held), start, options)
+    def one(numbers: Float[Array, " m"], start: Float[Array, " k"]) -> tuple[Array, ...]:
+        other = eqx.tree_at(operator.attrgetter(field), problem, numbers)
+        found = found_from(other, start, options)
         good = jnp.all(found.still) & jnp.isfinite(found.loss)
-        return found.loss, good, found.step
+        return found.values, found.loss, good, found.step
 
-    return jax.vmap(one)(held, starts)
+    return jax.vmap(one)(numbers, starts)
+
+
+_held = quick(ends_of)
 
 
 def interval(fit: FitData, level: float = 0.95) -> dict[str, tuple[float, float]]:
