@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool
 
 from .._entry import refusal, require_count
+from .._program import in_double
 from .._text.words import text_table
 from .data import FitData
 from .fit import Fit
@@ -162,9 +163,8 @@ def compared(
         fit, told = fits[name], fits[name].adequacy
         behind = None if fit is first else advantage(first, fit)
         k, aicc, bic = fit.criteria
-        measures = {"aicc": aicc, "bic": bic, "held_out": _held_out(fit, parts), "behind": behind}
-        verdict = {"converged": fit.converged, "adequate": told.adequate, "p": told.p}
-        found.append(Candidate(name, k, fit.loss, **measures, **verdict))
+        measures = k, fit.loss, aicc, bic, _held_out(fit, parts), behind
+        found.append(Candidate(name, *measures, fit.converged, told.adequate, told.p))
     named = [c for c in found if c.name not in unnamed]
     equal = _undecided(named, first)
     if among is not None:
@@ -232,7 +232,7 @@ def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
     """Return √(mean z²) of points, each by the fit without its part; None if one failed."""
     square, whole = 0.0, in_numpy(fit.problem)
     whitener, whole = whole.whitener, dataclasses.replace(whole, whitener=None)
-    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+    with in_double():
         for out in parts:
             # Other weights share the compiled search of the fit itself.
             weights = np.where(out, 0, fit._factor)

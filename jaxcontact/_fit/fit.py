@@ -25,6 +25,7 @@ from .._entry import (
     require_function,
     require_number,
 )
+from .._program import in_double
 from .._text.failure import checked
 from .._text.progress import progress_of
 from .._text.words import first_few
@@ -185,7 +186,7 @@ def fit(
     trust region: Moré (1978), doi 10.1007/BFb0067700.
     """
     require_function("predict", predict)
-    huber = _check(loss, optimizer)
+    huber, by_gradient = threshold_of(loss), _optax_or_none(optimizer)
     if require_choice("noise", noise, (COMMON, BY_COLUMN)) == BY_COLUMN and sigma is not None:
         raise ValueError("Argument `noise` must be 'common' with `sigma`, but is 'by column'.")
     starts, seed = require_count("starts", starts, 1), require_count("seed", seed, 0)
@@ -193,14 +194,9 @@ def fit(
     rtol = require_number("rtol", rtol, POSITIVE)
     patience = require_count("patience", patience, 1)
     reverse, throw = require_flag("reverse", reverse), require_flag("throw", throw)
-    by_gradient = None if isinstance(optimizer, str) else optimizer
     most = MOST_STEPS if by_gradient is None else _MOST_GRADIENT_STEPS
     most = most if max_steps is None else require_count("max_steps", max_steps, 1)
-    with (
-        _listener_of(progress, most) as tell,
-        jax.enable_x64(True),
-        jax.numpy_dtype_promotion("standard"),
-    ):
+    with _listener_of(progress, most) as tell, in_double():
         y, factor = target_of(data, sigma, weights)
         names = groups_of(groups, y.size)
         whitener = whitener_of(correlation, factor > 0)
@@ -248,15 +244,14 @@ def _first_guess(
     return found.theta[best] if np.isfinite(ends[best]) else lanes[0], ends
 
 
-def _check(loss: Any, optimizer: Any) -> float | None:
-    threshold = threshold_of(loss)
+def _optax_or_none(optimizer: Any) -> Any:
+    if isinstance(optimizer, str) and optimizer == LEVENBERG_MARQUARDT:
+        return None
     # A class has the functions of its objects, but is not an optimiser.
     parts = () if isinstance(optimizer, type) else ("init", "update")
-    is_optax = bool(parts) and all(callable(getattr(optimizer, part, None)) for part in parts)
-    is_ours = isinstance(optimizer, str) and optimizer == LEVENBERG_MARQUARDT
-    if not is_optax and not is_ours:
+    if not parts or not all(callable(getattr(optimizer, part, None)) for part in parts):
         raise refusal("optimizer", f"be {LEVENBERG_MARQUARDT!r} or an optax optimiser", optimizer)
-    return threshold
+    return optimizer
 
 
 def threshold_of(loss: Any) -> float | None:

@@ -19,6 +19,7 @@ from ..._entry import (
     require_function,
     require_number,
 )
+from ..._program import in_double
 from ..._text.failure import Flagged, WordedEnum
 from ..._text.progress import progress_of
 from ..._text.words import text_table
@@ -194,11 +195,7 @@ def fit_many(
     rtol = require_number("rtol", rtol, POSITIVE)
     most = MOST_STEPS if max_steps is None else require_count("max_steps", max_steps, 1)
     most_at_once = None if batch_size is None else require_count("batch_size", batch_size, 1)
-    with (
-        progress_of(progress, "balls", "fit_many") as tell,
-        jax.enable_x64(True),
-        jax.numpy_dtype_promotion("standard"),
-    ):
+    with progress_of(progress, "balls", "fit_many") as tell, in_double():
         tables = tables_of(balls, data, x, sigma, weights)
         space, theta, others, valid = starts_of(start, transforms, own_start, len(tables.balls))
         threshold = jax.tree.map(jnp.asarray, huber)
@@ -279,7 +276,7 @@ class _Made:
             prediction=end.prediction[real],
         )
         own = lane._replace(x=x, y=lane.y[real], factor=lane.factor[real])
-        with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        with in_double():
             problem = jax.tree.map(
                 lambda x: jax.device_put(x) if isinstance(x, np.ndarray | np.generic) else x,
                 dataclasses.replace(own.problem(self.shared), shapes=shapes),

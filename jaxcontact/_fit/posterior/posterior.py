@@ -21,6 +21,7 @@ from ..._entry import (
     require_kind,
     require_number,
 )
+from ..._program import in_double
 from ..._text.words import first_few, text_table
 from ..data import FitData, require_converged
 from ..search.minimum import ROUNDING, SINGULAR
@@ -194,11 +195,7 @@ def posterior(
     draws, chains = require_count("draws", draws, 1), require_count("chains", chains, 2)
     warmup, seed = require_count("warmup", warmup, 1), require_count("seed", seed, 0)
     _check(fit)
-    with (
-        jax.enable_x64(True),
-        jax.numpy_dtype_promotion("standard"),
-        jax.numpy_rank_promotion("allow"),
-    ):
+    with in_double(), jax.numpy_rank_promotion("allow"):
         known = prior_of(prior, fit.problem.space)
         if prior is None:
             _refuse_open(fit, np.zeros((len(fit.names),) * 2), prior)

@@ -111,7 +111,7 @@ def _end(
     return SearchEnd(theta, *course, *here)
 
 
-def _searched(problem: FitProblem, start: Float[Array, " k"], options: SearchOptions) -> SearchEnd:
+def searched(problem: FitProblem, start: Float[Array, " k"], options: SearchOptions) -> SearchEnd:
     """Minimise from `start` until the loss no longer falls, or for `max_steps`."""
     if options.optimizer is not None:
         return _gradient_descent(problem, start, options)
@@ -154,11 +154,6 @@ def _gradient_descent(
     return _end(problem, best, problem.at(best), (history, step, idle >= options.patience))
 
 
-def found_from(problem: FitProblem, start: Float[Array, " k"], options: SearchOptions) -> SearchEnd:
-    """Search from `start`, and compute the distance of its end from a minimum."""
-    return assessed(problem, _searched(problem, start, options), options.rtol)
-
-
 def assessed(
     problem: FitProblem, found: SearchEnd, rtol: Float[Numbers, ""], xp: Any = jnp
 ) -> SearchEnd:
@@ -170,23 +165,23 @@ def assessed(
 _FEW_POINTS = 1000
 """Largest number of data whose fit takes longer to compile than to run."""
 
-_compiled = eqx.filter_jit(_searched)
-_quickly_compiled = quick(_searched)
-_soon_compiled = quick(_searched, options=soon_options)
-_compiled_all = eqx.filter_jit(eqx.filter_vmap(_searched, in_axes=(None, 0, None)))
+_compiled = eqx.filter_jit(searched)
+_quickly_compiled = quick(searched)
+_soon_compiled = quick(searched, options=soon_options)
+_compiled_all = eqx.filter_jit(eqx.filter_vmap(searched, in_axes=(None, 0, None)))
 
 
 def find(problem: FitProblem, start: Float[np.ndarray, " k"], options: SearchOptions) -> SearchEnd:
-    """Compile and run `found_from`; its end is assessed in NumPy, which is little work.
+    """Compile and run a search; its end is assessed in NumPy, which is little work.
 
     A search over few points, or of a prediction with `is_formula`, runs so quickly that it is also
     compiled quickly.
     """
     formula = getattr(problem.predict, "is_formula", False)
-    searched = _soon_compiled if formula else _compiled
+    search = _soon_compiled if formula else _compiled
     if problem.y.size <= _FEW_POINTS:
-        searched = _quickly_compiled
-    found = in_numpy(searched(problem, jax.device_put(start), options))
+        search = _quickly_compiled
+    found = in_numpy(search(problem, jax.device_put(start), options))
     with np.errstate(all="ignore"):
         return assessed(in_numpy(problem), found, np.asarray(options.rtol), np)
 

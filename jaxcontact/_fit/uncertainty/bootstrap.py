@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from ..._entry import FRACTION, require_count, require_number
+from ..._program import in_double
 from ..data import FitData, require_converged
 from .interval import ends_of, refits
 
@@ -62,7 +63,7 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
             "Argument `sigma` of `fit` must be given for a bootstrap without degrees of freedom, "
             "which leave the size of the noise unknown."
         )
-    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+    with in_double():
         # In NumPy: each JAX operation outside a compiled function is a program.
         noise = np.array(jax.random.normal(jax.random.key(seed), (draws, fit.data.size)))
         if fit._shared is None:

@@ -24,10 +24,10 @@ from ..._entry import (
     require_count,
     require_number,
 )
-from ..._program import quick
+from ..._program import in_double, quick
 from ..data import FitData, require_converged
 from ..problem.problem import FitProblem
-from ..search.minimum import FARTHEST, SearchOptions, found_from
+from ..search.minimum import FARTHEST, SearchOptions, assessed, searched
 from ..search.verdict import creeping
 
 _MOST_REFITS = 100
@@ -170,7 +170,7 @@ def refits(
     fit: FitData, compiled: Callable[..., Any], field: str, numbers: np.ndarray, starts: np.ndarray
 ) -> tuple[np.ndarray, ...]:
     """Return the `ends_of` fits near a fit, by the `compiled` function."""
-    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+    with in_double():
         options = SearchOptions(jnp.asarray(fit._rtol), max_steps=_MOST_REFITS)
         found = compiled(fit.problem, field, *jax.device_put((numbers, starts)), options)
     return tuple(map(np.asarray, found))
@@ -189,7 +189,7 @@ def ends_of(
 
     def one(numbers: Float[Array, " m"], start: Float[Array, " k"]) -> tuple[Array, ...]:
         other = eqx.tree_at(operator.attrgetter(field), problem, numbers)
-        found = found_from(other, start, options)
+        found = assessed(other, searched(other, start, options), options.rtol)
         good = jnp.all(found.still) & jnp.isfinite(found.loss)
         return found.values, found.loss, good, found.step
 
