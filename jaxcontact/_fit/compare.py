@@ -7,7 +7,6 @@ import math
 import operator
 from collections.abc import Callable, Collection, Mapping, Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -230,18 +229,19 @@ def _parts(
 
 def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
     """Return √(mean z²) of points, each by the fit without its part; None if one failed."""
-    square, whole = 0.0, in_numpy(fit.problem)
-    whitener, whole = whole.whitener, dataclasses.replace(whole, whitener=None)
+    square, whole = 0.0, dataclasses.replace(in_numpy(fit.problem), whitener=None)
+    correlation = None
+    if fit.problem.whitener is not None:
+        root = np.linalg.inv(np.asarray(fit.problem.whitener))
+        correlation = root @ root.T
     with in_double():
         for out in parts:
             # Other weights share the compiled search of the fit itself.
             weights = np.where(out, 0, fit._factor)
-            fewer = eqx.tree_at(lambda p: p.factor, fit.problem, jax.device_put(weights))
-            if whitener is not None:
-                # Whiten the remaining points only: points without weight must not count as exact.
-                factor = np.linalg.solve(whitener, np.eye(len(whitener)))
-                rest = whitener_of(factor @ factor.T, weights > 0)
-                fewer = eqx.tree_at(lambda p: p.whitener, fewer, jax.device_put(rest))
+            # Whiten the remaining points only: points without weight must not count as exact.
+            rest = whitener_of(correlation, weights > 0)
+            numbers = jax.device_put({"factor": weights, "whitener": rest})
+            fewer = dataclasses.replace(fit.problem, **numbers)
             found = find(fewer, fit._theta, SearchOptions(jnp.asarray(fit._rtol)))
             if not np.all(found.still):
                 return None

@@ -161,7 +161,6 @@ def starts_of(
     else:
         assert refused is not None  # for the type checker
         raise refused
-    fitted = [shape is not None for shape in space.shapes]
     columns = [
         np.broadcast_to(x if a is None else a, (count, *(shape or ()))).reshape(count, -1)
         for x, a, shape in zip(leaves, arrays, space.shapes, strict=True)
@@ -175,5 +174,5 @@ def starts_of(
         [c._to_free(v, *end) for (c, *end), v in zip(ends, row, strict=True)]
         for row in np.where(valid[:, None], values, values[np.argmax(valid)]).tolist()
     ])  # fmt: skip
-    others = [a for a, is_fitted in zip(arrays, fitted, strict=True) if not is_fitted]
+    others = [a for a, shape in zip(arrays, space.shapes, strict=True) if shape is None]
     return space, theta, others, valid

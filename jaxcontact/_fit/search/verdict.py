@@ -244,7 +244,8 @@ def _invert(
     k = len(held)
     length = np.linalg.norm(jacobian, axis=0)
     flat = ~held & (length == 0)
-    directions = [_direction({int(i): 1.0}, space) for i in np.flatnonzero(flat)]
+    labels = dict(zip(space.names, space.labels, strict=True))
+    directions = [Direction({space.names[i]: 1.0}, labels) for i in np.flatnonzero(flat)]
     lost, inverse = held | flat, np.zeros((k, k))
     order = np.flatnonzero(~lost)
     if not len(order):
@@ -256,8 +257,8 @@ def _invert(
         change = row / length[order]
         share = np.abs(row) > _PART * np.abs(row).max()
         change = change / np.abs(change).max() * np.sign(change[np.argmax(share)])
-        parts = {int(order[i]): float(change[i]) for i in np.flatnonzero(share)}
-        directions.append(_direction(parts, space))
+        parts = {space.names[order[i]]: float(change[i]) for i in np.flatnonzero(share)}
+        directions.append(Direction(parts, labels))
         lost[order[share]] = True
     basis = vt[good] / s[good, None] / length[order]
     inverse[np.ix_(order, order)] = basis.T @ basis
@@ -272,10 +273,3 @@ def sandwich(
     np.add.at(summed, number, scores)
     count = len(np.unique(number))
     return bread @ (summed.T @ summed) @ bread * (count / (count - 1))
-
-
-def _direction(parts: dict[int, float], space: Space) -> Direction:
-    return Direction(
-        {space.names[i]: part for i, part in parts.items()},
-        {space.names[i]: space.labels[i] for i in parts},
-    )
