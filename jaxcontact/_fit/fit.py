@@ -268,12 +268,11 @@ def _refuse_too_many(space: Space, points: int) -> None:
 
     This is not a mistake for the weights in an array, as in a network.
     """
-    free = [n for n, held in zip(space.names, np.isnan(space.held), strict=True) if held]
-    if len(free) > points and not any(space.shapes):
+    if len(space.names) > points and not any(space.shapes):
         raise ValueError(
             f"Argument `data` must hold at least as many points that count as `start` has numbers "
-            f"to fit ({len(free)}: {first_few(free)}), but holds {points}. Add points, or keep "
-            "numbers with `transforms={name: jc.Fixed()}`."
+            f"to fit ({len(space.names)}: {first_few(space.names)}), but holds {points}. Add "
+            "points, or keep numbers with `transforms={name: jc.Fixed()}`."
         )
 
 

@@ -114,35 +114,6 @@ class Fits(Flagged):
     __repr__ = summary
 
 
-def assess(
-    shared: FitProblem, lanes: Balls, ends: SearchEnd, absolute: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return which ends are plain: converged, away from bounds, with all parameters determined.
-
-    Also return covariance (B, k, k), degrees of freedom and noise as of `infer`; others have NaN
-    or 0.
-    """
-    space, k = shared.space, lanes.theta.shape[1]
-    finite = np.isfinite(ends.jacobian).all(axis=(1, 2)) & np.isfinite(ends.loss)
-    jacobian = np.where(finite[:, None, None], ends.jacobian, 0)
-    _, s, vt, scale, known, kept = decomposed(jacobian)
-    ranked = (s.shape[1] == k) & known.all(axis=1) & kept.all(axis=1)
-    below, above = near_bound(space, ends, lanes.theta)
-    aside = below | above | creeping(space, ends.step) | ~ends.still
-    plain = finite & ranked & ~aside.any(axis=1)
-
-    used = lanes.factor > 0
-    dof = np.where(plain, used.sum(axis=1) - k, 0)
-    noise, _ = noise_of(shared, ends.z, used, dof, absolute)
-    with np.errstate(all="ignore"):
-        basis = np.swapaxes(vt, 1, 2) / s[:, None, :] / scale[:, :, None]
-        stretch = space.stretch(ends.values.T).T
-        covariance = noise[:, None, None] * (basis @ np.swapaxes(basis, 1, 2))
-        covariance = covariance * stretch[:, :, None] * stretch[:, None, :]
-    covariance = np.where(plain[:, None, None], covariance, np.nan)
-    return plain, covariance, dof, np.where(plain, noise, np.nan)
-
-
 def fit_many(
     predict: Callable[..., Any],
     data: Any,
@@ -224,8 +195,8 @@ class _Made:
 
     def fits(self, valid: Bool[np.ndarray, " B"]) -> Fits:
         """Return the result: ends that are not plain are assessed one by one, as `fit` does."""
-        ends, space, known = self.ends, self.shared.space, self.tables.absolute
-        plain, covariance, dof, noise = assess(self.shared, self.lanes, ends, known)
+        ends, space = self.ends, self.shared.space
+        plain, covariance, dof, noise = self.assessed()
         values, loss, steps = ends.values.copy(), ends.loss.copy(), ends.steps.copy()
         status = np.full(len(valid), int(FitStatus.CONVERGED), np.int8)
         reasons = ["no step is left"] * len(valid)
@@ -259,6 +230,33 @@ class _Made:
             space.units,
             lambda i: odd[i] if i in odd else self.single(i),
         )
+
+    def assessed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return which ends are plain: converged, away from bounds, with all parameters determined.
+
+        Also return covariance (B, k, k), degrees of freedom and noise as of `infer`, for others NaN
+        or 0.
+        """
+        ends, lanes, space = self.ends, self.lanes, self.shared.space
+        k = len(space.names)
+        finite = np.isfinite(ends.jacobian).all(axis=(1, 2)) & np.isfinite(ends.loss)
+        jacobian = np.where(finite[:, None, None], ends.jacobian, 0)
+        _, s, vt, scale, known, kept = decomposed(jacobian)
+        ranked = (s.shape[1] == k) & known.all(axis=1) & kept.all(axis=1)
+        below, above = near_bound(space, ends, lanes.theta)
+        aside = below | above | creeping(space, ends.step) | ~ends.still
+        plain = finite & ranked & ~aside.any(axis=1)
+
+        used = lanes.factor > 0
+        dof = np.where(plain, used.sum(axis=1) - k, 0)
+        noise, _ = noise_of(self.shared, ends.z, used, dof, self.tables.absolute)
+        with np.errstate(all="ignore"):
+            basis = np.swapaxes(vt, 1, 2) / s[:, None, :] / scale[:, :, None]
+            stretch = space.stretch(ends.values.T).T
+            covariance = noise[:, None, None] * (basis @ np.swapaxes(basis, 1, 2))
+            covariance = covariance * stretch[:, :, None] * stretch[:, None, :]
+        covariance = np.where(plain[:, None, None], covariance, np.nan)
+        return plain, covariance, dof, np.where(plain, noise, np.nan)
 
     def single(self, i: int) -> Fit:
         """Return the fit of one ball, without the points that fill its row."""

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._program import quick, soon_options
 from ..problem.problem import FitProblem, Point, shortened, shortened_slope
-from .trust_region import Search, begin, least_squares, scale_of
+from .trust_region import Search, begin, here_at, least_squares, scale_of
 
 MOST_STEPS = 500
 """Default steps of Levenberg-Marquardt."""
@@ -203,7 +203,7 @@ def in_numpy(tree: Any) -> Any:
 
 @quick
 def _natural(problem: FitProblem, theta: Float[Array, " k"]) -> Float[Array, " k"]:
-    return scale_of(problem, problem.at(theta))
+    return scale_of(problem, here_at(problem, theta, jnp.zeros_like(theta)))
 
 
 def start_scale(problem: FitProblem, theta: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
