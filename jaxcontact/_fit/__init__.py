@@ -1,7 +1,6 @@
 """Fitting any differentiable prediction to data, with uncertainty."""
 
 from .compare import CLEAR_AICC as CLEAR_AICC
-from .compare import SAME as SAME
 from .compare import Candidate as Candidate
 from .compare import Comparison as Comparison
 from .compare import compare_fits as compare_fits
@@ -30,8 +29,6 @@ from .search.minimum import basis_of as basis_of
 from .search.noise import AbstractErrors as AbstractErrors
 from .search.noise import refit as refit
 from .search.noise import with_shared as with_shared
-from .search.verdict import AT_BOUND as AT_BOUND
 from .search.verdict import LEAST_GROUPS as LEAST_GROUPS
 from .search.verdict import sandwich as sandwich
 from .uncertainty.bootstrap import Bootstrap as Bootstrap
-from .uncertainty.interval import Profile as Profile

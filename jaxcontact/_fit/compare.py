@@ -7,13 +7,13 @@ import math
 import operator
 from collections.abc import Callable, Collection, Mapping, Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Bool
 
 from .._entry import refusal, require_count
+from .._program import in_double
 from .._text.words import text_table
 from .data import FitData
 from .fit import Fit
@@ -82,7 +82,28 @@ class Comparison:
 
     def table(self, parameters: Callable[[str], str] | None = None) -> str:
         """Return the candidates as a table, with their `parameters` in words if given."""
-        return "\n".join(_table(self.candidates, parameters))
+        found = self.candidates
+        extra = ["parameters"] if parameters else []
+        head = ("", "k", "loss", "ΔAICc", "ΔBIC", "held out", *extra)
+        aicc, bic = (min(map(operator.attrgetter(of), found)) for of in ("aicc", "bic"))
+        rows = [
+            (
+                c.name,
+                str(c.k),
+                f"{c.loss:.5g}",
+                f"{c.aicc - aicc:.2f}",
+                f"{c.bic - bic:.2f}",
+                "-" if c.held_out is None else f"{c.held_out:.4g}",
+                *([parameters(c.name)] if parameters else []),
+            )
+            for c in found
+        ]
+        lines = text_table(rows, header=head, align="<>>>>><")
+        marks: dict[bool | None, str] = {False: "  *", True: "", None: ""}
+        notes = [marks[c.adequate] if c.converged else "  not converged" for c in found]
+        wrong = ["* does not describe the data"] if "  *" in notes else []
+        lines = [line + note for line, note in zip(lines, ["", *notes], strict=True)]
+        return "\n".join(lines + wrong)
 
     def undecided(self, fit: FitData) -> tuple[str, ...]:
         """Return the names of the fits that the data do not distinguish from that of lowest AICc.
@@ -90,28 +111,6 @@ class Comparison:
         `fit` is any of them, whose groups are those of all.
         """
         return tuple(one.name for one in _undecided(self.candidates, fit))
-
-
-def _table(candidates: tuple[Candidate, ...], parameters: Callable[[str], str] | None) -> list[str]:
-    head = ("", "k", "loss", "ΔAICc", "ΔBIC", "held out", *(["parameters"] if parameters else []))
-    aicc, bic = (min(map(operator.attrgetter(of), candidates)) for of in ("aicc", "bic"))
-    rows = [
-        (
-            c.name,
-            str(c.k),
-            f"{c.loss:.5g}",
-            f"{c.aicc - aicc:.2f}",
-            f"{c.bic - bic:.2f}",
-            "-" if c.held_out is None else f"{c.held_out:.4g}",
-            *([parameters(c.name)] if parameters else []),
-        )
-        for c in candidates
-    ]
-    lines = text_table(rows, header=head, align="<>>>>><")
-    marks: dict[bool | None, str] = {False: "  *", True: "", None: ""}
-    notes = [marks[c.adequate] if c.converged else "  not converged" for c in candidates]
-    wrong = ["* does not describe the data"] if "  *" in notes else []
-    return [line + note for line, note in zip(lines, ["", *notes], strict=True)] + wrong
 
 
 def compare_fits(
@@ -163,9 +162,8 @@ def compared(
         fit, told = fits[name], fits[name].adequacy
         behind = None if fit is first else advantage(first, fit)
         k, aicc, bic = fit.criteria
-        measures = {"aicc": aicc, "bic": bic, "held_out": _held_out(fit, parts), "behind": behind}
-        verdict = {"converged": fit.converged, "adequate": told.adequate, "p": told.p}
-        found.append(Candidate(name, k, fit.loss, **measures, **verdict))
+        measures = k, fit.loss, aicc, bic, _held_out(fit, parts), behind
+        found.append(Candidate(name, *measures, fit.converged, told.adequate, told.p))
     named = [c for c in found if c.name not in unnamed]
     equal = _undecided(named, first)
     if among is not None:
@@ -231,18 +229,19 @@ def _parts(
 
 def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
     """Return √(mean z²) of points, each by the fit without its part; None if one failed."""
-    square, whole = 0.0, in_numpy(fit.problem)
-    whitener, whole = whole.whitener, dataclasses.replace(whole, whitener=None)
-    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+    square, whole = 0.0, dataclasses.replace(in_numpy(fit.problem), whitener=None)
+    correlation = None
+    if fit.problem.whitener is not None:
+        root = np.linalg.inv(np.asarray(fit.problem.whitener))
+        correlation = root @ root.T
+    with in_double():
         for out in parts:
             # Other weights share the compiled search of the fit itself.
             weights = np.where(out, 0, fit._factor)
-            fewer = eqx.tree_at(lambda p: p.factor, fit.problem, jax.device_put(weights))
-            if whitener is not None:
-                # Whiten the remaining points only: points without weight must not count as exact.
-                factor = np.linalg.solve(whitener, np.eye(len(whitener)))
-                rest = whitener_of(factor @ factor.T, weights > 0)
-                fewer = eqx.tree_at(lambda p: p.whitener, fewer, jax.device_put(rest))
+            # Whiten the remaining points only: points without weight must not count as exact.
+            rest = whitener_of(correlation, weights > 0)
+            numbers = jax.device_put({"factor": weights, "whitener": rest})
+            fewer = dataclasses.replace(fit.problem, **numbers)
             found = find(fewer, fit._theta, SearchOptions(jnp.asarray(fit._rtol)))
             if not np.all(found.still):
                 return None

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._entry import require_choice
-from .._program import quick
+from .._program import in_double, quick
 from .._text.failure import Flagged
 from .problem.problem import FitProblem, evaluated, flattened, place_like
 from .search.verdict import Direction
@@ -181,7 +181,7 @@ class FitData(Flagged):
 
     def linearised(self, x: Any = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the flattened prediction (n,) and its derivative by the parameters (n, k)."""
-        with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        with in_double():
             values = jnp.asarray(self.values)
             slope, curve = _linearised(self.problem, values, self._place(x))
         return np.asarray(curve), np.asarray(slope)

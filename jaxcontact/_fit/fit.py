@@ -25,14 +25,16 @@ from .._entry import (
     require_function,
     require_number,
 )
+from .._program import in_double
 from .._text.failure import checked
 from .._text.progress import progress_of
 from .._text.words import first_few
 from .data import FitData
-from .problem.problem import FitProblem, Huber, place_of, shapes_of
+from .problem.problem import FitProblem, Huber, as_place, shapes_of
 from .problem.space import Space, space_of
 from .problem.target import groups_of, target_of, whitener_of
 from .search.minimum import (
+    FARTHEST,
     MOST_STEPS,
     PATIENCE,
     SearchEnd,
@@ -43,14 +45,11 @@ from .search.minimum import (
     start_scale,
     with_step,
 )
-from .search.noise import BY_COLUMN, COMMON, ColumnErrors, columns_of, refit, refuse_between
+from .search.noise import BY_COLUMN, COMMON, ColumnErrors, refit, refuse_between
 from .search.verdict import at_bound_of, creeping, falling, infer, refuse_unused, verdict
 from .uncertainty.adequacy import Adequacy, adequacy_of
 from .uncertainty.bootstrap import bootstrap
 from .uncertainty.interval import confidence_band, interval, prediction_band, profile
-
-_END = 40.0
-"""A logit whose value rounds to 1 in double precision, where the slope is 0."""
 
 _MOST_GRADIENT_STEPS = 10_000
 LEVENBERG_MARQUARDT = "levenberg-marquardt"
@@ -187,7 +186,7 @@ def fit(
     trust region: Moré (1978), doi 10.1007/BFb0067700.
     """
     require_function("predict", predict)
-    huber = _check(loss, optimizer)
+    huber, by_gradient = threshold_of(loss), _optax_or_none(optimizer)
     if require_choice("noise", noise, (COMMON, BY_COLUMN)) == BY_COLUMN and sigma is not None:
         raise ValueError("Argument `noise` must be 'common' with `sigma`, but is 'by column'.")
     starts, seed = require_count("starts", starts, 1), require_count("seed", seed, 0)
@@ -195,14 +194,9 @@ def fit(
     rtol = require_number("rtol", rtol, POSITIVE)
     patience = require_count("patience", patience, 1)
     reverse, throw = require_flag("reverse", reverse), require_flag("throw", throw)
-    by_gradient = None if isinstance(optimizer, str) else optimizer
     most = MOST_STEPS if by_gradient is None else _MOST_GRADIENT_STEPS
     most = most if max_steps is None else require_count("max_steps", max_steps, 1)
-    with (
-        _listener_of(progress, most) as tell,
-        jax.enable_x64(True),
-        jax.numpy_dtype_promotion("standard"),
-    ):
+    with _listener_of(progress, most) as tell, in_double():
         y, factor = target_of(data, sigma, weights)
         names = groups_of(groups, y.size)
         whitener = whitener_of(correlation, factor > 0)
@@ -211,7 +205,7 @@ def fit(
         problem = FitProblem(
             predict,
             space,
-            place_of(x),
+            jax.tree.map(as_place, x),
             jax.device_put(y),
             jax.device_put(factor),
             huber if huber is None else jnp.asarray(huber),
@@ -219,7 +213,8 @@ def fit(
             shapes_of(data),
             whitener if whitener is None else jax.device_put(whitener),
         )
-        refuse_between(columns_of(problem, noise), whitener)
+        columns = problem.columns * (noise == BY_COLUMN)
+        refuse_between(columns, whitener)
         options = SearchOptions(jnp.asarray(rtol), by_gradient, most, patience, tell)
         away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
         rough, ends = _first_guess(problem, theta, options, away)
@@ -229,7 +224,7 @@ def fit(
         found = set_to_bound(problem, found, theta, options)
         settled = True
         if sigma is None and (huber is not None or noise == BY_COLUMN):
-            errors = ColumnErrors(problem, columns_of(problem, noise))
+            errors = ColumnErrors(problem, columns)
             found = refit(errors, found, lambda last, new: find(new, last.theta, options))
             problem, settled = errors.problem, errors.settled
         result = result_of(problem, found, theta, sigma is not None, ends, names, options, settled)
@@ -249,15 +244,14 @@ def _first_guess(
     return found.theta[best] if np.isfinite(ends[best]) else lanes[0], ends
 
 
-def _check(loss: Any, optimizer: Any) -> float | None:
-    threshold = threshold_of(loss)
+def _optax_or_none(optimizer: Any) -> Any:
+    if isinstance(optimizer, str) and optimizer == LEVENBERG_MARQUARDT:
+        return None
     # A class has the functions of its objects, but is not an optimiser.
     parts = () if isinstance(optimizer, type) else ("init", "update")
-    is_optax = bool(parts) and all(callable(getattr(optimizer, part, None)) for part in parts)
-    is_ours = isinstance(optimizer, str) and optimizer == LEVENBERG_MARQUARDT
-    if not is_optax and not is_ours:
+    if not parts or not all(callable(getattr(optimizer, part, None)) for part in parts):
         raise refusal("optimizer", f"be {LEVENBERG_MARQUARDT!r} or an optax optimiser", optimizer)
-    return threshold
+    return optimizer
 
 
 def threshold_of(loss: Any) -> float | None:
@@ -274,12 +268,11 @@ def _refuse_too_many(space: Space, points: int) -> None:
 
     This is not a mistake for the weights in an array, as in a network.
     """
-    free = [n for n, held in zip(space.names, np.isnan(space.held), strict=True) if held]
-    if len(free) > points and not any(space.shapes):
+    if len(space.names) > points and not any(space.shapes):
         raise ValueError(
             f"Argument `data` must hold at least as many points that count as `start` has numbers "
-            f"to fit ({len(free)}: {first_few(free)}), but holds {points}. Add points, or keep "
-            "numbers with `transforms={name: jc.Fixed()}`."
+            f"to fit ({len(space.names)}: {first_few(space.names)}), but holds {points}. Add "
+            "points, or keep numbers with `transforms={name: jc.Fixed()}`."
         )
 
 
@@ -304,7 +297,7 @@ def set_to_bound(
     out = creeping(space, found.step)
     if not out.any() or not np.isfinite(found.loss):
         return found
-    bound = np.where(space.bounded_above, np.sign(found.step) * _END, start - _END)
+    bound = np.where(space.bounded_above, np.sign(found.step) * FARTHEST, start - FARTHEST)
     there = find(problem, np.where(out, bound, found.theta), options)
     return there if there.loss <= found.loss else found
 

@@ -29,11 +29,6 @@ EVEN = 0.985
 _MOST_COMPARED = 200
 
 
-def in_percent(e: Floats) -> bool:
-    """Return whether restitutions seem to be in percent."""
-    return bool(e.size) and float(np.median(e)) > 2 and float(e.max()) <= 120
-
-
 def length_guess(times: float) -> str:
     """Return the unit of a length that is `times` too large; "" if unclear."""
     for unit, size in (("cm", 100), ("mm", 1000)):
@@ -113,8 +108,10 @@ def column(
 
 def _guess(array: Column, allowed: Range) -> str:
     """Return a guess of the unit of restitutions; "" if unclear."""
-    restitution = allowed.high in (RESTITUTION.high, MEASURED_RESTITUTION.high)
-    percent = restitution and in_percent(array[array == array])
+    there = array[array == array]
+    if not there.size or allowed.high not in (RESTITUTION.high, MEASURED_RESTITUTION.high):
+        return ""
+    percent = np.median(there) > 2 and there.max() <= 120
     return " Is it in percent? Then divide by 100." if percent else ""
 
 

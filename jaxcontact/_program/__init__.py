@@ -2,6 +2,7 @@
 
 from .._entry import traced as traced
 from .compiled import FEW as FEW
+from .compiled import in_double as in_double
 from .compiled import quick as quick
 from .compiled import side_by_side as side_by_side
 from .compiled import soon_options as soon_options

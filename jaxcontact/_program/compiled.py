@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import concurrent.futures
+import contextlib
 import functools
 import math
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -19,6 +20,13 @@ Out = TypeVar("Out")
 
 FEW = 256
 """Up to this count of numbers, full optimisation takes longer than the computation."""
+
+
+@contextlib.contextmanager
+def in_double() -> Iterator[None]:
+    """Compute in double precision and with the usual promotion of types, whatever JAX's setting."""
+    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        yield
 
 
 def untraced() -> bool:

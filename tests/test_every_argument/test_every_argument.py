@@ -43,7 +43,7 @@ def nothing_is_compiled(monkeypatch, tmp_path, usual_promotion):
         ("_fit.fit", "find_all"),
         ("_fit.many.fit_many", "search_all"),
         ("_fit.compare", "find"),
-        ("_fit.uncertainty.bootstrap", "_refits"),
+        ("_fit.uncertainty.bootstrap", "refits"),
         ("_fit.uncertainty.interval", "_held"),
         ("_fit.posterior.posterior", "find_mode"),
         ("_fit.posterior.posterior", "draw"),

@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Float, Int
+from jaxtyping import ArrayLike, Bool, Float, Int
 
 from ..._entry import (
     POSITIVE,
@@ -19,6 +19,7 @@ from ..._entry import (
     require_function,
     require_number,
 )
+from ..._program import in_double
 from ..._text.failure import Flagged, WordedEnum
 from ..._text.progress import progress_of
 from ..._text.words import text_table
@@ -27,7 +28,7 @@ from ..problem.problem import FitProblem, Huber
 from ..search.minimum import MOST_STEPS, SearchEnd, SearchOptions, decomposed
 from ..search.verdict import creeping, near_bound, noise_of, refuse_unused
 from .search import Balls, block_sizes, rows_of, search_all
-from .tables import Starts, Tables, starts_of, tables_of
+from .tables import Tables, starts_of, tables_of
 
 _NAMED = 5
 """Largest number of failed balls that are listed."""
@@ -113,35 +114,6 @@ class Fits(Flagged):
     __repr__ = summary
 
 
-def assess(
-    shared: FitProblem, tables: Tables, ends: SearchEnd, theta: Float[np.ndarray, "B k"]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return which ends are plain: converged, away from bounds, with all parameters determined.
-
-    Also return covariance (B, k, k), degrees of freedom and noise as of `infer`; others have NaN
-    or 0.
-    """
-    space, k = shared.space, theta.shape[1]
-    finite = np.isfinite(ends.jacobian).all(axis=(1, 2)) & np.isfinite(ends.loss)
-    jacobian = np.where(finite[:, None, None], ends.jacobian, 0)
-    _, s, vt, scale, known, kept = decomposed(jacobian)
-    ranked = (s.shape[1] == k) & known.all(axis=1) & kept.all(axis=1)
-    below, above = near_bound(space, ends, theta)
-    aside = below | above | creeping(space, ends.step) | ~ends.still
-    plain = finite & ranked & ~aside.any(axis=1)
-
-    used = tables.factor > 0
-    dof = np.where(plain, used.sum(axis=1) - k, 0)
-    noise, _ = noise_of(shared, ends.z, used, dof, tables.absolute)
-    with np.errstate(all="ignore"):
-        basis = np.swapaxes(vt, 1, 2) / s[:, None, :] / scale[:, :, None]
-        stretch = space.stretch(ends.values.T).T
-        covariance = noise[:, None, None] * (basis @ np.swapaxes(basis, 1, 2))
-        covariance = covariance * stretch[:, :, None] * stretch[:, None, :]
-    covariance = np.where(plain[:, None, None], covariance, np.nan)
-    return plain, covariance, dof, np.where(plain, noise, np.nan)
-
-
 def fit_many(
     predict: Callable[..., Any],
     data: Any,
@@ -194,24 +166,20 @@ def fit_many(
     rtol = require_number("rtol", rtol, POSITIVE)
     most = MOST_STEPS if max_steps is None else require_count("max_steps", max_steps, 1)
     most_at_once = None if batch_size is None else require_count("batch_size", batch_size, 1)
-    with (
-        progress_of(progress, "balls", "fit_many") as tell,
-        jax.enable_x64(True),
-        jax.numpy_dtype_promotion("standard"),
-    ):
+    with progress_of(progress, "balls", "fit_many") as tell, in_double():
         tables = tables_of(balls, data, x, sigma, weights)
-        starts = starts_of(start, transforms, own_start, len(tables.balls))
+        space, theta, others, valid = starts_of(start, transforms, own_start, len(tables.balls))
         threshold = jax.tree.map(jnp.asarray, huber)
-        lanes = Balls(tables.x, tables.y, tables.factor, starts.theta, starts.others)
+        lanes = Balls(tables.x, tables.y, tables.factor, theta, others)
         first = jax.device_put(rows_of(lanes, 0))
         at, how = (first.x, first.y, first.factor), (threshold, reverse, tables.shapes)
-        shared = FitProblem(predict, starts.space, *at, *how)
+        shared = FitProblem(predict, space, *at, *how)
         options = SearchOptions(jnp.asarray(rtol), max_steps=most)
         blocks = block_sizes(len(tables.balls), most_at_once)
         ends, histories = search_all(shared, lanes, options, blocks, tell)
         # A number is unused if its column of the Jacobian is zero for all balls.
         refuse_unused(shared, rows_of(ends, 0)._replace(jacobian=np.any(ends.jacobian, axis=0)))
-        return _Made(shared, tables, starts, lanes, options, ends, histories).fits()
+        return _Made(shared, tables, lanes, options, ends, histories).fits(tables.valid & valid)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -220,20 +188,19 @@ class _Made:
 
     shared: FitProblem
     tables: Tables
-    starts: Starts
     lanes: Balls
     options: SearchOptions
     ends: SearchEnd
     histories: list[np.ndarray]
 
-    def fits(self) -> Fits:
+    def fits(self, valid: Bool[np.ndarray, " B"]) -> Fits:
         """Return the result: ends that are not plain are assessed one by one, as `fit` does."""
-        ends, space, valid = self.ends, self.starts.space, self.tables.valid & self.starts.valid
-        plain, covariance, dof, noise = assess(self.shared, self.tables, ends, self.starts.theta)
+        ends, space = self.ends, self.shared.space
+        plain, covariance, dof, noise = self.assessed()
         values, loss, steps = ends.values.copy(), ends.loss.copy(), ends.steps.copy()
         status = np.full(len(valid), int(FitStatus.CONVERGED), np.int8)
         reasons = ["no step is left"] * len(valid)
-        few = (self.tables.factor > 0).sum(axis=1) < len(space.names)
+        few = (self.lanes.factor > 0).sum(axis=1) < len(space.names)
         few &= not any(space.shapes)
         blind = np.array([not np.isfinite(history[0]) for history in self.histories])
         for kind, which in (
@@ -264,6 +231,33 @@ class _Made:
             lambda i: odd[i] if i in odd else self.single(i),
         )
 
+    def assessed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return which ends are plain: converged, away from bounds, with all parameters determined.
+
+        Also return covariance (B, k, k), degrees of freedom and noise as of `infer`, for others NaN
+        or 0.
+        """
+        ends, lanes, space = self.ends, self.lanes, self.shared.space
+        k = len(space.names)
+        finite = np.isfinite(ends.jacobian).all(axis=(1, 2)) & np.isfinite(ends.loss)
+        jacobian = np.where(finite[:, None, None], ends.jacobian, 0)
+        _, s, vt, scale, known, kept = decomposed(jacobian)
+        ranked = (s.shape[1] == k) & known.all(axis=1) & kept.all(axis=1)
+        below, above = near_bound(space, ends, lanes.theta)
+        aside = below | above | creeping(space, ends.step) | ~ends.still
+        plain = finite & ranked & ~aside.any(axis=1)
+
+        used = lanes.factor > 0
+        dof = np.where(plain, used.sum(axis=1) - k, 0)
+        noise, _ = noise_of(self.shared, ends.z, used, dof, self.tables.absolute)
+        with np.errstate(all="ignore"):
+            basis = np.swapaxes(vt, 1, 2) / s[:, None, :] / scale[:, :, None]
+            stretch = space.stretch(ends.values.T).T
+            covariance = noise[:, None, None] * (basis @ np.swapaxes(basis, 1, 2))
+            covariance = covariance * stretch[:, :, None] * stretch[:, None, :]
+        covariance = np.where(plain[:, None, None], covariance, np.nan)
+        return plain, covariance, dof, np.where(plain, noise, np.nan)
+
     def single(self, i: int) -> Fit:
         """Return the fit of one ball, without the points that fill its row."""
         tables, length = self.tables, self.tables.length
@@ -280,11 +274,11 @@ class _Made:
             prediction=end.prediction[real],
         )
         own = lane._replace(x=x, y=lane.y[real], factor=lane.factor[real])
-        with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        with in_double():
             problem = jax.tree.map(
                 lambda x: jax.device_put(x) if isinstance(x, np.ndarray | np.generic) else x,
                 dataclasses.replace(own.problem(self.shared), shapes=shapes),
             )
-            theta, how = self.starts.theta[i], (tables.absolute, np.zeros(0), None, self.options)
-            end = set_to_bound(problem, end, theta, self.options)
-            return result_of(problem, end, theta, *how, True)
+            how = tables.absolute, np.zeros(0), None, self.options
+            end = set_to_bound(problem, end, lane.theta, self.options)
+            return result_of(problem, end, lane.theta, *how, True)

@@ -15,7 +15,7 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from ..._program import quick, side_by_side
+from ..._program import in_double, quick, side_by_side
 from ..problem.problem import FitProblem
 from ..search.minimum import SearchEnd, SearchOptions, assessed, end_of, in_numpy
 from ..search.trust_region import Search, begin, least_squares
@@ -132,11 +132,7 @@ def _portion(
     def advanced(some: Int[np.ndarray, " m"]) -> Any:
         rows = np.concatenate([some, np.repeat(some[-1:], block - len(some))])
         mine = rows_of(lanes, rows)
-        with (
-            jax.enable_x64(True),
-            jax.numpy_dtype_promotion("standard"),
-            jax.default_device(device),
-        ):
+        with in_double(), jax.default_device(device):
             if known:
                 search = rows_of(known[0], rows)
             else:

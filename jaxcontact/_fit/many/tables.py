@@ -35,17 +35,6 @@ class Tables(NamedTuple):
     absolute: bool
 
 
-class _BallRows(NamedTuple):
-    """Where the points of each ball are: rows (B, width) of columns; None if they are so stored."""
-
-    balls: np.ndarray
-    rows: Int[np.ndarray, "B width"] | None
-    length: Int[np.ndarray, " B"] | None
-
-    def of(self, column: np.ndarray) -> np.ndarray:
-        return column if self.rows is None else column[self.rows]
-
-
 def tables_of(balls: Any, data: Any, x: Any, sigma: Any, weights: Any) -> Tables:
     """Return the data of every ball."""
     name, value = spread_of(sigma, weights)
@@ -56,29 +45,35 @@ def tables_of(balls: Any, data: Any, x: Any, sigma: Any, weights: Any) -> Tables
     _refuse_other_lengths("data", data, columns, count)
     if balls is None and any(column.ndim < 2 for column in columns):
         raise refusal("data", "have the axes (balls, points) without `balls`", data)
-    layout = _layout_of(balls, count)
+    names, rows, length = _layout_of(balls, count)
     given = _spread(name, value, data, columns)
-    spread, y = (_flat(layout, parts) for parts in (given, columns))
+    spread, y = (
+        np.concatenate([column[rows].reshape(len(rows), -1) for column in parts], axis=1)
+        for parts in (given, columns)
+    )
     factor, good = factor_of(spread, name == "sigma")
     real = np.ones(y.shape, bool)
-    if layout.length is not None:
-        inside = np.arange(layout.length.max()) < layout.length[:, None]
+    if length is not None:
+        inside = np.arange(length.max()) < length[:, None]
         parts = [np.repeat(inside, math.prod(c.shape[1:]), axis=1) for c in columns]
         real = np.concatenate(parts, axis=1)
     good &= (factor == 0) | np.isfinite(y)
     valid = (good | ~real).all(axis=1) & ((factor > 0) & real).any(axis=1)
     factor = np.where(real & valid[:, None], factor, 0.0)
-    width = () if layout.rows is None else layout.rows.shape[1:]
-    shapes = tuple((*width, *c.shape[1:]) or (1,) for c in columns)
-    y, places = np.where(factor > 0, y, 0.0), _places(x, layout, count)
-    table = real, layout.length, shapes, valid, name == "sigma"
-    return Tables(layout.balls, y, factor, places, *table)
+    shapes = tuple((*rows.shape[1:], *c.shape[1:]) or (1,) for c in columns)
+    y, places = np.where(factor > 0, y, 0.0), _places(x, rows, count)
+    return Tables(names, y, factor, places, real, length, shapes, valid, name == "sigma")
 
 
-def _layout_of(balls: Any, count: int) -> _BallRows:
+def _layout_of(
+    balls: Any, count: int
+) -> tuple[np.ndarray, Int[np.ndarray, "B ..."], Int[np.ndarray, " B"] | None]:
+    """Return the balls, the rows (B, width) of their points, and how many; (B,) and None if each
+    row of the columns is a ball.
+    """
     number = groups_of(balls, count, "balls")
     if number is None:
-        return _BallRows(np.arange(count), None, None)
+        return np.arange(count), np.arange(count), None
     # In the order in which they first appear.
     first = np.sort(np.unique(number, return_index=True)[1])
     place = np.empty(len(first), int)
@@ -88,7 +83,7 @@ def _layout_of(balls: Any, count: int) -> _BallRows:
     within = np.minimum(np.arange(length.max()), length[:, None] - 1)
     names = as_array(balls)
     assert names is not None
-    return _BallRows(names.ravel()[first], order[start[:, None] + within], length)
+    return names.ravel()[first], order[start[:, None] + within], length
 
 
 def _refuse_other_lengths(name: str, value: Any, columns: list[np.ndarray], count: int) -> None:
@@ -121,40 +116,28 @@ def _spread(name: str, value: Any, data: Any, columns: list[np.ndarray]) -> list
         ) from error
 
 
-def _flat(layout: _BallRows, columns: list[np.ndarray]) -> np.ndarray:
-    """Return columns as one vector for each ball."""
-    parts = [layout.of(column) for column in columns]
-    return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
-
-
-def _places(x: Any, layout: _BallRows, count: int) -> Any:
+def _places(x: Any, rows: np.ndarray, count: int) -> Any:
     # In NumPy: JAX would compile a program for each new shape.
     try:
         columns = jax.tree.map(lambda leaf: np.asarray(as_place(leaf)), x)
     except TypeError as error:  # an array of JAX without numbers
         raise refusal("x", "hold numbers", x) from error
     _refuse_other_lengths("x", x, jax.tree.leaves(columns), count)
-    return jax.tree.map(layout.of, columns)
+    return jax.tree.map(lambda column: column[rows], columns)
 
 
-class Starts(NamedTuple):
-    """The free coordinates of the start of each ball, and which are `valid`.
+def starts_of(
+    start: Any, transforms: Any, own: bool, count: int
+) -> tuple[Space, Float[np.ndarray, "B k"], list[np.ndarray | None], Bool[np.ndarray, " B"]]:
+    """Return the space of `count` balls, the coordinates of their starts, and which are valid.
 
-    `others` are the leaves that are not fitted, with None for those that all balls share.
+    With `own`, arrays have a first axis of the balls. Third come the leaves that are not fitted,
+    with None for those that all balls share.
     """
-
-    space: Space
-    theta: Float[np.ndarray, "B k"]
-    others: list[np.ndarray | None]
-    valid: Bool[np.ndarray, " B"]
-
-
-def starts_of(start: Any, transforms: Any, own: bool, count: int) -> Starts:
-    """Return the starts of `count` balls; with `own`, arrays have a first axis of the balls."""
     if not own:
         space, theta = space_of(start, transforms)
         shared: list[np.ndarray | None] = [None] * len(space.others)
-        return Starts(space, np.tile(theta, (count, 1)), shared, np.ones(count, bool))
+        return space, np.tile(theta, (count, 1)), shared, np.ones(count, bool)
     leaves, structure = jax.tree.flatten(start)
     arrays = [np.asarray(leaf) if np.ndim(leaf) else None for leaf in leaves]
     for array in arrays:
@@ -178,7 +161,6 @@ def starts_of(start: Any, transforms: Any, own: bool, count: int) -> Starts:
     else:
         assert refused is not None  # for the type checker
         raise refused
-    fitted = [shape is not None for shape in space.shapes]
     columns = [
         np.broadcast_to(x if a is None else a, (count, *(shape or ()))).reshape(count, -1)
         for x, a, shape in zip(leaves, arrays, space.shapes, strict=True)
@@ -192,5 +174,5 @@ def starts_of(start: Any, transforms: Any, own: bool, count: int) -> Starts:
         [c._to_free(v, *end) for (c, *end), v in zip(ends, row, strict=True)]
         for row in np.where(valid[:, None], values, values[np.argmax(valid)]).tolist()
     ])  # fmt: skip
-    others = [a for a, is_fitted in zip(arrays, fitted, strict=True) if not is_fitted]
-    return Starts(space, theta, others, valid)
+    others = [a for a, shape in zip(arrays, space.shapes, strict=True) if shape is None]
+    return space, theta, others, valid

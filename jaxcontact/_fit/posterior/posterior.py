@@ -21,10 +21,11 @@ from ..._entry import (
     require_kind,
     require_number,
 )
+from ..._program import in_double
 from ..._text.words import first_few, text_table
 from ..data import FitData, require_converged
-from ..search.minimum import SINGULAR
-from ..search.verdict import Direction
+from ..search.minimum import ROUNDING, SINGULAR
+from ..search.verdict import FAR, Direction
 from ..uncertainty.adequacy import adequacy_of
 from .density import Density, Draws, Mode, draw, find_mode, prior_of, root_of
 
@@ -53,12 +54,6 @@ def r_hat_and_effective(draws: Float[np.ndarray, "chains draws"]) -> tuple[float
 LARGEST_R_HAT = 1.01
 FEWEST_EFFECTIVE = 400
 """Limits that Vehtari et al. (2021) require for reliable draws."""
-
-_FAR = 18.0
-"""Distance of a logarithm or logit from the mode beyond which it is at a bound."""
-
-_ROUNDING = 16 * float(np.finfo(float).eps)
-"""Fraction of the data below which residuals are rounding."""
 
 _PLACES = 5
 _SHOWN = 1e-3
@@ -200,11 +195,7 @@ def posterior(
     draws, chains = require_count("draws", draws, 1), require_count("chains", chains, 2)
     warmup, seed = require_count("warmup", warmup, 1), require_count("seed", seed, 0)
     _check(fit)
-    with (
-        jax.enable_x64(True),
-        jax.numpy_dtype_promotion("standard"),
-        jax.numpy_rank_promotion("allow"),
-    ):
+    with in_double(), jax.numpy_rank_promotion("allow"):
         known = prior_of(prior, fit.problem.space)
         if prior is None:
             _refuse_open(fit, np.zeros((len(fit.names),) * 2), prior)
@@ -238,7 +229,7 @@ def _check(fit: FitData) -> None:
             "which leave the size of the noise unknown."
         )
     data = np.linalg.norm((fit.data * fit._factor)[fit._used])
-    if np.linalg.norm(fit.z) <= _ROUNDING * data:
+    if np.linalg.norm(fit.z) <= ROUNDING * data:
         raise ValueError(
             "Argument `sigma` of `fit` must be given for a posterior of an exact fit, which "
             "leaves the noise unknown."
@@ -355,10 +346,10 @@ def _open_bounds(density: Density, mode: Mode, drawn: Draws) -> list[str]:
     least = find_mode(density, mode.centre).value - np.log(len(draws))
     found = []
     for i in places:
-        far = np.abs(draws[:, i] - mode.centre[i]).max() > _FAR
+        far = np.abs(draws[:, i] - mode.centre[i]).max() > FAR
         for side in (-1, 1) if space.bounded_above[i] else (-1,):
             start = mode.centre.copy()
-            start[i] += side * _FAR
+            start[i] += side * FAR
             far |= find_mode(density, start, int(i)).value > least
         if far:
             found.append(space.labels[i])

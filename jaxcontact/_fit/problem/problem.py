@@ -5,6 +5,7 @@ loss: squares, or Huber's loss for data with outliers.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..._entry import POSITIVE, as_own, as_parameter, real_array, refusal, require_number
 from .space import Space
@@ -91,6 +92,12 @@ class FitProblem(eqx.Module):
     whitener: Float[Array, "n n"] | None = None
 
     @property
+    def columns(self) -> Int[np.ndarray, " n"]:
+        """The number of the column of each point, that of its leaf of the data."""
+        sizes = [math.prod(shape) for shape in self.shapes]
+        return np.repeat(np.arange(len(sizes)), sizes)
+
+    @property
     def limit(self) -> Any:
         """The threshold of Huber's loss; infinite for squares."""
         return np.inf if self.threshold is None else self.threshold
@@ -112,13 +119,10 @@ class FitProblem(eqx.Module):
         z = xp.where(used, xp.where(used, prediction - self.y, 0) * self.factor, 0)
         return z if self.whitener is None else self.whitener @ z
 
-    def residual(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
-        """Return the residuals that are squared and summed."""
-        return shortened(self.standardised(self.prediction(theta)), self.threshold)
-
     def loss(self, theta: Float[Array, " k"]) -> Float[Array, ""]:
-        """Return ½ Σ residual²."""
-        return jnp.sum(jnp.square(self.residual(theta))) / 2
+        """Return half the sum of the squares of shortened residuals."""
+        residual = shortened(self.standardised(self.prediction(theta)), self.threshold)
+        return jnp.sum(jnp.square(residual)) / 2
 
     def at(self, theta: Float[Array, " k"]) -> Point:
         """Return standardised residuals and their derivatives."""
@@ -138,11 +142,6 @@ class FitProblem(eqx.Module):
         return (jax.jacrev if self.reverse else jax.jacfwd)(function, has_aux=True)(at)
 
 
-def place_of(x: Any) -> Any:
-    """Return the tree of arrays `x` of a prediction; raise ValueError if JAX cannot hold it."""
-    return jax.tree.map(as_place, x)
-
-
 def as_place(leaf: Any) -> Any:
     """Return an array of `x` of a prediction; raise ValueError if JAX cannot hold it."""
     # A prediction may index by flags, or compute with complex numbers.
@@ -156,7 +155,7 @@ def place_like(x: Any, known: Any) -> Any:
     """Return another `x` with the structure of the data's, `known`; raise ValueError otherwise."""
     if isinstance(known, jax.Array) and jnp.issubdtype(known.dtype, jnp.floating):
         return as_parameter(x, "x").astype(known.dtype)
-    place = place_of(x)
+    place = jax.tree.map(as_place, x)
     wanted, got = jax.tree.structure(known), jax.tree.structure(place)
     if wanted != got:
         what = "None, as in the fit" if known is None else f"a tree like that of the fit, {wanted}"

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._program import quick, soon_options
 from ..problem.problem import FitProblem, Point, shortened, shortened_slope
-from .trust_region import Search, begin, least_squares, scale_of
+from .trust_region import Search, begin, here_at, least_squares, scale_of
 
 MOST_STEPS = 500
 """Default steps of Levenberg-Marquardt."""
@@ -33,14 +33,18 @@ SINGULAR = 1e-7
 Derivatives of an event solve are accurate to about 1e-7.
 """
 
-_ROUNDING = 16 * float(jnp.finfo(jnp.float64).eps)
-"""Rounding of all residuals together, relative to the terms of their differences."""
+ROUNDING = 16 * float(np.finfo(float).eps)
+"""Rounding of residuals relative to the terms of their differences."""
 
 NEGLIGIBLE = 1e-3
 """Remaining step in standard errors that is negligible."""
 
 COARSE = 1e-2
 """Remaining step of a logarithm or logit that counts, even if rounding hides it."""
+
+
+FARTHEST = 40.0
+"""Distance of a logarithm or logit that is its bound, where its slope is 0, or beyond all data."""
 
 
 class SearchOptions(NamedTuple):
@@ -95,20 +99,19 @@ class SearchEnd(NamedTuple):
 
 def end_of(problem: FitProblem, search: Search) -> SearchEnd:
     """Return the end of a search of Levenberg-Marquardt, which is not assessed."""
-    here = search.here
-    return _end(problem, here.theta, search.history, search.step, search.ended, here.point)
+    here, course = search.here, (search.history, search.step, search.ended)
+    return _end(problem, here.theta, here.point, course)
 
 
 def _end(
-    problem: FitProblem, theta: Array, history: Array, steps: Array, stopped: Array, point: Point
+    problem: FitProblem, theta: Array, point: Point, course: tuple[Array, Array, Array]
 ) -> SearchEnd:
-    course = theta, history, steps, stopped, theta[0]
-    return SearchEnd(
-        *course, point.z, point.jacobian, problem.space.values(theta), point.prediction
-    )
+    z, jacobian, prediction = point
+    here = theta[0], z, jacobian, problem.space.values(theta), prediction
+    return SearchEnd(theta, *course, *here)
 
 
-def _searched(problem: FitProblem, start: Float[Array, " k"], options: SearchOptions) -> SearchEnd:
+def searched(problem: FitProblem, start: Float[Array, " k"], options: SearchOptions) -> SearchEnd:
     """Minimise from `start` until the loss no longer falls, or for `max_steps`."""
     if options.optimizer is not None:
         return _gradient_descent(problem, start, options)
@@ -148,12 +151,7 @@ def _gradient_descent(
     zero = jnp.zeros((), int)
     first = (start, optimizer.init(start), start, jnp.asarray(jnp.inf), zero, history, zero)
     _, _, best, _, idle, history, step = jax.lax.while_loop(unfinished, advance, first)
-    return _end(problem, best, history, step, idle >= options.patience, problem.at(best))
-
-
-def found_from(problem: FitProblem, start: Float[Array, " k"], options: SearchOptions) -> SearchEnd:
-    """Search from `start`, and compute the distance of its end from a minimum."""
-    return assessed(problem, _searched(problem, start, options), options.rtol)
+    return _end(problem, best, problem.at(best), (history, step, idle >= options.patience))
 
 
 def assessed(
@@ -167,23 +165,23 @@ def assessed(
 _FEW_POINTS = 1000
 """Largest number of data whose fit takes longer to compile than to run."""
 
-_compiled = eqx.filter_jit(_searched)
-_quickly_compiled = quick(_searched)
-_soon_compiled = quick(_searched, options=soon_options)
-_compiled_all = eqx.filter_jit(eqx.filter_vmap(_searched, in_axes=(None, 0, None)))
+_compiled = eqx.filter_jit(searched)
+_quickly_compiled = quick(searched)
+_soon_compiled = quick(searched, options=soon_options)
+_compiled_all = eqx.filter_jit(eqx.filter_vmap(searched, in_axes=(None, 0, None)))
 
 
 def find(problem: FitProblem, start: Float[np.ndarray, " k"], options: SearchOptions) -> SearchEnd:
-    """Compile and run `found_from`; its end is assessed in NumPy, which is little work.
+    """Compile and run a search; its end is assessed in NumPy, which is little work.
 
     A search over few points, or of a prediction with `is_formula`, runs so quickly that it is also
     compiled quickly.
     """
     formula = getattr(problem.predict, "is_formula", False)
-    searched = _soon_compiled if formula else _compiled
+    search = _soon_compiled if formula else _compiled
     if problem.y.size <= _FEW_POINTS:
-        searched = _quickly_compiled
-    found = in_numpy(searched(problem, jax.device_put(start), options))
+        search = _quickly_compiled
+    found = in_numpy(search(problem, jax.device_put(start), options))
     with np.errstate(all="ignore"):
         return assessed(in_numpy(problem), found, np.asarray(options.rtol), np)
 
@@ -205,7 +203,7 @@ def in_numpy(tree: Any) -> Any:
 
 @quick
 def _natural(problem: FitProblem, theta: Float[Array, " k"]) -> Float[Array, " k"]:
-    return scale_of(problem, problem.at(theta))
+    return scale_of(problem, here_at(problem, theta, jnp.zeros_like(theta)))
 
 
 def start_scale(problem: FitProblem, theta: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
@@ -238,7 +236,7 @@ def with_step(
         for x in (problem.factor * problem.y, problem.factor * found.prediction)
     )
     # Zero data have no scale of rounding: use the loss at the start.
-    blur = _ROUNDING * xp.where(data > 0, data + terms, xp.sqrt(2 * found.history[0]))
+    blur = ROUNDING * xp.where(data > 0, data + terms, xp.sqrt(2 * found.history[0]))
     r = xp.where(xp.isfinite(r), r, 0)
     # The step to the minimum of |r + J p|. Its errors are the standard error of coordinates, and
     # its change by a rounding of the residuals by `blur`.

@@ -63,13 +63,6 @@ _LEAST = 1e-6
 """Least noise of a column relative to its scatter, which limits the weight of exact data."""
 
 
-def columns_of(problem: FitProblem, noise: str) -> Int[np.ndarray, " n"]:
-    """Return the number of the column of each point; zeros for common noise."""
-    sizes = [int(np.prod(shape)) for shape in problem.shapes]
-    numbers = np.arange(len(sizes)) * (noise == BY_COLUMN)
-    return np.repeat(numbers, sizes)
-
-
 def refuse_between(
     columns: Int[np.ndarray, " n"], whitener: Float[np.ndarray, "n n"] | None
 ) -> None:
@@ -94,11 +87,11 @@ class ColumnErrors(AbstractErrors[SearchEnd, FitProblem]):
     def __init__(self, problem: FitProblem, columns: Int[np.ndarray, " n"]):
         self.problem, self.columns, self.settled = problem, columns, False
         self._relative = np.asarray(problem.factor)
-        used, count = self._relative > 0, int(columns.max()) + 1
+        self._used = self._relative > 0
+        self._inside = self._used & (columns == np.arange(columns.max() + 1)[:, None])
         # The scatter of the data of each column, in units of what the fit assumed.
-        y = np.asarray(problem.y) * self._relative
-        inside = [y[used & (columns == c)] for c in range(count)]
-        self._least = np.array([part.std() if part.size else 0.0 for part in inside]) * _LEAST
+        parts = [(np.asarray(problem.y) * self._relative)[rows] for rows in self._inside]
+        self._least = np.array([part.std() if part.size else 0.0 for part in parts]) * _LEAST
         self._scale = None
 
     def estimate(self, found: SearchEnd) -> FitProblem | None:
@@ -106,7 +99,7 @@ class ColumnErrors(AbstractErrors[SearchEnd, FitProblem]):
         if not np.isfinite(found.loss):
             return None
         last = np.ones(self._least.size) if self._scale is None else self._scale
-        seen = last * _sizes(self.problem, found, self.columns, self._relative > 0)
+        seen = last * self._sizes(found)
         new = np.maximum(seen, self._least)
         same = self._scale is not None and np.all(np.abs(new - last) <= _SAME * new)
         # If no column shows noise, the weights cannot improve.
@@ -118,21 +111,17 @@ class ColumnErrors(AbstractErrors[SearchEnd, FitProblem]):
         self.problem = eqx.tree_at(lambda p: p.factor, self.problem, factor)
         return self.problem
 
-
-def _sizes(
-    problem: FitProblem, found: SearchEnd, columns: np.ndarray, used: np.ndarray
-) -> Float[np.ndarray, " columns"]:
-    """Return the noise of each column in units of what the fit assumed."""
-    count = int(columns.max()) + 1
-    inside = [used & (columns == c) for c in range(count)]
-    if problem.threshold is not None:
-        medians = [np.median(np.abs(found.z[rows])) if rows.any() else 0.0 for rows in inside]
-        return np.array(medians) / _MEDIAN_OF_NORMAL
-    leverage = np.zeros(used.size)
-    leverage[used] = np.sum(basis_of(found.jacobian[used]) ** 2, axis=1)
-    free = np.array([rows.sum() - leverage[rows].sum() for rows in inside])
-    squares = np.array([np.sum(found.z[rows] ** 2) for rows in inside])
-    return np.sqrt(np.where(free > _SAME, squares / np.maximum(free, _SAME), 0))
+    def _sizes(self, found: SearchEnd) -> Float[np.ndarray, " columns"]:
+        """Return the noise of each column in units of what the fit assumed."""
+        used, inside = self._used, self._inside
+        if self.problem.threshold is not None:
+            medians = [np.median(np.abs(found.z[rows])) if rows.any() else 0.0 for rows in inside]
+            return np.array(medians) / _MEDIAN_OF_NORMAL
+        leverage = np.zeros(used.size)
+        leverage[used] = np.sum(basis_of(found.jacobian[used]) ** 2, axis=1)
+        free = np.array([rows.sum() - leverage[rows].sum() for rows in inside])
+        squares = np.array([np.sum(found.z[rows] ** 2) for rows in inside])
+        return np.sqrt(np.where(free > _SAME, squares / np.maximum(free, _SAME), 0))
 
 
 def with_shared(fit: _F, shared: SharedErrors) -> _F:

@@ -130,7 +130,7 @@ def least_squares(
     def advance(search: Search) -> Search:
         here, trial, radius, last, refused, history, step, _ = search
         first = step == 0
-        there = _at(problem, trial.theta, here.scale)
+        there = here_at(problem, trial.theta, here.scale)
         fall = here.squares - there.squares
         gain = jnp.where(jnp.isfinite(fall), fall / _positive(trial.promise), -1)
         # If rounding hides the fall, Gauss-Newton steps are accepted while they get shorter.
@@ -163,7 +163,7 @@ def least_squares(
     return jax.lax.while_loop(unfinished, advance, search)
 
 
-def _at(problem: FitProblem, theta: Float[Array, " k"], scale: Float[Array, " k"]) -> Here:
+def here_at(problem: FitProblem, theta: Float[Array, " k"], scale: Float[Array, " k"]) -> Here:
     point = _point(problem, theta)
     slope = shortened_slope(point.z, point.jacobian, problem.threshold)
     longest = jnp.maximum(scale, jnp.linalg.norm(slope, axis=0))
@@ -178,7 +178,7 @@ def _initial(problem: FitProblem, here: Here) -> tuple[Here, Float[Array, ""]]:
     """
     unit = jnp.where(problem.space.has_unit, _unit(problem, here.point), 0)
     scale = jnp.maximum(here.scale, unit)
-    natural = scale_of(problem, here.point)
+    natural = scale_of(problem, here)
     size = jnp.where(here.theta == 0, natural, _sizes(problem, here))
     return here._replace(scale=scale), jnp.linalg.norm(scale * size)
 
@@ -187,11 +187,10 @@ def _sizes(problem: FitProblem, here: Here) -> Float[Array, " k"]:
     return jnp.where(problem.space.has_unit, 1, jnp.abs(here.theta))
 
 
-def scale_of(problem: FitProblem, point: Point) -> Float[Array, " k"]:
+def scale_of(problem: FitProblem, here: Here) -> Float[Array, " k"]:
     """Return the change of each coordinate that moves the prediction by the size of the data."""
-    slope = shortened_slope(point.z, point.jacobian, problem.threshold)
-    length = jnp.linalg.norm(slope, axis=0)
-    change = jnp.where(length > 0, _unit(problem, point) / _positive(length), 1)
+    length = jnp.linalg.norm(here.slope, axis=0)
+    change = jnp.where(length > 0, _unit(problem, here.point) / _positive(length), 1)
     return jnp.where(problem.space.has_unit, 1, change)
 
 

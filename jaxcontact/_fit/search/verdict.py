@@ -14,7 +14,7 @@ from jaxtyping import Float
 from ..._text.words import first_few
 from ..problem.problem import FitProblem, evaluated
 from ..problem.space import Space
-from .minimum import SearchEnd, decomposed, losses, start_scale
+from .minimum import ROUNDING, SearchEnd, decomposed, losses, start_scale
 
 _PART = 1e-3
 """Relative component in an open direction above which a parameter is not identifiable.
@@ -31,14 +31,14 @@ that adhere, from 1.0005 to 5 times the sticking speed, it is 5e-5 at 25 speeds.
 LEAST_GROUPS = 8
 """Fewest groups of points whose scatter gives standard errors."""
 
-AT_BOUND = "at the bound"
-"""Ending of the reason if parameters ran to a bound."""
-
 _AT_BOUND = 1e-6
 """Distance to a bound, as a fraction of the interval, at which a parameter has run there."""
 
-_FAR = 18.0
-"""Fall of a logarithm (to 1.5e-8 of its start) by which a parameter has run to 0."""
+FAR = 18.0
+"""Fall of a logarithm (to 1.5e-8 of its start) by which a parameter has run to 0.
+
+In a posterior, the distance of a logarithm or logit from the mode at which it is at a bound.
+"""
 
 _OUTWARD = 3.0
 """Remaining step of a logarithm or logit above which the search creeps to a bound."""
@@ -51,9 +51,6 @@ It is relative to the parameter, absolute for a logarithm or a logit.
 
 _FALL = 1e-5
 """Relative fall of the loss that identifies a saddle; a curvature of order 1 gives 1e-4."""
-
-_ROUNDING = 16 * float(np.finfo(float).eps)
-"""Rounding of a residual, relative to the terms of its difference."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,7 +95,7 @@ def near_bound(space: Space, found: SearchEnd, start: np.ndarray) -> tuple[np.nd
     two_sided = space.bounded_above
     near = _AT_BOUND * np.where(two_sided, high - low, 1)
     below = np.where(two_sided, found.values - low, np.inf) < near
-    below |= space.has_unit & ~two_sided & (found.theta < start - _FAR)
+    below |= space.has_unit & ~two_sided & (found.theta < start - FAR)
     return below, np.where(two_sided, high - found.values, np.inf) < near
 
 
@@ -125,7 +122,7 @@ def falling(
     factor = np.asarray(problem.factor)
     used = factor > 0
     terms = factor[used] * (np.abs(problem.y)[used] + np.abs(found.prediction)[used])
-    blur = _ROUNDING * (terms + np.abs(found.jacobian[used]) @ np.abs(theta))
+    blur = ROUNDING * (terms + np.abs(found.jacobian[used]) @ np.abs(theta))
     blur = np.sum(blur * (np.abs(found.z[used]) + blur))
     falls = np.any(aside < float(found.loss) * (1 - _FALL) - blur, axis=0)
     return directions[int(np.argmax(falls))] if falls.any() else None
@@ -136,7 +133,7 @@ def verdict(found: SearchEnd, at_bound: np.ndarray, space: Space, most: int) -> 
     if not (np.isfinite(found.loss) and np.isfinite(found.jacobian).all()):
         return False, "the prediction is not finite there"
     ran = [name for name, there in zip(space.names, at_bound, strict=True) if there]
-    bound = f", {' and '.join(ran)} {AT_BOUND}" if ran else ""
+    bound = f", {' and '.join(ran)} at the bound" if ran else ""
     left = ~(found.still | at_bound)
     if not left.any():
         return True, "no step is left" + bound
@@ -247,7 +244,8 @@ def _invert(
     k = len(held)
     length = np.linalg.norm(jacobian, axis=0)
     flat = ~held & (length == 0)
-    directions = [_direction({int(i): 1.0}, space) for i in np.flatnonzero(flat)]
+    labels = dict(zip(space.names, space.labels, strict=True))
+    directions = [Direction({space.names[i]: 1.0}, labels) for i in np.flatnonzero(flat)]
     lost, inverse = held | flat, np.zeros((k, k))
     order = np.flatnonzero(~lost)
     if not len(order):
@@ -259,8 +257,8 @@ def _invert(
         change = row / length[order]
         share = np.abs(row) > _PART * np.abs(row).max()
         change = change / np.abs(change).max() * np.sign(change[np.argmax(share)])
-        parts = {int(order[i]): float(change[i]) for i in np.flatnonzero(share)}
-        directions.append(_direction(parts, space))
+        parts = {space.names[order[i]]: float(change[i]) for i in np.flatnonzero(share)}
+        directions.append(Direction(parts, labels))
         lost[order[share]] = True
     basis = vt[good] / s[good, None] / length[order]
     inverse[np.ix_(order, order)] = basis.T @ basis
@@ -275,10 +273,3 @@ def sandwich(
     np.add.at(summed, number, scores)
     count = len(np.unique(number))
     return bread @ (summed.T @ summed) @ bread * (count / (count - 1))
-
-
-def _direction(parts: dict[int, float], space: Space) -> Direction:
-    return Direction(
-        {space.names[i]: part for i, part in parts.items()},
-        {space.names[i]: space.labels[i] for i in parts},
-    )

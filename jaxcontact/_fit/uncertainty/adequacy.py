@@ -178,31 +178,26 @@ def _columns(fit: FitData) -> tuple[list[Column], str]:
         for x in jax.tree.leaves(fit.problem.x)
         if np.ndim(x) == 1 and np.issubdtype(np.asarray(x).dtype, np.floating)
     ]
-    columns, at, along = [], 0, "their order"
-    for shape in fit.problem.shapes:
-        size = math.prod(shape)
-        inside = np.flatnonzero(used[at : at + size])
-        place = next((x for x in numbers if x.size == size), None)
+    columns, along = [], "their order"
+    for c in range(len(fit.problem.shapes)):
+        here = np.flatnonzero(fit.problem.columns == c)
+        inside = np.flatnonzero(used[here])
+        place = next((x for x in numbers if x.size == here.size), None)
         if place is None:
-            place = np.arange(size, dtype=float)
+            place = np.arange(here.size, dtype=float)
         else:
             along = "x"
         if len(inside):
             order = inside[np.argsort(place[inside], kind="stable")]
             places = np.unique(place[order], return_index=True)[1]
-            columns.append(Column(number[at + order], places))
-        at += size
+            columns.append(Column(number[here[order]], places))
     return columns, along
 
 
 def _is_exact(fit: FitData, z: np.ndarray) -> bool:
     # Columns have their own units.
-    ends = np.cumsum([math.prod(shape) for shape in fit.problem.shapes])[:-1]
-    parts = [
-        (y[w > 0], w[w > 0])
-        for y, w in zip(np.split(fit.data, ends), np.split(fit._factor, ends), strict=True)
-    ]
-    parts = [(y, w) for y, w in parts if y.size]
+    y, w, column = fit.data[fit._used], fit._factor[fit._used], fit.problem.columns[fit._used]
+    parts = [(y[column == c], w[column == c]) for c in np.unique(column)]
     spread, size = (
         math.hypot(*(np.linalg.norm((y - off * y.mean()) * w) for y, w in parts)) for off in (1, 0)
     )
@@ -214,8 +209,8 @@ def _is_exact(fit: FitData, z: np.ndarray) -> bool:
 def _shifts(fit: FitData, trial: np.ndarray) -> Float[np.ndarray, "n trials*columns"]:
     """Return the change of z by a shift of all points of a trial, in one column of the data."""
     used, whitener = fit._used, fit.problem.whitener
-    column = np.repeat(*np.transpose([(i, math.prod(s)) for i, s in enumerate(fit.problem.shapes)]))
-    kind = np.unique(np.stack([column[used], trial]), axis=1, return_inverse=True)[1].ravel()
+    column = fit.problem.columns[used]
+    kind = np.unique(np.stack([column, trial]), axis=1, return_inverse=True)[1].ravel()
     shifts = np.zeros((used.size, kind.max() + 1))
     shifts[np.flatnonzero(used), kind] = fit._factor[used]
     return (shifts if whitener is None else np.asarray(whitener) @ shifts)[used]

@@ -6,15 +6,14 @@ import dataclasses
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from ..._entry import FRACTION, require_count, require_number
+from ..._program import in_double
 from ..data import FitData, require_converged
-from ..problem.problem import FitProblem
-from ..search.minimum import SearchEnd, SearchOptions, found_from, in_numpy
-from .interval import MOST_REFITS
+from .interval import ends_of, refits
+
+_drawn = eqx.filter_jit(ends_of)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +63,7 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
             "Argument `sigma` of `fit` must be given for a bootstrap without degrees of freedom, "
             "which leave the size of the noise unknown."
         )
-    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+    with in_double():
         # In NumPy: each JAX operation outside a compiled function is a program.
         noise = np.array(jax.random.normal(jax.random.key(seed), (draws, fit.data.size)))
         if fit._shared is None:
@@ -75,27 +74,9 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
             key = jax.random.fold_in(jax.random.key(seed), 1)
             shared = np.asarray(jax.random.normal(key, (draws, root.shape[1]))) @ root.T
             noise[:, fit._used] = noise[:, fit._used] * np.sqrt(size) + shared
-        options = SearchOptions(jnp.asarray(fit._rtol), max_steps=MOST_REFITS)
-        theta, noise = jax.device_put((fit._theta, noise))
-        found = in_numpy(_refits(fit.problem, theta, noise, options))
-    good = np.all(found.still, axis=1) & np.isfinite(found.loss)
-    return Bootstrap(fit.names, found.values, good)
-
-
-@eqx.filter_jit
-def _refits(
-    problem: FitProblem,
-    theta: Float[Array, " k"],
-    noise: Float[Array, "draws n"],
-    options: SearchOptions,
-) -> SearchEnd:
-    used = problem.factor > 0
-    clean = problem.prediction(theta)
-
-    def one(noise: Float[Array, " n"]) -> SearchEnd:
-        if problem.whitener is not None:
-            noise = jax.scipy.linalg.solve_triangular(problem.whitener, noise, lower=True)
-        y = clean + jnp.where(used, noise / jnp.where(used, problem.factor, 1), 0)
-        return found_from(eqx.tree_at(lambda p: p.y, problem, y), theta, options)
-
-    return jax.vmap(one)(noise)
+    if fit.problem.whitener is not None:
+        noise = np.linalg.solve(np.asarray(fit.problem.whitener), noise.T).T
+    y = fit.data + fit.residuals + noise / np.where(fit._used, fit._factor, 1)
+    y, starts = np.where(fit._used, y, 0), np.tile(fit._theta, (draws, 1))
+    values, _, converged, _ = refits(fit, _drawn, "y", y, starts)
+    return Bootstrap(fit.names, values, converged)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import operator
 import statistics
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..._entry import (
     FRACTION,
@@ -22,13 +24,13 @@ from ..._entry import (
     require_count,
     require_number,
 )
-from ..._program import quick
+from ..._program import in_double, quick
 from ..data import FitData, require_converged
 from ..problem.problem import FitProblem
-from ..search.minimum import SearchOptions, found_from
+from ..search.minimum import FARTHEST, SearchOptions, assessed, searched
 from ..search.verdict import creeping
 
-MOST_REFITS = 100
+_MOST_REFITS = 100
 """Most steps of the fits near a best one."""
 
 _ROUNDS = 30
@@ -39,9 +41,6 @@ _MET = 1e-3
 
 _STRIDE = 2.0
 """Largest ratio of the distance of a probe to that of the last one."""
-
-_FAR = 40.0
-"""Distance of a logarithm or logit that is its bound, or beyond all data."""
 
 _FREE_FAR = 1e6
 """Distance in standard errors of a number without a unit that is beyond all data."""
@@ -148,11 +147,11 @@ def held_at(
 
     Both are NaN if the fit of the others did not converge.
     """
-    loss, converged, step = _refit(fit, held, starts)
+    _, loss, converged, step = refits(fit, _held, "space.held", held, starts)
     out = creeping(fit.problem.space, step) & np.isnan(held) & ~converged[:, None]
     if out.any():
         bound = np.where(step > 0, fit.problem.space.high, fit.problem.space.low)
-        there, met, _ = _refit(fit, np.where(out, bound, held), starts)
+        _, there, met, _ = refits(fit, _held, "space.held", np.where(out, bound, held), starts)
         # Lanes without a creeping coordinate are unchanged.
         better = met & (there <= loss)
         loss, converged = np.where(better, there, loss), better | converged
@@ -167,28 +166,37 @@ def held_at(
         return np.sqrt(2 * np.maximum(loss - fit.loss, 0) / unit), loss
 
 
-def _refit(fit: FitData, held: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, ...]:
-    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        options = SearchOptions(jnp.asarray(fit._rtol), max_steps=MOST_REFITS)
-        found = _held(fit.problem, *jax.device_put((held, starts)), options)
+def refits(
+    fit: FitData, compiled: Callable[..., Any], field: str, numbers: np.ndarray, starts: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Return the `ends_of` fits near a fit, by the `compiled` function."""
+    with in_double():
+        options = SearchOptions(jnp.asarray(fit._rtol), max_steps=_MOST_REFITS)
+        found = compiled(fit.problem, field, *jax.device_put((numbers, starts)), options)
     return tuple(map(np.asarray, found))
 
 
-@quick
-def _held(
+def ends_of(
     problem: FitProblem,
-    held: Float[Array, "lanes k"],
+    field: str,
+    numbers: Float[Array, "lanes m"],
     starts: Float[Array, "lanes k"],
     options: SearchOptions,
-) -> tuple[Float[Array, " lanes"], Bool[Array, " lanes"], Float[Array, "lanes k"]]:
-    """Return the losses, which of them have converged, and the remaining steps."""
+) -> tuple[Array, ...]:
+    """Return the values, the losses, which have converged, and the remaining steps of fits, each
+    with other `numbers` in a `field` of the problem.
+    """
 
-    def one(held: Float[Array, " k"], start: Float[Array, " k"]) -> tuple[Array, Array, Array]:
-        found = found_from(eqx.tree_at(lambda p: p.space.held, problem, held), start, options)
+    def one(numbers: Float[Array, " m"], start: Float[Array, " k"]) -> tuple[Array, ...]:
+        other = eqx.tree_at(operator.attrgetter(field), problem, numbers)
+        found = assessed(other, searched(other, start, options), options.rtol)
         good = jnp.all(found.still) & jnp.isfinite(found.loss)
-        return found.loss, good, found.step
+        return found.values, found.loss, good, found.step
 
-    return jax.vmap(one)(held, starts)
+    return jax.vmap(one)(numbers, starts)
+
+
+_held = quick(ends_of)
 
 
 def interval(fit: FitData, level: float = 0.95) -> dict[str, tuple[float, float]]:
@@ -266,9 +274,9 @@ def prediction_band(
                 "sigma", f"be positive, one number or one for each of {curve.size}", sigma
             )
     elif x is not None:
-        columns = np.split(spread, np.cumsum([math.prod(s) for s in fit.problem.shapes])[:-1])
         sizes = [np.size(leaf) for leaf in jax.tree.leaves(fit.predict(x))]
-        spread = np.repeat([np.nanmedian(column) for column in columns], sizes)
+        medians = [np.nanmedian(spread[fit.problem.columns == c]) for c in range(len(sizes))]
+        spread = np.repeat(medians, sizes)
     half = quantile * np.hypot(error, spread)
     return curve - half, curve + half
 
@@ -305,7 +313,7 @@ def _ends(
     known = np.isfinite(error)
     # From its bound, which is far out, a parameter first returns to the middle.
     probe = np.where(known, quantile * np.where(known, error, 1), np.abs(fit._theta[at]))
-    limit = np.where(space.has_unit[at], np.maximum(_FAR, 2 * probe), _FREE_FAR * probe)
+    limit = np.where(space.has_unit[at], np.maximum(FARTHEST, 2 * probe), _FREE_FAR * probe)
     limit = np.where(known, limit, 2 * probe)
     stretch = space.stretch(fit.values)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -171,27 +171,17 @@ def chance(
     It is that of the smallest of the probabilities of all statistics, from residuals of fits to
     `noise(draws)`.
     """
-    every = [statistics(z[None, :])]
-    p = 0.0
-    for draws in (DRAWS, _MORE):
-        every += [statistics(part) for part in _left(model, noise, draws)]
+    every, p, at_once = [statistics(z[None, :])], 0.0, max(1, _NUMBERS // len(model))
+    for count in (DRAWS, _MORE):
+        for done in range(0, count, at_once):
+            draws = noise(min(at_once, count - done))
+            every.append(statistics(draws - (draws @ model) @ model.T))
         # If the model is right, the measurement is one of the draws: all are ranked alike.
         least = _rank(np.concatenate(every, axis=1)).min(axis=0)
         p = float(np.mean(least <= least[0]))
         if not _CLOSE[0] < p < _CLOSE[1]:
             break
     return p
-
-
-def _left(
-    model: Float[np.ndarray, "n k"], noise: Callable[[int], np.ndarray], count: int
-) -> Iterator[np.ndarray]:
-    """Yield the residuals of fits to noise, some draws at a time."""
-    done, at_once = 0, max(1, _NUMBERS // len(model))
-    while done < count:
-        draws = noise(min(at_once, count - done))
-        yield draws - (draws @ model) @ model.T
-        done += len(draws)
 
 
 def _rank(values: Float[np.ndarray, "kinds draws"]) -> Float[np.ndarray, "kinds draws"]:
