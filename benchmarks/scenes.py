@@ -261,7 +261,7 @@ def gradient_cost(count: int, impacts: int) -> dict:
 def beds() -> list[dict]:
     """Balls of 2 cm that settle in a box, in CPU seconds of the first and a later run."""
     rows = []
-    for axes, count in ((2, 3), (2, 6), (2, 12), (3, 4), (3, 8)):
+    for axes, count in ((2, 3), (2, 6), (2, 12), (2, 24), (3, 4), (3, 8), (3, 16)):
         low, high = [0.0] * axes, [0.06] * (axes - 1) + [0.02 * count]
         balls = jc.random_spheres(count, low=low, high=high, radius=0.01, mass=0.01, seed=1)
         law, down = jc.HuGuo(e=0.5), [0.0] * (axes - 1) + [-9.81]

@@ -93,8 +93,9 @@ def simulate(
     - `max_impacts`: the capacity for impacts. From Python the default grows as needed, also for
       derivatives. Under `jit` and `vmap` it is fixed (default 256), and `impacts` are padded to it.
       A run that exceeds it is flagged and NaN.
-    - `max_cluster`: the capacity of a coupled solve in spheres, at least 2. The default is 8; from
-      Python a run that needs more is then repeated with 16 and 32.
+    - `max_cluster`: the capacity of a coupled solve in spheres, at least 2. The default is 8. From
+      Python it is all spheres, up to 40 under gravity and 16 without it; of more, or with periodic
+      axes, a run that needs it goes on with 16, 32 and 40.
     - `progress`: for runs from Python. None shows on stderr after a second, in a terminal or
       notebook, that a program compiles, then the simulated time, the number of impacts and the time
       left. True always shows it, False never. A function is called with that number and None, as

@@ -85,6 +85,15 @@ def quick_options() -> dict[str, Any] | None:
     return _known(options) if soon is None else soon | options
 
 
+@functools.cache
+def swift_options() -> dict[str, Any] | None:
+    """Return `quick_options` with the cheap passes of LLVM, for loops that run longer. They take
+    half the time of all passes, and the code of a loop over few numbers is as fast.
+    """
+    options = quick_options()
+    return None if options is None else options | {"xla_backend_optimization_level": 1}
+
+
 def quick(
     function: Callable[..., Out], most: float = math.inf, options: Callable[[], Any] = quick_options
 ) -> Callable[..., Out]:

@@ -21,7 +21,11 @@ class Ending(WordedEnum):
 
     COMPLETED = 0, "The run reached its duration."
     TOO_MANY_IMPACTS = 1, "Pass a larger `max_impacts`."
-    ACCUMULATED = 2, "Impacts accumulated without a known series. Use impacts with a duration."
+    ACCUMULATED = (
+        2,
+        "Impacts accumulated without a known series. Give them a duration, `instantaneous=False`, "
+        "or end the run at `run.reached`.",
+    )
     INVALID_INPUT = 3, "A number of the scene is out of range, or bodies overlap at the start."
     NOT_CONVERGED = 4, "An impact did not converge to its tolerance. Try another `rtol`."
     CROWDED = 5, "Too many spheres touch, or in an unsupported way. Pass a larger `max_cluster`."

@@ -122,7 +122,11 @@ def simulate_scene(
         _nearest=contents.nearest,
         _record=record,
     )
-    return checked(run, throw, "simulate")
+    return checked(run, throw, "simulate", lambda: _known_until(run))
+
+
+def _known_until(run: Run) -> str:
+    return f"{run._why()} Up to {max(float(run.reached), 0):.6g} s the run is right."
 
 
 def _count(name: str, value: Any, least: int) -> int | None:

@@ -30,10 +30,12 @@ def test_on_given_axes_and_on_new_ones(path):
     other.figure.canvas.draw()
 
 
-def test_a_batch_is_refused(path):
-    batch = jax.tree.map(lambda leaf: leaf[None], path)
+def test_a_batch_is_refused(path, hit):
+    batch, hits = jax.tree.map(lambda leaf: leaf[None], (path, hit))
     with pytest.raises(ValueError, match=r"`path` must be a single trajectory.*\(1, 30\)"):
         jc.plot.trajectory(batch)
+    with pytest.raises(ValueError, match=r"`hit` must be a single impact.*\(1,\)"):
+        jc.plot.impact(path, hits)
     assert not pyplot.get_fignums()
 
 

@@ -5,7 +5,6 @@ Runs of the oracle share their programs: ten discs, two walls, places for five.
 """
 
 import functools
-from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -13,14 +12,10 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._scene.arrays.arrays import Flying, layout_of
-from jaxcontact._scene.arrays.from_scene import arrays_of, inputs_of
-from jaxcontact._scene.engine.coupled import touching
-from jaxcontact._scene.engine.log import blank_calls, blank_choice
-from jaxcontact._scene.engine.slots import fill_slots
+from jaxcontact._scene.engine import pieces
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.oracle.shaken_spheres import pressed, sine
-from tests.test_scene.support import bodies_of, central, in_a_line, spheres
+from tests.test_scene.support import bodies_of, central, fourth, in_a_line, spheres
 
 RTOL = 1e-6
 ALPHA = 0.5
@@ -28,13 +23,13 @@ LAW = jc.Damped(alpha=ALPHA)
 WALLS = [Wall([0.0, 0.0], [1.0, 0.0]), Wall([0.0, 0.0], [0.0, 1.0])]
 
 
-def agrees(balls, near, stiffness, times, speed):
+def agrees(balls, near, stiffness, times, speed, walls=(), **options):
     """The first `near` of the balls meet each other and walls, the others nobody."""
-    scene = jc.Scene(bodies_of(balls, WALLS), LAW, stiffness=stiffness)
-    found = jc.simulate(scene, times[-1], times=times, rtol=RTOL, max_cluster=5)
+    scene = jc.Scene(bodies_of(balls, walls), LAW, stiffness=stiffness)
+    found = jc.simulate(scene, times[-1], times=times, rtol=RTOL, **options)
     assert found.status == jc.Ending.COMPLETED
     for k, time in enumerate(times):
-        exact = run(balls[:near], Spring(stiffness, alpha=ALPHA), time, WALLS)
+        exact = run(balls[:near], Spring(stiffness, alpha=ALPHA), time, list(walls))
         v = np.array([*exact.velocity, *[b.velocity for b in balls[near:]]])
         far = [np.add(b.position, np.multiply(b.velocity, time)) for b in balls[near:]]
         x = np.array([*exact.position, *far])
@@ -49,17 +44,70 @@ def agrees(balls, near, stiffness, times, speed):
     return found
 
 
-@pytest.mark.slow(reason="a row of ten balls, in contact by four, against SciPy")
-def test_a_wave_through_a_row():
-    """Six unequal ones with gaps of some 1e-4 m, of which at most four are in contact at once."""
-    rng = np.random.default_rng(1)
-    mass, place = rng.uniform(0.5, 3, 6), np.cumsum(0.2 + 1e-4 * rng.uniform(0.2, 2, 6))
-    balls = [Ball([x, 1.0], [float(k == 0), 0.0], 0.1, mass[k]) for k, x in enumerate(place)]
-    balls += [Ball([0.5 + 0.4 * k, 2.0], [0.1 * k, 0.0], 0.1, 1.0) for k in range(4)]
-    found = agrees(balls, 6, 1e9, [0.0012, 0.003], 1.0)
+def test_a_disc_falls_on_others_at_rest():
+    """It turns when the solve of three that gather begins; that has one slot more, and is long."""
+    places = [(0.021, 0.021), (0.062, 0.021), (0.04, 0.07)]
+    speeds = [(0.0, -1.0), (0.0, -1.3), (0.0, -1.0)]
+    places += [(0.04, 2.0), *((1 + 0.1 * k, 50.0) for k in range(4))]
+    discs = spheres(0.02, 0.02, places, [*speeds, (0.0, 1.5), *[(0.0, 0.0)] * 4])
+    fixed = jc.Sphere(0.02, None, [0.104, 0.02], fixed=True)
+    planes = jc.Plane([0.0, 0.0], [0.0, 1.0]), jc.Plane([0.0, 0.0], [1.0, 0.0])
+    scene = jc.Scene([*discs, fixed, *planes], jc.HuGuo(e=0.3), stiffness=1e5, gravity=[0, -9.81])
+    found = jc.simulate(scene, 0.9, times=[0.5, 0.9], max_cluster=5)
+    hits = found.impacts.to_dict()
+    (lower, upper), time = found.position[0, 2:4], hits["time"][hits["first"] == 3]
+    time = np.concatenate([time, hits["time"][hits["second"] == 3]]).min()
+    fallen = 2.0 + 1.5 * time - 9.81 / 2 * time**2
+    assert abs(np.hypot(upper[0] - lower[0], fallen - lower[1]) - 0.04) <= 1e-9
+
+
+def crowd():
+    """Thirteen discs on the way to their middle, of which three touch on the way."""
+    rng = np.random.default_rng(5)
+    turns = np.arange(6) * np.pi / 3
+    rings = [
+        (0.0, 0.0),
+        *((r * np.cos(a + r), r * np.sin(a + r)) for r in (0.25, 0.5) for a in turns),
+    ]
+    places = np.array(rings) + rng.uniform(-0.01, 0.01, (13, 2))
+    speeds = -2 * places + rng.uniform(-0.1, 0.1, (13, 2))
+    mass = rng.uniform(0.5, 2, 13)
+    return [
+        Ball(x.tolist(), v.tolist(), 0.1, m) for x, v, m in zip(places, speeds, mass, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("direct", [16, 0])
+def test_a_crowd(direct, monkeypatch):
+    """Thirteen discs with slots for all, or for eight at first: of 78 pairs 39 are followed."""
+    monkeypatch.setattr(pieces, "_DIRECT", direct)
+    found = agrees(crowd(), 13, 1e5, [0.12, 0.25], 1.0)
     # The first time is inside several contacts.
-    moving = np.array([ball.mass for ball in balls]) @ np.sum(found.velocity[0] ** 2, axis=1) / 2
+    moving = np.array([ball.mass for ball in crowd()]) @ np.sum(found.velocity[0] ** 2, axis=1) / 2
     assert found.energy[0] > moving + 1e-3
+
+
+@pytest.mark.slow(reason="the derivative of a crowd, compiled in one program")
+def test_slopes_of_a_crowd():
+    """By the speeds of one disc of the outer ring in both modes, beside differences."""
+
+    def ended(change):
+        balls = crowd()
+        speeds = jnp.array([ball.velocity for ball in balls]).at[7].add(change)
+        discs = [
+            jc.Sphere(ball.radius, ball.mass, ball.position, speed)
+            for ball, speed in zip(balls, speeds, strict=True)
+        ]
+        scene = jc.Scene(discs, LAW, stiffness=1e5)
+        return jc.simulate(scene, 0.12, max_cluster=13).velocity[-1].ravel()
+
+    still, way = jnp.zeros(2), jnp.array([1.0, 0.5])
+    weights = np.random.default_rng(1).normal(size=26)
+    slope = jax.jit(lambda: jax.jvp(ended, (still,), (way,))[1])()
+    back = jax.jit(lambda: jax.vjp(ended, still)[1](weights)[0])()
+    beside = fourth(lambda h: np.asarray(ended(h * way)), 1e-4)
+    np.testing.assert_allclose(slope, beside, atol=1e-6 * np.abs(beside).max())
+    np.testing.assert_allclose(back @ way, weights @ slope, rtol=1e-11)
 
 
 def test_two_touch_in_a_corner():
@@ -70,7 +118,7 @@ def test_two_touch_in_a_corner():
         Ball(list(place), [0.3 * (-1) ** k, 0.2 * (-1) ** (k // 2)], 0.1, 1 + 0.1 * k)
         for k, place in enumerate(places)
     ]
-    agrees(balls, 2, 1e6, [0.07, 0.6], 1.4)
+    agrees(balls, 2, 1e6, [0.07, 0.6], 1.4, WALLS, max_cluster=5)
 
 
 @pytest.mark.slow(reason="a soft scene with a driven body")
@@ -120,40 +168,6 @@ def test_three_meet_across_the_edges_of_a_small_cell():
     assert np.abs(found.velocity[-1] - exact.velocity).max() <= 100 * RTOL
     away = found.position[-1] - exact.position
     assert np.abs(away - period * np.round(away / period)).max() <= 100 * RTOL
-
-
-def test_in_a_small_cell_each_pair_has_its_own_images():
-    """Three in a row that touch, the last one not far from the first one's other side."""
-    place = np.array([[0.1, 0.4], [0.7, 0.4], [0.48, 0.4]])
-    velocity = np.array([[-1.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    discs = spheres([0.1, 0.1, 0.12], 1.0, place, velocity)
-    scene = jc.Scene(discs, jc.Hertz(), stiffness=1e3, periodic=[0.8, 0.8])
-    model = arrays_of(inputs_of(scene), layout_of(scene), contacts=True, soft=False)[0]
-    blank = blank_calls(model, 3)[1].decided
-    nowhere = jnp.full(3, -1)
-
-    @jax.jit
-    def met(position, velocity, now):
-        yes, spheres = now == 0, Flying(position, velocity, jnp.zeros(3))
-        coupling = SimpleNamespace(
-            starts=yes,
-            touches=yes,
-            choice=blank_choice(model)._replace(second=jnp.asarray(1)),
-            slots=blank.slots,
-            pace=jnp.asarray(0.2),
-            reserve=now,
-            state=SimpleNamespace(closed=blank.closed),
-        )
-        columns = spheres._asdict()
-        state = SimpleNamespace(**columns, flying=spheres, support=nowhere, coupling=coupling)
-        filled = fill_slots(model, state, now)
-        seated = jax.tree.map(lambda x: x[filled.slots.who], spheres)
-        return filled, touching(model, filled.slots, seated, nowhere, now)
-
-    filled, touches = met(place, velocity, 0.0)
-    assert not filled.crowded and filled.alone > 0
-    slots = np.asarray(filled.slots.who)[[[0, 1], [0, 2], [1, 2]]]
-    assert {tuple(sorted(pair)) for pair in slots[np.asarray(touches)]} == {(0, 1), (1, 2)}
 
 
 RING = 6.0

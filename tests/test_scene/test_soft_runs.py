@@ -308,6 +308,7 @@ def test_crowds_are_refused_or_given_room(monkeypatch):
         return ended
 
     monkeypatch.setattr(pieces, "_PIECE", 1)
+    monkeypatch.setattr(pieces, "_DIRECT", 0)
     monkeypatch.setattr(pieces, "_quickly", noted)
     places, speeds = [-0.5, 0.0, 0.2, *map(float, range(2, 8))], [0.0] * 9
     speeds[0], speeds[7] = 1.0, 9.0

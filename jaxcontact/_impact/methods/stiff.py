@@ -182,10 +182,6 @@ def _after(step: _ImplicitStep) -> State:
     return jax.tree.map(lambda start, change: start + change[-1], step.start, step.increments)
 
 
-def _nodes_of(step: _ImplicitStep) -> State:
-    return jax.tree.map(operator.add, _repeated(step.start), step.increments)
-
-
 def _repeated(state: State) -> State:
     return jax.tree.map(lambda leaf: jnp.full(_STAGES, leaf), state)
 
@@ -308,7 +304,8 @@ def _error(motion: Motion, step: _ImplicitStep) -> Number:
 def _closing(motion: Motion, step: _ImplicitStep, compressing: Flag) -> Bool[Array, "nodes gaps"]:
     """Return which gaps that are open at the start are closed at which node."""
     before = jnp.stack(gaps(motion, step.start, compressing))
-    after = jnp.stack(jax.vmap(lambda s: gaps(motion, s, compressing))(_nodes_of(step)), 1)
+    nodes = jax.tree.map(operator.add, _repeated(step.start), step.increments)
+    after = jnp.stack(jax.vmap(lambda s: gaps(motion, s, compressing))(nodes), 1)
     return (before > 0)[None, :] & ~(after > 0)
 
 

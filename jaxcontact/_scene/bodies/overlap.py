@@ -35,7 +35,8 @@ def require_apart(bodies: Sequence[AbstractBody], periodic: Sequence[Array | Non
         return
     which, places, radius, moves = map(np.array, zip(*spheres, strict=True))
     position, radius = places.astype(float), radius.astype(float)
-    rounding = ROUNDINGS * 10.0 ** -min(map(_digits, values))
+    digits = min(np.finfo(np.asarray(value).dtype).precision for value in values)
+    rounding = ROUNDINGS * 10.0**-digits
     extent = np.max(np.abs(position))
 
     def require_gap(first: Any, second: Any, gap: Any, size: Any, counts: Any) -> None:
@@ -60,10 +61,6 @@ def require_apart(bodies: Sequence[AbstractBody], periodic: Sequence[Array | Non
     for k, normal, offset in walls:
         gap = position @ np.asarray(normal, float) - float(offset) - radius
         require_gap(which, k, gap, radius, moves)
-
-
-def _digits(number: Any) -> int:
-    return np.finfo(np.asarray(number).dtype).precision
 
 
 def require_clear_of_each_other(bodies: Sequence[AbstractBody], duration: Array) -> None:

@@ -157,8 +157,9 @@ def _places(
     """Return positions (count, D) above the lower corner; raises ValueError if they do not fit."""
     room = np.where(around, size, size - 2 * np.max(radii))
     if np.any(room < 0):
+        sides = " × ".join(f"{side:g}" for side in size)
         raise ValueError(
-            f"Argument `radius` must be at most half of the box, which is {_list(size)} m, but the "
+            f"Argument `radius` must be at most half of the box, which is {sides} m, but the "
             f"largest is {np.max(radii):g}."
         )
     reach = radii * (1 + _CLEARANCE)
@@ -251,7 +252,3 @@ def _thermal(
     velocity = random.normal(size=shape) / np.sqrt(mass)
     velocity -= np.sum(mass * velocity, axis=0) / np.sum(mass)
     return velocity * speed * np.sqrt(np.sum(mass) / np.sum(mass * velocity**2))
-
-
-def _list(numbers: Places) -> str:
-    return " × ".join(f"{number:g}" for number in numbers)

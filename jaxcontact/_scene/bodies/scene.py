@@ -90,7 +90,7 @@ def pair_table(
 
 def _rows_named(argument: str, keys: list[Any], kinds: Sequence[str | None]) -> list[list[int]]:
     """Return the place among the keys for each pair of kinds; -1 for pairs without a key."""
-    default = next((k for k, key in enumerate(keys) if _is_default(key)), -1)
+    default = next((k for k, key in enumerate(keys) if isinstance(key, str) and key == DEFAULT), -1)
     rows = [[default] * len(kinds) for _ in kinds]
     named: set[tuple[int, int]] = set()
     for place, key in enumerate(keys):
@@ -103,10 +103,6 @@ def _rows_named(argument: str, keys: list[Any], kinds: Sequence[str | None]) -> 
             named |= {(a, b), (b, a)}
             rows[a][b] = rows[b][a] = place
     return rows
-
-
-def _is_default(key: Any) -> bool:
-    return isinstance(key, str) and key == DEFAULT
 
 
 def _kinds_named(argument: str, key: Any, kinds: Sequence[str | None]) -> tuple[int, int]:

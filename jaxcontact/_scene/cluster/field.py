@@ -23,6 +23,7 @@ from ..._coupled.clock import ContactClock
 from ..._coupled.energies import ends_of, in_contact, stored_energy
 from ..._coupled.field import TIME, WORK, AbstractCoupledField, Grip, Look, LoopRules, Settled, W
 from ..._coupled.modes import AT_REST, PAUSED, SLOWEST, Flags, Index, Modes, Number, Units
+from ..._coupled.rows import rows_of
 from ..._coupled.springs import SMALL, SpringMotion, settled_springs
 from ..._functions import ratio, small_product
 from ..._laws import (
@@ -115,7 +116,9 @@ class ClusterField(AbstractCoupledField):
 
     def _between(self, vectors: PerBody) -> Float[Array, "pairs dim"]:
         """Return the vectors of the first bodies minus those of the second."""
-        return small_product(self.incidence, vectors)
+        pairs = self.pairs
+        both = rows_of(vectors, pairs.first) - rows_of(vectors, pairs.second)
+        return jnp.where(pairs.used[:, None], both, 0)
 
     def geometry_of(self, y: Array) -> Geometry:
         """Return the geometry of all pairs in a state."""

@@ -107,8 +107,8 @@ class ClusterState(NamedTuple):
     deepest: PerPair | None = None
 
 
-def norm(vectors: Float[Array, "pairs dim"]) -> PerPair:
-    return jnp.sqrt(jnp.sum(jnp.square(vectors), axis=1))
+def norm(vectors: Float[Array, "*pairs dim"]) -> Float[Array, "*pairs"]:
+    return jnp.sqrt(jnp.sum(jnp.square(vectors), axis=-1))
 
 
 class ClusterProblem(NamedTuple):

@@ -21,6 +21,7 @@ from ..._coupled.rows import rows_of, with_rows
 from ..arrays.arrays import Flying, SceneArrays, where_each
 from ..cluster.problem import ClusterState
 from ..engine.log import ClusterNumbers, LogDecisions, LogNumbers, RunRecord
+from ..engine.near_pairs import PairList
 from ..engine.rest import flying_at_start
 from ..engine.slots import rearrange, slot_pairs
 from ..engine.state import index_of
@@ -72,7 +73,9 @@ def chain_matrices(record: RunRecord, matrices: Matrices, along: SceneArrays) ->
     def coupled(row: _ReplayedRow, entering: Entering) -> Done:
         called, at = row.facts.call, row.values.coupled
         assert matrices.calls is not None and called is not None and at is not None
-        start = flat((row_numbers(along, index_of(along, called.decided.slots)), entering))
+        own = row_numbers(along, index_of(along, called.decided.slots))
+        followed = PairList(record.model, record.rules.slots, called.decided.near)
+        start = flat((own, entering.followed(followed)))
         place = entering.spheres.position
         like = Done(at.began, at.end, at.work, place, at.turning, at.rubbed)
         return unflat(matrices.calls[row.slot] @ start, like)

@@ -23,9 +23,10 @@ from ..cluster.problem import ClusterState
 from ..cluster.solve import MOST_STEPS
 from ..engine.coupled import call, walls_under, work_of_walls
 from ..engine.log import LogDecisions, LogNumbers, RunRecord, as_flags, as_numbers
+from ..engine.near_pairs import PairList
 from ..engine.rest import or_roll, rest_on_walls, with_friction_at_rest
 from ..engine.search import in_branch
-from ..engine.slots import in_place, slot_pairs
+from ..engine.slots import in_place, map_pairs, slot_pairs
 from ..engine.state import index_of
 from ..pair_impact.instantaneous import ImpactOutcome, hit, two_that_meet
 from ..pair_impact.soft import soft
@@ -50,6 +51,10 @@ class Entering(NamedTuple):
     spheres: Flying
     held: Array
     before: ClusterState
+
+    def followed(self, followed: PairList) -> Entering:
+        """Return it with the pairs that the call follows, on which alone its end depends."""
+        return self._replace(before=map_pairs(followed.columns, self.before))
 
 
 def row_function(
@@ -256,14 +261,19 @@ def matrices(
 
     def of(values: LogNumbers, facts: LogDecisions, counts: Array, is_call: bool) -> Array:
         row, entry, who = row_function(record, values, facts, counts, is_call, by_formula)
-        start, unravel = ravel_pytree(_without_flags((row_numbers(model, who), entry)))
+        some = entry
+        if is_call:
+            assert facts.call is not None
+            followed = PairList(model, record.rules.slots, facts.call.decided.near)
+            some = entry.followed(followed)
+        start, unravel = ravel_pytree(_without_flags((row_numbers(model, who), some)))
 
         def outcome(vector: Array) -> Array:
             mine, entering = unravel(vector)
             if is_call:
-                flags = entry.before
+                flags = some.before
                 before = entering.before._replace(closed=flags.closed, rising=flags.rising)
-                entering = entering._replace(before=before)
+                entering = entering._replace(before=followed.put(before, entry.before))
             return flat(row(with_own(model, who, mine), entering))
 
         return jax.jacfwd(outcome)(start)

@@ -46,12 +46,14 @@ from .log import (
     as_numbers,
     no_impact,
 )
+from .near_pairs import PairList, with_near_pairs
 from .rest import rest_on_walls
 from .search import OUT_OF_DATE, in_cluster, simultaneous, stale_events, without_cluster
 from .slots import (
     bodies_of,
     fill_slots,
     in_line,
+    map_pairs,
     masses,
     pace_of,
     pairs_of,
@@ -93,8 +95,10 @@ def walls_under(layout: SceneLayout, size: int, on_wall: Bool[Array, " P"]) -> I
 
 def touching(
     model: SceneArrays, slots: Slots, there: Flying, support: Int[Array, " M"], time: Number
-) -> Bool[Array, " P"]:
-    """Return the pairs that touch within rounding and do not separate, or are at rest on a wall."""
+) -> tuple[Bool[Array, " P"], Float[Array, " P"]]:
+    """Return the pairs that touch within rounding and do not separate, or rest on a wall; and the
+    gaps of all.
+    """
     size = slots.size
     first, second = slot_pairs(model, size)
     pairs = pairs_of(model, slots)
@@ -109,7 +113,7 @@ def touching(
     if model.motion is not None:
         speed = jnp.maximum(speed, jnp.max(jnp.abs(velocity[size:])))
     touches = (gap <= ROUNDINGS * eps * scale) & (opening <= ROUNDINGS * eps * speed)
-    return pairs.used & (touches | resting_pairs(model, support))
+    return pairs.used & (touches | resting_pairs(model, support)), gap
 
 
 def _nearest_images(model: SceneArrays, pairs: ClusterPairs, position: Array) -> ClusterPairs:
@@ -197,26 +201,30 @@ def call(
     pull = accelerations(model, who, jnp.full(size, -1))
     pull = jnp.where(slots.present[:, None], pull, 0)
     pull = jnp.concatenate([pull, jnp.zeros((model.walls, model.dimensions), model.dtype)])
-    one, other = bodies_of(model, slots)
+    followed = PairList(model, size, decided.near)
+    touches = decided.closed & fresh & ~rests
+    one, other, rests, touches = followed.columns((*bodies_of(model, slots), rests, touches))
+    some, start = followed.pairs(pairs), map_pairs(followed.columns, begin)
     # Unused slots get the numbers of a used pair.
-    used_pair = jnp.argmax(pairs.used)
-    one, other = (jnp.where(pairs.used, body, rows_of(body, used_pair)) for body in (one, other))
+    used_pair = jnp.argmax(some.used)
+    one, other = (jnp.where(some.used, body, rows_of(body, used_pair)) for body in (one, other))
     contact = jax.vmap(lambda i, j: known_contact_of(model, i, j))(one, other)
     law = jax.vmap(lambda i, j: law_of(model, i, j))(one, other)
     drive = _drive(model, slots, begin.time)
     bodies, moved_by = (one, other), (inverse, pull, drive)
-    touches, limits = decided.closed & fresh & ~rests, (rests, decided.until, decided.to_the_end)
-    setting = model, bodies, pairs
-    start, until, impulsive, completed = impulses(setting, contact, moved_by, begin, limits)
-    friction = pair_friction(model, slots, bodies, touches & pairs.used, impulsive)
+    limits = rests, decided.until, decided.to_the_end
+    setting = model, bodies, some
+    start, until, impulsive, completed = impulses(setting, contact, moved_by, start, limits)
+    friction = pair_friction(setting, slots, touches & some.used, impulsive)
     problem = ClusterProblem(
-        law, contact, pairs, inverse, pull, start, until, rtol, drive, decided.to_the_end, friction
+        law, contact, some, inverse, pull, start, until, rtol, drive, decided.to_the_end, friction
     )
     rules = {"v0": v0, "until_change": True, "in_line": in_line(model), "max_steps": max_steps}
     end = cluster(problem, **rules)
     # The exact time, without rounding, so that no further call is needed.
     over = jnp.where(end.status == TIME_IS_UP, until, end.state.time)
-    return begin, completed(end._replace(state=end.state._replace(time=over)))
+    end = completed(end._replace(state=end.state._replace(time=over)))
+    return begin, end._replace(state=followed.whole(end.state, begin, pairs))
 
 
 def _touch(model: SceneArrays, spheres: Flying, decided: Call) -> Number:
@@ -337,8 +345,11 @@ def step_cluster(
     spheres = rows_of(state.flying, who)
     support, held, counts = rows_of((state.support, state.held, state.count), who)
     there = at_once(model, who, spheres, support, now)[0]
-    closed = touching(model, slots, there, support, now)
+    closed, gap = touching(model, slots, there, support, now)
     closed = closed | (coupling.touches & meets(model, slots, coupling.choice))
+    lasts = rearrange(coupling.state, change).closed & ~change.fresh & ~coupling.starts
+    used = pairs_of(model, slots).used
+    filled = with_near_pairs(model, filled, used, closed | lasts, gap, now, coupling.pace)
 
     # A sphere that leaves is searched before anything else.
     going_on = coupling._replace(slots=slots)
@@ -352,7 +363,7 @@ def step_cluster(
     sooner = until < end
     until = jnp.minimum(until, end)
     no = jnp.asarray(False)
-    decided = Call(coupling.starts, coupling.choice, slots, change, closed, until, no)
+    decided = Call(coupling.starts, coupling.choice, slots, change, closed, until, no, filled.near)
     began, done = call(
         model, spheres, support, held, coupling.state,
         decided.where(needed & cluster_is_next(state)), task.tolerance, rules.v0, derived=False,

@@ -49,24 +49,23 @@ _LASTS = 8
 
 
 def pair_friction(
-    model: SceneArrays,
+    setting: tuple[SceneArrays, tuple[Array, Array], ClusterPairs],
     slots: Slots,
-    pairs: tuple[Int[Array, " P"], Int[Array, " P"]],
     begins: Flags,
     impulsive: tuple[Flags, Flags] | None,
 ) -> PairFriction | None:
-    """Return the friction of the `pairs` of bodies, of which some touch just now; None without.
-    Nothing rubs in contacts with impulses, for which see `impulses`.
+    """Return the friction of the pairs, of which some touch just now; None without. Nothing rubs
+    in contacts with impulses, for which, and for the `setting`, see `impulses`.
     """
+    model, (one, other), pairs = setting
     if model.rotation is None:
         return None
-    one, other = pairs
     size = slots.size
     who = jnp.minimum(slots.who, model.spheres - 1)
     flat = jnp.ones(model.walls, model.dtype)
     turns = rows_of(model.rotation.inverse_inertia, who)
     turns = jnp.where(slots.present, turns, 0)
-    wall = jnp.maximum(jnp.asarray(slot_pairs(model, size)[1]) - size, 0)
+    wall = jnp.maximum(pairs.second - size, 0)
     mu = jax.vmap(lambda i, j: coefficient_of(model, i, j))(one, other)
     if impulsive is not None:
         mu, begins = jnp.where(impulsive[0], 0, mu), impulsive[1]

@@ -20,7 +20,7 @@ from ..pair_impact.friction import SlipSpeeds
 from ..pair_impact.instantaneous import Choice, ImpactOutcome
 from ..result import Ending
 from .coupled_friction import blank_rubbing
-from .slots import SlotChange, no_change, slot_pairs
+from .slots import SlotChange, most_pairs, no_change, slot_pairs
 from .state import LoopStatus, Rules, Slots
 
 
@@ -30,7 +30,8 @@ class Call(NamedTuple):
     It `starts` a solve at the touch of `choice`, or continues one. `slots` holds its spheres, and
     `change` the new ones. `closed` (P,) marks the new pairs that are in contact at once. The call
     ends at the time `until` in s, if no event happens before. `to_the_end`: whether it continues at
-    rest. In a log the choice is that of the row.
+    rest. `near` (P,) marks the pairs that it follows, None if all. In a log the choice is that of
+    the row.
     """
 
     starts: Flag
@@ -40,6 +41,7 @@ class Call(NamedTuple):
     closed: Bool[Array, " P"]
     until: Number
     to_the_end: Flag
+    near: Bool[Array, " P"] | None
 
     def where(self, needed: Flag) -> Call:
         """Return the call, with empty slots unless `needed`; other lanes may need one."""
@@ -191,7 +193,8 @@ def blank_calls(model: SceneArrays, size: int) -> tuple[ClusterNumbers, ClusterD
     integers = jnp.zeros(size, int)
     nobody = jnp.full(size, model.spheres, int)
     slots, change = Slots(nobody, integers > 0, vector), no_change(model, size)
-    decided = Call(no, None, slots, change, pairs, none, no)
+    near = None if most_pairs(model, size) is None else pairs
+    decided = Call(no, None, slots, change, pairs, none, no, near)
     turning = rubbed = None
     if model.frictions is not None:
         spin = jnp.zeros((size, spin_axes(dimensions)), dtype)

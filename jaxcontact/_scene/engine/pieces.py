@@ -12,30 +12,34 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._program import quick
+from ..._program import quick, swift_options
 from ..._solver.chunks import in_chunks
 from ..._text.progress import TellRun
-from ..arrays.arrays import SceneArrays
+from ..arrays.arrays import SceneArrays, SceneLayout
 from ..contact_times.cells import CellGrid, grid_of
 from ..derivative.differentiable_run import RunInputs
 from ..pair_impact.friction import is_followed
+from .coupled import MOST
 from .log import Log, LoopOutcome, blank_log
 from .loop import advance, has_events_left, initial_state, with_empty_slots
 from .search import flight_at, reset_events
-from .slots import all_fit, in_more_slots
+from .slots import all_fit, in_more_slots, most_pairs, slot_pairs
 from .state import LoopStatus, Rules, RunState, RunTask
 
-_MOST_GROWN = 32
+_MOST_GROWN = 40
 """The largest number of slots to which a coupled solve grows automatically."""
+
+_DIRECT = 16
+"""The number of spheres up to which all have slots at once without gravity."""
 
 _PIECE = 256
 """The number of impacts between two returns to Python."""
 
 _PATIENCE = 131_072
-"""The number of impacts, times the square of one plus the slots, for which the faster program is
-compiled. Measured: it saves that time after 105,000 instantaneous impacts, and after 1,900 calls
-of a coupled solve with six slots; no other number was measured. It is not a time: the two
-programs round differently, and a script must reproduce its numbers."""
+"""The number of impacts, times one plus 12 for each pair that is followed, for which the faster
+program is compiled. Measured: it saves its compilation after some 100,000 impacts, or 300 calls
+with 34 pairs. It is no time: the two programs round differently, and a script must reproduce its
+numbers. Crowds have the faster program at once."""
 
 _RUN: dict[Any, float] = {}
 """The number of impacts of each kind in a quickly compiled program; infinite after the faster."""
@@ -92,6 +96,10 @@ def from_python(
     """
     model, valid, end, tolerance = inputs
     state = _begun(model, rules) if start is None else start
+    # Under gravity they gather.
+    direct = _MOST_GROWN if model.has_gravity else _DIRECT
+    if grows and rules.slots and all_fit(model, min(direct, model.spheres)):
+        rules = Rules(rules.soft, rules.v0, model.spheres)
     wanted, most_slots = rules, min(_MOST_GROWN, model.spheres) if grows else 0
     rules, model = _first_rules(model, rules), _resumed(model, rules)
     slots = 0 if state.coupling is None else state.coupling.slots.size
@@ -111,7 +119,7 @@ def from_python(
         inputs_now = (model, rules, state, valid, end, tolerance)
         state, log, written, ahead = _piece(tell, total, *inputs_now)
         if int(state.status) == LoopStatus.CROWDED and 0 < rules.slots < most_slots:
-            wider = min(2 * rules.slots, model.spheres)
+            wider = min(2 * rules.slots, most_slots)
             # A sphere keeps its slot, so that as many slots as spheres are one more.
             sizes = rules.slots, wider + all_fit(model, wider)
             rules = Rules(rules.soft, rules.v0, sizes[1])
@@ -158,13 +166,20 @@ def _piece(tell: TellRun, total: int, *inputs: Any) -> tuple[RunState, Log, Arra
     now = float(state.now)
     left = total * (float(end) - now) / now if now > 0 else 0.0
     kind = jax.tree.structure(inputs[:3]), model.dtype
-    swift = ((done := _RUN.get(kind, 0)) + left) * (1 + rules.slots) ** 2 >= _PATIENCE
+    swift = _is_swift(model, rules.slots, (done := _RUN.get(kind, 0)) + left)
     compiles = kind not in _RUN or (swift and done < math.inf)
     if compiles or not left:
         tell.says("compiling" if compiles else "running")
     piece = (_swiftly if swift else _quickly)(*inputs)
     _RUN[kind] = math.inf if swift else done + int(piece[2])
     return piece
+
+
+def _is_swift(layout: SceneLayout, slots: int, rows: float) -> bool:
+    """Return whether the faster program is right for a number of impacts."""
+    near = most_pairs(layout, slots) if slots else None
+    pairs = near or (slot_pairs(layout, slots)[0].size if slots else 0)
+    return (near is not None and slots > MOST) or rows * (1 + 12 * pairs) >= _PATIENCE
 
 
 def _onward(
@@ -177,7 +192,7 @@ def _onward(
     return state, log, written, has_events_left(state, end)
 
 
-_quickly, _swiftly = quick(_onward), eqx.filter_jit(_onward)
+_quickly, _swiftly = quick(_onward), quick(_onward, options=swift_options)
 _begun = quick(initial_state)
 _expecting = quick(reset_events)
 _with_slots = quick(with_empty_slots)
@@ -220,8 +235,18 @@ def _one_log(model: SceneArrays, rules: Rules, pieces: Sequence[tuple[Log, int]]
         if held[1] is None:
             held = repeat(empty, rows)
         elif (slots := held[1].decided.slots.size) < rules.slots:
+            held = held[0], _with_near(held, empty)
             held = in_more_slots(model, held, empty, (slots, rules.slots))
         return Log(figures._replace(coupled=held[0]), facts._replace(call=held[1]))
 
     parts = [*(head(*piece) for piece in pieces), repeat(blank, room - total)]
     return jax.device_put(jax.tree.map(lambda *x: np.concatenate(x), *parts))
+
+
+def _with_near(held: Any, blank: Any) -> Any:
+    """Return the decisions of calls that followed all pairs as if only those that touch."""
+    (figures, facts), decided = held, held[1].decided
+    if decided.near is not None or blank[1].decided.near is None:
+        return facts
+    near = (figures.began.closed > 0.5) | (figures.end.closed > 0.5)
+    return facts._replace(decided=decided._replace(near=near))

@@ -10,6 +10,7 @@ closed-form flight, and the solve ends before it could meet one of them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -30,9 +31,9 @@ from ..arrays.arrays import (
     nearest_image,
 )
 from ..bodies.bodies import side
-from ..cluster.friction import Rubbing
-from ..cluster.problem import ClusterPairs, ClusterState
+from ..cluster.problem import ClusterPairs, ClusterState, norm
 from ..pair_impact.instantaneous import Choice
+from .reach import SpeedBounds, speed_bounds, time_to_cover
 from .search import simultaneous
 from .state import Coupling, RunState, Slots
 
@@ -59,6 +60,16 @@ def slot_pairs(layout: SceneLayout, size: int) -> tuple[np.ndarray, np.ndarray]:
     first, second = first[meet], second[meet]
     # A fixed sphere comes second.
     return np.where(fixed[first], second, first), np.where(fixed[first], first, second)
+
+
+_TOUCHED = {1: 2, 2: 3, 3: 4}
+"""About the largest number of contacts for each sphere of a cluster, by the dimensions."""
+
+
+def most_pairs(layout: SceneLayout, size: int) -> int | None:
+    """Return the number of pairs that a call follows; None if it follows all."""
+    most = _TOUCHED[layout.dimensions] * size + layout.walls
+    return most if 2 * most <= slot_pairs(layout, size)[0].size + layout.walls else None
 
 
 def identity_slots(model: SceneArrays) -> Int[Array, " N"]:
@@ -132,18 +143,16 @@ def slot_change(layout: SceneLayout, old: Slots, new: Slots, starts: Flag) -> Sl
         return joins(layout, joined)
     same = (new.who[:, None] == old.who[None]) & new.present[:, None] & old.present[None]
     stays = jnp.any(same, axis=1) & ~starts
-    one, other = bodies_of(layout, new)
-    was_one, was_other = bodies_of(layout, old)
-    straight = (one[:, None] == was_one[None]) & (other[:, None] == was_other[None])
-    turned = (one[:, None] == was_other[None]) & (other[:, None] == was_one[None])
-    walls = jnp.ones(layout.walls, bool)
-    before, now = (jnp.concatenate([slots.present, walls]) for slots in (old, new))
-    pair = (straight | turned) & (before[first] & before[second])[None]
-    pair = pair & (now[first] & now[second])[:, None]
-    fresh = starts | ~jnp.any(pair, axis=1)
-    return SlotChange(
-        new.present & ~stays, fresh, jnp.argmax(same, axis=1), jnp.argmax(pair, axis=1)
-    )
+    source = jnp.argmax(same, axis=1)
+    walls = jnp.arange(layout.walls)
+    there = jnp.concatenate([stays, walls >= 0])
+    was = jnp.concatenate([source, new.size + walls])
+    total = new.size + layout.walls
+    numbered = np.full((total, total), -1)
+    numbered[first, second] = numbered[second, first] = np.arange(first.size)
+    pair = jnp.asarray(numbered)[was[first], was[second]]
+    fresh = ~(there[first] & there[second]) | (pair < 0)
+    return SlotChange(new.present & ~stays, fresh, source, jnp.maximum(pair, 0))
 
 
 def joins(layout: SceneLayout, joined: Bool[Array, " M"]) -> SlotChange:
@@ -173,17 +182,24 @@ def rearrange(state: ClusterState, change: SlotChange) -> ClusterState:
         return state
     walls = jnp.arange(change.source.shape[0], state.position.shape[0])
     sources = jnp.concatenate([change.source, walls])
-    vectors = {"position": state.position[sources], "velocity": state.velocity[sources]}
-    kept: dict[str, Any] = {"time": state.time, **vectors, "rubbing": None}
-    pairs = {
-        name: value[change.pair_source]
-        for name, value in state._asdict().items()
-        if name not in kept and value is not None
-    }
+    state = map_pairs(lambda column: column[change.pair_source], state)
+    position, velocity, rubbing = state.position[sources], state.velocity[sources], state.rubbing
+    if rubbing is not None:
+        rubbing = rubbing._replace(spin=rubbing.spin[sources])
+    return state._replace(position=position, velocity=velocity, rubbing=rubbing)
+
+
+def map_pairs(of: Callable[..., Array], state: ClusterState, *others: ClusterState) -> ClusterState:
+    """Return the state with a function of its columns for pairs, and of those of other states."""
+
+    def of_pairs(state: ClusterState) -> Any:
+        rubbing = None if state.rubbing is None else state.rubbing._replace(spin=None)
+        return state._replace(time=None, position=None, velocity=None, rubbing=rubbing)
+
+    new = jax.tree.map(of, *map(of_pairs, (state, *others)))
     if state.rubbing is not None:
-        spin, *springs = state.rubbing
-        kept["rubbing"] = Rubbing(spin[sources], *(x[change.pair_source] for x in springs))
-    return ClusterState(**kept, **pairs)
+        new = new._replace(rubbing=new.rubbing._replace(spin=state.rubbing.spin))
+    return new._replace(time=state.time, position=state.position, velocity=state.velocity)
 
 
 def in_more_slots(layout: SceneLayout, old: Any, blank: Any, sizes: tuple[int, int]) -> Any:
@@ -229,7 +245,7 @@ def resting_pairs(layout: SceneLayout, support: Int[Array, " M"]) -> Bool[Array,
     return (support[first] == second - size) & (support[first] >= 0)
 
 
-_CALLS = 64
+CALLS = 64
 """The number of calls into which the first third of an impact may be divided. It matters if there
 is no place for all spheres within reach in that time."""
 
@@ -237,12 +253,15 @@ is no place for all spheres within reach in that time."""
 class FilledSlots(NamedTuple):
     """The `slots` of a call, and its limits. The call may last for `alone` s before other spheres
     must be considered. `crowded`: whether there are too few slots, or another image of a sphere in
-    them is within reach.
+    them is within reach. `speeds` are those of all spheres, and `near` marks the pairs that the
+    call follows; None where that is all of them.
     """
 
     slots: Slots
     alone: Number
     crowded: Flag
+    speeds: SpeedBounds | None = None
+    near: Bool[Array, " P"] | None = None
 
 
 def pace_of_contact(contact: Contact, speed: Number) -> Number:
@@ -265,60 +284,41 @@ def fill_slots(model: SceneArrays, state: RunState, now: Number) -> FilledSlots:
     ready = state.time <= now + simultaneous(model, now)
     shift = jnp.zeros((size, model.dimensions), model.dtype)
     if all_fit(model, size):
-        who = identity_slots(model)
-        no = jnp.asarray(False)
-        return FilledSlots(Slots(who, ready[who], shift), jnp.full_like(now, jnp.inf), no)
-    there = at_once(model, jnp.arange(count), state.flying, state.support, now)[0]
-    core = _core(model, coupling)
-    moves = model.inverse_mass[:count] > 0
-    mass = jnp.where(moves, 1 / jnp.where(moves, model.inverse_mass[:count], 1), 0)
-    kinetic = mass * jnp.sum(jnp.square(there.velocity), axis=-1) / 2
-    if model.rotation is not None and there.turning is not None:
-        kinetic = kinetic + model.rotation.energy(there.turning.spin)
-    flying = jnp.sqrt(jnp.sum(jnp.square(there.velocity), axis=-1))
-    pull = jnp.sqrt(jnp.sum(jnp.square(model.gravity)))
-    more = jnp.where(moves, 2 * pull * coupling.pace, 0)
-    if model.motion is not None:
-        # A wall gives a body at most twice its own velocity.
-        walls = model.motion.fastest(now, coupling.pace)
-        more = more + jnp.where(moves, 2 * jnp.max(walls), 0)
-    gain = jnp.zeros_like(flying)
-    if model.shaking is not None:
-        gain = gain.at[np.array(model.shaken)].set(model.shaking.strongest * coupling.pace)
-    if model.driven:
-        # So does a fixed sphere that moves.
-        fast = jnp.where(moves, 0, flying + gain)
-        more = jnp.where(moves, more + 2 * jnp.max(fast), gain)
-
-    def fastest(who: Array, filled: Array) -> Array:
-        """Return a bound on the speeds in the slots."""
-        sure = jnp.minimum(who, count - 1)
-        taken = jnp.arange(size) < filled
-        energy = jnp.sum(jnp.where(taken, kinetic[sure], 0)) + coupling.reserve
-        fast = jnp.sqrt(2 * energy * model.inverse_mass[sure]) + more[sure]
-        return jnp.where(taken, fast, 0)
+        who, speeds = identity_slots(model), None
+        if most_pairs(model, size) is not None:
+            there = at_once(model, jnp.arange(count), state.flying, state.support, now)[0]
+            speeds = speed_bounds(model, coupling, there, now)
+        slots, no = Slots(who, ready[who], shift), jnp.asarray(False)
+        return FilledSlots(slots, jnp.full_like(now, jnp.inf), no, speeds)
+    there, pull = at_once(model, jnp.arange(count), state.flying, state.support, now)
+    core, speeds = _core(model, coupling), speed_bounds(model, coupling, there, now)
+    given, moves = speeds.given, speeds.inverse > 0
 
     def arrivals(who: Array, after: Array, filled: Array) -> Array:
         """Return the earliest times at which others may be reached, or reach a non-core body."""
         sure = jnp.minimum(who, count - 1)
         taken = jnp.arange(size) < filled
-        fast = fastest(who, filled)
         apart = (there.position[sure][:, None] - there.position[None]).reshape(-1, model.dimensions)
         apart = nearest_image(model, apart)[0].reshape(size, count, model.dimensions)
-        length = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
         distance = model.radius[sure][:, None] + model.radius[None]
-        gap = jnp.maximum(side(distance) * length - distance, 0)
-        speed = fast[:, None] + (flying + more)[None]
-        reached = after[:, None] + gap / jnp.where(speed > 0, speed, 1)
+        gap = jnp.maximum(side(distance) * norm(apart) - distance, 0)
+        # Up to the time `after` a body that is no part of the core moves as in flight.
         rate = there.velocity[sure][:, None] - there.velocity[None]
-        bent = model.has_gravity or model.shaken
-        bend = (more[sure][:, None] + more[None]) if bent else jnp.zeros_like(gap)
-        meeting = jnp.sqrt(jnp.sum(jnp.square(rate), axis=-1)) + bend
-        closes = (side(distance) * jnp.sum(apart * rate, axis=-1) < 0) | (bend > 0)
-        closes = closes & ~core[sure][:, None] & (meeting > 0)
-        free = jnp.where(closes, gap / jnp.where(meeting > 0, meeting, 1), jnp.inf)
+        closes = side(distance) * jnp.sum(apart * rate, axis=-1) < 0
+        meeting = jnp.where(closes, norm(rate), 0)
+        meeting = meeting + given[sure][:, None] + given[None]
+        bend = jnp.zeros_like(gap)
+        if model.has_gravity or model.shaken:
+            bend = norm(pull[sure][:, None] - pull[None])
+            bend = bend + speeds.push[sure][:, None] + speeds.push[None]
+        free = jnp.where(core[sure][:, None], jnp.inf, time_to_cover(gap, meeting, bend))
+        late = after[:, None]
+        left = jnp.maximum(gap - (meeting + bend / 2 * late) * late, 0)
+        both = zip(speeds.within(sure, taken), speeds.outside, strict=True)
+        fast, gain = (mine[:, None] + theirs[None] for mine, theirs in both)
         # A fixed body transmits nothing.
-        reached = jnp.where(moves[sure][:, None] & (speed > 0), reached, jnp.inf)
+        reached = late + time_to_cover(left, fast + gain * late, gain)
+        reached = jnp.where(moves[sure][:, None], reached, jnp.inf)
         times = jnp.minimum(reached, free)
         times = jnp.where(taken[:, None], times, jnp.inf)
         inside = jnp.zeros(count, bool).at[jnp.where(taken, who, count)].set(True, mode="drop")
@@ -339,7 +339,7 @@ def fill_slots(model: SceneArrays, state: RunState, now: Number) -> FilledSlots:
     start = (first, jnp.zeros(size, model.dtype), filled)
     who, after, filled = jax.lax.fori_loop(0, size - 1, one_more, start)
     alone = jnp.min(arrivals(who, after, filled))
-    crowded = (jnp.sum(core) > size) | (alone <= coupling.pace / _CALLS)
+    crowded = (jnp.sum(core) > size) | (alone <= coupling.pace / CALLS)
     slots, wide = _assign_slots(model, there, coupling, who, filled)
     if any(model.periodic):
         # Only the nearest image of a pair, at half a period or less, may touch. No other image
@@ -347,9 +347,10 @@ def fill_slots(model: SceneArrays, state: RunState, now: Number) -> FilledSlots:
         half = jnp.min(jnp.where(jnp.asarray(model.periodic), model.period, jnp.inf)) / 2
         radius = model.radius[jnp.minimum(slots.who, count - 1)]
         room = half - 2 * jnp.max(jnp.where(slots.present, jnp.abs(radius), 0))
-        speed = jnp.max(fastest(who, filled))
-        alone = jnp.minimum(alone, room / 2 / jnp.where(speed > 0, speed, 1))
-    return FilledSlots(slots, alone, crowded | wide)
+        sure = jnp.minimum(slots.who, count - 1)
+        fast, gain = map(jnp.max, speeds.within(sure, slots.present))
+        alone = jnp.minimum(alone, time_to_cover(jnp.maximum(room / 2, 0), fast, gain))
+    return FilledSlots(slots, alone, crowded | wide, speeds)
 
 
 def _core(layout: SceneLayout, coupling: Coupling) -> Bool[Array, " N"]:

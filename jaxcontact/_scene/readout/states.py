@@ -35,6 +35,7 @@ from ..engine.slots import (
     empty_slots,
     in_line,
     joins,
+    most_pairs,
     no_change,
     slot_pairs,
 )
@@ -373,7 +374,8 @@ def resume_impact(
         return jnp.where(one, pair[:1], jnp.where(other, pair[1:], jnp.zeros_like(pair[:1])))
 
     change, closed = joins(model, slots.present), meets(model, slots, choice)
-    decided = Call(yes, choice, slots, change, closed, until, ~yes)
+    near = None if most_pairs(model, size) is None else closed
+    decided = Call(yes, choice, slots, change, closed, until, ~yes, near)
     none, held = jnp.full(size, -1), jnp.zeros(size, model.dtype)
     blank = blank_state(model, size)
     entering: Any = jax.tree.map(placed, before), none, held, blank, decided
