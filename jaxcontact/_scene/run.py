@@ -201,7 +201,7 @@ class Run(WrittenAsCsv, Flagged, eqx.Module):
             "margin": f"{shown(self.margin.time)} s, {shown(self.margin.closing_speed)} m/s",
             "status": Ending.names_of(self.status).replace("_", " "),
         }
-        if not traced(self.reached) and np.any(np.asarray(self.reached) < self.duration):
+        if not traced(self) and np.any(np.asarray(self.reached) < np.asarray(self.duration)):
             lines["reached"] = f"{shown(self.reached)} s"
         ways = self.impacts.solved_by
         springs = 0 if traced(ways) else np.sum(np.asarray(ways) == SolvedBy.SPRING)

@@ -55,26 +55,20 @@ def test_a_disc_falls_on_others_at_rest():
     scene = jc.Scene([*discs, fixed, *planes], jc.HuGuo(e=0.3), stiffness=1e5, gravity=[0, -9.81])
     found = jc.simulate(scene, 0.9, times=[0.5, 0.9], max_cluster=5)
     hits = found.impacts.to_dict()
-    (lower, upper), time = found.position[0, 2:4], hits["time"][hits["first"] == 3]
-    time = np.concatenate([time, hits["time"][hits["second"] == 3]]).min()
+    struck = (hits["first"] == 3) | (hits["second"] == 3)
+    (lower, upper), time = found.position[0, 2:4], hits["time"][struck].min()
     fallen = 2.0 + 1.5 * time - 9.81 / 2 * time**2
     assert abs(np.hypot(upper[0] - lower[0], fallen - lower[1]) - 0.04) <= 1e-9
 
 
 def crowd():
     """Thirteen discs on the way to their middle, of which three touch on the way."""
-    rng = np.random.default_rng(5)
-    turns = np.arange(6) * np.pi / 3
-    rings = [
-        (0.0, 0.0),
-        *((r * np.cos(a + r), r * np.sin(a + r)) for r in (0.25, 0.5) for a in turns),
-    ]
-    places = np.array(rings) + rng.uniform(-0.01, 0.01, (13, 2))
+    rng, ring = np.random.default_rng(5), np.exp(1j * np.arange(6) * np.pi / 3)
+    rings = np.concatenate([[0], *(r * ring * np.exp(1j * r) for r in (0.25, 0.5))])
+    places = np.stack([rings.real, rings.imag], 1) + rng.uniform(-0.01, 0.01, (13, 2))
     speeds = -2 * places + rng.uniform(-0.1, 0.1, (13, 2))
-    mass = rng.uniform(0.5, 2, 13)
-    return [
-        Ball(x.tolist(), v.tolist(), 0.1, m) for x, v, m in zip(places, speeds, mass, strict=True)
-    ]
+    columns = (np.round(x, 6).tolist() for x in (places, speeds, rng.uniform(0.5, 2, 13)))
+    return [Ball(x, v, 0.1, m) for x, v, m in zip(*columns, strict=True)]
 
 
 @pytest.mark.parametrize("direct", [16, 0])
@@ -92,12 +86,9 @@ def test_slopes_of_a_crowd():
     """By the speeds of one disc of the outer ring in both modes, beside differences."""
 
     def ended(change):
-        balls = crowd()
-        speeds = jnp.array([ball.velocity for ball in balls]).at[7].add(change)
-        discs = [
-            jc.Sphere(ball.radius, ball.mass, ball.position, speed)
-            for ball, speed in zip(balls, speeds, strict=True)
-        ]
+        speeds = jnp.array([ball.velocity for ball in crowd()]).at[7].add(change)
+        columns = zip(*((0.1, ball.mass, ball.position) for ball in crowd()), strict=True)
+        discs = spheres(*map(list, columns), list(speeds))
         scene = jc.Scene(discs, LAW, stiffness=1e5)
         return jc.simulate(scene, 0.12, max_cluster=13).velocity[-1].ravel()
 
@@ -108,6 +99,27 @@ def test_slopes_of_a_crowd():
     beside = fourth(lambda h: np.asarray(ended(h * way)), 1e-4)
     np.testing.assert_allclose(slope, beside, atol=1e-6 * np.abs(beside).max())
     np.testing.assert_allclose(back @ way, weights @ slope, rtol=1e-11)
+
+
+def test_slopes_where_one_leaves():
+    """Two collide while another one leaves a wall, of which they know nothing."""
+
+    def ended(change):
+        places = [(0.0, 0.1), (0.25, 0.3), (0.56, 0.3), (5.0, 5.0)]
+        speeds = [(0.0, change - 1.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 0.0)]
+        bodies = [*spheres(0.1, 1.0, places, speeds), jc.Plane([0.0, 0.0], [0.0, 1.0])]
+        return jc.simulate(jc.Scene(bodies, LAW, stiffness=1e4), 0.2, max_cluster=3).position[-1]
+
+    slope = np.asarray(jax.jvp(ended, (0.0,), (1.0,))[1])
+    assert np.abs(slope[1:]).max() <= 1e-9
+    assert slope[0, 1] == pytest.approx(central(lambda h: float(ended(h)[0, 1]), 1e-4), rel=1e-6)
+
+
+def test_one_of_many_lies_on_the_floor():
+    places = [(0.1 + 0.2 * (k % 4), 0.3 * (1 + k // 4) if k else 0.05) for k in range(12)]
+    bodies = [*spheres(0.05, 1.0, places), jc.Box([0.0, 0.0], [0.8, 3.0])]
+    scene = jc.Scene(bodies, LAW, stiffness=1e6, gravity=[0, -9.81])
+    assert jc.simulate(scene, 0.05).status == jc.Ending.COMPLETED
 
 
 def test_two_touch_in_a_corner():

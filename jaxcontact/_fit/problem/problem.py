@@ -119,10 +119,13 @@ class FitProblem(eqx.Module):
         z = xp.where(used, xp.where(used, prediction - self.y, 0) * self.factor, 0)
         return z if self.whitener is None else self.whitener @ z
 
+    def residual(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
+        """Return the residuals that are squared and summed."""
+        return shortened(self.standardised(self.prediction(theta)), self.threshold)
+
     def loss(self, theta: Float[Array, " k"]) -> Float[Array, ""]:
-        """Return half the sum of the squares of shortened residuals."""
-        residual = shortened(self.standardised(self.prediction(theta)), self.threshold)
-        return jnp.sum(jnp.square(residual)) / 2
+        """Return ½ Σ residual²."""
+        return jnp.sum(jnp.square(self.residual(theta))) / 2
 
     def at(self, theta: Float[Array, " k"]) -> Point:
         """Return standardised residuals and their derivatives."""

@@ -173,7 +173,9 @@ class Scene(eqx.Module):
         self._exponent = _exponent(exponent)
         self.stiffness = None
         if stiffness is not None:
-            self.stiffness = pair_table("stiffness", stiffness, _stiffness, kinds, meeting)
+            self.stiffness = pair_table(
+                "stiffness", stiffness, lambda k, x: one_number(x, k, POSITIVE), kinds, meeting
+            )
         elif self._exponent.static != 1.5:
             raise refusal(
                 "exponent", "be 1.5 where the stiffness follows from materials (Hertz)", exponent
@@ -277,10 +279,6 @@ def _require_friction_to_turn(bodies: Sequence[AbstractBody], friction: Any) -> 
                     "as nothing turns without friction, but is None; `RigidCoulomb(mu=0.0)` keeps "
                     "the spins."
                 )
-
-
-def _stiffness(argument: str, value: Any) -> Array:
-    return one_number(value, argument, POSITIVE)
 
 
 def _exponent(entry: Any) -> Specialised:

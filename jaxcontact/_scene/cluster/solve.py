@@ -255,6 +255,9 @@ def cluster_at_touch(
     # The depth of a pair that just touches is rounding, but has a derivative.
     depth = jnp.where(closed, jax.lax.stop_gradient(gap) - gap, jnp.minimum(-gap, 0))
     latched = jnp.maximum(rate, least_v0(v0))
+    # So has the time of the touch, where the time of this state has none.
+    meets = closed & (rate > 0)
+    since = -jnp.where(meets, depth, 0) / jax.lax.stop_gradient(jnp.where(meets, rate, 1))
     return ClusterState(
         time=jnp.zeros((), position.dtype),
         position=position,
@@ -263,8 +266,8 @@ def cluster_at_touch(
         closed=closed,
         rising=closed & (rate <= 0) & (v0 == "peak"),
         latched=jnp.where(closed, latched, 0),
-        since=zero,
-        force_until=zero,
+        since=since,
+        force_until=since,
         parting=zero,
         max_force=zero,
         lost=zero,

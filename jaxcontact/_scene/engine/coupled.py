@@ -169,9 +169,7 @@ def call(
     none = jnp.zeros(size, model.dtype)
     height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
     sunk = pairs.distance - height + jnp.concatenate([none, model.walls_at(time).offset])[second]
-    # The start time belongs to one pair. Other pairs that touch then, or join later, do not touch
-    # at a time of their own. Their depth carries the derivative.
-    since = jnp.zeros_like(start.since) + time
+    since = start.since + time
     start = start._replace(
         time=time,
         rubbing=fresh_rubbing(model, slots, there, support, rests),
@@ -221,8 +219,8 @@ def call(
     )
     rules = {"v0": v0, "until_change": True, "in_line": in_line(model), "max_steps": max_steps}
     end = cluster(problem, **rules)
-    # The exact time, without rounding, so that no further call is needed.
-    over = jnp.where(end.status == TIME_IS_UP, until, end.state.time)
+    # The exact time, so that no further call is needed; without a step that of the beginning.
+    over = jnp.where((end.status == TIME_IS_UP) & (until > time), until, end.state.time)
     end = completed(end._replace(state=end.state._replace(time=over)))
     return begin, end._replace(state=followed.whole(end.state, begin, pairs))
 
@@ -349,7 +347,7 @@ def step_cluster(
     closed = closed | (coupling.touches & meets(model, slots, coupling.choice))
     lasts = rearrange(coupling.state, change).closed & ~change.fresh & ~coupling.starts
     used = pairs_of(model, slots).used
-    filled = with_near_pairs(model, filled, used, closed | lasts, gap, now, coupling.pace)
+    filled = with_near_pairs(model, filled, used, closed | lasts, gap)
 
     # A sphere that leaves is searched before anything else.
     going_on = coupling._replace(slots=slots)

@@ -9,12 +9,11 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..._coupled.modes import Number
 from ..._coupled.rows import rows_of
-from ..arrays.arrays import SceneArrays, SceneLayout
+from ..arrays.arrays import SceneArrays
 from ..cluster.problem import ClusterPairs, ClusterState
 from .reach import time_to_cover
-from .slots import CALLS, FilledSlots, map_pairs, most_pairs, slot_pairs
+from .slots import FilledSlots, map_pairs, most_pairs, slot_pairs
 
 
 def with_near_pairs(
@@ -23,38 +22,31 @@ def with_near_pairs(
     used: Bool[Array, " P"],
     closed: Bool[Array, " P"],
     gap: Float[Array, " P"],
-    now: Number,
-    pace: Number,
 ) -> FilledSlots:
-    """Return the slots of a call with the pairs that it follows. Those that are `closed` come
-    first, those that are not `used` last.
-    """
+    """Return the slots with the pairs that a call follows, first the `closed` ones."""
     slots, speeds = filled.slots, filled.speeds
     most = most_pairs(model, slots.size)
     if most is None or speeds is None:
         return filled
     first, second = slot_pairs(model, slots.size)
     bounds = speeds.within(jnp.minimum(slots.who, model.spheres - 1), slots.present)
-    walls = (jnp.zeros(model.walls, model.dtype),) * 2
-    if model.motion is not None:
-        walls = model.motion.fastest(now, jnp.zeros_like(now)), model.motion.bounds
-    each = (jnp.concatenate(both) for both in zip(bounds, walls, strict=True))
+    each = (jnp.concatenate([x, jnp.zeros(model.walls, x.dtype)]) for x in bounds)
     time = time_to_cover(jnp.maximum(gap, 0), *(x[first] + x[second] for x in each))
     time = jnp.where(closed, -1, jnp.where(used, time, jnp.inf))
     order = jnp.argsort(time)
     near = jnp.zeros(time.shape, bool).at[order[:most]].set(True)
     next_one = time[order[most]]
-    crowded = filled.crowded | (next_one <= pace / CALLS)
+    crowded = filled.crowded | (next_one < 0)  # More touch than are followed.
     return filled._replace(alone=jnp.minimum(filled.alone, next_one), crowded=crowded, near=near)
 
 
 class PairList:
     """The places of the pairs that a call follows among all pairs; all of them without `near`."""
 
-    def __init__(self, layout: SceneLayout, size: int, near: Bool[Array, " P"] | None) -> None:
+    def __init__(self, model: SceneArrays, size: int, near: Bool[Array, " P"] | None) -> None:
         self._near = near
         if near is not None:
-            most, self._all = most_pairs(layout, size), near.size
+            most, self._all = most_pairs(model, size), near.size
             self._place = jnp.flatnonzero(near, size=most, fill_value=self._all)
             self._sure = jnp.minimum(self._place, self._all - 1)
 

@@ -15,7 +15,7 @@ from jaxtyping import Array
 from ..._program import quick, swift_options
 from ..._solver.chunks import in_chunks
 from ..._text.progress import TellRun
-from ..arrays.arrays import SceneArrays, SceneLayout
+from ..arrays.arrays import SceneArrays
 from ..contact_times.cells import CellGrid, grid_of
 from ..derivative.differentiable_run import RunInputs
 from ..pair_impact.friction import is_followed
@@ -23,7 +23,7 @@ from .coupled import MOST
 from .log import Log, LoopOutcome, blank_log
 from .loop import advance, has_events_left, initial_state, with_empty_slots
 from .search import flight_at, reset_events
-from .slots import all_fit, in_more_slots, most_pairs, slot_pairs
+from .slots import all_fit, in_more_slots, keeps_energy, most_pairs, slot_pairs
 from .state import LoopStatus, Rules, RunState, RunTask
 
 _MOST_GROWN = 40
@@ -38,8 +38,8 @@ _PIECE = 256
 _PATIENCE = 131_072
 """The number of impacts, times one plus 12 for each pair that is followed, for which the faster
 program is compiled. Measured: it saves its compilation after some 100,000 impacts, or 300 calls
-with 34 pairs. It is no time: the two programs round differently, and a script must reproduce its
-numbers. Crowds have the faster program at once."""
+with 34 pairs. It is no time: the programs round differently, and scripts reproduce their numbers.
+"""
 
 _RUN: dict[Any, float] = {}
 """The number of impacts of each kind in a quickly compiled program; infinite after the faster."""
@@ -96,9 +96,7 @@ def from_python(
     """
     model, valid, end, tolerance = inputs
     state = _begun(model, rules) if start is None else start
-    # Under gravity they gather.
-    direct = _MOST_GROWN if model.has_gravity else _DIRECT
-    if grows and rules.slots and all_fit(model, min(direct, model.spheres)):
+    if grows and rules.slots and all_fit(model, min(_direct(model), model.spheres)):
         rules = Rules(rules.soft, rules.v0, model.spheres)
     wanted, most_slots = rules, min(_MOST_GROWN, model.spheres) if grows else 0
     rules, model = _first_rules(model, rules), _resumed(model, rules)
@@ -140,6 +138,11 @@ def from_python(
     return rules, LoopOutcome(log, written, state.status, state.now, ahead, valid)
 
 
+def _direct(model: SceneArrays) -> int:
+    """Return the number of spheres up to which all have slots; under gravity they gather."""
+    return _MOST_GROWN if model.has_gravity and keeps_energy(model) else _DIRECT
+
+
 def _first_rules(model: SceneArrays, rules: Rules) -> Rules:
     """Return the rules without a coupled solve, unless it runs or most such scenes need it."""
     followed, many = is_followed(model), not all_fit(model, rules.slots)
@@ -175,10 +178,10 @@ def _piece(tell: TellRun, total: int, *inputs: Any) -> tuple[RunState, Log, Arra
     return piece
 
 
-def _is_swift(layout: SceneLayout, slots: int, rows: float) -> bool:
+def _is_swift(model: SceneArrays, slots: int, rows: float) -> bool:
     """Return whether the faster program is right for a number of impacts."""
-    near = most_pairs(layout, slots) if slots else None
-    pairs = near or (slot_pairs(layout, slots)[0].size if slots else 0)
+    near = most_pairs(model, slots) if slots else None
+    pairs = near or (slot_pairs(model, slots)[0].size if slots else 0)
     return (near is not None and slots > MOST) or rows * (1 + 12 * pairs) >= _PATIENCE
 
 

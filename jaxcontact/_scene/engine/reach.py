@@ -31,11 +31,6 @@ class SpeedBounds(NamedTuple):
     weight: Number
     reserve: Number
 
-    @property
-    def outside(self) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
-        """Speeds outside of the solve, and the rates at which these grow."""
-        return self.flying + self.given, jnp.where(self.inverse > 0, self.weight, 0) + self.push
-
     def within(
         self, who: Int[Array, " M"], taken: Bool[Array, " M"]
     ) -> tuple[Float[Array, " M"], Float[Array, " M"]]:

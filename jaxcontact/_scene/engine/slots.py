@@ -66,10 +66,20 @@ _TOUCHED = {1: 2, 2: 3, 3: 4}
 """About the largest number of contacts for each sphere of a cluster, by the dimensions."""
 
 
-def most_pairs(layout: SceneLayout, size: int) -> int | None:
+def most_pairs(model: SceneArrays, size: int) -> int | None:
     """Return the number of pairs that a call follows; None if it follows all."""
-    most = _TOUCHED[layout.dimensions] * size + layout.walls
-    return most if 2 * most <= slot_pairs(layout, size)[0].size + layout.walls else None
+    most = _TOUCHED[model.dimensions] * size + model.walls
+    few = 2 * most > slot_pairs(model, size)[0].size + model.walls
+    return None if few or not keeps_energy(model) else most
+
+
+def keeps_energy(model: SceneArrays) -> bool:
+    """Return whether a call adds no energy to that at its start, beside that of gravity: no body is
+    in prescribed motion, and no adhesion pulls.
+    """
+    belts = model.rotation is not None and model.rotation.drift is not None
+    adhesive = any(law.ends_apart for law in model.laws)
+    return not (model.driven or any(model.moving) or belts or adhesive)
 
 
 def identity_slots(model: SceneArrays) -> Int[Array, " N"]:
@@ -245,7 +255,7 @@ def resting_pairs(layout: SceneLayout, support: Int[Array, " M"]) -> Bool[Array,
     return (support[first] == second - size) & (support[first] >= 0)
 
 
-CALLS = 64
+_CALLS = 64
 """The number of calls into which the first third of an impact may be divided. It matters if there
 is no place for all spheres within reach in that time."""
 
@@ -293,6 +303,7 @@ def fill_slots(model: SceneArrays, state: RunState, now: Number) -> FilledSlots:
     there, pull = at_once(model, jnp.arange(count), state.flying, state.support, now)
     core, speeds = _core(model, coupling), speed_bounds(model, coupling, there, now)
     given, moves = speeds.given, speeds.inverse > 0
+    outside = speeds.flying + given, jnp.where(moves, speeds.weight, 0) + speeds.push
 
     def arrivals(who: Array, after: Array, filled: Array) -> Array:
         """Return the earliest times at which others may be reached, or reach a non-core body."""
@@ -314,7 +325,7 @@ def fill_slots(model: SceneArrays, state: RunState, now: Number) -> FilledSlots:
         free = jnp.where(core[sure][:, None], jnp.inf, time_to_cover(gap, meeting, bend))
         late = after[:, None]
         left = jnp.maximum(gap - (meeting + bend / 2 * late) * late, 0)
-        both = zip(speeds.within(sure, taken), speeds.outside, strict=True)
+        both = zip(speeds.within(sure, taken), outside, strict=True)
         fast, gain = (mine[:, None] + theirs[None] for mine, theirs in both)
         # A fixed body transmits nothing.
         reached = late + time_to_cover(left, fast + gain * late, gain)
@@ -339,7 +350,7 @@ def fill_slots(model: SceneArrays, state: RunState, now: Number) -> FilledSlots:
     start = (first, jnp.zeros(size, model.dtype), filled)
     who, after, filled = jax.lax.fori_loop(0, size - 1, one_more, start)
     alone = jnp.min(arrivals(who, after, filled))
-    crowded = (jnp.sum(core) > size) | (alone <= coupling.pace / CALLS)
+    crowded = (jnp.sum(core) > size) | (alone <= coupling.pace / _CALLS)
     slots, wide = _assign_slots(model, there, coupling, who, filled)
     if any(model.periodic):
         # Only the nearest image of a pair, at half a period or less, may touch. No other image

@@ -159,7 +159,9 @@ class Analyst:
             together.setdefault(leaf.dims, []).append(self._part(name, where, leaf))
         for few in sorted(together, key=_size):
             for more in sorted(together, key=_size):
-                if few < more and self._alike(together[few], together[more]):
+                mine, theirs = (self._needed(together[dims])[0] for dims in (few, more))
+                # The others need at least half of its work anyway.
+                if few < more and 2 * len(mine & theirs) >= len(mine):
                     together[more] += together.pop(few)
                     break
         return map(self._group, together.values())
@@ -177,11 +179,6 @@ class Analyst:
 
     def _needed(self, parts: _Parts) -> tuple[set[int], set[int]]:
         return steps_needed(self.shared.steps, [where for _, where in parts])
-
-    def _alike(self, first: _Parts, second: _Parts) -> bool:
-        """Return whether `second` need at least half of the work of `first` anyway."""
-        mine, theirs = self._needed(first)[0], self._needed(second)[0]
-        return 2 * len(mine & theirs) >= len(mine)
 
     def _group(self, parts: _Parts) -> Group:
         numbers, inputs = self._needed(parts)

@@ -51,7 +51,7 @@ def test_reports_of_a_file_of_ones_own(good, tmp_path, capsys):
         assert json.loads((out / NUMBERS).read_text())["drag"] is None
         if "--details" in more:
             assert printed.startswith(text.read_text()) and str(text) in printed
-    assert f"by `jaxcontact calibrate {good} --law" in page.read_text()
+    assert f"by <code>jaxcontact calibrate {good} --law" in page.read_text()
     assert page.read_text().startswith("<!doctype html>") and not (out / REPORT).exists()
 
 

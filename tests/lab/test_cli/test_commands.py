@@ -334,7 +334,7 @@ def test_the_page_names_all_commands_and_problems():
     (problems,) = re.findall(r"parameters from columns: ([^|]*) \|", text)
     assert problems.split(", ") == list(_PROBLEMS)
     # The printed lines are valid.
-    for line in re.findall(r"^jaxcontact ((?!--).*)", text, re.MULTILINE):
+    for line in re.findall(r"^jaxcontact ((?!--).*)", text.replace("\\\n", ""), re.MULTILINE):
         _parser().parse_args(line.split())
 
 
