@@ -94,8 +94,8 @@ def simulate(
       derivatives. Under `jit` and `vmap` it is fixed (default 256), and `impacts` are padded to it.
       A run that exceeds it is flagged and NaN.
     - `max_cluster`: the capacity of a coupled solve in spheres, at least 2. The default is 8. From
-      Python it is all spheres, up to 40 under gravity, up to 16 without it or where bodies move as
-      prescribed; of more, or with periodic axes, a run that needs it goes on with 16, 32 and 40.
+      Python it is all spheres, up to 40 under gravity and 16 without it. It is 16 where bodies move
+      as prescribed. Of more, or with periodic axes, a run goes on with 16, 32 and 40.
     - `progress`: for runs from Python. None shows on stderr after a second, in a terminal or
       notebook, that a program compiles, then the simulated time, the number of impacts and the time
       left. True always shows it, False never. A function is called with that number and None, as
