@@ -118,15 +118,11 @@ def test_a_product_is_determined_and_its_factors_are_not():
     assert found.dof == 48
 
 
-def slope_first(p, x):
-    return p[0] * x + p[1]
-
-
 @pytest.mark.parametrize("y", [2.0, 0.3, 1e5 / 3, -7e-9])
 def test_fewer_points_than_numbers_of_an_array(y):
     """The line meets the point to rounding, which must not be taken for a slope of the loss."""
     start = np.array([1.0, 0.0])
-    found = jc.fit(slope_first, [y], start, x=np.array([3.0]), sigma=0.1)
+    found = jc.fit(lambda p, x: p[0] * x + p[1], [y], start, x=np.array([3.0]), sigma=0.1)
     (direction,) = found.unidentified
     assert found.converged and found.loss < 1e-20 * max(1, y**2)
     # A line may rotate about its one point: the offset changes by -3 if the slope changes by 1.

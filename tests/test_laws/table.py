@@ -175,10 +175,6 @@ def root_quarter(a):
     return lambda d, v, K, m, e: a(e) * mp.sqrt(m * K) * mp.power(d, "0.25") * v
 
 
-def thornton_term(d, v, K, m, e):
-    return 2 * thornton(e) * mp.sqrt(of("3/2") * m * K * mp.sqrt(d)) * v
-
-
 def jankowski_term(d, v, K, m, e):
     return 2 * jankowski(e) * mp.sqrt(m * K * mp.sqrt(d)) * v if v > 0 else mp.mpf(0)
 
@@ -250,7 +246,10 @@ LAWS = {
     ),
     "antypov_elliott": Law(jc.AntypovElliott, damping=root_quarter(antypov_elliott), pulls=True),
     "tsuji": Law(jc.Tsuji, damping=root_quarter(tsuji), pulls=True, from_zero=True),
-    "thornton": Law(jc.Thornton, damping=thornton_term),
+    "thornton": Law(
+        jc.Thornton,
+        damping=lambda d, v, K, m, e: 2 * thornton(e) * mp.sqrt(1.5 * m * K * mp.sqrt(d)) * v,
+    ),
     "jankowski": Law(jc.Jankowski, damping=jankowski_term),
     "thornton_plastic": Law(
         jc.ThorntonPlastic, ((0.02,), (1e-3,), (1e3,)), loading=yielding, names=("yield_speed",)

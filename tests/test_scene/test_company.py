@@ -104,15 +104,20 @@ def test_slopes_of_a_crowd():
 def test_slopes_where_one_leaves():
     """Two collide while another one leaves a wall, of which they know nothing."""
 
-    def ended(change):
+    def ended(changes):
         places = [(0.0, 0.1), (0.25, 0.3), (0.56, 0.3), (5.0, 5.0)]
-        speeds = [(0.0, change - 1.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 0.0)]
+        speeds = [(0.0, changes[0] - 1.0), (1.0 + changes[1], 0.0), (-1.0, 0.0), (0.0, 0.0)]
         bodies = [*spheres(0.1, 1.0, places, speeds), jc.Plane([0.0, 0.0], [0.0, 1.0])]
-        return jc.simulate(jc.Scene(bodies, LAW, stiffness=1e4), 0.2, max_cluster=3).position[-1]
+        run = jc.simulate(jc.Scene(bodies, LAW, stiffness=1e4), 0.2, max_cluster=3)
+        return run.position[-1], run.impacts.time[1], run.impacts.duration[1]
 
-    slope = np.asarray(jax.jvp(ended, (0.0,), (1.0,))[1])
-    assert np.abs(slope[1:]).max() <= 1e-9
-    assert slope[0, 1] == pytest.approx(central(lambda h: float(ended(h)[0, 1]), 1e-4), rel=1e-6)
+    (_, time, lasts), slopes = jax.jvp(ended, ((0.0, 0.0),), ((1.0, 0.0),))
+    assert np.abs(slopes[0][1:]).max() <= 1e-9
+    beside = central(lambda h: float(ended((h, 0.0))[0][0, 1]), 1e-4)
+    assert slopes[0][0, 1] == pytest.approx(beside, rel=1e-6)
+    # Both begin and last by the closing speed v = 2, as 1/v and v^(-1/5).
+    slopes = jax.jvp(ended, ((0.0, 0.0),), ((0.0, 1.0),))[1]
+    np.testing.assert_allclose(np.array(slopes[1:]), np.array([-time / 2, -lasts / 10]), rtol=1e-8)
 
 
 def test_one_of_many_lies_on_the_floor():

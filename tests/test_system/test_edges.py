@@ -250,17 +250,13 @@ SCATTER = 20
 """Steps of 50 runs of a rod that differ by rounding, 176 to 190, differ by up to 14."""
 
 
-def guide_of(part):
-    return jc.systems.slider_in_guide(stiffness=1e10 * (1 + part))
+BUILDS = {
+    "guide": (lambda part: jc.systems.slider_in_guide(stiffness=1e10 * (1 + part)), 3e-3, 2),
+    "rod": (lambda part: jc.systems.bouncing_rod(height=0.3 * (1 + part), angle=0.0), 1.0, 8),
+}
 
 
-def rod_of(part):
-    return jc.systems.bouncing_rod(height=0.3 * (1 + part), angle=0.0)
-
-
-@pytest.mark.parametrize(
-    ("build", "duration", "contacts"), [(guide_of, 3e-3, 2), (rod_of, 1.0, 8)], ids=["guide", "rod"]
-)
+@pytest.mark.parametrize(("build", "duration", "contacts"), BUILDS.values(), ids=BUILDS)
 def test_gaps_close_and_open_together(build, duration, contacts):
     """Both corners, or ends, meet a plane at once; rounding alone decides which is the first."""
     parts = jnp.asarray(np.random.default_rng(0).normal(size=50) * 1e-13)
