@@ -245,19 +245,21 @@ def cluster_at_touch(
     closed: Bool[Array, " pairs"],
     *,
     v0: str | float = "peak",
+    drift: PerPair | float = 0.0,
 ) -> ClusterState:
     """Return a cluster at time 0, with some pairs just touching (δ = 0) and the others open. v0
-    rises for pairs that touch without closing yet.
+    rises for pairs that touch without closing yet. `drift` is the rate at which the speed of
+    opening changes before the touch, which only derivatives need.
     """
     relative = rows_of(velocity, pairs.first) - rows_of(velocity, pairs.second)
     gap, opening = pairs.gaps(pairs.between(position), relative)
     closed, rate, zero = closed & pairs.used, -opening, jnp.zeros_like(gap)
     # The depth of a pair that just touches is rounding, but has a derivative.
     depth = jnp.where(closed, jax.lax.stop_gradient(gap) - gap, jnp.minimum(-gap, 0))
-    latched = jnp.maximum(rate, least_v0(v0))
     # So has the time of the touch, where the time of this state has none.
     meets = closed & (rate > 0)
     since = -jnp.where(meets, depth, 0) / jax.lax.stop_gradient(jnp.where(meets, rate, 1))
+    latched = jnp.maximum(rate - since * drift, least_v0(v0))
     return ClusterState(
         time=jnp.zeros((), position.dtype),
         position=position,

@@ -164,7 +164,16 @@ def call(
     velocity = jnp.where(came, velocity, before.velocity)
     fresh = decided.starts | change.fresh
     pairs = _nearest_images(model, pairs, position)
-    start = cluster_at_touch(pairs, position, velocity, decided.closed & fresh, v0=v0)
+    drift: Array | float = 0.0
+    if derived:
+
+        def opening(time: Number) -> Array:
+            flown = at_once(model, who, spheres, support, time)[0]
+            position, velocity = slot_states(model, slots, flown, time)
+            return pairs.gaps(pairs.between(position), velocity[first] - velocity[second])[1]
+
+        drift = jax.jvp(opening, (time,), (jnp.ones_like(time),))[1]
+    start = cluster_at_touch(pairs, position, velocity, decided.closed & fresh, v0=v0, drift=drift)
     rests = resting_pairs(model, support)
     none = jnp.zeros(size, model.dtype)
     height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
