@@ -15,9 +15,9 @@ from jaxtyping import Array, Bool
 from ..._coupled.carry import SIZES, Carry, CoupledSolve
 from ..._coupled.clock import ContactClock
 from ..._coupled.energies import attracts
-from ..._coupled.field import TIME, WORK, LoopRules
+from ..._coupled.field import TIME, WORK, LoopRules, W
 from ..._coupled.loop import CoupledStart, first_carry, run_to_end, status_of
-from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Modes, least_v0
+from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Modes, Number, least_v0
 from ..._coupled.rows import rows_of
 from ..._functions import moving, ratio
 from ..._impact.derivatives import with_sensitivity
@@ -47,12 +47,20 @@ class _ClusterSolve(CoupledSolve):
 
 def solve_cluster(problem: ClusterProblem, rules: LoopRules, in_line: bool) -> ClusterEnd:
     """Solve a cluster from its state to its end. `in_line`: see `ClusterField`."""
+    solve = _solve_of(problem, rules, in_line)
+    first = first_carry(solve, _start(solve))
+    kept = {name: getattr(first, name) for name in SIZES}
+    end = run_to_end(solve, moving(problem, first)._replace(**kept))
+    return _assess(solve, first, end, *_state_at(solve, end))
+
+
+def _solve_of(problem: ClusterProblem, rules: LoopRules, in_line: bool) -> _ClusterSolve:
     free = (problem.inverse_mass > 0)[:, None]
     velocity = problem.state.velocity
     frame = jnp.sum(jnp.where(free, _stop(velocity), 0), axis=0, keepdims=True)
     frame = frame / jnp.sum(free, dtype=velocity.dtype)
     units = units_of(problem)
-    solve = _ClusterSolve(
+    return _ClusterSolve(
         field=field_of(problem, rules, units, frame, in_line),
         units=units,
         tolerance=problem.tolerance,
@@ -62,10 +70,6 @@ def solve_cluster(problem: ClusterProblem, rules: LoopRules, in_line: bool) -> C
         problem=problem,
         frame=frame,
     )
-    first = first_carry(solve, _start(solve))
-    kept = {name: getattr(first, name) for name in SIZES}
-    end = run_to_end(solve, moving(problem, first)._replace(**kept))
-    return _assess(solve, first, end, *_state_at(solve, end))
 
 
 def _start(solve: _ClusterSolve) -> CoupledStart:
@@ -206,6 +210,38 @@ def cluster(
     One lane; batch with `vmap`. Differentiable in both modes: the solve carries the sensitivities
     to all varying numbers. Nothing is raised; see `ClusterEnd.status`.
     """
+    problem, rules = _prepared(problem, v0, until_change, max_steps)
+    return with_sensitivity(eqx.Partial(solve_cluster, rules=rules, in_line=in_line))(problem)
+
+
+def rates_at_start(
+    problem: ClusterProblem, *, v0: str | float, in_line: bool
+) -> tuple[ClusterState, Number, Array | None]:
+    """Return the rates at which the initial state changes, with the flags of this state; that of
+    the work in W, and that of the energy taken by friction. `v0` and `in_line` as in `cluster`.
+    """
+    solve = _solve_of(*_prepared(problem, v0), in_line)
+    first = first_carry(solve, _start(solve))
+    # With w = 1/2 the time of the loop is that of the motion.
+    pace = solve.field.rate(first.y.at[W].set(0.5), first.modes, first.clock).at[W].set(0)
+
+    def later(time: Number) -> tuple[ClusterState, Number, Array | None]:
+        end = first._replace(y=first.y + time * pace)
+        end = _assess(solve, first, end, *_state_at(solve, end))
+        return end.state._replace(closed=None, rising=None), end.work, end.rubbed
+
+    unit, state = 1 / solve.units.time, problem.state
+    rates, *spent = _stop(jax.jvp(later, (jnp.zeros_like(unit),), (unit,))[1])
+    return rates._replace(closed=state.closed, rising=state.rising), *spent
+
+
+def _prepared(
+    problem: ClusterProblem,
+    v0: str | float,
+    until_change: bool = False,
+    max_steps: int = MOST_STEPS,
+) -> tuple[ClusterProblem, LoopRules]:
+    """Return a problem with a number for each pair, and the rules of its loop."""
     state, dtype = problem.state, problem.state.position.dtype
 
     def per_pair(leaf: Any) -> Any:
@@ -235,7 +271,7 @@ def cluster(
     if law.remembers and state.deepest is None:
         fresh = state._replace(deepest=jnp.zeros_like(state.indentation))
         problem = problem._replace(state=fresh)
-    return with_sensitivity(eqx.Partial(solve_cluster, rules=rules, in_line=in_line))(problem)
+    return problem, rules
 
 
 def cluster_at_touch(

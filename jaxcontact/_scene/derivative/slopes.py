@@ -21,7 +21,8 @@ from ..arrays.arrays import Flying, SceneArrays, SceneLayout
 from ..arrays.movers import Turning
 from ..cluster.problem import ClusterState
 from ..cluster.solve import MOST_STEPS
-from ..engine.coupled import call, walls_under, work_of_walls
+from ..engine.coupled import work_of_walls
+from ..engine.coupled_call import call, walls_under
 from ..engine.log import LogDecisions, LogNumbers, RunRecord, as_flags, as_numbers
 from ..engine.near_pairs import PairList
 from ..engine.rest import or_roll, rest_on_walls, with_friction_at_rest

@@ -26,7 +26,8 @@ from ..arrays.arrays import (
 )
 from ..arrays.movers import Turning
 from ..cluster.problem import ClusterState
-from ..engine.coupled import call, contact_energy, meets
+from ..engine.coupled import contact_energy
+from ..engine.coupled_call import call, meets
 from ..engine.log import Call, Log, RunRecord, as_flags, blank_state, last_call
 from ..engine.rest import flying_at_start
 from ..engine.slots import (
