@@ -105,6 +105,9 @@ def stages(
     else:
         own = [x for x in home if fault.room in direct.get(home[x], ())]
     others = [x for x in home if home[x] in higher or (not home[x] and PACKAGE in words[x])]
+    # A test of another room may name what is faulty, as those of friction do with oblique impacts.
+    outermost = fault.scope.split(".")[0]
+    others += [x for x in home if x not in own + others and outermost in words[x] & defined]
     return sorted(own, key=order), sorted(others, key=order)
 
 

@@ -29,6 +29,7 @@ from .problem import (
     ClusterProblem,
     ClusterState,
     PerBody,
+    PerPair,
     Rubbed,
     units_of,
 )

@@ -127,15 +127,13 @@ def call(
     """
     slots, change, size = decided.slots, decided.change, decided.slots.size
     who = jnp.minimum(slots.who, model.spheres - 1)
-    first, second = slot_pairs(model, size)
     inverse = jnp.where(slots.present, rows_of(model.inverse_mass, who), 0)
     inverse = jnp.concatenate([inverse, model.inverse_mass[model.spheres :]])
     pull = accelerations(model, who, jnp.full(size, -1))
     pull = jnp.where(slots.present[:, None], pull, 0)
     pull = jnp.concatenate([pull, jnp.zeros((model.walls, model.dimensions), model.dtype)])
-    followed = PairList(model, size, decided.near)
+    followed, before = PairList(model, size, decided.near), rearrange(before, change)
     assert decided.choice is not None
-    before, fresh = rearrange(before, change), decided.starts | change.fresh
     touch, joins = decided.choice.time, jnp.asarray(False)
     if derived:
         meet = decided.closed & change.fresh & meets(model, slots, decided.choice)
@@ -146,67 +144,20 @@ def call(
         """Return the first state, all pairs, the problem, and a function that completes its end."""
         # The time of the touch that starts it, or of the end of the last call.
         time = jnp.where(decided.starts, touch, before.time)
-
-        # New bodies come from their flight formulas; their pairs are fresh.
-        there = at_once(model, who, spheres, support, time)[0]
-        joined = jnp.concatenate([change.joined, jnp.zeros(model.walls, bool)])
-        came = (joined | decided.starts)[:, None]
-        position, velocity = slot_states(model, slots, there, time)
-        position = jnp.where(came, position, before.position)
-        velocity = jnp.where(came, velocity, before.velocity)
-        pairs = _nearest_images(model, pairs_of(model, slots), position)
-        drift: Array | float = 0.0
-        if derived:
-
-            def opening(time: Number) -> Array:
-                flown = at_once(model, who, spheres, support, time)[0]
-                position, velocity = slot_states(model, slots, flown, time)
-                return pairs.gaps(pairs.between(position), velocity[first] - velocity[second])[1]
-
-            drift = jax.jvp(opening, (time,), (jnp.ones_like(time),))[1]
-        touches = decided.closed & fresh
-        start = cluster_at_touch(pairs, position, velocity, touches, v0=v0, drift=drift)
+        flown = model, spheres, support, held, time
+        begin, pairs = _first_state(*flown, before, decided, v0, derived)
         rests = resting_pairs(model, support)
-        none = jnp.zeros(size, model.dtype)
-        height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
-        height = height - jnp.concatenate([none, model.walls_at(time).offset])[second]
-        since = start.since + time
-        start = start._replace(
-            time=time,
-            rubbing=fresh_rubbing(model, slots, there, support, rests),
-            indentation=jnp.where(rests, pairs.distance - height, start.indentation),
-            latched=jnp.where(rests, rows_of(held, first), start.latched),
-            rising=start.rising & ~rests,
-            since=since,
-            force_until=since,
-            deepest=jnp.zeros_like(since) if model.remembers else None,
-        )
-        begin = start._replace(
-            **{
-                name: jnp.where(fresh, getattr(start, name), getattr(before, name))
-                for name in ClusterState._fields
-                if name not in ("time", "position", "velocity", "rubbing")
-                and getattr(start, name) is not None
-            },
-            rubbing=joined_rubbing(start.rubbing, before.rubbing, came, fresh),
-        )
-        if pairs.away is not None:
-            # The nearest image of an open pair may differ from that in the last call.
-            depth = jnp.where(begin.closed, begin.indentation, start.indentation)
-            begin = begin._replace(indentation=depth)
-
-        columns = *bodies_of(model, slots), rests, touches & ~rests
-        one, other, rests, touches = followed.columns(columns)
+        touches = decided.closed & (decided.starts | change.fresh) & ~rests
+        one, other, rests, touches = followed.columns((*bodies_of(model, slots), rests, touches))
         some, start = followed.pairs(pairs), map_pairs(followed.columns, begin)
         # Unused slots get the numbers of a used pair.
         used_pair = jnp.argmax(some.used)
         one, other = (jnp.where(some.used, body, rows_of(body, used_pair)) for body in (one, other))
         contact = jax.vmap(lambda i, j: known_contact_of(model, i, j))(one, other)
         law = jax.vmap(lambda i, j: law_of(model, i, j))(one, other)
-        drive = _drive(model, slots, begin.time)
-        bodies, moved_by = (one, other), (inverse, pull, drive)
+        drive = _drive(model, slots, time)
+        setting, moved_by = (model, (one, other), some), (inverse, pull, drive)
         limits = rests, decided.until, decided.to_the_end
-        setting = model, bodies, some
         start, until, impulsive, completed = impulses(setting, contact, moved_by, start, limits)
         friction = pair_friction(setting, slots, touches & some.used, impulsive)
         rest = rtol, drive, decided.to_the_end, friction
@@ -225,17 +176,80 @@ def call(
         rates = followed.put(rates, jax.tree.map(jnp.zeros_like, before))
         before = jax.tree.map(lambda x, v: x if x.dtype == bool else x + late * v, before, rates)
         begin, pairs, problem, completed = begun(before)
-    end = cluster(problem, **form, until_change=True, max_steps=max_steps)
+    end, until = cluster(problem, **form, until_change=True, max_steps=max_steps), problem.until
     if spent is not None:
         weight = jnp.sum(ratio(1.0, inverse[:, None]) * pull * begin.velocity)
         end = end._replace(work=end.work + late * (spent[0] - weight))
         if end.rubbed is not None:
             end = end._replace(rubbed=end.rubbed + late * spent[1])
     # The exact time, so that no further call is needed; without a step that of the beginning.
-    until = problem.until
     over = jnp.where((end.status == TIME_IS_UP) & (until > begin.time), until, end.state.time)
     end = completed(end._replace(state=end.state._replace(time=over)))
     return begin, end._replace(state=followed.whole(end.state, begin, pairs))
+
+
+def _first_state(
+    model: SceneArrays,
+    spheres: Flying,
+    support: Int[Array, " M"],
+    held: Float[Array, " M"],
+    time: Number,
+    before: ClusterState,
+    decided: Call,
+    v0: Any,
+    derived: bool,
+) -> tuple[ClusterState, ClusterPairs]:
+    """Return the state at the beginning of a call, and all pairs. New bodies come from their flight
+    formulas, and their pairs are fresh.
+    """
+    slots, change, size = decided.slots, decided.change, decided.slots.size
+    first, second = slot_pairs(model, size)
+
+    def in_flight(time: Number) -> tuple[Flying, Array, Array]:
+        who = jnp.minimum(slots.who, model.spheres - 1)
+        there = at_once(model, who, spheres, support, time)[0]
+        return there, *slot_states(model, slots, there, time)
+
+    def opening(time: Number) -> Array:
+        _, position, velocity = in_flight(time)
+        return pairs.gaps(pairs.between(position), velocity[first] - velocity[second])[1]
+
+    there, position, velocity = in_flight(time)
+    joined = jnp.concatenate([change.joined, jnp.zeros(model.walls, bool)])
+    came, fresh = (joined | decided.starts)[:, None], decided.starts | change.fresh
+    position = jnp.where(came, position, before.position)
+    velocity = jnp.where(came, velocity, before.velocity)
+    pairs = _nearest_images(model, pairs_of(model, slots), position)
+    drift = jax.jvp(opening, (time,), (jnp.ones_like(time),))[1] if derived else 0.0
+    touches, rests = decided.closed & fresh, resting_pairs(model, support)
+    start = cluster_at_touch(pairs, position, velocity, touches, v0=v0, drift=drift)
+    height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
+    place = jnp.concatenate([jnp.zeros(size, model.dtype), model.walls_at(time).offset])
+    since = start.since + time
+    start = start._replace(
+        time=time,
+        rubbing=fresh_rubbing(model, slots, there, support, rests),
+        indentation=jnp.where(rests, pairs.distance - height + place[second], start.indentation),
+        latched=jnp.where(rests, rows_of(held, first), start.latched),
+        rising=start.rising & ~rests,
+        since=since,
+        force_until=since,
+        deepest=jnp.zeros_like(since) if model.remembers else None,
+    )
+    begin = start._replace(
+        **{
+            name: jnp.where(fresh, getattr(start, name), getattr(before, name))
+            for name in ClusterState._fields
+            if name not in ("time", "position", "velocity", "rubbing")
+            and getattr(start, name) is not None
+        },
+        rubbing=joined_rubbing(start.rubbing, before.rubbing, came, fresh),
+    )
+    if pairs.away is not None:
+        # The nearest image of an open pair may differ from that in the last call.
+        depth = jnp.where(begin.closed, begin.indentation, start.indentation)
+        begin = begin._replace(indentation=depth)
+    return begin, pairs
 
 
 def _touch(model: SceneArrays, spheres: Flying, decided: Call, begins: Flag) -> Number:

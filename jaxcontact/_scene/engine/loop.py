@@ -27,8 +27,8 @@ from ..pair_impact.soft import soft
 from ..readout.final_scene import resume_cluster
 from ..resume import Underway
 from .coupled import cluster_is_next, start_cluster, step_cluster
-from .isolation import is_isolated
 from .log import Log, LogDecisions, LogNumbers, blank_calls, blank_choice, blank_state
+from .reach import is_isolated
 from .rest import (
     begins_to_roll,
     comes_to_rest,
