@@ -120,35 +120,6 @@ def test_slopes_where_one_leaves():
     np.testing.assert_allclose(np.array(slopes[1:]), np.array([-time / 2, -lasts / 10]), rtol=1e-8)
 
 
-def test_slopes_of_a_touch_in_a_running_solve():
-    """Two bounce and meet obliquely, with friction, while a heavy one is in the floor."""
-
-    def ended(change):
-        places = [(1.0, 0.12), (1.224, 0.326), (0.0, 0.11), (3.0, 5.0)]
-        speeds = [(1.0, change - 2.1), (-0.3, 0.0), (change, -1.0), (0.0, 0.0)]
-        discs = spheres(0.1, [0.3, 0.3, 40.0, 40.0], places, speeds)
-        ways = {"stiffness": 1e4, "friction": jc.SpringSlider(0.3, 0.8), "gravity": [0.0, -9.81]}
-        scene = jc.Scene([*discs, jc.Plane([0.0, 0.0], [0.0, 1.0])], LAW, **ways)
-        return jc.simulate(scene, 0.12, max_cluster=3).velocity[-1]
-
-    slopes = jax.jvp(ended, (0.0,), (1.0,))[1]
-    # Without the derivative of the touch they differ by 3e-4.
-    np.testing.assert_allclose(slopes, fourth(lambda h: np.asarray(ended(h)), 1e-3), atol=1e-7)
-
-
-def test_squeezed_past_the_bound():
-    """A light disc between a rising floor and a fixed disc is faster than twice the floor."""
-    place = np.array([1.1 * np.sin(0.1), 2 - 1.1 * np.cos(0.1)])
-    floor = jc.Plane([0.0, place[1] - 0.101], [0.0, 1.0], motion=jc.Steady([0.0, 1.0]))
-    fixed = [(1.0, [0.0, 2.0]), (0.1, place + np.array([0.218, 0.0]))]
-    bodies = [jc.Sphere(radius, None, at, fixed=True) for radius, at in fixed]
-    bodies += spheres(0.1, 0.01, [place.tolist(), [30.0, 5.0]])
-    scene = jc.Scene([*bodies, floor], LAW, stiffness=1e7)
-    few, all = (jc.simulate(scene, 0.01, max_cluster=most, throw=False) for most in (3, 4))
-    assert (few.status, all.status) == (jc.Ending.CROWDED, jc.Ending.COMPLETED)
-    assert len(all.impacts.to_dict()["time"]) > 3
-
-
 def test_one_of_many_lies_on_the_floor():
     places = [(0.1 + 0.2 * (k % 4), 0.3 * (1 + k // 4) if k else 0.05) for k in range(12)]
     bodies = [*spheres(0.05, 1.0, places), jc.Box([0.0, 0.0], [0.8, 3.0])]

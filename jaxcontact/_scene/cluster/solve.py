@@ -187,7 +187,8 @@ def _assess(
     rubbed, start, taken = parts.rubbed(end.y), parts.rubbed(first.y), None
     if rubbed is not None and start is not None:
         taken = units.energy * jnp.sum(rubbed.taken - start.taken)
-    return ClusterEnd(done, work, status, end.steps, error, error * units.speed, taken)
+    second = units.speed / units.time * end.look.second
+    return ClusterEnd(done, work, status, end.steps, error, error * units.speed, taken, second)
 
 
 MOST_STEPS = 4096
@@ -218,8 +219,9 @@ def cluster(
 def rates_at_start(
     problem: ClusterProblem, *, v0: str | float, in_line: bool
 ) -> tuple[ClusterState, Number, Array | None]:
-    """Return the rates at which the initial state changes, with the flags of this state; that of
-    the work in W, and that of the energy taken by friction. `v0` and `in_line` as in `cluster`.
+    """Return the rates at which the initial state changes, with the flags of this state; and the
+    powers in W of bodies in prescribed motion, and taken by friction. `v0` and `in_line` as in
+    `cluster`.
     """
     solve = _solve_of(*_prepared(problem, v0), in_line)
     first = first_carry(solve, _start(solve))
@@ -232,8 +234,10 @@ def rates_at_start(
         return end.state._replace(closed=None, rising=None), end.work, end.rubbed
 
     unit, state = 1 / solve.units.time, problem.state
-    rates, *spent = _stop(jax.jvp(later, (jnp.zeros_like(unit),), (unit,))[1])
-    return rates._replace(closed=state.closed, rising=state.rising), *spent
+    rates, work, taken = jax.jvp(later, (jnp.zeros_like(unit),), (unit,))[1]
+    rates = rates._replace(closed=state.closed, rising=state.rising)
+    momentum = ratio(1.0, problem.inverse_mass)[:, None] * state.velocity
+    return _stop((rates, work - jnp.sum(momentum * problem.acceleration), taken))
 
 
 def _prepared(

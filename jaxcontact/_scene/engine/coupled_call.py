@@ -10,9 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..._coupled.modes import TIME_IS_UP, Flag, Number
+from ..._coupled.modes import TIME_IS_UP, Flag, Number, least_v0
 from ..._coupled.rows import rows_of, with_rows
-from ..._functions import ratio
 from ..arrays.arrays import (
     Flying,
     SceneArrays,
@@ -134,10 +133,9 @@ def call(
     pull = jnp.concatenate([pull, jnp.zeros((model.walls, model.dimensions), model.dtype)])
     followed, before = PairList(model, size, decided.near), rearrange(before, change)
     assert decided.choice is not None
-    touch, joins = decided.choice.time, jnp.asarray(False)
+    meet = decided.closed & change.fresh & meets(model, slots, decided.choice)
+    joins, touch = jnp.any(meet) & ~decided.starts, decided.choice.time
     if derived:
-        meet = decided.closed & change.fresh & meets(model, slots, decided.choice)
-        joins = jnp.any(meet) & ~decided.starts
         touch = _touch(model, spheres, decided, decided.starts | joins)
 
     def begun(before: ClusterState) -> tuple:
@@ -178,14 +176,36 @@ def call(
         begin, pairs, problem, completed = begun(before)
     end, until = cluster(problem, **form, until_change=True, max_steps=max_steps), problem.until
     if spent is not None:
-        weight = jnp.sum(ratio(1.0, inverse[:, None]) * pull * begin.velocity)
-        end = end._replace(work=end.work + late * (spent[0] - weight))
-        if end.rubbed is not None:
-            end = end._replace(rubbed=end.rubbed + late * spent[1])
+        both = jax.tree.map(lambda x, v: x + late * v, [end.work, end.rubbed], spent)
+        end = end._replace(work=both[0], rubbed=both[1])
     # The exact time, so that no further call is needed; without a step that of the beginning.
     over = jnp.where((end.status == TIME_IS_UP) & (until > begin.time), until, end.state.time)
     end = completed(end._replace(state=end.state._replace(time=over)))
+    if derived and not any(law.ends_apart for law in model.laws):
+        end = _at_own_times(problem.state, end, least_v0(v0))
     return begin, end._replace(state=followed.whole(end.state, begin, pairs))
+
+
+def _at_own_times(begin: ClusterState, at: ClusterEnd, floor: float) -> ClusterEnd:
+    """Return the end of a call. Of pairs that touch or open at once there, each has the derivative
+    of its own time: the depth of all but one changes with that of the end. `floor` is the least v0.
+    """
+    end = at.state
+    depth = end.indentation - jax.lax.stop_gradient(end.indentation)
+
+    def late(counts: Array, when: Array, pace: Array) -> Array:
+        counts = counts & (when == end.time) & (pace != 0)
+        return jnp.where(counts, depth, 0) / jax.lax.stop_gradient(jnp.where(counts, pace, 1))
+
+    touched = late(~begin.closed & end.closed, end.since, -end.latched)
+    opened = late(begin.closed & ~end.closed, end.force_until, end.parting)
+    end = end._replace(
+        since=end.since + touched,
+        force_until=end.force_until + touched + opened,
+        latched=end.latched + jnp.where(end.latched > floor, touched * at.second, 0),
+        parting=end.parting - opened * at.second,
+    )
+    return at._replace(state=end)
 
 
 def _first_state(
