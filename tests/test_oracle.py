@@ -73,13 +73,6 @@ def test_restitution_satisfies_its_equation():
         assert abs(oracle.hunt_crossley("2e6", "1.5").e - mpf("5e-7")) < TWO_WAYS
 
 
-def test_small_damping_follows_its_expansion():
-    e = oracle.hunt_crossley("1e-8", "1.5").e
-    with mp.workdps(oracle.DIGITS):
-        a = mpf("1e-8")
-        assert abs(e - (1 - 2 * a / 3 + 4 * a**2 / 9)) < a**3
-
-
 # --- the oscillators ------------------------------------------------------------------------------
 
 

@@ -116,30 +116,6 @@ def test_impacts_in_a_plane():
     agree(plane, fast, PLANE, 2e-5)
 
 
-def line(numbers):
-    """Five unequal balls between two walls, thirty impacts."""
-    balls = in_a_line(0.1, numbers[10:15], numbers[:5], numbers[5:10])
-    ends = [jc.Plane([-3.0], [1.0]), jc.Plane([3.0], [-1.0])]
-    scene = jc.Scene([*balls, *ends], jc.ExactRestitution(e=numbers[15]))
-    run = go(scene, 15.0, max_impacts=64)
-    return jnp.concatenate([run.position[-1].ravel(), run.velocity[-1].ravel()]), run
-
-
-LINE = np.array(
-    [-2.0, -1.1, 0.1, 0.9, 2.2, 1.0, -0.4, 0.7, -1.1, 0.3, 1.0, 1.3, 0.8, 1.1, 0.9, 0.97]
-)
-
-
-@pytest.mark.slow(reason="a long run with its derivatives")
-def test_thirty_impacts_in_a_line():
-    fast = jax.jit(line)
-    run = fast(LINE)[1]
-    assert 30 <= int(jnp.sum(run.impacts.valid)) < 64
-    agree(line, fast, LINE, 1e-6)
-    # From Python, without a reserved size, the same values.
-    np.testing.assert_allclose(fast(LINE)[0], line(LINE)[0], rtol=1e-10)
-
-
 def test_a_batch_with_bad_lanes():
     """A lane that is out of range, overlaps or needs more room is flagged; the others are whole."""
 

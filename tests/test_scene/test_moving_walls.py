@@ -19,7 +19,6 @@ from tests.oracle.moving_table import (
     STIFFNESS,
     bounces,
     over,
-    pressed,
     sine,
 )
 from tests.test_scene.support import central, go, missing
@@ -189,20 +188,6 @@ def test_a_lift_carries_what_rests_on_it(instantaneous):
     moved[0] = run.velocity[-1, 0, 0] * 0.5 + gravity[0] * 0.5**2 / 2
     np.testing.assert_allclose(more.position[-1] - run.position[-1], moved[None], atol=SOFT)
     np.testing.assert_allclose(more.wall_work, MASS * GRAVITY * speed * 0.5, rtol=SOFT)
-
-
-@pytest.mark.slow(reason="soft scenes with a moving wall, and with a function for it")
-@pytest.mark.parametrize("kind", ["vibration", "function"])
-def test_a_soft_ball_on_a_table(kind):
-    law, (motion, table, *_) = jc.HuGuo(e=0.7), TABLES[kind]
-    run = jc.simulate(over(motion, 0.002, law), 0.08, v0="touch")
-    assert len(run.impacts) >= 2
-    height, velocity = pressed(table, 0.002, 0.08, float(law.damping_factor()))
-    fastest = np.max(run.impacts.closing_speed)
-    assert abs(run.velocity[-1, 0, 0] - velocity) < SOFT * fastest
-    assert abs(run.position[-1, 0, 0] - RADIUS - height) < SOFT * fastest * 0.08
-    assert missing(run) < 100 * 1e-9 * run.energy[0]
-    assert abs(run.wall_work) > 1e-3 * run.energy[0]
 
 
 def test_a_box_that_is_moved_carries_its_balls():
