@@ -16,7 +16,6 @@ import pytest
 
 import jaxcontact as jc
 from benchmarks.lab import tracks
-from benchmarks.lab.records import impact
 from benchmarks.lab.sound import as_wave, draw
 from jaxcontact.lab.cli import main
 
@@ -151,20 +150,6 @@ def test_a_video(run, tmp_path):
     assert (tmp_path / "track.png").read_bytes().startswith(b"\x89PNG")
     text = (tmp_path / "ball.html").read_text()
     assert "The track, with the parabolas between impacts" in text and "5 impacts in 1 drop" in text
-
-
-@pytest.mark.slow(reason="a fit to a record, 25 s of CPU; test_records has the same from Python")
-def test_a_force_plate(run, tmp_path):
-    clock = np.arange(0, 0.06, 2e-5)
-    time, force, after = impact(0.05, 2e6, 0.15, 2.0)
-    reading = 7 - np.interp(clock - 0.02, time, force, left=0, right=0)
-    reading += np.random.default_rng(4).normal(size=clock.size)
-    rows = np.stack([1e3 * clock, reading], axis=1)
-    (tmp_path / "plate.csv").write_text(text_of(rows, "Time (ms);Fz (N)", ";", ","))
-    (one,) = calibrated(run, "plate.csv --mass 0.05")["impacts"]
-    assert (tmp_path / "record.png").exists()
-    for name, truth in (("velocity", 2.0), ("restitution", after / 2), ("stiffness", 2e6)):
-        assert abs(one[name] - truth) < FEW_ERRORS * one[f"{name}_error"] < 0.2 * truth
 
 
 def test_into_the_simulator(run, tmp_path):
