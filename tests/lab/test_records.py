@@ -19,8 +19,7 @@ RATE = 50e3
 SPEEDS = 2.0, 1.5, 1.1, 0.8
 STARTS = 0.05, 0.25, 0.4, 0.5
 
-FEW_ERRORS = 4.0
-"""Standard errors: one draw in 16,000 is farther off, and these draws are fixed."""
+FEW_ERRORS = 4.0  # standard errors: one draw in 16,000 is farther off, and these draws are fixed
 
 
 @functools.cache

@@ -43,8 +43,7 @@ BREAKS = ("0", "0.75", "1.3", "2", "4", "9", "32.25")
 NODES = 38
 # Coefficients below this fraction of the largest one change no digit of double precision.
 CUT = mpf("1e-18")
-# From here on the creep back is universal to more than thirty digits.
-STRONG = mpf(8)
+STRONG = mpf(8)  # from here on the creep back is universal to more than thirty digits
 # Points at which the series are compared with the impact; none is a node.
 CHECKED = "-0.99 -0.6 -0.2 0.3 0.7 0.98".split()
 

@@ -11,8 +11,7 @@ from benchmarks.fit_adequacy import STUDY, printed
 from benchmarks.study import DOCS
 
 DRAWS = 200
-LEAST = 0.904
-"""Three standard deviations of a share of 200 draws below 95 %."""
+LEAST = 0.904  # three standard deviations of a share of 200 draws below 95 %
 
 
 @pytest.mark.slow(reason="a study of many fits by its benchmark")

@@ -130,9 +130,7 @@ def test_a_ball_that_stops():
 
 # --- A whole run ----------------------------------------------------------------------------------
 
-SERIES = 1e-12
-"""Times and heights of runs that are followed in two ways: measured 7e-16."""
-
+SERIES = 1e-12  # times and heights of runs that are followed in two ways: measured 7e-16
 DIFFERENCE = 1e-6
 """Derivatives with gravity in contact at rtol 1e-12, against central differences of step 1e-2 and
 Richardson's extrapolation."""

@@ -13,8 +13,7 @@ DECAY = 2.5 * np.exp(-1.3 * X) + 0.5 + 0.1 * NOISE
 START = {"a": 1.0, "b": 1.0, "c": 0.3}
 T9 = stats.t.ppf(0.975, 9)
 
-MET = 2e-3
-"""Of a standard error: an end is searched until its deviation is within a thousandth."""
+MET = 2e-3  # of a standard error: an end is searched until its deviation is within a thousandth
 
 
 def of_line(**how):

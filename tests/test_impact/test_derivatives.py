@@ -221,8 +221,7 @@ TRANSFORMS = {
     "grad of jit": lambda f: jax.grad(jax.jit(lambda *x: f(*x).sum()), EVERY),
     "of one": jax.jacfwd,
 }
-OF_A_QUADRATURE = ("grad", "jacfwd")
-"""Taken of `observed`, the others of `elementary`."""
+OF_A_QUADRATURE = ("grad", "jacfwd")  # taken of `observed`, the others of `elementary`
 TWICE = {
     "hessian": lambda f: jax.jacfwd(jax.grad(lambda *x: f(*x).sum())),
     "reverse over forward": lambda f: jax.grad(lambda *x: jax.jacfwd(f)(*x).sum()),

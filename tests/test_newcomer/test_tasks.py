@@ -27,12 +27,9 @@ SCATTERED = E * (1 + 0.01 * RANDOM.normal(size=24))
 ROWS = np.stack([SPEED, SCATTERED], axis=1)
 HEIGHTS = np.stack([np.linspace(20, 150, 24), np.linspace(20, 150, 24) * SCATTERED**2], axis=1)
 
-CLEAR = 4
-"""The draw of a sound with a clear drop: e = 0.64, 37 dB over the noise."""
-TRACKED = 705
-"""The draw of a track with five impacts, e = 0.84, at 120 frames per second."""
-FEW_ERRORS = 4.0
-"""Standard errors: one draw in 16,000 is farther off, and these draws are fixed."""
+CLEAR = 4  # the draw of a sound with a clear drop: e = 0.64, 37 dB over the noise
+TRACKED = 705  # the draw of a track with five impacts, e = 0.84, at 120 frames per second
+FEW_ERRORS = 4.0  # standard errors: one draw in 16,000 is farther off, and these draws are fixed
 
 
 def intervals() -> str:

@@ -11,8 +11,7 @@ from tests.test_scene.support import go, in_a_line, missing, spheres
 EXACT = 1e-12
 """Times, heights and speeds of the bouncing ball, relative to the drop: measured 3e-14."""
 
-ENERGY = 1e-12
-"""Energy of an elastic gas over 1e4 impacts, relative: measured 1e-13."""
+ENERGY = 1e-12  # energy of an elastic gas over 1e4 impacts, relative: measured 1e-13
 
 FLOOR = jc.Plane([0.0, 0.0], [0.0, 1.0], name="floor")
 

@@ -27,11 +27,8 @@ EXACT = 1e-11
 """Ten impacts on a table that shakes, whose errors grow a hundredfold: measured 1e-12. After
 fifteen by a function 1.1e-11."""
 
-SOFT = 1e-8
-"""Ten times `rtol`: also of places in m, speeds in m/s and work of what rests."""
-
-FRAME = 1e-12
-"""What a moving frame changes but for rounding: measured 1e-16."""
+SOFT = 1e-8  # ten times `rtol`: also of places in m, speeds in m/s and work of what rests
+FRAME = 1e-12  # what a moving frame changes but for rounding: measured 1e-16
 
 LAW = jc.ExactRestitution(e=0.8)
 SHAKEN = jc.Vibration(1e-4, FREQUENCY, 0.3)

@@ -14,11 +14,8 @@ from jaxcontact._scene.pair_impact.oblique import oblique
 from tests.oracle.chains import NECK
 from tests.test_scene.support import GRAVITY, in_a_line, missing, spheres
 
-SAME = 1e-9
-"""Between two solves of one motion, relative: measured 3e-11."""
-
-BALANCE = 1e-9
-"""Of energies at rtol 1e-10: measured 1e-11."""
+SAME = 1e-9  # between two solves of one motion, relative: measured 3e-11
+BALANCE = 1e-9  # of energies at rtol 1e-10: measured 1e-11
 
 LAW, STIFFNESS, RADIUS = jc.JKR(pull_off=NECK.pull_off), NECK.stiffness, 0.1
 MASS, HEIGHT = 0.5, 0.01

@@ -29,8 +29,7 @@ CASES = np.array(
 """Damping, about v_t T/d, and the tangential speed; the normal speed and d are 1."""
 
 
-ROUNDING = 2e-12
-"""Of the radial solve at its finest, and of differences of turns of some 1e-7 rad."""
+ROUNDING = 2e-12  # of the radial solve at its finest, and of differences of turns of some 1e-7 rad
 
 
 def stiffness(turned, across):

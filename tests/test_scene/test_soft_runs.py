@@ -19,9 +19,7 @@ from jaxcontact._scene.engine import pieces
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.test_scene.support import bodies_of, in_a_line, missing, spheres
 
-K = 1e6
-"""In N/m^1.5: a contact of two balls of 1 kg at 1 m/s lasts about 0.01 s."""
-
+K = 1e6  # in N/m^1.5: a contact of two balls of 1 kg at 1 m/s lasts about 0.01 s
 BELOW = Wall([0.0, -0.5], [0.0, 1.0])
 FAR = Wall([-9.0, 0.0], [1.0, 0.0])
 CORNER = [Wall([0.0, 0.0], [1.0, 0.0]), Wall([0.0, 0.0], [0.0, 1.0])]
@@ -190,12 +188,8 @@ BALANCE, GAS = 1e-9, 1e-8
 """Energy at the end against the start less what was lost, relative: measured 6e-12 (8 impacts with
 rest) and 6e-10 (1237 impacts of a gas)."""
 
-GOES_ON = 1e-9
-"""Of a run in two parts, in m, m/s, J and s: measured 2e-10."""
-
-STILL = 1e-8
-"""In m/s, of what came to rest and lies near others: measured 2e-10."""
-
+GOES_ON = 1e-9  # of a run in two parts, in m, m/s, J and s: measured 2e-10
+STILL = 1e-8  # in m/s, of what came to rest and lies near others: measured 2e-10
 STEP = 1e-2
 """Of a duration that ends before the contact opens, with the force: it is known to a step of the
 coupled solve; measured 6e-4."""

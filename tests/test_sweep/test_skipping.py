@@ -15,8 +15,7 @@ import jaxcontact as jc
 SAME = 2e-15
 """XLA fuses and vectorises another batch otherwise: measured 0 in most fields, 9e-16 in a slope."""
 
-EVENT = 1e-9
-"""The tolerance of the event solves, whose steps follow the roundings: measured 6e-11."""
+EVENT = 1e-9  # the tolerance of the event solves, whose steps follow the roundings: measured 6e-11
 
 GOOD = {"e": [0.3, 0.7, 0.9, 1.0], "K": [1e8, 1e6, 3e7], "m": [2.0, 0.5], "v": [1.0, 3.0, 0.2]}
 BAD = {"e": [0.3, 1.5, 0.9, np.nan], "K": [1e8, -1.0, 1e6], "m": [2.0, 0.0], "v": [1.0, 3.0, -1.0]}

@@ -14,8 +14,7 @@ import jaxcontact as jc
 from tests.test_impact.test_new_form import Plain
 
 CONTACT = jc.Contact(1.0, 1e6)
-SHORT = jc.Event(max_steps=20)
-"""Enough for e = 0.9, not for e = 0.01."""
+SHORT = jc.Event(max_steps=20)  # enough for e = 0.9, not for e = 0.01
 
 
 def impact(e, **how):

@@ -25,9 +25,7 @@ BALL = """
 HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
 SPEEDS = (0.5, 1.0, 3.0)
 
-ERROR = 0.01
-"""Of e, which the time step is chosen for."""
-
+ERROR = 0.01  # of e, which the time step is chosen for
 TURNED = 1e-3
 """Of height, velocity and turning after an impact: 4e-4 measured, and half with half the step."""
 

@@ -31,11 +31,8 @@ HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
 LINEAR = jc.Contact(mass=0.5, stiffness=1e5, exponent=1)
 SPEEDS = (0.5, 1.0, 3.0)
 
-ERROR = 0.01
-"""Of e, which the time step is chosen for."""
-
-REST = 1e-6
-"""In m, of the depth at rest: 5e-9 measured."""
+ERROR = 0.01  # of e, which the time step is chosen for
+REST = 1e-6  # in m, of the depth at rest: 5e-9 measured
 
 
 def made(gravity=0.0, more=""):

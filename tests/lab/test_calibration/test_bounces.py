@@ -19,10 +19,8 @@ G = 9.81
 BALL = jc.Drag(mass=0.0027, radius=0.02, coefficient=0.5)
 SPEED = np.geomspace(0.3, 5, 40)
 CONTACT = jc.Contact(mass=0.0027, stiffness=2e5)
-BOTH = ("mass", "stiffness")
-"""What stays where the drag is fitted, too."""
-ROUNDING = 1e-14
-"""Logarithms of order 1 in double precision, relative: 1e-15 was seen."""
+BOTH = ("mass", "stiffness")  # what stays where the drag is fitted, too
+ROUNDING = 1e-14  # logarithms of order 1 in double precision, relative: 1e-15 was seen
 DIFFERENCES = 5e-11
 """Four-point differences with a step of 1e-4 in ln C_d, absolute: 7e-12 was seen, where slopes are
 1e-6 to 0.9. It is the rounding of the logarithms over the step."""

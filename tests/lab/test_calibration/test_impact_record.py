@@ -42,8 +42,7 @@ def start():
     return jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7), TIME, 1.2
 
 
-CLEAN = 1e-5
-"""What the cubic between 128 samples leaves in K and c; 1e-6 was seen."""
+CLEAN = 1e-5  # what the cubic between 128 samples leaves in K and c; 1e-6 was seen
 
 
 def pulls(found):

@@ -12,8 +12,7 @@ import jaxcontact as jc
 from jaxcontact.lab.cli import main
 from jaxcontact.lab.cli.options import assignment, span
 
-SAME = 1e-15
-"""The same impacts in other batches: measured 2e-16."""
+SAME = 1e-15  # the same impacts in other batches: measured 2e-16
 
 
 def test_ranges():
