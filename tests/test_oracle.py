@@ -265,15 +265,11 @@ def test_the_file_holds_the_whole_grid_and_nothing_else():
 
 
 LIVE = {
-    ("hunt_crossley", "0", "1.5"): 2,
-    ("hunt_crossley", "1.6e6", "3"): 0,
-    ("oscillator", ".95", "1.5", "tension"): 0,
-    ("oscillator", ".999", "1", "clamped"): 1,
-    ("oscillator", "0", "1.5", "approach"): 0,
-    ("kuwabara_kono", "0", "1.5", False): 1,
-    ("kuwabara_kono", "3", "1.5", True): 0,
-    ("with_gravity", "2", "1.5", ".5"): 1,
-}
+    ("hunt_crossley", "0", "1.5"): 2, ("hunt_crossley", "1.6e6", "3"): 0,
+    ("oscillator", ".95", "1.5", "tension"): 0, ("oscillator", ".999", "1", "clamped"): 1,
+    ("oscillator", "0", "1.5", "approach"): 0, ("kuwabara_kono", "0", "1.5", False): 1,
+    ("kuwabara_kono", "3", "1.5", True): 0, ("with_gravity", "2", "1.5", ".5"): 1,
+}  # fmt: skip
 """Some of the grid: every function, and both ends of the parameter; with derivatives up to an order
 where they cost little.
 """

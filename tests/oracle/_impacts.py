@@ -104,13 +104,9 @@ def hunt_crossley(alpha: Number, n: Number) -> Impact:
         compression = _time(alpha, n, mpf(1) if alpha == 0 else mp.log1p(alpha) / alpha)
         restitution = _time(alpha, n, -mpf(1) if alpha == 0 else log_end / alpha)
         return Impact(
-            e=e,
-            duration=compression + restitution,
-            compression_time=compression,
-            max_indentation=indentation(mpf(0)),
-            max_force=max_force,
-            energy_loss=1 - e * e,
-        )
+            e=e, duration=compression + restitution, compression_time=compression,
+            max_indentation=indentation(mpf(0)), max_force=max_force, energy_loss=1 - e * e,
+        )  # fmt: skip
 
 
 def _log_at_separation(alpha: mpf) -> mpf:
@@ -225,14 +221,10 @@ def _impact(trace: Trace) -> Impact:
     if trace.compression_time is None or trace.max_indentation is None:
         raise RuntimeError("the motion ended before it turned")
     return Impact(
-        e=e,
-        duration=trace.duration,
-        compression_time=trace.compression_time,
-        max_indentation=trace.max_indentation,
-        max_force=trace.max_force,
-        energy_loss=1 - e * e,
+        e=e, duration=trace.duration, compression_time=trace.compression_time,
+        max_indentation=trace.max_indentation, max_force=trace.max_force, energy_loss=1 - e * e,
         settled=settled,
-    )
+    )  # fmt: skip
 
 
 _SEPARATION = {"separation": [(mpf(1), 1, 0)]}

@@ -198,12 +198,8 @@ def shoot(q: int, phases: Sequence[Phase], *, order: int = ORDER, bits: int = BI
             if stopped != "next":
                 break
         return Trace(
-            velocity=unfix(v),
-            duration=unfix(t),
-            compression_time=None if turn is None else unfix(turn),
-            max_indentation=indentation,
-            max_force=unfix(peak),
-            min_force=unfix(least),
-            last_max_force=unfix(last_peak),
+            velocity=unfix(v), duration=unfix(t),
+            compression_time=None if turn is None else unfix(turn), max_indentation=indentation,
+            max_force=unfix(peak), min_force=unfix(least), last_max_force=unfix(last_peak),
             stopped=stopped,
-        )
+        )  # fmt: skip

@@ -202,14 +202,11 @@ COLUMNS: dict[str, Function] = {
     "max_indentation": lambda a: clamped(a).max_indentation * _slowly(a),
     "max_force": lambda a: clamped(a).max_force / _slowly(a),
     "decay": lambda a: _decay(tension(a)[0], mpf(5), a),
-    "duration": lambda a: tension(a)[1] / (1 + a),
-    "min_force": _common(*_LEAST),
-    "min_force_half": _half(*_LEAST, 3),
-    "clamped_decay": _common(*_DECAY),
-    "clamped_decay_half": _half(*_DECAY, 3),
-    "clamped_duration": _common(*_TIME),
+    "duration": lambda a: tension(a)[1] / (1 + a), "min_force": _common(*_LEAST),
+    "min_force_half": _half(*_LEAST, 3), "clamped_decay": _common(*_DECAY),
+    "clamped_decay_half": _half(*_DECAY, 3), "clamped_duration": _common(*_TIME),
     "clamped_duration_half": _half(*_TIME, 7),
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -324,7 +324,7 @@ BAD = [
     ("_attic.py", "", "has no floor"),
     ("_impact/_a.py", "from tests import oracle", "_impact may not import tests"),
     ("_laws/_a.py", "if TYPE_CHECKING:\n    pass\nelse:\n    from .._impact import x", "_impact"),
-]
+]  # fmt: skip
 
 
 def build(root: Path, files: dict[str, str]) -> Path:

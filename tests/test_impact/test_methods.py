@@ -329,13 +329,9 @@ def test_units_drop_out(numbers, m, k, v):
     length = (m / k) ** 0.4 * v**0.8
     np.testing.assert_array_equal(hit.restitution, unit.restitution)
     for name, scale in {
-        "duration": length / v,
-        "compression_time": length / v,
-        "max_indentation": length,
-        "max_force": k * length**1.5,
-        "energy_loss": m * v**2,
-        "rebound_velocity": v,
-    }.items():
+        "duration": length / v, "compression_time": length / v, "max_indentation": length,
+        "max_force": k * length**1.5, "energy_loss": m * v**2, "rebound_velocity": v,
+    }.items():  # fmt: skip
         expected = getattr(unit, name) * scale
         np.testing.assert_allclose(
             getattr(hit, name), expected, rtol=UNITS, atol=TINY, err_msg=name

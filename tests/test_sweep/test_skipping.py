@@ -114,13 +114,9 @@ def test_as_the_full_computation(function):
 
 
 AXES = {
-    "restitution": "e",
-    "rebound_velocity": "ev",
-    "energy_loss": "emv",
-    "duration": "eKmv",
-    "max_force": "eKmv",
-    "status": "e",
-}
+    "restitution": "e", "rebound_velocity": "ev", "energy_loss": "emv", "duration": "eKmv",
+    "max_force": "eKmv", "status": "e",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("function", [summary, stepped, phased])
@@ -210,16 +206,13 @@ def mixture(a, b, c, xp=jnp):
     good = (a > 0) & (b >= 0) & ~(c > 2.5)
     inner = xp.where(good, a * xp.where(b > 1, b, 1.0), xp.nan)
     return {
-        "masked": xp.where((a > 0) & (c < 2), a + 1, xp.nan),
-        "inner": inner,
+        "masked": xp.where((a > 0) & (c < 2), a + 1, xp.nan), "inner": inner,
         "again": xp.where(xp.isnan(inner), 7.0, inner),
         "number": xp.where((b > 0) | (c > 0), a, -3.0),
         "whole": xp.where(good & xp.isfinite(a), 1, 2),
-        "nested": xp.where(b > 0, xp.where(c > 0, a, xp.nan), xp.nan) * 2 + 1,
-        "flag": good,
-        "not": xp.where(~(b < 1), a, 5.0),
-        "power": xp.where(b > 0, a, xp.nan) ** 0,
-    }
+        "nested": xp.where(b > 0, xp.where(c > 0, a, xp.nan), xp.nan) * 2 + 1, "flag": good,
+        "not": xp.where(~(b < 1), a, 5.0), "power": xp.where(b > 0, a, xp.nan) ** 0,
+    }  # fmt: skip
 
 
 def mixed(a, b, c):

@@ -24,17 +24,11 @@ BALLS = [(jc.Contact(1.0, 1.4e8), 4.2, 0.1), (SMALL, 0.3, 0.005)]
 WANTED = (0.95, 0.7, 0.5, 0.3, 0.12)
 PHASES = (0.1, 0.5, 0.9)
 VARIANTS = [
-    ("bullet", {}),
-    ("drake", {}),
-    ("exudyn", {}),
-    ("exudyn", {"impact_model": 1}),
-    ("exudyn", {"impact_model": 0}),
-    ("lammps", {"damping": "coeff_restitution"}),
-    ("lammps", {"damping": "limit_damping"}),
-    ("lammps", {"damping": "tsuji"}),
-    ("lammps", {"damping": "viscoelastic"}),
-    ("mujoco", {}),
-]
+    ("bullet", {}), ("drake", {}), ("exudyn", {}), ("exudyn", {"impact_model": 1}),
+    ("exudyn", {"impact_model": 0}), ("lammps", {"damping": "coeff_restitution"}),
+    ("lammps", {"damping": "limit_damping"}), ("lammps", {"damping": "tsuji"}),
+    ("lammps", {"damping": "viscoelastic"}), ("mujoco", {}),
+]  # fmt: skip
 LABEL = ["-".join([engine, *map(str, options.values())]) for engine, options in VARIANTS]
 
 

@@ -42,15 +42,11 @@ VARIANTS = [
     *[
         ("lammps", {**R, "damping": name}, {"damping": name})
         for name in (
-            "coeff_restitution",
-            "limit_damping",
-            "tsuji",
-            "tsuji_sqrt2",
-            "viscoelastic",
+            "coeff_restitution", "limit_damping", "tsuji", "tsuji_sqrt2", "viscoelastic",
             "mass_velocity",
         )
     ],
-]
+]  # fmt: skip
 KEPT = [v for v in VARIANTS if v[0] in ("simbody", "exudyn", "yade") and not v[2]]
 KEPT.append(("lammps", R, {"damping": "coeff_restitution"}))
 LABEL = ["-".join([engine, *map(str, words.values())]) for engine, _, words in VARIANTS]
