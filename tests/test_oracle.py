@@ -154,9 +154,7 @@ def test_a_pushed_contact_may_settle():
 
 
 def plain_motion(force, push, ending):
-    """(e, duration, deepest) from the plain variables in float64: a third way, blunt but without
-    any trick.
-    """
+    """(e, duration, deepest) from the plain variables in float64: a third way, without a trick."""
 
     def right_side(t, y):
         return [y[1], push - force(max(y[0], 0.0), y[1])]

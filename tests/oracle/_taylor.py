@@ -120,9 +120,7 @@ def _descent(c: list[int], end: int, bits: int) -> int | None:
 
 
 def shoot(q: int, phases: Sequence[Phase], *, order: int = ORDER, bits: int = BITS) -> Trace:
-    """Follows ``x = w**q`` from touch at unit speed through the phases, each until the first of
-    its stops.
-    """
+    """Follows ``x = w**q`` from touch at unit speed by phases, each to the first of its stops."""
     one = 1 << bits
 
     def fix(x: mpf) -> int:

@@ -1,6 +1,4 @@
-"""Short forms of the studies of intervals, of plans, and of how often a model is called
-inadequate.
-"""
+"""Short forms of the studies of intervals, of plans, and of how often a model is inadequate."""
 
 import json
 

@@ -59,8 +59,12 @@ def cases():
         *fitted("fit_oblique", FRICTION, nothing="friction"),
         *fitted("choose_friction", TWO, absent="friction"),
         case(
-            "choose_friction, stages", f"{STAGES}: progress", untested="class or law class",
-            **SPEEDS, tangential_restitution=OUT, friction=TWO,
+            "choose_friction, stages",
+            f"{STAGES}: progress",
+            untested="class or law class",
+            **SPEEDS,
+            tangential_restitution=OUT,
+            friction=TWO,
         ),
         case(
             "calibrate_friction",
@@ -72,4 +76,4 @@ def cases():
             radius=1.0,
             friction=TWO,
         ),
-    ]  # fmt: skip
+    ]

@@ -46,19 +46,12 @@ FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 ALLOWED: dict[str, tuple[set[str] | None, set[str] | None]] = {
     "diffrax": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0], *FLOORS[1]}, None),
     "optimistix": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0], *FLOORS[1]}, None),
-    "matplotlib": ({"plot", "paper", "lab"}, {"plot"}),
-    "soundfile": ({"lab"}, set()),
-    "optax": ({"_fit"}, set()),
-    "blackjax": ({"_fit"}, set()),
-    "arviz_stats": ({"_fit"}, set()),
-    "xarray": (None, set()),
-    "zarr": (None, set()),
-    "tqdm": ({"_text"}, set()),
-    "jaxsim": ({"engines"}, set()),
-    "mujoco": ({"engines"}, set()),
-    "tests": (set(), set()),
+    "matplotlib": ({"plot", "paper", "lab"}, {"plot"}), "soundfile": ({"lab"}, set()),
+    "optax": ({"_fit"}, set()), "blackjax": ({"_fit"}, set()), "arviz_stats": ({"_fit"}, set()),
+    "xarray": (None, set()), "zarr": (None, set()), "tqdm": ({"_text"}, set()),
+    "jaxsim": ({"engines"}, set()), "mujoco": ({"engines"}, set()), "tests": (set(), set()),
     "benchmarks": (set(), set()),
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,4 @@
-"""Clusters of touching bodies, against Newton's equations, with derivatives. Whole runs of such:
-`test_soft_runs`.
-"""
+"""Clusters of touching bodies, against Newton's equations. Whole runs: `test_soft_runs`."""
 
 import jax
 import jax.numpy as jnp

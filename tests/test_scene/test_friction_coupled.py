@@ -1,6 +1,4 @@
-"""Coupled contacts with friction: beside an integration by SciPy, beside instantaneous impacts, and
-their invariants.
-"""
+"""Coupled contacts with friction: beside SciPy, instantaneous impacts, and their invariants."""
 
 import functools
 import itertools
@@ -344,9 +342,7 @@ ORDER, FLIP = [2, 0, 1], np.array([-1.0, 1.0, 1.0])
 
 
 def in_a_shell(numbers):
-    """Three balls above a peg in a shell, of their radii, masses, K, μ, positions, velocities and
-    spins.
-    """
+    """Three balls above a peg in a shell, of radii, masses, K, μ, places, velocities and spins."""
     state = numbers[8:].reshape(3, 3, 3)
     peg = jc.Sphere(0.2, None, [0.0, -0.7, 0.0], fixed=True)
     return jc.Scene(

@@ -1,6 +1,4 @@
-"""Scenes whose contacts have necks, which form at δ = 0 and snap at δ < 0, or a memory of their
-largest indentation.
-"""
+"""Scenes whose contacts have necks, from δ = 0 to a snap at δ < 0, or remember their depth."""
 
 import functools
 

@@ -79,13 +79,10 @@ def reference(name):
     return run(balls, Spring(K, alpha=alpha), duration, walls, gravity)
 
 
-@pytest.mark.slow(
-    "bounces-1e-06", "line-1e-06", "oblique-1e-06", reason="the run once more at another tolerance"
-)
-@pytest.mark.parametrize("rtol", [1e-6, 1e-9])
 @pytest.mark.parametrize("name", RUNS)
-def test_runs_end_where_newtons_equations_do(name, rtol):
-    balls, _, _, _, duration = RUNS[name]
+def test_runs_end_where_newtons_equations_do(name):
+    """At other tolerances: `test_random_spheres`."""
+    (balls, _, _, _, duration), rtol = RUNS[name], 1e-9
     exact, found = reference(name), jc.simulate(soft(*RUNS[name][:4]), duration, rtol=rtol)
     assert found.status == jc.Ending.COMPLETED
     speed = max(np.abs(b.velocity).max() for b in balls) or 1.0
@@ -410,12 +407,10 @@ measured 6e-15 and 3e-11."""
 
 
 @pytest.mark.slow(
-    "Hertz by its closed form, or by its force",
-    "Hertz, or a damping of 0",
-    "four balls at rest, or hopping",
-    "one shared law, or a table of equal ones",
+    "Hertz by its closed form, or by its force", "Hertz, or a damping of 0",
+    "four balls at rest, or hopping", "one shared law, or a table of equal ones",
     reason="two soft scenes",
-)
+)  # fmt: skip
 @pytest.mark.parametrize("name", SKIPS)
 def test_the_result_is_the_same(name):
     lean, whole = (np.asarray(jax.jit(way)(jnp.asarray(1.0))) for way in SKIPS[name][:2])

@@ -21,13 +21,9 @@ from jaxcontact.lab.records.low_pass import limits_of
 
 NOISE_FORCE, NOISE_DEPTH = 5.0, 2e-6
 TRUE = {
-    "law.c": DAMPING,
-    "contact.stiffness": STIFFNESS,
-    "velocity": SPEED,
-    "start_time": TOUCH,
-    "force_offset": FORCE_ZERO,
-    "indentation_offset": DEPTH_ZERO,
-}
+    "law.c": DAMPING, "contact.stiffness": STIFFNESS, "velocity": SPEED, "start_time": TOUCH,
+    "force_offset": FORCE_ZERO, "indentation_offset": DEPTH_ZERO,
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

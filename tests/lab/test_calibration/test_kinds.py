@@ -90,13 +90,10 @@ def test_a_kind_contains_another_where_it_has_its_curves():
         if wide.contains(narrow)
     }
     assert pairs == {
-        ("power_damping", "exact"),
-        ("power_damping", "constant_damping"),
-        ("viscoplastic", "constant_damping"),
-        ("viscoplastic", "thornton_plastic"),
-        ("wet_restitution", "exact"),
-        ("power_restitution", "exact"),
-    }
+        ("power_damping", "exact"), ("power_damping", "constant_damping"),
+        ("viscoplastic", "constant_damping"), ("viscoplastic", "thornton_plastic"),
+        ("wet_restitution", "exact"), ("power_restitution", "exact"),
+    }  # fmt: skip
     e = curve(KINDS["exact"], e=0.7)
     alpha = float(jc.exact_damping_factor(0.7))
     c = {"c": alpha / 1.5, "power": -1.0}
