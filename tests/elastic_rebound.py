@@ -19,14 +19,11 @@ import math
 import numba
 import numpy as np
 
-STEP = 0.0025
-"""Of τ. Steps of 0.001 change no ψ2 by more than 2e-10."""
-
+STEP = 0.0025  # of τ. Steps of 0.001 change no ψ2 by more than 2e-10.
 LEAST = 0.02
 """Least part of a step near the end of the core, where w is like the root of the time left."""
 
-ENDED = -1e-15
-"""Margin at which a phase ends; they are 0 where one begins, but for rounding."""
+ENDED = -1e-15  # margin at which a phase ends; they are 0 where one begins, but for rounding
 
 STICK, BACK, FORTH, CORE, ALL_BACK, ALL_FORTH = range(6)
 

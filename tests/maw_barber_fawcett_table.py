@@ -35,17 +35,12 @@ from .elastic_rebound import forward_ends, rebounds
 
 PATH = Path(__file__).parents[1] / "jaxcontact" / "_friction" / FILE
 
-SPRINGS = 2000
-"""The error is 2e-7."""
-
+SPRINGS = 2000  # the error is 2e-7
 IN_CHI, IN_CHI_DAMPED, IN_SIGMA = 24, 16, 18
 """Chebyshev nodes in χ without and with damping, and in σ."""
 
-LEAST = 5e-8
-"""With damping, products of polynomials that change no ψ2 by more are left out."""
-
-UNIT = 1e-10
-"""Coefficients are stored as multiples of this."""
+LEAST = 5e-8  # with damping, products of polynomials that change no ψ2 by more are left out
+UNIT = 1e-10  # coefficients are stored as multiples of this
 
 
 @numba.njit

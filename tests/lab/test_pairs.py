@@ -13,8 +13,7 @@ from tests.lab.sources import opened
 
 TABLE_TENNIS = Drag(mass=0.0027, radius=0.02, coefficient=0.5)
 
-MONTE_CARLO = 0.03
-"""Variance of 40000 draws: its own standard error is 0.7 %."""
+MONTE_CARLO = 0.03  # variance of 40000 draws: its own standard error is 0.7 %
 ROUNDING = 1e-15
 GRAVITY = 9.81
 

@@ -16,12 +16,10 @@ from jaxcontact.lab.recordings import read_columns
 from jaxcontact.lab.sound.listening import listen
 from tests.lab.sources import refused
 
-CLEAN = 4
-"""A draw with a clear drop: e = 0.64, 37 dB over the noise."""
+CLEAN = 4  # a draw with a clear drop: e = 0.64, 37 dB over the noise
 FLIGHTS = 0.4 * 0.75 ** np.arange(4)
 
-STEP = 1e-4
-"""In s: coarse codings move times by less; measured 2e-5."""
+STEP = 1e-4  # in s: coarse codings move times by less; measured 2e-5
 
 
 @functools.cache

@@ -29,12 +29,9 @@ CLEAN = 705
 """A draw with 5 impacts, e = 0.841, misreadings, a frame that is missing, rolled by 7.4°."""
 RATE = 120
 
-ROUNDED = 0.02
-"""Of a standard error: what times that are rounded to 1e-6 s change; measured 0.01."""
-DRIFTING = (8, 13)
-"""Draws with three impacts, of few frames that are enough to show what drifts."""
-FEW_ERRORS = 4.0
-"""Standard errors: one draw in 16,000 is farther off, and these draws are fixed."""
+ROUNDED = 0.02  # of a standard error: what times that are rounded to 1e-6 s change; measured 0.01
+DRIFTING = (8, 13)  # draws with three impacts, of few frames that are enough to show what drifts
+FEW_ERRORS = 4.0  # standard errors: one draw in 16,000 is farther off, and these draws are fixed
 FIRST_ORDER = 0.04
 """Of what drag does to a flight of a table-tennis ball its first order leaves so much out."""
 

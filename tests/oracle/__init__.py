@@ -18,16 +18,6 @@ from tests.oracle._impacts import (
 from tests.oracle._reference import REFERENCE_FILE, Case, cases
 
 __all__ = [
-    "DIGITS",
-    "FIELDS",
-    "REFERENCE_FILE",
-    "Case",
-    "Impact",
-    "cases",
-    "derivative",
-    "hunt_crossley",
-    "hunt_crossley_by_motion",
-    "kuwabara_kono",
-    "oscillator",
-    "with_gravity",
-]
+    "DIGITS", "FIELDS", "REFERENCE_FILE", "Case", "Impact", "cases", "derivative", "hunt_crossley",
+    "hunt_crossley_by_motion", "kuwabara_kono", "oscillator", "with_gravity",
+]  # fmt: skip

@@ -78,9 +78,7 @@ def hunt_crossley(alpha: Number, n: Number) -> Impact:
         alpha, n = mpf(alpha), mpf(n)
 
         def gained(v: mpf) -> mpf:
-            """The integral of u du/(1 + alpha u) from v to 1: what the spring has taken,
-            x**(n+1)/(n+1).
-            """
+            """The integral of u du/(1 + alpha u) from v to 1, the spring's x**(n+1)/(n+1)."""
             if alpha == 0:
                 return (1 - v * v) / 2
             return (1 - v) / alpha - mp.log((1 + alpha) / (1 + alpha * v)) / alpha**2
@@ -104,19 +102,13 @@ def hunt_crossley(alpha: Number, n: Number) -> Impact:
         compression = _time(alpha, n, mpf(1) if alpha == 0 else mp.log1p(alpha) / alpha)
         restitution = _time(alpha, n, -mpf(1) if alpha == 0 else log_end / alpha)
         return Impact(
-            e=e,
-            duration=compression + restitution,
-            compression_time=compression,
-            max_indentation=indentation(mpf(0)),
-            max_force=max_force,
-            energy_loss=1 - e * e,
-        )
+            e=e, duration=compression + restitution, compression_time=compression,
+            max_indentation=indentation(mpf(0)), max_force=max_force, energy_loss=1 - e * e,
+        )  # fmt: skip
 
 
 def _log_at_separation(alpha: mpf) -> mpf:
-    """u = ln(1 - alpha e), the root of alpha (1 + e) = ln((1 + alpha)/(1 - alpha e)) that is not
-    at v = 1.
-    """
+    """u = ln(1 - alpha e), the root of alpha (1 + e) = ln((1 + alpha)/(1 - alpha e)) off v = 1."""
     if alpha == 0:
         return mpf(0)
     start = mp.log1p(alpha)
@@ -132,9 +124,7 @@ def _log_at_separation(alpha: mpf) -> mpf:
 
 
 def _root(f: Callable[[mpf], mpf], a: mpf, b: mpf) -> mpf:
-    """A bracketed root: bisection for the first digits, secants for the rest, and a sign change
-    at the end.
-    """
+    """A bracketed root: bisection first, secants for the rest, a sign change at the end."""
     fa, fb = f(a), f(b)
     if fa == 0:
         return a
@@ -207,9 +197,7 @@ def _time(alpha: mpf, n: mpf, end: mpf) -> mpf:
 
 
 def _exponents(n: mpf, *powers: Callable[[Fraction], Fraction]) -> tuple[int, Fraction]:
-    """The smallest q for which x = w**q makes all given powers of x whole powers of w, and n as
-    a fraction.
-    """
+    """The smallest q with which x = w**q makes all powers of x whole ones of w; n as a fraction."""
     fraction = Fraction(mp.nstr(n, 20)).limit_denominator(1000)
     if abs(mpf(fraction.numerator) / fraction.denominator - n) > mp.power(10, -40):
         raise ValueError(f"exponent {mp.nstr(n, 10)} is not a fraction of small whole numbers")
@@ -225,14 +213,10 @@ def _impact(trace: Trace) -> Impact:
     if trace.compression_time is None or trace.max_indentation is None:
         raise RuntimeError("the motion ended before it turned")
     return Impact(
-        e=e,
-        duration=trace.duration,
-        compression_time=trace.compression_time,
-        max_indentation=trace.max_indentation,
-        max_force=trace.max_force,
-        energy_loss=1 - e * e,
+        e=e, duration=trace.duration, compression_time=trace.compression_time,
+        max_indentation=trace.max_indentation, max_force=trace.max_force, energy_loss=1 - e * e,
         settled=settled,
-    )
+    )  # fmt: skip
 
 
 _SEPARATION = {"separation": [(mpf(1), 1, 0)]}

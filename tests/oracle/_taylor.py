@@ -120,9 +120,7 @@ def _descent(c: list[int], end: int, bits: int) -> int | None:
 
 
 def shoot(q: int, phases: Sequence[Phase], *, order: int = ORDER, bits: int = BITS) -> Trace:
-    """Follows ``x = w**q`` from touch at unit speed through the phases, each until the first of
-    its stops.
-    """
+    """Follows ``x = w**q`` from touch at unit speed by phases, each to the first of its stops."""
     one = 1 << bits
 
     def fix(x: mpf) -> int:
@@ -198,12 +196,8 @@ def shoot(q: int, phases: Sequence[Phase], *, order: int = ORDER, bits: int = BI
             if stopped != "next":
                 break
         return Trace(
-            velocity=unfix(v),
-            duration=unfix(t),
-            compression_time=None if turn is None else unfix(turn),
-            max_indentation=indentation,
-            max_force=unfix(peak),
-            min_force=unfix(least),
-            last_max_force=unfix(last_peak),
+            velocity=unfix(v), duration=unfix(t),
+            compression_time=None if turn is None else unfix(turn), max_indentation=indentation,
+            max_force=unfix(peak), min_force=unfix(least), last_max_force=unfix(last_peak),
             stopped=stopped,
-        )
+        )  # fmt: skip

@@ -77,15 +77,10 @@ def contact(force, mass, gravity, speed, unit, tension=False, peak=False, finest
             gap.terminal, gap.direction = True, direction
             functions.append(gap)
         piece = solve_ivp(
-            rate,
-            (t, t + 1e4 * unit),
-            y,
-            "DOP853",
-            events=functions,
-            rtol=RTOL,
+            rate, (t, t + 1e4 * unit), y, "DOP853", events=functions, rtol=RTOL,
             atol=1e-15 * np.array([speed * unit, speed]),
             max_step=(finest if kind in ("out", "free") else max(finest, 0.02)) * unit,
-        )
+        )  # fmt: skip
         t, y = piece.t[-1], piece.y[:, -1]
         (what,) = (name for name, at in zip(names, piece.t_events, strict=True) if at.size)
         if what == "rest":

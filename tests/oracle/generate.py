@@ -23,9 +23,7 @@ EXPONENTS = "1 1.25 1.5 2 3".split()
 
 @dataclass(frozen=True)
 class Job:
-    """A case to compute: the arguments by which to differentiate once and twice, and which of
-    them one-sidedly.
-    """
+    """A case to compute: by which arguments to differentiate once, twice, and which one-sidedly."""
 
     function: str
     args: dict[str, str | bool]

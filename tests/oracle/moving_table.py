@@ -57,10 +57,3 @@ def bounces(table, height, e, duration):
     start = [height], [0.0], [-GRAVITY]
     found = shaken_spheres.bounces([_Table(*table)], *start, e, duration, samples=200_001)
     return found.touches[:, :2], found.position[0], found.velocity[0]
-
-
-def pressed(table, height, duration, alpha, rtol=1e-12):
-    """A soft ball on a table that shakes, at the end."""
-    start, per_mass = ([height], [0.0], [-GRAVITY]), STIFFNESS / MASS
-    movers = [_Table(*table)]
-    return shaken_spheres.pressed(movers, *start, per_mass, alpha, duration, rtol=rtol)[-1]

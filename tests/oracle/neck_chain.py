@@ -11,8 +11,7 @@ import numpy as np
 from tests.oracle._chain import Link
 from tests.oracle._chain import follow as _follow
 
-LOSS = 7.09219597186
-"""The energy lost by a neck, in units of (w⁵ R⁴/E*²)^(1/3)."""
+LOSS = 7.09219597186  # the energy lost by a neck, in units of (w⁵ R⁴/E*²)^(1/3)
 
 
 class Neck(NamedTuple):

@@ -24,10 +24,8 @@ LAWS = "hunt_crossley", "flores", "kuwabara_kono", "antypov_elliott", "kelvin_vo
 ALIKE = tuple(k for k in range(250) if k % len(LAWS) < 2 and k // len(LAWS) % 2)
 """Fifty with four discs and a law of Hunt and Crossley's family."""
 GRAVITY = (0.0, -9.81)
-DURATION = 0.5
-"""In s: some ten touches."""
-NUDGE = 1e-7
-"""The change of the start, in m and m/s, that tells how a run magnifies one."""
+DURATION = 0.5  # in s: some ten touches
+NUDGE = 1e-7  # the change of the start, in m and m/s, that tells how a run magnifies one
 
 
 @dataclass(frozen=True)

@@ -43,8 +43,7 @@ BREAKS = ("0", "0.75", "1.3", "2", "4", "9", "32.25")
 NODES = 38
 # Coefficients below this fraction of the largest one change no digit of double precision.
 CUT = mpf("1e-18")
-# From here on the creep back is universal to more than thirty digits.
-STRONG = mpf(8)
+STRONG = mpf(8)  # from here on the creep back is universal to more than thirty digits
 # Points at which the series are compared with the impact; none is a node.
 CHECKED = "-0.99 -0.6 -0.2 0.3 0.7 0.98".split()
 
@@ -203,14 +202,11 @@ COLUMNS: dict[str, Function] = {
     "max_indentation": lambda a: clamped(a).max_indentation * _slowly(a),
     "max_force": lambda a: clamped(a).max_force / _slowly(a),
     "decay": lambda a: _decay(tension(a)[0], mpf(5), a),
-    "duration": lambda a: tension(a)[1] / (1 + a),
-    "min_force": _common(*_LEAST),
-    "min_force_half": _half(*_LEAST, 3),
-    "clamped_decay": _common(*_DECAY),
-    "clamped_decay_half": _half(*_DECAY, 3),
-    "clamped_duration": _common(*_TIME),
+    "duration": lambda a: tension(a)[1] / (1 + a), "min_force": _common(*_LEAST),
+    "min_force_half": _half(*_LEAST, 3), "clamped_decay": _common(*_DECAY),
+    "clamped_decay_half": _half(*_DECAY, 3), "clamped_duration": _common(*_TIME),
     "clamped_duration_half": _half(*_TIME, 7),
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

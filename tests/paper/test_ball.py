@@ -7,15 +7,9 @@ from jaxcontact import paper
 from tests import oracle
 from tests.paper.test_layout import faults
 
-OUTCOME = 1e-12
-"""The closed form against forty digits, relative: measured 2e-14."""
-
-ENERGY = 1e-13
-"""½ m v0² (1-e²) from the table's own e, relative to ½ m v0²: measured 2e-16."""
-
-PEAK = 1e-3
-"""The largest of 200 samples against the largest there is: measured 2.1e-4."""
-
+OUTCOME = 1e-12  # the closed form against forty digits, relative: measured 2e-14
+ENERGY = 1e-13  # ½ m v0² (1-e²) from the table's own e, relative to ½ m v0²: measured 2e-16
+PEAK = 1e-3  # the largest of 200 samples against the largest there is: measured 2.1e-4
 MASS, STIFFNESS, SPEED = 1.0, 1.4e8, 4.2
 LAWS = ("lankarani_nikravesh", "hunt_crossley", "flores", "hu_guo")
 
@@ -95,8 +89,7 @@ def test_figures(table, name, across, up):
     assert len(tables["curves"]["time_s"]) == 4 * 5 * 200
 
 
-STATIC = 1e-14
-"""The static indentation by hand, relative: measured 2e-16."""
+STATIC = 1e-14  # the static indentation by hand, relative: measured 2e-16
 
 
 @pytest.fixture(scope="module")

@@ -19,21 +19,15 @@ ALPHA = np.array([2.0e9, 2.0e10]) * SPEED / STIFFNESS
 LENGTH = (MASS * SPEED**2 / STIFFNESS) ** 0.4
 CASES = 1, 2
 
-CLOSED = 1e-13
-"""The closed form against forty digits: measured 1e-14, in the duration."""
-
+CLOSED = 1e-13  # the closed form against forty digits: measured 1e-14, in the duration
 MOTION = 3e-9
 """An event solve with tolerance 1e-9, scaled units: measured 3e-10 in energy and rebound."""
 
-UNIT = 1e-15
-"""The scaled speed at touch, after a product and a quotient or a root: measured 2e-16."""
-
+UNIT = 1e-15  # the scaled speed at touch, after a product and a quotient or a root: measured 2e-16
 CURVE = 3e-8
 """Cubics through 400 moments of an event solve, in units of v0: measured 6e-9, next to touch."""
 
-LIMIT = 2e-6
-"""1000 intervals against infinitely many: β measured 4e-7."""
-
+LIMIT = 2e-6  # 1000 intervals against infinitely many: β measured 4e-7
 FEW = 7e-4
 """20 intervals against infinitely many, uniform in deformation: β measured 5.2e-4 and 6.3e-4."""
 

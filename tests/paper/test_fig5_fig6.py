@@ -12,23 +12,14 @@ from jaxcontact import paper
 from tests import oracle
 from tests.paper.test_layout import faults
 
-FORMULA = 1e-14
-"""The same arithmetic in another order: measured 5e-16."""
-
+FORMULA = 1e-14  # the same arithmetic in another order: measured 5e-16
 RELATION = 1e-14
 """The relation between e and α, its two sides relative to each other: measured 9e-16."""
 
-OUT = 5e-15
-"""The closed form against forty digits, α given exactly: measured 2e-16."""
-
-DIAGONAL = 1e-14
-"""e through the inverse of the closed form and back: measured 7e-16."""
-
-MEAN = 1e-4
-"""Trapezia over 0.005 against an adaptive quadrature, relative: measured 5e-5."""
-
-PEAK = 2e-5
-"""The largest error on that grid against the largest there is, relative: measured 1e-6."""
+OUT = 5e-15  # the closed form against forty digits, α given exactly: measured 2e-16
+DIAGONAL = 1e-14  # e through the inverse of the closed form and back: measured 7e-16
+MEAN = 1e-4  # trapezia over 0.005 against an adaptive quadrature, relative: measured 5e-5
+PEAK = 2e-5  # the largest error on that grid against the largest there is, relative: measured 1e-6
 
 ALPHA = {
     "lankarani_nikravesh": lambda e: 3 * (1 - e**2) / 4,

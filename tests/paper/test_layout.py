@@ -7,8 +7,7 @@ from matplotlib.text import Text
 
 from jaxcontact.paper._drawing import legend_above, sheet
 
-PIXEL = 1.0
-"""What two neighbouring boxes may share by rounding."""
+PIXEL = 1.0  # what two neighbouring boxes may share by rounding
 
 
 def faults(figure):

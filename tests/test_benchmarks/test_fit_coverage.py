@@ -1,6 +1,4 @@
-"""Short forms of the studies of intervals, of plans, and of how often a model is called
-inadequate.
-"""
+"""Short forms of the studies of intervals, of plans, and of how often a model is inadequate."""
 
 import json
 
@@ -11,8 +9,7 @@ from benchmarks.fit_adequacy import STUDY, printed
 from benchmarks.study import DOCS
 
 DRAWS = 200
-LEAST = 0.904
-"""Three standard deviations of a share of 200 draws below 95 %."""
+LEAST = 0.904  # three standard deviations of a share of 200 draws below 95 %
 
 
 @pytest.mark.slow(reason="a study of many fits by its benchmark")

@@ -12,12 +12,9 @@ from benchmarks import fit_many, memory_map, plastic_speed, touches
 from benchmarks.engines import lammps_adhesion, lammps_bed, laws_inside, scene_agreement
 from benchmarks.study import DOCS, Study, by_line
 
-FORCES = 1e-12
-"""Of the forces that diffrax and SciPy integrate: measured 2e-13."""
-STEPS = 2e-3
-"""Of LAMMPS' e at its finest step: measured 6e-4, for the slowest spheres with necks."""
-NEAR = 1e-6
-"""Largest difference from `jc.fit`, in standard errors: measured 6e-7."""
+FORCES = 1e-12  # of the forces that diffrax and SciPy integrate: measured 2e-13
+STEPS = 2e-3  # of LAMMPS' e at its finest step: measured 6e-4, for the slowest spheres with necks
+NEAR = 1e-6  # largest difference from `jc.fit`, in standard errors: measured 6e-7
 ERRORS = {"ours, for an error of 1 %": 0.01, "ours, for 0.1 %": 1e-3}
 ERRORS["ours, for 1 %, 8 substeps"] = 0.01
 

@@ -16,8 +16,7 @@ from jaxcontact.lab.explore import GRIDS, page
 
 E, N, ALPHA = 0.37, 1.85, 2.35
 MASS, STIFFNESS, SPEED = 0.03, 2.5e7, 1.7
-# Half a unit of the last digit shown, and the possible effect of interpolation.
-SHOWN = 0.51
+SHOWN = 0.51  # half a unit of the last digit shown, and the possible effect of interpolation
 
 
 @pytest.fixture(scope="module")

@@ -51,15 +51,12 @@ FRICTION = (
 )
 TURNS = "spheres of a scene with friction turn: `Sphere(spin=..., inertia=...)`."
 NOT_MODELLED = {
-    "friction_coefficient": FRICTION,
-    "mu": FRICTION,
-    "rolling_friction": FRICTION,
-    "angular_velocity": TURNS,
-    "omega": TURNS,
+    "friction_coefficient": FRICTION, "mu": FRICTION, "rolling_friction": FRICTION,
+    "angular_velocity": TURNS, "omega": TURNS,
     "drag": "flights are in vacuum here (`calibrate` and `fit_bounces` have `drag`).",
     "cohesion": "bodies do not stick together (yet).",
     "restitution": "it belongs to a law, such as `ExactRestitution(e=0.8)`.",
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(

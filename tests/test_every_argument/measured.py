@@ -17,8 +17,7 @@ HOW = {"velocity": V, "e": OUT}
 COLUMN = "Series or ONE"
 SPEEDS = "tuple or Series or ONE"
 STAGES = "FLAG or None or function"
-# Other functions are called with a stage.
-CLASSES = "class or law class"
+CLASSES = "class or law class"  # other functions are called with a stage
 
 
 def _choice():

@@ -13,13 +13,9 @@ from tests.test_every_argument.case import Unsolved, case, method
 from tests.test_every_argument.kinds import CONTACT, LAW, STEEL
 
 RANGES = {
-    "[0, 1]": "E or zero",
-    "(0, 1]": "E",
-    "[0, inf)": "POSITIVES or zero",
-    "(0, inf)": "POSITIVES",
-    "[1, inf)": "EXPONENT or ABOVE_ONE",
-    "(-inf, inf)": "REALS",
-}
+    "[0, 1]": "E or zero", "(0, 1]": "E", "[0, inf)": "POSITIVES or zero", "(0, inf)": "POSITIVES",
+    "[1, inf)": "EXPONENT or ABOVE_ONE", "(-inf, inf)": "REALS",
+}  # fmt: skip
 
 
 def constructed(name, law):

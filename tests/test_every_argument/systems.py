@@ -10,8 +10,7 @@ from tests.test_every_argument.case import UNSOLVED, Blank, case
 
 FRICTION = jc.RegularizedCoulomb(mu=0.1, v_d=0.01)
 CONTACT = "law: law; POSITIVES: stiffness; EXPONENT: exponent; NOTHING: friction"
-# Three numbers are checked when the mechanism starts.
-MAYBE_THREE = "THREE or with nan"
+MAYBE_THREE = "THREE or with nan"  # three numbers are checked when the mechanism starts
 
 
 def mass(t, q, args):

@@ -13,8 +13,7 @@ X = np.linspace(0, 1, 20)
 Y = 2 + 3 * X + 0.1 * np.random.default_rng(0).normal(size=20)
 CURVED = 2 * np.exp(-3 * X) + 0.02 * np.random.default_rng(1).normal(size=20)
 
-SAME = 1e-8
-"""Of a value, or 1e-5 of its error."""
+SAME = 1e-8  # of a value, or 1e-5 of its error
 ERRORS = 1e-6
 """Standard errors follow from a Jacobian, whose singular values are accurate to rounding."""
 

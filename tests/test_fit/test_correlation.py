@@ -51,8 +51,7 @@ def test_errors_of_unknown_size_and_a_point_without_weight():
     assert found.noise == pytest.approx(2 * found.loss / 17) and np.isnan(found.residuals[7])
 
 
-SCATTER = 0.15
-"""Of the standard deviation of 200 draws, which is known to 5 per cent."""
+SCATTER = 0.15  # of the standard deviation of 200 draws, which is known to 5 per cent
 
 
 def test_draws_of_the_bootstrap_are_correlated(known):
@@ -98,8 +97,7 @@ def test_what_is_no_correlation(known):
 
 
 AT = np.linspace(-1, 1, 60)
-TRUTH = {"a": 3.2, "b": 0.4}
-"""A slope of so few steps that neighbours share their rounding errors."""
+TRUTH = {"a": 3.2, "b": 0.4}  # a slope of so few steps that neighbours share their rounding errors
 NOISE, DRAWS = 0.15, 400
 ERRORS = rounding_of_white_noise(np.full(60, NOISE), TRUTH["a"] + TRUTH["b"] * AT, 1.0)
 ALARMS = 44

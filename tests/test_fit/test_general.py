@@ -21,10 +21,8 @@ DECAY = 2.5 * np.exp(-1.3 * X) + 0.5 + 0.05 * RNG.normal(size=50)
 LINE = 2 * X - 1 + RNG.normal(size=50)
 START = {"a": 1.0, "b": 1.0, "c": 0.0}
 
-SAME = 1e-6
-"""Two fitters end where the loss is flat: relative to a standard error 1e-7 was seen."""
-RECOVERED = 1e-10
-"""What the issue of speed asks for without noise; 1e-14 was seen."""
+SAME = 1e-6  # two fitters end where the loss is flat: relative to a standard error 1e-7 was seen
+RECOVERED = 1e-10  # what the issue of speed asks for without noise; 1e-14 was seen
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,7 @@ from jaxcontact._fit.many import search as many_search
 NEAR = 1e-6
 """In standard errors: an end of a search is as far from the minimum as rounding hides. Measured
 2e-14 here, 6e-7 over 1,000 tables of e(v) of which some are nearly flat."""
-ALIKE = 1e-5
-"""Of covariances, relative: measured 2e-15 here, 1e-5 over the 1,000 tables."""
-
+ALIKE = 1e-5  # of covariances, relative: measured 2e-15 here, 1e-5 over the 1,000 tables
 BALLS, POINTS = 11, 12
 SIGMA = 0.01
 START = {"a": 1.0, "k": 1.0}

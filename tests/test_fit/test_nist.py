@@ -11,8 +11,7 @@ from jaxcontact._fit.search.trust_region import _damping
 
 PROBLEMS = problems()
 
-FOUND = 9.0
-"""Digits: of 11 that are certified, rounding has left at least 9.6 on two machines."""
+FOUND = 9.0  # digits: of 11 that are certified, rounding has left at least 9.6 on two machines
 CERTAIN = 9.0
 """Digits of standard errors. Those of Lanczos1, whose data have no noise, are rounding."""
 

@@ -77,12 +77,10 @@ def test_like_solid_spheres_have_the_textbook_numbers():
 
 def laws_of_friction(mu=0.2):
     return {
-        "rigid": jc.RigidCoulomb(mu),
-        "walton": jc.WaltonFriction(mu, 0.4),
-        "ramp": jc.RegularizedCoulomb(mu, 0.05),
-        "table": jc.MawBarberFawcett(mu),
+        "rigid": jc.RigidCoulomb(mu), "walton": jc.WaltonFriction(mu, 0.4),
+        "ramp": jc.RegularizedCoulomb(mu, 0.05), "table": jc.MawBarberFawcett(mu),
         "slider": jc.SpringSlider(mu),
-    }
+    }  # fmt: skip
 
 
 @functools.cache

@@ -21,21 +21,15 @@ NU_0 = 7 / 4
 TANGENT = (0.3, -0.7, 0.2)
 LANES = 256  # more than one group; every call has this shape, so that a form compiles once
 
-# Worst of the eleven: 1.2e-12, by the steps of order 8.
-DIGITS = 2e-12
-# The other forms are known to nine digits.
-PRINTED = 6e-10
-# Worst of 4,000 lanes a form beside SciPy: 7e-12.
-BESIDE_SCIPY = 5e-11
-# Formula of gross slip: rounding of numbers up to 12.
-FORMULA = 1e-14
+DIGITS = 2e-12  # worst of the eleven: 1.2e-12, by the steps of order 8
+PRINTED = 6e-10  # the other forms are known to nine digits
+BESIDE_SCIPY = 5e-11  # worst of 4,000 lanes a form beside SciPy: 7e-12
+FORMULA = 1e-14  # formula of gross slip: rounding of numbers up to 12
 # Differences of order 4 with steps of 1e-4: 2e-9 in 99 % of the lanes; in a lane that passes a
 # transition within the steps, where the second derivative may be unbounded, 4e-5.
 DIFFERENCES, NEAR_TRANSITION = 1e-8, 1e-4
-# Slopes where the position of a transition is rounded.
-ROOT = 1e-7
-# Worst of 60,000 lanes: 5e-6.
-SINGLE = 1e-5
+ROOT = 1e-7  # slopes where the position of a transition is rounded
+SINGLE = 1e-5  # worst of 60,000 lanes: 5e-6
 
 
 @functools.cache

@@ -21,9 +21,7 @@ from tests.oracle.stored import stored
 
 TABLE = 1e-8  # without damping; at 1800 random places the largest error was 5.3e-9
 
-SLOPE = 2e-7
-"""Of the derivative at ψ1 = 0 without damping: 1.7e-7 for ν = 0, below 2e-8 elsewhere."""
-
+SLOPE = 2e-7  # of the derivative at ψ1 = 0 without damping: 1.7e-7 for ν = 0, below 2e-8 elsewhere
 JUMP = 2e-3  # of the derivative where springs begin to slip when they touch: 1.4e-3 for α = 0.9
 
 SPRINGS = 2e-4

@@ -296,8 +296,7 @@ def test_chebyshev_series_on_intervals():
     np.testing.assert_allclose(slope, steep, rtol=1e-12)
 
 
-# Measured 1e-15, for the cube.
-BRACKETED = 2e-15
+BRACKETED = 2e-15  # measured 1e-15, for the cube
 
 
 @pytest.mark.parametrize(("power", "most"), [(1, 1), (3, 14), (7, 20)])

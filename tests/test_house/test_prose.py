@@ -11,13 +11,10 @@ LONG = "The law " + "and the contact " * 10 + "meet."
 PLANTED = {
     "opens with Who": "Who names a test wants it.",
     "opens with What ... is": "What is misspelt is a name.",
-    "opens with Whether": "Whether the law pulls.",
-    "opens with That of": "That of the law stays.",
-    "is none": "The other one is none.",
-    "is told": "The user is told.",
-    "knows": "The law knows its contact.",
-    "more than 30 words": LONG,
-}
+    "opens with Whether": "Whether the law pulls.", "opens with That of": "That of the law stays.",
+    "is none": "The other one is none.", "is told": "The user is told.",
+    "knows": "The law knows its contact.", "more than 30 words": LONG,
+}  # fmt: skip
 
 CLEAN = '''"""Return the restitution of a law, in (0, 1]; None if there is none.
 

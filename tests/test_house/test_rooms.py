@@ -46,19 +46,12 @@ FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 ALLOWED: dict[str, tuple[set[str] | None, set[str] | None]] = {
     "diffrax": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0], *FLOORS[1]}, None),
     "optimistix": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0], *FLOORS[1]}, None),
-    "matplotlib": ({"plot", "paper", "lab"}, {"plot"}),
-    "soundfile": ({"lab"}, set()),
-    "optax": ({"_fit"}, set()),
-    "blackjax": ({"_fit"}, set()),
-    "arviz_stats": ({"_fit"}, set()),
-    "xarray": (None, set()),
-    "zarr": (None, set()),
-    "tqdm": ({"_text"}, set()),
-    "jaxsim": ({"engines"}, set()),
-    "mujoco": ({"engines"}, set()),
-    "tests": (set(), set()),
+    "matplotlib": ({"plot", "paper", "lab"}, {"plot"}), "soundfile": ({"lab"}, set()),
+    "optax": ({"_fit"}, set()), "blackjax": ({"_fit"}, set()), "arviz_stats": ({"_fit"}, set()),
+    "xarray": (None, set()), "zarr": (None, set()), "tqdm": ({"_text"}, set()),
+    "jaxsim": ({"engines"}, set()), "mujoco": ({"engines"}, set()), "tests": (set(), set()),
     "benchmarks": (set(), set()),
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -324,7 +317,7 @@ BAD = [
     ("_attic.py", "", "has no floor"),
     ("_impact/_a.py", "from tests import oracle", "_impact may not import tests"),
     ("_laws/_a.py", "if TYPE_CHECKING:\n    pass\nelse:\n    from .._impact import x", "_impact"),
-]
+]  # fmt: skip
 
 
 def build(root: Path, files: dict[str, str]) -> Path:

@@ -46,21 +46,6 @@ def test_restitution_and_force_are_newtons():
     np.testing.assert_allclose(step.max_force, expected[:, 2], rtol=1e-7)
 
 
-@pytest.mark.slow(reason="derivatives of event solves for each dashpot")
-def test_derivatives_are_those_of_newtons():
-    c, d, h = COEFFICIENTS[2], DEPTHS[2], 1e-4
-
-    def logarithmic(by_c, by_d):
-        dashpot, step = jc.LinearDashpot(c=c * by_c), jc.StepDamping(c_max=c * by_c, d=d * by_d)
-        return jnp.stack([jc.impact(law, CONTACT, SPEED).restitution for law in (dashpot, step)])
-
-    found = np.stack(jax.jacfwd(logarithmic, (0, 1))(jnp.ones(()), jnp.ones(())), axis=1)
-    ways = [lambda s: (s * c, None), lambda s: (s * c, d), lambda s: (c, s * d)]
-    slopes = [(truth(*at(1 + h), SPEED)[0] - truth(*at(1 - h), SPEED)[0]) / (2 * h) for at in ways]
-    expected = [[slopes[0], 0], slopes[1:]]
-    np.testing.assert_allclose(found, expected, rtol=DIFFERENCE)
-
-
 def test_a_linear_spring_is_kelvin_and_voigts():
     linear = jc.Contact(MASS, 4e4, 1.0)
     for tension in (False, True):

@@ -214,15 +214,12 @@ EVERY = (0, 1, 2, 3)
 ALONG = (1.0, 0.0, 1e7, -0.3)
 TRANSFORMS = {
     "grad": lambda f: jax.grad(lambda *x: f(*x).sum(), EVERY),
-    "jacfwd": lambda f: jax.jacfwd(f, EVERY),
-    "jacrev": lambda f: jax.jacrev(f, EVERY),
+    "jacfwd": lambda f: jax.jacfwd(f, EVERY), "jacrev": lambda f: jax.jacrev(f, EVERY),
     "jvp": lambda f: lambda *x: jax.jvp(f, x, ALONG),
     "linearize": lambda f: lambda *x: jax.linearize(f, *x)[1](*ALONG),
-    "grad of jit": lambda f: jax.grad(jax.jit(lambda *x: f(*x).sum()), EVERY),
-    "of one": jax.jacfwd,
-}
-OF_A_QUADRATURE = ("grad", "jacfwd")
-"""Taken of `observed`, the others of `elementary`."""
+    "grad of jit": lambda f: jax.grad(jax.jit(lambda *x: f(*x).sum()), EVERY), "of one": jax.jacfwd,
+}  # fmt: skip
+OF_A_QUADRATURE = ("grad", "jacfwd")  # taken of `observed`, the others of `elementary`
 TWICE = {
     "hessian": lambda f: jax.jacfwd(jax.grad(lambda *x: f(*x).sum())),
     "reverse over forward": lambda f: jax.grad(lambda *x: jax.jacfwd(f)(*x).sum()),

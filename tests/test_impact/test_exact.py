@@ -36,13 +36,9 @@ from tests.test_laws import table
 # Formulas: measured 1e-15. Quadrature: measured 1.2e-13 (n = 3, α = 1.6e6), 5e-14 for n ≤ 2.
 FORMULA, TIME = 1e-13, 1e-12
 TOLERANCES = {
-    "e": FORMULA,
-    "max_indentation": FORMULA,
-    "max_force": FORMULA,
-    "energy_loss": FORMULA,
-    "duration": TIME,
-    "compression_time": TIME,
-}
+    "e": FORMULA, "max_indentation": FORMULA, "max_force": FORMULA, "energy_loss": FORMULA,
+    "duration": TIME, "compression_time": TIME,
+}  # fmt: skip
 
 
 FAMILIES = [("hunt_crossley", {})]

@@ -103,10 +103,8 @@ def test_scalars_out_of_range_raise(make, words):
 
 # --- Options --------------------------------------------------------------------------------------
 
-# Two orders of the same steps; measured 4e-15 and 6e-14.
-SAME_STEPS = 1e-12
-# A derivative through the steps, at rtol 1e-11; measured 3e-10.
-ADJOINT = 1e-7
+SAME_STEPS = 1e-12  # two orders of the same steps; measured 4e-15 and 6e-14
+ADJOINT = 1e-7  # a derivative through the steps, at rtol 1e-11; measured 3e-10
 
 
 @pytest.mark.slow(reason="two adjoints of an event solve")

@@ -38,13 +38,11 @@ from tests.test_impact.support import (
 
 # At the default rtol of 1e-9: measured 3.3e-9 (n = 3/2), 7.5e-9 (n = 1), twice that for the loss.
 PROMISE, LOSS = 1e-8, 2e-8
-# Measured 2e-9.
-BY_SCIPY = 1e-8
+BY_SCIPY = 1e-8  # measured 2e-9
 # At rtol 1e-11, relative to the slope or 1e-3: measured 3.6e-7 where de/dΓ is small, else 1e-9.
 SLOPE = 1e-6
 
-# Of a duration: measured 7e-13.
-FLAT = 1e-11
+FLAT = 1e-11  # of a duration: measured 7e-13
 
 
 @pytest.mark.parametrize("n", [1.5, 1.0])

@@ -13,8 +13,7 @@ from tests.test_impact.support import assert_same, assert_slopes, impacts, slope
 
 FORMULA = 1e-14  # beside an integration at 40 digits: measured 1e-15
 SLOPES = 1e-8  # central differences with h = 1e-5: measured 2e-10
-BY_EVENT = 1e-7
-"""Of event solves at their default: measured 3e-10; the force has a corner at δ_min."""
+BY_EVENT = 1e-7  # of event solves at their default: measured 3e-10; the force has a corner at δ_min
 
 SPRING = jc.Contact(mass=0.3, stiffness=2e6, exponent=1.0)
 NUMBERS = ["restitution", "duration", "compression_time", "max_indentation", "max_force"]

@@ -46,8 +46,7 @@ PROMISE = 1e-8
 ALL = dict.fromkeys(FIELDS, PROMISE)
 OTHER_EXPONENTS = ALL | {"energy_loss": 2 * PROMISE}
 MOST_STEPS = 128
-# Overdamped contacts without tension: measured 218.
-CREEPING_STEPS = 256
+CREEPING_STEPS = 256  # overdamped contacts without tension: measured 218
 
 
 def assert_solved(hit, some, tolerances, numbers):
@@ -110,8 +109,7 @@ def test_other_forces(kind, fixed):
     assert hit.steps[moderate].max() <= MOST_STEPS and hit.steps.max() <= CREEPING_STEPS
 
 
-# For A = 5, where the force pulls back, e is 0.02: measured 1.4e-8 of that.
-UNKNOWN_FORCE = 3e-8
+UNKNOWN_FORCE = 3e-8  # for A = 5, where the force pulls back, e is 0.02: measured 1.4e-8 of that
 
 
 class Viscoelastic(jc.AbstractLaw):
@@ -151,10 +149,8 @@ def test_a_weakly_damped_contact_pulls_just_before_its_end():
 # force and the turn come from the same steps; measured 3.1e-10.
 BY_PHASE = 1e-9
 LARGEST_ALPHA = 14.4
-# Below this the error and its estimate are rounding.
-ROUNDING = 1e-14
-# Measured 190 to 14000 where the error is above 1e-11.
-MOST_CAUTIOUS = 1e5
+ROUNDING = 1e-14  # below this the error and its estimate are rounding
+MOST_CAUTIOUS = 1e5  # measured 190 to 14000 where the error is above 1e-11
 
 
 def by_phase(**options):
@@ -333,13 +329,9 @@ def test_units_drop_out(numbers, m, k, v):
     length = (m / k) ** 0.4 * v**0.8
     np.testing.assert_array_equal(hit.restitution, unit.restitution)
     for name, scale in {
-        "duration": length / v,
-        "compression_time": length / v,
-        "max_indentation": length,
-        "max_force": k * length**1.5,
-        "energy_loss": m * v**2,
-        "rebound_velocity": v,
-    }.items():
+        "duration": length / v, "compression_time": length / v, "max_indentation": length,
+        "max_force": k * length**1.5, "energy_loss": m * v**2, "rebound_velocity": v,
+    }.items():  # fmt: skip
         expected = getattr(unit, name) * scale
         np.testing.assert_allclose(
             getattr(hit, name), expected, rtol=UNITS, atol=TINY, err_msg=name
@@ -522,8 +514,7 @@ class Classical(jc.AbstractMethod):
         )
 
 
-# Two steps of h, the error of its crude ends.
-CRUDE = 3e-3
+CRUDE = 3e-3  # two steps of h, the error of its crude ends
 
 
 @pytest.mark.parametrize("force", [None, 100.0])

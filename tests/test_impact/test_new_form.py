@@ -144,8 +144,7 @@ def test_a_clamped_force_that_returns():
     assert np.all(duration == back) and np.all(np.abs(end) < 1e-12)
 
 
-SOLVED = 1e-8
-"""The duration of an event solve at its default tolerance beside π √(m/K)."""
+SOLVED = 1e-8  # the duration of an event solve at its default tolerance beside π √(m/K)
 
 
 class Pushing(Dashpot):

@@ -35,10 +35,8 @@ from tests.test_laws import table
 # The logarithm of m v²/K loses a factor of its size, up to 90, to rounding. Measured: 7e-6 for the
 # times; 6e-8 for e by the closed forms, 2.7e-6 by the event solve.
 RESTITUTION, DURATION = 1e-5, 1e-4
-# Measured 9e-7.
-SLOPE = 1e-5
-# Times by event: measured 1.7e-6, and 8e-5 with a tolerance far above the momentum.
-STRONG = 1e-5
+SLOPE = 1e-5  # measured 9e-7
+STRONG = 1e-5  # times by event: measured 1.7e-6, and 8e-5 with a tolerance far above the momentum
 
 
 def single(*numbers):
@@ -266,8 +264,7 @@ def test_an_end_that_no_step_shows_is_flagged():
     assert (hit.status == jc.Status.NOT_CONVERGED).all() and not hit.ok.any()
 
 
-# Of the place and time of the turn: measured 1.9e-7 and 8e-8.
-PUSHED = 1e-6
+PUSHED = 1e-6  # of the place and time of the turn: measured 1.9e-7 and 8e-8
 
 
 @stored()

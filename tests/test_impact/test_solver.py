@@ -15,8 +15,7 @@ from jaxcontact._solver.by_diffrax import march_by_diffrax
 from jaxcontact._solver.few_or_many import ByLanes
 from tests.test_impact.support import UNIT, column, grid, slopes
 
-# A step of order 8 at an rtol of 1e-12, up to the end: measured 3e-12.
-CLOSE = 1e-11
+CLOSE = 1e-11  # a step of order 8 at an rtol of 1e-12, up to the end: measured 3e-12
 
 
 class Place(NamedTuple):

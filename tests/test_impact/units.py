@@ -10,13 +10,9 @@ QUANTITIES = ("e", "duration", "compression_time", "max_indentation", "max_force
 
 # The powers of X, m and v in the unit of each quantity.
 POWERS = {
-    "e": (0, 0, 0),
-    "duration": (1, 0, -1),
-    "compression_time": (1, 0, -1),
-    "max_indentation": (1, 0, 0),
-    "max_force": (-1, 1, 2),
-    "energy_loss": (0, 1, 2),
-}
+    "e": (0, 0, 0), "duration": (1, 0, -1), "compression_time": (1, 0, -1),
+    "max_indentation": (1, 0, 0), "max_force": (-1, 1, 2), "energy_loss": (0, 1, 2),
+}  # fmt: skip
 
 
 def length(p) -> np.ndarray:

@@ -49,14 +49,11 @@ def mechanism(v):
 
 
 CALLS = {
-    "impact, exact": impact(method="exact"),
-    "impact by event": impact(method="event"),
+    "impact, exact": impact(method="exact"), "impact by event": impact(method="event"),
     "impact under a push": impact(external_force=-9.8),
     "trajectory": lambda v: jc.trajectory(LAW, CONTACT, v, samples=9).force,
-    "scene, instantaneous": scene,
-    "scene, soft": lambda v: scene(v, False),
-    "mechanism": mechanism,
-}
+    "scene, instantaneous": scene, "scene, soft": lambda v: scene(v, False), "mechanism": mechanism,
+}  # fmt: skip
 
 
 def batch(call, size):

@@ -81,8 +81,6 @@ def test_names_at_the_lines_do_not_overlap_and_the_legend_covers_no_data(blue, s
     assert all(figure.x1 >= box.x1 and box.y0 > figure.y0 for box in places)
     legend, title = ax.get_legend().get_window_extent(), ax._left_title.get_window_extent()
     assert legend.y0 >= frame.y1 - 1 and title.y0 >= legend.y1 - 1 and title.y1 <= figure.y1
-    with pytest.raises(ValueError, match="`show` must be one of 'possible', 'all'"):
-        calibration(blue, show="some")
 
 
 @pytest.mark.parametrize(("e", "top"), [([0.93, 0.99], 1.0), ([0.93, 1.01], 1.0376)])

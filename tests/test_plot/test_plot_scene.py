@@ -15,8 +15,7 @@ from jaxcontact.plot._drawing.path import line_of, path_of
 from tests.test_impact.test_warm_calls import work_of
 
 LAW, ELASTIC = jc.ExactRestitution(e=0.8), jc.ExactRestitution(e=1.0)
-EXACT = 1e-12
-"""Places that are computed twice, in m and J: measured 2e-16."""
+EXACT = 1e-12  # places that are computed twice, in m and J: measured 2e-16
 
 
 def hit(bodies, duration, law=LAW, **how):

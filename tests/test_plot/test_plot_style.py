@@ -28,11 +28,8 @@ DEUTERANOPIA = np.array(
 
 XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 
-GREY = 10.0
-"""In L*, where white is 100 and a difference of 1 can just be seen side by side."""
-
-COLOUR = 17.0
-"""What all pairs reach, in ΔE*ab, where 2.3 can just be seen."""
+GREY = 10.0  # in L*, where white is 100 and a difference of 1 can just be seen side by side
+COLOUR = 17.0  # what all pairs reach, in ΔE*ab, where 2.3 can just be seen
 
 
 def lab(colour, seen=None):

@@ -14,16 +14,12 @@ from jaxcontact._scene.contact_times.cells import grid_of
 from jaxcontact._scene.engine import pieces as _pieces
 from tests.test_scene.support import central, go, spheres
 
-SAME = 1e-10
-"""Times of impact against the search among all pairs, relative to the run."""
-
-CHAOS = 1e-6
-"""States at the end: a rounding has grown in four impacts of every sphere."""
+SAME = 1e-10  # times of impact against the search among all pairs, relative to the run
+CHAOS = 1e-6  # states at the end: a rounding has grown in four impacts of every sphere
 
 NAMES = "position", "velocity"
 
-SMOOTH = 1e-6
-"""Derivatives against central differences of the search among all pairs."""
+SMOOTH = 1e-6  # derivatives against central differences of the search among all pairs
 
 
 class Space(NamedTuple):
@@ -144,8 +140,7 @@ SPACES = {
         drift=8.0,
     ),
 }  # fmt: skip
-GROWS = {"two sizes in a shell"}
-"""What leaves the place it starts from: cells on the rim get full."""
+GROWS = {"two sizes in a shell"}  # what leaves the place it starts from: cells on the rim get full
 
 
 def grown(monkeypatch):

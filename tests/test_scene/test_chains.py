@@ -13,11 +13,8 @@ import jaxcontact as jc
 from tests.oracle.chains import GAPS, LIGHT, NECK, ended
 from tests.test_scene.support import central, in_a_line, simulate
 
-BALANCE = 1e-9
-"""Of energies at rtol 1e-10: measured 1e-11."""
-
-STEP = 1e-4
-"""Of central differences."""
+BALANCE = 1e-9  # of energies at rtol 1e-10: measured 1e-11
+STEP = 1e-4  # of central differences
 
 
 class Chain(NamedTuple):
@@ -26,10 +23,8 @@ class Chain(NamedTuple):
     law: Callable[[Any], Any]
     parameter: float
     speed: float
-    within: float
-    """Of velocities in m/s at rtol 1e-10 beside SciPy's steps at 1e-12."""
-    slopes: float | None
-    """Of their slopes beside differences of SciPy."""
+    within: float  # of velocities in m/s at rtol 1e-10 beside SciPy's steps at 1e-12
+    slopes: float | None  # of their slopes beside differences of SciPy
     mass: Sequence[float]
     gaps: Sequence[float]
     radius: float
@@ -120,11 +115,8 @@ def test_slopes(name):
     np.testing.assert_allclose(by_speed, slope, atol=chain.slopes)
 
 
-BESIDE = 1e-8
-"""Of e and duration beside `impact`, relative. Measured 2e-11."""
-
-SLOPES = 1e-7
-"""Of their slopes by speed, relative. Measured 3e-8."""
+BESIDE = 1e-8  # of e and duration beside `impact`, relative. Measured 2e-11.
+SLOPES = 1e-7  # of their slopes by speed, relative. Measured 3e-8.
 
 
 @pytest.mark.parametrize(("metal", "until"), [("thornton", 1.5e-3), ("hu guo", 0.01)])

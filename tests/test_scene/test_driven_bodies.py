@@ -9,17 +9,10 @@ import jaxcontact as jc
 from tests.oracle.shaken_spheres import bounces, circling, pressed, sine
 from tests.test_scene.support import central, go, in_a_line, missing, spheres
 
-FRAME = 1e-13
-"""What a moving frame changes but for rounding: measured 3e-15."""
-
-SOFT = 1e-8
-"""Ten times `rtol`: measured 4e-12."""
-
-EXACT = 1e-11
-"""Ten impacts, whose errors grow: measured 1.5e-13 in a plane."""
-
-BALANCE = 1e-12
-"""Of energies: measured 4e-14."""
+FRAME = 1e-13  # what a moving frame changes but for rounding: measured 3e-15
+SOFT = 1e-8  # ten times `rtol`: measured 4e-12
+EXACT = 1e-11  # ten impacts, whose errors grow: measured 1.5e-13 in a plane
+BALANCE = 1e-12  # of energies: measured 4e-14
 
 
 def _seen_from(velocity, gravity):
@@ -177,8 +170,7 @@ def ellipse(t, args):
     return args["radius"] * jnp.stack([jnp.sin(angle + args["ahead"]), jnp.sin(angle)])
 
 
-MOST = 0.05 * (2 * np.pi * CIRCLE) ** 2
-"""The acceleration of either axis."""
+MOST = 0.05 * (2 * np.pi * CIRCLE) ** 2  # the acceleration of either axis
 
 
 def bowl(velocity, radius, amplitude, bound=1.001 * MOST, ahead=np.pi / 2, **how):

@@ -71,12 +71,10 @@ def test_a_file_makes_the_scene_that_python_makes(read):
         *jc.random_spheres(2, **box, radius=0.1, mass=1.0, speed=1.0, periodic=(2.0, None)),
     ]
     same = jc.Scene(
-        bodies,
-        {("ball", "table"): jc.Hertz(), "default": jc.HuGuo(e=0.7)},
-        stiffness={("ball", "table"): 1e5, "default": 1e6},
-        gravity=[0.0, -9.81],
+        bodies, {("ball", "table"): jc.Hertz(), "default": jc.HuGuo(e=0.7)},
+        stiffness={("ball", "table"): 1e5, "default": 1e6}, gravity=[0.0, -9.81],
         periodic=(2.0, None),
-    )
+    )  # fmt: skip
     assert jax.tree.structure(scene) == jax.tree.structure(same)
     for one, other in zip(jax.tree.leaves(scene), jax.tree.leaves(same), strict=True):
         np.testing.assert_array_equal(one, other)

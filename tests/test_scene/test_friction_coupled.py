@@ -1,6 +1,4 @@
-"""Coupled contacts with friction: beside an integration by SciPy, beside instantaneous impacts, and
-their invariants.
-"""
+"""Coupled contacts with friction: beside SciPy, instantaneous impacts, and their invariants."""
 
 import functools
 import itertools
@@ -18,8 +16,7 @@ from tests.test_scene.test_gradients import DIFFERENCES
 AGREES = 1e-10
 """Speeds and surface speeds at rtol 1e-9 beside the integration, in m/s: measured 2e-12."""
 
-KEPT = 1e-12
-"""Angular momentum and energy of a run, relative: measured 4e-15 and 2e-12."""
+KEPT = 1e-12  # angular momentum and energy of a run, relative: measured 4e-15 and 2e-12
 
 LAW, MU, KAPPA, STIFFNESS = jc.HuGuo(e=0.8), 0.3, 0.8, 1e7
 NUMBERS = STIFFNESS, float(LAW.damping_factor()), MU, KAPPA
@@ -116,15 +113,12 @@ def test_without_friction_spins_are_kept():
     assert np.max(np.abs(weak.velocity[-1, 3:] - none.velocity[-1, 3:])) < 1e-4
 
 
-RTOL = 1e-6
-"""The tolerance of the runs below; impacts agree with their references within ten of it."""
-
+RTOL = 1e-6  # the tolerance of the runs below; impacts agree with their references within ten of it
 DOUBT = 3
 """The largest error of the frozen normal over its estimate: measured 1.05 in 12 random pairs, 0.1
 to 1 in most."""
 
-ENERGY = 1e-7
-"""Energy in J that runs of a few J miss at that tolerance: measured 5e-9."""
+ENERGY = 1e-7  # energy in J that runs of a few J miss at that tolerance: measured 5e-9
 
 HARDER = {"law": jc.HuGuo(e=0.6), "stiffness": 1e8}
 WEAK = jc.RegularizedCoulomb(0.2, 0.02)
@@ -245,8 +239,7 @@ LIMIT = 1e-3
 """Speeds at K = 1e12 beside those of instantaneous impacts, in m/s: measured 2e-4. Most of it is
 the way in the duration of 4e-5 s; a tangential spring leaves .3 m/s."""
 
-MISSED = 2e-11
-"""Energy in J that runs of some J miss at the default tolerance: measured 5e-12."""
+MISSED = 2e-11  # energy in J that runs of some J miss at the default tolerance: measured 5e-12
 
 FRICTIONS = [jc.WaltonFriction(0.3, 0.4), jc.MawBarberFawcett(0.2, 0.8)]
 FRICTIONS += [jc.SpringSlider(MU, ratio=KAPPA)]
@@ -325,8 +318,7 @@ def test_balls_on_a_belt_agree_with_an_integration():
     assert run.wall_work > 0.3 and missing(run) < KEPT * run.energy[0]
 
 
-TURN = 2e-3
-"""The arm R - δ of the spin turns the slip by about δ/R = 5e-4."""
+TURN = 2e-3  # the arm R - δ of the spin turns the slip by about δ/R = 5e-4
 
 
 def test_side_spin_far_faster_than_the_closing_speed():
@@ -344,16 +336,13 @@ def test_side_spin_far_faster_than_the_closing_speed():
     assert missing(run) < KEPT * run.energy[0]
 
 
-SAME = 1e-13
-"""Speeds in m/s with another order of the balls: measured 1e-15."""
+SAME = 1e-13  # speeds in m/s with another order of the balls: measured 1e-15
 
 ORDER, FLIP = [2, 0, 1], np.array([-1.0, 1.0, 1.0])
 
 
 def in_a_shell(numbers):
-    """Three balls above a peg in a shell, of their radii, masses, K, μ, positions, velocities and
-    spins.
-    """
+    """Three balls above a peg in a shell, of radii, masses, K, μ, places, velocities and spins."""
     state = numbers[8:].reshape(3, 3, 3)
     peg = jc.Sphere(0.2, None, [0.0, -0.7, 0.0], fixed=True)
     return jc.Scene(

@@ -216,8 +216,7 @@ FALLING = 4e-3
 """The angle at which a ball leaves a peg, beside that of a rigid one, in rad: measured 3e-3, as the
 ball slips and bounces a little. Without friction it would be 0.06."""
 
-SLOPE = 1e-7
-"""Derivatives beside differences of fourth order, relative: measured 4e-9."""
+SLOPE = 1e-7  # derivatives beside differences of fourth order, relative: measured 4e-9
 
 
 def on_a_peg(place, speed, spin, mu, stiffness=1e6, e=0.7):

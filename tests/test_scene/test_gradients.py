@@ -19,9 +19,7 @@ from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.test_impact.support import both_jacobians
 from tests.test_scene.support import central, fourth, go, in_a_line, missing, simulate, spheres
 
-MODES = 1e-9
-"""Forward against reverse, relative to the largest entry: measured 1e-15."""
-
+MODES = 1e-9  # forward against reverse, relative to the largest entry: measured 1e-15
 DIFFERENCES = 1e-6
 """Against central differences with Richardson's extrapolation: measured 2e-8. Soft ones beside
 Newton's equations, relative to the largest derivative by the same number."""
@@ -116,30 +114,6 @@ def test_impacts_in_a_plane():
     agree(plane, fast, PLANE, 2e-5)
 
 
-def line(numbers):
-    """Five unequal balls between two walls, thirty impacts."""
-    balls = in_a_line(0.1, numbers[10:15], numbers[:5], numbers[5:10])
-    ends = [jc.Plane([-3.0], [1.0]), jc.Plane([3.0], [-1.0])]
-    scene = jc.Scene([*balls, *ends], jc.ExactRestitution(e=numbers[15]))
-    run = go(scene, 15.0, max_impacts=64)
-    return jnp.concatenate([run.position[-1].ravel(), run.velocity[-1].ravel()]), run
-
-
-LINE = np.array(
-    [-2.0, -1.1, 0.1, 0.9, 2.2, 1.0, -0.4, 0.7, -1.1, 0.3, 1.0, 1.3, 0.8, 1.1, 0.9, 0.97]
-)
-
-
-@pytest.mark.slow(reason="a long run with its derivatives")
-def test_thirty_impacts_in_a_line():
-    fast = jax.jit(line)
-    run = fast(LINE)[1]
-    assert 30 <= int(jnp.sum(run.impacts.valid)) < 64
-    agree(line, fast, LINE, 1e-6)
-    # From Python, without a reserved size, the same values.
-    np.testing.assert_allclose(fast(LINE)[0], line(LINE)[0], rtol=1e-10)
-
-
 def test_a_batch_with_bad_lanes():
     """A lane that is out of range, overlaps or needs more room is flagged; the others are whole."""
 
@@ -189,12 +163,10 @@ class Case(NamedTuple):
     point: list[float]
     balls: Callable[..., list[tuple]]
     """Of the numbers after those two: position, velocity, radius and mass of each ball."""
-    lengths: tuple[int, ...]
-    """Which numbers are lengths; an indentation is a small part of them."""
+    lengths: tuple[int, ...]  # which numbers are lengths; an indentation is a small part of them
     floor: bool
     duration: float
-    results: int
-    """Numbers of the state at the end."""
+    results: int  # numbers of the state at the end
 
 
 CASES = {
@@ -311,22 +283,14 @@ def test_all_that_a_run_gives_has_its_derivatives_by_both_modes():
     assert np.all(np.abs(forward - found) <= OF_A_RUN * size)
 
 
-STEP = 1e-4
-"""Of central differences, whose error is 1e-8, relative."""
-
-AT_REST = 1e-8
-"""Of places, speeds and work, beside statics."""
-
+STEP = 1e-4  # of central differences, whose error is 1e-8, relative
+AT_REST = 1e-8  # of places, speeds and work, beside statics
 SLOPES_AT_REST = 1e-7
 """Of their derivatives: measured 2e-8. A solve whose end in time has a derivative of its own is
 1e-4 off."""
 
-GOES_ON = 1e-10
-"""Of a run in two parts, relative."""
-
-BRIEFLY, BY_DURATION = 1e-6, 1e-6
-"""In s, and of differences over it, relative: measured 1.4e-7."""
-
+GOES_ON = 1e-10  # of a run in two parts, relative
+BRIEFLY, BY_DURATION = 1e-6, 1e-6  # in s, and of differences over it, relative: measured 1.4e-7
 SPEED, UNTIL = 0.2, 0.016
 
 
@@ -411,12 +375,8 @@ def test_a_derivative_by_the_duration_includes_the_contact_forces():
     np.testing.assert_allclose(along, slope, rtol=BY_DURATION)
 
 
-EXACT = 1e-6
-"""Against the largest singular value by other means: measured 1e-9."""
-
-OF_GROWTH = 1e-5
-"""Against differences of the run itself: measured 3e-8."""
-
+EXACT = 1e-6  # against the largest singular value by other means: measured 1e-9
+OF_GROWTH = 1e-5  # against differences of the run itself: measured 3e-8
 FLIGHT, RADII = 3.0, 1.0
 
 

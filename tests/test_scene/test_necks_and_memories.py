@@ -1,6 +1,4 @@
-"""Scenes whose contacts have necks, which form at δ = 0 and snap at δ < 0, or a memory of their
-largest indentation.
-"""
+"""Scenes whose contacts have necks, from δ = 0 to a snap at δ < 0, or remember their depth."""
 
 import functools
 
@@ -14,11 +12,8 @@ from jaxcontact._scene.pair_impact.oblique import oblique
 from tests.oracle.chains import NECK
 from tests.test_scene.support import GRAVITY, in_a_line, missing, spheres
 
-SAME = 1e-9
-"""Between two solves of one motion, relative: measured 3e-11."""
-
-BALANCE = 1e-9
-"""Of energies at rtol 1e-10: measured 1e-11."""
+SAME = 1e-9  # between two solves of one motion, relative: measured 3e-11
+BALANCE = 1e-9  # of energies at rtol 1e-10: measured 1e-11
 
 LAW, STIFFNESS, RADIUS = jc.JKR(pull_off=NECK.pull_off), NECK.stiffness, 0.1
 MASS, HEIGHT = 0.5, 0.01

@@ -153,12 +153,9 @@ def test_bad_arguments(fault):
         jc.random_spheres(**({"count": 3} | GOOD | given))
 
 
-WITHIN = 0.2
-"""Of `rtol` times the growth of a perturbation. Measured: 4e-3 at 1e-6, 0.15 at 1e-9."""
-ESTIMATED = 10
-"""The error beside what the impacts estimate, times that growth. Measured: 0.011."""
-SAME = 1e-10
-"""Of a run in other units, times the growth. Measured: 1e-15."""
+WITHIN = 0.2  # of `rtol` times the growth of a perturbation. Measured: 4e-3 at 1e-6, 0.15 at 1e-9.
+ESTIMATED = 10  # the error beside what the impacts estimate, times that growth. Measured: 0.011.
+SAME = 1e-10  # of a run in other units, times the growth. Measured: 1e-15.
 
 
 def simulated(given, rtol, length=1.0, time=1.0, mass=1.0):

@@ -9,17 +9,10 @@ from scipy.integrate import solve_ivp
 import jaxcontact as jc
 from tests.test_scene.support import go, missing
 
-EXACT = 1e-12
-"""Of 50 chords; measured 3e-13."""
-
-SOFT = 1e-8
-"""Ten times `rtol`."""
-
-SLIDING = 1e-9
-"""In m and m/s after 5 s and some 1e4 steps; measured 1e-11."""
-
-PEAK = 1e-10
-"""In m and m/s, a tenth of `rtol`: measured 3e-12."""
+EXACT = 1e-12  # of 50 chords; measured 3e-13
+SOFT = 1e-8  # ten times `rtol`
+SLIDING = 1e-9  # in m and m/s after 5 s and some 1e4 steps; measured 1e-11
+PEAK = 1e-10  # in m and m/s, a tenth of `rtol`: measured 3e-12
 
 RUBBER = jc.Material(4.1e3, 0.3, 1100.0)
 

@@ -12,9 +12,7 @@ from jaxcontact._scene.contact_times.touch import (
     wall_time,
 )
 
-ROOT = 1e-13
-"""Relative error of a time of impact: measured 2e-15 (quadratics), 3e-14 (quartics)."""
-
+ROOT = 1e-13  # relative error of a time of impact: measured 2e-15 (quadratics), 3e-14 (quartics)
 NOISE = 1e-15
 
 
@@ -109,8 +107,7 @@ def test_another_image_is_not_met_before_the_horizon():
     np.testing.assert_allclose(2 * bent + 2 * bent**2, 0.5, rtol=ROOT)
 
 
-CUBIC = 1e-15
-"""Of the largest of value and slopes: measured 4e-16."""
+CUBIC = 1e-15  # of the largest of value and slopes: measured 4e-16
 
 
 @pytest.mark.parametrize("rises", [0.0, 1e-300, 1e-16, 1e-15, 1e-8, 0.3])

@@ -15,8 +15,7 @@ import jaxcontact as jc
 SAME = 2e-15
 """XLA fuses and vectorises another batch otherwise: measured 0 in most fields, 9e-16 in a slope."""
 
-EVENT = 1e-9
-"""The tolerance of the event solves, whose steps follow the roundings: measured 6e-11."""
+EVENT = 1e-9  # the tolerance of the event solves, whose steps follow the roundings: measured 6e-11
 
 GOOD = {"e": [0.3, 0.7, 0.9, 1.0], "K": [1e8, 1e6, 3e7], "m": [2.0, 0.5], "v": [1.0, 3.0, 0.2]}
 BAD = {"e": [0.3, 1.5, 0.9, np.nan], "K": [1e8, -1.0, 1e6], "m": [2.0, 0.0], "v": [1.0, 3.0, -1.0]}
@@ -115,13 +114,9 @@ def test_as_the_full_computation(function):
 
 
 AXES = {
-    "restitution": "e",
-    "rebound_velocity": "ev",
-    "energy_loss": "emv",
-    "duration": "eKmv",
-    "max_force": "eKmv",
-    "status": "e",
-}
+    "restitution": "e", "rebound_velocity": "ev", "energy_loss": "emv", "duration": "eKmv",
+    "max_force": "eKmv", "status": "e",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("function", [summary, stepped, phased])
@@ -211,16 +206,13 @@ def mixture(a, b, c, xp=jnp):
     good = (a > 0) & (b >= 0) & ~(c > 2.5)
     inner = xp.where(good, a * xp.where(b > 1, b, 1.0), xp.nan)
     return {
-        "masked": xp.where((a > 0) & (c < 2), a + 1, xp.nan),
-        "inner": inner,
+        "masked": xp.where((a > 0) & (c < 2), a + 1, xp.nan), "inner": inner,
         "again": xp.where(xp.isnan(inner), 7.0, inner),
         "number": xp.where((b > 0) | (c > 0), a, -3.0),
         "whole": xp.where(good & xp.isfinite(a), 1, 2),
-        "nested": xp.where(b > 0, xp.where(c > 0, a, xp.nan), xp.nan) * 2 + 1,
-        "flag": good,
-        "not": xp.where(~(b < 1), a, 5.0),
-        "power": xp.where(b > 0, a, xp.nan) ** 0,
-    }
+        "nested": xp.where(b > 0, xp.where(c > 0, a, xp.nan), xp.nan) * 2 + 1, "flag": good,
+        "not": xp.where(~(b < 1), a, 5.0), "power": xp.where(b > 0, a, xp.nan) ** 0,
+    }  # fmt: skip
 
 
 def mixed(a, b, c):

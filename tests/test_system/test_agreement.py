@@ -14,9 +14,7 @@ import jaxcontact as jc
 from tests.test_system.references import free_fall, restarted, unit
 
 LAW = jc.HuGuo(e=0.7)
-ALPHA = 1.5 * 0.3 / 0.7
-"""Hu & Guo (2015), equation 38: α = 3 (1 - e)/(2 e)."""
-
+ALPHA = 1.5 * 0.3 / 0.7  # Hu & Guo (2015), equation 38: α = 3 (1 - e)/(2 e)
 LARGEST = 2e-6
 """Of the largest force at rtol=1e-9: 2e-7 by its interpolation, and less than 1e-6 by the spacing
 of the states. A summit between the first two samples of a step was 1.6e-5 too low."""
@@ -77,8 +75,7 @@ def pendulum():
     return jc.simulate(system, 2.3, **start, times=np.linspace(0, 2.3, 24))
 
 
-PEAK = 3e-7
-"""The largest force, found between the steps of the default rtol, errs by up to 1.2e-7."""
+PEAK = 3e-7  # the largest force, found between the steps of the default rtol, errs by up to 1.2e-7
 
 
 def test_lagrangian_gives_the_same_motion(pendulum):
@@ -186,8 +183,7 @@ def test_largest_force_is_that_of_states():
         np.testing.assert_allclose(table["max_force"][k], np.max(force), rtol=LARGEST)
 
 
-LAST_DIGIT = 1.0
-"""A published number is right within one unit of its last digit."""
+LAST_DIGIT = 1.0  # a published number is right within one unit of its last digit
 
 
 def assert_agrees(got, published: str) -> None:
@@ -281,8 +277,7 @@ def test_digits(name):
             assert_agrees(table[column], digits)
 
 
-STEEPER = 4e-3
-"""Measured -.4017; the slope between K = 1e14 and 1e15 is -.40016."""
+STEEPER = 4e-3  # measured -.4017; the slope between K = 1e14 and 1e15 is -.40016
 
 
 def test_stiff_guide_approaches_rigid_impacts():

@@ -18,11 +18,8 @@ def height(t, q, args):
     return q
 
 
-WEIGHT = 0.05
-"""The weight changes e of a soft contact by a few hundredths."""
-
-SLIDES = 1e-13
-"""Two sums of one force over time: measured 4e-15."""
+WEIGHT = 0.05  # the weight changes e of a soft contact by a few hundredths
+SLIDES = 1e-13  # two sums of one force over time: measured 4e-15
 
 BALL = jc.System(unit, free_fall, height, law=LAW, stiffness=1e6)
 
@@ -246,8 +243,7 @@ def test_single_precision():
     np.testing.assert_allclose(ours, others, rtol=1e-4)
 
 
-SCATTER = 20
-"""Steps of 50 runs of a rod that differ by rounding, 176 to 190, differ by up to 14."""
+SCATTER = 20  # steps of 50 runs of a rod that differ by rounding, 176 to 190, differ by up to 14
 
 
 BUILDS = {
@@ -274,8 +270,7 @@ def test_gaps_close_and_open_together(build, duration, contacts):
     assert np.ptp(steps) <= SCATTER
 
 
-TOUCH = 1e-11
-"""Times of touch at rtol 1e-9, relative: measured 1e-12."""
+TOUCH = 1e-11  # times of touch at rtol 1e-9, relative: measured 1e-12
 
 
 def drive(t, q, v, args):

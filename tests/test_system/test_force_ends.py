@@ -25,8 +25,7 @@ PEAK_SLOPE = 2e-5
 """Of the largest force, which is read between steps, and its slope. Measured 7e-8 and 7e-6."""
 
 
-BOOKS = 1e-9
-"""Of energies of some 1 J at rtol 1e-9, in J."""
+BOOKS = 1e-9  # of energies of some 1 J at rtol 1e-9, in J
 
 
 class Body(NamedTuple):

@@ -12,8 +12,7 @@ from tests.oracle import luding_chain, neck_chain, plastic_chain
 BY_SCIPY = 1e-10
 BY_SCIPY_PLASTIC = 5e-10
 """Of the speed in m/s at rtol 1e-10 beside steps at 1e-12: measured 3e-12 and 3e-11."""
-SLOPES = 1e-5
-"""Beside central differences of SciPy with steps of 1e-4: measured 1.4e-6."""
+SLOPES = 1e-5  # beside central differences of SciPy with steps of 1e-4: measured 1.4e-6
 
 
 class Body(NamedTuple):

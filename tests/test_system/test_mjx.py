@@ -26,9 +26,7 @@ MODEL = """
 </mujoco>
 """
 
-AGREE = 1e-8
-"""Of contacts by both: the masses of the model have a radius of inertia of 1e-6 m."""
-
+AGREE = 1e-8  # of contacts by both: the masses of the model have a radius of inertia of 1e-6 m
 FORCES = 2e-7
 """Of the largest forces, read between steps: 3.5e-8 from those of a solve with rtol=1e-13."""
 

@@ -14,8 +14,7 @@ MU, STIFF, DAMPED = 0.3, 2e3, 2.0
 """μ, and the bristles' stiffness in 1/m and damping in s/m, each over the normal force."""
 
 K, RADIUS = 1e6, 0.02
-CLOSE = 1e-8
-"""Relative, at rtol 1e-10."""
+CLOSE = 1e-8  # relative, at rtol 1e-10
 
 
 class Bristles(jc.AbstractFriction):

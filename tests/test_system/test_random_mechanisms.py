@@ -15,12 +15,8 @@ import jaxcontact as jc
 from benchmarks import random_mechanisms
 from tests.oracle.stored import stored
 
-SHALLOW = 1e-9
-"""The least depth in m that must be seen."""
-
-WIGGLES = 1e-3
-"""How far a wall vibrates, in m."""
-
+SHALLOW = 1e-9  # the least depth in m that must be seen
+WIGGLES = 1e-3  # how far a wall vibrates, in m
 LANES = 400
 
 SWING = jc.System(
@@ -72,20 +68,17 @@ def test_gaps_that_wiggle_within_a_step_are_seen():
 
 
 LAWS = "HuGuo", "KelvinVoigt, no tension", "ThorntonPlastic", "Luding", "JKR"
-EACH = 8
-"""Mechanisms for each law: two that move, two at rest, two pressed, two that touch."""
+EACH = 8  # mechanisms for each law: two that move, two at rest, two pressed, two that touch
 LEFT_OUT = 6
 """Contacts of each law whose sequence or slope changes within the differences: at most 3 of 25."""
-BOOKS = 1e-10
-"""Of the energy, at rtol 1e-10. Measured 7e-12."""
+BOOKS = 1e-10  # of the energy, at rtol 1e-10. Measured 7e-12.
 SLOPES = 1e-5
 """Of derivative and value, at steps of 3e-4 and rtol 1e-10, hence 1e-10/3e-4 times the growth of a
 perturbation. Measured 1.2e-6."""
 READ = 3e-4
 """Of largest force and depth, whose values are read between steps. Measured 5e-5, which falls with
 longer steps of the differences."""
-SAME = 1e-6
-"""Of numbers beside those of another program; largest depths differ by 2e-8."""
+SAME = 1e-6  # of numbers beside those of another program; largest depths differ by 2e-8
 
 
 @stored()

@@ -12,11 +12,8 @@ from tests.test_friction.test_slider_phases import FORCE_FORM, NU_3
 from tests.test_system.references import assert_slopes_are_differences, linearised
 
 MU, STIFFNESS = 0.3, 1e7
-KAPPA = 2 * NU_3 / 3.5
-"""Of like spheres with ν = 0.3, whose slip has λ = 7/2."""
-
-CLOSE = 1e-9
-"""Of ψ2 at rtol 1e-11."""
+KAPPA = 2 * NU_3 / 3.5  # of like spheres with ν = 0.3, whose slip has λ = 7/2
+CLOSE = 1e-9  # of ψ2 at rtol 1e-11
 
 
 def sphere(t, q, args):

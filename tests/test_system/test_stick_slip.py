@@ -11,19 +11,14 @@ import jaxcontact as jc
 from tests.test_system.references import assert_slopes_are_differences, restarted
 
 LAW, STIFFNESS, G = jc.HuGuo(e=0.9), 1e5, 9.81
-ALPHA = 1.5 * 0.1 / 0.9
-"""Hu & Guo (2015), equation 38: α = 3 (1 - e)/(2 e)."""
-
+ALPHA = 1.5 * 0.1 / 0.9  # Hu & Guo (2015), equation 38: α = 3 (1 - e)/(2 e)
 RTOL = 1e-9
 
-EVENTS = 10 * RTOL
-"""Of the duration: times of changes between stick and slip."""
-
+EVENTS = 10 * RTOL  # of the duration: times of changes between stick and slip
 CRANK = 1e-7
 """Of the duration: events of a crank, whose contacts amplify errors about a hundredfold."""
 
-DRIFT = 1e-9
-"""Of the speeds: the slip of contacts that stick."""
+DRIFT = 1e-9  # of the speeds: the slip of contacts that stick
 
 
 def mass(t, q, args):

@@ -71,13 +71,9 @@ def run_scene(made, folder, ranks=1, limit=300):
         command = [str(program / "lmp"), "-in", "scene.in", "-screen", "none"]
         command = [str(program / "mpiexec"), "-np", str(ranks), *command] if ranks > 1 else command
     done = subprocess.run(
-        command,
-        capture_output=True,
-        text=True,
-        env=environment(made.engine, folder),
-        cwd=folder,
+        command, capture_output=True, text=True, env=environment(made.engine, folder), cwd=folder,
         timeout=limit,
-    )
+    )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     return made.read(folder)
 

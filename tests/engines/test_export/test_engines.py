@@ -15,10 +15,8 @@ pytestmark = pytest.mark.engines
 
 # The error promised for every engine, relative; each export states its own, smaller one.
 PROMISE = 0.01
-# Drake's continuous plant at an accuracy of 1e-6: measured 2.2e-5.
-CONTINUOUS = 5e-5
-# Rounding of the page's four digits, with a margin for the next release of an engine.
-PAGE = 1e-4
+CONTINUOUS = 5e-5  # Drake's continuous plant at an accuracy of 1e-6: measured 2.2e-5
+PAGE = 1e-4  # rounding of the page's four digits, with a margin for the next release of an engine
 
 # The ball of Hu and Guo, and a steel sphere of 1 cm.
 SMALL = jc.Contact.sphere_plane(0.005, jc.Material(207e9, 0.3, 7800.0))
@@ -26,17 +24,11 @@ BALLS = [(jc.Contact(1.0, 1.4e8), 4.2, 0.1), (SMALL, 0.3, 0.005)]
 WANTED = (0.95, 0.7, 0.5, 0.3, 0.12)
 PHASES = (0.1, 0.5, 0.9)
 VARIANTS = [
-    ("bullet", {}),
-    ("drake", {}),
-    ("exudyn", {}),
-    ("exudyn", {"impact_model": 1}),
-    ("exudyn", {"impact_model": 0}),
-    ("lammps", {"damping": "coeff_restitution"}),
-    ("lammps", {"damping": "limit_damping"}),
-    ("lammps", {"damping": "tsuji"}),
-    ("lammps", {"damping": "viscoelastic"}),
-    ("mujoco", {}),
-]
+    ("bullet", {}), ("drake", {}), ("exudyn", {}), ("exudyn", {"impact_model": 1}),
+    ("exudyn", {"impact_model": 0}), ("lammps", {"damping": "coeff_restitution"}),
+    ("lammps", {"damping": "limit_damping"}), ("lammps", {"damping": "tsuji"}),
+    ("lammps", {"damping": "viscoelastic"}), ("mujoco", {}),
+]  # fmt: skip
 LABEL = ["-".join([engine, *map(str, options.values())]) for engine, options in VARIANTS]
 
 

@@ -17,16 +17,12 @@ from jaxcontact.engines import Draft, Engine, export, register_engine
 from jaxcontact.engines.simulators import lammps as _lammps
 from tests.engines.test_export import engines
 
-# Both solvers at 1e-9 or better: measured 1e-9 for viscoelastic, 1e-10 for the others.
-SCIPY = 1e-8
-# The event solve at its default 1e-9: measured 1e-9.
-EVENT = 1e-8
-# Closed forms: measured 2e-13.
-CLOSED = 1e-11
+SCIPY = 1e-8  # both solvers at 1e-9 or better: measured 1e-9 for viscoelastic, 1e-10 for the others
+EVENT = 1e-8  # the event solve at its default 1e-9: measured 1e-9
+CLOSED = 1e-11  # closed forms: measured 2e-13
 # Numbers printed with five digits, and the slope of a parameter in e: measured 1e-5.
 FIVE_DIGITS = 3e-5
-# Parameters close to those of single precision: e = 0.6 itself is off by 4e-8.
-SINGLE = 1e-6
+SINGLE = 1e-6  # parameters close to those of single precision: e = 0.6 itself is off by 4e-8
 
 MASS, SPEED, RADIUS = 0.7, 2.5, 0.05
 CONTACT = jc.Contact(MASS, 3e8)
@@ -46,15 +42,11 @@ VARIANTS = [
     *[
         ("lammps", {**R, "damping": name}, {"damping": name})
         for name in (
-            "coeff_restitution",
-            "limit_damping",
-            "tsuji",
-            "tsuji_sqrt2",
-            "viscoelastic",
+            "coeff_restitution", "limit_damping", "tsuji", "tsuji_sqrt2", "viscoelastic",
             "mass_velocity",
         )
     ],
-]
+]  # fmt: skip
 KEPT = [v for v in VARIANTS if v[0] in ("simbody", "exudyn", "yade") and not v[2]]
 KEPT.append(("lammps", R, {"damping": "coeff_restitution"}))
 LABEL = ["-".join([engine, *map(str, words.values())]) for engine, _, words in VARIANTS]
@@ -423,10 +415,8 @@ def test_an_engine_of_one_s_own():
         export(EXACT, CONTACT, SPEED, engine="none")
 
 
-# The root of the compromise: measured 1e-14.
-EQUAL = 1e-11
-# A straight line between the speeds of a grid: measured 7e-4.
-BETWEEN = 2e-3
+EQUAL = 1e-11  # the root of the compromise: measured 1e-14
+BETWEEN = 2e-3  # a straight line between the speeds of a grid: measured 7e-4
 
 
 def test_several_speeds_have_the_least_largest_error():

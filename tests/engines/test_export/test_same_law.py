@@ -10,10 +10,8 @@ import pytest
 import jaxcontact as jc
 from jaxcontact.engines import export
 
-# The steps of the test, 2000 in a contact, of first order: measured 6e-4.
-STEPS = 2e-3
-# Formulas for one force: measured 3e-15.
-FORCE = 1e-12
+STEPS = 2e-3  # the steps of the test, 2000 in a contact, of first order: measured 6e-4
+FORCE = 1e-12  # formulas for one force: measured 3e-15
 
 SPHERES = jc.Contact(mass=1e-11, stiffness=4e6)
 SPRING = jc.Contact(mass=0.033, stiffness=1e7, exponent=1.0)

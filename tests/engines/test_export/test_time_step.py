@@ -9,8 +9,7 @@ from tests.engines.test_export import engines
 SCHEME = 2e-9
 """Of e: the scheme in NumPy and in JAX round otherwise, and an implicit step is halved 30 times."""
 
-NEAR = 2e-3
-"""Of e, between MuJoCo at 64 places within a step and the range over 256."""
+NEAR = 2e-3  # of e, between MuJoCo at 64 places within a step and the range over 256
 
 CONTACT = jc.Contact(1.0, 85667.0476, 1.0)
 LAW = jc.KelvinVoigt(e=0.6, tension=False)

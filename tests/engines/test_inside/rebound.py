@@ -11,9 +11,7 @@ from tests.test_impact.support import both_jacobians
 
 GRAVITY, STEP = 9.81, 1e-3
 
-DIFFERENCES = 1e-4
-"""Of derivatives from central differences, over the height: 5e-9 measured."""
-
+DIFFERENCES = 1e-4  # of derivatives from central differences, over the height: 5e-9 measured
 CONVERGED = 0.01
 """Of height and derivatives from those of one impact under gravity: 2e-3 and 6e-3 measured."""
 

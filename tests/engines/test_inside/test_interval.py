@@ -20,11 +20,8 @@ HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
 LINEAR = jc.Contact(mass=0.5, stiffness=1e5, exponent=1)
 SPEEDS = (0.5, 3.0)
 
-DIFFERENCES = 1e-6
-"""Of derivatives from central differences with steps of 1e-5: 3e-8 measured."""
-
-COUPLED = 1e-6
-"""Of the speeds of three balls after 200 steps, from a solve by SciPy: 8e-8 measured."""
+DIFFERENCES = 1e-6  # of derivatives from central differences with steps of 1e-5: 3e-8 measured
+COUPLED = 1e-6  # of the speeds of three balls after 200 steps, from a solve by SciPy: 8e-8 measured
 
 
 def bounce(law, contact, velocity, step, phase, substeps=1, steps=64):
@@ -181,8 +178,7 @@ def test_without_the_engine_the_command_is_named(monkeypatch, engine, module, pa
         engine.contact_force(jc.Hertz(), HERTZ, None)
 
 
-PRINTED = 1e-3
-"""Of the numbers of the page, which other versions of the engines may change."""
+PRINTED = 1e-3  # of the numbers of the page, which other versions of the engines may change
 
 
 @pytest.mark.engines

@@ -25,9 +25,7 @@ BALL = """
 HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
 SPEEDS = (0.5, 1.0, 3.0)
 
-ERROR = 0.01
-"""Of e, which the time step is chosen for."""
-
+ERROR = 0.01  # of e, which the time step is chosen for
 TURNED = 1e-3
 """Of height, velocity and turning after an impact: 4e-4 measured, and half with half the step."""
 
@@ -199,12 +197,9 @@ def test_the_effective_mass_of_an_arm_beside_one_of_jaxsim():
 
     text = ARMS.format(arms="".join(ARM.format(name=n, y=y) for n, y in (("ours", 0), ("soft", 1))))
     model = made(
-        text,
-        points=[49, 99],
-        gravity=0.0,
-        terrain=FlatTerrain.build(-0.05),
+        text, points=[49, 99], gravity=0.0, terrain=FlatTerrain.build(-0.05),
         contact_params=SoftContactsParams.build(K=1e6, D=1e3, mu=0.0),
-    )
+    )  # fmt: skip
     linear = jc.Contact(mass=0.5, stiffness=1e5, exponent=1)
     acting = jc.jaxsim.contact_force(
         jc.KelvinVoigt(e=0.5), linear, model, links=["ours"], substeps=8

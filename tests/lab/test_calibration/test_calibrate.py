@@ -17,18 +17,14 @@ from jaxcontact.lab.recordings import make_pairs
 from tests.lab.simulate import recording
 from tests.lab.test_calibration import oracle
 
-PULL = 3.5
-"""Standard errors between estimate and truth: 1 in 2000 by chance; the seeds are fixed."""
+PULL = 3.5  # standard errors between estimate and truth: 1 in 2000 by chance; the seeds are fixed
 MOST_ALARMS = 5
 """Of 40 at a level of 5 %: more come in 1.4 % of all cases. Of 300 recordings 16 were measured."""
 SPREAD = (0.7, 1.35)
 """Standard deviation of 40 pulls: 1 ± 0.11 if the standard errors are right; measured 0.98."""
-ORACLE_FIT = 2e-6
-"""The same where the other fit has e(v) by other means, relative: measured 3e-7."""
-ORACLE_ERROR = 1e-5
-"""Its standard error, from a Jacobian by differences: measured 1e-6."""
-SAME = 1e-8
-"""Two ways to the same compiled search: the same to rounding, the issue asks for 1e-8."""
+ORACLE_FIT = 2e-6  # the same where the other fit has e(v) by other means, relative: measured 3e-7
+ORACLE_ERROR = 1e-5  # its standard error, from a Jacobian by differences: measured 1e-6
+SAME = 1e-8  # two ways to the same compiled search: the same to rounding, the issue asks for 1e-8
 
 
 def calibrated(text, **options):

@@ -19,10 +19,8 @@ NOISE = 0.005
 SPEED = np.random.default_rng(5).uniform(0.5, 5, POINTS)
 SCATTER = NOISE * np.random.default_rng(6).normal(size=POINTS)
 
-ROUND_TRIP = 1e-12
-"""What a law delivers with the e that was listed for it: 5e-13 was seen."""
-SAME = 1e-6
-"""A fit without a band ends somewhere within its own tolerance: 6e-9 was seen."""
+ROUND_TRIP = 1e-12  # what a law delivers with the e that was listed for it: 5e-13 was seen
+SAME = 1e-6  # a fit without a band ends somewhere within its own tolerance: 6e-9 was seen
 KINDS = ["constant e", "constant c", "Kuwabara-Kono"]
 
 

@@ -33,8 +33,7 @@ def slopes_by_differences():
     return np.stack(differences, axis=1) / 2e-5
 
 
-DIFFERENCES = 1e-6
-"""Relative: what central differences and the solve leave; 2e-8 was seen."""
+DIFFERENCES = 1e-6  # relative: what central differences and the solve leave; 2e-8 was seen
 
 
 @pytest.fixture(scope="module")

@@ -21,13 +21,9 @@ from jaxcontact.lab.records.low_pass import limits_of
 
 NOISE_FORCE, NOISE_DEPTH = 5.0, 2e-6
 TRUE = {
-    "law.c": DAMPING,
-    "contact.stiffness": STIFFNESS,
-    "velocity": SPEED,
-    "start_time": TOUCH,
-    "force_offset": FORCE_ZERO,
-    "indentation_offset": DEPTH_ZERO,
-}
+    "law.c": DAMPING, "contact.stiffness": STIFFNESS, "velocity": SPEED, "start_time": TOUCH,
+    "force_offset": FORCE_ZERO, "indentation_offset": DEPTH_ZERO,
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +38,7 @@ def start():
     return jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7), TIME, 1.2
 
 
-CLEAN = 1e-5
-"""What the cubic between 128 samples leaves in K and c; 1e-6 was seen."""
+CLEAN = 1e-5  # what the cubic between 128 samples leaves in K and c; 1e-6 was seen
 
 
 def pulls(found):

@@ -16,8 +16,7 @@ ORACLE = 1e-7
 """Against integration at 1e-10 with a spline of 25 nodes, whose error it is: measured 1e-8."""
 LITTLE = 1e-3
 """What a curve has instead of e = 0, where bodies stick: at a quarter of the energy it was 3e-4."""
-SLOPE = 1e-6
-"""Central differences with step 1e-5: measured 1e-9."""
+SLOPE = 1e-6  # central differences with step 1e-5: measured 1e-9
 SPEEDS = np.geomspace(0.05, 5.0, 40)
 UNIT = jc.Contact(1.0, 1.0)
 ANY_EXPONENT = ["exact", "constant_damping", "power_damping", "wet_restitution"]
@@ -91,13 +90,10 @@ def test_a_kind_contains_another_where_it_has_its_curves():
         if wide.contains(narrow)
     }
     assert pairs == {
-        ("power_damping", "exact"),
-        ("power_damping", "constant_damping"),
-        ("viscoplastic", "constant_damping"),
-        ("viscoplastic", "thornton_plastic"),
-        ("wet_restitution", "exact"),
-        ("power_restitution", "exact"),
-    }
+        ("power_damping", "exact"), ("power_damping", "constant_damping"),
+        ("viscoplastic", "constant_damping"), ("viscoplastic", "thornton_plastic"),
+        ("wet_restitution", "exact"), ("power_restitution", "exact"),
+    }  # fmt: skip
     e = curve(KINDS["exact"], e=0.7)
     alpha = float(jc.exact_damping_factor(0.7))
     c = {"c": alpha / 1.5, "power": -1.0}

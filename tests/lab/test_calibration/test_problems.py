@@ -18,8 +18,7 @@ SPEED = np.geomspace(0.1, 5, 60)
 ASKED = np.linspace(0.1, 1, 100)
 SAME = {"exact": 1e-12, "phase": 1e-9, jc.Event(rtol=1e-10): 1e-9}
 """How far c is from the truth by each method: 1e-15, 2e-10 and 3e-10 were seen."""
-SAME_LEARNED = {"phase": 1e-7, "event": 1e-6}
-"""The same of a learned α(e)."""
+SAME_LEARNED = {"phase": 1e-7, "event": 1e-6}  # the same of a learned α(e)
 
 
 @pytest.fixture(scope="module")

@@ -152,14 +152,12 @@ def test_how_the_standard_errors_were_found_is_said(columns, words):
 @pytest.mark.parametrize(
     ("value", "error", "unit", "text"),
     [
-        (0.87991, 0.00084, "", "0.87991 ± 0.00084"),
-        (89683.4, 1940.2, "N", "8.97e+04 ± 1.9e+03 N"),
+        (0.87991, 0.00084, "", "0.87991 ± 0.00084"), (89683.4, 1940.2, "N", "8.97e+04 ± 1.9e+03 N"),
         (9.589e-6, 6.7e-8, "s", "9.589e-06 ± 6.7e-08 s"),
-        (0.5, None, "s/m", "0.5 s/m (not identifiable)"),
-        (0.5, 0.0, "", "0.5 ± 0"),
+        (0.5, None, "s/m", "0.5 s/m (not identifiable)"), (0.5, 0.0, "", "0.5 ± 0"),
         (0.021, 0.5, "", "0.02 ± 0.50"),
     ],
-)
+)  # fmt: skip
 def test_digits_follow_the_error(value, error, unit, text):
     assert str(Estimate("x", value, error, unit)) == text
 

@@ -57,11 +57,9 @@ def summary(
     choice = ChoiceData(
         *(10, tuple(candidate(law.kind, converged=law.converged) for law in laws)),
         *(best, sure, "verdict", tuple(laws), Line(0.0, 0.0, 0.1)),
-        free=Curve((0.0,), 0.5, 4.0, free, free is not None and free < -2),
-        asked=(),
-        next_measurement="",
-        rivals=tuple(rivals),
-    )
+        free=Curve((0.0,), 0.5, 4.0, free, free is not None and free < -2), asked=(),
+        next_measurement="", rivals=tuple(rivals),
+    )  # fmt: skip
     rows = [PairSummary((k,), 0.5 * k, 0.9, 0.0, False, None) for k in range(1, 11)]
     law = None if best is None else jc.ExactRestitution(e=0.9)
     there = {"law": law, "contact": jc.Contact(1.0, 1.0), "given": (), "standard_errors": {}}

@@ -120,7 +120,6 @@ REFUSED = [
     (design, {"readings": 1}, r"must be at least the number of parameters, 2 \(law.c, contact.st"),
     (design, {"sigma": ("speed",)}, "to some of e, duration, max_force, but is"),
     (design, {"sigma": {"e": -1.0}}, r'`sigma\["e"\]` must be a number in'),
-    (design, {"goal": "c"}, "`goal` must be one of 'all', 'law.c', 'contact.stiffness'"),
     (design, {"candidates": [1.0, -1.0]}, "`candidates` must be in .* but is -1 at point 1"),
     (design, {"goal": OUT, "fixed": ("speed",)}, "but holds 'speed'"),
     (
@@ -135,7 +134,6 @@ REFUSED = [
         lambda **how: jc.fit_energy_loss(E, **how),
         *({"transforms": {"beta": jc.Free()}}, "must not name what this problem .* names beta"),
     ),
-    (lambda: jc.Spline(intervals=1), {}, "`intervals` must be a whole number of at least 4"),
     (lambda: jc.fit(line, E, START, x=SPEED), {}, "does not use ofset; leave out"),
     (
         lambda: jc.fit(line, E, {"a": {"b": 1.0}, "a.b": 0.0}, x=SPEED),

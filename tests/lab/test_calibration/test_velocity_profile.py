@@ -16,14 +16,11 @@ from scipy.optimize import least_squares
 import jaxcontact as jc
 from jaxcontact.paper._velocity_profile import _profile, _square
 
-KNOWN = 3e-6
-"""A β that the samples hold, relative: measured 8e-7 over the range, 1e-8 at 2.4."""
-SCIPY = 1e-6
-"""Both search until rounding stops them: β measured 9e-8."""
+KNOWN = 3e-6  # a β that the samples hold, relative: measured 8e-7 over the range, 1e-8 at 2.4
+SCIPY = 1e-6  # both search until rounding stops them: β measured 9e-8
 SAME = 1e-7
 """The same sums in another order: measured 0; the search may end elsewhere in its tolerance."""
-DIFFERENCE = 5e-11
-"""Central differences with step 1e-5 in ln β, slopes up to 0.2: measured 2e-12."""
+DIFFERENCE = 5e-11  # central differences with step 1e-5 in ln β, slopes up to 0.2: measured 2e-12
 U = np.linspace(0, 1, 41)
 
 

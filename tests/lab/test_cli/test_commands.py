@@ -23,8 +23,7 @@ from jaxcontact.lab.cli import _COMMANDS, _parser, main
 E = [0.9, 0.85, 0.8, 0.78]
 V = [0.5, 1.0, 2.0, 3.0]
 
-TRACKED = 705
-"""The draw of a track with five impacts, e = 0.84, at 120 frames per second."""
+TRACKED = 705  # the draw of a track with five impacts, e = 0.84, at 120 frames per second
 
 
 def parsers():

@@ -11,8 +11,7 @@ import numpy as np
 import jaxcontact as jc
 from jaxcontact.lab.cli import main
 
-ALIKE = 1e-9
-"""Relative: the same search of the same data, measured 0."""
+ALIKE = 1e-9  # relative: the same search of the same data, measured 0
 CLOSED = 1e-6
 """Of a constant e, relative: the search stops at 1e-8 of its parameter, measured 2e-11."""
 

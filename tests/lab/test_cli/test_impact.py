@@ -13,8 +13,7 @@ from jaxcontact.lab.cli import main
 EXAMPLE = "impact --law hu_guo --e 0.7 --mass 1 --stiffness 1.4e8 --velocity 4.2 --quiet".split()
 ROOT = Path(__file__).parents[3]
 
-LOSS = 1e-12
-"""Energy loss against ½ m v² (1-e²), the same numbers in another order: measured 2e-16."""
+LOSS = 1e-12  # energy loss against ½ m v² (1-e²), the same numbers in another order: measured 2e-16
 
 
 def test_the_example(capsys):

@@ -12,8 +12,7 @@ import jaxcontact as jc
 from jaxcontact.lab.cli import main
 from jaxcontact.lab.cli.options import assignment, span
 
-SAME = 1e-15
-"""The same impacts in other batches: measured 2e-16."""
+SAME = 1e-15  # the same impacts in other batches: measured 2e-16
 
 
 def test_ranges():
@@ -25,15 +24,11 @@ def test_ranges():
 
 
 BAD_RANGES = {
-    "1:2": "neither a number nor of the form",
-    "1:2:3:4": "neither",
-    "1:2:3:log:5": "neither",
-    "a:2:3": "'a' is not a number",
-    "1:inf:3": "not a finite number",
-    "1:2:0": "'0' in '1:2:0' is not a count",
-    "1:2:2.5": "is not a count",
+    "1:2": "neither a number nor of the form", "1:2:3:4": "neither", "1:2:3:log:5": "neither",
+    "a:2:3": "'a' is not a number", "1:inf:3": "not a finite number",
+    "1:2:0": "'0' in '1:2:0' is not a count", "1:2:2.5": "is not a count",
     "0:2:3:log": "must be positive to be spaced by a factor",
-}
+}  # fmt: skip
 
 
 def test_bad_ranges():
