@@ -120,9 +120,8 @@ class VectorLayout(NamedTuple):
 
     def pack(self, rest: list[Number], **parts: Any) -> Float[Array, " numbers"]:
         """Return the vector of these parts; those that the layout lacks are left out."""
-        return jnp.concatenate(
-            [*(parts[name].reshape(-1) for name, _ in self.shapes), jnp.stack(rest)]
-        )
+        named = [parts[name].reshape(-1) for name, _ in self.shapes]
+        return jnp.concatenate([*named, *(number[None] for number in rest)])
 
 
 def layout_of(**parts: Array | None) -> VectorLayout:
