@@ -20,17 +20,20 @@ _BEGIN_FOR = 1e-8
 
 @dataclasses.dataclass(frozen=True)
 class CoupledSolve:
-    """The constants of a solve: its `field` and units, the tolerance of a step, the least v0 at
+    """The constants of a solve: its `field`, the tolerance of a step, the least v0 at
     touch in m/s (`floor`), and the time in s at which it starts. `to_the_end`: whether it continues
     at rest.
     """
 
     field: AbstractCoupledField
-    units: Units
     tolerance: Number
     floor: Number
     start: Number
     to_the_end: Flag
+
+    @property
+    def units(self) -> Units:
+        return self.field.units
 
     @property
     def finest(self) -> float:

@@ -25,6 +25,11 @@ def attracts(law: AbstractLaw) -> bool:
     return law.ends_apart or law.forgets or (law.tension and not law.damped)
 
 
+def loses(law: AbstractLaw) -> bool:
+    """Return whether contacts of a law may lose energy."""
+    return law.damped or law.remembers or law.ends_apart
+
+
 def in_contact(depth: Depths, ends: Depths | None) -> Depths:
     """Return indentations for the forces of closed contacts, which rounding puts beyond 0, with the
     derivative of a contact. Those that end below 0 have a force there.

@@ -6,15 +6,20 @@ A state is one vector, which ends with the work, the time and w. Gaps fall throu
 from __future__ import annotations
 
 import abc
-from typing import Any, NamedTuple
+import dataclasses
+from typing import Any, NamedTuple, Self
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from .._laws import AbstractLaw
 from .clock import ContactClock
+from .contacts import ScaledContacts
+from .energies import attracts
 from .interpolation import ceiling, highest
-from .modes import Flag, Flags, Index, Modes, Number, PerContact
+from .modes import Flag, Flags, Index, Modes, Number, PerContact, Units, VectorLayout
 
 WORK, TIME, W = -3, -2, -1
 """The indices of work, time and w in the vector of a state."""
@@ -49,13 +54,12 @@ class Look(NamedTuple):
 
 
 class Settled(NamedTuple):
-    """The state and the modes after changes between stick and slip, with the contacts that changed,
-    and whether friction forces of sticking contacts are not unique.
+    """The state and the modes after changes between stick and slip, and whether friction forces of
+    sticking contacts are not unique.
     """
 
     y: Array
     modes: Modes
-    slides: Flags
     redundant: Flag
 
 
@@ -76,9 +80,7 @@ NO_SLOPES = GapConstants(0, 0, None, 0)
 class LoopRules(NamedTuple):
     """The static rules of a coupled solve. `peak`: whether v0 follows its peak. `until_change` and
     `max_steps` determine its end. `flies`: whether it goes on without contacts. `sticks`: whether
-    contacts stick and slip. `remembers`: whether forces depend on the largest indentation so far;
-    `forgets`: whether that may shrink. `fades`: whether forces may vanish before contacts open.
-    `jumps`: whether they may jump where contacts begin or end.
+    contacts stick and slip.
     """
 
     peak: bool
@@ -86,28 +88,39 @@ class LoopRules(NamedTuple):
     max_steps: int
     flies: bool = False
     sticks: bool = False
-    remembers: bool = False
-    forgets: bool = False
-    fades: bool = False
-    jumps: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class AbstractCoupledField(abc.ABC):
+    """The equations of contacts in units of the solve, for its state as a vector with these
+    `parts`, up to the time `until`. Blank contacts are open and at rest.
+    """
+
+    contacts: ScaledContacts
+    parts: VectorLayout
+    rules: LoopRules
+    until: Number
+
+    @property
+    def units(self) -> Units:
+        return self.contacts.units
+
+    @property
+    def law(self) -> AbstractLaw:
+        return self.contacts.law
 
     @property
     def events(self) -> list[str]:
         """The kinds of events of each contact, in the order of their gaps."""
-        kinds = ["peak", "remembers", "forgets", "fades", "sticks"]
-        return ["gap", *(kind for kind in kinds if getattr(self, kind))]
+        law, rules = self.law, self.rules
+        happen = {"gap": True, "peak": rules.peak, "remembers": law.remembers}
+        happen |= {"forgets": law.forgets, "fades": law.fades, "sticks": rules.sticks}
+        return [kind for kind, may in happen.items() if may]
 
-
-class AbstractCoupledField(abc.ABC):
-    """The equations of contacts in units of the solve, for its state as a vector, up to the time
-    `until`. `used` is False for blank contacts.
-    """
-
-    rules: LoopRules
-    until: Number
-    used: Flags
-    ends: PerContact | None
-    """The indentations ≤ 0 at which closed contacts end; None if all of them are 0."""
+    def still(self) -> Self:
+        """Return the field without derivatives."""
+        numbers, static = eqx.partition(vars(self), eqx.is_array)
+        return dataclasses.replace(self, **eqx.combine(jax.lax.stop_gradient(numbers), static))
 
     @abc.abstractmethod
     def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:
@@ -118,89 +131,58 @@ class AbstractCoupledField(abc.ABC):
         """Return the quantities of one state."""
 
     @abc.abstractmethod
+    def indentations(self, y: Array) -> tuple[PerContact, PerContact]:
+        """Return indentations and their rates."""
+
+    @abc.abstractmethod
+    def energy_and_depths(self, y: Array) -> tuple[Number, PerContact]:
+        """Return the energy of the bodies, with that which friction has taken; and indentations."""
+
+    def by_clock(self, depth: PerContact, y: Array, clock: ContactClock) -> PerContact:
+        """Return the indentations; the leaving contact has that of the clock."""
+        return jnp.where(clock.leaving, self.contacts.left_of(y[W]), depth)
+
     def approach(self, y: Array, clock: ContactClock) -> tuple[PerContact, PerContact]:
         """Return indentations and their rates. The leaving contact has the depth of the clock."""
+        depth, rate = self.indentations(y)
+        return self.by_clock(depth, y, clock), rate
 
-    @abc.abstractmethod
-    def whole_force(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
-        """Return the forces of the closed contacts as if none had vanished."""
-
-    @abc.abstractmethod
-    def pressing(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
-        """Return the numbers for `press` of a `Look`, if forces fade."""
-
-    @abc.abstractmethod
     def lost(self, y: Array) -> PerContact:
         """Return the energy that each contact has lost since it began."""
+        if not self.parts.has("lost"):
+            return jnp.zeros(self.contacts.count, y.dtype)
+        return self.parts.part(y, "lost")
 
-    @abc.abstractmethod
     def with_lost(self, y: Array, lost: PerContact) -> Array:
         """Return the state with other losses."""
+        return self.parts.with_part(y, "lost", lost) if self.parts.has("lost") else y
+
+    def energies(self, y: Array, modes: Modes) -> tuple[Number, Number | None]:
+        """Return the energy of bodies and contacts with the losses of the present contacts. If
+        contacts attract, also the sum of all energies without their signs, and those of necks at
+        their ends.
+        """
+        contacts, lost, (bodies, depth) = self.contacts, self.lost(y), self.energy_and_depths(y)
+        stored = contacts.stored(depth, modes)
+        energy = bodies + jnp.sum(stored) + jnp.sum(lost)
+        if not attracts(self.law):
+            return energy, None
+        each = jnp.abs(stored) + jnp.abs(lost)
+        if contacts.ends is not None:
+            each = each + contacts.torn(modes)
+        return energy, bodies + jnp.sum(each)
 
     def renewed(self, y: Array, touches: Flags) -> Array:
         """Return the state whose friction starts anew where contacts touch."""
         del touches
         return y
 
-    def force(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
-        """Return the forces of the closed contacts. One that vanishes within a step becomes a pull
-        up to its event, so that forces are smooth.
-        """
-        force = self.whole_force(depth, rate, modes)
-        return force if modes.faded is None else jnp.where(modes.faded, 0, force)
-
-    def power(
-        self, force: PerContact, depth: PerContact, rate: PerContact, modes: Modes
-    ) -> PerContact:
-        """Return the power that damping takes from contacts with these forces."""
-        still = self.whole_force(depth, jnp.zeros_like(rate), modes)
-        if modes.faded is not None:
-            # Beyond their way back plastic contacts have no elastic force.
-            still = jnp.maximum(still, jnp.minimum(force, 0))
-        return (force - still) * rate
-
-    def height(self, depth: PerContact) -> PerContact:
-        """Return how far contacts of these indentations are from their ends."""
-        return depth if self.ends is None else depth - self.ends
-
-    def refers_to_peak(self, which: Flags) -> Flags:
-        """Return which of the contacts have a v0 that may rise after touch. Where adhesion pulls
-        bodies together, v0 is the speed at touch.
-        """
-        return which if self.ends is None else which & (self.ends == 0)
-
-    def left_of(self, w: Number) -> PerContact | Number:
-        """Return the indentation of the leaving contact by its clock."""
-        if self.ends is None:
-            return jnp.square(w)
-        # The force beyond the end is that of a negative root.
-        return self.ends + w * jnp.abs(w)
-
-    def least(self, deepest: PerContact) -> PerContact:
-        """Return the indentations below which contacts that unload follow their adhesion."""
-        # Called only for fields whose contacts forget, which define these two.
-        raise NotImplementedError
-
-    def shrunk(self, depth: PerContact) -> PerContact:
-        """Return the largest indentations of contacts that close again from there."""
-        raise NotImplementedError
-
     def fixed(self, modes: Modes) -> GapConstants:
         """Return the numbers in the gaps of events that have no slopes."""
         deepest, least = modes.deepest, None
-        if self.rules.forgets and deepest is not None:
-            least = self.least(deepest)
-        return GapConstants(modes.latched, deepest, self.ends, least)
-
-    def torn(self, modes: Modes) -> PerContact:
-        """Return the energy that is lost when closed contacts end."""
-        # Called only for fields whose contacts end apart, which define it.
-        raise NotImplementedError
-
-    def kept(self, deepest: PerContact, modes: Modes) -> PerContact:
-        """Return the energy that contacts with these largest indentations do not return."""
-        # Called only for fields whose forces depend on them, which define it.
-        raise NotImplementedError
+        if self.law.forgets and deepest is not None:
+            least = self.contacts.least(deepest)
+        return GapConstants(modes.latched, deepest, self.contacts.ends, least)
 
     def resting(self, y: Array, toward: Array, pace: Number, now: Look, modes: Modes) -> Index:
         """Return the status of a state at rest, -1 for any other. `toward` is the slope of the
@@ -245,7 +227,7 @@ class AbstractCoupledField(abc.ABC):
         peak, inside = ceiling(lasts, before.depth, before.rate, after.depth, after.rate)
         begins = ~modes.closed & inside & (peak > 0)
         # If a step ends between an opening and a touch, the rate at its end does not show that.
-        gaps = (-self.height(look.depth) for look in (before, after))
+        gaps = (-self.contacts.height(look.depth) for look in (before, after))
         out, parts = highest(lasts, next(gaps), -before.rate, next(gaps), -after.rate)
         again = modes.closed & ~leaving & parts & (out > 16 * noise)
         return begins | again, jnp.full_like(lasts, 0.5)
@@ -267,18 +249,12 @@ class AbstractCoupledField(abc.ABC):
         if self.rules.peak or self.rules.sticks:
             return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
         # No event needs the slope of δ'' or of a grip.
-        now, pace = self.look(y, modes, clock), 2 * y[W]
+        now, pace, contacts = self.look(y, modes, clock), 2 * y[W], self.contacts
         at, slopes = (now.depth, now.rate), (pace * now.rate, pace * now.second)
-        force, press = self.force_slope(modes, at, slopes), None
-        if self.rules.fades:
-            press = jax.jvp(lambda d, r: self.pressing(d, r, modes), at, slopes)[1]
+        force, press = contacts.force_slope(modes, at, slopes), None
+        if self.law.fades:
+            press = jax.jvp(lambda d, r: contacts.pressing(d, r, modes), at, slopes)[1]
         return now, Look(*slopes, jnp.zeros_like(force), force, press=press)
-
-    def force_slope(
-        self, modes: Modes, at: tuple[PerContact, PerContact], along: tuple[PerContact, PerContact]
-    ) -> PerContact:
-        """Return the slope of the forces if depths and their rates change `along`."""
-        return jax.jvp(lambda d, r: self.force(d, r, modes), at, along)[1]
 
     def gaps(
         self,
@@ -297,7 +273,7 @@ class AbstractCoupledField(abc.ABC):
         gaps = [jnp.where(clock.leaving, w, jnp.where(modes.closed, above, -at.depth))]
         if self.rules.peak:
             gaps.append(jnp.where(modes.rising, at.second, latched - at.rate))
-        if self.rules.remembers:
+        if self.law.remembers:
             gaps.append(jnp.where(modes.loads, at.rate, deepest - at.depth))
         if modes.adheres is not None:
             back = jnp.where(modes.adheres, -at.rate, at.depth - least)
@@ -309,20 +285,19 @@ class AbstractCoupledField(abc.ABC):
 
     def has_passed(self, modes: Modes, at: Look, gaps: Array) -> Bool[Array, " events"]:
         """Return which gaps are negative because of an event, not because of rounding."""
-        inwards = jnp.where(modes.closed, at.rate < 0, at.rate > 0)
-        passed, last = [self.used & inwards], jnp.ones(1, bool)
+        closed, last = modes.closed, jnp.ones(1, bool)
+        passed = [jnp.where(closed, at.rate < 0, at.rate > 0)]
         if self.rules.peak:
-            peaks = self.refers_to_peak(modes.rising | (at.second > 0))
-            passed.append(self.used & modes.closed & peaks)
-        if self.rules.remembers:
-            passed.append(self.used & modes.closed & (modes.loads | (at.rate > 0)))
+            passed.append(closed & self.contacts.refers_to_peak(modes.rising | (at.second > 0)))
+        if self.law.remembers:
+            passed.append(closed & (modes.loads | (at.rate > 0)))
         if modes.adheres is not None:
             back = jnp.where(modes.adheres, at.rate > 0, at.rate < 0)
-            passed.append(self.used & modes.closed & ~modes.loads & back)
+            passed.append(closed & ~modes.loads & back)
         if modes.faded is not None and at.press is not None:
             # A contact that creeps apart has a force of rounding only.
             sure = jnp.abs(at.press) > float(jnp.finfo(gaps.dtype).eps) ** TOGETHER
-            passed.append(self.used & modes.closed & sure)
+            passed.append(closed & sure)
         slips = [] if at.grip is None else [self._slips(modes, at.grip)]
         return (gaps < 0) & jnp.concatenate([*passed, *slips, last])
 
@@ -330,15 +305,16 @@ class AbstractCoupledField(abc.ABC):
         """Return which gaps a step tests for a fall through zero and back. Those of touches and
         openings have a test of their own, `hidden`.
         """
-        closed, last = self.used & modes.closed, jnp.zeros(1, bool)
-        kinds = {"gap": jnp.zeros_like(closed), "peak": self.refers_to_peak(closed & ~modes.rising)}
+        closed, last = modes.closed, jnp.zeros(1, bool)
+        kinds = {"gap": jnp.zeros_like(closed)}
+        kinds["peak"] = self.contacts.refers_to_peak(closed & ~modes.rising)
         if modes.adheres is not None:
             kinds["forgets"] = closed & ~modes.loads
-        return jnp.concatenate([*(kinds.get(kind, closed) for kind in self.rules.events), last])
+        return jnp.concatenate([*(kinds.get(kind, closed) for kind in self.events), last])
 
     def _slips(self, modes: Modes, grip: Grip) -> Flags:
         """Return which contacts may have changed between stick and slip."""
         # Where a contact opens, friction and its limit vanish together, up to rounding.
         limit = -(float(jnp.finfo(grip.hold.dtype).eps) ** TOGETHER)
         falls = jnp.where(modes.slide == 0, grip.hold < limit, grip.rate < 0)
-        return self.used & modes.closed & falls
+        return modes.closed & falls

@@ -12,7 +12,7 @@ The stages and the step control are those of `_solver`. docs/rooms.md says why t
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,68 +20,84 @@ from jaxtyping import Array
 
 from .carry import Carry, CoupledSolve
 from .clock import LONG_AGO, ContactClock, choose_clock
-from .field import TIME, Grip, Look
-from .modes import APART, NOT_CONVERGED, PAUSED, TIME_IS_UP, Flag, Index, Modes, Number, PerContact
+from .field import TIME, WORK, AbstractCoupledField, Grip, Look
+from .modes import APART, NOT_CONVERGED, PAUSED, TIME_IS_UP, Flag, Index, Modes, Number
 from .step import advance, with_w
 
 _stop = jax.lax.stop_gradient
 
 
-class CoupledStart(NamedTuple):
-    """The start of a solve: its vector, whose last three numbers are zero, and the modes, both in
-    its units; then the last touch and the last time with a force in s, and the largest force since
-    that touch. `parting` belongs to that last time, see `Carry`. `step`: the first step in units of
-    time, if no contact begins just now.
+def modes_of(field: AbstractCoupledField, state: Any) -> Modes:
+    """Return the modes of the contacts of a state in SI units."""
+    units, deepest = field.units, state.deepest
+    modes = Modes(state.closed, state.rising, state.latched / units.speed)
+    if deepest is not None:
+        modes = modes._replace(deepest=deepest / units.length)
+    if field.law.fades:
+        modes = modes._replace(faded=state.closed & (state.force_until > state.since))
+    return modes
+
+
+def records_of(solve: CoupledSolve, c: Carry) -> dict[str, Any]:
+    """Return what a state of the loop holds of its contacts, in SI units."""
+    units, modes = solve.units, c.modes
+    return {
+        "closed": modes.closed,
+        "rising": modes.rising,
+        "latched": units.speed * modes.latched,
+        "since": c.since,
+        "force_until": c.force_until,
+        "parting": c.parting,
+        "max_force": c.max_force,
+        "lost": units.energy * solve.field.lost(c.y),
+        "deepest": None if modes.deepest is None else units.length * modes.deepest,
+    }
+
+
+def first_carry(
+    solve: CoupledSolve, y: Array, modes: Modes, state: Any, step: Number | None = None
+) -> Carry:
+    """Return the initial state of the loop: its vector, whose last three numbers are zero, and the
+    modes, with the records of a `state` in SI units. `step`: the first step in units of time, if no
+    contact begins just now.
     """
-
-    y: Array
-    modes: Modes
-    since: PerContact
-    force_until: PerContact
-    parting: PerContact
-    max_force: PerContact
-    step: Number | None = None
-
-
-def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
-    """Return the initial state of the loop."""
-    field, modes, finest, begin = solve.field, start.modes, solve.finest, solve.begin
-    zero = jnp.zeros((), start.y.dtype)
+    field, finest, begin = solve.field, solve.finest, solve.begin
+    zero = jnp.zeros((), y.dtype)
     nobody, none = jnp.zeros_like(modes.closed), jnp.zeros_like(modes.latched)
     touching, renew = ContactClock(jnp.asarray(True), nobody), None
-    if field.rules.jumps or field.rules.sticks:
+    contacts = field.contacts
+    if contacts.jumps or field.rules.sticks:
         renew = jnp.asarray(field.rules.sticks)
-    press = none if field.rules.fades else None
+    press = none if field.law.fades else None
     if field.rules.sticks:
         # The first step, of no length, finds the rest.
-        at, grip = field.approach(start.y, touching), Grip(none, none, none)
+        at, grip = field.approach(y, touching), Grip(none, none, none)
         here, slope = Look(*at, none, none, grip, press), Look(None, None, none, none, grip, press)
     else:
-        here = field.look(start.y, modes, touching)
-        force = field.force_slope(modes, (here.depth, here.rate), (here.rate, here.second))
+        here = field.look(y, modes, touching)
+        force = contacts.force_slope(modes, (here.depth, here.rate), (here.rate, here.second))
         slope = Look(None, None, none, force, press=press)
         if field.rules.peak:
             # v0 follows a closing speed that is the largest so far and increases.
             largest = modes.closed & (here.rate >= modes.latched - 16 * finest)
             rising = modes.rising | (largest & (here.second > 0))
-            modes = modes._replace(rising=field.refers_to_peak(rising))
-    if field.rules.forgets and modes.deepest is not None:
-        pulls = ~modes.loads & (here.depth < field.least(modes.deepest))
+            modes = modes._replace(rising=contacts.refers_to_peak(rising))
+    if field.law.forgets and modes.deepest is not None:
+        pulls = ~modes.loads & (here.depth < contacts.least(modes.deepest))
         modes = modes._replace(adheres=modes.closed & pulls)
     # True if a contact begins just now, up to rounding.
-    just = jnp.abs(start.since - solve.start) <= 8 * finest * jnp.abs(solve.start)
+    just = jnp.abs(state.since - solve.start) <= 8 * finest * jnp.abs(solve.start)
     just = jnp.any(modes.closed & just)
     touched = jnp.where(just, zero, jnp.asarray(LONG_AGO, zero.dtype))
-    clock, w = choose_clock(
-        ContactClock(just, nobody), zero, modes, field.height(here.depth), here.rate, zero - touched
-    )
-    first = begin if start.step is None else start.step
+    before, height = ContactClock(just, nobody), contacts.height(here.depth)
+    clock, w = choose_clock(before, zero, modes, height, here.rate, zero - touched)
+    first = begin if step is None else step
     size = _stop(jnp.where(just, begin, first / jnp.where(just, 1, 2 * w)))
     over = jnp.where(field.until <= 0, TIME_IS_UP, -1)
     if not field.rules.flies:
         over = jnp.where(jnp.any(modes.closed), over, APART)
     return Carry(
-        y=with_w(start.y, w),
+        y=with_w(y, w),
         modes=modes,
         clock=clock,
         touched=touched,
@@ -91,13 +107,13 @@ def first_carry(solve: CoupledSolve, start: CoupledStart) -> Carry:
         last_error=zero + 1,
         whole=zero,
         cruise=begin,
-        sought=jnp.zeros(len(field.rules.events) * none.shape[0] + 1, bool),
+        sought=jnp.zeros(len(field.events) * none.shape[0] + 1, bool),
         look=here,
         slope=slope,
-        since=start.since,
-        force_until=start.force_until,
-        parting=start.parting,
-        max_force=start.max_force,
+        since=state.since,
+        force_until=state.force_until,
+        parting=state.parting,
+        max_force=state.max_force,
         dropped=zero,
         error=zero,
         steps=jnp.zeros((), jnp.int32),
@@ -120,3 +136,16 @@ def status_of(end: Carry) -> Index:
     # A solve that got farther than a contact's own time made progress.
     unfinished = jnp.where(end.y[TIME] > 1, PAUSED, NOT_CONVERGED)
     return jnp.where(end.status < 0, unfinished, end.status)
+
+
+def balance(solve: CoupledSolve, first: Carry, end: Carry) -> tuple[Number, tuple[Number, ...]]:
+    """Return the energy that is missing at the end of a solve, and the energies at both ends, those
+    without their signs if contacts attract; without derivatives.
+    """
+    still = _stop([(c.y, c.modes) for c in (first, end)])
+    both = jax.tree.map(lambda *ends: jnp.stack(ends), *still)
+    # The energies of finished contacts are not in the state.
+    energies, without_signs = jax.vmap(solve.field.still().energies)(*both)
+    before, now = energies
+    missing = jnp.abs(now - before - _stop(end.dropped) - still[1][0][WORK])
+    return missing, (before, now) if without_signs is None else tuple(without_signs)

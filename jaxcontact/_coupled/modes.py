@@ -1,8 +1,11 @@
-"""Types of numbers, units of a coupled solve, the modes of its contacts, and how it ends."""
+"""Types of numbers, units of a coupled solve, the modes of its contacts and the parts of its state,
+and how it ends.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -87,3 +90,40 @@ class Modes(NamedTuple):
         """Return which contacts are at their largest indentation so far."""
         assert self.deepest is not None
         return self.deepest <= 0
+
+
+class VectorLayout(NamedTuple):
+    """The names and shapes of the parts of a state vector, which ends with the work, the time and
+    w.
+    """
+
+    shapes: tuple[tuple[str, tuple[int, ...]], ...]
+
+    def _place(self, name: str) -> tuple[int, int, tuple[int, ...]]:
+        """Return where a part begins and ends, and its shape."""
+        names = [other for other, _ in self.shapes]
+        sizes = [math.prod(shape) for _, shape in self.shapes]
+        k = names.index(name)
+        return sum(sizes[:k]), sum(sizes[: k + 1]), self.shapes[k][1]
+
+    def has(self, name: str) -> bool:
+        return any(name == other for other, _ in self.shapes)
+
+    def part(self, y: Array, name: str) -> Array:
+        first, last, shape = self._place(name)
+        return y[first:last].reshape(shape)
+
+    def with_part(self, y: Array, name: str, value: Array) -> Float[Array, " numbers"]:
+        """Return the vector with another part."""
+        first, last, _ = self._place(name)
+        return jnp.concatenate([y[:first], value.reshape(-1), y[last:]])
+
+    def pack(self, rest: list[Number], **parts: Any) -> Float[Array, " numbers"]:
+        """Return the vector of these parts; those that the layout lacks are left out."""
+        named = [parts[name].reshape(-1) for name, _ in self.shapes]
+        return jnp.concatenate([*named, *(number[None] for number in rest)])
+
+
+def layout_of(**parts: Array | None) -> VectorLayout:
+    """Return the layout of parts in this order; None is left out."""
+    return VectorLayout(tuple((k, part.shape) for k, part in parts.items() if part is not None))

@@ -89,7 +89,7 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
     changed = _apply_events(solve, c, trial, events)
     modes, touches, opens, happens = changed.modes, changed.touches, changed.opens, events.happens
     now, age = changed.now, changed.y[TIME] - changed.touched
-    height = field.height(now.depth)
+    height = field.contacts.height(now.depth)
     clock, w = choose_clock(c.clock, changed.y[W], modes, height, now.rate, age)
     onwards = _onward(solve, c, trial, events, changed, clock, w)
     time = solve.start + solve.units.time * changed.y[TIME]
@@ -103,7 +103,7 @@ def advance(solve: CoupledSolve, c: Carry) -> tuple[Carry, Changes]:
     ended = jnp.any(touches | opens) & field.rules.until_change
     status = jnp.where(ended, CHANGED, status)
     if not field.rules.flies:
-        status = jnp.where(~jnp.any(modes.closed & field.used), APART, status)
+        status = jnp.where(~jnp.any(modes.closed), APART, status)
     if changed.redundant is not None:
         status = jnp.where(changed.redundant, REDUNDANT, status)
     status = jnp.where(happens[-1], TIME_IS_UP, status)
@@ -169,7 +169,7 @@ def _try_step(solve: CoupledSolve, c: Carry, size: Number) -> _Attempt:
     hidden, shorter = field.hidden(
         lasts, before, after, modes, clock.leaving, field.noise(y, finest)
     )
-    grazed = jnp.any(field.used & hidden)
+    grazed = jnp.any(hidden)
     return _Attempt(y, error, outset, toward, now, slope, passing, grazed, shorter)
 
 
@@ -242,7 +242,7 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
 def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepEvents) -> Changed:
     """Apply all events on which the step ends."""
     field, modes, y, happens = solve.field, c.modes, events.y, events.happens
-    kinds = field.rules.events
+    kinds, contacts = field.events, field.contacts
     each = dict(zip(kinds, happens[:-1].reshape(len(kinds), -1), strict=True))
     meets = each["gap"]
     # At the event the depth is that from which the clock continues.
@@ -252,10 +252,12 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
     moved = jax.tree.map(lambda x, pace: x + events.moved * pace, there, along)
     now = moved._replace(depth=depth, rate=closing)
     # Gaps that are zero within rounding close and open together; noise would decide otherwise.
-    gap = depth if field.ends is None else jnp.where(modes.closed, field.height(depth), depth)
+    gap = depth
+    if contacts.ends is not None:
+        gap = jnp.where(modes.closed, contacts.height(depth), depth)
     zero = jnp.abs(gap) <= 16 * field.noise(y, solve.finest)
     goes_on = jnp.where(modes.closed, closing < 0, closing > 0)
-    meets = meets | (jnp.any(meets) & field.used & zero & goes_on)
+    meets = meets | (jnp.any(meets) & zero & goes_on)
     touches, opens = meets & ~modes.closed, meets & modes.closed
     closed = (modes.closed | touches) & ~opens
     speed = jnp.maximum(closing, 0)
@@ -265,25 +267,25 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
         latches = each["peak"]
         latched = jnp.where(latches, speed, latched)
         rising = jnp.where(latches, ~modes.rising, rising)
-        rising = jnp.where(touches, field.refers_to_peak(now.second > 0), rising)
+        rising = jnp.where(touches, contacts.refers_to_peak(now.second > 0), rising)
     before = field.lost(y)
     lost = jnp.where(touches, 0, before)
     dropped = c.dropped - jnp.sum(before - lost)
     deepest, adheres = modes.deepest, modes.adheres
     if deepest is not None:
         turns = each["remembers"]
-        kept = field.kept(jnp.where(modes.loads, depth, deepest), modes)
+        kept = contacts.kept(jnp.where(modes.loads, depth, deepest), modes)
         # The energy kept is lost when a contact unloads, until it loads again.
         lost = lost + jnp.where(turns, jnp.where(modes.loads, kept, -kept), 0)
         deepest = jnp.where(turns, jnp.where(modes.loads, depth, 0), deepest)
         if adheres is not None:
             changes = each["forgets"] & ~modes.loads & ~turns
             # A contact that closes again loads as if it had not been as deep.
-            deepest = jnp.where(changes & adheres, field.shrunk(depth), deepest)
+            deepest = jnp.where(changes & adheres, contacts.shrunk(depth), deepest)
             adheres = closed & ~touches & ~turns & (adheres ^ changes)
         deepest = jnp.where(closed & ~touches, deepest, 0)
-    if field.ends is not None:
-        lost = lost + jnp.where(opens, field.torn(modes), 0)
+    if contacts.ends is not None:
+        lost = lost + jnp.where(opens, contacts.torn(modes), 0)
     faded, ends = modes.faded, opens
     if faded is not None and now.press is not None:
         # A force of rounding only, as that of contacts that creep apart, lasts until they open.
@@ -306,9 +308,9 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
         ),
     )
     jumps = None
-    if field.rules.jumps:
-        jump = jnp.abs(field.force(depth, closing, modes) - now.force)
-        jumps = jnp.any(field.used & (touches | opens) & (jump > solve.finest**TOGETHER))
+    if contacts.jumps:
+        jump = jnp.abs(contacts.force(depth, closing, modes) - now.force)
+        jumps = jnp.any((touches | opens) & (jump > solve.finest**TOGETHER))
     changed = Changed(y, modes, touches, opens, ends, now, touched, dropped, jumps=jumps)
     if not field.rules.sticks:
         return changed
@@ -323,11 +325,12 @@ def _change_grips(
     field, before = solve.field, changed.modes
     event = jnp.any(changed.touches | changed.opens | happens)
     settled = field.settled(changed.y, before, changed.touches, happens, grip.friction)
-    y, modes, slides = jax.tree.map(
+    y, modes = jax.tree.map(
         lambda new, old: jnp.where(event, new, old),
-        (settled.y, settled.modes, settled.slides),
-        (changed.y, before, jnp.zeros_like(happens)),
+        (settled.y, settled.modes),
+        (changed.y, before),
     )
+    slides = before.closed & (modes.slide != before.slide) | changed.touches
     jumps = jnp.any(slides) if changed.jumps is None else changed.jumps | jnp.any(slides)
     return changed._replace(
         y=y, modes=modes, slides=slides, jumps=jumps, redundant=settled.redundant
@@ -345,7 +348,7 @@ def _renewed(
     if solve.field.rules.peak:
         # With the accelerations the closing speed may begin or cease to rise.
         largest = modes.closed & (now.rate >= modes.latched - 16 * solve.finest)
-        rising = solve.field.refers_to_peak((modes.rising | largest) & (now.second > 0))
+        rising = solve.field.contacts.refers_to_peak((modes.rising | largest) & (now.second > 0))
         falls = modes.rising & ~rising
         latched = jnp.where(falls, jnp.maximum(now.rate, 0), modes.latched)
         modes = modes._replace(rising=rising, latched=latched)

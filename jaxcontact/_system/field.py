@@ -6,29 +6,15 @@ import dataclasses
 import math
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._contact import Contact
 from .._coupled.clock import ContactClock
-from .._coupled.energies import in_contact, stored_energy
-from .._coupled.field import TIME, AbstractCoupledField, Grip, Look, LoopRules, Settled, W
+from .._coupled.field import TIME, AbstractCoupledField, Grip, Look, Settled, W
 from .._coupled.interpolation import EndOfStep, parts_of_step, quintic, vertex
-from .._coupled.modes import SLOWEST, Flags, Modes, Number, PerContact
-from .._coupled.springs import (
-    SMALL,
-    SpringMotion,
-    Vectors,
-    changing,
-    friction_of,
-    settled_springs,
-    slides_at_touch,
-    spring_motion,
-    tangential_stiffness,
-)
-from .._laws import adhesion_below, energies_of, force_of_closed, pressing, shrunk_memory
+from .._coupled.modes import Flags, Modes, Number, PerContact
+from .._coupled.springs import Springs, Vectors
 from .mechanics import SLIDES_ON, Friction, Mechanics, Opening, SystemMotion, Vector
 from .problem import Scales
 
@@ -41,34 +27,25 @@ _LEAST_PART = 1e-6
 
 @dataclasses.dataclass(frozen=True)
 class SystemField(AbstractCoupledField):
-    """The equations of a mechanism. A state holds q and v, the losses of all gaps, then the work,
-    the time and w. `start` in s is the time at which the solve starts. Users' functions receive no
-    time later than `last`, at which they may jump.
+    """The equations of a mechanism. A state holds q and v, the forces of springs or the states of
+    friction, and the losses of all gaps; then the work, the time and w. `start` in s is the time at
+    which the solve starts. Users' functions receive no time later than `last`, at which they may
+    jump.
     """
 
     mechanics: Mechanics
-    contact: Contact
     scales: Scales
-    rules: LoopRules
-    until: Number
-    used: Flags
     start: Number
     last: Number
-    ends: PerContact | None
 
-    def pack(
-        self, q: Vector, v: Vector, lost: PerContact, rest: list, springs: Array | None = None
-    ) -> Float[Array, " numbers"]:
-        """Return the state vector of scaled numbers; `rest` holds the work, the time and w."""
-        forces = [] if springs is None else [springs.reshape(-1)]
-        return jnp.concatenate([q, v, *forces, lost, jnp.stack(rest)])
+    def within(self, scales: Scales) -> SystemField:
+        """Return the field in other units with the same time."""
+        contacts = self.contacts.within(scales.contact)
+        return dataclasses.replace(self, scales=scales, contacts=contacts)
 
-    def springs(self, y: Array) -> Vectors | None:
+    def states(self, y: Array) -> Vectors | None:
         """Return the forces of tangential springs, or the states of friction, if there are any."""
-        if not self.mechanics.system.states:
-            return None
-        first = self.scales.position.shape[0] + self.scales.velocity.shape[0]
-        return y[first : -3 - self.used.shape[0]].reshape(self.used.shape[0], -1)
+        return self.parts.part(y, "spring") if self.parts.has("spring") else None
 
     def _motion(
         self,
@@ -79,18 +56,21 @@ class SystemField(AbstractCoupledField):
         modes: Modes,
     ) -> SystemMotion:
         """Return the motion in SI units."""
-        units, springs = self.scales.contact, self.springs(y)
+        units, states = self.units, self.states(y)
         normal = units.force * force
-        if springs is None:
+        if states is None:
             return self.mechanics.motion(*at, opening, normal, modes.slide)
-        if not self.rules.sticks:
-            friction = self._own(springs, at, normal, modes)[0]
-            return self.mechanics.motion(*at, opening, normal, springs=friction)
-        slip, slides = self._slip(at), modes.slide == 1
-        reach = self._reach(-opening.gap / units.length, -opening.rate / units.speed)
-        friction = friction_of(springs, slip, self.mechanics.limit(force), slides, reach)
-        friction = jnp.where(modes.closed[:, None], units.force * friction, 0)
+        if self.rules.sticks:
+            along = self._scaled(opening.gap, opening.rate)
+            friction = self._springs.friction(states, self._slip(at), force, along, modes)
+            friction = units.force * friction
+        else:
+            friction = self._own(states, at, normal, modes)[0]
         return self.mechanics.motion(*at, opening, normal, springs=friction)
+
+    @property
+    def _springs(self) -> Springs:
+        return Springs(self.contacts, *self.mechanics.spring)
 
     def _own(
         self, states: Vectors, at: tuple[Number, Vector, Vector], normal: PerContact, modes: Modes
@@ -99,24 +79,20 @@ class SystemField(AbstractCoupledField):
         slip, law = self.mechanics.slip(*at), self._friction
         arguments = normal, slip, (self.unit_of_states * states).reshape(slip.shape)
         forces, rates = (part.reshape(states.shape) for part in law.force_and_rate(*arguments))
-        rates = self.scales.contact.time / self.unit_of_states * rates
+        rates = self.units.time / self.unit_of_states * rates
         closed = modes.closed[:, None]
         return jnp.where(closed, forces, 0), jnp.where(closed, rates, 0)
 
     def renewed(self, y: Array, touches: Flags) -> Array:
-        states = self.springs(y)
+        states = self.states(y)
         if states is None or self.rules.sticks:
             return y
-        return self._with_springs(y, jnp.where(touches[:, None], 0, states))
-
-    def _with_springs(self, y: Array, springs: Vectors) -> Array:
-        first = self.scales.position.shape[0] + self.scales.velocity.shape[0]
-        return jnp.concatenate([y[:first], springs.reshape(-1), y[first + springs.size :]])
+        return self.parts.with_part(y, "spring", jnp.where(touches[:, None], 0, states))
 
     @property
     def unit_of_states(self) -> Number:
         """The unit of the states of friction: that of force for springs."""
-        return self.scales.contact.force if self.rules.sticks else self._friction.unit
+        return self.units.force if self.rules.sticks else self._friction.unit
 
     @property
     def _friction(self) -> Any:
@@ -125,115 +101,69 @@ class SystemField(AbstractCoupledField):
 
     def _slip(self, at: tuple[Number, Vector, Vector]) -> Vectors:
         """Return slip speeds (m, d) in units of the solve."""
-        slip = self.mechanics.slip(*at) / self.scales.contact.speed
-        return slip.reshape(self.used.shape[0], -1)
-
-    def _spring_motion(
-        self,
-        springs: Vectors,
-        at: tuple[Number, Vector, Vector],
-        looks: tuple[PerContact, PerContact, PerContact],
-        force: PerContact,
-        modes: Modes,
-    ) -> SpringMotion:
-        """Return the motion of springs from depths, their rates and their second rates."""
-        units, (depth, rate, second) = self.scales.contact, looks
-        mechanics = self.mechanics
-        stiffness = tangential_stiffness(mechanics.spring[1], self.contact, units.length * depth)
-        stiffness = jnp.where(modes.closed, stiffness * (units.length / units.force), 0)
-        grows = mechanics.limit(self.force_slope(modes, (depth, rate), (rate, second)))
-        limit, slides = (mechanics.limit(force), grows), modes.slide == 1
-        reach = self._reach(depth, rate)
-        return spring_motion(springs, self._slip(at), stiffness, limit, slides, reach)
-
-    def _reach(self, depth: PerContact, rate: PerContact) -> PerContact:
-        """Return μ/(n κ) (δ + |δ'|); see `spring_motion`."""
-        mu, kappa = self.mechanics.spring
-        return mu / (self.contact.exponent * kappa) * changing(depth, rate)
+        slip = self.mechanics.slip(*at) / self.units.speed
+        return slip.reshape(self.contacts.count, -1)
 
     def _second(self, at: tuple[Number, Vector, Vector], motion: SystemMotion) -> PerContact:
         """Return the second rates of depths in units of the solve."""
-        units = self.scales.contact
+        units = self.units
         second = self.mechanics.second(*at, motion.acceleration)
         return -second * (units.time / units.speed)
 
     def moment(self, y: Array) -> tuple[Number, Vector, Vector]:
         """Return time, position and velocity in SI units."""
-        nq, nv = self.scales.position.shape[0], self.scales.velocity.shape[0]
-        time = self.start + self.scales.contact.time * y[TIME]
+        time = self.start + self.units.time * y[TIME]
         # Time stands still beyond the end, but its derivative is needed up to there.
         time = jnp.where(time > self.last, self.last + (time - jax.lax.stop_gradient(time)), time)
-        return time, self.scales.position * y[:nq], self.scales.velocity * y[nq : nq + nv]
+        q, v = (self.parts.part(y, name) for name in ("position", "velocity"))
+        return time, self.scales.position * q, self.scales.velocity * v
 
-    def lost(self, y: Array) -> PerContact:
-        return y[-3 - self.used.shape[0] : -3]
-
-    def with_lost(self, y: Array, lost: PerContact) -> Array:
-        return jnp.concatenate([y[: -3 - self.used.shape[0]], lost, y[-3:]])
-
-    def _along(
-        self, gap: PerContact, opening: PerContact, y: Array, clock: ContactClock
-    ) -> tuple[PerContact, PerContact]:
+    def _scaled(self, gap: PerContact, rate: PerContact) -> tuple[PerContact, PerContact]:
         """Return indentations and their rates in units of the solve."""
-        units = self.scales.contact
-        depth = jnp.where(clock.leaving, self.left_of(y[W]), -gap / units.length)
-        return depth, -opening / units.speed
+        return -gap / self.units.length, -rate / self.units.speed
 
-    def approach(self, y: Array, clock: ContactClock) -> tuple[PerContact, PerContact]:
-        gap, rate = self.mechanics.gaps(*self.moment(y))
-        return self._along(gap, rate, y, clock)
+    def indentations(self, y: Array) -> tuple[PerContact, PerContact]:
+        return self._scaled(*self.mechanics.gaps(*self.moment(y)))
 
-    def _at(self, depth: PerContact, rate: PerContact, modes: Modes) -> tuple[Any, ...]:
-        """Return the law and its arguments in SI units."""
-        units, law = self.scales.contact, self.mechanics.system.law
-        speed = jnp.where(modes.rising, jnp.maximum(rate, 0), modes.latched)
-        speed = jnp.maximum(speed, SLOWEST)
-        if not law.damped:
-            rate = jnp.zeros_like(rate)
-        contact = eqx.tree_at(lambda c: c.mass, self.contact, modes.mass)
-        arguments = (units.length * in_contact(depth, self.ends), units.speed * rate, contact)
-        memory = modes.memory
-        deepest = None if memory is None else units.length * memory
-        return law, *arguments, units.speed * speed, deepest
-
-    def whole_force(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
-        force = force_of_closed(*self._at(depth, rate, modes)) / self.scales.contact.force
-        return jnp.where(modes.closed, force, 0)
-
-    def pressing(self, depth: PerContact, rate: PerContact, modes: Modes) -> PerContact:
-        return pressing(*self._at(depth, rate, modes))
+    def energy_and_depths(self, y: Array) -> tuple[Number, PerContact]:
+        at = self.moment(y)
+        depth, _ = self._scaled(*self.mechanics.gaps(*at))
+        return self.mechanics.kinetic(*at) / self.units.energy, depth
 
     def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:
-        at, units, pace = self.moment(y), self.scales.contact, 2 * y[W]
+        at, units, pace, contacts = self.moment(y), self.units, 2 * y[W], self.contacts
         opening = self.mechanics.opening(*at)
-        depth, rate = self._along(opening.gap, opening.rate, y, clock)
-        force = self.force(depth, rate, modes)
+        depth, rate = self._scaled(opening.gap, opening.rate)
+        depth = self.by_clock(depth, y, clock)
+        force = contacts.force(depth, rate, modes)
         motion = self._motion(y, at, opening, force, modes)
-        q = self.mechanics.rate(*at) / self.scales.position
-        v = motion.acceleration / self.scales.velocity
-        lost, rest = self.power(force, depth, rate, modes), motion.power / units.energy
-        moving = units.time * jnp.concatenate([q, v])
-        supplied = [units.time * rest, jnp.ones_like(rest)]
-        springs, bends = self.springs(y), []
-        if springs is not None and not self.rules.sticks:
-            bends = [self._own(springs, at, units.force * force, modes)[1].reshape(-1)]
-        elif springs is not None:
-            looks = depth, rate, self._second(at, motion)
-            bends = [self._spring_motion(springs, at, looks, force, modes).rate.reshape(-1)]
-        slopes = jnp.concatenate([moving, *bends, lost, jnp.stack(supplied)])
+        states = bends = self.states(y)
+        if states is not None and self.rules.sticks:
+            along = depth, rate, self._second(at, motion)
+            bends = self._springs.motion(states, self._slip(at), force, along, modes).rate
+        elif states is not None:
+            bends = self._own(states, at, units.force * force, modes)[1]
+        slopes = self.parts.pack(
+            [units.time * (motion.power / units.energy), jnp.ones_like(pace)],
+            position=units.time * (self.mechanics.rate(*at) / self.scales.position),
+            velocity=units.time * (motion.acceleration / self.scales.velocity),
+            spring=bends,
+            lost=contacts.power(force, depth, rate, modes),
+        )
         return jnp.concatenate([pace * slopes, clock.rate(rate)[None]])
 
     def look(self, y: Array, modes: Modes, clock: ContactClock) -> Look:
         at = self.moment(y)
         opening = self.mechanics.opening(*at)
-        depth, rate = self._along(opening.gap, opening.rate, y, clock)
-        force = self.force(depth, rate, modes)
+        depth, rate = self._scaled(opening.gap, opening.rate)
+        depth = self.by_clock(depth, y, clock)
+        force = self.contacts.force(depth, rate, modes)
         motion = self._motion(y, at, opening, force, modes)
-        press = self.pressing(depth, rate, modes) if self.rules.fades else None
+        press = self.contacts.pressing(depth, rate, modes) if self.law.fades else None
         look = Look(depth, rate, self._second(at, motion), force, press=press)
-        springs = self.springs(y)
-        if springs is not None and self.rules.sticks:
-            hold = self._spring_motion(springs, at, look[:3], force, modes).hold
+        states = self.states(y)
+        if states is not None and self.rules.sticks:
+            hold = self._springs.motion(states, self._slip(at), force, look[:3], modes).hold
             return look._replace(grip=Grip(hold, -jnp.ones_like(hold), hold))
         if motion.friction is None:
             return look
@@ -241,7 +171,7 @@ class SystemField(AbstractCoupledField):
 
     def _grip(self, friction: Friction, force: PerContact, modes: Modes) -> Grip:
         """Return what is left of the limit of friction, or of the slip speed."""
-        units, slide = self.scales.contact, modes.slide
+        units, slide = self.units, modes.slide
         assert slide is not None
         held = friction.force / units.force
         reserve = self.mechanics.limit(force) - jnp.abs(held)
@@ -252,43 +182,26 @@ class SystemField(AbstractCoupledField):
     def settled(
         self, y: Array, modes: Modes, touches: Flags, changes: Flags, friction: PerContact
     ) -> Settled:
-        at, units, mechanics = self.moment(y), self.scales.contact, self.mechanics
-        before, springs = modes.slide, self.springs(y)
+        at, units, mechanics = self.moment(y), self.units, self.mechanics
+        before, states = modes.slide, self.states(y)
         assert before is not None
-        if springs is not None:
-            return self._settled_springs(y, modes, touches, changes, springs)
+        if states is not None:
+            along = self.indentations(y)
+            events = modes, touches, changes
+            states, modes = self._springs.settled(states, self._slip(at), along, *events)
+            y = self.parts.with_part(y, "spring", states)
+            return Settled(y, modes, jnp.asarray(False))
         sticks = before == 0
         slide = jnp.where(changes, jnp.where(sticks, -jnp.sign(friction), 0), before)
         slide = jnp.where(touches, mechanics.slide(*at), slide)
         slide = jnp.where(modes.closed, slide, SLIDES_ON)
         opening = mechanics.opening(*at)
-        force = self.force(-opening.gap / units.length, -opening.rate / units.speed, modes)
+        force = self.contacts.force(*self._scaled(opening.gap, opening.rate), modes)
         # At touch there is no force yet: a small one shows which part of it holds.
         finest = jnp.finfo(y.dtype).eps
         force = units.force * jnp.where(touches, jnp.maximum(force, math.sqrt(finest)), force)
         slide, redundant = mechanics.settled(*at, opening, force, slide)
-        changed = modes.closed & (slide != before) | touches
-        return Settled(y, modes._replace(slide=slide), changed, redundant)
-
-    def _settled_springs(
-        self, y: Array, modes: Modes, touches: Flags, changes: Flags, springs: Vectors
-    ) -> Settled:
-        """Return the state after events of contacts with tangential springs."""
-        at, units, before = self.moment(y), self.scales.contact, modes.slide
-        assert before is not None
-        mu, kappa = self.mechanics.spring
-        gap, opening = self.mechanics.gaps(*at)
-        depth, rate, slip = -gap / units.length, -opening / units.speed, self._slip(at)
-        limit = self.mechanics.limit(self.force(depth, rate, modes))
-        small = jnp.full_like(depth, SMALL)
-        stiff = self.contact.stiffness * (units.length * small) ** self.contact.exponent
-        hardening = units.force * self.force(small, rate, modes) / stiff
-        slips = slides_at_touch(kappa, slip, rate, mu, hardening)
-        events, reach = (touches, changes, slips), self._reach(depth, rate)
-        springs, slide = settled_springs(springs, slip, limit, before, events, reach)
-        changed = modes.closed & (slide != before) | touches
-        y = self._with_springs(y, springs)
-        return Settled(y, modes._replace(slide=slide), changed, jnp.asarray(False))
+        return Settled(y, modes._replace(slide=slide), redundant)
 
     def painleve(self, y: Array, modes: Modes) -> Number:
         """Return the least part of the contact force that opens a sliding contact; see
@@ -301,18 +214,14 @@ class SystemField(AbstractCoupledField):
     def allowed(self, before: Array, after: Array, tolerance: Number, finest: float) -> Array:
         # Speeds count relative to the larger of the energies at the start of the solve and now,
         # positions relative to what the bodies travel within the step.
-        nq, nv = self.scales.position.shape[0], self.scales.velocity.shape[0]
-        kinetic = (jnp.sum(jnp.square(y[nq : nq + nv])) for y in (before, after))
+        kinetic = (jnp.sum(jnp.square(self.parts.part(y, "velocity"))) for y in (before, after))
         energy = jnp.maximum(jnp.maximum(*kinetic), 1)
         speed, lasts = jnp.sqrt(energy), jnp.maximum(after[TIME] - before[TIME], 1)
-        gaps = self.used.shape[0]
-        parts = [speed * lasts, speed, energy, energy, lasts, jnp.ones_like(speed)]
-        counts = [nq, nv, gaps, 1, 1, 1]
-        if self.mechanics.system.states:
-            parts.insert(2, energy)
-            counts.insert(2, after.shape[0] - nq - nv - gaps - 3)
-        scale = jnp.concatenate([jnp.full(k, part) for k, part in zip(counts, parts, strict=True)])
+        sizes = {"position": speed * lasts, "velocity": speed, "spring": energy, "lost": energy}
+        each = {name: jnp.full(shape, sizes[name]) for name, shape in self.parts.shapes}
+        scale = self.parts.pack([energy, lasts, jnp.ones_like(speed)], **each)
         # Positions are sums of many small changes, whose errors are those of the changes.
+        nq = self.scales.position.shape[0]
         rounding = jnp.concatenate([jnp.ones(nq), jnp.full(after.shape[0] - nq, 20.0)])
         return tolerance * scale + rounding.astype(scale.dtype) * finest * jnp.abs(after)
 
@@ -333,9 +242,10 @@ class SystemField(AbstractCoupledField):
         # A gap may turn anywhere within a step. The quintic through the ends shows where. The part
         # up to there is tried next, so that the step ends where the doubt is largest.
         sign = jnp.where(modes.closed, -1, 1).astype(after.depth.dtype)
-        if self.ends is not None:
+        if self.contacts.ends is not None:
+            heights = (self.contacts.height(look.depth) for look in (before, after))
             before, after = (
-                look._replace(depth=jnp.where(modes.closed, self.height(look.depth), look.depth))
+                look._replace(depth=jnp.where(modes.closed, next(heights), look.depth))
                 for look in (before, after)
             )
         left, right = (EndOfStep(*(sign * x for x in look[:3])) for look in (before, after))
@@ -369,7 +279,7 @@ class SystemField(AbstractCoupledField):
         looks, lasts = (start[0], end[0]), jnp.where(lasts > 0, lasts, 1)
         curve = quintic(lasts, *(EndOfStep(*look[:3]) for look in looks))
         inside = curve.value_and_rate(parts_of_step(lasts.dtype))
-        force = jax.vmap(lambda depth, rate: self.force(depth, rate, modes))(*inside)
+        force = jax.vmap(lambda depth, rate: self.contacts.force(depth, rate, modes))(*inside)
         ends = (jnp.where(modes.closed, look.force, 0)[None] for look in looks)
         force = jnp.concatenate([next(ends), force, next(ends)])
         return _summit(force).value
@@ -379,52 +289,6 @@ class SystemField(AbstractCoupledField):
         curve = quintic(lasts, *(EndOfStep(*look[:3]) for look in (before, after)))
         inside = curve.value(parts_of_step(lasts.dtype))
         return _summit(jnp.concatenate([before.depth[None], inside, after.depth[None]])).value
-
-    def stored(self, y: Array, modes: Modes) -> PerContact:
-        """Return the elastic energy of every contact in units of the solve."""
-        gap, _ = self.mechanics.gaps(*self.moment(y))
-        return self._stored(-gap, modes)
-
-    def _stored(self, depth: PerContact, modes: Modes) -> PerContact:
-        """Return the elastic energy of closed contacts with these indentations in m."""
-        units, law = self.scales.contact, self.mechanics.system.law
-        depth = jnp.where(modes.closed, depth, 0)
-        contact = eqx.tree_at(lambda c: c.mass, self.contact, modes.mass)
-        speed = units.speed * jnp.maximum(modes.latched, SLOWEST)
-        deepest = None if modes.deepest is None else units.length * modes.deepest
-        return stored_energy(law, contact, depth, speed, deepest) / units.energy
-
-    def least(self, deepest: PerContact) -> PerContact:
-        unit = self.scales.contact.length
-        return adhesion_below(self.mechanics.system.law, unit * deepest) / unit
-
-    def shrunk(self, depth: PerContact) -> PerContact:
-        unit = self.scales.contact.length
-        return shrunk_memory(self.mechanics.system.law, unit * depth) / unit
-
-    def torn(self, modes: Modes) -> PerContact:
-        assert self.ends is not None
-        return self._stored(self.scales.contact.length * self.ends, modes)
-
-    def kept(self, deepest: PerContact, modes: Modes) -> PerContact:
-        units, speed = self.scales.contact, jnp.maximum(modes.latched, SLOWEST)
-        contact = eqx.tree_at(lambda c: c.mass, self.contact, modes.mass)
-        largest = units.length * jnp.maximum(deepest, 0)
-        law = self.mechanics.system.law
-        return energies_of(law, largest, contact, units.speed * speed, largest)[1] / units.energy
-
-    def energy(self, y: Array, modes: Modes) -> Number:
-        """Return kinetic and stored energy with the losses of the present contacts."""
-        kinetic = self.mechanics.kinetic(*self.moment(y)) / self.scales.contact.energy
-        return kinetic + jnp.sum(self.stored(y, modes)) + jnp.sum(self.lost(y))
-
-    def turnover(self, y: Array, modes: Modes) -> Number:
-        """Return the sum of all energies without their signs, and those of necks at their ends."""
-        kinetic = self.mechanics.kinetic(*self.moment(y)) / self.scales.contact.energy
-        contacts = jnp.abs(self.stored(y, modes)) + jnp.abs(self.lost(y))
-        if self.ends is not None:
-            contacts = contacts + self.torn(modes)
-        return kinetic + jnp.sum(contacts)
 
 
 class _Summit(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import operator
 from typing import NamedTuple
 
@@ -12,9 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._coupled.carry import SIZES, Carry, CoupledSolve
-from .._coupled.energies import attracts, ends_of
+from .._coupled.contacts import ScaledContacts
+from .._coupled.energies import ends_of, loses
 from .._coupled.field import TIME, WORK, Look, LoopRules
-from .._coupled.loop import CoupledStart, first_carry
+from .._coupled.loop import balance, first_carry, modes_of, records_of
 from .._coupled.modes import (
     NOT_CONVERGED,
     NOT_FINITE,
@@ -23,9 +25,9 @@ from .._coupled.modes import (
     TOO_MANY_STEPS,
     Flag,
     Index,
-    Modes,
     Number,
     PerContact,
+    layout_of,
 )
 from .._coupled.step import advance
 from .._functions import moving
@@ -86,11 +88,7 @@ class _SystemSolve(CoupledSolve):
 
     def within(self, scales: Scales) -> _SystemSolve:
         """Return the solve in other units with the same time."""
-        ends, by = self.field.ends, self.units.length / scales.contact.length
-        field = dataclasses.replace(
-            self.field, scales=scales, ends=None if ends is None else ends * by
-        )
-        return dataclasses.replace(self, field=field, units=scales.contact)
+        return dataclasses.replace(self, field=self.field.within(scales))
 
 
 def solve_system(problem: SystemProblem, rules: SystemRules) -> SystemEnd:
@@ -130,39 +128,35 @@ def _solve_to_stop(
 ) -> SystemEnd:
     """Go on from `begun` to a stop."""
     state, mechanics = begun.state, problem.mechanics
-    scales = scales_of(problem, state)
+    scales, system, gaps = scales_of(problem, state), mechanics.system, state.closed.shape[0]
     units = scales.contact
+    ends = ends_of(system.law, problem.contact, units.length, gaps)
+    contacts = ScaledContacts(system.law, problem.contact, units, ends)
+    parts = layout_of(
+        position=state.position,
+        velocity=state.velocity,
+        spring=state.spring,
+        lost=state.lost if loses(system.law) else None,
+    )
     field = SystemField(
-        mechanics=mechanics,
-        contact=problem.contact,
-        scales=scales,
-        rules=LoopRules(
-            rules.peak,
-            False,
-            MOST_STEPS,
-            flies=True,
-            sticks=mechanics.system.sticks,
-            remembers=mechanics.system.law.remembers,
-            forgets=mechanics.system.law.forgets,
-            fades=mechanics.system.law.fades,
-            jumps=mechanics.system.law.jumps(mechanics.system.exponent),
-        ),
+        contacts=contacts,
+        parts=parts,
+        rules=LoopRules(rules.peak, False, MOST_STEPS, flies=True, sticks=system.sticks),
         until=(stop - state.time) / units.time,
-        used=jnp.ones_like(state.closed),
+        mechanics=mechanics,
+        scales=scales,
         start=state.time,
         last=_stop(jnp.nextafter(_stop(stop), jnp.full_like(stop, -jnp.inf))),
-        ends=ends_of(mechanics.system.law, problem.contact, units.length, state.closed.shape[0]),
     )
     solve = _SystemSolve(
         field=field,
-        units=units,
         tolerance=problem.tolerance,
         floor=problem.floor,
         start=state.time,
         to_the_end=jnp.asarray(True),
         supplied=state.work,
     )
-    first = first_carry(solve, _start(solve, state))
+    first = _first(solve, state)
     loop = _Loop(first, scales, state.touch_speed, state.max_depth, begun.log, begun.painleve)
     sizes = (f"carry.{name}" for name in SIZES)
     still = operator.attrgetter("scales", "log.states.step", *sizes)
@@ -183,18 +177,10 @@ def _solve_to_stop(
 
 def _in_larger_units(solve: _SystemSolve, loop: _Loop) -> _Loop:
     """Return the loop in units of the present motion, if that is faster than its own by far."""
-    c, field = loop.carry, solve.field
-    modes, renew = c.modes, c.renew
+    c, renew = loop.carry, loop.carry.renew
     pace = jnp.max(jnp.abs(c.look.rate))
     grows = (pace > _OUTGROWN) & ~jnp.any(c.sought) & ~jnp.any(c.clock.leaving)
     by = _stop(jnp.where(grows, pace, 1))
-    # Energies grow by the square; times, w and the numbers for `pressing` do not.
-    energies, springs = field.used.shape[0] + 1, field.springs(c.y)
-    # States of a friction law have a unit of their own.
-    own = 0 if springs is None or field.rules.sticks else springs.size
-    speeds = c.y.shape[0] - own - energies - 2
-    powers = np.repeat([1, 0, 2, 0], [speeds, own, energies, 2])
-    powers = jnp.asarray(powers, c.y.dtype)
 
     def grown(look: Look) -> Look:
         return look._replace(
@@ -205,41 +191,44 @@ def _in_larger_units(solve: _SystemSolve, loop: _Loop) -> _Loop:
             }
         )
 
-    carry = c._replace(
-        y=c.y / by**powers,
-        modes=modes._replace(
-            latched=modes.latched / by,
-            deepest=None if modes.deepest is None else modes.deepest / by,
-        ),
+    carry = _grown(solve, c, by)._replace(
         look=grown(c.look),
         slope=grown(c.slope),
         dropped=c.dropped / by**2,
         # Parts of grips have other units.
-        renew=renew if renew is None or not field.rules.sticks else renew | grows,
+        renew=renew if renew is None or not solve.field.rules.sticks else renew | grows,
     )
     return loop._replace(carry=carry, scales=loop.scales.grown(by))
 
 
-def _start(solve: _SystemSolve, state: SystemState) -> CoupledStart:
-    scales, units = solve.field.scales, solve.units
-    q, v = state.position / scales.position, state.velocity / scales.velocity
-    latched, mass = state.latched / units.speed, state.mass
-    springs = None if state.spring is None else state.spring / solve.field.unit_of_states
-    deepest = None if state.deepest is None else state.deepest / units.length
-    modes = Modes(state.closed, state.rising, latched, mass, state.slide, deepest)
-    if solve.field.rules.fades:
-        modes = modes._replace(faded=state.closed & (state.force_until > state.since))
-    return CoupledStart(
-        y=solve.field.pack(
-            q, v, state.lost / units.energy, [jnp.zeros_like(state.time)] * 3, springs
-        ),
-        modes=modes,
-        since=state.since,
-        force_until=state.force_until,
-        parting=state.parting,
-        max_force=state.max_force,
-        step=jnp.where(state.step > 0, state.step / units.time, solve.begin),
+def _grown(solve: _SystemSolve, c: Carry, by: Number) -> Carry:
+    """Return the vector and the modes in units of larger lengths and speeds with the same time."""
+    # Energies grow by the square; times, w and the numbers for `pressing` do not. States of a
+    # friction law have a unit of their own.
+    own = 1 if solve.field.rules.sticks else 0
+    powers = {"position": 1, "velocity": 1, "spring": own, "lost": 2}
+    shapes = solve.field.parts.shapes
+    each = [np.full(math.prod(shape), powers[name]) for name, shape in shapes]
+    exponents = jnp.asarray(np.concatenate([*each, [2, 0, 0]]), c.y.dtype)
+    modes = c.modes._replace(latched=c.modes.latched / by)
+    if modes.deepest is not None:
+        modes = modes._replace(deepest=modes.deepest / by)
+    return c._replace(y=c.y / by**exponents, modes=modes)
+
+
+def _first(solve: _SystemSolve, state: SystemState) -> Carry:
+    """Return the loop at the start of the solve."""
+    field, units, scales = solve.field, solve.units, solve.field.scales
+    y = field.parts.pack(
+        [jnp.zeros_like(state.time)] * 3,
+        position=state.position / scales.position,
+        velocity=state.velocity / scales.velocity,
+        spring=None if state.spring is None else state.spring / field.unit_of_states,
+        lost=state.lost / units.energy,
     )
+    modes = modes_of(field, state)._replace(mass=state.mass, slide=state.slide)
+    step = jnp.where(state.step > 0, state.step / units.time, solve.begin)
+    return first_carry(solve, y, modes, state, step)
 
 
 def _advance(solve: _SystemSolve, loop: _Loop) -> _Loop:
@@ -270,53 +259,32 @@ def _advance(solve: _SystemSolve, loop: _Loop) -> _Loop:
 
 def state_of(solve: _SystemSolve, loop: _Loop) -> SystemState:
     """Return the state of the loop in SI units."""
-    c, units, scales = loop.carry, solve.units, solve.field.scales
-    nq, nv = scales.position.shape[0], scales.velocity.shape[0]
+    c, units, field = loop.carry, solve.units, solve.field
+    states, scales, part = field.states(c.y), field.scales, field.parts.part
     assert c.modes.mass is not None
-    springs = solve.field.springs(c.y)
     return SystemState(
         time=solve.start + units.time * c.y[TIME],
-        position=scales.position * c.y[:nq],
-        velocity=scales.velocity * c.y[nq : nq + nv],
+        position=scales.position * part(c.y, "position"),
+        velocity=scales.velocity * part(c.y, "velocity"),
         closing=units.speed * c.look.rate,
-        closed=c.modes.closed,
-        rising=c.modes.rising,
-        latched=units.speed * c.modes.latched,
         mass=c.modes.mass,
-        since=c.since,
         touch_speed=loop.touch_speed,
-        force_until=c.force_until,
-        parting=c.parting,
-        max_force=c.max_force,
         max_depth=loop.max_depth,
-        lost=units.energy * solve.field.lost(c.y),
         work=solve.supplied + units.energy * c.y[WORK],
         step=_stop(units.time * c.size * 2 * c.y[-1]),
         slide=c.modes.slide,
-        spring=None if springs is None else solve.field.unit_of_states * springs,
-        deepest=None if c.modes.deepest is None else units.length * c.modes.deepest,
+        spring=None if states is None else field.unit_of_states * states,
+        **records_of(solve, c),
     )
 
 
 def _assess(solve: _SystemSolve, begun: SystemEnd, first: _Loop, end: _Loop) -> SystemEnd:
     """Return the end with its error estimate, which determines convergence."""
-    field = dataclasses.replace(
-        solve.field, mechanics=_stop(solve.field.mechanics), contact=_stop(solve.field.contact)
-    )
-    still, solve, c = dataclasses.replace(solve, field=field), solve.within(end.scales), end.carry
-    ends = _stop([(loop.scales, loop.carry.y, loop.carry.modes) for loop in (first, end)])
-    units = (ends[0][0].contact.speed / ends[1][0].contact.speed) ** 2
-    units = jnp.stack([units, jnp.ones_like(units)])
-    both = jax.tree.map(lambda *x: jnp.stack(x), *ends)
-    before, now = units * jax.vmap(lambda to, *at: still.within(to).field.energy(*at))(*both)
-    work, dropped = _stop((c.y[WORK], c.dropped))
-    missing = jnp.abs(now - before - dropped - work)
-    turnover = jnp.maximum(jnp.maximum(before, now), jnp.abs(work))
-    if attracts(field.mechanics.system.law):
-        # The energy of bodies that stick may vanish.
-        others = jax.vmap(lambda to, *at: still.within(to).field.turnover(*at))(*both)
-        turnover = jnp.maximum(turnover, jnp.max(units * others))
-    imbalance = missing / jnp.maximum(turnover, 1)
+    solve, c = solve.within(end.scales), end.carry
+    by = _stop(end.scales.contact.speed / first.scales.contact.speed)
+    missing, turnover = balance(solve, _grown(solve, first.carry, by), c)
+    most = jnp.maximum(jnp.maximum(*turnover), jnp.abs(_stop(c.y[WORK])))
+    imbalance = missing / jnp.maximum(most, 1)
     error = jnp.maximum(_stop(c.error), imbalance) + begun.error
     sound = jnp.all(jnp.isfinite(_stop(c.y))) & (imbalance <= 1e5 * solve.tolerance)
     steps = begun.steps + c.steps

@@ -18,24 +18,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..._contact import Contact
 from ..._coupled.clock import ContactClock
-from ..._coupled.energies import ends_of, in_contact, stored_energy
-from ..._coupled.field import TIME, WORK, AbstractCoupledField, Grip, Look, LoopRules, Settled, W
-from ..._coupled.modes import AT_REST, PAUSED, SLOWEST, Flags, Index, Modes, Number, Units
+from ..._coupled.contacts import ScaledContacts
+from ..._coupled.energies import ends_of, loses
+from ..._coupled.field import TIME, AbstractCoupledField, Grip, Look, LoopRules, Settled, W
+from ..._coupled.modes import AT_REST, PAUSED, Flags, Index, Modes, Number, Units, layout_of
 from ..._coupled.rows import rows_of
-from ..._coupled.springs import SMALL, SpringMotion, settled_springs
+from ..._coupled.springs import SpringMotion
 from ..._functions import ratio, small_product
-from ..._laws import (
-    AbstractLaw,
-    adhesion_below,
-    energies_of,
-    force_of_closed,
-    pressing,
-    shrunk_memory,
-)
 from ..bodies.bodies import side
-from .friction import Rub, Spins, SpringPairs, in_plane, spring_pairs
+from .friction import Rub, SpringPairs, in_plane, spring_pairs
 from .problem import (
     ClusterPairs,
     ClusterProblem,
@@ -43,7 +35,6 @@ from .problem import (
     PerBody,
     PerPair,
     Rubbed,
-    VectorLayout,
     norm,
     scale_drive,
 )
@@ -85,13 +76,9 @@ class ClusterField(AbstractCoupledField):
     The velocities of the state are relative to its `frame`; `tolerance` is that of a step. `apart`
     and `start_depth` belong to the start; `apart` has the signed lengths `start`, and is arbitrary
     for planes. `incidence` is that of the pairs. `in_line`: whether the bodies are spheres and
-    walls in one dimension, without shells. `friction` is None without it, and `ends` if all
-    contacts end at zero indentation.
+    walls in one dimension, without shells. `friction` is None without it.
     """
 
-    law: AbstractLaw
-    contact: Contact
-    units: Units
     pairs: ClusterPairs
     apart: Float[Array, "pairs dim"]
     start: PerPair
@@ -101,18 +88,19 @@ class ClusterField(AbstractCoupledField):
     drive: Drive | None
     incidence: Float[Array, "pairs bodies"]
     friction: SpringPairs | None
-    ends: PerPair | None
     in_line: bool
-    parts: VectorLayout
-    rules: LoopRules
-    until: Number
     frame: PerBody
     tolerance: Number
 
-    @property
-    def used(self) -> Flags:
-        """The pairs that are no blank ones."""
-        return self.pairs.used
+    def rubbed(self, y: Array) -> Rubbed | None:
+        """Return the part of a state that friction adds."""
+        if self.friction is None:
+            return None
+        return Rubbed(*(self.parts.part(y, name) for name in Rubbed._fields))
+
+    def bodies(self, y: Array) -> tuple[PerBody, PerBody]:
+        """Return the motion of the bodies since the start, and their velocities."""
+        return self.parts.part(y, "moved"), self.parts.part(y, "velocity")
 
     def _between(self, vectors: PerBody) -> Float[Array, "pairs dim"]:
         """Return the vectors of the first bodies minus those of the second."""
@@ -122,7 +110,7 @@ class ClusterField(AbstractCoupledField):
 
     def geometry_of(self, y: Array) -> Geometry:
         """Return the geometry of all pairs in a state."""
-        pairs, moved, velocity = self.pairs, self.parts.moved(y), self.parts.velocity(y)
+        pairs, (moved, velocity) = self.pairs, self.bodies(y)
         both = self._between(jnp.concatenate([moved, velocity], axis=1))
         dim = moved.shape[1]
         change, relative = both[:, :dim], both[:, dim:]
@@ -150,52 +138,10 @@ class ClusterField(AbstractCoupledField):
     def geometry(self, y: Array, clock: ContactClock) -> Geometry:
         """Return the geometry of all pairs; the leaving pair has the depth of the clock."""
         at = self.geometry_of(y)
-        return at._replace(depth=jnp.where(clock.leaving, self.left_of(y[W]), at.depth))
+        return at._replace(depth=self.by_clock(at.depth, y, clock))
 
-    def _at(self, depth: PerPair, rate: PerPair, modes: Modes) -> tuple[Any, ...]:
-        """Return the law and its arguments in SI units."""
-        units = self.units
-        speed = jnp.where(modes.rising, jnp.maximum(rate, 0), modes.latched)
-        speed = jnp.maximum(speed, SLOWEST)
-        depth = in_contact(depth, self.ends)
-        if not self.law.damped:
-            rate = jnp.zeros_like(rate)
-        arguments = (units.length * depth, units.speed * rate, self.contact, units.speed * speed)
-        memory = modes.memory
-        return self.law, *arguments, None if memory is None else units.length * memory
-
-    def whole_force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
-        force = force_of_closed(*self._at(depth, rate, modes)) / self.units.force
-        return jnp.where(modes.closed & self.pairs.used, force, 0)
-
-    def pressing(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
-        return pressing(*self._at(depth, rate, modes))
-
-    def stored(self, depth: PerPair, modes: Modes) -> PerPair:
-        """Return ∫ F(δ, 0) dδ of the closed pairs."""
-        units, speed = self.units, jnp.maximum(modes.latched, SLOWEST)
-        depth = jnp.where(modes.closed & self.pairs.used, units.length * depth, 0)
-        deepest = None if modes.deepest is None else units.length * modes.deepest
-        speed = units.speed * speed
-        return stored_energy(self.law, self.contact, depth, speed, deepest) / units.energy
-
-    def least(self, deepest: PerPair) -> PerPair:
-        """Return the depths below which pairs that unload follow their adhesion."""
-        return adhesion_below(self.law, self.units.length * deepest) / self.units.length
-
-    def shrunk(self, depth: PerPair) -> PerPair:
-        """Return the largest indentations of pairs that close again from there."""
-        return shrunk_memory(self.law, self.units.length * depth) / self.units.length
-
-    def kept(self, deepest: PerPair, modes: Modes) -> PerPair:
-        """Return the energy that pairs with these largest indentations do not return."""
-        units, speed = self.units, self.units.speed * jnp.maximum(modes.latched, SLOWEST)
-        largest = units.length * jnp.maximum(deepest, 0)
-        return energies_of(self.law, largest, self.contact, speed, largest)[1] / units.energy
-
-    def torn(self, modes: Modes) -> PerPair:
-        assert self.ends is not None
-        return self.stored(self.ends, modes)
+    def indentations(self, y: Array) -> tuple[PerPair, PerPair]:
+        return self.geometry_of(y)[:2]
 
     def pushes(
         self,
@@ -203,18 +149,16 @@ class ClusterField(AbstractCoupledField):
         force: PerPair,
         time: Number,
         modes: Modes,
-        turning: tuple[Spins, PerBody] | None,
+        rubbed: Rubbed | None,
     ) -> Pushes:
-        """Return the forces on the bodies. `turning` holds spins and spring forces."""
+        """Return the forces on the bodies."""
         forces, rub = force[:, None] * geometry.normal, None
-        if self.friction is not None and turning is not None:
-            spin, spring = turning
+        if self.friction is not None and rubbed is not None:
             assert geometry.across is not None
             along = geometry.normal, geometry.across
-            slip = self.friction.slip(geometry.depth, *along, spin, time)
-            reach = self.friction.reach(self.contact, geometry.depth, geometry.rate)
-            spring = in_plane(spring, geometry.normal)
-            rub = Rub(self.friction.force(spring, slip, force, modes, reach), slip)
+            slip = self.friction.slip(geometry.depth, *along, rubbed.spin, time)
+            spring, at = in_plane(rubbed.spring, geometry.normal), geometry[:2]
+            rub = Rub(self.friction.springs.friction(spring, slip, force, at, modes), slip)
             forces = forces + rub.force
         pushed = small_product(self.incidence.T, forces)
         acceleration = self.acceleration + self.inverse_mass[:, None] * pushed
@@ -243,30 +187,33 @@ class ClusterField(AbstractCoupledField):
         """Return ½ Σ m v² of the free bodies."""
         return jnp.sum(ratio(1.0, self.inverse_mass)[:, None] * jnp.square(velocity)) / 2
 
-    def _turning(self, y: Array) -> tuple[Spins, PerBody] | None:
-        """Return spins and spring forces."""
-        rubbed = self.parts.rubbed(y)
-        return None if rubbed is None else rubbed[:2]
+    def energy_and_depths(self, y: Array) -> tuple[Number, PerPair]:
+        energy, rubbed = self.kinetic(self.bodies(y)[1]), self.rubbed(y)
+        if rubbed is not None and self.friction is not None:
+            energy = energy + self.friction.energy(rubbed.spin) + jnp.sum(rubbed.taken)
+        return energy, self.geometry_of(y).depth
 
     def rate(self, y: Array, modes: Modes, clock: ContactClock) -> Array:
         """Return d/ds of a state."""
-        velocity, at = self.parts.velocity(y), self.geometry(y, clock)
-        turning = self._turning(y)
-        force, pace, rubbed = self.force(at.depth, at.rate, modes), 2 * y[W], None
-        pushes = self.pushes(at, force, y[TIME], modes, turning)
-        work, lost = self.supplied(at, velocity, y[TIME], pushes), jnp.zeros_like(force)
-        if self.law.damped:
-            lost = self.power(force, at.depth, at.rate, modes)
-        rest = [pace * work, pace, clock.rate(at.rate)]
-        if pushes.rub is not None and turning is not None:
-            rub, friction = pushes.rub, self.friction
-            assert friction is not None
-            twist = friction.twist(at.depth, at.normal, rub.force)
-            springs = self._spring_motion(at, turning[1], pushes, force, modes).rate
+        velocity, at = self.bodies(y)[1], self.geometry(y, clock)
+        rubbed, pace, rubs = self.rubbed(y), 2 * y[W], {}
+        force = self.contacts.force(at.depth, at.rate, modes)
+        pushes = self.pushes(at, force, y[TIME], modes, rubbed)
+        work = self.supplied(at, velocity, y[TIME], pushes)
+        lost = self.contacts.power(force, at.depth, at.rate, modes)
+        if pushes.rub is not None and rubbed is not None and self.friction is not None:
+            rub = pushes.rub
+            twist = self.friction.twist(at.depth, at.normal, rub.force)
+            springs = self._spring_motion(at, rubbed.spring, pushes, force, modes).rate
             taken = -jnp.sum(rub.force * rub.slip, axis=1)
-            rubbed = Rubbed(pace * twist, pace * springs, pace * taken)
-        moving = pace * velocity, pace * pushes.acceleration
-        return self.parts.pack(*moving, rubbed, pace * lost, rest)
+            rubs = Rubbed(pace * twist, pace * springs, pace * taken)._asdict()
+        return self.parts.pack(
+            [pace * work, pace, clock.rate(at.rate)],
+            moved=pace * velocity,
+            velocity=pace * pushes.acceleration,
+            lost=pace * lost,
+            **rubs,
+        )
 
     def _spring_motion(
         self, at: Geometry, spring: PerBody, pushes: Pushes, force: PerPair, modes: Modes
@@ -274,63 +221,36 @@ class ClusterField(AbstractCoupledField):
         """Return the motion of springs, which turn with their planes."""
         rub = pushes.rub
         assert self.friction is not None and rub is not None and at.turns is not None
-        second = self.second(at, pushes.acceleration)
-        grows = self.force_slope(modes, (at.depth, at.rate), (at.rate, second))
+        along = at.depth, at.rate, self.second(at, pushes.acceleration)
         spring = in_plane(spring, at.normal)
-        depth, limit = (at.depth, at.rate), (force, grows)
-        motion = self.friction.motion(self.contact, spring, rub.slip, depth, limit, modes)
+        motion = self.friction.springs.motion(spring, rub.slip, force, along, modes)
         tilts = jnp.sum(at.turns * spring, axis=1, keepdims=True)
         return motion._replace(rate=motion.rate - at.normal * tilts)
 
     def look(self, y: Array, modes: Modes, clock: ContactClock) -> Look:
         """Return the quantities of one state."""
-        at, turning = self.geometry(y, clock), self._turning(y)
-        force = self.force(at.depth, at.rate, modes)
-        pushes = self.pushes(at, force, y[TIME], modes, turning)
+        at, rubbed = self.geometry(y, clock), self.rubbed(y)
+        force = self.contacts.force(at.depth, at.rate, modes)
+        pushes = self.pushes(at, force, y[TIME], modes, rubbed)
         second, press = self.second(at, pushes.acceleration), None
-        if self.rules.fades:
-            press = self.pressing(at.depth, at.rate, modes)
+        if self.law.fades:
+            press = self.contacts.pressing(at.depth, at.rate, modes)
         look = Look(at.depth, at.rate, second, force, press=press)
-        if turning is None:
+        if rubbed is None:
             return look
-        hold = self._spring_motion(at, turning[1], pushes, force, modes).hold
+        hold = self._spring_motion(at, rubbed.spring, pushes, force, modes).hold
         return look._replace(grip=Grip(hold, -jnp.ones_like(hold), hold))
 
     def settled(
         self, y: Array, modes: Modes, touches: Flags, changes: Flags, friction: PerPair
     ) -> Settled:
         del friction
-        parts, before, rubbed = self.parts, modes.slide, self.parts.rubbed(y)
-        assert before is not None and rubbed is not None and self.friction is not None
-        at = self.geometry_of(y)
-        assert at.across is not None
-        units, numbers, contact = self.units, self.friction.numbers, self.contact
+        at, rubbed = self.geometry_of(y), self.rubbed(y)
+        assert rubbed is not None and self.friction is not None and at.across is not None
         slip = self.friction.slip(at.depth, at.normal, at.across, rubbed.spin, y[TIME])
-        limit = numbers.mu * self.force(at.depth, at.rate, modes)
-        small = jnp.full_like(at.depth, SMALL)
-        stiff = contact.stiffness * (units.length * small) ** contact.exponent
-        hardening = units.force * self.force(small, at.rate, modes) / stiff
-        slips = self.friction.slips_at_touch(slip, at.rate, hardening)
-        events = touches, changes, slips
-        reach, spring = self.friction.reach(contact, at.depth, at.rate), rubbed.spring
-        springs, slide = settled_springs(spring, slip, limit, before, events, reach)
-        changed = modes.closed & (slide != before) | touches
-        rubbed = rubbed._replace(spring=springs)
-        rest = [y[WORK], y[TIME], y[W]]
-        y = parts.pack(parts.moved(y), parts.velocity(y), rubbed, parts.lost(y), rest)
-        return Settled(y, modes._replace(slide=slide), changed, jnp.asarray(False))
-
-    def approach(self, y: Array, clock: ContactClock) -> tuple[PerPair, PerPair]:
-        at = self.geometry(y, clock)
-        return at.depth, at.rate
-
-    def lost(self, y: Array) -> PerPair:
-        return self.parts.lost(y)
-
-    def with_lost(self, y: Array, lost: PerPair) -> Array:
-        moved, velocity = self.parts.moved(y), self.parts.velocity(y)
-        rest = [y[k] for k in (-3, -2, -1)]
-        return self.parts.pack(moved, velocity, self.parts.rubbed(y), lost, rest)
+        events = modes, touches, changes
+        spring, modes = self.friction.springs.settled(rubbed.spring, slip, at[:2], *events)
+        return Settled(self.parts.with_part(y, "spring", spring), modes, jnp.asarray(False))
 
     def resting(self, y: Array, toward: Array, pace: Number, now: Look, modes: Modes) -> Index:
         """Return the kind of rest: AT_REST, ASLEEP or -1.
@@ -338,13 +258,13 @@ class ClusterField(AbstractCoupledField):
         AT_REST: each body in contact touches one plane, and δ' and δ'' of the pairs vanish. It can
         then slide by formula. ASLEEP: bodies support each other and all are at rest.
         """
-        moving = self.parts.velocity(y) + self.frame, self.parts.velocity(toward) / pace
-        turning, twist = self.parts.rubbed(y), self.parts.rubbed(toward)
+        moving = self.bodies(y)[1] + self.frame, self.bodies(toward)[1] / pace
+        turning, twist = self.rubbed(y), self.rubbed(toward)
         if turning is not None and twist is not None:
             turns = turning.spin, twist.spin / pace
             speeds, paces = zip(moving, turns, strict=True)
             moving = jnp.concatenate(speeds, axis=1), jnp.concatenate(paces, axis=1)
-        pairs, closed = self.pairs, modes.closed & self.pairs.used
+        pairs, closed = self.pairs, modes.closed
         still = jnp.abs(now.rate) + jnp.abs(now.second) < _STILL * self.tolerance
         at_rest = jnp.all(still | ~closed)
         # The weight may be tiny relative to contact accelerations; what it moves is not asleep.
@@ -371,25 +291,6 @@ class ClusterField(AbstractCoupledField):
             resting = jnp.where(on_planes, AT_REST, resting)
         return jnp.where(at_rest, resting, -1)
 
-    def energy(self, y: Array, modes: Modes) -> Number:
-        """Return the energy of bodies and contacts, plus the losses."""
-        velocity = self.parts.velocity(y)
-        depth = self.geometry_of(y).depth
-        energy = self.kinetic(velocity) + jnp.sum(self.stored(depth, modes))
-        rubbed, friction = self.parts.rubbed(y), self.friction
-        if rubbed is not None and friction is not None:
-            energy = energy + friction.energy(rubbed.spin) + jnp.sum(rubbed.taken)
-        return energy + jnp.sum(self.parts.lost(y))
-
-    def turnover(self, y: Array, modes: Modes) -> Number:
-        """Return the sum of all energies without their signs, and those of necks at their ends."""
-        velocity = self.parts.velocity(y)
-        stored = self.stored(self.geometry_of(y).depth, modes)
-        contacts = jnp.abs(stored) + jnp.abs(self.parts.lost(y))
-        if self.ends is not None:
-            contacts = contacts + self.torn(modes)
-        return self.kinetic(velocity) + jnp.sum(contacts)
-
 
 def incidence_of(pairs: ClusterPairs, bodies: int, dtype: Any) -> Float[Array, "pairs bodies"]:
     """Return 1 at the first body of a pair, -1 at the second."""
@@ -403,23 +304,25 @@ def field_of(
     problem: ClusterProblem, rules: LoopRules, units: Units, frame: PerBody, in_line: bool
 ) -> ClusterField:
     """Return the field of a problem in its units; `frame` is in m/s."""
-    state, pairs, (bodies, dim) = problem.state, problem.pairs, problem.state.position.shape
+    state, pairs = problem.state, problem.pairs
     free = (problem.inverse_mass > 0)[:, None]
-    incidence = incidence_of(pairs, bodies, state.position.dtype)
-    law = problem.law
-    friction, axes, loses = None, 0, law.damped or law.remembers or law.ends_apart
-    ends = ends_of(law, problem.contact, units.length, pairs.used.shape[0])
+    incidence = incidence_of(pairs, state.position.shape[0], state.position.dtype)
+    ends = ends_of(problem.law, problem.contact, units.length, pairs.used.shape[0])
+    contacts = ScaledContacts(problem.law, problem.contact, units, ends)
     # Planes and unused pairs get a length that is safe to divide by.
     curved = (pairs.used & ~pairs.flat)[:, None]
     apart = jnp.where(curved, pairs.between(state.position) / units.length, 1)
+    friction, rubbing = None, {}
     if problem.friction is not None and state.rubbing is not None:
         who = pairs.first, pairs.second, pairs.flat
-        friction = spring_pairs(problem.friction, units, state.time, who, incidence)
-        axes = state.rubbing.spin.shape[1]
+        friction = spring_pairs(problem.friction, contacts, state.time, who, incidence)
+        rubbing = {name: getattr(state.rubbing, name) for name in Rubbed._fields}
+    lost = state.lost if loses(problem.law) else None
     return ClusterField(
-        law=law,
-        contact=problem.contact,
-        units=units,
+        contacts=contacts,
+        parts=layout_of(moved=state.position, velocity=state.velocity, **rubbing, lost=lost),
+        rules=rules,
+        until=(problem.until - state.time) / units.time,
         pairs=pairs,
         apart=apart,
         start=side(pairs.distance) * norm(apart),
@@ -429,11 +332,7 @@ def field_of(
         drive=scale_drive(problem.drive, units),
         incidence=incidence,
         friction=friction,
-        ends=ends,
         in_line=in_line,
-        parts=VectorLayout(bodies, dim, pairs.used.shape[0], loses, axes),
-        rules=rules,
-        until=(problem.until - state.time) / units.time,
         frame=frame / units.speed,
         tolerance=problem.tolerance,
     )

@@ -20,19 +20,10 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..._contact import Contact
-from ..._coupled.modes import Flags, Modes, Number, PerContact, Units
+from ..._coupled.contacts import ScaledContacts
+from ..._coupled.modes import Flags, Number, PerContact
 from ..._coupled.rows import rows_of
-from ..._coupled.springs import (
-    SpringMotion,
-    Vectors,
-    changing,
-    friction_of,
-    lengths,
-    slides_at_touch,
-    spring_motion,
-    tangential_stiffness,
-)
+from ..._coupled.springs import Springs, Vectors
 from ..._functions import cross, ratio, small_product, swept
 
 Spins = Float[Array, "bodies axes"]
@@ -82,11 +73,13 @@ class Rub(NamedTuple):
 
 class SpringPairs(NamedTuple):
     """The friction of the pairs of a cluster in its units. `lean` (P, 2) is the inverse of both
-    radii, 0 for planes; `turn` (M,) is R²/I. The solve starts at `start` in s.
+    radii, 0 for planes; `turn` (M,) is R²/I. The solve starts at `start` in s. `drifts` and
+    `wall` are those of `PairFriction`.
     """
 
-    numbers: PairFriction
-    units: Units
+    springs: Springs
+    drifts: Any
+    wall: Int[Array, " pairs"]
     start: Number
     first: Int[Array, " pairs"]
     second: Int[Array, " pairs"]
@@ -102,10 +95,11 @@ class SpringPairs(NamedTuple):
 
     def drift(self, time: Number, normal: Vectors) -> Vectors:
         """Return the velocities of walls along themselves."""
-        if self.numbers.drift is None:
+        units = self.springs.contacts.units
+        if self.drifts is None:
             return jnp.zeros_like(normal)
-        now = self.start + self.units.time * time
-        velocity = rows_of(self.numbers.drift.velocity(now), self.numbers.wall) / self.units.speed
+        now = self.start + units.time * time
+        velocity = rows_of(self.drifts.velocity(now), self.wall) / units.speed
         return jnp.where(self.flat[:, None], in_plane(velocity, normal), 0)
 
     def slip(
@@ -116,35 +110,6 @@ class SpringPairs(NamedTuple):
         swirl = arms[:, :1] * rows_of(spin, self.first) + arms[:, 1:] * rows_of(spin, self.second)
         return across - self.drift(time, normal) - swept(swirl, normal)
 
-    def reach(self, contact: Contact, depth: PerContact, rate: PerContact) -> PerContact:
-        """Return μ/(n κ) (δ + |δ'|); see `spring_motion`."""
-        return self.numbers.mu / (contact.exponent * self.numbers.ratio) * changing(depth, rate)
-
-    def force(
-        self, spring: Vectors, slip: Vectors, normal: PerContact, modes: Modes, reach: PerContact
-    ) -> Vectors:
-        """Return the friction of the closed pairs with the `normal` forces."""
-        assert modes.slide is not None
-        limit, ramp, slides = self.numbers.mu * normal, self._ramp, modes.slide == 1
-        force = friction_of(spring, slip, limit, slides, reach)
-        if ramp is not None:
-            pace, on_ramp = lengths(slip), jnp.where(ramp > 0, ramp, 1)
-            pace = jnp.where(slides & (pace > 0), pace, on_ramp)
-            force = jnp.where((ramp > 0)[:, None], -(limit / pace)[:, None] * slip, force)
-        return jnp.where(modes.closed[:, None], force, 0)
-
-    @property
-    def _ramp(self) -> PerContact | None:
-        """The speeds v_d in units of the cluster."""
-        ramp = self.numbers.ramp
-        return None if ramp is None else ramp / self.units.speed
-
-    def slips_at_touch(self, slip: Vectors, closing: PerContact, hardening: PerContact) -> Flags:
-        """Return which pairs slip from their touch; see `slides_at_touch`."""
-        slips = slides_at_touch(self.numbers.ratio, slip, closing, self.numbers.mu, hardening)
-        ramp = self._ramp
-        return slips if ramp is None else jnp.where(ramp > 0, lengths(slip) > ramp, slips)
-
     def twist(self, depth: PerContact, normal: Vectors, force: Vectors) -> Spins:
         """Return the rates of the spins."""
         arms, turns = self._arms(depth), cross(normal, force)
@@ -152,34 +117,6 @@ class SpringPairs(NamedTuple):
         sums = small_product(first.T, arms[:, :1] * turns)
         sums = sums + small_product(second.T, arms[:, 1:] * turns)
         return -self.turn[:, None] * sums
-
-    def motion(
-        self,
-        contact: Contact,
-        spring: Vectors,
-        slip: Vectors,
-        depth: tuple[PerContact, PerContact],
-        limit: tuple[PerContact, PerContact],
-        modes: Modes,
-    ) -> SpringMotion:
-        """Return the motion of springs in their planes; `depth` and `limit` hold δ and F, each with
-        its rate.
-        """
-        assert modes.slide is not None
-        units, mu = self.units, self.numbers.mu
-        stiffness = tangential_stiffness(self.numbers.ratio, contact, units.length * depth[0])
-        stiffness = jnp.where(modes.closed, stiffness * (units.length / units.force), 0)
-        limits = (mu * limit[0], mu * limit[1])
-        reach = self.reach(contact, *depth)
-        motion = spring_motion(spring, slip, stiffness, limits, modes.slide == 1, reach)
-        ramp = self._ramp
-        if ramp is None:
-            return motion
-        # Beyond the ramp the pair slips; on it no spring acts.
-        beyond = lengths(slip) - ramp
-        hold = jnp.where(modes.slide == 1, beyond, -beyond)
-        rate = jnp.where((ramp > 0)[:, None], 0, motion.rate)
-        return SpringMotion(rate, jnp.where(ramp > 0, hold, motion.hold))
 
     def energy(self, spin: Spins) -> Number:
         """Return ½ Σ I ω²."""
@@ -193,14 +130,17 @@ def in_plane(vectors: Vectors, normal: Vectors) -> Vectors:
 
 def spring_pairs(
     numbers: PairFriction,
-    units: Units,
+    contacts: ScaledContacts,
     start: Number,
     pairs: tuple[Int[Array, " pairs"], Int[Array, " pairs"], Flags],
     incidence: Float[Array, "pairs bodies"],
 ) -> SpringPairs:
     """Return the friction of pairs, `first`, `second` and `flat`, in units of a cluster."""
-    first, second, flat = pairs
+    units, (first, second, flat) = contacts.units, pairs
+    ramp = None if numbers.ramp is None else numbers.ramp / units.speed
+    springs = Springs(contacts, numbers.mu, numbers.ratio, ramp)
     lean = units.length / numbers.radius
     both = jnp.stack([rows_of(lean, first), jnp.where(flat, 0, rows_of(lean, second))], axis=1)
     turn = units.mass * jnp.square(numbers.radius) * numbers.inverse_inertia
-    return SpringPairs(numbers, units, start, first, second, flat, both, turn, incidence)
+    walls = numbers.drift, numbers.wall
+    return SpringPairs(springs, *walls, start, first, second, flat, both, turn, incidence)

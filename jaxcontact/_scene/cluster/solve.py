@@ -16,8 +16,8 @@ from ..._coupled.carry import SIZES, Carry, CoupledSolve
 from ..._coupled.clock import ContactClock
 from ..._coupled.energies import attracts
 from ..._coupled.field import TIME, WORK, LoopRules, W
-from ..._coupled.loop import CoupledStart, first_carry, run_to_end, status_of
-from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Modes, Number, least_v0
+from ..._coupled.loop import balance, first_carry, modes_of, records_of, run_to_end, status_of
+from ..._coupled.modes import NOT_CONVERGED, TIME_IS_UP, Number, least_v0
 from ..._coupled.rows import rows_of
 from ..._functions import moving, ratio
 from ..._impact.derivatives import with_sensitivity
@@ -49,7 +49,7 @@ class _ClusterSolve(CoupledSolve):
 def solve_cluster(problem: ClusterProblem, rules: LoopRules, in_line: bool) -> ClusterEnd:
     """Solve a cluster from its state to its end. `in_line`: see `ClusterField`."""
     solve = _solve_of(problem, rules, in_line)
-    first = first_carry(solve, _start(solve))
+    first = _first(solve)
     kept = {name: getattr(first, name) for name in SIZES}
     end = run_to_end(solve, moving(problem, first)._replace(**kept))
     return _assess(solve, first, end, *_state_at(solve, end))
@@ -60,10 +60,8 @@ def _solve_of(problem: ClusterProblem, rules: LoopRules, in_line: bool) -> _Clus
     velocity = problem.state.velocity
     frame = jnp.sum(jnp.where(free, _stop(velocity), 0), axis=0, keepdims=True)
     frame = frame / jnp.sum(free, dtype=velocity.dtype)
-    units = units_of(problem)
     return _ClusterSolve(
-        field=field_of(problem, rules, units, frame, in_line),
-        units=units,
+        field=field_of(problem, rules, units_of(problem), frame, in_line),
         tolerance=problem.tolerance,
         floor=problem.floor,
         start=problem.state.time,
@@ -73,67 +71,50 @@ def _solve_of(problem: ClusterProblem, rules: LoopRules, in_line: bool) -> _Clus
     )
 
 
-def _start(solve: _ClusterSolve) -> CoupledStart:
-    state, units = solve.problem.state, solve.units
-    zero = jnp.zeros((), state.position.dtype)
-    velocity = (state.velocity - solve.frame) / units.speed
-    lost, parts = state.lost / units.energy, solve.field.parts
-    modes = Modes(state.closed & solve.field.used, state.rising, state.latched / units.speed)
-    if state.deepest is not None:
-        modes = modes._replace(deepest=state.deepest / units.length)
-    if solve.field.rules.fades:
-        modes = modes._replace(faded=modes.closed & (state.force_until > state.since))
-    rubbing, friction, rubbed = state.rubbing, solve.problem.friction, None
+def _first(solve: _ClusterSolve) -> Carry:
+    """Return the loop at the start of the solve."""
+    field, state, units = solve.field, solve.problem.state, solve.units
+    modes = modes_of(field, state._replace(closed=state.closed & field.pairs.used))
+    rubbing, friction, rubbed = state.rubbing, solve.problem.friction, {}
     if rubbing is not None and friction is not None:
         spin = friction.radius[:, None] * rubbing.spin / units.speed
         # The last event may have been the touch of a pair.
         taken = jnp.where(state.since < state.time, rubbing.taken, 0)
-        rubbed = Rubbed(spin, rubbing.spring / units.force, taken / units.energy)
+        rubbed = Rubbed(spin, rubbing.spring / units.force, taken / units.energy)._asdict()
         modes = modes._replace(slide=rubbing.slides)
-    y = parts.pack(jnp.zeros_like(velocity), velocity, rubbed, lost, [zero, zero, zero])
+    y = field.parts.pack(
+        [jnp.zeros((), state.position.dtype)] * 3,
+        moved=jnp.zeros_like(state.position),
+        velocity=(state.velocity - solve.frame) / units.speed,
+        lost=state.lost / units.energy,
+        **rubbed,
+    )
     if friction is not None:
         nobody = jnp.zeros_like(modes.closed)
-        y, modes, *_ = solve.field.settled(y, modes, friction.begins, nobody, state.latched)
+        y, modes, *_ = field.settled(y, modes, friction.begins, nobody, state.latched)
         # A spring that took the place of a law slides only if its limit grows less than its force.
-        grip = solve.field.look(y, modes, ContactClock(jnp.asarray(True), nobody)).grip
+        grip = field.look(y, modes, ContactClock(jnp.asarray(True), nobody)).grip
         assert grip is not None and modes.slide is not None
         slides = modes.closed & ~friction.begins & (modes.slide == 1)
-        y, modes, *_ = solve.field.settled(y, modes, nobody, slides, state.latched)
+        y, modes, *_ = field.settled(y, modes, nobody, slides, state.latched)
         # All have the force at the limit now, from which those go on sliding.
         slides = slides & (grip.hold >= 0)
-        y, modes, *_ = solve.field.settled(y, modes, nobody, slides, state.latched)
-    return CoupledStart(
-        y=y,
-        modes=modes,
-        since=state.since,
-        force_until=state.force_until,
-        parting=state.parting,
-        max_force=state.max_force,
-    )
+        y, modes, *_ = field.settled(y, modes, nobody, slides, state.latched)
+    return first_carry(solve, y, modes, state)
 
 
 def _state_at(solve: _ClusterSolve, end: Carry) -> tuple[ClusterState, Array]:
     """Return the final state of a solve in SI units, and its status."""
-    problem, units, parts, frame = solve.problem, solve.units, solve.field.parts, solve.frame
+    problem, units, frame = solve.problem, solve.units, solve.frame
     state, free = problem.state, (problem.inverse_mass > 0)[:, None]
-    at = solve.field.geometry_of(end.y)
+    (moved, velocity), lasts = solve.field.bodies(end.y), units.time * end.y[TIME]
     done = ClusterState(
-        time=state.time + units.time * end.y[TIME],
-        position=state.position
-        + units.length * parts.moved(end.y)
-        + frame * units.time * end.y[TIME],
-        velocity=frame + units.speed * parts.velocity(end.y),
-        indentation=units.length * at.depth,
-        closed=end.modes.closed,
-        rising=end.modes.rising,
-        latched=units.speed * end.modes.latched,
-        since=end.since,
-        force_until=end.force_until,
-        parting=end.parting,
-        max_force=end.max_force,
-        lost=units.energy * parts.lost(end.y),
+        time=state.time + lasts,
+        position=state.position + units.length * moved + frame * lasts,
+        velocity=frame + units.speed * velocity,
+        indentation=units.length * solve.field.indentations(end.y)[0],
         rubbing=_rubbing_at(solve, end),
-        deepest=None if end.modes.deepest is None else units.length * end.modes.deepest,
+        **records_of(solve, end),
     )
     asleep = end.status == ASLEEP
     # A body with constant velocity keeps it without rounding.
@@ -151,7 +132,7 @@ def _state_at(solve: _ClusterSolve, end: Carry) -> tuple[ClusterState, Array]:
 
 def _rubbing_at(solve: _ClusterSolve, end: Carry) -> Rubbing | None:
     """Return the state of friction in SI units; None without it."""
-    units, rubbed = solve.units, solve.field.parts.rubbed(end.y)
+    units, rubbed = solve.units, solve.field.rubbed(end.y)
     friction, slides = solve.problem.friction, end.modes.slide
     if rubbed is None or friction is None or slides is None:
         return None
@@ -164,27 +145,20 @@ def _assess(
 ) -> ClusterEnd:
     """Return the end with its work and its error estimate, which determines convergence."""
     problem, units, tolerance = solve.problem, solve.units, solve.problem.tolerance
-    # The energies at both ends; those of finished contacts are not in the state.
-    numbers, static = eqx.partition(vars(solve.field), eqx.is_array)
-    field = dataclasses.replace(solve.field, **eqx.combine(_stop(numbers), static))
-    begun, last = _stop((first, end))
-    ends = ((c.y, c.modes) for c in (begun, last))
-    both = jax.tree.map(lambda *ends: jnp.stack(ends), *ends)
-    before, now = jax.vmap(field.energy)(*both)
-    missing = jnp.abs(now - before - last.dropped - last.y[WORK])
-    if attracts(problem.law):
-        # The energy of bodies that stick may vanish.
-        before = jnp.max(jax.vmap(field.turnover)(*both))
+    missing, turnover = balance(solve, first, end)
+    last = _stop(end)
+    # The energy of bodies that stick may vanish.
+    most = jnp.maximum(*turnover) if attracts(problem.law) else turnover[0]
     # Bodies that move alike have no energy in their frame.
-    turnover = jnp.maximum(jnp.maximum(before, jnp.abs(last.y[WORK])), 1)
-    error = jnp.maximum(last.error, missing / turnover)
+    most = jnp.maximum(jnp.maximum(most, jnp.abs(last.y[WORK])), 1)
+    error = jnp.maximum(last.error, missing / most)
     sound = jnp.all(jnp.isfinite(last.y)) & (error <= 1e5 * tolerance)
     status = jnp.where(sound, status, NOT_CONVERGED)
     # The work differs in the frame of the cluster, by the frame velocity times the momentum change.
     mass = ratio(1.0, problem.inverse_mass[:, None])
     gain = jnp.sum(mass * solve.frame * (done.velocity - problem.state.velocity))
-    work, parts = units.energy * end.y[WORK] + gain, solve.field.parts
-    rubbed, start, taken = parts.rubbed(end.y), parts.rubbed(first.y), None
+    work, taken = units.energy * end.y[WORK] + gain, None
+    rubbed, start = (solve.field.rubbed(c.y) for c in (end, first))
     if rubbed is not None and start is not None:
         taken = units.energy * jnp.sum(rubbed.taken - start.taken)
     second = units.speed / units.time * end.look.second
@@ -224,7 +198,7 @@ def rates_at_start(
     `cluster`.
     """
     solve = _solve_of(*_prepared(problem, v0), in_line)
-    first = first_carry(solve, _start(solve))
+    first = _first(solve)
     # With w = 1/2 the time of the loop is that of the motion.
     pace = solve.field.rate(first.y.at[W].set(0.5), first.modes, first.clock).at[W].set(0)
 
@@ -263,16 +237,8 @@ def _prepared(
         to_the_end=jnp.asarray(problem.to_the_end),
         floor=jnp.asarray(least_v0(v0), dtype),
     )
-    rules = LoopRules(
-        v0 == "peak",
-        until_change,
-        max_steps,
-        sticks=problem.friction is not None,
-        remembers=law.remembers,
-        forgets=law.forgets,
-        fades=law.fades,
-        jumps=law.jumps(contact.exponent),
-    )
+    sticks = problem.friction is not None
+    rules = LoopRules(v0 == "peak", until_change, max_steps, sticks=sticks)
     if law.remembers and state.deepest is None:
         fresh = state._replace(deepest=jnp.zeros_like(state.indentation))
         problem = problem._replace(state=fresh)
