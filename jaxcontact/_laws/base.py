@@ -88,6 +88,14 @@ class AbstractLaw(OfNumbers):
     forgets: ClassVar[bool] = False
     """True if a contact that pulls and closes again has a smaller largest indentation."""
 
+    damped: ClassVar[bool] = True
+    """True if the force depends on the velocity for some parameters. If False, the solvers omit the
+    work that only damping needs."""
+
+    refers_to_peak: ClassVar[bool] = False
+    """True if the damping of a pushed impact can refer to the largest closing speed since touch,
+    where the caller asks for it. Forces without v0 are not affected."""
+
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         stated = vars(cls).get("tension")
@@ -103,23 +111,6 @@ class AbstractLaw(OfNumbers):
                 "counts as zero, and the contact ends at zero force. True: the force may pull, "
                 "and the contact ends at zero indentation."
             )
-
-    @property
-    def damped(self) -> bool:
-        """True if the force depends on the velocity for some parameters.
-
-        If False, the solvers omit the work that only damping needs.
-        """
-        return True
-
-    @property
-    def refers_to_peak(self) -> bool:
-        """True if the damping of a pushed impact can refer to the largest closing speed since
-        touch.
-
-        It does so where the caller asks for it. Forces without v0 are not affected.
-        """
-        return False
 
     @property
     def fades(self) -> bool:

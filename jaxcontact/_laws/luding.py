@@ -159,6 +159,7 @@ class Luding(AbstractLaw):
     remembers: ClassVar[bool] = True
     forgets: ClassVar[bool] = True
     exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
+    damped: ClassVar[bool] = False
 
     def __check_init__(self) -> None:
         if not self.tension:
@@ -166,10 +167,6 @@ class Luding(AbstractLaw):
                 "Argument `tension` must be True for `Luding`, which pulls by adhesion, but is "
                 "False."
             )
-
-    @property
-    def damped(self) -> bool:
-        return False
 
     def jumps(self, exponent: Exponent) -> bool:
         return False

@@ -260,10 +260,7 @@ class WaltonBraun(AbstractPlastic):
     ratio: Float[Array, "..."] = parameter("ratio", STIFFER)
     slope: Float[Array, "..."] = parameter("slope", NOT_NEGATIVE, "1/m")
     exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
-
-    @property
-    def damped(self) -> bool:
-        return False
+    damped: ClassVar[bool] = False
 
     def _over_stiffness(self, contact: Contact) -> BilinearForm:
         return BilinearForm(factor=self.ratio, slope=self.slope)

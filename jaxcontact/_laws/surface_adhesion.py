@@ -267,6 +267,7 @@ class AbstractAdhesive(AbstractRateLaw):
     pull_off: Float[Array, "..."] = parameter("pull_off", NOT_NEGATIVE, "N")
     tension = True
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
+    damped: ClassVar[bool] = False
     _per_radius: ClassVar[float]
     """The pull-off force over w R."""
 
@@ -276,10 +277,6 @@ class AbstractAdhesive(AbstractRateLaw):
                 f"Argument `tension` must be True for `{type(self).__name__}`, which pulls by "
                 "adhesion, but is False."
             )
-
-    @property
-    def damped(self) -> bool:
-        return False
 
     @classmethod
     def of_surfaces(cls, work_of_adhesion: ArrayLike, radius: ArrayLike) -> Self:

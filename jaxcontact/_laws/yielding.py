@@ -281,10 +281,7 @@ class ThorntonPlastic(AbstractYielding):
     """
 
     yield_speed: Float[Array, "..."] = parameter("yield_speed", POSITIVE, "m/s")
-
-    @property
-    def damped(self) -> bool:
-        return False
+    damped: ClassVar[bool] = False
 
     def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
         """Return e at closing speeds in m/s; ValueError for anything that is not a number."""
