@@ -96,6 +96,9 @@ class AbstractLaw(OfNumbers):
     """True if the damping of a pushed impact can refer to the largest closing speed since touch,
     where the caller asks for it. Forces without v0 are not affected."""
 
+    _only_tension: ClassVar[tuple[bool, str] | None] = None
+    """The one value of `tension` that the law allows, and why; None if it allows both."""
+
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         stated = vars(cls).get("tension")
@@ -110,6 +113,14 @@ class AbstractLaw(OfNumbers):
                 f"Law `{cls.__name__}` must set `tension` in the class. False: a negative force "
                 "counts as zero, and the contact ends at zero force. True: the force may pull, "
                 "and the contact ends at zero indentation."
+            )
+
+    def __check_init__(self) -> None:
+        if self._only_tension is not None and self.tension is not self._only_tension[0]:
+            only, why = self._only_tension
+            raise ValueError(
+                f"Argument `tension` must be {only} for `{type(self).__name__}`, which {why}, but "
+                f"is {self.tension}."
             )
 
     @property
