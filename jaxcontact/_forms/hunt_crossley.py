@@ -34,7 +34,7 @@ from .._functions import (
     psi,
     speed_of,
 )
-from .base import AbstractForm, Exponent, Flag, Lane, Momentum, signed_power, sound_damping
+from .base import AbstractForm, Exponent, Flag, Lane, Momentum, signed_power
 from .quadrature import integrate, lanewise, to_power
 from .scale import ScaledImpact
 
@@ -45,6 +45,7 @@ class HuntCrossleyForm(AbstractForm):
     alpha: Lane
     tension: bool = eqx.field(static=True)
     never_pulls: ClassVar[bool] = True
+    damping_number: ClassVar[str | None] = "alpha"
 
     def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent]:
         return self.alpha, 0.0
@@ -64,10 +65,6 @@ class HuntCrossleyForm(AbstractForm):
         """Return the time from touch to the velocity v in [-e, 1], by quadrature."""
         alpha, v, duration = jnp.broadcast_arrays(self.alpha, v, duration)
         return _time_at(alpha, v, duration, n)
-
-    def sound(self) -> tuple[HuntCrossleyForm, Flag]:
-        alpha, good = sound_damping(self.alpha)
-        return eqx.tree_at(lambda form: form.alpha, self, alpha), good
 
     def restitution(self) -> Lane:
         return restitution_of(self.alpha)

@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._entry import static_value
 from .._functions import nonzero
 from .base import Exponent, Lane
 
@@ -102,11 +101,6 @@ def _double_exponential(count: int) -> tuple[np.ndarray, np.ndarray]:
     nodes = 1 / (1 + np.exp(-2 * x))
     weights = np.pi / 2 * np.cosh(t) / (2 * np.cosh(x) ** 2) * (t[1] - t[0])
     return nodes, weights / weights.sum()
-
-
-def n_is_one(n: Exponent) -> bool:
-    """Return whether n is known to be 1, where the time integrals are formulas."""
-    return static_value(n) == 1.0
 
 
 Out = TypeVar("Out")

@@ -2,7 +2,6 @@
 
 from .base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from .base import AbstractLaw as AbstractLaw
-from .base import GeneralForm as GeneralForm
 from .base import Instant as Instant
 from .base import adhesion_below as adhesion_below
 from .base import end_of as end_of
@@ -33,7 +32,6 @@ from .oscillator import KelvinVoigt as KelvinVoigt
 from .oscillator import Thornton as Thornton
 from .oscillator import Tsuji as Tsuji
 from .plastic import AbstractElasticPlastic as AbstractElasticPlastic
-from .plastic import AbstractPlastic as AbstractPlastic
 from .plastic import AbstractPlasticForm as AbstractPlasticForm
 from .plastic import WaltonBraun as WaltonBraun
 from .published import CarvalhoMartins as CarvalhoMartins
@@ -45,7 +43,6 @@ from .published import HuntCrossley as HuntCrossley
 from .published import LankaraniNikravesh as LankaraniNikravesh
 from .published import LeeWang as LeeWang
 from .published import ZhiyingQishao as ZhiyingQishao
-from .registry import Description as Description
 from .registry import constant_laws as constant_laws
 from .registry import describe as describe
 from .registry import get_law as get_law
@@ -60,4 +57,3 @@ from .surface_adhesion import JKRForm as JKRForm
 from .viscoelastic import KuwabaraKono as KuwabaraKono
 from .yielding import ThorntonPlastic as ThorntonPlastic
 from .yielding import Viscoplastic as Viscoplastic
-from .yielding import plastic_restitution as plastic_restitution
