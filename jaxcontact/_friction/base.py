@@ -110,6 +110,8 @@ class AbstractFriction(eqx.Module):
 
     mu: eqx.AbstractVar[Float[Array, "..."]]
     kind: ClassVar[str] = "impulse"
+    substeps: ClassVar[int] = 1
+    """The number of steps of a `NormalPath` between two samples that are shown."""
 
     def has_formula(self, problem: Tangential) -> bool:
         """Return whether `rebound` applies; otherwise the motion is followed by an event solve."""
@@ -127,11 +129,6 @@ class AbstractFriction(eqx.Module):
 
     def require_for_system(self) -> None:
         """Raise ValueError for numbers that a `System` must not have."""
-
-    @property
-    def substeps(self) -> int:
-        """The number of steps of a `NormalPath` between two samples that are shown."""
-        return 1
 
     def along(self, problem: Tangential, path: NormalPath) -> tuple[Lane, Lane] | None:
         """Return slip and friction along a normal motion; None if the law has no force in time."""

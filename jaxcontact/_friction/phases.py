@@ -6,7 +6,6 @@ phases alternate until the bodies separate.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -14,7 +13,7 @@ import jax.numpy as jnp
 from jax.lax import stop_gradient
 from jaxtyping import ArrayLike
 
-from .._forms import restitution_of, slopes_along
+from .._forms import differentiated_forward, restitution_of
 from .._functions import log_remainder
 from .sticking import FORMS, Flag, Lane, SpringForm, SpringState, Stuck, choose, loads, stick
 
@@ -122,27 +121,13 @@ def slider_phases(psi1: ArrayLike, chi: ArrayLike, alpha: ArrayLike, form: str) 
     count = numbers[0].size
     spare = 0 if count <= _GROUP else -count % _GROUP
     flat = [jnp.pad(x.astype(kind).reshape(-1), (0, spare), mode="edge") for x in numbers]
-    outcome = _differentiable(FORMS[form])(*flat)
-    outcome = jax.tree.map(lambda x: x[:count].reshape(shape), outcome)
-    return outcome._replace(converged=outcome.converged > 0)
-
-
-def _differentiable(form: SpringForm) -> Callable[[Lane, Lane, Lane], SliderPhases]:
-    """Return the solve with a derivative that is linear in the tangents, so that it transposes."""
 
     def of_lanes(psi1: Lane, chi: Lane, alpha: Lane) -> SliderPhases:
-        return _solve(psi1, chi, alpha, form)
+        return _solve(psi1, chi, alpha, FORMS[form])
 
-    solve = jax.custom_jvp(of_lanes)
-
-    def rule(primals: tuple, tangents: tuple) -> tuple[SliderPhases, SliderPhases]:
-        outcome, slopes, along = slopes_along(of_lanes, primals, tangents)
-        return outcome, jax.tree.map(
-            lambda slope: sum(s * t for s, t in zip(slope, along, strict=True)), slopes
-        )
-
-    solve.defjvp(rule, symbolic_zeros=True)
-    return solve
+    outcome = differentiated_forward(of_lanes, of_lanes)(*flat)
+    outcome = jax.tree.map(lambda x: x[:count].reshape(shape), outcome)
+    return outcome._replace(converged=outcome.converged > 0)
 
 
 class _PhaseEnd(NamedTuple):
