@@ -269,9 +269,11 @@ def _peak_expansion(v: Lane, alpha: Lane, n: Lane) -> tuple[Lane, Lane, Lane, La
     return value, slope, second, -2 * alpha * softness * second
 
 
-def stored_at(v: Lane, alpha: Lane) -> Lane:
-    """Return H = G(1) - G(v), the elastic energy stored when the speed has fallen to v ≥ 0."""
-    delta = (1 - v) / (1 + alpha * v)
+def stored_at(v: Lane, alpha: Lane, outer: Lane | float = 1.0) -> Lane:
+    """Return H = G(outer) - G(v), the elastic energy stored at the velocity v. The `outer` end of
+    the way is 1 in compression and may be -e in restitution, so that nothing cancels.
+    """
+    delta = (outer - v) / (1 + alpha * v)
     return delta * (v + delta * log_remainder(alpha * delta))
 
 

@@ -16,9 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._entry import require_kind, shown
-
-Lane = Float[Array, "..."]
-Exponent = float | Float[Array, "..."]
+from .._forms import Exponent, Lane
 
 
 class Tangential(NamedTuple):

@@ -13,9 +13,10 @@ import jax.numpy as jnp
 from jax.lax import stop_gradient
 from jaxtyping import ArrayLike
 
-from .._forms import differentiated_forward, restitution_of
-from .._functions import log_remainder
-from .sticking import FORMS, Flag, Lane, SpringForm, SpringState, Stuck, choose, loads, stick
+from .._forms import Flag, Lane, differentiated_forward, restitution_of
+from .._forms.hunt_crossley import stored_at
+from .._solver import chosen
+from .sticking import FORMS, SpringForm, SpringState, Stuck, loads, stick
 
 # Steps of order 3 from one side. The error of the outcome is of second order in that of the root.
 _ITERATIONS = 7
@@ -27,20 +28,9 @@ class Normal(NamedTuple):
     alpha: Lane
     e: Lane
 
-    @classmethod
-    def of(cls, alpha: Lane) -> Normal:
-        """Return the motion with the damping factor α ≥ 0."""
-        return cls(alpha, restitution_of(alpha))
-
     def stored(self, v: Lane) -> Lane:
-        """Return X = x^(5/2) = 5/2 (G(1) - G(v)), G(v) = ∫ v dv/(1 + αv), at the velocity v.
-
-        It is measured from touch in loading and from separation in unloading, where G(1) = G(-e).
-        Both terms of the sum then have the same sign, so nothing cancels.
-        """
-        outer = jnp.where(v > 0, 1, -self.e)
-        delta = (outer - v) / (1 + self.alpha * v)
-        return 2.5 * delta * (v + delta * log_remainder(self.alpha * delta))
+        """Return X = x^(5/2) at the velocity v."""
+        return 2.5 * stored_at(v, self.alpha, jnp.where(v > 0, 1, -self.e))
 
 
 class SlidingPhase(NamedTuple):
@@ -145,7 +135,7 @@ def _solve(psi1: Lane, chi: Lane, alpha: Lane, form: SpringForm) -> SliderPhases
 
     Where phases meet is not differentiated: there, both have the same rates.
     """
-    normal = Normal.of(alpha)
+    normal = Normal(alpha, restitution_of(alpha))
     fixed_chi, fixed_normal = stop_gradient((chi, normal))
     last = -fixed_normal.e
 
@@ -164,13 +154,13 @@ def _solve(psi1: Lane, chi: Lane, alpha: Lane, form: SpringForm) -> SliderPhases
         parted = jnp.abs(z) <= 8 * jnp.finfo(z.dtype).eps
         slid = SlidingPhase(sliding.psi_at(-normal.e, chi), -normal.e, sliding.sign)
         new = _PhaseEnd(
-            sliding=choose(lasts, slid, onward),
+            sliding=chosen(lasts, slid, onward),
             stop=jnp.where(count > 0, course.stop, jnp.where(lasts, last, v)),
             slip=stop_gradient(jnp.where(lasts, sliding.start, onward.start)),
             done=lasts | ~stuck.done | parted,
             good=lasts | stuck.done,
         )
-        return choose(course.done, course, new), count + 1
+        return chosen(course.done, course, new), count + 1
 
     one = jnp.ones_like(psi1)
     touch = _PhaseEnd(SlidingPhase(psi1, one, one), one, one, one < 0, one > 0)

@@ -10,7 +10,6 @@ doi 10.1007/978-3-642-05221-7.
 
 from __future__ import annotations
 
-import functools
 import operator
 from typing import Any, NamedTuple
 
@@ -22,6 +21,7 @@ from numpy.polynomial import legendre
 
 from ..._forms import Flag, signed_power
 from ..._functions import bracketed_root, ratio, small_product, varying, with_implicit_derivative
+from ..._solver import chosen
 from ..motion.coordinates import Number, State
 from ..motion.ends import Followed, creeps_to_rest, gaps, is_held
 from ..motion.equation import Motion
@@ -85,7 +85,7 @@ def follow_on(motion: Motion, explicit: Followed, rtol: float) -> Followed:
         state, useful, again = before
         compressing, end, arrived, likely = leg
         needed = useful & (again | likely | ~arrived)
-        start = jax.tree.map(functools.partial(jnp.where, compressing), end, motion.still(state))
+        start = chosen(compressing, end, motion.still(state))
         # A branch, since even a solve without steps costs more than most explicit legs.
         end, arrived, steps = jax.lax.cond(
             needed,
@@ -140,7 +140,7 @@ def _solved(
         lost = _force_is_lost(motion, state)
         fine, met = fine & ~again, meets & ~again & ~lost
         beyond = _node_beyond(motion, step, compressing, closing)
-        last = jax.tree.map(functools.partial(jnp.where, fine), step, progress.last)
+        last = chosen(fine, step, progress.last)
         state = _after(last)
         ends = jnp.where(compressing, creeps_to_rest(motion, state), is_held(motion, state))
         return _Progress(

@@ -35,6 +35,7 @@ from ..impact import summary
 from ..methods.auto import method_of
 from ..methods.event import Event
 from ..methods.method import AbstractMethod
+from ..motion.coordinates import Number
 from ..result import Impact, Status
 from .bodies import RoundBodies
 from .result import ObliqueImpact, Slip
@@ -176,8 +177,6 @@ def _phases(
     first, last = unit * moments[0], unit * moments[1]
     return [jnp.maximum(lasts, 0) for lasts in (first, last - first, duration - last)]
 
-
-Number = Float[Array, ""]
 
 _ROUNDING = 1e-3
 """Relative, far above the error of a solve and far below that of a failed one."""
