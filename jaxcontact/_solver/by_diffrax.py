@@ -42,9 +42,6 @@ class _Watching(diffrax.AbstractWrappedSolver):
     def order(self, terms: Any) -> int | None:
         return self.solver.order(terms)
 
-    def strong_order(self, terms: Any) -> Any:
-        return self.solver.strong_order(terms)
-
     def error_order(self, terms: Any) -> Any:
         return self.solver.error_order(terms)
 
