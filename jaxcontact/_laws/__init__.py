@@ -32,6 +32,7 @@ from .oscillator import KelvinVoigt as KelvinVoigt
 from .oscillator import Thornton as Thornton
 from .oscillator import Tsuji as Tsuji
 from .plastic import AbstractElasticPlastic as AbstractElasticPlastic
+from .plastic import AbstractPlastic as AbstractPlastic
 from .plastic import AbstractPlasticForm as AbstractPlasticForm
 from .plastic import WaltonBraun as WaltonBraun
 from .published import CarvalhoMartins as CarvalhoMartins

@@ -16,7 +16,7 @@ from ..._entry import refuses_unknown, require_flag, sanitised
 from ..._forms import AbstractForm
 from ..._forms.base import Exponent
 from ..._friction import AbstractFriction
-from ..._friction.base import ScaledSpring, TangentialOutcome
+from ..._friction.base import ScaledSpring, Tangential, TangentialOutcome
 from ..._friction.spring_slider import spring_of
 from ..._laws import AbstractLaw
 from ..._program import program
@@ -105,17 +105,9 @@ def _oblique(given: ObliqueProblem, method: AbstractMethod) -> ObliqueImpact:
     # A failed normal impact has no e; its lanes are flagged below.
     e = jnp.where(normal.ok, normal.restitution, 0)
     problem = sliding.problem(lanes, e, given.ratio)
-    friction = sanitised(given.friction)
-    held = friction.held
-    followed = isinstance(method, Event) or not friction.has_formula(problem)
-    if held is not None and followed:
-        spring = spring_of(friction, problem)
-        found = follow(lanes, spring, held, method if isinstance(method, Event) else Event(), e)
-    else:
-        found = friction.rebound(problem)
+    found, name = _outcome(sanitised(given.friction), lanes, problem, method)
     status = status_of(normal, found, sliding.valid)
     good = (status != int(Status.INVALID_INPUT)) & (status != int(Status.NOT_CONVERGED))
-    name = "event" if held and followed else "formula" if found.converged is None else "phase"
 
     def result(value: Float[Array, "..."] | None) -> Any:
         return None if value is None else fill(jnp.where(good, value, jnp.nan))
@@ -147,6 +139,18 @@ def _oblique(given: ObliqueProblem, method: AbstractMethod) -> ObliqueImpact:
         status=fill(status),
         method=name,
     )
+
+
+def _outcome(
+    friction: AbstractFriction, lanes: Lanes, problem: Tangential, method: AbstractMethod
+) -> tuple[TangentialOutcome, str]:
+    """Return the tangential outcome, and how it was solved."""
+    by_event = isinstance(method, Event)
+    if friction.held is not None and (by_event or not friction.has_formula(problem)):
+        how, spring = method if by_event else Event(), spring_of(friction, problem)
+        return follow(lanes, spring, friction.held, how, problem.restitution), "event"
+    found = friction.rebound(problem)
+    return found, "formula" if found.converged is None else "phase"
 
 
 def status_of(
