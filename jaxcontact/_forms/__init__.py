@@ -6,12 +6,12 @@ from .base import Flag as Flag
 from .base import Lane as Lane
 from .base import Momentum as Momentum
 from .base import signed_power as signed_power
-from .base import sound_damping as sound_damping
 from .hunt_crossley import HuntCrossleyForm as HuntCrossleyForm
 from .hunt_crossley import exact_damping_factor as exact_damping_factor
 from .hunt_crossley import rebound_exponent as rebound_exponent
 from .hunt_crossley import restitution_of as restitution_of
 from .oscillator import OscillatorForm as OscillatorForm
+from .quadrature import differentiated_forward as differentiated_forward
 from .quadrature import integrate as integrate
 from .quadrature import lanewise as lanewise
 from .quadrature import slopes_along as slopes_along

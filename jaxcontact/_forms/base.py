@@ -8,6 +8,7 @@ solver. Forms are therefore solved in w with `x = w^k`, `dt = w^(k-1) dτ`, so t
 from __future__ import annotations
 
 import abc
+import dataclasses
 from collections.abc import Callable
 from typing import ClassVar, NamedTuple
 
@@ -74,6 +75,9 @@ class AbstractForm(eqx.Module):
 
     remembers: ClassVar[bool] = False
     """True if the force depends on the largest indentation of the contact so far."""
+
+    damping_number: ClassVar[str | None] = None
+    """The field with a number ≥ 0 of damping, which `sound` checks; None without one."""
 
     @abc.abstractmethod
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
@@ -142,7 +146,11 @@ class AbstractForm(eqx.Module):
 
         The other lanes are flagged as invalid input.
         """
-        return self, jnp.asarray(True)
+        name = self.damping_number
+        if name is None or (number := getattr(self, name)) is None:
+            return self, jnp.asarray(True)
+        good = (number >= 0) & jnp.isfinite(number)
+        return dataclasses.replace(self, **{name: jnp.where(good, number, 0)}), good
 
     def momentum(self, n: Exponent) -> Momentum | None:
         """Return the coordinate that replaces v in a free impact; None for v itself."""
@@ -284,9 +292,3 @@ class AbstractForm(eqx.Module):
             return pulling / (1 + damping[0])
         # A force clamped to zero has vanished already.
         return jnp.where(pulling == 0, -1, pulling) if self.may_clamp else pulling
-
-
-def sound_damping(number: Lane) -> tuple[Lane, Flag]:
-    """Return a damping number, replaced by 0 if negative or not finite, and where it was valid."""
-    good = (number >= 0) & jnp.isfinite(number)
-    return jnp.where(good, number, 0), good

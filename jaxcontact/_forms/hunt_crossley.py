@@ -34,7 +34,7 @@ from .._functions import (
     psi,
     speed_of,
 )
-from .base import AbstractForm, Exponent, Flag, Lane, Momentum, signed_power, sound_damping
+from .base import AbstractForm, Exponent, Flag, Lane, Momentum, signed_power
 from .quadrature import integrate, lanewise, to_power
 from .scale import ScaledImpact
 
@@ -45,6 +45,7 @@ class HuntCrossleyForm(AbstractForm):
     alpha: Lane
     tension: bool = eqx.field(static=True)
     never_pulls: ClassVar[bool] = True
+    damping_number: ClassVar[str | None] = "alpha"
 
     def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent]:
         return self.alpha, 0.0
@@ -64,10 +65,6 @@ class HuntCrossleyForm(AbstractForm):
         """Return the time from touch to the velocity v in [-e, 1], by quadrature."""
         alpha, v, duration = jnp.broadcast_arrays(self.alpha, v, duration)
         return _time_at(alpha, v, duration, n)
-
-    def sound(self) -> tuple[HuntCrossleyForm, Flag]:
-        alpha, good = sound_damping(self.alpha)
-        return eqx.tree_at(lambda form: form.alpha, self, alpha), good
 
     def restitution(self) -> Lane:
         return restitution_of(self.alpha)
@@ -272,9 +269,11 @@ def _peak_expansion(v: Lane, alpha: Lane, n: Lane) -> tuple[Lane, Lane, Lane, La
     return value, slope, second, -2 * alpha * softness * second
 
 
-def stored_at(v: Lane, alpha: Lane) -> Lane:
-    """Return H = G(1) - G(v), the elastic energy stored when the speed has fallen to v ≥ 0."""
-    delta = (1 - v) / (1 + alpha * v)
+def stored_at(v: Lane, alpha: Lane, outer: Lane | float = 1.0) -> Lane:
+    """Return H = G(outer) - G(v), the elastic energy stored at the velocity v. The `outer` end of
+    the way is 1 in compression and may be -e in restitution, so that nothing cancels.
+    """
+    delta = (outer - v) / (1 + alpha * v)
     return delta * (v + delta * log_remainder(alpha * delta))
 
 

@@ -9,14 +9,16 @@ is analytic through critical damping. A contact without tension ends at τ = 2C,
 from __future__ import annotations
 
 import functools
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 from jax.scipy.special import betaln
 
+from .._entry import static_value
 from .._functions import arc_over_sine, power, sinc_root
-from .base import AbstractForm, Exponent, Flag, Lane, sound_damping
-from .quadrature import integrate, lanewise, n_is_one, to_power
+from .base import AbstractForm, Exponent, Flag, Lane
+from .quadrature import integrate, lanewise, to_power
 from .scale import ScaledImpact
 
 
@@ -26,6 +28,7 @@ class OscillatorForm(AbstractForm):
     zeta: Lane
     tension: bool = eqx.field(static=True)
     approach_only: bool = eqx.field(static=True)
+    damping_number: ClassVar[str | None] = "zeta"
 
     @property
     def ending(self) -> str:
@@ -47,10 +50,6 @@ class OscillatorForm(AbstractForm):
 
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
         return power(x, n) + self.damping(n, compressing)[0] * v * power(x, (n - 1) / 2)
-
-    def sound(self) -> tuple[OscillatorForm, Flag]:
-        zeta, good = sound_damping(self.zeta)
-        return eqx.tree_at(lambda form: form.zeta, self, zeta), good
 
     def restitution(self) -> Lane:
         return jnp.exp(-_decay(self.zeta, self.ending))
@@ -118,7 +117,7 @@ def _time_unit(n: Exponent) -> Exponent:
 
 
 def _compression_time(zeta: Lane, turn: Lane, n: Exponent, unroll: int) -> Lane:
-    if n_is_one(n):
+    if static_value(n) == 1:
         return turn
     q = _weakness(n)
 
@@ -133,7 +132,7 @@ def _compression_time(zeta: Lane, turn: Lane, n: Exponent, unroll: int) -> Lane:
 def _half_period_time(zeta: Lane, n: Exponent, unroll: int) -> Lane:
     """Return the time from touch to x = 0 with tension, each half integrated from its own end."""
     omega = jnp.sqrt((1 - zeta) * (1 + zeta))
-    if n_is_one(n):
+    if static_value(n) == 1:
         return jnp.pi / omega
     q = _weakness(n)
     decrement = _decrement(zeta)
@@ -152,7 +151,7 @@ def _clamped_rebound_time(zeta: Lane, turn: Lane, n: Exponent, unroll: int) -> L
     """Return the time from the turn until the force vanishes, in τ equal to that from touch to
     turn.
     """
-    if n_is_one(n):
+    if static_value(n) == 1:
         return turn
     # With weak damping the force vanishes close to x = 0, where the integrand is singular. The time
     # to x = 0 minus the last part is used, both integrated from the singular end.

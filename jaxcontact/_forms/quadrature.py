@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import jax
@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._entry import static_value
 from .._functions import nonzero
 from .base import Exponent, Lane
 
@@ -104,25 +103,20 @@ def _double_exponential(count: int) -> tuple[np.ndarray, np.ndarray]:
     return nodes, weights / weights.sum()
 
 
-def n_is_one(n: Exponent) -> bool:
-    """Return whether n is known to be 1, where the time integrals are formulas."""
-    return static_value(n) == 1.0
-
-
 Out = TypeVar("Out")
 
 
 def slopes_along(
-    function: Callable[..., Out], primals: tuple[jax.Array, ...], tangents: tuple
-) -> tuple[Out, Out, list[jax.Array]]:
-    """Return the value of a function of few numbers, its slopes by the varying ones, and tangents.
-
-    This is a rule for `custom_jvp` that is linear in the tangents and therefore transposes. The
-    slopes are computed forward together with the value. They multiply tangents in forward mode and
-    cotangents in reverse mode. Every primal is one number, or one number per lane.
+    function: Callable[..., Out],
+    primals: Sequence[jax.Array],
+    varying: list[int],
+    count: int,
+    pushed: Callable[[jax.Array], tuple[jax.Array, ...]],
+) -> tuple[Out, Out]:
+    """Return the value of a function, and its slopes along `count` directions of the varying
+    numbers, whose tangents in a direction are `pushed` of its unit vector.
     """
-    varying = [i for i, t in enumerate(tangents) if nonzero(t)]
-    along = [tangents[i] for i in varying]
+    numbers = tuple(primals[i] for i in varying)
 
     def of_varying(*numbers: jax.Array) -> Out:
         given = list(primals)
@@ -131,18 +125,41 @@ def slopes_along(
         return function(*given)
 
     def sensitivity(direction: jax.Array) -> tuple[Out, Out]:
-        numbers = tuple(primals[i] for i in varying)
-        pushed = (jnp.broadcast_to(d, x.shape) for d, x in zip(direction, numbers, strict=True))
-        return jax.jvp(of_varying, numbers, tuple(pushed))
+        return jax.jvp(of_varying, numbers, pushed(direction))
 
-    basis = jnp.eye(len(varying), dtype=primals[0].dtype)
-    if len(varying) == 1:
+    basis = jnp.eye(count, dtype=numbers[0].dtype)
+    if count == 1:
         # A batch of one direction would be traced once more and compiled with an axis of length
         # one.
         outcome, slope = sensitivity(basis[0])
-        return outcome, jax.tree.map(lambda s: s[None], slope), along
-    outcome, slopes = jax.vmap(sensitivity, out_axes=(None, 0))(basis)
-    return outcome, slopes, along
+        return outcome, jax.tree.map(lambda s: s[None], slope)
+    return jax.vmap(sensitivity, out_axes=(None, 0))(basis)
+
+
+def differentiated_forward(
+    function: Callable[..., Out], with_slopes: Callable[..., Out]
+) -> Callable[..., Out]:
+    """Return a function of few numbers, each one or one per lane, with the slopes of `with_slopes`.
+
+    Its rule is linear in the tangents and therefore transposes. The slopes are computed forward
+    together with the value. They multiply tangents in forward mode and cotangents in reverse mode.
+    """
+    solved = jax.custom_jvp(function)
+
+    def rule(primals: tuple[jax.Array, ...], tangents: tuple) -> tuple[Out, Out]:
+        varying = [i for i, t in enumerate(tangents) if nonzero(t)]
+
+        def pushed(direction: jax.Array) -> tuple[jax.Array, ...]:
+            pairs = zip(direction, varying, strict=True)
+            return tuple(jnp.broadcast_to(d, primals[i].shape) for d, i in pairs)
+
+        outcome, slopes = slopes_along(with_slopes, primals, varying, len(varying), pushed)
+        return outcome, jax.tree.map(
+            lambda slope: sum(s * tangents[i] for s, i in zip(slope, varying, strict=True)), slopes
+        )
+
+    solved.defjvp(rule, symbolic_zeros=True)
+    return solved
 
 
 def lanewise(solve: Callable[..., Out], number: Lane, n: Exponent) -> Out:
@@ -158,13 +175,5 @@ def lanewise(solve: Callable[..., Out], number: Lane, n: Exponent) -> Out:
     def with_unroll(unroll: int) -> Callable[..., Out]:
         return lambda *numbers: solve(*numbers, *fixed, unroll)
 
-    solved = jax.custom_jvp(with_unroll(UNROLL))
-
-    def rule(primals: tuple[Lane, ...], tangents: tuple) -> tuple[Out, Out]:
-        outcome, slopes, along = slopes_along(with_unroll(1), primals, tangents)
-        return outcome, jax.tree.map(
-            lambda slope: sum(s * t for s, t in zip(slope, along, strict=True)), slopes
-        )
-
-    solved.defjvp(rule, symbolic_zeros=True)
+    solved = differentiated_forward(with_unroll(UNROLL), with_unroll(1))
     return solved(number) if fixed else solved(number, jnp.asarray(n))

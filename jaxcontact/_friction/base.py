@@ -16,9 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._entry import require_kind, shown
-
-Lane = Float[Array, "..."]
-Exponent = float | Float[Array, "..."]
+from .._forms import Exponent, Lane
 
 
 class Tangential(NamedTuple):
@@ -110,6 +108,8 @@ class AbstractFriction(eqx.Module):
 
     mu: eqx.AbstractVar[Float[Array, "..."]]
     kind: ClassVar[str] = "impulse"
+    substeps: ClassVar[int] = 1
+    """The number of steps of a `NormalPath` between two samples that are shown."""
 
     def has_formula(self, problem: Tangential) -> bool:
         """Return whether `rebound` applies; otherwise the motion is followed by an event solve."""
@@ -127,11 +127,6 @@ class AbstractFriction(eqx.Module):
 
     def require_for_system(self) -> None:
         """Raise ValueError for numbers that a `System` must not have."""
-
-    @property
-    def substeps(self) -> int:
-        """The number of steps of a `NormalPath` between two samples that are shown."""
-        return 1
 
     def along(self, problem: Tangential, path: NormalPath) -> tuple[Lane, Lane] | None:
         """Return slip and friction along a normal motion; None if the law has no force in time."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any, cast
+
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._entry import NOT_NEGATIVE, POSITIVE, Range, as_parameter, parameter, refuses_unknown
+from .._entry import NOT_NEGATIVE, POSITIVE, Range, parameter, refuses_unknown
 from .._functions import ratio
 from .base import AbstractFriction, Lane, NormalPath, Tangential, TangentialOutcome
 
@@ -31,7 +33,7 @@ class RigidCoulomb(AbstractFriction):
 
     @refuses_unknown
     def __init__(self, mu: ArrayLike):
-        self.mu = as_parameter(mu, "mu", NOT_NEGATIVE)
+        self.mu = cast(Any, mu)  # the field has a converter
 
     def rebound(self, problem: Tangential) -> TangentialOutcome:
         left, e = problem.after_sliding(self.mu), problem.restitution
@@ -65,8 +67,7 @@ class WaltonFriction(AbstractFriction):
 
     @refuses_unknown
     def __init__(self, mu: ArrayLike, beta0: ArrayLike):
-        self.mu = as_parameter(mu, "mu", NOT_NEGATIVE)
-        self.beta0 = as_parameter(beta0, "beta0", TANGENTIAL_RESTITUTION)
+        self.mu, self.beta0 = cast(Any, (mu, beta0))  # the fields have converters
 
     def rebound(self, problem: Tangential) -> TangentialOutcome:
         left, back = problem.after_sliding(self.mu), -self.beta0 * problem.slip
@@ -95,8 +96,7 @@ class RegularizedCoulomb(AbstractFriction):
 
     @refuses_unknown
     def __init__(self, mu: ArrayLike, v_d: ArrayLike):
-        self.mu = as_parameter(mu, "mu", NOT_NEGATIVE)
-        self.v_d = as_parameter(v_d, "v_d", POSITIVE)
+        self.mu, self.v_d = cast(Any, (mu, v_d))
 
     @property
     def is_followed(self) -> bool:

@@ -24,7 +24,7 @@ import functools
 import json
 from collections.abc import Sequence
 from importlib.resources import files
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -342,17 +342,13 @@ class MawBarberFawcett(AbstractFriction):
     scalar out of range. Source: Maw, Barber & Fawcett (1976), doi 10.1016/0043-1648(76)90201-5.
     """
 
+    substeps = 16
     mu: Float[Array, "..."] = parameter("mu", NOT_NEGATIVE)
     ratio: Float[Array, "..."] | None = optional_parameter("ratio", POSITIVE, "-")
 
     @refuses_unknown
     def __init__(self, mu: ArrayLike, ratio: ArrayLike | None = None):
-        self.mu = as_parameter(mu, "mu", NOT_NEGATIVE)
-        self.ratio = None if ratio is None else as_parameter(ratio, "ratio", POSITIVE)
-
-    @property
-    def substeps(self) -> int:
-        return 16
+        self.mu, self.ratio = cast(Any, (mu, ratio))  # the fields have converters
 
     def uncovered(self, problem: Tangential) -> str | None:
         chi, alpha = spring_of(self, problem).chi, problem.alpha

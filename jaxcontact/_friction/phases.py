@@ -6,7 +6,6 @@ phases alternate until the bodies separate.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -14,9 +13,10 @@ import jax.numpy as jnp
 from jax.lax import stop_gradient
 from jaxtyping import ArrayLike
 
-from .._forms import restitution_of, slopes_along
-from .._functions import log_remainder
-from .sticking import FORMS, Flag, Lane, SpringForm, SpringState, Stuck, choose, loads, stick
+from .._forms import Flag, Lane, differentiated_forward, restitution_of
+from .._forms.hunt_crossley import stored_at
+from .._solver import chosen
+from .sticking import FORMS, SpringForm, SpringState, Stuck, loads, stick
 
 # Steps of order 3 from one side. The error of the outcome is of second order in that of the root.
 _ITERATIONS = 7
@@ -28,20 +28,9 @@ class Normal(NamedTuple):
     alpha: Lane
     e: Lane
 
-    @classmethod
-    def of(cls, alpha: Lane) -> Normal:
-        """Return the motion with the damping factor α ≥ 0."""
-        return cls(alpha, restitution_of(alpha))
-
     def stored(self, v: Lane) -> Lane:
-        """Return X = x^(5/2) = 5/2 (G(1) - G(v)), G(v) = ∫ v dv/(1 + αv), at the velocity v.
-
-        It is measured from touch in loading and from separation in unloading, where G(1) = G(-e).
-        Both terms of the sum then have the same sign, so nothing cancels.
-        """
-        outer = jnp.where(v > 0, 1, -self.e)
-        delta = (outer - v) / (1 + self.alpha * v)
-        return 2.5 * delta * (v + delta * log_remainder(self.alpha * delta))
+        """Return X = x^(5/2) at the velocity v."""
+        return 2.5 * stored_at(v, self.alpha, jnp.where(v > 0, 1, -self.e))
 
 
 class SlidingPhase(NamedTuple):
@@ -122,27 +111,13 @@ def slider_phases(psi1: ArrayLike, chi: ArrayLike, alpha: ArrayLike, form: str) 
     count = numbers[0].size
     spare = 0 if count <= _GROUP else -count % _GROUP
     flat = [jnp.pad(x.astype(kind).reshape(-1), (0, spare), mode="edge") for x in numbers]
-    outcome = _differentiable(FORMS[form])(*flat)
-    outcome = jax.tree.map(lambda x: x[:count].reshape(shape), outcome)
-    return outcome._replace(converged=outcome.converged > 0)
-
-
-def _differentiable(form: SpringForm) -> Callable[[Lane, Lane, Lane], SliderPhases]:
-    """Return the solve with a derivative that is linear in the tangents, so that it transposes."""
 
     def of_lanes(psi1: Lane, chi: Lane, alpha: Lane) -> SliderPhases:
-        return _solve(psi1, chi, alpha, form)
+        return _solve(psi1, chi, alpha, FORMS[form])
 
-    solve = jax.custom_jvp(of_lanes)
-
-    def rule(primals: tuple, tangents: tuple) -> tuple[SliderPhases, SliderPhases]:
-        outcome, slopes, along = slopes_along(of_lanes, primals, tangents)
-        return outcome, jax.tree.map(
-            lambda slope: sum(s * t for s, t in zip(slope, along, strict=True)), slopes
-        )
-
-    solve.defjvp(rule, symbolic_zeros=True)
-    return solve
+    outcome = differentiated_forward(of_lanes, of_lanes)(*flat)
+    outcome = jax.tree.map(lambda x: x[:count].reshape(shape), outcome)
+    return outcome._replace(converged=outcome.converged > 0)
 
 
 class _PhaseEnd(NamedTuple):
@@ -160,7 +135,7 @@ def _solve(psi1: Lane, chi: Lane, alpha: Lane, form: SpringForm) -> SliderPhases
 
     Where phases meet is not differentiated: there, both have the same rates.
     """
-    normal = Normal.of(alpha)
+    normal = Normal(alpha, restitution_of(alpha))
     fixed_chi, fixed_normal = stop_gradient((chi, normal))
     last = -fixed_normal.e
 
@@ -179,13 +154,13 @@ def _solve(psi1: Lane, chi: Lane, alpha: Lane, form: SpringForm) -> SliderPhases
         parted = jnp.abs(z) <= 8 * jnp.finfo(z.dtype).eps
         slid = SlidingPhase(sliding.psi_at(-normal.e, chi), -normal.e, sliding.sign)
         new = _PhaseEnd(
-            sliding=choose(lasts, slid, onward),
+            sliding=chosen(lasts, slid, onward),
             stop=jnp.where(count > 0, course.stop, jnp.where(lasts, last, v)),
             slip=stop_gradient(jnp.where(lasts, sliding.start, onward.start)),
             done=lasts | ~stuck.done | parted,
             good=lasts | stuck.done,
         )
-        return choose(course.done, course, new), count + 1
+        return chosen(course.done, course, new), count + 1
 
     one = jnp.ones_like(psi1)
     touch = _PhaseEnd(SlidingPhase(psi1, one, one), one, one, one < 0, one > 0)

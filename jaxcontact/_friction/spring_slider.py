@@ -9,7 +9,7 @@ trajectories. Outcomes are solved by phases and tables.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import equinox as eqx
 import jax
@@ -19,7 +19,6 @@ from jaxtyping import Array, ArrayLike, Float
 from .._entry import (
     NOT_NEGATIVE,
     POSITIVE,
-    as_parameter,
     optional_parameter,
     parameter,
     refuses_unknown,
@@ -37,6 +36,7 @@ from .base import (
     own_ratio,
 )
 from .phases import slider_phases
+from .sticking import FORMS
 
 
 def ratio_of(law: AbstractFriction, of_contact: Lane | None) -> Lane:
@@ -153,9 +153,6 @@ def _along(
     return spring.slip(slips), frictions
 
 
-FORMS = ("force", "displacement", "rescaled")
-
-
 class SpringSlider(AbstractFriction):
     """One tangential spring and slider at each contact: f' = κ n K δ^(n-1) u in stick, |f| ≤ μ F.
 
@@ -173,6 +170,7 @@ class SpringSlider(AbstractFriction):
     """
 
     kind = "spring"
+    substeps = 16
     mu: Float[Array, "..."] = parameter("mu", NOT_NEGATIVE)
     ratio: Float[Array, "..."] | None = optional_parameter("ratio", POSITIVE, "-")
     form: Literal["force", "displacement", "rescaled"] = eqx.field(static=True, default="force")
@@ -184,8 +182,7 @@ class SpringSlider(AbstractFriction):
         ratio: ArrayLike | None = None,
         form: Literal["force", "displacement", "rescaled"] = "force",
     ):
-        self.mu = as_parameter(mu, "mu", NOT_NEGATIVE)
-        self.ratio = None if ratio is None else as_parameter(ratio, "ratio", POSITIVE)
+        self.mu, self.ratio = cast(Any, (mu, ratio))  # the fields have converters
         require_choice("form", form, FORMS)
         self.form = form
 
@@ -206,10 +203,6 @@ class SpringSlider(AbstractFriction):
                 'Argument `form` of the `SpringSlider` of a `System` must be "force", but is '
                 f'"{self.form}".'
             )
-
-    @property
-    def substeps(self) -> int:
-        return 16
 
     def along(self, problem: Tangential, path: NormalPath) -> tuple[Lane, Lane]:
         slip, force = slider_along(spring_of(self, problem), problem.exponent, self.form, path)

@@ -4,17 +4,15 @@ and steps of order 8, until a cubic reaches the limit.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax.lax import stop_gradient
-from jaxtyping import Array, Bool, Float
 
+from .._forms import Flag, Lane
+from .._solver import chosen
 from .._solver.runge_kutta import step_written_out
-
-Lane = Float[Array, "..."]
-Flag = Bool[Array, "..."]
 
 
 class Spring(NamedTuple):
@@ -144,8 +142,6 @@ class Cubic(NamedTuple):
         return jnp.where(has, self.c1 / jnp.where(has, root - self.c2, 1), 0)
 
 
-Tree = TypeVar("Tree")
-
 # A step in σ. Measured over 60,000 lanes with ψ1 < 8, 0.5 < χ < 2.5 and α < 2, largest error of
 # ψ2: 1.7e-10 with 0.3, 4e-11 with 0.25, 7e-12 with 0.2. A contact takes 39 steps at α = 0.
 _STEP = 0.2
@@ -173,11 +169,6 @@ class Stuck(NamedTuple):
     size: Lane
     trials: Lane
     done: Flag
-
-
-def choose(flag: Flag, yes: Tree, no: Tree) -> Tree:
-    """Return `yes` in the lanes with the flag, else `no`."""
-    return jax.tree.map(lambda a, b: jnp.where(flag, a, b), yes, no)
 
 
 def loads(v: Lane) -> Flag:
@@ -311,12 +302,12 @@ def stick(state: SpringState, still: Flag, chi: Lane, alpha: Lane, form: SpringF
             displacement = after.z / (1.5 * jnp.where(turned, after.w, 1))
             after = after._replace(z=jnp.where(turned, displacement, after.z))
         moved = Stuck(
-            state=choose(trial.taken, after, before),
+            state=chosen(trial.taken, after, before),
             size=jnp.where(trial.taken, _STEP, size * trial.factor),
             trials=stuck.trials + (past | (stuck.trials > 0)).astype(size.dtype),
             done=trial.arrived,
         )
-        return choose(stuck.done, stuck, moved), count + 1
+        return chosen(stuck.done, stuck, moved), count + 1
 
     zero = jnp.zeros_like(state.w)
     start = Stuck(state, zero + _STEP, zero, still)

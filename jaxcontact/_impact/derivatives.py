@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import functools
+import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._forms import slopes_along
 from .._functions import contraction, nonzero
 from .._solver.chunks import CHUNK, in_chunks
 
@@ -88,35 +89,20 @@ def _transposable(solve: Callable[..., Any], place: int, chunk: int) -> Callable
     def rule(primals: tuple[jax.Array, ...], tangents: tuple) -> tuple[Any, Any]:
         varying = [i for i, t in enumerate(tangents) if nonzero(t)]
         along = jnp.concatenate([tangents[i].reshape(-1) for i in varying])
-        carried = functools.partial(_slopes_along, plain, varying)
+
+        def carried(*primals: jax.Array) -> tuple[Any, Any]:
+            shapes = [primals[i].shape for i in varying]
+            cuts = np.cumsum(list(map(math.prod, shapes)))
+
+            def pushed(direction: jax.Array) -> tuple[jax.Array, ...]:
+                parts = zip(jnp.split(direction, cuts[:-1]), shapes, strict=True)
+                return tuple(part.reshape(shape) for part, shape in parts)
+
+            return slopes_along(plain, primals, varying, along.size, pushed)
+
         few = along.size <= _FEW
         outcome, slopes = (_transposable(carried, place, chunk) if few else carried)(*primals)
         return outcome, jax.tree.map(lambda s: contraction(along, s), slopes)
 
     solved.defjvp(rule, symbolic_zeros=True)
     return solved
-
-
-def _slopes_along(
-    solve: Callable[..., Out], varying: list[int], *primals: jax.Array
-) -> tuple[Out, Out]:
-    """Return the outcome, and its slopes by all varying numbers."""
-    numbers = [primals[i] for i in varying]
-    cuts = np.cumsum([number.size for number in numbers])
-
-    def of_varying(*numbers: jax.Array) -> Out:
-        given = list(primals)
-        for i, number in zip(varying, numbers, strict=True):
-            given[i] = number
-        return solve(*given)
-
-    def sensitivity(direction: jax.Array) -> tuple[Out, Out]:
-        parts = zip(jnp.split(direction, cuts[:-1]), numbers, strict=True)
-        return jax.jvp(of_varying, tuple(numbers), tuple(d.reshape(x.shape) for d, x in parts))
-
-    basis = jnp.eye(cuts[-1], dtype=numbers[0].dtype)
-    if cuts[-1] == 1:
-        # A batch of one direction would need another trace and an axis of length one.
-        outcome, slope = sensitivity(basis[0])
-        return outcome, jax.tree.map(lambda s: s[None], slope)
-    return jax.vmap(sensitivity, out_axes=(None, 0))(basis)

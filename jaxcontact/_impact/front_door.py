@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, cast
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._contact import EXPONENT, Contact, require_contact
 from .._entry import (
@@ -37,6 +37,7 @@ from .._laws import (
 from .derivatives import common_shape
 from .motion.equation import Motion, NeckMotion, PlasticMotion
 from .oblique.bodies import NamedShape, RoundBodies, require_bodies
+from .result import Status
 
 SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)
 
@@ -178,10 +179,17 @@ class Lanes(eqx.Module):
         """True if the damping of the force is not known to be dissipative."""
         return self.form.damping(self.n, jnp.asarray(True)) is None
 
-    @property
-    def may_gain(self) -> bool:
-        """True if an impact may end faster than it began, without an external force."""
-        return self.push is None and self.knows_no_damping
+    def status(
+        self, e: Array, most: float, settled: Array | bool, solved: Array
+    ) -> Int[Array, "..."]:
+        """Return the status of all lanes. An e above `most` without a push is a gain of energy."""
+        parted = int(Status.SEPARATED)
+        if self.push is None and self.knows_no_damping:
+            parted = jnp.where(e > most, int(Status.GAINED), parted)
+        status = jnp.where(settled, int(Status.SETTLED), parted)
+        status = jnp.where(solved, status, int(Status.NOT_CONVERGED))
+        status = jnp.where(self.valid, status, int(Status.INVALID_INPUT))
+        return jnp.broadcast_to(status, self.shape)
 
     def motion(self) -> Motion:
         """Return the equation of motion of the lanes, for methods that solve one lane."""

@@ -208,13 +208,7 @@ def summary(lanes: Lanes, method: AbstractMethod, scaled: ScaledImpact) -> Impac
     # contact has neither value, regardless of its solve.
     finite = jnp.isfinite(scaled.restitution + scaled.duration)
     solved = scaled.converged & (finite | scaled.settled)
-    parted = int(Status.SEPARATED)
-    if lanes.may_gain:
-        gained = scaled.restitution > 1 + method.error(scaled.restitution.dtype)
-        parted = jnp.where(gained, int(Status.GAINED), parted)
-    status = jnp.where(scaled.settled, int(Status.SETTLED), parted)
-    status = jnp.where(solved, status, int(Status.NOT_CONVERGED))
-    status = fill(jnp.where(lanes.valid, status, int(Status.INVALID_INPUT)))
+    most = 1 + method.error(scaled.restitution.dtype)
     good = lanes.valid & solved
 
     def result(value: Float[Array, "..."], unit: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -235,7 +229,7 @@ def summary(lanes: Lanes, method: AbstractMethod, scaled: ScaledImpact) -> Impac
         max_indentation=result(scaled.max_indentation, scale.length),
         max_force=result(scaled.max_force, scale.force),
         energy_loss=result(jnp.where(scaled.settled, 1, loss), scale.energy),
-        status=status,
+        status=lanes.status(scaled.restitution, most, scaled.settled, solved),
         error_estimate=jax.tree.map(fill, scaled.error_estimate),
         steps=jax.tree.map(fill, scaled.steps),
         method=method.name,

@@ -23,7 +23,6 @@ from .motion.coordinates import Number, State
 from .motion.ends import Verdict, is_held, on_way_out
 from .motion.equation import Motion
 from .motion.errors import balance_of, force_is_sharp
-from .result import Status
 
 
 class Energy(eqx.Module):
@@ -110,12 +109,6 @@ def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
     path = how.over(lanes.motion(), eqx.Partial(_path, samples=samples))
     shape, scale = lanes.shape, lanes.scale
     solved = path.converged & jnp.isfinite(path.t[..., -1])
-    status = jnp.where(path.settled, int(Status.SETTLED), int(Status.SEPARATED))
-    if lanes.may_gain:
-        gained = -path.v[..., -1] > 1 + how.error(path.v.dtype)
-        status = jnp.where(gained & ~path.settled, int(Status.GAINED), status)
-    status = jnp.where(solved, status, int(Status.NOT_CONVERGED))
-    status = jnp.where(lanes.valid, status, int(Status.INVALID_INPUT))
 
     def along_samples(number: Array) -> Array:
         return number.reshape(number.shape + (1,) * (number.ndim > 0))
@@ -141,7 +134,7 @@ def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
             dissipated=result(2 * path.loss, scale.energy),
             external=result(2 * work, scale.energy),
         ),
-        status=jnp.broadcast_to(status, shape),
+        status=lanes.status(-path.v[..., -1], 1 + how.error(path.v.dtype), path.settled, solved),
     )
 
 

@@ -255,9 +255,9 @@ def transforms_of(
     known = names_in(start)
     for given in fixed:
         name = _full_name(start, given)
-        if name is None and beside is not None and _full_name(beside, given) is not None:
-            continue
         if name is None:
+            if beside is not None and _full_name(beside, given) is not None:
+                continue
             raise ValueError(
                 "Argument `fixed` must name numbers of the law or the contact "
                 f"({', '.join(known)}), but holds {rendered(given)}.{did_you_mean(given, known)}"

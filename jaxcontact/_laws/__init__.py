@@ -2,7 +2,6 @@
 
 from .base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from .base import AbstractLaw as AbstractLaw
-from .base import GeneralForm as GeneralForm
 from .base import Instant as Instant
 from .base import adhesion_below as adhesion_below
 from .base import end_of as end_of
@@ -45,7 +44,6 @@ from .published import HuntCrossley as HuntCrossley
 from .published import LankaraniNikravesh as LankaraniNikravesh
 from .published import LeeWang as LeeWang
 from .published import ZhiyingQishao as ZhiyingQishao
-from .registry import Description as Description
 from .registry import constant_laws as constant_laws
 from .registry import describe as describe
 from .registry import get_law as get_law
@@ -60,4 +58,3 @@ from .surface_adhesion import JKRForm as JKRForm
 from .viscoelastic import KuwabaraKono as KuwabaraKono
 from .yielding import ThorntonPlastic as ThorntonPlastic
 from .yielding import Viscoplastic as Viscoplastic
-from .yielding import plastic_restitution as plastic_restitution

@@ -88,6 +88,17 @@ class AbstractLaw(OfNumbers):
     forgets: ClassVar[bool] = False
     """True if a contact that pulls and closes again has a smaller largest indentation."""
 
+    damped: ClassVar[bool] = True
+    """True if the force depends on the velocity for some parameters. If False, the solvers omit the
+    work that only damping needs."""
+
+    refers_to_peak: ClassVar[bool] = False
+    """True if the damping of a pushed impact can refer to the largest closing speed since touch,
+    where the caller asks for it. Forces without v0 are not affected."""
+
+    _only_tension: ClassVar[tuple[bool, str] | None] = None
+    """The one value of `tension` that the law allows, and why; None if it allows both."""
+
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         stated = vars(cls).get("tension")
@@ -104,22 +115,13 @@ class AbstractLaw(OfNumbers):
                 "and the contact ends at zero indentation."
             )
 
-    @property
-    def damped(self) -> bool:
-        """True if the force depends on the velocity for some parameters.
-
-        If False, the solvers omit the work that only damping needs.
-        """
-        return True
-
-    @property
-    def refers_to_peak(self) -> bool:
-        """True if the damping of a pushed impact can refer to the largest closing speed since
-        touch.
-
-        It does so where the caller asks for it. Forces without v0 are not affected.
-        """
-        return False
+    def __check_init__(self) -> None:
+        if self._only_tension is not None and self.tension is not self._only_tension[0]:
+            only, why = self._only_tension
+            raise ValueError(
+                f"Argument `tension` must be {only} for `{type(self).__name__}`, which {why}, but "
+                f"is {self.tension}."
+            )
 
     @property
     def fades(self) -> bool:

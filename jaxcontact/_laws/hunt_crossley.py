@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import abc
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
@@ -107,9 +107,7 @@ class Hertz(AbstractHuntCrossley):
     Source: Hertz (1882), J. reine angew. Math. 92:156, doi 10.1515/crll.1882.92.156.
     """
 
-    @property
-    def damped(self) -> bool:
-        return False
+    damped: ClassVar[bool] = False
 
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
@@ -147,10 +145,7 @@ class ConstantDamping(AbstractHuntCrossley):
     """
 
     c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE, "N s/m^(n+1)")
-
-    @property
-    def refers_to_peak(self) -> bool:
-        return False
+    refers_to_peak: ClassVar[bool] = False
 
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
@@ -175,10 +170,7 @@ class MarhefkaOrin(AbstractHuntCrossley):
     """
 
     a: Float[Array, "..."] = parameter("a", NOT_NEGATIVE, "s/m")
-
-    @property
-    def refers_to_peak(self) -> bool:
-        return False
+    refers_to_peak: ClassVar[bool] = False
 
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._entry import NOT_NEGATIVE, POSITIVE, parameter, static_value
-from .._forms import AbstractForm, Exponent, Flag, Lane, OscillatorForm, Scale, sound_damping
+from .._forms import AbstractForm, Exponent, Flag, Lane, OscillatorForm, Scale
 from .._functions import power
 from .base import AbstractLaw, AbstractRateLaw, needed
 from .registry import register_law
@@ -25,6 +25,7 @@ class DashpotForm(AbstractForm):
     a: Lane
     tension: bool = eqx.field(static=True)
     creeps_free: ClassVar[bool] = True
+    damping_number: ClassVar[str | None] = "a"
 
     def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent] | None:
         # With tension and n > 1 a strongly damped contact creeps back without end, a weakly damped
@@ -33,10 +34,6 @@ class DashpotForm(AbstractForm):
 
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
         return power(x, n) + self.a * v
-
-    def sound(self) -> tuple[DashpotForm, Flag]:
-        a, good = sound_damping(self.a)
-        return eqx.tree_at(lambda form: form.a, self, jnp.asarray(a)), good
 
 
 @register_law(

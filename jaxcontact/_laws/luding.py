@@ -14,11 +14,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._entry import NOT_NEGATIVE, as_parameter, parameter
+from .._entry import NOT_NEGATIVE, parameter
 from .._forms import Exponent, Flag, Lane, Scale, ScaledImpact
 from .._functions import horner
-from .base import AbstractLaw, Instant, contact_for, force_arguments, needed, require_exponent
-from .plastic import STIFFER, BilinearForm
+from .base import Instant, contact_for, needed, require_exponent
+from .plastic import STIFFER, AbstractPlastic, BilinearForm
 from .registry import register_law
 
 if TYPE_CHECKING:
@@ -57,16 +57,7 @@ class LudingForm(BilinearForm):
     ) -> Lane:
         return self.force(w ** (order or self.order(n)), v, n, compressing)
 
-    def stored(self, w: Lane, n: Exponent, order: int | None = None) -> Lane:
-        x = w ** (order or self.order(n))
-        deepest = x if self.deepest is None else jnp.where(self.deepest > 0, self.deepest, x)
-        return self._returned(x, deepest)
-
-    def kept(self, deepest: Lane) -> Lane:
-        return self.work(deepest) - self._returned(deepest, deepest)
-
-    def _returned(self, x: Lane, deepest: Lane) -> Lane:
-        """Return ∫ f dx from 0 to x on the way back."""
+    def returned(self, x: Lane, deepest: Lane) -> Lane:
         least, (factor, end) = self.least(deepest), self.unloading(deepest)
         elastic = factor * (x - least) * ((x + least) / 2 - end)
         return (
@@ -129,7 +120,7 @@ def _artanh_over(z: Lane, left: Lane) -> Lane:
     source="Luding 2008, doi 10.1007/s10035-008-0099-x",
     valid="n = 1; ratio ≥ 1, slope ≥ 0, adhesion ≥ 0; sticks where η (κ - 2) ≥ 1",
 )
-class Luding(AbstractLaw):
+class Luding(AbstractPlastic):
     """Luding's contact: F = K δ while loading, K_u (δ - δ_0) on the way back, but at least -K_c δ.
 
     `ratio` ≥ 1 is K_u/K without load. `slope` ≥ 0 in 1/m makes unloading stiffer with the largest
@@ -156,41 +147,13 @@ class Luding(AbstractLaw):
     slope: Float[Array, "..."] = parameter("slope", NOT_NEGATIVE, "1/m")
     adhesion: Float[Array, "..."] = parameter("adhesion", NOT_NEGATIVE)
     tension = True
-    remembers: ClassVar[bool] = True
     forgets: ClassVar[bool] = True
     exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
+    _only_tension: ClassVar[tuple[bool, str] | None] = True, "pulls by adhesion"
+    damped: ClassVar[bool] = False
 
-    def __check_init__(self) -> None:
-        if not self.tension:
-            raise ValueError(
-                "Argument `tension` must be True for `Luding`, which pulls by adhesion, but is "
-                "False."
-            )
-
-    @property
-    def damped(self) -> bool:
-        return False
-
-    def jumps(self, exponent: Exponent) -> bool:
-        return False
-
-    def force(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-        largest: ArrayLike | None = None,
-    ) -> Float[Array, "..."]:
-        """Return F in N, zero for δ < 0. `largest` is the largest indentation of the contact so far
-        in m. The contact is loading where δ is at least that, or if it is None.
-        """
-        depth, _, _ = force_arguments(indentation, velocity, contact, impact_velocity)
-        require_exponent(self, contact)
-        pressed = jnp.maximum(depth, 0)
-        most = as_parameter(0.0 if largest is None else largest, "largest")
-        form = self._of_depths().remembering(most)
-        return contact.stiffness * form.force(pressed, pressed, 1.0, pressed >= most)
+    def _over_stiffness(self, contact: Contact) -> LudingForm:
+        return self._of_depths()
 
     def _of_depths(self) -> LudingForm:
         """Return F/K as a form of δ in m."""
@@ -202,14 +165,6 @@ class Luding(AbstractLaw):
         factor, end = self._of_depths().unloading(jnp.maximum(most, 0))
         back = jnp.where(most < 0, -self.adhesion * depth, factor * (depth - end))
         return at.contact.stiffness * jnp.where(most == 0, depth, back)
-
-    def _energies(
-        self, indentation: ArrayLike, contact: Contact, speed: ArrayLike, largest: ArrayLike
-    ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-        largest, stiffness = jnp.asarray(largest), contact.stiffness
-        form, depth = self._of_depths(), jnp.maximum(jnp.asarray(indentation), 0)
-        returned = form.remembering(largest).stored(depth, 1.0, 1)
-        return stiffness * returned, stiffness * form.kept(largest)
 
     def _adheres_below(self, largest: ArrayLike) -> Float[Array, "..."]:
         return self._of_depths().least(jnp.asarray(largest))

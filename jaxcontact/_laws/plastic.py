@@ -131,33 +131,28 @@ class AbstractPlasticForm(AbstractForm):
         x = w ** (order or self.order(n))
         # A contact that loads would unload from here.
         deepest = x if self.deepest is None else jnp.where(self.deepest > 0, self.deepest, x)
-        factor, end = self.unloading(deepest)
-        more = self.own_exponent + 1
-        return factor * power(x - end, more) / more
+        return self.returned(x, deepest)
 
     def kept(self, deepest: Lane) -> Lane:
-        factor, end = self.unloading(deepest)
-        more = self.own_exponent + 1
-        return self.work(deepest) - factor * power(deepest - end, more) / more
+        return self.work(deepest) - self.returned(deepest, deepest)
+
+    def returned(self, x: Lane, deepest: Lane) -> Lane:
+        """Return ∫ f dx from the end to x on the way back from x_m."""
+        (factor, end), more = self.unloading(deepest), self.own_exponent + 1
+        return factor * power(x - end, more) / more
 
 
 class AbstractPlastic(AbstractLaw):
     """A law whose force depends on the largest indentation of the contact so far.
 
     The contact is loading while δ is the largest indentation. From there it unloads and reloads
-    elastically, and its force vanishes at a plastic indentation δ_p > 0. It starts afresh at the
-    next touch. The contact never pulls.
+    elastically. Unless it adheres, its force vanishes at a plastic indentation δ_p > 0. It starts
+    afresh at the next touch.
     """
 
     tension = False
     remembers: ClassVar[bool] = True
-
-    def __check_init__(self) -> None:
-        if self.tension:
-            raise ValueError(
-                f"Argument `tension` must be False for `{type(self).__name__}`, which unloads to "
-                "zero force, but is True."
-            )
+    _only_tension: ClassVar[tuple[bool, str] | None] = False, "unloads to zero force"
 
     def jumps(self, exponent: Exponent) -> bool:
         return False
@@ -182,10 +177,13 @@ class AbstractPlastic(AbstractLaw):
         if largest is not None:
             most = as_parameter(largest, "largest")
             deepest = jnp.where(depth >= most, 0, most)
-        force = self._force_after(Instant(depth, velocity, contact, impact_velocity), deepest)
-        return jnp.maximum(force, 0)
+        force = self._of_form(Instant(depth, velocity, contact, impact_velocity), deepest)
+        return force if self.tension else jnp.maximum(force, 0)
 
     def _force_after(self, at: Instant, deepest: ArrayLike) -> Float[Array, "..."]:
+        return self._of_form(at, deepest)
+
+    def _of_form(self, at: Instant, deepest: ArrayLike) -> Float[Array, "..."]:
         depth, rate, _ = force_arguments(*at)
         require_exponent(self, at.contact)
         deepest = jnp.asarray(deepest)
@@ -260,10 +258,7 @@ class WaltonBraun(AbstractPlastic):
     ratio: Float[Array, "..."] = parameter("ratio", STIFFER)
     slope: Float[Array, "..."] = parameter("slope", NOT_NEGATIVE, "1/m")
     exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
-
-    @property
-    def damped(self) -> bool:
-        return False
+    damped: ClassVar[bool] = False
 
     def _over_stiffness(self, contact: Contact) -> BilinearForm:
         return BilinearForm(factor=self.ratio, slope=self.slope)

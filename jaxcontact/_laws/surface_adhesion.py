@@ -267,19 +267,10 @@ class AbstractAdhesive(AbstractRateLaw):
     pull_off: Float[Array, "..."] = parameter("pull_off", NOT_NEGATIVE, "N")
     tension = True
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
+    damped: ClassVar[bool] = False
+    _only_tension: ClassVar[tuple[bool, str] | None] = True, "pulls by adhesion"
     _per_radius: ClassVar[float]
     """The pull-off force over w R."""
-
-    def __check_init__(self) -> None:
-        if not self.tension:
-            raise ValueError(
-                f"Argument `tension` must be True for `{type(self).__name__}`, which pulls by "
-                "adhesion, but is False."
-            )
-
-    @property
-    def damped(self) -> bool:
-        return False
 
     @classmethod
     def of_surfaces(cls, work_of_adhesion: ArrayLike, radius: ArrayLike) -> Self:

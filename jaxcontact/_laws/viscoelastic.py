@@ -21,7 +21,6 @@ from .._forms import (
     OscillatorForm,
     Scale,
     ScaledImpact,
-    sound_damping,
 )
 from .._functions import chebyshev_by_piece, power
 from .base import AbstractRateLaw, needed
@@ -56,9 +55,7 @@ class ViscoelasticSpheresForm(ViscoelasticForm):
     analytic equation. These roots differ by half powers of a.
     """
 
-    def sound(self) -> tuple[ViscoelasticSpheresForm, Flag]:
-        a, good = sound_damping(self.a)
-        return eqx.tree_at(lambda form: form.a, self, a), good
+    damping_number: ClassVar[str | None] = "a"
 
     def restitution(self) -> Lane:
         return jnp.exp(-self._decay())

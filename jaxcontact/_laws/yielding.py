@@ -17,6 +17,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._entry import NOT_NEGATIVE, POSITIVE, as_parameter, parameter
 from .._forms import (
+    AbstractForm,
     Exponent,
     Flag,
     Lane,
@@ -25,7 +26,6 @@ from .._forms import (
     integrate,
     lanewise,
     scale_of,
-    sound_damping,
 )
 from .._forms.hunt_crossley import (
     half_time,
@@ -62,14 +62,12 @@ class YieldingForm(AbstractPlasticForm):
 
     root: Lane
     own_exponent: ClassVar[float] = 1.5
+    damping_number: ClassVar[str | None] = "alpha"
 
-    def sound(self) -> tuple[YieldingForm, Flag]:
-        good = (self.root > 0) & jnp.isfinite(self.root)
-        form = eqx.tree_at(lambda form: form.root, self, jnp.where(good, self.root, 1))
-        if self.alpha is None:
-            return form, good
-        alpha, sound = sound_damping(self.alpha)
-        return eqx.tree_at(lambda form: form.alpha, form, alpha), good & sound
+    def sound(self) -> tuple[AbstractForm, Flag]:
+        good, (form, damps) = (self.root > 0) & jnp.isfinite(self.root), super().sound()
+        root = jnp.where(good, self.root, 1)
+        return eqx.tree_at(lambda form: form.root, form, root), good & damps
 
     def loading(self, x: Lane) -> Lane:
         root = self.root
@@ -281,14 +279,22 @@ class ThorntonPlastic(AbstractYielding):
     """
 
     yield_speed: Float[Array, "..."] = parameter("yield_speed", POSITIVE, "m/s")
-
-    @property
-    def damped(self) -> bool:
-        return False
+    damped: ClassVar[bool] = False
 
     def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
-        """Return e at closing speeds in m/s; ValueError for anything that is not a number."""
-        return plastic_restitution(self.yield_speed, as_parameter(velocity, "velocity"))
+        """Return e at closing speeds in m/s, NaN for a yield speed that is not positive; ValueError
+        for anything that is not a number.
+        """
+        velocity = as_parameter(velocity, "velocity")
+        # The slope in r is zero at r = 1, so the two parts join smoothly.
+        plastic = velocity > self.yield_speed
+        r = jnp.where(plastic, self.yield_speed / jnp.where(plastic, velocity, 1), 1)
+        r = jnp.where(self.yield_speed > 0, r, jnp.nan)
+        root = jnp.sqrt((6 - jnp.square(r)) / 5)
+        e = math.sqrt(1.2 * math.sqrt(3)) * jnp.sqrt(1 - jnp.square(r) / 6)
+        e *= jnp.sqrt(jnp.sqrt(r / (r + 2 * root)))
+        # Clip a rounding error above 1.
+        return jnp.where(r == 1, 1, jnp.minimum(e, 1))
 
     def form(self, contact: Contact | None, scale: Scale | None) -> YieldingForm:
         return YieldingForm(root=self._root(needed(scale, "velocity", self).speed))
@@ -324,18 +330,3 @@ class Viscoplastic(AbstractYielding):
         speed = needed(scale, "velocity", self).speed
         alpha = speed * self._damping(contact_for(contact, self))
         return YieldingForm(root=self._root(speed), alpha=alpha)
-
-
-def plastic_restitution(
-    yield_speed: Float[Array, "..."], velocity: Float[Array, "..."]
-) -> Float[Array, "..."]:
-    """Return e of Thornton's spheres; NaN for a yield speed that is not positive."""
-    # The slope in r is zero at r = 1, so the two parts join smoothly.
-    plastic = velocity > yield_speed
-    r = jnp.where(plastic, yield_speed / jnp.where(plastic, velocity, 1), 1)
-    r = jnp.where(yield_speed > 0, r, jnp.nan)
-    root = jnp.sqrt((6 - jnp.square(r)) / 5)
-    e = math.sqrt(1.2 * math.sqrt(3)) * jnp.sqrt(1 - jnp.square(r) / 6)
-    e *= jnp.sqrt(jnp.sqrt(r / (r + 2 * root)))
-    # Clip a rounding error above 1.
-    return jnp.where(r == 1, 1, jnp.minimum(e, 1))

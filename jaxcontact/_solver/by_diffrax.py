@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable
 from typing import Any, cast
 
 import diffrax
-import equinox as eqx
 import jax.numpy as jnp
-import optimistix as optx
 
 from .field import Field, Packed, Record, in_time
 from .march import Marched, Seen, Tolerance
@@ -44,9 +41,6 @@ class _Watching(diffrax.AbstractWrappedSolver):
 
     def order(self, terms: Any) -> int | None:
         return self.solver.order(terms)
-
-    def strong_order(self, terms: Any) -> Any:
-        return self.solver.strong_order(terms)
 
     def error_order(self, terms: Any) -> Any:
         return self.solver.error_order(terms)
@@ -105,7 +99,7 @@ def march_by_diffrax(
     # bring a callback into the derivative, so the solve ends with the step that contains the event.
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(slope),
-        _Watching(_ready(solver, tolerance, adjoint is not None), see, begun),
+        _Watching(diffrax.Dopri8() if solver is None else solver, see, begun),
         t0=jnp.zeros((), dtype),
         t1=jnp.asarray(_FAR, dtype),
         dt0=None,
@@ -126,20 +120,3 @@ def march_by_diffrax(
     closed = jnp.asarray(solution.result == diffrax.RESULTS.event_occurred)
     path = states[1] if keep else None
     return Marched(before, after, closed & (opened > 0) & (left <= 0), steps, seen, path)
-
-
-def _ready(solver: Any, tolerance: Tolerance, backwards: bool) -> Any:
-    """Return the solver, by default Dopri8, with the settings of an unwrapped one."""
-    solver = diffrax.Dopri8() if solver is None else solver
-    if isinstance(solver, diffrax.AbstractRungeKutta):
-        # The fast loop over the stages has no reverse mode, which an adjoint may need.
-        kind = "bounded" if backwards else "lax"
-        solver = eqx.tree_at(lambda s: s.scan_kind, solver, kind, is_leaf=lambda x: x is None)
-    if isinstance(solver, diffrax.AbstractImplicitSolver):
-        defaults = {"rtol": tolerance.rtol, "atol": tolerance.atol, "norm": optx.rms_norm}
-        for name, default in defaults.items():
-            given = getattr(solver.root_finder, name)
-            if not (callable(given) or eqx.is_array_like(given)):
-                at = operator.attrgetter(f"root_finder.{name}")
-                solver = eqx.tree_at(at, solver, default)
-    return solver

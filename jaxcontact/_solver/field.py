@@ -42,11 +42,6 @@ class Field(Protocol[State]):
         ...
 
     @property
-    def one_way(self) -> bool:
-        """True if the closing guard falls throughout the step before; then no search is needed."""
-        ...
-
-    @property
     def smooth(self) -> bool:
         """True if all guards are smooth up to their zeros, with a slope there."""
         ...

@@ -51,9 +51,7 @@ def land(field: Field, packed: Packed, last: Marched) -> tuple[Record, Bool[Arra
     step has the guard as its variable and ends at its zero, with all of its derivatives. The flag
     is True if there are derivatives.
     """
-    before, closed, smooth = last.before, last.closed, jnp.asarray(True)
-    if not field.one_way:
-        field, before, closed, smooth = _searched(field, packed, last)
+    field, before, closed, smooth = _searched(field, packed, last)
     arrived = jnp.any(closed)
     fall = _Falling(field, closed)
     lacking = jnp.where(arrived, fall.nearest(packed.state(before)), 0)

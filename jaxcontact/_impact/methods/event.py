@@ -442,4 +442,4 @@ def risen(motion: Motion) -> tuple[Motion, State]:
     place = power(push / (1 + alpha), 1 / (n * motion.order))
     begun = motion.start()
     state = State(place, last.velocity + motion.creep(place), last.time, last.loss)
-    return motion, jax.tree.map(lambda a, b: jnp.where(pushed, a, b), state, begun)
+    return motion, chosen(pushed, state, begun)

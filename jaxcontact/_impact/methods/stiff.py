@@ -10,7 +10,6 @@ doi 10.1007/978-3-642-05221-7.
 
 from __future__ import annotations
 
-import functools
 import operator
 from typing import Any, NamedTuple
 
@@ -22,6 +21,7 @@ from numpy.polynomial import legendre
 
 from ..._forms import Flag, signed_power
 from ..._functions import bracketed_root, ratio, small_product, varying, with_implicit_derivative
+from ..._solver import chosen
 from ..motion.coordinates import Number, State
 from ..motion.ends import Followed, creeps_to_rest, gaps, is_held
 from ..motion.equation import Motion
@@ -85,7 +85,7 @@ def follow_on(motion: Motion, explicit: Followed, rtol: float) -> Followed:
         state, useful, again = before
         compressing, end, arrived, likely = leg
         needed = useful & (again | likely | ~arrived)
-        start = jax.tree.map(functools.partial(jnp.where, compressing), end, motion.still(state))
+        start = chosen(compressing, end, motion.still(state))
         # A branch, since even a solve without steps costs more than most explicit legs.
         end, arrived, steps = jax.lax.cond(
             needed,
@@ -140,7 +140,7 @@ def _solved(
         lost = _force_is_lost(motion, state)
         fine, met = fine & ~again, meets & ~again & ~lost
         beyond = _node_beyond(motion, step, compressing, closing)
-        last = jax.tree.map(functools.partial(jnp.where, fine), step, progress.last)
+        last = chosen(fine, step, progress.last)
         state = _after(last)
         ends = jnp.where(compressing, creeps_to_rest(motion, state), is_held(motion, state))
         return _Progress(
@@ -180,10 +180,6 @@ def _force_is_lost(motion: Motion, state: State) -> Bool[Array, ""]:
 
 def _after(step: _ImplicitStep) -> State:
     return jax.tree.map(lambda start, change: start + change[-1], step.start, step.increments)
-
-
-def _repeated(state: State) -> State:
-    return jax.tree.map(lambda leaf: jnp.full(_STAGES, leaf), state)
 
 
 def _within(step: _ImplicitStep, fraction: Number) -> State:
@@ -304,16 +300,23 @@ def _error(motion: Motion, step: _ImplicitStep) -> Number:
 def _closing(motion: Motion, step: _ImplicitStep, compressing: Flag) -> Bool[Array, "nodes gaps"]:
     """Return which gaps that are open at the start are closed at which node."""
     before = jnp.stack(gaps(motion, step.start, compressing))
-    nodes = jax.tree.map(operator.add, _repeated(step.start), step.increments)
+    nodes = jax.tree.map(operator.add, step.start, step.increments)
     after = jnp.stack(jax.vmap(lambda s: gaps(motion, s, compressing))(nodes), 1)
     return (before > 0)[None, :] & ~(after > 0)
 
 
+def _first_bracket(closing: Array, dtype: Any) -> tuple[Int[Array, ""], Number, Number]:
+    """Return the first node at which a gap is closed, and the fractions of a step before and at it.
+    If no gap closes, any bracket serves.
+    """
+    first = jnp.argmax(jnp.any(closing, 1))
+    nodes = jnp.asarray(np.concatenate([[0.0], _NODES]), dtype)
+    return first, nodes[first], nodes[first + 1]
+
+
 def _node_beyond(motion: Motion, step: _ImplicitStep, compressing: Flag, closing: Array) -> Number:
     """Return a fraction of a step slightly beyond the first gap that closes, from its chord."""
-    first = jnp.argmax(jnp.any(closing, 1))
-    nodes = jnp.asarray(np.concatenate([[0.0], _NODES]), step.size.dtype)
-    low, high = nodes[first], nodes[first + 1]
+    first, low, high = _first_bracket(closing, step.size.dtype)
 
     def nearest(fraction: Number) -> Number:
         left = jnp.stack(gaps(motion, _within(step, fraction), compressing))
@@ -330,10 +333,7 @@ def _landing(
 ) -> Number:
     """Return the fraction of a step at which the first gap closes; 1 if none does."""
     closing = _closing(motion, step, compressing)
-    first = jnp.argmax(jnp.any(closing, 1))
-    nodes = jnp.asarray(np.concatenate([[0.0], _NODES]), step.size.dtype)
-    # If no gap closes, any bracket serves.
-    low, high = nodes[first], nodes[first + 1]
+    first, low, high = _first_bracket(closing, step.size.dtype)
     which = closing[first] & met
 
     def gap(fraction: Number, *inputs: Any) -> Number:

@@ -275,13 +275,6 @@ class Way(eqx.Module):
         return gaps(self.motion, state, self.compressing)
 
     @property
-    def one_way(self) -> bool:
-        """Always False: if strongly damped, the last step to a turn cannot be one of u. Such a step
-        was off by 8e-6 of its time.
-        """
-        return False
-
-    @property
     def smooth(self) -> bool:
         """False for a general force that may vanish before x = 0: its gap has a corner there."""
         motion, form = self.motion, self.motion.form

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -25,7 +26,6 @@ from ..derivatives import common_shape, over_lanes, with_sensitivity
 from ..front_door import (
     Lanes,
     ObliqueProblem,
-    SlidingStart,
     lanes_of,
     oblique_problem_of,
     sliding_of,
@@ -35,6 +35,7 @@ from ..impact import summary
 from ..methods.auto import method_of
 from ..methods.event import Event
 from ..methods.method import AbstractMethod
+from ..motion.coordinates import Number
 from ..result import Impact, Status
 from .bodies import RoundBodies
 from .result import ObliqueImpact, Slip
@@ -96,26 +97,60 @@ def _uncovered(given: ObliqueProblem, result: ObliqueImpact) -> str | None:
 
 @program
 def _oblique(given: ObliqueProblem, method: AbstractMethod) -> ObliqueImpact:
-    given, whole = uniform(given), common_shape(given)
-    lanes = dataclasses.replace(lanes_of(given.problem), shape=whole)
+    given, fill = uniform(given), functools.partial(jnp.broadcast_to, shape=common_shape(given))
+    lanes = dataclasses.replace(lanes_of(given.problem), shape=common_shape(given))
     how = method.chosen(lanes.form, pushed=False)
     normal = summary(lanes, how, how.solve(lanes))
     sliding = sliding_of(given)
     # A failed normal impact has no e; its lanes are flagged below.
     e = jnp.where(normal.ok, normal.restitution, 0)
     problem = sliding.problem(lanes, e, given.ratio)
-    friction = sanitised(given.friction)
-    held = friction.held
-    followed = isinstance(method, Event) or not friction.has_formula(problem)
-    if held is not None and followed:
-        spring = spring_of(friction, problem)
-        found = follow(lanes, spring, held, method if isinstance(method, Event) else Event(), e)
-    else:
-        found = friction.rebound(problem)
+    found, name = _outcome(sanitised(given.friction), lanes, problem, method)
     status = status_of(normal, found, sliding.valid)
     good = (status != int(Status.INVALID_INPUT)) & (status != int(Status.NOT_CONVERGED))
-    name = "event" if held and followed else "formula" if found.converged is None else "phase"
-    return Readout(lanes, sliding, problem, found, normal, status, good, whole, name).impact()
+
+    def result(value: Float[Array, "..."] | None) -> Any:
+        return None if value is None else fill(jnp.where(good, value, jnp.nan))
+
+    scale, after = lanes.scale, jnp.where(good, found.slip, 0)
+    change = (after - problem.slip) / problem.mobility
+    along = sliding.sign * scale.speed * change
+    impulse = sliding.mass * along
+    # Both bodies turn the same way: the arms point to opposite sides, as the impulses do.
+    turned = [spin + arm * impulse for spin, arm in zip(sliding.spins, sliding.arms, strict=False)]
+    turned += sliding.spins[len(sliding.arms) :]
+    regime = jnp.where(after < 0, int(Slip.REVERSED), int(Slip.STUCK))
+    first_slide, stick, last_slide = map(result, _phases(lanes, found, normal.duration))
+    loss = scale.energy * (problem.slip - after) * (problem.slip + after) / problem.mobility
+    return ObliqueImpact(
+        tangential_velocity=result(sliding.velocity + along),
+        slip_velocity=result(sliding.sign * scale.speed * after),
+        spin=(result(turned[0]), result(turned[1])) if sliding.arms else None,
+        impulse_ratio=result(-change / (1 + problem.restitution)),
+        sliding_loss=result(loss),
+        damping_loss=normal.energy_loss,
+        spring_energy=result(jnp.zeros_like(after)),
+        slip=fill(jnp.where(found.slid, int(Slip.SLID), regime)),
+        sliding_time=first_slide,
+        sticking_time=stick,
+        final_sliding_time=last_slide,
+        margin=result(found.margin),
+        normal=normal,
+        status=fill(status),
+        method=name,
+    )
+
+
+def _outcome(
+    friction: AbstractFriction, lanes: Lanes, problem: Tangential, method: AbstractMethod
+) -> tuple[TangentialOutcome, str]:
+    """Return the tangential outcome, and how it was solved."""
+    by_event = isinstance(method, Event)
+    if friction.held is not None and (by_event or not friction.has_formula(problem)):
+        how, spring = method if by_event else Event(), spring_of(friction, problem)
+        return follow(lanes, spring, friction.held, how, problem.restitution), "event"
+    found = friction.rebound(problem)
+    return found, "formula" if found.converged is None else "phase"
 
 
 def status_of(
@@ -131,74 +166,21 @@ def status_of(
     return jnp.where(lost, int(Status.INVALID_INPUT), status)
 
 
-class Readout(NamedTuple):
-    """A solved problem, to be written in SI units."""
+def _phases(
+    lanes: Lanes, found: TangentialOutcome, duration: Float[Array, "..."]
+) -> list[Array | None]:
+    """Return the durations of sliding, sticking and sliding again; None if unknown."""
+    stop, start, form = found.stop, found.start, lanes.form
+    if stop is None or start is None or form.hysteresis_factor is None:
+        return [None, None, None]
+    speeds = jnp.stack(jnp.broadcast_arrays(stop, start))
+    unit = lanes.scale.time
+    # One quadrature for both moments.
+    moments = form.time_at(speeds, lanes.n, duration / unit)
+    assert moments is not None
+    first, last = unit * moments[0], unit * moments[1]
+    return [jnp.maximum(lasts, 0) for lasts in (first, last - first, duration - last)]
 
-    lanes: Lanes
-    sliding: SlidingStart
-    problem: Tangential
-    found: TangentialOutcome
-    normal: Impact
-    status: Int[Array, "..."]
-    good: Bool[Array, "..."]
-    shape: tuple[int, ...]
-    method: str
-
-    def result(self, value: Float[Array, "..."]) -> Float[Array, "..."]:
-        """Return numbers in the shape of the problem, NaN in failed lanes."""
-        return jnp.broadcast_to(jnp.where(self.good, value, jnp.nan), self.shape)
-
-    def impact(self) -> ObliqueImpact:
-        """Return the result in SI units."""
-        sliding, normal = self.sliding, self.normal
-        problem, scale = self.problem, self.lanes.scale
-        after = jnp.where(self.good, self.found.slip, 0)
-        change = (after - problem.slip) / problem.mobility
-        along = sliding.sign * scale.speed * change
-        impulse = sliding.mass * along
-        # Both bodies turn the same way: the arms point to opposite sides, as the impulses do.
-        turned = [
-            spin + arm * impulse for spin, arm in zip(sliding.spins, sliding.arms, strict=False)
-        ]
-        turned += sliding.spins[len(sliding.arms) :]
-        regime = jnp.where(after < 0, int(Slip.REVERSED), int(Slip.STUCK))
-        regime = jnp.where(self.found.slid, int(Slip.SLID), regime)
-        times = self.phases()
-        loss = scale.energy * (problem.slip - after) * (problem.slip + after) / problem.mobility
-        return ObliqueImpact(
-            tangential_velocity=self.result(sliding.velocity + along),
-            slip_velocity=self.result(sliding.sign * scale.speed * after),
-            spin=(self.result(turned[0]), self.result(turned[1])) if sliding.arms else None,
-            impulse_ratio=self.result(-change / (1 + problem.restitution)),
-            sliding_loss=self.result(loss),
-            damping_loss=normal.energy_loss,
-            spring_energy=self.result(jnp.zeros_like(after)),
-            slip=jnp.broadcast_to(regime, self.shape),
-            sliding_time=times[0],
-            sticking_time=times[1],
-            final_sliding_time=times[2],
-            margin=None if self.found.margin is None else self.result(self.found.margin),
-            normal=normal,
-            status=jnp.broadcast_to(self.status, self.shape),
-            method=self.method,
-        )
-
-    def phases(self) -> list[Array | None]:
-        """Return the durations of sliding, sticking and sliding again; None if unknown."""
-        stop, start, form = self.found.stop, self.found.start, self.lanes.form
-        if stop is None or start is None or form.hysteresis_factor is None:
-            return [None, None, None]
-        speeds = jnp.stack(jnp.broadcast_arrays(stop, start))
-        unit = self.lanes.scale.time
-        # One quadrature for both moments.
-        moments = form.time_at(speeds, self.lanes.n, self.normal.duration / unit)
-        assert moments is not None
-        first, last = unit * moments[0], unit * moments[1]
-        lasts = (first, last - first, self.normal.duration - last)
-        return [self.result(jnp.maximum(duration, 0)) for duration in lasts]
-
-
-Number = Float[Array, ""]
 
 _ROUNDING = 1e-3
 """Relative, far above the error of a solve and far below that of a failed one."""
@@ -242,7 +224,6 @@ class _SlidingMotion(eqx.Module):
     held: str = eqx.field(static=True)
     loads: Any = None
 
-    one_way = False
     smooth = True
     clamped = False
 
