@@ -46,7 +46,7 @@ from .summary import CalibrationSummary
 from .summary_data import PairSummary, RecordingSummary, SpeedBand, at_speeds
 
 _SPEED_BANDS = 5
-_PACKAGES = ("jaxcontact", "jax", "optimistix", "numpy")
+_PACKAGES = ("jaxcontact", "jax", "diffrax", "numpy")
 
 
 @dataclasses.dataclass(frozen=True, repr=False, kw_only=True)
