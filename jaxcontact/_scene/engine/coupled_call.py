@@ -121,8 +121,8 @@ def call(
     """Make one call of the coupled solve; return its initial state and its end.
 
     `spheres`, `support` and `held`, the v0 of spheres at rest, belong to the bodies in the slots.
-    The time of the touch with which it begins is known. If its derivative is needed, it is `derived`
-    from the two bodies.
+    The time of the touch with which it begins is known. If a derivative is needed, that time is
+    `derived` from the two bodies.
     """
     slots, change, size = decided.slots, decided.change, decided.slots.size
     who = jnp.minimum(slots.who, model.spheres - 1)
