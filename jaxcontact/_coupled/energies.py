@@ -5,17 +5,14 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from .._contact import Contact
 from .._functions import contraction
 from .._laws import AbstractLaw, end_of, energies_of
-from .modes import Number
-
-Depths = Float[Array, " contacts"]
+from .modes import Number, PerContact
 
 
-def ends_of(law: AbstractLaw, contact: Contact, length: Number, count: int) -> Depths | None:
+def ends_of(law: AbstractLaw, contact: Contact, length: Number, count: int) -> PerContact | None:
     """Return the indentations ≤ 0 in units of `length` at which contacts end; None if at 0."""
     return jnp.broadcast_to(end_of(law, contact) / length, (count,)) if law.ends_apart else None
 
@@ -30,7 +27,7 @@ def loses(law: AbstractLaw) -> bool:
     return law.damped or law.remembers or law.ends_apart
 
 
-def in_contact(depth: Depths, ends: Depths | None) -> Depths:
+def in_contact(depth: PerContact, ends: PerContact | None) -> PerContact:
     """Return indentations for the forces of closed contacts, which rounding puts beyond 0, with the
     derivative of a contact. Those that end below 0 have a force there.
     """

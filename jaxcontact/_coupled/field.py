@@ -18,7 +18,7 @@ from .._laws import AbstractLaw
 from .clock import ContactClock
 from .contacts import ScaledContacts
 from .energies import attracts
-from .interpolation import ceiling, highest
+from .interpolation import EndOfStep, at_part, ceiling, highest
 from .modes import Flag, Flags, Index, Modes, Number, PerContact, Units, VectorLayout
 
 WORK, TIME, W = -3, -2, -1
@@ -228,9 +228,19 @@ class AbstractCoupledField(abc.ABC):
         begins = ~modes.closed & inside & (peak > 0)
         # If a step ends between an opening and a touch, the rate at its end does not show that.
         gaps = (-self.contacts.height(look.depth) for look in (before, after))
-        out, parts = highest(lasts, next(gaps), -before.rate, next(gaps), -after.rate)
+        out, parts, *_ = highest(lasts, next(gaps), -before.rate, next(gaps), -after.rate)
         again = modes.closed & ~leaving & parts & (out > 16 * noise)
         return begins | again, jnp.full_like(lasts, 0.5)
+
+    def with_peak(self, modes: Modes, now: Look, finest: float) -> Modes:
+        """Return the modes where a solve begins or accelerations jump. v0 follows a closing speed
+        that is the largest so far and increases.
+        """
+        largest = modes.closed & (now.rate >= modes.latched - 16 * finest)
+        rising = self.contacts.refers_to_peak((modes.rising | largest) & (now.second > 0))
+        falls = modes.rising & ~rising
+        latched = jnp.where(falls, jnp.maximum(now.rate, 0), modes.latched)
+        return modes._replace(rising=rising, latched=latched)
 
     def strongest(
         self, lasts: Number, start: tuple[Look, Look], end: tuple[Look, Look], modes: Modes
@@ -238,9 +248,16 @@ class AbstractCoupledField(abc.ABC):
         """Return the largest force of each contact within a step, from the quantities at its ends
         and their slopes in time.
         """
-        del modes
         (before, rising), (after, falling) = start, end
-        return highest(lasts, before.force, rising.force, after.force, falling.force)[0]
+        # The cubic of the force shows where it is largest, and the law how large it is there.
+        cubic = before.force, rising.force, after.force, falling.force
+        _, inside, part, bend = highest(*jax.lax.stop_gradient((lasts, *cubic)))
+        depth, rate, second = at_part(part, lasts, EndOfStep(*before[:3]), EndOfStep(*after[:3]))
+        at, along = (depth, rate), (lasts * rate, lasts * second)
+        near, slope = jax.jvp(lambda d, r: self.contacts.force(d, r, modes), at, along)
+        # A parabola mends the part by a fifth of the step at most.
+        summit = near + slope * jnp.clip(slope / (2 * bend), -0.2, 0.2) / 2
+        return jnp.where(inside, summit, jnp.maximum(before.force, after.force))
 
     def look_along(
         self, y: Array, modes: Modes, clock: ContactClock, toward: Array

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -43,8 +42,10 @@ def to_root(
 
 def highest(
     size: Number, left: Lanes, rises: Lanes, right: Lanes, falls: Lanes
-) -> tuple[Lanes, Array]:
-    """Return the maximum between the ends, and whether it lies inside."""
+) -> tuple[Lanes, Array, Lanes, Lanes]:
+    """Return the maximum between the ends; whether it lies inside; and at which part of the step,
+    where the second derivative by that part is -2 times the last value.
+    """
     a, b, d = rises * size, falls * size, right - left
     second, third = 3 * d - 2 * a - b, a + b - 2 * d
     # The root of a + 2 second u + 3 third u^2 whose form does not cancel: a slope of rounding size
@@ -55,7 +56,7 @@ def highest(
     bottom = jnp.where(inside, jnp.where(hump, -3 * third, root - second), 1)
     u = jnp.where(hump, second + root, a) / bottom
     top = left + u * (a + u * (second + u * third))
-    return jnp.where(inside, top, jnp.maximum(left, right)), inside
+    return jnp.where(inside, top, jnp.maximum(left, right)), inside, u, root
 
 
 def ceiling(
@@ -68,9 +69,6 @@ def ceiling(
     inside = (rises > 0) & (falls < 0)
     bend = jnp.where(inside, rises - falls, 1)
     return left + rises * (right - left - falls * size) / bend, inside
-
-
-_POINTS = 16
 
 
 class EndOfStep(NamedTuple):
@@ -116,15 +114,27 @@ class Quintic(NamedTuple):
         """Return the values at the parts u (points, 1) of the step."""
         return self.cubic(u) + self.more(u)
 
-    def value_and_rate(self, u: Array) -> tuple[Array, Array]:
-        """Return the values and their rates in time at the part u of the step."""
-        value, slope = jax.jvp(self.value, (u,), (jnp.ones_like(u),))
-        return value, slope / self.lasts
+
+def at_part(part: PerContact, lasts: Number, left: EndOfStep, right: EndOfStep) -> EndOfStep:
+    """Return the quintics and two derivatives in time at a part of the step."""
+    lasts = jnp.where(lasts > 0, lasts, 1)
+    first, last = lasts * left.rate, lasts * right.rate
+    bent, bends = jnp.square(lasts) * left.second / 2, jnp.square(lasts) * right.second / 2
+    # What the parabola by the left end lacks at the right: u³ (a + b (u - 1) + c (u - 1)²).
+    a = right.value - left.value - first - bent
+    b = last - first - 2 * bent - 3 * a
+    c = bends - bent - 3 * a - 3 * b
+    value = rate = second = jnp.zeros_like(part)
+    for number in (c, b - 2 * c, a - b + c, bent, first, left.value):
+        second = second * part + 2 * rate
+        rate = rate * part + value
+        value = value * part + number
+    return EndOfStep(value, rate / lasts, second / jnp.square(lasts))
 
 
 def parts_of_step(dtype: np.dtype) -> Float[Array, "points 1"]:
     """Return the parts of a step at which a quintic is sampled, without its ends."""
-    return jnp.asarray(np.arange(1, _POINTS)[:, None] / _POINTS, dtype)
+    return jnp.asarray(np.arange(1, 16)[:, None] / 16, dtype)
 
 
 def vertex(before: Array, at: Array, after: Array) -> Array:

@@ -78,10 +78,7 @@ def first_carry(
         force = contacts.force_slope(modes, (here.depth, here.rate), (here.rate, here.second))
         slope = Look(None, None, none, force, press=press)
         if field.rules.peak:
-            # v0 follows a closing speed that is the largest so far and increases.
-            largest = modes.closed & (here.rate >= modes.latched - 16 * finest)
-            rising = modes.rising | (largest & (here.second > 0))
-            modes = modes._replace(rising=contacts.refers_to_peak(rising))
+            modes = field.with_peak(modes, here, finest)
     if field.law.forgets and modes.deepest is not None:
         pulls = ~modes.loads & (here.depth < contacts.least(modes.deepest))
         modes = modes._replace(adheres=modes.closed & pulls)

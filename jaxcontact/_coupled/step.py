@@ -189,7 +189,7 @@ def _find_events(solve: CoupledSolve, c: Carry, trial: _Attempt) -> _StepEvents:
     earlier = jax.tree.map(lambda x: 2 * last.y[W] * x, falling)
     fell = field.gaps(modes, clock, earlier, begun[W], NO_SLOPES, -begun[TIME])
     # A gap may fall through zero and come back within a step.
-    dip, inside = highest(c.size, -before, -fell, *_stop((-gaps, -fall)))
+    dip, inside, *_ = highest(c.size, -before, -fell, *_stop((-gaps, -fall)))
     hidden = field.may_dip(modes) & inside & (dip > together)
     grazed = trial.grazed | jnp.any(hidden)
     fine = (trial.error <= 1) & (~grazed | (c.size < 1e-6))
@@ -346,12 +346,7 @@ def _renewed(
     """
     modes, status = before.modes, before.status
     if solve.field.rules.peak:
-        # With the accelerations the closing speed may begin or cease to rise.
-        largest = modes.closed & (now.rate >= modes.latched - 16 * solve.finest)
-        rising = solve.field.contacts.refers_to_peak((modes.rising | largest) & (now.second > 0))
-        falls = modes.rising & ~rising
-        latched = jnp.where(falls, jnp.maximum(now.rate, 0), modes.latched)
-        modes = modes._replace(rising=rising, latched=latched)
+        modes = solve.field.with_peak(modes, now, solve.finest)
     if redundant is not None:
         status = jnp.where(redundant, REDUNDANT, status).astype(jnp.int32)
     return before._replace(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -258,9 +258,9 @@ class SystemField(AbstractCoupledField):
 
         inside = curve.value(u)
         samples = inside + doubt(u)
-        summit = _summit(jnp.concatenate([left.value[None], samples, right.value[None]]))
+        top, _ = _summit(jnp.concatenate([left.value[None], samples, right.value[None]]))
         early, late = _turn(left, lasts, 1), _turn(right, lasts, -1)
-        parts = jnp.stack([summit.part, early, 1 + late])
+        parts = jnp.stack([top, early, 1 + late])
         # Their places are better known than their values.
         peaks = curve.value(parts) + doubt(parts)
         highest = jnp.argmax(peaks, axis=0)
@@ -272,30 +272,11 @@ class SystemField(AbstractCoupledField):
         shorter = jnp.min(jnp.where(hidden, part, 1))
         return hidden, jnp.clip(shorter, _LEAST_PART, 0.9)
 
-    def strongest(
-        self, lasts: Number, start: tuple[Look, Look], end: tuple[Look, Look], modes: Modes
-    ) -> PerContact:
-        # Forces are those of the law along the quintics of the indentations.
-        looks, lasts = (start[0], end[0]), jnp.where(lasts > 0, lasts, 1)
-        curve = quintic(lasts, *(EndOfStep(*look[:3]) for look in looks))
-        inside = curve.value_and_rate(parts_of_step(lasts.dtype))
-        force = jax.vmap(lambda depth, rate: self.contacts.force(depth, rate, modes))(*inside)
-        ends = (jnp.where(modes.closed, look.force, 0)[None] for look in looks)
-        force = jnp.concatenate([next(ends), force, next(ends)])
-        return _summit(force).value
-
     def deepest(self, lasts: Number, before: Look, after: Look) -> PerContact:
         """Return the largest indentation of each contact within a step."""
         curve = quintic(lasts, *(EndOfStep(*look[:3]) for look in (before, after)))
         inside = curve.value(parts_of_step(lasts.dtype))
-        return _summit(jnp.concatenate([before.depth[None], inside, after.depth[None]])).value
-
-
-class _Summit(NamedTuple):
-    """A maximum: the part of the step from its start to it, and its value."""
-
-    part: Array
-    value: Array
+        return _summit(jnp.concatenate([before.depth[None], inside, after.depth[None]]))[1]
 
 
 def _turn(end: EndOfStep, lasts: Number, inwards: int) -> PerContact:
@@ -308,12 +289,14 @@ def _turn(end: EndOfStep, lasts: Number, inwards: int) -> PerContact:
     return jnp.where(near, away / lasts, 0)
 
 
-def _summit(samples: Float[Array, "points contacts"]) -> _Summit:
-    """Return the maxima of equally spaced samples from end to end of a step, by parabolas."""
+def _summit(samples: Float[Array, "points contacts"]) -> tuple[Array, Array]:
+    """Return the maxima of equally spaced samples from end to end of a step, by parabolas: the part
+    of the step up to them, and their values.
+    """
     count = samples.shape[0]
     top = jnp.clip(jnp.argmax(samples, axis=0), 1, count - 2)
     rows = top[None] + jnp.arange(-1, 2)[:, None]
     below, at, above = jnp.take_along_axis(samples, rows, axis=0)
     offset = vertex(below, at, above)
     value = jnp.maximum(at + offset * (above - below) / 4, jnp.maximum(below, above))
-    return _Summit((top.astype(offset.dtype) + offset) / (count - 1), value)
+    return (top.astype(offset.dtype) + offset) / (count - 1), value

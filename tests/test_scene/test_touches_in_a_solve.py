@@ -1,6 +1,7 @@
 """Touches during a coupled solve of other bodies: their slopes, and a bound that does not hold."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -8,6 +9,8 @@ import jaxcontact as jc
 from tests.test_scene.support import fourth, spheres
 
 LAW = jc.Damped(alpha=0.5)
+FORCE = 1e-3
+"""Of slopes of the largest force, which is found between two steps. The largest is 27."""
 
 
 def test_slopes_of_a_touch_in_a_running_solve():
@@ -19,11 +22,31 @@ def test_slopes_of_a_touch_in_a_running_solve():
         discs = spheres(0.1, [0.3, 0.3, 40.0, 40.0], places, speeds)
         ways = {"stiffness": 1e4, "friction": jc.SpringSlider(0.3, 0.8), "gravity": [0.0, -9.81]}
         scene = jc.Scene([*discs, jc.Plane([0.0, 0.0], [0.0, 1.0])], LAW, **ways)
-        return jc.simulate(scene, 0.12, max_cluster=3).velocity[-1]
+        run = jc.simulate(scene, 0.12, max_cluster=3)
+        return jnp.concatenate([run.velocity[-1].ravel(), run.impacts.max_force[:4]])
 
-    slopes = jax.jvp(ended, (0.0,), (1.0,))[1]
+    slopes = np.asarray(jax.jvp(ended, (0.0,), (1.0,))[1])
+    beside = fourth(lambda h: np.asarray(ended(h)), 1e-3)
     # Without the derivative of the touch they differ by 7e-5.
-    np.testing.assert_allclose(slopes, fourth(lambda h: np.asarray(ended(h)), 1e-3), atol=1e-7)
+    np.testing.assert_allclose(slopes[:8], beside[:8], atol=1e-7)
+    np.testing.assert_allclose(slopes[8:], beside[8:], atol=FORCE)
+
+
+def test_slopes_of_a_touch_without_tension():
+    """The second touch ends a solve; the force jumps, so that v0 ceases to rise with it."""
+
+    def ended(change):
+        places, speeds = [(0.0, 0.12), (0.05, 0.33)], [(0.3, -2.0 - change), (0.0, -2.0)]
+        bodies = [*spheres(0.1, 0.3, places, speeds), jc.Plane([0.0, 0.0], [0.0, 1.0])]
+        law, ways = jc.KelvinVoigt(e=0.5, tension=False), {"stiffness": 3e3, "exponent": 1.0}
+        run = jc.simulate(jc.Scene(bodies, law, gravity=[0.0, -9.81], **ways), 0.1)
+        hits = run.impacts
+        return jnp.concatenate([run.velocity[-1].ravel(), hits.duration[:2], hits.max_force[:2]])
+
+    slopes = np.asarray(jax.jvp(ended, (0.0,), (1.0,))[1])
+    beside = fourth(lambda h: np.asarray(ended(h)), 1e-3)
+    np.testing.assert_allclose(slopes[:6], beside[:6], atol=1e-8)
+    np.testing.assert_allclose(slopes[6:], beside[6:], atol=FORCE)
 
 
 def test_slopes_of_two_touches_at_once():

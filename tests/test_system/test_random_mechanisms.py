@@ -83,7 +83,7 @@ SAME = 1e-6  # of numbers beside those of another program; largest depths differ
 
 @stored()
 def neighbours(name, x, along):
-    """The outcomes of a mechanism a step forwards and a step backwards."""
+    """The outcomes of a mechanism a step forwards and one backwards."""
     numbers = random_mechanisms.Numbers(*x), random_mechanisms.Numbers(*along)
     steps = random_mechanisms.STEP, -random_mechanisms.STEP
     return [random_mechanisms.outcomes(name, *numbers, step) for step in steps]
