@@ -58,7 +58,7 @@ def test_a_ball_that_touches_slowly():
     """Its own energy is a millionth of that of its neck; it may also go on from there."""
     run = followed(dropped(1e-9), 0.3)
     hit = jc.impact(LAW, CONTACT, np.sqrt(2 * GRAVITY * 1e-9), external_force=MASS * GRAVITY)
-    np.testing.assert_allclose(run.impacts.max_force, hit.max_force, rtol=1e-5)
+    np.testing.assert_allclose(run.impacts.max_force, hit.max_force, rtol=1e-8)
     rest = followed(followed(dropped(1e-9), 0.1).final, 0.2)
     np.testing.assert_allclose(rest.position[-1], run.position[-1], atol=1e-11)
 
