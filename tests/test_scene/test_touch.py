@@ -114,7 +114,7 @@ CUBIC = 1e-15  # of the largest of value and slopes: measured 4e-16
 def test_the_height_of_a_cubic_is_found_from_any_slope(rises):
     """A hump hides behind a slope of rounding size at the start of a step."""
     one, right, falls = np.ones(3), np.array([0.5, -0.2, 0.0]), np.array([-1.0, -1.0, -1e-9])
-    top, inside = jax.jit(highest)(1.0, 0 * one, rises * one, right, falls)
+    top, inside, *_ = jax.jit(highest)(1.0, 0 * one, rises * one, right, falls)
     top, inside = np.asarray(top), np.asarray(inside)
     for lane in range(3):
         a, b, d = rises, float(falls[lane]), float(right[lane])
