@@ -81,8 +81,8 @@ class Carry(NamedTuple):
 
 class Changed(NamedTuple):
     """The state and the modes after the events of a step, and which contacts begin and end. `ends`
-    marks those whose force ends. Where contacts stick and slip, `slides` marks those that change.
-    `jumps` is True if forces jump, None if they cannot.
+    marks those whose force ends, `slides` those that begin to stick or to slip. `lag` is 0 with the
+    derivative of the time from the event to that of each. `jumps` is None if no force can jump.
     """
 
     y: Array
@@ -93,6 +93,7 @@ class Changed(NamedTuple):
     now: Look
     touched: Array
     dropped: Array
+    lag: PerContact
     slides: Flags | None = None
     jumps: Flag | None = None
     redundant: Flag | None = None

@@ -260,7 +260,10 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
     meets = meets | (jnp.any(meets) & zero & goes_on)
     touches, opens = meets & ~modes.closed, meets & modes.closed
     closed = (modes.closed | touches) & ~opens
-    speed = jnp.maximum(closing, 0)
+    # Each of them has a time of its own, which differs by its derivative.
+    moves = (touches | opens) & (closing != 0)
+    lag = jnp.where(moves, _stop(gap) - gap, 0) / _stop(jnp.where(moves, closing, 1))
+    speed = jnp.maximum(closing + now.second * lag, 0)
     at_touch = jnp.maximum(speed, solve.floor / solve.units.speed)
     latched, rising = jnp.where(touches, at_touch, modes.latched), modes.rising & ~opens
     if field.rules.peak:
@@ -311,7 +314,7 @@ def _apply_events(solve: CoupledSolve, c: Carry, trial: _Attempt, events: _StepE
     if contacts.jumps:
         jump = jnp.abs(contacts.force(depth, closing, modes) - now.force)
         jumps = jnp.any((touches | opens) & (jump > solve.finest**TOGETHER))
-    changed = Changed(y, modes, touches, opens, ends, now, touched, dropped, jumps=jumps)
+    changed = Changed(y, modes, touches, opens, ends, now, touched, dropped, lag, jumps=jumps)
     if not field.rules.sticks:
         return changed
     return _change_grips(solve, changed, now.grip, each["sticks"])
@@ -435,6 +438,7 @@ def _records(
     strongest = solve.field.strongest(passing, (c.look, c.slope), (now, per_time), modes)
     strongest = jnp.where(modes.closed, units.force * strongest, 0)
     fresh = jnp.where(touches, 0, 1).astype(zero.dtype)
+    time, parting = time + units.time * changed.lag, now.rate + now.second * changed.lag
     since, acts = jnp.where(touches, time, c.since), changed.modes.closed
     if changed.modes.faded is not None:
         acts = acts & ~changed.modes.faded
@@ -443,6 +447,6 @@ def _records(
         "slope": per_time,
         "since": since,
         "force_until": jnp.where(acts, since, jnp.where(ends, time, c.force_until)),
-        "parting": jnp.where(ends, -units.speed * now.rate, c.parting),
+        "parting": jnp.where(ends, -units.speed * parting, c.parting),
         "max_force": fresh * jnp.maximum(c.max_force, strongest),
     }

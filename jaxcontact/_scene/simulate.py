@@ -122,11 +122,8 @@ def simulate_scene(
         _nearest=contents.nearest,
         _record=record,
     )
-    return checked(run, throw, "simulate", lambda: _known_until(run))
-
-
-def _known_until(run: Run) -> str:
-    return f"{run._why()} Up to {max(float(run.reached), 0):.6g} s the run is right."
+    right = "{} Up to {:.6g} s the run is right.".format
+    return checked(run, throw, "simulate", lambda: right(run._why(), max(float(run.reached), 0)))
 
 
 def _count(name: str, value: Any, least: int) -> int | None:

@@ -240,7 +240,9 @@ def _advance(solve: _SystemSolve, loop: _Loop) -> _Loop:
     deepest = units.length * solve.field.deepest(lasts, before.look, after.look)
     deepest = jnp.where(moved & before.modes.closed, deepest, 0)
     max_depth = jnp.where(changes.touches, 0, jnp.maximum(loop.max_depth, deepest))
-    closing = units.speed * after.look.rate
+    # The v0 of a touch is its closing speed if it exceeds the least v0, and refers to its own time.
+    rate, latched = after.look.rate, after.modes.latched
+    closing = units.speed * jnp.where(rate < latched, rate, latched)
     touch_speed = jnp.where(changes.touches, closing, loop.touch_speed)
     # Steps below the resolution of time make no progress. Those up to an event may be shorter.
     resolution = solve.finest * jnp.maximum(1, jnp.abs(after.y[TIME]))

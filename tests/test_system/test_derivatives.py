@@ -7,6 +7,9 @@ import numpy as np
 import jaxcontact as jc
 from tests.test_system.references import DIFFERENCES, assert_slopes_are_differences, unit
 
+PEAK = 1e-5
+"""Of slopes of the largest force, which is found between two steps. Measured 6e-7."""
+
 
 def swings(t, q, v, args):
     return -args["gravity"] * jnp.sin(q) - 0.1 * v
@@ -60,3 +63,23 @@ def test_states_at_times_have_derivatives():
     assert 20 < np.sum(forward[:, 2] != 0) < 40
     scale = np.max(np.abs(slope), axis=0)
     np.testing.assert_allclose(forward / scale, slope / scale, atol=DIFFERENCES)
+
+
+def test_two_that_touch_and_part_in_the_same_moment():
+    """Each has the slopes of its own height, as if it were alone."""
+    weight, gravity = -9.81 * jnp.ones(2), 9.81
+    how = {"law": jc.Damped(alpha=0.3), "stiffness": 1e4}
+    system = jc.System(unit, lambda t, q, v, args: weight, lambda t, q, args: q, **how)
+    along = jnp.array([0.3, 1.0])
+
+    def table(change):
+        start = {"position": 0.5 + change * along, "velocity": jnp.zeros(2)}
+        found = jc.simulate(system, 0.7, **start, max_impacts=4).contacts
+        names = "time", "closing_speed", "restitution", "duration", "max_force", "energy_loss"
+        return jnp.stack([getattr(found, name)[:2] for name in names])
+
+    slopes = np.asarray(jax.jvp(table, (0.0,), (1.0,))[1])
+    # Of √(2 h/g) and √(2 g h) at h = 1/2 m.
+    touch = np.array([1 / np.sqrt(gravity), np.sqrt(gravity)])
+    np.testing.assert_allclose(slopes[:2], np.outer(touch, along), rtol=1e-12)
+    np.testing.assert_allclose(slopes[:, 1] / slopes[:, 0], along[1] / along[0], rtol=PEAK)

@@ -147,7 +147,7 @@ class ClusterEnd(NamedTuple):
     `error_estimate` is the larger of two errors: the summed step errors relative to the speeds, and
     the energy imbalance relative to the cluster's energy. `error` is the same in m/s. `work` in J
     is that of gravity and prescribed bodies on the free ones; `rubbed` in J is the energy taken by
-    friction, None without. `second` is δ'' of the pairs in m/s², before what happens at the end.
+    friction, None without.
     """
 
     state: ClusterState
@@ -157,7 +157,6 @@ class ClusterEnd(NamedTuple):
     error_estimate: Number
     error: Number
     rubbed: Number | None
-    second: PerPair
 
 
 def units_of(problem: ClusterProblem) -> Units:

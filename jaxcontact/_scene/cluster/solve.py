@@ -161,8 +161,7 @@ def _assess(
     rubbed, start = (solve.field.rubbed(c.y) for c in (end, first))
     if rubbed is not None and start is not None:
         taken = units.energy * jnp.sum(rubbed.taken - start.taken)
-    second = units.speed / units.time * end.look.second
-    return ClusterEnd(done, work, status, end.steps, error, error * units.speed, taken, second)
+    return ClusterEnd(done, work, status, end.steps, error, error * units.speed, taken)
 
 
 MOST_STEPS = 4096

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..._coupled.modes import TIME_IS_UP, Flag, Number, least_v0
+from ..._coupled.modes import TIME_IS_UP, Flag, Number
 from ..._coupled.rows import rows_of, with_rows
 from ..arrays.arrays import (
     Flying,
@@ -181,31 +181,7 @@ def call(
     # The exact time, so that no further call is needed; without a step that of the beginning.
     over = jnp.where((end.status == TIME_IS_UP) & (until > begin.time), until, end.state.time)
     end = completed(end._replace(state=end.state._replace(time=over)))
-    if derived and not any(law.ends_apart for law in model.laws):
-        end = _at_own_times(problem.state, end, least_v0(v0))
     return begin, end._replace(state=followed.whole(end.state, begin, pairs))
-
-
-def _at_own_times(begin: ClusterState, at: ClusterEnd, floor: float) -> ClusterEnd:
-    """Return the end of a call. Of pairs that touch or open at once there, each has the derivative
-    of its own time: the depth of all but one changes with that of the end. `floor` is the least v0.
-    """
-    end = at.state
-    depth = end.indentation - jax.lax.stop_gradient(end.indentation)
-
-    def late(counts: Array, when: Array, pace: Array) -> Array:
-        counts = counts & (when == end.time) & (pace != 0)
-        return jnp.where(counts, depth, 0) / jax.lax.stop_gradient(jnp.where(counts, pace, 1))
-
-    touched = late(~begin.closed & end.closed, end.since, -end.latched)
-    opened = late(begin.closed & ~end.closed, end.force_until, end.parting)
-    end = end._replace(
-        since=end.since + touched,
-        force_until=end.force_until + touched + opened,
-        latched=end.latched + jnp.where(end.latched > floor, touched * at.second, 0),
-        parting=end.parting - opened * at.second,
-    )
-    return at._replace(state=end)
 
 
 def _first_state(
