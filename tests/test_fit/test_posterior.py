@@ -272,46 +272,15 @@ def test_the_result_in_words_and_trees(known, normal):
     assert repr(bad).startswith("The model does not describe the data: χ²/dof")
 
 
-def autoregressive(rng, rho, chains, count):
-    x = rng.normal(size=(chains, count))
-    for i in range(1, count):
-        x[:, i] = rho * x[:, i - 1] + np.sqrt(1 - rho**2) * x[:, i]
-    return x
-
-
-def some():
-    """Chains, and what ArviZ 0.23.4 says of them: rhat, and the lower of ess bulk and tail."""
+def test_diagnostics_are_those_of_arviz():
+    """By its release 0.23.4: rhat, and the lower of ess bulk and tail."""
     rng = np.random.default_rng(0)
-    levels, slow = np.arange(4)[:, None], np.cumsum(rng.normal(size=(4, 400)), axis=1)
-    return {
-        "independent": rng.normal(size=(4, 500)),
-        "slow": slow,
-        "alternating": autoregressive(rng, -0.5, 4, 500),
-        "odd": autoregressive(rng, 0.9, 4, 1001),
-        "apart": rng.normal(size=(4, 300)) + levels,
-        "of other widths": rng.normal(size=(3, 301)) * (1 + levels[:3]),
-        "heavy tails": rng.standard_cauchy(size=(4, 200)),
-        "ties": np.round(rng.normal(size=(2, 100)), 1),
-        "five": rng.normal(size=(4, 5)),
-    }
-
-
-ARVIZ = {
-    "independent": (0.999840608379, 1969.00141944),
-    "slow": (2.18670278653, 5.23848886635),
-    "alternating": (1.000559944, 1949.04550658),
-    "odd": (1.01234068136, 181.073515134),
-    "apart": (1.56228949073, 7.07604830958),
-    "of other widths": (1.13392721766, 190.243188935),
-    "heavy tails": (1.0004450047, 729.53663306),
-    "ties": (0.998822245998, 180.122675985),
-    "five": (1.39153756815, 19.2659197225),
-}
-
-
-@pytest.mark.parametrize("name", some())
-def test_as_arviz(name):
-    assert r_hat_and_effective(some()[name]) == pytest.approx(ARVIZ[name], rel=1e-9)
+    slow, independent = np.cumsum(rng.normal(size=(4, 400)), axis=1), rng.normal(size=(4, 500))
+    for draws, known in (
+        (slow, (2.18670278653, 5.23848886635)),
+        (independent, (0.999840608379, 1969.00141944)),
+    ):
+        assert r_hat_and_effective(draws) == pytest.approx(known, rel=1e-9)
 
 
 def test_too_few_or_constant_draws_have_none():

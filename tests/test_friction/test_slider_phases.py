@@ -203,11 +203,6 @@ def test_single_precision():
     np.testing.assert_allclose(single.psi2, double, rtol=0, atol=SINGLE)
 
 
-def test_a_number_has_no_axis():
-    found = jax.eval_shape(lambda x: slider_phases(x, NU_3, 0.3, "force").psi2, 0.5)
-    assert found.shape == ()
-
-
 # --- Followed in time -----------------------------------------------------------------------------
 
 EVENT = 1e-9  # of ψ2; the default tolerance. Measured: 1e-11
