@@ -21,7 +21,6 @@ from jaxcontact._functions import (
     power,
     psi,
     sinc_root,
-    speed_of,
 )
 from tests.oracle.stored import stored
 
@@ -141,31 +140,6 @@ def test_values_slopes_and_curvatures(name):
     for order, tolerance in enumerate((VALUE, FIRST, SECOND)):
         np.testing.assert_allclose(found[order], expected[order], rtol=tolerance, err_msg=order)
     np.testing.assert_allclose(back, expected[1], rtol=FIRST)
-
-
-SPEED_BY_ALPHA = 1e-12
-"""Error of the slope in alpha, by the length y: measured 3e-13, rounding over 1e-3."""
-
-ALPHAS = [0.0, 1e-300, 1e-12, 1e-5, 9.99e-4, 1e-3, 1.001e-3, 0.1, 1.0, 30.0, 1e3, 1e6]
-LENGTHS = [-1.5, -1.0, -0.1, -1e-9, 0.0, 1e-9, 0.1, 1.0]
-
-
-def mp_speed(y, alpha):
-    return mp.expm1(alpha * y) / alpha if alpha else y
-
-
-def test_speed_of():
-    alpha, y = (x.ravel() for x in np.meshgrid(ALPHAS, LENGTHS))
-    y = np.where(y > 0, y * np.log1p(alpha) / np.where(alpha > 0, alpha, 1), y)
-    found_value = jax.jit(speed_of)(y, alpha)
-    found = jax.jit(jax.vmap(jax.jacfwd(speed_of, argnums=(0, 1))))(y, alpha)
-    pairs = list(zip(y, alpha, strict=True))
-    in_y = np.hstack([reference(lambda y, a=a: mp_speed(y, mp.mpf(a)), [y]) for y, a in pairs])
-    in_alpha = np.hstack([reference(lambda a, y=y: mp_speed(mp.mpf(y), a), [a]) for y, a in pairs])
-    np.testing.assert_allclose(found_value, in_y[0], rtol=VALUE)
-    np.testing.assert_allclose(found[0], in_y[1], rtol=FIRST, atol=ABSOLUTE)
-    error = np.abs(np.asarray(found[1]) - in_alpha[1])
-    assert np.all(error <= SPEED_BY_ALPHA * np.abs(y))
 
 
 # --- Scalar roots ---------------------------------------------------------------------------------
