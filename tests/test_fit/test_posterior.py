@@ -3,14 +3,12 @@
 import dataclasses
 import sys
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import integrate, optimize, stats
+from scipy import integrate, stats
 
 import jaxcontact as jc
-from jaxcontact._fit.posterior.density import Density, find_mode, prior_of
 from jaxcontact._fit.posterior.posterior import r_hat_and_effective
 
 OFF = 4.0
@@ -140,25 +138,6 @@ def test_bounded_parameters_as_on_a_grid(name):
     wanted = on_a_grid(weight, sigma)
     for key, moment in moments(c, e).items():
         assert within(result, key[0], moment, wanted[key]), key
-
-
-def test_the_search_for_the_mode_ends_where_scipys_does():
-    """The chains begin there, but would find their way from elsewhere, too."""
-    found = decay_fit(sigma=0.08)
-
-    def fall(at):
-        c, e = np.exp(at[0]), 1 / (1 + np.exp(-at[1]))
-        z = (e * np.exp(-c * SPEEDS) - DECAYED) / 0.08
-        before = ((e - 0.9) / 0.01) ** 2 / 2 + (c / 0.01) ** 2 / 2
-        return np.sum(z**2) / 2 + before - np.log(c * e * (1 - e))
-
-    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        prior = prior_of({"e": (0.9, 0.01), "c": (0.0, 0.01)}, found.problem.space)
-        mode = find_mode(Density(found.problem, prior, False), found._theta)
-    wanted = optimize.minimize(fall, found._theta, tol=1e-10)
-    # A step that gains less than 1e-6 counts as zero: √2e-6 of a width.
-    assert np.abs(np.linalg.solve(mode.root, mode.centre - wanted.x)).max() < 2e-3
-    assert np.abs(found._theta[0] - wanted.x[0]) > 2
 
 
 def test_a_prior_pins_what_the_data_leave_open():
