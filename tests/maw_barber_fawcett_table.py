@@ -223,15 +223,8 @@ def elastic_pieces(chi: float) -> np.ndarray:
     return np.concatenate([first, second, *rest, [split]])
 
 
-def in_chi(values: np.ndarray, count: int) -> np.ndarray:
-    """Return coefficients in χ of values at the nodes, along the first axis."""
-    x = nodes(len(values))
-    flat = np.linalg.lstsq(polynomials(x, len(x)), values.reshape(len(x), -1), rcond=None)[0]
-    return flat.reshape(values.shape)[:count]
-
-
-def in_sigma(values: np.ndarray, count: int, power: int) -> np.ndarray:
-    """Return coefficients of σ^power T_j(2σ-1) along the first axis."""
+def along(values: np.ndarray, count: int, power: int = 0) -> np.ndarray:
+    """Return coefficients of σ^power T_j(2σ-1) of values at the nodes, along the first axis."""
     x = nodes(len(values))
     basis = polynomials(x, count) * ((1 + x[:, None]) / 2) ** power
     flat = np.linalg.lstsq(basis, values.reshape(len(x), -1), rcond=None)[0]
@@ -247,7 +240,7 @@ def elastic_table() -> np.ndarray:
     parts = []
     for low, high in ((CHI[0], TURNING), (TURNING, CHI[1])):
         curves = [elastic_pieces(chi) for chi in chis_between(low, high, IN_CHI)]
-        parts.append(in_chi(np.array(curves), ORDERS[0]))
+        parts.append(along(np.array(curves), ORDERS[0]))
     return np.concatenate(parts)
 
 
@@ -262,14 +255,14 @@ def damped_table() -> np.ndarray:
         start = onset(chi)
         elastic = damped_pieces(chi, 0.0, 1.0)
         rows = np.array([damped_pieces(chi, x * start, 1 + x * start) for x in sigmas])
-        weak = np.pad(in_sigma(rows - elastic, ORDERS[2], 1), [(0, 0), (0, 1)])
+        weak = np.pad(along(rows - elastic, ORDERS[2], 1), [(0, 0), (0, 1)])
         alphas = start + (ALPHA - start) * sigmas
         slips = np.array([centre_slips(chi, a) for a in alphas])
         rows = np.array([damped_pieces(chi, a, c) for a, c in zip(alphas, slips, strict=True)])
-        length = in_sigma((1 + alphas - slips)[:, None], ORDERS[3], 2)
-        strong = np.column_stack([in_sigma(rows, ORDERS[3], 0), length])
+        length = along((1 + alphas - slips)[:, None], ORDERS[3], 2)
+        strong = np.column_stack([along(rows, ORDERS[3]), length])
         curves.append(np.concatenate([weak, strong]))
-    return in_chi(np.array(curves), ORDERS[1])
+    return along(np.array(curves), ORDERS[1])
 
 
 def largest_change(rows: np.ndarray) -> np.ndarray:

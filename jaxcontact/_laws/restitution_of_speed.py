@@ -120,6 +120,7 @@ class StickingForm(HuntCrossleyForm):
             max_indentation=known(scaled.max_indentation),
             max_force=known(scaled.max_force),
             settled=sticks,
+            energy_loss=None,  # by e: that of the force is the loss of another one below .001
         )
 
 

@@ -59,8 +59,6 @@ class Dashpot(jc.AbstractLaw):
         return contact.stiffness * indentation + self.c * velocity
 
     def form(self, contact, scale):
-        if contact is None:
-            raise ValueError("Argument `contact` is needed for `Dashpot`, but is None.")
         zeta = self.c / (2 * jnp.sqrt(contact.stiffness * contact.mass))
         return DashpotForm(zeta=zeta, tension=self.tension)
 
@@ -169,8 +167,6 @@ def test_restitution_alone():
     e = known(DAMPING)["restitution"]
     np.testing.assert_allclose(jc.restitution(Dashpot(c=DAMPING), CONTACT), e, rtol=FORMULA)
     np.testing.assert_allclose(jc.restitution(Plain(c=DAMPING), CONTACT, SPEED), e, rtol=EVENT)
-    with pytest.raises(ValueError, match="`contact` is needed for `Dashpot`"):
-        jc.restitution(Dashpot(c=DAMPING))
     with pytest.raises(ValueError, match="`velocity` is needed for `Plain`"):
         jc.restitution(Plain(c=DAMPING), CONTACT)
     with pytest.raises(ValueError, match="`velocity` is needed for `Dashpot` by method 'event'"):
