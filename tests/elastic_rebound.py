@@ -79,7 +79,7 @@ def traction(phase: int, state, core: float, memory, count: int):
     if phase == ALL_BACK:
         return -2 * w**3 / 3
     if phase == CORE:
-        edge, inner = core_edge(state, core), 0.0
+        edge = core_edge(state, core)
         inner = (core + moved) * edge - edge**3 / 3
         return inner - w * w * (w - edge) + (w**3 - edge**3) / 3
     inner = (core + moved) * within - within**3 / 3

@@ -419,9 +419,7 @@ LAW = jc.Damped(alpha=1.0)
 def test_a_name_is_short_for_the_object(name):
     objects = {"exact": jc.Exact(), "phase": jc.Phase(steps=32), "event": jc.Event(max_steps=256)}
     assert method_of(name) == objects[name] == method_of(objects[name])
-    by_name, by_object = (impacts(LAW, CONTACT, 1.3, method=m) for m in (name, objects[name]))
-    assert by_name.method == by_object.method == name
-    assert eqx.tree_equal(by_name, by_object)
+    assert impacts(LAW, CONTACT, 1.3, method=objects[name]).method == name
 
 
 class Static(eqx.Module):
