@@ -105,7 +105,7 @@ def slope(law, row, argument):
     def at(x):
         return law.force(*map(mp.mpf, row[:argument]), x, *map(mp.mpf, row[argument + 1 :]))
 
-    with mp.workdps(40):
+    with mp.workdps(30):
         return float(mp.diff(at, row[argument], direction=side))
 
 
