@@ -53,25 +53,14 @@ def moment(memory, count: int, row: int, target: float):
             i = middle
         else:
             high = middle
-    if target <= memory[row, i]:
-        return i, 0.0
-    if target >= memory[row, i + 1]:
-        return i, 1.0
     low, up = 0.0, 1.0
-    part = (target - memory[row, i]) / (memory[row, i + 1] - memory[row, i])
-    for _ in range(40):
-        value, slope = hermite(memory, row, i, part)
-        if value > target:
+    for _ in range(52):
+        part = (low + up) / 2
+        if hermite(memory, row, i, part)[0] > target:
             up = part
         else:
             low = part
-        new = part - (value - target) / slope if slope > 0 else (low + up) / 2
-        if not low < new < up:
-            new = (low + up) / 2
-        if abs(new - part) < 1e-15:
-            break
-        part = new
-    return i, part
+    return i, low
 
 
 @numba.njit
@@ -90,7 +79,7 @@ def traction(phase: int, state, core: float, memory, count: int):
     if phase == ALL_BACK:
         return -2 * w**3 / 3
     if phase == CORE:
-        edge, inner = core_edge(state, core), 0.0
+        edge = core_edge(state, core)
         inner = (core + moved) * edge - edge**3 / 3
         return inner - w * w * (w - edge) + (w**3 - edge**3) / 3
     inner = (core + moved) * within - within**3 / 3

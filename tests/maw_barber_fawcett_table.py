@@ -17,6 +17,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from jaxcontact._friction.maw_barber_fawcett import (
@@ -43,32 +44,20 @@ LEAST = 5e-8  # with damping, products of polynomials that change no ψ2 by more
 UNIT = 1e-10  # coefficients are stored as multiples of this
 
 
-@numba.njit
-def slopes(angle: float, r: float, alpha: float):
-    """Return dr/dφ and dt/dφ for w = r sin φ, v = r cos φ."""
-    w, v = r * math.sin(angle), r * math.cos(angle)
-    pull = w**4 * (1 + alpha * v)
-    turn = (v * v / 2 + w * pull) / (r * r)
-    return (w * v / 2 - v * pull) / r / turn, w / turn
+def normal_motion(alpha: float, springs: int) -> np.ndarray:
+    """Return w, v, t and dt/dφ at equal steps in φ, where w = r sin φ and v = r cos φ."""
 
+    def rates(angle: Any, state: Any) -> tuple[Any, Any]:
+        w, v = state[0] * np.sin(angle), state[0] * np.cos(angle)
+        pull = w**4 * (1 + alpha * v)
+        turn = (v * v / 2 + w * pull) / state[0] ** 2
+        return (w * v / 2 - v * pull) / state[0] / turn, w / turn
 
-@numba.njit
-def normal_motion(alpha: float, springs: int):
-    """Return w, v, t and dt/dφ at equal steps in φ, by RK4."""
-    h = math.pi / 2 / springs
-    rows = np.empty((4, 2 * springs + 1))
-    r, t = 1.0, 0.0
-    for i in range(2 * springs + 1):
-        angle = i * h
-        k1, d1 = slopes(angle, r, alpha)
-        rows[:, i] = r * math.sin(angle), r * math.cos(angle), t, d1
-        k2, d2 = slopes(angle + h / 2, r + h / 2 * k1, alpha)
-        k3, d3 = slopes(angle + h / 2, r + h / 2 * k2, alpha)
-        k4, d4 = slopes(angle + h, r + h * k3, alpha)
-        r += h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        t += h / 6 * (d1 + 2 * d2 + 2 * d3 + d4)
-    rows[0, 2 * springs] = 0
-    return rows
+    angles = np.linspace(0, math.pi, 2 * springs + 1)
+    path = solve_ivp(rates, (0, math.pi), (1, 0), "DOP853", angles, rtol=1e-13, atol=1e-14).y
+    w = path[0] * np.sin(angles)
+    w[-1] = 0
+    return np.stack([w, path[0] * np.cos(angles), path[1], rates(angles, path)[1]])
 
 
 @numba.njit(fastmath=True)
@@ -121,8 +110,7 @@ def impact(psi: float, chi: float, alpha: float, motion):
     return psi, least
 
 
-@numba.njit
-def impacts(psi, chi: float, alpha: float, springs: int):
+def impacts(psi: np.ndarray, chi: float, alpha: float, springs: int) -> np.ndarray:
     motion = normal_motion(alpha, springs)
     result = np.empty_like(psi)
     for k in range(len(psi)):
@@ -167,13 +155,27 @@ def polynomials(x: np.ndarray, count: int) -> np.ndarray:
 Function = Callable[[np.ndarray], np.ndarray]
 
 
-def fit(count: int, rebound_of: Function, psi_of: Function, base: Function, factor: Function):
-    """Return coefficients c, with ψ2 = base(ψ1) + factor(s) Σ c_k T_k(2s - 1), ψ1 = ψ1(s)."""
-    x = nodes(3 * count // 2)
-    s = (1 + x) / 2
-    psi = psi_of(s)
-    matrix = polynomials(x, count) * factor(s)[:, None]
-    return np.linalg.lstsq(matrix, rebound_of(psi) - base(psi), rcond=None)[0]
+def places(count: int) -> np.ndarray:
+    """Return the s in [0, 1] at which a piece of some coefficients is fitted."""
+    return (1 + nodes(3 * count // 2)) / 2
+
+
+def fit(count: int, values: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """Return coefficients c, with values = factor(s) Σ c_k T_k(2s - 1) at the places of s."""
+    matrix = polynomials(2 * places(count) - 1, count) * factor[:, None]
+    return np.linalg.lstsq(matrix, values, rcond=None)[0]
+
+
+def between(count: int, rebound_of: Function, low: float, high: float) -> np.ndarray:
+    """Return the coefficients of ψ2/ψ1 between two ψ1."""
+    psi = low + (high - low) * places(count)
+    return fit(count, rebound_of(psi), psi)
+
+
+def beyond(count: int, rebound_of: Function, low: float, high: float, at_low: float) -> np.ndarray:
+    """Return the coefficients of what ψ2 changes by from a ψ1 on, ψ1 = low + (high - low) s²."""
+    square = places(count) ** 2
+    return fit(count, rebound_of(low + (high - low) * square) - at_low, square)
 
 
 def to_full(
@@ -181,31 +183,10 @@ def to_full(
 ) -> list[np.ndarray]:
     """Return the coefficients of the pieces from `touch` to `full`."""
     middle = touch + MIDDLE * (full - touch)
-    return [
-        fit(
-            DEGREES[2],
-            rebound_of,
-            lambda s: touch + (middle - touch) * s**2,
-            lambda psi: at_touch + 0 * psi,
-            lambda s: s**2,
-        ),
-        fit(
-            DEGREES[3],
-            rebound_of,
-            lambda s: full - (full - middle) * s**2,
-            lambda psi: psi - loss,
-            lambda s: s**3,
-        ),
-    ]
-
-
-def between(count: int, rebound_of: Function, low: float, high: float) -> np.ndarray:
-    """Return the coefficients of ψ2/ψ1 between two ψ1."""
-
-    def psi_of(s: np.ndarray) -> np.ndarray:
-        return low + (high - low) * s
-
-    return fit(count, rebound_of, psi_of, lambda psi: 0 * psi, psi_of)
+    s = places(DEGREES[3])
+    psi = full - (full - middle) * s**2
+    last = fit(DEGREES[3], rebound_of(psi) - (psi - loss), s**3)
+    return [beyond(DEGREES[2], rebound_of, touch, middle, at_touch), last]
 
 
 def damped_pieces(chi: float, alpha: float, centre: float) -> np.ndarray:
@@ -219,15 +200,8 @@ def damped_pieces(chi: float, alpha: float, centre: float) -> np.ndarray:
     first = between(DEGREES[0], rebound_of, 0.0, centre)
     second, at_touch = np.zeros(DEGREES[1]), centre * first.sum()
     if centre < touch:
-        at_centre = at_touch
-        second = fit(
-            DEGREES[1],
-            rebound_of,
-            lambda s: centre + (touch - centre) * s**2,
-            lambda psi: at_centre + 0 * psi,
-            lambda s: s**2,
-        )
-        at_touch = at_centre + second.sum()
+        second = beyond(DEGREES[1], rebound_of, centre, touch, at_touch)
+        at_touch += second.sum()
     rest = to_full(rebound_of, touch, full, at_touch, 2 * chi * (1 + e))
     return np.concatenate([first, second, *rest])
 
@@ -249,15 +223,8 @@ def elastic_pieces(chi: float) -> np.ndarray:
     return np.concatenate([first, second, *rest, [split]])
 
 
-def in_chi(values: np.ndarray, count: int) -> np.ndarray:
-    """Return coefficients in χ of values at the nodes, along the first axis."""
-    x = nodes(len(values))
-    flat = np.linalg.lstsq(polynomials(x, len(x)), values.reshape(len(x), -1), rcond=None)[0]
-    return flat.reshape(values.shape)[:count]
-
-
-def in_sigma(values: np.ndarray, count: int, power: int) -> np.ndarray:
-    """Return coefficients of σ^power T_j(2σ-1) along the first axis."""
+def along(values: np.ndarray, count: int, power: int = 0) -> np.ndarray:
+    """Return coefficients of σ^power T_j(2σ-1) of values at the nodes, along the first axis."""
     x = nodes(len(values))
     basis = polynomials(x, count) * ((1 + x[:, None]) / 2) ** power
     flat = np.linalg.lstsq(basis, values.reshape(len(x), -1), rcond=None)[0]
@@ -273,7 +240,7 @@ def elastic_table() -> np.ndarray:
     parts = []
     for low, high in ((CHI[0], TURNING), (TURNING, CHI[1])):
         curves = [elastic_pieces(chi) for chi in chis_between(low, high, IN_CHI)]
-        parts.append(in_chi(np.array(curves), ORDERS[0]))
+        parts.append(along(np.array(curves), ORDERS[0]))
     return np.concatenate(parts)
 
 
@@ -288,14 +255,14 @@ def damped_table() -> np.ndarray:
         start = onset(chi)
         elastic = damped_pieces(chi, 0.0, 1.0)
         rows = np.array([damped_pieces(chi, x * start, 1 + x * start) for x in sigmas])
-        weak = np.pad(in_sigma(rows - elastic, ORDERS[2], 1), [(0, 0), (0, 1)])
+        weak = np.pad(along(rows - elastic, ORDERS[2], 1), [(0, 0), (0, 1)])
         alphas = start + (ALPHA - start) * sigmas
         slips = np.array([centre_slips(chi, a) for a in alphas])
         rows = np.array([damped_pieces(chi, a, c) for a, c in zip(alphas, slips, strict=True)])
-        length = in_sigma((1 + alphas - slips)[:, None], ORDERS[3], 2)
-        strong = np.column_stack([in_sigma(rows, ORDERS[3], 0), length])
+        length = along((1 + alphas - slips)[:, None], ORDERS[3], 2)
+        strong = np.column_stack([along(rows, ORDERS[3]), length])
         curves.append(np.concatenate([weak, strong]))
-    return in_chi(np.array(curves), ORDERS[1])
+    return along(np.array(curves), ORDERS[1])
 
 
 def largest_change(rows: np.ndarray) -> np.ndarray:

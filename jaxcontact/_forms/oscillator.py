@@ -212,8 +212,8 @@ def _extreme_force(zeta: Lane, n: Exponent, *, least: bool = False) -> Lane:
     v = jnp.where(early, jnp.where(square > 0, root - b, 1), 4 * zeta)
     s = jnp.where(early, 4 * zeta * q, root + b)
     if least:
-        # The product of the two values of v/s is -1/q.
-        s, v = jnp.where(early, v, 4 * zeta * q), -jnp.where(early, 4 * zeta, s)
+        # The product of the two values of v/s is -1/q. For n = 1 and ζ = 1/2 it is at the end.
+        s, v = jnp.where(early, root - b, 4 * zeta * q), -jnp.where(early, 4 * zeta, s)
     # Along the motion s² + v² + 2ζsv = e^(-2ζτ), which converts the direction into the time.
     size = jnp.sqrt(jnp.square(s) + jnp.square(v) + 2 * zeta * s * v)
     s, v = s / size, v / size

@@ -109,17 +109,13 @@ class StickingForm(HuntCrossleyForm):
     def as_delivered(self, scaled: ScaledImpact) -> ScaledImpact:
         """Return an impact with e as delivered; bodies that stick have no indentation and force."""
         sticks = self.delivered <= 0
-
-        def known(value: Lane) -> Lane:
-            return jnp.where(sticks, jnp.nan, value)
-
+        names = "compression_time", "max_indentation", "max_force"
         return dataclasses.replace(
             scaled,
             restitution=self.delivered + jnp.zeros_like(scaled.restitution),
-            compression_time=known(scaled.compression_time),
-            max_indentation=known(scaled.max_indentation),
-            max_force=known(scaled.max_force),
             settled=sticks,
+            energy_loss=None,  # by e: that of the force is the loss of another one below .001
+            **{name: jnp.where(sticks, jnp.nan, getattr(scaled, name)) for name in names},
         )
 
 

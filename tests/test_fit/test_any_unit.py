@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import curve_fit
 
 import jaxcontact as jc
 from tests.test_fit.curves import line
@@ -43,27 +44,14 @@ def fitted(predict, y, start, unit=1.0, out=1.0, across=1.0, **how):
     return found.values / unit, found.errors / unit
 
 
-def line_by_numpy():
-    columns = np.stack([np.ones(20), X], axis=1)
-    best, square, *_ = np.linalg.lstsq(columns, Y, rcond=None)
-    spread = np.linalg.inv(columns.T @ columns) * square / 18
-    return best, np.sqrt(np.diag(spread)), float(square[0]) / 2
+def by_scipy(curve, y):
+    """Parameters, their standard errors and the loss."""
+    best, spread = curve_fit(curve, X, y, (2, 3), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    return best, np.sqrt(np.diag(spread)), np.sum((curve(X, *best) - y) ** 2) / 2
 
 
-BEST, ERROR, LOSS = line_by_numpy()
-
-
-def curve_by_scipy():
-    from scipy.optimize import curve_fit
-
-    best, spread = curve_fit(
-        lambda x, a, b: a * np.exp(-b * x), X, CURVED, (2, 3), xtol=1e-15, ftol=1e-15, gtol=1e-15
-    )
-    left = best[0] * np.exp(-best[1] * X) - CURVED
-    return best, np.sqrt(np.diag(spread)), float(left @ left) / 2
-
-
-BENT, BENT_ERROR, BENT_LOSS = curve_by_scipy()
+BEST, ERROR, LOSS = by_scipy(lambda x, a, b: a + b * x, Y)
+BENT, BENT_ERROR, BENT_LOSS = by_scipy(lambda x, a, b: a * np.exp(-b * x), CURVED)
 LOSSES = {straight: LOSS, decay: BENT_LOSS}
 
 

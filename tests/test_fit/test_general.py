@@ -12,7 +12,6 @@ import pytest
 from scipy import optimize, stats
 
 import jaxcontact as jc
-from jaxcontact._fit import AbstractErrors, refit
 from tests.test_fit.curves import FLAT, decay, line
 
 RNG = np.random.default_rng(3)
@@ -349,23 +348,3 @@ def test_more_named_numbers_than_points_are_refused():
     # An array may have more numbers than there are points.
     powers = np.stack([UNIT[1:3], UNIT[1:3] ** 2, UNIT[1:3] ** 3])
     assert jc.fit(lambda p, x: p @ x, UNIT[1:3], np.ones(3), x=powers).unidentified
-
-
-class Halving(AbstractErrors[float, float]):
-    """A fit of 16 is halved until it is at most `enough`."""
-
-    rounds = 5
-
-    def __init__(self, enough):
-        self.enough = enough
-
-    def estimate(self, found):
-        return None if found <= self.enough else found / 2
-
-    def finish(self, found):
-        return -found
-
-
-@pytest.mark.parametrize(("enough", "end"), [(16.0, -16.0), (3.0, -2.0), (0.0, -0.5)])
-def test_it_ends_when_the_errors_settle_or_after_its_rounds(enough, end):
-    assert refit(Halving(enough), 16.0, lambda last, errors: min(last, errors)) == end

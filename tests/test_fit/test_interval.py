@@ -25,26 +25,29 @@ def curved():
     return jc.fit(decay, DECAY, START, x=X)
 
 
-def ends_by_scipy(held, quantile, high=np.inf):
-    """The ends for a parameter of the decay: root of the loss with the others fitted, by scipy."""
+def least(value, held, bounds=(-np.inf, np.inf)):
+    """Twice the loss of the decay with one parameter held and the others fitted, by scipy."""
     others = [name for name in START if name != held]
-    bounds = (-np.inf, [high if name == "b" else np.inf for name in others])
 
-    def loss(value):
-        def residual(fitted):
-            p = dict(zip(others, fitted, strict=True)) | {held: value}
-            return p["a"] * np.exp(-p["b"] * X) + p["c"] - DECAY
+    def residual(fitted):
+        p = dict(zip(others, fitted, strict=True)) | {held: value}
+        return p["a"] * np.exp(-p["b"] * X) + p["c"] - DECAY
 
-        start = [START[name] for name in others]
-        return 2 * optimize.least_squares(residual, start, bounds=bounds, xtol=1e-12).cost
+    start = [START[name] for name in others]
+    tight = {"xtol": 1e-14, "ftol": 1e-14}
+    return 2 * optimize.least_squares(residual, start, bounds=bounds, **tight).cost
 
+
+def ends_by_scipy(held, quantile, high=np.inf):
+    """The ends for a parameter of the decay: where the least loss has risen enough."""
+    bounds = (-np.inf, [high if name == "b" else np.inf for name in START if name != held])
     best = optimize.least_squares(
         lambda p: p[0] * np.exp(-p[1] * X) + p[2] - DECAY, (1, 1, 0.3), xtol=1e-14, ftol=1e-14
     )
     wanted = 2 * best.cost * (1 + quantile**2 / 9)
     middle = best.x[list(START).index(held)]
     return tuple(
-        optimize.brentq(lambda v: loss(v) - wanted, middle, middle + far, xtol=1e-10)
+        optimize.brentq(lambda v: least(v, held, bounds) - wanted, middle, middle + far, xtol=1e-10)
         for far in (-0.6, 0.6)
     )
 
@@ -95,14 +98,8 @@ def test_a_parameter_at_its_bound_has_an_interval_to_one_side(low, high):
     ends = found.interval()["c"]
     bound, side = (high, 0) if high < 0.5 else (low, 1)
     assert ends[1 - side] == bound
-
-    def loss(c):
-        def residual(p):
-            return p[0] * np.exp(-p[1] * X) + c - DECAY
-
-        return 2 * optimize.least_squares(residual, (1, 1), xtol=1e-14, ftol=1e-14).cost
-
-    rise = (loss(ends[side]) - loss(bound)) / (loss(bound) / found.dof)
+    lowest = least(bound, "c")
+    rise = (least(ends[side], "c") - lowest) / (lowest / found.dof)
     assert np.sqrt(rise) == pytest.approx(stats.t.ppf(0.975, found.dof), rel=MET)
 
 

@@ -3,14 +3,12 @@
 import dataclasses
 import sys
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import integrate, optimize, stats
+from scipy import integrate, stats
 
 import jaxcontact as jc
-from jaxcontact._fit.posterior.density import Density, find_mode, prior_of
 from jaxcontact._fit.posterior.posterior import r_hat_and_effective
 
 OFF = 4.0
@@ -142,25 +140,6 @@ def test_bounded_parameters_as_on_a_grid(name):
         assert within(result, key[0], moment, wanted[key]), key
 
 
-def test_the_search_for_the_mode_ends_where_scipys_does():
-    """The chains begin there, but would find their way from elsewhere, too."""
-    found = decay_fit(sigma=0.08)
-
-    def fall(at):
-        c, e = np.exp(at[0]), 1 / (1 + np.exp(-at[1]))
-        z = (e * np.exp(-c * SPEEDS) - DECAYED) / 0.08
-        before = ((e - 0.9) / 0.01) ** 2 / 2 + (c / 0.01) ** 2 / 2
-        return np.sum(z**2) / 2 + before - np.log(c * e * (1 - e))
-
-    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        prior = prior_of({"e": (0.9, 0.01), "c": (0.0, 0.01)}, found.problem.space)
-        mode = find_mode(Density(found.problem, prior, False), found._theta)
-    wanted = optimize.minimize(fall, found._theta, tol=1e-10)
-    # A step that gains less than 1e-6 counts as zero: √2e-6 of a width.
-    assert np.abs(np.linalg.solve(mode.root, mode.centre - wanted.x)).max() < 2e-3
-    assert np.abs(found._theta[0] - wanted.x[0]) > 2
-
-
 def test_a_prior_pins_what_the_data_leave_open():
     """ln K + ln m is known to σ/|x| K m, and m from its prior alone."""
     positive = {"K": jc.Positive(), "m": jc.Positive()}
@@ -272,46 +251,15 @@ def test_the_result_in_words_and_trees(known, normal):
     assert repr(bad).startswith("The model does not describe the data: χ²/dof")
 
 
-def autoregressive(rng, rho, chains, count):
-    x = rng.normal(size=(chains, count))
-    for i in range(1, count):
-        x[:, i] = rho * x[:, i - 1] + np.sqrt(1 - rho**2) * x[:, i]
-    return x
-
-
-def some():
-    """Chains, and what ArviZ 0.23.4 says of them: rhat, and the lower of ess bulk and tail."""
+def test_diagnostics_are_those_of_arviz():
+    """By its release 0.23.4: rhat, and the lower of ess bulk and tail."""
     rng = np.random.default_rng(0)
-    levels, slow = np.arange(4)[:, None], np.cumsum(rng.normal(size=(4, 400)), axis=1)
-    return {
-        "independent": rng.normal(size=(4, 500)),
-        "slow": slow,
-        "alternating": autoregressive(rng, -0.5, 4, 500),
-        "odd": autoregressive(rng, 0.9, 4, 1001),
-        "apart": rng.normal(size=(4, 300)) + levels,
-        "of other widths": rng.normal(size=(3, 301)) * (1 + levels[:3]),
-        "heavy tails": rng.standard_cauchy(size=(4, 200)),
-        "ties": np.round(rng.normal(size=(2, 100)), 1),
-        "five": rng.normal(size=(4, 5)),
-    }
-
-
-ARVIZ = {
-    "independent": (0.999840608379, 1969.00141944),
-    "slow": (2.18670278653, 5.23848886635),
-    "alternating": (1.000559944, 1949.04550658),
-    "odd": (1.01234068136, 181.073515134),
-    "apart": (1.56228949073, 7.07604830958),
-    "of other widths": (1.13392721766, 190.243188935),
-    "heavy tails": (1.0004450047, 729.53663306),
-    "ties": (0.998822245998, 180.122675985),
-    "five": (1.39153756815, 19.2659197225),
-}
-
-
-@pytest.mark.parametrize("name", some())
-def test_as_arviz(name):
-    assert r_hat_and_effective(some()[name]) == pytest.approx(ARVIZ[name], rel=1e-9)
+    slow, independent = np.cumsum(rng.normal(size=(4, 400)), axis=1), rng.normal(size=(4, 500))
+    for draws, known in (
+        (slow, (2.18670278653, 5.23848886635)),
+        (independent, (0.999840608379, 1969.00141944)),
+    ):
+        assert r_hat_and_effective(draws) == pytest.approx(known, rel=1e-9)
 
 
 def test_too_few_or_constant_draws_have_none():

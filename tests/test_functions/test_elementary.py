@@ -9,22 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxcontact as jc
-from jaxcontact._forms import rebound_exponent, restitution_of
+from jaxcontact._forms import restitution_of
 from jaxcontact._functions import (
     arc_over_sine,
     bracketed_root,
-    chebyshev,
-    chebyshev_by_piece,
     half_gamma_ratio,
     kappa,
     log1p_over,
     log_remainder,
     log_remainder_over,
     power,
-    product_in_place,
     psi,
     sinc_root,
-    speed_of,
 )
 from tests.oracle.stored import stored
 
@@ -146,31 +142,6 @@ def test_values_slopes_and_curvatures(name):
     np.testing.assert_allclose(back, expected[1], rtol=FIRST)
 
 
-SPEED_BY_ALPHA = 1e-12
-"""Error of the slope in alpha, by the length y: measured 3e-13, rounding over 1e-3."""
-
-ALPHAS = [0.0, 1e-300, 1e-12, 1e-5, 9.99e-4, 1e-3, 1.001e-3, 0.1, 1.0, 30.0, 1e3, 1e6]
-LENGTHS = [-1.5, -1.0, -0.1, -1e-9, 0.0, 1e-9, 0.1, 1.0]
-
-
-def mp_speed(y, alpha):
-    return mp.expm1(alpha * y) / alpha if alpha else y
-
-
-def test_speed_of():
-    alpha, y = (x.ravel() for x in np.meshgrid(ALPHAS, LENGTHS))
-    y = np.where(y > 0, y * np.log1p(alpha) / np.where(alpha > 0, alpha, 1), y)
-    found_value = jax.jit(speed_of)(y, alpha)
-    found = jax.jit(jax.vmap(jax.jacfwd(speed_of, argnums=(0, 1))))(y, alpha)
-    pairs = list(zip(y, alpha, strict=True))
-    in_y = np.hstack([reference(lambda y, a=a: mp_speed(y, mp.mpf(a)), [y]) for y, a in pairs])
-    in_alpha = np.hstack([reference(lambda a, y=y: mp_speed(mp.mpf(y), a), [a]) for y, a in pairs])
-    np.testing.assert_allclose(found_value, in_y[0], rtol=VALUE)
-    np.testing.assert_allclose(found[0], in_y[1], rtol=FIRST, atol=ABSOLUTE)
-    error = np.abs(np.asarray(found[1]) - in_alpha[1])
-    assert np.all(error <= SPEED_BY_ALPHA * np.abs(y))
-
-
 # --- Scalar roots ---------------------------------------------------------------------------------
 
 damping_factor = jax.jit(jc.exact_damping_factor)
@@ -251,51 +222,6 @@ def test_round_trips(es, alphas):
     np.testing.assert_allclose(through_the_door, es, rtol=ROUND_TRIP)
 
 
-def test_the_regularised_rebound():
-    # Beyond 100, e^z is below e^-95 and z = ln(1 + alpha) - alpha - 1 to all digits.
-    exact = []
-    with mp.workdps(REFERENCE_DIGITS):
-        for a in map(mp.mpf, DAMPING_FACTORS[3:]):
-            z = mp.log1p(-a * mp_restitution(a)) if a < 100 else mp.log1p(a) - a - 1
-            exact.append(float(-z / a))
-    found = jax.jit(rebound_exponent)(jnp.asarray(DAMPING_FACTORS[3:]))
-    np.testing.assert_allclose(found, exact, rtol=ROOT)
-
-
-def with_slopes(function, at, along):
-    """Values and slopes along a direction, by one program."""
-    return jax.jit(lambda at, along: jax.jvp(function, (at,), (along,)))(at, along)
-
-
-CHEBYSHEV = 1e-13
-"""Clenshaw's recurrence against NumPy's, degree 12, values and slopes up to 50: measured 4e-15."""
-
-
-def test_chebyshev_series_and_slopes_are_those_of_numpy():
-    coefficients = np.random.default_rng(1).normal(size=13)
-    x = np.linspace(-1, 1, 21)
-    value, slope = with_slopes(lambda x: chebyshev(jnp.asarray(coefficients), x), x, np.ones(21))
-    series = np.polynomial.chebyshev
-    np.testing.assert_allclose(value, series.chebval(x, coefficients), atol=CHEBYSHEV)
-    expected = series.chebval(x, series.chebder(coefficients))
-    # The slope grows as the square of the degree at the ends.
-    np.testing.assert_allclose(slope, expected, rtol=CHEBYSHEV, atol=1e2 * CHEBYSHEV)
-
-
-def test_chebyshev_series_on_intervals():
-    """Each on its own, and the tangent of the last beyond it."""
-    ends, rows = [0.0, 1.0, 3.0], np.random.default_rng(3).normal(size=(5, 2))
-    x = np.array([0.0, 0.4, 1.0, 1.7, 2.999, 3.0, 4.0, 50.0])
-    value, slope = with_slopes(lambda x: chebyshev_by_piece(ends, rows.tolist(), x), x, np.ones(8))
-    series = [np.polynomial.Chebyshev(rows[:, k], ends[k : k + 2]) for k in (0, 1)]
-    which = [series[int(at >= 1)] for at in x]
-    steep = [one.deriv()(min(at, 3.0)) for one, at in zip(which, x, strict=True)]
-    beyond = np.maximum(x - 3, 0)
-    want = [one(min(at, 3.0)) for one, at in zip(which, x, strict=True)] + beyond * steep
-    np.testing.assert_allclose(value, want, rtol=1e-12)
-    np.testing.assert_allclose(slope, steep, rtol=1e-12)
-
-
 BRACKETED = 2e-15  # measured 1e-15, for the cube
 
 
@@ -322,19 +248,3 @@ def test_a_traced_exponent_is_the_concrete_one(p):
     concrete = jax.jit(jax.vmap(jax.value_and_grad(lambda x: power(x, p))))(x)
     for one, other in zip(concrete, by_traced_power(x, np.array(p)), strict=True):
         np.testing.assert_allclose(other, one, rtol=1e-15)
-
-
-def test_a_product_in_place_is_a_contraction_in_every_batch():
-    """Of values and slopes, over directions and lanes, with either of the two arrays in common."""
-    random = np.random.default_rng(0)
-    weights, slopes = random.normal(size=4), random.normal(size=(3, 2, 4, 5))
-    both = jax.vmap(jax.vmap(lambda b: product_in_place(weights, b)))
-    value, change = with_slopes(both, slopes, slopes**2)
-    expected = np.einsum("s,abst->abt", weights, slopes)
-    for found in (value, jax.jit(both)(slopes)):
-        np.testing.assert_allclose(found, expected, rtol=VALUE, atol=VALUE)
-    squares = np.einsum("s,abst->abt", weights, slopes**2)
-    np.testing.assert_allclose(change, squares, rtol=VALUE, atol=VALUE)
-    rows, one = slopes[0, :, :, 0], slopes[0, 0]
-    by_weights = jax.jit(jax.vmap(lambda a: product_in_place(a, one)))(rows)
-    np.testing.assert_allclose(by_weights, rows @ one, rtol=VALUE, atol=VALUE)

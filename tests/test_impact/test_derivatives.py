@@ -7,10 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from mpmath import mp, mpf
 
 import jaxcontact as jc
-from tests.oracle.stored import stored
 from tests.test_impact import units
 from tests.test_impact.support import (
     column,
@@ -40,61 +38,17 @@ METHODS = {"exact": jc.Exact(), "event": jc.Event(rtol=1e-11), "phase": jc.Phase
 RANGE = {"exact": np.inf, "event": np.inf, "phase": 14.4}
 
 
-class Threefold(jc.AbstractHuntCrossley):
-    """α = α₀ + the α of the energy-loss law + that of a constant c: every parameter at once."""
-
-    alpha: jax.Array
-    energy_loss: jc.EnergyLoss
-    constant: jc.ConstantDamping
-
-    def damping_factor(self, contact=None, velocity=None):
-        parts = (self.energy_loss, self.constant)
-        return self.alpha + sum(part.damping_factor(contact, velocity) for part in parts)
-
-
-@stored()
-def energy_loss_numbers(n, beta):
-    """g, dg/dβ and dg/dn of α = g (1-e)/e, from the integral itself."""
-
-    def g(beta, n):
-        ratio = (n + 1) / beta
-        return beta / (n + 1) / mp.beta(ratio, mpf(3) / 2)
-
-    with mp.workdps(40):
-        at = mpf(float(beta)), mpf(float(n))
-        return [float(x) for x in (g(*at), mp.diff(g, at, (1, 0)), mp.diff(g, at, (0, 1)))]
-
-
 def problem(largest: float):
-    """Lanes from e = 1 to 1e-6, each at another place in SI units, and dα/dθ."""
+    """Lanes from e = 1 to 1e-6, each at another place in SI units."""
     some = [c for c in grid("hunt_crossley", n=1.5) if c.args["alpha"] <= largest]
-    alpha = np.asarray(column(some, "alpha"))
     places = {
+        "alpha": column(some, "alpha"),
         "K": [1.4e8, 2.5e10, 3.0, 8e-3, 1e15, 4.2e5, 7e8, 1e6],
         "m": [1.0, 3e-8, 2e-3, 5e4, 1e-12, 0.7, 60.0, 0.02],
         "v": [4.2, 0.3, 1e-6, 12.0, 9e2, 0.05, 1.7, 3e-3],
         "n": [1.5],
-        "beta": [2.5, 2.0, 1.5, 4.0, 2.4, 3.0, 1.0],
     }
-    p = {k: np.resize(np.array(x), alpha.shape) for k, x in places.items()}
-    g, g_beta, g_n = np.array(
-        [energy_loss_numbers(float(n), float(b)) for n, b in zip(p["n"], p["beta"], strict=True)]
-    ).T
-    # Fractions of α for which no derivative is a difference of large numbers.
-    by_e, by_c = 0.2 * alpha, 0.5 * alpha
-    e = g / (g + by_e)
-    p |= {"alpha": 0.3 * alpha, "e": e, "c": by_c * p["K"] / p["v"]}
-    of_alpha = {
-        "alpha": np.ones_like(alpha),
-        "e": -g / e**2,
-        "beta": g_beta * by_e / g,
-        "n": g_n * by_e / g,
-        "c": p["v"] / p["K"],
-        "K": -by_c / p["K"],
-        "v": by_c / p["v"],
-        "m": np.zeros_like(alpha),
-    }
-    return some, p, of_alpha
+    return some, {k: np.resize(np.array(x), len(some)) for k, x in places.items()}
 
 
 @pytest.mark.slow("event-False", "phase-False", reason="derivatives of solves by all parameters")
@@ -102,13 +56,13 @@ def problem(largest: float):
     ("method", "traced"), [("exact", True), ("exact", False), ("event", False), ("phase", False)]
 )
 def test_first_derivatives_by_every_parameter(method, traced):
-    some, p, of_alpha = problem(RANGE[method])
+    """Of the law's number and the contact; slopes of the laws' formulas are in test_formulas."""
+    some, p = problem(RANGE[method])
     names = [k for k in p if traced or k != "n"]
 
     def solve(numbers):
         p = {"n": 1.5} | dict(zip(names, numbers, strict=True))
-        loss, constant = jc.EnergyLoss(e=p["e"], beta=p["beta"]), jc.ConstantDamping(c=p["c"])
-        law, contact = Threefold(p["alpha"], loss, constant), jc.Contact(p["m"], p["K"], p["n"])
+        law, contact = jc.Damped(p["alpha"]), jc.Contact(p["m"], p["K"], p["n"])
         hit = outcome(jc.impact(law, contact, p["v"], method=METHODS[method]))
         return jnp.stack([hit[f] for f in units.QUANTITIES])
 
@@ -118,7 +72,7 @@ def test_first_derivatives_by_every_parameter(method, traced):
         in_si = np.float64(units.unit(f, p) * value[f])
         assert np.allclose(got[:, i], in_si, rtol=TOLERANCE[method], atol=0), f
         for j, by in enumerate(names):
-            want = units.slope(f, by, p, value[f], by_alpha[f], by_n[f], of_alpha[by])
+            want = units.slope(f, by, p, value[f], {"alpha": by_alpha[f], "n": by_n[f]})
             size = np.maximum(np.abs(want), SMALL * units.natural(f, by, p))
             for mode, slope in zip(("forward", "reverse"), both, strict=True):
                 error = np.max(np.abs(slope[:, i, j] - want) / size)

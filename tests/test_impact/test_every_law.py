@@ -1,7 +1,6 @@
 """Every registered law, alone and under each transformation."""
 
 import functools
-import inspect
 
 import jax
 import jax.numpy as jnp
@@ -11,13 +10,8 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._forms import scale_of
 from tests.test_impact.support import finite
+from tests.test_laws.table import LAWS as TABLE
 
-OTHER = {"c": 3e6, "a": 0.05, "A": 2e-6, "alpha": 0.4, "beta": 2.2, "power": -0.4, "reference": 0.8}
-OTHER |= {"yield_speed": 0.3, "loss": 0.2, "ratio": 1.5, "slope": 200.0, "pull_off": 1e3}
-OTHER |= {"critical_speed": 0.2, "adhesion": 0.3}
-# An undamped law: with e = 1, or with its own parameter 0.
-ELASTIC = OTHER | {"e": 1.0, "c": 0.0, "a": 0.0, "A": 0.0, "alpha": 0.0, "loss": 0.0}
-ELASTIC |= {"yield_speed": 9.0, "ratio": 1.0, "slope": 0.0, "pull_off": 1e-3, "critical_speed": 0.0}
 # Central differences of an outcome near 1: measured 1e-10, and 8e-15 between the modes.
 DIFFERENCE, STEP, MODES = 1e-8, 1e-5, 1e-12
 
@@ -26,33 +20,20 @@ LINEAR = ("kelvin_voigt", "linear_dashpot", "walton_braun", "luding")
 MILLISECOND = 1e-3
 # The forces of `step_damping` and `dmt` have no closed form: see test_dashpots and test_adhesive.
 # test_plastic and test_wet have all derivatives of the others.
-LAWS = [
-    x
-    for x in jc.list_laws()
-    if jc._laws.describe(x).cls.__module__.startswith("jaxcontact.")
-    and x not in ("step_damping", "dmt", "viscoplastic", "wet_restitution")
-]
-
-
-def parameters(name, e, others):
-    fields = inspect.signature(jc._laws.describe(name).cls).parameters
-    others = others | {"bridges": {"a": 2 * e - 0.8}, "linear_dashpot": {"c": 4e3 * (1 - e)}}.get(
-        name, {}
-    )
-    return {f: jnp.asarray(e if f == "e" else others[f]) for f in fields if f != "tension"}
+LAWS = sorted(TABLE.keys() - {"step_damping", "dmt", "viscoplastic", "wet_restitution"})
 
 
 def lanes_of(name):
     """The law damped and elastic, and moved by a step along all parameters, in lanes."""
 
-    def place(law):
+    def place(parameters):
+        law = dict(zip(TABLE[name].names, parameters, strict=True))
         numbers = {"mass": CONTACT.mass, "stiffness": CONTACT.stiffness, "velocity": 1.3}
         return jax.tree.map(jnp.asarray, numbers | {"law": law})
 
-    damped = place(parameters(name, 0.7, OTHER))
+    damped, _, elastic = map(place, TABLE[name].parameters)
     moved = [jax.tree.map(lambda x, by=by: x * by, damped) for by in (1 + STEP, 1 - STEP)]
-    lanes = damped, place(parameters(name, 1.0, ELASTIC)), *moved
-    return jax.tree.map(lambda *x: np.stack(x), *lanes)
+    return jax.tree.map(lambda *x: np.stack(x), damped, elastic, *moved)
 
 
 class SideBySide(jc.AbstractLaw):

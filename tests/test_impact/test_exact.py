@@ -247,16 +247,6 @@ def test_single_precision():
         assert_within(errors(got, want), dict.fromkeys(FIELDS, SINGLE), a)
 
 
-def test_bad_lanes_are_flagged():
-    a = np.array([0.3, -0.1, np.nan, np.inf, 0.3])
-    hit = impacts(law(a, True), UNIT[1.5])
-    good = np.array([True, False, False, False, True])
-    assert ((hit.status == jc.Status.SEPARATED) == good).all()
-    assert (np.isfinite(hit.restitution) == good).all()
-    e = jc.restitution(law(a, True), UNIT[1.5], 1.0)
-    np.testing.assert_array_equal(e, hit.restitution)
-
-
 def test_nothing_is_solved_where_the_series_serve():
     def impact(a, exponent):
         hit = jc.impact(law(a, False), jc.Contact(1.0, 1.0, exponent), 1.0)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._impact import restitutions
 from tests.test_impact.support import impacts
 
 CONTACT = jc.Contact(0.7, 3e8)
@@ -202,15 +201,3 @@ def test_only_what_alpha_depends_on_is_needed():
         assert np.allclose(e[:3], same[:3], rtol=1e-15, atol=0) and np.isnan(e[3])
     of_n = jc.restitution(jc.EnergyLoss(0.5, 2.0), contact=CONTACT)
     assert of_n == pytest.approx(float(jc.restitution(jc.EnergyLoss(0.5, 2.0))), rel=1e-14)
-
-
-def test_many_laws_at_once():
-    laws = (jc.HuGuo, jc.Flores, jc.Tsuji, jc.MarhefkaOrin, jc.KelvinVoigt)
-    e = jnp.tile(jnp.append(ASKED, 1.5), (len(laws), 1))
-    hu_guo, flores, tsuji, speed, kelvin_voigt = restitutions(laws, e)
-    assert speed is None
-    for law, got in ((jc.HuGuo, hu_guo), (jc.Flores, flores), (jc.Tsuji, tsuji)):
-        wanted = jc.restitution(law(e=e[0]))
-        assert np.allclose(got, wanted, rtol=1e-14, atol=0, equal_nan=True)
-    assert np.allclose(kelvin_voigt[:-1], ASKED, rtol=1e-14, atol=0)
-    assert np.isnan(kelvin_voigt[-1])

@@ -1,7 +1,5 @@
 """Luding's contact, by formula beside an integration from event to event."""
 
-import functools
-
 import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
@@ -22,28 +20,11 @@ NUMBERS += ["min_force"]
 CASES = [(1.5, 0.3), (1.0, 0.7), (4.0, 0.0), (1.2, 20.0), (3.0, 0.5), (3.0, 0.999), (30.0, 0.03)]
 
 
-def part(rate, centre, state, watch):
-    """The motion x'' = -rate (x - centre) by Taylor steps until `watch` of it changes its sign."""
-    (x, v), time, step = state, mp.mpf(0), mp.mpf("0.125")
-
-    def after(t):
-        terms = [x - centre, v]
-        for k in range(40):
-            terms.append(-rate * terms[k] / ((k + 1) * (k + 2)))
-        speeds = [k * term for k, term in enumerate(terms)][1:]
-        terms[0] = x
-        return [
-            functools.reduce(lambda total, term: total * t + term, reversed(row))
-            for row in (terms, speeds)
-        ]
-
-    while watch(*after(step)) > 0:
-        (x, v), time = after(step), time + step
-    low, high = mp.mpf(0), step
-    for _ in range(135):
-        middle = (low + high) / 2
-        low, high = (middle, high) if watch(*after(middle)) > 0 else (low, middle)
-    return time + low, after(low)
+def part(rate, centre, state, watch, guess):
+    """The motion x'' = -rate (x - centre) until `watch` of it is zero, by Taylor's series."""
+    path = mp.odefun(lambda _, y: [y[1], -rate * (y[0] - centre)], 0, state)
+    end = mp.findroot(lambda t: watch(*path(t)), guess)
+    return end, path(end)
 
 
 @stored()
@@ -51,15 +32,17 @@ def followed(factor, adhesion):
     """The numbers of an impact in units of x'' = -f, v0 = 1, from event to event."""
     with mp.workdps(40):
         k, c = (mp.mpf(repr(x)) for x in (factor, adhesion))
-        turn, state = part(1, 0, [mp.mpf(0), mp.mpf(1)], lambda x, v: v)
+        turn, state = part(1, 0, [mp.mpf(0), mp.mpf(1)], lambda x, v: v, 1.5)
         most = state[0]
         end = most * (1 - 1 / k)
         # Where the way back meets -cx; an elastic one meets it at x = 0.
-        back, state = part(k, end, [most, mp.mpf(0)], lambda x, v: k * (x - end) + c * x)
+        back, state = part(
+            k, end, [most, mp.mpf(0)], lambda x, v: k * (x - end) + c * x, 1.5 / mp.sqrt(k)
+        )
         pull = c * state[0]
         last = mp.mpf(0)
         if k > 1:
-            last, state = part(-c, 0, state, lambda x, v: x)
+            last, state = part(-c, 0, state, lambda x, v: x, -state[0] / state[1])
         return [float(x) for x in (-state[1], turn + back + last, turn, most, most, -pull)]
 
 

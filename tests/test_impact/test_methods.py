@@ -107,6 +107,9 @@ def test_other_forces(kind, fixed):
     # Overdamped contacts without tension end where forces cancel throughout restitution.
     moderate = numbers <= (1 if kind == "oscillator" else np.inf)
     assert hit.steps[moderate].max() <= MOST_STEPS and hit.steps.max() <= CREEPING_STEPS
+    if hit.min_force is not None:
+        exact = impacts(law(numbers), jc.Contact(1.0, 1.0, n), method="exact").min_force
+        np.testing.assert_allclose(hit.min_force, exact, rtol=PROMISE, atol=1e-15)
 
 
 UNKNOWN_FORCE = 3e-8  # for A = 5, where the force pulls back, e is 0.02: measured 1.4e-8 of that
@@ -190,6 +193,7 @@ HONEST = [
     # Flagged where the angle turns back.
     ("kuwabara_kono", {"tension": True}, 0.6, 1.5),
     *(("oscillator", {"ending": "tension", "n": n}, 0.1, np.inf) for n in (1.0, 1.5)),
+    ("oscillator", {"ending": "approach", "n": 1.5}, 1.0, np.inf),
 ]
 
 
@@ -214,23 +218,6 @@ def test_fewer_steps_are_worse_and_know_it():
     # The tolerance decides what counts as converged.
     assert (coarse.status == np.where(coarse.error_estimate <= 1e-3, 0, 2)).all()
     assert 0 < (coarse.status == 0).sum() < coarse.status.size
-
-
-# Against closed forms: measured 1.1e-8, for e with damping on approach only 3.3e-8. Stronger
-# damping is flagged.
-OSCILLATORS = 5e-8
-
-
-@pytest.mark.parametrize(("ending", "solved", "most"), [("tension", 0.1, 0.6), ("approach", 1, 5)])
-def test_oscillators_of_hertz_contacts(ending, solved, most):
-    zeta = np.linspace(0, most, 100)
-    law = given_ratio(zeta, ending)
-    hit, exact = (impacts(law, UNIT[1.5], method=m) for m in ("phase", "exact"))
-    good = hit.status == jc.Status.SEPARATED
-    assert good[zeta < solved].all()
-    for name in ("restitution", "duration"):
-        known = getattr(exact, name)[good]
-        np.testing.assert_allclose(getattr(hit, name)[good], known, rtol=OSCILLATORS)
 
 
 # --- The loss of energy ---------------------------------------------------------------------------
@@ -432,9 +419,7 @@ LAW = jc.Damped(alpha=1.0)
 def test_a_name_is_short_for_the_object(name):
     objects = {"exact": jc.Exact(), "phase": jc.Phase(steps=32), "event": jc.Event(max_steps=256)}
     assert method_of(name) == objects[name] == method_of(objects[name])
-    by_name, by_object = (impacts(LAW, CONTACT, 1.3, method=m) for m in (name, objects[name]))
-    assert by_name.method == by_object.method == name
-    assert eqx.tree_equal(by_name, by_object)
+    assert impacts(LAW, CONTACT, 1.3, method=objects[name]).method == name
 
 
 class Static(eqx.Module):
@@ -474,7 +459,7 @@ def test_methods_are_static_fields_and_parts_of_trees():
 
 
 class Classical(jc.AbstractMethod):
-    """The method of Runge and Kutta in steps of equal time, written by a user."""
+    """Steps of equal time, each at its last speed, written by a user."""
 
     step: float = eqx.field(static=True)
     name: ClassVar[str] = "classical"
@@ -487,17 +472,10 @@ class Classical(jc.AbstractMethod):
         push = 0.0 if lanes.push is None else lanes.push
         h, yes = self.step, jnp.asarray(True)
 
-        def rate(x, v):
-            return v, push - lanes.form.force(jnp.maximum(x, 0), v, n, yes)
-
         def advance(state, _):
             x, v = state
-            a, b = rate(x, v)
-            c, d = rate(x + h / 2 * a, v + h / 2 * b)
-            e, f = rate(x + h / 2 * c, v + h / 2 * d)
-            g, k = rate(x + h * e, v + h * f)
-            after = x + h / 6 * (a + 2 * c + 2 * e + g), v + h / 6 * (b + 2 * d + 2 * f + k)
-            return after, (*state, rate(*state)[1])
+            rate = push - lanes.form.force(jnp.maximum(x, 0), v, n, yes)
+            return (x + h * (v + h * rate), v + h * rate), (x, v, rate)
 
         touch = jnp.zeros_like(alpha), jnp.ones_like(alpha)
         x, v, rates = jax.lax.scan(advance, touch, length=int(6 / h))[1]
@@ -514,12 +492,12 @@ class Classical(jc.AbstractMethod):
         )
 
 
-CRUDE = 3e-3  # two steps of h, the error of its crude ends
+CRUDE = 3e-3  # of steps of the first order and ends within one of them
 
 
 @pytest.mark.parametrize("force", [None, 100.0])
 def test_a_method_of_the_users(force):
-    law, how = jc.Damped(alpha=np.array([1.5, 0.6, 0.2])), Classical(step=1e-3)
+    law, how = jc.Damped(alpha=np.array([1.5, 0.6, 0.2])), Classical(step=2.5e-4)
     hit = jc.impact(law, CONTACT, 1.3, method=how, external_force=force)
     known = impacts(law, CONTACT, 1.3, external_force=force)
     assert hit.method == "classical" and known.method != "classical"

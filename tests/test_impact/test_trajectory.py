@@ -1,4 +1,4 @@
-"""The path of an impact, against its summary, its law, scipy, and the energy balance."""
+"""The path of an impact, against its law, scipy, and the energy balance."""
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +11,7 @@ from tests.test_impact.support import UNIT, both_jacobians, finite
 
 # At the default rtol of 1e-9, in units of the largest value: measured 8e-10 for the energy, 4e-10
 # against scipy.
-SUMMARY, BALANCE, SAMPLE = 1e-8, 1e-8, 1e-8
+BALANCE, SAMPLE = 1e-8, 1e-8
 CONTACT = jc.Contact(0.7, 3e8)
 MASS, STIFFNESS, SPEED = 0.7, 3e8, 1.3
 HU_GUO = jc.HuGuo(e=0.5)
@@ -59,20 +59,6 @@ def test_the_path_of_an_impact(paths, name):
     assert np.abs(v - by_scipy[1]).max() / SPEED <= SAMPLE
 
 
-def test_it_agrees_with_the_summary(paths):
-    path, hit = paths["hu_guo"], jc.impact(HU_GUO, CONTACT, SPEED)
-    assert hit.method == "exact"
-    assert np.isclose(path.time[-1], hit.duration, rtol=SUMMARY, atol=0)
-    assert np.isclose(-path.velocity[-1] / SPEED, hit.restitution, rtol=SUMMARY, atol=0)
-    # Samples miss the extrema by the square of their spacing.
-    assert (
-        0.9995 * hit.max_indentation < path.indentation.max() <= (1 + SUMMARY) * hit.max_indentation
-    )
-    assert 0.9995 * hit.max_force < path.force.max() <= (1 + SUMMARY) * hit.max_force
-    lost = path.energy.dissipated[-1]
-    assert np.isclose(lost, hit.energy_loss, rtol=SUMMARY, atol=0)
-
-
 # At rtol 1e-11 and a step of 1e-5: measured 2.2e-6, the noise of 1e-11 over the step.
 DIFFERENCE, STEP = 1e-5, 1e-5
 
@@ -107,13 +93,14 @@ def test_derivatives_of_samples(name):
 
 
 def test_batches_and_bad_lanes(paths):
-    law = jc.HuGuo(e=jnp.array([[0.5], [0.8], [-1.0]]))
+    law = jc.HuGuo(e=jnp.array([[0.5], [1.0], [-1.0]]))
     path = jc.trajectory(law, CONTACT, jnp.array([1.0, SPEED, np.nan, 2.0]))
     assert path.indentation.shape == path.energy.elastic.shape == (3, 4, 200)
     want = np.zeros((3, 4), int)
     want[2], want[:, 2] = jc.Status.INVALID_INPUT, jc.Status.INVALID_INPUT
     assert (path.status == want).all()
     assert np.isnan(path.time[want > 0]).all() and np.isfinite(path.time[want == 0]).all()
+    assert (np.asarray(path.energy.dissipated)[1, want[1] == 0] == 0).all()
     alone = paths["hu_guo"]
     # In a batch the adaptive solve rounds, and therefore steps, differently.
     scale = float(alone.indentation.max())
@@ -149,10 +136,3 @@ def test_a_contact_without_tension_never_pulls():
     assert path.indentation[-1] > 0
     pulling = jc.trajectory(jc.KuwabaraKono(A=4e-5), CONTACT, SPEED)
     assert pulling.force.min() < 0
-
-
-def test_an_elastic_impact_is_symmetric_in_time():
-    path = jc.trajectory(jc.HuGuo(e=1.0), CONTACT, SPEED)
-    scale = path.indentation.max()
-    assert np.allclose(path.indentation, path.indentation[::-1], rtol=0, atol=SAMPLE * scale)
-    assert (path.energy.dissipated == 0).all()

@@ -131,24 +131,8 @@ def test_objects_are_those_that_equinox_builds():
 PLACE = {"e": jnp.asarray(0.6), "K": jnp.asarray(3e8), "v": jnp.asarray(1.3)}
 
 
-def callbacks(jaxpr):
-    """The names of all primitives that call the host, however deep they stand."""
-    found = []
-    for equation in jaxpr.eqns:
-        if "callback" in equation.primitive.name:
-            found.append(equation.primitive.name)
-        for inner in jax.tree.leaves(list(equation.params.values()), is_leaf=_is_program):
-            if _is_program(inner):
-                found += callbacks(getattr(inner, "jaxpr", inner))
-    return found
-
-
-def _is_program(x):
-    return hasattr(x, "eqns") or hasattr(x, "jaxpr")
-
-
 def everything(solve):
-    """The value, alone and with both derivatives in a batch, as one program."""
+    """The text of one program: the value, alone and with both derivatives in a batch."""
 
     def point(p):
         return solve(p), jax.jacfwd(solve)(p), jax.grad(solve)(p)
@@ -156,14 +140,16 @@ def everything(solve):
     def program(p):
         return solve(p), jax.vmap(point)(jax.tree.map(lambda x: jnp.stack([x, x]), p))
 
-    return jax.make_jaxpr(program)(PLACE).jaxpr
+    return str(jax.make_jaxpr(program)(PLACE))
 
 
 def contact(p):
     return jc.Contact(0.7, p["K"])
 
 
-def total(hit):
+def total(p, law=None, **options):
+    law = law or jc.HuGuo(e=p["e"])
+    hit = jc.impact(law, contact(p), p["v"], **options)
     return hit.restitution + hit.duration + hit.max_force + hit.compression_time
 
 
@@ -178,18 +164,9 @@ def bounce(p, **options):
 
 
 PROGRAMS = {
-    **{
-        method: lambda p, method=method: total(
-            jc.impact(jc.HuGuo(e=p["e"]), contact(p), p["v"], method=method)
-        )
-        for method in ("exact", "phase", "event")
-    },
-    "pushed": lambda p: total(
-        jc.impact(jc.HuGuo(e=p["e"]), contact(p), p["v"], external_force=p["e"])
-    ),
-    "viscoelastic": lambda p: total(
-        jc.impact(jc.KuwabaraKono(A=1e-6 * p["e"]), contact(p), p["v"])
-    ),
+    **{x: functools.partial(total, method=x) for x in ("exact", "phase", "event")},
+    "pushed": lambda p: total(p, external_force=p["e"]),
+    "viscoelastic": lambda p: total(p, jc.KuwabaraKono(A=1e-6 * p["e"])),
     "restitution": lambda p: (
         jc.restitution(jc.HuGuo(e=p["e"]))
         + jc.restitution(jc.ConstantDamping(c=1e7), contact(p), p["v"])
@@ -206,7 +183,7 @@ QUICK = {"exact", "viscoelastic", "restitution", "bounce"}
 @pytest.mark.slow(*(PROGRAMS.keys() - QUICK), reason="value, jacfwd and grad alone and in a batch")
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_no_program_has_a_callback(name):
-    assert callbacks(everything(PROGRAMS[name])) == []
+    assert "callback" not in everything(PROGRAMS[name])
 
 
 def test_a_callback_is_found():
@@ -223,8 +200,5 @@ def test_a_callback_is_found():
         (x,), (dx,) = primals, tangents
         return square(x), jax.lax.cond(x > 0, slope, lambda x: 2 * x, x) * dx
 
-    def planted(p):
-        return square(p["e"])
-
-    assert callbacks(jax.make_jaxpr(planted)(PLACE).jaxpr) == []
-    assert callbacks(everything(planted))
+    assert "callback" not in str(jax.make_jaxpr(lambda p: square(p["e"]) + 0)(PLACE))
+    assert "callback" in everything(lambda p: square(p["e"]))

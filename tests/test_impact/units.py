@@ -1,7 +1,7 @@
 """The units of an impact and their derivatives, by hand, independent of the library.
 
 `X = (m v²/K)^(1/(n+1))`, and an outcome Q(K, m, v, n; α) is `U q(α, n)` with U a product of powers
-of K, m and v. So `dQ/dθ = U (q d ln U/dθ + dq/dα dα/dθ + dq/dn dn/dθ)`.
+of K, m and v. So `dQ/dθ = U (q d ln U/dθ + dq/dθ)`.
 """
 
 import numpy as np
@@ -43,15 +43,11 @@ def log_slope(quantity: str, by: str, p) -> np.ndarray:
     return 0.0 * p["K"]
 
 
-def slope(quantity: str, by: str, p, q, dq_dalpha, dq_dn, dalpha) -> np.ndarray:
-    """dQ/dθ of the whole, from the scaled outcome, its slopes and dα/dθ."""
-    change = log_slope(quantity, by, p) * q + dq_dalpha * dalpha
-    if by == "n":
-        change = change + dq_dn
-    return np.float64(unit(quantity, p)) * change
+def slope(quantity: str, by: str, p, q, own) -> np.ndarray:
+    """dQ/dθ of the whole, from the scaled outcome and its own slopes, by α and n."""
+    return np.float64(unit(quantity, p)) * (log_slope(quantity, by, p) * q + own.get(by, 0))
 
 
 def natural(quantity: str, by: str, p) -> np.ndarray:
     """The unit of a derivative: that of the outcome over that of the parameter."""
-    of_parameter = {"K": p["K"], "m": p["m"], "v": p["v"], "c": p["K"] / p["v"]}
-    return np.float64(unit(quantity, p)) / of_parameter.get(by, np.ones_like(p["K"]))
+    return np.float64(unit(quantity, p)) / (p[by] if by in "Kmv" else np.ones_like(p["K"]))
