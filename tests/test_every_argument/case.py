@@ -5,13 +5,17 @@ arguments were accepted.
 """
 
 import dataclasses
+import functools
 import inspect
 import operator
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
 import numpy as np
+from matplotlib import pyplot
+from matplotlib.animation import FuncAnimation
 
 import jaxcontact as jc
 from tests.test_every_argument.kinds import CONTACT, STEEL, kinds_of
@@ -87,23 +91,107 @@ class Case:
         return self.function(**given)
 
 
-def case(label, groups, function=None, /, staged=False, untested="", **good):
+EXEMPT = {
+    # Results, which the library makes
+    r"(Bounce|Calibration|CalibrationSummary|Design|EngineRun|Export|FastLoops|Fits?|FrictionCalibration|FrictionChoice|"
+    r"Impact|Impacts|LawChoice|Margin|"
+    r"ObliqueImpact|ObliqueTrajectory|"
+    r"Posterior|Recording|Run|ScaledImpact|SceneExport|States|Sweep|SystemContacts|SystemMargin|SystemPhases|"
+    r"SystemRun|SystemStates|Trajectory|VelocityProfile)\(.*\)": ("a result, made by the library"),
+    r"Luding\.force\(contact\)": "needs an exponent that the contacts of the table lack",
+    r"FrictionChoice\.friction\(name\)": "see tests/lab/test_calibration/test_oblique.py",
+    r"Fits\.fit\(ball\)": "see tests/test_fit/test_many.py",
+    r"Fit\.why_no_error\(name\)": "see tests/test_fit/test_general.py",
+    r"export_scene\(time_step\)|SceneExport\..*|EngineRun\..*|read_run\(.*\)": (
+        "see test_scenes.py and test_read_run.py of tests/engines/test_export"
+    ),
+    r"RecordingError\(.*\)": "an error, raised by the library",
+    r"paper\.(Number|Published|Reproduction)\(.*\)": "a result, made by the library",
+    r"(Status|FitStatus|Ending|Slip|SolvedBy)(\.names_of)?\(.*\)": "an enumeration of Python",
+    # Called by the library, with arguments that are checked before
+    r"Abstract(Law|HuntCrossley|ElasticPlastic|Form|Friction|Method|Shape)(\..*)?\(.*\)": (
+        "an interface to fill in"
+    ),
+    r"Tangential(Outcome)?(\..*)?\(.*\)": "what the library and a friction law exchange",
+    r"Sweep\.(coordinates|taken)\(.*\)": "called by the library",
+    r"Sphere\.moved_to\(.*\)|Shell\.centre_at\(.*\)": "called by the library",
+    r"(Sphere|Plane|Box|Shell)\.after\(.*\)": "called by the library",
+    r"(choose_[a-z]+|learn_law|fit_[a-z_]+)\((weights|groups|correlation|transforms|sigma|loss|noise|"
+    r"optimizer|starts|spread|seed|max_steps|patience|rtol|reverse|progress|throw)\)": "see `fit`",
+    r"cache\(folder\)": "a setting of the process, in tests/lab/test_cli/test_cache.py",
+    r"(Prescribed|simulate)\(args\)": "whatever the functions take",
+    r"LowPass\.(read|correlation)\(.*\)": "called by the library",
+    r"RegularizedCoulomb\.force\(.*\)": "called by the library",
+    r".*\.(rebound|along|has_formula|uncovered)\(.*\)": "called by the library",
+    r"RoundBodies\.(arms|mobility|require_mass)\(.*\)": "called by the library",
+    r"systems\.from_mjx\(.*\)": "needs MJX, which the tests of engines have",
+    r"(mjx|jaxsim)\.(contact_force|(Contact|Terrain)Force(\.(init|step))?)\(.*\)": "the same",
+    r"(Steady|Vibration|Prescribed)\.(start|along|after)\(.*\)": "called by the library",
+    r".*\.(form|chosen|solve|error|over|tolerances|damping_ratio)\(.*\)": "called by the library",
+    r".*\.jumps\(.*\)": "called by the library",
+    r"(Exact|Event|Phase)\.restitution\(.*\)": "called by the library",
+    r".*\.damping_factor\(.*\)": "not used where α does not depend on it",
+}
+"""Patterns of callables and arguments that are not in the table, and why."""
+
+
+def is_exempt(argument):
+    return any(re.fullmatch(pattern, argument) for pattern in EXEMPT)
+
+
+def legal_of(groups):
+    """The legal kinds by argument, from "POSITIVE or None: mass; FLAG: throw"."""
+    pairs = [group.split(": ") for group in groups.split("; ") if group]
+    legal = [(name, kinds_of(words)) for words, some in pairs for name in some.split()]
+    assert len(dict(legal)) == len(legal), groups
+    return dict(legal)
+
+
+LEGAL = legal_of(
+    "law: law; contact: contact; material: material sphere other; FLAG: reverse throw; SEED: seed; "
+    "INSIDE: level; WHOLE: batch_size draws max_cluster max_impacts max_steps samples; NAME: path; "
+    "TEXT: label name; CALLABLE: gap predict slip; PROGRESS: progress; EXPONENT: exponent; "
+    "POSITIVE: clearance duration sigma weights within; POSITIVES: mass radius stiffness; "
+    "REALS: external_force impact_velocity indentation largest tangential_velocity velocity; "
+    "POSITIVES or zero: mu"
+)
+"""What an argument of a name takes anywhere, besides None where that is its default."""
+
+
+def case(label, groups="", function=None, /, staged=False, untested="", **good):
     """A case of a public name, to which a comma may add what tells it from others.
 
-    `groups` has legal kinds with the names of arguments, "POSITIVE or None: mass; FLAG: throw". A
+    `groups` has legal kinds with the names of arguments, "POSITIVE or None: mass; FLAG: throw". All
+    other arguments take what is usual, or nothing; a case with a comma leaves them alone. A
     required argument that is not given is the usual one.
     """
     function = function or operator.attrgetter(label.split(",")[0])(jc)
-    pairs = [group.split(": ") for group in groups.split("; ") if group]
-    names = [name for _, some in pairs for name in some.split()]
-    assert len(set(names)) == len(names), label
-    legal = {name: kinds_of(words) for words, some in pairs for name in some.split()}
+    legal = legal_of(groups)
     for name, one in inspect.signature(function).parameters.items():
-        needed = one.default is one.empty and one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)
-        if needed and name in USUAL:
+        if one.kind in (one.VAR_POSITIONAL, one.VAR_KEYWORD):
+            continue
+        if one.default is one.empty and name in USUAL:
             good.setdefault(name, USUAL[name])
+        if "," not in label and not is_exempt(f"{label}({name})"):
+            none = kinds_of("None" if one.default is None else "")
+            legal.setdefault(name, LEGAL.get(name, none) | none)
     return Case(label, function, good, legal, staged, kinds_of(untested))
 
 
-def method(owner, name, groups, /, **options):
+def drawn(name, run, groups="", /, **good):
+    """A picture of a run that is made when it is needed, not while tests are collected."""
+    draw = getattr(jc.plot, name)
+
+    @functools.wraps(draw)
+    def now(**given):
+        made = draw(**({"run": run()} | given))
+        # Matplotlib warns of an animation without any frame, once it is gone.
+        if isinstance(made, FuncAnimation):
+            made.figure.canvas.draw()
+        return made
+
+    return case(f"plot.{name}", groups, now, ax=pyplot.figure().add_subplot(), **good)
+
+
+def method(owner, name, groups="", /, **options):
     return case(f"{type(owner).__name__}.{name}", groups, getattr(owner, name), **options)
