@@ -18,9 +18,10 @@ STAGES = "FLAG or None or function"
 def fitted(name, friction):
     """The cases of a function that takes measured rebounds."""
     given = SPEEDS | {"friction": friction}
-    legal = "NOTHING: velocity tangential_velocity bodies"
+    every = {**given, **dict.fromkeys(MEASURED, OUT), "bodies": BODIES}
+    apart = " ".join(f"sigma_{one}" for one in MEASURED)
     return [
-        case(name, legal, **given, **dict.fromkeys(MEASURED, OUT), bodies=BODIES),
+        case(name, "NOTHING: velocity tangential_velocity bodies", apart=apart, **every),
         case(f"{name}, of a shape", "None: bodies", **given, rebound_angle=OUT),
         *(
             case(

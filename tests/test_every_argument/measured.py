@@ -42,6 +42,7 @@ def cases():
         case(
             "fit_impacts",
             "NOTHING: velocity; None: duration; empty list: fixed",
+            apart="sigma_e sigma_duration sigma_max_force max_force",
             **IMPACTS | {"e": OUT, "duration": OUT},
         ),
         case("fit_impacts, one column", "POSITIVE or None: sigma_e", **IMPACTS, e=OUT),

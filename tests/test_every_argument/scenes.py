@@ -52,8 +52,8 @@ def cases():
         ),
         case(
             "simulate",
-            "POSITIVE: v0; ONE or None or tuple or range: times; INSIDE: rtol; "
-            "FLAG: instantaneous; None: position velocity; empty list or tuple: breakpoints",
+            "POSITIVE: v0; ONE or None or tuple or range: times; INSIDE: rtol; FLAG: instantaneous",
+            apart="position velocity breakpoints",
             model=scene,
             duration=10.0,
         ),

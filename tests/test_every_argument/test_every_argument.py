@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from tests.public_names import members
 from tests.test_every_argument.case import EXEMPT, Reached, is_exempt, reached
 from tests.test_every_argument.kinds import KINDS
 from tests.test_every_argument.table import cases
@@ -133,35 +134,14 @@ def test_every_kind_of_value(label):
     assert not faults, "\n".join(f"{n} <- {k}: {fault}" for (n, k), fault in faults.items())
 
 
+@functools.cache
 def public():
-    """Every public callable with its name: functions, constructors and methods."""
-    for where in (jc, jc.jaxsim, jc.mjx, jc.plot, jc.paper, jc.systems):
-        prefix = "" if where is jc else where.__name__.removeprefix("jaxcontact.") + "."
-        for name in dir(where):
-            # Names of the package are loaded on first use.
-            value = getattr(where, name)
-            if name.startswith("_") or not (inspect.isclass(value) or inspect.isfunction(value)):
-                continue
-            yield prefix + name, value
-            if inspect.isclass(value):
-                for method, function in inspect.getmembers(value, callable):
-                    # Members of object, tuple and Exception are not ours.
-                    ours = getattr(function, "__module__", None) or ""
-                    if not method.startswith("_") and ours.startswith("jaxcontact"):
-                        yield f"{prefix}{name}.{method}", function
-
-
-def arguments(name, function):
-    # Python has no signature of an exception without an initialiser, or of a typed dictionary.
-    if function in (jc.NumericalError, jc.systems.SystemStart):
-        return set()
-    parameters = list(inspect.signature(function).parameters.values())
-    if inspect.isfunction(function) and "." in re.sub(
-        r"^(jaxsim|mjx|plot|paper|systems)\.", "", name
-    ):
-        parameters = parameters[1:]
-    kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    return {p.name for p in parameters if p.kind not in kinds}
+    """Every public callable by name, with its arguments: functions, constructors and methods."""
+    return {
+        name.removeprefix("jaxcontact."): (value, {x for x in given if not x.startswith("*")})
+        for name, value, given in members()
+        if inspect.isclass(value) or inspect.isroutine(value)
+    }
 
 
 def origin(function):
@@ -171,25 +151,24 @@ def origin(function):
 
 def test_every_argument_is_in_the_table():
     """A new public argument must be added to the table, or exempted there with a reason."""
-    functions = dict(public())
     tested = {}
     for label, case in cases().items():
-        name = label.split(",")[0]
-        where = origin(functions.get(name, case.function))
+        where = origin(public().get(label.split(",")[0], (case.function,))[0])
         tested.setdefault(where, set()).update(case.legal)
     missing = [
-        f"{name}({one})"
-        for name, function in functions.items()
-        for one in sorted(arguments(name, function) - tested.get(origin(function), set()))
+        argument
+        for name, (function, given) in public().items()
+        for one in sorted(given - tested.get(origin(function), set()))
+        if not is_exempt(argument := f"{name}({one})")
     ]
-    missing = [one for one in missing if not is_exempt(one)]
     assert not missing, "\n".join(missing)
 
 
 def test_exemptions_are_needed():
-    names = [f"{name}({one})" for name, f in public() for one in arguments(name, f)]
-    for pattern in EXEMPT:
-        assert any(re.fullmatch(pattern, name) for name in names), pattern
+    names = [f"{name}({one})" for name, (_, given) in public().items() for one in given]
+    for patterns in EXEMPT.values():
+        for pattern in patterns.split():
+            assert any(re.fullmatch(pattern, name) for name in names), pattern
 
 
 def test_the_checks_leave_traced_values_alone():

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import jaxcontact as jc
 from jaxcontact._sweep.planning.axes import grid_of
-from jaxcontact._sweep.planning.blocks import blocks_of, divide, pad, places_of
+from jaxcontact._sweep.planning.blocks import blocks_of, divide, places_of
 from jaxcontact._sweep.planning.plan import plan_of
 
 SAME = 2e-15  # blocks of another length are vectorised otherwise: measured 4e-16
@@ -56,10 +56,6 @@ def test_long_axes_have_blocks_of_one_shape():
     # A small number of blocks is made nearly equal, with little padding.
     assert divide((101,), 100) == (51,)
     assert divide((41, 1000), 40_000) == (21, 1000)
-
-
-def test_padding_repeats_the_last():
-    np.testing.assert_array_equal(pad(np.arange(5), slice(3, 5), 4), [3, 4, 4, 4])
 
 
 @pytest.mark.parametrize("cost", [None, lambda e: 1 / e], ids=["in order", "by cost"])

@@ -13,7 +13,15 @@ import pytest
 from jax.sharding import AxisType, Mesh
 
 from jaxcontact._sweep.planning.blocks import Workers, workers_of
-from tests.test_sweep.lanes import ROOT, cheap, environment, folded, same, script
+from tests.test_sweep.lanes import ROOT, cheap, environment, folded, same, script, swept
+
+
+@pytest.fixture(scope="module")
+def on_one_device():
+    """All methods and a gradient, computed here."""
+    with jax.default_device(jax.devices("cpu")[0]):
+        return swept()
+
 
 FOUR = """
 mesh = jax.make_mesh((4,), ("lanes",), axis_types=(jax.sharding.AxisType.Auto,))

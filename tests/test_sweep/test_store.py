@@ -74,9 +74,6 @@ def test_blocks_come_back_bit_for_bit(path):
     assert again.lacking() == [1, 2, 4, 5]
     for number in (0, 3, 6):
         assert same(part(number, again.arrays), part(number))
-
-
-def test_the_whole_arrays(path):
     arrays = filled(path).arrays
     assert same({name: np.asarray(array[...]) for name, array in arrays.items()}, WHOLE)
 
@@ -160,10 +157,8 @@ def altered_coordinate(path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"fn": "duration"}, "`fn` ('restitution' there, 'duration' here)"),
         ({"axes": {"e": "a1", "v": "c3"}}, "`axes.v` ('b2' there, 'c3' here)"),
         ({"axes": {"e": "a1"}}, "`axes.v` ('b2' there, none here)"),
-        ({"version": "0.2.0"}, "`version` ('0.1.0' there, '0.2.0' here)"),
         ({"batch_size": 5}, "`batch_size` (none there, 5 here)"),
         (entry("duration", "attributes", {"units": "ms"}), "`duration.attributes.units` ('ms' th"),
         (entry("duration", "shape", [10, 8]), "`duration.shape` ([10, 8] there, [10, 7] here)"),

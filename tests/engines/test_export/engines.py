@@ -135,7 +135,7 @@ def chrono(p, mass, radius):
     return force
 
 
-def bounce(acceleration, velocity, duration, *, pulls):
+def bounce(acceleration, velocity, duration, *, pulls, longest=3):
     """e and the duration by scipy; the contact ends at δ = 0, or where it would begin to pull."""
     length = velocity * duration
 
@@ -155,6 +155,6 @@ def bounce(acceleration, velocity, duration, *, pulls):
     # Both events are or may be zero at touch, so the search starts a little later.
     tight = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
     first = solve_ivp(rate, (0, 0.05), [0, 1], **tight)
-    rest = solve_ivp(rate, (0.05, 3), first.y[:, -1], events=end, **tight)
+    rest = solve_ivp(rate, (0.05, longest), first.y[:, -1], events=end, **tight)
     (moment,), (state,) = rest.t_events[0], rest.y_events[0]
     return -state[1], moment * duration

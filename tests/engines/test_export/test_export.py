@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
 from jaxcontact.engines import Draft, Engine, export, register_engine
@@ -89,18 +88,10 @@ def impact_function(found, length=1.0):
     numbers = [float(x) for x in found.snippet.removesuffix(")").split(",")[-4:]]
     names = ("stiffness", "force_exponent", "damping", "penetration_depth")
     acceleration = engines.adams(dict(zip(names, numbers, strict=True)), MASS, RADIUS)
-    end = length * SPEED * found.duration
-
-    def rate(t, y):
-        return [y[1], length * acceleration(max(y[0], 0.0), y[1], SPEED)]
-
-    def out(t, y):
-        return y[0]
-
-    out.terminal, out.direction = True, -1
-    steps = {"rtol": 1e-10, "atol": 1e-12 * end, "max_step": found.duration / 1000}
-    found = solve_ivp(rate, (0, 30 * found.duration), (0, length * SPEED), events=out, **steps)
-    return -found.y[1, -1] / (length * SPEED)
+    return engines.bounce(
+        lambda *state: length * acceleration(*state), length * SPEED, found.duration,
+        pulls=True, longest=30,
+    )[0]  # fmt: skip
 
 
 def test_the_line_for_adams_delivers_the_target():

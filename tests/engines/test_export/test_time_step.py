@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import jaxcontact as jc
 from tests.engines.test_export import engines
@@ -22,13 +23,12 @@ def ends(acceleration, step, implicit):
         x, v = phase * step, 1.0
         while x > 0:
             if implicit:
-                low, high = v + step * min(acceleration(max(x + step * v, 0), v, 1.0), 0), v
-                for _ in range(60):
-                    middle = (low + high) / 2
-                    force = acceleration(max(x + step * middle, 0), middle, 1.0)
-                    above = middle - v - step * min(force, 0) > 0
-                    low, high = (low, middle) if above else (middle, high)
-                v = (low + high) / 2
+
+                def beyond(later, x=x, v=v):
+                    force = acceleration(max(x + step * later, 0), later, 1.0)
+                    return later - v - step * min(force, 0)
+
+                v = brentq(beyond, v - beyond(v), v, xtol=1e-15)
             else:
                 v += step * min(acceleration(x, v, 1.0), 0)
             x += step * v
