@@ -47,15 +47,9 @@ def test_a_plan_is_simulated(tmp_path, monkeypatch):
     assert plan["converged"] == 1 and set(plan["seen"]) == set(plan["expected"])
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("study")
-    STUDY.command(["--draws", "1", "--into", str(folder)])
-    return folder
-
-
-def test_every_cell_is_there(results):
-    found = json.loads((results / "fit_adequacy.json").read_text())
+def test_every_cell_is_there(tmp_path):
+    STUDY.command(["--draws", "1", "--into", str(tmp_path)])
+    found = json.loads((tmp_path / "fit_adequacy.json").read_text())
     assert set(found["levels"]["unknown"]) == {"8", "25", "200", "2000"}
     assert len(found["power"]) == 7 and len(found["curves"]) == 4
     assert all(share in (0, 1) for row in found["power"] for share in row["shares"].values())

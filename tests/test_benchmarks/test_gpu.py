@@ -20,8 +20,7 @@ def measured(tmp_path, monkeypatch, usual_promotion):
 
     exact = next(task for task in gpu.TASKS if task.what == "exact")
     monkeypatch.setattr(gpu, "TASKS", (exact._replace(make=none, what="broken"), exact))
-    with jax.numpy_rank_promotion("allow"):
-        gpu.STUDY.command(["--quick", "--only", "impacts", "--into", str(tmp_path)])
+    gpu.STUDY.command(["--quick", "--only", "impacts", "--into", str(tmp_path)])
     return json.loads((tmp_path / "gpu.json").read_text()), (tmp_path / "gpu.md").read_text()
 
 
@@ -38,8 +37,7 @@ def test_rows_have_an_error_and_a_failed_one_its_reason(measured):
 
 def rows_of(tmp_path, *asked):
     """The rows of the short form, by their group and name."""
-    with jax.numpy_rank_promotion("allow"):
-        gpu.STUDY.command(["--quick", "--into", str(tmp_path), *asked])
+    gpu.STUDY.command(["--quick", "--into", str(tmp_path), *asked])
     rows = json.loads((tmp_path / "gpu.json").read_text())["rows"]
     return {(row["group"], row["what"]): row for row in rows}
 

@@ -3,7 +3,6 @@
 import importlib
 import json
 
-import jax
 import numpy as np
 import pytest
 
@@ -159,7 +158,6 @@ def test_hard_contacts_rebound_as_rigid_ones():
     reason="this processor's long double is no longer than double",
 )
 @pytest.mark.parametrize("job", [job for job in memory_map.jobs() if job[1] == "exact"])
-def test_lanes_of_formulas(job):
-    with jax.numpy_rank_promotion("allow"):
-        row = memory_map.measure(*job, 100)
+def test_lanes_of_formulas(job, usual_promotion):
+    row = memory_map.measure(*job, 100)
     assert row["right"] == row["lanes"] == 100

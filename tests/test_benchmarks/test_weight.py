@@ -4,14 +4,6 @@ import pytest
 
 from benchmarks.weight import BUDGETS, CALLS, MARGIN, PROGRAMS, counted_here, imported, weight
 
-LARGE = ("soft scene of 2 discs and a plane: gradient",)
-
-
-def cases():
-    for name in BUDGETS:
-        slow = pytest.mark.slow(reason="half a minute of tracing and compiling")
-        yield pytest.param(name, marks=[slow] if name in LARGE else [], id=name)
-
 
 def test_every_call_has_a_budget():
     assert set(BUDGETS) == set(CALLS)
@@ -23,8 +15,12 @@ def run():
         yield run_copy
 
 
+@pytest.mark.slow(
+    "soft scene of 2 discs and a plane: gradient",
+    reason="half a minute of tracing and compiling",
+)
 @pytest.mark.skipif(not counted_here(), reason="budgets are counted at other versions")
-@pytest.mark.parametrize("name", list(cases()))
+@pytest.mark.parametrize("name", BUDGETS)
 def test_a_first_call_keeps_its_budget(name, run):
     budget, found = BUDGETS[name], weight(PROGRAMS[name], run)
     assert found["instructions"] <= MARGIN * budget.instructions, found

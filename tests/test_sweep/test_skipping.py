@@ -229,7 +229,6 @@ def test_against_a_loop_in_python(data, shape):
 
 def test_zeros_of_both_signs():
     """They are different numbers of an axis where the function tells them apart."""
-    axes = {"x": [0.0, -0.0, 1.0], "y": [-1.0, 0.0, 2.0]}
 
     def function(x, y):
         return {
@@ -239,9 +238,8 @@ def test_zeros_of_both_signs():
             "array": 1 / jnp.where(y > 0, jnp.array([0.0, -0.0]), 0.0),
         }
 
-    table = jc.sweep(function, **axes)
-    identical(table, function, axes)
-    inf = np.inf
+    axes, inf = {"x": [0.0, -0.0, 1.0], "y": [-1.0, 0.0, 2.0]}, np.inf
+    table = identical(function, axes)
     np.testing.assert_array_equal(table["inverse"][:, 0], [inf, -inf, 1.0])
     np.testing.assert_array_equal(table["inverse of chosen"][0], [-inf, -inf, inf])
     assert table.select(x=0.0)["inverse"][0] == inf
@@ -255,15 +253,14 @@ def test_arrays_without_elements():
         empty = jnp.where(x > 0, y, jnp.nan) * jnp.zeros((0,))
         return {"sum": jnp.sum(empty), "max": jnp.max(empty, initial=x), "empty": empty}
 
-    axes = {"x": [1.0, -1.0], "y": [1.0, 2.0, 3.0]}
-    table = jc.sweep(function, **axes)
-    identical(table, function, axes)
+    table = identical(function, {"x": [1.0, -1.0], "y": [1.0, 2.0, 3.0]})
     assert table["empty"].shape == (2, 3, 0)
     np.testing.assert_array_equal(table["sum"], 0)
 
 
-def identical(table, function, axes):
-    """Bit for bit, but for the bits of NaN."""
+def identical(function, axes):
+    """The table, which is that of all lanes in full bit for bit, but for the bits of NaN."""
+    table = jc.sweep(function, **axes)
     for name, expected in fields(plainly(function, axes)).items():
         found = np.asarray(table[name])
         assert found.dtype == expected.dtype and found.shape == expected.shape, name
@@ -271,6 +268,7 @@ def identical(table, function, axes):
         if found.dtype.kind == "f":
             same = np.signbit(found) == np.signbit(expected)
             assert np.all(same | np.isnan(found)), name
+    return table
 
 
 UNARY = {
@@ -324,5 +322,4 @@ axes_of_two = st.lists(signed, min_size=1, max_size=3)
 @settings(max_examples=20)
 @given(function=programs(), a=axes_of_two, b=axes_of_two, c=axes_of_two)
 def test_any_program(function, a, b, c):
-    axes = {"a": a, "b": b, "c": c}
-    identical(jc.sweep(function, **axes), function, axes)
+    identical(function, {"a": a, "b": b, "c": c})

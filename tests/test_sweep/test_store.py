@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import shutil
 import sys
 
@@ -10,8 +9,9 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from docs.run_code import DOCS, run
 from jaxcontact._sweep.store import Stored, coordinate, open_store
-from tests.test_sweep.lanes import ROOT, same
+from tests.test_sweep.lanes import same
 
 zarr = pytest.importorskip("zarr")
 
@@ -243,19 +243,6 @@ def test_without_zarr(path, monkeypatch):
         opened(path)
 
 
-def test_the_code_of_the_page_runs(tmp_path, monkeypatch):
+def test_the_code_of_the_page_runs():
     pytest.importorskip("xarray")
-    monkeypatch.chdir(tmp_path)
-    page = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    here = [block for block in blocks if "jax.distributed" not in block]
-    assert len(here) == len(blocks) - 2 == 3
-    names = {}
-    kept, opened, dealt = here
-    exec(kept, names)
-    stored = names["table"]
-    exec(opened, names)
-    assert names["stored"].restitution.dims == ("e",)
-    exec(dealt, names)
-    assert np.array_equal(stored.duration, names["table"].duration)
-    stored.to_xarray().to_netcdf("sweep.nc")
+    assert len(list(run(DOCS / "sweeps.md"))) == 3
