@@ -77,8 +77,3 @@ def test_what_is_not_modelled_is_said(name):
     with pytest.raises(TypeError) as error:
         made(nothing_of_the_kind=0.5)
     assert str(error.value) == f"`{name}` has no argument `nothing_of_the_kind`."
-
-
-def test_drag_is_where_the_message_says():
-    for function in (jc.calibrate, jc.fit_bounces):
-        assert "drag" in inspect.signature(function).parameters

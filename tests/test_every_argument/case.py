@@ -63,7 +63,12 @@ OUT = 0.9 - 0.05 * V
 TRACK = [abs(k / 20 - 1) * (2 - abs(k / 20 - 1)) for k in range(40)]  # before and after an impact
 RECORD = [*[0.0] * 30, *(k * (30 - k) for k in range(30)), *[0.0] * 30]
 USUAL = {"law": UNSOLVED, "contact": CONTACT, "velocity": 1.0, "tangential_velocity": 1.0}
-USUAL |= {"indentation": 1e-3, "impact_velocity": 1.0, "friction": jc.RigidCoulomb(mu=0.1)}
+USUAL |= {
+    "socket_radius": 5.0,
+    "indentation": 1e-3,
+    "impact_velocity": 1.0,
+    "friction": jc.RigidCoulomb(mu=0.1),
+}
 USUAL |= dict.fromkeys(("mass", "stiffness", "height", "duration"), 1.0)
 USUAL |= dict.fromkeys(("radius", "other_radius", "mu", "e"), 0.1) | {"x": 0.5, "exponent": 1.5}
 USUAL |= dict.fromkeys(("sphere", "other", "material"), STEEL) | {"name": "abc", "e_in": OUT}
@@ -149,12 +154,13 @@ def legal_of(groups):
 
 
 LEGAL = legal_of(
-    "law: law; contact: contact; material: material sphere other; FLAG: reverse throw; SEED: seed; "
-    "INSIDE: level; WHOLE: batch_size draws max_cluster max_impacts max_steps samples; NAME: path; "
-    "TEXT: label name; CALLABLE: gap predict slip; PROGRESS: progress; EXPONENT: exponent; "
-    "POSITIVE: clearance duration sigma weights within; POSITIVES: mass radius stiffness; "
-    "REALS: external_force impact_velocity indentation largest tangential_velocity velocity; "
-    "POSITIVES or zero: mu"
+    "law: law; contact: contact; material: material other plane socket sphere; NAME: path; "
+    "FLAG: reverse throw; SEED: seed; INSIDE: level; TEXT: label name; PROGRESS: progress; "
+    "WHOLE: batch_size draws max_cluster max_impacts max_steps samples; EXPONENT: exponent; "
+    "empty list: fixed; CALLABLE: gap predict slip; "
+    "POSITIVES: mass other_radius radius socket_radius stiffness; "
+    "POSITIVE: clearance duration sigma weights within; POSITIVES or zero: mu; "
+    "REALS: external_force impact_velocity indentation largest tangential_velocity velocity"
 )
 """What an argument of a name takes anywhere, besides None where that is its default."""
 

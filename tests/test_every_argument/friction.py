@@ -43,7 +43,7 @@ def cases():
         case("MawBarberFawcett", "POSITIVES or None: ratio"),
         case(
             "RoundBodies",
-            "POSITIVES or None: other_radius other_mass inertia other_inertia",
+            "POSITIVES or None: other_mass inertia other_inertia",
             other_radius=0.1,
         ),
         case(

@@ -41,46 +41,35 @@ def cases():
         case("learn_law", f"{COLUMN}: e_in"),
         case(
             "fit_impacts",
-            "NOTHING: velocity; None: duration; empty list: fixed",
+            "NOTHING: velocity; None: duration",
             apart="sigma_e sigma_duration sigma_max_force max_force",
             **IMPACTS | {"e": OUT, "duration": OUT},
         ),
-        case("fit_impacts, one column", "POSITIVE or None: sigma_e", **IMPACTS, e=OUT),
-        case(
-            "fit_impacts, the other column",
-            "POSITIVE or None: sigma_duration",
-            **IMPACTS,
-            duration=OUT,
-        ),
-        case(
-            "fit_impacts, peak forces",
-            "POSITIVE or None: sigma_max_force; NOTHING: max_force",
-            **IMPACTS,
-            max_force=OUT,
+        *(
+            case(
+                f"fit_impacts, {name} alone",
+                f"POSITIVE or None: sigma_{name}; NOTHING: {name}",
+                **IMPACTS | {name: OUT},
+            )
+            for name in ("e", "duration", "max_force")
         ),
         case(
             "design",
-            f"NOTHING: sigma; {SPEEDS}: candidates; WHOLE: readings; law: goal; empty list: fixed",
-            **{
-                "law": LAW,
-                "sigma": {"e": 0.1, "duration": 0.1, "max_force": 0.1},
-                "candidates": V[:3],
-            },
+            f"NOTHING: sigma; {SPEEDS}: candidates; WHOLE: readings; law: goal",
+            law=LAW,
+            sigma=dict.fromkeys(("e", "duration", "max_force"), 0.1),
+            candidates=V[:3],
         ),
         method(
             jc.Design(V, ("e",) * len(V), noncentrality=1.0),
             "readings_for",
             "POSITIVE: noncentrality",
         ),
-        case(
-            "fit_bounces",
-            "POSITIVE: gravity; empty list: fixed",
-            **{"law": LAW, "first": V, "second": OUT},
-        ),
+        case("fit_bounces", "POSITIVE: gravity", law=LAW, first=V, second=OUT),
         case(
             "fit_record",
             "NOTHING: force; POSITIVE: velocity; None: indentation; "
-            "POSITIVE or None: sigma_force; REAL or None: start_time; empty list: fixed",
+            "POSITIVE or None: sigma_force; REAL or None: start_time",
             **RECORDED,
             force=OUT,
         ),

@@ -80,14 +80,7 @@ def cases():
         ),
         method(STEEL, "sphere_mass", staged=True),
         case("Contact", "POSITIVES or None: tangential_ratio"),
-        case("Contact.sphere_sphere", "POSITIVES: other_radius", staged=True),
-        case("Contact.sphere_plane", "material or None: plane", staged=True),
-        case(
-            "Contact.sphere_socket",
-            "POSITIVES: socket_radius; material or None: socket",
-            staged=True,
-            socket_radius=5.0,
-        ),
+        *(case(f"Contact.sphere_{what}", staged=True) for what in ("sphere", "plane", "socket")),
         # Laws
         *(method(law, "force", staged=True) for law in (*LAWS, PLASTIC, VISCOPLASTIC)),
         *(

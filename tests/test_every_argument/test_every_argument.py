@@ -31,27 +31,21 @@ def some_readings(model, space, theta, speeds):
     return slopes, np.ones(len(slopes))
 
 
+WORK = """
+    lab.design.best_rows lab.design.Rival lab.oblique.fit_oblique._predicted
+    engines.scenes.export_scene.matched _fit.fit.find _fit.fit.find_all _fit.compare.find
+    _fit.many.fit_many.search_all _fit.uncertainty.bootstrap.refits
+    _fit.uncertainty.interval._held _fit.posterior.posterior.find_mode
+    _fit.posterior.posterior.draw _friction.maw_barber_fawcett._odd_curve
+    _impact.oblique.oblique_trajectory._oblique_trajectory _system.simulate._begin
+"""
+
+
 @pytest.fixture(autouse=True)
 def nothing_is_compiled(monkeypatch, tmp_path, usual_promotion):
     """Searches, bootstraps and profiles count as reached; files go to an empty folder."""
     monkeypatch.chdir(tmp_path)
-    for module, name in [
-        ("lab.design", "best_rows"),
-        ("lab.design", "Rival"),
-        ("lab.oblique.fit_oblique", "_predicted"),
-        ("engines.scenes.export_scene", "matched"),
-        ("_fit.fit", "find"),
-        ("_fit.fit", "find_all"),
-        ("_fit.many.fit_many", "search_all"),
-        ("_fit.compare", "find"),
-        ("_fit.uncertainty.bootstrap", "refits"),
-        ("_fit.uncertainty.interval", "_held"),
-        ("_fit.posterior.posterior", "find_mode"),
-        ("_fit.posterior.posterior", "draw"),
-        ("_friction.maw_barber_fawcett", "_odd_curve"),
-        ("_impact.oblique.oblique_trajectory", "_oblique_trajectory"),
-        ("_system.simulate", "_begin"),
-    ]:
+    for module, name in (place.rsplit(".", 1) for place in WORK.split()):
         monkeypatch.setattr(importlib.import_module(f"jaxcontact.{module}"), name, reached)
     design = importlib.import_module("jaxcontact.lab.design")
     monkeypatch.setattr(design, "_compiled", some_readings)
@@ -169,24 +163,6 @@ def test_exemptions_are_needed():
     for patterns in EXEMPT.values():
         for pattern in patterns.split():
             assert any(re.fullmatch(pattern, name) for name in names), pattern
-
-
-def test_the_checks_leave_traced_values_alone():
-    """What is refused by its value as a Python number is flagged as a traced one."""
-    contact = jc.Contact(1.0, 1e6)
-
-    @jax.jit
-    def e_of(e, radius):
-        sphere = jc.Material(1e9, 0.3, 1000.0)
-        made = jc.Contact.sphere_socket(0.1, 0.2, sphere)
-        other = jc.Contact.sphere_plane(radius, sphere)
-        law = jc.HuGuo(e=e)
-        force = law.force(1e-3, 0.0, contact, 1.0)
-        return jc.impact(law, other, 1.0).restitution, made.stiffness, force
-
-    e, stiffness, force = e_of(0.5, 0.1)
-    assert 0 < e < 1 and stiffness > 0 and force > 0
-    assert jax.numpy.isnan(e_of(2.0, 0.1)[0])
 
 
 STEEL = jc.Material(2.1e11, [0.3, 0.3], 7800.0)

@@ -210,14 +210,10 @@ def test_no_files_import_each_other():
 
 def _tested_types(file: Path) -> set[str]:
     """The names of the classes that isinstance and issubclass calls of a file test for."""
-    calls = [
-        node
-        for node in ast.walk(ast.parse(file.read_text()))
-        if isinstance(node, ast.Call) and _dotted(node.func) in ("isinstance", "issubclass")
-    ]
     return {
         _dotted(part).split(".")[-1]
-        for call in calls
+        for call in ast.walk(ast.parse(file.read_text()))
+        if isinstance(call, ast.Call) and _dotted(call.func) in ("isinstance", "issubclass")
         for part in ast.walk(call.args[1])
         if isinstance(part, ast.Name | ast.Attribute)
     }

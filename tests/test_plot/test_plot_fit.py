@@ -12,8 +12,8 @@ import pytest
 from matplotlib import pyplot
 from scipy import stats
 
+import jaxcontact
 import jaxcontact as jc
-import jaxcontact._inverse
 from jaxcontact._text.units import Shown
 
 X = np.linspace(1, 4, 20)
@@ -80,16 +80,12 @@ def test_a_prediction_says_how_it_is_shown():
 
 
 def test_every_ready_made_prediction_says_how_it_is_shown():
-    names = ["jaxcontact.lab.bounces", "jaxcontact.paper._velocity_profile"]
-    for room in map(
-        importlib.import_module,
-        ("jaxcontact._inverse", *(f"jaxcontact.lab.{x}" for x in ("records", "oblique"))),
-    ):
-        names += [one.name for one in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")]
-    modules = list(map(importlib.import_module, names))
+    rooms = "_inverse lab.bounces lab.oblique lab.records paper._velocity_profile".split()
+    every = [one.name for one in pkgutil.walk_packages(jaxcontact.__path__, "jaxcontact.")]
+    names = [x for x in every if x.startswith(tuple(f"jaxcontact.{room}" for room in rooms))]
     predictions = {
         value
-        for module in modules
+        for module in map(importlib.import_module, names)
         for value in vars(module).values()
         if inspect.isclass(value) and issubclass(value, eqx.Module) and "__call__" in vars(value)
         if value.__module__ == module.__name__ and not issubclass(value, jc.AbstractShape)

@@ -115,11 +115,8 @@ def test_a_file_is_the_same_each_time(tmp_path):
 
 
 def test_the_page_shows_every_plot():
-    names = [
-        name
-        for name, value in vars(jc.plot).items()
-        if inspect.isfunction(value) and not name.startswith("_")
-    ]
+    functions = inspect.getmembers(jc.plot, inspect.isfunction)
+    names = [name for name, _ in functions if not name.startswith("_")]
     assert {"law", "impact", "fit", "save"} <= set(names)
     page = (plots.HERE / "plots.md").read_text(encoding="utf-8")
     assert page == plots.page(), "run python docs/plots.py"

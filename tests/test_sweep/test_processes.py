@@ -54,13 +54,8 @@ process, address, folder = int(sys.argv[1]), sys.argv[2], sys.argv[3]
 jax.distributed.initialize(address, num_processes=2, process_id=process)
 assert (jax.process_count(), len(jax.local_devices()), len(jax.devices())) == (2, 2, 4)
 
-# What this process wrote to the store, in which both write at the same time.
-from jaxcontact._sweep.store import BlockStore
-written, write = [], BlockStore.write
-def counted(store, number, arrays):
-    written.append(number)
-    write(store, number, arrays)
-BlockStore.write = counted
+# Of the store, in which both write at the same time.
+written = written_blocks()
 
 np.savez(f"{folder}/gathered-{process}.npz", **swept())
 np.savez(f"{folder}/stored-{process}.npz", **swept(store=f"{folder}/sweep.zarr"))

@@ -32,16 +32,7 @@ pytest.importorskip("zarr")
 
 @pytest.fixture
 def written(monkeypatch):
-    """The numbers of the blocks that are written."""
-    numbers = []
-    write = BlockStore.write
-
-    def counted(store, number, arrays):
-        numbers.append(number)
-        write(store, number, arrays)
-
-    monkeypatch.setattr(BlockStore, "write", counted)
-    return numbers
+    return lanes.written_blocks(monkeypatch.setattr)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,11 @@ from scipy.integrate import solve_ivp
 TSUJI = [4.8218, -18.022, 27.467, -22.348, 11.087, -4.2783, 1.2728]
 
 
-def drake(p, mass, radius):
+def drake(p, mass, radius, sap=False):
+    if sap:
+        # Springs in series, whose relaxation times add.
+        k, tau = p["point_contact_stiffness"] / 2, 2 * p["relaxation_time"]
+        return lambda x, v, v0: -k * (x + tau * v) / mass
     k1 = k2 = p["point_contact_stiffness"]
     d1 = d2 = p["hunt_crossley_dissipation"]
     k = k1 * k2 / (k1 + k2)
@@ -55,12 +59,6 @@ def exudyn(p, mass, radius, model=2):
     else:
         scale = 1.5 * (1 - e) * (11 - e) / (1 + 9 * e) if e > 1 / 3 else (1 - e * e) / e
     return lambda x, v, v0: -(k * x**n + scale * k / v0 * x**n * v) / mass
-
-
-def drake_sap(p, mass, radius):
-    # Springs in series, whose relaxation times add.
-    k, tau = p["point_contact_stiffness"] / 2, 2 * p["relaxation_time"]
-    return lambda x, v, v0: -k * (x + tau * v) / mass
 
 
 def lammps(p, mass, radius, damping="coeff_restitution"):

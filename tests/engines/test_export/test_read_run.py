@@ -5,15 +5,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact.engines.scenes.engine import scene_engine
-from tests.engines.test_export.two_balls import (
-    BALLS,
-    GRAVITY,
-    LAW,
-    SPUN,
-    STIFFNESS,
-    rolling,
-    scene,
-)
+from tests.engines.test_export.two_balls import BALLS, GRAVITY, LAW, SPUN, STIFFNESS, rolling, scene
 
 DUMP = """ITEM: UNITS
 si

@@ -14,10 +14,9 @@ from scipy.integrate import solve_ivp
 import jaxcontact as jc
 from docs.run_code import BLOCK, DOCS
 from jaxcontact.engines.inside.interval import Gaps, push_of
+from tests.engines.test_inside.rebound import HERTZ, LINEAR
 from tests.test_impact.support import both_jacobians
 
-HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
-LINEAR = jc.Contact(mass=0.5, stiffness=1e5, exponent=1)
 SPEEDS = (0.5, 3.0)
 
 DIFFERENCES = 1e-6  # of derivatives from central differences with steps of 1e-5: 3e-8 measured

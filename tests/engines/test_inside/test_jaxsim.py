@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
-from tests.engines.test_inside.rebound import GRAVITY, after, require_derivatives
+from tests.engines.test_inside import rebound
+from tests.engines.test_inside.rebound import ERROR, GRAVITY, HERTZ, LINEAR, after
 
 pytestmark = pytest.mark.engines
 
@@ -22,10 +23,7 @@ BALL = """
     <geometry><sphere><radius>0.05</radius></sphere></geometry></collision>
 </link></model></sdf>
 """
-HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
-SPEEDS = (0.5, 1.0, 3.0)
 
-ERROR = 0.01  # of e, which the time step is chosen for
 TURNED = 1e-3
 """Of height, velocity and turning after an impact: 4e-4 measured, and half with half the step."""
 
@@ -57,42 +55,25 @@ def at_height(model, height, velocity):
     )
 
 
-def moved(model, law, contact, step, height, velocity, steps):
-    """Height and vertical velocity (steps,) of a ball that falls at this speed."""
-    acting = jc.jaxsim.contact_force(law, contact, model)
-    engine = dataclasses.replace(acting.model, time_step=step)
+def ends(gravity, steps):
+    """What `rebound` asks of a fall."""
+    model = made(BALL, points=[49], gravity=gravity)
 
-    def advance(state, _):
-        data, carry = acting.step(engine, *state)
-        return (data, carry), (data.base_position[2] - 0.05, data.base_velocity[2])
+    def end(law, contact, step, height, velocity):
+        acting = jc.jaxsim.contact_force(law, contact, model)
+        engine = dataclasses.replace(acting.model, time_step=step)
+        data = after(acting, engine, at_height(engine, height, velocity), steps)
+        return data.base_position[2] - 0.05, data.base_velocity[2]
 
-    data = at_height(engine, height, velocity)
-    return jax.lax.scan(advance, (data, acting.init(engine, data)), length=steps)[1]
+    return end
 
 
 def test_a_ball_has_the_restitution_of_its_law():
-    model = made(BALL, points=[49], gravity=0.0)
-
-    @jax.jit
-    @jax.vmap
-    def rebound(law, step, velocity, phase):
-        speeds = moved(model, law, HERTZ, step, phase * velocity * step, velocity, 40)[1]
-        return speeds[-1] / velocity
-
-    lanes = [(e, v, phase) for e in (0.8, 0.5) for v in SPEEDS for phase in (0.1, 0.6)]
-    steps = [jc.jaxsim.time_step(jc.ExactRestitution(e=e), HERTZ, v) for e, v, _ in lanes]
-    e, v, phase = map(jnp.array, zip(*lanes, strict=True))
-    got = rebound(jc.ExactRestitution(e=e), jnp.array(steps), v, phase)
-    np.testing.assert_allclose(got, e, rtol=ERROR)
+    rebound.require_restitution(ends(0.0, 40), [jc.ExactRestitution(e=e) for e in (0.8, 0.5)])
 
 
 def test_derivatives_of_the_rebound_height():
-    model = made(BALL, points=[49], gravity=GRAVITY)
-
-    def end(*given):
-        return [x[-1] for x in moved(model, *given, 120)]
-
-    require_derivatives(end, 0.05)
+    rebound.require_derivatives(ends(GRAVITY, 120), 0.05)
 
 
 def test_a_body_that_turns_about_a_point_off_its_centre():
@@ -191,10 +172,8 @@ def test_the_effective_mass_of_an_arm_beside_one_of_jaxsim():
         text, points=[49, 99], gravity=0.0, terrain=FlatTerrain.build(-0.05),
         contact_params=SoftContactsParams.build(K=1e6, D=1e3, mu=0.0),
     )  # fmt: skip
-    linear = jc.Contact(mass=0.5, stiffness=1e5, exponent=1)
-    acting = jc.jaxsim.contact_force(
-        jc.KelvinVoigt(e=0.5), linear, model, links=["ours"], substeps=8
-    )
+    law = jc.KelvinVoigt(e=0.5)
+    acting = jc.jaxsim.contact_force(law, LINEAR, model, links=["ours"], substeps=8)
     assert acting.points == ("ours",)
     engine = dataclasses.replace(acting.model, time_step=1e-3)
     # Tip speeds of 1 m/s, 1 mm above the floor.
