@@ -27,28 +27,19 @@ REACHED = {
 }
 
 
-ONE = "impacts", "--only", "exact"
+# Peers are run as their users run them.
+pytestmark = pytest.mark.usefixtures("usual_promotion")
 
 
 def measured(into, *asked):
-    import jax
-
-    # Peers are run as their users run them.
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        STUDY.command([*asked, "--small", "--into", str(into)])
-    return into
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """One way of one group: the others make rows of the same kind."""
-    return measured(tmp_path_factory.mktemp("run_time_error"), *ONE)
+    """The result of the short form, as text."""
+    STUDY.command([*asked, "--small", "--into", str(into)])
+    return (into / "run_time_error.json").read_text()
 
 
 @pytest.mark.slow(reason="the benchmark's own programs, a dozen of them")
 def test_every_way_answers_or_says_why(tmp_path):
-    results = measured(tmp_path)
-    rows = json.loads((results / "run_time_error.json").read_text())["rows"]
+    rows = json.loads(measured(tmp_path))["rows"]
     best = {}
     for row in rows.values():
         if "reason" in row:
@@ -64,17 +55,15 @@ def test_every_way_answers_or_says_why(tmp_path):
         assert error <= REACHED[family], way
 
 
-def test_page_and_figures_come_from_the_rows(results):
-    page = (results / "run_time_error.md").read_text()
+def test_the_page_comes_from_the_rows_and_a_run_goes_on(tmp_path, capsys):
+    # One way of one group: the others make rows of the same kind.
+    one = "impacts", "--only", "exact"
+    before = measured(tmp_path, *one)
+    page = (tmp_path / "run_time_error.md").read_text()
     assert "| exact |" in page and "## When to use what" in page
-    assert (results / "run_time_error_impacts.png").stat().st_size > 10_000
-
-
-def test_a_run_goes_on_where_it_was(results, capsys):
-    before = (results / "run_time_error.json").read_text()
-    measured(results, *ONE)
-    assert capsys.readouterr().out == ""
-    assert (results / "run_time_error.json").read_text() == before
+    assert (tmp_path / "run_time_error_impacts.png").stat().st_size > 10_000
+    capsys.readouterr()
+    assert measured(tmp_path, *one) == before and capsys.readouterr().out == ""
 
 
 def by_hand(drops):

@@ -1,15 +1,11 @@
 """Contacts, laws, impacts and bounces."""
 
-import dataclasses
 import functools
 
-import jax.numpy as jnp
-
 import jaxcontact as jc
-from jaxcontact._bounce.result import TOUCHES
 from jaxcontact._entry import ranges
 from jaxcontact._laws.registry import _REGISTRY
-from tests.test_every_argument.case import Unsolved, case, method
+from tests.test_every_argument.case import Unsolved, blank, case, method
 from tests.test_every_argument.kinds import CONTACT, LAW, STEEL
 
 RANGES = {
@@ -25,12 +21,6 @@ def constructed(name, law):
     groups = [f"{RANGES[str(allowed)]}: {parameter}" for parameter, allowed in ranges(law).items()]
     groups = "; ".join([f"{'NOTHING' if never else 'FLAG'}: tension", *groups])
     return case(name, groups, **{one: allowed.inside for one, allowed in ranges(law).items()})
-
-
-def a_bounce():
-    two, one = jnp.ones(2), jnp.ones(())
-    names = [field.name for field in dataclasses.fields(jc.Bounce)]
-    return jc.Bounce(**{name: two if name in TOUCHES else one for name in names})
 
 
 def _register(name, cls=Unsolved, **words):
@@ -120,7 +110,7 @@ def cases():
             "POSITIVES: height gravity; WHOLE or None: bounces; FLAG: gravity_in_contact; "
             "POSITIVES or None: rest_velocity",
         ),
-        method(a_bounce(), "height_at", "REALS: time", staged=True),
+        method(blank(jc.Bounce), "height_at", "REALS: time", staged=True),
         case("Event", "INSIDE or None: rtol atol"),
         case("Phase", "WHOLE: steps; INSIDE or None: tolerance"),
     ]

@@ -3,7 +3,7 @@
 import functools
 
 import jaxcontact as jc
-from tests.test_every_argument.case import UNSOLVED, Blank, case, drawn
+from tests.test_every_argument.case import UNSOLVED, blank, case, drawn, method
 from tests.test_every_argument.kinds import STEEL
 
 ORIGIN = [0.0, 0.0, 0.0]
@@ -73,10 +73,5 @@ def cases():
         drawn("animate", a_run, "POSITIVE: seconds; WHOLE: fps", seconds=1.0, fps=2),
         case("Run.to_csv", "", lambda path: a_run().to_csv(path)),
         case("Impacts.to_csv", "", lambda path: a_run().impacts.to_csv(path)),
-        case(
-            "Run.at",
-            "REALS but shape (2, 3) or DataFrame: time",
-            functools.partial(jc.Run.at, Blank()),
-            staged=True,
-        ),
+        method(blank(jc.Run), "at", "REALS but shape (2, 3) or DataFrame: time", staged=True),
     ]

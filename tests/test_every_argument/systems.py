@@ -5,7 +5,7 @@ import functools
 import jax.numpy as jnp
 
 import jaxcontact as jc
-from tests.test_every_argument.case import UNSOLVED, Blank, case, drawn
+from tests.test_every_argument.case import UNSOLVED, blank, case, drawn, method
 
 FRICTION = jc.RegularizedCoulomb(mu=0.1, v_d=0.01)
 MAYBE_THREE = "THREE or with nan"  # three numbers are checked when the mechanism starts
@@ -76,12 +76,7 @@ def cases():
             "FLAG: throw",
             **{"model": system, "duration": 10.0, "position": [0.0] * 3, "velocity": [0.0] * 3},
         ),
-        case(
-            "SystemRun.at",
-            "REALS but shape (2, 3) or DataFrame: time",
-            functools.partial(jc.SystemRun.at, Blank()),
-            staged=True,
-        ),
+        method(blank(jc.SystemRun), "at", "REALS but shape (2, 3) or DataFrame: time", staged=True),
         case("SystemRun.to_csv", "", lambda path: a_run().to_csv(path)),
         *(drawn(name, a_run, "TEXT or list of text or None: label") for name in ("gaps", "forces")),
         drawn("phase", a_run, "zero: coordinate"),

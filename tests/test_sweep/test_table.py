@@ -11,15 +11,12 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from tests.test_sweep.lanes import outcome
 
 CONTACT = jc.Contact(1.0, 1e8)
 E = np.linspace(0.1, 1.0, 10)
 V = np.array([1.0, 3.0, -1.0])
 SAMPLES = {"e": [0.3, 0.6, 0.9], "v": [1.0, 2.0, 3.0]}
-
-
-def summary(e, v):
-    return jc.impact(jc.HuGuo(e=e), CONTACT, v)
 
 
 def alone(e, v):
@@ -28,7 +25,7 @@ def alone(e, v):
 
 @pytest.fixture(scope="module")
 def table():
-    return jc.sweep(summary, e=E, v=V)
+    return jc.sweep(outcome, e=E, v=V)
 
 
 def test_fields(table):
@@ -153,7 +150,7 @@ def test_select_keeps_what_is_unknown_of_other_axes():
 
 
 def test_select_a_sample():
-    table = jc.sweep(summary, samples=SAMPLES)
+    table = jc.sweep(outcome, samples=SAMPLES)
     one = table.select(sample=1)
     assert one.fixed["e"] == 0.6 and one.fixed["v"] == 2.0
     assert one.duration == table.duration[1]
@@ -174,7 +171,7 @@ def test_status_of_an_output_without_one():
 
 def test_repr(table):
     assert repr(table).splitlines() == [
-        "Sweep of summary: e 10 × v 3, 30 lanes",
+        "Sweep of outcome: e 10 × v 3, 30 lanes",
         "  e       0.1 to 1",
         "  v       1, 3, -1 m/s",
         "  fields  restitution(e, v), rebound_velocity(e, v), duration(e, v), "
@@ -224,7 +221,7 @@ def test_xarray(table, tmp_path):
     assert data.duration.attrs == {"long_name": "duration of contact", "units": "s"}
     assert data.v.attrs["units"] == "m/s"
     assert data.status.attrs["flag_meanings"].split()[3] == "invalid_input"
-    assert data.attrs["function"] == "summary" and data.attrs["method"] == "exact"
+    assert data.attrs["function"] == "outcome" and data.attrs["method"] == "exact"
     np.testing.assert_array_equal(data.sel(e=0.5, method="nearest").max_force, table.max_force[4])
     data.to_netcdf(tmp_path / "table.nc", engine="scipy")
     with xarray.open_dataset(tmp_path / "table.nc", engine="scipy") as back:

@@ -7,7 +7,8 @@ of δ, δ' and the closing speed.
 import math
 
 import numpy as np
-from scipy.integrate import solve_ivp
+
+from benchmarks.until_event import apart, contact, ending
 
 TSUJI = [4.8218, -18.022, 27.467, -22.348, 11.087, -4.2783, 1.2728]
 
@@ -135,24 +136,11 @@ def chrono(p, mass, radius):
 
 def bounce(acceleration, velocity, duration, *, pulls, longest=3):
     """e and the duration by scipy; the contact ends at δ = 0, or where it would begin to pull."""
-    length = velocity * duration
 
-    def rate(t, y):
-        x, v = max(y[0], 1e-300) * length, y[1] * velocity
-        return [y[1], acceleration(x, v, velocity) * duration / velocity]
+    def scaled(x, v):
+        force = acceleration(max(x, 1e-300) * velocity * duration, v * velocity, velocity)
+        return force * duration / velocity
 
-    def apart(t, y):
-        return y[0]
-
-    def released(t, y):
-        return rate(t, y)[1]
-
-    end = apart if pulls else released
-    end.terminal = True
-    end.direction = -1 if pulls else 1
-    # Both events are or may be zero at touch, so the search starts a little later.
-    tight = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
-    first = solve_ivp(rate, (0, 0.05), [0, 1], **tight)
-    rest = solve_ivp(rate, (0.05, longest), first.y[:, -1], events=end, **tight)
-    (moment,), (state,) = rest.t_events[0], rest.y_events[0]
-    return -state[1], moment * duration
+    ends = apart if pulls else ending(lambda t, y: scaled(*y), 1)
+    end = contact(scaled, 1e-11, atol=0.01, ends=ends, stop=longest)
+    return -end.y_events[0][0, 1], end.t_events[0][0] * duration
