@@ -42,9 +42,7 @@ def cases():
         case("SpringSlider", "POSITIVES or None: ratio"),
         case("MawBarberFawcett", "POSITIVES or None: ratio"),
         case(
-            "RoundBodies",
-            "POSITIVES or None: other_mass inertia other_inertia",
-            other_radius=0.1,
+            "RoundBodies", "POSITIVES or None: other_mass inertia other_inertia", other_radius=0.1
         ),
         case(
             "tangential_rebound", "REALS: psi1; EXPONENT: chi; E or zero: alpha", psi1=1.0, chi=1.4
@@ -57,9 +55,7 @@ def cases():
             "choose_friction, stages",
             f"{STAGES}: progress",
             untested="class or law class",
-            **SPEEDS,
-            tangential_restitution=OUT,
-            friction=TWO,
+            **SPEEDS | {"tangential_restitution": OUT, "friction": TWO},
         ),
         case(
             "calibrate_friction",

@@ -96,9 +96,7 @@ def cases():
         case(
             "choose_law, contact times",
             "None: duration max_force",
-            **HOW,
-            duration=OUT,
-            max_force=OUT,
+            **HOW | dict.fromkeys(("duration", "max_force"), OUT),
         ),
         case(
             "choose_law, contact times with known noise",
@@ -128,7 +126,9 @@ def cases():
         case(
             "read_recording, track",
             "NOTHING: frame y; WHOLE: rate",
-            **{"frame": list(range(40)), "y": TRACK, "rate": 60.0},
+            frame=[*range(40)],
+            y=TRACK,
+            rate=60.0,
         ),
         case(
             "read_recording, columns", "NOTHING: velocity restitution", velocity=V, restitution=OUT

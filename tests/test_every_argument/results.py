@@ -88,12 +88,7 @@ def cases():
         case("plot.law", "POSITIVE or None: velocity", contact=CONTACT, velocity=1.0),
         case("plot.impact", "NOTHING: path", path=_path(), ax=_axes(1, 3)),
         case("plot.save", ax=_axes(), file=_PICTURE),
-        case(
-            "report",
-            "POSITIVE or None: radius",
-            calibration=blank(jc.Calibration),
-            file="page.html",
-        ),
+        case("report", "POSITIVE or None: radius", calibration=blank(jc.Calibration), file="a.md"),
         case("plot.fit", "THREE or ONE or None or with nan: x", result=fitted, ax=_axes()),
         case("plot.residuals", result=fitted),
         case("plot.profile", result=fitted, names=["a", "b"]),
@@ -113,17 +108,10 @@ def cases():
         method(_table(), "select", "INSIDE or zero: e; None: method", e=0.5),
         method(_table(), "to_csv"),
         case("plot.sweep", table=_table(), ax=_axes()),
-        *(
-            case(f"plot.{name}", result=blank(kind))
-            for name, kind in (("calibration", jc.Calibration), ("choice", jc.LawChoice))
-        ),
-        *(
-            case(f"plot.{name}", recording=recording)
-            for name, recording in (
-                ("sound", _heard()),
-                ("track", jc.read_recording(time=np.arange(40) / 60, y=TRACK)),
-                ("record", jc.read_recording(force=RECORD, rate=1e3)),
-            )
-        ),
+        case("plot.calibration", result=blank(jc.Calibration)),
+        case("plot.choice", result=blank(jc.LawChoice)),
+        case("plot.sound", recording=_heard()),
+        case("plot.track", recording=jc.read_recording(time=np.arange(40) / 60, y=TRACK)),
+        case("plot.record", recording=jc.read_recording(force=RECORD, rate=1e3)),
         case("paper.markdown", "empty list: table"),
     ]
