@@ -60,14 +60,11 @@ OUT = 0.9 - 0.05 * V
 TRACK = [abs(k / 20 - 1) * (2 - abs(k / 20 - 1)) for k in range(40)]  # before and after an impact
 RECORD = [*[0.0] * 30, *(k * (30 - k) for k in range(30)), *[0.0] * 30]
 USUAL = {"law": UNSOLVED, "contact": CONTACT, "velocity": 1.0, "tangential_velocity": 1.0}
-USUAL |= {
-    "socket_radius": 5.0,
-    "indentation": 1e-3,
-    "impact_velocity": 1.0,
-    "friction": jc.RigidCoulomb(mu=0.1),
-}
-USUAL |= dict.fromkeys(("mass", "stiffness", "height", "duration"), 1.0)
-USUAL |= dict.fromkeys(("radius", "other_radius", "mu", "e"), 0.1) | {"x": 0.5, "exponent": 1.5}
+USUAL |= {"indentation": 1e-3, "impact_velocity": 1.0, "friction": jc.RigidCoulomb(mu=0.1)}
+USUAL |= {"socket_radius": 5.0, "poisson_ratio": 0.3, "x": 0.5, "exponent": 1.5}
+USUAL |= dict.fromkeys("mass stiffness height duration frequency youngs_modulus".split(), 1.0)
+USUAL |= dict.fromkeys("radius other_radius mu e amplitude viscosity work_of_adhesion".split(), 0.1)
+USUAL["critical_stokes"] = 1.0
 USUAL |= dict.fromkeys(("sphere", "other", "material"), STEEL) | {"name": "abc", "e_in": OUT}
 
 

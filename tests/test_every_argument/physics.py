@@ -65,8 +65,6 @@ def cases():
             "Material",
             "INSIDE or ARRAYS or SCALARS or zero: poisson_ratio; "
             "POSITIVES: youngs_modulus; POSITIVES or None: density",
-            youngs_modulus=1.0,
-            poisson_ratio=0.3,
         ),
         method(STEEL, "sphere_mass", staged=True),
         case("Contact", "POSITIVES or None: tangential_ratio"),
@@ -74,20 +72,13 @@ def cases():
         # Laws
         *(method(law, "force", staged=True) for law in (*LAWS, PLASTIC, VISCOPLASTIC)),
         *(
-            case(
-                f"{name}.of_surfaces",
-                "POSITIVES or zero: work_of_adhesion radius",
-                staged=True,
-                work_of_adhesion=0.1,
-            )
+            case(f"{name}.of_surfaces", "POSITIVES or zero: work_of_adhesion radius", staged=True)
             for name in ("DMT", "JKR")
         ),
         case(
             "WetRestitution.of_liquid",
             "INSIDE or ARRAYS or SCALARS: e; POSITIVES or zero: critical_stokes viscosity radius",
             staged=True,
-            critical_stokes=1.0,
-            viscosity=0.1,
         ),
         method(jc.JKR(pull_off=0.1), "sticking_speed", staged=True),
         method(LUDING, "force", staged=True, contact=jc.Contact(1.0, 1e6, 1.0)),

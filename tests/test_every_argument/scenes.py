@@ -36,12 +36,7 @@ def cases():
         case("Box", "THREE: low high", low=[-9.0] * 3, high=[9.0] * 3),
         case("Shell", "THREE or ONE: centre; POSITIVE: radius", centre=ORIGIN, radius=9.0),
         case("Steady", "THREE or ONE: velocity"),
-        case(
-            "Vibration",
-            "REAL or THREE or ONE: amplitude; POSITIVE: frequency; REAL: phase",
-            amplitude=0.1,
-            frequency=1.0,
-        ),
+        case("Vibration", "REAL or THREE or ONE: amplitude; POSITIVE: frequency; REAL: phase"),
         case("Prescribed", "POSITIVE: max_acceleration", displacement=shaken, max_acceleration=1.0),
         case(
             "Scene",

@@ -47,19 +47,18 @@ def environment(engine, folder):
     return variables
 
 
+def printed(command, engine, folder, timeout=300, **how):
+    """What a program of the engine prints, which has to succeed."""
+    how |= {"capture_output": True, "text": True, "env": environment(engine, folder)}
+    done = subprocess.run(command, cwd=folder, timeout=timeout, **how)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
 def rebounds(engine, cases, folder):
     """The restitution of each case in the real engine."""
-    done = subprocess.run(
-        [sys.executable, str(DROPS), engine],
-        input=json.dumps(cases),
-        capture_output=True,
-        text=True,
-        env=environment(engine, folder),
-        cwd=folder,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout.splitlines()[-1])
+    command = [sys.executable, str(DROPS), engine]
+    return json.loads(printed(command, engine, folder, input=json.dumps(cases)).splitlines()[-1])
 
 
 def run_scene(made, folder, ranks=1, limit=300):
@@ -70,11 +69,7 @@ def run_scene(made, folder, ranks=1, limit=300):
         program = Path(sys.executable).parent
         command = [str(program / "lmp"), "-in", "scene.in", "-screen", "none"]
         command = [str(program / "mpiexec"), "-np", str(ranks), *command] if ranks > 1 else command
-    done = subprocess.run(
-        command, capture_output=True, text=True, env=environment(made.engine, folder), cwd=folder,
-        timeout=limit,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
+    printed(command, made.engine, folder, timeout=limit)
     return made.read(folder)
 
 
@@ -82,13 +77,6 @@ def case(export, mass, velocity, radius, *, steps=None, phase=0.5, discrete=True
     """A case for `drops.py`, at the time step that the export names unless told otherwise."""
     if steps is None:
         steps = round(export.duration / export.time_step)
-    return {
-        "snippet": export.snippet,
-        "mass": mass,
-        "velocity": velocity,
-        "radius": radius,
-        "duration": export.duration,
-        "steps": steps,
-        "phase": phase,
-        "discrete": discrete,
-    }
+    contact = {"snippet": export.snippet, "duration": export.duration, "steps": steps}
+    ball = {"mass": mass, "velocity": velocity, "radius": radius}
+    return contact | ball | {"phase": phase, "discrete": discrete}

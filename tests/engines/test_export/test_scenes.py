@@ -217,14 +217,10 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(
-    ("engine", "words", "message"),
-    [
-        pytest.param(engine, *row, id=f"{engine}: {row[-1]}")
-        for engine, rows in REFUSED.items()
-        for row in rows
-    ],
-)
+ROWS = [(engine, *row) for engine, rows in REFUSED.items() for row in rows]
+
+
+@pytest.mark.parametrize(("engine", "words", "message"), ROWS)
 def test_what_an_engine_cannot_express_is_named(engine, words, message):
     given = dict(words)
     with pytest.raises(ValueError, match=message):
