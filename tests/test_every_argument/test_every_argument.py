@@ -165,41 +165,31 @@ def test_exemptions_are_needed():
             assert any(re.fullmatch(pattern, name) for name in names), pattern
 
 
-STEEL = jc.Material(2.1e11, [0.3, 0.3], 7800.0)
-CONTACTS = jc.Contact([1.0, 2.0], 1e6)
-THREE = [0.1, 0.2, 0.3]
+TWO, THREE, STEEL = [0.1, 0.2], [0.1, 0.2, 0.3], jc.Material(2.1e11, [0.3, 0.3], 7800.0)
+LAW, UNIT, CONTACTS = jc.HuGuo(e=0.5), jc.Contact(1.0, 1.0), jc.Contact([1.0, 2.0], 1e6)
+OF_THREE, SPHERES = jc.HuGuo(e=THREE), jc.Contact.sphere_sphere
 MISFITS = {
-    "impact": (lambda: jc.impact(jc.HuGuo(e=0.5), CONTACTS, THREE), "contact velocity"),
-    "force": (
-        lambda: jc.impact(jc.HuGuo(e=THREE), jc.Contact(1.0, 1.0), 1.0, external_force=[1.0, 2.0]),
-        "law external_force",
-    ),
-    "contact": (lambda: jc.impact(jc.HuGuo(e=0.5), jc.Contact([1.0, 2.0], THREE), 1.0), "contact"),
-    "restitution": (lambda: jc.restitution(jc.HuGuo(e=[0.5, 0.6]), None, THREE), "law velocity"),
-    "trajectory": (lambda: jc.trajectory(jc.HuGuo(e=0.5), CONTACTS, THREE), "contact velocity"),
-    "bounce": (lambda: jc.bounce(jc.HuGuo(e=0.5), CONTACTS, 1.0, gravity=THREE), "contact gravity"),
-    "law.force": (
-        lambda: jc.Tsuji(e=0.5).force(THREE, [0.1, 0.2], jc.Contact(1.0, 1.0), 1.0),
-        "indentation velocity",
-    ),
+    "impact": (lambda: jc.impact(LAW, CONTACTS, THREE), "contact velocity"),
+    "force": (lambda: jc.impact(OF_THREE, UNIT, 1.0, external_force=TWO), "law external_force"),
+    "contact": (lambda: jc.impact(LAW, jc.Contact(TWO, THREE), 1.0), "contact"),
+    "restitution": (lambda: jc.restitution(jc.HuGuo(e=TWO), None, THREE), "law velocity"),
+    "trajectory": (lambda: jc.trajectory(LAW, CONTACTS, THREE), "contact velocity"),
+    "bounce": (lambda: jc.bounce(LAW, CONTACTS, 1.0, gravity=THREE), "contact gravity"),
+    "law.force": (lambda: jc.Tsuji(e=0.5).force(THREE, TWO, UNIT, 1.0), "indentation velocity"),
     "sphere_plane": (lambda: jc.Contact.sphere_plane(THREE, STEEL), "radius sphere"),
-    "sphere_sphere": (
-        lambda: jc.Contact.sphere_sphere([0.1, 0.2], THREE, STEEL, STEEL),
-        "radius other_radius",
-    ),
+    "sphere_sphere": (lambda: SPHERES(TWO, THREE, STEEL, STEEL), "radius other_radius"),
     "sphere_socket": (lambda: jc.Contact.sphere_socket(0.1, THREE, STEEL), "socket_radius sphere"),
-    "sphere_mass": (lambda: jc.Material(1.0, 0.3, [1.0, 2.0]).sphere_mass(THREE), "radius density"),
+    "sphere_mass": (lambda: jc.Material(1.0, 0.3, TWO).sphere_mass(THREE), "radius density"),
 }
 
 
 @pytest.mark.parametrize("name", MISFITS)
 def test_shapes_that_do_not_broadcast(name):
     call, named = MISFITS[name]
-    with pytest.raises(
-        ValueError, match=r"must have shapes that broadcast, but have .*\(3,\)"
-    ) as e:
+    with pytest.raises(ValueError, match=r"broadcast, but have .*\(3,\)") as error:
         call()
-    assert all(f"`{one}`" in str(e.value) for one in named.split())
+    assert "must have shapes that broadcast" in str(error.value)
+    assert all(f"`{one}`" in str(error.value) for one in named.split())
 
 
 def test_large_whole_numbers_are_not_wrapped_around():

