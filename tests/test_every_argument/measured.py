@@ -10,6 +10,7 @@ from tests.test_every_argument.fits import a_fit
 from tests.test_every_argument.kinds import CONTACT, LAW
 
 MEASURED = jc.read_recording(velocity=V, restitution=OUT)
+DESIGN = jc.Design(V, ("e",) * len(V), noncentrality=1.0)
 IMPACTS = {"law": LAW, "velocity": V}
 RECORDED = {"law": LAW, "time": V}
 HOW = {"velocity": V, "e": OUT}
@@ -60,11 +61,7 @@ def cases():
             sigma=dict.fromkeys(("e", "duration", "max_force"), 0.1),
             candidates=V[:3],
         ),
-        method(
-            jc.Design(V, ("e",) * len(V), noncentrality=1.0),
-            "readings_for",
-            "POSITIVE: noncentrality",
-        ),
+        method(DESIGN, "readings_for", "POSITIVE: noncentrality"),
         case("fit_bounces", "POSITIVE: gravity", law=LAW, first=V, second=OUT),
         case(
             "fit_record",

@@ -2,8 +2,6 @@
 
 import dataclasses
 import functools
-import pathlib
-import tempfile
 
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
@@ -15,9 +13,6 @@ from jaxcontact.lab.sound.audio import Envelope, Sound
 from tests.test_every_argument.case import RECORD, TRACK, UNSOLVED, blank, case, method
 from tests.test_every_argument.fits import a_fit
 from tests.test_every_argument.kinds import CONTACT, KINDS, LAW, kinds_of
-
-_FOLDER = tempfile.TemporaryDirectory()
-_PICTURE = pathlib.Path(_FOLDER.name) / "picture.png"
 
 
 def _doubled(e):
@@ -87,7 +82,7 @@ def cases():
         case("plot.trajectory", "NOTHING: path", path=_path(), ax=_axes()),
         case("plot.law", "POSITIVE or None: velocity", contact=CONTACT, velocity=1.0),
         case("plot.impact", "NOTHING: path", path=_path(), ax=_axes(1, 3)),
-        case("plot.save", ax=_axes(), file=_PICTURE),
+        case("plot.save", ax=_axes(), file="picture.png"),
         case("report", "POSITIVE or None: radius", calibration=blank(jc.Calibration), file="a.md"),
         case("plot.fit", "THREE or ONE or None or with nan: x", result=fitted, ax=_axes()),
         case("plot.residuals", result=fitted),
