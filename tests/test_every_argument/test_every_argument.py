@@ -17,9 +17,18 @@ import pytest
 
 import jaxcontact as jc
 from tests.public_names import members
+from tests.test_every_argument import fits, friction, measured, physics, results, scenes, systems
 from tests.test_every_argument.case import EXEMPT, Reached, is_exempt, reached
 from tests.test_every_argument.kinds import KINDS
-from tests.test_every_argument.table import cases
+
+
+@functools.cache
+def cases():
+    rooms = (physics, fits, measured, results, scenes, systems, friction)
+    every = [case for room in rooms for case in room.cases()]
+    assert len({case.label for case in every}) == len(every)
+    return {case.label: case for case in every}
+
 
 LABELS = sorted(cases())
 
