@@ -10,17 +10,10 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from benchmarks import (
-    fit_adequacy,
-    fit_coverage,
-    fit_design,
-    fit_many,
-    memory_map,
-    plastic_speed,
-    touches,
-)
+from benchmarks import fit_adequacy, fit_coverage, fit_design, fit_many, memory_map, plastic_speed
 from benchmarks.engines import lammps_adhesion, lammps_bed, laws_inside, scene_agreement
 from benchmarks.study import DOCS, Study, by_line
+from benchmarks.touches import batch
 
 FORCES = 1e-12  # of the forces that diffrax and SciPy integrate: measured 2e-13
 STEPS = 2e-3  # of LAMMPS' e at its finest step: measured 6e-4, for the slowest spheres with necks
@@ -126,7 +119,7 @@ def test_a_thousand_balls_are_as_fitted_alone():
 
 
 def test_no_touch_of_a_pendulum_deeper_than_a_nanometre_is_missed():
-    (row,) = touches.batch(np.random.default_rng(0), 1000, (1e-9,))
+    (row,) = batch(np.random.default_rng(0), 1000, (1e-9,))
     assert row["touched"] > 600 and row["free"] > 300
     assert row["missed"] == 0 and row["invented"] == 0
 
