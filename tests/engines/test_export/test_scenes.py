@@ -72,10 +72,8 @@ def test_steps_fit_between_outputs_and_keep_e(lammps):
 
 
 def test_one_type_of_any_size_where_size_does_not_count():
-    spheres = [
-        jc.Sphere(0.01 + 1e-5 * k, position=[0.1 * k, 0.1], material=two_balls.STEEL)
-        for k in range(99)
-    ]
+    steel = jc.Material(2e11, 0.3, 7800.0)
+    spheres = [jc.Sphere(0.01 + 1e-5 * k, None, [0.1 * k, 0.1], material=steel) for k in range(99)]
     friction = jc.SpringSlider(0.3)
     made = exported(scene(*spheres, TABLE, stiffness=None, friction=friction), "lammps")
     text = made.files["scene.in"]
