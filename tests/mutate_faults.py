@@ -12,22 +12,16 @@ from typing import Any, TypeGuard
 
 KINDS = ("sign", "constant", "condition", "swapped argument", "dropped check")
 
-_OPPOSITE: dict[type, type] = {
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
-    ast.And: ast.Or,
-    ast.Or: ast.And,
-    ast.Lt: ast.GtE,
-    ast.GtE: ast.Lt,
-    ast.Gt: ast.LtE,
-    ast.LtE: ast.Gt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot,
-    ast.IsNot: ast.Is,
-    ast.In: ast.NotIn,
-    ast.NotIn: ast.In,
-}
+_OPPOSITES = (
+    (ast.Add, ast.Sub),
+    (ast.And, ast.Or),
+    (ast.Lt, ast.GtE),
+    (ast.Gt, ast.LtE),
+    (ast.Eq, ast.NotEq),
+    (ast.Is, ast.IsNot),
+    (ast.In, ast.NotIn),
+)
+_OPPOSITE: dict[type, type] = {a: b for pair in _OPPOSITES for a, b in (pair, pair[::-1])}
 # Numbers that set the look of a figure or the line of a warning; a test would only repeat them.
 _LOOKS = set(
     "bbox_to_anchor dpi figsize fontsize linewidth lw markersize ncols stacklevel zorder".split()

@@ -7,29 +7,37 @@ package with it, so that no public name or argument changes unannounced.
 from __future__ import annotations
 
 import inspect
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import jaxcontact as jc
 from jaxcontact import jaxsim, mjx, paper, plot, systems
 
 FILE = Path(__file__).with_suffix(".txt")
-SPACES = {module.__name__: module for module in (jc, jaxsim, mjx, paper, plot, systems)}
+SPACES = (jc, jaxsim, mjx, paper, plot, systems)
+
+
+def members() -> Iterator[tuple[str, Any, list[str]]]:
+    """Full name, value and arguments of all that is public, methods after their class."""
+    for module in SPACES:
+        for name in dir(module):
+            # Names of the package are loaded on first use.
+            value, full = getattr(module, name), f"{module.__name__}.{name}"
+            if name.startswith("_") or inspect.ismodule(value):
+                continue
+            yield full, value, arguments(value)
+            methods = inspect.getmembers(value, callable) if inspect.isclass(value) else []
+            for part, member in methods:
+                # Members of object, tuple and Exception are not ours.
+                ours = (getattr(member, "__module__", None) or "").startswith("jaxcontact")
+                if ours and not part.startswith("_"):
+                    yield f"{full}.{part}", member, arguments(member)[inspect.isfunction(member) :]
 
 
 def names() -> dict[str, list[str]]:
     """By full name the arguments, those by keyword alone behind a star."""
-    found: dict[str, list[str]] = {}
-    for space, module in SPACES.items():
-        for name in dir(module):
-            value = getattr(module, name)
-            if name.startswith("_") or inspect.ismodule(value):
-                continue
-            found[f"{space}.{name}"] = arguments(value)
-            if inspect.isclass(value):
-                for part, member in inspect.getmembers(value):
-                    if not part.startswith("_") and inspect.isfunction(member):
-                        found[f"{space}.{name}.{part}"] = arguments(member)[1:]
-    return found
+    return {name: given for name, _, given in members()}
 
 
 def arguments(value: object) -> list[str]:

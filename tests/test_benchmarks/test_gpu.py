@@ -11,8 +11,7 @@ from jaxcontact._program import compiled
 WITHIN = {"float64": 1e-13, "float32": 1e-5}  # measured 3e-15 and 2e-7
 
 
-@pytest.fixture
-def measured(tmp_path, monkeypatch, usual_promotion):
+def test_rows_have_an_error_and_a_failed_one_its_reason(tmp_path, monkeypatch, usual_promotion):
     """The closed form, and a task that cannot be made."""
 
     def none(size, precision, platform):
@@ -20,26 +19,25 @@ def measured(tmp_path, monkeypatch, usual_promotion):
 
     exact = next(task for task in gpu.TASKS if task.what == "exact")
     monkeypatch.setattr(gpu, "TASKS", (exact._replace(make=none, what="broken"), exact))
-    with jax.numpy_rank_promotion("allow"):
-        gpu.STUDY.command(["--quick", "--only", "impacts", "--into", str(tmp_path)])
-    return json.loads((tmp_path / "gpu.json").read_text()), (tmp_path / "gpu.md").read_text()
-
-
-def test_rows_have_an_error_and_a_failed_one_its_reason(measured):
-    result, written = measured
+    gpu.STUDY.command(["--quick", "--only", "impacts", "--into", str(tmp_path)])
+    result = json.loads((tmp_path / "gpu.json").read_text())
     rows = [row for row in result["rows"] if row["platform"] == "cpu"]
     broken, good = ([r for r in rows if r["what"] == what] for what in ("broken", "exact"))
     assert {row["failed"] for row in broken} == {"MemoryError: no | room"}
     assert {row["precision"] for row in good} == set(WITHIN)
     for row in good:
         assert row["error"] < WITHIN[row["precision"]] and row["rate"] > 0
-    assert "`MemoryError: no / room`" in written
+    assert "`MemoryError: no / room`" in (tmp_path / "gpu.md").read_text()
+    # The page compares with the best rate of the CPU.
+    row = next(row for row in good if row["precision"] == "float64")
+    faster = row | {"platform": "gpu", "rate": 7 * row["rate"]}
+    written = gpu.page({"machine": result["machine"], "rows": [*result["rows"], faster]})
+    assert "(7 times the CPU)" in written
 
 
 def rows_of(tmp_path, *asked):
     """The rows of the short form, by their group and name."""
-    with jax.numpy_rank_promotion("allow"):
-        gpu.STUDY.command(["--quick", "--into", str(tmp_path), *asked])
+    gpu.STUDY.command(["--quick", "--into", str(tmp_path), *asked])
     rows = json.loads((tmp_path / "gpu.json").read_text())["rows"]
     return {(row["group"], row["what"]): row for row in rows}
 
@@ -67,14 +65,6 @@ def test_no_row_starts_after_the_limit(tmp_path):
     result = gpu.Result(tmp_path / "gpu.json", gpu.GROUPS)
     gpu.measure_group("impacts", True, gpu.Clock(0.0), result)
     assert all(row["failed"].startswith("TimeoutError") for row in result.rows) and result.rows
-
-
-def test_the_page_compares_with_the_best_rate_of_the_cpu(measured):
-    result, _ = measured
-    row = next(r for r in result["rows"] if r.get("rate") and r["precision"] == "float64")
-    faster = row | {"platform": "gpu", "rate": 7 * row["rate"]}
-    written = gpu.page({"machine": result["machine"], "rows": [*result["rows"], faster]})
-    assert "(7 times the CPU)" in written
 
 
 def test_a_gpu_is_given_no_option_of_a_cpu(monkeypatch):

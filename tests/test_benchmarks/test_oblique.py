@@ -37,13 +37,10 @@ def test_springs_converge_to_the_published_digits():
 
 
 @pytest.mark.slow(reason="programs of every method of the benchmark")
-def test_every_method_answers(tmp_path):
-    import jax
-
+def test_every_method_answers(tmp_path, usual_promotion):
     from benchmarks.oblique import STUDY
 
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        STUDY.command(["--small", "--into", str(tmp_path)])
+    STUDY.command(["--small", "--into", str(tmp_path)])
     result = json.loads((tmp_path / "oblique.json").read_text())
     rows = [row for group in result["groups"].values() for row in group["rows"]]
     methods = {row["method"] for row in rows}

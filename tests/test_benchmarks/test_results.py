@@ -1,16 +1,19 @@
-"""Stored results of benchmarks: pages show them, and they keep what is promised."""
+"""Stored results of benchmarks: pages show them, and they keep what is promised.
+
+Short forms of the studies of intervals, of plans, and of how often a model is inadequate.
+"""
 
 import importlib
 import json
 
-import jax
 import numpy as np
 import pytest
 
 import jaxcontact as jc
-from benchmarks import fit_many, memory_map, plastic_speed, touches
+from benchmarks import fit_adequacy, fit_coverage, fit_design, fit_many, memory_map, plastic_speed
 from benchmarks.engines import lammps_adhesion, lammps_bed, laws_inside, scene_agreement
 from benchmarks.study import DOCS, Study, by_line
+from benchmarks.touches import batch
 
 FORCES = 1e-12  # of the forces that diffrax and SciPy integrate: measured 2e-13
 STEPS = 2e-3  # of LAMMPS' e at its finest step: measured 6e-4, for the slowest spheres with necks
@@ -36,7 +39,7 @@ def test_the_page_has_the_tables(name):
     text = (DOCS / f"{study.page}.md").read_text(encoding="utf-8")
     shown = study.shown(study.result())
     if study.whole:
-        # What its example prints is compared in test_fit_coverage.py.
+        # What its example prints is compared below.
         ours, there = (page.split("```") for page in (shown[""], text))
         assert ours[:3] + ours[4:] == there[:3] + there[4:] and "{" not in ours[-1]
     else:
@@ -116,7 +119,7 @@ def test_a_thousand_balls_are_as_fitted_alone():
 
 
 def test_no_touch_of_a_pendulum_deeper_than_a_nanometre_is_missed():
-    (row,) = touches.batch(np.random.default_rng(0), 1000, (1e-9,))
+    (row,) = batch(np.random.default_rng(0), 1000, (1e-9,))
     assert row["touched"] > 600 and row["free"] > 300
     assert row["missed"] == 0 and row["invented"] == 0
 
@@ -159,7 +162,61 @@ def test_hard_contacts_rebound_as_rigid_ones():
     reason="this processor's long double is no longer than double",
 )
 @pytest.mark.parametrize("job", [job for job in memory_map.jobs() if job[1] == "exact"])
-def test_lanes_of_formulas(job):
-    with jax.numpy_rank_promotion("allow"):
-        row = memory_map.measure(*job, 100)
+def test_lanes_of_formulas(job, usual_promotion):
+    row = memory_map.measure(*job, 100)
     assert row["right"] == row["lanes"] == 100
+
+
+DRAWS = 200
+LEAST = 0.904  # three standard deviations of a share of 200 draws below 95 %
+
+
+@pytest.mark.slow(reason="a study of many fits by its benchmark")
+@pytest.mark.parametrize("name", ["decay, 8 points, σ unknown", "1 - b v^p, 5 points, σ known"])
+def test_intervals_and_bands_hold_the_truth(name):
+    cell = fit_coverage.run(name, fit_coverage.cells()[name], DRAWS, seed=3)
+    assert cell["converged"] == 1
+    assert all(share >= LEAST for share in cell["shares"].values()), cell["shares"]
+
+
+FEW, LEAST_OF_FEW = 30, 0.83
+
+
+@pytest.mark.parametrize("noise", ["triggers", "scatter"])
+def test_one_trial_tells_two_noises(noise):
+    name = f"triggers, 1 trial of 10 bounces, {noise}"
+    cell = fit_coverage.run(name, fit_coverage.cells()[name], FEW, seed=3)
+    assert cell["converged"] == 1 and cell["shares"]["law.e"] >= LEAST_OF_FEW
+
+
+def test_a_cell_of_each_kind_runs(tmp_path):
+    # Of bounces a quarter of the draws is taken.
+    draws = {"record, force, noise unknown": "1", "bounces, constant e, 10": "4", "heights, ": "1"}
+    for name, few in draws.items():
+        fit_coverage.STUDY.command(["--draws", few, "--only", name, "--into", str(tmp_path)])
+    found = json.loads((tmp_path / "fit_coverage.json").read_text())["cells"]
+    assert len(found) == 4 and all(cell["converged"] > 0 for cell in found.values())
+    assert set(fit_coverage.STUDY.result()["cells"]) <= set(fit_coverage.cells())
+
+
+def test_a_plan_is_simulated(tmp_path, monkeypatch):
+    monkeypatch.setattr(fit_design, "PLANS", dict([*fit_design.PLANS.items()][:1]))
+    fit_design.STUDY.command(["--draws", "3", "--into", str(tmp_path)])
+    (plan,) = json.loads((tmp_path / "fit_design.json").read_text())["plans"].values()
+    assert plan["converged"] == 1 and set(plan["seen"]) == set(plan["expected"])
+
+
+def test_every_cell_is_there(tmp_path):
+    fit_adequacy.STUDY.command(["--draws", "1", "--into", str(tmp_path)])
+    found = json.loads((tmp_path / "fit_adequacy.json").read_text())
+    assert set(found["levels"]["unknown"]) == {"8", "25", "200", "2000"}
+    assert len(found["power"]) == 7 and len(found["curves"]) == 4
+    assert all(share in (0, 1) for row in found["power"] for share in row["shares"].values())
+
+
+def test_the_example_prints_what_the_page_says():
+    _, code, _, said, _ = (DOCS / "trust.md").read_text().split("```")
+    got = fit_adequacy.printed(code.removeprefix("python\n")).splitlines()
+    want = said.removeprefix("text\n").rstrip().splitlines()
+    assert got[0] == want[0]
+    assert [line.split()[0] for line in got] == [line.split()[0] for line in want]

@@ -16,39 +16,24 @@ from benchmarks.time_and_error.running import Store, measure
 from benchmarks.time_and_error.sections import law_and_step
 from benchmarks.until_event import contact
 
-# Accuracy that every method must reach with the finest setting of the short form.
-REACHED = {
-    "ours": 1e-12,
-    "numba": 1e-4,
-    "diffrax": 1e-3,
-    "scipy": 1e-4,
-    # Ten steps per contact, for installed engines.
-    "engines": 1e-1,
-}
+# Accuracy that every method must reach with the finest setting of the short form, engines with ten
+# steps per contact.
+REACHED = {"ours": 1e-12, "numba": 1e-4, "diffrax": 1e-3, "scipy": 1e-4, "engines": 1e-1}
 
 
-ONE = "impacts", "--only", "exact"
+# Peers are run as their users run them.
+pytestmark = pytest.mark.usefixtures("usual_promotion")
 
 
 def measured(into, *asked):
-    import jax
-
-    # Peers are run as their users run them.
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        STUDY.command([*asked, "--small", "--into", str(into)])
-    return into
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """One way of one group: the others make rows of the same kind."""
-    return measured(tmp_path_factory.mktemp("run_time_error"), *ONE)
+    """The result of the short form, as text."""
+    STUDY.command([*asked, "--small", "--into", str(into)])
+    return (into / "run_time_error.json").read_text()
 
 
 @pytest.mark.slow(reason="the benchmark's own programs, a dozen of them")
 def test_every_way_answers_or_says_why(tmp_path):
-    results = measured(tmp_path)
-    rows = json.loads((results / "run_time_error.json").read_text())["rows"]
+    rows = json.loads(measured(tmp_path))["rows"]
     best = {}
     for row in rows.values():
         if "reason" in row:
@@ -58,24 +43,21 @@ def test_every_way_answers_or_says_why(tmp_path):
         assert row["seconds"] > 0 and row["compile_s"] >= 0 and row["calls"] > 0
         key = row["group"], row["way"]
         best[key] = min(best.get(key, (1, "")), (row["error"], row["family"]))
-    assert {group for group, _ in best} == {
-        "impacts", "derivatives", "engines", "scenes", "fits",
-    }  # fmt: skip
+    groups = set("impacts derivatives engines scenes fits".split())
+    assert {group for group, _ in best} == groups
     for way, (error, family) in best.items():
         assert error <= REACHED[family], way
 
 
-def test_page_and_figures_come_from_the_rows(results):
-    page = (results / "run_time_error.md").read_text()
+def test_the_page_comes_from_the_rows_and_a_run_goes_on(tmp_path, capsys):
+    # One way of one group: the others make rows of the same kind.
+    one = "impacts", "--only", "exact"
+    before = measured(tmp_path, *one)
+    page = (tmp_path / "run_time_error.md").read_text()
     assert "| exact |" in page and "## When to use what" in page
-    assert (results / "run_time_error_impacts.png").stat().st_size > 10_000
-
-
-def test_a_run_goes_on_where_it_was(results, capsys):
-    before = (results / "run_time_error.json").read_text()
-    measured(results, *ONE)
-    assert capsys.readouterr().out == ""
-    assert (results / "run_time_error.json").read_text() == before
+    assert (tmp_path / "run_time_error_impacts.png").stat().st_size > 10_000
+    capsys.readouterr()
+    assert measured(tmp_path, *one) == before and capsys.readouterr().out == ""
 
 
 def by_hand(drops):

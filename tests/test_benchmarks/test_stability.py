@@ -144,10 +144,8 @@ def test_laws_by_their_own_classes():
 
 
 def test_blocks_hold_every_lane_once_and_alike():
-    job, damping = (
-        Job("hunt_crossley", 1.5, False, "event", "float64", 1100),
-        np.arange(1100.0)[::-1],
-    )
+    job = Job("hunt_crossley", 1.5, False, "event", "float64", 1100)
+    damping = np.arange(1100.0)[::-1]
     taken = list(blocks(job, damping))
     assert {index.size for index in taken} == {AT_ONCE}
     assert np.unique(np.concatenate(taken)).size == job.lanes

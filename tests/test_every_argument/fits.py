@@ -50,20 +50,18 @@ def cases():
         # With one parameter, which a single point determines.
         case(
             "fit",
-            f"CALLABLE: predict; REALS or {TREES} but empty list or shape (0,) or with nan: data; "
-            f"{START}: start; {X} or jax key: x; POSITIVE or None: sigma weights; "
-            "None: groups correlation; None or dict: transforms; NOTHING: loss noise optimizer; "
-            "WHOLE: starts patience; POSITIVE: spread rtol; SEED: seed; "
-            "WHOLE or None: max_steps; FLAG: reverse throw; PROGRESS or None: progress",
+            f"REALS or {TREES} but empty list or shape (0,) or with nan: data; {START}: start; "
+            f"{X} or jax key: x; None or dict: transforms; WHOLE: starts patience; "
+            "POSITIVE: spread rtol",
             **{"data": V, "start": {"a": 1.0}, "x": V, "predict": _proportional},
         ),
         case(
             "fit_many",
-            f"CALLABLE: predict; shape (2, 3) or DataFrame: data; {START}: start; {BALLS}: balls; "
+            f"shape (2, 3) or DataFrame: data; {START}: start; {BALLS}: balls; "
             f"{OF_THREE} or None or dict or empty list or list of None or array of flags or array "
             "of complex or jax flags: x; POSITIVE or None or ONE or DataFrame: sigma weights; "
-            "None or dict: transforms; FLAG: own_start reverse; NOTHING: loss; "
-            "WHOLE or None: max_steps batch_size; POSITIVE: rtol; PROGRESS or None: progress",
+            "None or dict: transforms; FLAG: own_start reverse; NOTHING: loss; POSITIVE: rtol; "
+            "WHOLE or None: max_steps; PROGRESS or None: progress",
             **MANY,
         ),
         case("Huber", "POSITIVE: threshold"),
@@ -72,34 +70,21 @@ def cases():
             method(fitted, name, "REALS or None: x")
             for name in ("predict", "predict_with_error", "linearised")
         ),
-        method(fitted, "bootstrap", "WHOLE: draws; SEED: seed"),
+        method(fitted, "bootstrap"),
         method(
             fitted,
             "profile",
-            "NOTHING: name; REALS or None but with nan or empty list or shape (0,): values; "
+            "REALS or None but with nan or empty list or shape (0,): values; NOTHING: name; "
             "WHOLE: points; POSITIVE: span",
             name="a",
         ),
-        method(fitted, "interval", "INSIDE: level"),
-        method(fitted, "confidence_band", "REALS or None: x; INSIDE: level"),
-        method(
-            fitted,
-            "prediction_band",
-            "REALS or None: x; INSIDE: level; POSITIVE or None: sigma",
-            x=V,
-        ),
-        method(Bootstrap(("a",), np.ones((3, 1)), np.ones(3, bool)), "interval", "INSIDE: level"),
-        method(profile, "interval", "INSIDE: level"),
-        method(profile, "quantile", "INSIDE: level"),
-        case(
-            "posterior",
-            "NOTHING: fit; WHOLE: draws chains warmup; None or dict or function: prior; SEED: seed",
-            fit=fitted,
-        ),
-        method(a_posterior(), "interval", "NOTHING: name; INSIDE: level", name="a"),
-        case(
-            "compare_fits",
-            "NOTHING: fits; WHOLE: folds; None: groups; SEED: seed",
-            fits={"one": fitted, "two": fitted},
-        ),
+        method(fitted, "interval"),
+        method(fitted, "confidence_band", "REALS or None: x"),
+        method(fitted, "prediction_band", "REALS or None: x", x=V),
+        method(Bootstrap(("a",), np.ones((3, 1)), np.ones(3, bool)), "interval"),
+        method(profile, "interval"),
+        method(profile, "quantile"),
+        case("posterior", "WHOLE: chains warmup; None or dict or function: prior", fit=fitted),
+        method(a_posterior(), "interval", "NOTHING: name", name="a"),
+        case("compare_fits", "WHOLE: folds", fits={"one": fitted, "two": fitted}),
     ]

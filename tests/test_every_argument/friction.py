@@ -6,8 +6,6 @@ import jaxcontact as jc
 from tests.test_every_argument.case import OUT, V, case
 from tests.test_every_argument.kinds import LAW
 
-OBLIQUE = "law: law; contact: contact; POSITIVES: velocity"
-OBLIQUE += "; REALS: tangential_velocity; NOTHING: friction spin method; None: bodies"
 FRICTION = jc.RigidCoulomb(0.2)
 TWO = {"one": FRICTION, "two": jc.WaltonFriction(0.2, 0.1)}
 BODIES = jc.RoundBodies(1.0)
@@ -17,15 +15,13 @@ MEASURED = ("tangential_restitution", "rebound_angle", "rebound_spin")
 STAGES = "FLAG or None or function"
 
 
-def fitted(name, friction, nothing="", absent=""):
+def fitted(name, friction):
     """The cases of a function that takes measured rebounds."""
     given = SPEEDS | {"friction": friction}
-    legal = (
-        f"law: law; contact: contact; NOTHING: velocity tangential_velocity bodies {nothing}; "
-        f"None: {' '.join(MEASURED)} {absent}"
-    )
+    every = {**given, **dict.fromkeys(MEASURED, OUT), "bodies": BODIES}
+    apart = " ".join(f"sigma_{one}" for one in MEASURED)
     return [
-        case(name, legal, **given, **dict.fromkeys(MEASURED, OUT), bodies=BODIES),
+        case(name, "NOTHING: velocity tangential_velocity bodies", apart=apart, **every),
         case(f"{name}, of a shape", "None: bodies", **given, rebound_angle=OUT),
         *(
             case(
@@ -40,36 +36,31 @@ def fitted(name, friction, nothing="", absent=""):
 
 def cases():
     return [
-        case("RigidCoulomb", "POSITIVES or zero: mu"),
-        case("WaltonFriction", "POSITIVES or zero: mu; E or zero or minus one: beta0", beta0=0.4),
-        case("RegularizedCoulomb", "POSITIVES or zero: mu; POSITIVES: v_d", v_d=0.01),
-        case("SpringSlider", "POSITIVES or zero: mu; POSITIVES or None: ratio; NOTHING: form"),
-        case("MawBarberFawcett", "POSITIVES or zero: mu; POSITIVES or None: ratio"),
+        case("RigidCoulomb"),
+        case("WaltonFriction", "E or zero or minus one: beta0", beta0=0.4),
+        case("RegularizedCoulomb", "POSITIVES: v_d", v_d=0.01),
+        case("SpringSlider", "POSITIVES or None: ratio"),
+        case("MawBarberFawcett", "POSITIVES or None: ratio"),
         case(
-            "RoundBodies",
-            "POSITIVES: radius; "
-            "POSITIVES or None: other_radius mass other_mass inertia other_inertia; NOTHING: shape",
-            other_radius=0.1,
+            "RoundBodies", "POSITIVES or None: other_mass inertia other_inertia", other_radius=0.1
         ),
         case(
             "tangential_rebound", "REALS: psi1; EXPONENT: chi; E or zero: alpha", psi1=1.0, chi=1.4
         ),
-        case("oblique_impact", f"{OBLIQUE}; FLAG: throw"),
-        case("oblique_trajectory", f"{OBLIQUE}; WHOLE: samples"),
-        *fitted("fit_oblique", FRICTION, nothing="friction"),
-        *fitted("choose_friction", TWO, absent="friction"),
+        case("oblique_impact", "POSITIVES: velocity"),
+        case("oblique_trajectory", "POSITIVES: velocity"),
+        *fitted("fit_oblique", FRICTION),
+        *fitted("choose_friction", TWO),
         case(
             "choose_friction, stages",
             f"{STAGES}: progress",
             untested="class or law class",
-            **SPEEDS,
-            tangential_restitution=OUT,
-            friction=TWO,
+            **SPEEDS | {"tangential_restitution": OUT, "friction": TWO},
         ),
         case(
             "calibrate_friction",
-            "NOTHING: source shape; INSIDE: restitution; POSITIVES or None: tangential_ratio; "
-            f"POSITIVES: radius; None: friction columns decimal ball sheet; {STAGES}: progress",
+            "INSIDE: restitution; POSITIVES: radius; POSITIVES or None: tangential_ratio; "
+            f"{STAGES}: progress",
             untested="TEXT or class or law class",
             source=TABLE,
             restitution=0.5,

@@ -10,7 +10,7 @@ from tests.test_every_argument.fits import a_fit
 from tests.test_every_argument.kinds import CONTACT, LAW
 
 MEASURED = jc.read_recording(velocity=V, restitution=OUT)
-BOTH = "law: law; contact: contact"
+DESIGN = jc.Design(V, ("e",) * len(V), noncentrality=1.0)
 IMPACTS = {"law": LAW, "velocity": V}
 RECORDED = {"law": LAW, "time": V}
 HOW = {"velocity": V, "e": OUT}
@@ -37,63 +37,36 @@ def _choice():
 def cases():
     choice = _choice()
     return [
-        case(
-            "fit_damping",
-            "contact: contact; NOTHING: velocity e method; FLAG: power; POSITIVE or None: sigma",
-            **HOW,
-        ),
-        case(
-            "fit_energy_loss",
-            f"{COLUMN}: e_in; None: e_out; SEED or None: degree; contact or None: contact; "
-            "NOTHING: method",
-        ),
-        case(
-            "learn_law",
-            f"{COLUMN}: e_in; None: e_out; NOTHING: shape method; contact or None: contact",
-        ),
+        case("fit_damping", "NOTHING: velocity; FLAG: power; POSITIVE or None: sigma", **HOW),
+        case("fit_energy_loss", f"{COLUMN}: e_in; SEED or None: degree"),
+        case("learn_law", f"{COLUMN}: e_in"),
         case(
             "fit_impacts",
-            f"{BOTH}; NOTHING: velocity method; None: e duration; empty list: fixed",
+            "NOTHING: velocity; None: duration",
+            apart="sigma_e sigma_duration sigma_max_force max_force",
             **IMPACTS | {"e": OUT, "duration": OUT},
         ),
-        case("fit_impacts, one column", "POSITIVE or None: sigma_e", **IMPACTS, e=OUT),
-        case(
-            "fit_impacts, the other column",
-            "POSITIVE or None: sigma_duration",
-            **IMPACTS,
-            duration=OUT,
-        ),
-        case(
-            "fit_impacts, peak forces",
-            "POSITIVE or None: sigma_max_force; NOTHING: max_force",
-            **IMPACTS,
-            max_force=OUT,
+        *(
+            case(
+                f"fit_impacts, {name} alone",
+                f"POSITIVE or None: sigma_{name}; NOTHING: {name}",
+                **IMPACTS | {name: OUT},
+            )
+            for name in ("e", "duration", "max_force")
         ),
         case(
             "design",
-            f"contact: contact; NOTHING: sigma method; {SPEEDS}: candidates; WHOLE: readings; "
-            "law: law goal; empty list: fixed",
-            **{
-                "law": LAW,
-                "sigma": {"e": 0.1, "duration": 0.1, "max_force": 0.1},
-                "candidates": V[:3],
-            },
+            f"NOTHING: sigma; {SPEEDS}: candidates; WHOLE: readings; law: goal",
+            law=LAW,
+            sigma=dict.fromkeys(("e", "duration", "max_force"), 0.1),
+            candidates=V[:3],
         ),
-        method(
-            jc.Design(V, ("e",) * len(V), noncentrality=1.0),
-            "readings_for",
-            "POSITIVE: noncentrality",
-        ),
-        case(
-            "fit_bounces",
-            f"{BOTH}; NOTHING: first second kind method; POSITIVE: gravity; None: drag; "
-            "empty list: fixed",
-            **{"law": LAW, "first": V, "second": OUT},
-        ),
+        method(DESIGN, "readings_for", "POSITIVE: noncentrality"),
+        case("fit_bounces", "POSITIVE: gravity", law=LAW, first=V, second=OUT),
         case(
             "fit_record",
-            f"{BOTH}; NOTHING: time force; POSITIVE: velocity; None: indentation low_pass_force; "
-            "POSITIVE or None: sigma_force; REAL or None: start_time; empty list: fixed",
+            "NOTHING: force; POSITIVE: velocity; None: indentation; "
+            "POSITIVE or None: sigma_force; REAL or None: start_time",
             **RECORDED,
             force=OUT,
         ),
@@ -112,48 +85,47 @@ def cases():
         ),
         case(
             "choose_law",
-            "contact: contact; NOTHING: velocity e laws; POSITIVE or None: sigma weights; "
-            "None: groups duration max_force sigma_duration sigma_max_force; FLAG: mark_outliers",
+            "NOTHING: velocity; POSITIVE or None: sigma weights; None: groups duration; "
+            "FLAG: mark_outliers",
             **HOW,
         ),
         case("choose_law, stages", f"{STAGES}: progress", untested=CLASSES, **HOW),
         case(
             "choose_law, contact times",
             "None: duration max_force",
-            **HOW,
-            duration=OUT,
-            max_force=OUT,
+            **HOW | dict.fromkeys(("duration", "max_force"), OUT),
         ),
         case(
             "choose_law, contact times with known noise",
             "POSITIVE: sigma sigma_duration",
             **HOW | {"duration": OUT, "sigma": 0.1, "sigma_duration": 0.1},
         ),
-        *(method(choice, name, "None: kind") for name in ("law", "contact_of")),
-        method(choice, "law_fit", "NOTHING: kind"),
-        method(choice, "curve", f"NOTHING: kind; {SPEEDS}: speeds", kind="constant e", speeds=V),
+        *(method(choice, name) for name in ("law", "contact_of")),
+        method(choice, "law_fit"),
+        method(choice, "curve", f"{SPEEDS}: speeds", kind="constant e", speeds=V),
         case(
             "calibrate",
-            "NOTHING: recording laws; None: drag exponent; POSITIVE or None: mass stiffness; "
-            f"POSITIVE: gravity; {SPEEDS} or POSITIVE or shape (0,) or empty list: at; "
-            f"{STAGES}: progress",
+            f"{SPEEDS} or POSITIVE or shape (0,) or empty list: at; None: exponent; "
+            f"POSITIVE: gravity; POSITIVE or None: mass stiffness; {STAGES}: progress",
             untested=CLASSES,
             recording=MEASURED,
         ),
-        method(blank(jc.Calibration), "save", "NAME: path"),
-        case("load_calibration", "NAME: path"),
+        method(blank(jc.Calibration), "save"),
+        case("load_calibration"),
         case("Drag", "POSITIVE: mass radius coefficient air_density", coefficient=0.5),
         method(jc.Drag(1.0, 1.0, 1.0), "terminal_speed", "POSITIVE: gravity"),
         case("Rational", "WHOLE: degree"),
         case("Spline", "WHOLE: intervals; INSIDE or zero: low"),
         case("Network", "WHOLE: width; SEED: seed"),
         *(method(shape, "law", "E: e", staged=True) for shape in (jc.Rational(), jc.Spline())),
-        case("read_recording", "None: source layout ball columns decimal rate sheet"),
+        case("read_recording"),
         case("read_recording, record", "NOTHING: force rate", force=RECORD, rate=1000.0),
         case(
             "read_recording, track",
             "NOTHING: frame y; WHOLE: rate",
-            **{"frame": list(range(40)), "y": TRACK, "rate": 60.0},
+            frame=[*range(40)],
+            y=TRACK,
+            rate=60.0,
         ),
         case(
             "read_recording, columns", "NOTHING: velocity restitution", velocity=V, restitution=OUT

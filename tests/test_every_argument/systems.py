@@ -3,13 +3,11 @@
 import functools
 
 import jax.numpy as jnp
-import matplotlib.pyplot as plt
 
 import jaxcontact as jc
-from tests.test_every_argument.case import UNSOLVED, Blank, case
+from tests.test_every_argument.case import UNSOLVED, blank, case, drawn, method
 
 FRICTION = jc.RegularizedCoulomb(mu=0.1, v_d=0.01)
-CONTACT = "law: law; POSITIVES: stiffness; EXPONENT: exponent; NOTHING: friction"
 MAYBE_THREE = "THREE or with nan"  # three numbers are checked when the mechanism starts
 
 
@@ -33,6 +31,8 @@ def lagrangian(t, q, v, args):
     return jnp.sum(v**2) / 2
 
 
+SLIDES = "NOTHING: friction; CALLABLE: slip"
+MOVES = {"mass": mass, "force": force}
 ROUGH = {"gap": gap, "stiffness": 1.0, "friction": FRICTION, "slip": slip}
 
 
@@ -53,37 +53,18 @@ def a_run():
     return Solved(states, contacts, end, end, end, end, end, end, states)
 
 
-def _drawn(draw, **given):
-    """A picture of a run that is made when it is needed."""
-    return draw(**({"run": a_run()} | given))
-
-
-def drawn(name, more=""):
-    draw = functools.partial(_drawn, getattr(jc.plot, name))
-    return case(
-        f"plot.{name}", f"NOTHING: run; None: ax; {more}", draw, ax=plt.figure().add_subplot()
-    )
-
-
 def mechanism(name, positive, groups):
-    groups = f"law or None: law; POSITIVES: stiffness; POSITIVE: {positive}; {groups}"
-    return case(f"systems.{name}", groups, law=UNSOLVED)
+    return case(f"systems.{name}", f"POSITIVE: {positive}; {groups}", law=UNSOLVED)
 
 
 @functools.cache
 def cases():
     system = jc.System(mass, force, gap, law=UNSOLVED, stiffness=1.0)
     return [
-        case(
-            "System",
-            f"{CONTACT}; CALLABLE: mass force gap slip; CALLABLE or None: rate",
-            mass=mass,
-            force=force,
-            **ROUGH,
-        ),
+        case("System", f"{SLIDES} mass force; CALLABLE or None: rate", **MOVES, **ROUGH),
         case(
             "System.from_lagrangian",
-            f"{CONTACT}; CALLABLE: lagrangian gap slip; CALLABLE or None: forces",
+            f"{SLIDES} lagrangian; CALLABLE or None: forces",
             lagrangian=lagrangian,
             **ROUGH,
         ),
@@ -95,32 +76,16 @@ def cases():
             "FLAG: throw",
             **{"model": system, "duration": 10.0, "position": [0.0] * 3, "velocity": [0.0] * 3},
         ),
-        case(
-            "SystemRun.at",
-            "REALS but shape (2, 3) or DataFrame: time",
-            functools.partial(jc.SystemRun.at, Blank()),
-            staged=True,
-        ),
-        case("SystemRun.to_csv", "NAME: path", lambda path: a_run().to_csv(path)),
-        *(drawn(name, "TEXT or list of text or None: label") for name in ("gaps", "forces")),
-        drawn("phase", "zero: coordinate; None: units; TEXT or None: label"),
-        case("SystemContacts.to_csv", "NAME: path", lambda path: a_run().contacts.to_csv(path)),
-        case("SystemPhases.to_csv", "NAME: path", jc.SystemPhases(*[jnp.ones(1, bool)] * 4).to_csv),
-        mechanism("double_pendulum", "", "NOTHING: masses lengths angles; REAL: gravity wall"),
-        mechanism(
-            "slider_crank",
-            "clearance inertia bearing",
-            "NOTHING: lengths masses; None: friction; REAL: speed",
-        ),
-        mechanism(
-            "slider_in_guide",
-            "clearance",
-            "NOTHING: lengths half_sizes; None: friction; REAL: gravity; "
-            f"{MAYBE_THREE}: masses inertias speeds",
-        ),
-        mechanism(
-            "bouncing_rod", "mass length radius", "None: friction; REAL: gravity height angle"
-        ),
-        mechanism("shaken_incline", "mass", "NOTHING: shaking; None: friction; REAL: tilt gravity"),
-        mechanism("impact_damper", "clearance", "NOTHING: masses shaking; REAL: spring damping"),
+        method(blank(jc.SystemRun), "at", "REALS but shape (2, 3) or DataFrame: time", staged=True),
+        case("SystemRun.to_csv", "", lambda path: a_run().to_csv(path)),
+        *(drawn(name, a_run, "TEXT or list of text or None: label") for name in ("gaps", "forces")),
+        drawn("phase", a_run, "zero: coordinate"),
+        case("SystemContacts.to_csv", "", lambda path: a_run().contacts.to_csv(path)),
+        case("SystemPhases.to_csv", "", jc.SystemPhases(*[jnp.ones(1, bool)] * 4).to_csv),
+        mechanism("double_pendulum", "", "REAL: gravity wall"),
+        mechanism("slider_crank", "inertia bearing", "REAL: speed"),
+        mechanism("slider_in_guide", "", f"REAL: gravity; {MAYBE_THREE}: masses inertias speeds"),
+        mechanism("bouncing_rod", "mass length radius", "REAL: gravity height angle"),
+        mechanism("shaken_incline", "mass", "REAL: tilt gravity"),
+        mechanism("impact_damper", "", "REAL: spring damping"),
     ]

@@ -16,9 +16,19 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from tests.test_every_argument.case import Reached, reached
+from tests.public_names import members
+from tests.test_every_argument import fits, friction, measured, physics, results, scenes, systems
+from tests.test_every_argument.case import EXEMPT, Reached, is_exempt, reached
 from tests.test_every_argument.kinds import KINDS
-from tests.test_every_argument.table import EXEMPT, cases
+
+
+@functools.cache
+def cases():
+    rooms = (physics, fits, measured, results, scenes, systems, friction)
+    every = [case for room in rooms for case in room.cases()]
+    assert len({case.label for case in every}) == len(every)
+    return {case.label: case for case in every}
+
 
 LABELS = sorted(cases())
 
@@ -30,27 +40,21 @@ def some_readings(model, space, theta, speeds):
     return slopes, np.ones(len(slopes))
 
 
+WORK = """
+    lab.design.best_rows lab.design.Rival lab.oblique.fit_oblique._predicted
+    engines.scenes.export_scene.matched _fit.fit.find _fit.fit.find_all _fit.compare.find
+    _fit.many.fit_many.search_all _fit.uncertainty.bootstrap.refits
+    _fit.uncertainty.interval._held _fit.posterior.posterior.find_mode
+    _fit.posterior.posterior.draw _friction.maw_barber_fawcett._odd_curve
+    _impact.oblique.oblique_trajectory._oblique_trajectory _system.simulate._begin
+"""
+
+
 @pytest.fixture(autouse=True)
 def nothing_is_compiled(monkeypatch, tmp_path, usual_promotion):
     """Searches, bootstraps and profiles count as reached; files go to an empty folder."""
     monkeypatch.chdir(tmp_path)
-    for module, name in [
-        ("lab.design", "best_rows"),
-        ("lab.design", "Rival"),
-        ("lab.oblique.fit_oblique", "_predicted"),
-        ("engines.scenes.export_scene", "matched"),
-        ("_fit.fit", "find"),
-        ("_fit.fit", "find_all"),
-        ("_fit.many.fit_many", "search_all"),
-        ("_fit.compare", "find"),
-        ("_fit.uncertainty.bootstrap", "refits"),
-        ("_fit.uncertainty.interval", "_held"),
-        ("_fit.posterior.posterior", "find_mode"),
-        ("_fit.posterior.posterior", "draw"),
-        ("_friction.maw_barber_fawcett", "_odd_curve"),
-        ("_impact.oblique.oblique_trajectory", "_oblique_trajectory"),
-        ("_system.simulate", "_begin"),
-    ]:
+    for module, name in (place.rsplit(".", 1) for place in WORK.split()):
         monkeypatch.setattr(importlib.import_module(f"jaxcontact.{module}"), name, reached)
     design = importlib.import_module("jaxcontact.lab.design")
     monkeypatch.setattr(design, "_compiled", some_readings)
@@ -133,35 +137,14 @@ def test_every_kind_of_value(label):
     assert not faults, "\n".join(f"{n} <- {k}: {fault}" for (n, k), fault in faults.items())
 
 
+@functools.cache
 def public():
-    """Every public callable with its name: functions, constructors and methods."""
-    for where in (jc, jc.jaxsim, jc.mjx, jc.plot, jc.paper, jc.systems):
-        prefix = "" if where is jc else where.__name__.removeprefix("jaxcontact.") + "."
-        for name in dir(where):
-            # Names of the package are loaded on first use.
-            value = getattr(where, name)
-            if name.startswith("_") or not (inspect.isclass(value) or inspect.isfunction(value)):
-                continue
-            yield prefix + name, value
-            if inspect.isclass(value):
-                for method, function in inspect.getmembers(value, callable):
-                    # Members of object, tuple and Exception are not ours.
-                    ours = getattr(function, "__module__", None) or ""
-                    if not method.startswith("_") and ours.startswith("jaxcontact"):
-                        yield f"{prefix}{name}.{method}", function
-
-
-def arguments(name, function):
-    # Python has no signature of an exception without an initialiser, or of a typed dictionary.
-    if function in (jc.NumericalError, jc.systems.SystemStart):
-        return set()
-    parameters = list(inspect.signature(function).parameters.values())
-    if inspect.isfunction(function) and "." in re.sub(
-        r"^(jaxsim|mjx|plot|paper|systems)\.", "", name
-    ):
-        parameters = parameters[1:]
-    kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    return {p.name for p in parameters if p.kind not in kinds}
+    """Every public callable by name, with its arguments: functions, constructors and methods."""
+    return {
+        name.removeprefix("jaxcontact."): (value, {x for x in given if not x.startswith("*")})
+        for name, value, given in members()
+        if inspect.isclass(value) or inspect.isroutine(value)
+    }
 
 
 def origin(function):
@@ -171,80 +154,51 @@ def origin(function):
 
 def test_every_argument_is_in_the_table():
     """A new public argument must be added to the table, or exempted there with a reason."""
-    functions = dict(public())
     tested = {}
     for label, case in cases().items():
-        name = label.split(",")[0]
-        where = origin(functions.get(name, case.function))
+        where = origin(public().get(label.split(",")[0], (case.function,))[0])
         tested.setdefault(where, set()).update(case.legal)
     missing = [
-        f"{name}({one})"
-        for name, function in functions.items()
-        for one in sorted(arguments(name, function) - tested.get(origin(function), set()))
+        argument
+        for name, (function, given) in public().items()
+        for one in sorted(given - tested.get(origin(function), set()))
+        if not is_exempt(argument := f"{name}({one})")
     ]
-    missing = [one for one in missing if not any(re.fullmatch(p, one) for p in EXEMPT)]
     assert not missing, "\n".join(missing)
 
 
 def test_exemptions_are_needed():
-    names = [f"{name}({one})" for name, f in public() for one in arguments(name, f)]
-    for pattern in EXEMPT:
-        assert any(re.fullmatch(pattern, name) for name in names), pattern
+    names = [f"{name}({one})" for name, (_, given) in public().items() for one in given]
+    for patterns in EXEMPT.values():
+        for pattern in patterns.split():
+            assert any(re.fullmatch(pattern, name) for name in names), pattern
 
 
-def test_the_checks_leave_traced_values_alone():
-    """What is refused by its value as a Python number is flagged as a traced one."""
-    contact = jc.Contact(1.0, 1e6)
-
-    @jax.jit
-    def e_of(e, radius):
-        sphere = jc.Material(1e9, 0.3, 1000.0)
-        made = jc.Contact.sphere_socket(0.1, 0.2, sphere)
-        other = jc.Contact.sphere_plane(radius, sphere)
-        law = jc.HuGuo(e=e)
-        force = law.force(1e-3, 0.0, contact, 1.0)
-        return jc.impact(law, other, 1.0).restitution, made.stiffness, force
-
-    e, stiffness, force = e_of(0.5, 0.1)
-    assert 0 < e < 1 and stiffness > 0 and force > 0
-    assert jax.numpy.isnan(e_of(2.0, 0.1)[0])
-
-
-STEEL = jc.Material(2.1e11, [0.3, 0.3], 7800.0)
-CONTACTS = jc.Contact([1.0, 2.0], 1e6)
-THREE = [0.1, 0.2, 0.3]
+TWO, THREE, STEEL = [0.1, 0.2], [0.1, 0.2, 0.3], jc.Material(2.1e11, [0.3, 0.3], 7800.0)
+LAW, UNIT, CONTACTS = jc.HuGuo(e=0.5), jc.Contact(1.0, 1.0), jc.Contact([1.0, 2.0], 1e6)
+OF_THREE, SPHERES = jc.HuGuo(e=THREE), jc.Contact.sphere_sphere
 MISFITS = {
-    "impact": (lambda: jc.impact(jc.HuGuo(e=0.5), CONTACTS, THREE), "contact velocity"),
-    "force": (
-        lambda: jc.impact(jc.HuGuo(e=THREE), jc.Contact(1.0, 1.0), 1.0, external_force=[1.0, 2.0]),
-        "law external_force",
-    ),
-    "contact": (lambda: jc.impact(jc.HuGuo(e=0.5), jc.Contact([1.0, 2.0], THREE), 1.0), "contact"),
-    "restitution": (lambda: jc.restitution(jc.HuGuo(e=[0.5, 0.6]), None, THREE), "law velocity"),
-    "trajectory": (lambda: jc.trajectory(jc.HuGuo(e=0.5), CONTACTS, THREE), "contact velocity"),
-    "bounce": (lambda: jc.bounce(jc.HuGuo(e=0.5), CONTACTS, 1.0, gravity=THREE), "contact gravity"),
-    "law.force": (
-        lambda: jc.Tsuji(e=0.5).force(THREE, [0.1, 0.2], jc.Contact(1.0, 1.0), 1.0),
-        "indentation velocity",
-    ),
+    "impact": (lambda: jc.impact(LAW, CONTACTS, THREE), "contact velocity"),
+    "force": (lambda: jc.impact(OF_THREE, UNIT, 1.0, external_force=TWO), "law external_force"),
+    "contact": (lambda: jc.impact(LAW, jc.Contact(TWO, THREE), 1.0), "contact"),
+    "restitution": (lambda: jc.restitution(jc.HuGuo(e=TWO), None, THREE), "law velocity"),
+    "trajectory": (lambda: jc.trajectory(LAW, CONTACTS, THREE), "contact velocity"),
+    "bounce": (lambda: jc.bounce(LAW, CONTACTS, 1.0, gravity=THREE), "contact gravity"),
+    "law.force": (lambda: jc.Tsuji(e=0.5).force(THREE, TWO, UNIT, 1.0), "indentation velocity"),
     "sphere_plane": (lambda: jc.Contact.sphere_plane(THREE, STEEL), "radius sphere"),
-    "sphere_sphere": (
-        lambda: jc.Contact.sphere_sphere([0.1, 0.2], THREE, STEEL, STEEL),
-        "radius other_radius",
-    ),
+    "sphere_sphere": (lambda: SPHERES(TWO, THREE, STEEL, STEEL), "radius other_radius"),
     "sphere_socket": (lambda: jc.Contact.sphere_socket(0.1, THREE, STEEL), "socket_radius sphere"),
-    "sphere_mass": (lambda: jc.Material(1.0, 0.3, [1.0, 2.0]).sphere_mass(THREE), "radius density"),
+    "sphere_mass": (lambda: jc.Material(1.0, 0.3, TWO).sphere_mass(THREE), "radius density"),
 }
 
 
 @pytest.mark.parametrize("name", MISFITS)
 def test_shapes_that_do_not_broadcast(name):
     call, named = MISFITS[name]
-    with pytest.raises(
-        ValueError, match=r"must have shapes that broadcast, but have .*\(3,\)"
-    ) as e:
+    with pytest.raises(ValueError, match=r"broadcast, but have .*\(3,\)") as error:
         call()
-    assert all(f"`{one}`" in str(e.value) for one in named.split())
+    assert "must have shapes that broadcast" in str(error.value)
+    assert all(f"`{one}`" in str(error.value) for one in named.split())
 
 
 def test_large_whole_numbers_are_not_wrapped_around():

@@ -82,9 +82,8 @@ def test_a_contact_flashes_at_its_place_and_fades(hopper):
         film._func(k)
         sizes[late] = flashes.get_sizes().sum()
         if sizes[late]:
-            np.testing.assert_allclose(
-                flashes.get_offsets(), hopper.at(1e-3 * k).position, atol=EXACT
-            )
+            place = hopper.at(1e-3 * k).position
+            np.testing.assert_allclose(flashes.get_offsets(), place, atol=EXACT)
     assert contact < 1e-3 and sizes[-0.002] == sizes[0.03] == 0
     assert sizes[0.001] > sizes[0.01] > sizes[0.02] > 0
 

@@ -156,9 +156,8 @@ def test_energy(box):
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("time / s", "energy / J")
     at = np.searchsorted(left.get_xdata(), line.get_xdata(), side="right") - 1
     np.testing.assert_allclose(left.get_ydata()[at], line.get_ydata(), atol=1e2 * EXACT)
-    np.testing.assert_allclose(
-        left.get_ydata()[-1], box.energy[0] - np.sum(box.impacts.energy_loss), atol=1e2 * EXACT
-    )
+    end = box.energy[0] - np.sum(box.impacts.energy_loss)
+    np.testing.assert_allclose(left.get_ydata()[-1], end, atol=1e2 * EXACT)
 
 
 def test_animation(box, tmp_path):

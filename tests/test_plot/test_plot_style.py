@@ -1,9 +1,7 @@
 """The style of plots: colours distinguishable with any vision and in grey, reproducible files."""
 
-import importlib.util
 import inspect
 import itertools
-from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -11,11 +9,10 @@ import pytest
 from matplotlib import pyplot
 
 import jaxcontact as jc
+from docs import plots
 from jaxcontact.lab.plots import _LEFT_OUT
 from jaxcontact.plot._drawing.labels import put_label
 from jaxcontact.plot._drawing.style import BODIES, CURVES, DATA, use_curves
-
-DOCS = Path(__file__).parents[2] / "docs"
 
 DEUTERANOPIA = np.array(
     [
@@ -117,22 +114,11 @@ def test_a_file_is_the_same_each_time(tmp_path):
     assert b"/Type3" not in pdf and b"/CIDFontType2" in pdf and b"/Subtype /Image" not in pdf
 
 
-@pytest.fixture(scope="module")
-def plots():
-    spec = importlib.util.spec_from_file_location("docs_plots", DOCS / "plots.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_the_page_shows_every_plot(plots):
-    names = [
-        name
-        for name, value in vars(jc.plot).items()
-        if inspect.isfunction(value) and not name.startswith("_")
-    ]
+def test_the_page_shows_every_plot():
+    functions = inspect.getmembers(jc.plot, inspect.isfunction)
+    names = [name for name, _ in functions if not name.startswith("_")]
     assert {"law", "impact", "fit", "save"} <= set(names)
-    page = (DOCS / "plots.md").read_text(encoding="utf-8")
+    page = (plots.HERE / "plots.md").read_text(encoding="utf-8")
     assert page == plots.page(), "run python docs/plots.py"
     for name in names:
         assert f"jc.plot.{name}(" in page, name

@@ -11,6 +11,7 @@ import numpy as np
 import jaxcontact as jc
 from jaxcontact._sweep.planning.axes import grid_of
 from jaxcontact._sweep.planning.plan import plan_of
+from jaxcontact._sweep.store import BlockStore
 
 
 def contact():
@@ -116,6 +117,18 @@ def same_but_for_a_constant():
 def digests():
     """Of all these functions, by name."""
     return {name: digest_of(function) for name, function in same_but_for_a_constant().items()}
+
+
+def written_blocks(patch=setattr):
+    """The numbers of the blocks that this process writes to stores from now on."""
+    numbers, write = [], BlockStore.write
+
+    def counted(store, number, arrays):
+        numbers.append(number)
+        write(store, number, arrays)
+
+    patch(BlockStore, "write", counted)
+    return numbers
 
 
 def arrays_of(table):

@@ -2,6 +2,7 @@
 
 import functools
 import math
+from collections import Counter
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 import jaxcontact as jc
 from jaxcontact._sweep.planning.axes import grid_of
-from jaxcontact._sweep.planning.blocks import blocks_of, divide, pad, places_of
+from jaxcontact._sweep.planning.blocks import blocks_of, divide, places_of
 from jaxcontact._sweep.planning.plan import plan_of
 
 SAME = 2e-15  # blocks of another length are vectorised otherwise: measured 4e-16
@@ -58,30 +59,26 @@ def test_long_axes_have_blocks_of_one_shape():
     assert divide((41, 1000), 40_000) == (21, 1000)
 
 
-def test_padding_repeats_the_last():
-    np.testing.assert_array_equal(pad(np.arange(5), slice(3, 5), 4), [3, 4, 4, 4])
-
-
-@pytest.mark.parametrize("cost", [None, lambda e: 1 / e], ids=["in order", "by cost"])
-@pytest.mark.parametrize("most", [1000, 64])
-def test_samples_in_blocks(at_once, most, cost):
-    table = jc.sweep(summary, samples=SAMPLES, batch_size=most, cost=cost)
-    assert table.shape == (LANES,) and table.dims == ("sample",)
-    close(table, at_once)
-
-
 @pytest.fixture(scope="module")
 def grid():
     return jc.sweep(summary, **GRID)
 
 
+COSTS = None, lambda K: K, lambda e, v: e * v, lambda v, e: e
+
+
 @pytest.mark.parametrize(
-    ("most", "cost"),
-    [(1, None), (5, None), (12, None)]
-    + [(7, cost) for cost in (lambda K: K, lambda e, v: e * v, lambda v, e: e)],
+    ("axes", "most", "cost"),
+    [({"samples": SAMPLES}, most, cost) for most in (1000, 64) for cost in (None, lambda e: 1 / e)]
+    + [(GRID, most, None) for most in (1, 5, 12)]
+    + [(GRID, 7, cost) for cost in COSTS],
 )
-def test_grids_in_blocks(grid, most, cost):
-    close(jc.sweep(summary, **GRID, batch_size=most, cost=cost), grid)
+def test_lanes_in_blocks(at_once, grid, axes, most, cost):
+    table, expected = jc.sweep(summary, **axes, batch_size=most, cost=cost), grid
+    if axes is not GRID:
+        assert table.shape == (LANES,) and table.dims == ("sample",)
+        expected = at_once
+    close(table, expected)
 
 
 def test_samples_are_lanes(at_once):
@@ -119,10 +116,8 @@ def test_ordered_blocks_hold_neighbours_in_cost():
     n = RNG.permutation(40).astype(float)
     grid = grid_of({"n": n}, {})
     plan = plan_of(lambda n: 2 * n, grid)
-    found = [
-        np.sort(block.arguments()[0])
-        for block in blocks_of(plan.groups, grid, 16, lambda group: np.argsort(-n))
-    ]
+    blocks = blocks_of(plan.groups, grid, 16, lambda group: np.argsort(-n))
+    found = [np.sort(block.arguments()[0]) for block in blocks]
     # The last block is padded with its last lane.
     np.testing.assert_array_equal(found[0], np.arange(26, 40))
     np.testing.assert_array_equal(found[1], np.arange(12, 26))
@@ -150,14 +145,13 @@ def test_a_fold_sees_every_lane_once(at_once):
 def test_a_fold_over_a_grid_knows_the_status():
     def fold(counts, block):
         assert block.shape == block.status.shape
-        found = dict(zip(*np.unique(block.status, return_counts=True), strict=True))
-        return {kind: counts.get(kind, 0) + found.get(kind, 0) for kind in {*counts, *found}}
+        return counts + Counter(block.status.ravel().tolist())
 
     def alone(e, v):
         return jc.restitution(jc.HuGuo(e=e), jc.Contact(1.0, 1e8), v)
 
     axes = {"e": [0.3, 0.7, 1.2], "v": [0.5, 2.0, -1.0, 4.0]}
-    counts = jc.sweep(alone, **axes, batch_size=4, reduce=({}, fold)).value
+    counts = jc.sweep(alone, **axes, batch_size=4, reduce=(Counter(), fold)).value
     assert counts == jc.sweep(alone, **axes).status_counts() == {0: 6, 3: 6}
 
 

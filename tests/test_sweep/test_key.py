@@ -1,5 +1,7 @@
 """Equality of functions: by the program that JAX traces, in every process."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -56,27 +58,23 @@ def test_the_kind_of_random_numbers_counts():
     assert other != usual == swept()
 
 
+@dataclasses.dataclass(eq=False)
 class Times:
     """Its text does not tell the factor."""
 
-    def __init__(self, factor):
-        self.factor = factor
+    factor: float = dataclasses.field(repr=False)
 
     def __call__(self, x):
         return self.factor * x
 
-    def __repr__(self):
-        return "Times()"
-
 
 @pytest.mark.parametrize("inside", [False, True], ids=["plain", "in a loop"])
-@pytest.mark.parametrize("kind", [Times, lambda factor: lambda x: factor * x], ids=["object", "λ"])
-def test_what_calls_back_to_python_is_compiled_each_time(kind, inside):
+def test_what_calls_back_to_python_is_compiled_each_time(inside):
     """The text of a program has the name of the Python function only."""
 
     def swept(factor):
         def call(x):
-            return jax.pure_callback(kind(factor), jax.ShapeDtypeStruct((), x.dtype), x)
+            return jax.pure_callback(Times(factor), jax.ShapeDtypeStruct((), x.dtype), x)
 
         def function(e):
             return jax.lax.fori_loop(0, 2, lambda _, x: call(x), e) if inside else call(e)

@@ -8,20 +8,15 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._sweep.planning import plan as _plan
 from jaxcontact._sweep.planning.axes import grid_of
-
-CONTACT = jc.Contact(1.0, 1e8)
-
-
-def summary(e, v):
-    return jc.impact(jc.HuGuo(e=e), CONTACT, v)
+from tests.test_sweep.lanes import outcome
 
 
 def test_a_sweep_off_a_terminal_says_nothing(capsys):
-    jc.sweep(summary, e=[0.3, 0.6], v=[1.0])
+    jc.sweep(outcome, e=[0.3, 0.6], v=[1.0])
     assert capsys.readouterr() == ("", "")
 
 
-def interrupted(after, function=summary, **more):
+def interrupted(after, function=outcome, **more):
     def listen(done, total):
         if done >= after:
             raise KeyboardInterrupt
@@ -33,7 +28,7 @@ AXES = {"e": np.linspace(0.1, 1, 10), "v": np.array([1.0, 2.0, -1.0, 4.0, 5.0])}
 
 
 def test_an_interrupt_leaves_what_is_done():
-    whole = jc.sweep(summary, **AXES, batch_size=10)
+    whole = jc.sweep(outcome, **AXES, batch_size=10)
     with pytest.warns(UserWarning, match=r"interrupted with 50 % of its work done"):
         table = interrupted(21, **AXES)
     assert not table.complete and whole.complete
@@ -73,7 +68,7 @@ def test_an_interrupt_before_anything_is_done_is_passed_on():
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        jc.sweep(summary, **AXES, reduce=(0, fold))
+        jc.sweep(outcome, **AXES, reduce=(0, fold))
 
 
 def whole_numbers(e, v):
@@ -143,7 +138,7 @@ def test_another_sweep_of_a_function_compiles_nothing(compiled):
 
 
 def test_a_solve_that_fields_share_is_compiled_once():
-    plan = _plan.plan_of(summary, grid_of(None, {"e": [0.1, 0.2], "v": [1.0, 2.0]}))
+    plan = _plan.plan_of(outcome, grid_of(None, {"e": [0.1, 0.2], "v": [1.0, 2.0]}))
     assert [group.flags for group in plan.groups] == [True, False]
 
 
@@ -155,4 +150,4 @@ def test_later_blocks_have_the_precision_of_the_caller():
         restitution = lambda e: jc.restitution(jc.HuGuo(e=e), contact, 1.0)  # noqa: E731
         found = jc.sweep(restitution, e=few, batch_size=10, progress=False).value
     assert found.dtype == np.float32
-    np.testing.assert_allclose(found, jc.restitution(jc.HuGuo(e=few), CONTACT, 1.0), rtol=1e-5)
+    np.testing.assert_allclose(found, jc.restitution(jc.HuGuo(e=few)), rtol=1e-5)

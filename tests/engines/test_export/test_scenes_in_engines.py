@@ -8,21 +8,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from benchmarks.engines.scene_agreement import (
-    CASES,
-    HARDER,
-    OBLIQUE,
-    RUBBER,
-    TIMES,
-    TOLERANCE,
-    agreement,
-    in_a_box,
-    of_a_constant,
-    of_a_robot,
-    of_simulate,
-    of_soft_friction,
-    rebound,
-)
+from benchmarks.engines import scene_agreement as study
+from benchmarks.engines.scene_agreement import RUBBER, TIMES, TOLERANCE
 from tests.engines.test_export.run import needed, run_scene
 from tests.oracle.stored import stored
 
@@ -36,8 +23,8 @@ SPEED, PLACE = 1e-2, 2e-3
 @stored()
 def own_run(make, words, numbers):
     """What is compared of the run of `simulate`: the scene by its name, its words and numbers."""
-    engine, function = next(case for case in CASES if case[1].__name__ == make)
-    return of_simulate(engine, function)[0]
+    engine, function = next(case for case in study.CASES if case[1].__name__ == make)
+    return study.of_simulate(engine, function)[0]
 
 
 @pytest.mark.slow(
@@ -45,12 +32,12 @@ def own_run(make, words, numbers):
     "drake-rubs_in_drake",
     reason="a minute of Drake's small steps; two scenes and the oblique impacts below are in Drake",
 )
-@pytest.mark.parametrize(("engine", "make"), CASES)
+@pytest.mark.parametrize(("engine", "make"), study.CASES)
 def test_the_engine_moves_as_simulate_says(engine, make, tmp_path):
     needed(engine)
     scene = make()
     numbers = [np.ravel(leaf) for leaf in jax.tree.leaves(scene)]
-    found = agreement(engine, make, tmp_path, own_run(make.__name__, repr(scene), numbers))
+    found = study.agreement(engine, make, tmp_path, own_run(make.__name__, repr(scene), numbers))
     assert found["expected_error"] <= TOLERANCE * (1 + 1e-6)
     assert found["impacts"] > 0
     assert found["velocity"] < SPEED and found["place"] < PLACE
@@ -64,7 +51,7 @@ def test_the_engine_moves_as_simulate_says(engine, make, tmp_path):
 def test_lammps_gives_the_same_on_two_ranks(tmp_path):
     needed("lammps")
     # Two ranks on shared cores wait for each other, so that few steps are taken.
-    made = jc.export_scene(in_a_box(), "lammps", TIMES[-1], tolerance=0.1)
+    made = jc.export_scene(study.in_a_box(), "lammps", TIMES[-1], tolerance=0.1)
     (tmp_path / "two").mkdir()
     (tmp_path / "one").mkdir()
     one, two = run_scene(made, tmp_path / "one"), run_scene(made, tmp_path / "two", ranks=2)
@@ -74,7 +61,7 @@ def test_lammps_gives_the_same_on_two_ranks(tmp_path):
 
 def test_mujoco_misses_a_tolerance_as_stated(tmp_path):
     needed("mujoco")
-    made, errors = of_a_robot(tmp_path)
+    made, errors = study.of_a_robot(tmp_path)
     assert not made.keeps_tolerance
     # The stated error is that of the worst position of the touch within a step.
     assert 0.5 * made.expected_error < np.abs(errors).max() < 1.02 * made.expected_error
@@ -83,7 +70,7 @@ def test_mujoco_misses_a_tolerance_as_stated(tmp_path):
 def test_drake_misses_a_law_as_stated(tmp_path):
     """Its e falls with speed, where that of the law is constant."""
     needed("drake")
-    made, errors = of_a_constant(tmp_path)
+    made, errors = study.of_a_constant(tmp_path)
     assert not made.keeps_tolerance
     # Too large at the smallest speed, too small at the largest: the least that both can have.
     assert errors[0] > 0 > errors[1]
@@ -113,10 +100,10 @@ REBOUND = 1e-2
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "drake", "lammps"])
-@pytest.mark.parametrize("name", OBLIQUE)
+@pytest.mark.parametrize("name", study.OBLIQUE)
 def test_rigid_coulomb_slides_or_sticks_as_in_simulate(engine, name, tmp_path):
     needed(engine)
-    found = rebound(engine, name, tmp_path, HARDER)
+    found = study.rebound(engine, name, tmp_path, study.HARDER)
     # Measured 0.002 along the normal, 0.0023 across it and 0.0057 in the spin.
     assert max(found["normal"], found["slip"], found["spin"]) < REBOUND
     if "stick" in name:
@@ -126,4 +113,4 @@ def test_rigid_coulomb_slides_or_sticks_as_in_simulate(engine, name, tmp_path):
 def test_mujocos_soft_friction_is_not_enough(tmp_path):
     """Without `noslip` the friction pushes along the normal, too."""
     needed("mujoco")
-    assert of_soft_friction(tmp_path) < -0.5
+    assert study.of_soft_friction(tmp_path) < -0.5

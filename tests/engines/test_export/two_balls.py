@@ -14,7 +14,6 @@ LAW, STIFFNESS, GRAVITY = jc.HuGuo(e=0.7), 1e8, 9.81
 TIMES = np.linspace(0, 0.1, 3)
 # Closing speeds are given, so that no run is needed to find them.
 SPEEDS = 0.1, 1.0
-STEEL = jc.Material(2e11, 0.3, 7800.0)
 FRICTION = jc.SpringSlider(0.5, ratio=0.8)
 BY_PAIR = {("ball", "the table"): jc.RigidCoulomb(0.1), "default": jc.RigidCoulomb(0.4)}
 

@@ -9,7 +9,11 @@ import numpy as np
 import jaxcontact as jc
 from tests.test_impact.support import both_jacobians
 
+HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
+LINEAR = jc.Contact(mass=0.5, stiffness=1e5, exponent=1)
 GRAVITY, STEP = 9.81, 1e-3
+
+ERROR = 0.01  # of e, which the time step is chosen for
 
 DIFFERENCES = 1e-4  # of derivatives from central differences, over the height: 5e-9 measured
 CONVERGED = 0.01
@@ -29,11 +33,27 @@ def after(acting, engine, data, steps):
     return end(data)
 
 
-def require_derivatives(moved, fall):
-    """Check the height of a ball of 0.5 kg that falls at 1 m/s from a height, by e and stiffness.
+# Below `moved(law, contact, step, height, speed)` returns the height and the vertical velocity of a
+# ball of 0.5 kg at the end of a fall at a speed.
 
-    `moved(law, contact, step, height, speed)` returns height and vertical velocity at the end.
-    """
+
+def require_restitution(moved, laws):
+    """Check the e of laws at the step that `time_step` states, at speeds and parts of a step."""
+    lanes = [(law, v, phase) for law in laws for v in (0.5, 1.0, 3.0) for phase in (0.1, 0.6)]
+    steps = [jc.mjx.time_step(law, HERTZ, v, error=ERROR) for law, v, _ in lanes]
+    every = jax.tree.map(lambda *x: jnp.stack(x), *[law for law, *_ in lanes])
+    v, phase = (jnp.array([lane[k] for lane in lanes]) for k in (1, 2))
+
+    def e_of(law, step, v, phase):
+        return moved(law, HERTZ, step, phase * v * step, v)[1] / v
+
+    e = jax.jit(jax.vmap(e_of))(every, jnp.array(steps), v, phase)
+    expected = [jc.restitution(law, HERTZ, v) for law, v, _ in lanes]
+    np.testing.assert_allclose(e, jnp.array(expected), rtol=ERROR)
+
+
+def require_derivatives(moved, fall):
+    """Check the height after a fall at 1 m/s from a height, by e and stiffness."""
 
     def law_and_contact(x):
         return jc.HuGuo(e=0.8 * (1 + x[0])), jc.Contact(0.5, 1e6 * (1 + x[1]))

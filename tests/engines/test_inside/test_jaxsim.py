@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
-from tests.engines.test_inside.rebound import GRAVITY, after, require_derivatives
+from tests.engines.test_inside import rebound
+from tests.engines.test_inside.rebound import ERROR, GRAVITY, HERTZ, LINEAR, after
 
 pytestmark = pytest.mark.engines
 
@@ -22,10 +23,7 @@ BALL = """
     <geometry><sphere><radius>0.05</radius></sphere></geometry></collision>
 </link></model></sdf>
 """
-HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
-SPEEDS = (0.5, 1.0, 3.0)
 
-ERROR = 0.01  # of e, which the time step is chosen for
 TURNED = 1e-3
 """Of height, velocity and turning after an impact: 4e-4 measured, and half with half the step."""
 
@@ -57,42 +55,25 @@ def at_height(model, height, velocity):
     )
 
 
-def moved(model, law, contact, step, height, velocity, steps):
-    """Height and vertical velocity (steps,) of a ball that falls at this speed."""
-    acting = jc.jaxsim.contact_force(law, contact, model)
-    engine = dataclasses.replace(acting.model, time_step=step)
+def ends(gravity, steps):
+    """What `rebound` asks of a fall."""
+    model = made(BALL, points=[49], gravity=gravity)
 
-    def advance(state, _):
-        data, carry = acting.step(engine, *state)
-        return (data, carry), (data.base_position[2] - 0.05, data.base_velocity[2])
+    def end(law, contact, step, height, velocity):
+        acting = jc.jaxsim.contact_force(law, contact, model)
+        engine = dataclasses.replace(acting.model, time_step=step)
+        data = after(acting, engine, at_height(engine, height, velocity), steps)
+        return data.base_position[2] - 0.05, data.base_velocity[2]
 
-    data = at_height(engine, height, velocity)
-    return jax.lax.scan(advance, (data, acting.init(engine, data)), length=steps)[1]
+    return end
 
 
 def test_a_ball_has_the_restitution_of_its_law():
-    model = made(BALL, points=[49], gravity=0.0)
-
-    @jax.jit
-    @jax.vmap
-    def rebound(law, step, velocity, phase):
-        speeds = moved(model, law, HERTZ, step, phase * velocity * step, velocity, 40)[1]
-        return speeds[-1] / velocity
-
-    lanes = [(e, v, phase) for e in (0.8, 0.5) for v in SPEEDS for phase in (0.1, 0.6)]
-    steps = [jc.jaxsim.time_step(jc.ExactRestitution(e=e), HERTZ, v) for e, v, _ in lanes]
-    e, v, phase = map(jnp.array, zip(*lanes, strict=True))
-    got = rebound(jc.ExactRestitution(e=e), jnp.array(steps), v, phase)
-    np.testing.assert_allclose(got, e, rtol=ERROR)
+    rebound.require_restitution(ends(0.0, 40), [jc.ExactRestitution(e=e) for e in (0.8, 0.5)])
 
 
 def test_derivatives_of_the_rebound_height():
-    model = made(BALL, points=[49], gravity=GRAVITY)
-
-    def end(*given):
-        return [x[-1] for x in moved(model, *given, 120)]
-
-    require_derivatives(end, 0.05)
+    rebound.require_derivatives(ends(GRAVITY, 120), 0.05)
 
 
 def test_a_body_that_turns_about_a_point_off_its_centre():
@@ -118,27 +99,18 @@ def test_a_body_that_turns_about_a_point_off_its_centre():
     assert end.velocity_representation is jaxsim.VelRepr.Body
     end = dataclasses.replace(end, velocity_representation=jaxsim.VelRepr.Mixed)
 
+    alpha, v0 = float(law.damping_factor(HERTZ, 1.0)), [1e-9]
+
     # Height, angle and their rates; the point is 0.05 below the centre, turned by the angle.
-    def closing(y):
-        return -y[2] - 0.05 * np.sin(y[1]) * y[3]
-
-    alpha = float(law.damping_factor(HERTZ, 1.0))
-
-    def touches(t, y, v0=None):
-        return y[0] - 0.05 * np.cos(y[1])
-
-    touches.terminal = True
-
-    def moves(t, y, v0=None):
-        depth = max(-touches(t, y), 0)
-        push = 0 if v0 is None else 1e6 * depth**1.5 * max(1 + alpha * closing(y) / v0, 0)
+    def moves(t, y):
+        depth = max(0.05 * np.cos(y[1]) - y[0], 0)
+        closing = -y[2] - 0.05 * np.sin(y[1]) * y[3]
+        v0[0] = max(v0[0], closing if depth else 0)
+        push = 1e6 * depth**1.5 * max(1 + alpha * closing / v0[0], 0)
         return [y[2], y[3], push / 0.5, push * 0.05 * np.sin(y[1]) / 5e-4]
 
-    exact = {"rtol": 1e-10, "atol": 1e-13, "method": "DOP853"}
-    first = solve_ivp(moves, (0, 0.015), [height, tilt, -fall, turning], events=touches, **exact)
-    begin = first.y[:, -1]
-    v0 = closing(begin)
-    last = solve_ivp(moves, (first.t[-1], 0.015), begin, args=(v0,), max_step=1e-5, **exact)
+    exact = {"rtol": 1e-10, "atol": 1e-13, "method": "DOP853", "max_step": 1e-5}
+    last = solve_ivp(moves, (0, 0.015), [height, tilt, -fall, turning], **exact)
     found = [end.base_position[2], end.base_velocity[2], end.base_velocity[4]]
     np.testing.assert_allclose(found, last.y[[0, 2, 3], -1], rtol=TURNED)
 
@@ -200,10 +172,8 @@ def test_the_effective_mass_of_an_arm_beside_one_of_jaxsim():
         text, points=[49, 99], gravity=0.0, terrain=FlatTerrain.build(-0.05),
         contact_params=SoftContactsParams.build(K=1e6, D=1e3, mu=0.0),
     )  # fmt: skip
-    linear = jc.Contact(mass=0.5, stiffness=1e5, exponent=1)
-    acting = jc.jaxsim.contact_force(
-        jc.KelvinVoigt(e=0.5), linear, model, links=["ours"], substeps=8
-    )
+    law = jc.KelvinVoigt(e=0.5)
+    acting = jc.jaxsim.contact_force(law, LINEAR, model, links=["ours"], substeps=8)
     assert acting.points == ("ours",)
     engine = dataclasses.replace(acting.model, time_step=1e-3)
     # Tip speeds of 1 m/s, 1 mm above the floor.

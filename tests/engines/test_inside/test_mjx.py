@@ -1,12 +1,12 @@
 """Balls in MJX with the contacts of this package: e, derivatives, several bodies, refusals."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxcontact as jc
-from tests.engines.test_inside.rebound import GRAVITY, after, require_derivatives
+from tests.engines.test_inside import rebound
+from tests.engines.test_inside.rebound import ERROR, GRAVITY, HERTZ, LINEAR, after
 
 pytestmark = [pytest.mark.engines, pytest.mark.usefixtures("usual_promotion")]
 
@@ -27,11 +27,6 @@ OTHER = """
 <body pos="{x} 0 {z}"><freejoint/>
   <geom name="other" type="{kind}" size=".05 .05 .05" mass="1"/></body>
 """
-HERTZ = jc.Contact(mass=0.5, stiffness=1e6)
-LINEAR = jc.Contact(mass=0.5, stiffness=1e5, exponent=1)
-SPEEDS = (0.5, 1.0, 3.0)
-
-ERROR = 0.01  # of e, which the time step is chosen for
 REST = 1e-6  # in m, of the depth at rest: 5e-9 measured
 
 
@@ -41,69 +36,49 @@ def made(gravity=0.0, more=""):
     return mujoco.MjModel.from_xml_string(BALL.format(gravity=gravity, more=more))
 
 
-def moved(model, law, contact, step, height, velocity, steps, **options):
-    """Positions and velocities (steps, n) of bodies of which the first falls at this speed."""
+def moved(model, law, contact, step, height, velocity, *, steps, **options):
+    """The state after the fall of the first body at a speed."""
     from mujoco import mjx
 
     acting = jc.mjx.contact_force(law, contact, model, **options)
     engine = acting.model.tree_replace({"opt.timestep": step})
     data = mjx.make_data(acting.model)
     data = data.replace(qpos=data.qpos.at[2].add(height), qvel=data.qvel.at[2].set(-velocity))
+    return after(acting, engine, data, steps)
 
-    def advance(state, _):
-        data, carry = acting.step(engine, *state)
-        return (data, carry), (data.qpos, data.qvel)
 
-    return jax.lax.scan(advance, (data, acting.init(engine, data)), length=steps)[1]
+def ends(gravity, steps):
+    """What `rebound` asks of a fall."""
+    model = made(gravity)
+
+    def end(*given):
+        data = moved(model, *given, steps=steps)
+        return data.qpos[2] - 0.05, data.qvel[2]
+
+    return end
 
 
 @pytest.mark.parametrize(
-    ("laws", "contact"),
-    [
-        (jc.HuGuo(e=jnp.array([0.8, 0.5])), HERTZ),
-        (jc.ConstantDamping(c=jnp.array([1e5, 4e5])), HERTZ),
-    ],
-    ids=["hu_guo", "constant_damping"],
+    ("law", "numbers"), [(jc.HuGuo, {"e": (0.8, 0.5)}), (jc.ConstantDamping, {"c": (1e5, 4e5)})]
 )
-def test_a_ball_has_the_restitution_of_its_law(laws, contact):
-    model = made()
-
-    @jax.jit
-    @jax.vmap
-    def rebound(law, step, velocity, phase):
-        speeds = moved(model, law, contact, step, phase * velocity * step, velocity, 40)[1]
-        return speeds[-1, 2] / velocity
-
-    each = [jax.tree.map(lambda x, k=k: x[k], laws) for k in (0, 1)]
-    lanes = [(law, v, phase) for law in each for v in SPEEDS for phase in (0.1, 0.6)]
-    steps = [jc.mjx.time_step(law, contact, v, error=ERROR) for law, v, _ in lanes]
-    stacked = jax.tree.map(lambda *x: jnp.stack(x), *[law for law, _, _ in lanes])
-    v, phase = (jnp.array([lane[k] for lane in lanes]) for k in (1, 2))
-    expected = [jc.restitution(law, contact, speed) for law, speed, _ in lanes]
-    e = rebound(stacked, jnp.array(steps), v, phase)
-    np.testing.assert_allclose(e, jnp.array(expected), rtol=ERROR)
+def test_a_ball_has_the_restitution_of_its_law(law, numbers):
+    ((name, values),) = numbers.items()
+    rebound.require_restitution(ends(0.0, 40), [law(**{name: x}) for x in values])
 
 
 def test_derivatives_of_the_rebound_height():
-    model = made(gravity=-GRAVITY)
-
-    def end(law, contact, step, height, velocity):
-        q, v = moved(model, law, contact, step, height, velocity, 200)
-        return q[-1, 2] - 0.05, v[-1, 2]
-
-    require_derivatives(end, 0.1)
+    rebound.require_derivatives(ends(-GRAVITY, 200), 0.1)
 
 
 def test_mujoco_keeps_the_other_geoms():
     model = made(gravity=-9.81, more=OTHER.format(kind="box", x=1, z=0.05))
     acting = jc.mjx.contact_force(jc.HuGuo(e=0.3), HERTZ, model, geoms=["ball"])
     assert acting.pairs == (("floor", "ball"), ("ball", "other"))
-    q, _ = jax.jit(
-        lambda: moved(model, jc.HuGuo(e=0.3), HERTZ, 1e-3, 0.01, 0.0, 1200, geoms=["ball"])
-    )()
+    law = jc.HuGuo(e=0.3)
+    q = moved(model, law, HERTZ, 1e-3, 0.01, 0.0, steps=1200, geoms=["ball"]).qpos
     # The ball comes to rest at the depth of its weight; the box stays.
-    np.testing.assert_allclose(q[-1, 2], 0.05 - (0.5 * 9.81 / 1e6) ** (2 / 3), atol=REST)
-    np.testing.assert_allclose(q[-1, 9], 0.05, atol=1e-3)
+    np.testing.assert_allclose(q[2], 0.05 - (0.5 * 9.81 / 1e6) ** (2 / 3), atol=REST)
+    np.testing.assert_allclose(q[9], 0.05, atol=1e-3)
 
 
 ARM = """
