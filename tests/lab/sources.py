@@ -41,14 +41,11 @@ def open_document(rows):
     name = "urn:oasis:names:tc:opendocument:xmlns"
 
     def cell(value):
-        if isinstance(value, str):
-            return (
-                f'<table:table-cell office:value-type="string"><text:p>{value}</text:p>'
-                "</table:table-cell>"
-            )
+        is_text = isinstance(value, str)
+        what = "string" if is_text else f'float" office:value="{value}'
         return (
-            f'<table:table-cell office:value-type="float" office:value="{value}"><text:p>'
-            f"{german(value)}</text:p></table:table-cell>"
+            f'<table:table-cell office:value-type="{what}"><text:p>'
+            f"{value if is_text else german(value)}</text:p></table:table-cell>"
         )
 
     body = "".join(f"<table:table-row>{''.join(map(cell, row))}</table:table-row>" for row in rows)
@@ -89,16 +86,18 @@ class Frame:
         return self._columns[name]
 
 
-def opened(text, name="f.csv"):
-    """An open text file."""
-    stream = io.StringIO(text)
+def opened(content, name="f.csv"):
+    """An open file of text, which calls itself f.csv, or of bytes."""
+    if isinstance(content, bytes):
+        return io.BytesIO(content)
+    stream = io.StringIO(content)
     stream.name = name
     return stream
 
 
-def read(text, **how):
-    """The recording in the text of a CSV file that calls itself f.csv."""
-    return read_recording(opened(text), **how)
+def read(content, **how):
+    """The recording in such a file."""
+    return read_recording(opened(content), **how)
 
 
 def value(text):
@@ -137,6 +136,7 @@ SOURCES = {
 
 
 def refused(words, *source, **how):
-    """Assert that a recording is refused with these words."""
+    """Assert that a recording, or the file with this text, is refused with these words."""
+    source = [opened(one) if isinstance(one, str | bytes) else one for one in source]
     with pytest.raises(jc.RecordingError, match=words):
         jc.read_recording(*source, **how)

@@ -35,7 +35,7 @@ TABLE = re.compile(
 )
 
 
-@pytest.mark.slow(reason="fits three friction laws; tests/lab/test_cli/test_friction.py is quicker")
+@pytest.mark.slow(reason="fits three friction laws; test_calibration/test_oblique.py is quicker")
 def test_the_command_prints_what_the_page_shows(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     found = list(TABLE.finditer((DOCS / "commands.md").read_text(encoding="utf-8")))

@@ -1,10 +1,15 @@
-"""The progress bar: silent for a second, on stderr only, and the user's own function."""
+"""The progress bar: silent for a second, on stderr only, and the user's own function.
+
+Tables, words and units of labels.
+"""
 
 import contextlib
+import dataclasses
 import inspect
 import io
 import sys
 import time
+import types
 
 import numpy as np
 import pytest
@@ -13,6 +18,8 @@ import jaxcontact as jc
 from jaxcontact._scene.engine import pieces
 from jaxcontact._text import progress as _progress
 from jaxcontact._text.progress import Stages, in_notebook, progress_of, stages_of
+from jaxcontact._text.units import label, meaning, quantity
+from jaxcontact._text.words import text_table, wrapped
 
 
 class Terminal(io.StringIO):
@@ -85,15 +92,9 @@ def test_who_is_told(capsys):
 def test_notebooks(monkeypatch):
     assert not in_notebook()
 
-    class Shell:
-        kernel = object()
-
-    class IPython:
-        @staticmethod
-        def get_ipython():
-            return Shell()
-
-    monkeypatch.setitem(sys.modules, "IPython", IPython)
+    shell = types.SimpleNamespace(kernel=object())
+    python = types.SimpleNamespace(get_ipython=lambda: shell)
+    monkeypatch.setitem(sys.modules, "IPython", python)
     assert in_notebook()
     # Without ipywidgets it is a line of text, without a warning, which would be an error here.
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
@@ -141,14 +142,6 @@ def test_runs_of_scenes(monkeypatch):
     assert used == ["_quickly"] + ["_quickly", "_swiftly", "_swiftly"] * 2
 
 
-def test_stages():
-    err = io.StringIO()
-    with contextlib.redirect_stderr(err):
-        Stages()("drawing")
-        Stages(quiet=True)("writing")
-    assert err.getvalue() == "[  0.0 s] drawing ...\n"
-
-
 @pytest.mark.parametrize(
     ("wanted", "seconds", "stream", "shown"),
     [
@@ -164,9 +157,62 @@ def test_stages_are_shown_after_a_second(monkeypatch, wanted, seconds, stream, s
         stages = stages_of(wanted)
         monkeypatch.setattr(stages, "_start", time.monotonic() - seconds)
         stages("fitting")
-    assert bool(stream.getvalue()) == shown
+        Stages(quiet=True)("writing")
+    assert stream.getvalue() == (f"[  {seconds} s] fitting ...\n" if shown else "")
 
 
 def test_one_default():
     takers = jc.simulate, jc.sweep, jc.calibrate, jc.report, jc.fit, jc.choose_law, jc.fit_damping
     assert {inspect.signature(f).parameters["progress"].default for f in takers} == {None}
+
+
+# Tables and wrapped text, character by character; words and units of labels.
+
+# Self-explanatory names, and names that are not quantities.
+PLAIN = {"restitution", "status", "method", "solver"}
+
+
+@pytest.mark.parametrize("result", [jc.Impact, jc.Bounce])
+def test_all_that_a_result_holds_has_words(result):
+    names = {field.name for field in dataclasses.fields(result)}
+    assert {name for name in names if meaning(name) == (name, "")} <= PLAIN
+
+
+@pytest.mark.parametrize(
+    ("names", "text"),
+    [
+        (["v", "v0", "velocity", "impact_velocity"], "closing speed / (m/s)"),
+        (["m", "mass"], "effective mass / kg"),
+        (["K", "stiffness"], "contact stiffness / (N/m^n)"),
+        (["n", "exponent"], "exponent n"),
+        (["R", "radius"], "radius / m"),
+        (["unheard_of"], "unheard_of"),
+    ],
+)
+def test_labels(names, text):
+    assert [label(name) for name in names] == [text] * len(names)
+
+
+def test_other_words_a_prefix_and_a_number():
+    assert label("duration", "contact", prefix="m") == "contact / ms"
+    assert label("v", prefix="k") == "closing speed / (km/s)"
+    assert quantity("velocity", "4.2") == "4.2 m/s" and quantity("e", "0.5") == "0.5"
+
+
+def test_columns_are_as_wide_as_their_widest_cell():
+    rows = [("a", "1.5", ""), ("longer", "10.25", "note")]
+    assert text_table(rows, header=("", "number"), align="<>", indent=2, rule=True) == [
+        "          number",
+        "  --------------------",
+        "  a          1.5",
+        "  longer   10.25  note",
+    ]
+    assert text_table([("a", "b"), ("cc", "d")], gap=1) == ["a  b", "cc d"]
+    assert text_table([]) == []
+
+
+def test_wrapped_text():
+    lines = wrapped("fields", "one-two three four", width=20, indent=8, lead="  ")
+    assert lines == ["  fields one-two", "        three four"]
+    assert wrapped("Pairs", "many") == ["Pairs      many"]
+    assert wrapped("Pairs", "") == []

@@ -14,8 +14,7 @@ from jaxcontact._flight import Flight
 from jaxcontact.lab.pairs.outliers import find_outliers
 from jaxcontact.lab.pairs.pairs import pairs_of
 from jaxcontact.lab.recordings import make_pairs
-from tests.lab.simulate import recording
-from tests.lab.test_calibration import oracle
+from tests.lab.simulate import constant_damping, recording
 
 PULL = 3.5  # standard errors between estimate and truth: 1 in 2000 by chance; the seeds are fixed
 MOST_ALARMS = 5
@@ -43,8 +42,11 @@ def gap(choice, kind):
 
 TRUTHS = {
     "constant e": (0.88, lambda value: lambda v: value),
-    "Kuwabara-Kono": (0.07, oracle.kuwabara_kono),
-    "constant c": (0.05, oracle.constant_damping),
+    "Kuwabara-Kono": (
+        0.07,
+        lambda a: lambda v: float(jc.restitution(jc.KuwabaraKono(A=a), jc.Contact(1.0, 1.0), v)),
+    ),
+    "constant c": (0.05, constant_damping),
 }
 LAWS = {"Kuwabara-Kono": "kuwabara_kono", "constant c": "constant_damping"}
 
@@ -314,29 +316,18 @@ def test_one_speed_determines_no_trend():
     assert "measure e at speeds other than 2 m/s" in found.choice.next_measurement
 
 
-def test_four_pairs_are_too_few_for_two_parameters():
-    e = (0.88, 0.89, 0.87, 0.885)
-    choice = jc.calibrate(jc.read_recording(velocity=[1.0, 2.0, 3.0, 4.0], restitution=e)).choice
-    kinds = ["constant e", "constant c", "Kuwabara-Kono", "elastic-plastic", "adhesive (JKR)"]
-    assert [law.kind for law in choice.laws] == kinds and not choice.sure
-    assert choice.laws[0].errors_by == "point"
-
-
 def test_data_without_noise_are_fitted_exactly(capsys):
+    """The precision of the user is left alone."""
     text, stages = recording(lambda v: 0.9, 1, jitter=0.0, scatter=0.0), []
-    result = calibrated(text, laws="kuwabara_kono", progress=stages.append)
+    with jax.enable_x64(False):
+        result = calibrated(text, laws="kuwabara_kono", progress=stages.append)
+        assert jnp.ones(()).dtype == jnp.float32
+        hit = jc.impact(result.law, result.contact, 1.0)
+        np.testing.assert_allclose(hit.restitution, 0.9, rtol=0.02)  # whose e falls with speed
     np.testing.assert_allclose(result.choice.laws[0].estimates[0].value, 0.9, rtol=1e-9)
     assert not result.outliers.flagged.any()
     assert stages[0].startswith("searching 220 pairs for spurious and missed triggers")
     assert "fitting Kuwabara-Kono" in stages and capsys.readouterr().err == ""
-
-
-def test_the_precision_of_the_user_is_left_alone():
-    with jax.enable_x64(False):
-        result = calibrated(recording(lambda v: 0.88, 1), laws="constant_damping")
-        assert jnp.ones(()).dtype == jnp.float32
-        hit = jc.impact(result.law, result.contact, 1.0)
-        np.testing.assert_allclose(hit.restitution, 0.88, rtol=0.1)
 
 
 def test_standard_deviations_of_a_file_are_taken_as_they_are():

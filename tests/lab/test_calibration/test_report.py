@@ -127,8 +127,7 @@ def test_drag_that_was_taken_out_or_left_in_and_numbers_that_were_given_are_said
 
 def heights(count):
     h = np.arange(1.0, count + 1)
-    columns = {"drop_height_m": h, "rebound_height_m": 0.7 * h + 0.01 * (-1) ** h}
-    return columns | {"ball": ["a"] * count, "trial": ["1"] * count}
+    return {"drop_height_m": h, "rebound_height_m": 0.7 * h + 0.01 * (-1) ** h}
 
 
 SPEEDS = np.arange(1.0, 13)

@@ -108,7 +108,9 @@ def test_single_precision_and_double_of_the_callers_thread_alone(plastic):
 
 def test_laws_with_too_many_parameters_for_the_data_are_named():
     few = jc.choose_law(CONTACT, SPEED[::8], PLASTIC[::8])
-    assert len(few.fits) < 9 and not few.sure
+    kinds = ["constant e", "constant c", "Kuwabara-Kono", "elastic-plastic", "adhesive (JKR)"]
+    assert [law.kind for law in few.laws] == kinds and not few.sure
+    assert few.laws[0].errors_by == "point"
     others = "c as a power of v, viscous and plastic, wet and 1 - b v^p"
     assert few.verdict.endswith(f"More points are needed to compare {others}.")
 
