@@ -11,14 +11,14 @@ from jaxcontact._flight import Drag, Flight
 from jaxcontact.lab.pairs.outliers import THRESHOLD, find_outliers, mark, marked_in
 from jaxcontact.lab.pairs.pairs import Noise, estimate_noise
 from jaxcontact.lab.recordings import RecordingError, make_pairs, read_recording
-from tests.lab import simulate
+from tests.lab import sources
 from tests.lab.sources import opened
 
 TABLE_TENNIS = Drag(mass=0.0027, radius=0.02, coefficient=0.5)
 
 MONTE_CARLO = 0.03  # variance of 40000 draws: its own standard error is 0.7 %
 ROUNDING = 1e-15
-GRAVITY = simulate.GRAVITY
+GRAVITY = sources.GRAVITY
 
 duration, landing = jax.jit(Flight.duration), jax.jit(Flight.landing_speed)
 
@@ -179,7 +179,7 @@ def rows(pairs, found):
 
 def planted(seed):
     """Eight trials with a missed, a spurious and a late trigger: CSV, and the bad pairs of rows."""
-    trials = simulate.trials(lambda v: 0.88, seed, 8)
+    trials = sources.trials(lambda v: 0.88, seed, 8)
     merged = trials[1]
     trials[1] = np.concatenate([merged[:4], [merged[4] + merged[5]], merged[6:]])
     cut = trials[4]
@@ -189,7 +189,7 @@ def planted(seed):
     faults = ("missed", 1, 3, 2), ("spurious", 4, 5, 3), ("late", 6, 3, 3)
     first = {kind: (int(starts[number]) + k, n) for kind, number, k, n in faults}
     bad = {(a + k, a + k + 1): kind for kind, (a, n) in first.items() for k in range(n)}
-    return simulate.as_csv(trials), bad
+    return sources.as_csv(trials), bad
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -204,10 +204,10 @@ def test_planted_faults_are_found_and_nothing_else(seed):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_clean_recordings_lose_nothing(seed):
     # A law with a trend, and triggers so noisy that the shortest flights scatter by 5 %.
-    _, found = outliers_of(simulate.recording(lambda v: 0.9 - 0.02 * v, seed, jitter=3e-3))
+    _, found = outliers_of(sources.recording(lambda v: 0.9 - 0.02 * v, seed, jitter=3e-3))
     assert not found.flagged.any()
     # e = 0.97 with 3 % scatter: a sixth of the ratios are above 1.
-    pairs, found = outliers_of(simulate.recording(lambda v: 0.97, seed, jitter=0.0, scatter=0.03))
+    pairs, found = outliers_of(sources.recording(lambda v: 0.97, seed, jitter=0.0, scatter=0.03))
     assert (pairs.restitution > 1).sum() > 20 and not found.flagged.any()
 
 
@@ -245,11 +245,8 @@ def test_the_two_scatters_are_told_apart(robust):
     np.testing.assert_allclose(
         [found.relative, found.reading], [truth.relative, truth.reading], rtol=SHARE
     )
-
-
-def test_perfect_data_have_a_floor_of_noise():
-    found = estimate_noise(np.zeros(10), np.ones(10), robust=True)
-    assert np.all(found.sigma(np.ones(10)) > 0)
+    # Perfect data have a floor of noise.
+    assert np.all(estimate_noise(np.zeros(10), np.ones(10), robust=robust).sigma(np.ones(10)) > 0)
 
 
 @pytest.mark.parametrize("n", [60, 200])

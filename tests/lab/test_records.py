@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 
 import jaxcontact as jc
 from benchmarks.lab.records import draw, found_in, impact, read
@@ -214,12 +215,11 @@ def test_one_impact_gives_e_and_the_stiffness():
 def test_an_indentation_tells_speed_and_stiffness():
     # The indentation follows from SciPy's force by two integrations.
     t, f, after = pieces()[0]
-    speed = SPEEDS[0] - np.concatenate([[0], np.cumsum((f[1:] + f[:-1]) / 2 * np.diff(t))]) / MASS
-    depth = np.concatenate([[0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(t))])
+    speed = SPEEDS[0] - cumulative_trapezoid(f, t, initial=0) / MASS
+    depth = cumulative_trapezoid(speed, t, initial=0)
     time = np.arange(-t[-1], 2 * t[-1], t[-1] / 100)
     flown = np.where(time < 0, SPEEDS[0] * time, -after * (time - t[-1]))
-    inside = (time > 0) & (time < t[-1])
-    path = np.where(inside, np.interp(time, t, depth), flown)
+    path = np.where((time > 0) & (time < t[-1]), np.interp(time, t, depth), flown)
     path += 5e-3 * depth.max() * np.random.default_rng(6).normal(size=time.size)
     recording = jc.read_recording({"t (ms)": 1e3 * time, "deformation (mm)": 1e3 * path})
     (one,) = jc.calibrate(recording, mass=MASS, laws="exact").impact_fits

@@ -15,7 +15,7 @@ import pytest
 from benchmarks.lab import tracks
 from benchmarks.lab.sound import as_wave, draw
 from jaxcontact.lab.cli import main
-from tests.lab.sources import german, lines, parquet, workbook, written
+from tests.lab.sources import german, lines, workbook, written
 
 E = 0.8
 GRAVITY = 9.81
@@ -38,20 +38,13 @@ def intervals() -> str:
 
 
 LONE = intervals()
-LABORATORY = lines('"v [m/s]","e"', ROWS).replace("\n", "\r\n", 4)
-SPEEDS = np.stack([3.6 * SPEED, 3.6 * SPEED * SCATTERED], axis=1)
 SAVED = {
     "decimal comma": lines("speed (mm/s);COR", ROWS * [1000, 1], ";", number=german),
     "UTF-16 of a spreadsheet": lines("h0 / cm\th1 / cm", HEIGHTS, "\t").encode("utf-16"),
     "one column of intervals": f"interval_s\n{LONE}",
-    "notes of a laboratory": f"# Kugel 3, Höhe 2 m über dem Boden\r\n\r\n{LABORATORY}".encode(
-        "latin-1"
-    ),
-    "kilometres an hour": lines("v_in [km/h];v_out [km/h]", SPEEDS, ";"),
     "a workbook": workbook(
         ("about", [["made on Monday"]]), ("runs", [["v (m/s)", "COR"], *ROWS.tolist()])
     ),
-    "a parquet file": parquet({"velocity": SPEED, "restitution": SCATTERED}),
 }
 
 

@@ -16,7 +16,7 @@ import jaxcontact as jc
 from jaxcontact._flight import Flight
 from jaxcontact.lab.bounces import BounceModel, NextFlight, by_triggers
 from jaxcontact.lab.recordings import make_pairs, read_recording
-from tests.lab.simulate import constant_damping
+from tests.lab.sources import restitution_of
 
 G = 9.81
 BALL = jc.Drag(mass=0.0027, radius=0.02, coefficient=0.5)
@@ -31,7 +31,9 @@ def slowing(gravity=G, ball=BALL):
     return ball.terminal_speed(gravity) ** -2 / ball.coefficient
 
 
-duration = jax.jit(Flight.duration)
+duration, height_reached = jax.jit(Flight.duration), jax.jit(Flight.height_reached)
+launch_speed, landing_speed = jax.jit(Flight.launch_speed), jax.jit(Flight.landing_speed)
+speed_after_drop = jax.jit(Flight.speed_after_drop)
 
 
 def predictor(kind, drag=True):
@@ -40,18 +42,17 @@ def predictor(kind, drag=True):
 
 
 def readings(e, kind, coefficient=None, speed=SPEED):
-    """What is read before and after impacts at `speed` of a ball whose restitution is e(v)."""
-    after, b, vt = np.array([e(v) for v in speed]) * speed, None, np.inf
-    if coefficient is not None:
-        vt = jc.Drag(BALL.mass, BALL.radius, coefficient).terminal_speed(G)
-        b = vt**-2
+    """What is read of a ball of restitution e(v); in vacuum its impacts are at `speed`."""
+    drag = None if coefficient is None else jc.Drag(BALL.mass, BALL.radius, coefficient)
+    b = Flight(G, drag).rate
     if kind == "intervals":
-        launch = speed / np.sqrt(1 - (speed / vt) ** 2)
-        return np.asarray(duration(launch, G, b)), np.asarray(duration(after, G, b))
-    if b is None:
-        return speed**2 / (2 * G), after**2 / (2 * G)
-    falls, rises = -np.log1p(-((speed / vt) ** 2)), np.log1p((after / vt) ** 2)
-    return vt**2 / (2 * G) * falls, vt**2 / (2 * G) * rises
+        first = 2 * speed / G
+        landing, read = landing_speed(launch_speed(first, G, b), G, b), duration
+    else:
+        first = speed**2 / (2 * G)
+        landing, read = speed_after_drop(first, G, b), height_reached
+    after = np.array([e(v) for v in np.asarray(landing)]) * landing
+    return first, np.asarray(read(after, G, b))
 
 
 @pytest.mark.parametrize("kind", ["intervals", "heights"])
@@ -81,14 +82,16 @@ VISCOUS = 1.1e-5
 LAWS = {
     "exact": (jc.ExactRestitution(e=0.8), 0.9, lambda v: 0.9),
     "constant e": (jc.AntypovElliott(e=0.8), 0.9, lambda v: 0.9),
-    "constant c": (jc.ConstantDamping(c=1e4), 2e4, constant_damping(2e4 / 2e5)),
+    "constant c": (
+        *(jc.ConstantDamping(c=1e4), 2e4),
+        restitution_of(jc.ConstantDamping(c=2e4), CONTACT),
+    ),
     "viscous": (
-        jc.KuwabaraKono(A=5e-6),
-        VISCOUS,
-        lambda v: float(jc.restitution(jc.KuwabaraKono(A=VISCOUS), CONTACT, v)),
+        *(jc.KuwabaraKono(A=5e-6), VISCOUS),
+        restitution_of(jc.KuwabaraKono(A=VISCOUS), CONTACT),
     ),
 }
-FOUND = {"auto": 1e-10, "phase": 1e-8}  # relative: 1e-15 and 6e-14 were seen, and XXX by phase
+FOUND = 1e-10  # how far the numbers are from the truth, relative: 8e-12 was seen, by phase
 
 
 @pytest.mark.slow(
@@ -112,20 +115,10 @@ def test_the_truth_comes_back(name, kind, drag, method):
     with jax.enable_x64(name != "constant e"):
         found = jc.fit_bounces(start, CONTACT, first, second, **how)
     assert found.converged and not found.unidentified, found.reason
-    assert found.values == pytest.approx([truth, drag][: 2 if drag else 1], rel=FOUND[method])
+    assert found.values == pytest.approx([truth, drag][: 2 if drag else 1], rel=FOUND)
     assert found.names[1:] == (("drag_coefficient",) if drag else ())
     assert (found.params.drag_coefficient is None) == (drag is None)
     np.testing.assert_allclose(found.predict(first), np.log(second), rtol=0, atol=1e-6)
-
-
-def test_mass_and_stiffness_are_not_told_from_the_law():
-    first, second = readings(LAWS["constant c"][2], "heights")
-    found = jc.fit_bounces(LAWS["constant c"][0], CONTACT, first, second, kind="heights", fixed=())
-    assert found.converged, found.reason
-    told = {frozenset(one.components) for one in found.unidentified}
-    assert told == {frozenset({"contact.mass"}), frozenset({"law.c", "contact.stiffness"})}
-    ratio = found.params.law.c / found.params.contact.stiffness
-    assert float(ratio) == pytest.approx(2e4 / 2e5, rel=1e-9)
 
 
 NOISE = 0.003
@@ -188,19 +181,6 @@ def test_one_speed_does_not_tell_air_from_law():
     assert found.converged and len(found.unidentified) == 1
     assert set(found.unidentified[0].components) == {"law.e", "drag_coefficient"}
     assert np.isnan(list(found.standard_errors.values())).all()
-
-
-def test_drag_that_the_data_deny_ends_at_its_bound():
-    """The other numbers are then judged without it."""
-    first = np.linspace(0.1, 1, 40)
-    noise = np.random.default_rng(3).normal(size=first.size)
-    second = 0.9 * first * np.exp(0.01 * first**2 + 0.002 * noise)
-    law = jc.AntypovElliott(e=0.8)
-    found = jc.fit_bounces(law, CONTACT, first, second, drag=BALL, fixed=("mass", "stiffness"))
-    assert found.converged, found.reason
-    assert found.at_bound == ("drag_coefficient",)
-    vacuum = jc.fit_bounces(law, CONTACT, first, second)
-    assert float(found.params.law.e) == pytest.approx(float(vacuum.params.law.e), rel=1e-9)
 
 
 @pytest.mark.slow(reason="two fits with drag to sixty rebounds, 10 s of CPU")

@@ -17,7 +17,7 @@ from jaxcontact.lab.choice.kinds import kinds_of
 from jaxcontact.lab.choice.table import ChoiceTable, errors_of
 from jaxcontact.lab.pairs.outliers import find_outliers
 from jaxcontact.lab.pairs.pairs import pairs_of
-from tests.lab.simulate import delivered
+from tests.lab.sources import delivered
 
 CONTACT = jc.Contact(mass=0.03, stiffness=1e6)
 POINTS = 120

@@ -21,6 +21,7 @@ NOISE_FORCE, NOISE_DEPTH = 5.0, 2e-6
 TRUE = {
     "law.c": DAMPING, "contact.stiffness": STIFFNESS, "velocity": SPEED, "start_time": truths.TOUCH,
     "force_offset": FORCE_ZERO, "indentation_offset": truths.DEPTH_ZERO,
+    "low_pass_force.cutoff": truths.CUTOFF,
 }  # fmt: skip
 
 
@@ -51,7 +52,7 @@ def near(clean):
 
 def test_a_clean_record(near):
     assert near.converged, near.reason
-    assert set(near.names) == set(TRUE)
+    assert {*near.names, "low_pass_force.cutoff"} == set(TRUE)
     true = [TRUE[name] for name in near.names]
     assert near.values.tolist() == pytest.approx(true, rel=CLEAN, abs=1e-9)
 
@@ -286,10 +287,8 @@ def test_steps_are_found():
 
 def test_a_record_behind_a_filter(monkeypatch):
     """K, c and the cut-off come back; noise is that of the readings, in steps or not."""
-    own = {"law.c": DAMPING, "contact.stiffness": STIFFNESS}
-    own |= {"low_pass_force.cutoff": truths.CUTOFF, "start_time": truths.TOUCH}
     random = np.random.default_rng(2)
-    original, step, pulls = jc.fit_record, 60.0, []
+    original, step, pull = jc.fit_record, 60.0, []
 
     def in_steps(*arguments, force, **others):
         return original(*arguments, force=step * np.round(force / step), **others)
@@ -299,9 +298,8 @@ def test_a_record_behind_a_filter(monkeypatch):
         found = truths.filtered_fit(random, fitted=True)
         # One in twenty is called inadequate, one in a thousand this clearly.
         assert found.converged and found.adequacy.p > 1e-3, found
-        at = [found.names.index(name) for name in own]
-        pulls.append((found.values[at] - [*own.values()]) / found.errors[at])
-    assert np.abs(pulls).max() < 3.5 and np.sqrt(np.mean(np.square(pulls))) < 1.7
+        pull.append(pulls(found))
+    assert np.abs(pull).max() < 3.5 and np.sqrt(np.mean(np.square(pull))) < 1.7
     assert "readings of force are rounded to steps of 60, 1.9 of" in found.notes[-1]
 
 
@@ -314,8 +312,5 @@ def test_a_long_record_in_steps_is_not_too_sure():
     read = step * np.round((clean + step / 5 * random.normal(size=time.size)) / step - 0.3)
     law, contact = jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7)
     found = jc.fit_record(law, contact, time, 1.2, force=read + 0.3 * step)
-    own = {"law.c": DAMPING, "contact.stiffness": STIFFNESS}
-    own |= {"velocity": SPEED, "start_time": truths.TOUCH, "force_offset": FORCE_ZERO}
-    pulls = (found.values - [own[name] for name in found.names]) / found.errors
-    assert found.converged and np.abs(pulls).max() < 3 and found._wider.max() > 50
+    assert found.converged and np.abs(pulls(found)).max() < 3 and found._wider.max() > 50
     assert not any("limit" in note for note in found.notes)

@@ -15,7 +15,7 @@ from scipy.interpolate import BSpline
 
 import jaxcontact as jc
 from jaxcontact._inverse.impacts import ImpactModel, transforms_of
-from tests.lab.simulate import delivered
+from tests.lab.sources import delivered
 
 CONTACT = jc.Contact(mass=1.0, stiffness=1.4e8)
 SPEED = np.geomspace(0.1, 5, 60)

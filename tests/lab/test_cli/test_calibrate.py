@@ -14,7 +14,8 @@ import pytest
 import jaxcontact as jc
 from jaxcontact.lab.cli import main
 from jaxcontact.lab.cli.commands.calibrate import FIGURE, NUMBERS, REPORT
-from tests.lab.simulate import recording
+from tests.lab.sources import recording
+from tests.lab.test_cli.test_scene import asked
 
 GOOD = recording(lambda v: 0.88, 1)
 
@@ -102,8 +103,7 @@ def judged(folder, capsys, text):
     path = folder / "table.csv"
     path.write_text(text)
     told = jc.calibrate(jc.read_recording(path), laws="constant_damping")
-    assert main(["fit", "impacts", str(path), *FIT, "--json"]) == 0
-    fitted = json.loads(capsys.readouterr().out)
+    fitted = asked(capsys, "fit", "impacts", str(path), *FIT)
     marked = [row for pair in told.pairs if pair.marked for row in pair.rows]
     assert ", ".join(map(str, marked)) in "; ".join(fitted["read_as"])
     constant = told.choice.laws[0]
