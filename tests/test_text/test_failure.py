@@ -74,13 +74,10 @@ def test_a_single_call_raises_and_lanes_are_flagged(name):
             assert np.isfinite(values[2]).all() and not np.isfinite(values[1]).all()
 
 
-def test_a_traced_call_flags():
+def test_traced_calls_and_derivatives_outside_of_jit_flag():
+    """In derivatives the status is concrete, and other leaves are tracers."""
     inside = jax.jit(lambda e: impact(e).ok)
     assert not inside(0.01) and inside(GOOD)
-
-
-def test_derivatives_outside_of_jit_flag():
-    """There the status is concrete, and other leaves are tracers."""
     (_, ok), slope = jax.value_and_grad(
         lambda e: (lambda hit: (hit.restitution, hit.ok))(impact(e)), has_aux=True
     )(0.01)

@@ -162,15 +162,6 @@ def blue():
     return jc.calibrate(jc.read_recording(), laws="constant_damping")
 
 
-@pytest.fixture(scope="module")
-def points(blue):
-    """Speeds, ln e, weights and trials of the points that a law is fitted to."""
-    fit = next(iter(blue.choice.fits.values()))
-    used = np.isfinite(fit.data)
-    v, weight = np.asarray(fit.problem.x), np.asarray(fit.problem.factor)
-    return v[used], fit.data[used], weight[used], fit.groups[used]
-
-
 def test_table_tennis_is_constant_once_the_drag_is_out():
     drag = jc.Drag(mass=0.0027, radius=0.02, coefficient=0.5)
     ball = jc.read_recording(ball="pingpong")
@@ -192,8 +183,12 @@ def test_table_tennis_is_constant_once_the_drag_is_out():
     assert "corrected in the flights: quadratic, terminal speed 8.37 m/s" in text
 
 
-def test_the_line_is_the_weighted_least_squares_line(blue, points):
-    (v, y, weight, trial), line = points, blue.choice.line
+def test_the_line_and_the_free_curve_are_weighted_least_squares(blue):
+    """The free curve is the polynomial of least AICc."""
+    fit, line = next(iter(blue.choice.fits.values())), blue.choice.line
+    used = np.isfinite(fit.data)
+    v, weight = np.asarray(fit.problem.x)[used], np.asarray(fit.problem.factor)[used]
+    y, trial = fit.data[used], fit.groups[used]
     slope, level = np.polyfit(v, y, 1, w=weight)
     np.testing.assert_allclose([line.slope, line.level], [slope, level], rtol=1e-8)
     # By trial: the sandwich of a weighted line.
@@ -203,10 +198,6 @@ def test_the_line_is_the_weighted_least_squares_line(blue, points):
     bread, count = np.linalg.inv(columns.T @ columns), len(summed)
     variance = bread @ summed.T @ summed @ bread * count / (count - 1)
     np.testing.assert_allclose(line.slope_error, np.sqrt(variance[1, 1]), rtol=1e-8)
-
-
-def test_the_free_curve_is_the_polynomial_of_least_aicc(blue, points):
-    v, y, weight, _ = points
     x, n = np.log(v), v.size
 
     def aicc(degree):

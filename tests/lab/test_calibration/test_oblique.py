@@ -197,6 +197,10 @@ def test_the_shipped_table():
     assert np.allclose(np.hypot(table.normal, table.tangential), 3.9)
     assert table.outcomes.keys() == {"tangential_restitution", "rebound_spin"}
     assert table.restitution is None and len(table.normal) == 15
+    with pytest.raises(jc.RecordingError, match="for oblique impacts use `calibrate_friction`"):
+        jc.read_recording(TABLE)
+    with pytest.raises(jc.RecordingError, match="no known column"):
+        jc.read_recording({"a": [1, 2, 3]})
 
 
 @pytest.mark.parametrize(
@@ -252,10 +256,3 @@ def test_a_result_prints_mu_first_and_writes_its_numbers():
     numbers = json.loads(found.to_json())
     best = numbers["laws"][numbers["best"]]
     assert numbers["best"] == "Walton" and best["parameters"].keys() == {"mu", "beta0"}
-
-
-def test_a_recording_of_oblique_impacts_names_the_function_that_reads_it():
-    with pytest.raises(jc.RecordingError, match="for oblique impacts use `calibrate_friction`"):
-        jc.read_recording(TABLE)
-    with pytest.raises(jc.RecordingError, match="no known column"):
-        jc.read_recording({"a": [1, 2, 3]})

@@ -304,11 +304,9 @@ def test_known_errors_of_readings_give_that_of_few_pairs(monkeypatch, e, relativ
 
     made, n = _calibrate.make_pairs, len(e)
     shared = {"covariance": np.array([[4e-4, -1e-4], [-1e-4, 4e-4]])[:n, :n], "reading": 0.02}
-
-    def with_errors(recording, flight):
-        return dataclasses.replace(made(recording, flight), **shared)
-
-    monkeypatch.setattr(_calibrate, "make_pairs", with_errors)
+    monkeypatch.setattr(
+        _calibrate, "make_pairs", lambda *of: dataclasses.replace(made(*of), **shared)
+    )
     few = jc.calibrate(jc.read_recording(velocity=[2.0, 2.5][:n], restitution=e))
     assert few.pairs[0].error == pytest.approx(0.02 * 0.8)
     assert few.standard_errors["e"] == pytest.approx(relative * float(few.law.e), rel=1e-4)

@@ -350,7 +350,9 @@ def test_an_interrupt_is_no_traceback(monkeypatch, capsys):
     assert main(["laws", "--quiet"]) == 130 and capsys.readouterr().err == "interrupted\n"
 
 
-def test_one_figure(tmp_path, capsys):
+def test_one_figure_and_the_names_of_all(tmp_path, capsys):
+    assert list(paper.FIGURES)[:7] == ["fig3", "fig4", "fig5", "fig6", "fig8", "fig9", "fig10"]
+    assert all(getattr(paper, name) is figure for name, figure in paper.FIGURES.items())
     folder = tmp_path / "new" / "folder"
     # Without --json the output is numbers.md.
     told = asked(capsys, "paper", "--out", str(folder), "fig6")
@@ -366,12 +368,6 @@ def test_one_figure(tmp_path, capsys):
     }
     written = np.genfromtxt(folder / "fig6_restitution.csv", delimiter=",", names=True)
     np.testing.assert_array_equal(written["hu_guo"], tables["restitution"]["hu_guo"])
-
-
-def test_every_figure_has_its_name():
-    assert list(paper.FIGURES)[:7] == ["fig3", "fig4", "fig5", "fig6", "fig8", "fig9", "fig10"]
-    for name, figure in paper.FIGURES.items():
-        assert getattr(paper, name) is figure
 
 
 # `jaxcontact impact`, the entry point itself, and the installed command.
