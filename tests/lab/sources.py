@@ -1,16 +1,13 @@
-"""Recordings as people have them: files of all kinds, open texts, dicts, keywords, data frames."""
+"""Recordings as people have them, as files of all kinds and open texts, and with a known truth."""
 
-import csv
 import io
 import zipfile
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.optimize import brentq
 
 import jaxcontact as jc
-from jaxcontact.lab.recordings import read_recording
 
 
 def german(x):
@@ -65,6 +62,8 @@ def open_document(rows):
 
 
 def parquet(columns):
+    import pandas as pd
+
     stream = io.BytesIO()
     pd.DataFrame(columns).to_parquet(stream)
     return stream.getvalue()
@@ -74,16 +73,6 @@ def written(folder, name, content):
     path = folder / name
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     return path
-
-
-class Frame:
-    """As little of a data frame as is needed."""
-
-    def __init__(self, columns):
-        self._columns, self.columns = columns, list(columns)
-
-    def __getitem__(self, name):
-        return self._columns[name]
 
 
 def opened(content, name="f.csv"):
@@ -97,35 +86,7 @@ def opened(content, name="f.csv"):
 
 def read(content, **how):
     """The recording in such a file."""
-    return read_recording(opened(content), **how)
-
-
-def value(text):
-    """What somebody would have in an array for this field."""
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            pass
-    return text or None
-
-
-def columns_of(text):
-    """The columns of the text of a CSV file, as lists of numbers, texts and None."""
-    names, *lines = csv.reader(text.split())
-    return {n: [value(v) for v in c] for n, c in zip(names, zip(*lines, strict=True), strict=True)}
-
-
-SOURCES = {
-    "dict": read_recording,
-    "arrays": lambda columns: read_recording(
-        {name: np.array(values) for name, values in columns.items()}
-    ),
-    "frame": lambda columns: read_recording(Frame(columns)),
-    "pandas": lambda columns: read_recording(pd.DataFrame(columns)),
-    "nullable": lambda columns: read_recording(pd.DataFrame(columns).convert_dtypes()),
-    "keywords": lambda columns: read_recording(**columns),
-}
+    return jc.read_recording(opened(content), **how)
 
 
 def refused(words, *source, **how):

@@ -18,7 +18,7 @@ from jaxcontact.lab.layouts.layout import Paired, ReadingError, Record
 from jaxcontact.lab.layouts.speeds import STICKS
 from jaxcontact.lab.pairs.outliers import find_outliers
 from jaxcontact.lab.recordings import LAYOUTS, Layout, make_pairs, register_layout
-from tests.lab.sources import SOURCES, columns_of, opened, read
+from tests.lab.sources import opened, read
 
 INTERVALS = "ball,drop_height_m,trial,bounce,interval_s\na,1,1,1,0.4\na,1,1,2,0.36\n"
 HEIGHTS = "ball,drop_height_m,trial,rebound_height_m\na,0.5,1,0.4\na,0.5,2,0.41\n"
@@ -32,6 +32,44 @@ TEXTS = {
     "speeds": SPEEDS,
     "peaks": PEAKS,
     "stops": "ball,trial,drop_height_m,rest_time_s\na,1,1,4.1\na,2,1,4.2\n",
+}
+
+
+class Frame:
+    """As little of a data frame as is needed."""
+
+    def __init__(self, columns):
+        self._columns, self.columns = columns, list(columns)
+
+    def __getitem__(self, name):
+        return self._columns[name]
+
+
+def value(text):
+    """What somebody would have in an array for this field."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text or None
+
+
+def columns_of(text):
+    """The columns of the text of a CSV file, as lists of numbers, texts and None."""
+    names, *lines = csv.reader(text.split())
+    return {n: [value(v) for v in c] for n, c in zip(names, zip(*lines, strict=True), strict=True)}
+
+
+SOURCES = {
+    "dict": jc.read_recording,
+    "arrays": lambda columns: jc.read_recording(
+        {name: np.array(values) for name, values in columns.items()}
+    ),
+    "frame": lambda columns: jc.read_recording(Frame(columns)),
+    "pandas": lambda columns: jc.read_recording(pd.DataFrame(columns)),
+    "nullable": lambda columns: jc.read_recording(pd.DataFrame(columns).convert_dtypes()),
+    "keywords": lambda columns: jc.read_recording(**columns),
 }
 
 
