@@ -12,7 +12,6 @@ from jaxcontact.lab.pairs.outliers import THRESHOLD, find_outliers, mark, marked
 from jaxcontact.lab.pairs.pairs import Noise, estimate_noise
 from jaxcontact.lab.recordings import RecordingError, make_pairs, read_recording
 from tests.lab import sources
-from tests.lab.sources import opened
 
 TABLE_TENNIS = Drag(mass=0.0027, radius=0.02, coefficient=0.5)
 
@@ -23,8 +22,9 @@ GRAVITY = sources.GRAVITY
 duration, landing = jax.jit(Flight.duration), jax.jit(Flight.landing_speed)
 
 
-def pairs_of(source=None, flight=None, ball=None):
-    return make_pairs(read_recording(source, ball=ball), flight or Flight())
+def pairs_of(text):
+    """The pairs in the text of a file, in vacuum."""
+    return make_pairs(sources.read(text), Flight())
 
 
 ROOT = np.sqrt(2 * GRAVITY)
@@ -71,7 +71,7 @@ def test_only_successive_bounces_of_one_trial_make_pairs():
         "a,2,1,2,0.3\n"  # another height
         "a,1,2,3,0.25\n"  # out of order, but successive to row 4
     )
-    pairs = pairs_of(opened(text))
+    pairs = pairs_of(text)
     assert (pairs.first_row.tolist(), pairs.second_row.tolist()) == ([6], [4])
     assert pairs.unpaired == 3
 
@@ -115,12 +115,12 @@ INTERVALS = "ball,drop_height_m,trial,bounce,interval_s\n"
 )
 def test_too_few_pairs_are_refused(text, message):
     with pytest.raises(RecordingError) as caught:
-        pairs_of(opened(text)).needs_enough()
+        pairs_of(text).needs_enough()
     assert str(caught.value).startswith(message)
 
 
 def test_pairs_that_were_left_out_are_counted():
-    pairs = pairs_of(opened("velocity,restitution\n1,.9\n2,.8\n3,.7\n4,.6\n"))
+    pairs = pairs_of("velocity,restitution\n1,.9\n2,.8\n3,.7\n4,.6\n")
     pairs.needs_enough()
     with pytest.raises(RecordingError, match=r"2 usable pairs .*; 2 more are off the trend"):
         pairs.where(pairs.velocity < 3).needs_enough(marked=2)
@@ -167,7 +167,7 @@ SHARE = 0.25
 
 
 def outliers_of(text):
-    pairs = make_pairs(read_recording(opened(text)), Flight())
+    pairs = pairs_of(text)
     return pairs, find_outliers(pairs)
 
 

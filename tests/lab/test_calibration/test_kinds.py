@@ -206,8 +206,12 @@ def planned(**how):
     return jc.design(LAW, CONTACT, **{"sigma": SIGMA, "candidates": PLACES, "readings": 4} | how)
 
 
-def slopes_by_differences():
-    """d reading/d ln(parameter)/σ of e at all speeds, then of ln t_c: central differences."""
+DIFFERENCES = 1e-6  # relative: what central differences and the solve leave; 2e-8 was seen
+
+
+@pytest.fixture(scope="module")
+def all_plans():
+    """The covariances of ln c and ln K by every plan of four readings."""
 
     def read(c, stiffness):
         with jax.enable_x64(True):
@@ -215,18 +219,10 @@ def slopes_by_differences():
             hit = jc.impact(jc.ConstantDamping(c=2e7 * c), contact, PLACES)
             return np.concatenate([hit.restitution / 0.01, np.log(hit.duration) / 0.02])
 
+    # d reading/d ln(parameter)/σ of e at all speeds, then of ln t_c: central differences.
     more, less = np.exp(1e-5), np.exp(-1e-5)
     differences = read(more, 1.0) - read(less, 1.0), read(1.0, more) - read(1.0, less)
-    return np.stack(differences, axis=1) / 2e-5
-
-
-DIFFERENCES = 1e-6  # relative: what central differences and the solve leave; 2e-8 was seen
-
-
-@pytest.fixture(scope="module")
-def all_plans():
-    """The covariances of ln c and ln K by every plan of four readings."""
-    rows = slopes_by_differences()
+    rows = np.stack(differences, axis=1) / 2e-5
     plans = np.array(list(itertools.combinations_with_replacement(range(12), 4)))
     information = np.einsum("pni,pnj->pij", rows[plans], rows[plans])
     good = np.linalg.det(information) > 1e-9 * np.linalg.det(information).max()

@@ -316,6 +316,11 @@ def test_nothing_of_the_file_is_code_and_nothing_is_loaded(page):
     loaded = [value for name, value in attributes if name in ("src", "href", "data")]
     assert len(loaded) == 3
     assert all(one.startswith("data:image/svg+xml;base64,") for one in loaded)
+    # It prints on paper; seen with Chromium on A4: nothing cut, no scroll bars.
+    style = page.partition("<style>")[2].partition("</style>")[0]
+    paper = style.partition("@media print")[2]
+    assert "@page { size: A4;" in style and "pre { white-space: pre-wrap;" in paper
+    assert ".wide, pre { overflow: visible; }" in paper
     assert "http:" not in re.sub(r"base64,[^\"]*", "", page) and len(page) < 1_000_000
 
 
@@ -391,14 +396,6 @@ def test_other_endings_and_bad_arguments(calibrated, tmp_path):
         jc.report(calibrated, "a.doc")
     with pytest.raises(ValueError, match=r"not end in .pdf: write it as .html, .* print to PDF"):
         jc.report(calibrated, "a.pdf")
-
-
-def test_it_prints_on_paper(page):
-    """Seen with Chromium on A4: nothing cut, no scroll bars."""
-    style = page.partition("<style>")[2].partition("</style>")[0]
-    assert "@page { size: A4;" in style
-    paper = style.partition("@media print")[2]
-    assert ".wide, pre { overflow: visible; }" in paper and "pre { white-space: pre-wrap;" in paper
 
 
 def test_text_is_escaped_once():
