@@ -64,7 +64,7 @@ def test_a_file_is_read_as_it_was_saved():
     assert reading.max() == pytest.approx(max(pieces()[0][1]), abs=2.5)
 
 
-def test_a_rate_stands_for_the_times():
+def test_a_rate_stands_for_the_times_and_g_is_a_unit():
     time, force = plate(1, long=0.2)
     by_time = jc.read_recording(time=time, force=force).records[0]
     by_rate = jc.read_recording(force=force, rate=RATE).records[0]
@@ -73,10 +73,6 @@ def test_a_rate_stands_for_the_times():
         jc.read_recording(force=force, rate=50)
     with pytest.raises(ValueError, match="`rate` must be None for rows of speed and restitution"):
         jc.read_recording({"v": [1.0], "e": [0.5]}, rate=RATE)
-
-
-def test_g_is_a_unit():
-    time, force = plate(1, long=0.2)
     in_si = jc.read_recording(time=time, acceleration=force / MASS)
     in_g = jc.read_recording({"t [s]": time, "a [g]": force / MASS / 9.80665})
     one, other = (recording.records[0].reading for recording in (in_g, in_si))

@@ -78,16 +78,13 @@ def test_the_code_prints_what_the_readme_says():
     assert digits(printed) == digits(block.shown)
 
 
-@pytest.mark.parametrize("name", ["main", "test"])
-def test_the_commands_are_one_line_each(name):
+def test_what_the_readme_links_to_is_there_and_its_commands_are_one_line_each():
     text = README.read_text(encoding="utf-8")
-    found = re.findall(rf"<!-- command: {name} -->\n```bash\n(.*?)```", text, re.DOTALL)
-    assert len(found) == 1
-    assert found[0].count("\n") == 1
-
-
-def test_what_the_readme_links_to_is_there():
-    for target in re.findall(r"\]\(([^)#]+)\)", README.read_text(encoding="utf-8")):
+    for name in ("main", "test"):
+        pattern = rf"<!-- command: {name} -->\n```bash\n(.*?)```"
+        (command,) = re.findall(pattern, text, re.DOTALL)
+        assert command.count("\n") == 1
+    for target in re.findall(r"\]\(([^)#]+)\)", text):
         if not target.startswith("http"):
             assert (README.parent / target).exists(), target
 
@@ -127,14 +124,10 @@ def names_of(*modules: str) -> set[str]:
 READY_MADE = names_of("jaxsim", "mjx", "systems")
 
 
-def test_every_public_name_is_on_one_page():
+def test_every_public_name_is_on_one_page_with_an_example():
     found = entries()
     assert {name for name in found if len(found[name]) > 1} == set()
     assert {*jc.__all__, *names_of("plot"), *READY_MADE} == set(found)
-
-
-def test_every_public_name_has_an_example():
-    found = entries()
     # One page of pictures has one of each.
     lacking = [
         name
