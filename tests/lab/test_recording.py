@@ -12,9 +12,13 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
+from jaxcontact._flight import Flight
+from jaxcontact._text.words import span
+from jaxcontact.lab.layouts.layout import Paired, ReadingError, Record
 from jaxcontact.lab.layouts.speeds import STICKS
-from jaxcontact.lab.recordings import LAYOUTS
-from tests.lab.sources import SOURCES, columns_of, opened, read
+from jaxcontact.lab.pairs.outliers import find_outliers
+from jaxcontact.lab.recordings import LAYOUTS, Layout, make_pairs, register_layout
+from tests.lab.sources import opened, read
 
 INTERVALS = "ball,drop_height_m,trial,bounce,interval_s\na,1,1,1,0.4\na,1,1,2,0.36\n"
 HEIGHTS = "ball,drop_height_m,trial,rebound_height_m\na,0.5,1,0.4\na,0.5,2,0.41\n"
@@ -28,6 +32,44 @@ TEXTS = {
     "speeds": SPEEDS,
     "peaks": PEAKS,
     "stops": "ball,trial,drop_height_m,rest_time_s\na,1,1,4.1\na,2,1,4.2\n",
+}
+
+
+class Frame:
+    """As little of a data frame as is needed."""
+
+    def __init__(self, columns):
+        self._columns, self.columns = columns, list(columns)
+
+    def __getitem__(self, name):
+        return self._columns[name]
+
+
+def value(text):
+    """What somebody would have in an array for this field."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text or None
+
+
+def columns_of(text):
+    """The columns of the text of a CSV file, as lists of numbers, texts and None."""
+    names, *lines = csv.reader(text.split())
+    return {n: [value(v) for v in c] for n, c in zip(names, zip(*lines, strict=True), strict=True)}
+
+
+SOURCES = {
+    "dict": jc.read_recording,
+    "arrays": lambda columns: jc.read_recording(
+        {name: np.array(values) for name, values in columns.items()}
+    ),
+    "frame": lambda columns: jc.read_recording(Frame(columns)),
+    "pandas": lambda columns: jc.read_recording(pd.DataFrame(columns)),
+    "nullable": lambda columns: jc.read_recording(pd.DataFrame(columns).convert_dtypes()),
+    "keywords": lambda columns: jc.read_recording(**columns),
 }
 
 
@@ -164,11 +206,9 @@ def test_a_missing_column_is_named_if_it_is_needed(layout, column):
 
 
 NUMBERS = {
-    "drop_height_m": ("intervals", "heights"),
-    "interval_s": ("intervals",),
-    "rebound_height_m": ("heights",),
-    "velocity": ("table",),
-    "restitution": ("table",),
+    "intervals": ("drop_height_m", "interval_s"),
+    "heights": ("drop_height_m", "rebound_height_m"),
+    "table": ("velocity", "restitution"),
 }
 BAD_NUMBERS = {
     "abc": "'abc' is not a number",
@@ -177,19 +217,13 @@ BAD_NUMBERS = {
     "inf": "'inf' is not a finite number",
     "": "is empty",
 }
-PREFIX = {
-    "dict": "the dict",
-    "arrays": "the dict",
-    "frame": "the data frame",
-    "pandas": "the data frame",
-    "nullable": "the data frame",
-    "keywords": "the columns given",
-}
+PREFIX = dict.fromkeys(SOURCES, "the data frame") | {"keywords": "the columns given"}
+PREFIX |= dict.fromkeys(("dict", "arrays"), "the dict")
 
 
 @pytest.mark.parametrize("bad", BAD_NUMBERS)
 @pytest.mark.parametrize(
-    ("layout", "column"), [(layout, c) for c, where in NUMBERS.items() for layout in where]
+    ("layout", "column"), [(layout, c) for layout, names in NUMBERS.items() for c in names]
 )
 def test_a_bad_number_is_named_whatever_the_source(layout, column, bad):
     lines = [line.split(",") for line in TEXTS[layout].split()]
@@ -298,3 +332,97 @@ def test_a_recording_prints_itself():
     assert "drop heights 1, 0.5 m\n  rebounds     0.4 to 0.41 m" in repr(read(HEIGHTS))
     assert "ball         (no name)" in repr(read(TABLE))
     assert "speeds       1 to 2 m/s\n  restitutions 0.88 to 0.9" in repr(read(TABLE))
+
+
+# A layout defined outside the package works without further changes.
+
+
+@dataclasses.dataclass(frozen=True)
+class Gate(Record):
+    before: float
+    after: float
+
+
+class Gates(Layout):
+    """Speeds in m/s that light gates read before and after an impact."""
+
+    name = "gates"
+    columns = ("operator", "drop_speed", "rebound_speed")
+    measured = ("drop_speed", "rebound_speed")
+    reading_error = ReadingError("m/s", "mm/s", 1e3, "each speed")
+    uses_flight = False
+    made_of = "readings of two gates"
+    pair_words = ("pair of gates", "pairs of gates")
+    cluster_words = ("operator", "operators")
+    pair_rule = "each row is a pair"
+    errors_words = "by operator"
+
+    def read(self, rows):
+        for row in rows:
+            if row.positive("rebound_speed") > 10:
+                row.refuse("rebound_speed", "is faster than the gate can read")
+        return [
+            Gate("", row.number, row.positive("drop_speed"), row.positive("rebound_speed"))
+            for row in rows
+        ]
+
+    def facts(self, records):
+        return {"speeds": span([record.before for record in records], "m/s")}
+
+    def pair(self, records, flight):
+        before, after = np.array([(r.before, r.after) for r in records]).T
+        return Paired(
+            velocity=before,
+            restitution=after / before,
+            reading_factor=before**-2 + after**-2,
+            clusters=[f"operator {k % 2}" for k in range(len(records))],
+            records=[(record,) for record in records],
+        )
+
+    def guess(self, records, flagged, e):
+        return {int(k): "a hand in the gate" for k in np.flatnonzero(flagged)}
+
+
+@pytest.fixture
+def gates():
+    layout = Gates()
+    register_layout(layout)
+    yield layout
+    del LAYOUTS["gates"]
+
+
+def gate_columns(n=12):
+    speed = np.linspace(1, 4, n)
+    return {"drop_speed": speed, "rebound_speed": speed * (0.8 + 0.01 * np.sin(np.arange(n)))}
+
+
+def test_it_is_read_and_paired(gates):
+    read = gate_columns(13)
+    read["rebound_speed"][5] = 0.2
+    recording = jc.read_recording(**read)
+    assert recording.layout is gates
+    assert "layout       gates" in repr(recording) and "speeds       1 to 4 m/s" in repr(recording)
+    pairs = make_pairs(recording, Flight())
+    np.testing.assert_array_equal(pairs.restitution, read["rebound_speed"] / read["drop_speed"])
+    assert pairs.cluster_names == ("operator 0", "operator 1")
+    assert pairs.layout.reading_error.unit == "m/s"
+    assert find_outliers(pairs).guess == {5: "a hand in the gate"}
+
+
+def test_its_faults_are_named(gates):
+    with pytest.raises(ValueError, match="must have a new name, but is 'gates'"):
+        register_layout(Gates())
+    bad = gate_columns()
+    bad["rebound_speed"][3] = 11
+    with pytest.raises(jc.RecordingError, match="row 4, column rebound_speed: is faster than"):
+        jc.read_recording(**bad)
+    assert len(jc.read_recording(gate_columns())) == 12
+    del bad["rebound_speed"]
+    with pytest.raises(
+        jc.RecordingError,
+        match="column rebound_speed: is missing; beside drop_speed a column rebound_speed",
+    ):
+        jc.read_recording(bad)
+    few = make_pairs(jc.read_recording(**gate_columns(1)), Flight())
+    with pytest.raises(jc.RecordingError, match="1 usable pair of gates, but at least 4"):
+        few.needs_enough()

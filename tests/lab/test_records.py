@@ -6,13 +6,13 @@ import json
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 
 import jaxcontact as jc
 from benchmarks.lab.records import draw, found_in, impact, read
 from jaxcontact.lab.calibration.report import impacts
 from jaxcontact.lab.cli import main
-from jaxcontact.lab.layouts.instrument import RecordedImpact
-from jaxcontact.lab.signals import Trace, noise_of
+from jaxcontact.lab.signals import noise_of
 
 MASS, STIFFNESS, DAMPING = 0.05, 2e6, 0.15
 RATE = 50e3
@@ -36,28 +36,19 @@ def plate(count: int = 4, *, noise: float = 0.5, seed: int = 0, long: float = 0.
     return time, force
 
 
-def impacts_of(recording: jc.Recording) -> list[RecordedImpact]:
-    assert all(isinstance(one, RecordedImpact) for one in recording.records)
-    return list(recording.records)  # pyright: ignore[reportReturnType]
-
-
-def trace_of(recording: jc.Recording) -> Trace:
-    return impacts_of(recording)[0].trace
-
-
 def why(time: np.ndarray, force: np.ndarray) -> list[str]:
     """Why contacts of a record are doubtful."""
-    return [one.why for one in trace_of(jc.read_recording(time=time, force=force)).doubtful]
+    return [one.why for one in jc.read_recording(time=time, force=force).records[0].trace.doubtful]
 
 
 def test_impacts_are_found_where_they_are():
     time, force = plate()
-    found = impacts_of(jc.read_recording(time=time, force=force))
+    found = jc.read_recording(time=time, force=force).records
     touches = [one.trace.time[0] + one.touch * one.trace.step for one in found]
     # At half height: a tenth of a contact of 2.6 ms.
     np.testing.assert_allclose(touches, STARTS, atol=3e-4)
     assert [one.number for one in found] == [1, 2, 3, 4]
-    assert trace_of(jc.read_recording(time=time, force=force)).noise == pytest.approx(0.5, rel=0.05)
+    assert found[0].trace.noise == pytest.approx(0.5, rel=0.05)
 
 
 def test_a_file_is_read_as_it_was_saved():
@@ -69,26 +60,22 @@ def test_a_file_is_read_as_it_was_saved():
     said = "; ".join(recording.notes)
     assert 'time = "abs time (ms)" / 1000' in said and 'force = "Fz [kN]" * 1000' in said
     assert "sign reversed" in said and "decimal commas" in said
-    reading = impacts_of(recording)[0].reading
+    reading = recording.records[0].reading
     assert reading.max() == pytest.approx(max(pieces()[0][1]), abs=2.5)
 
 
-def test_a_rate_stands_for_the_times():
+def test_a_rate_stands_for_the_times_and_g_is_a_unit():
     time, force = plate(1, long=0.2)
-    by_time = impacts_of(jc.read_recording(time=time, force=force))[0]
-    by_rate = impacts_of(jc.read_recording(force=force, rate=RATE))[0]
+    by_time = jc.read_recording(time=time, force=force).records[0]
+    by_rate = jc.read_recording(force=force, rate=RATE).records[0]
     np.testing.assert_allclose(by_rate.time, by_time.time, rtol=1e-12)
     with pytest.raises(ValueError, match="is it in kHz"):
         jc.read_recording(force=force, rate=50)
     with pytest.raises(ValueError, match="`rate` must be None for rows of speed and restitution"):
         jc.read_recording({"v": [1.0], "e": [0.5]}, rate=RATE)
-
-
-def test_g_is_a_unit():
-    time, force = plate(1, long=0.2)
     in_si = jc.read_recording(time=time, acceleration=force / MASS)
     in_g = jc.read_recording({"t [s]": time, "a [g]": force / MASS / 9.80665})
-    one, other = (impacts_of(recording)[0].reading for recording in (in_g, in_si))
+    one, other = (recording.records[0].reading for recording in (in_g, in_si))
     np.testing.assert_allclose(one, other, atol=1e-9, rtol=1e-12)
 
 
@@ -145,7 +132,7 @@ def test_hum_is_taken_out():
     recording = jc.read_recording(time=time, force=force + hum)
     assert any("hum of 49.9 Hz" in note or "hum of 50.0 Hz" in note for note in recording.notes)
     clean = jc.read_recording(time=time, force=force)
-    for one, other in zip(impacts_of(recording), impacts_of(clean), strict=True):
+    for one, other in zip(recording.records, clean.records, strict=True):
         start = max(one.start, other.start)
         stop = min(one.stop, other.stop)
         pair = [part.trace.value[start:stop] for part in (one, other)]
@@ -224,12 +211,11 @@ def test_one_impact_gives_e_and_the_stiffness():
 def test_an_indentation_tells_speed_and_stiffness():
     # The indentation follows from SciPy's force by two integrations.
     t, f, after = pieces()[0]
-    speed = SPEEDS[0] - np.concatenate([[0], np.cumsum((f[1:] + f[:-1]) / 2 * np.diff(t))]) / MASS
-    depth = np.concatenate([[0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(t))])
+    speed = SPEEDS[0] - cumulative_trapezoid(f, t, initial=0) / MASS
+    depth = cumulative_trapezoid(speed, t, initial=0)
     time = np.arange(-t[-1], 2 * t[-1], t[-1] / 100)
     flown = np.where(time < 0, SPEEDS[0] * time, -after * (time - t[-1]))
-    inside = (time > 0) & (time < t[-1])
-    path = np.where(inside, np.interp(time, t, depth), flown)
+    path = np.where((time > 0) & (time < t[-1]), np.interp(time, t, depth), flown)
     path += 5e-3 * depth.max() * np.random.default_rng(6).normal(size=time.size)
     recording = jc.read_recording({"t (ms)": 1e3 * time, "deformation (mm)": 1e3 * path})
     (one,) = jc.calibrate(recording, mass=MASS, laws="exact").impact_fits

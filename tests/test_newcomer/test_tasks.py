@@ -1,4 +1,4 @@
-"""Fourteen tasks of a new user with a ball and a simulator, from README and docs alone.
+"""Tasks of a new user with a ball and a simulator, from README and docs alone.
 
 Each is one command, or at most ten lines of Python. The recordings are simulated from a ball of
 known restitution.
@@ -10,14 +10,12 @@ import json
 import shlex
 
 import numpy as np
-import openpyxl
-import pandas as pd
 import pytest
 
-import jaxcontact as jc
 from benchmarks.lab import tracks
 from benchmarks.lab.sound import as_wave, draw
 from jaxcontact.lab.cli import main
+from tests.lab.sources import german, lines, workbook, written
 
 E = 0.8
 GRAVITY = 9.81
@@ -39,22 +37,14 @@ def intervals() -> str:
     return "".join(f"{t:.5f}\n" for t in first * E ** np.arange(12) * scatter)
 
 
-def text_of(rows: np.ndarray, heading: str, separator: str, mark: str = ".") -> str:
-    lines = (separator.join(f"{x:.5f}".replace(".", mark) for x in row) for row in rows)
-    return "\n".join([heading, *lines]) + "\n"
-
-
 LONE = intervals()
-LABORATORY = text_of(ROWS, '"v [m/s]","e"', ",").replace("\n", "\r\n", 4)
-SPEEDS = np.stack([3.6 * SPEED, 3.6 * SPEED * SCATTERED], axis=1)
 SAVED = {
-    "decimal comma": text_of(ROWS * [1000, 1], "speed (mm/s);COR", ";", ",").encode(),
-    "UTF-16 of a spreadsheet": text_of(HEIGHTS, "h0 / cm\th1 / cm", "\t").encode("utf-16"),
-    "one column of intervals": f"interval_s\n{LONE}".encode(),
-    "notes of a laboratory": f"# Kugel 3, Höhe 2 m über dem Boden\r\n\r\n{LABORATORY}".encode(
-        "latin-1"
+    "decimal comma": lines("speed (mm/s);COR", ROWS * [1000, 1], ";", number=german),
+    "UTF-16 of a spreadsheet": lines("h0 / cm\th1 / cm", HEIGHTS, "\t").encode("utf-16"),
+    "one column of intervals": f"interval_s\n{LONE}",
+    "a workbook": workbook(
+        ("about", [["made on Monday"]]), ("runs", [["v (m/s)", "COR"], *ROWS.tolist()])
     ),
-    "kilometres an hour": text_of(SPEEDS, "v_in [km/h];v_out [km/h]", ";").encode(),
 }
 
 
@@ -88,13 +78,13 @@ def assert_delivers(data: dict, truth: float = E) -> None:
 
 @pytest.mark.parametrize("content", SAVED)
 def test_a_file_as_it_was_saved(content, run, tmp_path):
-    (tmp_path / "ball.csv").write_bytes(SAVED[content])
+    written(tmp_path, "ball.csv", SAVED[content])
     assert_delivers(calibrated(run, "ball.csv"))
 
 
 REFUSED = {
     "a column without a heading": (LONE, "heights intervals --columns", "'interval [s]=1'"),
-    "percent": (text_of(ROWS * [1, 100], "speed,e", ","), "percent 100", "'e [%]=2,speed=1'"),
+    "percent": (lines("speed,e", ROWS * [1, 100]), "percent 100", "'e [%]=2,speed=1'"),
 }
 
 
@@ -105,29 +95,6 @@ def test_what_is_refused_is_read_as_the_message_says(content, run, tmp_path):
     code, _, err = run("jaxcontact calibrate ball.csv")
     assert code == 2 and all(word in err for word in words.split())
     assert_delivers(calibrated(run, f"ball.csv --columns {columns}"))
-
-
-def test_a_workbook(run, tmp_path):
-    book = openpyxl.Workbook()
-    book.active.append(["made on Monday"])
-    sheet = book.create_sheet("runs")
-    for row in [["v (m/s)", "COR"], *ROWS.tolist()]:
-        sheet.append(row)
-    book.save(tmp_path / "ball.xlsx")
-    assert_delivers(calibrated(run, "ball.xlsx"))
-
-
-def test_a_parquet_file(run, tmp_path):
-    frame = pd.DataFrame({"velocity": SPEED, "restitution": SCATTERED})
-    frame.to_parquet(tmp_path / "ball.parquet")
-    assert_delivers(calibrated(run, "ball.parquet"))
-
-
-def test_a_frame_in_a_notebook():
-    frame = pd.DataFrame({"v (m/s)": SPEED, "COR": SCATTERED})
-    found = jc.calibrate(jc.read_recording(frame))
-    e = found.choice.laws[0].estimates[0]
-    assert e.name == "e" and abs(e.value - E) < FEW_ERRORS * e.standard_error
 
 
 def test_a_sound(run, tmp_path):
@@ -150,7 +117,7 @@ def test_a_video(run, tmp_path):
 
 
 def test_into_the_simulator(run, tmp_path):
-    (tmp_path / "ball.csv").write_bytes(SAVED["decimal comma"])
+    written(tmp_path, "ball.csv", SAVED["decimal comma"])
     assert run("jaxcontact calibrate ball.csv --mass 1 --stiffness 1e6 --quiet")[0] == 0
     command = "jaxcontact export --from calibration.json --velocity 2 --engine mujoco --quiet"
     code, out, err = run(command)

@@ -1,4 +1,7 @@
-"""Laws and drag from flights, against integrated motion, known truths and `calibrate`."""
+"""Laws and drag from flights, against integrated motion, known truths and `calibrate`.
+
+Trigger errors are separated from the scatter of the bounces, and left out if they are wrong.
+"""
 
 import itertools
 from pathlib import Path
@@ -12,8 +15,8 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._flight import Flight
 from jaxcontact.lab.bounces import BounceModel, NextFlight, by_triggers
-from jaxcontact.lab.recordings import read_recording
-from tests.lab.test_calibration import oracle
+from jaxcontact.lab.recordings import make_pairs, read_recording
+from tests.lab.sources import restitution_of
 
 G = 9.81
 BALL = jc.Drag(mass=0.0027, radius=0.02, coefficient=0.5)
@@ -21,9 +24,6 @@ SPEED = np.geomspace(0.3, 5, 40)
 CONTACT = jc.Contact(mass=0.0027, stiffness=2e5)
 BOTH = ("mass", "stiffness")  # what stays where the drag is fitted, too
 ROUNDING = 1e-14  # logarithms of order 1 in double precision, relative: 1e-15 was seen
-DIFFERENCES = 5e-11
-"""Four-point differences with a step of 1e-4 in ln C_d, absolute: 7e-12 was seen, where slopes are
-1e-6 to 0.9. It is the rounding of the logarithms over the step."""
 
 
 def slowing(gravity=G, ball=BALL):
@@ -31,7 +31,9 @@ def slowing(gravity=G, ball=BALL):
     return ball.terminal_speed(gravity) ** -2 / ball.coefficient
 
 
-duration = jax.jit(Flight.duration)
+duration, height_reached = jax.jit(Flight.duration), jax.jit(Flight.height_reached)
+launch_speed, landing_speed = jax.jit(Flight.launch_speed), jax.jit(Flight.landing_speed)
+speed_after_drop = jax.jit(Flight.speed_after_drop)
 
 
 def predictor(kind, drag=True):
@@ -40,18 +42,17 @@ def predictor(kind, drag=True):
 
 
 def readings(e, kind, coefficient=None, speed=SPEED):
-    """What is read before and after impacts at `speed` of a ball whose restitution is e(v)."""
-    after, b, vt = np.array([e(v) for v in speed]) * speed, None, np.inf
-    if coefficient is not None:
-        vt = jc.Drag(BALL.mass, BALL.radius, coefficient).terminal_speed(G)
-        b = vt**-2
+    """What is read of a ball of restitution e(v); in vacuum its impacts are at `speed`."""
+    drag = None if coefficient is None else jc.Drag(BALL.mass, BALL.radius, coefficient)
+    b = Flight(G, drag).rate
     if kind == "intervals":
-        launch = speed / np.sqrt(1 - (speed / vt) ** 2)
-        return np.asarray(duration(launch, G, b)), np.asarray(duration(after, G, b))
-    if b is None:
-        return speed**2 / (2 * G), after**2 / (2 * G)
-    falls, rises = -np.log1p(-((speed / vt) ** 2)), np.log1p((after / vt) ** 2)
-    return vt**2 / (2 * G) * falls, vt**2 / (2 * G) * rises
+        first = 2 * speed / G
+        landing, read = landing_speed(launch_speed(first, G, b), G, b), duration
+    else:
+        first = speed**2 / (2 * G)
+        landing, read = speed_after_drop(first, G, b), height_reached
+    after = np.array([e(v) for v in np.asarray(landing)]) * landing
+    return first, np.asarray(read(after, G, b))
 
 
 @pytest.mark.parametrize("kind", ["intervals", "heights"])
@@ -76,35 +77,21 @@ def test_vacuum_is_the_limit_of_weak_drag(kind):
         np.testing.assert_allclose(value, free, rtol=ROUNDING if tiny == 0 else 1e-9)
 
 
-@pytest.mark.parametrize("kind", ["intervals", "heights"])
-def test_the_slope_by_the_drag(kind):
-    first = jnp.asarray(np.geomspace(0.02, 2, 12))
-
-    @jax.jit
-    def of(log_coefficient):
-        model = BounceModel(jc.ConstantDamping(c=2e4), CONTACT, jnp.exp(log_coefficient))
-        return predictor(kind)(model, first)
-
-    for coefficient in (1e-3, 0.05, 0.5, 5.0):
-        x, h = jnp.log(coefficient), 1e-4
-        # Four points: the truncation error is of order h⁴.
-        near, far = (of(x + h) - of(x - h)), (of(x + 2 * h) - of(x - 2 * h))
-        slope = (8 * near - far) / (12 * h)
-        np.testing.assert_allclose(jax.jacfwd(of)(x), slope, rtol=0, atol=DIFFERENCES)
-
-
 VISCOUS = 1.1e-5
-KAPPA = VISCOUS * (2e5 / 0.0027) ** 0.4
 # The oscillator law of constant e compiles in half the time of the exact Hunt-Crossley law.
 LAWS = {
     "exact": (jc.ExactRestitution(e=0.8), 0.9, lambda v: 0.9),
     "constant e": (jc.AntypovElliott(e=0.8), 0.9, lambda v: 0.9),
-    "constant c": (jc.ConstantDamping(c=1e4), 2e4, oracle.constant_damping(2e4 / 2e5)),
-    "viscous": (jc.KuwabaraKono(A=5e-6), VISCOUS, oracle.kuwabara_kono(KAPPA)),
+    "constant c": (
+        *(jc.ConstantDamping(c=1e4), 2e4),
+        restitution_of(jc.ConstantDamping(c=2e4), CONTACT),
+    ),
+    "viscous": (
+        *(jc.KuwabaraKono(A=5e-6), VISCOUS),
+        restitution_of(jc.KuwabaraKono(A=VISCOUS), CONTACT),
+    ),
 }
-FOUND = {"exact": 1e-10, "constant e": 1e-10, "constant c": 1e-10, "viscous": 2e-6}
-"""How far the numbers are from the truth, relative: 1e-15 was seen, 6e-14, and 3e-7 where the truth
-is an interpolated integration."""
+FOUND = 1e-10  # how far the numbers are from the truth, relative: 8e-12 was seen, by phase
 
 
 @pytest.mark.slow(
@@ -124,22 +111,14 @@ def test_the_truth_comes_back(name, kind, drag, method):
     start, truth, e = LAWS[name]
     first, second = readings(e, kind, drag)
     how = {"kind": kind, "fixed": BOTH, "method": method} | ({"drag": BALL} if drag else {})
-    found = jc.fit_bounces(start, CONTACT, first, second, **how)
+    # Single precision outside changes nothing.
+    with jax.enable_x64(name != "constant e"):
+        found = jc.fit_bounces(start, CONTACT, first, second, **how)
     assert found.converged and not found.unidentified, found.reason
-    assert found.values == pytest.approx([truth, drag][: 2 if drag else 1], rel=FOUND[name])
+    assert found.values == pytest.approx([truth, drag][: 2 if drag else 1], rel=FOUND)
     assert found.names[1:] == (("drag_coefficient",) if drag else ())
     assert (found.params.drag_coefficient is None) == (drag is None)
     np.testing.assert_allclose(found.predict(first), np.log(second), rtol=0, atol=1e-6)
-
-
-def test_mass_and_stiffness_are_not_told_from_the_law():
-    first, second = readings(LAWS["constant c"][2], "heights")
-    found = jc.fit_bounces(LAWS["constant c"][0], CONTACT, first, second, kind="heights", fixed=())
-    assert found.converged, found.reason
-    told = {frozenset(one.components) for one in found.unidentified}
-    assert told == {frozenset({"contact.mass"}), frozenset({"law.c", "contact.stiffness"})}
-    ratio = found.params.law.c / found.params.contact.stiffness
-    assert float(ratio) == pytest.approx(2e4 / 2e5, rel=1e-9)
 
 
 NOISE = 0.003
@@ -204,19 +183,6 @@ def test_one_speed_does_not_tell_air_from_law():
     assert np.isnan(list(found.standard_errors.values())).all()
 
 
-def test_drag_that_the_data_deny_ends_at_its_bound():
-    """The other numbers are then judged without it."""
-    first = np.linspace(0.1, 1, 40)
-    noise = np.random.default_rng(3).normal(size=first.size)
-    second = 0.9 * first * np.exp(0.01 * first**2 + 0.002 * noise)
-    law = jc.AntypovElliott(e=0.8)
-    found = jc.fit_bounces(law, CONTACT, first, second, drag=BALL, fixed=("mass", "stiffness"))
-    assert found.converged, found.reason
-    assert found.at_bound == ("drag_coefficient",)
-    vacuum = jc.fit_bounces(law, CONTACT, first, second)
-    assert float(found.params.law.e) == pytest.approx(float(vacuum.params.law.e), rel=1e-9)
-
-
 @pytest.mark.slow(reason="two fits with drag to sixty rebounds, 10 s of CPU")
 def test_drops_from_one_height_share_its_error():
     """Sixty rebounds of a table-tennis ball from six heights, of which each is off."""
@@ -243,14 +209,11 @@ CALIBRATED = 5e-4
 def test_table_tennis_with_its_drag_agrees_with_the_calibration():
     """Successive intervals of the recording that is shipped, spurious ones too."""
     recording = read_recording(ball="pingpong")
-    by_place = {(r.drop_height, r.trial, r.bounce): r.seconds for r in recording.records}
-    both = [
-        (seconds, by_place[height, trial, bounce + 1])
-        for (height, trial, bounce), seconds in by_place.items()
-        if (height, trial, bounce + 1) in by_place
-    ]
+    seconds = {one.row: one.seconds for one in recording.records}
+    pairs = make_pairs(recording, Flight())
+    both = [[seconds[row] for row in rows] for rows in (pairs.first_row, pairs.second_row)]
     start, how = LAWS["constant e"][0], {"drag": BALL, "fixed": BOTH, "loss": jc.Huber()}
-    measured = jc.fit_bounces(start, CONTACT, *np.array(both).T, **how)
+    measured = jc.fit_bounces(start, CONTACT, *both, **how)
     assert measured.converged, measured.reason
     e, coefficient = map(float, measured.values)
     # A smooth sphere has 0.4 to 0.5 at these speeds; 0.545 ± 0.013 was found. An e that falls with
@@ -264,10 +227,75 @@ def test_table_tennis_with_its_drag_agrees_with_the_calibration():
     assert e == pytest.approx(estimate.value, abs=CALIBRATED)
 
 
-def test_single_precision_outside_changes_nothing():
-    first, second = readings(lambda v: 0.9, "intervals", 0.45)
-    with jax.enable_x64(False):
-        found = jc.fit_bounces(
-            jc.AntypovElliott(e=0.8), CONTACT, first, second, drag=BALL, fixed=BOTH
-        )
-    assert found.converged and found.values == pytest.approx([0.9, 0.45], rel=1e-9)
+HALF = jc.ExactRestitution(e=0.5), CONTACT
+
+
+def told_by(found):
+    """The errors of triggers in ms, and the scatter of ln e in per cent, that a fit tells."""
+    trigger, scatter = found.notes[-1].split(", ")
+    return float(trigger.split()[-2]), float(scatter.split()[-2])
+
+
+def test_the_sizes_of_both_errors_are_those_of_the_data():
+    """Robust or not; twenty trials tell 0.3 ms and 0.4 % to a quarter."""
+    random, first, second = np.random.default_rng(12), [], []
+    for _ in range(20):
+        ratios = 0.85 * np.exp(0.004 * random.normal(size=9))
+        times = np.cumsum([0, *(0.8 * np.cumprod([1, *ratios]))]) + 3e-4 * random.normal(size=11)
+        first, second = [*first, *np.diff(times)[:-1]], [*second, *np.diff(times)[1:]]
+    for how in ({}, {"loss": jc.Huber()}):
+        found = jc.fit_bounces(*HALF, first, second, **how)
+        assert found.converged and told_by(found) == pytest.approx((0.3, 0.4), rel=0.25)
+
+
+def test_one_trial_says_what_it_cannot_tell():
+    random, triggers = np.random.default_rng(4), np.cumsum(0.8 * 0.9 ** np.arange(14))
+    times = np.diff(triggers + 5e-4 * random.normal(size=14))
+    found = jc.fit_bounces(*HALF, times[:-1], times[1:])
+    low, high = found.interval()["law.e"]
+    assert found.converged and low < 0.9 < high
+    assert "standard errors exclude differences between trials" in str(found)
+    # A user's statement about the errors is used.
+    known = jc.fit_bounces(*HALF, times[:-1], times[1:], sigma=np.full(12, 0.01))
+    assert known.notes == ()
+
+
+def flights(wrong):
+    """180 pairs of a ball with e = 0.85, of whose triggers a share is missed or spurious."""
+    random, first, second, trial = np.random.default_rng(7), [], [], []
+    for number in range(25):
+        times = np.concatenate([[0], np.cumsum(0.8 * 0.85 ** np.arange(10))])
+        times += 2e-4 * random.normal(size=11)
+        kept = times[random.random(11) > wrong / 2]
+        extra = random.uniform(0, times[-1], random.binomial(11, wrong / 2))
+        t = np.diff(np.sort([*kept, *extra]))
+        first, second = [*first, *t[:-1]], [*second, *t[1:]]
+        trial += [number] * (len(t) - 1)
+    table = {"first": np.array(first), "second": np.array(second), "groups": trial}
+    return {name: column[:180] for name, column in table.items()}
+
+
+def test_wrong_triggers_are_left_out():
+    data = flights(0.1)
+    found = jc.fit_bounces(*HALF, **data, loss=jc.Huber())
+    assert found.converged, found.reason
+    left = int(found.notes[0].split(" of ")[0])
+    spoilt = np.abs(data["second"] / data["first"] / 0.85 - 1) > 0.1
+    assert spoilt.sum() <= left <= 1.2 * spoilt.sum() and left > 25
+    assert np.isnan(found.residuals[spoilt]).all() and found.residuals.size == spoilt.size
+    low, high = found.interval()["law.e"]
+    assert low < 0.85 < high and high - low < 2e-3
+    # User weights count in addition to the marks.
+    given = jc.fit_bounces(*HALF, **data, loss=jc.Huber(), weights=np.full(spoilt.size, 3.0))
+    assert float(given.params.law.e) == pytest.approx(float(found.params.law.e), abs=1e-6)
+    known = jc.fit_bounces(*HALF, **data, loss=jc.Huber(), sigma=1e-3)
+    assert np.array_equal(np.isnan(known.residuals), np.isnan(found.residuals))
+
+
+def test_a_recording_of_wrong_triggers_cannot_be_used():
+    how = {**flights(0.3), "loss": jc.Huber()}
+    with pytest.raises(jc.NumericalError, match="the recording cannot be used"):
+        jc.fit_bounces(*HALF, **how)
+    found = jc.fit_bounces(*HALF, **how, throw=False)
+    assert not found.converged and "the recording cannot be used" in found.reason
+    assert np.isnan(found.standard_errors["law.e"])

@@ -2,34 +2,33 @@
 
 import re
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import integrate, signal
 
 import jaxcontact as jc
-from benchmarks.fit_coverage import (
-    DAMPING,
-    DEPTH_ZERO,
-    FORCE_ZERO,
-    MASS,
-    SPEED,
-    STIFFNESS,
-    TIME,
-    TOUCH,
-    clean_record,
-)
-from jaxcontact.lab.records.low_pass import limits_of
+from benchmarks import fit_coverage as truths
+from benchmarks.fit_coverage import DAMPING, FORCE_ZERO, MASS, SPEED, STIFFNESS, TIME
+from jaxcontact.lab.records.instrument_errors import rounding, rounding_of_white_noise, step_of
+from jaxcontact.lab.records.low_pass import Course, limits_of
+
+# As in a fit, where products of real and complex numbers are allowed.
+pytestmark = pytest.mark.usefixtures("usual_promotion")
 
 NOISE_FORCE, NOISE_DEPTH = 5.0, 2e-6
 TRUE = {
-    "law.c": DAMPING, "contact.stiffness": STIFFNESS, "velocity": SPEED, "start_time": TOUCH,
-    "force_offset": FORCE_ZERO, "indentation_offset": DEPTH_ZERO,
+    "law.c": DAMPING, "contact.stiffness": STIFFNESS, "velocity": SPEED, "start_time": truths.TOUCH,
+    "force_offset": FORCE_ZERO, "indentation_offset": truths.DEPTH_ZERO,
+    "low_pass_force.cutoff": truths.CUTOFF,
 }  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def clean():
     """Force and indentation at TIME, by scipy, with free flight before and after."""
-    record = clean_record()
+    record = truths.clean_record()
     return record["force"], record["indentation"]
 
 
@@ -53,7 +52,7 @@ def near(clean):
 
 def test_a_clean_record(near):
     assert near.converged, near.reason
-    assert set(near.names) == set(TRUE)
+    assert {*near.names, "low_pass_force.cutoff"} == set(TRUE)
     true = [TRUE[name] for name in near.names]
     assert near.values.tolist() == pytest.approx(true, rel=CLEAN, abs=1e-9)
 
@@ -82,7 +81,7 @@ def test_an_offset_and_starts_off_by_two(clean):
             contact = jc.Contact(mass=MASS, stiffness=STIFFNESS * factors[1])
             found = jc.fit_record(law, contact, TIME, SPEED * factors[2], force=force)
             assert found.converged, found.reason
-            true = DAMPING, STIFFNESS, SPEED, TOUCH, zero * peak
+            true = DAMPING, STIFFNESS, SPEED, truths.TOUCH, zero * peak
             assert np.abs((found.values - true) / found.errors).max() < 4
 
 
@@ -160,17 +159,12 @@ def test_a_peak_in_steps_is_no_limit(step):
 def test_noise_does_not_make_a_peak_a_limit():
     """Of a fifth of a step it cuts the value beside a peak into short runs, and not the peak."""
     time, random = np.linspace(0, np.pi, 2500), np.random.default_rng(6)
-    for noise in (0.2, 0.5, 1.0):
-        for _ in range(30):
-            peak = 33 * np.sin(time) + noise * random.normal(size=time.size)
-            zero = random.uniform(0, 1)
-
-            def steps(y, zero=zero):
-                return np.round(y - zero)
-
-            assert not limits_of(steps(peak), two_sided=False).at_limit.any()
-            cut = limits_of(steps(np.minimum(peak, 29.0)), two_sided=False)
-            assert cut.at_limit.any()
+    for noise in np.repeat((0.2, 0.5, 1.0), 30):
+        peak = 33 * np.sin(time) + noise * random.normal(size=time.size)
+        zero = random.uniform(0, 1)
+        read, cut = (np.round(y - zero) for y in (peak, np.minimum(peak, 29.0)))
+        assert not limits_of(read, two_sided=False).at_limit.any()
+        assert limits_of(cut, two_sided=False).at_limit.any()
 
 
 def test_an_indentation_that_ends_at_the_lower_limit(clean):
@@ -180,3 +174,143 @@ def test_an_indentation_that_ends_at_the_lower_limit(clean):
     assert found.converged, found.reason
     assert np.abs(pulls(found)).max() < 3.5
     assert "readings of indentation are at a limit" in str(found)
+
+
+# A sensor behind a low-pass filter, against SciPy's; its noise, and that of quantised readings.
+
+END, FIRST, LAST = 1.1e-3, 1.5, -1.0
+PARTS = 127
+DENSE = np.linspace(-2e-3, 4e-3, 120_001)
+EVERY = 400
+
+
+def force():
+    return Course(jnp.zeros(()), lambda t: jnp.sin(jnp.pi * t / END) ** 1.5, END, (0.0, 0.0))
+
+
+def depth():
+    """A ramp before, half a sine, another ramp after: in units of 1 mm."""
+
+    def inside(t):
+        return 1e3 * FIRST * (END / jnp.pi * jnp.sin(jnp.pi * t / END) - t)
+
+    return Course(jnp.asarray(1e3 * FIRST), inside, END, (-1e3 * FIRST * END, 1e3 * (LAST - FIRST)))
+
+
+AGREES = 2e-6
+"""Of the largest reading; a digital filter of 50 ns steps is off by 1e-7 to 1e-6 of it."""
+
+
+@pytest.mark.parametrize("order", [1, 2, 5, 8])
+@pytest.mark.parametrize("course", [force, depth])
+def test_it_filters_as_scipy_does(course, order):
+    at, made = slice(None, None, EVERY), course()
+    signal_ = np.asarray(jax.jit(made.read)(DENSE))
+    # A ramp that began long ago is only delayed.
+    before = float(made.before)
+    filtered = jax.jit(
+        lambda cutoff: jc.LowPass(cutoff, order).read(course(), jnp.asarray(DENSE[at]), PARTS)
+    )
+    for cutoff in (1 / END, 3 / END, 30 / END):
+        sections = signal.butter(order, cutoff, fs=1 / (DENSE[1] - DENSE[0]), output="sos")
+        poles = signal.butter(order, 2 * np.pi * cutoff, analog=True, output="zpk")[1]
+        late = float(np.sum(-1 / poles).real)
+        expected = signal.sosfilt(sections, signal_ - before * DENSE) + before * (DENSE - late)
+        atol = AGREES * np.abs(signal_).max()
+        np.testing.assert_allclose(filtered(cutoff), expected[at], rtol=0, atol=atol)
+
+
+def test_its_derivatives():
+    moments = jnp.linspace(-1e-4, 2e-3, 60)
+
+    @jax.jit
+    def read(cutoff):
+        def at(cutoff):
+            return jc.LowPass(cutoff, 3).read(depth(), moments, PARTS)
+
+        return jax.jvp(at, (cutoff,), (jnp.ones_like(cutoff),))
+
+    step = 0.3
+    slope = (read(3000.0 + step)[0] - read(3000.0 - step)[0]) / (2 * step)
+    atol = 1e-6 * np.abs(slope).max()
+    np.testing.assert_allclose(read(3000.0)[1], slope, rtol=0, atol=atol)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 8])
+def test_noise_behind_it(order):
+    """The correlation is the cosine transform of |H|²."""
+    lags = np.linspace(0, 1e-3, 7)
+
+    def power(w, lag):
+        return np.cos(w * lag) / (1 + (w / (2 * np.pi * 900)) ** (2 * order))
+
+    most = 2 * np.pi * 900 * (2000 if order == 1 else 60)
+    seen = [integrate.quad(power, 0, most, args=(lag,), limit=4000)[0] for lag in lags]
+    found = jc.LowPass(900.0, order).correlation(lags)[0]
+    np.testing.assert_allclose(found, np.array(seen) / seen[0], rtol=0, atol=2e-3)
+
+
+def test_the_noise_of_steps():
+    """The covariance of rounding with a random zero, against draws."""
+    random, step, draws = np.random.default_rng(4), 1.0, 40_000
+    expected = np.array([0.0, 0.05, 0.4, 7.3])
+    noise = 0.15**2 * np.array([[1, 0.9, 0, 0], [0.9, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    values = expected + random.multivariate_normal(np.zeros(4), noise, size=draws)
+    zero = random.uniform(0, step, size=(draws, 1))
+    off = step * np.round((values - zero) / step) + zero - expected
+    found = noise + rounding(noise, expected, step)
+    # Four standard deviations of a covariance from so many draws.
+    blur = 4 * np.diag(found).max() / np.sqrt(draws)
+    np.testing.assert_allclose(off.T @ off / draws, found, rtol=0, atol=blur)
+    assert found[0, 1] > 0.04 > abs(found[0, 3]) + 0.01 and np.linalg.eigvalsh(found).min() > 0
+
+
+def test_white_noise_in_steps_needs_no_matrix():
+    sigma, expected = np.array([0.1, 0.2, 0.3, 0.15]), np.array([0.0, 0.5, 4.1, 7.3])
+    own, root = rounding_of_white_noise(sigma, expected, 0.7)
+    noise = np.diag(sigma**2)
+    whole = noise + rounding(noise, expected, 0.7)
+    np.testing.assert_allclose(np.diag(own) + root @ root.T, whole, rtol=0, atol=1e-15)
+    assert own.min() > 0 and root.shape == (4, 24)
+
+
+def test_steps_are_found():
+    random = np.random.default_rng(5)
+    smooth = np.sin(np.linspace(0, 6, 400)) + 0.01 * random.normal(size=400)
+    assert step_of(smooth) == 0
+    assert step_of(0.02 * np.round(smooth / 0.02) + 0.7) == pytest.approx(0.02, rel=1e-6)
+    single = (np.round(smooth / 0.02) * np.float32(0.02)).astype(np.float32)
+    assert step_of(single.astype(float)) == pytest.approx(0.02, rel=1e-4)
+    # Two instruments in one column have no common resolution.
+    assert step_of(np.concatenate([np.round(smooth, 1), np.round(smooth, 1) + 0.0137])) == 0
+
+
+def test_a_record_behind_a_filter(monkeypatch):
+    """K, c and the cut-off come back; noise is that of the readings, in steps or not."""
+    random = np.random.default_rng(2)
+    original, step, pull = jc.fit_record, 60.0, []
+
+    def in_steps(*arguments, force, **others):
+        return original(*arguments, force=step * np.round(force / step), **others)
+
+    for read in (original, in_steps):
+        monkeypatch.setattr(jc, "fit_record", read)
+        found = truths.filtered_fit(random, fitted=True)
+        # One in twenty is called inadequate, one in a thousand this clearly.
+        assert found.converged and found.adequacy.p > 1e-3, found
+        pull.append(pulls(found))
+    assert np.abs(pull).max() < 3.5 and np.sqrt(np.mean(np.square(pull))) < 1.7
+    assert "readings of force are rounded to steps of 60, 1.9 of" in found.notes[-1]
+
+
+@pytest.mark.slow(reason="a fit to a record of 2500 readings")
+def test_a_long_record_in_steps_is_not_too_sure():
+    """Each step lasts for many readings, which share its error: errors grow tenfold."""
+    time = np.linspace(0, 2.2e-3, 2500)
+    clean = truths.course(time)["force"] + FORCE_ZERO
+    step, random = truths.NOISE["force"] * clean.max(), np.random.default_rng(3)
+    read = step * np.round((clean + step / 5 * random.normal(size=time.size)) / step - 0.3)
+    law, contact = jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7)
+    found = jc.fit_record(law, contact, time, 1.2, force=read + 0.3 * step)
+    assert found.converged and np.abs(pulls(found)).max() < 3 and found._wider.max() > 50
+    assert not any("limit" in note for note in found.notes)

@@ -1,26 +1,30 @@
-"""Friction laws from oblique impacts: a published table, synthetic truths, bad input by name."""
+"""Friction laws from oblique impacts: published and synthetic ones, files, bad input by name."""
 
 import importlib.resources
+import json
 
-import equinox as eqx
 import jax
 import numpy as np
 import pytest
 
 import jaxcontact as jc
+from jaxcontact.lab.calibration.calibrate_friction import is_oblique, read_rebounds
 from jaxcontact.lab.oblique.choose_friction import candidates_of
 from jaxcontact.lab.oblique.fit_oblique import NOTE
 from jaxcontact.lab.oblique.measurements import measurements
+from tests.lab.sources import written
 
 ALUMINA = jc.Material(380e9, 0.23, 4000.0)
 GLASS = jc.Material(70e9, 0.25)
 CONTACT = jc.Contact.sphere_plane(0.0025, ALUMINA, GLASS)
 BODIES = jc.RoundBodies(radius=0.0025)
 LAW = jc.Hertz()
-TABLE = importlib.resources.files("jaxcontact.data") / "oblique_rebounds.csv"
+TABLE, HEIGHTS = (
+    str(importlib.resources.files("jaxcontact.data") / f"{name}.csv")
+    for name in ("oblique_rebounds", "rebound_heights")
+)
 
-with TABLE.open() as file:
-    ANGLE, SPEED, RATIO, SPIN = np.genfromtxt(file, delimiter=",", skip_header=1).T
+ANGLE, SPEED, RATIO, SPIN = np.genfromtxt(TABLE, delimiter=",", skip_header=1).T
 KHARAZ = {
     "velocity": SPEED * np.cos(np.radians(ANGLE)),
     "tangential_velocity": SPEED * np.sin(np.radians(ANGLE)),
@@ -80,22 +84,6 @@ def test_one_fit_is_that_of_the_choice(choice):
     assert fit.notes[-1] == "6 of 15 impacts slid throughout"
 
 
-def test_outcomes_are_those_of_an_impact():
-    columns = {name: (x, None) for name, x in OUTCOMES.items()}
-    columns |= {"rebound_angle": (np.zeros(15), None)}
-    x = {name: KHARAZ[name] for name in ("velocity", "tangential_velocity")}
-    law = jc.HuGuo(e=0.8)
-    there = measurements(law, CONTACT, *x.values(), BODIES, columns)
-    friction = jc.WaltonFriction(0.1, 0.4)
-    got = eqx.filter_jit(there.model)(friction, there.x)
-    hit = jc.oblique_impact(law, CONTACT, **x, friction=friction, bodies=BODIES)
-    along, away = hit.tangential_velocity, x["velocity"] * hit.normal.restitution
-    assert np.allclose(got["tangential_restitution"], along / x["tangential_velocity"], rtol=1e-12)
-    assert np.allclose(got["rebound_angle"], np.arctan(along / away), rtol=1e-12)
-    assert np.allclose(got["rebound_spin"], -hit.spin[0], rtol=1e-12)
-    assert np.all(np.asarray(got["rebound_spin"]) > 0)
-
-
 E_LAW = jc.HuGuo(e=0.8)
 STEEP = np.radians(np.linspace(4, 64, 12))
 SPEEDS = {"velocity": 2 * np.cos(STEEP), "tangential_velocity": 2 * np.sin(STEEP)}
@@ -108,24 +96,20 @@ def synthetic(truth, noise, seed):
 
 
 TRUTHS = {
-    "rigid": (jc.RigidCoulomb(0.17), jc.RigidCoulomb(2.0), [0.17]),
-    "Walton": (jc.WaltonFriction(0.17, 0.4), jc.WaltonFriction(1.0, -0.6), [0.17, 0.4]),
-    "Maw-Barber-Fawcett": (
-        jc.MawBarberFawcett(0.17, 0.82),
-        jc.MawBarberFawcett(1.0, 0.9),
-        [0.17, 0.82],
-    ),
+    "rigid": (jc.RigidCoulomb, [0.17], [2.0]),
+    "Walton": (jc.WaltonFriction, [0.17, 0.4], [1.0, -0.6]),
+    "Maw-Barber-Fawcett": (jc.MawBarberFawcett, [0.17, 0.82], [1.0, 0.9]),
 }
 
 
 @pytest.mark.parametrize("name", TRUTHS)
 def test_truths_return_from_far_starts_within_their_errors(name):
     """Every fit converges, also where the lowest loss is at a jump between stick and slip."""
-    truth, start, values = TRUTHS[name]
+    law, values, start = TRUTHS[name]
     deviations, jumps = [], 0
     for seed in range(12):
-        ratio = synthetic(truth, 0.02, seed)
-        fit = jc.fit_oblique(E_LAW, CONTACT, **SPEEDS, friction=start, tangential_restitution=ratio)
+        how = SPEEDS | {"tangential_restitution": synthetic(law(*values), 0.02, seed)}
+        fit = jc.fit_oblique(E_LAW, CONTACT, **how, friction=law(*start))
         assert fit.converged
         jumps += NOTE in fit.notes
         deviations.append((fit.values - values) / fit.errors)
@@ -140,12 +124,15 @@ def test_exact_data_of_several_columns_with_missing_readings():
     along, spin = np.array(hit.tangential_velocity), -np.array(hit.spin[0])
     ratio = along / SPEEDS["tangential_velocity"]
     angle = np.arctan(along / np.asarray(SPEEDS["velocity"] * hit.normal.restitution))
-    ratio[::2], angle[1::3], spin[5:] = np.nan, np.nan, np.nan
+    ratio[::2], angle[1::3], spin[2::4] = np.nan, np.nan, np.nan
     how = SPEEDS | {"bodies": BODIES, "friction": jc.WaltonFriction(0.5, 0.0), "noise": "common"}
     how |= {"tangential_restitution": ratio, "rebound_angle": angle, "rebound_spin": spin}
-    fit = jc.fit_oblique(E_LAW, CONTACT, **how)
+    # In single precision it is fitted in double.
+    with jax.enable_x64(False):
+        contact = jc.Contact.sphere_plane(0.0025, ALUMINA, GLASS)
+        fit = jc.fit_oblique(E_LAW, contact, **how)
     assert np.allclose(fit.values, [0.17, 0.4], rtol=1e-6)
-    assert np.count_nonzero(np.isfinite(fit.data)) == 6 + 8 + 5
+    assert np.count_nonzero(np.isfinite(fit.data)) == 6 + 8 + 9
 
 
 def test_sliding_alone_determines_nothing_but_mu():
@@ -204,9 +191,68 @@ def test_bad_input_is_named(change, message):
         (jc.fit_oblique if one else jc.choose_friction)(E_LAW, CONTACT, **given)
 
 
-def test_single_precision_is_fitted_in_double():
-    ratio = synthetic(jc.RigidCoulomb(0.17), 0.0, 0)
+def test_the_shipped_table():
+    table = read_rebounds(TABLE)
+    assert is_oblique(TABLE) and not is_oblique(HEIGHTS) and not is_oblique("nothing.csv")
+    assert np.allclose(np.hypot(table.normal, table.tangential), 3.9)
+    assert table.outcomes.keys() == {"tangential_restitution", "rebound_spin"}
+    assert table.restitution is None and len(table.normal) == 15
+    with pytest.raises(jc.RecordingError, match="for oblique impacts use `calibrate_friction`"):
+        jc.read_recording(TABLE)
+    with pytest.raises(jc.RecordingError, match="no known column"):
+        jc.read_recording({"a": [1, 2, 3]})
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "angle of impact [deg], speed (m/s), v_t'/v_t, e, ball\n30, 2, 0.7, 0.9, a\n",
+        "theta (rad), speed (cm/s), vt' (m/s), cor\n0.5235987755982988, 200, 0.7, 0.9\n",
+        "v_n (m/s), v_t (m/s), et, e\n1.7320508075688772, 1, 0.7, 0.9\n",
+        "speed, tangential speed, et, e\n2, 1, 0.7, 0.9\n",
+        "angle (deg), vn, et, en\n30, 1.7320508075688772, 0.7, 0.9\n",
+    ],
+)
+def test_headings_and_units(tmp_path, text):
+    path = written(tmp_path, "table.csv", text)
+    assert is_oblique(path) and ("ball" not in text or is_oblique(path, columns="ball=5"))
+    table = read_rebounds(path)
+    assert table.normal == pytest.approx([3**0.5]) and table.tangential == pytest.approx([1.0])
+    assert table.outcomes == {"tangential_restitution": pytest.approx([0.7])}
+    assert table.restitution == pytest.approx(0.9)
+
+
+def test_spins_and_angles_after(tmp_path):
+    text = "angle (deg),speed,rebound angle (deg),spin (rpm)\n30,2,20,60\n40,2,,\n"
+    table = read_rebounds(written(tmp_path, "table.csv", text))
+    assert table.outcomes["rebound_angle"][0] == pytest.approx(np.radians(20))
+    assert table.outcomes["rebound_spin"][0] == pytest.approx(2 * np.pi)
+    assert np.isnan(table.outcomes["rebound_spin"][1])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("angle,speed,et\n30,2,0.7\n", "has no unit, deg or rad"),
+        ("angle (deg),speed,et\n95,2,0.7\n", "an angle of impact of 95 degrees"),
+        ("angle (deg),et\n30,0.7\n", "does not say how bodies come in"),
+        ("angle (deg),speed\n30,2\n", "has no outcome of oblique impacts"),
+        ("speed,tangential speed,et\n2,3,0.7\n", "tangential speeds above the speed"),
+    ],
+)
+def test_tables_that_say_too_little(tmp_path, text, message):
+    with pytest.raises(jc.RecordingError, match=message):
+        read_rebounds(written(tmp_path, "table.csv", text))
+
+
+def test_a_result_prints_mu_first_and_writes_its_numbers():
+    laws = {"rigid Coulomb": jc.RigidCoulomb(0.3), "Walton": jc.WaltonFriction(0.3, 0.1)}
+    how = {"restitution": 1.0, "tangential_ratio": 0.83, "radius": 0.0025, "friction": laws}
     with jax.enable_x64(False):
-        contact = jc.Contact.sphere_plane(0.0025, ALUMINA, GLASS)
-        fit = jc.fit_oblique(E_LAW, contact, **SPEEDS, friction=START, tangential_restitution=ratio)
-    assert fit.params.mu == pytest.approx(0.17, rel=1e-5)
+        found = jc.calibrate_friction(TABLE, **how)
+    assert found.choice.fits["Walton"].problem.predict.contact.tangential_ratio == 0.83
+    assert repr(found).startswith("mu = 0.09") and "e = 1; read as angle = " in repr(found)
+    assert found.converged and isinstance(found.friction, jc.WaltonFriction)
+    numbers = json.loads(found.to_json())
+    best = numbers["laws"][numbers["best"]]
+    assert numbers["best"] == "Walton" and best["parameters"].keys() == {"mu", "beta0"}

@@ -1,29 +1,28 @@
-"""The contents of the report; what `jaxcontact calibrate` prints and writes of the shipped ball."""
+"""The contents of reports, printed, saved and as one page; what `jaxcontact calibrate` prints."""
 
 import contextlib
 import dataclasses
+import functools
 import io
 import json
-from pathlib import Path
-from typing import NamedTuple
+import operator
+import re
+import types
+from xml.etree import ElementTree
 
 import jax
 import numpy as np
 import pytest
 
 import jaxcontact as jc
+from jaxcontact.lab import report_page
 from jaxcontact.lab.calibration.report import report, side_by_side
+from jaxcontact.lab.calibration.report_parts import Html, Rows, element
+from jaxcontact.lab.calibration.summary_data import AtSpeed
 from jaxcontact.lab.choice.kind import Estimate
 from jaxcontact.lab.cli import main
 from jaxcontact.lab.cli.commands.calibrate import FIGURE, NUMBERS
-
-DRAG = jc.Drag(mass=0.0027, radius=0.02, coefficient=0.5)
-
-
-class Shipped(NamedTuple):
-    folder: Path
-    printed: str
-    progress: str
+from tests.lab.sources import lines, recording, trials
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +32,7 @@ def shipped(tmp_path_factory):
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         assert main([*words, "--report", str(folder / "a.txt")]) == 0
-    return Shipped(folder, out.getvalue(), err.getvalue())
+    return types.SimpleNamespace(folder=folder, printed=out.getvalue(), progress=err.getvalue())
 
 
 @pytest.fixture(scope="module")
@@ -84,9 +83,13 @@ def test_what_a_reader_needs_is_said(blue):
         "In Python ExactRestitution(e=",
         "mass and stiffness not given",
         "--stiffness determines c, and with --mass",
+        "A single reading of e scatters by 2.2 %.",
+        "Scatter 2.2 % of e in a typical pair: 0.4 % from bounce to bounce, and 2.6 ms in",
         blue.choice.verdict,
     ):
         assert words in text
+    # There is one scatter: 0.4 % of e beside 2.2 % was read as a contradiction.
+    assert text.count("2.2 %") == 2 and text.count("0.4 %") == 1
     assert max(len(line) for line in blue.report().splitlines()) <= 110
 
 
@@ -102,33 +105,9 @@ def test_it_prints_itself_with_the_verdict_first(blue):
         assert line in blue.report()
 
 
-def test_there_is_one_scatter_and_its_parts_are_named(blue):
-    """0.4 % of e beside 2.2 % was read as a contradiction."""
-    text = " ".join(blue.report().split())
-    assert "A single reading of e scatters by 2.2 %." in text
-    assert (
-        "Scatter 2.2 % of e in a typical pair: 0.4 % from bounce to bounce, and 2.6 ms in" in text
-    )
-    assert text.count("2.2 %") == 2 and text.count("0.4 %") == 1
-
-
-def test_drag_that_was_taken_out_or_left_in_and_numbers_that_were_given_are_said():
-    caution = "air drag is not corrected and may cause"
-    ping = jc.read_recording(ball="pingpong")
-    raw = jc.calibrate(ping, laws="constant_damping")
-    assert caution in " ".join(raw.report().split())
-    given = {"mass": 0.0027, "stiffness": 1e6}
-    result = jc.calibrate(ping, laws="constant_damping", drag=DRAG, **given)
-    text = " ".join(result.report().split())
-    assert "not given" not in text and "--stiffness determines" not in text and caution not in text
-    assert "corrected in the flights: quadratic, terminal speed 8.37 m/s" in text
-    assert result.drag.coefficient == 0.5
-
-
 def heights(count):
     h = np.arange(1.0, count + 1)
-    columns = {"drop_height_m": h, "rebound_height_m": 0.7 * h + 0.01 * (-1) ** h}
-    return columns | {"ball": ["a"] * count, "trial": ["1"] * count}
+    return {"drop_height_m": h, "rebound_height_m": 0.7 * h + 0.01 * (-1) ** h}
 
 
 SPEEDS = np.arange(1.0, 13)
@@ -176,3 +155,252 @@ def test_laws_are_compared_that_were_fitted_with_and_without_marked_pairs(blue):
     few = dataclasses.replace(blue.choice, laws=blue.choice.laws[1:])
     assert len(rows) == 2 * len(blue.choice.laws)
     assert side_by_side(dataclasses.replace(blue, choice=few))[1].rows == rows[2:]
+
+
+# Saved calibrations are restored to the last bit, and every fault of a file is named.
+
+V = np.geomspace(0.5, 4.0, 14)
+E = 0.9 - 0.03 * np.log(V) + 0.004 * np.random.default_rng(3).standard_normal(14)
+
+
+@pytest.fixture(scope="module")
+def calibration():
+    table = jc.read_recording(velocity=V, restitution=E)
+    return jc.calibrate(table, laws="kuwabara_kono", mass=1 / 3, stiffness=1e7 / 3)
+
+
+@pytest.fixture
+def saved(calibration, tmp_path):
+    path = tmp_path / "ball.json"
+    calibration.save(path)
+    return path
+
+
+def assert_equal(loaded, made):
+    """A choice comes back without its fits."""
+    if dataclasses.is_dataclass(loaded):
+        for field in dataclasses.fields(loaded):
+            assert getattr(loaded, field.name) == getattr(made, field.name)
+    else:
+        assert loaded == made
+
+
+def test_every_number_comes_back_to_the_last_bit(calibration, saved):
+    loaded = jc.load_calibration(saved)
+    assert isinstance(loaded.law, jc.KuwabaraKono) and loaded.law.tension
+    assert loaded.law.A == calibration.law.A
+    assert loaded.contact.mass == 1 / 3 and loaded.contact.stiffness == 1e7 / 3
+    for field in dataclasses.fields(loaded):
+        if field.name not in ("law", "contact"):
+            assert_equal(getattr(loaded, field.name), getattr(calibration, field.name))
+    before = jc.impact(calibration.law, calibration.contact, V).restitution
+    assert np.array_equal(jc.impact(loaded.law, loaded.contact, V).restitution, before)
+    again = saved.with_name("again.json")
+    calibration.save(again)
+    assert again.read_bytes() == saved.read_bytes()
+
+
+def test_a_file_of_the_version_before_has_no_check(saved):
+    data = json.loads(saved.read_text())
+    del data["check"], data["stiffness_error"]
+    saved.write_text(json.dumps(data | {"format_version": 6}))
+    loaded = jc.load_calibration(saved)
+    assert loaded.check is None and loaded.pairs
+
+
+def test_a_recording_with_trials_and_outliers_comes_back(tmp_path):
+    text = recording(lambda v: 0.88, 5).replace(",3,5,", ",3,50,", 1)
+    result = jc.calibrate(jc.read_recording(io.StringIO(text)), laws="constant_damping")
+    result.save(tmp_path / "a.json")
+    loaded = jc.load_calibration(tmp_path / "a.json")
+    assert loaded.pairs == result.pairs and loaded.by_speed == result.by_speed
+    assert_equal(loaded.with_marked, result.with_marked)
+
+
+DELETE = object()
+
+FAULTS = [
+    (["format_version"], 1, "format_version must be 6 or 7"),
+    (["format_version"], DELETE, "format_version is missing"),
+    (["colour"], "red", "colour is unknown; known are law, contact"),
+    (["noise", "pink"], 1.0, "noise.pink is unknown; known are relative, reading"),
+    (["noise", "relative"], DELETE, "noise.relative is missing"),
+    (["noise", "relative"], "small", "noise.relative must be a number, but is 'small'"),
+    (["noise", "relative"], True, "noise.relative must be a number, but is True"),
+    (["pairs", 3, "velocity"], float("nan"), "holds NaN"),
+    (["pairs", 3, "velocity"], 10**400, r"pairs\[3\].velocity must be finite"),
+    (["pairs", 3, "rows"], 7, r"pairs\[3\].rows must be a list, but is 7"),
+    (["pairs", 3, "marked"], 0, r"pairs\[3\].marked must be of type bool, but is 0"),
+    (["law", "name"], "magic", "law.name must be one of .*, but is 'magic'"),
+    (["law", "parameters", "A"], DELETE, "law.parameters.A is missing"),
+    (["law", "parameters", "A"], -1.0, "law is out of range: .*`A` must be in"),
+    (["law", "parameters", "e"], 0.5, "law.parameters.e is unknown; known are A"),
+    (["law", "tension"], "yes", "law.tension must be true or false, but is 'yes'"),
+    (["contact", "mass"], 0.0, "contact is out of range: .*`mass` must be in"),
+    (["standard_errors", "A"], "x", "standard_errors.A must be a number"),
+    (["choice"], [], r"choice must be an object, but is \[\]"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "message"), FAULTS)
+def test_a_fault_is_named(saved, path, value, message):
+    data = json.loads(saved.read_text())
+    *way, last = path
+    place = functools.reduce(operator.getitem, way, data)
+    if value is DELETE:
+        del place[last]
+    else:
+        place[last] = value
+    saved.write_text(json.dumps(data))
+    with pytest.raises(ValueError, match=f"ball.json: .*{message}"):
+        jc.load_calibration(saved)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"), [("{", "is not JSON"), ("[1, 2]", "format_version is missing")]
+)
+def test_what_is_no_json_is_refused(text, message, tmp_path):
+    (tmp_path / "ball.json").write_text(text)
+    with pytest.raises(ValueError, match=f"ball.json: {message}"):
+        jc.load_calibration(tmp_path / "ball.json")
+    with pytest.raises(FileNotFoundError):
+        jc.load_calibration(tmp_path / "none.json")
+
+
+# A calibration as one page: its contents, no code from the data, and other file types.
+
+EVIL = "ball<script>alert(1)</script>"
+
+
+def parsed(page):
+    """The elements of a page, without its style; an error where they are not closed."""
+    closed = re.sub(r"<(meta|img)([^>]*)>", r"<\1\2/>", page.removeprefix("<!doctype html>"))
+    root = ElementTree.fromstring(f"<div>{closed}</div>")
+    for style in root.iter("style"):
+        style.text = ""
+    return root
+
+
+def text_of(page):
+    return "".join(parsed(page).itertext())
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory):
+    """The calibration of a file with evil names, in units that are converted."""
+    rows = [
+        [EVIL, 1, number, k, 1e3 * seconds, "<i>"]
+        for number, intervals in enumerate(trials(lambda v: 0.88, 1), 1)
+        for k, seconds in enumerate(intervals, 1)
+    ]
+    rows[39][4] *= 2  # a missed trigger, which is marked
+    head = "ball,drop_height_m,trial,bounce,interval [ms],<b>note</b>"
+    file = tmp_path_factory.mktemp("evil") / "<script>.csv"
+    file.write_text(lines(head, rows, number=str))
+    return jc.calibrate(jc.read_recording(file), laws="constant_damping")
+
+
+@pytest.fixture(scope="module")
+def page(calibrated, tmp_path_factory):
+    file = tmp_path_factory.mktemp("page") / "ball.html"
+    jc.report(calibrated, file)
+    return file.read_text(encoding="utf-8")
+
+
+def test_nothing_of_the_file_is_code_and_nothing_is_loaded(page):
+    elements = [*parsed(page).iter()]
+    attributes = [pair for one in elements for pair in one.items()]
+    assert not {one.tag for one in elements} & {"script", "b", "i", "iframe", "object", "link"}
+    assert not any(name.startswith("on") for name, _ in attributes)
+    assert EVIL in text_of(page) and "<script>.csv" in text_of(page)
+    loaded = [value for name, value in attributes if name in ("src", "href", "data")]
+    assert len(loaded) == 3
+    assert all(one.startswith("data:image/svg+xml;base64,") for one in loaded)
+    # It prints on paper; seen with Chromium on A4: nothing cut, no scroll bars.
+    style = page.partition("<style>")[2].partition("</style>")[0]
+    paper = style.partition("@media print")[2]
+    assert "@page { size: A4;" in style and "pre { white-space: pre-wrap;" in paper
+    assert ".wide, pre { overflow: visible; }" in paper
+    assert "http:" not in re.sub(r"base64,[^\"]*", "", page) and len(page) < 1_000_000
+
+
+def test_the_verdict_comes_first_and_everything_is_said(page, calibrated):
+    text = " ".join(text_of(page).split())
+    summary = calibrated
+    order = [
+        "Calibration of",
+        "e = 0.",
+        summary.chosen.said,
+        "Pictures",
+        "Parameters",
+        "For your simulator",
+        "The laws compared",
+        summary.choice.verdict,
+        "Data processing",
+        "Gravity",
+        "jaxcontact",
+    ]
+    places = [text.index(words) for words in order]
+    assert places == sorted(places)
+    for law in summary.choice.laws:
+        assert law.grounds[1:] in text  # it begins with a capital
+        for estimate in law.estimates:
+            assert str(estimate) in text
+    # The reading of the file, and the excluded rows.
+    assert "ms" in summary.recording.notes[0] and summary.recording.notes[0] in text
+    assert "Without 5 of 20 trials the law predicts" in text and "by `jaxcontact" not in text
+    last, title = summary.pairs[-1], f"{len(summary.pairs)} pairsrows"
+    assert f"{last.velocity:.4g}{last.restitution:.4f}" in text.partition(title)[2]
+    marked = [pair for pair in summary.pairs if pair.marked]
+    assert marked and all(", ".join(map(str, pair.rows)) in text for pair in marked)
+    # Without mass and stiffness there are no settings for a simulator, and the page states why.
+    assert "give --mass and --stiffness" in text
+
+
+def test_parameters_for_simulators(calibrated, monkeypatch):
+    monkeypatch.setattr(report_page, "engines", lambda: ["exudyn", "simbody", "yade"])
+    law, contact = jc.ExactRestitution(e=0.88), jc.Contact(mass=0.03, stiffness=1e5)
+
+    known = types.SimpleNamespace(
+        law=law, contact=contact, given=("mass", "stiffness"), stiffness_error=1500.0,
+        at=[AtSpeed(v, 0.88, 0.88 - v / 100, 0.88 + v / 100, v < 2, 0.8, 0.9) for v in (1, 2)],
+        __export__=lambda other: (law, contact, np.array([0.5, 1.0, 2.0])),
+    )  # fmt: skip
+    told = []
+    text = text_of(report_page.simulators(known, None, told.append))
+    assert told == [f"inverting the law of {name}" for name in ("exudyn", "simbody", "yade")]
+    own = jc.export(law, contact, [0.5, 1.0, 2.0], engine="exudyn")
+    assert own.snippet in text and "largest error of e, 0.5 to 2 m/sbelow 0.0001" in text
+    # What lies beyond the measured speeds does not count.
+    assert text.count("error of the law's e, from the data (95 %)± 0.01") == 1
+    assert "K = (1.000e+05 ± 2.9e+03) N/m^1.5 (95 %)" in text
+    assert text.count("needs the radius of the ball") == 2
+    text = text_of(report_page.simulators(known, 0.02, told.append))
+    own = jc.export(law, contact, [0.5, 1.0, 2.0], engine="simbody", radius=0.02)
+    assert own.snippet in text and f"{np.max(np.abs(own.error)):.4f}" in text
+    assert "Not possible" not in text
+    known.law = None
+    assert "No fit converged" in report_page.simulators(known, None, told.append)
+
+
+def test_other_endings_and_bad_arguments(calibrated, tmp_path):
+    jc.report(calibrated, tmp_path / "a.txt")
+    assert (tmp_path / "a.txt").read_text(encoding="utf-8") == calibrated.report()
+    jc.report(calibrated, tmp_path / "a.JSON")
+    assert json.loads((tmp_path / "a.JSON").read_text()) == json.loads(calibrated.to_json())
+    jc.report(calibrated, tmp_path / "a.md")
+    text = (tmp_path / "a.md").read_text(encoding="utf-8")
+    assert text.startswith("# Calibration of ")
+    assert calibrated.report().partition("\n\n")[2].rstrip() in text
+    with pytest.raises(ValueError, match=r"`file` must end in .html, .md, .txt or .json"):
+        jc.report(calibrated, "a.doc")
+    with pytest.raises(ValueError, match=r"not end in .pdf: write it as .html, .* print to PDF"):
+        jc.report(calibrated, "a.pdf")
+
+
+def test_text_is_escaped_once():
+    assert element("p", "a < b & c", class_='"') == '<p class="&quot;">a &lt; b &amp; c</p>'
+    assert element("p", Html("<b>x</b>")) == "<p><b>x</b></p>"
+    table = Rows(("", "n"), [("<i>", "1")], "<>").html()
+    assert '<td>&lt;i&gt;</td><td class="number">1</td>' in table
+    assert Rows(("a",), []).html() == "" and Rows(("a",), []).text() == []

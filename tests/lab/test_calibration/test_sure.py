@@ -108,7 +108,9 @@ def test_single_precision_and_double_of_the_callers_thread_alone(plastic):
 
 def test_laws_with_too_many_parameters_for_the_data_are_named():
     few = jc.choose_law(CONTACT, SPEED[::8], PLASTIC[::8])
-    assert len(few.fits) < 9 and not few.sure
+    kinds = ["constant e", "constant c", "Kuwabara-Kono", "elastic-plastic", "adhesive (JKR)"]
+    assert [law.kind for law in few.laws] == kinds and not few.sure
+    assert few.laws[0].errors_by == "point"
     others = "c as a power of v, viscous and plastic, wet and 1 - b v^p"
     assert few.verdict.endswith(f"More points are needed to compare {others}.")
 
@@ -219,8 +221,6 @@ def test_the_study_in_seconds(tmp_path):
     assert sums["tables"] == 16 and sums["clear"] >= 5
     # Two standard deviations beyond 2 % and 80 %.
     assert sums["wrong"] <= 1 and sums["clear and right"] >= 0.5 * sums["clear"]
-    # Finished cells are not computed again.
-    assert study("wet, 25 points, noise prop") == result
     # Whether the curve of the right law is off is counted where the choice is sure of it.
     sure = 0
     for name, cell in result["cells"].items():
@@ -234,10 +234,5 @@ def test_the_committed_study_has_all_cells():
     result = choice_confusion.STUDY.result()
     assert set(result["cells"]) == {name for name, _ in choice_confusion.cells()}
     truths = choice_confusion.TRUTHS.values()
-    kinds = {kind.name: kind for kind in kinds_of("all", 1.5)}
-    assert {truth.kind for truth in truths} == {None, *kinds}
+    assert {truth.kind for truth in truths} == {None, *(kind.name for kind in kinds_of("all", 1.5))}
     assert Counter(truth.kind is None for truth in truths) == {False: 10, True: 2}
-    for truth in truths:
-        if truth.kind is not None:
-            own = kinds[truth.kind]
-            assert set(truth.within) == {name for name, kind in kinds.items() if kind.contains(own)}

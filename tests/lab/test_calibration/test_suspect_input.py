@@ -1,4 +1,9 @@
-"""Suspicious data are refused with a guess, and never converted silently."""
+"""Suspicious data are refused with a guess, and never converted silently.
+
+Ready-made fits take law, contact, then data, and the keywords of `fit` by their names.
+"""
+
+import inspect
 
 import numpy as np
 import pytest
@@ -99,12 +104,19 @@ def design(sigma=("e", "duration"), **how):
 
 
 EACH, OUT = np.ones(150), jc.ExactRestitution(e=0.8)
+LONG, SLOW = np.linspace(0, 1, 4500), jc.LowPass(100.0)
 REFUSED = [
     (bounces, {"second": [0.5, -0.1]}, "`second` must be in .* is -0.1 at point 1"),
     (bounces, {"first": 1600 * FIRST, "second": 1600 * SECOND}, "are they in ms. then divide by"),
     (record, {}, "`force` or `indentation` must be given"),
     (record, {"force": np.full(150, 3.0)}, "Argument `force` must vary, but is 3 everywhere"),
     (record, {"force": EACH, "indentation": EACH, "sigma_force": 1.0}, "for both columns or for"),
+    (record, {"indentation": TIME, "low_pass_force": SLOW}, "must be None without `force`"),
+    (jc.LowPass, {"cutoff": 100.0, "order": 9}, "`order` must be at most 8, but is 9"),
+    (
+        lambda **how: jc.fit_record(LAW, CONTACT, LONG, 1.0, force=LONG, **how),
+        *({"low_pass_force": SLOW}, r"at most 2000 readings .* give every 3rd"),
+    ),
     (impacts, {}, "`e` or `duration` or `max_force` must be given"),
     (impacts, {"e": E, "fixed": ("c",)}, r"`fixed` must name .* the contact \(law.e, contact.mass"),
     (impacts, {"e": E, "duration": E, "sigma_e": 0.1}, "for both columns or for none"),
@@ -155,3 +167,35 @@ def test_transforms_of_ones_own():
     assert held.converged and held.names == ("offsets[0]", "slope")
     with pytest.raises(TypeError, match="`choose_law` has no argument `transforms`"):
         jc.choose_law(CONTACT, SPEED, E, transforms={"e": jc.Free()})
+
+
+READY = (
+    *(jc.choose_friction, jc.choose_law, jc.fit_bounces, jc.fit_damping, jc.fit_energy_loss),
+    *(jc.fit_impacts, jc.fit_oblique, jc.fit_record, jc.learn_law),
+)
+OF_FIT = inspect.signature(jc.fit).parameters
+CHOICES = {jc.choose_law: set(), jc.choose_friction: {"groups", "weights"}}
+OWN_SIGMA = {*CHOICES, jc.fit_impacts, jc.fit_oblique, jc.fit_record}
+OWN_NOISE = {jc.choose_friction, jc.fit_oblique, jc.fit_record}
+LEFT = {"predict", "data", "start", "x"}
+
+
+@pytest.mark.parametrize("function", READY)
+def test_signatures_show_what_fit_takes(function):
+    shown = inspect.signature(function).parameters
+    assert all(one.kind is not one.VAR_KEYWORD for one in shown.values())
+    missing = OF_FIT.keys() - shown.keys() - LEFT - ({"sigma"} if function in OWN_SIGMA else set())
+    # A choice fits many laws: one that fails is flagged.
+    of_one = {"correlation", "transforms", "throw"}
+    assert missing == (of_one | CHOICES[function] if function in CHOICES else set())
+    for name in OF_FIT.keys() & shown.keys() - LEFT:
+        own = name == "noise" and function in OWN_NOISE
+        wanted = None if own else OF_FIT[name].default
+        assert shown[name].default == wanted and shown[name].kind is inspect.Parameter.KEYWORD_ONLY
+
+
+@pytest.mark.parametrize("function", READY)
+def test_an_unknown_keyword_fails_by_name(function):
+    wrong = rf"`{function.__name__}` has no argument `strats`\. Did you mean 'starts'\?"
+    with pytest.raises(TypeError, match=wrong):
+        function(strats=3)

@@ -1,4 +1,4 @@
-"""Compiled programs are kept between commands; commands also work without a cache."""
+"""Compiled programs are kept between commands, which also work without; files are written whole."""
 
 import os
 import subprocess
@@ -8,24 +8,15 @@ import jax
 import pytest
 
 import jaxcontact as jc
+from jaxcontact import load_calibration, read_recording, read_scene
 from jaxcontact._cache import VARIABLE
+from jaxcontact._text import files as _whole_files
+from jaxcontact._text.files import write_all
 from jaxcontact.lab.cli import keep_programs, main
+from jaxcontact.lab.cli.options import InputError, output_path
 
 EXAMPLE = "impact --law hu_guo --e 0.7 --mass 1 --stiffness 1.4e8 --velocity 4.2 --quiet".split()
 OWN = "jax_compilation_cache_dir"
-
-
-def printed_by(folder):
-    """What a library user's process prints, with its store of programs in a folder."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX")}
-    words = [sys.executable, "-c", LIBRARY, str(folder)]
-    done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=300)
-    assert (done.returncode, done.stderr) == (0, "")
-    return done.stdout
-
-
-def programs(folder):
-    return {path: path.stat().st_mtime_ns for path in folder.rglob("*-cache")}
 
 
 @pytest.fixture
@@ -79,10 +70,15 @@ print(events.count({STORE!r} + "hits"), events.count({STORE!r} + "misses"), fold
 
 
 def test_programs_are_kept_and_loaded_by_the_next_process(tmp_path):
-    loaded, compiled, folder = printed_by(tmp_path).split()
-    assert loaded == "0" and int(compiled) > 0 and folder.startswith(str(tmp_path))
-    loaded, compiled, _ = printed_by(tmp_path).split()
-    assert int(loaded) > 0 and compiled == "0"
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX")}
+    words, told = [sys.executable, "-c", LIBRARY, str(tmp_path)], []
+    for _ in range(2):
+        done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=300)
+        assert (done.returncode, done.stderr) == (0, "")
+        told.append(done.stdout.split())
+    (loaded, compiled, folder), (again, missing, _) = told
+    assert loaded == missing == "0" and int(compiled) > 0 and int(again) > 0
+    assert folder.startswith(str(tmp_path))
 
 
 def test_a_damaged_program_is_no_error(no_store, monkeypatch, tmp_path, capsys):
@@ -92,7 +88,7 @@ def test_a_damaged_program_is_no_error(no_store, monkeypatch, tmp_path, capsys):
         jax.clear_caches()
         assert main(EXAMPLE) == 0
         told.append(capsys.readouterr())
-        kept = programs(tmp_path)
+        kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*-cache")}
         if damage:
             # The largest, which needs the others, is damaged; they stay as they are.
             damaged = max(kept, key=lambda path: path.stat().st_size)
@@ -118,3 +114,64 @@ def test_a_folder_that_cannot_be_written_to_is_refused(no_store, tmp_path, folde
     with pytest.raises(ValueError, match="Argument `folder` must be a folder that can be written"):
         jc.cache(tmp_path / folder if folder == "file" else folder)
     assert getattr(jax.config, OWN) is None
+
+
+# Files are written completely or not at all.
+
+
+def test_all_are_written_as_the_umask_lets_others_read(tmp_path):
+    contents = {tmp_path / "a" / "x": b"1", tmp_path / "y": b"2"}
+    old = os.umask(0o027)
+    try:
+        write_all(contents | {tmp_path / "z": lambda file: file.write(b"12")})
+    finally:
+        os.umask(old)
+    assert {path: path.read_bytes() for path in contents} == contents
+    assert (tmp_path / "z").read_bytes() == b"12"
+    assert {p.name for p in tmp_path.iterdir()} == {"a", "y", "z"}
+    assert (tmp_path / "y").stat().st_mode & 0o777 == 0o640
+
+
+FULL, STOPPED, REFUSED = OSError(28, "No space left on device"), KeyboardInterrupt(), OSError("no")
+
+
+@pytest.mark.parametrize("failure", [TypeError(), FULL, STOPPED, REFUSED], ids=repr)
+def test_a_failure_leaves_the_old_and_no_scraps(tmp_path, monkeypatch, failure):
+    """Of the content, the disk and the user while writing; or while renaming."""
+    old = tmp_path / "x"
+    old.write_bytes(b"old")
+
+    def fail(*unused):
+        raise failure
+
+    contents: dict = {tmp_path / "y": b"new", old: fail}
+    if failure is REFUSED:
+        monkeypatch.setattr(os, "replace", fail)
+        contents[old] = b"new"
+    if isinstance(failure, TypeError):
+        contents[old] = "no bytes"
+    with pytest.raises(type(failure)):
+        write_all(contents)
+    assert old.read_bytes() == b"old" and [p.name for p in tmp_path.iterdir()] == ["x"]
+
+
+def test_a_folder_a_pipe_and_a_device_are_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "device.csv").symlink_to("/dev/null")
+    for name, words in (("pipe", "pipe"), ("folder", "folder"), ("device", "a device")):
+        path = tmp_path / f"{name}.csv"
+        with pytest.raises(InputError, match=rf"--out .*{name}.csv: is a .*{words}"):
+            output_path("--out", str(path), (".nc", ".csv"))
+        with pytest.raises(FileExistsError, match="is a folder, a pipe or a device"):
+            write_all({path: b"1"})
+
+
+@pytest.mark.parametrize("read", [read_recording, load_calibration, read_scene])
+def test_what_is_too_large_is_not_read(read, tmp_path, monkeypatch):
+    monkeypatch.setattr(_whole_files, "MOST_BYTES", 2**20)
+    large = tmp_path / "large"
+    large.write_bytes(bytes(2**20 + 1))
+    for path in (large, "/dev/zero"):
+        with pytest.raises(ValueError, match="must hold at most 1 MiB, but holds more"):
+            read(path)

@@ -1,9 +1,12 @@
 """`jaxcontact calibrate`: its output, its files, and the input it refuses."""
 
+import csv
 import functools
 import json
 import os
+import re
 import stat
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +14,8 @@ import pytest
 import jaxcontact as jc
 from jaxcontact.lab.cli import main
 from jaxcontact.lab.cli.commands.calibrate import FIGURE, NUMBERS, REPORT
-from tests.lab.simulate import recording
+from tests.lab.sources import recording
+from tests.lab.test_cli.test_scene import asked
 
 GOOD = recording(lambda v: 0.88, 1)
 
@@ -55,26 +59,19 @@ def test_reports_of_a_file_of_ones_own(good, tmp_path, capsys):
     assert page.read_text().startswith("<!doctype html>") and not (out / REPORT).exists()
 
 
-def test_drag_mass_and_stiffness(tmp_path, capsys):
-    drag = ["--mass", "0.0027", "--radius", "0.02", "--drag-coefficient", "0.5"]
-    options = ["--ball", "pingpong", *drag, "--stiffness", "1e6", "--law", "kuwabara_kono"]
-    options += ["--details"]
-    assert main(["calibrate", *options, "--out", str(tmp_path), "--quiet"]) == 0
-    assert "corrected in the flights" in capsys.readouterr().out
-    data = json.loads((tmp_path / NUMBERS).read_text())
-    constant, viscous = data["choice"]["laws"]
-    assert abs(constant["estimates"][0]["value"] - 0.955) < 0.002
-    kappa, _, a = viscous["estimates"]
-    np.testing.assert_allclose(a["value"] * (1e6 / 0.0027) ** 0.4, kappa["value"], rtol=1e-12)
-
-
 def test_files_are_replaced_and_readable(good, tmp_path, monkeypatch, capsys):
     """In the current folder, without `--out`."""
     monkeypatch.chdir(tmp_path)
     for name in (FIGURE, NUMBERS):
         (tmp_path / name).write_text("old")
-    assert main(["calibrate", good.name, "--law", "constant_damping", "--quiet", "--json"]) == 0
-    assert capsys.readouterr().out == (tmp_path / NUMBERS).read_text()
+    ball = "--mass .0027 --radius .02 --drag-coefficient .5 --stiffness 1e6".split()
+    law = ["--law", "constant_damping"]
+    assert main(["calibrate", good.name, *law, *ball, "--quiet", "--json"]) == 0
+    printed = capsys.readouterr().out
+    assert printed == (tmp_path / NUMBERS).read_text()
+    data = json.loads(printed)
+    assert [*data["drag"].values()] == [0.0027, 0.02, 0.5, 1.204]
+    assert data["given"] == ["mass", "stiffness"]
     mask = os.umask(0)
     os.umask(mask)
     for name in (FIGURE, NUMBERS):
@@ -106,8 +103,7 @@ def judged(folder, capsys, text):
     path = folder / "table.csv"
     path.write_text(text)
     told = jc.calibrate(jc.read_recording(path), laws="constant_damping")
-    assert main(["fit", "impacts", str(path), *FIT, "--json"]) == 0
-    fitted = json.loads(capsys.readouterr().out)
+    fitted = asked(capsys, "fit", "impacts", str(path), *FIT)
     marked = [row for pair in told.pairs if pair.marked for row in pair.rows]
     assert ", ".join(map(str, marked)) in "; ".join(fitted["read_as"])
     constant = told.choice.laws[0]
@@ -138,3 +134,90 @@ def test_fit_impacts_gives_the_verdict_of_calibrate(tmp_path, capsys):
     falling = "v,e\n" + "".join(f"{a},{b - 0.03 * a}\n" for a, b in rows)
     calibrated, fitted, _ = judged(tmp_path, capsys, falling)
     assert (calibrated, fitted) == (False, False)
+
+
+# `--ball all`: a row for each ball, as each has alone.
+
+ALIKE = 1e-9  # relative: the same search of the same data, measured 0
+CLOSED = 1e-6
+"""Of a constant e, relative: the search stops at 1e-8 of its parameter, measured 2e-11."""
+
+
+def table(balls, seed=0):
+    """Return the text of a table of e(v), by ball: its factor c/K and its number of rows."""
+    random = np.random.default_rng(seed)
+    lines = ["ball,speed (mm/s),COR"]
+    for ball, (c, rows) in balls.items():
+        v = random.uniform(0.4, 4, rows)
+        e = 1 / (1 + c * v) + 0.006 * random.normal(size=rows)
+        lines += [f"{ball},{1e3 * a:.3f},{b:.5f}" for a, b in zip(v, e, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+def written(folder):
+    return list(csv.DictReader((folder / "calibration.csv").read_text().splitlines()))
+
+
+def run(tmp_path, text, *options):
+    path = tmp_path / "many.csv"
+    path.write_text(text)
+    return main(["calibrate", str(path), "--ball", "all", "--out", str(tmp_path / "o"), *options])
+
+
+def test_each_row_is_that_of_the_ball_alone(tmp_path, capsys):
+    text = table({"red, big": (0.05, 12), "blue": (0.15, 9), "few": (0.1, 3)})
+    # A wrong reading, in line 16.
+    lines = text.splitlines()
+    lines[15] = lines[15].rpartition(",")[0] + ",0.2"
+    law = ["--law", "constant_damping", "--stiffness", "1e5", "--at", "1", "--at", "3"]
+    text = "\n".join(lines).replace("red, big", '"red, big"')
+    assert run(tmp_path, text, *law, "--quiet") == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert "constant_damping for each ball of" in printed[0]
+    assert printed[1] == "3 balls: 2 converged, 1 too_few_points"
+    assert printed[3].startswith("  c/K (s/m) ") and "±" in printed[3]
+    rows = {row["ball"]: row for row in written(tmp_path / "o")}
+    assert rows["few"]["status"] == "too_few_points" and rows["few"]["c (N s/m^(5/2))"] == ""
+    assert rows["blue"]["rows left out"] == "16" and rows["blue"]["pairs"] == "8"
+    for ball in ("red, big", "blue"):
+        recording = jc.read_recording(tmp_path / "many.csv", ball=ball)
+        alone = jc.calibrate(recording, laws="constant_damping", stiffness=1e5, at=[1, 3])
+        row = rows[ball]
+        own = [float(row["c (N s/m^(5/2))"]), float(row["standard error of c (N s/m^(5/2))"])]
+        np.testing.assert_allclose(own, [alone.law.c, alone.standard_errors["c"]], rtol=ALIKE)
+        for point in alone.at[2:]:
+            name = f"e at {point.velocity:g} m/s"
+            numbers = [float(row[one]) for one in (name, f"{name}, low", f"{name}, high")]
+            expected = [point.restitution, point.low, point.high]
+            np.testing.assert_allclose(numbers, expected, rtol=ALIKE)
+
+
+def test_a_constant_e_is_the_mean_of_its_logarithm(tmp_path, capsys):
+    assert run(tmp_path, table({"a": (0.03, 10), "b": (0.1, 6)}), "--law=exact", "--json") == 0
+    whole = json.loads(capsys.readouterr().out)
+    assert "velocity" in whole["read_as"][0]
+    columns = np.genfromtxt(tmp_path / "many.csv", delimiter=",", skip_header=1, dtype=str)
+    for row in whole["balls"]:
+        y = np.log(columns[columns[:, 0] == row["ball"], 2].astype(float))
+        # With at least eight rows the error is the sandwich, n/(n-1) of the mean square.
+        error = y.std(ddof=1) / np.sqrt(y.size)
+        numbers = [row["e"], row["standard error of e"]]
+        np.testing.assert_allclose(numbers, np.exp(y.mean()) * np.array([1, error]), rtol=CLOSED)
+    assert len(written(tmp_path / "o")) == 2
+
+
+def test_more_balls_compile_nothing(tmp_path, capsys, compiled):
+    law = ("--law", "constant_damping", "--quiet")
+    assert run(tmp_path, table({"a": (0.05, 9)}), *law) == 0
+    compiled.clear()
+    balls = {f"ball {k}": (0.02 + 0.005 * k, 5 + k) for k in range(25)}
+    assert run(tmp_path, table(balls, 1), *law) == 0 and compiled == []
+    assert len(written(tmp_path / "o")) == 25
+    assert "and 5 more; --details prints all" in capsys.readouterr().out
+
+
+def test_the_page_shows_what_is_printed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[3] / "docs" / "calibrate.md").read_text(encoding="utf-8")
+    command, shown = re.findall(r"```bash\n(.* all .*)\n```\n\n```text\n([^`]*)```", page)[0]
+    assert main([*command.split()[1:], "--quiet"]) == 0 and capsys.readouterr().out == shown

@@ -4,9 +4,9 @@ The figures and numbers of `jaxcontact paper`.
 """
 
 import argparse
-import csv
 import importlib.resources
 import json
+import os
 import re
 import subprocess
 import sys
@@ -18,17 +18,16 @@ import pytest
 import jaxcontact as jc
 from benchmarks.lab.tracks import draw
 from jaxcontact import paper
+from jaxcontact._laws import list_laws
+from jaxcontact.extend import constant_laws
 from jaxcontact.lab.cli import _COMMANDS, _parser, main
+from jaxcontact.lab.cli.commands.laws import table
+from tests.lab.test_cli.test_scene import FALL, asked
 
 E = [0.9, 0.85, 0.8, 0.78]
 V = [0.5, 1.0, 2.0, 3.0]
 
 TRACKED = 705  # the draw of a track with five impacts, e = 0.84, at 120 frames per second
-
-
-def parsers():
-    (commands,) = (a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
-    return commands.choices
 
 
 def test_help_and_version_do_not_wait_for_jax():
@@ -62,7 +61,8 @@ def test_every_command_has_the_same_options_and_says_its_exit_codes(name, capsys
     assert all(option in told for option in ("--json", "--quiet", "--no-cache", *own))
     # One name per concept.
     kinds = {"--law": "NAME", "--mass": "KG", "--stiffness": "K", "--e": "E", "--ball": "NAME"}
-    for action in parsers()[name]._actions:
+    (commands,) = (a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
+    for action in commands.choices[name]._actions:
         for option in set(action.option_strings) & set(kinds):
             assert action.metavar == kinds[option]
 
@@ -70,6 +70,8 @@ def test_every_command_has_the_same_options_and_says_its_exit_codes(name, capsys
 CONTACT = "--mass=1 --stiffness=1e6"
 LAW = f"--law=hu_guo --e=0.7 {CONTACT}"
 HIT = f"{CONTACT} --velocity=1"
+EXAMPLE = "impact --law hu_guo --e 0.7 --mass 1 --stiffness 1.4e8 --velocity 4.2 --quiet"
+ROOT = Path(__file__).parents[3]
 
 SAID = {
     "calibrat": "did you mean calibrate?",
@@ -114,6 +116,9 @@ FILES = {
     "short.csv": INTERVALS + "a,1,1,1,0.4\n",
     "two.csv": INTERVALS + "a,1,1,1,.4\nb,1,1,1,.4\n",
     "without.csv": "ball,drop_height_m,trial,bounce\na,1,1,1\n",
+    "fall.toml": FALL,
+    "bad.toml": FALL.replace("duration", "# duration"),
+    "late.toml": "rtol = 2\n" + FALL,
     "angles.csv": "angle (deg),speed,et,e,ball\n30,2,0.7,0.9,a\n40,2,0.7,0.9,b\n",
 }
 OBLIQUE, HEIGHTS = (
@@ -143,9 +148,23 @@ WRONG = {
     "export --engine drake --law hu_guo --e 0.7 --velocity 2": "--mass and --stiffness are",
     "paper fig7": "Did you mean 'fig",
     "paper --out table.csv fig6": "table.csv",
+    "scene": "give either a FILE or --example box, line, table",
+    "scene fall.toml --example line": "give either a FILE or --example",
+    "scene --example cradle": "--example must be one of 'box', 'line', 'table', but is",
+    "scene none.toml": "none.toml",
+    "scene fall.toml --out fall.toml": "--out fall.toml is not a folder",
+    "scene fall.toml --plot run.jpg": "--plot run.jpg: the name must end in .png, .pdf or",
+    "scene fall.toml --animate run.mp4": "--animate run.mp4: the name must end in .gif",
+    "scene fall.toml --plot run.png --axes xz": "--axes must be xy or yx, but is xz",
+    "scene bad.toml": "bad.toml, at the top: the key 'duration' must be given",
+    "scene late.toml": "late.toml: Argument `rtol` must be a number in (0, 1), but is 2",
+    "scene fall.toml --to lammps": "--to needs --out",
+    "scene fall.toml --to lammps --out x --plot a.png": "--to makes none",
+    "scene fall.toml --time-step 0.1": "--to, which is missing",
+    "scene fall.toml --tolerance 0.1": "--to, which is missing",
+    "scene fall.toml --to lammps --out x": "must have a `stiffness`",
+    "scene fall.toml --to yade --out x": "must be one of",
     "sweep {LAW} --velocity 1:2:3 --out a.csv --plot a.png --field forc": "--field: 'forc' is not",
-    "sweep --out=a.csv --law=nonsense --e=.5": "not a law; the laws are",
-    "sweep --out=a.csv --law=hu_guo": "hu_guo also needs --e E",
     "sweep --out=a.csv --law=hu_guo --e=1.5": "e must be in (0, 1], but is 1.5",
     "sweep --out=a.csv --law=hu_guo --e=.3:.9:3 --mass=-1": "mass must be in (0, inf), but is -1",
     "sweep --out=a.csv --law=hu_guo --e=.3:.9:3 --velocity=0": "velocity must be in",
@@ -212,14 +231,6 @@ def test_bad_input_is_told_and_nothing_is_written(words, tmp_path, monkeypatch, 
     # An oblique table has no row for each ball.
     assert "angles" not in words or "--ball all" not in printed.err
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
-
-
-def asked(capsys, *arguments, code=0):
-    """The JSON that a command prints, and nothing else on stdout."""
-    assert main([*arguments, "--json", "--quiet"]) == code
-    printed = capsys.readouterr()
-    assert printed.err == ""
-    return json.loads(printed.out)
 
 
 def test_fit_of_a_file_as_it_was_saved(tmp_path, capsys):
@@ -308,9 +319,6 @@ def test_export_of_a_law_and_of_a_calibration(tmp_path, capsys):
         jc.export(cal, engine="drake")
     again = jc.export(cal, jc.Contact(2.0, 3e6), engine="drake")
     assert dict(again.parameters) == pytest.approx(told["parameters"], rel=1e-9)
-    assert main([*of_law, "--quiet"]) == 0
-    text = capsys.readouterr().out
-    assert "restitutionCoefficient=0.69" in text and "e is within 0.01 of the law's" in text
 
 
 def test_completion_knows_commands_options_and_laws(capsys):
@@ -328,13 +336,10 @@ def test_completion_knows_commands_options_and_laws(capsys):
 def test_the_page_names_all_commands_and_problems():
     from jaxcontact.lab.cli.commands.fit import _PROBLEMS
 
-    text = (Path(__file__).parents[3] / "docs" / "commands.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     assert re.findall(r"^\| `jaxcontact (\w+)", text, re.MULTILINE) == list(_COMMANDS)
     (problems,) = re.findall(r"parameters from columns: ([^|]*) \|", text)
     assert problems.split(", ") == list(_PROBLEMS)
-    # The printed lines are valid.
-    for line in re.findall(r"^jaxcontact ((?!--).*)", text.replace("\\\n", ""), re.MULTILINE):
-        _parser().parse_args(line.split())
 
 
 def test_an_interrupt_is_no_traceback(monkeypatch, capsys):
@@ -345,7 +350,9 @@ def test_an_interrupt_is_no_traceback(monkeypatch, capsys):
     assert main(["laws", "--quiet"]) == 130 and capsys.readouterr().err == "interrupted\n"
 
 
-def test_one_figure(tmp_path, capsys):
+def test_one_figure_and_the_names_of_all(tmp_path, capsys):
+    assert list(paper.FIGURES)[:7] == ["fig3", "fig4", "fig5", "fig6", "fig8", "fig9", "fig10"]
+    assert all(getattr(paper, name) is figure for name, figure in paper.FIGURES.items())
     folder = tmp_path / "new" / "folder"
     # Without --json the output is numbers.md.
     told = asked(capsys, "paper", "--out", str(folder), "fig6")
@@ -359,12 +366,86 @@ def test_one_figure(tmp_path, capsys):
     assert {path.name for path in folder.iterdir()} == {"fig6.png", "numbers.md"} | {
         f"fig6_{name}.csv" for name in tables
     }
-    with open(folder / "fig6_restitution.csv", newline="") as file:
-        written = np.array([float(row["hu_guo"]) for row in csv.DictReader(file)])
-    np.testing.assert_array_equal(written, tables["restitution"]["hu_guo"])
+    written = np.genfromtxt(folder / "fig6_restitution.csv", delimiter=",", names=True)
+    np.testing.assert_array_equal(written["hu_guo"], tables["restitution"]["hu_guo"])
 
 
-def test_every_figure_has_its_name():
-    assert list(paper.FIGURES)[:7] == ["fig3", "fig4", "fig5", "fig6", "fig8", "fig9", "fig10"]
-    for name, figure in paper.FIGURES.items():
-        assert getattr(paper, name) is figure
+# `jaxcontact impact`, the entry point itself, and the installed command.
+
+LOSS = 1e-12  # energy loss against ½ m v² (1-e²), the same numbers in another order: measured 2e-16
+
+
+def test_the_example(capsys):
+    found = asked(capsys, *EXAMPLE.split())
+    # α = 9/14 delivers this e, by 40-digit arithmetic to four digits.
+    np.testing.assert_allclose(found["restitution"], 0.6973, atol=5.1e-5)
+    e = found["restitution"]
+    np.testing.assert_allclose(found["rebound_velocity"], 4.2 * e, rtol=LOSS)
+    np.testing.assert_allclose(found["energy_loss"], 0.5 * 4.2**2 * (1 - e**2), rtol=LOSS)
+    assert found["status"] == "SEPARATED" and found["units"]["duration"] == "s"
+    assert 0 < found["compression_time"] < found["duration"]
+
+
+def test_the_text_and_a_figure(tmp_path, capsys):
+    path = tmp_path / "figure.svg"
+    assert main([*EXAMPLE.split(), "--plot", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert all(words in out for words in ("parameter e       0.7\n", "restitution       0.697"))
+    assert "separated" in out and path.read_bytes().startswith(b"<?xml")
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_numbers_without_a_course_to_draw(tmp_path, capsys):
+    stiff = "impact --law damped --param alpha=1e200 --mass 1 --stiffness 1e4 --velocity 1 --quiet"
+    assert main([*stiff.split(), "--plot", str(tmp_path / "a.png")]) == 1
+    shown = capsys.readouterr()
+    assert shown.err.startswith("no picture: ") and "not_converged" in shown.err
+    assert "status            separated" in shown.out and not list(tmp_path.iterdir())
+
+
+def test_a_reader_that_leaves_is_no_error(monkeypatch, capsys):
+    reader, writer = os.pipe()
+    os.close(reader)
+    # Its end writes what is left, as that of Python does.
+    with os.fdopen(writer, "w") as out:
+        monkeypatch.setattr(sys, "stdout", out)
+        assert main(EXAMPLE.split()) == 0
+    monkeypatch.undo()
+    assert capsys.readouterr() == ("", "")
+
+
+def test_the_module_is_the_command(capsys):
+    """In double precision; float32 would have other last digits."""
+    words = [sys.executable, "-W", "error", "-m", "jaxcontact", *EXAMPLE.split(), "--json"]
+    run = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, timeout=120)
+    assert (run.returncode, run.stderr) == (0, "")
+    assert json.loads(run.stdout) == asked(capsys, *EXAMPLE.split())
+
+
+# `jaxcontact laws`: every law, and the restitution it delivers.
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return {row["law"]: row for row in table()}
+
+
+def test_every_law_is_there_with_its_source_and_what_it_delivers(rows):
+    assert list(rows) == list_laws()
+    assert all(row["formula"] and row["source"] for row in rows.values())
+    delivered = {
+        name: list(row["delivers"].values()) for name, row in rows.items() if row["delivers"]
+    }
+    assert {*delivered} >= {*constant_laws()}
+    assert all(e is not None and 0 <= e <= 1 for numbers in delivered.values() for e in numbers)
+    np.testing.assert_allclose(delivered["exact"], (0.9, 0.7, 0.5, 0.3, 0.1), rtol=1e-12)
+
+
+def test_the_text_and_the_json(rows, capsys):
+    assert main(["laws", "--quiet"]) == 0
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    for text in ("3(1-e)/(2e)", "0.8999", "0.6973", "0.4877", "0.2707", "0.0741", "Hu & Guo 2015"):
+        assert text in lines["hu_guo"]
+    assert lines["hertz"].split().count("-") == 5
+    assert main(["laws", "--json", "--quiet"]) == 0
+    assert json.loads(capsys.readouterr().out) == list(rows.values())
