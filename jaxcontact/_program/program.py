@@ -70,8 +70,7 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
         if all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(choices)):
             if plain:
                 return of_numbers(structure, leaves)
-            single = all(type(leaf) is float or leaf.ndim == 0 for leaf in leaves)
-            if single and known_beneath(leaves):
+            if all(map(_is_single, leaves)) and known_beneath(leaves):
                 differentiable = with_slopes(structure, tuple(map(jax.typeof, leaves)))
                 if differentiable is not None:
                     return differentiable(*leaves)
@@ -79,6 +78,10 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
         return with_choices(given, *choices)
 
     return call
+
+
+def _is_single(leaf: Any) -> bool:
+    return type(leaf) is float or (isinstance(leaf, jax.Array) and leaf.ndim == 0)
 
 
 def _of_leaves(function: Callable[..., Out], structure: Any) -> Callable[..., Out]:
