@@ -17,6 +17,8 @@ from typing import Any
 
 import numba
 import numpy as np
+from numpy.polynomial.chebyshev import chebpts1 as nodes
+from numpy.polynomial.chebyshev import chebvander
 from scipy.optimize import brentq
 
 from jaxcontact._friction.maw_barber_fawcett import (
@@ -156,14 +158,6 @@ def centre_slips(chi: float, alpha: float) -> float:
     return psi
 
 
-def nodes(count: int) -> np.ndarray:
-    return np.cos((np.arange(count) + 0.5) * np.pi / count)
-
-
-def polynomials(x: np.ndarray, count: int) -> np.ndarray:
-    return np.cos(np.outer(np.arccos(np.clip(x, -1, 1)), np.arange(count)))
-
-
 Function = Callable[[np.ndarray], np.ndarray]
 
 
@@ -172,7 +166,7 @@ def fit(count: int, rebound_of: Function, psi_of: Function, base: Function, fact
     x = nodes(3 * count // 2)
     s = (1 + x) / 2
     psi = psi_of(s)
-    matrix = polynomials(x, count) * factor(s)[:, None]
+    matrix = chebvander(x, count - 1) * factor(s)[:, None]
     return np.linalg.lstsq(matrix, rebound_of(psi) - base(psi), rcond=None)[0]
 
 
@@ -252,14 +246,14 @@ def elastic_pieces(chi: float) -> np.ndarray:
 def in_chi(values: np.ndarray, count: int) -> np.ndarray:
     """Return coefficients in χ of values at the nodes, along the first axis."""
     x = nodes(len(values))
-    flat = np.linalg.lstsq(polynomials(x, len(x)), values.reshape(len(x), -1), rcond=None)[0]
+    flat = np.linalg.lstsq(chebvander(x, len(x) - 1), values.reshape(len(x), -1), rcond=None)[0]
     return flat.reshape(values.shape)[:count]
 
 
 def in_sigma(values: np.ndarray, count: int, power: int) -> np.ndarray:
     """Return coefficients of σ^power T_j(2σ-1) along the first axis."""
     x = nodes(len(values))
-    basis = polynomials(x, count) * ((1 + x[:, None]) / 2) ** power
+    basis = chebvander(x, count - 1) * ((1 + x[:, None]) / 2) ** power
     flat = np.linalg.lstsq(basis, values.reshape(len(x), -1), rcond=None)[0]
     return flat.reshape(count, *values.shape[1:])
 
@@ -304,7 +298,7 @@ def largest_change(rows: np.ndarray) -> np.ndarray:
     *parts, centre = np.split(rows, np.cumsum(DEGREES), axis=1)
     factors = (1 + ALPHA) * s, s**2, s**2, s**3
     changes = [
-        part @ polynomials(2 * s - 1, part.shape[1]).T * factor
+        part @ chebvander(2 * s - 1, part.shape[1] - 1).T * factor
         for part, factor in zip(parts, factors, strict=True)
     ]
     return np.abs(np.concatenate([*changes, centre], axis=1)).max(axis=1)

@@ -6,20 +6,15 @@ All other tests rely on `tests/oracle/reference.json`. These tests verify that f
 import dataclasses
 import itertools
 import json
-import math
 
-import numpy as np
 import pytest
 from mpmath import mp, mpf
-from scipy.integrate import solve_ivp
 
 from tests import oracle
 from tests.oracle.generate import jobs, row
 
 # Two independent derivations agree to the digits left by two differentiations.
 TWO_WAYS = mpf("1e-45")
-# A float64 Runge-Kutta method in the plain variables, whose order the power law reduces at touch.
-PLAIN_SOLVER = 2e-9
 # The stored digits: one unit of rounding in the last of thirty, and more in differences.
 STORED_VALUE, STORED_SLOPE = mpf("1e-28"), mpf("1e-20")
 
@@ -151,64 +146,6 @@ def test_a_pushed_contact_may_settle():
     assert settled.settled
     assert settled.e == 0
     assert not oracle.with_gravity("0.3", "1.5", "0.5").settled
-
-
-def plain_motion(force, push, ending):
-    """(e, duration, deepest) from the plain variables in float64: a third way, without a trick."""
-
-    def right_side(t, y):
-        return [y[1], push - force(max(y[0], 0.0), y[1])]
-
-    def turn(t, y):
-        return y[1]
-
-    turn.direction = -1
-    ending.terminal, ending.direction = True, -1
-    solution = solve_ivp(
-        right_side, (0.0, 100.0), [0.0, 1.0], method="DOP853", rtol=1e-12, atol=1e-13,
-        events=[ending, turn],
-    )  # fmt: skip
-    return -solution.y_events[0][0][1], solution.t_events[0][0], solution.y_events[1][0][0]
-
-
-def separation(t, y):
-    return y[0] if t > 0.01 else 1.0
-
-
-def viscoelastic(x, v):
-    return x**1.5 + 0.9 * np.sqrt(x) * v
-
-
-def oscillating(x, v):
-    return x**1.5 + 0.3 * math.sqrt(5) * x**0.25 * v
-
-
-def pushing(alpha):
-    return lambda x, v: x**1.5 * max(0.0, 1 + alpha * v)
-
-
-# Of the last one a pull of 0.5 opens the clamp in restitution.
-PLAIN = {
-    "kuwabara_kono": (("0.6", "1.5", True), viscoelastic, 0.0, separation),
-    "kuwabara_kono clamped": (
-        ("0.6", "1.5", False),
-        viscoelastic,
-        0.0,
-        lambda t, y: y[0] + 0.9 * y[1],
-    ),
-    "oscillator": (("0.3", "1.5", "tension"), oscillating, 0.0, separation),
-    "with_gravity": (("0.3", "1.5", "0.5"), pushing(0.3), 0.5, separation),
-    "with_gravity pulled": (("3", "1.5", "-0.5"), pushing(3), -0.5, separation),
-}
-
-
-@pytest.mark.parametrize("name", PLAIN)
-def test_series_agree_with_a_plain_solver(name):
-    args, force, push, ending = PLAIN[name]
-    impact = getattr(oracle, name.split()[0])(*args)
-    found = plain_motion(force, push, ending)
-    expected = [float(x) for x in (impact.e, impact.duration, impact.max_indentation)]
-    assert found == pytest.approx(expected, rel=PLAIN_SOLVER)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
@@ -46,6 +47,11 @@ def bodies_of(balls, walls=()):
     """The bodies of a scene for those of the oracle."""
     planes = [jc.Plane(wall.point, wall.normal) for wall in walls]
     return [*(jc.Sphere(b.radius, b.mass, b.position, b.velocity) for b in balls), *planes]
+
+
+def ended(run):
+    """The last positions and velocities."""
+    return jnp.concatenate([run.position[-1].ravel(), run.velocity[-1].ravel()])
 
 
 def missing(run):

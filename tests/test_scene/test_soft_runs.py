@@ -161,6 +161,49 @@ def test_three_damped_balls_in_a_row():
     np.testing.assert_allclose(run.velocity[-1, :3, 0], speeds, atol=6e-9)
 
 
+LINE = [Ball([float(k)], [1.0 if k == 0 else 0.0]) for k in range(3)]
+"""Three just touching balls in one dimension, the first one at speed one."""
+
+
+def test_three_balls_whose_force_ends_before_they_part():
+    """The last one is touched later. A law that is clamped: others are in `RUNS`."""
+    law, row = jc.AntypovElliott(e=0.5, tension=False), [*LINE[:2], Ball([2.001], [0.0])]
+    c = 2 * float(law.damping_ratio()) * np.sqrt(2.5 / 2) * np.sqrt(1e4 * 0.5)
+    exact = run(row, Spring(1e4, c=c), until_apart=True)
+    found = jc.simulate(jc.Scene(bodies_of(row), law, stiffness=1e4), 1.0)
+    np.testing.assert_allclose(found.velocity[-1], exact.velocity, atol=1e-8)
+    hits = found.impacts.to_dict()
+    over = [touch.end - touch.begin for touch in exact.touches]
+    assert np.all(hits["duration"] < over)
+
+
+@pytest.mark.slow(reason="several soft scenes, each a program")
+def test_the_least_speed_at_touch_decides_the_answer():
+    """As in SCENES: the last of three just touching balls, for floors of the latched speed."""
+    for floor, last in ((0.01, 0.57), (0.1, 0.63), (1.0, 0.81)):
+        scene = jc.Scene(bodies_of(LINE), jc.Damped(alpha=0.5), stiffness=1e4)
+        speeds = jc.simulate(scene, 1.0, v0=floor, rtol=1e-6).velocity[-1]
+        exact = run(LINE, Spring(1e4, alpha=0.5), v0=floor, until_apart=True)
+        np.testing.assert_allclose(speeds, exact.velocity, atol=1e-6)
+        assert abs(speeds[2, 0] - last) < 6e-3
+
+
+def test_no_step_passes_over_a_touch():
+    """Beside a ball that swings on a floor, two others graze each other for 30 ms."""
+    offset, speed, pull = 0.99, 10.0, [0.0, 0.0, -9.81]
+    for wait in np.linspace(0.3, 0.4, 9):
+        place = [-speed * wait - np.sqrt(1 - offset**2), offset, 20.0]
+        places, speeds = [(9.0, 0.0, 0.5), place, (0.0, 0.0, 20.0)], [None, (speed, 0, 0), None]
+        floor = jc.Plane([0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+        balls = spheres(0.5, 1.0, places, [v and list(map(float, v)) for v in speeds])
+        found = jc.simulate(jc.Scene([*balls, floor], jc.Hertz(), stiffness=1e4, gravity=pull), 0.6)
+        hits = found.impacts.to_dict()
+        met = hits["first"] + hits["second"] == 3
+        np.testing.assert_allclose(hits["time"][met], wait, rtol=1e-5)
+        assert hits["max_force"][met] > 1e4 * 1e-3**1.5
+        assert hits["solved_by"][met] == jc.SolvedBy.COUPLED
+
+
 RECORDED = 4e-5
 """What Exudyn's steps leave of its rebounds, by the difference to the closed form: 3.4e-5."""
 
