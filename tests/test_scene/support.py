@@ -49,9 +49,20 @@ def bodies_of(balls, walls=()):
     return [*(jc.Sphere(b.radius, b.mass, b.position, b.velocity) for b in balls), *planes]
 
 
+@jax.jit
+def apart(numbers):
+    """The numbers of a vector, by one program, and so their slopes."""
+    return tuple(numbers)
+
+
+@jax.jit
+def _flat(*arrays):
+    return jnp.concatenate([array.ravel() for array in arrays])
+
+
 def ended(run):
     """The last positions and velocities."""
-    return jnp.concatenate([run.position[-1].ravel(), run.velocity[-1].ravel()])
+    return _flat(run.position[-1], run.velocity[-1])
 
 
 def missing(run):

@@ -11,7 +11,7 @@ import pytest
 
 import jaxcontact as jc
 from tests.oracle.rubbing_spheres import integrated
-from tests.test_scene.support import check_modes, missing, simulate, spheres
+from tests.test_scene.support import apart, check_modes, missing, simulate, spheres
 from tests.test_scene.test_friction_coupled import KAPPA, KEPT, MISSED, NUMBERS, compare
 from tests.test_scene.test_gradients import DIFFERENCES
 
@@ -151,7 +151,7 @@ def test_a_followed_impact_has_derivatives():
     """It slips, sticks, and slips again."""
 
     def rebounding(numbers):
-        v, w, mu, kappa, e = numbers
+        v, w, mu, kappa, e = apart(numbers)
         disc = jc.Sphere(0.1, 0.5, [0.0, 0.101], along(v, -1.0), spin=w)
         scene = over_a_floor([disc, FAR], e, jc.SpringSlider(mu, ratio=kappa))
         return outcome(followed(scene, 0.015, 1e-10))
@@ -170,11 +170,11 @@ def sliding(v, mu, time, rtol=1e-10):
 @pytest.mark.parametrize(("v", "mu", "time"), [(3.0, 0.1, 0.03), (1.0, 0.3, 0.6)])
 def test_a_disc_that_slides_or_comes_to_rest_has_derivatives(v, mu, time):
     def put_down(numbers):
-        return outcome(sliding(*numbers, time))
+        return outcome(sliding(*apart(numbers), time))
 
     check_modes(put_down, np.array([v, mu]), np.ones(2), 0.01, DIFFERENCES)
     if time < v / (9.8 * mu):
-        slope = jax.jvp(lambda v: put_down((v, mu))[0], (v,), (1.0,))[1]
+        slope = jax.jvp(lambda v: put_down(jnp.stack([v, mu]))[0], (v,), (1.0,))[1]
         # The loss has the derivative μ g m t.
         exact = [time, 1, 0, mu * 9.8 * 0.5 * time]
         np.testing.assert_allclose(slope[np.array([0, 1, 3, 4])], exact, rtol=0, atol=SETTLING)

@@ -13,6 +13,7 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._scene.derivative import differentiable_run
 from tests.test_scene.support import (
+    apart,
     central,
     check_modes,
     ended,
@@ -172,7 +173,7 @@ def test_derivatives_of_soft_runs(scene_of):
     """Values: `test_soft_runs`."""
 
     def outcome(numbers):
-        scene, duration = scene_of(*numbers)
+        scene, duration = scene_of(*apart(numbers))
         return ended(simulate(scene, duration, rtol=1e-10, max_impacts=8)), None
 
     numbers, sizes = map(np.array, SOFT[scene_of])
