@@ -17,7 +17,7 @@ import jaxcontact as jc
 from benchmarks.scenes import SKIPS
 from jaxcontact._scene.engine import pieces
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
-from tests.test_scene.support import bodies_of, in_a_line, missing, spheres
+from tests.test_scene.support import bodies_of, in_a_line, missing, simulate, spheres
 
 K = 1e6  # in N/m^1.5: a contact of two balls of 1 kg at 1 m/s lasts about 0.01 s
 BELOW = Wall([0.0, -0.5], [0.0, 1.0])
@@ -170,7 +170,7 @@ def test_three_balls_whose_force_ends_before_they_part():
     law, row = jc.AntypovElliott(e=0.5, tension=False), [*LINE[:2], Ball([2.001], [0.0])]
     c = 2 * float(law.damping_ratio()) * np.sqrt(2.5 / 2) * np.sqrt(1e4 * 0.5)
     exact = run(row, Spring(1e4, c=c), until_apart=True)
-    found = jc.simulate(jc.Scene(bodies_of(row), law, stiffness=1e4), 1.0)
+    found = simulate(jc.Scene(bodies_of(row), law, stiffness=1e4), 1.0)
     np.testing.assert_allclose(found.velocity[-1], exact.velocity, atol=1e-8)
     hits = found.impacts.to_dict()
     over = [touch.end - touch.begin for touch in exact.touches]
@@ -193,10 +193,9 @@ def test_no_step_passes_over_a_touch():
     offset, speed, pull = 0.99, 10.0, [0.0, 0.0, -9.81]
     for wait in np.linspace(0.3, 0.4, 9):
         place = [-speed * wait - np.sqrt(1 - offset**2), offset, 20.0]
-        places, speeds = [(9.0, 0.0, 0.5), place, (0.0, 0.0, 20.0)], [None, (speed, 0, 0), None]
-        floor = jc.Plane([0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
-        balls = spheres(0.5, 1.0, places, [v and list(map(float, v)) for v in speeds])
-        found = jc.simulate(jc.Scene([*balls, floor], jc.Hertz(), stiffness=1e4, gravity=pull), 0.6)
+        places, speeds = [[9.0, 0.0, 0.5], place, [0.0, 0.0, 20.0]], [None, [speed, 0.0, 0.0], None]
+        bodies = [*spheres(0.5, 1.0, places, speeds), jc.Plane([0.0, 0.0, 0.0], [0.0, 0.0, 1.0])]
+        found = simulate(jc.Scene(bodies, jc.Hertz(), stiffness=1e4, gravity=pull), 0.6)
         hits = found.impacts.to_dict()
         met = (hits["first"] == 1) & (hits["second"] == 2)
         np.testing.assert_allclose(hits["time"][met], wait, rtol=1e-5)

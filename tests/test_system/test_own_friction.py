@@ -96,9 +96,3 @@ def test_both_modes_are_differences():
 def test_two_axes_of_slip_hold_what_one_holds():
     one, two = (run(MU, jnp.asarray(3.0), axes).final.velocity for axes in (1, 2))
     np.testing.assert_allclose(two, one, rtol=CLOSE)
-
-
-def test_a_law_with_a_state_needs_its_rate():
-    law = type("Own", (Bristles,), {"force_and_rate": None})(MU)
-    with pytest.raises(ValueError, match="`force_and_rate` of the `Own` of a `System` must be"):
-        jc.System(*(jnp.ones,) * 3, law=jc.Hertz(), stiffness=K, friction=law, slip=jnp.ones)

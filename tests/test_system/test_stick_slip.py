@@ -77,17 +77,6 @@ def test_block_slides_on_a_plane_steeper_than_mu(part):
     assert run.margin.painleve == (jnp.inf if part < 1 else 1)
 
 
-def test_block_thrown_upwards_stops_and_stays():
-    mu, tilt, speed = 0.3, 0.2, -1.0
-    run = moved(mu, STILL | {"tilt": tilt}, 0.5, rested(tilt), [speed, 0.0, 0.0])
-    slows = G * (np.sin(tilt) + mu * np.cos(tilt))
-    assert_phases(run, [0, -speed / slows], [-1, 0], rtol=EVENTS)
-    np.testing.assert_allclose(run.final.position[0], -(speed**2) / 2 / slows, rtol=1e-9)
-    # Friction has taken what is left of the kinetic energy.
-    climbs = G * np.sin(tilt) * speed**2 / 2 / slows
-    np.testing.assert_allclose(run.states.work[-1] + climbs, climbs - speed**2 / 2, rtol=1e-9)
-
-
 def test_disc_thrown_forwards_begins_to_roll():
     """The slip speed falls by 3 μ g: μ g of the centre and 2 μ g of the rim."""
     mu, speed, radius = 0.3, 1.0, 0.1
