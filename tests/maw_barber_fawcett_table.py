@@ -17,6 +17,8 @@ from typing import Any
 
 import numba
 import numpy as np
+from numpy.polynomial.chebyshev import chebpts1 as nodes
+from numpy.polynomial.chebyshev import chebvander
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -144,14 +146,6 @@ def centre_slips(chi: float, alpha: float) -> float:
     return psi
 
 
-def nodes(count: int) -> np.ndarray:
-    return np.cos((np.arange(count) + 0.5) * np.pi / count)
-
-
-def polynomials(x: np.ndarray, count: int) -> np.ndarray:
-    return np.cos(np.outer(np.arccos(np.clip(x, -1, 1)), np.arange(count)))
-
-
 Function = Callable[[np.ndarray], np.ndarray]
 
 
@@ -162,7 +156,7 @@ def places(count: int) -> np.ndarray:
 
 def fit(count: int, values: np.ndarray, factor: np.ndarray) -> np.ndarray:
     """Return coefficients c, with values = factor(s) Σ c_k T_k(2s - 1) at the places of s."""
-    matrix = polynomials(2 * places(count) - 1, count) * factor[:, None]
+    matrix = chebvander(2 * places(count) - 1, count - 1) * factor[:, None]
     return np.linalg.lstsq(matrix, values, rcond=None)[0]
 
 
@@ -226,7 +220,7 @@ def elastic_pieces(chi: float) -> np.ndarray:
 def along(values: np.ndarray, count: int, power: int = 0) -> np.ndarray:
     """Return coefficients of σ^power T_j(2σ-1) of values at the nodes, along the first axis."""
     x = nodes(len(values))
-    basis = polynomials(x, count) * ((1 + x[:, None]) / 2) ** power
+    basis = chebvander(x, count - 1) * ((1 + x[:, None]) / 2) ** power
     flat = np.linalg.lstsq(basis, values.reshape(len(x), -1), rcond=None)[0]
     return flat.reshape(count, *values.shape[1:])
 
@@ -271,7 +265,7 @@ def largest_change(rows: np.ndarray) -> np.ndarray:
     *parts, centre = np.split(rows, np.cumsum(DEGREES), axis=1)
     factors = (1 + ALPHA) * s, s**2, s**2, s**3
     changes = [
-        part @ polynomials(2 * s - 1, part.shape[1]).T * factor
+        part @ chebvander(2 * s - 1, part.shape[1] - 1).T * factor
         for part, factor in zip(parts, factors, strict=True)
     ]
     return np.abs(np.concatenate([*changes, centre], axis=1)).max(axis=1)

@@ -126,10 +126,6 @@ def test_gravity_does_not_change_an_elastic_rebound():
         assert abs(oracle.with_gravity("0", "1.5", gamma).e - 1) < TWO_WAYS
 
 
-def test_no_gravity_is_the_free_impact():
-    assert_close(oracle.with_gravity("2", "1.5", "0"), oracle.hunt_crossley("2", "1.5"), TWO_WAYS)
-
-
 def test_a_pushed_contact_may_settle():
     settled = oracle.with_gravity("2", "1.5", "0.5")
     assert settled.settled

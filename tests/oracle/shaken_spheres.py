@@ -96,12 +96,13 @@ def bounces(movers, x, v, gravity, e, duration, samples=20_001):
         v = v + (1 + e) * closing * normal
 
 
-def pressed(movers, x, v, gravity, stiffness, alpha, duration, times=(), rtol=1e-12):
+def pressed(movers, x, v, gravity, stiffness, alpha, duration, times=(), most=2e-5, peak=False):
     """A soft ball of mass 1 with F = K δ^(3/2) (1 + α δ'/v0), v0 at touch, restarted at touches and
-    openings; its state (2 D) at `times` and at the end.
+    openings; its state (2 D) at `times` and at the end. In a contact no step is longer than `most`.
+    `peak`: v0 is the largest closing speed, for one mover that stands.
     """
     t, y, g = 0.0, np.concatenate([x, v]).astype(float), np.asarray(gravity, float)
-    dim, speeds, found = len(g), {}, []
+    dim, speeds, found, rising = len(g), {}, [], set()
     wanted = [*times, duration]
 
     def slope(t, y):
@@ -110,7 +111,8 @@ def pressed(movers, x, v, gravity, stiffness, alpha, duration, times=(), rtol=1e
             normal = movers[k].normal(t, y[:dim])
             depth = max(-movers[k].gap(t, y[:dim]), 0.0)
             rate = -normal @ (y[dim:] - movers[k].velocity(t))
-            force = stiffness * depth**1.5 * (1 + alpha * rate / speed)
+            ratio = 1 if k in rising else rate / speed
+            force = stiffness * depth**1.5 * (1 + alpha * ratio)
             push = push + max(force, 0.0) * normal
         return np.concatenate([y[dim:], push])
 
@@ -123,10 +125,17 @@ def pressed(movers, x, v, gravity, stiffness, alpha, duration, times=(), rtol=1e
             gap.terminal, gap.direction = True, 1 if k in speeds else -1
             return gap
 
-        most = 2e-5 if speeds else 2e-4
+        def faster(time, state):
+            normal, away = movers[0].normal(time, state[:dim]), state[:dim] - movers[0].place(time)
+            across = state[dim:] - (normal @ state[dim:]) * normal
+            bends = across @ across / np.sign(movers[0].distance) / np.linalg.norm(away)
+            return -normal @ slope(time, state)[dim:] - bends
+
+        faster.terminal, faster.direction = True, -1
         solved = solve_ivp(
-            slope, (t, wanted[0]), y, "DOP853", events=[gap_of(k) for k in range(len(movers))],
-            rtol=rtol, atol=1e-16, max_step=most,
+            slope, (t, wanted[0]), y, "DOP853",
+            events=[*map(gap_of, range(len(movers))), *[faster] * len(rising)],
+            rtol=1e-12, atol=1e-16, max_step=most if speeds else 10 * most,
         )  # fmt: skip
         t, y = solved.t[-1], solved.y[:, -1]
         if solved.status == 0:
@@ -136,7 +145,9 @@ def pressed(movers, x, v, gravity, stiffness, alpha, duration, times=(), rtol=1e
         k = next(k for k, when in enumerate(solved.t_events) if when.size)
         if k in speeds:
             del speeds[k]
-        else:
-            normal = movers[k].normal(t, y[:dim])
-            speeds[k] = -normal @ (y[dim:] - movers[k].velocity(t))
+            continue
+        rising = {k} if peak and k < len(movers) else set()
+        k = min(k, len(movers) - 1)
+        normal = movers[k].normal(t, y[:dim])
+        speeds[k] = -normal @ (y[dim:] - movers[k].velocity(t))
     return np.array(found)

@@ -3,6 +3,7 @@
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
@@ -46,6 +47,22 @@ def bodies_of(balls, walls=()):
     """The bodies of a scene for those of the oracle."""
     planes = [jc.Plane(wall.point, wall.normal) for wall in walls]
     return [*(jc.Sphere(b.radius, b.mass, b.position, b.velocity) for b in balls), *planes]
+
+
+@jax.jit
+def apart(numbers):
+    """The numbers of a vector, by one program, and so their slopes."""
+    return tuple(numbers)
+
+
+@jax.jit
+def _flat(*arrays):
+    return jnp.concatenate([array.ravel() for array in arrays])
+
+
+def ended(run):
+    """The last positions and velocities."""
+    return _flat(run.position[-1], run.velocity[-1])
 
 
 def missing(run):

@@ -1,5 +1,6 @@
-"""Cells: hundreds of spheres against a plain search among all pairs, and never an overlap."""
+"""Cells: hundreds of spheres beside the search among all pairs, and never an overlap."""
 
+import functools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -60,77 +61,6 @@ def space(size, count, duration, radius=0.5, drift=0.0, **options):
     return empty._replace(position=position, velocity=velocity, radius=radius)
 
 
-def first_root(a, b, c):
-    """The first root of c + 2 b t + a t² where that falls, infinite without one."""
-    square = b * b - a * c
-    root = np.sqrt(np.maximum(square, 0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        time = np.where(
-            b < 0, np.maximum(c, 0) / (root - b), np.where(a < 0, (-b - root) / a, np.inf)
-        )
-    return np.where((square >= 0) | (c <= 0), np.where((b < 0) | (a < 0), time, np.inf), np.inf)
-
-
-def all_pairs(space, velocity=None):
-    """Times, pairs and the state at the end, from a table of the times at which all pairs meet."""
-    x, v = space.position.copy(), (space.velocity if velocity is None else velocity).copy()
-    count, axes = x.shape
-    lengths = np.where(space.periodic[:axes], space.size, 1e9)
-    g = np.zeros(axes) if space.gravity is None else np.array(space.gravity)
-    middle, now, times, pairs = np.array(space.size) / 2, 0.0, [], []
-    faces = [(axis, side) for axis in np.flatnonzero(space.walls[:axes]) for side in (0, 1)]
-    names = [*range(count), *(count + 2 * axis + side for axis, side in faces)]
-    if np.isfinite(space.shell):
-        names.append(count)
-
-    def apart(k, other):
-        away = x[k] - x[other]
-        return away - lengths * np.round(away / lengths)
-
-    def meets(k):
-        away, rate = apart(k, slice(None)), v[k] - v
-        c = np.sum(away**2, -1) - (space.radius[k] + space.radius) ** 2
-        with_spheres = first_root(np.sum(rate**2, -1), np.sum(away * rate, -1), c)
-        with_spheres[k] = np.inf
-        found = [*with_spheres]
-        for axis, side in faces:
-            sign, place = 1 - 2 * side, side * space.size[axis]
-            gap = sign * (x[k, axis] - place) - space.radius[k]
-            found.append(first_root(sign * g[axis], sign * v[k, axis], 2 * gap))
-        if np.isfinite(space.shell):
-            out, square = x[k] - middle, np.sum(v[k] ** 2)
-            room = max((space.shell - space.radius[k]) ** 2 - np.sum(out**2), 0)
-            along = np.sum(out * v[k])
-            found.append((np.sqrt(along**2 + square * room) - along) / square)
-        return now + np.array(found)
-
-    table = np.array([meets(k) for k in range(count)])
-    while True:
-        one, other = np.unravel_index(np.argmin(table), table.shape)
-        time = min(table[one, other], space.duration)
-        step = time - now
-        x, v, now = x + (v + g / 2 * step) * step, v + g * step, time
-        if time == space.duration:
-            return np.array(times), np.array(pairs), x, v
-        if other < count:
-            normal, relative, share = apart(one, other), v[one] - v[other], 0.5
-        else:
-            flat = other < count + len(faces)
-            normal = np.eye(axes)[faces[other - count][0]] if flat else x[one] - middle
-            relative, share = v[one], 1.0
-        normal = normal / np.sqrt(np.sum(normal**2))
-        push = -(1 + space.e) * share * np.sum(relative * normal) * normal
-        v[one] += push
-        if other < count:
-            v[other] -= push
-            table[other] = meets(other)
-            table[:count, other] = table[other, :count]
-        table[one] = meets(one)
-        table[:count, one] = table[one, :count]
-        times.append(now)
-        pairs.append(sorted((one, names[other])))
-
-
 SPACES = {
     "between walls, periodic": lambda: space(
         (11.0,) * 3, 600, 0.3, e=0.9, periodic=(True, True, False), walls=(False, False, True)
@@ -150,17 +80,22 @@ def grown(monkeypatch):
     return calls
 
 
-def compared(space, run):
-    times, pairs, position, velocity = all_pairs(space)
-    found = run.impacts.to_dict()
-    assert len(found["time"]) == len(times) > 150
-    np.testing.assert_allclose(found["time"], times, atol=SAME * space.duration)
-    count = len(space.radius)
-    second = np.where(found["face"] >= 0, count + found["face"], found["second"])
-    met = np.sort(np.stack([found["first"], second], axis=1), axis=1)
-    np.testing.assert_array_equal(met, pairs)
-    np.testing.assert_allclose(run.position[-1], position, atol=CHAOS)
-    np.testing.assert_allclose(run.velocity[-1], velocity, atol=CHAOS)
+def among_all(monkeypatch):
+    """From here on no run has cells."""
+    monkeypatch.setattr(_pieces, "grid_of", lambda *given: None)
+
+
+def compared(space, run, plain):
+    found, known = (each.impacts.to_dict() for each in (run, plain))
+    assert len(found["time"]) == len(known["time"]) > 150
+    np.testing.assert_allclose(found["time"], known["time"], atol=SAME * space.duration)
+    met = [
+        np.stack([x["face"], *np.sort([x["first"], x["second"]], axis=0)]) for x in (found, known)
+    ]
+    np.testing.assert_array_equal(*met)
+    for name in NAMES:
+        ends = [np.asarray(getattr(each, name))[-1] for each in (run, plain)]
+        np.testing.assert_allclose(*ends, atol=CHAOS)
 
 
 @pytest.mark.parametrize("kind", SPACES)
@@ -171,7 +106,6 @@ def test_cells_miss_nothing(monkeypatch, kind):
     assert grid_of(model) is not None
     times = np.linspace(0, space.duration, 41)
     run = go(scene, space.duration, times=times)
-    compared(space, run)
     assert (len(calls) > 0) == (kind in GROWS)
     distance = space.radius[:, None] + space.radius
     for places in np.asarray(run.position):
@@ -180,31 +114,29 @@ def test_cells_miss_nothing(monkeypatch, kind):
         apart -= size * np.round(apart / size)
         length = np.sqrt(np.sum(apart**2, axis=-1)) + 10 * np.eye(len(places))
         assert np.min(length - distance) > -1e-12
+    among_all(monkeypatch)
+    compared(space, run, go(scene, space.duration))
 
 
 @pytest.mark.slow(reason="a scene with both searches in one program")
-def test_traced_a_full_cell_sends_the_run_to_the_search_among_all():
+def test_traced_a_full_cell_sends_the_run_to_the_search_among_all(monkeypatch):
     """The spheres fall along two walls: cells on the rim get full, and nothing shows but time."""
     given = {"e": 0.9, "gravity": (15.0, 0.0), "walls": (False, True)}
     flies, early = space((22.0, 22.0), 320, 1.5, **given), 0.3
-    still, rng = flies.scene(), np.random.default_rng(0)
-    direction = rng.normal(size=flies.velocity.shape)
+    direction = np.random.default_rng(0).normal(size=flies.velocity.shape)
+
+    def run(velocity, **how):
+        scene = flies._replace(velocity=velocity).scene()
+        ran = go(scene, flies.duration, times=[early, flies.duration], **how)
+        return ran.position[0], ran
 
     @jax.jit
     def run_of(velocity, along):
-        def run(velocity):
-            pairs = zip(still.spheres, velocity, strict=True)
-            balls = [s.moved_to(s.position, v) for s, v in pairs]
-            scene = eqx.tree_at(lambda scene: scene.bodies[: len(balls)], still, tuple(balls))
-            times = [early, flies.duration]
-            ran = go(scene, flies.duration, max_impacts=1000, times=times)
-            return ran.position[0], ran
+        of = functools.partial(run, max_impacts=1000)
+        return jax.jvp(of, (velocity,), (along,), has_aux=True)[1:]
 
-        _, slope, ran = jax.jvp(run, (velocity,), (along,), has_aux=True)
-        return ran, slope
-
-    run, slope = run_of(flies.velocity, direction)
-    compared(flies, run)
-    short = flies._replace(duration=early)
-    expected = central(lambda h: all_pairs(short, short.velocity + h * direction)[2], 1e-6)
+    slope, ran = run_of(flies.velocity, direction)
+    among_all(monkeypatch)
+    compared(flies, ran, run(flies.velocity)[1])
+    expected = central(lambda h: np.asarray(run(flies.velocity + h * direction)[0]), 1e-6)
     np.testing.assert_allclose(slope, expected, atol=SMOOTH)

@@ -54,10 +54,9 @@ CHAINS = {
         lambda adhesion: jc.Luding(ratio=6.0, slope=200.0, adhesion=adhesion), 0.9, 0.8, 1e-9, 1e-4,
         [1.0, 0.3, 2.0], GAPS, 0.05, 1e5, 1.0, 0.05, 21,
     ),
-    # SciPy starts anew at each touch, turn, reload and opening. Measured: 4e-11. `test_histories`
-    # has slopes.
+    # SciPy starts anew at each touch, turn, reload and opening. Measured: 4e-11.
     "yielding": Chain(
-        lambda yields: jc.Viscoplastic(yield_speed=yields, c=2e7), 0.3, 2.0, 5e-10, None,
+        lambda yields: jc.Viscoplastic(yield_speed=yields, c=2e7), 0.3, 2.0, 5e-10, 1e-5,
         LIGHT, np.zeros(3), 0.01, 2e8, 1.5, 0.003, 2,
     ),
     # With and without a memory in one scene.

@@ -4,8 +4,6 @@ and with their derivatives in a periodic ring, across its border.
 Runs of the oracle share their programs: ten discs, two walls, places for five.
 """
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,8 +12,7 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._scene.engine import pieces
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
-from tests.oracle.shaken_spheres import pressed, sine
-from tests.test_scene.support import bodies_of, central, fourth, in_a_line, spheres
+from tests.test_scene.support import bodies_of, central, check_modes, ended, in_a_line, spheres
 
 RTOL = 1e-6
 ALPHA = 0.5
@@ -85,20 +82,14 @@ def test_a_crowd(direct, monkeypatch):
 def test_slopes_of_a_crowd():
     """By the speeds of one disc of the outer ring in both modes, beside differences."""
 
-    def ended(change):
+    def outcome(change):
         speeds = jnp.array([ball.velocity for ball in crowd()]).at[7].add(change)
         columns = zip(*((0.1, ball.mass, ball.position) for ball in crowd()), strict=True)
         discs = spheres(*map(list, columns), list(speeds))
         scene = jc.Scene(discs, LAW, stiffness=1e5)
-        return jc.simulate(scene, 0.12, max_cluster=13).velocity[-1].ravel()
+        return ended(jc.simulate(scene, 0.12, max_cluster=13)), None
 
-    still, way = jnp.zeros(2), jnp.array([1.0, 0.5])
-    weights = np.random.default_rng(1).normal(size=26)
-    slope = jax.jit(lambda: jax.jvp(ended, (still,), (way,))[1])()
-    back = jax.jit(lambda: jax.vjp(ended, still)[1](weights)[0])()
-    beside = fourth(lambda h: np.asarray(ended(h * way)), 1e-4)
-    np.testing.assert_allclose(slope, beside, atol=1e-6 * np.abs(beside).max())
-    np.testing.assert_allclose(back @ way, weights @ slope, rtol=1e-11)
+    check_modes(outcome, np.zeros(2), np.ones(2), 1e-4, 1e-6)
 
 
 def test_slopes_where_one_leaves():
@@ -138,28 +129,6 @@ def test_two_touch_in_a_corner():
     agrees(balls, 2, 1e6, [0.07, 0.6], 1.4, WALLS, max_cluster=5)
 
 
-@pytest.mark.slow(reason="a soft scene with a driven body")
-def test_two_press_a_disc_that_shakes_one_after_the_other():
-    """The second comes to it while the first is in the solve; neither knows of the other."""
-    amplitude, frequency, law = [0.004, 0.006], 5.0, jc.HuGuo(e=0.8)
-    starts = [([-0.3, 0.02], [1.0, 0.0]), ([0.29, 0.01], [-1.0, 0.1]), ([0.0, 5.0], [0.0, 0.0])]
-    discs = spheres(0.05, 1.0, *zip(*starts, strict=True))
-    motion = jc.Vibration(amplitude, frequency)
-    shaken = jc.Sphere(0.1, None, [0.0, 0.0], fixed=True, motion=motion)
-    scene = jc.Scene([*discs, shaken], law, stiffness=1e4)
-    found = jc.simulate(scene, 0.4, v0="touch", max_cluster=3)
-    assert found.status == jc.Ending.COMPLETED
-    hits = found.impacts.to_dict()
-    assert list(hits["first"]) == [1, 0] and np.all(hits["solved_by"] == jc.SolvedBy.COUPLED)
-    assert hits["time"][1] < hits["time"][0] + hits["duration"][0]
-    mover = sine([0.0, 0.0], amplitude, frequency, 0.0, 0.15)
-    for k, start in enumerate(starts[:2]):
-        given = (1e4, float(law.damping_factor()), 0.4)
-        known = pressed([mover], *start, [0.0, 0.0], *given)[-1]
-        np.testing.assert_allclose(found.position[-1, k], known[:2], atol=1e-8)
-        np.testing.assert_allclose(found.velocity[-1, k], known[2:], atol=1e-8)
-
-
 @pytest.mark.slow(reason="a soft periodic scene of its own")
 def test_three_meet_across_the_edges_of_a_small_cell():
     """They span more than half a period, and each pair meets in its own images."""
@@ -196,103 +165,43 @@ MASS = np.array([1.0, 2.0, 0.5, 1.5, 1.0, 1.0, 1.0, 1.0, 1.0])
 PLACES = np.array([5.749, 5.95, 6.1501, 1.0, 1.21, 2.0, 3.0, 4.0, 5.0])
 SPEEDS = np.array([1.0, 0.0, 0.0, 0.6, 0.1, 0.0, 0.0, 0.0, 0.0])
 RADII = np.full(9, 0.1)
-H = 1e-6
-"""A change of all numbers that is far below an indentation."""
 WRAPPED = np.where(np.arange(9) == 2, RING, 0.0)
 """The third one is given on the other side of the face."""
 
 
-@functools.cache
-def program():
-    def of(places, speeds, radii):
-        scene = jc.Scene(
-            in_a_line(radii, MASS, places - WRAPPED, speeds), LAW, stiffness=STIFFNESS,
-            periodic=[RING],
-        )  # fmt: skip
-        end = jc.simulate(scene, DURATION, rtol=1e-10, max_impacts=8, max_cluster=4)
-        state = jnp.concatenate([end.position[-1, :, 0], end.velocity[-1, :, 0]])
-        return state, (end.status, end.impacts)
-
-    @jax.jit
-    def all_of_it(given, along, weight):
-        end, push, rest = jax.linearize(of, *given, has_aux=True)
-        pull = jax.linear_transpose(push, *given)
-        return end, rest, push(*along), pull(weight)
-
-    return all_of_it
-
-
-def exact(places, speeds, radii, who):
-    balls = [Ball([places[k]], [speeds[k]], radii[k], MASS[k]) for k in who]
-    end = run(balls, Spring(STIFFNESS, alpha=ALPHA), DURATION)
-    return np.concatenate([end.position[:, 0], end.velocity[:, 0]]), end
-
-
-def derivatives_agree(given, groups, ways, order=2.0):
-    """Values and derivatives, both against Newton's equations of the `groups` that meet; `order`:
-    with which power of H the error of a central difference goes.
-    """
-    rng = np.random.default_rng(3)
-    weight, along = rng.normal(size=18), tuple(rng.normal(size=9) for _ in given)
-    end, (status, impacts), forward, reverse = program()(given, along, weight)
-    assert status == jc.Ending.COMPLETED
-    # The effect of a change of all numbers on one of them, by both modes.
-    one, other = weight @ forward, sum(a @ b for a, b in zip(along, reverse, strict=True))
-    assert abs(one - other) <= 1e-9 * np.abs(forward).max() * np.abs(weight).sum()
-    hits = impacts.to_dict()
-    assert sorted(hits["solved_by"]) == ways
-    touched = []
-    for who in groups:
-        rows = np.array(who + [9 + k for k in who])
-        truth, known = exact(*given, who)
-        touched += [touch.begin for touch in known.touches]
-        turns = np.array([WRAPPED[k] for k in who] + [0.0] * len(who))
-        np.testing.assert_allclose(end[rows], truth - turns, rtol=0, atol=1e-9)
-
-        def moved(step, who=who):
-            return exact(*[x + step * d for x, d in zip(given, along, strict=True)], who)[0]
-
-        one, two = central(moved, H), central(moved, 2 * H)
-        slope = one + (one - two) / (2**order - 1)
-        atol = 1e-6 * np.abs(slope).max()
-        np.testing.assert_allclose(forward[rows], slope, rtol=0, atol=atol)
-    np.testing.assert_allclose(np.sort(hits["time"]), np.sort(touched), rtol=0, atol=1e-9)
-    return touched
+def around(numbers):
+    """The end of a run, of places, speeds and radii; and its status and impacts."""
+    places, speeds, radii = numbers.reshape(3, 9)
+    discs = in_a_line(radii, MASS, places - WRAPPED, speeds)
+    scene = jc.Scene(discs, LAW, stiffness=STIFFNESS, periodic=[RING])
+    how = {"rtol": 1e-10, "max_impacts": 8, "max_cluster": 4, "throw": False}
+    run = jc.simulate(scene, DURATION, **how)
+    return ended(run), (run.status, run.impacts)
 
 
 @pytest.mark.slow(reason="derivatives of coupled solves")
-def test_values_and_derivatives():
+def test_values_and_derivatives_across_a_border():
+    numbers = np.concatenate([PLACES, SPEEDS, RADII])
+    # A change of all numbers that is far below an indentation.
+    status, impacts = check_modes(around, numbers, np.ones(27), 1e-6, 1e-6)
+    assert status == jc.Ending.COMPLETED
+    hits, touched = impacts.to_dict(), []
     ways = [jc.SolvedBy.CLOSED_FORM, jc.SolvedBy.COUPLED, jc.SolvedBy.COUPLED]
-    touched = derivatives_agree((PLACES, SPEEDS, RADII), ([0, 1, 2], [3, 4]), ways)
+    assert sorted(hits["solved_by"]) == ways
+    places, speeds = np.asarray(around(numbers)[0]).reshape(2, 9)
+    for who in ([0, 1, 2], [3, 4]):
+        balls = [Ball([PLACES[k]], [SPEEDS[k]], RADII[k], MASS[k]) for k in who]
+        known = run(balls, Spring(STIFFNESS, alpha=ALPHA), DURATION)
+        touched += [touch.begin for touch in known.touches]
+        np.testing.assert_allclose((places + WRAPPED)[who], known.position[:, 0], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(speeds[who], known.velocity[:, 0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.sort(hits["time"]), np.sort(touched), rtol=0, atol=1e-9)
     assert max(touched) < 0.03
 
 
-@pytest.mark.slow(reason="derivatives of coupled solves")
-def test_a_tie():
-    """One is hit from both sides at once: the force begins so gently that this has a derivative."""
-    places, speeds = PLACES.copy(), 0 * SPEEDS
-    places[[3, 4, 5]] = [1.0, 1.25, 1.5]
-    speeds[[3, 5]] = [1.0, -1.0]
-    # If one starts a time h before the other, the force δ^1.5 adds h^2.5 to the end states.
-    ways = [jc.SolvedBy.COUPLED] * 2
-    derivatives_agree((places, speeds, RADII), ([3, 4, 5],), ways, order=1.5)
-
-
-@pytest.mark.slow(reason="derivatives of coupled solves")
-def test_crowds_are_refused():
-    """Five in a row, of which four have a place; three that span more than half of the ring."""
-
-    def ended(places, radii):
-        given = (places, np.eye(9)[0], radii)
-        along = jax.tree.map(jnp.zeros_like, given)
-        end, (status, _), _, _ = program()(given, along, jnp.zeros(18))
-        assert np.all(np.isnan(end))
-        return status
-
-    places = PLACES.copy()
-    places[:5] = [5.29, 5.5, 6.1, 5.7, 5.9]
-    assert ended(places, RADII) == jc.Ending.CROWDED
-    radii = RADII.copy()
+@pytest.mark.slow(reason="the same scene of coupled solves")
+def test_three_that_span_more_than_half_of_the_ring_are_refused():
+    radii, places = RADII.copy(), [2.79, 4.0, 5.2 + RING, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8]
     radii[:3] = 0.6
-    places[:] = [2.79, 4.0, 5.2 + RING, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8]
-    assert ended(places, radii) == jc.Ending.CROWDED
+    end, (status, _) = around(np.concatenate([places, np.eye(9)[0], radii]))
+    assert np.all(np.isnan(end)) and status == jc.Ending.CROWDED

@@ -1,11 +1,8 @@
-"""Derivatives of a run: exact ones, forward against reverse, and finite differences. Those of soft
-impacts against differences of Newton's equations, also where a run begins inside contacts. The
-growth of a change of the start.
+"""Derivatives of a run: exact ones, both modes, and finite differences, also where a run begins
+inside contacts. The growth of a change of the start.
 """
 
 import functools
-from collections.abc import Callable
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,14 +12,19 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._scene.derivative import differentiable_run
-from tests.oracle.scene_oracle import Ball, Spring, Wall, run
-from tests.test_impact.support import both_jacobians
-from tests.test_scene.support import central, fourth, go, in_a_line, missing, simulate, spheres
+from tests.test_scene.support import (
+    apart,
+    central,
+    check_modes,
+    ended,
+    go,
+    in_a_line,
+    missing,
+    simulate,
+    spheres,
+)
 
-MODES = 1e-9  # forward against reverse, relative to the largest entry: measured 1e-15
-DIFFERENCES = 1e-6
-"""Against central differences with Richardson's extrapolation: measured 2e-8. Soft ones beside
-Newton's equations, relative to the largest derivative by the same number."""
+DIFFERENCES = 1e-6  # against differences of order four: measured 2e-8
 
 
 def test_two_balls_exactly(monkeypatch):
@@ -36,14 +38,10 @@ def test_two_balls_exactly(monkeypatch):
     def two(start):
         return go(jc.Scene(in_a_line(0.1, 1.0, start[:2], start[2:]), jc.Hertz()), 2.0)
 
-    def end(start):
-        run = two(start)
-        return jnp.concatenate([run.position[-1, :, 0], run.velocity[-1, :, 0]])
-
     start = jnp.array([0.0, 1.0, 1.0, 0.0])
     assert two(start).margin.growth > 1
     exact = [[0, 1, 0, 2], [1, 0, 2, 0], [0, 0, 0, 1], [0, 0, 1, 0]]
-    _, push = jax.linearize(end, start)
+    _, push = jax.linearize(lambda start: ended(two(start)), start)
     pull = jax.linear_transpose(push, start)
     columns, rows = ([np.asarray(way(x)).ravel() for x in np.eye(4)] for way in (push, pull))
     np.testing.assert_allclose(np.transpose(columns), exact, atol=1e-14)
@@ -93,25 +91,10 @@ REST = [0.1, 1.0, 1.5, 0.7, 0.2, 0.35, 0.01, 0.02, 0.8, 0.05, 0.1, -9.0]
 PLANE = np.array([*STATES, *REST])
 
 
-def agree(scene, fast, numbers, step):
-    """Compare the slopes of a scene in both modes, and with differences of its fast program."""
-    with jax.default_matmul_precision("float32"):
-        both = jax.jit(lambda x: both_jacobians(lambda x: scene(x)[0], x)[1:])
-        forward, reverse = map(np.asarray, both(numbers))
-    scale = np.max(np.abs(forward))
-    assert np.max(np.abs(forward - reverse)) < MODES * scale
-    for column, number, way in zip(forward.T, numbers, np.eye(len(numbers)), strict=True):
-        h = step * max(1.0, abs(number))
-        known = fourth(lambda s, way=way: np.asarray(fast(numbers + s * way)[0]), h / 2)
-        assert np.max(np.abs(column - known)) < DIFFERENCES * scale
-
-
 def test_impacts_in_a_plane():
-    fast = jax.jit(plane)
-    run = fast(PLANE)[1]
-    assert int(jnp.sum(run.impacts.valid)) >= 6 and run.status == jc.Ending.COMPLETED
+    run = check_modes(jax.jit(plane), PLANE, np.maximum(np.abs(PLANE), 0.1), 1e-5, DIFFERENCES)
+    assert int(np.sum(run.impacts.valid)) >= 6 and run.status == jc.Ending.COMPLETED
     assert run.margin.time > 1e-3 and run.margin.closing_speed > 0.1
-    agree(plane, fast, PLANE, 2e-5)
 
 
 def test_a_batch_with_bad_lanes():
@@ -157,88 +140,44 @@ def test_a_grazing_hit_has_no_nan():
         assert closing == np.inf or closing == pytest.approx(np.sqrt(10 * less), rel=0.5)
 
 
-class Case(NamedTuple):
-    """A scene as a function of its numbers, which begin with alpha and K; and how long it runs."""
-
-    point: list[float]
-    balls: Callable[..., list[tuple]]
-    """Of the numbers after those two: position, velocity, radius and mass of each ball."""
-    lengths: tuple[int, ...]  # which numbers are lengths; an indentation is a small part of them
-    floor: bool
-    duration: float
-    results: int  # numbers of the state at the end
+def oblique(alpha, stiffness, radius, mass, x, y, u, v, *at):
+    """Two discs that pass each other."""
+    place, speed = [jnp.stack([x, y]), jnp.stack(at)], [jnp.stack([u, v]), [-0.5, 0.0]]
+    balls = spheres([radius, 0.1], [mass, 1.0], place, speed)
+    return jc.Scene(balls, jc.Damped(alpha=alpha), stiffness=stiffness), 0.8
 
 
-CASES = {
-    "oblique": Case(
+def stack(alpha, stiffness, radius, mass, place, speed, high, gravity):
+    """One ball on a floor and one that follows it: a coupled solve under gravity."""
+    balls = in_a_line([radius, 0.1], [mass, 1.0], [place, high], [speed, -0.3])
+    bodies, pull = [*balls, jc.Plane([0.0], [1.0])], jnp.stack([-gravity])
+    return jc.Scene(bodies, jc.Damped(alpha=alpha), stiffness=stiffness, gravity=pull), 0.15
+
+
+# With the sizes of changes: a length changes by far less than an indentation.
+SOFT = {
+    oblique: (
         [1.0, 1e6, 0.1, 2.0, 0.0, 0.0, 1.0, 0.1, 0.5, 0.12],
-        lambda r, m, *s: [(s[0:2], s[2:4], r, m), (s[4:6], [-0.5, 0.0], 0.1, 1.0)],
-        (2, 4, 5, 8, 9), False, 0.8, 8,
+        [1.0, 1e6, 0.01, 2.0, 0.01, 0.01, 1.0, 0.1, 0.01, 0.01],
     ),
-    # One ball on a floor and one that follows it: a coupled solve under gravity.
-    "stack": Case(
+    stack: (
         [0.5, 1e5, 0.1, 2.0, 0.15, -0.3, 0.3503, 9.81],
-        lambda r, m, *s: [(s[0:1], s[1:2], r, m), (s[2:3], [-0.3], 0.1, 1.0)],
-        (2, 4, 6), True, 0.15, 4,
+        [0.5, 1e5, 0.01, 2.0, 0.01, -0.3, 0.01, 9.81],
     ),
-}  # fmt: skip
-
-
-def simulated(case: Case, numbers):
-    alpha, stiffness, *rest = numbers
-    bodies: list = [
-        jc.Sphere(radius, mass, *(jnp.stack([*map(jnp.asarray, x)]) for x in (position, velocity)))
-        for position, velocity, radius, mass in case.balls(*rest)
-    ]
-    gravity = None
-    if case.floor:
-        bodies.append(jc.Plane([0.0], [1.0]))
-        gravity = jnp.stack([-rest[-1]])
-    scene = jc.Scene(bodies, jc.Damped(alpha=alpha), stiffness=stiffness, gravity=gravity)
-    end = simulate(scene, case.duration, rtol=1e-10, max_impacts=8)
-    return jnp.concatenate([end.position[-1].ravel(), end.velocity[-1].ravel()])
-
-
-def exact(case: Case, numbers):
-    alpha, stiffness, *rest = numbers
-    balls = [Ball(*ball) for ball in case.balls(*rest)]
-    walls, gravity = ([Wall([0.0], [1.0])], [-rest[-1]]) if case.floor else ([], None)
-    end = run(balls, Spring(stiffness, alpha=alpha), case.duration, walls, gravity)
-    return np.concatenate([end.position.ravel(), end.velocity.ravel()])
+}
 
 
 @pytest.mark.slow(reason="derivatives of soft scenes by all numbers")
-@pytest.mark.parametrize("name", CASES)
-def test_derivatives_of_soft_runs(name):
-    case = CASES[name]
-    point = jnp.array(case.point)
+@pytest.mark.parametrize("scene_of", SOFT, ids=lambda f: f.__name__)
+def test_derivatives_of_soft_runs(scene_of):
+    """Values: `test_soft_runs`."""
 
     def outcome(numbers):
-        return simulated(case, numbers)
+        scene, duration = scene_of(*apart(numbers))
+        return ended(simulate(scene, duration, rtol=1e-10, max_impacts=8)), None
 
-    @jax.jit
-    def both(numbers, along, weight):
-        # One column and one row at a time: a program for all at once takes far longer to compile.
-        end, push = jax.linearize(outcome, numbers)
-        (row,) = jax.linear_transpose(push, numbers)(weight)
-        return end, push(along), row
-
-    numbers, results = np.eye(len(point)), np.eye(case.results)
-    found = [
-        both(point, numbers[k % len(numbers)], results[k % len(results)])
-        for k in range(max(len(numbers), len(results)))
-    ]
-    value = np.asarray(found[0][0])
-    forward = np.stack([column for _, column, _ in found[: len(numbers)]], axis=-1)
-    reverse = np.stack([row for *_, row in found[: len(results)]])
-    np.testing.assert_allclose(value, exact(case, case.point), atol=1e-9)
-    assert np.abs(forward - reverse).max() <= MODES * np.abs(forward).max()
-    for k, size in enumerate(case.point):
-        # A relative change, or one far below an indentation.
-        h, way = 1e-5 if k in case.lengths else 1e-3 * size, numbers[k]
-        slope = fourth(lambda x, way=way: exact(case, np.array(case.point) + x * way), h)
-        atol = DIFFERENCES * np.abs(slope).max()
-        np.testing.assert_allclose(forward[:, k], slope, rtol=0, atol=atol)
+    numbers, sizes = map(np.array, SOFT[scene_of])
+    check_modes(outcome, numbers, sizes, 1e-3, DIFFERENCES)
 
 
 LIFT = jnp.array([0.9, 0.3, 1.0])
@@ -271,16 +210,8 @@ def _of_the_lift(numbers):
 @pytest.mark.slow(reason="derivatives of a soft run, of its states and of its final scene")
 def test_all_that_a_run_gives_has_its_derivatives_by_both_modes():
     """Over a moving wall and a periodic side, out of a trace: states, `at`, `final`."""
-    forward, reverse = jax.jacfwd(_of_the_lift)(LIFT), jax.jacrev(_of_the_lift)(LIFT)
-    np.testing.assert_allclose(reverse, forward, rtol=0, atol=MODES * np.abs(forward).max())
-    columns = [
-        central(lambda h, way=way: np.asarray(_of_the_lift(LIFT + h * way)), 1e-5)
-        for way in np.eye(3)
-    ]
-    found = np.stack(columns, axis=-1)
-    size = np.abs(found).max(axis=1, keepdims=True)
+    check_modes(lambda numbers: (_of_the_lift(numbers), None), LIFT, np.ones(3), 1e-5, OF_A_RUN)
     assert len(_on_a_lift(LIFT).impacts) == 2
-    assert np.all(np.abs(forward - found) <= OF_A_RUN * size)
 
 
 STEP = 1e-4  # of central differences, whose error is 1e-8, relative
@@ -366,7 +297,7 @@ def test_a_derivative_by_the_duration_includes_the_contact_forces():
 
     def end(duration):
         run = _ends(1.0, duration, max_impacts=8)
-        return jnp.concatenate([run.position[-1, :, 0], run.velocity[-1, :, 0], run.energy[-1:]])
+        return jnp.concatenate([ended(run), run.energy[-1:]])
 
     # The differences are those of the same program.
     both = jax.jit(lambda duration: jax.jvp(end, (duration,), (1.0,)))

@@ -17,7 +17,7 @@ import jaxcontact as jc
 from benchmarks.scenes import SKIPS
 from jaxcontact._scene.engine import pieces
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
-from tests.test_scene.support import bodies_of, in_a_line, missing, spheres
+from tests.test_scene.support import bodies_of, in_a_line, missing, simulate, spheres
 
 K = 1e6  # in N/m^1.5: a contact of two balls of 1 kg at 1 m/s lasts about 0.01 s
 BELOW = Wall([0.0, -0.5], [0.0, 1.0])
@@ -159,6 +159,48 @@ def test_three_damped_balls_in_a_row():
     run = jc.simulate(soft(row, [Wall([-9.0], [1.0])], None, 0.5), 0.1, rtol=1e-9)
     speeds = [-0.01488824, 0.25259641, 0.76229183]
     np.testing.assert_allclose(run.velocity[-1, :3, 0], speeds, atol=6e-9)
+
+
+LINE = [Ball([float(k)], [1.0 if k == 0 else 0.0]) for k in range(3)]
+"""Three just touching balls in one dimension, the first one at speed one."""
+
+
+def test_three_balls_whose_force_ends_before_they_part():
+    """The last one is touched later. A law that is clamped: others are in `RUNS`."""
+    law, row = jc.AntypovElliott(e=0.5, tension=False), [*LINE[:2], Ball([2.001], [0.0])]
+    c = 2 * float(law.damping_ratio()) * np.sqrt(2.5 / 2) * np.sqrt(1e4 * 0.5)
+    exact = run(row, Spring(1e4, c=c), until_apart=True)
+    found = simulate(jc.Scene(bodies_of(row), law, stiffness=1e4), 1.0)
+    np.testing.assert_allclose(found.velocity[-1], exact.velocity, atol=1e-8)
+    hits = found.impacts.to_dict()
+    over = [touch.end - touch.begin for touch in exact.touches]
+    assert np.all(hits["duration"] < over)
+
+
+@pytest.mark.slow(reason="several soft scenes, each a program")
+def test_the_least_speed_at_touch_decides_the_answer():
+    """As in SCENES: the last of three just touching balls, for floors of the latched speed."""
+    for floor, last in ((0.01, 0.57), (0.1, 0.63), (1.0, 0.81)):
+        scene = jc.Scene(bodies_of(LINE), jc.Damped(alpha=0.5), stiffness=1e4)
+        speeds = jc.simulate(scene, 1.0, v0=floor, rtol=1e-6).velocity[-1]
+        exact = run(LINE, Spring(1e4, alpha=0.5), v0=floor, until_apart=True)
+        np.testing.assert_allclose(speeds, exact.velocity, atol=1e-6)
+        assert abs(speeds[2, 0] - last) < 6e-3
+
+
+def test_no_step_passes_over_a_touch():
+    """Beside a ball that swings on a floor, two others graze each other for 30 ms."""
+    offset, speed, pull = 0.99, 10.0, [0.0, 0.0, -9.81]
+    for wait in np.linspace(0.3, 0.4, 9):
+        place = [-speed * wait - np.sqrt(1 - offset**2), offset, 20.0]
+        places, speeds = [[9.0, 0.0, 0.5], place, [0.0, 0.0, 20.0]], [None, [speed, 0.0, 0.0], None]
+        bodies = [*spheres(0.5, 1.0, places, speeds), jc.Plane([0.0, 0.0, 0.0], [0.0, 0.0, 1.0])]
+        found = simulate(jc.Scene(bodies, jc.Hertz(), stiffness=1e4, gravity=pull), 0.6)
+        hits = found.impacts.to_dict()
+        met = (hits["first"] == 1) & (hits["second"] == 2)
+        np.testing.assert_allclose(hits["time"][met], wait, rtol=1e-5)
+        assert hits["max_force"][met] > 1e4 * 1e-3**1.5
+        assert hits["solved_by"][met] == jc.SolvedBy.COUPLED
 
 
 RECORDED = 4e-5

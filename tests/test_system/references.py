@@ -1,42 +1,11 @@
-"""What runs of mechanisms are compared with: SciPy restarted at events, and central differences."""
+"""What runs of mechanisms are compared with: SciPy restarted at events."""
 
-import functools
-
-import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
 DIFFERENCES = 2e-6
-"""Central differences of a run at rtol 1e-11 are right to about this, relative to the largest."""
-
-
-@functools.cache
-def linearised(function):
-    """Return a program for values and slopes of a function of a vector, and for the weights and the
-    weighted slopes of the other mode.
-    """
-
-    def every(vector):
-        value, forward = jax.linearize(function, vector)
-        weights = np.random.default_rng(0).normal(size=value.size)
-        slopes = jax.vmap(forward, out_axes=-1)(jnp.eye(vector.size))
-        return value, slopes, weights, jax.linear_transpose(forward, vector)(weights)[0]
-
-    return jax.jit(every)
-
-
-def assert_slopes_are_differences(function, vector, step):
-    """Compare the slopes of both modes, for steps relative to the numbers. Return the values."""
-    solve = linearised(function)
-    value, forward, weights, reverse = map(np.asarray, solve(vector))
-    assert np.all(np.isfinite(value))
-    np.testing.assert_allclose(reverse, weights @ forward, rtol=1e-9)
-    for k, shift in enumerate(np.diag(step * vector)):
-        high, low = (np.asarray(solve(vector + sign * shift)[0]) for sign in (1, -1))
-        slope, scale = (high - low) / (2 * shift[k]), np.max(np.abs(forward[:, k]))
-        np.testing.assert_allclose(forward[:, k], slope, atol=DIFFERENCES * scale, err_msg=str(k))
-    return value
+"""Differences of a run at rtol 1e-11 are right to about this, relative to the largest."""
 
 
 def derivative(function, at, along):

@@ -121,6 +121,7 @@ def of_kind(kind, **more):
         (rubs(of_kind("glass")), "'state', but is a `Own` of the kind 'glass'.*outcome"),
         (rubs(of_kind("spring")), "`ratio` of the `Own` of a `System` must be given"),
         (rubs(of_kind("ramp")), "`force` of the `Own` of a `System` must be given"),
+        (rubs(of_kind("state")), "`force_and_rate` of the `Own` of a `System` must be given"),
         (rubs(of_kind("state", force_and_rate=len)), "`unit` of the `Own` of a `System` must"),
         (
             rubs(of_kind("state", unit=1.0, force_and_rate=lambda law, f, u, z: u)),

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from tests.test_system.references import assert_slopes_are_differences, restarted
+from tests.test_scene.support import check_modes
+from tests.test_system.references import DIFFERENCES, restarted
 
 MU, STIFF, DAMPED = 0.3, 2e3, 2.0
 """μ, and the bristles' stiffness in 1/m and damping in s/m, each over the normal force."""
@@ -87,17 +88,11 @@ def test_bristles_are_those_of_scipy(speed):
 def test_both_modes_are_differences():
     # The slope of |u| jumps where the slip turns, which is no event: shorter steps.
     def outcome(vector):
-        return run(vector[0], vector[1], rtol=1e-12).final.velocity
+        return run(vector[0], vector[1], rtol=1e-12).final.velocity, None
 
-    assert_slopes_are_differences(outcome, np.array([MU, 3.0]), 2e-5)
+    check_modes(jax.jit(outcome), np.array([MU, 3.0]), np.array([MU, 3.0]), 2e-5, DIFFERENCES)
 
 
 def test_two_axes_of_slip_hold_what_one_holds():
     one, two = (run(MU, jnp.asarray(3.0), axes).final.velocity for axes in (1, 2))
     np.testing.assert_allclose(two, one, rtol=CLOSE)
-
-
-def test_a_law_with_a_state_needs_its_rate():
-    law = type("Own", (Bristles,), {"force_and_rate": None})(MU)
-    with pytest.raises(ValueError, match="`force_and_rate` of the `Own` of a `System` must be"):
-        jc.System(*(jnp.ones,) * 3, law=jc.Hertz(), stiffness=K, friction=law, slip=jnp.ones)

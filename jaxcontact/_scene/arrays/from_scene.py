@@ -275,7 +275,6 @@ def _walls_in(inputs: SceneInputs, layout: SceneLayout) -> tuple[Array, Array, l
         for place, k in enumerate(alike.which):
             for (face, motion), (normal, offset) in zip(faces, walls, strict=True):
                 rows[k, face] = normal[place], offset[place], motion
-    # Under a trace a box cannot see which of its sides are open; the layout can.
     names = zip(layout.body[layout.spheres :], layout.face[layout.spheres :], strict=True)
     planes = [rows[name] for name in names]
     if not planes:

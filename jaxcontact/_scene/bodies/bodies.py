@@ -265,6 +265,7 @@ class Box(AbstractBody):
     material: Material | None
     motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
+    _open: tuple[int, ...] = eqx.field(static=True)
     _places: ClassVar[tuple[str, ...]] = ("low", "high")
 
     @refuses_unknown
@@ -278,26 +279,26 @@ class Box(AbstractBody):
         motion: AbstractMotion | None = None,
     ):
         self.name, self.material = _name(name), _material(material)
-        self.low = vector(low, "low", finite=False)
-        self.high = vector(high, "high", finite=False)
+        with jax.ensure_compile_time_eval():  # constants show which sides are open, in a trace too
+            self.low = vector(low, "low", finite=False)
+            self.high = vector(high, "high", finite=False)
         _require_as_many("high", high, self.high, "low", self.low)
-        concrete = not traced(self.low) and not traced(self.high)
-        if concrete and not np.all(np.asarray(self.low) < np.asarray(self.high)):
+        ends = self.low, self.high
+        if not traced(ends) and not np.all(np.less(*ends)):
             raise refusal("high", f"be above `low` = {rendered(low)}", high)
+        known = [np.zeros(self.dimensions) if traced(x) else np.asarray(x) for x in ends]
+        self._open = tuple(np.flatnonzero(np.isinf(np.stack(known, 1))).tolist())
         self.motion = in_space(motion, self.dimensions, "box")
 
     def walls(self) -> list[Wall]:
-        made = []
-        for axis in range(self.dimensions):
-            for side, ends in enumerate((as_numpy(self.low), as_numpy(self.high))):
-                if isinstance(ends, np.ndarray) and np.isinf(ends[axis]):
-                    continue
-                at = ends[axis]
-                sign = 1.0 - 2.0 * side
-                unit = np.zeros(self.dimensions, at.dtype)
-                unit[axis] = sign
-                made.append(_wall(2 * axis + side, unit, sign * at, self.motion))
-        return made
+        ends = as_numpy(self.low), as_numpy(self.high)
+        units = np.eye(self.dimensions, dtype=self.low.dtype)
+        return [
+            _wall(2 * axis + side, sign * units[axis], sign * ends[side][axis], self.motion)
+            for axis in range(self.dimensions)
+            for side, sign in enumerate((1.0, -1.0))
+            if 2 * axis + side not in self._open
+        ]
 
 
 class Shell(AbstractBody):
