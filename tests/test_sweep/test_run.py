@@ -7,7 +7,6 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._sweep.planning import plan as _plan
-from jaxcontact._sweep.planning.axes import grid_of
 from tests.test_sweep.lanes import outcome
 
 
@@ -136,11 +135,6 @@ def test_another_sweep_of_a_function_compiles_nothing(compiled):
     assert compiled == []
     jc.sweep(lambda e, v: function(v, e), samples=samples, batch_size=10)
     assert compiled
-
-
-def test_a_solve_that_fields_share_is_compiled_once():
-    plan = _plan.plan_of(outcome, grid_of(None, {"e": [0.1, 0.2], "v": [1.0, 2.0]}))
-    assert [group.flags for group in plan.groups] == [True, False]
 
 
 def test_later_blocks_have_the_precision_of_the_caller():

@@ -153,9 +153,6 @@ def test_a_bad_number_shows_in_its_lanes_only():
     expected = np.where(good, int(jc.Status.SEPARATED), int(jc.Status.INVALID_INPUT))
     np.testing.assert_array_equal(table.status, expected)
     np.testing.assert_array_equal(np.isfinite(table.value), good)
-    several = swept(summary, bad=True)
-    np.testing.assert_array_equal(table.status, several.status)
-    assert several.status_counts() == {0: 2 * 2 * 2, int(jc.Status.INVALID_INPUT): 72 - 2 * 2 * 2}
 
 
 def test_what_has_effects_is_run_for_every_lane():
